@@ -22,6 +22,7 @@ from beamdesign.checker.rig import Rig
 from beamdesign.controllers import Lag, Observer, Proportional, Scheduled, Section, Stage, Structured
 from beamdesign.proofs.arm.result import certify_plane
 from beamdesign.proofs.box import certify_box
+from beamdesign.proofs.box_claims import claim_over_box
 from beamdesign.proofs.certificate import Asked
 from beamdesign.proofs.certifying import certify
 from beamdesign.proofs.contact import Wall
@@ -153,6 +154,15 @@ def _box(gain_A_per_V: float, sigmas: float) -> Honest:
     return Honest(found.certificate, rig, 2.0)
 
 
+def _performing_box() -> Honest:
+    """With what is claimed of every member."""
+    rig = _tame().but(tolerance=Tolerance(stiffness=0.03, flow_gain=0.05))
+    box = tolerance_box(rig, 1.0, None, (0.0, 2.0))
+    asked = Asked("peak_sensitivity", 2.5), Asked("compliance", 6e-8, 2.5), Asked("controller_effort", 1.0)
+    claims = [claim_over_box(rig, box, one) for one in asked]
+    return Honest(certify_box(rig, box, volumes=False).write(claims), rig, 2.0)
+
+
 def _changing(law: Lag | Proportional | Scheduled, masses: tuple[float, float]) -> Honest:
     """A payload that changes however it likes, and a law that stays or several that take turns."""
     rig = _tame().but(controller=law)
@@ -193,7 +203,11 @@ FORGED: dict[str, tuple[Truth, dict[str, tuple[Callable[[], Honest], int]]]] = {
     ),
     "beamdesign.box": (
         truth_of_box.true,
-        {"stable": (partial(_box, 0.05, 1.0), 400), "unstable": (partial(_box, 0.4, 1.0), 100)},
+        {
+            "stable": (partial(_box, 0.05, 1.0), 300),
+            "performing": (_performing_box, 150),
+            "unstable": (partial(_box, 0.4, 1.0), 50),
+        },
     ),
     "beamdesign.contact": (truth_of_contact.true, {"walls": (_port, 500)}),
     "beamdesign.stages": (

@@ -483,8 +483,8 @@ def test_a_payload_anywhere_within_bounds_is_proved_at_once(
 def test_the_family_over_places_is_the_polynomial_of_the_place(link: Prototype):
     """The polynomial that a certificate states, put in numbers, against that of one place, exactly."""
 
-    from beamdesign.proofs.rig_family import Statement
-    from beamdesign.proofs.value_set import member
+    from beamdesign.proofs.box_member import member
+    from beamdesign.proofs.statement import Statement
 
     rig = at(link, 0.05, -0.1, 0.15)
     family = prove_anywhere(rig, (2.5, 2.5), (0.0, 0.0, 0.0))["both"]

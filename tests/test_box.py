@@ -13,10 +13,11 @@ from beamdesign.loop import loop
 from beamdesign.polynomial import exact, is_hurwitz
 from beamdesign.polynomial import roots as roots_of
 from beamdesign.proofs.box import box_of, certify_box
-from beamdesign.proofs.rig_family import PolynomialFamily, Statement
+from beamdesign.proofs.box_member import Quasipolynomial, unstable_roots
+from beamdesign.proofs.rig_family import PolynomialFamily
 from beamdesign.proofs.stability import stable_ranges
+from beamdesign.proofs.statement import Statement
 from beamdesign.proofs.tolerance_box import largest_scaling
-from beamdesign.proofs.value_set import Quasipolynomial, unstable_roots
 
 
 def family(p: str, **values: float) -> PolynomialFamily:

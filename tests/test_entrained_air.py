@@ -19,9 +19,9 @@ from beamdesign.plant.effects.entrained_air import bulk_ratio
 from beamdesign.plant.effects.entrained_air_with_stroke import chamber_length
 from beamdesign.plant.members import family
 from beamdesign.polynomial import exact
+from beamdesign.proofs.box_member import member_at
 from beamdesign.proofs.certifying import certify
 from beamdesign.proofs.rig_family import rig_family
-from beamdesign.proofs.value_set import member_at
 from beamdesign.prototype import Prototype
 from beamdesign.structure.lumped import figures
 from beamdesign.validation.truth.believed import assembled, rig_figures

@@ -18,13 +18,13 @@ from beamdesign.plant.effects import library
 from beamdesign.plant.members import family
 from beamdesign.polynomial import exact
 from beamdesign.proofs.box import certify_box
+from beamdesign.proofs.box_member import member as member_of
 from beamdesign.proofs.certificate import Asked
 from beamdesign.proofs.certifying import certify
 from beamdesign.proofs.performance import bandwidth, least_limit
 from beamdesign.proofs.rectangle import Rectangle
 from beamdesign.proofs.rig_family import rig_family
 from beamdesign.proofs.tolerance_box import between, in_words, tolerance_box
-from beamdesign.proofs.value_set import member as member_of
 from beamdesign.proofs.writer import prototype_table
 from beamdesign.prototype import Payload, Prototype, write_prototype
 from beamdesign.scenario import Scenario, ScenarioRecord, Step

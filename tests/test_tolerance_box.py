@@ -18,9 +18,9 @@ from beamdesign.loop import loop
 from beamdesign.polynomial import exact, is_hurwitz, squared_magnitude
 from beamdesign.polynomial import roots as roots_of
 from beamdesign.proofs.box import box_of, certify_box
+from beamdesign.proofs.box_member import member, member_at
 from beamdesign.proofs.rig_family import rig_family
 from beamdesign.proofs.tolerance_box import largest_scaling, tolerance_box
-from beamdesign.proofs.value_set import member, member_at
 from beamdesign.proofs.writer import prototype_table
 from beamdesign.proofs.zero_exclusion import Cell, growth
 from beamdesign.prototype import Payload, Prototype, Sensor, Tolerance, write_prototype

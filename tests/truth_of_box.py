@@ -34,7 +34,10 @@ def true(table: dict[str, Any]) -> bool | None:
         degree = len(coefficients(table, points)[0])
         verdicts.append(as_stated(stable(table, at_member, degree), table["stable"]))
         if table["stable"]:
-            verdicts.append(stable(table, points, degree))
+            verdicts += [
+                stable(table, points, degree),
+                *(keeps(table, claim, points) for claim in table.get("claim", [])),
+            ]
     return False if False in verdicts else None if None in verdicts else True
 
 
@@ -191,8 +194,26 @@ def _by_phase(plain: np.ndarray, late: np.ndarray, waits: np.ndarray) -> bool | 
     return False if False in verdicts else None if None in verdicts else True
 
 
+def keeps(table: dict[str, Any], claim: dict[str, Any], points: dict[str, np.ndarray]) -> bool | None:
+    """Whether what is claimed of every member is so of some, by the rig's impedances; None where it is close."""
+    limit, kind = number(claim["limit"]), claim["kind"]
+    most = number(claim["bandwidth_Hz"]) if kind == "compliance" and "bandwidth_Hz" in claim else 1e4
+    if not limit > 0 or not most > 0:
+        raise ValueError("a limit or a bandwidth that is not positive")
+    own = figures(table)
+    worst = 0.0
+    for k in range(_CLAIMED_MEMBERS):
+        at = own | {name: float(values[k]) for name, values in points.items()}
+        for w in 2 * math.pi * np.append(np.geomspace(0.05, most, _CLAIMED_FREQUENCIES)[:-1], most):
+            gain, moved, law = _loop(table, at, 1j * w)
+            size = {"peak_sensitivity": 1.0, "compliance": moved, "controller_effort": law}[kind]
+            worst = max(worst, abs(size / (1 + gain)) if kind != "compliance" else abs(moved))
+    return None if abs(worst / limit - 1) < CLOSE else worst < limit
+
+
 # The rig.
 
+_CLAIMED_MEMBERS, _CLAIMED_FREQUENCIES = 12, 40
 _FIGURES = {
     "outer_stiffness": "N_per_m", "outer_mass": "kg", "outer_damping": "N_s_per_m", "inner_stiffness": "N_per_m",
     "inner_mass": "kg", "inner_damping": "N_s_per_m", "oil_stiffness": "N_per_m", "piston_area": "m2",
@@ -201,14 +222,20 @@ _FIGURES = {
 }  # fmt: skip
 
 
-def of_rig(table: dict[str, Any], ranges: dict[str, tuple[float, float]], points: dict[str, np.ndarray]) -> bool | None:
-    """Whether the box is about the rig that is stated, and its expression that rig's loop."""
+def figures(table: dict[str, Any]) -> dict[str, float]:
+    """The rig's own, by the names of ranges."""
     rig, law = table["rig"], table["controller"]["law"]
     own = {n: number(rig[key]) for n, unit in _FIGURES.items() if (key := f"{n}_{unit}".rstrip("_")) in rig}
     own["controller_gain"] = number(table["controller"]["gain_A_per_V"])
     above, below = ([number(c) for c in row] for row in (law["numerators"][0], law["denominator"]))
     if len(above) == len(below) == 2:
         own |= {"controller_zero": above[0] / above[1], "controller_pole": below[0] / below[1]}
+    return own
+
+
+def of_rig(table: dict[str, Any], ranges: dict[str, tuple[float, float]], points: dict[str, np.ndarray]) -> bool | None:
+    """Whether the box is about the rig that is stated, and its expression that rig's loop."""
+    rig, own = table["rig"], figures(table)
     for name in ("valve_frequency", "filter_frequency")[: 1 + ("filter_frequency" in own)]:
         if abs(2 * math.pi * number(rig[f"{name}_Hz"]) / own[name] - 1) > CLOSE:
             return False
@@ -218,7 +245,7 @@ def of_rig(table: dict[str, Any], ranges: dict[str, tuple[float, float]], points
         at = own | {name: float(values[k]) for name, values in points.items()}
         plain, late = (part[:, 0] for part in coefficients(table, {n: v[[k]] for n, v in points.items()}))
         s = own["valve_frequency"] * np.exp(1j * np.linspace(0.1, 3.0, 12)) * np.geomspace(0.05, 3.0, 12)
-        gain = np.array([_loop_gain(table, at, one) for one in s])
+        gain = np.array([_loop(table, at, one)[0] for one in s])
         if "controller_zero" not in own or "controller_zero" not in ranges:
             gain = gain * at["controller_gain"] / own["controller_gain"]
         stated = np.polyval(late[::-1], s) / np.polyval(plain[::-1], s)
@@ -228,8 +255,8 @@ def of_rig(table: dict[str, Any], ranges: dict[str, tuple[float, float]], points
     return True
 
 
-def _loop_gain(table: dict[str, Any], at: dict[str, float], s: complex) -> complex:
-    """From the error's volts to what the sensors give back, without the delay: impedances solved at one frequency."""
+def _loop(table: dict[str, Any], at: dict[str, float], s: complex) -> tuple[complex, complex, complex]:
+    """Loop gain without the delay, closed-loop compliance of the tip, and controller: impedances at one frequency."""
     law = table["controller"]["law"]
     numerators = {
         name: np.polyval([number(c) for c in row[::-1]], s)
@@ -301,17 +328,25 @@ def _loop_gain(table: dict[str, Any], at: dict[str, float], s: complex) -> compl
         stiffness += s / compliance * np.outer(arm, arm)
         force += arm / area / compliance
         give.append((side, compliance))
-    x = np.linalg.solve(stiffness, force)
-    pushed = sum((1 / area - s * (arm @ x)) / compliance / (area * side) for side, compliance in give)
-    sees = {
-        "displacement_m": sum(weight * x[names.index(name)] for name, weight in sensed.items()),
-        "inner_displacement_m": x[names.index("inner")],
-        "load_pressure_Pa": pushed,
-    }
+    tip = np.array([spread({"tip": 1.0}).get(name, 0.0) for name in names])
     valve = at["valve_frequency"]
     drive = at["flow_gain"] * valve**2 / (valve**2 * (1 + spool) + 2 * at["valve_damping_ratio"] * valve * s + s * s)
     if "filter_frequency" in at:
         filtered *= at["filter_frequency"] / (s + at["filter_frequency"])
     volts = {"displacement_m": at["sensor_gain"] * filtered}
-    back = sum(top / below * volts.get(name, 1.0) * sees[name] for name, top in numerators.items())
-    return complex(at.get("effect_gain", 1.0) * drive * back)
+
+    def back(x: np.ndarray, flow: float) -> complex:
+        """What comes back to the valve of a motion under a unit of flow, or under none."""
+        pushed = sum((flow / area - s * (arm @ x)) / compliance / (area * side) for side, compliance in give)
+        sees = {
+            "displacement_m": sum(weight * x[names.index(name)] for name, weight in sensed.items()),
+            "inner_displacement_m": x[names.index("inner")],
+            "load_pressure_Pa": pushed,
+        }
+        read = sum(top / below * volts.get(name, 1.0) * sees[name] for name, top in numerators.items())
+        return complex(at.get("effect_gain", 1.0) * drive * read)
+
+    by_flow, by_force = np.linalg.solve(stiffness, force), np.linalg.solve(stiffness, tip)
+    gain = back(by_flow, 1.0)
+    moved = tip @ by_force - tip @ by_flow * back(by_force, 0.0) / (1 + gain)
+    return gain, complex(moved), complex(numerators["displacement_m"] / below)

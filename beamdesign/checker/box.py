@@ -14,7 +14,7 @@ from typing import Any
 
 from flint import fmpq, fmpq_mpoly, fmpq_mpoly_ctx
 
-from beamdesign.checker.expressions import MOST_PRODUCTS, Expression
+from beamdesign.checker.expressions import MOST_PRODUCTS, UNKNOWN, Circle, Expression
 from beamdesign.checker.law import SENSED
 from beamdesign.checker.mechanics import Elements, Number, mechanics
 from beamdesign.checker.reading import Table, Unreadable, judged, rational, short
@@ -92,8 +92,11 @@ def _gain(rig: Rig) -> Pair:
     return low, high
 
 
-def _characteristic(expression: Expression, rig: Rig) -> fmpq_mpoly:
-    """Of the rig's loop, in s, the delay's exponential and what varies; all else is the rig's own number."""
+def _characteristic(expression: Expression, rig: Rig, claim: str = "") -> fmpq_mpoly:
+    """Of the rig's loop, in s, the delay's exponential and what varies; all else is the rig's own number.
+
+    Of a claim with the unknown: see `CLAIMS`.
+    """
     law, own = rig.law, figures(rig)
     assert law is not None  # there are figures of a loop
     context = fmpq_mpoly_ctx.get(list(_names(expression)), "lex")
@@ -117,10 +120,20 @@ def _characteristic(expression: Expression, rig: Rig) -> fmpq_mpoly:
         numerators = {name: times * ring(one.coeffs()) for name, one in law.numerators.items()}
         denominator = ring(law.denominator.coeffs())
     masses = value["outer_end_mass"], value["inner_end_mass"]
-    at = mechanics(figure, elements, masses, list(numerators), ring, disturbed=False)
+    at = mechanics(figure, elements, masses, list(numerators), ring, claim == "compliance")
     around, back = electronics(figure, elements, numerators, denominator, ring)
     factor = value.get("effect_gain", fmpq(1)) * variable.get(expression.transport, fmpq(1))
-    return at.determinant * around + factor * sum((by * at.sensed[name] for name, by in back.items()), none)
+    forward = at.determinant * around
+    loop = factor * sum((by * at.sensed[name] for name, by in back.items()), none)
+    if not claim:
+        return forward + loop
+    if claim == "peak_sensitivity":
+        return forward + variable[UNKNOWN] * loop
+    if claim == "controller_effort":
+        above = at.determinant * numerators[SENSED[0]] * (around / denominator)
+    else:
+        above = at.moved * around + factor * sum((by * at.crossed[name] for name, by in back.items()), none)
+    return forward + loop + variable[UNKNOWN] * above
 
 
 def _names(expression: Expression) -> Iterator[str]:
@@ -128,6 +141,8 @@ def _names(expression: Expression) -> Iterator[str]:
     yield "s"
     if expression.transport:
         yield expression.transport
+    if expression.circle:
+        yield UNKNOWN
     yield from (name for name, (low, high) in expression.ranges.items() if low < high)
 
 
@@ -161,7 +176,7 @@ def _alike(expression: Expression, loop: fmpq_mpoly) -> bool:
     one = context.constant(1)
 
     def stands_for(name: str) -> fmpq_mpoly:
-        if name in ("s", expression.transport):
+        if name in ("s", expression.transport, UNKNOWN):
             return variable[name]
         kind, members = expression.groups.get(name, ("sum", [name]))
         total = one * int(kind == "product")
@@ -272,6 +287,7 @@ def statements(table: Table, rig: Rig | None) -> Iterator[tuple[bool, str]]:
     member = {name: given.number(name) for name in given.keys}
     stable = table.flag("stable")
     marks = [mark for line in table.words("tree") for mark in line.split()] if stable else []
+    claims = [_Claim(stated, table) for stated in table.tables("claim")]
     if rig is None:
         for name, (low, high) in expression.ranges.items():
             yield True, f"{name} from {short(low)} to {short(high)}"
@@ -295,6 +311,68 @@ def statements(table: Table, rig: Rig | None) -> Iterator[tuple[bool, str]]:
             yield False, f"piece {count}, {where}, is not seen to be free of roots"
             return
     yield True, f"stable for every member of the box: {count} pieces free of roots on the axis"
+    for claim in claims:
+        yield claim.proved(rig, member)
+
+
+CLAIMS = {
+    "peak_sensitivity": "peak sensitivity max |1/(1+L)| below {}",
+    "compliance": "compliance |x/F_d| below {} m/N {}",
+    "controller_effort": "controller effort |C/(1+L)| below {} A/V",
+}
+"""A magnitude |a / p| that is to stay below a limit, in words.
+
+It reaches it where p + u a vanishes for some u of the size 1 / limit. Of S, where a is p less the loop's numerator N,
+that is where p + (g - 1) N does for g = 1 / (1 + u), which goes around the circle over the real axis from
+limit / (limit + 1) to limit / (limit - 1). Box, frequencies and circle being connected, a magnitude that reaches its
+limit nowhere stays below it everywhere, if it does without motion at one member.
+"""
+
+
+class _Claim:
+    """One claim about every member of the box, as it is stated."""
+
+    def __init__(self, stated: Table, table: Table) -> None:
+        self.kind, limit = stated.word("kind", *CLAIMS), stated.at_least("limit", 0, above=True)
+        if self.kind == "peak_sensitivity" and limit <= 1:
+            raise Unreadable("no loop has a peak sensitivity of one or less")
+        bandwidth = None
+        if self.kind == "compliance" and "bandwidth_Hz" in stated:
+            bandwidth = stated.at_least("bandwidth_Hz", 0, above=True)
+        self.until = None if bandwidth is None else bandwidth * _OVER_TURN
+        above = "at every frequency" if bandwidth is None else f"up to {short(bandwidth)} Hz"
+        self.words = CLAIMS[self.kind].format(short(limit), above)
+        turned = limit * limit - 1
+        circle = (limit * limit / turned, limit / turned) if self.kind == "peak_sensitivity" else (fmpq(0), 1 / limit)
+        self.expression = Expression(stated, table, Circle(*circle))
+        self.marks = [mark for line in stated.words("tree") for mark in line.split()]
+
+    def proved(self, rig: Rig | None, member: Mapping[str, fmpq]) -> tuple[bool, str]:
+        """Whether it is, and it in words."""
+        if self.expression.delay is None and any(self.expression.ranges.get("delay", ())):
+            return False, f"{self.words}: of the loop without its delay"
+        if rig is None or not _alike(self.expression, _characteristic(self.expression, rig, self.kind)):
+            return False, f"{self.words}: the expression is not that of a rig's loop"
+        if not _below(self.expression, member):
+            return False, f"{self.words}: not without motion at the member"
+        count = 0
+        for where, settled in walked(self.expression, self.marks, self.until):
+            count += 1
+            if not settled:
+                return False, f"{self.words}: piece {count}, {where}, is not seen to be clear"
+        return True, f"{self.words} for every member of the box: {count} pieces"
+
+
+_OVER_TURN = fmpq(710, 113)
+"""Somewhat above 2 pi: 355/113 is above pi."""
+
+
+def _below(expression: Expression, member: Mapping[str, fmpq]) -> bool:
+    """Whether p without motion vanishes only for unknowns outside of the circle, at one member without delay."""
+    at_zero = [expression.without_motion(member, fmpq(unknown)) for unknown in (0, 1)]
+    centre, radius = expression.circle or (fmpq(0), fmpq(0))
+    slope = at_zero[1] - at_zero[0]
+    return bool(abs(at_zero[0] + centre * slope) > radius * abs(slope))
 
 
 def _is_stable(expression: Expression, member: dict[str, fmpq]) -> bool | None:

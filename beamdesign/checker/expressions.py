@@ -26,6 +26,17 @@ _OPERATORS: dict[type[ast.operator], Callable[[Any, Any], Any]] = {ast.Add: add,
 _NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]{0,500}", re.ASCII)
 
 
+UNKNOWN = "unknown"
+"""In the p of a claim, what may be any number of a circle; as a variable, the share of a turn at which it is."""
+
+
+class Circle(NamedTuple):
+    """In the complex plane, its centre on the real axis and not negative."""
+
+    centre: fmpq
+    radius: fmpq
+
+
 class Term(NamedTuple):
     """coefficient * s^degree * product of variable^power, or of its reciprocal's power."""
 
@@ -35,7 +46,7 @@ class Term(NamedTuple):
 
 
 class Node(NamedTuple):
-    """Part of p: a "leaf" by its name, the "delay", or the "sum" or "product" of other parts.
+    """Part of p: a "leaf" by its name, the "delay", the "unknown", or the "sum" or "product" of other parts.
 
     `packs` are the places of the packs of enumerated leaves on which it depends, ascending.
     """
@@ -60,17 +71,18 @@ class Expression:
         body: p over the leaves.
         delay: the variable that is the delay in s, None where there is none.
         groups: kind and members of a variable that stands for several parameters.
+        circle: of the unknown, None where p has none.
     """
 
-    def __init__(self, table: Table) -> None:
-        stated = table.table("range")
+    def __init__(self, table: Table, whole: Table | None = None, circle: Circle | None = None) -> None:
+        stated, self.circle = (whole or table).table("range"), circle
         self.ranges = {_name(name, stated): stated.range(name) for name in stated.keys}
         self.groups: dict[str, tuple[str, list[str]]] = {}
         for group in table.tables("group"):
             if (name := _name(group.word("name"), group)) in self.groups:
                 raise Unreadable(f"there are two groups {name}")
             self.groups[name] = group.word("kind", "sum", "product"), group.words("members")
-        self.variables = self.merged(self.ranges)
+        self.variables = self.merged(self.ranges) | ({UNKNOWN: (fmpq(0), fmpq(1))} if circle else {})
         texts, body = table.optional("leaf"), _text(table, "p")
         leaves = {_name(name, texts): _text(texts, name) for name in texts.keys} or {"p": body}
         delays = table.optional("delay")
@@ -78,9 +90,12 @@ class Expression:
         self.delay = next(iter(late.values()), None)
         if len(late) > 1 or (self.delay is not None and not self.variables.get(self.delay, (-1,))[0] >= 0):
             raise Unreadable("there may be one delay, which is not negative")
-        known = {"s", *late, *leaves}
+        known, own = {"s", *late, *leaves}, {UNKNOWN} if circle else set()
         if clash := sorted(
-            {*late} & {*leaves} | {"s"} & {*late, *leaves, *self.variables} | {*late} & {*self.variables}
+            {*late} & {*leaves}
+            | {"s"} & {*late, *leaves, *self.variables}
+            | {*late} & {*self.variables}
+            | own & {*late, *leaves, *self.ranges, *self.groups}
         ):
             raise Unreadable(f"these names stand for more than one thing: {', '.join(clash)[:200]}")
         self.packs = [
@@ -96,7 +111,7 @@ class Expression:
         self._names = ["s", *late, *self.variables]
         self.context = fmpq_mpoly_ctx.get(self._names, "lex")
         variable = dict(zip(self._names, self.context.gens(), strict=True))
-        allowed = {name: value for name, value in variable.items() if name not in late}
+        allowed = {name: value for name, value in variable.items() if name not in {*late, *own}}
         self.polynomials = {"s": variable["s"]} | {
             name: self._multiplied_out(tree, allowed) for name, tree in trees.items()
         }
@@ -108,7 +123,7 @@ class Expression:
         self.varying = tuple(name for name, (low, high) in self.variables.items() if low < high)
         tree = _parsed(body, "p") if texts.keys else ast.Name("p")
         places = {name: k for k, pack in enumerate(self.packs) for name in pack}
-        self.body = _structure(tree, known, late, places)
+        self.body = _structure(tree, known, late, places, own)
         if any(power > 1 for power in _powers(self.body).values()):
             raise Unreadable("p must be affine in what is bound and in the delay")
         if self._order(self.body) > HIGHEST_DEGREE:
@@ -204,8 +219,8 @@ class Expression:
             raise Unreadable(f"p has more than {MOST_PRODUCTS} terms over its parameters")
 
         def at(node: Node) -> fmpq_mpoly:
-            if node.kind == "delay":
-                return self.context.gen(self._names.index(self.transport))
+            if node.kind in ("delay", "unknown"):
+                return self.context.gen(self._names.index(self.transport if node.kind == "delay" else UNKNOWN))
             if node.kind == "leaf":
                 return leaves[node.name]
             parts = [at(part) for part in node.parts]
@@ -244,6 +259,24 @@ class Expression:
             return plain, late
 
         return *at(self.body), fmpq(0) if self.delay is None else value[self.delay]
+
+    def without_motion(self, parameters: Mapping[str, fmpq], unknown: fmpq) -> fmpq:
+        """P at s = 0 and one value of every parameter and of the unknown; a delay shows nowhere."""
+        ranges = self.merged({name: (value, value) for name, value in parameters.items()})
+        value = {n: 1 / a if n in self.reciprocal else a for n, (a, _) in ranges.items()}
+
+        def at(node: Node) -> fmpq:
+            if node.kind == "leaf":
+                terms = [term for term in self.leaves[node.name] if term.degree == 0]
+                return sum(
+                    (prod((value[n] ** e for n, e in t.powers.items()), start=t.coefficient) for t in terms), fmpq(0)
+                )
+            if not node.parts:
+                return unknown if node.kind == "unknown" else fmpq(1)
+            inner = map(at, node.parts)
+            return sum(inner, fmpq(0)) if node.kind == "sum" else prod(inner, start=fmpq(1))
+
+        return at(self.body)
 
 
 def degrees(terms: Sequence[Term], names: Sequence[str]) -> dict[str, int]:
@@ -304,24 +337,28 @@ def _below(tree: ast.AST) -> set[str]:
     return {name.id for node in quotients for name in ast.walk(node.right) if isinstance(name, ast.Name)}
 
 
-def _structure(node: ast.expr, leaves: set[str], delays: Mapping[str, str], packs: Mapping[str, int]) -> Node:
+def _structure(
+    node: ast.expr, leaves: set[str], delays: Mapping[str, str], packs: Mapping[str, int], unknown: set[str]
+) -> Node:
     match node:
+        case ast.Name(id=name) if name in unknown:
+            return Node("unknown", name, (), ())
         case ast.Name(id=name) if name in delays:
             return Node("delay", delays[name], (), ())
         case ast.Name(id=name) if name in leaves:
             return Node("leaf", name, (), (packs[name],) if name in packs else ())
         case ast.BinOp(left=left, op=ast.Add() | ast.Mult() as operation, right=right):
             kind = "sum" if isinstance(operation, ast.Add) else "product"
-            parts = [_structure(side, leaves, delays, packs) for side in (left, right)]
+            parts = [_structure(side, leaves, delays, packs, unknown) for side in (left, right)]
             flat = tuple(p for part in parts for p in (part.parts if part.kind == kind else (part,)))
             return Node(kind, "", flat, tuple(sorted({k for part in flat for k in part.packs})))
     raise Unreadable(f"p is not a sum or product of leaves: {ast.unparse(node)[:100]}")
 
 
 def _powers(node: Node) -> Counter[str]:
-    """Degree in each pack of bound leaves and, under "delay", in the delay."""
+    """Degree in each pack of bound leaves and, under "delay" and "unknown", in these."""
     if not node.parts:
-        return Counter({"delay": 1} if node.kind == "delay" else map(str, node.packs))
+        return Counter(map(str, node.packs) if node.kind == "leaf" else {node.kind: 1})
     total = _powers(node.parts[0])
     for part in node.parts[1:]:
         total = total | _powers(part) if node.kind == "sum" else total + _powers(part)

@@ -83,7 +83,13 @@ class Frame:
 
     def _points(self, node: Node) -> dict[Choice, list[acb]]:
         if node.kind == "delay":
-            return {(): self._arc(*self.cell.values[node.name])}
+            least, most_late = self.cell.values[node.name]
+            return {(): _arc(self.w * least, self.w * (most_late - least))}
+        if node.kind == "unknown":
+            low, high = self.cell.values[node.name]
+            centre, radius = map(arb, self.cell.circle)
+            turn = 2 * arb.pi()
+            return {(): [centre + radius * point for point in _arc(turn * low, turn * (high - low))]}
         if node.kind == "leaf" and node.packs:
             return {(k,): [choice[node.name]] for k, choice in enumerate(self._packs[node.packs[0]])}
         if node.kind == "leaf":
@@ -106,15 +112,6 @@ class Frame:
         places = [([packs.index(k) for k in own], table) for own, table in tables]
         for choice in product(*(range(len(self._packs[k])) for k in packs)):
             yield choice, [table[tuple([choice[k] for k in own])] for own, table in places]
-
-    def _arc(self, least: fmpq, most: fmpq) -> list[acb]:
-        """The ends of the arc exp(-jwT), and corners of tangents around it."""
-        start, sweep = self.w * least, (self.w * (most - least)).min(2 * arb.pi())
-        if least == most:
-            return [_turned(start)]
-        part = sweep / (2 * TANGENTS)
-        corners = [_turned(start + (2 * k + 1) * part) / part.cos() for k in range(TANGENTS)]
-        return [_turned(start), *corners, _turned(start + sweep)]
 
     def size(self, node: Node) -> arb:
         """Upper bound of the size of a part of p at this frequency."""
@@ -142,6 +139,7 @@ class Cell:
 
     def __init__(self, expression: Expression, values: Values) -> None:
         self.expression, self.values = expression, dict(values)
+        self.circle = expression.circle or (fmpq(0), fmpq(0))
         self.summands = expression.body.parts if expression.body.kind == "sum" else (expression.body,)
         self._controls: dict[str, list[tuple[int | None, list[Control]]]] = {}
         self._common: dict[tuple[str, ...], list[list[Control]]] = {}
@@ -199,9 +197,9 @@ class Cell:
         return found
 
     def coefficients(self, node: Node) -> tuple[list[Pair], fmpq_poly]:
-        """Ranges of the coefficients without delay, and the largest sizes of those that the delay multiplies."""
-        if node.kind == "delay":
-            return [], ONE
+        """Ranges of the coefficients without delay and unknown, and the largest sizes of those that these multiply."""
+        if node.kind in ("delay", "unknown"):
+            return [], ONE * (sum(self.circle, fmpq(0)) if node.kind == "unknown" else 1)
         if node.kind == "leaf":
             terms = self.expression.leaves[node.name]
             found = [(fmpq(0), fmpq(0))] * (1 + max((term.degree for term in terms), default=-1))
@@ -223,7 +221,7 @@ class Cell:
             for (i, a), (j, b) in product(enumerate(plain), enumerate(more)):
                 low, high = _times(a, b)
                 total[i + j] = total[i + j][0] + low, total[i + j][1] + high
-            plain, late = total, _sizes(plain) * later + late * _sizes(more)
+            plain, late = total, _sizes(plain) * later + late * _sizes(more) + late * later
         return plain, late
 
     def leads(self, w: fmpq) -> bool:
@@ -231,7 +229,7 @@ class Cell:
         plain, late = self.coefficients(self.expression.body)
         low, high = plain.pop()
         rest = _sizes(plain) + late
-        return w > 0 and late.degree() < len(plain) and rest(w) < max(low, -high) * w ** len(plain)
+        return w > 0 and late.degree() <= len(plain) and rest(w) < max(low, -high) * w ** len(plain)
 
     def clear(self, w1: fmpq, w2: fmpq, x: arb, y: arb) -> bool:
         """Whether p keeps to the side of the line across (x, y) towards which that points, from w1 to w2."""
@@ -246,6 +244,8 @@ class Cell:
         if node.kind == "delay":
             most_late = arb(self.values[node.name][1])
             return arb(1), most_late, most_late**2
+        if node.kind == "unknown":
+            return arb(sum(self.circle, fmpq(0))), arb(0), arb(0)
         if node.kind == "product":
             size, slope, bend = self._growth(frames, node.parts[0], chord)
             for part in node.parts[1:]:
@@ -288,7 +288,7 @@ def control_points(expression: Expression) -> int:
         if node.kind == "sum":
             inner = [of(part) for part in node.parts]
             return sum(inner) if node is expression.body else prod(inner)
-        if node.kind == "delay":
+        if node.kind in ("delay", "unknown"):
             return TANGENTS + 2
         return prod(map(of, node.parts), start=1 if node.packs or node.parts else of_leaf(node.name))
 
@@ -298,11 +298,16 @@ def control_points(expression: Expression) -> int:
     )
 
 
-def walked(expression: Expression, marks: Sequence[str]) -> Iterator[tuple[str, bool]]:
+def walked(expression: Expression, marks: Sequence[str], until: fmpq | None = None) -> Iterator[tuple[str, bool]]:
     """Each piece of a tree in words, and whether p vanishes nowhere on it.
 
     The marks are NAME (a cut in a variable), w=VALUE (in frequency, rad/s), X,Y (what is across a line) and "inf" (the
     leading term outweighs the others).
+
+    Args:
+        expression: of p.
+        marks: in prefix order.
+        until: frequency up to which p is looked at, rad/s; None for all.
 
     Raises:
         Unreadable: where the tree ends too soon or too late, cuts outside of its pieces or is too much work.
@@ -312,9 +317,10 @@ def walked(expression: Expression, marks: Sequence[str]) -> Iterator[tuple[str, 
         raise Unreadable(f"{points} control points on each of {len(marks)} pieces are more than is looked at")
     whole = Cell(expression, expression.enters)
     plain, late = whole.coefficients(expression.body)
-    if late.degree() >= len(plain) - 1:
+    waits = expression.delay is not None and expression.variables[expression.delay][1] > 0
+    if late.degree() >= len(plain) - (waits or expression.circle is None):
         raise Unreadable("the highest power of s is delayed: loops of neutral type are not covered")
-    open_pieces: list[tuple[Cell, fmpq, fmpq | None]] = [(whole, fmpq(0), None)]
+    open_pieces: list[tuple[Cell, fmpq, fmpq | None]] = [(whole, fmpq(0), until)]
     for mark in marks:
         if not open_pieces:
             raise Unreadable("the tree goes on after all pieces are settled")
@@ -351,6 +357,16 @@ def _polar(low: fmpq, high: fmpq, degree: int, highs: int, power: int) -> fmpq:
     (1 + low t)^(degree - highs) (1 + high t)^highs over the number of such products.
     """
     return (fmpq_poly([1, low]) ** (degree - highs) * fmpq_poly([1, high]) ** highs)[power] / comb(degree, power)
+
+
+def _arc(start: arb, sweep: arb) -> list[acb]:
+    """The ends of the arc exp(-j angle) over some angles, and corners of tangents around it."""
+    if sweep == 0:
+        return [_turned(start)]
+    sweep = sweep.min(2 * arb.pi())
+    part = sweep / (2 * TANGENTS)
+    corners = [_turned(start + (2 * k + 1) * part) / part.cos() for k in range(TANGENTS)]
+    return [_turned(start), *corners, _turned(start + sweep)]
 
 
 def _turned(angle: arb) -> acb:

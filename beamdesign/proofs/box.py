@@ -5,19 +5,22 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 from math import inf, pi
 from textwrap import wrap
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
-import numpy as np
 from flint import ctx, fmpq
 
 from beamdesign.polynomial import exact, roots
+from beamdesign.proofs.box_member import member, parameters_at, stable_at, unstable_member
 from beamdesign.proofs.branch import Search
-from beamdesign.proofs.rig_family import Interval, PolynomialFamily, Statement, rig_family
-from beamdesign.proofs.value_set import member, stable_at, undamping
+from beamdesign.proofs.rig_family import PolynomialFamily, rig_family
+from beamdesign.proofs.statement import Interval, Statement
 from beamdesign.proofs.writer import certificate, plain, stated, texts
 from beamdesign.proofs.zero_exclusion import PRECISION_BITS, Piece, holds, pieces
 from beamdesign.prototype import Prototype
 from beamdesign.rational import nearest, text
+
+if TYPE_CHECKING:
+    from beamdesign.proofs.box_claims import BoxClaim
 
 # Volumes.
 
@@ -78,83 +81,6 @@ def volumes_of(statement: Statement, unsettled: Sequence[Piece]) -> tuple[Volume
     return Volumes(found[True], found[False], found[None]), witness
 
 
-# Members that are not stable: looked for in floats, confirmed in exact arithmetic.
-
-
-_STEPS = 1000
-"""Shares of a range are rounded to this many steps before a member is confirmed."""
-
-
-def unstable_member(
-    statement: Statement, near: Sequence[Sequence[float]] = (), population: int = 32, rounds: int = 6
-) -> dict[str, fmpq] | None:
-    """Parameters of a member that is proved not to be stable, or None where none was found.
-
-    A population of corners and midpoints climbs, one variable at a time, towards less damping of the least damped
-    root. Finding nothing means nothing.
-
-    Args:
-        statement: the family over its box.
-        near: members to start from, as shares of the varying variables' ranges, beside those drawn.
-        population: how many members climb; at most half of them start from those given.
-        rounds: most rounds over all variables.
-    """
-    k = len(statement.varying)
-    generator = np.random.default_rng(0)
-    shares = generator.choice([0.0, 0.5, 1.0], size=(population, k))
-    shares[:3] = np.array([0.0, 0.5, 1.0])[:, None]
-    if near:
-        given = np.array(near)[generator.permutation(len(near))[: population // 2]]
-        shares[-len(given) :] = given
-    score = undamping(statement, shares)
-    for turn in range(rounds if k else 0):
-        before = score.copy()
-        for i in generator.permutation(k):
-            here = shares[:, i]
-            nudge = 0.3 * generator.random(population) / (turn + 1)
-            tried = np.stack([0 * here, 0 * here + 0.5, 0 * here + 1, here - nudge, here + nudge]).clip(0, 1)
-            options = np.repeat(shares[None], len(tried), axis=0)
-            options[:, :, i] = tried
-            found = undamping(statement, options.reshape(-1, k)).reshape(len(tried), population)
-            best = found.argmax(axis=0)
-            better = found.max(axis=0) > score
-            shares[better, i] = tried[best, np.arange(population)][better]
-            score = np.maximum(score, found.max(axis=0))
-        if np.all(score - before < 1e-4):
-            break
-    for i in np.argsort(-score)[:3]:
-        point = parameters_at(statement, [fmpq(round(float(share) * _STEPS), _STEPS) for share in shares[i]])
-        if stable_at(statement, point) is False:
-            return point
-    return None
-
-
-def parameters_at(statement: Statement, shares: list[fmpq]) -> dict[str, fmpq]:
-    """Parameters that give the varying variables these shares of their ranges; exact."""
-    share = dict(zip(statement.varying, shares, strict=True))
-    groups = {name: (kind, members) for name, kind, members in statement.groups}
-    point = {name: low for name, (low, _) in statement.parameters.items()}
-    for name, part in share.items():
-        low, high = statement.inner[name]
-        value = low + (high - low) * part
-        value = 1 / value if name in statement.reciprocal else value
-        kind, members = groups.get(name, ("", []))
-        if kind == "sum":
-            for one in members:
-                a, b = statement.parameters[one]
-                point[one] = a + (b - a) * part
-        elif kind == "product":
-            # One factor after the other goes from its low to its high end until the product is reached.
-            for one in members:
-                others = fmpq(1)
-                for other in members:
-                    others *= point[other] if other != one else 1
-                point[one] = min(statement.parameters[one][1], value / others) if others != 0 else point[one]
-        else:
-            point[name] = value
-    return point
-
-
 # The certificate, as tables of texts: expression, ranges, member, tree.
 
 
@@ -177,6 +103,7 @@ def box_certificate(
     statement: Statement,
     member: Mapping[str, fmpq],
     tree: Sequence[str] | None,
+    claims: Sequence["BoxClaim"] = (),
 ) -> str:
     """Write the certificate.
 
@@ -186,17 +113,22 @@ def box_certificate(
         statement: the same over the box.
         member: every parameter of the member that is settled exactly.
         tree: the marks of `zero_exclusion.pieces` that prove the whole box; None where the member refutes it.
+        claims: what is proved beside stability.
 
     Raises:
         InputError: as `rig_tables`.
     """
-    body: dict[str, Any] = {"stable": tree is not None, "p": family.p}
-    body |= {"bound": [[*pack] for pack in family.bound]} if family.bound else {}
-    if tree is not None:
-        body["tree"] = wrap(" ".join(tree), 110, break_long_words=False, break_on_hyphens=False)
-    groups = [{"name": name, "kind": kind, "members": [*members]} for name, kind, members in family.groups]
-    found = {"leaf": family.leaves, "delay": family.delays, "group": groups}
-    body |= {key: value for key, value in found.items() if value}
+    body = {"stable": tree is not None, **_expression(family, tree)}
+    if claims:
+        body["claim"] = [
+            {
+                "kind": claim.asked.kind,
+                "limit": text(exact(claim.asked.limit)),
+                **({} if claim.asked.bandwidth_Hz == inf else {"bandwidth_Hz": text(exact(claim.asked.bandwidth_Hz))}),
+                **_expression(claim.family, claim.tree),
+            }
+            for claim in claims
+        ]
     body["range"] = {name: texts(ends) for name, ends in statement.parameters.items()}
     body["member"] = {name: text(member[name]) for name in statement.parameters}
     varying = {name: ends for name, ends in statement.parameters.items() if ends[0] < ends[1]}
@@ -211,6 +143,17 @@ def box_certificate(
         body["tolerance"] = stated(deviations)
     heaviest = nearest(statement.parameters["outer_end_mass"][1])
     return certificate(KIND, subject, body, "\n".join(summary), heaviest, _NOTES, varying)
+
+
+def _expression(family: PolynomialFamily, tree: Sequence[str] | None) -> dict[str, Any]:
+    """P, its leaves and groups, and the marks of its pieces."""
+    body: dict[str, Any] = {"p": family.p} | ({"bound": [[*pack] for pack in family.bound]} if family.bound else {})
+    if tree is not None:
+        body["tree"] = wrap(" ".join(tree), 110, break_long_words=False, break_on_hyphens=False)
+    groups = [{"name": name, "kind": kind, "members": [*members]} for name, kind, members in family.groups]
+    return body | {
+        key: value for key, value in (("leaf", family.leaves), ("delay", family.delays), ("group", groups)) if value
+    }
 
 
 # The box and its verdict.
@@ -297,7 +240,7 @@ class BoxVerdict:
     box: Box
     pieces: int
     looked_at: int
-    write: Callable[[], str] = field(repr=False, compare=False)
+    write: Callable[[Sequence["BoxClaim"]], str] = field(repr=False, compare=False)
 
     @cached_property
     def certificate(self) -> str:
@@ -306,7 +249,7 @@ class BoxVerdict:
         Raises:
             InputError: for effects whose elements no certificate states.
         """
-        return self.write()
+        return self.write(())
 
 
 def certify_box(
@@ -335,8 +278,11 @@ def certify_box(
     statement = family.over(box.ranges)
     nominal = {**family.values, **box.nominal}
 
-    def writer(point: Mapping[str, fmpq], tree: Sequence[str] | None) -> Callable[[], str]:
-        return lambda: box_certificate(subject, family, statement, point, tree)
+    def writer(point: Mapping[str, fmpq], tree: Sequence[str] | None) -> Callable[[Sequence["BoxClaim"]], str]:
+        return lambda claims: box_certificate(subject, family, statement, point, tree, claims)
+
+    def nothing(claims: Sequence["BoxClaim"]) -> str:
+        return ""
 
     with ctx.workprec(PRECISION_BITS):
         point = nominal if stable_at(statement, nominal) is False else unstable_member(statement)
@@ -347,7 +293,7 @@ def certify_box(
         except ValueError as error:
             if not isinstance(subject, Prototype):
                 raise
-            return BoxVerdict(None, f"not covered: {error}", None, None, box, 0, 0, str)
+            return BoxVerdict(None, f"not covered: {error}", None, None, box, 0, 0, nothing)
         if point is None:
             search.run(budget, seconds)
         else:
@@ -369,7 +315,7 @@ def certify_box(
         elif not unsettled and stable_at(statement, nominal):
             stable, reason, write = True, "", writer(nominal, tree)
         else:
-            stable, reason, write = None, _where(unsettled, shares, search.looked_at), str
+            stable, reason, write = None, _where(unsettled, shares, search.looked_at), nothing
     return BoxVerdict(stable, reason, shares, point, box, proved, search.looked_at, write)
 
 

@@ -10,8 +10,8 @@ import numpy as np
 from flint import fmpq
 
 from beamdesign.polynomial import exact
-from beamdesign.proofs.rig_family import Node, Statement
-from beamdesign.proofs.value_set import Pieces, delays, hulls, pieces, support, values
+from beamdesign.proofs.statement import Node, Statement
+from beamdesign.proofs.value_set import Pieces, hulls, pieces, support
 from beamdesign.proofs.zero_exclusion import ARC_PARTS, Cell, coefficients, dominated
 from beamdesign.rational import nearest, text
 
@@ -21,6 +21,7 @@ TURN = 192
 _LINES = np.round(1000 * np.exp(2j * np.pi * np.arange(TURN) / TURN))
 _UNITS = _LINES / np.abs(_LINES)
 _POINTS_AT_ONCE = 1_000_000
+_CUTS_AT_ONCE = 512
 _NARROWEST_SHARE = 2.0**-40
 _NARROWEST_BAND = 1e-10
 """A piece as narrow as this, in a variable or relatively in frequency, is left undecided."""
@@ -78,7 +79,8 @@ class Search:
                 f"a hull of this expression has {self._width} control points, more than {_MOST_POINTS}: let fewer"
                 " parameters vary, or give it leaves that share none"
             )
-        self._root = _Node(np.zeros(k), np.ones(k), 0.0, inf)
+        until = self.statement.until
+        self._root = _Node(np.zeros(k), np.ones(k), 0.0, inf if until is None else nearest(until))
         self._push(self._root)
 
     @property
@@ -172,7 +174,7 @@ class Search:
         variables = np.zeros(len(batch), dtype=int)
         if len(todo):
             at = np.where(alone[0, todo] <= alone[1, todo], w[0, todo], w[1, todo])
-            variables[todo] = _effects(self.statement, start[todo], end[todo], at).argmax(axis=1)
+            variables[todo] = _best_cuts(self.statement, start[todo], end[todo], at)
         for i, node in enumerate(batch):
             if clear[i]:
                 node.mark = f"{int(_LINES[line[i]].real)},{int(_LINES[line[i]].imag)}"
@@ -192,7 +194,7 @@ def control_points(statement: Statement) -> int:
         enumerated *= alone if len(pack) == 1 else int(np.prod([degree + 1 for degree in degrees.values()]))
 
     def one(node: Node) -> int:
-        if node.kind == "delay":
+        if node.kind != "leaf":
             return ARC_PARTS + 2 if node.name in statement.varying else 1
         return 1 if node.bound else _leaf_points(statement, node.name)
 
@@ -218,7 +220,8 @@ def _reach(cell: Cell) -> float | None:
     plain, late = coefficients(cell)
     low, high = plain[n]
     lead, most = sorted((abs(low), abs(high)))
-    if low * high <= 0 or (cell.shares and most > _LEADING_RATIO * lead):
+    lead -= late[n]
+    if low * high <= 0 or lead <= 0 or (cell.shares and most > _LEADING_RATIO * lead):
         return None
     sizes = [max(abs(a), abs(b)) + late[i] for i, (a, b) in enumerate(plain[:n])]
     ratios = [(nearest(size / lead)) ** (1 / (n - i)) for i, size in enumerate(sizes)]
@@ -255,14 +258,17 @@ def _best_lines(statement: Statement, where: Pieces) -> tuple[np.ndarray, np.nda
     return best[0], value[0] > stray, value[1:]
 
 
-def _effects(statement: Statement, start: np.ndarray, end: np.ndarray, w: np.ndarray) -> np.ndarray:
-    """How far p moves (B, k) at a frequency (B,) along each variable through the middle of its box."""
+def _best_cuts(statement: Statement, start: np.ndarray, end: np.ndarray, w: np.ndarray) -> np.ndarray:
+    """The variable (B,) of which the worse half comes farthest from zero at a frequency (B,), each cut being tried."""
     count, k = start.shape
-    ends = np.repeat((start + end) / 2, 2 * k, axis=0).reshape(count, k, 2, k)
+    low, high = (np.repeat(side, 2 * k, axis=0).reshape(count, k, 2, k) for side in (start, end))
     for i in range(k):
-        ends[:, i, 0, i], ends[:, i, 1, i] = start[:, i], end[:, i]
-    shares = ends.reshape(-1, k)
-    s = 1j * np.repeat(w, 2 * k)[:, None]
-    plain, late = values(statement, shares, s)
-    p = (plain + late * np.exp(-s * delays(statement, shares)[:, None])).reshape(count, k, 2)
-    return np.abs(p[..., 1] - p[..., 0])
+        high[:, i, 0, i] = low[:, i, 1, i] = (start[:, i] + end[:, i]) / 2
+    ends, at = np.stack([low, high]).reshape(2, -1, k), np.repeat([w, w], 2 * k, axis=1)
+    apart = []
+    for first in range(0, at.shape[1], _CUTS_AT_ONCE):
+        some = slice(first, first + _CUTS_AT_ONCE)
+        halves = pieces(statement, ends[0, some], ends[1, some], at[:, some])
+        apart.append(_best_lines(statement, halves)[2][0])
+    worse, better = np.sort(np.concatenate(apart).reshape(count, k, 2), axis=2).T
+    return np.asarray((worse + better / 4).T.argmax(axis=1))

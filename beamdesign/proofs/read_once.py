@@ -44,26 +44,33 @@ class Expression:
     groups: tuple[tuple[str, str, tuple[str, ...]], ...]
 
 
-def read_once(p: fmpq_mpoly, parameters: Sequence[str], delay: str) -> Expression:
+def read_once(p: fmpq_mpoly, parameters: Sequence[str], apart: Sequence[str]) -> Expression:
     """Write a polynomial with every parameter in as few places as are found.
 
     Its roots in s are what counts: it may come out times a number and a monomial in the parameters.
 
     Args:
-        p: in "s", the first variable of its context, the parameters and the delay.
+        p: in "s", the first variable of its context, the parameters and what is kept apart.
         parameters: names; those that are found to enter by their reciprocals must not be zero.
-        delay: name that stands for exp(-s T), in which p is affine.
+        apart: names that no leaf takes and in which p is affine, such as that of exp(-s T).
+
+    Raises:
+        NotCovered: with more than one kept apart, where they multiply each other in several places.
     """
-    form = _Form(p, parameters, delay)
+    form = _Form(p, parameters, [name for name in apart if p.derivative(name) != 0])
     packs = [name for name in form.names if form.degree(form.p, name) > 1]
     for chosen in form.to_bind(packs):
-        with suppress(_Tangled):
+        with suppress(Tangled):
             return form.expression(form.split(form.p, form.free([*chosen, *packs])), [*chosen, *packs])
-    raise AssertionError("with everything bound there is nothing to split")
+    raise NotCovered("the delay and the unknown of a claim go together in a way for which no form is known")
 
 
-class _Tangled(ArithmeticError):
+class Tangled(ArithmeticError):
     """With what is bound, the rest is not read once."""
+
+
+class NotCovered(ValueError):
+    """What is kept apart multiplies each other in a way for which no form is known."""
 
 
 def _numbers(names: Sequence[str]) -> dict[str | int, int | fmpz | fmpq]:
@@ -75,14 +82,14 @@ class _Form:
 
     Attributes:
         p: the polynomial.
-        names: variables left in it, without s and the delay.
+        names: variables left in it, without s and what is kept apart.
         reciprocal: those parameters that enter by their reciprocals.
         groups: kind and members of sums and products, by the variable that stands for them.
         taken: leaves, in s and the variables that they have taken, by the variable that stands for them in p.
     """
 
-    def __init__(self, p: fmpq_mpoly, parameters: Sequence[str], delay: str):
-        self.p, self.delay = p / p.coeffs()[-1], delay
+    def __init__(self, p: fmpq_mpoly, parameters: Sequence[str], apart: Sequence[str]):
+        self.p, self.apart = p / p.coeffs()[-1], apart
         self.place = {name: k for k, name in enumerate(p.context().names())}
         self.names = [name for name in parameters if self.degree(p, name)]
         self.reciprocal: set[str] = set()
@@ -188,7 +195,7 @@ class _Form:
 
     def free(self, bound: Collection[str]) -> list[str]:
         """What is not bound."""
-        return [*(name for name in self.names if name not in bound), self.delay]
+        return [*(name for name in self.names if name not in bound), *self.apart]
 
     def to_bind(self, packs: Sequence[str]) -> Iterator[Collection[str]]:
         """Variables to bind beside the packs, those with the fewest control points first, and at last all of them.
@@ -196,7 +203,7 @@ class _Form:
         Found at numbers for s and what is bound, which is quick; whether it holds of all numbers is to be seen.
         """
         p, core = self._core(self.p.subs(_numbers([S, *packs])), self.free(packs))
-        single = [name for name in core if name != self.delay]
+        single = [name for name in core if name not in self.apart]
         subsets = chain.from_iterable(combinations(single, count) for count in range(min(len(core), _MOST_BOUND) + 1))
         for chosen in sorted(subsets, key=self.points):
             rest = [name for name in core if name not in chosen]
@@ -237,19 +244,19 @@ class _Form:
         """Write p with each free variable in one place.
 
         Raises:
-            _Tangled: where that is not found.
+            Tangled: where that is not found.
         """
         inside = [name for name in free if self.degree(p, name)]
         bound = self._bound(p, free)
         if not inside:
             return self._constant(p, sorted(bound))
-        if (len(inside) == 1 and inside[0] != self.delay and not bound) or p == self.variable(inside[0]):
+        if (len(inside) == 1 and inside[0] not in self.apart and not bound) or p == self.variable(inside[0]):
             return p
         parts, common = self._factors(p, inside)
         factors = parts if common.is_one() else [*parts, common]
         if len(factors) > 1:
             if len(bound) < sum(len(self._bound(factor, free)) for factor in factors):
-                raise _Tangled
+                raise Tangled
             return "*", [self.split(factor, free) for factor in factors]
         summands, rest = self._summands(p, inside)
         for k, part in enumerate(summands):
@@ -272,7 +279,7 @@ class _Form:
                 parts.append(factor)
             else:
                 common *= factor**power
-        if common.is_one() and parts[0] != self.variable(self.delay):
+        if common.is_one() and parts[0] not in [self.variable(name) for name in self.apart]:
             return [parts[0] * unit, *parts[1:]], common
         return parts, common * unit
 
@@ -301,7 +308,7 @@ class _Form:
                 constant = not any(self.degree(alone, name) for name in inside)
                 if over.is_zero() and constant and len(self._factors(found, inside)[0]) > 1:
                     return found
-        raise _Tangled
+        raise Tangled
 
     def _constant(self, p: fmpq_mpoly, bound: Sequence[str]) -> Node:
         """What has no free variable: a sum over the powers of those that are bound."""
@@ -313,10 +320,10 @@ class _Form:
 
     def expression(self, body: Node, bound: Sequence[str]) -> Expression:
         """What was split, with its leaves named."""
-        known: dict[str, str] = {S: S, self.delay: self.delay}
+        known: dict[str, str] = {name: name for name in (S, *self.apart)}
 
         def named(p: fmpq_mpoly) -> str:
-            return known.setdefault(self._text(p), f"leaf_{len(known) - 1}")
+            return known.setdefault(self._text(p), f"leaf_{len(known) - len(self.apart)}")
 
         def written(node: Node) -> str:
             if isinstance(node, fmpq_mpoly):

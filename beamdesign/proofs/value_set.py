@@ -1,124 +1,20 @@
-"""The value set p(jw, q) of a box: members of it, exact, and hulls over many pieces at once, in floats.
+"""Hulls of the value set p(jw, q) over many pieces at once, in floats: the search that comes before the proof.
 
-Members are polynomials, and how many of their roots are unstable is exact. Hulls are for the search that comes before
-the proof: same construction as in `zero_exclusion`, which proves in ball arithmetic what is found with them; no hull
-here is a proof. Arrays of points are (2, B, C, V): both ends of a frequency interval, B pieces, C control points of
-what is bound and V points whose convex hull holds the value.
+Same construction as in `zero_exclusion`, which proves in ball arithmetic what is found here; nothing here is a proof.
+Arrays of points are (2, B, C, V): both ends of a frequency interval, B pieces, C control points of what is bound and V
+points whose convex hull holds the value.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from operator import add, mul
 
 import numpy as np
-from flint import acb, arb, fmpq, fmpq_poly
+from flint import fmpq
 
-from beamdesign.polynomial import even_odd, is_hurwitz
-from beamdesign.proofs.rig_family import Node, Point, Statement, Term
-from beamdesign.proofs.zero_exclusion import ARC_PARTS, control_value, unit
+from beamdesign.proofs.statement import Node, Statement, Term
+from beamdesign.proofs.zero_exclusion import ARC_PARTS, control_value
 from beamdesign.rational import nearest
-
-# Members.
-
-
-class Undecided(ArithmeticError):
-    """A root lies on the imaginary axis, or too near to it to be told from one."""
-
-
-@dataclass(frozen=True)
-class Quasipolynomial:
-    """plain(s) + late(s) exp(-s delay), the delay in s."""
-
-    plain: fmpq_poly
-    late: fmpq_poly
-    delay: fmpq
-
-
-def member(statement: Statement, parameters: Point) -> Quasipolynomial:
-    """The member at one value of every parameter, which may lie outside the box."""
-    point = {n: a for n, (a, _) in statement.merged({n: (v, v) for n, v in parameters.items()}).items()}
-    return member_at(statement, point)
-
-
-def member_at(statement: Statement, point: Point) -> Quasipolynomial:
-    """The member at one value of every variable."""
-
-    def leaf(name: str) -> fmpq_poly:
-        total = fmpq_poly([0])
-        for c, degree, powers in statement.leaves[name]:
-            for variable, power in powers.items():
-                c = c * point[variable] ** power
-            total += fmpq_poly([0] * degree + [c])
-        return total
-
-    plain, late = statement.split(leaf, fmpq_poly([0]), fmpq_poly([1]))
-    return Quasipolynomial(plain, late, fmpq(0) if statement.delay is None else point[statement.delay])
-
-
-def stable_at(statement: Statement, parameters: Point) -> bool | None:
-    """Whether all roots of a member lie in the open left half plane, as many as the family's degree says, exactly.
-
-    None where, with a delay, a root is on the axis or too near to it to tell.
-    """
-    one, (n, _) = member(statement, parameters), statement.degree
-    if one.delay == 0 or not any(one.late.coeffs()):
-        whole = one.plain + one.late
-        return whole.degree() == n and is_hurwitz(whole)
-    try:
-        return one.plain.degree() == n and unstable_roots(one) == 0
-    except Undecided:
-        return None
-
-
-def unstable_roots(one: Quasipolynomial) -> int:
-    """Number of roots with positive real part of a member whose leading term is not delayed.
-
-    With n the degree, N the number and R a frequency from which the leading term outweighs the rest, the argument of
-    p(jw) grows from 0 to R by pi n / 2 - pi N + e, where e is the argument of p(jR) over its leading term (Mikhailov's
-    criterion with its remainder). Between two frequencies it grows as along the chord, if that is clear of zero.
-
-    Raises:
-        Undecided: where a root is on the axis or too near to it.
-    """
-    plain, late, delay, n = one.plain, one.late, one.delay, one.plain.degree()
-    sizes, delayed = (fmpq_poly([abs(c) for c in part.coeffs()]) for part in (plain, late))
-    reach, others = fmpq(1), sizes + delayed - fmpq_poly([0] * n + [abs(plain[n])])
-    while not others(reach) < abs(plain[n]) * reach**n:
-        reach *= 2
-    # Of the second derivative in w of a part sum c_i (jw)^i exp(-jwT), the sizes |c_i| bound the size.
-    bend = sizes.derivative().derivative() + delayed.derivative().derivative()
-    bend += 2 * delay * delayed.derivative() + delay * delay * delayed
-    parts = even_odd(plain), even_odd(late)
-
-    def value(w: fmpq) -> acb:
-        on_axis, turning = (acb(even(w * w), w * odd(w * w)) for even, odd in parts)
-        return on_axis + turning * unit(arb(w * delay))
-
-    turned = arb(0)
-    stack = [(fmpq(0), reach, value(fmpq(0)), value(reach))]
-    while stack:
-        w1, w2, p1, p2 = stack.pop()
-        stray = arb(bend(w2) * (w2 - w1) ** 2 / 8)
-        dot = p1.conjugate() * p2
-        # The chord's distance from zero is at least the nearer end's times the cosine of half the angle between them.
-        if dot.real > 0 and abs(p1).min(abs(p2)) ** 2 * (1 + dot.real / abs(dot)) > 2 * stray * stray:
-            turned += (dot.imag / dot.real).atan()
-        elif w2 - w1 < reach / 2**60:
-            raise Undecided("a root lies on the imaginary axis, or too near to it to be told")
-        else:
-            middle = (w1 + w2) / 2
-            there = value(middle)
-            stack += [(middle, w2, there, p2), (w1, middle, p1, there)]
-    ahead = value(reach) / (plain[n] * acb(0, reach) ** n)
-    count = arb(fmpq(n, 2)) - (turned - (ahead.imag / ahead.real).atan()) / arb.pi()
-    whole = count.unique_fmpz()
-    if whole is None:
-        raise Undecided("the number of unstable roots is not certain")
-    return int(whole)
-
-
-# Hulls, in floats.
-
 
 _TURN = (1.0, 1j, -1.0, -1j)
 
@@ -171,7 +67,9 @@ def hulls(statement: Statement, where: Pieces) -> list[Hull]:
 
     def one(node: Node) -> Hull:
         if node.kind == "delay":
-            return _arc(statement, node.name, where)
+            return _late(statement, node.name, where)
+        if node.kind == "circle":
+            return _circle(statement, node.name, where)
         if node.name in bound:
             return bound[node.name]
         return _leaf_hull(statement, node.name, where, _points(statement, node.name, where))
@@ -203,17 +101,34 @@ def support(summands: Sequence[Hull], directions: np.ndarray) -> np.ndarray:
 
 def values(statement: Statement, shares: np.ndarray, s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Plain and delayed part of p, each (B, N), of members at shares (B, k) of the ranges, at complex s (B or 1, N)."""
+    none = np.zeros((len(shares), s.shape[1]), dtype=complex)
+    return statement.split(_leaves(statement, shares, s), none, none + 1)
+
+
+def with_unknown(statement: Statement, shares: np.ndarray, w: np.ndarray, unknown: complex) -> np.ndarray:
+    """P (B, N) of members at shares (B, k) of the ranges, at frequencies (B or 1, N), with a number for the unknown."""
+    s = 1j * w
+    leaf, late = _leaves(statement, shares, s), np.exp(-s * delays(statement, shares)[:, None])
+
+    def one(node: Node) -> np.ndarray:
+        if node.kind == "leaf":
+            return leaf(node.name)
+        return late if node.kind == "delay" else np.full_like(late, unknown)
+
+    return statement.body.fold(one, add, mul)
+
+
+def _leaves(statement: Statement, shares: np.ndarray, s: np.ndarray) -> Callable[[str], np.ndarray]:
+    """Leaves (B, N) by name, of members at shares (B, k) of the ranges, at complex s (B or 1, N)."""
     where = pieces(statement, shares, shares, np.zeros((2, len(shares))))
 
-    none = np.zeros((len(shares), s.shape[1]), dtype=complex)
-
     def leaf(name: str) -> np.ndarray:
-        total = none
+        total = np.zeros((len(shares), s.shape[1]), dtype=complex)
         for term in statement.leaves[name]:
             total = total + _size(statement, term, where.low)[:, None] * s**term.degree
         return total
 
-    return statement.split(leaf, none, none + 1)
+    return leaf
 
 
 def delays(statement: Statement, shares: np.ndarray) -> np.ndarray:
@@ -308,55 +223,29 @@ def _points(statement: Statement, name: str, where: Pieces) -> np.ndarray:
     return points[:, :, None, :]
 
 
-def _arc(statement: Statement, name: str, where: Pieces) -> Hull:
-    """The arc exp(-jwT): its ends and the corners of tangents around it."""
-    least, most = (np.full(where.w.shape[1], nearest(end)) for end in statement.inner[name])
-    marks = [(0.0, 1.0)]
-    sweep = np.zeros_like(where.w)
+def _late(statement: Statement, name: str, where: Pieces) -> Hull:
+    """The arc exp(-jwT)."""
     if name in statement.varying:
         column = statement.varying.index(name)
         least, most = where.low[:, column], where.high[:, column]
-        sweep = np.minimum(where.w * (most - least), 2 * np.pi)
-        shrink = np.cos(sweep / (2 * ARC_PARTS))
-        marks += [((i + 0.5) / ARC_PARTS, shrink) for i in range(ARC_PARTS)] + [(1.0, 1.0)]
-    points = np.stack([np.exp(-1j * (where.w * least + share * sweep)) / shrink for share, shrink in marks], axis=-1)
+        points = _arc(where.w * least, np.minimum(where.w * (most - least), 2 * np.pi))
+    else:
+        most = np.full(where.w.shape[1], nearest(statement.inner[name][1]))
+        points = np.exp(-1j * where.w * most)[..., None]
     return Hull(points[:, :, None, :], np.ones_like(most), most, most**2)
 
 
-_PADE = 3
-"""exp(-x) is taken as ((1 - x / 6) / (1 + x / 6))^3 where roots are only looked for."""
+def _circle(statement: Statement, name: str, where: Pieces) -> Hull:
+    """The arc of a circle that the unknown may be on."""
+    column = statement.varying.index(name)
+    centre, radius = map(nearest, statement.circles[name])
+    low, high = (2 * np.pi * np.broadcast_to(end[:, column], where.w.shape) for end in (where.low, where.high))
+    points, none = centre + radius * _arc(low, high - low), np.zeros(where.w.shape[1])
+    return Hull(points[:, :, None, :], none + centre + radius, none, none)
 
 
-def undamping(statement: Statement, shares: np.ndarray) -> np.ndarray:
-    """Largest Re(s) / |s| over the roots of members at shares (B, k) of the ranges, in floats; 1 at a lost degree."""
-    n, _ = statement.degree
-    scale = _frequency(statement, shares.shape[1], n)
-    delay = delays(statement, shares)
-    order = _PADE if delay.any() else 0
-    step = np.maximum(delay, 1e-3 / scale) / (2 * _PADE) if order else np.ones(len(shares))
-    degree = n + order
-    s = scale * np.exp(2j * np.pi * np.arange(degree + 1) / (degree + 1))[None, :]
-    plain, late = values(statement, shares, s)
-    half = s * step[:, None]
-    coefficients = np.fft.fft(plain * (1 + half) ** order + late * (1 - half) ** order, axis=1).real
-    lead = np.abs(coefficients[:, -1]) / (scale * step) ** order
-    lost = lead < 1e-13 * np.abs(coefficients).max(axis=1)
-    coefficients[lost, -1] = 1.0
-    companion = np.zeros((len(shares), degree, degree))
-    companion[:, np.arange(1, degree), np.arange(degree - 1)] = 1.0
-    companion[:, :, -1] = -coefficients[:, :-1] / coefficients[:, -1:]
-    roots = np.linalg.eigvals(companion)
-    damping = roots.real / np.maximum(np.abs(roots), 1e-300)
-    return np.where(lost, 1.0, damping.max(axis=1))
-
-
-@lru_cache(maxsize=16)
-def _frequency(statement: Statement, k: int, n: int) -> float:
-    """Geometric mean of the root's sizes in the middle of the box, to scale the polynomial."""
-    radius = 1.0
-    s = radius * np.exp(2j * np.pi * np.arange(n + 1) / (n + 1))[None, :]
-    plain, late = values(statement, np.full((1, k), 0.5), s)
-    at_rest = abs(np.fft.fft(plain + late, axis=1).real[0, 0])
-    far = 1e6 * s
-    leading = abs(np.mean(sum(values(statement, np.full((1, k), 0.5), far)) / far**n))
-    return float((at_rest / (n + 1) / leading) ** (1 / n)) if at_rest > 0 and leading > 0 else 1.0
+def _arc(start: np.ndarray, sweep: np.ndarray) -> np.ndarray:
+    """The ends (..., V) of arcs exp(-j angle) and the corners of tangents around them."""
+    shrink = np.cos(sweep / (2 * ARC_PARTS))
+    marks = [(0.0, 1.0), *(((i + 0.5) / ARC_PARTS, shrink) for i in range(ARC_PARTS)), (1.0, 1.0)]
+    return np.stack([np.exp(-1j * (start + share * sweep)) / shrunk for share, shrunk in marks], axis=-1)

@@ -22,7 +22,7 @@ from typing import Any, NamedTuple
 
 from flint import acb, arb, fmpq, fmpq_poly
 
-from beamdesign.proofs.rig_family import Interval, Node, Statement, Term
+from beamdesign.proofs.statement import Interval, Node, Statement, Term
 
 PRECISION_BITS = 96
 ARC_PARTS = 6
@@ -131,7 +131,12 @@ class Frame:
         if node.kind == "leaf":
             found = self._leaf(node.name)
         elif node.kind == "delay":
-            found = self._arc(*self.cell.values[node.name])
+            least, most = self.cell.values[node.name]
+            found = arc(arb(self.w * least), arb(self.w * (most - least)))
+        elif node.kind == "circle":
+            low, high = self.cell.values[node.name]
+            centre, radius = map(arb, self.cell.statement.circles[node.name])
+            found = [centre + radius * point for point in arc(_turn() * arb(low), _turn() * arb(high - low))]
         else:
             found = self.points(node.parts[0], control)
             for part in node.parts[1:]:
@@ -139,16 +144,6 @@ class Frame:
                 found = [a + b if node.kind == "sum" else a * b for a in found for b in other]
         self._known[key] = found
         return found
-
-    def _arc(self, least: fmpq, most: fmpq) -> list[acb]:
-        """The ends of the arc exp(-jwT) and the corners of tangents around it."""
-        start, sweep, turn = arb(self.w * least), arb(self.w * (most - least)), 2 * arb.pi()
-        if least == most:
-            return [unit(start)]
-        sweep = sweep if sweep < turn else turn
-        shrink = (sweep / (2 * ARC_PARTS)).cos()
-        corners = [unit(start + sweep * (2 * i + 1) / (2 * ARC_PARTS)) / shrink for i in range(ARC_PARTS)]
-        return [unit(start), *corners, unit(start + sweep)]
 
     def least(self, direction: tuple[int, int]) -> arb:
         """Lower bound of the real part of p times the conjugate of a direction, over the cell."""
@@ -162,6 +157,20 @@ class Frame:
         return reduce(arb.min, (sum((along(node, control) for node in bound), common) for control in self.controls))
 
 
+def arc(start: arb, sweep: arb) -> list[acb]:
+    """The ends of the arc exp(-j angle) over some angles, and the corners of tangents around it."""
+    if sweep == 0:
+        return [unit(start)]
+    sweep = sweep if sweep < _turn() else _turn()
+    shrink = (sweep / (2 * ARC_PARTS)).cos()
+    corners = [unit(start + sweep * (2 * i + 1) / (2 * ARC_PARTS)) / shrink for i in range(ARC_PARTS)]
+    return [unit(start), *corners, unit(start + sweep)]
+
+
+def _turn() -> arb:
+    return 2 * arb.pi()
+
+
 def growth(frames: tuple[Frame, Frame], node: Node) -> tuple[arb, arb, arb]:
     """Bounds of |f|, |df/dw| and |d2f/dw2| of a part of p between two frequencies, over their cell."""
     cell = frames[0].cell
@@ -169,6 +178,8 @@ def growth(frames: tuple[Frame, Frame], node: Node) -> tuple[arb, arb, arb]:
     if node.kind == "delay":
         most = arb(cell.values[node.name][1])
         return arb(1), most, most * most
+    if node.kind == "circle":
+        return arb(sum(statement.circles[node.name])), arb(0), arb(0)
     if node.kind == "product":
         size, slope, bend = arb(1), arb(0), arb(0)
         for part in node.parts:
@@ -224,11 +235,11 @@ _Ranges = tuple[list[Interval], fmpq_poly]
 
 
 def coefficients(cell: Cell) -> _Ranges:
-    """Ranges of the coefficients of p without delay, and of the sizes of those that the delay multiplies."""
+    """Ranges of the coefficients of p without delay and unknowns, and largest sizes of those that these multiply."""
 
     def one(node: Node) -> _Ranges:
-        if node.kind == "delay":
-            return [], fmpq_poly([1])
+        if node.kind != "leaf":
+            return [], fmpq_poly([sum(cell.statement.circles.get(node.name, (1,)), fmpq(0))])
         leaf = cell.statement.leaves[node.name]
         found = [(fmpq(0), fmpq(0))] * (max((term.degree for term in leaf), default=0) + 1)
         for c, degree, powers in leaf:
@@ -248,7 +259,7 @@ def coefficients(cell: Cell) -> _Ranges:
         for (i, x), (j, y) in product(enumerate(a[0]), enumerate(b[0])):
             low, high = _times(x, y)
             total[i + j] = (total[i + j][0] + low, total[i + j][1] + high)
-        return total, _sizes(a[0]) * b[1] + a[1] * _sizes(b[0])
+        return total, _sizes(a[0]) * b[1] + a[1] * _sizes(b[0]) + a[1] * b[1]
 
     return cell.statement.body.fold(one, add, multiply)
 
@@ -283,7 +294,7 @@ class Piece(NamedTuple):
 def pieces(statement: Statement, tree: Sequence[str]) -> Iterator[Piece]:
     """Walk a tree of the marks NAME (cut in a variable), w=VALUE, X,Y (a line), "inf" and "?" of a search."""
     whole = {name: (fmpq(0), fmpq(1)) for name in statement.varying}
-    open_pieces: list[tuple[Cell, fmpq, fmpq | None]] = [(Cell(statement, whole), fmpq(0), None)]
+    open_pieces: list[tuple[Cell, fmpq, fmpq | None]] = [(Cell(statement, whole), fmpq(0), statement.until)]
     for mark in tree:
         cell, w1, w2 = open_pieces.pop()
         if mark in cell.shares:

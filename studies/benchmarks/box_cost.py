@@ -14,10 +14,10 @@ from flint import ctx, fmpq
 
 from beamdesign.controllers import Lag
 from beamdesign.proofs.box import Box
+from beamdesign.proofs.box_member import undamping
 from beamdesign.proofs.branch import Search, control_points
 from beamdesign.proofs.rig_family import PolynomialFamily, rig_family
 from beamdesign.proofs.tolerance_box import largest_scaling, tolerance_box
-from beamdesign.proofs.value_set import undamping
 from beamdesign.proofs.zero_exclusion import PRECISION_BITS, holds, pieces
 from beamdesign.prototype import Actuator, Beam, Payload, Prototype, Sensor, Servovalve, Tolerance
 

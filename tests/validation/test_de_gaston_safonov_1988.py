@@ -11,9 +11,9 @@ from flint import fmpq
 from beamdesign import check
 from beamdesign.polynomial import Affine, crossings, exact
 from beamdesign.proofs.box import box_of
+from beamdesign.proofs.box_member import member
 from beamdesign.proofs.rig_family import PolynomialFamily
 from beamdesign.proofs.tolerance_box import largest_scaling
-from beamdesign.proofs.value_set import member
 
 FAMILY = PolynomialFamily(
     "de Gaston and Safonov",

@@ -1,0 +1,241 @@
+"""Claims of magnitudes over a whole box: peak sensitivity, compliance and effort of every member, at every frequency.
+
+A magnitude |a / p| reaches its limit where p with one more unknown vanishes (see `rig_family.claimed`), whose argument
+is one more variable of the box. Where zero exclusion keeps that polynomial from zero everywhere, the magnitude has its
+limit nowhere, and since box and frequencies are connected it stays below where it is below at one member without
+motion. So nothing is needed for performance that stability does not need.
+"""
+
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, field, replace
+from math import inf, pi
+
+import numpy as np
+from flint import ctx, fmpq, fmpq_poly
+
+from beamdesign.loop import loop
+from beamdesign.polynomial import exact, squared_magnitude
+from beamdesign.proofs.box import Box
+from beamdesign.proofs.box_member import climbed, parameters_at
+from beamdesign.proofs.branch import Search
+from beamdesign.proofs.certificate import Asked
+from beamdesign.proofs.read_once import NotCovered
+from beamdesign.proofs.rig_family import UNKNOWN, PolynomialFamily, rig_family
+from beamdesign.proofs.statement import Node, Statement
+from beamdesign.proofs.value_set import with_unknown
+from beamdesign.proofs.zero_exclusion import PRECISION_BITS, holds, pieces
+from beamdesign.prototype import Prototype
+from beamdesign.rational import nearest, shortened
+
+_LEAST_rad_per_s, _MOST_rad_per_s = 1e-2, 1e5
+_COARSE, _FINE = 240, 4
+_POPULATION, _ROUNDS, _STEPS = 12, 4, 1000
+_TURNS, _SETTLED, _SAMPLES = 8, 1e-4, 4001
+_ABOVE_ONE, _NONE = 1.0001, (fmpq(0), fmpq(0))
+_LOOSER, _NEARER = (1.02, 1.1, 1.5), 1.002
+"""How much looser than the worst member's figure a claim is made, tried in turn; and what is tried after the first."""
+
+
+@dataclass(frozen=True)
+class BoxClaim:
+    """A claim about every member of a box.
+
+    Attributes:
+        asked: the claim.
+        family: the polynomial with the unknown.
+        holds: True if proved of every member, False if one refutes it, None where neither was found.
+        reason: in words, why it is not True; empty where it is.
+        witness: value of every parameter of a member that refutes it.
+        frequency_Hz: where that one does.
+        pieces: number of pieces of frequency, parameters and unknown that were proved to be clear of zero.
+        looked_at: number of pieces the search looked at.
+        tree: marks of the pieces.
+    """
+
+    asked: Asked
+    family: PolynomialFamily = field(repr=False, compare=False)
+    holds: bool | None
+    reason: str
+    witness: Mapping[str, fmpq] | None = None
+    frequency_Hz: float | None = None
+    pieces: int = 0
+    looked_at: int = 0
+    tree: Sequence[str] = field(default=(), repr=False, compare=False)
+
+
+def claim_over_box(
+    prototype: Prototype, box: Box, asked: Asked, budget: int = 20_000, seconds: float = inf
+) -> BoxClaim:
+    """Prove or refute a claim about every member of a box.
+
+    Args:
+        prototype: with a controller of one law.
+        box: ranges of its parameters; the others keep their values.
+        asked: of the kind compliance, peak_sensitivity or controller_effort.
+        budget: most pieces to look at.
+        seconds: most time to spend on the search; what was found until then is proved all the same.
+
+    Raises:
+        ValueError: as `claimed` and `read_once`, or for a box that `PolynomialFamily.over` refuses.
+    """
+    family = _family(prototype, box, asked)
+    statement = family.over(box.ranges)
+    nominal = {**family.values, **box.nominal}
+    at, w = worst_member(statement)
+    with ctx.workprec(PRECISION_BITS):
+        if statement.inner.get("delay", _NONE) == _NONE and not below(statement, at, w * w):
+            reason = f"exceeded by a member at {nearest(w) / (2 * pi):.6g} Hz"
+            return BoxClaim(asked, family, False, reason, at, nearest(w) / (2 * pi))
+        try:
+            search = Search(statement)
+        except ValueError as error:
+            return BoxClaim(asked, family, None, f"not covered: {error}")
+        search.run(budget, seconds)
+        settled = [holds(piece) for piece in pieces(statement, search.tree)]
+    found = BoxClaim(asked, family, True, "", None, None, sum(settled), search.looked_at, search.tree)
+    if not all(settled):
+        reason = f"undecided on {len(settled) - sum(settled)} of {len(settled)} pieces"
+        return replace(found, holds=None, reason=reason)
+    if not below(statement, nominal, fmpq(0)):
+        return replace(found, holds=False, reason="exceeded without motion", witness=nominal, frequency_Hz=0.0)
+    return found
+
+
+def best_over_box(prototype: Prototype, box: Box, budget: int = 4000, seconds: float = inf) -> tuple[BoxClaim, ...]:
+    """The best figures that were proved of every member: of peak sensitivity, bandwidth and what else the goal limits.
+
+    The worst member that a search finds shows what cannot be proved; what is a little looser is tried, ever more so,
+    until it is proved. A claim for which that fails is left out.
+
+    Args:
+        prototype: with a controller of one law; its goal says what compliance the bandwidth is for.
+        box: ranges of its parameters.
+        budget: most pieces to look at in each try.
+        seconds: most time for each try.
+    """
+    goal = prototype.goal
+    asked = [Asked("compliance", goal.compliance_m_per_N), Asked("peak_sensitivity", 2.0)]
+    if goal.controller_effort_A_per_V is not None:
+        asked.append(Asked("controller_effort", goal.controller_effort_A_per_V))
+    claims = []
+    for one in asked:
+        with suppress(NotCovered):
+            best = _least(prototype, box, one) if one.kind != "compliance" else _highest(prototype, box, one)
+            claims += [] if best is None else _proved(prototype, box, best, budget, seconds)
+    return tuple(claims)
+
+
+def _proved(prototype: Prototype, box: Box, best: Asked, budget: int, seconds: float) -> list[BoxClaim]:
+    """One claim, as near to the best as it is proved; none where it is not."""
+    for factor in _LOOSER:
+        claim = claim_over_box(prototype, box, _looser(best, factor), budget, seconds)
+        if claim.holds:
+            nearer = claim_over_box(prototype, box, _looser(best, _NEARER), budget, seconds)
+            return [nearer if factor == _LOOSER[0] and nearer.holds else claim]
+    return []
+
+
+def _family(prototype: Prototype, box: Box, asked: Asked) -> PolynomialFamily:
+    return rig_family(prototype, claim=asked, delayed="delay" in box.ranges)
+
+
+def guaranteed_fields(claims: Sequence[BoxClaim]) -> dict[str, float | None]:
+    """The figures of claims that hold, by their keys in JSON; None where there is none."""
+    found = {claim.asked.kind: claim.asked for claim in claims if claim.holds}
+    return {
+        "bandwidth_Hz": found["compliance"].bandwidth_Hz if "compliance" in found else None,
+        "peak_sensitivity": found["peak_sensitivity"].limit if "peak_sensitivity" in found else None,
+        "controller_effort_A_per_V": found["controller_effort"].limit if "controller_effort" in found else None,
+    }
+
+
+def _looser(best: Asked, factor: float) -> Asked:
+    """A claim that says a little less, with four digits."""
+    if best.kind == "compliance" and best.bandwidth_Hz == inf:
+        return best
+    if best.kind == "compliance":
+        return replace(best, bandwidth_Hz=nearest(shortened(exact(best.bandwidth_Hz / factor), 4)))
+    return replace(best, limit=nearest(shortened(exact(best.limit * factor), 4, up=True)))
+
+
+def _least(prototype: Prototype, box: Box, asked: Asked) -> Asked:
+    """The claim at the magnitude of the worst member that was found."""
+    for _ in range(_TURNS):
+        statement = _family(prototype, box, asked).over(box.ranges)
+        shares, w = _worst(statement)
+        plain, whole = (with_unknown(statement, shares, w, unknown) for unknown in (0.0, 1.0))
+        sizes = np.abs(plain), np.abs(whole if asked.kind == "peak_sensitivity" else whole - plain)
+        found = (sizes[0] / sizes[1] if asked.kind == "peak_sensitivity" else sizes[1] / sizes[0]).item()
+        if not 0 < found < inf or abs(found / asked.limit - 1) < _SETTLED:
+            break
+        asked = replace(asked, limit=max(found, _ABOVE_ONE if asked.kind == "peak_sensitivity" else 0.0))
+    return asked
+
+
+def _highest(prototype: Prototype, box: Box, asked: Asked) -> Asked | None:
+    """The claim up to the bandwidth of the worst member that was found; None where that has none."""
+    limit = asked.limit
+    highest = loop(prototype).at(nearest(box.ranges.get("outer_end_mass", _NONE)[0])).bandwidth_Hz(limit)
+    for _ in range(_TURNS if 0 < highest < inf else 0):
+        statement = _family(prototype, box, Asked("compliance", limit, highest)).over(box.ranges)
+        shares, _ = _worst(statement)
+        w = np.linspace(0.0, 2 * pi * highest, _SAMPLES)[None]
+        over = np.flatnonzero(_ratios(statement, shares, w)[0] > 1)
+        if not len(over):
+            break
+        highest = float(w[0, max(over[0] - 1, 0)]) / (2 * pi)
+    return replace(asked, bandwidth_Hz=highest) if highest > 0 else None
+
+
+def below(statement: Statement, point: Mapping[str, fmpq], square: fmpq) -> bool:
+    """Whether a member without delay keeps its limit at a squared frequency, (rad/s)^2, exactly.
+
+    With p = a + u b it does where u = -a / b lies outside of the unknown's circle.
+    """
+    ranges = statement.merged({name: (value, value) for name, value in point.items()})
+    values = {name: low for name, (low, _) in ranges.items()}
+    centre, radius = statement.circles[UNKNOWN]
+
+    def with_number(unknown: fmpq) -> fmpq_poly:
+        def one(node: Node) -> fmpq_poly:
+            if node.kind == "leaf":
+                return statement.leaf_at(node.name, values)
+            return fmpq_poly([unknown if node.kind == "circle" else 1])
+
+        return statement.body.fold(one, lambda a, b: a + b, lambda a, b: a * b)
+
+    moved = with_number(fmpq(1)) - with_number(fmpq(0))
+    return bool(squared_magnitude(with_number(centre))(square) > radius**2 * squared_magnitude(moved)(square))
+
+
+def worst_member(statement: Statement) -> tuple[dict[str, fmpq], fmpq]:
+    """The member with the largest magnitude that was found, and at which frequency, rad/s: a search, not a proof."""
+    shares, w = _worst(statement)
+    at = [fmpq(round(float(share) * _STEPS), _STEPS) for share in shares[0]]
+    return parameters_at(statement, at), shortened(exact(float(w[0, 0])), 9)
+
+
+def _worst(statement: Statement) -> tuple[np.ndarray, np.ndarray]:
+    """Shares (1, k) of that member and its frequency (1, 1), rad/s."""
+    most = _MOST_rad_per_s if statement.until is None else nearest(statement.until)
+    grid = np.geomspace(_LEAST_rad_per_s, most, _COARSE)[None]
+
+    def score(shares: np.ndarray) -> np.ndarray:
+        return _ratios(statement, shares, grid).max(axis=1)
+
+    best = climbed(score, len(statement.varying), (), _POPULATION, _ROUNDS)[:1]
+    w, spread = grid, grid[0, 1] / grid[0, 0]
+    for _ in range(_FINE):
+        middle = w[0, _ratios(statement, best, w).argmax()]
+        w = np.minimum(middle * np.geomspace(1 / spread, spread, 41), most)[None]
+        spread **= 0.1
+    return best, w[:, [int(_ratios(statement, best, w).argmax())]]
+
+
+def _ratios(statement: Statement, shares: np.ndarray, w: np.ndarray) -> np.ndarray:
+    """Magnitudes (B, N) over their limit, or what is above 1 where they are, of members at frequencies (B or 1, N)."""
+    centre, radius = map(nearest, statement.circles[UNKNOWN])
+    plain = with_unknown(statement, shares, w, 0.0)
+    slope = with_unknown(statement, shares, w, 1.0) - plain
+    return np.asarray(radius * np.abs(slope) / np.abs(plain + centre * slope))

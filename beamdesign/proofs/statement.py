@@ -1,0 +1,262 @@
+"""A characteristic polynomial over a box of parameters, as a certificate states it: expression, ranges, degrees."""
+
+import ast
+from collections import Counter
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from functools import reduce
+from operator import add, itemgetter, mul, or_, sub, truediv
+from typing import Any, NamedTuple, TypeVar
+
+from flint import Ordering, fmpq, fmpq_mpoly_ctx, fmpq_poly
+
+from beamdesign.polynomial import Quotient
+
+T = TypeVar("T")
+Interval = tuple[fmpq, fmpq]
+Point = Mapping[str, fmpq]
+
+
+class Term(NamedTuple):
+    """coefficient * s^degree * product of variable^power."""
+
+    coefficient: fmpq
+    degree: int
+    powers: Mapping[str, int]
+
+
+class Circle(NamedTuple):
+    """A circle in the complex plane, its centre on the real axis at zero or above."""
+
+    centre: fmpq
+    radius: fmpq
+
+
+class Node(NamedTuple):
+    """Part of p: a "leaf", "delay" or "circle" by its name, or the "sum" or "product" of other parts.
+
+    `bound` says whether it depends on a leaf that is enumerated.
+    """
+
+    kind: str
+    name: str
+    parts: tuple["Node", ...]
+    bound: bool
+
+    def fold(self, one: Callable[["Node"], T], add: Callable[[T, T], T], multiply: Callable[[T, T], T]) -> T:
+        """What it comes to where `one` says what each leaf and delay is."""
+        if not self.parts:
+            return one(self)
+        return reduce(add if self.kind == "sum" else multiply, (part.fold(one, add, multiply) for part in self.parts))
+
+
+def polynomial(written: str) -> tuple[Term, ...]:
+    """Expand a polynomial in s and in parameters or their reciprocals: + - * / ** of names and whole numbers."""
+    tree = _parsed(written)
+    names = sorted({"s"} | {node.id for node in ast.walk(tree) if isinstance(node, ast.Name)})
+    context = fmpq_mpoly_ctx.get(names, Ordering.lex)
+    whole = _expanded(tree, context)
+    ((below, unit),) = whole.denominator.to_dict().items()
+    terms = []
+    for above, c in whole.numerator.to_dict().items():
+        powers = {name: int(a - b) for name, a, b in zip(names, above, below, strict=True) if a != b}
+        terms.append((sorted(powers.items()), Term(c / unit, powers.pop("s", 0), powers)))
+    return tuple(term for _, term in sorted(terms, key=itemgetter(0)))
+
+
+def _parsed(written: str) -> ast.expr:
+    try:
+        return ast.parse(written.strip(), mode="eval").body
+    except (SyntaxError, ValueError) as error:
+        raise ValueError(f"not an expression: {written!r}") from error
+
+
+def _expanded(node: ast.expr, context: fmpq_mpoly_ctx) -> Quotient:
+    """A polynomial over a single term without s."""
+    match node:
+        case ast.Constant(value=int(value)):
+            return Quotient(context.constant(value), context.constant(1))
+        case ast.Name(id=name):
+            return Quotient(context.gen(context.variable_to_index(name)), context.constant(1))
+        case ast.UnaryOp(op=ast.USub(), operand=inner):
+            return -_expanded(inner, context)
+        case ast.BinOp(left=left, op=ast.Pow(), right=ast.Constant(value=int(power))) if 0 <= power <= 99:
+            base = _expanded(left, context)
+            return Quotient(base.numerator**power, base.denominator**power)
+        case ast.BinOp(left=left, op=ast.Add() | ast.Sub() | ast.Mult() | ast.Div() as operation, right=right):
+            a, b = _expanded(left, context), _expanded(right, context)
+            if isinstance(operation, ast.Div) and (len(b.numerator) != 1 or b.numerator.derivative("s") != 0):
+                raise ValueError("only a single term without s can be divided by")
+            return _OPERATORS[type(operation)](a, b)
+    raise ValueError(f"not a polynomial: {ast.unparse(node)}")
+
+
+_OPERATORS: dict[type[ast.operator], Callable[[Quotient, Quotient], Quotient]] = {
+    ast.Add: add, ast.Sub: sub, ast.Mult: mul, ast.Div: truediv,
+}  # fmt: skip
+
+
+def _structure(
+    node: ast.expr, leaves: Iterable[str], delays: Mapping[str, str], bound: Iterable[str], circles: Iterable[str]
+) -> Node:
+    match node:
+        case ast.Name(id=name) if name in circles:
+            return Node("circle", name, (), False)
+        case ast.Name(id=name) if name in leaves:
+            return Node("leaf", name, (), name in bound)
+        case ast.Name(id=name) if name in delays:
+            return Node("delay", delays[name], (), False)
+        case ast.BinOp(left=left, op=ast.Add() | ast.Mult() as operation, right=right):
+            kind = "sum" if isinstance(operation, ast.Add) else "product"
+            parts = [_structure(side, leaves, delays, bound, circles) for side in (left, right)]
+            flat = [p for part in parts for p in (part.parts if part.kind == kind else (part,))]
+            return Node(kind, "", tuple(flat), any(part.bound for part in flat))
+    raise ValueError(f"not a sum or product of leaves: {ast.unparse(node)}")
+
+
+class Statement:
+    """What a certificate is about: p, and the ranges of its variables.
+
+    Attributes:
+        leaves: expanded polynomials by name; "s" is one of them.
+        bound: names of leaves that are enumerated over their control points, those in one pack on a common grid.
+        body: p over leaves and delays.
+        parameters: range of each parameter.
+        ranges: range of each variable; a group of parameters is one variable.
+        inner: ranges as they enter, reciprocals where the powers are negative.
+        delay: the variable that is the delay in s; None where there is none.
+        circles: unknowns that are anywhere on a circle, by name; each is a variable as a share of a turn.
+        until: frequency up to which p is looked at, rad/s; None for all.
+        varying: names of variables that are not fixed.
+        degree: highest power of s without delay and unknowns, and with them (-1 for none).
+    """
+
+    def __init__(
+        self,
+        p: str,
+        parameters: Mapping[str, Interval],
+        leaves: Mapping[str, str] | None = None,
+        bound: Sequence[Sequence[str]] = (),
+        delays: Mapping[str, str] | None = None,
+        groups: Sequence[tuple[str, str, Sequence[str]]] = (),
+        circles: Mapping[str, Circle] | None = None,
+        until: fmpq | None = None,
+    ):
+        if not leaves:
+            leaves, p = {"p": p}, "p"
+        self.leaves = {"s": polynomial("s")} | {name: polynomial(leaf) for name, leaf in leaves.items()}
+        self.bound, self.groups = [tuple(pack) for pack in bound], list(groups)
+        enumerated = {name for pack in self.bound for name in pack}
+        self.circles, self.until = dict(circles or {}), until
+        self.body = _structure(_parsed(p), self.leaves, delays or {}, enumerated, self.circles)
+        if len(delays or {}) > 1:
+            raise ValueError("there may be one delay")
+        self.delay = next(iter((delays or {}).values()), None)
+        self.parameters = dict(parameters)
+        self.ranges = self.merged(self.parameters) | dict.fromkeys(self.circles, (fmpq(0), fmpq(1)))
+        terms = [term for leaf in self.leaves.values() for term in leaf]
+        signs = {(name, power > 0) for term in terms for name, power in term.powers.items()}
+        signs |= {(self.delay, True)} if self.delay is not None else set()
+        if unknown := sorted({name for name, _ in signs} - set(self.ranges)):
+            raise ValueError(f"no range for {', '.join(unknown)}")
+        self.reciprocal = {name for name, positive in signs if not positive}
+        for name in self.reciprocal:
+            if (name, True) in signs or not self.ranges[name][0] > 0:
+                raise ValueError(f"{name} enters by its reciprocal: it must be positive and enter in no other way")
+        if self.delay is not None and self.ranges[self.delay][0] < 0:
+            raise ValueError("a delay is negative")
+        self.inner = {n: (1 / b, 1 / a) if n in self.reciprocal else (a, b) for n, (a, b) in self.ranges.items()}
+        self.varying = tuple(name for name, (low, high) in self.ranges.items() if low < high)
+        self.components = {name: self._components(leaf) for name, leaf in self.leaves.items()}
+        self.degree = self._degree()
+        if self.degree[1] >= self.degree[0] + bool(
+            self.circles and (self.delay is None or self.ranges[self.delay] == _NONE)
+        ):
+            raise ValueError("the highest power of s is delayed: loops of neutral type are not covered")
+        self._check_affine()
+
+    def merged(self, parameters: Mapping[str, Interval]) -> dict[str, Interval]:
+        """Ranges of the variables from those of the parameters: exact for sums, and for products of nonnegatives."""
+        ranges = dict(parameters)
+        if empty := [name for name, (low, high) in ranges.items() if low > high]:
+            raise ValueError(f"empty range of {', '.join(empty)}")
+        for name, kind, members in self.groups:
+            if kind not in ("sum", "product") or name in ranges or set(members) - set(ranges):
+                raise ValueError(f"not a group: {name}")
+            low, high = ranges.pop(members[0])
+            for member in members[1:]:
+                a, b = ranges.pop(member)
+                if kind == "product" and min(a, low) < 0:
+                    raise ValueError(f"{name}: a factor may be negative")
+                low, high = (low + a, high + b) if kind == "sum" else (low * a, high * b)
+            ranges[name] = (low, high)
+        return ranges
+
+    def _components(self, leaf: Sequence[Term]) -> list[tuple[int, dict[str, int], list[Term]]]:
+        """Terms gathered by common varying variables: (axis, degree of each, terms); axis 2 is neither 0 nor 1."""
+        gathered: list[tuple[set[str], list[Term]]] = []
+        for term in leaf:
+            names = set(term.powers) & set(self.varying)
+            joined = [item for item in gathered if item[0] & names]
+            gathered = [item for item in gathered if not item[0] & names]
+            gathered.append((names.union(*(n for n, _ in joined)), [t for _, ts in joined for t in ts] + [term]))
+        found = []
+        for names, terms in gathered:
+            parities = {term.degree % 2 for term in terms}
+            degrees = {name: max(abs(t.powers.get(name, 0)) for t in terms) for name in sorted(names)}
+            found.append((parities.pop() if len(parities) == 1 else 2, degrees, terms))
+        return found
+
+    def pack_degrees(self, pack: Sequence[str]) -> dict[str, int]:
+        """The common grid of leaves that are bound together: degree in each varying variable."""
+        degrees: dict[str, int] = {}
+        for name in pack:
+            for _, own, _ in self.components[name]:
+                degrees = {n: max(own.get(n, 0), degrees.get(n, 0)) for n in sorted(own | degrees)}
+        return degrees
+
+    def leaf_at(self, name: str, point: Point) -> fmpq_poly:
+        """A leaf at one value of every variable."""
+        total = fmpq_poly([0])
+        for c, degree, powers in self.leaves[name]:
+            for variable, power in powers.items():
+                c = c * point[variable] ** power
+            total += fmpq_poly([0] * degree + [c])
+        return total
+
+    @property
+    def summands(self) -> tuple[Node, ...]:
+        """P as a sum, of one part at least."""
+        return self.body.parts if self.body.kind == "sum" else (self.body,)
+
+    def split(self, leaf: Callable[[str], T], none: T, unit: T) -> tuple[T, T]:
+        """P without delay and unknowns, and what these multiply, from what each leaf is."""
+
+        def add(a: tuple[Any, Any], b: tuple[Any, Any]) -> tuple[Any, Any]:
+            return a[0] + b[0], a[1] + b[1]
+
+        def multiply(a: tuple[Any, Any], b: tuple[Any, Any]) -> tuple[Any, Any]:
+            return a[0] * b[0], a[0] * b[1] + a[1] * b[0] + a[1] * b[1]
+
+        return self.body.fold(lambda one: (leaf(one.name), none) if one.kind == "leaf" else (none, unit), add, multiply)
+
+    def _check_affine(self) -> None:
+        """Neither a pack of bound leaves nor the delay nor an unknown may have a degree above one."""
+
+        def own(node: Node) -> Counter[tuple[str, ...]]:
+            alone = [(node.name,)] if node.kind != "leaf" else []
+            return Counter([*alone, *(pack for pack in self.bound if node.kind == "leaf" and node.name in pack)])
+
+        if any(degree > 1 for degree in self.body.fold(own, or_, add).values()):
+            raise ValueError("p is not affine in what is bound, or delays multiply each other")
+
+    def _degree(self) -> tuple[int, int]:
+        """With every coefficient one, so that none cancels another."""
+
+        def leaf(name: str) -> fmpq_poly:
+            return sum((fmpq_poly([0] * term.degree + [1]) for term in self.leaves[name]), fmpq_poly([]))
+
+        plain, late = self.split(leaf, fmpq_poly([]), fmpq_poly([1]))
+        return plain.degree(), late.degree()
+
+
+_NONE = (fmpq(0), fmpq(0))

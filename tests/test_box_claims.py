@@ -1,0 +1,147 @@
+"""Performance over a box of tolerances: against members in python-control, another prover, and a closed form."""
+
+import tomllib
+from math import pi
+from pathlib import Path
+
+import numpy as np
+import pytest
+from flint import fmpq
+from forging import resealed
+
+from beamdesign.checker import check
+from beamdesign.control_models import state_space
+from beamdesign.plant.changed_figures import CHANGEABLE, with_figures
+from beamdesign.polynomial import exact
+from beamdesign.proofs.box import box_of, certify_box
+from beamdesign.proofs.box_claims import best_over_box, claim_over_box, guaranteed_fields
+from beamdesign.proofs.certificate import Asked
+from beamdesign.proofs.certifying import certify
+from beamdesign.proofs.rig_family import rig_values
+from beamdesign.proofs.tolerance_box import tolerance_box
+from beamdesign.prototype import Prototype, read_prototype
+from beamdesign.rational import nearest
+from beamdesign.rational import text as text_of
+
+TAME = Path(__file__).parents[1] / "studies" / "prototypes" / "tame_lag.toml"
+MASSES = (0.0, 6.8)
+SEEN_Hz = np.geomspace(0.2, 1000.0, 400)
+
+
+@pytest.fixture(scope="module")
+def rig() -> Prototype:
+    """The published rig with a tame lag."""
+    return read_prototype(TAME).but(guarantee=None)
+
+
+@pytest.fixture(scope="module")
+def proved(rig: Prototype):
+    """All figures two standard deviations off, with every payload: the box and what is claimed of it."""
+    box = tolerance_box(rig, 2.0, None, MASSES)
+    return box, {claim.asked.kind: claim for claim in best_over_box(rig, box)}
+
+
+def magnitudes(rig: Prototype, mass: float, at_Hz: np.ndarray) -> dict[str, np.ndarray]:
+    """|S|, |x/F| and |C S| of one rig by python-control, from its state space and its law."""
+    plant, s = state_space(rig, mass, "plant"), 2j * pi * at_Hz
+    response = np.array([plant(one) for one in s])
+    lag = rig.controller
+    law = lag.gain_A_per_V * (1 + s / (2 * pi * lag.zero_Hz)) / (1 + s / (2 * pi * lag.pole_Hz))
+    sensitivity = 1 / (1 + law * response[:, 1, 1])
+    compliance = response[:, 0, 0] - response[:, 0, 1] * law * sensitivity * response[:, 1, 0]
+    return {
+        "peak_sensitivity": np.abs(sensitivity),
+        "compliance": np.abs(compliance),
+        "controller_effort": np.abs(law * sensitivity),
+    }
+
+
+def member(rig: Prototype, box, shares) -> tuple[Prototype, float]:
+    """The rig at shares of the box's ranges, and its end mass."""
+    values = {n: nearest(low + (high - low) * fmpq(*float(q).as_integer_ratio()))
+              for (n, (low, high)), q in zip(box.ranges.items(), shares, strict=True)}  # fmt: skip
+    own = {name: nearest(value) for name, value in rig_values(rig).items()}
+    factors = {name: value / own[name] for name, value in values.items() if name in CHANGEABLE}
+    return with_figures(rig, factors), values["outer_end_mass"]
+
+
+def test_no_drawn_member_exceeds_what_is_proved(rig: Prototype, proved):
+    box, claims = proved
+    assert set(claims) == {"compliance", "peak_sensitivity"}
+    generator = np.random.default_rng(1984)
+    for k in range(40):
+        shares = generator.integers(0, 2, len(box.ranges)) if k % 2 else generator.random(len(box.ranges))
+        seen = magnitudes(*member(rig, box, shares), SEEN_Hz)
+        for kind, claim in claims.items():
+            within = SEEN_Hz <= (claim.asked.bandwidth_Hz if kind == "compliance" else np.inf)
+            assert seen[kind][within].max() < claim.asked.limit
+
+
+def test_what_is_proved_is_hardly_more_than_the_worst_member_has(rig: Prototype, proved):
+    """A limit that is 1 % tighter is refuted by a member that exceeds it in python-control as well."""
+    box, claims = proved
+    assert all(claim.holds for claim in claims.values())
+    for kind, claim in claims.items():
+        asked = claim.asked
+        tighter = (
+            Asked(kind, asked.limit, 1.01 * asked.bandwidth_Hz)
+            if kind == "compliance"
+            else Asked(kind, asked.limit / 1.01)
+        )
+        refuted = claim_over_box(rig, box, tighter)
+        assert refuted.holds is False
+        own = {name: nearest(value) for name, value in rig_values(rig).items()}
+        factors = {n: nearest(v) / own[n] for n, v in refuted.witness.items() if n in CHANGEABLE and own.get(n)}
+        worst, mass = with_figures(rig, factors), nearest(refuted.witness["outer_end_mass"])
+        assert magnitudes(worst, mass, np.array([refuted.frequency_Hz]))[kind][0] > tighter.limit * (1 - 1e-6)
+
+
+def test_a_box_without_width_has_what_the_other_prover_finds(rig: Prototype):
+    """Of every payload and exact figures, isolated real roots decide the same; they share nothing but the plant."""
+    limited = rig.but(goal=rig.goal.but(controller_effort_A_per_V=1.0))
+    box = tolerance_box(limited, 0.0, None, MASSES)
+    found, exactly = guaranteed_fields(best_over_box(limited, box)), certify(limited, *MASSES).guaranteed
+    for kind in ("bandwidth_Hz", "peak_sensitivity", "controller_effort_A_per_V"):
+        assert found[kind] == pytest.approx(getattr(exactly, kind), rel=4e-3)
+    assert found["bandwidth_Hz"] <= exactly.bandwidth_Hz
+    assert found["peak_sensitivity"] >= exactly.peak_sensitivity * (1 - 1e-4)
+
+
+def test_a_delay_counts(rig: Prototype):
+    """With any delay up to 0.2 ms the proved peak is above that without, and no delayed loop exceeds it."""
+    box = tolerance_box(rig, 0.0, None, (0.0, 0.0), delay_s=(0.0, 2e-4))
+    (claim,) = [claim for claim in best_over_box(rig, box) if claim.asked.kind == "peak_sensitivity"]
+    plant, s = state_space(rig, 0.0, "plant"), 2j * pi * SEEN_Hz
+    lag = rig.controller
+    law = lag.gain_A_per_V * (1 + s / (2 * pi * lag.zero_Hz)) / (1 + s / (2 * pi * lag.pole_Hz))
+    loop = law * np.array([plant(one)[1, 1] for one in s])
+    peaks = [np.abs(1 / (1 + loop * np.exp(-s * delay))).max() for delay in np.linspace(0, 2e-4, 9)]
+    assert max(peaks) < claim.asked.limit < 1.05 * max(peaks)
+    assert max(peaks) > peaks[0]
+
+
+def test_the_checker_proves_claims_again_and_no_tighter_ones(rig: Prototype, proved):
+    box, claims = proved
+    text = certify_box(rig, box, volumes=False).write(tuple(claims.values()))
+    assert check(text).valid
+    assert len([line for line in check(text).proved if "for every member of the box" in line]) == 1 + len(claims)
+    for k, claim in enumerate(claims.values()):
+        for key, value in (("limit", 0.99 * claim.asked.limit), ("bandwidth_Hz", 1.02 * claim.asked.bandwidth_Hz)):
+            forged = tomllib.loads(text)
+            if key in forged["claim"][k]:
+                forged["claim"][k][key] = text_of(exact(value))
+                assert not check(resealed(forged)).valid, (claim.asked.kind, key)
+
+
+def test_of_an_unstable_box_nothing_is_claimed(rig: Prototype):
+    box = tolerance_box(rig, 4.0, None, MASSES)
+    assert certify_box(rig, box, volumes=False).stable is False
+    assert not any(claim.holds for claim in [claim_over_box(rig, box, Asked("peak_sensitivity", 2.0))])
+
+
+def test_a_claim_of_another_kind_is_refused(rig: Prototype):
+    box = box_of({"flow_gain": (0.011, 0.0116)}, {"flow_gain": 0.0113})
+    with pytest.raises(ValueError, match="decay_rate"):
+        claim_over_box(rig, box, Asked("decay_rate", 1.0))
+    with pytest.raises(ValueError, match="peak_sensitivity"):
+        claim_over_box(rig, box, Asked("peak_sensitivity", 1.0))
