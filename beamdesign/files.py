@@ -344,10 +344,10 @@ def not_toml(raw: bytes, error: tomllib.TOMLDecodeError | UnicodeDecodeError) ->
     at = re.search(r"at line (\d+)", str(error))
     number = int(at[1]) if at else len(lines)
     shown = lines[number - 1].strip() if 0 < number <= len(lines) else ""
-    told = f"not valid TOML: {error}"
+    fault = f"not valid TOML: {error}"
     if not shown:
-        return told
-    return f"{told}; the line is: {shown[:80]}{_lack(shown)}"
+        return fault
+    return f"{fault}; the line is: {shown[:80]}{_lack(shown)}"
 
 
 def _lack(line: str) -> str:
@@ -377,8 +377,8 @@ def wrong_kind(table: Mapping[str, Any], record: str, source: str) -> str:
     if found in ("", wanted):
         return ""
     remedy = _INSTEAD.get((wanted, found))
-    told = f"is a {found}, where a {wanted} is expected"
-    return told + (f"; {remedy.format(source=source)}" if remedy else "")
+    fault = f"is a {found}, where a {wanted} is expected"
+    return fault + (f"; {remedy.format(source=source)}" if remedy else "")
 
 
 def kind_of(table: Mapping[str, Any]) -> str:

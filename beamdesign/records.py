@@ -305,8 +305,8 @@ def parse(record: type[R], table: dict[str, Any], source: str | Path) -> R:
     try:
         return record.model_validate(_as_tuples(table))
     except ValidationError as error:
-        if told := files.wrong_kind(table, record.__name__, str(source)):
-            raise InputError(source, [Problem("(whole file)", told)]) from error
+        if fault := files.wrong_kind(table, record.__name__, str(source)):
+            raise InputError(source, [Problem("(whole file)", fault)]) from error
         raise InputError(source, _problems(error, record)) from error
 
 

@@ -15,11 +15,11 @@ class SampledLaw:
 
     Attributes:
         matrix: (n + 1, n + k), A and B above C and D.
-        heard: what each of the k readings is: `ERROR`, `COMMAND` or a place among the rig's outputs.
+        sensed: what each of the k readings is: `ERROR`, `COMMAND` or a place among the rig's outputs.
     """
 
     matrix: np.ndarray
-    heard: tuple[int, ...]
+    sensed: tuple[int, ...]
 
     @property
     def order(self) -> int:
@@ -34,7 +34,7 @@ class SampledLaw:
     def readings(self, outputs: np.ndarray) -> np.ndarray:
         """(k,) what it hears of a row of the rig's outputs, without command."""
         known = {ERROR: -outputs[OUTPUTS.index("measured_V")], COMMAND: 0.0}
-        return np.array([known[place] if place < 0 else outputs[place] for place in self.heard])
+        return np.array([known[place] if place < 0 else outputs[place] for place in self.sensed])
 
     def at_rest(self, readings: np.ndarray) -> np.ndarray:
         """State (n,) under constant readings."""
@@ -60,7 +60,7 @@ class SampledLaw:
             state: (n,) at the first sample.
             current: before the record, A.
         """
-        head = [period_steps, delay_periods, least_volt, current, self.order, len(self.heard), *self.heard]
+        head = [period_steps, delay_periods, least_volt, current, self.order, len(self.sensed), *self.sensed]
         return np.concatenate([head, self.matrix.ravel(), state])
 
 
@@ -74,5 +74,5 @@ def sampled_law(controller: Controller, period_s: float) -> SampledLaw:
 
     law = difference_equation(controller, 1 / period_s).linear
     places = {SENSED[0]: ERROR, "command_V": COMMAND}
-    heard = tuple(places[name] if name in places else OUTPUTS.index(name) for name in law.heard)
-    return SampledLaw(np.block([[floats(law.a), floats(law.b)], [floats(law.c), floats(law.d)]]), heard)
+    sensed = tuple(places[name] if name in places else OUTPUTS.index(name) for name in law.sensed)
+    return SampledLaw(np.block([[floats(law.a), floats(law.b)], [floats(law.c), floats(law.d)]]), sensed)

@@ -77,14 +77,14 @@ def run_closed(
 
     def readings(outputs: np.ndarray) -> list[float]:
         """What the law hears of a row of outputs, without command."""
-        heard = []
+        sensed = []
         for channel in channels:
-            name = "measured_V" if channel.name == "error" else channel.heard
+            name = "measured_V" if channel.name == "error" else channel.sensed
             value = float(outputs[OUTPUTS.index(name)]) if name in OUTPUTS else 0.0
-            heard.append(-value if channel.name == "error" else value)
-        return heard
+            sensed.append(-value if channel.name == "error" else value)
+        return sensed
 
-    heard = readings(np.asarray(continuous.function(0.0, rest, still, parameters)[1]).ravel())
+    sensed = readings(np.asarray(continuous.function(0.0, rest, still, parameters)[1]).ravel())
     x = np.array([rest[continuous.states.index(name)] for name in assembly.states], dtype=float)
 
     count, period = len(force_N), 1 / realisation.rate_Hz
@@ -98,12 +98,12 @@ def run_closed(
     def given(values: list[float]) -> list[float]:
         return [to_word(realisation, value, k) for k, value in enumerate(values)] if fixed else values
 
-    machine.reset(*given(heard))
-    held = sum(channel.gain * value for channel, value in zip(channels, heard, strict=True))
+    machine.reset(*given(sensed))
+    held = sum(channel.gain * value for channel, value in zip(channels, sensed, strict=True))
     found = np.zeros((3, count))
     for k in range(count):
-        current = float(machine.step(*given(heard))) * unit
-        found[1:, k] = heard[0], current
+        current = float(machine.step(*given(sensed))) * unit
+        found[1:, k] = sensed[0], current
         out = held if delayed else current
         held = current
         last = k + 1 == count
@@ -118,5 +118,5 @@ def run_closed(
         if kept < 2:
             raise ValueError(f"the rig left the numbers at {times[0]:.4g} s")
         found[0, k] = y[0, OUTPUTS.index("outer_displacement_m")]
-        heard = readings(y[1])
+        sensed = readings(y[1])
     return ClosedRecord(np.arange(count) * period, *found)

@@ -22,9 +22,9 @@ from beamdesign.diagnosis.redesign import Redesign, redesign
 from beamdesign.loop import loop
 from beamdesign.validation.blind.case_plan import Planned, displacements_digest, draw, sealed, write_seal
 from beamdesign.validation.truth import Case, Departure, noise_free
-from beamdesign.validation.truth.believed import rig_figures
 from beamdesign.validation.truth.case import Noise
 from beamdesign.validation.truth.effects import Scales
+from beamdesign.validation.truth.nominal import rig_figures
 
 LAG = {"kind": "lag", "gain_A_per_V": 0.06, "pole_Hz": 1.75, "zero_Hz": 26.0}
 PLANNED = Planned(3, "single", ("transport_delay",), 11)

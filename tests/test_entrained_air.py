@@ -24,7 +24,7 @@ from beamdesign.proofs.certifying import certify
 from beamdesign.proofs.rig_family import rig_family
 from beamdesign.prototype import Prototype
 from beamdesign.structure.lumped import figures
-from beamdesign.validation.truth.believed import assembled, rig_figures
+from beamdesign.validation.truth.nominal import assembled, rig_figures
 from beamdesign.validation.truth.rates import INNER, PRESSURE_A, PRESSURE_B, TIP, rates_at
 
 NAME = "entrained_air_with_stroke"

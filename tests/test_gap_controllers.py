@@ -21,7 +21,7 @@ from beamdesign.diagnosis import separability
 from beamdesign.diagnosis.data.dataset import Dataset, TimeRecord, read_dataset
 from beamdesign.diagnosis.diagnose import diagnose
 from beamdesign.diagnosis.diagnosis import Diagnosis
-from beamdesign.diagnosis.examination.nominal import CHANNELS, controller_fit, demanded, nominal_loop
+from beamdesign.diagnosis.examination.nominal import CHANNELS, controller_fit, commanded_current, nominal_loop
 from beamdesign.diagnosis.experiment import menu
 from beamdesign.diagnosis.fitting import search as searching
 from beamdesign.diagnosis.fitting.evidence import record_evidence
@@ -198,7 +198,7 @@ def test_the_controllers_equation_is_that_of_scipy(law: Controller) -> None:
     )
     for one in (record, cut):
         size = np.abs(one.measured["current_A"]).max()
-        assert demanded(one, law, 1180.0) == pytest.approx(one.measured["current_A"], abs=1e-3 * size)
+        assert commanded_current(one, law, 1180.0) == pytest.approx(one.measured["current_A"], abs=1e-3 * size)
 
 
 def test_an_equation_is_not_held_against_what_was_not_recorded() -> None:

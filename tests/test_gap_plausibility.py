@@ -15,7 +15,7 @@ from scipy.signal import lfilter
 
 from beamdesign.controllers import Lag
 from beamdesign.diagnosis.data.dataset import read_dataset
-from beamdesign.diagnosis.examination.nominal import _knee, controller_fit, demanded, nominal_loop
+from beamdesign.diagnosis.examination.nominal import _knee, controller_fit, commanded_current, nominal_loop
 from beamdesign.diagnosis.examination.plausibility import examine
 from beamdesign.prototype import Prototype, Tolerance
 from beamdesign.records import InputError
@@ -396,7 +396,7 @@ def test_the_controller_equation_agrees_with_an_independent_filter():
     times = fine[::10]
     measured = {"displacement_m": 0 * times, "current_A": reference}
     record = TimeRecord("x", times, np.column_stack([0 * times, volts[::10]]), measured, 0.0, 0.0, law)
-    assert demanded(record, law, 1180.0) == pytest.approx(reference, abs=2e-4 * np.abs(reference).max())
+    assert commanded_current(record, law, 1180.0) == pytest.approx(reference, abs=2e-4 * np.abs(reference).max())
 
 
 def test_a_delayed_and_weakened_current_is_measured(sound: Recorded, tmp_path: Path):

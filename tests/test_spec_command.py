@@ -15,7 +15,7 @@ from ezdxf import recover
 from typer.testing import CliRunner
 
 from beamdesign.build import analogue, tolerances
-from beamdesign.build.acceptance import COLUMNS, acceptance_plan, believed, write_data_folder
+from beamdesign.build.acceptance import COLUMNS, acceptance_plan, as_specified, write_data_folder
 from beamdesign.build.drawing import LAYERS, drawing, dxf_text, missing_geometry, svg_text
 from beamdesign.checker import check
 from beamdesign.cli import app
@@ -284,8 +284,8 @@ def test_the_folder_filled_in_is_diagnosed(folder: Path, tmp_path: Path, monkeyp
 def test_tolerances_that_are_stated_stay(folder: Path) -> None:
     rig = read_prototype(folder / "prototype.toml")
     stated = rig.but(tolerance=rig.tolerance.but(stiffness=0.02))
-    assert believed(stated, {"oil_stiffness": 0.1}).tolerance == stated.tolerance
-    taken = believed(rig, {"outer_stiffness": 0.01, "inner_stiffness": 0.03, "controller_gain": 0.1}).tolerance
+    assert as_specified(stated, {"oil_stiffness": 0.1}).tolerance == stated.tolerance
+    taken = as_specified(rig, {"outer_stiffness": 0.01, "inner_stiffness": 0.03, "controller_gain": 0.1}).tolerance
     assert taken.stiffness == pytest.approx(0.03 / np.sqrt(3), rel=0.05)
     assert taken.oil_stiffness == 0
 

@@ -11,17 +11,17 @@ import pytest
 from beamdesign.diagnosis.data.dataset import read_dataset
 from beamdesign.validation.truth import LISTED, OUTSIDE, answer, draw_case, noise_free, take, write_case
 from beamdesign.validation.truth import rates as laws
-from beamdesign.validation.truth.believed import (
+from beamdesign.validation.truth.case import run_figures
+from beamdesign.validation.truth.drawing import linear_critical_gain
+from beamdesign.validation.truth.effects import KINDS, Scales
+from beamdesign.validation.truth.nominal import (
     assembled,
-    believed_figures,
     cantilever_modes,
+    nominal_figures,
     outer_modes,
     packed,
     rig_figures,
 )
-from beamdesign.validation.truth.case import run_figures
-from beamdesign.validation.truth.drawing import linear_critical_gain
-from beamdesign.validation.truth.effects import KINDS, Scales
 from beamdesign.validation.truth.rates import STATES
 from beamdesign.validation.truth.rig import STEP_S, march
 
@@ -329,7 +329,7 @@ def test_cases_come_again_by_their_seed(tmp_path):
     again = draw_case(3, "null", short=True)
     assert again == NULL
     assert again.factors == NULL.factors
-    assert draw_case(4, "null", short=True).believed != NULL.believed
+    assert draw_case(4, "null", short=True).nominal != NULL.nominal
     write_case(NULL, tmp_path / "a")
     write_case(again, tmp_path / "b")
     for path in sorted((tmp_path / "a").rglob("*.*")):
@@ -359,9 +359,9 @@ def test_a_case_is_a_data_set_of_the_contract_without_its_answer(tmp_path):
 def test_a_wrong_figure_is_wrong_by_more_than_its_tolerance():
     case = draw_case(6, "parameter", short=True, names=("parameter:flow_gain",))
     told = answer(case)["parameters"]["parameter:flow_gain"]
-    assert abs(np.log(told["factor"])) >= 3.5 * case.believed["tolerance"]["flow_gain"] - 1e-12
-    believed = believed_figures(case.believed)["flow_gain"]
-    assert told["value"] / believed == pytest.approx(case.factors["flow_gain"])
+    assert abs(np.log(told["factor"])) >= 3.5 * case.nominal["tolerance"]["flow_gain"] - 1e-12
+    nominal = nominal_figures(case.nominal)["flow_gain"]
+    assert told["value"] / nominal == pytest.approx(case.factors["flow_gain"])
     assert run_figures(case, case.runs[0])["flow_gain"] == pytest.approx(told["value"])
 
 
@@ -412,7 +412,7 @@ def test_a_cylinder_is_not_loaded_beyond_the_stall_of_its_supply(seed):
     case = draw_case(seed, "single", short=True, names=("entrained_air",))
     for run in case.runs:
         figures = run_figures(case, run)
-        assert figures["supply"] > 900 * case.believed["outer_beam"]["stiffness_N_per_m"] / 486800 / figures["area_a"]
+        assert figures["supply"] > 900 * case.nominal["outer_beam"]["stiffness_N_per_m"] / 486800 / figures["area_a"]
         assert np.abs(take(case, run).load_pressure).max() < figures["supply"]
 
 

@@ -268,7 +268,7 @@ def acceptance_plan(
     return AcceptancePlan(scenario, force, command, masses, words)
 
 
-def believed(prototype: Prototype, specified: Mapping[str, float]) -> Prototype:
+def as_specified(prototype: Prototype, specified: Mapping[str, float]) -> Prototype:
     """The prototype as the diagnosis should take it: with standard deviations that it states, or else as specified.
 
     A figure anywhere within its specified tolerance, no value more likely than another, has a standard deviation of the
@@ -291,7 +291,7 @@ def write_data_folder(prototype: Prototype, plan: AcceptancePlan, folder: Path) 
     """Write the folder to fill in; records that already hold rows are left as they are.
 
     Args:
-        prototype: see `believed`.
+        prototype: see `as_specified`.
         plan: what is to be measured.
         folder: made if need be.
 

@@ -20,8 +20,8 @@ from jinja2 import Template
 
 from beamdesign.build.acceptance import (
     MEASURED_WITHIN,
+    as_specified,
     bare_frequencies_Hz,
-    believed,
     write_data_folder,
 )
 from beamdesign.build.analogue import AnalogueController
@@ -157,7 +157,7 @@ def write_specification(spec: Specification, out: Path) -> dict[str, Path]:
         for name, law in folders.values():
             specified = spec.tolerances.specified if spec.tolerances is not None else {}
             assert law.plan is not None
-            write_data_folder(believed(law.stage.prototype, specified), law.plan, fresh / name)
+            write_data_folder(as_specified(law.stage.prototype, specified), law.plan, fresh / name)
     return paths
 
 

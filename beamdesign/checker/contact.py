@@ -35,7 +35,7 @@ def statements(table: Table, rig: Rig) -> Statements:
     yield judged(stable, "stable without a wall for every end mass", table.table("stability").flag("stable"))
     yield from _passivity(table.table("passivity"), port, stable, masses)
     yield from _contact(table.table("contact"), port, masses)
-    yield _bouncing(table.table("bouncing"), port, stable, masses)
+    yield _one_sided(table.table("bouncing"), port, stable, masses)
     yield _stiffness(table.table("stiffness"), port, masses)
 
 
@@ -148,7 +148,7 @@ class Popov(Slack):
         )
 
 
-def _bouncing(table: Table, port: Port, stable: bool, masses: Pair) -> tuple[bool, str]:
+def _one_sided(table: Table, port: Port, stable: bool, masses: Pair) -> tuple[bool, str]:
     """Popov's criterion for a spring a little stiffer, where equality is enough."""
     stiffness, multiplier = table.at_least("stiffness_N_per_m", 0), table.at_least("multiplier_s", 0)
     if stiffness == 0:

@@ -84,13 +84,13 @@ def explain(
     from dataclasses import asdict
 
     from beamdesign.docs import page, topics
-    from beamdesign.report import reference as told
+    from beamdesign.report import reference as reference_page
     from beamdesign.report.reference import effect_named, effects, find, keys, nearest
 
     if key is None:
         everything = {"keys": [asdict(each) for each in keys()], "effects": [asdict(e) for e in effects()]}
         if reference:
-            echo(told.reference_markdown())
+            echo(reference_page.reference_markdown())
         else:
             _list()
         return CommandResult(everything | {"topics": topics()})
@@ -106,9 +106,9 @@ def explain(
         hint = f"did you mean {' or '.join(close)}?" if close else "`beamdesign explain` lists all"
         refuse("explain", (key or "''", f"unknown key; {hint}"))
     if effect:
-        echo("\n".join(told.effect_lines(effect)))
+        echo("\n".join(reference_page.effect_lines(effect)))
     elif some:
-        echo("\n\n".join("\n".join(told.key_lines(group)) for group in told.alike(some)))
+        echo("\n\n".join("\n".join(reference_page.key_lines(group)) for group in reference_page.alike(some)))
         for one in every:
             echo(f"\n{one.name} ({one.subsystem})\n  {one.meaning}")
     if text is not None:

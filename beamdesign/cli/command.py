@@ -67,7 +67,7 @@ def command(
         InputError: where options are wrong, with everything that is.
         typer.Exit: with status 1 where the answer is no.
     """
-    about, helps = _told(work)
+    about, helps = _described(work)
     hints = {name: hint for name, hint in get_type_hints(work, include_extras=True).items() if name != "return"}
     hints = {name: _marked(name, hint, helps.get(name)) for name, hint in hints.items()}
     marks = {name: hint.__metadata__[0] for name, hint in hints.items()}
@@ -99,7 +99,7 @@ def command(
     return carried_out
 
 
-def _told(work: Callable[..., Any]) -> tuple[str, dict[str, str]]:
+def _described(work: Callable[..., Any]) -> tuple[str, dict[str, str]]:
     """What a docstring tells of a command, and of each of its options."""
     about, _, arguments = inspect.cleandoc(work.__doc__ or "").partition("\n\nArgs:\n")
     each = re.findall(r"^    (\w+): (.*(?:\n {8}.*)*)", arguments, re.MULTILINE)

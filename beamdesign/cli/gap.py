@@ -249,11 +249,11 @@ def _score(check: "Check", seal: "Seal", unfinished: bool) -> CommandResult:
     from beamdesign.validation.blind.scoring import outcome
     from beamdesign.validation.blindcheck_result import blindcheck_picture, markdown, result_fields, result_text
 
-    opened = open_all(check, unfinished)
-    if not opened:
+    answered = open_all(check, unfinished)
+    if not answered:
         echo("no case is finished")
         return CommandResult({"planned": len(check.cases), "scored": 0}, yes=False)
-    found = [outcome(case) for case in opened]
+    found = [outcome(case) for case in answered]
     length = "short" if check.short else "full"
     setting = {
         "records": "Five records of 1.75 s each." if check.short else "Eight records of 4 s each.",
@@ -263,8 +263,8 @@ def _score(check: "Check", seal: "Seal", unfinished: bool) -> CommandResult:
         "short": check.short,
         "seal": seal.whole,
         "truth": seal.truth,
-        "fitted_by": _all(case.found.get(key) for case in opened for key in ("fitted_by", "added_by")),
-        "judged_by": _all(case.found.get("judged_by") for case in opened),
+        "fitted_by": _all(case.found.get(key) for case in answered for key in ("fitted_by", "added_by")),
+        "judged_by": _all(case.found.get("judged_by") for case in answered),
         "not_drawn": check.not_drawn,
         "command": f"beamdesign gap blindcheck --cases {len(check.cases)} --seed {check.seed} --{length}",
     }

@@ -130,7 +130,7 @@ def tune(
         texts[f"certificate{end}"] = (f"certificate{stage.suffix}.toml", certificate.text)
         answers.append((_of_law(stage, law, certificate), True))
         if spread is not None:
-            answers[-1][0]["robust"] = told_of_rigs(stage, law, shape, texts)
+            answers[-1][0]["robust"] = words_of_rigs(stage, law, shape, texts)
         if record.effects:
             verdict = between(guaranteed, *masses)
             if words := in_words(verdict):
@@ -218,7 +218,7 @@ def with_stated_tolerances(record: "Prototype") -> "Prototype":
 _DRAWN = "drawn=count drawn_bandwidth_kept=bandwidth_kept drawn_all_kept=kept least_share_bandwidth_kept=least_share"
 
 
-def told_of_rigs(
+def words_of_rigs(
     stage: "InStage", law: "Tuning", shape: tuple[float, "Shape"], texts: dict[str, tuple[str, str]]
 ) -> dict[str, Any]:
     """Prove the worst rigs, draw others, say what they keep; what the JSON file says of it.

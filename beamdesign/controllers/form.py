@@ -87,8 +87,8 @@ def form_of(kind: str) -> Form:
         ValueError: for a kind that has none.
     """
     for seed in KINDS[kind].seeds():
-        if (opened := seed.form()) is not None:
-            return opened[0]
+        if (sought_from := seed.form()) is not None:
+            return sought_from[0]
     raise ValueError(f"a {kind} controller has no form to be tuned in")
 
 

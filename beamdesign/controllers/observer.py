@@ -145,15 +145,15 @@ class Observer(Controller):
         """
         import numpy as np
 
-        heard, n = self.equations.heard, self.order
+        sensed, n = self.equations.sensed, self.order
         a, b, c = np.reshape(self.a, (n, n)), np.reshape(self.b, (n, len(self.sensors))), np.array(self.c)
         if self.b_command:
             b = np.column_stack([b, self.b_command])
         if n:
-            typical = b * [_TYPICAL[name] for name in heard]
+            typical = b * [_TYPICAL[name] for name in sensed]
             off_axis = (1 + 1j) * np.geomspace(1.0, 1e4, 25)  # 1/s, so that no undamped mode is met
             pencils = off_axis[:, None, None] * np.eye(n) - a
-            size = np.abs(np.linalg.solve(pencils, np.broadcast_to(typical, (len(pencils), n, len(heard)))))
+            size = np.abs(np.linalg.solve(pencils, np.broadcast_to(typical, (len(pencils), n, len(sensed)))))
             largest = size.max(axis=(0, 2))
             scale = np.exp2(np.round(np.log2(np.where(largest > 0, largest, 1.0))))
             a, b, c = a * scale / scale[:, None], b / scale[:, None], c * scale

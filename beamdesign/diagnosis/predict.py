@@ -120,14 +120,14 @@ def read_inputs(folder: str | Path) -> tuple[tuple[Inputs, ...], float]:
     return tuple(found), nominal.sensor.gain_V_per_m
 
 
-def predict(prototype: Prototype, given: Inputs, believed_sensor_gain: float) -> Predicted:
+def predict(prototype: Prototype, given: Inputs, nominal_sensor_gain: float) -> Predicted:
     """Simulate a record from rest.
 
     Args:
         prototype: with its effects. Its sensor gain is what the rig has; its controller counts only where the data set
             names none, and believes these figures where it estimates the payload.
         given: what was done.
-        believed_sensor_gain: V/m, by which volts became the displacement of the data set.
+        nominal_sensor_gain: V/m, by which volts became the displacement of the data set.
 
     Raises:
         InputError: without a controller, for effects that cannot be, where there is no equilibrium to start from, or
@@ -135,19 +135,19 @@ def predict(prototype: Prototype, given: Inputs, believed_sensor_gain: float) ->
     """
     rig = prototype if given.controller is None else prototype.but(controller=given.controller)
     moved = _fixed if rig.schedule is None else _stages
-    samples = moved(rig, given, believed_sensor_gain)
+    samples = moved(rig, given, nominal_sensor_gain)
     count = len(samples)
     at = float(given.times[min(count, len(given.times) - 1)])
     reason = f"the model's loop diverges: its outer tip passes {FURTHEST_M:g} m at {at:.4g} s"
     return Predicted(given.name, COLUMNS, samples, "" if count == len(given.times) else reason)
 
 
-def _fixed(rig: Prototype, given: Inputs, believed_sensor_gain: float) -> np.ndarray:
+def _fixed(rig: Prototype, given: Inputs, nominal_sensor_gain: float) -> np.ndarray:
     """(M, 3) as `COLUMNS`, with one law."""
     kinds = structure_of(rig)
     assembly = assemble(kinds)
     values = parameters_of(rig, given.outer_end_mass, given.inner_end_mass)
-    values["believed_sensor_gain"] = believed_sensor_gain
+    values["believed_sensor_gain"] = nominal_sensor_gain
     parameters = np.array(list(values.values()))
     try:
         start = equilibrium(assembly, np.zeros(3), parameters)
@@ -160,7 +160,7 @@ def _fixed(rig: Prototype, given: Inputs, believed_sensor_gain: float) -> np.nda
     return np.column_stack([given.times[: len(y)], y[:, columns]])
 
 
-def _stages(rig: Prototype, given: Inputs, believed_sensor_gain: float) -> np.ndarray:
+def _stages(rig: Prototype, given: Inputs, nominal_sensor_gain: float) -> np.ndarray:
     """(M, 3) as `COLUMNS`, with several laws: they work at samples of their own, without noise.
 
     A record begins with the first law that is for its payload, as a rig does that has carried it before.
@@ -183,7 +183,7 @@ def _stages(rig: Prototype, given: Inputs, believed_sensor_gain: float) -> np.nd
     own = found.column("t_s")
     seen = times[times <= own[-1] + 1e-9 * period]
     held = found.column("current_A")[np.searchsorted(own, seen + 1e-9 * period, side="right") - 1]
-    sensed = CubicSpline(own, found.column("sensor_V"))(seen) / believed_sensor_gain
+    sensed = CubicSpline(own, found.column("sensor_V"))(seen) / nominal_sensor_gain
     return np.column_stack([given.times[: len(seen)], held, sensed])
 
 

@@ -136,19 +136,19 @@ class Matrices:
 
     Attributes:
         order: number of states.
-        heard: of `SENSED`.
+        sensed: of `SENSED`.
     """
 
     order: int
-    heard: tuple[str, ...]
+    sensed: tuple[str, ...]
 
     @property
     def parameters(self) -> tuple[str, ...]:
         """The gain, a and b row by row, then c and d."""
         rows = range(1, self.order + 1)
         names = [f"observer_a_{i}_{j}" for i in rows for j in rows]
-        names += [f"observer_b_{i}_{sensor}" for i in rows for sensor in self.heard]
-        return ("gain", *names, *(f"observer_c_{i}" for i in rows), *(f"observer_d_{sensor}" for sensor in self.heard))
+        names += [f"observer_b_{i}_{sensor}" for i in rows for sensor in self.sensed]
+        return ("gain", *names, *(f"observer_c_{i}" for i in rows), *(f"observer_d_{sensor}" for sensor in self.sensed))
 
     @property
     def states(self) -> tuple[str, ...]:
@@ -173,7 +173,7 @@ class Matrices:
 
     @property
     def _in_order(self) -> list[str]:
-        return [sensor for sensor in SENSED if sensor in self.heard]
+        return [sensor for sensor in SENSED if sensor in self.sensed]
 
 
 HEARD = ("error_V", "command_V", "inner_displacement_m", "load_pressure_Pa")

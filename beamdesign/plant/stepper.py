@@ -64,9 +64,9 @@ def _steps(
     y, u0, u1, u2 = np.empty(y_out.shape[1]), np.zeros(3), np.zeros(3), np.zeros(3)
     period, delay = int(digital[0]), int(digital[1])
     queue = np.full(delay + 1, digital[3])
-    held, ticks, order, heard = digital[3], 0, int(digital[4]), int(digital[5])
-    width = order + heard
-    entries = 6 + heard
+    held, ticks, order, sensed = digital[3], 0, int(digital[4]), int(digital[5])
+    width = order + sensed
+    entries = 6 + sensed
     own = entries + (order + 1) * width  # where z begins
     given, after = np.zeros(width), np.zeros(order + 1)
     given[:order] = digital[own : own + order]
@@ -81,7 +81,7 @@ def _steps(
             u0[0], u0[1], u0[2] = inputs[half, 0], inputs[half, 1], held
             if period > 0 and half % (2 * period) == 0:
                 _evaluate(output, t, x, u0, c, y)
-                for j in range(heard):
+                for j in range(sensed):
                     place = int(digital[6 + j])
                     if place == ERROR:
                         volts = y[5]

@@ -129,9 +129,9 @@ def best_over_box(prototype: Prototype, box: Box, budget: int = 4000, seconds: f
 def _proved(prototype: Prototype, box: Box, best: Asked, budget: int, seconds: float) -> list[BoxClaim]:
     """One claim, as near to the best as it is proved; none where it is not."""
     for factor in _LOOSER:
-        claim = claim_over_box(prototype, box, _looser(best, factor), budget, seconds)
+        claim = claim_over_box(prototype, box, _relaxed(best, factor), budget, seconds)
         if claim.holds:
-            nearer = claim_over_box(prototype, box, _looser(best, _NEARER), budget, seconds)
+            nearer = claim_over_box(prototype, box, _relaxed(best, _NEARER), budget, seconds)
             return [nearer if factor == _LOOSER[0] and nearer.holds else claim]
     return []
 
@@ -150,7 +150,7 @@ def guaranteed_fields(claims: Sequence[BoxClaim]) -> dict[str, float | None]:
     }
 
 
-def _looser(best: Asked, factor: float) -> Asked:
+def _relaxed(best: Asked, factor: float) -> Asked:
     """A claim that says a little less, with four digits."""
     if best.kind == "compliance" and best.bandwidth_Hz == inf:
         return best

@@ -158,24 +158,24 @@ def _frequencies(square: tuple[fmpq, fmpq]) -> tuple[fmpq, fmpq]:
     return _decimals(low[0], high[1], _DIGITS)
 
 
-def claim_tables(claims: Sequence[Claim], witnesses: bool = True) -> Tables:
+def claim_tables(claims: Sequence[Claim], counterexamples: bool = True) -> Tables:
     """The claims, under their key.
 
     Args:
         claims: held or refuted.
-        witnesses: whether to state what refutes them, where that is rational.
+        counterexamples: whether to state what refutes them, where that is rational.
     """
-    return {"claim": [_claim(claim, witnesses) for claim in claims]} if claims else {}
+    return {"claim": [_claim(claim, counterexamples) for claim in claims]} if claims else {}
 
 
-def _claim(claim: Claim, witnesses: bool) -> Tables:
+def _claim(claim: Claim, counterexamples: bool) -> Tables:
     found: Tables = {"kind": claim.kind, "limit": text(exact(claim.limit)), "holds": claim.holds}
     if claim.bandwidth_Hz is not None:
         found["bandwidth_Hz"] = finite(claim.bandwidth_Hz)
     if claim.from_Hz is not None:
         found["from_Hz"] = text(exact(claim.from_Hz))
     witness = claim.witness
-    if witness is not None and witness.exact and witnesses:
+    if witness is not None and witness.exact and counterexamples:
         figures = {
             "outer_end_mass_kg": witness.mass,
             "squared_frequency": witness.squared_frequency,

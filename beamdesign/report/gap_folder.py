@@ -133,7 +133,7 @@ def gap_report_html(
     held_out = {record.record for record in found.gap.records if record.held_out}
     seen = [] if data is None else sorted(found.errors, key=lambda e: e.name not in held_out)
     conditions = {} if data is None else {r.name: condition_text(r) for r in data.records}
-    witnesses = [(w, indicator_table(w.table)) for w in found.where.witnesses]
+    indicators = [(w, indicator_table(w.table)) for w in found.where.witnesses]
     template = page_template(
         "gap_report.html",
         share=share_text,
@@ -156,7 +156,7 @@ def gap_report_html(
         ),
         files=files,
         maps=error_maps(seen, conditions) if seen else (),
-        witnesses=[(w, table, isinstance(table, HeatMap)) for w, table in witnesses],
+        witnesses=[(w, table, isinstance(table, HeatMap)) for w, table in indicators],
         hypotheses=_hypotheses(found),
         bands=_inline(band_picture(found.gap.bands), "bands", _BANDS) if found.gap.bands else None,
         records=[_shown(e, k, e.name in held_out) for k, e in enumerate(seen[:_MOST_PICTURES])],

@@ -138,7 +138,7 @@ class Document:
         return f"{self.kind}{self.subject}"
 
     @property
-    def told(self) -> bool:
+    def described(self) -> bool:
         """Whether a page tells values under the pointer."""
         return any(isinstance(block, Picture) and block.name for part in self.parts for block in part.blocks)
 

@@ -189,8 +189,8 @@ def _walk(record: type[Record], file: str, prefix: str = "") -> Iterator[Key]:
 
 def _table(path: str, file: str, field: FieldInfo, nested: list[type[Record]], source: str) -> Key:
     listed = get_origin(field.annotation) is tuple
-    told = [_described(each)[0] for each in nested]
-    meaning = field.description or "; or ".join(told)
+    stated = [_described(each)[0] for each in nested]
+    meaning = field.description or "; or ".join(stated)
     default = "needed" if field.is_required() else "may be left out"
     kind = "a list of tables" if listed else "a table"
     if get_origin(field.annotation) is dict:
@@ -356,7 +356,7 @@ def effect_lines(effect: EffectEntry) -> Iterator[str]:
 def reference_markdown() -> str:
     """All keys and effects as Markdown: one table per kind of file, what was told before not repeated."""
     out = ["`beamdesign explain KEY` tells the same of one key, table or effect.", ""]
-    told: set[tuple[object, ...]] = set()
+    stated: set[tuple[object, ...]] = set()
     for file, group in groupby((key for key in keys() if not key.path.startswith("effects.")), lambda key: key.file):
         summary = f"<details><summary>Keys of a {file}</summary>"
         out += [summary, "", "| key | meaning | value | default |", "|---|---|---|---|"]
@@ -369,10 +369,10 @@ def reference_markdown() -> str:
             if not facts:
                 continue
             heading = ", ".join(f"`[{name}]`" for name in names if name)
-            if facts in told:
+            if facts in stated:
                 out.append(f"| {heading} | as above | | |")
                 continue
-            told.add(facts)
+            stated.add(facts)
             first = [key for key in own if key.path.rpartition(".")[0] == names[0] and not key.is_table]
             if heading:
                 about = next((key.meaning for key in own if key.path == names[0].removesuffix(".NAME")), "")

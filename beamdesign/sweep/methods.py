@@ -348,9 +348,9 @@ def _worst_case(laid: Plan, evaluate: Evaluate) -> None:
         spent += len(points)
         rows = evaluate([case_at(sweep, laid.base, varied_at(figures, point)) for point in points])
         # The worst is where the answer is no; a case that failed tells nothing, and is passed over.
-        told = [row["status"] not in ("failed", "refused") for row in rows]
+        noted = [row["status"] not in ("failed", "refused") for row in rows]
         costs = [cost(row, output, sweep.spread.worst == "least") for row in rows]
-        return np.where(told, costs, -NO_RESULT)
+        return np.where(noted, costs, -NO_RESULT)
 
     count = len(figures)
     point, worst, best = np.zeros(count), np.zeros(count), -np.inf

@@ -239,11 +239,11 @@ def worst_of(spread: RigSpread, outer_end_mass_kg: tuple[float, float]) -> tuple
         InputError: for a controller that a tuner has no form for, or none.
     """
     prototype, law = spread.prototype, spread.prototype.controller
-    if law is None or (opened := law.form()) is None:
+    if law is None or (sought_from := law.form()) is None:
         reason = "worst rigs are sought for a controller that a tuner has a form for"
         raise InputError(prototype.name, [("controller.kind", reason)])
     members = family(prototype, outer_end_mass_kg[1]).members
     task = Search(members, prototype.goal, outer_end_mass_kg, (0.0, 0.0), law.senses, spread)
-    form, variables = opened
+    form, variables = sought_from
     inside = prototype.payload.inner_end_mass_kg
     return worst_rigs(task.points, prototype.goal, form, np.append(variables, inside))

@@ -204,8 +204,8 @@ def judge(prototype: Prototype, law: CompliantLaw | None, masses_kg: tuple[float
     controller = prototype.controller if law is None else controller_of(prototype, law)
     if controller is None:
         raise ValueError("the prototype has no [controller]")
-    heard = controller.sensed_law().sensors
-    plant = paper_model(prototype).plant(prototype.payload.inner_end_mass_kg, heard)
+    sensors = controller.sensed_law().sensors
+    plant = paper_model(prototype).plant(prototype.payload.inner_end_mass_kg, sensors)
     closed = close_loop(plant, controller)
     port, low, high = tip(closed), exact(masses_kg[0]), exact(masses_kg[1])
     static = port.static_stiffness()

@@ -100,8 +100,8 @@ def search(task: Search, starts: Sequence[Start], growths: int = 0, report: Prog
             _Design(form, np.append(variables, design.variables[design.form.size :]), 0.0)
             for design in pool[: effort.starts]
             for law in design.law.grown()
-            if (opened := law.form()) is not None
-            for form, variables in [opened]
+            if (sought_from := law.form()) is not None
+            for form, variables in [sought_from]
         ]
         pool = _refined(task, more, _part(report, 0.2 + 0.65 * (growth + 1) / (1 + growths), 0.65 / (1 + growths)))
     reached = tuple(design.value for design in pool)
@@ -134,9 +134,9 @@ def from_seeds(task: Search, seeds: Sequence[Controller]) -> list[Start]:
     sections = np.zeros(0) if task.sections is None else task.sections.start
     for seed in seeds:
         for inner in sorted({least, least + 0.3 * (most - least)}):
-            if (opened := seed.form()) is None:
+            if (sought_from := seed.form()) is None:
                 continue
-            form, variables = opened[0], np.concatenate([opened[1], [inner], sections])
+            form, variables = sought_from[0], np.concatenate([sought_from[1], [inner], sections])
             while not task.settled(form, variables):
                 if variables[0] <= form.lower[0]:
                     break

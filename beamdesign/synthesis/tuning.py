@@ -181,14 +181,14 @@ def tune_law(prototype: Prototype, masses_kg: tuple[float, float], asked: LawOpt
     if any(inside.low < inside.high for inside in riding):  # the gain varies while the end mass shows in the feedback
         raise InputError(prototype.name, gain_and_mass(prototype, masses_kg[1]))
     given = (members, prototype.goal, masses_kg, asked.inner_kg)
-    opened = own.form() if own is not None and own.sought["kind"] == kind else None
-    start = None if opened is None else (opened[0], np.append(opened[1], inner))
+    sought_from = own.form() if own is not None and own.sought["kind"] == kind else None
+    start = None if sought_from is None else (sought_from[0], np.append(sought_from[1], inner))
     if kind in SYNTHESES:
         effort = EFFORT if len(asked.sensors) == 1 else ADDED_SENSORS_EFFORT
         task = Search(*given, asked.sensors, spread, effort)
         alone = asked.near and start is not None and start[0].sensors == task.sensors and task.settled(*start)
-        heard = [(own, inner)] if own is not None and set(own.senses) <= set(asked.sensors) else []
-        found = search_observer(task, None if alone else kind, heard, report)
+        seeds = [(own, inner)] if own is not None and set(own.senses) <= set(asked.sensors) else []
+        found = search_observer(task, None if alone else kind, seeds, report)
     else:
         task = Search(*given, start[0].sensors if start else SENSED[:1], spread)
         starts, growths, alone = (

@@ -12,10 +12,10 @@ from beamdesign.controllers import Controller
 from beamdesign.prototype import Prototype
 from beamdesign.records import InputError
 from beamdesign.structure.lumped import lumped_beam
-from beamdesign.validation.truth.believed import assembled, draw_true, rig_figures
 from beamdesign.validation.truth.case import Case, Departure, Drive, Noise, Run, run_figures, take
 from beamdesign.validation.truth.drawing import linear_critical_gain
 from beamdesign.validation.truth.effects import KINDS, Scales
+from beamdesign.validation.truth.nominal import assembled, draw_true, rig_figures
 
 _GAIN_SHARE = 0.6
 """Of the critical gain of the rig without its effect: records are not taken closer to it, as nobody would."""
@@ -34,7 +34,7 @@ class RunawayError(Exception):
     """A rig that cannot be run in any loop like the designed one."""
 
 
-def believed_table(prototype: Prototype) -> dict[str, Any]:
+def nominal_table(prototype: Prototype) -> dict[str, Any]:
     """A prototype as the truth model reads it: lumped figures, tolerances, nothing of its controller."""
     table = prototype.model_dump(
         mode="json", exclude_none=True, include={"name", "actuator", "servovalve", "sensor", "tolerance"}
@@ -71,13 +71,13 @@ def virtual_rig(
     law = prototype.controller
     assert law is not None
     rng = np.random.default_rng(seed)
-    believed = believed_table(prototype)
-    factors = draw_true(believed, rng)
-    figures = rig_figures(believed, factors, _HABITS)
+    nominal = nominal_table(prototype)
+    factors = draw_true(nominal, rng)
+    figures = rig_figures(nominal, factors, _HABITS)
     scales = Scales(figures, figures["modes.stiffness"], figures["modes.mass"], 900.0, 7.5e-3)
     departures = () if effect == "none" else (Departure(effect, severity, KINDS[effect].shape(rng)),)
     kind = "null" if effect == "none" else "single"
-    case = Case(seed, kind, believed, factors, dict(_HABITS), (), departures, (), _NOISE, duration_s, scales)
+    case = Case(seed, kind, nominal, factors, dict(_HABITS), (), departures, (), _NOISE, duration_s, scales)
     inner = prototype.payload.inner_end_mass_kg
     runs = []
     for number, (name, drive, mass) in enumerate(

@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from beamdesign.validation.truth.believed import assembled
 from beamdesign.validation.truth.case import Case, Drive, Run, run_figures, step_of
+from beamdesign.validation.truth.nominal import assembled
 from beamdesign.validation.truth.rig import SAMPLE_S, Motion, march
 
 WATCHED_S = 1.5
@@ -77,7 +77,7 @@ def on_trial(case: Case, controller: dict[str, Any], inner_end_mass_kg: float, o
         return Trial(outer_end_mass_kg, restless, lines, np.full(len(lines), np.inf), float("inf"), factor)
     force, motion = rig.driven(lines, 0, KICK_SHARE * case.scales.force)
     compliance = np.abs(_at_lines(motion.outer, lines) / _at_lines(force, lines))
-    volts = case.believed["sensor"]["gain_V_per_m"]
+    volts = case.nominal["sensor"]["gain_V_per_m"]
     command, motion = rig.driven(lines, 1, COMMAND_V * volts / 1180)
     sensitivity = np.abs(1 - _at_lines(motion.displacement * volts, lines) / _at_lines(command, lines))
     return Trial(outer_end_mass_kg, "", lines, compliance, float(sensitivity.max()), factor)

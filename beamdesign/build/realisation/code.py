@@ -77,7 +77,13 @@ class ProvedCode(Result):
         """What `beamdesign code` writes of it."""
         made = self.realisation
         readings = [
-            {"heard": one.heard, "unit": one.unit, "full_scale": scale, "places": places, "sections": len(one.sections)}
+            {
+                "heard": one.sensed,
+                "unit": one.unit,
+                "full_scale": scale,
+                "places": places,
+                "sections": len(one.sections),
+            }
             for one, scale, places in zip(made.channels, made.full_scales, made.places, strict=True)
         ]
         asked = "asked integer places error"

@@ -173,7 +173,7 @@ class LinearLaw:
 
     Attributes:
         states: names of x.
-        heard: what e holds, as of `Channel`: k of them, the error first.
+        sensed: what e holds, as of `Channel`: k of them, the error first.
         roundings: name, kind and place of the channel of each.
         a, b, c, d: (n, n), (n, k), (1, n), (1, k).
         f, g: (n, m), (1, m).
@@ -183,7 +183,7 @@ class LinearLaw:
     """
 
     states: tuple[str, ...]
-    heard: tuple[str, ...]
+    sensed: tuple[str, ...]
     roundings: tuple[tuple[str, Step, int], ...]
     a: fmpq_mat
     b: fmpq_mat
@@ -219,7 +219,7 @@ def linear_law(law: DiscreteLaw, coefficients: Mapping[str, Coefficient], in_flo
     whole = (*states, *given, *names)
     return LinearLaw(
         states,
-        tuple(channel.heard for channel in law.channels),
+        tuple(channel.sensed for channel in law.channels),
         tuple((name, kind, place) for name, (kind, place, _) in forms.roundings.items()),
         matrix(after, states),
         matrix(after, given),

@@ -98,10 +98,10 @@ class HeldPlant:
             whole[i] = [arb(self.a[i, j]) * scale for j in range(n)] + [arb(held[i, 0]) * scale]
         return arb_mat(whole).exp()
 
-    def readings(self, heard: Sequence[str]) -> fmpq_mat:
+    def readings(self, sensed: Sequence[str]) -> fmpq_mat:
         """(k, n) to what a law hears without command: minus the volts as its error, others as they are."""
         n, rows = self.a.nrows(), []
-        for name in heard:
+        for name in sensed:
             if name in self.seen:
                 sign = -1 if name == SENSED[0] else 1
                 rows.append([sign * self.seen[name][0, j] for j in range(n)])
@@ -187,7 +187,7 @@ class RealisedLoop(Generic[L]):
     def parts(self) -> tuple[list[list[arb]], list[list[arb]], list[arb], list[arb]]:
         """Of the law's states after a sample what that of the plant's and their own adds; of its current likewise."""
         law = self.realisation.linear
-        given = self.plant.readings(law.heard)
+        given = self.plant.readings(law.sensed)
 
         def balls(matrix: fmpq_mat) -> list[list[arb]]:
             return [[arb(matrix[i, j]) for j in range(matrix.ncols())] for i in range(matrix.nrows())]
@@ -366,7 +366,7 @@ def rounded_loop(loop: RealisedLoop[Realisation], mass_kg: float) -> RoundedLoop
         moved = middle(plant.moved(mass, mass, loop.period_s))
     n, m, late = plant.a.nrows(), len(law.states), int(loop.delayed)
     inputs = 1 + len(law.roundings)
-    tip, seen = floats(plant.tip), floats(plant.readings(law.heard))
+    tip, seen = floats(plant.tip), floats(plant.readings(law.sensed))
     b = np.zeros((n + late + m, inputs))
     b[:n, 0] = pushed[:n, n]
     given = floats(law.g)

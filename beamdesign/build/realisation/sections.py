@@ -56,30 +56,30 @@ class Channel:
     """What the law makes of one reading: a gain and sections of unit static gain, in the order in which it passes them.
 
     Attributes:
-        heard: `displacement_m` for the error in V, else what is read, of `beamdesign.controllers.SENSED`, or
+        sensed: `displacement_m` for the error in V, else what is read, of `beamdesign.controllers.SENSED`, or
             `command_V`.
         gain: A per V, m or Pa of the reading, sign included.
         sections: none for a mere gain.
     """
 
-    heard: str
+    sensed: str
     gain: float
     sections: tuple[Section, ...]
 
     @property
     def name(self) -> str:
         """Of the reading, without its unit."""
-        return "error" if self.heard == SENSED[0] else self.heard.rpartition("_")[0]
+        return "error" if self.sensed == SENSED[0] else self.sensed.rpartition("_")[0]
 
     @property
     def gain_name(self) -> str:
         """Of its coefficient."""
-        return "gain" if self.heard == SENSED[0] else f"gain_{self.name}"
+        return "gain" if self.sensed == SENSED[0] else f"gain_{self.name}"
 
     @property
     def unit(self) -> str:
         """Of the reading."""
-        return "V" if self.heard == SENSED[0] else self.heard.rpartition("_")[2]
+        return "V" if self.sensed == SENSED[0] else self.sensed.rpartition("_")[2]
 
 
 @dataclass(frozen=True)
@@ -135,7 +135,7 @@ def discretised(controller: Controller | TransferFunction, rate_Hz: float, prewa
         ValueError: as of `factored`, and where prewarped for a root at or above half the rate.
     """
     channels = []
-    for heard, law in laws_of(controller):
+    for sensed, law in laws_of(controller):
         gain, factors = factored(law)
         highest = highest_Hz(factors)
         if prewarped and 2 * highest >= rate_Hz:
@@ -143,7 +143,7 @@ def discretised(controller: Controller | TransferFunction, rate_Hz: float, prewa
                 f"a rate of {rate_Hz:g} Hz is not more than twice the controller's upper break, {highest:.6g} Hz"
             )
         sections = (_section(own, partners, rate_Hz, prewarped) for own, partners in factors)
-        channels.append(Channel(heard, gain, tuple(sections)))
+        channels.append(Channel(sensed, gain, tuple(sections)))
     return DiscreteLaw(rate_Hz, tuple(channels))
 
 

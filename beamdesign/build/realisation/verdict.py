@@ -83,14 +83,14 @@ def image(loop: RealisedLoop[Realisation], mass_kg: float) -> LoopAtMass:
         n = loop.plant.a.nrows()
         phi = fmpq_mat(n, n, [_middle(moved, i, j) for i in range(n) for j in range(n)])
         gamma = fmpq_mat(n, 1, [_middle(moved, i, n) for i in range(n)])
-        free, seen = phi.charpoly(), loop.plant.readings(law.heard)
-        opened, returned = law.a.charpoly() * free, fmpq_poly([0])
+        free, seen = phi.charpoly(), loop.plant.readings(law.sensed)
+        denominator, numerator = law.a.charpoly() * free, fmpq_poly([0])
         for k, (above, _) in enumerate(laws):
             row = fmpq_mat(1, n, [seen[k, j] for j in range(n)])
-            returned += above * ((phi + gamma * row).charpoly() - free)
+            numerator += above * ((phi + gamma * row).charpoly() - free)
         if loop.delayed:
-            opened *= fmpq_poly([0, 1])
-        below, above = _in_p([opened, returned], loop.realisation.rate_Hz)
+            denominator *= fmpq_poly([0, 1])
+        below, above = _in_p([denominator, numerator], loop.realisation.rate_Hz)
         return LoopAtMass(below, above, fmpq_poly([0]))
 
 
@@ -101,7 +101,7 @@ def law_polynomials(realisation: Realisation) -> list[tuple[fmpq_poly, fmpq_poly
     """
     law = realisation.linear
     n, below = law.a.nrows(), law.a.charpoly()
-    columns = [fmpq_mat(n, 1, [law.b[i, k] for i in range(n)]) for k in range(len(law.heard))]
+    columns = [fmpq_mat(n, 1, [law.b[i, k] for i in range(n)]) for k in range(len(law.sensed))]
     return [((law.a - b * law.c).charpoly() + (law.d[0, k] - 1) * below, below) for k, b in enumerate(columns)]
 
 
@@ -166,7 +166,7 @@ def half_steps(realisation: Realisation) -> np.ndarray:
         ]
         return 2.0 ** -np.array(places, dtype=float) / 2
     # Floats round by a share of what they hold, which the roundings add to: v = u (|R_e| full scale + |R_v| v).
-    n, m, k = len(law.states), len(law.roundings), len(law.heard)
+    n, m, k = len(law.states), len(law.roundings), len(law.sensed)
     rounded = floats(law.rounded)
     inputs = np.hstack([floats(law.b), floats(law.f)])
     norms = l1_norms(floats(law.a), inputs, rounded[:, :n], rounded[:, n:])

@@ -124,7 +124,7 @@ class PayloadEstimator:
             whole[:, : basis.shape[1]] = basis
         self._state = np.zeros_like(inputs)
         self._volts, self._responses = np.zeros(window), np.zeros((CANDIDATES, window))
-        self._heard = 0
+        self._measured = 0
         self._cost, self._in_a_row = np.zeros(CANDIDATES), False
         self._forget = exp(-self._figures.update_s / self._figures.forgetting_s)
         self.estimate = NOTHING
@@ -143,8 +143,8 @@ class PayloadEstimator:
             self._state = np.einsum("kij,kj->ki", step.transition, self._state) + step.input * current_A[k]
         self._volts = np.append(self._volts[count:], volts)
         self._responses = np.hstack([self._responses[:, count:], answers])
-        self._heard += count
-        if self._heard >= len(self._volts):
+        self._measured += count
+        if self._measured >= len(self._volts):
             self._weigh(count / len(self._volts))
         return self.estimate
 

@@ -135,10 +135,10 @@ def simulate_scheduled(
             z, current = law.step(z, np.array([value]))
             error = value
         estimate = estimator.advance(volts, y[:, OUTPUTS.index("current_A")]) if whole else estimator.estimate
-        told = (mass, stage + 1, estimate.outer_end_mass_kg, estimate.std_kg)
+        noted = (mass, stage + 1, estimate.outer_end_mass_kg, estimate.std_kg)
         times = np.arange(begin, begin + len(y)) * period
         given = (times, course.force_N[here], command[here])
-        rows.append(np.column_stack([*given, y[:, :4], volts, np.tile(told, (len(y), 1))]))
+        rows.append(np.column_stack([*given, y[:, :4], volts, np.tile(noted, (len(y), 1))]))
         if not whole:
             record = diverged(rig.name, np.vstack(rows), limit_m, period)
             return replace(record, columns=COLUMNS, changes=tuple(changes))

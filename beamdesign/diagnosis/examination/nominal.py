@@ -170,7 +170,7 @@ class ControllerFit:
         return min(self.residual, self.with_gain, self.with_delay, self.with_lag, self.with_limit)
 
 
-def demanded(record: TimeRecord, controller: Controller, sensor_gain: float) -> np.ndarray | None:
+def commanded_current(record: TimeRecord, controller: Controller, sensor_gain: float) -> np.ndarray | None:
     """(N,) current that a controller makes of a record's command and of what was sensed, A.
 
     Where its states stand at the beginning is not known of a record that was cut out of a longer one: they start where
@@ -220,14 +220,14 @@ def mismatch(measured: np.ndarray, predicted: np.ndarray) -> tuple[float, float]
 
 
 def controller_fit(record: TimeRecord, sensor_gain: float) -> ControllerFit | None:
-    """Hold a record against its controller's equation; None where `demanded` cannot tell.
+    """Hold a record against its controller's equation; None where `commanded_current` cannot tell.
 
     Args:
         record: measured.
         sensor_gain: believed, V/m.
     """
     current = record.measured["current_A"]
-    if (asked := demanded(record, record.controller, sensor_gain)) is None:
+    if (asked := commanded_current(record, record.controller, sensor_gain)) is None:
         return None
     residual, noise = mismatch(current, asked)
     gain = _gain(current, asked)
@@ -321,7 +321,7 @@ class Rival:
 
 
 def rival(record: TimeRecord, controller: Controller, words: str, sensor_gain: float) -> Rival | None:
-    """Hold a record against another controller; None where `demanded` cannot tell.
+    """Hold a record against another controller; None where `commanded_current` cannot tell.
 
     Args:
         record: measured.
@@ -329,7 +329,7 @@ def rival(record: TimeRecord, controller: Controller, words: str, sensor_gain: f
         words: where it comes from.
         sensor_gain: believed, V/m.
     """
-    asked = demanded(record, controller, sensor_gain)
+    asked = commanded_current(record, controller, sensor_gain)
     return None if asked is None else Rival(controller, mismatch(record.measured["current_A"], asked)[0], words)
 
 
@@ -349,7 +349,7 @@ def refitted(record: TimeRecord, sensor_gain: float) -> Rival:
         return Lag(gain_A_per_V=float(gain), pole_Hz=float(pole), zero_Hz=float(zero))
 
     def left(law: Lag) -> np.ndarray:
-        asked = demanded(record, law, sensor_gain)
+        asked = commanded_current(record, law, sensor_gain)
         assert asked is not None  # a lag hears the displacement alone, and is stable
         return np.asarray((current - asked) / size)
 

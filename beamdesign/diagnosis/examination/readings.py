@@ -17,7 +17,7 @@ from beamdesign.diagnosis.data.dataset import TimeRecord
 from beamdesign.diagnosis.examination.nominal import (
     ControllerFit,
     Rival,
-    demanded,
+    commanded_current,
     described,
     expected,
     refitted,
@@ -135,7 +135,7 @@ def _likeness(measured: np.ndarray, predicted: np.ndarray) -> _Likeness:
 
 
 def _equation(view: View) -> _Likeness:
-    asked = demanded(view.record, view.record.controller, view.prototype.sensor.gain_V_per_m)
+    asked = commanded_current(view.record, view.record.controller, view.prototype.sensor.gain_V_per_m)
     # Where the equation cannot be held against the record, nothing speaks against either.
     return _Likeness(0.0, 1.0) if asked is None else _likeness(view.record.measured["current_A"], asked)
 
@@ -377,7 +377,7 @@ def _verdict(
 
 def _line(record: TimeRecord, sensor_gain: float) -> float | None:
     """Frequency (Hz) that carries most of what the equation leaves, if one does."""
-    if (asked := demanded(record, record.controller, sensor_gain)) is None:
+    if (asked := commanded_current(record, record.controller, sensor_gain)) is None:
         return None
     left = record.measured["current_A"] - asked
     power = np.abs(np.fft.rfft((left - left.mean()) * np.hanning(len(left)))) ** 2

@@ -10,7 +10,7 @@ from hashlib import sha256
 import numpy as np
 
 from beamdesign.diagnosis.data.dataset import TimeRecord
-from beamdesign.diagnosis.examination.nominal import demanded, described, loop_of, mismatch, nominal_loop
+from beamdesign.diagnosis.examination.nominal import commanded_current, described, loop_of, mismatch, nominal_loop
 from beamdesign.diagnosis.fitting.weighting import TOP, white
 from beamdesign.prototype import Prototype
 from beamdesign.structure.lumped import figures
@@ -245,7 +245,7 @@ def _symmetric(current: np.ndarray, side: str) -> bool:
 def law(record: TimeRecord, prototype: Prototype) -> Iterator[Finding]:
     """Whether its current has a sample that is none of its controller's making."""
     current, command = record.measured["current_A"], record.inputs[:, 1]
-    if (asked := demanded(record, record.controller, prototype.sensor.gain_V_per_m)) is None:
+    if (asked := commanded_current(record, record.controller, prototype.sensor.gain_V_per_m)) is None:
         return
     for at in (outlier(current), outlier(command)):
         if at is not None:

@@ -40,7 +40,7 @@ class Replay:
     record: TimeRecord
     prototype: Prototype
     _inputs: dict[int, np.ndarray] = field(default_factory=dict, repr=False, compare=False)
-    _believed: dict[tuple[str, ...], np.ndarray] = field(default_factory=dict, repr=False, compare=False)
+    _nominal: dict[tuple[str, ...], np.ndarray] = field(default_factory=dict, repr=False, compare=False)
     _substeps: dict[object, int] = field(default_factory=dict, repr=False, compare=False)
 
     def placed(self, placement: Placement) -> Placement:
@@ -50,11 +50,11 @@ class Replay:
     def parameters(self, placement: Placement, z: np.ndarray) -> np.ndarray:
         """(P,) parameters with the unknowns at z, in the order of the assembly of `placed`."""
         effects = placement.assembly.kinds.effects
-        if effects not in self._believed:
+        if effects not in self._nominal:
             rig = self.prototype.but(controller=self.record.controller, effects={name: {} for name in effects})
             figures = parameters_of(rig, self.record.outer_end_mass, self.record.inner_end_mass)
-            self._believed[effects] = np.array(list(figures.values()))
-        return self.placed(placement).parameters(self._believed[effects], z)
+            self._nominal[effects] = np.array(list(figures.values()))
+        return self.placed(placement).parameters(self._nominal[effects], z)
 
     def simulated(self, placement: Placement, z: np.ndarray, channels: tuple[str, ...]) -> np.ndarray | None:
         """(N, C) channels of the record with the unknowns at z; None where the simulated loop diverges."""

@@ -303,8 +303,8 @@ class FitCache:
         """A fit that was made before; what is not there, not whole, or not what was kept for this job is made again."""
         path = self._path(job)
         try:
-            with np.load(BytesIO(read_bytes(path)), allow_pickle=False) as opened:
-                held = dict(opened)
+            with np.load(BytesIO(read_bytes(path)), allow_pickle=False) as archive:
+                held = dict(archive)
                 if str(held.pop("seal")) != _seal(path.name, held):
                     return None
                 unknowns = job.hypothesis.unknowns(self.prototype)

@@ -85,19 +85,19 @@ def _onset_at(model: LinearModel, p: np.ndarray, x: np.ndarray, raised_from: flo
     weight, at = model.weight, model.assembly.parameters.index("gain")
     unit = float(p[at])
     once, twice = (_scaled(a, weight) for a in model.rates_at_gains(p, x, (unit, 2 * unit)))
-    returned = (twice - once) / unit
-    opened = once - unit * returned
-    if not np.any(returned):
+    feedback = (twice - once) / unit
+    open_loop = once - unit * feedback
+    if not np.any(feedback):
         return None
-    row, column = np.unravel_index(int(np.argmax(np.abs(returned))), returned.shape)
-    b, c = returned[:, column] / returned[row, column], returned[row]
-    least = before = raised_from if raised_from and _is_stable(opened + raised_from * returned) else 0.0
-    for gain, w in phase_crossings(opened, b, c):
+    row, column = np.unravel_index(int(np.argmax(np.abs(feedback))), feedback.shape)
+    b, c = feedback[:, column] / feedback[row, column], feedback[row]
+    least = before = raised_from if raised_from and _is_stable(open_loop + raised_from * feedback) else 0.0
+    for gain, w in phase_crossings(open_loop, b, c):
         if gain <= least:
             continue
         middle = sqrt(before * gain) if before else 0.5 * gain
-        if _is_stable(opened + middle * returned) and not _is_stable(opened + _ABOVE * gain * returned):
-            resolvent = 1j * w * np.eye(len(opened)) - opened
+        if _is_stable(open_loop + middle * feedback) and not _is_stable(open_loop + _ABOVE * gain * feedback):
+            resolvent = 1j * w * np.eye(len(open_loop)) - open_loop
             right, left = np.linalg.solve(resolvent, b), np.linalg.solve(resolvent.T, c)
             by_gain = complex((left @ b) * (c @ right) / (left @ right))
             return Onset(gain, w * _TIME, x, right, left, by_gain)

@@ -28,13 +28,13 @@ def _law(signal: Any, site: Site) -> Any:
     width, share = site.parameter["half_width_A"], site.parameter["held_share"]
     largest = 2 / share  # threshold in half widths: the mean of all, times the share, is one
     current = signal / width
-    followed = site.state["followed"]
-    site.rate["followed"] = _FOLLOWING * (current - followed)
+    tracked = site.state["followed"]
+    site.rate["followed"] = _FOLLOWING * (current - tracked)
     passed = 0.0
     for name, node, weight in zip(_PLAYS, _NODES, _WEIGHTS, strict=True):
         threshold = (node + 0.5) * largest
         left = site.state[name]
-        play = ca.fmin(ca.fmax(followed + left, current - threshold), current + threshold)
+        play = ca.fmin(ca.fmax(tracked + left, current - threshold), current + threshold)
         site.rate[name] = _FOLLOWING * (play - current - left) - _FORGETTING * left
         passed += weight * play
     return (1 - share) * signal + share * width * passed

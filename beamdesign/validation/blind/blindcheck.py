@@ -185,7 +185,7 @@ def open_all(check: Check, unfinished: bool = False) -> tuple[Opened, ...]:
         for key in broken(seal, answers)
         if not (unfinished and key in missing)
     ]
-    opened = []
+    answered = []
     for key in seal.answers:
         path = check.place(key).result
         if key in missing:
@@ -196,10 +196,10 @@ def open_all(check: Check, unfinished: bool = False) -> tuple[Opened, ...]:
         if found["set_sha256"] != seal.sets[key]:
             problems.append((key, "what was diagnosed are not the data that were sealed"))
         elif key in answers:
-            opened.append(Opened(key, answers[key], found, _closed(check, key, answers[key], found, problems)))
+            answered.append(Opened(key, answers[key], found, _closed(check, key, answers[key], found, problems)))
     if problems:
         raise InputError(check.seal, problems)
-    return tuple(opened)
+    return tuple(answered)
 
 
 def read_answers(folder: Path, closed: Collection[str] = ()) -> dict[str, dict[str, Any]]:

@@ -10,8 +10,8 @@ import tomli_w
 
 from beamdesign.files import write_whole
 from beamdesign.json_text import picked
-from beamdesign.validation.truth.believed import assembled, believed_figures, controller_figures, rig_figures
 from beamdesign.validation.truth.effects import KINDS, LISTED, PARAMETERS, Scales, Shape
+from beamdesign.validation.truth.nominal import assembled, controller_figures, nominal_figures, rig_figures
 from beamdesign.validation.truth.rig import SAMPLE_S, STEP_S, Motion, march
 
 FADE_S = 0.1
@@ -163,7 +163,7 @@ class Case:
     Attributes:
         seed: that it was drawn with.
         kind: null, single, pair, outside or parameter.
-        believed: prototype's tables.
+        nominal: prototype's tables.
         factors: truth over belief of every tolerated figure, wrong figures included.
         habits: figures of the true rig that no prototype states.
         background: little effects that every real rig has.
@@ -179,7 +179,7 @@ class Case:
 
     seed: int
     kind: str
-    believed: dict[str, Any] = field(hash=False)
+    nominal: dict[str, Any] = field(hash=False)
     factors: Shape = field(hash=False)
     habits: Shape = field(hash=False)
     background: tuple[Departure, ...]
@@ -216,7 +216,7 @@ class Case:
 
 def run_figures(case: Case, run: Run) -> Shape:
     """Flat figures of the true rig as it stands in one run."""
-    figures = rig_figures(case.believed, case.factors, case.habits)
+    figures = rig_figures(case.nominal, case.factors, case.habits)
     for departure in (*case.background, *case.departures):
         figures |= departure.changes(case.scales)
     masses = {"outer_end_mass": run.outer_end_mass_kg, "inner_end_mass": run.inner_end_mass_kg}
@@ -249,7 +249,7 @@ def inputs_of(case: Case, run: Run, noisy: bool, step_s: float, duration_s: floa
         samples = (len(wave) - 1) // per_sample + 1
         noise = held_noise(rng, case.noise.displacement_m, samples, per_sample)
         noise += rng.normal(0, case.noise.drift_m) * np.linspace(0, 1, len(noise))
-        inputs[:, 2] = case.believed["sensor"]["gain_V_per_m"] * noise
+        inputs[:, 2] = case.nominal["sensor"]["gain_V_per_m"] * noise
     return inputs
 
 
@@ -347,7 +347,7 @@ def write_case(case: Case, folder: Path | str) -> None:
         write_whole(folder / file, "\n".join((",".join(columns), *lines)) + "\n")
         setting = picked(run, "outer_end_mass_kg inner_end_mass_kg controller")
         index["record"].append({"file": file} | setting)
-    write_whole(folder / "prototype.toml", tomli_w.dumps(case.believed))
+    write_whole(folder / "prototype.toml", tomli_w.dumps(case.nominal))
     write_whole(folder / "dataset.toml", tomli_w.dumps(index))
 
 
@@ -355,7 +355,7 @@ def stated(case: Case, departure: Departure) -> dict[str, Any]:
     """Parameters of one effect in the units of the contract's effects, and the severity it was drawn with."""
     if departure.figure:
         factor = float(np.exp(departure.severity))
-        value = believed_figures(case.believed)[departure.figure] * case.factors[departure.figure]
+        value = nominal_figures(case.nominal)[departure.figure] * case.factors[departure.figure]
         return {"figure": departure.figure, "factor": factor, "value": value}
     figures = run_figures(case, case.runs[0])
     record, modes = assembled(figures)

@@ -9,15 +9,6 @@ from typing import Any, Literal
 import numpy as np
 from scipy.linalg import matrix_balance
 
-from beamdesign.validation.truth.believed import (
-    Table,
-    assembled,
-    controller_figures,
-    draw_believed,
-    draw_true,
-    rig_figures,
-    tolerance_of,
-)
 from beamdesign.validation.truth.case import (
     Case,
     Departure,
@@ -30,6 +21,15 @@ from beamdesign.validation.truth.case import (
     take,
 )  # fmt: skip
 from beamdesign.validation.truth.effects import KINDS, PARAMETERS, Scales, Shape
+from beamdesign.validation.truth.nominal import (
+    Table,
+    assembled,
+    controller_figures,
+    draw_nominal,
+    draw_true,
+    rig_figures,
+    tolerance_of,
+)
 from beamdesign.validation.truth.rates import PRESSURE_A, PRESSURE_B, STATES, SUPPLY, rates_at
 from beamdesign.validation.truth.rig import Motion
 
@@ -140,8 +140,8 @@ def draw_case(
     rng = np.random.default_rng([seed, KIND_NAMES.index(kind), int(short)])
     notes: list[str] = []
     for attempt in range(20):
-        believed = draw_believed(rng, f"rig-{seed}")
-        case = _with_background(_bare_case(seed, kind, believed, rng, short), rng)
+        nominal = draw_nominal(rng, f"rig-{seed}")
+        case = _with_background(_bare_case(seed, kind, nominal, rng, short), rng)
         if case is None:
             notes.append(f"attempt {attempt + 1}: the rig was not stable, or too lively, with its tolerances")
             continue
@@ -151,17 +151,17 @@ def draw_case(
     raise ValueError(f"no stable case after 20 attempts: {'; '.join(notes)}")
 
 
-def _bare_case(seed: int, kind: str, believed: Table, rng: np.random.Generator, short: bool) -> Case:
-    factors = draw_true(believed, rng)
+def _bare_case(seed: int, kind: str, nominal: Table, rng: np.random.Generator, short: bool) -> Case:
+    factors = draw_true(nominal, rng)
     habits = {
         "bulk_modulus": float(rng.uniform(0.9e9, 1.5e9)),
         "supply": float(rng.uniform(14e6, 21e6)),
         "leakage_across": float(rng.uniform(0.1, 0.8)),
         "stroke_on": 1.0,
     }
-    stiffness, volts = believed["outer_beam"]["stiffness_N_per_m"], believed["sensor"]["gain_V_per_m"]
+    stiffness, volts = nominal["outer_beam"]["stiffness_N_per_m"], nominal["sensor"]["gain_V_per_m"]
     load, command = stiffness / 486800, volts / 1180
-    runs = _runs(believed, rng, load, command, _SHORT if short else tuple(range(len(_FULL))))
+    runs = _runs(nominal, rng, load, command, _SHORT if short else tuple(range(len(_FULL))))
     noise = Noise(
         displacement_m=float(rng.uniform(0.3e-6, 0.7e-6)),
         quantum_m=float(rng.choice([1e-7, 2e-7, 3e-7, 5e-7])),
@@ -169,21 +169,21 @@ def _bare_case(seed: int, kind: str, believed: Table, rng: np.random.Generator, 
         current_A=float(rng.uniform(1e-5, 3e-5)),
         drift_m=float(rng.uniform(0, 0.4e-6)),
     )
-    figures = rig_figures(believed, factors, habits)
+    figures = rig_figures(nominal, factors, habits)
     scales = Scales(figures, figures["modes.stiffness"], figures["modes.mass"], 900 * load, 7.5e-3)
-    case = Case(seed, kind, believed, factors, habits, (), (), runs, noise, 1.75 if short else 4.0, scales)
+    case = Case(seed, kind, nominal, factors, habits, (), (), runs, noise, 1.75 if short else 4.0, scales)
     large = next(run for run in runs if run.name == "04_disturbance_large")
     current = float(np.std(take(case, large, duration_s=1.5).current))
     return replace(case, scales=replace(scales, current=current))
 
 
 def _runs(
-    believed: Table, rng: np.random.Generator, load: float, command: float, chosen: tuple[int, ...]
+    nominal: Table, rng: np.random.Generator, load: float, command: float, chosen: tuple[int, ...]
 ) -> tuple[Run, ...]:
-    payload = round(float(rng.uniform(4.0, 9.0)) * believed["outer_beam"]["effective_mass_kg"] / 3.9, 1)
+    payload = round(float(rng.uniform(4.0, 9.0)) * nominal["outer_beam"]["effective_mass_kg"] / 3.9, 1)
     pole, zero = float(f"{1.75 * rng.uniform(0.7, 1.4):.3g}"), float(f"{26 * rng.uniform(0.8, 1.25):.3g}")
     fraction = float(rng.uniform(0.3, 0.42))
-    rest = rig_figures(believed, {}, {})
+    rest = rig_figures(nominal, {}, {})
     added = _added_mass(rest, {"pole_Hz": pole, "zero_Hz": zero}, payload)
     controllers: dict[tuple[str, bool], dict[str, Any]] = {}
     for kind, loaded in (("lag", False), ("proportional", False), ("lag", True)):
@@ -224,8 +224,8 @@ def _with_background(case: Case, rng: np.random.Generator) -> Case | None:
     without = noise_free(case, _probe(case))
     if not all(motion.bounded for motion in without.values()):
         return None
-    believed = replace(case, factors=dict.fromkeys(case.factors, 1.0))
-    tolerances = relative_gap(without, noise_free(believed, without[case.runs[0].name].duration))  # change them alone
+    nominal = replace(case, factors=dict.fromkeys(case.factors, 1.0))
+    tolerances = relative_gap(without, noise_free(nominal, without[case.runs[0].name].duration))  # change them alone
     if tolerances > _LARGEST_TOLERANCE_GAP:
         return None
     floor = relative_floor(case, without)
@@ -287,7 +287,7 @@ def _sized(case: Case, name: str, probe: dict[str, Motion], aim: float, rng: np.
     if name.startswith("parameter:"):
         figures, _ = PARAMETERS[name.removeprefix("parameter:")]
         figure, sign = str(rng.choice(figures)), float(rng.choice([-1, 1]))
-        least = 3.5 * tolerance_of(case.believed, figure)
+        least = 3.5 * tolerance_of(case.nominal, figure)
         low, high = max(least, 0.03), max(1.0, 1.5 * least)
     else:
         shape = KINDS[name].shape(rng)

@@ -8,7 +8,7 @@ from math import copysign, exp, log1p, sin, sqrt
 import numpy as np
 from numba import njit
 
-from beamdesign.validation.truth.believed import MODES
+from beamdesign.validation.truth.nominal import MODES
 
 ATMOSPHERE = 101325.0
 
@@ -140,7 +140,7 @@ def error_volts(f, fed_back, command, time):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy")
-def demanded(x, f, fed_back, command, time):  # type: ignore[no-untyped-def]
+def commanded_current(x, f, fed_back, command, time):  # type: ignore[no-untyped-def]
     """Current the controller asks for, A."""
     return f.gain * (x[_C] + (error_volts(f, fed_back, command, time) - x[_C]) * f.pole / f.zero)
 
@@ -159,7 +159,7 @@ def rates_into(x, d, f, modes, held, plays, fed_back, command, force, time, shar
         tip_speed += x[_QD + k]
 
     # controller and amplifier
-    demand = held if held == held else demanded(x, f, fed_back, command, time)
+    demand = held if held == held else commanded_current(x, f, fed_back, command, time)
     d[_C] = f.pole * (error_volts(f, fed_back, command, time) - x[_C])
     current = knee(demand, f.current_limit, f.current_knee) if f.current_limit > 0.0 else demand
     if f.coil_rate > 0.0:

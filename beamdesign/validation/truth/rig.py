@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit
 
-from beamdesign.validation.truth.believed import MODES
+from beamdesign.validation.truth.nominal import MODES
 from beamdesign.validation.truth.rates import (
     BRISTLE,
     INNER,
@@ -21,7 +21,7 @@ from beamdesign.validation.truth.rates import (
     SPOOL_FRICTION,
     STATES,
     TIP,
-    demanded,
+    commanded_current,
     measured_volts,
     played,
     rates_into,
@@ -95,7 +95,7 @@ def _march(figures, modes, inputs, lost, step, stride, start):  # type: ignore[n
         fed = stuck if lost[n] else _fed_back(x, f, share, plays, line, n, -late, inputs[2 * n, 2])
         stuck = fed
         if f.current_step > 0.0 and n % hold == 0:
-            wanted = demanded(x, f, fed, inputs[2 * n, 1], time)
+            wanted = commanded_current(x, f, fed, inputs[2 * n, 1], time)
             held = f.current_step * np.floor(wanted / f.current_step + 0.5)
         current = rates_into(x, k1, f, modes, held, plays, fed, inputs[2 * n, 1], inputs[2 * n, 0], time, share)
         if n % stride == 0:

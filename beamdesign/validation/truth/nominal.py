@@ -256,7 +256,7 @@ def _rounded(value: float, digits: int = 3) -> float:
     return float(f"{value:.{digits}g}")
 
 
-def draw_believed(rng: np.random.Generator, name: str) -> Table:
+def draw_nominal(rng: np.random.Generator, name: str) -> Table:
     """A believed prototype as nested tables: around the published rig, from half to twice its figures."""
 
     def about(value: float, factor: float) -> float:
@@ -293,7 +293,7 @@ def draw_believed(rng: np.random.Generator, name: str) -> Table:
     return table
 
 
-def believed_figures(table: Table) -> Shape:
+def nominal_figures(table: Table) -> Shape:
     """The figures that a believed prototype states, flat, as `_STATED` names them; 0 for a filter that is not there."""
     stated = {name: ({"filter_Hz": 0.0} | table[part])[key] for name, (part, key, _) in _STATED.items()}
     return {name: 2 * pi * value if _STATED[name][1].endswith("_Hz") else value for name, value in stated.items()}
@@ -317,7 +317,7 @@ def rig_figures(table: Table, factors: Shape, habits: Shape) -> Shape:
         factors: of truth on belief, by figure; what is not named is as believed.
         habits: figures that no prototype states (bulk modulus, supply, where the leakage goes).
     """
-    own = {name: value * factors.get(name, 1.0) for name, value in believed_figures(table).items()}
+    own = {name: value * factors.get(name, 1.0) for name, value in nominal_figures(table).items()}
     bulk = habits.get("bulk_modulus", FIGURES["bulk_modulus"])
 
     def dashpot(beam: str) -> float:
