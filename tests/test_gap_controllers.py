@@ -21,7 +21,7 @@ from beamdesign.diagnosis import separability
 from beamdesign.diagnosis.data.dataset import Dataset, TimeRecord, read_dataset
 from beamdesign.diagnosis.diagnose import diagnose
 from beamdesign.diagnosis.diagnosis import Diagnosis
-from beamdesign.diagnosis.examination.nominal import CHANNELS, controller_fit, commanded_current, nominal_loop
+from beamdesign.diagnosis.examination.nominal import CHANNELS, commanded_current, controller_fit, nominal_loop
 from beamdesign.diagnosis.experiment import menu
 from beamdesign.diagnosis.fitting import search as searching
 from beamdesign.diagnosis.fitting.evidence import record_evidence

@@ -15,7 +15,7 @@ from scipy.signal import lfilter
 
 from beamdesign.controllers import Lag
 from beamdesign.diagnosis.data.dataset import read_dataset
-from beamdesign.diagnosis.examination.nominal import _knee, controller_fit, commanded_current, nominal_loop
+from beamdesign.diagnosis.examination.nominal import _knee, commanded_current, controller_fit, nominal_loop
 from beamdesign.diagnosis.examination.plausibility import examine
 from beamdesign.prototype import Prototype, Tolerance
 from beamdesign.records import InputError
