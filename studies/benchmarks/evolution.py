@@ -58,7 +58,9 @@ class Sampled:
         shape = (len(self.masses), -1)
         returned = 1 + own * control.reshape(shape)
         compliance = np.abs(disturbance.reshape(shape) / returned).max(axis=0)
-        reached = first_miss(SEARCH_FREQUENCIES_HZ, np.log(self.goal.compliance_m_per_N / compliance))
+        slack = np.log(self.goal.compliance_m_per_N / compliance)
+        # A design that misses the compliance at once is told how far it is off, so that the search has a way to go.
+        reached = first_miss(SEARCH_FREQUENCIES_HZ, slack) or float(SEARCH_FREQUENCIES_HZ[0] * np.exp(slack[0]))
         bandwidth = min(reached, float(SEARCH_FREQUENCIES_HZ[-1]))
         return bandwidth, float(1 / np.abs(returned).min())
 
