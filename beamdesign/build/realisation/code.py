@@ -78,7 +78,7 @@ class ProvedCode(Result):
         made = self.realisation
         readings = [
             {
-                "heard": one.sensed,
+                "heard": one.heard,
                 "unit": one.unit,
                 "full_scale": scale,
                 "places": places,
