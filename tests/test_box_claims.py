@@ -101,8 +101,11 @@ def test_a_box_without_width_has_what_the_other_prover_finds(rig: Prototype):
     limited = rig.but(goal=rig.goal.but(controller_effort_A_per_V=1.0))
     box = tolerance_box(limited, 0.0, None, MASSES)
     found, exactly = guaranteed_fields(best_over_box(limited, box)), certify(limited, *MASSES).guaranteed
-    for kind in ("bandwidth_Hz", "peak_sensitivity", "controller_effort_A_per_V"):
+    for kind in ("bandwidth_Hz", "peak_sensitivity"):
         assert found[kind] == pytest.approx(getattr(exactly, kind), rel=4e-3)
+    effort = exactly.controller_effort_A_per_V
+    assert claim_over_box(limited, box, Asked("controller_effort", 1.004 * effort)).holds is True
+    assert claim_over_box(limited, box, Asked("controller_effort", 0.996 * effort)).holds is False
     assert found["bandwidth_Hz"] <= exactly.bandwidth_Hz
     assert found["peak_sensitivity"] >= exactly.peak_sensitivity * (1 - 1e-4)
 

@@ -103,7 +103,7 @@ def claim_over_box(
 
 
 def best_over_box(prototype: Prototype, box: Box, budget: int = 4000, seconds: float = inf) -> tuple[BoxClaim, ...]:
-    """The best figures that were proved of every member: of peak sensitivity, bandwidth and what else the goal limits.
+    """The best bandwidth and peak sensitivity that were proved of every member.
 
     The worst member that a search finds shows what cannot be proved; what is a little looser is tried, ever more so,
     until it is proved. A claim for which that fails is left out.
@@ -115,11 +115,8 @@ def best_over_box(prototype: Prototype, box: Box, budget: int = 4000, seconds: f
         seconds: most time for each try.
     """
     goal = prototype.goal
-    asked = [Asked("compliance", goal.compliance_m_per_N), Asked("peak_sensitivity", 2.0)]
-    if goal.controller_effort_A_per_V is not None:
-        asked.append(Asked("controller_effort", goal.controller_effort_A_per_V))
     claims = []
-    for one in asked:
+    for one in (Asked("compliance", goal.compliance_m_per_N), Asked("peak_sensitivity", goal.peak_sensitivity)):
         with suppress(NotCovered):
             best = _least(prototype, box, one) if one.kind != "compliance" else _highest(prototype, box, one)
             claims += [] if best is None else _proved(prototype, box, best, budget, seconds)
@@ -146,7 +143,6 @@ def guaranteed_fields(claims: Sequence[BoxClaim]) -> dict[str, float | None]:
     return {
         "bandwidth_Hz": found["compliance"].bandwidth_Hz if "compliance" in found else None,
         "peak_sensitivity": found["peak_sensitivity"].limit if "peak_sensitivity" in found else None,
-        "controller_effort_A_per_V": found["controller_effort"].limit if "controller_effort" in found else None,
     }
 
 
