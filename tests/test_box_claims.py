@@ -121,6 +121,12 @@ def test_a_delay_counts(rig: Prototype):
     peaks = [np.abs(1 / (1 + loop * np.exp(-s * delay))).max() for delay in np.linspace(0, 2e-4, 9)]
     assert max(peaks) < claim.asked.limit < 1.05 * max(peaks)
     assert max(peaks) > peaks[0]
+    text = certify_box(rig, box, volumes=False).write((claim,))
+    assert check(text).valid
+    for other in ({"transport": "leakage"}, {"transport": "outer_end_mass"}):
+        forged = tomllib.loads(text)
+        forged["claim"][0]["delay"] = other
+        assert not check(resealed(forged)).valid
 
 
 def test_the_checker_proves_claims_again_and_no_tighter_ones(rig: Prototype, proved):

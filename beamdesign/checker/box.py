@@ -349,8 +349,9 @@ class _Claim:
 
     def proved(self, rig: Rig | None, member: Mapping[str, fmpq]) -> tuple[bool, str]:
         """Whether it is, and it in words."""
-        if self.expression.delay is None and any(self.expression.ranges.get("delay", ())):
-            return False, f"{self.words}: of the loop without its delay"
+        waits = any(self.expression.ranges.get("delay", ()))
+        if self.expression.delay != "delay" and (waits or self.expression.delay is not None):
+            return False, f"{self.words}: of a loop with another delay"
         if rig is None or not _alike(self.expression, _characteristic(self.expression, rig, self.kind)):
             return False, f"{self.words}: the expression is not that of a rig's loop"
         if not _below(self.expression, member):
