@@ -123,10 +123,10 @@ def test_a_delay_counts(rig: Prototype):
     assert max(peaks) > peaks[0]
     text = certify_box(rig, box, volumes=False).write((claim,))
     assert check(text).valid
-    for other in ({"transport": "leakage"}, {"transport": "outer_end_mass"}):
-        forged = tomllib.loads(text)
-        forged["claim"][0]["delay"] = other
-        assert not check(resealed(forged)).valid
+    forged = tomllib.loads(text)
+    forged["claim"][0]["delay"] = {"transport": "leakage"}  # next to nothing, in the place of the delay
+    (failed,) = check(resealed(forged)).failed
+    assert "another delay" in failed
 
 
 def test_the_checker_proves_claims_again_and_no_tighter_ones(rig: Prototype, proved):
