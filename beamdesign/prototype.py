@@ -200,6 +200,9 @@ class Goal(Record):
 
     compliance_m_per_N: q.ComplianceLimit = Field(COMPLIANCE_LIMIT_M_PER_N, description="limit of |x / F_d|")
     peak_sensitivity: q.PeakSensitivity = Field(2.0, description="limit of max |1 / (1 + L)|")
+    lower_gains: bool = Field(
+        True, description="stable at every lower gain too: a valve that saturates or a supply that comes up lowers it"
+    )
     loop_gain: q.LoopGain | None = Field(
         None, description="limit of |L| from loop_gain_from_Hz up, where the model leaves out modes; none: no limit"
     )

@@ -165,7 +165,10 @@ def _named(prototype: PrototypeTable, data: bytes, source: str | Path) -> list[t
 
 KEYS = {
     "payload": ("outer_end_mass_kg", "inner_end_mass_kg", "largest_force_N"),
-    "goal": ("compliance_m_per_N", "peak_sensitivity", "loop_gain", "loop_gain_from_Hz", "controller_effort_A_per_V"),
+    "goal": (
+        "compliance_m_per_N", "peak_sensitivity", "lower_gains", "loop_gain", "loop_gain_from_Hz",
+        "controller_effort_A_per_V",
+    ),
     "arm": (
         "offset_m", "tool_m", "sensor_m", "end_polar_inertia_kg_m2", "payload_polar_inertia_kg_m2",
         "torsional_stiffness_N_m_per_rad", "torsional_damping_ratio", "second_controller",
@@ -207,6 +210,8 @@ def _figures(table: Table, known: Iterable[str]) -> Iterator[str]:
     for key in entries:
         if key in _LAWS:
             _refuse_words(entries[key], table.place_of(key))
+        elif key == "lower_gains":
+            table.flag(key)
         elif key not in _LENGTHS:
             table.number(key)
         else:

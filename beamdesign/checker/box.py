@@ -92,6 +92,15 @@ def _gain(rig: Rig) -> Pair:
     return low, high
 
 
+def _performing(rig: Rig) -> dict[str, Pair]:
+    """Of what effects span the part at which more than stability is asked."""
+    gain = ONCE
+    for effect in rig.effects:
+        gain = gain[0] * effect.performing[0], gain[1] * effect.performing[1]
+    spans = {name: rig.effects[k].spans[key].performing for name, (k, key) in _spans(rig).items()}
+    return spans | {"effect_gain": gain}
+
+
 def _characteristic(expression: Expression, rig: Rig, claim: str = "") -> fmpq_mpoly:
     """Of the rig's loop, in s, the delay's exponential and what varies; all else is the rig's own number.
 
@@ -125,9 +134,9 @@ def _characteristic(expression: Expression, rig: Rig, claim: str = "") -> fmpq_m
     factor = value.get("effect_gain", fmpq(1)) * variable.get(expression.transport, fmpq(1))
     forward = at.determinant * around
     loop = factor * sum((by * at.sensed[name] for name, by in back.items()), none)
-    if not claim:
+    if claim in ("", "gain_margin"):
         return forward + loop
-    if claim == "peak_sensitivity":
+    if claim in ("peak_sensitivity", "loop_gain"):
         return forward + variable[UNKNOWN] * loop
     if claim == "controller_effort":
         above = at.determinant * numerators[SENSED[0]] * (around / denominator)
@@ -318,14 +327,17 @@ def statements(table: Table, rig: Rig | None) -> Iterator[tuple[bool, str]]:
 CLAIMS = {
     "peak_sensitivity": "peak sensitivity max |1/(1+L)| below {}",
     "compliance": "compliance |x/F_d| below {} m/N {}",
+    "loop_gain": "loop gain |L| below {} {}",
     "controller_effort": "controller effort |C/(1+L)| below {} A/V",
+    "gain_margin": "stable with the gain times every number from {} to 1",
 }
 """A magnitude |a / p| that is to stay below a limit, in words.
 
 It reaches it where p + u a vanishes for some u of the size 1 / limit. Of S, where a is p less the loop's numerator N,
 that is where p + (g - 1) N does for g = 1 / (1 + u), which goes around the circle over the real axis from
 limit / (limit + 1) to limit / (limit - 1). Box, frequencies and circle being connected, a magnitude that reaches its
-limit nowhere stays below it everywhere, if it does without motion at one member.
+limit nowhere stays below it everywhere, if it does without motion at one member; and |L| as the leading coefficient
+outweighs all others at the highest frequencies. A gain margin is stability over a box with a range of the gain.
 """
 
 
@@ -333,7 +345,8 @@ class _Claim:
     """One claim about every member of the box, as it is stated."""
 
     def __init__(self, stated: Table, table: Table) -> None:
-        self.kind, limit = stated.word("kind", *CLAIMS), stated.at_least("limit", 0, above=True)
+        self.kind = stated.word("kind", *CLAIMS)
+        limit = stated.at_least("limit", 0, above=self.kind != "gain_margin")
         if self.kind == "peak_sensitivity" and limit <= 1:
             raise Unreadable("no loop has a peak sensitivity of one or less")
         bandwidth = None
@@ -341,11 +354,31 @@ class _Claim:
             bandwidth = stated.at_least("bandwidth_Hz", 0, above=True)
         self.until = None if bandwidth is None else bandwidth * _OVER_TURN
         above = "at every frequency" if bandwidth is None else f"up to {short(bandwidth)} Hz"
+        self.since = fmpq(0)
+        if self.kind == "loop_gain":
+            start = stated.at_least("from_Hz", 0)
+            self.since, above = start * _UNDER_TURN, f"from {short(start)} Hz up"
         self.words = CLAIMS[self.kind].format(short(limit), above)
-        turned = limit * limit - 1
-        circle = (limit * limit / turned, limit / turned) if self.kind == "peak_sensitivity" else (fmpq(0), 1 / limit)
-        self.expression = Expression(stated, table, Circle(*circle))
+        if self.kind == "gain_margin":
+            self.expression = Expression(stated, table)
+        else:
+            turned = limit * limit - 1
+            of_peak = self.kind == "peak_sensitivity"
+            circle = (limit * limit / turned, limit / turned) if of_peak else (fmpq(0), 1 / limit)
+            self.expression = Expression(stated, table, Circle(*circle))
         self.marks = [mark for line in stated.words("tree") for mark in line.split()]
+        self.limit, self.whole = limit, Expression(table).ranges
+
+    def _covers(self, rig: Rig) -> bool:
+        """Whether ranges of its own hold the gains claimed, and of effects all at which more than stability is asked."""
+        own, asked = self.expression.own.keys, _performing(rig)
+        if self.kind == "gain_margin":
+            low, high = self.whole.get("controller_gain", (fmpq(-1), fmpq(0)))
+            asked = {"controller_gain": (low * self.limit, high)}
+            if not 0 <= self.limit <= 1 or low < 0 or "controller_gain" not in own:
+                return False
+        ranges = self.expression.ranges
+        return all(n in asked and ranges[n][0] <= asked[n][0] and asked[n][1] <= ranges[n][1] for n in own)
 
     def proved(self, rig: Rig | None, member: Mapping[str, fmpq]) -> tuple[bool, str]:
         """Whether it is, and it in words."""
@@ -354,18 +387,27 @@ class _Claim:
             return False, f"{self.words}: of a loop with another delay"
         if rig is None or not _alike(self.expression, _characteristic(self.expression, rig, self.kind)):
             return False, f"{self.words}: the expression is not that of a rig's loop"
-        if not _below(self.expression, member):
+        if not self._covers(rig):
+            return False, f"{self.words}: over ranges of its own that are not those of what is claimed"
+        member = {
+            n: min(max(value, self.expression.ranges[n][0]), self.expression.ranges[n][1])
+            for n, value in member.items()
+        }
+        if self.kind == "gain_margin":
+            if _is_stable(self.expression, member) is not True:
+                return False, f"{self.words}: the member is not seen to be stable"
+        elif self.kind != "loop_gain" and not _below(self.expression, member):
             return False, f"{self.words}: not without motion at the member"
         count = 0
-        for where, settled in walked(self.expression, self.marks, self.until):
+        for where, settled in walked(self.expression, self.marks, self.since, self.until):
             count += 1
             if not settled:
                 return False, f"{self.words}: piece {count}, {where}, is not seen to be clear"
         return True, f"{self.words} for every member of the box: {count} pieces"
 
 
-_OVER_TURN = fmpq(710, 113)
-"""Somewhat above 2 pi: 355/113 is above pi."""
+_UNDER_TURN, _OVER_TURN = fmpq(333, 53), fmpq(710, 113)
+"""Somewhat below and above 2 pi: 333/106 is below pi and 355/113 above."""
 
 
 def _below(expression: Expression, member: Mapping[str, fmpq]) -> bool:

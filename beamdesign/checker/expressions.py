@@ -74,9 +74,18 @@ class Expression:
         circle: of the unknown, None where p has none.
     """
 
-    def __init__(self, table: Table, whole: Table | None = None, circle: Circle | None = None) -> None:
+    def __init__(
+        self,
+        table: Table,
+        whole: Table | None = None,
+        circle: Circle | None = None,
+    ) -> None:
         stated, self.circle = (whole or table).table("range"), circle
         self.ranges = {_name(name, stated): stated.range(name) for name in stated.keys}
+        self.own = Table({}, "range") if whole is None else table.optional("range")
+        if unknown := sorted(self.own.keys - self.ranges.keys()):
+            raise Unreadable(f"a claim has ranges of its own that the box does not have: {', '.join(unknown)[:200]}")
+        self.ranges |= {name: self.own.range(name) for name in self.own.keys}
         self.groups: dict[str, tuple[str, list[str]]] = {}
         for group in table.tables("group"):
             if (name := _name(group.word("name"), group)) in self.groups:

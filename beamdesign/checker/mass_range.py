@@ -377,7 +377,7 @@ def _claim(claim: Table, members: Sequence[Member], whole: bool, masses: Pair) -
         else:
             at_witness = at_witness and unstable()
     else:
-        limit = claim.at_least("limit", 0, above=True)
+        limit = claim.at_least("limit", 0, above=kind == "decay_rate")
         if kind == "decay_rate":
             words = f"every pole decays faster than {short(limit)} 1/s"
             truth = all(member.is_stable_over(masses, S - limit) for member in members)

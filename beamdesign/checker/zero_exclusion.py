@@ -31,6 +31,8 @@ MOST_POINTS = 200_000
 MOST_WORK = 200_000_000
 """Control points of p on all pieces."""
 
+ZERO_FREQUENCY = fmpq(0)
+
 T = TypeVar("T")
 Control = tuple[arb_poly, arb_poly]
 """A control point of a leaf: even and odd part of a polynomial in s on the axis, over w^2."""
@@ -298,7 +300,9 @@ def control_points(expression: Expression) -> int:
     )
 
 
-def walked(expression: Expression, marks: Sequence[str], until: fmpq | None = None) -> Iterator[tuple[str, bool]]:
+def walked(
+    expression: Expression, marks: Sequence[str], since: fmpq = ZERO_FREQUENCY, until: fmpq | None = None
+) -> Iterator[tuple[str, bool]]:
     """Each piece of a tree in words, and whether p vanishes nowhere on it.
 
     The marks are NAME (a cut in a variable), w=VALUE (in frequency, rad/s), X,Y (what is across a line) and "inf" (the
@@ -307,7 +311,8 @@ def walked(expression: Expression, marks: Sequence[str], until: fmpq | None = No
     Args:
         expression: of p.
         marks: in prefix order.
-        until: frequency up to which p is looked at, rad/s; None for all.
+        since: frequency from which on p is looked at, rad/s.
+        until: up to which, rad/s; None for all.
 
     Raises:
         Unreadable: where the tree ends too soon or too late, cuts outside of its pieces or is too much work.
@@ -320,7 +325,7 @@ def walked(expression: Expression, marks: Sequence[str], until: fmpq | None = No
     waits = expression.delay is not None and expression.variables[expression.delay][1] > 0
     if late.degree() >= len(plain) - (waits or expression.circle is None):
         raise Unreadable("the highest power of s is delayed: loops of neutral type are not covered")
-    open_pieces: list[tuple[Cell, fmpq, fmpq | None]] = [(whole, fmpq(0), until)]
+    open_pieces: list[tuple[Cell, fmpq, fmpq | None]] = [(whole, since, until)]
     for mark in marks:
         if not open_pieces:
             raise Unreadable("the tree goes on after all pieces are settled")

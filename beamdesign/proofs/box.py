@@ -125,7 +125,9 @@ def box_certificate(
                 "kind": claim.asked.kind,
                 "limit": text(exact(claim.asked.limit)),
                 **({} if claim.asked.bandwidth_Hz == inf else {"bandwidth_Hz": text(exact(claim.asked.bandwidth_Hz))}),
+                **({} if claim.asked.kind != "loop_gain" else {"from_Hz": text(exact(claim.asked.from_Hz))}),
                 **_expression(claim.family, claim.tree),
+                **({"range": {name: texts(ends) for name, ends in claim.own.items()}} if claim.own else {}),
             }
             for claim in claims
         ]

@@ -1,35 +1,43 @@
-"""Claims of magnitudes over a whole box: peak sensitivity, compliance and effort of every member, at every frequency.
+"""Claims over a whole box: of magnitudes of every member at every frequency, and of stability at lower gains.
 
 A magnitude |a / p| reaches its limit where p with one more unknown vanishes (see `rig_family.claimed`), whose argument
 is one more variable of the box. Where zero exclusion keeps that polynomial from zero everywhere, the magnitude has its
 limit nowhere, and since box and frequencies are connected it stays below where it is below at one member without
-motion. So nothing is needed for performance that stability does not need.
+motion, or at high frequencies. So nothing is needed for performance that stability does not need.
+
+That every member is stable with its gain times every number from a share to one is stability of a box with one more
+range, that of the gain.
 """
 
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
+from functools import partial
+from itertools import pairwise
 from math import inf, pi
+from typing import NamedTuple
 
 import numpy as np
 from flint import ctx, fmpq, fmpq_poly
 
 from beamdesign.loop import loop
+from beamdesign.plant.members import family as linear_family
 from beamdesign.polynomial import exact, squared_magnitude
 from beamdesign.proofs.box import Box
-from beamdesign.proofs.box_member import climbed, parameters_at
+from beamdesign.proofs.box_member import climbed, parameters_at, stable_at, unstable_member
 from beamdesign.proofs.branch import Search
 from beamdesign.proofs.certificate import Asked
 from beamdesign.proofs.read_once import NotCovered
-from beamdesign.proofs.rig_family import UNKNOWN, PolynomialFamily, rig_family
-from beamdesign.proofs.statement import Node, Statement
+from beamdesign.proofs.rig_family import UNKNOWN, PolynomialFamily, performing_spans, rig_family
+from beamdesign.proofs.statement import Interval, Node, Statement
 from beamdesign.proofs.value_set import with_unknown
 from beamdesign.proofs.zero_exclusion import PRECISION_BITS, holds, pieces
 from beamdesign.prototype import Prototype
 from beamdesign.rational import nearest, shortened
 
 _LEAST_rad_per_s, _MOST_rad_per_s = 1e-2, 1e5
-_COARSE, _FINE = 240, 4
+_BANDS_rad_per_s, _IN_BAND, _FINE = np.geomspace(6.0, 2500.0, 25), 30, 3
+"""Bands of frequency in which worst members are sought, and at how many frequencies in each at first."""
 _POPULATION, _ROUNDS, _STEPS = 12, 4, 1000
 _TURNS, _SETTLED, _SAMPLES = 8, 1e-4, 4001
 _ABOVE_ONE, _NONE = 1.0001, (fmpq(0), fmpq(0))
@@ -51,6 +59,7 @@ class BoxClaim:
         pieces: number of pieces of frequency, parameters and unknown that were proved to be clear of zero.
         looked_at: number of pieces the search looked at.
         tree: marks of the pieces.
+        own: ranges that are other than those of the box, see `own_ranges`.
     """
 
     asked: Asked
@@ -62,6 +71,7 @@ class BoxClaim:
     pieces: int = 0
     looked_at: int = 0
     tree: Sequence[str] = field(default=(), repr=False, compare=False)
+    own: Mapping[str, Interval] = field(default_factory=dict)
 
 
 def claim_over_box(
@@ -72,34 +82,60 @@ def claim_over_box(
     Args:
         prototype: with a controller of one law.
         box: ranges of its parameters; the others keep their values.
-        asked: of the kind compliance, peak_sensitivity or controller_effort.
+        asked: of the kind compliance, peak_sensitivity, loop_gain, controller_effort or gain_margin.
         budget: most pieces to look at.
         seconds: most time to spend on the search; what was found until then is proved all the same.
 
     Raises:
         ValueError: as `claimed` and `read_once`, or for a box that `PolynomialFamily.over` refuses.
     """
-    family = _family(prototype, box, asked)
-    statement = family.over(box.ranges)
-    nominal = {**family.values, **box.nominal}
-    at, w = worst_member(statement)
+    family, of_gains = _family(prototype, box, asked), asked.kind == "gain_margin"
+    own = own_ranges(prototype, family, box, asked)
+    statement = family.over({**box.ranges, **own})
+    inside = {name: min(max(value, own[name][0]), own[name][1]) for name, value in box.nominal.items() if name in own}
+    nominal = {**family.values, **box.nominal, **inside}
     with ctx.workprec(PRECISION_BITS):
-        if statement.inner.get("delay", _NONE) == _NONE and not below(statement, at, w * w):
+        if of_gains and (point := unstable_member(statement)) is not None:
+            share = nearest(point["controller_gain"] / nominal["controller_gain"])
+            reason = f"a member is not stable at {share:.6g} times the gain"
+            return BoxClaim(asked, family, False, reason, point, own=own)
+        at, w = worst_member(statement) if not of_gains else (nominal, fmpq(0))
+        if not of_gains and statement.inner.get("delay", _NONE) == _NONE and not below(statement, at, w * w):
             reason = f"exceeded by a member at {nearest(w) / (2 * pi):.6g} Hz"
-            return BoxClaim(asked, family, False, reason, at, nearest(w) / (2 * pi))
+            return BoxClaim(asked, family, False, reason, at, nearest(w) / (2 * pi), own=own)
         try:
             search = Search(statement)
         except ValueError as error:
-            return BoxClaim(asked, family, None, f"not covered: {error}")
+            return BoxClaim(asked, family, None, f"not covered: {error}", own=own)
         search.run(budget, seconds)
         settled = [holds(piece) for piece in pieces(statement, search.tree)]
-    found = BoxClaim(asked, family, True, "", None, None, sum(settled), search.looked_at, search.tree)
+    found = BoxClaim(asked, family, True, "", None, None, sum(settled), search.looked_at, search.tree, own)
     if not all(settled):
         reason = f"undecided on {len(settled) - sum(settled)} of {len(settled)} pieces"
         return replace(found, holds=None, reason=reason)
-    if not below(statement, nominal, fmpq(0)):
+    if of_gains and stable_at(statement, nominal) is not True:
+        return replace(found, holds=None, reason="no member could be told to be stable")
+    if not of_gains and statement.since == 0 and not below(statement, nominal, fmpq(0)):
         return replace(found, holds=False, reason="exceeded without motion", witness=nominal, frequency_Hz=0.0)
     return found
+
+
+def own_ranges(prototype: Prototype, family: PolynomialFamily, box: Box, asked: Asked) -> dict[str, Interval]:
+    """Ranges over which a claim is looked at in the place of those of the box.
+
+    For a gain margin the gain also times the shares claimed; for a magnitude what effects span, as far as they ask for
+    more than stability.
+
+    Raises:
+        ValueError: for a gain margin that is not a share of the gain.
+    """
+    if asked.kind != "gain_margin":
+        spans = performing_spans(linear_family(prototype, nearest(box.ranges.get("outer_end_mass", _NONE)[1])))
+        return {name: pair for name, pair in spans.items() if name in box.ranges and pair != box.ranges[name]}
+    if not 0 <= asked.limit <= 1:
+        raise ValueError(f"over a box gains are lower ones, not up to {asked.limit:g} times the gain")
+    low, high = box.ranges.get("controller_gain", (family.values["controller_gain"],) * 2)
+    return {"controller_gain": (low * exact(asked.limit), high)}
 
 
 def best_over_box(prototype: Prototype, box: Box, budget: int = 4000, seconds: float = inf) -> tuple[BoxClaim, ...]:
@@ -126,9 +162,9 @@ def best_over_box(prototype: Prototype, box: Box, budget: int = 4000, seconds: f
 def _proved(prototype: Prototype, box: Box, best: Asked, budget: int, seconds: float) -> list[BoxClaim]:
     """One claim, as near to the best as it is proved; none where it is not."""
     for factor in _LOOSER:
-        claim = claim_over_box(prototype, box, _relaxed(best, factor), budget, seconds)
+        claim = claim_over_box(prototype, box, relaxed(best, factor), budget, seconds)
         if claim.holds:
-            nearer = claim_over_box(prototype, box, _relaxed(best, _NEARER), budget, seconds)
+            nearer = claim_over_box(prototype, box, relaxed(best, _NEARER), budget, seconds)
             return [nearer if factor == _LOOSER[0] and nearer.holds else claim]
     return []
 
@@ -146,7 +182,7 @@ def guaranteed_fields(claims: Sequence[BoxClaim]) -> dict[str, float | None]:
     }
 
 
-def _relaxed(best: Asked, factor: float) -> Asked:
+def relaxed(best: Asked, factor: float) -> Asked:
     """A claim that says a little less, with four digits."""
     if best.kind == "compliance" and best.bandwidth_Hz == inf:
         return best
@@ -159,7 +195,7 @@ def _least(prototype: Prototype, box: Box, asked: Asked) -> Asked:
     """The claim at the magnitude of the worst member that was found."""
     for _ in range(_TURNS):
         statement = _family(prototype, box, asked).over(box.ranges)
-        shares, w = _worst(statement)
+        _, shares, w = _worst(statement)[0]
         plain, whole = (with_unknown(statement, shares, w, unknown) for unknown in (0.0, 1.0))
         sizes = np.abs(plain), np.abs(whole if asked.kind == "peak_sensitivity" else whole - plain)
         found = (sizes[0] / sizes[1] if asked.kind == "peak_sensitivity" else sizes[1] / sizes[0]).item()
@@ -175,7 +211,7 @@ def _highest(prototype: Prototype, box: Box, asked: Asked) -> Asked | None:
     highest = loop(prototype).at(nearest(box.ranges.get("outer_end_mass", _NONE)[0])).bandwidth_Hz(limit)
     for _ in range(_TURNS if 0 < highest < inf else 0):
         statement = _family(prototype, box, Asked("compliance", limit, highest)).over(box.ranges)
-        shares, _ = _worst(statement)
+        shares = _worst(statement)[0][1]
         w = np.linspace(0.0, 2 * pi * highest, _SAMPLES)[None]
         over = np.flatnonzero(_ratios(statement, shares, w)[0] > 1)
         if not len(over):
@@ -205,28 +241,75 @@ def below(statement: Statement, point: Mapping[str, fmpq], square: fmpq) -> bool
     return bool(squared_magnitude(with_number(centre))(square) > radius**2 * squared_magnitude(moved)(square))
 
 
+class Worst(NamedTuple):
+    """A member that leaves least of a limit, of those that a search found.
+
+    Attributes:
+        ratio: what it has over the limit, or what is above one where that is; infinite of one that is not stable.
+        parameters: of the member.
+        frequency_Hz: where it has it.
+    """
+
+    ratio: float
+    parameters: dict[str, fmpq]
+    frequency_Hz: float
+
+
+def worst_over_box(prototype: Prototype, box: Box, asked: Asked) -> list[Worst]:
+    """Seek members of a box that leave least of a claim's limit, one in each band of frequency, the worst first.
+
+    Of a gain margin one that is not stable, if one is found.
+
+    Args:
+        prototype: with a controller of one law.
+        box: ranges of its parameters.
+        asked: as for `claim_over_box`.
+    """
+    family = _family(prototype, box, asked)
+    statement = family.over({**box.ranges, **own_ranges(prototype, family, box, asked)})
+    if asked.kind == "gain_margin":
+        point = unstable_member(statement)
+        return [] if point is None else [Worst(inf, point, 0.0)]
+    return [Worst(ratio, _point(statement, shares), w.item() / (2 * pi)) for ratio, shares, w in _worst(statement)]
+
+
 def worst_member(statement: Statement) -> tuple[dict[str, fmpq], fmpq]:
     """The member with the largest magnitude that was found, and at which frequency, rad/s: a search, not a proof."""
-    shares, w = _worst(statement)
-    at = [fmpq(round(float(share) * _STEPS), _STEPS) for share in shares[0]]
-    return parameters_at(statement, at), shortened(exact(float(w[0, 0])), 9)
+    _, shares, w = _worst(statement)[0]
+    return _point(statement, shares), shortened(exact(float(w[0, 0])), 9)
 
 
-def _worst(statement: Statement) -> tuple[np.ndarray, np.ndarray]:
-    """Shares (1, k) of that member and its frequency (1, 1), rad/s."""
+def _point(statement: Statement, shares: np.ndarray) -> dict[str, fmpq]:
+    return parameters_at(statement, [fmpq(round(float(share) * _STEPS), _STEPS) for share in shares[0]])
+
+
+def _worst(statement: Statement) -> list[tuple[float, np.ndarray, np.ndarray]]:
+    """For each band of frequency the ratio of the worst member found, its shares (1, k) and frequency (1, 1), rad/s.
+
+    The worst first. A climb over all frequencies at once ends at whichever peak is in reach.
+    """
     most = _MOST_rad_per_s if statement.until is None else nearest(statement.until)
-    grid = np.geomspace(_LEAST_rad_per_s, most, _COARSE)[None]
+    least = min(max(_LEAST_rad_per_s, nearest(statement.since)), most)
+    inner = _BANDS_rad_per_s[(least < _BANDS_rad_per_s) & (_BANDS_rad_per_s < most)]
+    edges = [least, *inner, most]
+    found = []
+    for low, high in pairwise(edges):
+        grid = np.geomspace(low, high, _IN_BAND)[None]
+        best = climbed(partial(_largest, statement, grid), len(statement.varying), (), _POPULATION, _ROUNDS)[:1]
+        w, spread = grid, (high / low) ** (2 / _IN_BAND)
+        for _ in range(_FINE):
+            middle = w[0, _ratios(statement, best, w).argmax()]
+            w = np.clip(middle * np.geomspace(1 / spread, spread, 41), low, high)[None]
+            spread **= 0.1
+        ratios = _ratios(statement, best, w)[0]
+        k = int(ratios.argmax())
+        found.append((float(ratios[k]), best, w[:, [k]]))
+    return sorted(found, key=lambda one: -one[0])
 
-    def score(shares: np.ndarray) -> np.ndarray:
-        return _ratios(statement, shares, grid).max(axis=1)
 
-    best = climbed(score, len(statement.varying), (), _POPULATION, _ROUNDS)[:1]
-    w, spread = grid, grid[0, 1] / grid[0, 0]
-    for _ in range(_FINE):
-        middle = w[0, _ratios(statement, best, w).argmax()]
-        w = np.minimum(middle * np.geomspace(1 / spread, spread, 41), most)[None]
-        spread **= 0.1
-    return best, w[:, [int(_ratios(statement, best, w).argmax())]]
+def _largest(statement: Statement, grid: np.ndarray, shares: np.ndarray) -> np.ndarray:
+    """Largest ratio (B,) of members over some frequencies."""
+    return np.asarray(_ratios(statement, shares, grid).max(axis=1))
 
 
 def _ratios(statement: Statement, shares: np.ndarray, w: np.ndarray) -> np.ndarray:

@@ -79,8 +79,8 @@ class Search:
                 f"a hull of this expression has {self._width} control points, more than {_MOST_POINTS}: let fewer"
                 " parameters vary, or give it leaves that share none"
             )
-        until = self.statement.until
-        self._root = _Node(np.zeros(k), np.ones(k), 0.0, inf if until is None else nearest(until))
+        since, until = self.statement.since, self.statement.until
+        self._root = _Node(np.zeros(k), np.ones(k), nearest(since), inf if until is None else nearest(until))
         self._push(self._root)
 
     @property

@@ -42,7 +42,7 @@ class Asked:
 
     Attributes:
         kind: what is claimed.
-        limit: its figure: m/N, a plain number, A/V, 1/s or a factor.
+        limit: its figure: m/N, a plain number, A/V, 1/s or a factor; a gain margin of zero is for every lower gain.
         bandwidth_Hz: for a compliance, the frequency up to which it is claimed.
         from_Hz: for a loop gain, the frequency from which on it is claimed.
     """
@@ -242,6 +242,10 @@ def goal_claims(goal: Goal) -> tuple[Asked, ...]:
     return tuple(asked)
 
 
+LOWER_GAINS = Asked("gain_margin", 0.0)
+"""Stable at every lower gain."""
+
+
 def least_limits(goal: Goal, least: Callable[[Kind, float], float]) -> list[Asked]:
     """Peak sensitivity first, then what else the goal limits, each at the least limit that is proved.
 
@@ -278,6 +282,8 @@ def describe(claim: Claim) -> str:
         return f"{_COMPLIANCES[claim.kind]} at most {claim.limit:.6g} m/N {up_to}"
     if claim.kind == "loop_gain":
         return f"loop gain |L| at most {claim.limit:.6g} from {claim.from_Hz or 0:.7g} Hz up"
+    if claim.kind == "gain_margin" and claim.limit == 0:
+        return "stable at every lower gain"
     name = {
         "peak_sensitivity": "peak sensitivity max |1/(1+L)| at most",
         "controller_effort": "controller effort |C/(1+L)| at most",

@@ -112,7 +112,7 @@ def prove(rectangle: Rectangle, asked: Asked) -> Claim:
         ValueError: for a limit that is not positive, a frequency that is negative, or as `Rectangle.deciding_sides`.
     """
     limit, kind = exact(asked.limit), asked.kind
-    if limit <= 0:
+    if limit < 0 or (limit == 0 and kind != "gain_margin"):
         raise ValueError(f"a limit must be positive, is {asked.limit}")
     if asked.from_Hz < 0:
         raise ValueError(f"a frequency must not be negative, is {asked.from_Hz}")

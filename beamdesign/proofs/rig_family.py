@@ -36,7 +36,8 @@ class PolynomialFamily:
         groups: (name, "sum" or "product", members) of parameters that enter by one variable only.
         positive: parameters that cannot be negative.
         circles: unknowns that are anywhere on a circle.
-        until: frequency up to which it is looked at, rad/s; None for all.
+        since: frequency from which on it is looked at, rad/s.
+        until: up to which, rad/s; None for all.
     """
 
     name: str
@@ -48,6 +49,7 @@ class PolynomialFamily:
     groups: tuple[tuple[str, str, tuple[str, ...]], ...] = ()
     positive: Collection[str] = ()
     circles: Mapping[str, Circle] | None = None
+    since: fmpq = fmpq(0)
     until: fmpq | None = None
 
     def over(self, ranges: Mapping[str, Interval]) -> Statement:
@@ -62,7 +64,8 @@ class PolynomialFamily:
             if low > high or (name in self.positive and low < 0):
                 raise ValueError(f"{name}: not a range: {text(low)} to {text(high)}")
         full = {name: ranges.get(name, (value, value)) for name, value in self.values.items()}
-        return Statement(self.p, full, self.leaves, self.bound, self.delays, self.groups, self.circles, self.until)
+        parts = self.leaves, self.bound, self.delays, self.groups
+        return Statement(self.p, full, *parts, self.circles, self.since, self.until)
 
 
 def effect_spans(found: LinearFamily) -> dict[str, Interval]:
@@ -71,6 +74,15 @@ def effect_spans(found: LinearFamily) -> dict[str, Interval]:
     gain = found.members[0].gain
     spans = {name: (exact(span.low), exact(span.high)) for name, span in frozen.items()}
     return spans if (gain.low, gain.high) == (1.0, 1.0) else spans | {_FACTOR: (exact(gain.low), exact(gain.high))}
+
+
+def performing_spans(found: LinearFamily) -> dict[str, Interval]:
+    """The part of these spans over which more than stability is asked; none where nothing else than stability is."""
+    spans = {name: found.spans[key].performing for name, key in _frozen(found).items()}
+    gain = next((one.performance for one in found.members if one.performance is not None), None)
+    if gain is not None and (gain.low, gain.high) != (1.0, 1.0):
+        spans[_FACTOR] = gain.low, gain.high
+    return {name: (exact(low), exact(high)) for name, (low, high) in spans.items()}
 
 
 def _frozen(found: LinearFamily) -> dict[str, str]:
@@ -121,7 +133,7 @@ def rig_family(
             these names that it has, s and s^2; stage_1_n1 and the like become parameters in the place of what the law
             has beside its gain.
         varied: figures of its effects that become parameters, such as sensor_lag.break_Hz, as sensor_lag_break_Hz.
-        claim: of peak sensitivity, compliance or effort; what it comes to is a polynomial too, see `claimed`.
+        claim: of a magnitude; what it comes to is a polynomial too, see `claimed`.
         delayed: whether there may be a delay.
 
     Raises:
@@ -159,31 +171,32 @@ def rig_family(
         denominator = in_variable(law.denominator, s)
     gain = variable["controller_gain"] * variable.get(_FACTOR, 1) * (variable[TRANSPORT] if delayed else 1)
     loop_numerator = sum((one * by for one, by in zip(numerators, seen, strict=True)), zero)
-    p, circles, until = loop_denominator * denominator + gain * loop_numerator, {}, None
-    if claim is not None:
+    p, circles, since, until = loop_denominator * denominator + gain * loop_numerator, {}, fmpq(0), None
+    if claim is not None and claim.kind != "gain_margin":
         effort = variable["controller_gain"] * loop_denominator * numerators[0]
-        p, circles[UNKNOWN], until = claimed(claim, p, gain * loop_numerator, effort)
+        p, circles[UNKNOWN], since, until = claimed(claim, p, gain * loop_numerator, effort)
     form = read_once(p, [name for name in values if name != "delay"], (TRANSPORT, UNKNOWN))
     positive = [name for name in values if name not in _frozen(found)]
     delays = {TRANSPORT: "delay"} if delayed else None
     return PolynomialFamily(
-        prototype.name, form.p, values, form.leaves, form.bound, delays, form.groups, positive, circles, until
+        prototype.name, form.p, values, form.leaves, form.bound, delays, form.groups, positive, circles, since, until
     )
 
 
-_OVER_TURN = fmpq(710, 113)
-"""Somewhat above 2 pi, as the checker takes it."""
+_UNDER_TURN, _OVER_TURN = fmpq(333, 53), fmpq(710, 113)
+"""Somewhat below and above 2 pi, as the checker takes it."""
 
 
 def claimed(
     claim: Asked, p: fmpq_mpoly, loop_numerator: fmpq_mpoly, effort: fmpq_mpoly
-) -> tuple[fmpq_mpoly, Circle, fmpq | None]:
-    """A magnitude as stability with one more unknown: polynomial, the unknown's circle, and up to which frequency.
+) -> tuple[fmpq_mpoly, Circle, fmpq, fmpq | None]:
+    """A magnitude as stability with one more unknown: polynomial, the unknown's circle, from and up to which frequency.
 
     |a / p| = limit where p + u a vanishes for some u with |u| = 1 / limit. For the compliance a is p's derivative by
     s^2 times the outer end mass: u is a spring of the size 1 / limit on the tip, turned by any angle. For S it is p
     less the loop's numerator N, and p + u (p - N) is in proportion to p - N + g N with g = 1 / (1 + u), which goes
-    around a circle as u does, from 1 / (1 + 1 / limit) to 1 / (1 - 1 / limit): a gain that is turned.
+    around a circle as u does, from 1 / (1 + 1 / limit) to 1 / (1 - 1 / limit): a gain that is turned. For |L| it is
+    the gain that goes around a circle about zero.
 
     Raises:
         ValueError: for another kind of claim, or a peak sensitivity of one or less, which no loop keeps.
@@ -192,11 +205,14 @@ def claimed(
     unknown, s = p.context().gen(names.index(UNKNOWN)), p.context().gen(0)
     if claim.kind == "peak_sensitivity" and limit > 1:
         square = limit * limit - 1
-        return p + (unknown - 1) * loop_numerator, Circle(limit * limit / square, limit / square), None
+        return p + (unknown - 1) * loop_numerator, Circle(limit * limit / square, limit / square), fmpq(0), None
     if claim.kind == "compliance":
         moved, _ = divmod(p.derivative("outer_end_mass"), s * s)
         bounded = None if claim.bandwidth_Hz == inf else exact(claim.bandwidth_Hz) * _OVER_TURN
-        return p + unknown * moved, Circle(fmpq(0), 1 / limit), bounded
+        return p + unknown * moved, Circle(fmpq(0), 1 / limit), fmpq(0), bounded
+    if claim.kind == "loop_gain":
+        since = exact(claim.from_Hz) * _UNDER_TURN
+        return p + (unknown - 1) * loop_numerator, Circle(fmpq(0), 1 / limit), since, None
     if claim.kind == "controller_effort":
-        return p + unknown * effort, Circle(fmpq(0), 1 / limit), None
+        return p + unknown * effort, Circle(fmpq(0), 1 / limit), fmpq(0), None
     raise ValueError(f"not decided over a box: {claim.kind} at most {claim.limit:g}")

@@ -31,6 +31,9 @@ class Circle(NamedTuple):
     radius: fmpq
 
 
+_ZERO = fmpq(0)
+
+
 class Node(NamedTuple):
     """Part of p: a "leaf", "delay" or "circle" by its name, or the "sum" or "product" of other parts.
 
@@ -125,7 +128,8 @@ class Statement:
         inner: ranges as they enter, reciprocals where the powers are negative.
         delay: the variable that is the delay in s; None where there is none.
         circles: unknowns that are anywhere on a circle, by name; each is a variable as a share of a turn.
-        until: frequency up to which p is looked at, rad/s; None for all.
+        since: frequency from which on p is looked at, rad/s.
+        until: up to which, rad/s; None for all.
         varying: names of variables that are not fixed.
         degree: highest power of s without delay and unknowns, and with them (-1 for none).
     """
@@ -139,6 +143,7 @@ class Statement:
         delays: Mapping[str, str] | None = None,
         groups: Sequence[tuple[str, str, Sequence[str]]] = (),
         circles: Mapping[str, Circle] | None = None,
+        since: fmpq = _ZERO,
         until: fmpq | None = None,
     ):
         if not leaves:
@@ -146,7 +151,7 @@ class Statement:
         self.leaves = {"s": polynomial("s")} | {name: polynomial(leaf) for name, leaf in leaves.items()}
         self.bound, self.groups = [tuple(pack) for pack in bound], list(groups)
         enumerated = {name for pack in self.bound for name in pack}
-        self.circles, self.until = dict(circles or {}), until
+        self.circles, self.since, self.until = dict(circles or {}), since, until
         self.body = _structure(_parsed(p), self.leaves, delays or {}, enumerated, self.circles)
         if len(delays or {}) > 1:
             raise ValueError("there may be one delay")
@@ -259,4 +264,4 @@ class Statement:
         return plain.degree(), late.degree()
 
 
-_NONE = (fmpq(0), fmpq(0))
+_NONE = (_ZERO, _ZERO)

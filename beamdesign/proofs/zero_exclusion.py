@@ -294,7 +294,7 @@ class Piece(NamedTuple):
 def pieces(statement: Statement, tree: Sequence[str]) -> Iterator[Piece]:
     """Walk a tree of the marks NAME (cut in a variable), w=VALUE, X,Y (a line), "inf" and "?" of a search."""
     whole = {name: (fmpq(0), fmpq(1)) for name in statement.varying}
-    open_pieces: list[tuple[Cell, fmpq, fmpq | None]] = [(Cell(statement, whole), fmpq(0), statement.until)]
+    open_pieces: list[tuple[Cell, fmpq, fmpq | None]] = [(Cell(statement, whole), statement.since, statement.until)]
     for mark in tree:
         cell, w1, w2 = open_pieces.pop()
         if mark in cell.shares:

@@ -10,6 +10,7 @@ import numpy as np
 
 from beamdesign.controllers import KINDS
 from beamdesign.controllers.form import form_of
+from beamdesign.plant.members import family
 from beamdesign.problem import DesignProblem
 from beamdesign.progress import Progress, silent
 from beamdesign.prototype import Payload, Prototype
@@ -133,10 +134,10 @@ def _start_sizes(problem: DesignProblem) -> list[np.ndarray]:
 
 def _task(problem: DesignProblem, masses_kg: tuple[float, float], bandwidth_Hz: float, sizes: np.ndarray) -> Search:
     sections = free_sections(problem, start_variables(problem, sizes), bandwidth_Hz)
-    members = sections.members(sections.start, False)
-    assert members is not None  # they are sizes of tubes
+    rig = sections.prototype(sections.start, False)
+    assert rig is not None  # they are sizes of tubes
     inner_kg = (0.0, problem.controller.largest_inner_end_mass_kg)
-    return Search(members, problem.goal, masses_kg, inner_kg, effort=SIZED_EFFORT, sections=sections)
+    return Search(family(rig).members, problem.goal, masses_kg, inner_kg, effort=SIZED_EFFORT, sections=sections)
 
 
 @dataclass(frozen=True)

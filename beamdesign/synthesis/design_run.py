@@ -1,28 +1,17 @@
-"""One design problem from a study file to a certified prototype; what a robust design keeps.
-
-Of a robust design the worst rigs have a certificate each, and rigs drawn at random are decided one by one.
-"""
+"""One design problem from a study file to a certified prototype."""
 
 import hashlib
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-import numpy as np
-
-from beamdesign.plant.members import family
 from beamdesign.problem import DesignProblem
 from beamdesign.progress import Progress, silent
-from beamdesign.proofs.certificate import Asked, Certificate, goal_claims
+from beamdesign.proofs.certificate import LOWER_GAINS, Asked, Certificate, goal_claims
 from beamdesign.proofs.certifying import certify
 from beamdesign.proofs.lyapunov import describe, stages_certificate
 from beamdesign.prototype import Guarantee, Prototype
-from beamdesign.records import InputError
 from beamdesign.result import Result
-from beamdesign.synthesis.law_task import Search
 from beamdesign.synthesis.loop_limits import Proved
-from beamdesign.synthesis.loop_slacks import worst_rigs
-from beamdesign.synthesis.rig_spread import RigSpread
 from beamdesign.synthesis.sizing import Sizing, size
 from beamdesign.synthesis.tuning import Tuning, limited, tune
 
@@ -126,6 +115,7 @@ def claims_of(prototype: Prototype, proved: Proved) -> tuple[Asked, ...]:
         Asked("peak_sensitivity", proved.peak_sensitivity),
         Asked("compliance", prototype.goal.compliance_m_per_N, proved.bandwidth_Hz),
         *goal_claims(prototype.goal),
+        *([LOWER_GAINS] if prototype.goal.lower_gains else []),
     )
 
 
@@ -161,89 +151,3 @@ def stating(
         certificate_sha256=hashlib.sha256(certificate.text.encode()).hexdigest(),
     )
     return prototype.but(guarantee=guarantee)
-
-
-CONFIDENCE = 0.95
-
-
-@dataclass(frozen=True)
-class Draws:
-    """How many of the rigs drawn at random keep what is claimed.
-
-    Attributes:
-        count: how many were drawn.
-        kept: how many keep every limit.
-        bandwidth_kept: how many are stable and keep the compliance up to the bandwidth, whatever else they miss.
-        missed: what each of the others misses, in words.
-    """
-
-    count: int
-    kept: int
-    bandwidth_kept: int
-    missed: tuple[str, ...]
-
-    @property
-    def least_share(self) -> float:
-        """Least share of all rigs that keep the bandwidth, by Clopper and Pearson (1934), one-sided."""
-        return least_share(self.bandwidth_kept, self.count)
-
-
-def least_share(kept: int, count: int) -> float:
-    """Lower end of the one-sided confidence interval of a share, of Clopper and Pearson (Biometrika 26, 1934)."""
-    from scipy.stats import binomtest
-
-    return float(binomtest(kept, count, alternative="greater").proportion_ci(CONFIDENCE, "exact").low)
-
-
-def prove_rigs(rigs: Sequence[Prototype], proved: Proved, masses_kg: tuple[float, float]) -> list[Certificate]:
-    """Certify every rig with what is claimed of the nominal one."""
-    return [certify(rig, *masses_kg, claims_of(rig, proved)) for rig in rigs]
-
-
-def draw_rigs(
-    spread: RigSpread,
-    proved: Proved,
-    masses_kg: tuple[float, float],
-    count: int,
-    seed: int = 1,
-    inside: bool = False,
-) -> Draws:
-    """Decide in exact arithmetic whether rigs drawn from the tolerances keep what is claimed, over all masses.
-
-    Args:
-        spread: of the tuned prototype; its deviations are those of the draws, normal, whatever its sigmas.
-        inside: draw from within its sigmas instead, each of these rigs as likely as the others.
-        proved: what is claimed.
-        masses_kg: range of outer end mass.
-        count: how many rigs.
-        seed: of the draws.
-    """
-    kept, wide, missed = 0, 0, []
-    for z in spread.drawn(count, seed, inside):
-        rig = spread.rig(z)
-        found = certify(rig, *masses_kg, claims_of(rig, proved))
-        kept += found.holds
-        wide += found.stable and all(claim.holds for claim in found.claims if claim.kind == "compliance")
-        missed += [] if found.holds else [found.reason]
-    return Draws(count, kept, wide, tuple(missed))
-
-
-def worst_of(spread: RigSpread, outer_end_mass_kg: tuple[float, float]) -> tuple[np.ndarray, ...]:
-    """Seek the rigs of a spread that are worst for the limits of the goal, on samples: (d,) standard deviations each.
-
-    Args:
-        spread: of a prototype with a controller.
-        outer_end_mass_kg: range of outer end mass.
-
-    Raises:
-        InputError: for a controller that a tuner has no form for, or none.
-    """
-    prototype, law = spread.prototype, spread.prototype.controller
-    if law is None or (sought_from := law.form()) is None:
-        reason = "worst rigs are sought for a controller that a tuner has a form for"
-        raise InputError(prototype.name, [("controller.kind", reason)])
-    members = family(prototype, outer_end_mass_kg[1]).members
-    task = Search(members, prototype.goal, outer_end_mass_kg, (0.0, 0.0), law.senses, spread)
-    form, variables = sought_from
-    inside = prototype.payload.inner_end_mass_kg
-    return worst_rigs(task.points, prototype.goal, form, np.append(variables, inside))

@@ -4,8 +4,8 @@ Laws are searched for coarsely and refined on samples of all loops; what grows i
 go on. What is returned is proved by the same oracle as every other loop: where it refutes a limit between the samples,
 the peak that stood there joins them, all limits are tightened by what was missing, and the refinement is done again.
 
-Of a robust search limits are held on samples at the worst rig of every point; of the best design the worst rigs are
-collected, and each is proved over the whole payload range as the nominal one is. The rigs between are not proved.
+Of a robust search the worst rigs within the tolerances are sought again and again and join the samples. What comes of
+it is proved over the whole box of tolerances and payloads at once (`beamdesign.synthesis.over_box`).
 """
 
 from collections.abc import Sequence
@@ -20,8 +20,9 @@ from beamdesign.progress import Progress, silent
 from beamdesign.rational import nearest
 from beamdesign.synthesis.law_task import Search
 from beamdesign.synthesis.loop_limits import LARGEST_BANDWIDTH_HZ, Proved, loop_set
-from beamdesign.synthesis.loop_slacks import worst_rigs
+from beamdesign.synthesis.over_box import BoxTask
 from beamdesign.synthesis.refinement import TOUCH, WORTH
+from beamdesign.synthesis.worst_rigs import Cut
 
 _FIRST_ROUNDS = 5
 """Of a refinement of many, before the best of them are refined for good."""
@@ -34,6 +35,15 @@ _ENOUGH = 0.985
 
 _SPARE = 2e-6
 """What limits are tightened by beyond what was missing, for the rounding of figures."""
+
+_CUT_ROUNDS = 12
+"""How often the worst rigs of a design are sought, at most."""
+
+_MISSED = 2e-3
+"""By how much (logarithm) a rig misses a limit that is to join the samples."""
+
+_ROOM = 2e-3
+"""By how much (logarithm) limits are kept to spare of a design that is proved over a box, where proofs need room."""
 
 _SMALL = 1e-3
 """Excess by which limits are tightened of sections that may move further; of a larger one the peak tells enough."""
@@ -48,7 +58,6 @@ class Found:
         sampled: bandwidths (Hz) that designs reached on samples, the largest first; of sections, what they are worth.
         certificates: how many exact proofs of a loop were run.
         reason: why nothing was proved, empty where something was.
-        worst: of a robust design, (d,) standard deviations of each rig that was proved beside the nominal one.
         tried: outcome of each design of which a proof was sought.
     """
 
@@ -56,7 +65,6 @@ class Found:
     sampled: tuple[float, ...]
     certificates: int
     reason: str = ""
-    worst: tuple[np.ndarray, ...] = ()
     tried: "tuple[Found, ...]" = ()
 
 
@@ -95,6 +103,7 @@ def search(task: Search, starts: Sequence[Start], growths: int = 0, report: Prog
         report(0.2 * k / len(starts), f"start {k + 1} of {len(starts)}")
         pool.append(_Design(form, *task.coarsely_searched(form, variables)))
     pool = _refined(task, _best(pool)[: effort.starts], _part(report, 0.2, 0.65 / (1 + growths)))
+    task, pool = _hardened(task, pool)
     for growth in range(growths):
         more = [
             _Design(form, np.append(variables, design.variables[design.form.size :]), 0.0)
@@ -104,6 +113,7 @@ def search(task: Search, starts: Sequence[Start], growths: int = 0, report: Prog
             for form, variables in [sought_from]
         ]
         pool = _refined(task, more, _part(report, 0.2 + 0.65 * (growth + 1) / (1 + growths), 0.65 / (1 + growths)))
+        task, pool = _hardened(task, pool)
     reached = tuple(design.value for design in pool)
     tried: list[Found] = []
     best, worth = Found(None, reached, 0, "no start led to a stable loop within the limits on the samples"), 0.0
@@ -160,6 +170,27 @@ def _refined(task: Search, designs: Sequence[_Design], report: Progress) -> list
     return going
 
 
+def _hardened(task: Search, designs: Sequence[_Design]) -> tuple[Search, list[_Design]]:
+    """The search with the worst rigs of its best designs among the samples, and these designs refined for them."""
+    pool = list(designs[: task.effort.starts])
+    for _ in range(_CUT_ROUNDS if task.spread is not None else 0):
+        wanted = [cut for one in pool for _, cut in task.worst(one.form, one.variables, _MISSED)]
+        harder = task.with_cuts(wanted)
+        if len(harder.cuts) == len(task.cuts):
+            break
+        task = harder
+        pool = [_Design(one.form, *task.refinement(one.form)(calmed(task, one), rounds=_FIRST_ROUNDS)) for one in pool]
+    return task, _best(pool)
+
+
+def calmed(task: Search, design: _Design) -> np.ndarray:
+    """Variables of a design whose gain is lowered until the loops of all rigs are stable, where it is a gain at all."""
+    variables = design.variables.copy()
+    while not task.settled(design.form, variables) and variables[0] > design.form.lower[0]:
+        variables[0] -= 0.2
+    return variables
+
+
 def _best(found: Sequence[_Design]) -> list[_Design]:
     """The designs with the largest value first, each value once."""
     chosen: list[_Design] = []
@@ -177,52 +208,69 @@ def _part(report: Progress, start: float, length: float) -> Progress:
 def _proved(task: Search, design: _Design, sampled: tuple[float, ...]) -> Found:
     """The best loop proved at a design or a little inside the limits.
 
-    A compliance that touches its limit far below the bandwidth costs most of it: then more of it is kept to spare.
+    A compliance that touches its limit far below the bandwidth costs most of it: then more of it is kept to spare. Of a
+    robust search the rigs of the box that miss a limit join the samples until none is found, and then all are proved.
     """
-    refinement, inside, stiffer, reason = task.refinement(design.form), 0.0, TOUCH, ""
+    refinement, reason = task.refinement(design.form), ""
+    inside, stiffer = (0.0, TOUCH) if task.spread is None else (_ROOM, _ROOM)
     best: Proved | None = None
     highest = 0.0
-    rigs: tuple[np.ndarray, ...] = ()
     proofs = 0
-    while proofs < task.effort.proofs:
+    while proofs < task.effort.proofs * (1 if task.spread is None else 2):
         proofs += 1
         law, inner, chosen = design.law, design.inner_end_mass, design.variables[design.form.size + 1 :]
-        if (nominal := task.members_with(chosen, rounded=True)) is None:
-            reason = "the refined sizes are no pair of tubes"
+        try:
+            members = task.members_with(chosen, rounded=True)
+        except ValueError as error:
+            reason = str(error)
             break
-        members = list(nominal)
-        worst: tuple[np.ndarray, ...] = ()
-        if task.spread is not None:
-            worst = worst_rigs(task.points, task.goal, design.form, design.variables)
-            for z in worst:
-                members += task.spread.members(z)
-        loops = loop_set(members, law, inner, task.masses_kg)
-        if loops.unstable():
+        loops, refuted, joined = loop_set(members, law, inner, task.masses_kg), True, False
+        if unstable := bool(loops.unstable(task.goal)):
             reason = "the loop is not stable over the whole range"
+        if unstable and task.spread is None:
             break
-        refuted = loops.refuted(task.goal)
-        if refuted:
-            (claim, member), excess = refuted[0], loops.excess(task.goal) + _SPARE
+        if not unstable and (claims := loops.refuted(task.goal)):
+            claim, excess = claims[0], loops.excess(task.goal) + _SPARE
             reason = f"{claim.kind.replace('_', ' ')} refuted: {claim.reason}"
-            exact = member < len(nominal)  # of a rig that is off the samples are not
-            if exact and claim.kind == "peak_sensitivity" and excess < inf and claim.witness is not None:
+            if claim.kind in ("peak_sensitivity", "loop_gain") and excess < inf and claim.witness is not None:
                 # The next refinement sees the peak that stood between the samples, and a third of the excess beside.
                 refinement = task.with_peak(refinement, claim.witness.frequency_Hz, nearest(claim.witness.mass))
                 if task.sections is not None:  # of which the witness need not be near the worst peak
                     refinement = task.with_peak(refinement, *task.worst_peak(design.form, design.variables))
                 excess *= 1 / 3 if task.sections is None else excess < _SMALL
             inside += excess
+        elif task.spread is not None and (missed := _in_box(task, design)):
+            kind, excess, _ = missed[0]
+            reason = f"{kind.replace('_', ' ')} is missed by rigs within the tolerances"
+            harder = task.with_cuts(cut for _, _, cut in missed)
+            joined = len(harder.cuts) > len(task.cuts)
+            inside += 0.0 if joined else min(excess, _MISSED)
+            task = harder
+            refinement = task.refinement(design.form)
+            design = replace(design, variables=calmed(task, design))
         else:
+            refuted = False
             bandwidth = min(*loops.bandwidths(task.goal.compliance_m_per_N).values(), LARGEST_BANDWIDTH_HZ)
-            value = task.value(design.form, design.variables, bandwidth)
-            if flaw := task.sections.refused(inner, chosen, bandwidth) if task.sections else "":
+            peak = min(loops.peak_sensitivity(), task.goal.peak_sensitivity)
+            found = Proved(law, inner, bandwidth, peak, design.variables)
+            if task.spread is not None:
+                over, reason = _over_box(task, design).proof(task.reached(design.form, design.variables, _ROOM))
+                if over is None:
+                    inside += _MISSED
+                    refuted = True
+                else:
+                    found = found.over(over)
+            value = 0.0 if refuted else task.value(design.form, design.variables, found.bandwidth_Hz)
+            if refuted:
+                pass
+            elif flaw := task.sections.refused(inner, chosen, found.bandwidth_Hz) if task.sections else "":
                 reason = flaw
             elif best is None or value > highest:
-                peak = min(loops.peak_sensitivity(), task.goal.peak_sensitivity)
-                best, rigs, highest = Proved(law, inner, bandwidth, peak, design.variables), worst, value
-            if value > _ENOUGH * design.value and (best is not None or bandwidth < _ENOUGH * task.needed_Hz):
+                best, highest = found, value
+            enough = design.value if task.spread is None else task.reached(design.form, design.variables)
+            if value > _ENOUGH * enough and (best is not None or found.bandwidth_Hz < _ENOUGH * task.needed_Hz):
                 break
-            stiffer *= 3
+            stiffer *= 1 if refuted else 3
         if not inside < inf:
             break
         for worth in (WORTH, inf):
@@ -233,5 +281,21 @@ def _proved(task: Search, design: _Design, sampled: tuple[float, ...]) -> Found:
             if moved or not refuted:
                 break
         else:
-            break
-    return Found(best, sampled, proofs, "" if best else reason, rigs)
+            if not joined:
+                break
+    return Found(best, sampled, proofs, "" if best else reason)
+
+
+def _over_box(task: Search, design: _Design) -> BoxTask:
+    """A design as what is to hold over the whole box."""
+    assert task.spread is not None
+    rig = task.prototype_with(design.variables[design.form.size + 1 :], rounded=True)
+    payload = rig.payload.but(outer_end_mass_kg=task.masses_kg, inner_end_mass_kg=design.inner_end_mass)
+    whole = task.masses_kg if task.spread.stage is None else task.spread.stage[1]
+    built = rig.but(controller=design.law, payload=payload, goal=task.goal, guarantee=None)
+    return BoxTask(built, task.spread, task.masses_kg, whole)
+
+
+def _in_box(task: Search, design: _Design) -> list[tuple[str, float, Cut]]:
+    """Rigs of the box that miss a limit, or keep it by less than a proof needs."""
+    return _over_box(task, design).worst(task.reached(design.form, design.variables, _ROOM), -_ROOM / 2)

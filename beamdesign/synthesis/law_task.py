@@ -7,21 +7,25 @@ la Maza, Nonlinear programming and nonsmooth optimization by successive linear p
 enough.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
+from functools import reduce
 
 import numpy as np
 
 from beamdesign.controllers import SENSED, Sensed
 from beamdesign.controllers.form import Form
-from beamdesign.plant.members import VertexModel
-from beamdesign.prototype import Goal
+from beamdesign.plant.beams_rig import FIGURES
+from beamdesign.plant.members import VertexModel, served
+from beamdesign.prototype import Goal, Prototype
 from beamdesign.synthesis.loop_limits import ends
-from beamdesign.synthesis.loop_samples import FINE_HZ, MODES_HZ, Samples, rig_samples, worst_samples
+from beamdesign.synthesis.loop_samples import FINE_HZ, MODES_HZ, Samples, rig_samples
 from beamdesign.synthesis.loop_slacks import COMPLIANCE, OTHERS, Slacks, sampled_bandwidth, slacks
 from beamdesign.synthesis.refinement import NEARLY, LawRefinement
 from beamdesign.synthesis.rig_spread import RigSpread
 from beamdesign.synthesis.sections import Sections
+from beamdesign.synthesis.worst_rigs import Cut, Neighbours, neighbours
 
 
 @dataclass(frozen=True)
@@ -69,14 +73,15 @@ class Search:
     """What a law has to serve, with the samples of all its loops.
 
     Attributes:
-        members: linear members of the rig.
+        members: linear members of the nominal rig.
         goal: limits of compliance, sensitivity, loop gain and effort.
         masses_kg: range of outer end mass.
         inner_kg: least and most mass inside.
         sensors: what the law senses.
-        spread: rigs that are off, among which the worst are to keep all limits as well; none: the nominal rig alone.
+        spread: rigs that are off, which are to keep all limits as well; none: the nominal rig alone.
         effort: how much is tried.
         sections: of the beams, to be chosen as well, those of `members` at first; None where they stand.
+        cuts: those of these rigs that are sampled.
     """
 
     members: Sequence[VertexModel]
@@ -87,12 +92,14 @@ class Search:
     spread: RigSpread | None = None
     effort: Effort = Effort()
     sections: Sections | None = None
+    cuts: tuple[Cut, ...] = ()
     points: Samples = field(init=False, repr=False)
     _refinements: dict[Form, LawRefinement] = field(init=False, repr=False, default_factory=dict)
+    _neighbours: dict[bytes, Neighbours] = field(init=False, repr=False, default_factory=dict)
 
     def __post_init__(self) -> None:
         """Sample the loops."""
-        points = self.sampled(self.frequency_Hz, self._masses, self.members)
+        points = self.sampled(self.frequency_Hz, self._masses, self._start)
         object.__setattr__(self, "points", points)
 
     @property
@@ -107,26 +114,85 @@ class Search:
         with_effects = any(member.rig.effects for member in self.members)
         return np.union1d(frequencies, MODES_HZ) if with_effects else frequencies
 
+    @property
+    def _start(self) -> np.ndarray:
+        """Sections to begin with, none where they stand."""
+        return np.zeros(0) if self.sections is None else self.sections.start
+
     def sampled(
-        self, frequency_Hz: np.ndarray, masses: Sequence[float], nominal: Sequence[VertexModel], relaxed: float = 1.0
+        self, frequency_Hz: np.ndarray, masses: Sequence[float], chosen: np.ndarray, relaxed: float = 1.0
     ) -> Samples:
-        """All loops of a rig at some frequencies and outer end masses (kg), and those of the rigs that are off."""
+        """All loops of the rig with these sections at some frequencies and outer end masses (kg), then of its cuts.
 
-        def of(members: Sequence[VertexModel]) -> Samples:
-            return rig_samples(members, frequency_Hz, masses, self.sensors, relaxed)
+        Raises:
+            ValueError: where there is no such rig.
+        """
+        parts = [rig_samples(self.members_with(chosen), frequency_Hz, masses, self.sensors, relaxed)]
+        for cut in self.cuts:
+            members = self.members_with(chosen, z=np.array(cut.z))
+            near = np.union1d(frequency_Hz, cut.frequency_Hz * _PEAK)
+            parts.append(rig_samples(members, near[near > 0], [cut.outer_end_mass_kg], self.sensors, relaxed))
+        return reduce(Samples.joined, parts)
 
-        return of(nominal) if self.spread is None else worst_samples(self.spread, nominal, of)
+    def prototype_with(self, chosen: np.ndarray, rounded: bool = False) -> Prototype:
+        """The rig with these sections, without a law; of a task whose rigs may be off or whose sections are chosen.
 
-    def members_with(self, chosen: np.ndarray, rounded: bool = False) -> Sequence[VertexModel] | None:
-        """Members of the rig with these sections; None where there is no such rig."""
-        return self.members if self.sections is None else self.sections.members(chosen, rounded)
+        Raises:
+            ValueError: where there is no such rig.
+        """
+        if self.sections is None:
+            assert self.spread is not None
+            return self.spread.prototype
+        if (found := self.sections.prototype(chosen, rounded)) is None:
+            raise ValueError("these sizes are no pair of tubes")
+        return found
+
+    def members_with(
+        self, chosen: np.ndarray, rounded: bool = False, z: np.ndarray | None = None
+    ) -> Sequence[VertexModel]:
+        """Members of the rig with these sections, its figures off by (d,) standard deviations; errors likewise."""
+        if self.sections is None and z is None:
+            return self.members
+        rig = self.prototype_with(chosen, rounded)
+        if z is None or self.spread is None:
+            return served(rig, self.masses_kg[1])
+        return replace(self.spread, prototype=rig).members(z)
 
     def points_with(self, chosen: np.ndarray) -> Samples | None:
         """All loops of the rig with these sections; None where there is no such rig."""
         if self.sections is None:
             return self.points
-        members = self.members_with(chosen)
-        return None if members is None else self.sampled(self.frequency_Hz, self._masses, members)
+        with suppress(ValueError):
+            return self.sampled(self.frequency_Hz, self._masses, chosen)
+        return None
+
+    def with_cuts(self, cuts: Iterable[Cut]) -> "Search":
+        """The search with more rigs sampled."""
+        every = {cut[:2]: cut for cut in (*cuts, *self.cuts)}
+        return replace(self, cuts=tuple(every.values()))
+
+    def worst(self, form: Form, variables: np.ndarray, missed: float) -> list[tuple[float, Cut]]:
+        """Rigs within the spread that miss a limit by more than so much (logarithm), the worst first: see `Neighbours`.
+
+        Compliance counts up to the bandwidth that the law reaches on the samples.
+        """
+        assert self.spread is not None
+        chosen = variables[form.size + 1 :]
+        key = chosen.tobytes()
+        if key not in self._neighbours:
+            masses = sampled_masses(self.masses_kg)
+            self._neighbours.clear()
+            self._neighbours[key] = neighbours(
+                self.spread,
+                lambda members: rig_samples(members, self.frequency_Hz, masses, self.sensors),
+                lambda z: self.members_with(chosen, z=z),
+            )
+        return self._neighbours[key].worst(self.goal, form, variables, self.reached(form, variables), missed)
+
+    def reached(self, form: Form, variables: np.ndarray, spare: float = 0.0) -> float:
+        """Bandwidth (Hz) of a law on the samples, with so much of the compliance (logarithm) to spare."""
+        points = self.points_with(variables[form.size + 1 :]) or self.points
+        return sampled_bandwidth(points, slacks(points, self.goal, form, variables, slopes=False).compliance - spare)
 
     def settled(self, form: Form, variables: np.ndarray) -> bool:
         """Whether the loops of a law with a mass inside (kg) are stable as far as the samples tell."""
@@ -136,24 +202,34 @@ class Search:
     def refinement(self, form: Form) -> LawRefinement:
         """The refinement of laws of a form, built once."""
         if form not in self._refinements:
-            masses = sampled_masses(self.masses_kg)
-            listed = [
-                (rig.polynomials(self.sensors), factor, k * len(masses))
-                for k, (rig, factor, performs) in enumerate(ends(self.members))
-                if performs
+            rigs = [(self.members_with(self._start), sampled_masses(self.masses_kg), self._factors(None))] + [
+                (self.members_with(self._start, z=np.array(cut.z)), [cut.outer_end_mass_kg], self._factors(cut))
+                for cut in self.cuts
             ]
-            given = (self.points, self.goal, form, self.inner_kg)
-            self._refinements[form] = (
-                LawRefinement(*given, listed, masses)
-                if self.sections is None
-                else LawRefinement(*given, [], masses, self.sections, self.points_with)
-            )
+            every = [(one, masses, factors) for members, masses, factors in rigs for one in ends(members)]
+            listed = [((r.polynomials(self.sensors), k, masses), f) for (r, k, asked), masses, f in every if asked]
+            given = self.points, self.goal, form, self.inner_kg, [plant for plant, _ in listed]
+            if self.sections is None:
+                self._refinements[form] = LawRefinement(*given)
+            else:
+                factors = self._row_factors(self._masses), np.array([f for _, f in listed])
+                self._refinements[form] = LawRefinement(*given, self.sections, self.points_with, factors)
         return self._refinements[form]
+
+    def _factors(self, cut: Cut | None) -> np.ndarray:
+        """(14,) what the lumped figures of a rig are multiplied by."""
+        if cut is None or self.spread is None:
+            return np.ones(len(FIGURES) - 2)
+        off = self.spread.factors(np.array(cut.z))
+        return np.array([off.get(name, 1.0) for name in FIGURES[:-2]])
+
+    def _row_factors(self, masses: Sequence[float]) -> np.ndarray:
+        """The same for every row of samples of a rig of one member."""
+        return np.array([*[self._factors(None)] * len(masses), *map(self._factors, self.cuts)])
 
     def worst_peak(self, form: Form, variables: np.ndarray) -> tuple[float, float]:
         """Frequency (Hz) and outer end mass (kg) of the largest sensitivity on samples close together."""
-        members = self.members_with(variables[form.size + 1 :])
-        points = self.sampled(_CLOSE_HZ, self._masses, members or self.members)
+        points = self.sampled(_CLOSE_HZ, self._masses, variables[form.size + 1 :])
         k = int(slacks(points, self.goal, form, variables, slopes=False).sensitivity.argmin())
         return float(points.frequency_Hz[k]), float(points.outer_end_mass[k])
 
@@ -161,16 +237,18 @@ class Search:
         """A refinement that sees a peak of the sensitivity at a frequency and an outer end mass (kg)."""
         at, masses = frequency_Hz * _PEAK, [mass]
 
-        def joined(points: Samples, members: Sequence[VertexModel]) -> Samples:
-            return points.joined(self.sampled(at, masses, members, _STRICTER))
+        def joined(points: Samples, chosen: np.ndarray) -> Samples:
+            return points.joined(self.sampled(at, masses, chosen, _STRICTER))
 
         def resampled(chosen: np.ndarray) -> Samples | None:
-            members, points = self.members_with(chosen), before and before(chosen)
-            return None if members is None or points is None else joined(points, members)
+            points = before and before(chosen)
+            return None if points is None else joined(points, chosen)
 
-        before = refinement.resampled
-        points = joined(refinement.points, self.members)
-        return replace(refinement, points=points, resampled=before and resampled)
+        before, factors = refinement.resampled, refinement.factors
+        if factors is not None:
+            factors = np.vstack([factors[0], self._row_factors(masses)]), factors[1]
+        points = joined(refinement.points, self._start)
+        return replace(refinement, points=points, resampled=before and resampled, factors=factors)
 
     def coarsely_searched(self, form: Form, variables: np.ndarray) -> tuple[np.ndarray, float]:
         """Variables and sampled value after a coarse search of the law, or of the start where that is better."""

@@ -4,13 +4,15 @@ The loops are those of all linear members of a rig.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache, reduce
 from math import inf, log
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import casadi as ca
 import numpy as np
+
+from flint import fmpq
 
 from beamdesign.controllers import Controller
 from beamdesign.controllers.form import UNIT
@@ -25,15 +27,22 @@ from beamdesign.proofs.performance import bandwidth, least_limit, prove
 from beamdesign.proofs.rectangle import Rectangle
 from beamdesign.prototype import Goal
 
-LIMITED: tuple[Kind, ...] = ("peak_sensitivity", "compliance", "loop_gain", "controller_effort")
+if TYPE_CHECKING:
+    from beamdesign.synthesis.over_box import OverBox
+
+LIMITED: tuple[Kind, ...] = ("peak_sensitivity", "compliance", "loop_gain", "controller_effort", "gain_margin")
 """What a goal limits, in the order of everything that is listed by limit."""
 
 
 def goal_limits(goal: Goal) -> dict[Kind, float]:
     """The limits that a goal sets, in this order."""
-    given = (goal.peak_sensitivity, goal.compliance_m_per_N, goal.loop_gain, goal.controller_effort_A_per_V)
+    lower = LARGEST_AT_LOWER_GAINS if goal.lower_gains else None
+    given = (goal.peak_sensitivity, goal.compliance_m_per_N, goal.loop_gain, goal.controller_effort_A_per_V, lower)
     return {kind: limit for kind, limit in zip(LIMITED, given, strict=True) if limit is not None}
 
+
+LARGEST_AT_LOWER_GAINS = 10.0
+"""Peak sensitivity that an optimiser allows at any lower gain, so that the loop is stable there."""
 
 RELAXED_PEAK = 3.0
 """An optimiser keeps members that only have to be stable within the limit of sensitivity times this."""
@@ -63,6 +72,9 @@ class Proved:
         bandwidth_Hz: proved, for every mass of the range.
         peak_sensitivity: proved bound.
         variables: of the search, where it was found.
+        over_box: what is proved of every rig within the tolerances, which the figures above are of; None where they are
+            those of exactly the figures stated.
+        nominal: bandwidth (Hz) and peak sensitivity of these, where the figures above are of a box.
     """
 
     controller: Controller
@@ -70,6 +82,15 @@ class Proved:
     bandwidth_Hz: float
     peak_sensitivity: float
     variables: np.ndarray
+    over_box: "OverBox | None" = None
+    nominal: tuple[float, float] | None = None
+
+    def over(self, box: "OverBox") -> "Proved":
+        """What is proved of every rig of a box, beside what is proved of the nominal one."""
+        width, peak = box.proved("compliance"), box.proved("peak_sensitivity")
+        assert width is not None and peak is not None  # it has all claims
+        reached, nominal = min(width.bandwidth_Hz, self.bandwidth_Hz), (self.bandwidth_Hz, self.peak_sensitivity)
+        return replace(self, bandwidth_Hz=reached, peak_sensitivity=peak.limit, over_box=box, nominal=nominal)
 
 
 @dataclass(frozen=True)
@@ -84,20 +105,15 @@ class LoopSet:
     stable: Mapping[int, Rectangle]
     performing: Mapping[int, Rectangle]
 
-    def unstable(self) -> list[int]:
-        """Numbers of the members that are not stable throughout: exact."""
-        return [k for k, rectangle in self.stable.items() if rectangle.unstable_side() is not None]
+    def unstable(self, goal: Goal) -> list[int]:
+        """Numbers of the members that are not stable throughout, at lower gains where the goal wants it: exact."""
+        every = {k: one.widened(fmpq(0)) if goal.lower_gains else one for k, one in self.stable.items()}
+        return [k for k, rectangle in every.items() if rectangle.unstable_side() is not None]
 
-    def refuted(self, goal: Goal) -> list[tuple[Claim, int]]:
-        """The goal's limits of sensitivity, loop gain and effort that are refuted, each with a member's number."""
-        found = []
-        for asked in _asked(goal):
-            for k, rectangle in self.performing.items():
-                claim = prove(rectangle, asked)
-                if not claim.holds:
-                    found.append((claim, k))
-                    break
-        return found
+    def refuted(self, goal: Goal) -> list[Claim]:
+        """The goal's limits of sensitivity, loop gain and effort that are refuted, of one member each."""
+        each = ((prove(rectangle, asked) for rectangle in self.performing.values()) for asked in _asked(goal))
+        return [claim for claims in each for claim in [next((one for one in claims if not one.holds), None)] if claim]
 
     def excess(self, goal: Goal) -> float:
         """Logarithm of the largest share by which one of these limits is proved to be kept or may be exceeded."""
@@ -144,6 +160,7 @@ def loop_set(
 Pair = tuple[ca.SX, ca.SX]
 """Real and imaginary part."""
 
+_TINY = 1e-300
 _NOTHING: Pair = (ca.SX(0), ca.SX(0))
 
 
@@ -184,7 +201,9 @@ def slack_of(
     disturbance: Pair = _NOTHING,
     crossed: Sequence[Pair] = (),
 ) -> ca.SX:
-    """Logarithm of 1 / |S|, |F_d / x|, 1 / |L| or 1 / |C S| at one frequency, to which that of the limit is added.
+    """Logarithm of 1 / |S|, |F_d / x|, 1 / |L|, 1 / |C S| or the least 1 / |S| of all lower gains at one frequency.
+
+    To that the logarithm of the limit is added.
 
     Args:
         kind: of the limit.
@@ -200,6 +219,10 @@ def slack_of(
     match kind:
         case "loop_gain":
             return _log_size(denominator) - _log_size(numerator)
+        case "gain_margin":  # at the share of the gain that comes nearest to the critical point
+            along = denominator[0] * numerator[0] + denominator[1] * numerator[1]
+            share = ca.fmin(1, ca.fmax(0, -along / (numerator[0] ** 2 + numerator[1] ** 2 + _TINY)))
+            return _log_size(_sum(denominator, (share * numerator[0], share * numerator[1]))) - _log_size(denominator)
         case "peak_sensitivity":
             over = _log_size(denominator)
         case "compliance":

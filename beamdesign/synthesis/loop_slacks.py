@@ -19,17 +19,16 @@ class Slacks:
     """Logarithms by which a law keeps each limit at each point, and their derivatives by the variables.
 
     Attributes:
-        values: (4, n) log of limit over |S|, |x / F_d|, |L| and |C S|, C from the displacement sensor's volts, as
-            `LIMITED` lists them; infinite where a limit does not count.
-        slopes: (4, n, v); none where none were asked for.
-        settled: whether 1 + L winds about the origin on no row: the loop is stable as far as the samples tell.
-        held_on: for each of these limits the samples that it was held against.
+        values: (5, n) log of limit over |S|, |x / F_d|, |L|, |C S|, C from the displacement sensor's volts, and the
+            largest |S| of all lower gains, as `LIMITED` lists them; infinite where a limit does not count.
+        slopes: (5, n, v); none where none were asked for.
+        settled: whether 1 + L winds about the origin on no row: the loop is stable as far as the samples tell, at lower
+            gains where the goal wants it.
     """
 
     values: np.ndarray
     slopes: np.ndarray
     settled: bool
-    held_on: tuple[Samples, ...] = ()
 
     @property
     def sensitivity(self) -> np.ndarray:
@@ -61,7 +60,7 @@ class Slacks:
         return max(0.0, inside - float(self.values[OTHERS].min()))
 
 
-COMPLIANCE, OTHERS = 1, [0, 2, 3]
+COMPLIANCE, OTHERS = 1, [0, 2, 3, 4]
 """Places in `LIMITED`."""
 
 
@@ -78,28 +77,29 @@ def slacks(points: Samples, goal: Goal, form: Form, variables: np.ndarray, slope
     s, own_variables = 2j * pi * points.frequency_Hz, variables[: form.size]
     inner = float(variables[form.size])
     own = form.responses(own_variables, s)
-    of_own = form.slopes(own_variables, s) if slopes else None
-    held_on = points.worst(goal, form, variables)
-    distinct = {id(one): one for one in (points, *held_on)}
-    found = {key: slacks_of(one, goal, own, inner, of_own) for key, one in distinct.items()}
-    each = [found[id(one)] for one in held_on]
-    return Slacks(
-        np.array([one.values[k] for k, one in enumerate(each)]),
-        np.array([one.slopes[k] for k, one in enumerate(each)]) if slopes else NONE,
-        found[id(points)].settled,
-        held_on,
-    )
+    return slacks_of(points, goal, own, inner, form.slopes(own_variables, s) if slopes else None)
 
 
 NONE = np.empty(0)
 
 
 def counting(points: Samples, goal: Goal) -> np.ndarray:
-    """(4, n) at which points each limit counts."""
+    """(5, n) at which points each limit counts."""
     performs = points.relaxed == 1.0
-    far = performs & (points.frequency_Hz >= goal.loop_gain_from_Hz)
-    where = np.array([np.full(len(performs), True), performs, far, performs])
+    far, everywhere = performs & (points.frequency_Hz >= goal.loop_gain_from_Hz), np.full(len(performs), True)
+    where = np.array([everywhere, performs, far, performs, everywhere])
     return where & np.isin(LIMITED, list(goal_limits(goal)))[:, None]
+
+
+def limit_logarithms(goal: Goal) -> np.ndarray:
+    """(5,) logarithms of the limits of a goal, zero for those that it does not set."""
+    limits = goal_limits(goal)
+    return np.log([limits.get(kind, 1.0) for kind in LIMITED])
+
+
+def least_gain_share(loop: np.ndarray) -> np.ndarray:
+    """Which share k of the gain, of all up to one, makes |1 + k L| least, at every point of a loop L."""
+    return np.clip(-loop.real / np.maximum(np.abs(loop) ** 2, 1e-300), 0.0, 1.0)
 
 
 def slacks_of(points: Samples, goal: Goal, own: np.ndarray, inner: float, of_own: np.ndarray | None = None) -> Slacks:
@@ -116,18 +116,19 @@ def slacks_of(points: Samples, goal: Goal, own: np.ndarray, inner: float, of_own
     moved = disturbance + (own * crossed).sum(axis=0)
     loop = (own * control).sum(axis=0)
     closed = np.log(np.abs(1 + loop))
-    limits = goal_limits(goal)
-    logarithms = np.log([limits.get(kind, 1.0) for kind in LIMITED])[:, None]
+    share = least_gain_share(loop)
+    lower = 1 + share * loop
     with np.errstate(divide="ignore"):
-        left = np.array(
-            [closed, closed - np.log(np.abs(moved)), -np.log(np.abs(loop)), closed - np.log(np.abs(own[0]))]
-        )
-    left = np.where(counting(points, goal), left + logarithms, np.inf)
+        compliance, effort = closed - np.log(np.abs(moved)), closed - np.log(np.abs(own[0]))
+        left = np.array([closed, compliance, -np.log(np.abs(loop)), effort, np.log(np.abs(lower))])
+    left = np.where(counting(points, goal), left + limit_logarithms(goal)[:, None], np.inf)
     left[0] += np.log(points.relaxed)
     steps = np.diff(np.angle(1 + loop))
     steps = (steps + pi) % (2 * pi) - pi
     same = np.diff(points.row) == 0
     settled = bool((np.abs(np.bincount(points.row[1:][same], weights=steps[same])) < pi).all())
+    if settled and goal.lower_gains:
+        settled = not _passes_behind(loop[:-1][same], loop[1:][same]).any()
     if of_own is None:
         return Slacks(left, NONE, settled)
     shrinks = points.denominator / plant
@@ -140,7 +141,15 @@ def slacks_of(points: Samples, goal: Goal, own: np.ndarray, inner: float, of_own
     of_effort = of_closed.copy()
     of_effort[:, :-1] -= (of_own[0] / own[0][:, None]).real
     of_compliance, of_loop_gain = of_closed - (of_moved / moved[:, None]).real, -(of_loop / loop[:, None]).real
-    return Slacks(left, np.array([of_closed, of_compliance, of_loop_gain, of_effort]), settled)
+    of_lower = (share[:, None] * of_loop / lower[:, None]).real
+    return Slacks(left, np.array([of_closed, of_compliance, of_loop_gain, of_effort, of_lower]), settled)
+
+
+def _passes_behind(start: np.ndarray, end: np.ndarray) -> np.ndarray:
+    """Whether the chords between points of a loop cross the real axis to the left of -1."""
+    crosses = (start.imag < 0) != (end.imag < 0)
+    at = start.real * end.imag - end.real * start.imag
+    return np.asarray(crosses & (at / np.where(crosses, end.imag - start.imag, 1.0) < -1))
 
 
 def sampled_bandwidth(points: Samples, compliance: np.ndarray) -> float:
@@ -157,31 +166,3 @@ def first_miss(frequency_Hz: np.ndarray, slack: np.ndarray) -> float:
         return np.inf if slack[k] >= 0 else 0.0
     share = slack[k - 1] / (slack[k - 1] - slack[k])
     return float(frequency_Hz[k - 1] * (frequency_Hz[k] / frequency_Hz[k - 1]) ** share)
-
-
-MOST_RIGS = 8
-"""How many of the worst rigs of a design are proved, at most."""
-
-_NEAR, _APART = 0.08, 0.5
-"""Slack (logarithm) up to which a limit counts as reached, and how many of the standard deviations in all two rigs have
-to be apart to be two."""
-
-
-def worst_rigs(
-    points: Samples, goal: Goal, form: Form, variables: np.ndarray, most: int = MOST_RIGS
-) -> tuple[np.ndarray, ...]:
-    """(d,) deviations of each of the worst rigs for all limits that are about to be reached, the worst first."""
-    assert points.spread is not None
-    found = slacks(points, goal, form, variables, slopes=False)
-    reached = sampled_bandwidth(points, found.compliance)
-    limits, compliance, gain = points.deviations(form, variables)
-    found.values[COMPLIANCE, points.frequency_Hz > reached] = np.inf
-    listed: list[tuple[float, np.ndarray]] = []
-    for slack, z in zip(found.values, (limits, compliance, gain, limits), strict=True):
-        listed += [(float(slack[k]), points.spread.rounded(z[:, k])) for k in np.nonzero(slack < _NEAR)[0]]
-    chosen: list[np.ndarray] = []
-    for _, z in sorted(listed, key=lambda pair: pair[0]):
-        size = np.linalg.norm(z)
-        if len(chosen) < most and all(np.linalg.norm(z - other) > _APART * size for other in chosen):
-            chosen.append(z)
-    return tuple(chosen)

@@ -7,7 +7,8 @@ every round. Where the sections of the beams are variables too, the plant at the
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from math import exp, inf, log, pi
+from math import ceil, exp, inf, log, pi
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -26,7 +27,6 @@ from beamdesign.synthesis.loop_limits import (
     goal_limits,
     law_on_axis,
     on_axis,
-    product,
     slack_of,
 )
 from beamdesign.synthesis.loop_samples import Samples
@@ -36,8 +36,11 @@ from beamdesign.synthesis.sections import MASS_PER_MISSING_BANDWIDTH, Sections, 
 _EVERY = 6
 """Of how many neighbouring points one is enforced wherever it stands."""
 
-_WORST: dict[Kind, int] = {"peak_sensitivity": 100, "loop_gain": 25, "controller_effort": 50}
+_WORST: dict[Kind, int] = {"peak_sensitivity": 100, "loop_gain": 25, "controller_effort": 50, "gain_margin": 50}
 """How many of the worst points of each limit but the compliance are enforced beside these."""
+
+_FEW = 300
+"""How many of these neighbouring points there are at most, of which those of rigs that are off make ever more."""
 
 _SHARES = np.concatenate([[5e-4], np.linspace(0.02, 0.37, 8), np.linspace(0.4, 1.0, 21)])
 
@@ -76,21 +79,21 @@ class LawRefinement:
         goal: the limits.
         form: of the law.
         inner_kg: least and most mass inside.
-        plants: the plants and factors on their gain that are to perform, with the number of their first row of samples,
-            that of the least mass.
-        masses: outer end masses (kg) of the rows of a plant.
-        sections: that may be chosen as well; there is but one plant then.
+        plants: the plants and factors on their gain that are to perform, with outer end masses (kg).
+        sections: that may be chosen as well; the rigs are then that with them and, as `factors` says, what is off it.
         resampled: section variables to the samples with them, None where there is no such rig.
+        factors: (rows of samples, 14) on the lumped figures, and for each of the plants likewise, where there are
+            sections.
     """
 
     points: Samples
     goal: Goal
     form: Form
     inner_kg: tuple[float, float]
-    plants: Sequence[tuple[BilinearPlant, float, int]]
-    masses: Sequence[float]
+    plants: Sequence[tuple[BilinearPlant, float, Sequence[float]]]
     sections: Sections | None = None
     resampled: Callable[[np.ndarray], Samples | None] | None = None
+    factors: tuple[np.ndarray, np.ndarray] | None = None
     _solver: ca.Function = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
@@ -206,13 +209,8 @@ class LawRefinement:
         beta = log(max(bandwidth_Hz, near, 0.5))
         if (most := self._aimed) < inf:
             beta = min(beta, most)
-        limited = dict(zip(LIMITED, zip(met if self.sections else now.values, now.held_on, strict=True), strict=True))
-        data = [
-            self._data(on, self._chosen(slack, worst)).ravel(order="F")
-            for (slack, on), worst in ((limited[kind], worst) for kind, worst in _WORST.items())
-        ]
-        off = limited["compliance"][1]
-        data += [self._moved(off, row, np.exp(beta)).ravel(order="F") for _, _, row in self.plants]
+        limited = dict(zip(LIMITED, met if self.sections else now.values, strict=True))
+        data = [self._data(self._chosen(limited[kind], worst)).ravel(order="F") for kind, worst in _WORST.items()]
         with interruption_waits():
             found = self._solver(
                 x0=np.append(start, beta),
@@ -234,20 +232,6 @@ class LawRefinement:
         sections = self.sections
         return inf if sections is None or sections.needed_Hz is None else log(sections.needed_Hz * (1 + 1e-5))
 
-    def _moved(self, off: Samples, first_row: int, bandwidth_Hz: float) -> np.ndarray:
-        """(2 r, n) logarithms, real and imaginary, of the worst rigs' responses over the nominal ones.
-
-        At shares of a bandwidth. The responses are those from current to each sensor, from force to displacement, and
-        what feedback adds to it.
-        """
-        asked, found = np.log(_SHARES * bandwidth_Hz), []
-        for k in range(len(self.masses)):
-            on = np.nonzero(self.points.row == first_row + k)[0]
-            nearest = on[np.abs(np.log(self.points.frequency_Hz[on])[:, None] - asked).argmin(axis=0)]
-            found.append(np.log(_ratios(off, self.points, nearest)))
-        both = np.stack(found, axis=2).reshape(-1, len(asked) * len(self.masses))
-        return np.concatenate([both.real, both.imag])
-
     def _program(self) -> ca.Function:
         own, sized = self.form.size, self.sections
         count = own + 1 + (0 if sized is None else len(sized.start))
@@ -255,38 +239,45 @@ class LawRefinement:
         law, inner, chosen, beta = ca.vertsplit(variables, [0, own, own + 1, count, count + 1])
         table, _ = self.form.coefficients(law)
         figures = ca.MX(0, 1) if sized is None else sized.figures(chosen)
+        none = ca.MX(0, 1)
         inside, stiffer = ca.MX.sym("inside"), ca.MX.sym("stiffer")
         data, found, objective = [], [], -beta
 
-        def held(slack: ca.Function, given: Sequence[ca.MX]) -> ca.MX:
+        def held(slack: ca.Function, factors: Any, given: Sequence[ca.MX]) -> ca.MX:
             """A slack at points side by side, from what is the same for all and what each has of its own."""
             n = given[0].shape[1]
-            return slack.map(n)(*(ca.repmat(one, 1, n) for one in (ca.vec(table), inner, figures)), *given).T
+            law, mass, lumped = (ca.repmat(one, 1, n) for one in (ca.vec(table), inner, figures))
+            return slack.map(n)(law, mass, lumped if sized is None else lumped * factors, *given).T
 
         # How many points are enforced must not change: as many as ever count.
         counts = dict(zip(LIMITED, np.where(counting(self.points, self.goal), 0.0, np.inf), strict=True))
         for kind, worst in _WORST.items():
             size = len(self._chosen(counts[kind], worst))
-            given = ca.MX.sym(f"data_{kind}", len(self._data(self.points, np.arange(1))), size)
+            given = ca.MX.sym(f"data_{kind}", len(self._data(np.arange(1))), size)
             data.append(given)
             if not size:
                 continue
             limit = log(goal_limits(self.goal)[kind])
             if sized is None:
-                found.append(held(_point(table.shape, kind), [given]) + limit - inside)
+                found.append(held(_point(table.shape, kind), none, [given]) + limit - inside)
             else:
-                frequency, relaxed, outer = ca.vertsplit(given)
+                frequency, relaxed, outer, factors = ca.vertsplit(given, [0, 1, 2, 3, given.shape[0]])
                 slack = sized_slack(table.shape, kind, sized.filtered)
-                found.append(held(slack, [outer, frequency]) + ca.log(relaxed).T + limit - inside)
-        masses = ca.MX(np.tile(self.masses, len(_SHARES))).T
-        frequencies = ca.exp(beta) * ca.DM(np.repeat(_SHARES, len(self.masses))).T
+                found.append(held(slack, factors, [outer, frequency]) + ca.log(relaxed).T + limit - inside)
         asked = log(self.goal.compliance_m_per_N) - stiffer
-        for k, (plant, factor, _) in enumerate(self.plants):
-            data.append(ca.MX.sym(f"moved_{k}", 2 * (1 + 2 * len(self.form.sensors)), masses.shape[1]))
-            stiffness = _stiffness(table.shape, plant, factor)
-            found.append(held(stiffness, [masses, frequencies, data[-1]]) + asked)
+        for k, (plant, factor, masses) in enumerate(self.plants):
+            every = ca.MX(np.tile(masses, len(_SHARES))).T
+            frequencies = ca.exp(beta) * ca.DM(np.repeat(_SHARES, len(masses))).T
+            stiffness = (
+                _stiffness(table.shape, plant, factor)
+                if sized is None
+                else sized_slack(table.shape, "compliance", sized.filtered)
+            )
+            off = (
+                none if self.factors is None else ca.DM(np.repeat(self.factors[1][k][:, None], every.shape[1], axis=1))
+            )
+            found.append(held(stiffness, off, [every, frequencies]) + asked)
         if sized is not None:
-            found.append(held(sized_slack(table.shape, "compliance", sized.filtered), [masses, frequencies]) + asked)
             found.append(ca.MX(sized.structure(inner, chosen)))
             if sized.needed_Hz is not None:
                 missing = self._aimed - beta
@@ -314,27 +305,21 @@ class LawRefinement:
     def _chosen(self, slack: np.ndarray, worst: int) -> np.ndarray:
         """Indices of every so manieth finite slack and of the worst of the others; fewer where each costs more."""
         finite = np.nonzero(np.isfinite(slack))[0]
-        even = finite[:: _EVERY if self.sections is None else 6 * _EVERY]
+        step = max(_EVERY, ceil(len(finite) / _FEW))
+        even = finite[:: step if self.sections is None else 6 * _EVERY]
         rest = np.setdiff1d(finite, even)
         return np.concatenate([even, rest[np.argsort(slack[rest], kind="stable")[:worst]]])
 
-    def _data(self, at: Samples, index: np.ndarray) -> np.ndarray:
+    def _data(self, index: np.ndarray) -> np.ndarray:
         """What the program reads of some points, (rows, count)."""
-        relaxed = at.relaxed[index]
+        at, relaxed = self.points, self.points.relaxed[index]
         if self.sections is not None:
-            return np.array([at.frequency_Hz[index], relaxed, at.outer_end_mass[index]])
+            assert self.factors is not None
+            return np.vstack(
+                [at.frequency_Hz[index], relaxed, at.outer_end_mass[index], self.factors[0][at.row[index]].T]
+            )
         values = np.concatenate([at.denominator[index][None], *(control[:, index] for control in at.control)])
         return np.concatenate([[2 * pi * at.frequency_Hz[index], relaxed], values.real, values.imag])
-
-
-def _ratios(off: Samples, nominal: Samples, index: np.ndarray) -> np.ndarray:
-    """(r, n) responses of rigs that are off over the nominal ones; one where nothing responds."""
-
-    def listed(at: Samples) -> np.ndarray:
-        return np.concatenate([at.control[:, 0, index], at.disturbance[:1, index], at.crossed[:, 0, index]])
-
-    here = listed(nominal)
-    return np.divide(listed(off), here, out=np.ones_like(here), where=here != 0)
 
 
 def _point(shape: tuple[int, int], kind: Kind) -> ca.Function:
@@ -353,18 +338,13 @@ def _point(shape: tuple[int, int], kind: Kind) -> ca.Function:
 
 
 def _stiffness(shape: tuple[int, int], plant: BilinearPlant, factor: float) -> ca.Function:
-    """log(|F_d / x|) from the law's coefficients, masses inside and outside (kg), frequency (Hz) and moves."""
+    """log(|F_d / x|) from the law's coefficients, masses inside and outside (kg) and frequency (Hz)."""
     coefficients = ca.SX.sym("coefficients", *shape)
-    p = shape[0] - 1
     inner, outer, frequency = (ca.SX.sym(name) for name in ("inner", "outer", "frequency"))
-    moves, w = ca.SX.sym("moves", 2 * (1 + 2 * p)), 2 * pi * frequency
+    w = 2 * pi * frequency
 
     def at(*weighted: tuple[ca.SX | float, fmpq_poly]) -> Pair:
         return on_axis(added_up((by, [nearest(c) for c in polynomial.coeffs()]) for by, polynomial in weighted), w)
-
-    def moved(k: int, value: Pair) -> Pair:
-        size, turn = ca.exp(moves[k]), moves[1 + 2 * p + k]
-        return product(value, (size * ca.cos(turn), size * ca.sin(turn)))
 
     def over_both(rows: tuple[PairOver, PairOver], by: float = 1.0) -> Pair:
         (own, within), (slope, both) = rows
@@ -374,8 +354,8 @@ def _stiffness(shape: tuple[int, int], plant: BilinearPlant, factor: float) -> c
         "compliance",
         law_on_axis(coefficients, w),
         over_both(plant.denominator),
-        [moved(k, over_both(rows, factor)) for k, rows in enumerate(plant.control)],
-        moved(p, at((1.0, plant.disturbance[0]), (inner, plant.disturbance[1]))),
-        [moved(p + 1 + k, at((factor, own), (factor * inner, added))) for k, (own, added) in enumerate(plant.crossed)],
+        [over_both(rows, factor) for rows in plant.control],
+        at((1.0, plant.disturbance[0]), (inner, plant.disturbance[1])),
+        [at((factor, own), (factor * inner, added)) for own, added in plant.crossed],
     )
-    return ca.Function("stiffness", [ca.vec(coefficients), inner, ca.SX(0, 1), outer, frequency, moves], [slack])
+    return ca.Function("stiffness", [ca.vec(coefficients), inner, ca.SX(0, 1), outer, frequency], [slack])

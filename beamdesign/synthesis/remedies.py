@@ -15,6 +15,7 @@ import numpy as np
 from beamdesign.controllers import Lag
 from beamdesign.controllers.form import form_of
 from beamdesign.controllers.structured import as_lag
+from beamdesign.plant.members import family
 from beamdesign.problem import DesignProblem
 from beamdesign.progress import Progress, silent
 from beamdesign.structure.section import SquareTube
@@ -115,9 +116,9 @@ def _search(
         sizes = given.copy()
         sizes[free] *= larger[: len(free)]
         sections = free_sections(problem, sizes, largest_mass_kg=most, free=free)
-        members = sections.members(sections.start, False)
-        assert members is not None  # the sizes are given, or a little larger
-        task = Search(members, problem.goal, masses_kg, inner_kg, effort=SIZED_EFFORT, sections=sections)
+        rig = sections.prototype(sections.start, False)
+        assert rig is not None  # the sizes are given, or a little larger
+        task = Search(family(rig).members, problem.goal, masses_kg, inner_kg, effort=SIZED_EFFORT, sections=sections)
         starts += [variables for _, variables in from_seeds(task, seeds)]
     return search(task, [(form, one) for one in starts])
 

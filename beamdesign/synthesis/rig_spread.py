@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Literal
+from math import sqrt
 
 import numpy as np
 
@@ -12,7 +12,8 @@ from beamdesign.plant.members import VertexModel, served
 from beamdesign.prototype import Prototype
 from beamdesign.records import InputError, Problem
 
-Shape = Literal["ball", "box"]
+SIGMAS = 2.0
+"""How many standard deviations of every figure at once a design is for, where nothing else is asked."""
 
 _CUT = 4.0
 _DIGITS = 3
@@ -21,15 +22,14 @@ _DIGITS = 3
 
 @dataclass(frozen=True)
 class RigSpread:
-    """What a prototype may turn out to be.
+    """What a prototype may turn out to be: a box of figures, each off by so many standard deviations at once.
 
     Attributes:
         prototype: nominal.
         largest_outer_kg: largest outer end mass, whose weight is the load of effects that depend on it.
         deviations: relative standard deviation by figure, as in `beamdesign.plant.changed_figures`; d of them.
         sigmas: how far the figures are off, in standard deviations.
-        shape: "box": each of them up to so many, whatever the others are; "ball": so many in all, the root of the sum
-            of the squares, which is how far normal figures are off in any one direction that matters.
+        ends: (d, 2) the same by figure; a dashpot 2 zeta sqrt(K M) is off by more, as K and M are off as well.
         stage: payloads of the law that serves them and all payloads, as of `beamdesign.plant.members.served`.
     """
 
@@ -37,7 +37,7 @@ class RigSpread:
     largest_outer_kg: float
     deviations: Mapping[str, float]
     sigmas: float
-    shape: Shape = "ball"
+    ends: np.ndarray
     stage: tuple[tuple[float, float], tuple[float, float]] | None = None
 
     @property
@@ -54,33 +54,31 @@ class RigSpread:
         pairs = zip(z, self.deviations.items(), strict=True)
         return {name: 1 + float(value) * size for value, (name, size) in pairs if value}
 
+    def off(self, factors: Mapping[str, float]) -> np.ndarray:
+        """(d,) standard deviations of figures that are multiplied by these, those left out by one."""
+        return self.rounded(np.array([(factors.get(name, 1.0) - 1) / size for name, size in self.deviations.items()]))
+
     def members(self, z: np.ndarray) -> tuple[VertexModel, ...]:
         """Linear members that a law has to serve of the prototype with its figures off by (d,)."""
         return served(self.rig(z), self.largest_outer_kg, self.stage)
 
     def worst(self, slopes: np.ndarray) -> np.ndarray:
         """(d, n) deviations that lower n quantities most whose derivatives by the deviations are (d, n)."""
-        if self.shape == "box":
-            return -self.sigmas * np.sign(slopes)
-        return -self.sigmas * slopes / np.maximum(np.linalg.norm(slopes, axis=0), 1e-30)
+        return np.where(slopes > 0, self.ends[:, :1], self.ends[:, 1:])
 
     def drawn(self, count: int, seed: int, inside: bool = False) -> list[np.ndarray]:
         """Deviations (d,) of rigs drawn at random: normal, cut off at four, or evenly from within the sigmas."""
         random, size = np.random.default_rng(seed), len(self.deviations)
-        normal = random.standard_normal((count, size))
-        if not inside:
-            return [self.rounded(z) for z in np.clip(normal, -_CUT, _CUT)]
-        if self.shape == "box":
+        if inside:
             return [self.rounded(z) for z in self.sigmas * random.uniform(-1.0, 1.0, (count, size))]
-        reach = self.sigmas * random.uniform(size=(count, 1)) ** (1 / size)
-        return [self.rounded(z) for z in reach * normal / np.linalg.norm(normal, axis=1, keepdims=True)]
+        return [self.rounded(z) for z in np.clip(random.standard_normal((count, size)), -_CUT, _CUT)]
 
     def rounded(self, z: np.ndarray) -> np.ndarray:
-        """(d,) deviations in short figures; rounding leaves the ball by next to nothing."""
+        """(d,) deviations in short figures."""
         return np.round(z, _DIGITS)
 
 
-def rig_spread(prototype: Prototype, largest_outer_kg: float, sigmas: float, shape: Shape = "ball") -> RigSpread:
+def rig_spread(prototype: Prototype, largest_outer_kg: float, sigmas: float = SIGMAS) -> RigSpread:
     """The rigs within so many standard deviations of the prototype's `[tolerance]`.
 
     Tolerances of end masses are left out: the outer one is a range of its own, the inner one is weighed.
@@ -102,4 +100,12 @@ def rig_spread(prototype: Prototype, largest_outer_kg: float, sigmas: float, sha
         reason = "{:g} standard deviations of {:g} reach zero"
         problems = [Problem(TOLERANCES[name], reason.format(sigmas, deviations[name])) for name in wide]
         raise InputError("tolerance", problems)
-    return RigSpread(prototype, largest_outer_kg, deviations, sigmas, shape)
+    ends = np.array([[-sigmas, sigmas]] * len(deviations))
+    for k, (name, size) in enumerate(deviations.items()):
+        if name.endswith("_damping"):
+            beam = [sigmas * every[name.replace("damping", figure)] for figure in ("stiffness", "mass")]
+            ends[k] = [
+                ((1 + side * sigmas * size) * sqrt((1 + side * beam[0]) * (1 + side * beam[1])) - 1) / size
+                for side in (-1, 1)
+            ]
+    return RigSpread(prototype, largest_outer_kg, deviations, sigmas, ends)

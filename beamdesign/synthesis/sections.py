@@ -10,9 +10,9 @@ import casadi as ca
 import numpy as np
 from pydantic import ValidationError
 
-from beamdesign.plant.members import VertexModel, family
 from beamdesign.problem import DesignProblem
 from beamdesign.proofs.certificate import Kind
+from beamdesign.prototype import Prototype
 from beamdesign.structure.lumped import beam_figures, fixed_dashpot, hydraulic_figures
 from beamdesign.structure.section import SquareTube
 from beamdesign.synthesis.checks import beam_mass, check_sections, materials
@@ -41,9 +41,8 @@ class Sections:
         upper: (w,) largest ones.
         figures: variables to the (14,) lumped figures of the linear model, in symbols.
         filtered: whether the sensor has a filter.
-        members: variables, and whether sizes are rounded as they will be written down, to all linear members of the rig
-            they stand for; None where they are the sizes of no tubes, or of an inner one that does not go into the
-            outer one.
+        prototype: variables, and whether sizes are rounded as they will be written down, to the rig they stand for;
+            None where they are the sizes of no tubes, or of an inner one that does not go into the outer one.
         structure: mass inside (kg) and variables to slacks that must not be negative, in symbols or numbers.
         moving_mass: mass inside (kg) and variables to that and the mass of both beams, in symbols or numbers.
         flaw: mass inside (kg) and variables to the reason why the rounded sections may not be built, empty where they
@@ -56,7 +55,7 @@ class Sections:
     upper: np.ndarray
     figures: Callable[[ca.MX], ca.MX]
     filtered: bool
-    members: Callable[[np.ndarray, bool], tuple[VertexModel, ...] | None]
+    prototype: Callable[[np.ndarray, bool], Prototype | None]
     structure: Callable[[Any, Any], Any]
     moving_mass: Callable[[Any, Any], Any]
     flaw: Callable[[float, np.ndarray], str]
@@ -108,10 +107,10 @@ def _symbolic_figures(problem: DesignProblem) -> Callable[[ca.MX], ca.MX]:
     return figures
 
 
-def _members(problem: DesignProblem, pair: tuple[SquareTube, SquareTube]) -> tuple[VertexModel, ...] | None:
-    """The members of the rig with these tubes; None where the record of it refuses them."""
+def _prototype(problem: DesignProblem, pair: tuple[SquareTube, SquareTube]) -> Prototype | None:
+    """The rig with these tubes; None where the record of it refuses them."""
     try:
-        return family(problem.prototype(*pair)).members
+        return problem.prototype(*pair)
     except ValidationError:
         return None
 
@@ -166,7 +165,7 @@ def free_sections(
         upper=bounds[:, 1],
         figures=_symbolic_figures(problem),
         filtered=problem.sensor.filter_Hz is not None,
-        members=lambda chosen, rounded: _members(problem, (rounded_tubes if rounded else tubes)(chosen)),
+        prototype=lambda chosen, rounded: _prototype(problem, (rounded_tubes if rounded else tubes)(chosen)),
         structure=structure,
         moving_mass=lambda inner, chosen: parts(chosen, sizing.figures)[1] + inner,
         flaw=flaw,

@@ -66,7 +66,6 @@ class Tuning(Result):
         starts: bandwidths (Hz) that designs reached on samples, the largest first.
         certificates: how many exact stability proofs were run.
         reason: why there is no answer, empty where there is one.
-        worst: of a robust design, (d,) standard deviations of each rig that was proved beside the nominal one.
         laws: of several laws the tuning of each over its own payloads.
         alone_Hz: of several laws, the bandwidth of each tuned with a mass inside of its own: what no common mass can
             exceed.
@@ -79,7 +78,6 @@ class Tuning(Result):
     starts: tuple[float, ...] = ()
     certificates: int = 0
     reason: str = ""
-    worst: tuple[np.ndarray, ...] = ()
     laws: "tuple[Tuning, ...]" = ()
     alone_Hz: tuple[float, ...] = ()
     switching: Switching | None = None
@@ -207,7 +205,7 @@ def tune_law(prototype: Prototype, masses_kg: tuple[float, float], asked: LawOpt
         why = no_answer(kind, prototype.goal, masses_kg, found.reason)
         return Tuning(prototype, masses_kg, None, found.sampled, found.certificates, why)
     built = tuned(prototype, best, masses_kg)
-    return Tuning(built, masses_kg, best, found.sampled, found.certificates, worst=found.worst)
+    return Tuning(built, masses_kg, best, found.sampled, found.certificates)
 
 
 def no_answer(kind: str, goal: Goal, masses_kg: tuple[float, float], failure: str) -> str:

@@ -1,0 +1,117 @@
+"""A law over the whole box of tolerances: its worst rigs there, which a search finds, and what is proved of every rig."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from math import log
+
+from beamdesign.proofs.box import Box, BoxVerdict, certify_box
+from beamdesign.proofs.box_claims import BoxClaim, Worst, claim_over_box, relaxed, worst_over_box
+from beamdesign.proofs.certificate import LOWER_GAINS, Asked, goal_claims
+from beamdesign.proofs.tolerance_box import tolerance_box
+from beamdesign.prototype import Prototype
+from beamdesign.rational import nearest
+from beamdesign.synthesis.rig_spread import RigSpread
+from beamdesign.synthesis.worst_rigs import Cut
+
+BUDGET, SECONDS = 20_000, 120.0
+"""Most pieces and most time for the proof of one claim."""
+
+_LOOSER = (1.0, 1.002, 1.02)
+"""By what factors less than the worst rig's a bandwidth is claimed, tried in turn."""
+
+
+@dataclass(frozen=True)
+class OverBox:
+    """What is proved of a prototype over a box of tolerances and payloads.
+
+    Attributes:
+        sigmas: standard deviations of every figure to either side.
+        box: the ranges.
+        verdict: that every member is stable.
+        claims: about every member, all of which hold.
+    """
+
+    sigmas: float
+    box: Box
+    verdict: BoxVerdict
+    claims: tuple[BoxClaim, ...]
+
+    @cached_property
+    def certificate(self) -> str:
+        """Text that `beamdesign.checker` proves again."""
+        return self.verdict.write(self.claims)
+
+    def proved(self, kind: str) -> Asked | None:
+        """The claim of a kind; None where there is none."""
+        return next((claim.asked for claim in self.claims if claim.asked.kind == kind), None)
+
+
+@dataclass(frozen=True)
+class BoxTask:
+    """A prototype with a law, and what is asked of every rig that it may turn out to be.
+
+    Attributes:
+        prototype: with its controller; its goal sets the limits.
+        spread: how far its figures may be off.
+        masses_kg: payloads over which it is to perform.
+        stable_kg: those over which it is to be stable.
+    """
+
+    prototype: Prototype
+    spread: RigSpread
+    masses_kg: tuple[float, float]
+    stable_kg: tuple[float, float]
+    box: Box = field(init=False)
+
+    def __post_init__(self) -> None:
+        """Set the box up."""
+        object.__setattr__(self, "box", self._box(self.masses_kg))
+
+    def _box(self, masses_kg: tuple[float, float]) -> Box:
+        return tolerance_box(self.prototype, self.spread.sigmas, None, masses_kg)
+
+    def worst(self, bandwidth_Hz: float, missed: float = 0.0) -> list[tuple[str, float, Cut]]:
+        """Rigs that miss a limit by more than so much (logarithm): of what, by how much, and which."""
+        found = [
+            (asked.kind, log(worst.ratio), self._cut(worst))
+            for asked in self._asked(bandwidth_Hz)
+            for worst in worst_over_box(self.prototype, self.box, asked)
+            if worst.ratio > 0 and log(worst.ratio) > missed
+        ]
+        return sorted(found, key=lambda one: -one[1])
+
+    def _asked(self, bandwidth_Hz: float) -> Sequence[Asked]:
+        goal = self.prototype.goal
+        return (
+            *([LOWER_GAINS] if goal.lower_gains else []),
+            Asked("peak_sensitivity", goal.peak_sensitivity),
+            Asked("compliance", goal.compliance_m_per_N, bandwidth_Hz),
+            *goal_claims(goal),
+        )
+
+    def _cut(self, worst: Worst) -> Cut:
+        factors = {
+            name: nearest(worst.parameters[name] / self.box.nominal[name])
+            for name in self.spread.deviations
+            if name in self.box.nominal
+        }
+        z = tuple(map(float, self.spread.off(factors)))
+        return Cut(z, nearest(worst.parameters["outer_end_mass"]), worst.frequency_Hz)
+
+    def proof(self, bandwidth_Hz: float) -> tuple[OverBox | None, str]:
+        """Prove all that is asked of every rig, and the largest bandwidth that is proved; or why that is not proved."""
+        verdict = certify_box(self.prototype, self._box(self.stable_kg), BUDGET, SECONDS, volumes=False)
+        if not verdict.stable:
+            return None, verdict.reason
+        claims = []
+        for asked in self._asked(bandwidth_Hz):
+            for looser in _LOOSER if asked.kind == "compliance" else (1.0,):
+                one = relaxed(asked, looser) if asked.kind == "compliance" else asked
+                claim = claim_over_box(self.prototype, self.box, one, BUDGET, SECONDS)
+                if claim.holds:
+                    break
+            if not claim.holds:
+                return None, f"{claim.asked.kind.replace('_', ' ')}: {claim.reason}"
+            claims.append(claim)
+        return OverBox(self.spread.sigmas, self.box, verdict, tuple(claims)), ""
