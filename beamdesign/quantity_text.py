@@ -20,7 +20,9 @@ _UNITS = {
     "kg/m3": ("kg/m³", 1.0),
     "Hz": ("Hz", 1.0),
     "A/V": ("mA/V", 1e3),
+    "A": ("mA", 1e3),
     "V/m": ("V/mm", 1e-3),
+    "m3/s": ("l/min", 6e4),
     "m3/s/A": ("cm³/s/mA", 1e3),
     "m3/s/Pa": ("cm³/s/MPa", 1e12),
     "1": ("", 1.0),
@@ -45,7 +47,7 @@ def decimal(value: float, digits: int = 4, rounding: str = ROUND_HALF_EVEN) -> s
     written = Decimal(repr(float(value)))
     magnitude = written.adjusted()
     if not -5 <= magnitude <= 8:
-        return f"{value:.{digits - 1}e}"
+        return f"{written.quantize(Decimal(1).scaleb(magnitude - digits + 1), rounding=rounding):.{digits - 1}e}"
     step = Decimal(1).scaleb(min(magnitude - digits + 1, 0))
     text = f"{written.quantize(step, rounding=rounding):f}"
     return text.rstrip("0").rstrip(".") if "." in text else text

@@ -32,7 +32,8 @@ def run(study: TomlFile, out: OutFolder) -> CommandResult:
     """Carry a study to a certified prototype.
 
     Sections are sized, controller and inner end mass tuned, and the guarantee proved; with the prototype come its
-    certificate, a report and a specification. Exit status 1 if there is no design, with the reason.
+    certificate, a report and a specification. Exit status 1 if there is no design, or if its actuator or its sections
+    do not hold load and weight, or its bandwidth is of no use, with the reason and what to change.
 
     Args:
         study: the study file, such as studies/prototype.toml.
@@ -49,10 +50,13 @@ def run(study: TomlFile, out: OutFolder) -> CommandResult:
         if result.prototype is not None:
             update(0.95, "drawing the report")
             folder = write_result_folder(result, out)
+    held = result.holding
+    holding = {"holding": None if held is None else held.to_dict()}
     if result.prototype is None:
         echo(f"no design: {result.reason}")
+        echo_changes(result.change)
         nothing = dict.fromkeys(("prototype", "certificate", "mass_kg", "report"))
-        return CommandResult(nothing | {"reason": result.reason}, yes=False)
+        return CommandResult(nothing | picked(result, "reason change") | holding, yes=False)
     payload, end, reached = result.prototype.payload, result.suffix.replace(".", "_"), result.guarantees
     moving = result.sizing.beam_mass_kg + payload.inner_end_mass_kg
     rows = [
@@ -61,6 +65,7 @@ def run(study: TomlFile, out: OutFolder) -> CommandResult:
         ("mass of both beams and inner end mass", f"{moving:.3f} kg"),
         ("governing check", result.sizing.governing),
         *(row for one in reached for row in guaranteed_rows(one, one.outer_end_mass_kg)),
+        *(() if held is None else held.rows()),
     ]
     echo_table(f"{problem.name}: designed and certified", ("", ""), rows)
     return CommandResult(
@@ -73,10 +78,17 @@ def run(study: TomlFile, out: OutFolder) -> CommandResult:
             "report": folder[f"report{end}"],
             "specification": folder[f"specification{end}"],
             "guaranteed": reached[0].model_dump(),
+            **holding,
             **({"stages": [one.model_dump() for one in reached]} if result.laws else {}),
         },
         files=folder.values(),
     )
+
+
+def echo_changes(ways: Sequence[str]) -> None:
+    """Print what to change so that there is a design."""
+    for way in ways:
+        echo(f"  change: {way}")
 
 
 @command
@@ -90,7 +102,7 @@ def codesign(
 
     Both sections, the inner end mass and the controller are chosen together; the moving mass counts both beams over
     their full length and the inner end mass. The result is proved for every mass of the payload range, not sampled.
-    Exit status 1 if no design can be proved.
+    Exit status 1 if no design can be proved, or if load and weight are not held, with what to change.
 
     Args:
         study: the study file with the design problem.
@@ -111,8 +123,9 @@ def codesign(
     point = found.point
     if point is None:
         echo(found.reason)
+        echo_changes(found.change)
         fields = ("prototype", "moving_mass_kg", "beam_mass_kg", "inner_end_mass_kg", "guaranteed")
-        return CommandResult(dict.fromkeys(fields) | picked(found, "reason attempts"), yes=False)
+        return CommandResult(dict.fromkeys(fields) | picked(found, "reason change attempts"), yes=False)
     certificate, guaranteed = certified(point.prototype, point.proved, masses)
     folder = out or default_folder(f"{study.stem}-codesign")
     paths = write_set(
