@@ -79,6 +79,16 @@ def at_most(value: float, unit: str, digits: int = 4) -> str:
     return quantity(value, unit, digits, ROUND_CEILING)
 
 
+def stated_bandwidth(value: float) -> str:
+    """A guaranteed bandwidth, Hz, with all digits to which it is stated anywhere: never more than was proved."""
+    return at_least(value, "Hz", 7)
+
+
+def stated_peak(value: float) -> str:
+    """A guaranteed bound of a magnitude without a unit, likewise: never less than was proved."""
+    return at_most(value, "1", 7)
+
+
 def per_cent(share: float) -> str:
     """A share as a percentage to a tenth, never rounded to 100 % from below or above."""
     if not isfinite(share):
@@ -105,8 +115,8 @@ def guaranteed_rows(
         further: rows of other figures.
     """
     return [
-        ("guaranteed bandwidth", at_least(found.bandwidth_Hz, "Hz")),
-        ("guaranteed peak sensitivity", at_most(found.peak_sensitivity, "1")),
+        ("guaranteed bandwidth", stated_bandwidth(found.bandwidth_Hz)),
+        ("guaranteed peak sensitivity", stated_peak(found.peak_sensitivity)),
         *further,
         ("for every outer end mass", mass_range_text(bounds)),
     ]

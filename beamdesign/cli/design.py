@@ -41,6 +41,7 @@ def run(study: TomlFile, out: OutFolder) -> CommandResult:
     """
     from beamdesign.build.result_folder import write_result_folder
     from beamdesign.problem import read_problem
+    from beamdesign.proofs.near_rest import EXACTLY
     from beamdesign.quantity_text import guaranteed_rows, tube_text
     from beamdesign.synthesis.design_run import run_design
 
@@ -67,7 +68,7 @@ def run(study: TomlFile, out: OutFolder) -> CommandResult:
         *(row for one in reached for row in guaranteed_rows(one, one.outer_end_mass_kg)),
         *(() if held is None else held.rows()),
     ]
-    echo_table(f"{problem.name}: designed and certified", ("", ""), rows)
+    echo_table(f"{problem.name}: designed and certified {EXACTLY}", ("", ""), rows)
     return CommandResult(
         {
             "prototype": folder["prototype"],
@@ -111,6 +112,7 @@ def codesign(
         out: folder for prototype.toml and certificate.toml; else STEM-codesign.
     """
     from beamdesign.problem import read_problem
+    from beamdesign.proofs.near_rest import EXACTLY
     from beamdesign.quantity_text import guaranteed_rows, tube_text
     from beamdesign.records import to_toml
     from beamdesign.synthesis import codesign as room
@@ -142,7 +144,8 @@ def codesign(
         ("governing structural check", point.governing),
         *guaranteed_rows(point.proved, masses),
     ]
-    echo_table(f"{problem.name}: lightest proved design for {bandwidth_Hz:g} Hz", ("figure", "value"), rows)
+    title = f"{problem.name}: lightest design for {bandwidth_Hz:g} Hz, proved {EXACTLY}"
+    echo_table(title, ("figure", "value"), rows)
     return CommandResult(
         {
             **paths,
