@@ -1,6 +1,6 @@
 """`beamdesign certify`, `certify-box` and `certify-switching`: proofs over payloads, tolerances and changes."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from math import inf
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -26,7 +26,6 @@ from beamdesign.json_text import picked
 
 if TYPE_CHECKING:
     from beamdesign.proofs.certificate import Asked, Certificate
-    from beamdesign.proofs.near_rest import NearRest
     from beamdesign.prototype import InStage, Prototype
     from beamdesign.synthesis.rig_spread import Shape
 
@@ -110,7 +109,7 @@ def certify(
         certificate = prove(rig, *stage.outer_end_mass_kg, asked)
         write_certificate(path, certificate.text)
         left = near_rest(rig)
-        _echo(rig, certificate, left)
+        _echo(rig, certificate)
         echo(f"certificate: {path}")
         fields = certificate.to_dict() | (_between(rig, certificate, path) if rig.effects else {})
         fields |= {"holds_for": holds_for(rig), "near_rest": left}
@@ -160,14 +159,12 @@ def _asked(record: "Prototype", claims: dict[str, float | None]) -> list["Asked"
     return [kinds[option](value) for option, value in claims.items() if value is not None]
 
 
-def _echo(record: "Prototype", certificate: "Certificate", left: "Sequence[NearRest]") -> None:
+def _echo(record: "Prototype", certificate: "Certificate") -> None:
     from beamdesign.proofs.certificate import describe
     from beamdesign.proofs.near_rest import holds_for
     from beamdesign.quantity_text import stated_bandwidth
 
     echo_stability(record.name, certificate, holds_for(record))
-    for one in left:
-        echo(f"  not of small motion, no {one.claim}: {one.effect} ({one.words})")
     for side, crossing in certificate.next_crossings.items():
         if crossing is not None:
             echo(f"  the next crossing {side} the range is at {crossing.value:.7g} kg, {hertz(crossing)} Hz")

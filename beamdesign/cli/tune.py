@@ -153,7 +153,7 @@ def tune(
 
 def _of_law(stage: "InStage", law: "Tuning", certificate: "Certificate") -> dict[str, Any]:
     """Say what was tuned and is guaranteed of one law over its payloads; the same for the JSON file."""
-    from beamdesign.proofs.near_rest import holds_for, near_rest
+    from beamdesign.proofs.near_rest import holds_for
     from beamdesign.quantity_text import guaranteed_rows
 
     best, goal, masses = law.best, stage.prototype.goal, stage.outer_end_mass_kg
@@ -165,8 +165,6 @@ def _of_law(stage: "InStage", law: "Tuning", certificate: "Certificate") -> dict
     ]
     echo_table(f"{stage.prototype.name}: tuned {best.controller.kind} controller", ("figure", "value"), rows)
     echo(f"proved {holds_for(stage.prototype)}; {law.certificates} stability certificates on the way")
-    for one in near_rest(stage.prototype):
-        echo(f"  not of small motion, no {one.claim}: {one.effect} ({one.words})")
     for line in certificate.scope:
         echo(f"  {line}")
     return {

@@ -69,4 +69,6 @@ def holds_for(prototype: Prototype, rigs: str = EXACTLY) -> str:
         prototype: with or without effects.
         rigs: in words.
     """
-    return f"{rigs}, linear members only" if bracketing(prototype) else rigs
+    small = [f"no {one.claim} ({one.effect})" for one in near_rest(prototype)]
+    only = ", linear members only" if bracketing(prototype) else ""
+    return f"{rigs}{only}" + (f"; of small motion {', '.join(small)}" if small else "")
