@@ -244,6 +244,7 @@ def remedies(
         added_mass_kg: most moving mass that a remedy may add.
     """
     from beamdesign.problem import read_problem
+    from beamdesign.quantity_text import stated_bandwidth
     from beamdesign.report.canvas import new_figure
     from beamdesign.report.figures import plot_remedies
     from beamdesign.sweep.tasks import REMEDY
@@ -272,8 +273,17 @@ def remedies(
     plot_remedies(figure.add_subplot(), found)
     echo_table(
         f"{problem.name}: remedies for {masses[0]:g} to {masses[1]:g} kg at the tip, each proved",
-        ("remedy", "bandwidth, Hz", "added mass, kg", "lag", "reason"),
-        [[row[name] for name in ("remedy", "bandwidth_Hz", "added_mass_kg", "controllers", "reason")] for row in rows],
+        ("remedy", "bandwidth", "added mass, kg", "lag", "reason"),
+        [
+            [
+                row["remedy"],
+                stated_bandwidth(row["bandwidth_Hz"]),
+                row["added_mass_kg"],
+                row["controllers"],
+                row["reason"],
+            ]
+            for row in rows
+        ],
     )
     write_drawn(out, "remedies", figure, rows)
     return CommandResult({"remedies": rows, "outer_end_mass_kg": masses, "added_mass_kg": added_mass_kg})

@@ -19,7 +19,7 @@ from beamdesign.proofs.lyapunov import describe, stages_certificate
 from beamdesign.prototype import Guarantee, Prototype
 from beamdesign.records import InputError
 from beamdesign.result import Result
-from beamdesign.synthesis.holding import Holding, Way, carried, in_words, lighter, standing, working
+from beamdesign.synthesis.holding import Holding, Way, carried, easier, in_words, standing, working
 from beamdesign.synthesis.law_task import Search
 from beamdesign.synthesis.loop_limits import Proved
 from beamdesign.synthesis.loop_slacks import worst_rigs
@@ -86,10 +86,10 @@ def run_design(problem: DesignProblem, progress: Progress | None = None) -> Desi
     found = _designed(problem, report)
     if found.yes or not found.sizing.feasible:
         return found
-    ways = lighter(problem.payload.outer_end_mass_kg or (0.0, 0.0)) if found.holding is None else found.holding.ways
+    ways = () if found.holding is None else found.holding.ways
     if problem.controller.kind in _QUICK:
         report(0.5, "what to change")
-        ways = carried(problem, ways, lambda other: _designed(other, silent).yes)
+        ways = carried(problem, ways or easier(problem), lambda other: _designed(other, silent).yes)
     return replace(found, ways=ways)
 
 

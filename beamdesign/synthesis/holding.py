@@ -39,8 +39,8 @@ from beamdesign.synthesis.sizing import size
 _PER_LOAD = 4 / 3
 """Power of the load with which a tube's stiffness grows at most, where all its sizes grow alike at one stress."""
 _POINTS = 60
-_HALVINGS = 3
-_PAYLOAD = "payload.outer_end_mass_kg"
+_TRIES = 4
+_PAYLOAD, _COMPLIANCE = "payload.outer_end_mass_kg", "goal.compliance_m_per_N"
 
 
 class Change(NamedTuple):
@@ -69,7 +69,7 @@ _KEYS = {
     "supply.pressure_Pa": ("a supply pressure", "Pa", q.SupplyPressure),
     "supply.flow_m3_per_s": ("a supply flow", "m3/s", q.FlowRate),
     "servovalve.rated_current_A": ("a rated current", "A", q.Current),
-    "goal.compliance_m_per_N": ("a goal of compliance", "m/N", q.ComplianceLimit),
+    _COMPLIANCE: ("a goal of compliance", "m/N", q.ComplianceLimit),
     "load.least_bandwidth_Hz": ("a goal of bandwidth", "Hz", q.Bandwidth),
 }
 """By key: its name, its unit, and what of it a study may state."""
@@ -235,10 +235,21 @@ def in_words(ways: Sequence[Way]) -> tuple[str, ...]:
     return tuple(" and ".join(map(str, way)) for way in ways)
 
 
-def lighter(masses_kg: tuple[float, float]) -> tuple[Way, ...]:
-    """Half of the largest payload; none where the least is more."""
-    half = _down(masses_kg[1] / 2)
-    return ((Change(_PAYLOAD, half, False),),) if half >= masses_kg[0] and half > 0 else ()
+def easier(problem: DesignProblem) -> tuple[Way, ...]:
+    """What makes any design easier, to begin with: half of the largest payload, ten times the compliance."""
+    largest = (problem.payload.outer_end_mass_kg or (0.0, 0.0))[1]
+    given = (Change(_PAYLOAD, largest, False), Change(_COMPLIANCE, problem.goal.compliance_m_per_N))
+    return tuple((change,) for one in given for change in _milder(one, problem))
+
+
+def _milder(change: Change, problem: DesignProblem) -> tuple[Change, ...]:
+    """A payload halved, or a compliance times ten, as far as a study may state it; nothing of other changes."""
+    factor = {_PAYLOAD: 0.5, _COMPLIANCE: 10.0}.get(change.key)
+    if factor is None:
+        return ()
+    value = (_up if change.at_least else _down)(factor * change.value)
+    least = (problem.payload.outer_end_mass_kg or (0.0, 0.0))[0] if change.key == _PAYLOAD else 0.0
+    return (change._replace(value=value),) if 0 < value >= least and value in q.range_of(_KEYS[change.key][2]) else ()
 
 
 def changed(problem: DesignProblem, way: Way) -> DesignProblem:
@@ -251,20 +262,22 @@ def changed(problem: DesignProblem, way: Way) -> DesignProblem:
 
 
 def carried(problem: DesignProblem, ways: Sequence[Way], leads: Callable[[DesignProblem], bool]) -> tuple[Way, ...]:
-    """Those ways that lead to a design; a payload is halved until it does.
+    """Those ways that lead to a design; a payload is halved, a compliance made ten times as large until it does.
 
     Args:
         problem: without a design.
         ways: to try.
         leads: whether a study has a design.
     """
-    least, found = (problem.payload.outer_end_mass_kg or (0.0, 0.0))[0], []
+    found: list[Way] = []
     for way in ways:
-        tried: tuple[Way, ...] = (way,)
-        for _ in range(_HALVINGS if way[0].key == _PAYLOAD else 0):
-            tried += lighter((least, tried[-1][0].value))
-        if (first := next((one for one in tried if leads(changed(problem, one))), None)) is not None:
-            found.append(first)
+        tried = way
+        for _ in range(_TRIES):
+            if leads(changed(problem, tried)):
+                found.append(tried)
+                break
+            if len(way) > 1 or not (tried := _milder(tried[0], problem)):
+                break
     return tuple(found)
 
 
@@ -296,7 +309,7 @@ def _slower(prototype: Prototype, masses_kg: tuple[float, float], up_to_Hz: floa
     asked = [demand(law, mass, grid) for law, mass in places]
     compliance = _up(MARGIN * max(float(np.abs(one.displacement).max()) for one in asked))
     had = Change("load.least_bandwidth_Hz", _down(up_to_Hz), False)
-    return (Change("goal.compliance_m_per_N", compliance),), (had,)
+    return (Change(_COMPLIANCE, compliance),), (had,)
 
 
 def _up(value: float) -> float:
@@ -311,5 +324,5 @@ def _shortened(value: float, rounding: str) -> float:
     """To three significant digits, so that what is printed of it is all of it."""
     if not isfinite(value) or value == 0:
         return value
-    exact = Decimal(value)
+    exact = Decimal(repr(value))
     return float(exact.quantize(Decimal(1).scaleb(exact.adjusted() - 2), rounding=rounding))
