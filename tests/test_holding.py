@@ -13,10 +13,11 @@ from finished_run import STUDY, finished_run
 from typer.testing import CliRunner
 
 from beamdesign.cli import app
-from beamdesign.problem import DesignProblem
+from beamdesign.problem import DesignProblem, read_problem
 from beamdesign.prototype import Prototype
 from beamdesign.records import parse, to_toml
 from beamdesign.structure.lumped import lumped_beam, weighing_mass
+from beamdesign.synthesis.codesign import codesign
 from beamdesign.synthesis.design_run import run_design
 from beamdesign.synthesis.holding import Change, Demanded, Holding, changed, standing, working
 from beamdesign.synthesis.operating_limits import needs
@@ -157,6 +158,16 @@ def test_what_cannot_be_held_is_not_certified_and_each_change_is_true(changes: d
         way = tuple(Change(key, float(value)) for key, value in re.findall(r"\((\S+) = (\S+)\)", words))
         assert way
         assert run_design(changed(problem, way)).prototype is not None
+
+
+def test_codesign_asks_the_same_of_what_it_finds() -> None:
+    problem = read_problem(STUDY.with_name("codesign.toml"))
+    found = codesign(problem.but(load=problem.load.but(tip_force_N=2300.0)), PAYLOAD, 3.0)
+    assert found.point is None
+    assert found.holding is not None
+    assert [limit.name for limit in found.holding.missed] == ["supply pressure"]
+    assert found.change
+    assert found.reason
 
 
 def test_a_change_that_no_study_may_state_is_not_proposed() -> None:

@@ -6,7 +6,7 @@ friction or hysteresis the valve or the piston does not answer, and within its p
 compliance, or stability itself, is a claim about larger motion alone (`beamdesign.plant.effect.Linear.near_rest`).
 """
 
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from beamdesign.plant.effects import library
@@ -41,14 +41,9 @@ class NearRest:
     words: str
 
 
-def near_rest(prototype: Prototype, moving: Collection[str] = ()) -> tuple[NearRest, ...]:
-    """What nothing is proved of while motion is small against the effects of a prototype.
-
-    Args:
-        prototype: with effects of the library.
-        moving: effects of which the nonlinear loop is proved.
-    """
-    found = ((name, library()[name].linear) for name in sorted(prototype.effects) if name not in moving)
+def near_rest(prototype: Prototype) -> tuple[NearRest, ...]:
+    """What nothing is proved of while motion is small against the effects of a prototype, all of the library."""
+    found = ((name, library()[name].linear) for name in sorted(prototype.effects))
     return tuple(NearRest(name, one.near_rest, one.leaves_out) for name, one in found if one and one.near_rest)
 
 

@@ -141,12 +141,15 @@ class Holding:
         if not self.missed:
             return ""
         words = " and ".join(limit.words for limit in self.missed)
-        asked = f"{at_least(self.load_N, 'N')} on the tip and {at_most(self.weight_N, 'N')} of weight"
-        return f"for {asked} the design needs {words}"
+        return f"for {self.held} the design needs {words}"
+
+    @property
+    def held(self) -> str:
+        """Load and weight in words."""
+        return f"{at_least(self.load_N, 'N')} on the tip and {at_most(self.weight_N, 'N')} of weight"
 
     def rows(self) -> list[tuple[str, str]]:
         """For people: what is held, what of each limit it takes, and what was not asked."""
-        held = f"{at_least(self.load_N, 'N')} on the tip, {at_most(self.weight_N, 'N')} of weight"
         limits = [
             (
                 f"takes of {limit.name}",
@@ -155,7 +158,7 @@ class Holding:
             for limit in self.limits[1:-1]
         ]
         unasked = [(f"{name} not asked for want of", key) for name, key in self.missing.items()]
-        return [("holds, link level", held), *limits, *unasked]
+        return [("holds, link level", self.held), *limits, *unasked]
 
     def to_dict(self) -> dict[str, Any]:
         """What a JSON file holds of it."""
@@ -207,7 +210,8 @@ def working(problem: DesignProblem, prototype: Prototype, masses_kg: tuple[float
     # Half of a load that comes and goes is constant, half of it alternates.
     need = needs(prototype, masses_kg, load / 2, up_to_Hz, still.weight_N + load / 2)
     inner, supply, actuator = lumped_beam(prototype.inner_beam), prototype.supply, prototype.actuator
-    reach = need.stroke_m + STANDARD_GRAVITY * weighing_mass(prototype.inner_beam) / inner.stiffness
+    inside = weighing_mass(prototype.inner_beam) + prototype.payload.inner_end_mass_kg
+    reach = need.stroke_m + STANDARD_GRAVITY * inside / inner.stiffness
     limits = list(still.limits)
     missing = {}
     for name, key, needed, available, unit in (
