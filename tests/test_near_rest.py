@@ -76,6 +76,9 @@ def test_every_law_without_an_answer_to_small_motion_says_so() -> None:
 def test_only_what_is_asked_for_stands_in_the_way_of_a_yes() -> None:
     both = rig("joint_backlash", "valve_deadband")
     assert [one.effect for one in near_rest(both)] == ["joint_backlash", "valve_deadband"]
+    assert not near_rest(
+        rig().but(effects={"joint_backlash": {"play_m": 0.0}, "valve_deadband": {"half_width_A": 0.0}})
+    )
     dead = near_rest(rig("valve_deadband"))
     assert not uncovered(dead, [PEAK])
     assert uncovered(dead, [PEAK, COMPLIANCE])

@@ -43,8 +43,13 @@ class NearRest:
 
 def near_rest(prototype: Prototype) -> tuple[NearRest, ...]:
     """What nothing is proved of while motion is small against the effects of a prototype, all of the library."""
-    found = ((name, library()[name].linear) for name in sorted(prototype.effects))
-    return tuple(NearRest(name, one.near_rest, one.leaves_out) for name, one in found if one and one.near_rest)
+    found = []
+    for name, given in sorted(prototype.effects.items()):
+        size, linear = library()[name].parameters[0], library()[name].linear
+        # The first figure of each of these effects is its size; without any there is no such effect.
+        if linear is not None and linear.near_rest and given.get(size.name, size.default) > 0:
+            found.append(NearRest(name, linear.near_rest, linear.leaves_out))
+    return tuple(found)
 
 
 def uncovered(left: Sequence[NearRest], asked: Sequence[Asked]) -> str:
