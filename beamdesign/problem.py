@@ -17,6 +17,7 @@ from beamdesign.prototype import (
     Prototype,
     Sensor,
     Servovalve,
+    Supply,
     Tolerance,
     beams_that_do_not_fit,
 )
@@ -27,7 +28,10 @@ from beamdesign.structure.section import SquareTube, impossible_tube
 class Load(Record):
     """What the link has to carry."""
 
-    tip_force_N: q.Force = Field(description="transverse force at the tip")
+    tip_force_N: q.Force = Field(description="transverse force at the tip, beside the weight of payload and link")
+    least_bandwidth_Hz: q.Bandwidth = Field(
+        0.1, description="up to which it is to be held still; a load step is made good in a few seconds at 0.1 Hz"
+    )
 
 
 class BeamProblem(Record):
@@ -142,6 +146,7 @@ class DesignProblem(Record):
     servovalve: Servovalve
     sensor: Sensor
     controller: ControllerKind = ControllerKind()
+    supply: Supply = Supply()
     payload: Payload
     goal: Goal = Goal()
     tolerance: Tolerance = Tolerance()
@@ -172,7 +177,7 @@ class DesignProblem(Record):
         Its largest force is the load that it is designed for, where the payload states no other.
         """
         force = self.load.tip_force_N if self.payload.largest_force_N is None else self.payload.largest_force_N
-        same = ("name", "actuator", "servovalve", "sensor", "goal", "tolerance")
+        same = ("name", "actuator", "servovalve", "sensor", "supply", "goal", "tolerance")
         return Prototype(
             **{name: getattr(self, name) for name in same},
             outer_beam=_with_section(self.outer_beam, outer),

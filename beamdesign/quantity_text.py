@@ -20,7 +20,9 @@ _UNITS = {
     "kg/m3": ("kg/m³", 1.0),
     "Hz": ("Hz", 1.0),
     "A/V": ("mA/V", 1e3),
+    "A": ("mA", 1e3),
     "V/m": ("V/mm", 1e-3),
+    "m3/s": ("l/min", 6e4),
     "m3/s/A": ("cm³/s/mA", 1e3),
     "m3/s/Pa": ("cm³/s/MPa", 1e12),
     "1": ("", 1.0),
@@ -45,7 +47,7 @@ def decimal(value: float, digits: int = 4, rounding: str = ROUND_HALF_EVEN) -> s
     written = Decimal(repr(float(value)))
     magnitude = written.adjusted()
     if not -5 <= magnitude <= 8:
-        return f"{value:.{digits - 1}e}"
+        return f"{written.quantize(Decimal(1).scaleb(magnitude - digits + 1), rounding=rounding):.{digits - 1}e}"
     step = Decimal(1).scaleb(min(magnitude - digits + 1, 0))
     text = f"{written.quantize(step, rounding=rounding):f}"
     return text.rstrip("0").rstrip(".") if "." in text else text
@@ -77,6 +79,16 @@ def at_most(value: float, unit: str, digits: int = 4) -> str:
     return quantity(value, unit, digits, ROUND_CEILING)
 
 
+def stated_bandwidth(value: float) -> str:
+    """A guaranteed bandwidth, Hz, with all digits to which it is stated anywhere: never more than was proved."""
+    return at_least(value, "Hz", 7)
+
+
+def stated_peak(value: float) -> str:
+    """A guaranteed bound of a magnitude without a unit, likewise: never less than was proved."""
+    return at_most(value, "1", 7)
+
+
 def per_cent(share: float) -> str:
     """A share as a percentage to a tenth, never rounded to 100 % from below or above."""
     if not isfinite(share):
@@ -103,8 +115,8 @@ def guaranteed_rows(
         further: rows of other figures.
     """
     return [
-        ("guaranteed bandwidth", at_least(found.bandwidth_Hz, "Hz")),
-        ("guaranteed peak sensitivity", at_most(found.peak_sensitivity, "1")),
+        ("guaranteed bandwidth", stated_bandwidth(found.bandwidth_Hz)),
+        ("guaranteed peak sensitivity", stated_peak(found.peak_sensitivity)),
         *further,
         ("for every outer end mass", mass_range_text(bounds)),
     ]

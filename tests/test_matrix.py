@@ -355,7 +355,7 @@ def effect_simulate(name: str) -> None:
 
 
 def effect_certify(name: str) -> None:
-    assert call("certify p.toml --out c.toml")["stable"]
+    assert call("certify p.toml --linear --out c.toml")["stable"]
 
 
 def effect_replay(name: str) -> None:

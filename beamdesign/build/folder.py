@@ -33,7 +33,8 @@ from beamdesign.files import fresh_folder, write_whole
 from beamdesign.json_text import json_text, picked
 from beamdesign.proofs.certificate import Guaranteed
 from beamdesign.proofs.lyapunov import CHANGES_NAME, describe, stages_certificate, switching_fields
-from beamdesign.quantity_text import at_least, at_most, decimal, mass_range_text, quantity, tube_text
+from beamdesign.proofs.near_rest import holds_for
+from beamdesign.quantity_text import decimal, mass_range_text, quantity, stated_bandwidth, stated_peak, tube_text
 from beamdesign.rational import nearest
 from beamdesign.records import Record, to_toml
 from beamdesign.report.page import (
@@ -90,14 +91,15 @@ def document_of(spec: Specification, svg: str = "") -> Document:
     reached, masses_kg = spec.guaranteed, masses_text(spec.masses_kg)
     assert reached is not None
     verdict = (
-        f"With every mass of {masses_kg} on its outer tip the rig is proved stable, gives way by no more than"
-        f" {quantity(spec.prototype.goal.compliance_m_per_N, 'm/N')} up to {at_least(reached.bandwidth_Hz, 'Hz')} and"
-        f" keeps its peak sensitivity at {at_most(reached.peak_sensitivity, '1')} or below, by the linear model with"
-        f" nominal figures{', while the law acts that is for that mass' if spec.switching else ''}."
+        f"{holds_for(spec.prototype).capitalize()}: with every mass of {masses_kg} on its outer tip the rig is proved"
+        " stable, gives way by no more than"
+        f" {quantity(spec.prototype.goal.compliance_m_per_N, 'm/N')} up to {stated_bandwidth(reached.bandwidth_Hz)} and"
+        f" keeps its peak sensitivity at {stated_peak(reached.peak_sensitivity)} or below, by the linear model"
+        f"{', while the law acts that is for that mass' if spec.switching else ''}."
     )
     key = (
-        ("guaranteed bandwidth (proved)", at_least(reached.bandwidth_Hz, "Hz")),
-        ("guaranteed peak sensitivity (proved)", at_most(reached.peak_sensitivity, "1")),
+        ("guaranteed bandwidth (proved)", stated_bandwidth(reached.bandwidth_Hz)),
+        ("guaranteed peak sensitivity (proved)", stated_peak(reached.peak_sensitivity)),
         ("for outer end masses of", masses_kg),
         ("inner end mass to be added", quantity(spec.prototype.payload.inner_end_mass_kg, "kg")),
         ("load across the tip", quantity(spec.load_N, "N")),
@@ -314,6 +316,7 @@ def _template() -> Template:
         stage=lambda law: f", stage {law.stage.number}" if law.stage.number else "",
         guaranteed=_guaranteed,
         describe=describe,
+        holds_for=holds_for,
         changes_name=CHANGES_NAME,
         missing_geometry=missing_geometry,
         lumped_beam=lumped_beam,

@@ -21,7 +21,7 @@ from beamdesign.structure.lumped import lumped_beam
 from beamdesign.structure.materials import material
 from beamdesign.structure.section import SquareTube
 from beamdesign.structure.stock import stock_tubes
-from beamdesign.synthesis.operating_limits import Envelope, demand, envelope, smaller_side
+from beamdesign.synthesis.operating_limits import MARGIN, Envelope, envelope, needs, smaller_side
 
 
 class TubeToMake(NamedTuple):
@@ -160,12 +160,9 @@ def _gap(outer: Beam, inner: Beam) -> float:
     return float(section.clearance(outer.width_m, outer.wall_m, inner.width_m))
 
 
-MARGIN = 1.25
-"""On what the linear loop asks of flow, current and stroke."""
 PRESSURE_SHARE = 2 / 3
 """Of the supply pressure that the load should use at most: there a valve gives the most power (H. E. Merritt, Hydraulic
 Control Systems (1967), section 7-3)."""
-_LOWEST_HZ, _POINTS, _PHASES = 0.01, 60, 360
 SHOWN_HZ = np.array([0.1, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0])
 
 
@@ -212,33 +209,18 @@ def ratings(prototype: Prototype, masses_kg: tuple[float, float], load_N: float,
         load_N: amplitude of the force on the tip.
         up_to_Hz: highest frequency of it.
     """
-    grid = np.geomspace(_LOWEST_HZ, max(up_to_Hz, 2 * _LOWEST_HZ), _POINTS)
-    area, supply = smaller_side(prototype), prototype.supply.pressure_Pa
-    stall = supply * area
-    force = flow = current = stroke = no_load = 0.0
-    turn = np.exp(2j * np.pi * np.arange(_PHASES) / _PHASES)
-    stages = prototype.stages(masses_kg)
-    for law, mass in ((stage.prototype, mass) for stage in stages for mass in stage.looked_at_kg):
-        asked = demand(law, mass, grid)
-        force = max(force, load_N * float(np.abs(asked.force).max()))
-        flow = max(flow, load_N * float(np.abs(asked.flow).max()))
-        stroke = max(stroke, load_N * float(np.abs(asked.stroke).max()))
-        moved, held = (load_N * np.real(one[:, None] * turn) for one in (asked.flow, asked.force))
-        left = 1 - np.sign(moved) * held / stall
-        # Orifice flow at a load pressure: q = q_0 sqrt(1 - p_L / p_S); asked the other way round for q_0.
-        through = np.where(left > 0, np.abs(moved) / np.sqrt(np.maximum(left, 1e-12)), np.inf).max(axis=1)
-        no_load = max(no_load, float(through.max()))
-        per_flow = np.abs(asked.current) / np.maximum(np.abs(asked.flow), 1e-300)
-        current = max(current, float((through * per_flow).max()))
+    area, stages = smaller_side(prototype), prototype.stages(masses_kg)
+    need = needs(prototype, masses_kg, load_N, up_to_Hz)
     given = {
-        "supply_pressure_Pa": supply,
+        "supply_pressure_Pa": prototype.supply.pressure_Pa,
         "rated_current_A": prototype.servovalve.rated_current_A,
         "stroke_m": prototype.actuator.stroke_m,
         "supply_flow_m3_per_s": prototype.supply.flow_m3_per_s,
     }
     return Ratings(
-        load_N, up_to_Hz, force, force / area, force / area / PRESSURE_SHARE, flow, MARGIN * no_load, MARGIN * current,
-        2 * MARGIN * stroke, MARGIN * flow, given, envelope(stages[-1].prototype, masses_kg[1], 0.0, SHOWN_HZ),
+        load_N, up_to_Hz, need.force_N, need.force_N / area, need.force_N / area / PRESSURE_SHARE, need.flow_m3_per_s,
+        MARGIN * need.no_load_flow_m3_per_s, MARGIN * need.current_A, 2 * MARGIN * need.stroke_m,
+        MARGIN * need.flow_m3_per_s, given, envelope(stages[-1].prototype, masses_kg[1], 0.0, SHOWN_HZ),
     )  # fmt: skip
 
 

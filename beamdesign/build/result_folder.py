@@ -16,7 +16,15 @@ from beamdesign.loop import loop
 from beamdesign.proofs.certificate import Certificate
 from beamdesign.proofs.lyapunov import CHANGES_NAME
 from beamdesign.prototype import InStage, Prototype
-from beamdesign.quantity_text import at_least, at_most, decimal, mass_range_text, per_cent, quantity, tube_text
+from beamdesign.quantity_text import (
+    decimal,
+    mass_range_text,
+    per_cent,
+    quantity,
+    stated_bandwidth,
+    stated_peak,
+    tube_text,
+)
 from beamdesign.records import to_toml
 from beamdesign.report.canvas import inline_svg, readings_json
 from beamdesign.report.figures import TradePoint, read_trade
@@ -103,9 +111,10 @@ def report_html(run: DesignRun, files: dict[str, str], trade: tuple[TradePoint, 
         shown.append(trade_picture(trade, guarantee.bandwidth_Hz, moving_mass_kg))
     pictures = {picture.name: _inline(picture) for picture in shown}
     masses = mass_range_text(guarantee.outer_end_mass_kg)
-    bandwidth, peak = at_least(guarantee.bandwidth_Hz, "Hz"), at_most(guarantee.peak_sensitivity, "1")
+    bandwidth, peak = stated_bandwidth(guarantee.bandwidth_Hz), stated_peak(guarantee.peak_sensitivity)
     verdict = Markup(
-        "With every mass from {} on its outer tip the rig is <strong>{}</strong>, gives way by no more than {} up to"
+        "For exactly these figures: with every mass from {} on its outer tip the rig is <strong>{}</strong>, gives way"
+        " by no more than {} up to"
         " <strong>{}</strong>, and keeps its peak sensitivity at {} or below; it carries {} with beams of {}."
     ).format(
         masses, "proved stable" if certificate.stable else "not stable",

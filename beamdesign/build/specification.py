@@ -32,7 +32,7 @@ from beamdesign.proofs.certifying import certify, guaranteed_by_all
 from beamdesign.proofs.lyapunov import Switching, switching
 from beamdesign.proofs.mass_family import stage_families
 from beamdesign.prototype import InStage, Prototype
-from beamdesign.quantity_text import at_least, at_most, decimal
+from beamdesign.quantity_text import decimal, stated_bandwidth, stated_peak
 from beamdesign.records import InputError
 from beamdesign.result import Result
 from beamdesign.synthesis.design_run import DesignRun
@@ -141,8 +141,8 @@ class Specification(Result):
             return []
         rows = [
             ("for every outer end mass of", masses_text(self.masses_kg), ""),
-            ("guaranteed bandwidth", at_least(guaranteed.bandwidth_Hz, "Hz"), "proved"),
-            ("guaranteed peak sensitivity", at_most(guaranteed.peak_sensitivity, "1"), "proved"),
+            ("guaranteed bandwidth", stated_bandwidth(guaranteed.bandwidth_Hz), "proved"),
+            ("guaranteed peak sensitivity", stated_peak(guaranteed.peak_sensitivity), "proved"),
         ]
         for law in self.laws:
             name = f"stage {law.stage.number}: " if law.stage.number else ""

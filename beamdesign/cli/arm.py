@@ -6,7 +6,6 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from beamdesign.cli.certify import echo_against_goal, echo_stability
 from beamdesign.cli.command import (
     CommandResult,
     Figure,
@@ -19,6 +18,7 @@ from beamdesign.cli.command import (
     mass_range,
 )
 from beamdesign.cli.output import echo, echo_table, refuse
+from beamdesign.cli.proved import echo_against_goal, echo_stability
 from beamdesign.files import fresh_folder, settled, write_whole
 from beamdesign.json_text import picked
 
@@ -188,6 +188,9 @@ def _echo_figures(record: "Prototype", found: "ArmResult") -> None:
 
 def _echo_proof(record: "Prototype", found: "ArmResult") -> None:
     """What is proved of the planes."""
+    from beamdesign.proofs.near_rest import EXACTLY
+    from beamdesign.quantity_text import stated_bandwidth
+
     low, high = found.outer_end_mass_kg
     goal = record.goal
     limit = f"{goal.compliance_m_per_N:.4g} m/N"
@@ -203,12 +206,12 @@ def _echo_proof(record: "Prototype", found: "ArmResult") -> None:
             echo(f"  at {mass:g} kg: {'stable' if stable else 'not stable'} (poles, sampled)")
     for plane in found.planes:
         with_what = "with torsion" if plane.coupled else "without torsion, which the payload does not bring in"
-        echo_stability(f"plane {plane.name}, {with_what}", plane)
+        echo_stability(f"plane {plane.name}, {with_what}", plane, EXACTLY)
         if (sure := plane.guaranteed) is None:
             continue
-        echo(f"  guaranteed at the tip: at most {limit} up to {sure.tip_bandwidth_Hz:.6g} Hz")
+        echo(f"  guaranteed at the tip: at most {limit} up to {stated_bandwidth(sure.tip_bandwidth_Hz)}")
         if sure.load_bandwidth_Hz > 0:
-            echo(f"  guaranteed at the payload: the same up to {sure.load_bandwidth_Hz:.6g} Hz")
+            echo(f"  guaranteed at the payload: the same up to {stated_bandwidth(sure.load_bandwidth_Hz)}")
         else:
             static = f"{sure.load_static_m_per_N:.4g} m/N"
             echo(f"  at the payload even a steady force moves it by {static}, beyond the goal")

@@ -20,16 +20,13 @@ from beamdesign.cli.command import (
     toml_files,
     with_controller,
 )
-from beamdesign.cli.output import certificate_file, echo, echo_table, progress, refuse, write_certificate
+from beamdesign.cli.output import certificate_file, echo, progress, refuse, write_certificate
+from beamdesign.cli.proved import box_fields, echo_against_goal, echo_box, echo_stability, hertz
 from beamdesign.json_text import picked
 
 if TYPE_CHECKING:
-    from beamdesign.polynomial import Crossing
-    from beamdesign.proofs.arm.result import PlaneGuaranteed
-    from beamdesign.proofs.box import Box, BoxVerdict
-    from beamdesign.proofs.certificate import Asked, Certificate, Decided, Guaranteed
-    from beamdesign.proofs.tolerance_box import Scaling
-    from beamdesign.prototype import Goal, InStage, Prototype
+    from beamdesign.proofs.certificate import Asked, Certificate
+    from beamdesign.prototype import InStage, Prototype
     from beamdesign.synthesis.rig_spread import Shape
 
 
@@ -45,6 +42,7 @@ def certify(
     gain_margin: Annotated[float | None, Figure("GainFactor")] = None,
     robust: Annotated[float, Figure("Sigmas", metavar="SIGMAS")] = 0.0,
     robust_box: bool = False,
+    linear: bool = False,
     out: OutFile = None,
     replay: Annotated[Path | None, typer.Option(metavar="CERTIFICATE")] = None,
 ) -> CommandResult:
@@ -53,8 +51,11 @@ def certify(
     For every outer end mass of the range; the proof is written down. All decisions are exact, none is sampled.
     Of a prototype with effects, all linear members that stand for them are proved, of a scheduled controller each law
     over its own payloads. With --robust, rigs whose figures
-    are off are sought on samples, and each is decided exactly as the nominal one is.
-    Exit status 0 if the loop is stable over the whole range and every claim that was made holds, 1 otherwise.
+    are off are sought on samples, and each is decided exactly as the nominal one is. All of it holds for exactly the
+    figures of the prototype.
+    Exit status 0 if the loop is stable over the whole range and every claim that was made holds, 1 otherwise; 1 also
+    where an effect lets small motion follow none of the members: within the play of a joint nothing is proved, and
+    within a dead band, friction or hysteresis no compliance. --linear asks of the members alone.
 
     Args:
         prototype: the prototype.toml to certify.
@@ -67,6 +68,7 @@ def certify(
         gain_margin: claim stability with the gain times all from 1 to this.
         robust: also prove it of the worst rigs so many standard deviations off, as `tune`.
         robust_box: so many of every figure at once; else of all together.
+        linear: let the answer be about linear members alone, where effects are in the way of more.
         out: file for the certificate; else STEM.certificate.toml in this folder.
         replay: prove this certificate again; with PROTOTYPE, also that it is its.
     """
@@ -81,7 +83,12 @@ def certify(
         "--gain-margin": gain_margin,
     }
     if replay is not None:
-        others = {"--robust": robust or None, "--outer-end-mass": outer_end_mass, "--out": out}
+        others = {
+            "--robust": robust or None,
+            "--linear": linear or None,
+            "--outer-end-mass": outer_end_mass,
+            "--out": out,
+        }
         given = [name for name, value in (*claims.items(), *others.items()) if value is not None]
         if given:
             refuse("certify", *((name, "has no meaning with --replay") for name in given))
@@ -94,16 +101,22 @@ def certify(
     stem = prototype.stem
 
     from beamdesign.proofs.certifying import certify as prove
+    from beamdesign.proofs.near_rest import holds_for, near_rest, uncovered
 
     def proved(stage: "InStage") -> tuple[dict[str, Any], bool]:
         path = certificate_file(beside(out, stage), f"{stem}{stage.suffix}.certificate.toml")
         rig, asked = stage.prototype, _asked(stage.prototype, claims)
         certificate = prove(rig, *stage.outer_end_mass_kg, asked)
         write_certificate(path, certificate.text)
+        left = near_rest(rig)
         _echo(rig, certificate)
         echo(f"certificate: {path}")
         fields = certificate.to_dict() | (_between(rig, certificate, path) if rig.effects else {})
+        fields |= {"holds_for": holds_for(rig), "near_rest": left}
         holds = certificate.holds
+        if holds and not linear and (reason := uncovered(left, asked)):
+            echo(f"{rig.name}: {reason}; --linear asks of linear members alone")
+            holds, fields = False, fields | {"reason": reason}
         if robust > 0:
             from beamdesign.cli.tune import certified_rigs
 
@@ -148,14 +161,17 @@ def _asked(record: "Prototype", claims: dict[str, float | None]) -> list["Asked"
 
 def _echo(record: "Prototype", certificate: "Certificate") -> None:
     from beamdesign.proofs.certificate import describe
+    from beamdesign.proofs.near_rest import holds_for
+    from beamdesign.quantity_text import stated_bandwidth
 
-    echo_stability(record.name, certificate)
+    echo_stability(record.name, certificate, holds_for(record))
     for side, crossing in certificate.next_crossings.items():
         if crossing is not None:
-            echo(f"  the next crossing {side} the range is at {crossing.value:.7g} kg, {_hertz(crossing)} Hz")
+            echo(f"  the next crossing {side} the range is at {crossing.value:.7g} kg, {hertz(crossing)} Hz")
     if certificate.guaranteed is not None:
         found, goal = certificate.guaranteed, record.goal
-        echo(f"  guaranteed: |x/F_d| at most {goal.compliance_m_per_N:.4g} m/N up to {found.bandwidth_Hz:.6g} Hz")
+        bandwidth = stated_bandwidth(found.bandwidth_Hz)
+        echo(f"  guaranteed: |x/F_d| at most {goal.compliance_m_per_N:.4g} m/N up to {bandwidth}")
         echo_against_goal(found, goal)
     for claim in certificate.claims:
         echo(f"  {'proved' if claim.holds else 'REFUTED'}: {describe(claim)}")
@@ -168,37 +184,6 @@ def _echo(record: "Prototype", certificate: "Certificate") -> None:
         echo(
             "  payload and sensor on the beam's axis at the tip; with the offsets of [arm] and torsion: beamdesign arm"
         )
-
-
-def echo_stability(name: str, found: "Decided") -> None:
-    """Whether a loop is stable over a range of payloads, where else it is, and where that changes."""
-    low, high = found.outer_end_mass_kg
-    if found.stable:
-        echo(f"{name}: stable for every outer end mass from {low:g} to {high:g} kg")
-    else:
-        echo(f"{name}: NOT stable from {low:g} to {high:g} kg: {found.stability.reason}")
-        for least, most in found.stability.stable_ranges:
-            echo(f"  stable from {least:.7g} to {most:.7g} kg")
-    if found.crossings:
-        rows = [(f"{crossing.value:.7g}", _hertz(crossing)) for crossing in found.crossings]
-        echo_table("a root pair lies on the imaginary axis at", ("outer_end_mass_kg", "frequency_Hz"), rows)
-
-
-def echo_against_goal(found: "Guaranteed | PlaneGuaranteed", goal: "Goal") -> None:
-    """What is guaranteed beside the goal's limits, as far as it sets any."""
-    for name, words, more in (
-        ("peak_sensitivity", "peak sensitivity", ""),
-        ("loop_gain", "loop gain |L|", f" from {goal.loop_gain_from_Hz:g} Hz up"),
-        ("controller_effort_A_per_V", "controller effort |C/(1+L)|", " A/V"),
-    ):
-        value, limit = getattr(found, name), getattr(goal, name)
-        if value is not None and limit is not None:
-            met = "within" if value <= limit else "beyond"
-            echo(f"  guaranteed: {words} at most {value:.6g}{more}, {met} the goal of {limit:g}")
-
-
-def _hertz(crossing: "Crossing") -> str:
-    return f"{crossing.frequency_Hz:.6g}" if crossing.finite else "infinite"
 
 
 def _replay(path: Path, record: "Prototype | None") -> CommandResult:
@@ -268,7 +253,7 @@ def certify_box(
             claims = best_over_box(rig, box, budget, seconds) if verdict.stable else ()
             update(0.6, "scaling the tolerances" if scaling else "")
             found = largest_scaling(rig, box, budget=budget) if scaling else None
-        _echo_box(rig, box, verdict)
+        echo_box(rig, box, verdict, sigmas)
         if found is not None:
             echo(f"scaling of the tolerances ({sigmas:g} standard deviations are 1): {found.reason}")
         for claim in claims:
@@ -277,59 +262,11 @@ def certify_box(
         if text:
             write_certificate(path, text)
             echo(f"certificate: {path}")
-        fields = _box_fields(box, verdict, found) | {"certificate": path if text else None}
+        fields = box_fields(box, verdict, found) | {"certificate": path if text else None}
         fields["guaranteed"] = guaranteed_fields(claims) | {"outer_end_mass_kg": stage.outer_end_mass_kg}
         return fields, verdict.stable is True
 
     return by_stage(record, masses, proved)
-
-
-def _echo_box(record: "Prototype", box: "Box", verdict: "BoxVerdict") -> None:
-    from beamdesign.proofs.tolerance_box import figure_key
-    from beamdesign.rational import nearest
-
-    words = {True: "stable for every member of the box", False: "NOT stable throughout the box", None: "undecided"}
-    echo(f"{record.name}: {words[verdict.stable]}")
-    rows = []
-    for name, (low, high) in box.ranges.items():
-        key, factor = figure_key(name)
-        row = [key, nearest(low) / factor, nearest(high) / factor]
-        rows.append(row if verdict.unstable_point is None else [*row, nearest(verdict.unstable_point[name]) / factor])
-    last = () if verdict.unstable_point is None else ("not stable at",)
-    echo_table(f"{len(box.names)} figures, all at once", ("figure", "from", "to", *last), rows)
-    if verdict.stable is not True:
-        echo(f"  {verdict.reason.rpartition(': ')[2] if verdict.stable is False else verdict.reason}")
-        if verdict.volumes is not None:
-            shares = [nearest(share) for share in verdict.volumes]
-            echo("  share of the box proved stable {:.6g}, proved not stable {:.3g}, undecided {:.3g}".format(*shares))
-    if record.effects:
-        echo("  effects are covered as linear loops at frozen values, not as the nonlinear loop")
-    echo(f"method: zero exclusion, {verdict.pieces} pieces proved in ball arithmetic, one member by an exact test")
-
-
-def _box_fields(box: "Box", verdict: "BoxVerdict", scaling: "Scaling | None") -> dict[str, Any]:
-    from beamdesign.proofs.tolerance_box import figure_key, in_units
-    from beamdesign.rational import nearest
-
-    def point(of: Any) -> dict[str, float] | None:
-        return None if of is None else in_units(of, list(of))
-
-    shares = [None] * 3 if verdict.volumes is None else [nearest(share) for share in verdict.volumes]
-    return {
-        **picked(verdict, "stable reason pieces looked_at"),
-        "box": {
-            key: [nearest(low) / factor, nearest(high) / factor]
-            for name, (low, high) in box.ranges.items()
-            for key, factor in [figure_key(name)]
-        },
-        "stable_fraction": shares[0],
-        "unstable_fraction": shares[1],
-        "undecided_fraction": shares[2],
-        "unstable_point": point(verdict.unstable_point),
-        "largest_scaling": None
-        if scaling is None
-        else picked(scaling, "proved refuted limit reason") | {"unstable_point": point(scaling.unstable_point)},
-    }
 
 
 @command

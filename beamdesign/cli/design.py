@@ -32,7 +32,8 @@ def run(study: TomlFile, out: OutFolder) -> CommandResult:
     """Carry a study to a certified prototype.
 
     Sections are sized, controller and inner end mass tuned, and the guarantee proved; with the prototype come its
-    certificate, a report and a specification. Exit status 1 if there is no design, with the reason.
+    certificate, a report and a specification. Exit status 1 if there is no design, or if its actuator or its sections
+    do not hold load and weight, or its bandwidth is of no use, with the reason and what to change.
 
     Args:
         study: the study file, such as studies/prototype.toml.
@@ -40,6 +41,7 @@ def run(study: TomlFile, out: OutFolder) -> CommandResult:
     """
     from beamdesign.build.result_folder import write_result_folder
     from beamdesign.problem import read_problem
+    from beamdesign.proofs.near_rest import EXACTLY
     from beamdesign.quantity_text import guaranteed_rows, tube_text
     from beamdesign.synthesis.design_run import run_design
 
@@ -49,10 +51,13 @@ def run(study: TomlFile, out: OutFolder) -> CommandResult:
         if result.prototype is not None:
             update(0.95, "drawing the report")
             folder = write_result_folder(result, out)
+    held = result.holding
+    holding = {"holding": None if held is None else held.to_dict()}
     if result.prototype is None:
         echo(f"no design: {result.reason}")
+        echo_changes(result.change)
         nothing = dict.fromkeys(("prototype", "certificate", "mass_kg", "report"))
-        return CommandResult(nothing | {"reason": result.reason}, yes=False)
+        return CommandResult(nothing | picked(result, "reason change") | holding, yes=False)
     payload, end, reached = result.prototype.payload, result.suffix.replace(".", "_"), result.guarantees
     moving = result.sizing.beam_mass_kg + payload.inner_end_mass_kg
     rows = [
@@ -61,8 +66,9 @@ def run(study: TomlFile, out: OutFolder) -> CommandResult:
         ("mass of both beams and inner end mass", f"{moving:.3f} kg"),
         ("governing check", result.sizing.governing),
         *(row for one in reached for row in guaranteed_rows(one, one.outer_end_mass_kg)),
+        *(() if held is None else held.rows()),
     ]
-    echo_table(f"{problem.name}: designed and certified", ("", ""), rows)
+    echo_table(f"{problem.name}: designed and certified {EXACTLY}", ("", ""), rows)
     return CommandResult(
         {
             "prototype": folder["prototype"],
@@ -73,10 +79,17 @@ def run(study: TomlFile, out: OutFolder) -> CommandResult:
             "report": folder[f"report{end}"],
             "specification": folder[f"specification{end}"],
             "guaranteed": reached[0].model_dump(),
+            **holding,
             **({"stages": [one.model_dump() for one in reached]} if result.laws else {}),
         },
         files=folder.values(),
     )
+
+
+def echo_changes(ways: Sequence[str]) -> None:
+    """Print what to change so that there is a design."""
+    for way in ways:
+        echo(f"  change: {way}")
 
 
 @command
@@ -90,7 +103,7 @@ def codesign(
 
     Both sections, the inner end mass and the controller are chosen together; the moving mass counts both beams over
     their full length and the inner end mass. The result is proved for every mass of the payload range, not sampled.
-    Exit status 1 if no design can be proved.
+    Exit status 1 if no design can be proved, or if load and weight are not held, with what to change.
 
     Args:
         study: the study file with the design problem.
@@ -99,6 +112,7 @@ def codesign(
         out: folder for prototype.toml and certificate.toml; else STEM-codesign.
     """
     from beamdesign.problem import read_problem
+    from beamdesign.proofs.near_rest import EXACTLY
     from beamdesign.quantity_text import guaranteed_rows, tube_text
     from beamdesign.records import to_toml
     from beamdesign.synthesis import codesign as room
@@ -111,8 +125,9 @@ def codesign(
     point = found.point
     if point is None:
         echo(found.reason)
+        echo_changes(found.change)
         fields = ("prototype", "moving_mass_kg", "beam_mass_kg", "inner_end_mass_kg", "guaranteed")
-        return CommandResult(dict.fromkeys(fields) | picked(found, "reason attempts"), yes=False)
+        return CommandResult(dict.fromkeys(fields) | picked(found, "reason change attempts"), yes=False)
     certificate, guaranteed = certified(point.prototype, point.proved, masses)
     folder = out or default_folder(f"{study.stem}-codesign")
     paths = write_set(
@@ -129,7 +144,8 @@ def codesign(
         ("governing structural check", point.governing),
         *guaranteed_rows(point.proved, masses),
     ]
-    echo_table(f"{problem.name}: lightest proved design for {bandwidth_Hz:g} Hz", ("figure", "value"), rows)
+    title = f"{problem.name}: lightest design for {bandwidth_Hz:g} Hz, proved {EXACTLY}"
+    echo_table(title, ("figure", "value"), rows)
     return CommandResult(
         {
             **paths,
@@ -228,6 +244,7 @@ def remedies(
         added_mass_kg: most moving mass that a remedy may add.
     """
     from beamdesign.problem import read_problem
+    from beamdesign.quantity_text import stated_bandwidth
     from beamdesign.report.canvas import new_figure
     from beamdesign.report.figures import plot_remedies
     from beamdesign.sweep.tasks import REMEDY
@@ -256,8 +273,17 @@ def remedies(
     plot_remedies(figure.add_subplot(), found)
     echo_table(
         f"{problem.name}: remedies for {masses[0]:g} to {masses[1]:g} kg at the tip, each proved",
-        ("remedy", "bandwidth, Hz", "added mass, kg", "lag", "reason"),
-        [[row[name] for name in ("remedy", "bandwidth_Hz", "added_mass_kg", "controllers", "reason")] for row in rows],
+        ("remedy", "bandwidth", "added mass, kg", "lag", "reason"),
+        [
+            [
+                row["remedy"],
+                stated_bandwidth(row["bandwidth_Hz"]),
+                row["added_mass_kg"],
+                row["controllers"],
+                row["reason"],
+            ]
+            for row in rows
+        ],
     )
     write_drawn(out, "remedies", figure, rows)
     return CommandResult({"remedies": rows, "outer_end_mass_kg": masses, "added_mass_kg": added_mass_kg})

@@ -188,7 +188,7 @@ def give_stiffness(
 
 def _kept(found: "EndStiffness") -> list[tuple[str, Any]]:
     """Rows of what is proved of stiffness, command and sensitivity."""
-    from beamdesign.quantity_text import at_least, at_most, quantity
+    from beamdesign.quantity_text import at_least, quantity, stated_peak
     from beamdesign.synthesis.end_stiffness import SHARE
 
     return [
@@ -196,7 +196,7 @@ def _kept(found: "EndStiffness") -> list[tuple[str, Any]]:
         (f"apparent stiffness within {SHARE:.0%} of it", f"up to {at_least(found.band_Hz, 'Hz')}"),
         ("free end follows its command, 0.707 or more", f"up to {at_least(found.command_Hz, 'Hz')}"),
         ("command followed at rest, share of it", found.command_at_rest),
-        ("guaranteed peak sensitivity", at_most(found.peak_sensitivity, "1")),
+        ("guaranteed peak sensitivity", stated_peak(found.peak_sensitivity)),
     ]
 
 

@@ -153,6 +153,7 @@ def tune(
 
 def _of_law(stage: "InStage", law: "Tuning", certificate: "Certificate") -> dict[str, Any]:
     """Say what was tuned and is guaranteed of one law over its payloads; the same for the JSON file."""
+    from beamdesign.proofs.near_rest import holds_for
     from beamdesign.quantity_text import guaranteed_rows
 
     best, goal, masses = law.best, stage.prototype.goal, stage.outer_end_mass_kg
@@ -163,7 +164,7 @@ def _of_law(stage: "InStage", law: "Tuning", certificate: "Certificate") -> dict
         *guaranteed_rows(best, masses, _kept(goal)),
     ]
     echo_table(f"{stage.prototype.name}: tuned {best.controller.kind} controller", ("figure", "value"), rows)
-    echo(f"proved in exact arithmetic; {law.certificates} stability certificates on the way")
+    echo(f"proved {holds_for(stage.prototype)}; {law.certificates} stability certificates on the way")
     for line in certificate.scope:
         echo(f"  {line}")
     return {
@@ -274,6 +275,7 @@ def certified_rigs(
     Certificates go beside that of the nominal rig.
     """
     from beamdesign.proofs.certifying import certify
+    from beamdesign.quantity_text import stated_bandwidth, stated_peak
     from beamdesign.synthesis.design_run import worst_of
     from beamdesign.synthesis.rig_spread import rig_spread
 
@@ -288,9 +290,9 @@ def certified_rigs(
         every = every and certificate.holds
         cells = ("no", "", "")
         if (reached := certificate.guaranteed) is not None:
-            cells = ("yes", f"{reached.bandwidth_Hz:.4g}", f"{reached.peak_sensitivity:.4g}")
+            cells = ("yes", stated_bandwidth(reached.bandwidth_Hz), stated_peak(reached.peak_sensitivity))
         rows.append((str(k), *cells, certificate.reason))
-    echo_table("proved of each", ("rig", "stable", "bandwidth, Hz", "peak sensitivity", "refuted"), rows)
+    echo_table("proved of each", ("rig", "stable", "bandwidth", "peak sensitivity", "refuted"), rows)
     echo(f"{reach_in_words(spread)}; the rigs between are not proved")
     return every, {"robust": {"sigmas": sigmas, "shape": shape, "rigs": factors, "holds": every}}
 

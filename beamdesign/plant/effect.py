@@ -3,7 +3,7 @@
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from math import pi
-from typing import Any
+from typing import Any, Literal
 
 from flint import fmpq
 
@@ -146,6 +146,8 @@ class Linear:
         gain: span of a factor on the loop gain; proofs hold for every value between its ends.
         with_load: whether spans depend on the load.
         elements: of what its members are made, for whoever checks a proof of them; it says the same as the laws.
+        near_rest: what the members say wrongly of motion that is small against the effect: the compliance, where the
+            rig follows none of those that perform; stability too, where it follows none at all.
     """
 
     covers: str
@@ -156,6 +158,7 @@ class Linear:
     gain: Spans | None = None
     with_load: bool = False
     elements: ElementsOf = field(default=lambda own, figure: Elements(), hash=False)
+    near_rest: Literal["", "compliance", "stability"] = ""
 
 
 @dataclass(frozen=True)

@@ -246,15 +246,15 @@ LOWER_GAINS = Asked("gain_margin", 0.0)
 """Stable at every lower gain."""
 
 
-def least_limits(goal: Goal, least: Callable[[Kind, float], float]) -> list[Asked]:
+def least_limits(goal: Goal, least: Callable[[Kind, float, float], float]) -> list[Asked]:
     """Peak sensitivity first, then what else the goal limits, each at the least limit that is proved.
 
     Args:
-        goal: whose own limits do not count.
-        least: least limit of a kind of claim, from a frequency (Hz) on.
+        goal: whose own limits count only where a least limit would be rounded past them.
+        least: least limit of a kind of claim, from a frequency (Hz) on, by the goal's limit.
     """
     asked = (Asked("peak_sensitivity", goal.peak_sensitivity), *goal_claims(goal))
-    return [replace(one, limit=least(one.kind, one.from_Hz)) for one in asked]
+    return [replace(one, limit=least(one.kind, one.from_Hz, one.limit)) for one in asked]
 
 
 def limits(proved: Iterable[Asked]) -> tuple[float, float | None, float | None]:

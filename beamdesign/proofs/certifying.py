@@ -284,7 +284,7 @@ def _guarantees(proved: Sequence[Proved], goal: Goal, ends: tuple[float, float])
     """The best figures that every member has, and each as a claim that holds."""
     performing = [part.performing for part in proved if part.performing is not None]
     reached = Asked("compliance", goal.compliance_m_per_N, bandwidth(performing, goal.compliance_m_per_N))
-    peak, *others = least_limits(goal, lambda kind, from_Hz: least_limit(performing, kind, from_Hz))
+    peak, *others = least_limits(goal, lambda *asked: least_limit(performing, *asked))
     guaranteed = Guaranteed(reached.bandwidth_Hz, *limits((peak, *others)))
     return guaranteed, as_claims((peak, reached, *others), ends)
 

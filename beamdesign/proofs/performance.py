@@ -233,13 +233,14 @@ def kept_up_to_Hz(slack: Coefficients, low: fmpq, high: fmpq) -> float:
     return nearest(bandwidth)
 
 
-def least_limit(rectangles: Sequence[Rectangle], kind: Kind, from_Hz: float = 0.0) -> float:
+def least_limit(rectangles: Sequence[Rectangle], kind: Kind, from_Hz: float = 0.0, goal: float = inf) -> float:
     """The least limit of a magnitude that is proved on rectangles that are stable; infinite where none is.
 
     Args:
         rectangles: of masses and factors.
         kind: of magnitude; not a compliance, whose bandwidth is what is asked.
         from_Hz: for a loop gain, the frequency from which on the limit is kept.
+        goal: see `least_of`.
     """
     worst = 0.0
     for rectangle, side in ((one, side) for one in rectangles for side in one.deciding_sides()):
@@ -247,7 +248,7 @@ def least_limit(rectangles: Sequence[Rectangle], kind: Kind, from_Hz: float = 0.
             continue  # it grows with the factor
         # Mostly one side governs, and one proof settles each of the others.
         if worst == 0.0 or not keeps(kind, side.loop, exact(worst), (side.low, side.high), from_Hz):
-            worst = max(worst, least_of(kind, side.loop, (side.low, side.high), from_Hz))
+            worst = max(worst, least_of(kind, side.loop, (side.low, side.high), from_Hz, goal))
             if isinf(worst):
                 return inf
     return worst
@@ -259,14 +260,20 @@ def keeps(kind: Kind, loop: Closed, limit: fmpq, ends: tuple[fmpq, fmpq], from_H
     return quadratic_nonnegative(*slack(kind, loop, limit), *ends, start, None).holds
 
 
-def least_of(kind: Kind, loop: Closed, ends: tuple[fmpq, fmpq], from_Hz: float = 0.0) -> float:
-    """The least limit of a magnitude that is proved of a loop that is stable, to 1e-4 and rounded up to 5 digits."""
+def least_of(kind: Kind, loop: Closed, ends: tuple[fmpq, fmpq], from_Hz: float = 0.0, goal: float = inf) -> float:
+    """The least limit of a magnitude that is proved of a loop that is stable, to 1e-4 and rounded up to 5 digits.
+
+    Where that rounding would pass a goal which is itself proved, it is the goal, so that a design that was tuned up to
+    its goal is not told to be beyond it.
+    """
     above, below = (getattr(loop, name) for name in MAGNITUDES[kind][:2])
     if kind == "peak_sensitivity":
         start = sampled_peak(loop.loop_denominator, loop.loop_numerator, *ends)
     else:
         start = sampled_ratio(above, below, from_Hz, *ends)
-    return least_proved(start, lambda limit: keeps(kind, loop, limit, ends, from_Hz), _LARGEST_LIMIT)
+    found = least_proved(start, lambda limit: keeps(kind, loop, limit, ends, from_Hz), _LARGEST_LIMIT)
+    rounded = goal < found <= goal * (1 + 10 * _RELATIVE_STEP)
+    return goal if rounded and keeps(kind, loop, exact(goal), ends, from_Hz) else found
 
 
 def least_proved(start: float, proves: Callable[[fmpq], bool], largest: float) -> float:

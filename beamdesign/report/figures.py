@@ -22,7 +22,7 @@ from beamdesign.files import LARGEST_TABLE, read_bytes
 from beamdesign.loop import LoopAtMass
 from beamdesign.polynomial import exact
 from beamdesign.prototype import COMPLIANCE_LIMIT_M_PER_N
-from beamdesign.quantity_text import decibels
+from beamdesign.quantity_text import at_least, decibels
 from beamdesign.report.canvas import LIMIT, STYLES, finish, note, plain_numbers
 
 if TYPE_CHECKING:
@@ -342,7 +342,9 @@ def plot_remedies(axes: Axes, remedies: Sequence["Remedy"]) -> Axes:
     heights = [remedy.bandwidth_Hz for remedy in remedies]
     bars = axes.barh([remedy.name for remedy in remedies], heights, color="0.7", edgecolor="black")
     labels = [
-        f"{remedy.bandwidth_Hz:.2f} Hz, {remedy.added_mass_kg:+.2f} kg" if not remedy.reason else "nothing proved"
+        f"{at_least(remedy.bandwidth_Hz, 'Hz', 3)}, {remedy.added_mass_kg:+.2f} kg"
+        if not remedy.reason
+        else "nothing proved"
         for remedy in remedies
     ]
     written = axes.bar_label(bars, labels, padding=4)

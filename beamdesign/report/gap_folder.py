@@ -21,7 +21,7 @@ from beamdesign.files import write_set
 from beamdesign.json_text import finite, json_text, picked
 from beamdesign.loop import LoopAtMass, loop
 from beamdesign.prototype import Guarantee, Prototype
-from beamdesign.quantity_text import decimal, mass_range_text
+from beamdesign.quantity_text import decimal, mass_range_text, stated_bandwidth, stated_peak
 from beamdesign.records import InputError, to_toml
 from beamdesign.report.canvas import inline_svg, new_figure
 from beamdesign.report.figures import plot_compliance
@@ -141,6 +141,8 @@ def gap_report_html(
         figure=_figure,
         closed=closed_text,
         mass_range=mass_range_text,
+        stated_bandwidth=stated_bandwidth,
+        stated_peak=stated_peak,
         in_words=in_words,
     )
     return template.render(

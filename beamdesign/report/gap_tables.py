@@ -15,7 +15,7 @@ from beamdesign.diagnosis.fitting.fit import Fit
 from beamdesign.diagnosis.gap_metrics import BANDS_HZ, in_bands
 from beamdesign.diagnosis.redesign import LoopTerms, Terms
 from beamdesign.parameters import PARAMETERS
-from beamdesign.quantity_text import at_least, at_most, decimal, mass_range_text, quantity
+from beamdesign.quantity_text import decimal, mass_range_text, quantity, stated_bandwidth, stated_peak
 from beamdesign.report.page import Table
 
 _FAINTEST, _STRONGEST = 1e-3, 1.0  # errors over the rms of the signal that are drawn as none and as full
@@ -240,8 +240,8 @@ def _promised(of: Terms, masses: str, ends: tuple[float, ...]) -> Iterator[str]:
     """Where a loop is stable, its bandwidth and peak sensitivity, and its critical gain at each end."""
     ranges = ", ".join(f"{low:.4g} to {high:.4g} kg" for low, high in of.stable_ranges_kg) or "nowhere"
     yield of.reason or (f"all of {masses}" if of.stable else ranges)
-    yield "none" if of.bandwidth_Hz is None else at_least(of.bandwidth_Hz, "Hz")
-    yield "none" if of.peak_sensitivity is None else at_most(of.peak_sensitivity, "1")
+    yield "none" if of.bandwidth_Hz is None else stated_bandwidth(of.bandwidth_Hz)
+    yield "none" if of.peak_sensitivity is None else stated_peak(of.peak_sensitivity)
     found = {at.outer_end_mass_kg: at for at in of.critical}
     for at in map(found.get, ends):
         yield "none" if at is None else f"{quantity(at.gain_A_per_V, 'A/V')} at {quantity(at.frequency_Hz, 'Hz')}"

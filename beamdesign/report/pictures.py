@@ -17,7 +17,7 @@ from beamdesign.loop import Loop, LoopAtMass
 from beamdesign.polynomial import exact, is_hurwitz
 from beamdesign.proofs.stability import StabilityMap, stable_ranges
 from beamdesign.prototype import InStage, Prototype
-from beamdesign.quantity_text import at_least, decimal, mass_range_text, quantity
+from beamdesign.quantity_text import decimal, mass_range_text, quantity, stated_bandwidth
 from beamdesign.rational import nearest
 from beamdesign.report.canvas import LIMIT, finish, new_figure, note
 from beamdesign.report.drawing import draw_section, draw_side
@@ -99,7 +99,7 @@ def loop_pictures(prototype: Prototype, loop: Loop) -> list[CaptionedFigure]:
     if promised is not None:
         caption += (
             f" The thick line is proved: for every mass of {span} no curve passes above it, up to"
-            f" {at_least(promised, 'Hz')}."
+            f" {stated_bandwidth(promised)}."
         )
     (axes,) = framed("compliance", 95, caption)
     family = [loop.at(float(mass)) for mass in np.linspace(*bounds, FAMILY)]

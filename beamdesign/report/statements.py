@@ -76,6 +76,13 @@ def statements(run: DesignRun) -> Iterator[Statement]:
         "verified numerically" if sizing.feasible else "refuted",
         "closed formulas in floating point",
     )
+    if run.holding:
+        unasked = f"; not asked for want of figures: {', '.join(run.holding.missing)}" if run.holding.missing else ""
+        yield Statement(
+            f"the actuator holds {run.holding.held}, the link level",
+            "refuted" if run.holding.missed else "verified numerically",
+            f"closed formulas, the root law of orifices, and the linear loop on a grid of frequencies{unasked}",
+        )
     if sizing.stock:
         yield Statement(
             "no lighter pair of the stock list passes",

@@ -74,6 +74,19 @@ def lumped_beam(record: Beam, name: str = "beam") -> LumpedBeam:
     return LumpedBeam(stiffness, mass, fixed_dashpot(record.damping_ratio, stiffness, mass), tuple(notes))
 
 
+def weighing_mass(record: Beam) -> float:
+    """Mass, kg, whose weight at the tip bends a beam as its own weight and that of its end mass do; equation (6).
+
+    Of a beam that is held straight at its tip, that weight is what holds it. Without a geometry it is the effective
+    mass, which counts 0.236 of the tube where its weight counts 3/8.
+    """
+    if record.width_m is None or record.wall_m is None or record.free_length_m is None or not record.material:
+        return lumped_beam(record).mass
+    density = material(record.material).density_kg_per_m3
+    per_length = section.mass_per_length(record.width_m, record.wall_m, density, record.corner_radius_m)
+    return float(beam.effective_mass(per_length, record.free_length_m, record.end_mass_kg, "static"))
+
+
 def hydraulic_figures(actuator: Actuator, valve: Servovalve, sensor: Sensor) -> dict[str, float]:
     """Figures of everything but the beams, named and ordered as in `beamdesign.parameters.PARAMETERS`."""
     records = {"actuator": actuator, "servovalve": valve, "sensor": sensor}

@@ -12,11 +12,13 @@ torsion, shear, fatigue and the introduction of the force into the walls are not
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from decimal import ROUND_CEILING, ROUND_FLOOR
 from operator import attrgetter
 from typing import Any, NamedTuple
 
 from beamdesign.json_text import picked
 from beamdesign.problem import DesignProblem
+from beamdesign.quantity_text import decimal
 from beamdesign.structure import beam, section
 from beamdesign.structure.materials import Material, material
 from beamdesign.structure.section import Quantity, SquareTube, bending_resistance
@@ -95,7 +97,8 @@ class Check(NamedTuple):
         """In words, what it is and what it needs to be; numbers only."""
         value, limit, unit = self.shown
         side = "least" if self.at_least else "most"
-        return f"{self.name} is {value:.4g} {unit}".rstrip() + f", needs at {side} {limit:.4g} {unit}".rstrip()
+        found = decimal(value, rounding=ROUND_FLOOR if self.at_least else ROUND_CEILING)
+        return f"{self.name} is {found} {unit}".rstrip() + f", needs at {side} {decimal(limit)} {unit}".rstrip()
 
     @property
     def slack(self) -> Quantity:

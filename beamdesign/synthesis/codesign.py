@@ -17,6 +17,7 @@ from beamdesign.prototype import Payload, Prototype
 from beamdesign.records import InputError
 from beamdesign.synthesis.checks import CheckedPair, check_sections
 from beamdesign.synthesis.free_search import free_optimum, start_variables
+from beamdesign.synthesis.holding import Holding, in_words, working
 from beamdesign.synthesis.law_search import Found, Start, from_seeds, search
 from beamdesign.synthesis.law_task import Effort, Search
 from beamdesign.synthesis.loop_limits import Proved
@@ -62,6 +63,7 @@ class Codesign:
         point: lightest proved design, None where there is none.
         attempts: per start the proved moving mass in kg, or in words why it failed.
         reason: why there is no design, empty where there is one.
+        holding: whether the actuator of a proved design holds load and weight.
     """
 
     bandwidth_Hz: float
@@ -69,6 +71,12 @@ class Codesign:
     point: CodesignPoint | None
     attempts: tuple[float | str, ...]
     reason: str = ""
+    holding: Holding | None = None
+
+    @property
+    def change(self) -> tuple[str, ...]:
+        """What to change where load and weight are not held, each entry enough by itself."""
+        return () if self.holding is None else in_words(self.holding.ways)
 
 
 def _point(problem: DesignProblem, masses_kg: tuple[float, float], proved: Proved) -> CodesignPoint:
@@ -121,7 +129,11 @@ def codesign(
             "; ".join(dict.fromkeys(one.reason for one in found.tried)) or found.reason
         )
         return Codesign(bandwidth_Hz, outer_end_mass_kg, None, attempts, reason)
-    return Codesign(bandwidth_Hz, outer_end_mass_kg, _point(problem, outer_end_mass_kg, found.proved), attempts)
+    point = _point(problem, outer_end_mass_kg, found.proved)
+    held = working(problem, point.prototype, outer_end_mass_kg, point.proved.bandwidth_Hz)
+    return Codesign(
+        bandwidth_Hz, outer_end_mass_kg, None if held.reason else point, attempts, held.reason, holding=held
+    )
 
 
 def _start_sizes(problem: DesignProblem) -> list[np.ndarray]:

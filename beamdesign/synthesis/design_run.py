@@ -11,6 +11,7 @@ from beamdesign.proofs.certifying import certify
 from beamdesign.proofs.lyapunov import describe, stages_certificate
 from beamdesign.prototype import Guarantee, Prototype
 from beamdesign.result import Result
+from beamdesign.synthesis.holding import Holding, Way, carried, easier, in_words, standing, working
 from beamdesign.synthesis.loop_limits import Proved
 from beamdesign.synthesis.sizing import Sizing, size
 from beamdesign.synthesis.tuning import Tuning, limited, tune
@@ -33,6 +34,9 @@ class DesignRun(Result):
         laws: of a controller with several laws the run with each, over its own payloads; `tuning` and `certificate`
             are then those of the law of the least bandwidth, and `prototype` is with all of them.
         changes: certificate of changes between these.
+        holding: whether the actuator holds load and weight, as far as that was asked.
+        ways: where there is no result, changes of the study that lead to one; of laws that take long to tune, that are
+            needed.
     """
 
     problem: DesignProblem
@@ -44,6 +48,14 @@ class DesignRun(Result):
     suffix: str = ""
     laws: "tuple[DesignRun, ...]" = ()
     changes: str = ""
+    holding: Holding | None = None
+    ways: tuple[Way, ...] = ()
+
+    @property
+    def change(self) -> tuple[str, ...]:
+        """What to change in the study, in words, each entry enough by itself."""
+        eased = [] if self.sizing.feasible else self.sizing.relaxations
+        return (*in_words(self.ways), *(f"{item.key} = {item.enough:g}" for item in eased))
 
     @property
     def guarantees(self) -> tuple[Guarantee, ...]:
@@ -53,13 +65,28 @@ class DesignRun(Result):
 
 
 def run_design(problem: DesignProblem, progress: Progress | None = None) -> DesignRun:
-    """Size, tune and certify.
+    """Size, tune and certify; where that gives no design, seek what of the study to change.
 
     Args:
         problem: the design problem.
         progress: told the share done and what is being done.
     """
     report = progress or silent
+    found = _designed(problem, report)
+    if found.yes or not found.sizing.feasible:
+        return found
+    ways = () if found.holding is None else found.holding.ways
+    if problem.controller.kind in _QUICK:
+        report(0.5, "what to change")
+        ways = carried(problem, ways or easier(problem), lambda other: _designed(other, silent).yes)
+    return replace(found, ways=ways)
+
+
+_QUICK = ("lag", "proportional")
+"""Kinds of controller that are tuned in seconds, so that a change is proposed only where it was carried to a design."""
+
+
+def _designed(problem: DesignProblem, report: Progress) -> DesignRun:
     report(0.0, "sizing the sections")
     sizing = size(problem)
     if not sizing.feasible:
@@ -68,6 +95,9 @@ def run_design(problem: DesignProblem, progress: Progress | None = None) -> Desi
     rig = problem.prototype((outer.width_m, outer.wall_m), (inner.width_m, inner.wall_m))
     masses = problem.payload.outer_end_mass_kg
     assert masses is not None  # a DesignProblem is validated to have the range
+    held = standing(problem, rig, masses)
+    if held.reason:
+        return DesignRun(problem, sizing, None, None, None, held.reason, holding=held)
     sought = problem.controller
     tuned = tune(
         rig.but(goal=limited(rig.goal, sought.kind)),
@@ -78,10 +108,14 @@ def run_design(problem: DesignProblem, progress: Progress | None = None) -> Desi
     )
     if tuned.reason:
         return DesignRun(problem, sizing, tuned, None, None, tuned.reason)
+    assert tuned.best is not None
+    held = working(problem, tuned.prototype, masses, tuned.best.bandwidth_Hz)
+    if held.reason:
+        return DesignRun(problem, sizing, tuned, None, None, held.reason, holding=held)
     report(0.9, "writing the proof")
     prototype, each = certified_laws(tuned)
     laws = tuple(
-        DesignRun(problem, sizing, law, certificate, rig, suffix=stage.suffix)
+        DesignRun(problem, sizing, law, certificate, rig, suffix=stage.suffix, holding=held)
         for stage, law, (certificate, rig) in zip(tuned.stages, tuned.each, each, strict=True)
     )
     changes = tuned.switching

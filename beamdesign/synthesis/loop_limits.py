@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Any
 
 import casadi as ca
 import numpy as np
-
 from flint import fmpq
 
 from beamdesign.controllers import Controller

@@ -26,8 +26,11 @@ from beamdesign.prototype import Prototype
 from beamdesign.structure import lumped
 from beamdesign.structure.section import clearance
 
+MARGIN = 1.25
+"""On what the linear loop asks of flow, current and stroke, where it is said what to buy."""
 _STATIC_HZ = 1e-4
 _PHASES = 720
+_LOWEST_HZ, _POINTS, _TURN = 0.01, 60, 360
 
 
 @dataclass(frozen=True)
@@ -49,6 +52,26 @@ class Demand:
     flow: np.ndarray
     current: np.ndarray
     stroke: np.ndarray
+
+
+@dataclass(frozen=True)
+class Needs:
+    """What a sinusoidal force of one amplitude on the tip takes, on top of a constant force either way.
+
+    Attributes:
+        force_N: of the cylinder.
+        flow_m3_per_s: through the valve under load.
+        no_load_flow_m3_per_s: that the valve must give without a load at the prototype's supply pressure; infinite
+            where the load pressure reaches the supply's.
+        current_A: that gives it, the spool's lag included.
+        stroke_m: from the middle of the cylinder.
+    """
+
+    force_N: float
+    flow_m3_per_s: float
+    no_load_flow_m3_per_s: float
+    current_A: float
+    stroke_m: float
 
 
 @dataclass(frozen=True)
@@ -145,6 +168,39 @@ def demand(prototype: Prototype, outer_end_mass: float, frequency_Hz: np.ndarray
     spool = s / figure["valve_frequency"]
     valve = 1 / (1 + 2 * figure["valve_damping_ratio"] * spool + spool**2)
     return Demand(np.asarray(frequency_Hz), x, force, flow, flow / (figure["flow_gain"] * valve), stroke)
+
+
+def needs(
+    prototype: Prototype, masses_kg: tuple[float, float], load_N: float, up_to_Hz: float, constant_N: float = 0.0
+) -> Needs:
+    """The largest of each over both ends and the middle of a payload range, of each law its own.
+
+    Args:
+        prototype: with a controller whose loop is stable at these masses.
+        masses_kg: range of outer end mass.
+        load_N: amplitude of the force on the tip.
+        up_to_Hz: highest frequency of it.
+        constant_N: force on the tip beside it, in either direction.
+    """
+    grid = np.geomspace(_LOWEST_HZ, max(up_to_Hz, 2 * _LOWEST_HZ), _POINTS)
+    stall = prototype.supply.pressure_Pa * smaller_side(prototype)
+    turn = np.exp(1j * tau * np.arange(_TURN) / _TURN)
+    found = []
+    for stage in prototype.stages(masses_kg):
+        for mass in stage.looked_at_kg:
+            asked = demand(stage.prototype, mass, grid)
+            still = demand(stage.prototype, mass, np.array([_STATIC_HZ]))
+            held = {name: constant_N * abs(float(getattr(still, name)[0].real)) for name in ("force", "flow", "stroke")}
+            moved, force = (load_N * np.real(one[:, None] * turn) for one in (asked.flow, asked.force))
+            # Orifice flow at a load pressure: q = q_0 sqrt(1 - p_L / p_S); asked the other way round for q_0.
+            left = 1 - (np.sign(moved) * force + held["force"]) / stall
+            through = np.abs(moved) + held["flow"]
+            through = np.where(left > 0, through / np.sqrt(np.maximum(left, 1e-12)), np.inf).max(axis=1)
+            per_flow = np.abs(asked.current) / np.maximum(np.abs(asked.flow), 1e-300)
+            most = {name: held[name] + load_N * float(np.abs(getattr(asked, name)).max()) for name in held}
+            spool = float(through.max()), float((through * per_flow).max())
+            found.append((most["force"], most["flow"], *spool, most["stroke"]))
+    return Needs(*map(max, zip(*found, strict=True)))
 
 
 def envelope(

@@ -13,6 +13,7 @@ from pydantic import ValidationError
 from beamdesign.problem import DesignProblem
 from beamdesign.proofs.certificate import Kind
 from beamdesign.prototype import Prototype
+from beamdesign.quantity_text import stated_bandwidth
 from beamdesign.structure.lumped import beam_figures, fixed_dashpot, hydraulic_figures
 from beamdesign.structure.section import SquareTube
 from beamdesign.synthesis.checks import beam_mass, check_sections, materials
@@ -80,7 +81,7 @@ class Sections:
     def refused(self, inner: float, chosen: np.ndarray, bandwidth_Hz: float) -> str:
         """Why a proved loop is no answer; empty where it is one."""
         if self.needed_Hz is not None and bandwidth_Hz < self.needed_Hz:
-            return f"guarantees {bandwidth_Hz:.4g} Hz, {self.needed_Hz:.4g} Hz are needed"
+            return f"guarantees {stated_bandwidth(bandwidth_Hz)}, {self.needed_Hz:g} Hz are needed"
         return self.flaw(inner, chosen)
 
 

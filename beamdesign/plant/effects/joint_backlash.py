@@ -94,5 +94,6 @@ EFFECT = Effect(
         states=("rod_m", "rod_m_per_s"),
         figures={"share": lambda own, at: Span(_LEAST_SHARE, 1.0, 1.0)},
         elements=_elements,
+        near_rest="stability",
     ),
 )

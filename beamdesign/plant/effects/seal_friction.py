@@ -72,5 +72,6 @@ EFFECT = Effect(
         },
         figures={"spring_N_per_m": _spring, "dashpot_N_s_per_m": _dashpot},
         elements=_elements,
+        near_rest="compliance",
     ),
 )

@@ -26,5 +26,6 @@ EFFECT = Effect(
         "limit cycles, and the motion within the dead band, which nothing opposes",
         laws={},
         gain=lambda own, at: Span(0.0, 1.0, 1.0, (1.0, 1.0)),
+        near_rest="compliance",
     ),
 )

@@ -47,6 +47,7 @@ EFFECT = Effect(
                 signal - site.parameter["spring"] * site.port["flow_m3_per_s"] / site.figure["flow_gain"]
             )
         },
+        near_rest="compliance",
         figures={"spring": lambda own, at: Span(0.0, 2 / own["travel"], 1 / own["travel"], (0.0, 0.0))},
         elements=lambda own, figure: Elements(spool=own["spring"]),
     ),

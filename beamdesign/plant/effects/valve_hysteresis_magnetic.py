@@ -64,6 +64,7 @@ EFFECT = Effect(
         "limit cycles, and the phase that its loops cost",
         laws={},
         gain=lambda own, at: Span(1 - own["held_share"], 1.0, 1 - own["held_share"], (1.0, 1.0)),
+        near_rest="compliance",
     ),
     realises="valve_hysteresis",
 )

@@ -107,7 +107,7 @@ def _guarantees(closed: PlaneLoop, goal: Goal, low_kg: float, high_kg: float) ->
     masses, limit = (exact(low_kg), exact(high_kg)), exact(goal.compliance_m_per_N)
     kinds: tuple[Kind, Kind] = ("tip_compliance", "load_compliance")
     bands = [Asked(kind, goal.compliance_m_per_N, kept_up_to_Hz(slack(kind, closed, limit), *masses)) for kind in kinds]
-    others = least_limits(goal, lambda kind, from_Hz: least_of(kind, closed, masses, from_Hz))
+    others = least_limits(goal, lambda kind, *asked: least_of(kind, closed, masses, *asked))
     static = nearest(closed.load.constant(0) / closed.characteristic.constant(0))  # the payload stands beside s^2
     guaranteed = PlaneGuaranteed(bands[0].bandwidth_Hz, bands[1].bandwidth_Hz, static, *limits(others))
     return guaranteed, as_claims((*bands, *others), (low_kg, high_kg))

@@ -1,0 +1,99 @@
+"""What a proof found, printed: stability, what is guaranteed beside the goal, a box of tolerances."""
+
+from typing import TYPE_CHECKING, Any
+
+from beamdesign.cli.output import echo, echo_table
+from beamdesign.json_text import picked
+
+if TYPE_CHECKING:
+    from beamdesign.polynomial import Crossing
+    from beamdesign.proofs.arm.result import PlaneGuaranteed
+    from beamdesign.proofs.box import Box, BoxVerdict
+    from beamdesign.proofs.certificate import Decided, Guaranteed
+    from beamdesign.proofs.tolerance_box import Scaling
+    from beamdesign.prototype import Goal, Prototype
+
+
+def echo_stability(name: str, found: "Decided", holds_for: str) -> None:
+    """Whether a loop is stable over a range of payloads, where else it is, and where that changes."""
+    low, high = found.outer_end_mass_kg
+    if found.stable:
+        echo(f"{name}: stable for every outer end mass from {low:g} to {high:g} kg, {holds_for}")
+    else:
+        echo(f"{name}: NOT stable from {low:g} to {high:g} kg: {found.stability.reason}")
+        for least, most in found.stability.stable_ranges:
+            echo(f"  stable from {least:.7g} to {most:.7g} kg")
+    if found.crossings:
+        rows = [(f"{crossing.value:.7g}", hertz(crossing)) for crossing in found.crossings]
+        echo_table("a root pair lies on the imaginary axis at", ("outer_end_mass_kg", "frequency_Hz"), rows)
+
+
+def echo_against_goal(found: "Guaranteed | PlaneGuaranteed", goal: "Goal") -> None:
+    """What is guaranteed beside the goal's limits, as far as it sets any."""
+    from beamdesign.quantity_text import stated_peak
+
+    for name, words, more in (
+        ("peak_sensitivity", "peak sensitivity", ""),
+        ("loop_gain", "loop gain |L|", f" from {goal.loop_gain_from_Hz:g} Hz up"),
+        ("controller_effort_A_per_V", "controller effort |C/(1+L)|", " A/V"),
+    ):
+        value, limit = getattr(found, name), getattr(goal, name)
+        if value is not None and limit is not None:
+            met = "within" if value <= limit else "beyond"
+            echo(f"  guaranteed: {words} at most {stated_peak(value)}{more}, {met} the goal of {limit:g}")
+
+
+def hertz(crossing: "Crossing") -> str:
+    """The frequency of a crossing, Hz."""
+    return f"{crossing.frequency_Hz:.6g}" if crossing.finite else "infinite"
+
+
+def echo_box(record: "Prototype", box: "Box", verdict: "BoxVerdict", sigmas: float) -> None:
+    """Whether a loop is stable over a box, and where it is not; what the box is."""
+    from beamdesign.proofs.near_rest import every_rig, holds_for
+    from beamdesign.proofs.tolerance_box import figure_key
+    from beamdesign.rational import nearest
+
+    words = {True: "stable", False: "NOT stable", None: "undecided whether stable"}
+    echo(f"{record.name}: {words[verdict.stable]} {holds_for(record, every_rig(sigmas))}")
+    rows = []
+    for name, (low, high) in box.ranges.items():
+        key, factor = figure_key(name)
+        row = [key, nearest(low) / factor, nearest(high) / factor]
+        rows.append(row if verdict.unstable_point is None else [*row, nearest(verdict.unstable_point[name]) / factor])
+    last = () if verdict.unstable_point is None else ("not stable at",)
+    echo_table(f"{len(box.names)} figures, all at once", ("figure", "from", "to", *last), rows)
+    if verdict.stable is not True:
+        echo(f"  {verdict.reason.rpartition(': ')[2] if verdict.stable is False else verdict.reason}")
+        if verdict.volumes is not None:
+            shares = [nearest(share) for share in verdict.volumes]
+            echo("  share of the box proved stable {:.6g}, proved not stable {:.3g}, undecided {:.3g}".format(*shares))
+    if record.effects:
+        echo("  effects are covered as linear loops at frozen values, not as the nonlinear loop")
+    echo(f"method: zero exclusion, {verdict.pieces} pieces proved in ball arithmetic, one member by an exact test")
+
+
+def box_fields(box: "Box", verdict: "BoxVerdict", scaling: "Scaling | None") -> dict[str, Any]:
+    """What a JSON file holds of it."""
+    from beamdesign.proofs.tolerance_box import figure_key, in_units
+    from beamdesign.rational import nearest
+
+    def point(of: Any) -> dict[str, float] | None:
+        return None if of is None else in_units(of, list(of))
+
+    shares = [None] * 3 if verdict.volumes is None else [nearest(share) for share in verdict.volumes]
+    return {
+        **picked(verdict, "stable reason pieces looked_at"),
+        "box": {
+            key: [nearest(low) / factor, nearest(high) / factor]
+            for name, (low, high) in box.ranges.items()
+            for key, factor in [figure_key(name)]
+        },
+        "stable_fraction": shares[0],
+        "unstable_fraction": shares[1],
+        "undecided_fraction": shares[2],
+        "unstable_point": point(verdict.unstable_point),
+        "largest_scaling": None
+        if scaling is None
+        else picked(scaling, "proved refuted limit reason") | {"unstable_point": point(scaling.unstable_point)},
+    }

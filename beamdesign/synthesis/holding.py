@@ -1,0 +1,332 @@
+"""Whether the actuator and the structure of a design hold what is asked of them, and what to change where they do not.
+
+Asked are the load of the study, held still, and put on and taken off at any frequency up to the guaranteed bandwidth;
+and beside it a weight: that of the largest payload and of the links. The orientation is the worst one: the link lies
+level and the servo acts upwards, so that all of gravity acts across both beams, with the load; the piston is in the
+middle of its stroke without it. A beam weighs at its tip by its end mass and 3/8 of its free tube
+(`beamdesign.structure.lumped.weighing_mass`).
+
+- Structure: its sections are chosen for the load of the study, which must not be less than the weight. Their checks,
+  that of the gap between the tubes among them, are of that load alone (`beamdesign.synthesis.checks`).
+- Supply pressure: load and weight, held still, over the smaller side of the piston, p = F / A.
+- Valve: flow up to the bandwidth by the root law of its orifices, q = K i sqrt(1 - p_L / p_S), at the rated current.
+- Stroke, flow of the supply: up to the bandwidth.
+- Bandwidth: at least the one up to which the study wants its load held still.
+
+What holds still is asked before anything is tuned (`standing`), the rest of a tuned design (`working`). What needs a
+figure that the prototype does not state is not asked, and named.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from decimal import ROUND_CEILING, ROUND_FLOOR, Decimal
+from itertools import product
+from math import isfinite
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from beamdesign import quantities as q
+from beamdesign.json_text import finite, picked
+from beamdesign.plant.members import STANDARD_GRAVITY
+from beamdesign.problem import DesignProblem
+from beamdesign.prototype import Prototype
+from beamdesign.quantity_text import at_least, at_most
+from beamdesign.structure.lumped import lumped_beam, weighing_mass
+from beamdesign.synthesis.operating_limits import MARGIN, demand, needs, rated_current, smaller_side
+from beamdesign.synthesis.sizing import size
+
+_PER_LOAD = 4 / 3
+"""Power of the load with which a tube's stiffness grows at most, where all its sizes grow alike at one stress."""
+_POINTS = 60
+_TRIES = 4
+_PAYLOAD, _COMPLIANCE = "payload.outer_end_mass_kg", "goal.compliance_m_per_N"
+
+
+class Change(NamedTuple):
+    """A key of the study file, and the figure that it must have at least, or at most."""
+
+    key: str
+    value: float
+    at_least: bool = True
+
+    def __str__(self) -> str:
+        """In words, in the unit that it is read in and as it is to be written."""
+        name, unit, _ = _KEYS[self.key]
+        bound = at_least if self.at_least else at_most
+        side = "least" if self.at_least else "most"
+        return f"{name} of at {side} {bound(self.value, unit)} ({self.key} = {self.value:g})"
+
+
+Way = tuple[Change, ...]
+"""Changes that are made together."""
+
+_KEYS = {
+    _PAYLOAD: ("a payload", "kg", q.MassOrNone),
+    "load.tip_force_N": ("a load", "N", q.Force),
+    "actuator.piston_area_m2": ("a piston area", "m2", q.PistonArea),
+    "actuator.stroke_m": ("a stroke", "m", q.Stroke),
+    "supply.pressure_Pa": ("a supply pressure", "Pa", q.SupplyPressure),
+    "supply.flow_m3_per_s": ("a supply flow", "m3/s", q.FlowRate),
+    "servovalve.rated_current_A": ("a rated current", "A", q.Current),
+    _COMPLIANCE: ("a goal of compliance", "m/N", q.ComplianceLimit),
+    "load.least_bandwidth_Hz": ("a goal of bandwidth", "Hz", q.Bandwidth),
+}
+"""By key: its name, its unit, and what of it a study may state."""
+
+
+class Demanded(NamedTuple):
+    """What is needed beside what there is, both in one unit, SI.
+
+    Attributes:
+        name: of what.
+        needed: at least this.
+        available: as prototype or study state it.
+        unit: of both.
+        ways: to meet it, each enough by itself; empty where it is met.
+    """
+
+    name: str
+    needed: float
+    available: float
+    unit: str
+    ways: tuple[Way, ...] = ()
+
+    @property
+    def met(self) -> bool:
+        """Whether there is enough: decided by the figures themselves, never by what is printed of them."""
+        return self.needed <= self.available
+
+    @property
+    def words(self) -> str:
+        """Both, rounded away from each other, so that print does not make equal what is not."""
+        needed, available = at_most(self.needed, self.unit), at_least(self.available, self.unit)
+        return f"{needed} of {self.name} instead of {available}"
+
+
+@dataclass(frozen=True)
+class Holding:
+    """Whether a design holds its load and its weight.
+
+    Attributes:
+        load_N: force on the tip.
+        weight_N: beside it, of the largest payload and of the outer beam, at the tip.
+        limits: all that could be asked.
+        missing: keys that are not stated, by the limit that was not asked for want of them.
+        instead: ways that meet all that is missed at once, beside those of each limit.
+    """
+
+    load_N: float
+    weight_N: float
+    limits: tuple[Demanded, ...]
+    missing: dict[str, str]
+    instead: tuple[Way, ...] = ()
+
+    @property
+    def missed(self) -> tuple[Demanded, ...]:
+        """What is not met."""
+        return tuple(limit for limit in self.limits if not limit.met)
+
+    @property
+    def ways(self) -> tuple[Way, ...]:
+        """What to change, each way enough by itself, of figures that a study may state; empty where all is met."""
+        every = all(limit.ways for limit in self.missed) and self.missed
+        joined = (sum(way, ()) for way in product(*(limit.ways for limit in self.limits if limit.ways)))
+        ways = (*self.instead, *(joined if every else ()))
+        return tuple(way for way in ways if all(one.value in q.range_of(_KEYS[one.key][2]) for one in way))
+
+    @property
+    def reason(self) -> str:
+        """Why the design is none, in a sentence; empty where it is one."""
+        if not self.missed:
+            return ""
+        words = " and ".join(limit.words for limit in self.missed)
+        return f"for {self.held} the design needs {words}"
+
+    @property
+    def held(self) -> str:
+        """Load and weight in words."""
+        return f"{at_least(self.load_N, 'N')} on the tip and {at_most(self.weight_N, 'N')} of weight"
+
+    def rows(self) -> list[tuple[str, str]]:
+        """For people: what is held, what of each limit it takes, and what was not asked."""
+        limits = [
+            (
+                f"takes of {limit.name}",
+                f"{at_most(limit.needed, limit.unit)} of {at_least(limit.available, limit.unit)}",
+            )
+            for limit in self.limits[1:-1]
+        ]
+        unasked = [(f"{name} not asked for want of", key) for name, key in self.missing.items()]
+        return [("holds, link level", self.held), *limits, *unasked]
+
+    def to_dict(self) -> dict[str, Any]:
+        """What a JSON file holds of it."""
+        limits = [picked(limit, "name needed available unit met") for limit in self.limits]
+        return finite(picked(self, "load_N weight_N missing") | {"limits": limits})
+
+
+def standing(problem: DesignProblem, prototype: Prototype, masses_kg: tuple[float, float]) -> Holding:
+    """Whether structure and supply pressure hold load and weight still, whatever the controller.
+
+    Args:
+        problem: with the load that the sections are designed for.
+        prototype: of it, with its sections; a controller is not needed.
+        masses_kg: payloads (least, most).
+    """
+    load, payload = problem.load.tip_force_N, STANDARD_GRAVITY * masses_kg[1]
+    link = STANDARD_GRAVITY * weighing_mass(prototype.outer_beam)
+    weight, stall = payload + link, prototype.supply.pressure_Pa * smaller_side(prototype)
+    # Sections for a larger load weigh more, but not by more than it is larger.
+    designed = load if weight <= load else _up(payload + link * weight / load)
+    force = _swelled(prototype, problem, designed) + payload + link * designed / load
+    structure = Demanded("load in the choice of its sections", weight, load, "N")
+    pressure = _pressure(prototype, load + weight)
+    if not structure.met and size(problem.but(load=problem.load.but(tip_force_N=designed))).feasible:
+        structure = structure._replace(ways=((Change("load.tip_force_N", designed),),))
+    if not pressure.met or (force > stall and not structure.met):
+        pressure = pressure._replace(ways=_stronger(prototype, force))
+    swelled, instead = _swelled(prototype, problem, load), []
+    payloads = Change(_PAYLOAD, _down((min(load, stall - swelled) - link) / STANDARD_GRAVITY), False)
+    less = Change("load.tip_force_N", _down((stall - weight) * load / swelled), False)
+    if payloads.value >= masses_kg[0] and not (structure.met and pressure.met):
+        instead.append((payloads,))
+    if less.value >= weight and not pressure.met:
+        instead.append((less,))
+    return Holding(load, weight, (structure, pressure), {}, tuple(instead))
+
+
+def working(problem: DesignProblem, prototype: Prototype, masses_kg: tuple[float, float], up_to_Hz: float) -> Holding:
+    """Whether a tuned design holds load and weight up to its bandwidth, and whether that is worth having.
+
+    Args:
+        problem: with the load, and how fast it is to be held still.
+        prototype: of it, with a controller whose loop is stable at these masses.
+        masses_kg: payloads (least, most).
+        up_to_Hz: guaranteed bandwidth.
+    """
+    still, least = standing(problem, prototype, masses_kg), problem.load.least_bandwidth_Hz
+    load = still.load_N
+    # Half of a load that comes and goes is constant, half of it alternates.
+    need = needs(prototype, masses_kg, load / 2, up_to_Hz, still.weight_N + load / 2)
+    inner, supply, actuator = lumped_beam(prototype.inner_beam), prototype.supply, prototype.actuator
+    inside = weighing_mass(prototype.inner_beam) + prototype.payload.inner_end_mass_kg
+    reach = need.stroke_m + STANDARD_GRAVITY * inside / inner.stiffness
+    limits = list(still.limits)
+    missing = {}
+    for name, key, needed, available, unit in (
+        ("rated current", "servovalve.rated_current_A", need.current_A, rated_current(prototype), "A"),
+        ("stroke", "actuator.stroke_m", 2 * reach, actuator.stroke_m, "m"),
+        ("supply flow", "supply.flow_m3_per_s", need.flow_m3_per_s, supply.flow_m3_per_s, "m3/s"),
+    ):
+        if available is None:
+            missing[name] = key
+            continue
+        limit = Demanded(name, needed, available, unit)
+        ways: tuple[Way, ...] = ((Change(key, _up(MARGIN * needed)),),)
+        if not isfinite(needed):  # the load pressure reaches the supply's while the load moves
+            ways = _stronger(prototype, MARGIN * need.force_N)
+        limits.append(limit if limit.met else limit._replace(ways=ways))
+    bandwidth = Demanded("guaranteed bandwidth", least, up_to_Hz, "Hz")
+    if not bandwidth.met:
+        bandwidth = bandwidth._replace(ways=_slower(prototype, masses_kg, up_to_Hz, least))
+    limits.append(bandwidth)
+    return Holding(load, still.weight_N, tuple(limits), missing, still.instead)
+
+
+def in_words(ways: Sequence[Way]) -> tuple[str, ...]:
+    """Ways as people read them."""
+    return tuple(" and ".join(map(str, way)) for way in ways)
+
+
+def easier(problem: DesignProblem) -> tuple[Way, ...]:
+    """What makes any design easier, to begin with: half of the largest payload, ten times the compliance."""
+    largest = (problem.payload.outer_end_mass_kg or (0.0, 0.0))[1]
+    given = (Change(_PAYLOAD, largest, False), Change(_COMPLIANCE, problem.goal.compliance_m_per_N))
+    return tuple((change,) for one in given for change in _milder(one, problem))
+
+
+def _milder(change: Change, problem: DesignProblem) -> tuple[Change, ...]:
+    """A payload halved, or a compliance times ten, as far as a study may state it; nothing of other changes."""
+    factor = {_PAYLOAD: 0.5, _COMPLIANCE: 10.0}.get(change.key)
+    if factor is None:
+        return ()
+    value = (_up if change.at_least else _down)(factor * change.value)
+    least = (problem.payload.outer_end_mass_kg or (0.0, 0.0))[0] if change.key == _PAYLOAD else 0.0
+    return (change._replace(value=value),) if 0 < value >= least and value in q.range_of(_KEYS[change.key][2]) else ()
+
+
+def changed(problem: DesignProblem, way: Way) -> DesignProblem:
+    """A study with a way taken."""
+    table = problem.model_dump()
+    for change in way:
+        name, key = change.key.split(".")
+        table[name][key] = change.value if change.key != _PAYLOAD else (table[name][key][0], change.value)
+    return DesignProblem.model_validate(table)
+
+
+def carried(problem: DesignProblem, ways: Sequence[Way], leads: Callable[[DesignProblem], bool]) -> tuple[Way, ...]:
+    """Those ways that lead to a design; a payload is halved, a compliance made ten times as large until it does.
+
+    Args:
+        problem: without a design.
+        ways: to try.
+        leads: whether a study has a design.
+    """
+    found: list[Way] = []
+    for way in ways:
+        tried = way
+        for _ in range(_TRIES):
+            if leads(changed(problem, tried)):
+                found.append(tried)
+                break
+            if len(way) > 1 or not (tried := _milder(tried[0], problem)):
+                break
+    return tuple(found)
+
+
+def _pressure(prototype: Prototype, force_N: float) -> Demanded:
+    return Demanded("supply pressure", force_N / smaller_side(prototype), prototype.supply.pressure_Pa, "Pa")
+
+
+def _swelled(prototype: Prototype, problem: DesignProblem, load_N: float) -> float:
+    """Largest force, N, that a load takes of the cylinder while the tip gives way by no more than the goal allows.
+
+    The cylinder gives what the load and the spring of the outer beam ask, F (1 + c K); of sections for a larger load
+    than the study's the spring is stiffer.
+    """
+    stiffness = lumped_beam(prototype.outer_beam).stiffness * (load_N / problem.load.tip_force_N) ** _PER_LOAD
+    return load_N * (1 + problem.goal.compliance_m_per_N * stiffness)
+
+
+def _stronger(prototype: Prototype, force_N: float) -> tuple[Way, ...]:
+    """A larger piston, or more pressure, for a force."""
+    needed, supply = _pressure(prototype, force_N).needed, prototype.supply.pressure_Pa
+    area = _up(prototype.actuator.piston_area_m2 * needed / supply)
+    return (Change("actuator.piston_area_m2", area),), (Change("supply.pressure_Pa", _up(needed)),)
+
+
+def _slower(prototype: Prototype, masses_kg: tuple[float, float], up_to_Hz: float, least_Hz: float) -> tuple[Way, ...]:
+    """The compliance that the same loop keeps up to the least bandwidth, or a bandwidth that it has."""
+    grid = np.geomspace(least_Hz / 1e3, least_Hz, _POINTS)
+    places = [(stage.prototype, mass) for stage in prototype.stages(masses_kg) for mass in stage.looked_at_kg]
+    asked = [demand(law, mass, grid) for law, mass in places]
+    compliance = _up(MARGIN * max(float(np.abs(one.displacement).max()) for one in asked))
+    had = Change("load.least_bandwidth_Hz", _down(up_to_Hz), False)
+    return (Change(_COMPLIANCE, compliance),), (had,)
+
+
+def _up(value: float) -> float:
+    return _shortened(value, ROUND_CEILING)
+
+
+def _down(value: float) -> float:
+    return _shortened(value, ROUND_FLOOR)
+
+
+def _shortened(value: float, rounding: str) -> float:
+    """To three significant digits, so that what is printed of it is all of it."""
+    if not isfinite(value) or value == 0:
+        return value
+    exact = Decimal(repr(value))
+    return float(exact.quantize(Decimal(1).scaleb(exact.adjusted() - 2), rounding=rounding))

@@ -1,0 +1,187 @@
+"""What a design must hold: closed forms of pressure, flow and weight, what is refused, and whether changes are true."""
+
+import json
+import re
+import tomllib
+from math import sqrt
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from finished_run import STUDY, finished_run
+from typer.testing import CliRunner
+
+from beamdesign.cli import app
+from beamdesign.problem import DesignProblem, read_problem
+from beamdesign.prototype import Prototype
+from beamdesign.records import parse, to_toml
+from beamdesign.structure.lumped import lumped_beam, weighing_mass
+from beamdesign.synthesis.codesign import codesign
+from beamdesign.synthesis.design_run import run_design
+from beamdesign.synthesis.holding import Change, Demanded, Holding, changed, standing, working
+from beamdesign.synthesis.operating_limits import needs
+
+G = 9.80665
+PAYLOAD = (0.0, 6.8)
+
+
+def study(**changes: Any) -> DesignProblem:
+    """The published study with values set under dotted keys, two underscores for the dot."""
+    table = tomllib.loads(STUDY.read_text(encoding="utf-8"))
+    for key, value in changes.items():
+        name, entry = key.split("__")
+        table.setdefault(name, {})[entry] = value
+    return parse(DesignProblem, table, "study.toml")
+
+
+HEAVY = {"load__tip_force_N": 12000.0}
+LADEN = {"load__tip_force_N": 800.0, "payload__outer_end_mass_kg": [0.0, 200.0]}
+STATED = {
+    "servovalve": {"rated_current_A": 0.05},
+    "supply": {"flow_m3_per_s": 2e-4},
+    "actuator": {"stroke_m": 0.06},
+}
+
+
+def stated(**tables: dict[str, float]) -> tuple[DesignProblem, Prototype]:
+    """A finished design and its problem with more figures stated, none of which is in the loop."""
+    run = finished_run()
+    assert run.prototype is not None
+    changed = {name: getattr(run.prototype, name).but(**table) for name, table in tables.items()}
+    return run.problem.but(**changed), run.prototype.but(**changed)
+
+
+def of(held: Holding, name: str) -> Demanded:
+    (found,) = (limit for limit in held.limits if limit.name == name)
+    return found
+
+
+def test_a_tube_weighs_three_eighths_at_its_tip() -> None:
+    """A uniform beam held straight at its tip rests on it with 3 w L / 8: its sag w L^4 / 8 over the spring 3 / L^3."""
+    _, rig = stated()
+    record = rig.outer_beam
+    assert record.width_m is not None
+    assert record.wall_m is not None
+    assert record.free_length_m is not None
+    along = np.linspace(0.0, record.free_length_m, 20001)
+    per_length = (record.width_m**2 - (record.width_m - 2 * record.wall_m) ** 2) * 2700.0
+    # Work of the weight on the way of a unit force at the tip, over the way of the tip itself.
+    shape = along**2 * (3 * along[-1] - along) / (2 * along[-1] ** 3)
+    at_tip = float(np.trapezoid(per_length * shape, along)) + record.end_mass_kg
+    assert weighing_mass(record) == pytest.approx(at_tip, rel=1e-6)
+    bare = record.but(width_m=None, wall_m=None, stiffness_N_per_m=1e6, effective_mass_kg=4.0)
+    assert weighing_mass(bare) == 4.0
+
+
+def test_pressure_is_load_and_weight_over_the_piston() -> None:
+    problem, rig = stated()
+    held = standing(problem, rig, PAYLOAD)
+    weight = G * (6.8 + weighing_mass(rig.outer_beam))
+    assert held.weight_N == pytest.approx(weight)
+    assert of(held, "supply pressure").needed == pytest.approx((2000.0 + weight) / 1.13e-4)
+    assert not held.reason
+    assert not held.ways
+    # At the very limit it holds; a newton more it does not.
+    most = 20e6 * 1.13e-4 - weight
+    for load, met in ((most * (1 - 1e-12), True), (most + 1.0, False)):
+        asked = standing(problem.but(load=problem.load.but(tip_force_N=load)), rig, PAYLOAD)
+        assert (of(asked, "supply pressure").met, not asked.reason) == (met, met)
+    # Of a piston with unequal sides the smaller one counts.
+    uneven = standing(problem, rig.but(effects={"unequal_piston_areas": {"asymmetry": 0.2}}), PAYLOAD)
+    assert of(uneven, "supply pressure").needed == pytest.approx((2000.0 + weight) / (0.8 * 1.13e-4))
+
+
+def test_flow_goes_with_the_root_of_the_pressure_that_is_left() -> None:
+    """Of a small load beside a constant one: q = q_0 sqrt(1 - p_L / p_S); without one the two flows are the same."""
+    _, rig = stated()
+    free, loaded = (needs(rig, (2.0, 2.0), 1e-3, 3.0, constant) for constant in (0.0, 1500.0))
+    assert free.no_load_flow_m3_per_s == pytest.approx(free.flow_m3_per_s, rel=1e-5)
+    held = loaded.force_N / 1.13e-4 / rig.supply.pressure_Pa
+    assert loaded.no_load_flow_m3_per_s == pytest.approx(loaded.flow_m3_per_s / sqrt(1 - held), rel=1e-4)
+    still = needs(rig, (2.0, 2.0), 1e-9, 3.0, 1500.0)
+    inner = lumped_beam(rig.inner_beam).stiffness
+    assert still.force_N == pytest.approx(1500.0, rel=1e-2)
+    assert still.stroke_m == pytest.approx(1500.0 / inner, rel=2e-2)
+    assert needs(rig, (2.0, 2.0), 800.0, 3.0, 1500.0).current_A == np.inf  # beyond the stall load there is no flow
+
+
+def test_what_is_not_stated_is_not_asked_but_named() -> None:
+    held = working(*stated(), PAYLOAD, 4.0)
+    assert set(held.missing.values()) == {"servovalve.rated_current_A", "actuator.stroke_m", "supply.flow_m3_per_s"}
+    assert not working(*stated(**STATED), PAYLOAD, 4.0).missing
+
+
+@pytest.mark.parametrize(
+    ("table", "key", "little"),
+    [("servovalve", "rated_current_A", 1e-3), ("supply", "flow_m3_per_s", 1e-6), ("actuator", "stroke_m", 0.02)],
+)
+def test_too_little_of_the_hydraulics_is_refused_and_what_is_asked_for_is_enough(
+    table: str, key: str, little: float
+) -> None:
+    assert not working(*stated(**STATED), PAYLOAD, 4.0).reason
+    held = working(*stated(**STATED | {table: STATED[table] | {key: little}}), PAYLOAD, 4.0)
+    (missed,) = held.missed
+    assert missed.available == little
+    ((change,),) = held.ways
+    assert change.key == f"{table}.{key}"
+    enough = STATED | {table: STATED[table] | {key: change.value}}
+    assert not working(*stated(**enough), PAYLOAD, 4.0).reason
+
+
+def test_a_bandwidth_that_is_of_no_use_is_no_design() -> None:
+    problem, rig = stated()
+    held = working(problem, rig, PAYLOAD, 0.05)
+    (missed,) = held.missed
+    assert (missed.needed, missed.available) == (0.1, 0.05)
+    softer, slower = held.ways
+    assert (softer[0].key, slower[0].key) == ("goal.compliance_m_per_N", "load.least_bandwidth_Hz")
+    assert not working(changed(problem, slower), rig, PAYLOAD, 0.05).reason
+
+
+@pytest.mark.parametrize("changes", [HEAVY, LADEN], ids=["heavy", "laden"])
+def test_what_cannot_be_held_is_not_certified_and_each_change_is_true(changes: dict[str, Any], tmp_path: Path) -> None:
+    problem = study(**changes)
+    (tmp_path / "study.toml").write_text(to_toml(problem), encoding="utf-8")
+    words = ["run", str(tmp_path / "study.toml"), "--out", str(tmp_path / "out"), "--json", str(tmp_path / "a.json")]
+    done = CliRunner().invoke(app, words)
+    assert done.exit_code == 1
+    assert not (tmp_path / "out").exists()
+    fields = json.loads((tmp_path / "a.json").read_text())
+    assert fields["prototype"] is None
+    assert fields["reason"] in done.output.replace("\n", " ")
+    pressure = next(limit for limit in fields["holding"]["limits"] if limit["name"] == "supply pressure")
+    held = fields["holding"]["load_N"] + fields["holding"]["weight_N"]
+    assert (pressure["met"], pressure["needed"], pressure["available"]) == (False, pytest.approx(held / 1.13e-4), 20e6)
+    assert fields["change"]
+    for words in fields["change"]:
+        way = tuple(Change(key, float(value)) for key, value in re.findall(r"\((\S+) = (\S+)\)", words))
+        assert way
+        assert run_design(changed(problem, way)).prototype is not None
+
+
+def test_codesign_asks_the_same_of_what_it_finds() -> None:
+    problem = read_problem(STUDY.with_name("codesign.toml"))
+    found = codesign(problem.but(load=problem.load.but(tip_force_N=2300.0)), PAYLOAD, 3.0)
+    assert found.point is None
+    assert found.holding is not None
+    assert [limit.name for limit in found.holding.missed] == ["supply pressure"]
+    assert found.change
+    assert found.reason
+
+
+def test_a_change_that_no_study_may_state_is_not_proposed() -> None:
+    """A supply of more than 100 MPa is refused where it is read; sections that cannot be had are no answer."""
+    _, rig = stated()
+    heavy = standing(study(**HEAVY), rig, PAYLOAD)
+    assert {change.key for way in heavy.ways for change in way} == {"load.tip_force_N", "actuator.piston_area_m2"}
+    laden = standing(study(**LADEN), rig, (0.0, 5000.0))
+    assert {change.key for way in laden.ways for change in way} == {"payload.outer_end_mass_kg"}
+
+
+def test_print_never_makes_equal_what_is_not() -> None:
+    limit = Demanded("supply pressure", 20e6 * (1 + 1e-9), 20e6, "Pa")
+    assert not limit.met
+    needed, available = limit.words.split(" of supply pressure instead of ")
+    assert float(needed.split()[0]) > float(available.split()[0])
+    assert Demanded("supply pressure", 20e6, 20e6, "Pa").met
