@@ -45,6 +45,7 @@ def certify(
     gain_margin: Annotated[float | None, Figure("GainFactor")] = None,
     robust: Annotated[float, Figure("Sigmas", metavar="SIGMAS")] = 0.0,
     robust_box: bool = False,
+    nonlinear: bool = False,
     out: OutFile = None,
     replay: Annotated[Path | None, typer.Option(metavar="CERTIFICATE")] = None,
 ) -> CommandResult:
@@ -67,6 +68,8 @@ def certify(
         gain_margin: claim stability with the gain times all from 1 to this.
         robust: also prove it of the worst rigs so many standard deviations off, as `tune`.
         robust_box: so many of every figure at once; else of all together.
+        nonlinear: also prove what holds while the effects move, and while the current saturates, which it does on
+            every rig.
         out: file for the certificate; else STEM.certificate.toml in this folder.
         replay: prove this certificate again; with PROTOTYPE, also that it is its.
     """
@@ -81,7 +84,12 @@ def certify(
         "--gain-margin": gain_margin,
     }
     if replay is not None:
-        others = {"--robust": robust or None, "--outer-end-mass": outer_end_mass, "--out": out}
+        others = {
+            "--robust": robust or None,
+            "--nonlinear": nonlinear or None,
+            "--outer-end-mass": outer_end_mass,
+            "--out": out,
+        }
         given = [name for name, value in (*claims.items(), *others.items()) if value is not None]
         if given:
             refuse("certify", *((name, "has no meaning with --replay") for name in given))
@@ -98,7 +106,7 @@ def certify(
     def proved(stage: "InStage") -> tuple[dict[str, Any], bool]:
         path = certificate_file(beside(out, stage), f"{stem}{stage.suffix}.certificate.toml")
         rig, asked = stage.prototype, _asked(stage.prototype, claims)
-        certificate = prove(rig, *stage.outer_end_mass_kg, asked)
+        certificate = prove(rig, *stage.outer_end_mass_kg, asked, nonlinear)
         write_certificate(path, certificate.text)
         _echo(rig, certificate)
         echo(f"certificate: {path}")
@@ -161,6 +169,8 @@ def _echo(record: "Prototype", certificate: "Certificate") -> None:
         echo(f"  {'proved' if claim.holds else 'REFUTED'}: {describe(claim)}")
         if not claim.holds:
             echo(f"    {claim.reason}")
+    for row in certificate.nonlinear:
+        echo(f"  {row.line()}")
     echo(f"method: {certificate.method}")
     for line in certificate.scope:
         echo(f"  {line}")

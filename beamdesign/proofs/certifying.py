@@ -3,6 +3,7 @@
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from operator import attrgetter
+from typing import Any
 
 from flint import fmpq
 
@@ -10,6 +11,7 @@ from beamdesign.loop import rig_loop
 from beamdesign.plant.effects import library
 from beamdesign.plant.members import LinearFamily, VertexModel, family
 from beamdesign.polynomial import exact
+from beamdesign.proofs.absolute_stability import nonlinear_rows
 from beamdesign.proofs.certificate import (
     INEQUALITIES,
     METHOD,
@@ -207,7 +209,9 @@ def bracketing(prototype: Prototype) -> bool:
 # The certificate.
 
 
-def certify(prototype: Prototype, low_kg: float, high_kg: float, claims: Sequence[Asked] = ()) -> Certificate:
+def certify(
+    prototype: Prototype, low_kg: float, high_kg: float, claims: Sequence[Asked] = (), nonlinear: bool = False
+) -> Certificate:
     """Decide stability and claims over every outer end mass from `low_kg` to `high_kg`, and write the proof.
 
     Where the range is stable, the guaranteed bandwidth (for the goal's compliance) and the guaranteed peak sensitivity
@@ -231,17 +235,20 @@ def certify(prototype: Prototype, low_kg: float, high_kg: float, claims: Sequenc
     if stability.stable:
         guaranteed, reached = _guarantees(proved, prototype.goal, (low_kg, high_kg))
     written = decided + [claim for claim in reached if not any(implies(other, claim) for other in decided)]
-    summary = _summary(prototype, found, stability, written)
+    rows = nonlinear_rows(prototype, low_kg, high_kg) if nonlinear else ()
+    summary = "\n".join([_summary(prototype, found, stability, written), *(row.line() for row in rows)])
     alone = len(proved) == 1 and proved[0].stable.least == proved[0].stable.most == 1
-    body = {
+    body: dict[str, Any] = {
         "outer_end_mass_kg": [text(low), text(high)],
         "stability": stability_table(stability) if alone else common_table(stability),
     }
     body |= claim_tables(written, alone) | {"loop": [loop_table(part.stable.loop) for part in proved]}
+    if statements := [row.statement for row in rows if row.statement is not None]:
+        body["nonlinear"] = statements
     written_text = certificate(KIND, prototype, body, summary, high_kg)
     method = f"{METHOD}; {scope(prototype, found)}" if prototype.effects else METHOD
     about = tuple(covered(prototype, found)) if prototype.effects else ()
-    return Certificate((low_kg, high_kg), stability, written_text, tuple(decided), guaranteed, method, about)
+    return Certificate((low_kg, high_kg), stability, written_text, tuple(decided), guaranteed, method, about, rows)
 
 
 def guaranteed_by_all(stages: Iterable[InStage]) -> Guaranteed | None:

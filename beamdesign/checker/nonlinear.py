@@ -1,0 +1,159 @@
+"""What is stated of loops that are not linear: multipliers that prove them to come to rest.
+
+"slope": cut at the current, u = -L i + r and i = phi(u) with phi static and of a slope between 0 and 1. With M(s) = 1 -
+sum c h(s) + q s, kernels h = (a / (a + s))^k or (a / (a - s))^k, sum |c| < 1, q >= 0, L stable and falling off as 1/s
+or faster, and Re[M (1 + L)] above a positive margin at every frequency, the loop comes to rest (Zames and Falb, 1968,
+with Popov's term); where a c is negative, only for an odd phi and at the equilibrium without current.
+
+Re[M (1 + L)] - margin over |M_d D|^2 is a quadratic in the mass. On pieces of the range its three Bernstein
+coefficients, polynomials in w^2, are shown to be nowhere negative, which the prover does not look at.
+"""
+
+from collections.abc import Iterator, Sequence
+
+from flint import fmpq, fmpq_poly
+
+from beamdesign.checker.reading import Table, Unreadable, judged, short
+from beamdesign.checker.rig import Loop
+from beamdesign.checker.roots import NONE, ONE, Family, Pair, Polynomials, S, bound, inner, isolate, square_free
+
+MOST_STATEMENTS = 16
+HIGHEST_ORDER = 16
+MOST_ORDERS = 64
+"""Of the kernels of one multiplier together."""
+DEEPEST = 12
+"""Halvings of a range of masses."""
+
+
+def nonlinear(tables: Sequence[Table], loops: Sequence[Loop], masses: Pair) -> Iterator[tuple[bool, str]]:
+    """Every statement about nonlinear loops: whether it was proved, and it or its failure in words."""
+    if len(tables) > MOST_STATEMENTS:
+        raise Unreadable(f"it states more than {MOST_STATEMENTS} things of nonlinear loops")
+    for table in tables:
+        yield _STATED[table.word("kind", *_STATED)](table, _of(table, loops), masses)
+
+
+def _of(table: Table, loops: Sequence[Loop]) -> list[Loop]:
+    """The loops that a statement is about, by their numbers from 1."""
+    numbers = [Table({"loop": k}, table.place).whole("loop", 1, len(loops)) for k in table.entries("loops")]
+    if not numbers or sorted(set(numbers)) != numbers:
+        raise Unreadable(f"{table.place_of('loops')} must be numbers of loops in their order")
+    return [loops[k - 1] for k in numbers]
+
+
+def at_most(loop: Loop) -> tuple[Polynomials, Polynomials]:
+    """Denominator and numerator of L at the largest factor on its gain."""
+    numerator = loop.loop_numerator
+    return loop.loop_denominator, (loop.gain[1] * numerator[0], loop.gain[1] * numerator[1])
+
+
+class Multiplier:
+    """M = above / below, and what the theorem asks of it.
+
+    Attributes:
+        above: numerator.
+        below: denominator, without roots on the axis.
+        odd: whether phi has to be odd.
+        words: its terms.
+    """
+
+    def __init__(self, table: Table) -> None:
+        popov, terms = table.at_least("popov_s", 0), []
+        for one in table.tables("term"):
+            rate, order = one.at_least("rate_per_s", 0, above=True), one.whole("order", 1, HIGHEST_ORDER)
+            terms.append((one.number("coefficient"), rate, order, one.flag("causal")))
+        if not sum((abs(term[0]) for term in terms), NONE) < 1:
+            raise Unreadable(
+                f"{table.place}: the norm of the kernels is not below one, so that the theorem does not hold"
+            )
+        largest: dict[tuple[fmpq, bool], int] = {}
+        for _, rate, order, causal in terms:
+            key = rate, causal
+            largest[key] = max(order, largest.get(key, 0))
+        if sum(largest.values()) > MOST_ORDERS:
+            raise Unreadable(f"{table.place}: its kernels are of order {MOST_ORDERS} or more together")
+        self.below = ONE
+        for (rate, causal), order in largest.items():
+            self.below *= _factor(rate, causal) ** order
+        self.above = self.below * (1 + popov * S)
+        for coefficient, rate, order, causal in terms:
+            kernel = self.below / _factor(rate, causal) ** order
+            self.above -= coefficient * rate**order * kernel
+        self.odd = any(term[0] < 0 for term in terms)
+        self.words = f"{len(terms)} kernels and {short(popov)} s"
+
+
+def _factor(rate: fmpq, causal: bool) -> fmpq_poly:
+    return rate + S if causal else rate - S
+
+
+def _slope(table: Table, loops: Sequence[Loop], masses: Pair) -> tuple[bool, str]:
+    margin, multiplier = table.at_least("margin", 0, above=True), Multiplier(table)
+    proved = all(_comes_to_rest(loop, multiplier, margin, masses) for loop in loops)
+    which = "an odd static characteristic" if multiplier.odd else "any static characteristic"
+    where = "about zero current" if multiplier.odd else "about every equilibrium"
+    words = f"comes to rest {where} with {which} of slope 0 to 1 in its current, {len(loops)} loops"
+    return judged(proved, f"{words}: Zames and Falb's multiplier of {multiplier.words}, margin {short(margin)}")
+
+
+def _comes_to_rest(loop: Loop, multiplier: Multiplier, margin: fmpq, masses: Pair) -> bool:
+    """Whether the theorem holds of a loop: stable without and with feedback, L falling off, and the real part."""
+    denominator, numerator = at_most(loop)
+    closed = denominator[0] + numerator[0], denominator[1] + numerator[1]
+    degree = denominator[0].degree()
+    falls = max(numerator[0].degree(), numerator[1].degree()) < degree
+    stable = all(Family(*family).is_stable_over(*masses) for family in (denominator, closed))
+    return falls and stable and _real_part_above(closed, denominator, multiplier, margin, masses)
+
+
+def _real_part_above(
+    closed: Polynomials, opened: Polynomials, multiplier: Multiplier, margin: fmpq, masses: Pair
+) -> bool:
+    """Whether Re[M closed / opened] >= margin at every frequency and mass."""
+
+    def value(one: fmpq, two: fmpq) -> fmpq_poly:
+        """The polar form of the quadratic at two masses: at one mass twice, the quadratic itself."""
+        (p, o), (p_other, o_other) = (_at(closed, opened, mass, multiplier) for mass in (one, two))
+        return inner(p, o_other) + inner(p_other, o) - 2 * margin * inner(o, o_other)
+
+    left = [(*masses, 0)]
+    while left:
+        low, high, depth = left.pop()
+        if all(nowhere_negative(value(*pair)) for pair in ((low, low), (low, high), (high, high))):
+            continue
+        if depth == DEEPEST or low == high or not nowhere_negative(value(low, low)):
+            return False
+        middle = (low + high) / 2
+        left += [(low, middle, depth + 1), (middle, high, depth + 1)]
+    return True
+
+
+def _at(closed: Polynomials, opened: Polynomials, mass: fmpq, multiplier: Multiplier) -> tuple[fmpq_poly, fmpq_poly]:
+    return (closed[0] + mass * closed[1]) * multiplier.above, (opened[0] + mass * opened[1]) * multiplier.below
+
+
+def nowhere_negative(polynomial: fmpq_poly) -> bool:
+    """Whether a polynomial in w^2 is not negative from zero up."""
+    coefficients = polynomial.coeffs()
+    if all(value >= 0 for value in coefficients):
+        return True
+    if polynomial[polynomial.degree()] < 0 or polynomial(0) < 0:
+        return False
+    simple = square_free(polynomial)
+    if simple(0) == 0:
+        simple = simple / S
+    if simple.degree() < 1:
+        return True
+    found = isolate(simple, NONE, bound(simple))
+    if not found:
+        return True
+    ends = sorted({end for pair in found for end in pair})
+    return all(polynomial(end) >= 0 for end in ends) and not any(_crosses(polynomial, pair) for pair in found)
+
+
+def _crosses(polynomial: fmpq_poly, pair: Pair) -> bool:
+    """Whether a polynomial changes its sign at its root in an interval, or may."""
+    return pair[0] == pair[1] or polynomial(pair[0]) * polynomial(pair[1]) <= 0
+
+
+_STATED = {"slope": _slope}
