@@ -13,10 +13,11 @@ from scipy.integrate import solve_ivp
 from beamdesign.checker import check
 from beamdesign.controllers import Lag
 from beamdesign.loop import loop
-from beamdesign.proofs.absolute_stability import MULTIPLIER, absolute_stability, nonlinear_rows
+from beamdesign.proofs.absolute_stability import METHOD, absolute_stability
 from beamdesign.proofs.certifying import certify
 from beamdesign.proofs.multiplier import Kernel, Multiplier, fits, responses, slack
 from beamdesign.proofs.multiplier_search import search
+from beamdesign.proofs.nonlinear import nonlinear_rows
 from beamdesign.prototype import Prototype, read_prototype
 
 ROOT = Path(__file__).parent.parent
@@ -74,7 +75,7 @@ def test_the_exact_slack_is_that_of_the_responses(tame: Prototype):
         at = np.array([float(w)])
         real = (multiplier.response(at) * (1 + responses(found, [mass], at)[0])).real[0]
         x, m = fmpq(w) ** 2, fmpq(round(mass * 10), 10)
-        a, b, c = (q(x) for q in slack(multiplier, found, MARGIN))
+        a, b, c = (q(x) for q in slack(multiplier, found.characteristic, found.loop_denominator, MARGIN))
         denominator = found.loop_denominator.at(m)
         parts = [sum(z * (-1) ** (k // 2) * fmpq(w) ** k for k, z in enumerate(denominator.coeffs()) if k % 2 == odd)
                  for odd in (0, 1)]  # fmt: skip
@@ -108,9 +109,9 @@ def test_a_conditionally_stable_loop_has_none(tame: Prototype):
 
 def test_rows_tell_what_is_covered(tame: Prototype):
     (row,) = nonlinear_rows(tame, 0.0, 6.8)
-    assert (row.effects, row.method, row.proved, row.bound_m) == (("current_saturation",), MULTIPLIER, True, None)
+    assert (row.effects, row.method, row.proved, row.bound_m) == (("current_saturation",), METHOD, True, None)
     rig = tame.but(effects={"valve_deadband": {}, "current_saturation_soft": {}, "sensor_lag": {}})
-    rows = {row.effects: row.proved for row in nonlinear_rows(rig, 0.0, 6.8) if row.method == MULTIPLIER}
+    rows = {row.effects: row.proved for row in nonlinear_rows(rig, 0.0, 6.8) if row.method == METHOD}
     both = ("current_saturation_soft", "valve_deadband")
     assert rows == {both[:1]: True, both[1:]: True, both: False}
 

@@ -1,9 +1,15 @@
-"""What is stated of loops that are not linear: multipliers that prove them to come to rest.
+"""What is stated of loops that are not linear: that they come to rest, and how far errors move the tip.
 
 "slope": cut at the current, u = -L i + r and i = phi(u) with phi static and of a slope between 0 and 1. With M(s) = 1 -
 sum c h(s) + q s, kernels h = (a / (a + s))^k or (a / (a - s))^k, sum |c| < 1, q >= 0, L stable and falling off as 1/s
 or faster, and Re[M (1 + L)] above a positive margin at every frequency, the loop comes to rest (Zames and Falb, 1968,
 with Popov's term); where a c is negative, only for an odd phi and at the equilibrium without current.
+
+"sector": cut at the sensor's volts or at the flow, and with a gain there that changes in any way between two factors,
+the circle criterion: the loop is stable at the lower one, and Re[(1 + most L) / (1 + least L)] is above a margin.
+
+"deviation": an error of at most a size moves the tip by at most that times the integral of the absolute impulse
+response from its place, see `beamdesign.checker.impulse`.
 
 Re[M (1 + L)] - margin over |M_d D|^2 is a quadratic in the mass. On pieces of the range its three Bernstein
 coefficients, polynomials in w^2, are shown to be nowhere negative, which the prover does not look at.
@@ -13,6 +19,7 @@ from collections.abc import Iterator, Sequence
 
 from flint import fmpq, fmpq_poly
 
+from beamdesign.checker.impulse import MOST_PIECES, integrals
 from beamdesign.checker.reading import Table, Unreadable, judged, short
 from beamdesign.checker.rig import Loop
 from beamdesign.checker.roots import NONE, ONE, Family, Pair, Polynomials, S, bound, inner, isolate, square_free
@@ -103,17 +110,18 @@ def _comes_to_rest(loop: Loop, multiplier: Multiplier, margin: fmpq, masses: Pai
     degree = denominator[0].degree()
     falls = max(numerator[0].degree(), numerator[1].degree()) < degree
     stable = all(Family(*family).is_stable_over(*masses) for family in (denominator, closed))
-    return falls and stable and _real_part_above(closed, denominator, multiplier, margin, masses)
+    return (
+        falls and stable and _real_part_above(closed, denominator, (multiplier.above, multiplier.below), margin, masses)
+    )
 
 
-def _real_part_above(
-    closed: Polynomials, opened: Polynomials, multiplier: Multiplier, margin: fmpq, masses: Pair
-) -> bool:
-    """Whether Re[M closed / opened] >= margin at every frequency and mass."""
+def _real_part_above(closed: Polynomials, opened: Polynomials, by: Polynomials, margin: fmpq, masses: Pair) -> bool:
+    """Whether Re[closed / opened], times the quotient `by`, is at least a margin at every frequency and mass."""
 
     def value(one: fmpq, two: fmpq) -> fmpq_poly:
         """The polar form of the quadratic at two masses: at one mass twice, the quadratic itself."""
-        (p, o), (p_other, o_other) = (_at(closed, opened, mass, multiplier) for mass in (one, two))
+        p, p_other = ((closed[0] + mass * closed[1]) * by[0] for mass in (one, two))
+        o, o_other = ((opened[0] + mass * opened[1]) * by[1] for mass in (one, two))
         return inner(p, o_other) + inner(p_other, o) - 2 * margin * inner(o, o_other)
 
     left = [(*masses, 0)]
@@ -126,10 +134,6 @@ def _real_part_above(
         middle = (low + high) / 2
         left += [(low, middle, depth + 1), (middle, high, depth + 1)]
     return True
-
-
-def _at(closed: Polynomials, opened: Polynomials, mass: fmpq, multiplier: Multiplier) -> tuple[fmpq_poly, fmpq_poly]:
-    return (closed[0] + mass * closed[1]) * multiplier.above, (opened[0] + mass * opened[1]) * multiplier.below
 
 
 def nowhere_negative(polynomial: fmpq_poly) -> bool:
@@ -156,4 +160,58 @@ def _crosses(polynomial: fmpq_poly, pair: Pair) -> bool:
     return pair[0] == pair[1] or polynomial(pair[0]) * polynomial(pair[1]) <= 0
 
 
-_STATED = {"slope": _slope}
+# Gains that change.
+
+
+def _sector(table: Table, loops: Sequence[Loop], masses: Pair) -> tuple[bool, str]:
+    place, margin = table.word("place", "volts", "flow"), table.at_least("margin", 0, above=True)
+    least, most = factors = table.range("gain", least=0)
+    proved = all(_stays_stable(loop, place, factors, margin, masses) for loop in loops)
+    where = "sensor's" if place == "volts" else "valve's"
+    words = f"stable while the {where} gain changes in any way between {short(least)} and {short(most)} times its own"
+    return judged(proved, f"{words}, {len(loops)} loops: circle criterion, margin {short(margin)}")
+
+
+def _stays_stable(loop: Loop, place: str, factors: Pair, margin: fmpq, masses: Pair) -> bool:
+    """Whether the circle criterion holds of a loop, cut at a place."""
+    denominator, numerator = loop.loop_denominator, loop.loop_numerator
+    if place == "volts":  # what is fed back beside stays closed
+        own = loop.displacement
+        denominator = denominator[0] + numerator[0] - own[0], denominator[1] + numerator[1] - own[1]
+        numerator = own
+    low, high = ((denominator[0] + g * numerator[0], denominator[1] + g * numerator[1]) for g in factors)
+    falls = max(numerator[0].degree(), numerator[1].degree()) < denominator[0].degree()
+    stable = falls and Family(*low).is_stable_over(*masses)
+    return stable and _real_part_above(high, low, (ONE, ONE), margin, masses)
+
+
+# Errors that are bounded.
+
+
+UNITS = {"current": "A in the current", "flow": "m3/s behind the spool", "volts": "V at the sensor",
+         "stroke": "N between piston and cylinder"}  # fmt: skip
+
+
+def _deviation(table: Table, loops: Sequence[Loop], masses: Pair) -> tuple[bool, str]:
+    pieces, listed = table.whole("pieces", 1, MOST_PIECES), []
+    for one in table.tables("error"):
+        place = one.word("place", *UNITS)
+        listed.append((place, one.at_least("size", 0), one.at_least("bound_m", 0)))
+    if not listed:
+        raise Unreadable(f"{table.place} states no error")
+    proved = True
+    for loop in loops:
+        if any(place not in loop.strayed for place, _, _ in listed):
+            raise Unreadable(f"{table.place}: what such an error does to the tip is not known of this rig")
+        if not Family(*loop.closed).is_stable_over(*masses):
+            proved = False
+            break
+        units = integrals([loop.strayed[place] for place, _, _ in listed], loop.closed, masses, pieces)
+        proved = proved and all(unit * size <= bound for unit, (_, size, bound) in zip(units, listed, strict=True))
+    words = " and ".join(
+        f"{short(bound)} m by errors of at most {short(size)} {UNITS[place]}" for place, size, bound in listed
+    )
+    return judged(proved, f"the tip strays from the linear response by at most {words}, {len(loops)} loops")
+
+
+_STATED = {"slope": _slope, "sector": _sector, "deviation": _deviation}

@@ -160,6 +160,8 @@ class Loop:
         law: the controller behind it, numerator and denominator.
         gain: factors over which it is to be stable.
         performing: factors over which it is to perform, None where it is not to.
+        strayed: what errors in the "current" (A), the "flow" (m3/s), the "volts" and the force of the "stroke" (N) do
+            to the tip (m), over the characteristic polynomial at a factor of one; without those that are not known.
     """
 
     name: str
@@ -170,6 +172,7 @@ class Loop:
     law: Polynomials
     gain: Pair
     performing: Pair | None
+    strayed: Mapping[str, fmpq_poly]
 
     @property
     def closed(self) -> Polynomials:
@@ -267,7 +270,15 @@ class Rig:
             raise Unreadable("[controller] is not one law")
         _refuse_size(elements, law)
         bare, loaded = (
-            mechanics(self.figures, elements, (fmpq(mass), self.inner_end_mass), list(law.numerators), fmpq_poly)
+            mechanics(
+                self.figures,
+                elements,
+                (fmpq(mass), self.inner_end_mass),
+                list(law.numerators),
+                fmpq_poly,
+                True,
+                not mass,
+            )
             for mass in (0, 1)
         )
         around, back = electronics(self.figures, elements, law.numerators, law.denominator, fmpq_poly)
@@ -283,7 +294,25 @@ class Rig:
             law.of_displacement,
             gain,
             performing,
+            self._strayed(elements, bare.strayed, around, own[0]),
         )
+
+    def _strayed(
+        self, elements: Elements, moved: Mapping[str, fmpq_poly], around: fmpq_poly, own: fmpq_poly
+    ) -> dict[str, fmpq_poly]:
+        """What errors do to the tip where the sensor sees that alone; of friction, where nothing else is heard."""
+        if self.law is None or any(weight != 0 for weight in elements.points["sensed"].values()):
+            return {}
+        valve = self.figures["valve_frequency_rad_per_s"]
+        damping = 2 * self.figures["valve_damping_ratio"] * valve
+        spool = fmpq_poly([valve**2 * (1 + elements.spool), damping, 1])
+        drive = self.figures["flow_gain_m3_per_s_per_A"] * valve**2
+        found = {
+            "current": drive * moved["flow"] * (around / spool),
+            "flow": moved["flow"] * around,
+            "volts": own / self.figures["sensor_gain_V_per_m"],
+        }
+        return found if len(self.law.numerators) > 1 else found | {"stroke": moved["stroke"] * around}
 
 
 def _refuse_size(elements: Elements, law: Law) -> None:

@@ -1,10 +1,9 @@
-"""The nonlinear loop: what is proved of a prototype's effects while they move, and on what that rests.
+"""Static characteristics of slope 0 to 1 in the loop: multipliers sought and proved for all members of a prototype.
 
-- Static characteristics of slope 0 to 1 in the current (saturation, dead band, soft limits): a multiplier of Zames and
-  Falb with a term of Popov's, see `beamdesign.proofs.multiplier`.
-- What is linear is a part of the loop, and of every proof.
-
-Every other effect is listed with why nothing is proved of it.
+The theorem and its exact proof are those of `beamdesign.proofs.multiplier`. A characteristic acts in the current, as
+saturation does, or on the flow behind the spool, as a dead band does; cut at either place the loop has the same
+transfer. Sides of the piston that are unequal pass on the flow times one of two factors, by its sign: over the larger
+factor, which the loop is taken with, that is a characteristic of slope 0 to 1 as well, and no odd one.
 """
 
 from collections.abc import Iterator, Sequence
@@ -14,7 +13,6 @@ from typing import Any
 from flint import fmpq
 
 from beamdesign.loop import Loop, rig_loop
-from beamdesign.plant.effects import library
 from beamdesign.plant.members import LinearFamily, family
 from beamdesign.polynomial import exact
 from beamdesign.proofs.multiplier import Multiplier
@@ -25,11 +23,11 @@ from beamdesign.prototype import Prototype
 from beamdesign.rational import nearest, text
 
 IN_THE_CURRENT = ("current_saturation", "current_saturation_soft")
-BEHIND_THE_SPOOL = ("valve_deadband",)
-"""Odd static characteristics of slope 0 to 1, by their place in the loop: cut at either, it has the same transfer."""
-MULTIPLIER = "Zames-Falb multiplier with a Popov term, in rational arithmetic"
-LINEAR = "linear, a part of the loop"
-NONE_KNOWN = "none"
+BEHIND_THE_SPOOL = ("unequal_piston_areas", "valve_deadband")
+"""Static characteristics by their place in the loop."""
+NOT_ODD = ("unequal_piston_areas", "uneven_leakage")
+"""Effects that are not odd, or keep the valve from its null at rest."""
+METHOD = "Zames-Falb multiplier with a Popov term, in rational arithmetic"
 _ZERO, _ONE = fmpq(0), fmpq(1)
 
 
@@ -100,28 +98,6 @@ def members(prototype: Prototype, low_kg: float, high_kg: float) -> Members:
     return Members(prototype, found, tuple(loops), exact(low_kg), exact(high_kg))
 
 
-def nonlinear_rows(prototype: Prototype, low_kg: float, high_kg: float) -> tuple[Row, ...]:
-    """What is proved of each effect of a prototype, and of the saturation that every rig has, over a range of masses.
-
-    Raises:
-        ValueError: as `members`.
-        InputError: likewise.
-    """
-    given = members(prototype, low_kg, high_kg)
-    rows = list(_static(given))
-    known = {name for row in rows for name in row.effects}
-    rows += _linear(given, known)
-    known |= {name for row in rows for name in row.effects}
-    rows += [Row((name,), NONE_KNOWN, False, _OPEN) for name in sorted(prototype.effects) if name not in known]
-    return tuple(rows)
-
-
-_OPEN = (
-    "No theorem here covers it while it moves; what `certify` proves of it is about linear loops that bracket it at"
-    " frozen values."
-)
-
-
 # Static characteristics.
 
 
@@ -179,24 +155,30 @@ def _unstable_gain(rectangle: Rectangle) -> str:
     )
 
 
-def _static(given: Members) -> Iterator[Row]:
+def static_rows(given: Members) -> Iterator[Row]:
+    """A row for the characteristics at either place of the loop, and for both places at once."""
     own = set(given.prototype.effects)
-    groups = [tuple(name for name in names if name in own) for names in (IN_THE_CURRENT, BEHIND_THE_SPOOL)]
-    if not any(groups[:1]):
-        groups[0] = IN_THE_CURRENT[:1]  # every servovalve has a rated current
+    current = tuple(name for name in IN_THE_CURRENT if name in own) or IN_THE_CURRENT[:1]  # every valve has a rating
+    flow = tuple(name for name in BEHIND_THE_SPOOL if name in own)
+    if "pressure_dependent_flow" in own:
+        flow = ()  # orifices pass the flow on by the pressures
     found = absolute_stability(given.loops, given.low, given.high)
     multiplier = found.multiplier
     words, statement = found.reason, None
-    if multiplier is not None:
+    if multiplier is not None and multiplier.for_odd_only and own.intersection(NOT_ODD):
+        words = (
+            "The multiplier that was found is for odd characteristics about zero current alone, which this rig has not."
+        )
+    elif multiplier is not None:
         words = in_words(multiplier, given)
         numbers = list(range(1, len(given.loops) + 1))
         statement = {"kind": "slope", "loops": numbers, "margin": text(found.margin)} | multiplier.table()
-    for group in filter(None, groups):
-        yield Row(group, MULTIPLIER, multiplier is not None, words, None, statement)
-        statement = None  # one statement serves all places
-    if len(groups[1]) and own.intersection(IN_THE_CURRENT):
-        both = (*groups[0], *groups[1])
-        yield Row(both, MULTIPLIER, False, "Both at once are not covered: the spool's dynamics stand between them.")
+    yield Row(current, METHOD, statement is not None, words, None, statement)
+    if flow:
+        yield Row(flow, METHOD, statement is not None, words)
+        if own.intersection(IN_THE_CURRENT):
+            both = "Both places at once are not covered: the spool's dynamics stand between them."
+            yield Row((*current, *flow), METHOD, False, both)
 
 
 def in_words(multiplier: Multiplier, given: Members) -> str:
@@ -205,22 +187,7 @@ def in_words(multiplier: Multiplier, given: Members) -> str:
     which = "an odd static characteristic" if odd else "any static characteristic"
     where = "and with no command and no load" if odd else "under any constant command and load"
     return (
-        f"From every state the loop comes to rest with {which} of slope 0 to 1 in the current, {where}, for every"
-        f" payload that stays{given.frozen}; several such characteristics at this one place are one of them, elsewhere"
-        f" and together with other effects that move they are not covered. M = {multiplier}."
+        f"From every state the loop comes to rest with {which} of slope 0 to 1 at its place, {where}, for every"
+        f" payload that stays{given.frozen}; several in a row at one place are one of them. Not covered"
+        f" are two places at once, and other effects that move at the same time. M = {multiplier}."
     )
-
-
-# What is linear.
-
-
-def _linear(given: Members, known: set[str]) -> Iterator[Row]:
-    names = []
-    for name in sorted(given.prototype.effects):
-        linear = library()[name].linear
-        if name not in known and linear is not None and linear.laws is None and not linear.figures and not linear.gain:
-            names.append(name)
-    if names:
-        stable = all(is_stable_over(loop.characteristic, given.low, given.high) for loop in given.loops)
-        words = "Linear itself, as it is simulated: every loop here holds it, in every combination."
-        yield Row(tuple(names), LINEAR, stable, words if stable else "The linear loop is not stable at every mass.")

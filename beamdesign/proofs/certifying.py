@@ -11,7 +11,6 @@ from beamdesign.loop import rig_loop
 from beamdesign.plant.effects import library
 from beamdesign.plant.members import LinearFamily, VertexModel, family
 from beamdesign.polynomial import exact
-from beamdesign.proofs.absolute_stability import nonlinear_rows
 from beamdesign.proofs.certificate import (
     INEQUALITIES,
     METHOD,
@@ -26,6 +25,7 @@ from beamdesign.proofs.certificate import (
     limits,
 )
 from beamdesign.proofs.mass_tables import KIND, claim_tables, common_table, loop_table, stability_table
+from beamdesign.proofs.nonlinear import nonlinear_rows
 from beamdesign.proofs.performance import bandwidth, least_limit, prove
 from beamdesign.proofs.rectangle import Rectangle
 from beamdesign.proofs.stability import Range, StabilityMap, in_words, stable_ranges

@@ -140,22 +140,22 @@ def is_proper(loop: Loop, low: fmpq, high: fmpq) -> bool:
     return same and max(loop.loop_numerator.constant.degree(), loop.loop_numerator.slope.degree()) < degree
 
 
-def slack(multiplier: Multiplier, loop: Loop, margin: fmpq) -> Coefficients:
-    """(Re[M (1 + L)] - margin) |D|^2 Q at jw as a quadratic a m^2 + b m + c in the mass."""
+def slack(multiplier: Multiplier, closed: Affine, opened: Affine, margin: fmpq) -> Coefficients:
+    """(Re[M p / D] - margin) |D|^2 Q at jw as a quadratic a m^2 + b m + c in the mass, p being closed and D opened."""
     real, imaginary, below = multiplier.parts
-    closed, opened = loop.characteristic, loop.loop_denominator
 
     def one(above: fmpq_poly, under: fmpq_poly) -> fmpq_poly:
-        return (
-            real * inner(above, under) - _X * imaginary * _turned(above, under) - margin * below * inner(under, under)
-        )
+        return real * inner(above, under) - _X * imaginary * _turned(above, under)
 
-    mixed = (
-        real * (inner(closed.constant, opened.slope) + inner(closed.slope, opened.constant))
-        - _X * imaginary * (_turned(closed.constant, opened.slope) + _turned(closed.slope, opened.constant))
-        - 2 * margin * below * inner(opened.constant, opened.slope)
+    def size(left: fmpq_poly, right: fmpq_poly) -> fmpq_poly:
+        return margin * below * inner(left, right)
+
+    mixed = one(closed.constant, opened.slope) + one(closed.slope, opened.constant)
+    return (
+        one(closed.slope, opened.slope) - size(opened.slope, opened.slope),
+        mixed - 2 * size(opened.constant, opened.slope),
+        one(closed.constant, opened.constant) - size(opened.constant, opened.constant),
     )
-    return one(closed.slope, opened.slope), mixed, one(closed.constant, opened.constant)
 
 
 def _turned(left: fmpq_poly, right: fmpq_poly) -> fmpq_poly:
@@ -166,7 +166,12 @@ def _turned(left: fmpq_poly, right: fmpq_poly) -> fmpq_poly:
 
 def fits(multiplier: Multiplier, loop: Loop, low: fmpq, high: fmpq, margin: fmpq) -> bool:
     """Whether Re[M (1 + L)] is at least a margin at every mass (kg) from `low` to `high` and every frequency."""
-    return quadratic_nonnegative(*slack(multiplier, loop, margin), low, high, _NONE, None).holds
+    return fits_families(multiplier, loop.characteristic, loop.loop_denominator, low, high, margin)
+
+
+def fits_families(multiplier: Multiplier, closed: Affine, opened: Affine, low: fmpq, high: fmpq, margin: fmpq) -> bool:
+    """Whether Re[M p / D], p being closed and D opened, is at least a margin at every mass (kg) and frequency."""
+    return quadratic_nonnegative(*slack(multiplier, closed, opened, margin), low, high, _NONE, None).holds
 
 
 def responses(loop: Loop, masses: Sequence[float] | np.ndarray, w: np.ndarray) -> np.ndarray:
