@@ -28,7 +28,7 @@ MOST_STATEMENTS = 16
 HIGHEST_ORDER = 16
 MOST_ORDERS = 64
 """Of the kernels of one multiplier together."""
-DEEPEST = 12
+DEEPEST = 8
 """Halvings of a range of masses."""
 
 
@@ -99,7 +99,7 @@ def _slope(table: Table, loops: Sequence[Loop], masses: Pair) -> tuple[bool, str
     proved = all(_comes_to_rest(loop, multiplier, margin, masses) for loop in loops)
     which = "an odd static characteristic" if multiplier.odd else "any static characteristic"
     where = "about zero current" if multiplier.odd else "about every equilibrium"
-    words = f"comes to rest {where} with {which} of slope 0 to 1 in its current, {len(loops)} loops"
+    words = f"comes to rest {where} with {which} of slope 0 to 1 in its current or behind its spool, {len(loops)} loops"
     return judged(proved, f"{words}: Zames and Falb's multiplier of {multiplier.words}, margin {short(margin)}")
 
 

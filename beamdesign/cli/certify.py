@@ -170,7 +170,9 @@ def _echo(record: "Prototype", certificate: "Certificate") -> None:
         if not claim.holds:
             echo(f"    {claim.reason}")
     for row in certificate.nonlinear:
-        echo(f"  {row.line()}")
+        bound = "" if row.bound_m is None else f", the tip strays by at most {row.bound_m:.4g} m"
+        echo(f"  {'proved' if row.proved else 'NOT PROVED'} while it moves: {', '.join(row.effects)}{bound}")
+        echo(f"    {row.covers}")
     echo(f"method: {certificate.method}")
     for line in certificate.scope:
         echo(f"  {line}")

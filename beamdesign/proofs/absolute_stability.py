@@ -6,7 +6,7 @@ transfer. Sides of the piston that are unequal pass on the flow times one of two
 factor, which the loop is taken with, that is a characteristic of slope 0 to 1 as well, and no odd one.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -77,10 +77,16 @@ class Members:
     low: fmpq
     high: fmpq
 
-    @property
-    def frozen(self) -> str:
-        """What the loops are beside what moves, in words, with a blank before them; empty without other effects."""
-        return " with every other effect frozen at either end of what it spans" if len(self.loops) > 1 else ""
+    def frozen(self, count: int, moving: Collection[str]) -> str:
+        """What some of the loops are beside what moves, in words with a blank before them; empty where nothing is.
+
+        Args:
+            count: how many loops there are.
+            moving: effects that are not frozen.
+        """
+        words = " with every other effect frozen at either end of what it spans" if count > 1 else ""
+        others = [name for name, span in self.found.gains.items() if name not in moving and span.high != 1]
+        return words + (f" and the gain at its own, not at those that {' and '.join(others)} give it" if others else "")
 
 
 def members(prototype: Prototype, low_kg: float, high_kg: float) -> Members:
@@ -184,10 +190,11 @@ def static_rows(given: Members) -> Iterator[Row]:
 def in_words(multiplier: Multiplier, given: Members) -> str:
     """What the theorem says with a multiplier, in whole sentences."""
     odd = multiplier.for_odd_only
+    frozen = " with every other effect frozen at either end of what it spans" if len(given.loops) > 1 else ""
     which = "an odd static characteristic" if odd else "any static characteristic"
     where = "and with no command and no load" if odd else "under any constant command and load"
     return (
         f"From every state the loop comes to rest with {which} of slope 0 to 1 at its place, {where}, for every"
-        f" payload that stays{given.frozen}; several in a row at one place are one of them. Not covered"
+        f" payload that stays{frozen}; several in a row at one place are one of them. Not covered"
         f" are two places at once, and other effects that move at the same time. M = {multiplier}."
     )

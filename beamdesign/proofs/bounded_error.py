@@ -106,7 +106,7 @@ def bounded_rows(given: Members) -> Iterator[Row]:
         for one, bound in zip(found, stated, strict=True)
     ]
     statement = {"kind": "deviation", "loops": numbers, "pieces": pieces, "error": listed}
-    frozen = " with every other effect frozen at either end of what it spans" if len(numbers) > 1 else ""
+    frozen = given.frozen(len(numbers), [one.effect for one in found])
     for k, (one, bound) in enumerate(zip(found, stated, strict=True)):
         words = (
             f"It is linear plus a bounded error: {one.words}, {nearest(one.size):.4g} {UNITS[one.place]}. So the tip"

@@ -106,9 +106,10 @@ def changing_rows(given: Members) -> Iterator[Row]:
             "gain": [text(one.least), text(one.most)],
             "margin": text(min(known)),
         }
+        frozen = given.frozen(len(loops), (one.effect,))
         words = (
             f"The loop is stable while this gain changes {between}, in any way and at any rate, for every payload that"
-            f" stays{given.frozen}. {one.words} Not covered is a current that saturates, or another gain that changes,"
-            " at the same time."
+            f" stays{frozen}. {one.words} Not covered is a current that saturates, or another gain that changes, at the"
+            " same time."
         )
         yield Row((one.effect,), METHOD, True, words, None, statement)
