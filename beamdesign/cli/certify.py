@@ -68,8 +68,8 @@ def certify(
         gain_margin: claim stability with the gain times all from 1 to this.
         robust: also prove it of the worst rigs so many standard deviations off, as `tune`.
         robust_box: so many of every figure at once; else of all together.
-        nonlinear: also prove what holds while the effects move, and while the current saturates, which it does on
-            every rig.
+        nonlinear: also prove, of the nominal figures, what holds while effects move, and while the current saturates,
+            which it does on every rig; the answer is no where something is not proved.
         out: file for the certificate; else STEM.certificate.toml in this folder.
         replay: prove this certificate again; with PROTOTYPE, also that it is its.
     """

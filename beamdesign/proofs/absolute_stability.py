@@ -147,16 +147,17 @@ def _unstable_gain(rectangle: Rectangle) -> str:
         return ""
     if side is not None and side.mass is None:
         return "The linear loop itself is not stable at every mass."
-    where = ""
-    if inside is not None and inside.decided:
-        where = f", {inside.factor:.4g} times its own, with an outer end mass of {inside.mass:.6g} kg"
-    elif side is not None and side.mass is not None:
-        crossed = [c.value for c in rectangle.loop.at(nearest(side.mass)).gain_crossings() if 0 < c.value < 1]
-        where = (
-            f" below {max(crossed, default=1.0):.4g} times its own with an outer end mass of {nearest(side.mass):g} kg"
-        )
+    if side is not None and side.mass is not None:
+        mass, crossed = nearest(side.mass), 1.0
+        factors = [one.value for one in rectangle.loop.at(mass).gain_crossings()]
+        crossed = max((factor for factor in factors if 0 < factor < 1), default=1.0)
+        where = f" below {crossed:.4g} times its own with an outer end mass of {mass:g} kg"
+    elif inside is not None and inside.decided:
+        where = f" about {inside.factor:.4g} times its own with an outer end mass of {inside.mass:.6g} kg"
+    else:
+        return "Whether the loop is stable at every lower gain could not be decided."
     return (
-        f"The loop is conditionally stable: it is unstable at some gain{where}, and a lower gain is what a saturation"
+        f"The loop is conditionally stable: it is unstable at a gain{where}, and a lower gain is what a saturation"
         " comes to at large amplitudes, so that no such multiplier exists."
     )
 
