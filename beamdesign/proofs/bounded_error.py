@@ -20,7 +20,7 @@ from beamdesign.proofs.absolute_impulse import over_masses
 from beamdesign.proofs.absolute_stability import Members, Row
 from beamdesign.proofs.stability import is_stable_over
 from beamdesign.prototype import Prototype
-from beamdesign.rational import nearest, rounded_up, shortened, text
+from beamdesign.rational import nearest, shortened, text
 
 METHOD = "bounded error: integral of the absolute impulse response with its tail, in ball arithmetic"
 RESOLUTION = "sensor_resolution"
@@ -90,15 +90,19 @@ def slides(member: VertexModel, members: Sequence[VertexModel]) -> bool:
 
 def bounded_rows(given: Members) -> Iterator[Row]:
     """A row for each effect that is linear plus a bounded error, and one for all of them together."""
+    hears = given.prototype.controller is not None and given.prototype.controller.sensed_law().sensors
     found = errors(given.prototype)
+    if hears != DISPLACEMENT:
+        why = "No bound is proved: a controller that hears more than the displacement hears the friction as well."
+        yield from (Row((one.effect,), METHOD, False, why) for one in found if one.place == "stroke")
+        found = [one for one in found if one.place != "stroke"]
     if not found:
         return
     numbers = [k for k, member in enumerate(given.found.members, start=1) if slides(member, given.found.members)]
     try:
         bounds, pieces = _bounds(given, found, numbers)
     except ArithmeticError as error:
-        for one in found:
-            yield Row((one.effect,), METHOD, False, f"No bound is proved: {error}.")
+        yield from (Row((one.effect,), METHOD, False, f"No bound is proved: {error}.") for one in found)
         return
     stated = [shortened(one * _SLACK, _DIGITS, up=True) if one > 0 else one for one in bounds]
     listed = [
@@ -114,11 +118,11 @@ def bounded_rows(given: Members) -> Iterator[Row]:
             f" state, for every payload that stays{frozen}; bounds of several such effects add up. Not covered is a"
             " current that saturates, or a gain that changes, at the same time."
         )
-        yield Row((one.effect,), METHOD, True, words, rounded_up(bound), statement if k == 0 else None)
+        yield Row((one.effect,), METHOD, True, words, nearest(bound), statement if k == 0 else None)
     if len(found) > 1:
-        total = sum(stated, fmpq(0))
         names = tuple(one.effect for one in found)
-        yield Row(names, METHOD, True, "All of these at once: the sum of their bounds.", rounded_up(total))
+        total = nearest(sum(stated, fmpq(0)))
+        yield Row(names, METHOD, True, "All of these at once: the sum of their bounds.", total)
 
 
 def _bounds(given: Members, found: Sequence[Error], numbers: Sequence[int]) -> tuple[list[fmpq], int]:
@@ -161,8 +165,7 @@ def numerators(prototype: Prototype, rig: LinearModel, places: set[str]) -> Mapp
     w, damping, gain = (exact(rig.figures[key]) for key in ("valve_frequency", "valve_damping_ratio", "flow_gain"))
     found["flow"] = found["current"] * fmpq_poly([1 / gain, 2 * damping / (w * gain), 1 / (w * w * gain)])
     if "stroke" in places:
-        if law.sensors != DISPLACEMENT:
-            raise ArithmeticError("friction is not bounded where the controller hears more than the displacement")
+        assert law.sensors == DISPLACEMENT  # else more than this moves
         inner = exact(prototype.payload.inner_end_mass_kg)
         found["stroke"] = _stroke(rig, inner, plant.denominator.constant) * law.denominator
     return found
