@@ -52,6 +52,7 @@ class Member:
         flow: what a flow behind the spool drives.
         pull: what a force between piston and cylinder drives.
         filtered: whether filters are behind the sensor.
+        spool: natural frequency in rad/s, damping ratio, and spring over that of the pilot.
     """
 
     e: np.ndarray
@@ -66,6 +67,7 @@ class Member:
     flow: np.ndarray
     pull: np.ndarray
     filtered: bool
+    spool: tuple[float, float, float]
 
     def pencil(self, mass: float, gain: float) -> tuple[np.ndarray, np.ndarray]:
         """(A, E) of the closed loop; behind the plant's states those of the controller, then its current."""
@@ -122,6 +124,8 @@ class Member:
             "controller_effort": abs(laws[0] / (1 + looped)),
             "looped": looped,
             "own": gain * laws[0] * seen[0, :, 1],
+            "law": laws[0],
+            "seen": gain * seen[0, :, 1],
         }
 
     def strayed(self, mass: float, place: str) -> float | None:
@@ -176,7 +180,7 @@ def members(table: Mapping[str, Any]) -> list[Member]:
         plant = _plant(table["rig"], [(e["elements"], own) for e, own in zip(effects, values, strict=True)])
         seen = np.array([plant["seen"][name] for name in law["sensors"]])
         matrices = (plant[key] for key in ("e", "mass", "a", "b", "tip"))
-        errors = (plant[key] for key in ("flow", "pull", "filtered"))
+        errors = (plant[key] for key in ("flow", "pull", "filtered", "pilot"))
         found.append(Member(*matrices, seen, laws, gain, asked if performs else None, *errors))
     if not any(member.performing for member in found):
         raise ValueError("none is to perform")
@@ -292,7 +296,8 @@ def _plant(rig: Mapping[str, Any], effects: Sequence[tuple[Mapping[str, Any], Ma
     whole[:n] = tip
     flow, pull = np.zeros(size), np.zeros(size)
     flow[first:valve], pull[n : 2 * n] = sides, stroke
-    errors = {"flow": flow, "pull": pull, "filtered": bool(filters)}
+    pilot = natural, figure["valve_damping_ratio"], spool
+    errors = {"flow": flow, "pull": pull, "filtered": bool(filters), "pilot": pilot}
     return {"e": e, "mass": loaded, "a": a, "b": b, "tip": whole, "seen": seen} | errors
 
 

@@ -10,6 +10,7 @@ CLOSE = 1e-6
 KEYS = {
     "slope": {"kind", "loops", "margin", "popov_s", "term"},
     "sector": {"kind", "loops", "place", "gain", "margin"},
+    "both": {"kind", "loops", "place", "gain", "margin", "weight", "popov_s", "term"},
     "deviation": {"kind", "loops", "pieces", "error"},
 }
 W = np.geomspace(0.01, 1e6, 1201)
@@ -50,22 +51,53 @@ def _above(real: np.ndarray, margin: float) -> bool | None:
     return False if real.min() < margin * (1 - CLOSE) else True if real.min() > margin * (1 + CLOSE) else None
 
 
-def _slope(table: Mapping[str, Any], loop: Member, mass: float) -> Iterator[bool | None]:
-    popov, gain = number(table["popov_s"]), loop.gain[1]
-    w = _frequencies(loop, mass, gain)
-    multiplier, norm = 1 + popov * 1j * w, 0.0
+def _multiplier(table: Mapping[str, Any], w: np.ndarray) -> tuple[np.ndarray, float, bool]:
+    """Its values, the norm of its kernels, and whether a coefficient is negative."""
+    popov = number(table["popov_s"])
+    multiplier, norm, odd = 1 + popov * 1j * w, 0.0, False
     for term in table["term"]:
         coefficient, rate, order, causal = (term[key] for key in ("coefficient", "rate_per_s", "order", "causal"))
         if type(order) is not int or type(causal) is not bool or order < 1 or number(rate) <= 0 or len(term) != 4:
             raise ValueError("no kernel")
         multiplier -= number(coefficient) / (1 + (1 if causal else -1) * 1j * w / number(rate)) ** order
-        norm += abs(number(coefficient))
+        norm, odd = norm + abs(number(coefficient)), odd or number(coefficient) < 0
     if popov < 0:
         raise ValueError("a negative term of Popov's")
+    return multiplier, norm, odd
+
+
+def _slope(table: Mapping[str, Any], loop: Member, mass: float) -> Iterator[bool | None]:
+    gain = loop.gain[1]
+    w = _frequencies(loop, mass, gain)
+    multiplier, norm, _ = _multiplier(table, w)
     yield norm < 1
     yield from (_stable(loop, mass, share * gain) for share in (0.0, 0.3, 0.7, 1.0))
     looped = loop.responses(mass, gain, w)["looped"]
     yield _above((multiplier * (1 + looped)).real, number(table["margin"]))
+
+
+def _both(table: Mapping[str, Any], loop: Member, mass: float) -> Iterator[bool | None]:
+    """The least eigenvalue of the matrix of both constraints, less the margin in the first."""
+    (least, most), weight, margin = numbers(table["gain"]), number(table["weight"]), number(table["margin"])
+    if not 0 < least <= most or weight <= 0 or margin <= 0 or table["place"] not in ("volts", "flow"):
+        raise ValueError("no sector")
+    w = _frequencies(loop, mass, 1.0)
+    multiplier, norm, odd = _multiplier(table, w)
+    yield norm < 1 and not odd
+    found = loop.responses(mass, 1.0, w)
+    if table["place"] == "flow":
+        natural, damping, spring = loop.spool
+        by = 1 / (1 + spring + 2 * damping * 1j * w / natural - (w / natural) ** 2)
+        onto, rest = most * found["looped"] / by, 0.0
+    else:
+        by, onto, rest = found["seen"], most * found["law"], found["looped"] - found["own"]
+    low = (multiplier * (1 + rest + least / most * onto * by)).real - margin
+    cross = ((1 - least / most) * multiplier * onto - weight * by.conj()) / 2
+    yield bool(low.min() > -CLOSE)
+    room = low * weight - abs(cross) ** 2
+    size = abs(low * weight) + abs(cross) ** 2
+    worst = (room / size).min()
+    yield False if worst < -CLOSE else True if worst > CLOSE else None
 
 
 def _sector(table: Mapping[str, Any], loop: Member, mass: float) -> Iterator[bool | None]:
@@ -96,4 +128,4 @@ def _deviation(table: Mapping[str, Any], loop: Member, mass: float) -> Iterator[
         yield False if found > bound * (1 + 1e-3) else True if found < bound else None
 
 
-_OF = {"slope": _slope, "sector": _sector, "deviation": _deviation}
+_OF = {"slope": _slope, "sector": _sector, "both": _both, "deviation": _deviation}

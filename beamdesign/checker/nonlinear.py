@@ -8,6 +8,11 @@ with Popov's term); where a c is negative, only for an odd phi and at the equili
 "sector": cut at the sensor's volts or at the flow, and with a gain there that changes in any way between two factors,
 the circle criterion: the loop is stable at the lower one, and Re[(1 + most L) / (1 + least L)] is above a margin.
 
+"both": a characteristic in the current as of "slope" and a gain as of "sector" at once. With a = least / most, L_a the
+loop at the least gain, F from what the gain gives at its most to the current's demand, H from the current to what the
+gain acts on, and a weight w above zero, they come to rest where 4 w (Re[M (1 + L_a)] - margin) is at least the square
+of |(1 - a) M F - w conj(H)| at every frequency (integral quadratic constraints of both, weighted and added up).
+
 "deviation": an error of at most a size moves the tip by at most that times the integral of the absolute impulse
 response from its place, see `beamdesign.checker.impulse`.
 
@@ -21,8 +26,8 @@ from flint import fmpq, fmpq_poly
 
 from beamdesign.checker.impulse import MOST_PIECES, integrals
 from beamdesign.checker.reading import Table, Unreadable, judged, short
-from beamdesign.checker.rig import Loop
-from beamdesign.checker.roots import NONE, ONE, Family, Pair, Polynomials, S, bound, inner, isolate, square_free
+from beamdesign.checker.rig import ONCE, Loop
+from beamdesign.checker.roots import NONE, ONE, ZERO, Family, Pair, Polynomials, S, bound, inner, isolate, square_free
 
 MOST_STATEMENTS = 16
 HIGHEST_ORDER = 16
@@ -61,6 +66,7 @@ class Multiplier:
         above: numerator.
         below: denominator, without roots on the axis.
         odd: whether phi has to be odd.
+        popov: the coefficient of s.
         words: its terms.
     """
 
@@ -86,7 +92,7 @@ class Multiplier:
         for coefficient, rate, order, causal in terms:
             kernel = self.below / _factor(rate, causal) ** order
             self.above -= coefficient * rate**order * kernel
-        self.odd = any(term[0] < 0 for term in terms)
+        self.odd, self.popov = any(term[0] < 0 for term in terms), popov
         self.words = f"{len(terms)} kernels and {short(popov)} s"
 
 
@@ -115,14 +121,27 @@ def _comes_to_rest(loop: Loop, multiplier: Multiplier, margin: fmpq, masses: Pai
     )
 
 
-def _real_part_above(closed: Polynomials, opened: Polynomials, by: Polynomials, margin: fmpq, masses: Pair) -> bool:
-    """Whether Re[closed / opened], times the quotient `by`, is at least a margin at every frequency and mass."""
+def _real_part_above(
+    closed: Polynomials,
+    opened: Polynomials,
+    by: Polynomials,
+    margin: fmpq,
+    masses: Pair,
+    times: fmpq = ONCE[0],
+    less: Polynomials = (ZERO, ZERO),
+) -> bool:
+    """Whether Re[closed / opened] times the quotient `by` is at least a margin at every frequency and mass.
+
+    Where `less` is given, whether what it is more, times a factor, is at least |less / (opened by's denominator)|^2.
+    """
 
     def value(one: fmpq, two: fmpq) -> fmpq_poly:
         """The polar form of the quadratic at two masses: at one mass twice, the quadratic itself."""
         p, p_other = ((closed[0] + mass * closed[1]) * by[0] for mass in (one, two))
         o, o_other = ((opened[0] + mass * opened[1]) * by[1] for mass in (one, two))
-        return inner(p, o_other) + inner(p_other, o) - 2 * margin * inner(o, o_other)
+        off, off_other = (less[0] + mass * less[1] for mass in (one, two))
+        more = inner(p, o_other) + inner(p_other, o) - 2 * margin * inner(o, o_other)
+        return times * more - 2 * inner(off, off_other)
 
     left = [(*masses, 0)]
     while left:
@@ -185,6 +204,66 @@ def _stays_stable(loop: Loop, place: str, factors: Pair, margin: fmpq, masses: P
     return stable and _real_part_above(high, low, (ONE, ONE), margin, masses)
 
 
+# Both at once.
+
+
+def _both(table: Table, loops: Sequence[Loop], masses: Pair) -> tuple[bool, str]:
+    place, margin = table.word("place", "volts", "flow"), table.at_least("margin", 0, above=True)
+    weight, multiplier = table.at_least("weight", 0, above=True), Multiplier(table)
+    least, most = factors = table.range("gain", least=0)
+    if least == 0:
+        raise Unreadable(f"{table.place_of('gain')} must be above zero")
+    proved = not multiplier.odd and all(
+        _both_fit(loop, place, factors, multiplier, weight, margin, masses) for loop in loops
+    )
+    where = "sensor's" if place == "volts" else "valve's"
+    words = (
+        f"comes to rest with any static characteristic of slope 0 to 1 in its current while the {where} gain changes"
+    )
+    words += f" between {short(least)} and {short(most)} times its own, {len(loops)} loops"
+    return judged(proved, f"{words}: multiplier of {multiplier.words}, weight {short(weight)}, margin {short(margin)}")
+
+
+def _both_fit(
+    loop: Loop, place: str, factors: Pair, multiplier: Multiplier, weight: fmpq, margin: fmpq, masses: Pair
+) -> bool:
+    """Whether the inequality of both holds of a loop, and what it presupposes."""
+    (least, most), opened, numerator, own = factors, loop.loop_denominator, loop.loop_numerator, loop.displacement
+    if place == "flow":
+        own = numerator
+        if any(divmod(part, loop.spool)[1] != 0 for part in opened):
+            raise Unreadable("the spool is not a part of this loop")
+        rest = tuple(part / loop.spool for part in opened)
+        onto, back = tuple(most * part * _mirrored(loop.spool) for part in own), rest
+        slow = max(own[0].degree(), own[1].degree()) - rest[0].degree()
+    else:
+        above, below = loop.law
+        if any(divmod(part, above)[1] != 0 for part in own) or any(divmod(part, below)[1] != 0 for part in opened):
+            raise Unreadable("the controller is not a part of this loop")
+        onto = tuple(most * above * _mirrored(part / below) for part in opened)
+        back = tuple(below * _mirrored(part / above) for part in own)
+        slow = above.degree() - below.degree()
+    closed = tuple(o + n + (least - 1) * part for o, n, part in zip(opened, numerator, own, strict=True))
+    looped = tuple(c - o for c, o in zip(closed, opened, strict=True))
+    falls = max(part.degree() for part in looped) < opened[0].degree() and (slow < 0 or not multiplier.popov)
+    share = 1 - least / most
+    less = tuple(
+        share * multiplier.above * one - weight * multiplier.below * other
+        for one, other in zip(onto, back, strict=True)
+    )
+    by = multiplier.above, multiplier.below
+    return (
+        falls
+        and Family(*opened).is_stable_over(*masses)
+        and _real_part_above((closed[0], closed[1]), opened, by, margin, masses, 4 * weight, (less[0], less[1]))
+    )
+
+
+def _mirrored(polynomial: fmpq_poly) -> fmpq_poly:
+    """Its conjugate on the axis."""
+    return polynomial(-S)
+
+
 # Errors that are bounded.
 
 
@@ -214,4 +293,4 @@ def _deviation(table: Table, loops: Sequence[Loop], masses: Pair) -> tuple[bool,
     return judged(proved, f"the tip strays from the linear response by at most {words}, {len(loops)} loops")
 
 
-_STATED = {"slope": _slope, "sector": _sector, "deviation": _deviation}
+_STATED = {"slope": _slope, "sector": _sector, "both": _both, "deviation": _deviation}

@@ -162,6 +162,7 @@ class Loop:
         performing: factors over which it is to perform, None where it is not to.
         strayed: what errors in the "current" (A), the "flow" (m3/s), the "volts" and the force of the "stroke" (N) do
             to the tip (m), over the characteristic polynomial at a factor of one; without those that are not known.
+        spool: from the flow behind the spool to that which the current asks for.
     """
 
     name: str
@@ -173,6 +174,7 @@ class Loop:
     gain: Pair
     performing: Pair | None
     strayed: Mapping[str, fmpq_poly]
+    spool: fmpq_poly
 
     @property
     def closed(self) -> Polynomials:
@@ -295,7 +297,13 @@ class Rig:
             gain,
             performing,
             self._strayed(elements, bare.strayed, around, own[0]),
+            self._spool(elements) / self.figures["valve_frequency_rad_per_s"] ** 2,
         )
+
+    def _spool(self, elements: Elements) -> fmpq_poly:
+        """The spool's polynomial, as `electronics` has it."""
+        valve = self.figures["valve_frequency_rad_per_s"]
+        return fmpq_poly([valve**2 * (1 + elements.spool), 2 * self.figures["valve_damping_ratio"] * valve, 1])
 
     def _strayed(
         self, elements: Elements, moved: Mapping[str, fmpq_poly], around: fmpq_poly, own: fmpq_poly
@@ -303,12 +311,9 @@ class Rig:
         """What errors do to the tip where the sensor sees that alone; of friction, where nothing else is heard."""
         if self.law is None or any(weight != 0 for weight in elements.points["sensed"].values()):
             return {}
-        valve = self.figures["valve_frequency_rad_per_s"]
-        damping = 2 * self.figures["valve_damping_ratio"] * valve
-        spool = fmpq_poly([valve**2 * (1 + elements.spool), damping, 1])
-        drive = self.figures["flow_gain_m3_per_s_per_A"] * valve**2
+        drive = self.figures["flow_gain_m3_per_s_per_A"] * self.figures["valve_frequency_rad_per_s"] ** 2
         found = {
-            "current": drive * moved["flow"] * (around / spool),
+            "current": drive * moved["flow"] * (around / self._spool(elements)),
             "flow": moved["flow"] * around,
             "volts": own / self.figures["sensor_gain_V_per_m"],
         }

@@ -86,7 +86,7 @@ class Members:
         """
         words = " with every other effect frozen at either end of what it spans" if count > 1 else ""
         others = [name for name, span in self.found.gains.items() if name not in moving and span.high != 1]
-        return words + (f" and the gain at its own, not at those that {' and '.join(others)} give it" if others else "")
+        return words + (f", at the gain without {' and '.join(others)}" if others else "")
 
 
 def members(prototype: Prototype, low_kg: float, high_kg: float) -> Members:
@@ -183,7 +183,7 @@ def static_rows(given: Members) -> Iterator[Row]:
     yield Row(current, METHOD, statement is not None, words, None, statement)
     if flow:
         yield Row(flow, METHOD, statement is not None, words)
-        if own.intersection(IN_THE_CURRENT):
+        if "valve_deadband" in flow and own.intersection(IN_THE_CURRENT):
             both = "Both places at once are not covered: the spool's dynamics stand between them."
             yield Row((*current, *flow), METHOD, False, both)
 
@@ -196,6 +196,6 @@ def in_words(multiplier: Multiplier, given: Members) -> str:
     where = "and with no command and no load" if odd else "under any constant command and load"
     return (
         f"From every state the loop comes to rest with {which} of slope 0 to 1 at its place, {where}, for every"
-        f" payload that stays{frozen}; several in a row at one place are one of them. Not covered"
-        f" are two places at once, and other effects that move at the same time. M = {multiplier}."
+        f" payload that stays{frozen}; several in a row at one place are one of them. Not covered, but where that is"
+        f" said of both at once, is what moves elsewhere at the same time. M = {multiplier}."
     )

@@ -109,7 +109,7 @@ def changing_rows(given: Members) -> Iterator[Row]:
         frozen = given.frozen(len(loops), (one.effect,))
         words = (
             f"The loop is stable while this gain changes {between}, in any way and at any rate, for every payload that"
-            f" stays{frozen}. {one.words} Not covered is a current that saturates, or another gain that changes, at the"
-            " same time."
+            f" stays{frozen}. {one.words} Not covered, but where that is said of both at once, is what moves elsewhere"
+            " at the same time."
         )
         yield Row((one.effect,), METHOD, True, words, None, statement)

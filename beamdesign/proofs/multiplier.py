@@ -176,9 +176,14 @@ def fits_families(multiplier: Multiplier, closed: Affine, opened: Affine, low: f
 
 def responses(loop: Loop, masses: Sequence[float] | np.ndarray, w: np.ndarray) -> np.ndarray:
     """L at jw in floats, (masses, frequencies)."""
-    parts = [_at(family, w) for family in (loop.loop_numerator, loop.loop_denominator)]
-    above, below = (c + np.multiply.outer(np.asarray(masses), slope) for c, slope in parts)
-    return np.asarray(above / below)
+    return ratio(loop.loop_numerator, loop.loop_denominator, masses, w)
+
+
+def ratio(above: Affine, below: Affine, masses: Sequence[float] | np.ndarray, w: np.ndarray) -> np.ndarray:
+    """A quotient of polynomials over the mass at jw in floats, (masses, frequencies)."""
+    parts = [_at(family, w) for family in (above, below)]
+    over, under = (constant + np.multiply.outer(np.asarray(masses), slope) for constant, slope in parts)
+    return np.asarray(over / under)
 
 
 def _at(family: Affine, w: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -3,6 +3,7 @@
 - Static characteristics in the current or behind the spool (saturation, dead band, unequal sides): a multiplier of
   Zames and Falb with a term of Popov's, `beamdesign.proofs.absolute_stability`.
 - Gains that change: the circle criterion, `beamdesign.proofs.changing_gain`.
+- One of the first in the current and one of the second, or unequal sides, at once: `beamdesign.proofs.two_places`.
 - What is linear plus a bounded error (friction, hysteresis, dead band, ripple, quantisation): how far the tip strays,
   `beamdesign.proofs.bounded_error`.
 - What is linear is a part of the loop, and of every proof.
@@ -17,6 +18,7 @@ from beamdesign.proofs.absolute_stability import Members, Row, members, static_r
 from beamdesign.proofs.bounded_error import bounded_rows
 from beamdesign.proofs.changing_gain import changing_rows
 from beamdesign.proofs.stability import is_stable_over
+from beamdesign.proofs.two_places import both_rows
 from beamdesign.prototype import Prototype
 
 LINEAR = "linear, a part of the loop"
@@ -43,7 +45,7 @@ def nonlinear_rows(prototype: Prototype, low_kg: float, high_kg: float) -> tuple
         InputError: for effects for which no linear loop stands.
     """
     given = members(prototype, low_kg, high_kg)
-    rows = [*static_rows(given), *changing_rows(given), *bounded_rows(given), *_linear(given)]
+    rows = [*static_rows(given), *changing_rows(given), *both_rows(given), *bounded_rows(given), *_linear(given)]
     known = {name for row in rows for name in row.effects}
     for name in sorted(prototype.effects.keys() - known):
         why = f": {_WHY[name]}" if name in _WHY else ""
