@@ -11,10 +11,11 @@ from honest_certificates import valid
 
 from beamdesign.checker import check
 from beamdesign.controllers import Lag
+from beamdesign.plant.effects import library
 from beamdesign.proofs.absolute_stability import members
 from beamdesign.proofs.certifying import certify
 from beamdesign.proofs.changing_gain import Changing
-from beamdesign.proofs.multiplier import Kernel, Multiplier
+from beamdesign.proofs.multiplier import Kernel, Multiplier, ratio
 from beamdesign.proofs.two_places import METHOD, Pair, both_rows, pair
 from beamdesign.proofs.two_places_search import search
 from beamdesign.prototype import Prototype, read_prototype
@@ -56,6 +57,27 @@ def test_both_at_once_are_proved(tame: Prototype, name: str):
     assert row.proved
     verdict = check(certify(rig, 0.0, 6.8, nonlinear=True).text)
     assert verdict.valid
+
+
+def test_a_ripple_acts_before_filters(tame: Prototype):
+    """Of what the sensor gives and the controller hears, the parts on either side of the gain are those of the loop."""
+    rig = tame.but(sensor=tame.sensor.but(filter_Hz=400.0), effects={"sensor_lag": {}})
+    found = changing_pair(rig, "volts", fmpq(1), fmpq(1))
+    w = np.geomspace(0.1, 1e4, 50)
+    closed, _, by = found.responses(np.array([2.0]), w)
+    onto = ratio(*found.onto, np.array([2.0]), w)
+    assert np.allclose(1 + onto * by, closed, rtol=1e-9)
+    law = tame.controller
+    assert law is not None
+    gain, pole, zero = (law.figures()[key] for key in ("gain", "pole", "zero"))
+    lag = gain * (1 + 1j * w / zero) / (1 + 1j * w / pole)
+    filters = onto[0] / lag
+    break_Hz = library()["sensor_lag"].parameters[0].default
+    expected = 1 / ((1 + 1j * w / (2 * np.pi * 400)) * (1 + 1j * w / (2 * np.pi * break_Hz)))
+    assert np.allclose(filters, expected, rtol=1e-6)
+    ripple = rig.but(effects={"sensor_lag": {}, "carrier_ripple": {}})
+    assert [row.proved for row in both_rows(members(ripple, 0.0, 6.8))] == [True]
+    assert check(certify(ripple, 0.0, 6.8, nonlinear=True).text).valid
 
 
 def test_the_lag_of_5_Hz_has_one_too(tame: Prototype):

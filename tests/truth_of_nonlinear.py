@@ -85,6 +85,9 @@ def _both(table: Mapping[str, Any], loop: Member, mass: float) -> Iterator[bool 
     multiplier, norm, odd = _multiplier(table, w)
     yield norm < 1 and not odd
     found = loop.responses(mass, 1.0, w)
+    if table["place"] == "volts" and loop.filtered:
+        yield None
+        return
     if table["place"] == "flow":
         natural, damping, spring = loop.spool
         by = 1 / (1 + spring + 2 * damping * 1j * w / natural - (w / natural) ** 2)

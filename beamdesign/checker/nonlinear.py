@@ -237,7 +237,7 @@ def _both_fit(
         onto, back = tuple(most * part * _mirrored(loop.spool) for part in own), rest
         slow = max(own[0].degree(), own[1].degree()) - rest[0].degree()
     else:
-        above, below = loop.law
+        above, below = (one * other for one, other in zip(loop.law, loop.filters, strict=True))
         if any(divmod(part, above)[1] != 0 for part in own) or any(divmod(part, below)[1] != 0 for part in opened):
             raise Unreadable("the controller is not a part of this loop")
         onto = tuple(most * above * _mirrored(part / below) for part in opened)
@@ -290,7 +290,9 @@ def _deviation(table: Table, loops: Sequence[Loop], masses: Pair) -> tuple[bool,
     words = " and ".join(
         f"{short(bound)} m by errors of at most {short(size)} {UNITS[place]}" for place, size, bound in listed
     )
-    return judged(proved, f"the tip strays from the linear response by at most {words}, {len(loops)} loops")
+    return judged(
+        proved, f"the tip strays from the linear response at its own gain by at most {words}, {len(loops)} loops"
+    )
 
 
 _STATED = {"slope": _slope, "sector": _sector, "both": _both, "deviation": _deviation}

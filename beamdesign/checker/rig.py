@@ -163,6 +163,7 @@ class Loop:
         strayed: what errors in the "current" (A), the "flow" (m3/s), the "volts" and the force of the "stroke" (N) do
             to the tip (m), over the characteristic polynomial at a factor of one; without those that are not known.
         spool: from the flow behind the spool to that which the current asks for.
+        filters: between the sensor's volts and the controller, numerator and denominator.
     """
 
     name: str
@@ -175,6 +176,7 @@ class Loop:
     performing: Pair | None
     strayed: Mapping[str, fmpq_poly]
     spool: fmpq_poly
+    filters: Polynomials
 
     @property
     def closed(self) -> Polynomials:
@@ -298,7 +300,16 @@ class Rig:
             performing,
             self._strayed(elements, bare.strayed, around, own[0]),
             self._spool(elements) / self.figures["valve_frequency_rad_per_s"] ** 2,
+            self._filters(elements),
         )
+
+    def _filters(self, elements: Elements) -> Polynomials:
+        """What is between the sensor's volts and the controller, as `electronics` has it."""
+        own = self.figures.get("filter_frequency_rad_per_s")
+        above, below = (fmpq_poly([1]), fmpq_poly([1])) if own is None else (fmpq_poly([own]), fmpq_poly([own, 1]))
+        for over, under in elements.volts:
+            above, below = above * fmpq_poly(list(over)), below * fmpq_poly(list(under))
+        return above, below
 
     def _spool(self, elements: Elements) -> fmpq_poly:
         """The spool's polynomial, as `electronics` has it."""

@@ -138,8 +138,17 @@ def pair(given: Members, member: VertexModel, change: Changing) -> Pair | None:
     if change.place == "volts":
         own = loop.loop_numerator + loop.added * fmpq(-1)
         closed = opened + loop.added + own * change.least
-        onto = _free(law.numerators[0] * change.most), _free(law.denominator)
-        by = plant.control[0], plant.denominator
+        if member.rig.sensor_rides:
+            return None
+        # between the volts and the controller there may be filters: what it hears over what the tip does
+        hears = plant.control[0].constant / exact(prototype.sensor.gain_V_per_m)
+        shared = hears.gcd(plant.displaced)
+        above, below = hears / shared, plant.displaced / shared
+        if any(not (part % below).is_zero() for part in (plant.denominator.constant, plant.denominator.slope)):
+            return None
+        rest = Affine(plant.denominator.constant / below, plant.denominator.slope / below)
+        onto = _free(law.numerators[0] * above * change.most), _free(law.denominator * below)
+        by = _free(shared * exact(prototype.sensor.gain_V_per_m)), rest
     else:
         w, damping = (exact(member.rig.figures[key]) for key in ("valve_frequency", "valve_damping_ratio"))
         spring = exact(member.frozen.get("valve_hysteresis", {}).get("spring", 0.0))
