@@ -1,5 +1,6 @@
 """Static characteristics in the current: multipliers found, proved, refused, and the motion that they speak of."""
 
+import json
 import tomllib
 from pathlib import Path
 
@@ -9,8 +10,10 @@ from flint import fmpq
 from forging import altered, resealed
 from honest_certificates import valid
 from scipy.integrate import solve_ivp
+from typer.testing import CliRunner
 
 from beamdesign.checker import check
+from beamdesign.cli import app
 from beamdesign.controllers import Lag
 from beamdesign.loop import loop
 from beamdesign.proofs.absolute_stability import METHOD, absolute_stability
@@ -200,3 +203,18 @@ def test_the_saturated_loop_comes_to_rest(tame: Prototype, mass: float, seed: in
     demanded = abs(c @ moved.y)
     assert demanded[0] > 100 * limit
     assert demanded[moved.t > 5.0 * scale].max() < 1e-3 * limit
+
+
+@pytest.mark.parametrize(("name", "status"), [("tame_lag", 0), ("structured", 1)])
+def test_the_command_says_what_is_proved(tmp_path: Path, name: str, status: int):
+    answer, certificate = tmp_path / "answer.json", tmp_path / "proof.toml"
+    typed = ["certify", str(ROOT / f"studies/prototypes/{name}.toml"), "--nonlinear", "--out", str(certificate)]
+    assert CliRunner().invoke(app, [*typed, "--json", str(answer)]).exit_code == status
+    found = json.loads(answer.read_text())
+    (row,) = found["nonlinear"]
+    assert row.keys() == {"effects", "method", "proved", "covers", "bound_m"}
+    assert (row["effects"], row["proved"], row["bound_m"]) == (["current_saturation"], status == 0, None)
+    assert found["holds"] is (status == 0)
+    assert CliRunner().invoke(app, ["certify", "--replay", str(certificate)]).exit_code == 0
+    refused = CliRunner().invoke(app, ["certify", "--replay", str(certificate), "--nonlinear"])
+    assert refused.exit_code != 0

@@ -220,7 +220,10 @@ def _both(table: Table, loops: Sequence[Loop], masses: Pair) -> tuple[bool, str]
     words = (
         f"comes to rest with any static characteristic of slope 0 to 1 in its current while the {where} gain changes"
     )
-    words += f" between {short(least)} and {short(most)} times its own, {len(loops)} loops"
+    words += (
+        f" between {short(least)} and {short(most)} times its own, without command and load, or under constant ones"
+    )
+    words += f" where that gain is a static characteristic too, {len(loops)} loops"
     return judged(proved, f"{words}: multiplier of {multiplier.words}, weight {short(weight)}, margin {short(margin)}")
 
 
