@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from flint import fmpq
+from flint import fmpq, fmpq_poly
 from forging import altered, resealed
 from honest_certificates import valid
 from scipy.integrate import solve_ivp
@@ -15,7 +15,8 @@ from typer.testing import CliRunner
 from beamdesign.checker import check
 from beamdesign.cli import app
 from beamdesign.controllers import Lag
-from beamdesign.loop import loop
+from beamdesign.loop import Loop, loop
+from beamdesign.polynomial import Affine
 from beamdesign.proofs.absolute_stability import METHOD, absolute_stability
 from beamdesign.proofs.certifying import certify
 from beamdesign.proofs.multiplier import Kernel, Multiplier, fits, responses, slack
@@ -95,6 +96,30 @@ def test_a_multiplier_is_found_and_proved(request: pytest.FixtureRequest, name: 
     w = np.geomspace(0.01, 1e5, 20001)
     closed = 1 + responses(loop(request.getfixturevalue(name)), np.linspace(0, 6.8, 31), w)
     assert (found.multiplier.response(w) * closed).real.min() >= float(found.margin)
+
+
+@pytest.mark.parametrize("gain", [1, 40, 300])
+def test_a_loop_that_needs_kernels_that_are_not_causal(gain: int):
+    """O'Shea's kind of example: gain s^2 / (s^2 + s / w + 1)^2 in units of w, whose phase leads and then lags."""
+    resonance = fmpq_poly([1, fmpq(1, 100), fmpq(1, 10_000)])
+    nothing = fmpq_poly([0])
+    led = Loop(
+        Affine(resonance * resonance, nothing), Affine(fmpq_poly([0, 0, fmpq(gain, 10_000)]), nothing), fmpq_poly([1])
+    )
+    found = absolute_stability([led], fmpq(0), fmpq(1))
+    assert found.multiplier is not None
+    assert any(not kernel.causal for _, kernel in found.multiplier.terms)
+
+
+def test_a_multiplier_for_odd_characteristics_is_proved_again(tame: Prototype, written: str):
+    """With negative coefficients, of kernels that are not causal."""
+    terms = ((fmpq(-57, 1000), Kernel(25, 4, False)), (fmpq(-66, 1000), Kernel(150, 8, False)))
+    odd = Multiplier((*terms, (fmpq(873, 1000), Kernel(400, 8))), fmpq(422, 100_000))
+    assert odd.for_odd_only
+    assert fits(odd, loop(tame), *MASSES, MARGIN)
+    table = tomllib.loads(written)
+    table["nonlinear"][0] |= odd.table() | {"margin": "0.01"}
+    assert valid(resealed(table))
 
 
 def test_a_conditionally_stable_loop_has_none(tame: Prototype):

@@ -214,3 +214,10 @@ def test_the_moving_rig_strays_by_less(tame: Prototype, name: str):
     (bound,) = [row.bound_m for row in nonlinear_rows(rig, 2.0, 3.0) if row.method == bounded_error.METHOD]
     assert bound is not None
     assert 0.02 * bound < strayed <= bound
+
+
+def test_a_sensor_that_rides_has_no_bound(tame: Prototype):
+    rig = tame.but(effects={"mount_compliance": {"sensor_share": 1.0}, "valve_hysteresis": {}})
+    rows = [row for row in nonlinear_rows(rig, 2.0, 3.0) if row.method == bounded_error.METHOD]
+    assert [row.proved for row in rows] == [False]
+    assert check(certify(rig, 2.0, 3.0, nonlinear=True).text).valid
