@@ -28,6 +28,7 @@ from beamdesign.proofs.multiplier import Multiplier, is_proper, ratio, slack
 from beamdesign.proofs.performance import Coefficients
 from beamdesign.proofs.quadratic import quadratic_nonnegative
 from beamdesign.proofs.stability import is_stable_over
+from beamdesign.proofs.two_places_search import search
 from beamdesign.rational import nearest, text
 
 METHOD = "Zames-Falb multiplier and circle criterion at once, in rational arithmetic"
@@ -178,8 +179,6 @@ def unequal(given: Members) -> list[Changing]:
 
 def both_rows(given: Members) -> Iterator[Row]:
     """A row for each gain that changes while the current saturates."""
-    from beamdesign.proofs.two_places_search import search
-
     current = tuple(name for name in IN_THE_CURRENT if name in given.prototype.effects) or IN_THE_CURRENT[:1]
     for change in (*changing(given), *unequal(given)):
         static = change.effect == "unequal_piston_areas"

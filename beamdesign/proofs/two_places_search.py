@@ -6,6 +6,7 @@ is positive along a vector (1, z) is one row; rows are added for the vectors alo
 
 from collections.abc import Sequence
 from itertools import product
+from typing import TYPE_CHECKING
 
 import numpy as np
 from flint import fmpq
@@ -13,8 +14,10 @@ from scipy.optimize import linprog
 
 from beamdesign.polynomial import exact
 from beamdesign.proofs.multiplier import Kernel, Multiplier
-from beamdesign.proofs.two_places import Pair
 from beamdesign.rational import nearest
+
+if TYPE_CHECKING:
+    from beamdesign.proofs.two_places import Pair
 
 _KERNELS = [
     Kernel(a, k, side)
@@ -33,7 +36,7 @@ _SLOW = 1e-3
 _MARGINS = (fmpq(1, 100), fmpq(1, 1000), fmpq(1, 10000), fmpq(1, 100000))
 
 
-def search(pairs: Sequence[Pair], low: fmpq, high: fmpq) -> tuple[Multiplier, fmpq, fmpq] | None:
+def search(pairs: "Sequence[Pair]", low: fmpq, high: fmpq) -> tuple[Multiplier, fmpq, fmpq] | None:
     """A multiplier, a weight and a margin proved to fit every loop at every mass (kg); None where none is found."""
     masses = np.linspace(nearest(low), nearest(high), _MASSES if low < high else 1)
     parts = [np.concatenate(arrays) for arrays in zip(*(one.responses(masses, _W) for one in pairs), strict=True)]
