@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from math import pi
 from typing import Any
 
-from beamdesign.prototype import Prototype
+from beamdesign.prototype import Prototype, Tolerance
 
 
 @dataclass(frozen=True)
@@ -110,3 +110,14 @@ TOLERANCES = {row.name: row.tolerance for row in _ROWS}
 
 RIG_TOLERANCES = {name: key for name, key in TOLERANCES.items() if not name.endswith("_end_mass")}
 """The same of the rig alone, without end masses."""
+
+TYPICAL = Tolerance(**{row.tolerance: row.typical for row in _ROWS})
+"""Standard deviations of figures taken from drawings and data sheets: what an engineer would grant before a look."""
+
+
+def stated_or_typical(tolerance: Tolerance) -> tuple[Tolerance, str]:
+    """Tolerances as they are where any figure has one, else typical ones and a word on it."""
+    if any(value for key, value in tolerance.model_dump().items() if not key.endswith("_end_mass")):
+        return tolerance, ""
+    taken = ", ".join(f"{key} {value:.2g}" for key, value in TYPICAL.model_dump().items() if value)
+    return TYPICAL, f"no [tolerance] is stated for any figure; typical ones are taken ({taken}): better state your own"

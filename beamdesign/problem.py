@@ -9,6 +9,7 @@ from pydantic import Field
 from beamdesign import quantities as q
 from beamdesign import records
 from beamdesign.controllers import SENSED, Sensed
+from beamdesign.parameters import stated_or_typical
 from beamdesign.prototype import (
     Actuator,
     Beam,
@@ -174,15 +175,18 @@ class DesignProblem(Record):
     def prototype(self, outer: tuple[float, float], inner: tuple[float, float]) -> Prototype:
         """The prototype with the given sections, (width, wall) in m each, and no controller yet.
 
+        Its tolerances are the study's, typical ones where that states none.
+
         Its largest force is the load that it is designed for, where the payload states no other.
         """
         force = self.load.tip_force_N if self.payload.largest_force_N is None else self.payload.largest_force_N
-        same = ("name", "actuator", "servovalve", "sensor", "supply", "goal", "tolerance")
+        same = ("name", "actuator", "servovalve", "sensor", "supply", "goal")
         return Prototype(
             **{name: getattr(self, name) for name in same},
             outer_beam=_with_section(self.outer_beam, outer),
             inner_beam=_with_section(self.inner_beam, inner),
             payload=self.payload.but(largest_force_N=force),
+            tolerance=stated_or_typical(self.tolerance)[0],
         )
 
 

@@ -222,6 +222,9 @@ class Guarantee(Record):
     )
     certificate: FileName = Field(description="file of the proof, beside the prototype")
     certificate_sha256: str = Field(description="SHA-256 digest of that file")
+    sigmas: NonNegative = Field(
+        0.0, description="standard deviations of every figure at once that it holds for; zero: exactly these figures"
+    )
 
 
 class Prototype(Record):

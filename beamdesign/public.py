@@ -19,16 +19,17 @@ if TYPE_CHECKING:
     from beamdesign.synthesis.design_run import DesignRun
 
 
-def run(problem: "DesignProblem", progress: Progress | None = None) -> "DesignRun":
+def run(problem: "DesignProblem", progress: Progress | None = None, sigmas: float = 2.0) -> "DesignRun":
     """Carry a design problem to a certified prototype: sections, controller and inner end mass, proof.
 
     Args:
         problem: the design problem.
         progress: called with the share done and what is being done.
+        sigmas: standard deviations of every figure at once that it is guaranteed for; zero: for exactly the figures.
     """
     from beamdesign.synthesis.design_run import run_design
 
-    return run_design(problem, progress)
+    return run_design(problem, progress, sigmas)
 
 
 def certify(

@@ -1,6 +1,6 @@
 """Figures for people: SI values in the units an engineer reads, to a sensible number of digits, and in decibels."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from decimal import ROUND_CEILING, ROUND_FLOOR, ROUND_HALF_EVEN, Decimal
 from math import isfinite
 from typing import Any
@@ -110,7 +110,7 @@ def guaranteed_rows(
     """What is proved for every mass of a range, by name: bandwidth, peak sensitivity, and what else there is.
 
     Args:
-        found: with `bandwidth_Hz` and `peak_sensitivity`.
+        found: with `bandwidth_Hz`, `peak_sensitivity` and `sigmas`.
         bounds: least and largest outer end mass, kg.
         further: rows of other figures.
     """
@@ -119,7 +119,40 @@ def guaranteed_rows(
         ("guaranteed peak sensitivity", stated_peak(found.peak_sensitivity)),
         *further,
         ("for every outer end mass", mass_range_text(bounds)),
+        ("of", rigs_in_words(found.sigmas)),
     ]
+
+
+def further_rows(found: Mapping[str, Any]) -> list[tuple[str, str]]:
+    """Lower gains, figures for exactly the stated rig, and which tolerances to tighten first.
+
+    Args:
+        found: as of `beamdesign.synthesis.loop_limits.Proved.guaranteed`.
+    """
+    lower, nominal = found["lower_gains"], found["nominal"]
+    rows = [("at lower gains", "stable at every one" if lower is True else start_up(lower))]
+    if found["rigs"] != "nominal":
+        figures = stated_bandwidth(nominal["bandwidth_Hz"]), stated_peak(nominal["peak_sensitivity"])
+        rows += [("of exactly these figures", f"{figures[0]}, peak sensitivity {figures[1]}")]
+        first = ", ".join(one["parameter"] for one in found["tightest"][:3])
+        rows += [("tolerances to tighten first", first)] if first else []
+    return rows
+
+
+def start_up(forbidden: Sequence[tuple[float, float]]) -> str:
+    """What lower gains do to a loop that is not stable at all of them, and how to switch it on, in words."""
+    stretches = ", ".join(f"{100 * low:.3g} to {100 * high:.3g} %" for low, high in forbidden)
+    return (
+        f"UNSTABLE with {stretches} of its gain: bring the supply up with the current off, then switch the whole gain"
+        " on at once; a current that saturates may set it oscillating for good"
+        if forbidden
+        else "stable at every one that was looked at, which nothing proves"
+    )
+
+
+def rigs_in_words(sigmas: float) -> str:
+    """Which rigs something holds for: those of a box of so many standard deviations, of zero the stated one."""
+    return f"every rig within {sigmas:g} standard deviations of each figure" if sigmas else "exactly these figures"
 
 
 def tube_text(width_m: float, wall_m: float) -> str:

@@ -134,6 +134,18 @@ def _tame() -> Prototype:
     return _paper().but(controller=Lag(gain_A_per_V=0.05, pole_Hz=1.7, zero_Hz=20.0), payload=payload)
 
 
+def _moving() -> Honest:
+    """Of the nonlinear loop: a multiplier, a gain that changes, bounded errors."""
+    rig = _tame().but(effects={"valve_hysteresis": {}, "carrier_ripple": {}, "seal_friction": {}})
+    return Honest(certify(rig, 3.0, 3.4, nonlinear=True).text, rig, 3.4)
+
+
+def _sides() -> Honest:
+    """Of unequal sides of the piston while the current saturates."""
+    rig = _tame().but(effects={"unequal_piston_areas": {}, "sensor_lag": {}})
+    return Honest(certify(rig, 3.0, 3.4, nonlinear=True).text, rig, 3.4)
+
+
 def _plane(name: Literal["y", "z"], sideways_m: float) -> Honest:
     rig = _tame().but(arm=Arm(offset_m=(0.05, sideways_m, 0.0), end_polar_inertia_kg_m2=0.0073))
     return Honest(certify_plane(rig, name, 0.0, 6.8).text, rig, 6.8)
@@ -195,6 +207,8 @@ FORGED: dict[str, tuple[Truth, dict[str, tuple[Callable[[], Honest], int]]]] = {
             "effects": (_effects, 60),
             "sections": (_sections, 60),
             "sensors": (_sensors, 80),
+            "moving": (_moving, 80),
+            "sides": (_sides, 60),
         },
     ),
     "beamdesign.arm_plane": (

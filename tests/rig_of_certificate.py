@@ -49,6 +49,10 @@ class Member:
         seen: rows of what the controller sees.
         gain: factors over which it is to be stable.
         performing: those over which it is to perform; None where it is not to.
+        flow: what a flow behind the spool drives.
+        pull: what a force between piston and cylinder drives.
+        filtered: whether filters are behind the sensor.
+        spool: natural frequency in rad/s, damping ratio, and spring over that of the pilot.
     """
 
     e: np.ndarray
@@ -60,6 +64,10 @@ class Member:
     law: tuple[list[list[float]], list[float]]
     gain: tuple[float, float]
     performing: tuple[float, float] | None
+    flow: np.ndarray
+    pull: np.ndarray
+    filtered: bool
+    spool: tuple[float, float, float]
 
     def pencil(self, mass: float, gain: float) -> tuple[np.ndarray, np.ndarray]:
         """(A, E) of the closed loop; behind the plant's states those of the controller, then its current."""
@@ -114,7 +122,37 @@ class Member:
             "peak_sensitivity": abs(1 / (1 + looped)),
             "loop_gain": abs(looped),
             "controller_effort": abs(laws[0] / (1 + looped)),
+            "looped": looped,
+            "own": gain * laws[0] * seen[0, :, 1],
+            "law": laws[0],
+            "seen": gain * seen[0, :, 1],
         }
+
+    def strayed(self, mass: float, place: str) -> float | None:
+        """Integral of the absolute impulse response of the tip to an error at a place, at a gain of one.
+
+        None where it is not known: volts behind which there are filters.
+        """
+        a, e = self.pencil(mass, 1.0)
+        n, drive = len(self.a), np.zeros(len(a))
+        if place == "volts":
+            if self.filtered:
+                return None
+            drive[n:] = [self.law[0][0][j] if j < len(self.law[0][0]) else 0.0 for j in range(len(a) - n)]
+        else:
+            drive[:n] = {"current": self.b[:, 1], "flow": self.flow, "stroke": self.pull}[place]
+        poles, weights = self.poles(mass, 1.0), []
+        for pole in poles:
+            pencil = pole * e - a
+            rows = abs(pencil).max(1)
+            columns = abs(pencil / rows[:, None]).max(0)
+            left, _, right = np.linalg.svd(pencil / rows[:, None] / columns)
+            u, v = left[:, -1].conj() / rows, right[-1].conj() / columns
+            weights.append((self.tip @ v[:n]) * (u @ drive) / (u @ e @ v))
+        slowest = abs(poles.real).min()
+        time = np.unique(np.concatenate([np.linspace(0, 0.2, 10001), np.linspace(0.2, 20 / slowest + 0.2, 30001)]))
+        response = abs((np.exp(np.multiply.outer(time, poles)) @ np.array(weights)).real)
+        return float(np.trapezoid(response, time))
 
 
 def members(table: Mapping[str, Any]) -> list[Member]:
@@ -142,7 +180,8 @@ def members(table: Mapping[str, Any]) -> list[Member]:
         plant = _plant(table["rig"], [(e["elements"], own) for e, own in zip(effects, values, strict=True)])
         seen = np.array([plant["seen"][name] for name in law["sensors"]])
         matrices = (plant[key] for key in ("e", "mass", "a", "b", "tip"))
-        found.append(Member(*matrices, seen, laws, gain, asked if performs else None))
+        errors = (plant[key] for key in ("flow", "pull", "filtered", "pilot"))
+        found.append(Member(*matrices, seen, laws, gain, asked if performs else None, *errors))
     if not any(member.performing for member in found):
         raise ValueError("none is to perform")
     return found
@@ -255,7 +294,11 @@ def _plant(rig: Mapping[str, Any], effects: Sequence[tuple[Mapping[str, Any], Ma
     loaded[n : 2 * n, n : 2 * n] = np.outer(tip, tip)
     whole = np.zeros(size)
     whole[:n] = tip
-    return {"e": e, "mass": loaded, "a": a, "b": b, "tip": whole, "seen": seen}
+    flow, pull = np.zeros(size), np.zeros(size)
+    flow[first:valve], pull[n : 2 * n] = sides, stroke
+    pilot = natural, figure["valve_damping_ratio"], spool
+    errors = {"flow": flow, "pull": pull, "filtered": bool(filters), "pilot": pilot}
+    return {"e": e, "mass": loaded, "a": a, "b": b, "tip": whole, "seen": seen} | errors
 
 
 def law_follows(table: Mapping[str, Any]) -> bool | None:

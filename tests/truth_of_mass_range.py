@@ -10,6 +10,7 @@ from math import inf, isinf, pi
 from typing import Any
 
 import numpy as np
+import truth_of_nonlinear
 from numpy.polynomial import polynomial as P
 from rig_of_certificate import FOLLOWS, Member, law_follows, members, number, numbers
 
@@ -27,6 +28,7 @@ TOP = {
     "effect",
     "loop",
     "stability",
+    "nonlinear",
 }
 REPEATED = {"payload", "goal", "arm", "compliance", "material"}
 """Tables of the prototype that a certificate repeats."""
@@ -71,6 +73,7 @@ def _verdicts(table: Mapping[str, Any]) -> Iterator[bool | None]:
         yield False if stated["stable"] and stable is False else None if not alone or stable is None else False
     for claim in table.get("claim", []):
         yield _claimed(claim, loops, (low, high), masses, stable)
+    yield from truth_of_nonlinear.verdicts(table.get("nonlinear", []), loops, masses)
 
 
 def _of_the_loop(stated: Mapping[str, Any], loop: Member, mass: float) -> Iterator[bool | None]:

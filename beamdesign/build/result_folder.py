@@ -21,6 +21,7 @@ from beamdesign.quantity_text import (
     mass_range_text,
     per_cent,
     quantity,
+    rigs_in_words,
     stated_bandwidth,
     stated_peak,
     tube_text,
@@ -45,7 +46,7 @@ from beamdesign.report.pictures import CaptionedFigure, loop_pictures, prototype
 from beamdesign.report.statements import price_words, statements
 from beamdesign.structure.lumped import lumped_beam, notes
 from beamdesign.synthesis.checks import Check, CheckedPair
-from beamdesign.synthesis.design_run import CERTIFICATE_NAME, DesignRun
+from beamdesign.synthesis.design_run import CERTIFICATE_NAME, DesignRun, certificate_name
 
 FILES = {
     "prototype": "prototype.toml",
@@ -79,7 +80,10 @@ def write_result_folder(result: DesignRun, out: Path) -> dict[str, Path]:
         assert law.certificate is not None
         names = {kind: name.replace(".", f"{law.suffix}.") for kind, name in FILES.items()}
         names["prototype"] = FILES["prototype"]
+        if over_box := _box_of(law):
+            names["certificate_box"] = certificate_name(law.suffix, box=True)
         own = {
+            **({"certificate_box": over_box} if over_box else {}),
             "certificate": law.certificate.text,
             "report": report_html(law, names, read_trade(out)),
             "specification": to_markdown(document_of(specification_of(law))),
@@ -87,7 +91,7 @@ def write_result_folder(result: DesignRun, out: Path) -> dict[str, Path]:
         texts |= {kind + law.suffix.replace(".", "_"): (names[kind], text) for kind, text in own.items()}
     if result.changes:
         texts["certificate_switching"] = (CHANGES_NAME, result.changes)
-    return write_set(out, texts, ("*.stage_*.*", CHANGES_NAME))
+    return write_set(out, texts, ("*.stage_*.*", CHANGES_NAME, certificate_name(box=True)))
 
 
 def report_html(run: DesignRun, files: dict[str, str], trade: tuple[TradePoint, ...] = ()) -> str:
@@ -113,11 +117,11 @@ def report_html(run: DesignRun, files: dict[str, str], trade: tuple[TradePoint, 
     masses = mass_range_text(guarantee.outer_end_mass_kg)
     bandwidth, peak = stated_bandwidth(guarantee.bandwidth_Hz), stated_peak(guarantee.peak_sensitivity)
     verdict = Markup(
-        "For exactly these figures: with every mass from {} on its outer tip the rig is <strong>{}</strong>, gives way"
+        "For {}: with every mass from {} on its outer tip the rig is <strong>{}</strong>, gives way"
         " by no more than {} up to"
         " <strong>{}</strong>, and keeps its peak sensitivity at {} or below; it carries {} with beams of {}."
     ).format(
-        masses, "proved stable" if certificate.stable else "not stable",
+        rigs_in_words(guarantee.sigmas), masses, "proved stable" if certificate.stable else "not stable",
         quantity(prototype.goal.compliance_m_per_N, "m/N"), bandwidth, peak, quantity(load_N, "N"),
         quantity(sizing.beam_mass_kg, "kg"),
     )  # fmt: skip
@@ -125,6 +129,7 @@ def report_html(run: DesignRun, files: dict[str, str], trade: tuple[TradePoint, 
         ("guaranteed bandwidth", bandwidth),
         ("guaranteed peak sensitivity", peak),
         ("for outer end masses of", masses),
+        ("of", rigs_in_words(guarantee.sigmas)),
         ("both beams", quantity(sizing.beam_mass_kg, "kg")),
         ("inner end mass", quantity(added_kg, "kg")),
         ("beams and inner end mass", quantity(moving_mass_kg, "kg")),
@@ -152,7 +157,7 @@ def report_html(run: DesignRun, files: dict[str, str], trade: tuple[TradePoint, 
         numbers=tuple(range(len(heads))),
     )
     lumped = Table(("figure", "symbol", "value", "source"), tuple(lumped_rows(prototype)), numbers=(2,), whole=(0,))
-    proof = files["certificate"]
+    proof = files.get("certificate_box", files["certificate"])
     parts = (
         Part("Sections", _sections(run)),
         Part("Drawing", (pictures["prototype"],)),
@@ -181,12 +186,18 @@ def report_html(run: DesignRun, files: dict[str, str], trade: tuple[TradePoint, 
             (
                 Paragraph(f"`{proof}` holds the proof with every figure it needs."),
                 Paragraph(f"Its SHA-256, as noted in `{files['prototype']}`: `{guarantee.certificate_sha256}`"),
-                Folded("The certificate in full", certificate.text),
+                Folded("The certificate in full", _box_of(run) or certificate.text),
             ),
         ),
     )
     beside = tuple(name for kind, name in files.items() if kind != "report")
     return to_html(Document(prototype.name, "Design report", verdict, key, parts, beside=beside))
+
+
+def _box_of(run: DesignRun) -> str:
+    """The certificate over the box of tolerances; empty where there is none."""
+    best = None if run.tuning is None else run.tuning.best
+    return "" if best is None or best.over_box is None else best.over_box.certificate
 
 
 def _sections(run: DesignRun) -> tuple[Block, ...]:

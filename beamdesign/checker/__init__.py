@@ -102,6 +102,8 @@ def check(
             unread = ["lines that begin with #, in which nothing is proved"] if any(comments(text)) else []
             if rig is not None and (given is None or "effect" not in given):
                 unread += rig.left_open()
+            if "nonlinear" in table:
+                unread.append("that its effects are the characteristics, gains and errors of which it states something")
             if given is not None and rig is None:
                 results.append((False, "not of this prototype: it is of an expression, and of no rig"))
             elif given is not None and rig is not None:

@@ -370,7 +370,7 @@ class _Claim:
         self.limit, self.whole = limit, Expression(table).ranges
 
     def _covers(self, rig: Rig) -> bool:
-        """Whether ranges of its own hold the gains claimed, and of effects all at which more than stability is asked."""
+        """Whether ranges of its own hold the gains claimed, and of effects all at which performance is asked."""
         own, asked = self.expression.own.keys, _performing(rig)
         if self.kind == "gain_margin":
             low, high = self.whole.get("controller_gain", (fmpq(-1), fmpq(0)))

@@ -11,6 +11,7 @@ from itertools import pairwise
 
 from flint import arb, arb_poly, fmpq, fmpq_poly
 
+from beamdesign.checker.nonlinear import nonlinear
 from beamdesign.checker.reading import MOST_WORK, Table, Unreadable, judged, rational, short
 from beamdesign.checker.rig import ONCE, Loop, Rig
 from beamdesign.checker.roots import (
@@ -281,6 +282,7 @@ def statements(table: Table, rig: Rig) -> Statements:
         yield agrees(stated, "stable", whole)
     for claim in claims:
         yield _claim(claim, members, whole, masses)
+    yield from nonlinear(table.tables("nonlinear"), [member.loop for member in members], masses)
 
 
 def _same(stated: Sequence[Table], loops: Sequence[Loop]) -> bool:

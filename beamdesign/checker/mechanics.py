@@ -74,12 +74,14 @@ class Mechanics:
         moved: what a force on the tip does to the tip, m/N.
         sensed: what a flow does to what is sensed, by its name; of the displacement per volt of the sensor, in m.
         crossed: of each of them, what a force and a flow together do: determinants with both columns replaced.
+        strayed: what a flow, and a force between piston and cylinder, do to the tip itself, by "flow" and "stroke".
     """
 
     determinant: Polynomial
     moved: Polynomial
     sensed: dict[str, Polynomial]
     crossed: dict[str, Polynomial]
+    strayed: dict[str, Polynomial]
 
 
 def mechanics(
@@ -89,6 +91,7 @@ def mechanics(
     sensed: Sequence[str],
     ring: Ring,
     disturbed: bool = True,
+    erring: bool = False,
 ) -> Mechanics:
     """Beams and oil, and what effects are made of, with masses on the outer and the inner tip.
 
@@ -102,6 +105,7 @@ def mechanics(
         sensed: names of what is sensed.
         ring: of the polynomials.
         disturbed: whether to work out what a force on the tip does.
+        erring: whether to work out what errors within the servo do.
     """
     none, one = ring([]), fmpq(1)
     leak, area = figure["leakage_m3_per_s_per_Pa"], figure["piston_area_m2"]
@@ -187,11 +191,13 @@ def mechanics(
         "load_pressure_Pa": dict.fromkeys(chambers, one),
     }
     seen = {name: read[name] for name in sensed}
+    pulled = [stroke.get(name, fmpq(0)) for name in names]
     return Mechanics(
         determinant(matrix, ring),
         moved(force, tip) if disturbed else none,
         {name: moved(flow, where) for name, where in seen.items()},
         {name: crossed(where) for name, where in seen.items()} if disturbed else {},
+        {"flow": moved(flow, tip), "stroke": moved(pulled, tip)} if erring else {},
     )
 
 

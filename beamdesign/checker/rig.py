@@ -160,6 +160,10 @@ class Loop:
         law: the controller behind it, numerator and denominator.
         gain: factors over which it is to be stable.
         performing: factors over which it is to perform, None where it is not to.
+        strayed: what errors in the "current" (A), the "flow" (m3/s), the "volts" and the force of the "stroke" (N) do
+            to the tip (m), over the characteristic polynomial at a factor of one; without those that are not known.
+        spool: from the flow behind the spool to that which the current asks for.
+        filters: between the sensor's volts and the controller, numerator and denominator.
     """
 
     name: str
@@ -170,6 +174,9 @@ class Loop:
     law: Polynomials
     gain: Pair
     performing: Pair | None
+    strayed: Mapping[str, fmpq_poly]
+    spool: fmpq_poly
+    filters: Polynomials
 
     @property
     def closed(self) -> Polynomials:
@@ -267,7 +274,15 @@ class Rig:
             raise Unreadable("[controller] is not one law")
         _refuse_size(elements, law)
         bare, loaded = (
-            mechanics(self.figures, elements, (fmpq(mass), self.inner_end_mass), list(law.numerators), fmpq_poly)
+            mechanics(
+                self.figures,
+                elements,
+                (fmpq(mass), self.inner_end_mass),
+                list(law.numerators),
+                fmpq_poly,
+                True,
+                not mass,
+            )
             for mass in (0, 1)
         )
         around, back = electronics(self.figures, elements, law.numerators, law.denominator, fmpq_poly)
@@ -283,7 +298,37 @@ class Rig:
             law.of_displacement,
             gain,
             performing,
+            self._strayed(elements, bare.strayed, around, own[0]),
+            self._spool(elements) / self.figures["valve_frequency_rad_per_s"] ** 2,
+            self._filters(elements),
         )
+
+    def _filters(self, elements: Elements) -> Polynomials:
+        """What is between the sensor's volts and the controller, as `electronics` has it."""
+        own = self.figures.get("filter_frequency_rad_per_s")
+        above, below = (fmpq_poly([1]), fmpq_poly([1])) if own is None else (fmpq_poly([own]), fmpq_poly([own, 1]))
+        for over, under in elements.volts:
+            above, below = above * fmpq_poly(list(over)), below * fmpq_poly(list(under))
+        return above, below
+
+    def _spool(self, elements: Elements) -> fmpq_poly:
+        """The spool's polynomial, as `electronics` has it."""
+        valve = self.figures["valve_frequency_rad_per_s"]
+        return fmpq_poly([valve**2 * (1 + elements.spool), 2 * self.figures["valve_damping_ratio"] * valve, 1])
+
+    def _strayed(
+        self, elements: Elements, moved: Mapping[str, fmpq_poly], around: fmpq_poly, own: fmpq_poly
+    ) -> dict[str, fmpq_poly]:
+        """What errors do to the tip where the sensor sees that alone; of friction, where nothing else is heard."""
+        if self.law is None or any(weight != 0 for weight in elements.points["sensed"].values()):
+            return {}
+        drive = self.figures["flow_gain_m3_per_s_per_A"] * self.figures["valve_frequency_rad_per_s"] ** 2
+        found = {
+            "current": drive * moved["flow"] * (around / self._spool(elements)),
+            "flow": moved["flow"] * around,
+            "volts": own / self.figures["sensor_gain_V_per_m"],
+        }
+        return found if len(self.law.numerators) > 1 else found | {"stroke": moved["stroke"] * around}
 
 
 def _refuse_size(elements: Elements, law: Law) -> None:

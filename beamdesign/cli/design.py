@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from beamdesign.cli.command import (
+    TWO_SIGMAS,
     CommandResult,
     Figure,
     MassRange,
@@ -24,11 +25,17 @@ from beamdesign.files import write_set
 from beamdesign.json_text import picked
 
 if TYPE_CHECKING:
+    from beamdesign.problem import DesignProblem
     from beamdesign.synthesis.codesign import Codesign
 
 
 @command
-def run(study: TomlFile, out: OutFolder) -> CommandResult:
+def run(
+    study: TomlFile,
+    out: OutFolder,
+    sigmas: Annotated[float, Figure("Sigmas")] = TWO_SIGMAS,
+    nominal: bool = False,
+) -> CommandResult:
     """Carry a study to a certified prototype.
 
     Sections are sized, controller and inner end mass tuned, and the guarantee proved; with the prototype come its
@@ -38,16 +45,19 @@ def run(study: TomlFile, out: OutFolder) -> CommandResult:
     Args:
         study: the study file, such as studies/prototype.toml.
         out: folder for the results; made if need be.
+        sigmas: guarantee it for every rig whose figures are up to so many standard deviations of [tolerance] off, all
+            at once; typical ones where the study states none.
+        nominal: guarantee it for exactly the figures stated.
     """
     from beamdesign.build.result_folder import write_result_folder
     from beamdesign.problem import read_problem
-    from beamdesign.proofs.near_rest import EXACTLY
-    from beamdesign.quantity_text import guaranteed_rows, tube_text
+    from beamdesign.quantity_text import further_rows, guaranteed_rows, rigs_in_words, tube_text
     from beamdesign.synthesis.design_run import run_design
 
     problem = read_problem(study)
+    echo_tolerances(problem, nominal)
     with progress("designing") as update:
-        result = run_design(problem, update)
+        result = run_design(problem, update, 0.0 if nominal else sigmas)
         if result.prototype is not None:
             update(0.95, "drawing the report")
             folder = write_result_folder(result, out)
@@ -59,16 +69,17 @@ def run(study: TomlFile, out: OutFolder) -> CommandResult:
         nothing = dict.fromkeys(("prototype", "certificate", "mass_kg", "report"))
         return CommandResult(nothing | picked(result, "reason change") | holding, yes=False)
     payload, end, reached = result.prototype.payload, result.suffix.replace(".", "_"), result.guarantees
-    moving = result.sizing.beam_mass_kg + payload.inner_end_mass_kg
+    moving, proved = result.sizing.beam_mass_kg + payload.inner_end_mass_kg, result.proved
     rows = [
         ("outer beam", tube_text(*result.sizing.outer)),
         ("inner beam", tube_text(*result.sizing.inner)),
         ("mass of both beams and inner end mass", f"{moving:.3f} kg"),
         ("governing check", result.sizing.governing),
         *(row for one in reached for row in guaranteed_rows(one, one.outer_end_mass_kg)),
+        *(row for one in proved for row in further_rows(one)),
         *(() if held is None else held.rows()),
     ]
-    echo_table(f"{problem.name}: designed and certified {EXACTLY}", ("", ""), rows)
+    echo_table(f"{problem.name}: designed and certified for {rigs_in_words(reached[0].sigmas)}", ("", ""), rows)
     return CommandResult(
         {
             "prototype": folder["prototype"],
@@ -78,12 +89,20 @@ def run(study: TomlFile, out: OutFolder) -> CommandResult:
             "inner_end_mass_kg": payload.inner_end_mass_kg,
             "report": folder[f"report{end}"],
             "specification": folder[f"specification{end}"],
-            "guaranteed": reached[0].model_dump(),
+            "guaranteed": reached[0].model_dump() | proved[0],
             **holding,
             **({"stages": [one.model_dump() for one in reached]} if result.laws else {}),
         },
         files=folder.values(),
     )
+
+
+def echo_tolerances(problem: "DesignProblem", nominal: bool) -> None:
+    """A word where tolerances count and a study states none."""
+    from beamdesign.parameters import stated_or_typical
+
+    if not nominal and (words := stated_or_typical(problem.tolerance)[1]):
+        echo(words)
 
 
 def echo_changes(ways: Sequence[str]) -> None:
@@ -98,6 +117,8 @@ def codesign(
     bandwidth_Hz: Annotated[float, Figure("Bandwidth")],
     outer_end_mass: MassRange = None,
     out: OutFolderOrNone = None,
+    sigmas: Annotated[float, Figure("Sigmas")] = TWO_SIGMAS,
+    nominal: bool = False,
 ) -> CommandResult:
     """Find the lightest link that guarantees a bandwidth.
 
@@ -110,18 +131,20 @@ def codesign(
         bandwidth_Hz: bandwidth to guarantee, Hz.
         outer_end_mass: range of mass on the outer tip, kg; else the study's.
         out: folder for prototype.toml and certificate.toml; else STEM-codesign.
+        sigmas: guarantee it for every rig whose figures are up to so many standard deviations of [tolerance] off, all
+            at once; typical ones where the study states none.
+        nominal: guarantee it for exactly the figures stated.
     """
     from beamdesign.problem import read_problem
-    from beamdesign.proofs.near_rest import EXACTLY
-    from beamdesign.quantity_text import guaranteed_rows, tube_text
+    from beamdesign.quantity_text import further_rows, guaranteed_rows, rigs_in_words, tube_text
     from beamdesign.records import to_toml
     from beamdesign.synthesis import codesign as room
-    from beamdesign.synthesis.design_run import CERTIFICATE_NAME, certified
+    from beamdesign.synthesis.design_run import CERTIFICATE_NAME, certificate_name, certified
 
     problem = read_problem(study)
     masses = mass_range(outer_end_mass, problem.payload.outer_end_mass_kg, study)
     with progress("co-design") as update:
-        found = room.codesign(problem, masses, bandwidth_Hz, progress=update)
+        found = room.codesign(problem, masses, bandwidth_Hz, progress=update, sigmas=0.0 if nominal else sigmas)
     point = found.point
     if point is None:
         echo(found.reason)
@@ -129,10 +152,16 @@ def codesign(
         fields = ("prototype", "moving_mass_kg", "beam_mass_kg", "inner_end_mass_kg", "guaranteed")
         return CommandResult(dict.fromkeys(fields) | picked(found, "reason change attempts"), yes=False)
     certificate, guaranteed = certified(point.prototype, point.proved, masses)
-    folder = out or default_folder(f"{study.stem}-codesign")
+    folder, over_box = out or default_folder(f"{study.stem}-codesign"), point.proved.over_box
+    proved = point.proved.guaranteed(guaranteed, masses)
     paths = write_set(
         folder,
-        {"prototype": ("prototype.toml", to_toml(guaranteed)), "certificate": (CERTIFICATE_NAME, certificate.text)},
+        {
+            "prototype": ("prototype.toml", to_toml(guaranteed)),
+            "certificate": (CERTIFICATE_NAME, certificate.text),
+            **({} if over_box is None else {"certificate_box": (certificate_name(box=True), over_box.certificate)}),
+        },
+        ("certificate.*.toml",),
     )
     rows = [
         ("moving mass", f"{point.moving_mass_kg:.3f} kg"),
@@ -143,8 +172,9 @@ def codesign(
         *((name, str(value)) for name, value in point.proved.controller.model_dump().items()),
         ("governing structural check", point.governing),
         *guaranteed_rows(point.proved, masses),
+        *further_rows(proved),
     ]
-    title = f"{problem.name}: lightest design for {bandwidth_Hz:g} Hz, proved {EXACTLY}"
+    title = f"{problem.name}: lightest design for {bandwidth_Hz:g} Hz, proved for {rigs_in_words(point.proved.sigmas)}"
     echo_table(title, ("figure", "value"), rows)
     return CommandResult(
         {
@@ -154,7 +184,7 @@ def codesign(
             "inner": point.inner._asdict(),
             "controller": point.proved.controller.model_dump(),
             "checks": [picked(check, "name value limit utilisation") for check in point.checks],
-            "guaranteed": picked(point.proved, "bandwidth_Hz peak_sensitivity") | {"outer_end_mass_kg": masses},
+            "guaranteed": proved,
             "attempts": found.attempts,
         },
         files=paths.values(),
@@ -184,7 +214,12 @@ _FRONT = ("bandwidth_asked_Hz", "outer_end_mass_high_kg", "moving_mass_kg", "inn
 
 @command
 def front(
-    study: TomlFile, out: OutFolder, bandwidths_Hz: str = "3,4,5,6,8", payloads_kg: str | None = None
+    study: TomlFile,
+    out: OutFolder,
+    bandwidths_Hz: str = "3,4,5,6,8",
+    payloads_kg: str | None = None,
+    sigmas: Annotated[float, Figure("Sigmas")] = TWO_SIGMAS,
+    nominal: bool = False,
 ) -> CommandResult:
     """Draw moving mass against bandwidth and payload range.
 
@@ -196,6 +231,9 @@ def front(
         out: folder for front.csv and the picture.
         bandwidths_Hz: bandwidths to guarantee.
         payloads_kg: upper ends of the payload range; else the study's.
+        sigmas: guarantee it for every rig whose figures are up to so many standard deviations of [tolerance] off, all
+            at once; typical ones where the study states none.
+        nominal: guarantee it for exactly the figures stated.
     """
     from beamdesign.problem import read_problem
     from beamdesign.report.canvas import new_figure
@@ -211,7 +249,8 @@ def front(
     if payloads_kg is not None:
         ends = figures_of("--payloads-kg", payloads_kg, "Mass", expected)
     with progress("front") as update:
-        found = pareto_front(problem, bandwidths, [(min(masses[0], end), end) for end in ends], update)
+        ranges = [(min(masses[0], end), end) for end in ends]
+        found = pareto_front(problem, bandwidths, ranges, update, 0.0 if nominal else sigmas)
     rows = [_front_row(design) for design in found.designs]
     figure = new_figure()
     plot_front(figure.add_subplot(), found)
@@ -231,6 +270,8 @@ def remedies(
     out: OutFolder,
     outer_end_mass: MassRange = None,
     added_mass_kg: Annotated[float, Figure("MassOrNone")] = 4.5,
+    sigmas: Annotated[float, Figure("Sigmas")] = TWO_SIGMAS,
+    nominal: bool = False,
 ) -> CommandResult:
     """Compare the paper's four remedies for payload.
 
@@ -242,6 +283,9 @@ def remedies(
         out: folder for remedies.csv and the picture.
         outer_end_mass: range of mass on the outer tip, kg; else the study's.
         added_mass_kg: most moving mass that a remedy may add.
+        sigmas: guarantee it for every rig whose figures are up to so many standard deviations of [tolerance] off, all
+            at once; typical ones where the study states none.
+        nominal: guarantee it for exactly the figures stated.
     """
     from beamdesign.problem import read_problem
     from beamdesign.quantity_text import stated_bandwidth
@@ -256,7 +300,7 @@ def remedies(
         if beam.width_m is None:
             refuse(study, (name, "the remedies start from given sections: width_m and wall_m are needed"))
     with progress("remedies") as update:
-        found = room.remedies(problem, masses, added_mass_kg, update)
+        found = room.remedies(problem, masses, added_mass_kg, update, 0.0 if nominal else sigmas)
     rows = [
         {
             "remedy": remedy.name,

@@ -27,7 +27,6 @@ if TYPE_CHECKING:
     from beamdesign.proofs.contact import Wall
     from beamdesign.prototype import InStage, Prototype
     from beamdesign.synthesis.end_stiffness import EndStiffness, Need
-    from beamdesign.synthesis.rig_spread import RigSpread
 
 CONTACTS: dict[str, "Need"] = {"passive": "passive", "wall": "wall", "none": "stable"}
 """Of the option, and what the design calls it."""
@@ -126,11 +125,10 @@ def give_stiffness(
     servo: "Cascade | None" = None,
     rigs: int = RIGS,
     out: Path | None = None,
-    spread: "RigSpread | None" = None,
 ) -> CommandResult:
     """Design, prove, say and write, against every wall where none is given.
 
-    The rigs that the law has to suit are drawn from the tolerances, or evenly from within a spread.
+    The rigs that the law has to suit are drawn from the tolerances.
 
     Raises:
         InputError: for a stiffness that is none, or effects.
@@ -145,7 +143,7 @@ def give_stiffness(
 
     wall = wall or EVERY_WALL
     with progress("end stiffness") as update:
-        found = design(record, end_stiffness, masses, wall, need, servo, rigs, update, spread)
+        found = design(record, end_stiffness, masses, wall, need, servo, rigs, update)
     if found.best is None:
         echo(found.reason)
         return CommandResult({"controller": None, "met": None, "reason": found.reason}, yes=False)
@@ -166,13 +164,6 @@ def give_stiffness(
         echo(f"{found.reason}; the next best is given")
     for line in in_words(best, wall):
         echo(line)
-    robust: dict[str, Any] = {}
-    if spread is not None:
-        robust = {"robust": {"sigmas": spread.sigmas, "shape": spread.shape, "drawn": rigs, "met": rigs}}
-        echo(
-            f"Sampled: {rigs} rigs drawn evenly from within {spread.sigmas:g} standard deviations ({spread.shape}) are"
-            " in contact as is asked, each decided in exact arithmetic; the rigs between are not."
-        )
     others = drawn_rigs(done.prototype, masses, wall, RIGS)
     if others:
         echo(drawn_in_words(others))
@@ -183,7 +174,7 @@ def give_stiffness(
     }
     paths = {} if out is None else write_set(out, texts)
     fields = _fields(best, wall) | picked(found, "met reason")
-    return CommandResult(fields | {"drawn": others, **robust, **paths}, files=paths.values())
+    return CommandResult(fields | {"drawn": others, **paths}, files=paths.values())
 
 
 def _kept(found: "EndStiffness") -> list[tuple[str, Any]]:

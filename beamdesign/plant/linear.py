@@ -154,19 +154,29 @@ class LinearModel:
         mass = np.eye(len(a)) + push * [outer_end_mass, inner_end_mass] @ velocity
         return np.linalg.solve(mass, a), np.linalg.solve(mass, b), c
 
-    def exact_matrices(self, outer_end_mass: fmpq, inner_end_mass: fmpq) -> tuple[fmpq_mat, ...]:
-        """E, A, B, C of E x' = A x + B u, y = C x in rationals, from the same CasADi instructions."""
+    @cached_property
+    def _exact_parts(self) -> list[fmpq_mat]:
+        """P, V, A, B, C and D of the assembly in rationals."""
         function, found = self.assembly.function, []
         for k, entries in enumerate(evaluate_exactly(function, self._exact)):
             matrix = fmpq_mat(*function.size_out(k))
             for i, j, entry in zip(*function.sparsity_out(k).get_triplet(), entries, strict=True):
                 matrix[i, j] = entry
             found.append(matrix)
-        push, velocity, a, b, c, _ = found
+        return found
+
+    def exact_matrices(self, outer_end_mass: fmpq, inner_end_mass: fmpq) -> tuple[fmpq_mat, ...]:
+        """E, A, B, C of E x' = A x + B u, y = C x in rationals, from the same CasADi instructions."""
+        push, velocity, a, b, c, _ = self._exact_parts
         mass = push * fmpq_mat([[outer_end_mass, fmpq(0)], [fmpq(0), inner_end_mass]]) * velocity
         for i in range(mass.nrows()):
             mass[i, i] += 1
         return mass, a, b, c
+
+    @property
+    def exact_push(self) -> fmpq_mat:
+        """P (n, 2) of E x' = A x + B u + P f, f being forces on the outer and on the inner tip, N."""
+        return self._exact_parts[0]
 
     def over_outer_mass(self, inner_end_mass: fmpq) -> tuple[fmpq_mat, fmpq_mat, fmpq_mat, int, fmpq]:
         """A, B, C in rationals with the forces on the outer tip in the row of its velocity; its place, and its mass.

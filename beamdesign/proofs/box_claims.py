@@ -273,6 +273,45 @@ def worst_over_box(prototype: Prototype, box: Box, asked: Asked) -> list[Worst]:
     return [Worst(ratio, _point(statement, shares), w.item() / (2 * pi)) for ratio, shares, w in _worst(statement)]
 
 
+def _width(statement: Statement, ends: Interval) -> float:
+    """Width of a range, relative where it is of something positive."""
+    low, high = map(nearest, ends)
+    return high - low
+
+
+_NEAR, _NUDGE = 0.02, 0.05
+"""What a member may have left of a limit (relative) that margins are told of, and by what share a figure is moved."""
+
+
+def margins_over_box(prototype: Prototype, box: Box, asked: Asked) -> dict[str, float]:
+    """How much farther each figure may be off before the worst members that were found reach a limit.
+
+    In halves of its own range, the other figures staying as they are: first order, and sampled.
+
+    Args:
+        prototype: with a controller of one law.
+        box: ranges of its parameters.
+        asked: of a magnitude.
+    """
+    family, found = _family(prototype, box, asked), dict[str, float]()
+    statement = family.over({**box.ranges, **own_ranges(prototype, family, box, asked)})
+    members = {name: parts for name, _, parts in statement.groups}
+    wide = {name: _width(statement, ends) for name, ends in (statement.ranges | statement.parameters).items()}
+    for ratio, shares, w in _worst(statement):
+        if ratio < 1 - _NEAR:
+            continue
+        for k, name in enumerate(statement.varying):
+            inward = shares.copy()
+            inward[0, k] += _NUDGE if shares[0, k] < 0.5 else -_NUDGE
+            # A half of the range is half of all shares.
+            slope = (ratio - _ratios(statement, inward, w).item()) / (2 * _NUDGE)
+            margin = max(1 - ratio, 0.0) / slope if slope > 0 else inf
+            for one in members.get(name, (name,)):  # of a sum or a product the whole is wider than each part
+                if wide[one]:
+                    found[one] = min(found.get(one, inf), margin * wide[name] / wide[one])
+    return {name: margin for name, margin in found.items() if margin < inf}
+
+
 def worst_member(statement: Statement) -> tuple[dict[str, fmpq], fmpq]:
     """The member with the largest magnitude that was found, and at which frequency, rad/s: a search, not a proof."""
     _, shares, w = _worst(statement)[0]

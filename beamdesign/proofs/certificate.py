@@ -3,7 +3,7 @@
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from math import inf, isinf
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 from flint import fmpq
 
@@ -13,6 +13,9 @@ from beamdesign.proofs.stability import StabilityMap
 from beamdesign.prototype import Goal
 from beamdesign.rational import nearest
 from beamdesign.result import Result
+
+if TYPE_CHECKING:
+    from beamdesign.proofs.absolute_stability import Row
 
 METHOD = (
     "exact rational arithmetic: all masses with a root on the imaginary axis isolated by elimination,"
@@ -176,17 +179,19 @@ class Certificate(Decided):
         guaranteed: bandwidth and peak sensitivity; None where the range is not stable throughout.
         method: how it was proved, in words.
         scope: for a prototype with effects, per effect what is covered and what is not, in words.
+        nonlinear: where that was asked for, what is proved of effects while they move.
     """
 
     claims: tuple[Claim, ...]
     guaranteed: Guaranteed | None
     method: str = METHOD
     scope: tuple[str, ...] = ()
+    nonlinear: "tuple[Row, ...]" = ()
 
     @property
     def holds(self) -> bool:
         """Whether the range is stable and every claim that was asked holds."""
-        return self.stable and all(claim.holds for claim in self.claims)
+        return self.stable and all(claim.holds for claim in self.claims) and all(row.proved for row in self.nonlinear)
 
     @property
     def stable_ranges_kg(self) -> list[tuple[float, float]]:
@@ -212,6 +217,7 @@ class Certificate(Decided):
 
         fields = {
             **picked(self, "stable stable_ranges_kg method scope outer_end_mass_kg holds reason guaranteed"),
+            **({"nonlinear": [row.to_dict() for row in self.nonlinear]} if self.nonlinear else {}),
             "crossings": [place(crossing) for crossing in self.crossings],
             "next_crossings": {side: place(crossing) for side, crossing in self.next_crossings.items()},
             "claims": [
@@ -229,6 +235,7 @@ class Certificate(Decided):
     def reason(self) -> str:
         """In words, why the answer is no; empty where it is yes."""
         refused = [f"{describe(claim)}: {claim.reason}" for claim in self.claims if not claim.holds]
+        refused += [row.line() for row in self.nonlinear if not row.proved]
         return "; ".join([self.stability.reason, *refused] if self.stability.reason else refused)
 
 

@@ -3,6 +3,7 @@
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from operator import attrgetter
+from typing import Any
 
 from flint import fmpq
 
@@ -24,6 +25,7 @@ from beamdesign.proofs.certificate import (
     limits,
 )
 from beamdesign.proofs.mass_tables import KIND, claim_tables, common_table, loop_table, stability_table
+from beamdesign.proofs.nonlinear import nonlinear_rows
 from beamdesign.proofs.performance import bandwidth, least_limit, prove
 from beamdesign.proofs.rectangle import Rectangle
 from beamdesign.proofs.stability import Range, StabilityMap, in_words, stable_ranges
@@ -162,8 +164,14 @@ def scope(prototype: Prototype, found: LinearFamily) -> str:
     return f"{effects}, at frozen values" if bracketing(prototype) else effects
 
 
-def covered(prototype: Prototype, found: LinearFamily) -> list[str]:
-    """Per effect what the proof covers and what it leaves out, in words; then the gains and the load."""
+def covered(prototype: Prototype, found: LinearFamily, nonlinear: bool = False) -> list[str]:
+    """Per effect what the proof covers and what it leaves out, in words; then the gains and the load.
+
+    Args:
+        prototype: with effects.
+        found: its linear members.
+        nonlinear: whether what holds of the nonlinear loop is stated beside.
+    """
     lines = []
     for name in sorted(prototype.effects):
         linear = library()[name].linear
@@ -187,10 +195,13 @@ def covered(prototype: Prototype, found: LinearFamily) -> list[str]:
         )
     if found.depends_on_load:
         lines.append(f"These hold for a steady load of up to {found.load_N:.6g} N.")
-    lines.append(NOT_COVERED if bracketing(prototype) else ALL_LINEAR)
+    lines.append(ALL_LINEAR if not bracketing(prototype) else BESIDE if nonlinear else NOT_COVERED)
     return lines
 
 
+BESIDE = (
+    "This is about linear loops that bracket the effects at frozen values; what holds while they move is stated beside."
+)
 NOT_COVERED = (
     "Proved are linear loops that bracket the effects at frozen values, not the nonlinear loop: limit cycles, and what"
     " changes while it moves, are not covered."
@@ -207,7 +218,9 @@ def bracketing(prototype: Prototype) -> bool:
 # The certificate.
 
 
-def certify(prototype: Prototype, low_kg: float, high_kg: float, claims: Sequence[Asked] = ()) -> Certificate:
+def certify(
+    prototype: Prototype, low_kg: float, high_kg: float, claims: Sequence[Asked] = (), nonlinear: bool = False
+) -> Certificate:
     """Decide stability and claims over every outer end mass from `low_kg` to `high_kg`, and write the proof.
 
     Where the range is stable, the guaranteed bandwidth (for the goal's compliance) and the guaranteed peak sensitivity
@@ -231,17 +244,20 @@ def certify(prototype: Prototype, low_kg: float, high_kg: float, claims: Sequenc
     if stability.stable:
         guaranteed, reached = _guarantees(proved, prototype.goal, (low_kg, high_kg))
     written = decided + [claim for claim in reached if not any(implies(other, claim) for other in decided)]
-    summary = _summary(prototype, found, stability, written)
+    rows = nonlinear_rows(prototype, low_kg, high_kg) if nonlinear else ()
+    summary = "\n".join([_summary(prototype, found, stability, written, nonlinear), *(row.line() for row in rows)])
     alone = len(proved) == 1 and proved[0].stable.least == proved[0].stable.most == 1
-    body = {
+    body: dict[str, Any] = {
         "outer_end_mass_kg": [text(low), text(high)],
         "stability": stability_table(stability) if alone else common_table(stability),
     }
     body |= claim_tables(written, alone) | {"loop": [loop_table(part.stable.loop) for part in proved]}
+    if statements := [row.statement for row in rows if row.statement is not None]:
+        body["nonlinear"] = statements
     written_text = certificate(KIND, prototype, body, summary, high_kg)
     method = f"{METHOD}; {scope(prototype, found)}" if prototype.effects else METHOD
-    about = tuple(covered(prototype, found)) if prototype.effects else ()
-    return Certificate((low_kg, high_kg), stability, written_text, tuple(decided), guaranteed, method, about)
+    about = tuple(covered(prototype, found, nonlinear)) if prototype.effects else ()
+    return Certificate((low_kg, high_kg), stability, written_text, tuple(decided), guaranteed, method, about, rows)
 
 
 def guaranteed_by_all(stages: Iterable[InStage]) -> Guaranteed | None:
@@ -289,13 +305,15 @@ def _guarantees(proved: Sequence[Proved], goal: Goal, ends: tuple[float, float])
     return guaranteed, as_claims((peak, reached, *others), ends)
 
 
-def _summary(prototype: Prototype, found: LinearFamily, stability: StabilityMap, claims: Sequence[Claim]) -> str:
+def _summary(
+    prototype: Prototype, found: LinearFamily, stability: StabilityMap, claims: Sequence[Claim], nonlinear: bool
+) -> str:
     """The result in words, for the top of the certificate."""
     low, high = nearest(stability.low), nearest(stability.high)
     effects = " with effects" if prototype.effects else ""
     lines = [f"Certificate of {prototype.name!r}{effects} for every outer end mass from {low:g} to {high:g} kg."]
     if prototype.effects:
-        lines += [f"{scope(prototype, found).capitalize()}.", *covered(prototype, found)]
+        lines += [f"{scope(prototype, found).capitalize()}.", *covered(prototype, found, nonlinear)]
     every, all_of_it = ("Every member", "") if len(found.members) > 1 else ("It", "The closed loop is ")
     if stability.stable:
         lines.append(f"{all_of_it or 'Every member is '}stable over the whole range.")

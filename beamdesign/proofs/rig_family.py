@@ -19,6 +19,7 @@ from beamdesign.rational import text
 from beamdesign.structure.lumped import figures
 
 TRANSPORT, UNKNOWN = "transport", "unknown"
+NO_FREQUENCY = fmpq(0)
 _FACTOR = "effect_gain"
 
 
@@ -49,7 +50,7 @@ class PolynomialFamily:
     groups: tuple[tuple[str, str, tuple[str, ...]], ...] = ()
     positive: Collection[str] = ()
     circles: Mapping[str, Circle] | None = None
-    since: fmpq = fmpq(0)
+    since: fmpq = NO_FREQUENCY
     until: fmpq | None = None
 
     def over(self, ranges: Mapping[str, Interval]) -> Statement:

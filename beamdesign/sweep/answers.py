@@ -87,7 +87,7 @@ def run(problem: DesignProblem, options: Any) -> Answer:
     """One problem carried to a certified prototype."""
     from beamdesign.synthesis.design_run import run_design
 
-    found = run_design(problem)
+    found = run_design(problem, sigmas=0.0)  # figures are varied by the sweep
     outputs, details = sizing_outputs(found.sizing)
     if found.tuning is not None and found.tuning.best is not None:
         outputs |= proved_outputs(found.tuning.best)
@@ -102,7 +102,7 @@ def codesign(problem: DesignProblem, options: CodesignOptions) -> Answer:
     """Lightest proved design of one problem: sections, end mass and controller together."""
     from beamdesign.synthesis.codesign import codesign as find_design
 
-    found = find_design(problem, payload_range(problem), options.bandwidth_Hz)
+    found = find_design(problem, payload_range(problem), options.bandwidth_Hz, sigmas=0.0)
     attempts = [attempt if isinstance(attempt, str) else f"{attempt:.6g} kg" for attempt in found.attempts]
     point = found.point
     if point is None:
@@ -122,7 +122,7 @@ def remedy(problem: DesignProblem, options: RemediesOptions) -> Answer:
     if missing := [name for name in ("outer_beam", "inner_beam") if getattr(problem, name).width_m is None]:
         reason = "the remedies start from given sections: width_m and wall_m are needed"
         raise InputError(problem.name, [(name, reason) for name in missing])
-    found = one_remedy(problem, options.remedy, payload_range(problem), options.added_mass_kg)
+    found = one_remedy(problem, options.remedy, payload_range(problem), options.added_mass_kg, sigmas=0.0)
     laws = {name: [getattr(law, name) for law in found.controllers] for name in ("gain_A_per_V", "pole_Hz", "zero_Hz")}
     outputs = {"remedy": found.name, **picked(found, REMEDY), **laws}
     return Answer(outputs, {"parts_kg": [list(part) for part in found.parts_kg]}, found.reason)
@@ -136,7 +136,7 @@ def tune(prototype: Prototype, options: TuneOptions) -> Answer:
     from beamdesign.synthesis import tuning
 
     kind, rig = options.controller, prototype.but(goal=tuning.limited(prototype.goal, options.controller))
-    found = tuning.tune(rig, payload_range(prototype), kind, **options.sought)
+    found = tuning.tune(rig, payload_range(prototype), kind, sigmas=0.0, **options.sought)
     if found.reason:
         return Answer({}, _effort(found), found.reason)
     answers = {}

@@ -21,6 +21,7 @@ from beamdesign.synthesis.holding import Holding, in_words, working
 from beamdesign.synthesis.law_search import Found, Start, from_seeds, search
 from beamdesign.synthesis.law_task import Effort, Search
 from beamdesign.synthesis.loop_limits import Proved
+from beamdesign.synthesis.rig_spread import SIGMAS, rig_spread
 from beamdesign.synthesis.sections import free_sections, rounded_tubes
 
 SIZED_EFFORT = Effort(rounds=10, starts=2, candidates=2, proofs=20)
@@ -93,6 +94,7 @@ def codesign(
     bandwidth_Hz: float,
     near: Sequence[CodesignPoint] = (),
     progress: Progress | None = None,
+    sigmas: float = SIGMAS,
 ) -> Codesign:
     """Find the lightest sections, end mass and controller that guarantee a bandwidth over a payload range.
 
@@ -102,6 +104,7 @@ def codesign(
         bandwidth_Hz: needed; |x / F_d| stays at or below the goal up to there.
         near: solved neighbouring problems to start from as well (for one controller kind).
         progress: told the share done and what is being done.
+        sigmas: as of `beamdesign.synthesis.tuning.tune`.
 
     Raises:
         InputError: for a kind of controller that is not tuned from a seed of its own.
@@ -112,7 +115,7 @@ def codesign(
         reason = f"{kind!r} is not for sections and controller together, which are sought with few figures; give a lag"
         raise InputError(problem.name, [("controller.kind", reason)])
     report(0.0, "lightest sections")
-    tasks = [_task(problem, outer_end_mass_kg, bandwidth_Hz, sizes) for sizes in _start_sizes(problem)]
+    tasks = [_task(problem, outer_end_mass_kg, bandwidth_Hz, sizes, sigmas) for sizes in _start_sizes(problem)]
     nothing = "" if tasks else "no sections pass the structural checks; `beamdesign size` says which to relax"
     form = form_of(kind)
     starts: list[Start] = [(form, point.proved.variables) for point in near] or [
@@ -144,12 +147,16 @@ def _start_sizes(problem: DesignProblem) -> list[np.ndarray]:
     return [factor * sizes for sizes in found for factor in _LARGER] + [np.ravel(pair) for pair in known]
 
 
-def _task(problem: DesignProblem, masses_kg: tuple[float, float], bandwidth_Hz: float, sizes: np.ndarray) -> Search:
+def _task(
+    problem: DesignProblem, masses_kg: tuple[float, float], bandwidth_Hz: float, sizes: np.ndarray, sigmas: float
+) -> Search:
     sections = free_sections(problem, start_variables(problem, sizes), bandwidth_Hz)
     rig = sections.prototype(sections.start, False)
     assert rig is not None  # they are sizes of tubes
     inner_kg = (0.0, problem.controller.largest_inner_end_mass_kg)
-    return Search(family(rig).members, problem.goal, masses_kg, inner_kg, effort=SIZED_EFFORT, sections=sections)
+    spread = rig_spread(rig, masses_kg[1], sigmas) if sigmas else None
+    given = (family(rig).members, problem.goal, masses_kg, inner_kg)
+    return Search(*given, spread=spread, effort=SIZED_EFFORT, sections=sections)
 
 
 @dataclass(frozen=True)
@@ -220,6 +227,7 @@ def pareto_front(
     bandwidths_Hz: Sequence[float],
     ranges_kg: Sequence[tuple[float, float]],
     progress: Progress | None = None,
+    sigmas: float = SIGMAS,
 ) -> Front:
     """Co-design along a front, each point starting from its solved neighbours in bandwidth and in payload.
 
@@ -231,6 +239,7 @@ def pareto_front(
         bandwidths_Hz: needed bandwidths.
         ranges_kg: ranges of outer end mass.
         progress: told the share done and what is being done.
+        sigmas: as of `beamdesign.synthesis.tuning.tune`.
     """
     report = progress or silent
     bandwidths = sorted(set(bandwidths_Hz))
@@ -242,9 +251,9 @@ def pareto_front(
             report(len(solved) / total, f"{bandwidth:g} Hz over {masses[0]:g} to {masses[1]:g} kg")
             before = [solved.get(key) for key in ((i, k - 1), (i - 1, k))]
             near = [design.point for design in before if design is not None and design.point is not None]
-            design = codesign(problem, masses, bandwidth, near)
+            design = codesign(problem, masses, bandwidth, near, sigmas=sigmas)
             if near and design.point is None:
-                fresh = codesign(problem, masses, bandwidth)
+                fresh = codesign(problem, masses, bandwidth, sigmas=sigmas)
                 colder += fresh.point is not None
                 reason = fresh.reason and f"{design.reason}; and from fresh samples: {fresh.reason}"
                 design = replace(fresh, reason=reason)

@@ -3,6 +3,7 @@
 import hashlib
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 from beamdesign.problem import DesignProblem
 from beamdesign.progress import Progress, silent
@@ -13,6 +14,7 @@ from beamdesign.prototype import Guarantee, Prototype
 from beamdesign.result import Result
 from beamdesign.synthesis.holding import Holding, Way, carried, easier, in_words, standing, working
 from beamdesign.synthesis.loop_limits import Proved
+from beamdesign.synthesis.rig_spread import SIGMAS
 from beamdesign.synthesis.sizing import Sizing, size
 from beamdesign.synthesis.tuning import Tuning, limited, tune
 
@@ -63,22 +65,33 @@ class DesignRun(Result):
         found = [one.prototype.guarantee for one in self.laws or (self,) if one.prototype is not None]
         return tuple(sorted((one for one in found if one is not None), key=lambda one: one.bandwidth_Hz))
 
+    @property
+    def proved(self) -> list[dict[str, Any]]:
+        """What is proved with each law as JSON files say it, in the same order."""
+        found = [
+            one.tuning.best.guaranteed(one.prototype, one.tuning.outer_end_mass_kg)
+            for one in self.laws or (self,)
+            if one.prototype is not None and one.tuning is not None and one.tuning.best is not None
+        ]
+        return sorted(found, key=lambda one: float(one["bandwidth_Hz"]))
 
-def run_design(problem: DesignProblem, progress: Progress | None = None) -> DesignRun:
+
+def run_design(problem: DesignProblem, progress: Progress | None = None, sigmas: float = SIGMAS) -> DesignRun:
     """Size, tune and certify; where that gives no design, seek what of the study to change.
 
     Args:
         problem: the design problem.
         progress: told the share done and what is being done.
+        sigmas: as of `tune`.
     """
     report = progress or silent
-    found = _designed(problem, report)
+    found = _designed(problem, report, sigmas)
     if found.yes or not found.sizing.feasible:
         return found
     ways = () if found.holding is None else found.holding.ways
     if problem.controller.kind in _QUICK:
         report(0.5, "what to change")
-        ways = carried(problem, ways or easier(problem), lambda other: _designed(other, silent).yes)
+        ways = carried(problem, ways or easier(problem), lambda other: _designed(other, silent, sigmas).yes)
     return replace(found, ways=ways)
 
 
@@ -86,7 +99,7 @@ _QUICK = ("lag", "proportional")
 """Kinds of controller that are tuned in seconds, so that a change is proposed only where it was carried to a design."""
 
 
-def _designed(problem: DesignProblem, report: Progress) -> DesignRun:
+def _designed(problem: DesignProblem, report: Progress, sigmas: float) -> DesignRun:
     report(0.0, "sizing the sections")
     sizing = size(problem)
     if not sizing.feasible:
@@ -104,6 +117,7 @@ def _designed(problem: DesignProblem, report: Progress) -> DesignRun:
         masses,
         sought.kind,
         progress=lambda fraction, text: report(0.2 + 0.6 * fraction, text),
+        sigmas=sigmas,
         **sought.sought,
     )
     if tuned.reason:
@@ -131,16 +145,22 @@ def _designed(problem: DesignProblem, report: Progress) -> DesignRun:
 def certified_laws(found: Tuning) -> tuple[Prototype, tuple[tuple[Certificate, Prototype], ...]]:
     """What was tuned, and each of its laws, proved once more: `certified` over the payloads that it is for.
 
-    The certificate of a law goes by the name `CERTIFICATE_NAME`, with the suffix of its stage. The prototype states the
-    guarantee where there is one law; of several no one certificate proves all.
+    The certificate of a law goes by the name `CERTIFICATE_NAME`, with the suffix of its stage, that over a box by
+    `box_name` of that. The prototype states the guarantee where there is one law; of several no one certificate proves
+    all.
     """
-    stem, end = CERTIFICATE_NAME.split(".")
     each = [
-        certified(stage.prototype, law.best, stage.outer_end_mass_kg, f"{stem}{stage.suffix}.{end}")
+        certified(stage.prototype, law.best, stage.outer_end_mass_kg, certificate_name(stage.suffix))
         for stage, law in zip(found.stages, found.each, strict=True)
         if law.best is not None
     ]
     return found.prototype if found.laws else each[0][1], tuple(each)
+
+
+def certificate_name(suffix: str = "", box: bool = False) -> str:
+    """Name of the certificate of a law, of exactly its figures or over the whole box."""
+    stem, end = CERTIFICATE_NAME.split(".")
+    return f"{stem}{suffix}{'.box' if box else ''}.{end}"
 
 
 def claims_of(prototype: Prototype, proved: Proved) -> tuple[Asked, ...]:
@@ -164,24 +184,29 @@ def certified(
         masses_kg: the range of outer end mass.
         name: file name under which the certificate will stand beside the prototype.
     """
-    certificate = certify(prototype, *masses_kg, claims_of(prototype, proved))
-    return certificate, stating(prototype, certificate, masses_kg, proved.bandwidth_Hz, proved.peak_sensitivity, name)
+    certificate, box = certify(prototype, *masses_kg, claims_of(prototype, proved)), proved.over_box
+    text, sigmas = (certificate.text, 0.0) if box is None else (box.certificate, box.sigmas)
+    path = Path(name)
+    name = path if box is None else path.with_name(f"{path.stem}.box{path.suffix}")
+    return certificate, stating(prototype, text, masses_kg, proved.bandwidth_Hz, proved.peak_sensitivity, name, sigmas)
 
 
 def stating(
     prototype: Prototype,
-    certificate: Certificate,
+    text: str,
     masses_kg: tuple[float, float],
     bandwidth_Hz: float,
     peak_sensitivity: float,
     name: str | Path = CERTIFICATE_NAME,
+    sigmas: float = 0.0,
 ) -> Prototype:
-    """A prototype that states what a certificate, which will stand beside it under a name, guarantees of it."""
+    """A prototype that states what the text of a certificate, which will stand beside it, guarantees of it."""
     guarantee = Guarantee(
         bandwidth_Hz=bandwidth_Hz,
         peak_sensitivity=peak_sensitivity,
         outer_end_mass_kg=masses_kg,
         certificate=str(name),
-        certificate_sha256=hashlib.sha256(certificate.text.encode()).hexdigest(),
+        certificate_sha256=hashlib.sha256(text.encode()).hexdigest(),
+        sigmas=sigmas,
     )
     return prototype.but(guarantee=guarantee)

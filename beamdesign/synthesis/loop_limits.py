@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import casadi as ca
 import numpy as np
-from flint import fmpq
+from flint import fmpq, fmpq_poly
 
 from beamdesign.controllers import Controller
 from beamdesign.controllers.form import UNIT
@@ -19,12 +19,13 @@ from beamdesign.loop import Loop, rig_loop
 from beamdesign.plant.beams_rig import FIGURES
 from beamdesign.plant.linear import UNUSED, LinearModel
 from beamdesign.plant.linearised import linear_assembly, transfer_polynomials
-from beamdesign.plant.members import VertexModel
+from beamdesign.plant.members import VertexModel, family
 from beamdesign.polynomial import exact
 from beamdesign.proofs.certificate import Asked, Claim, Kind, goal_claims
 from beamdesign.proofs.performance import bandwidth, least_limit, prove
 from beamdesign.proofs.rectangle import Rectangle
-from beamdesign.prototype import Goal
+from beamdesign.prototype import Goal, Prototype
+from beamdesign.rational import nearest
 
 if TYPE_CHECKING:
     from beamdesign.synthesis.over_box import OverBox
@@ -87,9 +88,56 @@ class Proved:
     def over(self, box: "OverBox") -> "Proved":
         """What is proved of every rig of a box, beside what is proved of the nominal one."""
         width, peak = box.proved("compliance"), box.proved("peak_sensitivity")
-        assert width is not None and peak is not None  # it has all claims
+        assert width is not None  # it has all claims
+        assert peak is not None
         reached, nominal = min(width.bandwidth_Hz, self.bandwidth_Hz), (self.bandwidth_Hz, self.peak_sensitivity)
         return replace(self, bandwidth_Hz=reached, peak_sensitivity=peak.limit, over_box=box, nominal=nominal)
+
+    @property
+    def sigmas(self) -> float:
+        """Standard deviations of every figure that it is proved for; zero: exactly these figures."""
+        return 0.0 if self.over_box is None else self.over_box.sigmas
+
+    def guaranteed(self, prototype: Prototype, masses_kg: tuple[float, float]) -> dict[str, Any]:
+        """What JSON files say of it: the figures, for which rigs, and at which lower gains.
+
+        Args:
+            prototype: with this controller and mass inside.
+            masses_kg: the range of outer end mass.
+        """
+        box, nominal = self.over_box, self.nominal or (self.bandwidth_Hz, self.peak_sensitivity)
+        lower = prototype.goal.lower_gains or forbidden_shares(prototype, masses_kg)
+        return {
+            "bandwidth_Hz": self.bandwidth_Hz,
+            "peak_sensitivity": self.peak_sensitivity,
+            "outer_end_mass_kg": list(masses_kg),
+            "rigs": "nominal" if box is None else {"sigmas": box.sigmas, "shape": "box"},
+            "lower_gains": lower,
+            "nominal": dict(zip(("bandwidth_Hz", "peak_sensitivity"), nominal, strict=True)),
+            "tightest": [] if box is None else [one._asdict() for one in box.tightest],
+        }
+
+
+_SHARES_OF_GAIN = np.geomspace(1e-3, 1.0, 300)
+
+
+def forbidden_shares(prototype: Prototype, masses_kg: tuple[float, float]) -> list[tuple[float, float]]:
+    """Shares of its gain with which the loop is not stable at some outer end mass, least and most of each stretch.
+
+    On a grid of shares and masses: neighbours of what is found may be as bad.
+    """
+    assert prototype.controller is not None  # it was tuned
+    own = rig_loop(family(prototype).rest.rig, prototype.payload.inner_end_mass_kg, prototype.controller)
+    scale = fmpq_poly([0, exact(UNIT)])  # roots of moderate size
+    unstable = np.zeros(len(_SHARES_OF_GAIN), dtype=bool)
+    for mass in np.linspace(*masses_kg, 15):
+        parts = (part.at(exact(float(mass)))(scale) for part in (own.loop_denominator, own.loop_numerator))
+        open_loop, fed_back = (np.array([nearest(c) for c in part.coeffs()[::-1]]) for part in parts)
+        for k, share in enumerate(_SHARES_OF_GAIN):
+            unstable[k] |= bool(np.roots(np.polyadd(open_loop, share * fed_back)).real.max() >= 0)
+    starts = np.flatnonzero(np.diff(np.concatenate([[False], unstable, [False]]).astype(int)))
+    ends = zip(_SHARES_OF_GAIN[starts[::2]], _SHARES_OF_GAIN[starts[1::2] - 1], strict=True)
+    return [(float(low), float(high)) for low, high in ends]
 
 
 @dataclass(frozen=True)

@@ -1,12 +1,12 @@
-"""A law over the whole box of tolerances: its worst rigs there, which a search finds, and what is proved of every rig."""
+"""A law over the whole box of tolerances: its worst rigs, which a search finds, and what is proved of every rig."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
-from math import log
+from math import inf, log
+from typing import NamedTuple
 
-from beamdesign.proofs.box import Box, BoxVerdict, certify_box
-from beamdesign.proofs.box_claims import BoxClaim, Worst, claim_over_box, relaxed, worst_over_box
+from beamdesign.proofs.box import Box, certify_box
+from beamdesign.proofs.box_claims import Worst, claim_over_box, margins_over_box, relaxed, worst_over_box
 from beamdesign.proofs.certificate import LOWER_GAINS, Asked, goal_claims
 from beamdesign.proofs.tolerance_box import tolerance_box
 from beamdesign.prototype import Prototype
@@ -21,30 +21,32 @@ _LOOSER = (1.0, 1.002, 1.02)
 """By what factors less than the worst rig's a bandwidth is claimed, tried in turn."""
 
 
+class Margin(NamedTuple):
+    """By how many standard deviations more one figure may be off, all others as in the worst rig that was found."""
+
+    parameter: str
+    margin: float
+
+
 @dataclass(frozen=True)
 class OverBox:
     """What is proved of a prototype over a box of tolerances and payloads.
 
     Attributes:
         sigmas: standard deviations of every figure to either side.
-        box: the ranges.
-        verdict: that every member is stable.
-        claims: about every member, all of which hold.
+        claims: about every member, all proved.
+        certificate: text that `beamdesign.checker` proves again.
+        tightest: figures whose tolerance to tighten first, the first of them first; sampled.
     """
 
     sigmas: float
-    box: Box
-    verdict: BoxVerdict
-    claims: tuple[BoxClaim, ...]
-
-    @cached_property
-    def certificate(self) -> str:
-        """Text that `beamdesign.checker` proves again."""
-        return self.verdict.write(self.claims)
+    claims: tuple[Asked, ...]
+    certificate: str = field(repr=False)
+    tightest: tuple[Margin, ...] = ()
 
     def proved(self, kind: str) -> Asked | None:
         """The claim of a kind; None where there is none."""
-        return next((claim.asked for claim in self.claims if claim.asked.kind == kind), None)
+        return next((claim for claim in self.claims if claim.kind == kind), None)
 
 
 @dataclass(frozen=True)
@@ -114,4 +116,14 @@ class BoxTask:
             if not claim.holds:
                 return None, f"{claim.asked.kind.replace('_', ' ')}: {claim.reason}"
             claims.append(claim)
-        return OverBox(self.spread.sigmas, self.box, verdict, tuple(claims)), ""
+        stated = tuple(claim.asked for claim in claims)
+        return OverBox(self.spread.sigmas, stated, verdict.write(claims), self._tightest(bandwidth_Hz)), ""
+
+    def _tightest(self, bandwidth_Hz: float) -> tuple[Margin, ...]:
+        margins: dict[str, float] = {}
+        for asked in self._asked(bandwidth_Hz):
+            if asked.kind != "gain_margin":
+                for name, shares in margins_over_box(self.prototype, self.box, asked).items():
+                    margins[name] = min(margins.get(name, inf), shares * self.spread.sigmas)
+        known = {name: margin for name, margin in margins.items() if name in self.spread.deviations}
+        return tuple(Margin(*pair) for pair in sorted(known.items(), key=lambda pair: pair[1]))

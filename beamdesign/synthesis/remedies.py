@@ -24,6 +24,7 @@ from beamdesign.synthesis.free_search import start_variables
 from beamdesign.synthesis.law_search import Found, from_seeds, search
 from beamdesign.synthesis.law_task import Search
 from beamdesign.synthesis.loop_limits import Proved
+from beamdesign.synthesis.rig_spread import SIGMAS, rig_spread
 from beamdesign.synthesis.sections import free_sections, rounded_tubes, section_mass
 from beamdesign.synthesis.tuning import SMALLEST_BANDWIDTH_HZ
 
@@ -100,6 +101,7 @@ def _search(
     masses_kg: tuple[float, float],
     added_mass_kg: float,
     near: Sequence[Proved] = (),
+    sigmas: float = SIGMAS,
 ) -> Found:
     """The largest guaranteed bandwidth within a remedy's freedom, from seeds and from proved loops of a like one."""
     given, inner_kg, free = _given(problem), (0.0, 0.0), list(freedom.sections)
@@ -118,7 +120,9 @@ def _search(
         sections = free_sections(problem, sizes, largest_mass_kg=most, free=free)
         rig = sections.prototype(sections.start, False)
         assert rig is not None  # the sizes are given, or a little larger
-        task = Search(family(rig).members, problem.goal, masses_kg, inner_kg, effort=SIZED_EFFORT, sections=sections)
+        spread = rig_spread(rig, masses_kg[1], sigmas) if sigmas else None
+        asked = (family(rig).members, problem.goal, masses_kg, inner_kg)
+        task = Search(*asked, spread=spread, effort=SIZED_EFFORT, sections=sections)
         starts += [variables for _, variables in from_seeds(task, seeds)]
     return search(task, [(form, one) for one in starts])
 
@@ -135,9 +139,10 @@ def _remedy(
     freedom: _Freedom,
     masses_kg: tuple[float, float],
     added_mass_kg: float,
+    sigmas: float,
     near: Sequence[Proved] = (),
 ) -> Remedy:
-    found, given = _search(problem, freedom, masses_kg, added_mass_kg, near), _given(problem)
+    found, given = _search(problem, freedom, masses_kg, added_mass_kg, near, sigmas), _given(problem)
     proved = found.proved
     if proved is None or proved.bandwidth_Hz < SMALLEST_BANDWIDTH_HZ:
         reason = found.reason or f"guarantees no bandwidth above {SMALLEST_BANDWIDTH_HZ:g} Hz"
@@ -155,7 +160,7 @@ def _remedy(
     )
 
 
-def _scheduled(problem: DesignProblem, masses_kg: tuple[float, float], near: Sequence[Proved]) -> Remedy:
+def _scheduled(problem: DesignProblem, masses_kg: tuple[float, float], near: Sequence[Proved], sigmas: float) -> Remedy:
     """One lag per part of the range, each proved on its part and some way into its neighbours.
 
     What is proved for the whole range is proved for each part, and so is a start for each.
@@ -165,7 +170,7 @@ def _scheduled(problem: DesignProblem, masses_kg: tuple[float, float], near: Seq
     parts = [
         (float(max(masses_kg[0], low - reach)), float(min(masses_kg[1], high + reach))) for low, high in pairwise(edges)
     ]
-    found = [_remedy(problem, SCHEDULED, part, 0.0, near) for part in parts]
+    found = [_remedy(problem, SCHEDULED, part, 0.0, sigmas, near) for part in parts]
     failed = [
         f"{low:g} to {high:g} kg: {one.reason}" for (low, high), one in zip(parts, found, strict=True) if one.reason
     ]
@@ -184,6 +189,7 @@ def remedies(
     outer_end_mass_kg: tuple[float, float],
     added_mass_kg: float,
     progress: Progress | None = None,
+    sigmas: float = SIGMAS,
 ) -> tuple[Remedy, ...]:
     """Optimise each remedy from the problem's given sections, for the same payload range, limits and proof.
 
@@ -195,6 +201,7 @@ def remedies(
         outer_end_mass_kg: range of the payload.
         added_mass_kg: most moving mass that a remedy may add.
         progress: told the share done and what is being done.
+        sigmas: as of `beamdesign.synthesis.tuning.tune`.
 
     Returns:
         The untouched loop first, then the four remedies in the paper's order.
@@ -203,13 +210,17 @@ def remedies(
     found = []
     for k, freedom in enumerate(FREEDOMS):
         report(k / (len(FREEDOMS) + 1), freedom.name)
-        found.append(_remedy(problem, freedom, outer_end_mass_kg, added_mass_kg))
+        found.append(_remedy(problem, freedom, outer_end_mass_kg, added_mass_kg, sigmas))
     report(len(FREEDOMS) / (len(FREEDOMS) + 1), SCHEDULED.name)
-    return (*found, _scheduled(problem, outer_end_mass_kg, found[-1].proved))
+    return (*found, _scheduled(problem, outer_end_mass_kg, found[-1].proved, sigmas))
 
 
 def one_remedy(
-    problem: DesignProblem, number: int, outer_end_mass_kg: tuple[float, float], added_mass_kg: float
+    problem: DesignProblem,
+    number: int,
+    outer_end_mass_kg: tuple[float, float],
+    added_mass_kg: float,
+    sigmas: float = SIGMAS,
 ) -> Remedy:
     """One entry of `remedies`, by its place there; the scheduled lag starts from the one with more phase.
 
@@ -217,6 +228,6 @@ def one_remedy(
         IndexError: where there is no such remedy.
     """
     if number == len(FREEDOMS):
-        near = _remedy(problem, FREEDOMS[-1], outer_end_mass_kg, added_mass_kg)
-        return _scheduled(problem, outer_end_mass_kg, near.proved)
-    return _remedy(problem, FREEDOMS[number], outer_end_mass_kg, added_mass_kg)
+        near = _remedy(problem, FREEDOMS[-1], outer_end_mass_kg, added_mass_kg, sigmas)
+        return _scheduled(problem, outer_end_mass_kg, near.proved, sigmas)
+    return _remedy(problem, FREEDOMS[number], outer_end_mass_kg, added_mass_kg, sigmas)

@@ -59,7 +59,7 @@ def carried_out(
     asked = (Asked("peak_sensitivity", found.peak_sensitivity), *goal_claims(prototype.goal))
     proof = certify(rig, *masses_kg, asked)
     bandwidth = 0.0 if proof.guaranteed is None else proof.guaranteed.bandwidth_Hz
-    made = stating(rig, proof, masses_kg, bandwidth, found.peak_sensitivity)
+    made = stating(rig, proof.text, masses_kg, bandwidth, found.peak_sensitivity)
     return CompliantPrototype(made, proof, contact_text(rig, found, masses_kg, wall))
 
 

@@ -33,7 +33,7 @@ from beamdesign.synthesis.end_stiffness import (
     sensed,
     servo_stiffness,
 )
-from beamdesign.synthesis.rig_spread import RigSpread, rig_spread
+from beamdesign.synthesis.rig_spread import rig_spread
 
 _SEARCH_HZ = np.geomspace(1e-2, 1e3, 400)
 _ROUNDS, _STARTS, _STEPS = 3, 200, 400
@@ -76,7 +76,6 @@ def design(
     servo: Cascade | None = None,
     rigs: int = 0,
     progress: Progress | None = None,
-    spread: RigSpread | None = None,
 ) -> Design:
     """Find the law with the widest band of the commanded stiffness.
 
@@ -89,13 +88,12 @@ def design(
         servo: to be kept, so that the force filter alone is chosen; None to search a lag as well.
         rigs: how many, drawn from the prototype's tolerances, have to be as asked as well; none without tolerances.
         progress: told the share done and what is being done.
-        spread: from within which they are drawn; None: normal, somewhat further off than the tolerances say.
 
     Raises:
         InputError: for a prototype with effects.
     """
     report = progress or silent
-    others = _plants_drawn(prototype, masses_kg[1], rigs, spread)
+    others = _plants_drawn(prototype, masses_kg[1], rigs)
     if servo is not None and (most := servo_stiffness(prototype, servo)) < end_stiffness:
         reason = f"the servo alone holds {most:.4g} N/m, less than {end_stiffness:.4g} N/m; it needs more gain"
         return Design(None, None, 0, reason)
@@ -127,10 +125,8 @@ def _blurred(prototype: Prototype, end_stiffness: float) -> str:
     )
 
 
-def _plants_drawn(prototype: Prototype, largest_kg: float, count: int, spread: RigSpread | None) -> list[Plant]:
-    """Plants of rigs of a spread, else somewhat further off than the tolerances say; none where there are none."""
-    if spread is not None:
-        return [sensed(spread.rig(z)) for z in spread.drawn(count, SEED_OF_RIGS, inside=True)]
+def _plants_drawn(prototype: Prototype, largest_kg: float, count: int) -> list[Plant]:
+    """Plants of rigs drawn somewhat further off than the tolerances say; none where there are none."""
     if count == 0 or not any(prototype.tolerance.model_dump().values()):
         return []
     spread = rig_spread(prototype, largest_kg, 1.0)

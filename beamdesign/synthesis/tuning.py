@@ -26,6 +26,7 @@ from types import MappingProxyType
 import numpy as np
 
 from beamdesign.controllers import KINDS, SENSED, Estimator, Scheduled, Sensed, Stage
+from beamdesign.parameters import stated_or_typical
 from beamdesign.plant.members import served
 from beamdesign.progress import Progress, silent
 from beamdesign.proofs.certifying import gain_and_mass
@@ -38,7 +39,7 @@ from beamdesign.result import Result
 from beamdesign.synthesis.law_search import Found, from_seeds, search
 from beamdesign.synthesis.law_task import Search
 from beamdesign.synthesis.loop_limits import Proved
-from beamdesign.synthesis.rig_spread import RigSpread
+from beamdesign.synthesis.rig_spread import SIGMAS, RigSpread, rig_spread
 from beamdesign.synthesis.weight_search import ADDED_SENSORS_EFFORT, EFFORT, SYNTHESES, search_observer
 
 
@@ -66,6 +67,7 @@ class Tuning(Result):
         starts: bandwidths (Hz) that designs reached on samples, the largest first.
         certificates: how many exact stability proofs were run.
         reason: why there is no answer, empty where there is one.
+        caution: a word on tolerances that are not stated.
         laws: of several laws the tuning of each over its own payloads.
         alone_Hz: of several laws, the bandwidth of each tuned with a mass inside of its own: what no common mass can
             exceed.
@@ -78,6 +80,7 @@ class Tuning(Result):
     starts: tuple[float, ...] = ()
     certificates: int = 0
     reason: str = ""
+    caution: str = ""
     laws: "tuple[Tuning, ...]" = ()
     alone_Hz: tuple[float, ...] = ()
     switching: Switching | None = None
@@ -126,7 +129,7 @@ def tune(
     progress: Progress | None = None,
     sections: int = 3,
     sensors: Sequence[Sensed] = SENSED[:1],
-    spread: RigSpread | None = None,
+    sigmas: float = SIGMAS,
     stages: int = 3,
     near: bool = False,
     estimator: Estimator | None = None,
@@ -142,7 +145,8 @@ def tune(
         progress: told the share done and what is being done.
         sections: see `LawOptions`, as the next two and `near`.
         sensors: those that are read.
-        spread: rigs that are off.
+        sigmas: standard deviations of the prototype's `[tolerance]` by which every figure may be off at once, which
+            all is guaranteed for; typical ones where none is stated. Zero: for exactly its figures.
         stages: how many laws a scheduled controller has.
         near: begin with the prototype's own controller.
         estimator: of the payload, for a scheduled controller; stages overlap by two and a half times its band, of which
@@ -161,12 +165,18 @@ def tune(
     """
     if kind not in (*KINDS, *SYNTHESES):
         raise ValueError(f"no tuning of kind {kind!r}")
-    report = progress or silent
+    report, caution, spread = progress or silent, "", None
+    if sigmas:
+        tolerance, caution = stated_or_typical(prototype.tolerance)
+        prototype = prototype.but(tolerance=tolerance)
+        spread = rig_spread(prototype.but(controller=None, guarantee=None), outer_end_mass_kg[1], sigmas)
     asked = LawOptions(kind, (0.0, largest_inner_end_mass_kg), sections, tuple(sensors), spread, near)
     if kind == Scheduled.model_fields["kind"].default:
         figures = estimator or Estimator(noise_V=prototype.sensor.noise_V or Estimator().noise_V)
-        return _tune_stages(prototype, outer_end_mass_kg, asked, stages, figures, report)
-    return tune_law(prototype, outer_end_mass_kg, asked, report)
+        found = _tune_stages(prototype, outer_end_mass_kg, asked, stages, figures, report)
+    else:
+        found = tune_law(prototype, outer_end_mass_kg, asked, report)
+    return replace(found, caution=caution)
 
 
 def tune_law(prototype: Prototype, masses_kg: tuple[float, float], asked: LawOptions, report: Progress) -> Tuning:
@@ -251,6 +261,8 @@ def tune_alike(
 ) -> Tuning:
     """Tune another controller of the kind that a prototype has, from that one; a lag where it has none.
 
+    For exactly its figures, which have been measured.
+
     Raises:
         InputError: for a kind that has no form to be tuned, and as `tune`.
     """
@@ -259,7 +271,7 @@ def tune_alike(
     if kind not in (*KINDS, *SYNTHESES):
         raise InputError(prototype.name, [("controller.kind", f"{kind!r} has no form that is tuned; give a lag")])
     rig = prototype.but(goal=limited(prototype.goal, kind))
-    return tune(rig, outer_end_mass_kg, progress=progress, near=True, **asked)
+    return tune(rig, outer_end_mass_kg, progress=progress, sigmas=0.0, near=True, **asked)
 
 
 def _tune_stages(

@@ -1,0 +1,301 @@
+"""What is stated of loops that are not linear: that they come to rest, and how far errors move the tip.
+
+"slope": cut at the current, u = -L i + r and i = phi(u) with phi static and of a slope between 0 and 1. With M(s) = 1 -
+sum c h(s) + q s, kernels h = (a / (a + s))^k or (a / (a - s))^k, sum |c| < 1, q >= 0, L stable and falling off as 1/s
+or faster, and Re[M (1 + L)] above a positive margin at every frequency, the loop comes to rest (Zames and Falb, 1968,
+with Popov's term); where a c is negative, only for an odd phi and at the equilibrium without current.
+
+"sector": cut at the sensor's volts or at the flow, and with a gain there that changes in any way between two factors,
+the circle criterion: the loop is stable at the lower one, and Re[(1 + most L) / (1 + least L)] is above a margin.
+
+"both": a characteristic in the current as of "slope" and a gain as of "sector" at once. With a = least / most, L_a the
+loop at the least gain, F from what the gain gives at its most to the current's demand, H from the current to what the
+gain acts on, and a weight w above zero, they come to rest where 4 w (Re[M (1 + L_a)] - margin) is at least the square
+of |(1 - a) M F - w conj(H)| at every frequency (integral quadratic constraints of both, weighted and added up).
+
+"deviation": an error of at most a size moves the tip by at most that times the integral of the absolute impulse
+response from its place, see `beamdesign.checker.impulse`.
+
+Re[M (1 + L)] - margin over |M_d D|^2 is a quadratic in the mass. On pieces of the range its three Bernstein
+coefficients, polynomials in w^2, are shown to be nowhere negative, which the prover does not look at.
+"""
+
+from collections.abc import Iterator, Sequence
+
+from flint import fmpq, fmpq_poly
+
+from beamdesign.checker.impulse import MOST_PIECES, integrals
+from beamdesign.checker.reading import Table, Unreadable, judged, short
+from beamdesign.checker.rig import ONCE, Loop
+from beamdesign.checker.roots import NONE, ONE, ZERO, Family, Pair, Polynomials, S, bound, inner, isolate, square_free
+
+MOST_STATEMENTS = 16
+HIGHEST_ORDER = 16
+MOST_ORDERS = 64
+"""Of the kernels of one multiplier together."""
+DEEPEST = 8
+"""Halvings of a range of masses."""
+
+
+def nonlinear(tables: Sequence[Table], loops: Sequence[Loop], masses: Pair) -> Iterator[tuple[bool, str]]:
+    """Every statement about nonlinear loops: whether it was proved, and it or its failure in words."""
+    if len(tables) > MOST_STATEMENTS:
+        raise Unreadable(f"it states more than {MOST_STATEMENTS} things of nonlinear loops")
+    for table in tables:
+        yield _STATED[table.word("kind", *_STATED)](table, _of(table, loops), masses)
+
+
+def _of(table: Table, loops: Sequence[Loop]) -> list[Loop]:
+    """The loops that a statement is about, by their numbers from 1."""
+    numbers = [Table({"loop": k}, table.place).whole("loop", 1, len(loops)) for k in table.entries("loops")]
+    if not numbers or sorted(set(numbers)) != numbers:
+        raise Unreadable(f"{table.place_of('loops')} must be numbers of loops in their order")
+    return [loops[k - 1] for k in numbers]
+
+
+def at_most(loop: Loop) -> tuple[Polynomials, Polynomials]:
+    """Denominator and numerator of L at the largest factor on its gain."""
+    numerator = loop.loop_numerator
+    return loop.loop_denominator, (loop.gain[1] * numerator[0], loop.gain[1] * numerator[1])
+
+
+class Multiplier:
+    """M = above / below, and what the theorem asks of it.
+
+    Attributes:
+        above: numerator.
+        below: denominator, without roots on the axis.
+        odd: whether phi has to be odd.
+        popov: the coefficient of s.
+        words: its terms.
+    """
+
+    def __init__(self, table: Table) -> None:
+        popov, terms = table.at_least("popov_s", 0), []
+        for one in table.tables("term"):
+            rate, order = one.at_least("rate_per_s", 0, above=True), one.whole("order", 1, HIGHEST_ORDER)
+            terms.append((one.number("coefficient"), rate, order, one.flag("causal")))
+        if not sum((abs(term[0]) for term in terms), NONE) < 1:
+            raise Unreadable(
+                f"{table.place}: the norm of the kernels is not below one, so that the theorem does not hold"
+            )
+        largest: dict[tuple[fmpq, bool], int] = {}
+        for _, rate, order, causal in terms:
+            key = rate, causal
+            largest[key] = max(order, largest.get(key, 0))
+        if sum(largest.values()) > MOST_ORDERS:
+            raise Unreadable(f"{table.place}: its kernels are of order {MOST_ORDERS} or more together")
+        self.below = ONE
+        for (rate, causal), order in largest.items():
+            self.below *= _factor(rate, causal) ** order
+        self.above = self.below * (1 + popov * S)
+        for coefficient, rate, order, causal in terms:
+            kernel = self.below / _factor(rate, causal) ** order
+            self.above -= coefficient * rate**order * kernel
+        self.odd, self.popov = any(term[0] < 0 for term in terms), popov
+        self.words = f"{len(terms)} kernels and {short(popov)} s"
+
+
+def _factor(rate: fmpq, causal: bool) -> fmpq_poly:
+    return rate + S if causal else rate - S
+
+
+def _slope(table: Table, loops: Sequence[Loop], masses: Pair) -> tuple[bool, str]:
+    margin, multiplier = table.at_least("margin", 0, above=True), Multiplier(table)
+    proved = all(_comes_to_rest(loop, multiplier, margin, masses) for loop in loops)
+    which = "an odd static characteristic" if multiplier.odd else "any static characteristic"
+    where = "about zero current" if multiplier.odd else "about every equilibrium"
+    words = f"comes to rest {where} with {which} of slope 0 to 1 in its current or behind its spool, {len(loops)} loops"
+    return judged(proved, f"{words}: Zames and Falb's multiplier of {multiplier.words}, margin {short(margin)}")
+
+
+def _comes_to_rest(loop: Loop, multiplier: Multiplier, margin: fmpq, masses: Pair) -> bool:
+    """Whether the theorem holds of a loop: stable without and with feedback, L falling off, and the real part."""
+    denominator, numerator = at_most(loop)
+    closed = denominator[0] + numerator[0], denominator[1] + numerator[1]
+    degree = denominator[0].degree()
+    falls = max(numerator[0].degree(), numerator[1].degree()) < degree
+    stable = all(Family(*family).is_stable_over(*masses) for family in (denominator, closed))
+    return (
+        falls and stable and _real_part_above(closed, denominator, (multiplier.above, multiplier.below), margin, masses)
+    )
+
+
+def _real_part_above(
+    closed: Polynomials,
+    opened: Polynomials,
+    by: Polynomials,
+    margin: fmpq,
+    masses: Pair,
+    times: fmpq = ONCE[0],
+    less: Polynomials = (ZERO, ZERO),
+) -> bool:
+    """Whether Re[closed / opened] times the quotient `by` is at least a margin at every frequency and mass.
+
+    Where `less` is given, whether what it is more, times a factor, is at least |less / (opened by's denominator)|^2.
+    """
+
+    def value(one: fmpq, two: fmpq) -> fmpq_poly:
+        """The polar form of the quadratic at two masses: at one mass twice, the quadratic itself."""
+        p, p_other = ((closed[0] + mass * closed[1]) * by[0] for mass in (one, two))
+        o, o_other = ((opened[0] + mass * opened[1]) * by[1] for mass in (one, two))
+        off, off_other = (less[0] + mass * less[1] for mass in (one, two))
+        more = inner(p, o_other) + inner(p_other, o) - 2 * margin * inner(o, o_other)
+        return times * more - 2 * inner(off, off_other)
+
+    left = [(*masses, 0)]
+    while left:
+        low, high, depth = left.pop()
+        if all(nowhere_negative(value(*pair)) for pair in ((low, low), (low, high), (high, high))):
+            continue
+        if depth == DEEPEST or low == high or not nowhere_negative(value(low, low)):
+            return False
+        middle = (low + high) / 2
+        left += [(low, middle, depth + 1), (middle, high, depth + 1)]
+    return True
+
+
+def nowhere_negative(polynomial: fmpq_poly) -> bool:
+    """Whether a polynomial in w^2 is not negative from zero up."""
+    coefficients = polynomial.coeffs()
+    if all(value >= 0 for value in coefficients):
+        return True
+    if polynomial[polynomial.degree()] < 0 or polynomial(0) < 0:
+        return False
+    simple = square_free(polynomial)
+    if simple(0) == 0:
+        simple = simple / S
+    if simple.degree() < 1:
+        return True
+    found = isolate(simple, NONE, bound(simple))
+    if not found:
+        return True
+    ends = sorted({end for pair in found for end in pair})
+    return all(polynomial(end) >= 0 for end in ends) and not any(_crosses(polynomial, pair) for pair in found)
+
+
+def _crosses(polynomial: fmpq_poly, pair: Pair) -> bool:
+    """Whether a polynomial changes its sign at its root in an interval, or may."""
+    return pair[0] == pair[1] or polynomial(pair[0]) * polynomial(pair[1]) <= 0
+
+
+# Gains that change.
+
+
+def _sector(table: Table, loops: Sequence[Loop], masses: Pair) -> tuple[bool, str]:
+    place, margin = table.word("place", "volts", "flow"), table.at_least("margin", 0, above=True)
+    least, most = factors = table.range("gain", least=0)
+    proved = all(_stays_stable(loop, place, factors, margin, masses) for loop in loops)
+    where = "sensor's" if place == "volts" else "valve's"
+    words = f"stable while the {where} gain changes in any way between {short(least)} and {short(most)} times its own"
+    return judged(proved, f"{words}, {len(loops)} loops: circle criterion, margin {short(margin)}")
+
+
+def _stays_stable(loop: Loop, place: str, factors: Pair, margin: fmpq, masses: Pair) -> bool:
+    """Whether the circle criterion holds of a loop, cut at a place."""
+    denominator, numerator = loop.loop_denominator, loop.loop_numerator
+    if place == "volts":  # what is fed back beside stays closed
+        own = loop.displacement
+        denominator = denominator[0] + numerator[0] - own[0], denominator[1] + numerator[1] - own[1]
+        numerator = own
+    low, high = ((denominator[0] + g * numerator[0], denominator[1] + g * numerator[1]) for g in factors)
+    falls = max(numerator[0].degree(), numerator[1].degree()) < denominator[0].degree()
+    stable = falls and Family(*low).is_stable_over(*masses)
+    return stable and _real_part_above(high, low, (ONE, ONE), margin, masses)
+
+
+# Both at once.
+
+
+def _both(table: Table, loops: Sequence[Loop], masses: Pair) -> tuple[bool, str]:
+    place, margin = table.word("place", "volts", "flow"), table.at_least("margin", 0, above=True)
+    weight, multiplier = table.at_least("weight", 0, above=True), Multiplier(table)
+    least, most = factors = table.range("gain", least=0)
+    if least == 0:
+        raise Unreadable(f"{table.place_of('gain')} must be above zero")
+    proved = not multiplier.odd and all(
+        _both_fit(loop, place, factors, multiplier, weight, margin, masses) for loop in loops
+    )
+    where = "sensor's" if place == "volts" else "valve's"
+    words = (
+        f"comes to rest with any static characteristic of slope 0 to 1 in its current while the {where} gain changes"
+    )
+    words += (
+        f" between {short(least)} and {short(most)} times its own, without command and load, or under constant ones"
+    )
+    words += f" where that gain is a static characteristic too, {len(loops)} loops"
+    return judged(proved, f"{words}: multiplier of {multiplier.words}, weight {short(weight)}, margin {short(margin)}")
+
+
+def _both_fit(
+    loop: Loop, place: str, factors: Pair, multiplier: Multiplier, weight: fmpq, margin: fmpq, masses: Pair
+) -> bool:
+    """Whether the inequality of both holds of a loop, and what it presupposes."""
+    (least, most), opened, numerator, own = factors, loop.loop_denominator, loop.loop_numerator, loop.displacement
+    if place == "flow":
+        own = numerator
+        if any(divmod(part, loop.spool)[1] != 0 for part in opened):
+            raise Unreadable("the spool is not a part of this loop")
+        rest = tuple(part / loop.spool for part in opened)
+        onto, back = tuple(most * part * _mirrored(loop.spool) for part in own), rest
+        slow = max(own[0].degree(), own[1].degree()) - rest[0].degree()
+    else:
+        above, below = (one * other for one, other in zip(loop.law, loop.filters, strict=True))
+        if any(divmod(part, above)[1] != 0 for part in own) or any(divmod(part, below)[1] != 0 for part in opened):
+            raise Unreadable("the controller is not a part of this loop")
+        onto = tuple(most * above * _mirrored(part / below) for part in opened)
+        back = tuple(below * _mirrored(part / above) for part in own)
+        slow = above.degree() - below.degree()
+    closed = tuple(o + n + (least - 1) * part for o, n, part in zip(opened, numerator, own, strict=True))
+    looped = tuple(c - o for c, o in zip(closed, opened, strict=True))
+    falls = max(part.degree() for part in looped) < opened[0].degree() and (slow < 0 or not multiplier.popov)
+    share = 1 - least / most
+    less = tuple(
+        share * multiplier.above * one - weight * multiplier.below * other
+        for one, other in zip(onto, back, strict=True)
+    )
+    by = multiplier.above, multiplier.below
+    return (
+        falls
+        and Family(*opened).is_stable_over(*masses)
+        and _real_part_above((closed[0], closed[1]), opened, by, margin, masses, 4 * weight, (less[0], less[1]))
+    )
+
+
+def _mirrored(polynomial: fmpq_poly) -> fmpq_poly:
+    """Its conjugate on the axis."""
+    return polynomial(-S)
+
+
+# Errors that are bounded.
+
+
+UNITS = {"current": "A in the current", "flow": "m3/s behind the spool", "volts": "V at the sensor",
+         "stroke": "N between piston and cylinder"}  # fmt: skip
+
+
+def _deviation(table: Table, loops: Sequence[Loop], masses: Pair) -> tuple[bool, str]:
+    pieces, listed = table.whole("pieces", 1, MOST_PIECES), []
+    for one in table.tables("error"):
+        place = one.word("place", *UNITS)
+        listed.append((place, one.at_least("size", 0), one.at_least("bound_m", 0)))
+    if not listed:
+        raise Unreadable(f"{table.place} states no error")
+    proved = True
+    for loop in loops:
+        if any(place not in loop.strayed for place, _, _ in listed):
+            raise Unreadable(f"{table.place}: what such an error does to the tip is not known of this rig")
+        if not Family(*loop.closed).is_stable_over(*masses):
+            proved = False
+            break
+        units = integrals([loop.strayed[place] for place, _, _ in listed], loop.closed, masses, pieces)
+        proved = proved and all(unit * size <= bound for unit, (_, size, bound) in zip(units, listed, strict=True))
+    words = " and ".join(
+        f"{short(bound)} m by errors of at most {short(size)} {UNITS[place]}" for place, size, bound in listed
+    )
+    return judged(
+        proved, f"the tip strays from the linear response at its own gain by at most {words}, {len(loops)} loops"
+    )
+
+
+_STATED = {"slope": _slope, "sector": _sector, "both": _both, "deviation": _deviation}

@@ -1,0 +1,115 @@
+"""Gains that change while the rig moves, between two factors and in any way: the circle criterion, in rationals.
+
+With the loop cut where the gain changes, of transfer L, it is stable for every k(t) from `least` to `most` times its
+own if it is stable at `least` and Re[(1 + most L) / (1 + least L)] is above a positive number at every frequency (G.
+Zames, IEEE Trans. Automatic Control 11 (1966) 465). That there is one quadratic Lyapunov function for all k, for each
+payload, is the same statement (Kalman, Yakubovich, Popov). Over the mass it is a quadratic, as inequalities are here.
+
+A gain that changes by itself, as a ripple does, leaves a linear loop, whose motions then run together whatever the
+command and load. One that changes with the motion does not, and is covered about rest without load.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from flint import fmpq
+
+from beamdesign.loop import Loop, rig_loop
+from beamdesign.plant.assembly import effect_parameters_of
+from beamdesign.polynomial import Affine, exact
+from beamdesign.proofs.absolute_stability import Members, Row
+from beamdesign.proofs.multiplier import Multiplier, fits_families
+from beamdesign.proofs.stability import is_stable_over
+from beamdesign.rational import text
+
+METHOD = "circle criterion, a quadratic Lyapunov function for each payload, in rational arithmetic"
+_MARGINS = tuple(fmpq(1, 10**k) for k in (1, 2, 3, 4))
+_MINUS = fmpq(-1)
+_RIPPLE = "All its motions under one command and load run together."
+_PLAIN = Multiplier((), fmpq(0))
+
+
+@dataclass(frozen=True)
+class Changing:
+    """A gain that an effect changes.
+
+    Attributes:
+        effect: its name.
+        place: where: "volts" of the sensor, or "flow" of the valve.
+        least: factor.
+        most: factor.
+        words: what it comes to, and as long as what.
+    """
+
+    effect: str
+    place: str
+    least: fmpq
+    most: fmpq
+    words: str
+
+
+def changing(given: Members) -> list[Changing]:
+    """The gains that a prototype's effects change, each at one place of the loop."""
+    own, found = effect_parameters_of(given.prototype), []
+    ripple = own.get("carrier_ripple")
+    if ripple is not None and ripple["depth"] > 0 and ripple["residual_V"] == 0:
+        depth = exact(ripple["depth"])
+        found.append(Changing("carrier_ripple", "volts", 1 - depth, 1 + depth, _RIPPLE))
+    orifices = own.get("pressure_dependent_flow")
+    if orifices is not None and not own.keys() & {"unequal_piston_areas", "uneven_leakage"}:
+        span = given.found.gains["pressure_dependent_flow"]
+        words = (
+            "It comes to rest without a load, as long as the load pressure stays within that of"
+            f" {given.found.load_N:.6g} N, with equal sides and from chambers at half the supply pressure."
+        )
+        found.append(Changing("pressure_dependent_flow", "flow", exact(span.low), exact(span.high), words))
+    return found
+
+
+def cut(loop: Loop, place: str) -> tuple[Affine, Affine]:
+    """Denominator and numerator of the loop cut at a place: what is not cut stays closed."""
+    if place == "volts":
+        return loop.cut, loop.loop_numerator + loop.added * _MINUS
+    return loop.loop_denominator, loop.loop_numerator
+
+
+def margin_of(loop: Loop, place: str, least: fmpq, most: fmpq, low: fmpq, high: fmpq) -> fmpq | None:
+    """A proved lower bound of Re[(1 + most L) / (1 + least L)] at every mass (kg) and frequency; None where none is.
+
+    It is none, too, where the loop is not stable at the least factor.
+    """
+    denominator, numerator = cut(loop, place)
+    under, over = denominator + numerator * least, denominator + numerator * most
+    if not is_stable_over(under, low, high):
+        return None
+    return next((margin for margin in _MARGINS if fits_families(_PLAIN, over, under, low, high, margin)), None)
+
+
+def changing_rows(given: Members) -> Iterator[Row]:
+    """A row for each gain that changes."""
+    controller = given.prototype.controller
+    assert controller is not None  # there are loops
+    inner = given.prototype.payload.inner_end_mass_kg
+    loops = [rig_loop(member.rig, inner, controller) for member in given.found.members]
+    for one in changing(given):
+        margins = [margin_of(loop, one.place, one.least, one.most, given.low, given.high) for loop in loops]
+        known = [margin for margin in margins if margin is not None]
+        between = f"between {float(one.least):.4g} and {float(one.most):.4g} times its own"
+        if len(known) < len(loops):
+            words = f"The circle criterion does not hold for a gain that changes {between}, which need not mean unrest."
+            yield Row((one.effect,), METHOD, False, words)
+            continue
+        statement = {
+            "kind": "sector",
+            "loops": list(range(1, len(loops) + 1)),
+            "place": one.place,
+            "gain": [text(one.least), text(one.most)],
+            "margin": text(min(known)),
+        }
+        frozen = given.frozen(len(loops), (one.effect,))
+        words = (
+            f"The loop is stable while this gain changes {between}, in any way and at any rate, for every payload that"
+            f" stays{frozen}. {one.words} Not covered, but where that is said of both at once, is what moves elsewhere"
+            " at the same time."
+        )
+        yield Row((one.effect,), METHOD, True, words, None, statement)

@@ -1,0 +1,195 @@
+"""Zames-Falb multipliers with a Popov term, and the exact proof that one fits a loop at every mass and frequency.
+
+Cut at the current, a loop is u = -L(s, m) i + r and i = phi(u), phi a static characteristic whose slope lies between 0
+and 1: a saturation, a dead band, a soft limit. With kernels h_i, whose L1 norm is one, and
+
+    M(s) = 1 - sum_i c_i h_i(s) + q s,    sum_i |c_i| < 1,    q >= 0,
+
+the loop comes to rest from every state if L is stable and Re[M(jw) (1 + L(jw))] is above a positive number at every w
+(G. Zames and P. L. Falb, SIAM J. Control 6 (1968) 89; q is V. M. Popov's, Autom. Remote Control 22 (1962) 857; both
+in one multiplier: U. Joensson, Systems & Control Letters 31 (1997) 93; kernels that are not causal: J. C. Willems, The
+Analysis of Feedback Systems, 1971). Where every c_i is positive phi need not be odd, so that it may be seen from any
+equilibrium; else it has to be odd, and the equilibrium is that without current.
+
+The kernels are h(s) = (a / (a + s))^k and, not causal, (a / (a - s))^k: positive in time, with an integral of one. So
+M(jw) = (A(x) + j w B(x)) / Q(x) over x = w^2 with Q the product of powers of a^2 + x, and with 1 + L = p / D, both
+affine in the mass, Re[M p conj(D)] is a quadratic in the mass with polynomials in x as coefficients.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from flint import fmpq, fmpq_poly
+
+from beamdesign.loop import Loop
+from beamdesign.polynomial import Affine, even_odd
+from beamdesign.proofs.performance import Coefficients, inner
+from beamdesign.proofs.quadratic import quadratic_nonnegative
+from beamdesign.rational import nearest, text
+
+_X = fmpq_poly([0, 1])
+_ONE = fmpq_poly([1])
+_NONE = fmpq(0)
+
+
+@dataclass(frozen=True, order=True)
+class Kernel:
+    """(a / (a + s))^k, or with -s in the place of s where it is not causal; its L1 norm is one.
+
+    Attributes:
+        rate: a, 1/s.
+        order: k.
+        causal: whether it stands at times after zero.
+    """
+
+    rate: int
+    order: int
+    causal: bool = True
+
+    def response(self, w: np.ndarray) -> np.ndarray:
+        """Its values at angular frequencies (rad/s), complex, of their shape."""
+        sign = 1 if self.causal else -1
+        return np.asarray((self.rate / (self.rate + sign * 1j * w)) ** self.order)
+
+    @property
+    def below(self) -> fmpq_poly:
+        """a^2 + x."""
+        return fmpq_poly([self.rate**2, 1])
+
+    @property
+    def above(self) -> tuple[fmpq_poly, fmpq_poly]:
+        """Real part, and imaginary part over w, of the numerator over (a^2 + x)^k."""
+        return even_odd(fmpq_poly([self.rate**2, -self.rate if self.causal else self.rate]) ** self.order)
+
+
+@dataclass(frozen=True)
+class Multiplier:
+    """1 - sum of coefficients times kernels + popov_s s.
+
+    Attributes:
+        terms: coefficient and kernel of each.
+        popov_s: q, s.
+    """
+
+    terms: tuple[tuple[fmpq, Kernel], ...]
+    popov_s: fmpq
+
+    @property
+    def norm(self) -> fmpq:
+        """Sum of the absolute coefficients."""
+        return sum((abs(coefficient) for coefficient, _ in self.terms), _NONE)
+
+    @property
+    def admissible(self) -> bool:
+        """Whether the theorem knows it: its norm is below one, and no term of Popov's is negative."""
+        return self.norm < 1 and self.popov_s >= 0
+
+    @property
+    def for_odd_only(self) -> bool:
+        """Whether the characteristic has to be odd."""
+        return any(coefficient < 0 for coefficient, _ in self.terms)
+
+    @cached_property
+    def parts(self) -> tuple[fmpq_poly, fmpq_poly, fmpq_poly]:
+        """A, B and Q in x = w^2: M(jw) = (A + j w B) / Q, Q being positive."""
+        orders: dict[int, int] = {}
+        for _, kernel in self.terms:
+            orders[kernel.rate] = max(orders.get(kernel.rate, 0), kernel.order)
+        below = _ONE
+        for rate, order in orders.items():
+            below *= fmpq_poly([rate**2, 1]) ** order
+        real, imaginary = below, below * self.popov_s
+        for coefficient, kernel in self.terms:
+            rest = coefficient * (below / kernel.below**kernel.order)
+            even, odd = kernel.above
+            real, imaginary = real - rest * even, imaginary - rest * odd
+        return real, imaginary, below
+
+    def response(self, w: np.ndarray) -> np.ndarray:
+        """Its values at angular frequencies (rad/s), complex, of their shape."""
+        total = 1 + 1j * w * nearest(self.popov_s)
+        for coefficient, kernel in self.terms:
+            total = total - nearest(coefficient) * kernel.response(w)
+        return np.asarray(total)
+
+    def table(self) -> dict[str, Any]:
+        """As a certificate states it."""
+        terms = [
+            {"coefficient": text(c), "rate_per_s": text(fmpq(k.rate)), "order": k.order, "causal": k.causal}
+            for c, k in self.terms
+        ]
+        return {"popov_s": text(self.popov_s), "term": terms}
+
+    def __str__(self) -> str:
+        parts = [
+            f"{'-' if c > 0 else '+'} {text(abs(c))} ({k.rate}/({k.rate} {'+' if k.causal else '-'} s))^{k.order}"
+            for c, k in self.terms
+        ]
+        popov = [f"+ {text(self.popov_s)} s"] if self.popov_s else []
+        return " ".join(["1", *parts, *popov])
+
+
+def is_proper(loop: Loop, low: fmpq, high: fmpq) -> bool:
+    """Whether L falls off at least as 1/s at every mass of a range, so that s L is bounded."""
+    degree = loop.loop_denominator.constant.degree()
+    lead = [loop.loop_denominator.at(mass)[degree] for mass in (low, high)]
+    same = loop.loop_denominator.slope.degree() <= degree and lead[0] * lead[1] > 0
+    return same and max(loop.loop_numerator.constant.degree(), loop.loop_numerator.slope.degree()) < degree
+
+
+def slack(multiplier: Multiplier, closed: Affine, opened: Affine, margin: fmpq) -> Coefficients:
+    """(Re[M p / D] - margin) |D|^2 Q at jw as a quadratic a m^2 + b m + c in the mass, p being closed and D opened."""
+    real, imaginary, below = multiplier.parts
+
+    def one(above: fmpq_poly, under: fmpq_poly) -> fmpq_poly:
+        return real * inner(above, under) - _X * imaginary * _turned(above, under)
+
+    def size(left: fmpq_poly, right: fmpq_poly) -> fmpq_poly:
+        return margin * below * inner(left, right)
+
+    mixed = one(closed.constant, opened.slope) + one(closed.slope, opened.constant)
+    return (
+        one(closed.slope, opened.slope) - size(opened.slope, opened.slope),
+        mixed - 2 * size(opened.constant, opened.slope),
+        one(closed.constant, opened.constant) - size(opened.constant, opened.constant),
+    )
+
+
+def _turned(left: fmpq_poly, right: fmpq_poly) -> fmpq_poly:
+    """Imaginary part of left(jw) times the conjugate of right(jw), over w, a polynomial in x = w^2."""
+    (even_left, odd_left), (even_right, odd_right) = even_odd(left), even_odd(right)
+    return odd_left * even_right - even_left * odd_right
+
+
+def fits(multiplier: Multiplier, loop: Loop, low: fmpq, high: fmpq, margin: fmpq) -> bool:
+    """Whether Re[M (1 + L)] is at least a margin at every mass (kg) from `low` to `high` and every frequency."""
+    return fits_families(multiplier, loop.characteristic, loop.loop_denominator, low, high, margin)
+
+
+def fits_families(multiplier: Multiplier, closed: Affine, opened: Affine, low: fmpq, high: fmpq, margin: fmpq) -> bool:
+    """Whether Re[M p / D], p being closed and D opened, is at least a margin at every mass (kg) and frequency."""
+    return quadratic_nonnegative(*slack(multiplier, closed, opened, margin), low, high, _NONE, None).holds
+
+
+def responses(loop: Loop, masses: Sequence[float] | np.ndarray, w: np.ndarray) -> np.ndarray:
+    """L at jw in floats, (masses, frequencies)."""
+    return ratio(loop.loop_numerator, loop.loop_denominator, masses, w)
+
+
+def ratio(above: Affine, below: Affine, masses: Sequence[float] | np.ndarray, w: np.ndarray) -> np.ndarray:
+    """A quotient of polynomials over the mass at jw in floats, (masses, frequencies)."""
+    parts = [_at(family, w) for family in (above, below)]
+    over, under = (constant + np.multiply.outer(np.asarray(masses), slope) for constant, slope in parts)
+    return np.asarray(over / under)
+
+
+def _at(family: Affine, w: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    size = max(abs(value) for value in family.constant.coeffs())
+    found = []
+    for polynomial in (family.constant, family.slope):
+        values = [nearest(value / size) for value in polynomial.coeffs()] or [0.0]
+        found.append(np.polynomial.polynomial.polyval(1j * w, values) * nearest(size))
+    return found[0], found[1]
