@@ -266,7 +266,10 @@ def _proved(task: Search, design: _Design, sampled: tuple[float, ...]) -> Found:
                 reason = flaw
             elif best is None or value > highest:
                 best, highest = found, value
-            enough = design.value if task.spread is None else task.reached(design.form, design.variables)
+            enough = design.value
+            if task.spread is not None:  # what it reached before the worst rigs were known is no measure
+                reached = task.reached(design.form, design.variables)
+                enough = task.value(design.form, design.variables, reached)
             if value > _ENOUGH * enough and (best is not None or found.bandwidth_Hz < _ENOUGH * task.needed_Hz):
                 break
             stiffer *= 1 if refuted else 3
