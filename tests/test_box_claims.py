@@ -150,7 +150,7 @@ def test_the_checker_proves_claims_again_and_no_tighter_ones(rig: Prototype, pro
         for key, value in (("limit", 0.99 * claim.asked.limit), ("bandwidth_Hz", 1.02 * claim.asked.bandwidth_Hz)):
             forged = tomllib.loads(text)
             if claim.asked.kind == "gain_margin":
-                forged["claim"][k]["range"]["controller_gain"][0] = "1/40"  # half of it, where all lower ones are claimed
+                forged["claim"][k]["range"]["controller_gain"][0] = "1/40"  # half of it: all are claimed
                 assert not check(resealed(forged)).valid
             elif key in forged["claim"][k]:
                 forged["claim"][k][key] = text_of(exact(value))

@@ -275,10 +275,10 @@ def worst_over_box(prototype: Prototype, box: Box, asked: Asked) -> list[Worst]:
     return [Worst(ratio, _point(statement, shares), w.item() / (2 * pi)) for ratio, shares, w in _worst(statement)]
 
 
-def _width(statement: Statement, ends: Interval) -> float:
-    """Width of a range, relative where it is of something positive."""
+def _width(ends: Interval, kind: str) -> float:
+    """Width of a range, relative to its middle for a factor."""
     low, high = map(nearest, ends)
-    return high - low
+    return 2 * (high - low) / (high + low) if kind == "product" else high - low
 
 
 _NEAR, _NUDGE = 0.02, 0.05
@@ -297,8 +297,8 @@ def margins_over_box(prototype: Prototype, box: Box, asked: Asked) -> dict[str, 
     """
     family, found = _family(prototype, box, asked), dict[str, float]()
     statement = family.over({**box.ranges, **own_ranges(prototype, family, box, asked)})
-    members = {name: parts for name, _, parts in statement.groups}
-    wide = {name: _width(statement, ends) for name, ends in (statement.ranges | statement.parameters).items()}
+    members = {name: (kind, parts) for name, kind, parts in statement.groups}
+    ranges = statement.ranges | statement.parameters
     for ratio, shares, w in _worst(statement):
         if ratio < 1 - _NEAR:
             continue
@@ -308,9 +308,10 @@ def margins_over_box(prototype: Prototype, box: Box, asked: Asked) -> dict[str, 
             # A half of the range is half of all shares.
             slope = (ratio - _ratios(statement, inward, w).item()) / (2 * _NUDGE)
             margin = max(1 - ratio, 0.0) / slope if slope > 0 else inf
-            for one in members.get(name, (name,)):  # of a sum or a product the whole is wider than each part
-                if wide[one]:
-                    found[one] = min(found.get(one, inf), margin * wide[name] / wide[one])
+            kind, parts = members.get(name, ("sum", (name,)))
+            for one in parts:  # of a sum or a product the whole is wider than each part
+                if own := _width(ranges[one], kind):
+                    found[one] = min(found.get(one, inf), margin * _width(ranges[name], kind) / own)
     return {name: margin for name, margin in found.items() if margin < inf}
 
 
