@@ -220,7 +220,7 @@ def _proved(task: Search, design: _Design, sampled: tuple[float, ...]) -> Found:
     robust search the rigs of the box that miss a limit join the samples until none is found, and then all are proved.
     """
     refinement, reason = task.refinement(design.form), ""
-    inside, stiffer = (0.0, TOUCH) if task.spread is None else (_ROOM, _ROOM)
+    inside, stiffer = (0.0, TOUCH) if task.spread is None else (_ROOM, _ROOM + 2 * TOUCH)
     best: Proved | None = None
     highest = 0.0
     proofs = 0
