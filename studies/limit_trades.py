@@ -4,8 +4,8 @@ Usage, from the root of the project:
 
     python studies/limit_trades.py studies/prototypes/structured_no_payload.toml studies/limit_trades.svg [--sections 1]
 
-Every point is tuned and proved anew; with two sections a point takes some ten seconds. With --robust SIGMAS it is tuned
-for the worst rigs within the tolerances as well, which takes several times as long.
+Every point is tuned and proved anew for exactly the figures stated; with two sections a point takes some ten seconds.
+With --sigmas S it is tuned for every rig within so many standard deviations, which takes several times as long.
 """
 
 import argparse
@@ -16,7 +16,6 @@ from limit_trades_picture import LIMITS, Limit, Trade, plot_limit_trades
 from matplotlib.figure import Figure
 
 from beamdesign.prototype import Prototype, read_prototype
-from beamdesign.synthesis.rig_spread import rig_spread
 from beamdesign.synthesis.tuning import tune
 
 FACTORS = (0.5, 0.7, 1.0, 1.5, 2.5)
@@ -27,10 +26,7 @@ def reached(prototype: Prototype, sections: int, sigmas: float) -> float | None:
     """Bandwidth that is proved of a prototype tuned over its payload, Hz; None where nothing is."""
     masses = prototype.payload.outer_end_mass_kg
     assert masses is not None
-    spread = None
-    if sigmas > 0:
-        spread = rig_spread(prototype.but(controller=None, guarantee=None), masses[1], sigmas)
-    best = tune(prototype, masses, "structured", sections=sections, spread=spread).best
+    best = tune(prototype, masses, "structured", sections=sections, sigmas=sigmas).best
     return None if best is None else best.bandwidth_Hz
 
 
@@ -57,15 +53,15 @@ def main() -> None:
     parser.add_argument("picture", type=Path)
     parser.add_argument("--sections", type=int, default=1, choices=(1, 2, 3))
     parser.add_argument("--factors", type=float, nargs="+", default=FACTORS, help="of each limit's own value")
-    parser.add_argument("--robust", type=float, default=0.0, metavar="SIGMAS")
+    parser.add_argument("--sigmas", type=float, default=0.0)
     given = parser.parse_args()
     prototype = read_prototype(given.prototype)
     if prototype.payload.outer_end_mass_kg is None:
         raise SystemExit("the prototype needs a payload range")
-    own = reached(prototype, given.sections, given.robust)
-    trades = [trade(prototype, limit, own, given.factors, given.sections, given.robust) for limit in LIMITS]
+    own = reached(prototype, given.sections, given.sigmas)
+    trades = [trade(prototype, limit, own, given.factors, given.sections, given.sigmas) for limit in LIMITS]
     low, high = prototype.payload.outer_end_mass_kg
-    kept = f", worst rigs within {given.robust:g} standard deviations" if given.robust else ""
+    kept = f", every rig within {given.sigmas:g} standard deviations" if given.sigmas else ""
     law = f"Lag with {given.sections} section{'s' * (given.sections > 1)}"
     title = f"{law}, {low:g} to {high:g} kg{kept}; dashed: as it is"
     figure = Figure(figsize=(11.0, 3.4), layout="constrained")

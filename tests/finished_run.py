@@ -32,6 +32,6 @@ def finished_run() -> DesignRun:
     best = Proved(
         controller, inner, certificate.guaranteed.bandwidth_Hz, certificate.guaranteed.peak_sensitivity, np.zeros(0)
     )
-    tuning = Tuning(loaded, masses, best, (best.bandwidth_Hz,), (), 1)
+    tuning = Tuning(loaded, masses, best, (best.bandwidth_Hz,), 1)
     certificate, prototype = certified(loaded, best, masses)
     return DesignRun(problem, sizing, tuning, certificate, prototype)

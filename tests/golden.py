@@ -139,7 +139,7 @@ GOLDEN: dict[str, Golden] = {
     ),
     # Not the residual of the optimum, which is rounding.
     "size": _one("size {studies}/prototype.toml", loose="free|price|shadow|relax", only=r"^(?!.*kkt_residual)"),
-    "tune_lag": _one("tune {studies}/prototypes/paper_remedy.toml --outer-end-mass 0:1 --out out", loose=""),
+    "tune_lag": _one("tune {studies}/prototypes/paper_remedy.toml --outer-end-mass 0:1 --nominal --out out", loose=""),
     "code": _one("code {studies}/prototypes/tame_lag.toml --rate-Hz 10000 --word-length 24 --out out"),
     "simulate": _one("simulate p.toml --scenario s.toml --no-plots --out out",
                      ("p.toml", f"{_ANY}/tame_lag.toml", EFFECTS), ("s.toml", "", SCENARIO)),

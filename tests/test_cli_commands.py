@@ -39,7 +39,7 @@ def call(folder: Path, *arguments: str, status: int = 0) -> tuple[dict[str, Any]
 
 def test_run_carries_the_template_of_a_study_to_a_certified_prototype(tmp_path: Path) -> None:
     (study,) = start("study", tmp_path / "link.toml")
-    fields, said = call(tmp_path, "run", str(study), "--out", str(tmp_path / "out"))
+    fields, said = call(tmp_path, "run", str(study), "--nominal", "--out", str(tmp_path / "out"))
     assert {"prototype", "certificate", "mass_kg", "report"} <= set(fields)
     prototype = read_prototype(fields["prototype"])
     assert prototype.guarantee is not None
@@ -64,7 +64,9 @@ def test_codesign_and_front_of_the_template_are_proved_and_agree(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     (study,) = start("codesign", tmp_path / "link.toml")
-    fields, _ = call(tmp_path, "codesign", str(study), "--bandwidth-Hz", "3.8", "--out", str(tmp_path / "one"))
+    fields, _ = call(
+        tmp_path, "codesign", str(study), "--nominal", "--bandwidth-Hz", "3.8", "--out", str(tmp_path / "one")
+    )
     assert {"prototype", "moving_mass_kg", "beam_mass_kg", "inner_end_mass_kg", "guaranteed"} <= set(fields)
     assert fields["guaranteed"]["bandwidth_Hz"] >= 3.8
     assert fields["moving_mass_kg"] == pytest.approx(fields["beam_mass_kg"] + fields["inner_end_mass_kg"])
@@ -86,7 +88,7 @@ def test_codesign_and_front_of_the_template_are_proved_and_agree(
     known = {3.8: Codesign(3.8, PAYLOAD, held, ()), 400.0: Codesign(400.0, PAYLOAD, None, (), "400 Hz are too many")}
     monkeypatch.setattr(front_room, "codesign", lambda asked, masses, bandwidth_Hz, *rest, **more: known[bandwidth_Hz])
     assert problem.payload.outer_end_mass_kg == PAYLOAD
-    front, said = call(tmp_path, "front", str(study), "--bandwidths-Hz", "3.8,400", "--out", str(out))
+    front, said = call(tmp_path, "front", str(study), "--nominal", "--bandwidths-Hz", "3.8,400", "--out", str(out))
     near, far = front["points"]
     assert near["proved"] is True
     assert near["moving_mass_kg"] == pytest.approx(fields["moving_mass_kg"], rel=1e-12)
@@ -102,7 +104,7 @@ def test_remedies_are_compared_on_the_template(tmp_path: Path, monkeypatch: pyte
     monkeypatch.setattr(remedies, "FREEDOMS", (remedies.UNTOUCHED, remedies.FREEDOMS[3]))
     (study,) = start("codesign", tmp_path / "link.toml")
     out = tmp_path / "out"
-    fields, _ = call(tmp_path, "remedies", str(study), "--out", str(out))
+    fields, _ = call(tmp_path, "remedies", str(study), "--nominal", "--out", str(out))
     untouched, phase, scheduled = fields["remedies"]
     # Without its end mass the paper's breaks meet a peak sensitivity of 2 with hardly any gain.
     assert untouched["bandwidth_Hz"] == pytest.approx(0.817, rel=0.01)

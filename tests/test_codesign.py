@@ -39,7 +39,7 @@ def violations(prototype: Prototype, masses: tuple[float, float], bandwidth: flo
 def test_codesign_is_lighter_than_the_published_sections_for_the_same_guarantee() -> None:
     # The published tubes with 4.5 kg inside move 14.65 kg and guarantee 3.8 Hz; a rough search on grids found 9.5 kg.
     problem = read_problem(STUDIES / "codesign.toml")
-    found = codesign(problem, PAYLOAD, 3.8)
+    found = codesign(problem, PAYLOAD, 3.8, sigmas=0.0)
     assert found.point is not None
     point = found.point
     assert point.moving_mass_kg < 9.5
@@ -47,7 +47,7 @@ def test_codesign_is_lighter_than_the_published_sections_for_the_same_guarantee(
     assert point.proved.bandwidth_Hz >= 3.8
     assert violations(point.prototype, PAYLOAD, 3.8, 2.0) == []
     # A neighbour on the front, from this point: more bandwidth costs mass, and what cannot be had stays on record.
-    front = pareto_front(problem, [4.2], [PAYLOAD])
+    front = pareto_front(problem, [4.2], [PAYLOAD], sigmas=0.0)
     (other,) = front.proved
     assert other.point is not None
     assert other.point.moving_mass_kg > point.moving_mass_kg
@@ -55,7 +55,7 @@ def test_codesign_is_lighter_than_the_published_sections_for_the_same_guarantee(
 
 
 def test_impossible_bandwidth_is_refused_with_a_reason() -> None:
-    found = codesign(read_problem(STUDIES / "codesign.toml"), PAYLOAD, 400.0)
+    found = codesign(read_problem(STUDIES / "codesign.toml"), PAYLOAD, 400.0, sigmas=0.0)
     assert found.point is None
     assert "400 Hz" in found.reason
 
@@ -64,7 +64,7 @@ def test_tune_command_writes_the_contracts_fields(paper: Prototype, tmp_path: Pa
     given, out, answer = tmp_path / "rig.toml", tmp_path / "out", tmp_path / "tune.json"
     write_prototype(paper, given)
     done = CliRunner().invoke(
-        app, ["tune", str(given), "--outer-end-mass", "0:6.8", "--out", str(out), "--json", str(answer)]
+        app, ["tune", str(given), "--outer-end-mass", "0:6.8", "--nominal", "--out", str(out), "--json", str(answer)]
     )
     assert done.exit_code == 0, done.output
     fields = json.loads(answer.read_text())

@@ -132,7 +132,7 @@ def test_beams_that_move_side_by_side_are_of_like_length() -> None:
         ("certify", "--decay-rate-per-s", "1e300"),
         ("certify", "--bandwidth-Hz", "5e-324"),
         ("certify", "--gain-margin", "nan"),
-        ("certify", "--robust", "1e9"),
+        ("tune", "--sigmas", "1e9"),
         ("certify", "--outer-end-mass", "0:6.8e30"),
         ("certify-box", "--sigmas", "1e300"),
         ("certify-box", "--delay-s", "1e300"),

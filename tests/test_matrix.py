@@ -293,9 +293,9 @@ def tune_to(kind: str) -> None:
     begins(f"tune p.toml --controller {TO.get(kind, kind)}")
 
 
-def tune_robust(kind: str) -> None:
+def tune_sigmas(kind: str) -> None:
     prototype()
-    begins(f"tune p.toml --controller {TO.get(kind, kind)} --robust 0.5")
+    begins(f"tune p.toml --controller {TO.get(kind, kind)} --sigmas 0.5")
 
 
 COMMANDS = {
@@ -305,7 +305,7 @@ COMMANDS = {
     "certify-switching": certify_switching,
     "tune from": tune_from,
     "tune to": tune_to,
-    "tune --robust": tune_robust,
+    "tune --sigmas": tune_sigmas,
     "stiffness": stiffness,
     "arm": arm,
     "simulate": simulate,

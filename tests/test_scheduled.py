@@ -372,10 +372,12 @@ def test_stages_are_tuned_for_the_same_tolerances_and_their_changes_proved(
     rig: Prototype, proved: Switching, given: list[LawOptions], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     bare = rig.but(controller=None, tolerance=rig.tolerance.but(flow_gain=0.05))
-    spread = rig_spread(bare, 6.8, 1.0)
     monkeypatch.setattr(tuning, "switching", lambda families, *masses, **more: proved)  # of the shipped stages
-    found = tune(bare, (0.0, 6.8), "scheduled", spread=spread, stages=3)
-    assert all(one.stable_kg == (0.0, 6.8) and one.spread is spread for one in given)
+    found = tune(bare, (0.0, 6.8), "scheduled", sigmas=1.0, stages=3)
+    assert all(one.stable_kg == (0.0, 6.8) for one in given)
+    assert all(
+        one.spread is not None and one.spread.deviations == rig_spread(bare, 6.8, 1.0).deviations for one in given
+    )
     assert len(given) == len(found.laws) == 3  # one mass inside: nothing more is tried
     assert [stage.prototype.controller for stage in found.stages] == [law for law, _ in schedule_of(rig).laws]
     assert found.switching is not None
@@ -389,7 +391,7 @@ def test_a_study_is_carried_to_several_laws(rig: Prototype, given: list[LawOptio
     study["sections"]["choose"] = "fixed"
     (tmp_path / "study.toml").write_text(tomli_w.dumps(study))
     out, told = tmp_path / "out", tmp_path / "run.json"
-    asked = ["run", str(tmp_path / "study.toml"), "--out", str(out), "--json", str(told)]
+    asked = ["run", str(tmp_path / "study.toml"), "--nominal", "--out", str(out), "--json", str(told)]
     done = CliRunner().invoke(app, asked)
     assert done.exit_code == 0, done.output
     fields = json.loads(told.read_text())

@@ -239,12 +239,12 @@ def test_sampled_slacks_are_those_of_the_exact_loop(rig: Prototype) -> None:
 @pytest.fixture(scope="module")
 def tuned(rig: Prototype) -> Tuning:
     """One section, without payload: enough to be twice as fast as a lag."""
-    return tune(rig, (0.0, 0.0), "structured", 0.0, sections=1)
+    return tune(rig, (0.0, 0.0), "structured", 0.0, sections=1, sigmas=0.0)
 
 
 def test_a_section_more_than_doubles_the_bandwidth_of_the_lag(rig: Prototype, tuned: Tuning) -> None:
     """The lag alone reaches 5.6 Hz with this filter."""
-    lag = tune(rig, (0.0, 0.0), "lag", 0.0)
+    lag = tune(rig, (0.0, 0.0), "lag", 0.0, sigmas=0.0)
     assert lag.best is not None
     assert tuned.best is not None
     assert tuned.best.bandwidth_Hz > 2 * lag.best.bandwidth_Hz
@@ -260,7 +260,7 @@ def test_a_section_more_than_doubles_the_bandwidth_of_the_lag(rig: Prototype, tu
 def test_limits_of_the_goal_cost_bandwidth(rig: Prototype, tuned: Tuning) -> None:
     """A current that is ten times less allows less, and a lag keeps the goal's limits too."""
     tighter = rig.but(goal=rig.goal.but(controller_effort_A_per_V=0.006))
-    found = tune(tighter, (0.0, 0.0), "lag", 0.0)
+    found = tune(tighter, (0.0, 0.0), "lag", 0.0, sigmas=0.0)
     assert found.best is not None
     reached = loop(found.prototype).at(0.0)
     frequency = np.geomspace(0.1, 3000.0, 3000)
@@ -286,7 +286,7 @@ def test_what_a_good_rig_delivers_is_what_its_linear_loop_promises(tuned: Tuning
 def test_the_command_tunes_within_limits_and_says_which(rig: Prototype, tmp_path: Path) -> None:
     bare = rig.but(goal=type(rig.goal)(), controller=None)
     write_prototype(bare, tmp_path / "bare.toml")
-    told = ["tune", str(tmp_path / "bare.toml"), "--controller", "structured", "--sections", "1"]
+    told = ["tune", str(tmp_path / "bare.toml"), "--controller", "structured", "--sections", "1", "--nominal"]
     told += ["--outer-end-mass", "0:0", "--largest-inner-end-mass-kg", "0", "--controller-effort-A-per-V", "inf"]
     done = CliRunner().invoke(app, [*told, "--out", str(tmp_path), "--json", str(tmp_path / "answer.json")])
     assert done.exit_code == 0, done.exception

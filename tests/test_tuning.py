@@ -65,7 +65,7 @@ def rig() -> Prototype:
 
 @pytest.fixture(scope="module")
 def lag(rig: Prototype) -> Tuning:
-    return tune(rig, RANGE_KG)
+    return tune(rig, RANGE_KG, sigmas=0.0)
 
 
 def test_the_published_rig_reaches_five_hertz_with_little_mass_inside(lag: Tuning):
@@ -105,7 +105,7 @@ def test_the_result_is_a_prototype_to_go_on_with(rig: Prototype, lag: Tuning):
 
 def test_tuning_is_repeatable(rig: Prototype, lag: Tuning):
     """What is found is where it was found before."""
-    again = tune(rig, RANGE_KG)
+    again = tune(rig, RANGE_KG, sigmas=0.0)
     assert again.starts == lag.starts
     assert again.best is not None
     assert lag.best is not None
@@ -132,7 +132,7 @@ def test_the_published_breaks_reach_three_point_eight_hertz(rig: Prototype, lag:
 
 def test_proportional_control_is_as_good_as_a_grid_finds_it(rig: Prototype):
     """Gain and inner end mass are all there is: a grid over both, by equations assembled by hand, finds no more."""
-    found = tune(rig, RANGE_KG, "proportional")
+    found = tune(rig, RANGE_KG, "proportional", sigmas=0.0)
     assert found.best is not None
     confirm(found.prototype, found.best, np.linspace(*RANGE_KG, 41))
     frequency = np.geomspace(0.1, 300.0, 250)
@@ -150,7 +150,7 @@ def test_proportional_control_is_as_good_as_a_grid_finds_it(rig: Prototype):
 
 
 def test_one_mass_is_easier_than_a_range_that_holds_it(rig: Prototype, lag: Tuning):
-    found = tune(rig, (3.0, 3.0))
+    found = tune(rig, (3.0, 3.0), sigmas=0.0)
     assert found.best is not None
     assert lag.best is not None
     confirm(found.prototype, found.best, np.array([3.0]))
@@ -159,7 +159,7 @@ def test_one_mass_is_easier_than_a_range_that_holds_it(rig: Prototype, lag: Tuni
 
 def test_a_sensor_filter_is_part_of_the_loop(rig: Prototype, lag: Tuning):
     filtered = rig.but(sensor=rig.sensor.but(filter_Hz=400.0))
-    found = tune(filtered, RANGE_KG)
+    found = tune(filtered, RANGE_KG, sigmas=0.0)
     assert found.best is not None
     assert lag.best is not None
     confirm(found.prototype, found.best, np.linspace(*RANGE_KG, 21))
@@ -167,14 +167,14 @@ def test_a_sensor_filter_is_part_of_the_loop(rig: Prototype, lag: Tuning):
 
 
 def test_without_mass_inside_none_is_added(rig: Prototype):
-    found = tune(rig, (0.0, 3.0), largest_inner_end_mass_kg=0.0)
+    found = tune(rig, (0.0, 3.0), largest_inner_end_mass_kg=0.0, sigmas=0.0)
     assert found.best is not None
     assert found.best.inner_end_mass_kg == 0.0
 
 
 def test_a_limit_that_is_all_but_none_is_kept(rig: Prototype):
     """With a peak of a thousand allowed, good loops lie on the brink; what is found is stable all the same."""
-    loose = tune(rig.but(goal=rig.goal.but(peak_sensitivity=1e3)), (3.0, 3.0), "proportional")
+    loose = tune(rig.but(goal=rig.goal.but(peak_sensitivity=1e3)), (3.0, 3.0), "proportional", sigmas=0.0)
     assert loose.best is not None
     assert loose.prototype.goal.peak_sensitivity == 1e3
     judged = judge(loose.prototype, np.array([3.0]), np.geomspace(1e-3, loose.best.bandwidth_Hz, 150))
@@ -184,7 +184,7 @@ def test_a_limit_that_is_all_but_none_is_kept(rig: Prototype):
 
 
 def test_a_rig_stiff_enough_by_itself_is_guaranteed_a_finite_bandwidth(rig: Prototype):
-    found = tune(rig.but(goal=rig.goal.but(compliance_m_per_N=1.0)), RANGE_KG)
+    found = tune(rig.but(goal=rig.goal.but(compliance_m_per_N=1.0)), RANGE_KG, sigmas=0.0)
     assert found.best is not None
     assert found.best.bandwidth_Hz == LARGEST_BANDWIDTH_HZ
 
@@ -204,13 +204,13 @@ def refused(found: Tuning, given: Prototype) -> None:
 )
 def test_a_goal_out_of_reach_is_a_no_with_its_reason(rig: Prototype, change, words):
     asked = rig.but(goal=rig.goal.but(**change))
-    found = tune(asked, RANGE_KG)
+    found = tune(asked, RANGE_KG, sigmas=0.0)
     refused(found, asked)
     assert words in found.reason
 
 
 def test_a_range_out_of_reach_is_a_no(rig: Prototype):
-    found = tune(rig, (0.0, 1e5))
+    found = tune(rig, (0.0, 1e5), sigmas=0.0)
     refused(found, rig)
     assert "0 to 100000 kg" in found.reason
 
@@ -219,7 +219,7 @@ def test_a_solver_that_lies_is_not_believed(rig: Prototype, monkeypatch):
     """Whatever the polish gives back as its optimum, unstable over part of the range, comes to nothing."""
     remedy = np.array([*np.log([0.15, 1.75, 26.0]), 4.5])
     monkeypatch.setattr(LawRefinement, "__call__", lambda *arguments, **options: (remedy, 20.0))
-    found = tune(rig, RANGE_KG)
+    found = tune(rig, RANGE_KG, sigmas=0.0)
     refused(found, rig)
     assert "not stable over the whole range" in found.reason
 
@@ -229,7 +229,7 @@ def test_a_solver_that_overrates_is_corrected(rig: Prototype, lag: Tuning, monke
     assert lag.best is not None
     overrated = lag.best.variables
     monkeypatch.setattr(LawRefinement, "__call__", lambda *arguments, **options: (overrated, 50.0))
-    found = tune(rig, RANGE_KG)
+    found = tune(rig, RANGE_KG, sigmas=0.0)
     assert found.best is not None
     assert found.best.bandwidth_Hz == lag.best.bandwidth_Hz
 
@@ -245,7 +245,7 @@ def test_a_solver_without_figures_stays_where_it_is(rig: Prototype, lag: Tuning,
             return {"success": False}
 
     monkeypatch.setattr(LawRefinement, "_program", lambda self: Lost())
-    found = tune(rig, RANGE_KG)
+    found = tune(rig, RANGE_KG, sigmas=0.0)
     assert found.starts == pytest.approx(lag.starts, rel=1e-3)
     assert found.certificates == 1
     refused(found, rig)

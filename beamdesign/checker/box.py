@@ -36,6 +36,8 @@ _DEVIATIONS = {
 }  # fmt: skip
 """The entry of [tolerance] for each figure."""
 _HALVINGS = 40
+MASS = "outer_end_mass"
+"""Of which a claim may be about a part of the box: a law performs over its own payloads and is stable with others."""
 
 
 def of_rig(table: Table, expression: Expression, rig: Rig) -> Iterator[tuple[bool, str]]:
@@ -368,16 +370,25 @@ class _Claim:
             self.expression = Expression(stated, table, Circle(*circle))
         self.marks = [mark for line in stated.words("tree") for mark in line.split()]
         self.limit, self.whole = limit, Expression(table).ranges
+        masses = f" with {MASS} {_words(self.expression.ranges[MASS])}" if MASS in self.expression.own.keys else ""
+        self.of_masses = masses
 
     def _covers(self, rig: Rig) -> bool:
-        """Whether ranges of its own hold the gains claimed, and of effects all at which performance is asked."""
-        own, asked = self.expression.own.keys, _performing(rig)
+        """Whether ranges of its own hold the gains claimed, and of effects all at which performance is asked.
+
+        Of the outer end mass they may be less than the box, which is stated.
+        """
+        own, asked = {*self.expression.own.keys}, _performing(rig)
         if self.kind == "gain_margin":
             low, high = self.whole.get("controller_gain", (fmpq(-1), fmpq(0)))
             asked = {"controller_gain": (low * self.limit, high)}
             if not 0 <= self.limit <= 1 or low < 0 or "controller_gain" not in own:
                 return False
         ranges = self.expression.ranges
+        if MASS in own:  # the claim is said to be about these alone
+            own -= {MASS}
+            if not self.whole[MASS][0] <= ranges[MASS][0] <= ranges[MASS][1] <= self.whole[MASS][1]:
+                return False
         return all(n in asked and ranges[n][0] <= asked[n][0] and asked[n][1] <= ranges[n][1] for n in own)
 
     def proved(self, rig: Rig | None, member: Mapping[str, fmpq]) -> tuple[bool, str]:
@@ -403,7 +414,7 @@ class _Claim:
             count += 1
             if not settled:
                 return False, f"{self.words}: piece {count}, {where}, is not seen to be clear"
-        return True, f"{self.words} for every member of the box: {count} pieces"
+        return True, f"{self.words} for every member of the box{self.of_masses}: {count} pieces"
 
 
 _UNDER_TURN, _OVER_TURN = fmpq(333, 53), fmpq(710, 113)

@@ -1,10 +1,11 @@
 """A law over the whole box of tolerances: its worst rigs, which a search finds, and what is proved of every rig."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from math import inf, log
 from typing import NamedTuple
 
+from beamdesign.polynomial import exact
 from beamdesign.proofs.box import Box, certify_box
 from beamdesign.proofs.box_claims import Worst, claim_over_box, margins_over_box, relaxed, worst_over_box
 from beamdesign.proofs.certificate import LOWER_GAINS, Asked, goal_claims
@@ -107,6 +108,8 @@ class BoxTask:
         if not verdict.stable:
             return None, verdict.reason
         claims = []
+        low, high = self.masses_kg
+        own = {"outer_end_mass": self.box.ranges.get("outer_end_mass", (exact(low), exact(high)))}
         for asked in self._asked(bandwidth_Hz):
             for looser in _LOOSER if asked.kind == "compliance" else (1.0,):
                 one = relaxed(asked, looser) if asked.kind == "compliance" else asked
@@ -115,7 +118,7 @@ class BoxTask:
                     break
             if not claim.holds:
                 return None, f"{claim.asked.kind.replace('_', ' ')}: {claim.reason}"
-            claims.append(claim)
+            claims.append(claim if self.masses_kg == self.stable_kg else replace(claim, own={**claim.own, **own}))
         stated = tuple(claim.asked for claim in claims)
         return OverBox(self.spread.sigmas, stated, verdict.write(claims), self._tightest(bandwidth_Hz)), ""
 

@@ -64,7 +64,7 @@ class Row:
 
 def tuned(prototype: Prototype, masses: Range, kind: str) -> Design | None:
     """A controller of a simple kind, tuned for the rig and limits of a prototype; None where nothing is proved."""
-    found = tune(prototype, masses, kind)
+    found = tune(prototype, masses, kind, sigmas=0.0)
     return None if found.best is None else Design(f"{kind} (tuned here)", ((found.prototype, masses),))
 
 

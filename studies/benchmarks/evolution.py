@@ -140,7 +140,7 @@ def compare_tuners(
     prototype: Prototype, masses_kg: tuple[float, float], effort: Effort, row: str, question: str
 ) -> Comparison:
     """The tuner against one run of the evolution per seed."""
-    cost, tuned = timed(lambda: tune(prototype, masses_kg, effort.kind, LARGEST_INNER_KG), 1, warm=False)
+    cost, tuned = timed(lambda: tune(prototype, masses_kg, effort.kind, LARGEST_INNER_KG, sigmas=0.0), 1, warm=False)
     assert tuned.best is not None
     best = tuned.best
     methods = [

@@ -1,4 +1,4 @@
-"""A scheduled controller beside the fixed robust lag, on the nonlinear rig: estimates, load steps, delivered bandwidth.
+"""A scheduled controller beside the fixed lag, on the nonlinear rig: estimates, load steps, delivered bandwidth.
 
 Rigs are drawn from tolerances and get the effects that the linear design leaves out. Both controllers are sampled alike
 and hear the same noise. Usage, from the root of the project:
@@ -39,8 +39,8 @@ def schedule_of(rig: Prototype) -> Scheduled:
 
 
 def fixed_beside(rig: Prototype) -> Prototype:
-    """The robust lag over the same payloads, with its own mass inside, as the law of every stage."""
-    tuned = tune(rig, schedule_of(rig).outer_end_mass_kg).prototype
+    """The lag over the same payloads, with its own mass inside, as the law of every stage."""
+    tuned = tune(rig, schedule_of(rig).outer_end_mass_kg, sigmas=0.0).prototype
     law = tuned.controller
     assert isinstance(law, Lag)
     stages = [
