@@ -175,6 +175,16 @@ def _performing_box() -> Honest:
     return Honest(certify_box(rig, box, volumes=False).write(claims), rig, 2.0)
 
 
+def _lower_gains() -> Honest:
+    """Stable at every lower gain, and with little loop gain at high frequencies."""
+    rig = _tame().but(tolerance=Tolerance(stiffness=0.03, flow_gain=0.05))
+    box = tolerance_box(rig, 1.0, None, (0.0, 2.0))
+    asked = Asked("gain_margin", 0.0), Asked("gain_margin", 0.5), Asked("loop_gain", 0.1, from_Hz=250.0)
+    claims = [claim_over_box(rig, box, one) for one in asked]
+    assert all(claim.holds for claim in claims), [claim.reason for claim in claims]
+    return Honest(certify_box(rig, box, volumes=False).write(claims), rig, 2.0)
+
+
 def _changing(law: Lag | Proportional | Scheduled, masses: tuple[float, float]) -> Honest:
     """A payload that changes however it likes, and a law that stays or several that take turns."""
     rig = _tame().but(controller=law)
@@ -219,7 +229,8 @@ FORGED: dict[str, tuple[Truth, dict[str, tuple[Callable[[], Honest], int]]]] = {
         truth_of_box.true,
         {
             "stable": (partial(_box, 0.05, 1.0), 300),
-            "performing": (_performing_box, 150),
+            "performing": (_performing_box, 100),
+            "lower_gains": (_lower_gains, 50),
             "unstable": (partial(_box, 0.4, 1.0), 50),
         },
     ),

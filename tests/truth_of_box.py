@@ -36,7 +36,7 @@ def true(table: dict[str, Any]) -> bool | None:
         if table["stable"]:
             verdicts += [
                 stable(table, points, degree),
-                *(keeps(table, claim, points) for claim in table.get("claim", [])),
+                *(claimed(table, claim, ranges, points, shares) for claim in table.get("claim", [])),
             ]
     return False if False in verdicts else None if None in verdicts else True
 
@@ -194,20 +194,51 @@ def _by_phase(plain: np.ndarray, late: np.ndarray, waits: np.ndarray) -> bool | 
     return False if False in verdicts else None if None in verdicts else True
 
 
+def claimed(
+    table: dict[str, Any],
+    claim: dict[str, Any],
+    ranges: dict[str, tuple[float, float]],
+    points: dict[str, np.ndarray],
+    shares: dict[str, np.ndarray],
+) -> bool | None:
+    """Whether a claim is so of every member: of the payloads that it states, else those of the box."""
+    own = {name: (number(low), number(high)) for name, (low, high) in claim.get("range", {}).items()}
+    asked = {name: pair for name, pair in own.items() if name == "outer_end_mass"}
+    if any(not ranges[name][0] <= low <= high <= ranges[name][1] for name, (low, high) in asked.items()):
+        return False
+    if claim["kind"] == "gain_margin":
+        least, (low, high) = number(claim["limit"]), ranges["controller_gain"]
+        if not 0 <= least <= 1:
+            return False
+        asked["controller_gain"] = (least * low, high)
+        if {name for name in own if own[name] != ranges[name]} - {*asked}:
+            return False
+    at = points | {name: low + (high - low) * shares[name] for name, (low, high) in asked.items()}
+    if claim["kind"] == "gain_margin":
+        return stable(table, at, len(coefficients(table, points)[0]))
+    return keeps(table, claim, at)
+
+
 def keeps(table: dict[str, Any], claim: dict[str, Any], points: dict[str, np.ndarray]) -> bool | None:
     """Whether what is claimed of every member is so of some, by the rig's impedances; None where it is close."""
     limit, kind = number(claim["limit"]), claim["kind"]
     most = number(claim["bandwidth_Hz"]) if kind == "compliance" and "bandwidth_Hz" in claim else 1e4
     if not limit > 0 or not most > 0:
         raise ValueError("a limit or a bandwidth that is not positive")
+    since = number(claim["from_Hz"]) if kind == "loop_gain" else 0.0
     own = figures(table)
     worst = 0.0
     for k in range(_CLAIMED_MEMBERS):
         at = own | {name: float(values[k]) for name, values in points.items()}
-        for w in 2 * math.pi * np.append(np.geomspace(0.05, most, _CLAIMED_FREQUENCIES)[:-1], most):
+        for w in 2 * math.pi * np.append(np.geomspace(max(since, 0.05), most, _CLAIMED_FREQUENCIES)[:-1], most):
             gain, moved, law = _loop(table, at, 1j * w)
-            size = {"peak_sensitivity": 1.0, "compliance": moved, "controller_effort": law}[kind]
-            worst = max(worst, abs(size / (1 + gain)) if kind != "compliance" else abs(moved))
+            size = {
+                "peak_sensitivity": 1 / (1 + gain),
+                "compliance": moved,
+                "loop_gain": gain,
+                "controller_effort": law / (1 + gain),
+            }
+            worst = max(worst, abs(size[kind]))
     return None if abs(worst / limit - 1) < CLOSE else worst < limit
 
 

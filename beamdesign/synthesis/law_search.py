@@ -283,6 +283,10 @@ def _proved(task: Search, design: _Design, sampled: tuple[float, ...]) -> Found:
         else:
             if not joined:
                 break
+            # From where rigs that have joined miss a limit by much, no small step keeps all limits.
+            mended, _ = task.coarsely_searched(design.form, design.variables)
+            variables, left = task.refinement(design.form)(mended, rounds=_FIRST_ROUNDS)
+            design = replace(design, variables=variables, value=left)
     return Found(best, sampled, proofs, "" if best else reason)
 
 
