@@ -254,6 +254,11 @@ def certify_box(
             echo(f"scaling of the tolerances ({sigmas:g} standard deviations are 1): {found.reason}")
         for claim in claims:
             echo(f"  guaranteed for every member: {describe(claim.asked.decided(stage.outer_end_mass_kg, True))}")
+        missing = [name.replace("_", " ") for name, value in guaranteed_fields(claims).items() if not value]
+        if verdict.stable and missing:
+            echo(f"  not proved of every member: {', '.join(missing)}")
+        if any(c.asked.kind == "peak_sensitivity" and c.asked.limit > rig.goal.peak_sensitivity for c in claims):
+            echo(f"  the peak sensitivity is beyond the goal of {rig.goal.peak_sensitivity:g}")
         text = verdict.write(claims)
         if text:
             write_certificate(path, text)

@@ -69,6 +69,7 @@ def run(
         nothing = dict.fromkeys(("prototype", "certificate", "mass_kg", "report"))
         return CommandResult(nothing | picked(result, "reason change") | holding, yes=False)
     payload, end, reached = result.prototype.payload, result.suffix.replace(".", "_"), result.guarantees
+    nonlinear = [] if result.certificate is None else [row.to_dict() for row in result.certificate.nonlinear]
     moving, proved = result.sizing.beam_mass_kg + payload.inner_end_mass_kg, result.proved
     rows = [
         ("outer beam", tube_text(*result.sizing.outer)),
@@ -77,6 +78,7 @@ def run(
         ("governing check", result.sizing.governing),
         *(row for one in reached for row in guaranteed_rows(one, one.outer_end_mass_kg)),
         *(row for one in proved for row in further_rows(one)),
+        ("where the current saturates", "comes to rest" if nonlinear else "not proved to come to rest"),
         *(() if held is None else held.rows()),
     ]
     echo_table(f"{problem.name}: designed and certified for {rigs_in_words(reached[0].sigmas)}", ("", ""), rows)
@@ -90,6 +92,7 @@ def run(
             "report": folder[f"report{end}"],
             "specification": folder[f"specification{end}"],
             "guaranteed": reached[0].model_dump() | proved[0],
+            "nonlinear": nonlinear,
             **holding,
             **({"stages": [one.model_dump() for one in reached]} if result.laws else {}),
         },

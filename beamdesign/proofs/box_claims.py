@@ -15,7 +15,7 @@ from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import pairwise
 from math import inf, pi
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from flint import ctx, fmpq, fmpq_poly
@@ -26,7 +26,7 @@ from beamdesign.polynomial import exact, squared_magnitude
 from beamdesign.proofs.box import Box
 from beamdesign.proofs.box_member import climbed, parameters_at, stable_at, unstable_member
 from beamdesign.proofs.branch import Search
-from beamdesign.proofs.certificate import Asked
+from beamdesign.proofs.certificate import LOWER_GAINS, Asked
 from beamdesign.proofs.read_once import NotCovered
 from beamdesign.proofs.rig_family import UNKNOWN, PolynomialFamily, performing_spans, rig_family
 from beamdesign.proofs.statement import Interval, Node, Statement
@@ -139,7 +139,7 @@ def own_ranges(prototype: Prototype, family: PolynomialFamily, box: Box, asked: 
 
 
 def best_over_box(prototype: Prototype, box: Box, budget: int = 4000, seconds: float = inf) -> tuple[BoxClaim, ...]:
-    """The best bandwidth and peak sensitivity that were proved of every member.
+    """The best bandwidth and peak sensitivity that were proved of every member, and stability at every lower gain.
 
     The worst member that a search finds shows what cannot be proved; what is a little looser is tried, ever more so,
     until it is proved. A claim for which that fails is left out.
@@ -151,7 +151,8 @@ def best_over_box(prototype: Prototype, box: Box, budget: int = 4000, seconds: f
         seconds: most time for each try.
     """
     goal = prototype.goal
-    claims = []
+    lower = claim_over_box(prototype, box, LOWER_GAINS, budget, seconds)
+    claims = [lower] if lower.holds else []
     for one in (Asked("compliance", goal.compliance_m_per_N), Asked("peak_sensitivity", goal.peak_sensitivity)):
         with suppress(NotCovered):
             best = _least(prototype, box, one) if one.kind != "compliance" else _highest(prototype, box, one)
@@ -173,12 +174,13 @@ def _family(prototype: Prototype, box: Box, asked: Asked) -> PolynomialFamily:
     return rig_family(prototype, claim=asked, delayed="delay" in box.ranges)
 
 
-def guaranteed_fields(claims: Sequence[BoxClaim]) -> dict[str, float | None]:
-    """The figures of claims that hold, by their keys in JSON; None where there is none."""
+def guaranteed_fields(claims: Sequence[BoxClaim]) -> dict[str, Any]:
+    """The figures of claims that hold, by their keys in JSON; None, or false, where there is none."""
     found = {claim.asked.kind: claim.asked for claim in claims if claim.holds}
     return {
         "bandwidth_Hz": found["compliance"].bandwidth_Hz if "compliance" in found else None,
         "peak_sensitivity": found["peak_sensitivity"].limit if "peak_sensitivity" in found else None,
+        "lower_gains": "gain_margin" in found,
     }
 
 
@@ -273,10 +275,10 @@ def worst_over_box(prototype: Prototype, box: Box, asked: Asked) -> list[Worst]:
     return [Worst(ratio, _point(statement, shares), w.item() / (2 * pi)) for ratio, shares, w in _worst(statement)]
 
 
-def _width(statement: Statement, ends: Interval) -> float:
-    """Width of a range, relative where it is of something positive."""
+def _width(ends: Interval, kind: str) -> float:
+    """Width of a range, relative to its middle for a factor."""
     low, high = map(nearest, ends)
-    return high - low
+    return 2 * (high - low) / (high + low) if kind == "product" else high - low
 
 
 _NEAR, _NUDGE = 0.02, 0.05
@@ -295,8 +297,8 @@ def margins_over_box(prototype: Prototype, box: Box, asked: Asked) -> dict[str, 
     """
     family, found = _family(prototype, box, asked), dict[str, float]()
     statement = family.over({**box.ranges, **own_ranges(prototype, family, box, asked)})
-    members = {name: parts for name, _, parts in statement.groups}
-    wide = {name: _width(statement, ends) for name, ends in (statement.ranges | statement.parameters).items()}
+    members = {name: (kind, parts) for name, kind, parts in statement.groups}
+    ranges = statement.ranges | statement.parameters
     for ratio, shares, w in _worst(statement):
         if ratio < 1 - _NEAR:
             continue
@@ -306,9 +308,10 @@ def margins_over_box(prototype: Prototype, box: Box, asked: Asked) -> dict[str, 
             # A half of the range is half of all shares.
             slope = (ratio - _ratios(statement, inward, w).item()) / (2 * _NUDGE)
             margin = max(1 - ratio, 0.0) / slope if slope > 0 else inf
-            for one in members.get(name, (name,)):  # of a sum or a product the whole is wider than each part
-                if wide[one]:
-                    found[one] = min(found.get(one, inf), margin * wide[name] / wide[one])
+            kind, parts = members.get(name, ("sum", (name,)))
+            for one in parts:  # of a sum or a product the whole is wider than each part
+                if own := _width(ranges[one], kind):
+                    found[one] = min(found.get(one, inf), margin * _width(ranges[name], kind) / own)
     return {name: margin for name, margin in found.items() if margin < inf}
 
 

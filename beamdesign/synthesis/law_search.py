@@ -22,7 +22,7 @@ from beamdesign.synthesis.law_task import Search
 from beamdesign.synthesis.loop_limits import LARGEST_BANDWIDTH_HZ, Proved, loop_set
 from beamdesign.synthesis.over_box import BoxTask
 from beamdesign.synthesis.refinement import TOUCH, WORTH
-from beamdesign.synthesis.worst_rigs import Cut
+from beamdesign.synthesis.rig_spread import Cut
 
 _FIRST_ROUNDS = 5
 """Of a refinement of many, before the best of them are refined for good."""
@@ -174,8 +174,7 @@ def _hardened(task: Search, designs: Sequence[_Design]) -> tuple[Search, list[_D
     """The search with the worst rigs of its best designs among the samples, and these designs refined for them."""
     pool = list(designs[: task.effort.starts])
     for _ in range(_CUT_ROUNDS if task.spread is not None else 0):
-        wanted = [cut for one in pool for _, cut in task.worst(one.form, one.variables, _MISSED)]
-        harder = task.with_cuts(wanted)
+        harder = task.with_cuts(cut for one in pool for _, _, cut in _in_box(task, one, _MISSED))
         if len(harder.cuts) == len(task.cuts):
             break
         task = harder
@@ -267,7 +266,10 @@ def _proved(task: Search, design: _Design, sampled: tuple[float, ...]) -> Found:
                 reason = flaw
             elif best is None or value > highest:
                 best, highest = found, value
-            enough = design.value if task.spread is None else task.reached(design.form, design.variables)
+            enough = design.value
+            if task.spread is not None:  # what it reached before the worst rigs were known is no measure
+                reached = task.reached(design.form, design.variables)
+                enough = task.value(design.form, design.variables, reached)
             if value > _ENOUGH * enough and (best is not None or found.bandwidth_Hz < _ENOUGH * task.needed_Hz):
                 break
             stiffer *= 1 if refuted else 3
@@ -300,6 +302,6 @@ def _over_box(task: Search, design: _Design) -> BoxTask:
     return BoxTask(built, task.spread, task.masses_kg, whole)
 
 
-def _in_box(task: Search, design: _Design) -> list[tuple[str, float, Cut]]:
-    """Rigs of the box that miss a limit, or keep it by less than a proof needs."""
-    return _over_box(task, design).worst(task.reached(design.form, design.variables, _ROOM), -_ROOM / 2)
+def _in_box(task: Search, design: _Design, missed: float = -_ROOM / 2) -> list[tuple[str, float, Cut]]:
+    """Rigs of the box that miss a limit by more than so much, or keep it by less than a proof needs."""
+    return _over_box(task, design).worst(task.reached(design.form, design.variables, _ROOM), missed)

@@ -23,9 +23,8 @@ from beamdesign.synthesis.loop_limits import ends
 from beamdesign.synthesis.loop_samples import FINE_HZ, MODES_HZ, Samples, rig_samples
 from beamdesign.synthesis.loop_slacks import COMPLIANCE, OTHERS, Slacks, sampled_bandwidth, slacks
 from beamdesign.synthesis.refinement import NEARLY, LawRefinement
-from beamdesign.synthesis.rig_spread import RigSpread
+from beamdesign.synthesis.rig_spread import Cut, RigSpread
 from beamdesign.synthesis.sections import Sections
-from beamdesign.synthesis.worst_rigs import Cut, Neighbours, neighbours
 
 
 @dataclass(frozen=True)
@@ -95,7 +94,6 @@ class Search:
     cuts: tuple[Cut, ...] = ()
     points: Samples = field(init=False, repr=False)
     _refinements: dict[Form, LawRefinement] = field(init=False, repr=False, default_factory=dict)
-    _neighbours: dict[bytes, Neighbours] = field(init=False, repr=False, default_factory=dict)
 
     def __post_init__(self) -> None:
         """Sample the loops."""
@@ -171,24 +169,6 @@ class Search:
         every = {cut[:2]: cut for cut in (*cuts, *self.cuts)}
         return replace(self, cuts=tuple(every.values()))
 
-    def worst(self, form: Form, variables: np.ndarray, missed: float) -> list[tuple[float, Cut]]:
-        """Rigs within the spread that miss a limit by more than so much (logarithm), the worst first: see `Neighbours`.
-
-        Compliance counts up to the bandwidth that the law reaches on the samples.
-        """
-        assert self.spread is not None
-        chosen = variables[form.size + 1 :]
-        key = chosen.tobytes()
-        if key not in self._neighbours:
-            masses = sampled_masses(self.masses_kg)
-            self._neighbours.clear()
-            self._neighbours[key] = neighbours(
-                self.spread,
-                lambda members: rig_samples(members, self.frequency_Hz, masses, self.sensors),
-                lambda z: self.members_with(chosen, z=z),
-            )
-        return self._neighbours[key].worst(self.goal, form, variables, self.reached(form, variables), missed)
-
     def reached(self, form: Form, variables: np.ndarray, spare: float = 0.0) -> float:
         """Bandwidth (Hz) of a law on the samples, with so much of the compliance (logarithm) to spare."""
         points = self.points_with(variables[form.size + 1 :]) or self.points
@@ -208,7 +188,8 @@ class Search:
             ]
             every = [(one, masses, factors) for members, masses, factors in rigs for one in ends(members)]
             listed = [((r.polynomials(self.sensors), k, masses), f) for (r, k, asked), masses, f in every if asked]
-            given = self.points, self.goal, form, self.inner_kg, [plant for plant, _ in listed]
+            rows = len(self._masses) * len(ends(self.members))
+            given = self.points, self.goal, form, self.inner_kg, [plant for plant, _ in listed], rows
             if self.sections is None:
                 self._refinements[form] = LawRefinement(*given)
             else:

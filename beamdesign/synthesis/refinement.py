@@ -7,7 +7,7 @@ every round. Where the sections of the beams are variables too, the plant at the
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from math import ceil, exp, inf, log, pi
+from math import exp, inf, log, pi
 from typing import Any
 
 import casadi as ca
@@ -39,10 +39,11 @@ _EVERY = 6
 _WORST: dict[Kind, int] = {"peak_sensitivity": 100, "loop_gain": 25, "controller_effort": 50, "gain_margin": 50}
 """How many of the worst points of each limit but the compliance are enforced beside these."""
 
-_FEW = 300
-"""How many of these neighbouring points there are at most, of which those of rigs that are off make ever more."""
 
 _SHARES = np.concatenate([[5e-4], np.linspace(0.02, 0.37, 8), np.linspace(0.4, 1.0, 21)])
+
+_FEWER_SHARES = _SHARES[::-3][::-1]
+"""Of the bandwidth at which compliance is enforced, and at which it is of rigs at one mass, of which there are many."""
 
 _VIOLATION = 2e-3
 """Violation between the enforced points that is put up with in a round; the worst of them are enforced in the next."""
@@ -81,6 +82,7 @@ class LawRefinement:
         inner_kg: least and most mass inside.
         plants: the plants and factors on their gain that are to perform, with outer end masses (kg).
         sections: that may be chosen as well; the rigs are then that with them and, as `factors` says, what is off it.
+        nominal_rows: how many rows of samples are of the nominal rig; of the others only the worst points are enforced.
         resampled: section variables to the samples with them, None where there is no such rig.
         factors: (rows of samples, 14) on the lumped figures, and for each of the plants likewise, where there are
             sections.
@@ -91,6 +93,7 @@ class LawRefinement:
     form: Form
     inner_kg: tuple[float, float]
     plants: Sequence[tuple[BilinearPlant, float, Sequence[float]]]
+    nominal_rows: int
     sections: Sections | None = None
     resampled: Callable[[np.ndarray], Samples | None] | None = None
     factors: tuple[np.ndarray, np.ndarray] | None = None
@@ -266,8 +269,9 @@ class LawRefinement:
                 found.append(held(slack, factors, [outer, frequency]) + ca.log(relaxed).T + limit - inside)
         asked = log(self.goal.compliance_m_per_N) - stiffer
         for k, (plant, factor, masses) in enumerate(self.plants):
-            every = ca.MX(np.tile(masses, len(_SHARES))).T
-            frequencies = ca.exp(beta) * ca.DM(np.repeat(_SHARES, len(masses))).T
+            shares = _SHARES if len(masses) > 1 else _FEWER_SHARES
+            every = ca.MX(np.tile(masses, len(shares))).T
+            frequencies = ca.exp(beta) * ca.DM(np.repeat(shares, len(masses))).T
             stiffness = (
                 _stiffness(table.shape, plant, factor)
                 if sized is None
@@ -305,8 +309,8 @@ class LawRefinement:
     def _chosen(self, slack: np.ndarray, worst: int) -> np.ndarray:
         """Indices of every so manieth finite slack and of the worst of the others; fewer where each costs more."""
         finite = np.nonzero(np.isfinite(slack))[0]
-        step = max(_EVERY, ceil(len(finite) / _FEW))
-        even = finite[:: step if self.sections is None else 6 * _EVERY]
+        nominal = finite[self.points.row[finite] < self.nominal_rows]
+        even = nominal[:: _EVERY if self.sections is None else 6 * _EVERY]
         rest = np.setdiff1d(finite, even)
         return np.concatenate([even, rest[np.argsort(slack[rest], kind="stable")[:worst]]])
 

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from math import sqrt
+from typing import NamedTuple
 
 import numpy as np
 
@@ -20,6 +20,20 @@ _DIGITS = 3
 """To which a deviation is rounded: a thousandth of a standard deviation."""
 
 
+class Cut(NamedTuple):
+    """A rig that is off, at one outer end mass, as something that limits are held on.
+
+    Attributes:
+        z: by how many standard deviations each figure is off.
+        outer_end_mass_kg: the mass.
+        frequency_Hz: about which it is sampled more closely.
+    """
+
+    z: tuple[float, ...]
+    outer_end_mass_kg: float
+    frequency_Hz: float
+
+
 @dataclass(frozen=True)
 class RigSpread:
     """What a prototype may turn out to be: a box of figures, each off by so many standard deviations at once.
@@ -29,7 +43,6 @@ class RigSpread:
         largest_outer_kg: largest outer end mass, whose weight is the load of effects that depend on it.
         deviations: relative standard deviation by figure, as in `beamdesign.plant.changed_figures`; d of them.
         sigmas: how far the figures are off, in standard deviations.
-        ends: (d, 2) the same by figure; a dashpot 2 zeta sqrt(K M) is off by more, as K and M are off as well.
         stage: payloads of the law that serves them and all payloads, as of `beamdesign.plant.members.served`.
     """
 
@@ -37,13 +50,7 @@ class RigSpread:
     largest_outer_kg: float
     deviations: Mapping[str, float]
     sigmas: float
-    ends: np.ndarray
     stage: tuple[tuple[float, float], tuple[float, float]] | None = None
-
-    @property
-    def step(self) -> float:
-        """By how many standard deviations a figure is off in the rigs that others are told from."""
-        return self.sigmas / 2
 
     def rig(self, z: np.ndarray) -> Prototype:
         """The prototype with its figures off by (d,) standard deviations."""
@@ -61,10 +68,6 @@ class RigSpread:
     def members(self, z: np.ndarray) -> tuple[VertexModel, ...]:
         """Linear members that a law has to serve of the prototype with its figures off by (d,)."""
         return served(self.rig(z), self.largest_outer_kg, self.stage)
-
-    def worst(self, slopes: np.ndarray) -> np.ndarray:
-        """(d, n) deviations that lower n quantities most whose derivatives by the deviations are (d, n)."""
-        return np.where(slopes > 0, self.ends[:, :1], self.ends[:, 1:])
 
     def drawn(self, count: int, seed: int, inside: bool = False) -> list[np.ndarray]:
         """Deviations (d,) of rigs drawn at random: normal, cut off at four, or evenly from within the sigmas."""
@@ -100,12 +103,4 @@ def rig_spread(prototype: Prototype, largest_outer_kg: float, sigmas: float = SI
         reason = "{:g} standard deviations of {:g} reach zero"
         problems = [Problem(TOLERANCES[name], reason.format(sigmas, deviations[name])) for name in wide]
         raise InputError("tolerance", problems)
-    ends = np.array([[-sigmas, sigmas]] * len(deviations))
-    for k, (name, size) in enumerate(deviations.items()):
-        if name.endswith("_damping"):
-            beam = [sigmas * every[name.replace("damping", figure)] for figure in ("stiffness", "mass")]
-            ends[k] = [
-                ((1 + side * sigmas * size) * sqrt((1 + side * beam[0]) * (1 + side * beam[1])) - 1) / size
-                for side in (-1, 1)
-            ]
-    return RigSpread(prototype, largest_outer_kg, deviations, sigmas, ends)
+    return RigSpread(prototype, largest_outer_kg, deviations, sigmas)

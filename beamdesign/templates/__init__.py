@@ -41,7 +41,7 @@ TEMPLATES = {
         "a link whose sections, end mass and controller are chosen together",
         (("", "codesign.toml"),),
         (
-            "beamdesign codesign {it} --bandwidth-Hz 3.8 --out results/{name}",
+            "beamdesign codesign {it} --bandwidth-Hz 2 --out results/{name}",
             "beamdesign front {it} --out results/front",
             "beamdesign remedies {it} --out results/remedies",
         ),
