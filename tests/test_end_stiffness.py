@@ -610,16 +610,14 @@ def test_a_law_that_suits_drawn_rigs_gives_up_band_for_it(rig: Prototype) -> Non
     assert same.band_Hz == pytest.approx(free.band_Hz, rel=1e-3)
 
 
-def test_a_law_for_rigs_within_some_sigmas_is_stable_on_each_of_them(rig: Prototype) -> None:
-    """By python-control's eigenvalues."""
-    spread = rig_spread(rig, MASSES_KG[1], 2.0)
-    found = design(rig, 3e5, MASSES_KG, WALL, "stable", SOFT.servo, rigs=6, spread=spread).best
+def test_a_law_for_drawn_rigs_is_stable_on_each_of_them(rig: Prototype) -> None:
+    """By python-control's eigenvalues; the law was chosen for rigs that are half as far off again."""
+    spread = rig_spread(rig, MASSES_KG[1], 1.0)
+    found = design(rig, 3e5, MASSES_KG, WALL, "stable", SOFT.servo, rigs=6).best
     assert found is not None
     assert found.law is not None
-    drawn = spread.drawn(6, SEED_OF_RIGS, inside=True)
-    assert all(1.0 < np.linalg.norm(z) <= 2.0 + 1e-3 for z in drawn)
-    for z in drawn:
-        member = spread.rig(z).but(controller=controller_of(rig, found.law))
+    for z in spread.drawn(6, SEED_OF_RIGS):
+        member = spread.rig(1.5 * z).but(controller=controller_of(rig, found.law))
         assert all(state_space(member, mass).poles().real.max() < 0 for mass in np.linspace(*MASSES_KG, 5))
 
 

@@ -438,6 +438,6 @@ def test_a_prototype_without_tolerances_gets_typical_ones_and_a_word():
     bare = replace(data, prototype=data.prototype.but(tolerance=Tolerance()))
     found = examine(bare)
     assert found.data.prototype.tolerance.stiffness > 0
-    assert any("states no [tolerance]" in words for words in found.words)
+    assert any("no [tolerance] is stated" in words for words in found.words)
     assert not found.limits_confidence
     assert examine(data).data.prototype.tolerance == data.prototype.tolerance

@@ -93,7 +93,7 @@ def test_best_gain_is_that_of_a_sweep(paper: Prototype, kind, shape, inner):
     form, breaks = form_of(kind), np.log(shape)
     gain_alone = replace(form, lower=np.append(form.lower[0], breaks), upper=np.append(form.upper[0], breaks))
     members = family(paper).members
-    task = Search(members, paper.goal, (0.0, 6.8), (inner, inner), sections=standing(members))
+    task = Search(members, paper.goal, (0.0, 6.8), (inner, inner), sections=standing(paper))
     seeds = [np.array([*np.log([gain, *shape]), inner]) for gain in np.geomspace(3e-3, 0.3, 7)]
     best = search(task, [(gain_alone, seed) for seed in seeds if task.settled(gain_alone, seed)]).proved
     assert best is not None
@@ -166,7 +166,7 @@ def test_sections_that_are_as_they_were_lead_to_the_same_loop(paper: Prototype):
     """The program with a plant in symbols of its figures, and the one with sampled responses, have one optimum."""
     members = family(paper).members
     plain = Search(members, paper.goal, (0.0, 6.8), (0.0, 6.0))
-    sized = replace(plain, sections=standing(members))
+    sized = replace(plain, sections=standing(paper))
     start = [*np.log([0.1, 1.3, 30.0]), 1.5]
     found = [task.refinement(form_of("lag"))(np.array(start)) for task in (plain, sized)]
     assert found[0][1] == pytest.approx(found[1][1], rel=2e-3)

@@ -179,7 +179,9 @@ def test_slopes_of_the_samples_against_differences(shipped: Prototype) -> None:
         up, down = (
             slacks(points, shipped.goal, form, variables + side * step * unit, slopes=False) for side in (1, -1)
         )
-        for name, slope in zip(("sensitivity", "compliance", "loop_gain", "effort"), left.slopes, strict=True):
+        for name, slope in zip(
+            ("sensitivity", "compliance", "loop_gain", "effort", "gain_margin"), left.slopes, strict=True
+        ):
             finite = np.isfinite(getattr(left, name))
             measured = (getattr(up, name)[finite] - getattr(down, name)[finite]) / (2 * step)
             np.testing.assert_allclose(slope[finite, k], measured, atol=2e-7, rtol=1e-6)
@@ -269,7 +271,7 @@ def test_polish_does_not_lose_what_it_starts_from(shipped: Prototype) -> None:
     opened = block_form(SENSED[:1], a, b, c, np.zeros((1, 1)))
     assert opened is not None
     form, start = opened[0], np.append(opened[1], 0.0)
-    polish = LawRefinement(points, shipped.goal, form, (0.0, 6.0), [(plant, 1.0, 0)], [0.0])
+    polish = LawRefinement(points, shipped.goal, form, (0.0, 6.0), [(plant, 1.0, [0.0])])
     better, bandwidth = polish(start, rounds=2)
     assert polish.measured(better).violation < 5e-3
     assert bandwidth >= polish(start, rounds=0)[1]

@@ -8,7 +8,9 @@ from typing import Any
 
 import pytest
 
+from beamdesign.parameters import TYPICAL
 from beamdesign.problem import DesignProblem, read_problem
+from beamdesign.prototype import Tolerance
 from beamdesign.records import InputError, parse, to_toml
 from beamdesign.structure.lumped import figures
 
@@ -64,6 +66,7 @@ def test_the_prototype_of_a_study_has_its_sections_and_hydraulics():
     assert lumped["inner_stiffness"] == pytest.approx(157_500.0, rel=3e-3)
     assert prototype.controller is None
     assert (prototype.goal, prototype.tolerance) == (problem.goal, problem.tolerance)
+    assert problem.but(tolerance=Tolerance()).prototype((0.140, 0.0023), (0.100, 0.0032)).tolerance == TYPICAL
     assert prototype.payload == problem.payload.but(largest_force_N=2000.0)
     other = problem.but(payload=problem.payload.but(largest_force_N=500.0))
     assert other.prototype((0.140, 0.0023), (0.100, 0.0032)).payload.largest_force_N == 500.0

@@ -258,8 +258,7 @@ def test_a_solver_without_figures_stays_where_it_is(rig: Prototype, lag: Tuning,
 @pytest.fixture(scope="module")
 def task(rig: Prototype) -> Search:
     """Largest bandwidth of a lag, the rig as it is: sections that stand."""
-    members = family(rig).members
-    return Search(members, rig.goal, RANGE_KG, (0.0, 6.0), sections=standing(members))
+    return Search(family(rig).members, rig.goal, RANGE_KG, (0.0, 6.0), sections=standing(rig))
 
 
 def test_starts_are_stable_and_distant(rig: Prototype, task: Search):
@@ -276,12 +275,12 @@ def test_starts_are_stable_and_distant(rig: Prototype, task: Search):
 def near(task: Search, lag: Tuning, **other: object) -> Found:
     """What is found from the tuned law with sections that are otherwise."""
     assert lag.best is not None
-    sections = standing(task.members, **other)
+    sections = standing(paper_prototype(), **other)
     return search(replace(task, sections=sections), [(form_of("lag"), lag.best.variables)])
 
 
 def test_sizes_that_are_no_tubes_are_passed_over(task: Search, lag: Tuning):
-    found = near(task, lag, members=lambda chosen, rounded: None)
+    found = near(task, lag, prototype=lambda chosen, rounded: None)
     assert found.proved is None
     assert found.reason.startswith("no start led to a stable loop")
 
