@@ -19,7 +19,7 @@ from beamdesign.controllers.form import Form
 from beamdesign.progress import Progress, silent
 from beamdesign.rational import nearest
 from beamdesign.synthesis.law_task import Search
-from beamdesign.synthesis.loop_limits import LARGEST_BANDWIDTH_HZ, Proved, loop_set
+from beamdesign.synthesis.loop_limits import LARGEST_BANDWIDTH_HZ, LoopSet, Proved, loop_set
 from beamdesign.synthesis.over_box import BoxTask
 from beamdesign.synthesis.refinement import TOUCH, WORTH
 from beamdesign.synthesis.rig_spread import Cut
@@ -38,6 +38,9 @@ _SPARE = 2e-6
 
 _CUT_ROUNDS = 12
 """How often the worst rigs of a design are sought, at most."""
+
+_UNDECIDED = 3
+"""How many designs of which a proof over the box comes to no end are tried, at most."""
 
 _NEARER = (1.0, 0.5, 0.25, 0.1)
 """By what shares of how far they are off rigs join the samples: the first with which all loops are stable."""
@@ -223,7 +226,7 @@ def _proved(task: Search, design: _Design, sampled: tuple[float, ...]) -> Found:
     inside, stiffer = (0.0, TOUCH) if task.spread is None else (_ROOM, _ROOM + 2 * TOUCH)
     best: Proved | None = None
     highest = 0.0
-    proofs = 0
+    proofs = undecided = 0
     while proofs < task.effort.proofs * (1 if task.spread is None else 2):
         proofs += 1
         law, inner, chosen = design.law, design.inner_end_mass, design.variables[design.form.size + 1 :]
@@ -240,7 +243,7 @@ def _proved(task: Search, design: _Design, sampled: tuple[float, ...]) -> Found:
         if not unstable and (claims := loops.refuted(task.goal)):
             claim, excess = claims[0], loops.excess(task.goal) + _SPARE
             reason = f"{claim.kind.replace('_', ' ')} refuted: {claim.reason}"
-            if claim.kind in ("peak_sensitivity", "loop_gain") and excess < inf and claim.witness is not None:
+            if claim.kind == "peak_sensitivity" and excess < inf and claim.witness is not None:
                 # The next refinement sees the peak that stood between the samples, and a third of the excess beside.
                 refinement = task.with_peak(refinement, claim.witness.frequency_Hz, nearest(claim.witness.mass))
                 if task.sections is not None:  # of which the witness need not be near the worst peak
@@ -257,31 +260,22 @@ def _proved(task: Search, design: _Design, sampled: tuple[float, ...]) -> Found:
             refinement = task.refinement(design.form)
             design = replace(design, variables=calmed(task, design))
         else:
-            refuted = False
-            bandwidth = min(*loops.bandwidths(task.goal.compliance_m_per_N).values(), LARGEST_BANDWIDTH_HZ)
-            peak = min(loops.peak_sensitivity(), task.goal.peak_sensitivity)
-            found = Proved(law, inner, bandwidth, peak, design.variables)
-            if task.spread is not None:
-                over, reason = _over_box(task, design).proof(task.reached(design.form, design.variables, _ROOM))
-                if over is None:
-                    inside += _MISSED
-                    refuted = True
-                else:
-                    found = found.over(over)
-            value = 0.0 if refuted else task.value(design.form, design.variables, found.bandwidth_Hz)
-            if refuted:
-                pass
-            elif flaw := task.sections.refused(inner, chosen, found.bandwidth_Hz) if task.sections else "":
-                reason = flaw
-            elif best is None or value > highest:
-                best, highest = found, value
-            enough = design.value
-            if task.spread is not None:  # what it reached before the worst rigs were known is no measure
-                reached = task.reached(design.form, design.variables)
-                enough = task.value(design.form, design.variables, reached)
-            if value > _ENOUGH * enough and (best is not None or found.bandwidth_Hz < _ENOUGH * task.needed_Hz):
-                break
-            stiffer *= 1 if refuted else 3
+            found, why = _whole(task, design, loops)
+            if found is None:
+                reason, undecided = why, undecided + 1
+                inside += _MISSED
+                if undecided == _UNDECIDED:
+                    break
+            else:
+                refuted, value = False, task.value(design.form, design.variables, found.bandwidth_Hz)
+                if flaw := task.sections.refused(inner, chosen, found.bandwidth_Hz) if task.sections else "":
+                    reason = flaw
+                elif best is None or value > highest:
+                    best, highest = found, value
+                enough = value > _ENOUGH * _worth(task, design)
+                if enough and (best is not None or found.bandwidth_Hz < _ENOUGH * task.needed_Hz):
+                    break
+                stiffer *= 3
         if not inside < inf:
             break
         for worth in (WORTH, inf):
@@ -299,6 +293,24 @@ def _proved(task: Search, design: _Design, sampled: tuple[float, ...]) -> Found:
             variables, left = task.refinement(design.form)(mended, rounds=_FIRST_ROUNDS)
             design = replace(design, variables=variables, value=left)
     return Found(best, sampled, proofs, "" if best else reason)
+
+
+def _whole(task: Search, design: _Design, loops: LoopSet) -> tuple[Proved | None, str]:
+    """What is proved of a design whose nominal loops keep all limits: of these, or of the whole box; or why not."""
+    bandwidth = min(*loops.bandwidths(task.goal.compliance_m_per_N).values(), LARGEST_BANDWIDTH_HZ)
+    peak = min(loops.peak_sensitivity(), task.goal.peak_sensitivity)
+    found = Proved(design.law, design.inner_end_mass, bandwidth, peak, design.variables)
+    if task.spread is None:
+        return found, ""
+    over, reason = _over_box(task, design).proof(task.reached(design.form, design.variables, _ROOM))
+    return (None, reason) if over is None else (found.over(over), "")
+
+
+def _worth(task: Search, design: _Design) -> float:
+    """What a design is worth on samples; of a box anew, as it was found before the worst rigs were known."""
+    if task.spread is None:
+        return design.value
+    return task.value(design.form, design.variables, task.reached(design.form, design.variables))
 
 
 def _over_box(task: Search, design: _Design) -> BoxTask:
