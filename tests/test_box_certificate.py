@@ -18,7 +18,7 @@ from forging import mutations, resealed
 from truth_of_box import true
 
 from beamdesign.checker import Unreadable, check
-from beamdesign.checker.box import sigmas
+from beamdesign.checker.box_loop import sigmas
 from beamdesign.checker.roots import unstable_roots
 from beamdesign.polynomial import exact
 from beamdesign.polynomial import roots as roots_of

@@ -18,10 +18,11 @@ from beamdesign.cli.begin import explain, new, paper
 from beamdesign.cli.build import code, spec
 from beamdesign.cli.certify import certify, certify_box, certify_switching
 from beamdesign.cli.command import INTERRUPTED
-from beamdesign.cli.design import codesign, front, remedies, run, size
+from beamdesign.cli.design import codesign, front, remedies, run
 from beamdesign.cli.gap import gap
 from beamdesign.cli.output import echo, hush, reporting, shown, speak
 from beamdesign.cli.simulate import limits, simulate
+from beamdesign.cli.size import size
 from beamdesign.cli.stiffness import stiffness
 from beamdesign.cli.study import study
 from beamdesign.cli.tune import tune

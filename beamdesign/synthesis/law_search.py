@@ -39,6 +39,9 @@ _SPARE = 2e-6
 _CUT_ROUNDS = 12
 """How often the worst rigs of a design are sought, at most."""
 
+_NEARER = (1.0, 0.5, 0.25, 0.1)
+"""By what shares of how far they are off rigs join the samples: the first with which all loops are stable."""
+
 _MISSED = 2e-3
 """By how much (logarithm) a rig misses a limit that is to join the samples."""
 
@@ -174,7 +177,11 @@ def _hardened(task: Search, designs: Sequence[_Design]) -> tuple[Search, list[_D
     """The search with the worst rigs of its best designs among the samples, and these designs refined for them."""
     pool = list(designs[: task.effort.starts])
     for _ in range(_CUT_ROUNDS if task.spread is not None else 0):
-        harder = task.with_cuts(cut for one in pool for _, _, cut in _in_box(task, one, _MISSED))
+        cuts = [cut for one in pool for _, _, cut in _in_box(task, one, _MISSED)]
+        for share in _NEARER:  # a law whose gain cannot be lowered meets rigs that are less far off first
+            harder = task.with_cuts(cut._replace(z=tuple(share * one for one in cut.z)) for cut in cuts)
+            if all(harder.settled(one.form, calmed(harder, one)) for one in pool):
+                break
         if len(harder.cuts) == len(task.cuts):
             break
         task = harder
@@ -185,6 +192,8 @@ def _hardened(task: Search, designs: Sequence[_Design]) -> tuple[Search, list[_D
 def calmed(task: Search, design: _Design) -> np.ndarray:
     """Variables of a design whose gain is lowered until the loops of all rigs are stable, where it is a gain at all."""
     variables = design.variables.copy()
+    if "gain_A_per_V" not in type(design.law).model_fields:
+        return variables
     while not task.settled(design.form, variables) and variables[0] > design.form.lower[0]:
         variables[0] -= 0.2
     return variables
@@ -211,7 +220,7 @@ def _proved(task: Search, design: _Design, sampled: tuple[float, ...]) -> Found:
     robust search the rigs of the box that miss a limit join the samples until none is found, and then all are proved.
     """
     refinement, reason = task.refinement(design.form), ""
-    inside, stiffer = (0.0, TOUCH) if task.spread is None else (_ROOM, _ROOM)
+    inside, stiffer = (0.0, TOUCH) if task.spread is None else (_ROOM, _ROOM + 2 * TOUCH)
     best: Proved | None = None
     highest = 0.0
     proofs = 0

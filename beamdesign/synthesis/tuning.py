@@ -17,11 +17,10 @@ each is tuned from the law that acts in its middle, with the prototype's mass in
 would take hours for.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from math import ceil, inf, prod
-from types import MappingProxyType
+from math import ceil, prod
 
 import numpy as np
 
@@ -40,7 +39,7 @@ from beamdesign.synthesis.law_search import Found, from_seeds, search
 from beamdesign.synthesis.law_task import Search
 from beamdesign.synthesis.loop_limits import Proved
 from beamdesign.synthesis.rig_spread import SIGMAS, RigSpread, rig_spread
-from beamdesign.synthesis.weight_search import ADDED_SENSORS_EFFORT, EFFORT, SYNTHESES, search_observer
+from beamdesign.synthesis.weight_search import ADDED_SENSORS_EFFORT, EFFORT, SYNTHESES, limited, search_observer
 
 
 def tunable() -> tuple[str, ...]:
@@ -235,25 +234,6 @@ def tuned(prototype: Prototype, best: Proved, masses_kg: tuple[float, float]) ->
         payload=prototype.payload.but(outer_end_mass_kg=masses_kg, inner_end_mass_kg=best.inner_end_mass_kg),
         guarantee=None,
     )
-
-
-VALVE_LIMITS = {"loop_gain": 0.25, "controller_effort_A_per_V": 0.06}
-"""What the published valve bears, where neither a goal nor who asks says otherwise."""
-
-
-def limited(goal: Goal, kind: str, given: Mapping[str, float | None] = MappingProxyType({})) -> Goal:
-    """A goal with the limits that a valve sets to laws of high order; a lag and less keeps them by its form.
-
-    Args:
-        goal: its own limits stand.
-        kind: of the controller that is sought, as `tune` has it.
-        given: limits that stand before those of the goal, by name; infinite for none, None for nothing said.
-    """
-    high_order = kind in SYNTHESES or (kind in KINDS and KINDS[kind].grows)
-    own = VALVE_LIMITS if high_order else {}
-    changes = {name: value for name, value in own.items() if getattr(goal, name) is None}
-    changes |= {name: value for name, value in given.items() if value is not None}
-    return goal.but(**{name: None if value == inf else value for name, value in changes.items()})
 
 
 def tune_alike(

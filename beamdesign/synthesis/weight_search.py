@@ -7,13 +7,14 @@ structure stays that of the observer, the figures are no longer optimal by any w
 """
 
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from math import log, pi
+from math import inf, log, pi
+from types import MappingProxyType
 
 import numpy as np
 
-from beamdesign.controllers import Controller, Sensed
+from beamdesign.controllers import KINDS, Controller, Sensed
 from beamdesign.controllers.form import block_form
 from beamdesign.plant.linear import LinearModel
 from beamdesign.progress import Progress, silent
@@ -253,3 +254,22 @@ def _matrices(law: Controller, sensors: tuple[Sensed, ...]) -> tuple[np.ndarray,
     places = [sensors.index(name) for name in law.senses]
     b[:, places], d[:, places] = b_own, d_own
     return a, b, c, d
+
+
+VALVE_LIMITS = {"loop_gain": 0.25, "controller_effort_A_per_V": 0.06}
+"""What the published valve bears, where neither a goal nor who asks says otherwise."""
+
+
+def limited(goal: Goal, kind: str, given: Mapping[str, float | None] = MappingProxyType({})) -> Goal:
+    """A goal with the limits that a valve sets to laws of high order; a lag and less keeps them by its form.
+
+    Args:
+        goal: its own limits stand.
+        kind: of the controller that is sought, as `tune` has it.
+        given: limits that stand before those of the goal, by name; infinite for none, None for nothing said.
+    """
+    high_order = kind in SYNTHESES or (kind in KINDS and KINDS[kind].grows)
+    own = VALVE_LIMITS if high_order else {}
+    changes = {name: value for name, value in own.items() if getattr(goal, name) is None}
+    changes |= {name: value for name, value in given.items() if value is not None}
+    return goal.but(**{name: None if value == inf else value for name, value in changes.items()})

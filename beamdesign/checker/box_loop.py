@@ -1,0 +1,269 @@
+"""The loop of a rig over a box of its figures, and whether an expression is its polynomial.
+
+The loop is built from the rig, its controller and its effects, with a variable for whatever varies, and compared with
+the expression multiplied out: they may differ by a positive number, and by powers of what is positive.
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
+from itertools import product
+from math import prod
+from typing import Any
+
+from flint import fmpq, fmpq_mpoly, fmpq_mpoly_ctx
+
+from beamdesign.checker.expressions import MOST_PRODUCTS, UNKNOWN, Expression
+from beamdesign.checker.law import SENSED
+from beamdesign.checker.mechanics import Elements, Number, mechanics
+from beamdesign.checker.reading import Table, Unreadable, rational, short
+from beamdesign.checker.rig import MOST_MEMBERS, ONCE, Rig, electronics, without_unit
+from beamdesign.checker.roots import Pair
+
+# That the expression is the polynomial of the rig.
+
+
+_DEVIATIONS = {
+    "oil_stiffness": "oil_stiffness", "piston_area": "piston_area", "flow_gain": "flow_gain", "leakage": "leakage",
+    "valve_frequency": "valve_natural_frequency", "valve_damping_ratio": "valve_damping_ratio",
+    "sensor_gain": "sensor_gain", "filter_frequency": "sensor_filter", "inner_end_mass": "inner_end_mass",
+} | {
+    f"{beam}_{name}": key
+    for beam in ("outer", "inner")
+    for name, key in (("stiffness", "stiffness"), ("mass", "effective_mass"), ("damping", "beam_damping_ratio"))
+}  # fmt: skip
+"""The entry of [tolerance] for each figure."""
+_HALVINGS = 40
+
+
+def of_rig(table: Table, expression: Expression, rig: Rig) -> Iterator[tuple[bool, str]]:
+    """That the expression is that of the rig's loop, and what each range is of the rig's own figure."""
+    own, spans = figures(rig), spans_of(rig)
+    left = ("outer_end_mass", "delay") if expression.delay else ("outer_end_mass",)
+    needed = {*left, *spans, *(("effect_gain",) if gain_of(rig) != ONCE else ())}
+    if wrong := sorted(
+        expression.ranges.keys() - own.keys() - needed - {"effect_gain"} | needed - expression.ranges.keys()
+    ):
+        raise Unreadable(f"not figures of this rig, or left out of its box: {', '.join(wrong)[:300]}")
+    if expression.delay not in (None, "delay") or any(expression.ranges[name][0] < 0 for name in left):
+        raise Unreadable("the delay and the outer end mass must not be negative")
+    deviations = _deviations(table, own)
+    for name, ends in expression.ranges.items():
+        if name in own and not ends[0] <= own[name] <= ends[1]:
+            yield False, f"{name}: the rig's own, {short(own[name])}, is not within {words_of(ends)}"
+        elif ends[0] < ends[1] or name in needed:
+            share = f"{_share(name, ends, own, deviations)}{_of_span(name, rig, spans)}"
+            yield True, f"{'for every' if ends[0] < ends[1] else 'with'} {name} {words_of(ends)}{share}"
+    proved = alike(expression, characteristic(expression, rig))
+    yield proved, f"the expression is {'' if proved else 'NOT '}the characteristic polynomial of this rig's loop"
+
+
+def figures(rig: Rig) -> dict[str, fmpq]:
+    """What of a rig may vary in a box and has a figure of its own, by name without unit."""
+    if rig.law is None:
+        raise Unreadable("there is no [controller]")
+    found = {without_unit(key): value for key, value in rig.figures.items()}
+    found |= {"inner_end_mass": rig.inner_end_mass}
+    if "gain_A_per_V" in rig.law.figures:
+        found["controller_gain"] = rational(rig.law.figures["gain_A_per_V"], "controller.gain_A_per_V")
+    above, below = rig.law.of_displacement
+    if len(rig.law.numerators) == 1 and above.degree() == below.degree() == 1:
+        found |= {"controller_zero": above[0] / above[1], "controller_pole": below[0] / below[1]}
+    return found
+
+
+def spans_of(rig: Rig) -> dict[str, tuple[int, str]]:
+    """Spans of effects by their names in a box: which effect's, and which."""
+    return {
+        f"{effect.name}_{name}": (k, name)
+        for k, effect in enumerate(rig.effects)
+        for name, span in effect.spans.items()
+        if span.ends[0] < span.ends[1]
+    }
+
+
+def gain_of(rig: Rig) -> Pair:
+    """Factors that effects put on the gain."""
+    low, high = ONCE
+    for effect in rig.effects:
+        low, high = low * effect.gain[0], high * effect.gain[1]
+    return low, high
+
+
+def characteristic(expression: Expression, rig: Rig, claim: str = "") -> fmpq_mpoly:
+    """Of the rig's loop, in s, the delay's exponential and what varies; all else is the rig's own number.
+
+    Of a claim with the unknown: see `CLAIMS`.
+    """
+    law, own = rig.law, figures(rig)
+    assert law is not None  # there are figures of a loop
+    context = fmpq_mpoly_ctx.get(list(_names(expression)), "lex")
+    variable = dict(zip(context.names(), context.gens(), strict=True))
+    none = context.constant(0)
+    value: dict[str, Number] = own | {
+        name: variable[name] if low < high else low for name, (low, high) in expression.ranges.items()
+    }
+
+    def ring(coefficients: Sequence[Number]) -> fmpq_mpoly:
+        return sum((c * variable["s"] ** k for k, c in enumerate(coefficients)), none)
+
+    figure = {key: value[without_unit(key)] for key in rig.figures}
+    elements = _elements(rig, expression, value)
+    if {"controller_zero", "controller_pole"} & expression.ranges.keys():
+        zero, pole, gain = (value[f"controller_{name}"] for name in ("zero", "pole", "gain"))
+        numerators = {SENSED[0]: ring([gain * pole * zero, gain * pole])}
+        denominator = ring([zero * pole, zero])
+    else:
+        times = value["controller_gain"] / own["controller_gain"] if "controller_gain" in expression.ranges else fmpq(1)
+        numerators = {name: times * ring(one.coeffs()) for name, one in law.numerators.items()}
+        denominator = ring(law.denominator.coeffs())
+    masses = value["outer_end_mass"], value["inner_end_mass"]
+    at = mechanics(figure, elements, masses, list(numerators), ring, claim == "compliance")
+    around, back = electronics(figure, elements, numerators, denominator, ring)
+    factor = value.get("effect_gain", fmpq(1)) * variable.get(expression.transport, fmpq(1))
+    forward = at.determinant * around
+    loop = factor * sum((by * at.sensed[name] for name, by in back.items()), none)
+    if claim in ("", "gain_margin"):
+        return forward + loop
+    if claim in ("peak_sensitivity", "loop_gain"):
+        return forward + variable[UNKNOWN] * loop
+    if claim == "controller_effort":
+        above = at.determinant * numerators[SENSED[0]] * (around / denominator)
+    else:
+        above = at.moved * around + factor * sum((by * at.crossed[name] for name, by in back.items()), none)
+    return forward + loop + variable[UNKNOWN] * above
+
+
+def _names(expression: Expression) -> Iterator[str]:
+    """Variables: s, the delay's exponential, and the parameters that vary, which do not stand for anything else."""
+    yield "s"
+    if expression.transport:
+        yield expression.transport
+    if expression.circle:
+        yield UNKNOWN
+    yield from (name for name, (low, high) in expression.ranges.items() if low < high)
+
+
+def _elements(rig: Rig, expression: Expression, value: Mapping[str, Number]) -> Elements:
+    """Those of all effects over their spans; what has to be positive is so at all corners, hence between."""
+    places = [(name, *place) for name, place in spans_of(rig).items()]
+    fixed = [{name: span.ends[0] for name, span in effect.spans.items()} for effect in rig.effects]
+    ends = [sorted({*expression.ranges[name]}) for name, _, _ in places]
+    if sum(len(pair) - 1 for pair in ends) > MOST_MEMBERS.bit_length() - 1:
+        raise Unreadable("more spans of effects vary than are looked at")
+
+    def at(chosen: Sequence[Any]) -> list[dict[str, Any]]:
+        values: list[dict[str, Any]] = [dict(own) for own in fixed]
+        for (_, k, name), one in zip(places, chosen, strict=True):
+            values[k][name] = one
+        return values
+
+    for corner in product(*ends):
+        rig.elements(at(corner))
+    total = Elements()
+    for effect, own in zip(rig.effects, at([value[name] for name, _, _ in places]), strict=True):
+        effect.add_to(total, {**value, **own})
+    return total
+
+
+def alike(expression: Expression, loop: fmpq_mpoly) -> bool:
+    """Whether the expression is a polynomial, times a positive number and powers of what is positive."""
+    context = loop.context()
+    variable = dict(zip(context.names(), context.gens(), strict=True))
+    parameter = {name: variable.get(name, low) for name, (low, _) in expression.ranges.items()}
+    one = context.constant(1)
+
+    def stands_for(name: str) -> fmpq_mpoly:
+        if name in ("s", expression.transport, UNKNOWN):
+            return variable[name]
+        kind, members = expression.groups.get(name, ("sum", [name]))
+        total = one * int(kind == "product")
+        for member in members:
+            total = total + parameter[member] if kind == "sum" else total * parameter[member]
+        return total
+
+    whole = expression.over_all()
+    names = list(whole.context().names())
+    many = [len(expression.groups[n][1]) if expression.groups.get(n, ("",))[0] == "sum" else 1 for n in names]
+    if sum(prod(m ** int(e) for m, e in zip(many, powers, strict=True)) for powers in whole.monoms()) > MOST_PRODUCTS:
+        raise Unreadable("the expression has too many terms over the parameters of its groups")
+    # What enters by its reciprocal: p times its highest power.
+    turned = {
+        k: max(powers[k] for powers in whole.monoms())
+        for k, n in enumerate(names)
+        if n in expression.reciprocal and whole != 0
+    }
+    terms = {
+        tuple(turned[k] - power if k in turned else power for k, power in enumerate(map(int, powers))): c
+        for powers, c in whole.terms()
+    }
+    stated = whole.context().from_dict(terms).compose(*map(stands_for, names), ctx=context)
+    if stated == 0 or loop == 0:
+        return False
+    stated, loop = (_without_powers(p, expression.ranges) for p in (stated, loop))
+    ratio = loop.leading_coefficient() / stated.leading_coefficient()
+    return bool(ratio > 0 and stated * ratio == loop)
+
+
+def _without_powers(polynomial: fmpq_mpoly, ranges: Mapping[str, Pair]) -> fmpq_mpoly:
+    """Without the powers of positive parameters that all its terms have."""
+    context = polynomial.context()
+    for name, variable in zip(context.names(), context.gens(), strict=True):
+        if name in ranges and ranges[name][0] > 0:
+            k = context.names().index(name)
+            polynomial = polynomial / variable ** min(int(powers[k]) for powers in polynomial.monoms())
+    return polynomial
+
+
+# In words.
+
+
+def words_of(ends: Pair) -> str:
+    """A range, or the one figure that it is."""
+    return short(ends[0]) if ends[0] == ends[1] else f"{short(ends[0])} to {short(ends[1])}"
+
+
+def _share(name: str, ends: Pair, own: Mapping[str, fmpq], deviations: Mapping[str, Sequence[fmpq]]) -> str:
+    """A range as parts of the rig's own figure, and in standard deviations where these are stated."""
+    if name not in own or own[name] == 0:
+        return ""
+    low, high = (float(short(100 * (end / own[name] - 1))) for end in ends)
+    words = f", {low:+.4g} % to {high:+.4g} % of the rig's {short(own[name])}"
+    if any(deviations.get(name, ())):
+        count = float(short(sigmas(ends, own[name], *deviations[name])))
+        words += f", {count:.4g} standard deviation{'' if count == 1 else 's'}"
+    return words
+
+
+def _of_span(name: str, rig: Rig, spans: Mapping[str, tuple[int, str]]) -> str:
+    """What the effects themselves allow."""
+    if name == "effect_gain":
+        return f", of {words_of(gain_of(rig))} that its effects make of it"
+    if name not in spans:
+        return ""
+    k, key = spans[name]
+    return f", of {words_of(rig.effects[k].spans[key].ends)} that the effect makes of it"
+
+
+def _deviations(table: Table, own: Mapping[str, fmpq]) -> dict[str, list[fmpq]]:
+    """Relative standard deviations behind each figure: its own, and for a dashpot those of stiffness and mass."""
+    entries = Table(table.optional("tolerance").whole_of_it(), "tolerance")
+    stated = {key: entries.at_least(key, 0) for key in entries.keys}
+    found = {name: [stated.get(_DEVIATIONS[name], fmpq(0))] for name in own if name in _DEVIATIONS}
+    for name in ("outer_damping", "inner_damping"):
+        found[name] += [stated.get(key, fmpq(0)) for key in ("stiffness", "effective_mass")]
+    return found
+
+
+def sigmas(ends: Pair, figure: fmpq, own: fmpq, stiffness: fmpq = fmpq(0), mass: fmpq = fmpq(0)) -> fmpq:  # noqa: B008
+    """How many standard deviations to either side a range holds, rounded down.
+
+    Of a dashpot 2 zeta sqrt(K M), with those of zeta, K and M all at once.
+    """
+    least, most = fmpq(0), 1 / max(own, stiffness, mass)
+    for _ in range(_HALVINGS):
+        n = (least + most) / 2
+        squares = [figure**2 * (1 + e * own) ** 2 * (1 + e * stiffness) * (1 + e * mass) for e in (-n, n)]
+        if ends[0] ** 2 <= squares[0] and squares[1] <= ends[1] ** 2:
+            least = n
+        else:
+            most = n
+    return least
