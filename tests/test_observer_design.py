@@ -179,11 +179,9 @@ def test_slopes_of_the_samples_against_differences(shipped: Prototype) -> None:
         up, down = (
             slacks(points, shipped.goal, form, variables + side * step * unit, slopes=False) for side in (1, -1)
         )
-        for name, slope in zip(
-            ("sensitivity", "compliance", "loop_gain", "effort", "gain_margin"), left.slopes, strict=True
-        ):
-            finite = np.isfinite(getattr(left, name))
-            measured = (getattr(up, name)[finite] - getattr(down, name)[finite]) / (2 * step)
+        for kind, slope in enumerate(left.slopes):
+            finite = np.isfinite(left.values[kind])
+            measured = (up.values[kind][finite] - down.values[kind][finite]) / (2 * step)
             np.testing.assert_allclose(slope[finite, k], measured, atol=2e-7, rtol=1e-6)
 
 
