@@ -182,12 +182,16 @@ class Search:
     def refinement(self, form: Form) -> LawRefinement:
         """The refinement of laws of a form, built once."""
         if form not in self._refinements:
-            rigs = [(self.members_with(self._start), sampled_masses(self.masses_kg), self._factors(None))] + [
-                (self.members_with(self._start, z=np.array(cut.z)), [cut.outer_end_mass_kg], self._factors(cut))
-                for cut in self.cuts
+            nominal = self.members_with(self._start), sampled_masses(self.masses_kg), None
+            rigs = [nominal] + [
+                (self.members_with(self._start, z=np.array(cut.z)), [cut.outer_end_mass_kg], cut) for cut in self.cuts
             ]
-            every = [(one, masses, factors) for members, masses, factors in rigs for one in ends(members)]
-            listed = [((r.polynomials(self.sensors), k, masses), f) for (r, k, asked), masses, f in every if asked]
+            every = [(one, masses, cut) for members, masses, cut in rigs for one in ends(members)]
+            listed = [
+                ((rig.polynomials(self.sensors), factor, masses, cut is None), self._factors(cut))
+                for (rig, factor, performs), masses, cut in every
+                if performs
+            ]
             rows = len(self._masses) * len(ends(self.members))
             given = self.points, self.goal, form, self.inner_kg, [plant for plant, _ in listed], rows
             if self.sections is None:

@@ -80,7 +80,8 @@ class LawRefinement:
         goal: the limits.
         form: of the law.
         inner_kg: least and most mass inside.
-        plants: the plants and factors on their gain that are to perform, with outer end masses (kg).
+        plants: the plants and factors on their gain that are to perform, with outer end masses (kg), and whether they
+            are of the nominal rig.
         sections: that may be chosen as well; the rigs are then that with them and, as `factors` says, what is off it.
         nominal_rows: how many rows of samples are of the nominal rig; of the others only the worst points are enforced.
         resampled: section variables to the samples with them, None where there is no such rig.
@@ -92,7 +93,7 @@ class LawRefinement:
     goal: Goal
     form: Form
     inner_kg: tuple[float, float]
-    plants: Sequence[tuple[BilinearPlant, float, Sequence[float]]]
+    plants: Sequence[tuple[BilinearPlant, float, Sequence[float], bool]]
     nominal_rows: int
     sections: Sections | None = None
     resampled: Callable[[np.ndarray], Samples | None] | None = None
@@ -268,8 +269,8 @@ class LawRefinement:
                 slack = sized_slack(table.shape, kind, sized.filtered)
                 found.append(held(slack, factors, [outer, frequency]) + ca.log(relaxed).T + limit - inside)
         asked = log(self.goal.compliance_m_per_N) - stiffer
-        for k, (plant, factor, masses) in enumerate(self.plants):
-            shares = _SHARES if len(masses) > 1 else _FEWER_SHARES
+        for k, (plant, factor, masses, nominal) in enumerate(self.plants):
+            shares = _SHARES if nominal else _FEWER_SHARES
             every = ca.MX(np.tile(masses, len(shares))).T
             frequencies = ca.exp(beta) * ca.DM(np.repeat(shares, len(masses))).T
             stiffness = (
