@@ -19,12 +19,14 @@ from beamdesign.checker import check
 from beamdesign.cli import app
 from beamdesign.controllers import Lag
 from beamdesign.parameters import TYPICAL
+from beamdesign.problem import read_problem
 from beamdesign.proofs.box_claims import claim_over_box, worst_over_box
 from beamdesign.proofs.certificate import Asked
 from beamdesign.proofs.tolerance_box import tolerance_box
 from beamdesign.prototype import Prototype, Tolerance, read_prototype, write_prototype
 from beamdesign.records import InputError
 from beamdesign.synthesis import tuning
+from beamdesign.synthesis.design_run import run_design
 from beamdesign.synthesis.rig_spread import rig_spread
 from beamdesign.synthesis.tuning import LawOptions, Tuning, tune, tune_law
 
@@ -373,3 +375,16 @@ def test_the_worst_rig_is_found_at_a_resonance_as_sharp_as_it_is_far_from_the_ot
     refuted = claim_over_box(rig, box, Asked("peak_sensitivity", 2.0))
     assert refuted.holds is False
     assert refuted.frequency_Hz == pytest.approx(worst.frequency_Hz, rel=1e-3)
+
+
+def test_the_shipped_study_is_designed_for_every_rig_within_its_tolerances() -> None:
+    found = run_design(read_problem(PAPER.parent.parent / "prototype.toml"))
+    assert found.prototype is not None, found.reason
+    stated, proved = found.prototype.guarantee, found.proved[0]
+    assert stated is not None
+    assert stated.sigmas == SIGMAS
+    assert stated.peak_sensitivity <= 2.0
+    assert 2.3 < stated.bandwidth_Hz < proved["nominal"]["bandwidth_Hz"]
+    assert proved["lower_gains"] is True
+    assert all(row.proved for row in found.certificate.nonlinear)
+    assert [one["margin"] for one in proved["tightest"]] == sorted(one["margin"] for one in proved["tightest"])

@@ -42,6 +42,9 @@ _CUT_ROUNDS = 12
 _UNDECIDED = 3
 """How many designs of which a proof over the box comes to no end are tried, at most."""
 
+_VIOLATION = 0.02
+"""By how much (logarithm) a design may miss limits where a refinement begins."""
+
 _NEARER = (1.0, 0.5, 0.25, 0.1)
 """By what shares of how far they are off rigs join the samples: the first with which all loops are stable."""
 
@@ -188,17 +191,26 @@ def _hardened(task: Search, designs: Sequence[_Design]) -> tuple[Search, list[_D
         if len(harder.cuts) == len(task.cuts):
             break
         task = harder
-        pool = [_Design(one.form, *task.refinement(one.form)(calmed(task, one), rounds=_FIRST_ROUNDS)) for one in pool]
+        rounds = 2 * _FIRST_ROUNDS
+        pool = [_Design(one.form, *task.refinement(one.form)(_mended(task, one), rounds=rounds)) for one in pool]
     return task, _best(pool)
 
 
 def calmed(task: Search, design: _Design) -> np.ndarray:
-    """Variables of a design whose gain is lowered until the loops of all rigs are stable, where it is a gain at all."""
+    """Variables of a design whose gain, where it has one, is lowered until the loops of all rigs are stable."""
     variables = design.variables.copy()
     if "gain_A_per_V" not in type(design.law).model_fields:
         return variables
     while not task.settled(design.form, variables) and variables[0] > design.form.lower[0]:
         variables[0] -= 0.2
+    return variables
+
+
+def _mended(task: Search, design: _Design) -> np.ndarray:
+    """Variables from which a refinement finds its way: from far outside of the limits no small step keeps them all."""
+    variables = calmed(task, design)
+    if task.violation(design.form, variables) > _VIOLATION:
+        variables, _ = task.coarsely_searched(design.form, variables)
     return variables
 
 
@@ -288,9 +300,7 @@ def _proved(task: Search, design: _Design, sampled: tuple[float, ...]) -> Found:
         else:
             if not joined:
                 break
-            # From where rigs that have joined miss a limit by much, no small step keeps all limits.
-            mended, _ = task.coarsely_searched(design.form, design.variables)
-            variables, left = task.refinement(design.form)(mended, rounds=_FIRST_ROUNDS)
+            variables, left = task.refinement(design.form)(_mended(task, design), rounds=_FIRST_ROUNDS)
             design = replace(design, variables=variables, value=left)
     return Found(best, sampled, proofs, "" if best else reason)
 

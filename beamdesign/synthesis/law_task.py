@@ -11,6 +11,7 @@ from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import reduce
+from math import inf
 
 import numpy as np
 
@@ -173,6 +174,12 @@ class Search:
         """Bandwidth (Hz) of a law on the samples, with so much of the compliance (logarithm) to spare."""
         points = self.points_with(variables[form.size + 1 :]) or self.points
         return sampled_bandwidth(points, slacks(points, self.goal, form, variables, slopes=False).compliance - spare)
+
+    def violation(self, form: Form, variables: np.ndarray) -> float:
+        """By how much (logarithm) a law misses limits other than the compliance; infinite where a loop is unstable."""
+        points = self.points_with(variables[form.size + 1 :])
+        left = None if points is None else slacks(points, self.goal, form, variables, slopes=False)
+        return left.violation if left is not None and left.settled else inf
 
     def settled(self, form: Form, variables: np.ndarray) -> bool:
         """Whether the loops of a law with a mass inside (kg) are stable as far as the samples tell."""
