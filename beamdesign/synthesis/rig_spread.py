@@ -94,6 +94,9 @@ def rig_spread(prototype: Prototype, largest_outer_kg: float, sigmas: float = SI
         raise ValueError("robust against nothing: sigmas must be positive")
     lacks = {"filter_frequency"} if prototype.sensor.filter_Hz is None else set()
     every = {name: getattr(prototype.tolerance, TOLERANCES[name]) for name in CHANGEABLE if name in TOLERANCES}
+    for beam in ("outer", "inner"):  # a dashpot 2 zeta sqrt(K M) is off where K and M are
+        own, stiffness, mass = (every[f"{beam}_{figure}"] for figure in ("damping", "stiffness", "mass"))
+        every[f"{beam}_damping"] = own or (stiffness + mass) / 2
     deviations = {
         name: size for name, size in every.items() if size and name not in lacks and not name.endswith("end_mass")
     }
