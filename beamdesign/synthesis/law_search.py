@@ -39,7 +39,7 @@ _SPARE = 2e-6
 _CUT_ROUNDS = 12
 """How often the worst rigs of a design are sought, at most."""
 
-_UNDECIDED = 3
+_UNDECIDED = 2
 """How many designs of which a proof over the box comes to no end are tried, at most."""
 
 _VIOLATION = 0.02
