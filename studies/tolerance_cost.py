@@ -6,7 +6,8 @@ Usage, from the root of the project:
 
 Every bar is a lag that is tuned anew and proved of every rig within two standard deviations of each figure, with one of
 the tolerances taken away; a prototype that states none has typical ones. The two last bars are for exactly the figures
-stated, stable at every lower gain and not. Each takes some twenty seconds.
+stated, stable at every lower gain and not. Most take some twenty seconds; one whose proof comes to no end takes ten
+minutes and has no bar.
 """
 
 import argparse
