@@ -121,8 +121,11 @@ def search(task: Search, starts: Sequence[Start], growths: int = 0, report: Prog
             if (sought_from := law.form()) is not None
             for form, variables in [sought_from]
         ]
-        pool = _refined(task, more, _part(report, 0.2 + 0.65 * (growth + 1) / (1 + growths), 0.65 / (1 + growths)))
-        task, pool = _hardened(task, pool)
+        grown = _refined(task, more, _part(report, 0.2 + 0.65 * (growth + 1) / (1 + growths), 0.65 / (1 + growths)))
+        smaller, (task, pool) = pool, _hardened(task, grown)
+        if task.spread is not None:  # what the worst rigs cost what has grown may be more than it has gained
+            kept = [one for one in smaller if task.settled(one.form, one.variables)]
+            pool = _best([*pool, *(replace(one, value=_worth(task, one)) for one in kept)])
     reached = tuple(design.value for design in pool)
     tried: list[Found] = []
     best, worth = Found(None, reached, 0, "no start led to a stable loop within the limits on the samples"), 0.0
