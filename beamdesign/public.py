@@ -19,7 +19,11 @@ if TYPE_CHECKING:
     from beamdesign.synthesis.design_run import DesignRun
 
 
-def run(problem: "DesignProblem", progress: Progress | None = None, sigmas: float = 2.0) -> "DesignRun":
+SIGMAS = 2.0
+"""How many standard deviations of every figure at once a design is for, where nothing else is asked."""
+
+
+def run(problem: "DesignProblem", progress: Progress | None = None, sigmas: float = SIGMAS) -> "DesignRun":
     """Carry a design problem to a certified prototype: sections, controller and inner end mass, proof.
 
     Args:

@@ -152,7 +152,8 @@ def start_up(forbidden: Sequence[tuple[float, float]]) -> str:
 
 def rigs_in_words(sigmas: float) -> str:
     """Which rigs something holds for: those of a box of so many standard deviations, of zero the stated one."""
-    return f"every rig within {sigmas:g} standard deviations of each figure" if sigmas else "exactly these figures"
+    every = f"every rig within {sigmas:g} standard deviations of each figure that varies"
+    return every if sigmas else "exactly these figures"
 
 
 def tube_text(width_m: float, wall_m: float) -> str:

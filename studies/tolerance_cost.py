@@ -18,8 +18,8 @@ from matplotlib.figure import Figure
 
 from beamdesign.parameters import stated_or_typical
 from beamdesign.prototype import Prototype, read_prototype
+from beamdesign.public import SIGMAS
 from beamdesign.report.canvas import STYLES
-from beamdesign.synthesis.rig_spread import SIGMAS
 from beamdesign.synthesis.tuning import limited, tune
 
 

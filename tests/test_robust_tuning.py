@@ -13,6 +13,7 @@ import pytest
 import tomli_w
 from delivered import delivered, drawn
 from forging import resealed
+from rig_of_certificate import members as members_of
 from typer.testing import CliRunner
 
 from beamdesign.checker import check
@@ -22,11 +23,15 @@ from beamdesign.parameters import TYPICAL
 from beamdesign.problem import read_problem
 from beamdesign.proofs.box_claims import claim_over_box, worst_over_box
 from beamdesign.proofs.certificate import Asked
+from beamdesign.proofs.certifying import certify
 from beamdesign.proofs.tolerance_box import tolerance_box
 from beamdesign.prototype import Prototype, Tolerance, read_prototype, write_prototype
+from beamdesign.quantity_text import rigs_in_words
 from beamdesign.records import InputError
+from beamdesign.report.statements import statements
 from beamdesign.synthesis import tuning
 from beamdesign.synthesis.design_run import run_design
+from beamdesign.synthesis.loop_limits import forbidden_shares
 from beamdesign.synthesis.rig_spread import rig_spread
 from beamdesign.synthesis.tuning import LawOptions, Tuning, tune, tune_law
 
@@ -388,3 +393,32 @@ def test_the_shipped_study_is_designed_for_every_rig_within_its_tolerances() -> 
     assert proved["lower_gains"] is True
     assert all(row.proved for row in found.certificate.nonlinear)
     assert [one["margin"] for one in proved["tightest"]] == sorted(one["margin"] for one in proved["tightest"])
+    page = [one for one in statements(found) if one.claim.endswith(rigs_in_words(SIGMAS))]
+    assert len(page) == len(found.tuning.best.over_box.claims)
+    assert {one.foundation for one in page} == {"proved"}
+
+
+def test_a_design_for_one_payload_is_proved_with_that_payload() -> None:
+    """With 3 kg on the tip, not without any: the compliance of the worst rig at 3 kg bounds the bandwidth."""
+    asked = read_prototype(PAPER).but(controller=None)
+    found = tune(asked, (3.0, 3.0)).best
+    assert found is not None
+    box = tomllib.loads(found.over_box.certificate)
+    assert box["range"]["outer_end_mass"] == ["3", "3"]
+    assert box["member"]["outer_end_mass"] == "3"
+    assert check(found.over_box.certificate).valid
+    assert found.bandwidth_Hz < found.nominal[0]
+
+
+@pytest.mark.parametrize("mass", [0.0, 6.8])
+def test_forbidden_shares_of_the_gain_are_those_of_an_independent_model(mass: float) -> None:
+    """`structured` oscillates at 2 to 66 % of its gain without payload, at 1.8 to 50 % with 6.8 kg."""
+    law = read_prototype(PAPER.parent / "structured.toml")
+    (member,) = members_of(tomllib.loads(certify(law, 0.0, 6.8).text))
+    ((low, high),) = forbidden_shares(law, (mass, mass))
+    for end, inward in ((low, 1.03), (high, 1 / 1.03)):
+        assert member.poles(mass, end * inward).real.max() > 0 > member.poles(mass, end / inward).real.max()
+
+
+def test_a_lag_that_is_stable_at_lower_gains_forbids_none() -> None:
+    assert forbidden_shares(read_prototype(PAPER.parent / "tame_lag.toml"), (0.0, 6.8)) == []

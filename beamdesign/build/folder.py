@@ -34,7 +34,15 @@ from beamdesign.json_text import json_text, picked
 from beamdesign.proofs.certificate import Guaranteed
 from beamdesign.proofs.lyapunov import CHANGES_NAME, describe, stages_certificate, switching_fields
 from beamdesign.proofs.near_rest import holds_for
-from beamdesign.quantity_text import decimal, mass_range_text, quantity, stated_bandwidth, stated_peak, tube_text
+from beamdesign.quantity_text import (
+    decimal,
+    mass_range_text,
+    quantity,
+    rigs_in_words,
+    stated_bandwidth,
+    stated_peak,
+    tube_text,
+)
 from beamdesign.rational import nearest
 from beamdesign.records import Record, to_toml
 from beamdesign.report.page import (
@@ -97,10 +105,15 @@ def document_of(spec: Specification, svg: str = "") -> Document:
         f" keeps its peak sensitivity at {stated_peak(reached.peak_sensitivity)} or below, by the linear model"
         f"{', while the law acts that is for that mass' if spec.switching else ''}."
     )
+    stated, wider = spec.prototype.guarantee, []
+    if stated is not None and stated.sigmas:
+        figures = f"{stated_bandwidth(stated.bandwidth_Hz)}, peak sensitivity {stated_peak(stated.peak_sensitivity)}"
+        wider = [(f"stated of {rigs_in_words(stated.sigmas)}", f"{figures}, by {stated.certificate}")]
     key = (
         ("guaranteed bandwidth (proved)", stated_bandwidth(reached.bandwidth_Hz)),
         ("guaranteed peak sensitivity (proved)", stated_peak(reached.peak_sensitivity)),
         ("for outer end masses of", masses_kg),
+        *wider,
         ("inner end mass to be added", quantity(spec.prototype.payload.inner_end_mass_kg, "kg")),
         ("load across the tip", quantity(spec.load_N, "N")),
     )

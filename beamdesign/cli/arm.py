@@ -188,8 +188,7 @@ def _echo_figures(record: "Prototype", found: "ArmResult") -> None:
 
 def _echo_proof(record: "Prototype", found: "ArmResult") -> None:
     """What is proved of the planes."""
-    from beamdesign.proofs.near_rest import EXACTLY
-    from beamdesign.quantity_text import stated_bandwidth
+    from beamdesign.quantity_text import rigs_in_words, stated_bandwidth
 
     low, high = found.outer_end_mass_kg
     goal = record.goal
@@ -206,7 +205,7 @@ def _echo_proof(record: "Prototype", found: "ArmResult") -> None:
             echo(f"  at {mass:g} kg: {'stable' if stable else 'not stable'} (poles, sampled)")
     for plane in found.planes:
         with_what = "with torsion" if plane.coupled else "without torsion, which the payload does not bring in"
-        echo_stability(f"plane {plane.name}, {with_what}", plane, EXACTLY)
+        echo_stability(f"plane {plane.name}, {with_what}", plane, f"for {rigs_in_words(0.0)}")
         if (sure := plane.guaranteed) is None:
             continue
         echo(f"  guaranteed at the tip: at most {limit} up to {stated_bandwidth(sure.tip_bandwidth_Hz)}")

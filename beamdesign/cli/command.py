@@ -186,9 +186,6 @@ def _below(incomplete: str) -> Iterator[Path]:
 
 
 TomlFile = Annotated[Path, typer.Argument(autocompletion=toml_files)]
-TWO_SIGMAS = 2.0
-"""Standard deviations of every figure at once that a design is for, where nothing else is asked."""
-
 MassRange = Annotated[str | None, typer.Option("--outer-end-mass", metavar="LO:HI")]
 _FOLDER = typer.Option("--out", metavar="DIR", callback=folder_to_write)
 OutFolder = Annotated[Path, _FOLDER]

@@ -1,10 +1,10 @@
 """`beamdesign run`, `size`, `codesign`, `front` and `remedies`: from a design problem to proved designs."""
 
 from collections.abc import Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 from beamdesign.cli.command import (
-    TWO_SIGMAS,
     CommandResult,
     Figure,
     MassRange,
@@ -19,6 +19,7 @@ from beamdesign.cli.command import (
 from beamdesign.cli.output import default_folder, echo, echo_table, progress, refuse
 from beamdesign.files import write_set
 from beamdesign.json_text import picked
+from beamdesign.public import SIGMAS
 
 if TYPE_CHECKING:
     from beamdesign.problem import DesignProblem
@@ -29,7 +30,7 @@ if TYPE_CHECKING:
 def run(
     study: TomlFile,
     out: OutFolder,
-    sigmas: Annotated[float, Figure("Sigmas")] = TWO_SIGMAS,
+    sigmas: Annotated[float, Figure("Sigmas")] = SIGMAS,
     nominal: bool = False,
 ) -> CommandResult:
     """Carry a study to a certified prototype.
@@ -46,12 +47,10 @@ def run(
         nominal: guarantee it for exactly the figures stated.
     """
     from beamdesign.build.result_folder import write_result_folder
-    from beamdesign.problem import read_problem
     from beamdesign.quantity_text import further_rows, guaranteed_rows, rigs_in_words, tube_text
     from beamdesign.synthesis.design_run import run_design
 
-    problem = read_problem(study)
-    echo_tolerances(problem, nominal)
+    problem = _read(study, nominal)
     with progress("designing") as update:
         result = run_design(problem, update, 0.0 if nominal else sigmas)
         if result.prototype is not None:
@@ -96,12 +95,15 @@ def run(
     )
 
 
-def echo_tolerances(problem: "DesignProblem", nominal: bool) -> None:
-    """A word where tolerances count and a study states none."""
+def _read(study: Path, nominal: bool) -> "DesignProblem":
+    """The study, with a word where tolerances count and it states none."""
     from beamdesign.parameters import stated_or_typical
+    from beamdesign.problem import read_problem
 
+    problem = read_problem(study)
     if not nominal and (words := stated_or_typical(problem.tolerance)[1]):
         echo(words)
+    return problem
 
 
 def echo_changes(ways: Sequence[str]) -> None:
@@ -116,7 +118,7 @@ def codesign(
     bandwidth_Hz: Annotated[float, Figure("Bandwidth")],
     outer_end_mass: MassRange = None,
     out: OutFolderOrNone = None,
-    sigmas: Annotated[float, Figure("Sigmas")] = TWO_SIGMAS,
+    sigmas: Annotated[float, Figure("Sigmas")] = SIGMAS,
     nominal: bool = False,
 ) -> CommandResult:
     """Find the lightest link that guarantees a bandwidth.
@@ -134,13 +136,12 @@ def codesign(
             at once; typical ones where the study states none.
         nominal: guarantee it for exactly the figures stated.
     """
-    from beamdesign.problem import read_problem
     from beamdesign.quantity_text import further_rows, guaranteed_rows, rigs_in_words, tube_text
     from beamdesign.records import to_toml
     from beamdesign.synthesis import codesign as room
     from beamdesign.synthesis.design_run import CERTIFICATE_NAME, certificate_name, certified
 
-    problem = read_problem(study)
+    problem = _read(study, nominal)
     masses = mass_range(outer_end_mass, problem.payload.outer_end_mass_kg, study)
     with progress("co-design") as update:
         found = room.codesign(problem, masses, bandwidth_Hz, progress=update, sigmas=0.0 if nominal else sigmas)
@@ -217,7 +218,7 @@ def front(
     out: OutFolder,
     bandwidths_Hz: str = "3,4,5,6,8",
     payloads_kg: str | None = None,
-    sigmas: Annotated[float, Figure("Sigmas")] = TWO_SIGMAS,
+    sigmas: Annotated[float, Figure("Sigmas")] = SIGMAS,
     nominal: bool = False,
 ) -> CommandResult:
     """Draw moving mass against bandwidth and payload range.
@@ -234,12 +235,11 @@ def front(
             at once; typical ones where the study states none.
         nominal: guarantee it for exactly the figures stated.
     """
-    from beamdesign.problem import read_problem
     from beamdesign.report.canvas import new_figure
     from beamdesign.report.figures import plot_front
     from beamdesign.synthesis.codesign import pareto_front
 
-    problem = read_problem(study)
+    problem = _read(study, nominal)
     masses = problem.payload.outer_end_mass_kg
     assert masses is not None  # validated
     expected = "positive figures separated by commas, such as 3,5,8"
@@ -269,7 +269,7 @@ def remedies(
     out: OutFolder,
     outer_end_mass: MassRange = None,
     added_mass_kg: Annotated[float, Figure("MassOrNone")] = 4.5,
-    sigmas: Annotated[float, Figure("Sigmas")] = TWO_SIGMAS,
+    sigmas: Annotated[float, Figure("Sigmas")] = SIGMAS,
     nominal: bool = False,
 ) -> CommandResult:
     """Compare the paper's four remedies for payload.
@@ -286,14 +286,13 @@ def remedies(
             at once; typical ones where the study states none.
         nominal: guarantee it for exactly the figures stated.
     """
-    from beamdesign.problem import read_problem
     from beamdesign.quantity_text import stated_bandwidth
     from beamdesign.report.canvas import new_figure
     from beamdesign.report.figures import plot_remedies
     from beamdesign.sweep.tasks import REMEDY
     from beamdesign.synthesis import remedies as room
 
-    problem = read_problem(study)
+    problem = _read(study, nominal)
     masses = mass_range(outer_end_mass, problem.payload.outer_end_mass_kg, study)
     for name, beam in (("outer_beam", problem.outer_beam), ("inner_beam", problem.inner_beam)):
         if beam.width_m is None:

@@ -50,12 +50,12 @@ def hertz(crossing: "Crossing") -> str:
 
 def echo_box(record: "Prototype", box: "Box", verdict: "BoxVerdict", sigmas: float) -> None:
     """Whether a loop is stable over a box, and where it is not; what the box is."""
-    from beamdesign.proofs.near_rest import every_rig, holds_for
+    from beamdesign.proofs.near_rest import holds_for
     from beamdesign.proofs.tolerance_box import figure_key
     from beamdesign.rational import nearest
 
     words = {True: "stable", False: "NOT stable", None: "undecided whether stable"}
-    echo(f"{record.name}: {words[verdict.stable]} {holds_for(record, every_rig(sigmas))}")
+    echo(f"{record.name}: {words[verdict.stable]} {holds_for(record, sigmas)}")
     rows = []
     for name, (low, high) in box.ranges.items():
         key, factor = figure_key(name)

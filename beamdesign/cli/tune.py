@@ -6,7 +6,6 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from beamdesign.cli.command import (
-    TWO_SIGMAS,
     CommandResult,
     Figure,
     MassRange,
@@ -20,6 +19,7 @@ from beamdesign.cli.output import echo, echo_table, progress, refuse
 from beamdesign.cli.stiffness import give_stiffness
 from beamdesign.files import write_set
 from beamdesign.json_text import picked
+from beamdesign.public import SIGMAS
 
 if TYPE_CHECKING:
     from beamdesign.controllers import Sensed
@@ -45,7 +45,7 @@ def tune(
     loop_gain: Annotated[float | None, Figure("LoopGain", or_infinite=True)] = None,
     loop_gain_from_Hz: Annotated[float | None, Figure("Frequency")] = None,
     controller_effort_A_per_V: Annotated[float | None, Figure("LawGain", or_infinite=True)] = None,
-    sigmas: Annotated[float, Figure("Sigmas")] = TWO_SIGMAS,
+    sigmas: Annotated[float, Figure("Sigmas")] = SIGMAS,
     nominal: bool = False,
     lower_gains: Annotated[bool | None, typer.Option("--lower-gains/--no-lower-gains")] = None,
     end_stiffness_N_per_m: Annotated[float | None, Figure("Stiffness")] = None,
@@ -167,7 +167,7 @@ def _of_law(stage: "InStage", law: "Tuning", certificate: "Certificate") -> dict
         *further_rows(found),
     ]
     echo_table(f"{stage.prototype.name}: tuned {best.controller.kind} controller", ("figure", "value"), rows)
-    echo(f"proved {holds_for(stage.prototype)}; {law.certificates} stability certificates on the way")
+    echo(f"proved {holds_for(stage.prototype, best.sigmas)}; {law.certificates} stability certificates on the way")
     for line in certificate.scope:
         echo(f"  {line}")
     return {

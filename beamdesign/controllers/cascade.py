@@ -256,4 +256,4 @@ def _form(kind: type[Cascade], factors: tuple[type[Factor], ...]) -> "Form":
     def record(variables: "np.ndarray") -> Cascade:
         return kind.of([float(f"{value:.{_DIGITS}g}") for value in np.exp(variables)])
 
-    return Form(SENSED[:1], bounds[:, 0], bounds[:, 1], polynomials, record, np.ones(len(bounds)))
+    return Form(SENSED[:1], bounds[:, 0], bounds[:, 1], polynomials, record, np.ones(len(bounds)), gain_first=True)

@@ -38,6 +38,7 @@ class Form:
         polynomials: CasADi symbols of the variables to the law from each sensor to current, A/V, A/m or A/Pa.
         record: variables to the controller's record, its figures rounded to what a person would copy down.
         moves: (v,) how much further than a logarithm a variable may move in a step.
+        gain_first: whether the first variable is the logarithm of a factor on the whole law.
     """
 
     sensors: tuple[Sensed, ...]
@@ -46,6 +47,7 @@ class Form:
     polynomials: Callable[[Sequence[Any]], Polynomials]
     record: Callable[[np.ndarray], Controller]
     moves: np.ndarray
+    gain_first: bool = False
 
     @property
     def size(self) -> int:

@@ -13,17 +13,7 @@ from beamdesign.plant.effects import library
 from beamdesign.proofs.certificate import Asked
 from beamdesign.proofs.certifying import bracketing
 from beamdesign.prototype import Prototype
-
-EXACTLY = "for exactly these figures"
-
-
-def every_rig(sigmas: float) -> str:
-    """That a verdict is about a box of tolerances.
-
-    Args:
-        sigmas: standard deviations to either side.
-    """
-    return f"for every rig within {sigmas:g} standard deviations of each figure that varies"
+from beamdesign.quantity_text import rigs_in_words
 
 
 @dataclass(frozen=True)
@@ -62,13 +52,13 @@ def uncovered(left: Sequence[NearRest], asked: Sequence[Asked]) -> str:
     return f"not proved of small motion: {'; '.join(words)}" if words else ""
 
 
-def holds_for(prototype: Prototype, rigs: str = EXACTLY) -> str:
+def holds_for(prototype: Prototype, sigmas: float = 0.0) -> str:
     """Of which rigs and which motion a verdict on linear members is.
 
     Args:
         prototype: with or without effects.
-        rigs: in words.
+        sigmas: standard deviations of each figure, as of `rigs_in_words`.
     """
     small = [f"no {one.claim} ({one.effect})" for one in near_rest(prototype)]
     only = ", linear members only" if bracketing(prototype) else ""
-    return f"{rigs}{only}" + (f"; of small motion {', '.join(small)}" if small else "")
+    return f"for {rigs_in_words(sigmas)}{only}" + (f"; of small motion {', '.join(small)}" if small else "")

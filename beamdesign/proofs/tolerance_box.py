@@ -89,7 +89,8 @@ def tolerance_box(
     spans = effect_spans(family(prototype, None if largest is None else largest[1]))
     ranges |= spans
     rigid |= set(spans)
-    chosen = [name for name in values if name in ranges and ranges[name][0] < ranges[name][1]]
+    # One payload is a range too, where it is another than the expression has by itself.
+    chosen = [name for name in values if name in ranges and ranges[name] != (values[name],) * 2]
     if names is not None:
         if fixed := sorted(set(names) - set(chosen)):
             raise InputError("names", [Problem(name, "has no tolerance and no range") for name in fixed])

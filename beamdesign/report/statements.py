@@ -5,7 +5,7 @@ from math import isfinite
 from typing import Literal, NamedTuple
 
 from beamdesign.proofs.certificate import Certificate, Claim, implies
-from beamdesign.quantity_text import at_least, decimal, mass_range_text, quantity
+from beamdesign.quantity_text import at_least, decimal, mass_range_text, quantity, rigs_in_words
 from beamdesign.synthesis.design_run import DesignRun
 
 Foundation = Literal["proved", "refuted", "verified numerically", "sampled"]
@@ -58,6 +58,8 @@ def _of_claim(claim: Claim) -> Statement:
             words = f"|C/(1+L)| at most {quantity(claim.limit, 'A/V')} at every frequency"
         case "decay_rate":
             words = f"every motion dies out at least as fast as exp(-{decimal(claim.limit, 6)} t / s)"
+        case "gain_margin" if claim.limit == 0:
+            words = "stable at every lower gain too"
         case "gain_margin":
             words = f"stable with the gain times every factor from 1 to {decimal(claim.limit, 6)}"
     how = "polynomial inequality in mass and frequency decided by exact root isolation"
@@ -66,10 +68,20 @@ def _of_claim(claim: Claim) -> Statement:
     return Statement(f"{words}, for every outer end mass of {masses}", "proved" if claim.holds else "refuted", how)
 
 
+_BOX = "zero exclusion by branch and bound, each piece in ball arithmetic"
+
+
 def statements(run: DesignRun) -> Iterator[Statement]:
     """Everything the report of a run claims, the best founded first."""
+    best = run.tuning and run.tuning.best
+    if run.tuning and best and best.over_box:
+        rigs = f"and {rigs_in_words(best.sigmas)}"
+        for asked in best.over_box.claims:
+            claim = _of_claim(asked.decided(run.tuning.outer_end_mass_kg, True)).claim
+            yield Statement(f"{claim} {rigs}", "proved", _BOX)
     if run.certificate:
-        yield from proved_statements(run.certificate, run.problem.goal.compliance_m_per_N)
+        for one in proved_statements(run.certificate, run.problem.goal.compliance_m_per_N):
+            yield one._replace(claim=f"{one.claim}, of {rigs_in_words(0.0)}")
     sizing = run.sizing
     yield Statement(
         f"the chosen sections pass all {len(sizing.checks)} structural checks",

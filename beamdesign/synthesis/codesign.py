@@ -14,6 +14,7 @@ from beamdesign.plant.members import family
 from beamdesign.problem import DesignProblem
 from beamdesign.progress import Progress, silent
 from beamdesign.prototype import Payload, Prototype
+from beamdesign.public import SIGMAS
 from beamdesign.records import InputError
 from beamdesign.synthesis.checks import CheckedPair, check_sections
 from beamdesign.synthesis.free_search import free_optimum, start_variables
@@ -21,7 +22,7 @@ from beamdesign.synthesis.holding import Holding, in_words, working
 from beamdesign.synthesis.law_search import Found, Start, from_seeds, search
 from beamdesign.synthesis.law_task import Effort, Search
 from beamdesign.synthesis.loop_limits import Proved
-from beamdesign.synthesis.rig_spread import SIGMAS, rig_spread
+from beamdesign.synthesis.rig_spread import rig_spread
 from beamdesign.synthesis.sections import free_sections, rounded_tubes
 
 SIZED_EFFORT = Effort(rounds=10, starts=2, candidates=2, proofs=20)

@@ -11,10 +11,10 @@ from beamdesign.proofs.certificate import LOWER_GAINS, Asked, Certificate, goal_
 from beamdesign.proofs.certifying import certify
 from beamdesign.proofs.lyapunov import describe, stages_certificate
 from beamdesign.prototype import Guarantee, Prototype
+from beamdesign.public import SIGMAS
 from beamdesign.result import Result
 from beamdesign.synthesis.holding import Holding, Way, carried, easier, in_words, standing, working
 from beamdesign.synthesis.loop_limits import Proved
-from beamdesign.synthesis.rig_spread import SIGMAS
 from beamdesign.synthesis.sizing import Sizing, size
 from beamdesign.synthesis.tuning import Tuning, limited, tune
 
@@ -145,9 +145,8 @@ def _designed(problem: DesignProblem, report: Progress, sigmas: float) -> Design
 def certified_laws(found: Tuning) -> tuple[Prototype, tuple[tuple[Certificate, Prototype], ...]]:
     """What was tuned, and each of its laws, proved once more: `certified` over the payloads that it is for.
 
-    The certificate of a law goes by the name `CERTIFICATE_NAME`, with the suffix of its stage, that over a box by
-    `box_name` of that. The prototype states the guarantee where there is one law; of several no one certificate proves
-    all.
+    The certificates of a law go by `certificate_name`. The prototype states the guarantee where there is one law; of
+    several no one certificate proves all.
     """
     each = [
         certified(stage.prototype, law.best, stage.outer_end_mass_kg, certificate_name(stage.suffix))

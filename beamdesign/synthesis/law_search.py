@@ -202,9 +202,7 @@ def _hardened(task: Search, designs: Sequence[_Design]) -> tuple[Search, list[_D
 def calmed(task: Search, design: _Design) -> np.ndarray:
     """Variables of a design whose gain, where it has one, is lowered until the loops of all rigs are stable."""
     variables = design.variables.copy()
-    if "gain_A_per_V" not in type(design.law).model_fields:
-        return variables
-    while not task.settled(design.form, variables) and variables[0] > design.form.lower[0]:
+    while design.form.gain_first and not task.settled(design.form, variables) and variables[0] > design.form.lower[0]:
         variables[0] -= 0.2
     return variables
 

@@ -154,8 +154,9 @@ class LoopSet:
 
     def unstable(self, goal: Goal) -> list[int]:
         """Numbers of the members that are not stable throughout, at lower gains where the goal wants it: exact."""
-        every = {k: one.widened(fmpq(0)) if goal.lower_gains else one for k, one in self.stable.items()}
-        return [k for k, rectangle in every.items() if rectangle.unstable_side() is not None]
+        if goal.lower_gains:  # masses and gains both vary then, and the sides alone do not decide
+            return [k for k, one in self.stable.items() if not one.widened(fmpq(0)).stable]
+        return [k for k, rectangle in self.stable.items() if rectangle.unstable_side() is not None]
 
     def refuted(self, goal: Goal) -> list[Claim]:
         """The goal's limits of sensitivity, loop gain and effort that are refuted, of one member each."""

@@ -18,13 +18,14 @@ from beamdesign.controllers.structured import as_lag
 from beamdesign.plant.members import family
 from beamdesign.problem import DesignProblem
 from beamdesign.progress import Progress, silent
+from beamdesign.public import SIGMAS
 from beamdesign.structure.section import SquareTube
 from beamdesign.synthesis.codesign import SIZED_EFFORT
 from beamdesign.synthesis.free_search import start_variables
 from beamdesign.synthesis.law_search import Found, from_seeds, search
 from beamdesign.synthesis.law_task import Search
 from beamdesign.synthesis.loop_limits import Proved
-from beamdesign.synthesis.rig_spread import SIGMAS, rig_spread
+from beamdesign.synthesis.rig_spread import rig_spread
 from beamdesign.synthesis.sections import free_sections, rounded_tubes, section_mass
 from beamdesign.synthesis.tuning import SMALLEST_BANDWIDTH_HZ
 

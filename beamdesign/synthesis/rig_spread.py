@@ -10,10 +10,8 @@ from beamdesign.parameters import TOLERANCES
 from beamdesign.plant.changed_figures import CHANGEABLE, with_figures
 from beamdesign.plant.members import VertexModel, served
 from beamdesign.prototype import Prototype
+from beamdesign.public import SIGMAS
 from beamdesign.records import InputError, Problem
-
-SIGMAS = 2.0
-"""How many standard deviations of every figure at once a design is for, where nothing else is asked."""
 
 _CUT = 4.0
 _DIGITS = 3

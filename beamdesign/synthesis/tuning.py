@@ -32,13 +32,14 @@ from beamdesign.proofs.certifying import gain_and_mass
 from beamdesign.proofs.lyapunov import Switching, switching
 from beamdesign.proofs.mass_family import stage_families
 from beamdesign.prototype import Goal, InStage, Prototype
+from beamdesign.public import SIGMAS
 from beamdesign.rational import nearest
 from beamdesign.records import InputError
 from beamdesign.result import Result
 from beamdesign.synthesis.law_search import Found, from_seeds, search
 from beamdesign.synthesis.law_task import Search
 from beamdesign.synthesis.loop_limits import Proved
-from beamdesign.synthesis.rig_spread import SIGMAS, RigSpread, rig_spread
+from beamdesign.synthesis.rig_spread import RigSpread, rig_spread
 from beamdesign.synthesis.weight_search import ADDED_SENSORS_EFFORT, EFFORT, SYNTHESES, limited, search_observer
 
 
