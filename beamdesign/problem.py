@@ -23,6 +23,7 @@ from beamdesign.prototype import (
     beams_that_do_not_fit,
 )
 from beamdesign.records import Problem, Record, numbers
+from beamdesign.structure.materials import BEAMS, MATERIAL, MaterialByName, WithMaterials
 from beamdesign.structure.section import SquareTube, impossible_tube
 
 
@@ -40,7 +41,7 @@ class BeamProblem(Record):
 
     length_m: q.Length = Field(description="full length of the tube, clamp included")
     free_length_m: q.Length = Field(description="length from the clamp to the tip")
-    material: str = Field(description="name of an alloy in beamdesign.structure.materials")
+    material: MaterialByName = Field(description=MATERIAL)
     end_mass_kg: q.MassOrNone = Field(0.0, description="M_end of equation (5), always fixed to the tip")
     damping_ratio: q.StructuralDamping = Field(0.05, description="zeta of the bare beam")
     width_m: q.Width | None = Field(None, description="outside width of a given section")
@@ -133,7 +134,7 @@ class ControllerKind(Sought):
     kind: Tuned = Field("lag", description="law that the tuner works with")
 
 
-class DesignProblem(Record):
+class DesignProblem(WithMaterials):
     """A study file: load, beams to size, hydraulics, and the guarantees asked for."""
 
     name: str = Field(min_length=1, description="what the design is called in tables and reports")
@@ -155,10 +156,11 @@ class DesignProblem(Record):
     @classmethod
     def relations(cls, table: Mapping[str, Any]) -> Iterator[Problem]:
         """Given sections fit into each other, fixed ones are given, and there is a payload range."""
+        yield from super().relations(table)
         yield from beams_that_do_not_fit(table)
         sections, payload = table.get("sections"), table.get("payload")
         if isinstance(sections, Mapping) and sections.get("choose") == "fixed":
-            for name in ("outer_beam", "inner_beam"):
+            for name in BEAMS:
                 beam = table.get(name)
                 if isinstance(beam, Mapping) and (beam.get("width_m") is None or beam.get("wall_m") is None):
                     yield Problem(name, "sections.choose is 'fixed', so width_m and wall_m are needed")
@@ -191,7 +193,7 @@ class DesignProblem(Record):
 
 
 def _with_section(asked: BeamProblem, section: tuple[float, float]) -> Beam:
-    return Beam.model_validate(asked.model_dump() | {"width_m": section[0], "wall_m": section[1]})
+    return Beam.model_validate(dict(asked) | {"width_m": section[0], "wall_m": section[1]})
 
 
 def read_problem(path: str | Path) -> DesignProblem:

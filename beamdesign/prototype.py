@@ -14,6 +14,7 @@ from beamdesign.controllers import Cascade, Controller, Scheduled
 from beamdesign.files import read_bytes, write_whole
 from beamdesign.records import FileName, NonNegative, Positive, Problem, Record, numbers
 from beamdesign.spelling import shorter
+from beamdesign.structure.materials import MATERIAL, MaterialByName, WithMaterials
 from beamdesign.structure.section import impossible_tube
 
 COMPLIANCE_LIMIT_M_PER_N = 5.71e-8
@@ -39,7 +40,7 @@ class Beam(Record):
     corner_radius_m: q.Gap = Field(0.0, description="outside corner radius; 0 is a sharp corner")
     length_m: q.Length | None = Field(None, description="full length of the tube, clamp included")
     free_length_m: q.Length | None = Field(None, description="length from the clamp to the tip")
-    material: str | None = Field(None, description="name of an alloy in beamdesign.structure.materials")
+    material: MaterialByName | None = Field(None, description=MATERIAL)
     end_mass_kg: q.MassOrNone = Field(
         0.0, description="M_end of equation (5): what is always fixed to the tip (actuator module)"
     )
@@ -227,7 +228,7 @@ class Guarantee(Record):
     )
 
 
-class Prototype(Record):
+class Prototype(WithMaterials):
     """A twin-beam rig in SI: one record that is designed, certified, built, measured and diagnosed."""
 
     name: str = Field(min_length=1, description="what the rig is called in tables and reports")
@@ -291,6 +292,7 @@ class Prototype(Record):
     @classmethod
     def relations(cls, table: Mapping[str, Any]) -> Iterator[Problem]:
         """The beams fit each other."""
+        yield from super().relations(table)
         yield from beams_that_do_not_fit(table)
 
     @model_validator(mode="after")

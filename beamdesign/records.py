@@ -7,7 +7,7 @@ import tomllib
 from collections.abc import Iterator, Mapping, Sequence
 from math import isfinite
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, NamedTuple, Self, TypeVar, get_args
+from typing import Annotated, Any, ClassVar, NamedTuple, Self, TypeVar, get_args, get_origin
 
 import tomli_w
 from pydantic import (
@@ -34,6 +34,13 @@ class Longest(NamedTuple):
 
 
 FileName = Annotated[str, Longest(1000)]
+
+
+class NamedRecord(NamedTuple):
+    """That a record stands in a file by its name, and in which table it is told."""
+
+    table: str
+
 
 # Everyday units of this field and the SI suffix each should have been.
 _UNIT_MISTAKES = {
@@ -83,11 +90,17 @@ class Record(BaseModel):
         """Yield what is wrong between the fields of `table`, whose values may themselves be wrong."""
         yield from ()
 
+    @classmethod
+    def prepared(cls, table: Mapping[str, Any]) -> Mapping[str, Any]:
+        """The table with what parts of it say of others put there; what is wrong in it stays."""
+        return table
+
     @model_validator(mode="wrap")
     @classmethod
     def _all_problems_at_once(cls, data: Any, handler: ModelWrapValidatorHandler[Self]) -> Self:
         problems: list[InitErrorDetails] = []
         if isinstance(data, Mapping):
+            data = cls.prepared(data)
             found = [(tuple(key.split(".")) if key else (), reason) for key, reason in cls.relations(data)]
             for place, reason in [*(_unfit_texts(cls, data) if cls.holds_lines else ()), *found]:
                 kind = PydanticCustomError("relation", "{reason}", {"reason": reason})
@@ -186,18 +199,31 @@ def under_tag(error: ValidationError, tag: str) -> ValidationError:
 
 
 def nested_records(annotation: Any) -> list[type[Record]]:
-    """The record types an annotation mentions, unions, Annotated and the kinds of abstract records included."""
+    """The record types an annotation mentions, unions, Annotated and the kinds of abstract records included.
+
+    But for those that stand by their names.
+    """
     if isinstance(annotation, type) and issubclass(annotation, Record):
         return annotation.variants()
+    if any(isinstance(part, NamedRecord) for part in get_args(annotation)):
+        return []
     return [record for part in get_args(annotation) for record in nested_records(part)]
+
+
+def of_own_names(annotation: Any) -> bool:
+    """Whether there are tables under names of their own."""
+    return any(get_origin(one) is dict for one in (annotation, *get_args(annotation)))
 
 
 def _walk(record: type[Record], path: Sequence[str | int]) -> tuple[list[str], list[str]]:
     """The path as a user would write it, without tags of unions and places in lists; and the keys allowed there."""
     written: list[str] = []
-    choices = record.variants()
+    choices, of_own_name = record.variants(), False
     for step in path:
         if isinstance(step, int):
+            continue
+        if of_own_name:
+            written, of_own_name = [*written, step], False
             continue
         tagged = [c for c in choices if len(choices) > 1 and c.model_fields["kind"].default == step]
         if tagged:
@@ -206,6 +232,7 @@ def _walk(record: type[Record], path: Sequence[str | int]) -> tuple[list[str], l
         written.append(step)
         fields = [c.model_fields[step].annotation for c in choices if step in c.model_fields]
         choices = [nested for annotation in fields for nested in nested_records(annotation)]
+        of_own_name = bool(choices) and any(map(of_own_names, fields))
     return written, list(dict.fromkeys(key for choice in choices for key in choice.model_fields))
 
 

@@ -136,7 +136,7 @@ def test_bounds_and_defaults_are_those_of_the_schema_that_pydantic_makes_of_the_
                 word, value = part.rsplit(" ", 1)
                 told.add((words[word], float(value)))
             assert any(told <= schema_bounds(field) for field in fields), (key.path, told)
-            if key.kind != "a table":  # those are made anew each time, and no default stands in the schema
+            if key.kind != "a table" and key.default != "from the others":  # made anew each time: not in the schema
                 assert all("default" in field for field in fields) == (key.default != "needed"), key.path
             compared += 1
     assert compared > 150

@@ -64,7 +64,7 @@ def test_tubes_and_masses_are_the_records(text: str, prototype: Prototype) -> No
         assert number(table["cut length"][column]) == pytest.approx(1e3 * beam.length_m)
         assert number(table["free, clamp to tip"][column]) == pytest.approx(1e3 * beam.free_length_m)
         assert number(table["clamped"][column]) == pytest.approx(1e3 * (beam.length_m - beam.free_length_m))
-        assert table["material"][column] == beam.material
+        assert table["material"][column] == beam.material.name
         assert number(table["always fixed to the tip (actuator module)"][column]) == beam.end_mass_kg
         # A sharp-cornered square tube of 6061 by hand: 2700 kg/m3, four walls less their corners.
         by_hand = 2700 * beam.length_m * (beam.width_m**2 - (beam.width_m - 2 * beam.wall_m) ** 2)

@@ -61,7 +61,6 @@ from beamdesign.report.page import (
 from beamdesign.report.statements import proved_statements
 from beamdesign.spelling import one_line
 from beamdesign.structure.lumped import lumped_beam, notes
-from beamdesign.structure.materials import STRENGTH_SOURCE
 
 BASIS = {
     "guaranteed": "proved",
@@ -334,7 +333,9 @@ def _template() -> Template:
         missing_geometry=missing_geometry,
         lumped_beam=lumped_beam,
         notes=notes,
-        strength_source=STRENGTH_SOURCE,
+        materials=lambda rig: list(
+            {beam.material.name: beam.material for beam in (rig.outer_beam, rig.inner_beam)}.values()
+        ),
         held_loads=held_loads,
         margin=MARGIN,
         kept=KEPT,

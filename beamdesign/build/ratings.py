@@ -18,7 +18,6 @@ from beamdesign.prototype import Beam, InStage, Prototype
 from beamdesign.quantity_text import tube_text
 from beamdesign.structure import beam, section
 from beamdesign.structure.lumped import lumped_beam
-from beamdesign.structure.materials import material
 from beamdesign.structure.section import SquareTube
 from beamdesign.structure.stock import stock_tubes
 from beamdesign.synthesis.operating_limits import MARGIN, Envelope, envelope, needs, smaller_side
@@ -123,7 +122,7 @@ def _choice(prototype: Prototype, name: str, masses_kg: tuple[float, float]) -> 
     beams = {"outer": prototype.outer_beam, "inner": prototype.inner_beam}
     before, after = _gap(**beams), _gap(**(beams | {name: other}))
     length = record.length_m if record.length_m is not None else record.free_length_m
-    density = material(record.material).density_kg_per_m3
+    density = record.material.density_kg_per_m3
     tube_mass_kg, exchanged_kg = (
         float(length * section.mass_per_length(one.width_m, one.wall_m, density, one.corner_radius_m))
         for one in (record, other)
@@ -135,7 +134,7 @@ def _choice(prototype: Prototype, name: str, masses_kg: tuple[float, float]) -> 
         length_m=length,
         free_length_m=record.free_length_m,
         clamped_m=length - record.free_length_m,
-        material=record.material,
+        material=record.material.name,
         tube_mass_kg=tube_mass_kg,
         end_mass_kg=record.end_mass_kg,
     )

@@ -146,8 +146,8 @@ def _toml(path: Path) -> PrototypeTable:
         table = tomllib.loads(_bytes(path).decode("utf-8"))
     except (UnicodeDecodeError, ValueError, RecursionError) as error:
         raise Unreadable(f"the prototype is not valid TOML: {str(error)[:200]}") from error
-    # no file says what its effects and alloys come to: only a caller who works them out may
-    return {key: value for key, value in table.items() if key not in ("effect", "material")}
+    # No file says what its effects come to: only a caller who works them out may.
+    return {key: value for key, value in table.items() if key != "effect"}
 
 
 def _named(prototype: PrototypeTable, data: bytes, source: str | Path) -> list[tuple[bool, str]]:

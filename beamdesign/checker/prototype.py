@@ -105,8 +105,11 @@ def differences(table: Table, rig: Rig, prototype: Mapping[str, Any]) -> Iterato
         for key, value in _table(given, name).items():
             if stated_effects[name].get(key) != _number(value, f"effects.{name}.{key}"):
                 yield f"effects.{name}.{key} is not that of the prototype, {value}"
-    if "material" in prototype and not same(materials.whole_of_it(), prototype["material"]):
-        yield "[material] states other alloys than those of its beams"
+    own = _table(prototype, "material")
+    for name, figures in materials.whole_of_it().items():
+        given_figures = figures | {key: value for key, value in _table(own, name).items() if key in figures}
+        if not same(figures, given_figures):
+            yield f"[material.{name}] is another than that of the prototype"
     if "effect" in prototype and prototype["effect"] != (table.entries("effect") if "effect" in table else []):
         yield "the elements stated are not those that stand for its effects"
     for name in TABLES:
@@ -133,8 +136,9 @@ def left_open(table: Table, rig: Rig, prototype: Mapping[str, Any]) -> Iterator[
         (low, high), (least, most) = at.range(key), _masses(payload)
         if not low <= least <= most <= high:
             yield f"the prototype's payloads, {short(least)} to {short(most)} kg, are not all within those proved"
-    if "material" in table and "material" not in prototype:
-        yield f"that {', '.join(table.optional('material').whole_of_it())} is as [material] states"
+    own, every = _table(prototype, "material"), table.optional("material").whole_of_it()
+    if names := [name for name, figures in every.items() if not figures.keys() <= _table(own, name).keys()]:
+        yield f"that {', '.join(names)} is as [material] states"
     given = _table(prototype, "effects")
     for effect in rig.effects:
         if unstated := sorted(effect.parameters.keys() - _table(given, effect.name).keys()):

@@ -86,6 +86,7 @@ def explain(
     from beamdesign.docs import page, topics
     from beamdesign.report import reference as reference_page
     from beamdesign.report.reference import effect_named, effects, find, keys, nearest
+    from beamdesign.structure.materials import material_lines
 
     if key is None:
         everything = {"keys": [asdict(each) for each in keys()], "effects": [asdict(e) for e in effects()]}
@@ -109,6 +110,8 @@ def explain(
         echo("\n".join(reference_page.effect_lines(effect)))
     elif some:
         echo("\n\n".join("\n".join(reference_page.key_lines(group)) for group in reference_page.alike(some)))
+        if wanted == "material":
+            echo("\n" + "\n".join(material_lines()))
         for one in every:
             echo(f"\n{one.name} ({one.subsystem})\n  {one.meaning}")
     if text is not None:

@@ -18,7 +18,6 @@ from beamdesign.prototype import Beam, Prototype
 from beamdesign.records import InputError
 from beamdesign.structure import lumped, section
 from beamdesign.structure.beam import MODE_MASS_FRACTION, natural_frequencies
-from beamdesign.structure.materials import material
 
 MODES = 12
 _HIGHEST_HZ = 3000.0
@@ -200,7 +199,7 @@ def _cantilever(record: Beam, name: str) -> _Cantilever:
         raise InputError(name, [("(geometry)", "width_m, wall_m, free_length_m and material are needed for its modes")])
     one = lumped.lumped_beam(record, name)
     tube = section.area(record.width_m, record.wall_m, record.corner_radius_m)
-    per_length = float(material(record.material).density_kg_per_m3 * tube)
+    per_length = float(record.material.density_kg_per_m3 * tube)
     end_mass = one.mass - MODE_MASS_FRACTION * per_length * record.free_length_m
     if end_mass < 0:
         raise InputError(name, [("effective_mass_kg", f"{one.mass:g} is less than the tube alone has")])

@@ -23,7 +23,6 @@ from beamdesign.rational import text
 from beamdesign.records import InputError, Record
 from beamdesign.spelling import one_line
 from beamdesign.structure.lumped import figures
-from beamdesign.structure.materials import material
 
 # The rig.
 
@@ -140,7 +139,8 @@ def _alloys(prototype: Prototype) -> Tables:
     found, outer = {}, prototype.outer_beam
     beams = [b for b in (outer, prototype.inner_beam) if b.stiffness_N_per_m is None or b.effective_mass_kg is None]
     for beam in beams + [outer] * (prototype.arm is not None and outer.has_geometry):
-        alloy = material(str(beam.material))
+        alloy = beam.material
+        assert alloy is not None  # else its figures would be stated
         keys = ("youngs_modulus_Pa", "shear_modulus_Pa", "density_kg_per_m3")
         found[alloy.name] = stated({key: getattr(alloy, key) for key in keys})
     return found

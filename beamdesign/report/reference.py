@@ -3,7 +3,7 @@
 import difflib
 import re
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from importlib import import_module
 from itertools import groupby
@@ -15,7 +15,7 @@ from pydantic_core import PydanticUndefined
 
 from beamdesign.docs import topics
 from beamdesign.quantities import Plausible, unit_of
-from beamdesign.records import Record, nested_records
+from beamdesign.records import Record, nested_records, of_own_names
 
 FILES = {
     "prototype": "beamdesign.prototype:Prototype",
@@ -111,7 +111,7 @@ def effects() -> tuple[EffectEntry, ...]:
     from beamdesign.plant.assembly import RIGS
     from beamdesign.plant.effects import library
 
-    found = []
+    found = list[EffectEntry]()
     for name, effect in library().items():
         words = import_module(next(iter(effect.laws.values())).__module__).__doc__ or ""
         rigs = tuple(kind for kind, rig in RIGS.items() if all(port in rig.ports for port in effect.laws))
@@ -129,16 +129,15 @@ def effects() -> tuple[EffectEntry, ...]:
             )
             for q in effect.parameters
         )
-        linear, leaves_out = (effect.linear.covers, effect.linear.leaves_out) if effect.linear else ("", "")
-        meaning = " ".join(words.split())
-        found.append(EffectEntry(name, effect.subsystem, meaning, effect.source, linear, leaves_out, rigs, parameters))
+        in_proofs = (effect.linear.covers, effect.linear.leaves_out) if effect.linear else ("", "")
+        told = effect.subsystem, " ".join(words.split()), effect.source
+        found.append(EffectEntry(name, *told, *in_proofs, rigs, parameters))
     return tuple(found)
 
 
 def find(word: str) -> tuple[Key, ...]:
     """The keys that a word names: a whole path, the end of one, or a table, which gives the keys in it as well."""
-    known = keys()
-    word = word.strip("[]")
+    known, word = keys(), word.strip("[]")
     exact = [key for key in known if key.path == word or key.path.endswith("." + word)]
     tables = {key.path for key in exact if key.is_table}
     inside = [key for key in known if key.path.rpartition(".")[0].removesuffix(".NAME") in tables and key not in exact]
@@ -166,9 +165,9 @@ def nearest(word: str) -> tuple[str, ...]:
 
 def _walk(record: type[Record], file: str, prefix: str = "") -> Iterator[Key]:
     table, source = _described(record)
-    for name, field in record.model_fields.items():
+    for name, field in ((name, one) for name, one in record.model_fields.items() if not one.exclude):
         path = f"{prefix}{name}"
-        nested = nested_records(field.annotation)
+        nested = nested_records(Annotated[field.annotation, *field.metadata] if field.metadata else field.annotation)
         if not nested:
             yield Key(
                 path, file, field.description or "", _kind(field.annotation),
@@ -178,7 +177,7 @@ def _walk(record: type[Record], file: str, prefix: str = "") -> Iterator[Key]:
             continue
         yield _table(path, file, field, nested, source)
         inside: dict[str, list[tuple[str, Key]]] = {}
-        below = path + (".NAME." if get_origin(field.annotation) is dict else ".")
+        below = path + (".NAME." if of_own_names(field.annotation) else ".")
         for each in nested:
             tag = str(each.model_fields["kind"].default) if len(nested) > 1 else ""
             for key in _walk(each, file, below):
@@ -188,12 +187,10 @@ def _walk(record: type[Record], file: str, prefix: str = "") -> Iterator[Key]:
 
 
 def _table(path: str, file: str, field: FieldInfo, nested: list[type[Record]], source: str) -> Key:
-    listed = get_origin(field.annotation) is tuple
-    stated = [_described(each)[0] for each in nested]
-    meaning = field.description or "; or ".join(stated)
+    meaning = field.description or "; or ".join(_described(each)[0] for each in nested)
     default = "needed" if field.is_required() else "may be left out"
-    kind = "a list of tables" if listed else "a table"
-    if get_origin(field.annotation) is dict:
+    kind = "a list of tables" if get_origin(field.annotation) is tuple else "a table"
+    if of_own_names(field.annotation):
         kind = "a table of tables, each under a name of your own"
     if len(nested) > 1:
         kind += ", kind one of " + ", ".join(str(each.model_fields["kind"].default) for each in nested)
@@ -207,16 +204,15 @@ def _merged(tagged: list[tuple[str, Key]], kinds: int) -> Iterator[Key]:
         groups.setdefault(() if key.name == "kind" else key.facts, []).append((tag, key))
     for alike in groups.values():
         tags, key = tuple(tag for tag, _ in alike), alike[0][1]
-        facts = key.__dict__ | {"only_for": tags if len(tags) < kinds else key.only_for}
+        facts: dict[str, Any] = {"only_for": tags if len(tags) < kinds else key.only_for}
         if key.name == "kind" and kinds > 1:
             facts |= {"kind": "one of " + ", ".join(f'"{tag}"' for tag in tags), "default": "needed"}
-        yield Key(**facts)
+        yield replace(key, **facts)
 
 
 def _described(record: type[Record]) -> tuple[str, str]:
     """What a record is in its first sentence, and the `Source:` that its docstring states."""
-    text = record.__doc__ or ""
-    source = re.search(r"Source: (.*?)(?:\n\s*\n|$)", text, flags=re.DOTALL)
+    source = re.search(r"Source: (.*?)(?:\n\s*\n|$)", text := record.__doc__ or "", flags=re.DOTALL)
     return _first_sentence(text), " ".join(source[1].split()).rstrip(".") if source else ""
 
 
@@ -241,7 +237,9 @@ def _kind(annotation: Any) -> str:
         return f"a list of {len(parts)} {_kind(parts[0]).removeprefix('a ')}s"
     if origin is dict or annotation is dict:
         return "a table"
-    return {float: "a number", int: "a whole number", str: "text", bool: "true or false"}.get(annotation, "a value")
+    if isinstance(annotation, type) and issubclass(annotation, str | Record):
+        return "text"
+    return {float: "a number", int: "a whole number", bool: "true or false"}.get(annotation, "a value")
 
 
 def _numeric(annotation: Any) -> bool:
@@ -261,8 +259,7 @@ def _limits(annotation: Any) -> Iterator[Any]:
 
 
 def _bounds(field: FieldInfo) -> str:
-    low: list[tuple[float, str]] = []
-    high: list[tuple[float, str]] = []
+    low, high = list[tuple[float, str]](), list[tuple[float, str]]()
     for limit in (*field.metadata, *_limits(field.annotation)):
         if isinstance(limit, Plausible):
             return f"from {limit}"
@@ -273,17 +270,16 @@ def _bounds(field: FieldInfo) -> str:
                 into.append((float(value), f"{word} {value:g}"))
     # The narrowest of each side; of equal ones the strict.
     narrow = [max(low, key=lambda at: (at[0], at[1] == f"above {at[0]:g}"))[1]] if low else []
-    narrow += [min(high, key=lambda at: at[0])[1]] if high else []
-    return ", ".join(narrow)
+    return ", ".join([*narrow, *([min(high, key=lambda at: at[0])[1]] if high else [])])
 
 
 def _default(field: FieldInfo) -> str:
     if field.is_required():
         return "needed"
+    if field.default_factory_takes_validated_data:
+        return "from the others"
     value = field.get_default(call_default_factory=True)
-    if value is PydanticUndefined or value is None or value == () or value == {}:
-        return "none"
-    return shown(value)
+    return "none" if value in (PydanticUndefined, None, (), {}) else shown(value)
 
 
 def shown(value: Any) -> str:

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from beamdesign.parameters import PARAMETERS
 from beamdesign.prototype import Actuator, Beam, Prototype, Sensor, Servovalve
 from beamdesign.structure import beam, section
-from beamdesign.structure.materials import Material, material
+from beamdesign.structure.materials import Material
 from beamdesign.structure.section import Quantity
 
 
@@ -60,7 +60,7 @@ def lumped_beam(record: Beam, name: str = "beam") -> LumpedBeam:
         and record.material
     ):
         tube = (record.width_m, record.wall_m, record.corner_radius_m, record.free_length_m, record.end_mass_kg)
-        computed_stiffness, computed_mass = map(float, beam_figures(material(record.material), *tube))
+        computed_stiffness, computed_mass = map(float, beam_figures(record.material, *tube))
         if stiffness is not None:
             notes.append(
                 f"{name}: measured stiffness {stiffness:.6g} N/m used, geometry gives {computed_stiffness:.6g} N/m"
@@ -82,7 +82,7 @@ def weighing_mass(record: Beam) -> float:
     """
     if record.width_m is None or record.wall_m is None or record.free_length_m is None or not record.material:
         return lumped_beam(record).mass
-    density = material(record.material).density_kg_per_m3
+    density = record.material.density_kg_per_m3
     per_length = section.mass_per_length(record.width_m, record.wall_m, density, record.corner_radius_m)
     return float(beam.effective_mass(per_length, record.free_length_m, record.end_mass_kg, "static"))
 

@@ -1,57 +1,159 @@
-"""Alloys: stiffness, density and strength, as data with their source in `materials.toml`."""
+"""Materials of tubes: stiffness, density and strength, as data with their source in `materials.toml` or of one's own.
 
+A beam's record holds its material. In a file it stands by its name: of one that is known here, or of a table
+`[material.NAME]` of that file.
+"""
+
+from collections.abc import Iterator, Mapping
+from contextlib import suppress
 from functools import cache
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
-from pydantic import Field
+from pydantic import BeforeValidator, Field, PlainSerializer, ValidationError
+from pydantic_core import PydanticCustomError
 
-from beamdesign.records import InputError, Positive, Record, parse, read_table
+from beamdesign import quantities as q
+from beamdesign.records import InputError, NamedRecord, Problem, Record, parse, read_table
+from beamdesign.structure.section import LOCAL_BUCKLING_CONSTANTS, elastic_buckling_constants
 
 _DATA = Path(__file__).with_name("materials.toml")
 
 STRENGTH_SOURCE = "EN 1999-1-1:2007 + A1:2009, Table 3.2b"
-"""Where proof strengths and buckling classes come from."""
+"""Where proof strengths and buckling classes of aluminium come from."""
+
+BEAMS = ("outer_beam", "inner_beam")
+MATERIAL = "what the tube is of: a name that `beamdesign explain material` lists, or that of a [material.NAME]"
+"""Of the key of a beam."""
+
+_POISSON = 0.3
 
 
 class Material(Record):
-    """An alloy and temper, as extruded and without welds."""
+    """What a tube is of: an alloy and temper as extruded and without welds, a steel, a laminate along the tube."""
 
-    name: str
-    youngs_modulus_Pa: Annotated[Positive, Field(description="E")]
-    shear_modulus_Pa: Annotated[Positive, Field(description="G")]
-    density_kg_per_m3: Annotated[Positive, Field(description="rho")]
-    proof_strength_Pa: Annotated[Positive, Field(description="characteristic 0.2 % proof strength, f_o")]
-    largest_wall_m: Annotated[Positive, Field(description="thickness up to which the proof strength holds")]
-    buckling_class: Annotated[Literal["A", "B"], Field(description="row of Tables 6.2 and 6.3 of EN 1999-1-1")]
+    name: str = Field(exclude=True, description="its name, that of the table where it stands in one")
+    youngs_modulus_Pa: q.YoungsModulus = Field(description="E, along the tube")
+    shear_modulus_Pa: q.YoungsModulus = Field(
+        default_factory=lambda figures: figures.get("youngs_modulus_Pa", 0.0) / (2 * (1 + _POISSON)),
+        description=f"G, in the plane of the wall; E / (2 (1 + {_POISSON})) where it is left out",
+    )
+    density_kg_per_m3: q.SolidDensity = Field(description="rho")
+    proof_strength_Pa: q.Strength = Field(
+        description="0.2 % proof strength, yield strength, or what else the stress is to stay below"
+    )
+    largest_wall_m: q.Wall = Field(1.0, description="thickness up to which the proof strength holds")
+    buckling_class: Literal["A", "B"] | None = Field(
+        None, description="row of Tables 6.2 and 6.3 of EN 1999-1-1, of aluminium alloys"
+    )
+    local_buckling: tuple[q.Slenderness, q.Slenderness] | None = Field(
+        None,
+        description="C1 and C2 of the factor C1 / x - C2 / x^2 of thin walls, x being b / t over sqrt(250 MPa / f_o);"
+        " where neither these nor a class is given, those of a plate of its modulus",
+    )
+    source: str | None = Field(None, description="where its figures come from")
+
+    @property
+    def buckling_constants(self) -> tuple[float, float]:
+        """C1 and C2 of the local buckling factor, see `beamdesign.structure.section.buckling_curve`."""
+        if self.local_buckling is not None:
+            return self.local_buckling
+        if self.buckling_class is not None:
+            return LOCAL_BUCKLING_CONSTANTS[self.buckling_class]
+        return elastic_buckling_constants(self.youngs_modulus_Pa, _POISSON)
+
+    @property
+    def strength_source(self) -> str:
+        """Where its strength comes from, in words."""
+        return STRENGTH_SOURCE if self.buckling_class and self.source is None else self.source or "as given"
+
+    def __str__(self) -> str:
+        return self.name
 
 
 @cache
-def _alloys() -> dict[str, Material]:
+def _known() -> dict[str, Material]:
     return {name: parse(Material, {"name": name} | figures, _DATA) for name, figures in read_table(_DATA).items()}
 
 
 def material_names() -> tuple[str, ...]:
     """Names that `material` knows, in alphabetical order."""
-    return tuple(sorted(_alloys()))
+    return tuple(sorted(_known()))
 
 
 def unknown_material(name: str) -> str | None:
     """Why `name` is no material here, in words, or None if it is one."""
-    return None if name in _alloys() else f"unknown alloy {name!r}; known are {', '.join(material_names())}"
+    if name in _known():
+        return None
+    return f"unknown material {name!r}; known are {', '.join(material_names())}; or give your own, [material.{name}]"
 
 
-def material(name: str, source: str | Path = "material", key: str = "material") -> Material:
-    """Look an alloy up by its name, such as "6061-T6".
-
-    Args:
-        name: alloy and temper.
-        source: file to name if there is no such alloy.
-        key: key to name if there is no such alloy.
+def material(name: str) -> Material:
+    """Look a material up by its name, such as "6061-T6".
 
     Raises:
-        InputError: listing the known alloys.
+        InputError: listing the known ones.
     """
     if reason := unknown_material(name):
-        raise InputError(source, [(key, reason)])
-    return _alloys()[name]
+        raise InputError("material", [("material", reason)])
+    return _known()[name]
+
+
+def _looked_up(given: Any) -> Any:
+    """The material of a name; anything else as it is."""
+    if not isinstance(given, str):
+        return given
+    if reason := unknown_material(given):
+        raise PydanticCustomError("said", "{reason}", {"reason": reason})
+    return _known()[given]
+
+
+MaterialByName = Annotated[
+    Material, BeforeValidator(_looked_up), PlainSerializer(str, return_type=str), NamedRecord("[material.NAME]")
+]
+"""A material in a record, which stands in files by its name."""
+
+
+class WithMaterials(Record):
+    """A file about a rig, which may bring materials of its own along."""
+
+    material: dict[str, Material] | None = Field(None, description="materials of your own, [material.NAME] each")
+
+    @classmethod
+    def prepared(cls, table: Mapping[str, Any]) -> Mapping[str, Any]:
+        """The table with own materials in the beams that name them, and those of beams in it."""
+        given = table.get("material") or {}
+        if not isinstance(given, Mapping):
+            return table
+        own = {name: {"name": name, **one} if isinstance(one, Mapping) else one for name, one in given.items()}
+        found: dict[str, Any] = dict(table)
+        for key in BEAMS:
+            beam = table.get(key)
+            if isinstance(beam, Mapping) and isinstance(name := beam.get("material"), str) and name in own:
+                found[key] = {**beam, "material": _sound(own[name])}
+            elif isinstance(one := getattr(beam, "material", None), Material) and one.name not in _known():
+                own.setdefault(one.name, one)
+        return found | ({"material": own} if own else {})
+
+    @classmethod
+    def relations(cls, table: Mapping[str, Any]) -> Iterator[Problem]:
+        """Own materials have names of their own."""
+        for name in table.get("material") or {}:
+            if name in _known():
+                yield Problem(f"material.{name}", "is a material that is known here; give yours another name")
+
+
+def _sound(given: Any) -> Any:
+    """A material; in the place of one with a mistake, which is told where it stands, any that is known."""
+    with suppress(ValidationError):
+        return Material.model_validate(given)
+    return next(iter(_known().values()))
+
+
+def material_lines() -> Iterator[str]:
+    """The materials that are known, a line for each with its figures."""
+    yield "known materials:"
+    for one in map(material, material_names()):
+        figures = (one.youngs_modulus_Pa / 1e9, one.shear_modulus_Pa / 1e9, one.proof_strength_Pa / 1e6)
+        moduli = "E {:.4g} GPa, G {:.4g} GPa, strength {:.4g} MPa".format(*figures)
+        yield f"  {one.name:<21} {moduli}, {one.density_kg_per_m3:g} kg/m3; {one.strength_source}"

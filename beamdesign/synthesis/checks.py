@@ -20,7 +20,7 @@ from beamdesign.json_text import picked
 from beamdesign.problem import DesignProblem
 from beamdesign.quantity_text import decimal
 from beamdesign.structure import beam, section
-from beamdesign.structure.materials import Material, material
+from beamdesign.structure.materials import Material
 from beamdesign.structure.section import Quantity, SquareTube, bending_resistance
 
 ROUNDING = 1e-9
@@ -130,15 +130,8 @@ def requirements(problem: DesignProblem) -> Requirements:
 
 
 def materials(problem: DesignProblem) -> tuple[Material, Material]:
-    """Alloys of the outer and the inner beam.
-
-    Raises:
-        InputError: where one is unknown.
-    """
-    return (
-        material(problem.outer_beam.material, problem.name, "outer_beam.material"),
-        material(problem.inner_beam.material, problem.name, "inner_beam.material"),
-    )
+    """Those of the outer and the inner beam."""
+    return problem.outer_beam.material, problem.inner_beam.material
 
 
 def beam_mass(
@@ -182,9 +175,6 @@ def checks(
 
     Returns:
         Checks, always the same ones in the same order for the same problem.
-
-    Raises:
-        InputError: where a material is unknown.
     """
     asked = asked or requirements(problem)
     outer_alloy, inner_alloy = materials(problem)
@@ -198,7 +188,7 @@ def checks(
     ):
         moment = asked.tip_force_N * asked_of_beam.free_length_m
         stress = moment / section.elastic_modulus(width, wall, radius)
-        resistance = bending_resistance(width, wall, alloy.proof_strength_Pa, alloy.buckling_class, radius, given)
+        resistance = bending_resistance(width, wall, alloy.proof_strength_Pa, alloy.buckling_constants, radius, given)
         found += [
             Check(f"{name} strength, {case}", stress, alloy.proof_strength_Pa / asked.strength, "Pa"),
             Check(f"{name} local buckling, {case}", moment, resistance / asked.local_buckling, "N m"),
@@ -303,9 +293,6 @@ def check_sections(
         inner: width and wall of the inner tube, m.
         corner_radii: outside corner radii of both, m.
         asked: other figures than the problem's.
-
-    Raises:
-        InputError: where a material is unknown.
     """
     found = checks(problem, *outer, *inner, asked=asked, corner_radii=corner_radii)
     return CheckedPair(

@@ -121,7 +121,7 @@ def sizing_program(problem: DesignProblem) -> Program:
     for beam_name, (width, wall), alloy, pair in named:
         slenderness = relative_slenderness(width, wall, alloy.proof_strength_Pa)
         for part, factor, value in zip(("flange", "web"), pair, slenderness, strict=True):
-            constraints += [factor - 1, factor - buckling_curve(value, alloy.buckling_class)]
+            constraints += [factor - 1, factor - buckling_curve(value, alloy.buckling_constants)]
             labels += [f"{beam_name} {part} whole", f"{beam_name} {part} buckling curve"]
         constraints += [wall / width - THICKEST_SHARE, 1 - width / LEAST_WIDTH_M, 1 - wall / LEAST_WALL_M]
         labels += [f"{beam_name} wall below half the width", f"{beam_name} domain: width", f"{beam_name} domain: wall"]
@@ -157,7 +157,7 @@ def start_variables(problem: DesignProblem, sizes: np.ndarray) -> np.ndarray:
     for which, alloy in enumerate(materials(problem)):
         width, wall = float(sizes[2 * which]), float(sizes[2 * which + 1])
         factors += [
-            min(1.0, float(buckling_curve(value, alloy.buckling_class)))
+            min(1.0, float(buckling_curve(value, alloy.buckling_constants)))
             for value in relative_slenderness(width, wall, alloy.proof_strength_Pa)
         ]
     return np.concatenate([sizes / SIZE_UNITS, factors])

@@ -140,9 +140,6 @@ def size(problem: DesignProblem, progress: Progress | None = None) -> Sizing:
     Args:
         problem: what is asked.
         progress: told how far the work has got.
-
-    Raises:
-        InputError: where a material is unknown.
     """
     report = progress or silent
     given = None if problem.given is None else check_sections(problem, *problem.given)

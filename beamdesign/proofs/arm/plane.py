@@ -30,7 +30,6 @@ from beamdesign.polynomial import Affine, exact
 from beamdesign.prototype import Arm, Prototype
 from beamdesign.records import InputError, Problem
 from beamdesign.structure import lumped, section
-from beamdesign.structure.materials import material
 
 # Figures of the outer beam that only the arm needs: rigidities and inertia about its axis.
 
@@ -99,7 +98,7 @@ def arm_figures(prototype: Prototype) -> ArmFigures:
     inertia, axial = added, None
     stiffness = given
     if beam.width_m is not None and beam.wall_m is not None and beam.material is not None:
-        alloy, tube = material(beam.material), (beam.width_m, beam.wall_m, beam.corner_radius_m)
+        alloy, tube = beam.material, (beam.width_m, beam.wall_m, beam.corner_radius_m)
         # The polar second moment of a square tube is twice that about one axis.
         inertia += TORSION_SHARE * alloy.density_kg_per_m3 * 2 * float(section.second_moment(*tube)) * length
         axial = alloy.youngs_modulus_Pa * float(section.area(*tube)) / length

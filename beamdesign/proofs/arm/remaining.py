@@ -15,7 +15,6 @@ from beamdesign.proofs.arm.plane import ArmFigures, arm_figures, arm_of
 from beamdesign.prototype import FIT_M, Beam, Prototype
 from beamdesign.structure import section
 from beamdesign.structure.lumped import lumped_beam
-from beamdesign.structure.materials import material
 
 # Static compliance at the tip and at the payload, with the servos and without.
 
@@ -285,7 +284,7 @@ def _added_mass(beam: Beam, width: float | None, wall: float | None) -> float | 
         return None
     length = beam.length_m or beam.free_length_m
     areas = [float(section.area(w, t, beam.corner_radius_m)) for w, t in ((width, wall), (beam.width_m, beam.wall_m))]
-    return material(beam.material).density_kg_per_m3 * (areas[0] - areas[1]) * float(length or 0.0)
+    return beam.material.density_kg_per_m3 * (areas[0] - areas[1]) * float(length or 0.0)
 
 
 def offset_for_goal_m(prototype: Prototype) -> float:

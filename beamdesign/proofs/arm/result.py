@@ -30,7 +30,7 @@ from beamdesign.proofs.mass_family import floats
 from beamdesign.proofs.mass_tables import claim_tables, stability_table
 from beamdesign.proofs.performance import kept_up_to_Hz, least_of, slack
 from beamdesign.proofs.stability import StabilityMap, stable_ranges
-from beamdesign.proofs.writer import certificate, stated, texts
+from beamdesign.proofs.writer import certificate, plain, stated, texts
 from beamdesign.prototype import Goal, Prototype
 from beamdesign.rational import nearest, text
 from beamdesign.structure.lumped import lumped_beam
@@ -135,7 +135,7 @@ def _plane_table(prototype: Prototype, figures: PlaneFigures) -> dict[str, Any]:
         }
     if figures.coupled and beam.has_geometry:
         keys = ("width_m", "wall_m", "corner_radius_m", "material")
-        table["section"] = {key: getattr(beam, key) for key in keys}
+        table["section"] = {key: plain(beam)[key] for key in keys}
     found: dict[str, Any] = stated(table)
     return found
 
