@@ -6,8 +6,7 @@ Usage, from the root of the project:
 
 Every bar is a lag that is tuned anew and proved of every rig within two standard deviations of each figure, with one of
 the tolerances taken away; a prototype that states none has typical ones. The two last bars are for exactly the figures
-stated, stable at every lower gain and not. Most take some twenty seconds; one whose proof comes to no end takes ten
-minutes and has no bar.
+stated, stable at every lower gain and not. Each takes some twenty seconds; one whose proof comes to no end has no bar.
 """
 
 import argparse
@@ -19,7 +18,6 @@ from matplotlib.figure import Figure
 from beamdesign.parameters import stated_or_typical
 from beamdesign.prototype import Prototype, read_prototype
 from beamdesign.public import SIGMAS
-from beamdesign.report.canvas import STYLES
 from beamdesign.synthesis.tuning import limited, tune
 
 
@@ -49,7 +47,7 @@ def plot(figure: Figure, found: list[tuple[str, float]], title: str) -> Figure:
     axes = figure.subplots()
     names, values = zip(*found, strict=True)
     places = range(len(found), 0, -1)
-    axes.barh(places, values, color=STYLES[0]["color"])
+    axes.barh(places, values, color="0.75")
     axes.axvline(values[0], color="0.4", linestyle="--")
     for place, value in zip(places, values, strict=True):
         axes.text(value, place, f" {value:.3g}", va="center")
@@ -77,7 +75,8 @@ def main() -> None:
         found.append((words, bandwidth))
         print(f"{words}: {bandwidth:.4g} Hz", flush=True)
     low, high = prototype.payload.outer_end_mass_kg
-    title = f"{given.controller}, {low:g} to {high:g} kg, two standard deviations of every figure at once"
+    rigs = f"every rig within\n{SIGMAS:g} standard deviations of each figure"
+    title = f"{given.controller}, {low:g} to {high:g} kg: proved of {rigs}"
     plot(Figure(figsize=(7.5, 5.0), layout="constrained"), found, title).savefig(given.picture)
     print(given.picture)
 

@@ -115,6 +115,13 @@ class Search:
             if batch:
                 self._look(batch)
 
+    def open_middles(self, most: int) -> tuple[np.ndarray, np.ndarray]:
+        """Middles of the smallest open pieces, shares (B, k) of the ranges and frequencies (B,), rad/s."""
+        ends = (node for _, _, node in self._queue if node.w2 < inf)
+        found = sorted(ends, key=lambda node: node.volume)[:most]
+        shares = np.array([(node.start + node.end) / 2 for node in found]).reshape(len(found), len(self._root.start))
+        return shares, np.array([(node.w1 + node.w2) / 2 for node in found])
+
     def _push(self, node: _Node) -> None:
         self._pushed += 1
         self.open_volume += node.volume

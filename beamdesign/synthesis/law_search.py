@@ -273,12 +273,15 @@ def _proved(task: Search, design: _Design, sampled: tuple[float, ...]) -> Found:
             refinement = task.refinement(design.form)
             design = replace(design, variables=calmed(task, design))
         else:
-            found, why = _whole(task, design, loops)
+            found, why, cuts = _whole(task, design, loops)
             if found is None:
-                reason, undecided = why, undecided + 1
-                inside += _MISSED
+                reason, undecided = why, undecided + (not cuts)
+                inside += 0.0 if cuts else _MISSED
                 if undecided == _UNDECIDED:
                     break
+                if cuts:
+                    task, joined = task.with_cuts(cuts), True
+                    refinement = task.refinement(design.form)
             else:
                 refuted, value = False, task.value(design.form, design.variables, found.bandwidth_Hz)
                 if flaw := task.sections.refused(inner, chosen, found.bandwidth_Hz) if task.sections else "":
@@ -306,15 +309,18 @@ def _proved(task: Search, design: _Design, sampled: tuple[float, ...]) -> Found:
     return Found(best, sampled, proofs, "" if best else reason)
 
 
-def _whole(task: Search, design: _Design, loops: LoopSet) -> tuple[Proved | None, str]:
-    """What is proved of a design whose nominal loops keep all limits: of these, or of the whole box; or why not."""
+def _whole(task: Search, design: _Design, loops: LoopSet) -> tuple[Proved | None, str, list[Cut]]:
+    """What is proved of a design whose nominal loops keep all limits: of these, or of the whole box.
+
+    Or why not, and the rigs that refute it.
+    """
     bandwidth = min(*loops.bandwidths(task.goal.compliance_m_per_N).values(), LARGEST_BANDWIDTH_HZ)
     peak = min(loops.peak_sensitivity(), task.goal.peak_sensitivity)
     found = Proved(design.law, design.inner_end_mass, bandwidth, peak, design.variables)
     if task.spread is None:
-        return found, ""
-    over, reason = _over_box(task, design).proof(task.reached(design.form, design.variables, _ROOM))
-    return (None, reason) if over is None else (found.over(over), "")
+        return found, "", []
+    over, reason, cuts = _over_box(task, design).proof(task.reached(design.form, design.variables, _ROOM))
+    return (None, reason, cuts) if over is None else (found.over(over), "", [])
 
 
 def _worth(task: Search, design: _Design) -> float:

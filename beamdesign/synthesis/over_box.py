@@ -104,11 +104,14 @@ class BoxTask:
         z = tuple(map(float, self.spread.off(factors)))
         return Cut(z, nearest(worst.parameters["outer_end_mass"]), worst.frequency_Hz)
 
-    def proof(self, bandwidth_Hz: float) -> tuple[OverBox | None, str]:
-        """Prove all that is asked of every rig, and the largest bandwidth that is proved; or why that is not proved."""
+    def proof(self, bandwidth_Hz: float) -> tuple[OverBox | None, str, list[Cut]]:
+        """Prove all that is asked of every rig, and the largest bandwidth that is proved.
+
+        Or why that is not proved, and the rig that refutes it where one was found.
+        """
         verdict = certify_box(self.prototype, self._box(self.stable_kg), BUDGET, SECONDS, volumes=False)
         if not verdict.stable:
-            return None, verdict.reason
+            return None, verdict.reason, []
         claims = []
         low, high = self.masses_kg
         own = {"outer_end_mass": self.box.ranges.get("outer_end_mass", (exact(low), exact(high)))}
@@ -119,10 +122,13 @@ class BoxTask:
                 if claim.holds:
                     break
             if not claim.holds:
-                return None, f"{claim.asked.kind.replace('_', ' ')}: {claim.reason}"
+                reason = f"{claim.asked.kind.replace('_', ' ')}: {claim.reason}"
+                refuted = claim.holds is False and claim.witness is not None and asked.kind != "gain_margin"
+                worst = Worst(inf, dict(claim.witness or {}), claim.frequency_Hz or 0.0)
+                return None, reason, [self._cut(worst)] if refuted else []
             claims.append(claim if self.masses_kg == self.stable_kg else replace(claim, own={**claim.own, **own}))
         stated = tuple(claim.asked for claim in claims)
-        return OverBox(self.spread.sigmas, stated, verdict.write(claims), self._tightest(bandwidth_Hz)), ""
+        return OverBox(self.spread.sigmas, stated, verdict.write(claims), self._tightest(bandwidth_Hz)), "", []
 
     def _tightest(self, bandwidth_Hz: float) -> tuple[Margin, ...]:
         margins: dict[str, float] = {}
