@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from contradictions import MOTIONS, outcome
 from flint import fmpq, fmpq_poly
 from forging import altered, resealed
 from honest_certificates import valid
@@ -14,6 +15,7 @@ from rig_of_certificate import members as stated_members
 from beamdesign.checker import check
 from beamdesign.controllers import Lag
 from beamdesign.loop import rig_loop
+from beamdesign.parameters import TYPICAL
 from beamdesign.polynomial import Affine
 from beamdesign.proofs import bounded_error, changing_gain, nonlinear
 from beamdesign.proofs.absolute_impulse import absolute_integrals, over_masses
@@ -214,6 +216,14 @@ def test_the_moving_rig_strays_by_less(tame: Prototype, name: str):
     (bound,) = [row.bound_m for row in nonlinear_rows(rig, 2.0, 3.0) if row.method == bounded_error.METHOD]
     assert bound is not None
     assert 0.02 * bound < strayed <= bound
+
+
+@pytest.mark.parametrize("number", range(6))
+def test_drawn_rigs_contradict_nothing(tame: Prototype, number: int):
+    """Figures, payload, effects and motions of a rig drawn by its number; the study draws thousands."""
+    found = outcome(tame.but(tolerance=TYPICAL), number)
+    assert found["proved"] == 1
+    assert found["came to rest"] + found["within the bound"] == MOTIONS
 
 
 def test_a_sensor_that_rides_has_no_bound(tame: Prototype):

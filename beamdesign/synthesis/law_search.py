@@ -54,6 +54,9 @@ _MISSED = 2e-3
 _ROOM = 2e-3
 """By how much (logarithm) limits are kept to spare of a design that is proved over a box, where proofs need room."""
 
+_STIFFEST = 0.1
+"""Most of the compliance (logarithm) that is kept to spare where it is enforced."""
+
 _SMALL = 1e-3
 """Excess by which limits are tightened of sections that may move further; of a larger one the peak tells enough."""
 
@@ -138,7 +141,7 @@ def search(task: Search, starts: Sequence[Start], growths: int = 0, report: Prog
             continue
         words = f"{1 / rough.value:.3g} kg" if task.needed_Hz else f"{rough.value:.3g} Hz"
         report(0.85, f"refining {words} for good")
-        further = task.refinement(rough.form)(rough.variables, rounds=3 * effort.rounds, reach=_FURTHER)
+        further = task.refinement(rough.form)(rough.variables, *_spare(task), 3 * effort.rounds, _FURTHER)
         design = _Design(rough.form, *further)
         report(0.9, f"proving what came of {words}")
         found = _proved(task, design, reached)
@@ -195,8 +198,14 @@ def _hardened(task: Search, designs: Sequence[_Design]) -> tuple[Search, list[_D
             break
         task = harder
         rounds = 2 * _FIRST_ROUNDS
-        pool = [_Design(one.form, *task.refinement(one.form)(_mended(task, one), rounds=rounds)) for one in pool]
+        found = [task.refinement(one.form)(_mended(task, one), *_spare(task), rounds) for one in pool]
+        pool = [_Design(one.form, *refined) for one, refined in zip(pool, found, strict=True)]
     return task, _best(pool)
+
+
+def _spare(task: Search) -> tuple[float, float]:
+    """By how much (logarithm) the limits are kept to spare, the last of them that of the compliance."""
+    return (0.0, TOUCH) if task.spread is None else (_ROOM, _ROOM + 2 * TOUCH)
 
 
 def calmed(task: Search, design: _Design) -> np.ndarray:
@@ -236,7 +245,7 @@ def _proved(task: Search, design: _Design, sampled: tuple[float, ...]) -> Found:
     robust search the rigs of the box that miss a limit join the samples until none is found, and then all are proved.
     """
     refinement, reason = task.refinement(design.form), ""
-    inside, stiffer = (0.0, TOUCH) if task.spread is None else (_ROOM, _ROOM + 2 * TOUCH)
+    inside, stiffer = _spare(task)
     best: Proved | None = None
     highest = 0.0
     proofs = undecided = 0
@@ -272,6 +281,8 @@ def _proved(task: Search, design: _Design, sampled: tuple[float, ...]) -> Found:
             task = harder
             refinement = task.refinement(design.form)
             design = replace(design, variables=calmed(task, design))
+        elif task.spread is not None and stiffer < _STIFFEST and _touches(task, design):
+            stiffer *= 3  # between the points where it is enforced, where little of the bandwidth would be proved
         else:
             found, why, cuts = _whole(task, design, loops)
             if found is None:
@@ -307,6 +318,12 @@ def _proved(task: Search, design: _Design, sampled: tuple[float, ...]) -> Found:
             variables, left = task.refinement(design.form)(_mended(task, design), rounds=_FIRST_ROUNDS)
             design = replace(design, variables=variables, value=left)
     return Found(best, sampled, proofs, "" if best else reason)
+
+
+def _touches(task: Search, design: _Design) -> bool:
+    """Whether a compliance that is kept with little to spare far below the bandwidth costs most of it."""
+    reached = task.reached(design.form, design.variables)
+    return task.reached(design.form, design.variables, _ROOM) < _ENOUGH * reached
 
 
 def _whole(task: Search, design: _Design, loops: LoopSet) -> tuple[Proved | None, str, list[Cut]]:
