@@ -16,6 +16,7 @@ from beamdesign.result import Result
 
 if TYPE_CHECKING:
     from beamdesign.proofs.absolute_stability import Row
+    from beamdesign.proofs.multiplier import Multiplier
 
 METHOD = (
     "exact rational arithmetic: all masses with a root on the imaginary axis isolated by elimination,"
@@ -24,7 +25,7 @@ METHOD = (
 
 Kind = Literal[
     "compliance", "tip_compliance", "load_compliance",
-    "peak_sensitivity", "loop_gain", "controller_effort", "decay_rate", "gain_margin",
+    "peak_sensitivity", "loop_gain", "controller_effort", "decay_rate", "gain_margin", "slope",
 ]  # fmt: skip
 """Of an arm the compliances are two, of the tip and of the payload's centre."""
 
@@ -48,12 +49,15 @@ class Asked:
         limit: its figure: m/N, a plain number, A/V, 1/s or a factor; a gain margin of zero is for every lower gain.
         bandwidth_Hz: for a compliance, the frequency up to which it is claimed.
         from_Hz: for a loop gain, the frequency from which on it is claimed.
+        multiplier: for a slope, on what rests that the loop comes to rest with every static characteristic of a slope
+            from 0 to the limit, which is one, in the current.
     """
 
     kind: Kind
     limit: float
     bandwidth_Hz: float = inf
     from_Hz: float = 0.0
+    multiplier: "Multiplier | None" = None
 
     def decided(self, outer_end_mass_kg: tuple[float, float], holds: bool, reason: str = "") -> "Claim":
         """The claim over a range of masses, with its verdict and, where it does not hold, the reason."""
@@ -291,6 +295,8 @@ def describe(claim: Claim) -> str:
         return f"loop gain |L| at most {claim.limit:.6g} from {claim.from_Hz or 0:.7g} Hz up"
     if claim.kind == "gain_margin" and claim.limit == 0:
         return "stable at every lower gain"
+    if claim.kind == "slope":
+        return "comes to rest from every state with a saturated current"
     name = {
         "peak_sensitivity": "peak sensitivity max |1/(1+L)| at most",
         "controller_effort": "controller effort |C/(1+L)| at most",
