@@ -82,8 +82,8 @@ outweighs all others at the highest frequencies. A gain margin is stability over
 A slope is what `beamdesign.checker.nonlinear` has under that name, without Popov's term: with D opened, N the loop's
 numerator and M = (A + s B) / Q, 2 A D + ((A + s B) + u (A - s B)) N vanishes for no u of the size one. As 4 A Q |D|^2
 Re[M (1 + L)] is the difference of the squared sizes of what is without u and what is with it, that is positive at every
-frequency, as it is at the highest ones, where L vanishes. For one u what multiplies N vanishes, so that D has no root on
-the axis. Of gains the largest is enough: less is a lower slope.
+frequency, as it is at the highest ones, where L vanishes. For one u what multiplies N vanishes, so that D has no root
+on the axis. Of gains the largest is enough: less is a lower slope.
 """
 
 

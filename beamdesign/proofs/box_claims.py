@@ -118,10 +118,10 @@ def claim_over_box(
         return replace(found, holds=None, reason=reason)
     if of_gains and stable_at(statement, nominal) is not True:
         return replace(found, holds=None, reason="no member could be told to be stable")
-    if asked.multiplier is not None and not presupposed(
-        *(with_number(statement, nominal, fmpq(unknown)) for unknown in (0, 1)), asked.multiplier
-    ):
-        return replace(found, holds=None, reason="what the theorem presupposes does not hold of the nominal figures")
+    if (used := asked.multiplier) is not None:
+        at_none, at_one = (with_number(statement, nominal, fmpq(unknown)) for unknown in (0, 1))
+        if not presupposed(at_none, at_one, used):
+            return replace(found, holds=None, reason="the nominal loop does not have what the theorem presupposes")
     if not of_gains and statement.since == 0 and not below(statement, nominal, fmpq(0)):
         return replace(found, holds=False, reason="exceeded without motion", witness=nominal, frequency_Hz=0.0)
     return found

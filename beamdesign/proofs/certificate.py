@@ -63,7 +63,9 @@ class Asked:
         """The claim over a range of masses, with its verdict and, where it does not hold, the reason."""
         bandwidth_Hz = self.bandwidth_Hz if self.kind.endswith("compliance") else None
         from_Hz = self.from_Hz if self.kind == "loop_gain" else None
-        return Claim(self.kind, self.limit, outer_end_mass_kg, holds, bandwidth_Hz, reason, from_Hz=from_Hz)
+        odd = self.multiplier is not None and self.multiplier.for_odd_only
+        found = Claim(self.kind, self.limit, outer_end_mass_kg, holds, bandwidth_Hz, reason, from_Hz=from_Hz)
+        return replace(found, for_odd_only=odd)
 
 
 @dataclass(frozen=True)
@@ -99,6 +101,7 @@ class Claim:
         reason: in words, why it does not hold; empty where it does.
         witness: what refutes it; None where it holds.
         from_Hz: for a loop gain, the frequency from which on it is claimed; zero for all frequencies.
+        for_odd_only: for a slope, whether it is about odd characteristics alone, without command and load.
     """
 
     kind: Kind
@@ -109,6 +112,7 @@ class Claim:
     reason: str = ""
     witness: Witness | None = None
     from_Hz: float | None = None
+    for_odd_only: bool = False
 
     @property
     def witness_outer_end_mass_kg(self) -> float | None:
@@ -296,7 +300,8 @@ def describe(claim: Claim) -> str:
     if claim.kind == "gain_margin" and claim.limit == 0:
         return "stable at every lower gain"
     if claim.kind == "slope":
-        return "comes to rest from every state with a saturated current"
+        where = "without command and load" if claim.for_odd_only else "under any constant command and load"
+        return f"comes to rest from every state while the current saturates, {where}"
     name = {
         "peak_sensitivity": "peak sensitivity max |1/(1+L)| at most",
         "controller_effort": "controller effort |C/(1+L)| at most",

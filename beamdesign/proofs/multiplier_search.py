@@ -91,9 +91,9 @@ class Grid:
         weights = x[:n] - (x[n : 2 * n] if odd else 0.0)
         return weights, x[-2] / scale, x[-1]
 
-    def _best(self, chosen: Sequence[Kernel], odd: bool) -> tuple[np.ndarray, float, float] | None:
+    def _best(self, allowed: Sequence[Kernel], odd: bool) -> tuple[np.ndarray, float, float] | None:
         """Coefficients, Popov's one and the least real part on the whole grid."""
-        columns = np.array([kernel.response(self.w) for kernel in chosen])
+        columns = np.array([kernel.response(self.w) for kernel in allowed])
         popov = 1j * self.w * self.popov
         shape = self.turned.shape
         first = np.linspace(0, shape[1] - 1, _FIRST).astype(int)
