@@ -19,6 +19,7 @@ from beamdesign.proofs.box_claims import BoxClaim, claim_over_box, over_own_rang
 from beamdesign.proofs.certificate import LOWER_GAINS, Asked
 from beamdesign.proofs.multiplier import Multiplier
 from beamdesign.proofs.multiplier_search import ENDS_rad_per_s, Grid, kernels
+from beamdesign.proofs.nonlinear import NONE_KNOWN, is_linear
 from beamdesign.proofs.read_once import NotCovered
 from beamdesign.proofs.slope_claim import angle_ratios, closed_over_opened
 from beamdesign.proofs.statement import Statement
@@ -37,7 +38,12 @@ _NOT_FOUND = "No multiplier was found for the whole box; that does not say that 
 
 
 def slope_over_box(
-    prototype: Prototype, box: Box, budget: int = 20_000, seconds: float = inf, lower: BoxClaim | None = None
+    prototype: Prototype,
+    box: Box,
+    budget: int = 20_000,
+    seconds: float = inf,
+    lower: BoxClaim | None = None,
+    may_be_odd: bool = True,
 ) -> tuple[BoxClaim | None, str]:
     """Prove that every member comes to rest with every static characteristic of slope 0 to 1 in its current.
 
@@ -47,6 +53,7 @@ def slope_over_box(
         budget: most pieces to look at in one proof.
         seconds: most time for one proof.
         lower: what is known of stability at every lower gain, where that was asked before.
+        may_be_odd: whether a multiplier for odd characteristics alone, without command and load, will do.
 
     Returns:
         The claim, proved; or None, and why there is none.
@@ -63,7 +70,7 @@ def slope_over_box(
         statement = over_own_ranges(prototype, box, _asked(_PLAIN))
     except NotCovered as error:
         return None, f"Not covered: {error}."
-    for multiplier in _multipliers(statement, not {*NOT_ODD} & {*prototype.effects}):
+    for multiplier in _multipliers(statement, may_be_odd and not {*NOT_ODD} & {*prototype.effects}):
         claim = claim_over_box(prototype, box, _asked(multiplier), budget, seconds)
         return (claim, "") if claim.holds else (None, f"The multiplier that was found was not proved: {claim.reason}.")
     return None, _NOT_FOUND
@@ -73,7 +80,12 @@ def box_rows(prototype: Prototype, claim: BoxClaim | None, reason: str) -> tuple
     """What is proved of the effects of every member while they move, in words, from what `slope_over_box` found."""
     of = "for every member of the box and every payload that stays"
     multiplier = None if claim is None else claim.asked.multiplier
-    return tuple(rows_of(prototype, multiplier, reason, of))
+    rows = list(rows_of(prototype, multiplier, reason, of))
+    known = {name for row in rows for name in row.effects}
+    if left := tuple(n for n in sorted(prototype.effects) if n not in known and not is_linear(n)):
+        why = "Not covered over a box while it moves; `certify --nonlinear` says what is proved of the nominal figures."
+        rows.append(Row(left, NONE_KNOWN, False, why))
+    return tuple(rows)
 
 
 def _asked(multiplier: Multiplier) -> Asked:

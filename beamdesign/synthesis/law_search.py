@@ -16,7 +16,9 @@ import numpy as np
 
 from beamdesign.controllers import Controller
 from beamdesign.controllers.form import Form
+from beamdesign.polynomial import exact
 from beamdesign.progress import Progress, silent
+from beamdesign.proofs.absolute_stability import FOR_ODD, absolute_stability
 from beamdesign.rational import nearest
 from beamdesign.synthesis.law_task import Search
 from beamdesign.synthesis.loop_limits import LARGEST_BANDWIDTH_HZ, LoopSet, Proved, loop_set
@@ -29,6 +31,9 @@ _FIRST_ROUNDS = 5
 
 _FURTHER = 0.2
 """How far a variable may move in a step of the last refinement."""
+
+_LOWER, _GAIN_STEP = 12, 0.1
+"""At how many gains a proof of coming to rest is tried, and by how much (logarithm) each is lower than the last."""
 
 _ENOUGH = 0.985
 """Share of the sampled bandwidth which, if proved, ends the search for more."""
@@ -129,6 +134,7 @@ def search(task: Search, starts: Sequence[Start], growths: int = 0, report: Prog
     reached = tuple(design.value for design in pool)
     tried: list[Found] = []
     best, worth = Found(None, reached, 0, "no start led to a stable loop within the limits on the samples"), 0.0
+    best_form: Form | None = None
     for rough in pool[: effort.candidates]:
         if rough.value <= 0 or worth > _ENOUGH * rough.value:
             continue
@@ -146,7 +152,11 @@ def search(task: Search, starts: Sequence[Start], growths: int = 0, report: Prog
         proved = found.proved
         value = task.value(rough.form, proved.variables, proved.bandwidth_Hz) if proved else 0.0
         if best.proved is None or value > worth:
-            best, worth = found, value
+            best, worth, best_form = found, value, rough.form
+    if best.proved is not None and best_form is not None:
+        report(0.97, "where the current saturates")
+        rested, why = _at_rest(task, best_form, best.proved)
+        best = replace(best, proved=rested, reason=why)
     return replace(best, certificates=sum(one.certificates for one in tried), tried=tuple(tried))
 
 
@@ -315,6 +325,45 @@ def _whole(task: Search, design: _Design, loops: LoopSet) -> tuple[Proved | None
         return found, ""
     over, reason = _over_box(task, design).proof(task.reached(design.form, design.variables, _ROOM))
     return (None, reason) if over is None else (found.over(over), "")
+
+
+def _at_rest(task: Search, form: Form, best: Proved) -> tuple[Proved | None, str]:
+    """A design with the proof that it comes to rest while its current saturates, at a lower gain where that needs it.
+
+    Where the goal does not ask for it, the design as it is where that is not proved.
+    """
+    asked, found, reason, variables = task.goal.comes_to_rest, best, "", best.variables.copy()
+    for _ in range(_LOWER if asked else 1):
+        proved, reason = _rests(task, _Design(form, variables, 0.0), found)
+        if proved is not None or not asked:
+            return proved or best, ""
+        lower: Proved | None = None
+        while lower is None and form.gain_first and variables[0] > form.lower[0]:
+            variables = variables - _GAIN_STEP * (np.arange(len(variables)) == 0)
+            design = _Design(form, variables, 0.0)
+            members = task.members_with(variables[form.size + 1 :], rounded=True)
+            loops = loop_set(members, design.law, design.inner_end_mass, task.masses_kg)
+            if not loops.unstable(task.goal) and not loops.refuted(task.goal):
+                lower, _ = _whole(task, design, loops)
+        if lower is None or lower.bandwidth_Hz < max(_ENOUGH * task.needed_Hz, best.bandwidth_Hz / 10):
+            break
+        found = lower
+    return None, f"that it comes to rest while the current saturates is not proved: {reason}"
+
+
+def _rests(task: Search, design: _Design, found: Proved) -> tuple[Proved | None, str]:
+    """What was proved of a design with that proof as well, or why there is none."""
+    if found.over_box is not None:
+        over, reason = _over_box(task, design).at_rest(found.over_box)
+        return (None, reason) if over is None else (replace(found, over_box=over), "")
+    if not task.goal.comes_to_rest:
+        return found, ""
+    members = task.members_with(design.variables[design.form.size + 1 :], rounded=True)
+    each = loop_set(members, found.controller, found.inner_end_mass_kg, task.masses_kg).stable.values()
+    proof = absolute_stability([one.loop.scaled(one.most) for one in each], *map(exact, task.masses_kg))
+    if proof.multiplier is not None and proof.multiplier.for_odd_only:
+        return None, f"the multiplier that was found is {FOR_ODD} alone"
+    return (None, proof.reason) if proof.multiplier is None else (found, "")
 
 
 def _worth(task: Search, design: _Design) -> float:

@@ -113,6 +113,7 @@ class Proved:
             "outer_end_mass_kg": list(masses_kg),
             "rigs": "nominal" if box is None else {"sigmas": box.sigmas, "shape": "box"},
             "lower_gains": lower,
+            "comes_to_rest": prototype.goal.comes_to_rest or (box is not None and box.proved("slope") is not None),
             "nominal": dict(zip(("bandwidth_Hz", "peak_sensitivity"), nominal, strict=True)),
             "tightest": [] if box is None else [one._asdict() for one in box.tightest],
         }

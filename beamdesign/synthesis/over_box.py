@@ -1,14 +1,15 @@
 """A law over the whole box of tolerances: its worst rigs, which a search finds, and what is proved of every rig."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from math import inf, log
 from typing import NamedTuple
 
 from beamdesign.polynomial import exact
 from beamdesign.proofs.box import Box, certify_box
-from beamdesign.proofs.box_claims import Worst, claim_over_box, margins_over_box, relaxed, worst_over_box
+from beamdesign.proofs.box_claims import BoxClaim, Worst, claim_over_box, margins_over_box, relaxed, worst_over_box
 from beamdesign.proofs.certificate import LOWER_GAINS, Asked, goal_claims
+from beamdesign.proofs.slope_over_box import slope_over_box
 from beamdesign.proofs.tolerance_box import tolerance_box
 from beamdesign.prototype import Prototype
 from beamdesign.rational import nearest
@@ -16,6 +17,9 @@ from beamdesign.synthesis.rig_spread import Cut, RigSpread
 
 BUDGET, SECONDS = 20_000, 120.0
 """Most pieces and most time for the proof of one claim."""
+
+REST_SECONDS = 30.0
+"""Most time for the search of the proof that a design comes to rest while its current saturates."""
 
 _LEAST_HZ = 1e-2
 """Bandwidth about which compliance is looked at of a law that has none."""
@@ -40,12 +44,16 @@ class OverBox:
         claims: about every member, all proved.
         certificate: text that `beamdesign.checker` proves again.
         tightest: figures whose tolerance to tighten first, the first of them first; sampled.
+        found: the claims with their proofs.
+        write: the certificate of stability and some of these.
     """
 
     sigmas: float
     claims: tuple[Asked, ...]
     certificate: str = field(repr=False)
     tightest: tuple[Margin, ...] = ()
+    found: tuple[BoxClaim, ...] = field(default=(), repr=False)
+    write: Callable[[Sequence[BoxClaim]], str] = field(default=lambda _: "", repr=False, compare=False)
 
     def proved(self, kind: str) -> Asked | None:
         """The claim of a kind; None where there is none."""
@@ -122,7 +130,19 @@ class BoxTask:
                 return None, f"{claim.asked.kind.replace('_', ' ')}: {claim.reason}"
             claims.append(claim if self.masses_kg == self.stable_kg else replace(claim, own={**claim.own, **own}))
         stated = tuple(claim.asked for claim in claims)
-        return OverBox(self.spread.sigmas, stated, verdict.write(claims), self._tightest(bandwidth_Hz)), ""
+        text, tightest = verdict.write(claims), self._tightest(bandwidth_Hz)
+        return OverBox(self.spread.sigmas, stated, text, tightest, tuple(claims), verdict.write), ""
+
+    def at_rest(self, proved: OverBox) -> tuple[OverBox | None, str]:
+        """With the proof that every rig comes to rest while its current saturates, or why there is none."""
+        lower = next((claim for claim in proved.found if claim.asked.kind == "gain_margin"), None)
+        claim, reason = slope_over_box(self.prototype, self.box, BUDGET, REST_SECONDS, lower, may_be_odd=False)
+        if claim is None:
+            return None, reason
+        if self.masses_kg != self.stable_kg:
+            claim = replace(claim, own={**claim.own, "outer_end_mass": self.box.ranges["outer_end_mass"]})
+        claims = (*proved.found, claim)
+        return replace(proved, claims=(*proved.claims, claim.asked), found=claims, certificate=proved.write(claims)), ""
 
     def _tightest(self, bandwidth_Hz: float) -> tuple[Margin, ...]:
         margins: dict[str, float] = {}
