@@ -21,7 +21,14 @@ from beamdesign.progress import Progress, silent
 from beamdesign.proofs.absolute_stability import FOR_ODD, absolute_stability
 from beamdesign.rational import nearest
 from beamdesign.synthesis.law_task import Search
-from beamdesign.synthesis.loop_limits import LARGEST_BANDWIDTH_HZ, LoopSet, Proved, loop_set
+from beamdesign.synthesis.loop_limits import (
+    LARGEST_AT_LOWER_GAINS,
+    LARGEST_BANDWIDTH_HZ,
+    LoopSet,
+    Proved,
+    calmer,
+    loop_set,
+)
 from beamdesign.synthesis.over_box import BoxTask
 from beamdesign.synthesis.refinement import TOUCH, WORTH
 from beamdesign.synthesis.rig_spread import Cut
@@ -32,8 +39,8 @@ _FIRST_ROUNDS = 5
 _FURTHER = 0.2
 """How far a variable may move in a step of the last refinement."""
 
-_LOWER, _GAIN_STEP = 12, 0.1
-"""At how many gains a proof of coming to rest is tried, and by how much (logarithm) each is lower than the last."""
+_CALMER = (4.0, 2.0, 1.4)
+"""Peak sensitivities at lower gains that are tried where a loop is not proved to come to rest; at one |1 + L| >= 1."""
 
 _ENOUGH = 0.985
 """Share of the sampled bandwidth which, if proved, ends the search for more."""
@@ -106,12 +113,30 @@ Start = tuple[Form, np.ndarray]
 def search(task: Search, starts: Sequence[Start], growths: int = 0, report: Progress = silent) -> Found:
     """Find the largest guaranteed bandwidth.
 
+    Where the goal asks for a loop that comes to rest while its current saturates, and that is not proved of what comes
+    out, the search is done again with loops that keep farther from the critical point at every lower gain.
+
     Args:
         task: what is asked.
         starts: laws to begin with; those with unstable loops lead nowhere.
         growths: how often they are grown.
         report: told the share done and what is being done.
     """
+    reason = ""
+    for peak in (LARGEST_AT_LOWER_GAINS, *(_CALMER if task.goal.comes_to_rest else ())):
+        found, form = _search(replace(task, goal=calmer(task.goal, peak)), starts, growths, report)
+        if found.proved is None or form is None:
+            return replace(found, reason="; ".join(filter(None, (reason, found.reason))))
+        report(0.97, "where the current saturates")
+        rested, why = _rests(task, _Design(form, found.proved.variables, 0.0), found.proved)
+        if rested is not None or not task.goal.comes_to_rest:
+            return replace(found, proved=rested or found.proved)
+        reason = f"that it comes to rest while the current saturates is not proved: {why}"
+    return replace(found, proved=None, reason=reason)
+
+
+def _search(task: Search, starts: Sequence[Start], growths: int, report: Progress) -> tuple[Found, Form | None]:
+    """The largest bandwidth within the limits, and of which form."""
     effort, pool = task.effort, []
     for k, (form, variables) in enumerate(starts):
         report(0.2 * k / len(starts), f"start {k + 1} of {len(starts)}")
@@ -153,11 +178,7 @@ def search(task: Search, starts: Sequence[Start], growths: int = 0, report: Prog
         value = task.value(rough.form, proved.variables, proved.bandwidth_Hz) if proved else 0.0
         if best.proved is None or value > worth:
             best, worth, best_form = found, value, rough.form
-    if best.proved is not None and best_form is not None:
-        report(0.97, "where the current saturates")
-        rested, why = _at_rest(task, best_form, best.proved)
-        best = replace(best, proved=rested, reason=why)
-    return replace(best, certificates=sum(one.certificates for one in tried), tried=tuple(tried))
+    return replace(best, certificates=sum(one.certificates for one in tried), tried=tuple(tried)), best_form
 
 
 def from_seeds(task: Search, seeds: Sequence[Controller]) -> list[Start]:
@@ -327,30 +348,6 @@ def _whole(task: Search, design: _Design, loops: LoopSet) -> tuple[Proved | None
     return (None, reason) if over is None else (found.over(over), "")
 
 
-def _at_rest(task: Search, form: Form, best: Proved) -> tuple[Proved | None, str]:
-    """A design with the proof that it comes to rest while its current saturates, at a lower gain where that needs it.
-
-    Where the goal does not ask for it, the design as it is where that is not proved.
-    """
-    asked, found, reason, variables = task.goal.comes_to_rest, best, "", best.variables.copy()
-    for _ in range(_LOWER if asked else 1):
-        proved, reason = _rests(task, _Design(form, variables, 0.0), found)
-        if proved is not None or not asked:
-            return proved or best, ""
-        lower: Proved | None = None
-        while lower is None and form.gain_first and variables[0] > form.lower[0]:
-            variables = variables - _GAIN_STEP * (np.arange(len(variables)) == 0)
-            design = _Design(form, variables, 0.0)
-            members = task.members_with(variables[form.size + 1 :], rounded=True)
-            loops = loop_set(members, design.law, design.inner_end_mass, task.masses_kg)
-            if not loops.unstable(task.goal) and not loops.refuted(task.goal):
-                lower, _ = _whole(task, design, loops)
-        if lower is None or lower.bandwidth_Hz < max(_ENOUGH * task.needed_Hz, best.bandwidth_Hz / 10):
-            break
-        found = lower
-    return None, f"that it comes to rest while the current saturates is not proved: {reason}"
-
-
 def _rests(task: Search, design: _Design, found: Proved) -> tuple[Proved | None, str]:
     """What was proved of a design with that proof as well, or why there is none."""
     if found.over_box is not None:
@@ -379,7 +376,7 @@ def _over_box(task: Search, design: _Design) -> BoxTask:
     rig = task.prototype_with(design.variables[design.form.size + 1 :], rounded=True)
     payload = rig.payload.but(outer_end_mass_kg=task.masses_kg, inner_end_mass_kg=design.inner_end_mass)
     whole = task.masses_kg if task.spread.stage is None else task.spread.stage[1]
-    built = rig.but(controller=design.law, payload=payload, goal=task.goal, guarantee=None)
+    built = rig.but(controller=design.law, payload=payload, goal=calmer(task.goal), guarantee=None)
     return BoxTask(built, task.spread, task.masses_kg, whole)
 
 

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import casadi as ca
 import numpy as np
 from flint import fmpq, fmpq_poly
+from pydantic import Field
 
 from beamdesign.controllers import Controller
 from beamdesign.controllers.form import UNIT
@@ -36,13 +37,26 @@ LIMITED: tuple[Kind, ...] = ("peak_sensitivity", "compliance", "loop_gain", "con
 
 def goal_limits(goal: Goal) -> dict[Kind, float]:
     """The limits that a goal sets, in this order."""
-    lower = LARGEST_AT_LOWER_GAINS if goal.lower_gains else None
+    lower = getattr(goal, "peak_at_lower_gains", LARGEST_AT_LOWER_GAINS) if goal.lower_gains else None
     given = (goal.peak_sensitivity, goal.compliance_m_per_N, goal.loop_gain, goal.controller_effort_A_per_V, lower)
     return {kind: limit for kind, limit in zip(LIMITED, given, strict=True) if limit is not None}
 
 
 LARGEST_AT_LOWER_GAINS = 10.0
 """Peak sensitivity that an optimiser allows at any lower gain, so that the loop is stable there."""
+
+
+class _Calmer(Goal):
+    """A goal of an optimiser alone."""
+
+    peak_at_lower_gains: float = Field(description="instead of LARGEST_AT_LOWER_GAINS")
+
+
+def calmer(goal: Goal, peak: float = LARGEST_AT_LOWER_GAINS) -> Goal:
+    """A goal with a limit of an optimiser's own at lower gains; with the largest, as it is stated."""
+    own = {name: getattr(goal, name) for name in Goal.model_fields}
+    return Goal(**own) if peak == LARGEST_AT_LOWER_GAINS else _Calmer(**own, peak_at_lower_gains=peak)
+
 
 RELAXED_PEAK = 3.0
 """An optimiser keeps members that only have to be stable within the limit of sensitivity times this."""
