@@ -135,11 +135,9 @@ def test_a_conditionally_stable_loop_is_refused_with_its_gain():
     assert claim is None
     share = float(reason.split("not stable at ")[1].split()[0])
     assert 0 < share < 1
-    given = members(rig, *MASSES)
-    poles = [
-        np.roots([nearest(c) for c in given.loops[0].scaled(fmpq(round(1e6 * share), 10**6)).characteristic.at(m).coeffs()[::-1]])
-        for m in (fmpq(0), fmpq(34, 10), fmpq(68, 10))
-    ]  # fmt: skip
+    family = members(rig, *MASSES).loops[0].scaled(fmpq(round(1e6 * share), 10**6)).characteristic
+    each = [family.at(fmpq(mass, 10)).coeffs()[::-1] for mass in (0, 34, 68)]
+    poles = [np.roots([nearest(c) for c in coefficients]) for coefficients in each]
     assert max(one.real.max() for one in poles) > 0
 
 

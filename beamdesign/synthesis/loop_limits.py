@@ -22,6 +22,7 @@ from beamdesign.plant.linear import UNUSED, LinearModel
 from beamdesign.plant.linearised import linear_assembly, transfer_polynomials
 from beamdesign.plant.members import VertexModel, family
 from beamdesign.polynomial import exact
+from beamdesign.proofs.absolute_stability import absolute_stability, members
 from beamdesign.proofs.certificate import Asked, Claim, Kind, goal_claims
 from beamdesign.proofs.performance import bandwidth, least_limit, prove
 from beamdesign.proofs.rectangle import Rectangle
@@ -127,10 +128,19 @@ class Proved:
             "outer_end_mass_kg": list(masses_kg),
             "rigs": "nominal" if box is None else {"sigmas": box.sigmas, "shape": "box"},
             "lower_gains": lower,
-            "comes_to_rest": prototype.goal.comes_to_rest or (box is not None and box.proved("slope") is not None),
+            "comes_to_rest": _rests(prototype, masses_kg) if box is None else box.proved("slope") is not None,
             "nominal": dict(zip(("bandwidth_Hz", "peak_sensitivity"), nominal, strict=True)),
             "tightest": [] if box is None else [one._asdict() for one in box.tightest],
         }
+
+
+def _rests(prototype: Prototype, masses_kg: tuple[float, float]) -> bool:
+    """Whether the nominal loop is proved to come to rest from every state while its current saturates."""
+    if not prototype.goal.lower_gains:
+        return False
+    given = members(prototype, *masses_kg)
+    found = absolute_stability(given.loops, given.low, given.high).multiplier
+    return found is not None and not found.for_odd_only
 
 
 _SHARES_OF_GAIN = np.geomspace(1e-3, 1.0, 300)
