@@ -350,6 +350,8 @@ def _whole(task: Search, design: _Design, loops: LoopSet) -> tuple[Proved | None
 
 def _rests(task: Search, design: _Design, found: Proved) -> tuple[Proved | None, str]:
     """What was proved of a design with that proof as well, or why there is none."""
+    if not task.goal.lower_gains:
+        return None, "it need not be stable at every lower gain"
     if found.over_box is not None:
         over, reason = _over_box(task, design).at_rest(found.over_box)
         return (None, reason) if over is None else (replace(found, over_box=over), "")

@@ -118,8 +118,6 @@ class BoxTask:
         if not verdict.stable:
             return None, verdict.reason
         claims = []
-        low, high = self.masses_kg
-        own = {"outer_end_mass": self.box.ranges.get("outer_end_mass", (exact(low), exact(high)))}
         for asked in self._asked(bandwidth_Hz):
             for looser in _LOOSER if asked.kind == "compliance" else (1.0,):
                 one = relaxed(asked, looser) if asked.kind == "compliance" else asked
@@ -128,10 +126,16 @@ class BoxTask:
                     break
             if not claim.holds:
                 return None, f"{claim.asked.kind.replace('_', ' ')}: {claim.reason}"
-            claims.append(claim if self.masses_kg == self.stable_kg else replace(claim, own={**claim.own, **own}))
+            claims.append(self._over_own_masses(claim))
         stated = tuple(claim.asked for claim in claims)
         text, tightest = verdict.write(claims), self._tightest(bandwidth_Hz)
         return OverBox(self.spread.sigmas, stated, text, tightest, tuple(claims), verdict.write), ""
+
+    def _over_own_masses(self, claim: BoxClaim) -> BoxClaim:
+        """A claim that says over which payloads it is, where the law is to be stable over others too."""
+        low, high = map(exact, self.masses_kg)
+        own = {"outer_end_mass": self.box.ranges.get("outer_end_mass", (low, high))}
+        return claim if self.masses_kg == self.stable_kg else replace(claim, own={**claim.own, **own})
 
     def at_rest(self, proved: OverBox) -> tuple[OverBox | None, str]:
         """With the proof that every rig comes to rest while its current saturates, or why there is none."""
@@ -139,9 +143,7 @@ class BoxTask:
         claim, reason = slope_over_box(self.prototype, self.box, BUDGET, REST_SECONDS, lower, may_be_odd=False)
         if claim is None:
             return None, reason
-        if self.masses_kg != self.stable_kg:
-            claim = replace(claim, own={**claim.own, "outer_end_mass": self.box.ranges["outer_end_mass"]})
-        claims = (*proved.found, claim)
+        claims = (*proved.found, self._over_own_masses(claim))
         return replace(proved, claims=(*proved.claims, claim.asked), found=claims, certificate=proved.write(claims)), ""
 
     def _tightest(self, bandwidth_Hz: float) -> tuple[Margin, ...]:
