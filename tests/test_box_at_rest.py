@@ -4,6 +4,7 @@ What is asked of a multiplier is that Re[M (1 + L)] is positive at every frequen
 Control 6 (1968) 89), which is evaluated here from state-space matrices with M written out.
 """
 
+import json
 import tomllib
 from math import pi
 from pathlib import Path
@@ -13,8 +14,10 @@ import pytest
 from flint import fmpq
 from forging import resealed
 from test_box_claims import member, slowest
+from typer.testing import CliRunner
 
 from beamdesign.checker import Unreadable, check
+from beamdesign.cli import app
 from beamdesign.control_models import state_space
 from beamdesign.plant.changed_figures import CHANGEABLE, with_figures
 from beamdesign.proofs.absolute_stability import Absolute, members
@@ -226,3 +229,22 @@ def test_where_it_is_not_proved_loops_keep_farther_from_the_critical_point(rig: 
     for peak, limit in zip(peaks[1:], (4.0, 2.0, 1.4), strict=False):
         assert peak < 1.02 * limit
     assert peaks[0] > 1.02 * 4.0
+
+
+@pytest.mark.parametrize(
+    ("name", "options", "status"), [("tame_lag", ["--only", "flow_gain"], 0), ("structured", [], 1)]
+)
+def test_the_command_says_it_and_answers_no_where_it_is_not_so(tmp_path, monkeypatch, name, options, status):
+    monkeypatch.chdir(tmp_path)
+    file, target = PROTOTYPES / f"{name}.toml", tmp_path / "box.json"
+    sigmas = "1" if options else "0"
+    asked = ["certify-box", str(file), "--sigmas", sigmas, "--nonlinear", "--out", "b.toml", "--json", str(target)]
+    done = CliRunner().invoke(app, [*asked, *options])
+    assert done.exit_code == status
+    fields = json.loads(target.read_text())
+    assert fields["stable"] is True
+    (row,) = fields["nonlinear"]
+    assert (row["effects"], row["proved"]) == (["current_saturation"], status == 0)
+    assert check((tmp_path / "b.toml").read_text()).valid
+    kinds = [one["kind"] for one in tomllib.loads((tmp_path / "b.toml").read_text()).get("claim", [])]
+    assert ("slope" in kinds) == (status == 0)
