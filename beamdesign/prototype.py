@@ -204,6 +204,9 @@ class Goal(Record):
     lower_gains: bool = Field(
         True, description="stable at every lower gain too: a valve that saturates or a supply that comes up lowers it"
     )
+    comes_to_rest: bool = Field(
+        False, description="proved to come to rest from every state while the current saturates; false: where it can be"
+    )
     loop_gain: q.LoopGain | None = Field(
         None, description="limit of |L| from loop_gain_from_Hz up, where the model leaves out modes; none: no limit"
     )

@@ -131,6 +131,8 @@ def further_rows(found: Mapping[str, Any]) -> list[tuple[str, str]]:
     """
     lower, nominal = found["lower_gains"], found["nominal"]
     rows = [("at lower gains", "stable at every one" if lower is True else start_up(lower))]
+    if found["comes_to_rest"]:
+        rows += [("while the current saturates", "comes to rest from every state")]
     if found["rigs"] != "nominal":
         figures = stated_bandwidth(nominal["bandwidth_Hz"]), stated_peak(nominal["peak_sensitivity"])
         rows += [("of exactly these figures", f"{figures[0]}, peak sensitivity {figures[1]}")]

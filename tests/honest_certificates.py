@@ -28,6 +28,7 @@ from beamdesign.proofs.certifying import certify
 from beamdesign.proofs.contact import Wall
 from beamdesign.proofs.lyapunov import stages_certificate, switching
 from beamdesign.proofs.mass_family import stage_families
+from beamdesign.proofs.slope_over_box import slope_over_box
 from beamdesign.proofs.tolerance_box import tolerance_box
 from beamdesign.proofs.writer import prototype_table
 from beamdesign.prototype import (
@@ -185,6 +186,15 @@ def _lower_gains() -> Honest:
     return Honest(certify_box(rig, box, volumes=False).write(claims), rig, 2.0)
 
 
+def _resting() -> Honest:
+    """Comes to rest while the current saturates."""
+    rig = _tame().but(tolerance=Tolerance(stiffness=0.03, flow_gain=0.05))
+    box = tolerance_box(rig, 1.0, None, (0.0, 2.0))
+    claim, reason = slope_over_box(rig, box)
+    assert claim is not None, reason
+    return Honest(certify_box(rig, box, volumes=False).write([claim]), rig, 2.0)
+
+
 def _changing(law: Lag | Proportional | Scheduled, masses: tuple[float, float]) -> Honest:
     """A payload that changes however it likes, and a law that stays or several that take turns."""
     rig = _tame().but(controller=law)
@@ -231,6 +241,7 @@ FORGED: dict[str, tuple[Truth, dict[str, tuple[Callable[[], Honest], int]]]] = {
             "stable": (partial(_box, 0.05, 1.0), 300),
             "performing": (_performing_box, 100),
             "lower_gains": (_lower_gains, 50),
+            "resting": (_resting, 60),
             "unstable": (partial(_box, 0.4, 1.0), 50),
         },
     ),

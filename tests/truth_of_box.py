@@ -11,6 +11,7 @@ from fractions import Fraction
 from typing import Any
 
 import numpy as np
+from truth_of_nonlinear import multiplier_at
 
 CLOSE = 1e-6
 _NUMBER = re.compile(r"-?[0-9]+(\.[0-9]+)?|-?[0-9]+/[0-9]*[1-9][0-9]*")
@@ -227,6 +228,8 @@ def keeps(table: dict[str, Any], claim: dict[str, Any], points: dict[str, np.nda
         raise ValueError("a limit or a bandwidth that is not positive")
     since = number(claim["from_Hz"]) if kind == "loop_gain" else 0.0
     own = figures(table)
+    if kind == "slope":
+        return rests(table, claim, [own | {n: float(v[k]) for n, v in points.items()} for k in range(_CLAIMED_MEMBERS)])
     worst = 0.0
     for k in range(_CLAIMED_MEMBERS):
         at = own | {name: float(values[k]) for name, values in points.items()}
@@ -240,6 +243,19 @@ def keeps(table: dict[str, Any], claim: dict[str, Any], points: dict[str, np.nda
             }
             worst = max(worst, abs(size[kind]))
     return None if abs(worst / limit - 1) < CLOSE else worst < limit
+
+
+def rests(table: dict[str, Any], claim: dict[str, Any], members: list[dict[str, float]]) -> bool | None:
+    """Whether Zames and Falb's multiplier that is stated fits some members, at many frequencies."""
+    w = 2 * math.pi * np.geomspace(0.01, 1e5, 400)
+    multiplier, norm, _ = multiplier_at(claim, w)
+    if number(claim["limit"]) != 1 or norm >= 1 or claim["popov_s"] != "0":
+        return False
+    least = 1.0
+    for at in members:
+        z = multiplier * (1 + np.array([_loop(table, at, 1j * one)[0] for one in w]))
+        least = min(least, float((z.real / abs(z)).min()))
+    return None if abs(least) < 1e-4 else least > 0
 
 
 # The rig.

@@ -51,7 +51,7 @@ def _above(real: np.ndarray, margin: float) -> bool | None:
     return False if real.min() < margin * (1 - CLOSE) else True if real.min() > margin * (1 + CLOSE) else None
 
 
-def _multiplier(table: Mapping[str, Any], w: np.ndarray) -> tuple[np.ndarray, float, bool]:
+def multiplier_at(table: Mapping[str, Any], w: np.ndarray) -> tuple[np.ndarray, float, bool]:
     """Its values, the norm of its kernels, and whether a coefficient is negative."""
     popov = number(table["popov_s"])
     multiplier, norm, odd = 1 + popov * 1j * w, 0.0, False
@@ -69,7 +69,7 @@ def _multiplier(table: Mapping[str, Any], w: np.ndarray) -> tuple[np.ndarray, fl
 def _slope(table: Mapping[str, Any], loop: Member, mass: float) -> Iterator[bool | None]:
     gain = loop.gain[1]
     w = _frequencies(loop, mass, gain)
-    multiplier, norm, _ = _multiplier(table, w)
+    multiplier, norm, _ = multiplier_at(table, w)
     yield norm < 1
     yield from (_stable(loop, mass, share * gain) for share in (0.0, 0.3, 0.7, 1.0))
     looped = loop.responses(mass, gain, w)["looped"]
@@ -82,7 +82,7 @@ def _both(table: Mapping[str, Any], loop: Member, mass: float) -> Iterator[bool 
     if not 0 < least <= most or weight <= 0 or margin <= 0 or table["place"] not in ("volts", "flow"):
         raise ValueError("no sector")
     w = _frequencies(loop, mass, 1.0)
-    multiplier, norm, odd = _multiplier(table, w)
+    multiplier, norm, odd = multiplier_at(table, w)
     yield norm < 1 and not odd
     found = loop.responses(mass, 1.0, w)
     if table["place"] == "volts" and loop.filtered:

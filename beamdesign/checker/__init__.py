@@ -168,7 +168,8 @@ def _named(prototype: PrototypeTable, data: bytes, source: str | Path) -> list[t
 KEYS = {
     "payload": ("outer_end_mass_kg", "inner_end_mass_kg", "largest_force_N"),
     "goal": (
-        "compliance_m_per_N", "peak_sensitivity", "lower_gains", "loop_gain", "loop_gain_from_Hz",
+        "compliance_m_per_N", "peak_sensitivity", "lower_gains", "comes_to_rest", "loop_gain",
+        "loop_gain_from_Hz",
         "controller_effort_A_per_V",
     ),
     "arm": (
@@ -212,7 +213,7 @@ def _figures(table: Table, known: Iterable[str]) -> Iterator[str]:
     for key in entries:
         if key in _LAWS:
             _refuse_words(entries[key], table.place_of(key))
-        elif key == "lower_gains":
+        elif key in ("lower_gains", "comes_to_rest"):
             table.flag(key)
         elif key not in _LENGTHS:
             table.number(key)

@@ -8,8 +8,9 @@ from collections.abc import Iterator, Mapping
 
 from flint import fmpq
 
-from beamdesign.checker.box_loop import alike, characteristic, of_rig, spans_of, words_of
+from beamdesign.checker.box_loop import alike, characteristic, of_rig, opens_stable, spans_of, words_of
 from beamdesign.checker.expressions import Circle, Expression
+from beamdesign.checker.nonlinear import Multiplier
 from beamdesign.checker.reading import Table, Unreadable, judged, short
 from beamdesign.checker.rig import ONCE, Rig
 from beamdesign.checker.roots import ZERO, Pair, is_hurwitz, unstable_roots
@@ -68,6 +69,7 @@ CLAIMS = {
     "loop_gain": "loop gain |L| below {} {}",
     "controller_effort": "controller effort |C/(1+L)| below {} A/V",
     "gain_margin": "stable with the gain times every number from {} to 1",
+    "slope": "",
 }
 """A magnitude |a / p| that is to stay below a limit, in words.
 
@@ -76,6 +78,12 @@ that is where p + (g - 1) N does for g = 1 / (1 + u), which goes around the circ
 limit / (limit + 1) to limit / (limit - 1). Box, frequencies and circle being connected, a magnitude that reaches its
 limit nowhere stays below it everywhere, if it does without motion at one member; and |L| as the leading coefficient
 outweighs all others at the highest frequencies. A gain margin is stability over a box with a range of the gain.
+
+A slope is what `beamdesign.checker.nonlinear` has under that name, without Popov's term: with D opened, N the loop's
+numerator and M = (A + s B) / Q, 2 A D + ((A + s B) + u (A - s B)) N vanishes for no u of the size one. As 4 A Q |D|^2
+Re[M (1 + L)] is the difference of the squared sizes of what is without u and what is with it, that is positive at every
+frequency, as it is at the highest ones, where L vanishes. For one u what multiplies N vanishes, so that D has no root
+on the axis. Of gains the largest is enough: less is a lower slope.
 """
 
 
@@ -96,13 +104,19 @@ class Claim:
         if self.kind == "loop_gain":
             start = stated.at_least("from_Hz", 0)
             self.since, above = start * _UNDER_TURN, f"from {short(start)} Hz up"
-        self.words = CLAIMS[self.kind].format(short(limit), above)
+        self.words, self.multiplier = CLAIMS[self.kind].format(short(limit), above), None
+        if self.kind == "slope":
+            self.multiplier = Multiplier(stated)
+            if limit != 1 or self.multiplier.popov:
+                raise Unreadable("over a box a slope is up to one, with a multiplier without Popov's term")
+            words = f"{self.multiplier.characteristics()}: Zames and Falb's multiplier of {self.multiplier.words}"
+            self.words = words.removesuffix(" and 0 s")
         if self.kind == "gain_margin":
             self.expression = Expression(stated, table)
         else:
             turned = limit * limit - 1
             of_peak = self.kind == "peak_sensitivity"
-            circle = (limit * limit / turned, limit / turned) if of_peak else (fmpq(0), 1 / limit)
+            circle = (limit * limit / turned, limit / turned) if of_peak else (fmpq(0), 1 / limit)  # 1 of a slope
             self.expression = Expression(stated, table, Circle(*circle))
         self.marks = [mark for line in stated.words("tree") for mark in line.split()]
         self.limit, self.whole = limit, whole
@@ -120,6 +134,9 @@ class Claim:
             asked = {"controller_gain": (low * self.limit, high)}
             if not 0 <= self.limit <= 1 or low < 0 or "controller_gain" not in own:
                 return False
+        if self.kind == "slope":
+            gains = (name for name in ("controller_gain", "effect_gain") if name in self.whole)
+            asked = {name: (self.whole[name][1],) * 2 for name in gains if self.whole[name][0] >= 0}
         ranges = self.expression.ranges
         if MASS in own:  # the claim is said to be about these alone
             own -= {MASS}
@@ -132,7 +149,8 @@ class Claim:
         waits = any(self.expression.ranges.get("delay", ()))
         if self.expression.delay != "delay" and (waits or self.expression.delay is not None):
             return False, f"{self.words}: of a loop with another delay"
-        if rig is None or not alike(self.expression, characteristic(self.expression, rig, self.kind)):
+        weights = None if self.multiplier is None else self.multiplier.weights()
+        if rig is None or not alike(self.expression, characteristic(self.expression, rig, self.kind, weights)):
             return False, f"{self.words}: the expression is not that of a rig's loop"
         if not self._covers(rig):
             return False, f"{self.words}: over ranges of its own that are not those of what is claimed"
@@ -143,6 +161,8 @@ class Claim:
         if self.kind == "gain_margin":
             if is_stable(self.expression, member) is not True:
                 return False, f"{self.words}: the member is not seen to be stable"
+        elif self.kind == "slope" and not opens_stable(self.expression, rig, member):
+            return False, f"{self.words}: the member is not stable when opened, or its loop does not fall off"
         elif self.kind != "loop_gain" and not _below(self.expression, member):
             return False, f"{self.words}: not without motion at the member"
         count = 0

@@ -9,14 +9,14 @@ from itertools import product
 from math import prod
 from typing import Any
 
-from flint import fmpq, fmpq_mpoly, fmpq_mpoly_ctx
+from flint import fmpq, fmpq_mpoly, fmpq_mpoly_ctx, fmpq_poly
 
 from beamdesign.checker.expressions import MOST_PRODUCTS, UNKNOWN, Expression
 from beamdesign.checker.law import SENSED
 from beamdesign.checker.mechanics import Elements, Number, mechanics
 from beamdesign.checker.reading import Table, Unreadable, rational, short
 from beamdesign.checker.rig import MOST_MEMBERS, ONCE, Rig, electronics, without_unit
-from beamdesign.checker.roots import Pair
+from beamdesign.checker.roots import Pair, is_hurwitz
 
 # That the expression is the polynomial of the rig.
 
@@ -88,22 +88,55 @@ def gain_of(rig: Rig) -> Pair:
     return low, high
 
 
-def characteristic(expression: Expression, rig: Rig, claim: str = "") -> fmpq_mpoly:
+def characteristic(
+    expression: Expression, rig: Rig, claim: str = "", weights: Sequence[fmpq_poly] | None = None
+) -> fmpq_mpoly:
     """Of the rig's loop, in s, the delay's exponential and what varies; all else is the rig's own number.
 
-    Of a claim with the unknown: see `CLAIMS`.
+    Of a claim with the unknown: see `CLAIMS`. A slope has weights of the opened loop, of the loop and of the loop times
+    the unknown.
     """
+    forward, loop, above = _parts(expression, rig, claim)
+    if weights is not None:
+        s = forward.context().gen(0)
+        of_opened, plain, turned = (_polynomial(one.coeffs(), s) for one in weights)
+        return of_opened * forward + plain * loop + turned * above
+    if claim in ("", "gain_margin"):
+        return forward + loop
+    return forward + above if claim in ("peak_sensitivity", "loop_gain") else forward + loop + above
+
+
+def opens_stable(expression: Expression, rig: Rig, member: Mapping[str, fmpq]) -> bool:
+    """Whether one member is stable when its loop is opened, and every member's loop falls off at high frequencies."""
+    forward, loop, _ = _parts(expression, rig, "slope")
+    names = [str(name) for name in forward.context().names()]
+    at = forward.subs({name: member[name] for name in names if name in member})
+    opened = fmpq_poly([0])
+    for powers, c in at.terms():
+        if any(powers[1:]):
+            return False
+        opened += fmpq_poly([0] * int(powers[0]) + [c])
+    return loop.degrees()[0] < forward.degrees()[0] == opened.degree() and is_hurwitz(opened)
+
+
+def _polynomial(coefficients: Sequence[Number], s: fmpq_mpoly) -> fmpq_mpoly:
+    return sum((c * s**k for k, c in enumerate(coefficients)), 0 * s)
+
+
+def _parts(expression: Expression, rig: Rig, claim: str) -> tuple[fmpq_mpoly, fmpq_mpoly, fmpq_mpoly]:
+    """The opened loop, what feedback adds to it, and what the unknown adds."""
     law, own = rig.law, figures(rig)
     assert law is not None  # there are figures of a loop
     context = fmpq_mpoly_ctx.get(list(_names(expression)), "lex")
     variable = dict(zip(context.names(), context.gens(), strict=True))
     none = context.constant(0)
+    unknown = variable.get(UNKNOWN, none)
     value: dict[str, Number] = own | {
         name: variable[name] if low < high else low for name, (low, high) in expression.ranges.items()
     }
 
     def ring(coefficients: Sequence[Number]) -> fmpq_mpoly:
-        return sum((c * variable["s"] ** k for k, c in enumerate(coefficients)), none)
+        return _polynomial(coefficients, variable["s"])
 
     figure = {key: value[without_unit(key)] for key in rig.figures}
     elements = _elements(rig, expression, value)
@@ -121,15 +154,13 @@ def characteristic(expression: Expression, rig: Rig, claim: str = "") -> fmpq_mp
     factor = value.get("effect_gain", fmpq(1)) * variable.get(expression.transport, fmpq(1))
     forward = at.determinant * around
     loop = factor * sum((by * at.sensed[name] for name, by in back.items()), none)
-    if claim in ("", "gain_margin"):
-        return forward + loop
-    if claim in ("peak_sensitivity", "loop_gain"):
-        return forward + variable[UNKNOWN] * loop
-    if claim == "controller_effort":
+    if claim in ("", "gain_margin", "peak_sensitivity", "loop_gain", "slope"):
+        above = loop
+    elif claim == "controller_effort":
         above = at.determinant * numerators[SENSED[0]] * (around / denominator)
     else:
         above = at.moved * around + factor * sum((by * at.crossed[name] for name, by in back.items()), none)
-    return forward + loop + variable[UNKNOWN] * above
+    return forward, loop, unknown * above
 
 
 def _names(expression: Expression) -> Iterator[str]:

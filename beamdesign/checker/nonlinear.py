@@ -92,8 +92,23 @@ class Multiplier:
         for coefficient, rate, order, causal in terms:
             kernel = self.below / _factor(rate, causal) ** order
             self.above -= coefficient * rate**order * kernel
+        self.rates = {rate: max(o for (r, _), o in largest.items() if r == rate) for rate, _ in largest}
         self.odd, self.popov = any(term[0] < 0 for term in terms), popov
         self.words = f"{len(terms)} kernels and {short(popov)} s"
+
+    def weights(self) -> tuple[fmpq_poly, fmpq_poly, fmpq_poly]:
+        """2 A, A + s B and A - s B where M = (A + s B) / Q on the axis, A and B even and Q positive there."""
+        positive = ONE
+        for rate, order in self.rates.items():
+            positive *= (_factor(rate, True) * _factor(rate, False)) ** order
+        whole = positive / self.below * self.above
+        mirrored = whole(-S)
+        return whole + mirrored, whole, mirrored
+
+    def characteristics(self) -> str:
+        """Which they are, in words, and about what the loop comes to rest."""
+        which, where = ("an odd", "zero current") if self.odd else ("any", "every equilibrium")
+        return f"comes to rest about {where} with {which} static characteristic of slope 0 to 1 in its current"
 
 
 def _factor(rate: fmpq, causal: bool) -> fmpq_poly:

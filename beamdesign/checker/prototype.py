@@ -70,7 +70,13 @@ DEFAULTS: dict[str, dict[str, Any]] = {
     "beam": {"damping_ratio": 0.05, "corner_radius_m": 0.0, "end_mass_kg": 0.0},
     "servovalve": {"damping_ratio": 0.5},
     "payload": {"inner_end_mass_kg": 0.0},
-    "goal": {"compliance_m_per_N": 5.71e-8, "peak_sensitivity": 2.0, "lower_gains": True, "loop_gain_from_Hz": 250.0},
+    "goal": {
+        "compliance_m_per_N": 5.71e-8,
+        "peak_sensitivity": 2.0,
+        "lower_gains": True,
+        "comes_to_rest": False,
+        "loop_gain_from_Hz": 250.0,
+    },
     "arm": {"offset_m": [0.0] * 3, "end_polar_inertia_kg_m2": 0.0, "payload_polar_inertia_kg_m2": 0.0},
 }
 """What a prototype's tables say where they say nothing."""
@@ -117,7 +123,7 @@ def differences(table: Table, rig: Rig, prototype: Mapping[str, Any]) -> Iterato
         if name in prototype or name in ("payload", "goal"):
             given_table = DEFAULTS.get(name, {}) | given_table
         if name == "goal":  # of which some certificates say nothing
-            stated_table = {"lower_gains": True} | stated_table
+            stated_table = {"lower_gains": True, "comes_to_rest": False} | stated_table
         if name == "payload" and (stages := _own_stages(rig, prototype)):
             given_table = {**given_table, "outer_end_mass_kg": _within(stages, stated_table)}
         if name == "tolerance":  # none is as much as zero, and nothing stated is nothing that was proved of it

@@ -1,6 +1,6 @@
 """`beamdesign certify`, `certify-box` and `certify-switching`: proofs over payloads, tolerances and changes."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from math import inf
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -25,6 +25,7 @@ from beamdesign.cli.proved import box_fields, echo_against_goal, echo_box, echo_
 from beamdesign.json_text import picked
 
 if TYPE_CHECKING:
+    from beamdesign.proofs.absolute_stability import Row
     from beamdesign.proofs.certificate import Asked, Certificate
     from beamdesign.prototype import InStage, Prototype
 
@@ -169,10 +170,7 @@ def _echo(record: "Prototype", certificate: "Certificate") -> None:
         echo(f"  {'proved' if claim.holds else 'REFUTED'}: {describe(claim)}")
         if not claim.holds:
             echo(f"    {claim.reason}")
-    for row in certificate.nonlinear:
-        bound = "" if row.bound_m is None else f", the tip strays by at most {row.bound_m:.4g} m"
-        echo(f"  {'proved' if row.proved else 'NOT PROVED'} while it moves: {', '.join(row.effects)}{bound}")
-        echo(f"    {row.covers}")
+    _echo_moving(certificate.nonlinear)
     echo(f"method: {certificate.method}")
     for line in certificate.scope:
         echo(f"  {line}")
@@ -180,6 +178,14 @@ def _echo(record: "Prototype", certificate: "Certificate") -> None:
         echo(
             "  payload and sensor on the beam's axis at the tip; with the offsets of [arm] and torsion: beamdesign arm"
         )
+
+
+def _echo_moving(rows: "Sequence[Row]") -> None:
+    """What is proved of effects while they move."""
+    for row in rows:
+        bound = "" if row.bound_m is None else f", the tip strays by at most {row.bound_m:.4g} m"
+        echo(f"  {'proved' if row.proved else 'NOT PROVED'} while it moves: {', '.join(row.effects)}{bound}")
+        echo(f"    {row.covers}")
 
 
 def _replay(path: Path, record: "Prototype | None") -> CommandResult:
@@ -207,6 +213,7 @@ def certify_box(
     scaling: Annotated[bool, typer.Option("--scaling/--no-scaling")] = False,
     budget: Annotated[int, typer.Option(min=1, max=1_000_000)] = 4000,
     seconds: Annotated[float, Figure("TimeLimit")] = inf,
+    nonlinear: bool = False,
     out: OutFile = None,
 ) -> CommandResult:
     """Prove stability and performance for all tolerances at once.
@@ -215,8 +222,8 @@ def certify_box(
 
     Proved stable, or refuted by a member that is proved not to be stable, or undecided on a stated share of the box;
     of a stable box the best bandwidth and peak sensitivity are found that are proved of every member. A search finds
-    the worst members, but nothing that is claimed is sampled. Exit status 0 if the whole box is proved stable, 1
-    otherwise.
+    the worst members, but nothing that is claimed is sampled. Exit status 0 if the whole box is proved stable, and what
+    --nonlinear asks of it, 1 otherwise.
 
     Args:
         prototype: the prototype.toml to certify.
@@ -227,6 +234,8 @@ def certify_box(
         scaling: find the largest scaling of the tolerances that is stable.
         budget: most pieces of frequency and parameters to look at, for each claim.
         seconds: most time for each search.
+        nonlinear: also prove that every member comes to rest while the current saturates, and with the static
+            characteristics among its effects; the answer is no where something is not proved.
         out: file for the certificate; else STEM.box.toml in this folder.
     """
     record = with_controller(prototype)
@@ -235,6 +244,7 @@ def certify_box(
     from beamdesign.proofs.box import certify_box as prove
     from beamdesign.proofs.box_claims import best_over_box, guaranteed_fields
     from beamdesign.proofs.certificate import describe
+    from beamdesign.proofs.slope_over_box import box_rows, slope_over_box
     from beamdesign.proofs.tolerance_box import largest_scaling, tolerance_box
 
     def proved(stage: "InStage") -> tuple[dict[str, Any], bool]:
@@ -247,6 +257,12 @@ def certify_box(
             verdict = prove(rig, box, budget, seconds)
             update(0.3, "performance" if verdict.stable else "")
             claims = best_over_box(rig, box, budget, seconds) if verdict.stable else ()
+            rows: tuple[Row, ...] = ()
+            if nonlinear and verdict.stable:
+                update(0.5, "with a saturated current")
+                lower = next((claim for claim in claims if claim.asked.kind == "gain_margin"), None)
+                slope, why = slope_over_box(rig, box, budget, seconds, lower)
+                rows, claims = box_rows(rig, slope, why), (*claims, *([] if slope is None else [slope]))
             update(0.6, "scaling the tolerances" if scaling else "")
             found = largest_scaling(rig, box, budget=budget) if scaling else None
         echo_box(rig, box, verdict, sigmas)
@@ -259,13 +275,15 @@ def certify_box(
             echo(f"  not proved of every member: {', '.join(missing)}")
         if any(c.asked.kind == "peak_sensitivity" and c.asked.limit > rig.goal.peak_sensitivity for c in claims):
             echo(f"  the peak sensitivity is beyond the goal of {rig.goal.peak_sensitivity:g}")
+        _echo_moving(rows)
         text = verdict.write(claims)
         if text:
             write_certificate(path, text)
             echo(f"certificate: {path}")
         fields = box_fields(box, verdict, found) | {"certificate": path if text else None}
         fields["guaranteed"] = guaranteed_fields(claims) | {"outer_end_mass_kg": stage.outer_end_mass_kg}
-        return fields, verdict.stable is True
+        fields |= {"nonlinear": [row.to_dict() for row in rows]} if nonlinear else {}
+        return fields, verdict.stable is True and all(row.proved for row in rows)
 
     return by_stage(record, masses, proved)
 

@@ -48,6 +48,7 @@ def tune(
     sigmas: Annotated[float, Figure("Sigmas")] = SIGMAS,
     nominal: bool = False,
     lower_gains: Annotated[bool | None, typer.Option("--lower-gains/--no-lower-gains")] = None,
+    comes_to_rest: bool = False,
     end_stiffness_N_per_m: Annotated[float | None, Figure("Stiffness")] = None,
     out: OutFolderOrNone = None,
 ) -> CommandResult:
@@ -80,6 +81,7 @@ def tune(
             at once; typical ones where none is stated.
         nominal: guarantee it for exactly the figures stated.
         lower_gains: whether the loop is to be stable at every lower gain; else as the prototype's goal has it.
+        comes_to_rest: limit it to loops proved to come to rest from every state while the current saturates.
         end_stiffness_N_per_m: of a compliant end; `beamdesign stiffness` has more options.
         out: folder for prototype.toml and certificate.toml; else neither is written.
     """
@@ -106,6 +108,8 @@ def tune(
     record = record.but(goal=tuning.limited(record.goal, controller, given))
     if lower_gains is not None:
         record = record.but(goal=record.goal.but(lower_gains=lower_gains))
+    if comes_to_rest:
+        record = record.but(goal=record.goal.but(comes_to_rest=True))
     if controller == "compliance" or end_stiffness_N_per_m is not None:
         if controller != "compliance":
             reason = "is for --controller compliance"

@@ -27,6 +27,7 @@ BEHIND_THE_SPOOL = ("unequal_piston_areas", "valve_deadband")
 """Static characteristics by their place in the loop."""
 NOT_ODD = ("unequal_piston_areas", "uneven_leakage")
 """Effects that are not odd, or keep the valve from its null at rest."""
+FOR_ODD = "for odd characteristics about zero current"
 METHOD = "Zames-Falb multiplier with a Popov term, in rational arithmetic"
 _ZERO, _ONE = fmpq(0), fmpq(1)
 
@@ -164,38 +165,50 @@ def _unstable_gain(rectangle: Rectangle) -> str:
 
 def static_rows(given: Members) -> Iterator[Row]:
     """A row for the characteristics at either place of the loop, and for both places at once."""
-    own = set(given.prototype.effects)
+    found = absolute_stability(given.loops, given.low, given.high)
+    several = " with every other effect frozen at either end of what it spans" if len(given.loops) > 1 else ""
+    statement = {"kind": "slope", "loops": list(range(1, len(given.loops) + 1)), "margin": text(found.margin)}
+    of = f"for every payload that stays{several}"
+    yield from rows_of(given.prototype, found.multiplier, found.reason, of, statement)
+
+
+def rows_of(
+    prototype: Prototype, multiplier: Multiplier | None, reason: str, of: str, statement: dict[str, Any] | None = None
+) -> Iterator[Row]:
+    """A row for the characteristics at either place of the loop, and for both at once, from a multiplier that fits.
+
+    Args:
+        prototype: with its effects.
+        multiplier: None where there is none.
+        reason: in words, why.
+        of: what it is proved of, in words.
+        statement: what a certificate states beside the multiplier; None where it states this elsewhere.
+    """
+    own = set(prototype.effects)
     current = tuple(name for name in IN_THE_CURRENT if name in own) or IN_THE_CURRENT[:1]  # every valve has a rating
     flow = tuple(name for name in BEHIND_THE_SPOOL if name in own)
     if "pressure_dependent_flow" in own:
         flow = ()  # orifices pass the flow on by the pressures
-    found = absolute_stability(given.loops, given.low, given.high)
-    multiplier = found.multiplier
-    words, statement = found.reason, None
+    words, stated = reason, None
     if multiplier is not None and multiplier.for_odd_only and own.intersection(NOT_ODD):
-        words = (
-            "The multiplier that was found is for odd characteristics about zero current alone, which this rig has not."
-        )
+        multiplier, words = None, f"The multiplier that was found is {FOR_ODD} alone, which this rig has not."
     elif multiplier is not None:
-        words = in_words(multiplier, given)
-        numbers = list(range(1, len(given.loops) + 1))
-        statement = {"kind": "slope", "loops": numbers, "margin": text(found.margin)} | multiplier.table()
-    yield Row(current, METHOD, statement is not None, words, None, statement)
+        words, stated = in_words(multiplier, of), statement and statement | multiplier.table()
+    yield Row(current, METHOD, multiplier is not None, words, None, stated)
     if flow:
-        yield Row(flow, METHOD, statement is not None, words)
+        yield Row(flow, METHOD, multiplier is not None, words)
         if "valve_deadband" in flow and own.intersection(IN_THE_CURRENT):
             both = "Both places at once are not covered: the spool's dynamics stand between them."
             yield Row((*current, *flow), METHOD, False, both)
 
 
-def in_words(multiplier: Multiplier, given: Members) -> str:
-    """What the theorem says with a multiplier, in whole sentences."""
+def in_words(multiplier: Multiplier, of: str) -> str:
+    """What the theorem says with a multiplier, in whole sentences; of what it says that in words."""
     odd = multiplier.for_odd_only
-    frozen = " with every other effect frozen at either end of what it spans" if len(given.loops) > 1 else ""
     which = "an odd static characteristic" if odd else "any static characteristic"
     where = "and with no command and no load" if odd else "under any constant command and load"
     return (
-        f"From every state the loop comes to rest with {which} of slope 0 to 1 at its place, {where}, for every"
-        f" payload that stays{frozen}; several in a row at one place are one of them. Not covered, but where that is"
-        f" said of both at once, is what moves elsewhere at the same time. M = {multiplier}."
+        f"From every state the loop comes to rest with {which} of slope 0 to 1 at its place, {where}, {of};"
+        " several in a row at one place are one of them. Not covered, but where that is said of both at once, is what"
+        f" moves elsewhere at the same time. M = {multiplier}."
     )

@@ -127,6 +127,7 @@ def box_certificate(
                 **({} if claim.asked.bandwidth_Hz == inf else {"bandwidth_Hz": text(exact(claim.asked.bandwidth_Hz))}),
                 **({} if claim.asked.kind != "loop_gain" else {"from_Hz": text(exact(claim.asked.from_Hz))}),
                 **_expression(claim.family, claim.tree),
+                **({} if claim.asked.multiplier is None else claim.asked.multiplier.table()),
                 **({"range": {name: texts(ends) for name, ends in claim.own.items()}} if claim.own else {}),
             }
             for claim in claims

@@ -9,7 +9,7 @@ That every member is stable with its gain times every number from a share to one
 range, that of the gain.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -28,7 +28,8 @@ from beamdesign.proofs.box_member import climbed, parameters_at, stable_at, unst
 from beamdesign.proofs.branch import Search
 from beamdesign.proofs.certificate import LOWER_GAINS, Asked
 from beamdesign.proofs.read_once import NotCovered
-from beamdesign.proofs.rig_family import UNKNOWN, PolynomialFamily, performing_spans, rig_family
+from beamdesign.proofs.rig_family import PolynomialFamily, performing_spans, rig_family
+from beamdesign.proofs.slope_claim import UNKNOWN, angle_ratios, largest_gains, presupposed
 from beamdesign.proofs.statement import Interval, Node, Statement
 from beamdesign.proofs.value_set import with_unknown
 from beamdesign.proofs.zero_exclusion import PRECISION_BITS, holds, pieces
@@ -44,6 +45,8 @@ _LOOKS, _OPEN, _ABOUT = (0.03, 0.08, 0.2), 300, 1.1
 """Shares of the budget after which open pieces are looked into for members that exceed a limit, how many of them, and
 within which factor of the frequency of the worst."""
 _ABOVE_ONE, _NONE = 1.0001, (fmpq(0), fmpq(0))
+Ratios = Callable[[Statement, np.ndarray, np.ndarray], np.ndarray]
+"""Of members at shares (B, k) of the ranges and frequencies (B or 1, N), what is above one beyond a limit: (B, N)."""
 _LOOSER, _NEARER = (1.02, 1.1, 1.5), 1.002
 """How much looser than the worst member's figure a claim is made, tried in turn; and what is tried after the first."""
 
@@ -85,7 +88,7 @@ def claim_over_box(
     Args:
         prototype: with a controller of one law.
         box: ranges of its parameters; the others keep their values.
-        asked: of the kind compliance, peak_sensitivity, loop_gain, controller_effort or gain_margin.
+        asked: of the kind compliance, peak_sensitivity, loop_gain, controller_effort, gain_margin or slope.
         budget: most pieces to look at.
         seconds: most time to spend on the search; what was found until then is proved all the same.
 
@@ -102,7 +105,7 @@ def claim_over_box(
             share = nearest(point["controller_gain"] / nominal["controller_gain"])
             reason = f"a member is not stable at {share:.6g} times the gain"
             return BoxClaim(asked, family, False, reason, point, own=own)
-        told = not of_gains and statement.inner.get("delay", _NONE) == _NONE
+        by, told = _by(asked), not of_gains and statement.inner.get("delay", _NONE) == _NONE
 
         def exceeding(shares: np.ndarray, at: np.ndarray) -> BoxClaim | None:
             point, w = _point(statement, shares), shortened(exact(at.item()), 9)
@@ -111,7 +114,7 @@ def claim_over_box(
             hertz = nearest(w) / (2 * pi)
             return BoxClaim(asked, family, False, f"exceeded by a member at {hertz:.6g} Hz", point, hertz, own=own)
 
-        if told and (refuted := exceeding(*_worst(statement)[0][1:])):
+        if told and (refuted := exceeding(*worst_in_bands(statement, by)[0][1:])):
             return refuted
         try:
             search = Search(statement)
@@ -121,7 +124,7 @@ def claim_over_box(
             search.run(int(budget * spent), seconds * spent)
             # What stays open after a while may hold a member that the search for the worst did not come to.
             middles = search.open_middles(_OPEN)
-            if len(middles[1]) and (refuted := exceeding(*_worst_near(statement, *middles)[1:])):
+            if len(middles[1]) and (refuted := exceeding(*_worst_near(statement, by, *middles)[1:])):
                 return refuted
         search.run(budget, seconds * (1 - sum(_LOOKS)))
         settled = [holds(piece) for piece in pieces(statement, search.tree)]
@@ -131,6 +134,10 @@ def claim_over_box(
         return replace(found, holds=None, reason=reason)
     if of_gains and stable_at(statement, nominal) is not True:
         return replace(found, holds=None, reason="no member could be told to be stable")
+    if (used := asked.multiplier) is not None:
+        at_none, at_one = (with_number(statement, nominal, fmpq(unknown)) for unknown in (0, 1))
+        if not presupposed(at_none, at_one, used):
+            return replace(found, holds=None, reason="the nominal loop does not have what the theorem presupposes")
     if not of_gains and statement.since == 0 and not below(statement, nominal, fmpq(0)):
         return replace(found, holds=False, reason="exceeded without motion", witness=nominal, frequency_Hz=0.0)
     return found
@@ -140,11 +147,13 @@ def own_ranges(prototype: Prototype, family: PolynomialFamily, box: Box, asked: 
     """Ranges over which a claim is looked at in the place of those of the box.
 
     For a gain margin the gain also times the shares claimed; for a magnitude what effects span, as far as they ask for
-    more than stability.
+    more than stability; for a slope the largest gains.
 
     Raises:
         ValueError: for a gain margin that is not a share of the gain.
     """
+    if asked.kind == "slope":
+        return largest_gains(box.ranges)
     if asked.kind != "gain_margin":
         spans = performing_spans(linear_family(prototype, nearest(box.ranges.get("outer_end_mass", _NONE)[1])))
         return {name: pair for name, pair in spans.items() if name in box.ranges and pair != box.ranges[name]}
@@ -152,6 +161,16 @@ def own_ranges(prototype: Prototype, family: PolynomialFamily, box: Box, asked: 
         raise ValueError(f"over a box gains are lower ones, not up to {asked.limit:g} times the gain")
     low, high = box.ranges.get("controller_gain", (family.values["controller_gain"],) * 2)
     return {"controller_gain": (low * exact(asked.limit), high)}
+
+
+def over_own_ranges(prototype: Prototype, box: Box, asked: Asked) -> Statement:
+    """What is looked at for a claim, over the box and ranges of its own.
+
+    Raises:
+        ValueError: as `claim_over_box`.
+    """
+    family = _family(prototype, box, asked)
+    return family.over({**box.ranges, **own_ranges(prototype, family, box, asked)})
 
 
 def best_over_box(prototype: Prototype, box: Box, budget: int = 4000, seconds: float = inf) -> tuple[BoxClaim, ...]:
@@ -213,7 +232,7 @@ def _least(prototype: Prototype, box: Box, asked: Asked) -> Asked:
     """The claim at the magnitude of the worst member that was found."""
     for _ in range(_TURNS):
         statement = _family(prototype, box, asked).over(box.ranges)
-        _, shares, w = _worst(statement)[0]
+        _, shares, w = worst_in_bands(statement)[0]
         plain, whole = (with_unknown(statement, shares, w, unknown) for unknown in (0.0, 1.0))
         sizes = np.abs(plain), np.abs(whole if asked.kind == "peak_sensitivity" else whole - plain)
         found = (sizes[0] / sizes[1] if asked.kind == "peak_sensitivity" else sizes[1] / sizes[0]).item()
@@ -229,7 +248,7 @@ def _highest(prototype: Prototype, box: Box, asked: Asked) -> Asked | None:
     highest = loop(prototype).at(nearest(box.ranges.get("outer_end_mass", _NONE)[0])).bandwidth_Hz(limit)
     for _ in range(_TURNS if 0 < highest < inf else 0):
         statement = _family(prototype, box, Asked("compliance", limit, highest)).over(box.ranges)
-        shares = _worst(statement)[0][1]
+        shares = worst_in_bands(statement)[0][1]
         w = np.linspace(0.0, 2 * pi * highest, _SAMPLES)[None]
         over = np.flatnonzero(_ratios(statement, shares, w)[0] > 1)
         if not len(over):
@@ -243,20 +262,22 @@ def below(statement: Statement, point: Mapping[str, fmpq], square: fmpq) -> bool
 
     With p = a + u b it does where u = -a / b lies outside of the unknown's circle.
     """
+    centre, radius = statement.circles[UNKNOWN]
+    at_none, at_one, at_centre = (with_number(statement, point, unknown) for unknown in (fmpq(0), fmpq(1), centre))
+    return bool(squared_magnitude(at_centre)(square) > radius**2 * squared_magnitude(at_one - at_none)(square))
+
+
+def with_number(statement: Statement, point: Mapping[str, fmpq], unknown: fmpq) -> fmpq_poly:
+    """P of a member, its delay left out, with a number for the unknown."""
     ranges = statement.merged({name: (value, value) for name, value in point.items()})
     values = {name: low for name, (low, _) in ranges.items()}
-    centre, radius = statement.circles[UNKNOWN]
 
-    def with_number(unknown: fmpq) -> fmpq_poly:
-        def one(node: Node) -> fmpq_poly:
-            if node.kind == "leaf":
-                return statement.leaf_at(node.name, values)
-            return fmpq_poly([unknown if node.kind == "circle" else 1])
+    def one(node: Node) -> fmpq_poly:
+        if node.kind == "leaf":
+            return statement.leaf_at(node.name, values)
+        return fmpq_poly([unknown if node.kind == "circle" else 1])
 
-        return statement.body.fold(one, lambda a, b: a + b, lambda a, b: a * b)
-
-    moved = with_number(fmpq(1)) - with_number(fmpq(0))
-    return bool(squared_magnitude(with_number(centre))(square) > radius**2 * squared_magnitude(moved)(square))
+    return statement.body.fold(one, lambda a, b: a + b, lambda a, b: a * b)
 
 
 class Worst(NamedTuple):
@@ -283,12 +304,12 @@ def worst_over_box(prototype: Prototype, box: Box, asked: Asked) -> list[Worst]:
         box: ranges of its parameters.
         asked: as for `claim_over_box`.
     """
-    family = _family(prototype, box, asked)
-    statement = family.over({**box.ranges, **own_ranges(prototype, family, box, asked)})
+    statement = over_own_ranges(prototype, box, asked)
     if asked.kind == "gain_margin":
         point = unstable_member(statement)
         return [] if point is None else [Worst(inf, point, 0.0)]
-    return [Worst(ratio, _point(statement, shares), w.item() / (2 * pi)) for ratio, shares, w in _worst(statement)]
+    found = worst_in_bands(statement, _by(asked))
+    return [Worst(ratio, _point(statement, shares), w.item() / (2 * pi)) for ratio, shares, w in found]
 
 
 def _width(ends: Interval, kind: str) -> float:
@@ -315,7 +336,7 @@ def margins_over_box(prototype: Prototype, box: Box, asked: Asked) -> dict[str, 
     statement = family.over({**box.ranges, **own_ranges(prototype, family, box, asked)})
     members = {name: (kind, parts) for name, kind, parts in statement.groups}
     ranges = statement.ranges | statement.parameters
-    for ratio, shares, w in _worst(statement):
+    for ratio, shares, w in worst_in_bands(statement):
         if ratio < 1 - _NEAR:
             continue
         for k, name in enumerate(statement.varying):
@@ -335,44 +356,52 @@ def _point(statement: Statement, shares: np.ndarray) -> dict[str, fmpq]:
     return parameters_at(statement, [fmpq(round(float(share) * _STEPS), _STEPS) for share in shares[0]])
 
 
-def _worst(statement: Statement) -> list[tuple[float, np.ndarray, np.ndarray]]:
+def _by(asked: Asked) -> Ratios:
+    """What says how near a member comes to the limit of a claim."""
+    return _ratios if asked.multiplier is None else partial(angle_ratios, asked.multiplier, asked.multiplier)
+
+
+def worst_in_bands(statement: Statement, by: Ratios | None = None) -> list[tuple[float, np.ndarray, np.ndarray]]:
     """For each band of frequency the ratio of the worst member found, its shares (1, k) and frequency (1, 1), rad/s.
 
     The worst first. A climb over all frequencies at once ends at whichever peak is in reach.
     """
+    by = by or _ratios
     most = _MOST_rad_per_s if statement.until is None else nearest(statement.until)
     least = min(max(_LEAST_rad_per_s, nearest(statement.since)), most)
     inner = _BANDS_rad_per_s[(least < _BANDS_rad_per_s) & (_BANDS_rad_per_s < most)]
-    found = [_worst_between(statement, *band) for band in pairwise([least, *inner, most])]
+    found = [_worst_between(statement, by, *band) for band in pairwise([least, *inner, most])]
     return sorted(found, key=lambda one: -one[0])
 
 
 def _worst_between(
-    statement: Statement, low: float, high: float, near: Sequence[Sequence[float]] = ()
+    statement: Statement, by: Ratios, low: float, high: float, near: Sequence[Sequence[float]] = ()
 ) -> tuple[float, np.ndarray, np.ndarray]:
     """The same of one band of frequencies (rad/s), from shares (B, k) of members that may be near it."""
     grid = np.geomspace(low, high, _IN_BAND)[None]
-    best = climbed(partial(_largest, statement, grid), len(statement.varying), near, _POPULATION, _ROUNDS)[:1]
+    best = climbed(partial(_largest, by, statement, grid), len(statement.varying), near, _POPULATION, _ROUNDS)[:1]
     w, spread = grid, (high / low) ** (2 / _IN_BAND)
     for _ in range(_FINE):
-        middle = w[0, _ratios(statement, best, w).argmax()]
+        middle = w[0, by(statement, best, w).argmax()]
         w = np.clip(middle * np.geomspace(1 / spread, spread, 41), low, high)[None]
         spread **= 0.1
-    ratios = _ratios(statement, best, w)[0]
+    ratios = by(statement, best, w)[0]
     k = int(ratios.argmax())
     return float(ratios[k]), best, w[:, [k]]
 
 
-def _worst_near(statement: Statement, shares: np.ndarray, w: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
+def _worst_near(
+    statement: Statement, by: Ratios, shares: np.ndarray, w: np.ndarray
+) -> tuple[float, np.ndarray, np.ndarray]:
     """The same about the worst of some members (B, k) at frequencies (B,), rad/s."""
-    order = np.argsort(-_ratios(statement, shares, w[:, None])[:, 0])
+    order = np.argsort(-by(statement, shares, w[:, None])[:, 0])
     at = float(w[order[0]])
-    return _worst_between(statement, at / _ABOUT, at * _ABOUT, shares[order[:_POPULATION]].tolist())
+    return _worst_between(statement, by, at / _ABOUT, at * _ABOUT, shares[order[:_POPULATION]].tolist())
 
 
-def _largest(statement: Statement, grid: np.ndarray, shares: np.ndarray) -> np.ndarray:
+def _largest(by: Ratios, statement: Statement, grid: np.ndarray, shares: np.ndarray) -> np.ndarray:
     """Largest ratio (B,) of members over some frequencies."""
-    return np.asarray(_ratios(statement, shares, grid).max(axis=1))
+    return np.asarray(by(statement, shares, grid).max(axis=1))
 
 
 def _ratios(statement: Statement, shares: np.ndarray, w: np.ndarray) -> np.ndarray:

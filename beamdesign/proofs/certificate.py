@@ -16,6 +16,7 @@ from beamdesign.result import Result
 
 if TYPE_CHECKING:
     from beamdesign.proofs.absolute_stability import Row
+    from beamdesign.proofs.multiplier import Multiplier
 
 METHOD = (
     "exact rational arithmetic: all masses with a root on the imaginary axis isolated by elimination,"
@@ -24,7 +25,7 @@ METHOD = (
 
 Kind = Literal[
     "compliance", "tip_compliance", "load_compliance",
-    "peak_sensitivity", "loop_gain", "controller_effort", "decay_rate", "gain_margin",
+    "peak_sensitivity", "loop_gain", "controller_effort", "decay_rate", "gain_margin", "slope",
 ]  # fmt: skip
 """Of an arm the compliances are two, of the tip and of the payload's centre."""
 
@@ -48,18 +49,23 @@ class Asked:
         limit: its figure: m/N, a plain number, A/V, 1/s or a factor; a gain margin of zero is for every lower gain.
         bandwidth_Hz: for a compliance, the frequency up to which it is claimed.
         from_Hz: for a loop gain, the frequency from which on it is claimed.
+        multiplier: for a slope, on what rests that the loop comes to rest with every static characteristic of a slope
+            from 0 to the limit, which is one, in the current.
     """
 
     kind: Kind
     limit: float
     bandwidth_Hz: float = inf
     from_Hz: float = 0.0
+    multiplier: "Multiplier | None" = None
 
     def decided(self, outer_end_mass_kg: tuple[float, float], holds: bool, reason: str = "") -> "Claim":
         """The claim over a range of masses, with its verdict and, where it does not hold, the reason."""
         bandwidth_Hz = self.bandwidth_Hz if self.kind.endswith("compliance") else None
         from_Hz = self.from_Hz if self.kind == "loop_gain" else None
-        return Claim(self.kind, self.limit, outer_end_mass_kg, holds, bandwidth_Hz, reason, from_Hz=from_Hz)
+        odd = self.multiplier is not None and self.multiplier.for_odd_only
+        found = Claim(self.kind, self.limit, outer_end_mass_kg, holds, bandwidth_Hz, reason, from_Hz=from_Hz)
+        return replace(found, for_odd_only=odd)
 
 
 @dataclass(frozen=True)
@@ -95,6 +101,7 @@ class Claim:
         reason: in words, why it does not hold; empty where it does.
         witness: what refutes it; None where it holds.
         from_Hz: for a loop gain, the frequency from which on it is claimed; zero for all frequencies.
+        for_odd_only: for a slope, whether it is about odd characteristics alone, without command and load.
     """
 
     kind: Kind
@@ -105,6 +112,7 @@ class Claim:
     reason: str = ""
     witness: Witness | None = None
     from_Hz: float | None = None
+    for_odd_only: bool = False
 
     @property
     def witness_outer_end_mass_kg(self) -> float | None:
@@ -291,6 +299,9 @@ def describe(claim: Claim) -> str:
         return f"loop gain |L| at most {claim.limit:.6g} from {claim.from_Hz or 0:.7g} Hz up"
     if claim.kind == "gain_margin" and claim.limit == 0:
         return "stable at every lower gain"
+    if claim.kind == "slope":
+        where = "without command and load" if claim.for_odd_only else "under any constant command and load"
+        return f"comes to rest from every state while the current saturates, {where}"
     name = {
         "peak_sensitivity": "peak sensitivity max |1/(1+L)| at most",
         "controller_effort": "controller effort |C/(1+L)| at most",

@@ -21,6 +21,7 @@ _ORDERS = (1, 2, 4, 8)
 _NORM = 0.998
 """Of the coefficients together, so that they are below one when they are rounded."""
 _MASSES, _FREQUENCIES, _FIRST = 9, 700, 60
+ENDS_rad_per_s = (0.05, 2e5)
 _ROUNDS, _WORST = 12, 40
 _LEAST = (2e-2, 2e-3)
 """Terms of less are left out, if what is left fits."""
@@ -34,29 +35,39 @@ def search(loops: Sequence[Loop], low: fmpq, high: fmpq) -> tuple[Multiplier, fm
     """
     if not all(is_proper(loop, low, high) for loop in loops):
         return None
-    grid = _Grid(loops, low, high)
+    grid = _over_masses(loops, low, high)
     for odd in (False, True):
-        kernels = [Kernel(a, k, side) for a, k, side in product(_RATES, _ORDERS, (True, False))]
-        for multiplier, margin in grid.candidates(kernels, odd):
+        for multiplier, margin in grid.candidates(kernels(_ORDERS), odd):
             if multiplier.admissible and all(fits(multiplier, loop, low, high, margin) for loop in loops):
                 return multiplier, margin
     return None
 
 
-class _Grid:
-    """1 + L of some loops on a grid of masses and frequencies, and the linear programs over it."""
+def kernels(orders: Sequence[int]) -> list[Kernel]:
+    """Kernels of some orders at all rates, causal and not."""
+    return [Kernel(a, k, side) for a, k, side in product(_RATES, orders, (True, False))]
 
-    def __init__(self, loops: Sequence[Loop], low: fmpq, high: fmpq) -> None:
-        ends = nearest(low), nearest(high)
-        masses = np.linspace(*ends, _MASSES if low < high else 1)
-        places = [
-            abs(pole.imag) for loop in loops for mass in masses for pole in roots(loop.characteristic.at(exact(mass)))
-        ]
-        near = np.unique(np.round([p * f for p in places if p > 0 for f in (0.9, 1.0, 1.1)], 2))
-        self.w = np.unique(np.concatenate([np.geomspace(0.05, 2e5, _FREQUENCIES), near]))
-        closed = np.concatenate([1 + responses(loop, masses, self.w) for loop in loops])
+
+def _over_masses(loops: Sequence[Loop], low: fmpq, high: fmpq) -> "Grid":
+    """Some loops on a grid of masses and frequencies."""
+    ends = nearest(low), nearest(high)
+    masses = np.linspace(*ends, _MASSES if low < high else 1)
+    places = [
+        abs(pole.imag) for loop in loops for mass in masses for pole in roots(loop.characteristic.at(exact(mass)))
+    ]
+    near = np.unique(np.round([p * f for p in places if p > 0 for f in (0.9, 1.0, 1.1)], 2))
+    w = np.unique(np.concatenate([np.geomspace(*ENDS_rad_per_s, _FREQUENCIES), near]))
+    return Grid(w, np.concatenate([1 + responses(loop, masses, w) for loop in loops]))
+
+
+class Grid:
+    """1 + L of some loops on a grid of frequencies, and the linear programs over it."""
+
+    def __init__(self, w: np.ndarray, closed: np.ndarray, popov: bool = True) -> None:
+        """Take 1 + L (loops, frequencies) at frequencies (rad/s); `popov` says whether there may be Popov's term."""
+        self.w, self.popov = w, popov
         self.turned = closed / abs(closed)
-        """(1 + L) / |1 + L|, (loops times masses, frequencies)."""
+        """(1 + L) / |1 + L|, (loops, frequencies)."""
 
     def _solve(
         self, columns: np.ndarray, popov: np.ndarray, rows: np.ndarray, cols: np.ndarray, odd: bool
@@ -80,10 +91,10 @@ class _Grid:
         weights = x[:n] - (x[n : 2 * n] if odd else 0.0)
         return weights, x[-2] / scale, x[-1]
 
-    def _best(self, kernels: Sequence[Kernel], odd: bool) -> tuple[np.ndarray, float, float] | None:
+    def _best(self, allowed: Sequence[Kernel], odd: bool) -> tuple[np.ndarray, float, float] | None:
         """Coefficients, Popov's one and the least real part on the whole grid."""
-        columns = np.array([kernel.response(self.w) for kernel in kernels])
-        popov = 1j * self.w
+        columns = np.array([kernel.response(self.w) for kernel in allowed])
+        popov = 1j * self.w * self.popov
         shape = self.turned.shape
         first = np.linspace(0, shape[1] - 1, _FIRST).astype(int)
         chosen = {(r, c) for r in {0, shape[0] // 2, shape[0] - 1} for c in first}
@@ -106,14 +117,14 @@ class _Grid:
             chosen |= {(int(r), int(c)) for r, c in worst} | set(lows)
         return best
 
-    def candidates(self, kernels: Sequence[Kernel], odd: bool) -> Iterator[tuple[Multiplier, fmpq]]:
+    def candidates(self, allowed: Sequence[Kernel], odd: bool) -> Iterator[tuple[Multiplier, fmpq]]:
         """Multipliers of few terms and digits with the margins that they seem to have, the plainest first."""
-        found = self._best(kernels, odd)
+        found = self._best(allowed, odd)
         if found is None or found[2] <= 0:
             return
-        ways = [(list(kernels), found)]
+        ways = [(list(allowed), found)]
         for threshold in _LEAST:
-            few = [kernel for kernel, weight in zip(kernels, found[0], strict=True) if abs(weight) > threshold]
+            few = [kernel for kernel, weight in zip(allowed, found[0], strict=True) if abs(weight) > threshold]
             if (again := self._best(few, odd)) is not None and again[2] > found[2] / 3:
                 ways.insert(len(ways) - 1, (few, again))
         for (kept, (weights, slow, least)), digits in product(ways, _DIGITS):

@@ -55,13 +55,14 @@ def nonlinear_rows(prototype: Prototype, low_kg: float, high_kg: float) -> tuple
 
 def _linear(given: Members) -> Iterator[Row]:
     """One row for all effects that are linear themselves."""
-    names = [name for name in sorted(given.prototype.effects) if _is_linear(name)]
+    names = [name for name in sorted(given.prototype.effects) if is_linear(name)]
     if names:
         stable = all(is_stable_over(loop.characteristic, given.low, given.high) for loop in given.loops)
         words = "Linear itself, as it is simulated: every loop here holds it, in every combination."
         yield Row(tuple(names), LINEAR, stable, words if stable else "The linear loop is not stable at every mass.")
 
 
-def _is_linear(name: str) -> bool:
+def is_linear(name: str) -> bool:
+    """Whether an effect is a part of the linear loop, and no more."""
     linear = library()[name].linear
     return linear is not None and linear.laws is None and not linear.figures and linear.gain is None

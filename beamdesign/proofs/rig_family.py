@@ -13,12 +13,13 @@ from beamdesign.plant.members import LinearFamily, family
 from beamdesign.polynomial import exact, in_variable
 from beamdesign.proofs.certificate import Asked
 from beamdesign.proofs.read_once import read_once
+from beamdesign.proofs.slope_claim import UNKNOWN, weighed
 from beamdesign.proofs.statement import Circle, Interval, Statement
 from beamdesign.prototype import Prototype
 from beamdesign.rational import text
 from beamdesign.structure.lumped import figures
 
-TRANSPORT, UNKNOWN = "transport", "unknown"
+TRANSPORT = "transport"
 NO_FREQUENCY = fmpq(0)
 _FACTOR = "effect_gain"
 
@@ -177,6 +178,8 @@ def rig_family(
         effort = variable["controller_gain"] * loop_denominator * numerators[0]
         p, circles[UNKNOWN], since, until = claimed(claim, p, gain * loop_numerator, effort)
     form = read_once(p, [name for name in values if name != "delay"], (TRANSPORT, UNKNOWN))
+    if claim is not None and claim.multiplier is not None:
+        form = weighed(form, claim.multiplier)
     positive = [name for name in values if name not in _frozen(found)]
     delays = {TRANSPORT: "delay"} if delayed else None
     return PolynomialFamily(
@@ -197,7 +200,8 @@ def claimed(
     s^2 times the outer end mass: u is a spring of the size 1 / limit on the tip, turned by any angle. For S it is p
     less the loop's numerator N, and p + u (p - N) is in proportion to p - N + g N with g = 1 / (1 + u), which goes
     around a circle as u does, from 1 / (1 + 1 / limit) to 1 / (1 - 1 / limit): a gain that is turned. For |L| it is
-    the gain that goes around a circle about zero.
+    the gain that goes around a circle about zero. For a slope it is the gain too, with u of the size one that becomes
+    a part of it (`beamdesign.proofs.slope_claim`).
 
     Raises:
         ValueError: for another kind of claim, or a peak sensitivity of one or less, which no loop keeps.
@@ -214,6 +218,8 @@ def claimed(
     if claim.kind == "loop_gain":
         since = exact(claim.from_Hz) * _UNDER_TURN
         return p + (unknown - 1) * loop_numerator, Circle(fmpq(0), 1 / limit), since, None
+    if claim.kind == "slope":
+        return p + (unknown - 1) * loop_numerator, Circle(fmpq(0), fmpq(1)), fmpq(0), None
     if claim.kind == "controller_effort":
         return p + unknown * effort, Circle(fmpq(0), 1 / limit), fmpq(0), None
     raise ValueError(f"not decided over a box: {claim.kind} at most {claim.limit:g}")

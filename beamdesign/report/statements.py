@@ -58,6 +58,9 @@ def _of_claim(claim: Claim) -> Statement:
             words = f"|C/(1+L)| at most {quantity(claim.limit, 'A/V')} at every frequency"
         case "decay_rate":
             words = f"every motion dies out at least as fast as exp(-{decimal(claim.limit, 6)} t / s)"
+        case "slope":
+            where = "without command and load" if claim.for_odd_only else "under any constant command and load"
+            words = f"comes to rest from every state while the current saturates, {where}"
         case "gain_margin" if claim.limit == 0:
             words = "stable at every lower gain too"
         case "gain_margin":

@@ -16,10 +16,19 @@ import numpy as np
 
 from beamdesign.controllers import Controller
 from beamdesign.controllers.form import Form
+from beamdesign.polynomial import exact
 from beamdesign.progress import Progress, silent
+from beamdesign.proofs.absolute_stability import FOR_ODD, absolute_stability
 from beamdesign.rational import nearest
 from beamdesign.synthesis.law_task import Search
-from beamdesign.synthesis.loop_limits import LARGEST_BANDWIDTH_HZ, LoopSet, Proved, loop_set
+from beamdesign.synthesis.loop_limits import (
+    LARGEST_AT_LOWER_GAINS,
+    LARGEST_BANDWIDTH_HZ,
+    LoopSet,
+    Proved,
+    calmer,
+    loop_set,
+)
 from beamdesign.synthesis.over_box import BoxTask
 from beamdesign.synthesis.refinement import TOUCH, WORTH
 from beamdesign.synthesis.rig_spread import Cut
@@ -29,6 +38,9 @@ _FIRST_ROUNDS = 5
 
 _FURTHER = 0.2
 """How far a variable may move in a step of the last refinement."""
+
+_CALMER = (4.0, 2.0, 1.4)
+"""Peak sensitivities at lower gains that are tried where a loop is not proved to come to rest; at one |1 + L| >= 1."""
 
 _ENOUGH = 0.985
 """Share of the sampled bandwidth which, if proved, ends the search for more."""
@@ -104,12 +116,30 @@ Start = tuple[Form, np.ndarray]
 def search(task: Search, starts: Sequence[Start], growths: int = 0, report: Progress = silent) -> Found:
     """Find the largest guaranteed bandwidth.
 
+    Where the goal asks for a loop that comes to rest while its current saturates, and that is not proved of what comes
+    out, the search is done again with loops that keep farther from the critical point at every lower gain.
+
     Args:
         task: what is asked.
         starts: laws to begin with; those with unstable loops lead nowhere.
         growths: how often they are grown.
         report: told the share done and what is being done.
     """
+    reason = ""
+    for peak in (LARGEST_AT_LOWER_GAINS, *(_CALMER if task.goal.comes_to_rest else ())):
+        found, form = _search(replace(task, goal=calmer(task.goal, peak)), starts, growths, report)
+        if found.proved is None or form is None:
+            return replace(found, reason="; ".join(filter(None, (reason, found.reason))))
+        report(0.97, "where the current saturates")
+        rested, why = _rests(task, _Design(form, found.proved.variables, 0.0), found.proved)
+        if rested is not None or not task.goal.comes_to_rest:
+            return replace(found, proved=rested or found.proved)
+        reason = f"that it comes to rest while the current saturates is not proved: {why}"
+    return replace(found, proved=None, reason=reason)
+
+
+def _search(task: Search, starts: Sequence[Start], growths: int, report: Progress) -> tuple[Found, Form | None]:
+    """The largest bandwidth within the limits, and of which form."""
     effort, pool = task.effort, []
     for k, (form, variables) in enumerate(starts):
         report(0.2 * k / len(starts), f"start {k + 1} of {len(starts)}")
@@ -132,6 +162,7 @@ def search(task: Search, starts: Sequence[Start], growths: int = 0, report: Prog
     reached = tuple(design.value for design in pool)
     tried: list[Found] = []
     best, worth = Found(None, reached, 0, "no start led to a stable loop within the limits on the samples"), 0.0
+    best_form: Form | None = None
     for rough in pool[: effort.candidates]:
         if rough.value <= 0 or worth > _ENOUGH * rough.value:
             continue
@@ -149,8 +180,8 @@ def search(task: Search, starts: Sequence[Start], growths: int = 0, report: Prog
         proved = found.proved
         value = task.value(rough.form, proved.variables, proved.bandwidth_Hz) if proved else 0.0
         if best.proved is None or value > worth:
-            best, worth = found, value
-    return replace(best, certificates=sum(one.certificates for one in tried), tried=tuple(tried))
+            best, worth, best_form = found, value, rough.form
+    return replace(best, certificates=sum(one.certificates for one in tried), tried=tuple(tried)), best_form
 
 
 def from_seeds(task: Search, seeds: Sequence[Controller]) -> list[Start]:
@@ -340,6 +371,23 @@ def _whole(task: Search, design: _Design, loops: LoopSet) -> tuple[Proved | None
     return (None, reason, cuts) if over is None else (found.over(over), "", [])
 
 
+def _rests(task: Search, design: _Design, found: Proved) -> tuple[Proved | None, str]:
+    """What was proved of a design with that proof as well, or why there is none."""
+    if not task.goal.lower_gains:
+        return None, "it need not be stable at every lower gain"
+    if found.over_box is not None:
+        over, reason = _over_box(task, design).at_rest(found.over_box)
+        return (None, reason) if over is None else (replace(found, over_box=over), "")
+    if not task.goal.comes_to_rest:
+        return found, ""
+    members = task.members_with(design.variables[design.form.size + 1 :], rounded=True)
+    each = loop_set(members, found.controller, found.inner_end_mass_kg, task.masses_kg).stable.values()
+    proof = absolute_stability([one.loop.scaled(one.most) for one in each], *map(exact, task.masses_kg))
+    if proof.multiplier is not None and proof.multiplier.for_odd_only:
+        return None, f"the multiplier that was found is {FOR_ODD} alone"
+    return (None, proof.reason) if proof.multiplier is None else (found, "")
+
+
 def _worth(task: Search, design: _Design) -> float:
     """What a design is worth on samples; of a box anew, as it was found before the worst rigs were known."""
     if task.spread is None:
@@ -353,7 +401,7 @@ def _over_box(task: Search, design: _Design) -> BoxTask:
     rig = task.prototype_with(design.variables[design.form.size + 1 :], rounded=True)
     payload = rig.payload.but(outer_end_mass_kg=task.masses_kg, inner_end_mass_kg=design.inner_end_mass)
     whole = task.masses_kg if task.spread.stage is None else task.spread.stage[1]
-    built = rig.but(controller=design.law, payload=payload, goal=task.goal, guarantee=None)
+    built = rig.but(controller=design.law, payload=payload, goal=calmer(task.goal), guarantee=None)
     return BoxTask(built, task.spread, task.masses_kg, whole)
 
 

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import casadi as ca
 import numpy as np
 from flint import fmpq, fmpq_poly
+from pydantic import Field
 
 from beamdesign.controllers import Controller
 from beamdesign.controllers.form import UNIT
@@ -21,6 +22,7 @@ from beamdesign.plant.linear import UNUSED, LinearModel
 from beamdesign.plant.linearised import linear_assembly, transfer_polynomials
 from beamdesign.plant.members import VertexModel, family
 from beamdesign.polynomial import exact
+from beamdesign.proofs.absolute_stability import absolute_stability, members
 from beamdesign.proofs.certificate import Asked, Claim, Kind, goal_claims
 from beamdesign.proofs.performance import bandwidth, least_limit, prove
 from beamdesign.proofs.rectangle import Rectangle
@@ -36,13 +38,26 @@ LIMITED: tuple[Kind, ...] = ("peak_sensitivity", "compliance", "loop_gain", "con
 
 def goal_limits(goal: Goal) -> dict[Kind, float]:
     """The limits that a goal sets, in this order."""
-    lower = LARGEST_AT_LOWER_GAINS if goal.lower_gains else None
+    lower = getattr(goal, "peak_at_lower_gains", LARGEST_AT_LOWER_GAINS) if goal.lower_gains else None
     given = (goal.peak_sensitivity, goal.compliance_m_per_N, goal.loop_gain, goal.controller_effort_A_per_V, lower)
     return {kind: limit for kind, limit in zip(LIMITED, given, strict=True) if limit is not None}
 
 
 LARGEST_AT_LOWER_GAINS = 10.0
 """Peak sensitivity that an optimiser allows at any lower gain, so that the loop is stable there."""
+
+
+class _Calmer(Goal):
+    """A goal of an optimiser alone."""
+
+    peak_at_lower_gains: float = Field(description="instead of LARGEST_AT_LOWER_GAINS")
+
+
+def calmer(goal: Goal, peak: float = LARGEST_AT_LOWER_GAINS) -> Goal:
+    """A goal with a limit of an optimiser's own at lower gains; with the largest, as it is stated."""
+    own = {name: getattr(goal, name) for name in Goal.model_fields}
+    return Goal(**own) if peak == LARGEST_AT_LOWER_GAINS else _Calmer(**own, peak_at_lower_gains=peak)
+
 
 RELAXED_PEAK = 3.0
 """An optimiser keeps members that only have to be stable within the limit of sensitivity times this."""
@@ -113,9 +128,19 @@ class Proved:
             "outer_end_mass_kg": list(masses_kg),
             "rigs": "nominal" if box is None else {"sigmas": box.sigmas, "shape": "box"},
             "lower_gains": lower,
+            "comes_to_rest": _rests(prototype, masses_kg) if box is None else box.proved("slope") is not None,
             "nominal": dict(zip(("bandwidth_Hz", "peak_sensitivity"), nominal, strict=True)),
             "tightest": [] if box is None else [one._asdict() for one in box.tightest],
         }
+
+
+def _rests(prototype: Prototype, masses_kg: tuple[float, float]) -> bool:
+    """Whether the nominal loop is proved to come to rest from every state while its current saturates."""
+    if not prototype.goal.lower_gains:
+        return False
+    given = members(prototype, *masses_kg)
+    found = absolute_stability(given.loops, given.low, given.high).multiplier
+    return found is not None and not found.for_odd_only
 
 
 _SHARES_OF_GAIN = np.geomspace(1e-3, 1.0, 300)

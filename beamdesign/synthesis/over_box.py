@@ -1,14 +1,15 @@
 """A law over the whole box of tolerances: its worst rigs, which a search finds, and what is proved of every rig."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from math import inf, log
 from typing import NamedTuple
 
 from beamdesign.polynomial import exact
 from beamdesign.proofs.box import Box, certify_box
-from beamdesign.proofs.box_claims import Worst, claim_over_box, margins_over_box, relaxed, worst_over_box
+from beamdesign.proofs.box_claims import BoxClaim, Worst, claim_over_box, margins_over_box, relaxed, worst_over_box
 from beamdesign.proofs.certificate import LOWER_GAINS, Asked, goal_claims
+from beamdesign.proofs.slope_over_box import slope_over_box
 from beamdesign.proofs.tolerance_box import tolerance_box
 from beamdesign.prototype import Prototype
 from beamdesign.rational import nearest
@@ -16,6 +17,9 @@ from beamdesign.synthesis.rig_spread import Cut, RigSpread
 
 BUDGET, SECONDS = 20_000, 120.0
 """Most pieces and most time for the proof of one claim."""
+
+REST_SECONDS = 30.0
+"""Most time for the search of the proof that a design comes to rest while its current saturates."""
 
 _LEAST_HZ = 1e-2
 """Bandwidth about which compliance is looked at of a law that has none."""
@@ -40,12 +44,16 @@ class OverBox:
         claims: about every member, all proved.
         certificate: text that `beamdesign.checker` proves again.
         tightest: figures whose tolerance to tighten first, the first of them first; sampled.
+        found: the claims with their proofs.
+        write: the certificate of stability and some of these.
     """
 
     sigmas: float
     claims: tuple[Asked, ...]
     certificate: str = field(repr=False)
     tightest: tuple[Margin, ...] = ()
+    found: tuple[BoxClaim, ...] = field(default=(), repr=False)
+    write: Callable[[Sequence[BoxClaim]], str] = field(default=lambda _: "", repr=False, compare=False)
 
     def proved(self, kind: str) -> Asked | None:
         """The claim of a kind; None where there is none."""
@@ -113,8 +121,6 @@ class BoxTask:
         if not verdict.stable:
             return None, verdict.reason, []
         claims = []
-        low, high = self.masses_kg
-        own = {"outer_end_mass": self.box.ranges.get("outer_end_mass", (exact(low), exact(high)))}
         for asked in self._asked(bandwidth_Hz):
             for looser in _LOOSER if asked.kind == "compliance" else (1.0,):
                 one = relaxed(asked, looser) if asked.kind == "compliance" else asked
@@ -126,9 +132,25 @@ class BoxTask:
                 refuted = claim.holds is False and claim.witness is not None and asked.kind != "gain_margin"
                 worst = Worst(inf, dict(claim.witness or {}), claim.frequency_Hz or 0.0)
                 return None, reason, [self._cut(worst)] if refuted else []
-            claims.append(claim if self.masses_kg == self.stable_kg else replace(claim, own={**claim.own, **own}))
+            claims.append(self._over_own_masses(claim))
         stated = tuple(claim.asked for claim in claims)
-        return OverBox(self.spread.sigmas, stated, verdict.write(claims), self._tightest(bandwidth_Hz)), "", []
+        text, tightest = verdict.write(claims), self._tightest(bandwidth_Hz)
+        return OverBox(self.spread.sigmas, stated, text, tightest, tuple(claims), verdict.write), "", []
+
+    def _over_own_masses(self, claim: BoxClaim) -> BoxClaim:
+        """A claim that says over which payloads it is, where the law is to be stable over others too."""
+        low, high = map(exact, self.masses_kg)
+        own = {"outer_end_mass": self.box.ranges.get("outer_end_mass", (low, high))}
+        return claim if self.masses_kg == self.stable_kg else replace(claim, own={**claim.own, **own})
+
+    def at_rest(self, proved: OverBox) -> tuple[OverBox | None, str]:
+        """With the proof that every rig comes to rest while its current saturates, or why there is none."""
+        lower = next((claim for claim in proved.found if claim.asked.kind == "gain_margin"), None)
+        claim, reason = slope_over_box(self.prototype, self.box, BUDGET, REST_SECONDS, lower, may_be_odd=False)
+        if claim is None:
+            return None, reason
+        claims = (*proved.found, self._over_own_masses(claim))
+        return replace(proved, claims=(*proved.claims, claim.asked), found=claims, certificate=proved.write(claims)), ""
 
     def _tightest(self, bandwidth_Hz: float) -> tuple[Margin, ...]:
         margins: dict[str, float] = {}

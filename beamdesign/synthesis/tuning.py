@@ -165,6 +165,9 @@ def tune(
     """
     if kind not in (*KINDS, *SYNTHESES):
         raise ValueError(f"no tuning of kind {kind!r}")
+    if prototype.goal.comes_to_rest and not prototype.goal.lower_gains:
+        reason = "asks for lower_gains, which are what a saturated current comes to"
+        raise InputError(prototype.name, [("goal.comes_to_rest", reason)])
     report, caution, spread = progress or silent, "", None
     if sigmas:
         tolerance, caution = stated_or_typical(prototype.tolerance)
