@@ -203,6 +203,11 @@ class Goal(Record):
     lower_gains: bool = Field(
         True, description="stable at every lower gain too: a valve that saturates or a supply that comes up lowers it"
     )
+    peak_over_passive: q.PeakOverPassive = Field(
+        1.0,
+        description="how many times the largest |x / F_d| with the servo off, no current in the valve, the largest at any"
+        " frequency may be, each over the same payloads and, of a tolerance box, the same rigs; inf: no limit",
+    )
     loop_gain: q.LoopGain | None = Field(
         None, description="limit of |L| from loop_gain_from_Hz up, where the model leaves out modes; none: no limit"
     )

@@ -62,7 +62,8 @@ class Plausible:
 
     def __get_pydantic_json_schema__(self, schema: CoreSchema, handler: GetJsonSchemaHandler) -> dict[str, Any]:
         """State the range in a JSON schema."""
-        return handler(schema) | {"minimum": 0.0 if self.or_zero else self.low, "maximum": self.high}
+        most = {"maximum": self.high} if self.high < inf else {}
+        return handler(schema) | {"minimum": 0.0 if self.or_zero else self.low} | most
 
 
 def range_of(quantity: Any) -> Plausible:
@@ -134,6 +135,7 @@ PositiveStd = Annotated[FiniteFloat, Plausible(1e-6, 1.0)]
 Unexplained = Annotated[FiniteFloat, Plausible(1e-6, 0.99, or_zero=True)]
 Level = Annotated[FiniteFloat, Plausible(-100.0, 100.0)]
 PeakSensitivity = Annotated[FiniteFloat, Plausible(1.00001, 1e3)]
+PeakOverPassive = Annotated[float, Plausible(0.01, inf)]
 LoopGain = Annotated[FiniteFloat, Plausible(1e-6, 1e6)]
 SafetyFactor = Annotated[FiniteFloat, Plausible(1.0, 1e3)]
 MatrixEntry = Annotated[FiniteFloat, Plausible(-1e30, 1e30)]

@@ -1,7 +1,7 @@
 """`beamdesign certify`, `certify-box` and `certify-switching`: proofs over payloads, tolerances and changes."""
 
 from collections.abc import Callable
-from math import inf
+from math import inf, isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -21,7 +21,7 @@ from beamdesign.cli.command import (
     with_controller,
 )
 from beamdesign.cli.output import certificate_file, echo, progress, refuse, write_certificate
-from beamdesign.cli.proved import box_fields, echo_against_goal, echo_box, echo_stability, hertz
+from beamdesign.cli.proved import box_fields, echo_against_goal, echo_box, echo_over_passive, echo_stability, hertz
 from beamdesign.json_text import picked
 
 if TYPE_CHECKING:
@@ -165,6 +165,10 @@ def _echo(record: "Prototype", certificate: "Certificate") -> None:
         bandwidth = stated_bandwidth(found.bandwidth_Hz)
         echo(f"  guaranteed: |x/F_d| at most {goal.compliance_m_per_N:.4g} m/N up to {bandwidth}")
         echo_against_goal(found, goal)
+        if isfinite(found.peak_over_passive):
+            echo_over_passive(
+                found.peak_compliance_m_per_N, found.servo_off_m_per_N, found.peak_over_passive, goal
+            )
     for claim in certificate.claims:
         echo(f"  {'proved' if claim.holds else 'REFUTED'}: {describe(claim)}")
         if not claim.holds:

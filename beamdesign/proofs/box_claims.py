@@ -82,7 +82,7 @@ def claim_over_box(
     Args:
         prototype: with a controller of one law.
         box: ranges of its parameters; the others keep their values.
-        asked: of the kind compliance, peak_sensitivity, loop_gain, controller_effort or gain_margin.
+        asked: of the kind compliance, peak_compliance, peak_sensitivity, loop_gain, controller_effort or gain_margin.
         budget: most pieces to look at.
         seconds: most time to spend on the search; what was found until then is proved all the same.
 
@@ -139,7 +139,7 @@ def own_ranges(prototype: Prototype, family: PolynomialFamily, box: Box, asked: 
 
 
 def best_over_box(prototype: Prototype, box: Box, budget: int = 4000, seconds: float = inf) -> tuple[BoxClaim, ...]:
-    """The best bandwidth and peak sensitivity that were proved of every member, and stability at every lower gain.
+    """The best bandwidth, peak compliance and peak sensitivity proved of every member, and stability at lower gains.
 
     The worst member that a search finds shows what cannot be proved; what is a little looser is tried, ever more so,
     until it is proved. A claim for which that fails is left out.
@@ -153,7 +153,8 @@ def best_over_box(prototype: Prototype, box: Box, budget: int = 4000, seconds: f
     goal = prototype.goal
     lower = claim_over_box(prototype, box, LOWER_GAINS, budget, seconds)
     claims = [lower] if lower.holds else []
-    for one in (Asked("compliance", goal.compliance_m_per_N), Asked("peak_sensitivity", goal.peak_sensitivity)):
+    asked = Asked("peak_compliance", goal.compliance_m_per_N), Asked("peak_sensitivity", goal.peak_sensitivity)
+    for one in (Asked("compliance", goal.compliance_m_per_N), *asked):
         with suppress(NotCovered):
             best = _least(prototype, box, one) if one.kind != "compliance" else _highest(prototype, box, one)
             claims += [] if best is None else _proved(prototype, box, best, budget, seconds)
@@ -180,6 +181,7 @@ def guaranteed_fields(claims: Sequence[BoxClaim]) -> dict[str, Any]:
     return {
         "bandwidth_Hz": found["compliance"].bandwidth_Hz if "compliance" in found else None,
         "peak_sensitivity": found["peak_sensitivity"].limit if "peak_sensitivity" in found else None,
+        "peak_compliance_m_per_N": found["peak_compliance"].limit if "peak_compliance" in found else None,
         "lower_gains": "gain_margin" in found,
     }
 
@@ -273,6 +275,12 @@ def worst_over_box(prototype: Prototype, box: Box, asked: Asked) -> list[Worst]:
         point = unstable_member(statement)
         return [] if point is None else [Worst(inf, point, 0.0)]
     return [Worst(ratio, _point(statement, shares), w.item() / (2 * pi)) for ratio, shares, w in _worst(statement)]
+
+
+def worst_of(statement: Statement) -> Worst:
+    """The one that leaves least of the limit of a statement."""
+    ratio, shares, w = _worst(statement)[0]
+    return Worst(ratio, _point(statement, shares), w.item() / (2 * pi))
 
 
 def _width(ends: Interval, kind: str) -> float:
