@@ -205,8 +205,8 @@ class Goal(Record):
     )
     peak_over_passive: q.PeakOverPassive = Field(
         1.0,
-        description="how many times the largest |x / F_d| with the servo off, no current in the valve, the largest at any"
-        " frequency may be, each over the same payloads and, of a tolerance box, the same rigs; inf: no limit",
+        description="limit of the largest |x / F_d| at any frequency, over the largest with the servo off (no current"
+        " in the valve) for the same payloads and, within tolerances, the same rigs; inf: no limit",
     )
     loop_gain: q.LoopGain | None = Field(
         None, description="limit of |L| from loop_gain_from_Hz up, where the model leaves out modes; none: no limit"

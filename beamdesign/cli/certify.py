@@ -166,9 +166,7 @@ def _echo(record: "Prototype", certificate: "Certificate") -> None:
         echo(f"  guaranteed: |x/F_d| at most {goal.compliance_m_per_N:.4g} m/N up to {bandwidth}")
         echo_against_goal(found, goal)
         if isfinite(found.peak_over_passive):
-            echo_over_passive(
-                found.peak_compliance_m_per_N, found.servo_off_m_per_N, found.peak_over_passive, goal
-            )
+            echo_over_passive(found.peak_compliance_m_per_N, found.servo_off_m_per_N, found.peak_over_passive, goal)
     for claim in certificate.claims:
         echo(f"  {'proved' if claim.holds else 'REFUTED'}: {describe(claim)}")
         if not claim.holds:

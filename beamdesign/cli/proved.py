@@ -49,8 +49,8 @@ def echo_over_passive(peak_m_per_N: float, servo_off_m_per_N: float, ratio: floa
     met = "within" if ratio <= goal.peak_over_passive else "beyond"
     limit = f", {met} the goal of {goal.peak_over_passive:g}" if isfinite(goal.peak_over_passive) else ""
     echo(
-        f"  guaranteed: |x/F_d| at most {peak_m_per_N:.5g} m/N at every frequency, {ratio:.4g} times the largest with the"
-        f" servo off, {servo_off_m_per_N:.5g} m/N{limit}"
+        f"  guaranteed: |x/F_d| at most {peak_m_per_N:.5g} m/N at every frequency, {ratio:.4g} times the"
+        f" {servo_off_m_per_N:.5g} m/N with the servo off{limit}"
     )
 
 

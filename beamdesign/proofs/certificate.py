@@ -26,7 +26,8 @@ Kind = Literal[
     "compliance", "peak_compliance", "tip_compliance", "load_compliance",
     "peak_sensitivity", "loop_gain", "controller_effort", "decay_rate", "gain_margin",
 ]  # fmt: skip
-"""The peak compliance is claimed at every frequency, beside the compliance up to a bandwidth. Of an arm the compliances are two, of the tip and of the payload's centre."""
+"""A compliance is claimed up to a bandwidth, the peak compliance at every frequency. Of an arm the compliances are two,
+of the tip and of the payload's centre."""
 
 INEQUALITIES: tuple[Kind, ...] = ("compliance", "peak_compliance", "peak_sensitivity", "loop_gain", "controller_effort")
 """Claims about magnitudes, as opposed to those about poles."""
@@ -263,7 +264,9 @@ def peak_claim(goal: Goal, servo_off_m_per_N: float) -> tuple[Asked, ...]:
         goal: how many times the largest with the servo off it may be.
         servo_off_m_per_N: that, see `beamdesign.proofs.servo_off`.
     """
-    limit = nearest(shortened(exact(most), 9)) if 0 < (most := goal.peak_over_passive * servo_off_m_per_N) < inf else inf
+    limit = (
+        nearest(shortened(exact(most), 9)) if 0 < (most := goal.peak_over_passive * servo_off_m_per_N) < inf else inf
+    )
     return (Asked("peak_compliance", limit),) if limit < inf else ()
 
 

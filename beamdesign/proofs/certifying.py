@@ -272,7 +272,7 @@ def guaranteed_by_all(stages: Iterable[InStage]) -> Guaranteed | None:
         if (guaranteed := certify(stage.prototype, *stage.outer_end_mass_kg).guaranteed) is None:
             return None
         found.append(guaranteed)
-    worst = {
+    worst: dict[str, Any] = {
         name: max((limit for one in found if (limit := getattr(one, name)) is not None), default=None)
         for name in ("loop_gain", "controller_effort_A_per_V")
     }

@@ -11,7 +11,7 @@ from math import inf, pi
 from typing import NamedTuple
 
 import numpy as np
-from flint import fmpq, fmpq_poly
+from flint import fmpq
 
 from beamdesign.controllers import Proportional
 from beamdesign.plant.linear import Plant

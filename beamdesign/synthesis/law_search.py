@@ -54,6 +54,9 @@ _MISSED = 2e-3
 _ROOM = 2e-3
 """By how much (logarithm) limits are kept to spare of a design that is proved over a box, where proofs need room."""
 
+_KNOWN = 0.98
+"""Share of the largest compliance with the servo off of a box that is enough on samples."""
+
 _SMALL = 1e-3
 """Excess by which limits are tightened of sections that may move further; of a larger one the peak tells enough."""
 
@@ -187,6 +190,7 @@ def _hardened(task: Search, designs: Sequence[_Design]) -> tuple[Search, list[_D
     pool = list(designs[: task.effort.starts])
     for _ in range(_CUT_ROUNDS if task.spread is not None else 0):
         cuts = [cut for one in pool for _, _, cut in _in_box(task, one, _MISSED)]
+        cuts += [cut for one in pool[:1] for cut in _unknown(task, one)]
         for share in _NEARER:  # a law whose gain cannot be lowered meets rigs that are less far off first
             harder = task.with_cuts(cut._replace(z=tuple(share * one for one in cut.z)) for cut in cuts)
             if all(harder.settled(one.form, calmed(harder, one)) for one in pool):
@@ -197,6 +201,19 @@ def _hardened(task: Search, designs: Sequence[_Design]) -> tuple[Search, list[_D
         rounds = 2 * _FIRST_ROUNDS
         pool = [_Design(one.form, *task.refinement(one.form)(_mended(task, one), rounds=rounds)) for one in pool]
     return task, _best(pool)
+
+
+def _unknown(task: Search, design: _Design) -> list[Cut]:
+    """The rig of the box with the largest compliance with the servo off, where the samples know none like it.
+
+    Over a box compliance is compared worst with worst, and on its samples likewise.
+    """
+    points = task.points_with(design.variables[design.form.size + 1 :]) or task.points
+    if task.goal.peak_over_passive == inf:
+        return []
+    box = _over_box(task, design)
+    known = points.servo_off(design.inner_end_mass) > _KNOWN * box.servo_off_m_per_N
+    return [] if known else [box.softest_without_servo()]
 
 
 def calmed(task: Search, design: _Design) -> np.ndarray:
@@ -253,8 +270,10 @@ def _proved(task: Search, design: _Design, sampled: tuple[float, ...]) -> Found:
             reason = "the loop is not stable over the whole range"
         if unstable and task.spread is None:
             break
-        if not unstable and (claims := loops.refuted(task.goal)):
-            claim, excess = claims[0], loops.excess(task.goal) + _SPARE
+        # Of a box the largest compliance is compared over all of it.
+        alone = task.goal if task.spread is None else task.goal.but(peak_over_passive=inf)
+        if not unstable and (claims := loops.refuted(alone)):
+            claim, excess = claims[0], loops.excess(alone) + _SPARE
             reason = f"{claim.kind.replace('_', ' ')} refuted: {claim.reason}"
             if claim.kind == "peak_sensitivity" and excess < inf and claim.witness is not None:
                 # The next refinement sees the peak that stood between the samples, and a third of the excess beside.
@@ -310,7 +329,9 @@ def _whole(task: Search, design: _Design, loops: LoopSet) -> tuple[Proved | None
     """What is proved of a design whose nominal loops keep all limits: of these, or of the whole box; or why not."""
     bandwidth = min(*loops.bandwidths(task.goal.compliance_m_per_N).values(), LARGEST_BANDWIDTH_HZ)
     peak = min(loops.peak_sensitivity(), task.goal.peak_sensitivity)
-    found = Proved(design.law, design.inner_end_mass, bandwidth, peak, design.variables)
+    figures = design.law, design.inner_end_mass, bandwidth, peak, design.variables
+    softest = inf if task.spread is not None else loops.peak_compliance(task.goal)
+    found = Proved(*figures, peak_compliance_m_per_N=softest, servo_off_m_per_N=loops.servo_off_m_per_N)
     if task.spread is None:
         return found, ""
     over, reason = _over_box(task, design).proof(task.reached(design.form, design.variables, _ROOM))

@@ -2,13 +2,15 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from math import inf, log
 from typing import NamedTuple
 
 from beamdesign.polynomial import exact
 from beamdesign.proofs.box import Box, certify_box
 from beamdesign.proofs.box_claims import Worst, claim_over_box, margins_over_box, relaxed, worst_over_box
-from beamdesign.proofs.certificate import LOWER_GAINS, Asked, goal_claims
+from beamdesign.proofs.certificate import LOWER_GAINS, Asked, goal_claims, peak_claim
+from beamdesign.proofs.servo_off import servo_off_over_box
 from beamdesign.proofs.tolerance_box import tolerance_box
 from beamdesign.prototype import Prototype
 from beamdesign.rational import nearest
@@ -39,12 +41,14 @@ class OverBox:
         sigmas: standard deviations of every figure to either side.
         claims: about every member, all proved.
         certificate: text that `beamdesign.checker` proves again.
+        servo_off_m_per_N: the largest compliance of the rigs of the box with the servo off, sought, rounded down.
         tightest: figures whose tolerance to tighten first, the first of them first; sampled.
     """
 
     sigmas: float
     claims: tuple[Asked, ...]
     certificate: str = field(repr=False)
+    servo_off_m_per_N: float
     tightest: tuple[Margin, ...] = ()
 
     def proved(self, kind: str) -> Asked | None:
@@ -93,7 +97,21 @@ class BoxTask:
             Asked("peak_sensitivity", goal.peak_sensitivity),
             Asked("compliance", goal.compliance_m_per_N, max(bandwidth_Hz, _LEAST_HZ)),
             *goal_claims(goal),
+            *(peak_claim(goal, self.servo_off_m_per_N) if goal.peak_over_passive < inf else ()),
         )
+
+    @cached_property
+    def _servo_off(self) -> tuple[float, Worst]:
+        return servo_off_over_box(self.prototype, self.box)
+
+    @property
+    def servo_off_m_per_N(self) -> float:
+        """The largest compliance of all rigs with the servo off, sought, rounded down."""
+        return self._servo_off[0]
+
+    def softest_without_servo(self) -> Cut:
+        """The rig with the largest compliance with the servo off, a multiple of which the largest with it on may be."""
+        return self._cut(self._servo_off[1])
 
     def _cut(self, worst: Worst) -> Cut:
         factors = {
@@ -122,7 +140,8 @@ class BoxTask:
                 return None, f"{claim.asked.kind.replace('_', ' ')}: {claim.reason}"
             claims.append(claim if self.masses_kg == self.stable_kg else replace(claim, own={**claim.own, **own}))
         stated = tuple(claim.asked for claim in claims)
-        return OverBox(self.spread.sigmas, stated, verdict.write(claims), self._tightest(bandwidth_Hz)), ""
+        written, tightest = verdict.write(claims), self._tightest(bandwidth_Hz)
+        return OverBox(self.spread.sigmas, stated, written, self.servo_off_m_per_N, tightest), ""
 
     def _tightest(self, bandwidth_Hz: float) -> tuple[Margin, ...]:
         margins: dict[str, float] = {}
