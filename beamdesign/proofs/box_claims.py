@@ -39,6 +39,8 @@ _LEAST_rad_per_s, _MOST_rad_per_s = 1e-2, 1e5
 _BANDS_rad_per_s, _IN_BAND, _FINE = np.geomspace(6.0, 2500.0, 25), 30, 3
 """Bands of frequency in which worst members are sought, and at how many frequencies in each at first."""
 _POPULATION, _ROUNDS, _STEPS = 12, 4, 1000
+_CORNERS, _NEAR_ENOUGH = 64, 0.2
+"""Members drawn from corners and midpoints, and what one of them must have of the limit for a band to be searched."""
 _TURNS, _SETTLED, _SAMPLES = 8, 1e-4, 4001
 _ABOVE_ONE, _NONE = 1.0001, (fmpq(0), fmpq(0))
 _LOOSER, _NEARER = (1.02, 1.1, 1.5), 1.002
@@ -342,10 +344,15 @@ def _worst(statement: Statement) -> list[tuple[float, np.ndarray, np.ndarray]]:
     least = min(max(_LEAST_rad_per_s, nearest(statement.since)), most)
     inner = _BANDS_rad_per_s[(least < _BANDS_rad_per_s) & (_BANDS_rad_per_s < most)]
     edges = [least, *inner, most]
+    corners = np.random.default_rng(0).choice([0.0, 0.5, 1.0], size=(_CORNERS, len(statement.varying)))
+    scores = [_largest(statement, np.geomspace(*ends, _IN_BAND)[None], corners) for ends in pairwise(edges)]
+    near = min(_NEAR_ENOUGH, max(float(score.max()) for score in scores))
     found = []
-    for low, high in pairwise(edges):
+    for (low, high), score in zip(pairwise(edges), scores, strict=True):
         grid = np.geomspace(low, high, _IN_BAND)[None]
-        best = climbed(partial(_largest, statement, grid), len(statement.varying), (), _POPULATION, _ROUNDS)[:1]
+        best = corners[[score.argmax()]]
+        if score.max() >= near:
+            best = climbed(partial(_largest, statement, grid), len(statement.varying), (), _POPULATION, _ROUNDS)[:1]
         w, spread = grid, (high / low) ** (2 / _IN_BAND)
         for _ in range(_FINE):
             middle = w[0, _ratios(statement, best, w).argmax()]

@@ -167,6 +167,8 @@ class LawRefinement:
                 break
             if self.sections is not None and np.abs(tried - best).max() < _STILL:
                 break
+            if value <= 0 and not self._solver.stats()["success"]:  # worth nothing, with no way out
+                break
             then = self.measured(tried)
             if then is not None:
                 wider, higher, missed = judged(tried, then)
