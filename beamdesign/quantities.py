@@ -44,7 +44,8 @@ class Plausible:
         return self.low <= value <= self.high or (self.or_zero and value == 0)
 
     def __str__(self) -> str:
-        return f"{self.low:g} to {self.high:g}" + (" or 0" if self.or_zero else "")
+        most = f"to {self.high:g}" if self.high < inf else "up"
+        return f"{self.low:g} {most}" + (" or 0" if self.or_zero else "")
 
     def refusal(self, value: Any, key: str) -> str:
         """What to say of a figure outside, with the unit that its key states."""
