@@ -207,6 +207,11 @@ class Goal(Record):
     comes_to_rest: bool = Field(
         False, description="proved to come to rest from every state while the current saturates; false: where it can be"
     )
+    peak_over_passive: q.PeakOverPassive = Field(
+        1.0,
+        description="limit of the largest |x / F_d| at any frequency, over the largest with the servo off (no current"
+        " in the valve) for the same payloads and, within tolerances, the same rigs; inf: no limit",
+    )
     loop_gain: q.LoopGain | None = Field(
         None, description="limit of |L| from loop_gain_from_Hz up, where the model leaves out modes; none: no limit"
     )
@@ -281,7 +286,7 @@ class Prototype(WithMaterials):
         """
         if self.schedule is None:
             return (InStage(self, masses_kg),)
-        if reason := uncovered(self.schedule, masses_kg):
+        if reason := self.schedule.uncovered(masses_kg):
             raise records.InputError(self.name, [("payload.outer_end_mass_kg", reason)])
         found = []
         for k, (law, (low, high)) in enumerate(self.schedule.laws, start=1):
@@ -301,7 +306,7 @@ class Prototype(WithMaterials):
     @model_validator(mode="after")
     def _laws_cover_the_payload(self) -> "Prototype":
         asked = self.payload.outer_end_mass_kg
-        if self.schedule is not None and asked is not None and (reason := uncovered(self.schedule, asked)):
+        if self.schedule is not None and asked is not None and (reason := self.schedule.uncovered(asked)):
             kind = PydanticCustomError("relation", "{reason}", {"reason": reason})
             line = InitErrorDetails(type=kind, loc=("payload", "outer_end_mass_kg"), input=asked)
             raise ValidationError.from_exception_data("Prototype", [line])
@@ -331,14 +336,6 @@ class InStage(NamedTuple):
         """Payloads that stand for its range where nothing is proved: both ends and the middle."""
         low, high = self.outer_end_mass_kg
         return tuple(sorted({low, (low + high) / 2, high}))
-
-
-def uncovered(schedule: Scheduled, masses_kg: tuple[float, float]) -> str:
-    """That the laws of a schedule are not for all of some payloads, in words; empty where they are."""
-    low, high = schedule.outer_end_mass_kg
-    if low <= masses_kg[0] and masses_kg[1] <= high:
-        return ""
-    return f"[{masses_kg[0]:g}, {masses_kg[1]:g}] is not covered by the stages, {low:g} to {high:g} kg"
 
 
 def beams_that_do_not_fit(table: Mapping[str, Any]) -> Iterator[Problem]:

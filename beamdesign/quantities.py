@@ -44,7 +44,8 @@ class Plausible:
         return self.low <= value <= self.high or (self.or_zero and value == 0)
 
     def __str__(self) -> str:
-        return f"{self.low:g} to {self.high:g}" + (" or 0" if self.or_zero else "")
+        most = f"to {self.high:g}" if self.high < inf else "up"
+        return f"{self.low:g} {most}" + (" or 0" if self.or_zero else "")
 
     def refusal(self, value: Any, key: str) -> str:
         """What to say of a figure outside, with the unit that its key states."""
@@ -62,7 +63,8 @@ class Plausible:
 
     def __get_pydantic_json_schema__(self, schema: CoreSchema, handler: GetJsonSchemaHandler) -> dict[str, Any]:
         """State the range in a JSON schema."""
-        return handler(schema) | {"minimum": 0.0 if self.or_zero else self.low, "maximum": self.high}
+        most = {"maximum": self.high} if self.high < inf else {}
+        return handler(schema) | {"minimum": 0.0 if self.or_zero else self.low} | most
 
 
 def range_of(quantity: Any) -> Plausible:
@@ -137,6 +139,7 @@ PositiveStd = Annotated[FiniteFloat, Plausible(1e-6, 1.0)]
 Unexplained = Annotated[FiniteFloat, Plausible(1e-6, 0.99, or_zero=True)]
 Level = Annotated[FiniteFloat, Plausible(-100.0, 100.0)]
 PeakSensitivity = Annotated[FiniteFloat, Plausible(1.00001, 1e3)]
+PeakOverPassive = Annotated[float, Plausible(0.01, inf)]
 LoopGain = Annotated[FiniteFloat, Plausible(1e-6, 1e6)]
 SafetyFactor = Annotated[FiniteFloat, Plausible(1.0, 1e3)]
 MatrixEntry = Annotated[FiniteFloat, Plausible(-1e30, 1e30)]

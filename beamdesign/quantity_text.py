@@ -130,7 +130,11 @@ def further_rows(found: Mapping[str, Any]) -> list[tuple[str, str]]:
         found: as of `beamdesign.synthesis.loop_limits.Proved.guaranteed`.
     """
     lower, nominal = found["lower_gains"], found["nominal"]
-    rows = [("at lower gains", "stable at every one" if lower is True else start_up(lower))]
+    rows = []
+    if isfinite(ratio := found["peak_over_passive"]):
+        words = f"at most {found['peak_compliance_m_per_N']:.4g} m/N, {ratio:.4g} times that with the servo off"
+        rows.append(("largest compliance at any frequency", words))
+    rows += [("at lower gains", "stable at every one" if lower is True else start_up(lower))]
     if found["comes_to_rest"]:
         rows += [("while the current saturates", "comes to rest from every state")]
     if found["rigs"] != "nominal":

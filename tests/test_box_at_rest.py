@@ -31,7 +31,7 @@ from beamdesign.proofs.tolerance_box import tolerance_box
 from beamdesign.prototype import Prototype, read_prototype
 from beamdesign.rational import nearest
 from beamdesign.records import InputError
-from beamdesign.synthesis import law_search
+from beamdesign.synthesis import law_design
 from beamdesign.synthesis.tuning import tune
 
 PROTOTYPES = Path(__file__).parents[1] / "studies" / "prototypes"
@@ -220,7 +220,7 @@ def test_where_it_is_not_proved_loops_keep_farther_from_the_critical_point(rig: 
         peaks.append(max(float(1 / abs(1 + share * each).min()) for share in k))
         return Absolute(None, reason="No multiplier was looked for.")
 
-    monkeypatch.setattr(law_search, "absolute_stability", never)
+    monkeypatch.setattr(law_design, "absolute_stability", never)
     goal = rig.goal.but(comes_to_rest=True, peak_sensitivity=6.0)
     found = tune(rig.but(goal=goal), MASSES, sigmas=0.0)
     assert found.best is None

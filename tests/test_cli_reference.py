@@ -130,8 +130,9 @@ def test_bounds_and_defaults_are_those_of_the_schema_that_pydantic_makes_of_the_
             told = set()
             for part in filter(None, key.bounds.split(", ")):
                 if part.startswith("from "):
-                    low, high = part.removeprefix("from ").removesuffix(" or 0").split(" to ")
-                    told |= {("minimum", 0.0 if part.endswith(" or 0") else float(low)), ("maximum", float(high))}
+                    low, _, high = part.removeprefix("from ").removesuffix(" or 0").replace(" up", "").partition(" to ")
+                    told |= {("minimum", 0.0 if part.endswith(" or 0") else float(low))}
+                    told |= {("maximum", float(high))} if high else set()
                     continue
                 word, value = part.rsplit(" ", 1)
                 told.add((words[word], float(value)))

@@ -243,7 +243,7 @@ def test_a_claim_over_less_of_the_box_is_refused(robust: dict[str, Any]) -> None
     text = (robust["folder"] / "certificate.box.toml").read_text()
     table = tomllib.loads(text)
     kinds = [claim["kind"] for claim in table["claim"]]
-    assert set(kinds) == {"gain_margin", "peak_sensitivity", "compliance", "loop_gain"}
+    assert set(kinds) == {"gain_margin", "peak_sensitivity", "peak_compliance", "compliance", "loop_gain"}
     margin, loop_gain = kinds.index("gain_margin"), kinds.index("loop_gain")
     assert (table["claim"][margin]["limit"], table["claim"][loop_gain]["limit"]) == ("0", "0.25")
     low, high = table["claim"][margin]["range"]["controller_gain"]

@@ -168,9 +168,8 @@ def _named(prototype: PrototypeTable, data: bytes, source: str | Path) -> list[t
 KEYS = {
     "payload": ("outer_end_mass_kg", "inner_end_mass_kg", "largest_force_N"),
     "goal": (
-        "compliance_m_per_N", "peak_sensitivity", "lower_gains", "comes_to_rest", "loop_gain",
-        "loop_gain_from_Hz",
-        "controller_effort_A_per_V",
+        "compliance_m_per_N", "peak_sensitivity", "lower_gains", "comes_to_rest", "loop_gain", "loop_gain_from_Hz",
+        "controller_effort_A_per_V", "peak_over_passive",
     ),
     "arm": (
         "offset_m", "tool_m", "sensor_m", "end_polar_inertia_kg_m2", "payload_polar_inertia_kg_m2",

@@ -66,6 +66,7 @@ def statements(table: Table, rig: Rig | None) -> Iterator[tuple[bool, str]]:
 CLAIMS = {
     "peak_sensitivity": "peak sensitivity max |1/(1+L)| below {}",
     "compliance": "compliance |x/F_d| below {} m/N {}",
+    "peak_compliance": "compliance |x/F_d| below {} m/N {}",
     "loop_gain": "loop gain |L| below {} {}",
     "controller_effort": "controller effort |C/(1+L)| below {} A/V",
     "gain_margin": "stable with the gain times every number from {} to 1",

@@ -149,7 +149,7 @@ def _parts(expression: Expression, rig: Rig, claim: str) -> tuple[fmpq_mpoly, fm
         numerators = {name: times * ring(one.coeffs()) for name, one in law.numerators.items()}
         denominator = ring(law.denominator.coeffs())
     masses = value["outer_end_mass"], value["inner_end_mass"]
-    at = mechanics(figure, elements, masses, list(numerators), ring, claim == "compliance")
+    at = mechanics(figure, elements, masses, list(numerators), ring, claim.endswith("compliance"))
     around, back = electronics(figure, elements, numerators, denominator, ring)
     factor = value.get("effect_gain", fmpq(1)) * variable.get(expression.transport, fmpq(1))
     forward = at.determinant * around

@@ -191,7 +191,7 @@ def _mass(even0: fmpq_poly, odd0: fmpq_poly, even1: fmpq_poly, odd1: fmpq_poly, 
 
 # What is claimed of magnitudes.
 
-INEQUALITIES = ("compliance", "peak_sensitivity", "loop_gain", "controller_effort")
+INEQUALITIES = ("compliance", "peak_compliance", "peak_sensitivity", "loop_gain", "controller_effort")
 
 
 class Bound:
@@ -241,7 +241,7 @@ def magnitudes(
     """
     closed = denominator[0] + numerator[0], denominator[1] + numerator[1]
     match kind:
-        case "compliance":
+        case "compliance" | "peak_compliance":
             return closed, (disturbance, ZERO)
         case "peak_sensitivity":
             return closed, denominator

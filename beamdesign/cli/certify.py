@@ -1,7 +1,7 @@
 """`beamdesign certify`, `certify-box` and `certify-switching`: proofs over payloads, tolerances and changes."""
 
 from collections.abc import Callable, Sequence
-from math import inf
+from math import inf, isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -21,7 +21,7 @@ from beamdesign.cli.command import (
     with_controller,
 )
 from beamdesign.cli.output import certificate_file, echo, progress, refuse, write_certificate
-from beamdesign.cli.proved import box_fields, echo_against_goal, echo_box, echo_stability, hertz
+from beamdesign.cli.proved import box_fields, echo_against_goal, echo_box, echo_over_passive, echo_stability, hertz
 from beamdesign.json_text import picked
 
 if TYPE_CHECKING:
@@ -166,6 +166,8 @@ def _echo(record: "Prototype", certificate: "Certificate") -> None:
         bandwidth = stated_bandwidth(found.bandwidth_Hz)
         echo(f"  guaranteed: |x/F_d| at most {goal.compliance_m_per_N:.4g} m/N up to {bandwidth}")
         echo_against_goal(found, goal)
+        if isfinite(found.peak_over_passive):
+            echo_over_passive(found.peak_compliance_m_per_N, found.servo_off_m_per_N, found.peak_over_passive, goal)
     for claim in certificate.claims:
         echo(f"  {'proved' if claim.holds else 'REFUTED'}: {describe(claim)}")
         if not claim.holds:
@@ -243,7 +245,8 @@ def certify_box(
 
     from beamdesign.proofs.box import certify_box as prove
     from beamdesign.proofs.box_claims import best_over_box, guaranteed_fields
-    from beamdesign.proofs.certificate import describe
+    from beamdesign.proofs.certificate import describe, over_passive
+    from beamdesign.proofs.servo_off import servo_off_over_box
     from beamdesign.proofs.slope_over_box import box_rows, slope_over_box
     from beamdesign.proofs.tolerance_box import largest_scaling, tolerance_box
 
@@ -269,19 +272,26 @@ def certify_box(
         if found is not None:
             echo(f"scaling of the tolerances ({sigmas:g} standard deviations are 1): {found.reason}")
         for claim in claims:
+            if claim.asked.kind == "peak_compliance":  # told beside that with the servo off
+                continue
             echo(f"  guaranteed for every member: {describe(claim.asked.decided(stage.outer_end_mass_kg, True))}")
         missing = [name.replace("_", " ") for name, value in guaranteed_fields(claims).items() if not value]
         if verdict.stable and missing:
             echo(f"  not proved of every member: {', '.join(missing)}")
         if any(c.asked.kind == "peak_sensitivity" and c.asked.limit > rig.goal.peak_sensitivity for c in claims):
             echo(f"  the peak sensitivity is beyond the goal of {rig.goal.peak_sensitivity:g}")
+        figures = guaranteed_fields(claims)
+        if softest := figures["peak_compliance_m_per_N"]:
+            off, _ = servo_off_over_box(rig, box)
+            figures |= {"servo_off_m_per_N": off, "peak_over_passive": (ratio := over_passive(softest, off))}
+            echo_over_passive(softest, off, ratio, rig.goal, " for every member")
         _echo_moving(rows)
         text = verdict.write(claims)
         if text:
             write_certificate(path, text)
             echo(f"certificate: {path}")
         fields = box_fields(box, verdict, found) | {"certificate": path if text else None}
-        fields["guaranteed"] = guaranteed_fields(claims) | {"outer_end_mass_kg": stage.outer_end_mass_kg}
+        fields["guaranteed"] = figures | {"outer_end_mass_kg": stage.outer_end_mass_kg}
         fields |= {"nonlinear": [row.to_dict() for row in rows]} if nonlinear else {}
         return fields, verdict.stable is True and all(row.proved for row in rows)
 

@@ -1,5 +1,6 @@
 """What a proof found, printed: stability, what is guaranteed beside the goal, a box of tolerances."""
 
+from math import isfinite
 from typing import TYPE_CHECKING, Any
 
 from beamdesign.cli.output import echo, echo_table
@@ -41,6 +42,16 @@ def echo_against_goal(found: "Guaranteed | PlaneGuaranteed", goal: "Goal") -> No
         if value is not None and limit is not None:
             met = "within" if value <= limit else "beyond"
             echo(f"  guaranteed: {words} at most {stated_peak(value)}{more}, {met} the goal of {limit:g}")
+
+
+def echo_over_passive(peak_m_per_N: float, servo_off_m_per_N: float, ratio: float, goal: "Goal", of: str = "") -> None:
+    """The largest compliance at any frequency beside that with the servo off, and the goal."""
+    met = "within" if ratio <= goal.peak_over_passive else "beyond"
+    limit = f", {met} the goal of {goal.peak_over_passive:g}" if isfinite(goal.peak_over_passive) else ""
+    echo(
+        f"  guaranteed{of}: |x/F_d| at most {peak_m_per_N:.5g} m/N at every frequency, {ratio:.4g} times the"
+        f" {servo_off_m_per_N:.5g} m/N with the servo off{limit}"
+    )
 
 
 def hertz(crossing: "Crossing") -> str:

@@ -39,6 +39,7 @@ def tune(
     controller: str = "lag",
     largest_inner_end_mass_kg: Annotated[float, Figure("MassOrNone")] = 6.0,
     peak_sensitivity: Annotated[float | None, Figure("PeakSensitivity")] = None,
+    peak_over_passive: Annotated[float | None, Figure("PeakOverPassive")] = None,
     sections: Annotated[int, typer.Option(min=1, max=3)] = 3,
     stages: Annotated[int, typer.Option(min=2, max=12)] = 3,
     added_sensor: list[str] | None = None,
@@ -70,6 +71,8 @@ def tune(
         controller: kind of controller: lag, proportional, structured, lqg, hinf, scheduled or compliance.
         largest_inner_end_mass_kg: most mass that may be added inside.
         peak_sensitivity: limit of the peak sensitivity; else the prototype's goal.
+        peak_over_passive: limit of the largest compliance at any frequency, over the largest with the servo off; `inf`
+            for none. Else the prototype's goal.
         sections: second-order sections of a structured controller, behind its lag.
         stages: laws of a scheduled controller, each for a part of the payloads.
         added_sensor: what lqg and hinf read beside the displacement: inner_displacement_m, load_pressure_Pa;
@@ -97,8 +100,8 @@ def tune(
     known = dict.fromkeys((*KINDS, *tuning.tunable()))
     if controller not in known:
         refuse("--controller", (controller, f"expected one of {', '.join(known)}"))
-    if peak_sensitivity is not None:
-        record = record.but(goal=record.goal.but(peak_sensitivity=peak_sensitivity))
+    peaks = {"peak_sensitivity": peak_sensitivity, "peak_over_passive": peak_over_passive}
+    record = record.but(goal=record.goal.but(**{name: peak for name, peak in peaks.items() if peak is not None}))
     sensors = _sensors(controller, added_sensor or [])
     given = {
         "loop_gain": loop_gain,

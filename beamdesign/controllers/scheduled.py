@@ -85,6 +85,13 @@ class Scheduled(Controller):
         """The payloads that its stages cover together."""
         return self.stage[0].outer_end_mass_kg[0], self.stage[-1].outer_end_mass_kg[1]
 
+    def uncovered(self, masses_kg: tuple[float, float]) -> str:
+        """That its laws are not for all of some payloads, in words; empty where they are."""
+        low, high = self.outer_end_mass_kg
+        if low <= masses_kg[0] and masses_kg[1] <= high:
+            return ""
+        return f"[{masses_kg[0]:g}, {masses_kg[1]:g}] is not covered by the stages, {low:g} to {high:g} kg"
+
     @property
     def kept_kg(self) -> tuple[tuple[float, float], ...]:
         """Between which estimates of the payload each stage acts on; the ends of the whole range are open."""

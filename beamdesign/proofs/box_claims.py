@@ -9,13 +9,12 @@ That every member is stable with its gain times every number from a share to one
 range, that of the gain.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import partial
-from itertools import pairwise
 from math import inf, pi
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from flint import ctx, fmpq, fmpq_poly
@@ -24,7 +23,7 @@ from beamdesign.loop import loop
 from beamdesign.plant.members import family as linear_family
 from beamdesign.polynomial import exact, squared_magnitude
 from beamdesign.proofs.box import Box
-from beamdesign.proofs.box_member import climbed, parameters_at, stable_at, unstable_member
+from beamdesign.proofs.box_member import stable_at, unstable_member
 from beamdesign.proofs.branch import Search
 from beamdesign.proofs.certificate import LOWER_GAINS, Asked
 from beamdesign.proofs.read_once import NotCovered
@@ -32,21 +31,15 @@ from beamdesign.proofs.rig_family import PolynomialFamily, performing_spans, rig
 from beamdesign.proofs.slope_claim import UNKNOWN, angle_ratios, largest_gains, presupposed
 from beamdesign.proofs.statement import Interval, Node, Statement
 from beamdesign.proofs.value_set import with_unknown
+from beamdesign.proofs.worst_members import Ratios, Worst, member_at, ratios, worst_in_bands, worst_near
 from beamdesign.proofs.zero_exclusion import PRECISION_BITS, holds, pieces
 from beamdesign.prototype import Prototype
 from beamdesign.rational import nearest, shortened
 
-_LEAST_rad_per_s, _MOST_rad_per_s = 1e-2, 1e5
-_BANDS_rad_per_s, _IN_BAND, _FINE = np.geomspace(6.0, 2500.0, 25), 30, 3
-"""Bands of frequency in which worst members are sought, and at how many frequencies in each at first."""
-_POPULATION, _ROUNDS, _STEPS = 12, 4, 1000
 _TURNS, _SETTLED, _SAMPLES = 8, 1e-4, 4001
-_LOOKS, _OPEN, _ABOUT = (0.03, 0.08, 0.2), 300, 1.1
-"""Shares of the budget after which open pieces are looked into for members that exceed a limit, how many of them, and
-within which factor of the frequency of the worst."""
+_LOOKS, _OPEN = (0.03, 0.08, 0.2), 300
+"""Shares of the budget after which open pieces are looked into for members that exceed a limit, and how many."""
 _ABOVE_ONE, _NONE = 1.0001, (fmpq(0), fmpq(0))
-Ratios = Callable[[Statement, np.ndarray, np.ndarray], np.ndarray]
-"""Of members at shares (B, k) of the ranges and frequencies (B or 1, N), what is above one beyond a limit: (B, N)."""
 _LOOSER, _NEARER = (1.02, 1.1, 1.5), 1.002
 """How much looser than the worst member's figure a claim is made, tried in turn; and what is tried after the first."""
 
@@ -88,7 +81,8 @@ def claim_over_box(
     Args:
         prototype: with a controller of one law.
         box: ranges of its parameters; the others keep their values.
-        asked: of the kind compliance, peak_sensitivity, loop_gain, controller_effort, gain_margin or slope.
+        asked: of the kind compliance, peak_compliance, peak_sensitivity, loop_gain, controller_effort, gain_margin or
+            slope.
         budget: most pieces to look at.
         seconds: most time to spend on the search; what was found until then is proved all the same.
 
@@ -108,7 +102,7 @@ def claim_over_box(
         by, told = _by(asked), not of_gains and statement.inner.get("delay", _NONE) == _NONE
 
         def exceeding(shares: np.ndarray, at: np.ndarray) -> BoxClaim | None:
-            point, w = _point(statement, shares), shortened(exact(at.item()), 9)
+            point, w = member_at(statement, shares), shortened(exact(at.item()), 9)
             if below(statement, point, w * w):
                 return None
             hertz = nearest(w) / (2 * pi)
@@ -124,7 +118,7 @@ def claim_over_box(
             search.run(int(budget * spent), seconds * spent)
             # What stays open after a while may hold a member that the search for the worst did not come to.
             middles = search.open_middles(_OPEN)
-            if len(middles[1]) and (refuted := exceeding(*_worst_near(statement, by, *middles)[1:])):
+            if len(middles[1]) and (refuted := exceeding(*worst_near(statement, by, *middles)[1:])):
                 return refuted
         search.run(budget, seconds * (1 - sum(_LOOKS)))
         settled = [holds(piece) for piece in pieces(statement, search.tree)]
@@ -174,7 +168,7 @@ def over_own_ranges(prototype: Prototype, box: Box, asked: Asked) -> Statement:
 
 
 def best_over_box(prototype: Prototype, box: Box, budget: int = 4000, seconds: float = inf) -> tuple[BoxClaim, ...]:
-    """The best bandwidth and peak sensitivity that were proved of every member, and stability at every lower gain.
+    """The best bandwidth, peak compliance and peak sensitivity proved of every member, and stability at lower gains.
 
     The worst member that a search finds shows what cannot be proved; what is a little looser is tried, ever more so,
     until it is proved. A claim for which that fails is left out.
@@ -188,7 +182,8 @@ def best_over_box(prototype: Prototype, box: Box, budget: int = 4000, seconds: f
     goal = prototype.goal
     lower = claim_over_box(prototype, box, LOWER_GAINS, budget, seconds)
     claims = [lower] if lower.holds else []
-    for one in (Asked("compliance", goal.compliance_m_per_N), Asked("peak_sensitivity", goal.peak_sensitivity)):
+    asked = Asked("peak_compliance", goal.compliance_m_per_N), Asked("peak_sensitivity", goal.peak_sensitivity)
+    for one in (Asked("compliance", goal.compliance_m_per_N), *asked):
         with suppress(NotCovered):
             best = _least(prototype, box, one) if one.kind != "compliance" else _highest(prototype, box, one)
             claims += [] if best is None else _proved(prototype, box, best, budget, seconds)
@@ -215,6 +210,7 @@ def guaranteed_fields(claims: Sequence[BoxClaim]) -> dict[str, Any]:
     return {
         "bandwidth_Hz": found["compliance"].bandwidth_Hz if "compliance" in found else None,
         "peak_sensitivity": found["peak_sensitivity"].limit if "peak_sensitivity" in found else None,
+        "peak_compliance_m_per_N": found["peak_compliance"].limit if "peak_compliance" in found else None,
         "lower_gains": "gain_margin" in found,
     }
 
@@ -250,7 +246,7 @@ def _highest(prototype: Prototype, box: Box, asked: Asked) -> Asked | None:
         statement = _family(prototype, box, Asked("compliance", limit, highest)).over(box.ranges)
         shares = worst_in_bands(statement)[0][1]
         w = np.linspace(0.0, 2 * pi * highest, _SAMPLES)[None]
-        over = np.flatnonzero(_ratios(statement, shares, w)[0] > 1)
+        over = np.flatnonzero(ratios(statement, shares, w)[0] > 1)
         if not len(over):
             break
         highest = float(w[0, max(over[0] - 1, 0)]) / (2 * pi)
@@ -280,20 +276,6 @@ def with_number(statement: Statement, point: Mapping[str, fmpq], unknown: fmpq) 
     return statement.body.fold(one, lambda a, b: a + b, lambda a, b: a * b)
 
 
-class Worst(NamedTuple):
-    """A member that leaves least of a limit, of those that a search found.
-
-    Attributes:
-        ratio: what it has over the limit, or what is above one where that is; infinite of one that is not stable.
-        parameters: of the member.
-        frequency_Hz: where it has it.
-    """
-
-    ratio: float
-    parameters: dict[str, fmpq]
-    frequency_Hz: float
-
-
 def worst_over_box(prototype: Prototype, box: Box, asked: Asked) -> list[Worst]:
     """Seek members of a box that leave least of a claim's limit, one in each band of frequency, the worst first.
 
@@ -309,7 +291,7 @@ def worst_over_box(prototype: Prototype, box: Box, asked: Asked) -> list[Worst]:
         point = unstable_member(statement)
         return [] if point is None else [Worst(inf, point, 0.0)]
     found = worst_in_bands(statement, _by(asked))
-    return [Worst(ratio, _point(statement, shares), w.item() / (2 * pi)) for ratio, shares, w in found]
+    return [Worst(ratio, member_at(statement, shares), w.item() / (2 * pi)) for ratio, shares, w in found]
 
 
 def _width(ends: Interval, kind: str) -> float:
@@ -343,7 +325,7 @@ def margins_over_box(prototype: Prototype, box: Box, asked: Asked) -> dict[str, 
             inward = shares.copy()
             inward[0, k] += _NUDGE if shares[0, k] < 0.5 else -_NUDGE
             # A half of the range is half of all shares.
-            slope = (ratio - _ratios(statement, inward, w).item()) / (2 * _NUDGE)
+            slope = (ratio - ratios(statement, inward, w).item()) / (2 * _NUDGE)
             margin = max(1 - ratio, 0.0) / slope if slope > 0 else inf
             kind, parts = members.get(name, ("sum", (name,)))
             for one in parts:  # of a sum or a product the whole is wider than each part
@@ -352,61 +334,6 @@ def margins_over_box(prototype: Prototype, box: Box, asked: Asked) -> dict[str, 
     return {name: margin for name, margin in found.items() if margin < inf}
 
 
-def _point(statement: Statement, shares: np.ndarray) -> dict[str, fmpq]:
-    return parameters_at(statement, [fmpq(round(float(share) * _STEPS), _STEPS) for share in shares[0]])
-
-
 def _by(asked: Asked) -> Ratios:
     """What says how near a member comes to the limit of a claim."""
-    return _ratios if asked.multiplier is None else partial(angle_ratios, asked.multiplier, asked.multiplier)
-
-
-def worst_in_bands(statement: Statement, by: Ratios | None = None) -> list[tuple[float, np.ndarray, np.ndarray]]:
-    """For each band of frequency the ratio of the worst member found, its shares (1, k) and frequency (1, 1), rad/s.
-
-    The worst first. A climb over all frequencies at once ends at whichever peak is in reach.
-    """
-    by = by or _ratios
-    most = _MOST_rad_per_s if statement.until is None else nearest(statement.until)
-    least = min(max(_LEAST_rad_per_s, nearest(statement.since)), most)
-    inner = _BANDS_rad_per_s[(least < _BANDS_rad_per_s) & (_BANDS_rad_per_s < most)]
-    found = [_worst_between(statement, by, *band) for band in pairwise([least, *inner, most])]
-    return sorted(found, key=lambda one: -one[0])
-
-
-def _worst_between(
-    statement: Statement, by: Ratios, low: float, high: float, near: Sequence[Sequence[float]] = ()
-) -> tuple[float, np.ndarray, np.ndarray]:
-    """The same of one band of frequencies (rad/s), from shares (B, k) of members that may be near it."""
-    grid = np.geomspace(low, high, _IN_BAND)[None]
-    best = climbed(partial(_largest, by, statement, grid), len(statement.varying), near, _POPULATION, _ROUNDS)[:1]
-    w, spread = grid, (high / low) ** (2 / _IN_BAND)
-    for _ in range(_FINE):
-        middle = w[0, by(statement, best, w).argmax()]
-        w = np.clip(middle * np.geomspace(1 / spread, spread, 41), low, high)[None]
-        spread **= 0.1
-    ratios = by(statement, best, w)[0]
-    k = int(ratios.argmax())
-    return float(ratios[k]), best, w[:, [k]]
-
-
-def _worst_near(
-    statement: Statement, by: Ratios, shares: np.ndarray, w: np.ndarray
-) -> tuple[float, np.ndarray, np.ndarray]:
-    """The same about the worst of some members (B, k) at frequencies (B,), rad/s."""
-    order = np.argsort(-by(statement, shares, w[:, None])[:, 0])
-    at = float(w[order[0]])
-    return _worst_between(statement, by, at / _ABOUT, at * _ABOUT, shares[order[:_POPULATION]].tolist())
-
-
-def _largest(by: Ratios, statement: Statement, grid: np.ndarray, shares: np.ndarray) -> np.ndarray:
-    """Largest ratio (B,) of members over some frequencies."""
-    return np.asarray(by(statement, shares, grid).max(axis=1))
-
-
-def _ratios(statement: Statement, shares: np.ndarray, w: np.ndarray) -> np.ndarray:
-    """Magnitudes (B, N) over their limit, or what is above 1 where they are, of members at frequencies (B or 1, N)."""
-    centre, radius = map(nearest, statement.circles[UNKNOWN])
-    plain = with_unknown(statement, shares, w, 0.0)
-    slope = with_unknown(statement, shares, w, 1.0) - plain
-    return np.asarray(radius * np.abs(slope) / np.abs(plain + centre * slope))
+    return ratios if asked.multiplier is None else partial(angle_ratios, asked.multiplier, asked.multiplier)

@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Any, Literal
 from flint import fmpq
 
 from beamdesign.json_text import finite, picked
-from beamdesign.polynomial import Crossing
+from beamdesign.polynomial import Crossing, exact
 from beamdesign.proofs.stability import StabilityMap
 from beamdesign.prototype import Goal
-from beamdesign.rational import nearest
+from beamdesign.rational import nearest, shortened
 from beamdesign.result import Result
 
 if TYPE_CHECKING:
@@ -24,16 +24,18 @@ METHOD = (
 )
 
 Kind = Literal[
-    "compliance", "tip_compliance", "load_compliance",
+    "compliance", "peak_compliance", "tip_compliance", "load_compliance",
     "peak_sensitivity", "loop_gain", "controller_effort", "decay_rate", "gain_margin", "slope",
 ]  # fmt: skip
-"""Of an arm the compliances are two, of the tip and of the payload's centre."""
+"""A compliance is claimed up to a bandwidth, the peak compliance at every frequency. Of an arm the compliances are two,
+of the tip and of the payload's centre."""
 
-INEQUALITIES: tuple[Kind, ...] = ("compliance", "peak_sensitivity", "loop_gain", "controller_effort")
+INEQUALITIES: tuple[Kind, ...] = ("compliance", "peak_compliance", "peak_sensitivity", "loop_gain", "controller_effort")
 """Claims about magnitudes, as opposed to those about poles."""
 
 _COMPLIANCES = {
     "compliance": "compliance |x/F_d|",
+    "peak_compliance": "compliance |x/F_d|",
     "tip_compliance": "compliance of the tip",
     "load_compliance": "compliance of the payload's centre",
 }
@@ -140,12 +142,18 @@ class Guaranteed:
         peak_sensitivity: max |1 / (1 + L)|.
         loop_gain: max |L| from the goal's frequency up; None where the goal sets it no limit.
         controller_effort_A_per_V: max |C / (1 + L)|; None likewise.
+        peak_compliance_m_per_N: max |x / F_d| over all frequencies.
+        servo_off_m_per_N: the same with the servo off, for comparison: found by numerics, rounded down.
+        peak_over_passive: how many times that the peak is.
     """
 
     bandwidth_Hz: float
     peak_sensitivity: float
     loop_gain: float | None = None
     controller_effort_A_per_V: float | None = None
+    peak_compliance_m_per_N: float = inf
+    servo_off_m_per_N: float = inf
+    peak_over_passive: float = inf
 
 
 @dataclass(frozen=True, repr=False)
@@ -255,6 +263,26 @@ def goal_claims(goal: Goal) -> tuple[Asked, ...]:
     if goal.controller_effort_A_per_V is not None:
         asked.append(Asked("controller_effort", goal.controller_effort_A_per_V))
     return tuple(asked)
+
+
+def peak_claim(goal: Goal, servo_off_m_per_N: float) -> tuple[Asked, ...]:
+    """The goal's limit of the largest compliance at any frequency, if it sets one.
+
+    Args:
+        goal: how many times the largest with the servo off it may be.
+        servo_off_m_per_N: that, see `beamdesign.proofs.servo_off`.
+    """
+    limit = (
+        nearest(shortened(exact(most), 9)) if 0 < (most := goal.peak_over_passive * servo_off_m_per_N) < inf else inf
+    )
+    return (Asked("peak_compliance", limit),) if limit < inf else ()
+
+
+def over_passive(peak_m_per_N: float, servo_off_m_per_N: float) -> float:
+    """How many times the largest compliance with the servo off one is; infinite where either is."""
+    if not (peak_m_per_N < inf and 0 < servo_off_m_per_N < inf):
+        return inf
+    return nearest(exact(peak_m_per_N) / exact(servo_off_m_per_N))  # no more than a goal whose limit is kept
 
 
 LOWER_GAINS = Asked("gain_margin", 0.0)

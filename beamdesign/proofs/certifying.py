@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from math import inf
 from operator import attrgetter
 from typing import Any
 
@@ -23,11 +24,14 @@ from beamdesign.proofs.certificate import (
     implies,
     least_limits,
     limits,
+    over_passive,
+    peak_claim,
 )
 from beamdesign.proofs.mass_tables import KIND, claim_tables, common_table, loop_table, stability_table
 from beamdesign.proofs.nonlinear import nonlinear_rows
 from beamdesign.proofs.performance import bandwidth, least_limit, prove
 from beamdesign.proofs.rectangle import Rectangle
+from beamdesign.proofs.servo_off import servo_off_of
 from beamdesign.proofs.stability import Range, StabilityMap, in_words, stable_ranges
 from beamdesign.proofs.writer import certificate
 from beamdesign.prototype import Goal, InStage, Prototype
@@ -242,7 +246,8 @@ def certify(
     guaranteed: Guaranteed | None = None
     reached: list[Claim] = []
     if stability.stable:
-        guaranteed, reached = _guarantees(proved, prototype.goal, (low_kg, high_kg))
+        off = servo_off_of(found.members, prototype.payload.inner_end_mass_kg, (low_kg, high_kg))
+        guaranteed, reached = _guarantees(proved, prototype.goal, (low_kg, high_kg), off.compliance_m_per_N)
     written = decided + [claim for claim in reached if not any(implies(other, claim) for other in decided)]
     rows = nonlinear_rows(prototype, low_kg, high_kg) if nonlinear else ()
     summary = "\n".join([_summary(prototype, found, stability, written, nonlinear), *(row.line() for row in rows)])
@@ -267,11 +272,17 @@ def guaranteed_by_all(stages: Iterable[InStage]) -> Guaranteed | None:
         if (guaranteed := certify(stage.prototype, *stage.outer_end_mass_kg).guaranteed) is None:
             return None
         found.append(guaranteed)
-    worst = [
-        max((limit for one in found if (limit := getattr(one, name)) is not None), default=None)
+    worst: dict[str, Any] = {
+        name: max((limit for one in found if (limit := getattr(one, name)) is not None), default=None)
         for name in ("loop_gain", "controller_effort_A_per_V")
-    ]
-    return Guaranteed(min(one.bandwidth_Hz for one in found), max(one.peak_sensitivity for one in found), *worst)
+    }
+    softest = max(found, key=attrgetter("peak_over_passive"))
+    return replace(
+        softest,
+        bandwidth_Hz=min(one.bandwidth_Hz for one in found),
+        peak_sensitivity=max(one.peak_sensitivity for one in found),
+        **worst,
+    )
 
 
 def _decide(proved: Sequence[Proved], asked: Asked) -> Claim:
@@ -296,13 +307,18 @@ def _decide(proved: Sequence[Proved], asked: Asked) -> Claim:
     return claim
 
 
-def _guarantees(proved: Sequence[Proved], goal: Goal, ends: tuple[float, float]) -> tuple[Guaranteed, list[Claim]]:
+def _guarantees(
+    proved: Sequence[Proved], goal: Goal, ends: tuple[float, float], servo_off_m_per_N: float
+) -> tuple[Guaranteed, list[Claim]]:
     """The best figures that every member has, and each as a claim that holds."""
     performing = [part.performing for part in proved if part.performing is not None]
     reached = Asked("compliance", goal.compliance_m_per_N, bandwidth(performing, goal.compliance_m_per_N))
     peak, *others = least_limits(goal, lambda *asked: least_limit(performing, *asked))
-    guaranteed = Guaranteed(reached.bandwidth_Hz, *limits((peak, *others)))
-    return guaranteed, as_claims((peak, reached, *others), ends)
+    asked = max((one.limit for one in peak_claim(goal, servo_off_m_per_N)), default=inf)
+    softest = Asked("peak_compliance", least_limit(performing, "peak_compliance", goal=asked))
+    beside = softest.limit, servo_off_m_per_N, over_passive(softest.limit, servo_off_m_per_N)
+    guaranteed = Guaranteed(reached.bandwidth_Hz, *limits((peak, *others)), *beside)
+    return guaranteed, as_claims((peak, reached, *others, softest), ends)
 
 
 def _summary(

@@ -51,6 +51,7 @@ class Magnitude(NamedTuple):
 
 MAGNITUDES: dict[Kind, Magnitude] = {
     "compliance": Magnitude("disturbance", "characteristic", "|x/F_d|"),
+    "peak_compliance": Magnitude("disturbance", "characteristic", "|x/F_d|"),
     "tip_compliance": Magnitude("tip", "characteristic", "|x/F_d|"),
     "load_compliance": Magnitude("load", "characteristic", "|x/F_d|"),
     "peak_sensitivity": Magnitude("loop_denominator", "characteristic", "|1/(1+L)|"),
@@ -267,6 +268,7 @@ def least_of(kind: Kind, loop: Closed, ends: tuple[fmpq, fmpq], from_Hz: float =
     its goal is not told to be beyond it.
     """
     above, below = (getattr(loop, name) for name in MAGNITUDES[kind][:2])
+    above = Affine(above, _NONE) if isinstance(above, fmpq_poly) else above
     if kind == "peak_sensitivity":
         start = sampled_peak(loop.loop_denominator, loop.loop_numerator, *ends)
     else:

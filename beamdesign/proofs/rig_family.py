@@ -211,7 +211,7 @@ def claimed(
     if claim.kind == "peak_sensitivity" and limit > 1:
         square = limit * limit - 1
         return p + (unknown - 1) * loop_numerator, Circle(limit * limit / square, limit / square), fmpq(0), None
-    if claim.kind == "compliance":
+    if claim.kind in ("compliance", "peak_compliance"):
         moved, _ = divmod(p.derivative("outer_end_mass"), s * s)
         bounded = None if claim.bandwidth_Hz == inf else exact(claim.bandwidth_Hz) * _OVER_TURN
         return p + unknown * moved, Circle(fmpq(0), 1 / limit), fmpq(0), bounded

@@ -5,7 +5,7 @@ It states the rig that it is about as tables of texts: parameters, controller, e
 
 import hashlib
 from collections.abc import Mapping, Sequence
-from math import pi
+from math import inf, pi
 from types import MappingProxyType
 from typing import Any
 
@@ -81,7 +81,7 @@ def prototype_table(
 def stated(value: Any) -> Any:
     """Numbers of a nested table as exact texts."""
     if isinstance(value, Mapping):
-        return {key: stated(item) for key, item in value.items()}
+        return {key: stated(item) for key, item in value.items() if item != inf}  # which limits nothing
     if isinstance(value, list | tuple):
         return [stated(item) for item in value]
     return text(exact(value)) if isinstance(value, float | int) and not isinstance(value, bool) else value

@@ -10,9 +10,11 @@ from io import StringIO
 from itertools import cycle
 from math import inf, isfinite, log10
 from pathlib import Path
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 import numpy as np
+from flint import fmpq_poly
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.text import Text
@@ -20,10 +22,12 @@ from matplotlib.ticker import FuncFormatter, MultipleLocator, NullFormatter
 
 from beamdesign.files import LARGEST_TABLE, read_bytes
 from beamdesign.loop import LoopAtMass
+from beamdesign.plant.members import family
 from beamdesign.polynomial import exact
-from beamdesign.prototype import COMPLIANCE_LIMIT_M_PER_N
+from beamdesign.prototype import COMPLIANCE_LIMIT_M_PER_N, Prototype
 from beamdesign.quantity_text import at_least, decibels
 from beamdesign.report.canvas import LIMIT, STYLES, finish, note, plain_numbers
+from beamdesign.structure.equal_mass import beam_of_equal_mass
 
 if TYPE_CHECKING:
     from beamdesign.synthesis.codesign import Front
@@ -32,6 +36,12 @@ if TYPE_CHECKING:
 
 Curves = Mapping[str, LoopAtMass]
 """Loops by the label each gets in the legend."""
+
+BESIDE: tuple[dict[str, Any], ...] = (
+    {"color": "#3a7fc4", "linestyle": (0, (5, 1.5))},
+    {"color": "#c46a2b", "linestyle": (0, (3, 1.2, 1, 1.2))},
+)
+"""Line styles of what a loop is compared with, in colours that are seen on light and on dark."""
 
 T = TypeVar("T")
 FRONT_NAME = "front.csv"
@@ -43,7 +53,8 @@ def frequency_grid(loops: Sequence[LoopAtMass], lowest_Hz: float = 0.1, highest_
     even = np.geomspace(lowest_Hz, highest_Hz, 800)
     close = [even]
     for loop in loops:
-        roots = np.concatenate([loop.poles(), loop.open_loop_poles(), loop.open_loop_zeros(), loop.compliance_zeros()])
+        fed_back = np.zeros(0) if loop.loop_numerator.is_zero() else loop.open_loop_zeros()
+        roots = np.concatenate([loop.poles(), loop.open_loop_poles(), fed_back, loop.compliance_zeros()])
         for root in roots[roots.imag > 0]:
             spread = max(abs(root.real), 1e-4 * abs(root.imag))
             close.append((abs(root.imag) + spread * np.linspace(-4, 4, 41)) / (2 * np.pi))
@@ -57,13 +68,15 @@ def plot_compliance(
     limit_m_per_N: float | None = COMPLIANCE_LIMIT_M_PER_N,
     lowest_Hz: float = 0.1,
     highest_Hz: float = 1000.0,
+    beside: Curves = MappingProxyType({}),
 ) -> Axes:
     """Closed-loop compliance |x / F_d| over frequency: m/N on the left, dB re 1 in/lbf on the right.
 
     The limit is drawn as a line; a dot on it marks where a stable curve first leaves it. The legend names the
-    bandwidth, or says that a loop is unstable.
+    bandwidth, or says that a loop is unstable. What is drawn beside them in colour, such as `passive_curves` gives, is
+    named alone.
     """
-    frequencies = frequency_grid(list(curves.values()), lowest_Hz, highest_Hz)
+    frequencies = frequency_grid([*curves.values(), *beside.values()], lowest_Hz, highest_Hz)
     for label, loop, style in _styled(curves):
         bandwidth = loop.bandwidth_Hz(limit_m_per_N) if limit_m_per_N else 0.0
         name = f"{label} (unstable)" if not loop.stable else f"{label}: {bandwidth:.2f} Hz" if limit_m_per_N else label
@@ -71,6 +84,8 @@ def plot_compliance(
         axes.loglog(frequencies, magnitudes, label=name, linewidth=1.3, **style)
         if limit_m_per_N and lowest_Hz <= bandwidth <= highest_Hz:
             axes.plot([bandwidth], [limit_m_per_N], "o", color=style["color"], markersize=5)
+    for (label, loop), style in zip(beside.items(), cycle(BESIDE), strict=False):
+        axes.loglog(frequencies, np.abs(loop.compliance_response(frequencies)), label=label, linewidth=1.2, **style)
     if limit_m_per_N:
         level = f"limit {limit_m_per_N:.3g} m/N = {limit_m_per_N * 1e5:.2g} cm/kN = {decibels(limit_m_per_N):.0f} dB"
         axes.axhline(limit_m_per_N, label=level, **LIMIT)
@@ -81,6 +96,24 @@ def plot_compliance(
     axes.yaxis.set_minor_formatter(NullFormatter())
     _decibel_axis(axes)
     return finish(axes, y="compliance |x / F_d|, m/N")
+
+
+def passive_curves(prototype: Prototype, outer_end_mass: float) -> dict[str, LoopAtMass]:
+    """What compliances a rig has without its servo, by label, at an outer end mass (kg); for `plot_compliance`.
+
+    That of the rig with the valve shut, at rest where it has effects; and, where it states sections, that of one tube
+    of the outer one's width that weighs as much as both, with the same end mass: 1 / (K - M w^2 + j b w).
+    """
+    plant = family(prototype).rest.rig.plant(prototype.payload.inner_end_mass_kg)
+    mass, none = exact(outer_end_mass), fmpq_poly([0])
+    curves = {"servo off": LoopAtMass(plant.denominator.at(mass), none, plant.disturbance)}
+    if (one := beam_of_equal_mass(prototype.outer_beam, prototype.inner_beam)) is not None:
+        polynomial = fmpq_poly([exact(one.stiffness), exact(one.damping), exact(one.mass) + mass])
+        label = "passive beam of equal mass"
+        curves[f"{label}: even solid it is lighter" if one.solid else label] = LoopAtMass(
+            polynomial, none, fmpq_poly([1])
+        )
+    return curves
 
 
 def shade_compliance(axes: Axes, loops: Sequence[LoopAtMass], label: str) -> Axes:

@@ -23,6 +23,7 @@ from beamdesign.report.canvas import LIMIT, finish, new_figure, note
 from beamdesign.report.drawing import draw_section, draw_side
 from beamdesign.report.figures import (
     TradePoint,
+    passive_curves,
     plot_compliance,
     plot_loop_bode,
     plot_root_locus,
@@ -94,17 +95,19 @@ def loop_pictures(prototype: Prototype, loop: Loop) -> list[CaptionedFigure]:
     caption = (
         "Closed-loop compliance, displacement of the outer tip per disturbance force on it, for masses on the outer"
         f" tip; dots where each curve first passes the limit. Shaded: between the least and the largest at {FAMILY}"
-        " masses of the range, drawn and not proved."
+        " masses of the range, drawn and not proved. In colour, with the largest mass: the same rig with its servo off,"
+        " no current in the valve; and, where sections are stated, one tube of the outer one's width, material and"
+        " length that weighs as much as both tubes together."
     )
     if promised is not None:
         caption += (
             f" The thick line is proved: for every mass of {span} no curve passes above it, up to"
             f" {stated_bandwidth(promised)}."
         )
-    (axes,) = framed("compliance", 95, caption)
+    (axes,) = framed("compliance", 105, caption)
     family = [loop.at(float(mass)) for mass in np.linspace(*bounds, FAMILY)]
     shade_compliance(axes, family, f"{FAMILY} masses of {span}")
-    plot_compliance(axes, curves, goal.compliance_m_per_N)
+    plot_compliance(axes, curves, goal.compliance_m_per_N, beside=passive_curves(prototype, bounds[1]))
     axes.legend(fontsize=8, loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2, frameon=False)
     if promised is not None:
         proved = [axes.get_xlim()[0], promised], [goal.compliance_m_per_N] * 2

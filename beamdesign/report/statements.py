@@ -37,8 +37,10 @@ def proved_statements(certificate: Certificate, compliance_m_per_N: float) -> li
         reached = [
             Claim("compliance", compliance_m_per_N, masses, best.bandwidth_Hz > 0, best.bandwidth_Hz),
             Claim("peak_sensitivity", best.peak_sensitivity, masses, isfinite(best.peak_sensitivity)),
+            Claim("peak_compliance", best.peak_compliance_m_per_N, masses, True),
         ]
-        claims += [claim for claim in reached if not any(implies(asked, claim) for asked in certificate.claims)]
+        told = [claim for claim in reached if isfinite(claim.limit)]
+        claims += [claim for claim in told if not any(implies(asked, claim) for asked in certificate.claims)]
     return [stability, *(_of_claim(claim) for claim in claims)]
 
 
@@ -50,6 +52,8 @@ def _of_claim(claim: Claim) -> Statement:
                 f"|x/F_d| at most {quantity(claim.limit, 'm/N')} at every frequency up to"
                 f" {at_least(claim.bandwidth_Hz or 0.0, 'Hz', 7)}"
             )
+        case "peak_compliance":
+            words = f"|x/F_d| at most {quantity(claim.limit, 'm/N')} at every frequency"
         case "peak_sensitivity":
             words = f"|1/(1+L)| at most {decimal(claim.limit, 6)} at every frequency"
         case "loop_gain":

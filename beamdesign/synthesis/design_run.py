@@ -2,6 +2,7 @@
 
 import hashlib
 from dataclasses import dataclass, replace
+from math import inf
 from pathlib import Path
 from typing import Any
 
@@ -164,8 +165,10 @@ def certificate_name(suffix: str = "", box: bool = False) -> str:
 
 def claims_of(prototype: Prototype, proved: Proved) -> tuple[Asked, ...]:
     """What was found of a prototype, as claims of a certificate."""
+    peak = proved.peak_compliance_m_per_N
     return (
         Asked("peak_sensitivity", proved.peak_sensitivity),
+        *([Asked("peak_compliance", peak)] if peak < inf else []),
         Asked("compliance", prototype.goal.compliance_m_per_N, proved.bandwidth_Hz),
         *goal_claims(prototype.goal),
         *([LOWER_GAINS] if prototype.goal.lower_gains else []),

@@ -16,22 +16,12 @@ import numpy as np
 
 from beamdesign.controllers import Controller
 from beamdesign.controllers.form import Form
-from beamdesign.polynomial import exact
 from beamdesign.progress import Progress, silent
-from beamdesign.proofs.absolute_stability import FOR_ODD, absolute_stability
 from beamdesign.rational import nearest
+from beamdesign.synthesis.law_design import ENOUGH, ROOM, Design, in_box, rests, touches, unknown, value_of, whole
 from beamdesign.synthesis.law_task import Search
-from beamdesign.synthesis.loop_limits import (
-    LARGEST_AT_LOWER_GAINS,
-    LARGEST_BANDWIDTH_HZ,
-    LoopSet,
-    Proved,
-    calmer,
-    loop_set,
-)
-from beamdesign.synthesis.over_box import BoxTask
+from beamdesign.synthesis.loop_limits import LARGEST_AT_LOWER_GAINS, Proved, calmer, loop_set
 from beamdesign.synthesis.refinement import TOUCH, WORTH
-from beamdesign.synthesis.rig_spread import Cut
 
 _FIRST_ROUNDS = 5
 """Of a refinement of many, before the best of them are refined for good."""
@@ -41,9 +31,6 @@ _FURTHER = 0.2
 
 _CALMER = (4.0, 2.0, 1.4)
 """Peak sensitivities at lower gains that are tried where a loop is not proved to come to rest; at one |1 + L| >= 1."""
-
-_ENOUGH = 0.985
-"""Share of the sampled bandwidth which, if proved, ends the search for more."""
 
 _SPARE = 2e-6
 """What limits are tightened by beyond what was missing, for the rounding of figures."""
@@ -62,9 +49,6 @@ _NEARER = (1.0, 0.5, 0.25, 0.1)
 
 _MISSED = 2e-3
 """By how much (logarithm) a rig misses a limit that is to join the samples."""
-
-_ROOM = 2e-3
-"""By how much (logarithm) limits are kept to spare of a design that is proved over a box, where proofs need room."""
 
 _STIFFEST = 0.1
 """Most of the compliance (logarithm) that is kept to spare where it is enforced."""
@@ -92,23 +76,6 @@ class Found:
     tried: "tuple[Found, ...]" = ()
 
 
-@dataclass(frozen=True)
-class _Design:
-    """A form, variables with the mass inside and what sections there are, and their value on samples."""
-
-    form: Form
-    variables: np.ndarray
-    value: float
-
-    @property
-    def law(self) -> Controller:
-        return self.form.record(self.variables[: self.form.size])
-
-    @property
-    def inner_end_mass(self) -> float:
-        return round(float(self.variables[self.form.size]), 6)
-
-
 Start = tuple[Form, np.ndarray]
 """A form and variables (v,) of it, then the mass inside (kg) and the sections where these are chosen as well."""
 
@@ -131,7 +98,7 @@ def search(task: Search, starts: Sequence[Start], growths: int = 0, report: Prog
         if found.proved is None or form is None:
             return replace(found, reason="; ".join(filter(None, (reason, found.reason))))
         report(0.97, "where the current saturates")
-        rested, why = _rests(task, _Design(form, found.proved.variables, 0.0), found.proved)
+        rested, why = rests(task, Design(form, found.proved.variables, 0.0), found.proved)
         if rested is not None or not task.goal.comes_to_rest:
             return replace(found, proved=rested or found.proved)
         reason = f"that it comes to rest while the current saturates is not proved: {why}"
@@ -143,12 +110,12 @@ def _search(task: Search, starts: Sequence[Start], growths: int, report: Progres
     effort, pool = task.effort, []
     for k, (form, variables) in enumerate(starts):
         report(0.2 * k / len(starts), f"start {k + 1} of {len(starts)}")
-        pool.append(_Design(form, *task.coarsely_searched(form, variables)))
+        pool.append(Design(form, *task.coarsely_searched(form, variables)))
     pool = _refined(task, _best(pool)[: effort.starts], _part(report, 0.2, 0.65 / (1 + growths)))
     task, pool = _hardened(task, pool)
     for growth in range(growths):
         more = [
-            _Design(form, np.append(variables, design.variables[design.form.size :]), 0.0)
+            Design(form, np.append(variables, design.variables[design.form.size :]), 0.0)
             for design in pool[: effort.starts]
             for law in design.law.grown()
             if (sought_from := law.form()) is not None
@@ -158,13 +125,13 @@ def _search(task: Search, starts: Sequence[Start], growths: int, report: Progres
         smaller, (task, pool) = pool, _hardened(task, grown)
         if task.spread is not None:  # what the worst rigs cost what has grown may be more than it has gained
             kept = [one for one in smaller if task.settled(one.form, one.variables)]
-            pool = _best([*pool, *(replace(one, value=_worth(task, one)) for one in kept)])
+            pool = _best([*pool, *(replace(one, value=value_of(task, one)) for one in kept)])
     reached = tuple(design.value for design in pool)
     tried: list[Found] = []
     best, worth = Found(None, reached, 0, "no start led to a stable loop within the limits on the samples"), 0.0
     best_form: Form | None = None
     for rough in pool[: effort.candidates]:
-        if rough.value <= 0 or worth > _ENOUGH * rough.value:
+        if rough.value <= 0 or worth > ENOUGH * rough.value:
             continue
         chosen = rough.variables[rough.form.size + 1 :]
         if why := task.sections.hopeless(rough.inner_end_mass, chosen, rough.value) if task.sections else "":
@@ -173,7 +140,7 @@ def _search(task: Search, starts: Sequence[Start], growths: int, report: Progres
         words = f"{1 / rough.value:.3g} kg" if task.needed_Hz else f"{rough.value:.3g} Hz"
         report(0.85, f"refining {words} for good")
         further = task.refinement(rough.form)(rough.variables, *_spare(task), 3 * effort.rounds, _FURTHER)
-        design = _Design(rough.form, *further)
+        design = Design(rough.form, *further)
         report(0.9, f"proving what came of {words}")
         found = _proved(task, design, reached)
         tried.append(found)
@@ -201,7 +168,7 @@ def from_seeds(task: Search, seeds: Sequence[Controller]) -> list[Start]:
     return found
 
 
-def _refined(task: Search, designs: Sequence[_Design], report: Progress) -> list[_Design]:
+def _refined(task: Search, designs: Sequence[Design], report: Progress) -> list[Design]:
     """The best designs, refined: all of them a little, then those that came out best for good."""
     going, most = list(designs), task.effort.rounds
     passes = (min(_FIRST_ROUNDS, most), most) if len(designs) > task.effort.refined else (most,)
@@ -210,17 +177,18 @@ def _refined(task: Search, designs: Sequence[_Design], report: Progress) -> list
         found = []
         for design in going:
             report(done / count, f"refining {done + 1} of {count}")
-            found.append(_Design(design.form, *task.refinement(design.form)(design.variables, rounds=rounds)))
+            found.append(Design(design.form, *task.refinement(design.form)(design.variables, rounds=rounds)))
             done += 1
         going = _best(found)[: task.effort.refined]
     return going
 
 
-def _hardened(task: Search, designs: Sequence[_Design]) -> tuple[Search, list[_Design]]:
+def _hardened(task: Search, designs: Sequence[Design]) -> tuple[Search, list[Design]]:
     """The search with the worst rigs of its best designs among the samples, and these designs refined for them."""
     pool = list(designs[: task.effort.starts])
     for _ in range(_CUT_ROUNDS if task.spread is not None else 0):
-        cuts = [cut for one in pool for _, _, cut in _in_box(task, one, _MISSED)]
+        cuts = [cut for one in pool for _, _, cut in in_box(task, one, _MISSED)]
+        cuts += [cut for one in pool[:1] for cut in unknown(task, one)]
         for share in _NEARER:  # a law whose gain cannot be lowered meets rigs that are less far off first
             harder = task.with_cuts(cut._replace(z=tuple(share * one for one in cut.z)) for cut in cuts)
             if all(harder.settled(one.form, calmed(harder, one)) for one in pool):
@@ -230,16 +198,16 @@ def _hardened(task: Search, designs: Sequence[_Design]) -> tuple[Search, list[_D
         task = harder
         rounds = 2 * _FIRST_ROUNDS
         found = [task.refinement(one.form)(_mended(task, one), *_spare(task), rounds) for one in pool]
-        pool = [_Design(one.form, *refined) for one, refined in zip(pool, found, strict=True)]
+        pool = [Design(one.form, *refined) for one, refined in zip(pool, found, strict=True)]
     return task, _best(pool)
 
 
 def _spare(task: Search) -> tuple[float, float]:
     """By how much (logarithm) the limits are kept to spare, the last of them that of the compliance."""
-    return (0.0, TOUCH) if task.spread is None else (_ROOM, _ROOM + 2 * TOUCH)
+    return (0.0, TOUCH) if task.spread is None else (ROOM, ROOM + 2 * TOUCH)
 
 
-def calmed(task: Search, design: _Design) -> np.ndarray:
+def calmed(task: Search, design: Design) -> np.ndarray:
     """Variables of a design whose gain, where it has one, is lowered until the loops of all rigs are stable."""
     variables = design.variables.copy()
     while design.form.gain_first and not task.settled(design.form, variables) and variables[0] > design.form.lower[0]:
@@ -247,7 +215,7 @@ def calmed(task: Search, design: _Design) -> np.ndarray:
     return variables
 
 
-def _mended(task: Search, design: _Design) -> np.ndarray:
+def _mended(task: Search, design: Design) -> np.ndarray:
     """Variables from which a refinement finds its way: from far outside of the limits no small step keeps them all."""
     variables = calmed(task, design)
     if task.violation(design.form, variables) > _VIOLATION:
@@ -255,9 +223,9 @@ def _mended(task: Search, design: _Design) -> np.ndarray:
     return variables
 
 
-def _best(found: Sequence[_Design]) -> list[_Design]:
+def _best(found: Sequence[Design]) -> list[Design]:
     """The designs with the largest value first, each value once."""
-    chosen: list[_Design] = []
+    chosen: list[Design] = []
     for design in sorted(found, key=lambda one: -one.value):
         if not chosen or design.value < chosen[-1].value * (1 - 1e-3):
             chosen.append(design)
@@ -269,7 +237,7 @@ def _part(report: Progress, start: float, length: float) -> Progress:
     return lambda share, text: report(start + length * share, text)
 
 
-def _proved(task: Search, design: _Design, sampled: tuple[float, ...]) -> Found:
+def _proved(task: Search, design: Design, sampled: tuple[float, ...]) -> Found:
     """The best loop proved at a design or a little inside the limits.
 
     A compliance that touches its limit far below the bandwidth costs most of it: then more of it is kept to spare. Of a
@@ -293,8 +261,10 @@ def _proved(task: Search, design: _Design, sampled: tuple[float, ...]) -> Found:
             reason = "the loop is not stable over the whole range"
         if unstable and task.spread is None:
             break
-        if not unstable and (claims := loops.refuted(task.goal)):
-            claim, excess = claims[0], loops.excess(task.goal) + _SPARE
+        # Of a box the largest compliance is compared over all of it.
+        alone = task.goal if task.spread is None else task.goal.but(peak_over_passive=inf)
+        if not unstable and (claims := loops.refuted(alone)):
+            claim, excess = claims[0], loops.excess(alone) + _SPARE
             reason = f"{claim.kind.replace('_', ' ')} refuted: {claim.reason}"
             if claim.kind == "peak_sensitivity" and excess < inf and claim.witness is not None:
                 # The next refinement sees the peak that stood between the samples, and a third of the excess beside.
@@ -303,7 +273,7 @@ def _proved(task: Search, design: _Design, sampled: tuple[float, ...]) -> Found:
                     refinement = task.with_peak(refinement, *task.worst_peak(design.form, design.variables))
                 excess *= 1 / 3 if task.sections is None else excess < _SMALL
             inside += excess
-        elif task.spread is not None and (missed := _in_box(task, design)):
+        elif task.spread is not None and (missed := in_box(task, design)):
             kind, excess, _ = missed[0]
             reason = f"{kind.replace('_', ' ')} is missed by rigs within the tolerances"
             harder = task.with_cuts(cut for _, _, cut in missed)
@@ -312,10 +282,10 @@ def _proved(task: Search, design: _Design, sampled: tuple[float, ...]) -> Found:
             task = harder
             refinement = task.refinement(design.form)
             design = replace(design, variables=calmed(task, design))
-        elif task.spread is not None and stiffer < _STIFFEST and _touches(task, design):
+        elif task.spread is not None and stiffer < _STIFFEST and touches(task, design):
             stiffer *= 3  # between the points where it is enforced, where little of the bandwidth would be proved
         else:
-            found, why, cuts = _whole(task, design, loops)
+            found, why, cuts = whole(task, design, loops)
             if found is None:
                 reason, undecided = why, undecided + (not cuts)
                 inside += 0.0 if cuts else _MISSED
@@ -330,8 +300,8 @@ def _proved(task: Search, design: _Design, sampled: tuple[float, ...]) -> Found:
                     reason = flaw
                 elif best is None or value > highest:
                     best, highest = found, value
-                enough = value > _ENOUGH * _worth(task, design)
-                if enough and (best is not None or found.bandwidth_Hz < _ENOUGH * task.needed_Hz):
+                enough = value > ENOUGH * value_of(task, design)
+                if enough and (best is not None or found.bandwidth_Hz < ENOUGH * task.needed_Hz):
                     break
                 stiffer *= 3
         if not inside < inf:
@@ -349,62 +319,3 @@ def _proved(task: Search, design: _Design, sampled: tuple[float, ...]) -> Found:
             variables, left = task.refinement(design.form)(_mended(task, design), rounds=_FIRST_ROUNDS)
             design = replace(design, variables=variables, value=left)
     return Found(best, sampled, proofs, "" if best else reason)
-
-
-def _touches(task: Search, design: _Design) -> bool:
-    """Whether a compliance that is kept with little to spare far below the bandwidth costs most of it."""
-    reached = task.reached(design.form, design.variables)
-    return task.reached(design.form, design.variables, _ROOM) < _ENOUGH * reached
-
-
-def _whole(task: Search, design: _Design, loops: LoopSet) -> tuple[Proved | None, str, list[Cut]]:
-    """What is proved of a design whose nominal loops keep all limits: of these, or of the whole box.
-
-    Or why not, and the rigs that refute it.
-    """
-    bandwidth = min(*loops.bandwidths(task.goal.compliance_m_per_N).values(), LARGEST_BANDWIDTH_HZ)
-    peak = min(loops.peak_sensitivity(), task.goal.peak_sensitivity)
-    found = Proved(design.law, design.inner_end_mass, bandwidth, peak, design.variables)
-    if task.spread is None:
-        return found, "", []
-    over, reason, cuts = _over_box(task, design).proof(task.reached(design.form, design.variables, _ROOM))
-    return (None, reason, cuts) if over is None else (found.over(over), "", [])
-
-
-def _rests(task: Search, design: _Design, found: Proved) -> tuple[Proved | None, str]:
-    """What was proved of a design with that proof as well, or why there is none."""
-    if not task.goal.lower_gains:
-        return None, "it need not be stable at every lower gain"
-    if found.over_box is not None:
-        over, reason = _over_box(task, design).at_rest(found.over_box)
-        return (None, reason) if over is None else (replace(found, over_box=over), "")
-    if not task.goal.comes_to_rest:
-        return found, ""
-    members = task.members_with(design.variables[design.form.size + 1 :], rounded=True)
-    each = loop_set(members, found.controller, found.inner_end_mass_kg, task.masses_kg).stable.values()
-    proof = absolute_stability([one.loop.scaled(one.most) for one in each], *map(exact, task.masses_kg))
-    if proof.multiplier is not None and proof.multiplier.for_odd_only:
-        return None, f"the multiplier that was found is {FOR_ODD} alone"
-    return (None, proof.reason) if proof.multiplier is None else (found, "")
-
-
-def _worth(task: Search, design: _Design) -> float:
-    """What a design is worth on samples; of a box anew, as it was found before the worst rigs were known."""
-    if task.spread is None:
-        return design.value
-    return task.value(design.form, design.variables, task.reached(design.form, design.variables))
-
-
-def _over_box(task: Search, design: _Design) -> BoxTask:
-    """A design as what is to hold over the whole box."""
-    assert task.spread is not None
-    rig = task.prototype_with(design.variables[design.form.size + 1 :], rounded=True)
-    payload = rig.payload.but(outer_end_mass_kg=task.masses_kg, inner_end_mass_kg=design.inner_end_mass)
-    whole = task.masses_kg if task.spread.stage is None else task.spread.stage[1]
-    built = rig.but(controller=design.law, payload=payload, goal=calmer(task.goal), guarantee=None)
-    return BoxTask(built, task.spread, task.masses_kg, whole)
-
-
-def _in_box(task: Search, design: _Design, missed: float = -_ROOM / 2) -> list[tuple[str, float, Cut]]:
-    """Rigs of the box that miss a limit by more than so much, or keep it by less than a proof needs."""
-    return _over_box(task, design).worst(task.reached(design.form, design.variables, _ROOM), missed)

@@ -16,6 +16,7 @@ from pydantic import Field
 
 from beamdesign.controllers import Controller
 from beamdesign.controllers.form import UNIT
+from beamdesign.json_text import picked
 from beamdesign.loop import Loop, rig_loop
 from beamdesign.plant.beams_rig import FIGURES
 from beamdesign.plant.linear import UNUSED, LinearModel
@@ -23,24 +24,28 @@ from beamdesign.plant.linearised import linear_assembly, transfer_polynomials
 from beamdesign.plant.members import VertexModel, family
 from beamdesign.polynomial import exact
 from beamdesign.proofs.absolute_stability import absolute_stability, members
-from beamdesign.proofs.certificate import Asked, Claim, Kind, goal_claims
+from beamdesign.proofs.certificate import Asked, Claim, Kind, goal_claims, over_passive, peak_claim
 from beamdesign.proofs.performance import bandwidth, least_limit, prove
 from beamdesign.proofs.rectangle import Rectangle
+from beamdesign.proofs.servo_off import servo_off_of
 from beamdesign.prototype import Goal, Prototype
 from beamdesign.rational import nearest
 
 if TYPE_CHECKING:
     from beamdesign.synthesis.over_box import OverBox
 
-LIMITED: tuple[Kind, ...] = ("peak_sensitivity", "compliance", "loop_gain", "controller_effort", "gain_margin")
+LIMITED: tuple[Kind, ...] = (
+    "peak_sensitivity", "compliance", "loop_gain", "controller_effort", "gain_margin", "peak_compliance",
+)  # fmt: skip
 """What a goal limits, in the order of everything that is listed by limit."""
 
 
 def goal_limits(goal: Goal) -> dict[Kind, float]:
-    """The limits that a goal sets, in this order."""
-    lower = getattr(goal, "peak_at_lower_gains", LARGEST_AT_LOWER_GAINS) if goal.lower_gains else None
-    given = (goal.peak_sensitivity, goal.compliance_m_per_N, goal.loop_gain, goal.controller_effort_A_per_V, lower)
-    return {kind: limit for kind, limit in zip(LIMITED, given, strict=True) if limit is not None}
+    """The limits that a goal sets, in this order; of the peak compliance in multiples of that with the servo off."""
+    lower = getattr(goal, "peak_at_lower_gains", LARGEST_AT_LOWER_GAINS) if goal.lower_gains else inf
+    given = (goal.peak_sensitivity, goal.compliance_m_per_N, goal.loop_gain, goal.controller_effort_A_per_V)
+    limits = zip(LIMITED, (*given, lower, goal.peak_over_passive), strict=True)
+    return {kind: limit for kind, limit in limits if limit is not None and limit < inf}
 
 
 LARGEST_AT_LOWER_GAINS = 10.0
@@ -90,6 +95,8 @@ class Proved:
         over_box: what is proved of every rig within the tolerances, which the figures above are of; None where they are
             those of exactly the figures stated.
         nominal: bandwidth (Hz) and peak sensitivity of these, where the figures above are of a box.
+        peak_compliance_m_per_N: proved at every frequency; infinite where the goal sets it no limit.
+        servo_off_m_per_N: the largest compliance with the servo off that this is compared with.
     """
 
     controller: Controller
@@ -99,14 +106,29 @@ class Proved:
     variables: np.ndarray
     over_box: "OverBox | None" = None
     nominal: tuple[float, float] | None = None
+    peak_compliance_m_per_N: float = inf
+    servo_off_m_per_N: float = inf
 
     def over(self, box: "OverBox") -> "Proved":
         """What is proved of every rig of a box, beside what is proved of the nominal one."""
         width, peak = box.proved("compliance"), box.proved("peak_sensitivity")
         assert width is not None  # it has all claims
         assert peak is not None
-        reached, nominal = min(width.bandwidth_Hz, self.bandwidth_Hz), (self.bandwidth_Hz, self.peak_sensitivity)
-        return replace(self, bandwidth_Hz=reached, peak_sensitivity=peak.limit, over_box=box, nominal=nominal)
+        softest = box.proved("peak_compliance")
+        return replace(
+            self,
+            bandwidth_Hz=min(width.bandwidth_Hz, self.bandwidth_Hz),
+            peak_sensitivity=peak.limit,
+            over_box=box,
+            nominal=(self.bandwidth_Hz, self.peak_sensitivity),
+            peak_compliance_m_per_N=inf if softest is None else softest.limit,
+            servo_off_m_per_N=box.servo_off_m_per_N,
+        )
+
+    @property
+    def peak_over_passive(self) -> float:
+        """How many times the largest compliance with the servo off the largest with it on is; infinite for no limit."""
+        return over_passive(self.peak_compliance_m_per_N, self.servo_off_m_per_N)
 
     @property
     def sigmas(self) -> float:
@@ -125,6 +147,7 @@ class Proved:
         return {
             "bandwidth_Hz": self.bandwidth_Hz,
             "peak_sensitivity": self.peak_sensitivity,
+            **picked(self, "peak_compliance_m_per_N servo_off_m_per_N peak_over_passive"),
             "outer_end_mass_kg": list(masses_kg),
             "rigs": "nominal" if box is None else {"sigmas": box.sigmas, "shape": "box"},
             "lower_gains": lower,
@@ -172,10 +195,12 @@ class LoopSet:
     Attributes:
         stable: by number of the member, rectangles of masses and gains that are to be stable.
         performing: likewise, those that are to perform.
+        servo_off_m_per_N: the largest compliance of these with the servo off.
     """
 
     stable: Mapping[int, Rectangle]
     performing: Mapping[int, Rectangle]
+    servo_off_m_per_N: float
 
     def unstable(self, goal: Goal) -> list[int]:
         """Numbers of the members that are not stable throughout, at lower gains where the goal wants it: exact."""
@@ -184,14 +209,14 @@ class LoopSet:
         return [k for k, rectangle in self.stable.items() if rectangle.unstable_side() is not None]
 
     def refuted(self, goal: Goal) -> list[Claim]:
-        """The goal's limits of sensitivity, loop gain and effort that are refuted, of one member each."""
-        each = ((prove(rectangle, asked) for rectangle in self.performing.values()) for asked in _asked(goal))
+        """The goal's limits but that of the bandwidth that are refuted, of one member each."""
+        each = ((prove(rectangle, asked) for rectangle in self.performing.values()) for asked in self._asked(goal))
         return [claim for claims in each for claim in [next((one for one in claims if not one.holds), None)] if claim]
 
     def excess(self, goal: Goal) -> float:
         """Logarithm of the largest share by which one of these limits is proved to be kept or may be exceeded."""
         performing = list(self.performing.values())
-        most = max(least_limit(performing, one.kind, one.from_Hz) / one.limit for one in _asked(goal))
+        most = max(least_limit(performing, one.kind, one.from_Hz) / one.limit for one in self._asked(goal))
         return log(most) if most < inf else inf
 
     def bandwidths(self, limit_m_per_N: float) -> dict[int, float]:
@@ -202,6 +227,11 @@ class LoopSet:
         """Proved for every loop that is to perform."""
         return least_limit(list(self.performing.values()), "peak_sensitivity")
 
+    def peak_compliance(self, goal: Goal) -> float:
+        """Proved at every frequency for every loop that is to perform; infinite where the goal sets it no limit."""
+        (limit,) = [one.limit for one in peak_claim(goal, self.servo_off_m_per_N)] or [inf]
+        return least_limit(list(self.performing.values()), "peak_compliance", goal=limit) if limit < inf else inf
+
     def ends(self) -> list[Loop]:
         """The loops over the mass at the ends of the gains, those that are to perform."""
         return [
@@ -210,10 +240,10 @@ class LoopSet:
             for factor in sorted({rectangle.least, rectangle.most})
         ]
 
-
-def _asked(goal: Goal) -> tuple[Asked, ...]:
-    """The limits of sensitivity, loop gain and effort, as they are proved."""
-    return (Asked("peak_sensitivity", goal.peak_sensitivity), *goal_claims(goal))
+    def _asked(self, goal: Goal) -> tuple[Asked, ...]:
+        """The limits of sensitivity, loop gain, effort and peak compliance, as they are proved."""
+        peak = Asked("peak_sensitivity", goal.peak_sensitivity)
+        return (peak, *goal_claims(goal), *peak_claim(goal, self.servo_off_m_per_N))
 
 
 def loop_set(
@@ -227,7 +257,7 @@ def loop_set(
         stable[k] = Rectangle(loop, low, high, exact(member.gain.low), exact(member.gain.high))
         if (inside := member.performance) is not None:
             performing[k] = Rectangle(loop, low, high, exact(inside.low), exact(inside.high))
-    return LoopSet(stable, performing)
+    return LoopSet(stable, performing, servo_off_of(members, inner_end_mass, masses_kg).compliance_m_per_N)
 
 
 Pair = tuple[ca.SX, ca.SX]
@@ -276,7 +306,7 @@ def slack_of(
 ) -> ca.SX:
     """Logarithm of 1 / |S|, |F_d / x|, 1 / |L|, 1 / |C S| or the least 1 / |S| of all lower gains at one frequency.
 
-    To that the logarithm of the limit is added.
+    To that the logarithm of the limit is added, which for the peak compliance is a multiple of |x / F_d| without law.
 
     Args:
         kind: of the limit.
@@ -298,7 +328,7 @@ def slack_of(
             return _log_size(_sum(denominator, (share * numerator[0], share * numerator[1]))) - _log_size(denominator)
         case "peak_sensitivity":
             over = _log_size(denominator)
-        case "compliance":
+        case "compliance" | "peak_compliance":
             over = _log_size(_sum(product(disturbance, below), *map(product, above, crossed)))
         case _:
             over = _log_size(plant) + _log_size(above[0])

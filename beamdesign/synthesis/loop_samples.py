@@ -74,6 +74,24 @@ class Samples:
         crossed = (self.crossed[:, 0] + inner * self.crossed[:, 1]) / plant
         return plant, control, (self.disturbance[0] + inner * self.disturbance[1]) / plant, crossed
 
+    def servo_off(self, inner: float) -> float:
+        """Largest |x / F_d| (m/N) without a law, of all points that are to perform, with a mass inside (kg).
+
+        Between neighbouring frequencies 1 / |x / F_d|^2 is taken to be quadratic, as it is about a resonance.
+        """
+        size = np.where(self.relaxed == 1.0, np.abs(self.at(inner)[2]), 0.0)
+        k = int(size.argmax())
+        near = slice(max(k - 1, 0), k + 2)
+        if len(size[near]) < 3 or len(set(self.row[near])) > 1 or not size[near].all():
+            return float(size[k])
+        curve = np.polyfit(np.log(self.frequency_Hz[near] / self.frequency_Hz[k]), (size[k] / size[near]) ** 2, 2)
+        least = curve[2] - curve[1] ** 2 / (4 * curve[0]) if curve[0] > 0 else 1.0
+        return float(size[k] / np.sqrt(np.clip(least, _LEAST_BETWEEN, 1.0)))
+
+
+_LEAST_BETWEEN = 0.05
+"""Of the square at the nearest point, the least that is believed to lie between points."""
+
 
 def samples(
     plant: BilinearPlant,

@@ -4,7 +4,7 @@ The variables are those of a law's form, then the inner end mass in kg. Everythi
 """
 
 from dataclasses import dataclass
-from math import pi
+from math import log, pi
 
 import numpy as np
 
@@ -19,9 +19,10 @@ class Slacks:
     """Logarithms by which a law keeps each limit at each point, and their derivatives by the variables.
 
     Attributes:
-        values: (5, n) log of limit over |S|, |x / F_d|, |L|, |C S|, C from the displacement sensor's volts, and the
-            largest |S| of all lower gains, as `LIMITED` lists them; infinite where a limit does not count.
-        slopes: (5, n, v); none where none were asked for.
+        values: (6, n) log of limit over |S|, |x / F_d|, |L|, |C S|, C from the displacement sensor's volts, the largest
+            |S| of all lower gains, and |x / F_d| again, whose limit at every frequency is a multiple of the largest
+            without a law of all points, as `LIMITED` lists them; infinite where a limit does not count.
+        slopes: (6, n, v); none where none were asked for.
         settled: whether 1 + L winds about the origin on no row: the loop is stable as far as the samples tell, at lower
             gains where the goal wants it.
     """
@@ -60,7 +61,7 @@ class Slacks:
         return max(0.0, inside - float(self.values[OTHERS].min()))
 
 
-COMPLIANCE, OTHERS = 1, [0, 2, 3, 4]
+COMPLIANCE, OTHERS = 1, [0, 2, 3, 4, 5]
 """Places in `LIMITED`."""
 
 
@@ -84,15 +85,15 @@ NONE = np.empty(0)
 
 
 def counting(points: Samples, goal: Goal) -> np.ndarray:
-    """(5, n) at which points each limit counts."""
+    """(6, n) at which points each limit counts."""
     performs = points.relaxed == 1.0
     far, everywhere = performs & (points.frequency_Hz >= goal.loop_gain_from_Hz), np.full(len(performs), True)
-    where = np.array([everywhere, performs, far, performs, everywhere])
+    where = np.array([everywhere, performs, far, performs, everywhere, performs])
     return where & np.isin(LIMITED, list(goal_limits(goal)))[:, None]
 
 
 def limit_logarithms(goal: Goal) -> np.ndarray:
-    """(5,) logarithms of the limits of a goal, zero for those that it does not set."""
+    """(6,) logarithms of the limits of a goal, zero for those that it does not set."""
     limits = goal_limits(goal)
     return np.log([limits.get(kind, 1.0) for kind in LIMITED])
 
@@ -120,7 +121,8 @@ def slacks_of(points: Samples, goal: Goal, own: np.ndarray, inner: float, of_own
     lower = 1 + share * loop
     with np.errstate(divide="ignore"):
         compliance, effort = closed - np.log(np.abs(moved)), closed - np.log(np.abs(own[0]))
-        left = np.array([closed, compliance, -np.log(np.abs(loop)), effort, np.log(np.abs(lower))])
+        softest = compliance + np.log(points.servo_off(inner))
+        left = np.array([closed, compliance, -np.log(np.abs(loop)), effort, np.log(np.abs(lower)), softest])
     left = np.where(counting(points, goal), left + limit_logarithms(goal)[:, None], np.inf)
     left[0] += np.log(points.relaxed)
     steps = np.diff(np.angle(1 + loop))
@@ -142,7 +144,14 @@ def slacks_of(points: Samples, goal: Goal, own: np.ndarray, inner: float, of_own
     of_effort[:, :-1] -= (of_own[0] / own[0][:, None]).real
     of_compliance, of_loop_gain = of_closed - (of_moved / moved[:, None]).real, -(of_loop / loop[:, None]).real
     of_lower = (share[:, None] * of_loop / lower[:, None]).real
-    return Slacks(left, np.array([of_closed, of_compliance, of_loop_gain, of_effort, of_lower]), settled)
+    of_softest = of_compliance.copy()
+    of_softest[:, -1] += log(points.servo_off(inner + _STEP_KG) / points.servo_off(inner - _STEP_KG)) / (2 * _STEP_KG)
+    slopes = np.array([of_closed, of_compliance, of_loop_gain, of_effort, of_lower, of_softest])
+    return Slacks(left, slopes, settled)
+
+
+_STEP_KG = 1e-4
+"""Of the mass inside, for the slope of what its largest compliance is without a law."""
 
 
 def _passes_behind(start: np.ndarray, end: np.ndarray) -> np.ndarray:

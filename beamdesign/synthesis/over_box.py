@@ -2,15 +2,18 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from math import inf, log
 from typing import NamedTuple
 
 from beamdesign.polynomial import exact
 from beamdesign.proofs.box import Box, certify_box
-from beamdesign.proofs.box_claims import BoxClaim, Worst, claim_over_box, margins_over_box, relaxed, worst_over_box
-from beamdesign.proofs.certificate import LOWER_GAINS, Asked, goal_claims
+from beamdesign.proofs.box_claims import BoxClaim, claim_over_box, margins_over_box, relaxed, worst_over_box
+from beamdesign.proofs.certificate import LOWER_GAINS, Asked, goal_claims, peak_claim
+from beamdesign.proofs.servo_off import servo_off_over_box
 from beamdesign.proofs.slope_over_box import slope_over_box
 from beamdesign.proofs.tolerance_box import tolerance_box
+from beamdesign.proofs.worst_members import Worst
 from beamdesign.prototype import Prototype
 from beamdesign.rational import nearest
 from beamdesign.synthesis.rig_spread import Cut, RigSpread
@@ -43,6 +46,7 @@ class OverBox:
         sigmas: standard deviations of every figure to either side.
         claims: about every member, all proved.
         certificate: text that `beamdesign.checker` proves again.
+        servo_off_m_per_N: the largest compliance of the rigs of the box with the servo off, sought, rounded down.
         tightest: figures whose tolerance to tighten first, the first of them first; sampled.
         found: the claims with their proofs.
         write: the certificate of stability and some of these.
@@ -51,6 +55,7 @@ class OverBox:
     sigmas: float
     claims: tuple[Asked, ...]
     certificate: str = field(repr=False)
+    servo_off_m_per_N: float
     tightest: tuple[Margin, ...] = ()
     found: tuple[BoxClaim, ...] = field(default=(), repr=False)
     write: Callable[[Sequence[BoxClaim]], str] = field(default=lambda _: "", repr=False, compare=False)
@@ -101,7 +106,21 @@ class BoxTask:
             Asked("peak_sensitivity", goal.peak_sensitivity),
             Asked("compliance", goal.compliance_m_per_N, max(bandwidth_Hz, _LEAST_HZ)),
             *goal_claims(goal),
+            *(peak_claim(goal, self.servo_off_m_per_N) if goal.peak_over_passive < inf else ()),
         )
+
+    @cached_property
+    def _servo_off(self) -> tuple[float, Worst]:
+        return servo_off_over_box(self.prototype, self.box)
+
+    @property
+    def servo_off_m_per_N(self) -> float:
+        """The largest compliance of all rigs with the servo off, sought, rounded down."""
+        return self._servo_off[0]
+
+    def softest_without_servo(self) -> Cut:
+        """The rig with the largest compliance with the servo off, a multiple of which the largest with it on may be."""
+        return self._cut(self._servo_off[1])
 
     def _cut(self, worst: Worst) -> Cut:
         factors = {
@@ -134,8 +153,11 @@ class BoxTask:
                 return None, reason, [self._cut(worst)] if refuted else []
             claims.append(self._over_own_masses(claim))
         stated = tuple(claim.asked for claim in claims)
-        text, tightest = verdict.write(claims), self._tightest(bandwidth_Hz)
-        return OverBox(self.spread.sigmas, stated, text, tightest, tuple(claims), verdict.write), "", []
+        found, tightest = (
+            (self.spread.sigmas, stated, verdict.write(claims), self.servo_off_m_per_N),
+            self._tightest(bandwidth_Hz),
+        )
+        return OverBox(*found, tightest, tuple(claims), verdict.write), "", []
 
     def _over_own_masses(self, claim: BoxClaim) -> BoxClaim:
         """A claim that says over which payloads it is, where the law is to be stable over others too."""

@@ -12,31 +12,28 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
-from flint import fmpq_poly
 
 from beamdesign.controllers.form import Form
-from beamdesign.plant.linear import BilinearPlant, PairOver
+from beamdesign.plant.linear import BilinearPlant
 from beamdesign.proofs.certificate import Kind
+from beamdesign.proofs.servo_off import servo_off_peak
 from beamdesign.prototype import Goal
-from beamdesign.rational import nearest
 from beamdesign.synthesis.interruption import interruption_waits
 from beamdesign.synthesis.loop_limits import (
     LIMITED,
-    Pair,
-    added_up,
     goal_limits,
-    law_on_axis,
-    on_axis,
-    slack_of,
 )
 from beamdesign.synthesis.loop_samples import Samples
 from beamdesign.synthesis.loop_slacks import Slacks, counting, sampled_bandwidth, slacks
 from beamdesign.synthesis.sections import MASS_PER_MISSING_BANDWIDTH, Sections, sized_slack
+from beamdesign.synthesis.slack_functions import highest, point, stiffness_of
 
 _EVERY = 6
 """Of how many neighbouring points one is enforced wherever it stands."""
 
-_WORST: dict[Kind, int] = {"peak_sensitivity": 100, "loop_gain": 25, "controller_effort": 50, "gain_margin": 50}
+_WORST: dict[Kind, int] = {
+    "peak_sensitivity": 100, "loop_gain": 25, "controller_effort": 50, "gain_margin": 50, "peak_compliance": 50,
+}  # fmt: skip
 """How many of the worst points of each limit but the compliance are enforced beside these."""
 
 
@@ -44,6 +41,9 @@ _SHARES = np.concatenate([[5e-4], np.linspace(0.02, 0.37, 8), np.linspace(0.4, 1
 
 _FEWER_SHARES = _SHARES[::-3][::-1]
 """Of the bandwidth at which compliance is enforced, and at which it is of rigs at one mass, of which there are many."""
+
+_MOVES = 0.3
+"""How far a resonance may move in a round: logarithm of its frequency."""
 
 _VIOLATION = 2e-3
 """Violation between the enforced points that is put up with in a round; the worst of them are enforced in the next."""
@@ -99,10 +99,13 @@ class LawRefinement:
     resampled: Callable[[np.ndarray], Samples | None] | None = None
     factors: tuple[np.ndarray, np.ndarray] | None = None
     _solver: ca.Function = field(init=False, repr=False)
+    _servo_off: ca.Function | None = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         """Build the program: its points are parameters."""
-        object.__setattr__(self, "_solver", self._program())
+        solver, servo_off = self._program()
+        object.__setattr__(self, "_solver", solver)
+        object.__setattr__(self, "_servo_off", servo_off)
 
     @property
     def bounds(self) -> tuple[np.ndarray, np.ndarray]:
@@ -164,6 +167,8 @@ class LawRefinement:
                 break
             if self.sections is not None and np.abs(tried - best).max() < _STILL:
                 break
+            if value <= 0 and not self._solver.stats()["success"]:  # worth nothing, with no way out
+                break
             then = self.measured(tried)
             if then is not None:
                 wider, higher, missed = judged(tried, then)
@@ -214,20 +219,27 @@ class LawRefinement:
         if (most := self._aimed) < inf:
             beta = min(beta, most)
         limited = dict(zip(LIMITED, met if self.sections else now.values, strict=True))
+        resonance = [] if self._servo_off is None else [highest(self._servo_off, start)]
         data = [self._data(self._chosen(limited[kind], worst)).ravel(order="F") for kind, worst in _WORST.items()]
         with interruption_waits():
             found = self._solver(
-                x0=np.append(start, beta),
+                x0=np.concatenate([start, [beta], resonance]),
                 p=np.concatenate([*data, spare]),
-                lbx=np.append(lower, beta - 1.0),
-                ubx=np.append(upper, min(beta + (0.25 if self.sections is None else 1.0), most)),
+                lbx=np.concatenate([lower, [beta - 1.0], np.subtract(resonance, _MOVES)]),
+                ubx=np.concatenate(
+                    [
+                        upper,
+                        [min(beta + (0.25 if self.sections is None else 1.0), most)],
+                        np.add(resonance, _MOVES),
+                    ]
+                ),
                 lbg=0.0,
                 ubg=ca.inf,
             )
-        *values, foreseen = np.asarray(found["x"]).ravel()
-        if not np.isfinite(values).all():
+        solution = np.asarray(found["x"]).ravel()
+        if not np.isfinite(solution).all():
             return start, 0.0
-        values = np.clip(values, lower, upper)
+        values, foreseen = np.clip(solution[: len(start)], lower, upper), float(solution[len(start)])
         return values, self.value(values, exp(foreseen))
 
     @property
@@ -236,16 +248,24 @@ class LawRefinement:
         sections = self.sections
         return inf if sections is None or sections.needed_Hz is None else log(sections.needed_Hz * (1 + 1e-5))
 
-    def _program(self) -> ca.Function:
+    def _program(self) -> tuple[ca.Function, ca.Function | None]:
+        """The program; and log(|x / F_d|) without a law of the rig that has the largest, where that sets a limit.
+
+        That is over the variables and a logarithm of frequency (Hz), which is one more variable of the program: it
+        finds the resonance as this moves with the mass inside and the sections.
+        """
         own, sized = self.form.size, self.sections
         count = own + 1 + (0 if sized is None else len(sized.start))
-        variables = ca.MX.sym("variables", count + 1)
-        law, inner, chosen, beta = ca.vertsplit(variables, [0, own, own + 1, count, count + 1])
+        limits = goal_limits(self.goal)
+        variables = ca.MX.sym("variables", count + 1 + ("peak_compliance" in limits))
+        law, inner, chosen, beta, resonance = ca.vertsplit(
+            variables, [0, own, own + 1, count, count + 1, variables.shape[0]]
+        )
         table, _ = self.form.coefficients(law)
         figures = ca.MX(0, 1) if sized is None else sized.figures(chosen)
         none = ca.MX(0, 1)
         inside, stiffer = ca.MX.sym("inside"), ca.MX.sym("stiffer")
-        data, found, objective = [], [], -beta
+        data, found, objective, servo_off = [], [], -beta, None
 
         def held(slack: ca.Function, factors: Any, given: Sequence[ca.MX]) -> ca.MX:
             """A slack at points side by side, from what is the same for all and what each has of its own."""
@@ -253,6 +273,23 @@ class LawRefinement:
             law, mass, lumped = (ca.repmat(one, 1, n) for one in (ca.vec(table), inner, figures))
             return slack.map(n)(law, mass, lumped if sized is None else lumped * factors, *given).T
 
+        def stiffness(plant: BilinearPlant, factor: float) -> ca.Function:
+            if sized is None:
+                return stiffness_of(table.shape, plant, factor)
+            return sized_slack(table.shape, "compliance", sized.filtered)
+
+        def off(k: int, count: int) -> Any:
+            return none if self.factors is None else ca.DM(np.repeat(self.factors[1][k][:, None], count, axis=1))
+
+        limit_of = {kind: ca.MX(log(limit)) for kind, limit in limits.items()}
+        if "peak_compliance" in limits:
+            k, mass = self._softest()
+            idle = ca.DM.zeros(*table.shape)
+            idle[-1, 0] = 1
+            lumped = figures if sized is None else figures * off(k, 1)
+            without = -stiffness(*self.plants[k][:2])(ca.vec(idle), inner, lumped, mass, ca.exp(resonance))
+            limit_of["peak_compliance"] += without
+            servo_off = ca.Function("servo_off", [variables], [without])
         # How many points are enforced must not change: as many as ever count.
         counts = dict(zip(LIMITED, np.where(counting(self.points, self.goal), 0.0, np.inf), strict=True))
         for kind, worst in _WORST.items():
@@ -261,9 +298,9 @@ class LawRefinement:
             data.append(given)
             if not size:
                 continue
-            limit = log(goal_limits(self.goal)[kind])
+            limit = limit_of[kind]
             if sized is None:
-                found.append(held(_point(table.shape, kind), none, [given]) + limit - inside)
+                found.append(held(point(table.shape, kind), none, [given]) + limit - inside)
             else:
                 frequency, relaxed, outer, factors = ca.vertsplit(given, [0, 1, 2, 3, given.shape[0]])
                 slack = sized_slack(table.shape, kind, sized.filtered)
@@ -273,21 +310,13 @@ class LawRefinement:
             shares = _SHARES if nominal else _FEWER_SHARES
             every = ca.MX(np.tile(masses, len(shares))).T
             frequencies = ca.exp(beta) * ca.DM(np.repeat(shares, len(masses))).T
-            stiffness = (
-                _stiffness(table.shape, plant, factor)
-                if sized is None
-                else sized_slack(table.shape, "compliance", sized.filtered)
-            )
-            off = (
-                none if self.factors is None else ca.DM(np.repeat(self.factors[1][k][:, None], every.shape[1], axis=1))
-            )
-            found.append(held(stiffness, off, [every, frequencies]) + asked)
+            found.append(held(stiffness(plant, factor), off(k, every.shape[1]), [every, frequencies]) + asked)
         if sized is not None:
             found.append(ca.MX(sized.structure(inner, chosen)))
             if sized.needed_Hz is not None:
                 missing = self._aimed - beta
                 objective = sized.moving_mass(inner, chosen) + MASS_PER_MISSING_BANDWIDTH * missing
-        return ca.nlpsol(
+        solver = ca.nlpsol(
             "refinement",
             "ipopt",
             {
@@ -306,6 +335,18 @@ class LawRefinement:
                 "ipopt.bound_relax_factor": 0.0,
             },
         )
+        return solver, servo_off
+
+    def _softest(self) -> tuple[int, float]:
+        """Which of the plants, at which outer end mass (kg), has the largest compliance without a law."""
+        inner = self.inner_kg[0]
+        every = [
+            (servo_off_peak([plant.at(inner)], (mass, mass)), k, mass)
+            for k, (plant, _, masses, _) in enumerate(self.plants)
+            for mass in masses
+        ]
+        _, k, mass = max(every)
+        return k, mass
 
     def _chosen(self, slack: np.ndarray, worst: int) -> np.ndarray:
         """Indices of every so manieth finite slack and of the worst of the others; fewer where each costs more."""
@@ -323,44 +364,6 @@ class LawRefinement:
             return np.vstack(
                 [at.frequency_Hz[index], relaxed, at.outer_end_mass[index], self.factors[0][at.row[index]].T]
             )
-        values = np.concatenate([at.denominator[index][None], *(control[:, index] for control in at.control)])
+        pairs = (*at.control, at.disturbance, *at.crossed)
+        values = np.concatenate([at.denominator[index][None], *(pair[:, index] for pair in pairs)])
         return np.concatenate([[2 * pi * at.frequency_Hz[index], relaxed], values.real, values.imag])
-
-
-def _point(shape: tuple[int, int], kind: Kind) -> ca.Function:
-    """Slack of a limit at one point, see `slack_of`, from the law's coefficients, mass inside, nothing, and data."""
-    coefficients = ca.SX.sym("coefficients", *shape)
-    half = 2 * shape[0] - 1
-    inner, data = ca.SX.sym("inner"), ca.SX.sym("data", 2 + 2 * half)
-    values: list[Pair] = [(data[2 + k], data[2 + half + k]) for k in range(half)]
-    plant: Pair = (1 + inner * values[0][0], inner * values[0][1])
-    control = [
-        (bare[0] + inner * added[0], bare[1] + inner * added[1])
-        for bare, added in zip(values[1::2], values[2::2], strict=True)
-    ]
-    slack = slack_of(kind, law_on_axis(coefficients, data[0]), plant, control) + ca.log(data[1])
-    return ca.Function("point", [ca.vec(coefficients), inner, ca.SX(0, 1), data], [slack])
-
-
-def _stiffness(shape: tuple[int, int], plant: BilinearPlant, factor: float) -> ca.Function:
-    """log(|F_d / x|) from the law's coefficients, masses inside and outside (kg) and frequency (Hz)."""
-    coefficients = ca.SX.sym("coefficients", *shape)
-    inner, outer, frequency = (ca.SX.sym(name) for name in ("inner", "outer", "frequency"))
-    w = 2 * pi * frequency
-
-    def at(*weighted: tuple[ca.SX | float, fmpq_poly]) -> Pair:
-        return on_axis(added_up((by, [nearest(c) for c in polynomial.coeffs()]) for by, polynomial in weighted), w)
-
-    def over_both(rows: tuple[PairOver, PairOver], by: float = 1.0) -> Pair:
-        (own, within), (slope, both) = rows
-        return at((by, own), (by * inner, within), (by * outer, slope), (by * outer * inner, both))
-
-    slack = slack_of(
-        "compliance",
-        law_on_axis(coefficients, w),
-        over_both(plant.denominator),
-        [over_both(rows, factor) for rows in plant.control],
-        at((1.0, plant.disturbance[0]), (inner, plant.disturbance[1])),
-        [at((factor, own), (factor * inner, added)) for own, added in plant.crossed],
-    )
-    return ca.Function("stiffness", [ca.vec(coefficients), inner, ca.SX(0, 1), outer, frequency], [slack])
