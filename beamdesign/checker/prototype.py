@@ -74,12 +74,13 @@ DEFAULTS: dict[str, dict[str, Any]] = {
     "goal": {
         "compliance_m_per_N": 5.71e-8,
         "peak_sensitivity": 2.0,
+        "peak_over_passive": 1.0,
         "lower_gains": True,
         "comes_to_rest": False,
         "loop_gain_from_Hz": 250.0,
     },
     "arm": {"offset_m": [0.0] * 3, "end_polar_inertia_kg_m2": 0.0, "payload_polar_inertia_kg_m2": 0.0},
-}
+}  # fmt: skip
 """What a prototype's tables say where they say nothing."""
 MAY_BE_EMPTY = ("a", "b", "c", "b_command", "section")
 """Lists of a controller that say as much as nothing where they are empty."""
