@@ -66,6 +66,7 @@ def run(
     payload, end, reached = result.prototype.payload, result.suffix.replace(".", "_"), result.guarantees
     nonlinear = [] if result.certificate is None else [row.to_dict() for row in result.certificate.nonlinear]
     moving, proved = result.sizing.beam_mass_kg + payload.inner_end_mass_kg, result.proved
+    rests = "comes to rest, of exactly these figures" if nonlinear else "not proved to come to rest"
     rows = [
         ("outer beam", tube_text(*result.sizing.outer)),
         ("inner beam", tube_text(*result.sizing.inner)),
@@ -73,7 +74,7 @@ def run(
         ("governing check", result.sizing.governing),
         *(row for one in reached for row in guaranteed_rows(one, one.outer_end_mass_kg)),
         *(row for one in proved for row in further_rows(one)),
-        ("where the current saturates", "comes to rest" if nonlinear else "not proved to come to rest"),
+        *(() if all(one["comes_to_rest"] for one in proved) else [("while the current saturates", rests)]),
         *(() if held is None else held.rows()),
     ]
     echo_table(f"{problem.name}: designed and certified for {rigs_in_words(reached[0].sigmas)}", ("", ""), rows)
