@@ -167,7 +167,10 @@ def test_a_sensor_filter_is_part_of_the_loop(rig: Prototype, lag: Tuning):
 
 
 def test_without_mass_inside_none_is_added(rig: Prototype):
-    found = tune(rig, (0.0, 3.0), largest_inner_end_mass_kg=0.0, sigmas=0.0)
+    """Then the least servo action makes the resonance sharper than it is without, so that this has to be allowed."""
+    assert tune(rig, (0.0, 3.0), largest_inner_end_mass_kg=0.0, sigmas=0.0).best is None
+    allowed = rig.but(goal=rig.goal.but(peak_over_passive=inf))
+    found = tune(allowed, (0.0, 3.0), largest_inner_end_mass_kg=0.0, sigmas=0.0)
     assert found.best is not None
     assert found.best.inner_end_mass_kg == 0.0
 
@@ -184,7 +187,7 @@ def test_a_limit_that_is_all_but_none_is_kept(rig: Prototype):
 
 
 def test_a_rig_stiff_enough_by_itself_is_guaranteed_a_finite_bandwidth(rig: Prototype):
-    found = tune(rig.but(goal=rig.goal.but(compliance_m_per_N=1.0)), RANGE_KG, sigmas=0.0)
+    found = tune(rig.but(goal=rig.goal.but(compliance_m_per_N=1.0, peak_over_passive=inf)), RANGE_KG, sigmas=0.0)
     assert found.best is not None
     assert found.best.bandwidth_Hz == LARGEST_BANDWIDTH_HZ
 
@@ -244,7 +247,7 @@ def test_a_solver_without_figures_stays_where_it_is(rig: Prototype, lag: Tuning,
         def stats(self) -> dict[str, bool]:
             return {"success": False}
 
-    monkeypatch.setattr(LawRefinement, "_program", lambda self: Lost())
+    monkeypatch.setattr(LawRefinement, "_program", lambda self: (Lost(), None))
     found = tune(rig, RANGE_KG, sigmas=0.0)
     assert found.starts == pytest.approx(lag.starts, rel=1e-3)
     assert found.certificates == 1
@@ -301,7 +304,7 @@ def test_less_bandwidth_needs_less_mass_inside(task: Search, lag: Tuning):
     found = near(task, lag, needed_Hz=2.0)
     assert lag.best is not None
     assert found.proved is not None
-    assert found.proved.inner_end_mass_kg < 0.8 * lag.best.inner_end_mass_kg
+    assert found.proved.inner_end_mass_kg < 0.95 * lag.best.inner_end_mass_kg
     assert found.proved.bandwidth_Hz >= 2.0
 
 

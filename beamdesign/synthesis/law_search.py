@@ -53,6 +53,9 @@ _MISSED = 2e-3
 _STIFFEST = 0.1
 """Most of the compliance (logarithm) that is kept to spare where it is enforced."""
 
+_PEAKS = ("peak_sensitivity", "peak_compliance")
+"""Kinds of claims whose witness is near a peak."""
+
 _SMALL = 1e-3
 """Excess by which limits are tightened of sections that may move further; of a larger one the peak tells enough."""
 
@@ -266,10 +269,14 @@ def _proved(task: Search, design: Design, sampled: tuple[float, ...]) -> Found:
         if not unstable and (claims := loops.refuted(alone)):
             claim, excess = claims[0], loops.excess(alone) + _SPARE
             reason = f"{claim.kind.replace('_', ' ')} refuted: {claim.reason}"
-            if claim.kind == "peak_sensitivity" and excess < inf and claim.witness is not None:
-                # The next refinement sees the peak that stood between the samples, and a third of the excess beside.
-                refinement = task.with_peak(refinement, claim.witness.frequency_Hz, nearest(claim.witness.mass))
-                if task.sections is not None:  # of which the witness need not be near the worst peak
+            peaks = [(one, one.witness) for one in claims if one.kind in _PEAKS and one.witness is not None]
+            if peaks and excess < inf:
+                # The next refinement sees the peaks that stood between the samples, and a third of the excess beside.
+                for _, witness in peaks:
+                    refinement = task.with_peak(refinement, witness.frequency_Hz, nearest(witness.mass))
+                if (
+                    task.sections is not None and claim.kind == "peak_sensitivity"
+                ):  # of which the witness need not be near the worst peak
                     refinement = task.with_peak(refinement, *task.worst_peak(design.form, design.variables))
                 excess *= 1 / 3 if task.sections is None else excess < _SMALL
             inside += excess

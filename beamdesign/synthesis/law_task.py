@@ -65,7 +65,7 @@ _PEAK = np.linspace(0.97, 1.03, 61)
 _CLOSE_HZ = np.geomspace(1.0, 500.0, 4000)
 
 _STRICTER = 1 + 1e-9
-"""Factor on the limit of sensitivity about a peak, so that nothing else is limited there."""
+"""Factor on the limit of sensitivity about a peak, so that nothing but peaks is limited there."""
 
 
 @dataclass(frozen=True)

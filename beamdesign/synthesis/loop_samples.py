@@ -77,20 +77,25 @@ class Samples:
     def servo_off(self, inner: float) -> float:
         """Largest |x / F_d| (m/N) without a law, of all points that are to perform, with a mass inside (kg).
 
-        Between neighbouring frequencies 1 / |x / F_d|^2 is taken to be quadratic, as it is about a resonance.
+        Between neighbouring frequencies F_d / x is interpolated: of one mass on a spring it is quadratic in frequency.
         """
-        size = np.where(self.relaxed == 1.0, np.abs(self.at(inner)[2]), 0.0)
+        without = self.at(inner)[2]
+        size = np.where(self.relaxed == 1.0, np.abs(without), 0.0)
         k = int(size.argmax())
-        near = slice(max(k - 1, 0), k + 2)
-        if len(size[near]) < 3 or len(set(self.row[near])) > 1 or not size[near].all():
+        near = np.arange(max(k - 2, 0), min(k + 3, len(size)))
+        near = near[(self.row[near] == self.row[k]) & (size[near] > 0)]
+        if k in (near[0], near[-1]):
             return float(size[k])
-        curve = np.polyfit(np.log(self.frequency_Hz[near] / self.frequency_Hz[k]), (size[k] / size[near]) ** 2, 2)
-        least = curve[2] - curve[1] ** 2 / (4 * curve[0]) if curve[0] > 0 else 1.0
-        return float(size[k] / np.sqrt(np.clip(least, _LEAST_BETWEEN, 1.0)))
+        at = self.frequency_Hz[near] / self.frequency_Hz[k] - 1
+        scale = float(np.abs(at).max())
+        terms = np.linalg.solve(np.vander(at / scale), size[k] / without[near])
+        low, high = (float(self.frequency_Hz[i] / self.frequency_Hz[k]) - 1 for i in (k - 1, k + 1))
+        between = np.linspace(low, high, _BETWEEN)
+        return float(size[k] / min(1.0, np.abs(np.polyval(terms, between / scale)).min()))
 
 
-_LEAST_BETWEEN = 0.05
-"""Of the square at the nearest point, the least that is believed to lie between points."""
+_BETWEEN = 1001
+"""How many frequencies are looked at about the highest point."""
 
 
 def samples(

@@ -10,7 +10,7 @@ import numpy as np
 
 from beamdesign.controllers.form import Form
 from beamdesign.prototype import Goal
-from beamdesign.synthesis.loop_limits import LIMITED, goal_limits
+from beamdesign.synthesis.loop_limits import LIMITED, RELAXED_PEAK, goal_limits
 from beamdesign.synthesis.loop_samples import Samples
 
 
@@ -25,11 +25,13 @@ class Slacks:
         slopes: (6, n, v); none where none were asked for.
         settled: whether 1 + L winds about the origin on no row: the loop is stable as far as the samples tell, at lower
             gains where the goal wants it.
+        servo_off_m_per_N: the largest |x / F_d| without a law of all points.
     """
 
     values: np.ndarray
     slopes: np.ndarray
     settled: bool
+    servo_off_m_per_N: float
 
     @property
     def sensitivity(self) -> np.ndarray:
@@ -88,7 +90,8 @@ def counting(points: Samples, goal: Goal) -> np.ndarray:
     """(6, n) at which points each limit counts."""
     performs = points.relaxed == 1.0
     far, everywhere = performs & (points.frequency_Hz >= goal.loop_gain_from_Hz), np.full(len(performs), True)
-    where = np.array([everywhere, performs, far, performs, everywhere, performs])
+    peaked = points.relaxed < RELAXED_PEAK
+    where = np.array([everywhere, performs, far, performs, everywhere, peaked])
     return where & np.isin(LIMITED, list(goal_limits(goal)))[:, None]
 
 
@@ -121,7 +124,7 @@ def slacks_of(points: Samples, goal: Goal, own: np.ndarray, inner: float, of_own
     lower = 1 + share * loop
     with np.errstate(divide="ignore"):
         compliance, effort = closed - np.log(np.abs(moved)), closed - np.log(np.abs(own[0]))
-        softest = compliance + np.log(points.servo_off(inner))
+        softest = compliance + np.log(without := points.servo_off(inner))
         left = np.array([closed, compliance, -np.log(np.abs(loop)), effort, np.log(np.abs(lower)), softest])
     left = np.where(counting(points, goal), left + limit_logarithms(goal)[:, None], np.inf)
     left[0] += np.log(points.relaxed)
@@ -132,7 +135,7 @@ def slacks_of(points: Samples, goal: Goal, own: np.ndarray, inner: float, of_own
     if settled and goal.lower_gains:
         settled = not _passes_behind(loop[:-1][same], loop[1:][same]).any()
     if of_own is None:
-        return Slacks(left, NONE, settled)
+        return Slacks(left, NONE, settled, without)
     shrinks = points.denominator / plant
     of_loop, of_moved = ((by[:, :, None] * of_own).sum(axis=0) for by in (control, crossed))
     by_mass = (own * points.control[:, 1]).sum(axis=0) / plant - loop * shrinks
@@ -147,7 +150,7 @@ def slacks_of(points: Samples, goal: Goal, own: np.ndarray, inner: float, of_own
     of_softest = of_compliance.copy()
     of_softest[:, -1] += log(points.servo_off(inner + _STEP_KG) / points.servo_off(inner - _STEP_KG)) / (2 * _STEP_KG)
     slopes = np.array([of_closed, of_compliance, of_loop_gain, of_effort, of_lower, of_softest])
-    return Slacks(left, slopes, settled)
+    return Slacks(left, slopes, settled, without)
 
 
 _STEP_KG = 1e-4

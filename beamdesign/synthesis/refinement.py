@@ -167,8 +167,6 @@ class LawRefinement:
                 break
             if self.sections is not None and np.abs(tried - best).max() < _STILL:
                 break
-            if value <= 0 and not self._solver.stats()["success"]:  # worth nothing, with no way out
-                break
             then = self.measured(tried)
             if then is not None:
                 wider, higher, missed = judged(tried, then)
@@ -219,12 +217,15 @@ class LawRefinement:
         if (most := self._aimed) < inf:
             beta = min(beta, most)
         limited = dict(zip(LIMITED, met if self.sections else now.values, strict=True))
-        resonance = [] if self._servo_off is None else [highest(self._servo_off, start)]
+        resonance, apart = [], 0.0
+        if self._servo_off is not None:
+            at, largest = highest(self._servo_off, start)
+            resonance, apart = [at], log(now.servo_off_m_per_N) - largest
         data = [self._data(self._chosen(limited[kind], worst)).ravel(order="F") for kind, worst in _WORST.items()]
         with interruption_waits():
             found = self._solver(
                 x0=np.concatenate([start, [beta], resonance]),
-                p=np.concatenate([*data, spare]),
+                p=np.concatenate([*data, spare, [apart]]),
                 lbx=np.concatenate([lower, [beta - 1.0], np.subtract(resonance, _MOVES)]),
                 ubx=np.concatenate(
                     [
@@ -264,7 +265,7 @@ class LawRefinement:
         table, _ = self.form.coefficients(law)
         figures = ca.MX(0, 1) if sized is None else sized.figures(chosen)
         none = ca.MX(0, 1)
-        inside, stiffer = ca.MX.sym("inside"), ca.MX.sym("stiffer")
+        inside, stiffer, apart = (ca.MX.sym(name) for name in ("inside", "stiffer", "apart"))
         data, found, objective, servo_off = [], [], -beta, None
 
         def held(slack: ca.Function, factors: Any, given: Sequence[ca.MX]) -> ca.MX:
@@ -288,7 +289,7 @@ class LawRefinement:
             idle[-1, 0] = 1
             lumped = figures if sized is None else figures * off(k, 1)
             without = -stiffness(*self.plants[k][:2])(ca.vec(idle), inner, lumped, mass, ca.exp(resonance))
-            limit_of["peak_compliance"] += without
+            limit_of["peak_compliance"] += without + apart  # what the samples have more or less of it
             servo_off = ca.Function("servo_off", [variables], [without])
         # How many points are enforced must not change: as many as ever count.
         counts = dict(zip(LIMITED, np.where(counting(self.points, self.goal), 0.0, np.inf), strict=True))
@@ -321,7 +322,7 @@ class LawRefinement:
             "ipopt",
             {
                 "x": variables,
-                "p": ca.vertcat(*map(ca.vec, data), inside, stiffer),
+                "p": ca.vertcat(*map(ca.vec, data), inside, stiffer, apart),
                 "f": objective,
                 "g": ca.vertcat(*found),
             },

@@ -15,8 +15,8 @@ _RESONANCES = np.linspace(log(0.3), log(300.0), 700)
 """Logarithms of frequencies (Hz) among which one is sought."""
 
 
-def highest(servo_off: ca.Function, variables: np.ndarray) -> float:
-    """Logarithm of the frequency (Hz), last of the variables, at which a function of all of them is largest.
+def highest(servo_off: ca.Function, variables: np.ndarray) -> tuple[float, float]:
+    """Logarithm of the frequency (Hz), last of the variables, at which a function of all of them is largest, and that.
 
     Args:
         servo_off: of the variables of a program: those given, then one that does not count, then this.
@@ -27,7 +27,7 @@ def highest(servo_off: ca.Function, variables: np.ndarray) -> float:
         values = np.asarray(servo_off(np.vstack([np.repeat(variables[:, None], len(at), 1), 0 * at, at]))).ravel()
         best = float(at[values.argmax()])
         at, step = best + step * np.linspace(-1, 1, 41), step / 20
-    return best
+    return best, float(values.max())
 
 
 def point(shape: tuple[int, int], kind: Kind) -> ca.Function:

@@ -20,7 +20,7 @@ would take hours for.
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from math import ceil, prod
+from math import ceil, inf, prod
 
 import numpy as np
 
@@ -223,11 +223,13 @@ def tune_law(prototype: Prototype, masses_kg: tuple[float, float], asked: LawOpt
 
 def no_answer(kind: str, goal: Goal, masses_kg: tuple[float, float], failure: str) -> str:
     """Why there is no design, and what may allow one."""
+    ratio = goal.peak_over_passive
+    softer = f" and {ratio:g} times its largest with the servo off at any" if ratio < inf else ""
     return (
         f"no {kind} controller was found that is proved stable with peak sensitivity at most"
         f" {goal.peak_sensitivity:g} for outer end masses of {masses_kg[0]:g} to {masses_kg[1]:g} kg, and keeps"
-        f" {goal.compliance_m_per_N:g} m/N up to any useful frequency ({failure}); a narrower range,"
-        " a larger peak sensitivity, a larger compliance or more inner end mass may allow one"
+        f" {goal.compliance_m_per_N:g} m/N up to any useful frequency{softer} ({failure}); a narrower range,"
+        " a larger peak sensitivity, a larger compliance or peak_over_passive, or more inner end mass may allow one"
     )
 
 
