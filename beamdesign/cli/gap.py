@@ -166,6 +166,51 @@ def _echo_gap(found: "Diagnosis") -> None:
     echo(f"closed: {closed_text(gap.closed)} of the explainable gap, 90 % interval {low} to {high}")
 
 
+@gap.command("import")
+@command
+def import_files(
+    files: Annotated[list[Path], typer.Argument()],
+    prototype: Annotated[Path, typer.Option(metavar="FILE")],
+    out: OutFolder,
+    column: Annotated[list[str] | None, typer.Option(metavar="'CHANNEL = NAME [UNIT]'")] = None,
+    outer_end_mass: Annotated[list[float] | None, typer.Option(metavar="KG")] = None,
+    inner_end_mass: Annotated[float | None, typer.Option(metavar="KG")] = None,
+    rest_s: Annotated[float, typer.Option(metavar="SECONDS", min=0.0)] = 0.0,
+) -> CommandResult:
+    """Make a data set of measured files: CSV of any dialect, MATLAB, universal files.
+
+    Columns are told by their names and units, and what was taken for what is printed. Where that cannot be told, the
+    answer says which columns there are. Frequency responses of universal files become compliances.
+
+    Args:
+        files: .csv or other text, .mat, .uff, .unv; one record each.
+        prototype: the model that was believed, with the controller that acted.
+        out: folder for dataset.toml, prototype.toml and records.
+        column: name a column, with its unit, and a minus sign before NAME to turn it round, such as
+            'current_A = -i_valve [mA]'; again for each.
+        outer_end_mass: payload while they were taken; once, or once for each file.
+        inner_end_mass: mass added inside; else the prototype's.
+        rest_s: how long everything rests at the beginning; the mean of that time is taken off every channel.
+    """
+    from dataclasses import asdict
+
+    from beamdesign.diagnosis.data.importing import import_measured
+
+    masses = outer_end_mass or [0.0]
+    found = import_measured(files, prototype, out, column or (), masses, inner_end_mass, rest_s)
+    rows = []
+    for name, taken in found.taken.items():
+        for one in taken:
+            factor = "" if one.factor == 1 else f" x {one.factor:.6g}"
+            offset = f", {one.offset:.4g} taken off" if one.offset else ""
+            source = f"{one.name} [{one.unit}]{factor}{offset}" if one.name else "0"
+            rows.append((name.removeprefix("records/"), one.channel, source, one.words))
+    echo_table("what was taken for what", ("file", "channel", "from", "note"), rows)
+    echo(f"next:    beamdesign gap diagnose {out}")
+    told = {name: [asdict(one) for one in taken] for name, taken in found.taken.items()}
+    return CommandResult({"taken": told, "files": found.paths}, files=found.paths)
+
+
 @gap.command()
 @command
 def predict(prototype: TomlFile, dataset: DataSet, out: OutFolder) -> CommandResult:

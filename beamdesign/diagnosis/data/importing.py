@@ -1,0 +1,274 @@
+"""From measured files to a data set: which column is which, in which unit, with which sign; all of it told.
+
+What can be told from names and units is not asked. Where two columns may be meant, or none, nothing is guessed: the
+answer says which there are, and how to name one.
+"""
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from io import StringIO
+from math import pi
+from pathlib import Path
+
+import numpy as np
+import tomli_w
+
+from beamdesign.diagnosis.data.dataset import INPUTS, Dataset, read_dataset
+from beamdesign.diagnosis.data.measured_files import Column, Measured, Response, read_measured
+from beamdesign.files import write_whole
+from beamdesign.prototype import read_prototype
+from beamdesign.records import InputError, Problem
+
+UNITS = {
+    "s": {"s": 1.0, "sec": 1.0, "ms": 1e-3, "us": 1e-6, "min": 60.0},
+    "N": {"N": 1.0, "kN": 1e3, "mN": 1e-3, "lbf": 4.4482216152605, "kgf": 9.80665},
+    "V": {"V": 1.0, "mV": 1e-3, "volt": 1.0, "volts": 1.0},
+    "A": {"A": 1.0, "mA": 1e-3, "uA": 1e-6},
+    "m": {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "in": 0.0254, "mil": 2.54e-5},
+    "Pa": {"Pa": 1.0, "kPa": 1e3, "MPa": 1e6, "bar": 1e5, "psi": 6894.757293168},
+}
+"""By SI unit what others are in it."""
+_SPELT = str.maketrans({"µ": "u", "μ": "u"})
+_PER_FORCE = {"m": 1.0, "mm": 1e-3, "um": 1e-6, "in": 0.0254}
+
+CHANNELS = {
+    "t_s": ("s", r"^t$|time|^zeit|^t[_ ]?s"),
+    "disturbance_N": ("N", r"disturb|force|load(?!.*pres)|kraft|hammer|^f(_?d)?$"),
+    "command_V": ("V", r"command|\bcmd|reference|^ref|setpoint|set point|demand|soll"),
+    "current_A": ("A", r"current|strom|^i(_?sv)?$|valve"),
+    "inner_displacement_m": ("m", r"inner"),
+    "displacement_m": ("m", r"displ|tip|deflection|position|^x(_?m)?$|weg|lvdt|outer"),
+    "load_pressure_Pa": ("Pa", r"pressure|druck|^p(_?l)?$"),
+}
+"""Columns of a record: their unit, and what their names look like elsewhere."""
+_NEEDED = ("t_s", "current_A", "displacement_m")
+
+
+@dataclass(frozen=True)
+class Taken:
+    """What became of one channel.
+
+    Attributes:
+        channel: column of the record.
+        name: of the column it is from; empty where it is zero throughout.
+        unit: that it was taken in.
+        factor: it was multiplied by, sign included.
+        offset: that was taken off, in the unit of the channel.
+        words: what was assumed; empty where nothing was.
+    """
+
+    channel: str
+    name: str
+    unit: str = ""
+    factor: float = 1.0
+    offset: float = 0.0
+    words: str = ""
+
+
+@dataclass(frozen=True)
+class Imported:
+    """A data set that was written, and what each of its records was taken from."""
+
+    dataset: Dataset
+    taken: Mapping[str, tuple[Taken, ...]]
+    paths: tuple[Path, ...]
+
+
+def asked(texts: Sequence[str]) -> dict[str, tuple[str, str, float]]:
+    """Columns that are named, `CHANNEL = NAME [UNIT]` with a minus sign before NAME to turn it round.
+
+    Returns:
+        By channel the name, the unit (empty where none is stated) and the sign.
+
+    Raises:
+        InputError: with all that cannot be read.
+    """
+    found, wrong = dict[str, tuple[str, str, float]](), list[Problem]()
+    for text in texts:
+        channel, equals, rest = (part.strip() for part in text.partition("="))
+        match = re.match(r"^(-?)\s*(.*?)\s*(?:\[([^\]]*)\])?$", rest)
+        if not equals or match is None or not match[2]:
+            wrong.append(
+                Problem("--column", f"{text!r} is not CHANNEL = NAME [UNIT], such as 'current_A = -i_valve [mA]'")
+            )
+        elif channel not in CHANNELS:
+            wrong.append(Problem("--column", f"{channel!r} is no channel; there are {', '.join(CHANNELS)}"))
+        else:
+            found[channel] = match[2], (match[3] or "").strip(), -1.0 if match[1] else 1.0
+    if wrong:
+        raise InputError("gap import", wrong)
+    return found
+
+
+def import_measured(
+    files: Sequence[Path],
+    prototype: Path,
+    out: Path,
+    columns: Sequence[str] = (),
+    outer_end_mass_kg: Sequence[float] = (0.0,),
+    inner_end_mass_kg: float | None = None,
+    rest_s: float = 0.0,
+) -> Imported:
+    """Write a data set of measured files: records/NAME.csv, dataset.toml and the prototype.
+
+    Args:
+        files: CSV, MATLAB and universal files.
+        prototype: the model that was believed, with its controller.
+        out: folder.
+        columns: see `asked`.
+        outer_end_mass_kg: payload of every file, or one for all.
+        inner_end_mass_kg: mass added inside; that of the prototype where None.
+        rest_s: how long everything rests at the beginning: the mean of that time is taken off.
+
+    Raises:
+        InputError: with everything that cannot be told, and how to tell it.
+    """
+    model, named = read_prototype(prototype), asked(columns)
+    if len(outer_end_mass_kg) not in (1, len(files)):
+        reason = f"give one for all, or one for each of {len(files)} files; there are {len(outer_end_mass_kg)}"
+        raise InputError("gap import", [("--outer-end-mass", reason)])
+    masses = list(outer_end_mass_kg) * (len(files) if len(outer_end_mass_kg) == 1 else 1)
+    inner = model.payload.inner_end_mass_kg if inner_end_mass_kg is None else inner_end_mass_kg
+    entries: dict[str, list[dict[str, object]]] = {"record": [], "frequency_response": []}
+    taken, tables = dict[str, tuple[Taken, ...]](), dict[str, dict[str, np.ndarray]]()
+    for path, mass in zip(files, masses, strict=True):
+        found = read_measured(path)
+        at: dict[str, object] = {"outer_end_mass_kg": mass, "inner_end_mass_kg": inner}
+        if found.columns:
+            name = f"records/{_fresh(path.stem, tables)}.csv"
+            tables[name], taken[name] = _record(found, named, model.sensor.gain_V_per_m, rest_s)
+            entries["record"].append(at | {"file": name})
+        for response in found.responses:
+            name = f"records/{_fresh(f'{path.stem}_{response.name}', tables)}.csv"
+            tables[name], taken[name] = _compliance(response, path)
+            entries["frequency_response"].append(at | {"file": name})
+    (out / "records").mkdir(parents=True, exist_ok=True)
+    for name, table in tables.items():
+        write_whole(out / name, _csv(table))
+    write_whole(out / "prototype.toml", prototype.read_text(encoding="utf-8"))
+    index = {"name": out.name, "prototype": "prototype.toml"} | {key: rows for key, rows in entries.items() if rows}
+    write_whole(out / "dataset.toml", tomli_w.dumps(index))
+    paths = tuple(out / name for name in ("dataset.toml", "prototype.toml", *tables))
+    return Imported(read_dataset(out), taken, paths)
+
+
+def _csv(table: Mapping[str, np.ndarray]) -> str:
+    text = StringIO()
+    np.savetxt(text, np.column_stack(list(table.values())), "%.9g", ",", header=",".join(table), comments="")
+    return text.getvalue()
+
+
+def _fresh(name: str, known: Mapping[str, object]) -> str:
+    """A file name of plain letters that no other record has."""
+    plain = re.sub(r"[^A-Za-z0-9_.-]+", "_", name).strip("_.") or "record"
+    same = sum(f"records/{plain}" in other for other in known)
+    return plain if not same else f"{plain}_{same + 1}"
+
+
+def _record(
+    found: Measured, named: Mapping[str, tuple[str, str, float]], sensor_V_per_m: float, rest_s: float
+) -> tuple[dict[str, np.ndarray], tuple[Taken, ...]]:
+    table, taken, wrong = dict[str, np.ndarray](), list[Taken](), list[Problem]()
+    left = {column.name: column for column in found.columns}
+    chosen: dict[str, Column] = {}
+    for channel, (name, unit, _) in named.items():
+        if name not in left:
+            wrong.append(Problem(channel, f"there is no column {name!r}; {_there(found)}"))
+        else:
+            chosen[channel] = replace(left[name], unit=unit or left[name].unit)
+    free = [column for column in found.columns if column.name not in {one.name for one in chosen.values()}]
+    for channel in (one for one in CHANNELS if one not in named):
+        alike = _alike(channel, free)
+        if len(alike) == 1:
+            chosen[channel] = alike[0]
+            free.remove(alike[0])
+        elif alike or channel in _NEEDED:
+            which = (
+                f"may be {' or '.join(repr(one.name) for one in alike)}" if alike else "is not told by any name or unit"
+            )
+            wrong.append(Problem(channel, f"{which}: name it, --column '{channel} = NAME [UNIT]'; {_there(found)}"))
+    for channel, column in chosen.items():
+        factor, words = _factor(channel, column.unit, sensor_V_per_m)
+        if factor is None:
+            wrong.append(Problem(channel, f"{column.name!r} is in {column.unit!r}: {words}"))
+            continue
+        sign = named[channel][2] if channel in named else 1.0
+        table[channel] = sign * factor * column.values
+        taken.append(Taken(channel, column.name, column.unit or CHANNELS[channel][0], sign * factor, 0.0, words))
+    if wrong:
+        raise InputError(found.path, wrong)
+    table["t_s"] = table["t_s"] - table["t_s"][0]
+    resting = table["t_s"] < rest_s
+    for k, one in enumerate(taken):
+        if one.channel != "t_s" and resting.any():
+            offset = float(table[one.channel][resting].mean())
+            table[one.channel] = table[one.channel] - offset
+            taken[k] = replace(one, offset=offset)
+    for channel in (one for one in INPUTS if one not in table):
+        table[channel] = np.zeros(len(table["t_s"]))
+        taken.append(Taken(channel, "", words="no column: taken as zero"))
+    return {channel: table[channel] for channel in CHANNELS if channel in table}, tuple(taken)
+
+
+def _alike(channel: str, columns: Sequence[Column]) -> list[Column]:
+    """Columns that may be a channel: by name and unit; else, where no name tells, by a unit that only one has."""
+    unit, pattern = CHANNELS[channel]
+    fits = [one for one in columns if not one.unit or _unit_of(one.unit) in _measures(channel)]
+    by_name = [one for one in fits if one.name == channel] or [
+        one for one in fits if re.search(pattern, one.name.rpartition(".")[2], re.IGNORECASE)
+    ]
+    if channel == "displacement_m":
+        by_name = [one for one in by_name if not re.search("inner", one.name, re.IGNORECASE)]
+    if by_name or channel not in _NEEDED:
+        return by_name
+    return [one for one in fits if one.unit and _unit_of(one.unit) == unit]
+
+
+def _measures(channel: str) -> tuple[str, ...]:
+    """SI units that a channel may be measured in: a displacement in the volts of its sensor too."""
+    return (CHANNELS[channel][0], "V") if channel == "displacement_m" else (CHANNELS[channel][0],)
+
+
+def _unit_of(text: str) -> str:
+    """The SI unit of what a unit measures; empty where it is not known."""
+    return next((unit for unit, others in UNITS.items() if text.translate(_SPELT) in others), "")
+
+
+def _factor(channel: str, unit: str, sensor_V_per_m: float) -> tuple[float | None, str]:
+    """What a column is multiplied by to be in SI, and what was assumed, or why not."""
+    own = CHANNELS[channel][0]
+    if not unit:
+        return 1.0, f"no unit stated: taken as {own}"
+    if (measures := _unit_of(unit)) == own:
+        return UNITS[own][unit.translate(_SPELT)], ""
+    if channel == "displacement_m" and measures == "V":
+        return UNITS["V"][unit.translate(_SPELT)] / sensor_V_per_m, f"volts over the believed {sensor_V_per_m:g} V/m"
+    return None, f"{channel} is measured in {', '.join(UNITS[own])}; state the unit, --column '{channel} = NAME [UNIT]'"
+
+
+def _there(found: Measured) -> str:
+    names = ", ".join(f"{one.name} [{one.unit}]" if one.unit else one.name for one in found.columns)
+    return f"the file has {names}"
+
+
+def _compliance(found: Response, path: Path) -> tuple[dict[str, np.ndarray], tuple[Taken, ...]]:
+    """Magnitude and phase of the compliance: a velocity is divided by j w, an acceleration by -w^2."""
+    above = found.frequency_Hz > 0
+    s = 2j * pi * found.frequency_Hz[above]
+    answer, _, force = (part.strip() for part in found.unit.translate(_SPELT).partition("/"))
+    length = re.sub(r"/?s(\^?2|²)?$", "", answer)
+    scale = _PER_FORCE.get(length or "m")
+    newton = UNITS["N"].get(re.sub(r".*/", "", force) or "N")
+    if scale is None or newton is None:
+        raise InputError(path, [(found.name, f"its unit {found.unit!r} is no motion over a force that is known here")])
+    power = {"displacement": 0, "velocity": 1, "acceleration": 2}[found.answer]
+    values = found.values[above] * scale / newton / s**power
+    words = "" if found.unit else "no unit stated: taken as SI over N"
+    words = "; ".join(part for part in (words, f"{found.answer} divided by (j w)^{power}" if power else "") if part)
+    table = {
+        "frequency_Hz": found.frequency_Hz[above],
+        "magnitude_m_per_N": np.abs(values),
+        "phase_deg": np.degrees(np.unwrap(np.angle(values))),
+    }
+    return table, (Taken("magnitude_m_per_N", found.name, found.unit, scale / newton, 0.0, words),)

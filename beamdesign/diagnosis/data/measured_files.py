@@ -1,0 +1,205 @@
+"""Measured data as people have them: CSV of any dialect, MATLAB and universal files, read as columns with units.
+
+MATLAB files are read by SciPy, universal files (dataset 58) by pyUFF; both hand over arrays, names and units.
+"""
+
+import csv
+import re
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from io import StringIO
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from beamdesign.files import LARGEST_TABLE, read_bytes
+from beamdesign.records import InputError
+
+_LARGEST = LARGEST_TABLE
+_FEWEST = 3
+_IN_NAME = re.compile(r"^(?P<name>.*?)\s*(?:[\[(]\s*(?P<unit>[^\])]*)[\])]|[,;:]\s+(?P<after>\S+))\s*$")
+_NUMBER = re.compile(r"^\s*[-+]?(\d+([.,]\d*)?|[.,]\d+)([eEdD][-+]?\d+)?\s*$|^\s*[-+]?(nan|inf)\s*$", re.IGNORECASE)
+
+
+@dataclass(frozen=True)
+class Column:
+    """A column of numbers as it was read.
+
+    Attributes:
+        name: as the file has it.
+        unit: as the file has it; empty where it states none.
+        values: (N,)
+    """
+
+    name: str
+    unit: str
+    values: np.ndarray = field(repr=False)
+
+
+@dataclass(frozen=True)
+class Response:
+    """A frequency response as it was read.
+
+    Attributes:
+        name: of it.
+        frequency_Hz: (N,)
+        values: (N,) complex, answer over excitation.
+        answer: displacement, velocity or acceleration.
+        unit: of the answer over that of the excitation.
+    """
+
+    name: str
+    frequency_Hz: np.ndarray = field(repr=False)
+    values: np.ndarray = field(repr=False)
+    answer: str
+    unit: str
+
+
+@dataclass(frozen=True)
+class Measured:
+    """What a file holds: columns of one length, or responses, or both."""
+
+    path: Path
+    columns: tuple[Column, ...] = ()
+    responses: tuple[Response, ...] = ()
+
+
+def read_measured(path: Path) -> Measured:
+    """Read one file by its ending: .mat, .uff, .unv, .uf; anything else as text in columns.
+
+    Raises:
+        InputError: where nothing of use can be read from it, with what to do.
+    """
+    reader = {".mat": _matlab, ".uff": _universal, ".unv": _universal, ".uf": _universal}.get(
+        path.suffix.lower(), _text
+    )
+    try:
+        return reader(path)
+    except OSError as error:
+        raise InputError(path, [("(file)", error.strerror or str(error))]) from error
+
+
+def _refuse(path: Path, reason: str) -> InputError:
+    return InputError(path, [("(file)", reason)])
+
+
+# Text.
+
+
+def _text(path: Path) -> Measured:
+    raw = read_bytes(path, _LARGEST)
+    try:
+        text = raw.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        text = raw.decode("latin-1")
+    if "\0" in text:
+        raise _refuse(path, "is not text: it holds zero bytes; MATLAB files end in .mat, universal ones in .uff")
+    lines = [line for line in text.splitlines() if line.strip()]
+    mark = max(";\t,", key=lambda one: sum(one in line for line in lines[-50:]))
+    if not any(mark in line for line in lines[-50:]):
+        raise _refuse(path, "has no columns: no comma, semicolon or tab parts its last rows")
+    rows = list(csv.reader(StringIO("\n".join(lines)), delimiter=mark))
+    first = next((k for k, row in enumerate(rows) if _all_numbers(row)), None)
+    if first is None or len(rows) - first < _FEWEST:
+        raise _refuse(path, "holds no rows of numbers below its column names")
+    width, heads = len(rows[first]), [row for row in rows[:first] if len(row) == len(rows[first])]
+    names = heads[-1] if heads else [f"column {k + 1}" for k in range(width)]
+    units = [""] * width
+    if len(heads) > 1 and all(_looks_like_unit(cell) for cell in heads[-1]):  # a row of units below the names
+        names, units = heads[-2], [cell.strip().strip("[]()") for cell in heads[-1]]
+    values = np.empty((len(rows) - first, width))
+    for k, row in enumerate(rows[first:]):
+        try:
+            values[k] = [float(cell.replace(",", ".").replace("D", "e")) for cell in row]
+        except ValueError as error:
+            what = f"row {k + 1} of its numbers has {len(row)} cells of {width}, or one that is no number: {error}"
+            raise _refuse(path, what) from error
+    columns = (_column(name, unit, values[:, k]) for k, (name, unit) in enumerate(zip(names, units, strict=True)))
+    return Measured(path, tuple(columns))
+
+
+def _all_numbers(row: list[str]) -> bool:
+    return len(row) > 1 and all(_NUMBER.match(cell) for cell in row)
+
+
+def _looks_like_unit(cell: str) -> bool:
+    return len(cell.strip().strip("[]()")) <= 6
+
+
+def _column(name: str, unit: str, values: np.ndarray) -> Column:
+    """A column whose name may hold its unit, as in `Force [N]`, `Force (N)` or `Force, N`."""
+    name = name.strip().strip("\"'")
+    if not unit and (found := _IN_NAME.match(name)):
+        name, unit = found["name"], (found["unit"] or found["after"] or "").strip()
+    return Column(name, unit, values)
+
+
+# MATLAB.
+
+
+def _matlab(path: Path) -> Measured:
+    from scipy.io import loadmat
+
+    try:
+        found = loadmat(path, squeeze_me=True, simplify_cells=True)
+    except NotImplementedError as error:
+        raise _refuse(path, "is a MATLAB file of version 7.3: save it with `save(name, ..., '-v7')`") from error
+    except ValueError as error:
+        raise _refuse(path, f"is no MATLAB file: {error}") from error
+    arrays = dict(_arrays(found))
+    lengths = [len(one) for one in arrays.values()]
+    if not lengths:
+        raise _refuse(path, "holds no vectors of numbers")
+    most = max(set(lengths), key=lengths.count)
+    return Measured(path, tuple(_column(n, "", v) for n, v in arrays.items() if len(v) == most))
+
+
+def _arrays(table: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, np.ndarray]]:
+    """Vectors of a file and of the structures in it, by name."""
+    for name, value in table.items():
+        if name.startswith("__"):
+            continue
+        if isinstance(value, Mapping):
+            yield from _arrays(value, f"{prefix}{name}.")
+        elif isinstance(value, np.ndarray) and value.dtype.kind in "fiu" and value.ndim == 1 and len(value) >= _FEWEST:
+            yield prefix + name, value.astype(float)
+        elif isinstance(value, np.ndarray) and value.dtype.kind in "fiu" and value.ndim == 2:
+            for k in range(value.shape[1] if value.shape[0] >= _FEWEST else 0):
+                yield f"{prefix}{name}({k + 1})", value[:, k].astype(float)
+
+
+# Universal files.
+
+
+_ANSWERS = {8: "displacement", 11: "velocity", 12: "acceleration"}
+_TIME_RECORD, _FREQUENCY_RESPONSE = 1, 4
+
+
+def _universal(path: Path) -> Measured:
+    try:
+        from pyuff import UFF
+    except ModuleNotFoundError as error:
+        raise _refuse(path, "a universal file is read by pyUFF: pip install 'beamdesign[uff]'") from error
+    read_bytes(path, _LARGEST)  # that it is there, and not too large
+    try:
+        found = UFF(str(path)).read_sets()
+    except Exception as error:  # whatever a reader of a loose format raises
+        raise _refuse(path, f"is no universal file that pyUFF can read: {error}") from error
+    sets = [one for one in ([found] if isinstance(found, dict) else found) if one.get("type") == 58]
+    columns, responses = list[Column](), list[Response]()
+    for k, one in enumerate(sets):
+        name = str(one.get("id1") or "").strip() or f"function {k + 1}"
+        name += "" if name not in {c.name for c in columns} | {r.name for r in responses} else f" ({k + 1})"
+        unit, x = str(one.get("ordinate_axis_units_lab") or "").strip(), np.asarray(one["x"], dtype=float)
+        unit = "" if unit.upper() == "NONE" else unit
+        if one["func_type"] == _FREQUENCY_RESPONSE and (answer := _ANSWERS.get(one.get("ordinate_spec_data_type", 0))):
+            responses.append(Response(name, x, np.asarray(one["data"]), answer, unit))
+        elif one["func_type"] == _TIME_RECORD:
+            if not columns:
+                columns.append(Column("time", "s", x))
+            if len(x) == len(columns[0].values):
+                columns.append(Column(name, unit, np.asarray(one["data"]).real.astype(float)))
+    if not columns and not responses:
+        raise _refuse(path, "holds no time record and no frequency response of a motion (dataset 58)")
+    return Measured(path, tuple(columns), tuple(responses))

@@ -1,0 +1,154 @@
+"""Data as people have them: CSV dialects, MATLAB and universal files become the same data set as our own CSV."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from pyuff import UFF, prepare_58
+from scipy.io import savemat
+from typer.testing import CliRunner
+
+from beamdesign.cli import app
+from beamdesign.diagnosis.data.dataset import TimeRecord
+from beamdesign.diagnosis.data.importing import UNITS, Imported, import_measured
+from beamdesign.records import InputError
+
+RIG = Path(__file__).parent.parent / "studies" / "prototypes" / "tame_lag.toml"
+TIMES = np.arange(400) / 1000
+
+
+@pytest.fixture
+def motion() -> dict[str, np.ndarray]:
+    """A record of the channels in SI."""
+    return {
+        "t_s": TIMES,
+        "disturbance_N": 100 * np.sin(30 * TIMES),
+        "command_V": 0.2 * np.cos(9 * TIMES),
+        "current_A": 1e-3 * np.sin(40 * TIMES),
+        "displacement_m": 1e-4 * np.sin(50 * TIMES),
+    }
+
+
+def taken(path: Path, *columns: str, **more: object) -> TimeRecord:
+    return imported(path, *columns, **more).dataset.records[0]
+
+
+def imported(path: Path, *columns: str, **more: object) -> Imported:
+    return import_measured([path], RIG, path.parent / "set", columns, **more)
+
+
+def same(record: TimeRecord, motion: dict[str, np.ndarray]) -> None:
+    assert record.times == pytest.approx(motion["t_s"], abs=1e-9)
+    assert record.inputs[:, 0] == pytest.approx(motion["disturbance_N"], rel=1e-6, abs=1e-6)
+    assert record.inputs[:, 1] == pytest.approx(motion["command_V"], rel=1e-6, abs=1e-9)
+    assert record.measured["current_A"] == pytest.approx(motion["current_A"], rel=1e-6, abs=1e-9)
+    assert record.measured["displacement_m"] == pytest.approx(motion["displacement_m"], rel=1e-6, abs=1e-12)
+
+
+def test_a_spreadsheet_with_decimal_commas_and_a_row_of_units(tmp_path: Path, motion: dict[str, np.ndarray]) -> None:
+    """Times from 12 s on in ms, forces in kN, currents in mA, lengths in µm, in Latin letters."""
+    factors = {"Zeit": 1e3, "Kraft": 1e-3, "Sollwert": 1.0, "Strom": 1e3, "Weg": 1e6}
+    lines = ["Messung 7;;;;", ";".join(factors), "ms;kN;V;mA;µm"]
+    values = np.column_stack(list(motion.values())) + np.array([12, 0, 0, 0, 0])
+    lines += [";".join(f"{x:.12g}" for x in row * list(factors.values())).replace(".", ",") for row in values]
+    (tmp_path / "lauf 1.csv").write_bytes("\n".join(lines).encode("latin-1"))
+    found = imported(tmp_path / "lauf 1.csv", outer_end_mass_kg=[2.5])
+    same(found.dataset.records[0], motion)
+    assert found.dataset.records[0].outer_end_mass == 2.5
+    (rows,) = found.taken.values()
+    assert {one.channel: one.name for one in rows} == dict(zip(motion, factors, strict=True))
+
+
+def test_units_in_the_names_signs_and_volts_of_the_sensor(tmp_path: Path, motion: dict[str, np.ndarray]) -> None:
+    """The displacement as the sensor's millivolts over 1180 V/m; a valve wired the other way round; no command."""
+    names = "Time (s),Load Cell [lbf],i_valve (mA),LVDT [mV],temperature [C]"
+    table = np.column_stack([
+        TIMES,
+        motion["disturbance_N"] / UNITS["N"]["lbf"],
+        -1e3 * motion["current_A"],
+        1e3 * 1180 * motion["displacement_m"],
+        20 + TIMES,
+    ])  # fmt: skip
+    np.savetxt(tmp_path / "a.csv", table, "%.12g", ",", header=names, comments="")
+    same(taken(tmp_path / "a.csv", "current_A = -i_valve [mA]"), motion | {"command_V": 0 * TIMES})
+
+
+def test_what_it_rests_at_is_taken_off(tmp_path: Path, motion: dict[str, np.ndarray]) -> None:
+    still = {name: np.where(TIMES < 0.1, 0.0, values) + 3.0 * (name != "t_s") for name, values in motion.items()}
+    still["t_s"] = TIMES
+    np.savetxt(
+        tmp_path / "a.csv", np.column_stack(list(still.values())), "%.12g", ",", header=",".join(still), comments=""
+    )
+    record = taken(tmp_path / "a.csv", rest_s=0.1)
+    assert abs(record.measured["displacement_m"][:100]).max() < 1e-9
+    assert record.inputs[-1, 0] == pytest.approx(motion["disturbance_N"][-1])
+
+
+def test_matlab_structures(tmp_path: Path, motion: dict[str, np.ndarray]) -> None:
+    fields = dict(zip(("time", "force", "ref", "current", "tip"), motion.values(), strict=True))
+    savemat(tmp_path / "run.mat", {"log": fields, "comment": "text", "fs": 1000.0})
+    same(taken(tmp_path / "run.mat", "t_s = log.time"), motion)
+
+
+def test_universal_files_of_time_and_of_frequency(tmp_path: Path, motion: dict[str, np.ndarray]) -> None:
+    """An accelerance in g-free units over N is a compliance times -w^2 (D. J. Ewins, Modal Testing, 2000)."""
+    path = tmp_path / "run.uff"
+    units = {"disturbance_N": "N", "command_V": "V", "current_A": "A", "displacement_m": "m"}
+    sets = [
+        prepare_58(func_type=1, id1=name, data=motion[name], x=TIMES, binary=0, abscissa_spacing=1, abscissa_inc=1e-3,
+                   abscissa_min=0.0, num_pts=len(TIMES), ordinate_axis_units_lab=unit, ord_data_type=4)
+        for name, unit in units.items()
+    ]  # fmt: skip
+    hertz = np.linspace(1.0, 100.0, 100)
+    s = 2j * np.pi * hertz
+    compliance = 1 / (4e5 + 20 * s + 8 * s**2)
+    sets.append(
+        prepare_58(func_type=4, id1="accelerance", data=s**2 * compliance, x=hertz, binary=0, abscissa_spacing=1,
+                   abscissa_inc=1.0, abscissa_min=1.0, num_pts=100, ordinate_spec_data_type=12,
+                   orddenom_spec_data_type=13, ordinate_axis_units_lab="m/s^2/N", ord_data_type=6)
+    )  # fmt: skip
+    writer = UFF(str(path))
+    for k, one in enumerate(sets):
+        writer.write_sets(one, "overwrite" if k == 0 else "add")
+    found = imported(path).dataset
+    assert found.records[0].measured["displacement_m"] == pytest.approx(motion["displacement_m"], abs=1e-9)
+    (response,) = found.responses
+    assert abs(response.response) == pytest.approx(abs(compliance), rel=1e-3)
+
+
+def test_what_cannot_be_told_is_asked_with_what_there_is(tmp_path: Path) -> None:
+    head = "t,force A [N],force B [N],signal [V]\n"
+    (tmp_path / "a.csv").write_text(head + "\n".join(f"{0.001 * k},1,2,3" for k in range(10)))
+    with pytest.raises(InputError) as refused:
+        imported(tmp_path / "a.csv")
+    told = {problem.key: problem.reason for problem in refused.value.problems}
+    assert "'force A' or 'force B'" in told["disturbance_N"]
+    assert set(told) == {"disturbance_N", "current_A", "displacement_m"}
+    assert "signal [V]" in told["current_A"]
+    assert not (tmp_path / "set").exists()
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "words"),
+    [
+        ("a.csv", b"t_s;x\n1;2\n3;four\n5;6\n7;8\n9;1\n", "no number"),
+        ("a.csv", b"hello\n", "no columns"),
+        ("a.mat", b"MATLAB 7.3 MAT-file" + bytes(600), "MATLAB"),
+        ("a.uff", b"nothing\n", "no time record and no frequency response"),
+    ],
+)
+def test_files_that_hold_nothing_say_so(tmp_path: Path, name: str, content: bytes, words: str) -> None:
+    (tmp_path / name).write_bytes(content)
+    with pytest.raises(InputError, match=words):
+        imported(tmp_path / name)
+
+
+def test_the_command_tells_what_it_took(tmp_path: Path, motion: dict[str, np.ndarray]) -> None:
+    names = "time [s],force [N],cmd [V],current [A],tip [mm]"
+    values = np.column_stack([*list(motion.values())[:-1], 1e3 * motion["displacement_m"]])
+    np.savetxt(tmp_path / "push.csv", values, "%.12g", ",", header=names, comments="")
+    command = ["gap", "import", str(tmp_path / "push.csv"), "--prototype", str(RIG), "--out", str(tmp_path / "rig1")]
+    done = CliRunner().invoke(app, command)
+    assert done.exit_code == 0, done.output
+    assert "tip [mm] x 0.001" in done.output
+    assert (tmp_path / "rig1" / "records" / "push.csv").is_file()
