@@ -52,6 +52,7 @@ def magnitudes(rig: Prototype, mass: float, at_Hz: np.ndarray) -> dict[str, np.n
     return {
         "peak_sensitivity": np.abs(sensitivity),
         "compliance": np.abs(compliance),
+        "peak_compliance": np.abs(compliance),
         "controller_effort": np.abs(law * sensitivity),
     }
 
