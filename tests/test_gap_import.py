@@ -94,19 +94,22 @@ def test_universal_files_of_time_and_of_frequency(tmp_path: Path, motion: dict[s
     """An accelerance in g-free units over N is a compliance times -w^2 (D. J. Ewins, Modal Testing, 2000)."""
     path = tmp_path / "run.uff"
     units = {"disturbance_N": "N", "command_V": "V", "current_A": "A", "displacement_m": "m"}
+    place = {"binary": 0, "rsp_node": 1, "rsp_dir": 3, "ref_node": 1, "ref_dir": 3, "abscissa_spacing": 1}
     sets = [
-        prepare_58(func_type=1, id1=name, data=motion[name], x=TIMES, binary=0, abscissa_spacing=1, abscissa_inc=1e-3,
-                   abscissa_min=0.0, num_pts=len(TIMES), ordinate_axis_units_lab=unit, ord_data_type=4)
+        prepare_58(
+            **place | {"func_type": 1, "id1": name, "data": motion[name], "x": TIMES, "num_pts": len(TIMES)},
+            **{"abscissa_min": 0.0, "abscissa_inc": 1e-3, "ordinate_axis_units_lab": unit, "ord_data_type": 4},
+            orddenom_spec_data_type=0,
+        )
         for name, unit in units.items()
-    ]  # fmt: skip
+    ]
     hertz = np.linspace(1.0, 100.0, 100)
     s = 2j * np.pi * hertz
     compliance = 1 / (4e5 + 20 * s + 8 * s**2)
-    sets.append(
-        prepare_58(func_type=4, id1="accelerance", data=s**2 * compliance, x=hertz, binary=0, abscissa_spacing=1,
-                   abscissa_inc=1.0, abscissa_min=1.0, num_pts=100, ordinate_spec_data_type=12,
-                   orddenom_spec_data_type=13, ordinate_axis_units_lab="m/s^2/N", ord_data_type=6)
-    )  # fmt: skip
+    accelerance = {"func_type": 4, "id1": "accelerance", "data": s**2 * compliance, "x": hertz, "num_pts": 100}
+    kinds = {"ord_data_type": 6, "ordinate_spec_data_type": 12, "orddenom_spec_data_type": 13}
+    labels = {"ordinate_axis_units_lab": "m/s^2", "orddenom_axis_units_lab": "N"}
+    sets.append(prepare_58(**place | accelerance | kinds | labels, abscissa_min=1.0, abscissa_inc=1.0))
     writer = UFF(str(path))
     for k, one in enumerate(sets):
         writer.write_sets(one, "overwrite" if k == 0 else "add")

@@ -191,8 +191,8 @@ def _universal(path: Path) -> Measured:
     for k, one in enumerate(sets):
         name = str(one.get("id1") or "").strip() or f"function {k + 1}"
         name += "" if name not in {c.name for c in columns} | {r.name for r in responses} else f" ({k + 1})"
-        unit, x = str(one.get("ordinate_axis_units_lab") or "").strip(), np.asarray(one["x"], dtype=float)
-        unit = "" if unit.upper() == "NONE" else unit
+        labels = (str(one.get(f"{part}_axis_units_lab") or "").strip() for part in ("ordinate", "orddenom"))
+        unit, x = "/".join(label for label in labels if label.upper() not in ("", "NONE")), np.asarray(one["x"], float)
         if one["func_type"] == _FREQUENCY_RESPONSE and (answer := _ANSWERS.get(one.get("ordinate_spec_data_type", 0))):
             responses.append(Response(name, x, np.asarray(one["data"]), answer, unit))
         elif one["func_type"] == _TIME_RECORD:
