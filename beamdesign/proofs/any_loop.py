@@ -204,9 +204,12 @@ def proved(loop: OpenLoop) -> ProvedLoop:
 def _above_one(family: Affine) -> StabilityMap:
     """The map from the factor one to beyond all crossings."""
     high = fmpq(2)
-    while (found := stable_ranges(family, _ONE, high, _BITS)).above is not None:
-        high = fmpq(2 * found.above.ends[1].ceil())
-    return found
+    while True:
+        found = stable_ranges(family, _ONE, high, _BITS)
+        beyond = [one.ends[1] for one in (*found.crossings, found.above) if one is not None]
+        if max(beyond, default=_NONE) < high:
+            return found
+        high = fmpq(2 * max(beyond).ceil())
 
 
 def _stable_gains(below: StabilityMap, above: StabilityMap, joined: bool) -> tuple[Pair, ...]:
