@@ -18,7 +18,7 @@ from beamdesign.proofs.box_claims import claim_of_family
 from beamdesign.proofs.certificate import Asked, Kind
 from beamdesign.proofs.open_loop import OpenLoop, in_p, number, period, refused
 from beamdesign.proofs.performance import keeps, least_of
-from beamdesign.proofs.read_once import NotCovered, S, read_once
+from beamdesign.proofs.read_once import Expression, S, read_once
 from beamdesign.proofs.rig_family import TRANSPORT, UNKNOWN, PolynomialFamily, claimed
 from beamdesign.proofs.stability import StabilityMap, stable_ranges
 from beamdesign.proofs.statement import Interval, in_context
@@ -83,13 +83,23 @@ class LoopFamily:
             p, circles[UNKNOWN], since, until = claimed(claim, p, self.numerator, 0 * p)
         values = self.box.nominal
         positive = [name for name, (low, _) in self.ranges.items() if low > 0]
-        if len(positive) < len(values):
-            if claim is not None:
-                raise NotCovered("a claim needs parameters that are positive")
-            return PolynomialFamily("loop", str(p).replace("^", "**"), values, positive=positive)
-        form = read_once(p, [*values], (UNKNOWN,))
+        if len(positive) == len(values):
+            form = read_once(p, [*values], (UNKNOWN,))
+        else:
+            leaves = {"plain": _text(p.subs({UNKNOWN: 0})), "turned": _text(p.derivative(UNKNOWN))}
+            form = Expression(f"plain + {UNKNOWN} * turned", leaves, (("plain", "turned"),), ())
+            if claim is None:
+                form = Expression("plain", {"plain": leaves["plain"]}, (), ())
         parts = form.leaves, form.bound, None, form.groups, positive, circles, since, until
         return PolynomialFamily("loop", form.p, values, *parts)
+
+    def turns_at_infinity(self, limit: fmpq, points: Iterable[Mapping[str, fmpq]]) -> bool:
+        """Whether at one of these members no frequency is high enough for a peak sensitivity to be proved from it up.
+
+        The unknown of the claim, see `claimed`, has a size of up to limit / (limit - 1).
+        """
+        loops, n = map(self.at, points), self.order
+        return any(abs(one.numerator[n]) * limit >= abs(one.denominator[n]) * (limit - 1) for one in loops)
 
 
 @dataclass(frozen=True, repr=False)
@@ -103,7 +113,7 @@ class ProvedFamily(Result):
         middle: what is proved of the member in the middle of all ranges.
         stable_ranges: of a single parameter that enters affinely all stable ranges, ends rounded inwards, and open
             where the loop stops being stable; else None.
-        peak_sensitivity: of such a one, what max |S| is proved to be at most, to 1e-4; else None.
+        peak_sensitivity: of such a one, what max |S| is proved to be at most, to 1e-4 from one up; else None.
         unstable_member: one that is proved not to be stable, rounded to floats.
         claims: by figure, whether it is proved (True), refuted (False) or neither (None) of all members.
         certificate: text that `check` proves again; it states stability alone. Empty where that is undecided.
@@ -227,6 +237,10 @@ def _in_s(part: fmpq_mpoly) -> fmpq_poly:
     return fmpq_poly([powers.get(k, 0) for k in range(max(powers, default=-1) + 1)])
 
 
+def _text(part: fmpq_mpoly) -> str:
+    return str(part).replace("^", "**")
+
+
 def _over(family: LoopFamily, limit: float | None) -> ProvedFamily:
     given = {name: (nearest(low), nearest(high)) for name, (low, high) in family.ranges.items()}
     middle = proved(family.at(family.box.nominal))
@@ -263,10 +277,14 @@ def _keeps(family: LoopFamily, over: Loop | None, limit: float, verdict: BoxVerd
         held = keeps(PEAK, over, number(limit), ends)
         return held, "" if held else f"a member exceeds the peak sensitivity {limit:g}"
     corners = product(*family.ranges.values()) if len(family.ranges) <= _CORNERS else ()
-    for point in (verdict.box.nominal, *(dict(zip(family.ranges, values, strict=True)) for values in corners)):
+    points = [verdict.box.nominal, *(dict(zip(family.ranges, values, strict=True)) for values in corners)]
+    for point in points:
         if (peak := proved(family.at(point)).peak_sensitivity) is not None and peak[0] > limit:
             where = ", ".join(f"{name} {nearest(value):.6g}" for name, value in point.items())
             return False, f"the member at {where} has a peak sensitivity of {peak[0]:.6g}"
+    if family.turns_at_infinity(number(limit), points):
+        where = "infinite frequency" if family.period_s is None else "z = -1"
+        return None, f"not decided: the peak sensitivity where |L| is as large as here at {where}"
     try:
         asked = Asked(PEAK, limit)
         claim = claim_of_family(family.expression(asked), family.box, asked)
