@@ -358,6 +358,14 @@ def test_several_parameters_are_decided_by_pieces():
     assert check(lost.certificate).valid
 
 
+def test_a_leaf_that_lies_along_an_axis_has_a_size_for_the_checker_too():
+    """At w = 1 the part (s - 1)^2 of this family is -2 j, its real part a ball around zero."""
+    loop = (["0.242*a - 0.377", "0.098 - 0.134*b + 0.1*a*b"], [1.0, -0.833, 0.071, 0.043], 0.5)
+    proved = prove(loop, {"a": (0.655, 1.393), "b": (0.634, 1.416), "c": (0.644, 1.412)})
+    assert proved.yes
+    assert check(proved.certificate).valid
+
+
 def test_peak_sensitivity_over_a_box():
     """Proved above what any corner has, and refuted by one of them below it."""
     loop = ("g*(s + 2)", "s*(m*s**2 + d*s + 3)")
@@ -385,6 +393,18 @@ def test_parameters_that_are_not_positive_are_proved_too():
     assert two.yes
     assert check(two.certificate).valid
     assert prove(("k", "s**2 + d*s + 1"), {"k": (-0.5, 3.0), "d": (0.0, 1.0)}).stable is False
+    # |S| at rest is 1 / (1 + k), two at the least k; the resonance of the least damping has more.
+    claims = [prove(("k", "s**2 + d*s + 1"), {"k": (-0.5, 1.0), "d": (1.0, 2.0)}, claims={"peak_sensitivity": limit})
+              for limit in (2.1, 1.9)]  # fmt: skip
+    assert [claim.claims["peak_sensitivity"] for claim in claims] == [True, False]
+
+
+def test_what_cannot_be_decided_says_so():
+    """Here |S| < 1; but in a claim of 1.2 the unknown is as large as six, and outweighs at high frequency what leads."""
+    found = prove(("g*h*(s + 2)", "s + 1"), {"g": (0.2, 0.3), "h": (0.9, 1.0)}, claims={"peak_sensitivity": 1.2})
+    assert (found.stable, found.status, found.claims) == (True, "undecided", {"peak_sensitivity": None})
+    assert "infinite frequency" in found.reason
+    assert found.middle.peak_sensitivity[1] < 1
 
 
 def test_what_parameters_cannot_be_is_refused():

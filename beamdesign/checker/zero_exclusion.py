@@ -119,7 +119,7 @@ class Frame:
         """Upper bound of the size of a part of p at this frequency."""
         if id(node) not in self._sizes:
             points = (point for found in self.points(node).values() for point in found)
-            self._sizes[id(node)] = reduce(arb.max, [point.real**2 + point.imag**2 for point in points]).sqrt()
+            self._sizes[id(node)] = reduce(arb.max, map(abs, points))
         return self._sizes[id(node)]
 
     def least(self, x: arb, y: arb) -> arb:
