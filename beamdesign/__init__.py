@@ -37,6 +37,12 @@ where the answer is no. In the order in which one needs them:
 6. `read_dataset` reads what came back from the rig, and `predict` gives what a model would have recorded there;
    `diagnose` tells where the rig differs from its prototype, why, and how far the difference closes.
 7. `write_prototype` writes a rig to its file, which every command takes.
+8. `prove` proves any other loop of one input and one output, given as a system of python-control or over parameters.
+
+   >>> import control
+   >>> proved = beamdesign.prove(control.tf([10], [1, 6, 5, 0]))
+   >>> proved.gain_increase, f"{proved.phase_margin_deg[0]:.4f} deg"
+   ((3.0, 3.0), '25.3898 deg')
 
 What the engines give is a `beamdesign.result.Result`: `status` is the answer in a word, `rows()` its table, `to_dict()`
 its plain values, as the command of that name writes them with `--json`; a notebook shows it as a table.
@@ -56,6 +62,7 @@ if TYPE_CHECKING:
     from beamdesign.diagnosis.diagnose import diagnose
     from beamdesign.loop import critical_gain
     from beamdesign.problem import DesignProblem, read_problem
+    from beamdesign.proofs.any_loop import prove
     from beamdesign.prototype import Prototype, read_prototype, write_prototype
     from beamdesign.public import certify, predict, run, spec
     from beamdesign.records import InputError
@@ -79,6 +86,7 @@ _ROOMS = {
     "diagnose": "beamdesign.diagnosis.diagnose",
     "limits": "beamdesign.synthesis.limits",
     "predict": "beamdesign.public",
+    "prove": "beamdesign.proofs.any_loop",
     "read_dataset": "beamdesign.diagnosis.data.dataset",
     "read_problem": "beamdesign.problem",
     "read_prototype": "beamdesign.prototype",
@@ -106,6 +114,7 @@ __all__ = [
     "diagnose",
     "limits",
     "predict",
+    "prove",
     "read_dataset",
     "read_problem",
     "read_prototype",

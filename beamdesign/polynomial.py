@@ -11,7 +11,7 @@ from math import isfinite, pi, sqrt
 import numpy as np
 from flint import acb, arb, arb_poly, ctx, fmpq, fmpq_mpoly, fmpq_poly, fmpz, fmpz_poly
 
-from beamdesign.rational import nearest
+from beamdesign.rational import bounds, nearest
 
 
 @lru_cache(1 << 14)
@@ -194,6 +194,11 @@ class Crossing:
     def value(self) -> float:
         """The parameter as a float."""
         return float(self.parameter.mid())
+
+    @property
+    def ends(self) -> tuple[fmpq, fmpq]:
+        """Rationals that enclose the parameter."""
+        return bounds(self.parameter) if self.rational is None else (self.rational, self.rational)
 
     @property
     def frequency_Hz(self) -> float:

@@ -70,7 +70,7 @@ def rounded_down(value: fmpq) -> float:
 
 def rounded_up(value: fmpq) -> float:
     """The least float that is not below a rational."""
-    return -rounded_down(-value)
+    return 0.0 - rounded_down(-value)  # no minus before a zero
 
 
 def nearest(value: fmpq) -> float:

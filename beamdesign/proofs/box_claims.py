@@ -89,8 +89,24 @@ def claim_over_box(
     Raises:
         ValueError: as `claimed` and `read_once`, or for a box that `PolynomialFamily.over` refuses.
     """
-    family, of_gains = _family(prototype, box, asked), asked.kind == "gain_margin"
-    own = own_ranges(prototype, family, box, asked)
+    family = _family(prototype, box, asked)
+    return claim_of_family(family, box, asked, own_ranges(prototype, family, box, asked), budget, seconds)
+
+
+def claim_of_family(
+    family: PolynomialFamily,
+    box: Box,
+    asked: Asked,
+    own: Mapping[str, Interval] | None = None,
+    budget: int = 20_000,
+    seconds: float = inf,
+) -> BoxClaim:
+    """The same of any polynomial with the unknown of a claim, over ranges of its own in the place of some of the box.
+
+    Raises:
+        ValueError: as `PolynomialFamily.over`.
+    """
+    own, of_gains = own or {}, asked.kind == "gain_margin"
     statement = family.over({**box.ranges, **own})
     inside = {name: min(max(value, own[name][0]), own[name][1]) for name, value in box.nominal.items() if name in own}
     nominal = {**family.values, **box.nominal, **inside}

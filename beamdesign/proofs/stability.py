@@ -88,7 +88,7 @@ class StabilityMap:
         ]
 
 
-def stable_ranges(family: Affine, low: fmpq, high: fmpq) -> StabilityMap:
+def stable_ranges(family: Affine, low: fmpq, high: fmpq, precision_bits: int = 64) -> StabilityMap:
     """Split a closed range of masses into ranges that are stable or unstable throughout.
 
     Roots move continuously with m, so stability can change only where one crosses the axis (a real root of the
@@ -99,6 +99,7 @@ def stable_ranges(family: Affine, low: fmpq, high: fmpq) -> StabilityMap:
         family: the characteristic polynomials, affine in m.
         low: least mass.
         high: largest mass; may equal `low`.
+        precision_bits: least accuracy of the crossings.
 
     Raises:
         ValueError: for an empty range.
@@ -109,7 +110,7 @@ def stable_ranges(family: Affine, low: fmpq, high: fmpq) -> StabilityMap:
         lone = Range(low, high, None, None, low, False)
         reason = "a root lies on the imaginary axis at every mass"
         return StabilityMap(low, high, (), (lone,), None, None, reason)
-    groups = _located(family, low, high)
+    groups = _located(family, low, high, precision_bits)
     inside = [group for group in groups if _place(group[0], low, high) == 0]
     below = [group[-1] for group in groups if _place(group[0], low, high) < 0]
     above = [group[0] for group in groups if _place(group[0], low, high) > 0]
@@ -127,7 +128,7 @@ def _split(family: Affine, low: fmpq, high: fmpq, inside: Sequence[Sequence[Cros
         return [] if inside else [Range(low, high, None, None, low, is_hurwitz(family.at(low)))]
     edges: list[tuple[fmpq, fmpq, Crossing | None]] = [(low, low, None)]
     for group in inside:
-        least, most = zip(*(_bounds(crossing) for crossing in group), strict=True)
+        least, most = zip(*(crossing.ends for crossing in group), strict=True)
         edges.append((min(least), max(most), group[0]))
     edges.append((high, high, None))
     if len(edges) > 2 and edges[1][0] == low:  # a crossing at the very end: the range is open there
@@ -161,26 +162,21 @@ def in_words(parts: Sequence[Range], listed: Sequence[Crossing]) -> str:
     return ""
 
 
-def _bounds(crossing: Crossing) -> tuple[fmpq, fmpq]:
-    return (crossing.rational, crossing.rational) if crossing.rational is not None else bounds(crossing.parameter)
-
-
 def _place(crossing: Crossing, low: fmpq, high: fmpq) -> int:
     """Below (-1), inside (0) or above (1) the range, for a crossing that was located against its ends."""
-    least, most = _bounds(crossing)
+    least, most = crossing.ends
     return -1 if most < low else 1 if least > high else 0
 
 
-def _located(family: Affine, low: fmpq, high: fmpq) -> list[list[Crossing]]:
+def _located(family: Affine, low: fmpq, high: fmpq, precision: int) -> list[list[Crossing]]:
     """All crossings, in groups of equal mass, each group told apart from the others and from both ends."""
     dropped = degree_drop(family)
     infinite = [] if dropped is None else [Crossing(arb(dropped), arb.pos_inf(), dropped)]
-    precision = 64
     while True:
         with ctx.workprec(precision):
             found = [*infinite, *crossings(family, precision)]
             found = [_at_end(family, crossing, (low, high), precision) for crossing in found]
-            groups = _grouped(family, sorted(found, key=lambda crossing: _bounds(crossing)[0]), precision)
+            groups = _grouped(family, sorted(found, key=lambda crossing: crossing.ends[0]), precision)
             ends = all(_clear_of(crossing, end) for crossing in chain(*(groups or [])) for end in (low, high))
             if groups is not None and ends:
                 return groups
@@ -188,7 +184,7 @@ def _located(family: Affine, low: fmpq, high: fmpq) -> list[list[Crossing]]:
 
 
 def _clear_of(crossing: Crossing, end: fmpq) -> bool:
-    least, most = _bounds(crossing)
+    least, most = crossing.ends
     return crossing.rational is not None or end < least or most < end
 
 
@@ -213,7 +209,7 @@ def _grouped(family: Affine, found: Sequence[Crossing], precision: int) -> list[
     groups: list[list[Crossing]] = []
     candidates: list[arb] | None = None
     for crossing in found:
-        if not groups or all(_bounds(other)[1] < _bounds(crossing)[0] for other in groups[-1]):
+        if not groups or all(other.ends[1] < crossing.ends[0] for other in groups[-1]):
             groups.append([crossing])
             continue
         if candidates is None:

@@ -7,9 +7,9 @@ from functools import reduce
 from operator import add, itemgetter, mul, or_, sub, truediv
 from typing import Any, NamedTuple, TypeVar
 
-from flint import Ordering, fmpq, fmpq_mpoly_ctx, fmpq_poly
+from flint import Ordering, fmpq, fmpq_mpoly, fmpq_mpoly_ctx, fmpq_poly
 
-from beamdesign.polynomial import Quotient
+from beamdesign.polynomial import Quotient, exact
 
 T = TypeVar("T")
 Interval = tuple[fmpq, fmpq]
@@ -64,6 +64,41 @@ def polynomial(written: str) -> tuple[Term, ...]:
         powers = {name: int(a - b) for name, a, b in zip(names, above, below, strict=True) if a != b}
         terms.append((sorted(powers.items()), Term(c / unit, powers.pop("s", 0), powers)))
     return tuple(term for _, term in sorted(terms, key=itemgetter(0)))
+
+
+def in_context(written: str, context: fmpq_mpoly_ctx, called: Mapping[str, str]) -> fmpq_mpoly:
+    """A polynomial, in which decimals may stand too, in a context that has s.
+
+    Args:
+        written: the text.
+        context: of the polynomial.
+        called: the context's variables by their names in the text.
+
+    Raises:
+        ValueError: for what is none, or another name.
+    """
+    found = _expanded(_InContext(called).visit(_parsed(written)), context)
+    if not found.denominator.is_constant():
+        raise ValueError(f"{written!r}: only numbers can be divided by")
+    return found.numerator / found.denominator.coeffs()[0]
+
+
+class _InContext(ast.NodeTransformer):
+    """Names as those of a context, decimals as quotients of whole numbers."""
+
+    def __init__(self, called: Mapping[str, str]) -> None:
+        self.called = called
+
+    def visit_Constant(self, node: ast.Constant) -> ast.expr:
+        if not isinstance(node.value, float):
+            return node
+        value = exact(node.value)
+        return ast.BinOp(ast.Constant(int(value.p)), ast.Div(), ast.Constant(int(value.q)))
+
+    def visit_Name(self, node: ast.Name) -> ast.expr:
+        if node.id not in self.called:
+            raise ValueError(f"nothing is called {node.id!r} here")
+        return ast.Name(self.called[node.id])
 
 
 def _parsed(written: str) -> ast.expr:

@@ -1,0 +1,310 @@
+"""Any loop with one input and one output, proved: stability, margins and peaks of |S| and |T|, nothing swept.
+
+L = N / D is fed back with unity gain, 1 + L = 0 being the closed loop; see `open_loop` for discrete ones.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import reduce
+from math import inf
+from typing import TYPE_CHECKING, Any
+
+from flint import acb, arb, ctx, fmpq, fmpq_poly
+
+from beamdesign.polynomial import (
+    Affine,
+    even_odd,
+    real_roots,
+    shares_axis_root,
+    squared_magnitude,
+    value_at,
+)
+from beamdesign.proofs.open_loop import OpenLoop, open_loop
+from beamdesign.proofs.stability import StabilityMap, stable_ranges
+from beamdesign.rational import bounds, rounded_down, rounded_up
+from beamdesign.records import InputError
+from beamdesign.result import Result
+
+if TYPE_CHECKING:
+    import control
+
+    from beamdesign.proofs.loop_family import ProvedFamily
+
+Pair = tuple[float, float]
+
+_BITS, _ACCURATE_BITS = 128, 56
+_NOWHERE: Pair = (inf, inf)
+_NONE, _ONE, _FAR = fmpq(0), fmpq(1), arb.pos_inf()
+
+SAFE = {
+    "gain_increase": "at least", "gain_decrease": "at most", "phase_margin_deg": "at least",
+    "delay_margin_s": "at least", "disk_margin": "at least", "peak_sensitivity": "at most",
+    "peak_complementary": "at most",
+}  # fmt: skip
+"""Figures of a loop, and to which side each is safe."""
+
+
+@dataclass(frozen=True)
+class AxisPoint:
+    """A frequency at which L is real and negative, or of size one; every figure a pair of bounds.
+
+    Attributes:
+        frequency_rad_per_s: where it is.
+        gain_factor: factor on L that puts a closed-loop pole there; exactly one where |L| = 1.
+        phase_deg: by how much L may lag there until it is -1, between 0 and 360; exactly zero where L is negative.
+    """
+
+    frequency_rad_per_s: Pair
+    gain_factor: Pair = (1.0, 1.0)
+    phase_deg: Pair = (0.0, 0.0)
+
+
+@dataclass(frozen=True, repr=False)
+class ProvedLoop(Result):
+    """What is proved of one loop. Each figure is a pair of bounds a few roundings apart, between which it lies.
+
+    Where the loop is not stable there are no margins, and each is None.
+
+    Attributes:
+        stable: whether every closed-loop pole is stable, hidden ones included.
+        reason: why the answer is no; empty where it is yes.
+        period_s: of a discrete loop; None for a continuous one.
+        stable_gains: ranges of a positive factor on L in which the loop is stable, ends rounded inwards.
+        gain_increase: the least factor above one at which it is not stable; infinite for none.
+        gain_decrease: the largest factor below one at which it is not; zero where every one is harmless.
+        phase_margin_deg: the least turn of L at a frequency with |L| = 1, either way, that makes it -1.
+        delay_margin_s: the least delay that makes it -1; in a discrete loop whole numbers of periods below are safe,
+            and nothing is claimed where |L| is one or more at z = -1.
+        disk_margin: alpha, 2 / max |S - T|: stable for every factor (1 + d / 2) / (1 - d / 2) on L with |d| < alpha.
+        peak_sensitivity: max |S|, S = 1 / (1 + L).
+        peak_complementary: max |T|, T = L / (1 + L).
+        phase_crossings: all positive factors on L at which a closed-loop pole is on the axis, ascending.
+        gain_crossings: all frequencies with |L| = 1, ascending.
+        claims: by figure, whether what was claimed of it is proved (True), refuted (False) or too near to tell (None).
+    """
+
+    stable: bool
+    reason: str
+    period_s: float | None
+    stable_gains: tuple[Pair, ...]
+    gain_increase: Pair | None = None
+    gain_decrease: Pair | None = None
+    phase_margin_deg: Pair | None = None
+    delay_margin_s: Pair | None = None
+    disk_margin: Pair | None = None
+    peak_sensitivity: Pair | None = None
+    peak_complementary: Pair | None = None
+    phase_crossings: tuple[AxisPoint, ...] = ()
+    gain_crossings: tuple[AxisPoint, ...] = ()
+    claims: Mapping[str, bool | None] = field(default_factory=dict)
+
+    @property
+    def status(self) -> str:
+        """Whether it is stable, and keeps what was claimed."""
+        return "yes" if self.yes else "no" if not self.stable or False in self.claims.values() else "undecided"
+
+    def rows(self) -> Sequence[tuple[Any, ...]]:
+        """Each figure rounded to its safe side, which that is, and its other bound."""
+        pairs = ((name, words, getattr(self, name)) for name, words in SAFE.items())
+        return [(n, *((p[0], w, p[1]) if w == "at least" else (p[1], w, p[0]))) for n, w, p in pairs if p is not None]
+
+
+def prove(
+    loop: "control.TransferFunction | control.StateSpace | Sequence[Any]",
+    parameters: Mapping[str, Pair] | None = None,
+    *,
+    claims: Mapping[str, float] | None = None,
+) -> "ProvedLoop | ProvedFamily":
+    """Prove stability, margins and peaks of a loop of one's own under negative unity feedback.
+
+    Every number counts as the decimal that it prints as; what python-control worked out before is taken as it stands.
+    A state space is converted in rationals, and modes that it hides are looked at too.
+
+    Args:
+        loop: L as a transfer function or state space of python-control, continuous or discrete (a `dt` of True counts
+            as 1 s); or, with parameters, as (numerator, denominator) or (numerator, denominator, period in s). Each is
+            a text in s (or z) and the parameters with + - * / and **, or a list of coefficients, that of the highest
+            power first: numbers, such texts, or {"": 1.0, "m": 2.0} for 1 + 2 m.
+        parameters: range of each by name; the result is about every member, see `loop_family.prove_family`.
+        claims: limits by figure: of a loop its figures, peaks at most and margins at least; over parameters
+            `peak_sensitivity` alone.
+
+    Raises:
+        InputError: for a loop with several inputs or outputs, more zeros than poles, or a figure that is no number; or
+            for an unknown name.
+    """
+    if parameters is not None or not hasattr(loop, "ninputs"):
+        from beamdesign.proofs.loop_family import prove_family
+
+        return prove_family(loop, parameters or {}, claims or {})
+    return with_claims(proved(open_loop(loop)), claims or {})
+
+
+def with_claims(found: ProvedLoop, claims: Mapping[str, float]) -> ProvedLoop:
+    """The same with limits decided, each by the figure's bounds.
+
+    Raises:
+        InputError: for a figure that a loop does not have.
+    """
+    if unknown := sorted(set(claims) - set(SAFE)):
+        raise InputError("claims", [(name, f"no such figure; there are {', '.join(SAFE)}") for name in unknown])
+    decided = {name: _keeps(name, getattr(found, name), limit) for name, limit in claims.items()}
+    words = {False: "does not keep", None: "is too near to tell from"}
+    wrong = [f"{n} {words[kept]} {claims[n]:g}" for n, kept in decided.items() if kept is not True]
+    return replace(found, claims=decided, reason=found.reason or "; ".join(wrong))
+
+
+def _keeps(name: str, pair: Pair | None, limit: float) -> bool | None:
+    if pair is None:
+        return False
+    low, high = pair
+    held, lost = (low >= limit, high < limit) if SAFE[name] == "at least" else (high <= limit, low > limit)
+    return True if held else False if lost else None
+
+
+# What is proved.
+
+
+def proved(loop: OpenLoop) -> ProvedLoop:
+    """All that stands in `ProvedLoop`, but for claims."""
+    if loop.hidden_at_infinity:
+        return ProvedLoop(False, _why(loop), loop.period_s, ())
+    with ctx.workprec(_BITS):
+        family = Affine(loop.denominator, loop.numerator)
+        below, above = stable_ranges(family, _NONE, _ONE, _BITS), _above_one(family)
+        gains = _stable_gains(below, above, loop.stable)
+        if not loop.stable:
+            return ProvedLoop(False, _why(loop), loop.period_s, gains)
+        last, first = below.ranges[-1].opens_at, above.ranges[0].closes_at
+        flat = _tight(lambda bits: _turns(loop, bits))
+        turns = list(zip(flat[::2], flat[1::2], strict=True))
+        either_way = [turn.min(2 * arb.pi() - turn) for _, turn in turns]
+        n, d = loop.numerator, loop.denominator
+        return ProvedLoop(
+            True,
+            "",
+            loop.period_s,
+            gains,
+            gain_increase=_NOWHERE if first is None else _floats(first.ends),
+            gain_decrease=(0.0, 0.0) if last is None else _floats(last.ends),
+            phase_margin_deg=_degrees(reduce(arb.min, either_way)) if turns else _NOWHERE,
+            delay_margin_s=_delay(loop, turns),
+            disk_margin=_NOWHERE if n == d else _floats(bounds(2 / _peak(d - n, loop))),
+            peak_sensitivity=_floats(bounds(_peak(d, loop))),
+            peak_complementary=_floats(bounds(_peak(n, loop))),
+            phase_crossings=tuple(
+                AxisPoint(_pair(loop.frequency(one.squared_frequency)), _floats(one.ends))
+                for one in (*below.crossings, *above.crossings)
+                if one.ends[0] > 0
+            ),
+            gain_crossings=tuple(AxisPoint(_pair(w), phase_deg=_degrees(turn)) for w, turn in turns),
+        )
+
+
+def _above_one(family: Affine) -> StabilityMap:
+    """The map from the factor one to beyond all crossings."""
+    high = fmpq(2)
+    while True:
+        found = stable_ranges(family, _ONE, high, _BITS)
+        beyond = [one.ends[1] for one in (*found.crossings, found.above) if one is not None]
+        if max(beyond, default=_NONE) < high:
+            return found
+        high = fmpq(2 * max(beyond).ceil())
+
+
+def _stable_gains(below: StabilityMap, above: StabilityMap, joined: bool) -> tuple[Pair, ...]:
+    low, high = below.stable_ranges, above.stable_ranges
+    if above.ranges[-1].stable:
+        high[-1] = high[-1][0], inf
+    return (*low[:-1], (low[-1][0], high[0][1]), *high[1:]) if joined else (*low, *high)
+
+
+def _why(loop: OpenLoop) -> str:
+    if loop.hidden_at_infinity or shares_axis_root(Affine(loop.denominator, loop.numerator)):
+        return "not stable: L hides a pole on the border of stability that no gain moves"
+    if loop.characteristic.degree() < loop.order:
+        return (
+            "not stable: 1 + L vanishes at infinite frequency, so that a pole is at infinity"
+            if loop.period_s is None
+            else "not stable: a closed-loop pole is at z = -1"
+        )
+    pole = loop.unstable_pole()
+    at = f"{pole.real:.6g}" + (f" +- {abs(pole.imag):.6g}j" if pole.imag else "")
+    return f"not stable: a closed-loop pole at {at}" + (" rad/s" if loop.period_s is None else " in z")
+
+
+def _tight(figures: Callable[[int], list[arb] | None]) -> list[arb]:
+    """Figures at a precision that makes each as accurate as a float; None stands for a precision that does not tell."""
+    bits = _BITS
+    while True:
+        with ctx.workprec(bits):
+            found = figures(bits)
+            if found is not None and all(one.is_exact() or one.rel_accuracy_bits() >= _ACCURATE_BITS for one in found):
+                return found
+        bits *= 2
+
+
+def _turns(loop: OpenLoop, bits: int) -> list[arb] | None:
+    """Every frequency with |L| = 1, rad/s and ascending, each followed by the lag in 0 to 2 pi that makes L -1 there.
+
+    At zero and at infinite frequency L is real, so that it is one there and not -1.
+    """
+    difference = squared_magnitude(loop.numerator) - squared_magnitude(loop.denominator)
+    found = [arb(0), arb.pi()] if difference[0] == 0 else []
+    for square in [] if difference.is_zero() else [x for x, _ in real_roots(difference, bits) if x > 0]:
+        value = _on_axis(loop.numerator, square) / _on_axis(loop.denominator, square)
+        if value.real < 0:
+            if value.imag.contains(0):
+                return None  # not -1, the loop being stable, but too near to tell on which side
+            lag = (-value).arg() + (2 * arb.pi() if value.imag > 0 else 0)
+        elif value.is_finite():
+            lag = arb.pi() + value.arg()
+        else:
+            return None
+        found += [loop.frequency(square), lag]
+    # One in the whole of the frequencies is what remains of a difference of zero: the least of its lags stands above.
+    return found if difference.is_zero() or difference[loop.order] != 0 else [*found, loop.frequency(_FAR), arb.pi()]
+
+
+def _on_axis(polynomial: fmpq_poly, square: arb) -> acb:
+    even, odd = even_odd(polynomial)
+    return acb(value_at(even, square), square.sqrt() * value_at(odd, square))
+
+
+def _delay(loop: OpenLoop, turns: Sequence[tuple[arb, arb]]) -> Pair:
+    """The least lag over frequency.
+
+    Where |L| is one or more at infinite frequency any delay makes poles with positive real parts, ever faster ones. A
+    discrete loop with |L| below one at z = -1 keeps its number of unstable poles over whole periods below the least
+    lag over frequency: with an arc of that radius L z^-d is a closed curve for every d, which never meets -1.
+    """
+    if abs(loop.numerator[loop.order]) >= abs(loop.denominator[loop.order]):
+        return 0.0, loop.period_s or 0.0
+    delays = [lag / frequency for frequency, lag in turns if frequency > 0]
+    return _pair(reduce(arb.min, delays)) if delays else _NOWHERE
+
+
+def _peak(above: fmpq_poly, loop: OpenLoop) -> arb:
+    """Max |above / characteristic| over all frequencies of a stable loop: at an end, or where its slope vanishes."""
+    top, bottom = squared_magnitude(above), squared_magnitude(loop.characteristic)
+    slope = top.derivative() * bottom - top * bottom.derivative()
+    ends = [arb(top[0] / bottom[0]), arb(top[loop.order] / bottom[loop.order])]
+
+    def largest(bits: int) -> list[arb]:
+        inside = [] if slope.is_zero() else [x for x, _ in real_roots(slope, bits) if x > 0]
+        return [reduce(arb.max, [*ends, *(value_at(top, x) / value_at(bottom, x) for x in inside)]).sqrt()]
+
+    return _tight(largest)[0]
+
+
+def _degrees(turn: arb) -> Pair:
+    return _pair(turn * 180 / arb.pi())
+
+
+def _pair(ball: arb) -> Pair:
+    return _floats(bounds(ball)) if ball.is_finite() else _NOWHERE
+
+
+def _floats(ends: tuple[fmpq, fmpq]) -> Pair:
+    """Floats at or around two rationals."""
+    return rounded_down(ends[0]), rounded_up(ends[1])
