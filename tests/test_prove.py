@@ -366,6 +366,19 @@ def test_a_leaf_that_lies_along_an_axis_has_a_size_for_the_checker_too():
     assert check(proved.certificate).valid
 
 
+def test_a_degree_that_only_seems_lost_refutes_nothing():
+    """Written as products of leaves, the leading terms of this one cancel; corners and middles have stable roots."""
+    above = ["-0.4 - 0.167*b", "0.077 - 0.858*a", "-0.758 + 0.142*b", "0.197 + 0.545*a", -0.111]
+    below = [1.0, 5.63, 11.581, "10.26 - 0.802*b + 0.1*a*b", 3.271]
+    ranges = {"a": (0.773, 1.376), "b": (0.548, 1.493)}
+    proved = prove((above, below), ranges)
+    for a, b in product(*(np.linspace(*ends, 5) for ends in ranges.values())):
+        values = [[eval(c, {"a": a, "b": b}) if isinstance(c, str) else c for c in part] for part in (above, below)]
+        assert np.max(np.roots(np.add(*values)).real) < 0
+    assert proved.stable is True
+    assert check(proved.certificate).valid
+
+
 def test_peak_sensitivity_over_a_box():
     """Proved above what any corner has, and refuted by one of them below it."""
     loop = ("g*(s + 2)", "s*(m*s**2 + d*s + 3)")
@@ -400,7 +413,7 @@ def test_parameters_that_are_not_positive_are_proved_too():
 
 
 def test_what_cannot_be_decided_says_so():
-    """Here |S| < 1; but in a claim of 1.2 the unknown is as large as six, and outweighs at high frequency what leads."""
+    """Here |S| < 1; but in a claim of 1.2 the unknown is as large as six, and outweighs what leads far up."""
     found = prove(("g*h*(s + 2)", "s + 1"), {"g": (0.2, 0.3), "h": (0.9, 1.0)}, claims={"peak_sensitivity": 1.2})
     assert (found.stable, found.status, found.claims) == (True, "undecided", {"peak_sensitivity": None})
     assert "infinite frequency" in found.reason

@@ -19,7 +19,7 @@ from beamdesign.polynomial import (
     squared_magnitude,
     value_at,
 )
-from beamdesign.proofs.open_loop import OpenLoop, open_loop
+from beamdesign.proofs.open_loop import OpenLoop, number, open_loop
 from beamdesign.proofs.stability import StabilityMap, stable_ranges
 from beamdesign.rational import bounds, rounded_down, rounded_up
 from beamdesign.records import InputError
@@ -34,6 +34,8 @@ Pair = tuple[float, float]
 
 _BITS, _ACCURATE_BITS = 128, 56
 _NOWHERE: Pair = (inf, inf)
+_BEYOND = fmpq(10) ** 400
+"""Larger than any float."""
 _NONE, _ONE, _FAR = fmpq(0), fmpq(1), arb.pos_inf()
 
 SAFE = {
@@ -157,9 +159,9 @@ def with_claims(found: ProvedLoop, claims: Mapping[str, float]) -> ProvedLoop:
 def _keeps(name: str, pair: Pair | None, limit: float) -> bool | None:
     if pair is None:
         return False
-    low, high = pair
-    held, lost = (low >= limit, high < limit) if SAFE[name] == "at least" else (high <= limit, low > limit)
-    return True if held else False if lost else None
+    given, (low, high) = number(limit), (_BEYOND if end == inf else fmpq(*end.as_integer_ratio()) for end in pair)
+    kept, lost = (low >= given, high < given) if SAFE[name] == "at least" else (high <= given, low > given)
+    return True if kept else False if lost else None
 
 
 # What is proved.

@@ -75,23 +75,29 @@ class LoopFamily:
     def expression(self, claim: Asked | None = None) -> PolynomialFamily:
         """The closed loop's polynomial, or that of a claim of it, as boxes are proved of.
 
-        Its parameters are put in as few places as are found where all of them are positive, for what that leaves out
-        are factors which may vanish.
+        Its parameters are put in as few places as are found where all of them are positive, since factors that this
+        leaves out might vanish.
         """
         p, circles, since, until = self.numerator + self.denominator, {}, fmpq(0), None
         if claim is not None:
             p, circles[UNKNOWN], since, until = claimed(claim, p, self.numerator, 0 * p)
         values = self.box.nominal
         positive = [name for name, (low, _) in self.ranges.items() if low > 0]
+
+        def written(form: Expression) -> PolynomialFamily:
+            parts = form.leaves, form.bound, None, form.groups, positive, circles, since, until
+            return PolynomialFamily("loop", form.p, values, *parts)
+
+        plain, turned = p.subs({UNKNOWN: 0}), p.derivative(UNKNOWN)
         if len(positive) == len(values):
-            form = read_once(p, [*values], (UNKNOWN,))
-        else:
-            leaves = {"plain": _text(p.subs({UNKNOWN: 0})), "turned": _text(p.derivative(UNKNOWN))}
-            form = Expression(f"plain + {UNKNOWN} * turned", leaves, (("plain", "turned"),), ())
-            if claim is None:
-                form = Expression("plain", {"plain": leaves["plain"]}, (), ())
-        parts = form.leaves, form.bound, None, form.groups, positive, circles, since, until
-        return PolynomialFamily("loop", form.p, values, *parts)
+            found = written(read_once(p, [*values], (UNKNOWN,)))
+            # Where leading terms of its products cancel each other, the form is of a higher degree than p.
+            if found.over({}).degree == tuple(_degree(part) for part in (plain, turned)):
+                return found
+        if claim is None:
+            return written(Expression("plain", {"plain": _text(plain)}, (), ()))
+        leaves = {"plain": _text(plain), "turned": _text(turned)}
+        return written(Expression(f"plain + {UNKNOWN} * turned", leaves, (("plain", "turned"),), ()))
 
     def turns_at_infinity(self, limit: fmpq, points: Iterable[Mapping[str, fmpq]]) -> bool:
         """Whether at one of these members no frequency is high enough for a peak sensitivity to be proved from it up.
@@ -185,7 +191,7 @@ def loop_family(loop: Any, parameters: Mapping[str, Pair]) -> LoopFamily:
     except ValueError as error:
         raise refused(str(error)) from error
     ranges = {name: _range(name, ends) for name, ends in parameters.items()}
-    n, zeros = (int(part.degrees()[0]) if part != 0 else -1 for part in (below, above))
+    n, zeros = _degree(below), _degree(above)
     if n < 0:
         raise refused("the denominator is zero")
     if zeros > n:
@@ -225,7 +231,7 @@ def _polynomial(part: Any, context: fmpq_mpoly_ctx, of: str, parameters: Iterabl
 
 def _coefficients(part: fmpq_mpoly) -> list[fmpq_mpoly]:
     """Those of the first variable, from that of its power zero up, in the others."""
-    found: list[dict[tuple[int, ...], fmpq]] = [{} for _ in range(int(part.degrees()[0]) + 1)] if part != 0 else []
+    found: list[dict[tuple[int, ...], fmpq]] = [{} for _ in range(_degree(part) + 1)]
     for (power, *rest), c in part.to_dict().items():
         found[int(power)][(0, *rest)] = c
     return [part.context().from_dict(terms) for terms in found]
@@ -237,6 +243,11 @@ def _in_s(part: fmpq_mpoly) -> fmpq_poly:
     return fmpq_poly([powers.get(k, 0) for k in range(max(powers, default=-1) + 1)])
 
 
+def _degree(part: fmpq_mpoly) -> int:
+    """In s; -1 for zero."""
+    return -1 if part == 0 else int(part.degrees()[0])
+
+
 def _text(part: fmpq_mpoly) -> str:
     return str(part).replace("^", "**")
 
@@ -244,7 +255,7 @@ def _text(part: fmpq_mpoly) -> str:
 def _over(family: LoopFamily, limit: float | None) -> ProvedFamily:
     given = {name: (nearest(low), nearest(high)) for name, (low, high) in family.ranges.items()}
     middle = proved(family.at(family.box.nominal))
-    if int((family.numerator + family.denominator).degrees()[0]) < family.order:
+    if _degree(family.numerator + family.denominator) < family.order:
         where = "infinity" if family.period_s is None else "z = -1"
         return ProvedFamily(False, f"every member has a closed-loop pole at {where}", given, middle, family=family)
     over, verdict = family.over_one(), certify_box(family.expression(), family.box, volumes=False)
