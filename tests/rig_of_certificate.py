@@ -119,6 +119,7 @@ class Member:
         tip = moved[:, :, 0] @ self.tip + gain * current * (moved[:, :, 1] @ self.tip)
         return {
             "compliance": abs(tip),
+            "peak_compliance": abs(tip),
             "peak_sensitivity": abs(1 / (1 + looped)),
             "loop_gain": abs(looped),
             "controller_effort": abs(laws[0] / (1 + looped)),

@@ -103,6 +103,8 @@ def test_remedies_are_compared_on_the_template(tmp_path: Path, monkeypatch: pyte
     monkeypatch.setattr(remedies, "SCHEDULE_PARTS", 2)
     monkeypatch.setattr(remedies, "FREEDOMS", (remedies.UNTOUCHED, remedies.FREEDOMS[3]))
     (study,) = start("codesign", tmp_path / "link.toml")
+    # Without its end mass the rig is softer at its resonance than with the servo off.
+    study.write_text(study.read_text().replace("peak_over_passive = 1.0", "peak_over_passive = inf"))
     out = tmp_path / "out"
     fields, _ = call(tmp_path, "remedies", str(study), "--nominal", "--out", str(out))
     untouched, phase, scheduled = fields["remedies"]

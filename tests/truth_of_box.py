@@ -238,6 +238,7 @@ def keeps(table: dict[str, Any], claim: dict[str, Any], points: dict[str, np.nda
             size = {
                 "peak_sensitivity": 1 / (1 + gain),
                 "compliance": moved,
+                "peak_compliance": moved,
                 "loop_gain": gain,
                 "controller_effort": law / (1 + gain),
             }

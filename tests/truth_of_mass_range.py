@@ -90,11 +90,11 @@ def _of_the_loop(stated: Mapping[str, Any], loop: Member, mass: float) -> Iterat
 
 
 def _only_numbers(value: Any) -> None:
-    """But for the kinds and sensors of controllers, and whether a goal is for lower gains too."""
+    """But for the kinds and sensors of controllers, and what a goal says yes or no to."""
     for key, item in value.items() if isinstance(value, dict) else enumerate(value):
         if isinstance(item, dict | list) and key != "sensors":
             _only_numbers(item)
-        elif key not in ("kind", "sensors", "lower_gains"):
+        elif key not in ("kind", "sensors", "lower_gains", "comes_to_rest"):
             number(item)
 
 

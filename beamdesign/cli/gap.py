@@ -177,7 +177,7 @@ def import_files(
     inner_end_mass: Annotated[float | None, typer.Option(metavar="KG")] = None,
     rest_s: Annotated[float, typer.Option(metavar="SECONDS", min=0.0)] = 0.0,
 ) -> CommandResult:
-    """Make a data set of measured files: CSV of any dialect, MATLAB, universal files.
+    """Make a data set of CSV, MATLAB and universal files.
 
     Columns are told by their names and units, and what was taken for what is printed. Where that cannot be told, the
     answer says which columns there are. Frequency responses of universal files become compliances.
