@@ -18,7 +18,7 @@ from typing import Any
 
 from flint import ctx
 
-from beamdesign.checker.prototype import differences, left_open
+from beamdesign.checker.prototype import ALLOY, differences, left_open
 from beamdesign.checker.reading import LARGEST_BYTES, Table, Unreadable, comments, rational, read, sealed, short
 from beamdesign.checker.rig import Effect, Rig
 from beamdesign.checker.roots import Pair
@@ -182,7 +182,6 @@ KEYS = {
         "inner_end_mass",
     ),
 }  # fmt: skip
-_ALLOY = ("youngs_modulus_Pa", "shear_modulus_Pa", "density_kg_per_m3")
 _LENGTHS = {"outer_end_mass_kg": 2, "offset_m": 3, "tool_m": 3, "sensor_m": 3}
 _LAWS = ("second_controller", "servo")
 
@@ -203,7 +202,7 @@ def about(table: Table, rig: Rig | None) -> Iterator[str]:
         yield from _figures(table.optional(name), known)
     alloys = table.optional("material")
     for name in alloys.keys:
-        yield from _figures(alloys.table(name), _ALLOY)
+        yield from _figures(alloys.table(name), ALLOY)
 
 
 def _figures(table: Table, known: Iterable[str]) -> Iterator[str]:
