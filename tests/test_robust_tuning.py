@@ -399,10 +399,9 @@ def test_the_shipped_study_is_designed_for_every_rig_within_its_tolerances() -> 
     assert {one.foundation for one in page} == {"proved"}
 
 
-def test_a_design_for_one_payload_is_proved_with_that_payload() -> None:
+def test_a_design_for_one_payload_is_proved_with_that_payload(rig: Prototype) -> None:
     """With 3 kg on the tip, not without any: the compliance of the worst rig at 3 kg bounds the bandwidth."""
-    asked = read_prototype(PAPER).but(controller=None)
-    found = tune(asked.but(goal=asked.goal.but(comes_to_rest=True)), (3.0, 3.0)).best
+    found = tune(rig.but(goal=rig.goal.but(comes_to_rest=True)), (3.0, 3.0)).best
     assert found is not None
     box = tomllib.loads(found.over_box.certificate)
     assert box["range"]["outer_end_mass"] == ["3", "3"]
