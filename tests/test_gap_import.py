@@ -131,6 +131,21 @@ def test_what_cannot_be_told_is_asked_with_what_there_is(tmp_path: Path) -> None
     assert not (tmp_path / "set").exists()
 
 
+def test_nothing_is_written_over_and_nothing_half_is_left(tmp_path: Path, motion: dict[str, np.ndarray]) -> None:
+    values = np.column_stack(list(motion.values()))
+    np.savetxt(tmp_path / "a.csv", values, "%.12g", ",", header=",".join(motion), comments="")
+    imported(tmp_path / "a.csv")
+    before = (tmp_path / "set" / "dataset.toml").read_text()
+    with pytest.raises(InputError, match="holds a data set already"):
+        imported(tmp_path / "a.csv")
+    assert (tmp_path / "set" / "dataset.toml").read_text() == before
+    values[7, 0] = values[6, 0]  # a time that repeats, which only the reader of data sets refuses
+    np.savetxt(tmp_path / "b.csv", values, "%.12g", ",", header=",".join(motion), comments="")
+    with pytest.raises(InputError, match="does not rise"):
+        import_measured([tmp_path / "b.csv"], RIG, tmp_path / "other")
+    assert not (tmp_path / "other").exists()
+
+
 @pytest.mark.parametrize(
     ("name", "content", "words"),
     [

@@ -16,7 +16,7 @@ import tomli_w
 
 from beamdesign.diagnosis.data.dataset import INPUTS, Dataset, read_dataset
 from beamdesign.diagnosis.data.measured_files import Column, Measured, Response, read_measured
-from beamdesign.files import write_whole
+from beamdesign.files import fresh_folder, write_whole
 from beamdesign.prototype import read_prototype
 from beamdesign.records import InputError, Problem
 
@@ -124,6 +124,8 @@ def import_measured(
     Raises:
         InputError: with everything that cannot be told, and how to tell it.
     """
+    if (out / "dataset.toml").exists():
+        raise InputError(out, [("--out", "holds a data set already, which is not written over; name another folder")])
     model, named = read_prototype(prototype), asked(columns)
     if len(outer_end_mass_kg) not in (1, len(files)):
         reason = f"give one for all, or one for each of {len(files)} files; there are {len(outer_end_mass_kg)}"
@@ -143,14 +145,15 @@ def import_measured(
             name = f"records/{_fresh(f'{path.stem}_{response.name}', tables)}.csv"
             tables[name], taken[name] = _compliance(response, path)
             entries["frequency_response"].append(at | {"file": name})
-    (out / "records").mkdir(parents=True, exist_ok=True)
-    for name, table in tables.items():
-        write_whole(out / name, _csv(table))
-    write_whole(out / "prototype.toml", prototype.read_text(encoding="utf-8"))
     index = {"name": out.name, "prototype": "prototype.toml"} | {key: rows for key, rows in entries.items() if rows}
-    write_whole(out / "dataset.toml", tomli_w.dumps(index))
-    paths = tuple(out / name for name in ("dataset.toml", "prototype.toml", *tables))
-    return Imported(read_dataset(out), taken, paths)
+    with fresh_folder(out) as fresh:
+        (fresh / "records").mkdir(exist_ok=True)
+        for name, table in tables.items():
+            write_whole(fresh / name, _csv(table))
+        write_whole(fresh / "prototype.toml", prototype.read_text(encoding="utf-8"))
+        write_whole(fresh / "dataset.toml", tomli_w.dumps(index))
+        read_dataset(fresh)  # what it refuses leaves nothing behind
+    return Imported(read_dataset(out), taken, tuple(out / n for n in ("dataset.toml", "prototype.toml", *tables)))
 
 
 def _csv(table: Mapping[str, np.ndarray]) -> str:
