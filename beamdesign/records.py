@@ -36,10 +36,8 @@ class Longest(NamedTuple):
 FileName = Annotated[str, Longest(1000)]
 
 
-class NamedRecord(NamedTuple):
-    """That a record stands in a file by its name, and in which table it is told."""
-
-    table: str
+class ByName:
+    """That a record stands in a file by its name, as an annotation of a field."""
 
 
 # Everyday units of this field and the SI suffix each should have been.
@@ -205,7 +203,7 @@ def nested_records(annotation: Any) -> list[type[Record]]:
     """
     if isinstance(annotation, type) and issubclass(annotation, Record):
         return annotation.variants()
-    if any(isinstance(part, NamedRecord) for part in get_args(annotation)):
+    if any(isinstance(part, ByName) for part in get_args(annotation)):
         return []
     return [record for part in get_args(annotation) for record in nested_records(part)]
 

@@ -14,7 +14,7 @@ from pydantic import BeforeValidator, Field, PlainSerializer, ValidationError
 from pydantic_core import PydanticCustomError
 
 from beamdesign import quantities as q
-from beamdesign.records import InputError, NamedRecord, Problem, Record, parse, read_table
+from beamdesign.records import ByName, InputError, Problem, Record, parse, read_table
 from beamdesign.structure.section import LOCAL_BUCKLING_CONSTANTS, elastic_buckling_constants
 
 _DATA = Path(__file__).with_name("materials.toml")
@@ -108,9 +108,7 @@ def _looked_up(given: Any) -> Any:
     return _known()[given]
 
 
-MaterialByName = Annotated[
-    Material, BeforeValidator(_looked_up), PlainSerializer(str, return_type=str), NamedRecord("[material.NAME]")
-]
+MaterialByName = Annotated[Material, BeforeValidator(_looked_up), PlainSerializer(str, return_type=str), ByName()]
 """A material in a record, which stands in files by its name."""
 
 
