@@ -4,14 +4,14 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, Literal
 
-from pydantic import Field
+from pydantic import Field, SerializeAsAny
 
 from beamdesign import quantities as q
 from beamdesign import records
 from beamdesign.controllers import SENSED, Sensed
 from beamdesign.parameters import stated_or_typical
+from beamdesign.plant.actuators import Actuator
 from beamdesign.prototype import (
-    Actuator,
     Beam,
     Goal,
     Payload,
@@ -21,6 +21,7 @@ from beamdesign.prototype import (
     Supply,
     Tolerance,
     beams_that_do_not_fit,
+    tables_of_another_actuator,
 )
 from beamdesign.records import Problem, Record, numbers
 from beamdesign.structure.materials import BEAMS, MATERIAL, MaterialByName, WithMaterials
@@ -144,8 +145,8 @@ class DesignProblem(WithMaterials):
     inner_beam: BeamProblem
     clearance: Clearance = Clearance()
     safety: Safety = Safety()
-    actuator: Actuator
-    servovalve: Servovalve
+    actuator: SerializeAsAny[Actuator]
+    servovalve: Servovalve | None = None
     sensor: Sensor
     controller: ControllerKind = ControllerKind()
     supply: Supply = Supply()
@@ -155,9 +156,10 @@ class DesignProblem(WithMaterials):
 
     @classmethod
     def relations(cls, table: Mapping[str, Any]) -> Iterator[Problem]:
-        """Given sections fit into each other, fixed ones are given, and there is a payload range."""
+        """Given sections fit, fixed ones are given, an actuator has its tables, and there is a payload range."""
         yield from super().relations(table)
         yield from beams_that_do_not_fit(table)
+        yield from tables_of_another_actuator(table)
         sections, payload = table.get("sections"), table.get("payload")
         if isinstance(sections, Mapping) and sections.get("choose") == "fixed":
             for name in BEAMS:
@@ -166,6 +168,11 @@ class DesignProblem(WithMaterials):
                     yield Problem(name, "sections.choose is 'fixed', so width_m and wall_m are needed")
         if isinstance(payload, Mapping) and payload.get("outer_end_mass_kg") is None:
             yield Problem("payload.outer_end_mass_kg", "missing: the range [least, most] of mass on the outer tip")
+
+    @property
+    def rig(self) -> str:
+        """Which of `beamdesign.plant.assembly.RIGS` it asks for."""
+        return self.actuator.rig
 
     @property
     def given(self) -> tuple[SquareTube, SquareTube] | None:
@@ -188,7 +195,7 @@ class DesignProblem(WithMaterials):
             outer_beam=_with_section(self.outer_beam, outer),
             inner_beam=_with_section(self.inner_beam, inner),
             payload=self.payload.but(largest_force_N=force),
-            tolerance=stated_or_typical(self.tolerance)[0],
+            tolerance=stated_or_typical(self.tolerance, type(self.actuator))[0],
         )
 
 

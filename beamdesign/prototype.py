@@ -12,6 +12,8 @@ from beamdesign import quantities as q
 from beamdesign import records
 from beamdesign.controllers import Cascade, Controller, Scheduled
 from beamdesign.files import read_bytes, write_whole
+from beamdesign.plant.actuators import KINDS, Actuator, ActuatorTolerance
+from beamdesign.plant.actuators.servo_cylinder import Servovalve, Supply
 from beamdesign.records import FileName, NonNegative, Positive, Problem, Record, numbers
 from beamdesign.spelling import shorter
 from beamdesign.structure.materials import MATERIAL, MaterialByName, WithMaterials
@@ -62,36 +64,6 @@ class Beam(Record):
         geometry = ("width_m", "wall_m", "free_length_m", "material")
         if any(table.get(k) is None for k in lumped) and any(table.get(k) is None for k in geometry):
             yield Problem("", f"needs {' and '.join(lumped)}, or the geometry: {', '.join(geometry)}")
-
-
-class Actuator(Record):
-    """The hydraulic cylinder between the beam tips."""
-
-    piston_area_m2: q.PistonArea = Field(description="A, average of the two sides")
-    oil_stiffness_N_per_m: q.Stiffness = Field(description="K_c, oil spring between piston and outer beam")
-    stroke_m: q.Stroke | None = Field(None, description="from one end stop to the other; the rig rests in the middle")
-
-
-class Servovalve(Record):
-    """Second-order servovalve with leakage.
-
-    Source: Zalucky and Hardt (1984), equations (13) and (14).
-    """
-
-    flow_gain_m3_per_s_per_A: q.FlowPerCurrent = Field(description="K_q, no-load flow gain")
-    leakage_m3_per_s_per_Pa: q.Leakage = Field(description="K_pq = K_q / K_p")
-    natural_frequency_Hz: q.ComponentFrequency = Field(description="f_n of the spool")
-    damping_ratio: q.SpoolDamping = Field(
-        0.5, description="xi; the paper does not give it, 0.5 reproduces its critical gains"
-    )
-    rated_current_A: q.Current | None = Field(None, description="current at which it is fully open")
-
-
-class Supply(Record):
-    """The hydraulic supply. It has no part in the linear model."""
-
-    pressure_Pa: q.SupplyPressure = Field(20e6, description="p_S, above the tank")
-    flow_m3_per_s: q.FlowRate | None = Field(None, description="largest that it keeps up its pressure at")
 
 
 class Sensor(Record):
@@ -175,18 +147,12 @@ def _deviation(of: str) -> Any:
     return Field(0.0, description=f"relative standard deviation of {of}")
 
 
-class Tolerance(Record):
+class Tolerance(ActuatorTolerance):
     """One relative standard deviation per figure: what the builder can vouch for."""
 
     stiffness: q.RelativeStd = _deviation("the tip stiffness of either beam")
     effective_mass: q.RelativeStd = _deviation("the effective mass of either beam")
     beam_damping_ratio: q.RelativeStd = _deviation("the damping ratio of either beam")
-    oil_stiffness: q.RelativeStd = _deviation("the oil spring")
-    piston_area: q.RelativeStd = _deviation("the piston area")
-    flow_gain: q.RelativeStd = _deviation("the flow gain of the valve")
-    leakage: q.RelativeStd = _deviation("the leakage of the valve")
-    valve_natural_frequency: q.RelativeStd = _deviation("the valve's natural frequency")
-    valve_damping_ratio: q.RelativeStd = _deviation("the valve's damping ratio")
     sensor_gain: q.RelativeStd = _deviation("the gain of the sensor")
     sensor_filter: q.RelativeStd = _deviation("the break frequency of the sensor's filter")
     outer_end_mass: q.RelativeStd = _deviation("the outer end mass")
@@ -245,8 +211,8 @@ class Prototype(WithMaterials):
     )
     outer_beam: Beam
     inner_beam: Beam
-    actuator: Actuator
-    servovalve: Servovalve
+    actuator: SerializeAsAny[Actuator]
+    servovalve: Servovalve | None = None
     sensor: Sensor
     supply: Supply = Supply()
     controller: SerializeAsAny[Controller] | None = None
@@ -260,6 +226,11 @@ class Prototype(WithMaterials):
         default_factory=dict,
         description="effects beyond the linear rig, [effects.NAME] each; see `beamdesign explain NAME`",
     )
+
+    @property
+    def rig(self) -> str:
+        """Which of `beamdesign.plant.assembly.RIGS` it is."""
+        return self.actuator.rig
 
     @property
     def schedule(self) -> Scheduled | None:
@@ -299,9 +270,10 @@ class Prototype(WithMaterials):
 
     @classmethod
     def relations(cls, table: Mapping[str, Any]) -> Iterator[Problem]:
-        """The beams fit each other."""
+        """The beams fit each other, and the tables of an actuator are those of its kind."""
         yield from super().relations(table)
         yield from beams_that_do_not_fit(table)
+        yield from tables_of_another_actuator(table)
 
     @model_validator(mode="after")
     def _laws_cover_the_payload(self) -> "Prototype":
@@ -336,6 +308,22 @@ class InStage(NamedTuple):
         """Payloads that stand for its range where nothing is proved: both ends and the middle."""
         low, high = self.outer_end_mass_kg
         return tuple(sorted({low, (low + high) / 2, high}))
+
+
+def tables_of_another_actuator(table: Mapping[str, Any]) -> Iterator[Problem]:
+    """Tables that a study or a prototype lacks for its actuator, or has of another."""
+    given = table.get("actuator")
+    kind = (
+        given.get("kind", Actuator.where_none_is_stated) if isinstance(given, Mapping) else getattr(given, "kind", "")
+    )
+    if kind not in KINDS:
+        return
+    for name, default in (("servovalve", None), ("supply", Supply())):
+        stated = table.get(name, default) not in (None, default)
+        if stated and name not in KINDS[kind].tables:
+            yield Problem(name, f"a {kind} has none")
+        if default is None and not stated and name in KINDS[kind].tables:
+            yield Problem(name, "missing")
 
 
 def beams_that_do_not_fit(table: Mapping[str, Any]) -> Iterator[Problem]:

@@ -117,6 +117,15 @@ ComponentFrequency = Annotated[FiniteFloat, Plausible(0.1, 1e5)]
 SpoolDamping = Annotated[FiniteFloat, Plausible(0.01, 10.0)]
 EdgeRatio = Annotated[FiniteFloat, Plausible(0.01, 2.0)]
 
+# Electric drives.
+Lead = Annotated[FiniteFloat, Plausible(1e-5, 1.0)]
+TorqueConstant = Annotated[FiniteFloat, Plausible(1e-4, 1e3)]
+RotorInertia = Annotated[FiniteFloat, Plausible(1e-9, 100.0)]
+RotorFriction = Annotated[FiniteFloat, Plausible(1e-9, 1e3, or_zero=True)]
+SpeedFeedback = Annotated[FiniteFloat, Plausible(1e-9, 1e4, or_zero=True)]
+MotorCurrent = Annotated[FiniteFloat, Plausible(1e-3, 1e4)]
+RotorSpeed = Annotated[FiniteFloat, Plausible(0.01, 1e5)]
+
 # Signals and laws.
 Current = Annotated[FiniteFloat, Plausible(1e-5, 10.0)]
 SensorGain = Annotated[FiniteFloat, Plausible(0.1, 1e8)]

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from decimal import ROUND_CEILING, ROUND_FLOOR, ROUND_HALF_EVEN, Decimal
-from math import isfinite
+from math import isfinite, pi
 from typing import Any
 
 import numpy as np
@@ -25,9 +25,18 @@ _UNITS = {
     "m3/s": ("l/min", 6e4),
     "m3/s/A": ("cm³/s/mA", 1e3),
     "m3/s/Pa": ("cm³/s/MPa", 1e12),
+    "N m/A": ("N m/A", 1.0),
+    "N m s/rad": ("mN m s/rad", 1e3),
+    "A s/rad": ("A s/rad", 1.0),
+    "kg m2": ("kg cm²", 1e4),
+    "rad/s": ("rpm", 30 / pi),
+    "W": ("W", 1.0),
     "1": ("", 1.0),
 }
 """By SI unit: the one in which it is read, and how many of these it is."""
+
+_LARGE = {"A": 0.5}
+"""From where on the SI unit itself is read."""
 
 
 def decimal(value: float, digits: int = 4, rounding: str = ROUND_HALF_EVEN) -> str:
@@ -65,7 +74,7 @@ def quantity(value: float, unit: str, digits: int = 4, rounding: str = ROUND_HAL
     Raises:
         KeyError: for a unit that has no everyday form here.
     """
-    shown, factor = _UNITS[unit]
+    shown, factor = _UNITS[unit] if abs(value) < _LARGE.get(unit, float("inf")) else (unit, 1.0)
     return f"{decimal(value * factor, digits, rounding)} {shown}".rstrip()
 
 

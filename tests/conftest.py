@@ -10,7 +10,8 @@ import pytest
 import slow_sensor
 
 from beamdesign.controllers import Lag
-from beamdesign.prototype import Actuator, Beam, Payload, Prototype, Sensor, Servovalve
+from beamdesign.plant.actuators.servo_cylinder import ServoCylinder
+from beamdesign.prototype import Beam, Payload, Prototype, Sensor, Servovalve
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
@@ -31,7 +32,7 @@ def paper() -> Prototype:
         name="paper",
         outer_beam=Beam(stiffness_N_per_m=486_800.0, effective_mass_kg=3.9, damping_ratio=0.05),
         inner_beam=Beam(stiffness_N_per_m=157_500.0, effective_mass_kg=1.6, damping_ratio=0.05),
-        actuator=Actuator(piston_area_m2=1.13e-4, oil_stiffness_N_per_m=1.3e7),
+        actuator=ServoCylinder(piston_area_m2=1.13e-4, oil_stiffness_N_per_m=1.3e7),
         servovalve=Servovalve(
             flow_gain_m3_per_s_per_A=1.13e-2,
             leakage_m3_per_s_per_Pa=3.8e-13,

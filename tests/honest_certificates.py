@@ -20,6 +20,7 @@ from beamdesign.checker import Unreadable, check, reading
 from beamdesign.checker.prototype import differences
 from beamdesign.checker.rig import Rig
 from beamdesign.controllers import Lag, Observer, Proportional, Scheduled, Section, Stage, Structured
+from beamdesign.plant.actuators.servo_cylinder import ServoCylinder
 from beamdesign.proofs.arm.result import certify_plane
 from beamdesign.proofs.box import certify_box
 from beamdesign.proofs.box_claims import claim_over_box
@@ -32,7 +33,6 @@ from beamdesign.proofs.slope_over_box import slope_over_box
 from beamdesign.proofs.tolerance_box import tolerance_box
 from beamdesign.proofs.writer import prototype_table
 from beamdesign.prototype import (
-    Actuator,
     Arm,
     Beam,
     Payload,
@@ -78,7 +78,7 @@ def _paper() -> Prototype:
             end_mass_kg=2.93, damping_ratio=0.05,
         ),
         inner_beam=Beam(stiffness_N_per_m=157_500.0, effective_mass_kg=1.6, damping_ratio=0.05),
-        actuator=Actuator(piston_area_m2=1.13e-4, oil_stiffness_N_per_m=1.3e7),
+        actuator=ServoCylinder(piston_area_m2=1.13e-4, oil_stiffness_N_per_m=1.3e7),
         servovalve=Servovalve(
             flow_gain_m3_per_s_per_A=1.13e-2, leakage_m3_per_s_per_Pa=3.8e-13, natural_frequency_Hz=150.0,
             damping_ratio=0.5,

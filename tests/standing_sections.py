@@ -20,6 +20,7 @@ def standing(rig: Prototype, /, **other: Any) -> Sections:
         "upper": none,
         "figures": lambda chosen: ca.MX(figures),
         "filtered": False,
+        "rig": rig.rig,
         "prototype": lambda chosen, rounded: rig,
         "structure": lambda inner, chosen: ca.DM(0, 1),
         "moving_mass": lambda inner, chosen: 10.0 + inner,

@@ -16,11 +16,11 @@ from forging import sealed_text
 from truth_of_stages import true
 
 from beamdesign.checker import Unreadable, Verdict, check
-from beamdesign.checker.mechanics import StateSpace
 from beamdesign.checker.prototype import differences
 from beamdesign.checker.reading import Table
 from beamdesign.checker.rig import Rig
 from beamdesign.checker.stages import positive, positive_between
+from beamdesign.checker.state_space import StateSpace
 from beamdesign.controllers import Lag, Observer, Proportional, Section
 from beamdesign.polynomial import exact
 from beamdesign.proofs.courses import any_change

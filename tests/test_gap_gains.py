@@ -21,8 +21,9 @@ from beamdesign.diagnosis.gain_diagnosis import GainDiagnosis, explain_gains
 from beamdesign.diagnosis.gain_findings import common_factor, gain_shares, separations
 from beamdesign.diagnosis.judgement import evidence as marginal_likelihood
 from beamdesign.loop import critical_gain, loop
+from beamdesign.plant.actuators.servo_cylinder import ServoCylinder
 from beamdesign.plant.harmonic_balance import limit_cycles
-from beamdesign.prototype import Actuator, Beam, Payload, Prototype, Servovalve
+from beamdesign.prototype import Beam, Payload, Prototype, Servovalve
 from beamdesign.records import InputError
 
 PROPORTIONAL = Proportional(gain_A_per_V=0.01)
@@ -84,7 +85,7 @@ def test_a_valve_that_drives_a_free_tip_has_the_closed_form(believed: Prototype)
     rig = believed.but(
         outer_beam=Beam(stiffness_N_per_m=1.0, effective_mass_kg=1e-6, damping_ratio=0.05),
         inner_beam=Beam(stiffness_N_per_m=1e10, effective_mass_kg=1.0, damping_ratio=0.05),
-        actuator=Actuator(piston_area_m2=1.13e-4, oil_stiffness_N_per_m=1e10),
+        actuator=ServoCylinder(piston_area_m2=1.13e-4, oil_stiffness_N_per_m=1e10),
         servovalve=Servovalve(
             flow_gain_m3_per_s_per_A=1.13e-2, leakage_m3_per_s_per_Pa=0.0, natural_frequency_Hz=150.0, damping_ratio=0.4
         ),

@@ -96,14 +96,14 @@ def test_flow_goes_with_the_root_of_the_pressure_that_is_left() -> None:
     """Of a small load beside a constant one: q = q_0 sqrt(1 - p_L / p_S); without one the two flows are the same."""
     _, rig = stated()
     free, loaded = (needs(rig, (2.0, 2.0), 1e-3, 3.0, constant) for constant in (0.0, 1500.0))
-    assert free.no_load_flow_m3_per_s == pytest.approx(free.flow_m3_per_s, rel=1e-5)
-    held = loaded.force_N / 1.13e-4 / rig.supply.pressure_Pa
-    assert loaded.no_load_flow_m3_per_s == pytest.approx(loaded.flow_m3_per_s / sqrt(1 - held), rel=1e-4)
+    assert free["no_load_flow_m3_per_s"] == pytest.approx(free["flow_m3_per_s"], rel=1e-5)
+    held = loaded["force_N"] / 1.13e-4 / rig.supply.pressure_Pa
+    assert loaded["no_load_flow_m3_per_s"] == pytest.approx(loaded["flow_m3_per_s"] / sqrt(1 - held), rel=1e-4)
     still = needs(rig, (2.0, 2.0), 1e-9, 3.0, 1500.0)
     inner = lumped_beam(rig.inner_beam).stiffness
-    assert still.force_N == pytest.approx(1500.0, rel=1e-2)
-    assert still.stroke_m == pytest.approx(1500.0 / inner, rel=2e-2)
-    assert needs(rig, (2.0, 2.0), 800.0, 3.0, 1500.0).current_A == np.inf  # beyond the stall load there is no flow
+    assert still["force_N"] == pytest.approx(1500.0, rel=1e-2)
+    assert still["stroke_m"] == pytest.approx(1500.0 / inner, rel=2e-2)
+    assert needs(rig, (2.0, 2.0), 800.0, 3.0, 1500.0)["current_A"] == np.inf  # beyond the stall load there is no flow
 
 
 def test_what_is_not_stated_is_not_asked_but_named() -> None:

@@ -128,7 +128,7 @@ def test_slacks_are_those_of_the_exact_loop(paper: Prototype, controller, filter
     figures = list(paper_model(rig).figures.values())
     form, logarithms = controller.form()
     table = form.coefficients(logarithms)[0]
-    slacks = [sized_slack(table.shape, kind, filter_Hz is not None) for kind in KINDS_OF_LIMIT]
+    slacks = [sized_slack(table.shape, kind, filter_Hz is not None, "twin_beam") for kind in KINDS_OF_LIMIT]
     for outer, inner in ((0.0, 0.0), (6.8, 0.0), (2.0, 4.5)):
         exact = loaded(rig, controller, inner, outer)
         found = np.array(
@@ -149,7 +149,7 @@ def test_derivatives_of_slacks_are_those_of_finite_differences(paper: Prototype,
     lumped, outer, inner = ca.vertsplit(ca.exp(x[:n]), [0, n - 2, n - 1, n])
     table, _ = form_of("lag").coefficients(x[n : n + 3])
     asked = (ca.vec(table), inner, lumped, outer, ca.exp(x[n + 3]))
-    slacks = ca.vertcat(*(sized_slack(table.shape, kind, True)(*asked) for kind in KINDS_OF_LIMIT))
+    slacks = ca.vertcat(*(sized_slack(table.shape, kind, True, "twin_beam")(*asked) for kind in KINDS_OF_LIMIT))
     value = ca.Function("value", [x], [slacks])
     analytic = np.asarray(ca.Function("jacobian", [x], [ca.jacobian(slacks, x)])(point))
     step = 1e-5

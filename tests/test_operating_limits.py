@@ -10,7 +10,7 @@ from beamdesign.prototype import Payload, Prototype, Supply, prototype_from
 from beamdesign.records import InputError
 from beamdesign.scenario import Scenario, ScenarioRecord, Sine
 from beamdesign.simulation import SimulatedRecord, simulate
-from beamdesign.synthesis.operating_limits import demand, envelope, rated_current, sensor_reach, smaller_side
+from beamdesign.synthesis.operating_limits import demand, envelope, sensor_reach
 
 
 @pytest.fixture
@@ -57,7 +57,7 @@ def test_slow_loads_are_carried_up_to_the_stall_load_of_the_smaller_side(rig: Pr
     slow = envelope(rig, frequency_Hz=np.array([0.01]))
     assert slow.limits_N["force"][0] == pytest.approx(20e6 * 1.13e-4, rel=2e-3)
     uneven = rig.but(effects={"unequal_piston_areas": {"asymmetry": 0.121}})
-    assert smaller_side(uneven) == pytest.approx(0.993e-4, rel=1e-3)
+    assert uneven.actuator.smaller_side(uneven) == pytest.approx(0.993e-4, rel=1e-3)
     assert envelope(uneven, frequency_Hz=np.array([0.01])).load_N[0] == pytest.approx(1986.0, rel=5e-3)
     half = envelope(rig.but(supply=Supply(pressure_Pa=10e6)), frequency_Hz=np.array([0.01]))
     assert half.limits_N["force"][0] == pytest.approx(slow.limits_N["force"][0] / 2)
@@ -71,7 +71,7 @@ def test_valve_flow_is_used_up_where_the_rig_with_orifices_nears_the_rated_curre
     limit = envelope(rig, frequency_Hz=np.array([frequency])).limits_N["valve flow"][0]
     record = shaken(rig.but(effects={"pressure_dependent_flow": {}}), limit, frequency)
     asked = demand(rig, 0.0, np.array([frequency]))
-    spool = abs(asked.flow[0] / asked.current[0]) / rig.servovalve.flow_gain_m3_per_s_per_A
+    spool = abs(asked.of("flow")[0] / asked.current[0]) / rig.servovalve.flow_gain_m3_per_s_per_A
     assert 0.85 * 0.015 < spool * np.abs(settled(record, "current_A", frequency)).max() < 1.02 * 0.015
 
 
@@ -96,7 +96,7 @@ def test_the_parabola_holds_the_load_locus(rig: Prototype):
         force = envelope(rig, frequency_Hz=np.array([frequency])).limits_N["valve flow"][0]
         asked = demand(rig, 0.0, np.array([frequency]))
         turn = np.exp(1j * np.linspace(0, 2 * pi, 5000))
-        flow, load = (force * np.real(one[0] * turn) for one in (asked.flow, asked.force))
+        flow, load = (force * np.real(one[0] * turn) for one in (asked.of("flow"), asked.force))
         most = 1.13e-2 * 0.015 * np.sqrt(np.maximum(1 - np.sign(flow) * load / (20e6 * 1.13e-4), 0.0))
         assert np.max(np.abs(flow) - most) == pytest.approx(0.0, abs=1e-3 * 1.13e-2 * 0.015)
 
@@ -118,7 +118,7 @@ def test_what_is_not_given_is_left_out_and_named(paper: Prototype):
     assert list(found.limits_N) == ["force"]
     assert found.missing["current"] == "servovalve.rated_current_A"
     assert set(found.governing) == {"force"}
-    assert rated_current(bare.but(effects={"current_saturation": {"limit_A": 0.02}})) == 0.02
+    assert bare.actuator.largest_current_A(bare.but(effects={"current_saturation": {"limit_A": 0.02}})) == 0.02
     assert "not stable" in envelope(bare.but(controller=bare.controller.but(gain_A_per_V=1.0))).reason
 
 

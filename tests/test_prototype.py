@@ -14,8 +14,8 @@ from pydantic import ValidationError
 
 from beamdesign import quantities as q
 from beamdesign.controllers import Lag, Proportional
+from beamdesign.plant.actuators.servo_cylinder import ServoCylinder
 from beamdesign.prototype import (
-    Actuator,
     Beam,
     Goal,
     Guarantee,
@@ -81,7 +81,7 @@ def prototypes(draw: st.DrawFn) -> Prototype:
         outer_beam=outer,
         inner_beam=draw(beams(None if opening is None else opening * 0.9)),
         actuator=draw(
-            st.builds(Actuator, piston_area_m2=figures(q.PistonArea), oil_stiffness_N_per_m=figures(q.Stiffness))
+            st.builds(ServoCylinder, piston_area_m2=figures(q.PistonArea), oil_stiffness_N_per_m=figures(q.Stiffness))
         ),
         servovalve=draw(
             st.builds(

@@ -49,22 +49,24 @@ def test_ratings_of_a_slow_load_are_statics(rig: Prototype) -> None:
     """
     need = ratings(rig, (0.0, 0.0), 1000.0, 0.05)
     area, stiffness, oil = 1.13e-4, 157500.0, 1.3e7
-    assert need.cylinder_force_N == pytest.approx(1000.0, rel=4e-3)
-    assert need.load_pressure_Pa == pytest.approx(1000.0 / area, rel=4e-3)
-    assert need.supply_pressure_Pa == pytest.approx(1.5 * 1000.0 / area, rel=4e-3)
-    assert need.stroke_m == pytest.approx(2 * MARGIN * 1000.0 / stiffness, rel=4e-3)
+    assert need.needed["cylinder_force_N"] == pytest.approx(1000.0, rel=4e-3)
+    assert need.needed["load_pressure_Pa"] == pytest.approx(1000.0 / area, rel=4e-3)
+    assert need.needed["supply_pressure_Pa"] == pytest.approx(1.5 * 1000.0 / area, rel=4e-3)
+    assert need.needed["stroke_m"] == pytest.approx(2 * MARGIN * 1000.0 / stiffness, rel=4e-3)
     moved = area * 2 * pi * 0.05 * 1000.0 * (1 / stiffness + 1 / oil)
     leaked = 3.8e-13 * 1000.0 / area
-    assert need.flow_m3_per_s == pytest.approx(sqrt(moved**2 + leaked**2), rel=1e-2)
-    assert need.given["stroke_m"] is None
+    assert need.needed["flow_m3_per_s"] == pytest.approx(sqrt(moved**2 + leaked**2), rel=1e-2)
+    assert "stroke_m" not in need.stated
 
 
 def test_ratings_grow_with_the_load(rig: Prototype) -> None:
     small, large = (ratings(rig, MASSES, load, 5.0) for load in (100.0, 1000.0))
-    assert large.flow_m3_per_s == pytest.approx(10 * small.flow_m3_per_s)
+    assert large.needed["flow_m3_per_s"] == pytest.approx(10 * small.needed["flow_m3_per_s"])
     # Through an orifice under load pressure more than in proportion.
-    assert large.no_load_flow_m3_per_s > 10 * small.no_load_flow_m3_per_s
-    assert np.isinf(ratings(rig, (0.0, 0.0), 3000.0, 5.0).no_load_flow_m3_per_s)  # 3 kN are more than 20 MPa hold
+    assert large.needed["no_load_flow_m3_per_s"] > 10 * small.needed["no_load_flow_m3_per_s"]
+    assert np.isinf(
+        ratings(rig, (0.0, 0.0), 3000.0, 5.0).needed["no_load_flow_m3_per_s"]
+    )  # 3 kN are more than 20 MPa hold
 
 
 def test_the_noise_bandwidth_is_the_h2_norm(rig: Prototype) -> None:
@@ -87,8 +89,8 @@ def test_a_schedule_of_one_law_asks_of_sensor_and_actuator_what_that_law_does(ri
     assert other.bandwidth_Hz == one.bandwidth_Hz
     assert other.noise_density_m_per_rtHz == pytest.approx(one.noise_density_m_per_rtHz)  # its worst payload is an end
     less, more = (ratings(each, MASSES, 100.0, 4.0) for each in (rig, scheduled))
-    assert more.cylinder_force_N == pytest.approx(less.cylinder_force_N)
-    assert more.supply_flow_m3_per_s == pytest.approx(less.supply_flow_m3_per_s)
+    assert more.needed["cylinder_force_N"] == pytest.approx(less.needed["cylinder_force_N"])
+    assert more.needed["supply_flow_m3_per_s"] == pytest.approx(less.needed["supply_flow_m3_per_s"])
 
 
 def test_the_sensor_may_be_as_slow_as_is_said(rig: Prototype) -> None:

@@ -30,7 +30,7 @@ from beamdesign.records import to_toml
 from beamdesign.scenario import CHANNELS, Input, LoadSteps, Multisine, Scenario, ScenarioRecord, inputs_of
 from beamdesign.spelling import shorter
 from beamdesign.structure.lumped import lumped_beam
-from beamdesign.synthesis.operating_limits import envelope, rated_current
+from beamdesign.synthesis.operating_limits import envelope
 
 MEASURED_WITHIN = 0.05
 """Relative error allowed to the measurement of a compliance or a critical gain, beyond the bands."""
@@ -233,7 +233,7 @@ def acceptance_plan(
     command = _COMMAND_M * prototype.sensor.gain_V_per_m
     controller = prototype.controller
     assert controller is not None
-    if (rated := rated_current(prototype)) is not None:
+    if (rated := prototype.actuator.largest_current_A(prototype)) is not None:
         command = min(command, _OF_RATED * rated / controller.gain_A_per_V)
     command, small = _two_digits(command), _two_digits(force / _SMALLER)
     drives: list[tuple[str, float, Input]] = [

@@ -194,7 +194,7 @@ def json_fields(spec: Specification) -> dict[str, Any]:
         "load_N": spec.load_N,
         "sections": _plain(spec.stock),
         "drawing": missing_geometry(spec.prototype) or "drawing.dxf",
-        "ratings": _plain(spec.ratings),
+        "ratings": None if spec.ratings is None else _plain(spec.ratings.to_dict()),
         "sensor": _plain(spec.sensor),
         "controller": _plain(spec.prototype.controller),
         "tolerances": _plain(spec.tolerances),

@@ -3,12 +3,14 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 from math import pi, sqrt
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from beamdesign.build.tolerances import why_no_box
+from beamdesign.json_text import picked
 from beamdesign.loop import loop
+from beamdesign.plant.actuators.protocol import MARGIN, Row
 from beamdesign.plant.effects import library
 from beamdesign.proofs.box import box_of, certify_box
 from beamdesign.proofs.certificate import Guaranteed
@@ -20,7 +22,7 @@ from beamdesign.structure import beam, section
 from beamdesign.structure.lumped import lumped_beam
 from beamdesign.structure.section import SquareTube
 from beamdesign.structure.stock import stock_tubes
-from beamdesign.synthesis.operating_limits import MARGIN, Envelope, envelope, needs, smaller_side
+from beamdesign.synthesis.operating_limits import Envelope, envelope, needs
 
 
 class TubeToMake(NamedTuple):
@@ -159,9 +161,6 @@ def _gap(outer: Beam, inner: Beam) -> float:
     return float(section.clearance(outer.width_m, outer.wall_m, inner.width_m))
 
 
-PRESSURE_SHARE = 2 / 3
-"""Of the supply pressure that the load should use at most: there a valve gives the most power (H. E. Merritt, Hydraulic
-Control Systems (1967), section 7-3)."""
 SHOWN_HZ = np.array([0.1, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0])
 
 
@@ -172,31 +171,28 @@ class Ratings:
     Attributes:
         load_N: amplitude of the force.
         up_to_Hz: bandwidth.
-        cylinder_force_N: largest.
-        load_pressure_Pa: that on the smaller side of the piston.
-        supply_pressure_Pa: least, so that the load pressure is two thirds of it.
-        flow_m3_per_s: largest through the valve under load.
-        no_load_flow_m3_per_s: flow the valve must give without a load at the prototype's supply pressure, margin
-            included; infinite where the load pressure reaches the supply's.
-        rated_current_A: current that gives it, the spool's lag included, margin included.
-        stroke_m: from end to end, margin included.
-        supply_flow_m3_per_s: margin included.
-        given: what the prototype states, by the names above; None where it does not.
+        rows: of the actuator, margins included, its stroke from end to end among them.
         envelope: largest amplitude over frequency that the prototype's own ratings allow, with the largest payload.
     """
 
     load_N: float
     up_to_Hz: float
-    cylinder_force_N: float
-    load_pressure_Pa: float
-    supply_pressure_Pa: float
-    flow_m3_per_s: float
-    no_load_flow_m3_per_s: float
-    rated_current_A: float
-    stroke_m: float
-    supply_flow_m3_per_s: float
-    given: dict[str, float | None]
+    rows: tuple[Row, ...]
     envelope: Envelope
+
+    @property
+    def needed(self) -> dict[str, float]:
+        """What is computed, by its key."""
+        return {row.key: row.needed for row in self.rows if row.key}
+
+    @property
+    def stated(self) -> dict[str, float]:
+        """What the prototype states of that."""
+        return {row.key: row.stated for row in self.rows if row.key and row.stated is not None}
+
+    def to_dict(self) -> dict[str, Any]:
+        """As a JSON file has it."""
+        return picked(self, "load_N up_to_Hz envelope") | self.needed | {"given": self.stated}
 
 
 def ratings(prototype: Prototype, masses_kg: tuple[float, float], load_N: float, up_to_Hz: float) -> Ratings:
@@ -208,19 +204,18 @@ def ratings(prototype: Prototype, masses_kg: tuple[float, float], load_N: float,
         load_N: amplitude of the force on the tip.
         up_to_Hz: highest frequency of it.
     """
-    area, stages = smaller_side(prototype), prototype.stages(masses_kg)
-    need = needs(prototype, masses_kg, load_N, up_to_Hz)
-    given = {
-        "supply_pressure_Pa": prototype.supply.pressure_Pa,
-        "rated_current_A": prototype.servovalve.rated_current_A,
-        "stroke_m": prototype.actuator.stroke_m,
-        "supply_flow_m3_per_s": prototype.supply.flow_m3_per_s,
-    }
-    return Ratings(
-        load_N, up_to_Hz, need.force_N, need.force_N / area, need.force_N / area / PRESSURE_SHARE, need.flow_m3_per_s,
-        MARGIN * need.no_load_flow_m3_per_s, MARGIN * need.current_A, 2 * MARGIN * need.stroke_m,
-        MARGIN * need.flow_m3_per_s, given, envelope(stages[-1].prototype, masses_kg[1], 0.0, SHOWN_HZ),
-    )  # fmt: skip
+    need, stages, actuator = (
+        needs(prototype, masses_kg, load_N, up_to_Hz),
+        prototype.stages(masses_kg),
+        prototype.actuator,
+    )
+    inner = lumped_beam(prototype.inner_beam).stiffness
+    rows = (
+        *actuator.rows(prototype, need, load_N),
+        Row("stroke to either side that holds the load, at least", load_N / inner, None, "m", "rest_stroke_m"),
+        Row(f"stroke from end to end, × {MARGIN:g}", 2 * MARGIN * need["stroke_m"], actuator.stroke_m, "m", "stroke_m"),
+    )
+    return Ratings(load_N, up_to_Hz, rows, envelope(stages[-1].prototype, masses_kg[1], 0.0, SHOWN_HZ))
 
 
 KEPT = 0.05

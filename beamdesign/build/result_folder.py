@@ -13,6 +13,7 @@ from beamdesign.build.folder import document_of
 from beamdesign.build.specification import specification_of
 from beamdesign.files import write_set
 from beamdesign.loop import loop
+from beamdesign.parameters import rows_of
 from beamdesign.proofs.certificate import Certificate
 from beamdesign.proofs.lyapunov import CHANGES_NAME
 from beamdesign.prototype import InStage, Prototype
@@ -296,7 +297,6 @@ def _inline(picture: CaptionedFigure) -> Picture:
 
 def lumped_rows(prototype: Prototype) -> list[tuple[str, str, str, str]]:
     """Every figure of the linear model but controller and end masses: name, symbol, value, what it rests on."""
-    actuator, valve, sensor = prototype.actuator, prototype.servovalve, prototype.sensor
     rows = []
     for name, letter, record in (("outer", "m", prototype.outer_beam), ("inner", "f", prototype.inner_beam)):
         found = lumped_beam(record)
@@ -315,15 +315,10 @@ def lumped_rows(prototype: Prototype) -> list[tuple[str, str, str, str]]:
             (f"{name} dashpot", f"b_{letter}", quantity(found.damping, "N s/m"), damped),
         ]
     return rows + [
-        (name, symbol, quantity(value, unit) if value else "none", basis)
-        for name, symbol, value, unit, basis in (
-            ("oil spring", "K_c", actuator.oil_stiffness_N_per_m, "N/m", "given"),
-            ("piston area", "A", actuator.piston_area_m2, "m2", "given, mean of both sides"),
-            ("valve flow gain", "K_q", valve.flow_gain_m3_per_s_per_A, "m3/s/A", "given"),
-            ("leakage", "K_pq", valve.leakage_m3_per_s_per_Pa, "m3/s/Pa", "given"),
-            ("valve natural frequency", "f_n", valve.natural_frequency_Hz, "Hz", "given"),
-            ("valve damping ratio", "ξ", valve.damping_ratio, "1", "given"),
-            ("sensor gain", "F", sensor.gain_V_per_m, "V/m", "given"),
-            ("sensor filter", "", sensor.filter_Hz, "Hz", "given"),
+        (
+            row.words.removeprefix("the "), row.symbol,
+            quantity(value, row.shown_unit) if (value := row.stated(prototype)) else "none", "given",
         )
-    ]
+        for row in rows_of(type(prototype.actuator)).values()
+        if row.words
+    ]  # fmt: skip

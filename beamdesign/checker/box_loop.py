@@ -13,9 +13,9 @@ from flint import fmpq, fmpq_mpoly, fmpq_mpoly_ctx, fmpq_poly
 
 from beamdesign.checker.expressions import MOST_PRODUCTS, UNKNOWN, Expression
 from beamdesign.checker.law import SENSED
-from beamdesign.checker.mechanics import Elements, Number, mechanics
+from beamdesign.checker.mechanics import Elements, Number, electronics, mechanics
 from beamdesign.checker.reading import Table, Unreadable, rational, short
-from beamdesign.checker.rig import MOST_MEMBERS, ONCE, Rig, electronics, without_unit
+from beamdesign.checker.rig import MOST_MEMBERS, ONCE, Rig, without_unit
 from beamdesign.checker.roots import Pair, is_hurwitz
 
 # That the expression is the polynomial of the rig.
@@ -24,7 +24,10 @@ from beamdesign.checker.roots import Pair, is_hurwitz
 _DEVIATIONS = {
     "oil_stiffness": "oil_stiffness", "piston_area": "piston_area", "flow_gain": "flow_gain", "leakage": "leakage",
     "valve_frequency": "valve_natural_frequency", "valve_damping_ratio": "valve_damping_ratio",
-    "sensor_gain": "sensor_gain", "filter_frequency": "sensor_filter", "inner_end_mass": "inner_end_mass",
+    "screw_stiffness": "screw_stiffness", "lead": "lead", "torque_constant": "torque_constant",
+    "rotor_inertia": "rotor_inertia", "rotor_friction": "rotor_friction", "speed_feedback": "speed_feedback",
+    "current_loop": "current_loop", "sensor_gain": "sensor_gain", "filter_frequency": "sensor_filter",
+    "inner_end_mass": "inner_end_mass",
 } | {
     f"{beam}_{name}": key
     for beam in ("outer", "inner")

@@ -286,7 +286,7 @@ def _mirrored(polynomial: fmpq_poly) -> fmpq_poly:
 
 
 UNITS = {"current": "A in the current", "flow": "m3/s behind the spool", "volts": "V at the sensor",
-         "stroke": "N between piston and cylinder"}  # fmt: skip
+         "stroke": "N between piston and cylinder", "nut": "N on the nut"}  # fmt: skip
 
 
 def _deviation(table: Table, loops: Sequence[Loop], masses: Pair) -> tuple[bool, str]:

@@ -70,6 +70,7 @@ MODE_MASS_FRACTION = fmpq(236, 1000)
 DEFAULTS: dict[str, dict[str, Any]] = {
     "beam": {"damping_ratio": 0.05, "corner_radius_m": 0.0, "end_mass_kg": 0.0},
     "servovalve": {"damping_ratio": 0.5},
+    "actuator": {"rotor_friction_N_m_s_per_rad": 0.0},
     "payload": {"inner_end_mass_kg": 0.0},
     "goal": {
         "compliance_m_per_N": 5.71e-8,
@@ -243,18 +244,41 @@ def _figures(prototype: Mapping[str, Any], alloys: Mapping[str, Table]) -> dict[
             f"{which}_mass_kg": mass,
             f"{which}_damping_N_s_per_m": 2 * ratio * (stiffness * mass).sqrt(),
         }
-    for place, names in (
-        ("actuator", ("oil_stiffness_N_per_m", "piston_area_m2")),
-        ("servovalve", ("flow_gain_m3_per_s_per_A", "leakage_m3_per_s_per_Pa")),
-        ("sensor", ("gain_V_per_m",)),
-    ):
-        found |= {("sensor_" if place == "sensor" else "") + name: _ball(prototype, place, name) for name in names}
-    found["valve_damping_ratio"] = _ball(prototype, "servovalve", "damping_ratio")
     turn = 2 * arb.pi()
-    found["valve_frequency_rad_per_s"] = turn * _ball(prototype, "servovalve", "natural_frequency_Hz")
+    found |= _ball_screw(prototype) if _actuator(prototype) == "ball_screw" else _servo_cylinder(prototype)
+    found["sensor_gain_V_per_m"] = _ball(prototype, "sensor", "gain_V_per_m")
     filtered = _of(prototype, "sensor", "filter_Hz") is not None
     found["filter_frequency_rad_per_s"] = turn * _ball(prototype, "sensor", "filter_Hz") if filtered else None
     return found
+
+
+def _actuator(prototype: Mapping[str, Any]) -> str:
+    kind = _table(prototype, "actuator").get("kind", "servo_cylinder")
+    if kind not in ("servo_cylinder", "ball_screw"):
+        raise Unreadable(f"actuator.kind of the prototype is not known here: {str(kind)[:60]!r}")
+    return str(kind)
+
+
+def _servo_cylinder(prototype: Mapping[str, Any]) -> dict[str, arb | None]:
+    of_valve = ("flow_gain_m3_per_s_per_A", "leakage_m3_per_s_per_Pa")
+    return {
+        **{name: _ball(prototype, "actuator", name) for name in ("oil_stiffness_N_per_m", "piston_area_m2")},
+        **{name: _ball(prototype, "servovalve", name) for name in of_valve},
+        "valve_damping_ratio": _ball(prototype, "servovalve", "damping_ratio"),
+        "valve_frequency_rad_per_s": 2 * arb.pi() * _ball(prototype, "servovalve", "natural_frequency_Hz"),
+    }
+
+
+def _ball_screw(prototype: Mapping[str, Any]) -> dict[str, arb | None]:
+    same = (
+        "screw_stiffness_N_per_m", "torque_constant_N_m_per_A", "rotor_inertia_kg_m2", "rotor_friction_N_m_s_per_rad",
+        "speed_feedback_A_s_per_rad",
+    )  # fmt: skip
+    return {
+        **{name: _ball(prototype, "actuator", name) for name in same},
+        "lead_m_per_rad": _ball(prototype, "actuator", "lead_m") / (2 * arb.pi()),
+        "current_loop_rad_per_s": 2 * arb.pi() * _ball(prototype, "actuator", "current_loop_Hz"),
+    }
 
 
 def _lumped(prototype: Mapping[str, Any], name: str, alloys: Mapping[str, Table]) -> tuple[arb, arb]:

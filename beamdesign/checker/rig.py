@@ -15,20 +15,37 @@ from typing import Any
 from flint import fmpq, fmpq_poly
 
 from beamdesign.checker.law import SENSED, Law, Schedule, same_frequency
-from beamdesign.checker.mechanics import Elements, Number, Polynomial, Ring, add_weights, mechanics
+from beamdesign.checker.mechanics import Elements, Number, add_weights, drive, electronics, mechanics
 from beamdesign.checker.reading import HIGHEST_DEGREE, Table, Unreadable, rational, short
 from beamdesign.checker.roots import ZERO, Pair, Polynomials
 
 FIGURES = (
     "outer_stiffness_N_per_m", "outer_mass_kg", "outer_damping_N_s_per_m", "inner_stiffness_N_per_m", "inner_mass_kg",
-    "inner_damping_N_s_per_m", "oil_stiffness_N_per_m", "piston_area_m2", "flow_gain_m3_per_s_per_A",
-    "leakage_m3_per_s_per_Pa", "valve_frequency_rad_per_s", "valve_damping_ratio", "sensor_gain_V_per_m",
+    "inner_damping_N_s_per_m", "sensor_gain_V_per_m",
 )  # fmt: skip
-_UNIT = re.compile(r"_(N_per_m|N_s_per_m|kg|m2|m3_per_s_per_A|m3_per_s_per_Pa|rad_per_s|V_per_m)$", re.ASCII)
-MAY_BE_ZERO = ("outer_damping_N_s_per_m", "inner_damping_N_s_per_m", "leakage_m3_per_s_per_Pa")
+OF_ACTUATOR = {
+    "twin_beam": (
+        "oil_stiffness_N_per_m", "piston_area_m2", "flow_gain_m3_per_s_per_A", "leakage_m3_per_s_per_Pa",
+        "valve_frequency_rad_per_s", "valve_damping_ratio",
+    ),
+    "ball_screw": (
+        "screw_stiffness_N_per_m", "lead_m_per_rad", "torque_constant_N_m_per_A", "rotor_inertia_kg_m2",
+        "rotor_friction_N_m_s_per_rad", "speed_feedback_A_s_per_rad", "current_loop_rad_per_s",
+    ),
+}  # fmt: skip
+"""Figures of the actuator, by the kind of rig."""
+_UNIT = re.compile(
+    r"_(N_m_s_per_rad|N_m_per_A|A_s_per_rad|m_per_rad|kg_m2|N_per_m|N_s_per_m|kg|m2|m3_per_s_per_A|m3_per_s_per_Pa"
+    r"|rad_per_s|V_per_m)$",
+    re.ASCII,
+)
+MAY_BE_ZERO = (
+    "outer_damping_N_s_per_m", "inner_damping_N_s_per_m", "leakage_m3_per_s_per_Pa", "rotor_friction_N_m_s_per_rad",
+    "speed_feedback_A_s_per_rad",
+)  # fmt: skip
 MOST_MEMBERS = 64
 """Combinations of the ends of spans: twice what all effects together come to."""
-POINTS = {"tip", "rod", "base", "sensed"}
+POINTS = {"tip", "rod", "base", "sensed", "slide"}
 _NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]{0,60}", re.ASCII)
 ONCE: Pair = (fmpq(1), fmpq(1))
 """A factor of one."""
@@ -42,7 +59,9 @@ def without_unit(name: str) -> str:
     return _UNIT.sub("", name)
 
 
-NAMES = {without_unit(name) for name in (*FIGURES, "filter_frequency_rad_per_s")}
+NAMES = {
+    without_unit(name) for names in (FIGURES, *OF_ACTUATOR.values(), ("filter_frequency_rad_per_s",)) for name in names
+}
 """Of figures that impedances and filters of effects may be times, without unit."""
 
 
@@ -189,6 +208,7 @@ class Rig:
 
     Attributes:
         figures: lumped, SI, by name with unit.
+        kind: by its actuator.
         inner_end_mass: kg.
         law: its controller; None where it states several stages, or none.
         schedule: several stages that take turns; None where it states one law, or none.
@@ -197,17 +217,20 @@ class Rig:
 
     def __init__(self, table: Table) -> None:
         rig = table.table("rig")
-        rig.word("kind", "twin_beam")
+        self.kind = rig.word("kind", *OF_ACTUATOR)
         filtered = "filter_frequency_rad_per_s" in rig
-        names = (*FIGURES, "filter_frequency_rad_per_s") if filtered else FIGURES
+        names = (*FIGURES, *OF_ACTUATOR[self.kind], *(("filter_frequency_rad_per_s",) if filtered else ()))
         self.figures = {name: rig.at_least(name, 0, above=name not in MAY_BE_ZERO) for name in names}
         self.inner_end_mass = rig.at_least("inner_end_mass_kg", 0)
         asked = table.optional("payload").whole_of_it().get("inner_end_mass_kg")
         if asked is not None and rational(asked, "payload.inner_end_mass_kg") != self.inner_end_mass:
             raise Unreadable("rig.inner_end_mass_kg and payload.inner_end_mass_kg are not one mass")
-        for name in ("valve_frequency", "filter_frequency")[: 1 + filtered]:
-            if not same_frequency(rig.number(f"{name}_Hz"), self.figures[f"{name}_rad_per_s"]):
-                raise Unreadable(f"rig.{name}_Hz and rig.{name}_rad_per_s are not one frequency")
+        for name in names:  # stated in turns as well
+            shown, radians = name.replace("_rad_per_s", "_Hz").replace("_per_rad", ""), self.figures[name]
+            if name.endswith("_rad_per_s") or name == "lead_m_per_rad":
+                turns = rig.number(shown) if name.endswith("_rad_per_s") else 1 / rig.at_least(shown, 0, above=True)
+                if not same_frequency(turns, radians if name.endswith("_rad_per_s") else 1 / radians):
+                    raise Unreadable(f"rig.{shown} and rig.{name} are not the same")
         controller = table.table("controller") if "controller" in table else None
         scheduled = controller is not None and "stage" in controller
         self.schedule = Schedule(controller) if controller is not None and scheduled else None
@@ -299,7 +322,7 @@ class Rig:
             gain,
             performing,
             self._strayed(elements, bare.strayed, around, own[0]),
-            self._spool(elements) / self.figures["valve_frequency_rad_per_s"] ** 2,
+            self._spool(elements) / self._spool(Elements())[0],
             self._filters(elements),
         )
 
@@ -312,9 +335,8 @@ class Rig:
         return above, below
 
     def _spool(self, elements: Elements) -> fmpq_poly:
-        """The spool's polynomial, as `electronics` has it."""
-        valve = self.figures["valve_frequency_rad_per_s"]
-        return fmpq_poly([valve**2 * (1 + elements.spool), 2 * self.figures["valve_damping_ratio"] * valve, 1])
+        """The polynomial of what is between the law's current and what drives the mechanics."""
+        return drive(self.figures, elements, fmpq_poly)[1]
 
     def _strayed(
         self, elements: Elements, moved: Mapping[str, fmpq_poly], around: fmpq_poly, own: fmpq_poly
@@ -322,13 +344,15 @@ class Rig:
         """What errors do to the tip where the sensor sees that alone; of friction, where nothing else is heard."""
         if self.law is None or any(weight != 0 for weight in elements.points["sensed"].values()):
             return {}
-        drive = self.figures["flow_gain_m3_per_s_per_A"] * self.figures["valve_frequency_rad_per_s"] ** 2
+        gain, spool = drive(self.figures, elements, fmpq_poly)
         found = {
-            "current": drive * moved["flow"] * (around / self._spool(elements)),
-            "flow": moved["flow"] * around,
+            "current": gain * moved["drive"] * (around / spool),
             "volts": own / self.figures["sensor_gain_V_per_m"],
         }
-        return found if len(self.law.numerators) > 1 else found | {"stroke": moved["stroke"] * around}
+        if "flow_gain_m3_per_s_per_A" in self.figures:
+            found["flow"] = moved["drive"] * around
+        alone = len(self.law.numerators) == 1
+        return found | {name: moved[name] * around for name in ("stroke", "nut") if alone and name in moved}
 
 
 def _refuse_size(elements: Elements, law: Law) -> None:
@@ -339,33 +363,3 @@ def _refuse_size(elements: Elements, law: Law) -> None:
     lags += sum(max(len(above), len(below)) - 1 for above, below in elements.volts)
     if (degree := 2 * len(moving - POINTS) + lags) > HIGHEST_DEGREE:
         raise Unreadable(f"what is beside the rig's own parts has degree {degree}, more than {HIGHEST_DEGREE}")
-
-
-def electronics(
-    figure: Mapping[str, Number],
-    elements: Elements,
-    numerators: Mapping[str, Polynomial],
-    denominator: Polynomial,
-    ring: Ring,
-) -> tuple[Polynomial, dict[str, Polynomial]]:
-    """Controller, filters and valve from what is sensed to a flow: their denominator, and numerators by what is sensed.
-
-    Args:
-        figure: lumped figures, by name with unit.
-        elements: of all effects.
-        numerators: of the controller, by what they sense.
-        denominator: of the controller.
-        ring: of the polynomials.
-    """
-    valve = figure["valve_frequency_rad_per_s"]
-    spool = ring([valve**2 * (1 + elements.spool), 2 * figure["valve_damping_ratio"] * valve, 1])
-    drive = figure["flow_gain_m3_per_s_per_A"] * valve**2
-    forward, lags = drive * figure["sensor_gain_V_per_m"] * numerators[SENSED[0]], ring([1])
-    if "filter_frequency_rad_per_s" in figure:
-        forward *= figure["filter_frequency_rad_per_s"]
-        lags *= ring([figure["filter_frequency_rad_per_s"], 1])
-    for above, below in elements.volts:
-        forward, lags = forward * ring(above), lags * ring(below)
-    # What added sensors read passes none of the lags of the displacement's volts.
-    back = {name: drive * numerators[name] * lags for name in SENSED[1:] if name in numerators}
-    return spool * denominator * lags, {SENSED[0]: forward} | back

@@ -28,10 +28,10 @@ from collections.abc import Callable, Sequence
 from flint import arb, arb_mat, ctx, fmpq, fmpq_mat
 
 from beamdesign.checker.mass_range import Statements
-from beamdesign.checker.mechanics import VELOCITY, StateSpace, bounded
 from beamdesign.checker.reading import Table, Unreadable, short
 from beamdesign.checker.rig import Rig
 from beamdesign.checker.roots import Pair, interpolated, is_hurwitz, pieces
+from beamdesign.checker.state_space import VELOCITY, StateSpace, bounded
 
 # Definiteness.
 

@@ -102,7 +102,7 @@ def _read(study: Path, nominal: bool) -> "DesignProblem":
     from beamdesign.problem import read_problem
 
     problem = read_problem(study)
-    if not nominal and (words := stated_or_typical(problem.tolerance)[1]):
+    if not nominal and (words := stated_or_typical(problem.tolerance, type(problem.actuator))[1]):
         echo(words)
     return problem
 

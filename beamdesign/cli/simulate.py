@@ -53,15 +53,15 @@ def simulate(
     """
     from beamdesign import simulation as engine
     from beamdesign.bench_prototype import BenchPrototype, read_any_prototype
-    from beamdesign.plant.assembly import problem_without_controller
-    from beamdesign.plant.effects import library, problems
+    from beamdesign.plant.assembly import problem_without_controller, wrong_effects
+    from beamdesign.plant.effects import library
     from beamdesign.records import Problem
     from beamdesign.scenario import read_scenario
 
     rig = read_any_prototype(prototype)
     if isinstance(rig, BenchPrototype):
         return _simulate_bench(rig, prototype, scenario, out, plots)
-    wrong = problems(rig.effects)
+    wrong = wrong_effects(rig)
     plan = read_scenario(scenario)
     wrong += [
         Problem(f"record.{row.name}.start_m", "is for an actuator bench")

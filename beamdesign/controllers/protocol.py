@@ -3,12 +3,10 @@
 from abc import abstractmethod
 from dataclasses import dataclass
 from math import inf, pi
-from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self, TypeVar
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, TypeVar
 
-from pydantic import ModelWrapValidatorHandler, ValidationError, model_validator
-from pydantic_core import PydanticKnownError
-
-from beamdesign.records import InputError, Record, under_tag
+from beamdesign.kinded import Kinded
+from beamdesign.records import InputError
 
 if TYPE_CHECKING:
     import control
@@ -75,15 +73,13 @@ class SensedLaw:
     denominator: "fmpq_poly"
 
 
-class Controller(Record):
+class Controller(Kinded):
     """A linear law from what is sensed to the current of the valve, or several that take turns.
 
     A kind derives from this in a file of its own, gives `kind` its name as the default, and is made known by
     `register`. A field of this type then takes any registered kind, one of a type between only those that derive from
     that.
     """
-
-    kind: str
 
     if TYPE_CHECKING:
 
@@ -92,27 +88,9 @@ class Controller(Record):
             """Factor on the whole of a linear law, a field of every kind of those."""
 
     @classmethod
-    def variants(cls) -> list[type[Record]]:
-        """Itself where it is a kind, else the registered kinds that derive from it."""
-        return [cls] if cls in KINDS.values() else [kind for kind in KINDS.values() if issubclass(kind, cls)]
-
-    @model_validator(mode="wrap")
-    @classmethod
-    def _by_kind(cls, data: Any, handler: ModelWrapValidatorHandler[Self]) -> Self:
-        kinds = {str(each.model_fields["kind"].default): each for each in cls.variants()}
-        if cls in kinds.values() or isinstance(data, cls) or not isinstance(data, dict):
-            return handler(data)
-        if "kind" not in data:
-            raise PydanticKnownError("union_tag_not_found", {"discriminator": "'kind'"})
-        if not isinstance(tag := data["kind"], str) or tag not in kinds:
-            known = ", ".join(repr(name) for name in kinds)
-            raise PydanticKnownError(
-                "union_tag_invalid", {"discriminator": "'kind'", "tag": str(tag), "expected_tags": known}
-            )
-        try:
-            return kinds[tag].model_validate(data)  # type: ignore[return-value]
-        except ValidationError as error:
-            raise under_tag(error, tag) from None
+    def known(cls) -> dict[str, "type[Controller]"]:
+        """See `Kinded`."""
+        return KINDS
 
     @property
     def laws(self) -> Laws:

@@ -316,7 +316,7 @@ def experiments(data: Dataset, assumed: Fit) -> Iterator[Experiment]:
                 {"controller": _without_gain(law), "outer_end_mass_kg": masses[0], "inner_end_mass_kg": masses[1]},
                 [one],
             )
-        load = float(f"{_LOAD_SHARE * 20e6 * data.prototype.actuator.piston_area_m2:.1g}")
+        load = float(f"{_LOAD_SHARE * data.prototype.actuator.strength_N(data.prototype):.1g}")
         loaded = MeasuredGain(law, 0.0, 0.0, std)
         yield from gains(
             f"Measure the critical gain under {_words(law)} with a constant load of {load:g} N on the tip, pushing and"

@@ -11,7 +11,7 @@ from typing import Any
 
 import casadi as ca
 
-from beamdesign.plant.beams_rig import MORE_FIGURES, OUTPUTS, STATES, TWIN_BEAM, WALL_FIGURES
+from beamdesign.plant.beams_rig import MORE_FIGURES, OUTPUTS, STATES, TWIN_BEAM, TWIN_BEAMS, WALL_FIGURES
 from beamdesign.plant.bench import BENCH
 from beamdesign.plant.component import Rig
 from beamdesign.plant.effect import Effect, Site
@@ -27,8 +27,8 @@ __all__ = [
 ]  # fmt: skip
 
 INPUTS = ("disturbance_N", "command_V", "sampled_current_A")
-RIGS: dict[str, Rig] = {"twin_beam": TWIN_BEAM, "actuator_bench": BENCH}
-"""By the `kind` of their prototypes."""
+RIGS: dict[str, Rig] = {**TWIN_BEAMS, "actuator_bench": BENCH}
+"""By the `rig` of their prototypes: its kind, or its actuator where that is not the usual one."""
 
 PORTS = TWIN_BEAM.ports
 """Law of every port of the twin beam with all effects off, in the order in which they are worked out."""
@@ -157,7 +157,7 @@ def structure_of(prototype: Prototype, sampled: bool = False) -> Structure:
     Raises:
         InputError: where an effect or one of its parameters is unknown or out of bounds, or without a controller.
     """
-    wrong = list(problems(prototype.effects))
+    wrong = wrong_effects(prototype)
     if prototype.controller is None:
         wrong.append(problem_without_controller())
     if wrong:
@@ -165,7 +165,7 @@ def structure_of(prototype: Prototype, sampled: bool = False) -> Structure:
     law = prototype.controller
     assert law is not None  # else there was a problem
     filtered, effects = prototype.sensor.filter_Hz is not None, tuple(sorted(prototype.effects))
-    return Structure(SAMPLED if sampled else law.equations, filtered, effects)
+    return Structure(SAMPLED if sampled else law.equations, filtered, effects, prototype.rig)
 
 
 def parameters_of(prototype: Prototype, outer_end_mass: float, inner_end_mass: float) -> dict[str, float]:
@@ -205,6 +205,17 @@ def effect_parameters_of(prototype: Prototype) -> dict[str, dict[str, float]]:
         }
         for name in sorted(prototype.effects)
     }
+
+
+def wrong_effects(prototype: Prototype) -> list[Problem]:
+    """What is wrong with a prototype's effects: unknown, out of bounds, or on what its rig does not have."""
+    found, reason = problems(prototype.effects), f"acts on what a rig with a {prototype.actuator.kind} does not have"
+    return found + [Problem(f"effects.{name}", reason) for name in prototype.effects if not fits(name, prototype.rig)]
+
+
+def fits(effect: str, rig: str) -> bool:
+    """Whether a rig has what an effect of the library acts on; true of an effect that is unknown."""
+    return effect not in library() or library()[effect].laws.keys() <= RIGS[rig].ports.keys()
 
 
 def problem_without_controller() -> Problem:

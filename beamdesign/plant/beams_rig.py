@@ -5,10 +5,10 @@ from typing import Any
 
 from casadi import sqrt
 
-from beamdesign.parameters import PARAMETERS
+from beamdesign.parameters import rows_of
+from beamdesign.plant.actuators import KINDS, Actuator
 from beamdesign.plant.component import Component, Rig, Signals
 from beamdesign.plant.electronics import CONTROLLER, SENSOR
-from beamdesign.plant.hydraulics import AREAS, CYLINDER, VALVE, VOLUMES
 
 
 def beam_force(stiffness: Any, damping: Any, position: Any, velocity: Any) -> Any:
@@ -81,9 +81,9 @@ BEAMS = Component(
 
 TIPS = Component(
     {
-        "inner_force_N": lambda port, figure, state: -port["cylinder_force_N"],
+        "inner_force_N": lambda port, figure, state: -port["actuator_force_N"],
         "wall_N": _wall,
-        "outer_force_N": lambda port, figure, state: port["cylinder_force_N"] + port["disturbance_N"] - port["wall_N"],
+        "outer_force_N": lambda port, figure, state: port["actuator_force_N"] + port["disturbance_N"] - port["wall_N"],
         "outer_end_mass_N": lambda port, figure, state: end_mass_force(
             figure["outer_mass"], figure["outer_end_mass"], port["outer_force_N"] - port["outer_reaction_N"]
         ),
@@ -93,48 +93,59 @@ TIPS = Component(
 """Forces that move the tips."""
 
 
-OUTPUTS = (
-    "current_A",
-    "displacement_m",  # the controller's input over the believed sensor gain
-    "load_pressure_Pa",
-    "inner_displacement_m",
-    "outer_displacement_m",  # of the tip itself
-    "measured_V",
-)
-FIGURES = tuple(PARAMETERS)
-"""Of the linear plant; the frequency of a filter counts only with the filter."""
-
 MORE_FIGURES = ("supply_pressure", "believed_sensor_gain", "gain", "pole", "zero")
 """Figures beside those of the linear plant: Pa, V/m, A/V, rad/s, rad/s."""
 
-STATES = (
-    "outer_m",
-    "outer_m_per_s",
-    "inner_m",
-    "inner_m_per_s",
-    "pressure_a_Pa",
-    "pressure_b_Pa",
-    "flow_m3_per_s",
-    "flow_m3_per_s2",
-)
+_BEAM_STATES = ("outer_m", "outer_m_per_s", "inner_m", "inner_m_per_s")
 
 
-def _outputs(port: Signals, figure: Signals, state: Signals) -> dict[str, Any]:
-    return {
-        "current_A": port["current_A"],
-        "displacement_m": port["measured_V"] / figure["believed_sensor_gain"],
-        "load_pressure_Pa": state["pressure_a_Pa"] - state["pressure_b_Pa"],
-        "inner_displacement_m": state["inner_m"],
-        "outer_displacement_m": port["outer_tip_m"],
-        "measured_V": port["measured_V"],
-    }
+def outputs_of(actuator: type[Actuator]) -> tuple[str, ...]:
+    """What is recorded of a rig with an actuator, in order."""
+    return (
+        "current_A",
+        "displacement_m",  # the controller's input over the believed sensor gain
+        actuator.feels[0],
+        "inner_displacement_m",
+        "outer_displacement_m",  # of the tip itself
+        "measured_V",
+    )
 
 
-TWIN_BEAM = Rig(
-    "the twin beam",
-    (BEAMS, SENSOR, CONTROLLER, AREAS, VALVE, VOLUMES, CYLINDER, TIPS),
-    STATES,
-    FIGURES + MORE_FIGURES,
-    _outputs,
-    OUTPUTS,
-)
+def twin_beam(actuator: type[Actuator]) -> Rig:
+    """Two beams with an actuator between their tips, and a law that goes by the outer tip's displacement."""
+    felt, feel = actuator.feels
+
+    def outputs(port: Signals, figure: Signals, state: Signals) -> dict[str, Any]:
+        return {
+            "current_A": port["current_A"],
+            "displacement_m": port["measured_V"] / figure["believed_sensor_gain"],
+            felt: feel(port, figure, state),
+            "inner_displacement_m": state["inner_m"],
+            "outer_displacement_m": port["outer_tip_m"],
+            "measured_V": port["measured_V"],
+        }
+
+    return Rig(
+        "the twin beam",
+        (BEAMS, SENSOR, CONTROLLER, *actuator.components, TIPS),
+        _BEAM_STATES + actuator.states,
+        (*rows_of(actuator), *MORE_FIGURES),
+        outputs,
+        outputs_of(actuator),
+        actuator,
+    )
+
+
+TWIN_BEAMS = {"twin_beam" if name == Actuator.where_none_is_stated else name: twin_beam(a) for name, a in KINDS.items()}
+"""By actuator; the one of Zalucky and Hardt (1984) is the twin beam by itself."""
+
+TWIN_BEAM = TWIN_BEAMS["twin_beam"]
+STATES, OUTPUTS = TWIN_BEAM.states, TWIN_BEAM.output_names
+
+
+def figures_of(rig: str) -> tuple[str, ...]:
+    """Those of the linear plant of a twin beam, end masses last; the frequency of a filter counts only with one."""
+    return TWIN_BEAMS[rig].figures[: -len(MORE_FIGURES)]
+
+
+FIGURES = figures_of("twin_beam")

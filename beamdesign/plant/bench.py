@@ -97,7 +97,7 @@ def _chamber(side: str, port: Signals, figure: Signals, state: Signals) -> Any:
 
 
 def _motion(port: Signals, figure: Signals, state: Signals) -> dict[str, Any]:
-    force = port["cylinder_force_N"] + port["stop_N"] + port["disturbance_N"] - figure["constant_load"]
+    force = port["actuator_force_N"] + port["stop_N"] + port["disturbance_N"] - figure["constant_load"]
     a, b = port["orifice_a_m3_per_s"], port["orifice_b_m3_per_s"]
     drawn, given = ca.fmax(a, 0.0) + ca.fmax(-b, 0.0), ca.fmax(-a, 0.0) + ca.fmax(b, 0.0)
     seen = figure["pressure_filter_frequency"]

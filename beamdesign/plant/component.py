@@ -1,11 +1,14 @@
-"""What a rig is made of: components, each with laws at named ports and states of its own."""
+"""What a rig is made of: components, each with laws at named ports and states of its own, and its figures."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
+from math import pi
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from beamdesign.plant.actuators.protocol import Actuator
     from beamdesign.plant.electronics import Law
+    from beamdesign.prototype import Prototype
 
 Signals = Mapping[str, Any]
 PortLaw = Callable[[Signals, Signals, Signals], Any]
@@ -48,6 +51,7 @@ class Rig:
         outputs: from ports, figures and states to what is recorded, by name.
         output_names: those names in order. The fifth is the displacement whose bound ends a record, the sixth what a
             sampled controller reads.
+        actuator: of a rig with two beams.
     """
 
     words: str
@@ -56,6 +60,7 @@ class Rig:
     figures: tuple[str, ...]
     outputs: PortLaw
     output_names: tuple[str, ...]
+    actuator: "type[Actuator] | None" = None
 
     @property
     def ports(self) -> dict[str, PortLaw]:
@@ -79,3 +84,67 @@ class Rig:
         for component in self.components:
             found |= component.rates(port, figure, state)
         return found
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One parameter of the linear model.
+
+    Attributes:
+        name: in the model.
+        symbol: in the paper.
+        unit: of its value in the model, SI.
+        place: where it stands in a prototype, as TABLE.KEY; a dashpot by its damping ratio, a beam's lumped figures
+            where they are not left to its geometry.
+        tolerance: key of its relative standard deviation in `[tolerance]`.
+        subsystem: of the rig.
+        typical: relative standard deviation where it is taken from drawings and data sheets: what an engineer would
+            grant before a look; 0 where that is for whoever mounts it to say.
+        words: what it is, for people.
+    """
+
+    name: str
+    symbol: str
+    unit: str
+    place: str
+    tolerance: str
+    subsystem: str
+    typical: float = 0.0
+    words: str = ""
+
+    @property
+    def _per_turn(self) -> tuple[str, float]:
+        """Unit and factor where the prototype counts in turns, and the model in radians."""
+        if self.unit == "rad/s" and self.place.endswith("_Hz"):
+            return "Hz", 2 * pi
+        return ("m", 1 / (2 * pi)) if self.unit == "m/rad" else (self.unit, 1.0)
+
+    @property
+    def factor(self) -> float:
+        """Of the model's value over the prototype's."""
+        return self._per_turn[1]
+
+    @property
+    def shown_unit(self) -> str:
+        """Unit in which people are shown it."""
+        return self._per_turn[0]
+
+    @property
+    def key(self) -> str:
+        """Its name with the unit of the model."""
+        return with_unit(self.name, self.unit)
+
+    @property
+    def shown_key(self) -> str:
+        """Its name with the unit in which people are shown it."""
+        return with_unit(self.name, self.shown_unit)
+
+    def stated(self, prototype: "Prototype") -> Any:
+        """What stands at its place in a prototype; None where nothing does."""
+        table, key = self.place.split(".")
+        return getattr(getattr(prototype, table, None), key, None)
+
+
+def with_unit(name: str, unit: str) -> str:
+    """A name with its unit as a suffix: N s/m becomes _N_s_per_m; a plain number has none."""
+    return name if unit == "1" else f"{name}_{unit.replace(' ', '_').replace('/', '_per_')}"

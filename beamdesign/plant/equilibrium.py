@@ -84,8 +84,9 @@ def equilibrium(assembly: Assembly, u: np.ndarray, parameters: np.ndarray) -> np
     for effect in ("pressure_dependent_flow.supply_pressure_Pa",):
         if effect in assembly.parameters:
             supply = parameters[assembly.parameters.index(effect)]
-    for name in ("pressure_a_Pa", "pressure_b_Pa"):
-        x[assembly.states.index(name)] = supply / 2
+    for k, name in enumerate(assembly.states):
+        if name in ("pressure_a_Pa", "pressure_b_Pa"):
+            x[k] = supply / 2
     here = _InPlace(_stiffness(assembly.kinds), u, parameters)
     weight = scales(assembly)
 

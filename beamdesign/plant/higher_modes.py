@@ -134,26 +134,26 @@ class Signals:
 
 
 def signals(prototype: Prototype, outer: Compliance, inner: Compliance, frequency_Hz: np.ndarray) -> Signals:
-    """Equations (7) to (16) with any compliance of the two beams, loaded as they are to be.
+    """Equations (7) to (16) with any compliance of the two beams, loaded as they are to be, and any actuator.
 
-    The force of the cylinder follows from Z F_c = K_q V i / (A s) - c_o F_d with
-    Z = 1/K_c + c_o + c_i + K_pq / (A^2 s), and the tip is at c_o (F_c + F_d). The inner tip is at -c_i F_c, the load
-    pressure is F_c / A.
+    The force of the actuator follows from Z F_c = T i - c_o F_d with Z = c_a + c_o + c_i, c_a being its compliance
+    and T its travel per current, and the tip is at c_o (F_c + F_d). The inner tip is at -c_i F_c, the load pressure is
+    F_c / A.
     """
-    figure = lumped.figures(prototype)
+    figure, actuator = lumped.figures(prototype), prototype.actuator
     s = 1j * tau * np.asarray(frequency_Hz, dtype=float)
-    spool = s / figure["valve_frequency"]
-    valve = 1 / (1 + 2 * figure["valve_damping_ratio"] * spool + spool**2)
-    area, c_o, c_i = figure["piston_area"], outer(frequency_Hz), inner(frequency_Hz)
-    z = 1 / figure["oil_stiffness"] + c_o + c_i + figure["leakage"] / (area**2 * s)
-    force = figure["flow_gain"] * valve / (area * s) / z  # of the cylinder per current
+    c_o, c_i = outer(frequency_Hz), inner(frequency_Hz)
+    z = actuator.compliance(figure, s) + c_o + c_i
+    force = actuator.travel(figure, s) / z  # per current
     sensed = figure["sensor_gain"] * c_o * force
     if prototype.sensor.filter_Hz is not None:
         sensed = sensed / (1 + s / figure["filter_frequency"])
     law = {"displacement_m": np.ones_like(s)}
     if prototype.controller is not None:
         law = prototype.controller.sensor_responses(frequency_Hz)
-    per_force = law.get("load_pressure_Pa", 0.0) / area - law.get("inner_displacement_m", 0.0) * c_i
+    per_force = (
+        law.get("load_pressure_Pa", 0.0) / figure.get("piston_area", 1.0) - law.get("inner_displacement_m", 0.0) * c_i
+    )
     back = sensed * law["displacement_m"] + per_force * force
     return Signals(back, c_o * (1 - c_o / z), np.asarray(per_force * c_o * force))
 

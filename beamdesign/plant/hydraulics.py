@@ -117,8 +117,10 @@ CYLINDER = Component(
         **_either("bulk_ratio_{}", lambda side, port, figure, state: 1.0),
         **_either("chamber_{}_Pa_per_m3", _mid_stroke),
         "pressure_force_N": lambda port, figure, state: pressure_force(port, state),
+        "sliding_m": lambda port, figure, state: port["stroke_m"],
+        "sliding_m_per_s": lambda port, figure, state: port["stroke_m_per_s"],
         "friction_N": lambda port, figure, state: 0.0,
-        "cylinder_force_N": lambda port, figure, state: port["pressure_force_N"] - port["friction_N"],
+        "actuator_force_N": lambda port, figure, state: port["pressure_force_N"] - port["friction_N"],
     },
     _chambers,
 )

@@ -5,11 +5,19 @@ from dataclasses import dataclass
 from functools import cached_property, reduce
 from typing import Any
 
+import casadi as ca
 import numpy as np
 from flint import fmpq, fmpq_mat, fmpq_mpoly, fmpq_mpoly_ctx, fmpq_poly
 
 from beamdesign.plant.hydraulics import SUPPLY_PRESSURE_PA
-from beamdesign.plant.linearised import SEEN, LinearAssembly, evaluate_exactly, linear_assembly, transfer_polynomials
+from beamdesign.plant.linearised import (
+    SEEN,
+    LinearAssembly,
+    Pairs,
+    evaluate_exactly,
+    linear_assembly,
+    transfer_polynomials,
+)
 from beamdesign.polynomial import Affine, Quotient, exact
 
 DISPLACEMENT = ("displacement_m",)
@@ -108,17 +116,19 @@ class LinearModel:
         effects: parameters and frozen figures of each effect that adds to the equations.
         stretch: kg and a factor: the model at the outer end mass m has the polynomials of its figures at
             kg + factor m. Its matrices are not stretched.
+        rig: of two beams, one of `beamdesign.plant.assembly.RIGS`.
     """
 
     figures: Mapping[str, float]
     filtered: bool
     effects: Mapping[str, Mapping[str, float]]
     stretch: tuple[float, float] = (0.0, 1.0)
+    rig: str = "twin_beam"
 
     @cached_property
     def assembly(self) -> LinearAssembly:
         """The equations, from the assembled rig by differentiation."""
-        return linear_assembly(self.filtered, tuple(sorted(self.effects)))
+        return linear_assembly(self.filtered, tuple(sorted(self.effects)), self.rig)
 
     @property
     def states(self) -> tuple[str, ...]:
@@ -232,7 +242,7 @@ class LinearModel:
             for name, value in zip(self.assembly.parameters, self._exact, strict=True)
         ]
         wanted = ((), *(((1, SEEN_AS[name]),) for name in sensors))
-        found = evaluate_exactly(transfer_polynomials(self.filtered, tuple(sorted(self.effects)), wanted), values)
+        found = evaluate_exactly(self._minors(wanted), values)
         rows = [
             [entry if isinstance(entry, Quotient) else Quotient(one * entry, one) for entry in row] for row in found
         ]
@@ -257,13 +267,15 @@ class LinearModel:
             parts = [divmod(part, common)[0] for part in parts]
         return parts[0], parts[1:]
 
+    def _minors(self, wanted: tuple[Pairs, ...]) -> ca.Function:
+        return transfer_polynomials(self.filtered, tuple(sorted(self.effects)), wanted, self.rig)
+
     def _derived(self, sensors: tuple[str, ...]) -> BilinearPlant:
         seen = [SEEN_AS[name] for name in sensors]
         # What the tip's displacement shows of a force, feedback of it cannot change.
         minor = [name for name in sensors if name not in DISPLACEMENT or self.sensor_rides]
         wanted = ((), ((0, 0),), ((1, 0),), *(((1, k),) for k in seen), *(((0, 0), (1, SEEN_AS[k])) for k in minor))
-        function = transfer_polynomials(self.filtered, tuple(sorted(self.effects)), wanted)
-        parts = self._without_mean([fmpq_poly(one) for one in evaluate_exactly(function, self._exact)])
+        parts = self._without_mean([fmpq_poly(one) for one in evaluate_exactly(self._minors(wanted), self._exact)])
         # End masses act through accelerations: the lowest coefficient is free of them.
         lowest = next(value for value in parts[0].coeffs() if value != 0)
         parts = [part / lowest for part in parts]

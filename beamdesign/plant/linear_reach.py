@@ -121,7 +121,7 @@ def reach(
         share: of the amplitude.
         preload: constant load while the force or the air is raised, N.
     """
-    stall = prototype.supply.pressure_Pa * prototype.actuator.piston_area_m2
+    stall = prototype.actuator.strength_N(prototype)
     linear = _linear(prototype, frequency, outer_end_mass)
 
     def off(there: Prototype, force: float, load: float) -> float:

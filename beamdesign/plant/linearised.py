@@ -17,31 +17,37 @@ from typing import NamedTuple
 import casadi as ca
 from flint import fmpq
 
-from beamdesign.plant.assembly import INPUTS, OUTPUTS, Assembly, Structure, join
+from beamdesign.plant.actuators import Actuator
+from beamdesign.plant.assembly import INPUTS, RIGS, Assembly, Structure, join
 from beamdesign.plant.effect import Effect, Parameter
 from beamdesign.plant.effects import library
 from beamdesign.plant.electronics import SAMPLED
 from beamdesign.plant.machine_code import trace
 from beamdesign.polynomial import exact
 
-STATES = (
-    "displacement_m",  # X_m, the outer beam's at its tip
-    "velocity_m_per_s",
-    "cylinder_m",  # X_c, of the end of the oil spring
-    "inner_displacement_m",  # X_f
-    "inner_velocity_m_per_s",
-    "flow_m3_per_s",  # Q_0
-    "flow_rate_m3_per_s2",
-)
-"""Those of Zalucky and Hardt (1984), equations (7) to (18). Behind them come `filtered_V` where the sensor has a
-filter, those of effects, and `mean_pressure_Pa` of the chambers where it is driven and shows."""
 SOURCES = ("disturbance_N", "sampled_current_A")
-SEEN = ("outer_displacement_m", "measured_V", "inner_displacement_m", "load_pressure_Pa")
-"""What the tip does, what the controller hears of it, and what added sensors may read."""
+_SEEN = ("outer_displacement_m", "measured_V", "inner_displacement_m")
+SEEN = (*_SEEN, "load_pressure_Pa")
+"""What the tip does, what the controller hears of it, and what added sensors may read, of a hydraulic rig."""
 
-_FROM = dict(zip(STATES, ("outer_m", "outer_m_per_s", "", "inner_m", "inner_m_per_s"), strict=False))
-_FROM |= {"flow_rate_m3_per_s2": "flow_m3_per_s2"}
-_MEAN = "mean_pressure_Pa"
+_FROM = {
+    "displacement_m": "outer_m",  # X_m, the outer beam's at its tip
+    "velocity_m_per_s": "outer_m_per_s",
+    "inner_displacement_m": "inner_m",  # X_f
+    "inner_velocity_m_per_s": "inner_m_per_s",
+}
+
+
+def linear_states(actuator: type[Actuator]) -> tuple[str, ...]:
+    """Those of Zalucky and Hardt (1984), equations (7) to (18), or with another actuator as many of its own.
+
+    Behind them come `filtered_V` where the sensor has a filter, those of effects, and an actuator's unseen one where
+    that is driven and shows, such as `mean_pressure_Pa` of the chambers.
+    """
+    first, *others = actuator.linear_states
+    beams = list(_FROM)
+    return (*beams[:2], first, *beams[2:], *others)
+
 
 Pairs = tuple[tuple[int, int], ...]
 """A minor: places in `SOURCES` and `SEEN` of what it is from and to."""
@@ -94,61 +100,65 @@ def linear_effect(effect: Effect) -> Effect | None:
 
 
 @cache
-def linear_assembly(filtered: bool, names: tuple[str, ...]) -> LinearAssembly:
+def linear_assembly(filtered: bool, names: tuple[str, ...], rig: str = "twin_beam") -> LinearAssembly:
     """The plant with the linear members of the named effects, derived from the assembly by differentiation.
 
     Args:
         filtered: whether the prototype's own low-pass filter follows the sensor.
         names: effects, sorted.
+        rig: of two beams, one of `beamdesign.plant.assembly.RIGS`.
 
     Raises:
         ValueError: where an effect has no linear member, or one whose laws are not linear after all.
         ArithmeticError: where an end mass acts otherwise than by the acceleration of its tip.
     """
     members = [member for name in names if (member := linear_effect(library()[name])) is not None]
-    joined = join(Structure(SAMPLED, filtered, tuple(member.name for member in members)), members)
+    joined = join(Structure(SAMPLED, filtered, tuple(member.name for member in members), rig), members)
     t, x, u, p = (ca.SX.sym(name, *joined.function.size_in(k)) for k, name in enumerate(("t", "x", "u", "p")))
     rate, y = joined.function(t, x, u, p)
-    inputs, outputs = [INPUTS.index(name) for name in SOURCES], [OUTPUTS.index(name) for name in SEEN]
+    actuator = RIGS[rig].actuator
+    assert actuator is not None  # there are two beams
+    seen = (*_SEEN, actuator.feels[0])
+    inputs, outputs = [INPUTS.index(name) for name in SOURCES], [joined.outputs.index(name) for name in seen]
     tip, inner_tip = (ca.jacobian(y[outputs[k]], x) for k in (0, 2))
-    states, to, back = _paper_states(joined, x, p, tip)
+    states, to, back = _coordinates(joined, actuator, x, p, tip)
     a, b, c = ca.jacobian(rate, x), ca.jacobian(rate, u)[:, inputs], ca.jacobian(y, x)[outputs, :]
     whole = [to @ a @ back, to @ b, c @ back, ca.jacobian(y, u)[outputs, inputs]]
     if any(ca.depends_on(matrix, ca.vertcat(t, x, u)) for matrix in whole):
         raise ValueError(f"the linear members of {', '.join(names)} are not linear: {_guilty(joined)}")
     masses = ca.vertcat(*(p[joined.parameters.index(f"{side}_end_mass")] for side in ("outer", "inner")))
     bare = [ca.substitute(matrix, masses, ca.DM([0, 0])) for matrix in whole]
-    slope = ca.substitute(ca.jacobian(whole[0][:, STATES.index("inner_displacement_m")], masses[1]), masses, 0 * masses)
+    slope = ca.substitute(
+        ca.jacobian(whole[0][:, (inner := states.index("inner_displacement_m"))], masses[1]), masses, 0 * masses
+    )
     velocity = ca.vertcat(tip, inner_tip) @ back @ bare[0]
     # What a force on the inner tip does: as the spring of the inner beam without a mass there and with a little.
-    pushed = -slope / (velocity[1, :] @ bare[0])[STATES.index("inner_displacement_m")]
+    pushed = -slope / (velocity[1, :] @ bare[0])[inner]
     sample = _sample(len(joined.parameters))
     found = [_without_zeros(matrix, p, sample) for matrix in (ca.horzcat(bare[1][:, 0], pushed), velocity, *bare)]
     _check_masses(found, whole[:2], p, sample, masses)
-    kept = _driven_or_seen(found, states)
+    kept = _driven_or_seen(found, states, actuator.unseen)
     push, velocity, a, b, c, d = found
     found = [push[kept, :], velocity[:, kept], a[kept, kept], b[kept, :], c[:, kept], d]
     function = ca.Function("linear", [p], found, ["p"], ["P", "V", "A", "B", "C", "D"])
     return LinearAssembly(function, tuple(states[k] for k in kept), joined.parameters)
 
 
-def _paper_states(joined: Assembly, x: ca.SX, p: ca.SX, tip: ca.SX) -> tuple[list[str], ca.SX, ca.SX]:
-    """Names of the linear states z, and the matrices of z = to x and x = back z.
-
-    Instead of two pressures the end of the oil spring, X_c = X_m + A (p_a - p_b) / K_c, and the mean of both.
-    """
+def _coordinates(
+    joined: Assembly, actuator: type[Actuator], x: ca.SX, p: ca.SX, tip: ca.SX
+) -> tuple[list[str], ca.SX, ca.SX]:
+    """Names of the linear states z, and the matrices of z = to x and x = back z."""
     old = dict(zip(joined.states, ca.vertsplit(x), strict=True))
-    taken = {_FROM.get(name) or name for name in STATES} | {"pressure_a_Pa", "pressure_b_Pa"}
-    states = [*STATES, *(name for name in old if name not in taken), _MEAN]
-    spring = p[joined.parameters.index("oil_stiffness")] / p[joined.parameters.index("piston_area")]
+    figure = dict(zip(joined.parameters, ca.vertsplit(p), strict=True))
+    unseen = [actuator.unseen] if actuator.unseen else []
+    more = [name for name in old if name not in {*_FROM.values(), *actuator.states}]
+    states = [*linear_states(actuator), *more, *unseen]
     z = ca.SX.sym("z", len(states))
-    new, pressures = dict(zip(states, ca.vertsplit(z), strict=True)), (old["pressure_a_Pa"], old["pressure_b_Pa"])
-    of_old = {_FROM.get(name) or name: value for name, value in new.items()}
-    without = ca.vertcat(*(of_old.get(name, 0.0) for name in old))  # the tip moves with no pressure
-    half = spring * (new["cylinder_m"] - tip @ without) / 2
-    of_old |= {"pressure_a_Pa": new[_MEAN] + half, "pressure_b_Pa": new[_MEAN] - half}
-    of_new = {name: old[_FROM.get(name) or name] for name in states if name not in ("cylinder_m", _MEAN)}
-    of_new |= {"cylinder_m": tip @ x + (pressures[0] - pressures[1]) / spring, _MEAN: (pressures[0] + pressures[1]) / 2}
+    new = dict(zip(states, ca.vertsplit(z), strict=True))
+    of_old = {_FROM.get(name, name): value for name, value in new.items()}
+    without = ca.vertcat(*(0.0 if name in actuator.states else of_old[name] for name in old))
+    of_old |= actuator.from_linear(new, figure, tip @ without)  # the tip moves with no state of the actuator
+    of_new = {name: old[_FROM.get(name, name)] for name in (*_FROM, *more)} | actuator.to_linear(old, figure, tip @ x)
     to = ca.jacobian(ca.vertcat(*(of_new[name] for name in states)), x)
     return states, to, ca.jacobian(ca.vertcat(*(of_old[name] for name in old)), z)
 
@@ -180,10 +190,13 @@ def _check_masses(
         raise ArithmeticError("an end mass enters this rig otherwise than by the acceleration of its tip")
 
 
-def _driven_or_seen(found: Sequence[ca.SX], states: Sequence[str]) -> list[int]:
-    """Places of the states less the mean pressure where nothing drives it, or where it shows in nothing."""
+def _driven_or_seen(found: Sequence[ca.SX], states: Sequence[str], unseen: str) -> list[int]:
+    """Places of the states less the unseen one where nothing drives it, or where it shows in nothing."""
     push, velocity, a, b, c, _ = found
-    k, others = states.index(_MEAN), [place for place, name in enumerate(states) if name != _MEAN]
+    others = [place for place, name in enumerate(states) if name != unseen]
+    if not unseen:
+        return others
+    k = states.index(unseen)
     drives = push[k, :].nnz() + a[k, others].nnz() + b[k, :].nnz()
     shows = velocity[:, k].nnz() + a[others, k].nnz() + c[:, k].nnz()
     return [*others, k] if drives and shows else others
@@ -262,7 +275,9 @@ def evaluate_exactly(function: ca.Function, inputs: Sequence[fmpq]) -> list[list
 
 
 @cache
-def transfer_polynomials(filtered: bool, names: tuple[str, ...], wanted: tuple[Pairs, ...]) -> ca.Function:
+def transfer_polynomials(
+    filtered: bool, names: tuple[str, ...], wanted: tuple[Pairs, ...], rig: str = "twin_beam"
+) -> ca.Function:
     """Minors of the pencil s E - A, bordered by B, C and D, as functions of the parameters of a linear assembly.
 
     Of no pair it is the determinant, the plant's denominator d; of one pair of a source and an output the numerator
@@ -274,12 +289,13 @@ def transfer_polynomials(filtered: bool, names: tuple[str, ...], wanted: tuple[P
         filtered: as of `linear_assembly`.
         names: likewise.
         wanted: the minors.
+        rig: as of `linear_assembly`.
 
     Returns:
         For each minor four vectors of coefficients in s, ascending, that multiply 1, n, m and m n, the outer end mass
         being m and the inner one n.
     """
-    of = linear_assembly(filtered, names)
+    of = linear_assembly(filtered, names, rig)
     p = ca.SX.sym("p", len(of.parameters))
     outputs = []
     for terms in _minors(of.function.call([p]), wanted, len(of.states)):

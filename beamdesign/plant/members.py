@@ -8,9 +8,9 @@ from math import prod
 import numpy as np
 from flint import fmpq
 
-from beamdesign.plant.assembly import effect_parameters_of
+from beamdesign.plant.assembly import effect_parameters_of, wrong_effects
 from beamdesign.plant.effect import Operation, Span
-from beamdesign.plant.effects import library, problems
+from beamdesign.plant.effects import library
 from beamdesign.plant.linear import LinearModel
 from beamdesign.polynomial import exact
 from beamdesign.prototype import Prototype
@@ -119,7 +119,7 @@ def family(prototype: Prototype, largest_outer_end_mass: float | None = None) ->
     Raises:
         InputError: where an effect or a figure of it is unknown or out of bounds, or no linear loop can stand for it.
     """
-    if wrong := list(problems(prototype.effects)):
+    if wrong := wrong_effects(prototype):
         raise InputError(prototype.name, wrong)
     if largest_outer_end_mass is None:
         largest_outer_end_mass = (prototype.payload.outer_end_mass_kg or (0.0, 0.0))[1]
@@ -145,7 +145,9 @@ def family(prototype: Prototype, largest_outer_end_mass: float | None = None) ->
     kept = [name for name in own if library()[name].linear.laws != {}]  # type: ignore[union-attr]
 
     def rig(frozen: Mapping[str, Mapping[str, float]]) -> LinearModel:
-        return LinearModel(lumped, filtered, {name: own[name] | dict(frozen.get(name, {})) for name in kept})
+        return LinearModel(
+            lumped, filtered, {name: own[name] | dict(frozen.get(name, {})) for name in kept}, rig=prototype.rig
+        )
 
     spanned = list(gains.values())
     whole = Interval(*_outwards([span.low for span in spanned], [span.high for span in spanned]))

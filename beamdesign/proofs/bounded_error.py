@@ -21,6 +21,7 @@ from beamdesign.proofs.absolute_stability import Members, Row
 from beamdesign.proofs.stability import is_stable_over
 from beamdesign.prototype import Prototype
 from beamdesign.rational import nearest, shortened, text
+from beamdesign.structure.lumped import figures
 
 METHOD = "bounded error: integral of the absolute impulse response with its tail, in ball arithmetic"
 RESOLUTION = "sensor_resolution"
@@ -57,18 +58,19 @@ class Error:
 def errors(prototype: Prototype) -> list[Error]:
     """Those effects of a prototype that are linear but for a bounded error, and the sensor's resolution."""
     own, found = effect_parameters_of(prototype), []
-    for name, figures in own.items():
-        figure = {key: exact(value) for key, value in figures.items()}
+    for name, parameters in own.items():
+        figure = {key: exact(value) for key, value in parameters.items()}
         if name in ("valve_hysteresis", "valve_hysteresis_magnetic"):
             words = "what it takes off the current is at most its half width"
             found.append(Error(name, "current", figure["half_width_A"], words))
         elif name == "valve_deadband":
-            gain = exact(prototype.servovalve.flow_gain_m3_per_s_per_A)
+            gain = exact(figures(prototype)["flow_gain"])
             words = "what it takes off the flow is at most that of its half width"
             found.append(Error(name, "flow", gain * figure["half_width_A"], words))
         elif name == "seal_friction":
             words = "beside its viscous share it is at most the breakaway force"
-            found.append(Error(name, "stroke", figure["coulomb_N"] * figure["breakaway_ratio"], words))
+            place = "stroke" if "piston_area" in figures(prototype) else "nut"
+            found.append(Error(name, place, figure["coulomb_N"] * figure["breakaway_ratio"], words))
         elif name == "carrier_ripple" and figure["depth"] == 0:
             words = "without a depth it is its residual alone"
             found.append(Error(name, "volts", figure["residual_V"], words))
@@ -162,8 +164,13 @@ def numerators(prototype: Prototype, rig: LinearModel, places: set[str]) -> Mapp
     own = plant.control[0]
     assert own.slope.is_zero()  # it sees the tip alone
     found["volts"] = own.constant * law.numerators[0] / exact(prototype.sensor.gain_V_per_m)
-    w, damping, gain = (exact(rig.figures[key]) for key in ("valve_frequency", "valve_damping_ratio", "flow_gain"))
-    found["flow"] = found["current"] * fmpq_poly([1 / gain, 2 * damping / (w * gain), 1 / (w * w * gain)])
+    figure = {name: exact(value) for name, value in rig.figures.items()}
+    if "flow_gain" in figure:
+        w, damping, gain = (figure[key] for key in ("valve_frequency", "valve_damping_ratio", "flow_gain"))
+        found["flow"] = found["current"] * fmpq_poly([1 / gain, 2 * damping / (w * gain), 1 / (w * w * gain)])
+    else:  # a force on the nut instead of the one that the motor's current gives
+        per_force = figure["lead"] / figure["torque_constant"]
+        found["nut"] = found["current"] * fmpq_poly([per_force, per_force / figure["current_loop"]])
     if "stroke" in places:
         assert law.sensors == DISPLACEMENT  # else more than this moves
         inner = exact(prototype.payload.inner_end_mass_kg)

@@ -12,7 +12,7 @@ from typing import Any
 import tomli_w
 from flint import fmpq, fmpq_poly
 
-from beamdesign.parameters import PARAMETERS
+from beamdesign.parameters import PARAMETERS, rows_of
 from beamdesign.plant.assembly import effect_parameters_of
 from beamdesign.plant.effect import Elements, Span
 from beamdesign.plant.effects import library
@@ -101,10 +101,10 @@ def _rig(prototype: Prototype) -> Tables:
     """The lumped figures, end masses not included; damping is that of fixed dashpots."""
     filtered = prototype.sensor.filter_Hz
     lumped = {name: value for name, value in figures(prototype).items() if filtered or name != "filter_frequency"}
-    table = {"kind": prototype.kind} | {PARAMETERS[name].key: text(exact(value)) for name, value in lumped.items()}
-    table["valve_frequency_Hz"] = text(exact(prototype.servovalve.natural_frequency_Hz))
-    if filtered is not None:
-        table["filter_frequency_Hz"] = text(exact(filtered))
+    table = {"kind": prototype.rig} | {PARAMETERS[name].key: text(exact(value)) for name, value in lumped.items()}
+    for row in rows_of(type(prototype.actuator)).values():
+        if row.factor != 1.0 and row.name in lumped:  # as the prototype has it, too
+            table[row.shown_key] = text(exact(row.stated(prototype)))
     return table | {"inner_end_mass_kg": text(exact(prototype.payload.inner_end_mass_kg))}
 
 

@@ -1,9 +1,10 @@
 """Lumped figures of a prototype: measured where they stand, from the geometry otherwise."""
 
 from dataclasses import dataclass
+from typing import Any
 
-from beamdesign.parameters import PARAMETERS
-from beamdesign.prototype import Actuator, Beam, Prototype, Sensor, Servovalve
+from beamdesign.parameters import rows_of
+from beamdesign.prototype import Beam, Prototype
 from beamdesign.structure import beam, section
 from beamdesign.structure.materials import Material
 from beamdesign.structure.section import Quantity
@@ -87,21 +88,23 @@ def weighing_mass(record: Beam) -> float:
     return float(beam.effective_mass(per_length, record.free_length_m, record.end_mass_kg, "static"))
 
 
-def hydraulic_figures(actuator: Actuator, valve: Servovalve, sensor: Sensor) -> dict[str, float]:
-    """Figures of everything but the beams, named and ordered as in `beamdesign.parameters.PARAMETERS`."""
-    records = {"actuator": actuator, "servovalve": valve, "sensor": sensor}
-    found = {}
-    for name, row in PARAMETERS.items():
-        table, key = row.place.split(".")
-        if table in records:
-            found[name] = row.factor * (getattr(records[table], key) or 0.0)
-    return found
+def servo_figures(rig: Any) -> dict[str, float]:
+    """Figures of everything but the beams and end masses, named and ordered as in `beamdesign.parameters.rows_of`.
+
+    Args:
+        rig: a prototype, or a study with the same tables.
+    """
+    return {
+        row.name: row.factor * (row.stated(rig) or 0.0)
+        for row in rows_of(type(rig.actuator)).values()
+        if row.place.partition(".")[0] in ("actuator", "servovalve", "sensor")
+    }
 
 
 def figures(prototype: Prototype) -> dict[str, float]:
-    """Figures of the linear model, in the order of `beamdesign.parameters.PARAMETERS` less the end masses.
+    """Figures of the linear model, in the order of `beamdesign.parameters.rows_of` less the end masses.
 
-    SI units: N/m, kg, N s/m, m2, m3/s/A, m3/s/Pa, rad/s, V/m. Without a sensor filter its frequency is 0 and unused.
+    SI units, frequencies in rad/s. Without a sensor filter its frequency is 0 and unused.
     """
     outer = lumped_beam(prototype.outer_beam, "outer_beam")
     inner = lumped_beam(prototype.inner_beam, "inner_beam")
@@ -113,7 +116,7 @@ def figures(prototype: Prototype) -> dict[str, float]:
         "inner_mass": inner.mass,
         "inner_damping": inner.damping,
     }
-    return beams | hydraulic_figures(prototype.actuator, prototype.servovalve, prototype.sensor)
+    return beams | servo_figures(prototype)
 
 
 def notes(prototype: Prototype) -> tuple[str, ...]:

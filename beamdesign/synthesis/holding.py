@@ -8,9 +8,8 @@ middle of its stroke without it. A beam weighs at its tip by its end mass and 3/
 
 - Structure: its sections are chosen for the load of the study, which must not be less than the weight. Their checks,
   that of the gap between the tubes among them, are of that load alone (`beamdesign.synthesis.checks`).
-- Supply pressure: load and weight, held still, over the smaller side of the piston, p = F / A.
-- Valve: flow up to the bandwidth by the root law of its orifices, q = K i sqrt(1 - p_L / p_S), at the rated current.
-- Stroke, flow of the supply: up to the bandwidth.
+- Actuator: load and weight, held still (`Actuator.holding`): pressure of the supply, or current of the motor.
+- Its stroke and what else it has to be rated for (`Actuator.ratings`): up to the bandwidth.
 - Bandwidth: at least the one up to which the study wants its load held still.
 
 What holds still is asked before anything is tuned (`standing`), the rest of a tuned design (`working`). What needs a
@@ -21,19 +20,21 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from decimal import ROUND_CEILING, ROUND_FLOOR, Decimal
 from itertools import product
-from math import isfinite
+from math import inf, isfinite
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from beamdesign import quantities as q
 from beamdesign.json_text import finite, picked
+from beamdesign.plant.actuators import KINDS
+from beamdesign.plant.actuators.protocol import MARGIN
 from beamdesign.plant.members import STANDARD_GRAVITY
 from beamdesign.problem import DesignProblem
 from beamdesign.prototype import Prototype
 from beamdesign.quantity_text import at_least, at_most
 from beamdesign.structure.lumped import lumped_beam, weighing_mass
-from beamdesign.synthesis.operating_limits import MARGIN, demand, needs, rated_current, smaller_side
+from beamdesign.synthesis.operating_limits import demand, needs
 from beamdesign.synthesis.sizing import size
 
 _PER_LOAD = 4 / 3
@@ -65,10 +66,10 @@ _KEYS = {
     _PAYLOAD: ("a payload", "kg", q.MassOrNone),
     "load.tip_force_N": ("a load", "N", q.Force),
     "actuator.piston_area_m2": ("a piston area", "m2", q.PistonArea),
+    "actuator.torque_constant_N_m_per_A": ("a torque constant", "N m/A", q.TorqueConstant),
     "actuator.stroke_m": ("a stroke", "m", q.Stroke),
     "supply.pressure_Pa": ("a supply pressure", "Pa", q.SupplyPressure),
-    "supply.flow_m3_per_s": ("a supply flow", "m3/s", q.FlowRate),
-    "servovalve.rated_current_A": ("a rated current", "A", q.Current),
+    **{one.place: (f"a {one.name}", one.unit, one.quantity) for kind in KINDS.values() for one in kind.ratings},
     _COMPLIANCE: ("a goal of compliance", "m/N", q.ComplianceLimit),
     "load.least_bandwidth_Hz": ("a goal of bandwidth", "Hz", q.Bandwidth),
 }
@@ -167,7 +168,7 @@ class Holding:
 
 
 def standing(problem: DesignProblem, prototype: Prototype, masses_kg: tuple[float, float]) -> Holding:
-    """Whether structure and supply pressure hold load and weight still, whatever the controller.
+    """Whether structure and actuator hold load and weight still, whatever the controller.
 
     Args:
         problem: with the load that the sections are designed for.
@@ -176,24 +177,25 @@ def standing(problem: DesignProblem, prototype: Prototype, masses_kg: tuple[floa
     """
     load, payload = problem.load.tip_force_N, STANDARD_GRAVITY * masses_kg[1]
     link = STANDARD_GRAVITY * weighing_mass(prototype.outer_beam)
-    weight, stall = payload + link, prototype.supply.pressure_Pa * smaller_side(prototype)
+    weight, held = payload + link, _held(prototype, load + payload + link)
+    stall = held.available * (load + payload + link) / held.needed
     # Sections for a larger load weigh more, but not by more than it is larger.
     designed = load if weight <= load else _up(payload + link * weight / load)
     force = _swelled(prototype, problem, designed) + payload + link * designed / load
     structure = Demanded("load in the choice of its sections", weight, load, "N")
-    pressure = _pressure(prototype, load + weight)
     if not structure.met and size(problem.but(load=problem.load.but(tip_force_N=designed))).feasible:
         structure = structure._replace(ways=((Change("load.tip_force_N", designed),),))
-    if not pressure.met or (force > stall and not structure.met):
-        pressure = pressure._replace(ways=_stronger(prototype, force))
+    if not held.met or (force > stall and not structure.met):
+        held = held._replace(ways=_stronger(prototype, force))
     swelled, instead = _swelled(prototype, problem, load), []
     payloads = Change(_PAYLOAD, _down((min(load, stall - swelled) - link) / STANDARD_GRAVITY), False)
     less = Change("load.tip_force_N", _down((stall - weight) * load / swelled), False)
-    if payloads.value >= masses_kg[0] and not (structure.met and pressure.met):
+    if payloads.value >= masses_kg[0] and not (structure.met and held.met):
         instead.append((payloads,))
-    if less.value >= weight and not pressure.met:
+    if less.value >= weight and not held.met:
         instead.append((less,))
-    return Holding(load, weight, (structure, pressure), {}, tuple(instead))
+    missing = {held.name: prototype.actuator.holding(prototype, 1.0)[4]} if held.available == inf else {}
+    return Holding(load, weight, (structure, held)[: 2 - len(missing)], missing, tuple(instead))
 
 
 def working(problem: DesignProblem, prototype: Prototype, masses_kg: tuple[float, float], up_to_Hz: float) -> Holding:
@@ -209,23 +211,23 @@ def working(problem: DesignProblem, prototype: Prototype, masses_kg: tuple[float
     load = still.load_N
     # Half of a load that comes and goes is constant, half of it alternates.
     need = needs(prototype, masses_kg, load / 2, up_to_Hz, still.weight_N + load / 2)
-    inner, supply, actuator = lumped_beam(prototype.inner_beam), prototype.supply, prototype.actuator
+    inner, actuator = lumped_beam(prototype.inner_beam), prototype.actuator
     inside = weighing_mass(prototype.inner_beam) + prototype.payload.inner_end_mass_kg
-    reach = need.stroke_m + STANDARD_GRAVITY * inside / inner.stiffness
+    reach = need["stroke_m"] + STANDARD_GRAVITY * inside / inner.stiffness
     limits = list(still.limits)
-    missing = {}
-    for name, key, needed, available, unit in (
-        ("rated current", "servovalve.rated_current_A", need.current_A, rated_current(prototype), "A"),
-        ("stroke", "actuator.stroke_m", 2 * reach, actuator.stroke_m, "m"),
-        ("supply flow", "supply.flow_m3_per_s", need.flow_m3_per_s, supply.flow_m3_per_s, "m3/s"),
-    ):
+    missing = dict(still.missing)
+    every = [
+        (one.name, one.place, need[one.need], actuator.stated(prototype, one), one.unit) for one in actuator.ratings
+    ]
+    every.insert(1, ("stroke", "actuator.stroke_m", 2 * reach, actuator.stroke_m, "m"))
+    for name, key, needed, available, unit in every:
         if available is None:
             missing[name] = key
             continue
         limit = Demanded(name, needed, available, unit)
         ways: tuple[Way, ...] = ((Change(key, _up(MARGIN * needed)),),)
-        if not isfinite(needed):  # the load pressure reaches the supply's while the load moves
-            ways = _stronger(prototype, MARGIN * need.force_N)
+        if not isfinite(needed):  # the actuator stalls while the load moves
+            ways = _stronger(prototype, MARGIN * need["force_N"])
         limits.append(limit if limit.met else limit._replace(ways=ways))
     bandwidth = Demanded("guaranteed bandwidth", least, up_to_Hz, "Hz")
     if not bandwidth.met:
@@ -285,14 +287,16 @@ def carried(problem: DesignProblem, ways: Sequence[Way], leads: Callable[[Design
     return tuple(found)
 
 
-def _pressure(prototype: Prototype, force_N: float) -> Demanded:
-    return Demanded("supply pressure", force_N / smaller_side(prototype), prototype.supply.pressure_Pa, "Pa")
+def _held(prototype: Prototype, force_N: float) -> Demanded:
+    """What holding a force still takes; where the prototype does not say what there is, enough."""
+    name, needed, available, unit, _ = prototype.actuator.holding(prototype, force_N)
+    return Demanded(name, needed, inf if available is None else available, unit)
 
 
 def _swelled(prototype: Prototype, problem: DesignProblem, load_N: float) -> float:
     """Largest force, N, that a load takes of the cylinder while the tip gives way by no more than the goal allows.
 
-    The cylinder gives what the load and the spring of the outer beam ask, F (1 + c K); of sections for a larger load
+    The actuator gives what the load and the spring of the outer beam ask, F (1 + c K); of sections for a larger load
     than the study's the spring is stiffer.
     """
     stiffness = lumped_beam(prototype.outer_beam).stiffness * (load_N / problem.load.tip_force_N) ** _PER_LOAD
@@ -300,10 +304,11 @@ def _swelled(prototype: Prototype, problem: DesignProblem, load_N: float) -> flo
 
 
 def _stronger(prototype: Prototype, force_N: float) -> tuple[Way, ...]:
-    """A larger piston, or more pressure, for a force."""
-    needed, supply = _pressure(prototype, force_N).needed, prototype.supply.pressure_Pa
-    area = _up(prototype.actuator.piston_area_m2 * needed / supply)
-    return (Change("actuator.piston_area_m2", area),), (Change("supply.pressure_Pa", _up(needed)),)
+    """What the actuator needs more of, for a force."""
+    return tuple(
+        (Change(key, (_up if least else _down)(value), least),)
+        for key, value, least in prototype.actuator.stronger(prototype, force_N)
+    )
 
 
 def _slower(prototype: Prototype, masses_kg: tuple[float, float], up_to_Hz: float, least_Hz: float) -> tuple[Way, ...]:

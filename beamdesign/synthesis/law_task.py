@@ -17,7 +17,7 @@ import numpy as np
 
 from beamdesign.controllers import SENSED, Sensed
 from beamdesign.controllers.form import Form
-from beamdesign.plant.beams_rig import FIGURES
+from beamdesign.plant.beams_rig import figures_of
 from beamdesign.plant.members import VertexModel, served
 from beamdesign.prototype import Goal, Prototype
 from beamdesign.synthesis.loop_limits import ends
@@ -208,11 +208,12 @@ class Search:
         return self._refinements[form]
 
     def _factors(self, cut: Cut | None) -> np.ndarray:
-        """(14,) what the lumped figures of a rig are multiplied by."""
+        """(d,) what the lumped figures of a rig are multiplied by."""
+        names = figures_of(self.members[0].rig.rig)[:-2]
         if cut is None or self.spread is None:
-            return np.ones(len(FIGURES) - 2)
+            return np.ones(len(names))
         off = self.spread.factors(np.array(cut.z))
-        return np.array([off.get(name, 1.0) for name in FIGURES[:-2]])
+        return np.array([off.get(name, 1.0) for name in names])
 
     def _row_factors(self, masses: Sequence[float]) -> np.ndarray:
         """The same for every row of samples of a rig of one member."""

@@ -18,7 +18,7 @@ from beamdesign.controllers import Controller
 from beamdesign.controllers.form import UNIT
 from beamdesign.json_text import picked
 from beamdesign.loop import Loop, rig_loop
-from beamdesign.plant.beams_rig import FIGURES
+from beamdesign.plant.beams_rig import figures_of
 from beamdesign.plant.linear import UNUSED, LinearModel
 from beamdesign.plant.linearised import linear_assembly, transfer_polynomials
 from beamdesign.plant.members import VertexModel, family
@@ -336,15 +336,17 @@ def slack_of(
 
 
 @cache
-def plant_of_figures(filtered: bool) -> tuple[ca.SX, list[list[ca.SX]]]:
-    """Of a rig without effects, symbols of its `FIGURES`, and polynomials of its plant in terms of them.
+def plant_of_figures(filtered: bool, rig: str) -> tuple[ca.SX, list[list[ca.SX]]]:
+    """Of a rig without effects, symbols of its figures, and polynomials of its plant in terms of them.
 
     These are the denominator, and the numerators from current to volts and from tip force to the tip's displacement.
     """
-    figures = ca.SX.sym("figures", len(FIGURES))
-    given = UNUSED | dict(zip(FIGURES, ca.vertsplit(figures), strict=True))
-    values = ca.vertcat(*(given[name] for name in linear_assembly(filtered, ()).parameters))
-    found = [ca.vertsplit(part) for part in transfer_polynomials(filtered, (), ((), ((1, 1),), ((0, 0),)))(values)]
+    names = figures_of(rig)
+    figures = ca.SX.sym("figures", len(names))
+    given = UNUSED | dict(zip(names, ca.vertsplit(figures), strict=True))
+    values = ca.vertcat(*(given[name] for name in linear_assembly(filtered, (), rig).parameters))
+    minors = transfer_polynomials(filtered, (), ((), ((1, 1),), ((0, 0),)), rig)
+    found = [ca.vertsplit(part) for part in minors(values)]
     outer, inner = given["outer_end_mass"], given["inner_end_mass"]
     weights = (1, inner, outer, outer * inner)
     return figures, [added_up(zip(weights, found[k : k + 4], strict=True)) for k in (0, 4, 8)]

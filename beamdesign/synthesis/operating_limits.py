@@ -1,15 +1,8 @@
 """What the actuator can do and the sensor can see: an envelope of load over frequency, and figures of the sensor.
 
-A sinusoidal force on the outer tip, on top of a constant one, asks the cylinder for force, flow and stroke, and the
-amplifier for current, as the linear loop has them. Each limit gives the largest amplitude of that force:
-
-- force: the supply pressure on the smaller side, F_c <= p_S A (H. E. Merritt, Hydraulic Control Systems (1967),
-  section 5-4: the stall load);
-- valve flow: q <= K_q i_r sqrt(1 - p_L / p_S) at every instant, the load's locus inside the valve's parabola of flow
-  over load pressure (Merritt, equation (5-22) and figure 5-5);
-- current: i <= i_r, the rated current or the amplifier's limit;
-- stroke: half the cylinder's, from its middle; clearance: half the play of one tube in the other;
-- supply flow: q <= that of the supply, no accumulator assumed.
+A sinusoidal force on the outer tip, on top of a constant one, asks the actuator for force and stroke and whatever gives
+these, and the amplifier for current, as the linear loop has them. Each limit gives the largest amplitude of that force:
+those of the actuator (`Actuator.limits`), half its stroke, from the middle, and half the play of one tube in the other.
 
 Limits whose figures the prototype does not give are left out and named.
 """
@@ -20,58 +13,14 @@ from math import inf, tau
 import numpy as np
 
 from beamdesign.loop import loop
-from beamdesign.plant.effects import library
+from beamdesign.plant.actuators.protocol import Demand, Limit
 from beamdesign.plant.higher_modes import signals, single_compliance, with_mass
 from beamdesign.prototype import Prototype
 from beamdesign.structure import lumped
 from beamdesign.structure.section import clearance
 
-MARGIN = 1.25
-"""On what the linear loop asks of flow, current and stroke, where it is said what to buy."""
 _STATIC_HZ = 1e-4
-_PHASES = 720
-_LOWEST_HZ, _POINTS, _TURN = 0.01, 60, 360
-
-
-@dataclass(frozen=True)
-class Demand:
-    """What a sinusoidal force on the outer tip asks for, per newton; complex, (N,) over frequency.
-
-    Attributes:
-        frequency_Hz: (N,).
-        displacement: of the outer tip, m/N.
-        force: of the cylinder, N/N.
-        flow: through the valve, m3/s/N.
-        current: A/N.
-        stroke: of the piston in the cylinder, m/N.
-    """
-
-    frequency_Hz: np.ndarray
-    displacement: np.ndarray
-    force: np.ndarray
-    flow: np.ndarray
-    current: np.ndarray
-    stroke: np.ndarray
-
-
-@dataclass(frozen=True)
-class Needs:
-    """What a sinusoidal force of one amplitude on the tip takes, on top of a constant force either way.
-
-    Attributes:
-        force_N: of the cylinder.
-        flow_m3_per_s: through the valve under load.
-        no_load_flow_m3_per_s: that the valve must give without a load at the prototype's supply pressure; infinite
-            where the load pressure reaches the supply's.
-        current_A: that gives it, the spool's lag included.
-        stroke_m: from the middle of the cylinder.
-    """
-
-    force_N: float
-    flow_m3_per_s: float
-    no_load_flow_m3_per_s: float
-    current_A: float
-    stroke_m: float
+_LOWEST_HZ, _POINTS = 0.01, 60
 
 
 @dataclass(frozen=True)
@@ -82,7 +31,7 @@ class Envelope:
         frequency_Hz: (N,).
         limits_N: by limit, (N,) amplitude of the force on the tip at which it is reached.
         displacement_m: (N,) of the tip at the envelope, by the linear loop.
-        supply_power_W: (N,) mean hydraulic power drawn there, p_S times the mean flow.
+        supply_power_W: (N,) mean power drawn there.
         missing: what the prototype does not give, by the limit that is left out.
         reason: why there is no envelope; empty where there is one.
     """
@@ -127,26 +76,10 @@ class SensorReach:
     rated_share: float | None = None
 
 
-def rated_current(prototype: Prototype) -> float | None:
-    """Largest current, A: the valve's rated one or the amplifier's limit, whichever is less; None where neither is."""
-    limits = [] if prototype.servovalve.rated_current_A is None else [prototype.servovalve.rated_current_A]
-    for name in ("current_saturation", "current_saturation_soft"):
-        if (given := prototype.effects.get(name)) is not None:
-            parameter = library()[name].parameters[0]
-            limits.append(given.get(parameter.name, parameter.default))
-    return min(limits, default=None)
-
-
-def smaller_side(prototype: Prototype) -> float:
-    """Area of the smaller side of the piston, m2; the mean area where no `unequal_piston_areas` are given."""
-    given = prototype.effects.get("unequal_piston_areas")
-    parameter = library()["unequal_piston_areas"].parameters[0]
-    asymmetry = 0.0 if given is None else abs(given.get(parameter.name, parameter.default))
-    return prototype.actuator.piston_area_m2 * (1 - asymmetry)
-
-
 def demand(prototype: Prototype, outer_end_mass: float, frequency_Hz: np.ndarray) -> Demand:
     """Response of the linear loop to a force on the tip, in everything the actuator has to give.
+
+    Its travel is what stroke and force ask: c_a being its compliance and T its travel per current, i = (x + c_a F) / T.
 
     Args:
         prototype: rig with a controller.
@@ -162,17 +95,21 @@ def demand(prototype: Prototype, outer_end_mass: float, frequency_Hz: np.ndarray
     x = rig.closed(prototype.controller.gain_A_per_V)
     force = x / outer(frequency_Hz) - 1  # the tip is at c_o (F_c + F_d)
     stroke = x + inner(frequency_Hz) * force
-    # The flow that reaches the cylinder moves it and compresses the oil; the valve's leakage is lost.
-    area = figure["piston_area"]
-    flow = area * s * (force * (1 / figure["oil_stiffness"]) + stroke) + figure["leakage"] * force / area
-    spool = s / figure["valve_frequency"]
-    valve = 1 / (1 + 2 * figure["valve_damping_ratio"] * spool + spool**2)
-    return Demand(np.asarray(frequency_Hz), x, force, flow, flow / (figure["flow_gain"] * valve), stroke)
+    actuator = prototype.actuator
+    current = (stroke + actuator.compliance(figure, s) * force) / actuator.travel(figure, s)
+    return Demand(np.asarray(frequency_Hz), x, force, stroke, current, actuator.signals(figure, s, force, stroke))
+
+
+def _held(prototype: Prototype, outer_end_mass: float, force_N: float) -> dict[str, float]:
+    """What a constant force on the tip takes of all that is demanded."""
+    still = demand(prototype, outer_end_mass, np.array([_STATIC_HZ]))
+    names = ("force", "current", "stroke", *still.more)
+    return {name: force_N * float(still.of(name)[0].real) for name in names}
 
 
 def needs(
     prototype: Prototype, masses_kg: tuple[float, float], load_N: float, up_to_Hz: float, constant_N: float = 0.0
-) -> Needs:
+) -> dict[str, float]:
     """The largest of each over both ends and the middle of a payload range, of each law its own.
 
     Args:
@@ -181,26 +118,21 @@ def needs(
         load_N: amplitude of the force on the tip.
         up_to_Hz: highest frequency of it.
         constant_N: force on the tip beside it, in either direction.
+
+    Returns:
+        force_N of the actuator, stroke_m from its middle, and what it takes beside these (`Actuator.takes`).
     """
     grid = np.geomspace(_LOWEST_HZ, max(up_to_Hz, 2 * _LOWEST_HZ), _POINTS)
-    stall = prototype.supply.pressure_Pa * smaller_side(prototype)
-    turn = np.exp(1j * tau * np.arange(_TURN) / _TURN)
-    found = []
+    found: dict[str, float] = {}
     for stage in prototype.stages(masses_kg):
         for mass in stage.looked_at_kg:
-            asked = demand(stage.prototype, mass, grid)
-            still = demand(stage.prototype, mass, np.array([_STATIC_HZ]))
-            held = {name: constant_N * abs(float(getattr(still, name)[0].real)) for name in ("force", "flow", "stroke")}
-            moved, force = (load_N * np.real(one[:, None] * turn) for one in (asked.flow, asked.force))
-            # Orifice flow at a load pressure: q = q_0 sqrt(1 - p_L / p_S); asked the other way round for q_0.
-            left = 1 - (np.sign(moved) * force + held["force"]) / stall
-            through = np.abs(moved) + held["flow"]
-            through = np.where(left > 0, through / np.sqrt(np.maximum(left, 1e-12)), np.inf).max(axis=1)
-            per_flow = np.abs(asked.current) / np.maximum(np.abs(asked.flow), 1e-300)
-            most = {name: held[name] + load_N * float(np.abs(getattr(asked, name)).max()) for name in held}
-            spool = float(through.max()), float((through * per_flow).max())
-            found.append((most["force"], most["flow"], *spool, most["stroke"]))
-    return Needs(*map(max, zip(*found, strict=True)))
+            asked, held = demand(stage.prototype, mass, grid), _held(stage.prototype, mass, constant_N)
+            taken = {
+                key: abs(held[name]) + load_N * float(np.abs(asked.of(name)).max())
+                for key, name in (("force_N", "force"), ("stroke_m", "stroke"))
+            } | stage.prototype.actuator.takes(stage.prototype, asked, load_N, held)
+            found = {key: max(value, found.get(key, 0.0)) for key, value in taken.items()}
+    return found
 
 
 def envelope(
@@ -209,44 +141,30 @@ def envelope(
     """Largest amplitude of a sinusoidal force on the tip that every limit of the actuator allows.
 
     Args:
-        prototype: rig with a controller; its `unequal_piston_areas` and `current_saturation` are heeded.
+        prototype: rig with a controller; its actuator heeds some of its effects.
         outer_end_mass: payload, kg.
         preload: constant force on the tip, N.
         frequency_Hz: (N,); 0.1 to 200 Hz by default.
     """
     grid = np.geomspace(0.1, 200.0, 161) if frequency_Hz is None else np.asarray(frequency_Hz, dtype=float)
+    nothing = np.zeros(len(grid))
     if prototype.controller is None or not loop(prototype.but(effects={})).at(outer_end_mass).stable:
-        nothing = np.zeros(len(grid))
         why = "no controller" if prototype.controller is None else f"not stable with {outer_end_mass:g} kg"
         return Envelope(grid, {}, nothing, nothing, {}, why)
-    asked, still = demand(prototype, outer_end_mass, grid), demand(prototype, outer_end_mass, np.array([_STATIC_HZ]))
-    held = {name: preload * float(getattr(still, name)[0].real) for name in ("force", "current", "stroke", "flow")}
-    supply, area = prototype.supply.pressure_Pa, smaller_side(prototype)
-
-    limits = {"force": _left(supply * area, held["force"], asked.force)}
-    missing: dict[str, str] = {}
-    rated = rated_current(prototype)
-    if rated is None:
-        missing["valve flow"] = missing["current"] = "servovalve.rated_current_A"
-    else:
-        largest = prototype.servovalve.flow_gain_m3_per_s_per_A * rated
-        limits["valve flow"] = _within_parabola(asked, held, largest, supply * area)
-        limits["current"] = _left(rated, held["current"], asked.current)
-    if (stroke := prototype.actuator.stroke_m) is None:
-        missing["stroke"] = "actuator.stroke_m"
-    else:
-        limits["stroke"] = _left(stroke / 2, held["stroke"], asked.stroke)
-    if (play := _clearance(prototype)) is None:
-        missing["clearance"] = "width_m and wall_m of both beams"
-    else:
-        limits["clearance"] = _left(play, held["stroke"], asked.stroke)
-    if (flow := prototype.supply.flow_m3_per_s) is None:
-        missing["supply flow"] = "supply.flow_m3_per_s"
-    else:
-        limits["supply flow"] = _left(flow, held["flow"], asked.flow)
+    asked, held = demand(prototype, outer_end_mass, grid), _held(prototype, outer_end_mass, preload)
+    actuator = prototype.actuator
+    half = None if actuator.stroke_m is None else actuator.stroke_m / 2
+    every = (
+        *actuator.limits(prototype),
+        Limit("stroke", "stroke", half, "actuator.stroke_m"),
+        Limit("clearance", "stroke", _clearance(prototype), "width_m and wall_m of both beams"),
+    )
+    missing = {limit.name: limit.place for limit in every if limit.most is None}
+    limits = {limit.name: limit.amplitude(asked, held) for limit in every if limit.most is not None}
+    if not limits:
+        return Envelope(grid, {}, nothing, nothing, missing, "the prototype states no limit of its actuator")
     load = np.min(list(limits.values()), axis=0)
-    power = supply * (2 / np.pi) * load * np.abs(asked.flow)
-    return Envelope(grid, limits, load * np.abs(asked.displacement), power, missing)
+    return Envelope(grid, limits, load * np.abs(asked.displacement), actuator.power_W(prototype, asked, load), missing)
 
 
 def sensor_reach(prototype: Prototype, outer_end_mass: float = 0.0) -> SensorReach:
@@ -262,32 +180,11 @@ def sensor_reach(prototype: Prototype, outer_end_mass: float = 0.0) -> SensorRea
     if sensor.noise_V is None:
         return SensorReach(error, sensor.resolution_m, hidden)
     fast = law.gain_at_high_frequency()
-    rated = rated_current(prototype)
+    rated = prototype.actuator.largest_current_A(prototype)
     return SensorReach(
         error, sensor.resolution_m, hidden, sensor.noise_V / sensor.gain_V_per_m, fast * sensor.noise_V,
         None if rated is None else fast * sensor.noise_V / rated,
     )  # fmt: skip
-
-
-def _left(limit: float, held: float, asked: np.ndarray) -> np.ndarray:
-    """Amplitude at which what is asked reaches a limit of which a constant part is used up."""
-    return np.asarray(max(limit - abs(held), 0.0) / np.abs(asked))
-
-
-def _within_parabola(asked: Demand, held: dict[str, float], largest: float, stall: float) -> np.ndarray:
-    """Largest F with |q| <= q_max sqrt(1 - sign(q) F_c / stall) at every phase, q and F_c being F times their sines.
-
-    At each phase it is the positive root of q^2 F^2 + q_max^2 (f / stall) F - q_max^2 (1 - held / stall) = 0.
-    """
-    turn = np.exp(1j * tau * np.arange(_PHASES) / _PHASES)
-    flow, force = (np.real(one[:, None] * turn) for one in (asked.flow, asked.force))
-    sign = np.sign(flow)
-    slope = largest**2 * sign * force / stall
-    rest = largest**2 * (1 - sign * held["force"] / stall)
-    root = np.sqrt(np.maximum(slope**2 + 4 * flow**2 * rest, 0.0))
-    # The stable form of the root, whichever sign the slope has.
-    amplitude = 2 * np.maximum(rest, 0.0) / np.maximum(slope + root, 1e-300)
-    return np.asarray(amplitude.min(axis=1))
 
 
 def _clearance(prototype: Prototype) -> float | None:

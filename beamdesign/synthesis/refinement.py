@@ -277,7 +277,7 @@ class LawRefinement:
         def stiffness(plant: BilinearPlant, factor: float) -> ca.Function:
             if sized is None:
                 return stiffness_of(table.shape, plant, factor)
-            return sized_slack(table.shape, "compliance", sized.filtered)
+            return sized_slack(table.shape, "compliance", sized.filtered, sized.rig)
 
         def off(k: int, count: int) -> Any:
             return none if self.factors is None else ca.DM(np.repeat(self.factors[1][k][:, None], count, axis=1))
@@ -304,7 +304,7 @@ class LawRefinement:
                 found.append(held(point(table.shape, kind), none, [given]) + limit - inside)
             else:
                 frequency, relaxed, outer, factors = ca.vertsplit(given, [0, 1, 2, 3, given.shape[0]])
-                slack = sized_slack(table.shape, kind, sized.filtered)
+                slack = sized_slack(table.shape, kind, sized.filtered, sized.rig)
                 found.append(held(slack, factors, [outer, frequency]) + ca.log(relaxed).T + limit - inside)
         asked = log(self.goal.compliance_m_per_N) - stiffer
         for k, (plant, factor, masses, nominal) in enumerate(self.plants):

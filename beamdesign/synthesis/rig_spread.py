@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from beamdesign.parameters import TOLERANCES
+from beamdesign.parameters import PARAMETERS, TOLERANCES, rows_of
 from beamdesign.plant.changed_figures import CHANGEABLE, with_figures
 from beamdesign.plant.members import VertexModel, served
 from beamdesign.prototype import Prototype
@@ -90,7 +90,8 @@ def rig_spread(prototype: Prototype, largest_outer_kg: float, sigmas: float = SI
     """
     if not sigmas > 0:
         raise ValueError("robust against nothing: sigmas must be positive")
-    lacks = {"filter_frequency"} if prototype.sensor.filter_Hz is None else set()
+    lacks = PARAMETERS.keys() - rows_of(type(prototype.actuator)).keys()
+    lacks |= {"filter_frequency"} if prototype.sensor.filter_Hz is None else set()
     every = {name: getattr(prototype.tolerance, TOLERANCES[name]) for name in CHANGEABLE if name in TOLERANCES}
     for beam in ("outer", "inner"):  # a dashpot 2 zeta sqrt(K M) is off where K and M are
         own, stiffness, mass = (every[f"{beam}_{figure}"] for figure in ("damping", "stiffness", "mass"))

@@ -14,7 +14,7 @@ from beamdesign.problem import DesignProblem
 from beamdesign.proofs.certificate import Kind
 from beamdesign.prototype import Prototype
 from beamdesign.quantity_text import stated_bandwidth
-from beamdesign.structure.lumped import beam_figures, fixed_dashpot, hydraulic_figures
+from beamdesign.structure.lumped import beam_figures, fixed_dashpot, servo_figures
 from beamdesign.structure.section import SquareTube
 from beamdesign.synthesis.checks import beam_mass, check_sections, materials
 from beamdesign.synthesis.free_search import SIZE_UNITS, THICKEST_SHARE, sizing_program, tubes
@@ -42,6 +42,7 @@ class Sections:
         upper: (w,) largest ones.
         figures: variables to the (14,) lumped figures of the linear model, in symbols.
         filtered: whether the sensor has a filter.
+        rig: of two beams, one of `beamdesign.plant.assembly.RIGS`.
         prototype: variables, and whether sizes are rounded as they will be written down, to the rig they stand for;
             None where they are the sizes of no tubes, or of an inner one that does not go into the outer one.
         structure: mass inside (kg) and variables to slacks that must not be negative, in symbols or numbers.
@@ -56,6 +57,7 @@ class Sections:
     upper: np.ndarray
     figures: Callable[[ca.MX], ca.MX]
     filtered: bool
+    rig: str
     prototype: Callable[[np.ndarray, bool], Prototype | None]
     structure: Callable[[Any, Any], Any]
     moving_mass: Callable[[Any, Any], Any]
@@ -93,7 +95,7 @@ def rounded_tubes(section_variables: np.ndarray) -> tuple[SquareTube, SquareTube
 
 def _symbolic_figures(problem: DesignProblem) -> Callable[[ca.MX], ca.MX]:
     """Section variables to the lumped figures of the linear model."""
-    hydraulics = hydraulic_figures(problem.actuator, problem.servovalve, problem.sensor)
+    hydraulics = servo_figures(problem)
 
     def figures(sections: ca.MX) -> ca.MX:
         sizes = [float(unit) * sections[i] for i, unit in enumerate(SIZE_UNITS)]
@@ -166,6 +168,7 @@ def free_sections(
         upper=bounds[:, 1],
         figures=_symbolic_figures(problem),
         filtered=problem.sensor.filter_Hz is not None,
+        rig=problem.rig,
         prototype=lambda chosen, rounded: _prototype(problem, (rounded_tubes if rounded else tubes)(chosen)),
         structure=structure,
         moving_mass=lambda inner, chosen: parts(chosen, sizing.figures)[1] + inner,
@@ -175,13 +178,13 @@ def free_sections(
 
 
 @cache
-def sized_slack(shape: tuple[int, int], kind: Kind, filtered: bool) -> ca.Function:
+def sized_slack(shape: tuple[int, int], kind: Kind, filtered: bool, rig: str) -> ca.Function:
     """Slack of a limit at one point of a rig without effects, see `slack_of`, from the figures of its plant.
 
-    Inputs: the law's coefficients, mass inside (kg), lumped figures (14,), outer end mass (kg), frequency (Hz).
+    Inputs: the law's coefficients, mass inside (kg), lumped figures (d,), outer end mass (kg), frequency (Hz).
     """
     coefficients = ca.SX.sym("coefficients", *shape)
-    symbols, polynomials = plant_of_figures(filtered)
+    symbols, polynomials = plant_of_figures(filtered, rig)
     figures, outer, inner = ca.vertsplit(symbols, [0, symbols.shape[0] - 2, symbols.shape[0] - 1, symbols.shape[0]])
     frequency = ca.SX.sym("frequency")
     w = 2 * pi * frequency

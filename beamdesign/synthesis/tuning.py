@@ -170,7 +170,7 @@ def tune(
         raise InputError(prototype.name, [("goal.comes_to_rest", reason)])
     report, caution, spread = progress or silent, "", None
     if sigmas:
-        tolerance, caution = stated_or_typical(prototype.tolerance)
+        tolerance, caution = stated_or_typical(prototype.tolerance, type(prototype.actuator))
         prototype = prototype.but(tolerance=tolerance)
         spread = rig_spread(prototype.but(controller=None, guarantee=None), outer_end_mass_kg[1], sigmas)
     asked = LawOptions(kind, (0.0, largest_inner_end_mass_kg), sections, tuple(sensors), spread, near)

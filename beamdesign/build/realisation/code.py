@@ -134,7 +134,7 @@ def code(
     if prototype.controller is None:
         raise InputError(prototype.name, [("controller", "missing")])
     masses = outer_end_mass_kg or prototype.payload.outer_end_mass_kg or (0.0, 0.0)
-    limit = largest_current_A or prototype.servovalve.rated_current_A
+    limit = largest_current_A or prototype.actuator.largest_current_A(prototype)
     try:
         scales = full_scales_of(prototype, full_scale_V)
         made = realise(prototype.controller, rate_Hz, word_length, full_scale_V, limit, full_scales=scales)

@@ -40,9 +40,7 @@ FREE = 10
 """Figures that a candidate's free response takes: at most so many degrees of freedom of a window."""
 _NOISE_ROOM = 1.3
 """Factor on the noise that a window without movement of the force may leave."""
-_TYPICAL = {"displacement_m": 1e-5, "cylinder_m": 1e-5, "inner_displacement_m": 1e-5}
-_TYPICAL |= {"velocity_m_per_s": 1e-3, "inner_velocity_m_per_s": 1e-3}
-_TYPICAL |= {"flow_m3_per_s": 1e-6, "flow_rate_m3_per_s2": 1e-3, "filtered_V": 1e-2}
+_TYPICAL = {"_m3_per_s": 1e-6, "_m3_per_s2": 1e-3, "_m_per_s": 1e-3, "_m": 1e-5, "_V": 1e-2, "_A": 1.0}
 
 
 @dataclass(frozen=True)
@@ -82,7 +80,9 @@ def plant_step(rig: LinearModel, outer_end_mass: float, inner_end_mass: float, p
 
     a, b, c = rig.matrices(outer_end_mass, inner_end_mass)
     n = len(a)
-    scale = np.array([*(_TYPICAL[name] for name in rig.states), 10.0, 1.0])  # then force (N) and current (A)
+    scale = np.array(
+        [*(next(size for end, size in _TYPICAL.items() if name.endswith(end)) for name in rig.states), 10.0, 1.0]
+    )  # then force (N) and current (A)
     motion = np.zeros((n + 2, n + 2))
     motion[:n, :n], motion[:n, n:] = a, b
     whole = expm(motion * scale / scale[:, None] * period_s)

@@ -44,7 +44,7 @@ __all__ = ["Caution", "Examination", "examine"]
 
 def with_tolerances(prototype: Prototype) -> tuple[Prototype, tuple[Caution, ...]]:
     """The prototype as it is where it states a tolerance of any figure, else with typical ones and a word on it."""
-    tolerance, text = stated_or_typical(prototype.tolerance)
+    tolerance, text = stated_or_typical(prototype.tolerance, type(prototype.actuator))
     return prototype.but(tolerance=tolerance), (Caution("tolerances", "", text),) if text else ()
 
 

@@ -90,7 +90,7 @@ def tolerated(prototype: Prototype, free: tuple[str, ...] = ()) -> tuple[Unknown
         spread = getattr(prototype.tolerance, key)
         if figure == "filter_frequency" and prototype.sensor.filter_Hz is None:
             continue
-        if nominal[figure] <= 0:
+        if nominal.get(figure, 0.0) <= 0:
             continue
         if figure in free:
             found.append(Unknown(figure, nominal[figure], FREE, False, 0.0, np.inf, "free", spread))

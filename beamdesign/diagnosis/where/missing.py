@@ -57,7 +57,7 @@ def terms(levels: Mapping[str, np.ndarray]) -> tuple[Term, ...]:
     current, flow, pressure = ("current_A",), ("metered_m3_per_s",), ("load_pressure_Pa",)
     seal, sides, oil = ("actuator", "piston force"), ("actuator", "oil continuity"), ("oil", "oil continuity")
     speed, rate = ("stroke_m_per_s",), ("pressure_rate_Pa_per_s",)
-    mount, joint, force = ("structure", "mount"), ("structure", "joint"), ("cylinder_force_N",)
+    mount, joint, force = ("structure", "mount"), ("structure", "joint"), ("actuator_force_N",)
     middle = levels["stroke_m_per_s"][2]
     return (
         *_each("sensor lags, {:.0f} Hz", sensor, volts, (30, 60, 120, 250, 500, 1000), _low_pass, "linear"),
@@ -99,7 +99,7 @@ def terms(levels: Mapping[str, np.ndarray]) -> tuple[Term, ...]:
         *_beam("outer", levels),
         *_beam("inner", levels),
         *_resonances("mount", mount, ("mount_force_N",), 0),
-        *_each("force in the joint cut at {:.2g}", joint, force, levels["cylinder_force_N"], _cut),
+        *_each("force in the joint cut at {:.2g}", joint, force, levels["actuator_force_N"], _cut),
         Term("joint gives way", *joint, force, np.ones_like, "linear"),
     )
 
@@ -199,7 +199,7 @@ _LOOPED = (
     "stroke_m_per_s",
     "outer_m",
     "inner_m",
-    "cylinder_force_N",
+    "actuator_force_N",
 )
 _LEVELS = 6
 _RIDGE = 1e-6  # of a column's own size

@@ -38,7 +38,7 @@ ENTRIES = {
     "amplifier": Entry("current_A", (("current_A", 0),)),
     "spool": Entry("current_A", (("spool_A", 0),)),
     "oil continuity": Entry("metered_m3_per_s", (("linear_a_m3_per_s", 0), ("linear_b_m3_per_s", 0))),
-    "piston force": Entry("cylinder_force_N", (("friction_N", 0),)),
+    "piston force": Entry("actuator_force_N", (("friction_N", 0),)),
     "outer beam": Entry("outer_reaction_N", (("outer_reaction_N", 0),)),
     "inner beam": Entry("inner_reaction_N", (("inner_reaction_N", 0),)),
     "mount": Entry("outer_m", (("mount_m", 0), ("mount_m_per_s", 1))),

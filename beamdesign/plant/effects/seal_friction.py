@@ -1,4 +1,4 @@
-"""Seal friction between piston and cylinder: Stribeck curve with presliding (Dahl) and a viscous share.
+"""Friction of the piston's seal or of a screw: Stribeck curve with presliding (Dahl) and a viscous share.
 
 The seal's deflection over the presliding distance is a state that follows the stroke and settles at the direction of
 motion. It settles no faster than `_QUICKEST`, which bounds the stiffness of the equations and shows only at speeds
@@ -18,7 +18,7 @@ _QUICKEST = 1e4  # 1/s
 
 
 def _law(signal: Any, site: Site) -> Any:
-    speed, deflection = site.port["stroke_m_per_s"], site.state["deflection"]
+    speed, deflection = site.port["sliding_m_per_s"], site.state["deflection"]
     figure = site.parameter
     rate = speed / figure["presliding_m"]
     rate = rate / ca.sqrt(1 + (rate / _QUICKEST) ** 2)
@@ -40,8 +40,7 @@ def _dashpot(own: Mapping[str, float], at: Operation) -> Span:
 
 
 def _elements(own: Mapping[str, fmpq], figure: Mapping[str, fmpq]) -> Elements:
-    stroke = {"tip": fmpq(1), "rod": fmpq(-1)}
-    return Elements(((stroke, (own["spring_N_per_m"], own["dashpot_N_s_per_m"])),))
+    return Elements((({"slide": fmpq(1)}, (own["spring_N_per_m"], own["dashpot_N_s_per_m"])),))
 
 
 EFFECT = Effect(
@@ -66,8 +65,8 @@ EFFECT = Effect(
         laws={
             "friction_N": lambda signal, site: (
                 signal
-                + site.parameter["spring_N_per_m"] * site.port["stroke_m"]
-                + site.parameter["dashpot_N_s_per_m"] * site.port["stroke_m_per_s"]
+                + site.parameter["spring_N_per_m"] * site.port["sliding_m"]
+                + site.parameter["dashpot_N_s_per_m"] * site.port["sliding_m_per_s"]
             )
         },
         figures={"spring_N_per_m": _spring, "dashpot_N_s_per_m": _dashpot},

@@ -10,7 +10,7 @@ import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
-from math import floor, sqrt
+from math import floor, sqrt, tau
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +18,7 @@ import numpy as np
 
 from beamdesign.prototype import COMPLIANCE_LIMIT_M_PER_N
 from beamdesign.quantity_text import decibels, from_decibels
-from beamdesign.structure import beam
+from beamdesign.structure import beam, lumped
 from beamdesign.structure.lumped import lumped_beam
 from beamdesign.validation.paper.rig import (
     FLOW_GAIN_PRESSURE_PA,
@@ -213,7 +213,7 @@ _STANDARD_GRAVITY = 9.80665
 def _of_the_appendix() -> dict[str, float]:
     """The prototype that all else is computed with, in the units of the appendix; what the cylinder carries."""
     rig = paper_prototype()
-    actuator, valve = rig.actuator, rig.servovalve
+    figure = lumped.figures(rig)
     outer, inner = lumped_beam(rig.outer_beam), lumped_beam(rig.inner_beam)
     sag = OUTER.effective_mass_kg * _STANDARD_GRAVITY / OUTER.stiffness_N_per_m
     return {
@@ -221,14 +221,14 @@ def _of_the_appendix() -> dict[str, float]:
         "inner_N_per_cm": 1e-2 * inner.stiffness,
         "outer_zeta": rig.outer_beam.damping_ratio,
         "inner_zeta": rig.inner_beam.damping_ratio,
-        "oil_N_per_cm": 1e-2 * actuator.oil_stiffness_N_per_m,
+        "oil_N_per_cm": 1e-2 * figure["oil_stiffness"],
         "outer_kg": outer.mass,
         "inner_kg": inner.mass,
-        "flow_gain": 1e3 * valve.flow_gain_m3_per_s_per_A,
-        "leakage": 1e13 * valve.leakage_m3_per_s_per_Pa,
-        "leakage_of_gains": 1e13 * (valve.flow_gain_m3_per_s_per_A / _PRESSURE_GAIN_PA_PER_A),
-        "valve_Hz": valve.natural_frequency_Hz,
-        "area_cm2": 1e4 * actuator.piston_area_m2,
+        "flow_gain": 1e3 * figure["flow_gain"],
+        "leakage": 1e13 * figure["leakage"],
+        "leakage_of_gains": 1e13 * (figure["flow_gain"] / _PRESSURE_GAIN_PA_PER_A),
+        "valve_Hz": figure["valve_frequency"] / tau,
+        "area_cm2": 1e4 * figure["piston_area"],
         "sensor_V_per_cm": 1e-2 * rig.sensor.gain_V_per_m,
         "smaller_side_N": SUPPLY_PRESSURE_PA * SMALLER_PISTON_SIDE_M2,
         "average_N": SUPPLY_PRESSURE_PA * PISTON_AREA_M2,

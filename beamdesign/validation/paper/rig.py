@@ -13,8 +13,9 @@ import numpy as np
 from beamdesign.controllers import Lag, Proportional
 from beamdesign.json_text import picked
 from beamdesign.loop import CriticalGain, LoopAtMass, critical_gain, loop
+from beamdesign.plant.actuators.servo_cylinder import ServoCylinder, valve_of
 from beamdesign.polynomial import crossings
-from beamdesign.prototype import Actuator, Beam, Payload, Prototype, Sensor, Servovalve
+from beamdesign.prototype import Beam, Payload, Prototype, Sensor, Servovalve
 from beamdesign.quantity_text import decibels
 from beamdesign.structure import section
 from beamdesign.structure.materials import material
@@ -95,7 +96,7 @@ def paper_prototype() -> Prototype:
         name="zalucky-hardt-1984",
         outer_beam=OUTER.record,
         inner_beam=INNER.record,
-        actuator=Actuator(piston_area_m2=PISTON_AREA_M2, oil_stiffness_N_per_m=1.3e7),
+        actuator=ServoCylinder(piston_area_m2=PISTON_AREA_M2, oil_stiffness_N_per_m=1.3e7),
         servovalve=Servovalve(
             flow_gain_m3_per_s_per_A=1.13e-2,
             leakage_m3_per_s_per_Pa=3.8e-13,
@@ -169,7 +170,7 @@ def filtered_smaller_side(prototype: Prototype, _: float = 0.0) -> Prototype:
 
 def valve_damping(ratio: float) -> Variation:
     """With another damping ratio of the servovalve."""
-    return lambda prototype, _: prototype.but(servovalve=prototype.servovalve.but(damping_ratio=ratio))
+    return lambda prototype, _: prototype.but(servovalve=valve_of(prototype).but(damping_ratio=ratio))
 
 
 def beam_damping(ratio: float) -> Variation:
@@ -193,7 +194,7 @@ def held_ratio(prototype: Prototype, outer_end_mass_kg: float) -> Prototype:
 
 def supply_flow_gain(prototype: Prototype, _: float = 0.0) -> Prototype:
     """With the no-load flow gain taken from 6.9 MPa to the supply's 20 MPa by the square root, as for an orifice."""
-    valve = prototype.servovalve
+    valve = valve_of(prototype)
     factor = sqrt(SUPPLY_PRESSURE_PA / FLOW_GAIN_PRESSURE_PA)
     return prototype.but(servovalve=valve.but(flow_gain_m3_per_s_per_A=factor * valve.flow_gain_m3_per_s_per_A))
 

@@ -1,0 +1,241 @@
+"""An electromechanical actuator: a motor with a current loop and speed feedback turns a ball screw.
+
+The motor sits on one beam, the nut pushes the other. With h the travel per radian, v the speed at which rotor and
+screw would move the nut, i the motor's current and F the axial force,
+
+    i'     = w_c (i_law - k_w v / h - i)             current loop; the drive takes off a current for the rotor's speed
+    J v'   = h (K_t i - h (F + friction)) - b v      rotor, coupling and screw
+    F      = K_s (travel - stroke), travel' = v      screw, nut and bearings as one spring
+
+Speed feedback makes a source of speed that gives way to force of what would be a free rotor, as a leaking valve is one;
+the rotor's inertia, J / h^2 at the nut, is what a servovalve does not have. What the torque's reaction does to the
+beams' torsion is left out.
+"""
+
+from collections.abc import Mapping
+from math import pi, sqrt
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+from pydantic import Field
+
+from beamdesign import quantities as q
+from beamdesign.plant.actuators.protocol import MARGIN, TURN, Actuator, Change, Demand, Held, Limit, Rating, Row
+from beamdesign.plant.component import Component, Parameter, Signals
+
+if TYPE_CHECKING:
+    from beamdesign.prototype import Prototype
+
+
+def _motion(port: Signals, figure: Signals, state: Signals) -> dict[str, Any]:
+    lead, force = figure["lead"], port["actuator_force_N"] + port["friction_N"]
+    torque = figure["torque_constant"] * state["motor_A"] - lead * force
+    slowing = figure["rotor_friction"] * state["travel_m_per_s"]
+    return {
+        "travel_m": state["travel_m_per_s"],
+        "travel_m_per_s": (lead * torque - slowing) / figure["rotor_inertia"],
+        "motor_A": figure["current_loop"] * (port["motor_demand_A"] - state["motor_A"]),
+    }
+
+
+SCREW = Component(
+    {
+        "motor_demand_A": lambda port, figure, state: (
+            port["current_A"] - figure["speed_feedback"] * state["travel_m_per_s"] / figure["lead"]
+        ),
+        "sliding_m": lambda port, figure, state: state["travel_m"],
+        "sliding_m_per_s": lambda port, figure, state: state["travel_m_per_s"],
+        "friction_N": lambda port, figure, state: 0.0,
+        "actuator_force_N": lambda port, figure, state: (
+            figure["screw_stiffness"] * (state["travel_m"] - port["stroke_m"])
+        ),
+    },
+    _motion,
+)
+"""From the law's current to the force between the tips."""
+
+
+class BallScrew(Actuator):
+    """A motor with current loop and speed feedback that turns a ball screw between the beam tips.
+
+    Source: W. Leonhard, Control of Electrical Drives, 3rd ed. (2001), for current loop and speed feedback;
+    K. K. Varanasi and S. A. Nayfeh, J. Dyn. Sys., Meas., Control 126 (2004) 388, for the screw as a spring behind the
+    rotor's inertia.
+    """
+
+    kind: Literal["ball_screw"] = "ball_screw"
+    lead_m: q.Lead = Field(description="travel of the nut per turn")
+    screw_stiffness_N_per_m: q.Stiffness = Field(description="K_s, axial: screw, nut and bearings in series")
+    torque_constant_N_m_per_A: q.TorqueConstant = Field(description="K_t, torque of the motor per current")
+    rotor_inertia_kg_m2: q.RotorInertia = Field(description="J of rotor, coupling and screw about their axis")
+    rotor_friction_N_m_s_per_rad: q.RotorFriction = Field(0.0, description="b, viscous, of rotor, screw and bearings")
+    speed_feedback_A_s_per_rad: q.SpeedFeedback = Field(
+        description="k_w, current that the drive takes off the law's per speed of the rotor"
+    )
+    current_loop_Hz: q.ComponentFrequency = Field(description="break frequency of the current loop, first order")
+    peak_current_A: q.MotorCurrent | None = Field(None, description="largest current of drive and motor")
+    continuous_current_A: q.MotorCurrent | None = Field(None, description="RMS current that the motor bears for good")
+    largest_speed_rad_per_s: q.RotorSpeed | None = Field(None, description="of the rotor, under load")
+    dynamic_load_N: q.Force | None = Field(None, description="C_a of the screw: 10^6 turns with 90 % reliability")
+
+    parameters = (
+        Parameter(
+            "screw_stiffness", "K_s", "N/m", "actuator.screw_stiffness_N_per_m", "screw_stiffness", "actuator", 0.15,
+            "the axial stiffness of the screw",
+        ),
+        Parameter("lead", "h", "m/rad", "actuator.lead_m", "lead", "actuator", 0.0, "the lead of the screw"),
+        Parameter(
+            "torque_constant", "K_t", "N m/A", "actuator.torque_constant_N_m_per_A", "torque_constant", "actuator",
+            0.05, "the torque constant of the motor",
+        ),
+        Parameter(
+            "rotor_inertia", "J", "kg m2", "actuator.rotor_inertia_kg_m2", "rotor_inertia", "actuator", 0.05,
+            "the inertia of rotor and screw",
+        ),
+        Parameter(
+            "rotor_friction", "b", "N m s/rad", "actuator.rotor_friction_N_m_s_per_rad", "rotor_friction", "actuator",
+            0.3, "the viscous friction of rotor and screw",
+        ),
+        Parameter(
+            "speed_feedback", "k_w", "A s/rad", "actuator.speed_feedback_A_s_per_rad", "speed_feedback", "amplifier",
+            0.0, "the speed feedback of the drive",
+        ),
+        Parameter(
+            "current_loop", "w_c", "rad/s", "actuator.current_loop_Hz", "current_loop", "amplifier", 0.1,
+            "the break frequency of the current loop",
+        ),
+    )  # fmt: skip
+    components = (SCREW,)
+    states = ("travel_m", "travel_m_per_s", "motor_A")
+    feels = "screw_force_N", lambda port, figure, state: port["actuator_force_N"]
+    linear_states = states
+    ratings = (
+        Rating("peak current", "peak_current_A", "actuator.peak_current_A", "A", q.MotorCurrent),
+        Rating("continuous current", "effective_current_A", "actuator.continuous_current_A", "A", q.MotorCurrent),
+        Rating(
+            "rotor speed", "speed_rad_per_s", "actuator.largest_speed_rad_per_s", "rad/s", q.RotorSpeed
+        ),
+    )  # fmt: skip
+    title = "Motor, drive and screw"
+
+    @classmethod
+    def to_linear(cls, state: Signals, figure: Signals, tip: Any) -> dict[str, Any]:
+        """The same states."""
+        return {name: state[name] for name in cls.states}
+
+    @classmethod
+    def from_linear(cls, linear: Signals, figure: Signals, tip: Any) -> dict[str, Any]:
+        """The same states."""
+        return {name: linear[name] for name in cls.states}
+
+    @classmethod
+    def _resistance(cls, figure: Signals, s: Any) -> tuple[Any, Any]:
+        """Force against a speed of the nut, N s/m, and the lag of the current loop."""
+        lag, lead = 1 / (1 + s / figure["current_loop"]), figure["lead"]
+        feedback = figure["torque_constant"] * figure["speed_feedback"] * lag
+        return (figure["rotor_inertia"] * s + figure["rotor_friction"] + feedback) / lead**2, lag
+
+    @classmethod
+    def compliance(cls, figure: Signals, s: Any) -> Any:
+        """1 / K_s + 1 / (s R(s)), R being what rotor, friction and speed feedback resist at the nut, N s/m."""
+        return 1 / figure["screw_stiffness"] + 1 / (s * cls._resistance(figure, s)[0])
+
+    @classmethod
+    def travel(cls, figure: Signals, s: Any) -> Any:
+        """K_t G(s) / (h s R(s)), G being the lag of the current loop."""
+        resistance, lag = cls._resistance(figure, s)
+        return figure["torque_constant"] * lag / (figure["lead"] * s * resistance)
+
+    def signals(self, figure: Signals, s: Any, force: Any, stroke: Any) -> dict[str, Any]:
+        """Speed of the rotor, rad/s, and the motor's current, A, that moves it against force and friction."""
+        lead = figure["lead"]
+        speed = s * (stroke + force / figure["screw_stiffness"]) / lead
+        torque = (figure["rotor_inertia"] * s + figure["rotor_friction"]) * speed + lead * force
+        return {"speed": speed, "motor_current": torque / figure["torque_constant"]}
+
+    def strength_N(self, prototype: "Prototype") -> float:
+        """What the largest current gives at a nut that stands still."""
+        current = self.peak_current_A or self.continuous_current_A
+        return current * self.torque_constant_N_m_per_A * 2 * pi / self.lead_m if current else 1000.0
+
+    def largest_current_A(self, prototype: "Prototype") -> float | None:
+        """That of drive and motor: a law asks for no more, beside what speed feedback takes off."""
+        return self.peak_current_A
+
+    def limits(self, prototype: "Prototype") -> tuple[Limit, ...]:
+        """Largest current and what the motor bears for good, and the rotor's speed."""
+        return (
+            Limit("peak current", "motor_current", self.peak_current_A, "actuator.peak_current_A"),
+            Limit(
+                "continuous current", "motor_current", self.continuous_current_A, "actuator.continuous_current_A", True
+            ),
+            Limit("rotor speed", "speed", self.largest_speed_rad_per_s, "actuator.largest_speed_rad_per_s"),
+        )
+
+    def takes(self, prototype: "Prototype", asked: Demand, load_N: float, held: Held) -> dict[str, float]:
+        """Current at its peak and in the mean square, speed, and power of the shaft at its peak."""
+        current, speed = (load_N * np.abs(asked.of(name)) for name in ("motor_current", "speed"))
+        still = abs(held["motor_current"])
+        turning, turned = (load_N * np.real(asked.of(name)[:, None] * TURN) for name in ("motor_current", "speed"))
+        power = self.torque_constant_N_m_per_A * (still + np.abs(turning)) * np.abs(turned)
+        return {
+            "peak_current_A": still + float(current.max()),
+            "effective_current_A": sqrt(still**2 + float(current.max()) ** 2 / 2),
+            "speed_rad_per_s": float(speed.max()),
+            "shaft_power_W": float(power.max()),
+        }
+
+    def power_W(self, prototype: "Prototype", asked: Demand, load_N: np.ndarray) -> np.ndarray:
+        """Of the shaft, losses in the windings apart."""
+        current, speed = (np.real(asked.of(name)[:, None] * TURN) for name in ("motor_current", "speed"))
+        given = np.maximum(current * speed, 0.0).mean(axis=1)
+        return np.asarray(self.torque_constant_N_m_per_A * given * load_N**2)
+
+    def holding(self, prototype: "Prototype", force_N: float) -> tuple[str, float, float | None, str, str]:
+        """Current of the motor that stands still."""
+        needed = force_N * self.lead_m / (2 * pi) / self.torque_constant_N_m_per_A
+        return "continuous current", needed, self.continuous_current_A, "A", "actuator.continuous_current_A"
+
+    def stronger(self, prototype: "Prototype", force_N: float) -> tuple[Change, ...]:
+        """More current, or more torque from it."""
+        _, needed, most, *_ = self.holding(prototype, force_N)
+        share = needed / (most or needed)
+        torque = share * self.torque_constant_N_m_per_A
+        return (
+            ("actuator.continuous_current_A", needed, True),
+            ("actuator.torque_constant_N_m_per_A", torque, True),
+        )
+
+    def rows(self, prototype: "Prototype", need: Mapping[str, float], load_N: float) -> tuple[Row, ...]:
+        """See `Actuator`. The life of the screw is (C_a / F)^3 million turns, ISO 3408-5:2006, F its largest force."""
+        torque, force, still = self.torque_constant_N_m_per_A, need["force_N"], self.holding(prototype, load_N)[1]
+        least, at_nut = f", × {MARGIN:g}", self.rotor_inertia_kg_m2 / (self.lead_m / (2 * pi)) ** 2
+        rows = (
+            Row("lead of the screw", self.lead_m, None, "m"),
+            Row("axial stiffness of screw, nut and bearings K_s", self.screw_stiffness_N_per_m, None, "N/m"),
+            Row("torque constant K_t", torque, None, "N m/A"),
+            Row("inertia of rotor, coupling and screw J", self.rotor_inertia_kg_m2, None, "kg m2"),
+            Row("the same at the nut, J / h²", at_nut, None, "kg", "inertia_at_the_nut_kg"),
+            Row("speed feedback k_w", self.speed_feedback_A_s_per_rad, None, "A s/rad"),
+            Row("break of the current loop", self.current_loop_Hz, None, "Hz"),
+            Row("motor current that holds the load at rest", still, self.continuous_current_A, "A", "rest_current_A"),
+            Row(f"peak current{least}", MARGIN * need["peak_current_A"], self.peak_current_A, "A", "peak_current_A"),
+            Row(
+                f"continuous current (RMS){least}", MARGIN * need["effective_current_A"], self.continuous_current_A,
+                "A", "continuous_current_A",
+            ),
+            Row(f"peak torque{least}", MARGIN * torque * need["peak_current_A"], None, "N m", "peak_torque_N_m"),
+            Row(
+                f"speed of the rotor{least}", MARGIN * need["speed_rad_per_s"], self.largest_speed_rad_per_s, "rad/s",
+                "largest_speed_rad_per_s",
+            ),
+            Row(f"peak power of the shaft{least}", MARGIN * need["shaft_power_W"], None, "W", "shaft_power_W"),
+            Row("largest axial force on the screw", force, self.dynamic_load_N, "N", "axial_force_N"),
+        )  # fmt: skip
+        if self.dynamic_load_N is None or not force:
+            return rows
+        life = 1e6 * (self.dynamic_load_N / force) ** 3
+        return (*rows, Row("turns at that force that nine screws of ten last", life, None, "1", "life_turns"))
+
+
+KIND = BallScrew

@@ -1,0 +1,276 @@
+"""The hydraulic cylinder with its servovalve: equations (11) to (16) of Zalucky and Hardt (1984)."""
+
+from collections.abc import Mapping
+from math import pi
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+from pydantic import Field
+
+from beamdesign import quantities as q
+from beamdesign.plant.actuators.protocol import MARGIN, TURN, Actuator, Change, Demand, Held, Limit, Rating, Row
+from beamdesign.plant.component import Parameter, Signals
+from beamdesign.plant.hydraulics import AREAS, CYLINDER, VALVE, VOLUMES
+from beamdesign.records import Record
+
+if TYPE_CHECKING:
+    from beamdesign.prototype import Prototype
+
+MEAN = "mean_pressure_Pa"
+"""Of both chambers: where they are alike, nothing drives it and nothing shows it."""
+
+PRESSURE_SHARE = 2 / 3
+"""Of the supply pressure that the load should use at most: there a valve gives the most power (H. E. Merritt, Hydraulic
+Control Systems (1967), section 7-3)."""
+
+
+class Servovalve(Record):
+    """Second-order servovalve with leakage.
+
+    Source: Zalucky and Hardt (1984), equations (13) and (14).
+    """
+
+    flow_gain_m3_per_s_per_A: q.FlowPerCurrent = Field(description="K_q, no-load flow gain")
+    leakage_m3_per_s_per_Pa: q.Leakage = Field(description="K_pq = K_q / K_p")
+    natural_frequency_Hz: q.ComponentFrequency = Field(description="f_n of the spool")
+    damping_ratio: q.SpoolDamping = Field(
+        0.5, description="xi; the paper does not give it, 0.5 reproduces its critical gains"
+    )
+    rated_current_A: q.Current | None = Field(None, description="current at which it is fully open")
+
+
+class Supply(Record):
+    """The hydraulic supply. It has no part in the linear model."""
+
+    pressure_Pa: q.SupplyPressure = Field(20e6, description="p_S, above the tank")
+    flow_m3_per_s: q.FlowRate | None = Field(None, description="largest that it keeps up its pressure at")
+
+
+class ServoCylinder(Actuator):
+    """The hydraulic cylinder between the beam tips."""
+
+    kind: Literal["servo_cylinder"] = "servo_cylinder"
+    piston_area_m2: q.PistonArea = Field(description="A, average of the two sides")
+    oil_stiffness_N_per_m: q.Stiffness = Field(description="K_c, oil spring between piston and outer beam")
+
+    parameters = (
+        Parameter(
+            "oil_stiffness", "K_c", "N/m", "actuator.oil_stiffness_N_per_m", "oil_stiffness", "oil", 0.15,
+            "the oil spring",
+        ),
+        Parameter(
+            "piston_area", "A", "m2", "actuator.piston_area_m2", "piston_area", "actuator", 0.005, "the piston area"
+        ),
+        Parameter(
+            "flow_gain", "K_q", "m3/s/A", "servovalve.flow_gain_m3_per_s_per_A", "flow_gain", "servovalve", 0.05,
+            "the flow gain of the valve",
+        ),
+        Parameter(
+            "leakage", "K_pq", "m3/s/Pa", "servovalve.leakage_m3_per_s_per_Pa", "leakage", "servovalve", 0.3,
+            "the leakage of the valve",
+        ),
+        Parameter(
+            "valve_frequency", "ω_n", "rad/s", "servovalve.natural_frequency_Hz", "valve_natural_frequency",
+            "servovalve", 0.05, "the valve's natural frequency",
+        ),
+        Parameter(
+            "valve_damping_ratio", "ξ", "1", "servovalve.damping_ratio", "valve_damping_ratio", "servovalve", 0.15,
+            "the valve's damping ratio",
+        ),
+    )  # fmt: skip
+    tables = ("servovalve", "supply")
+    components = (AREAS, VALVE, VOLUMES, CYLINDER)
+    states = ("pressure_a_Pa", "pressure_b_Pa", "flow_m3_per_s", "flow_m3_per_s2")
+    feels = "load_pressure_Pa", lambda port, figure, state: state["pressure_a_Pa"] - state["pressure_b_Pa"]
+    linear_states = ("cylinder_m", "flow_m3_per_s", "flow_rate_m3_per_s2")
+    unseen = MEAN
+    ratings = (
+        Rating("rated current", "current_A", "servovalve.rated_current_A", "A", q.Current),
+        Rating("supply flow", "flow_m3_per_s", "supply.flow_m3_per_s", "m3/s", q.FlowRate),
+    )
+    title = "Cylinder, valve and supply"
+
+    @classmethod
+    def to_linear(cls, state: Signals, figure: Signals, tip: Any) -> dict[str, Any]:
+        """Instead of two pressures the end of the oil spring, X_c = X_m + A (p_a - p_b) / K_c, and their mean."""
+        spring = figure["oil_stiffness"] / figure["piston_area"]
+        a, b = state["pressure_a_Pa"], state["pressure_b_Pa"]
+        flow = {"flow_m3_per_s": state["flow_m3_per_s"], "flow_rate_m3_per_s2": state["flow_m3_per_s2"]}
+        return {"cylinder_m": tip + (a - b) / spring, MEAN: (a + b) / 2} | flow
+
+    @classmethod
+    def from_linear(cls, linear: Signals, figure: Signals, tip: Any) -> dict[str, Any]:
+        """See `Actuator`."""
+        half = figure["oil_stiffness"] / figure["piston_area"] * (linear["cylinder_m"] - tip) / 2
+        flow = {"flow_m3_per_s": linear["flow_m3_per_s"], "flow_m3_per_s2": linear["flow_rate_m3_per_s2"]}
+        return {"pressure_a_Pa": linear[MEAN] + half, "pressure_b_Pa": linear[MEAN] - half} | flow
+
+    @classmethod
+    def compliance(cls, figure: Signals, s: Any) -> Any:
+        """1 / K_c + K_pq / (A^2 s): the oil spring, and what leaks through the closed valve."""
+        return 1 / figure["oil_stiffness"] + figure["leakage"] / (figure["piston_area"] ** 2 * s)
+
+    @classmethod
+    def travel(cls, figure: Signals, s: Any) -> Any:
+        """K_q V(s) / (A s), V being the spool's second-order lag."""
+        spool = s / figure["valve_frequency"]
+        lag = 1 + 2 * figure["valve_damping_ratio"] * spool + spool**2
+        return figure["flow_gain"] / (figure["piston_area"] * s * lag)
+
+    def signals(self, figure: Signals, s: Any, force: Any, stroke: Any) -> dict[str, Any]:
+        """The flow through the valve, m3/s: it moves the piston and compresses the oil, or leaks."""
+        area = figure["piston_area"]
+        return {"flow": area * s * (force / figure["oil_stiffness"] + stroke) + figure["leakage"] * force / area}
+
+    def smaller_side(self, prototype: "Prototype") -> float:
+        """Area of the smaller side of the piston, m2; the mean area where no `unequal_piston_areas` are given."""
+        return self.piston_area_m2 * (1 - abs(_of_effect(prototype, "unequal_piston_areas") or 0.0))
+
+    def strength_N(self, prototype: "Prototype") -> float:
+        """The supply's pressure on the mean area of the piston."""
+        return prototype.supply.pressure_Pa * self.piston_area_m2
+
+    def largest_current_A(self, prototype: "Prototype") -> float | None:
+        """The valve's rated current or the amplifier's limit, whichever is less."""
+        limits = (
+            valve_of(prototype).rated_current_A,
+            *(_of_effect(prototype, name) for name in ("current_saturation", "current_saturation_soft")),
+        )
+        return min((limit for limit in limits if limit is not None), default=None)
+
+    def stated(self, prototype: "Prototype", rating: Rating) -> float | None:
+        """The rated current may be bounded by an effect, too."""
+        of_current = rating.name == self.ratings[0].name
+        return self.largest_current_A(prototype) if of_current else super().stated(prototype, rating)
+
+    def limits(self, prototype: "Prototype") -> tuple[Limit, ...]:
+        """Stall force, flow at the load's pressure, current, and flow of the supply, no accumulator assumed.
+
+        Force: F <= p_S A (H. E. Merritt, Hydraulic Control Systems (1967), section 5-4: the stall load). Valve flow:
+        q <= K_q i_r sqrt(1 - p_L / p_S) at every instant, the load's locus inside the valve's parabola of flow over
+        load pressure (Merritt, equation (5-22) and figure 5-5).
+        """
+        rated, key = self.largest_current_A(prototype), "servovalve.rated_current_A"
+        stall = prototype.supply.pressure_Pa * self.smaller_side(prototype)
+        largest = None if rated is None else valve_of(prototype).flow_gain_m3_per_s_per_A * rated
+        parabola = Limit(
+            "valve flow",
+            "flow",
+            largest,
+            key,
+            reached=lambda asked, held, most: _within_parabola(asked, held, most, stall),
+        )
+        return (
+            Limit("force", "force", stall, "supply.pressure_Pa"),
+            parabola,
+            Limit("current", "current", rated, key),
+            Limit("supply flow", "flow", prototype.supply.flow_m3_per_s, "supply.flow_m3_per_s"),
+        )
+
+    def takes(self, prototype: "Prototype", asked: Demand, load_N: float, held: Held) -> dict[str, float]:
+        """Flow under load; without a load that which gives it by the root law, and the current for that.
+
+        The root law is q = q_0 sqrt(1 - p_L / p_S), asked the other way round for q_0; infinite where the load pressure
+        reaches the supply's. The current has the spool's lag in it.
+        """
+        stall = prototype.supply.pressure_Pa * self.smaller_side(prototype)
+        flow = asked.of("flow")
+        moved, force = (load_N * np.real(one[:, None] * TURN) for one in (flow, asked.force))
+        left = 1 - (np.sign(moved) * force + abs(held["force"])) / stall
+        through = np.abs(moved) + abs(held["flow"])
+        through = np.where(left > 0, through / np.sqrt(np.maximum(left, 1e-12)), np.inf).max(axis=1)
+        per_flow = np.abs(asked.current) / np.maximum(np.abs(flow), 1e-300)
+        return {
+            "flow_m3_per_s": abs(held["flow"]) + load_N * float(np.abs(flow).max()),
+            "no_load_flow_m3_per_s": float(through.max()),
+            "current_A": float((through * per_flow).max()),
+        }
+
+    def power_W(self, prototype: "Prototype", asked: Demand, load_N: np.ndarray) -> np.ndarray:
+        """Supply pressure times the mean flow."""
+        return np.asarray(prototype.supply.pressure_Pa * (2 / pi) * load_N * np.abs(asked.of("flow")))
+
+    def holding(self, prototype: "Prototype", force_N: float) -> tuple[str, float, float | None, str, str]:
+        """Pressure on the smaller side of the piston."""
+        needed = force_N / self.smaller_side(prototype)
+        return "supply pressure", needed, prototype.supply.pressure_Pa, "Pa", "supply.pressure_Pa"
+
+    def stronger(self, prototype: "Prototype", force_N: float) -> tuple[Change, ...]:
+        """A larger piston, or more pressure."""
+        _, needed, supply, *_ = self.holding(prototype, force_N)
+        assert supply is not None  # every supply has a pressure
+        area = self.piston_area_m2 * needed / supply
+        return ("actuator.piston_area_m2", area, True), ("supply.pressure_Pa", needed, True)
+
+    def rows(self, prototype: "Prototype", need: Mapping[str, float], load_N: float) -> tuple[Row, ...]:
+        """See `Actuator`."""
+        area, valve, supply = self.piston_area_m2, valve_of(prototype), prototype.supply
+        pressure = need["force_N"] / self.smaller_side(prototype)
+        least = f", × {MARGIN:g}"
+        return (
+            Row("piston area, mean of both sides", area, None, "m2"),
+            Row("bore, as a full circle", (4 * area / pi) ** 0.5, None, "m"),
+            Row(
+                "load pressure that holds the load at rest, F/A", load_N / area, supply.pressure_Pa, "Pa",
+                "rest_pressure_Pa",
+            ),
+            Row("oil spring K_c", self.oil_stiffness_N_per_m, None, "N/m"),
+            Row("largest cylinder force", need["force_N"], None, "N", "cylinder_force_N"),
+            Row("load pressure at that force", pressure, None, "Pa", "load_pressure_Pa"),
+            Row(
+                "supply pressure of which the load takes 2/3", pressure / PRESSURE_SHARE, supply.pressure_Pa, "Pa",
+                "supply_pressure_Pa",
+            ),
+            Row("flow through the valve under load", need["flow_m3_per_s"], None, "m3/s", "flow_m3_per_s"),
+            Row(
+                f"no-load flow of the valve at the given supply{least}", MARGIN * need["no_load_flow_m3_per_s"], None,
+                "m3/s", "no_load_flow_m3_per_s",
+            ),
+            Row(
+                f"rated current of the valve{least}", MARGIN * need["current_A"], valve.rated_current_A, "A",
+                "rated_current_A",
+            ),
+            Row(
+                f"flow of the supply{least}", MARGIN * need["flow_m3_per_s"], supply.flow_m3_per_s, "m3/s",
+                "supply_flow_m3_per_s",
+            ),
+            Row("valve flow gain K_q", valve.flow_gain_m3_per_s_per_A, None, "m3/s/A"),
+            Row("valve natural frequency", valve.natural_frequency_Hz, None, "Hz"),
+            Row("valve damping ratio", valve.damping_ratio, None, "1"),
+            Row("leakage K_pq", valve.leakage_m3_per_s_per_Pa, None, "m3/s/Pa"),
+        )  # fmt: skip
+
+
+def valve_of(prototype: "Prototype") -> Servovalve:
+    """The valve of a hydraulic rig."""
+    assert prototype.servovalve is not None  # a record is validated to have one with this actuator
+    return prototype.servovalve
+
+
+def _of_effect(prototype: "Prototype", name: str) -> float | None:
+    """The first parameter of an effect; None where the prototype has no such effect."""
+    from beamdesign.plant.effects import library
+
+    parameter, given = library()[name].parameters[0], prototype.effects.get(name)
+    return None if given is None else given.get(parameter.name, parameter.default)
+
+
+def _within_parabola(asked: Demand, held: Held, largest: float, stall: float) -> np.ndarray:
+    """Largest F with |q| <= q_max sqrt(1 - sign(q) F_c / stall) at every phase, q and F_c being F times their sines.
+
+    At each phase it is the positive root of q^2 F^2 + q_max^2 (f / stall) F - q_max^2 (1 - held / stall) = 0.
+    """
+    turn = np.exp(2j * pi * np.arange(_PHASES) / _PHASES)
+    flow, force = (np.real(one[:, None] * turn) for one in (asked.of("flow"), asked.force))
+    sign = np.sign(flow)
+    slope = largest**2 * sign * force / stall
+    rest = largest**2 * (1 - sign * held["force"] / stall)
+    root = np.sqrt(np.maximum(slope**2 + 4 * flow**2 * rest, 0.0))
+    # The stable form of the root, whichever sign the slope has.
+    amplitude = 2 * np.maximum(rest, 0.0) / np.maximum(slope + root, 1e-300)
+    return np.asarray(amplitude.min(axis=1))
+
+
+_PHASES = 720
+
+KIND = ServoCylinder
