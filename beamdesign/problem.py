@@ -10,7 +10,7 @@ from beamdesign import quantities as q
 from beamdesign import records
 from beamdesign.controllers import SENSED, Sensed
 from beamdesign.parameters import stated_or_typical
-from beamdesign.plant.actuators import Actuator
+from beamdesign.plant.actuators import Actuator, WithActuator
 from beamdesign.prototype import (
     Beam,
     Goal,
@@ -21,7 +21,6 @@ from beamdesign.prototype import (
     Supply,
     Tolerance,
     beams_that_do_not_fit,
-    tables_of_another_actuator,
 )
 from beamdesign.records import Problem, Record, numbers
 from beamdesign.structure.materials import BEAMS, MATERIAL, MaterialByName, WithMaterials
@@ -135,7 +134,7 @@ class ControllerKind(Sought):
     kind: Tuned = Field("lag", description="law that the tuner works with")
 
 
-class DesignProblem(WithMaterials):
+class DesignProblem(WithMaterials, WithActuator):
     """A study file: load, beams to size, hydraulics, and the guarantees asked for."""
 
     name: str = Field(min_length=1, description="what the design is called in tables and reports")
@@ -159,7 +158,6 @@ class DesignProblem(WithMaterials):
         """Given sections fit, fixed ones are given, an actuator has its tables, and there is a payload range."""
         yield from super().relations(table)
         yield from beams_that_do_not_fit(table)
-        yield from tables_of_another_actuator(table)
         sections, payload = table.get("sections"), table.get("payload")
         if isinstance(sections, Mapping) and sections.get("choose") == "fixed":
             for name in BEAMS:
@@ -168,11 +166,6 @@ class DesignProblem(WithMaterials):
                     yield Problem(name, "sections.choose is 'fixed', so width_m and wall_m are needed")
         if isinstance(payload, Mapping) and payload.get("outer_end_mass_kg") is None:
             yield Problem("payload.outer_end_mass_kg", "missing: the range [least, most] of mass on the outer tip")
-
-    @property
-    def rig(self) -> str:
-        """Which of `beamdesign.plant.assembly.RIGS` it asks for."""
-        return self.actuator.rig
 
     @property
     def given(self) -> tuple[SquareTube, SquareTube] | None:

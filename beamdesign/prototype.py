@@ -12,7 +12,7 @@ from beamdesign import quantities as q
 from beamdesign import records
 from beamdesign.controllers import Cascade, Controller, Scheduled
 from beamdesign.files import read_bytes, write_whole
-from beamdesign.plant.actuators import KINDS, Actuator, ActuatorTolerance
+from beamdesign.plant.actuators import Actuator, ActuatorTolerance, WithActuator
 from beamdesign.plant.actuators.servo_cylinder import Servovalve, Supply
 from beamdesign.records import FileName, NonNegative, Positive, Problem, Record, numbers
 from beamdesign.spelling import shorter
@@ -202,7 +202,7 @@ class Guarantee(Record):
     )
 
 
-class Prototype(WithMaterials):
+class Prototype(WithMaterials, WithActuator):
     """A twin-beam rig in SI: one record that is designed, certified, built, measured and diagnosed."""
 
     name: str = Field(min_length=1, description="what the rig is called in tables and reports")
@@ -226,11 +226,6 @@ class Prototype(WithMaterials):
         default_factory=dict,
         description="effects beyond the linear rig, [effects.NAME] each; see `beamdesign explain NAME`",
     )
-
-    @property
-    def rig(self) -> str:
-        """Which of `beamdesign.plant.assembly.RIGS` it is."""
-        return self.actuator.rig
 
     @property
     def schedule(self) -> Scheduled | None:
@@ -270,10 +265,9 @@ class Prototype(WithMaterials):
 
     @classmethod
     def relations(cls, table: Mapping[str, Any]) -> Iterator[Problem]:
-        """The beams fit each other, and the tables of an actuator are those of its kind."""
+        """The beams fit each other, and what the materials and the actuator ask."""
         yield from super().relations(table)
         yield from beams_that_do_not_fit(table)
-        yield from tables_of_another_actuator(table)
 
     @model_validator(mode="after")
     def _laws_cover_the_payload(self) -> "Prototype":
@@ -308,22 +302,6 @@ class InStage(NamedTuple):
         """Payloads that stand for its range where nothing is proved: both ends and the middle."""
         low, high = self.outer_end_mass_kg
         return tuple(sorted({low, (low + high) / 2, high}))
-
-
-def tables_of_another_actuator(table: Mapping[str, Any]) -> Iterator[Problem]:
-    """Tables that a study or a prototype lacks for its actuator, or has of another."""
-    given = table.get("actuator")
-    kind = (
-        given.get("kind", Actuator.where_none_is_stated) if isinstance(given, Mapping) else getattr(given, "kind", "")
-    )
-    if kind not in KINDS:
-        return
-    for name, default in (("servovalve", None), ("supply", Supply())):
-        stated = table.get(name, default) not in (None, default)
-        if stated and name not in KINDS[kind].tables:
-            yield Problem(name, f"a {kind} has none")
-        if default is None and not stated and name in KINDS[kind].tables:
-            yield Problem(name, "missing")
 
 
 def beams_that_do_not_fit(table: Mapping[str, Any]) -> Iterator[Problem]:

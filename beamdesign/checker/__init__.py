@@ -178,7 +178,8 @@ KEYS = {
     "compliance": ("end_stiffness_N_per_m", "force_filter_Hz", "servo"),
     "tolerance": (
         "stiffness", "effective_mass", "beam_damping_ratio", "oil_stiffness", "piston_area", "flow_gain", "leakage",
-        "valve_natural_frequency", "valve_damping_ratio", "screw_stiffness", "lead", "torque_constant", "rotor_inertia",
+        "valve_natural_frequency", "valve_damping_ratio", "screw_stiffness", "screw_damping",
+        "lead", "torque_constant", "rotor_inertia",
         "rotor_friction", "speed_feedback", "current_loop", "sensor_gain", "sensor_filter", "outer_end_mass",
         "inner_end_mass",
     ),

@@ -24,8 +24,9 @@ from beamdesign.checker.roots import Pair, is_hurwitz
 _DEVIATIONS = {
     "oil_stiffness": "oil_stiffness", "piston_area": "piston_area", "flow_gain": "flow_gain", "leakage": "leakage",
     "valve_frequency": "valve_natural_frequency", "valve_damping_ratio": "valve_damping_ratio",
-    "screw_stiffness": "screw_stiffness", "lead": "lead", "torque_constant": "torque_constant",
-    "rotor_inertia": "rotor_inertia", "rotor_friction": "rotor_friction", "speed_feedback": "speed_feedback",
+    "screw_stiffness": "screw_stiffness", "screw_damping": "screw_damping", "lead": "lead",
+    "torque_constant": "torque_constant", "rotor_inertia": "rotor_inertia", "rotor_friction": "rotor_friction",
+    "speed_feedback": "speed_feedback",
     "current_loop": "current_loop", "sensor_gain": "sensor_gain", "filter_frequency": "sensor_filter",
     "inner_end_mass": "inner_end_mass",
 } | {

@@ -142,7 +142,10 @@ def mechanics(
         yield {"inner": one}, ring([0, 0, figure["inner_mass_kg"] + end_masses[1]])
         yield points["tip"], ring([0, 0, end_masses[0]])
         if screw:
-            yield motion({"nut": one, "tip": -one, "rod": one}), ring([figure["screw_stiffness_N_per_m"]])
+            yield (
+                motion({"nut": one, "tip": -one, "rod": one}),
+                ring([figure["screw_stiffness_N_per_m"], figure["screw_damping_N_s_per_m"]]),
+            )
         yield from ((motion(moved), ring(resists)) for moved, resists in elements.impedances)
 
     network = list(parts())

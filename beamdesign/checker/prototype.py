@@ -70,7 +70,7 @@ MODE_MASS_FRACTION = fmpq(236, 1000)
 DEFAULTS: dict[str, dict[str, Any]] = {
     "beam": {"damping_ratio": 0.05, "corner_radius_m": 0.0, "end_mass_kg": 0.0},
     "servovalve": {"damping_ratio": 0.5},
-    "actuator": {"rotor_friction_N_m_s_per_rad": 0.0},
+    "actuator": {"rotor_friction_N_m_s_per_rad": 0.0, "screw_damping_N_s_per_m": 0.0},
     "payload": {"inner_end_mass_kg": 0.0},
     "goal": {
         "compliance_m_per_N": 5.71e-8,
@@ -271,7 +271,8 @@ def _servo_cylinder(prototype: Mapping[str, Any]) -> dict[str, arb | None]:
 
 def _ball_screw(prototype: Mapping[str, Any]) -> dict[str, arb | None]:
     same = (
-        "screw_stiffness_N_per_m", "torque_constant_N_m_per_A", "rotor_inertia_kg_m2", "rotor_friction_N_m_s_per_rad",
+        "screw_stiffness_N_per_m", "screw_damping_N_s_per_m",
+        "torque_constant_N_m_per_A", "rotor_inertia_kg_m2", "rotor_friction_N_m_s_per_rad",
         "speed_feedback_A_s_per_rad",
     )  # fmt: skip
     return {

@@ -29,8 +29,8 @@ OF_ACTUATOR = {
         "valve_frequency_rad_per_s", "valve_damping_ratio",
     ),
     "ball_screw": (
-        "screw_stiffness_N_per_m", "lead_m_per_rad", "torque_constant_N_m_per_A", "rotor_inertia_kg_m2",
-        "rotor_friction_N_m_s_per_rad", "speed_feedback_A_s_per_rad", "current_loop_rad_per_s",
+        "screw_stiffness_N_per_m", "screw_damping_N_s_per_m", "lead_m_per_rad", "torque_constant_N_m_per_A",
+        "rotor_inertia_kg_m2", "rotor_friction_N_m_s_per_rad", "speed_feedback_A_s_per_rad", "current_loop_rad_per_s",
     ),
 }  # fmt: skip
 """Figures of the actuator, by the kind of rig."""
@@ -41,7 +41,7 @@ _UNIT = re.compile(
 )
 MAY_BE_ZERO = (
     "outer_damping_N_s_per_m", "inner_damping_N_s_per_m", "leakage_m3_per_s_per_Pa", "rotor_friction_N_m_s_per_rad",
-    "speed_feedback_A_s_per_rad",
+    "speed_feedback_A_s_per_rad", "screw_damping_N_s_per_m",
 )  # fmt: skip
 MOST_MEMBERS = 64
 """Combinations of the ends of spans: twice what all effects together come to."""

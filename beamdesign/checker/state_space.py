@@ -70,12 +70,15 @@ class StateSpace:
     def _plant(self, rig: "Rig") -> dict[str, Row]:
         """Fill in the rows of the rig; what is sensed, as rows over the states."""
         f, rows = rig.figures, self._rows
-        x, v, c, y, u, *_ = range(len(_PLANT))
+        x, v, c, y, u, q, _ = range(len(_PLANT))
         rows[x][v] = rows[y][u] = fmpq(1)
         screw = rig.kind == "ball_screw"
         spring = f["screw_stiffness_N_per_m"] if screw else f["oil_stiffness_N_per_m"]
-        # The actuator's force is K_c (X_c - X_m), or K_s (X_n - (X_m - X_f)) with the nut's travel X_n.
-        force = {c: spring, x: -spring} | ({y: spring} if screw else {})
+        # The actuator's force is K_c (X_c - X_m), or K_s d + c_s d' with d = X_n - (X_m - X_f), X_n the nut's travel.
+        force = {c: spring, x: -spring}
+        if screw:
+            damping = f["screw_damping_N_s_per_m"]
+            force |= {y: spring, q: damping, v: -damping, u: damping}
         # (7), (9): (M_m + m) X_m'' = F - K_m X_m - b_m X_m', which `matrix` divides by the mass
         rows[v][x], rows[v][v] = -f["outer_stiffness_N_per_m"], -f["outer_damping_N_s_per_m"]
         # (8), (10): (M_f + n) X_f'' = -F - K_f X_f - b_f X_f'

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from beamdesign.controllers.form import Form, Polynomials
 
 
-_GAIN = (1e-4, 100.0)
+_GAIN = (1e-4, 1e4)
 """A/V, least and largest gain that is tuned for."""
 
 _DIGITS = 6

@@ -5,7 +5,8 @@ screw would move the nut, i the motor's current and F the axial force,
 
     i'     = w_c (i_law - k_w v / h - i)             current loop; the drive takes off a current for the rotor's speed
     J v'   = h (K_t i - h (F + friction)) - b v      rotor, coupling and screw
-    F      = K_s (travel - stroke), travel' = v      screw, nut and bearings as one spring
+    F      = K_s d + c_s d', d = travel - stroke     screw, nut and bearings as one spring with a dashpot
+    travel' = v
 
 Speed feedback makes a source of speed that gives way to force of what would be a free rotor, as a leaking valve is one;
 the rotor's inertia, J / h^2 at the nut, is what a servovalve does not have. What the torque's reaction does to the
@@ -48,6 +49,7 @@ SCREW = Component(
         "friction_N": lambda port, figure, state: 0.0,
         "actuator_force_N": lambda port, figure, state: (
             figure["screw_stiffness"] * (state["travel_m"] - port["stroke_m"])
+            + figure["screw_damping"] * (state["travel_m_per_s"] - port["stroke_m_per_s"])
         ),
     },
     _motion,
@@ -66,6 +68,7 @@ class BallScrew(Actuator):
     kind: Literal["ball_screw"] = "ball_screw"
     lead_m: q.Lead = Field(description="travel of the nut per turn")
     screw_stiffness_N_per_m: q.Stiffness = Field(description="K_s, axial: screw, nut and bearings in series")
+    screw_damping_N_s_per_m: q.Damping = Field(0.0, description="c_s, of the same, beside K_s")
     torque_constant_N_m_per_A: q.TorqueConstant = Field(description="K_t, torque of the motor per current")
     rotor_inertia_kg_m2: q.RotorInertia = Field(description="J of rotor, coupling and screw about their axis")
     rotor_friction_N_m_s_per_rad: q.RotorFriction = Field(0.0, description="b, viscous, of rotor, screw and bearings")
@@ -82,6 +85,10 @@ class BallScrew(Actuator):
         Parameter(
             "screw_stiffness", "K_s", "N/m", "actuator.screw_stiffness_N_per_m", "screw_stiffness", "actuator", 0.15,
             "the axial stiffness of the screw",
+        ),
+        Parameter(
+            "screw_damping", "c_s", "N s/m", "actuator.screw_damping_N_s_per_m", "screw_damping", "actuator", 0.3,
+            "the axial damping of the screw",
         ),
         Parameter("lead", "h", "m/rad", "actuator.lead_m", "lead", "actuator", 0.0, "the lead of the screw"),
         Parameter(
@@ -137,8 +144,13 @@ class BallScrew(Actuator):
 
     @classmethod
     def compliance(cls, figure: Signals, s: Any) -> Any:
-        """1 / K_s + 1 / (s R(s)), R being what rotor, friction and speed feedback resist at the nut, N s/m."""
-        return 1 / figure["screw_stiffness"] + 1 / (s * cls._resistance(figure, s)[0])
+        """1 / (K_s + c_s s) + 1 / (s R(s)), R being what rotor, friction and feedback resist at the nut, N s/m."""
+        return cls._give(figure, s) + 1 / (s * cls._resistance(figure, s)[0])
+
+    @classmethod
+    def _give(cls, figure: Signals, s: Any) -> Any:
+        """What a force compresses the screw by, m/N."""
+        return 1 / (figure["screw_stiffness"] + figure["screw_damping"] * s)
 
     @classmethod
     def travel(cls, figure: Signals, s: Any) -> Any:
@@ -149,7 +161,7 @@ class BallScrew(Actuator):
     def signals(self, figure: Signals, s: Any, force: Any, stroke: Any) -> dict[str, Any]:
         """Speed of the rotor, rad/s, and the motor's current, A, that moves it against force and friction."""
         lead = figure["lead"]
-        speed = s * (stroke + force / figure["screw_stiffness"]) / lead
+        speed = s * (stroke + force * self._give(figure, s)) / lead
         torque = (figure["rotor_inertia"] * s + figure["rotor_friction"]) * speed + lead * force
         return {"speed": speed, "motor_current": torque / figure["torque_constant"]}
 
@@ -213,6 +225,7 @@ class BallScrew(Actuator):
         rows = (
             Row("lead of the screw", self.lead_m, None, "m"),
             Row("axial stiffness of screw, nut and bearings K_s", self.screw_stiffness_N_per_m, None, "N/m"),
+            Row("axial damping of these c_s", self.screw_damping_N_s_per_m, None, "N s/m"),
             Row("torque constant K_t", torque, None, "N m/A"),
             Row("inertia of rotor, coupling and screw J", self.rotor_inertia_kg_m2, None, "kg m2"),
             Row("the same at the nut, J / h²", at_nut, None, "kg", "inertia_at_the_nut_kg"),
