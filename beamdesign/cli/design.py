@@ -237,7 +237,7 @@ def front(
         nominal: guarantee it for exactly the figures stated.
     """
     from beamdesign.report.canvas import new_figure
-    from beamdesign.report.figures import plot_front
+    from beamdesign.report.trades import plot_front
     from beamdesign.synthesis.codesign import pareto_front
 
     problem = _read(study, nominal)
@@ -289,7 +289,7 @@ def remedies(
     """
     from beamdesign.quantity_text import stated_bandwidth
     from beamdesign.report.canvas import new_figure
-    from beamdesign.report.figures import plot_remedies
+    from beamdesign.report.trades import plot_remedies
     from beamdesign.sweep.tasks import REMEDY
     from beamdesign.synthesis import remedies as room
 
