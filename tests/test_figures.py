@@ -222,7 +222,10 @@ def test_published_figures_have_axes_captions_and_no_text_cut_off(draw):
     assert len(drawing.caption) > 40
     assert drawing.claim
     assert cut_off(drawing.figure) == []
+    title = drawing.figure._suptitle.get_window_extent()
+    assert title.width > 0
     for axes in drawing.figure.axes:
+        assert not title.overlaps(axes.get_tightbbox())
         assert axes.get_ylabel() or axes.get_title()
 
 

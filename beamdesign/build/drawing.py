@@ -87,7 +87,7 @@ def drawing(prototype: Prototype) -> "Drawing":
     style = document.dimstyles.duplicate_entry("EZDXF", _STYLE)
     style.set_arrows(blk="")
     for key, value in {
-        "dimscale": scale, "dimtxt": 3.0, "dimasz": 2.5, "dimtsz": 0.0, "dimexo": 1.0, "dimexe": 1.5, "dimgap": 1.0,
+        "dimscale": scale, "dimtxt": 3.0, "dimasz": 2.5, "dimtsz": 0.0, "dimexo": 1.0, "dimexe": 1.0, "dimgap": 1.2,
         "dimdec": 2, "dimzin": 8, "dimlfac": 1.0, "dimtad": 1, "dimdsep": ord("."),
     }.items():  # fmt: skip
         style.dxf.set(key, value)
@@ -197,12 +197,18 @@ def _lengthwise(space: "Modelspace", outer: Tube, inner: Tube, scale: float) -> 
     _dimension(space, (-inner.free, -inside), (0, -inside), (0, low - step), text="inner, free <>")
     _dimension(space, (-outer.free, -half), (0, -half), (0, low - 2 * step), text="outer, free <>")
     if outer.cut is not None:
-        _dimension(space, (outer.back, -half), (-outer.free, -half), (0, low - 2 * step), text="clamp <>")
+        _clamp(space, outer, -half, low - 2 * step, scale)
         _dimension(space, (outer.back, -half), (0, -half), (0, low - 3 * step), text="outer, cut <>")
     high = half + thick
     if inner.cut is not None:
-        _dimension(space, (inner.back, inside), (-inner.free, inside), (0, high + step), text="clamp <>")
+        _clamp(space, inner, inside, high + step, scale)
         _dimension(space, (inner.back, inside), (0, inside), (0, high + 2 * step), text="inner, cut <>")
+
+
+def _clamp(space: "Modelspace", tube: Tube, edge: float, line: float, scale: float) -> None:
+    """The clamped length of a tube; where it is too short for the words they stand on its left."""
+    aside = (tube.back - 13 * scale, line) if -tube.free - tube.back < 23 * scale else None
+    _dimension(space, (tube.back, edge), (-tube.free, edge), (0, line), text="clamp <>", text_at=aside)
 
 
 def _across(space: "Modelspace", outer: Tube, inner: Tube, scale: float) -> None:
