@@ -16,7 +16,7 @@ from beamdesign.cli.command import (
     mass_range,
     write_drawn,
 )
-from beamdesign.cli.output import default_folder, echo, echo_table, progress, refuse
+from beamdesign.cli.output import default_folder, echo, echo_table, progress, refuse, tuning_takes
 from beamdesign.files import write_set
 from beamdesign.json_text import picked
 from beamdesign.public import SIGMAS
@@ -51,7 +51,7 @@ def run(
     from beamdesign.synthesis.design_run import run_design
 
     problem = _read(study, nominal)
-    with progress("designing") as update:
+    with progress("designing", tuning_takes(problem.controller.kind)) as update:
         result = run_design(problem, update, 0.0 if nominal else sigmas)
         if result.prototype is not None:
             update(0.95, "drawing the report")
@@ -144,7 +144,7 @@ def codesign(
 
     problem = _read(study, nominal)
     masses = mass_range(outer_end_mass, problem.payload.outer_end_mass_kg, study)
-    with progress("co-design") as update:
+    with progress("co-design", "1 to 5 minutes") as update:
         found = room.codesign(problem, masses, bandwidth_Hz, progress=update, sigmas=0.0 if nominal else sigmas)
     point = found.point
     if point is None:
@@ -248,7 +248,7 @@ def front(
     ends: Sequence[float] = [masses[1]]
     if payloads_kg is not None:
         ends = figures_of("--payloads-kg", payloads_kg, "Mass", expected)
-    with progress("front") as update:
+    with progress("front", "minutes to half an hour") as update:
         ranges = [(min(masses[0], end), end) for end in ends]
         found = pareto_front(problem, bandwidths, ranges, update, 0.0 if nominal else sigmas)
     rows = [_front_row(design) for design in found.designs]
@@ -298,7 +298,7 @@ def remedies(
     for name, beam in (("outer_beam", problem.outer_beam), ("inner_beam", problem.inner_beam)):
         if beam.width_m is None:
             refuse(study, (name, "the remedies start from given sections: width_m and wall_m are needed"))
-    with progress("remedies") as update:
+    with progress("remedies", "minutes to half an hour") as update:
         found = room.remedies(problem, masses, added_mass_kg, update, 0.0 if nominal else sigmas)
     rows = [
         {
