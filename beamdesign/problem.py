@@ -1,6 +1,7 @@
 """The design problem of a study file: what is asked for, before any section or controller is chosen."""
 
 from collections.abc import Iterator, Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any, Literal
 
@@ -25,6 +26,7 @@ from beamdesign.records import Problem, Record, numbers
 from beamdesign.structure.materials import BEAMS, MATERIAL, MaterialByName, WithMaterials
 from beamdesign.structure.section import Tube
 from beamdesign.structure.shapes import Shaped, beams_that_do_not_fit, tube_of
+from beamdesign.structure.stock import stock_tubes
 
 
 class Load(Record):
@@ -168,7 +170,15 @@ class DesignProblem(WithMaterials):
         yield from super().relations(table)
         yield from beams_that_do_not_fit(table)
         sections, payload = table.get("sections"), table.get("payload")
-        if isinstance(sections, Mapping) and sections.get("choose") == "fixed":
+        read = sections.get if isinstance(sections, Mapping) else partial(getattr, sections)
+        choose = read("choose", "stock")
+        for name in BEAMS:
+            ratio = numbers(table, f"{name}.depth_over_width")
+            if ratio and choose == "stock" and not stock_tubes("rectangle", ratio[0]):
+                known = ", ".join(sorted({f"{tube.depth_over_width:.4g}" for tube in stock_tubes("rectangle")}))
+                words = f"no rectangular stock tube has {ratio[0]:g}, but {known}; or sections.choose = 'free'"
+                yield Problem(f"{name}.depth_over_width", words)
+        if choose == "fixed":
             for name in BEAMS:
                 beam = table.get(name)
                 if isinstance(beam, Mapping) and (beam.get("width_m") is None or beam.get("wall_m") is None):

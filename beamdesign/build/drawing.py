@@ -221,7 +221,8 @@ def _across(space: "Modelspace", outer: Drawn, inner: Drawn, scale: float) -> No
             _dimension(space, (x - side, low), (x - side, -low), (x - half - drop, 0), 90)
     right, left, top = x + half, x - inside, high + step
     at_outer, at_inner = (0.0 if tube.section.shape == "round" else 0.3 * tube.depth for tube in (outer, inner))
-    _dimension(space, (right - outer.wall, at_outer), (right, at_outer), (0, top), text="outer wall <>")
+    aside = (right + 18 * scale, top) if outer.section.shape == "rectangle" else None  # clear of the inner wall's lines
+    _dimension(space, (right - outer.wall, at_outer), (right, at_outer), (0, top), text="outer wall <>", text_at=aside)
     _dimension(space, (left, at_inner), (left + inner.wall, at_inner), (0, top + step), text="inner wall <>")
     beside = right + 1.5 * step
     words = (beside + 13 * scale, (inner.depth / 2 + high - outer.wall) / 2)

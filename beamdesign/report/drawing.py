@@ -122,12 +122,16 @@ def draw_section(prototype: Prototype, axes: "Axes") -> "Axes":
         edge = 0.0 if inner.section.shape == "round" else -inner.depth / 2
         axes.plot([x, x], [edge, low - 2.6 * step], color=_LINE, linewidth=0.4, linestyle=":")
     along, *across = clearances(outer.section, inner.section)
-    words = [f"outer wall {outer.wall:.3g}", f"inner wall {inner.wall:.3g}", f"gap {along:.3g}"]
-    words += [f"{gap:.3g} across" for gap in across]
-    words += [f"depth {tube.depth:.4g}" for tube in (outer, inner) if tube.section.shape == "rectangle"]
-    for row, text in enumerate(words):
-        axes.text(0, reach * (0.34 - 0.34 * row), text, ha="center", va="center", fontsize=7)
-    axes.set(xlim=(-half - step, half + step), ylim=(low - 4 * step, step - low), aspect="equal")
+    words, top, row = [f"outer wall {outer.wall:.3g}", f"inner wall {inner.wall:.3g}", f"gap {along:.3g}"], 0.34, 0.34
+    bottom = low - 4 * step
+    if across:  # no room for words inside: they stand below, with the depths
+        words = [f"walls {outer.wall:.3g} and {inner.wall:.3g}", f"gaps {along:.3g}, {across[0]:.3g} across"]
+        words.insert(0, f"depths {outer.depth:.4g} and {inner.depth:.4g}")
+        top, row = bottom / reach, 0.12 * outer.depth / reach
+        bottom -= 0.36 * outer.depth
+    for k, text in enumerate(words):
+        axes.text(0, reach * (top - row * k), text, ha="center", va="center", fontsize=7)
+    axes.set(xlim=(-half - step, half + step), ylim=(bottom, step - low), aspect="equal")
     axes.set_axis_off()
     axes.set_title("Section, mm", fontsize=9)
     return axes
