@@ -3,10 +3,10 @@
 Axes: x along the beam away from the clamp, y sideways, z upwards; everything is seen from the tip, where actuators and
 sensors are. The payload's centre stands at `offset_m` from there.
 
-One inner beam with two actuators at right angles is what is modelled, not a pair of inner beams: a square or round tube has
-the same second moment about every axis (a rectangle is refused), so that one tube serves both directions at once with
-the stiffness and the mass it has in one, where a second tube would need room and moving mass of its own. Both actuators
-pull at the beam's axis and are pinned, so that they neither twist the outer beam nor hinder it.
+One inner beam with two actuators at right angles is what is modelled, not a pair of inner beams: a square or round tube
+has the same second moment about every axis (a rectangle is refused), so that one tube serves both directions at once
+with the stiffness and the mass it has in one, where a second tube would need room and moving mass of its own. Both
+actuators pull at the beam's axis and are pinned, so that they neither twist the outer beam nor hinder it.
 
 Left out: the tilt of an actuator when the inner tip moves across it, which turns a share d / l of its force (travel
 across d, length between pins l) into the other plane, moves the tip there by d^2 / 2l, a disturbance that the other
