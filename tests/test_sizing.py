@@ -10,12 +10,14 @@ import pytest
 from scipy.optimize import minimize
 
 from beamdesign.problem import DesignProblem, read_problem
+from beamdesign.structure.materials import BEAMS
 from beamdesign.structure.section import Tube
 from beamdesign.structure.stock import stock_tubes
 from beamdesign.synthesis.checks import REQUIREMENTS, beam_mass, check_sections, checks
 from beamdesign.synthesis.free_search import (
     Conditions,
     free_optimum,
+    pair_of,
     sizes_of,
     sizing_program,
     solve,
@@ -34,12 +36,14 @@ def problem() -> DesignProblem:
 
 
 def asking(problem: DesignProblem, **figures: Any) -> DesignProblem:
-    """The problem with other requirements, by their field names in `Requirements`, or another `choose`."""
+    """The problem with other requirements, by their names in `Requirements`, `choose`, or shape of both beams."""
+    shape = {key: figures.pop(key) for key in ("shape", "depth_over_width") if key in figures}
+    beams = {name: getattr(problem, name).but(**shape) for name in BEAMS}
     tables: dict[str, dict[str, Any]] = {}
     for name, figure in figures.items():
         table, key = (REQUIREMENTS[name].key if name in REQUIREMENTS else f"sections.{name}").split(".")
         tables.setdefault(table, {})[key] = figure
-    return problem.but(**{table: getattr(problem, table).but(**changes) for table, changes in tables.items()})
+    return problem.but(**beams, **{table: getattr(problem, table).but(**changes) for table, changes in tables.items()})
 
 
 def by_slsqp(problem: DesignProblem, without: str = "") -> tuple[float, np.ndarray]:
@@ -47,8 +51,7 @@ def by_slsqp(problem: DesignProblem, without: str = "") -> tuple[float, np.ndarr
     units = np.array([0.1, 0.001, 0.1, 0.001])
 
     def tubes(scaled: np.ndarray) -> tuple[Tube, Tube]:
-        sizes = (scaled * units).tolist()
-        return Tube(*sizes[:2]), Tube(*sizes[2:])
+        return pair_of(problem, (scaled * units).tolist())
 
     def slacks(scaled: np.ndarray) -> np.ndarray:
         found = checks(problem, *tubes(scaled))
@@ -78,6 +81,9 @@ VARIANTS: dict[str, dict[str, Any]] = {
     "stocky": {"width_to_wall_at_most": 40.0},
     "thin walls": {"least_wall_m": 0.0005},
     "thick walls": {"least_wall_m": 0.005},
+    "round": {"shape": "round"},
+    "upright": {"shape": "rectangle", "depth_over_width": 1.5, "choose": "free"},
+    "lying": {"shape": "rectangle", "depth_over_width": 0.8, "choose": "free"},
 }
 
 
@@ -145,7 +151,7 @@ def test_shadow_prices_are_those_of_resolved_problems(problem, optimum, variant)
     asked, free = asking(problem, **VARIANTS[variant]), optimum(variant)
     program = sizing_program(asked)
     conditions, ready = Conditions(program), solver(program, program.mass, program.constraints)
-    start = start_variables(asked, np.array([*free.pair.outer, *free.pair.inner]))
+    start = start_variables(asked, sizes_of((free.pair.outer, free.pair.inner)))
 
     def least_mass(figures):
         end = solve(ready, start, figures)

@@ -54,8 +54,7 @@ class Drawn:
     @property
     def outlines(self) -> tuple[tuple[float, float, float], tuple[float, float, float]]:
         """Half the width, half the depth and the corner radius, outside and inside."""
-        width, depth, radius = self.width / 2, self.depth / 2, float(self.section.corner_radius_m)
-        wall = self.wall
+        width, depth, radius, wall = self.width / 2, self.depth / 2, float(self.section.corner_radius_m), self.wall
         return (width, depth, radius), (width - wall, depth - wall, max(radius - wall, 0.0))
 
     @property
@@ -76,11 +75,10 @@ def tubes_of(prototype: Prototype) -> tuple[Drawn, Drawn]:
 def _tube(record: Beam) -> Drawn:
     if record.tube is None or record.free_length_m is None:
         raise ValueError("a drawing needs the width and the wall of both beams, and their free length")
-    cut = None if record.length_m is None else _mm(record.length_m)
     sizes = {key: getattr(record, key) for key in ("width_m", "wall_m", "depth_m", "corner_radius_m")}
     section = tube_of({key: _mm(size) for key, size in sizes.items() if size is not None} | {"shape": record.shape})
     assert section is not None  # in metres it was one
-    return Drawn(section, _mm(record.free_length_m), cut)
+    return Drawn(section, _mm(record.free_length_m), None if record.length_m is None else _mm(record.length_m))
 
 
 def gap_text(outer: Drawn, inner: Drawn) -> str:
@@ -113,23 +111,21 @@ def draw_section(prototype: Prototype, axes: "Axes") -> "Axes":
     _ring(axes, outer, _OUTER)
     _ring(axes, inner, _INNER)
     half, low, step = outer.width / 2, -outer.depth / 2, 0.13 * outer.width
-    sign = {"round": "Ø "}
+    reach, edge = inner.width / 2, 0.0 if inner.section.shape == "round" else -inner.depth / 2
     for tube, drop in ((outer, step), (inner, 2.4 * step)):
-        ends = ((-tube.width / 2, low - drop), (tube.width / 2, low - drop))
-        _dimension(axes, *ends, f"{sign.get(tube.section.shape, '')}{tube.width:.4g}", below=True)
-    reach = inner.width / 2
+        words = f"{'Ø ' if tube.section.shape == 'round' else ''}{tube.width:.4g}"
+        _dimension(axes, (-tube.width / 2, low - drop), (tube.width / 2, low - drop), words, below=True)
     for x in (-reach, reach):
-        edge = 0.0 if inner.section.shape == "round" else -inner.depth / 2
         axes.plot([x, x], [edge, low - 2.6 * step], color=_LINE, linewidth=0.4, linestyle=":")
     along, *across = clearances(outer.section, inner.section)
-    words, top, row = [f"outer wall {outer.wall:.3g}", f"inner wall {inner.wall:.3g}", f"gap {along:.3g}"], 0.34, 0.34
+    lines, top, row = [f"outer wall {outer.wall:.3g}", f"inner wall {inner.wall:.3g}", f"gap {along:.3g}"], 0.34, 0.34
     bottom = low - 4 * step
     if across:  # no room for words inside: they stand below, with the depths
-        words = [f"walls {outer.wall:.3g} and {inner.wall:.3g}", f"gaps {along:.3g}, {across[0]:.3g} across"]
-        words.insert(0, f"depths {outer.depth:.4g} and {inner.depth:.4g}")
+        pairs = (("depths", outer.depth, inner.depth), ("walls", outer.wall, inner.wall))
+        lines = [*(f"{name} {a:.4g} and {b:.4g}" for name, a, b in pairs), f"gaps {along:.3g}, {across[0]:.3g} across"]
         top, row = bottom / reach, 0.12 * outer.depth / reach
         bottom -= 0.36 * outer.depth
-    for k, text in enumerate(words):
+    for k, text in enumerate(lines):
         axes.text(0, reach * (top - row * k), text, ha="center", va="center", fontsize=7)
     axes.set(xlim=(-half - step, half + step), ylim=(bottom, step - low), aspect="equal")
     axes.set_axis_off()
