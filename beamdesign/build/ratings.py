@@ -18,7 +18,8 @@ from beamdesign.prototype import Beam, InStage, Prototype
 from beamdesign.quantity_text import tube_text
 from beamdesign.structure import beam
 from beamdesign.structure.lumped import lumped_beam
-from beamdesign.structure.section import Tube, clearances
+from beamdesign.structure.section import Tube
+from beamdesign.structure.shapes import gaps
 from beamdesign.structure.stock import stock_tubes
 from beamdesign.synthesis.operating_limits import MARGIN, Envelope, envelope, needs, smaller_side
 
@@ -152,9 +153,9 @@ def _performance(reached: Guaranteed | None) -> tuple[float | None, float | None
 
 def _gaps(outer: Beam, inner: Beam) -> tuple[float, ...]:
     """Play per side at assembly, m: along the load, and across where it is another."""
-    assert outer.tube is not None  # stock is chosen where both have a geometry
-    assert inner.tube is not None
-    return clearances(outer.tube, inner.tube)
+    found = gaps(outer, inner)
+    assert found is not None  # stock is chosen where both have a geometry
+    return found
 
 
 PRESSURE_SHARE = 2 / 3

@@ -1,6 +1,7 @@
 """What a beam's table says of its tube: shape and sizes, what cannot be, and whether one tube goes into another."""
 
 from collections.abc import Iterator, Mapping
+from functools import partial
 from typing import Any, Literal
 
 from pydantic import Field, model_serializer
@@ -59,35 +60,47 @@ class Shaped(Record):
         return {key: value for key, value in handler(self).items() if (key, value) != ("shape", "square")}
 
 
-def tube_of(beam: Any) -> Tube | None:
-    """The tube of a beam, record or table; None where a size is missing or no number, or the shape unknown."""
-    said = beam.get if isinstance(beam, Mapping) else lambda key, other=None: getattr(beam, key, other)
-    sizes, kind = numbers({"beam": beam}, "beam.width_m", "beam.wall_m"), SHAPES.get(said("shape", "square"))
-    if sizes is None or kind is None:
+def tube_of(beam: Any, wall_m: float | None = None) -> Tube | None:
+    """The tube of a beam, record or table; None where a size is missing or no number, or the shape unknown.
+
+    Args:
+        beam: whose sizes are read.
+        wall_m: what counts where it states no wall.
+    """
+    said = beam.get if isinstance(beam, Mapping) else partial(getattr, beam)
+
+    def figure(key: str, other: float | None = None) -> float | None:
+        found = numbers({"beam": beam}, f"beam.{key}")
+        return other if found is None else found[0]
+
+    width, wall = figure("width_m"), figure("wall_m", wall_m)
+    kind, radius = SHAPES.get(said("shape", "square")), figure("corner_radius_m", 0.0)
+    if width is None or wall is None or kind is None:
         return None
     if kind is RoundTube:
-        return RoundTube(sizes[0], sizes[1])
-    radius = (numbers({"beam": beam}, "beam.corner_radius_m") or (0.0,))[0]
+        return RoundTube(width, wall)
     if kind is Tube:
-        return Tube(sizes[0], sizes[1], radius)
-    depth, ratio = (numbers({"beam": beam}, f"beam.{key}") for key in DEPTHS)
-    if depth is not None and sizes[0] > 0:
-        ratio = (depth[0] / sizes[0],)
-    return None if ratio is None else RectangularTube(sizes[0], sizes[1], radius, depth_over_width=ratio[0])
+        return Tube(width, wall, radius)
+    depth, ratio = figure("depth_m"), figure("depth_over_width")
+    ratio = ratio if depth is None or width <= 0 else depth / width
+    return None if ratio is None else RectangularTube(width, wall, radius, depth_over_width=ratio)
+
+
+def gaps(outer: Any, inner: Any) -> tuple[float, ...] | None:
+    """The `clearances` of two beams, m; None where a size is missing. Nobody needs to know the inner wall."""
+    around, inside = tube_of(outer), tube_of(inner, wall_m=0.0)
+    return None if around is None or inside is None else tuple(map(float, clearances(around, inside)))
 
 
 def beams_that_do_not_fit(table: Mapping[str, Any]) -> Iterator[Problem]:
     """What is wrong between the beams of a table: the inner one goes inside the outer, and is about as long."""
-    outer, inner = (tube_of(table.get(name, {})) for name in ("outer_beam", "inner_beam"))
-    if outer is not None and inner is not None and min(clearances(outer, inner)) < FIT_M / 2:
-        opening = outer.width_m - 2 * outer.wall_m
-        if outer.shape == inner.shape == "square":
-            words = f"{inner.width_m} does not fit inside the outer beam, whose opening is {opening:.6g}"
-        else:
-            words = (
-                f"the {inner.shape} tube, {inner.millimetres} mm, does not fit inside the outer, {outer.shape} one,"
-                f" {outer.millimetres} mm"
-            )
+    outer, inner = (table.get(name, {}) for name in ("outer_beam", "inner_beam"))
+    play, around, inside = gaps(outer, inner), tube_of(outer), tube_of(inner, wall_m=0.0)
+    if play and around and inside and min(play) < FIT_M / 2:
+        opening = around.width_m - 2 * around.wall_m
+        words = f"{inside.width_m} does not fit inside the outer beam, whose opening is {opening:.6g}"
+        if not around.shape == inside.shape == "square":
+            words = f"does not fit inside the outer beam: the gap per side would be {min(play):.4g} m"
         if opening > 0:
             yield Problem("inner_beam.width_m", words)
     pair = numbers(table, "inner_beam.free_length_m", "outer_beam.free_length_m")

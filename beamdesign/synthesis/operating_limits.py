@@ -24,7 +24,7 @@ from beamdesign.plant.effects import library
 from beamdesign.plant.higher_modes import signals, single_compliance, with_mass
 from beamdesign.prototype import Prototype
 from beamdesign.structure import lumped
-from beamdesign.structure.section import clearances
+from beamdesign.structure.shapes import gaps
 
 MARGIN = 1.25
 """On what the linear loop asks of flow, current and stroke, where it is said what to buy."""
@@ -292,5 +292,5 @@ def _within_parabola(asked: Demand, held: dict[str, float], largest: float, stal
 
 def _clearance(prototype: Prototype) -> float | None:
     """Play per side along the load, m; None where a section is not known."""
-    outer, inner = prototype.outer_beam.tube, prototype.inner_beam.tube
-    return None if outer is None or inner is None else float(clearances(outer, inner)[0])
+    found = gaps(prototype.outer_beam, prototype.inner_beam)
+    return None if found is None else found[0]

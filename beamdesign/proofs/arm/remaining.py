@@ -14,8 +14,8 @@ import numpy as np
 from beamdesign.proofs.arm.plane import ArmFigures, arm_figures, arm_of
 from beamdesign.prototype import Beam, Prototype
 from beamdesign.structure.lumped import lumped_beam
-from beamdesign.structure.section import Tube, clearances
-from beamdesign.structure.shapes import FIT_M
+from beamdesign.structure.section import Tube
+from beamdesign.structure.shapes import FIT_M, gaps
 
 # Static compliance at the tip and at the payload, with the servos and without.
 
@@ -200,9 +200,8 @@ def inner_travel(prototype: Prototype, case: Remaining) -> InnerTravel:
     """Travel of the inner tip under a load that the servos carry; the tube is as stiff in any direction."""
     stiffness = lumped_beam(prototype.inner_beam, "inner_beam").stiffness
     y, z = (-force / stiffness for force in case.actuators_N)
-    outer, inner = prototype.outer_beam.tube, prototype.inner_beam.tube
-    gap = None if outer is None or inner is None else float(clearances(outer, inner)[0])
-    return InnerTravel((y, z), gap, outer is not None and outer.shape == "round")
+    gap = gaps(prototype.outer_beam, prototype.inner_beam)
+    return InnerTravel((y, z), None if gap is None else gap[0], prototype.outer_beam.shape == "round")
 
 
 @dataclass(frozen=True)
@@ -259,9 +258,11 @@ def twist_remedy(prototype: Prototype, force_N: Vector, allowed_m: float, payloa
         wall = _least(lambda value: tube.at(tube.width_m, value), target, tube.wall_m, _WALL_SHARE * tube.width_m)
         width = _least(lambda value: tube.at(value, tube.wall_m), target, tube.width_m, _WIDEST_M)
         if wall is not None:
-            made, inner = tube.at(tube.width_m, wall), prototype.inner_beam.tube
-            thicker = _added_mass(beam, made)
-            fits = None if inner is None else bool(clearances(made, inner)[0] >= FIT_M / 2)
+            thicker, gap = (
+                _added_mass(beam, tube.at(tube.width_m, wall)),
+                gaps(beam.but(wall_m=wall), prototype.inner_beam),
+            )
+            fits = None if gap is None else gap[0] >= FIT_M / 2
         wider = None if width is None else _added_mass(beam, tube.at(width, tube.wall_m))
     return TwistRemedy(allowed_m, needed, wall, thicker, fits, width, wider, weight)
 
