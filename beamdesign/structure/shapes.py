@@ -61,7 +61,7 @@ class Shaped(Record):
 
 
 def tube_of(beam: Any, wall_m: float | None = None) -> Tube | None:
-    """The tube of a beam, record or table; None where a size is missing or no number, or the shape unknown.
+    """The tube of a beam (record, table or a tube); None where a size is missing or no number, or the shape unknown.
 
     Args:
         beam: whose sizes are read.
@@ -87,7 +87,7 @@ def tube_of(beam: Any, wall_m: float | None = None) -> Tube | None:
 
 
 def gaps(outer: Any, inner: Any) -> tuple[float, ...] | None:
-    """The `clearances` of two beams, m; None where a size is missing. Nobody needs to know the inner wall."""
+    """The `clearances` of two beams or tubes, m; None where a size is missing. Nobody needs to know the inner wall."""
     around, inside = tube_of(outer), tube_of(inner, wall_m=0.0)
     return None if around is None or inside is None else tuple(map(float, clearances(around, inside)))
 

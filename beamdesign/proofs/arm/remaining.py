@@ -258,10 +258,8 @@ def twist_remedy(prototype: Prototype, force_N: Vector, allowed_m: float, payloa
         wall = _least(lambda value: tube.at(tube.width_m, value), target, tube.wall_m, _WALL_SHARE * tube.width_m)
         width = _least(lambda value: tube.at(value, tube.wall_m), target, tube.width_m, _WIDEST_M)
         if wall is not None:
-            thicker, gap = (
-                _added_mass(beam, tube.at(tube.width_m, wall)),
-                gaps(beam.but(wall_m=wall), prototype.inner_beam),
-            )
+            made = tube.at(tube.width_m, wall)
+            thicker, gap = _added_mass(beam, made), gaps(made, prototype.inner_beam)
             fits = None if gap is None else gap[0] >= FIT_M / 2
         wider = None if width is None else _added_mass(beam, tube.at(width, tube.wall_m))
     return TwistRemedy(allowed_m, needed, wall, thicker, fits, width, wider, weight)
