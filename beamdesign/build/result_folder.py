@@ -267,7 +267,7 @@ def section_rows(run: DesignRun) -> list[tuple[str, str, str, str, str]]:
         failing = "; ".join(check.name for check in pair.failing)
         verdict = f"fails {failing}" if failing else f"passes, governed by {governing}"
         mass = quantity(pair.beam_mass_kg, "kg")
-        rows.append((name + chosen, tube_text(*pair.outer), tube_text(*pair.inner), mass, verdict))
+        rows.append((name + chosen, tube_text(pair.outer), tube_text(pair.inner), mass, verdict))
     return rows
 
 

@@ -68,8 +68,8 @@ def run(
     moving, proved = result.sizing.beam_mass_kg + payload.inner_end_mass_kg, result.proved
     rests = "comes to rest, of exactly these figures" if nonlinear else "not proved to come to rest"
     rows = [
-        ("outer beam", tube_text(*result.sizing.outer)),
-        ("inner beam", tube_text(*result.sizing.inner)),
+        ("outer beam", tube_text(result.sizing.outer)),
+        ("inner beam", tube_text(result.sizing.inner)),
         ("mass of both beams and inner end mass", f"{moving:.3f} kg"),
         ("governing check", result.sizing.governing),
         *(row for one in reached for row in guaranteed_rows(one, one.outer_end_mass_kg)),
@@ -168,8 +168,8 @@ def codesign(
         ("moving mass", f"{point.moving_mass_kg:.3f} kg"),
         ("of which both beams", f"{point.beam_mass_kg:.3f} kg"),
         ("of which inner end mass", f"{point.inner_end_mass_kg:.3f} kg"),
-        ("outer beam", tube_text(*point.outer)),
-        ("inner beam", tube_text(*point.inner)),
+        ("outer beam", tube_text(point.outer)),
+        ("inner beam", tube_text(point.inner)),
         *((name, str(value)) for name, value in point.proved.controller.model_dump().items()),
         ("governing structural check", point.governing),
         *guaranteed_rows(point.proved, masses),
@@ -181,8 +181,8 @@ def codesign(
         {
             **paths,
             **picked(point, "moving_mass_kg beam_mass_kg inner_end_mass_kg governing"),
-            "outer": point.outer._asdict(),
-            "inner": point.inner._asdict(),
+            "outer": point.outer.sizes,
+            "inner": point.inner.sizes,
             "controller": point.proved.controller.model_dump(),
             "checks": [picked(check, "name value limit utilisation") for check in point.checks],
             "guaranteed": proved,

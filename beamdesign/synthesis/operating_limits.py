@@ -24,7 +24,7 @@ from beamdesign.plant.effects import library
 from beamdesign.plant.higher_modes import signals, single_compliance, with_mass
 from beamdesign.prototype import Prototype
 from beamdesign.structure import lumped
-from beamdesign.structure.section import clearance
+from beamdesign.structure.shapes import gaps
 
 MARGIN = 1.25
 """On what the linear loop asks of flow, current and stroke, where it is said what to buy."""
@@ -291,7 +291,6 @@ def _within_parabola(asked: Demand, held: dict[str, float], largest: float, stal
 
 
 def _clearance(prototype: Prototype) -> float | None:
-    outer, inner = prototype.outer_beam, prototype.inner_beam
-    if outer.width_m is None or outer.wall_m is None or inner.width_m is None:
-        return None
-    return float(clearance(outer.width_m, outer.wall_m, inner.width_m))
+    """Play per side along the load, m; None where a section is not known."""
+    found = gaps(prototype.outer_beam, prototype.inner_beam)
+    return None if found is None else found[0]
