@@ -31,7 +31,8 @@ where the answer is no. In the order in which one needs them:
    '199.1 mA/V'
 
 4. `state_space` hands a closed loop to python-control, `simulate` gives records of a scenario, which `read_scenario`
-   reads, and `limits` what actuator, sensor and linear model bear.
+   reads, and `limits` what actuator, sensor and linear model bear. `pictures` draws a loop: Bode with margins, Nyquist,
+   root locus, compliance beside that without servo, and what masses and gains are stable.
 5. `spec` (and `specify`, with the range written out) works out what to build and how to accept it; `code` is the
    controller as C code for a rate, proved as it is rounded.
 6. `read_dataset` reads what came back from the rig, and `predict` gives what a model would have recorded there;
@@ -64,7 +65,7 @@ if TYPE_CHECKING:
     from beamdesign.problem import DesignProblem, read_problem
     from beamdesign.proofs.any_loop import prove
     from beamdesign.prototype import Prototype, read_prototype, write_prototype
-    from beamdesign.public import certify, predict, run, spec
+    from beamdesign.public import certify, pictures, predict, run, spec
     from beamdesign.records import InputError
     from beamdesign.scenario import read_scenario
     from beamdesign.simulation import simulate
@@ -85,6 +86,7 @@ _ROOMS = {
     "critical_gain": "beamdesign.loop",
     "diagnose": "beamdesign.diagnosis.diagnose",
     "limits": "beamdesign.synthesis.limits",
+    "pictures": "beamdesign.public",
     "predict": "beamdesign.public",
     "prove": "beamdesign.proofs.any_loop",
     "read_dataset": "beamdesign.diagnosis.data.dataset",
@@ -113,6 +115,7 @@ __all__ = [
     "critical_gain",
     "diagnose",
     "limits",
+    "pictures",
     "predict",
     "prove",
     "read_dataset",

@@ -130,6 +130,7 @@ class Margins:
         gain_up: factor on the gain at which the loop becomes unstable.
         gain_down: factor below one at which it becomes unstable, 0 where lowering the gain is harmless.
         phase_deg: least phase margin over all gain crossovers.
+        phase_Hz: frequency of that crossover, 0 where there is none.
         critical_frequency_Hz: frequency of the oscillation at `gain_up`.
         crossover_Hz: highest frequency with |L| = 1, 0 where there is none.
     """
@@ -137,6 +138,7 @@ class Margins:
     gain_up: float
     gain_down: float
     phase_deg: float
+    phase_Hz: float
     critical_frequency_Hz: float
     crossover_Hz: float
 
@@ -262,10 +264,12 @@ class LoopAtMass:
         below = [c for c in gains if 0 < c.value < 1]
         crossovers = self.crossovers_Hz()
         phases = [abs(degrees(atan2(value.imag, value.real))) for value in -self.loop_response(np.array(crossovers))]
+        phase_deg, phase_Hz = min(zip(phases, crossovers, strict=True), default=(inf, 0.0))
         return Margins(
             gain_up=above[0].value if above else inf,
             gain_down=below[-1].value if below else 0.0,
-            phase_deg=min(phases, default=inf),
+            phase_deg=phase_deg,
+            phase_Hz=phase_Hz,
             critical_frequency_Hz=above[0].frequency_Hz if above else 0.0,
             crossover_Hz=max(crossovers, default=0.0),
         )

@@ -1,6 +1,7 @@
 """The design problem of a study file: what is asked for, before any section or controller is chosen."""
 
 from collections.abc import Iterator, Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any, Literal
 
@@ -20,11 +21,12 @@ from beamdesign.prototype import (
     Servovalve,
     Supply,
     Tolerance,
-    beams_that_do_not_fit,
 )
 from beamdesign.records import Problem, Record, numbers
 from beamdesign.structure.materials import BEAMS, MATERIAL, MaterialByName, WithMaterials
-from beamdesign.structure.section import SquareTube, impossible_tube
+from beamdesign.structure.section import Tube
+from beamdesign.structure.shapes import Shaped, beams_that_do_not_fit, tube_of
+from beamdesign.structure.stock import stock_tubes
 
 
 class Load(Record):
@@ -36,7 +38,7 @@ class Load(Record):
     )
 
 
-class BeamProblem(Record):
+class BeamProblem(Shaped):
     """A beam whose section is still open; a given section is the fixed choice, or the one to compare with."""
 
     length_m: q.Length = Field(description="full length of the tube, clamp included")
@@ -44,22 +46,31 @@ class BeamProblem(Record):
     material: MaterialByName = Field(description=MATERIAL)
     end_mass_kg: q.MassOrNone = Field(0.0, description="M_end of equation (5), always fixed to the tip")
     damping_ratio: q.StructuralDamping = Field(0.05, description="zeta of the bare beam")
+    depth_over_width: q.DepthOverWidth | None = Field(
+        None, description="of a rectangular tube: outside size along the load over that across it"
+    )
     width_m: q.Width | None = Field(None, description="outside width of a given section")
     wall_m: q.Wall | None = Field(None, description="wall of a given section")
 
     @classmethod
     def relations(cls, table: Mapping[str, Any]) -> Iterator[Problem]:
         """A given section is whole and possible; the free length lies within the length."""
-        yield from impossible_tube(table)
+        yield from super().relations(table)
         if (table.get("width_m") is None) != (table.get("wall_m") is None):
             yield Problem("", "width_m and wall_m go together: give both or neither")
+
+    def sized(self, width: Any, wall: Any) -> Tube:
+        """A tube of its shape, of a width and a wall in m; numbers, arrays or symbols."""
+        tube = tube_of(dict(self) | {"width_m": 1.0, "wall_m": 0.01})
+        assert tube is not None  # the record knows its shape
+        return tube.at(width, wall)
 
 
 _SIZES = {"least_wall_m": 0.002, "largest_width_m": 0.2}
 
 
 class Sections(Record):
-    """How the square tubes are chosen, and what limits them."""
+    """How the tubes are chosen, and what limits them."""
 
     choose: Literal["free", "stock", "fixed"] = Field(
         "stock", description="free sizes, stock sizes, or the sections given"
@@ -159,7 +170,15 @@ class DesignProblem(WithMaterials, WithActuator):
         yield from super().relations(table)
         yield from beams_that_do_not_fit(table)
         sections, payload = table.get("sections"), table.get("payload")
-        if isinstance(sections, Mapping) and sections.get("choose") == "fixed":
+        read = sections.get if isinstance(sections, Mapping) else partial(getattr, sections)
+        choose = read("choose", "stock")
+        for name in BEAMS:
+            ratio = numbers(table, f"{name}.depth_over_width")
+            if ratio and choose == "stock" and not stock_tubes("rectangle", ratio[0]):
+                known = ", ".join(sorted({f"{tube.depth_over_width:.4g}" for tube in stock_tubes("rectangle")}))
+                words = f"no rectangular stock tube has {ratio[0]:g}, but {known}; or sections.choose = 'free'"
+                yield Problem(f"{name}.depth_over_width", words)
+        if choose == "fixed":
             for name in BEAMS:
                 beam = table.get(name)
                 if isinstance(beam, Mapping) and (beam.get("width_m") is None or beam.get("wall_m") is None):
@@ -168,14 +187,18 @@ class DesignProblem(WithMaterials, WithActuator):
             yield Problem("payload.outer_end_mass_kg", "missing: the range [least, most] of mass on the outer tip")
 
     @property
-    def given(self) -> tuple[SquareTube, SquareTube] | None:
+    def beams(self) -> tuple[BeamProblem, BeamProblem]:
+        """The outer and the inner one."""
+        return self.outer_beam, self.inner_beam
+
+    @property
+    def given(self) -> tuple[Tube, Tube] | None:
         """The sections of the outer and the inner beam, m; None unless both are given."""
-        sizes = [(beam.width_m, beam.wall_m) for beam in (self.outer_beam, self.inner_beam)]
-        outer, inner = (None if width is None or wall is None else SquareTube(width, wall) for width, wall in sizes)
+        outer, inner = self.outer_beam.tube, self.inner_beam.tube
         return None if outer is None or inner is None else (outer, inner)
 
-    def prototype(self, outer: tuple[float, float], inner: tuple[float, float]) -> Prototype:
-        """The prototype with the given sections, (width, wall) in m each, and no controller yet.
+    def prototype(self, outer: Tube, inner: Tube) -> Prototype:
+        """The prototype with the given sections and no controller yet.
 
         Its tolerances are the study's, typical ones where that states none.
 
@@ -192,8 +215,9 @@ class DesignProblem(WithMaterials, WithActuator):
         )
 
 
-def _with_section(asked: BeamProblem, section: tuple[float, float]) -> Beam:
-    return Beam.model_validate(dict(asked) | {"width_m": section[0], "wall_m": section[1]})
+def _with_section(asked: BeamProblem, tube: Tube) -> Beam:
+    same = {key: value for key, value in dict(asked).items() if key in Beam.model_fields}
+    return Beam.model_validate(same | {"shape": tube.shape} | tube.sizes)
 
 
 def read_problem(path: str | Path) -> DesignProblem:

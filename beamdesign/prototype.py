@@ -17,19 +17,13 @@ from beamdesign.plant.actuators.servo_cylinder import Servovalve, Supply
 from beamdesign.records import FileName, NonNegative, Positive, Problem, Record, numbers
 from beamdesign.spelling import shorter
 from beamdesign.structure.materials import MATERIAL, MaterialByName, WithMaterials
-from beamdesign.structure.section import impossible_tube
+from beamdesign.structure.shapes import Shaped, beams_that_do_not_fit
 
 COMPLIANCE_LIMIT_M_PER_N = 5.71e-8
 """The paper's performance goal, -100 dB of inch per pound-force."""
 
-FIT_M = 1e-9
-"""Least play of a tube inside another; what differs by less is the same size, rounded differently."""
 
-LENGTHS_APART = 10.0
-"""Largest ratio of the free lengths of beams that move side by side; beyond, one is in another unit."""
-
-
-class Beam(Record):
+class Beam(Shaped):
     """One cantilever: its geometry, its measured (lumped) figures, or both; where both stand the measured one wins."""
 
     stiffness_N_per_m: q.Stiffness | None = Field(None, description="tip stiffness K on the free length")
@@ -37,8 +31,11 @@ class Beam(Record):
         None, description="lumped mass at the tip, equation (5), without payload or added end mass"
     )
     damping_ratio: q.StructuralDamping = Field(0.05, description="zeta of the bare beam; b = 2 zeta sqrt(K M)")
-    width_m: q.Width | None = Field(None, description="outside width of the square tube")
-    wall_m: q.Wall | None = Field(None, description="wall thickness of the square tube")
+    width_m: q.Width | None = Field(
+        None, description="outside width of the tube, across the load; diameter of a round one"
+    )
+    wall_m: q.Wall | None = Field(None, description="wall thickness of the tube")
+    depth_m: q.Width | None = Field(None, description="outside size of a rectangular tube along the load")
     corner_radius_m: q.Gap = Field(0.0, description="outside corner radius; 0 is a sharp corner")
     length_m: q.Length | None = Field(None, description="full length of the tube, clamp included")
     free_length_m: q.Length | None = Field(None, description="length from the clamp to the tip")
@@ -54,12 +51,8 @@ class Beam(Record):
 
     @classmethod
     def relations(cls, table: Mapping[str, Any]) -> Iterator[Problem]:
-        """Walls fit in widths, free lengths in lengths, and the lumped figures can be had."""
-        yield from impossible_tube(table)
-        if (pair := numbers(table, "corner_radius_m", "wall_m")) and 0 < pair[0] < pair[1]:
-            yield Problem("corner_radius_m", f"outside radius {pair[0]} is less than the wall, {pair[1]}")
-        if (pair := numbers(table, "corner_radius_m", "width_m")) and pair[0] > pair[1] / 2 > 0:
-            yield Problem("corner_radius_m", f"outside radius {pair[0]} exceeds half the width, {pair[1] / 2}")
+        """The tube is possible, and the lumped figures can be had."""
+        yield from super().relations(table)
         lumped = ("stiffness_N_per_m", "effective_mass_kg")
         geometry = ("width_m", "wall_m", "free_length_m", "material")
         if any(table.get(k) is None for k in lumped) and any(table.get(k) is None for k in geometry):
@@ -302,19 +295,6 @@ class InStage(NamedTuple):
         """Payloads that stand for its range where nothing is proved: both ends and the middle."""
         low, high = self.outer_end_mass_kg
         return tuple(sorted({low, (low + high) / 2, high}))
-
-
-def beams_that_do_not_fit(table: Mapping[str, Any]) -> Iterator[Problem]:
-    """What is wrong between the beams of a table: the inner one goes inside the outer, and is about as long."""
-    figures = numbers(table, "inner_beam.width_m", "outer_beam.width_m", "outer_beam.wall_m")
-    if figures and figures[0] > (opening := figures[1] - 2 * figures[2]) - FIT_M > 0:
-        yield Problem(
-            "inner_beam.width_m", f"{figures[0]} does not fit inside the outer beam, whose opening is {opening:.6g}"
-        )
-    pair = numbers(table, "inner_beam.free_length_m", "outer_beam.free_length_m")
-    if pair and min(pair) > 0 and max(pair) > LENGTHS_APART * min(pair):
-        words = f"is {pair[0]:g} m, more than a factor of {LENGTHS_APART:g} from the outer beam's {pair[1]:g} m"
-        yield Problem("inner_beam.free_length_m", words)
 
 
 def read_prototype(path: str | Path) -> Prototype:

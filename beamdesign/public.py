@@ -10,6 +10,8 @@ from typing import TYPE_CHECKING
 from beamdesign.progress import Progress, silent
 
 if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
     from beamdesign.bench_prototype import AnyPrototype
     from beamdesign.build.specification import Specification
     from beamdesign.diagnosis.predict import Prediction
@@ -84,6 +86,24 @@ def spec(
     from beamdesign.build.specification import specify
 
     return specify(prototype, _range(prototype, outer_end_mass_kg), rate_Hz, load_N, noise_share, progress=progress)
+
+
+def pictures(prototype: "Prototype") -> "dict[str, Figure]":
+    """The pictures of a closed loop that the report of a run has, by name; of a result with a rig: `.pictures()`.
+
+    compliance, sensitivity, loop (Bode diagram with margins), nyquist, poles, locus, ranges, gains; of several laws
+    those of each, with the suffix of its stage. As numbers: `beamdesign.loop.loop(prototype).at(mass).margins()`.
+
+    Raises:
+        ValueError: without a controller.
+        InputError: without a range of outer end masses.
+    """
+    from beamdesign.loop import loop
+    from beamdesign.report.pictures import loop_pictures
+
+    stages = prototype.stages(_range(prototype, None))
+    drawn = ((stage, loop_pictures(stage.prototype, loop(stage.prototype))) for stage in stages)
+    return {one.name + stage.suffix: one.figure for stage, pictures in drawn for one in pictures}
 
 
 def predict(prototype: "AnyPrototype | Path | str", dataset: Path | str, progress: Progress = silent) -> "Prediction":

@@ -3,9 +3,12 @@
 from collections.abc import Mapping, Sequence
 from decimal import ROUND_CEILING, ROUND_FLOOR, ROUND_HALF_EVEN, Decimal
 from math import isfinite, pi
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+
+if TYPE_CHECKING:
+    from beamdesign.structure.section import Tube
 
 _UNITS = {
     "m": ("mm", 1e3),
@@ -171,10 +174,11 @@ def rigs_in_words(sigmas: float) -> str:
     return every if sigmas else "exactly these figures"
 
 
-def tube_text(width_m: float, wall_m: float) -> str:
-    """A square tube by outside width and wall, to a hundredth of a millimetre."""
-    width, wall = (f"{1e3 * size:.2f}".rstrip("0").rstrip(".") for size in (width_m, wall_m))
-    return f"{width} × {width} × {wall} mm"
+def tube_text(tube: "Tube") -> str:
+    """A tube by its outside sizes, first that across the load, and its wall, to a hundredth of a millimetre."""
+    sizes = [tube.width_m, *([] if tube.shape == "round" else [tube.depth_m]), tube.wall_m]
+    words = " × ".join(f"{1e3 * size:.2f}".rstrip("0").rstrip(".") for size in sizes)
+    return f"{'Ø ' if tube.shape == 'round' else ''}{words} mm"
 
 
 INCH_M = 0.0254

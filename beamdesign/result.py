@@ -3,9 +3,12 @@
 from collections.abc import Iterator, Mapping, Sequence
 from html import escape
 from math import isfinite
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from beamdesign.json_text import finite
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 
 class Result:
@@ -31,6 +34,18 @@ class Result:
     def rows(self) -> Sequence[tuple[Any, ...]]:
         """Its figures for people, the same in a terminal and on a page: name with the unit in it, and value."""
         return list(_figures(self.to_dict()))
+
+    def pictures(self) -> "dict[str, Figure]":
+        """The pictures of the rig that it gives, by name: see `beamdesign.pictures`.
+
+        Raises:
+            ValueError: where it gives no rig.
+        """
+        from beamdesign.public import pictures
+
+        if (rig := getattr(self, "prototype", None)) is None:
+            raise ValueError(f"{type(self).__name__} gives no rig to draw: {self.status}")
+        return pictures(rig)
 
     def __repr__(self) -> str:
         figures = ", ".join(f"{name}={shown(value)}" for name, value, *_ in self.rows() if not isinstance(value, str))

@@ -24,7 +24,7 @@ def finished_run() -> DesignRun:
     masses = problem.payload.outer_end_mass_kg
     assert masses is not None
     sizing = size(problem)
-    rig = problem.prototype(tuple(sizing.outer), tuple(sizing.inner))
+    rig = problem.prototype(sizing.outer, sizing.inner)
     controller, inner = Lag(gain_A_per_V=0.12, pole_Hz=1.3, zero_Hz=38.0), 2.0
     loaded = rig.but(controller=controller, payload=rig.payload.but(inner_end_mass_kg=inner))
     certificate = certify(loaded, *masses)

@@ -9,12 +9,12 @@ import pytest
 from beamdesign.problem import DesignProblem, read_problem
 from beamdesign.prototype import Beam, Prototype
 from beamdesign.records import InputError
-from beamdesign.structure.section import SquareTube
+from beamdesign.structure.section import Tube
 from beamdesign.synthesis.checks import Check, check_sections, checks
 from beamdesign.synthesis.sizing import check_prototype, problem_of
 
 STUDY = Path(__file__).parents[1] / "studies" / "prototype.toml"
-PUBLISHED = SquareTube(0.140, 0.0023), SquareTube(0.100, 0.0032)
+PUBLISHED = Tube(0.140, 0.0023), Tube(0.100, 0.0032)
 
 
 @pytest.fixture(scope="module")
@@ -24,7 +24,7 @@ def problem() -> DesignProblem:
 
 def test_checks_cover_what_is_asked(problem):
     stocky = problem.but(sections=problem.sections.but(width_to_wall_at_most=61.0))
-    names = [check.name for check in checks(stocky, 0.14, 0.0023, 0.1, 0.0032)]
+    names = [check.name for check in checks(stocky, *PUBLISHED)]
     for needed in (
         "outer strength, servo off",
         "inner strength, servo on",
@@ -43,7 +43,7 @@ def test_checks_cover_what_is_asked(problem):
 
 
 def test_checks_by_hand(problem):
-    found = {check.name: check for check in checks(problem, 0.15, 0.0025, 0.09, 0.0025)}
+    found = {check.name: check for check in checks(problem, Tube(0.15, 0.0025), Tube(0.09, 0.0025))}
     outer_modulus = (0.15**4 - 0.145**4) / 12 / 0.075
     inner_moment = (0.09**4 - 0.085**4) / 12
     assert found["outer strength, servo off"].value == pytest.approx(2000 * 1.195 / outer_modulus)
@@ -58,11 +58,16 @@ def test_checks_on_arrays_and_symbols(problem):
     outer = np.array([[0.14, 0.0023], [0.15, 0.0025]]).T
     inner = np.array([[0.1, 0.0032], [0.09, 0.0025]]).T
     symbols = [ca.SX.sym(name) for name in ("ow", "ot", "iw", "it")]
-    symbolic = [ca.Function("check", symbols, [c.value, c.limit]) for c in checks(problem, *symbols)]
-    both = checks(problem, *outer, *inner)
+    symbolic = [
+        ca.Function("check", symbols, [c.value, c.limit])
+        for c in checks(problem, Tube(*symbols[:2]), Tube(*symbols[2:]))
+    ]
+    both = checks(problem, Tube(*outer), Tube(*inner))
     for place in range(2):
         sizes = [*outer[:, place].tolist(), *inner[:, place].tolist()]
-        for alone, array, function in zip(checks(problem, *sizes), both, symbolic, strict=True):
+        for alone, array, function in zip(
+            checks(problem, Tube(*sizes[:2]), Tube(*sizes[2:])), both, symbolic, strict=True
+        ):
             assert np.broadcast_to(array.value, 2)[place] == pytest.approx(alone.value, rel=1e-13)
             assert np.broadcast_to(array.limit, 2)[place] == pytest.approx(alone.limit, rel=1e-13)
             value, limit = (float(figure) for figure in function(*sizes))
@@ -89,7 +94,7 @@ def test_verdict_of_one_check(check, satisfied, utilisation):
 
 
 def test_wall_beyond_the_strength_data_fails(problem):
-    pair = check_sections(problem, SquareTube(0.2, 0.021), SquareTube(0.1, 0.005))
+    pair = check_sections(problem, Tube(0.2, 0.021), Tube(0.1, 0.005))
     assert "outer wall within strength data" in [check.name for check in pair.failing]
 
 

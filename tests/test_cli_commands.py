@@ -16,8 +16,8 @@ from beamdesign import check, read_problem, read_prototype
 from beamdesign.cli import app
 from beamdesign.controllers import Lag
 from beamdesign.report.canvas import new_figure
-from beamdesign.report.figures import plot_remedies
-from beamdesign.structure.section import SquareTube
+from beamdesign.report.trades import plot_remedies
+from beamdesign.structure.section import Tube
 from beamdesign.synthesis import codesign as front_room
 from beamdesign.synthesis import remedies
 from beamdesign.synthesis.checks import Check
@@ -78,8 +78,8 @@ def test_codesign_and_front_of_the_template_are_proved_and_agree(
     # What the first command found is not searched for again; and 400 Hz stand for what cannot be had.
     problem = read_problem(study)
     held = CodesignPoint(
-        outer=SquareTube(**fields["outer"]),
-        inner=SquareTube(**fields["inner"]),
+        outer=Tube(**fields["outer"]),
+        inner=Tube(**fields["inner"]),
         beam_mass_kg=fields["beam_mass_kg"],
         checks=(Check(fields["governing"], 1.0, 1.0, "1"),),
         prototype=read_prototype(fields["prototype"]),
@@ -125,7 +125,7 @@ def test_remedies_without_given_sections_are_refused(tmp_path: Path) -> None:
 @pytest.mark.parametrize("bandwidth", [0.2, 6.2, 123.456])
 def test_labels_in_the_picture_of_the_remedies_lie_within_its_frame(bandwidth: float) -> None:
     proved = Proved(Lag(gain_A_per_V=0.1, pole_Hz=1.0, zero_Hz=30.0), 0.0, bandwidth, 2.0, np.zeros(0))
-    tube = SquareTube(0.14, 0.0023)
+    tube = Tube(0.14, 0.0023)
     best = Remedy("heavier or softer inner beam", 4.5, bandwidth, 2.0, tube, tube, 4.5, (proved,), (PAYLOAD,))
     found = [best, replace(best, name="none", bandwidth_Hz=0.0, reason="no gain")]
     axes = plot_remedies(new_figure(height_mm=80).add_subplot(), found)

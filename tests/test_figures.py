@@ -4,13 +4,15 @@ import subprocess
 import sys
 from pathlib import Path
 
+import control
 import numpy as np
 import pytest
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from beamdesign.control_models import state_space
 from beamdesign.loop import LoopAtMass, critical_gain, loop
-from beamdesign.prototype import Prototype
+from beamdesign.prototype import Prototype, read_prototype
 from beamdesign.quantity_text import decibels, from_decibels
 from beamdesign.report.canvas import STYLES, new_figure, save
 from beamdesign.report.figures import (
@@ -18,9 +20,11 @@ from beamdesign.report.figures import (
     plot_compliance,
     plot_critical_gain,
     plot_loop_bode,
+    plot_nyquist,
     plot_pole_zero,
     plot_root_locus,
     plot_sensitivity,
+    root_branches,
 )
 from beamdesign.validation.paper.figures import DRAWINGS
 
@@ -28,6 +32,12 @@ from beamdesign.validation.paper.figures import DRAWINGS
 @pytest.fixture
 def loaded(remedy: Prototype) -> LoopAtMass:
     return loop(remedy).at(6.8)
+
+
+@pytest.fixture
+def tame() -> Prototype:
+    """A loop that is stable with every payload."""
+    return read_prototype(Path(__file__).parent.parent / "studies" / "prototypes" / "tame_lag.toml")
 
 
 def labels(axes: Axes) -> list[str]:
@@ -109,21 +119,78 @@ def test_loop_bode_starts_at_the_phase_of_the_loop_and_is_continuous(loaded: Loo
     assert {float(axes.lines[-1].get_ydata()[0]) for axes in (magnitude, phase)} == {0.0, -180.0}
 
 
+def test_bode_bars_are_the_margins_of_python_control(tame: Prototype):
+    """Their ends, and the crossovers, by `control.margin` of the same matrices at the same payload."""
+    for mass in (0.0, 6.8):
+        magnitude, phase = new_figure().subplots(2, 1, sharex=True)
+        plot_loop_bode(magnitude, phase, {"loop": loop(tame).at(mass)}, marked=["loop"])
+        opened = state_space(tame, mass, loop="open")["sensor_V", "command_V"]
+        gain, degrees, at_gain, at_phase = control.margin(opened)
+        gain_bar, phase_bar = (
+            next(np.asarray(line.get_xydata()) for line in axes.lines if line.get_marker() == "_")
+            for axes in (magnitude, phase)
+        )
+        np.testing.assert_allclose(
+            gain_bar, [[at_gain / (2 * np.pi), 0], [at_gain / (2 * np.pi), -20 * np.log10(gain)]]
+        )
+        assert phase_bar[:, 0] == pytest.approx(at_phase / (2 * np.pi), rel=1e-8)
+        assert abs(np.diff(phase_bar[:, 1])[0]) == pytest.approx(degrees, rel=1e-3)  # read off the curve
+        assert phase_bar[0, 1] % 360 == 180
+        assert labels(magnitude)[0] == f"loop: gain margin {gain:.3g} = {20 * np.log10(gain):.1f} dB"
+        assert labels(phase)[0] == f"loop: phase margin {degrees:.1f}°"
+
+
+def test_an_unstable_loop_has_no_margins_drawn(remedy: Prototype):
+    magnitude, phase = new_figure().subplots(2, 1, sharex=True)
+    plot_loop_bode(magnitude, phase, {"loop": loop(remedy).at(0.0)}, marked=["loop"])
+    assert [len(axes.lines) for axes in (magnitude, phase)] == [2, 2]
+
+
+def test_nyquist_keeps_out_of_the_disc_exactly_where_the_peak_sensitivity_is_within_its_bound(tame: Prototype):
+    """The nearest point is at the modulus margin that python-control finds; the curve is L of the matrices."""
+    closed = loop(tame).at(6.8)
+    opened = state_space(tame, 6.8, loop="open")["sensor_V", "command_V"]
+    distance = min(control.stability_margins(opened, returnall=True)[2])
+    for peak, touches in ((0.999 / distance, True), (1.001 / distance, False)):
+        axes = plot_nyquist(new_figure().add_subplot(), {"loop": closed}, peak)
+        curve, nearest = (np.asarray(line.get_xydata()) @ [1, 1j] for line in axes.lines[:2])
+        disc = axes.patches[0].get_path()
+        assert np.abs(disc.vertices @ [1, 1j] + 1) == pytest.approx(1 / peak)
+        assert disc.contains_points(np.column_stack([curve.real, curve.imag])).any() == touches
+        assert abs(nearest[0] + 1) == pytest.approx(distance, rel=1e-4)
+
+
 def test_root_locus_runs_from_the_open_loop_poles_through_the_marked_ones(loaded: LoopAtMass):
+    """In Hz; at the ends and at the marks the roots are those that numpy finds of the coefficients."""
     axes = new_figure().add_subplot()
-    factors = np.concatenate([[1e-7], np.geomspace(1e-2, 3.0, 400)])
-    assert plot_root_locus(axes, loaded, list(factors), {"set gain": 1.0}) is axes
+    assert plot_root_locus(axes, loaded, [1e-7, 1e-2, 3.0], {"set gain": 1.0}) is axes
     assert labels(axes) == ["set gain", "open-loop poles", "zeros"]
-    marked = next(line for line in axes.lines if line.get_label() == "set gain")
-    found = np.sort_complex(np.asarray(marked.get_xdata()) + 1j * np.asarray(marked.get_ydata()))
-    np.testing.assert_allclose(found, np.sort_complex(loaded.poles()))
-    branches = axes.lines[: len(loaded.poles())]
-    starts = np.sort_complex([complex(b.get_xdata()[0], b.get_ydata()[0]) for b in branches])
-    np.testing.assert_allclose(starts, np.sort_complex(loaded.open_loop_poles()), rtol=1e-3)
-    # A branch is one root's path: it never jumps to another's.
-    for branch in branches:
-        path = np.asarray(branch.get_xdata()) + 1j * np.asarray(branch.get_ydata())
-        assert np.abs(np.diff(path)).max() < 0.35 * np.abs(path).max()
+    below, above = (
+        np.array([float(c) for c in reversed(p.coeffs())]) for p in (loaded.loop_denominator, loaded.loop_numerator)
+    )
+
+    def roots_Hz(factor: float) -> np.ndarray:
+        return np.sort_complex(np.roots(np.polyadd(below, factor * above))) / (2 * np.pi)
+
+    branches = [np.asarray(line.get_xydata()) @ [1, 1j] for line in axes.lines[: len(below) - 1]]
+    marked = next(np.asarray(line.get_xydata()) @ [1, 1j] for line in axes.lines if line.get_label() == "set gain")
+    for found, factor in (
+        ([branch[0] for branch in branches], 1e-7),
+        (marked, 1.0),
+        ([branch[-1] for branch in branches], 3.0),
+    ):
+        np.testing.assert_allclose(np.sort_complex(np.round(found, 9)), np.round(roots_Hz(factor), 9), rtol=1e-6)
+
+
+@pytest.mark.parametrize("mass", [0.0, 6.8])
+def test_branches_of_a_root_locus_never_jump_though_they_meet(tame: Prototype, mass: float):
+    """Two of them meet on the real axis and leave it; every step is short, there too."""
+    branches = root_branches(loop(tame).at(mass), np.geomspace(1e-3, 10.0, 41).tolist())
+    size = np.abs(branches[1:])
+    jumps = np.abs(np.diff(branches, axis=0)) / np.maximum(size, 0.01 * np.abs(branches[0]).max())
+    assert jumps.max() <= 0.01
+    joined = (np.abs(branches.imag) < 1e-6 * np.abs(branches)).any(axis=0) & (branches.imag != 0).any(axis=0)
+    assert joined.sum() >= 2
 
 
 def test_pole_zero_map(loaded: LoopAtMass):
@@ -155,7 +222,10 @@ def test_published_figures_have_axes_captions_and_no_text_cut_off(draw):
     assert len(drawing.caption) > 40
     assert drawing.claim
     assert cut_off(drawing.figure) == []
+    title = drawing.figure._suptitle.get_window_extent()
+    assert title.width > 0
     for axes in drawing.figure.axes:
+        assert not title.overlaps(axes.get_tightbbox())
         assert axes.get_ylabel() or axes.get_title()
 
 
@@ -169,7 +239,7 @@ def test_saved_files_are_the_same_for_the_same_data(tmp_path: Path, loaded: Loop
     first, second = saved("one"), saved("two")
     assert first == second
     assert first[0].startswith(b"\x89PNG")
-    assert b"real part, 1/s" in first[1], "text stays text"
+    assert b"real part, Hz" in first[1], "text stays text"
     assert first[2].startswith(b"%PDF")
 
 

@@ -56,6 +56,8 @@ def test_margins_are_those_of_python_control(case: tuple[Prototype, float]):
     assert margins.critical_frequency_Hz == pytest.approx(w_gain[smallest] / (2 * pi), rel=1e-9)
     assert margins.gain_down == max(gains[gains < 1], default=0.0)
     assert margins.phase_deg == pytest.approx(min(min(p, 360 - p) for p in phases), rel=1e-8)
+    tightest = w_phase[np.argmin(np.minimum(phases, 360 - phases))]
+    assert margins.phase_Hz == pytest.approx(tightest / (2 * pi), rel=1e-9)
     assert margins.crossover_Hz == pytest.approx(max(w_phase) / (2 * pi), rel=1e-9)
     assert at.peak_sensitivity() == pytest.approx(1 / min(distances), rel=1e-6)
 

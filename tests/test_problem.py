@@ -13,6 +13,7 @@ from beamdesign.problem import DesignProblem, read_problem
 from beamdesign.prototype import Tolerance
 from beamdesign.records import InputError, parse, to_toml
 from beamdesign.structure.lumped import figures
+from beamdesign.structure.section import Tube
 
 STUDIES = sorted((Path(__file__).parent.parent / "studies").glob("*.toml"))
 STUDY = next(path for path in STUDIES if path.name == "prototype.toml")
@@ -60,16 +61,16 @@ def test_the_published_study_asks_what_the_paper_does():
 def test_the_prototype_of_a_study_has_its_sections_and_hydraulics():
     """The published tubes give the stiffnesses that were measured, to 0.3 %; nothing else is changed on the way."""
     problem = read_problem(STUDY)
-    prototype = problem.prototype((0.140, 0.0023), (0.100, 0.0032))
+    prototype = problem.prototype(Tube(0.140, 0.0023), Tube(0.100, 0.0032))
     lumped = figures(prototype)
     assert lumped["outer_stiffness"] == pytest.approx(486_800.0, rel=3e-3)
     assert lumped["inner_stiffness"] == pytest.approx(157_500.0, rel=3e-3)
     assert prototype.controller is None
     assert (prototype.goal, prototype.tolerance) == (problem.goal, problem.tolerance)
-    assert problem.but(tolerance=Tolerance()).prototype((0.140, 0.0023), (0.100, 0.0032)).tolerance == TYPICAL
+    assert problem.but(tolerance=Tolerance()).prototype(Tube(0.140, 0.0023), Tube(0.100, 0.0032)).tolerance == TYPICAL
     assert prototype.payload == problem.payload.but(largest_force_N=2000.0)
     other = problem.but(payload=problem.payload.but(largest_force_N=500.0))
-    assert other.prototype((0.140, 0.0023), (0.100, 0.0032)).payload.largest_force_N == 500.0
+    assert other.prototype(Tube(0.140, 0.0023), Tube(0.100, 0.0032)).payload.largest_force_N == 500.0
     assert (prototype.actuator, prototype.servovalve, prototype.sensor) == (
         problem.actuator,
         problem.servovalve,

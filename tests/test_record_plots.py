@@ -80,7 +80,10 @@ def test_command_draws_every_record_and_a_page_that_needs_nothing_else(tmp_path:
     pictures = re.findall(r"<svg.*?</svg>", page, flags=re.DOTALL)
     assert len(pictures) == 2
     for picture in pictures:
-        ElementTree.fromstring(picture)
+        words = [text.text or "" for text in ElementTree.fromstring(picture).iter("{http://www.w3.org/2000/svg}text")]
+        assert "time, s" in words
+        assert not any("payload:" in one for one in words), "the heading and the caption say that"
+    assert sorted(re.findall("<figcaption>(\\w+)", page)) == ["stable", "under"]
     again = CliRunner().invoke(app, [*arguments[:-1], str(tmp_path / "bare"), "--no-plots"])
     assert again.exit_code == 1
     assert sorted(path.name for path in (tmp_path / "bare").iterdir()) == ["with_payload.csv", "without_payload.csv"]

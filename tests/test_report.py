@@ -12,25 +12,29 @@ from html.parser import HTMLParser
 from math import inf, pi
 from pathlib import Path
 
+import control
 import numpy as np
 import pytest
-from finished_run import finished_run
+from finished_run import STUDY, finished_run
 from hypothesis import given
 from hypothesis import strategies as st
 from test_figures import cut_off
 
+import beamdesign
 from beamdesign.build.acceptance import acceptance
 from beamdesign.build.result_folder import FILES, check_row, report_html, write_result_folder
 from beamdesign.checker import check
+from beamdesign.control_models import state_space
 from beamdesign.loop import critical_gain, loop
 from beamdesign.plant.members import paper_model
 from beamdesign.prototype import InStage, Prototype, read_prototype
 from beamdesign.quantity_text import at_least, at_most, decimal, per_cent, quantity
 from beamdesign.report.canvas import inline_svg, new_figure
 from beamdesign.report.drawing import draw_section, draw_side
-from beamdesign.report.figures import plot_trade, read_trade, shade_compliance
-from beamdesign.report.pictures import loop_pictures, prototype_picture, stable_gains, wider_map
+from beamdesign.report.figures import shade_compliance
+from beamdesign.report.pictures import loop_pictures, plot_stable_gains, prototype_picture, stable_gains, wider_map
 from beamdesign.report.statements import price_words
+from beamdesign.report.trades import plot_trade, read_trade
 from beamdesign.structure.lumped import lumped_beam
 from beamdesign.synthesis.design_run import DesignRun
 
@@ -228,8 +232,8 @@ def test_root_locus_passes_the_axis_at_the_critical_gain_that_the_loop_states(ru
         crossings = []
         for line in axes.lines:
             x, y = np.asarray(line.get_xdata(), float), np.asarray(line.get_ydata(), float)
-            over = np.nonzero((x[:-1] < 0) & (x[1:] >= 0) & (y[:-1] > 1))[0] if len(x) > 20 else []
-            crossings += [np.interp(0.0, x[k : k + 2], y[k : k + 2]) / (2 * pi) for k in over]
+            over = np.nonzero((x[:-1] < 0) & (x[1:] >= 0) & (y[:-1] > 0.2))[0] if len(x) > 20 else []
+            crossings += [np.interp(0.0, x[k : k + 2], y[k : k + 2]) for k in over]
         stated = critical_gain(prototype, mass).frequency_Hz
         assert any(abs(crossing / stated - 1) < 0.01 for crossing in crossings), (mass, crossings, stated)
 
@@ -434,6 +438,48 @@ def test_stable_gain_intervals_are_those_without_poles_on_the_right(remedy: Prot
     for factor in np.geomspace(0.02, 30.0, 60):
         poles = np.roots(np.polyadd(opened, factor * returned))
         assert (poles.real.max() < 0) == any(low < factor < high for low, high in intervals)
+
+
+def test_shaded_gains_are_those_without_poles_on_the_right_and_their_region_closes(run: DesignRun) -> None:
+    """Eigenvalues of the closed loop's matrices at random places; the edges of a lobe meet where it begins."""
+    prototype = designed(run)
+    assert prototype.controller is not None
+    gain, masses = prototype.controller.gain_A_per_V, np.linspace(0.0, 15.0, 16).tolist()
+    axes = plot_stable_gains(new_figure().subplots(), loop(prototype), gain, masses, (0.0, 6.8))
+    shaded = axes.patches[0].get_path()
+    least, most = axes.get_ylim()
+    random = np.random.default_rng(5)
+    for mass, shown in zip(
+        random.uniform(0, 15, 150), np.exp(random.uniform(*np.log([least, most]), 150)), strict=True
+    ):
+        louder = prototype.but(controller=prototype.controller.but(gain_A_per_V=shown / 1e3))
+        stable = state_space(louder, mass).poles().real.max() < 0
+        assert bool(shaded.contains_point((mass, shown))) == stable, (mass, shown)
+    edges = [np.asarray(line.get_xydata()) for line in axes.lines if line.get_linestyle() == "-"]
+    begun = [edge[0] for edge in edges if 0 < edge[0, 0] < 15 and np.isfinite(edge[0, 1])]
+    assert len(begun) == 3  # of the lobe both edges, and the one above it goes on
+    begun.sort(key=lambda at: at[1])
+    assert begun[0] == pytest.approx(begun[1], rel=1e-3)
+
+
+def test_margins_of_the_table_are_those_of_python_control(run: DesignRun, page: Page) -> None:
+    for mass in (0.0, 3.4, 6.8):
+        opened = state_space(designed(run), mass, loop="open")["sensor_V", "command_V"]
+        up, degrees, at_up, at_phase = control.margin(opened)
+        (row,) = [row for row in page.rows if row[0] == quantity(mass, "kg") and "dB" in row[4]]
+        found = [float(re.split(r"[°\s]", cell)[0]) for cell in row[2:6]]
+        assert found == pytest.approx([degrees, at_phase / (2 * pi), up, at_up / (2 * pi)], rel=1e-3)
+
+
+def test_pictures_of_a_result_and_of_its_rig_are_those_of_the_report(run: DesignRun, html: str) -> None:
+    drawn = run.pictures()
+    assert list(drawn) == list(beamdesign.pictures(designed(run)))
+    assert {"loop", "nyquist", "compliance", "locus", "gains"} <= set(drawn)
+    assert all(f'id="figure-{name}"' in html for name in drawn)
+    with pytest.raises(ValueError, match="no rig"):
+        run.sizing.pictures()
+    stages = beamdesign.pictures(read_prototype(STUDY.parent / "scheduled" / "prototype.toml"))
+    assert {"loop.stage_1", "loop.stage_2", "loop.stage_3"} <= set(stages)
 
 
 def test_the_chart_of_the_remedy_shows_both_crossings(remedy: Prototype) -> None:

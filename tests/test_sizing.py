@@ -10,12 +10,15 @@ import pytest
 from scipy.optimize import minimize
 
 from beamdesign.problem import DesignProblem, read_problem
-from beamdesign.structure.section import SquareTube
+from beamdesign.structure.materials import BEAMS
+from beamdesign.structure.section import Tube
 from beamdesign.structure.stock import stock_tubes
 from beamdesign.synthesis.checks import REQUIREMENTS, beam_mass, check_sections, checks
 from beamdesign.synthesis.free_search import (
     Conditions,
     free_optimum,
+    pair_of,
+    sizes_of,
     sizing_program,
     solve,
     solver,
@@ -24,7 +27,7 @@ from beamdesign.synthesis.free_search import (
 from beamdesign.synthesis.sizing import size
 from beamdesign.synthesis.stock_search import stock_optimum
 
-PUBLISHED = SquareTube(0.140, 0.0023), SquareTube(0.100, 0.0032)
+PUBLISHED = Tube(0.140, 0.0023), Tube(0.100, 0.0032)
 
 
 @pytest.fixture(scope="module")
@@ -33,26 +36,31 @@ def problem() -> DesignProblem:
 
 
 def asking(problem: DesignProblem, **figures: Any) -> DesignProblem:
-    """The problem with other requirements, by their field names in `Requirements`, or another `choose`."""
+    """The problem with other requirements, by their names in `Requirements`, `choose`, or shape of both beams."""
+    shape = {key: figures.pop(key) for key in ("shape", "depth_over_width") if key in figures}
+    beams = {name: getattr(problem, name).but(**shape) for name in BEAMS}
     tables: dict[str, dict[str, Any]] = {}
     for name, figure in figures.items():
         table, key = (REQUIREMENTS[name].key if name in REQUIREMENTS else f"sections.{name}").split(".")
         tables.setdefault(table, {})[key] = figure
-    return problem.but(**{table: getattr(problem, table).but(**changes) for table, changes in tables.items()})
+    return problem.but(**beams, **{table: getattr(problem, table).but(**changes) for table, changes in tables.items()})
 
 
 def by_slsqp(problem: DesignProblem, without: str = "") -> tuple[float, np.ndarray]:
     """Least mass by scipy's SLSQP on the four sizes with the kinked checks and finite differences."""
     units = np.array([0.1, 0.001, 0.1, 0.001])
 
+    def tubes(scaled: np.ndarray) -> tuple[Tube, Tube]:
+        return pair_of(problem, (scaled * units).tolist())
+
     def slacks(scaled: np.ndarray) -> np.ndarray:
-        found = checks(problem, *(scaled * units).tolist())
+        found = checks(problem, *tubes(scaled))
         return np.array([check.slack / abs(check.limit) for check in found if not (without and without in check.name)])
 
     best, least = np.zeros(4), np.inf
     for start in ([1.9, 3.0, 1.1, 3.0], [1.5, 2.5, 0.9, 4.0], [1.2, 5.0, 0.8, 8.0]):
         found = minimize(
-            lambda scaled: float(beam_mass(problem, *(scaled * units).tolist())),
+            lambda scaled: float(beam_mass(problem, *tubes(scaled))),
             start,
             method="SLSQP",
             bounds=[(0.1, 20.0), (0.1, 40.0), (0.1, 20.0), (0.1, 40.0)],
@@ -73,6 +81,9 @@ VARIANTS: dict[str, dict[str, Any]] = {
     "stocky": {"width_to_wall_at_most": 40.0},
     "thin walls": {"least_wall_m": 0.0005},
     "thick walls": {"least_wall_m": 0.005},
+    "round": {"shape": "round"},
+    "upright": {"shape": "rectangle", "depth_over_width": 1.5, "choose": "free"},
+    "lying": {"shape": "rectangle", "depth_over_width": 0.8, "choose": "free"},
 }
 
 
@@ -88,7 +99,7 @@ def test_free_optimum_agrees_with_slsqp(problem, optimum, variant):
     mass, sizes = by_slsqp(asking(problem, **VARIANTS[variant]))
     assert free.pair.feasible
     assert free.pair.beam_mass_kg == pytest.approx(mass, rel=1e-5)
-    assert [*free.pair.outer, *free.pair.inner] == pytest.approx(sizes.tolist(), rel=1e-3)
+    assert sizes_of((free.pair.outer, free.pair.inner)) == pytest.approx(sizes.tolist(), rel=1e-3)
 
 
 def test_no_pair_of_a_fine_grid_is_lighter_than_the_free_optimum(problem, optimum):
@@ -96,7 +107,7 @@ def test_no_pair_of_a_fine_grid_is_lighter_than_the_free_optimum(problem, optimu
     outer_width = np.linspace(0.12, 0.17, 41)[:, None, None]
     inner_width = np.linspace(0.075, 0.115, 41)[None, :, None]
     inner_wall = np.linspace(0.002, 0.004, 81)[None, None, :]
-    sizes = (outer_width, 0.002, inner_width, inner_wall)
+    sizes = Tube(outer_width, 0.002), Tube(inner_width, inner_wall)
     passes = np.logical_and.reduce(np.broadcast_arrays(*(check.satisfied for check in checks(problem, *sizes))))
     mass = np.where(passes, beam_mass(problem, *sizes), np.inf)
     assert free.beam_mass_kg < mass.min() < 1.02 * free.beam_mass_kg
@@ -115,7 +126,7 @@ def test_first_order_conditions_hold_at_the_optimum(optimum, variant):
 def test_residual_is_large_where_the_conditions_do_not_hold(problem):
     program = sizing_program(problem)
     conditions = Conditions(program)
-    published = start_variables(problem, np.array([*PUBLISHED[0], *PUBLISHED[1]]))
+    published = start_variables(problem, sizes_of(PUBLISHED))
     assert conditions.optimality(published, program.figures).residual > 0.1
     thin = start_variables(problem, np.array([0.14, 0.001, 0.1, 0.0032]))
     assert conditions.optimality(thin, program.figures).violation == pytest.approx(0.5)
@@ -123,7 +134,7 @@ def test_residual_is_large_where_the_conditions_do_not_hold(problem):
 
 def test_gradients_are_those_of_finite_differences(problem):
     program = sizing_program(problem)
-    point = start_variables(problem, np.array([*PUBLISHED[0], *PUBLISHED[1]]))
+    point = start_variables(problem, sizes_of(PUBLISHED))
     evaluate = ca.Function("g", [program.variables, program.asked], [program.constraints])
     slope = ca.Function("dg", [program.variables, program.asked], [ca.jacobian(program.constraints, program.variables)])
     found, step = np.asarray(slope(point, program.figures)), 1e-6
@@ -140,7 +151,7 @@ def test_shadow_prices_are_those_of_resolved_problems(problem, optimum, variant)
     asked, free = asking(problem, **VARIANTS[variant]), optimum(variant)
     program = sizing_program(asked)
     conditions, ready = Conditions(program), solver(program, program.mass, program.constraints)
-    start = start_variables(asked, np.array([*free.pair.outer, *free.pair.inner]))
+    start = start_variables(asked, sizes_of((free.pair.outer, free.pair.inner)))
 
     def least_mass(figures):
         end = solve(ready, start, figures)
@@ -163,7 +174,7 @@ def test_stock_optimum_is_that_of_a_plain_loop(problem):
         for inner in stock_tubes():
             if inner.width_m >= outer.width_m - 2 * outer.wall_m:
                 continue
-            if not all(check.satisfied for check in checks(problem, *outer, *inner)):
+            if not all(check.satisfied for check in checks(problem, outer, inner)):
                 continue
             passing += 1
             mass = 1.5 * 2700 * sum(4 * tube.wall_m * (tube.width_m - tube.wall_m) for tube in (outer, inner))
@@ -177,10 +188,10 @@ def test_stock_optimum_is_that_of_a_plain_loop(problem):
 
 
 def test_stock_may_be_the_users_own(problem):
-    shelf = [*PUBLISHED, SquareTube(0.2, 0.01)]
-    stock = stock_optimum(problem, shelf)
+    shelf = [*PUBLISHED, Tube(0.2, 0.01)]
+    stock = stock_optimum(problem, (shelf, shelf))
     assert (stock.pair.outer, stock.pair.inner) == PUBLISHED
-    assert stock_optimum(problem, [PUBLISHED[0]]) is None
+    assert stock_optimum(problem, ([PUBLISHED[0]], [PUBLISHED[0]])) is None
 
 
 def test_sizing_compares_free_stock_and_given(problem):
@@ -216,7 +227,7 @@ def test_progress_runs_from_zero_to_one(problem):
 def test_an_optimum_for_yield_alone_would_buckle(problem, optimum):
     thin = asking(problem, least_wall_m=0.0005)
     mass, sizes = by_slsqp(thin, without="local buckling")
-    yield_only = check_sections(thin, SquareTube(*sizes[:2]), SquareTube(*sizes[2:]))
+    yield_only = check_sections(thin, Tube(*sizes[:2]), Tube(*sizes[2:]))
     honest = optimum("thin walls")
     assert mass < 0.8 * honest.pair.beam_mass_kg
     assert any("local buckling" in check.name for check in yield_only.failing)
@@ -260,7 +271,9 @@ def test_too_narrow_names_the_width_first(problem):
     inner_width = np.linspace(0.06, 0.09, 121)[None, :, None]
     inner_wall = np.linspace(0.002, 0.02, 91)[None, None, :]
     passing = np.logical_and.reduce(
-        np.broadcast_arrays(*(check.satisfied for check in checks(problem, widths, 0.002, inner_width, inner_wall)))
+        np.broadcast_arrays(
+            *(one.satisfied for one in checks(problem, Tube(widths, 0.002), Tube(inner_width, inner_wall)))
+        )
     )
     narrowest = widths.ravel()[passing.any(axis=(1, 2))].min()
     assert found.relaxations[0].enough == pytest.approx(narrowest, abs=3e-4)

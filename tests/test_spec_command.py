@@ -12,6 +12,7 @@ import ezdxf
 import numpy as np
 import pytest
 from ezdxf import recover
+from ezdxf.fonts.fonts import make_font
 from typer.testing import CliRunner
 
 from beamdesign.build import analogue, tolerances
@@ -144,6 +145,29 @@ def test_the_drawing_measures_the_prototype(folder: Path) -> None:
         assert sizes[0] == pytest.approx([width - 2 * wall] * 2)
         assert sizes[1] == pytest.approx([width] * 2)
         assert sizes[2] == pytest.approx([1500.0, wall])
+
+
+@pytest.mark.parametrize("clamped", [0.09, 0.135, 0.3])
+def test_no_line_of_the_drawing_runs_through_a_dimension(clamped: float) -> None:
+    """Words as wide as ezdxf's font has them, against every upright line of every dimension."""
+    rig = read_prototype(PROTOTYPES / "published_lag.toml")
+    rig = rig.but(
+        outer_beam=rig.outer_beam.but(free_length_m=1.5 - clamped),
+        inner_beam=rig.inner_beam.but(free_length_m=1.5 - clamped),
+    )
+    drawn = [entity for one in drawing(rig).modelspace().query("DIMENSION") for entity in one.virtual_entities()]
+    lines = [(one.dxf.start, one.dxf.end) for one in drawn if one.dxftype() == "LINE"]
+    upright = [(start.x, *sorted((start.y, end.y))) for start, end in lines if abs(start.x - end.x) < 1e-6]
+    words = [one for one in drawn if one.dxftype() == "MTEXT"]
+    assert (len(words), {one.dxf.attachment_point for one in words}) == (11, {5})  # each about its middle
+    assert len(upright) >= 20
+    for one in words:
+        high, (x, y, _) = one.dxf.char_height, one.dxf.insert
+        wide = make_font("DejaVuSans.ttf", high).text_width(one.text)
+        crossing = [
+            at for at, low, top in upright if abs(at - x) < wide / 2 and low < y + high / 2 and top > y - high / 2
+        ]
+        assert crossing == [], one.text
 
 
 def test_rounded_corners_keep_the_width() -> None:

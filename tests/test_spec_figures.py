@@ -17,6 +17,7 @@ from beamdesign.controllers import Lag, Scheduled, Stage
 from beamdesign.loop import loop
 from beamdesign.plant.changed_figures import CHANGEABLE, with_figures
 from beamdesign.prototype import Prototype, read_prototype
+from beamdesign.structure.section import Tube
 
 PUBLISHED = Path(__file__).parent.parent / "studies" / "prototypes" / "published_lag.toml"
 MASSES = (0.0, 6.8)
@@ -203,7 +204,7 @@ def test_a_stock_tube_changes_stiffness_as_its_second_moment(rig: Prototype) -> 
     choices = stock_choices(rig, MASSES)
     assert choices is not None
     outer = choices[0]
-    assert tuple(outer.stock) == (0.14, 0.0025)
+    assert outer.stock == Tube(0.14, 0.0025)
     assert not outer.same
     # I of a square tube by hand, E of 6061-T6 69 GPa: 3 E I / L^3.
     second_moment = (0.14**4 - 0.135**4) / 12

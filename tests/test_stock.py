@@ -1,6 +1,6 @@
 """Materials and stock sizes: what the data promise."""
 
-from math import sqrt
+from math import hypot
 from pathlib import Path
 
 import numpy as np
@@ -15,21 +15,24 @@ from beamdesign.prototype import read_prototype, write_prototype
 from beamdesign.records import InputError, parse, read_table
 from beamdesign.structure.lumped import lumped_beam
 from beamdesign.structure.materials import BEAMS, material, material_names, unknown_material
+from beamdesign.structure.section import SHAPES, Tube
 from beamdesign.structure.stock import stock_tubes
 
 STUDY = Path(__file__).parent.parent / "studies" / "prototype.toml"
 
 
 def test_stock_is_sorted_and_without_repetition():
-    tubes = stock_tubes()
-    assert list(tubes) == sorted(set(tubes))
+    for shape in SHAPES:
+        sizes = [(tube.width_m, tube.wall_m, tube.depth_m) for tube in stock_tubes(shape)]
+        assert [size[:2] for size in sizes] == sorted(size[:2] for size in sizes)
+        assert len(sizes) == len(set(sizes))
 
 
 def test_stock_tubes_are_tubes_within_what_the_data_state():
-    for tube in stock_tubes():
-        assert 0 < tube.wall_m < tube.width_m / 2
-        assert tube.width_m / tube.wall_m <= 60 * (1 + 1e-12)
-        assert tube.width_m * sqrt(2) <= 0.35
+    for tube in (tube for shape in SHAPES for tube in stock_tubes(shape)):
+        assert 0 < tube.wall_m < min(tube.width_m, tube.depth_m) / 2
+        assert max(tube.width_m, tube.depth_m) / tube.wall_m <= 60 * (1 + 1e-12)
+        assert hypot(tube.width_m, tube.depth_m) <= 0.35
 
 
 def test_every_width_comes_in_several_walls():
@@ -110,7 +113,7 @@ def of_own(**figures):
 def test_own_materials_go_from_the_study_into_the_prototype_and_back(tmp_path):
     problem = parse(DesignProblem, of_own(), "study.toml")
     assert problem.outer_beam.material.shear_modulus_Pa == pytest.approx(200e9 / 2.6)
-    rig = problem.prototype((0.14, 0.004), (0.1, 0.003))
+    rig = problem.prototype(Tube(0.14, 0.004), Tube(0.1, 0.003))
     write_prototype(rig, tmp_path / "rig.toml")
     again = read_prototype(tmp_path / "rig.toml")
     assert again == rig
@@ -122,7 +125,7 @@ def test_own_materials_go_from_the_study_into_the_prototype_and_back(tmp_path):
 
 def test_an_own_material_is_checked_with_the_certificate(tmp_path):
     """The checker takes its figures from the prototype's own file, and tells when they are others."""
-    rig = parse(DesignProblem, of_own(), "study.toml").prototype((0.14, 0.004), (0.1, 0.003))
+    rig = parse(DesignProblem, of_own(), "study.toml").prototype(Tube(0.14, 0.004), Tube(0.1, 0.003))
     rig = rig.but(controller=Lag(gain_A_per_V=1e-4, pole_Hz=20.0, zero_Hz=1.7))
     path, certificate = tmp_path / "rig.toml", tmp_path / "certificate.toml"
     certificate.write_text(certify(rig, 0.0, 2.0).text)

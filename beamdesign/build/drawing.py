@@ -9,9 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 from beamdesign.prototype import Prototype
 from beamdesign.quantity_text import tube_text
-from beamdesign.report.drawing import Tube, drawable, tubes_of
+from beamdesign.report.drawing import Drawn, drawable, gap_text, tubes_of
 from beamdesign.spelling import in_dxf, one_line
-from beamdesign.structure import section
 
 if TYPE_CHECKING:
     from ezdxf.document import Drawing
@@ -87,7 +86,7 @@ def drawing(prototype: Prototype) -> "Drawing":
     style = document.dimstyles.duplicate_entry("EZDXF", _STYLE)
     style.set_arrows(blk="")
     for key, value in {
-        "dimscale": scale, "dimtxt": 3.0, "dimasz": 2.5, "dimtsz": 0.0, "dimexo": 1.0, "dimexe": 1.5, "dimgap": 1.0,
+        "dimscale": scale, "dimtxt": 3.0, "dimasz": 2.5, "dimtsz": 0.0, "dimexo": 1.0, "dimexe": 1.0, "dimgap": 1.2,
         "dimdec": 2, "dimzin": 8, "dimlfac": 1.0, "dimtad": 1, "dimdsep": ord("."),
     }.items():  # fmt: skip
         style.dxf.set(key, value)
@@ -174,13 +173,13 @@ def _dimension(
     made.render()
 
 
-def _lengthwise(space: "Modelspace", outer: Tube, inner: Tube, scale: float) -> None:
+def _lengthwise(space: "Modelspace", outer: Drawn, inner: Drawn, scale: float) -> None:
     """Both tubes cut along their axis, the base around the outer one, the plug around the inner one, the tip joint."""
-    half, inside = outer.width / 2, inner.width / 2
+    half, inside = outer.depth / 2, inner.depth / 2
     for layer, tube in (("OUTER_TUBE", outer), ("INNER_TUBE", inner)):
         for side in (-1, 1):
-            _box(space, layer, (tube.back, 0.0), (side * tube.width / 2, side * (tube.width / 2 - tube.wall)))
-    thick = 0.25 * outer.width
+            _box(space, layer, (tube.back, 0.0), (side * tube.depth / 2, side * (tube.depth / 2 - tube.wall)))
+    thick = 0.25 * outer.depth
     blocks = [((outer.back, -outer.free), half, half + thick), ((inner.back, -inner.free), inside, half - outer.wall)]
     for x, low, high in blocks:
         for side in (-1, 1):
@@ -189,7 +188,7 @@ def _lengthwise(space: "Modelspace", outer: Tube, inner: Tube, scale: float) -> 
     back = min(outer.back, inner.back)
     space.add_line((back - 8 * scale, 0), (14 * scale, 0), dxfattribs={"layer": "CENTRE"})
     # The joint: a cylinder between the inner tip and the outer one, as a symbol.
-    reach = min(0.35 * inner.width, 12 * scale)
+    reach = min(0.35 * inner.depth, 12 * scale)
     _box(space, "JOINT", (-reach, 0.0), (inside, half - outer.wall))
     _box(space, "JOINT", (-reach, 0.0), (-half + outer.wall, -inside))
     space.add_line((0, -half - thick), (0, half + thick), dxfattribs={"layer": "CENTRE"})
@@ -197,61 +196,75 @@ def _lengthwise(space: "Modelspace", outer: Tube, inner: Tube, scale: float) -> 
     _dimension(space, (-inner.free, -inside), (0, -inside), (0, low - step), text="inner, free <>")
     _dimension(space, (-outer.free, -half), (0, -half), (0, low - 2 * step), text="outer, free <>")
     if outer.cut is not None:
-        _dimension(space, (outer.back, -half), (-outer.free, -half), (0, low - 2 * step), text="clamp <>")
+        _clamp(space, outer, -half, low - 2 * step, scale)
         _dimension(space, (outer.back, -half), (0, -half), (0, low - 3 * step), text="outer, cut <>")
     high = half + thick
     if inner.cut is not None:
-        _dimension(space, (inner.back, inside), (-inner.free, inside), (0, high + step), text="clamp <>")
+        _clamp(space, inner, inside, high + step, scale)
         _dimension(space, (inner.back, inside), (0, inside), (0, high + 2 * step), text="inner, cut <>")
 
 
-def _across(space: "Modelspace", outer: Tube, inner: Tube, scale: float) -> None:
-    """Both tubes in cross-section, with widths, walls and the gap."""
-    half, inside, step = outer.width / 2, inner.width / 2, 9 * scale
+def _clamp(space: "Modelspace", tube: Drawn, edge: float, line: float, scale: float) -> None:
+    """The clamped length of a tube; where it is too short for the words they stand on its left."""
+    aside = (tube.back - 13 * scale, line) if -tube.free - tube.back < 23 * scale else None
+    _dimension(space, (tube.back, edge), (-tube.free, edge), (0, line), text="clamp <>", text_at=aside)
+
+
+def _across(space: "Modelspace", outer: Drawn, inner: Drawn, scale: float) -> None:
+    """Both tubes in cross-section, with outside sizes, walls and the gap."""
+    half, high, inside, step = outer.width / 2, outer.depth / 2, inner.width / 2, 9 * scale
     x = half + 60 * scale
     for layer, tube in (("OUTER_TUBE", outer), ("INNER_TUBE", inner)):
-        for side, radius in (
-            (tube.width / 2, tube.radius),
-            (tube.width / 2 - tube.wall, max(tube.radius - tube.wall, 0.0)),
-        ):
-            _rounded(space, layer, x, side, radius)
-    for along in ((x - half - 6 * scale, 0, x + half + 6 * scale, 0), (x, -half - 6 * scale, x, half + 6 * scale)):
+        for outline in tube.outlines:
+            _rounded(space, layer, x, *outline)
+    for along in ((x - half - 6 * scale, 0, x + half + 6 * scale, 0), (x, -high - 6 * scale, x, high + 6 * scale)):
         space.add_line(along[:2], along[2:], dxfattribs={"layer": "CENTRE"})
-    _dimension(space, (x - half, -half), (x + half, -half), (0, -half - 2 * step))
-    _dimension(space, (x - inside, -inside), (x + inside, -inside), (0, -half - step))
-    right, left, top = x + half, x - inside, half + step
-    _dimension(space, (right - outer.wall, 0.6 * half), (right, 0.6 * half), (0, top), text="outer wall <>")
-    _dimension(space, (left, 0.6 * inside), (left + inner.wall, 0.6 * inside), (0, top + step), text="inner wall <>")
+    for tube, drop in ((outer, 2 * step), (inner, step)):
+        side, ring = tube.width / 2, tube.section.shape == "round"
+        low = 0.0 if ring else -tube.depth / 2
+        _dimension(space, (x - side, low), (x + side, low), (0, -high - drop), text="%%c<>" if ring else "<>")
+        if tube.section.shape == "rectangle":
+            _dimension(space, (x - side, low), (x - side, -low), (x - half - drop, 0), 90)
+    right, left, top = x + half, x - inside, high + step
+    at_outer, at_inner = (0.0 if tube.section.shape == "round" else 0.3 * tube.depth for tube in (outer, inner))
+    aside = (right + 18 * scale, top) if outer.section.shape == "rectangle" else None  # clear of the inner wall's lines
+    _dimension(space, (right - outer.wall, at_outer), (right, at_outer), (0, top), text="outer wall <>", text_at=aside)
+    _dimension(space, (left, at_inner), (left + inner.wall, at_inner), (0, top + step), text="inner wall <>")
     beside = right + 1.5 * step
-    words = (beside + 13 * scale, (inside + half - outer.wall) / 2)
-    _dimension(space, (x, inside), (x, half - outer.wall), (beside, 0), 90, "gap <>", words)
+    words = (beside + 13 * scale, (inner.depth / 2 + high - outer.wall) / 2)
+    _dimension(space, (x, inner.depth / 2), (x, high - outer.wall), (beside, 0), 90, "gap <>", words)
 
 
-def _rounded(space: "Modelspace", layer: str, x: float, half: float, radius: float) -> None:
-    """A square about (x, 0), its corners rounded by arcs of a polyline (bulge = tan 22.5 deg)."""
+def _rounded(space: "Modelspace", layer: str, x: float, half: float, high: float, radius: float) -> None:
+    """A rectangle about (x, 0), its corners rounded by arcs of a polyline (bulge = tan 22.5 deg), or a circle."""
     if radius <= 0:
-        return _box(space, layer, (x - half, x + half), (-half, half))
-    a, bulge = half - radius, 0.41421356237309503
+        return _box(space, layer, (x - half, x + half), (-high, high))
+    a, b, bulge = half - radius, high - radius, 0.41421356237309503
+    if max(a, b) < 1e-9 * radius:
+        space.add_circle((x, 0), radius, dxfattribs={"layer": layer})
+        return None
     points = [
-        (x + half, -a, 0.0), (x + half, a, bulge), (x + a, half, 0.0), (x - a, half, bulge),
-        (x - half, a, 0.0), (x - half, -a, bulge), (x - a, -half, 0.0), (x + a, -half, bulge),
+        (x + half, -b, 0.0), (x + half, b, bulge), (x + a, high, 0.0), (x - a, high, bulge),
+        (x - half, b, 0.0), (x - half, -b, bulge), (x - a, -high, 0.0), (x + a, -high, bulge),
     ]  # fmt: skip
     space.add_lwpolyline(points, format="xyb", close=True, dxfattribs={"layer": layer})
+    return None
 
 
-def _words(space: "Modelspace", prototype: Prototype, outer: Tube, inner: Tube, scale: float) -> None:
-    gap = section.clearance(outer.width, outer.wall, inner.width)
+def _words(space: "Modelspace", prototype: Prototype, outer: Drawn, inner: Drawn, scale: float) -> None:
     load = prototype.payload
+    sizes = [tube_text(one.tube) for one in (prototype.outer_beam, prototype.inner_beam) if one.tube is not None]
     added = f", {load.inner_end_mass_kg:g} kg to be added" if load.inner_end_mass_kg else ""
     lines = [
         prototype.name,
-        f"Outer tube: {tube_text(outer.width / 1e3, outer.wall / 1e3)}, {prototype.outer_beam.material};"
+        f"Outer tube: {sizes[0]}, {prototype.outer_beam.material};"
         f" {prototype.outer_beam.end_mass_kg:g} kg fixed to the tip",
-        f"Inner tube: {tube_text(inner.width / 1e3, inner.wall / 1e3)}, {prototype.inner_beam.material};"
+        f"Inner tube: {sizes[1]}, {prototype.inner_beam.material};"
         f" {prototype.inner_beam.end_mass_kg:g} kg fixed to the tip{added}",
-        f"Gap per side at assembly {gap:.4g}. Tips in one plane. Tip joint and clamps are symbols. Dimensions in mm.",
+        f"Gap per side at assembly {gap_text(outer, inner)}. Tips in one plane. Tip joint and clamps are symbols."
+        " Dimensions in mm.",
     ]
-    top = outer.width / 2 * 1.5 + 44 * scale
+    top = outer.depth / 2 * 1.5 + 44 * scale
     for k, line in enumerate(lines):
         space.add_text(
             in_dxf(line),
@@ -262,4 +275,4 @@ def _words(space: "Modelspace", prototype: Prototype, outer: Tube, inner: Tube, 
         entity: Any = space.add_text(text, height=3.0 * scale, dxfattribs={"layer": "TEXT"})
         from ezdxf.enums import TextEntityAlignment
 
-        entity.set_placement((at, -outer.width * 0.75 - 36 * scale), align=TextEntityAlignment.CENTER)
+        entity.set_placement((at, -outer.depth * 0.75 - 36 * scale), align=TextEntityAlignment.CENTER)

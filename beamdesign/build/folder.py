@@ -61,6 +61,7 @@ from beamdesign.report.page import (
 from beamdesign.report.statements import proved_statements
 from beamdesign.spelling import one_line
 from beamdesign.structure.lumped import lumped_beam, notes
+from beamdesign.structure.section import Tube
 
 BASIS = {
     "guaranteed": "proved",
@@ -234,6 +235,8 @@ def _plain(value: Any) -> Any:
     """Records and dataclasses as tables, without the texts of proofs; what JSON cannot hold is left to its writer."""
     if isinstance(value, Record):
         return value.model_dump(exclude_none=True)
+    if isinstance(value, Tube):
+        return value.sizes
     if hasattr(value, "_asdict"):
         return _plain(value._asdict())
     if is_dataclass(value) and not isinstance(value, type):

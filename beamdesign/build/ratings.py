@@ -18,9 +18,10 @@ from beamdesign.proofs.certifying import guaranteed_by_all
 from beamdesign.proofs.rig_family import rig_family
 from beamdesign.prototype import Beam, InStage, Prototype
 from beamdesign.quantity_text import tube_text
-from beamdesign.structure import beam, section
+from beamdesign.structure import beam
 from beamdesign.structure.lumped import lumped_beam
-from beamdesign.structure.section import SquareTube
+from beamdesign.structure.section import Tube
+from beamdesign.structure.shapes import gaps
 from beamdesign.structure.stock import stock_tubes
 from beamdesign.synthesis.operating_limits import Envelope, envelope, needs
 
@@ -59,14 +60,14 @@ class StockChoice:
         stiffness_N_per_m: of the tip as specified, and with the stock tube by its geometry.
         effective_mass_kg: likewise.
         tube_mass_kg: likewise.
-        gap_m: play per side, likewise.
+        gap_m: least play per side, likewise.
         stable: whether the loop with this tube exchanged is proved stable over the range; None where it is the same
             or does not fit.
         bandwidth_Hz, peak_sensitivity: proved with it; None where not stable.
     """
 
     made: TubeToMake
-    stock: SquareTube
+    stock: Tube
     same: bool
     fits: bool
     stiffness_N_per_m: tuple[float, float]
@@ -78,22 +79,22 @@ class StockChoice:
     peak_sensitivity: float | None
 
 
-def nearest_stock_tube(width_m: float, wall_m: float) -> SquareTube:
-    """The stock tube of at least this wall and bending stiffness with the least area, or the stiffest of the list."""
-    needed = section.second_moment(width_m, wall_m)
-    enough = [
-        tube
-        for tube in stock_tubes()
-        if tube.wall_m >= wall_m * (1 - 1e-9) and section.second_moment(*tube) >= needed * (1 - 1e-9)
-    ]
+def nearest_stock_tube(made: Tube) -> Tube:
+    """The stock tube of at least this wall and bending stiffness with the least area, or the stiffest of the list.
+
+    It is of the same shape and, where there are such, ratio of sides.
+    """
+    stock = stock_tubes(made.shape, made.depth_over_width) or stock_tubes(made.shape)
+    wall, needed = made.wall_m * (1 - 1e-9), made.second_moment * (1 - 1e-9)
+    enough = [tube for tube in stock if tube.wall_m >= wall and tube.second_moment >= needed]
     if enough:
-        return min(enough, key=lambda tube: float(section.area(*tube)))
-    return max(stock_tubes(), key=lambda tube: float(section.second_moment(*tube)))
+        return min(enough, key=lambda tube: float(tube.area))
+    return max(stock, key=lambda tube: float(tube.second_moment))
 
 
 def held_loads(prototype: Prototype, tip_force_N: float) -> tuple[HeldLoad, ...]:
     """Static deflection and remaining gap with the servo on (inner beam bends) and off (outer beam bends)."""
-    gap, found = _gap(prototype.outer_beam, prototype.inner_beam), []
+    gap, found = _gaps(prototype.outer_beam, prototype.inner_beam)[0], []
     for words, record in (
         ("servo on: the inner beam bends, the outer one is held straight", prototype.inner_beam),
         ("servo off: the outer beam bends, the inner one is unloaded", prototype.outer_beam),
@@ -116,23 +117,19 @@ def stock_choices(prototype: Prototype, masses_kg: tuple[float, float]) -> tuple
 
 def _choice(prototype: Prototype, name: str, masses_kg: tuple[float, float]) -> StockChoice:
     record = getattr(prototype, f"{name}_beam")
-    stock = nearest_stock_tube(record.width_m, record.wall_m)
-    same = abs(stock.width_m - record.width_m) < 1e-9 and abs(stock.wall_m - record.wall_m) < 1e-9
-    other = record.but(
-        width_m=stock.width_m, wall_m=stock.wall_m, corner_radius_m=0.0, stiffness_N_per_m=None, effective_mass_kg=None
-    )
+    stock = nearest_stock_tube(record.but(corner_radius_m=0.0).tube)
+    pairs = ((getattr(stock, key), getattr(record.tube, key)) for key in ("width_m", "depth_m", "wall_m"))
+    same = all(abs(own - asked) < 1e-9 for own, asked in pairs)
+    other = record.but(**stock.sizes, corner_radius_m=0.0, stiffness_N_per_m=None, effective_mass_kg=None)
     beams = {"outer": prototype.outer_beam, "inner": prototype.inner_beam}
-    before, after = _gap(**beams), _gap(**(beams | {name: other}))
+    before, after = (float(min(_gaps(**pair))) for pair in (beams, beams | {name: other}))
     length = record.length_m if record.length_m is not None else record.free_length_m
     density = record.material.density_kg_per_m3
-    tube_mass_kg, exchanged_kg = (
-        float(length * section.mass_per_length(one.width_m, one.wall_m, density, one.corner_radius_m))
-        for one in (record, other)
-    )
+    tube_mass_kg, exchanged_kg = (float(length * one.tube.mass_per_length(density)) for one in (record, other))
     made = TubeToMake(
         name=name,
-        size=tube_text(record.width_m, record.wall_m),
-        nearest_stock="is a stock size" if same else tube_text(*stock),
+        size=tube_text(record.tube),
+        nearest_stock="is a stock size" if same else tube_text(stock),
         length_m=length,
         free_length_m=record.free_length_m,
         clamped_m=length - record.free_length_m,
@@ -156,9 +153,11 @@ def _performance(reached: Guaranteed | None) -> tuple[float | None, float | None
     return (None, None) if reached is None else (reached.bandwidth_Hz, reached.peak_sensitivity)
 
 
-def _gap(outer: Beam, inner: Beam) -> float:
-    """Play per side at assembly, m."""
-    return float(section.clearance(outer.width_m, outer.wall_m, inner.width_m))
+def _gaps(outer: Beam, inner: Beam) -> tuple[float, ...]:
+    """Play per side at assembly, m: along the load, and across where it is another."""
+    found = gaps(outer, inner)
+    assert found is not None  # stock is chosen where both have a geometry
+    return found
 
 
 SHOWN_HZ = np.array([0.1, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0])

@@ -4,6 +4,7 @@ The report is one self-contained HTML page: no requests, both themes, fit for pr
 its curves and their places in the SVG, so that the page can tell values under the pointer.
 """
 
+from math import isfinite, log10
 from pathlib import Path
 
 from markupsafe import Markup
@@ -29,7 +30,6 @@ from beamdesign.quantity_text import (
 )
 from beamdesign.records import to_toml
 from beamdesign.report.canvas import inline_svg, readings_json
-from beamdesign.report.figures import TradePoint, read_trade
 from beamdesign.report.page import (
     Block,
     Code,
@@ -45,6 +45,7 @@ from beamdesign.report.page import (
 )
 from beamdesign.report.pictures import CaptionedFigure, loop_pictures, prototype_picture, trade_picture
 from beamdesign.report.statements import price_words, statements
+from beamdesign.report.trades import TradePoint, read_trade
 from beamdesign.structure.lumped import lumped_beam, notes
 from beamdesign.synthesis.checks import Check, CheckedPair
 from beamdesign.synthesis.design_run import CERTIFICATE_NAME, DesignRun, certificate_name
@@ -157,6 +158,12 @@ def report_html(run: DesignRun, files: dict[str, str], trade: tuple[TradePoint, 
         "By the linear model, at single masses",
         numbers=tuple(range(len(heads))),
     )
+    margins = Table(
+        ("outer end mass", "highest crossover", "phase margin", "at", "gain margin", "at", "gain may fall to"),
+        tuple(margin_rows(prototype, guarantee.outer_end_mass_kg)),
+        "Of the nominal rig, at single masses",
+        numbers=tuple(range(7)),
+    )
     lumped = Table(("figure", "symbol", "value", "source"), tuple(lumped_rows(prototype)), numbers=(2,), whole=(0,))
     proof = files.get("certificate_box", files["certificate"])
     parts = (
@@ -164,7 +171,8 @@ def report_html(run: DesignRun, files: dict[str, str], trade: tuple[TradePoint, 
         Part("Drawing", (pictures["prototype"],)),
         Part("Figures of the model", (lumped, *(Paragraph(f"{note}.") for note in notes(prototype)))),
         Part("Controller and end mass", tuple(law)),
-        Part("Performance", (pictures["compliance"], pictures["sensitivity"], expected, pictures["loop"])),
+        Part("Performance", (pictures["compliance"], pictures["sensitivity"], expected)),
+        Part("Margins", (pictures["loop"], margins, pictures["nyquist"])),
         Part(
             "Stability over the outer end mass",
             (Paragraph(_stability_words(certificate)), *(pictures[n] for n in ("ranges", "gains", "locus", "poles"))),
@@ -260,7 +268,7 @@ def section_rows(run: DesignRun) -> list[tuple[str, str, str, str, str]]:
         failing = "; ".join(check.name for check in pair.failing)
         verdict = f"fails {failing}" if failing else f"passes, governed by {governing}"
         mass = quantity(pair.beam_mass_kg, "kg")
-        rows.append((name + chosen, tube_text(*pair.outer), tube_text(*pair.inner), mass, verdict))
+        rows.append((name + chosen, tube_text(pair.outer), tube_text(pair.inner), mass, verdict))
     return rows
 
 
@@ -284,6 +292,25 @@ def expected_rows(prototype: Prototype, bounds: tuple[float, float]) -> list[tup
         )
         for row in acceptance(prototype, InStage(prototype, bounds).looked_at_kg)
     ]
+
+
+def margin_rows(prototype: Prototype, bounds: tuple[float, float]) -> list[tuple[str, ...]]:
+    """Mass, crossover, phase margin, gain margin each with its frequency, and the least factor, at single masses."""
+    closed = loop(prototype)
+    rows: list[tuple[str, ...]] = []
+    for mass in InStage(prototype, bounds).looked_at_kg:
+        found = closed.at(mass).margins()
+        up = f"{decimal(found.gain_up)} = {decimal(20 * log10(found.gain_up), 3)} dB"
+        rows.append(
+            (
+                quantity(mass, "kg"),
+                *((quantity(found.crossover_Hz, "Hz"), f"{decimal(found.phase_deg)}°", quantity(found.phase_Hz, "Hz"))
+                if found.crossover_Hz else ("–", "∞", "–")),
+                *((up, quantity(found.critical_frequency_Hz, "Hz")) if isfinite(found.gain_up) else ("∞", "–")),
+                f"{decimal(found.gain_down)} times" if found.gain_down else "none",
+            )
+        )  # fmt: skip
+    return rows
 
 
 def _inline(picture: CaptionedFigure) -> Picture:

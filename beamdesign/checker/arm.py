@@ -11,7 +11,7 @@ from collections.abc import Callable
 from flint import arb, fmpq, fmpq_poly
 
 from beamdesign.checker.mass_range import Bound, Statements, magnitudes, stability
-from beamdesign.checker.prototype import agree, second_moment, torsion_constant
+from beamdesign.checker.prototype import Section, agree
 from beamdesign.checker.reading import Table, Unreadable, judged, short
 from beamdesign.checker.rig import Loop, Rig
 from beamdesign.checker.roots import ZERO, Family, Pair, Polynomials, S, Slack
@@ -77,7 +77,7 @@ class Arm:
         self._given, self._ratio = (arm.at_least(key, 0) if key in arm else None for key in keys)
         self._second = arm.table("second_controller").whole_of_it() if "second_controller" in arm else None
         coupled = self.lever != 0 and "section" in stated
-        self._section = Section(stated.table("section"), table) if coupled else None
+        self._section = OuterTube(stated.table("section"), table) if coupled else None
 
     def statements(self, rig: Rig) -> Statements:
         """How the payload takes part, and that what is stated twice agrees, but for the rounding of floats."""
@@ -90,14 +90,14 @@ class Arm:
         stiffness, damping, inertia = self.torsion
         section, turning = self._section, arb(self._added)
         if section is not None:
-            turning += arb(TORSION_SHARE * section.density * 2 * self.length) * second_moment(*section.sizes)
+            turning += arb(TORSION_SHARE * section.density * self.length) * section.tube.polar
         words = "polar inertia is that of end module and payload" + ("" if section is None else " and tube")
         yield agree(inertia, turning), f"{words}: {short(inertia)} kg m2"
         words = f"torsional stiffness {short(stiffness)} N m/rad"
         if self._given is not None:
             yield stiffness == self._given, f"{words} is that of [arm]"
         elif section is not None:
-            computed = arb(section.shear_modulus / self.length) * torsion_constant(*section.sizes)
+            computed = arb(section.shear_modulus / self.length) * section.tube.torsion_constant
             yield agree(stiffness, computed), f"{words} is that of the section"
         else:
             yield False, f"{words} is given by [arm] or a section"
@@ -108,15 +108,13 @@ class Arm:
         yield damped, f"torsional damping {short(damping)} N m s/rad is that of the damping ratio"
 
 
-class Section:
-    """The outer beam's tube: outside width, wall and outside corner radius (m), and what it is of."""
+class OuterTube:
+    """The outer beam's tube, and what it is of; square or round, as it bends in both planes alike."""
 
     def __init__(self, table: Table, certificate: Table) -> None:
+        shape = table.word("shape", "square", "round") if "shape" in table else "square"
         width, wall = (table.at_least(key, 0, above=True) for key in ("width_m", "wall_m"))
-        radius = table.at_least("corner_radius_m", 0)
-        if 2 * wall >= width or 2 * radius > width:
-            raise Unreadable(f"{table.place} is of no tube")
-        self.sizes = arb(width), arb(wall), arb(radius)
+        self.tube = Section(shape, width, wall, table.at_least("corner_radius_m", 0))
         name = table.word("material")
         alloy = Table(certificate.optional("material").whole_of_it().get(name), f"material.{name[:60]}")
         self.shear_modulus = alloy.at_least("shear_modulus_Pa", 0, above=True)

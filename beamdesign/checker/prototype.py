@@ -1,6 +1,6 @@
 """Whether a prototype is the rig that a certificate states: parsed tables, number by number.
 
-What a prototype's geometry gives where no lumped figure stands is worked out anew, for a square tube of an alloy whose
+What a prototype's geometry gives where no lumped figure stands is worked out anew, for a tube of an alloy whose
 modulus and density the certificate states. What a prototype leaves out has the value that its format gives it.
 """
 
@@ -15,9 +15,8 @@ from beamdesign.checker.reading import Table, Unreadable, rational, short
 from beamdesign.checker.rig import Rig
 from beamdesign.checker.roots import Pair
 
-# A square tube with rounded corners, in balls: area, second moment, torsion constant. For bending Zalucky and Hardt
-# (1984), equations (3) and (5); for torsion Bredt's formula with what a thin wall has by itself, as EN 10219-2:2006,
-# Annex B.
+# Tubes in balls: area, second moment, torsion constant. For bending Zalucky and Hardt (1984), equations (3) and (5);
+# for torsion of tubes with corners Bredt's formula with what a thin wall has by itself, as EN 10219-2:2006, Annex B.
 
 
 ROUNDING = 1000 * FLOAT_ROUNDING
@@ -29,31 +28,50 @@ def agree(stated: fmpq, value: arb) -> bool:
     return bool(abs(arb(stated) - value) <= abs(value) * arb(ROUNDING))
 
 
-def area(width: arb, wall: arb, radius: arb) -> arb:
-    """Of the cross-section, m2, from outside width, wall and outside corner radius in m."""
-    return width**2 - (width - 2 * wall) ** 2 - (4 - arb.pi()) * (radius**2 - _positive(radius - wall) ** 2)
+class Section:
+    """A tube: m2, m4 and m4.
 
+    Attributes:
+        area: of the cross-section.
+        second_moment: about the axis across the load.
+        polar: the sum of that and the one about the axis along it.
+        torsion_constant: J.
+    """
 
-def second_moment(width: arb, wall: arb, radius: arb) -> arb:
-    """About an axis parallel to a side, m4; the polar one is twice that."""
-    opening = width - 2 * wall
-    return (width**4 - opening**4) / 12 - _corners(width, radius) + _corners(opening, _positive(radius - wall))
+    def __init__(self, shape: str, width: fmpq, wall: fmpq, radius: fmpq, depth: fmpq | None = None) -> None:
+        if shape not in SHAPES or (depth is None) is (shape == "rectangle") or (shape == "round" and radius != 0):
+            raise Unreadable(f"shape {shape[:60]!r} with these sizes is of no tube")
+        high = width if depth is None else depth
+        narrow = min(width, high)
+        if not 0 < 2 * wall < narrow or not 0 <= 2 * radius <= narrow:
+            raise Unreadable("a wall or a corner does not fit into the sides of a tube")
+        across, along, thick = arb(width), arb(high), arb(wall)
+        if shape == "round":  # a disc less a disc
+            outside, inside = across / 2, across / 2 - thick
+            self.area = arb.pi() * (outside**2 - inside**2)
+            self.second_moment = arb.pi() * (outside**4 - inside**4) / 4
+            self.polar = self.torsion_constant = 2 * self.second_moment
+            return
+        corner, inner = arb(radius), arb(max(radius - wall, fmpq(0)))
+        lost = (4 - arb.pi()) * (corner**2 - inner**2)
+        self.area = across * along - (across - 2 * thick) * (along - 2 * thick) - lost
 
+        def about(side: arb, other: arb) -> arb:
+            """Second moment about the axis that `side` lies across."""
+            hole = ((other - 2 * thick) * (side - 2 * thick) ** 3) / 12
+            return other * side**3 / 12 - hole - _corners(side, corner) + _corners(side - 2 * thick, inner)
 
-def torsion_constant(width: arb, wall: arb, radius: arb) -> arb:
-    """4 A^2 t / p + p t^3 / 3 of the wall's middle line, m4."""
-    side, turn = width - wall, _positive(radius - wall / 2)
-    straight, arc = side - 2 * turn, arb.pi() * turn / 2
-    around, within = 4 * (straight + arc), straight**2 + 4 * straight * turn + arb.pi() * turn**2
-    return 4 * within**2 * wall / around + around * wall**3 / 3
-
-
-def _positive(value: arb) -> arb:
-    return value if value > 0 else arb(0)
+        self.second_moment = about(along, across)
+        self.polar = self.second_moment + about(across, along)
+        turn = arb(max(radius - wall / 2, fmpq(0)))
+        straight, arc = (across - thick - 2 * turn, along - thick - 2 * turn), arb.pi() * turn / 2
+        around = 2 * sum(straight, arb(0)) + 4 * arc
+        within = straight[0] * straight[1] + 2 * turn * sum(straight, arb(0)) + arb.pi() * turn**2
+        self.torsion_constant = 4 * within**2 * thick / around + around * thick**3 / 3
 
 
 def _corners(side: arb, radius: arb) -> arb:
-    """Second moment of what rounding takes from a square's corners: four squares less four quarter discs."""
+    """Second moment of what rounding takes from a rectangle's corners: four squares less four quarter discs."""
     to_centre = side / 2 - radius
     square = radius**4 / 12 + radius**2 * (to_centre + radius / 2) ** 2
     centroid = 4 * radius / (3 * arb.pi())
@@ -65,10 +83,11 @@ def _corners(side: arb, radius: arb) -> arb:
 # The prototype's tables.
 
 
+SHAPES = ("square", "rectangle", "round")
 MODE_MASS_FRACTION = fmpq(236, 1000)
 """Equation (2): the share of a uniform beam's mass that moves with its tip."""
 DEFAULTS: dict[str, dict[str, Any]] = {
-    "beam": {"damping_ratio": 0.05, "corner_radius_m": 0.0, "end_mass_kg": 0.0},
+    "beam": {"damping_ratio": 0.05, "shape": "square", "corner_radius_m": 0.0, "end_mass_kg": 0.0},
     "servovalve": {"damping_ratio": 0.5},
     "actuator": {"rotor_friction_N_m_s_per_rad": 0.0, "screw_damping_N_s_per_m": 0.0},
     "payload": {"inner_end_mass_kg": 0.0},
@@ -200,11 +219,13 @@ def _plane(table: Table, prototype: Mapping[str, Any]) -> Iterator[str]:
     """That a plane of an arm is that of the prototype's outer beam; torsion is proved to follow from its section."""
     if "plane" not in table:
         return
-    stated, keys = table.table("plane").whole_of_it(), ("width_m", "wall_m", "material", "corner_radius_m")
+    stated, keys = table.table("plane").whole_of_it(), ("shape", "width_m", "wall_m", "material", "corner_radius_m")
     if not same(stated["free_length_m"], _of(prototype, "outer_beam", "free_length_m")):
         yield "the length of its outer beam is not that of the prototype's"
     given = {key: _of(prototype, "outer_beam", key) for key in keys}
-    if "torsion" in stated and not same(stated.get("section", {}), {} if None in given.values() else given):
+    whole = {} if None in given.values() else given
+    section = {"shape": "square", **stated["section"]} if "section" in stated else {}
+    if "torsion" in stated and not same(section, whole):
         yield "the section of its outer beam is not that of the prototype's"
 
 
@@ -290,11 +311,12 @@ def _lumped(prototype: Mapping[str, Any], name: str, alloys: Mapping[str, Table]
     material = _of(prototype, name, "material")
     if material not in alloys:
         raise Unreadable(f"the certificate states no [material.{material}], of which the prototype's {name} is")
-    keys = ("width_m", "wall_m", "corner_radius_m", "free_length_m", "end_mass_kg")
-    width, wall, radius, length, end = (_ball(prototype, name, key) for key in keys)
-    alloy = alloys[material]
-    from_section = 3 * arb(alloy.number("youngs_modulus_Pa")) * second_moment(width, wall, radius) / length**3
-    moving = end + arb(MODE_MASS_FRACTION * alloy.number("density_kg_per_m3")) * area(width, wall, radius) * length
+    length, end = (_ball(prototype, name, key) for key in ("free_length_m", "end_mass_kg"))
+    keys = ("width_m", "wall_m", "corner_radius_m", *(["depth_m"] if "depth_m" in _table(prototype, name) else []))
+    sizes = (_number(_of(prototype, name, key), f"{name}.{key}") for key in keys)
+    alloy, tube = alloys[material], Section(str(_of(prototype, name, "shape")), *sizes)
+    from_section = 3 * arb(alloy.number("youngs_modulus_Pa")) * tube.second_moment / length**3
+    moving = end + arb(MODE_MASS_FRACTION * alloy.number("density_kg_per_m3")) * tube.area * length
     return (
         from_section if stiffness is None else _ball(prototype, name, "stiffness_N_per_m"),
         moving if mass is None else _ball(prototype, name, "effective_mass_kg"),

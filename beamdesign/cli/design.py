@@ -16,7 +16,7 @@ from beamdesign.cli.command import (
     mass_range,
     write_drawn,
 )
-from beamdesign.cli.output import default_folder, echo, echo_table, progress, refuse
+from beamdesign.cli.output import default_folder, echo, echo_table, progress, refuse, tuning_takes
 from beamdesign.files import write_set
 from beamdesign.json_text import picked
 from beamdesign.public import SIGMAS
@@ -51,7 +51,7 @@ def run(
     from beamdesign.synthesis.design_run import run_design
 
     problem = _read(study, nominal)
-    with progress("designing") as update:
+    with progress("designing", tuning_takes(problem.controller.kind)) as update:
         result = run_design(problem, update, 0.0 if nominal else sigmas)
         if result.prototype is not None:
             update(0.95, "drawing the report")
@@ -68,8 +68,8 @@ def run(
     moving, proved = result.sizing.beam_mass_kg + payload.inner_end_mass_kg, result.proved
     rests = "comes to rest, of exactly these figures" if nonlinear else "not proved to come to rest"
     rows = [
-        ("outer beam", tube_text(*result.sizing.outer)),
-        ("inner beam", tube_text(*result.sizing.inner)),
+        ("outer beam", tube_text(result.sizing.outer)),
+        ("inner beam", tube_text(result.sizing.inner)),
         ("mass of both beams and inner end mass", f"{moving:.3f} kg"),
         ("governing check", result.sizing.governing),
         *(row for one in reached for row in guaranteed_rows(one, one.outer_end_mass_kg)),
@@ -144,7 +144,7 @@ def codesign(
 
     problem = _read(study, nominal)
     masses = mass_range(outer_end_mass, problem.payload.outer_end_mass_kg, study)
-    with progress("co-design") as update:
+    with progress("co-design", "1 to 5 minutes") as update:
         found = room.codesign(problem, masses, bandwidth_Hz, progress=update, sigmas=0.0 if nominal else sigmas)
     point = found.point
     if point is None:
@@ -168,8 +168,8 @@ def codesign(
         ("moving mass", f"{point.moving_mass_kg:.3f} kg"),
         ("of which both beams", f"{point.beam_mass_kg:.3f} kg"),
         ("of which inner end mass", f"{point.inner_end_mass_kg:.3f} kg"),
-        ("outer beam", tube_text(*point.outer)),
-        ("inner beam", tube_text(*point.inner)),
+        ("outer beam", tube_text(point.outer)),
+        ("inner beam", tube_text(point.inner)),
         *((name, str(value)) for name, value in point.proved.controller.model_dump().items()),
         ("governing structural check", point.governing),
         *guaranteed_rows(point.proved, masses),
@@ -181,8 +181,8 @@ def codesign(
         {
             **paths,
             **picked(point, "moving_mass_kg beam_mass_kg inner_end_mass_kg governing"),
-            "outer": point.outer._asdict(),
-            "inner": point.inner._asdict(),
+            "outer": point.outer.sizes,
+            "inner": point.inner.sizes,
             "controller": point.proved.controller.model_dump(),
             "checks": [picked(check, "name value limit utilisation") for check in point.checks],
             "guaranteed": proved,
@@ -237,7 +237,7 @@ def front(
         nominal: guarantee it for exactly the figures stated.
     """
     from beamdesign.report.canvas import new_figure
-    from beamdesign.report.figures import plot_front
+    from beamdesign.report.trades import plot_front
     from beamdesign.synthesis.codesign import pareto_front
 
     problem = _read(study, nominal)
@@ -248,7 +248,7 @@ def front(
     ends: Sequence[float] = [masses[1]]
     if payloads_kg is not None:
         ends = figures_of("--payloads-kg", payloads_kg, "Mass", expected)
-    with progress("front") as update:
+    with progress("front", "minutes to half an hour") as update:
         ranges = [(min(masses[0], end), end) for end in ends]
         found = pareto_front(problem, bandwidths, ranges, update, 0.0 if nominal else sigmas)
     rows = [_front_row(design) for design in found.designs]
@@ -289,7 +289,7 @@ def remedies(
     """
     from beamdesign.quantity_text import stated_bandwidth
     from beamdesign.report.canvas import new_figure
-    from beamdesign.report.figures import plot_remedies
+    from beamdesign.report.trades import plot_remedies
     from beamdesign.sweep.tasks import REMEDY
     from beamdesign.synthesis import remedies as room
 
@@ -298,7 +298,7 @@ def remedies(
     for name, beam in (("outer_beam", problem.outer_beam), ("inner_beam", problem.inner_beam)):
         if beam.width_m is None:
             refuse(study, (name, "the remedies start from given sections: width_m and wall_m are needed"))
-    with progress("remedies") as update:
+    with progress("remedies", "minutes to half an hour") as update:
         found = room.remedies(problem, masses, added_mass_kg, update, 0.0 if nominal else sigmas)
     rows = [
         {

@@ -88,11 +88,11 @@ def _diagnose(dataset: Path, folder: Path, renew: bool, workers: int) -> Command
     kept = fit_cache(folder / "fits", data)
     renewed = None
     with resumed(lambda: f": {kept.count} fits are kept in {kept.folder}; the same command goes on from there"):
-        with progress("diagnosing") as update:
+        with progress("diagnosing", "5 s to 5 minutes") as update:
             found = engine(data, workers, update, kept)
         echo_diagnosis(found)
         if renew:
-            with progress("redesigning") as update:
+            with progress("redesigning", "5 to 60 s") as update:
                 renewed = redesign(found.prototype, payload_range(data), update)
         new = [] if renewed is None else [stage for _, stage in renewed.proofs]
         terms = designer_terms(data, found.prototype, new)
@@ -282,7 +282,7 @@ def blindcheck(
         if draw_only:
             return CommandResult({"planned": len(check.cases), "seal": seal.whole})
         if not score_only:
-            with progress("diagnosing") as update:
+            with progress("diagnosing", "1 to 5 minutes a case") as update:
                 diagnose_all(check, workers, update, rejudge)
     return _score(check, seal, score_only)
 

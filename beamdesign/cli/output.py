@@ -330,10 +330,18 @@ def reporting(name: str) -> AbstractContextManager[None]:
     return nullcontext() if sys.stderr.isatty() else lines(name, silent=_hushed.get)
 
 
-def progress(description: str) -> AbstractContextManager[Progress]:
+def tuning_takes(kind: str) -> str:
+    """How long tuning a controller of a kind is expected to take."""
+    return "5 to 60 s" if kind in ("lag", "proportional") else "minutes to half an hour"
+
+
+def progress(description: str, expected: str = "") -> AbstractContextManager[Progress]:
     """How far work has got, on stderr, for as long as a `with` block runs, which is given `update(share, words)`.
 
-    A bar on a terminal; elsewhere in the lines of `reporting`.
+    A bar on a terminal; elsewhere in the lines of `reporting`, and before them one on how long it is expected to take,
+    where that is given.
     """
+    if expected and not _hushed.get() and not sys.stderr.isatty():
+        print(f"{description}: {expected} on an ordinary core; every half minute a line follows", file=sys.stderr)
     bar = sys.stderr.isatty() and not _hushed.get() and os.environ.get("TERM") != "dumb"
     return display(description) if bar else reported(description)

@@ -186,7 +186,7 @@ def limits(
             return found.to_dict() | {"figures": []}, True
 
         from beamdesign.report.canvas import new_figure
-        from beamdesign.report.figures import plot_envelope
+        from beamdesign.report.trades import plot_envelope
 
         figure = new_figure(170.0, 105.0)
         axes = plot_envelope(figure.add_subplot(), found.envelope, own.payload.largest_force_N)

@@ -15,7 +15,7 @@ from beamdesign.cli.command import (
     mass_range,
     of_all,
 )
-from beamdesign.cli.output import echo, echo_table, progress, refuse
+from beamdesign.cli.output import echo, echo_table, progress, refuse, tuning_takes
 from beamdesign.cli.stiffness import give_stiffness
 from beamdesign.files import write_set
 from beamdesign.json_text import picked
@@ -120,7 +120,7 @@ def tune(
         if end_stiffness_N_per_m is None:
             refuse("--controller", ("compliance", "needs --end-stiffness-N-per-m"))
         return give_stiffness(record, end_stiffness_N_per_m, masses, out=out)
-    with progress("tuning") as update:
+    with progress("tuning", tuning_takes(controller)) as update:
         within = 0.0 if nominal else sigmas
         asked = (record, masses, controller, largest_inner_end_mass_kg, update, sections, sensors, within, stages)
         found = tuning.tune(*asked)

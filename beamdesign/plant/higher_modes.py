@@ -16,7 +16,7 @@ import numpy as np
 from beamdesign.loop import critical_gain
 from beamdesign.prototype import Beam, Prototype
 from beamdesign.records import InputError
-from beamdesign.structure import lumped, section
+from beamdesign.structure import lumped
 from beamdesign.structure.beam import MODE_MASS_FRACTION, natural_frequencies
 
 MODES = 12
@@ -195,11 +195,10 @@ def single_mode_reach(prototype: Prototype, outer_end_mass: float = 0.0, toleran
 
 
 def _cantilever(record: Beam, name: str) -> _Cantilever:
-    if record.width_m is None or record.wall_m is None or record.free_length_m is None or record.material is None:
+    if record.tube is None or record.free_length_m is None or record.material is None:
         raise InputError(name, [("(geometry)", "width_m, wall_m, free_length_m and material are needed for its modes")])
     one = lumped.lumped_beam(record, name)
-    tube = section.area(record.width_m, record.wall_m, record.corner_radius_m)
-    per_length = float(record.material.density_kg_per_m3 * tube)
+    per_length = float(record.tube.mass_per_length(record.material.density_kg_per_m3))
     end_mass = one.mass - MODE_MASS_FRACTION * per_length * record.free_length_m
     if end_mass < 0:
         raise InputError(name, [("effective_mass_kg", f"{one.mass:g} is less than the tube alone has")])

@@ -5,10 +5,10 @@ There it is valid XML with identifiers of its own and greys that follow the them
 
 import json
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from io import BytesIO, StringIO
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, TypeVar
 from xml.sax.saxutils import quoteattr
 
 import matplotlib
@@ -34,6 +34,14 @@ STYLES = (
 
 LIMIT: dict[str, Any] = {"color": "black", "linewidth": 0.8, "linestyle": (0, (8, 3))}
 """Line style of a limit or a boundary."""
+
+
+T = TypeVar("T")
+
+
+def styled(curves: Mapping[str, T]) -> list[tuple[str, T, dict[str, Any]]]:
+    """Curves with their labels and the line style of each."""
+    return [(label, curve, STYLES[k % len(STYLES)]) for k, (label, curve) in enumerate(curves.items())]
 
 
 def new_figure(width_mm: float = 170.0, height_mm: float = 110.0) -> Figure:

@@ -8,8 +8,10 @@ import numpy as np
 from beamdesign.prototype import Beam, Prototype
 from beamdesign.report.canvas import LIMIT, STYLES, finish, new_figure, note
 from beamdesign.spelling import in_plot
-from beamdesign.structure import beam, section
+from beamdesign.structure import beam
 from beamdesign.structure.lumped import lumped_beam
+from beamdesign.structure.section import Tube, clearances
+from beamdesign.structure.shapes import tube_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -27,14 +29,33 @@ _SHOWN_BEHIND = 0.1
 
 
 @dataclass(frozen=True)
-class Tube:
-    """One tube in mm; `cut` is None where the prototype does not give it."""
+class Drawn:
+    """One tube in mm, its section too; `cut` is None where the prototype does not give it."""
 
-    width: float
-    wall: float
-    radius: float
+    section: Tube
     free: float
     cut: float | None
+
+    @property
+    def width(self) -> float:
+        """Outside size across the load."""
+        return float(self.section.width_m)
+
+    @property
+    def depth(self) -> float:
+        """Outside size along the load, which a lengthwise section shows."""
+        return float(self.section.depth_m)
+
+    @property
+    def wall(self) -> float:
+        """Its thickness."""
+        return float(self.section.wall_m)
+
+    @property
+    def outlines(self) -> tuple[tuple[float, float, float], tuple[float, float, float]]:
+        """Half the width, half the depth and the corner radius, outside and inside."""
+        width, depth, radius, wall = self.width / 2, self.depth / 2, float(self.section.corner_radius_m), self.wall
+        return (width, depth, radius), (width - wall, depth - wall, max(radius - wall, 0.0))
 
     @property
     def back(self) -> float:
@@ -42,7 +63,7 @@ class Tube:
         return -(self.cut if self.cut is not None else (1 + _SHOWN_BEHIND) * self.free)
 
 
-def tubes_of(prototype: Prototype) -> tuple[Tube, Tube]:
+def tubes_of(prototype: Prototype) -> tuple[Drawn, Drawn]:
     """Outer and inner tube.
 
     Raises:
@@ -51,11 +72,19 @@ def tubes_of(prototype: Prototype) -> tuple[Tube, Tube]:
     return _tube(prototype.outer_beam), _tube(prototype.inner_beam)
 
 
-def _tube(record: Beam) -> Tube:
-    if record.width_m is None or record.wall_m is None or record.free_length_m is None:
+def _tube(record: Beam) -> Drawn:
+    if record.tube is None or record.free_length_m is None:
         raise ValueError("a drawing needs the width and the wall of both beams, and their free length")
-    cut = None if record.length_m is None else _mm(record.length_m)
-    return Tube(_mm(record.width_m), _mm(record.wall_m), _mm(record.corner_radius_m), _mm(record.free_length_m), cut)
+    sizes = {key: getattr(record, key) for key in ("width_m", "wall_m", "depth_m", "corner_radius_m")}
+    section = tube_of({key: _mm(size) for key, size in sizes.items() if size is not None} | {"shape": record.shape})
+    assert section is not None  # in metres it was one
+    return Drawn(section, _mm(record.free_length_m), None if record.length_m is None else _mm(record.length_m))
+
+
+def gap_text(outer: Drawn, inner: Drawn) -> str:
+    """Gap per side, mm, in words; both where it is another along the load than across it."""
+    along, *across = clearances(outer.section, inner.section)
+    return f"{along:.4g}" if not across else f"{along:.4g} along the load, {across[0]:.4g} across"
 
 
 def _mm(length_m: float) -> float:
@@ -81,16 +110,24 @@ def draw_section(prototype: Prototype, axes: "Axes") -> "Axes":
     outer, inner = tubes_of(prototype)
     _ring(axes, outer, _OUTER)
     _ring(axes, inner, _INNER)
-    half, step = outer.width / 2, 0.13 * outer.width
-    _dimension(axes, (-half, -half - step), (half, -half - step), f"{outer.width:.4g}", below=True)
-    reach = inner.width / 2
-    _dimension(axes, (-reach, -half - 2.4 * step), (reach, -half - 2.4 * step), f"{inner.width:.4g}", below=True)
+    half, low, step = outer.width / 2, -outer.depth / 2, 0.13 * outer.width
+    reach, edge = inner.width / 2, 0.0 if inner.section.shape == "round" else -inner.depth / 2
+    for tube, drop in ((outer, step), (inner, 2.4 * step)):
+        words = f"{'Ø ' if tube.section.shape == 'round' else ''}{tube.width:.4g}"
+        _dimension(axes, (-tube.width / 2, low - drop), (tube.width / 2, low - drop), words, below=True)
     for x in (-reach, reach):
-        axes.plot([x, x], [-reach, -half - 2.6 * step], color=_LINE, linewidth=0.4, linestyle=":")
-    gap = section.clearance(outer.width, outer.wall, inner.width)
-    for row, text in enumerate((f"outer wall {outer.wall:.3g}", f"inner wall {inner.wall:.3g}", f"gap {gap:.3g}")):
-        axes.text(0, reach * (0.34 - 0.34 * row), text, ha="center", va="center", fontsize=7)
-    axes.set(xlim=(-half - step, half + step), ylim=(-half - 4 * step, half + step), aspect="equal")
+        axes.plot([x, x], [edge, low - 2.6 * step], color=_LINE, linewidth=0.4, linestyle=":")
+    along, *across = clearances(outer.section, inner.section)
+    lines, top, row = [f"outer wall {outer.wall:.3g}", f"inner wall {inner.wall:.3g}", f"gap {along:.3g}"], 0.34, 0.34
+    bottom = low - 4 * step
+    if across:  # no room for words inside: they stand below, with the depths
+        pairs = (("depths", outer.depth, inner.depth), ("walls", outer.wall, inner.wall))
+        lines = [*(f"{name} {a:.4g} and {b:.4g}" for name, a, b in pairs), f"gaps {along:.3g}, {across[0]:.3g} across"]
+        top, row = bottom / reach, 0.12 * outer.depth / reach
+        bottom -= 0.36 * outer.depth
+    for k, text in enumerate(lines):
+        axes.text(0, reach * (top - row * k), text, ha="center", va="center", fontsize=7)
+    axes.set(xlim=(-half - step, half + step), ylim=(bottom, step - low), aspect="equal")
     axes.set_axis_off()
     axes.set_title("Section, mm", fontsize=9)
     return axes
@@ -121,16 +158,16 @@ def draw_side(prototype: Prototype, tip_force_N: float, axes: "Axes", servo_on: 
         if tube is bent:
             sag = deflection * beam.static_shape((x + tube.free).clip(min=0.0) / tube.free)
         for side in (-1, 1):
-            edges = np.array([side * tube.width / 2, side * (tube.width / 2 - tube.wall)])
+            edges = np.array([side * tube.depth / 2, side * (tube.depth / 2 - tube.wall)])
             axes.fill_between(x, edges.min() - sag, edges.max() - sag, color=colour, linewidth=0)
         if tube is bent:
             for side in (-1, 1):
                 axes.plot(
-                    [tube.back, 0], [side * tube.width / 2] * 2, color=_LINE, linewidth=0.5, linestyle=(0, (6, 4))
+                    [tube.back, 0], [side * tube.depth / 2] * 2, color=_LINE, linewidth=0.5, linestyle=(0, (6, 4))
                 )
     _clamps(axes, outer, inner)
-    _load(axes, outer.width / 2 - (0 if servo_on else deflection), outer.width, tip_force_N)
-    gap = section.clearance(outer.width, outer.wall, inner.width)
+    _load(axes, outer.depth / 2 - (0 if servo_on else deflection), outer.depth, tip_force_N)
+    gap = clearances(outer.section, inner.section)[0]
     which, left = ("inner", "straight") if servo_on else ("outer", "unloaded")
     other = "outer" if servo_on else "inner"
     axes.set_title(
@@ -140,27 +177,25 @@ def draw_side(prototype: Prototype, tip_force_N: float, axes: "Axes", servo_on: 
         loc="left",
     )
     back = min(outer.back, inner.back)
-    axes.set(xlim=(1.04 * back, -0.1 * back), ylim=(-1.48 * outer.width, 1.35 * outer.width), aspect="equal")
+    axes.set(xlim=(1.04 * back, -0.1 * back), ylim=(-1.48 * outer.depth, 1.35 * outer.depth), aspect="equal")
     axes.set_axis_off()
     return axes
 
 
-def _ring(axes: "Axes", tube: Tube, colour: str) -> None:
-    outside = _rounded_square(tube.width / 2, tube.radius)
-    inside = _rounded_square(tube.width / 2 - tube.wall, max(tube.radius - tube.wall, 0.0))
+def _ring(axes: "Axes", tube: Drawn, colour: str) -> None:
+    outside, inside = (_rounded(*outline) for outline in tube.outlines)
     # One closed line: round the outside, across the wall, and back round the inside.
     line = np.concatenate([outside, inside[::-1]])
     axes.fill(line[:, 0], line[:, 1], color=colour, linewidth=0)
 
 
-def _rounded_square(half: float, radius: float) -> np.ndarray:
-    """Points (n, 2) round a square of side 2 `half`, its corners rounded, the first point repeated at the end."""
+def _rounded(half_width: float, half_depth: float, radius: float) -> np.ndarray:
+    """Points (n, 2) round a rectangle, its corners rounded, the first point repeated at the end."""
     quarter = np.linspace(0, np.pi / 2, 9)
-    corner = half - radius
     points = []
     for k, (x, y) in enumerate(((1, 1), (-1, 1), (-1, -1), (1, -1))):
-        angle = quarter + k * np.pi / 2
-        points.append(np.column_stack([x * corner + radius * np.cos(angle), y * corner + radius * np.sin(angle)]))
+        centre, angle = np.array([x * (half_width - radius), y * (half_depth - radius)]), quarter + k * np.pi / 2
+        points.append(centre + radius * np.column_stack([np.cos(angle), np.sin(angle)]))
     return np.concatenate([*points, points[0][:1]])
 
 
@@ -172,24 +207,24 @@ def _dimension(axes: "Axes", start: tuple[float, float], end: tuple[float, float
     note(axes, text, middle, (0, -2 if below else 2), va="top" if below else "bottom")
 
 
-def _clamps(axes: "Axes", outer: Tube, inner: Tube) -> None:
+def _clamps(axes: "Axes", outer: Drawn, inner: Drawn) -> None:
     """The base around the clamped part of the outer tube, the plug that holds the inner one, and the free lengths."""
     from matplotlib.patches import Rectangle
 
-    thick = 0.22 * outer.width
-    gap = section.clearance(outer.width, outer.wall, inner.width)
+    thick = 0.22 * outer.depth
+    gap = (outer.depth - inner.depth) / 2 - outer.wall
     blocks = [
-        (tube.back, -tube.free - tube.back, side * tube.width / 2, side * height)
+        (tube.back, -tube.free - tube.back, side * tube.depth / 2, side * height)
         for tube, height in ((outer, thick), (inner, gap))
         for side in (-1, 1)
     ]
     for x, length, y, height in blocks:
         axes.add_patch(Rectangle((x, y), length, height, facecolor=_BASE, edgecolor=_LINE, linewidth=0.4, hatch="////"))
-    low = -outer.width / 2 - thick
+    low = -outer.depth / 2 - thick
     for tube, drop in ((outer, 0.28), (inner, 0.68)):
-        y = low - drop * outer.width
+        y = low - drop * outer.depth
         _dimension(axes, (-tube.free, y), (0, y), f"{tube.free:.4g}", below=False)
-    axes.plot([0, 0], [low - 0.73 * outer.width, -outer.width / 2], color=_LINE, linewidth=0.4, linestyle=":")
+    axes.plot([0, 0], [low - 0.73 * outer.depth, -outer.depth / 2], color=_LINE, linewidth=0.4, linestyle=":")
 
 
 def _load(axes: "Axes", tip: float, width: float, force: float) -> None:
@@ -300,12 +335,12 @@ def draw_end(axes: "Axes", prototype: Prototype, found: "ArmResult") -> "Axes":
     """The tube's end seen from outside, towards the clamp, with the lever to the payload; y to the right, z upwards."""
     from beamdesign.proofs.arm.plane import arm_of
 
-    width = prototype.outer_beam.width_m or 0.1
+    tube = prototype.outer_beam.tube or Tube(0.1, 0.01)
     payload = np.array(arm_of(prototype).offset_m[1:])
-    reach = max(width, float(np.abs(payload).max()))
+    reach = max(tube.width_m, float(np.abs(payload).max()))
     twist = abs(found.without.rotation_rad[0])
     factor = _enlarged(max(twist * reach, 1e-3 * found.without.size_m), 0.2 * reach)
-    corners = width / 2 * np.array([[1, 1], [-1, 1], [-1, -1], [1, -1], [1, 1]])
+    corners = _rounded(tube.width_m / 2, tube.depth_m / 2, tube.corner_radius_m if tube.shape == "round" else 0.0)
     axes.plot(*corners.T, color="0.8", linewidth=1, linestyle=(0, (6, 4)))
     axes.plot(*np.array([[0, 0], payload]).T, color="0.8", linewidth=1, linestyle=(0, (6, 4)))
     for name, colour, case in _cases(found):

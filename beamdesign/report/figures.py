@@ -1,38 +1,28 @@
-"""Drawings of a loop, of what limits it and of trade curves: each function draws on the axes it is given.
+"""Drawings of a loop: each function draws on the axes it is given.
 
-A loop comes as `LoopAtMass`, several of them under the labels of the legend. Frequencies in Hz, roots in 1/s. Trade
-curves are moving mass against guaranteed bandwidth against payload, and the four remedies side by side.
+A loop comes as `LoopAtMass`, several of them under the labels of the legend. Frequencies and roots are in Hz: a root s
+of a polynomial is drawn as s / (2 pi).
 """
 
-import csv
-from collections.abc import Mapping, Sequence
-from io import StringIO
+from collections.abc import Collection, Mapping, Sequence
+from functools import cache
 from itertools import cycle
-from math import inf, isfinite, log10
-from pathlib import Path
+from math import inf, isfinite, log10, pi, sqrt
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
+from typing import Any
 
 import numpy as np
 from flint import fmpq_poly
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
-from matplotlib.text import Text
 from matplotlib.ticker import FuncFormatter, MultipleLocator, NullFormatter
 
-from beamdesign.files import LARGEST_TABLE, read_bytes
 from beamdesign.loop import LoopAtMass
 from beamdesign.plant.members import family
 from beamdesign.polynomial import exact
 from beamdesign.prototype import COMPLIANCE_LIMIT_M_PER_N, Prototype
-from beamdesign.quantity_text import at_least, decibels
-from beamdesign.report.canvas import LIMIT, STYLES, finish, note, plain_numbers
+from beamdesign.quantity_text import decibels
+from beamdesign.report.canvas import LIMIT, finish, plain_numbers, styled
 from beamdesign.structure.equal_mass import beam_of_equal_mass
-
-if TYPE_CHECKING:
-    from beamdesign.synthesis.codesign import Front
-    from beamdesign.synthesis.operating_limits import Envelope
-    from beamdesign.synthesis.remedies import Remedy
 
 Curves = Mapping[str, LoopAtMass]
 """Loops by the label each gets in the legend."""
@@ -42,10 +32,6 @@ BESIDE: tuple[dict[str, Any], ...] = (
     {"color": "#c46a2b", "linestyle": (0, (3, 1.2, 1, 1.2))},
 )
 """Line styles of what a loop is compared with, in colours that are seen on light and on dark."""
-
-T = TypeVar("T")
-FRONT_NAME = "front.csv"
-"""Of the table that `beamdesign front` writes."""
 
 
 def frequency_grid(loops: Sequence[LoopAtMass], lowest_Hz: float = 0.1, highest_Hz: float = 1000.0) -> np.ndarray:
@@ -77,7 +63,7 @@ def plot_compliance(
     named alone.
     """
     frequencies = frequency_grid([*curves.values(), *beside.values()], lowest_Hz, highest_Hz)
-    for label, loop, style in _styled(curves):
+    for label, loop, style in styled(curves):
         bandwidth = loop.bandwidth_Hz(limit_m_per_N) if limit_m_per_N else 0.0
         name = f"{label} (unstable)" if not loop.stable else f"{label}: {bandwidth:.2f} Hz" if limit_m_per_N else label
         magnitudes = np.abs(loop.compliance_response(frequencies))
@@ -102,7 +88,7 @@ def passive_curves(prototype: Prototype, outer_end_mass: float) -> dict[str, Loo
     """What compliances a rig has without its servo, by label, at an outer end mass (kg); for `plot_compliance`.
 
     That of the rig with the valve shut, at rest where it has effects; and, where it states sections, that of one tube
-    of the outer one's width that weighs as much as both, with the same end mass: 1 / (K - M w^2 + j b w).
+    of the outer one's outside that weighs as much as both, with the same end mass: 1 / (K - M w^2 + j b w).
     """
     plant = family(prototype).rest.rig.plant(prototype.payload.inner_end_mass_kg)
     mass, none = exact(outer_end_mass), fmpq_poly([0])
@@ -143,7 +129,12 @@ def _decibel_axis(axes: Axes) -> Axes:
 
 
 def plot_loop_bode(
-    magnitude: Axes, phase: Axes, curves: Curves, lowest_Hz: float = 0.1, highest_Hz: float = 1000.0
+    magnitude: Axes,
+    phase: Axes,
+    curves: Curves,
+    lowest_Hz: float = 0.1,
+    highest_Hz: float = 1000.0,
+    marked: Collection[str] = (),
 ) -> tuple[Axes, Axes]:
     """Bode diagram of the loop transfer function L with the lines |L| = 1 and -180 degrees, where stability is decided.
 
@@ -153,16 +144,33 @@ def plot_loop_bode(
         curves: loops by label.
         lowest_Hz: left end.
         highest_Hz: right end.
+        marked: labels of the stable loops whose margins are drawn and named: a bar from |L| = 1 down where the phase is
+            -180 degrees, one from such a phase up at the crossover of the least margin, and dots at every crossover.
 
     Returns:
         Both axes.
     """
     frequencies = frequency_grid(list(curves.values()), lowest_Hz, highest_Hz)
-    for label, loop, style in _styled(curves):
+    for label, loop, style in styled(curves):
         response = loop.loop_response(frequencies)
         angle = np.degrees(np.unwrap(np.angle(response)))
-        magnitude.semilogx(frequencies, 20 * np.log10(np.abs(response)), label=label, linewidth=1.3, **style)
-        phase.semilogx(frequencies, angle - 360 * np.round(angle[0] / 360), linewidth=1.3, **style)
+        angle -= 360 * np.round(angle[0] / 360)
+        (upper,) = magnitude.semilogx(frequencies, 20 * np.log10(np.abs(response)), label=label, linewidth=1.3, **style)
+        (lower,) = phase.semilogx(frequencies, angle, linewidth=1.3, **style)
+        if label not in marked or not loop.stable:
+            continue
+        bar: dict[str, Any] = {"color": style["color"], "marker": "_", "markersize": 9, "linewidth": 1.2}
+        margins, crossovers = loop.margins(), loop.crossovers_Hz()
+        magnitude.plot(crossovers, np.zeros(len(crossovers)), "o", color=style["color"], markersize=4)
+        if isfinite(margins.gain_up):
+            down = -20 * log10(margins.gain_up)
+            upper.set_label(f"{label}: gain margin {margins.gain_up:.3g} = {-down:.1f} dB")
+            magnitude.plot([margins.critical_frequency_Hz] * 2, [0, down], **bar)
+        if crossovers:
+            at = float(np.interp(margins.phase_Hz, frequencies, angle))
+            odd = 360 * round((at - 180) / 360) + 180
+            lower.set_label(f"{label}: phase margin {margins.phase_deg:.1f}°")
+            phase.plot([margins.phase_Hz] * 2, [odd, at], **bar)
     for axes, level in ((magnitude, 0.0), (phase, -180.0)):
         axes.axhline(level, **LIMIT)
         _frequency_axis(axes, lowest_Hz, highest_Hz)
@@ -171,47 +179,96 @@ def plot_loop_bode(
     return finish(magnitude, "", "|L|, dB"), finish(phase, y="phase of L, degrees")
 
 
+def plot_nyquist(axes: Axes, curves: Curves, peak_sensitivity: float | None = None) -> Axes:
+    """Nyquist diagram of L about -1, for positive frequencies, with the point of each that is nearest to it.
+
+    Args:
+        axes: drawn on; both scales are made the same.
+        curves: loops by label.
+        peak_sensitivity: M of a claim |1 / (1 + L)| <= M, which keeps L out of the disc |1 + L| < 1 / M.
+    """
+    grid = frequency_grid(list(curves.values()), 0.01, 1e4)
+    frequencies = np.interp(np.arange(0, len(grid) - 1, 0.25), np.arange(len(grid)), grid)  # round curves need more
+    around = np.exp(2j * pi * np.linspace(0, 1, 181))
+    if peak_sensitivity:
+        disc, words = around / peak_sensitivity - 1, f"kept free: nearer than 1/{peak_sensitivity:.4g}"
+        axes.fill(disc.real, disc.imag, facecolor="0.88", edgecolor="black", linewidth=0.8, label=words)
+    for label, loop, style in styled(curves):
+        response = loop.loop_response(frequencies)
+        nearest = response[np.abs(1 + response).argmin()]
+        words = f"nearest 1/{loop.peak_sensitivity():.3g}" if loop.stable else "unstable"
+        axes.plot(response.real, response.imag, label=f"{label}: {words}", linewidth=1.3, **style)
+        axes.plot(nearest.real, nearest.imag, "o", color=style["color"], markersize=4)
+    axes.plot(around.real, around.imag, color="0.45", linewidth=0.8, linestyle=":", label="|L| = 1")
+    axes.plot(-1, 0, "+", color="black", markersize=9)
+    axes.set_xlim(-2.6, 1.8, auto=True)  # the one that the frame allows more of is widened
+    axes.set_ylim(-1.9, 1.3, auto=True)
+    axes.set_aspect("equal", adjustable="datalim")
+    return finish(axes, "real part of L", "imaginary part of L", legend=None)
+
+
 def plot_root_locus(axes: Axes, loop: LoopAtMass, factors: Sequence[float], marked: Mapping[str, float]) -> Axes:
     """Closed-loop poles as the gain is multiplied by each factor, from the open-loop poles to the zeros.
 
     Args:
-        axes: drawn on in 1/s.
+        axes: drawn on in Hz.
         loop: the loop at factor 1.
-        factors: positive and ascending; they set how fine the curves are.
+        factors: positive and ascending, as of `root_branches`.
         marked: factors to mark with squares, by label.
     """
-
-    def poles(factor: float) -> np.ndarray:
-        return LoopAtMass(loop.loop_denominator, loop.loop_numerator * exact(factor), loop.disturbance).poles()
-
-    branches = _branches([poles(factor) for factor in factors])
+    branches = root_branches(loop, factors) / (2 * pi)
     axes.plot(branches.real, branches.imag, color="0.45", linewidth=1.3)
     for (label, factor), marker in zip(marked.items(), "sD^v<>"[: len(marked)], strict=True):
-        at = poles(factor)
+        at = _poles(loop, factor) / (2 * pi)
         axes.plot(at.real, at.imag, marker, color="black", markersize=5, fillstyle="none", label=label)
     return plot_pole_zero(axes, loop.open_loop_poles(), loop.open_loop_zeros())
 
 
-def _branches(roots: Sequence[np.ndarray]) -> np.ndarray:
-    """Sets of n roots, each set put in the order in which it lies nearest to the one before; (sets, n)."""
+STEP = 0.01
+"""Longest step along a branch of a root locus, as a share of the root's distance from the origin."""
+
+
+def root_branches(loop: LoopAtMass, factors: Sequence[float]) -> np.ndarray:
+    """Closed-loop poles as the gain is multiplied by each factor, each column the path of one root; (gains, n), rad/s.
+
+    From gain to gain roots are told apart by which lie nearest. Where one moves by more than `STEP`, as it does where
+    branches meet, further gains are put between, until the two are equal to nine digits.
+
+    Args:
+        loop: the loop at factor 1.
+        factors: positive and ascending; the gains drawn at least.
+    """
     from scipy.optimize import linear_sum_assignment
 
-    ordered = [roots[0]]
-    for found in roots[1:]:
-        _, order = linear_sum_assignment(np.abs(ordered[-1][:, None] - found[None, :]))
-        ordered.append(found[order])
-    return np.array(ordered)
+    poles = cache(lambda factor: _poles(loop, factor))
+    least = 0.01 * np.abs(loop.open_loop_poles()).max()  # nearer to the origin steps are no shorter than there
+    at, branches, waiting = factors[0], [poles(factors[0])], list(reversed(factors[1:]))
+    while waiting:
+        factor, here = waiting[-1], branches[-1]
+        _, order = linear_sum_assignment(np.abs(here[:, None] - poles(factor)[None, :]))
+        there = poles(factor)[order]
+        if (np.abs(there - here) > STEP * np.maximum(np.abs(there), least)).any() and factor > at * (1 + 1e-9):
+            waiting.append(sqrt(at * factor))
+        else:
+            at = waiting.pop()
+            branches.append(there)
+    return np.array(branches)
+
+
+def _poles(loop: LoopAtMass, factor: float) -> np.ndarray:
+    return LoopAtMass(loop.loop_denominator, loop.loop_numerator * exact(factor), loop.disturbance).poles()
 
 
 def plot_pole_zero(
     axes: Axes, poles: np.ndarray, zeros: np.ndarray, pole_label: str = "open-loop poles", zero_label: str = "zeros"
 ) -> Axes:
-    """Poles as crosses and zeros as circles, 1/s, with the stability boundary drawn in."""
-    axes.plot(poles.real, poles.imag, "x", color="black", markersize=7, label=pole_label)
-    axes.plot(zeros.real, zeros.imag, "o", color="black", markersize=7, fillstyle="none", label=zero_label)
+    """Poles as crosses and zeros as circles, given in rad/s and drawn in Hz, with the stability boundary drawn in."""
+    for roots, marker, label in ((poles, "x", pole_label), (zeros, "o", zero_label)):
+        x, y = roots.real / (2 * pi), roots.imag / (2 * pi)
+        axes.plot(x, y, marker, color="black", markersize=7, fillstyle="none", label=label)
     axes.axvline(0.0, **LIMIT)
     axes.axhline(0.0, color="0.7", linewidth=0.6)
-    return finish(axes, "real part, 1/s", "imaginary part, rad/s")
+    return finish(axes, "real part, Hz", "imaginary part, Hz")
 
 
 def plot_sensitivity(
@@ -219,7 +276,7 @@ def plot_sensitivity(
 ) -> Axes:
     """Sensitivity |S| = |1 / (1 + L)| over frequency, with the limit on its peak."""
     frequencies = frequency_grid(list(curves.values()), lowest_Hz, highest_Hz)
-    for label, loop, style in _styled(curves):
+    for label, loop, style in styled(curves):
         peak = loop.peak_sensitivity()
         shown = f"{label}, peak {peak:.2f}" if isfinite(peak) else f"{label}, unstable"
         axes.loglog(frequencies, np.abs(loop.sensitivity_response(frequencies)), label=shown, linewidth=1.3, **style)
@@ -238,7 +295,7 @@ def plot_critical_gain(axes: Axes, masses_kg: Sequence[float], curves: Mapping[s
         masses_kg: outer end masses, ascending.
         curves: critical gains in A/V, one per mass, by label.
     """
-    for label, gains, style in _styled(curves):
+    for label, gains, style in styled(curves):
         x, y = [masses_kg[0]], [1e3 * gains[0]]
         for mass, before, after in zip(masses_kg[1:], gains[:-1], gains[1:], strict=True):
             if not 0.5 < after / before < 2:
@@ -255,146 +312,3 @@ def plot_critical_gain(axes: Axes, masses_kg: Sequence[float], curves: Mapping[s
 def _frequency_axis(axes: Axes, lowest_Hz: float, highest_Hz: float) -> None:
     axes.set(xlim=(lowest_Hz, highest_Hz), xlabel="frequency, Hz")
     plain_numbers(axes.xaxis)
-
-
-def _styled(curves: Mapping[str, T]) -> list[tuple[str, T, dict[str, Any]]]:
-    """Curves with their labels and the line style of each."""
-    return [(label, curve, STYLES[k % len(STYLES)]) for k, (label, curve) in enumerate(curves.items())]
-
-
-_STYLES = (*STYLES, {"color": "0.45", "linestyle": "--"})
-
-
-def plot_envelope(axes: Axes, envelope: "Envelope", asked_N: float | None = None) -> Axes:
-    """Largest amplitude of a force on the tip over its frequency: every limit, and the least of them shaded below.
-
-    Args:
-        axes: drawn on.
-        envelope: one that has limits.
-        asked_N: a load to be marked, such as that of the design.
-    """
-    frequency, least = envelope.frequency_Hz, envelope.load_N
-    top = 6 * float(max(least.max(), asked_N or 0.0))
-    bottom = 0.5 * float(max(least.min(), 1e-3 * top))
-    axes.fill_between(frequency, bottom, least, color="0.9", linewidth=0)
-    for (name, limit), style in zip(envelope.limits_N.items(), cycle(_STYLES), strict=False):
-        line = axes.loglog(frequency, np.minimum(limit, 10 * top), label=name, linewidth=1.1)[0]
-        line.set(**style)
-    axes.loglog(frequency, least, color="black", linewidth=2.4, label="envelope")
-    if asked_N is not None:
-        axes.axhline(asked_N, **LIMIT, label=f"asked for, {asked_N:g} N")
-    _name_stretches(axes, envelope, bottom)
-    axes.set(xlim=(float(frequency[0]), float(frequency[-1])), ylim=(bottom, top))
-    plain_numbers(axes.xaxis, axes.yaxis)
-    finish(axes, "frequency, Hz", "amplitude of the force on the tip, N", legend=None)
-    axes.legend(fontsize=8, loc="upper left", bbox_to_anchor=(1.01, 1.0))
-    return axes
-
-
-def _name_stretches(axes: Axes, envelope: "Envelope", bottom: float) -> None:
-    """Write at the foot which limit governs, between lines where that changes; short stretches go without a name."""
-    names, frequency = envelope.governing, envelope.frequency_Hz
-    whole = np.log(frequency[-1] / frequency[0])
-    start = 0
-    for k in range(1, len(names) + 1):
-        if k < len(names) and names[k] == names[start]:
-            continue
-        end = frequency[min(k, len(names) - 1)]
-        if k < len(names):
-            axes.axvline(float(end), color="0.6", linewidth=0.7, linestyle=":")
-        if np.log(end / frequency[start]) > 0.08 * whole:
-            words = names[start].replace(" ", "\n")
-            middle = float(np.sqrt(frequency[start] * end))
-            note(axes, words, (middle, bottom), (0, 5), va="bottom", style="italic")
-        start = k
-
-
-class TradePoint(NamedTuple):
-    """A proved design of a front."""
-
-    outer_end_mass_high_kg: float
-    bandwidth_Hz: float
-    moving_mass_kg: float
-
-
-def read_trade(folder: Path) -> tuple[TradePoint, ...]:
-    """The proved points of a folder's front; none where there is no such file, or none that can be read."""
-    try:
-        text = read_bytes(folder / FRONT_NAME, LARGEST_TABLE).decode()
-        rows = [row for row in csv.DictReader(StringIO(text, newline="")) if row.get("proved") == "True"]
-        points = tuple(TradePoint(*(float(row[key]) for key in TradePoint._fields)) for row in rows)
-    except (OSError, KeyError, ValueError, TypeError, csv.Error):  # TypeError: a row that ends early
-        return ()
-    return points if all(isfinite(figure) for point in points for figure in point) else ()
-
-
-def plot_trade(axes: Axes, points: tuple[TradePoint, ...], own: tuple[float, float]) -> Axes:
-    """Moving mass over guaranteed bandwidth, one curve per payload, and this design as a square.
-
-    Args:
-        axes: drawn on: Hz and kg.
-        points: proved designs.
-        own: bandwidth (Hz) and moving mass (kg) of the design that is reported.
-    """
-    curves = {
-        f"up to {payload:g} kg at the tip": [p[1:] for p in points if p.outer_end_mass_high_kg == payload]
-        for payload in sorted({point.outer_end_mass_high_kg for point in points})
-    }
-    _draw_curves(axes, curves)
-    axes.plot([own[0]], [own[1]], "s", color="black", markersize=8, fillstyle="none", label="this design")
-    return finish(axes, "guaranteed bandwidth, Hz", "moving mass, kg")
-
-
-def plot_front(axes: Axes, front: "Front") -> Axes:
-    """Draw proved designs, one curve per payload range; a cross on the upper edge marks each that failed."""
-    curves = {
-        f"{masses[0]:g} to {masses[1]:g} kg at the tip": [
-            (design.point.proved.bandwidth_Hz, design.point.moving_mass_kg)
-            for design in front.designs
-            if design.point is not None and design.outer_end_mass_kg == masses
-        ]
-        for masses in dict.fromkeys(design.outer_end_mass_kg for design in front.designs)
-    }
-    _draw_curves(axes, curves)
-    for design in front.failed:
-        axes.plot(
-            design.bandwidth_Hz, 0.97, marker="x", color="black", linestyle="none", transform=axes.get_xaxis_transform()
-        )
-    axes.set_title("Lightest proved designs; x: no proved design found")
-    return finish(axes, "guaranteed bandwidth, Hz", "moving mass, kg")
-
-
-def _draw_curves(axes: Axes, curves: Mapping[str, Sequence[tuple[float, float]]]) -> None:
-    """Bandwidth and moving mass of proved designs, joined by lines; a curve per label."""
-    for label, points, style in _styled(curves):
-        axes.plot(*zip(*sorted(points), strict=True) if points else ((), ()), marker="o", label=label, **style)
-
-
-def plot_remedies(axes: Axes, remedies: Sequence["Remedy"]) -> Axes:
-    """Draw the guaranteed bandwidth of each remedy as a bar, with the mass it adds."""
-    heights = [remedy.bandwidth_Hz for remedy in remedies]
-    bars = axes.barh([remedy.name for remedy in remedies], heights, color="0.7", edgecolor="black")
-    labels = [
-        f"{at_least(remedy.bandwidth_Hz, 'Hz', 3)}, {remedy.added_mass_kg:+.2f} kg"
-        if not remedy.reason
-        else "nothing proved"
-        for remedy in remedies
-    ]
-    written = axes.bar_label(bars, labels, padding=4)
-    axes.set_xlim(0, max([*heights, 1.0]))
-    axes.invert_yaxis()
-    axes.set_xlabel("guaranteed bandwidth, Hz")
-    low, high = remedies[0].parts_kg[0]
-    axes.set_title(f"Remedies for {low:g} to {high:g} kg at the tip, each proved")
-    axes.set_xlim(0, _end_beyond(axes, heights, written))
-    return axes
-
-
-def _end_beyond(axes: Axes, heights: Sequence[float], written: Sequence[Text]) -> float:
-    """End of the scale at which every bar with the text behind it lies within the frame."""
-    figure = axes.figure
-    assert isinstance(figure, Figure)  # not a part of one
-    figure.draw_without_rendering()
-    frame = axes.get_window_extent().width
-    shares = [(text.get_window_extent().width + 0.03 * frame) / frame for text in written]
-    return max(1.0, *(height / max(1.0 - share, 0.1) for height, share in zip(heights, shares, strict=True)))

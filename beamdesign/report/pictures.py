@@ -5,32 +5,35 @@ Their charts of what is stable over the outer end mass are exact: ranges on one 
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from decimal import ROUND_FLOOR
 from itertools import groupby, pairwise
-from math import inf, isfinite
+from math import asin, degrees, inf, isfinite
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.patches import PathPatch
+from matplotlib.path import Path
 from matplotlib.ticker import LogLocator, NullLocator
 
 from beamdesign.loop import Loop, LoopAtMass
 from beamdesign.polynomial import exact, is_hurwitz
 from beamdesign.proofs.stability import StabilityMap, stable_ranges
 from beamdesign.prototype import InStage, Prototype
-from beamdesign.quantity_text import decimal, mass_range_text, quantity, stated_bandwidth
+from beamdesign.quantity_text import decimal, mass_range_text, quantity, rigs_in_words, stated_bandwidth
 from beamdesign.rational import nearest
 from beamdesign.report.canvas import LIMIT, finish, new_figure, note
 from beamdesign.report.drawing import draw_section, draw_side
 from beamdesign.report.figures import (
-    TradePoint,
     passive_curves,
     plot_compliance,
     plot_loop_bode,
+    plot_nyquist,
     plot_root_locus,
     plot_sensitivity,
-    plot_trade,
     shade_compliance,
 )
+from beamdesign.report.trades import TradePoint, plot_trade
 
 FAMILY = 41
 """Masses of the range whose compliances are shaded."""
@@ -70,7 +73,7 @@ def prototype_picture(prototype: Prototype, tip_force_N: float) -> CaptionedFigu
 
 
 def loop_pictures(prototype: Prototype, loop: Loop) -> list[CaptionedFigure]:
-    """Compliance, sensitivity, loop, poles, stable ranges and stable gains over the payload range.
+    """Compliance, sensitivity, the loop by Bode and by Nyquist, poles, stable masses and stable gains over the payload.
 
     Raises:
         ValueError: without a controller or a range of outer end masses.
@@ -116,8 +119,24 @@ def loop_pictures(prototype: Prototype, loop: Loop) -> list[CaptionedFigure]:
     (axes,) = framed("sensitivity", 75, "Sensitivity |1/(1+L)|: how much the loop amplifies where it does not help.")
     plot_sensitivity(axes, curves, goal.peak_sensitivity)
 
-    upper, lower = framed("loop", 115, "The loop transfer function L.", rows=2)
-    plot_loop_bode(upper, lower, curves)
+    caption = (
+        "The loop transfer function L of the nominal rig. Dots: where |L| = 1. Bars, at the ends of the payload: the"
+        " gain margin, and the phase margin at the crossover where it is least."
+    )
+    upper, lower = framed("loop", 125, caption, rows=2)
+    plot_loop_bode(upper, lower, curves, marked=[f"{decimal(mass)} kg" for mass in bounds])
+
+    caption = "L of the nominal rig about the point -1, marked +; dots: nearest to it, 1 over the peak sensitivity."
+    peak = guarantee.peak_sensitivity if promised is not None and guarantee else goal.peak_sensitivity
+    if promised is not None and guarantee and peak > 1:
+        gain, phase = (decimal(one, 3, ROUND_FLOOR) for one in (peak / (peak - 1), degrees(2 * asin(0.5 / peak))))
+        caption += (
+            f" Shaded: no L enters this disc, proved for {rigs_in_words(guarantee.sigmas)} and every mass of {span}; so"
+            f" each has a gain margin of at least {gain} and a phase margin of at least {phase}°."
+        )
+    (axes,) = framed("nyquist", 82, caption)
+    plot_nyquist(axes, curves, peak)
+    axes.legend(fontsize=8, loc="upper left", bbox_to_anchor=(1.01, 1.0), frameon=False)
 
     caption = f"Closed-loop poles as the outer end mass goes from {span}: computed at the dots."
     plot_pole_paths(framed("poles", 90, caption)[0], loop, *bounds)
@@ -127,7 +146,7 @@ def loop_pictures(prototype: Prototype, loop: Loop) -> list[CaptionedFigure]:
         f"Root locus: closed-loop poles as the gain goes from none to {LOCUS_GAIN:g} times this design's, with"
         f" {bounds[0]:g} kg and {bounds[1]:g} kg on the outer tip. Squares: at this design's gain of"
         f" {quantity(controller.gain_A_per_V, 'A/V')}. Left of the dashed line is stable; poles faster than"
-        f" {decimal(reach / (2 * np.pi), 3)} Hz lie outside."
+        f" {decimal(reach, 3)} Hz lie outside."
     )
     left, right = framed("locus", 88, caption, columns=2)
     for panel, mass in ((left, bounds[0]), (right, bounds[1])):
@@ -145,8 +164,8 @@ def loop_pictures(prototype: Prototype, loop: Loop) -> list[CaptionedFigure]:
 
     masses = [float(mass) for mass in np.linspace(0, nearest(wide.ranges[-1].high), 121)]
     caption = (
-        "Stable gains over the outer end mass with this design's breaks and inner end mass: exact at 121 masses,"
-        " joined by lines."
+        "Stable gains over the outer end mass with this design's breaks and inner end mass: exact at 121 masses"
+        " and where a range of gains begins or ends, joined by lines."
     )
     plot_stable_gains(framed("gains", 85, caption)[0], loop, controller.gain_A_per_V, masses, bounds)
     return pictures
@@ -165,17 +184,16 @@ def trade_picture(points: tuple[TradePoint, ...], bandwidth_Hz: float, moving_ma
 
 
 def _locus_reach(loop: LoopAtMass) -> float:
-    """Somewhat beyond the fastest oscillation at which the loop is lost within the gains drawn, rad/s."""
+    """Somewhat beyond the fastest oscillation at which the loop is lost within the gains drawn, Hz."""
     lost = [c.frequency_Hz for c in loop.gain_crossings() if 0 < c.value < LOCUS_GAIN]
     slow = [abs(pole.imag) / (2 * np.pi) for pole in loop.poles()]
-    return 1.35 * 2 * np.pi * max(lost or [1.0, *slow])
+    return 1.35 * max(lost or [1.0, *slow])
 
 
 def _draw_locus(axes: Axes, loop: Loop, mass_kg: float, reach: float) -> None:
-    """The upper half of a root locus at one mass, up to `reach` in rad/s."""
-    at = loop.at(mass_kg)
-    factors = np.concatenate([np.geomspace(1e-3, 1.0, 120), np.geomspace(1.0, LOCUS_GAIN, 90)[1:]])
-    plot_root_locus(axes, at, [float(factor) for factor in factors], {"this gain": 1.0})
+    """The upper half of a root locus at one mass, up to `reach` in Hz."""
+    factors = [*np.geomspace(1e-3, LOCUS_GAIN, 41).tolist()]
+    plot_root_locus(axes, loop.at(mass_kg), factors, {"this gain": 1.0})
     axes.set(xlim=(-0.7 * reach, 0.25 * reach), ylim=(-0.04 * reach, reach))
     axes.set_title(f"{decimal(mass_kg)} kg outside", fontsize=9)
 
@@ -262,6 +280,19 @@ def stable_gains(loop: Loop, mass_kg: float) -> list[tuple[float, float]]:
     return stable
 
 
+def _stable_over(loop: Loop, masses_kg: Sequence[float]) -> dict[float, list[tuple[float, float]]]:
+    """Stable factors by mass: at each one, and ever closer to where an interval appears or vanishes between two."""
+    found = {mass: stable_gains(loop, mass) for mass in masses_kg}
+    pairs, least = list(pairwise(masses_kg)), 1e-9 * (masses_kg[-1] - masses_kg[0])
+    while pairs:
+        low, high = pairs.pop()
+        if len(found[low]) != len(found[high]) and high - low > least:
+            middle = (low + high) / 2
+            found[middle] = stable_gains(loop, middle)
+            pairs += [(low, middle), (middle, high)]
+    return found
+
+
 def plot_stable_gains(
     axes: Axes, loop: Loop, gain_A_per_V: float, masses_kg: Sequence[float], asked_kg: tuple[float, float] | None
 ) -> Axes:
@@ -271,31 +302,28 @@ def plot_stable_gains(
         axes: drawn on: kg and mA/V.
         loop: the loop at the chosen gain.
         gain_A_per_V: the chosen gain.
-        masses_kg: ascending; the region's edge is exact at each of them and joined by lines.
+        masses_kg: ascending; the region's edge is exact at each of them, and at more where an interval of gains ends,
+            and joined by lines.
         asked_kg: the range that had to be stable.
     """
     gain = 1e3 * gain_A_per_V
-    found = [[(gain * low, gain * high) for low, high in stable_gains(loop, mass)] for mass in masses_kg]
-    limits = [edge for intervals in found for pair in intervals for edge in pair if 0 < edge < inf]
+    found = _stable_over(loop, masses_kg)
+    limits = [gain * edge for intervals in found.values() for pair in intervals for edge in pair if 0 < edge < inf]
     least, most = min([gain / 3, *(0.5 * edge for edge in limits)]), max([gain * 3, *(1.5 * edge for edge in limits)])
     least = max(least, gain / 30)
-    start = 0
-    for count, run in groupby(found, key=len):
-        intervals = list(run)
-        end = start + len(intervals)
-        # Where intervals appear or vanish the region ends half-way to the neighbouring mass.
-        first = masses_kg[0] if start == 0 else (masses_kg[start - 1] + masses_kg[start]) / 2
-        last = masses_kg[-1] if end == len(masses_kg) else (masses_kg[end - 1] + masses_kg[end]) / 2
-        x = [first, *masses_kg[start:end], last]
+    parts = []  # of one outline: between parts that were filled one by one a seam would be seen
+    for count, run in groupby(sorted(found.items()), key=lambda item: len(item[1])):
+        x, intervals = zip(*run, strict=True)
         for k in range(count):
-            low, high = np.array([pair[k] for pair in (intervals[0], *intervals, intervals[-1])]).T
-            axes.fill_between(x, low.clip(least, most), high.clip(least, most), color=_STABLE, linewidth=0.3)
+            low, high = gain * np.array([pairs[k] for pairs in intervals]).T
             for edge in (low, high):
-                axes.plot(x, np.where((edge > least) & (edge < most), edge, np.nan), color="black", linewidth=1.0)
-        start = end
+                axes.plot(x, np.where((edge > 0) & (edge < inf), edge, np.nan), color="black", linewidth=1.0)
+            outline = np.array([[*x, *x[::-1]], [*low, *high[::-1]]]).T
+            outline[:, 1] = outline[:, 1].clip(least / 10, most * 10)
+            parts.append(Path(np.vstack([outline, outline[:1]]), closed=True))
+    axes.add_patch(PathPatch(Path.make_compound_path(*parts), color=_STABLE, linewidth=0, label="stable"))
     span = asked_kg or (masses_kg[0], masses_kg[-1])
     axes.plot(span, [gain, gain], "|--", color="black", linewidth=1.4, markersize=9, label=f"gain {gain:.4g} mA/V")
-    axes.fill_between([], [], color=_STABLE, label="stable")
     axes.set_yscale("log")
     axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
     axes.yaxis.set_major_formatter(lambda value, position: f"{value:g}")
@@ -309,20 +337,20 @@ def plot_pole_paths(axes: Axes, loop: Loop, low_kg: float, high_kg: float, count
     """Closed-loop poles in the upper half plane as the outer end mass goes through its range.
 
     Args:
-        axes: drawn on: 1/s over Hz.
+        axes: drawn on, in Hz.
         loop: the closed loop.
         low_kg: least mass, marked by circles.
         high_kg: largest mass, marked by squares.
         count: masses at which poles are computed.
     """
-    paths = [loop.at(mass).poles() for mass in np.linspace(low_kg, high_kg, count)]
+    paths = [loop.at(mass).poles() / (2 * np.pi) for mass in np.linspace(low_kg, high_kg, count)]
     track = np.concatenate(paths)
     track = track[track.imag >= 0]
-    axes.plot(track.real, track.imag / (2 * np.pi), ".", color="0.45", markersize=2.5)
+    axes.plot(track.real, track.imag, ".", color="0.45", markersize=2.5)
     for poles, mass, marker in ((paths[0], low_kg, "o"), (paths[-1], high_kg, "s")):
         upper = poles[poles.imag >= 0]
-        (marks,) = axes.plot(upper.real, upper.imag / (2 * np.pi), marker, color="black", label=f"{mass:g} kg")
+        (marks,) = axes.plot(upper.real, upper.imag, marker, color="black", label=f"{mass:g} kg")
         marks.set(markersize=5, fillstyle="none")
     axes.axvline(0.0, **LIMIT)
     axes.set_ylim(bottom=-0.04 * axes.get_ylim()[1])
-    return finish(axes, "real part, 1/s (stable to the left of the line)", "imaginary part, Hz")
+    return finish(axes, "real part, Hz (stable to the left of the line)", "imaginary part, Hz")

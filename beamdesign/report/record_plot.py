@@ -140,21 +140,21 @@ def write_record_page(
     for position, record in enumerate(records):
         figure = plot_record(record, limits)
         files += save(figure, folder / record.name)
-        verdict = record.reason or "stable"
-        words = f"{record.name}: {verdict}"
-        picture = Picture(inline_svg(figure, f"record{position}", words), f"{record.name}.svg", escape(words))
+        verdict = record.reason or ("stable" if record.stable else "not stable")
+        figure.suptitle("")  # on the page its heading and its caption say that
+        svg = inline_svg(figure, f"record{position}", f"{record.name}: {verdict}")
+        picture = Picture(svg, f"{record.name}.svg", escape(verdict))
         pictures.append(Part(record.name, (picture,)))
         largest = {name: float(np.abs(record.column(name)).max()) for name in _TOLD if name in record.columns}
         rows.append(
             (
                 escape(record.name),
-                "yes" if record.stable else "no",
+                escape(verdict),
                 quantity(largest["displacement_m"], "m"),
                 f"{1e3 * largest['current_A']:.4g} mA" if "current_A" in largest else "",
-                escape(verdict),
             )
         )
-    heads = ("record", "stable", "largest displacement", "largest current", "verdict")
+    heads = ("record", "verdict", "largest displacement", "largest current")
     parts = [Part("Records", (Table(heads, tuple(rows), numbers=(2, 3)),))]
     if effects:
         given = (

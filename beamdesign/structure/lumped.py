@@ -7,7 +7,7 @@ from beamdesign.parameters import rows_of
 from beamdesign.prototype import Beam, Prototype
 from beamdesign.structure import beam, section
 from beamdesign.structure.materials import Material
-from beamdesign.structure.section import Quantity
+from beamdesign.structure.section import Quantity, Tube
 
 
 @dataclass(frozen=True)
@@ -27,21 +27,17 @@ class LumpedBeam:
     notes: tuple[str, ...] = ()
 
 
-def beam_figures(
-    alloy: Material, width: Quantity, wall: Quantity, corner_radius: Quantity, free_length: float, end_mass: Quantity
-) -> tuple[Quantity, Quantity]:
+def beam_figures(alloy: Material, tube: Tube, free_length: float, end_mass: Quantity) -> tuple[Quantity, Quantity]:
     """Tip stiffness (N/m) and effective mass (kg) that a section's geometry gives; numbers and symbols alike.
 
     Args:
         alloy: material of the tube.
-        width: outside width, m.
-        wall: wall thickness, m.
-        corner_radius: outside corner radius, m.
+        tube: its section, m.
         free_length: from clamp to tip, m.
         end_mass: M_end of equation (5), kg.
     """
-    rigidity = section.flexural_rigidity(alloy.youngs_modulus_Pa, section.second_moment(width, wall, corner_radius))
-    per_length = section.mass_per_length(width, wall, alloy.density_kg_per_m3, corner_radius)
+    rigidity = section.flexural_rigidity(alloy.youngs_modulus_Pa, tube.second_moment)
+    per_length = tube.mass_per_length(alloy.density_kg_per_m3)
     return beam.tip_stiffness(rigidity, free_length), beam.effective_mass(per_length, free_length, end_mass)
 
 
@@ -54,14 +50,11 @@ def lumped_beam(record: Beam, name: str = "beam") -> LumpedBeam:
     """Lump one beam; a measured figure wins over the one its geometry gives."""
     stiffness, mass = record.stiffness_N_per_m, record.effective_mass_kg
     notes: list[str] = []
-    if (
-        record.width_m is not None
-        and record.wall_m is not None
-        and record.free_length_m is not None
-        and record.material
-    ):
-        tube = (record.width_m, record.wall_m, record.corner_radius_m, record.free_length_m, record.end_mass_kg)
-        computed_stiffness, computed_mass = map(float, beam_figures(record.material, *tube))
+    tube = record.tube
+    if tube is not None and record.free_length_m is not None and record.material:
+        computed_stiffness, computed_mass = map(
+            float, beam_figures(record.material, tube, record.free_length_m, record.end_mass_kg)
+        )
         if stiffness is not None:
             notes.append(
                 f"{name}: measured stiffness {stiffness:.6g} N/m used, geometry gives {computed_stiffness:.6g} N/m"
@@ -81,10 +74,10 @@ def weighing_mass(record: Beam) -> float:
     Of a beam that is held straight at its tip, that weight is what holds it. Without a geometry it is the effective
     mass, which counts 0.236 of the tube where its weight counts 3/8.
     """
-    if record.width_m is None or record.wall_m is None or record.free_length_m is None or not record.material:
+    tube = record.tube
+    if tube is None or record.free_length_m is None or not record.material:
         return lumped_beam(record).mass
-    density = record.material.density_kg_per_m3
-    per_length = section.mass_per_length(record.width_m, record.wall_m, density, record.corner_radius_m)
+    per_length = tube.mass_per_length(record.material.density_kg_per_m3)
     return float(beam.effective_mass(per_length, record.free_length_m, record.end_mass_kg, "static"))
 
 

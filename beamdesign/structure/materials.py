@@ -63,6 +63,22 @@ class Material(Record):
         return elastic_buckling_constants(self.youngs_modulus_Pa, _POISSON)
 
     @property
+    def largest_diameter_to_wall(self) -> float:
+        """Largest outside diameter over wall of a round tube that counts whole in bending: the limit of class 3.
+
+        Of aluminium alloys EN 1999-1-1, 6.1.4: beta = 3 sqrt(D / t) with D at mid-thickness, held to the limit of
+        internal parts, where their factor C1 / x - C2 / x^2 leaves 1. Of all else EN 1993-1-1:2005, Table 5.2:
+        90 (235 MPa / f_y), in proportion to the modulus of a plate that buckles as C1 says; the elastic critical
+        stress 1.21 E t / D is then twelve times the strength.
+        """
+        first, second = self.buckling_constants
+        if self.buckling_class is not None:
+            beta = (first + (first**2 - 4 * second) ** 0.5) / 2
+            return 1 + (beta / 3) ** 2 * 250e6 / self.proof_strength_Pa
+        modulus = (first / elastic_buckling_constants(1.0, _POISSON)[0]) ** 2
+        return 90 * 235e6 / 210e9 * modulus / self.proof_strength_Pa
+
+    @property
     def strength_source(self) -> str:
         """Where its strength comes from, in words."""
         return STRENGTH_SOURCE if self.buckling_class and self.source is None else self.source or "as given"

@@ -1,4 +1,4 @@
-"""Structural checks of a pair of square tubes, on floats, numpy arrays and CasADi symbols alike.
+"""Structural checks of a pair of tubes, on floats, numpy arrays and CasADi symbols alike.
 
 Two load cases, each with the whole tip force on one beam:
 
@@ -10,18 +10,17 @@ The force is static and acts at the tips; the weight of the beams (about 1 % of 
 torsion, shear, fatigue and the introduction of the force into the walls are not checked.
 """
 
-from collections.abc import Iterable
 from dataclasses import dataclass
 from decimal import ROUND_CEILING, ROUND_FLOOR
 from operator import attrgetter
 from typing import Any, NamedTuple
 
 from beamdesign.json_text import picked
-from beamdesign.problem import DesignProblem
+from beamdesign.problem import BeamProblem, DesignProblem
 from beamdesign.quantity_text import decimal
 from beamdesign.structure import beam, section
 from beamdesign.structure.materials import Material
-from beamdesign.structure.section import Quantity, SquareTube, bending_resistance
+from beamdesign.structure.section import Quantity, Tube, clearances
 
 ROUNDING = 1e-9
 """Share of its limit (plus a thousandth of its unit) by which a check may be missed and still count.
@@ -134,95 +133,77 @@ def materials(problem: DesignProblem) -> tuple[Material, Material]:
     return problem.outer_beam.material, problem.inner_beam.material
 
 
-def beam_mass(
-    problem: DesignProblem,
-    outer_width: Quantity,
-    outer_wall: Quantity,
-    inner_width: Quantity,
-    inner_wall: Quantity,
-    corner_radii: tuple[float, float] = (0.0, 0.0),
-) -> Quantity:
-    """Mass of both tubes over their full lengths, clamped parts included, kg; sizes in m."""
-    outer, inner = materials(problem)
-    return problem.outer_beam.length_m * section.mass_per_length(
-        outer_width, outer_wall, outer.density_kg_per_m3, corner_radii[0]
-    ) + problem.inner_beam.length_m * section.mass_per_length(
-        inner_width, inner_wall, inner.density_kg_per_m3, corner_radii[1]
-    )
+def beam_mass(problem: DesignProblem, outer: Tube, inner: Tube) -> Quantity:
+    """Mass of both tubes over their full lengths, clamped parts included, kg."""
+    pairs = zip(problem.beams, (outer, inner), strict=True)
+    return sum(asked.length_m * tube.mass_per_length(asked.material.density_kg_per_m3) for asked, tube in pairs)
 
 
 def checks(
     problem: DesignProblem,
-    outer_width: Quantity,
-    outer_wall: Quantity,
-    inner_width: Quantity,
-    inner_wall: Quantity,
+    outer: Tube,
+    inner: Tube,
     asked: Requirements | None = None,
-    corner_radii: tuple[float, float] = (0.0, 0.0),
     factors: Factors | None = None,
 ) -> list[Check]:
     """Every structural check of a pair of tubes.
 
     Args:
         problem: lengths, materials and what is asked.
-        outer_width: outside width of the outer tube, m; this and the next three broadcast against each other.
-        outer_wall: its wall, m.
-        inner_width: outside width of the inner tube, m.
-        inner_wall: its wall, m.
+        outer: the outer tube, whose sizes and those of the inner one broadcast against each other, m.
+        inner: the inner tube.
         asked: other figures than the problem's, perhaps symbols.
-        corner_radii: outside corner radii of outer and inner tube, m.
         factors: local buckling factors (flange, web) of outer and inner tube, where they are variables on their own.
 
     Returns:
         Checks, always the same ones in the same order for the same problem.
     """
     asked = asked or requirements(problem)
-    outer_alloy, inner_alloy = materials(problem)
     cases = (
-        ("outer", "servo off", problem.outer_beam, outer_alloy, outer_width, outer_wall, corner_radii[0]),
-        ("inner", "servo on", problem.inner_beam, inner_alloy, inner_width, inner_wall, corner_radii[1]),
+        ("outer", "servo off", problem.outer_beam, outer),
+        ("inner", "servo on", problem.inner_beam, inner),
     )
     found: list[Check] = []
-    for (name, case, asked_of_beam, alloy, width, wall, radius), given in zip(
-        cases, factors or (None, None), strict=True
-    ):
-        moment = asked.tip_force_N * asked_of_beam.free_length_m
-        stress = moment / section.elastic_modulus(width, wall, radius)
-        resistance = bending_resistance(width, wall, alloy.proof_strength_Pa, alloy.buckling_constants, radius, given)
+    for (name, case, beam_asked, tube), given in zip(cases, factors or (None, None), strict=True):
+        alloy, moment = beam_asked.material, asked.tip_force_N * beam_asked.free_length_m
+        stress = moment / tube.elastic_modulus
+        resistance = tube.bending_resistance(alloy.proof_strength_Pa, alloy.buckling_constants, given)
         found += [
             Check(f"{name} strength, {case}", stress, alloy.proof_strength_Pa / asked.strength, "Pa"),
             Check(f"{name} local buckling, {case}", moment, resistance / asked.local_buckling, "N m"),
         ]
-    return found + _fit(problem, asked, cases)
+        if tube.shape == "round":
+            limit = alloy.largest_diameter_to_wall
+            found.append(Check(f"{name} diameter to wall, class 3", tube.width_m / tube.wall_m, limit, "1"))
+    return found + _fit(problem, asked, outer, inner)
 
 
-def _fit(problem: DesignProblem, asked: Requirements, cases: Iterable[tuple[Any, ...]]) -> list[Check]:
+def _fit(problem: DesignProblem, asked: Requirements, outer: Tube, inner: Tube) -> list[Check]:
     """Clearances, walls and widths."""
-    (_, _, outer, outer_alloy, outer_width, outer_wall, outer_radius), inner_case = cases
-    _, _, inner, inner_alloy, inner_width, inner_wall, inner_radius = inner_case
-    gap = section.clearance(outer_width, outer_wall, inner_width)
-    outer_rigidity = section.flexural_rigidity(
-        outer_alloy.youngs_modulus_Pa, section.second_moment(outer_width, outer_wall, outer_radius)
-    )
-    inner_rigidity = section.flexural_rigidity(
-        inner_alloy.youngs_modulus_Pa, section.second_moment(inner_width, inner_wall, inner_radius)
-    )
-    gap_on = beam.clearance_under_load(gap, asked.tip_force_N, beam.tip_stiffness(inner_rigidity, inner.free_length_m))
-    gap_off = beam.clearance_under_load(gap, asked.tip_force_N, beam.tip_stiffness(outer_rigidity, outer.free_length_m))
+    gaps = clearances(outer, inner)
+
+    def under_load(of: BeamProblem, tube: Tube) -> Quantity:
+        rigidity = section.flexural_rigidity(of.material.youngs_modulus_Pa, tube.second_moment)
+        return beam.clearance_under_load(gaps[0], asked.tip_force_N, beam.tip_stiffness(rigidity, of.free_length_m))
+
+    gap_on, gap_off = under_load(problem.inner_beam, inner), under_load(problem.outer_beam, outer)
+    of_outer, of_inner = materials(problem)
     found = [
-        Check("clearance at assembly", gap, asked.assembly_m, "m", at_least=True),
+        Check("clearance at assembly", gaps[0], asked.assembly_m, "m", at_least=True),
+        *(Check("clearance at assembly, across", gap, asked.assembly_m, "m", at_least=True) for gap in gaps[1:]),
         Check("clearance under load, servo on", gap_on, asked.under_load_m, "m", at_least=True),
         Check("clearance under load, servo off", gap_off, asked.under_load_m, "m", at_least=True),
-        Check("outer least wall", outer_wall, asked.least_wall_m, "m", at_least=True),
-        Check("inner least wall", inner_wall, asked.least_wall_m, "m", at_least=True),
-        Check("outer wall within strength data", outer_wall, outer_alloy.largest_wall_m, "m"),
-        Check("inner wall within strength data", inner_wall, inner_alloy.largest_wall_m, "m"),
-        Check("outer largest width", outer_width, asked.largest_width_m, "m"),
+        Check("outer least wall", outer.wall_m, asked.least_wall_m, "m", at_least=True),
+        Check("inner least wall", inner.wall_m, asked.least_wall_m, "m", at_least=True),
+        Check("outer wall within strength data", outer.wall_m, of_outer.largest_wall_m, "m"),
+        Check("inner wall within strength data", inner.wall_m, of_inner.largest_wall_m, "m"),
+        *(Check(f"outer largest {side}", size, asked.largest_width_m, "m") for side, size in outer.sides.items()),
     ]
     if asked.width_to_wall_at_most is not None:
         found += [
-            Check("outer width to wall", outer_width / outer_wall, asked.width_to_wall_at_most, "1"),
-            Check("inner width to wall", inner_width / inner_wall, asked.width_to_wall_at_most, "1"),
+            Check(f"{name} {side} to wall", size / tube.wall_m, asked.width_to_wall_at_most, "1")
+            for name, tube in (("outer", outer), ("inner", inner))
+            for side, size in tube.sides.items()
         ]
     return found
 
@@ -238,8 +219,8 @@ class CheckedPair:
         checks: every structural check, in numbers.
     """
 
-    outer: SquareTube
-    inner: SquareTube
+    outer: Tube
+    inner: Tube
     beam_mass_kg: float
     checks: tuple[Check, ...]
 
@@ -257,15 +238,15 @@ class CheckedPair:
     def to_dict(self) -> dict[str, Any]:
         """What a JSON file holds of it."""
         return {
-            "outer": self.outer._asdict(),
-            "inner": self.inner._asdict(),
+            "outer": self.outer.sizes,
+            "inner": self.inner.sizes,
             "beam_mass_kg": self.beam_mass_kg,
             "checks": [picked(check, "name value limit utilisation unit at_least satisfied") for check in self.checks],
         }
 
     def __str__(self) -> str:
         """The sizes in words."""
-        return " and ".join(f"{1e3 * width:.4g} x {1e3 * wall:.3g} mm" for width, wall in (self.outer, self.inner))
+        return " and ".join(f"{tube.millimetres} mm" for tube in (self.outer, self.inner))
 
     @property
     def feasible(self) -> bool:
@@ -278,26 +259,19 @@ class CheckedPair:
         return max(self.checks, key=lambda check: check.utilisation).name
 
 
-def check_sections(
-    problem: DesignProblem,
-    outer: SquareTube,
-    inner: SquareTube,
-    corner_radii: tuple[float, float] = (0.0, 0.0),
-    asked: Requirements | None = None,
-) -> CheckedPair:
+def check_sections(problem: DesignProblem, outer: Tube, inner: Tube, asked: Requirements | None = None) -> CheckedPair:
     """Check a given pair of tubes.
 
     Args:
         problem: what is asked.
-        outer: width and wall of the outer tube, m.
-        inner: width and wall of the inner tube, m.
-        corner_radii: outside corner radii of both, m.
+        outer: the outer tube, m.
+        inner: the inner tube, m.
         asked: other figures than the problem's.
     """
-    found = checks(problem, *outer, *inner, asked=asked, corner_radii=corner_radii)
+    found = checks(problem, outer, inner, asked)
     return CheckedPair(
         outer=outer,
         inner=inner,
-        beam_mass_kg=float(beam_mass(problem, *outer, *inner, corner_radii)),
+        beam_mass_kg=float(beam_mass(problem, outer, inner)),
         checks=tuple(check._replace(value=float(check.value), limit=float(check.limit)) for check in found),
     )

@@ -17,7 +17,7 @@ from beamdesign.prototype import Payload, Prototype
 from beamdesign.public import SIGMAS
 from beamdesign.records import InputError
 from beamdesign.synthesis.checks import CheckedPair, check_sections
-from beamdesign.synthesis.free_search import free_optimum, start_variables
+from beamdesign.synthesis.free_search import free_optimum, sizes_of, start_variables
 from beamdesign.synthesis.holding import Holding, in_words, working
 from beamdesign.synthesis.law_search import Found, Start, from_seeds, search
 from beamdesign.synthesis.law_task import Effort, Search
@@ -83,7 +83,8 @@ class Codesign:
 
 def _point(problem: DesignProblem, masses_kg: tuple[float, float], proved: Proved) -> CodesignPoint:
     """The finished design of a proved loop, whose sections have no structural flaw."""
-    pair = check_sections(problem, *rounded_tubes(proved.variables[form_of(proved.controller.kind).size + 1 :]))
+    variables = proved.variables[form_of(proved.controller.kind).size + 1 :]
+    pair = check_sections(problem, *rounded_tubes(problem, variables))
     payload = Payload(outer_end_mass_kg=masses_kg, inner_end_mass_kg=proved.inner_end_mass_kg)
     prototype = problem.prototype(pair.outer, pair.inner).but(controller=proved.controller, payload=payload)
     return CodesignPoint(**vars(pair), prototype=prototype, proved=proved)
@@ -144,8 +145,8 @@ def _start_sizes(problem: DesignProblem) -> list[np.ndarray]:
     """Sizes (4,) in m of the sections that are begun with: the lightest pair, larger ones like it, the given."""
     known = [] if problem.given is None else [problem.given]
     lightest = free_optimum(problem, known)
-    found = [] if lightest is None else [np.ravel((lightest.pair.outer, lightest.pair.inner))]
-    return [factor * sizes for sizes in found for factor in _LARGER] + [np.ravel(pair) for pair in known]
+    found = [] if lightest is None else [sizes_of((lightest.pair.outer, lightest.pair.inner))]
+    return [factor * sizes for sizes in found for factor in _LARGER] + [sizes_of(pair) for pair in known]
 
 
 def _task(

@@ -105,8 +105,7 @@ def _designed(problem: DesignProblem, report: Progress, sigmas: float) -> Design
     sizing = size(problem)
     if not sizing.feasible:
         return DesignRun(problem, sizing, None, None, None, sizing.reason)
-    outer, inner = sizing.outer, sizing.inner
-    rig = problem.prototype((outer.width_m, outer.wall_m), (inner.width_m, inner.wall_m))
+    rig = problem.prototype(sizing.outer, sizing.inner)
     masses = problem.payload.outer_end_mass_kg
     assert masses is not None  # a DesignProblem is validated to have the range
     held = standing(problem, rig, masses)

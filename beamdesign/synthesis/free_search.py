@@ -16,7 +16,7 @@ import casadi as ca
 import numpy as np
 
 from beamdesign.problem import DesignProblem
-from beamdesign.structure.section import SquareTube, buckling_curve, clearance, relative_slenderness
+from beamdesign.structure.section import Tube, buckling_curve, clearances
 from beamdesign.synthesis.checks import (
     REQUIREMENTS,
     CheckedPair,
@@ -95,22 +95,31 @@ class Optimality:
     violation: float
 
 
+def pair_of(problem: DesignProblem, sizes: Sequence[Any]) -> tuple[Tube, Tube]:
+    """Tubes of the problem's shapes, of widths and walls (4,) in m of the outer and the inner one."""
+    return problem.outer_beam.sized(*sizes[:2]), problem.inner_beam.sized(*sizes[2:])
+
+
+def sizes_of(pair: tuple[Tube, Tube]) -> np.ndarray:
+    """Widths and walls (4,) of two tubes, m."""
+    return np.array([size for tube in pair for size in (tube.width_m, tube.wall_m)])
+
+
 def sizing_program(problem: DesignProblem) -> Program:
     """State the least-mass problem with the requirements as parameters."""
     sizes, factors = ca.SX.sym("sizes", 4), ca.SX.sym("factors", 4)
-    outer: tuple[Any, Any] = (float(SIZE_UNITS[0]) * sizes[0], float(SIZE_UNITS[1]) * sizes[1])
-    inner: tuple[Any, Any] = (float(SIZE_UNITS[2]) * sizes[2], float(SIZE_UNITS[3]) * sizes[3])
+    outer, inner = pair_of(problem, [float(unit) * sizes[i] for i, unit in enumerate(SIZE_UNITS)])
     nominal = requirements(problem)
     names = tuple(name for name, figure in nominal._asdict().items() if figure is not None)
     asked = ca.SX.sym("asked", len(names))
     symbols = Requirements(**nominal._asdict() | {name: asked[i] for i, name in enumerate(names)})
 
     pairs = ((factors[0], factors[1]), (factors[2], factors[3]))
-    found = checks(problem, *outer, *inner, asked=symbols, factors=pairs)
+    found = checks(problem, outer, inner, symbols, pairs)
     # What must be at least its limit is taken over that limit, which no size enters (so any pair gives it), but over
     # 1 mm at least, for gaps may be asked to be zero. The rest is 1 - limit / value: resistances over demands, which
     # are polynomial in the sizes where their inverses are not.
-    limits = [float(check.limit) for check in checks(problem, 0.1, 0.01, 0.05, 0.005)]
+    limits = [float(check.limit) for check in checks(problem, *pair_of(problem, (0.1, 0.01, 0.05, 0.005)))]
     constraints = [
         (check.limit - check.value) / max(limit, 1e-3) if check.at_least else 1 - check.limit / check.value
         for check, limit in zip(found, limits, strict=True)
@@ -118,48 +127,51 @@ def sizing_program(problem: DesignProblem) -> Program:
     labels = [check.name for check in found]
 
     named = zip(("outer", "inner"), (outer, inner), materials(problem), pairs, strict=True)
-    for beam_name, (width, wall), alloy, pair in named:
-        slenderness = relative_slenderness(width, wall, alloy.proof_strength_Pa)
-        for part, factor, value in zip(("flange", "web"), pair, slenderness, strict=True):
+    for beam_name, tube, alloy, pair in named:
+        slenderness = tube.relative_slenderness(alloy.proof_strength_Pa)
+        for part, factor, value in zip(("flange", "web"), pair, slenderness, strict=False):  # a round tube has neither
             constraints += [factor - 1, factor - buckling_curve(value, alloy.buckling_constants)]
             labels += [f"{beam_name} {part} whole", f"{beam_name} {part} buckling curve"]
-        constraints += [wall / width - THICKEST_SHARE, 1 - width / LEAST_WIDTH_M, 1 - wall / LEAST_WALL_M]
-        labels += [f"{beam_name} wall below half the width", f"{beam_name} domain: width", f"{beam_name} domain: wall"]
-    constraints.append(-clearance(*outer, inner[0]) / 0.01)
-    labels.append("inner tube enters the outer one")
+        for side, size in tube.sides.items():
+            constraints += [tube.wall_m / size - THICKEST_SHARE, 1 - size / LEAST_WIDTH_M]
+            labels += [f"{beam_name} wall below half the {side}", f"{beam_name} domain: {side}"]
+        constraints.append(1 - tube.wall_m / LEAST_WALL_M)
+        labels.append(f"{beam_name} domain: wall")
+    gaps = clearances(outer, inner)
+    constraints += [-gap / 0.01 for gap in gaps]
+    labels += ["inner tube enters the outer one"] * len(gaps)
     return Program(
         variables=ca.vertcat(sizes, factors),
         asked=asked,
         names=names,
         figures=np.array([float(getattr(nominal, name)) for name in names]),
-        mass=beam_mass(problem, *outer, *inner),
+        mass=beam_mass(problem, outer, inner),
         constraints=ca.vertcat(*constraints),
         labels=tuple(labels),
         check_count=len(found),
     )
 
 
-def start_points(problem: DesignProblem, pairs: Sequence[tuple[SquareTube, SquareTube]] = ()) -> list[np.ndarray]:
+def start_points(problem: DesignProblem, pairs: Sequence[tuple[Tube, Tube]] = ()) -> list[np.ndarray]:
     """Sizes in m to start from, each (4,): a coarse grid over the allowed widths, and the pairs given."""
     widest, least = min(problem.sections.largest_width_m, _WIDEST_START_M), problem.sections.least_wall_m
+    widest /= max(problem.outer_beam.sized(1.0, 0.1).sides.values())
     grid = [
         np.array([share * widest, wall(share * widest), ratio * share * widest, wall(ratio * share * widest)])
         for share in (0.9, 0.6, 0.35, 0.12)
         for ratio in (0.5, 0.75)
         for wall in (lambda width: min(1.2 * least, width / 5), lambda width: max(width / 25, least))
     ]
-    return [np.array([*outer, *inner]) for outer, inner in pairs] + grid
+    return [sizes_of(pair) for pair in pairs] + grid
 
 
 def start_variables(problem: DesignProblem, sizes: np.ndarray) -> np.ndarray:
     """Program variables for sizes in m, (4,), with the local buckling factors that belong to them, (8,)."""
     factors = []
-    for which, alloy in enumerate(materials(problem)):
-        width, wall = float(sizes[2 * which]), float(sizes[2 * which + 1])
-        factors += [
-            min(1.0, float(buckling_curve(value, alloy.buckling_constants)))
-            for value in relative_slenderness(width, wall, alloy.proof_strength_Pa)
-        ]
+    for tube, alloy in zip(pair_of(problem, sizes.tolist()), materials(problem), strict=True):
+        slenderness = tube.relative_slenderness(alloy.proof_strength_Pa)
+        own = [min(1.0, float(buckling_curve(value, alloy.buckling_constants))) for value in slenderness]
+        factors += own or [1.0, 1.0]
     return np.concatenate([sizes / SIZE_UNITS, factors])
 
 
@@ -298,14 +310,13 @@ class FreeOptimum:
     starts_agreeing: int
 
 
-def tubes(variables: np.ndarray) -> tuple[SquareTube, SquareTube]:
+def tubes(problem: DesignProblem, variables: np.ndarray) -> tuple[Tube, Tube]:
     """Outer and inner tube of program variables."""
-    outer_width, outer_wall, inner_width, inner_wall = (float(size) for size in variables[:4] * SIZE_UNITS)
-    return SquareTube(outer_width, outer_wall), SquareTube(inner_width, inner_wall)
+    return pair_of(problem, (variables[:4] * SIZE_UNITS).tolist())
 
 
 def free_optimum(
-    problem: DesignProblem, known: Sequence[tuple[SquareTube, SquareTube]] = (), grid: bool = True
+    problem: DesignProblem, known: Sequence[tuple[Tube, Tube]] = (), grid: bool = True
 ) -> FreeOptimum | None:
     """Search the lightest pair of tubes of free sizes.
 
@@ -340,7 +351,7 @@ def free_optimum(
     optimality = conditions.optimality(best, program.figures)
     multipliers = optimality.multipliers[: program.check_count]
     active = [i for i in np.argsort(-multipliers) if multipliers[i] > 0]
-    found = check_sections(problem, *tubes(best))
+    found = check_sections(problem, *tubes(problem, best))
     return FreeOptimum(
         pair=found,
         governing=program.labels[active[0]] if active else found.governing,

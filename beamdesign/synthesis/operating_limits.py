@@ -17,7 +17,7 @@ from beamdesign.plant.actuators.protocol import Demand, Limit
 from beamdesign.plant.higher_modes import signals, single_compliance, with_mass
 from beamdesign.prototype import Prototype
 from beamdesign.structure import lumped
-from beamdesign.structure.section import clearance
+from beamdesign.structure.shapes import gaps
 
 _STATIC_HZ = 1e-4
 _LOWEST_HZ, _POINTS = 0.01, 60
@@ -188,7 +188,6 @@ def sensor_reach(prototype: Prototype, outer_end_mass: float = 0.0) -> SensorRea
 
 
 def _clearance(prototype: Prototype) -> float | None:
-    outer, inner = prototype.outer_beam, prototype.inner_beam
-    if outer.width_m is None or outer.wall_m is None or inner.width_m is None:
-        return None
-    return float(clearance(outer.width_m, outer.wall_m, inner.width_m))
+    """Play per side along the load, m; None where a section is not known."""
+    found = gaps(prototype.outer_beam, prototype.inner_beam)
+    return None if found is None else found[0]

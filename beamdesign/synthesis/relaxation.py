@@ -8,7 +8,7 @@ import casadi as ca
 import numpy as np
 
 from beamdesign.problem import DesignProblem
-from beamdesign.structure.section import SquareTube
+from beamdesign.structure.section import Tube
 from beamdesign.synthesis.checks import (
     REQUIREMENTS,
     CheckedPair,
@@ -29,7 +29,7 @@ from beamdesign.synthesis.free_search import (
     start_variables,
     tubes,
 )
-from beamdesign.synthesis.stock_search import feasible_pairs, lightest, nearest_pair
+from beamdesign.synthesis.stock_search import Stock, feasible_pairs, lightest, nearest_pair
 
 _DIGITS = 4
 
@@ -49,8 +49,8 @@ class Relaxation:
     key: str
     asked: float
     enough: float
-    outer: SquareTube
-    inner: SquareTube
+    outer: Tube
+    inner: Tube
 
     def __str__(self) -> str:
         """In words, as in "load.tip_force_N from 2000 to 1500"."""
@@ -86,9 +86,7 @@ def _relaxable(asked: Requirements) -> list[str]:
     return [name for (name, one), figure in figures if figure is not None and float(figure) != one.easiest]
 
 
-def _confirmed(
-    problem: DesignProblem, name: str, enough: float, pair: tuple[SquareTube, SquareTube]
-) -> Relaxation | None:
+def _confirmed(problem: DesignProblem, name: str, enough: float, pair: tuple[Tube, Tube]) -> Relaxation | None:
     """The relaxation, if the pair really passes with the rounded figure."""
     asked = requirements(problem)
     if not check_sections(problem, *pair, asked=asked._replace(**{name: enough})).feasible:
@@ -118,7 +116,7 @@ def relax_free(problem: DesignProblem) -> tuple[tuple[Relaxation, ...], CheckedP
     found = [
         _ease_one(problem, program, conditions, elastic, name, points) for name in _relaxable(requirements(problem))
     ]
-    return _in_order(found), check_sections(problem, *tubes(nearest))
+    return _in_order(found), check_sections(problem, *tubes(problem, nearest))
 
 
 def _ease_one(
@@ -152,10 +150,10 @@ def _ease_one(
         if end[8] < least and conditions.violation(end[:8], figures(float(end[8]))) <= FEASIBLE:
             least, best = float(end[8]), end[:8]
     enough = _rounded(float(figures(least)[place]), easiest)
-    return _confirmed(problem, name, enough, tubes(best))
+    return _confirmed(problem, name, enough, tubes(problem, best))
 
 
-def relax_stock(problem: DesignProblem, stock: Sequence[SquareTube]) -> tuple[tuple[Relaxation, ...], CheckedPair]:
+def relax_stock(problem: DesignProblem, stock: Stock) -> tuple[tuple[Relaxation, ...], CheckedPair]:
     """For stock tubes: the requirements that could be eased alone, each by bisection over all pairs.
 
     More pairs pass as a requirement is eased, so that the bisection finds the least change over the whole list.

@@ -19,9 +19,9 @@ from beamdesign.plant.members import family
 from beamdesign.problem import DesignProblem
 from beamdesign.progress import Progress, silent
 from beamdesign.public import SIGMAS
-from beamdesign.structure.section import SquareTube
+from beamdesign.structure.section import Tube
 from beamdesign.synthesis.codesign import SIZED_EFFORT
-from beamdesign.synthesis.free_search import start_variables
+from beamdesign.synthesis.free_search import sizes_of, start_variables
 from beamdesign.synthesis.law_search import Found, from_seeds, search
 from beamdesign.synthesis.law_task import Search
 from beamdesign.synthesis.loop_limits import Proved
@@ -63,8 +63,8 @@ class Remedy:
     added_mass_kg: float
     bandwidth_Hz: float
     peak_sensitivity: float
-    outer: SquareTube
-    inner: SquareTube
+    outer: Tube
+    inner: Tube
     inner_end_mass_kg: float
     proved: tuple[Proved, ...]
     parts_kg: tuple[tuple[float, float], ...]
@@ -132,7 +132,7 @@ def _given(problem: DesignProblem) -> np.ndarray:
     """Section variables of the problem's given sections, (8,)."""
     if problem.given is None:
         raise ValueError("the remedies start from given sections: width_m and wall_m of both beams")
-    return start_variables(problem, np.ravel(problem.given))
+    return start_variables(problem, sizes_of(problem.given))
 
 
 def _remedy(
@@ -147,14 +147,14 @@ def _remedy(
     proved = found.proved
     if proved is None or proved.bandwidth_Hz < SMALLEST_BANDWIDTH_HZ:
         reason = found.reason or f"guarantees no bandwidth above {SMALLEST_BANDWIDTH_HZ:g} Hz"
-        return Remedy(freedom.name, 0.0, 0.0, inf, *rounded_tubes(given), 0.0, (), (masses_kg,), reason)
+        return Remedy(freedom.name, 0.0, 0.0, inf, *rounded_tubes(problem, given), 0.0, (), (masses_kg,), reason)
     sizes = proved.variables[-len(given) :]
     return Remedy(
         freedom.name,
         section_mass(problem, sizes) - section_mass(problem, given) + proved.inner_end_mass_kg,
         proved.bandwidth_Hz,
         proved.peak_sensitivity,
-        *rounded_tubes(sizes),
+        *rounded_tubes(problem, sizes),
         proved.inner_end_mass_kg,
         (proved,),
         (masses_kg,),

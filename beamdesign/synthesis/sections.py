@@ -15,9 +15,9 @@ from beamdesign.proofs.certificate import Kind
 from beamdesign.prototype import Prototype
 from beamdesign.quantity_text import stated_bandwidth
 from beamdesign.structure.lumped import beam_figures, fixed_dashpot, servo_figures
-from beamdesign.structure.section import SquareTube
-from beamdesign.synthesis.checks import beam_mass, check_sections, materials
-from beamdesign.synthesis.free_search import SIZE_UNITS, THICKEST_SHARE, sizing_program, tubes
+from beamdesign.structure.section import Tube
+from beamdesign.synthesis.checks import beam_mass, check_sections
+from beamdesign.synthesis.free_search import SIZE_UNITS, THICKEST_SHARE, pair_of, sizing_program, tubes
 from beamdesign.synthesis.loop_limits import law_on_axis, on_axis, plant_of_figures, slack_of
 
 ROUNDED_SLACK = 1e-4
@@ -87,10 +87,9 @@ class Sections:
         return self.flaw(inner, chosen)
 
 
-def rounded_tubes(section_variables: np.ndarray) -> tuple[SquareTube, SquareTube]:
+def rounded_tubes(problem: DesignProblem, section_variables: np.ndarray) -> tuple[Tube, Tube]:
     """Rounded tubes, as they will be written down."""
-    sizes = [round(float(size), _ROUND) for size in section_variables[:4] * SIZE_UNITS]
-    return SquareTube(sizes[0], sizes[1]), SquareTube(sizes[2], sizes[3])
+    return pair_of(problem, [round(float(size), _ROUND) for size in section_variables[:4] * SIZE_UNITS])
 
 
 def _symbolic_figures(problem: DesignProblem) -> Callable[[ca.MX], ca.MX]:
@@ -100,17 +99,15 @@ def _symbolic_figures(problem: DesignProblem) -> Callable[[ca.MX], ca.MX]:
     def figures(sections: ca.MX) -> ca.MX:
         sizes = [float(unit) * sections[i] for i, unit in enumerate(SIZE_UNITS)]
         lumped: list[ca.MX] = []
-        for alloy, asked, (width, wall) in zip(
-            materials(problem), (problem.outer_beam, problem.inner_beam), (sizes[:2], sizes[2:]), strict=True
-        ):
-            stiffness, mass = beam_figures(alloy, width, wall, 0.0, asked.free_length_m, asked.end_mass_kg)
+        for asked, tube in zip(problem.beams, pair_of(problem, sizes), strict=True):
+            stiffness, mass = beam_figures(asked.material, tube, asked.free_length_m, asked.end_mass_kg)
             lumped += [stiffness, mass, fixed_dashpot(asked.damping_ratio, stiffness, mass)]
         return ca.vertcat(*lumped, *hydraulics.values())
 
     return figures
 
 
-def _prototype(problem: DesignProblem, pair: tuple[SquareTube, SquareTube]) -> Prototype | None:
+def _prototype(problem: DesignProblem, pair: tuple[Tube, Tube]) -> Prototype | None:
     """The rig with these tubes; None where the record of it refuses them."""
     try:
         return problem.prototype(*pair)
@@ -120,8 +117,7 @@ def _prototype(problem: DesignProblem, pair: tuple[SquareTube, SquareTube]) -> P
 
 def section_mass(problem: DesignProblem, sections: np.ndarray) -> float:
     """Mass of both beams, kg."""
-    outer, inner = rounded_tubes(sections)
-    return float(beam_mass(problem, *outer, *inner))
+    return float(beam_mass(problem, *rounded_tubes(problem, sections)))
 
 
 def free_sections(
@@ -159,7 +155,7 @@ def free_sections(
         mass = section_mass(problem, chosen) + inner
         if largest_mass_kg is not None and mass > largest_mass_kg:
             return f"moves {mass:.6g} kg, more than {largest_mass_kg:.6g} kg"
-        missed = check_sections(problem, *rounded_tubes(chosen)).failing
+        missed = check_sections(problem, *rounded_tubes(problem, chosen)).failing
         return "the refined sections miss: " + ", ".join(check.name for check in missed) if missed else ""
 
     return Sections(
@@ -169,7 +165,7 @@ def free_sections(
         figures=_symbolic_figures(problem),
         filtered=problem.sensor.filter_Hz is not None,
         rig=problem.rig,
-        prototype=lambda chosen, rounded: _prototype(problem, (rounded_tubes if rounded else tubes)(chosen)),
+        prototype=lambda chosen, rounded: _prototype(problem, (rounded_tubes if rounded else tubes)(problem, chosen)),
         structure=structure,
         moving_mass=lambda inner, chosen: parts(chosen, sizing.figures)[1] + inner,
         flaw=flaw,

@@ -1,4 +1,4 @@
-"""Sizing: the lightest pair of square tubes that carries the load and keeps its clearance, and what that costs."""
+"""Sizing: the lightest pair of tubes that carries the load and keeps its clearance, and what that costs."""
 
 from dataclasses import dataclass
 from typing import Any, Literal
@@ -9,8 +9,7 @@ from beamdesign.progress import Progress, silent
 from beamdesign.prototype import Beam, Payload, Prototype
 from beamdesign.records import InputError, Problem
 from beamdesign.result import Result
-from beamdesign.structure.section import SquareTube
-from beamdesign.structure.stock import stock_tubes
+from beamdesign.structure.section import Tube
 from beamdesign.synthesis.checks import (
     Check,
     CheckedPair,
@@ -21,7 +20,7 @@ from beamdesign.synthesis.free_search import (
     free_optimum,
 )
 from beamdesign.synthesis.relaxation import Relaxation, relax_free, relax_stock
-from beamdesign.synthesis.stock_search import StockOptimum, stock_optimum
+from beamdesign.synthesis.stock_search import StockOptimum, stock_of, stock_optimum
 
 _GEOMETRY = ("width_m", "wall_m", "length_m", "free_length_m", "material")
 
@@ -68,14 +67,11 @@ class Sizing(Result):
             "nearest pair": None if self.feasible else self.chosen,
         }
 
-        def millimetres(tube: SquareTube) -> str:
-            return f"{1e3 * tube[0]:.4g} x {1e3 * tube[1]:.3g}"
-
         return [
             (
                 name,
-                millimetres(pair.outer),
-                millimetres(pair.inner),
+                pair.outer.millimetres,
+                pair.inner.millimetres,
                 pair.beam_mass_kg,
                 "all pass" if pair.feasible else f"{len(pair.failing)} fail",
             )
@@ -100,12 +96,12 @@ class Sizing(Result):
         return finite(fields)
 
     @property
-    def outer(self) -> SquareTube:
+    def outer(self) -> Tube:
         """Outer tube of the chosen pair."""
         return self.chosen.outer
 
     @property
-    def inner(self) -> SquareTube:
+    def inner(self) -> Tube:
         """Inner tube of the chosen pair."""
         return self.chosen.inner
 
@@ -158,7 +154,7 @@ def size(problem: DesignProblem, progress: Progress | None = None) -> Sizing:
         chosen, governing = given, given.governing
         reason = f"the given sections pass every check; governed by {governing}"
         if not given.feasible:
-            relaxations, _ = relax_stock(problem, (given.outer, given.inner))
+            relaxations, _ = relax_stock(problem, ((given.outer,), (given.inner,)))
             reason = f"the given sections fail: {given.misses}; {_relax(relaxations)}"
     elif choose == "free" and free:
         chosen, governing = free.pair, free.governing
@@ -170,7 +166,7 @@ def size(problem: DesignProblem, progress: Progress | None = None) -> Sizing:
         reason = f"{best}; governed by {governing}"
     else:
         report(0.6, "what to relax")
-        relaxations, chosen = relax_stock(problem, stock_tubes()) if choose == "stock" else relax_free(problem)
+        relaxations, chosen = relax_stock(problem, stock_of(problem)) if choose == "stock" else relax_free(problem)
         governing = chosen.governing
         reason = _nothing_fits(choose, free, chosen, relaxations)
         if chosen.feasible:
@@ -233,7 +229,9 @@ def problem_of(prototype: Prototype, tip_force_N: float, source: str = "prototyp
 
 
 def _asked_of(beam: Beam) -> BeamProblem:
-    return BeamProblem.model_validate({key: getattr(beam, key) for key in (*_GEOMETRY, "end_mass_kg", "damping_ratio")})
+    same = {key: getattr(beam, key) for key in (*_GEOMETRY, "shape", "end_mass_kg", "damping_ratio")}
+    ratio = beam.tube.depth_over_width if beam.tube is not None and beam.shape == "rectangle" else None
+    return BeamProblem.model_validate(same | {"depth_over_width": ratio})
 
 
 def check_prototype(prototype: Prototype, tip_force_N: float, source: str = "prototype") -> CheckedPair:
@@ -248,6 +246,7 @@ def check_prototype(prototype: Prototype, tip_force_N: float, source: str = "pro
         InputError: naming every key of geometry that is missing.
     """
     problem = problem_of(prototype, tip_force_N, source)
-    assert problem.given is not None  # problem_of has refused such a prototype
-    radii = (prototype.outer_beam.corner_radius_m, prototype.inner_beam.corner_radius_m)
-    return check_sections(problem, *problem.given, radii)
+    outer, inner = prototype.outer_beam.tube, prototype.inner_beam.tube
+    assert outer is not None  # problem_of has refused such a prototype
+    assert inner is not None
+    return check_sections(problem, outer, inner)

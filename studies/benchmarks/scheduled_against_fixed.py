@@ -19,6 +19,7 @@ from beamdesign.controllers import Lag, Scheduled, Stage
 from beamdesign.controllers.scheduling.simulation import Course, simulate_scheduled
 from beamdesign.prototype import Prototype, read_prototype
 from beamdesign.report.canvas import STYLES, new_figure, save
+from beamdesign.report.figures import BESIDE
 from beamdesign.scenario import Multisine, Scenario, ScenarioRecord, inputs_of
 from beamdesign.simulation import SimulatedRecord
 from beamdesign.synthesis.tuning import tune
@@ -173,7 +174,8 @@ def draw(fixed: SimulatedRecord, scheduled: SimulatedRecord, rig: Prototype, pat
     """The tip with both controllers, and the payload with its estimate and the stage, as SVG."""
     figure = new_figure(190, 120)
     above, below = figure.subplots(2, 1, sharex=True, height_ratios=(3, 2))
-    for record, words, style in ((fixed, "fixed lag", STYLES[1]), (scheduled, "scheduled", STYLES[0])):
+    beside = BESIDE[1] | {"linestyle": "-"}
+    for record, words, style in ((fixed, "fixed lag", beside), (scheduled, "scheduled", STYLES[0])):
         moved = 1e6 * record.column("displacement_m")[::DRAWN]
         above.plot(record.column("t_s")[::DRAWN], moved, label=words, lw=0.9, **style)
     above.set_ylabel("tip of the outer beam, µm")

@@ -45,7 +45,8 @@ def plot_sensor_value(
         own = [row for row in rows if row.outer_end_mass_kg == payload]
         places = [sets.index(row.sensors) + (k - (len(payloads) - 1) / 2) * width for row in own]
         drawn = bars.bar(places, [row.bandwidth_Hz for row in own], width, color=grey, label=payload_text(payload))
-        bars.bar_label(drawn, fmt="%.1f", fontsize=7)
+        # Within the bars, where no bound's line runs through a figure.
+        bars.bar_label(drawn, fmt="%.1f", fontsize=7, label_type="center", color="white" if k == 0 else "black")
         left = places[0] - width / 2
         for height, style in zip(bound, ("-", ":"), strict=True):
             bars.plot([left, left + width], [height, height], color="black", linestyle=style, linewidth=2.0)

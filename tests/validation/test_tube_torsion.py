@@ -1,4 +1,4 @@
-"""Torsion constant of square tubes against published tables, a finite-element library, and the round tube."""
+"""Torsion constant of tubes against published tables, a finite-element library, and the round tube."""
 
 from math import pi
 
@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from beamdesign.structure.materials import material, material_names
-from beamdesign.structure.section import area, second_moment, torsion_constant
+from beamdesign.structure.section import Tube
 
 PUBLISHED = [
     (40, 2, 11.3), (40, 3, 15.8), (40, 4, 19.4), (50, 2, 22.6), (50, 3, 32.1), (50, 4, 40.4), (50, 5, 47.5),
@@ -18,7 +18,7 @@ twice the wall: EN 10219-2, as tabled in the Steel Designers' Manual, 6th editio
 
 @pytest.mark.parametrize(("width", "wall", "constant"), PUBLISHED)
 def test_published_sections(width: float, wall: float, constant: float):
-    found = 1e8 * torsion_constant(width / 1e3, wall / 1e3, 2 * wall / 1e3)
+    found = 1e8 * Tube(width / 1e3, wall / 1e3, 2 * wall / 1e3).torsion_constant
     assert found == pytest.approx(constant, abs=0.5 * 10.0 ** (np.floor(np.log10(constant)) - 2) * 1.001)
 
 
@@ -43,9 +43,9 @@ def test_exact_solution_by_finite_elements(width: float, wall: float, radius: fl
     section.calculate_geometric_properties()
     section.calculate_warping_properties()
     exact = 1e-12 * section.get_j()
-    assert torsion_constant(width, wall, radius) == pytest.approx(exact, rel=within)
+    assert Tube(width, wall, radius).torsion_constant == pytest.approx(exact, rel=within)
     if radius == 0:
-        assert torsion_constant(width, wall, radius) < exact
+        assert Tube(width, wall, radius).torsion_constant < exact
     # It does not warp to speak of: J against the warping constant over the length of the published beam.
     decay = 1e3 * 1.195 * np.sqrt(section.get_j() / (2.6 * section.get_gamma()))
     assert decay > 100  # lengths over which a hindered end would fade, in one beam
@@ -57,16 +57,16 @@ def test_a_radius_of_half_the_width_gives_a_round_tube(share: float):
     width, wall = 0.1, 0.1 * share
     outside, inside = width / 2, width / 2 - wall
     exact = pi / 2 * (outside**4 - inside**4)
-    assert 2 * second_moment(width, wall, width / 2) == pytest.approx(exact)
-    assert torsion_constant(width, wall, width / 2) == pytest.approx(exact, rel=(wall / (outside + inside)) ** 2)
+    assert 2 * Tube(width, wall, width / 2).second_moment == pytest.approx(exact)
+    assert Tube(width, wall, width / 2).torsion_constant == pytest.approx(exact, rel=(wall / (outside + inside)) ** 2)
 
 
 def test_a_tube_twists_as_an_open_strip_does_not():
     """Slit along its length the same tube has p t^3 / 3 alone: Bredt's term is the closed one's."""
     width, wall = 0.14, 0.0023
-    slit = area(width, wall) * wall**2 / 3
-    assert torsion_constant(width, wall) - slit == pytest.approx((width - wall) ** 3 * wall)
-    assert torsion_constant(width, wall) > 1000 * slit
+    slit = Tube(width, wall).area * wall**2 / 3
+    assert Tube(width, wall).torsion_constant - slit == pytest.approx((width - wall) ** 3 * wall)
+    assert Tube(width, wall).torsion_constant > 1000 * slit
 
 
 def test_shear_modulus_of_the_design_code():

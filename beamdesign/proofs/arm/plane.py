@@ -29,7 +29,7 @@ from beamdesign.loop import Loop, LoopAtMass, loop
 from beamdesign.polynomial import Affine, exact
 from beamdesign.prototype import Arm, Prototype
 from beamdesign.records import InputError, Problem
-from beamdesign.structure import lumped, section
+from beamdesign.structure import lumped
 
 # Figures of the outer beam that only the arm needs: rigidities and inertia about its axis.
 
@@ -44,7 +44,7 @@ class ArmFigures:
 
     Attributes:
         length: L, from clamp to tip, m.
-        stiffness: K in either plane, N/m; the tube is square.
+        stiffness: K in either plane, N/m; the tube is square or round.
         bending_rigidity: E I, N m2, of K = 3 E I / L^3.
         torsional_stiffness: G J / L, N m/rad.
         torsional_damping: N m s/rad, a fixed dashpot like those of bending.
@@ -77,10 +77,13 @@ def arm_figures(prototype: Prototype) -> ArmFigures:
     """Work the figures out; a torsional stiffness that is given wins over the section's.
 
     Raises:
-        InputError: where length, torsional stiffness or polar inertia can neither be read nor worked out.
+        InputError: where length, torsional stiffness or polar inertia can neither be read nor worked out, or a tube is
+            rectangular.
     """
     beam, arm = prototype.outer_beam, arm_of(prototype)
-    wrong: list[Problem] = []
+    reason = "an arm bends in two planes alike: its tubes are square or round, not a rectangle"
+    shapes = {"outer_beam": beam.shape, "inner_beam": prototype.inner_beam.shape}
+    wrong = [Problem(f"{name}.shape", reason) for name, shape in shapes.items() if shape == "rectangle"]
     if beam.free_length_m is None:
         wrong.append(Problem("outer_beam.free_length_m", "missing; turning of the tip needs it"))
     given, added = arm.torsional_stiffness_N_m_per_rad, arm.end_polar_inertia_kg_m2 + arm.payload_polar_inertia_kg_m2
@@ -97,12 +100,11 @@ def arm_figures(prototype: Prototype) -> ArmFigures:
     notes: list[str] = []
     inertia, axial = added, None
     stiffness = given
-    if beam.width_m is not None and beam.wall_m is not None and beam.material is not None:
-        alloy, tube = beam.material, (beam.width_m, beam.wall_m, beam.corner_radius_m)
-        # The polar second moment of a square tube is twice that about one axis.
-        inertia += TORSION_SHARE * alloy.density_kg_per_m3 * 2 * float(section.second_moment(*tube)) * length
-        axial = alloy.youngs_modulus_Pa * float(section.area(*tube)) / length
-        computed = alloy.shear_modulus_Pa * float(section.torsion_constant(*tube)) / length
+    if beam.tube is not None and beam.material is not None:
+        alloy, tube = beam.material, beam.tube
+        inertia += TORSION_SHARE * alloy.density_kg_per_m3 * float(tube.polar_moment) * length
+        axial = alloy.youngs_modulus_Pa * float(tube.area) / length
+        computed = alloy.shear_modulus_Pa * float(tube.torsion_constant) / length
         if given is not None:
             notes.append(
                 f"given torsional stiffness {given:.6g} N m/rad used, the section gives {computed:.6g} N m/rad"

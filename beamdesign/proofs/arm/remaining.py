@@ -12,9 +12,10 @@ from typing import Any
 import numpy as np
 
 from beamdesign.proofs.arm.plane import ArmFigures, arm_figures, arm_of
-from beamdesign.prototype import FIT_M, Beam, Prototype
-from beamdesign.structure import section
+from beamdesign.prototype import Beam, Prototype
 from beamdesign.structure.lumped import lumped_beam
+from beamdesign.structure.section import Tube
+from beamdesign.structure.shapes import FIT_M, gaps
 
 # Static compliance at the tip and at the payload, with the servos and without.
 
@@ -181,25 +182,26 @@ class InnerTravel:
     Attributes:
         travel_m: in y and z, m.
         gap_m: between the tubes on each side, at rest; None where a section is not known.
+        round: whether the outer tube is, so that it is the whole way that counts and not that to each side.
     """
 
     travel_m: tuple[float, float]
     gap_m: float | None
+    round: bool = False
 
     @property
     def touches(self) -> bool:
-        """Whether the square tubes touch."""
-        return self.gap_m is not None and max(map(abs, self.travel_m)) >= self.gap_m
+        """Whether the tubes touch; of one with corners in a round one, whether they may."""
+        way = hypot(*self.travel_m) if self.round else max(map(abs, self.travel_m))
+        return self.gap_m is not None and way >= self.gap_m
 
 
 def inner_travel(prototype: Prototype, case: Remaining) -> InnerTravel:
     """Travel of the inner tip under a load that the servos carry; the tube is as stiff in any direction."""
     stiffness = lumped_beam(prototype.inner_beam, "inner_beam").stiffness
     y, z = (-force / stiffness for force in case.actuators_N)
-    outer, inner, gap = prototype.outer_beam, prototype.inner_beam, None
-    if outer.width_m is not None and outer.wall_m is not None and inner.width_m is not None:
-        gap = float(section.clearance(outer.width_m, outer.wall_m, inner.width_m))
-    return InnerTravel((y, z), gap)
+    gap = gaps(prototype.outer_beam, prototype.inner_beam)
+    return InnerTravel((y, z), None if gap is None else gap[0], prototype.outer_beam.shape == "round")
 
 
 @dataclass(frozen=True)
@@ -247,44 +249,39 @@ def twist_remedy(prototype: Prototype, force_N: Vector, allowed_m: float, payloa
     weight = payload_kg * hypot(offset[1], offset[2])
     beam, wall, width = prototype.outer_beam, None, None
     fits: bool | None = None
-    if beam.has_geometry and needed > 0:
-        assert beam.width_m is not None
-        assert beam.wall_m is not None
+    thicker: float | None = None
+    wider: float | None = None
+    tube = beam.tube
+    if tube is not None and beam.has_geometry and needed > 0:
         # A given stiffness need not be the section's: what is asked for scales the section as it stands.
-        ratio = needed / figures.torsional_stiffness
-        wall = _least(beam, ratio, lambda value: (beam.width_m, value), beam.wall_m, _WALL_SHARE * beam.width_m)
-        width = _least(beam, ratio, lambda value: (value, beam.wall_m), beam.width_m, _WIDEST_M)
-        if wall is not None and prototype.inner_beam.width_m is not None:
-            fits = beam.width_m - 2 * wall >= prototype.inner_beam.width_m + FIT_M
-    thicker, wider = _added_mass(beam, beam.width_m, wall), _added_mass(beam, width, beam.wall_m)
+        target = needed / figures.torsional_stiffness * float(tube.torsion_constant)
+        wall = _least(lambda value: tube.at(tube.width_m, value), target, tube.wall_m, _WALL_SHARE * tube.width_m)
+        width = _least(lambda value: tube.at(value, tube.wall_m), target, tube.width_m, _WIDEST_M)
+        if wall is not None:
+            made = tube.at(tube.width_m, wall)
+            thicker, gap = _added_mass(beam, made), gaps(made, prototype.inner_beam)
+            fits = None if gap is None else gap[0] >= FIT_M / 2
+        wider = None if width is None else _added_mass(beam, tube.at(width, tube.wall_m))
     return TwistRemedy(allowed_m, needed, wall, thicker, fits, width, wider, weight)
 
 
-def _constant(beam: Beam, tube: tuple[float | None, float | None]) -> float:
-    width, wall = tube
-    return float(section.torsion_constant(width, wall, beam.corner_radius_m))
-
-
-def _least(
-    beam: Beam, ratio: float, tube: Callable[[float], tuple[float | None, float | None]], own: float, most: float
-) -> float | None:
-    """The size from its own figure up at which the torsion constant has grown by a ratio."""
+def _least(tube: Callable[[float], Tube], target: float, own: float, most: float) -> float | None:
+    """The size from its own figure up at which the torsion constant has grown to a target."""
     from scipy.optimize import brentq
 
-    target = ratio * _constant(beam, tube(own))
-    if ratio <= 1:
+    if float(tube(own).torsion_constant) >= target:
         return own
-    if _constant(beam, tube(most)) < target:
+    if float(tube(most).torsion_constant) < target:
         return None
-    return float(brentq(lambda size: _constant(beam, tube(size)) - target, own, most, xtol=1e-9))
+    return float(brentq(lambda size: float(tube(size).torsion_constant) - target, own, most, xtol=1e-9))
 
 
-def _added_mass(beam: Beam, width: float | None, wall: float | None) -> float | None:
-    if width is None or wall is None or beam.width_m is None or beam.wall_m is None or beam.material is None:
-        return None
-    length = beam.length_m or beam.free_length_m
-    areas = [float(section.area(w, t, beam.corner_radius_m)) for w, t in ((width, wall), (beam.width_m, beam.wall_m))]
-    return beam.material.density_kg_per_m3 * (areas[0] - areas[1]) * float(length or 0.0)
+def _added_mass(beam: Beam, made: Tube) -> float:
+    """Of a tube over the beam's own, kg."""
+    assert beam.tube is not None
+    assert beam.material is not None
+    length = float(beam.length_m or beam.free_length_m or 0.0)
+    return beam.material.density_kg_per_m3 * float(made.area - beam.tube.area) * length
 
 
 def offset_for_goal_m(prototype: Prototype) -> float:

@@ -134,8 +134,8 @@ def _plane_table(prototype: Prototype, figures: PlaneFigures) -> dict[str, Any]:
             "polar_inertia_kg_m2": text(figures.polar_inertia),
         }
     if figures.coupled and beam.has_geometry:
-        keys = ("width_m", "wall_m", "corner_radius_m", "material")
-        table["section"] = {key: plain(beam)[key] for key in keys}
+        keys = ("shape", "width_m", "wall_m", "corner_radius_m", "material")
+        table["section"] = {key: value for key, value in plain(beam).items() if key in keys}
     found: dict[str, Any] = stated(table)
     return found
 

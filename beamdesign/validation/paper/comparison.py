@@ -191,7 +191,7 @@ def _claims(comparison: Comparison) -> tuple[Block, ...]:
 
 
 def _figure(drawing: Drawing) -> tuple[Block, ...]:
-    caption = f"{drawing.title}. Paper: {drawing.claim} Model: {drawing.caption}"
+    caption = f"Paper: {drawing.claim} Model: {drawing.caption}"
     picture = Picture("", drawing.name, caption)
     if not drawing.checks:
         return (picture,)

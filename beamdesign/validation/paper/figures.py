@@ -58,7 +58,7 @@ class Drawing:
 
     Attributes:
         name: file name without suffix.
-        title: what it shows, with the paper's figure number.
+        title: what it shows, with the paper's figure number; written above the axes.
         claim: what the paper says about it, in our words.
         caption: what the model shows.
         figure: the matplotlib figure.
@@ -71,6 +71,11 @@ class Drawing:
     caption: str
     figure: Figure
     checks: tuple[FigureClaim, ...] = ()
+
+    def __post_init__(self) -> None:
+        width, height = self.figure.get_size_inches()
+        self.figure.set_size_inches(width, height + 0.2)
+        self.figure.suptitle(self.title, fontsize=10)
 
 
 def _numbered(number: int) -> Callable[[Callable[[], _Drawn]], Callable[[], Drawing]]:
@@ -144,16 +149,14 @@ def root_locus() -> _Drawn:
     whole, close = figure.subplots(1, 2, width_ratios=(3, 2))
     marked = {"12 mA/V": 12.0, "24 mA/V, paper's limit": 24.0, "48 mA/V": 48.0}
     for axes in (whole, close):
-        plot_root_locus(axes, at(proportional(1.0)), list(np.geomspace(0.05, 60.0, 240)), marked)
-    whole.set(xlim=(-1100, 250), ylim=(-1150, 1150), xticks=[-1000, -500, 0])
+        plot_root_locus(axes, at(proportional(1.0)), [0.05, 60.0], marked)
+    whole.set(xlim=(-175, 40), ylim=(-185, 185), xticks=[-150, -100, -50, 0])
     words = f"{1e3 * limit.gain_A_per_V:.1f} mA/V\n{limit.frequency_Hz:.0f} Hz"
-    note(whole, words, (0.0, 2 * np.pi * limit.frequency_Hz), (-52, -48), arrowprops=_ARROW)
-    close.set(xlim=(-50, 10), ylim=(290, 360), ylabel="")
+    note(whole, words, (0.0, limit.frequency_Hz), (-52, -48), arrowprops=_ARROW)
+    close.set(xlim=(-8, 1.6), ylim=(42, 57.5), ylabel="")
     close.set_title("the beams' pair", fontsize=9)
-    close.get_legend().remove()
-    handles, labels = whole.get_legend_handles_labels()
+    close.legend(fontsize=8, loc="lower left")
     whole.get_legend().remove()
-    figure.legend(handles, labels, loc="outside upper center", ncols=5, fontsize=8)
     return figure, {
         "limit": 1e3 * limit.gain_A_per_V,
         "limit_Hz": limit.frequency_Hz,

@@ -17,8 +17,8 @@ from beamdesign.plant.actuators.servo_cylinder import ServoCylinder, valve_of
 from beamdesign.polynomial import crossings
 from beamdesign.prototype import Beam, Payload, Prototype, Sensor, Servovalve
 from beamdesign.quantity_text import decibels
-from beamdesign.structure import section
 from beamdesign.structure.materials import material
+from beamdesign.structure.section import Tube
 
 VALVE_DAMPING_RATIO = 0.5
 """Stated choice: the paper does not give xi; this value reproduces its critical gains."""
@@ -70,9 +70,13 @@ class PublishedBeam:
         return Beam(**asdict(self), damping_ratio=BEAM_DAMPING_RATIO)
 
     @property
+    def _tube(self) -> Tube:
+        return Tube(self.width_m, self.wall_m)
+
+    @property
     def rigidity(self) -> float:
         """E I of the tube, N m2."""
-        return material(self.material).youngs_modulus_Pa * float(section.second_moment(self.width_m, self.wall_m))
+        return material(self.material).youngs_modulus_Pa * float(self._tube.second_moment)
 
     @property
     def natural_frequency_Hz(self) -> float:
@@ -82,7 +86,7 @@ class PublishedBeam:
     @property
     def mass_per_length(self) -> float:
         """Mass of the tube per length, kg/m."""
-        return material(self.material).density_kg_per_m3 * float(section.area(self.width_m, self.wall_m))
+        return material(self.material).density_kg_per_m3 * float(self._tube.area)
 
 
 BEAM_DAMPING_RATIO = 0.05
