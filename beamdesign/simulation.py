@@ -105,7 +105,7 @@ class SimulatedRecord:
         reason: why not, in words; empty where stable.
         diverged_at_s: when the tip passed the scenario's limit; None where it did not.
         oscillation: of the displacement where not stable, None where its turns are too few to tell.
-        columns: what the samples are of.
+        columns: what the samples are of; in the place of the load pressure what another actuator feels.
         changes: (time in s, number from 1) of every change to another law of several.
     """
 
@@ -149,7 +149,9 @@ def simulate(prototype: Prototype, scenario: Scenario) -> Simulation:
     runs = [(prototype.but(controller=row.controller or prototype.controller), row) for row in scenario.record]
     if wrong := dict.fromkeys(problem for rig, row in runs for problem in _unfit(rig, scenario, row)):
         raise InputError(scenario.name, list(wrong))
-    return Simulation(tuple(_simulated(rig, scenario, row, k) for k, (rig, row) in enumerate(runs)))
+    felt = {"load_pressure_Pa": prototype.actuator.feels[0]}
+    found = [_simulated(rig, scenario, row, k) for k, (rig, row) in enumerate(runs)]
+    return Simulation(tuple(replace(one, columns=tuple(felt.get(c, c) for c in one.columns)) for one in found))
 
 
 def _unfit(rig: Prototype, scenario: Scenario, row: ScenarioRecord) -> list[Problem]:

@@ -14,7 +14,7 @@ from typing import Literal
 import casadi as ca
 import numpy as np
 
-from beamdesign.plant.assembly import Structure, assemble
+from beamdesign.plant.assembly import Structure, assemble, fits
 from beamdesign.plant.electronics import PROPORTIONAL
 from beamdesign.plant.fourier_balance import DISPLACEMENT, FreeRig
 from beamdesign.plant.harmonic_balance import forced_motion
@@ -85,19 +85,23 @@ def _linear(prototype: Prototype, frequency: float, outer_end_mass: float) -> fl
 
 def linear_part(prototype: Prototype) -> Prototype:
     """The rig with those of its effects alone whose laws are linear, such as a sensor's lag."""
-    return prototype.but(effects={name: table for name, table in prototype.effects.items() if _is_linear(name)})
+    return prototype.but(
+        effects={name: table for name, table in prototype.effects.items() if _is_linear(name, prototype.rig)}
+    )
 
 
 @cache
-def _is_linear(effect: str) -> bool:
-    function = assemble(Structure(PROPORTIONAL, effects=(effect,))).function
+def _is_linear(effect: str, rig: str) -> bool:
+    function = assemble(Structure(PROPORTIONAL, effects=(effect,), rig=rig)).function
     t, x, u, p = (ca.SX.sym(name, *function.size_in(k)) for k, name in enumerate(("t", "x", "u", "p")))
     return not any(ca.which_depends(ca.vertcat(*function(t, x, u, p)), ca.vertcat(x, u), 2))
 
 
 def with_published_effects(prototype: Prototype) -> Prototype:
     """The rig with the paper's nonlinear factors but air, beside the effects it has."""
-    return prototype.but(effects={name: {} for name in PUBLISHED_EFFECTS} | prototype.effects)
+    return prototype.but(
+        effects={name: {} for name in PUBLISHED_EFFECTS if fits(name, prototype.rig)} | prototype.effects
+    )
 
 
 def reach(

@@ -48,12 +48,13 @@ _PANELS = (
     _Panel("payload", (("outer_end_mass_kg", "payload"), ("estimate_kg", "estimate")), ((1.0, "kg"),)),
     _Panel("stage", (("stage", "stage"),), ((1.0, "no."),)),
     _Panel("inner tip", (("inner_displacement_m", "inner tip"),), _LENGTH),
-    _Panel("current", (("current_A", "valve current"),), ((1.0, "A"), (1e3, "mA"), (1e6, "μA"))),
+    _Panel("current", (("current_A", "current"),), ((1.0, "A"), (1e3, "mA"), (1e6, "μA"))),
     _Panel(
         "pressure",
         (("load_pressure_Pa", "load pressure"), ("pressure_a_Pa", "chamber a"), ("pressure_b_Pa", "chamber b")),
         ((1e-6, "MPa"), (1e-3, "kPa")),
     ),
+    _Panel("screw", (("screw_force_N", "force of the screw"),), ((1.0, "N"),)),
 )
 
 

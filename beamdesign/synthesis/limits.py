@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 
 from beamdesign.json_text import finite, picked
+from beamdesign.plant.assembly import fits
 from beamdesign.plant.harmonic_balance import limit_cycles
 from beamdesign.plant.higher_modes import SingleModeReach, single_mode_reach
 from beamdesign.plant.linear_reach import Varied, reach, with_published_effects
@@ -152,6 +153,7 @@ def _linear(rig: Prototype, mass: float, progress: Progress) -> tuple[dict[str, 
         ("force amplitude, N", "force", real),
         ("air, volume share", "air", real),
     ]
+    asked = asked if fits("entrained_air", rig.rig) else [row for row in asked if row[1] == "force"]
     rows = []
     for number, (words, varied, there) in enumerate(asked):
         progress(number / len(asked), words)

@@ -13,6 +13,7 @@ from beamdesign import records
 from beamdesign.columns import read_columns, uniform_times
 from beamdesign.controllers import Controller
 from beamdesign.diagnosis.data.dataset_index import GainEntry, ResponseEntry, Taken, TimeEntry, index_of, read_index
+from beamdesign.plant.actuators import KINDS
 from beamdesign.prototype import Prototype, read_prototype
 from beamdesign.records import InputError, Problem, Record
 
@@ -215,7 +216,7 @@ def _time_record(path: Path, row: TimeEntry, controller: Controller, warnings: l
     needed = ("t_s", *INPUTS, *MEASURED)
     refuse_missing(path, needed, columns)
     times = uniform_times(path, columns["t_s"])
-    known = (*needed, *MORE_MEASURED)
+    known = (*needed, *MORE_MEASURED, *(kind.feels[0] for kind in KINDS.values()))
     warnings += [
         f"{path.name}: column {name} is not known here and was left aside" for name in columns if name not in known
     ]

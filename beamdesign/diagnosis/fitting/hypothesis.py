@@ -118,7 +118,9 @@ def of_effects(names: tuple[str, ...], prototype: Prototype) -> tuple[Unknown, .
 
 def structure(prototype: Prototype, effects: tuple[str, ...]) -> Structure:
     """What decides the equations under a hypothesis, with a law of the prototype's own: see `Placement.under`."""
-    return Structure(_some_law(prototype).equations, prototype.sensor.filter_Hz is not None, tuple(sorted(effects)))
+    return Structure(
+        _some_law(prototype).equations, prototype.sensor.filter_Hz is not None, tuple(sorted(effects)), prototype.rig
+    )
 
 
 @dataclass(frozen=True)
