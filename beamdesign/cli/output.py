@@ -116,6 +116,12 @@ def _echo(text: str) -> None:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
+def note(text: str) -> None:
+    """Print a line for people on stderr, beside the answer."""
+    if not _hushed.get():
+        print(shown(text), file=sys.stderr, flush=True)
+
+
 def echo_table(title: str, columns: Sequence[str], rows: Iterable[Sequence[Any]]) -> None:
     """Print a table; floats get four significant digits. Styles go only to terminals."""
     from rich import box

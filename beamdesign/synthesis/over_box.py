@@ -17,6 +17,7 @@ from beamdesign.proofs.worst_members import Worst
 from beamdesign.prototype import Prototype
 from beamdesign.rational import nearest
 from beamdesign.synthesis.rig_spread import Cut, RigSpread
+from beamdesign.time_limit import left
 
 BUDGET, SECONDS = 20_000, 120.0
 """Most pieces and most time for the proof of one claim."""
@@ -136,14 +137,14 @@ class BoxTask:
 
         Or why that is not proved, and the rig that refutes it where one was found.
         """
-        verdict = certify_box(self.prototype, self._box(self.stable_kg), BUDGET, SECONDS, volumes=False)
+        verdict = certify_box(self.prototype, self._box(self.stable_kg), BUDGET, min(SECONDS, left()), volumes=False)
         if not verdict.stable:
             return None, verdict.reason, []
         claims = []
         for asked in self._asked(bandwidth_Hz):
             for looser in _LOOSER if asked.kind == "compliance" else (1.0,):
                 one = relaxed(asked, looser) if asked.kind == "compliance" else asked
-                claim = claim_over_box(self.prototype, self.box, one, BUDGET, SECONDS)
+                claim = claim_over_box(self.prototype, self.box, one, BUDGET, min(SECONDS, left()))
                 if claim.holds:
                     break
             if not claim.holds:
@@ -168,7 +169,9 @@ class BoxTask:
     def at_rest(self, proved: OverBox) -> tuple[OverBox | None, str]:
         """With the proof that every rig comes to rest while its current saturates, or why there is none."""
         lower = next((claim for claim in proved.found if claim.asked.kind == "gain_margin"), None)
-        claim, reason = slope_over_box(self.prototype, self.box, BUDGET, REST_SECONDS, lower, may_be_odd=False)
+        claim, reason = slope_over_box(
+            self.prototype, self.box, BUDGET, min(REST_SECONDS, left()), lower, may_be_odd=False
+        )
         if claim is None:
             return None, reason
         claims = (*proved.found, self._over_own_masses(claim))
