@@ -245,7 +245,7 @@ def _least(prototype: Prototype, box: Box, asked: Asked) -> Asked:
     for _ in range(_TURNS):
         statement = _family(prototype, box, asked).over(box.ranges)
         _, shares, w = worst_in_bands(statement)[0]
-        plain, whole = (with_unknown(statement, shares, w, unknown) for unknown in (0.0, 1.0))
+        plain, whole = with_unknown(statement, shares, w)
         sizes = np.abs(plain), np.abs(whole if asked.kind == "peak_sensitivity" else whole - plain)
         found = (sizes[0] / sizes[1] if asked.kind == "peak_sensitivity" else sizes[1] / sizes[0]).item()
         if not 0 < found < inf or abs(found / asked.limit - 1) < _SETTLED:
