@@ -55,7 +55,8 @@ class BoxClaim:
         reason: in words, why it is not True; empty where it is.
         witness: value of every parameter of a member that refutes it.
         frequency_Hz: where that one does.
-        pieces: number of pieces of frequency, parameters and unknown that were proved to be clear of zero.
+        pieces: number of pieces of frequency, parameters and unknown that were proved to be clear of zero; none where
+            the search has left others.
         looked_at: number of pieces the search looked at.
         tree: marks of the pieces.
         own: ranges that are other than those of the box, see `own_ranges`.
@@ -137,8 +138,11 @@ def claim_of_family(
             if len(middles[1]) and (refuted := exceeding(*worst_near(statement, by, *middles)[1:])):
                 return refuted
         search.run(budget, seconds * (1 - sum(_LOOKS)))
-        settled = [holds(piece) for piece in pieces(statement, search.tree)]
-    found = BoxClaim(asked, family, True, "", None, None, sum(settled), search.looked_at, search.tree, own)
+        every = list(pieces(statement, search.tree))
+        settled = [piece.direction != "?" for piece in every]
+        proved = [holds(piece) for piece in every] if all(settled) else []
+    found = BoxClaim(asked, family, True, "", None, None, sum(proved), search.looked_at, search.tree, own)
+    settled = proved or settled
     if not all(settled):
         reason = f"undecided on {len(settled) - sum(settled)} of {len(settled)} pieces"
         return replace(found, holds=None, reason=reason)

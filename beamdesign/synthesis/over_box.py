@@ -22,8 +22,8 @@ from beamdesign.time_limit import left
 BUDGET, SECONDS = 20_000, 120.0
 """Most pieces and most time for the proof of one claim."""
 
-REST_SECONDS = 30.0
-"""Most time for the search of the proof that a design comes to rest while its current saturates."""
+REST_BUDGET, REST_SECONDS = 5_000, 30.0
+"""Most pieces, where that is not asked for, and most time for the proof that a design comes to rest while saturated."""
 
 _LEAST_HZ = 1e-2
 """Bandwidth about which compliance is looked at of a law that has none."""
@@ -169,9 +169,8 @@ class BoxTask:
     def at_rest(self, proved: OverBox) -> tuple[OverBox | None, str]:
         """With the proof that every rig comes to rest while its current saturates, or why there is none."""
         lower = next((claim for claim in proved.found if claim.asked.kind == "gain_margin"), None)
-        claim, reason = slope_over_box(
-            self.prototype, self.box, BUDGET, min(REST_SECONDS, left()), lower, may_be_odd=False
-        )
+        budget, seconds = BUDGET if self.prototype.goal.comes_to_rest else REST_BUDGET, min(REST_SECONDS, left())
+        claim, reason = slope_over_box(self.prototype, self.box, budget, seconds, lower, may_be_odd=False)
         if claim is None:
             return None, reason
         claims = (*proved.found, self._over_own_masses(claim))
