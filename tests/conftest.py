@@ -2,13 +2,15 @@
 
 import os
 import shutil
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from fcntl import LOCK_EX, flock
+from math import inf
 from pathlib import Path
 
 import pytest
 import slow_sensor
 
+from beamdesign import time_limit
 from beamdesign.controllers import Lag
 from beamdesign.plant.actuators.servo_cylinder import ServoCylinder
 from beamdesign.prototype import Beam, Payload, Prototype, Sensor, Servovalve
@@ -23,6 +25,14 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 def tried(request: pytest.FixtureRequest) -> Callable[[int], int]:
     """How many of so many mutants or forgeries to try."""
     return lambda count: count if request.config.getoption("--thorough") else -(-count // 3)
+
+
+@pytest.fixture(scope="session", autouse=True)
+def no_time_limit() -> Iterator[None]:
+    """Commands take as long as they need where a test does not limit them: what they find is of no computer's speed."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(time_limit, "MINUTES", inf)
+        yield
 
 
 @pytest.fixture

@@ -18,7 +18,8 @@ from typing import TYPE_CHECKING, Annotated, Any, get_args, get_origin, get_type
 import typer
 from typer.models import ArgumentInfo, OptionInfo
 
-from beamdesign.cli.output import echo, file_to_write, folder_to_write, json_target, refuse, write_json
+from beamdesign import time_limit
+from beamdesign.cli.output import echo, file_to_write, folder_to_write, json_target, note, refuse, write_json
 from beamdesign.files import fresh_folder, settled, write_whole
 
 if TYPE_CHECKING:
@@ -121,6 +122,31 @@ def _option(name: str) -> str:
     return f"--{name.replace('_', '-')}"
 
 
+@contextmanager
+def in_time(minutes: float | None, usually: str) -> Iterator[dict[str, Any]]:
+    """Say how long the work takes, limit it, and say what was left out.
+
+    Args:
+        minutes: most of it; None for `time_limit.MINUTES`.
+        usually: how long it takes where nothing limits it.
+
+    Yields:
+        fields of the answer, which are there when the block has ended.
+    """
+    most = time_limit.MINUTES if minutes is None else minutes
+    limit = f"; the best so far is told after {most:g} min, later with --minutes M" if most < inf else ""
+    note(f"expected time: {usually}{limit}")
+    fields: dict[str, Any] = {}
+    with time_limit.within(most) as found:
+        yield fields
+    fields |= {"complete": not found.left_out, "left_out": found.left_out}
+    if found.left_out:
+        some = ", ".join(found.left_out[:_TOLD]) + (" and others" if len(found.left_out) > _TOLD else "")
+        echo(f"not all was tried in {most:g} min; left out: {some}. --minutes M with more of them goes on")
+
+
+_TOLD = 6
+
 INTERRUPTED = 130
 """Exit status after Ctrl-C, as shells have it: 128 and the number of the signal."""
 
@@ -190,6 +216,7 @@ MassRange = Annotated[str | None, typer.Option("--outer-end-mass", metavar="LO:H
 _FOLDER = typer.Option("--out", metavar="DIR", callback=folder_to_write)
 OutFolder = Annotated[Path, _FOLDER]
 OutFolderOrNone = Annotated[Path | None, _FOLDER]
+Minutes = Annotated[float | None, Figure("Minutes", or_infinite=True, metavar="M")]
 OutFile = Annotated[Path | None, typer.Option("--out", metavar="FILE", callback=file_to_write)]
 _JSON_HELP = "Write the result to this JSON file as well; `-` prints it, and nothing else, to standard output."
 _JsonOption = Annotated[Path | None, typer.Option("--json", metavar="FILE", callback=json_target, help=_JSON_HELP)]

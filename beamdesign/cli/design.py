@@ -8,18 +8,24 @@ from beamdesign.cli.command import (
     CommandResult,
     Figure,
     MassRange,
+    Minutes,
     OutFolder,
     OutFolderOrNone,
     TomlFile,
     command,
     figures_of,
+    in_time,
     mass_range,
     write_drawn,
 )
-from beamdesign.cli.output import default_folder, echo, echo_table, progress, refuse, tuning_takes
+from beamdesign.cli.output import default_folder, echo, echo_table, progress, refuse
 from beamdesign.files import write_set
 from beamdesign.json_text import picked
 from beamdesign.public import SIGMAS
+from beamdesign.time_limit import share
+
+_DESIGNING = 0.85
+"""Share of the time that goes into the design of `run`; the rest is for its page."""
 
 if TYPE_CHECKING:
     from beamdesign.problem import DesignProblem
@@ -32,6 +38,7 @@ def run(
     out: OutFolder,
     sigmas: Annotated[float, Figure("Sigmas")] = SIGMAS,
     nominal: bool = False,
+    minutes: Minutes = None,
 ) -> CommandResult:
     """Carry a study to a certified prototype.
 
@@ -45,14 +52,16 @@ def run(
         sigmas: guarantee it for every rig whose figures are up to so many standard deviations of [tolerance] off, all
             at once; typical ones where the study states none.
         nominal: guarantee it for exactly the figures stated.
+        minutes: most time for an answer, the best so far; else 2. A larger one goes on searching.
     """
     from beamdesign.build.result_folder import write_result_folder
     from beamdesign.quantity_text import further_rows, guaranteed_rows, rigs_in_words, tube_text
     from beamdesign.synthesis.design_run import run_design
 
     problem = _read(study, nominal)
-    with progress("designing", tuning_takes(problem.controller.kind)) as update:
-        result = run_design(problem, update, 0.0 if nominal else sigmas)
+    with in_time(minutes, "10 to 60 s for a lag, minutes for other kinds") as limit, progress("designing") as update:
+        with share(_DESIGNING):
+            result = run_design(problem, update, 0.0 if nominal else sigmas)
         if result.prototype is not None:
             update(0.95, "drawing the report")
             folder = write_result_folder(result, out)
@@ -62,7 +71,7 @@ def run(
         echo(f"no design: {result.reason}")
         echo_changes(result.change)
         nothing = dict.fromkeys(("prototype", "certificate", "mass_kg", "report"))
-        return CommandResult(nothing | picked(result, "reason change") | holding, yes=False)
+        return CommandResult(nothing | picked(result, "reason change") | holding | limit, yes=False)
     payload, end, reached = result.prototype.payload, result.suffix.replace(".", "_"), result.guarantees
     nonlinear = [] if result.certificate is None else [row.to_dict() for row in result.certificate.nonlinear]
     moving, proved = result.sizing.beam_mass_kg + payload.inner_end_mass_kg, result.proved
@@ -91,6 +100,7 @@ def run(
             "nonlinear": nonlinear,
             **holding,
             **({"stages": [one.model_dump() for one in reached]} if result.laws else {}),
+            **limit,
         },
         files=folder.values(),
     )
@@ -121,6 +131,7 @@ def codesign(
     out: OutFolderOrNone = None,
     sigmas: Annotated[float, Figure("Sigmas")] = SIGMAS,
     nominal: bool = False,
+    minutes: Minutes = None,
 ) -> CommandResult:
     """Find the lightest link that guarantees a bandwidth.
 
@@ -136,6 +147,7 @@ def codesign(
         sigmas: guarantee it for every rig whose figures are up to so many standard deviations of [tolerance] off, all
             at once; typical ones where the study states none.
         nominal: guarantee it for exactly the figures stated.
+        minutes: most time for an answer, the best so far; else 2. A larger one goes on searching.
     """
     from beamdesign.quantity_text import further_rows, guaranteed_rows, rigs_in_words, tube_text
     from beamdesign.records import to_toml
@@ -144,14 +156,14 @@ def codesign(
 
     problem = _read(study, nominal)
     masses = mass_range(outer_end_mass, problem.payload.outer_end_mass_kg, study)
-    with progress("co-design", "1 to 5 minutes") as update:
+    with in_time(minutes, "1 to 5 min") as limit, progress("co-design") as update:
         found = room.codesign(problem, masses, bandwidth_Hz, progress=update, sigmas=0.0 if nominal else sigmas)
     point = found.point
     if point is None:
         echo(found.reason)
         echo_changes(found.change)
         fields = ("prototype", "moving_mass_kg", "beam_mass_kg", "inner_end_mass_kg", "guaranteed")
-        return CommandResult(dict.fromkeys(fields) | picked(found, "reason change attempts"), yes=False)
+        return CommandResult(dict.fromkeys(fields) | picked(found, "reason change attempts") | limit, yes=False)
     certificate, guaranteed = certified(point.prototype, point.proved, masses)
     folder, over_box = out or default_folder(f"{study.stem}-codesign"), point.proved.over_box
     proved = point.proved.guaranteed(guaranteed, masses)
@@ -187,6 +199,7 @@ def codesign(
             "checks": [picked(check, "name value limit utilisation") for check in point.checks],
             "guaranteed": proved,
             "attempts": found.attempts,
+            **limit,
         },
         files=paths.values(),
     )
@@ -221,6 +234,7 @@ def front(
     payloads_kg: str | None = None,
     sigmas: Annotated[float, Figure("Sigmas")] = SIGMAS,
     nominal: bool = False,
+    minutes: Minutes = None,
 ) -> CommandResult:
     """Draw moving mass against bandwidth and payload range.
 
@@ -235,6 +249,7 @@ def front(
         sigmas: guarantee it for every rig whose figures are up to so many standard deviations of [tolerance] off, all
             at once; typical ones where the study states none.
         nominal: guarantee it for exactly the figures stated.
+        minutes: most time for an answer, the best so far; else 2. A larger one goes on searching.
     """
     from beamdesign.report.canvas import new_figure
     from beamdesign.report.trades import plot_front
@@ -248,8 +263,9 @@ def front(
     ends: Sequence[float] = [masses[1]]
     if payloads_kg is not None:
         ends = figures_of("--payloads-kg", payloads_kg, "Mass", expected)
-    with progress("front", "minutes to half an hour") as update:
-        ranges = [(min(masses[0], end), end) for end in ends]
+    ranges = [(min(masses[0], end), end) for end in ends]
+    count = len(ranges) * len(bandwidths)
+    with in_time(minutes, f"{count:g} to {5 * count:g} min") as limit, progress("front") as update:
         found = pareto_front(problem, bandwidths, ranges, update, 0.0 if nominal else sigmas)
     rows = [_front_row(design) for design in found.designs]
     figure = new_figure()
@@ -261,7 +277,7 @@ def front(
     )
     write_drawn(out, "front", figure, rows)
     efficient = [_front_row(design) for design in found.efficient]
-    return CommandResult({"points": rows, "efficient": efficient}, bool(found.proved))
+    return CommandResult({"points": rows, "efficient": efficient} | limit, bool(found.proved))
 
 
 @command

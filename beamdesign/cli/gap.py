@@ -9,17 +9,21 @@ import typer
 
 from beamdesign.cli.command import (
     CommandResult,
+    Minutes,
     OutFolder,
     OutFolderOrNone,
     TomlFile,
     command,
     data_sets,
+    in_time,
     resumed,
 )
-from beamdesign.cli.output import default_folder, echo, echo_table, progress, refuse
+from beamdesign.cli.output import default_folder, echo, echo_table, in_words, progress, refuse
 from beamdesign.files import fresh_folder, settled
+from beamdesign.time_limit import share
 
 if TYPE_CHECKING:
+    from beamdesign.diagnosis.data.dataset import Dataset
     from beamdesign.diagnosis.diagnosis import Diagnosis
     from beamdesign.validation.blind.blindcheck import Check
     from beamdesign.validation.blind.case_plan import Seal
@@ -32,6 +36,8 @@ gap = typer.Typer(
     help="Compare a built rig with its model. Where they differ, why, and how far the difference closes.",
 )
 
+_DIAGNOSING = 0.6  # of the time, where a controller is to be designed as well
+_SECONDS_PER_SAMPLE = 1.5e-3  # on two processes, where one cause explains all; six times that for a second look
 _WORTH_FIGURES = 0.1  # probability of a cause from which its figures are printed
 
 DataSet = Annotated[Path, typer.Argument(autocompletion=data_sets)]
@@ -41,7 +47,11 @@ _Workers = Annotated[int, typer.Option(min=1, max=64)]
 @gap.command()
 @command
 def diagnose(
-    dataset: DataSet, out: OutFolderOrNone = None, redesign: bool = False, workers: _Workers = 2
+    dataset: DataSet,
+    out: OutFolderOrNone = None,
+    redesign: bool = False,
+    workers: _Workers = 2,
+    minutes: Minutes = None,
 ) -> CommandResult:
     """Diagnose the gap between a prototype and its rig.
 
@@ -55,12 +65,13 @@ def diagnose(
         out: folder for prototype.toml, diagnosis.json and report.html; else NAME.diagnosis here.
         redesign: tune and prove a controller for the diagnosed prototype as well.
         workers: processes that fit at the same time.
+        minutes: most time for an answer, the best of what was compared until then; else 2. The same command goes on.
     """
     from beamdesign.diagnosis.data.dataset_index import index_of, kind_of
 
     folder = out or default_folder(f"{index_of(dataset).resolve().parent.name}.diagnosis")
     if kind_of(dataset) != "actuator_bench":
-        return _diagnose(dataset, folder, redesign, workers)
+        return _diagnose(dataset, folder, redesign, workers, minutes)
 
     from beamdesign.diagnosis.bench.data import read_bench_set
     from beamdesign.diagnosis.bench.diagnose import diagnose_bench
@@ -76,7 +87,7 @@ def diagnose(
     return CommandResult(fields, files=paths.values())
 
 
-def _diagnose(dataset: Path, folder: Path, renew: bool, workers: int) -> CommandResult:
+def _diagnose(dataset: Path, folder: Path, renew: bool, workers: int, minutes: float | None) -> CommandResult:
     from beamdesign.diagnosis.data.dataset import read_dataset
     from beamdesign.diagnosis.diagnose import diagnose as engine
     from beamdesign.diagnosis.fitting.fit import fit_cache
@@ -88,12 +99,13 @@ def _diagnose(dataset: Path, folder: Path, renew: bool, workers: int) -> Command
     kept = fit_cache(folder / "fits", data)
     renewed = None
     with resumed(lambda: f": {kept.count} fits are kept in {kept.folder}; the same command goes on from there"):
-        with progress("diagnosing", "5 s to 5 minutes") as update:
-            found = engine(data, workers, update, kept)
-        echo_diagnosis(found)
-        if renew:
-            with progress("redesigning", "5 to 60 s") as update:
-                renewed = redesign(found.prototype, payload_range(data), update)
+        with in_time(minutes, _usually(data)):
+            with share(_DIAGNOSING if renew else 1.0), progress("diagnosing") as update:
+                found = engine(data, workers, update, kept)
+            echo_diagnosis(found)
+            if renew:
+                with progress("redesigning") as update:
+                    renewed = redesign(found.prototype, payload_range(data), update)
         new = [] if renewed is None else [stage for _, stage in renewed.proofs]
         terms = designer_terms(data, found.prototype, new)
         with progress("drawing"):
@@ -107,6 +119,12 @@ def _diagnose(dataset: Path, folder: Path, renew: bool, workers: int) -> Command
         low, high = payload_range(data)
         echo(f"to tune on what was found: beamdesign tune {paths['prototype']} --outer-end-mass {low:g}:{high:g}")
     return CommandResult(fields, files=paths.values())
+
+
+def _usually(data: "Dataset") -> str:
+    """How long a diagnosis takes, from how much has to be simulated."""
+    samples = sum(len(record.times) for record in data.records)
+    return f"{in_words(_SECONDS_PER_SAMPLE * samples)} to {in_words(6 * _SECONDS_PER_SAMPLE * samples)}"
 
 
 def echo_diagnosis(found: "Diagnosis") -> None:

@@ -116,6 +116,12 @@ def _echo(text: str) -> None:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
+def note(text: str) -> None:
+    """Print a line for people on stderr, beside the answer."""
+    if not _hushed.get():
+        print(shown(text), file=sys.stderr, flush=True)
+
+
 def echo_table(title: str, columns: Sequence[str], rows: Iterable[Sequence[Any]]) -> None:
     """Print a table; floats get four significant digits. Styles go only to terminals."""
     from rich import box
@@ -328,11 +334,6 @@ def display(description: str) -> Iterator[Progress]:
 def reporting(name: str) -> AbstractContextManager[None]:
     """Where stderr is no terminal: a line now and then for as long as a command runs that takes long."""
     return nullcontext() if sys.stderr.isatty() else lines(name, silent=_hushed.get)
-
-
-def tuning_takes(kind: str) -> str:
-    """How long tuning a controller of a kind is expected to take."""
-    return "5 to 60 s" if kind in ("lag", "proportional") else "minutes to half an hour"
 
 
 def progress(description: str, expected: str = "") -> AbstractContextManager[Progress]:

@@ -1,5 +1,6 @@
 """`beamdesign tune`: controller and inner end mass with the largest guaranteed bandwidth."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -9,13 +10,15 @@ from beamdesign.cli.command import (
     CommandResult,
     Figure,
     MassRange,
+    Minutes,
     OutFolderOrNone,
     TomlFile,
     command,
+    in_time,
     mass_range,
     of_all,
 )
-from beamdesign.cli.output import echo, echo_table, progress, refuse, tuning_takes
+from beamdesign.cli.output import echo, echo_table, progress, refuse
 from beamdesign.cli.stiffness import give_stiffness
 from beamdesign.files import write_set
 from beamdesign.json_text import picked
@@ -30,6 +33,10 @@ if TYPE_CHECKING:
 
 KINDS = ("lag", "proportional", "structured", "lqg", "hinf", "scheduled", "compliance")
 """Of the package itself; a kind that is registered beside them is taken as well where it has seeds."""
+
+_NOMINAL = {"lag": "5 to 20 s", "proportional": "5 s"}
+_USUALLY = {"lag": "10 to 60 s", "proportional": "10 to 60 s", "scheduled": "2 to 10 min"}
+"""How long it takes, of exactly the figures stated and of every rig within tolerances."""
 
 
 @command
@@ -51,6 +58,7 @@ def tune(
     lower_gains: Annotated[bool | None, typer.Option("--lower-gains/--no-lower-gains")] = None,
     comes_to_rest: bool = False,
     end_stiffness_N_per_m: Annotated[float | None, Figure("Stiffness")] = None,
+    minutes: Minutes = None,
     out: OutFolderOrNone = None,
 ) -> CommandResult:
     """Tune for the largest bandwidth over a payload range.
@@ -86,6 +94,7 @@ def tune(
         lower_gains: whether the loop is to be stable at every lower gain; else as the prototype's goal has it.
         comes_to_rest: limit it to loops proved to come to rest from every state while the current saturates.
         end_stiffness_N_per_m: of a compliant end; `beamdesign stiffness` has more options.
+        minutes: most time for an answer, the best so far; else 2. A larger one goes on searching.
         out: folder for prototype.toml and certificate.toml; else neither is written.
     """
     from beamdesign.proofs.lyapunov import CHANGES_NAME, describe, stages_certificate, switching_fields
@@ -119,9 +128,14 @@ def tune(
             refuse("--end-stiffness-N-per-m", (f"{end_stiffness_N_per_m:g}", reason))
         if end_stiffness_N_per_m is None:
             refuse("--controller", ("compliance", "needs --end-stiffness-N-per-m"))
-        return give_stiffness(record, end_stiffness_N_per_m, masses, out=out)
-    with progress("tuning", tuning_takes(controller)) as update:
-        within = 0.0 if nominal else sigmas
+        with in_time(minutes, "2 to 5 min") as limit:
+            given_way = give_stiffness(record, end_stiffness_N_per_m, masses, out=out)
+        return replace(given_way, fields={**given_way.fields, **limit})
+    within = 0.0 if nominal else sigmas
+    usually = (
+        _NOMINAL.get(controller, "1 to 10 min") if nominal or not sigmas else _USUALLY.get(controller, "5 to 40 min")
+    )
+    with in_time(minutes, usually) as limit, progress("tuning") as update:
         asked = (record, masses, controller, largest_inner_end_mass_kg, update, sections, sensors, within, stages)
         found = tuning.tune(*asked)
     if found.caution:
@@ -129,7 +143,7 @@ def tune(
     if found.reason:
         echo(found.reason)
         nothing = dict.fromkeys(("controller", "inner_end_mass_kg", "guaranteed"))
-        return CommandResult(nothing | {"reason": found.reason}, yes=False)
+        return CommandResult(nothing | {"reason": found.reason} | limit, yes=False)
     guaranteed, each = certified_laws(found)
     texts = {"prototype": ("prototype.toml", to_toml(guaranteed))}
     answers = []
@@ -156,7 +170,7 @@ def tune(
     elif found.laws:
         echo("  changes between the laws are not covered by any proof: the prototype has effects")
     paths: dict[str, Path] = {} if out is None else write_set(out, texts, ("certificate.*.toml", CHANGES_NAME))
-    return CommandResult(answer | paths, changes is None or bool(changes.stable), paths.values())
+    return CommandResult(answer | paths | limit, changes is None or bool(changes.stable), paths.values())
 
 
 def _of_law(stage: "InStage", law: "Tuning", certificate: "Certificate") -> dict[str, Any]:

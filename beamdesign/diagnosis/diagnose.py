@@ -10,7 +10,17 @@ from itertools import combinations
 import numpy as np
 
 from beamdesign.diagnosis.data.dataset import Dataset, TimeRecord
-from beamdesign.diagnosis.diagnosis import Cause, Diagnosis, Gap, Verdict, Where, listed, updated_prototype
+from beamdesign.diagnosis.diagnosis import (
+    Cause,
+    Diagnosis,
+    Gap,
+    Verdict,
+    Where,
+    listed,
+    no_surer,
+    unfinished,
+    updated_prototype,
+)
 from beamdesign.diagnosis.examination.plausibility import examine
 from beamdesign.diagnosis.experiment import next_experiment
 from beamdesign.diagnosis.fitting.evidence import RecordEvidence, evidence_of, with_output_injection
@@ -24,8 +34,10 @@ from beamdesign.diagnosis.separability import indistinguishable
 from beamdesign.diagnosis.where.locate import locate
 from beamdesign.progress import Progress, silent
 from beamdesign.prototype import Prototype
+from beamdesign.time_limit import TimeUp, leave_out, left_out, over, share, within
 
 _SHARE = 0.25
+_SECOND, _HELD_OUT = 0.4, 0.7  # of the time that is left, for a second look and for fits without some records
 
 
 def held_out(records: Sequence[TimeRecord]) -> tuple[int, ...]:
@@ -92,6 +104,7 @@ def diagnose(
     workers: int = 2,
     progress: Progress = silent,
     kept: FitCache | None = None,
+    minutes: float | None = None,
 ) -> Diagnosis[Prototype]:
     """Diagnose the gap between a prototype and its rig.
 
@@ -103,11 +116,17 @@ def diagnose(
         workers: processes.
         progress: told the share done and what is being done.
         kept: fits of an earlier run, where those of this one are kept as well.
+        minutes: after about which to tell what was compared so far; None: as long as it takes.
 
     Raises:
         InputError: where the data cannot be what they say they are; see
             `beamdesign.diagnosis.examination.plausibility`.
     """
+    with within(minutes):
+        return _diagnosed(data, workers, progress, kept)
+
+
+def _diagnosed(data: Dataset, workers: int, progress: Progress, kept: FitCache | None) -> Diagnosis[Prototype]:
     stated = data.prototype.tolerance
     examined = examine(data)
     data = examined.data
@@ -116,21 +135,32 @@ def diagnose(
         return replace(figures_only, prototype=figures_only.prototype.but(tolerance=stated))
     kept_out = held_out(data.records)
     seen = replace(data, records=tuple(r for k, r in enumerate(data.records) if k not in kept_out))
-    found = search(data, workers, lambda share, doing: progress(0.7 * share, doing), kept)
+    found = search(data, workers, lambda part, doing: progress(0.7 * part, doing), kept)
     judged, words, plain = judge(found), examined.words, found.null
     again = None
     if judged.unknown > 0.5:
-        again = second_look(data, found, workers, lambda share, doing: progress(0.7 + 0.26 * share, doing), kept)
+        try:
+            with share(_SECOND, within_steps=True):
+                again = second_look(data, found, workers, lambda part, doing: progress(0.7 + 0.26 * part, doing), kept)
+        except TimeUp:
+            leave_out("a joint that hammers in its play, a loop that oscillates by itself")
     if again is not None:
         found, judged, words = again.search, again.judged, (*words, again.warning)
     best = judged.best if verdict_of(judged, examined.limits_confidence) != "unknown" else found.null
     progress(0.96, "what the data can tell")
     evidence = evidence_of(data)
-    separable = indistinguishable(data, evidence)
+    separable = None if over() else indistinguishable(data, evidence)
     progress(0.97, "records held out")
     tuned, outside = plain, best
-    if kept_out:
-        tuned, outside = again.refit(seen, plain, best, workers, kept) if again else refit(seen, best, workers, kept)
+    try:
+        with share(_HELD_OUT, within_steps=True):
+            if kept_out and again:
+                tuned, outside = again.refit(seen, plain, best, workers, kept)
+            elif kept_out:
+                tuned, outside = refit(seen, best, workers, kept)
+    except TimeUp:
+        kept_out = ()
+        leave_out("records held out")
     ranked = causes(found, judged)
     chosen = tuple(c.name for c in ranked if c.name in best.hypothesis.causes)
     records = [piece for piece in evidence if isinstance(piece, RecordEvidence)]
@@ -142,26 +172,29 @@ def diagnose(
             [errors(with_output_injection(piece), data.prototype, tuned, outside, best) for piece in records], kept_out
         )
         measured = synchronised if again.oscillates else measured
-    verdict = verdict_of(judged, examined.limits_confidence or not confirmed(synchronised))
+    doubtful, left = examined.limits_confidence or not confirmed(synchronised), left_out()
+    verdict = no_surer(verdict_of(judged, doubtful), left)
     progress(1.0, "where the gap lies")
     where = locate(data, found, best, evidence, [c for c in ranked if c.name in chosen], judged.unknown)
     return Diagnosis(
         data.name,
         verdict,
-        sentences(verdict, ranked, chosen, measured, where, synchronised=again is not None and again.oscillates),
+        unfinished(left)
+        + sentences(verdict, ranked, chosen, measured, where, again is not None and again.oscillates, not left),
         ranked,
         chosen,
         judged.unknown,
         where,
         measured,
         classes(judged),
-        next_experiment(data, rivals(found, judged)) if verdict in ("ambiguous", "unknown") else None,
+        next_experiment(data, rivals(found, judged)) if verdict in ("ambiguous", "unknown") and not left else None,
         updated_prototype(data.prototype, best).but(tolerance=stated),
         words,
         found,
         separable,
         cause_sets(found, judged),
         from_rest,
+        left_out=left,
     )
 
 
@@ -193,7 +226,13 @@ def rivals(found: Search, judged: Judgement) -> list[Fit]:
 
 
 def sentences(
-    verdict: Verdict, causes: Sequence[Cause], chosen: Sequence[str], gap: Gap, where: Where, synchronised: bool = False
+    verdict: Verdict,
+    causes: Sequence[Cause],
+    chosen: Sequence[str],
+    gap: Gap,
+    where: Where,
+    synchronised: bool = False,
+    complete: bool = True,
 ) -> str:
     """The verdict for people: what it is, and how far the gap closes.
 
@@ -204,6 +243,7 @@ def sentences(
         gap: as measured.
         where: it lies.
         synchronised: whether errors are those of models that follow the records.
+        complete: whether everything that is known was compared.
     """
     errors = (
         "On records left out of the fits that measure it, the "
@@ -225,5 +265,5 @@ def sentences(
             first = f"The gap is most probably caused by {named}{rivals}."
         case _:
             place = f" It lies in the {where.subsystem}." if where.subsystem else ""
-            first = f"Nothing that is known here explains the gap.{place}"
+            first = f"Nothing that {'is known here' if complete else 'was compared'} explains the gap.{place}"
     return f"{first} {errors}"

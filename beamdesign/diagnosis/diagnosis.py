@@ -237,6 +237,7 @@ class Diagnosis(Generic[Rig], Result):
         hypotheses: sets of causes, most probable first.
         errors: of the time records as predicted from rest.
         notes: what else has to be said, in words.
+        left_out: causes that were not compared for want of time; then the verdict is no surer than ambiguous.
     """
 
     MEASURE: ClassVar[str] = (
@@ -261,6 +262,7 @@ class Diagnosis(Generic[Rig], Result):
     hypotheses: tuple[CauseSet, ...] = ()
     errors: tuple[Errors, ...] = field(default=(), repr=False)
     notes: tuple[str, ...] = ()
+    left_out: tuple[str, ...] = ()
 
     @property
     def status(self) -> str:
@@ -296,6 +298,18 @@ def listed(names: Sequence[str], word: str = "and") -> str:
     return f"{', '.join(names[:-1])} {word} {names[-1]}" if len(names) > 1 else "".join(names)
 
 
+def no_surer(verdict: Verdict, left_out: Sequence[str]) -> Verdict:
+    """A verdict that is no surer than what was compared."""
+    weaker: dict[Verdict, Verdict] = {"effect": "ambiguous", "no_gap": "unknown"}
+    return weaker.get(verdict, verdict) if left_out else verdict
+
+
+def unfinished(left_out: Sequence[str]) -> str:
+    """What a sentence begins with where not all was compared."""
+    said = "Not everything was compared in the time given, and probabilities are among what was. "
+    return said if left_out else ""
+
+
 _LISTED = 12  # sets of causes
 _LEAST_PROBABILITY = 1e-6
 
@@ -319,6 +333,8 @@ def diagnosis_fields(found: Diagnosis) -> dict[str, Any]:
         "warnings": found.warnings,
         "hypotheses": [one for one in found.hypotheses[:_LISTED] if one.probability > _LEAST_PROBABILITY],
         "data_set": found.name,
+        "complete": not found.left_out,
+        "left_out": found.left_out,
     }
     if (separability := found.separability) is not None:
         fields["before_fitting"] = {

@@ -20,6 +20,8 @@ from beamdesign.diagnosis.diagnosis import (
     Where,
     diagnosis_fields,
     in_words,
+    no_surer,
+    unfinished,
     updated_prototype,
 )
 from beamdesign.diagnosis.fitting.evidence import Figure, figures_of
@@ -44,6 +46,7 @@ from beamdesign.diagnosis.judgement import evidence as marginal_likelihood
 from beamdesign.progress import Progress, silent
 from beamdesign.prototype import Prototype
 from beamdesign.records import InputError
+from beamdesign.time_limit import left_out, share, while_time
 
 OUTSIDE = "unknown"
 """Stands in a class for something that the library does not hold."""
@@ -117,8 +120,9 @@ def explain_gains(data: Dataset, progress: Progress = silent, among: Sequence[st
         else piece
         for piece in evidence
     )
-    own = _explained(data, evidence, lambda share, words: progress(share / 2, words), among)
-    other = _explained(data, moved, lambda share, words: progress(0.5 + share / 2, words), among)
+    with share(0.5):
+        own = _explained(data, evidence, lambda part, words: progress(part / 2, words), among)
+    other = _explained(data, moved, lambda part, words: progress(0.5 + part / 2, words), among)
     gains = [piece for piece in evidence if isinstance(piece, GainEvidence)]
     more = notes_on_predictions(gains, other.factor, other.sentences)
     return replace(own, on_predictions=other, notes=(*own.notes, *more))
@@ -141,7 +145,7 @@ def _explained(data: Dataset, evidence: Sequence[Figure], progress: Progress, am
     weights = np.exp(logs - known) * (1 - unknown)
     judged = Judgement({f.hypothesis: float(w) for f, w in zip(fits, weights, strict=True)}, unknown, fits[0])
     rivals = rivals_of(fits, logs, silent)
-    verdict = verdict_of(judged, rivals, silent)
+    verdict = no_surer(verdict_of(judged, rivals, silent), left := left_out())
     named = verdict in ("effect", "ambiguous")
     alike = rivals if verdict == "ambiguous" else rivals[: int(named)]
     common = set.intersection(*(set(f.hypothesis.names) for f in alike)) if alike else set()
@@ -156,14 +160,14 @@ def _explained(data: Dataset, evidence: Sequence[Figure], progress: Progress, am
     gains = [piece for piece in evidence if isinstance(piece, GainEvidence)]
     factor, shares = factor_of(gains), gain_shares(gains)
     gap = figures_of_gap(evidence, found.null, after)
-    asked = another_size(data) if verdict in ("ambiguous", "unknown") else None
-    if verdict == "ambiguous":
+    asked = another_size(data) if verdict in ("ambiguous", "unknown") and not left else None
+    if verdict == "ambiguous" and not left:
         asked = next_experiment(data, rivals, [judged.of[f.hypothesis] for f in rivals]) or asked
     progress(1.0, "done")
     return GainDiagnosis(
         data.name,
         verdict,
-        sentences(verdict, names, chosen, gap),
+        unfinished(left) + sentences(verdict, names, chosen, gap, complete=not left),
         listed,
         chosen,
         unknown,
@@ -179,6 +183,7 @@ def _explained(data: Dataset, evidence: Sequence[Figure], progress: Progress, am
         shares=shares,
         factor=factor,
         notes=notes_of(silent, shares, factor),
+        left_out=left,
     )
 
 
@@ -241,7 +246,7 @@ def where_of(rivals: Sequence[Fit], evidence: Sequence[Figure], null: Fit) -> Wh
     if not rivals:
         return Where("", band, "", "linear")
     places = {subsystem(name) for f in rivals for name in f.hypothesis.names}
-    worst = max(evidence, key=lambda piece: left_out(piece, NOTHING, np.zeros(len(null.z))))
+    worst = max(evidence, key=lambda piece: misfit_of(piece, NOTHING, np.zeros(len(null.z))))
     return Where(places.pop() if len(places) == 1 else "", band, f"most in: {worst.name}", "linear")
 
 
@@ -250,7 +255,7 @@ _LOST = 1.0  # relative error of a model that cannot predict at all
 _FURTHEST = 2.0
 
 
-def left_out(piece: Figure, hypothesis: Hypothesis, z: np.ndarray) -> float:
+def misfit_of(piece: Figure, hypothesis: Hypothesis, z: np.ndarray) -> float:
     """Rms of ln(measured/predicted) of one piece of evidence."""
     placement = hypothesis.placement(piece.prototype)
     residual = piece.residual(placement, z)
@@ -282,9 +287,9 @@ def figures_of_gap(evidence: Sequence[Figure], null: Fit, after: Fit) -> Gap:
     nominal = np.zeros(len(null.z))
     rows = [
         (
-            left_out(piece, NOTHING, nominal),
-            left_out(piece, NOTHING, without(null, k)),
-            left_out(piece, after.hypothesis, without(after, k)),
+            misfit_of(piece, NOTHING, nominal),
+            misfit_of(piece, NOTHING, without(null, k)),
+            misfit_of(piece, after.hypothesis, without(after, k)),
             float(np.sqrt(np.mean(piece.units**2) * piece.expected / len(piece.units))),
         )
         for k, piece in enumerate(evidence)
@@ -296,7 +301,7 @@ def figures_of_gap(evidence: Sequence[Figure], null: Fit, after: Fit) -> Gap:
 _SHOWN = 5
 
 
-def sentences(verdict: Verdict, rivals: Sequence[str], chosen: Sequence[str], gap: Gap) -> str:
+def sentences(verdict: Verdict, rivals: Sequence[str], chosen: Sequence[str], gap: Gap, complete: bool = True) -> str:
     """The verdict in two sentences."""
     errors = (
         f"Each figure as predicted from the others is off by {gap.before:.0%} for the believed model, by"
@@ -307,7 +312,6 @@ def sentences(verdict: Verdict, rivals: Sequence[str], chosen: Sequence[str], ga
     match verdict:
         case "no_gap":
             first = "There is no gap that the tolerances of the prototype would not explain."
-            return f"{first} {errors}"
         case "effect":
             first = f"The gap is caused by {_said(' + '.join(chosen))}."
         case "ambiguous":
@@ -315,7 +319,7 @@ def sentences(verdict: Verdict, rivals: Sequence[str], chosen: Sequence[str], ga
             common = f"All of them hold {_said(' + '.join(chosen))}." if chosen else "No single culprit can be named."
             first = f"These figures cannot tell apart: {'; '.join(named[:_SHOWN])}{more}. {common}"
         case _:
-            first = "Nothing that is known here explains these figures."
+            first = f"Nothing that {'is known here' if complete else 'was compared'} explains these figures."
     return f"{first} {errors}"
 
 
@@ -359,16 +363,16 @@ def search_few(
     own = [h for h in singles(prototype) if h.names == h.causes]  # gains tell no two laws of one effect apart
     listed = [h for h in own if not among or h.names[0] in among]
     alone = {}
-    for k, hypothesis in enumerate(listed):
+    for k, hypothesis in enumerate(while_time(listed)):
         alone[hypothesis] = fit_from_starts(hypothesis, prototype, evidence, null.values)
         progress(_SINGLES * (k + 1) / len(listed), "single causes")
     silent = tuple(h.names[0] for h, found in alone.items() if h.effects and not found.reason and not _shows(found))
-    visible = tuple(h for h in listed if h.names[0] not in silent)
+    visible = tuple(h for h in alone if h.names[0] not in silent)
     best = sorted((h for h in visible if not alone[h].reason), key=lambda h: -log_posterior(alone[h]))[:_BEST]
     every = bool(best) and alone[best[0]].misfit > _EXPLAINED * expected
     tried = [p for p in pairs(visible) if p.effects and (every or any({*h.names} < {*p.names} for h in best))]
     found = list(alone.values())
-    for k, hypothesis in enumerate(tried):
+    for k, hypothesis in enumerate(while_time(tried)):
         parts = (alone[Hypothesis((name,))] for name in hypothesis.names)
         known = null.values | {name: value for part in parts if not part.reason for name, value in part.values.items()}
         found.append(fit_from_starts(hypothesis, prototype, evidence, known, most=1, iterations=_QUICK))

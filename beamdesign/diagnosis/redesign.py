@@ -20,6 +20,7 @@ from beamdesign.synthesis.design_run import certified_laws
 from beamdesign.synthesis.stiffness_run import carried_out
 from beamdesign.synthesis.stiffness_search import design
 from beamdesign.synthesis.tuning import tune_alike
+from beamdesign.time_limit import within
 
 MOST_LOOPS = 4
 
@@ -175,16 +176,21 @@ class Redesign:
         prototype: diagnosed one with the new controller, inner end mass and guarantee; None where none was found.
         proofs: of each of its laws, with the prototype that has this law alone and its guarantee.
         reason: why there is none, in words.
+        left_out: what was not tried for want of time, in words.
     """
 
     outer_end_mass_kg: tuple[float, float]
     prototype: Prototype | None = None
     proofs: tuple[tuple[Certificate, Prototype], ...] = ()
     reason: str = ""
+    left_out: tuple[str, ...] = ()
 
 
 def redesign(
-    diagnosed: Prototype, outer_end_mass_kg: tuple[float, float], progress: Progress | None = None
+    diagnosed: Prototype,
+    outer_end_mass_kg: tuple[float, float],
+    progress: Progress | None = None,
+    minutes: float | None = None,
 ) -> Redesign:
     """Tune a controller of the same kind for the largest guaranteed bandwidth on a diagnosed prototype, and prove it.
 
@@ -195,7 +201,14 @@ def redesign(
         diagnosed: with its effects, and the controller that it had.
         outer_end_mass_kg: range of payload.
         progress: told the share done and what is being done.
+        minutes: after about which the best that was proved until then is the answer.
     """
+    with within(minutes) as limit:
+        found = _redesigned(diagnosed, outer_end_mass_kg, progress)
+    return replace(found, left_out=tuple(limit.left_out))
+
+
+def _redesigned(diagnosed: Prototype, outer_end_mass_kg: tuple[float, float], progress: Progress | None) -> Redesign:
     try:
         if diagnosed.compliance is not None:
             return _of_stiffness(diagnosed, diagnosed.compliance.end_stiffness_N_per_m, outer_end_mass_kg, progress)

@@ -55,7 +55,8 @@ class BoxClaim:
         reason: in words, why it is not True; empty where it is.
         witness: value of every parameter of a member that refutes it.
         frequency_Hz: where that one does.
-        pieces: number of pieces of frequency, parameters and unknown that were proved to be clear of zero.
+        pieces: number of pieces of frequency, parameters and unknown that were proved to be clear of zero; none where
+            the search has left others.
         looked_at: number of pieces the search looked at.
         tree: marks of the pieces.
         own: ranges that are other than those of the box, see `own_ranges`.
@@ -137,8 +138,11 @@ def claim_of_family(
             if len(middles[1]) and (refuted := exceeding(*worst_near(statement, by, *middles)[1:])):
                 return refuted
         search.run(budget, seconds * (1 - sum(_LOOKS)))
-        settled = [holds(piece) for piece in pieces(statement, search.tree)]
-    found = BoxClaim(asked, family, True, "", None, None, sum(settled), search.looked_at, search.tree, own)
+        every = list(pieces(statement, search.tree))
+        settled = [piece.direction != "?" for piece in every]
+        proved = [holds(piece) for piece in every] if all(settled) else []
+    found = BoxClaim(asked, family, True, "", None, None, sum(proved), search.looked_at, search.tree, own)
+    settled = proved or settled
     if not all(settled):
         reason = f"undecided on {len(settled) - sum(settled)} of {len(settled)} pieces"
         return replace(found, holds=None, reason=reason)
@@ -245,7 +249,7 @@ def _least(prototype: Prototype, box: Box, asked: Asked) -> Asked:
     for _ in range(_TURNS):
         statement = _family(prototype, box, asked).over(box.ranges)
         _, shares, w = worst_in_bands(statement)[0]
-        plain, whole = (with_unknown(statement, shares, w, unknown) for unknown in (0.0, 1.0))
+        plain, whole = with_unknown(statement, shares, w)
         sizes = np.abs(plain), np.abs(whole if asked.kind == "peak_sensitivity" else whole - plain)
         found = (sizes[0] / sizes[1] if asked.kind == "peak_sensitivity" else sizes[1] / sizes[0]).item()
         if not 0 < found < inf or abs(found / asked.limit - 1) < _SETTLED:

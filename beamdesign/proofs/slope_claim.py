@@ -84,7 +84,7 @@ def presupposed(at_none: fmpq_poly, at_one: fmpq_poly, multiplier: Multiplier) -
 
 def closed_over_opened(stated: Multiplier, statement: Statement, shares: np.ndarray, w: np.ndarray) -> np.ndarray:
     """1 + L (B, N) in floats of members, as of `value_set.with_unknown`, of a statement with a multiplier."""
-    at_none, at_one = (with_unknown(statement, shares, w, unknown) for unknown in (0.0, 1.0))
+    at_none, at_one = with_unknown(statement, shares, w)
     m = stated.response(w)
     closed = at_one / (2 * m.real)
     return np.asarray(closed / (closed - (at_one - at_none) / m.conj()))

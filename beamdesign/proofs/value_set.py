@@ -7,6 +7,8 @@ points whose convex hull holds the value.
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
+from math import prod
 from operator import add, mul
 
 import numpy as np
@@ -92,10 +94,9 @@ def support(summands: Sequence[Hull], directions: np.ndarray) -> np.ndarray:
     """Least real part of conj(u) p over each hull: (2, B, M) for unit directions u (B, M)."""
     u = np.stack([directions.real, directions.imag], axis=-2)
     total: np.ndarray | float = 0.0
-    for hull in summands:
-        _, count, controls, points = hull.points.shape
-        xy = np.ascontiguousarray(hull.points).view(float).reshape(2, count, controls * points, 2)
-        total = total + (xy @ u).reshape(2, count, controls, points, -1).min(axis=3)
+    for hull in summands:  # the points first: a minimum over a first axis is that of whole rows
+        points = np.ascontiguousarray(np.moveaxis(hull.points, 3, 0))
+        total = total + (points.view(float).reshape(*points.shape, 2) @ u).min(axis=0)
     return np.asarray(total).min(axis=2)
 
 
@@ -105,30 +106,53 @@ def values(statement: Statement, shares: np.ndarray, s: np.ndarray) -> tuple[np.
     return statement.split(_leaves(statement, shares, s), none, none + 1)
 
 
-def with_unknown(statement: Statement, shares: np.ndarray, w: np.ndarray, unknown: complex) -> np.ndarray:
-    """P (B, N) of members at shares (B, k) of the ranges, at frequencies (B or 1, N), with a number for the unknown."""
+def with_unknown(statement: Statement, shares: np.ndarray, w: np.ndarray) -> np.ndarray:
+    """P with 0 and with 1 for the unknown, (2, B, N).
+
+    Of members at shares (B, k) of the ranges, at frequencies (B or 1, N).
+    """
     s = 1j * w
-    leaf, late = _leaves(statement, shares, s), np.exp(-s * delays(statement, shares)[:, None])
+    leaf, unknown = _leaves(statement, shares, s), np.array([0.0, 1.0])[:, None, None]
 
     def one(node: Node) -> np.ndarray:
         if node.kind == "leaf":
             return leaf(node.name)
-        return late if node.kind == "delay" else np.full_like(late, unknown)
+        return np.exp(-s * delays(statement, shares)[:, None]) if node.kind == "delay" else unknown
 
-    return statement.body.fold(one, add, mul)
+    return np.broadcast_to(statement.body.fold(one, add, mul), (2, len(shares), s.shape[1]))
 
 
 def _leaves(statement: Statement, shares: np.ndarray, s: np.ndarray) -> Callable[[str], np.ndarray]:
     """Leaves (B, N) by name, of members at shares (B, k) of the ranges, at complex s (B or 1, N)."""
-    where = pieces(statement, shares, shares, np.zeros((2, len(shares))))
+    at = pieces(statement, shares, shares, np.zeros((2, len(shares)))).low
+    powers, found = [np.ones_like(s)], dict[str, np.ndarray]()
 
     def leaf(name: str) -> np.ndarray:
-        total = np.zeros((len(shares), s.shape[1]), dtype=complex)
-        for term in statement.leaves[name]:
-            total = total + _size(statement, term, where.low)[:, None] * s**term.degree
-        return total
+        if name not in found:
+            table = _terms(statement)[name]
+            rows = np.zeros((len(shares), 1 + max(degree for degree, _, _ in table)))
+            for degree, value, columns in table:
+                rows[:, degree] += prod((at[:, k] ** power for k, power in columns), start=value)
+            while len(powers) < rows.shape[1]:
+                powers.append(powers[-1] * s)
+            some = np.stack(powers[: rows.shape[1]])
+            found[name] = rows @ some[:, 0] if len(s) == 1 else np.einsum("bd,dbn->bn", rows, some)
+        return found[name]
 
     return leaf
+
+
+@lru_cache(maxsize=64)
+def _terms(statement: Statement) -> dict[str, list[tuple[int, float, list[tuple[int, int]]]]]:
+    """Of every leaf the terms: degree in s, coefficient, and which columns of what varies in which powers."""
+    found: dict[str, list[tuple[int, float, list[tuple[int, int]]]]] = {}
+    for name, terms in statement.leaves.items():
+        found[name] = []
+        for term in terms:
+            value, powers = _fixed(statement, term)
+            columns = [(statement.varying.index(one), power) for one, power in powers.items()]
+            found[name].append((term.degree, value, columns))
+    return found
 
 
 def delays(statement: Statement, shares: np.ndarray) -> np.ndarray:

@@ -113,6 +113,6 @@ def _largest(by: Ratios, statement: Statement, grid: np.ndarray, shares: np.ndar
 def ratios(statement: Statement, shares: np.ndarray, w: np.ndarray) -> np.ndarray:
     """Magnitudes (B, N) over their limit, or what is above 1 where they are, of members at frequencies (B or 1, N)."""
     centre, radius = map(nearest, statement.circles[UNKNOWN])
-    plain = with_unknown(statement, shares, w, 0.0)
-    slope = with_unknown(statement, shares, w, 1.0) - plain
+    plain, whole = with_unknown(statement, shares, w)
+    slope = whole - plain
     return np.asarray(radius * np.abs(slope) / np.abs(plain + centre * slope))

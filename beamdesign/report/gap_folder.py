@@ -72,7 +72,8 @@ def write_gap_folder(
     fields = diagnosis_fields(found)
     own = "inner_end_mass_kg outer_end_mass_kg believed=nominal diagnosed"
     promised = [{"controller": loop.controller.model_dump()} | finite(picked(loop, own)) for loop in terms]
-    fields |= {"design": promised, "redesign": _redesign(renewed)}
+    left_out = (*found.left_out, *(renewed.left_out if renewed is not None else ()))
+    fields |= {"design": promised, "redesign": _redesign(renewed), "complete": not left_out, "left_out": left_out}
     fields |= {kind: str(folder / name) for kind, name in names.items() if kind != "json"}
     texts |= {"json": json_text(fields), "report": gap_report_html(found, names, data, terms, renewed)}
     files = {kind: (name, texts[kind]) for kind, name in names.items()}
@@ -180,7 +181,7 @@ def _key(found: Diagnosis) -> tuple[tuple[str, str], ...]:
     low, high = (decimal(value, 3) for value in where.band_Hz)
     least, most = (closed_text(value) for value in gap.closed_interval)
     rows = (
-        ("verdict", VERDICTS[found.verdict]),
+        ("verdict", VERDICTS[found.verdict] if not found.left_out else "not everything was compared in the time given"),
         ("held responsible", in_words(", ".join(found.chosen))),
         ("where", where.subsystem and f"{where.subsystem}, {low} to {high} Hz"),
         ("error as believed", share_text(gap.before)),

@@ -5,6 +5,7 @@ And the Pareto front of moving mass against guaranteed bandwidth against payload
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import product
 
 import numpy as np
 
@@ -24,6 +25,7 @@ from beamdesign.synthesis.law_task import Effort, Search
 from beamdesign.synthesis.loop_limits import Proved
 from beamdesign.synthesis.rig_spread import rig_spread
 from beamdesign.synthesis.sections import free_sections, rounded_tubes
+from beamdesign.time_limit import leave_out, over, within
 
 SIZED_EFFORT = Effort(rounds=10, starts=2, candidates=2, proofs=20)
 """Where the sections of the beams are searched as well."""
@@ -66,6 +68,7 @@ class Codesign:
         attempts: per start the proved moving mass in kg, or in words why it failed.
         reason: why there is no design, empty where there is one.
         holding: whether the actuator of a proved design holds load and weight.
+        left_out: what was not tried for want of time, in words.
     """
 
     bandwidth_Hz: float
@@ -74,6 +77,7 @@ class Codesign:
     attempts: tuple[float | str, ...]
     reason: str = ""
     holding: Holding | None = None
+    left_out: tuple[str, ...] = ()
 
     @property
     def change(self) -> tuple[str, ...]:
@@ -97,6 +101,7 @@ def codesign(
     near: Sequence[CodesignPoint] = (),
     progress: Progress | None = None,
     sigmas: float = SIGMAS,
+    minutes: float | None = None,
 ) -> Codesign:
     """Find the lightest sections, end mass and controller that guarantee a bandwidth over a payload range.
 
@@ -106,12 +111,25 @@ def codesign(
         bandwidth_Hz: needed; |x / F_d| stays at or below the goal up to there.
         near: solved neighbouring problems to start from as well (for one controller kind).
         progress: told the share done and what is being done.
-        sigmas: as of `beamdesign.synthesis.tuning.tune`.
+        sigmas: as of `beamdesign.synthesis.tuning.tune`, as `minutes`.
+        minutes: after about which the best that was proved until then is the answer.
 
     Raises:
         InputError: for a kind of controller that is not tuned from a seed of its own.
     """
-    report = progress or silent
+    with within(minutes) as limit:
+        found = _codesigned(problem, outer_end_mass_kg, bandwidth_Hz, near, progress or silent, sigmas)
+    return replace(found, left_out=tuple(limit.left_out))
+
+
+def _codesigned(
+    problem: DesignProblem,
+    outer_end_mass_kg: tuple[float, float],
+    bandwidth_Hz: float,
+    near: Sequence[CodesignPoint],
+    report: Progress,
+    sigmas: float,
+) -> Codesign:
     kind = problem.controller.kind
     if kind not in KINDS or not any(seed.kind == kind for seed in KINDS[kind].seeds()):
         reason = f"{kind!r} is not for sections and controller together, which are sought with few figures; give a lag"
@@ -133,6 +151,7 @@ def codesign(
         reason = f"no start led to a proved design for {bandwidth_Hz:g} Hz over {low:g} to {high:g} kg: " + (
             "; ".join(dict.fromkeys(one.reason for one in found.tried)) or found.reason
         )
+        reason += "; no time was left for more" * over()
         return Codesign(bandwidth_Hz, outer_end_mass_kg, None, attempts, reason)
     point = _point(problem, outer_end_mass_kg, found.proved)
     held = working(problem, point.prototype, outer_end_mass_kg, point.proved.bandwidth_Hz)
@@ -168,10 +187,12 @@ class Front:
     Attributes:
         designs: one per payload range and bandwidth, bandwidths within ranges; those without a point carry the reason.
         colder: how many points fresh samples solved where the solved neighbours had led to no proof.
+        left_out: what was not tried for want of time, in words.
     """
 
     designs: tuple[Codesign, ...]
     colder: int
+    left_out: tuple[str, ...] = ()
 
     @property
     def proved(self) -> tuple[Codesign, ...]:
@@ -230,6 +251,7 @@ def pareto_front(
     ranges_kg: Sequence[tuple[float, float]],
     progress: Progress | None = None,
     sigmas: float = SIGMAS,
+    minutes: float | None = None,
 ) -> Front:
     """Co-design along a front, each point starting from its solved neighbours in bandwidth and in payload.
 
@@ -242,23 +264,30 @@ def pareto_front(
         ranges_kg: ranges of outer end mass.
         progress: told the share done and what is being done.
         sigmas: as of `beamdesign.synthesis.tuning.tune`.
+        minutes: as of `codesign`; points that are not come to are told with that reason.
     """
     report = progress or silent
     bandwidths = sorted(set(bandwidths_Hz))
     solved: dict[tuple[int, int], Codesign] = {}
     ranges = list(dict.fromkeys(ranges_kg))
     colder, total = 0, len(ranges) * len(bandwidths)
-    for i, masses in enumerate(ranges):
-        for k, bandwidth in enumerate(bandwidths):
-            report(len(solved) / total, f"{bandwidth:g} Hz over {masses[0]:g} to {masses[1]:g} kg")
+    with within(minutes) as limit:
+        for i, k in product(range(len(ranges)), range(len(bandwidths))):
+            masses, bandwidth = ranges[i], bandwidths[k]
+            words = f"{bandwidth:g} Hz over {masses[0]:g} to {masses[1]:g} kg"
+            if solved and over():
+                leave_out(words)
+                solved[i, k] = Codesign(bandwidth, masses, None, (), "no time was left for it")
+                continue
+            report(len(solved) / total, words)
             before = [solved.get(key) for key in ((i, k - 1), (i - 1, k))]
             near = [design.point for design in before if design is not None and design.point is not None]
             design = codesign(problem, masses, bandwidth, near, sigmas=sigmas)
-            if near and design.point is None:
+            if near and design.point is None and not over():
                 fresh = codesign(problem, masses, bandwidth, sigmas=sigmas)
                 colder += fresh.point is not None
                 reason = fresh.reason and f"{design.reason}; and from fresh samples: {fresh.reason}"
                 design = replace(fresh, reason=reason)
             solved[i, k] = design
     designs = tuple(solved.values())
-    return Front(tuple(_lightest_answer(design, designs) for design in designs), colder)
+    return Front(tuple(_lightest_answer(design, designs) for design in designs), colder, tuple(limit.left_out))

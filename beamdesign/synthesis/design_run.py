@@ -18,6 +18,7 @@ from beamdesign.synthesis.holding import Holding, Way, carried, easier, in_words
 from beamdesign.synthesis.loop_limits import Proved
 from beamdesign.synthesis.sizing import Sizing, size
 from beamdesign.synthesis.tuning import Tuning, limited, tune
+from beamdesign.time_limit import leave_out, over, within
 
 CERTIFICATE_NAME = "certificate.toml"
 
@@ -40,6 +41,7 @@ class DesignRun(Result):
         holding: whether the actuator holds load and weight, as far as that was asked.
         ways: where there is no result, changes of the study that lead to one; of laws that take long to tune, that are
             needed.
+        left_out: what was not tried for want of time, in words.
     """
 
     problem: DesignProblem
@@ -53,6 +55,7 @@ class DesignRun(Result):
     changes: str = ""
     holding: Holding | None = None
     ways: tuple[Way, ...] = ()
+    left_out: tuple[str, ...] = ()
 
     @property
     def change(self) -> tuple[str, ...]:
@@ -77,23 +80,36 @@ class DesignRun(Result):
         return sorted(found, key=lambda one: float(one["bandwidth_Hz"]))
 
 
-def run_design(problem: DesignProblem, progress: Progress | None = None, sigmas: float = SIGMAS) -> DesignRun:
+def run_design(
+    problem: DesignProblem,
+    progress: Progress | None = None,
+    sigmas: float = SIGMAS,
+    minutes: float | None = None,
+) -> DesignRun:
     """Size, tune and certify; where that gives no design, seek what of the study to change.
 
     Args:
         problem: the design problem.
         progress: told the share done and what is being done.
-        sigmas: as of `tune`.
+        sigmas: as of `tune`, as `minutes`.
+        minutes: after about which the best that was proved until then is the answer.
     """
     report = progress or silent
-    found = _designed(problem, report, sigmas)
-    if found.yes or not found.sizing.feasible:
-        return found
-    ways = () if found.holding is None else found.holding.ways
-    if problem.controller.kind in _QUICK:
-        report(0.5, "what to change")
-        ways = carried(problem, ways or easier(problem), lambda other: _designed(other, silent, sigmas).yes)
-    return replace(found, ways=ways)
+
+    def leads(other: DesignProblem) -> bool:
+        if over():
+            leave_out("whether every change leads to a design")
+        return not over() and _designed(other, silent, sigmas).yes
+
+    with within(minutes) as limit:
+        found = _designed(problem, report, sigmas)
+        if not found.yes and found.sizing.feasible:
+            ways = () if found.holding is None else found.holding.ways
+            if problem.controller.kind in _QUICK:
+                report(0.5, "what to change")
+                ways = carried(problem, ways or easier(problem), leads)
+            found = replace(found, ways=ways)
+    return replace(found, left_out=tuple(limit.left_out))
 
 
 _QUICK = ("lag", "proportional")

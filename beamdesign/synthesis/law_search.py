@@ -22,6 +22,7 @@ from beamdesign.synthesis.law_design import ENOUGH, ROOM, Design, in_box, rests,
 from beamdesign.synthesis.law_task import Search
 from beamdesign.synthesis.loop_limits import LARGEST_AT_LOWER_GAINS, Proved, calmer, loop_set
 from beamdesign.synthesis.refinement import TOUCH, WORTH
+from beamdesign.time_limit import is_limited, leave_out, over, share, while_time
 
 _FIRST_ROUNDS = 5
 """Of a refinement of many, before the best of them are refined for good."""
@@ -55,6 +56,9 @@ _STIFFEST = 0.1
 
 _PEAKS = ("peak_sensitivity", "peak_compliance")
 """Kinds of claims whose witness is near a peak."""
+
+_SEEKING = 0.6
+"""Share of the time that is left which goes into the search of designs; the rest is for proofs."""
 
 _SMALL = 1e-3
 """Excess by which limits are tightened of sections that may move further; of a larger one the peak tells enough."""
@@ -100,6 +104,9 @@ def search(task: Search, starts: Sequence[Start], growths: int = 0, report: Prog
         found, form = _search(replace(task, goal=calmer(task.goal, peak)), starts, growths, report)
         if found.proved is None or form is None:
             return replace(found, reason="; ".join(filter(None, (reason, found.reason))))
+        if over() and not task.goal.comes_to_rest:
+            leave_out("whether it comes to rest while its current saturates")
+            return found
         report(0.97, "where the current saturates")
         rested, why = rests(task, Design(form, found.proved.variables, 0.0), found.proved)
         if rested is not None or not task.goal.comes_to_rest:
@@ -110,48 +117,77 @@ def search(task: Search, starts: Sequence[Start], growths: int = 0, report: Prog
 
 def _search(task: Search, starts: Sequence[Start], growths: int, report: Progress) -> tuple[Found, Form | None]:
     """The largest bandwidth within the limits, and of which form."""
-    effort, pool = task.effort, []
-    for k, (form, variables) in enumerate(starts):
-        report(0.2 * k / len(starts), f"start {k + 1} of {len(starts)}")
-        pool.append(Design(form, *task.coarsely_searched(form, variables)))
-    pool = _refined(task, _best(pool)[: effort.starts], _part(report, 0.2, 0.65 / (1 + growths)))
-    task, pool = _hardened(task, pool)
+    effort, pool, part = task.effort, [], 0.65 / (1 + growths)
+    with share(_SEEKING):
+        for k, (form, variables) in enumerate(while_time(starts, lambda _: "some starts", least=1)):
+            report(0.2 * k / len(starts), f"start {k + 1} of {len(starts)}")
+            pool.append(Design(form, *task.coarsely_searched(form, variables)))
+        pool = _refined(task, _best(pool)[: effort.starts], _part(report, 0.2, part))
+        task, pool = _hardened(task, pool)
+    smaller = _Best()
     for growth in range(growths):
-        more = [
-            Design(form, np.append(variables, design.variables[design.form.size :]), 0.0)
-            for design in pool[: effort.starts]
-            for law in design.law.grown()
-            if (sought_from := law.form()) is not None
-            for form, variables in [sought_from]
-        ]
-        grown = _refined(task, more, _part(report, 0.2 + 0.65 * (growth + 1) / (1 + growths), 0.65 / (1 + growths)))
-        smaller, (task, pool) = pool, _hardened(task, grown)
+        if is_limited():  # each size of a law is proved before a larger one is sought
+            smaller = max(smaller, _best_proved(task, pool[:1], report), key=lambda one: one.worth)
+        if over():
+            leave_out(f"laws of {growth + 1} sections and more")
+            break
+        with share(_SEEKING):
+            more = [
+                Design(form, np.append(variables, design.variables[design.form.size :]), 0.0)
+                for design in pool[: effort.starts]
+                for law in design.law.grown()
+                if (sought_from := law.form()) is not None
+                for form, variables in [sought_from]
+            ]
+            grown = _refined(task, more, _part(report, 0.2 + (growth + 1) * part, part))
+            before, (task, pool) = pool, _hardened(task, grown)
         if task.spread is not None:  # what the worst rigs cost what has grown may be more than it has gained
-            kept = [one for one in smaller if task.settled(one.form, one.variables)]
+            kept = [one for one in before if task.settled(one.form, one.variables)]
             pool = _best([*pool, *(replace(one, value=value_of(task, one)) for one in kept)])
-    reached = tuple(design.value for design in pool)
+    found = _best_proved(task, pool[: effort.candidates], report, least=int(smaller.found.proved is None))
+    best = max(found, smaller, key=lambda one: one.worth)
+    return replace(best.found, sampled=found.found.sampled), best.form
+
+
+@dataclass(frozen=True)
+class _Best:
+    """The best of some designs as far as they are proved, with its worth and its form."""
+
+    found: Found = Found(None, (), 0, "no start led to a stable loop within the limits on the samples")
+    worth: float = 0.0
+    form: Form | None = None
+
+
+def _best_proved(task: Search, designs: Sequence[Design], report: Progress, least: int = 0) -> _Best:
+    """Refine designs for good and prove them, as long as there is time; at least so many are begun with."""
+    reached = tuple(design.value for design in designs)
     tried: list[Found] = []
-    best, worth = Found(None, reached, 0, "no start led to a stable loop within the limits on the samples"), 0.0
-    best_form: Form | None = None
-    for rough in pool[: effort.candidates]:
-        if rough.value <= 0 or worth > ENOUGH * rough.value:
+    best = _Best()
+    for rough in while_time(designs, lambda one: f"a design of {_in_words(task, one)}", least):
+        if rough.value <= 0 or best.worth > ENOUGH * rough.value:
             continue
         chosen = rough.variables[rough.form.size + 1 :]
         if why := task.sections.hopeless(rough.inner_end_mass, chosen, rough.value) if task.sections else "":
             tried.append(Found(None, reached, 0, why))
             continue
-        words = f"{1 / rough.value:.3g} kg" if task.needed_Hz else f"{rough.value:.3g} Hz"
+        words = _in_words(task, rough)
         report(0.85, f"refining {words} for good")
-        further = task.refinement(rough.form)(rough.variables, *_spare(task), 3 * effort.rounds, _FURTHER)
+        further = task.refinement(rough.form)(rough.variables, *_spare(task), 3 * task.effort.rounds, _FURTHER)
         design = Design(rough.form, *further)
         report(0.9, f"proving what came of {words}")
         found = _proved(task, design, reached)
         tried.append(found)
         proved = found.proved
         value = task.value(rough.form, proved.variables, proved.bandwidth_Hz) if proved else 0.0
-        if best.proved is None or value > worth:
-            best, worth, best_form = found, value, rough.form
-    return replace(best, certificates=sum(one.certificates for one in tried), tried=tuple(tried)), best_form
+        if best.found.proved is None or value > best.worth:
+            best = _Best(found, value, rough.form)
+    certificates = sum(one.certificates for one in tried)
+    return replace(best, found=replace(best.found, sampled=reached, certificates=certificates, tried=tuple(tried)))
+
+
+def _in_words(task: Search, design: Design) -> str:
+    """What a design is worth on samples."""
+    return f"{1 / design.value:.3g} kg" if task.needed_Hz and design.value else f"{design.value:.3g} Hz"
 
 
 def from_seeds(task: Search, seeds: Sequence[Controller]) -> list[Start]:
@@ -190,10 +226,12 @@ def _hardened(task: Search, designs: Sequence[Design]) -> tuple[Search, list[Des
     """The search with the worst rigs of its best designs among the samples, and these designs refined for them."""
     pool = list(designs[: task.effort.starts])
     for _ in range(_CUT_ROUNDS if task.spread is not None else 0):
+        if over():  # whoever proves them seeks further worst rigs
+            break
         cuts = [cut for one in pool for _, _, cut in in_box(task, one, _MISSED)]
         cuts += [cut for one in pool[:1] for cut in unknown(task, one)]
-        for share in _NEARER:  # a law whose gain cannot be lowered meets rigs that are less far off first
-            harder = task.with_cuts(cut._replace(z=tuple(share * one for one in cut.z)) for cut in cuts)
+        for nearer in _NEARER:  # a law whose gain cannot be lowered meets rigs that are less far off first
+            harder = task.with_cuts(cut._replace(z=tuple(nearer * one for one in cut.z)) for cut in cuts)
             if all(harder.settled(one.form, calmed(harder, one)) for one in pool):
                 break
         if len(harder.cuts) == len(task.cuts):
@@ -252,6 +290,10 @@ def _proved(task: Search, design: Design, sampled: tuple[float, ...]) -> Found:
     highest = 0.0
     proofs = undecided = 0
     while proofs < task.effort.proofs * (1 if task.spread is None else 2):
+        if over():
+            leave_out("proofs of further designs")
+            reason = reason or "no time was left for its proof"
+            break
         proofs += 1
         law, inner, chosen = design.law, design.inner_end_mass, design.variables[design.form.size + 1 :]
         try:

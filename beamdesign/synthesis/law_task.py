@@ -26,6 +26,7 @@ from beamdesign.synthesis.loop_slacks import COMPLIANCE, OTHERS, Slacks, sampled
 from beamdesign.synthesis.refinement import NEARLY, LawRefinement
 from beamdesign.synthesis.rig_spread import Cut, RigSpread
 from beamdesign.synthesis.sections import Sections
+from beamdesign.time_limit import over
 
 
 @dataclass(frozen=True)
@@ -312,7 +313,7 @@ def coarse_search(
         return here
     aim = _aim(points, now)
     steps, still = 0, 0
-    while steps < most and reach > _SMALLEST_REACH and still < 12:
+    while steps < most and reach > _SMALLEST_REACH and still < 12 and not over():
         steps += 1
         least, greatest = np.maximum(lower - here, -reach), np.minimum(upper - here, reach)
         merit = _merit(points, now, aim)

@@ -17,12 +17,13 @@ from beamdesign.proofs.worst_members import Worst
 from beamdesign.prototype import Prototype
 from beamdesign.rational import nearest
 from beamdesign.synthesis.rig_spread import Cut, RigSpread
+from beamdesign.time_limit import left
 
 BUDGET, SECONDS = 20_000, 120.0
 """Most pieces and most time for the proof of one claim."""
 
-REST_SECONDS = 30.0
-"""Most time for the search of the proof that a design comes to rest while its current saturates."""
+REST_BUDGET, REST_SECONDS = 5_000, 30.0
+"""Most pieces, where that is not asked for, and most time for the proof that a design comes to rest while saturated."""
 
 _LEAST_HZ = 1e-2
 """Bandwidth about which compliance is looked at of a law that has none."""
@@ -136,14 +137,14 @@ class BoxTask:
 
         Or why that is not proved, and the rig that refutes it where one was found.
         """
-        verdict = certify_box(self.prototype, self._box(self.stable_kg), BUDGET, SECONDS, volumes=False)
+        verdict = certify_box(self.prototype, self._box(self.stable_kg), BUDGET, min(SECONDS, left()), volumes=False)
         if not verdict.stable:
             return None, verdict.reason, []
         claims = []
         for asked in self._asked(bandwidth_Hz):
             for looser in _LOOSER if asked.kind == "compliance" else (1.0,):
                 one = relaxed(asked, looser) if asked.kind == "compliance" else asked
-                claim = claim_over_box(self.prototype, self.box, one, BUDGET, SECONDS)
+                claim = claim_over_box(self.prototype, self.box, one, BUDGET, min(SECONDS, left()))
                 if claim.holds:
                     break
             if not claim.holds:
@@ -168,7 +169,8 @@ class BoxTask:
     def at_rest(self, proved: OverBox) -> tuple[OverBox | None, str]:
         """With the proof that every rig comes to rest while its current saturates, or why there is none."""
         lower = next((claim for claim in proved.found if claim.asked.kind == "gain_margin"), None)
-        claim, reason = slope_over_box(self.prototype, self.box, BUDGET, REST_SECONDS, lower, may_be_odd=False)
+        budget, seconds = BUDGET if self.prototype.goal.comes_to_rest else REST_BUDGET, min(REST_SECONDS, left())
+        claim, reason = slope_over_box(self.prototype, self.box, budget, seconds, lower, may_be_odd=False)
         if claim is None:
             return None, reason
         claims = (*proved.found, self._over_own_masses(claim))

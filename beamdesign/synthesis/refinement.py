@@ -27,6 +27,7 @@ from beamdesign.synthesis.loop_samples import Samples
 from beamdesign.synthesis.loop_slacks import Slacks, counting, sampled_bandwidth, slacks
 from beamdesign.synthesis.sections import MASS_PER_MISSING_BANDWIDTH, Sections, sized_slack
 from beamdesign.synthesis.slack_functions import highest, point, stiffness_of
+from beamdesign.time_limit import leave_out, over
 
 _EVERY = 6
 """Of how many neighbouring points one is enforced wherever it stands."""
@@ -161,6 +162,9 @@ class LawRefinement:
         least, widest, met = _MENDED if worth < inf else _MENDED_A_LITTLE, reach, now.values
         tries, small = 0, _VIOLATION / (100 if self.sections is None or inside else 10)
         while rounds > 0 and reach > 0.005:
+            if over():
+                leave_out("rounds of refinement")
+                break
             rounds -= 1
             tried, foreseen = self._solved(best, now, met, reached, (inside, stiffer), reach)
             if self._solver.stats()["success"] and foreseen < value * (1 + _SETTLED) and violation < small:

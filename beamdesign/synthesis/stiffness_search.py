@@ -34,6 +34,7 @@ from beamdesign.synthesis.end_stiffness import (
     servo_stiffness,
 )
 from beamdesign.synthesis.rig_spread import rig_spread
+from beamdesign.time_limit import leave_out, over
 
 _SEARCH_HZ = np.geomspace(1e-2, 1e3, 400)
 _ROUNDS, _STARTS, _STEPS = 3, 200, 400
@@ -190,6 +191,9 @@ class _Search:
         """Score and point of the best law of a local search by ever smaller steps, after scattered starts."""
         top, point = begin
         for k in range(starts + steps):
+            if over():
+                leave_out("further laws")
+                break
             if k < starts or point is None:
                 here = random.uniform(lowest, highest)
             else:

@@ -41,6 +41,7 @@ from beamdesign.synthesis.law_task import Search
 from beamdesign.synthesis.loop_limits import Proved
 from beamdesign.synthesis.rig_spread import RigSpread, rig_spread
 from beamdesign.synthesis.weight_search import ADDED_SENSORS_EFFORT, EFFORT, SYNTHESES, limited, search_observer
+from beamdesign.time_limit import is_limited, over, while_time, within
 
 
 def tunable() -> tuple[str, ...]:
@@ -72,6 +73,7 @@ class Tuning(Result):
         alone_Hz: of several laws, the bandwidth of each tuned with a mass inside of its own: what no common mass can
             exceed.
         switching: what is proved of changes between several laws; None with effects, which that does not cover.
+        left_out: what was not tried for want of time, in words.
     """
 
     prototype: Prototype
@@ -84,6 +86,7 @@ class Tuning(Result):
     laws: "tuple[Tuning, ...]" = ()
     alone_Hz: tuple[float, ...] = ()
     switching: Switching | None = None
+    left_out: tuple[str, ...] = ()
 
     @property
     def each(self) -> "tuple[Tuning, ...]":
@@ -133,6 +136,7 @@ def tune(
     stages: int = 3,
     near: bool = False,
     estimator: Estimator | None = None,
+    minutes: float | None = None,
 ) -> Tuning:
     """Tune a controller of one law, or of a law for each part of the payloads, for the largest guaranteed bandwidth.
 
@@ -143,14 +147,15 @@ def tune(
         kind: see `LawOptions`; "scheduled" for several laws.
         largest_inner_end_mass_kg: most mass that may be added to the inner tip.
         progress: told the share done and what is being done.
-        sections: see `LawOptions`, as the next two and `near`.
-        sensors: those that are read.
+        sections: see `LawOptions`.
+        sensors: see there.
+        near: see there.
         sigmas: standard deviations of the prototype's `[tolerance]` by which every figure may be off at once, which
             all is guaranteed for; typical ones where none is stated. Zero: for exactly its figures.
         stages: how many laws a scheduled controller has.
-        near: begin with the prototype's own controller.
         estimator: of the payload, for a scheduled controller; stages overlap by two and a half times its band, of which
             half a band is hysteresis.
+        minutes: after about which the best that was proved until then is the answer; None: as long as it takes.
 
     Returns:
         the tuned prototype with what was proved of it, or a reason why there is none. Of a prototype with effects every
@@ -174,12 +179,13 @@ def tune(
         prototype = prototype.but(tolerance=tolerance)
         spread = rig_spread(prototype.but(controller=None, guarantee=None), outer_end_mass_kg[1], sigmas)
     asked = LawOptions(kind, (0.0, largest_inner_end_mass_kg), sections, tuple(sensors), spread, near)
-    if kind == Scheduled.model_fields["kind"].default:
-        figures = estimator or Estimator(noise_V=prototype.sensor.noise_V or Estimator().noise_V)
-        found = _tune_stages(prototype, outer_end_mass_kg, asked, stages, figures, report)
-    else:
-        found = tune_law(prototype, outer_end_mass_kg, asked, report)
-    return replace(found, caution=caution)
+    with within(minutes) as limit:
+        if kind == Scheduled.model_fields["kind"].default:
+            figures = estimator or Estimator(noise_V=prototype.sensor.noise_V or Estimator().noise_V)
+            found = _tune_stages(prototype, outer_end_mass_kg, asked, stages, figures, report)
+        else:
+            found = tune_law(prototype, outer_end_mass_kg, asked, report)
+    return replace(found, caution=caution, left_out=tuple(limit.left_out))
 
 
 def tune_law(prototype: Prototype, masses_kg: tuple[float, float], asked: LawOptions, report: Progress) -> Tuning:
@@ -202,27 +208,25 @@ def tune_law(prototype: Prototype, masses_kg: tuple[float, float], asked: LawOpt
         found = search_observer(task, None if alone else kind, seeds, report)
     else:
         task = Search(*given, start[0].sensors if start else SENSED[:1], spread)
-        starts, growths, alone = (
-            from_seeds(task, KINDS[kind].seeds()),
-            asked.sections if KINDS[kind].grows else 0,
-            False,
-        )
+        starts, alone = from_seeds(task, KINDS[kind].seeds()), False
+        growths = asked.sections if KINDS[kind].grows else 0
         if start is not None and (asked.near or not starts) and task.settled(*start):
             alone = growths > 0
             starts, growths = [start, *([] if growths else starts)], 0
         found = search(task, starts, growths, report) if starts else Found(None, (), 0, _NO_START.format(kind))
     best = found.proved
-    if best is None and alone:
+    if best is None and alone and not over():
         return tune_law(prototype.but(controller=None), masses_kg, replace(asked, near=False), report)
     if best is None or best.bandwidth_Hz < SMALLEST_BANDWIDTH_HZ:
         why = no_answer(kind, prototype.goal, masses_kg, found.reason)
         return Tuning(prototype, masses_kg, None, found.sampled, found.certificates, why)
-    built = tuned(prototype, best, masses_kg)
-    return Tuning(built, masses_kg, best, found.sampled, found.certificates)
+    return Tuning(tuned(prototype, best, masses_kg), masses_kg, best, found.sampled, found.certificates)
 
 
 def no_answer(kind: str, goal: Goal, masses_kg: tuple[float, float], failure: str) -> str:
     """Why there is no design, and what may allow one."""
+    if over():
+        return f"no {kind} controller was proved in the time given ({failure}); more of it may find one"
     ratio = goal.peak_over_passive
     softer = f" and {ratio:g} times its largest with the servo off at any" if ratio < inf else ""
     return (
@@ -301,16 +305,18 @@ def _tune_stages(
     own_kg = sorted({round(one.best.inner_end_mass_kg, 2) for one in alone if one.best is not None})
     tried_kg = sorted({*own_kg, *(round((one + two) / 2, 2) for one, two in pairwise(own_kg))})
     same = len({one.best.inner_end_mass_kg for one in alone if one.best is not None}) == 1
-    tried = [alone] if same else [[tuned(stage_kg, inner) for stage_kg in ranges] for inner in tried_kg]
+    if is_limited():  # the one in the middle first
+        tried_kg.insert(0, tried_kg.pop(len(tried_kg) // 2))
+    masses_kg = while_time(tried_kg, lambda inner: f"{inner:g} kg inside", least=1)
+    tried = [alone] if same else [[tuned(stage_kg, inner) for stage_kg in ranges] for inner in masses_kg]
     enough = NEARLY * max(least(found) for found in tried)
     best = max((found for found in tried if least(found) >= enough), key=lambda found: prod(map(_hertz, found)))
     alone_Hz = tuple(map(_hertz, alone))
     if least(best) == 0:
-        reason = "no mass inside was found with which every stage can be proved"
+        reason = "no mass inside was found with which every stage can be proved" + " in the time given" * over()
         return Tuning(prototype, whole_kg, reason=reason, alone_Hz=alone_Hz)
-    schedule = Scheduled(stage=tuple(map(_stage, best)), estimator=figures)
-    inside = best[0].prototype.payload.inner_end_mass_kg
-    payload = prototype.payload.but(outer_end_mass_kg=whole_kg, inner_end_mass_kg=inside)
+    schedule, inside = Scheduled(stage=tuple(map(_stage, best)), estimator=figures), best[0].prototype.payload
+    payload = prototype.payload.but(outer_end_mass_kg=whole_kg, inner_end_mass_kg=inside.inner_end_mass_kg)
     rig = prototype.but(controller=schedule, payload=payload, guarantee=None)
     whole = Tuning(rig, whole_kg, min(best, key=_hertz).best, laws=tuple(best), alone_Hz=alone_Hz)
     if rig.effects:  # of which no states are known in which laws could change
@@ -371,9 +377,8 @@ def _ranges(
     laws = () if prototype.controller is None else prototype.controller.laws
     # With effects no proof of changes asks for states to hand over.
     if not prototype.effects and prototype.sensor.filter_Hz is None and any(law.sections for law, _ in laws):
-        problems.append(
-            ("sensor.filter_Hz", "missing; structured stages need a filter before them to hand over states")
-        )
+        reason = "missing; structured stages need a filter before them to hand over states"
+        problems.append(("sensor.filter_Hz", reason))
     if problems:
         raise InputError(f"{prototype.name}: scheduled", problems)
     return found

@@ -34,6 +34,7 @@ from beamdesign.synthesis.synthesis import (
     sensed_model,
     weighted,
 )
+from beamdesign.time_limit import leave_out, over, share, while_time
 
 AIM_HZ = 5.0
 """Up to where the search betters the compliance."""
@@ -141,7 +142,8 @@ class WeightSearch:
 
         lower, upper = self.bounds()
         unit = qmc.Sobol(len(lower), scramble=True, rng=0).random(count)
-        found = [self.proposal(lower + row * (upper - lower), lqg) for row in unit]
+        rows = while_time(unit, lambda _: "some weights", least=1)
+        found = [self.proposal(lower + row * (upper - lower), lqg) for row in rows]
         return sorted((one for one in found if one is not None and one.cost < _UNSTABLE), key=lambda one: one.cost)
 
     def improved(self, start: Proposal, solve: Callable[[GeneralisedPlant], StateSpace], evaluations: int) -> Proposal:
@@ -153,6 +155,9 @@ class WeightSearch:
 
         def cost(variables: np.ndarray) -> float:
             nonlocal best
+            if over():
+                leave_out("some weights")
+                return _NONE
             found = self.proposal(np.clip(variables, lower, upper), solve)
             if found is not None and found.cost < best.cost:
                 best = found
@@ -180,6 +185,9 @@ ADDED_SENSORS_EFFORT = Effort(starts=1, candidates=1)
 _HINF_STARTS = 3
 """From how many weights of the regulator the least norm is sought; with half the evaluations, each takes so long."""
 
+_SEEKING = 0.4
+"""Share of the time that is left which goes into weights, or into the displacement alone before sensors are added."""
+
 Given = tuple[Controller, float]
 """A law to begin with, and the mass inside, kg."""
 
@@ -200,12 +208,17 @@ def search_observer(task: Search, kind: str | None, starts: Sequence[Given] = ()
     if len(task.sensors) > 1 and kind and not given:
         # What the displacement alone reaches is where an added sensor begins.
         first = replace(task, sensors=task.sensors[:1], effort=replace(task.effort, starts=EFFORT.starts))
-        alone = search_observer(first, kind, (), lambda share, text: report(0.4 * share, f"displacement alone, {text}"))
+        with share(_SEEKING):
+            alone = search_observer(
+                first, kind, (), lambda part, text: report(0.4 * part, f"displacement alone, {text}")
+            )
         if alone.proved is not None:
             given = [(alone.proved.controller, alone.proved.inner_end_mass_kg)]
     laws = [(StateSpace(*_matrices(law, task.sensors)), inner) for law, inner in given]
     if kind:
-        laws += [(one.law, one.inner_end_mass) for one in _proposals(task, kind, report)[: task.effort.synthesised]]
+        with share(_SEEKING):
+            found = _proposals(task, kind, report)
+        laws += [(one.law, one.inner_end_mass) for one in found[: task.effort.synthesised]]
     worth = _worth(task.points)
     proposed = [
         (form[0], np.append(form[1], inner))
@@ -215,7 +228,7 @@ def search_observer(task: Search, kind: str | None, starts: Sequence[Given] = ()
     ]
     if not proposed:
         return Found(None, (), 0, "no weights led to a stable controller with a stable loop")
-    return search(task, proposed, report=lambda share, text: report(0.4 + 0.6 * share, text))
+    return search(task, proposed, report=lambda part, text: report(0.4 + 0.6 * part, text))
 
 
 def _proposals(task: Search, kind: str, report: Progress) -> list[Proposal]:
@@ -234,7 +247,8 @@ def _proposals(task: Search, kind: str, report: Progress) -> list[Proposal]:
     if kind == "lqg" or not found:
         return found
     report(0.2, "improving weights of the least norm")
-    tried = [weights.proposal(start.variables, hinf) for start in found[:_HINF_STARTS]]
+    starts = while_time(found[:_HINF_STARTS], lambda _: "some weights", least=1)
+    tried = [weights.proposal(start.variables, hinf) for start in starts]
     solved = sorted((one for one in tried if one is not None), key=lambda one: one.cost)
     return [weights.improved(solved[0], hinf, task.effort.evaluations // 2), *solved] if solved else []
 

@@ -18,6 +18,7 @@ from beamdesign.diagnosis.data.dataset import Dataset
 from beamdesign.diagnosis.fitting.hypothesis import Hypothesis, Unknown
 from beamdesign.files import read_bytes, write_whole
 from beamdesign.prototype import Prototype
+from beamdesign.time_limit import heed
 
 ITERATIONS = 12
 _SETTLED = 1e-3  # relative fall of the cost at which a fit has settled
@@ -228,6 +229,7 @@ def linearised(
     """Residual (M,) and derivative (M, K) of every piece; None where the model cannot say, or is about to diverge."""
     rows = []
     for piece in evidence:
+        heed()
         found = piece.linearised(placement, z)
         if found is None or not (np.abs(found[0]).max() < _HUGE and np.abs(found[1]).max() < _HUGE):
             return None
@@ -250,6 +252,7 @@ def misfit_at(evidence: Sequence[Fitted], placement: Moved, z: np.ndarray, enoug
     """Cost at z without a fit, or infinity as soon as it is known to be more than enough."""
     total = float(z @ z)
     for piece in evidence:
+        heed()
         r = piece.residual(placement, z)
         if r is None or not np.all(np.isfinite(r)):
             return np.inf

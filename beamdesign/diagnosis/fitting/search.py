@@ -20,6 +20,7 @@ from beamdesign.plant.effects import library
 from beamdesign.progress import Progress, silent
 from beamdesign.prototype import Prototype
 from beamdesign.records import InputError
+from beamdesign.time_limit import TimeUp, heed, is_limited, leave_out, left_for_steps, share
 
 _QUICK = 3  # iterations that show whether a pair is worth fitting
 
@@ -40,35 +41,62 @@ class Fitters:
         return self
 
     def __exit__(self, *error: object) -> None:
+        self._close(at_once=error[0] is not None)
+
+    def _close(self, at_once: bool) -> None:
+        """End the processes; at once where nobody wants to wait for the fits that are being made."""
         if self._pool is not None:
-            self._pool.shutdown(wait=error[0] is None, cancel_futures=True)
-        if error[0] is not None:  # whoever interrupts does not want to wait for the fits that are being made
-            for child in active_children():
-                if child not in self._others:
-                    child.terminate()
+            self._pool.shutdown(wait=not at_once, cancel_futures=True)
+        for child in active_children() if at_once else ():
+            if child not in self._others:
+                child.terminate()
 
     def __call__(self, tasks: Iterable[Task], progress: Callable[[int], None] = lambda k: None) -> list[Fit]:
-        """Fits in the order of the tasks."""
+        """Fits in the order of the tasks; where the time is up in the midst of them, those that are finished."""
         given = list(tasks)
+        results = self._results(given, progress)
+        leave_out(*(str(task.hypothesis) for k, task in enumerate(given) if k not in results))
+        return [results[k] for k in range(len(given)) if k in results]
+
+    def each(self, *tasks: Task) -> list[Fit]:
+        """Fits in the order of the tasks, all of them.
+
+        Raises:
+            TimeUp: where the time is up in the midst of them.
+        """
+        results = self._results(tasks)
+        if len(results) < len(tasks):
+            raise TimeUp
+        return [results[k] for k in range(len(tasks))]
+
+    def _results(self, given: Sequence[Task], progress: Callable[[int], None] = lambda k: None) -> dict[int, Fit]:
+        """Fits by the positions of their tasks."""
         results: dict[int, Fit] = {}
         for k, task in enumerate(given):
             if self._kept is not None and (before := self._kept.recall(task)) is not None:
                 results[k] = before
-        for k, found in self._made({k: task for k, task in enumerate(given) if k not in results}):
-            results[k] = found
-            if self._kept is not None:
-                self._kept.keep(given[k], found)
-            progress(len(results))
-        return [results[k] for k in range(len(given))]
+        try:
+            for k, found in self._made({k: task for k, task in enumerate(given) if k not in results}):
+                results[k] = found
+                if self._kept is not None:
+                    self._kept.keep(given[k], found)
+                progress(len(results))
+        except (TimeUp, TimeoutError):
+            self._close(at_once=True)
+        return results
 
     def _made(self, tasks: dict[int, Task]) -> Iterator[tuple[int, Fit]]:
         """Fits as they come, each with its position."""
         if self._pool is None:
             for k, task in tasks.items():
+                heed()
                 yield k, fitted(task, self.data.prototype, self.evidence)
             return
+        if tasks:
+            heed()
         futures = {self._pool.submit(_fitted_here, task): k for k, task in tasks.items()}
-        for future in as_completed(futures):
+        timeout = left_for_steps()
+        for future in as_completed(futures, timeout if timeout < np.inf else None):
             yield futures[future], future.result()
 
 
@@ -103,6 +131,7 @@ _LARGE = 4.0  # times: what is worth every pair
 _EXPLAINED = 0.5  # of the excess misfit: where no single cause reaches it, every pair of effects is tried
 _TAKEN_APART = 2  # of the best pairs
 _HALF = 0.5  # of the evidence, that which the best single cause explains least, tells which pairs are worth fitting
+_SEEKING = 0.7  # of the time that is left
 _DONE = 0.004  # of the excess misfit: a single cause that leaves no more needs no second one
 
 
@@ -158,43 +187,53 @@ def search(
         worth: share of the excess misfit that the best single cause has to stay below for pairs to be tried.
 
     Raises:
+        TimeUp: where steps are to be broken off, and not even tolerances alone are fitted in time.
         InputError: where the believed prototype's own loop is unstable as the records were taken.
     """
     with Fitters(data, workers, kept, synchronised) as fitters:
         progress(0.0, "tolerances")
-        (null,) = fitters([Task(NOTHING, {})])
+        (null,) = fitters.each(Task(NOTHING, {}))
         if null.reason:
             words = "its loop is unstable with the controllers and masses of the records, so that none can be simulated"
             raise InputError(data.folder, [("prototype", words)])
-        alone = singles(data.prototype)
-        found = list(
-            fitters(
-                (Task(h, null.values) for h in alone), lambda k: progress(0.05 + 0.5 * k / len(alone), "single causes")
-            )
-        )
-        pieces = fitters.evidence
-        names, conditions = tuple(e.name for e in pieces), tuple(e.condition for e in pieces)
-        expected, floor = sum(e.expected for e in pieces), sum(e.floor for e in pieces)
-        state = Search(null, tuple(_sorted(found)), expected, names, floor, conditions)
-        if null.misfit > _SMALL * expected and _DONE < state.excess(state.fits[0]) < worth:
-            values = {f.hypothesis: f.values for f in reversed(state.fits) if not f.reason}
-            tried = _promising(state)
-            shares = state.fits[0].shares  # the half of the evidence that the best single cause leaves most of
-            worst = sorted(range(len(shares)), key=lambda k: -shares[k].c)[: max(1, round(_HALF * len(shares)))]
-            hardest = tuple(sorted(worst))
-            tasks = [Task(h, *_halves(h, values), hardest) for h in tried]
-            quick = list(fitters(tasks, lambda k: progress(0.55 + 0.35 * k / len(tasks), "pairs")))
-            leading = set(pairs(tuple(f.hypothesis for f in state.fits[:_LEADING])))
-            ranked = [f for f in _sorted(quick) if not f.reason]
-            best = [f for k, f in enumerate(ranked) if k < _BEST_PAIRS or f.hypothesis in leading]
-            final = fitters(Task(f.hypothesis, _halves(f.hypothesis, values)[0], f.values) for f in best)
-            final += fitters(_other_laws(_sorted(final)[:_TAKEN_APART], values))
-            # The causes of pairs alone, from where the pair has found them: a fit may have stopped short of that.
-            paired = [one for one in final[:_TAKEN_APART] if not one.reason]
-            parts = [Task(Hypothesis((name,)), one.values) for one in paired for name in one.hypothesis.names]
-            found = _better(found, fitters(parts), final)
+        with share(_SEEKING, within_steps=True):
+            found = _searched(fitters, null, progress, worth)
         progress(1.0, "done")
-        return replace(state, fits=tuple(_sorted(found)))
+        return found
+
+
+def _searched(fitters: Fitters, null: Fit, progress: Progress, worth: float) -> Search:
+    """The search beyond tolerances alone; what is not fitted in time is left out."""
+    alone, pieces = list(singles(fitters.data.prototype)), fitters.evidence
+    if is_limited():  # what explains most of a part at a look is compared first
+        part = (min(range(len(pieces)), key=lambda k: abs(null.shares[k].c - np.median([s.c for s in null.shares]))),)
+        looks = fitters([Task(h, null.values, on=part) for h in alone], lambda k: progress(0.05, "a look"))
+        ranks = {look.hypothesis: look.cost for look in looks}
+        alone.sort(key=lambda h: ranks.get(h, np.inf))
+    found = fitters(
+        (Task(h, null.values) for h in alone), lambda k: progress(0.05 + 0.5 * k / len(alone), "single causes")
+    )
+    names, conditions = tuple(e.name for e in pieces), tuple(e.condition for e in pieces)
+    expected, floor = sum(e.expected for e in pieces), sum(e.floor for e in pieces)
+    state = Search(null, tuple(_sorted(found)), expected, names, floor, conditions)
+    if found and null.misfit > _SMALL * expected and _DONE < state.excess(state.fits[0]) < worth:
+        values = {f.hypothesis: f.values for f in reversed(state.fits) if not f.reason}
+        tried = _promising(state)
+        shares = state.fits[0].shares  # the half of the evidence that the best single cause leaves most of
+        worst = sorted(range(len(shares)), key=lambda k: -shares[k].c)[: max(1, round(_HALF * len(shares)))]
+        hardest = tuple(sorted(worst))
+        tasks = [Task(h, *_halves(h, values), hardest) for h in tried]
+        quick = fitters(tasks, lambda k: progress(0.55 + 0.35 * k / len(tasks), "pairs"))
+        leading = set(pairs(tuple(f.hypothesis for f in state.fits[:_LEADING])))
+        ranked = [f for f in _sorted(quick) if not f.reason]
+        best = [f for k, f in enumerate(ranked) if k < _BEST_PAIRS or f.hypothesis in leading]
+        final = fitters(Task(f.hypothesis, _halves(f.hypothesis, values)[0], f.values) for f in best)
+        final += fitters(_other_laws(_sorted(final)[:_TAKEN_APART], values))
+        # The causes of pairs alone, from where the pair has found them: a fit may have stopped short of that.
+        paired = [one for one in final[:_TAKEN_APART] if not one.reason]
+        parts = [Task(Hypothesis((name,)), one.values) for one in paired for name in one.hypothesis.names]
+        found = _better(found, fitters(parts), final)
+    return replace(state, fits=tuple(_sorted(found)))
 
 
 def refit(
@@ -208,14 +247,17 @@ def refit(
         workers: processes.
         kept: fits of an earlier run.
         synchronised: whether models follow the records.
+
+    Raises:
+        TimeUp: where steps are to be broken off, and the time is up.
     """
     # The same task to fewer data is another fit, and must not be taken from those to all of them.
     kept = replace(kept, part=tuple(piece.name for piece in evidence_of(data))) if kept is not None else None
     with Fitters(data, workers, kept, synchronised) as fitters:
-        (null,) = fitters([Task(NOTHING, {})])
+        (null,) = fitters.each(Task(NOTHING, {}))
         if best.hypothesis == NOTHING:
             return null, null
-        begun = fitters([Task(best.hypothesis, null.values), Task(best.hypothesis, best.values)])
+        begun = fitters.each(Task(best.hypothesis, null.values), Task(best.hypothesis, best.values))
         return null, min(begun, key=lambda f: f.cost)
 
 

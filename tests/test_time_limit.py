@@ -1,0 +1,187 @@
+"""Answers in time: clocks are made here, so that nothing depends on how fast a computer is."""
+
+import json
+from collections.abc import Callable
+from itertools import count
+from pathlib import Path
+
+import pytest
+from gap_sets import believed, measured, only, scenario
+from typer.testing import CliRunner
+
+from beamdesign import InputError, Prototype, check, codesign, diagnose, read_problem, run_design, tune
+from beamdesign.cli import app
+from beamdesign.diagnosis.data.dataset import Dataset
+from beamdesign.diagnosis.fitting.fit import fit_cache
+from beamdesign.proofs.certificate import Asked
+from beamdesign.proofs.certifying import certify
+from beamdesign.synthesis.codesign import pareto_front
+from beamdesign.time_limit import TimeUp, heed, is_limited, leave_out, left, over, share, while_time, within
+
+STUDIES = Path(__file__).parents[1] / "studies"
+
+
+def ticking(step: float = 60.0) -> Callable[[], float]:
+    """A clock that is asked: each time it has gone on by so many seconds."""
+    times = count()
+    return lambda: step * next(times)
+
+
+def test_work_goes_on_as_long_as_there_is_time_and_says_what_it_left():
+    now = [0.0]
+    with within(1.0, lambda: now[0]) as limit:
+        done = []
+        for item in while_time("abcd"):
+            done.append(item)
+            now[0] += 25.0
+        assert done == ["a", "b", "c"]  # begun at 0, 25 and 50 s
+        assert over()
+        assert list(while_time("xy", least=1)) == ["x"]
+    assert limit.left_out == ["d", "y"]
+    assert not is_limited()
+    assert list(while_time("abcd")) == [*"abcd"]
+
+
+def test_a_limit_within_another_is_never_later_and_a_share_is_of_what_is_left():
+    now = [0.0]
+    with within(1.0, lambda: now[0]) as outer:
+        now[0] = 20.0
+        with share(0.5):
+            assert left() == 20.0
+            with within(5.0) as inner:
+                assert left() == 20.0
+                leave_out("a")
+                leave_out("a", "b")
+            assert inner.left_out == ["a", "b"]
+        with within(0.25):
+            assert left() == 15.0
+        assert left() == 40.0
+    assert outer.left_out == ["a", "b"]
+
+
+def test_only_who_may_be_broken_off_is():
+    with within(0.0):
+        heed()
+        with share(1.0, within_steps=True), pytest.raises(TimeUp):
+            heed()
+    with share(0.1, within_steps=True):  # of no limit there is no share that ends
+        heed()
+
+
+@pytest.fixture(scope="module")
+def slow() -> Dataset:
+    """Two short records of a rig whose sensor lags."""
+    rig = believed().but(effects={"sensor_lag": {"break_Hz": 120.0}})
+    return only(measured(rig, scenario(0.4)), ("command_small", "disturbance_small"))
+
+
+def test_a_diagnosis_without_time_is_sure_of_nothing(slow: Dataset):
+    found = diagnose(slow, workers=1, minutes=0.0)
+    assert found.verdict == "unknown"
+    assert found.search is not None
+    assert found.search.fits == ()
+    assert {"sensor_lag", "entrained_air"} <= set(found.left_out)
+    assert found.to_dict()["complete"] is False
+    assert "Not everything was compared" in found.sentences
+    assert "is known here" not in found.sentences
+
+
+def test_a_diagnosis_that_is_called_again_goes_on_and_comes_to_the_same(slow: Dataset, tmp_path: Path):
+    """The verdict is no surer than what was compared, though the right cause is there long before the others."""
+    kept, verdicts, compared = fit_cache(tmp_path, slow), [], [0]
+    for _ in range(60):
+        with within(1.0, ticking(1 / 20)):
+            found = diagnose(slow, workers=1, kept=kept)
+        assert found.search is not None
+        verdicts.append((found.verdict, found.chosen))
+        compared.append(len(found.search.fits))
+        assert found.to_dict()["complete"] is not found.left_out
+        if not found.left_out:
+            break
+    assert compared == sorted(compared)
+    assert ("ambiguous", ("sensor_lag",)) in verdicts
+    whole = diagnose(slow, workers=1)
+    assert (whole.verdict, whole.chosen) == ("effect", ("sensor_lag",)) == verdicts[-1]
+    assert all(verdict in ("ambiguous", "unknown") for verdict, _ in verdicts[:-1])
+    assert whole.search is not None
+    assert found.search.fits[0].cost == whole.search.fits[0].cost
+
+
+@pytest.fixture(scope="module")
+def remedy() -> Prototype:
+    rig = believed()
+    return rig.but(payload=rig.payload.but(outer_end_mass_kg=(0.0, 2.0)))
+
+
+def test_a_limit_that_is_not_come_to_changes_nothing(remedy: Prototype):
+    plain = tune(remedy, (0.0, 2.0), "proportional", sigmas=0.0)
+    limited = tune(remedy, (0.0, 2.0), "proportional", sigmas=0.0, minutes=1e4)
+    assert limited.left_out == ()
+    assert plain.best is not None
+    assert limited.best is not None
+    assert limited.best.controller == plain.best.controller
+    assert limited.best.bandwidth_Hz == plain.best.bandwidth_Hz
+
+
+def test_without_time_there_is_no_law_and_that_is_the_reason(remedy: Prototype):
+    for kind in ("lag", "structured", "lqg", "scheduled"):
+        found = tune(remedy, (0.0, 6.8), kind, sigmas=0.0, minutes=0.0)
+        assert not found.yes
+        assert "in the time given" in found.reason, kind
+        assert found.left_out
+
+
+def test_what_is_proved_when_the_time_is_up_is_the_answer(remedy: Prototype):
+    """A structured law takes minutes with all its sections; its lag alone is there first, and holds by itself."""
+    now, proved = [0.0], []
+
+    def report(share_done: float, text: str) -> None:
+        if text.startswith("proving"):
+            proved.append(text)
+        elif proved:
+            now[0] = 100.0  # as larger laws are sought
+
+    with within(1.0, lambda: now[0]):
+        found = tune(remedy, (0.0, 2.0), "structured", progress=report, sigmas=0.0)
+    assert "laws of 2 sections and more" in found.left_out
+    assert found.best is not None
+    assert found.best.controller.sections == ()
+    goal = remedy.goal
+    asked = (
+        Asked("peak_sensitivity", goal.peak_sensitivity),
+        Asked("compliance", goal.compliance_m_per_N, found.best.bandwidth_Hz),
+    )
+    certificate = certify(found.prototype, 0.0, 2.0, asked)
+    assert certificate.holds
+    assert check(certificate.text).valid
+
+
+def test_a_study_without_time_is_refused_with_what_was_left(tmp_path: Path):
+    problem = read_problem(STUDIES / "prototype.toml")
+    assert problem.payload.outer_end_mass_kg is not None
+    for found in (
+        run_design(problem, sigmas=0.0, minutes=0.0),
+        codesign(problem, problem.payload.outer_end_mass_kg, 3.0, sigmas=0.0, minutes=0.0),
+    ):
+        assert found.reason
+        assert found.left_out
+    front = pareto_front(problem, (3.0, 4.0), [(0.0, 6.8)], sigmas=0.0, minutes=0.0)
+    assert front.proved == ()
+    assert front.designs[1].reason == "no time was left for it"
+    assert "4 Hz over 0 to 6.8 kg" in front.left_out
+
+
+def test_command_says_how_long_it_takes_and_what_it_left(tmp_path: Path):
+    args = ["tune", str(STUDIES / "prototypes" / "paper_remedy.toml"), "--nominal", "--minutes", "0", "--json", "-"]
+    ran = CliRunner().invoke(app, args)
+    assert ran.exit_code == 1
+    answer = json.loads(ran.stdout)
+    assert answer["complete"] is False
+    assert answer["left_out"]
+    assert "in the time given" in answer["reason"]
+    said = CliRunner().invoke(app, args[:-2])
+    assert said.stderr.startswith("expected time: ")
+    assert "--minutes" in said.stderr
+    assert "left out: " in said.stdout
+    refused = CliRunner().invoke(app, [*args[:-4], "--minutes", "nan"])
+    assert isinstance(refused.exception, InputError)
