@@ -141,7 +141,7 @@ class Member:
                 return None
             drive[n:] = [self.law[0][0][j] if j < len(self.law[0][0]) else 0.0 for j in range(len(a) - n)]
         else:
-            drive[:n] = {"current": self.b[:, 1], "flow": self.flow, "stroke": self.pull}[place]
+            drive[:n] = {"current": self.b[:, 1], "flow": self.flow, "stroke": self.pull, "nut": self.pull}[place]
         poles, weights = self.poles(mass, 1.0), []
         for pole in poles:
             pencil = pole * e - a
