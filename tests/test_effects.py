@@ -146,7 +146,7 @@ def friction(deflection: float, speed: float, **parameter: float) -> tuple[float
         0.0,
         parameter=parameter,
         state={"deflection": deflection},
-        port={"stroke_m_per_s": speed},
+        port={"sliding_m_per_s": speed},
     )
     return value, rate["deflection"]
 

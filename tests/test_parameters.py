@@ -4,27 +4,30 @@ from math import pi
 
 import pytest
 
-from beamdesign.parameters import PARAMETERS, with_unit
+from beamdesign.parameters import PARAMETERS, rows_of, with_unit
+from beamdesign.plant.actuators import KINDS
 from beamdesign.plant.effect import SUBSYSTEMS
 from beamdesign.prototype import Prototype, Tolerance
 from beamdesign.structure.lumped import figures
 
+ROWS = [(kind, row) for kind in KINDS.values() for row in rows_of(kind).values()]
 
-@pytest.mark.parametrize("row", PARAMETERS.values(), ids=lambda row: row.name)
-def test_a_parameter_has_a_place_a_tolerance_and_a_subsystem(row, paper: Prototype) -> None:
+
+@pytest.mark.parametrize(("actuator", "row"), ROWS, ids=lambda part: getattr(part, "name", ""))
+def test_a_parameter_has_a_place_a_tolerance_and_a_subsystem(actuator, row, paper: Prototype) -> None:
     table, key = row.place.split(".")
-    assert key in type(getattr(paper, table)).model_fields
+    assert key in (actuator if table == "actuator" else type(getattr(paper, table))).model_fields
     assert row.tolerance in Tolerance.model_fields
     assert row.subsystem in SUBSYSTEMS
-    assert key.endswith(("_Hz", "ratio", with_unit("", row.unit)))
+    assert key.endswith(("_Hz", "ratio", with_unit("", row.unit), with_unit("", row.shown_unit)))
 
 
 def test_the_model_has_what_the_prototype_states(paper: Prototype) -> None:
     filtered = paper.but(sensor=paper.sensor.but(filter_Hz=400.0))
     model = figures(filtered)
-    assert list(model) == [name for name in PARAMETERS if not name.endswith("_end_mass")]
+    assert list(model) == [name for name in rows_of(type(paper.actuator)) if not name.endswith("_end_mass")]
     assert model["filter_frequency"] == pytest.approx(800 * pi)
-    for name, row in PARAMETERS.items():
+    for name, row in rows_of(type(paper.actuator)).items():
         if not name.endswith(("_damping", "_end_mass")):
             assert model[name] == pytest.approx(row.factor * row.stated(filtered))
 

@@ -246,7 +246,7 @@ END_MASSES = (
     [
         ("from_kg = 0.0", 'from_kg = "a"', "options.from_kg"),
         ("from_kg = 0.0", "from_kg = 30.0", "not below to_kg"),
-        ("paper_remedy.toml", "empty.toml", "servovalve: missing"),
+        ("paper_remedy.toml", "empty.toml", "sensor: missing"),
         ("prototypes/paper_remedy.toml", "prototype.toml", "is a study"),
         ("high = 8.0", "high = -1.0", "low"),
         ("low = 0.0\nhigh = 8.0", "low = -8.0\nhigh = -1.0", "payload.inner_end_mass_kg"),

@@ -127,6 +127,7 @@ BENCH = Rig(
     (
         Component(
             {
+                "stroke_m": lambda port, figure, state: state["piston_m"],
                 "stroke_m_per_s": lambda port, figure, state: state["piston_m_per_s"],
                 "sensed_m": lambda port, figure, state: state["piston_m"] + figure["sensor_zero"],
             }

@@ -183,7 +183,7 @@ def _walk(record: type[Record], file: str, prefix: str = "") -> Iterator[Key]:
             for key in _walk(each, file, below):
                 inside.setdefault(key.path, []).append((tag, key))
         for tagged in inside.values():
-            yield from _merged(tagged, len(nested))
+            yield from _merged(tagged, len(nested), getattr(nested[0], "where_none_is_stated", ""))
 
 
 def _table(path: str, file: str, field: FieldInfo, nested: list[type[Record]], source: str) -> Key:
@@ -197,8 +197,11 @@ def _table(path: str, file: str, field: FieldInfo, nested: list[type[Record]], s
     return Key(path, file, meaning, kind, "", "", default, meaning, source, is_table=True)
 
 
-def _merged(tagged: list[tuple[str, Key]], kinds: int) -> Iterator[Key]:
-    """Keys of one path from several kinds of table: one where all is alike, else one for each that differs."""
+def _merged(tagged: list[tuple[str, Key]], kinds: int, usual: str) -> Iterator[Key]:
+    """Keys of one path from several kinds of table: one where all is alike, else one for each that differs.
+
+    The usual kind is that of a table that states none.
+    """
     groups: dict[tuple[Any, ...], list[tuple[str, Key]]] = {}
     for tag, key in tagged:
         groups.setdefault(() if key.name == "kind" else key.facts, []).append((tag, key))
@@ -206,7 +209,7 @@ def _merged(tagged: list[tuple[str, Key]], kinds: int) -> Iterator[Key]:
         tags, key = tuple(tag for tag, _ in alike), alike[0][1]
         facts: dict[str, Any] = {"only_for": tags if len(tags) < kinds else key.only_for}
         if key.name == "kind" and kinds > 1:
-            facts |= {"kind": "one of " + ", ".join(f'"{tag}"' for tag in tags), "default": "needed"}
+            facts |= {"kind": "one of " + ", ".join(f'"{tag}"' for tag in tags), "default": usual or "needed"}
         yield replace(key, **facts)
 
 

@@ -172,7 +172,7 @@ def spreading(prototype: Prototype, instead: Mapping[str, float], sigmas: float 
     ]
     if unknown:
         raise InputError(prototype.name, unknown)
-    deviation = prototype.tolerance.model_dump() | dict(instead)
+    deviation = dict(prototype.tolerance) | dict(instead)
     found: list[Figure] = []
     lumped = {name: lumped_beam(getattr(prototype, name)) for name in ("outer_beam", "inner_beam")}
     for row in PARAMETERS.values():

@@ -9,10 +9,12 @@ from beamdesign.controllers import Controller
 from beamdesign.controllers.form import Form
 from beamdesign.polynomial import exact
 from beamdesign.proofs.absolute_stability import FOR_ODD, absolute_stability
+from beamdesign.prototype import Goal
 from beamdesign.synthesis.law_task import Search
 from beamdesign.synthesis.loop_limits import LARGEST_BANDWIDTH_HZ, LoopSet, Proved, calmer, loop_set
 from beamdesign.synthesis.over_box import BoxTask
 from beamdesign.synthesis.rig_spread import Cut
+from beamdesign.time_limit import over
 
 ENOUGH = 0.985
 """Share of the sampled bandwidth which, if proved, ends the search for more."""
@@ -115,3 +117,17 @@ def over_box(task: Search, design: Design) -> BoxTask:
 def in_box(task: Search, design: Design, missed: float = -ROOM / 2) -> list[tuple[str, float, Cut]]:
     """Rigs of the box that miss a limit by more than so much, or keep it by less than a proof needs."""
     return over_box(task, design).worst(task.reached(design.form, design.variables, ROOM), missed)
+
+
+def no_answer(kind: str, goal: Goal, masses_kg: tuple[float, float], failure: str) -> str:
+    """Why there is no design, and what may allow one."""
+    if over():
+        return f"no {kind} controller was proved in the time given ({failure}); more of it may find one"
+    ratio = goal.peak_over_passive
+    softer = f" and {ratio:g} times its largest with the servo off at any" if ratio < inf else ""
+    return (
+        f"no {kind} controller was found that is proved stable with peak sensitivity at most"
+        f" {goal.peak_sensitivity:g} for outer end masses of {masses_kg[0]:g} to {masses_kg[1]:g} kg, and keeps"
+        f" {goal.compliance_m_per_N:g} m/N up to any useful frequency{softer} ({failure}); a narrower range,"
+        " a larger peak sensitivity, a larger compliance or peak_over_passive, or more inner end mass may allow one"
+    )

@@ -20,7 +20,7 @@ would take hours for.
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from math import ceil, inf, prod
+from math import ceil, prod
 
 import numpy as np
 
@@ -32,11 +32,12 @@ from beamdesign.progress import Progress, silent
 from beamdesign.proofs.certifying import gain_and_mass
 from beamdesign.proofs.lyapunov import Switching, switching
 from beamdesign.proofs.mass_family import stage_families
-from beamdesign.prototype import Goal, InStage, Prototype
+from beamdesign.prototype import InStage, Prototype
 from beamdesign.public import SIGMAS
 from beamdesign.rational import nearest
-from beamdesign.records import InputError
+from beamdesign.records import InputError, Problem
 from beamdesign.result import Result
+from beamdesign.synthesis.law_design import no_answer
 from beamdesign.synthesis.law_search import Found, from_seeds, search
 from beamdesign.synthesis.law_task import Search
 from beamdesign.synthesis.loop_limits import Proved
@@ -171,10 +172,11 @@ def tune(
     """
     if kind not in (*KINDS, *SYNTHESES):
         raise ValueError(f"no tuning of kind {kind!r}")
+    wrong = list(not_felt(type(prototype.actuator), sensors, "controller"))
     if prototype.goal.comes_to_rest and not prototype.goal.lower_gains:
         reason = "asks for lower_gains, which are what a saturated current comes to"
-        raise InputError(prototype.name, [("goal.comes_to_rest", reason)])
-    if wrong := list(not_felt(type(prototype.actuator), sensors, "controller")):
+        wrong.append(Problem("goal.comes_to_rest", reason))
+    if wrong:
         raise InputError(prototype.name, wrong)
     report, caution, spread = progress or silent, "", None
     if sigmas:
@@ -224,20 +226,6 @@ def tune_law(prototype: Prototype, masses_kg: tuple[float, float], asked: LawOpt
         why = no_answer(kind, prototype.goal, masses_kg, found.reason)
         return Tuning(prototype, masses_kg, None, found.sampled, found.certificates, why)
     return Tuning(tuned(prototype, best, masses_kg), masses_kg, best, found.sampled, found.certificates)
-
-
-def no_answer(kind: str, goal: Goal, masses_kg: tuple[float, float], failure: str) -> str:
-    """Why there is no design, and what may allow one."""
-    if over():
-        return f"no {kind} controller was proved in the time given ({failure}); more of it may find one"
-    ratio = goal.peak_over_passive
-    softer = f" and {ratio:g} times its largest with the servo off at any" if ratio < inf else ""
-    return (
-        f"no {kind} controller was found that is proved stable with peak sensitivity at most"
-        f" {goal.peak_sensitivity:g} for outer end masses of {masses_kg[0]:g} to {masses_kg[1]:g} kg, and keeps"
-        f" {goal.compliance_m_per_N:g} m/N up to any useful frequency{softer} ({failure}); a narrower range,"
-        " a larger peak sensitivity, a larger compliance or peak_over_passive, or more inner end mass may allow one"
-    )
 
 
 def tuned(prototype: Prototype, best: Proved, masses_kg: tuple[float, float]) -> Prototype:

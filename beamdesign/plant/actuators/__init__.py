@@ -69,7 +69,7 @@ class WithActuator(Record):
     def relations(cls, table: Mapping[str, Any]) -> Iterator[Problem]:
         """The tables are those of its kind of actuator, and all of them; its law hears nothing that it has not."""
         yield from super().relations(table)
-        given, usual = table.get("actuator"), Actuator.where_none_is_stated
+        given, usual = table.get("actuator", {}), Actuator.where_none_is_stated
         kind = given.get("kind", usual) if isinstance(given, Mapping) else getattr(given, "kind", "")
         for name in _TABLES if kind in KINDS else ():
             default = cls.model_fields[name].default

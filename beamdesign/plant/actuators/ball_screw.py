@@ -11,20 +11,24 @@ screw would move the nut, i the motor's current and F the axial force,
 Speed feedback makes a source of speed that gives way to force of what would be a free rotor, as a leaking valve is one;
 the rotor's inertia, J / h^2 at the nut, is what a servovalve does not have. What the torque's reaction does to the
 beams' torsion is left out.
+
+Sources: W. Leonhard, Control of Electrical Drives, 3rd ed. (2001), for current loop and speed feedback; K. K. Varanasi
+and S. A. Nayfeh, J. Dyn. Sys., Meas., Control 126 (2004) 388, for the screw as a spring behind the rotor's inertia.
 """
 
 from collections.abc import Mapping
 from math import pi, sqrt
 from typing import TYPE_CHECKING, Any, Literal
 
-import numpy as np
 from pydantic import Field
 
 from beamdesign import quantities as q
-from beamdesign.plant.actuators.protocol import MARGIN, TURN, Actuator, Change, Demand, Held, Limit, Rating, Row
+from beamdesign.plant.actuators.protocol import MARGIN, Actuator, Change, Demand, Held, Limit, Rating, Row, turn
 from beamdesign.plant.component import Component, Parameter, Signals
 
 if TYPE_CHECKING:
+    import numpy as np
+
     from beamdesign.prototype import Prototype
 
 
@@ -58,14 +62,9 @@ SCREW = Component(
 
 
 class BallScrew(Actuator):
-    """A motor with current loop and speed feedback that turns a ball screw between the beam tips.
+    """A motor with current loop and speed feedback that turns a ball screw between the beam tips."""
 
-    Source: W. Leonhard, Control of Electrical Drives, 3rd ed. (2001), for current loop and speed feedback;
-    K. K. Varanasi and S. A. Nayfeh, J. Dyn. Sys., Meas., Control 126 (2004) 388, for the screw as a spring behind the
-    rotor's inertia.
-    """
-
-    kind: Literal["ball_screw"] = "ball_screw"
+    kind: Literal["ball_screw"] = Field("ball_screw", description="what joins the tips")
     lead_m: q.Lead = Field(description="travel of the nut per turn")
     screw_stiffness_N_per_m: q.Stiffness = Field(description="K_s, axial: screw, nut and bearings in series")
     screw_damping_N_s_per_m: q.Damping = Field(0.0, description="c_s, of the same, beside K_s")
@@ -186,9 +185,11 @@ class BallScrew(Actuator):
 
     def takes(self, prototype: "Prototype", asked: Demand, load_N: float, held: Held) -> dict[str, float]:
         """Current at its peak and in the mean square, speed, and power of the shaft at its peak."""
+        import numpy as np
+
         current, speed = (load_N * np.abs(asked.of(name)) for name in ("motor_current", "speed"))
         still = abs(held["motor_current"])
-        turning, turned = (load_N * np.real(asked.of(name)[:, None] * TURN) for name in ("motor_current", "speed"))
+        turning, turned = (load_N * np.real(asked.of(name)[:, None] * turn()) for name in ("motor_current", "speed"))
         power = self.torque_constant_N_m_per_A * (still + np.abs(turning)) * np.abs(turned)
         return {
             "peak_current_A": still + float(current.max()),
@@ -197,9 +198,11 @@ class BallScrew(Actuator):
             "shaft_power_W": float(power.max()),
         }
 
-    def power_W(self, prototype: "Prototype", asked: Demand, load_N: np.ndarray) -> np.ndarray:
+    def power_W(self, prototype: "Prototype", asked: Demand, load_N: "np.ndarray") -> "np.ndarray":
         """Of the shaft, losses in the windings apart."""
-        current, speed = (np.real(asked.of(name)[:, None] * TURN) for name in ("motor_current", "speed"))
+        import numpy as np
+
+        current, speed = (np.real(asked.of(name)[:, None] * turn()) for name in ("motor_current", "speed"))
         given = np.maximum(current * speed, 0.0).mean(axis=1)
         return np.asarray(self.torque_constant_N_m_per_A * given * load_N**2)
 

@@ -3,9 +3,9 @@
 from abc import abstractmethod
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from functools import cache
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
-import numpy as np
 from pydantic import Field
 
 from beamdesign import quantities as q
@@ -13,13 +13,20 @@ from beamdesign.kinded import Kinded
 from beamdesign.plant.component import Component, Parameter, PortLaw, Signals
 
 if TYPE_CHECKING:
+    import numpy as np
+
     from beamdesign.prototype import Prototype
 
 MARGIN = 1.25
 """On what the linear loop asks of flow, current and stroke, where it is said what to buy."""
 
-TURN = np.exp(2j * np.pi * np.arange(360) / 360)
-"""A turn of a sine, in steps."""
+
+@cache
+def turn() -> "np.ndarray":
+    """(360,) a turn of a sine, in steps."""
+    import numpy as np
+
+    return np.asarray(np.exp(2j * np.pi * np.arange(360) / 360))
 
 
 @dataclass(frozen=True)
@@ -35,16 +42,17 @@ class Demand:
         more: what else the actuator has to give, by name.
     """
 
-    frequency_Hz: np.ndarray
-    displacement: np.ndarray
-    force: np.ndarray
-    stroke: np.ndarray
-    current: np.ndarray
-    more: Mapping[str, np.ndarray] = field(default_factory=dict)
+    frequency_Hz: "np.ndarray"
+    displacement: "np.ndarray"
+    force: "np.ndarray"
+    stroke: "np.ndarray"
+    current: "np.ndarray"
+    more: "Mapping[str, np.ndarray]" = field(default_factory=dict)
 
-    def of(self, name: str) -> np.ndarray:
+    def of(self, name: str) -> "np.ndarray":
         """(N,) one of these by its name."""
-        return self.more[name] if name in self.more else np.asarray(getattr(self, name))
+        found: np.ndarray = self.more[name] if name in self.more else getattr(self, name)
+        return found
 
 
 Held = Mapping[str, float]
@@ -68,10 +76,12 @@ class Limit(NamedTuple):
     most: float | None
     place: str
     effective: bool = False
-    reached: Callable[[Demand, Held, float], np.ndarray] | None = None
+    reached: "Callable[[Demand, Held, float], np.ndarray] | None" = None
 
-    def amplitude(self, asked: Demand, held: Held) -> np.ndarray:
+    def amplitude(self, asked: Demand, held: Held) -> "np.ndarray":
         """(N,) amplitude of a sinusoidal force on the tip at which it is reached beside what is held."""
+        import numpy as np
+
         assert self.most is not None  # else there is no limit
         if self.reached is not None:
             return self.reached(asked, held, self.most)
@@ -238,5 +248,5 @@ class Actuator(Kinded):
         """Figures of a specification, for what `takes` says of a load, margins included."""
 
     @abstractmethod
-    def power_W(self, prototype: "Prototype", asked: Demand, load_N: np.ndarray) -> np.ndarray:
+    def power_W(self, prototype: "Prototype", asked: Demand, load_N: "np.ndarray") -> "np.ndarray":
         """(N,) mean power that its supply gives for a force of an amplitude (N,), where what comes back is lost."""

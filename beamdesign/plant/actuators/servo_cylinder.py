@@ -4,16 +4,17 @@ from collections.abc import Mapping
 from math import pi
 from typing import TYPE_CHECKING, Any, Literal
 
-import numpy as np
 from pydantic import Field
 
 from beamdesign import quantities as q
-from beamdesign.plant.actuators.protocol import MARGIN, TURN, Actuator, Change, Demand, Held, Limit, Rating, Row
+from beamdesign.plant.actuators.protocol import MARGIN, Actuator, Change, Demand, Held, Limit, Rating, Row, turn
 from beamdesign.plant.component import Parameter, Signals
 from beamdesign.plant.hydraulics import AREAS, CYLINDER, VALVE, VOLUMES
 from beamdesign.records import Record
 
 if TYPE_CHECKING:
+    import numpy as np
+
     from beamdesign.prototype import Prototype
 
 MEAN = "mean_pressure_Pa"
@@ -49,7 +50,7 @@ class Supply(Record):
 class ServoCylinder(Actuator):
     """The hydraulic cylinder between the beam tips."""
 
-    kind: Literal["servo_cylinder"] = "servo_cylinder"
+    kind: Literal["servo_cylinder"] = Field("servo_cylinder", description="what joins the tips")
     piston_area_m2: q.PistonArea = Field(description="A, average of the two sides")
     oil_stiffness_N_per_m: q.Stiffness = Field(description="K_c, oil spring between piston and outer beam")
 
@@ -173,9 +174,11 @@ class ServoCylinder(Actuator):
         The root law is q = q_0 sqrt(1 - p_L / p_S), asked the other way round for q_0; infinite where the load pressure
         reaches the supply's. The current has the spool's lag in it.
         """
+        import numpy as np
+
         stall = prototype.supply.pressure_Pa * self.smaller_side(prototype)
         flow = asked.of("flow")
-        moved, force = (load_N * np.real(one[:, None] * TURN) for one in (flow, asked.force))
+        moved, force = (load_N * np.real(one[:, None] * turn()) for one in (flow, asked.force))
         left = 1 - (np.sign(moved) * force + abs(held["force"])) / stall
         through = np.abs(moved) + abs(held["flow"])
         through = np.where(left > 0, through / np.sqrt(np.maximum(left, 1e-12)), np.inf).max(axis=1)
@@ -186,8 +189,10 @@ class ServoCylinder(Actuator):
             "current_A": float((through * per_flow).max()),
         }
 
-    def power_W(self, prototype: "Prototype", asked: Demand, load_N: np.ndarray) -> np.ndarray:
+    def power_W(self, prototype: "Prototype", asked: Demand, load_N: "np.ndarray") -> "np.ndarray":
         """Supply pressure times the mean flow."""
+        import numpy as np
+
         return np.asarray(prototype.supply.pressure_Pa * (2 / pi) * load_N * np.abs(asked.of("flow")))
 
     def holding(self, prototype: "Prototype", force_N: float) -> tuple[str, float, float | None, str, str]:
@@ -255,11 +260,13 @@ def _of_effect(prototype: "Prototype", name: str) -> float | None:
     return None if given is None else given.get(parameter.name, parameter.default)
 
 
-def _within_parabola(asked: Demand, held: Held, largest: float, stall: float) -> np.ndarray:
+def _within_parabola(asked: Demand, held: Held, largest: float, stall: float) -> "np.ndarray":
     """Largest F with |q| <= q_max sqrt(1 - sign(q) F_c / stall) at every phase, q and F_c being F times their sines.
 
     At each phase it is the positive root of q^2 F^2 + q_max^2 (f / stall) F - q_max^2 (1 - held / stall) = 0.
     """
+    import numpy as np
+
     turn = np.exp(2j * pi * np.arange(_PHASES) / _PHASES)
     flow, force = (np.real(one[:, None] * turn) for one in (asked.of("flow"), asked.force))
     sign = np.sign(flow)
