@@ -3,6 +3,7 @@
 import json
 import re
 import tomllib
+from collections.abc import Callable
 from math import sqrt
 from pathlib import Path
 from typing import Any
@@ -35,6 +36,7 @@ def study(**changes: Any) -> DesignProblem:
     return parse(DesignProblem, table, "study.toml")
 
 
+LOADED = {"load__tip_force_N": 4000.0}
 HEAVY = {"load__tip_force_N": 12000.0}
 LADEN = {"load__tip_force_N": 800.0, "payload__outer_end_mass_kg": [0.0, 200.0]}
 STATED = {
@@ -139,8 +141,10 @@ def test_a_bandwidth_that_is_of_no_use_is_no_design() -> None:
     assert not working(changed(problem, slower), rig, PAYLOAD, 0.05).reason
 
 
-@pytest.mark.parametrize("changes", [HEAVY, LADEN], ids=["heavy", "laden"])
-def test_what_cannot_be_held_is_not_certified_and_each_change_is_true(changes: dict[str, Any], tmp_path: Path) -> None:
+@pytest.mark.parametrize("changes", [LOADED, LADEN], ids=["loaded", "laden"])
+def test_what_cannot_be_held_is_not_certified_and_each_change_is_true(
+    changes: dict[str, Any], tmp_path: Path, tried: Callable[[int], int]
+) -> None:
     problem = study(**changes)
     (tmp_path / "study.toml").write_text(to_toml(problem), encoding="utf-8")
     words = ["run", str(tmp_path / "study.toml"), "--nominal", "--out", str(tmp_path / "out")]
@@ -155,7 +159,7 @@ def test_what_cannot_be_held_is_not_certified_and_each_change_is_true(changes: d
     held = fields["holding"]["load_N"] + fields["holding"]["weight_N"]
     assert (pressure["met"], pressure["needed"], pressure["available"]) == (False, pytest.approx(held / 1.13e-4), 20e6)
     assert fields["change"]
-    for words in fields["change"]:
+    for words in fields["change"][: tried(len(fields["change"]))]:
         way = tuple(Change(key, float(value)) for key, value in re.findall(r"\((\S+) = (\S+)\)", words))
         assert way
         assert run_design(changed(problem, way), sigmas=0.0).prototype is not None

@@ -151,7 +151,8 @@ def replayed(kind: str) -> None:
 
 
 def certify_box(kind: str) -> None:
-    assert call("certify-box p.toml --sigmas 0.01 --out b.toml")["stable"]
+    # The box of all figures at once is that of `MADE`; whether a kind is taken shows in one of them.
+    assert call("certify-box p.toml --sigmas 0.01 --only flow_gain --out b.toml")["stable"]
 
 
 def certify_switching(kind: str) -> None:

@@ -90,7 +90,7 @@ def test_a_diagnosis_that_is_called_again_goes_on_and_comes_to_the_same(slow: Da
     """The verdict is no surer than what was compared, though the right cause is there long before the others."""
     kept, verdicts, compared = fit_cache(tmp_path, slow), [], [0]
     for _ in range(60):
-        with within(1.0, ticking(1 / 20)):
+        with within(1.0, ticking(1 / 60)):
             found = diagnose(slow, workers=1, kept=kept)
         assert found.search is not None
         verdicts.append((found.verdict, found.chosen))

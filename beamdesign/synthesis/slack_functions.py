@@ -11,6 +11,9 @@ from beamdesign.proofs.certificate import Kind
 from beamdesign.rational import nearest
 from beamdesign.synthesis.loop_limits import Pair, added_up, law_on_axis, on_axis, slack_of
 
+ONCE = {"cse": True}
+"""Common parts of a function and of its derivatives are worked out once."""
+
 _RESONANCES = np.linspace(log(0.3), log(300.0), 700)
 """Logarithms of frequencies (Hz) among which one is sought."""
 
@@ -44,7 +47,7 @@ def point(shape: tuple[int, int], kind: Kind) -> ca.Function:
     ]
     control, (disturbance, *crossed) = pairs[:sensors], pairs[sensors:]
     slack = slack_of(kind, law_on_axis(coefficients, data[0]), plant, control, disturbance, crossed) + ca.log(data[1])
-    return ca.Function("point", [ca.vec(coefficients), inner, ca.SX(0, 1), data], [slack])
+    return ca.Function("point", [ca.vec(coefficients), inner, ca.SX(0, 1), data], [slack], ONCE)
 
 
 def stiffness_of(shape: tuple[int, int], plant: BilinearPlant, factor: float) -> ca.Function:
@@ -68,4 +71,4 @@ def stiffness_of(shape: tuple[int, int], plant: BilinearPlant, factor: float) ->
         at((1.0, plant.disturbance[0]), (inner, plant.disturbance[1])),
         [at((factor, own), (factor * inner, added)) for own, added in plant.crossed],
     )
-    return ca.Function("stiffness", [ca.vec(coefficients), inner, ca.SX(0, 1), outer, frequency], [slack])
+    return ca.Function("stiffness", [ca.vec(coefficients), inner, ca.SX(0, 1), outer, frequency], [slack], ONCE)

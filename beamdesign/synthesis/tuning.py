@@ -56,8 +56,6 @@ SMALLEST_BANDWIDTH_HZ = 1e-3
 NEARLY = 0.98
 """Share of the largest bandwidth of the worst stage that counts as nearly as much."""
 
-_NO_START = "a {} controller is tuned from one of its kind with a stable loop, and the prototype has none"
-
 
 @dataclass(frozen=True, repr=False)
 class Tuning(Result):
@@ -157,7 +155,7 @@ def tune(
         stages: how many laws a scheduled controller has.
         estimator: of the payload, for a scheduled controller; stages overlap by two and a half times its band, of which
             half a band is hysteresis.
-        minutes: after about which the best that was proved until then is the answer; None: as long as it takes.
+        minutes: after about which the best that was proved until then is the answer.
 
     Returns:
         the tuned prototype with what was proved of it, or a reason why there is none. Of a prototype with effects every
@@ -218,7 +216,8 @@ def tune_law(prototype: Prototype, masses_kg: tuple[float, float], asked: LawOpt
         if start is not None and (asked.near or not starts) and task.settled(*start):
             alone = growths > 0
             starts, growths = [start, *([] if growths else starts)], 0
-        found = search(task, starts, growths, report) if starts else Found(None, (), 0, _NO_START.format(kind))
+        none = f"a {kind} controller is tuned from one of its kind with a stable loop, and the prototype has none"
+        found = search(task, starts, growths, report) if starts else Found(None, (), 0, none)
     best = found.proved
     if best is None and alone and not over():
         return tune_law(prototype.but(controller=None), masses_kg, replace(asked, near=False), report)
@@ -248,8 +247,7 @@ def tune_alike(
         InputError: for a kind that has no form to be tuned, and as `tune`.
     """
     asked = {"kind": "lag"} if prototype.controller is None else prototype.controller.sought
-    kind = asked["kind"]
-    if kind not in (*KINDS, *SYNTHESES):
+    if (kind := asked["kind"]) not in (*KINDS, *SYNTHESES):
         raise InputError(prototype.name, [("controller.kind", f"{kind!r} has no form that is tuned; give a lag")])
     rig = prototype.but(goal=limited(prototype.goal, kind))
     return tune(rig, outer_end_mass_kg, progress=progress, sigmas=0.0, near=True, **asked)
@@ -312,11 +310,9 @@ def _tune_stages(
     whole = Tuning(rig, whole_kg, min(best, key=_hertz).best, laws=tuple(best), alone_Hz=alone_Hz)
     if rig.effects:  # of which no states are known in which laws could change
         return whole
+    changes = stage_families(rig), *whole_kg
     proved = switching(
-        stage_families(rig),
-        *whole_kg,
-        dwell_s=schedule.dwell_s,
-        update=lambda share, text: report((steps - 1 + share) / steps, text),
+        *changes, dwell_s=schedule.dwell_s, update=lambda share, text: report((steps - 1 + share) / steps, text)
     )
     rig = kept_apart(rig, proved)
     assert rig.schedule is not None
