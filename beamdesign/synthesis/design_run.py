@@ -60,8 +60,13 @@ class DesignRun(Result):
     @property
     def change(self) -> tuple[str, ...]:
         """What to change in the study, in words, each entry enough by itself."""
-        eased = [] if self.sizing.feasible else self.sizing.relaxations
-        return (*in_words(self.ways), *(f"{item.key} = {item.enough:g}" for item in eased))
+        eased = () if self.sizing.feasible else self.sizing.relaxations
+        free = (
+            ['sections.choose = "free"']
+            if not self.sizing.feasible and self.sizing.choose == "stock" and self.sizing.free
+            else []
+        )
+        return (*in_words(self.ways), *free, *(f"{item.key} = {item.enough:g}" for item in eased))
 
     @property
     def guarantees(self) -> tuple[Guarantee, ...]:
