@@ -20,6 +20,7 @@ from beamdesign.checker import Unreadable, check, reading
 from beamdesign.checker.prototype import differences
 from beamdesign.checker.rig import Rig
 from beamdesign.controllers import Lag, Observer, Proportional, Scheduled, Section, Stage, Structured
+from beamdesign.plant.actuators.ball_screw import BallScrew
 from beamdesign.plant.actuators.servo_cylinder import ServoCylinder
 from beamdesign.proofs.arm.result import certify_plane
 from beamdesign.proofs.box import certify_box
@@ -147,6 +148,32 @@ def _sides() -> Honest:
     return Honest(certify(rig, 3.0, 3.4, nonlinear=True).text, rig, 3.4)
 
 
+def screw() -> Prototype:
+    """The beams with a ball screw, whose lag is stable at every mass."""
+    actuator = BallScrew(
+        lead_m=0.02, screw_stiffness_N_per_m=8e7, screw_damping_N_s_per_m=600.0, torque_constant_N_m_per_A=1.2,
+        rotor_inertia_kg_m2=8e-4, rotor_friction_N_m_s_per_rad=5e-3, speed_feedback_A_s_per_rad=0.5,
+        current_loop_Hz=1000.0,
+    )  # fmt: skip
+    law = Lag(gain_A_per_V=800.0, pole_Hz=1.2, zero_Hz=18.0)
+    payload = Payload(inner_end_mass_kg=2.0, outer_end_mass_kg=(0.0, 6.8))
+    return _paper().but(name="screw", actuator=actuator, servovalve=None, controller=law, payload=payload)
+
+
+def _screw() -> Honest:
+    """With effects and what is proved of its nonlinear loop."""
+    rig = screw().but(effects={"seal_friction": {}, "sensor_lag": {}})
+    return Honest(certify(rig, 3.0, 3.4, nonlinear=True).text, rig, 3.4)
+
+
+def _screw_box() -> Honest:
+    rig = screw().but(tolerance=Tolerance(torque_constant=0.03, rotor_inertia=0.03, lead=0.001))
+    box = tolerance_box(rig, 1.0, None, (0.0, 2.0))
+    claims = [claim_over_box(rig, box, one) for one in (Asked("peak_sensitivity", 2.5), Asked("compliance", 1e-7, 2.0))]
+    assert all(claim.holds for claim in claims), [claim.reason for claim in claims]
+    return Honest(certify_box(rig, box, volumes=False).write(claims), rig, 2.0)
+
+
 def _plane(name: Literal["y", "z"], sideways_m: float) -> Honest:
     rig = _tame().but(arm=Arm(offset_m=(0.05, sideways_m, 0.0), end_polar_inertia_kg_m2=0.0073))
     return Honest(certify_plane(rig, name, 0.0, 6.8).text, rig, 6.8)
@@ -229,6 +256,7 @@ FORGED: dict[str, tuple[Truth, dict[str, tuple[Callable[[], Honest], int]]]] = {
             "sensors": (_sensors, 80),
             "moving": (_moving, 80),
             "sides": (_sides, 60),
+            "screw": (_screw, 60),
         },
     ),
     "beamdesign.arm_plane": (
@@ -241,6 +269,7 @@ FORGED: dict[str, tuple[Truth, dict[str, tuple[Callable[[], Honest], int]]]] = {
             "stable": (partial(_box, 0.05, 1.0), 300),
             "performing": (_performing_box, 100),
             "lower_gains": (_lower_gains, 50),
+            "screw": (_screw_box, 50),
             "resting": (_resting, 60),
             "unstable": (partial(_box, 0.4, 1.0), 50),
         },

@@ -141,7 +141,7 @@ class Member:
                 return None
             drive[n:] = [self.law[0][0][j] if j < len(self.law[0][0]) else 0.0 for j in range(len(a) - n)]
         else:
-            drive[:n] = {"current": self.b[:, 1], "flow": self.flow, "stroke": self.pull}[place]
+            drive[:n] = {"current": self.b[:, 1], "flow": self.flow, "stroke": self.pull, "nut": self.pull}[place]
         poles, weights = self.poles(mass, 1.0), []
         for pole in poles:
             pencil = pole * e - a
@@ -205,6 +205,8 @@ def _plant(rig: Mapping[str, Any], effects: Sequence[tuple[Mapping[str, Any], Ma
     """Structure, oil, valve and sensors: matrices of first order, as `Member` has them."""
     figure = {name: number(value) for name, value in rig.items() if name != "kind"}
     points: dict[str, dict[str, float]] = {"tip": {"first": 1.0}, "rod": {"inner": 1.0}, "base": {}, "sensed": {}}
+    screw = rig["kind"] == "ball_screw"
+    points["slide"] = {"nut": 1.0} if screw else {"tip": 1.0, "rod": -1.0}
     network, filters, oil, spool, uneven = [], [], 1.0, 0.0, 0.0
     for elements, own in effects:
         for point, weights in elements.get("points", {}).items():
@@ -227,6 +229,11 @@ def _plant(rig: Mapping[str, Any], effects: Sequence[tuple[Mapping[str, Any], Ma
         network.append(({name: 1.0, "base": -1.0}, [stiffness, damping]))
         more = figure["inner_end_mass_kg"] if which == "inner" else 0.0
         network.append(({name: 1.0}, [0.0, 0.0, figure[f"{which}_mass_kg"] + more]))
+    if screw:
+        lead = figure["lead_m_per_rad"]
+        turning = figure["rotor_friction_N_m_s_per_rad"] / lead**2, figure["rotor_inertia_kg_m2"] / lead**2
+        axial = [figure["screw_stiffness_N_per_m"], figure["screw_damping_N_s_per_m"]]
+        network += [({"nut": 1.0, "tip": -1.0, "rod": 1.0}, axial), ({"nut": 1.0}, [0.0, *turning])]
     if "filter_frequency_rad_per_s" in figure:
         rate = figure["filter_frequency_rad_per_s"]
         filters.append([[rate], [rate, 1.0]])
@@ -252,12 +259,13 @@ def _plant(rig: Mapping[str, Any], effects: Sequence[tuple[Mapping[str, Any], Ma
         moved = row(motion)
         matrices[: len(resists)] += np.multiply.outer(resists, np.outer(moved, moved))
     tip = row({"tip": 1.0})
-    stroke, leak, area = tip - row({"rod": 1.0}), figure["leakage_m3_per_s_per_Pa"], figure["piston_area_m2"]
+    stroke = row({"slide": 1.0})
+    leak, area = figure.get("leakage_m3_per_s_per_Pa", 0.0), figure.get("piston_area_m2", 1.0)
     # Two chambers only where the mean of their pressures shows: where they leak and their sides differ.
-    sides = [1 + uneven, -(1 - uneven)] if uneven and leak else [1.0]
+    sides = [] if screw else [1 + uneven, -(1 - uneven)] if uneven and leak else [1.0]
     lags = [len(below) - 1 for _, below in filters]
     first, valve = 2 * n, 2 * n + len(sides)
-    size = valve + 2 + sum(lags)
+    size = valve + 2 - screw + sum(lags)
     e, a, b = np.eye(size), np.zeros((size, size)), np.zeros((size, 2))
     e[n : 2 * n, n : 2 * n] = matrices[2]
     a[:n, n : 2 * n], a[n : 2 * n, :n], a[n : 2 * n, n : 2 * n] = np.eye(n), -matrices[0], -matrices[1]
@@ -267,14 +275,21 @@ def _plant(rig: Mapping[str, Any], effects: Sequence[tuple[Mapping[str, Any], Ma
         a[n : 2 * n, at] = area * side * stroke
         e[at, at] = (area * side) ** 2 / (oil * figure["oil_stiffness_N_per_m"] * share)
         a[at, valve], a[at, at], a[at, n : 2 * n] = side, -len(sides) * leak, -area * side * stroke
-    natural = figure["valve_frequency_rad_per_s"]
-    a[valve, valve + 1] = 1.0
-    a[valve + 1, valve] = -(natural**2) * (1 + spool)
-    a[valve + 1, valve + 1] = -2 * figure["valve_damping_ratio"] * natural
-    b[valve + 1, 1] = natural**2 * figure["flow_gain_m3_per_s_per_A"]
+    if screw:  # the motor's current
+        rate, nut = figure["current_loop_rad_per_s"], n + index["nut"]
+        a[valve, valve], a[valve, nut] = -rate, -rate * figure["speed_feedback_A_s_per_rad"] / lead
+        a[nut, valve], b[valve, 1] = figure["torque_constant_N_m_per_A"] / lead, rate
+        pilot = rate, 0.0, 0.0
+    else:
+        natural = figure["valve_frequency_rad_per_s"]
+        a[valve, valve + 1] = 1.0
+        a[valve + 1, valve] = -(natural**2) * (1 + spool)
+        a[valve + 1, valve + 1] = -2 * figure["valve_damping_ratio"] * natural
+        b[valve + 1, 1] = natural**2 * figure["flow_gain_m3_per_s_per_A"]
+        pilot = natural, figure["valve_damping_ratio"], spool
     volts = np.zeros(size)
     volts[:n] = figure["sensor_gain_V_per_m"] * row({"sensed": 1.0})
-    at = valve + 2
+    at = valve + 2 - screw
     for (above, below), order in zip(filters, lags, strict=True):
         if len(above) > order + 1 or below[-1] == 0:
             raise ValueError("a filter that differentiates")
@@ -297,7 +312,6 @@ def _plant(rig: Mapping[str, Any], effects: Sequence[tuple[Mapping[str, Any], Ma
     whole[:n] = tip
     flow, pull = np.zeros(size), np.zeros(size)
     flow[first:valve], pull[n : 2 * n] = sides, stroke
-    pilot = natural, figure["valve_damping_ratio"], spool
     errors = {"flow": flow, "pull": pull, "filtered": bool(filters), "pilot": pilot}
     return {"e": e, "mass": loaded, "a": a, "b": b, "tip": whole, "seen": seen} | errors
 

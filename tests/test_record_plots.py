@@ -60,7 +60,7 @@ def test_limits_are_drawn_where_they_matter_and_the_end_where_it_diverged():
         for axes in figure.axes
         if axes.get_legend()
     }
-    assert legends["current, mA"] == ["valve current", "amplifier's limit 10 mA"]
+    assert legends["current, mA"] == ["current", "amplifier's limit 10 mA"]
     assert legends["displacement, μm"] == ["displacement", "diverged"]  # 0.05 mm is far from the limit of 20 mm
     assert all(any(line.get_xdata()[0] == 0.99 for line in axes.lines) for axes in figure.axes)
 

@@ -265,7 +265,10 @@ _CLAIMED_MEMBERS, _CLAIMED_FREQUENCIES = 12, 40
 _FIGURES = {
     "outer_stiffness": "N_per_m", "outer_mass": "kg", "outer_damping": "N_s_per_m", "inner_stiffness": "N_per_m",
     "inner_mass": "kg", "inner_damping": "N_s_per_m", "oil_stiffness": "N_per_m", "piston_area": "m2",
-    "flow_gain": "m3_per_s_per_A", "leakage": "m3_per_s_per_Pa", "valve_frequency": "rad_per_s",
+    "screw_stiffness": "N_per_m", "screw_damping": "N_s_per_m", "lead": "m_per_rad", "torque_constant": "N_m_per_A",
+    "rotor_inertia": "kg_m2", "rotor_friction": "N_m_s_per_rad", "speed_feedback": "A_s_per_rad",
+    "current_loop": "rad_per_s", "flow_gain": "m3_per_s_per_A", "leakage": "m3_per_s_per_Pa",
+    "valve_frequency": "rad_per_s",
     "valve_damping_ratio": "", "sensor_gain": "V_per_m", "filter_frequency": "rad_per_s", "inner_end_mass": "kg",
 }  # fmt: skip
 
@@ -284,7 +287,7 @@ def figures(table: dict[str, Any]) -> dict[str, float]:
 def of_rig(table: dict[str, Any], ranges: dict[str, tuple[float, float]], points: dict[str, np.ndarray]) -> bool | None:
     """Whether the box is about the rig that is stated, and its expression that rig's loop."""
     rig, own = table["rig"], figures(table)
-    for name in ("valve_frequency", "filter_frequency")[: 1 + ("filter_frequency" in own)]:
+    for name in (name for name in ("valve_frequency", "filter_frequency", "current_loop") if name in own):
         if abs(2 * math.pi * number(rig[f"{name}_Hz"]) / own[name] - 1) > CLOSE:
             return False
     if any(not low * (1 - 1e-12) <= own[n] <= high * (1 + 1e-12) for n, (low, high) in ranges.items() if n in own):
@@ -292,7 +295,7 @@ def of_rig(table: dict[str, Any], ranges: dict[str, tuple[float, float]], points
     for k in (0, -1):
         at = own | {name: float(values[k]) for name, values in points.items()}
         plain, late = (part[:, 0] for part in coefficients(table, {n: v[[k]] for n, v in points.items()}))
-        s = own["valve_frequency"] * np.exp(1j * np.linspace(0.1, 3.0, 12)) * np.geomspace(0.05, 3.0, 12)
+        s = own.get("valve_frequency", 1000.0) * np.exp(1j * np.linspace(0.1, 3.0, 12)) * np.geomspace(0.05, 3.0, 12)
         gain = np.array([_loop(table, at, one)[0] for one in s])
         if "controller_zero" not in own or "controller_zero" not in ranges:
             gain = gain * at["controller_gain"] / own["controller_gain"]
@@ -342,6 +345,13 @@ def _loop(table: dict[str, Any], at: dict[str, float], s: complex) -> tuple[comp
     for name, weight in points.pop("sensed").items():
         sensed[name] = sensed.get(name, 0.0) + weight
 
+    if "lead" in at:
+        points["slide"] = {"nut": 1.0}
+    else:
+        points["slide"] = dict(points["tip"])
+        for name, weight in points["rod"].items():
+            points["slide"][name] = points["slide"].get(name, 0.0) - weight
+
     def spread(motion: dict[str, float]) -> dict[str, float]:
         total: dict[str, float] = {}
         for name, weight in motion.items():
@@ -358,6 +368,12 @@ def _loop(table: dict[str, Any], at: dict[str, float], s: complex) -> tuple[comp
         ({"inner": 1.0}, (at["inner_mass"] + at["inner_end_mass"]) * s * s),
         ({"tip": 1.0}, at["outer_end_mass"] * s * s),
     ]
+    if "lead" in at:
+        lag = at["current_loop"] / (at["current_loop"] + s)
+        held = at["torque_constant"] * at["speed_feedback"] * lag
+        turning = (at["rotor_inertia"] * s + at["rotor_friction"] + held) * s / at["lead"] ** 2
+        axial = at["screw_stiffness"] + at["screw_damping"] * s
+        moves += [({"nut": 1.0, "tip": -1.0, "rod": 1.0}, axial), ({"nut": 1.0}, turning)]
     moved = [(spread(motion), resists) for motion, resists in moves]
     names = list(dict.fromkeys(["first", "inner", *(name for motion, _ in moved for name in motion)]))
     stiffness = np.zeros((len(names), len(names)), dtype=complex)
@@ -368,7 +384,8 @@ def _loop(table: dict[str, Any], at: dict[str, float], s: complex) -> tuple[comp
     arm = np.array([stroke.get(name, 0.0) for name in names])
     # Chambers of areas A (1 +- a): flow q (1 +- ...) is unit on either; their pressures push apart along the stroke.
     sides = [1 + uneven, 1 - uneven] if uneven != 0 and at["leakage"] != 0 else [1.0]
-    area, count = at["piston_area"], len(sides)
+    sides = [] if "lead" in at else sides
+    area, count = at.get("piston_area", 1.0), len(sides)
     force = np.zeros(len(names), dtype=complex)
     give = []
     for side in sides:
@@ -377,8 +394,12 @@ def _loop(table: dict[str, Any], at: dict[str, float], s: complex) -> tuple[comp
         force += arm / area / compliance
         give.append((side, compliance))
     tip = np.array([spread({"tip": 1.0}).get(name, 0.0) for name in names])
-    valve = at["valve_frequency"]
-    drive = at["flow_gain"] * valve**2 / (valve**2 * (1 + spool) + 2 * at["valve_damping_ratio"] * valve * s + s * s)
+    if "lead" in at:
+        drive, force = at["torque_constant"] * lag / at["lead"], np.array([float(name == "nut") for name in names])
+    else:
+        valve = at["valve_frequency"]
+        spool_lag = valve**2 * (1 + spool) + 2 * at["valve_damping_ratio"] * valve * s + s * s
+        drive = at["flow_gain"] * valve**2 / spool_lag
     if "filter_frequency" in at:
         filtered *= at["filter_frequency"] / (s + at["filter_frequency"])
     volts = {"displacement_m": at["sensor_gain"] * filtered}

@@ -147,7 +147,7 @@ def report_html(run: DesignRun, files: dict[str, str], trade: tuple[TradePoint, 
         )
     ]
     if prototype.controller.kind == "lag":
-        words = "C(s) = (1 + s/(2π zero)) / (1 + s/(2π pole)); the valve current is gain × C(s)"
+        words = "C(s) = (1 + s/(2π zero)) / (1 + s/(2π pole)); the current is gain × C(s)"
         law.append(Paragraph(f"{words} × (command − sensor voltage)."))
     heads = (
         "outer end mass", "bandwidth", "peak sensitivity", "static compliance", "critical gain", "oscillation"

@@ -172,7 +172,7 @@ class Cascade(Controller):
         """Its gain, then the figures of each factor; between them what a lag makes of the gain."""
         from beamdesign.quantity_text import decimal, quantity
 
-        means = "K_sa, valve current per error voltage when static"
+        means = "K_sa, current per error voltage when static"
         rows = [("gain", quantity(self.gain_A_per_V, "A/V", 7), means)]
         breaks = [factor for factor in self.factors if isinstance(factor, Break)]
         for n, one in enumerate(breaks, start=1):

@@ -34,7 +34,7 @@ SLIDING = {
     "valve_hysteresis": {"spring": "low"},
 }
 """Ends of the spans at which an effect's linear member is its linear part: while it slides."""
-UNITS = {"current": "A", "flow": "m3/s", "volts": "V", "stroke": "N"}
+UNITS = {"current": "A", "flow": "m3/s", "volts": "V", "stroke": "N", "nut": "N"}
 
 
 @dataclass(frozen=True)
@@ -53,6 +53,10 @@ class Error:
     place: str
     size: fmpq
     words: str
+
+
+FORCES = ("stroke", "nut")
+"""Places of errors that are forces: between piston and cylinder, and on the nut of a screw."""
 
 
 def errors(prototype: Prototype) -> list[Error]:
@@ -96,8 +100,8 @@ def bounded_rows(given: Members) -> Iterator[Row]:
     found = errors(given.prototype)
     if hears != DISPLACEMENT:
         why = "No bound is proved: a controller that hears more than the displacement hears the friction as well."
-        yield from (Row((one.effect,), METHOD, False, why) for one in found if one.place == "stroke")
-        found = [one for one in found if one.place != "stroke"]
+        yield from (Row((one.effect,), METHOD, False, why) for one in found if one.place in FORCES)
+        found = [one for one in found if one.place not in FORCES]
     if not found:
         return
     numbers = [k for k, member in enumerate(given.found.members, start=1) if slides(member, given.found.members)]

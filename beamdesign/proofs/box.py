@@ -277,7 +277,7 @@ def certify_box(
     Raises:
         ValueError: for a parameter that the family does not have, or a range that it does not allow.
     """
-    family = rig_family(subject) if isinstance(subject, Prototype) else subject
+    family = rig_family(subject, varying=box.ranges) if isinstance(subject, Prototype) else subject
     statement = family.over(box.ranges)
     nominal = {**family.values, **box.nominal}
 

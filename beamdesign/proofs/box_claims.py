@@ -221,7 +221,7 @@ def _proved(prototype: Prototype, box: Box, best: Asked, budget: int, seconds: f
 
 
 def _family(prototype: Prototype, box: Box, asked: Asked) -> PolynomialFamily:
-    return rig_family(prototype, claim=asked, delayed="delay" in box.ranges)
+    return rig_family(prototype, claim=asked, delayed="delay" in box.ranges, varying=box.ranges)
 
 
 def guaranteed_fields(claims: Sequence[BoxClaim]) -> dict[str, Any]:

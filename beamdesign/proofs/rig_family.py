@@ -122,6 +122,7 @@ def rig_family(
     varied: Sequence[str] = (),
     claim: Asked | None = None,
     delayed: bool = True,
+    varying: Collection[str] | None = None,
 ) -> PolynomialFamily:
     """The characteristic polynomial of a prototype's loop over all parameters in `rig_values`.
 
@@ -137,12 +138,17 @@ def rig_family(
         varied: figures of its effects that become parameters, such as sensor_lag.break_Hz, as sensor_lag_break_Hz.
         claim: of a magnitude; what it comes to is a polynomial too, see `claimed`.
         delayed: whether there may be a delay.
+        varying: parameters that a box has ranges of, where it is known: what of the actuator is chosen, such as the
+            lead of a screw, and does not vary is a number then.
 
     Raises:
         ValueError: without a controller.
         InputError: for effects for which no linear loop stands.
     """
     values, found, controller = rig_values(prototype), family(prototype), prototype.controller
+    if varying is not None:
+        chosen = {row.name for row in prototype.actuator.parameters if not row.typical and row.name not in varying}
+        values = {name: value for name, value in values.items() if name not in chosen}
     assert controller is not None  # it has values
     further = {key: key.replace(".", "_") for key in varied}
     values |= {

@@ -107,7 +107,7 @@ def servo_off_over_box(prototype: Prototype, box: Box) -> tuple[float, Worst]:
     low, high = map(nearest, payloads)
     found = family(idle, high)
     about = servo_off_of(found.members, prototype.payload.inner_end_mass_kg, (low, high))
-    shape = rig_family(idle, claim=Asked("compliance", about.compliance_m_per_N), delayed=False)
+    shape = rig_family(idle, claim=Asked("compliance", about.compliance_m_per_N), delayed=False, varying=box.ranges)
     ranges = {**box.ranges, **performing_spans(found)}
     kept = {name: ends for name, ends in ranges.items() if name in shape.values and name in box.ranges}
     since, until = (exact(2 * pi * about.frequency_Hz * share) for share in _ABOUT)

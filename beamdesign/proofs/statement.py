@@ -37,13 +37,18 @@ _ZERO = fmpq(0)
 class Node(NamedTuple):
     """Part of p: a "leaf", "delay" or "circle" by its name, or the "sum" or "product" of other parts.
 
-    `bound` says whether it depends on a leaf that is enumerated.
+    `packs` are the places of those packs of leaves that are enumerated and on which it depends.
     """
 
     kind: str
     name: str
     parts: tuple["Node", ...]
-    bound: bool
+    packs: tuple[int, ...] = ()
+
+    @property
+    def bound(self) -> bool:
+        """Whether it depends on a leaf that is enumerated."""
+        return bool(self.packs)
 
     def fold(self, one: Callable[["Node"], T], add: Callable[[T, T], T], multiply: Callable[[T, T], T]) -> T:
         """What it comes to where `one` says what each leaf and delay is."""
@@ -134,20 +139,20 @@ _OPERATORS: dict[type[ast.operator], Callable[[Quotient, Quotient], Quotient]] =
 
 
 def _structure(
-    node: ast.expr, leaves: Iterable[str], delays: Mapping[str, str], bound: Iterable[str], circles: Iterable[str]
+    node: ast.expr, leaves: Iterable[str], delays: Mapping[str, str], bound: Mapping[str, int], circles: Iterable[str]
 ) -> Node:
     match node:
         case ast.Name(id=name) if name in circles:
-            return Node("circle", name, (), False)
+            return Node("circle", name, ())
         case ast.Name(id=name) if name in leaves:
-            return Node("leaf", name, (), name in bound)
+            return Node("leaf", name, (), (bound[name],) if name in bound else ())
         case ast.Name(id=name) if name in delays:
-            return Node("delay", delays[name], (), False)
+            return Node("delay", delays[name], ())
         case ast.BinOp(left=left, op=ast.Add() | ast.Mult() as operation, right=right):
             kind = "sum" if isinstance(operation, ast.Add) else "product"
             parts = [_structure(side, leaves, delays, bound, circles) for side in (left, right)]
             flat = [p for part in parts for p in (part.parts if part.kind == kind else (part,))]
-            return Node(kind, "", tuple(flat), any(part.bound for part in flat))
+            return Node(kind, "", tuple(flat), tuple(sorted({pack for part in flat for pack in part.packs})))
     raise ValueError(f"not a sum or product of leaves: {ast.unparse(node)}")
 
 
@@ -185,7 +190,7 @@ class Statement:
             leaves, p = {"p": p}, "p"
         self.leaves = {"s": polynomial("s")} | {name: polynomial(leaf) for name, leaf in leaves.items()}
         self.bound, self.groups = [tuple(pack) for pack in bound], list(groups)
-        enumerated = {name for pack in self.bound for name in pack}
+        enumerated = {name: k for k, pack in enumerate(self.bound) for name in pack}
         self.circles, self.since, self.until = dict(circles or {}), since, until
         self.body = _structure(_parsed(p), self.leaves, delays or {}, enumerated, self.circles)
         if len(delays or {}) > 1:

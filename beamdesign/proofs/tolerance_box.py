@@ -159,7 +159,7 @@ def largest_scaling(
     Raises:
         ValueError: as `certify_box`.
     """
-    family = rig_family(subject) if isinstance(subject, Prototype) else subject
+    family = rig_family(subject, varying=box.ranges) if isinstance(subject, Prototype) else subject
     limit = _limit(family, box, most)
     refuted, point = _least_refuted(family, box, limit, within / 4)
     proved, verdict, above = fmpq(0), None, limit if refuted is None else refuted

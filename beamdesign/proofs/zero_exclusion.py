@@ -13,18 +13,24 @@ lower and its upper side, so that the pieces fill the box by construction. A var
 or of its reciprocal's where it enters by that. All values are exact rationals or balls.
 """
 
+import operator
 from collections.abc import Iterator, Mapping, Sequence
 from fractions import Fraction
 from functools import reduce
 from itertools import product, zip_longest
 from math import comb
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 from flint import acb, arb, fmpq, fmpq_poly
 
 from beamdesign.proofs.statement import Interval, Node, Statement, Term
 
 PRECISION_BITS = 96
+Choice = tuple[int, ...]
+"""Numbers of control points, of some packs of leaves that are enumerated."""
+
+T = TypeVar("T")
+
 ARC_PARTS = 6
 """Tangents around the arc of exp(-jwT)."""
 
@@ -84,9 +90,9 @@ class Frame:
     def __init__(self, cell: Cell, w: fmpq):
         self.cell, self.w = cell, w
         self._powers = [arb(w**i) for i in range(max(*cell.statement.degree, 2) + 1)]
-        self._known: dict[tuple[int, int], list[acb]] = {}
-        packs = [self._pack(pack) for pack in cell.statement.bound]
-        self.controls = [{name: v for part in chosen for name, v in part.items()} for chosen in product(*packs)]
+        self._known: dict[int, dict[Choice, list[acb]]] = {}
+        self._sizes: dict[int, arb] = {}
+        self._packs = [self._pack(pack) for pack in cell.statement.bound]
 
     def _value(self, coefficients: Mapping[int, arb]) -> acb:
         parts = [arb(0), arb(0)]
@@ -121,40 +127,63 @@ class Frame:
         ]
         return [dict(zip(pack, values, strict=True)) for values in zip(*columns, strict=True)]
 
-    def points(self, node: Node, control: Mapping[str, acb]) -> list[acb]:
-        """Points whose hull holds a part of p, with what is bound at one of its control points."""
-        if node.kind == "leaf" and node.bound:
-            return [control[node.name]]
-        key = (id(node), id(control) if node.bound else 0)
-        if key in self._known:
-            return self._known[key]
+    def points(self, node: Node) -> dict[Choice, list[acb]]:
+        """Points whose hull holds a part of p, for each choice of control points of the packs on which it depends."""
+        if id(node) not in self._known:
+            self._known[id(node)] = self._found(node)
+        return self._known[id(node)]
+
+    def _found(self, node: Node) -> dict[Choice, list[acb]]:
         if node.kind == "leaf":
-            found = self._leaf(node.name)
-        elif node.kind == "delay":
+            if not node.packs:
+                return {(): self._leaf(node.name)}
+            return {(k,): [chosen[node.name]] for k, chosen in enumerate(self._packs[node.packs[0]])}
+        if node.kind == "delay":
             least, most = self.cell.values[node.name]
-            found = arc(arb(self.w * least), arb(self.w * (most - least)))
-        elif node.kind == "circle":
+            return {(): arc(arb(self.w * least), arb(self.w * (most - least)))}
+        if node.kind == "circle":
             low, high = self.cell.values[node.name]
             centre, radius = map(arb, self.cell.statement.circles[node.name])
-            found = [centre + radius * point for point in arc(_turn() * arb(low), _turn() * arb(high - low))]
-        else:
-            found = self.points(node.parts[0], control)
-            for part in node.parts[1:]:
-                other = self.points(part, control)
-                found = [a + b if node.kind == "sum" else a * b for a in found for b in other]
-        self._known[key] = found
+            return {(): [centre + radius * point for point in arc(_turn() * arb(low), _turn() * arb(high - low))]}
+        combined = operator.add if node.kind == "sum" else operator.mul
+        found, packs = self.points(node.parts[0]), node.parts[0].packs
+        for part in node.parts[1:]:
+            together = tuple(sorted({*packs, *part.packs}))
+            found = {
+                choice: [combined(a, b) for a in some for b in others]
+                for choice, (some, others) in self._aligned(together, (packs, found), (part.packs, self.points(part)))
+            }
+            packs = together
         return found
+
+    def _aligned(
+        self, packs: tuple[int, ...], *tables: tuple[tuple[int, ...], Mapping[Choice, T]]
+    ) -> Iterator[tuple[Choice, list[T]]]:
+        """For every choice in some packs what each table, of some of these packs, has for it."""
+        places = [([packs.index(k) for k in own], table) for own, table in tables]
+        for choice in product(*(range(len(self._packs[k])) for k in packs)):
+            yield choice, [table[tuple([choice[k] for k in own])] for own, table in places]
 
     def least(self, direction: tuple[int, int]) -> arb:
         """Lower bound of the real part of p times the conjugate of a direction, over the cell."""
-        u, nodes = acb(direction[0], -direction[1]), self.cell.statement.summands
+        x, y = direction
+        along = [
+            (
+                node.packs,
+                {k: reduce(arb.min, (x * p.real + y * p.imag for p in some)) for k, some in self.points(node).items()},
+            )
+            for node in self.cell.statement.summands
+        ]
+        return reduce(
+            arb.min, (sum(parts, arb(0)) for _, parts in self._aligned(self.cell.statement.body.packs, *along))
+        )
 
-        def along(node: Node, control: Mapping[str, acb]) -> arb:
-            return reduce(arb.min, ((u * point).real for point in self.points(node, control)))
-
-        common = sum((along(node, {}) for node in nodes if not node.bound), arb(0))
-        bound = [node for node in nodes if node.bound]
-        return reduce(arb.min, (sum((along(node, control) for node in bound), common) for control in self.controls))
+    def size(self, node: Node) -> arb:
+        """Upper bound of the size of a part of p."""
+        if id(node) not in self._sizes:
+            points = (point for some in self.points(node).values() for point in some)
+            self._sizes[id(node)] = reduce(arb.max, map(abs, points))
+        return self._sizes[id(node)]
 
 
 def arc(start: arb, sweep: arb) -> list[acb]:
@@ -191,9 +220,7 @@ def growth(frames: tuple[Frame, Frame], node: Node) -> tuple[arb, arb, arb]:
     else:
         parts = [growth(frames, part) for part in node.parts]
         slope, bend = sum((df for _, df, _ in parts), arb(0)), sum((ddf for _, _, ddf in parts), arb(0))
-    chosen = [(frame, control) for frame in frames for control in (frame.controls if node.bound else [{}])]
-    sizes = (abs(point) for frame, control in chosen for point in frame.points(node, control))
-    return reduce(arb.max, sizes) + _stray(frames, bend), slope, bend
+    return reduce(arb.max, (frame.size(node) for frame in frames)) + _stray(frames, bend), slope, bend
 
 
 def _stray(frames: tuple[Frame, Frame], bend: arb) -> arb:

@@ -153,6 +153,7 @@ class WithMaterials(Record):
     @classmethod
     def relations(cls, table: Mapping[str, Any]) -> Iterator[Problem]:
         """Own materials have names of their own."""
+        yield from super().relations(table)
         for name in table.get("material") or {}:
             if name in _known():
                 yield Problem(f"material.{name}", "is a material that is known here; give yours another name")

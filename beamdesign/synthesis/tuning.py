@@ -26,6 +26,7 @@ import numpy as np
 
 from beamdesign.controllers import KINDS, SENSED, Estimator, Scheduled, Sensed, Stage
 from beamdesign.parameters import stated_or_typical
+from beamdesign.plant.actuators import not_felt
 from beamdesign.plant.members import served
 from beamdesign.progress import Progress, silent
 from beamdesign.proofs.certifying import gain_and_mass
@@ -173,6 +174,8 @@ def tune(
     if prototype.goal.comes_to_rest and not prototype.goal.lower_gains:
         reason = "asks for lower_gains, which are what a saturated current comes to"
         raise InputError(prototype.name, [("goal.comes_to_rest", reason)])
+    if wrong := list(not_felt(type(prototype.actuator), sensors, "controller")):
+        raise InputError(prototype.name, wrong)
     report, caution, spread = progress or silent, "", None
     if sigmas:
         tolerance, caution = stated_or_typical(prototype.tolerance, type(prototype.actuator))

@@ -16,7 +16,7 @@ import numpy as np
 
 from beamdesign.controllers import Controller, Proportional
 from beamdesign.parameters import PARAMETERS, RIG_TOLERANCES
-from beamdesign.plant.assembly import Assembly, Structure, assemble, parameters_of
+from beamdesign.plant.assembly import Assembly, Structure, assemble, fits, parameters_of
 from beamdesign.plant.effects import library
 from beamdesign.plant.electronics import Law
 from beamdesign.prototype import Prototype
@@ -255,7 +255,7 @@ def singles(prototype: Prototype) -> tuple[Hypothesis, ...]:
 
     A filter slower than believed is the effect `sensor_lag`, and no figure of its own.
     """
-    effects = [Hypothesis((name,)) for name in library()]
+    effects = [Hypothesis((name,)) for name in library() if fits(name, prototype.rig)]
     keys = dict.fromkeys(RIG_TOLERANCES[u.name] for u in tolerated(prototype, tuple(RIG_TOLERANCES)))
     keys.pop("sensor_filter", None)
     return (*effects, *(Hypothesis((WRONG + key,)) for key in keys))

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from beamdesign.diagnosis.where.residuals import SIGNALS, Residual
+from beamdesign.diagnosis.where.residuals import Residual
 
 BANDS_HZ = (0.2, 2.0, 5.0, 10.0, 20.0, 35.0, 60.0, 100.0, 200.0, 400.0)
 _MOST = 0.7  # of the misfit: what the band that is named holds
@@ -131,7 +131,7 @@ def driven_by(item: Residual) -> str:
     Of the linear model's response; a force sensor's noise so drives nothing.
     """
     spectrum = item.probe.spectrum(item.evidence.record.inputs)
-    through = item.probe.response[:, SIGNALS.index("displacement_m"), :2]
+    through = item.probe.response[:, item.probe.rows(["displacement_m"])[0], :2]
     force, command = (float(np.sum(np.abs(through[:, k] * spectrum[:, k]) ** 2)) for k in (0, 1))
     if max(force, command) <= 0:
         return "none"

@@ -18,7 +18,7 @@ import numpy as np
 
 from beamdesign.diagnosis.fitting.fit import Fit
 from beamdesign.diagnosis.fitting.hypothesis import WRONG, subsystem
-from beamdesign.diagnosis.where.residuals import Residual
+from beamdesign.diagnosis.where.residuals import Places, Residual
 from beamdesign.parameters import RIG_TOLERANCES
 
 Law = Callable[..., np.ndarray]
@@ -45,18 +45,27 @@ class Term:
     kind: str = "static"
 
 
-def terms(levels: Mapping[str, np.ndarray]) -> tuple[Term, ...]:
-    """All terms.
+def terms(levels: Mapping[str, np.ndarray], at: Places) -> tuple[Term, ...]:
+    """All terms that a rig has.
 
     Args:
         levels: by signal, sizes at which laws of one scale are tried, in its unit.
+        at: where there may be terms, and the signals that there are.
     """
+    known = {*at.signals, "pressure_rate_Pa_per_s", "stroke_m"}
+    if "load_pressure_Pa" not in at.signals:
+        known -= {"pressure_rate_Pa_per_s"}
+    return tuple(one for one in _terms(levels) if one.entry in at.entries and known.issuperset(one.signals))
+
+
+def _terms(levels: Mapping[str, np.ndarray]) -> tuple[Term, ...]:
     sensor, late, amplifier = ("sensor", "sensor"), ("controller", "sensor"), ("amplifier", "amplifier")
     volts, asked = ("sensor_V",), ("demanded_A",)
     spool, valve = ("servovalve", "spool"), ("servovalve", "oil continuity")
     current, flow, pressure = ("current_A",), ("metered_m3_per_s",), ("load_pressure_Pa",)
     seal, sides, oil = ("actuator", "piston force"), ("actuator", "oil continuity"), ("oil", "oil continuity")
     speed, rate = ("stroke_m_per_s",), ("pressure_rate_Pa_per_s",)
+    drive, turned = ("amplifier", "drive"), ("motor_demand_A",)
     mount, joint, force = ("structure", "mount"), ("structure", "joint"), ("actuator_force_N",)
     middle = levels["stroke_m_per_s"][2]
     return (
@@ -74,6 +83,8 @@ def terms(levels: Mapping[str, np.ndarray]) -> tuple[Term, ...]:
         Term("amplifier differs by sign", *amplifier, asked, np.abs),
         *_each("spool lags, {:.0f} Hz", spool, current, (50, 100, 200, 400, 800), _low_pass, "linear"),
         *_loops("spool", spool, current, levels),
+        *_each("motor's current cut at {:.2g}", drive, turned, levels["motor_demand_A"], _cut),
+        *_each("drive lags, {:.0f} Hz", drive, turned, (50, 100, 200, 400, 800), _low_pass, "linear"),
         *_each("flow cut at {:.2g}", valve, flow, levels["metered_m3_per_s"], _cut),
         Term("flow bends, Q|Q|", *valve, flow, lambda q: q * np.abs(q)),
         Term("flow bends, Q^3", *valve, flow, lambda q: q**3),
@@ -194,6 +205,7 @@ _LOOPED = (
     "sensor_V",
     "current_A",
     "demanded_A",
+    "motor_demand_A",
     "metered_m3_per_s",
     "stroke_m",
     "stroke_m_per_s",
@@ -201,7 +213,7 @@ _LOOPED = (
     "inner_m",
     "actuator_force_N",
 )
-_LEVELS = 6
+_LEVELS, _NONE = 6, np.zeros(1)
 _RIDGE = 1e-6  # of a column's own size
 
 
@@ -225,7 +237,7 @@ class Explanation:
 def levels(found: Sequence[Residual]) -> dict[str, np.ndarray]:
     """Sizes of local signals, from below what the quietest record reaches to what the largest does."""
     signals = [item.nominal() for item in found]
-    rms = {name: [float(np.sqrt(np.mean(s[name] ** 2))) for s in signals] for name in _LOOPED}
+    rms = {name: [float(np.sqrt(np.mean(s.get(name, _NONE) ** 2))) for s in signals] for name in _LOOPED}
     return {
         name: np.geomspace(0.3 * min(sizes) + 1e-15, 2.0 * max(sizes) + 1e-14, _LEVELS) for name, sizes in rms.items()
     }
@@ -304,7 +316,7 @@ def regression(found: Sequence[Residual], null: Fit, corrected: bool = False) ->
         null: that fit.
         corrected: whether local variables are smoothed by the record, or those of the nominal model.
     """
-    dictionary = terms(levels(found))
+    dictionary = terms(levels(found), found[0].probe.at)
     order = sorted(range(len(dictionary)), key=lambda k: dictionary[k].entry)
     dictionary = tuple(dictionary[k] for k in order)
     used = sorted({term.entry for term in dictionary})

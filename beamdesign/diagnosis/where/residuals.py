@@ -7,7 +7,7 @@ port where it should act.
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache
-from typing import Any
+from typing import Any, NamedTuple
 
 import casadi as ca
 import numpy as np
@@ -15,8 +15,7 @@ import numpy as np
 from beamdesign.diagnosis.fitting.evidence import RecordEvidence, Replay
 from beamdesign.diagnosis.fitting.fit import Fit
 from beamdesign.diagnosis.fitting.hypothesis import NOTHING, Placement
-from beamdesign.plant.assembly import PORTS, Structure, assemble
-from beamdesign.plant.beams_rig import TWIN_BEAM
+from beamdesign.plant.assembly import RIGS, Structure, assemble
 from beamdesign.plant.equilibrium import equilibrium
 from beamdesign.prototype import Prototype
 
@@ -37,6 +36,7 @@ class Entry:
 ENTRIES = {
     "amplifier": Entry("current_A", (("current_A", 0),)),
     "spool": Entry("current_A", (("spool_A", 0),)),
+    "drive": Entry("motor_demand_A", (("motor_demand_A", 0),)),
     "oil continuity": Entry("metered_m3_per_s", (("linear_a_m3_per_s", 0), ("linear_b_m3_per_s", 0))),
     "piston force": Entry("actuator_force_N", (("friction_N", 0),)),
     "outer beam": Entry("outer_reaction_N", (("outer_reaction_N", 0),)),
@@ -45,17 +45,32 @@ ENTRIES = {
     "joint": Entry("outer_m", (("rod_m_per_s", 1),)),
     "sensor": Entry("sensor_V", (("sensor_V", 0),)),
 }
-"""Equations of the rig and where what they lack comes in."""
+"""Equations of rigs and where what they lack comes in."""
 
-_PROBED = tuple(dict.fromkeys(port for entry in ENTRIES.values() for port, _ in entry.ports))
-SIGNALS = (
-    *(name for name in PORTS if not name.startswith(("area_", "bulk_", "chamber_", "supply_", "tank_"))),
-    "load_pressure_Pa",
-    "displacement_m",
-    "inner_m",
-    "outer_m",
-)
-"""Local variables: signals of ports, and what is recorded of them."""
+
+class Places(NamedTuple):
+    """Where to look at a rig, and to add something to it.
+
+    Attributes:
+        entries: those of `ENTRIES` that it has.
+        probed: ports that these are at.
+        signals: local variables: signals of ports, and what is recorded of them.
+    """
+
+    entries: Mapping[str, Entry]
+    probed: tuple[str, ...]
+    signals: tuple[str, ...]
+
+
+@cache
+def places(rig: str) -> Places:
+    """Those of one of `beamdesign.plant.assembly.RIGS` with two beams."""
+    ports, actuator = RIGS[rig].ports, RIGS[rig].actuator
+    assert actuator is not None  # there are two beams
+    own = {name: entry for name, entry in ENTRIES.items() if all(port in ports for port, _ in entry.ports)}
+    local = [name for name in ports if not name.startswith(("area_", "bulk_", "chamber_", "supply_", "tank_"))]
+    probed = dict.fromkeys(port for entry in own.values() for port, _ in entry.ports)
+    return Places(own, tuple(probed), (*local, actuator.feels[0], "displacement_m", "inner_m", "outer_m"))
 
 
 @dataclass(frozen=True)
@@ -65,24 +80,30 @@ class Probe:
     Attributes:
         count: samples of a record.
         laplace: (F,) s on the imaginary axis.
-        response: (F, S, 2 + W) from disturbance, command and the signals at probed ports to `SIGNALS`.
+        response: (F, S, 2 + W) from disturbance, command and the signals at probed ports to the rig's signals.
+        at: places of the rig.
     """
 
     count: int
     laplace: np.ndarray = field(repr=False)
     response: np.ndarray = field(repr=False)
+    at: Places = field(repr=False)
+
+    def rows(self, signals: Sequence[str]) -> list[int]:
+        """Places of signals in the response."""
+        return [self.at.signals.index(name) for name in signals]
 
     def entry(self, name: str, signals: Sequence[str]) -> np.ndarray:
         """(F, len(signals)) from an unknown signal at an entry."""
-        rows, s = [SIGNALS.index(k) for k in signals], self.laplace
+        rows, s = self.rows(signals), self.laplace
         total = np.zeros((len(s), len(rows)), dtype=complex)
-        for port, order in ENTRIES[name].ports:
-            total += self.response[:, rows, 2 + _PROBED.index(port)] * (s**order)[:, None]
+        for port, order in self.at.entries[name].ports:
+            total += self.response[:, rows, 2 + self.at.probed.index(port)] * (s**order)[:, None]
         return total
 
-    def driven(self, inputs: np.ndarray, signals: Sequence[str] = SIGNALS) -> np.ndarray:
-        """(F, len(signals)) spectra of signals under the inputs (N, 2) of a record."""
-        rows = [SIGNALS.index(k) for k in signals]
+    def driven(self, inputs: np.ndarray, signals: Sequence[str] | None = None) -> np.ndarray:
+        """(F, len(signals)) spectra of signals, all where none are named, under the inputs (N, 2) of a record."""
+        rows = self.rows(self.at.signals if signals is None else signals)
         return np.einsum("fsi,fi->fs", self.response[:, rows, :2], self.spectrum(inputs))
 
     def spectrum(self, signals: np.ndarray) -> np.ndarray:
@@ -109,30 +130,31 @@ def probe(job: Replay, placement: Placement, z: np.ndarray) -> Probe:
         raise ValueError("a probe is that of the linear rig")
     placed, parameters = job.placed(placement), job.parameters(placement, z)
     x = equilibrium(placed.assembly, np.zeros(3), parameters)
-    a, b, c, d = (np.asarray(m) for m in _linear(placed.assembly.kinds)(x, np.zeros(2 + len(_PROBED)), parameters))
+    at = places(placed.assembly.kinds.rig)
+    a, b, c, d = (np.asarray(m) for m in _linear(placed.assembly.kinds)(x, np.zeros(2 + len(at.probed)), parameters))
     count = len(job.record.times)
     s = 2j * np.pi * np.fft.rfftfreq(2 * count, job.record.step)
     inner = np.linalg.solve(s[:, None, None] * np.eye(len(a)) - a, b.astype(complex))
-    return Probe(count, s, np.asarray(c @ inner + d))
+    return Probe(count, s, np.asarray(c @ inner + d), at)
 
 
 @cache
 def _linear(kinds: Structure) -> ca.Function:
     """States, inputs (disturbance, command, probed ports) and parameters to A, B, C, D."""
-    assembly = assemble(kinds)
+    assembly, at = assemble(kinds), places(kinds.rig)
     x, p = ca.SX.sym("x", len(assembly.states)), ca.SX.sym("p", len(assembly.parameters))
-    u = ca.SX.sym("u", 2 + len(_PROBED))
+    u = ca.SX.sym("u", 2 + len(at.probed))
     state = dict(zip(assembly.states, ca.vertsplit(x), strict=True))
     figure = dict(zip(assembly.parameters, ca.vertsplit(p), strict=True))
-    added = dict(zip(_PROBED, ca.vertsplit(u)[2:], strict=True))
+    added = dict(zip(at.probed, ca.vertsplit(u)[2:], strict=True))
     port: dict[str, Any] = state | {"disturbance_N": u[0], "command_V": u[1]}
-    rig = TWIN_BEAM.with_law(kinds.controller)
+    rig = RIGS[kinds.rig].with_law(kinds.controller)
     for name, law in rig.ports.items():
         port[name] = law(port, figure, state) + added.get(name, 0.0)
     rate = rig.rates(port, figure, state)
     seen: Mapping[str, Any] = port | rig.outputs(port, figure, state)
     rates = ca.vertcat(*(rate[name] for name in assembly.states))
-    y = ca.vertcat(*(seen[name] for name in SIGNALS))
+    y = ca.vertcat(*(seen[name] for name in at.signals))
     matrices = [ca.densify(ca.jacobian(value, of)) for value in (rates, y) for of in (x, u)]
     return ca.Function("linear", [x, u, p], matrices)
 
@@ -182,13 +204,13 @@ class Residual:
         nominal = probed.driven(self.evidence.record.inputs)
         spectra = probed.spectrum(self.left * weight.fade[:, None])
         noise = self.noise**2 * len(self.left)
-        gain = np.zeros((len(nominal), len(SIGNALS), len(self.channels)), dtype=complex)
+        gain = np.zeros((len(nominal), len(probed.at.signals), len(self.channels)), dtype=complex)
         spread = np.zeros((len(nominal), len(self.channels), len(self.channels)), dtype=complex)
         spread[:, range(len(noise)), range(len(noise))] = noise
-        for name, entry in ENTRIES.items():
-            power = _DOUBT**2 * banded(np.abs(nominal[:, SIGNALS.index(entry.own)]) ** 2)
-            through = probed.entry(name, SIGNALS)
-            seen = through[:, [SIGNALS.index(c) for c in self.channels]]
+        for name, entry in probed.at.entries.items():
+            power = _DOUBT**2 * banded(np.abs(nominal[:, probed.rows([entry.own])[0]]) ** 2)
+            through = probed.entry(name, probed.at.signals)
+            seen = through[:, probed.rows(self.channels)]
             weighed = power[:, None] * seen.conj()
             gain += through[:, :, None] * weighed[:, None, :]
             spread += seen[:, :, None] * weighed[:, None, :]
@@ -201,9 +223,10 @@ class Residual:
 
     def _signals(self, spectra: np.ndarray) -> dict[str, np.ndarray]:
         probed = self.probe
-        found = dict(zip(SIGNALS, probed.signal(spectra).T, strict=True))
-        pressure = spectra[:, SIGNALS.index("load_pressure_Pa")]
-        found["pressure_rate_Pa_per_s"] = probed.signal(pressure * probed.laplace)
+        found = dict(zip(probed.at.signals, probed.signal(spectra).T, strict=True))
+        if "load_pressure_Pa" in found:
+            pressure = spectra[:, probed.rows(["load_pressure_Pa"])[0]]
+            found["pressure_rate_Pa_per_s"] = probed.signal(pressure * probed.laplace)
         found["stroke_m"] = found["outer_m"] - found["inner_m"]
         return found
 

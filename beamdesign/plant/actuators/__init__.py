@@ -1,6 +1,6 @@
 """Kinds of actuator: every file of this folder but the protocol holds one, found by being there."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from importlib import import_module
 from pkgutil import iter_modules
 from typing import TYPE_CHECKING, Any
@@ -21,11 +21,15 @@ _OF = {row.tolerance: row.words for kind in KINDS.values() for row in kind.param
 
 
 class _WithoutZeros(Record):
-    """What of an actuator has no tolerance is not written: it may be another actuator's."""
+    """What of an actuator is not stated is not written: it may be another actuator's."""
 
     @model_serializer(mode="wrap")
     def _stated(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        return {key: value for key, value in handler(self).items() if value or key not in _OF}
+        return {
+            key: value
+            for key, value in handler(self).items()
+            if value or key in self.model_fields_set or key not in _OF
+        }
 
 
 if TYPE_CHECKING:
@@ -43,6 +47,13 @@ else:
     )
 
 
+def not_felt(actuator: type[Actuator], sensors: Iterable[str], key: str) -> Iterator[Problem]:
+    """That a law is to hear the load pressure of a rig that has none."""
+    if "load_pressure_Pa" in sensors and actuator.feels[0] != "load_pressure_Pa":
+        kind = actuator.model_fields["kind"].default
+        yield Problem(key, f"is to hear load_pressure_Pa, which a rig with a {kind} does not have")
+
+
 class WithActuator(Record):
     """A record with `actuator`, and beside it the tables of some kinds of actuator."""
 
@@ -56,7 +67,7 @@ class WithActuator(Record):
 
     @classmethod
     def relations(cls, table: Mapping[str, Any]) -> Iterator[Problem]:
-        """The tables are those of its kind of actuator, and all of them."""
+        """The tables are those of its kind of actuator, and all of them; its law hears nothing that it has not."""
         yield from super().relations(table)
         given, usual = table.get("actuator"), Actuator.where_none_is_stated
         kind = given.get("kind", usual) if isinstance(given, Mapping) else getattr(given, "kind", "")
@@ -66,6 +77,13 @@ class WithActuator(Record):
                 yield Problem(name, f"a {kind} has none")
             if default is None and table.get(name) is None and name in KINDS[kind].tables:
                 yield Problem(name, "missing")
+
+        law = table.get("controller")
+        heard = (
+            law.get("sensors", law.get("added_sensors", ())) if isinstance(law, Mapping) else getattr(law, "senses", ())
+        )
+        if kind in KINDS and isinstance(heard, list | tuple):
+            yield from not_felt(KINDS[kind], heard, "controller")
 
     @model_serializer(mode="wrap")
     def _without_tables_of_others(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:

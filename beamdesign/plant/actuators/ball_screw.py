@@ -206,7 +206,7 @@ class BallScrew(Actuator):
     def holding(self, prototype: "Prototype", force_N: float) -> tuple[str, float, float | None, str, str]:
         """Current of the motor that stands still."""
         needed = force_N * self.lead_m / (2 * pi) / self.torque_constant_N_m_per_A
-        return "continuous current", needed, self.continuous_current_A, "A", "actuator.continuous_current_A"
+        return "continuous current at rest", needed, self.continuous_current_A, "A", "actuator.continuous_current_A"
 
     def stronger(self, prototype: "Prototype", force_N: float) -> tuple[Change, ...]:
         """More current, or more torque from it."""

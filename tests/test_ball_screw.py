@@ -1,0 +1,318 @@
+"""The electromechanical actuator: against closed forms, limit cases and equations written down once more."""
+
+from math import pi, sqrt
+
+import numpy as np
+import pytest
+from flint import fmpq
+from honest_certificates import screw
+
+from beamdesign import checker
+from beamdesign.checker.reading import Table
+from beamdesign.checker.rig import Rig
+from beamdesign.checker.state_space import StateSpace as Stated
+from beamdesign.control_models import state_space
+from beamdesign.controllers import Lag
+from beamdesign.parameters import typical_of
+from beamdesign.plant.actuators.servo_cylinder import Servovalve, Supply
+from beamdesign.plant.assembly import fits
+from beamdesign.plant.effects import library
+from beamdesign.plant.higher_modes import signals, single_compliance, with_mass
+from beamdesign.plant.members import family
+from beamdesign.proofs.bounded_error import numerators
+from beamdesign.proofs.box import certify_box
+from beamdesign.proofs.box_claims import claim_over_box
+from beamdesign.proofs.certificate import Asked
+from beamdesign.proofs.contact import EVERY_WALL
+from beamdesign.proofs.lyapunov import stages_certificate, switching
+from beamdesign.proofs.mass_family import stage_families
+from beamdesign.proofs.tolerance_box import tolerance_box
+from beamdesign.proofs.writer import prototype_table, rig_tables
+from beamdesign.prototype import Prototype, prototype_from
+from beamdesign.records import InputError, to_toml
+from beamdesign.scenario import Scenario, ScenarioRecord, Sine
+from beamdesign.simulation import simulate
+from beamdesign.structure.lumped import figures
+from beamdesign.synthesis.operating_limits import demand, envelope, needs
+from beamdesign.synthesis.stiffness_search import design
+from beamdesign.synthesis.tuning import tune
+
+W = 2 * pi * np.array([0.05, 0.7, 3.0, 12.0, 33.0, 90.0, 400.0, 2000.0])
+
+
+@pytest.fixture
+def rig() -> Prototype:
+    """The published beams with a motor and a screw of 20 mm lead."""
+    return screw()
+
+
+def matrices(rig: Prototype, mass: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """A, B and C from force and current to the tip: Newton's and Kirchhoff's laws, written down by hand.
+
+    States are tip, nut, inner tip, their speeds and the motor's current; the nut's place is in space, not relative.
+    """
+    f, a = figures(rig), rig.actuator
+    h, n = a.lead_m / (2 * pi), rig.payload.inner_end_mass_kg
+    heavy = f["outer_mass"] + mass, f["inner_mass"] + n
+    rows = np.zeros((7, 7))
+    rows[:3, 3:6] = np.eye(3)
+    spring = np.array([1.0, -1.0, -1.0])  # tip less nut's travel less inner tip
+    outer, inner = np.array([1.0, 0, 0]), np.array([0, 0, 1.0])
+    for held, of, at in (
+        (-f["outer_stiffness"], f["outer_damping"], outer),
+        (-f["inner_stiffness"], f["inner_damping"], inner),
+    ):
+        rows[3:6, :3] += held * np.outer(at, at)
+        rows[3:6, 3:6] -= of * np.outer(at, at)
+    axial = np.outer(spring, spring)
+    rows[3:6, :3] -= a.screw_stiffness_N_per_m * axial
+    rows[3:6, 3:6] -= a.screw_damping_N_s_per_m * axial
+    rows[4, 4] -= a.rotor_friction_N_m_s_per_rad / h**2
+    rows[4, 6] = a.torque_constant_N_m_per_A / h
+    rows[3:6] /= np.array([heavy[0], a.rotor_inertia_kg_m2 / h**2, heavy[1]])[:, None]
+    rate = 2 * pi * a.current_loop_Hz
+    rows[6, 6], rows[6, 4] = -rate, -rate * a.speed_feedback_A_s_per_rad / h
+    into = np.zeros((7, 2))
+    into[3, 0], into[6, 1] = 1 / heavy[0], rate
+    return rows, into, np.eye(7)[0]
+
+
+@pytest.mark.parametrize("mass", [0.0, 6.8])
+def test_the_linear_plant_is_that_of_equations_written_by_hand(rig: Prototype, mass: float) -> None:
+    a, b, c = matrices(rig, mass)
+    own = family(rig).rest.rig.matrices(mass, rig.payload.inner_end_mass_kg)
+    np.testing.assert_allclose(
+        np.sort_complex(np.linalg.eigvals(own[0])), np.sort_complex(np.linalg.eigvals(a)), rtol=1e-8
+    )
+    for w in W:
+        ours, theirs = (z @ np.linalg.solve(1j * w * np.eye(7) - x, y) for x, y, z in (own, (a, b, c[None])))
+        np.testing.assert_allclose(ours[0], theirs[0], rtol=1e-7)
+
+
+@pytest.mark.parametrize("mass", [0.0, 6.8])
+def test_compliance_and_travel_of_the_actuator_alone_give_the_same_loop(rig: Prototype, mass: float) -> None:
+    a, b, c = matrices(rig, mass)
+    outer = with_mass(single_compliance(rig, "outer_beam"), mass)
+    inner = with_mass(single_compliance(rig, "inner_beam"), rig.payload.inner_end_mass_kg)
+    found = signals(rig, outer, inner, W / (2 * pi))
+    assert rig.controller is not None
+    law = rig.controller.sensor_responses(W / (2 * pi))["displacement_m"]
+    for k, w in enumerate(W):
+        push, drive = c @ np.linalg.solve(1j * w * np.eye(7) - a, b)
+        assert found.compliance[k] == pytest.approx(push, rel=1e-7)
+        assert found.loop_per_gain[k] == pytest.approx(drive * law[k] * rig.sensor.gain_V_per_m, rel=1e-7)
+
+
+def test_without_inertia_it_is_a_hydraulic_rig_in_other_units(rig: Prototype, paper: Prototype) -> None:
+    """Bond graphs: lead for area, speed for flow, torque for pressure (Karnopp, Margolis, Rosenberg, System Dynamics).
+
+    A = 1/h, K_q = K_t / (K_t k_w + b) and K_pq = 1 / (K_t k_w + b), where the rotor has next to no inertia and neither
+    the current loop nor the valve a lag.
+    """
+    a = rig.actuator.but(rotor_inertia_kg_m2=1e-9, current_loop_Hz=1e5, screw_damping_N_s_per_m=0.0)
+    h, slow = a.lead_m / (2 * pi), a.torque_constant_N_m_per_A * a.speed_feedback_A_s_per_rad
+    slow += a.rotor_friction_N_m_s_per_rad
+    f = {
+        "oil_stiffness": a.screw_stiffness_N_per_m, "piston_area": 1 / h, "leakage": 1 / slow,
+        "flow_gain": a.torque_constant_N_m_per_A / slow, "valve_frequency": 1e7, "valve_damping_ratio": 0.5,
+    }  # fmt: skip
+    s, own = 1j * W[:-1], figures(rig.but(actuator=a))
+    np.testing.assert_allclose(a.compliance(own, s), paper.actuator.compliance(f, s), rtol=2e-3)
+    np.testing.assert_allclose(a.travel(own, s), paper.actuator.travel(f, s), rtol=2e-2)
+
+
+def test_what_a_held_load_takes_is_statics(rig: Prototype) -> None:
+    """Current F h / K_t, stroke F / K_inner; a slow sine turns the rotor at w F / (K_inner h)."""
+    taken = needs(rig, (0.0, 0.0), 1e-6, 0.05, 1500.0)
+    h, inner = 0.02 / (2 * pi), figures(rig)["inner_stiffness"]
+    assert taken["peak_current_A"] == pytest.approx(1500.0 * h / 1.2, rel=5e-3)
+    assert rig.actuator.holding(rig, 1500.0)[1] == pytest.approx(1500.0 * h / 1.2)
+    assert taken["stroke_m"] == pytest.approx(1500.0 / inner, rel=5e-3)
+    moving = needs(rig, (0.0, 0.0), 1000.0, 0.05)
+    assert moving["speed_rad_per_s"] == pytest.approx(2 * pi * 0.05 * 1000.0 / inner / h, rel=1e-2)
+    assert moving["effective_current_A"] == pytest.approx(moving["peak_current_A"] / sqrt(2))
+
+
+@pytest.mark.parametrize(("frequency", "mass"), [(4.0, 0.0), (15.0, 6.8)])
+def test_demands_are_those_of_a_simulated_record(rig: Prototype, frequency: float, mass: float) -> None:
+    sine = Sine(amplitude_N=100.0, frequency_Hz=frequency, fade_s=0.2)
+    row = ScenarioRecord(name="sine", input=(sine,), outer_end_mass_kg=mass, inner_end_mass_kg=2.0)
+    plan = Scenario(name="sine", duration_s=1.0 + 4 / frequency, sample_s=1e-4, record=(row,))
+    (record,) = simulate(rig, plan).records
+    asked = demand(rig, mass, np.array([frequency]))
+    last = slice(-round(2 / frequency / 1e-4), None)
+    for name, expected in (
+        ("displacement_m", asked.displacement),
+        ("current_A", asked.current),
+        ("screw_force_N", asked.force),
+    ):
+        assert np.ptp(record.column(name)[last]) / 2 == pytest.approx(100.0 * abs(expected[0]), rel=3e-3)
+
+
+def test_each_rating_limits_the_load(rig: Prototype) -> None:
+    rated = rig.actuator.but(
+        peak_current_A=12.0, continuous_current_A=4.0, largest_speed_rad_per_s=300.0, stroke_m=0.04
+    )
+    limits = envelope(rig.but(actuator=rated), frequency_Hz=np.array([0.5])).limits_N
+    h, inner = 0.02 / (2 * pi), figures(rig)["inner_stiffness"]
+    assert limits["peak current"][0] == pytest.approx(12.0 * 1.2 / h, rel=2e-2)
+    assert limits["continuous current"][0] == pytest.approx(sqrt(2) * 4.0 * 1.2 / h, rel=2e-2)
+    assert limits["stroke"][0] == pytest.approx(0.02 * inner, rel=5e-3)
+    assert limits["rotor speed"][0] == pytest.approx(300.0 * h * inner / pi, rel=1e-2)
+
+
+def test_every_drawn_rig_of_a_box_keeps_what_is_proved_of_it(rig: Prototype) -> None:
+    """40 rigs of the box of typical tolerances, half of them corners, by the equations written by hand."""
+    rig = rig.but(tolerance=typical_of(type(rig.actuator)))
+    box = tolerance_box(rig, 1.0, outer_end_mass=(0.0, 4.0))
+    asked = Asked("peak_sensitivity", 2.0), Asked("compliance", 1.2e-7, 2.0), Asked("gain_margin", 0.0)
+    claims = [claim_over_box(rig, box, one) for one in asked]
+    assert all(claim.holds for claim in claims), [claim.reason for claim in claims]
+    text = certify_box(rig, box, volumes=False).write(claims)
+    assert checker.check(text, prototype_table(rig)).valid
+    random = np.random.default_rng(7)
+    law, w = rig.controller, 2 * pi * np.geomspace(0.05, 3000.0, 4000)
+    assert isinstance(law, Lag)
+    c_of = law.gain_A_per_V * (1 + 1j * w / (2 * pi * law.zero_Hz)) / (1 + 1j * w / (2 * pi * law.pole_Hz))
+    for k in range(40):
+        share = random.integers(0, 2, 20) * 2.0 - 1 if k % 2 else random.uniform(-1, 1, 20)
+        drawn = iter(share.tolist())
+        a = rig.actuator
+        beams = {
+            name: beam.but(
+                stiffness_N_per_m=figures(rig)[f"{name[:5]}_stiffness"] * (1 + 0.03 * next(drawn)),
+                effective_mass_kg=figures(rig)[f"{name[:5]}_mass"] * (1 + 0.02 * next(drawn)),
+                damping_ratio=beam.damping_ratio * (1 + 0.3 * next(drawn)),
+            )
+            for name, beam in (("outer_beam", rig.outer_beam), ("inner_beam", rig.inner_beam))
+        }
+        other = a.but(
+            screw_stiffness_N_per_m=a.screw_stiffness_N_per_m * (1 + 0.15 * next(drawn)),
+            screw_damping_N_s_per_m=a.screw_damping_N_s_per_m * (1 + 0.3 * next(drawn)),
+            torque_constant_N_m_per_A=a.torque_constant_N_m_per_A * (1 + 0.05 * next(drawn)),
+            rotor_inertia_kg_m2=a.rotor_inertia_kg_m2 * (1 + 0.05 * next(drawn)),
+            rotor_friction_N_m_s_per_rad=a.rotor_friction_N_m_s_per_rad * (1 + 0.3 * next(drawn)),
+            current_loop_Hz=a.current_loop_Hz * (1 + 0.1 * next(drawn)),
+        )
+        there = rig.but(**beams, actuator=other, guarantee=None)
+        mass = 4.0 * random.random()
+        rows, into, out = matrices(there, mass)
+        response = np.linalg.solve(
+            1j * w[:, None, None] * np.eye(7) - rows, np.broadcast_to(into, (len(w), 7, 2)).astype(complex)
+        )
+        push, drive = (out @ response[:, :, j].T for j in (0, 1))
+        loop = drive * c_of * rig.sensor.gain_V_per_m * (1 + 0.005 * next(drawn))
+        assert abs(1 / (1 + loop)).max() < 2.0
+        assert abs(push / (1 + loop))[w < 2 * pi * 2.0].max() < 1.2e-7
+
+
+def test_another_lead_or_actuator_is_another_rig(rig: Prototype) -> None:
+    from honest_certificates import certified
+
+    honest = certified(rig, (0.0, 2.0), ("peak_sensitivity", 2.5))
+    others = (
+        rig.but(actuator=rig.actuator.but(lead_m=0.0201)),
+        rig.but(actuator=rig.actuator.but(screw_damping_N_s_per_m=601.0)),
+        rig.but(actuator=rig.actuator.but(speed_feedback_A_s_per_rad=0.51)),
+    )
+    assert checker.check(honest.text, prototype_table(rig)).valid
+    for other in others:
+        assert not checker.check(honest.text, prototype_table(other)).valid
+
+
+def test_the_checkers_state_space_has_the_poles_of_the_closed_loop(rig: Prototype) -> None:
+    """Of both programs' ways to x' = A(m) x; a payload that changes is proved with it."""
+    tables = rig_tables(rig)
+    stated = Rig(Table(tables, ""))
+    assert stated.law is not None
+    found = Stated(stated, stated.law).matrix(fmpq(3))
+    ours = np.array([[float(found[i, j]) for j in range(found.ncols())] for i in range(found.nrows())])
+    expected = np.sort_complex(state_space(rig, 3.0).poles())
+    np.testing.assert_allclose(np.sort_complex(np.linalg.eigvals(ours)), expected, rtol=1e-6)
+    text = stages_certificate(rig, switching(stage_families(rig), 2.0, 2.5), "")
+    assert checker.check(text, prototype_table(rig)).valid
+
+
+def test_friction_on_the_nut_strays_by_no_more_than_its_impulse_response(rig: Prototype) -> None:
+    """The integral of |h| by scipy's step through time; the polynomial that the bound rests on is that response."""
+    model = family(rig).rest.rig
+    above = numerators(rig, model, {"nut"})["nut"]
+    a, b, c = matrices(rig, 0.0)
+    h = rig.actuator.lead_m / (2 * pi)
+    nut = np.zeros((7, 1))
+    nut[4] = h**2 / rig.actuator.rotor_inertia_kg_m2
+    law = rig.controller
+    assert isinstance(law, Lag)
+    for w in W[1:5]:
+        inside = np.linalg.solve(1j * w * np.eye(7) - a, np.hstack([b, nut]))
+        c_of = law.gain_A_per_V * (1 + 1j * w / (2 * pi * law.zero_Hz)) / (1 + 1j * w / (2 * pi * law.pole_Hz))
+        expected = (c @ inside[:, 2]) / (1 + (c @ inside[:, 1]) * c_of * rig.sensor.gain_V_per_m)
+        plant, of_law = model.plant(2.0), law.transfer_function()
+        s = complex(0, w)
+
+        def at(poly, s=s):
+            return sum(float(one) * s**k for k, one in enumerate(poly.coeffs()))
+
+        closed = at(plant.denominator.constant) * at(of_law.denominator) + at(plant.control[0].constant) * at(
+            of_law.numerator
+        )
+        assert abs(at(above) / closed) == pytest.approx(abs(expected), rel=1e-6)
+
+
+def test_a_motor_that_rubs_sticks(rig: Prototype) -> None:
+    """Under a small sine the nut of a screw with dry friction stays behind, as a spring of presliding."""
+    sine = Sine(amplitude_N=3.0, frequency_Hz=1.0, fade_s=0.2)
+    row = ScenarioRecord(name="sine", input=(sine,), inner_end_mass_kg=2.0)
+    plan = Scenario(name="sine", duration_s=3.0, sample_s=5e-4, record=(row,))
+    free, rubbing = (
+        simulate(rig.but(effects=effects), plan).records[0].column("displacement_m")
+        for effects in ({}, {"seal_friction": {"coulomb_N": 400.0}})
+    )
+    assert np.ptp(rubbing[-2000:]) > 3 * np.ptp(free[-2000:])
+
+
+def test_effects_of_oil_and_valve_are_refused(rig: Prototype) -> None:
+    own = {name for name in library() if fits(name, rig.rig)}
+    assert {
+        "sensor_lag",
+        "transport_delay",
+        "joint_backlash",
+        "seal_friction",
+        "current_saturation",
+        "mount_compliance",
+    } <= own
+    assert not own & {
+        "entrained_air",
+        "valve_deadband",
+        "unequal_piston_areas",
+        "pressure_dependent_flow",
+        "uneven_leakage",
+    }
+    with pytest.raises(
+        InputError, match=r"effects\.valve_deadband: acts on what a rig with a ball_screw does not have"
+    ):
+        family(rig.but(effects={"valve_deadband": {}}))
+
+
+def test_tables_are_those_of_the_actuator(rig: Prototype) -> None:
+    table = rig.model_dump(exclude_none=True)
+    assert "supply" not in table
+    assert "oil_stiffness" not in table["tolerance"]
+    assert prototype_from(table) == rig
+    valve = Servovalve(flow_gain_m3_per_s_per_A=0.01, leakage_m3_per_s_per_Pa=1e-13, natural_frequency_Hz=100.0)
+    for wrong, words in (
+        ({"servovalve": valve.model_dump(exclude_none=True)}, "servovalve: a ball_screw has none"),
+        ({"supply": Supply(pressure_Pa=1e7).model_dump(exclude_none=True)}, "supply: a ball_screw has none"),
+        ({"actuator": {"kind": "piezo"}}, "actuator: kind must be one of"),
+        ({"actuator": table["actuator"] | {"lead_mm": 20.0}}, r"actuator\.lead_mm"),
+    ):
+        with pytest.raises(InputError, match=words):
+            prototype_from(table | wrong)
+    assert 'kind = "ball_screw"' in to_toml(rig)
+
+
+def test_nothing_hears_a_load_pressure_that_there_is_not(rig: Prototype) -> None:
+    with pytest.raises(InputError, match="load_pressure_Pa, which a rig with a ball_screw does not have"):
+        tune(rig, (0.0, 2.0), "lqg", sensors=("displacement_m", "load_pressure_Pa"))
+    with pytest.raises(InputError, match="load_pressure_Pa"):
+        design(rig, 1e6, (0.0, 2.0), EVERY_WALL)
