@@ -112,7 +112,12 @@ def run_design(
             ways = () if found.holding is None else found.holding.ways
             if problem.controller.kind in _QUICK:
                 report(0.5, "what to change")
-                ways = carried(problem, ways or easier(problem), leads)
+                likely = ways or easier(problem)
+                if not (ways := carried(problem, likely, leads)) and over():
+                    words = (
+                        f"{found.reason}; what may help, not tried for want of time: {' or '.join(in_words(likely))}"
+                    )
+                    found = replace(found, reason=words)
             found = replace(found, ways=ways)
     return replace(found, left_out=tuple(limit.left_out))
 
