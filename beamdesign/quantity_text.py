@@ -38,7 +38,7 @@ _UNITS = {
 }
 """By SI unit: the one in which it is read, and how many of these it is."""
 
-_LARGE = {"A": 0.5}
+_LARGE = {"A": 0.5, "A/V": 10.0}
 """From where on the SI unit itself is read."""
 
 

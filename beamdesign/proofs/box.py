@@ -339,6 +339,8 @@ def _where(unsettled: Sequence[Piece], shares: Volumes, looked_at: int) -> str:
     """Where nothing was decided, in words."""
     if not unsettled:
         return "no member could be told to be stable"
+    if not looked_at:
+        return "no time was left for the box"
     low = min(nearest(piece.w1) for piece in unsettled) / (2 * pi)
     ends = [piece.w2 for piece in unsettled if piece.w2 is not None]
     share = f"undecided on {nearest(shares.undecided):.3g} of the box after {looked_at} pieces"

@@ -174,6 +174,8 @@ def checks(
         ]
         if tube.shape == "round":
             limit = alloy.largest_diameter_to_wall
+            if alloy.buckling_class is None:  # EN 1993-1-1, 5.5.2(9): of the stress under load in place of the strength
+                limit = limit * (resistance / (asked.local_buckling * moment))
             found.append(Check(f"{name} diameter to wall, class 3", tube.width_m / tube.wall_m, limit, "1"))
     return found + _fit(problem, asked, outer, inner)
 

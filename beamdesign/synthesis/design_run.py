@@ -60,8 +60,13 @@ class DesignRun(Result):
     @property
     def change(self) -> tuple[str, ...]:
         """What to change in the study, in words, each entry enough by itself."""
-        eased = [] if self.sizing.feasible else self.sizing.relaxations
-        return (*in_words(self.ways), *(f"{item.key} = {item.enough:g}" for item in eased))
+        eased = () if self.sizing.feasible else self.sizing.relaxations
+        free = (
+            ['sections.choose = "free"']
+            if not self.sizing.feasible and self.sizing.choose == "stock" and self.sizing.free
+            else []
+        )
+        return (*in_words(self.ways), *free, *(f"{item.key} = {item.enough:g}" for item in eased))
 
     @property
     def guarantees(self) -> tuple[Guarantee, ...]:
@@ -107,7 +112,12 @@ def run_design(
             ways = () if found.holding is None else found.holding.ways
             if problem.controller.kind in _QUICK:
                 report(0.5, "what to change")
-                ways = carried(problem, ways or easier(problem), leads)
+                likely = ways or easier(problem)
+                if not (ways := carried(problem, likely, leads)) and over():
+                    words = (
+                        f"{found.reason}; what may help, not tried for want of time: {' or '.join(in_words(likely))}"
+                    )
+                    found = replace(found, reason=words)
             found = replace(found, ways=ways)
     return replace(found, left_out=tuple(limit.left_out))
 

@@ -251,9 +251,9 @@ class Search:
             return variables, 0.0
         higher = coarse_search(points, self.goal, form, own, lower, upper, most=self.effort.steps)
         both = (variables, np.append(higher, chosen))
-        return max(((one, self._worth(points, form, one)) for one in both), key=lambda pair: pair[1])
+        return max(((one, self.worth(points, form, one)) for one in both), key=lambda pair: pair[1])
 
-    def _worth(self, points: Samples, form: Form, variables: np.ndarray) -> float:
+    def worth(self, points: Samples, form: Form, variables: np.ndarray) -> float:
         """Sampled value, made less by what violates the limits; 0 of a loop that is not stable."""
         left = slacks(points, self.goal, form, variables, slopes=False)
         if not left.settled:

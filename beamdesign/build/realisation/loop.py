@@ -12,24 +12,25 @@ rest of the period,
 
     x[k+1] = Phi x[k] + (Gamma(T) - Gamma(T - tau)) i[k-1] + Gamma(T - tau) i[k].
 
-Phi and Gamma are enclosed in balls for all masses of a piece of the range, and for all tau of an interval; in
-coordinates T in which the middle of the piece contracts, I - Z'Z with Z = T^-1 (closed loop) T is positive definite for
-every matrix within the balls if Cholesky's pivots in balls are positive: then every member is a contraction. Where this
-fails, the piece is halved; intervals of the computing time are, where the proof over the masses is not found.
+A is affine in s, one over the total mass. Over a piece of the masses and for all tau of an interval, the closed loop is
+Z(s) = Z(s0) + (s - s0) E with E a matrix within the balls that enclose Z'(s), s0 being the middle of the piece in s: it
+lies between Z(s0) - w E and Z(s0) + w E, w being half the width. Norms are convex, so the whole piece contracts where
+these two do, in any coordinates T: I - Z'Z with Z = T^-1 (either) T is positive definite for every matrix within the
+balls if Cholesky's pivots in balls are positive. T is modal at s0, its columns scaled by Perron's vectors so that w E
+moves the least of the contraction (J. Stoer and C. Witzgall, Numer. Math. 4 (1962) 158). Where this fails, the piece is
+halved; intervals of the computing time are, where the proof over the masses is not found.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any, Generic, Protocol, TypeVar
 
 import numpy as np
 from flint import arb, arb_mat, ctx, fmpq, fmpq_mat
 
+from beamdesign.build.realisation.held_plant import HeldPlant, held_plant
 from beamdesign.build.realisation.law import LinearLaw
 from beamdesign.build.realisation.realise import Realisation, floats
-from beamdesign.controllers import SENSED
-from beamdesign.plant.linearised import SEEN
-from beamdesign.plant.members import paper_model
 from beamdesign.polynomial import exact
 from beamdesign.progress import Progress, silent
 from beamdesign.prototype import Prototype
@@ -62,84 +63,6 @@ class SampledVerdict:
     pieces: int
     largest_modulus: float
     looked_at: int
-
-
-@dataclass(frozen=True)
-class HeldPlant:
-    """The plant over the outer end mass, exact; the rows of the outer tip's velocity are divided by the total mass.
-
-    Attributes:
-        a: (n, n) of the plant in balanced states; b: (n, 1) from the current.
-        seen: (1, n) to the sensor's volts, and to what else may be sensed (m, Pa), by the names of `SENSED`.
-        velocity: index of the row that the total mass divides.
-        bare_mass: kg.
-        force: (n, 1) from the disturbance on the outer tip, N.
-        tip: (1, n) to its displacement, m.
-    """
-
-    a: fmpq_mat
-    b: fmpq_mat
-    seen: Mapping[str, fmpq_mat]
-    velocity: int
-    bare_mass: fmpq
-    force: fmpq_mat
-    tip: fmpq_mat
-
-    def moved(self, low: fmpq, high: fmpq, duration_s: arb, by_force: bool = False) -> arb_mat:
-        """exp([[A, B], [0, 0]] T), enclosed for all masses from `low` to `high` and durations T of a ball.
-
-        Its upper rows are Phi and Gamma; `by_force` with the force, held between samples, in place of the current.
-        """
-        n, held = self.a.nrows(), self.force if by_force else self.b
-        share = (arb(1) / arb(self.bare_mass + low)).union(arb(1) / arb(self.bare_mass + high))
-        whole = [[arb(0)] * (n + 1) for _ in range(n + 1)]
-        for i in range(n):
-            scale = duration_s * share if i == self.velocity else duration_s
-            whole[i] = [arb(self.a[i, j]) * scale for j in range(n)] + [arb(held[i, 0]) * scale]
-        return arb_mat(whole).exp()
-
-    def readings(self, sensed: Sequence[str]) -> fmpq_mat:
-        """(k, n) to what a law hears without command: minus the volts as its error, others as they are."""
-        n, rows = self.a.nrows(), []
-        for name in sensed:
-            if name in self.seen:
-                sign = -1 if name == SENSED[0] else 1
-                rows.append([sign * self.seen[name][0, j] for j in range(n)])
-            else:
-                rows.append([fmpq(0)] * n)
-        return fmpq_mat(len(rows), n, [value for row in rows for value in row])
-
-
-def held_plant(prototype: Prototype) -> HeldPlant:
-    """The plant of a prototype, whose inputs are held between samples.
-
-    Raises:
-        InputError: for a prototype with effects; its plant is not that of equations (7) to (18).
-    """
-    inner = exact(prototype.payload.inner_end_mass_kg)
-    a, b, c, velocity, mass = paper_model(prototype).over_outer_mass(inner)
-    n = a.nrows()
-    scales = _balance(a, velocity, mass)
-    balanced = fmpq_mat(n, n, [a[i, j] * scales[j] / scales[i] for i in range(n) for j in range(n)])
-    current = fmpq_mat(n, 1, [b[i, 1] / scales[i] for i in range(n)])
-    seen: dict[str, fmpq_mat] = {
-        name: fmpq_mat(1, n, [c[SEEN.index(as_seen), j] * scales[j] for j in range(n)])
-        for name, as_seen in zip(SENSED, ("measured_V", *SENSED[1:]), strict=True)
-    }
-    force = fmpq_mat(n, 1, [b[i, 0] / scales[i] for i in range(n)])
-    tip = fmpq_mat(1, n, [c[0, j] * scales[j] for j in range(n)])
-    return HeldPlant(balanced, current, seen, velocity, mass, force, tip)
-
-
-def _balance(a: fmpq_mat, velocity: int, mass: fmpq) -> list[fmpq]:
-    """Powers of two by which states are scaled, so that rows and columns are of one size."""
-    from scipy.linalg import matrix_balance
-
-    n = a.nrows()
-    floats = np.array([[nearest(a[i, j]) for j in range(n)] for i in range(n)])
-    floats[velocity] /= nearest(mass)
-    scale = matrix_balance(floats, permute=False, separate=True)[1][0]
-    return [fmpq(2) ** int(np.rint(np.log2(s))) for s in scale]
 
 
 class Sampled(Protocol):
@@ -215,12 +138,21 @@ class RealisedLoop(Generic[L]):
 
     def enclosed(self, low: fmpq, high: fmpq) -> arb_mat:
         """The same, enclosed for all masses from `low` to `high` and all computing times."""
-        moved = self.plant.moved(low, high, self.period_s)
+        return self._enclosed(self.plant.moved, low, high)
+
+    def changed(self, low: fmpq, high: fmpq) -> arb_mat:
+        """Likewise what half the piece changes at most: half its width in one over the total mass times the slope."""
+        whole, n = self._enclosed(self.plant.slope, low, high), self.plant.a.nrows()
+        half = arb(self.plant.shares(low, high)[1])
+        rows = range(whole.nrows())  # of the law and of the current being put out, none depends on the mass
+        return arb_mat([[whole[i, j] * half if i < n else arb(0) for j in rows] for i in rows])
+
+    def _enclosed(self, moved: Callable[[fmpq, fmpq, arb], arb_mat], low: fmpq, high: fmpq) -> arb_mat:
         if not self.delayed:
-            return self.closed(moved, None)
+            return self.closed(moved(low, high, self.period_s), None)
         first, last = self.computing
         rest = self.period_s * arb(1 - first).union(arb(1 - last))
-        return self.closed(moved, self.plant.moved(low, high, rest))
+        return self.closed(moved(low, high, self.period_s), moved(low, high, rest))
 
     def matrix(self, mass: fmpq) -> np.ndarray:
         """The same at one mass in the middle of the interval, in floats."""
@@ -253,12 +185,13 @@ def prove_sampled(loop: RealisedLoop[Any], low_kg: float, high_kg: float) -> Sam
             largest = max(largest, modulus)
         while open_pieces and largest < 1:
             first, last = open_pieces.pop()
-            middle = (first + last) / 2
-            matrix = loop.matrix(middle)
-            values, vectors = np.linalg.eig(matrix)
+            middle = 1 / loop.plant.shares(first, last)[0] - loop.plant.bare_mass
+            values, vectors = np.linalg.eig(loop.matrix(middle))
             largest = max(largest, float(np.abs(values).max()))
             seen += 1
-            if _contracts(loop.enclosed(first, last), values, vectors):
+            if largest >= 1:
+                break
+            if _contracts(loop.enclosed(middle, middle), loop.changed(first, last), values, vectors):
                 proved, reached = proved + 1, last
             elif last - first <= _NARROWEST * (high - low) or (
                 proved >= _TRIED and proved * (high - low) > _PIECES * (reached - low)
@@ -273,26 +206,36 @@ def prove_sampled(loop: RealisedLoop[Any], low_kg: float, high_kg: float) -> Sam
     return SampledVerdict(True, "", proved, largest, seen)
 
 
-def _contracts(enclosed: arb_mat, values: np.ndarray, vectors: np.ndarray) -> bool:
-    """Whether every matrix of an enclosure contracts in the real modal coordinates of its middle."""
-    columns = []
-    for k, value in enumerate(values):
-        if value.imag > 0:
-            columns += [vectors[:, k].real, vectors[:, k].imag]
-        elif value.imag == 0:
-            columns.append(vectors[:, k].real)
-    frame = np.column_stack(columns)
-    n = len(frame)
-    if frame.shape != (n, n):
+def _contracts(middle_of: arb_mat, changed: arb_mat, values: np.ndarray, vectors: np.ndarray) -> bool:
+    """Whether a matrix contracts, whatever share of -1 to 1 of a change is added, in one frame of coordinates.
+
+    Args:
+        middle_of: the matrix, in balls.
+        changed: what is added, enclosed.
+        values: eigenvalues of the matrix in floats, of modulus below 1.
+        vectors: its eigenvectors.
+    """
+    n, away = len(vectors), np.abs(np.linalg.pinv(vectors) @ middle(changed) @ vectors)
+    slack = np.sqrt(1 - np.abs(values) ** 2)
+    away = away / np.outer(slack, slack)
+    away = np.maximum(away / (away.max() or 1.0), 1e-9)
+    right, left = (np.abs(v[:, np.argmax(e.real)]) for e, v in map(np.linalg.eig, (away, away.T)))
+    vectors = vectors * np.sqrt(right / left)
+    columns = [part for k in np.flatnonzero(values.imag >= 0) for part in _parts(vectors[:, k], values[k].imag > 0)]
+    if len(columns) != n:
         return False
-    coordinates = arb_mat([[arb(float(x)) for x in row] for row in frame])
+    frame = arb_mat([[arb(float(x)) for x in row] for row in np.column_stack(columns)])
+    one = arb_mat([[arb(int(i == j)) for j in range(n)] for i in range(n)])
     try:
-        there = coordinates.inv() * enclosed * coordinates
+        inverse = frame.inv()
     except ZeroDivisionError:
         return False
-    return _positive_definite(
-        arb_mat([[arb(int(i == j)) for j in range(n)] for i in range(n)]) - there.transpose() * there
-    )
+    ends = [inverse * (middle_of + sign * changed) * frame for sign in (1, -1)]
+    return all(_positive_definite(one - end.transpose() * end) for end in ends)
+
+
+def _parts(vector: np.ndarray, is_complex: bool) -> list[np.ndarray]:
+    return [vector.real, vector.imag] if is_complex else [vector.real]
 
 
 def _positive_definite(matrix: arb_mat) -> bool:

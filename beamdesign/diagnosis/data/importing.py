@@ -192,7 +192,8 @@ def _record(
             )
             wrong.append(Problem(channel, f"{which}: name it, --column '{channel} = NAME [UNIT]'; {_there(found)}"))
     for channel, column in chosen.items():
-        factor, words = _factor(channel, column.unit, sensor_V_per_m)
+        said = column.unit or (CHANNELS[channel][0] if column.name == channel else "")  # the name ends in it
+        factor, words = _factor(channel, said, sensor_V_per_m)
         if factor is None:
             wrong.append(Problem(channel, f"{column.name!r} is in {column.unit!r}: {words}"))
             continue
