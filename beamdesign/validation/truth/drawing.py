@@ -4,7 +4,7 @@ The gain at which the loop begins to oscillate is known from the true rig, linea
 """
 
 from dataclasses import replace
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 import numpy as np
 from scipy.linalg import matrix_balance
@@ -80,7 +80,8 @@ def linear_critical_gain(figures: np.ndarray, modes: np.ndarray) -> float:
     return 0.5 * (low + high)
 
 
-KIND_NAMES = ("null", "single", "pair", "outside", "parameter")
+Kind = Literal["null", "single", "pair", "outside", "parameter"]
+KIND_NAMES = get_args(Kind)
 GAPS = (2.0, 30.0)
 """Range of the gap over the floor that effects are drawn for."""
 _LARGEST_TOLERANCE_GAP = 0.35
@@ -112,7 +113,7 @@ _SHORT = (0, 1, 3, 4, 5)
 
 def draw_case(
     seed: int,
-    kind: Literal["null", "single", "pair", "outside", "parameter"],
+    kind: Kind,
     *,
     short: bool = False,
     names: tuple[str, ...] = (),
@@ -170,7 +171,7 @@ def _bare_case(seed: int, kind: str, nominal: Table, rng: np.random.Generator, s
         drift_m=float(rng.uniform(0, 0.4e-6)),
     )
     figures = rig_figures(nominal, factors, habits)
-    scales = Scales(figures, figures["modes.stiffness"], figures["modes.mass"], 900 * load, 7.5e-3)
+    scales = Scales(figures, 900 * load, 7.5e-3)
     case = Case(seed, kind, nominal, factors, habits, (), (), runs, noise, 1.75 if short else 4.0, scales)
     large = next(run for run in runs if run.name == "04_disturbance_large")
     current = float(np.std(take(case, large, duration_s=1.5).current))
