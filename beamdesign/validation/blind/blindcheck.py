@@ -32,7 +32,8 @@ from beamdesign.validation.blind.case_plan import (
     sealed,
     write_seal,
 )
-from beamdesign.validation.blind.diagnosis import Place, Program, begin_blind, diagnose_blind, program
+from beamdesign.validation.blind.diagnosis import Place, begin_blind, diagnose_blind, program
+from beamdesign.validation.blind.scoring import Opened
 
 _DRAWN_BY = "beamdesign.validation.blind.case_plan"
 
@@ -83,23 +84,6 @@ class Check:
         )
 
 
-@dataclass(frozen=True)
-class Opened:
-    """One case with its answer.
-
-    Attributes:
-        key: of the case.
-        answer: what was in it.
-        found: what was written down about it; `failed` instead of `diagnosis` where there is none.
-        closed: share of the gap that the diagnosed prototype closes against the noise-free rig; None where unknown.
-    """
-
-    key: str
-    answer: dict[str, Any]
-    found: dict[str, Any]
-    closed: float | None
-
-
 def begin_check(folder: Path, count: int, seed: int, short: bool, cases: Sequence[Planned] | None = None) -> Check:
     """Plan a check, or take up the one that the folder holds.
 
@@ -145,7 +129,7 @@ def draw_and_seal(check: Check, workers: int = 2, progress: Progress = silent) -
     return seal
 
 
-def diagnose_all(check: Check, workers: int = 2, progress: Progress = silent, rejudge: bool = False) -> Program:
+def diagnose_all(check: Check, workers: int = 2, progress: Progress = silent, rejudge: bool = False) -> None:
     """Diagnose all sealed cases, each from its data alone, in processes that have never had an answer.
 
     Each process keeps what it has compiled for the next case.
@@ -155,16 +139,12 @@ def diagnose_all(check: Check, workers: int = 2, progress: Progress = silent, re
         workers: processes.
         progress: told the share done.
         rejudge: whether fits of an earlier program count.
-
-    Returns:
-        digests of the program that did it.
     """
     now = program()
     jobs = {key: (diagnose_blind, check.place(key), now, rejudge) for key in read_seal(check.seal).sets}
     pool = _processes(min(workers, len(jobs)), begin_blind, (str(check.answers), os.getpid()))
     for _ in _done(jobs, pool, progress, "diagnosing"):
         pass
-    return now
 
 
 def open_all(check: Check, unfinished: bool = False) -> tuple[Opened, ...]:
