@@ -200,15 +200,10 @@ def next_experiment(data: Dataset, rivals: Sequence[Fit]) -> NextExperiment | No
 def separations(data: Dataset, rivals: Sequence[Fit]) -> list[Separation]:
     """All experiments that every rival predicts, best first; those that promise most are looked at with re-tuning."""
     placements = [fit.hypothesis.placement(data.prototype) for fit in rivals]
-    quick: list[tuple[float, Experiment]] = []
-    for experiment in menu(data):
-        found = _without_retuning(data, experiment, rivals, placements)
-        if found is not None:
-            quick.append((found / experiment.effort, experiment))
-    quick.sort(key=lambda item: -item[0])
-    results = []
-    for _, experiment in quick[:_CLOSER_LOOK]:
-        results += list(_closely(data, experiment, rivals, placements))
+    looks = ((_without_retuning(data, one, rivals, placements), one) for one in menu(data))
+    quick = [(least / one.effort, one) for least, one in looks if least is not None]
+    quick.sort(key=lambda look: -look[0])
+    results = (found for _, one in quick[:_CLOSER_LOOK] for found in _closely(data, one, rivals, placements))
     return sorted(results, key=lambda s: -s.score)
 
 
