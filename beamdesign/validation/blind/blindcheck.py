@@ -198,13 +198,12 @@ def _closed(
     if "diagnosis" not in found or "displacements_sha256" not in answer:
         return None
     with np.load(truth, allow_pickle=False) as held:
-        records = {name: held[name] for name in held.files}
+        records = dict(held)
     if displacements_digest(records) != answer["displacements_sha256"]:
         problems.append((key, "the noise-free records are not those that were sealed"))
         return None
     with np.load(check.place(key).predictions, allow_pickle=False) as held:
-        predicted = {name: held[name] for name in held.files}
-    return closed_by(records, predicted)
+        return closed_by(records, dict(held))
 
 
 def closed_by(truth: dict[str, np.ndarray], predicted: dict[str, np.ndarray]) -> float | None:

@@ -4,12 +4,12 @@ import json
 import os
 import sys
 import time
+import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from io import BytesIO
 from pathlib import Path
 from signal import SIG_IGN, SIGINT, signal
-from tempfile import TemporaryDirectory
 from threading import Thread
 from traceback import extract_tb
 from typing import Any
@@ -19,12 +19,13 @@ import numpy as np
 from beamdesign.code_digest import code_digest, folder_digest
 from beamdesign.diagnosis.data.dataset import Dataset, read_dataset
 from beamdesign.diagnosis.diagnose import diagnose
-from beamdesign.diagnosis.diagnosis import Diagnosis, diagnosis_fields
+from beamdesign.diagnosis.diagnosis import Diagnosis
 from beamdesign.diagnosis.fitting.fit import fit_cache
 from beamdesign.diagnosis.fitting.search import search
 from beamdesign.diagnosis.predict import predict, read_inputs
 from beamdesign.files import write_whole
-from beamdesign.prototype import Prototype, read_prototype, write_prototype
+from beamdesign.prototype import prototype_from
+from beamdesign.records import to_toml
 from beamdesign.validation.blind.baselines import baselines
 
 TRUTH = "beamdesign.validation.truth"
@@ -152,7 +153,7 @@ def _diagnosed(place: Place, now: Mapping[str, str], before: dict[str, Any], fit
         "added_by": None if fitted_by == now["fitted_by"] else now["fitted_by"] if made else before.get("added_by"),
         "time": times,
         "baselines": compared,
-        "diagnosis": diagnosis_fields(found),
+        "diagnosis": found.to_dict(),
     }
 
 
@@ -161,7 +162,8 @@ def _write_predictions(place: Place, data: Dataset, found: Diagnosis) -> None:
     out = {record.record for record in found.gap.records if record.held_out} or {r.name for r in data.records}
     given, gain = read_inputs(place.folder)
     predicted: dict[str, np.ndarray] = {}
-    for word, rig in (("before", data.prototype), ("after", _as_written(found.prototype))):
+    written = prototype_from(tomllib.loads(to_toml(found.prototype)))  # as whoever reads its file finds it
+    for word, rig in (("before", data.prototype), ("after", written)):
         for record in given:
             if record.name in out:
                 rows = predict(rig, record, gain)
@@ -172,11 +174,3 @@ def _write_predictions(place: Place, data: Dataset, found: Diagnosis) -> None:
     file = BytesIO()
     np.savez_compressed(file, **predicted)  # type: ignore[arg-type]
     write_whole(place.predictions, file.getvalue())
-
-
-def _as_written(prototype: Prototype) -> Prototype:
-    """As whoever reads the prototype that a diagnosis has written finds it."""
-    with TemporaryDirectory() as folder:
-        path = Path(folder) / "prototype.toml"
-        write_prototype(prototype, path)
-        return read_prototype(path)

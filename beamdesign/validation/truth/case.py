@@ -188,7 +188,7 @@ class Case:
         """How far the effects stand out of the noise; 0 for a null."""
         return self.gaps.get("all", 0.0) / self.gaps["floor"] if self.gaps else 0.0
 
-    def only(self, *departures: Departure, background: bool = True) -> "Case":
+    def only(self, *departures: Departure) -> "Case":
         """The same rig with other effects, wrong figures as believed but for those given."""
         kept = dict(self.factors)
         for given in self.departures:
@@ -197,8 +197,7 @@ class Case:
         for given in departures:
             if given.figure:
                 kept[given.figure] *= float(np.exp(given.severity))
-        chosen = self.background if background else ()
-        return replace(self, departures=tuple(departures), background=chosen, factors=kept)
+        return replace(self, departures=tuple(departures), factors=kept)
 
 
 def run_figures(case: Case, run: Run) -> Shape:
