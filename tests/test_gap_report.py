@@ -23,7 +23,6 @@ from beamdesign.diagnosis.diagnosis import (
     NextExperiment,
     RecordGap,
     Where,
-    diagnosis_fields,
 )
 from beamdesign.diagnosis.fitting.evidence import record_evidence
 from beamdesign.diagnosis.fitting.fit import Fit, Share
@@ -187,7 +186,7 @@ def test_without_records_or_fits_there_is_still_a_page(found: Diagnosis) -> None
 
 
 def test_fields_are_plain(found: Diagnosis) -> None:
-    fields = diagnosis_fields(found)
+    fields = found.to_dict()
     assert json.loads(json.dumps(fields)) == fields
     assert fields["effects"][0] == {
         "name": "sensor_lag",

@@ -13,7 +13,7 @@ from markupsafe import Markup, escape
 from matplotlib.figure import Figure
 
 from beamdesign.diagnosis.data.dataset import Dataset
-from beamdesign.diagnosis.diagnosis import BandGap, Diagnosis, Errors, diagnosis_fields, in_words
+from beamdesign.diagnosis.diagnosis import BandGap, Diagnosis, Errors, in_words
 from beamdesign.diagnosis.fitting.hypothesis import Hypothesis
 from beamdesign.diagnosis.gap_metrics import in_bands
 from beamdesign.diagnosis.redesign import LoopTerms, Redesign, payload_range
@@ -69,7 +69,7 @@ def write_gap_folder(
             assert stage.guarantee is not None  # what was proved
             kind = "certificate" if len(renewed.proofs) == 1 else f"certificate_stage_{k}"
             names[kind], texts[kind] = f"redesigned/{stage.guarantee.certificate}", certificate.text
-    fields = diagnosis_fields(found)
+    fields = found.to_dict()
     own = "inner_end_mass_kg outer_end_mass_kg believed=nominal diagnosed"
     promised = [{"controller": loop.controller.model_dump()} | finite(picked(loop, own)) for loop in terms]
     left_out = (*found.left_out, *(renewed.left_out if renewed is not None else ()))

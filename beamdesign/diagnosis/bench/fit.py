@@ -9,7 +9,14 @@ from scipy.stats import t as student_t
 
 from beamdesign.bench_prototype import BenchPrototype
 from beamdesign.diagnosis.bench.data import BenchRun, BenchSet, held
-from beamdesign.diagnosis.bench.hypothesis import FIGURES, ORIFICES, BenchHypothesis, SteadyPlacement, parameters
+from beamdesign.diagnosis.bench.hypothesis import (
+    FIGURES,
+    ORIFICES,
+    BenchHypothesis,
+    SteadyPlacement,
+    parameters,
+    steady_placement,
+)
 from beamdesign.diagnosis.bench.motions import CHANNELS, EDGES, Observations, averaged, steady
 from beamdesign.diagnosis.diagnosis import RecordGap
 from beamdesign.diagnosis.fitting.fit import Fit, Fitted, fit
@@ -66,13 +73,6 @@ class SteadyEvidence(Fitted):
         found = self.misfit(self.predicted(placement, np.vstack([z, z + np.diag(step)])))
         return found[0], ((found[1:] - found[0]) / step[:, None]).T
 
-    def weighed_by(self, placement: SteadyPlacement, z: np.ndarray, floor: Mapping[str, float]) -> "SteadyEvidence":
-        """The same with deviations that follow what is left at z, at least `floor`."""
-        left = self.predicted(placement, z)
-        rms = {c: float(np.sqrt(np.mean(left[c] ** 2))) for c in floor}
-        own = {c: max(least, rms[c], _LEAST_DEVIATION) for c, least in floor.items()}
-        return replace(self, deviation={**self.deviation, **own})
-
 
 def fit_steady(
     prototype: BenchPrototype,
@@ -93,7 +93,7 @@ def fit_steady(
     Returns:
         the fit, and the motions as they were weighed in the end.
     """
-    placement = hypothesis.steady(prototype, float(np.abs(seen.volts).max()))
+    placement = steady_placement(prototype, hypothesis, float(np.abs(seen.volts).max()))
     first = {c: max(least, _FIRST_DEVIATION) for c, least in floor.items()} | {_STALL: _STALL_STD}
     piece = SteadyEvidence(seen, prototype.actuator.supply_pressure_Pa, first)
     low, high = (np.array(side) for side in zip(*(u.bounds for u in placement.unknowns), strict=True))
@@ -101,7 +101,9 @@ def fit_steady(
     z = np.clip(start, low + _INSIDE, high - _INSIDE)
     for _ in range(_ROUNDS):
         z = fit(hypothesis, placement, [piece], z).z
-        piece = piece.weighed_by(placement, z, floor)
+        left = piece.predicted(placement, z)
+        own = {c: max(least, np.sqrt(np.mean(left[c] ** 2)), _LEAST_DEVIATION) for c, least in floor.items()}
+        piece = replace(piece, deviation={**piece.deviation, **own})
     return fit(hypothesis, placement, [piece], z, 0), piece
 
 
