@@ -123,13 +123,9 @@ def _like_later_half(values: np.ndarray) -> np.ndarray:
 
 def _longest(flags: np.ndarray) -> tuple[int, int]:
     """First and one past the last of the longest row of flags."""
-    best = (0, 0)
-    begin = 0
-    for k, flag in enumerate([*flags.tolist(), False]):
-        if not flag:
-            best = max(best, (begin, k), key=lambda pair: pair[1] - pair[0])
-            begin = k + 1
-    return best
+    rows = np.flatnonzero(np.diff([0, *flags.astype(int), 0])).reshape(-1, 2)
+    first, last = max(rows.tolist(), key=lambda row: row[1] - row[0], default=(0, 0))
+    return first, last
 
 
 _ROUNDS = 30
