@@ -94,7 +94,7 @@ def test_steady_motion_is_found_without_being_told_where(joint_set: Path):
         fills = (motion.direction > 0) == (motion.side == "a")
         assert motion.pressure == pytest.approx(full if fills else empty, abs=0.01 * SUPPLY)
         assert motion.stall == pytest.approx(SUPPLY if fills else TANK, abs=0.002 * SUPPLY)
-        assert 0.3 * STROKE / speed < motion.ends_s - motion.begins_s < STROKE / speed
+        assert 0.3 * STROKE / speed < motion.lasts_s < STROKE / speed
 
 
 def test_joint_causes_are_named_with_their_figures(joint: BenchDiagnosis):

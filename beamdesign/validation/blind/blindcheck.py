@@ -33,7 +33,6 @@ from beamdesign.validation.blind.case_plan import (
     write_seal,
 )
 from beamdesign.validation.blind.diagnosis import Place, begin_blind, diagnose_blind, program
-from beamdesign.validation.blind.scoring import Opened
 
 _DRAWN_BY = "beamdesign.validation.blind.case_plan"
 
@@ -82,6 +81,23 @@ class Check:
             self.folder / "predictions" / f"{key}.npz",
             self.folder / "fits" / key,
         )
+
+
+@dataclass(frozen=True)
+class Opened:
+    """One case with its answer.
+
+    Attributes:
+        key: of the case.
+        answer: what was in it.
+        found: what was written down about it; `failed` instead of `diagnosis` where there is none.
+        closed: share of the gap that the diagnosed prototype closes against the noise-free rig; None where unknown.
+    """
+
+    key: str
+    answer: dict[str, Any]
+    found: dict[str, Any]
+    closed: float | None
 
 
 def begin_check(folder: Path, count: int, seed: int, short: bool, cases: Sequence[Planned] | None = None) -> Check:

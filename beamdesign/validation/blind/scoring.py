@@ -4,11 +4,14 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from math import inf
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
 from beamdesign.diagnosis.fitting.hypothesis import subsystem
+
+if TYPE_CHECKING:
+    from beamdesign.validation.blind.blindcheck import Opened
 
 NO_GAP, UNKNOWN, FAILED = "no_gap", "unknown", "failed"
 _ALIKE = {
@@ -25,23 +28,6 @@ _ALIKE = {
     "joint_backlash": "play_m",
 }
 """The parameter of an effect that means the same in both models. None of entrained air: its law has other exponents."""
-
-
-@dataclass(frozen=True)
-class Opened:
-    """One case with its answer.
-
-    Attributes:
-        key: of the case.
-        answer: what was in it.
-        found: what was written down about it; `failed` instead of `diagnosis` where there is none.
-        closed: share of the gap that the diagnosed prototype closes against the noise-free rig; None where unknown.
-    """
-
-    key: str
-    answer: dict[str, Any]
-    found: dict[str, Any]
-    closed: float | None
 
 
 @dataclass(frozen=True)
@@ -111,7 +97,7 @@ class Outcome:
         )
 
 
-def outcome(case: Opened) -> Outcome:
+def outcome(case: "Opened") -> Outcome:
     """Put what was said beside what is true."""
     answer, found = case.answer, case.found
     effects = tuple(name for name in answer["effects"] if name != NO_GAP)
