@@ -21,8 +21,7 @@ from beamdesign.controllers import Lag
 from beamdesign.diagnosis.redesign import Redesign, redesign
 from beamdesign.loop import loop
 from beamdesign.validation.blind.case_plan import Planned, displacements_digest, draw, sealed, write_seal
-from beamdesign.validation.truth import Case, Departure, noise_free
-from beamdesign.validation.truth.case import Noise
+from beamdesign.validation.truth.case import Case, Departure, Noise, noise_free
 from beamdesign.validation.truth.effects import Scales
 from beamdesign.validation.truth.nominal import rig_figures
 
@@ -41,7 +40,7 @@ def rig(prototype: Prototype, *departures: Departure) -> Case:
     """The rig as it is believed, with nothing else in it."""
     kept = {"name", "outer_beam", "inner_beam", "actuator", "servovalve", "sensor"}
     believed = prototype.model_dump(include=kept, exclude_none=True)
-    scales = Scales(rig_figures(believed, {}, {}), 486_800.0, 3.9, 900.0, 7.5e-3)
+    scales = Scales(rig_figures(believed, {}, {}), 900.0, 7.5e-3)
     noise = Noise(FLOOR_M, 0.0, 0.5, 2e-5, 0.0)
     return Case(1, "single", believed, {}, {}, (), departures, (), noise, 1.75, scales)
 
@@ -169,14 +168,12 @@ def test_the_rig_drawn_again_is_the_one_that_made_the_records(scored):
 
 
 def test_another_rig_is_not_passed_off_as_the_true_one(scored, monkeypatch):
-    from beamdesign.validation import truth
-
     taken_up = opened_case(scored, "0003")
     factors = taken_up.answer["tolerance_factors"]
     wrong = {**taken_up.answer, "tolerance_factors": {**factors, "flow_gain": factors["flow_gain"] * 1.001}}
     sealed_before = {name: value for name, value in taken_up.answer.items() if name != "displacements_sha256"}
-    monkeypatch.setattr(truth, "draw_case", lambda *given, **more: None)
-    monkeypatch.setattr(truth, "answer", lambda case: sealed_before)
+    monkeypatch.setattr("beamdesign.validation.truth.drawing.draw_case", lambda *given, **more: None)
+    monkeypatch.setattr("beamdesign.validation.truth.case.answer", lambda case: sealed_before)
     true_rig(taken_up)
     with pytest.raises(InputError, match=r"tolerance_factors\.flow_gain differs"):
         true_rig(replace(taken_up, answer=wrong))

@@ -27,7 +27,8 @@ from beamdesign.diagnosis.fitting.weighting import INDEPENDENT, SHARE, weighting
 from beamdesign.plant.effects import library
 from beamdesign.records import InputError
 from beamdesign.structure.lumped import figures
-from beamdesign.validation.truth import answer, draw_case, write_case
+from beamdesign.validation.truth.case import answer, write_case
+from beamdesign.validation.truth.drawing import draw_case
 
 
 @pytest.fixture(scope="module")

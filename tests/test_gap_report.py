@@ -23,7 +23,6 @@ from beamdesign.diagnosis.diagnosis import (
     NextExperiment,
     RecordGap,
     Where,
-    diagnosis_fields,
 )
 from beamdesign.diagnosis.fitting.evidence import record_evidence
 from beamdesign.diagnosis.fitting.fit import Fit, Share
@@ -68,7 +67,7 @@ def found(data: Dataset) -> Diagnosis:
     chosen = fit_at(data.prototype, "sensor_lag", sensor_lag_break_Hz=-0.67)
     null = Fit(null.hypothesis, null.unknowns, null.z, 100.0, (Share(100.0, null.shares[0].g, null.shares[0].a),))
     search = Search(null, (chosen,), 8.0, ("command",))
-    measured = gap([errors(piece, data.prototype, null, chosen) for piece in record_evidence(data)], (1,))
+    measured = gap([errors(piece, data.prototype, null, chosen, chosen) for piece in record_evidence(data)], (1,))
     maps = {"record": ("command", "steps"), "0-15 Hz": (0.5, 1.0), "15-40 Hz": (2.0, 0.0)}
     where = Where(
         "sensor",
@@ -187,7 +186,7 @@ def test_without_records_or_fits_there_is_still_a_page(found: Diagnosis) -> None
 
 
 def test_fields_are_plain(found: Diagnosis) -> None:
-    fields = diagnosis_fields(found)
+    fields = found.to_dict()
     assert json.loads(json.dumps(fields)) == fields
     assert fields["effects"][0] == {
         "name": "sensor_lag",

@@ -19,6 +19,8 @@ from beamdesign.records import InputError
 from beamdesign.structure.beam import natural_frequencies
 from beamdesign.validation.paper.rig import INNER_END_MASS_KG, OUTER, lag, proportional
 
+PER_LENGTH = OUTER.tube.mass_per_length(OUTER.material.density_kg_per_m3)
+
 
 def receptance(frequency: float, rigidity: float, per_length: float, length: float, end_mass: float) -> float:
     """Tip compliance of the clamped-free beam without damping.
@@ -33,16 +35,16 @@ def receptance(frequency: float, rigidity: float, per_length: float, length: flo
 
 @pytest.fixture
 def undamped() -> Beam:
-    return OUTER.record.but(damping_ratio=0.0)
+    return OUTER.but(damping_ratio=0.0)
 
 
 @pytest.mark.parametrize("added", [0.0, 6.8])
 def test_modes_add_up_to_the_continuous_beam(undamped: Beam, added: float):
     rigidity = OUTER.stiffness_N_per_m * OUTER.free_length_m**3 / 3
-    end_mass = OUTER.effective_mass_kg - 0.236 * OUTER.mass_per_length * OUTER.free_length_m
+    end_mass = OUTER.effective_mass_kg - 0.236 * PER_LENGTH * OUTER.free_length_m
     compliance = with_mass(exact_compliance(undamped, "outer_beam"), added)
     for frequency in (1e-3, 10.0, 100.0, 300.0, 700.0, 1500.0):
-        figures = (rigidity, OUTER.mass_per_length, OUTER.free_length_m, end_mass + added)
+        figures = (rigidity, PER_LENGTH, OUTER.free_length_m, end_mass + added)
         expected = receptance(frequency, *figures)
         assert compliance(np.array([frequency]))[0] == pytest.approx(expected, rel=2e-3)
 
@@ -50,9 +52,9 @@ def test_modes_add_up_to_the_continuous_beam(undamped: Beam, added: float):
 def test_a_mass_moves_the_resonances_to_those_of_the_loaded_beam(undamped: Beam):
     """Joined by dynamic stiffness here, in the boundary condition there."""
     rigidity = OUTER.stiffness_N_per_m * OUTER.free_length_m**3 / 3
-    end_mass = OUTER.effective_mass_kg - 0.236 * OUTER.mass_per_length * OUTER.free_length_m
+    end_mass = OUTER.effective_mass_kg - 0.236 * PER_LENGTH * OUTER.free_length_m
     compliance = with_mass(exact_compliance(undamped, "outer_beam"), 5.0)
-    for frequency in natural_frequencies(rigidity, OUTER.mass_per_length, OUTER.free_length_m, end_mass + 5.0, 3):
+    for frequency in natural_frequencies(rigidity, PER_LENGTH, OUTER.free_length_m, end_mass + 5.0, 3):
         below, above = (1 / compliance(np.array([share * frequency]))[0].real for share in (0.999, 1.001))
         assert below * above < 0
 
@@ -94,7 +96,7 @@ def test_a_loop_that_is_stable_at_no_low_gain_is_judged_at_its_own():
 def test_one_mode_reaches_less_far_the_lighter_the_tip():
     """A mass at the tip nearly pins it in the higher modes, so that they do not show there."""
     rig = lag(100.0)
-    spread = rig.outer_beam.but(effective_mass_kg=0.236 * OUTER.mass_per_length * OUTER.free_length_m * 1.01)
+    spread = rig.outer_beam.but(effective_mass_kg=0.236 * PER_LENGTH * OUTER.free_length_m * 1.01)
     near, far = (single_mode_reach(rig.but(outer_beam=beam)) for beam in (spread, rig.outer_beam))
     assert near.outer_Hz < far.outer_Hz
 

@@ -16,10 +16,10 @@ from beamdesign.loop import critical_gain, loop
 from beamdesign.prototype import Prototype, read_prototype, write_prototype
 from beamdesign.records import InputError
 from beamdesign.structure.lumped import lumped_beam, notes
-from beamdesign.validation.paper import CASES, Comparison, compare, paper_prototype
 from beamdesign.validation.paper.claims import Claim
+from beamdesign.validation.paper.comparison import Comparison, compare
 from beamdesign.validation.paper.figures import NUMBERED
-from beamdesign.validation.paper.rig import gain_cliff, lag
+from beamdesign.validation.paper.rig import CASES, gain_cliff, lag, paper_prototype
 
 
 @pytest.fixture(scope="module")
@@ -135,7 +135,7 @@ def test_page_shows_all_figures_claims_and_slips(folder: Path, comparison: Compa
     assert text.count('<tr class="differs">') == sum(not claim.agrees for claim in comparison.claims)
     plain = re.sub(r"\s+", " ", text)
     for slip in comparison.slips:
-        assert slip.where.split(",")[0] in plain
+        assert slip["where"].split(",")[0] in plain
     assert "1.968 kg (crossing at 131.8 Hz) and 17.792 kg (crossing at 26.0 Hz)" in plain
     assert "0.5" in comparison.gains[0].case.prototype.servovalve.model_dump_json()
 
@@ -157,7 +157,7 @@ def test_every_disagreement_has_a_reason(comparison: Comparison):
 
 
 def test_no_sentence_is_left_unfilled(comparison: Comparison):
-    words = [claim.note for claim in comparison.claims] + [slip.check for slip in comparison.slips]
+    words = [claim.note for claim in comparison.claims] + [slip["check"] for slip in comparison.slips]
     assert not [text for text in words if "{" in text or "nan" in text.split()]
 
 

@@ -9,11 +9,10 @@ import numpy as np
 import pytest
 
 from beamdesign.diagnosis.data.dataset import read_dataset
-from beamdesign.validation.truth import LISTED, OUTSIDE, answer, draw_case, noise_free, take, write_case
 from beamdesign.validation.truth import rates as laws
-from beamdesign.validation.truth.case import run_figures
-from beamdesign.validation.truth.drawing import linear_critical_gain
-from beamdesign.validation.truth.effects import KINDS, Scales
+from beamdesign.validation.truth.case import answer, noise_free, run_figures, take, write_case
+from beamdesign.validation.truth.drawing import draw_case, linear_critical_gain
+from beamdesign.validation.truth.effects import KINDS, LISTED, OUTSIDE, Scales
 from beamdesign.validation.truth.nominal import (
     assembled,
     cantilever_modes,
@@ -66,7 +65,7 @@ def constant(value):
 
 def test_it_shares_nothing_with_the_diagnosis():
     loaded = subprocess.run(
-        [sys.executable, "-c", "import sys, beamdesign.validation.truth; print('\\n'.join(sys.modules))"],
+        [sys.executable, "-c", "import sys, beamdesign.validation.truth.drawing; print('\\n'.join(sys.modules))"],
         capture_output=True, text=True, check=True,
     ).stdout.split()  # fmt: skip
     shared = [name for name in loaded if name.startswith(("beamdesign.plant", "beamdesign.simulation", "casadi"))]
@@ -111,23 +110,23 @@ def test_payload_lowers_every_mode_as_the_beam_with_a_heavier_tip():
     # The modal beam with an end mass against finite elements that carry it at the tip (Rayleigh's coupling is exact
     # where all modes are kept; four of them are close).
     length, elements = 1.0, 16
-    bare = cantilever_modes(np.ones(elements), np.ones(elements), length, {}, 4)
-    loaded = cantilever_modes(np.ones(elements), np.ones(elements), length, {elements: 0.5}, 2)
-    coupled = np.diag(bare.mass) + 0.5
-    rates = np.sqrt(np.sort(np.linalg.eigvals(np.linalg.solve(coupled, np.diag(bare.stiffness))).real))
-    assert rates[0] == pytest.approx(loaded.frequencies[0], rel=2e-3)
-    assert rates[1] == pytest.approx(loaded.frequencies[1], rel=2e-2)
+    _, stiffness, mass = cantilever_modes(np.ones(elements), np.ones(elements), length, {}, 4)
+    loaded, *_ = cantilever_modes(np.ones(elements), np.ones(elements), length, {elements: 0.5}, 2)
+    coupled = np.diag(mass) + 0.5
+    rates = np.sqrt(np.sort(np.linalg.eigvals(np.linalg.solve(coupled, np.diag(stiffness))).real))
+    assert rates[0] == pytest.approx(loaded[0], rel=2e-3)
+    assert rates[1] == pytest.approx(loaded[1], rel=2e-2)
 
 
 def test_cantilever_frequencies():
     # R. D. Blevins, Formulas for Natural Frequency and Mode Shape (1979), table 8-1, clamped-free.
-    found = cantilever_modes(np.full(24, 50.0), np.full(24, 2.0), 1.3, {}, 3)
+    found, *_ = cantilever_modes(np.full(24, 50.0), np.full(24, 2.0), 1.3, {}, 3)
     constants = np.array([1.87510407, 4.69409113, 7.85475744])
-    np.testing.assert_allclose(found.frequencies, constants**2 * sqrt(50.0 / 2.0) / 1.3**2, rtol=2e-5)
+    np.testing.assert_allclose(found, constants**2 * sqrt(50.0 / 2.0) / 1.3**2, rtol=2e-5)
     # Statically the modes add up to the tip's flexibility, L^3 / 3 EI, of which the first has 12 / 1.8751^4.
-    many = cantilever_modes(np.full(24, 50.0), np.full(24, 2.0), 1.3, {}, 48)
-    assert (1 / many.stiffness).sum() == pytest.approx(1.3**3 / 150, rel=1e-7)
-    assert many.stiffness[0] * 1.3**3 / 150 == pytest.approx(constants[0] ** 4 / 12, rel=1e-5)
+    _, many, _ = cantilever_modes(np.full(24, 50.0), np.full(24, 2.0), 1.3, {}, 48)
+    assert (1 / many).sum() == pytest.approx(1.3**3 / 150, rel=1e-7)
+    assert many[0] * 1.3**3 / 150 == pytest.approx(constants[0] ** 4 / 12, rel=1e-5)
 
 
 def test_the_first_mode_keeps_the_figures_of_the_beam():
@@ -338,7 +337,7 @@ def test_cases_come_again_by_their_seed(tmp_path):
 
 
 def test_a_case_is_a_data_set_of_the_contract_without_its_answer(tmp_path):
-    case = draw_case(5, "single", short=True, names=("transport_delay",), target=8.0)
+    case = draw_case(5, "single", short=True, names=("transport_delay",))
     write_case(case, tmp_path)
     found = read_dataset(tmp_path)
     assert [record.name for record in found.records] == [run.name for run in case.runs]
@@ -348,7 +347,7 @@ def test_a_case_is_a_data_set_of_the_contract_without_its_answer(tmp_path):
     told = answer(case)
     assert told["effects"] == ["transport_delay"]
     assert told["subsystem"] == "controller"
-    assert told["gap_over_floor"] == pytest.approx(8.0, rel=0.5)
+    assert 1.5 < told["gap_over_floor"] < 60.0  # it matters, and is no ruin
     assert 1e-4 <= told["parameters"]["transport_delay"]["delay_s"] <= 5e-3
     # What the recorder adds is noise of the stated size, but for what the loop makes of it.
     run = case.runs[1]
@@ -386,7 +385,7 @@ def test_unknown_names_are_refused():
 
 
 def test_larger_side_drives_faster_through_orifices_and_slower_where_the_inflow_is_metered():
-    scales = Scales({"area_a": 1.13e-4, "area_b": 1.13e-4}, 486800.0, 3.9, 900.0, 7e-3)
+    scales = Scales({"area_a": 1.13e-4, "area_b": 1.13e-4}, 900.0, 7e-3)
     for metering, expected in ((0.0, 0.88 / 1.12), (1.0, sqrt(1.12 / 0.88))):
         changed = KINDS["unequal_piston_areas"].figures(scales, {"side": 1.0, "metering": metering}, 1.0)
         ways = []
@@ -419,7 +418,7 @@ def test_a_cylinder_is_not_loaded_beyond_the_stall_of_its_supply(seed):
 @pytest.mark.parametrize(("magnet", "other"), [(0.0, 0.6), (0.9, 0.0)])
 def test_a_trace_of_the_other_hysteresis_hides_none(magnet, other):
     """A rig's background may hold a thousandth of the same effect as the other realisation has it."""
-    scales = Scales({}, outer_stiffness=5e5, outer_mass=4.0, force=1000.0, current=7.5e-3)
+    scales = Scales({"modes.stiffness": 5e5}, force=1000.0, current=7.5e-3)
     kind = KINDS["valve_hysteresis"]
     shape = {"travel": 1.0, "sharpness": 1.0}
     values = {"magnet_share": 0.0, "magnet_width": 0.0, "spool_friction": 0.0}

@@ -15,7 +15,7 @@ from beamdesign.diagnosis.fitting.fit import Fit
 from beamdesign.diagnosis.fitting.hypothesis import SUPPLY
 from beamdesign.diagnosis.fitting.search import Search
 from beamdesign.diagnosis.separability import Separability
-from beamdesign.json_text import finite
+from beamdesign.json_text import finite, picked
 from beamdesign.parameters import PARAMETERS
 from beamdesign.prototype import Beam, Prototype
 from beamdesign.records import Record
@@ -212,6 +212,7 @@ class CauseSet:
 
 
 Rig = TypeVar("Rig", bound=AnyPrototype)
+_LISTED, _LEAST_PROBABILITY = 12, 1e-6  # sets of causes
 
 
 @dataclass(frozen=True, repr=False)
@@ -270,8 +271,19 @@ class Diagnosis(Generic[Rig], Result):
         return self.verdict
 
     def to_dict(self) -> dict[str, Any]:
-        """See `diagnosis_fields`."""
-        return diagnosis_fields(self)
+        """Everything it says as plain fields for programs: names and units of its JSON file.
+
+        `effects` come best first; `gap` holds errors over the rms of the signal, on records held out of the fits that
+        measure it (those that choose a cause see all); `next_experiment` is None where the verdict is clear.
+        """
+        own = "verdict sentences effects=causes chosen probability_unknown where gap classes next_experiment warnings"
+        listed = [one for one in self.hypotheses[:_LISTED] if one.probability > _LEAST_PROBABILITY]
+        fields = picked(self, own) | {"hypotheses": listed, "data_set": self.name}
+        fields |= {"complete": not self.left_out, "left_out": self.left_out}
+        if (separability := self.separability) is not None:
+            told = "not_told_apart=classes nearly_alike=close not_visible=invisible"
+            fields["before_fitting"] = picked(separability, told)
+        return dict(finite(fields | self.own_fields))
 
     def rows(self) -> list[tuple[Any, ...]]:
         """The causes, the most probable first: name, subsystem, probability, share of the gap."""
@@ -308,41 +320,6 @@ def unfinished(left_out: Sequence[str]) -> str:
     """What a sentence begins with where not all was compared."""
     said = "Not everything was compared in the time given, and probabilities are among what was. "
     return said if left_out else ""
-
-
-_LISTED = 12  # sets of causes
-_LEAST_PROBABILITY = 1e-6
-
-
-def diagnosis_fields(found: Diagnosis) -> dict[str, Any]:
-    """Everything a diagnosis says as plain fields for programs: names and units of its JSON file.
-
-    `effects` come best first; `gap` holds errors over the rms of the signal, on records held out of the fits that
-    measure it (those that choose a cause see all); `next_experiment` is None where the verdict is clear.
-    """
-    fields = {
-        "verdict": found.verdict,
-        "sentences": found.sentences,
-        "effects": found.causes,
-        "chosen": found.chosen,
-        "probability_unknown": found.probability_unknown,
-        "where": found.where,
-        "gap": found.gap,
-        "classes": found.classes,
-        "next_experiment": found.next_experiment,
-        "warnings": found.warnings,
-        "hypotheses": [one for one in found.hypotheses[:_LISTED] if one.probability > _LEAST_PROBABILITY],
-        "data_set": found.name,
-        "complete": not found.left_out,
-        "left_out": found.left_out,
-    }
-    if (separability := found.separability) is not None:
-        fields["before_fitting"] = {
-            "not_told_apart": separability.classes,
-            "nearly_alike": separability.close,
-            "not_visible": separability.invisible,
-        }
-    return dict(finite(fields | found.own_fields))
 
 
 def updated_prototype(prototype: Prototype, found: Fit) -> Prototype:

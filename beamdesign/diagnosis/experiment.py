@@ -21,7 +21,6 @@ from beamdesign.diagnosis.data.dataset import Dataset, TimeRecord, without_noise
 from beamdesign.diagnosis.diagnosis import NextExperiment
 from beamdesign.diagnosis.fitting.evidence import Replay
 from beamdesign.diagnosis.fitting.fit import Fit
-from beamdesign.diagnosis.fitting.hypothesis import Placement
 from beamdesign.diagnosis.fitting.weighting import weighting
 from beamdesign.prototype import Prototype
 from beamdesign.scenario import Input, LoadSteps, Multisine, Scenario, ScenarioRecord, Sine, inputs_of
@@ -199,26 +198,18 @@ def next_experiment(data: Dataset, rivals: Sequence[Fit]) -> NextExperiment | No
 
 def separations(data: Dataset, rivals: Sequence[Fit]) -> list[Separation]:
     """All experiments that every rival predicts, best first; those that promise most are looked at with re-tuning."""
-    placements = [fit.hypothesis.placement(data.prototype) for fit in rivals]
-    quick: list[tuple[float, Experiment]] = []
-    for experiment in menu(data):
-        found = _without_retuning(data, experiment, rivals, placements)
-        if found is not None:
-            quick.append((found / experiment.effort, experiment))
-    quick.sort(key=lambda item: -item[0])
-    results = []
-    for _, experiment in quick[:_CLOSER_LOOK]:
-        results += list(_closely(data, experiment, rivals, placements))
+    looks = ((_without_retuning(data, one, rivals), one) for one in menu(data))
+    quick = [(least / one.effort, one) for least, one in looks if least is not None]
+    quick.sort(key=lambda look: -look[0])
+    results = (found for _, one in quick[:_CLOSER_LOOK] for found in _closely(data, one, rivals))
     return sorted(results, key=lambda s: -s.score)
 
 
-def _without_retuning(
-    data: Dataset, experiment: Experiment, rivals: Sequence[Fit], placements: Sequence[Placement]
-) -> float | None:
+def _without_retuning(data: Dataset, experiment: Experiment, rivals: Sequence[Fit]) -> float | None:
     """Least difference between the first rival and another, nothing re-tuned; None where one does not predict it."""
     channels = _channels(data)
     job, column = _job(data.prototype, experiment), channels.index("displacement_m")
-    made = [job.simulated(placement, fit.z, channels) for placement, fit in zip(placements, rivals, strict=True)]
+    made = [job.simulated(fit.hypothesis.placement(data.prototype), fit.z, channels) for fit in rivals]
     predicted = [y for y in made if y is not None and np.all(np.isfinite(y))]
     reached = max(float(np.abs(r.measured["displacement_m"]).max()) for r in data.records)
     if len(predicted) < len(made) or any(np.abs(y[:, column]).max() > _FURTHEST * reached for y in predicted):
@@ -227,15 +218,13 @@ def _without_retuning(
     return min(float(np.linalg.norm(weight(y - predicted[0]))) for y in predicted[1:])
 
 
-def _closely(
-    data: Dataset, experiment: Experiment, rivals: Sequence[Fit], placements: Sequence[Placement]
-) -> Iterator[Separation]:
+def _closely(data: Dataset, experiment: Experiment, rivals: Sequence[Fit]) -> Iterator[Separation]:
     """With what the rivals may still re-tune taken out: with the channels recorded so far, and one more."""
     recorded = _channels(data)
     every = (*recorded, *(c for c in ADDED if c not in recorded))
-    made = []
-    for placement, fit in zip(placements, rivals, strict=True):
-        found = _job(data.prototype, experiment).simulated_with_slopes(placement, fit.z, every)
+    made, job = [], _job(data.prototype, experiment)
+    for fit in rivals:
+        found = job.simulated_with_slopes(fit.hypothesis.placement(data.prototype), fit.z, every)
         if found is None:
             return
         made.append(found)

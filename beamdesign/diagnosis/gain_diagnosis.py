@@ -18,7 +18,6 @@ from beamdesign.diagnosis.diagnosis import (
     RecordGap,
     Verdict,
     Where,
-    diagnosis_fields,
     in_words,
     no_surer,
     unfinished,
@@ -43,6 +42,7 @@ from beamdesign.diagnosis.gain_findings import (
 from beamdesign.diagnosis.gap_metrics import gap_of_pieces
 from beamdesign.diagnosis.judgement import LEAST_PROBABILITY, THRESHOLDS, Judgement, cause_sets, causes, judge, odds
 from beamdesign.diagnosis.judgement import evidence as marginal_likelihood
+from beamdesign.json_text import picked
 from beamdesign.progress import Progress, silent
 from beamdesign.prototype import Prototype
 from beamdesign.records import InputError
@@ -85,13 +85,13 @@ class GainDiagnosis(Diagnosis[Prototype]):
     @property
     def own_fields(self) -> dict[str, Any]:
         """Beside those of any diagnosis."""
-        found = {name: getattr(self, name) for name in ("notes", "silent", "shares", "factor", "ranked")}
+        found = picked(self, "notes silent shares factor ranked")
         if self.on_predictions is not None:
-            found["on_predictions"] = diagnosis_fields(self.on_predictions)
+            found["on_predictions"] = self.on_predictions.to_dict()
         return found
 
 
-def explain_gains(data: Dataset, progress: Progress = silent, among: Sequence[str] = ()) -> GainDiagnosis:
+def explain_gains(data: Dataset, progress: Progress = silent) -> GainDiagnosis:
     """Diagnose from critical gains and frequency responses.
 
     Nulls first (tolerances alone, one common factor), then every cause, then pairs, weighed by Laplace's marginal
@@ -101,7 +101,6 @@ def explain_gains(data: Dataset, progress: Progress = silent, among: Sequence[st
     Args:
         data: with critical gains or frequency responses; its time records are left aside.
         progress: told the share done and what is being done.
-        among: names of the causes that come into question; all where empty.
 
     Raises:
         InputError: where it has neither, or where the believed model oscillates at no gain, or where a response was
@@ -111,7 +110,7 @@ def explain_gains(data: Dataset, progress: Progress = silent, among: Sequence[st
     if not evidence:
         raise InputError(data.folder, [("critical_gain", "missing; the set holds no frequency_response either")])
     if not any(taken.predicted_gain for taken in data.gains):
-        return _explained(data, evidence, progress, among)
+        return _explained(data, evidence, progress)
     moved = tuple(
         replace(piece, offset=log(foreseen / at.gain))
         if isinstance(piece, GainEvidence)
@@ -121,15 +120,15 @@ def explain_gains(data: Dataset, progress: Progress = silent, among: Sequence[st
         for piece in evidence
     )
     with share(0.5):
-        own = _explained(data, evidence, lambda part, words: progress(part / 2, words), among)
-    other = _explained(data, moved, lambda part, words: progress(0.5 + part / 2, words), among)
+        own = _explained(data, evidence, lambda part, words: progress(part / 2, words))
+    other = _explained(data, moved, lambda part, words: progress(0.5 + part / 2, words))
     gains = [piece for piece in evidence if isinstance(piece, GainEvidence)]
     more = notes_on_predictions(gains, other.factor, other.sentences)
     return replace(own, on_predictions=other, notes=(*own.notes, *more))
 
 
-def _explained(data: Dataset, evidence: Sequence[Figure], progress: Progress, among: Sequence[str]) -> GainDiagnosis:
-    found, silent = search_few(evidence, data.prototype, progress, among)
+def _explained(data: Dataset, evidence: Sequence[Figure], progress: Progress) -> GainDiagnosis:
+    found, silent = search_few(evidence, data.prototype, progress)
     if found.null.reason:
         key = "frequency_response" if data.responses else "critical_gain"
         words = "the believed model oscillates at no gain, or where a response was taken"
@@ -335,10 +334,7 @@ _HOPEFUL = 4.0  # in the logarithm of the probability
 
 
 def search_few(
-    evidence: Sequence[Figure],
-    prototype: Prototype,
-    progress: Progress = silent,
-    among: Sequence[str] = (),
+    evidence: Sequence[Figure], prototype: Prototype, progress: Progress = silent
 ) -> tuple[Search, tuple[str, ...]]:
     """Fit tolerances alone, every cause, and pairs of which one is an effect.
 
@@ -350,7 +346,6 @@ def search_few(
         evidence: what is to be explained.
         prototype: that was believed.
         progress: told the share done and what is being done.
-        among: names of the causes that come into question; all where empty.
 
     Returns:
         the fits, and the effects that do not show in such data at all; these are in no pair.
@@ -360,8 +355,7 @@ def search_few(
     expected, names = sum(piece.expected for piece in evidence), tuple(e.name for e in evidence)
     if null.reason:
         return Search(null, (), expected, names), ()
-    own = [h for h in singles(prototype) if h.names == h.causes]  # gains tell no two laws of one effect apart
-    listed = [h for h in own if not among or h.names[0] in among]
+    listed = [h for h in singles(prototype) if h.names == h.causes]  # gains tell no two laws of one effect apart
     alone = {}
     for k, hypothesis in enumerate(while_time(listed)):
         alone[hypothesis] = fit_from_starts(hypothesis, prototype, evidence, null.values)

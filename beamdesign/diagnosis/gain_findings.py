@@ -232,23 +232,18 @@ def next_experiment(data: Dataset, rivals: Sequence[Fit], weights: Sequence[floa
     rivals, weights = list(rivals)[:_RIVALS], list(weights)[:_RIVALS]
     if len(rivals) < 2:
         return None
-    best: tuple[float, float, Experiment, tuple[str, ...]] | None = None
+    pairs = [(i, j) for i in range(len(rivals)) for j in range(i)]
+    total = sum(weights[i] * weights[j] for i, j in pairs)
+    tried: list[tuple[float, Experiment, np.ndarray]] = []
     for experiment in experiments(data, rivals[0]):
-        distances = separations(experiment.pieces, rivals)
-        if distances is None:
-            continue
-        pairs = [(i, j) for i in range(len(rivals)) for j in range(i)]
-        total = sum(weights[i] * weights[j] for i, j in pairs)
-        square = sum(weights[i] * weights[j] * min(distances[i, j], _ENOUGH) ** 2 for i, j in pairs) / total
-        score = sqrt(square / experiment.effort)
-        if best is None or score > best[0]:
-            apart = {k for i, j in pairs if distances[i, j] >= 1.0 for k in (i, j)}
-            names = tuple(str(rivals[k].hypothesis) for k in sorted(apart))
-            best = (score, sqrt(square), experiment, names)
-    if best is None:
+        if (distances := separations(experiment.pieces, rivals)) is not None:
+            square = sum(weights[i] * weights[j] * min(distances[i, j], _ENOUGH) ** 2 for i, j in pairs) / total
+            tried.append((square, experiment, distances))
+    if not tried:
         return None
-    _, separation, experiment, names = best
-    return NextExperiment(experiment.text, names, separation, experiment.settings)
+    square, best, distances = max(tried, key=lambda one: one[0] / one[1].effort)
+    apart = sorted({k for pair in pairs if distances[pair] >= 1.0 for k in pair})
+    return NextExperiment(best.text, tuple(str(rivals[k].hypothesis) for k in apart), sqrt(square), best.settings)
 
 
 def another_size(data: Dataset) -> NextExperiment:

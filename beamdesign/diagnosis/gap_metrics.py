@@ -19,7 +19,7 @@ _AMPLIFIED = 2.0
 
 
 def errors(
-    piece: RecordEvidence | InjectedRecord, prototype: Prototype, null: Fit, chosen: Fit, written: Fit | None = None
+    piece: RecordEvidence | InjectedRecord, prototype: Prototype, null: Fit, chosen: Fit, written: Fit
 ) -> Errors:
     """Simulate a record with the believed, the tuned and the diagnosed model.
 
@@ -30,7 +30,7 @@ def errors(
         prototype: that was believed.
         null: fit of the tolerated figures alone, without the held-out records.
         chosen: fit of the chosen causes, likewise.
-        written: fit of the chosen causes to all records; the same as `chosen` where left out.
+        written: fit of the chosen causes to all records.
     """
     column = piece.weight.channels.index(CHANNEL)
     measured = piece.measured[:, column]
@@ -42,7 +42,7 @@ def errors(
         return (measured if found is None else measured - found[:, column]) / rms
 
     before, tuned = error(plain, np.zeros(len(null.z))), error(plain, null.z)
-    after, whole = (error(fit.hypothesis.placement(prototype), fit.z) for fit in (chosen, written or chosen))
+    after, whole = (error(fit.hypothesis.placement(prototype), fit.z) for fit in (chosen, written))
     noise = float(piece.weight.noise_std[column]) / rms
     return Errors(piece.name, piece.record.times, measured, before, tuned, after, whole, noise)
 

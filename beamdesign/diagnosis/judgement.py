@@ -299,9 +299,8 @@ def causes(found: Search, judged: Judgement) -> tuple[Cause, ...]:
     The parameters of a cause are those of the most probable fit that holds it.
     """
     fits = {f.hypothesis: f for f in (found.null, *found.fits) if not f.reason}
-    names = {name for h in judged.of for name in h.causes}
     listed, responsible = [], judged.best.hypothesis.causes
-    for name in names:
+    for name in {name for h in judged.of for name in h.causes}:
         probability = judged.cause(name)
         if probability < LEAST_PROBABILITY and name not in responsible:
             continue

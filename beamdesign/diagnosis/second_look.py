@@ -27,7 +27,7 @@ from beamdesign.diagnosis.fitting.evidence import (
 )
 from beamdesign.diagnosis.fitting.fit import Evidence, Fit, FitCache, fit, misfit_at
 from beamdesign.diagnosis.fitting.hypothesis import NOTHING, WRONG, Hypothesis, Placement, singles, together
-from beamdesign.diagnosis.fitting.search import Search, refit, search
+from beamdesign.diagnosis.fitting.search import Search, best_of_each, refit, search
 from beamdesign.diagnosis.fitting.starts import fit_from_starts, starts
 from beamdesign.diagnosis.judgement import Judgement, judge
 from beamdesign.parameters import RIG_TOLERANCES
@@ -98,11 +98,8 @@ def backlash_impacts(
         progress(0.7, "play with another cause")
         found_all += _pairs(others, rig, seen, loose)
     progress(1.0, "done")
-    ranked: dict[Hypothesis, Fit] = {}
-    for found in sorted(found_all, key=lambda f: f.cost):
-        ranked.setdefault(found.hypothesis, found)
     # Without a floor: the error of a motion that cannot be predicted says nothing of how large a cause is.
-    return Search(null, tuple(ranked.values()), expected, before.evidence, conditions=before.conditions)
+    return Search(null, tuple(best_of_each(found_all)), expected, before.evidence, conditions=before.conditions)
 
 
 def _brought_down(evidence: Sequence[Evidence], sought: Hypothesis, placement: Placement, z: np.ndarray) -> np.ndarray:
@@ -366,13 +363,8 @@ def _oscillating(data: Dataset, workers: int, progress: Progress, kept: FitCache
     judged = judge(found)
     if judged.unknown > _MOST_UNKNOWN or not judged.best.hypothesis.causes:
         return None
-    growing = oscillating(data, judged.best)
+    placement = judged.best.hypothesis.placement(data.prototype)
+    growing = [piece.name for piece in record_evidence(data) if grows(piece, placement, judged.best.z)]
     if not growing:
         return None
     return SecondLook(found, judged, f"{', '.join(growing)}: {_OSCILLATES}", oscillates=True)
-
-
-def oscillating(data: Dataset, found: Fit) -> Sequence[str]:
-    """Names of the time records that were taken with a loop which oscillates by itself, as a fit has it."""
-    placement = found.hypothesis.placement(data.prototype)
-    return [piece.name for piece in record_evidence(data) if grows(piece, placement, found.z)]

@@ -3,23 +3,23 @@
 The report is one self-contained HTML page: no requests, both themes, fit for print.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from math import isfinite
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from markupsafe import Markup, escape
 from matplotlib.figure import Figure
 
 from beamdesign.diagnosis.data.dataset import Dataset
-from beamdesign.diagnosis.diagnosis import BandGap, Diagnosis, Errors, diagnosis_fields, in_words
+from beamdesign.diagnosis.diagnosis import BandGap, Diagnosis, Errors, in_words
 from beamdesign.diagnosis.fitting.hypothesis import Hypothesis
 from beamdesign.diagnosis.gap_metrics import in_bands
 from beamdesign.diagnosis.redesign import LoopTerms, Redesign, payload_range
 from beamdesign.files import write_set
 from beamdesign.json_text import finite, json_text, picked
-from beamdesign.loop import LoopAtMass, loop
+from beamdesign.loop import loop
 from beamdesign.prototype import Guarantee, Prototype
 from beamdesign.quantity_text import decimal, mass_range_text, stated_bandwidth, stated_peak
 from beamdesign.records import InputError, to_toml
@@ -69,7 +69,7 @@ def write_gap_folder(
             assert stage.guarantee is not None  # what was proved
             kind = "certificate" if len(renewed.proofs) == 1 else f"certificate_stage_{k}"
             names[kind], texts[kind] = f"redesigned/{stage.guarantee.certificate}", certificate.text
-    fields = diagnosis_fields(found)
+    fields = found.to_dict()
     own = "inner_end_mass_kg outer_end_mass_kg believed=nominal diagnosed"
     promised = [{"controller": loop.controller.model_dump()} | finite(picked(loop, own)) for loop in terms]
     left_out = (*found.left_out, *(renewed.left_out if renewed is not None else ()))
@@ -105,13 +105,6 @@ _TERMS = ("", "as believed", "as diagnosed")
 _MOST_PICTURES = 12
 _LISTED, _LEAST_PROBABILITY = 8, 1e-4  # sets of causes
 _BANDS = "Errors on the records that count, rms per band over the rms of the signal."
-
-
-class ShownPicture(NamedTuple):
-    """A picture with its heading."""
-
-    name: str
-    markup: Markup
 
 
 def gap_report_html(
@@ -193,7 +186,8 @@ def _key(found: Diagnosis) -> tuple[tuple[str, str], ...]:
     return tuple((name, text) for name, text in rows if text or name not in ("held responsible", "where"))
 
 
-def _shown(of: Errors, position: int, held_out: bool) -> ShownPicture:
+def _shown(of: Errors, position: int, held_out: bool) -> Markup:
+    """A picture of a record's errors."""
     state = "held out of the fits that are drawn" if held_out else "seen by them"
     lost = [words for name, words in (("before", "believed"), ("tuned", "re-tuned")) if diverged(of, name)]
     note = f"; the {' and the '.join(lost)} model diverges" if lost else ""
@@ -201,7 +195,7 @@ def _shown(of: Errors, position: int, held_out: bool) -> ShownPicture:
         f"{of.name}, {state}{note}. Left: where the believed model is furthest off. Right: rms in bands of the signal"
         " (thick) and of the errors, against the noise of the sensor."
     )
-    return ShownPicture(of.name, _inline(record_picture(of), f"record{position}", caption))
+    return _inline(record_picture(of), f"record{position}", caption)
 
 
 def _hypotheses(found: Diagnosis) -> list[tuple[str, float, str, str]]:
@@ -246,7 +240,9 @@ def _compliance(
     )
     if len(loops) > 2:
         words += f" New: {_renewed_laws(renewed)[0][0]}."
-    return _inline(compliance_picture(loops, data.prototype.goal.compliance_m_per_N), "compliance", words)
+    figure = new_figure(170.0, 92.0)
+    plot_compliance(figure.subplots(), loops, data.prototype.goal.compliance_m_per_N)
+    return _inline(figure, "compliance", words)
 
 
 def _renewed_laws(renewed: Redesign | None) -> list[tuple[str, Guarantee]]:
@@ -370,11 +366,4 @@ def band_picture(rows: Sequence[BandGap]) -> Figure:
     axes.minorticks_off()
     axes.grid(color="0.88", linewidth=0.6)
     figure.legend(fontsize=7.5, loc="outside upper center", ncols=4, frameon=False)
-    return figure
-
-
-def compliance_picture(loops: Mapping[str, LoopAtMass], limit_m_per_N: float) -> Figure:
-    """Closed-loop compliance of several loops."""
-    figure = new_figure(170.0, 92.0)
-    plot_compliance(figure.subplots(), loops, limit_m_per_N)
     return figure

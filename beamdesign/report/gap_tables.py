@@ -51,11 +51,10 @@ def closed_text(value: float) -> str:
     """The share of a gap that is gone, never rounded to the whole."""
     if not isfinite(value):
         return "undefined"
-    for digits in (1, 2, 3):
-        text = f"{100 * value:.{digits}f}"
-        if float(text) < 100:
-            break
-    return f"{text} %" if value < 1 and float(text) < 100 else ("nearly 100 %" if value < 1 else share_text(value))
+    if value >= 1:
+        return share_text(value)
+    texts = (f"{100 * value:.{digits}f}" for digits in (1, 2, 3))
+    return next((f"{text} %" for text in texts if float(text) < 100), "nearly 100 %")
 
 
 def condition_text(record: TimeRecord) -> str:

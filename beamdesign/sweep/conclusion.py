@@ -149,17 +149,6 @@ def in_words(found: Mapping[str, Any], sweep: Sweep) -> list[str]:
     return said
 
 
-def write_sensitivity(folder: Path, found: Mapping[str, Any]) -> list[Path]:
-    """Write the table of sensitivities, where there is one."""
-    if "sensitivity" not in found:
-        return []
-
-    names = list(dict.fromkeys(name for row in found["sensitivity"] for name in row))
-    return write_columns(
-        folder, [{name: row.get(name) for name in names} for row in found["sensitivity"]], "sensitivity"
-    )
-
-
 NEARLY = 0.98
 """Share of its limit from which a check is said to bind."""
 
@@ -211,13 +200,14 @@ def cell(value: Any) -> Any:
 
 
 def write_columns(folder: Path, table: Sequence[dict[str, Any]], name: str) -> list[Path]:
-    """Write flat rows, which all have the same columns, as NAME.csv and NAME.parquet."""
+    """Write flat rows as NAME.csv and NAME.parquet; a cell that a row lacks is empty."""
     import pyarrow as pa
     from pyarrow import parquet
 
     paths = [folder / f"{name}.csv", folder / f"{name}.parquet"]
     write_whole(paths[0], csv_text(table, "\n") if table else "case\n")
-    arrays = {name: _column([row[name] for row in table]) for name in (table[0] if table else ())}
+    columns = dict.fromkeys(column for row in table for column in row)
+    arrays = {column: _column([row.get(column) for row in table]) for column in columns}
     content = pa.BufferOutputStream()
     parquet.write_table(pa.table(arrays), content)
     write_whole(paths[1], content.getvalue().to_pybytes())
@@ -256,13 +246,12 @@ def chosen(columns: Sequence[str], asked: str) -> list[str]:
 
 def worth_showing(table: Sequence[dict[str, Any]]) -> list[str]:
     """Columns for a terminal: number, what varies, outputs that differ; not the address, no constants."""
-    differs = [
-        name for name in table[0] if name not in ("case", "address") and len({str(row[name]) for row in table}) > 1
-    ]
+    names = [name for name in table[0] if name not in ("case", "address")]
     if len(table) == 1:
-        differs = [name for name in table[0] if name not in ("case", "address") and table[0][name] not in (None, "")]
-    reason = [name for name in differs if name == "reason"]
-    return ["case", *[name for name in differs if name != "reason"], *reason]
+        names = [name for name in names if table[0][name] not in (None, "")]
+    else:
+        names = [name for name in names if len({str(row[name]) for row in table}) > 1]
+    return ["case", *sorted(names, key=lambda name: name == "reason")]  # which stands last
 
 
 def ordered(table: Sequence[dict[str, Any]], sort: str | None) -> list[dict[str, Any]]:

@@ -75,13 +75,14 @@ def at(vary: Vary, value: Any, number: int | None = None) -> dict[str, Any]:
     """Values of a varied key and of those that go along; `number` is that of a listed value."""
     found = {vary.key: value}
     for key, other in vary.along.items():
-        found[key] = other.values[number or 0] if other.values is not None else _times(value, other.times)
+        listed = other.values
+        found[key] = _rounded(float(value) * (other.times or 1.0)) if listed is None else listed[number or 0]
     return found
 
 
-def _times(value: Any, factor: float | None) -> Any:
-    """A factor on a value; digits beyond those that any tape measures are noise of binary arithmetic."""
-    return float(f"{float(value) * float(factor or 1.0):.12g}")
+def _rounded(value: float) -> float:
+    """Without the digits that no tape measures: they are noise of binary arithmetic."""
+    return float(f"{value:.12g}")
 
 
 def scaled(vary: Vary, share: float) -> dict[str, Any]:
@@ -95,7 +96,7 @@ def scaled(vary: Vary, share: float) -> dict[str, Any]:
         value = vary.low * (vary.high / vary.low) ** share
     else:
         value = vary.low + share * (vary.high - vary.low)
-    return at(vary, float(f"{value:.12g}"))
+    return at(vary, _rounded(value))
 
 
 def _unit(sweep: Sweep, cases: int) -> np.ndarray:
@@ -147,10 +148,6 @@ class Figure:
         if isinstance(self.value, tuple):
             return [_rounded(part * factor) for part in self.value]
         return _rounded(self.value * factor)
-
-
-def _rounded(value: float) -> float:
-    return float(f"{value:.12g}")
 
 
 def spreading(prototype: Prototype, instead: Mapping[str, float], sigmas: float = CUT_SIGMAS) -> tuple[Figure, ...]:
@@ -271,14 +268,6 @@ def saltelli(dimensions: int, cases: int, seed: int) -> np.ndarray:
     return from_unit(np.clip(sobol.sample(problem, 2**power, calc_second_order=False, seed=seed), 1e-9, 1 - 1e-9))
 
 
-def adapt(laid: Plan, evaluate: Evaluate) -> None:
-    """Carry out a method whose cases follow from earlier ones; it is deterministic, and so resumes from the store."""
-    if laid.sweep.study.method == "optimise":
-        _optimise(laid, evaluate)
-    else:
-        _worst_case(laid, evaluate)
-
-
 def _generations(sweep: Sweep, limit: int | None) -> int:
     assert sweep.optimise is not None
     most = sweep.optimise.generations + 1  # the first is the initial population
@@ -372,3 +361,7 @@ def _worst_case(laid: Plan, evaluate: Evaluate) -> None:
         if not len(found) or found.max() >= NO_RESULT or found.max() <= best:
             return
         worst, best = flipped[int(found.argmax())], found.max()
+
+
+ADAPTIVE = {"optimise": _optimise, "worst_case": _worst_case}
+"""Methods whose cases follow from the results of earlier ones: deterministic, so that they resume from the store."""

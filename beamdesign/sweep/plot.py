@@ -24,14 +24,14 @@ def draw(sweep: Sweep, records: Sequence[Row], conclusion: Mapping[str, Any], fo
     written: list[Path] = []
     for number, asked in enumerate(sweep.picture):
         names = [str(getattr(asked, role)) for role in PICTURES[asked.kind][0]]
-        lacking = [name for name in names if all(value_of(row, name) is None for row in records)]
-        if lacking:
+        if lacking := [name for name in names if all(value_of(row, name) is None for row in records)]:
             figure = new_figure(height_mm=60)
             axes = figure.add_subplot(title=asked.title)
             axes.set_axis_off()
             axes.text(0.5, 0.5, f"no case has {', '.join(lacking)}", ha="center", transform=axes.transAxes)
         else:
-            figure = _KINDS[asked.kind](asked, records, *names)
+            figure = new_figure(height_mm=30 + 9 * len(records) if asked.kind == "bars" else _HEIGHTS_MM[asked.kind])
+            _KINDS[asked.kind](figure, asked, records, *names)
         written += save(figure, folder / ("picture" if number == 0 else f"picture_{number + 1}"))
     if conclusion.get("sensitivity"):
         written += save(_sensitivity(conclusion["sensitivity"]), folder / "sensitivity")
@@ -102,9 +102,8 @@ def _groups(asked: Picture, records: Sequence[Row]) -> dict[str, list[Row]]:
     return found
 
 
-def _lines(asked: Picture, records: Sequence[Row], x: str, y: str) -> Figure:
+def _lines(figure: Figure, asked: Picture, records: Sequence[Row], x: str, y: str) -> None:
     records = _placed(records, x)
-    figure = new_figure()
     axes = figure.add_subplot()
     for k, (name, rows) in enumerate(_groups(asked, records).items()):
         there = [(value_of(row, x), _number(row, y)) for row in rows if _number(row, y) is not None]
@@ -117,13 +116,11 @@ def _lines(asked: Picture, records: Sequence[Row], x: str, y: str) -> Figure:
     if axes.get_legend_handles_labels()[1]:
         axes.legend()
     _finish(axes, asked, x, y)
-    return figure
 
 
-def _bars(asked: Picture, records: Sequence[Row], x: str, y: str) -> Figure:
+def _bars(figure: Figure, asked: Picture, records: Sequence[Row], x: str, y: str) -> None:
     names = [in_plot(_text(value_of(row, x))) for row in records]
     heights = [_number(row, y) or 0.0 for row in records]
-    figure = new_figure(height_mm=30 + 9 * len(names))
     axes = figure.add_subplot()
     bars = axes.barh(range(len(names)), heights, color="0.7", edgecolor="black")
     labels = [f"{h:.4g}" if row["status"] == "done" else "no answer" for h, row in zip(heights, records, strict=True)]
@@ -136,14 +133,12 @@ def _bars(asked: Picture, records: Sequence[Row], x: str, y: str) -> Figure:
     axes.set(ylabel="", title="")
     figure.suptitle(in_plot(asked.title))  # over the whole figure: names of the bars may leave little room
     axes.grid(False, axis="y")
-    return figure
 
 
-def _map(asked: Picture, records: Sequence[Row], x: str, y: str, value: str) -> Figure:
+def _map(figure: Figure, asked: Picture, records: Sequence[Row], x: str, y: str, value: str) -> None:
     """Value of a column over two varied keys: `series` names the value here; a cross is a no."""
     records = _placed(records, x, y)
     there = [row for row in records if _number(row, value) is not None]
-    figure = new_figure()
     axes = figure.add_subplot()
     places = [value_of(row, x) for row in there], [value_of(row, y) for row in there]
     values = [float(value_of(row, value)) for row in there]
@@ -154,7 +149,6 @@ def _map(asked: Picture, records: Sequence[Row], x: str, y: str, value: str) -> 
     if no:
         axes.legend()
     _finish(axes, asked, x, y)
-    return figure
 
 
 _SHADES = ("0.9", "0.75", "0.6", "0.45", "0.3")
@@ -167,10 +161,9 @@ def _stable(axes: Axes, rows: Sequence[Row], x: str, columns: tuple[str, str], n
     plot_stable_bands(axes, at, low, high, name, STYLES[number % len(STYLES)], _SHADES[number % len(_SHADES)])
 
 
-def _lag_breaks(asked: Picture, records: Sequence[Row], x: str) -> Figure:
+def _lag_breaks(figure: Figure, asked: Picture, records: Sequence[Row], x: str) -> None:
     """Stable zeros over the pole, per gain; every edge is exact at each pole, and joined by straight lines."""
     records = _placed(records, x)
-    figure = new_figure()
     axes = figure.add_subplot()
     highest = max((v for row in records for v in row["outputs"].get("stable_zero_from_Hz", ())), default=100.0)
     for k, (name, rows) in enumerate(_groups(asked, records).items()):
@@ -179,13 +172,11 @@ def _lag_breaks(asked: Picture, records: Sequence[Row], x: str) -> Figure:
     axes.set_ylim(top=min(1e4, max(1e3, 3 * highest)))
     axes.legend(loc="lower right")
     _finish(axes, asked, x, "zero_frequency_Hz")
-    return figure
 
 
-def _end_masses(asked: Picture, records: Sequence[Row], x: str) -> Figure:
+def _end_masses(figure: Figure, asked: Picture, records: Sequence[Row], x: str) -> None:
     """Stable outer masses over the inner one, and the frequencies at which the loop oscillates at the edges."""
     records = _placed(records, x)
-    figure = new_figure(height_mm=150)
     upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=(3, 2))
     _stable(upper, records, x, ("stable_from_kg", "stable_to_kg"), "stable", 0)
     crossings = [
@@ -207,19 +198,16 @@ def _end_masses(asked: Picture, records: Sequence[Row], x: str) -> Figure:
     lower.legend()
     lower.set(title="", ylabel="frequency, Hz")
     upper.set_xlabel("")
-    return figure
 
 
-def _histogram(asked: Picture, records: Sequence[Row], x: str) -> Figure:
+def _histogram(figure: Figure, asked: Picture, records: Sequence[Row], x: str) -> None:
     values = [_number(row, x) for row in records if _number(row, x) is not None]
-    figure = new_figure(height_mm=90)
     axes = figure.add_subplot()
     axes.hist(values, bins=min(30, max(5, round(len(values) ** 0.5))), color="0.75", edgecolor="black")
     if asked.limit is not None:
         _limit(axes.axvline, asked)
         axes.legend()
     _finish(axes, asked, x, "samples")
-    return figure
 
 
 def _sensitivity(found: Sequence[Mapping[str, Any]]) -> Figure:
@@ -242,7 +230,7 @@ def _sensitivity(found: Sequence[Mapping[str, Any]]) -> Figure:
     return figure
 
 
-_KINDS: dict[str, Callable[..., Figure]] = {
+_KINDS: dict[str, Callable[..., None]] = {
     "lines": _lines,
     "bars": _bars,
     "map": _map,
@@ -250,6 +238,7 @@ _KINDS: dict[str, Callable[..., Figure]] = {
     "end_masses": _end_masses,
     "histogram": _histogram,
 }
+_HEIGHTS_MM = {"lines": 110.0, "map": 110.0, "lag_breaks": 110.0, "end_masses": 150.0, "histogram": 90.0}
 
 
 Cell = str | Sequence[float] | None

@@ -238,26 +238,23 @@ def case_of(address: str) -> dict[str, Any]:
         InputError: where there is no such case, or its result does not hold.
     """
     path = Path(address)
-    if path.suffix == ".json" and path.is_file():
-        record = kept(path.parent.parent, path.stem)
-        if record is None:
-            raise InputError(address, [("(file)", "is no result of a case")])
-        return record
     folder, name = path.parent, path.name
-    try:
-        rows = read_index(folder)["rows"]
-    except InputError as error:
-        raise InputError(address, [(f"{error.source}: {key}", reason) for key, reason in error.problems]) from None
-    if name.isdigit() and int(name) < len(rows):
-        record = kept(folder, rows[int(name)])
-        if record is None:
-            raise InputError(address, [(name, "this case is not finished; run the study on")])
-        return record
-    found = [one for one in addresses(folder) if one.startswith(name)]
-    record = kept(folder, found[0]) if len(found) == 1 else None
+    if path.suffix == ".json" and path.is_file():
+        record, why = kept(folder.parent, path.stem), ("(file)", "is no result of a case")
+    else:
+        try:
+            rows = read_index(folder)["rows"]
+        except InputError as error:
+            raise InputError(address, [(f"{error.source}: {key}", reason) for key, reason in error.problems]) from None
+        if name.isdigit() and int(name) < len(rows):
+            record, why = kept(folder, rows[int(name)]), (name, "this case is not finished; run the study on")
+        else:
+            found = [one for one in addresses(folder) if one.startswith(name)]
+            record = kept(folder, found[0]) if len(found) == 1 else None
+            none = f"no such case; rows are 0 to {len(rows) - 1}"
+            why = name, "several cases begin so; give more digits" if found else none
     if record is None:
-        some = "several cases begin so; give more digits" if found else f"no such case; rows are 0 to {len(rows) - 1}"
-        raise InputError(address, [(name, some)])
+        raise InputError(address, [why])
     return record
 
 

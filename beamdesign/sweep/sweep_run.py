@@ -17,8 +17,8 @@ from beamdesign.progress import Progress, silent
 from beamdesign.records import InputError, Problem
 from beamdesign.sweep import store, workers
 from beamdesign.sweep.case import Case, in_words
-from beamdesign.sweep.conclusion import conclude, rows, write_columns, write_sensitivity
-from beamdesign.sweep.methods import Plan, adapt, laid_out
+from beamdesign.sweep.conclusion import conclude, rows, write_columns
+from beamdesign.sweep.methods import ADAPTIVE, Plan, laid_out
 from beamdesign.sweep.sweep_file import Sweep, read_sweep
 from beamdesign.sweep.tasks import TASKS
 
@@ -29,9 +29,6 @@ CONCLUSION = "conclusion.json"
 
 _SET = (store.INDEX, "table.*", "sensitivity.*", CONCLUSION, "picture.*", "picture_[0-9]*.*")
 """Files that a run writes together, so that they are of one sweep."""
-
-ADAPTIVE = ("optimise", "worst_case")
-"""Methods whose cases follow from the results of earlier ones."""
 
 
 @dataclass
@@ -183,7 +180,7 @@ def run_sweep(
         refuse_irreplaceable(path)
     progression = Progression(laid, folder, compute, progress or silent, again)
     try:
-        if laid.sweep.study.method in ADAPTIVE:
+        if (adapt := ADAPTIVE.get(laid.sweep.study.method)) is not None:
             adapt(laid, progression.evaluate)
         else:
             progression.evaluate(laid.cases)
@@ -207,8 +204,8 @@ def _written(progression: Progression, complete: bool, draw: Draw | None) -> Swe
         store.write_index(fresh, laid.sweep.name, laid.sweep.study.method, order, complete)
         tables = write_columns(fresh, rows(found), "table")
         files = list(tables)
-        if conclusion:
-            files += write_sensitivity(fresh, conclusion)
+        if "sensitivity" in conclusion:
+            files += write_columns(fresh, conclusion["sensitivity"], "sensitivity")
         if draw is not None:
             files += draw(laid.sweep, found, conclusion, fresh)
         if conclusion:

@@ -73,7 +73,9 @@ def processes(count: int, case_seconds: float = CASE_SECONDS) -> Iterator[Worker
                     if process.pipe in ready:
                         record = process.hear()
                     elif lost := process.seconds > case_seconds:
-                        record = endless(cases[place], case_seconds)
+                        reason = f"not finished after {case_seconds:g} s, the limit of --case-seconds"
+                        words = f"{reason}; --again tries it once more"
+                        record = kept(cases[place], "failed", words, {}, {}, case_seconds)
                 except (EOFError, OSError):
                     lost, deaths[place] = True, deaths[place] + 1
                     if deaths[place] < TRIES:
@@ -156,12 +158,6 @@ def _deaf() -> Iterator[None]:
 def dead(found: Case, tried: int) -> dict[str, Any]:
     """The record of a case whose process died each time."""
     return kept(found, "failed", f"the process that computed it died, {tried} times", {}, {}, 0.0)
-
-
-def endless(found: Case, case_seconds: float) -> dict[str, Any]:
-    """The record of a case that took too long."""
-    reason = f"not finished after {case_seconds:g} s, the limit of --case-seconds; --again tries it once more"
-    return kept(found, "failed", reason, {}, {}, case_seconds)
 
 
 def _serve(pipe: Connection) -> None:

@@ -17,6 +17,7 @@ from beamdesign.report.canvas import new_figure
 from beamdesign.report.page import text_template
 from beamdesign.spelling import in_markdown
 from beamdesign.validation.blind.baselines import NAMES
+from beamdesign.validation.blind.case_plan import SHARES
 from beamdesign.validation.blind.scoring import (
     NO_GAP,
     SMALL,
@@ -30,7 +31,6 @@ from beamdesign.validation.blind.scoring import (
     split,
 )
 
-_KINDS = ("null", "single", "parameter", "pair", "outside")
 TARGET_COLUMNS = ("", "found", "95 % bounds", "of", "target", "reached")
 BASELINE_COLUMNS = ("", "diagnosis", *NAMES)
 
@@ -102,7 +102,7 @@ def markdown(outcomes: Sequence[Outcome], setting: Mapping[str, Any]) -> str:
     given = {
         "outcomes": outcomes,
         "setting": setting,
-        "kinds": {kind: sum(o.kind == kind for o in outcomes) for kind in _KINDS},
+        "kinds": {kind: sum(o.kind == kind for o in outcomes) for kind in SHARES},
         "least": SMALL,
         "large": large,
         "small": small,

@@ -74,7 +74,7 @@ def virtual_rig(
     nominal = nominal_table(prototype)
     factors = draw_true(nominal, rng)
     figures = rig_figures(nominal, factors, _HABITS)
-    scales = Scales(figures, figures["modes.stiffness"], figures["modes.mass"], 900.0, 7.5e-3)
+    scales = Scales(figures, 900.0, 7.5e-3)
     departures = () if effect == "none" else (Departure(effect, severity, KINDS[effect].shape(rng)),)
     kind = "null" if effect == "none" else "single"
     case = Case(seed, kind, nominal, factors, dict(_HABITS), (), departures, (), _NOISE, duration_s, scales)

@@ -85,7 +85,8 @@ def true_rig(opened: OpenedCase) -> Case:
     Raises:
         InputError: where another rig comes out, because the truth model is not that of the check any more.
     """
-    from beamdesign.validation.truth import answer, draw_case
+    from beamdesign.validation.truth.case import answer
+    from beamdesign.validation.truth.drawing import draw_case
 
     planned = opened.planned
     try:

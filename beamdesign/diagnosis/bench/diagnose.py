@@ -55,11 +55,6 @@ class BenchDiagnosis(Diagnosis[BenchPrototype]):
 
     ranked: tuple[HeldOut, ...] = field(default=(), repr=False)
 
-    @property
-    def confirmed(self) -> bool:
-        """Whether the replay is better with the chosen causes on every condition and in every channel."""
-        return all(row.after < row.before for row in self.gap.records)
-
 
 def diagnose_bench(data: BenchSet, among: Sequence[BenchHypothesis] | None = None) -> BenchDiagnosis:
     """Diagnose an actuator bench from what `read_bench_set` gives.

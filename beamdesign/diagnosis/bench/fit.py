@@ -1,6 +1,6 @@
 """Causes fitted to steady motions, and how they predict conditions that were left out, their whole records too."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import combinations
 
@@ -9,7 +9,14 @@ from scipy.stats import t as student_t
 
 from beamdesign.bench_prototype import BenchPrototype
 from beamdesign.diagnosis.bench.data import BenchRun, BenchSet, held
-from beamdesign.diagnosis.bench.hypothesis import FIGURES, ORIFICES, BenchHypothesis, SteadyPlacement, parameters
+from beamdesign.diagnosis.bench.hypothesis import (
+    FIGURES,
+    ORIFICES,
+    BenchHypothesis,
+    SteadyPlacement,
+    parameters,
+    steady_placement,
+)
 from beamdesign.diagnosis.bench.motions import CHANNELS, EDGES, Observations, averaged, steady
 from beamdesign.diagnosis.diagnosis import RecordGap
 from beamdesign.diagnosis.fitting.fit import Fit, Fitted, fit
@@ -66,13 +73,6 @@ class SteadyEvidence(Fitted):
         found = self.misfit(self.predicted(placement, np.vstack([z, z + np.diag(step)])))
         return found[0], ((found[1:] - found[0]) / step[:, None]).T
 
-    def weighed_by(self, placement: SteadyPlacement, z: np.ndarray, floor: Mapping[str, float]) -> "SteadyEvidence":
-        """The same with deviations that follow what is left at z, at least `floor`."""
-        left = self.predicted(placement, z)
-        rms = {c: float(np.sqrt(np.mean(left[c] ** 2))) for c in floor}
-        own = {c: max(least, rms[c], _LEAST_DEVIATION) for c, least in floor.items()}
-        return replace(self, deviation={**self.deviation, **own})
-
 
 def fit_steady(
     prototype: BenchPrototype,
@@ -93,7 +93,7 @@ def fit_steady(
     Returns:
         the fit, and the motions as they were weighed in the end.
     """
-    placement = hypothesis.steady(prototype, float(np.abs(seen.volts).max()))
+    placement = steady_placement(prototype, hypothesis, float(np.abs(seen.volts).max()))
     first = {c: max(least, _FIRST_DEVIATION) for c, least in floor.items()} | {_STALL: _STALL_STD}
     piece = SteadyEvidence(seen, prototype.actuator.supply_pressure_Pa, first)
     low, high = (np.array(side) for side in zip(*(u.bounds for u in placement.unknowns), strict=True))
@@ -101,7 +101,9 @@ def fit_steady(
     z = np.clip(start, low + _INSIDE, high - _INSIDE)
     for _ in range(_ROUNDS):
         z = fit(hypothesis, placement, [piece], z).z
-        piece = piece.weighed_by(placement, z, floor)
+        left = piece.predicted(placement, z)
+        own = {c: max(least, np.sqrt(np.mean(left[c] ** 2)), _LEAST_DEVIATION) for c, least in floor.items()}
+        piece = replace(piece, deviation={**piece.deviation, **own})
     return fit(hypothesis, placement, [piece], z, 0), piece
 
 
@@ -214,8 +216,8 @@ def replayed(data: BenchSet, chosen: HeldOut) -> tuple[RecordGap, ...]:
     for condition, trained in chosen.without.items():
         runs = [run for run in data.runs if run.condition == condition]
         rigs = data.prototype, updated_prototype(data.prototype, chosen.hypothesis, trained)
-        before, after = (_errors(rig, runs) for rig in rigs)
-        floor = _floor(data.prototype, runs)
+        before, after = (_rms(data.prototype, _missed(rig, runs)) for rig in rigs)
+        floor = _rms(data.prototype, _scattered(runs))
         rows += [RecordGap(f"{condition}, {c}", True, before[c], np.nan, after[c], floor[c]) for c in REPLAYED]
     return tuple(rows)
 
@@ -227,31 +229,31 @@ def simulated(prototype: BenchPrototype, run: BenchRun) -> np.ndarray:
     return replay(prototype.but(sensors=sensors), run.times, run.command_V)
 
 
-def _over(prototype: BenchPrototype, channel: str) -> float:
-    """What errors of a channel are told over."""
+def _rms(prototype: BenchPrototype, squares: Iterable[tuple[str, float]]) -> dict[str, float]:
+    """Roots of the means of squares by channel, over the stroke or the supply pressure; NaN where there are none."""
     actuator = prototype.actuator
-    return actuator.stroke_m if channel == "displacement_m" else actuator.supply_pressure_Pa
+    over = dict(zip(REPLAYED, (actuator.stroke_m, *(actuator.supply_pressure_Pa,) * 2), strict=True))
+    of: dict[str, list[float]] = {channel: [] for channel in REPLAYED}
+    for channel, square in squares:
+        of[channel].append(square / over[channel] ** 2)
+    return {channel: float(np.sqrt(np.mean(each))) if each else np.nan for channel, each in of.items()}
 
 
-def _errors(prototype: BenchPrototype, runs: Sequence[BenchRun]) -> dict[str, float]:
-    squares: dict[str, list[float]] = {channel: [] for channel in REPLAYED}
+def _missed(prototype: BenchPrototype, runs: Sequence[BenchRun]) -> Iterator[tuple[str, float]]:
+    """By channel, what a model misses of each run."""
     made: dict[bytes, np.ndarray] = {}
     for run in runs:
         key = run.command_V.tobytes()
         if key not in made:
             made[key] = simulated(prototype, run)
         for channel, measured in run.channels.items():
-            error = made[key][:, BENCH_COLUMNS.index(channel)] - measured
-            squares[channel].append(float(np.mean(error**2)) / _over(prototype, channel) ** 2)
-    return {channel: float(np.sqrt(np.mean(values))) for channel, values in squares.items()}
+            yield channel, float(np.mean((made[key][:, BENCH_COLUMNS.index(channel)] - measured) ** 2))
 
 
-def _floor(prototype: BenchPrototype, runs: Sequence[BenchRun]) -> dict[str, float]:
-    squares: dict[str, list[float]] = {channel: [] for channel in REPLAYED}
+def _scattered(runs: Sequence[BenchRun]) -> Iterator[tuple[str, float]]:
+    """By channel, half of what each two replicates differ in."""
     for one, other in combinations(runs, 2):
         for channel, measured in one.channels.items():
             theirs = other.channels.get(channel, np.zeros(0))
             if len(theirs) == len(measured):
-                half = float(np.mean((theirs - measured) ** 2)) / 2
-                squares[channel].append(half / _over(prototype, channel) ** 2)
-    return {c: float(np.sqrt(np.mean(values))) if values else float("nan") for c, values in squares.items()}
+                yield channel, float(np.mean((theirs - measured) ** 2)) / 2

@@ -130,15 +130,6 @@ class BenchHypothesis(Hypothesis):
     def __str__(self) -> str:
         return " + ".join(self.names) or "tolerances only"
 
-    def steady(self, prototype: BenchPrototype, largest_V: float) -> SteadyPlacement:
-        """Everything a fit may move: within tolerances of a prototype, then under the priors of the library's effects.
-
-        Args:
-            prototype: what was believed.
-            largest_V: command from which the largest flow follows.
-        """
-        return SteadyPlacement(_unknowns(prototype, self, largest_V), ORIFICES in self.names)
-
 
 def laws(*names: str) -> BenchHypothesis:
     """Several laws at once."""
@@ -200,7 +191,14 @@ _EDGE_STD = 0.1
 _LOST = 0.1  # share of pressure lost in a line, or of flow past the piston, at the largest flow: one deviation
 
 
-def _unknowns(prototype: BenchPrototype, hypothesis: BenchHypothesis, largest_V: float) -> tuple[Unknown, ...]:
+def steady_placement(prototype: BenchPrototype, hypothesis: BenchHypothesis, largest_V: float) -> SteadyPlacement:
+    """Everything a fit may move: within tolerances of a prototype, then under the priors of the library's effects.
+
+    Args:
+        prototype: what was believed.
+        hypothesis: of what is at work.
+        largest_V: command from which the largest flow follows.
+    """
     known, at = nominal(prototype)
     actuator, valve, tolerance = prototype.actuator, prototype.servovalve, prototype.tolerance
     supply, gain, volts = actuator.supply_pressure_Pa, valve.flow_gain_m3_per_s_per_V, valve.amplifier_A_per_V
@@ -235,7 +233,7 @@ def _unknowns(prototype: BenchPrototype, hypothesis: BenchHypothesis, largest_V:
             q = friction[figure.key]
             own.append(free(figure.name, q.default, q.spread, q.low, q.high, figure.key != "stribeck_m_per_s"))
     moved = {unknown.name: unknown for unknown in own}
-    return found + tuple(moved[name] for name in hypothesis.figures)
+    return SteadyPlacement((*found, *(moved[name] for name in hypothesis.figures)), ORIFICES in hypothesis.names)
 
 
 def parameters(prototype: BenchPrototype, names: tuple[str, ...], found: Fit) -> dict[str, dict[str, Estimate]]:

@@ -28,12 +28,10 @@ class SteadyMotion:
 
     Attributes:
         condition: of the run.
-        replicate: of the run.
         side: chamber whose pressure was recorded.
         direction: 1 extending, -1 retracting.
         command_V: while it moved.
-        begins_s: of the part that counts as steady.
-        ends_s: of it.
+        lasts_s: the part that counts as steady.
         speed: m/s, positive extending, by Theil and Sen's median of slopes.
         pressure: Pa, median over that part.
         stall: Pa, median against the end stop.
@@ -41,12 +39,10 @@ class SteadyMotion:
     """
 
     condition: str
-    replicate: int
     side: str
     direction: int
     command_V: float
-    begins_s: float
-    ends_s: float
+    lasts_s: float
     speed: float
     pressure: float
     stall: float
@@ -91,11 +87,10 @@ def steady_motion(run: BenchRun, direction: int) -> SteadyMotion:
         raise InputError(run.name, [("displacement_m", f"no steady speed {_words(direction)} at {volts:g} V")])
     part = slice(edges[first], edges[last])
     stop = held(run, direction)
-    begin, end = (float(run.times[k]) for k in (part.start, part.stop))
+    lasts = float(run.times[part.stop] - run.times[part.start])
     settled = (run.pressure_Pa[part], run.pressure_Pa[stop], run.displacement_m[stop])
     pressure, stall, rest = (float(np.median(values)) for values in settled)
-    found = (begin, end, _slope(run, part), pressure, stall, rest)
-    return SteadyMotion(run.condition, run.replicate, run.side, direction, volts, *found)
+    return SteadyMotion(run.condition, run.side, direction, volts, lasts, _slope(run, part), pressure, stall, rest)
 
 
 def _words(direction: int) -> str:
@@ -123,13 +118,9 @@ def _like_later_half(values: np.ndarray) -> np.ndarray:
 
 def _longest(flags: np.ndarray) -> tuple[int, int]:
     """First and one past the last of the longest row of flags."""
-    best = (0, 0)
-    begin = 0
-    for k, flag in enumerate([*flags.tolist(), False]):
-        if not flag:
-            best = max(best, (begin, k), key=lambda pair: pair[1] - pair[0])
-            begin = k + 1
-    return best
+    rows = np.flatnonzero(np.diff([0, *flags.astype(int), 0])).reshape(-1, 2)
+    first, last = max(rows.tolist(), key=lambda row: row[1] - row[0], default=(0, 0))
+    return first, last
 
 
 _ROUNDS = 30

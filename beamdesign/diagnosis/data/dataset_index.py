@@ -130,7 +130,8 @@ def _known_keys(table: dict[str, Any]) -> tuple[dict[str, Any], list[str]]:
     warnings: list[str] = []
 
     def known(part: dict[str, Any], shape: type[Record], words: str) -> dict[str, Any]:
-        unknown = [key for key in part if _foreign(key, shape)]
+        ours = shape.model_fields  # what looks like one of them is a mistake of unit or letter, to be refused later
+        unknown = [key for key in part if key not in ours and not difflib.get_close_matches(key, ours, 1, _ALIKE)]
         warnings.extend(f"dataset.toml: {words}{key} is not known here and was left aside" for key in unknown)
         return {key: value for key, value in part.items() if key not in unknown}
 
@@ -139,11 +140,6 @@ def _known_keys(table: dict[str, Any]) -> tuple[dict[str, Any], list[str]]:
         if isinstance(rows := kept.get(key), list):
             kept[key] = [known(row, shape, f"{key}.") if isinstance(row, dict) else row for row in rows]
     return kept, list(dict.fromkeys(warnings))
-
-
-def _foreign(key: str, shape: type[Record]) -> bool:
-    """Whether a key is none of ours. One that looks like ours is a mistake of unit or letter, to be refused later."""
-    return key not in shape.model_fields and not difflib.get_close_matches(key, shape.model_fields, 1, _ALIKE)
 
 
 def wrong_files(key: str, files: Sequence[str], folder: Path) -> list[Problem]:

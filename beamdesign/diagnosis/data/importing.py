@@ -218,7 +218,8 @@ def _record(
 def _alike(channel: str, columns: Sequence[Column]) -> list[Column]:
     """Columns that may be a channel: by name and unit; else, where no name tells, by a unit that only one has."""
     unit, pattern = CHANNELS[channel]
-    fits = [one for one in columns if not one.unit or _unit_of(one.unit) in _measures(channel)]
+    known = ("", unit, "V") if channel == "displacement_m" else ("", unit)  # the volts of its sensor too
+    fits = [one for one in columns if (_unit_of(one.unit) if one.unit else "") in known]
     by_name = [one for one in fits if one.name == channel] or [
         one for one in fits if re.search(pattern, one.name.rpartition(".")[2], re.IGNORECASE)
     ]
@@ -227,11 +228,6 @@ def _alike(channel: str, columns: Sequence[Column]) -> list[Column]:
     if by_name or channel not in _NEEDED:
         return by_name
     return [one for one in fits if one.unit and _unit_of(one.unit) == unit]
-
-
-def _measures(channel: str) -> tuple[str, ...]:
-    """SI units that a channel may be measured in: a displacement in the volts of its sensor too."""
-    return (CHANNELS[channel][0], "V") if channel == "displacement_m" else (CHANNELS[channel][0],)
 
 
 def _unit_of(text: str) -> str:

@@ -16,8 +16,7 @@ import numpy as np
 from beamdesign.files import LARGEST_TABLE, read_bytes
 from beamdesign.records import InputError
 
-_LARGEST = LARGEST_TABLE
-_FEWEST = 3
+_FEWEST, _LONGEST_UNIT = 3, 6
 _IN_NAME = re.compile(r"^(?P<name>.*?)\s*(?:[\[(]\s*(?P<unit>[^\])]*)[\])]|[,;:]\s+(?P<after>\S+))\s*$")
 _NUMBER = re.compile(r"^\s*[-+]?(\d+([.,]\d*)?|[.,]\d+)([eEdD][-+]?\d+)?\s*$|^\s*[-+]?(nan|inf)\s*$", re.IGNORECASE)
 
@@ -88,7 +87,7 @@ def _refuse(path: Path, reason: str) -> InputError:
 
 
 def _text(path: Path) -> Measured:
-    raw = read_bytes(path, _LARGEST)
+    raw = read_bytes(path, LARGEST_TABLE)
     try:
         text = raw.decode("utf-8-sig")
     except UnicodeDecodeError:
@@ -100,14 +99,15 @@ def _text(path: Path) -> Measured:
     if not any(mark in line for line in lines[-50:]):
         raise _refuse(path, "has no columns: no comma, semicolon or tab parts its last rows")
     rows = list(csv.reader(StringIO("\n".join(lines)), delimiter=mark))
-    first = next((k for k, row in enumerate(rows) if _all_numbers(row)), None)
+    first = next((k for k, row in enumerate(rows) if len(row) > 1 and all(map(_NUMBER.match, row))), None)
     if first is None or len(rows) - first < _FEWEST:
         raise _refuse(path, "holds no rows of numbers below its column names")
     width, heads = len(rows[first]), [row for row in rows[:first] if len(row) == len(rows[first])]
     names = heads[-1] if heads else [f"column {k + 1}" for k in range(width)]
     units = [""] * width
-    if len(heads) > 1 and all(_looks_like_unit(cell) for cell in heads[-1]):  # a row of units below the names
-        names, units = heads[-2], [cell.strip().strip("[]()") for cell in heads[-1]]
+    below = [cell.strip().strip("[]()") for cell in heads[-1]] if heads else []
+    if len(heads) > 1 and all(len(cell) <= _LONGEST_UNIT for cell in below):  # a row of units below the names
+        names, units = heads[-2], below
     values = np.empty((len(rows) - first, width))
     for k, row in enumerate(rows[first:]):
         try:
@@ -117,14 +117,6 @@ def _text(path: Path) -> Measured:
             raise _refuse(path, what) from error
     columns = (_column(name, unit, values[:, k]) for k, (name, unit) in enumerate(zip(names, units, strict=True)))
     return Measured(path, tuple(columns))
-
-
-def _all_numbers(row: list[str]) -> bool:
-    return len(row) > 1 and all(_NUMBER.match(cell) for cell in row)
-
-
-def _looks_like_unit(cell: str) -> bool:
-    return len(cell.strip().strip("[]()")) <= 6
 
 
 def _column(name: str, unit: str, values: np.ndarray) -> Column:
@@ -181,7 +173,7 @@ def _universal(path: Path) -> Measured:
         from pyuff import UFF
     except ModuleNotFoundError as error:
         raise _refuse(path, "a universal file is read by pyUFF: pip install 'beamdesign[uff]'") from error
-    read_bytes(path, _LARGEST)  # that it is there, and not too large
+    read_bytes(path, LARGEST_TABLE)  # that it is there, and not too large
     try:
         found = UFF(str(path)).read_sets()
     except Exception as error:  # whatever a reader of a loose format raises

@@ -7,7 +7,8 @@ its own: saturate, lag, have another gain.
 """
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from functools import cached_property
 from math import pi
 
 import numpy as np
@@ -18,29 +19,20 @@ from beamdesign.controllers import Controller, Lag
 from beamdesign.diagnosis.data.dataset import TimeRecord
 from beamdesign.diagnosis.fitting.weighting import TOP, faded, white
 from beamdesign.plant.electronics import HEARD, state_space
+from beamdesign.plant.equilibrium import Linearisation
 from beamdesign.plant.members import paper_model
 from beamdesign.prototype import Prototype
 
 CHANNELS = ("current_A", "displacement_m", "load_pressure_Pa", "inner_displacement_m")
 
 
-@dataclass(frozen=True)
-class NominalLoop:
-    """The closed loop x' = A x + B (force, command) of a prototype without effects.
+class NominalLoop(Linearisation):
+    """The closed loop of a prototype without effects, from force and command to `CHANNELS`."""
 
-    Attributes:
-        a: (n, n).
-        b: (n, 2).
-        c: (4, n) to `CHANNELS`.
-        d: (4, 2).
-        poles: (n,) rad/s.
-    """
-
-    a: np.ndarray = field(repr=False)
-    b: np.ndarray = field(repr=False)
-    c: np.ndarray = field(repr=False)
-    d: np.ndarray = field(repr=False)
-    poles: np.ndarray = field(repr=False)
+    @cached_property
+    def poles(self) -> np.ndarray:
+        """(n,) rad/s."""
+        return np.asarray(np.linalg.eigvals(self.a))
 
     @property
     def stable(self) -> bool:
@@ -101,7 +93,7 @@ def nominal_loop(
     seen, through = np.zeros((4, len(closed))), np.zeros((4, 2))
     seen[0], through[0, 1] = np.concatenate([straight @ sensed, leaving]), straight @ commanded
     seen[1:, : len(a)] = volts / prototype.sensor.gain_V_per_m, c[3], c[2]
-    return NominalLoop(closed, driven, seen, through, np.linalg.eigvals(closed))
+    return NominalLoop(closed, driven, seen, through)
 
 
 def loop_of(record: TimeRecord, prototype: Prototype) -> NominalLoop:

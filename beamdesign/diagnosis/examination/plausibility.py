@@ -39,15 +39,6 @@ from beamdesign.parameters import stated_or_typical
 from beamdesign.prototype import Prototype
 from beamdesign.records import InputError, Problem
 
-__all__ = ["Caution", "Examination", "examine"]
-
-
-def with_tolerances(prototype: Prototype) -> tuple[Prototype, tuple[Caution, ...]]:
-    """The prototype as it is where it states a tolerance of any figure, else with typical ones and a word on it."""
-    tolerance, text = stated_or_typical(prototype.tolerance, type(prototype.actuator))
-    return prototype.but(tolerance=tolerance), (Caution("tolerances", "", text),) if text else ()
-
-
 _UNITS = {
     "mm/N": 1e3, "um/N": 1e6, "in/lbf": 4.4482216 / 0.0254, "mm/kN": 1e6, "m/kN": 1e3, "m/lbf": 4.4482216,
 }  # fmt: skip
@@ -195,9 +186,10 @@ def examine(data: Dataset) -> Examination:
     Raises:
         InputError: where a column is plainly not what its name says, or no usable evidence remains.
     """
-    prototype, missing = with_tolerances(data.prototype)
-    data = replace(data, prototype=prototype)
-    warnings, gain = list(missing), prototype.sensor.gain_V_per_m
+    tolerance, text = stated_or_typical(data.prototype.tolerance, type(data.prototype.actuator))
+    prototype = data.prototype.but(tolerance=tolerance)
+    data, gain = replace(data, prototype=prototype), prototype.sensor.gain_V_per_m
+    warnings = [Caution("tolerances", "", text)] if text else []
 
     def usable() -> tuple[TimeRecord, ...]:
         out = {caution.record for caution in warnings if caution.left_out}

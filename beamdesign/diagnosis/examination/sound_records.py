@@ -49,23 +49,6 @@ class Caution:
         return f"{self.record}: {self.text}{out}" if self.record else f"{self.text}{out}"
 
 
-@dataclass(frozen=True)
-class Plateau:
-    """Samples that stay at one value though the signal moves.
-
-    Attributes:
-        level: that value.
-        samples: how many.
-        first: index of the first.
-        side: `top`, `bottom` or `both` where the value is an extreme; empty where it is not.
-    """
-
-    level: float
-    samples: int
-    first: int
-    side: str = ""
-
-
 def finest_step(signal: np.ndarray) -> float:
     """Least difference between two values of a signal; 0 for a constant one."""
     values = np.unique(signal)
@@ -108,11 +91,14 @@ def _runs(signal: np.ndarray, least: int) -> list[tuple[int, int]]:
     return [(int(a), int(n)) for a, n in zip(starts[lengths >= least], lengths[lengths >= least], strict=True)]
 
 
-def clipped(signal: np.ndarray) -> Plateau | None:
+def clipped(signal: np.ndarray) -> tuple[float, int, str] | None:
     """Find flat tops or bottoms that a signal runs into at speed.
 
     A signal that comes to rest at its extreme, or whose recorder rounds, does so slowly; one that is cut off has a
     kink. Where there is noise enough to carry every sample to another step, many equal ones at an extreme say the same.
+
+    Returns:
+        the level, how many samples are cut off, and where: `top`, `bottom` or `both`.
     """
     step, noise = finest_step(signal), noise_std(signal)
     if step == 0:
@@ -128,9 +114,8 @@ def clipped(signal: np.ndarray) -> Plateau | None:
             found[side] = kinked
     if not found:
         return None
-    side, runs = next(iter(found)), [run for some in found.values() for run in some]
-    samples, start = sum(n for _, n in runs), min(a for a, _ in runs)
-    return Plateau(levels[side if len(found) == 1 else "top"], samples, start, side if len(found) == 1 else "both")
+    side = next(iter(found)) if len(found) == 1 else "both"
+    return levels.get(side, levels["top"]), sum(n for runs in found.values() for _, n in runs), side
 
 
 def _kinked(signal: np.ndarray, first: int, length: int, least: float) -> bool:
@@ -142,13 +127,13 @@ def _kinked(signal: np.ndarray, first: int, length: int, least: float) -> bool:
     return bool(np.minimum(np.abs(ends[0] - level), 2 * np.abs(ends[1] - level)).min() > least)
 
 
-def stuck(signal: np.ndarray) -> Plateau | None:
-    """Find runs of one value from which a signal goes on with a jump: lost samples filled with the last one."""
+def stuck(signal: np.ndarray) -> list[tuple[int, int]]:
+    """First index and length of runs of one value from which a signal jumps: lost samples filled with the last one."""
     step = finest_step(signal)
     moves = np.abs(np.diff(signal))
     moving = moves[moves > 0]
     if step == 0 or not len(moving):
-        return None
+        return []
     usual = max(_KINK * step, 4 * float(np.median(moving)), _JUMP * noise_std(signal))
     low, high = float(signal.min()), float(signal.max())
     runs = []
@@ -160,9 +145,7 @@ def stuck(signal: np.ndarray) -> Plateau | None:
         before = signal[max(first - length, 0) : first + 1]
         if abs(signal[after] - signal[first]) > usual and float(np.ptp(before)) > usual:
             runs.append((first, length))
-    if not runs:
-        return None
-    return Plateau(float(signal[runs[0][0]]), sum(n for _, n in runs), runs[0][0])
+    return runs
 
 
 def holes(signal: np.ndarray) -> int:
@@ -223,11 +206,12 @@ def _of_signals(record: TimeRecord) -> Iterator[tuple[str, str]]:
             yield "outlier", f"{text}: a sample is spoilt"
         elif cut := clipped(signal):
             # An amplifier at its limit cuts a current as well; its equation tells more.
-            if name != "current_A" or not _symmetric(signal, cut.side):
-                text = f"{cut.level:.4g}{' and its opposite' if cut.side == 'both' else ''}, {cut.samples} samples long"
+            level, samples, side = cut
+            if name != "current_A" or not _symmetric(signal, side):
+                text = f"{level:.4g}{' and its opposite' if side == 'both' else ''}, {samples} samples long"
                 yield "clipped", f"{name} is cut off at {text}: widen the recorder's range, or drive less"
         elif gaps := stuck(signal):
-            text = f"for {gaps.samples} samples and jumps, first at {record.times[gaps.first]:.4g} s"
+            text = f"for {sum(n for _, n in gaps)} samples and jumps, first at {record.times[gaps[0][0]]:.4g} s"
             yield "stuck", f"{name} stands still {text}: samples were lost"
         elif lost := holes(signal):
             places = "1 place" if lost == 1 else f"{lost} places"

@@ -16,7 +16,7 @@ from beamdesign.diagnosis.fitting.gain_evidence import GainEvidence
 from beamdesign.diagnosis.fitting.hypothesis import Placement, Unknown
 from beamdesign.diagnosis.fitting.linear_evidence import ResponseEvidence
 from beamdesign.diagnosis.fitting.weighting import SHARE, Weighting, banded, blurred, weighting
-from beamdesign.plant.assembly import OUTPUTS, Assembly, Structure, assemble, parameters_of
+from beamdesign.plant.assembly import OUTPUTS, Structure, assemble, parameters_of
 from beamdesign.plant.compiled import integrate
 from beamdesign.plant.equilibrium import equilibrium, linearise
 from beamdesign.plant.sensitivity import equilibrium_sensitivity, integrate_with_sensitivities
@@ -366,9 +366,4 @@ def spread(piece: InjectedRecord, placement: Placement, z: np.ndarray) -> np.nda
 
 
 def _injected(placement: Placement) -> Placement:
-    return replace(placement, assembly=_injected_equations(placement.assembly.kinds))
-
-
-@cache
-def _injected_equations(kinds: Structure) -> Assembly:
-    return assemble(replace(kinds, own_share=OWN_SHARE))
+    return replace(placement, assembly=assemble(replace(placement.assembly.kinds, own_share=OWN_SHARE)))

@@ -353,9 +353,15 @@ def _seal(name: str, arrays: Mapping[str, np.ndarray]) -> str:
     return sha.hexdigest()
 
 
-def fit_cache(folder: Path, data: Dataset) -> FitCache:
-    """Fits to a data set that are kept in a folder; those to other data or by other versions are removed from it."""
-    seen = digest(data) + np.__version__ + code_digest(_FITTED_BY)
+def fit_cache(folder: Path, data: Dataset, fitted_by: str = "") -> FitCache:
+    """Fits to a data set that are kept in a folder; those to other data or by other versions are removed from it.
+
+    Args:
+        folder: of the fits.
+        data: fitted.
+        fitted_by: digest of the version; empty for this one.
+    """
+    seen = digest(data) + (fitted_by or np.__version__ + code_digest(_FITTED_BY))
     found = FitCache(folder, data.prototype, hashlib.sha256(seen.encode()).hexdigest()[:_KEY])
     for stale in folder.glob("*-*.npz"):
         if not stale.name.startswith(found.key):

@@ -232,7 +232,7 @@ def _searched(fitters: Fitters, null: Fit, progress: Progress, worth: float) -> 
         # The causes of pairs alone, from where the pair has found them: a fit may have stopped short of that.
         paired = [one for one in final[:_TAKEN_APART] if not one.reason]
         parts = [Task(Hypothesis((name,)), one.values) for one in paired for name in one.hypothesis.names]
-        found = _better(found, fitters(parts), final)
+        found = best_of_each([*found, *fitters(parts), *final])
     return replace(state, fits=tuple(_sorted(found)))
 
 
@@ -295,12 +295,11 @@ def _other_laws(fits: Sequence[Fit], values: Mapping[Hypothesis, dict[str, float
     return list(tasks.values())
 
 
-def _better(*found: Sequence[Fit]) -> list[Fit]:
-    """Of all fits, the best one of every hypothesis."""
+def best_of_each(fits: Iterable[Fit]) -> list[Fit]:
+    """Of all fits, the best one of every hypothesis; best first."""
     best: dict[Hypothesis, Fit] = {}
-    for one in (f for fits in found for f in fits):
-        if one.hypothesis not in best or one.cost < best[one.hypothesis].cost:
-            best[one.hypothesis] = one
+    for one in _sorted(fits):
+        best.setdefault(one.hypothesis, one)
     return list(best.values())
 
 

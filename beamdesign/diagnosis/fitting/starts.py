@@ -6,7 +6,7 @@ and supply make it so is one equation for two unknowns. Draws of both at once ha
 with another resonance than that of the records ends at it.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from types import MappingProxyType
 
 import numpy as np
@@ -107,20 +107,14 @@ def starts(
     new = [k for k, u in enumerate(unknowns) if u.name not in known]
     families = []
     for base in (bent, straight):
-        best: list[tuple[float, np.ndarray]] = []
-        for trial in [
-            *_trials(unknowns, base, new, hints, _DRAWS if most > 1 else _FEW),
-            *_resonant(unknowns, base, new, peaks),
-        ]:
-            z = np.clip(trial, low, high)
-            enough = best[-1][0] if len(best) == most else np.inf
-            if (misfit := misfit_at(evidence, placement, z, enough)) < enough:
-                best = sorted([*best, (misfit, z)], key=lambda pair: pair[0])[:most]
-        families.append(best)
+        trials = _trials(unknowns, base, new, hints, _DRAWS if most > 1 else _FEW)
+        trials += _resonant(unknowns, base, new, peaks)
+        families.append(_best(placement, evidence, (np.clip(trial, low, high) for trial in trials), most))
     firsts = sorted((family[0] for family in families if family), key=lambda pair: pair[0])
     others = sorted((pair for family in families for pair in family[1:]), key=lambda pair: pair[0])
     found = [z for _, z in [*firsts, *others][:most]]
-    return [*found, *_matched(placement, bent, new, known, evidence)]
+    # What is drawn may leave less than what keeps the oil as soft as known, and yet lie on the far side of a resonance.
+    return [*found, *(z for _, z in _best(placement, evidence, softened(unknowns, bent, new, known), 1))]
 
 
 def fit_from_starts(
@@ -142,18 +136,15 @@ def fit_from_starts(
     return min((fit(hypothesis, placement, evidence, z, iterations) for z in begun), key=lambda f: f.cost)
 
 
-def _matched(
-    placement: Placement, base: np.ndarray, new: Sequence[int], known: Mapping[str, float], evidence: Sequence[Evidence]
-) -> list[np.ndarray]:
-    """The best start that keeps the oil as soft as known, beside those that happen to leave less misfit.
-
-    What is drawn may leave less and yet lie on the far side of a resonance from all that is better.
-    """
-    best: list[np.ndarray] = []
-    least = np.inf
-    for z in softened(placement.unknowns, base, new, known):
-        if (misfit := misfit_at(evidence, placement, z, least)) < least:
-            best, least = [z], misfit
+def _best(
+    placement: Placement, evidence: Sequence[Evidence], trials: Iterable[np.ndarray], most: int
+) -> list[tuple[float, np.ndarray]]:
+    """Of some trials, those that leave least misfit, with it; best first."""
+    best: list[tuple[float, np.ndarray]] = []
+    for z in trials:
+        enough = best[-1][0] if len(best) == most else np.inf
+        if (misfit := misfit_at(evidence, placement, z, enough)) < enough:
+            best = sorted([*best, (misfit, z)], key=lambda pair: pair[0])[:most]
     return best
 
 

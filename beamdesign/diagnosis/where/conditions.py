@@ -3,7 +3,6 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
-from typing import NamedTuple
 
 import numpy as np
 
@@ -19,19 +18,9 @@ _TWICE = 2.0
 _LITTLE = 0.1  # of the power
 
 
-class Lines(NamedTuple):
-    """Levels of a residual at kinds of lines of the input's grid, relative to the response.
-
-    Attributes:
-        excited: at lines that the input holds: linear and odd errors.
-        between: at lines of the grid that it does not hold: only what is not linear gets there (and noise, taken out).
-    """
-
-    excited: float
-    between: float
-
-
-def lines_of(drive: np.ndarray, response: np.ndarray, residual: np.ndarray, noise_std: float) -> Lines | None:
+def lines_of(
+    drive: np.ndarray, response: np.ndarray, residual: np.ndarray, noise_std: float
+) -> tuple[float, float] | None:
     """Tell linear errors from distortion by the lines of a periodic input.
 
     R. Pintelon and J. Schoukens, System Identification: A Frequency Domain Approach (2012), chapter 4.
@@ -43,7 +32,9 @@ def lines_of(drive: np.ndarray, response: np.ndarray, residual: np.ndarray, nois
         noise_std: white, of the response.
 
     Returns:
-        None where the input has no lines: its spectrum is dense, or it does not repeat.
+        levels of the residual relative to the response: at lines that the input holds, where linear and odd errors are,
+        and at lines of its grid that it does not hold, which only what is not linear reaches (noise is taken out). None
+        where the input has no lines: its spectrum is dense, or it does not repeat.
     """
     count = len(drive)
     power = np.abs(np.fft.rfft(drive)) ** 2
@@ -61,7 +52,7 @@ def lines_of(drive: np.ndarray, response: np.ndarray, residual: np.ndarray, nois
     def level(at: np.ndarray) -> float:
         return float(np.sqrt(max(np.sum(left[at] - noise), 0.0) / whole)) if len(at) else np.nan
 
-    return Lines(level(held), level(free))
+    return level(held), level(free)
 
 
 @dataclass(frozen=True)
@@ -98,8 +89,8 @@ def setting(found: Sequence[Residual]) -> Setting:
         shaped = item.left[:, item.column] * weight.fade
         measured = record.measured["displacement_m"]
         seen = lines_of(drive, measured, shaped, float(weight.noise_std[item.column]))
-        if seen is not None and seen.excited + seen.between > 0:
-            distortions.append(seen.between**2 / (seen.between**2 + seen.excited**2))
+        if seen is not None and sum(seen) > 0:
+            distortions.append(seen[1] ** 2 / (seen[1] ** 2 + seen[0] ** 2))
         parts = [shaped[measured * sign > 0] for sign in (1, -1)]
         sides = [float(np.sqrt(np.sum(part**2) / max(len(part), 1))) for part in parts]
         asymmetries.append(abs(sides[0] - sides[1]) / max(sum(sides) / 2, 1e-300))

@@ -23,8 +23,8 @@ from scipy.stats import chi2
 
 from beamdesign.diagnosis.data.dataset import Dataset
 from beamdesign.diagnosis.fitting.evidence import RecordEvidence, record_evidence
-from beamdesign.diagnosis.fitting.fit import Fit
-from beamdesign.diagnosis.fitting.hypothesis import NOTHING, WRONG, Hypothesis, Placement, Unknown
+from beamdesign.diagnosis.fitting.fit import Fit, linearised
+from beamdesign.diagnosis.fitting.hypothesis import NOTHING, WRONG, Hypothesis, Unknown
 from beamdesign.diagnosis.fitting.search import Search
 from beamdesign.diagnosis.fitting.weighting import INDEPENDENT
 from beamdesign.parameters import RIG_TOLERANCES
@@ -133,19 +133,17 @@ def dictionary(prototype: Prototype, evidence: Sequence[RecordEvidence], null: F
         null: fit of the tolerances alone.
     """
     placement = NOTHING.placement(prototype)
-    if null.reason or (base := _linearised(evidence, placement, null.z)) is None:
+    if null.reason or (base := linearised(evidence, placement, null.z)) is None:
         return Dictionary((), np.zeros((0, 0)), np.zeros(0))
-    residual, tolerances = base
+    residual, tolerances = (np.concatenate(parts) for parts in zip(*base, strict=True))
     names: list[str] = []
     columns: list[np.ndarray] = []
     for name in (name for name, effect in library().items() if not effect.realises):
-        change = _change(name, prototype, evidence, null, residual)
-        if change is not None:
+        if (change := _change(name, prototype, evidence, null, residual)) is not None:
             names.append(name)
             columns.append(change)
-    for k, unknown in enumerate(null.unknowns):
-        names.append(WRONG + RIG_TOLERANCES[unknown.name])
-        columns.append(tolerances[:, k])
+    names += [WRONG + RIG_TOLERANCES[unknown.name] for unknown in null.unknowns]
+    columns += list(tolerances.T)
     d = np.column_stack(columns)
     # Tolerances follow a term as far as their priors let them; at the null fit itself they have nothing to gain.
     across = tolerances.T @ d
@@ -154,15 +152,6 @@ def dictionary(prototype: Prototype, evidence: Sequence[RecordEvidence], null: F
     slope = -(d.T @ residual) + across.T @ np.linalg.solve(curvature, tolerances.T @ residual + null.z)
     good = np.diag(gram) > 1e-9 * np.diag(d.T @ d)
     return Dictionary(tuple(n for n, g in zip(names, good, strict=True) if g), gram[np.ix_(good, good)], slope[good])
-
-
-def _linearised(
-    evidence: Sequence[RecordEvidence], placement: Placement, z: np.ndarray
-) -> tuple[np.ndarray, np.ndarray] | None:
-    parts = [piece.linearised(placement, z) for piece in evidence]
-    if any(part is None for part in parts):
-        return None
-    return np.concatenate([p[0] for p in parts if p]), np.concatenate([p[1] for p in parts if p])
 
 
 def _change(
@@ -245,10 +234,10 @@ def greedy_bic(evidence: Sequence[RecordEvidence], data: Dataset, found: Search)
             for hypothesis, fit in models.items()
             if len(hypothesis.names) == size and set(hypothesis.names) > set(chosen.hypothesis.names)
         ]
-        values = [_criterion(fit, evidence, data) for fit in larger]
-        if not values or min(values) >= value:
+        least, best = min(((_criterion(fit, evidence, data), k) for k, fit in enumerate(larger)), default=(np.inf, 0))
+        if least >= value:
             break
-        chosen, value = larger[int(np.argmin(values))], min(values)
+        chosen, value = larger[best], least
     if len(chosen.hypothesis.names) < 2:
         return list(chosen.hypothesis.causes)
     singles = sorted((fit for fit in found.fits if len(fit.hypothesis.names) == 1), key=lambda fit: -fit.cost)

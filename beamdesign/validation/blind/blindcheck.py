@@ -32,7 +32,7 @@ from beamdesign.validation.blind.case_plan import (
     sealed,
     write_seal,
 )
-from beamdesign.validation.blind.diagnosis import Place, Program, begin_blind, diagnose_blind, program
+from beamdesign.validation.blind.diagnosis import Place, begin_blind, diagnose_blind, program
 
 _DRAWN_BY = "beamdesign.validation.blind.case_plan"
 
@@ -145,7 +145,7 @@ def draw_and_seal(check: Check, workers: int = 2, progress: Progress = silent) -
     return seal
 
 
-def diagnose_all(check: Check, workers: int = 2, progress: Progress = silent, rejudge: bool = False) -> Program:
+def diagnose_all(check: Check, workers: int = 2, progress: Progress = silent, rejudge: bool = False) -> None:
     """Diagnose all sealed cases, each from its data alone, in processes that have never had an answer.
 
     Each process keeps what it has compiled for the next case.
@@ -155,16 +155,12 @@ def diagnose_all(check: Check, workers: int = 2, progress: Progress = silent, re
         workers: processes.
         progress: told the share done.
         rejudge: whether fits of an earlier program count.
-
-    Returns:
-        digests of the program that did it.
     """
     now = program()
     jobs = {key: (diagnose_blind, check.place(key), now, rejudge) for key in read_seal(check.seal).sets}
     pool = _processes(min(workers, len(jobs)), begin_blind, (str(check.answers), os.getpid()))
     for _ in _done(jobs, pool, progress, "diagnosing"):
         pass
-    return now
 
 
 def open_all(check: Check, unfinished: bool = False) -> tuple[Opened, ...]:
@@ -218,13 +214,12 @@ def _closed(
     if "diagnosis" not in found or "displacements_sha256" not in answer:
         return None
     with np.load(truth, allow_pickle=False) as held:
-        records = {name: held[name] for name in held.files}
+        records = dict(held)
     if displacements_digest(records) != answer["displacements_sha256"]:
         problems.append((key, "the noise-free records are not those that were sealed"))
         return None
     with np.load(check.place(key).predictions, allow_pickle=False) as held:
-        predicted = {name: held[name] for name in held.files}
-    return closed_by(records, predicted)
+        return closed_by(records, dict(held))
 
 
 def closed_by(truth: dict[str, np.ndarray], predicted: dict[str, np.ndarray]) -> float | None:

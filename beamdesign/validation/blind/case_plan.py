@@ -10,14 +10,15 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 
 from beamdesign.files import write_whole
-from beamdesign.validation.truth import LISTED, OUTSIDE, PARAMETERS, answer, draw_case, noise_free, write_case
+from beamdesign.validation.truth.case import answer, noise_free, write_case
+from beamdesign.validation.truth.drawing import Kind, draw_case
+from beamdesign.validation.truth.effects import LISTED, OUTSIDE, PARAMETERS
 
-Kind = Literal["null", "single", "pair", "outside", "parameter"]
 SHARES: dict[Kind, float] = {"null": 0.20, "single": 0.45, "parameter": 0.10, "pair": 0.12, "outside": 0.13}
 """Of all cases."""
 _SEEDS_PER_PLAN = 100_000

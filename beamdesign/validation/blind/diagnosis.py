@@ -1,15 +1,15 @@
 """Diagnosing one case of a blind check, in a process that has no way to its answer."""
 
-import hashlib
 import json
 import os
 import sys
 import time
+import tomllib
+from collections.abc import Mapping
 from dataclasses import dataclass
 from io import BytesIO
 from pathlib import Path
 from signal import SIG_IGN, SIGINT, signal
-from tempfile import TemporaryDirectory
 from threading import Thread
 from traceback import extract_tb
 from typing import Any
@@ -19,41 +19,28 @@ import numpy as np
 from beamdesign.code_digest import code_digest, folder_digest
 from beamdesign.diagnosis.data.dataset import Dataset, read_dataset
 from beamdesign.diagnosis.diagnose import diagnose
-from beamdesign.diagnosis.diagnosis import Diagnosis, diagnosis_fields
-from beamdesign.diagnosis.fitting.fit import FitCache, digest
+from beamdesign.diagnosis.diagnosis import Diagnosis
+from beamdesign.diagnosis.fitting.fit import fit_cache
 from beamdesign.diagnosis.fitting.search import search
 from beamdesign.diagnosis.predict import predict, read_inputs
 from beamdesign.files import write_whole
-from beamdesign.prototype import Prototype, read_prototype, write_prototype
+from beamdesign.prototype import prototype_from
+from beamdesign.records import to_toml
 from beamdesign.validation.blind.baselines import baselines
 
 TRUTH = "beamdesign.validation.truth"
-_FITTED_BY, _JUDGED_BY, _COMPARED_BY = (
-    "beamdesign.diagnosis.fitting.search",
-    "beamdesign.diagnosis.diagnose",
-    "beamdesign.validation.blind.baselines",
-)
+_MADE_BY = {
+    "fitted_by": "beamdesign.diagnosis.fitting.search",
+    "judged_by": "beamdesign.diagnosis.diagnose",
+    "compared_by": "beamdesign.validation.blind.baselines",
+}
+"""What fits, a diagnosis (fits included) and the baselines come from; keys of what is written down."""
 _LOOK_S = 2.0
 
 
-@dataclass(frozen=True)
-class Program:
-    """Digests of the sources that decide what comes out.
-
-    Attributes:
-        fits: of what a fit depends on.
-        judges: of what a diagnosis depends on, fits included.
-        compares: of what the baselines depend on.
-    """
-
-    fits: str
-    judges: str
-    compares: str
-
-
-def program() -> Program:
-    """As it is now."""
-    return Program(*(code_digest(module) for module in (_FITTED_BY, _JUDGED_BY, _COMPARED_BY)))
+def program() -> dict[str, str]:
+    """Digests of the sources that decide what comes out, as they are now."""
+    return {key: code_digest(module) for key, module in _MADE_BY.items()}
 
 
 @dataclass(frozen=True)
@@ -103,14 +90,14 @@ def _end_with(parent: int) -> None:
     os._exit(1)
 
 
-def diagnose_blind(place: Place, now: Program, rejudge: bool = False) -> bool:
+def diagnose_blind(place: Place, now: Mapping[str, str], rejudge: bool = False) -> bool:
     """Diagnose a case from its folder alone and write down what is found, unless that has been done by this program.
 
     Where the diagnosis breaks off, the error is written down instead; the next call tries again.
 
     Args:
         place: where its files are.
-        now: digests of this program.
+        now: digests of this program, see `program`.
         rejudge: whether fits of an earlier program count.
 
     Returns:
@@ -118,11 +105,11 @@ def diagnose_blind(place: Place, now: Program, rejudge: bool = False) -> bool:
     """
     before = _read(place.result)
     set_digest = folder_digest(place.folder)
-    fields: dict[str, Any] = {"set_sha256": set_digest, "judged_by": now.judges, "compared_by": now.compares}
+    fields: dict[str, Any] = {"set_sha256": set_digest} | {key: now[key] for key in ("judged_by", "compared_by")}
     if all(before.get(key) == value for key, value in fields.items()) and "failed" not in before:
         return False
     before = before if before.get("set_sha256") == set_digest else {}
-    fields["fitted_by"] = str(before.get("fitted_by", now.fits)) if rejudge else now.fits
+    fields["fitted_by"] = str(before.get("fitted_by", now["fitted_by"])) if rejudge else now["fitted_by"]
     try:
         found = _diagnosed(place, now, before, fields["fitted_by"])
     except Exception as error:
@@ -145,13 +132,9 @@ def _read(path: Path) -> dict[str, Any]:
     return found if isinstance(found, dict) else {}
 
 
-def _diagnosed(place: Place, now: Program, before: dict[str, Any], fitted_by: str) -> dict[str, Any]:
+def _diagnosed(place: Place, now: Mapping[str, str], before: dict[str, Any], fitted_by: str) -> dict[str, Any]:
     data = read_dataset(place.folder)
-    key = hashlib.sha256((digest(data) + fitted_by).encode()).hexdigest()[:16]
-    for stale in place.fits.glob("*-*.npz"):
-        if not stale.name.startswith(key):
-            stale.unlink()
-    kept = FitCache(place.fits, data.prototype, key)
+    kept = fit_cache(place.fits, data, fitted_by)
     recalled = kept.count
     begun = time.perf_counter(), time.process_time()
     found = diagnose(data, 1, kept=kept)
@@ -159,17 +142,18 @@ def _diagnosed(place: Place, now: Program, before: dict[str, Any], fitted_by: st
     made = kept.count - recalled
     # A diagnosis that found some of its fits made has no time of its own: that of the run which made them stays.
     times = {"seconds": seconds[0], "cpu_seconds": seconds[1]} if recalled == 0 else before.get("time")
-    if before.get("compared_by") == now.compares and before.get("fitted_by") == fitted_by and "baselines" in before:
+    same = before.get("compared_by") == now["compared_by"] and before.get("fitted_by") == fitted_by
+    if same and "baselines" in before:
         compared = before["baselines"]
     else:
         compared = baselines(data, found.search or search(data, 1, kept=kept))
     _write_predictions(place, data, found)
     return {
         "fits_made": made,
-        "added_by": None if fitted_by == now.fits else now.fits if made else before.get("added_by"),
+        "added_by": None if fitted_by == now["fitted_by"] else now["fitted_by"] if made else before.get("added_by"),
         "time": times,
         "baselines": compared,
-        "diagnosis": diagnosis_fields(found),
+        "diagnosis": found.to_dict(),
     }
 
 
@@ -178,7 +162,8 @@ def _write_predictions(place: Place, data: Dataset, found: Diagnosis) -> None:
     out = {record.record for record in found.gap.records if record.held_out} or {r.name for r in data.records}
     given, gain = read_inputs(place.folder)
     predicted: dict[str, np.ndarray] = {}
-    for word, rig in (("before", data.prototype), ("after", _as_written(found.prototype))):
+    written = prototype_from(tomllib.loads(to_toml(found.prototype)))  # as whoever reads its file finds it
+    for word, rig in (("before", data.prototype), ("after", written)):
         for record in given:
             if record.name in out:
                 rows = predict(rig, record, gain)
@@ -189,11 +174,3 @@ def _write_predictions(place: Place, data: Dataset, found: Diagnosis) -> None:
     file = BytesIO()
     np.savez_compressed(file, **predicted)  # type: ignore[arg-type]
     write_whole(place.predictions, file.getvalue())
-
-
-def _as_written(prototype: Prototype) -> Prototype:
-    """As whoever reads the prototype that a diagnosis has written finds it."""
-    with TemporaryDirectory() as folder:
-        path = Path(folder) / "prototype.toml"
-        write_prototype(prototype, path)
-        return read_prototype(path)

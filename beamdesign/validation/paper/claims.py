@@ -16,10 +16,12 @@ from typing import Any
 
 import numpy as np
 
-from beamdesign.prototype import COMPLIANCE_LIMIT_M_PER_N
+from beamdesign.json_text import picked
+from beamdesign.prototype import COMPLIANCE_LIMIT_M_PER_N, Beam
 from beamdesign.quantity_text import decibels, from_decibels
 from beamdesign.structure import beam, lumped
 from beamdesign.structure.lumped import lumped_beam
+from beamdesign.structure.section import flexural_rigidity
 from beamdesign.validation.paper.rig import (
     FLOW_GAIN_PRESSURE_PA,
     INNER,
@@ -111,23 +113,6 @@ class FigureClaim:
 
 
 @dataclass(frozen=True)
-class Slip:
-    """A place where the paper contradicts itself, its own data or its drawings.
-
-    Attributes:
-        where: section, equation or figure.
-        printed: what stands there, in our words.
-        read_as: what it is taken for here.
-        check: the figures that decide it, recomputed.
-    """
-
-    where: str
-    printed: str
-    read_as: str
-    check: str
-
-
-@dataclass(frozen=True)
 class Bandwidth:
     """A frequency up to which the -100 dB limit is met.
 
@@ -172,8 +157,12 @@ def paper_words() -> dict[str, Any]:
     return tomllib.loads(Path(__file__).with_name("paper.toml").read_text("utf-8"))
 
 
-def claims_and_slips(gains: list[GainRow], widths: list[Bandwidth]) -> tuple[list[Claim], list[Slip]]:
-    """Every published number, those of the tables of critical gains and of bandwidths included; and all slips."""
+def claims_and_slips(gains: list[GainRow], widths: list[Bandwidth]) -> tuple[list[Claim], list[dict[str, str]]]:
+    """Every published number, those of the tables of critical gains and of bandwidths included; and all slips.
+
+    A slip is a place where the paper contradicts itself, its own data or its drawings: `where`, what is `printed` there
+    in our words, what it is `read_as` here, and the figures that decide it, recomputed, `check`.
+    """
     stated, known = paper_words(), figures(gains, widths)
     claims = [
         Claim(
@@ -189,23 +178,25 @@ def claims_and_slips(gains: list[GainRow], widths: list[Bandwidth]) -> tuple[lis
         for group, rows in stated["claims"].items()
         for quantity, unit, paper, model, source, digit, note in rows
     ]
-    slips = [Slip(**{key: words.format(**known) for key, words in slip.items()}) for slip in stated["slips"]]
-    return claims, slips
+    return claims, [{key: words.format(**known) for key, words in slip.items()} for slip in stated["slips"]]
 
 
 def figures(gains: list[GainRow], widths: list[Bandwidth]) -> Mapping[str, Any]:
     """All that is recomputed, by the names of `paper.toml`; of critical gains and bandwidths with their places."""
     return (
         _of_the_appendix()
-        | _of_tube("outer")
-        | _of_tube("inner")
+        | {f"outer_{key}": value for key, value in _of_tube(OUTER).items()}
+        | {f"inner_{key}": value for key, value in _of_tube(INNER).items()}
         | _of_loops()
         | _of_gains(gains)
-        | {f"{name}_{k}": value for k, row in enumerate(widths, 1) for name, value in _of_bandwidth(row).items()}
+        | {f"{name}_{k}": value for k, row in enumerate(widths, 1) for name, value in picked(row, _WIDTH).items()}
         | {"relieved_gain": widths[2].gain_mA_per_V}
     )
 
 
+_GAIN = "case=case.name predicted=case.predicted_mA_per_V measured=case.measured_mA_per_V gain=model_mA_per_V"
+_WIDTH = "bandwidth=model printed_bandwidth=paper largest_bandwidth=largest"
+"""Names of what is recomputed, each with where it stands in its row; that row's place follows the name."""
 _PRESSURE_GAIN_PA_PER_A = 29.6e9
 _STANDARD_GRAVITY = 9.80665
 
@@ -215,7 +206,7 @@ def _of_the_appendix() -> dict[str, float]:
     rig = paper_prototype()
     figure = lumped.figures(rig)
     outer, inner = lumped_beam(rig.outer_beam), lumped_beam(rig.inner_beam)
-    sag = OUTER.effective_mass_kg * _STANDARD_GRAVITY / OUTER.stiffness_N_per_m
+    sag = outer.mass * _STANDARD_GRAVITY / outer.stiffness
     return {
         "outer_N_per_cm": 1e-2 * outer.stiffness,
         "inner_N_per_cm": 1e-2 * inner.stiffness,
@@ -234,28 +225,29 @@ def _of_the_appendix() -> dict[str, float]:
         "average_N": SUPPLY_PRESSURE_PA * PISTON_AREA_M2,
         "supply_factor": sqrt(SUPPLY_PRESSURE_PA / FLOW_GAIN_PRESSURE_PA),
         "sag_um": 1e6 * sag,
-        "sag_wrong": OUTER.effective_mass_kg / (_STANDARD_GRAVITY * sag),
-        "sag_right": OUTER.effective_mass_kg * _STANDARD_GRAVITY / sag,
+        "sag_wrong": outer.mass / (_STANDARD_GRAVITY * sag),
+        "sag_right": outer.mass * _STANDARD_GRAVITY / sag,
         # Both masses on both springs have the inner beam's own frequency there, the oil rigid.
-        "swap_kg": OUTER.stiffness_N_per_m * INNER.effective_mass_kg / INNER.stiffness_N_per_m
-        - OUTER.effective_mass_kg,
+        "swap_kg": outer.stiffness * inner.mass / inner.stiffness - outer.mass,
     }
 
 
-def _of_tube(name: str) -> dict[str, float]:
-    """Stiffness, effective mass and frequency of a tube, from its section."""
-    tube = {"outer": OUTER, "inner": INNER}[name]
-    loaded = (tube.mass_per_length, tube.free_length_m, tube.end_mass_kg)
-    found = {
-        "long": float(beam.tip_stiffness(tube.rigidity, tube.length_m)) / 100,
-        "clamped": float(beam.tip_stiffness(tube.rigidity, tube.free_length_m)) / 100,
+def _of_tube(own: Beam) -> dict[str, float]:
+    """Stiffness, effective mass and frequencies of a tube, from its section; `Hz` from what was measured."""
+    tube, alloy, length_m, free_m, measured = own.tube, own.material, own.length_m, own.free_length_m, lumped_beam(own)
+    assert tube is not None and alloy is not None and length_m is not None and free_m is not None  # noqa: PT018
+    rigidity = float(flexural_rigidity(alloy.youngs_modulus_Pa, tube.second_moment))
+    loaded = (float(tube.mass_per_length(alloy.density_kg_per_m3)), free_m, own.end_mass_kg)
+    return {
+        "long": float(beam.tip_stiffness(rigidity, length_m)) / 100,
+        "clamped": float(beam.tip_stiffness(rigidity, free_m)) / 100,
         "mode_kg": float(beam.effective_mass(*loaded, shape="mode")),
         "static_kg": float(beam.effective_mass(*loaded, shape="static")),
-        "free_m": tube.free_length_m,
-        "end_kg": tube.end_mass_kg,
-        "Hz": tube.natural_frequency_Hz,
+        "free_m": free_m,
+        "end_kg": own.end_mass_kg,
+        "Hz": sqrt(measured.stiffness / measured.mass) / tau,
+        "first_Hz": float(beam.first_frequency(rigidity, *loaded)),
     }
-    return {f"{name}_{key}": value for key, value in found.items()}
 
 
 def _of_loops() -> dict[str, float]:
@@ -272,9 +264,6 @@ def _of_loops() -> dict[str, float]:
         "loop_zeros": float(len(bare.open_loop_zeros())),
         "pole_Hz": pole,
         "zero_Hz": zero,
-        "first_Hz": float(
-            beam.first_frequency(OUTER.rigidity, OUTER.mass_per_length, OUTER.free_length_m, OUTER.end_mass_kg)
-        ),
         "cliff": 100 * cliff.reduction,
         "cliff_before": cliff.before_mA_per_V,
         "cliff_after": cliff.after_mA_per_V,
@@ -305,17 +294,8 @@ def _of_gains(rows: list[GainRow]) -> dict[str, Any]:
     """Critical gains, with their cases, and what end masses make of them."""
     found: dict[str, Any] = {}
     for k, row in enumerate(rows, 1):
-        stated = {
-            "case": row.case.name,
-            "predicted": row.case.predicted_mA_per_V,
-            "measured": row.case.measured_mA_per_V,
-        }
-        model = {"gain": row.model_mA_per_V, "closed": 100 * row.explained}
-        found |= {f"{name}_{k}": value for name, value in (stated | model | row.varied_mA_per_V).items()}
+        each = picked(row, _GAIN) | {"closed": 100 * row.explained} | row.varied_mA_per_V
+        found |= {f"{name}_{k}": value for name, value in each.items()}
     bare, loaded, relieved = (row.model_mA_per_V for row in rows[1:])
     left = rows[0].varied_mA_per_V["with_filter"] / rows[0].model_mA_per_V
     return found | {"gain_lost": bare / loaded, "gain_regained": relieved / loaded, "filter_costs": 100 * (1 - left)}
-
-
-def _of_bandwidth(row: Bandwidth) -> dict[str, float]:
-    return {"bandwidth": row.model, "printed_bandwidth": row.paper, "largest_bandwidth": row.largest}

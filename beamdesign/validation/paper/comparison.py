@@ -9,7 +9,7 @@ from beamdesign.json_text import picked
 from beamdesign.progress import Progress
 from beamdesign.report.canvas import save
 from beamdesign.report.page import Block, Document, Items, Paragraph, Part, Picture, Table, to_html
-from beamdesign.validation.paper.claims import Bandwidth, Claim, FigureClaim, Slip, bandwidths, claims_and_slips
+from beamdesign.validation.paper.claims import Bandwidth, Claim, FigureClaim, bandwidths, claims_and_slips
 from beamdesign.validation.paper.figures import DRAWINGS, Drawing
 from beamdesign.validation.paper.rig import (
     INNER_END_MASS_KG,
@@ -39,7 +39,7 @@ class Comparison:
         gains: the four critical gains, with their sensitivity to every open choice.
         bandwidths: the three bandwidths.
         claims: every published number, those of the two tables included.
-        slips: where the paper contradicts itself.
+        slips: where the paper contradicts itself, see `claims_and_slips`.
         remedy_crossings: outer end mass (kg) and frequency (Hz) at which the paper's remedy for payload, the lag with
             4.5 kg inside at the measured 150 mA/V, gains or loses stability.
     """
@@ -47,7 +47,7 @@ class Comparison:
     gains: list[GainRow]
     bandwidths: list[Bandwidth]
     claims: list[Claim]
-    slips: list[Slip]
+    slips: list[dict[str, str]]
     remedy_crossings: list[tuple[float, float]]
 
     def fields(self) -> dict[str, object]:
@@ -125,7 +125,7 @@ def document_of(comparison: Comparison, drawings: list[Drawing]) -> Document:
         f"The paper adds 4.5 kg inside so that 6.8 kg can be carried. At {_REMEDY_GAIN_MA_PER_V:g} mA/V its own model"
         f" is stable only between {crossings} of mass on the outer beam: with no payload it oscillates."
     )
-    slips = tuple((slip.where, slip.printed, slip.read_as, slip.check) for slip in comparison.slips)
+    slips = tuple(tuple(slip.values()) for slip in comparison.slips)
     drawn_from = (
         "Drawn from the model; where the paper says in words what its figure shows, that is marked. Its root locus,"
         " Bode diagrams and measured points are not published as numbers."

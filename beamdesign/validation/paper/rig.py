@@ -5,8 +5,9 @@ Measurement, and Control 106 (1984) 63-69; figures from its Appendix unless said
 """
 
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from math import pi, sqrt
+from typing import Any
 
 import numpy as np
 
@@ -17,8 +18,7 @@ from beamdesign.plant.actuators.servo_cylinder import ServoCylinder, valve_of
 from beamdesign.polynomial import crossings
 from beamdesign.prototype import Beam, Payload, Prototype, Sensor, Servovalve
 from beamdesign.quantity_text import decibels
-from beamdesign.structure.materials import material
-from beamdesign.structure.section import Tube
+from beamdesign.structure.lumped import lumped_beam
 
 VALVE_DAMPING_RATIO = 0.5
 """Stated choice: the paper does not give xi; this value reproduces its critical gains."""
@@ -39,67 +39,27 @@ SMALLER_PISTON_SIDE_M2 = 2 * PISTON_AREA_M2 - FULL_PISTON_SIDE_M2
 FLOW_GAIN_PRESSURE_PA = 6.9e6
 SUPPLY_PRESSURE_PA = 20e6
 
-
-@dataclass(frozen=True)
-class PublishedBeam:
-    """One beam of the rig: appendix (stiffness, mass), System Design (tube, length), and what they imply.
-
-    Attributes:
-        stiffness_N_per_m: K, measured.
-        effective_mass_kg: M.
-        width_m: outside width.
-        wall_m: wall.
-        length_m: tube, clamp included.
-        free_length_m: not published: on it 3 E I / L^3 is the measured stiffness.
-        end_mass_kg: M_end of (5), not published: what the tube leaves of the effective mass.
-        material: not published beyond aluminium.
-    """
-
-    stiffness_N_per_m: float
-    effective_mass_kg: float
-    width_m: float
-    wall_m: float
-    free_length_m: float
-    end_mass_kg: float
-    length_m: float = 1.5
-    material: str = "6061-T6"
-
-    @property
-    def record(self) -> Beam:
-        """The beam as a record; its measured figures win over its geometry."""
-        return Beam(**asdict(self), damping_ratio=BEAM_DAMPING_RATIO)
-
-    @property
-    def _tube(self) -> Tube:
-        return Tube(self.width_m, self.wall_m)
-
-    @property
-    def rigidity(self) -> float:
-        """E I of the tube, N m2."""
-        return material(self.material).youngs_modulus_Pa * float(self._tube.second_moment)
-
-    @property
-    def natural_frequency_Hz(self) -> float:
-        """sqrt(K / M) / 2 pi."""
-        return sqrt(self.stiffness_N_per_m / self.effective_mass_kg) / (2 * pi)
-
-    @property
-    def mass_per_length(self) -> float:
-        """Mass of the tube per length, kg/m."""
-        return material(self.material).density_kg_per_m3 * float(self._tube.area)
-
-
 BEAM_DAMPING_RATIO = 0.05
-OUTER = PublishedBeam(486_800.0, 3.9, 0.140, 0.0023, free_length_m=1.195, end_mass_kg=2.93)
-INNER = PublishedBeam(157_500.0, 1.6, 0.100, 0.0032, free_length_m=1.365, end_mass_kg=0.52)
+_ALIKE: dict[str, Any] = {"length_m": 1.5, "material": "6061-T6", "damping_ratio": BEAM_DAMPING_RATIO}
+OUTER = Beam(
+    stiffness_N_per_m=486_800.0, effective_mass_kg=3.9, width_m=0.140, wall_m=0.0023, free_length_m=1.195,
+    end_mass_kg=2.93, **_ALIKE,
+)  # fmt: skip
+INNER = Beam(
+    stiffness_N_per_m=157_500.0, effective_mass_kg=1.6, width_m=0.100, wall_m=0.0032, free_length_m=1.365,
+    end_mass_kg=0.52, **_ALIKE,
+)  # fmt: skip
+"""Measured stiffness and mass of the appendix, which win over the tubes and lengths of System Design. Not published are
+the alloy beyond aluminium, the free length, on which 3 E I / L^3 is the measured stiffness, and M_end of (5), what the
+tube leaves of the effective mass."""
 
 
 def paper_prototype() -> Prototype:
     """The published rig without a controller: measured figures, and beside them the published tubes."""
     return Prototype(
         name="zalucky-hardt-1984",
-        outer_beam=OUTER.record,
-        inner_beam=INNER.record,
+        outer_beam=OUTER,
+        inner_beam=INNER,
         actuator=ServoCylinder(piston_area_m2=PISTON_AREA_M2, oil_stiffness_N_per_m=1.3e7),
         servovalve=Servovalve(
             flow_gain_m3_per_s_per_A=1.13e-2,
@@ -113,18 +73,14 @@ def paper_prototype() -> Prototype:
 
 def proportional(gain_mA_per_V: float, inner_end_mass_kg: float = 0.0) -> Prototype:
     """The rig under proportional control."""
-    return paper_prototype().but(
-        controller=Proportional(gain_A_per_V=1e-3 * gain_mA_per_V),
-        payload=Payload(inner_end_mass_kg=inner_end_mass_kg),
-    )
+    law, payload = Proportional(gain_A_per_V=1e-3 * gain_mA_per_V), Payload(inner_end_mass_kg=inner_end_mass_kg)
+    return paper_prototype().but(controller=law, payload=payload)
 
 
 def lag(gain_mA_per_V: float, inner_end_mass_kg: float = 0.0) -> Prototype:
     """The rig with the paper's lag compensator, 1.75 / 26 Hz."""
-    return paper_prototype().but(
-        controller=Lag(gain_A_per_V=1e-3 * gain_mA_per_V, pole_Hz=LAG_POLE_HZ, zero_Hz=LAG_ZERO_HZ),
-        payload=Payload(inner_end_mass_kg=inner_end_mass_kg),
-    )
+    law = Lag(gain_A_per_V=1e-3 * gain_mA_per_V, pole_Hz=LAG_POLE_HZ, zero_Hz=LAG_ZERO_HZ)
+    return proportional(gain_mA_per_V, inner_end_mass_kg).but(controller=law)
 
 
 @dataclass(frozen=True)
@@ -188,8 +144,8 @@ def beam_damping(ratio: float) -> Variation:
 def held_ratio(prototype: Prototype, outer_end_mass_kg: float) -> Prototype:
     """With dashpots that hold the damping ratio at 0.05 when end mass is added, b = 2 zeta sqrt(K (M + m))."""
     outer, inner = prototype.outer_beam, prototype.inner_beam
-    outer_factor = sqrt(1 + outer_end_mass_kg / OUTER.effective_mass_kg)
-    inner_factor = sqrt(1 + prototype.payload.inner_end_mass_kg / INNER.effective_mass_kg)
+    outer_factor = sqrt(1 + outer_end_mass_kg / lumped_beam(OUTER).mass)
+    inner_factor = sqrt(1 + prototype.payload.inner_end_mass_kg / lumped_beam(INNER).mass)
     return prototype.but(
         outer_beam=outer.but(damping_ratio=outer_factor * outer.damping_ratio),
         inner_beam=inner.but(damping_ratio=inner_factor * inner.damping_ratio),
@@ -243,15 +199,12 @@ class GainRow:
 
     def fields(self) -> dict[str, object]:
         """The row as it stands in the JSON result."""
-        return {
-            **picked(
-                self,
-                "case=case.name predicted_paper_mA_per_V=case.predicted_mA_per_V"
-                " measured_mA_per_V=case.measured_mA_per_V model_mA_per_V oscillation_Hz=model.frequency_Hz",
-            ),
-            **{f"model_{key}_mA_per_V": value for key, value in self.varied_mA_per_V.items()},
-            "gap_explained_by_filter_and_smaller_side": self.explained,
-        }
+        names = (
+            "case=case.name predicted_paper_mA_per_V=case.predicted_mA_per_V measured_mA_per_V=case.measured_mA_per_V"
+            " model_mA_per_V oscillation_Hz=model.frequency_Hz"
+        )
+        varied = {f"model_{key}_mA_per_V": value for key, value in self.varied_mA_per_V.items()}
+        return picked(self, names) | varied | {"gap_explained_by_filter_and_smaller_side": self.explained}
 
 
 def gain_rows() -> list[GainRow]:

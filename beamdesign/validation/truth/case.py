@@ -36,12 +36,6 @@ class Drive:
     seed: int
 
 
-def signal(drive: Drive, times: np.ndarray) -> np.ndarray:
-    """(N,) the drive at the given times, s; it starts from nothing."""
-    rng = np.random.default_rng(drive.seed)
-    return _lines(drive, times, rng) if drive.shape == "lines" else _steps(drive, times, rng)
-
-
 def _lines(drive: Drive, times: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     """Lines of equal height at logarithmic spacing from 1 Hz, on a grid of a quarter hertz."""
     frequencies = np.unique(np.round(np.geomspace(1.0, drive.highest_Hz, 60) * 4)) / 4
@@ -76,13 +70,6 @@ def fine_times(duration_s: float, step_s: float = STEP_S) -> np.ndarray:
     """Every half step of a record whose last sample lies one interval before its end."""
     steps = round((duration_s - SAMPLE_S) / step_s)
     return np.arange(2 * steps + 1) * (step_s / 2)
-
-
-def held_noise(rng: np.random.Generator, std: float, samples: int, per_sample: int) -> np.ndarray:
-    """White noise at the samples, joined by straight lines: ((samples - 1) per_sample + 1,)."""
-    coarse = rng.normal(0, std, samples)
-    fine = np.arange((samples - 1) * per_sample + 1) / per_sample
-    return np.interp(fine, np.arange(samples), coarse)
 
 
 @dataclass(frozen=True)
@@ -201,7 +188,7 @@ class Case:
         """How far the effects stand out of the noise; 0 for a null."""
         return self.gaps.get("all", 0.0) / self.gaps["floor"] if self.gaps else 0.0
 
-    def only(self, *departures: Departure, background: bool = True) -> "Case":
+    def only(self, *departures: Departure) -> "Case":
         """The same rig with other effects, wrong figures as believed but for those given."""
         kept = dict(self.factors)
         for given in self.departures:
@@ -210,8 +197,7 @@ class Case:
         for given in departures:
             if given.figure:
                 kept[given.figure] *= float(np.exp(given.severity))
-        chosen = self.background if background else ()
-        return replace(self, departures=tuple(departures), background=chosen, factors=kept)
+        return replace(self, departures=tuple(departures), factors=kept)
 
 
 def run_figures(case: Case, run: Run) -> Shape:
@@ -233,7 +219,9 @@ def step_of(figures: Shape) -> float:
 
 @cache
 def _driven(drive: Drive, duration_s: float, step_s: float) -> np.ndarray:
-    wave = signal(drive, fine_times(duration_s, step_s))
+    """(N,) a drive at every half step; it starts from nothing."""
+    shaped = _lines if drive.shape == "lines" else _steps
+    wave = shaped(drive, fine_times(duration_s, step_s), np.random.default_rng(drive.seed))
     wave.flags.writeable = False
     return wave
 
@@ -247,7 +235,8 @@ def inputs_of(case: Case, run: Run, noisy: bool, step_s: float, duration_s: floa
         rng = np.random.default_rng([case.seed, run.drive.seed, 1])
         per_sample = round(2 * SAMPLE_S / step_s)
         samples = (len(wave) - 1) // per_sample + 1
-        noise = held_noise(rng, case.noise.displacement_m, samples, per_sample)
+        fine = np.arange((samples - 1) * per_sample + 1) / per_sample  # white at the samples, straight between them
+        noise = np.interp(fine, np.arange(samples), rng.normal(0, case.noise.displacement_m, samples))
         noise += rng.normal(0, case.noise.drift_m) * np.linspace(0, 1, len(noise))
         inputs[:, 2] = case.nominal["sensor"]["gain_V_per_m"] * noise
     return inputs

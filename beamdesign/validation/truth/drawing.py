@@ -4,7 +4,7 @@ The gain at which the loop begins to oscillate is known from the true rig, linea
 """
 
 from dataclasses import replace
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 import numpy as np
 from scipy.linalg import matrix_balance
@@ -49,12 +49,6 @@ def jacobian(figures: np.ndarray, modes: np.ndarray) -> np.ndarray:
     return matrix[np.ix_(used, used)]
 
 
-def is_stable(figures: np.ndarray, modes: np.ndarray) -> bool:
-    """Whether all poles of the linearised loop lie in the left half plane, but for one at rest of the mean pressure."""
-    balanced, _ = matrix_balance(jacobian(figures, modes), permute=False)
-    return bool(np.linalg.eigvals(balanced).real.max() < 0.0)
-
-
 def linear_critical_gain(figures: np.ndarray, modes: np.ndarray) -> float:
     """Least gain in A/V at which the linearised loop is not stable, by bisection; infinite where there is none to 100.
 
@@ -66,7 +60,8 @@ def linear_critical_gain(figures: np.ndarray, modes: np.ndarray) -> float:
 
     def stable(gain: float) -> bool:
         trial["gain"] = gain
-        return is_stable(trial, modes)
+        balanced, _ = matrix_balance(jacobian(trial, modes), permute=False)
+        return bool(np.linalg.eigvals(balanced).real.max() < 0.0)
 
     low = 1e-5
     high = low
@@ -80,7 +75,8 @@ def linear_critical_gain(figures: np.ndarray, modes: np.ndarray) -> float:
     return 0.5 * (low + high)
 
 
-KIND_NAMES = ("null", "single", "pair", "outside", "parameter")
+Kind = Literal["null", "single", "pair", "outside", "parameter"]
+KIND_NAMES = get_args(Kind)
 GAPS = (2.0, 30.0)
 """Range of the gap over the floor that effects are drawn for."""
 _LARGEST_TOLERANCE_GAP = 0.35
@@ -112,11 +108,10 @@ _SHORT = (0, 1, 3, 4, 5)
 
 def draw_case(
     seed: int,
-    kind: Literal["null", "single", "pair", "outside", "parameter"],
+    kind: Kind,
     *,
     short: bool = False,
     names: tuple[str, ...] = (),
-    target: float | None = None,
 ) -> Case:
     """Draw one case; the same arguments give the same case.
 
@@ -126,7 +121,6 @@ def draw_case(
             parameter (a plain wrong figure).
         short: five records of 1.75 s instead of eight of 4 s.
         names: effects to put in, none into a null; `parameter:NAME` for a wrong figure.
-        target: gap over the floor to aim for, instead of a drawn one; of each effect of a pair.
 
     Raises:
         ValueError: for a kind that is none of these, or an unknown name.
@@ -145,7 +139,7 @@ def draw_case(
         if case is None:
             notes.append(f"attempt {attempt + 1}: the rig was not stable, or too lively, with its tolerances")
             continue
-        found = _with_effects(case, names, rng, target, notes)
+        found = _with_effects(case, names, rng, notes)
         if found is not None:
             return replace(found, notes=tuple(notes))
     raise ValueError(f"no stable case after 20 attempts: {'; '.join(notes)}")
@@ -170,7 +164,7 @@ def _bare_case(seed: int, kind: str, nominal: Table, rng: np.random.Generator, s
         drift_m=float(rng.uniform(0, 0.4e-6)),
     )
     figures = rig_figures(nominal, factors, habits)
-    scales = Scales(figures, figures["modes.stiffness"], figures["modes.mass"], 900 * load, 7.5e-3)
+    scales = Scales(figures, 900 * load, 7.5e-3)
     case = Case(seed, kind, nominal, factors, habits, (), (), runs, noise, 1.75 if short else 4.0, scales)
     large = next(run for run in runs if run.name == "04_disturbance_large")
     current = float(np.std(take(case, large, duration_s=1.5).current))
@@ -246,13 +240,11 @@ def _with_background(case: Case, rng: np.random.Generator) -> Case | None:
     return replace(trial, gaps=gaps) if gap < _BACKGROUND_AT_MOST * floor else None
 
 
-def _with_effects(
-    case: Case, names: tuple[str, ...], rng: np.random.Generator, target: float | None, notes: list[str]
-) -> Case | None:
+def _with_effects(case: Case, names: tuple[str, ...], rng: np.random.Generator, notes: list[str]) -> Case | None:
     probe = noise_free(case, _probe(case))
     found: list[Departure] = []
     for name in names:
-        aim = target or float(np.exp(rng.uniform(np.log(GAPS[0]), np.log(GAPS[1]))))
+        aim = float(np.exp(rng.uniform(np.log(GAPS[0]), np.log(GAPS[1]))))
         departure = _sized(case, name, probe, aim, rng)
         if departure is None:
             notes.append(f"{name}: too weak or not stable at any severity on this rig")
@@ -306,7 +298,7 @@ def _sized(case: Case, name: str, probe: dict[str, Motion], aim: float, rng: np.
         gap = relative_gap(noise_free(case.only(at(severity)), _probe(case)), probe)
         if not np.isfinite(gap):
             high = severity
-            severity = float(np.sqrt(low * severity)) if before is None else float(np.sqrt(before[0] * severity))
+            severity = float(np.sqrt((low if before is None else before[0]) * severity))
             continue
         miss = abs(float(np.log(max(gap, 1e-12) / aim)))
         if best is None or miss < best[0]:
@@ -315,8 +307,7 @@ def _sized(case: Case, name: str, probe: dict[str, Motion], aim: float, rng: np.
             break
         slope = 1.0
         if before is not None and before[0] != severity and gap != before[1]:
-            slope = float(np.log(gap / before[1]) / np.log(severity / before[0]))
-            slope = float(np.clip(slope, 0.3, 4.0))
+            slope = float(np.clip(np.log(gap / before[1]) / np.log(severity / before[0]), 0.3, 4.0))
         before = (severity, gap)
         following = float(np.clip(severity * (aim / gap) ** (1 / slope), low, 0.98 * high))
         if abs(np.log(following / severity)) < 0.01:

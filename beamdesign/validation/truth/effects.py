@@ -15,15 +15,11 @@ class Scales:
 
     Attributes:
         figures: of the rig without the effect.
-        outer_stiffness: K of the first mode, N/m.
-        outer_mass: kg.
         force: largest load, N.
         current: RMS under the large disturbance, A.
     """
 
     figures: Mapping[str, float]
-    outer_stiffness: float
-    outer_mass: float
     force: float
     current: float
 
@@ -106,7 +102,7 @@ def _stated_spool(f: Mapping[str, float]) -> Shape:
 
 
 def _mount(scales: Scales, shape: Shape, severity: float) -> Shape:
-    stiffness = 10 * scales.outer_stiffness / severity
+    stiffness = 10 * scales.figures["modes.stiffness"] / severity
     rate = 2 * pi * shape["hertz"]
     mass = stiffness / rate**2
     slide = stiffness * shape["slide"]
@@ -136,7 +132,7 @@ def _stated_mount(f: Mapping[str, float]) -> Shape:
 
 
 def _loss(scales: Scales, shape: Shape, severity: float) -> Shape:
-    spring = 0.05 * severity * scales.outer_stiffness
+    spring = 0.05 * severity * scales.figures["modes.stiffness"]
     return {f"loss_{k}": spring for k in (1, 2, 3, 4)}
 
 

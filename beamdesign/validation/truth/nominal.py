@@ -4,7 +4,6 @@ A beam's bending modes are those of a cantilever by finite elements, counted at 
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from math import exp, pi, sqrt
 from typing import Any
 
@@ -123,39 +122,19 @@ def packed(given: Mapping[str, float]) -> np.ndarray:
     Raises:
         KeyError: at a name that is not a figure.
     """
-    record = np.zeros(1, dtype=RECORD)
-    for name, value in FIGURES.items():
-        record[name] = value
-    for name, value in given.items():
-        if name not in FIGURES:
-            raise KeyError(name)
-        record[name] = value
-    return record
+    if unknown := given.keys() - FIGURES.keys():
+        raise KeyError(*sorted(unknown))
+    return np.array([tuple((FIGURES | dict(given)).values())], dtype=RECORD)
 
 
 HIGHEST_RATE = 2 * np.pi * 2500
 """rad/s; modes above it are left out, since they neither move nor fit into the steps of the simulation."""
 
 
-@dataclass(frozen=True)
-class Modes:
-    """Modes of a beam, lowest first.
-
-    Attributes:
-        frequencies: (n,) rad/s.
-        stiffness: (n,) N/m, each mode alone pressed at the tip.
-        mass: (n,) kg.
-    """
-
-    frequencies: np.ndarray
-    stiffness: np.ndarray
-    mass: np.ndarray
-
-
 def cantilever_modes(
     rigidity: np.ndarray, mass_per_length: np.ndarray, length_m: float, lumps: dict[int, float], count: int
-) -> Modes:
-    """Euler-Bernoulli cantilever of cubic elements of equal length (consistent masses).
+) -> np.ndarray:
+    """Modes of an Euler-Bernoulli cantilever of cubic elements of equal length (consistent masses), lowest first.
 
     Args:
         rigidity: (n,) E I of each element from the clamp, N m2.
@@ -163,6 +142,9 @@ def cantilever_modes(
         length_m: of the whole.
         lumps: mass in kg by node, 1 to n (the tip).
         count: how many modes.
+
+    Returns:
+        (3, count) frequency (rad/s), stiffness (N/m, each mode alone pressed at the tip) and mass (kg) of each.
     """
     elements, h = len(rigidity), length_m / len(rigidity)
     stiffness, mass = np.zeros((2, 2 * elements + 2, 2 * elements + 2))
@@ -182,7 +164,7 @@ def cantilever_modes(
         mass[2 * node, 2 * node] += lump
     squares, shapes = eigh(stiffness[2:, 2:], mass[2:, 2:], subset_by_index=[0, count - 1])
     at_tip = shapes[-2] ** 2  # shapes have unit modal mass
-    return Modes(np.sqrt(squares), squares / at_tip, 1 / at_tip)
+    return np.array([np.sqrt(squares), squares / at_tip, 1 / at_tip])
 
 
 def outer_modes(
@@ -209,9 +191,8 @@ def outer_modes(
     rigidity[9:11] = 1 / (1 + joint_softness)
     found = cantilever_modes(rigidity, np.ones(elements), 1.0, {10: joint_mass, elements: tip_share}, count)
     first = np.sqrt(stiffness / mass)
-    kept = found.frequencies / found.frequencies[0] * first < HIGHEST_RATE
-    found = Modes(found.frequencies[kept], found.stiffness[kept], found.mass[kept])
-    scaled_k, scaled_m = found.stiffness * stiffness / found.stiffness[0], found.mass * mass / found.mass[0]
+    _, own_k, own_m = found[:, found[0] / found[0, 0] * first < HIGHEST_RATE]
+    scaled_k, scaled_m = own_k * stiffness / own_k[0], own_m * mass / own_m[0]
     losses = 2 * damping_ratio * np.sqrt(scaled_k * scaled_m)
     losses[0] = damping
     return np.array([scaled_k, scaled_m, losses])

@@ -112,21 +112,13 @@ def _march(figures, modes, inputs, lost, step, stride, start):  # type: ignore[n
         if f.magnet_share > 0.0:
             for k in range(PLAYS):
                 plays[k] = played(current, plays[k], f.magnet_width * (k + 1) / PLAYS)
-        half = 0.5 * step
-        for i in range(STATES):
-            trial[i] = x[i] + half * k1[i]
-        fed = stuck if lost[n] else _fed_back(trial, f, share, plays, line, n, 0.5 - late, inputs[2 * n + 1, 2])
-        rates_into(
-            trial, k2, f, modes, held, plays, fed, inputs[2 * n + 1, 1], inputs[2 * n + 1, 0], time + half,
-            (time + half) / whole,
-        )  # fmt: skip
-        for i in range(STATES):
-            trial[i] = x[i] + step * (2.0 * k2[i] - k1[i])
-        fed = stuck if lost[n] else _fed_back(trial, f, share, plays, line, n, 1.0 - late, inputs[2 * n + 2, 2])
-        rates_into(
-            trial, k3, f, modes, held, plays, fed, inputs[2 * n + 2, 1], inputs[2 * n + 2, 0], time + step,
-            (time + step) / whole,
-        )  # fmt: skip
+        for stage in (1, 2):
+            for i in range(STATES):
+                trial[i] = x[i] + (0.5 * step * k1[i] if stage == 1 else step * (2.0 * k2[i] - k1[i]))
+            at, then = 2 * n + stage, time + 0.5 * stage * step
+            fed = stuck if lost[n] else _fed_back(trial, f, share, plays, line, n, 0.5 * stage - late, inputs[at, 2])
+            rates = k2 if stage == 1 else k3
+            rates_into(trial, rates, f, modes, held, plays, fed, inputs[at, 1], inputs[at, 0], then, then / whole)
         for i in range(STATES):
             x[i] += step / 6.0 * (k1[i] + 4.0 * k2[i] + k3[i])
         if f.bristle_stiffness > 0.0:
