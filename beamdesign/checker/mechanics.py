@@ -113,6 +113,8 @@ def mechanics(
         chambers = {"oil_a": 1 + uneven, "oil_b": 1 - uneven} if uneven != 0 else {"oil": one}
     elif elements.oil != 1 or elements.spool != 0 or elements.asymmetry != 0:
         raise Unreadable("a screw has neither oil nor spool")
+    elif "nut" in elements.points["tip"]:  # whose equation is not that of a force alone
+        raise Unreadable("the tip does not ride on the nut of a screw")
     points: dict[str, dict[str, Number]] = {"tip": {"first": one}, "rod": {"inner": one}, "base": {}}
     for point, weights in points.items():
         add_weights(weights, elements.points[point])
