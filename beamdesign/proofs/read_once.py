@@ -57,6 +57,19 @@ def read_once(p: fmpq_mpoly, parameters: Sequence[str], apart: Sequence[str]) ->
     Raises:
         NotCovered: with more than one kept apart, where they multiply each other in several places.
     """
+    key = (p.context().names(), str(p), tuple(parameters), tuple(apart))
+    if key not in _found:  # a specification asks for the same form some forty times
+        if len(_found) > _KEPT:
+            _found.clear()
+        _found[key] = _read_once(p, parameters, apart)
+    return _found[key]
+
+
+_KEPT = 64
+_found: dict[tuple[object, ...], Expression] = {}
+
+
+def _read_once(p: fmpq_mpoly, parameters: Sequence[str], apart: Sequence[str]) -> Expression:
     form = _Form(p, parameters, [name for name in apart if p.derivative(name) != 0])
     packs = [name for name in form.names if form.degree(form.p, name) > 1]
     for chosen in form.to_bind(packs):
