@@ -162,12 +162,9 @@ def paper(out: OutFolder, figure: Annotated[int | None, typer.Option(metavar="N"
 
     comparison = compare()
     with progress("drawing") as update, fresh_folder(out) as fresh:
-        written = write_page(comparison, fresh, update)
-        fields = comparison.fields() | {
-            "report": written.page.name,
-            "figures": [path.name for path in written.figures],
-            "figure_claims": written.checks,
-        }
+        page, figures, checks = write_page(comparison, fresh, update)
+        drawn = {"report": page.name, "figures": [path.name for path in figures], "figure_claims": checks}
+        fields = comparison.fields() | drawn
         write_json(fresh / "paper.json", fields)
 
     echo("Two choices the paper leaves open:")
@@ -195,8 +192,8 @@ def paper(out: OutFolder, figure: Annotated[int | None, typer.Option(metavar="N"
         ["quantity", "paper", "model", "unit", "verdict"],
         [(claim.quantity, claim.paper, claim.model, claim.unit, claim.verdict) for claim in differing],
     )
-    _echo_checks(written.checks)
-    echo(f"{len(comparison.slips)} slips of the paper, the reasons and the figures: {out / written.page.name}")
+    _echo_checks(checks)
+    echo(f"{len(comparison.slips)} slips of the paper, the reasons and the figures: {out / page.name}")
     return CommandResult(fields)
 
 

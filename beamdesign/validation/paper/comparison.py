@@ -74,28 +74,16 @@ def compare() -> Comparison:
     return Comparison(gains, widths, *claims_and_slips(gains, widths), crossings)
 
 
-@dataclass(frozen=True)
-class Written:
-    """What was written.
-
-    Attributes:
-        page: the HTML page.
-        figures: the PNG and SVG files.
-        checks: what the paper says about its figures.
-    """
-
-    page: Path
-    figures: list[Path]
-    checks: list[FigureClaim]
-
-
-def write_page(comparison: Comparison, folder: Path, progress: Progress) -> Written:
+def write_page(comparison: Comparison, folder: Path, progress: Progress) -> tuple[Path, list[Path], list[FigureClaim]]:
     """Draw the figures and write the page.
 
     Args:
         comparison: what to show.
         folder: an existing folder; files of the same names are replaced.
         progress: told the share done and what is being drawn.
+
+    Returns:
+        the page, the PNG and SVG files of its figures, and what the paper says about these.
     """
     drawings: list[Drawing] = []
     files: list[Path] = []
@@ -105,7 +93,7 @@ def write_page(comparison: Comparison, folder: Path, progress: Progress) -> Writ
         files += save(drawings[-1].figure, folder / drawings[-1].name)
     page = folder / "paper.html"
     write_whole(page, to_html(document_of(comparison, drawings)))
-    return Written(page, files, [check for drawing in drawings for check in drawing.checks])
+    return page, files, [check for drawing in drawings for check in drawing.checks]
 
 
 def document_of(comparison: Comparison, drawings: list[Drawing]) -> Document:
