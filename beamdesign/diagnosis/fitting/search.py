@@ -6,6 +6,7 @@ Fits are made by this process or by several, and those kept that were made befor
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass, field, replace
+from functools import partial
 from multiprocessing import active_children
 from signal import SIG_IGN, SIGINT, signal
 
@@ -33,9 +34,8 @@ class Fitters:
         # The same task to records that are followed is another fit.
         self._kept = replace(kept, part=(*kept.part, "in step")) if kept is not None and synchronised else kept
         self._others = active_children()
-        self._pool = (
-            ProcessPoolExecutor(workers, initializer=_begin, initargs=(data, synchronised)) if workers > 1 else None
-        )
+        self._begun = partial(ProcessPoolExecutor, workers, initializer=_begin, initargs=(data, synchronised))
+        self._pool = self._begun() if workers > 1 else None
 
     def __enter__(self) -> "Fitters":
         return self
@@ -57,6 +57,10 @@ class Fitters:
         results = self._results(given, progress)
         leave_out(*(str(task.hypothesis) for k, task in enumerate(given) if k not in results))
         return [results[k] for k in range(len(given)) if k in results]
+
+    def finished(self, tasks: Sequence[Task]) -> list[Fit]:
+        """Fits that are finished in time, with no word on the others."""
+        return list(self._results(tasks).values())
 
     def each(self, *tasks: Task) -> list[Fit]:
         """Fits in the order of the tasks, all of them.
@@ -83,6 +87,7 @@ class Fitters:
                 progress(len(results))
         except (TimeUp, TimeoutError):
             self._close(at_once=True)
+            self._pool = self._pool and self._begun()
         return results
 
     def _made(self, tasks: dict[int, Task]) -> Iterator[tuple[int, Fit]]:
@@ -131,7 +136,7 @@ _LARGE = 4.0  # times: what is worth every pair
 _EXPLAINED = 0.5  # of the excess misfit: where no single cause reaches it, every pair of effects is tried
 _TAKEN_APART = 2  # of the best pairs
 _HALF = 0.5  # of the evidence, that which the best single cause explains least, tells which pairs are worth fitting
-_SEEKING = 0.7  # of the time that is left
+_SEEKING, _LOOKING = 0.7, 0.3  # of the time that is left, for all fits and for a look at single causes before them
 _DONE = 0.004  # of the excess misfit: a single cause that leaves no more needs no second one
 
 
@@ -207,7 +212,9 @@ def _searched(fitters: Fitters, null: Fit, progress: Progress, worth: float) -> 
     alone, pieces = list(singles(fitters.data.prototype)), fitters.evidence
     if is_limited():  # what explains most of a part at a look is compared first
         part = (min(range(len(pieces)), key=lambda k: abs(null.shares[k].c - np.median([s.c for s in null.shares]))),)
-        looks = fitters([Task(h, null.values, on=part) for h in alone], lambda k: progress(0.05, "a look"))
+        progress(0.02, "a look at single causes")
+        with share(_LOOKING, within_steps=True):
+            looks = fitters.finished([Task(h, null.values, on=part) for h in alone])
         ranks = {look.hypothesis: look.cost for look in looks}
         alone.sort(key=lambda h: ranks.get(h, np.inf))
     found = fitters(
