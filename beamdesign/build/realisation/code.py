@@ -92,9 +92,8 @@ class ProvedCode(Result):
             "readings": readings,
             "coefficients": {name: picked(one, asked) for name, one in made.coefficients.items()},
             "outer_end_mass_kg": list(self.outer_end_mass_kg),
-            **picked(
-                self.judgement, "proved reason law at_once one_period_late=late any_computing_time=any_time masses"
-            ),
+            "reason": self.reason or self.judgement.reason,
+            **picked(self.judgement, "proved law at_once one_period_late=late any_computing_time=any_time masses"),
         }
         return finite(fields)
 
