@@ -16,7 +16,7 @@ from beamdesign.controllers import Lag
 from beamdesign.parameters import typical_of
 from beamdesign.plant.actuators.servo_cylinder import Servovalve, Supply
 from beamdesign.plant.assembly import fits
-from beamdesign.plant.effects import library
+from beamdesign.plant.effects import causes
 from beamdesign.plant.higher_modes import signals, single_compliance, with_mass
 from beamdesign.plant.members import family
 from beamdesign.proofs.bounded_error import numerators
@@ -272,7 +272,7 @@ def test_a_motor_that_rubs_sticks(rig: Prototype) -> None:
 
 
 def test_effects_of_oil_and_valve_are_refused(rig: Prototype) -> None:
-    own = {name for name in library() if fits(name, rig.rig)}
+    own = {name for name in causes() if fits(name, rig.rig)}
     assert {
         "sensor_lag",
         "transport_delay",

@@ -17,7 +17,7 @@ from beamdesign.cli import app
 from beamdesign.plant.assembly import assemble
 from beamdesign.plant.bench import BENCH
 from beamdesign.plant.bench_simulation import bench_parameters, bench_start, bench_structure, replay, simulate_bench
-from beamdesign.plant.effects import library
+from beamdesign.plant.effects import causes
 from beamdesign.plant.equilibrium import linearise
 from beamdesign.prototype import Prototype, read_prototype, write_prototype
 from beamdesign.records import InputError, parse
@@ -256,7 +256,7 @@ def test_every_other_effect_acts_on_the_bench_at_the_same_ports(bench: BenchProt
         return np.concatenate([np.asarray(found[0]).ravel()[: len(BENCH.states)], np.asarray(found[1]).ravel()])
 
     plain = rates_and_outputs({})
-    fitting = {name for name, effect in library().items() if set(effect.laws) <= set(BENCH.ports)}
+    fitting = {name for name, effect in causes().items() if set(effect.laws) <= set(BENCH.ports)}
     assert fitting >= SHARED
     for name in fitting:
         assert np.any(rates_and_outputs({name: {}}) != plain)

@@ -11,14 +11,14 @@ from beamdesign.controllers import Lag
 from beamdesign.loop import critical_gain
 from beamdesign.plant.assembly import INPUTS, Structure, assemble, parameters_of, structure_of
 from beamdesign.plant.compiled import compiled, integrate
-from beamdesign.plant.effects import library
+from beamdesign.plant.effects import causes
 from beamdesign.plant.electronics import LAG, PROPORTIONAL
 from beamdesign.plant.equilibrium import scales
 from beamdesign.plant.machine_code import Body, MachineCode, machine_code, trace
 from beamdesign.plant.members import paper_model
 from beamdesign.prototype import Prototype
 
-EFFECTS = tuple(sorted(library()))
+EFFECTS = tuple(sorted(causes()))
 GAIN_A_PER_V = 0.06
 
 

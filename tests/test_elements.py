@@ -15,7 +15,7 @@ from beamdesign.checker.reading import Table
 from beamdesign.checker.rig import Loop, Rig
 from beamdesign.controllers import SENSED, Observer
 from beamdesign.plant.effect import Effect
-from beamdesign.plant.effects import library
+from beamdesign.plant.effects import causes, library
 from beamdesign.plant.linear import LinearModel
 from beamdesign.plant.members import family
 from beamdesign.polynomial import exact
@@ -75,14 +75,14 @@ def assert_alike(prototype: Prototype) -> None:
         assert loop.disturbance / leading == pushed
 
 
-@pytest.mark.parametrize("name", library())
+@pytest.mark.parametrize("name", causes())
 def test_elements_are_what_the_laws_come_to(rig: Prototype, name: str):
     """At the usual parameters and at others, at both ends of every span."""
     for own in ({}, drawn(library()[name], 1)):
         assert_alike(rig.but(effects={name: own}))
 
 
-@pytest.mark.parametrize("pair", list(pairwise([*library(), next(iter(library()))])), ids="-".join)
+@pytest.mark.parametrize("pair", list(pairwise([*causes(), next(iter(causes()))])), ids="-".join)
 def test_elements_of_two_effects_add_up(rig: Prototype, pair: tuple[str, str]):
     assert_alike(rig.but(effects={name: drawn(library()[name], 2) for name in pair}))
 

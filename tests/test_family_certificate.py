@@ -14,7 +14,7 @@ from beamdesign.checker import Unreadable, check
 from beamdesign.cli import app
 from beamdesign.controllers import Lag, Observer
 from beamdesign.loop import close_loop, rig_loop
-from beamdesign.plant.effects import library
+from beamdesign.plant.effects import causes, library
 from beamdesign.plant.members import family
 from beamdesign.polynomial import exact
 from beamdesign.proofs.box import certify_box
@@ -61,7 +61,7 @@ def with_effects(rig: Prototype, *names: str) -> Prototype:
     return rig.but(effects={name: {} for name in names})
 
 
-@pytest.mark.parametrize("name", sorted(library()))
+@pytest.mark.parametrize("name", sorted(causes()))
 def test_every_effect_is_certified_and_proved_again_from_the_text(tame: Prototype, name: str):
     """The replay rebuilds each member from impedances of its parts and shares no code with the proof."""
     found = certify(with_effects(tame, name), 0.0, 6.8, CLAIMS)
@@ -273,7 +273,7 @@ def test_commands_take_prototypes_with_effects(tame: Prototype, tmp_path: Path):
 
 
 @pytest.mark.parametrize("sensors", [False, True])
-@pytest.mark.parametrize("name", library())
+@pytest.mark.parametrize("name", causes())
 def test_the_box_is_about_the_members_loops(tame: Prototype, name: str, sensors: bool):
     """The expression over all parameters, at the ends of the spans, is the member with the parameters' numbers."""
     rig = with_effects(tame, name)

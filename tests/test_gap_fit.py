@@ -24,7 +24,7 @@ from beamdesign.diagnosis.fitting.hypothesis import (
 from beamdesign.diagnosis.fitting.search import refit, search
 from beamdesign.diagnosis.fitting.starts import starts
 from beamdesign.diagnosis.fitting.weighting import INDEPENDENT, SHARE, weighting
-from beamdesign.plant.effects import library
+from beamdesign.plant.effects import causes
 from beamdesign.records import InputError
 from beamdesign.structure.lumped import figures
 from beamdesign.validation.truth.case import answer, write_case
@@ -162,7 +162,7 @@ def test_bounds_hold():
     np.testing.assert_allclose(np.delete(found.z, at), 0.5 * 100 / 101, rtol=2e-3)
 
 
-@pytest.mark.parametrize("effect", sorted(library()))
+@pytest.mark.parametrize("effect", sorted(causes()))
 def test_figures_at_their_bounds_make_a_rig(effect):
     """Logarithm and exponential give a bound back within an ulp; beyond it no rig would take the figure."""
     unknowns = [u for u in Hypothesis((effect,)).placement(believed()).unknowns if u.name.startswith(effect + ".")]
@@ -227,7 +227,7 @@ def test_names_of_hypotheses():
     laws_of_one_effect = together("sensor_lag", "sensor_lag_second_order")
     assert laws_of_one_effect.causes == ("sensor_lag",)
     assert str(together("sensor_lag_second_order", "seal_friction")) == "seal_friction + sensor_lag"
-    laws = sum(1 for effect in library().values() if effect.realises)  # one more for an effect each, no pair with it
+    laws = sum(1 for effect in causes().values() if effect.realises)  # one more for an effect each, no pair with it
     assert len(pairs(alone)) == len(alone) * (len(alone) - 1) // 2 - laws
     assert laws_of_one_effect not in pairs(alone)
     assert Hypothesis(("parameter:stiffness",)).figures == ("outer_stiffness", "inner_stiffness")

@@ -15,7 +15,7 @@ from beamdesign.loop import critical_gain, loop
 from beamdesign.plant import linearised
 from beamdesign.plant.assembly import assemble, parameters_of, structure_of
 from beamdesign.plant.effect import Linear, Operation
-from beamdesign.plant.effects import library
+from beamdesign.plant.effects import causes, library
 from beamdesign.plant.equilibrium import equilibrium, linearise
 from beamdesign.plant.members import family, paper_model
 from beamdesign.prototype import Payload, Prototype, Sensor
@@ -38,7 +38,7 @@ def with_effects(rig: Prototype, *names: str) -> Prototype:
     return rig.but(effects={name: {} for name in names})
 
 
-@pytest.mark.parametrize("name", [name for name, effect in library().items() if effect.linear])
+@pytest.mark.parametrize("name", [name for name, effect in causes().items() if effect.linear])
 def test_polynomials_over_both_masses_are_those_of_the_matrices(lag: Prototype, name: str):
     """For every effect and all sensors, in rationals; by det(sI - A + b c) = det(sI - A) + c adj(sI - A) b."""
     rig = family(with_effects(lag, name), 3.5).members[-1].rig
@@ -61,7 +61,7 @@ def test_polynomials_over_both_masses_are_those_of_the_matrices(lag: Prototype, 
 
 
 def test_every_effect_has_linear_members_that_say_what_they_are():
-    for effect in library().values():
+    for effect in causes().values():
         assert effect.linear is not None
         assert effect.linear.covers
         assert effect.linear.leaves_out or effect.name in EXACT
@@ -121,7 +121,7 @@ def test_a_delay_gives_the_critical_gain_of_the_pure_delay(lag: Prototype, delay
     assert found.gain_A_per_V == pytest.approx(0.12 / abs(open_loop(frequency)), rel=1e-3)
 
 
-@pytest.mark.parametrize("name", sorted(set(library()) - {"joint_backlash", "valve_deadband"}))
+@pytest.mark.parametrize("name", sorted(set(causes()) - {"joint_backlash", "valve_deadband"}))
 def test_the_member_at_rest_is_the_assemblys_linearisation_there(lag: Prototype, name: str):
     """Poles of the loop in rationals among the eigenvalues at the numerical equilibrium.
 

@@ -26,7 +26,7 @@ from beamdesign.diagnosis import redesign as redesigning
 from beamdesign.diagnosis.data.dataset import read_dataset
 from beamdesign.diagnosis.fitting.hypothesis import cause, singles
 from beamdesign.diagnosis.redesign import redesign
-from beamdesign.plant.effects import library
+from beamdesign.plant.effects import causes
 from beamdesign.problem import read_problem
 from beamdesign.prototype import read_prototype
 from beamdesign.records import InputError
@@ -390,7 +390,7 @@ OF_EFFECTS = {
 }
 
 
-@pytest.mark.parametrize("effect", library())
+@pytest.mark.parametrize("effect", causes())
 @pytest.mark.parametrize("command", OF_EFFECTS)
 def test_every_effect_through_what_works_on_effects(command: str, effect: str) -> None:
     prototype(effects={effect: {}})

@@ -12,7 +12,7 @@ from beamdesign.loop import critical_gain
 from beamdesign.plant.assembly import OUTPUTS, Assembly, Structure, assemble, parameters_of, structure_of
 from beamdesign.plant.bench_simulation import bench_parameters, bench_start, bench_structure
 from beamdesign.plant.compiled import integrate
-from beamdesign.plant.effects import library
+from beamdesign.plant.effects import causes
 from beamdesign.plant.electronics import SAMPLED, Series
 from beamdesign.plant.equilibrium import equilibrium, scales
 from beamdesign.plant.members import paper_model
@@ -207,7 +207,7 @@ def test_derivatives_of_another_kind_of_rig():
 
 def test_every_effect_has_finite_derivatives_from_rest_on(paper: Prototype):
     """Rest is where laws have their kinks."""
-    for name in library():
+    for name in causes():
         assembly, parameters = prepared(paper, (name,))
         own = tuple(parameter for parameter in assembly.parameters if parameter.startswith(name + "."))
         x = equilibrium(assembly, np.zeros(3), parameters)
@@ -233,7 +233,7 @@ def test_outputs_are_those_asked_for_and_columns_do_not_depend_on_their_neighbou
         )
 
 
-@pytest.mark.parametrize("effects", [(), ("seal_friction",), tuple(sorted(library()))])
+@pytest.mark.parametrize("effects", [(), ("seal_friction",), tuple(sorted(causes()))])
 def test_equilibrium_moves_as_its_derivative_says(paper: Prototype, effects: tuple[str, ...]):
     assembly, parameters = prepared(paper, effects)
     u = np.array([LOAD_N, 0.01, 0.0])

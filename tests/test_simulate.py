@@ -18,7 +18,7 @@ from beamdesign.controllers import Lag
 from beamdesign.loop import critical_gain, loop
 from beamdesign.plant.assembly import assemble, parameters_of, structure_of
 from beamdesign.plant.compiled import integrate
-from beamdesign.plant.effects import library
+from beamdesign.plant.effects import causes
 from beamdesign.plant.equilibrium import equilibrium
 from beamdesign.plant.members import paper_model
 from beamdesign.prototype import Prototype, read_prototype, write_prototype
@@ -71,7 +71,7 @@ def test_record_is_that_of_the_exact_linear_loop(lag: Prototype):
 
 
 def test_all_effects_together_agree_with_another_integrator(lag: Prototype):
-    rig = lag.but(controller=lag.controller.but(gain_A_per_V=0.06), effects={name: {} for name in library()})
+    rig = lag.but(controller=lag.controller.but(gain_A_per_V=0.06), effects={name: {} for name in causes()})
     kinds = structure_of(rig)
     assembly = assemble(kinds)
     parameters = np.array(list(parameters_of(rig, 3.0, 4.0).values()))

@@ -29,6 +29,7 @@ from beamdesign.diagnosis.fitting.search import Search, refit, search
 from beamdesign.diagnosis.gain_diagnosis import explain_gains
 from beamdesign.diagnosis.gap_metrics import errors, gap
 from beamdesign.diagnosis.judgement import THRESHOLDS, Judgement, cause_sets, causes, classes, judge
+from beamdesign.diagnosis.learning import described, learn
 from beamdesign.diagnosis.second_look import second_look
 from beamdesign.diagnosis.separability import indistinguishable
 from beamdesign.diagnosis.where.locate import locate
@@ -135,18 +136,28 @@ def _diagnosed(data: Dataset, workers: int, progress: Progress, kept: FitCache |
         return replace(figures_only, prototype=figures_only.prototype.but(tolerance=stated))
     kept_out = held_out(data.records)
     seen = replace(data, records=tuple(r for k, r in enumerate(data.records) if k not in kept_out))
-    found = search(data, workers, lambda part, doing: progress(0.7 * part, doing), kept)
+    found = search(data, workers, _between(0.0, 0.7, progress), kept)
     judged, words, plain = judge(found), examined.words, found.null
-    again = None
+    again, learnt = None, None
     if judged.unknown > 0.5:
         try:
             with share(_SECOND, within_steps=True):
-                again = second_look(data, found, workers, lambda part, doing: progress(0.7 + 0.26 * part, doing), kept)
+                again = second_look(data, found, workers, _between(0.7, 0.86, progress), kept)
         except TimeUp:
             leave_out("a joint that hammers in its play, a loop that oscillates by itself")
+        try:
+            with share(_SECOND, within_steps=True):
+                if again is None:
+                    said = _between(0.86, 0.96, progress)
+                    learnt = learn(data, kept_out, found, judged, workers, said, kept)
+        except TimeUp:
+            leave_out("a law learnt from the records")
     if again is not None:
         found, judged, words = again.search, again.judged, (*words, again.warning)
-    best = judged.best if verdict_of(judged, examined.limits_confidence) != "unknown" else found.null
+    if learnt is not None:
+        data, found, judged = learnt.data, learnt.search, learnt.judged
+    confident = verdict_of(judged, examined.limits_confidence) != "unknown"
+    best = judged.best if confident or learnt is not None else found.null
     progress(0.96, "what the data can tell")
     evidence = evidence_of(data)
     separable = None if over() else indistinguishable(data, evidence)
@@ -154,14 +165,16 @@ def _diagnosed(data: Dataset, workers: int, progress: Progress, kept: FitCache |
     tuned, outside = plain, best
     try:
         with share(_HELD_OUT, within_steps=True):
-            if kept_out and again:
+            if learnt is not None:
+                tuned, outside = learnt.refitted
+            elif kept_out and again:
                 tuned, outside = again.refit(seen, plain, best, workers, kept)
             elif kept_out:
                 tuned, outside = refit(seen, best, workers, kept)
     except TimeUp:
         kept_out = ()
         leave_out("records held out")
-    ranked = causes(found, judged)
+    ranked = described(causes(found, judged), best, data)
     chosen = tuple(c.name for c in ranked if c.name in best.hypothesis.causes)
     records = [piece for piece in evidence if isinstance(piece, RecordEvidence)]
     from_rest = tuple(errors(piece, data.prototype, tuned, outside, best) for piece in records)
@@ -175,7 +188,8 @@ def _diagnosed(data: Dataset, workers: int, progress: Progress, kept: FitCache |
     doubtful, left = examined.limits_confidence or not confirmed(synchronised), left_out()
     verdict = no_surer(verdict_of(judged, doubtful), left)
     progress(1.0, "where the gap lies")
-    where = locate(data, found, best, evidence, [c for c in ranked if c.name in chosen], judged.unknown)
+    unknown = judged.unknown if learnt is None else 0.0
+    where = locate(data, found, best, evidence, [c for c in ranked if c.name in chosen], unknown)
     return Diagnosis(
         data.name,
         verdict,
@@ -196,6 +210,11 @@ def _diagnosed(data: Dataset, workers: int, progress: Progress, kept: FitCache |
         from_rest,
         left_out=left,
     )
+
+
+def _between(low: float, high: float, progress: Progress) -> Progress:
+    """Progress of a part of the work, from one share of the whole to another."""
+    return lambda share, doing: progress(low + (high - low) * share, doing)
 
 
 def verdict_of(judged: Judgement, doubtful: bool = False) -> Verdict:

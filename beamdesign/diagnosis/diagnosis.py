@@ -12,7 +12,7 @@ import numpy as np
 
 from beamdesign.bench_prototype import AnyPrototype
 from beamdesign.diagnosis.fitting.fit import Fit
-from beamdesign.diagnosis.fitting.hypothesis import SUPPLY
+from beamdesign.diagnosis.fitting.hypothesis import SUPPLY, given
 from beamdesign.diagnosis.fitting.search import Search
 from beamdesign.diagnosis.separability import Separability
 from beamdesign.json_text import finite, picked
@@ -45,6 +45,8 @@ class Cause:
         parameters: of the effect (or the figures set free), by name.
         flags: what makes it suspicious, in words (a parameter at its bound, a figure
             moved by more than two tolerances).
+        like: of a law learnt from the data, the physics that is nearest, in words.
+        table: of a static one, what it adds over its local variable, with its standard error.
     """
 
     name: str
@@ -53,6 +55,8 @@ class Cause:
     share: float
     parameters: Mapping[str, Estimate] = field(default_factory=dict)
     flags: tuple[str, ...] = ()
+    like: str = ""
+    table: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -333,10 +337,11 @@ def updated_prototype(prototype: Prototype, found: Fit) -> Prototype:
     for beam in ("outer", "inner"):
         for part in ("stiffness", "mass"):
             figures[f"{beam}_damping"] *= sqrt(figures[f"{beam}_{part}"] / nominal[f"{beam}_{part}"])
-    effects: dict[str, dict[str, float]] = {name: dict(table) for name, table in prototype.effects.items()}
+    # What scales laws that were tried and not chosen goes.
+    effects: dict[str, dict[str, float]] = {n: dict(t) for n, t in prototype.effects.items() if not given(n, prototype)}
     for name in found.hypothesis.effects:
         own = {key.removeprefix(f"{name}."): value for key, value in found.values.items() if key.startswith(f"{name}.")}
-        effects[name] = {key: float(value) for key, value in own.items()}
+        effects[name] = {**given(name, prototype), **own}
     changes: dict[str, Record] = {f"{name}_beam": _beam(prototype, name, figures) for name in ("outer", "inner")}
     tables: dict[str, dict[str, float]] = {}
     for name, row in PARAMETERS.items():  # beside those of the beams, where the prototype states any

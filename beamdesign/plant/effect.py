@@ -175,6 +175,11 @@ class Effect:
         memory: those of its states that stay where they are while nothing moves (friction); they start at 0.
         linear: what stands for it in proofs; None where nothing does.
         realises: the effect of which this is another law, so that a diagnosis names that one; empty where it is itself.
+        nearest: of a law that is learnt from data, the physics that it is like with its parameters, in words; None of
+            an effect that is a cause by itself.
+        scales: parameters that a diagnosis takes from the data, and the signal that each is the size of; empty for the
+            length of the records.
+        table: of a static law, what it adds over its local variable, by names with units; None of others.
     """
 
     name: str
@@ -186,6 +191,9 @@ class Effect:
     memory: tuple[str, ...] = ()
     linear: Linear | None = None
     realises: str = ""
+    nearest: Callable[[Mapping[str, float]], str] | None = field(default=None, hash=False)
+    scales: Mapping[str, str] = field(default_factory=dict, hash=False)
+    table: Callable[[Mapping[str, float]], Mapping[str, tuple[float, ...]]] | None = field(default=None, hash=False)
 
     @property
     def linear_with_load(self) -> bool:

@@ -107,32 +107,29 @@ def keys() -> tuple[Key, ...]:
 
 @cache
 def effects() -> tuple[EffectEntry, ...]:
-    """All effects in alphabetical order."""
+    """All effects that are causes by themselves, in alphabetical order."""
+    from beamdesign.plant.effects import causes
+
+    return tuple(_entry(name) for name in causes())
+
+
+def _entry(name: str) -> EffectEntry:
     from beamdesign.plant.assembly import RIGS
     from beamdesign.plant.effects import library
 
-    found = list[EffectEntry]()
-    for name, effect in library().items():
-        words = import_module(next(iter(effect.laws.values())).__module__).__doc__ or ""
-        rigs = tuple(kind for kind, rig in RIGS.items() if all(port in rig.ports for port in effect.laws))
-        parameters = tuple(
-            Key(
-                path=f"effects.{name}.{q.name}",
-                file="prototype",
-                meaning=q.meaning,
-                kind="a number",
-                unit=unit_of(q.name) or "1",
-                bounds=f"from {q.low:g} to {q.high:g}",
-                default=f"{q.default:g}",
-                table=_first_sentence(words),
-                source=effect.source,
-            )
-            for q in effect.parameters
+    effect = library()[name]
+    words = import_module(next(iter(effect.laws.values())).__module__).__doc__ or ""
+    rigs = tuple(kind for kind, rig in RIGS.items() if all(port in rig.ports for port in effect.laws))
+    parameters = tuple(
+        Key(
+            f"effects.{name}.{q.name}", "prototype", q.meaning, "a number", unit_of(q.name) or "1",
+            f"from {q.low:g} to {q.high:g}", f"{q.default:g}", _first_sentence(words), effect.source,
         )
-        in_proofs = (effect.linear.covers, effect.linear.leaves_out) if effect.linear else ("", "")
-        told = effect.subsystem, " ".join(words.split()), effect.source
-        found.append(EffectEntry(name, *told, *in_proofs, rigs, parameters))
-    return tuple(found)
+        for q in effect.parameters
+    )  # fmt: skip
+    in_proofs = (effect.linear.covers, effect.linear.leaves_out) if effect.linear else ("", "")
+    told = effect.subsystem, " ".join(words.split()), effect.source
+    return EffectEntry(name, *told, *in_proofs, rigs, parameters)
 
 
 def find(word: str) -> tuple[Key, ...]:
@@ -145,8 +142,11 @@ def find(word: str) -> tuple[Key, ...]:
 
 
 def effect_named(word: str) -> EffectEntry | None:
-    """The effect of that name, also given as `effects.NAME`."""
-    return next((effect for effect in effects() if word.strip("[]").removeprefix("effects.") == effect.name), None)
+    """The effect of that name, also given as `effects.NAME`; laws to be learnt among them."""
+    from beamdesign.plant.effects import library
+
+    name = word.strip("[]").removeprefix("effects.")
+    return _entry(name) if name in library() else None
 
 
 def words() -> tuple[str, ...]:

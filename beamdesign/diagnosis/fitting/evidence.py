@@ -13,7 +13,7 @@ import numpy as np
 from beamdesign.diagnosis.data.dataset import Dataset, TimeRecord
 from beamdesign.diagnosis.fitting.fit import Evidence
 from beamdesign.diagnosis.fitting.gain_evidence import GainEvidence
-from beamdesign.diagnosis.fitting.hypothesis import Placement, Unknown
+from beamdesign.diagnosis.fitting.hypothesis import Placement, Unknown, given
 from beamdesign.diagnosis.fitting.linear_evidence import ResponseEvidence
 from beamdesign.diagnosis.fitting.weighting import SHARE, Weighting, banded, blurred, weighting
 from beamdesign.plant.assembly import OUTPUTS, Structure, assemble, parameters_of
@@ -51,7 +51,8 @@ class Replay:
         """(P,) parameters with the unknowns at z, in the order of the assembly of `placed`."""
         effects = placement.assembly.kinds.effects
         if effects not in self._nominal:
-            rig = self.prototype.but(controller=self.record.controller, effects={name: {} for name in effects})
+            tables = {name: given(name, self.prototype) for name in effects}
+            rig = self.prototype.but(controller=self.record.controller, effects=tables)
             figures = parameters_of(rig, self.record.outer_end_mass, self.record.inner_end_mass)
             self._nominal[effects] = np.array(list(figures.values()))
         return self.placed(placement).parameters(self._nominal[effects], z)

@@ -6,6 +6,7 @@ tolerance; a parameter of an effect likewise about its default, or default + s z
 three standard deviations off, whatever its unit.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cache, cached_property
 from itertools import combinations
@@ -17,7 +18,7 @@ import numpy as np
 from beamdesign.controllers import Controller, Proportional
 from beamdesign.parameters import PARAMETERS, RIG_TOLERANCES
 from beamdesign.plant.assembly import Assembly, Structure, assemble, fits, parameters_of
-from beamdesign.plant.effects import library
+from beamdesign.plant.effects import causes, library
 from beamdesign.plant.electronics import Law
 from beamdesign.prototype import Prototype
 
@@ -105,13 +106,19 @@ HEED_SUPPLY = ("entrained_air", "entrained_air_with_stroke")
 """Effects that depend on the chambers' mean pressure, half the supply, which no tolerance vouches for."""
 
 
+def given(name: str, prototype: Prototype) -> Mapping[str, float]:
+    """Parameters of an effect that no fit moves: of a learnt law, its scales and whatever else the prototype states."""
+    return prototype.effects.get(name, {}) if library()[name].nearest else {}
+
+
 def of_effects(names: tuple[str, ...], prototype: Prototype) -> tuple[Unknown, ...]:
-    """The parameters of effects of the library, by their names."""
+    """The parameters of effects of the library, by their names; those of learnt laws that are not `given`."""
     supply = Unknown(SUPPLY, prototype.supply.pressure_Pa, _SUPPLY_SPREAD, False, 1e6, 60e6, "effect")
     own = (
         Unknown(f"{name}.{q.name}", float(q.default), q.spread, q.low <= 0, q.low, q.high, "effect")
         for name in names
         for q in library()[name].parameters
+        if q.name not in given(name, prototype)
     )
     return (*([supply] if set(names) & set(HEED_SUPPLY) else []), *own)
 
@@ -255,10 +262,16 @@ def singles(prototype: Prototype) -> tuple[Hypothesis, ...]:
 
     A filter slower than believed is the effect `sensor_lag`, and no figure of its own.
     """
-    effects = [Hypothesis((name,)) for name in library() if fits(name, prototype.rig)]
+    effects = [Hypothesis((name,)) for name in causes() if fits(name, prototype.rig)]
     keys = dict.fromkeys(RIG_TOLERANCES[u.name] for u in tolerated(prototype, tuple(RIG_TOLERANCES)))
     keys.pop("sensor_filter", None)
     return (*effects, *(Hypothesis((WRONG + key,)) for key in keys))
+
+
+def learnable(prototype: Prototype) -> tuple[Hypothesis, ...]:
+    """Every law that data of a rig may teach, one at a time."""
+    laws = (name for name, effect in library().items() if effect.nearest is not None)
+    return tuple(Hypothesis((name,)) for name in laws if fits(name, prototype.rig))
 
 
 def pairs(of: tuple[Hypothesis, ...]) -> tuple[Hypothesis, ...]:
@@ -276,4 +289,4 @@ def subsystem(name: str) -> str:
     """Where a cause sits."""
     if name.startswith(WRONG):
         return _SUBSYSTEM_OF[name.removeprefix(WRONG)]
-    return library()[name].subsystem
+    return next(effect.subsystem for effect in library().values() if name in (effect.name, effect.realises))

@@ -179,6 +179,8 @@ def kind_of_effect(name: str) -> str:
     t, x, u, p = (ca.SX.sym(n, *assembly.function.size_in(k)) for k, n in enumerate("txup"))
     rate, y = assembly.function(t, x, u, p)
     slopes = ca.jacobian(ca.vertcat(rate, y), ca.vertcat(x, u))
+    if ca.depends_on(ca.vertcat(rate, y), t):
+        return "drifting"
     bent = any(ca.which_depends(ca.vec(slopes), ca.vertcat(x, u), 1, True))
     return "static" if bent else "linear"
 
@@ -232,7 +234,7 @@ def locate(
     scores = weighed(indicators)
     place = next(iter(scores))
     known = causes and unknown <= 0.5 and indicators[0].favourite == place
-    kind = kind_of_effect(causes[0].name) if known else ""
+    kind = kind_of_effect(chosen.hypothesis.realisation(causes[0].name)) if known else ""
     shown = [o.indicator for o in indicators]
     band, condition = (0.0, 0.0), ""
     if seen is not None:

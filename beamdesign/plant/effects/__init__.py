@@ -1,4 +1,4 @@
-"""The library of effects: every file of this folder holds one, found by being there."""
+"""The library of effects: every file of this folder holds one, found by being there; beside them laws to be learnt."""
 
 import difflib
 from collections.abc import Mapping
@@ -7,12 +7,13 @@ from importlib import import_module
 from pkgutil import iter_modules
 
 from beamdesign.plant.effect import Effect
+from beamdesign.plant.empirical import laws
 from beamdesign.records import Problem
 
 
 @cache
 def library() -> dict[str, Effect]:
-    """All effects by name, in alphabetical order.
+    """All effects by name, in alphabetical order, then the laws that are learnt from data.
 
     Raises:
         ValueError: where a file's name is not that of its effect.
@@ -23,7 +24,12 @@ def library() -> dict[str, Effect]:
         if effect.name != module.name:
             raise ValueError(f"{module.name} holds the effect {effect.name}")
         found[effect.name] = effect
-    return found
+    return found | {effect.name: effect for effect in laws()}
+
+
+def causes() -> dict[str, Effect]:
+    """Those that are causes by themselves."""
+    return {name: effect for name, effect in library().items() if effect.nearest is None}
 
 
 def register(effect: Effect) -> None:

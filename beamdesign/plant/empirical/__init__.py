@@ -1,0 +1,349 @@
+"""Laws learnt from data: what stands at a port of a rig for a cause that no effect of the library is.
+
+Each adds to a port's signal a function of a local variable: a static curve, loops, dynamics, a slow change. They are
+effects like any other, named `empirical_PORT_LAW`. Those of their parameters that say for which size of motion they
+stand (`reach`, `size`) a diagnosis takes from the data, and fits the others.
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from math import pi
+from typing import Any
+
+import casadi as ca
+from flint import fmpq
+
+from beamdesign.plant.effect import TWO_PI, Effect, Elements, Law, Linear, Operation, Parameter, Site, Span
+from beamdesign.plant.empirical.places import PLACES, Place, Signal
+
+_USUAL = {"m": 1e-3, "N": 500.0, "m_per_s": 0.1, "Pa": 5e6, "m3_per_s": 5e-5, "A": 5e-3, "V": 1.0}
+"""Sizes that a prototype which names a law alone gets."""
+_TERMS = {"odd_square": "u |u|", "cube": "u^3", "square": "u^2", "one_sided": "|u|"}
+_ODD, _CUBE, _EVEN, _SIDED = _TERMS
+_POINTS = 10  # of a curve's table, to either side
+_FURTHEST = 2.0  # of the reach: beyond, where no data were, a curve is level
+_WIDTHS = {"narrow": 0.1, "wide": 0.5}  # of the reach: what the deflection of a loop settles within
+_QUICKEST = 1e4  # 1/s, of that deflection, as in `seal_friction`
+
+
+def laws() -> tuple[Effect, ...]:
+    """All laws at all places."""
+    return tuple(_KINDS[kind](place, kind) for place in PLACES for kind in place.laws)
+
+
+def _effect(
+    place: Place,
+    kind: str,
+    law: Callable[[Any, Site], Any],
+    parameters: tuple[Parameter, ...],
+    linear: Linear | None,
+    nearest: Callable[[Mapping[str, float]], str],
+    states: tuple[str, ...] = (),
+    memory: tuple[str, ...] = (),
+    scales: Mapping[str, str] | None = None,
+    table: Callable[[Mapping[str, float]], Mapping[str, tuple[float, ...]]] | None = None,
+) -> Effect:
+    """An effect of what a law adds at its place."""
+
+    def at(sign: int) -> Law:
+        return lambda signal, site: signal + sign * law(signal, site)
+
+    return Effect(
+        name=f"empirical_{place.name}_{kind}",
+        subsystem=place.subsystem,
+        laws={port: at(sign) for port, sign in place.ports.items()},
+        parameters=parameters,
+        states=states,
+        source="learnt from the data of one rig",
+        memory=memory,
+        linear=linear,
+        realises=f"empirical:{place.name}",
+        nearest=nearest,
+        scales=scales or {},
+        table=table,
+    )
+
+
+def _scale(name: str, of: tuple[str, str], words: str) -> tuple[Parameter, dict[str, str]]:
+    """A parameter that is taken from the data, and the signal that it is the size of."""
+    unit, signal = of
+    return Parameter(f"{name}_{unit}", _USUAL[unit], 1e-15, 1e12, 0.5, words), {f"{name}_{unit}": signal}
+
+
+def _slope(
+    place: Place,
+    words: str,
+    leaves_out: str,
+    span: Callable[[Mapping[str, float]], Span],
+    of: Signal | None = None,
+    dashpot: bool = False,
+) -> Linear | None:
+    """What stands for a law by its slopes: springs or dashpots from the least to the largest, or factors on the gain.
+
+    Args:
+        place: of the law.
+        words: what the slopes are of.
+        leaves_out: of the effect.
+        span: slopes, of what is added over what it is a function of.
+        of: that, where the place has a motion.
+        dashpot: whether that is the rate of the motion.
+    """
+    if len(place.ports) > 1:  # nothing that proofs are made of leaks
+        return None
+    if place.motion is None or of is None:
+
+        def gain(own: Mapping[str, float], at: Operation) -> Span:
+            found = span(own)
+            if found.low <= -1:
+                raise ValueError("it takes all of the loop's gain within its reach")
+            return Span(1 + found.low, 1 + found.high, 1 + found.rest)
+
+        return Linear(f"{words}, as a factor on the gain", leaves_out, laws={}, gain=gain)
+    motion, (port,) = place.motion, place.ports
+    key, before = ("slope_N_s_per_m", (fmpq(0),)) if dashpot else ("slope_N_per_m", ())
+    return Linear(
+        f"{words}, as a {'dashpot' if dashpot else 'spring'}",
+        leaves_out,
+        laws={port: lambda signal, site: signal + site.parameter[key] * of(signal, site)},
+        figures={key: lambda own, at: span(own)},
+        elements=lambda own, figure: Elements(((motion, (*before, own[key])),)),
+    )
+
+
+def _curve(place: Place, kind: str) -> Effect:
+    argument, *of = place.argument
+    reach, read = _scale("reach", (of[0], of[1]), "size of the local variable in the data, u = 1")
+    size, sized = _scale("size", place.size, "size of the port's own signal in the data")
+
+    def law(signal: Any, site: Site) -> Any:
+        u = ca.fmin(ca.fmax(argument(signal, site) / site.parameter[reach.name], -_FURTHEST), _FURTHEST)
+        return site.parameter[size.name] * curve(site.parameter, u)
+
+    def slopes(own: Mapping[str, float]) -> Span:
+        low, high = (end * own[size.name] / own[reach.name] for end in _slopes(own))
+        return Span(low, high, 0.0)
+
+    def nearest(own: Mapping[str, float]) -> str:
+        odd, even = own[_ODD] + own[_CUBE], own[_EVEN] + own[_SIDED]
+        if abs(even) > abs(odd):
+            return _UNEVEN.get(place.name, "a curve that differs by sign")
+        return _GROWING.get(place.name, ("a gain that falls with size", "a gain that grows with size"))[int(odd > 0)]
+
+    terms = (Parameter(term, 0.0, -3.0, 3.0, 0.3, f"of the size, times {u}") for term, u in _TERMS.items())
+
+    def table(own: Mapping[str, float]) -> Mapping[str, tuple[float, ...]]:
+        places = [k / _POINTS for k in range(-_POINTS, _POINTS + 1)]
+        added = tuple(float(own[size.name] * curve(own, u)) for u in places)
+        return {of[1]: tuple(own[reach.name] * u for u in places), f"added_{place.size[0]}": added}
+
+    words = "every slope of the curve within its reach"
+    linear = _slope(place, words, "motion beyond the reach", slopes, argument, place.dashpot)
+    return _effect(place, kind, law, (*terms, reach, size), linear, nearest, scales=read | sized, table=table)
+
+
+_GROWING = {
+    "outer_reaction": ("a spring that softens", "a spring that hardens"),
+    "inner_reaction": ("a spring that softens", "a spring that hardens"),
+    "friction": ("a push that grows with speed", "drag that grows faster than speed"),
+    "leakage": ("leakage that falls with pressure", "leakage that grows with pressure"),
+    "sensor": ("a sensor that flattens at its ends", "a sensor that steepens at its ends"),
+}
+"""What odd curves are like, the falling and the growing one."""
+_UNEVEN = {
+    "outer_reaction": "a spring that pulls on one side, as a cable does",
+    "inner_reaction": "a spring that pulls on one side",
+    "friction": "drag that differs by direction",
+    "leakage": "a leak to one side",
+    "sensor": "a sensor that is curved",
+}
+
+
+def curve(own: Mapping[str, Any], u: Any) -> Any:
+    """Sum of the terms of a curve at u, of the size."""
+    return own[_ODD] * u * ca.fabs(u) + own[_CUBE] * u**3 + own[_EVEN] * u**2 + own[_SIDED] * ca.fabs(u)
+
+
+def _slopes(own: Mapping[str, float]) -> tuple[float, float]:
+    """Least and largest slope of a curve within its reach; u in (-1, 0) and (0, 1) each have a parabola."""
+    found = []
+    for side in (1, -1):
+        constant, linear, square = own[_SIDED] * side, 2 * (own[_ODD] * side + own[_EVEN]), 3 * own[_CUBE]
+        turn = -linear / (2 * square) if square else 0.0
+        places = (0.0, float(side), *((turn,) if 0 < turn * side < 1 else ()))
+        found += [constant + linear * u + square * u**2 for u in places]
+    return min(found), max(found)
+
+
+def _loop(place: Place, kind: str) -> Effect:
+    assert place.travel is not None  # else it takes none
+    travel, rate, unit, signal = place.travel
+    reach, read = _scale("reach", (unit, signal), "size of the travel in the data")
+    size, sized = _scale("size", place.size, "size of the port's own signal in the data")
+
+    def law(signal: Any, site: Site) -> Any:
+        own, added = site.parameter, 0.0
+        for name, width in _WIDTHS.items():
+            pace = rate(signal, site) / (width * own[reach.name])
+            pace = pace / ca.sqrt(1 + (pace / _QUICKEST) ** 2)
+            site.rate[name] = pace - ca.fabs(pace) * site.state[name]
+            added += own[name] * site.state[name]
+        return own[size.name] * added
+
+    def slopes(own: Mapping[str, float]) -> Span:
+        """At most twice that at rest, where deflections are turned back from full."""
+        slope = sum(own[name] / width for name, width in _WIDTHS.items()) * own[size.name] / own[reach.name]
+        return Span(0.0, 2 * slope, slope, (0.0, 0.0))
+
+    words = "the loops from none while they slide to their stiffest after a reversal, performance while they slide"
+    linear = _slope(place, words, "stick-slip", slopes, travel)
+    assert linear is not None  # there is a motion
+    heights = (
+        Parameter(name, 0.05, 0.0, 3.0, 0.2, f"height over the size of a loop that turns over in {w:g} of the reach")
+        for name, w in _WIDTHS.items()
+    )
+    own, parameters = tuple(_WIDTHS), (*heights, reach, size)
+    words = "friction" if place.dashpot else "friction between layers, or of a cable"
+    return _effect(
+        place,
+        kind,
+        law,
+        parameters,
+        replace(linear, near_rest="compliance"),
+        lambda found: words,
+        own,
+        own,
+        read | sized,
+    )
+
+
+def _lag(place: Place, kind: str) -> Effect:
+    """A share that comes late. Of a spring: a part that relaxes (Zener's solid)."""
+    argument = place.argument[0]
+
+    def law(signal: Any, site: Site) -> Any:
+        late, value = site.state["late"], argument(signal, site)
+        site.rate["late"] = 2 * pi * site.parameter["break_Hz"] * (value - late)
+        of = site.figure[place.stiffness] if place.stiffness else -1
+        return of * site.parameter["share"] * (value - late)
+
+    def elements(own: Mapping[str, fmpq], figure: Mapping[str, fmpq]) -> Elements:
+        w, share = TWO_PI * own["break_Hz"], own["share"]
+        if place.motion is None:
+            return Elements(volts=(((w, 1 - share), (w, fmpq(1))),))
+        spring = figure[place.stiffness] * share
+        late = {"late": fmpq(1)}
+        return Elements((({**place.motion, "late": fmpq(-1)}, (spring,)), (late, (fmpq(0), spring / w))))
+
+    # A lag of what goes to the valve is none of what all sensors of a law say, which is all that elements know.
+    proved = place.name == "sensor" or place.motion is not None
+    linear = Linear("as it is", elements=elements) if proved else None
+    words = "of the beam's stiffness, in series with a dashpot" if place.stiffness else "of the signal that comes late"
+    parameters = (
+        Parameter("share", 0.1, -0.45, 1.0, 0.2, words),
+        Parameter("break_Hz", 30.0, 0.2, 2000.0, 1.2, "of the lag"),
+    )
+    name = "material that relaxes" if place.stiffness else "a part of the signal that comes late"
+    return _effect(place, kind, law, parameters, linear, lambda own: name, states=("late",))
+
+
+def _appendage(place: Place, kind: str) -> Effect:
+    beam = place.name.removesuffix("_reaction")
+
+    def law(signal: Any, site: Site) -> Any:
+        own, state, w = site.parameter, site.state, 2 * pi * site.parameter["frequency_Hz"]
+        apart, opening = site.port[f"{beam}_m"] - state["at_m"], site.port[f"{beam}_m_per_s"] - state["at_m_per_s"]
+        pull = w**2 * apart + 2 * own["damping_ratio"] * w * opening
+        site.rate["at_m"], site.rate["at_m_per_s"] = state["at_m_per_s"], pull
+        return own["mass_kg"] * pull
+
+    def elements(own: Mapping[str, fmpq], figure: Mapping[str, fmpq]) -> Elements:
+        w, mass = TWO_PI * own["frequency_Hz"], own["mass_kg"]
+        tip = {name: weight for name, weight in (place.motion or {}).items() if name != "base"}
+        swings = {"appendage": fmpq(1)}
+        tied = (mass * w**2, 2 * own["damping_ratio"] * w * mass)
+        return Elements(((tip | {"appendage": fmpq(-1)}, tied), (swings, (fmpq(0), fmpq(0), mass))))
+
+    parameters = (
+        Parameter("mass_kg", 0.3, 1e-3, 20.0, 1.0, "of what swings on the tip"),
+        Parameter("frequency_Hz", 40.0, 2.0, 500.0, 0.8, "of it with the tip held"),
+        Parameter("damping_ratio", 0.03, 1e-3, 1.0, 0.8, "of it with the tip held"),
+    )
+
+    def nearest(own: Mapping[str, float]) -> str:
+        return f"{own['mass_kg']:.2g} kg that swing on the {beam} beam at {own['frequency_Hz']:.3g} Hz"
+
+    linear, own = Linear("as it is", elements=elements), ("at_m", "at_m_per_s")
+    return _effect(place, kind, law, parameters, linear, nearest, own)
+
+
+def _resonance(place: Place, kind: str) -> Effect:
+    def law(signal: Any, site: Site) -> Any:
+        own, state, w = site.parameter, site.state, 2 * pi * site.parameter["frequency_Hz"]
+        apart = signal - state["seen"]
+        site.rate["seen"] = state["seen_per_s"]
+        site.rate["seen_per_s"] = w**2 * apart - 2 * own["damping_ratio"] * w * state["seen_per_s"]
+        return -own["share"] * apart
+
+    def elements(own: Mapping[str, fmpq], figure: Mapping[str, fmpq]) -> Elements:
+        w, kept = TWO_PI * own["frequency_Hz"], 1 - own["share"]
+        below = (w**2, 2 * own["damping_ratio"] * w, fmpq(1))
+        return Elements(volts=(((w**2, kept * below[1], kept), below),))
+
+    parameters = (
+        Parameter("share", 0.5, -1.0, 1.0, 0.4, "of the signal that passes the resonance"),
+        Parameter("frequency_Hz", 200.0, 20.0, 1500.0, 0.8, "of the resonance"),
+        Parameter("damping_ratio", 0.03, 1e-3, 1.0, 0.8, "of the resonance"),
+    )
+
+    def nearest(own: Mapping[str, float]) -> str:
+        return f"a resonance of the {place.name} at {own['frequency_Hz']:.3g} Hz, as of its holder"
+
+    linear, own = Linear("as it is", elements=elements), ("seen", "seen_per_s")
+    return _effect(place, kind, law, parameters, linear, nearest, own)
+
+
+def _droop(place: Place, kind: str) -> Effect:
+    argument = place.argument[0]
+    size, sized = _scale("size", place.size, "size of the port's own signal in the data")
+
+    def law(signal: Any, site: Site) -> Any:
+        value, own = argument(signal, site), site.parameter
+        site.rate["used"] = own["rate_per_s"] * (ca.fabs(value) / own[size.name] - site.state["used"])
+        return -own["depth"] * site.state["used"] * value
+
+    def factor(own: Mapping[str, float]) -> Span:
+        """Of a flow that stays at the size."""
+        return Span(min(0.0, -own["depth"]), max(0.0, -own["depth"]), 0.0)
+
+    parameters = (
+        Parameter("depth", 0.05, -0.5, 0.9, 0.2, "share lost under a steady signal of the size"),
+        Parameter("rate_per_s", 10.0, 0.1, 1000.0, 1.2, "at which it is lost, and comes back"),
+        size,
+    )
+    words, left = "no loss, to that of a steady signal of the size", "what the loss does while it changes"
+    linear, like = _slope(place, words, left, factor), "a supply that droops under flow"
+    return _effect(place, kind, law, parameters, linear, lambda own: like, ("used",), scales=sized)
+
+
+def _drift(place: Place, kind: str) -> Effect:
+    argument = place.argument[0]
+    within = Parameter("within_s", 4.0, 1e-3, 1e6, 0.5, "length of the records")
+
+    def factor(own: Mapping[str, float]) -> Span:
+        """From the start of a record to its end."""
+        end = own["change_per_s"] * own["within_s"]
+        return Span(min(0.0, end), max(0.0, end), 0.0)
+
+    def law(signal: Any, site: Site) -> Any:
+        return site.parameter["change_per_s"] * site.time * argument(signal, site)
+
+    change = Parameter("change_per_s", 0.02, -1.0, 1.0, 0.05, "relative change of the gain in time, from the start on")
+    words, left = "every gain from start to end of a record", "longer runs, and what the change does while it goes on"
+    linear, like = _slope(place, words, left, factor), "a gain that drifts, as by oil or electronics that warm up"
+    return _effect(place, kind, law, (change, within), linear, lambda own: like, scales={within.name: ""})
+
+
+_KINDS = {
+    "curve": _curve, "loop": _loop, "lag": _lag, "appendage": _appendage, "resonance": _resonance, "droop": _droop,
+    "drift": _drift,
+}  # fmt: skip

@@ -1,0 +1,90 @@
+"""Where laws are learnt: ports of a rig, with the local variables that a law there may be a function of."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from flint import fmpq
+
+from beamdesign.plant.effect import Site
+
+Signal = Callable[[Any, Site], Any]
+"""From the signal of the port itself and the site to a local variable."""
+
+
+def _own(signal: Any, site: Site) -> Any:
+    return signal
+
+
+def _at(name: str) -> Signal:
+    return lambda signal, site: site.port[name]
+
+
+def _bending(of: str, unit: str) -> Signal:
+    return lambda signal, site: site.port[f"{of}_{unit}"] - site.port[f"mount_{unit}"]
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where laws are learnt.
+
+    Attributes:
+        name: of the port, without its unit.
+        subsystem: that it is in.
+        ports: where a law adds, with its sign there.
+        size: unit suffix of what is added, and the signal of a linear rig that tells its size.
+        argument: of a curve, its unit suffix, and the signal that tells its reach.
+        laws: kinds that it takes.
+        travel: of a loop and its rate, with unit suffix and signal; None where it takes none.
+        stiffness: figure of the rig that a lag takes a share of; empty where it takes one of the port's own signal.
+        motion: what a linear spring or dashpot resists there; None where a slope is a factor on the loop's gain.
+        dashpot: whether a curve's argument is the rate of that motion.
+    """
+
+    name: str
+    subsystem: str
+    ports: Mapping[str, int]
+    size: tuple[str, str]
+    argument: tuple[Signal, str, str]
+    laws: tuple[str, ...]
+    travel: tuple[Signal, Signal, str, str] | None = None
+    stiffness: str = ""
+    motion: Mapping[str, fmpq] | None = None
+    dashpot: bool = False
+
+
+def _beam(name: str, coordinate: str) -> Place:
+    bent = f"{name}_m"
+    return Place(
+        f"{name}_reaction", "structure", {f"{name}_reaction_N": 1}, ("N", f"{name}_reaction_N"),
+        (_bending(name, "m"), "m", bent), ("curve", "loop", "lag", "appendage"),
+        (_bending(name, "m"), _bending(name, "m_per_s"), "m", bent), f"{name}_stiffness",
+        {coordinate: fmpq(1), "base": fmpq(-1)},
+    )  # fmt: skip
+
+
+def _series(subsystem: str, name: str, unit: str, *laws: str) -> Place:
+    """A port whose signal goes on to the next: a law there is of that signal alone."""
+    port = f"{name}_{unit}"
+    return Place(name, subsystem, {port: 1}, (unit, port), (_own, unit, port), laws)
+
+
+PLACES = (
+    _beam("outer", "first"),
+    _beam("inner", "inner"),
+    Place(
+        "friction", "actuator", {"friction_N": 1}, ("N", "actuator_force_N"),
+        (_at("sliding_m_per_s"), "m_per_s", "stroke_m_per_s"), ("curve", "loop"),
+        (_at("sliding_m"), _at("sliding_m_per_s"), "m", "stroke_m"), motion={"slide": fmpq(1)}, dashpot=True,
+    ),
+    Place(
+        "leakage", "actuator", {"leakage_a_m3_per_s": 1, "leakage_b_m3_per_s": -1}, ("m3_per_s", "metered_m3_per_s"),
+        (lambda signal, site: site.port["pressure_a_Pa"] - site.port["pressure_b_Pa"], "Pa", "load_pressure_Pa"),
+        ("curve",),
+    ),
+    _series("servovalve", "metered", "m3_per_s", "curve", "droop", "drift"),
+    _series("servovalve", "spool", "A", "curve", "lag"),
+    _series("amplifier", "current", "A", "curve", "lag"),
+    _series("amplifier", "motor_demand", "A", "curve", "lag", "drift"),
+    _series("sensor", "sensor", "V", "curve", "lag", "resonance", "drift"),
+)  # fmt: skip
