@@ -140,7 +140,7 @@ def echo_diagnosis(found: "Diagnosis") -> None:
         if cause.name in found.chosen or cause.probability > _WORTH_FIGURES:
             for key, q in cause.parameters.items():
                 echo(f"{cause.name}: {key} = {q.value:.4g} ± {q.std:.2g}")
-            for flag in cause.flags:
+            for flag in (f"like {cause.like}",) * bool(cause.like) + cause.flags:
                 echo(f"{cause.name}: {flag}")
     where = found.where
     if where.subsystem:

@@ -16,6 +16,7 @@ from beamdesign.diagnosis.diagnosis import (
     Gap,
     Verdict,
     Where,
+    in_words,
     listed,
     no_surer,
     unfinished,
@@ -145,11 +146,10 @@ def _diagnosed(data: Dataset, workers: int, progress: Progress, kept: FitCache |
                 again = second_look(data, found, workers, _between(0.7, 0.86, progress), kept)
         except TimeUp:
             leave_out("a joint that hammers in its play, a loop that oscillates by itself")
+    if again is None:
         try:
             with share(_SECOND, within_steps=True):
-                if again is None:
-                    said = _between(0.86, 0.96, progress)
-                    learnt = learn(data, kept_out, found, judged, workers, said, kept)
+                learnt = learn(data, kept_out, found, judged, workers, _between(0.86, 0.96, progress), kept)
         except TimeUp:
             leave_out("a law learnt from the records")
     if again is not None:
@@ -188,8 +188,7 @@ def _diagnosed(data: Dataset, workers: int, progress: Progress, kept: FitCache |
     doubtful, left = examined.limits_confidence or not confirmed(synchronised), left_out()
     verdict = no_surer(verdict_of(judged, doubtful), left)
     progress(1.0, "where the gap lies")
-    unknown = judged.unknown if learnt is None else 0.0
-    where = locate(data, found, best, evidence, [c for c in ranked if c.name in chosen], unknown)
+    where = locate(data, found, best, evidence, [c for c in ranked if c.name in chosen], judged.unknown)
     return Diagnosis(
         data.name,
         verdict,
@@ -285,4 +284,7 @@ def sentences(
         case _:
             place = f" It lies in the {where.subsystem}." if where.subsystem else ""
             first = f"Nothing that {'is known here' if complete else 'was compared'} explains the gap.{place}"
+            learnt = [f"{c.like} at the port {in_words(c.name.partition(':')[2])}" for c in causes if c.like]
+            learnt += [words[c.name] for c in causes if c.name in chosen and not c.like] if learnt else []
+            first += f" Learnt from the records: {listed(learnt)}." if learnt else ""
     return f"{first} {errors}"

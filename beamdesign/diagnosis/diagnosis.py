@@ -17,6 +17,7 @@ from beamdesign.diagnosis.fitting.search import Search
 from beamdesign.diagnosis.separability import Separability
 from beamdesign.json_text import finite, picked
 from beamdesign.parameters import PARAMETERS
+from beamdesign.plant.effects import library
 from beamdesign.prototype import Beam, Prototype
 from beamdesign.records import Record
 from beamdesign.result import Result
@@ -306,7 +307,7 @@ class Diagnosis(Generic[Rig], Result):
 
 def in_words(names: str) -> str:
     """Names of causes as sentences have them."""
-    return names.replace("parameter:", "a wrong ").replace("_", " ")
+    return names.replace("parameter:", "a wrong ").replace("empirical:", "a law at the port ").replace("_", " ")
 
 
 def listed(names: Sequence[str], word: str = "and") -> str:
@@ -338,7 +339,7 @@ def updated_prototype(prototype: Prototype, found: Fit) -> Prototype:
         for part in ("stiffness", "mass"):
             figures[f"{beam}_damping"] *= sqrt(figures[f"{beam}_{part}"] / nominal[f"{beam}_{part}"])
     # What scales laws that were tried and not chosen goes.
-    effects: dict[str, dict[str, float]] = {n: dict(t) for n, t in prototype.effects.items() if not given(n, prototype)}
+    effects = {name: dict(table) for name, table in prototype.effects.items() if library()[name].nearest is None}
     for name in found.hypothesis.effects:
         own = {key.removeprefix(f"{name}."): value for key, value in found.values.items() if key.startswith(f"{name}.")}
         effects[name] = {**given(name, prototype), **own}

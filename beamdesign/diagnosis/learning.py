@@ -7,6 +7,7 @@ from, and that it counts only where records left out of its fit say that it clos
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from hashlib import sha256
 
 import numpy as np
 
@@ -22,11 +23,16 @@ from beamdesign.diagnosis.where.residuals import residuals
 from beamdesign.plant.effects import library
 from beamdesign.progress import Progress, silent
 
+_UNLISTED = 0.5  # probability: a listed cause that is more probable than none of them has to be beaten
+_DOUBTED = 0.1  # probability that the cause is not listed, from which laws are learnt
+_EXPLAINED = 0.15  # of the excess misfit: what leaves less explains the gap
+_BETTER = 0.35  # of what the listed cause leaves: what a law has to stay below against it
 _FULL = 5  # laws fitted in full: the best at a look
 _BESIDE = 0.7  # of the excess misfit: what the best listed cause has to stay below for laws to be learnt beside it
 _HALF = 0.5  # of the evidence, that which tolerances explain least, tells which laws are worth fitting
-_WORTH = 0.6  # of the excess misfit: what a law has to stay below
-_CLOSES = 0.7  # of the mean square error of tolerances alone on records held out: what a law has to stay below
+_WORTH = 0.6  # of the excess misfit: what a law has to stay below where no listed cause is probable
+_CLOSES = 0.7  # of the mean square error of the other on records held out: what a law has to stay below
+_IDLE = 2.5  # standard errors: terms of a curve below are none
 _STEP = 1e-3  # of a standard error
 
 
@@ -56,7 +62,7 @@ def learn(
     progress: Progress = silent,
     kept: FitCache | None = None,
 ) -> Learning | None:
-    """Learn a law for a gap that nothing listed explains.
+    """Learn a law for a gap that nothing listed explains, or only in part.
 
     Args:
         data: with time records.
@@ -68,38 +74,63 @@ def learn(
         kept: fits of an earlier run.
 
     Returns:
-        None where no law explains much, or records held out say that it does not.
+        None where no law explains much more than what is listed does, or records held out say that it does not.
     """
-    if not held_out:
+    contested = judged.unknown <= _UNLISTED
+    rival, enough = (judged.best, _BETTER) if contested else (before.null, _WORTH)
+    if not held_out or judged.unknown < _DOUBTED or before.excess(rival) < _EXPLAINED:
         return None
     scaled = with_scales(data, before.null)
-    kept = None if kept is None else replace(kept, prototype=scaled.prototype, part=(*kept.part, "learnt"))
-    alone, pieces = learnable(scaled.prototype), len(before.null.shares)
-    worst = sorted(range(pieces), key=lambda k: -before.null.shares[k].c)[: max(1, round(_HALF * pieces))]
-    with Fitters(scaled, workers, kept) as fitters:
-        tasks = [Task(h, before.null.values, on=tuple(sorted(worst))) for h in alone]
-        looks = fitters(tasks, lambda k: progress(0.5 * k / len(tasks), "laws of each port"))
-        best = [f.hypothesis for f in sorted(looks, key=lambda f: f.cost) if not f.reason][:_FULL]
-        starts = {f.hypothesis: f.values for f in looks if not f.reason}
-        full = [Task(h, before.null.values, starts[h]) for h in best]
-        if before.fits and before.excess(before.fits[0]) < _BESIDE:
-            listed = before.fits[0]
-            full += [Task(listed.hypothesis | h, listed.values, starts[h]) for h in best]
-        found = fitters(full, lambda k: progress(0.5 + 0.5 * k / len(full), "laws learnt"))
+    found = _fitted(scaled, before, workers, progress, _of(kept, scaled))
     laws = replace(before, fits=tuple(best_of_each(found)))
     weighed = judge(laws)
-    if not weighed.best.hypothesis.names or laws.excess(weighed.best) > _WORTH:
+    if not weighed.best.hypothesis.names or laws.excess(weighed.best) > enough * before.excess(rival):
         return None
+    scaled = without_idle_terms(scaled, weighed.best)
+    with Fitters(scaled, 1, _of(kept, scaled)) as fitters:
+        (best,) = fitters.each(Task(weighed.best.hypothesis, weighed.best.values))
     seen = replace(scaled, records=tuple(r for k, r in enumerate(scaled.records) if k not in held_out))
-    refitted = refit(seen, weighed.best, workers, kept)
+    null, without = refit(seen, best, workers, _of(kept, scaled))
+    other = refit(seen, rival, workers, kept)[1] if contested else null
     out = [piece for k, piece in enumerate(record_evidence(scaled)) if k in held_out]
-    left = [errors(piece, scaled.prototype, *refitted, weighed.best) for piece in out]
-    if sum(np.mean(e.after**2) for e in left) > _CLOSES * sum(np.mean(e.tuned**2) for e in left):
+    left, left_by_rival = (
+        sum(float(np.mean(errors(piece, scaled.prototype, null, fit, fit).after ** 2)) for piece in out)
+        for fit in (without, other)
+    )
+    if left > _CLOSES * left_by_rival:
         return None
-    share = {h: p * judged.unknown / max(1 - weighed.unknown, 1e-9) for h, p in weighed.of.items() if h.names}
-    total = Judgement(judged.of | share, judged.unknown, weighed.best)
-    everything = replace(before, fits=tuple(sorted((*before.fits, *found), key=lambda f: f.cost)))
-    return Learning(scaled, everything, total, refitted)
+    # What a law explains of what is left by the best that is listed speaks for something that is not.
+    unknown = max(judged.unknown, 1 - laws.excess(best) / before.excess(rival)) if contested else judged.unknown
+    listed = {h: p * (1 - unknown) / (1 - judged.unknown) for h, p in judged.of.items()} if judged.unknown < 1 else {}
+    share = {h: p * unknown / max(1 - weighed.unknown, 1e-9) for h, p in weighed.of.items() if h.names}
+    fits = (*before.fits, *(f for f in found if f is not weighed.best), best)
+    everything = replace(before, fits=tuple(sorted(fits, key=lambda f: f.cost)))
+    return Learning(scaled, everything, Judgement(listed | share, unknown, best), (null, without))
+
+
+def _of(kept: FitCache | None, data: Dataset) -> FitCache | None:
+    """Where fits of learnt laws are kept, whose unknowns go by the scales that the prototype states."""
+    return None if kept is None else replace(kept, prototype=data.prototype, part=(*kept.part, _digest(data)))
+
+
+def _digest(data: Dataset) -> str:
+    return sha256(repr(data.prototype.effects).encode()).hexdigest()[:12]
+
+
+def _fitted(data: Dataset, before: Search, workers: int, progress: Progress, kept: FitCache | None) -> list[Fit]:
+    """All laws at a look, the best of them in full; where a listed cause explains a part, beside it as well."""
+    alone, pieces, null = learnable(data.prototype), len(before.null.shares), before.null.values
+    worst = sorted(range(pieces), key=lambda k: -before.null.shares[k].c)[: max(1, round(_HALF * pieces))]
+    with Fitters(data, workers, kept) as fitters:
+        tasks = [Task(h, null, on=tuple(sorted(worst))) for h in alone]
+        looks = fitters(tasks, lambda k: progress(0.5 * k / len(tasks), "laws of each port"))
+        found = {f.hypothesis: f.values for f in sorted(looks, key=lambda f: f.cost) if not f.reason}
+        best = list(found)[:_FULL]
+        full = [Task(h, null, found[h]) for h in best]
+        if before.fits and before.excess(before.fits[0]) < _BESIDE:
+            listed = before.fits[0]
+            full += [Task(listed.hypothesis | h, listed.values, found[h]) for h in best]
+        return fitters(full, lambda k: progress(0.5 + 0.5 * k / len(full), "laws learnt"))
 
 
 def with_scales(data: Dataset, null: Fit) -> Dataset:
@@ -108,9 +139,25 @@ def with_scales(data: Dataset, null: Fit) -> Dataset:
     for item in residuals(data.prototype, null, record_evidence(data)):
         for name, values in item.nominal().items():
             signals[name] = max(signals.get(name, 0.0), float(np.abs(values).max()))
-    laws = (library()[h.names[0]] for h in learnable(data.prototype))
+    laws = (law for h in learnable(data.prototype) if (law := library()[h.names[0]]).scales)
     tables = {law.name: {key: float(f"{signals[of]:.3g}") for key, of in law.scales.items()} for law in laws}
     return replace(data, prototype=data.prototype.but(effects={**data.prototype.effects, **tables}))
+
+
+def without_idle_terms(data: Dataset, best: Fit) -> Dataset:
+    """The data set, its prototype stating none of the terms of a learnt curve that its fit does not tell from none."""
+    effects = {name: dict(table) for name, table in data.prototype.effects.items()}
+    values, errors_of = best.values, best.standard_errors
+    idle = [
+        (law, q.name)
+        for law in best.hypothesis.effects
+        for q in library()[law].parameters
+        if library()[law].table is not None and f"{law}.{q.name}" in values
+        if abs(values[f"{law}.{q.name}"]) < _IDLE * errors_of[f"{law}.{q.name}"]
+    ]
+    for law, term in idle:
+        effects[law][term] = 0.0
+    return replace(data, prototype=data.prototype.but(effects=effects)) if idle else data
 
 
 def described(causes: Sequence[Cause], best: Fit, data: Dataset) -> tuple[Cause, ...]:

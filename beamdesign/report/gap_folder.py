@@ -13,7 +13,7 @@ from markupsafe import Markup, escape
 from matplotlib.figure import Figure
 
 from beamdesign.diagnosis.data.dataset import Dataset
-from beamdesign.diagnosis.diagnosis import BandGap, Diagnosis, Errors, in_words
+from beamdesign.diagnosis.diagnosis import BandGap, Cause, Diagnosis, Errors, in_words
 from beamdesign.diagnosis.fitting.hypothesis import Hypothesis
 from beamdesign.diagnosis.gap_metrics import in_bands
 from beamdesign.diagnosis.redesign import LoopTerms, Redesign, payload_range
@@ -154,6 +154,7 @@ def gap_report_html(
         maps=error_maps(seen, conditions) if seen else (),
         witnesses=[(w, table, isinstance(table, HeatMap)) for w, table in indicators],
         hypotheses=_hypotheses(found),
+        learnt=[_curve(cause, k) for k, cause in enumerate(found.causes) if cause.table],
         bands=_inline(band_picture(found.gap.bands), "bands", _BANDS) if found.gap.bands else None,
         records=[_shown(e, k, e.name in held_out) for k, e in enumerate(seen[:_MOST_PICTURES])],
         left_out=max(0, len(seen) - _MOST_PICTURES),
@@ -196,6 +197,19 @@ def _shown(of: Errors, position: int, held_out: bool) -> Markup:
         " (thick) and of the errors, against the noise of the sensor."
     )
     return _inline(record_picture(of), f"record{position}", caption)
+
+
+def _curve(of: Cause, position: int) -> Markup:
+    """A static law that was learnt, with twice its standard error."""
+    (at, x), (of_what, y), (_, std) = of.table.items()
+    axes = (figure := new_figure(120.0, 70.0)).subplots()
+    axes.fill_between(x, np.subtract(y, np.multiply(2, std)), np.add(y, np.multiply(2, std)), alpha=0.3)
+    axes.plot(x, y)
+    axes.set_xlabel(at)
+    axes.set_ylabel(of_what)
+    return _inline(
+        figure, f"curve{position}", f"{in_words(of.name)}, like {of.like}: what it adds, within two deviations"
+    )
 
 
 def _hypotheses(found: Diagnosis) -> list[tuple[str, float, str, str]]:

@@ -87,7 +87,7 @@ def about_fits(chosen: Fit, causes: Sequence[Cause], unknown: float) -> WeighedI
         causes: its causes with probabilities, the dominant one first.
         unknown: probability that the cause is not in the library.
     """
-    votes = {lead.subsystem: lead.probability * (1 - unknown) for lead in causes[:1]}
+    votes = {lead.subsystem: lead.probability * (1.0 if lead.like else 1 - unknown) for lead in causes[:1]}
     named = ", ".join(chosen.hypothesis.causes) or "no cause of the library"
     text = f"The fits hold {named} responsible; a cause outside the library has a probability of {unknown:.0%}."
     return WeighedIndicator(_FITS, votes, text)
@@ -233,7 +233,7 @@ def locate(
     indicators.append(about_figures(search.null, search.expected))
     scores = weighed(indicators)
     place = next(iter(scores))
-    known = causes and unknown <= 0.5 and indicators[0].favourite == place
+    known = causes and (unknown <= 0.5 or causes[0].like) and indicators[0].favourite == place
     kind = kind_of_effect(chosen.hypothesis.realisation(causes[0].name)) if known else ""
     shown = [o.indicator for o in indicators]
     band, condition = (0.0, 0.0), ""

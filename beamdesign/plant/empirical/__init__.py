@@ -239,30 +239,38 @@ def _lag(place: Place, kind: str) -> Effect:
     linear = Linear("as it is", elements=elements) if proved else None
     words = "of the beam's stiffness, in series with a dashpot" if place.stiffness else "of the signal that comes late"
     parameters = (
-        Parameter("share", 0.1, -0.45, 1.0, 0.2, words),
+        Parameter("share", 0.1, -0.45, 1.5, 0.2, words),
         Parameter("break_Hz", 30.0, 0.2, 2000.0, 1.2, "of the lag"),
     )
-    name = "material that relaxes" if place.stiffness else "a part of the signal that comes late"
-    return _effect(place, kind, law, parameters, linear, lambda own: name, states=("late",))
+
+    def nearest(own: Mapping[str, float]) -> str:
+        what = "material that relaxes" if place.stiffness else "a lag"
+        return (
+            f"{what} at {own['break_Hz']:.3g} Hz, {own['share']:.0%} of the {'beam' if place.stiffness else 'signal'}"
+        )
+
+    return _effect(place, kind, law, parameters, linear, nearest, states=("late",))
 
 
 def _appendage(place: Place, kind: str) -> Effect:
-    beam = place.name.removesuffix("_reaction")
+    assert place.travel is not None  # else it takes none
+    assert place.motion is not None
+    travel, rate = place.travel[:2]
+    beam = place.name.removesuffix("_force")
 
     def law(signal: Any, site: Site) -> Any:
         own, state, w = site.parameter, site.state, 2 * pi * site.parameter["frequency_Hz"]
-        apart, opening = site.port[f"{beam}_m"] - state["at_m"], site.port[f"{beam}_m_per_s"] - state["at_m_per_s"]
+        apart, opening = travel(signal, site) - state["at_m"], rate(signal, site) - state["at_m_per_s"]
         pull = w**2 * apart + 2 * own["damping_ratio"] * w * opening
         site.rate["at_m"], site.rate["at_m_per_s"] = state["at_m_per_s"], pull
         return own["mass_kg"] * pull
 
     def elements(own: Mapping[str, fmpq], figure: Mapping[str, fmpq]) -> Elements:
-        w, mass = TWO_PI * own["frequency_Hz"], own["mass_kg"]
-        tip = {name: weight for name, weight in (place.motion or {}).items() if name != "base"}
-        swings = {"appendage": fmpq(1)}
+        w, mass, swings = TWO_PI * own["frequency_Hz"], own["mass_kg"], {"appendage": fmpq(1)}
         tied = (mass * w**2, 2 * own["damping_ratio"] * w * mass)
-        return Elements(((tip | {"appendage": fmpq(-1)}, tied), (swings, (fmpq(0), fmpq(0), mass))))
+        return Elements((({**motion, "appendage": fmpq(-1)}, tied), (swings, (fmpq(0), fmpq(0), mass))))
 
+    motion = place.motion
     parameters = (
         Parameter("mass_kg", 0.3, 1e-3, 20.0, 1.0, "of what swings on the tip"),
         Parameter("frequency_Hz", 40.0, 2.0, 500.0, 0.8, "of it with the tip held"),
@@ -270,7 +278,7 @@ def _appendage(place: Place, kind: str) -> Effect:
     )
 
     def nearest(own: Mapping[str, float]) -> str:
-        return f"{own['mass_kg']:.2g} kg that swing on the {beam} beam at {own['frequency_Hz']:.3g} Hz"
+        return f"a mass of {own['mass_kg']:.2g} kg that swings on the {beam} beam at {own['frequency_Hz']:.3g} Hz"
 
     linear, own = Linear("as it is", elements=elements), ("at_m", "at_m_per_s")
     return _effect(place, kind, law, parameters, linear, nearest, own)
@@ -322,7 +330,8 @@ def _droop(place: Place, kind: str) -> Effect:
     )
     words, left = "no loss, to that of a steady signal of the size", "what the loss does while it changes"
     linear, like = _slope(place, words, left, factor), "a supply that droops under flow"
-    return _effect(place, kind, law, parameters, linear, lambda own: like, ("used",), scales=sized)
+    found = _effect(place, kind, law, parameters, linear, lambda own: like, ("used",), scales=sized)
+    return replace(found, subsystem="oil")  # which the supply belongs to
 
 
 def _drift(place: Place, kind: str) -> Effect:

@@ -57,9 +57,18 @@ def _beam(name: str, coordinate: str) -> Place:
     bent = f"{name}_m"
     return Place(
         f"{name}_reaction", "structure", {f"{name}_reaction_N": 1}, ("N", f"{name}_reaction_N"),
-        (_bending(name, "m"), "m", bent), ("curve", "loop", "lag", "appendage"),
+        (_bending(name, "m"), "m", bent), ("curve", "loop", "lag"),
         (_bending(name, "m"), _bending(name, "m_per_s"), "m", bent), f"{name}_stiffness",
         {coordinate: fmpq(1), "base": fmpq(-1)},
+    )  # fmt: skip
+
+
+def _tip(name: str, at: str, moves: str) -> Place:
+    """What pushes a beam's tip from outside, so that the mount does not feel it but by the beam."""
+    position, rate, read = _at(f"{at}_m"), _at(f"{at}_m_per_s"), f"{name}_m"
+    return Place(
+        f"{name}_force", "structure", {f"{name}_force_N": -1}, ("N", f"{name}_reaction_N"), (position, "m", read),
+        ("appendage",), (position, rate, "m", read), motion={moves: fmpq(1)},
     )  # fmt: skip
 
 
@@ -72,6 +81,8 @@ def _series(subsystem: str, name: str, unit: str, *laws: str) -> Place:
 PLACES = (
     _beam("outer", "first"),
     _beam("inner", "inner"),
+    _tip("outer", "outer_tip", "tip"),
+    _tip("inner", "inner", "inner"),
     Place(
         "friction", "actuator", {"friction_N": 1}, ("N", "actuator_force_N"),
         (_at("sliding_m_per_s"), "m_per_s", "stroke_m_per_s"), ("curve", "loop"),

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from functools import partial
 from math import pi, sqrt
 
 import numpy as np
@@ -129,6 +130,13 @@ def _stated_mount(f: Mapping[str, float]) -> Shape:
         "damping_ratio": f["mount_damping"] * rate / (2 * f["mount_stiffness"]),
         "sensor_share": f["sensor_on_mount"],
     }
+
+
+def _appendage(inner: float, scales: Scales, shape: Shape, severity: float) -> Shape:
+    return {
+        "appendage_mass": 0.05 * severity * scales.figures["inner_mass"], "appendage_inner": inner,
+        "appendage_rate": 2 * pi * shape["hertz"], "appendage_damping_ratio": shape["zeta"],
+    }  # fmt: skip
 
 
 def _loss(scales: Scales, shape: Shape, severity: float) -> Shape:
@@ -297,6 +305,31 @@ _OUTSIDE = (
             "bracket_rate": 2 * pi * 400 / v, "bracket_damping_ratio": q["zeta"], "bracket_share": q["share"]
         },
         (0.3, 5),
+    ),
+    Kind(
+        "sensor_curved", "sensor", _draws(sign=_one_of(1, -1)),
+        lambda s, q, v: {"sensor_square": q["sign"] * 0.05 * v / 2e-3}, (0.02, 15),
+    ),
+    Kind("quadratic_drag", "actuator", _draws(), lambda s, q, v: {"drag": s.force / 0.2**2 * v}, (0.02, 30)),
+    Kind(
+        "squeezed_seal", "actuator", _draws(speed=_log(5e-4, 5e-3)),
+        lambda s, q, v: {"squeezed": 0.05 * v * s.figures["area_a"], "squeezed_speed": q["speed"]}, (0.05, 6),
+    ),
+    Kind(
+        "growing_leakage", "actuator", _draws(),
+        lambda s, q, v: {"leakage_growth": v * s.figures["area_a"] / s.force}, (0.2, 60),
+    ),
+    Kind("warming_oil", "oil", _draws(), lambda s, q, v: {"warming": 0.1 * v}, (0.05, 5)),
+    Kind(
+        "appendage_outer", "structure", _draws(hertz=_log(15, 150), zeta=_log(0.005, 0.08)), partial(_appendage, 0.0),
+        (0.02, 10),
+    ),
+    Kind(
+        "appendage_inner", "structure", _draws(hertz=_log(15, 150), zeta=_log(0.005, 0.08)), partial(_appendage, 1.0),
+        (0.02, 10),
+    ),
+    Kind(
+        "cable", "structure", _draws(), lambda s, q, v: {"cable": 0.05 * v * s.figures["modes.stiffness"]}, (0.02, 10),
     ),
     Kind(
         "sensor_dropout", "sensor", _draws(length=_log(5e-3, 4e-2)),

@@ -27,6 +27,11 @@ FIGURES: dict[str, float] = {
     "loss_2": 0.0,
     "loss_3": 0.0,
     "loss_4": 0.0,
+    "cable": 0.0,  # N/m, of a spring that pulls on one side of the outer tip's place at rest
+    "appendage_mass": 0.0,  # kg, of what swings on a tip
+    "appendage_rate": 100.0,  # rad/s
+    "appendage_damping_ratio": 0.02,
+    "appendage_inner": 0.0,  # 1 where it is the inner tip
     "slosh_share": 0.0,  # of the payload that is free to move
     "slosh_frequency": 60.0,  # rad/s
     "slosh_damping_ratio": 0.05,
@@ -56,6 +61,9 @@ FIGURES: dict[str, float] = {
     "air_share": 0.0,  # free air at one atmosphere over the volume
     "air_exponent": 1.2,
     "air_saturation": 2e8,  # Pa, all air dissolved above this (Henry)
+    "drag": 0.0,  # N s2/m2, of the square of the stroke's speed
+    "squeezed": 0.0,  # N/Pa, sliding friction per load pressure
+    "squeezed_speed": 1e-3,  # m/s, over which it turns round
     "bristle_stiffness": 0.0,  # N/m; 0 takes the seal away
     "bristle_damping": 0.0,  # N s/m
     "coulomb": 0.0,
@@ -68,6 +76,8 @@ FIGURES: dict[str, float] = {
     "valve_frequency": 942.5,
     "valve_damping_ratio": 0.5,
     "leakage": 3.8e-13,
+    "leakage_growth": 0.0,  # 1/Pa: leakage across the piston that grows with the load pressure
+    "warming": 0.0,  # relative fall of the bulk modulus from start to end of the record; leakage doubles at a tenth
     "leakage_across": 0.5,  # share of the leakage that crosses the piston
     "supply": 20e6,
     "orifice": 0.0,  # 0: flow of a current whatever the load; 1: orifice law
@@ -91,6 +101,7 @@ FIGURES: dict[str, float] = {
     "lag_damping_ratio": 0.8,
     "sensor_drift": 0.0,
     "sensor_cubic": 0.0,  # 1/m2
+    "sensor_square": 0.0,  # 1/m
     "sensor_play": 0.0,  # m
     "bracket_rate": 0.0,  # rad/s, resonance of what holds the sensor; 0 is none
     "bracket_damping_ratio": 0.02,

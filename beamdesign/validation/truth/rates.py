@@ -3,7 +3,7 @@
 Each stands behind the figure that switches it on.
 """
 
-from math import copysign, exp, log1p, sin, sqrt
+from math import copysign, exp, log1p, sin, sqrt, tanh
 
 import numpy as np
 from numba import njit
@@ -86,7 +86,7 @@ def contact(apart: float, closing: float, play: float, stiffness: float, loss: f
     return side * max(0.0, stiffness * depth * sqrt(depth) * (1.0 + 1.5 * loss * side * closing))
 
 
-STATES = 36
+STATES = 38
 PLAYS = 5
 
 # Places in the state.
@@ -104,6 +104,7 @@ _PS = 27  # supply beyond that at rest
 _M, _MD = 28, 29  # free part of the payload
 _E = 30  # four relaxing elements
 _B, _BD = 34, 35  # sensor bracket
+_A, _AD = 36, 37  # what swings on a tip
 
 TIP, INNER, PRESSURE_A, PRESSURE_B, BRISTLE, SPOOL_FRICTION, SUPPLY = _Q, _XI, _PA, _PB, _Z, _W, _PS
 _RELAX = (6.0, 60.0, 600.0, 6000.0)
@@ -116,7 +117,7 @@ def sensor_volts(x, f, time_share):  # type: ignore[no-untyped-def]
     seen = tip - f.sensor_on_mount * (x[_T] + x[_Y])
     if f.bracket_rate > 0.0:
         seen = seen + f.bracket_share * (x[_B] - tip)
-    seen = seen * (1.0 + f.sensor_cubic * seen * seen)
+    seen = seen * (1.0 + f.sensor_square * seen + f.sensor_cubic * seen * seen)
     return f.sensor_gain * (1.0 + f.sensor_drift * time_share) * seen
 
 
@@ -212,14 +213,16 @@ def rates_into(x, d, f, modes, held, plays, fed_back, command, force, time, shar
             free_b = scale * orifice(supply - pressure_b, f.laminar)
         into_a += f.orifice * (free_a - into_a)
         from_b += f.orifice * (free_b - from_b)
-    across = f.leakage * f.leakage_across * (x[_PA] - x[_PB])
-    at_edges = 2.0 * f.leakage * (1.0 - f.leakage_across)
+    leakage = f.leakage * (1.0 + 10.0 * f.warming * share)
+    across = leakage * f.leakage_across * (x[_PA] - x[_PB])
+    across += f.leakage * f.leakage_growth * abs(x[_PA] - x[_PB]) * (x[_PA] - x[_PB])
+    at_edges = 2.0 * leakage * (1.0 - f.leakage_across)
     into_a -= across + at_edges * x[_PA]
     from_b -= across - at_edges * x[_PB]
 
     rod, rod_speed = (x[_XR], x[_VR]) if f.joint_on > 0.0 else (x[_XI], x[_VI])
     stroke, speed = tip - rod, tip_speed - rod_speed
-    bulk_a = bulk_b = f.bulk_modulus
+    bulk_a = bulk_b = f.bulk_modulus * (1.0 - f.warming * share)
     if f.air_share > 0.0:
         bulk_a = aerated(pressure_a, f.bulk_modulus, f.air_share, f.air_exponent, f.air_saturation)
         bulk_b = aerated(pressure_b, f.bulk_modulus, f.air_share, f.air_exponent, f.air_saturation)
@@ -243,6 +246,10 @@ def rates_into(x, d, f, modes, held, plays, fed_back, command, force, time, shar
         d[_Z] = speed - f.bristle_stiffness * abs(speed) * z / limit
         fade = 1.0 / (1.0 + (speed / f.stribeck_speed) ** 2)
         push -= f.bristle_stiffness * z + f.bristle_damping * fade * d[_Z] + f.viscous * speed
+
+    push -= f.drag * abs(speed) * speed
+    if f.squeezed > 0.0:
+        push -= f.squeezed * abs(x[_PA] - x[_PB]) * tanh(speed / f.squeezed_speed)
 
     # joint
     on_inner = push
@@ -272,10 +279,19 @@ def rates_into(x, d, f, modes, held, plays, fed_back, command, force, time, shar
         turning = first + f.mount_inner_ratio * inner - f.mount_stiffness * x[_T] - f.mount_damping * x[_TD]
         d[_TD] = turning / f.mount_mass
         d[_YD] = (first + inner - f.slide_stiffness * x[_Y] - f.slide_damping * x[_YD]) / f.slide_mass
+    pull = force + push - f.cable * max(0.0, tip)
+    if f.appendage_mass > 0.0:
+        at, at_speed = (x[_XI], x[_VI]) if f.appendage_inner > 0.5 else (tip, tip_speed)
+        d[_A] = x[_AD]
+        d[_AD] = f.appendage_rate**2 * (at - x[_A])
+        d[_AD] += 2.0 * f.appendage_damping_ratio * f.appendage_rate * (at_speed - x[_AD])
+        if f.appendage_inner > 0.5:
+            inner += f.appendage_mass * d[_AD]
+        else:
+            pull -= f.appendage_mass * d[_AD]
     d[_XI] = x[_VI]
     d[_VI] = (-on_inner - inner) / (f.inner_mass + f.inner_end_mass)
 
-    pull = force + push
     carried = f.outer_end_mass
     if f.slosh_share > 0.0 and carried > 0.0:
         loose = f.slosh_share * carried
@@ -315,7 +331,7 @@ def rates_into(x, d, f, modes, held, plays, fed_back, command, force, time, shar
 
 @njit(cache=True, error_model="numpy")
 def rates_at(x, figures, modes):  # type: ignore[no-untyped-def]
-    """(36,) time derivative of a state with nothing driving the rig and no dead time."""
+    """(38,) time derivative of a state with nothing driving the rig and no dead time."""
     f = figures[0]
     d, plays = np.zeros(STATES), np.zeros(PLAYS + 1)
     rates_into(x, d, f, modes, np.nan, plays, measured_volts(x, f, 0.0), 0.0, 0.0, 0.0, 0.0)

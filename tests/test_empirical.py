@@ -1,0 +1,146 @@
+"""Laws that are learnt from records: against closed forms, their own elements, and records of a rig that has none."""
+
+from dataclasses import replace
+from math import pi
+
+import numpy as np
+import pytest
+from test_effects import applied
+from test_elements import assert_alike, rig  # noqa: F401
+
+from beamdesign.diagnosis.data.dataset import read_dataset
+from beamdesign.diagnosis.diagnose import held_out
+from beamdesign.diagnosis.diagnosis import updated_prototype
+from beamdesign.diagnosis.fitting.evidence import evidence_of
+from beamdesign.diagnosis.fitting.fit import fit
+from beamdesign.diagnosis.fitting.hypothesis import NOTHING
+from beamdesign.diagnosis.fitting.search import Search
+from beamdesign.diagnosis.judgement import causes, judge
+from beamdesign.diagnosis.learning import described, learn
+from beamdesign.plant.assembly import fits
+from beamdesign.plant.empirical import laws
+from beamdesign.plant.members import family
+from beamdesign.prototype import Prototype
+from beamdesign.records import InputError
+from beamdesign.validation.truth.case import run_figures, write_case
+from beamdesign.validation.truth.drawing import draw_case
+
+LEARNT = {law.name: law for law in laws()}
+PROVED = [name for name, law in LEARNT.items() if law.linear is not None and fits(name, "twin_beam")]
+TERMS = {"odd_square": 0.11, "cube": -0.2, "square": 0.07, "one_sided": 0.04}
+
+
+def some(name: str) -> dict[str, float]:
+    """A curve with all of its terms, and the usual parameters of any other law."""
+    return TERMS if name.endswith("_curve") else {}
+
+
+@pytest.mark.parametrize("name", PROVED)
+def test_elements_of_a_learnt_law_are_what_it_comes_to(rig: Prototype, name: str):  # noqa: F811
+    """What a certificate states of it, polynomial by polynomial in rationals; beside a mount, which moves the base."""
+    assert_alike(rig.but(effects={name: some(name)}))
+    assert_alike(rig.but(effects={name: some(name), "mount_compliance": {}}))
+
+
+def test_what_no_loop_stands_for_is_refused_by_proofs_in_words(rig: Prototype):  # noqa: F811
+    for name in LEARNT.keys() - set(PROVED):
+        with pytest.raises(InputError) as refused:
+            family(rig.but(effects={name: {}}))
+        assert f"effects.{name}" in str(refused.value)
+    with pytest.raises(InputError, match="takes all of the loop's gain"):
+        family(rig.but(effects={"empirical_sensor_curve": {"cube": -1.0, "reach_V": 1.0, "size_V": 1.0}}))
+
+
+def test_the_slopes_of_a_curve_are_those_of_its_table():
+    """Differences of what it adds, over a fine grid of its reach; extremes lie inside, at no end of either side."""
+    name = "empirical_outer_reaction_curve"
+    given = TERMS | {"reach_m": 2e-3, "size_N": 700.0}
+    u = np.linspace(-1, 1, 4001)
+    added = [
+        applied(name, "outer_reaction_N", 0.0, parameter=given, port={"outer_m": 2e-3 * at, "mount_m": 0.0})[0]
+        for at in u
+    ]
+    slopes = np.diff(added) / np.diff(2e-3 * u)
+    span = LEARNT[name].linear.figures["slope_N_per_m"](given, None)  # type: ignore[union-attr, arg-type]
+    assert (span.low, span.high) == pytest.approx((slopes.min(), slopes.max()), rel=2e-3)
+    table = LEARNT[name].table(given)  # type: ignore[misc]
+    np.testing.assert_allclose(np.interp(table["outer_m"], 2e-3 * u, added), table["added_N"], atol=1e-3)
+
+
+def test_a_sum_of_loops_slides_at_its_heights_and_turns_back_as_dahl_says():
+    """d' = v / w (1 - d sgn v) from -1: after a travel s the deflection is 1 - 2 exp(-s / w) (Dahl 1976)."""
+    given = {"narrow": 0.2, "wide": 0.1, "reach_m": 1e-3, "size_N": 400.0}
+    speed, step, state = 1e-3, 2e-5, {"narrow": -1.0, "wide": -1.0}
+    for _ in range(10_000):
+        force, rates = applied(
+            "empirical_friction_loop", "friction_N", 0.0, parameter=given, state=state,
+            port={"sliding_m_per_s": speed, "sliding_m": 0.0},
+        )  # fmt: skip
+        state = {key: state[key] + step * rates[key] for key in state}
+    travel = 10_000 * step * speed
+    due = [1 - 2 * np.exp(-travel / (width * 1e-3)) for width in (0.1, 0.5)]
+    assert (state["narrow"], state["wide"]) == pytest.approx(due, abs=2e-3)
+    assert force == pytest.approx(400.0 * (0.2 * due[0] + 0.1 * due[1]), abs=0.5)
+
+
+def test_what_swings_on_a_tip_is_an_absorber():
+    """Held at the tip it is an oscillator at its own frequency; far below, a mass that goes along."""
+    given = {"mass_kg": 0.4, "frequency_Hz": 30.0, "damping_ratio": 0.05}
+    w = 2 * pi * 30.0
+
+    def force(of: float) -> complex:
+        """On the tip, per metre of it, at an angular frequency: of the law's own equations, by superposition."""
+        s = 1j * of
+        rows = []
+        for unit in ({"at_m": 1.0}, {"at_m_per_s": 1.0}, {"inner_m": 1.0}, {"inner_m_per_s": 1.0}):
+            port = {"inner_m": 0.0, "inner_m_per_s": 0.0} | {k: v for k, v in unit.items() if k.startswith("inner")}
+            state = {"at_m": 0.0, "at_m_per_s": 0.0} | {k: v for k, v in unit.items() if k.startswith("at")}
+            pull, rates = applied(
+                "empirical_inner_force_appendage", "inner_force_N", 0.0, parameter=given, state=state, port=port
+            )
+            rows.append((pull, rates["at_m_per_s"]))
+        (k_at, a), (c_at, b), (k, p), (c, q) = rows
+        at = (p + q * s) / (s**2 - a - b * s)
+        return complex(-(k + c * s + (k_at + c_at * s) * at))
+
+    tied = w**2 + 2 * 0.05 * w * 1j * w
+    for of in (0.01 * w, 0.7 * w, w, 3 * w):
+        spring = w**2 + 2 * 0.05 * w * 1j * of
+        assert force(of) == pytest.approx(-0.4 * of**2 * spring / (spring - of**2), rel=1e-9)
+    assert force(0.01 * w).real == pytest.approx(-0.4 * (0.01 * w) ** 2, rel=2e-4)
+    assert abs(force(w)) == pytest.approx(0.4 * w**2 * abs(tied) / abs(tied - w**2), rel=1e-9)
+
+
+def test_a_spring_that_hardens_is_learnt_from_records_of_a_rig_that_has_one(tmp_path):
+    """K (x + h x^3) of another program, which shares no equation: the law's cube over its scales is K h."""
+    case = draw_case(7709, "outside", short=True, names=("beam_hardening",))
+    write_case(case, tmp_path)
+    data = read_dataset(tmp_path)
+    evidence = evidence_of(data)
+    placement = NOTHING.placement(data.prototype)
+    null = fit(NOTHING, placement, evidence, np.zeros(len(placement.unknowns)))
+    expected, floor = sum(e.expected for e in evidence), sum(e.floor for e in evidence)
+    names, conditions = tuple(e.name for e in evidence), tuple(e.condition for e in evidence)
+    before = Search(null, (), expected, names, floor, conditions)
+    judged = judge(before)
+    assert judged.unknown > 0.5
+    found = learn(data, held_out(data.records), before, judged)
+    assert found is not None
+    best = found.judged.best
+    assert best.hypothesis.causes == ("empirical:inner_reaction",)
+    assert found.search.excess(best) < 0.1
+    (cause,) = (
+        c for c in described(causes(found.search, found.judged), best, found.data) if c.name in best.hypothesis.causes
+    )
+    assert "hardens" in cause.like
+    prototype = updated_prototype(found.data.prototype, best)
+    (name,) = prototype.effects
+    table = prototype.effects[name]
+    true = run_figures(case, case.runs[0])
+    cube = table["cube"] * table["size_N"] / table["reach_m"] ** 3
+    assert cube == pytest.approx(true["inner_stiffness"] * true["hardening"], rel=0.1)
+    assert family(prototype).members
+    assert Prototype.model_validate(prototype.model_dump()) == prototype
+    # What a record held out says decides: where none is, nothing is learnt.
+    assert learn(data, (), before, judged) is None
+    assert learn(data, held_out(data.records), replace(before, null=null), replace(judged, unknown=0.0)) is None
