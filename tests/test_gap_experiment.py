@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from gap_sets import believed, measured, scenario
 
-from beamdesign.diagnosis.experiment import distance, next_experiment
+from beamdesign.diagnosis.experiment import distance, information, next_experiment
 from beamdesign.diagnosis.fitting.evidence import evidence_of
 from beamdesign.diagnosis.fitting.fit import fit
 from beamdesign.diagnosis.fitting.hypothesis import together
@@ -49,11 +49,19 @@ def test_doing_what_is_proposed_separates_the_rivals(rig, slow):
     """Carried out on the rig of one rival, the proposed record leaves the other with a misfit near the promise."""
     rivals = [fitted(TRUTH, slow), fitted(RIVAL, slow)]
     before = rivals[1].cost - rivals[0].cost
-    proposed = next_experiment(slow, rivals)
+    proposed = next_experiment(slow, rivals, (0.5, 0.5))
     assert proposed is not None
     assert proposed.separates == (TRUTH, RIVAL)
     assert proposed.separation > np.sqrt(max(before, 0.0)) + 2.0  # more than all that was measured so far
     assert "units of misfit" in proposed.text
+    assert 0.8 < proposed.information_bits <= 1.0
+    assert list(proposed.series) == [
+        "t_s",
+        "disturbance_N",
+        "command_V",
+        f"displacement_m if {TRUTH}",
+        f"displacement_m if {RIVAL}",
+    ]
     plan = parse(Scenario, dict(proposed.settings["scenario"]), "next").but(
         measurement=Measurement(seed=9, disturbance_std_N=0.5, current_std_A=2e-5, displacement_std_m=5e-7)
     )
@@ -64,4 +72,24 @@ def test_doing_what_is_proposed_separates_the_rivals(rig, slow):
 
 
 def test_one_rival_alone_needs_no_experiment(slow):
-    assert next_experiment(slow, [fitted(TRUTH, slow)]) is None
+    assert next_experiment(slow, [fitted(TRUTH, slow)], [1.0]) is None
+
+
+def test_information_is_that_of_its_limits():
+    """All of the entropy where rivals are far apart, none where they are one; a bound of two in closed form between."""
+    far = np.where(np.eye(3), 0.0, 1e3)
+    p = np.array([0.5, 0.3, 0.2])
+    assert information(far, p) == pytest.approx(-p @ np.log2(p))
+    assert information(np.zeros((3, 3)), p) == pytest.approx(0.0, abs=1e-12)
+    near = np.array([[0.0, 2.0], [2.0, 0.0]])
+    assert information(near, (1.0, 1.0)) == pytest.approx(1 - np.log2(1 + np.exp(-0.5)))
+
+
+def test_no_bound_is_more_than_the_information_itself():
+    """Two unit Gaussians two standard deviations apart, by quadrature: I = h(mixture) - h(unit)."""
+    y = np.linspace(-12, 14, 200_001)
+    mixture = (np.exp(-(y**2) / 2) + np.exp(-((y - 2) ** 2) / 2)) / np.sqrt(8 * np.pi)
+    entropy = -np.trapezoid(mixture * np.log2(mixture), y)
+    exact = entropy - 0.5 * np.log2(2 * np.pi * np.e)
+    bound = information(np.array([[0.0, 2.0], [2.0, 0.0]]), (0.5, 0.5))
+    assert 0.6 * exact < bound < exact

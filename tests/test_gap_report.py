@@ -195,6 +195,8 @@ def test_fields_are_plain(found: Diagnosis) -> None:
         "subsystem": "sensor",
         "share": 0.9,
         "flags": ["flow_gain is odd"],
+        "like": "",
+        "table": {},
     }
     assert fields["where"]["band_Hz"] == [15.0, 150.0]
     assert fields["gap"]["closed_interval"] == list(found.gap.closed_interval)

@@ -189,6 +189,9 @@ def _diagnosed(data: Dataset, workers: int, progress: Progress, kept: FitCache |
     verdict = no_surer(verdict_of(judged, doubtful), left)
     progress(1.0, "where the gap lies")
     where = locate(data, found, best, evidence, [c for c in ranked if c.name in chosen], judged.unknown)
+    asked = None
+    if verdict in ("ambiguous", "unknown") and not left:
+        asked = next_experiment(data, *zip(*rivals(found, judged), strict=True))
     return Diagnosis(
         data.name,
         verdict,
@@ -200,7 +203,7 @@ def _diagnosed(data: Dataset, workers: int, progress: Progress, kept: FitCache |
         where,
         measured,
         classes(judged),
-        next_experiment(data, rivals(found, judged)) if verdict in ("ambiguous", "unknown") and not left else None,
+        asked,
         updated_prototype(data.prototype, best).but(tolerance=stated),
         words,
         found,
@@ -237,10 +240,10 @@ def confirmed(measured: Gap) -> bool:
     return measured.after <= max(THRESHOLDS.worse * measured.tuned, THRESHOLDS.near_noise * measured.noise_floor)
 
 
-def rivals(found: Search, judged: Judgement) -> list[Fit]:
-    """The most probable fits, best first; the next experiment has to tell them apart."""
-    fits = (found.null, *found.fits)
-    return sorted((f for f in fits if f.hypothesis in judged.of), key=lambda f: -judged.of[f.hypothesis])
+def rivals(found: Search, judged: Judgement) -> list[tuple[Fit, float]]:
+    """The most probable fits with their probabilities, best first; the next experiment has to tell them apart."""
+    fits = ((f, judged.of[f.hypothesis]) for f in (found.null, *found.fits) if f.hypothesis in judged.of)
+    return sorted(fits, key=lambda pair: -pair[1])
 
 
 def sentences(

@@ -5,7 +5,7 @@ The prototype is the believed one with what a fit has found: figures re-tuned, e
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from math import isfinite, sqrt
+from math import isfinite, nan, sqrt
 from typing import Any, ClassVar, Generic, Literal, TypeVar
 
 import numpy as np
@@ -167,12 +167,18 @@ class NextExperiment:
         separates: names of the causes it tells apart.
         separation: expected misfit between their predictions in units of misfit (square root), at the experiment.
         settings: input, amplitude, band, payload, added sensor: for a scenario file.
+        information_bits: least that it is expected to tell about which of the causes it is; NaN where only the
+            separation was worked out.
+        series: (N,) of a record to be taken: times, inputs to be played, and the displacement that each cause predicts,
+            by the names of their columns.
     """
 
     text: str
     separates: tuple[str, ...]
     separation: float
     settings: Mapping[str, object] = field(default_factory=dict)
+    information_bits: float = nan
+    series: Mapping[str, np.ndarray] = field(default_factory=dict, repr=False)
 
 
 @dataclass(frozen=True)
@@ -284,6 +290,9 @@ class Diagnosis(Generic[Rig], Result):
         own = "verdict sentences effects=causes chosen probability_unknown where gap classes next_experiment warnings"
         listed = [one for one in self.hypotheses[:_LISTED] if one.probability > _LEAST_PROBABILITY]
         fields = picked(self, own) | {"hypotheses": listed, "data_set": self.name}
+        if self.next_experiment is not None:
+            asked = "text separates separation information_bits settings"
+            fields["next_experiment"] = picked(self.next_experiment, asked)
         fields |= {"complete": not self.left_out, "left_out": self.left_out}
         if (separability := self.separability) is not None:
             told = "not_told_apart=classes nearly_alike=close not_visible=invisible"

@@ -2,7 +2,8 @@
 
 Each rival predicts each experiment with its fitted figures. If one is true, the other will re-tune, within what the
 data so far leave open; what then remains of the difference, in units of misfit of one record, is the separation: its
-square is by how much the cost of the wrong one will rise over that of the right one.
+square is by how much the cost of the wrong one will rise over that of the right one. Of all separations, and of how
+probable each rival is, follows how much an experiment is expected to tell about which of them it is.
 
 The experiments stay within about what the rig's records have already asked of it.
 """
@@ -129,7 +130,8 @@ def _peak(signal: np.ndarray) -> float:
 
 _RIVALS = 4
 _CLOSER_LOOK = 8
-_ENOUGH = 10.0  # units of misfit beyond which more separation is no better
+_LEAST_WEIGHT = 0.01  # a rival is never so improbable that telling it apart is worth nothing
+_ANOTHER_SENSOR = 1.6  # effort
 _FURTHEST = 3.0  # times the largest displacement recorded so far
 _SENSOR_NOISE = 0.003  # of the rms of a channel that no record holds yet
 _LEAST = 1e-9
@@ -157,25 +159,44 @@ class Separation:
         return float(self.between[0, 1:].min())
 
     @property
-    def score(self) -> float:
-        """By which experiments are compared: separation, as far as it helps, for the effort."""
-        return min(self.least, _ENOUGH) / (self.experiment.effort * (1.6 if self.added else 1.0))
+    def effort(self) -> float:
+        """Against an experiment on the rig as it stands."""
+        return self.experiment.effort * (_ANOTHER_SENSOR if self.added else 1.0)
 
 
-def next_experiment(data: Dataset, rivals: Sequence[Fit]) -> NextExperiment | None:
-    """The experiment that separates the first rival best from the others.
+def information(between: np.ndarray, weights: Sequence[float]) -> float:
+    """Least expected information about which rival it is, bits.
+
+    That of a mixture of Gaussians of one covariance, by their Bhattacharyya distances d^2 / 8: A. Kolchinsky and B. D.
+    Tracey, Entropy 19 (2017) 361, equation (10).
+
+    Args:
+        between: (R, R) separations in standard deviations.
+        weights: (R,) probabilities, up to a factor.
+    """
+    p = np.asarray(weights) / np.sum(weights)
+    return float(-p @ np.log2(np.exp(-(between**2) / 8) @ p))
+
+
+def next_experiment(data: Dataset, rivals: Sequence[Fit], weights: Sequence[float]) -> NextExperiment | None:
+    """The experiment that is expected to tell most about which rival it is, for its effort.
 
     Args:
         data: measured so far; its largest inputs and displacements bound what is proposed.
-        rivals: fits, the most probable first; no more than four count.
+        rivals: fits, the most probable first; no more than four count, of several for the same causes the first.
+        weights: their probabilities.
 
     Returns:
         None where there are no two rivals, no time record to go by, or no experiment that every rival predicts.
     """
-    among = [fit for fit in rivals if not fit.reason][:_RIVALS]
-    if len(among) < 2 or not data.records:
+    first: dict[tuple[str, ...], tuple[Fit, float]] = {}
+    for fit, weight in zip(rivals, weights, strict=True):
+        if not fit.reason:
+            first.setdefault(fit.hypothesis.causes, (fit, max(weight, _LEAST_WEIGHT)))
+    if len(first) < 2 or not data.records:
         return None
-    ranked = separations(data, among)
+    among, weights = zip(*list(first.values())[:_RIVALS], strict=True)
+    ranked = separations(data, among, weights)
     if not ranked:
         return None
     best = ranked[0]
@@ -193,20 +214,34 @@ def next_experiment(data: Dataset, rivals: Sequence[Fit]) -> NextExperiment | No
         "added_sensor": best.added,
         "scenario": scenario_of(best.experiment, data.prototype).model_dump(mode="json", exclude_none=True),
     }
-    return NextExperiment(text + ".", names, best.least, settings)
+    told, open_ = information(best.between, weights), information(np.where(np.eye(len(among)), 0.0, inf), weights)
+    text += f"; of the {open_:.2g} bits that are open it is expected to tell {told:.2g} at least"
+    return NextExperiment(text + ".", names, best.least, settings, told, _series(data, best.experiment, among))
 
 
-def separations(data: Dataset, rivals: Sequence[Fit]) -> list[Separation]:
+def _series(data: Dataset, experiment: Experiment, rivals: Sequence[Fit]) -> dict[str, np.ndarray]:
+    """Columns of the record to be taken: what to play, and what each rival predicts of it."""
+    job = _job(data.prototype, experiment)
+    columns = {"t_s": job.record.times, "disturbance_N": job.record.inputs[:, 0], "command_V": job.record.inputs[:, 1]}
+    for fit in rivals:
+        predicted = job.simulated(fit.hypothesis.placement(data.prototype), fit.z, ("displacement_m",))
+        if predicted is not None:
+            columns[f"displacement_m if {fit.hypothesis}"] = predicted[:, 0]
+    return columns
+
+
+def separations(data: Dataset, rivals: Sequence[Fit], weights: Sequence[float]) -> list[Separation]:
     """All experiments that every rival predicts, best first; those that promise most are looked at with re-tuning."""
     looks = ((_without_retuning(data, one, rivals), one) for one in menu(data))
-    quick = [(least / one.effort, one) for least, one in looks if least is not None]
+    quick = [(information(between, weights) / one.effort, one) for between, one in looks if between is not None]
     quick.sort(key=lambda look: -look[0])
     results = (found for _, one in quick[:_CLOSER_LOOK] for found in _closely(data, one, rivals))
-    return sorted(results, key=lambda s: -s.score)
+    # Where several tell all but a hundredth of a bit, the one that leaves most room for what no rival is quite.
+    return sorted(results, key=lambda s: (-round(information(s.between, weights) / s.effort, 2), -s.least / s.effort))
 
 
-def _without_retuning(data: Dataset, experiment: Experiment, rivals: Sequence[Fit]) -> float | None:
-    """Least difference between the first rival and another, nothing re-tuned; None where one does not predict it."""
+def _without_retuning(data: Dataset, experiment: Experiment, rivals: Sequence[Fit]) -> np.ndarray | None:
+    """(R, R) differences of rivals with nothing re-tuned; None where one does not predict it."""
     channels = _channels(data)
     job, column = _job(data.prototype, experiment), channels.index("displacement_m")
     made = [job.simulated(fit.hypothesis.placement(data.prototype), fit.z, channels) for fit in rivals]
@@ -215,7 +250,8 @@ def _without_retuning(data: Dataset, experiment: Experiment, rivals: Sequence[Fi
     if len(predicted) < len(made) or any(np.abs(y[:, column]).max() > _FURTHEST * reached for y in predicted):
         return None
     weight = weighting(_as_record(data, experiment, predicted[0], channels), channels)
-    return min(float(np.linalg.norm(weight(y - predicted[0]))) for y in predicted[1:])
+    weighed = np.array([weight(y) for y in predicted])
+    return np.asarray(np.linalg.norm(weighed[:, None] - weighed[None], axis=2))
 
 
 def _closely(data: Dataset, experiment: Experiment, rivals: Sequence[Fit]) -> Iterator[Separation]:

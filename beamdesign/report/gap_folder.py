@@ -40,7 +40,7 @@ from beamdesign.report.gap_tables import (
 from beamdesign.report.page import Document, Table, page_template
 
 NAMES = {"prototype": "prototype.toml", "json": "diagnosis.json", "report": "report.html"}
-REDESIGNED = "redesigned/prototype.toml"
+REDESIGNED, NEXT = "redesigned/prototype.toml", "next_experiment.csv"
 
 
 def write_gap_folder(
@@ -69,6 +69,9 @@ def write_gap_folder(
             assert stage.guarantee is not None  # what was proved
             kind = "certificate" if len(renewed.proofs) == 1 else f"certificate_stage_{k}"
             names[kind], texts[kind] = f"redesigned/{stage.guarantee.certificate}", certificate.text
+    if found.next_experiment is not None and (series := found.next_experiment.series):
+        rows = (",".join(f"{value:.7g}" for value in row) for row in zip(*series.values(), strict=True))
+        names["next"], texts["next"] = NEXT, "\n".join((",".join(series), *rows)) + "\n"
     fields = found.to_dict()
     own = "inner_end_mass_kg outer_end_mass_kg believed=nominal diagnosed"
     promised = [{"controller": loop.controller.model_dump()} | finite(picked(loop, own)) for loop in terms]
@@ -77,7 +80,7 @@ def write_gap_folder(
     fields |= {kind: str(folder / name) for kind, name in names.items() if kind != "json"}
     texts |= {"json": json_text(fields), "report": gap_report_html(found, names, data, terms, renewed)}
     files = {kind: (name, texts[kind]) for kind, name in names.items()}
-    paths = write_set(folder, files, (REDESIGNED, "redesigned/*certificate.toml"))
+    paths = write_set(folder, files, (NEXT, REDESIGNED, "redesigned/*certificate.toml"))
     return paths, fields
 
 

@@ -123,7 +123,10 @@ def fitted(task: Task, prototype: Prototype, evidence: Sequence[Evidence]) -> Fi
     """The best of fits from the most promising starts."""
     if task.on:
         some = [evidence[k] for k in task.on]
-        return fit_from_starts(task.hypothesis, prototype, some, task.known, (), 1, task.hints, _QUICK)
+        # A law that is learnt has no single fit before its look, which else would find where it resonates.
+        learnt = any(library()[name].nearest for name in task.hypothesis.effects)
+        peaks = resonances(some, prototype, task.known) if learnt else ()
+        return fit_from_starts(task.hypothesis, prototype, some, task.known, peaks, 1, task.hints, _QUICK)
     peaks = resonances(evidence, prototype, task.known)
     return fit_from_starts(task.hypothesis, prototype, evidence, task.known, peaks, hints=task.hints)
 
