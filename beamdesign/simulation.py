@@ -157,7 +157,7 @@ def simulate(prototype: Prototype, scenario: Scenario) -> Simulation:
 def _unfit(rig: Prototype, scenario: Scenario, row: ScenarioRecord) -> list[Problem]:
     """What of a record its controller cannot be put through."""
     if rig.schedule is not None:
-        from beamdesign.controllers.scheduling.simulation import unfit
+        from beamdesign.controllers.scheduling import unfit
 
         return unfit(scenario, row, rig.schedule)
     words = "is for a scheduled controller"
@@ -207,7 +207,7 @@ def substeps_for(assembly: Assembly, parameters: np.ndarray, times: np.ndarray) 
 
 def _simulated(rig: Prototype, scenario: Scenario, row: ScenarioRecord, position: int) -> SimulatedRecord:
     if rig.schedule is not None:
-        from beamdesign.controllers.scheduling.simulation import simulate_stages
+        from beamdesign.controllers.scheduling import simulate_stages
 
         return simulate_stages(rig, scenario, row, position)
     walled = row.wall is not None
@@ -249,7 +249,7 @@ def _simulated(rig: Prototype, scenario: Scenario, row: ScenarioRecord, position
 
 
 def _wall_figures(row: ScenarioRecord) -> tuple[float, ...]:
-    """In the order of `beamdesign.plant.beams_rig.WALL_FIGURES`."""
+    """In the order of `beamdesign.plant.rigs.WALL_FIGURES`."""
     wall = row.wall
     return () if wall is None else (wall.at_m, wall.stiffness_N_per_m, wall.damping_N_s_per_m, wall.rounding_m)
 

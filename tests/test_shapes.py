@@ -26,7 +26,7 @@ from beamdesign.proofs.writer import prototype_table
 from beamdesign.prototype import Arm, Beam, Prototype, prototype_from, read_prototype, write_prototype
 from beamdesign.quantity_text import tube_text
 from beamdesign.records import InputError, parse, read_table, to_toml
-from beamdesign.structure.equal_mass import beam_of_equal_mass
+from beamdesign.structure.lumped import beam_of_equal_mass
 from beamdesign.structure.materials import material
 from beamdesign.structure.section import RectangularTube, RoundTube, Tube, clearances
 from beamdesign.structure.stock import stock_tubes

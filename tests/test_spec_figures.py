@@ -15,8 +15,8 @@ from beamdesign.checker import check
 from beamdesign.control_models import state_space
 from beamdesign.controllers import Lag, Scheduled, Stage
 from beamdesign.loop import loop
-from beamdesign.plant.changed_figures import CHANGEABLE, with_figures
 from beamdesign.prototype import Prototype, read_prototype
+from beamdesign.structure.lumped import CHANGEABLE, with_figures
 from beamdesign.structure.section import Tube
 
 PUBLISHED = Path(__file__).parent.parent / "studies" / "prototypes" / "published_lag.toml"

@@ -206,7 +206,7 @@ def codesign(
 
 
 def _front_row(design: "Codesign") -> dict[str, Any]:
-    from beamdesign.sweep.tasks import TUBES
+    from beamdesign.sweep.case import TUBES
 
     point = design.point
     row: dict[str, Any] = {
@@ -306,7 +306,7 @@ def remedies(
     from beamdesign.quantity_text import stated_bandwidth
     from beamdesign.report.canvas import new_figure
     from beamdesign.report.trades import plot_remedies
-    from beamdesign.sweep.tasks import REMEDY
+    from beamdesign.sweep.case import REMEDY
     from beamdesign.synthesis import remedies as room
 
     problem = _read(study, nominal)

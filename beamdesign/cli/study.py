@@ -7,7 +7,7 @@ import typer
 
 from beamdesign.cli.command import CommandResult, OutFolderOrNone, TomlFile, command, resumed
 from beamdesign.cli.output import echo, echo_table, echo_wide, progress, refuse
-from beamdesign.cli.size import echo_checks
+from beamdesign.cli.tune import echo_checks
 from beamdesign.json_text import picked
 
 CASE_SECONDS = 3600

@@ -22,7 +22,7 @@ from beamdesign.polynomial import exact
 from beamdesign.prototype import COMPLIANCE_LIMIT_M_PER_N, Prototype
 from beamdesign.quantity_text import decibels
 from beamdesign.report.canvas import LIMIT, finish, plain_numbers, styled
-from beamdesign.structure.equal_mass import beam_of_equal_mass
+from beamdesign.structure.lumped import beam_of_equal_mass
 
 Curves = Mapping[str, LoopAtMass]
 """Loops by the label each gets in the legend."""

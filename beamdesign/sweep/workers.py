@@ -17,8 +17,7 @@ from typing import Any
 
 from beamdesign.code_digest import code_digest, engines
 from beamdesign.progress import pass_on, remembered
-from beamdesign.sweep.case import Case, compute, kept
-from beamdesign.sweep.tasks import TASKS
+from beamdesign.sweep.case import TASKS, Case, compute, kept
 
 Outcome = tuple[int, dict[str, Any]]
 """Place of a case in what was asked, and its record."""
