@@ -10,7 +10,6 @@ from flint import fmpq
 from forging import resealed
 
 from beamdesign.checker import check
-from beamdesign.control_models import state_space
 from beamdesign.controllers import Lag
 from beamdesign.parameters import TYPICAL
 from beamdesign.polynomial import exact
@@ -21,6 +20,7 @@ from beamdesign.proofs.certifying import certify
 from beamdesign.proofs.rig_family import rig_values
 from beamdesign.proofs.tolerance_box import tolerance_box
 from beamdesign.prototype import Prototype, read_prototype
+from beamdesign.public import state_space
 from beamdesign.rational import nearest
 from beamdesign.rational import text as text_of
 from beamdesign.structure.lumped import CHANGEABLE, with_figures

@@ -57,11 +57,11 @@ from beamdesign.build.realisation.verdict import (
     sampled_figures,
 )
 from beamdesign.cli import app
-from beamdesign.control_models import state_space
 from beamdesign.controllers import Lag, Proportional, Section, Structured, TransferFunction
 from beamdesign.loop import loop
 from beamdesign.polynomial import exact, roots
 from beamdesign.prototype import Prototype, read_prototype
+from beamdesign.public import state_space
 from beamdesign.records import InputError
 from beamdesign.scenario import Sampled, Scenario, ScenarioRecord, Step
 from beamdesign.simulation import simulate

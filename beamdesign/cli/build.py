@@ -7,16 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from beamdesign.cli.command import (
-    CommandResult,
-    Figure,
-    MassRange,
-    OutFolderOrNone,
-    TomlFile,
-    command,
-    mass_range,
-    with_controller,
-)
+from beamdesign.cli.command import CommandResult, Figure, command, mass_range, with_controller
 from beamdesign.cli.output import default_folder, echo, echo_table, progress, refuse
 
 if TYPE_CHECKING:
@@ -32,14 +23,14 @@ def _wrong_words(word_length: int | None, in_floats: bool, **others: Any) -> Ite
 
 @partial(command, problems=_wrong_words)
 def code(
-    prototype: TomlFile,
+    prototype: Path,
     rate_Hz: Annotated[float, Figure("SamplingRate")],
-    out: OutFolderOrNone = None,
+    out: Path | None = None,
     word_length: int | None = None,
     in_floats: Annotated[bool, typer.Option("--float")] = False,
     full_scale_V: Annotated[float, Figure("FullScale")] = 10.0,
     largest_current_A: Annotated[float | None, Figure("LargestCurrent")] = None,
-    outer_end_mass: MassRange = None,
+    outer_end_mass: str | None = None,
     any_computing_time: bool = False,
     compile_here: Annotated[bool, typer.Option("--compile")] = False,
 ) -> CommandResult:
@@ -58,7 +49,6 @@ def code(
         in_floats: in floats of 32 bits instead.
         full_scale_V: largest error (V); words are scaled so that it overflows nothing.
         largest_current_A: limit; else the valve's rated current, or the gain times the full scale.
-        outer_end_mass: range of mass on the outer tip, kg; else the prototype's.
         any_computing_time: prove it for every computing time up to one period as well, which takes a minute.
         compile_here: compile it with the system's C compiler and run its self-test.
     """
@@ -133,9 +123,9 @@ def _echo(code: "ProvedCode") -> None:
 
 @command
 def spec(
-    prototype: TomlFile,
-    out: OutFolderOrNone = None,
-    outer_end_mass: MassRange = None,
+    prototype: Path,
+    out: Path | None = None,
+    outer_end_mass: str | None = None,
     sampling_rate_Hz: Annotated[float | None, Figure("SamplingRate")] = None,
     load_N: Annotated[float | None, Figure("Force")] = None,
     noise_share: Annotated[float, Figure("Share")] = 0.1,
@@ -151,7 +141,6 @@ def spec(
     Args:
         prototype: the prototype.toml, with a controller.
         out: folder for the specification; else NAME.specification here.
-        outer_end_mass: range of mass on the outer tip, kg; else the prototype's.
         sampling_rate_Hz: of the difference equation; else at least 40 times the crossover.
         load_N: load for the ratings; else the prototype's largest force or payload's weight.
         noise_share: share of the motion that the goal allows, which sensor noise may cause.

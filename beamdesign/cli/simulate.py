@@ -7,18 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from beamdesign.cli.command import (
-    CommandResult,
-    Figure,
-    OutFolder,
-    OutFolderOrNone,
-    TomlFile,
-    by_stage,
-    command,
-    toml_files,
-    with_controller,
-    write_drawn,
-)
+from beamdesign.cli.command import CommandResult, Figure, by_stage, command, toml_files, with_controller, write_drawn
 from beamdesign.cli.output import echo, echo_table, progress, refuse
 from beamdesign.files import fresh_folder, settled
 from beamdesign.json_text import picked
@@ -32,9 +21,9 @@ if TYPE_CHECKING:
 
 @command
 def simulate(
-    prototype: TomlFile,
+    prototype: Path,
     scenario: Annotated[Path, typer.Option(autocompletion=toml_files)],
-    out: OutFolder,
+    out: Path,
     plots: Annotated[bool, typer.Option("--plots/--no-plots")] = True,
 ) -> CommandResult:
     """Simulate time records of a prototype.
@@ -152,10 +141,10 @@ def write_folder(
 
 @command
 def limits(
-    prototype: TomlFile,
+    prototype: Path,
     payload: Annotated[float | None, Figure("MassOrNone", metavar="KG")] = None,
     preload: Annotated[float, Figure("SignedForce", metavar="N")] = 0.0,
-    out: OutFolderOrNone = None,
+    out: Path | None = None,
 ) -> CommandResult:
     """State the limits of a rig and of its linear model.
 

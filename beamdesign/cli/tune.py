@@ -7,19 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from beamdesign.cli.command import (
-    CommandResult,
-    Figure,
-    MassRange,
-    Minutes,
-    OutFolderOrNone,
-    TomlFile,
-    command,
-    in_time,
-    mass_range,
-    of_all,
-    toml_files,
-)
+from beamdesign.cli.command import CommandResult, Figure, command, in_time, mass_range, of_all, toml_files
 from beamdesign.cli.output import echo, echo_table, progress, refuse
 from beamdesign.cli.stiffness import give_stiffness
 from beamdesign.files import write_set
@@ -43,8 +31,8 @@ _USUALLY = {"lag": "10 to 60 s", "proportional": "10 to 60 s", "scheduled": "2 t
 
 @command
 def tune(
-    prototype: TomlFile,
-    outer_end_mass: MassRange = None,
+    prototype: Path,
+    outer_end_mass: str | None = None,
     controller: str = "lag",
     largest_inner_end_mass_kg: Annotated[float, Figure("MassOrNone")] = 6.0,
     peak_sensitivity: Annotated[float | None, Figure("PeakSensitivity")] = None,
@@ -55,13 +43,13 @@ def tune(
     loop_gain: Annotated[float | None, Figure("LoopGain", or_infinite=True)] = None,
     loop_gain_from_Hz: Annotated[float | None, Figure("Frequency")] = None,
     controller_effort_A_per_V: Annotated[float | None, Figure("LawGain", or_infinite=True)] = None,
-    sigmas: Annotated[float, Figure("Sigmas")] = SIGMAS,
+    sigmas: float = SIGMAS,
     nominal: bool = False,
     lower_gains: Annotated[bool | None, typer.Option("--lower-gains/--no-lower-gains")] = None,
     comes_to_rest: bool = False,
     end_stiffness_N_per_m: Annotated[float | None, Figure("Stiffness")] = None,
-    minutes: Minutes = None,
-    out: OutFolderOrNone = None,
+    minutes: float | None = None,
+    out: Path | None = None,
 ) -> CommandResult:
     """Tune for the largest bandwidth over a payload range.
 
@@ -77,7 +65,6 @@ def tune(
 
     Args:
         prototype: the prototype.toml to tune.
-        outer_end_mass: range of mass on the outer tip, kg; else the prototype's.
         controller: kind of controller: lag, proportional, structured, lqg, hinf, scheduled or compliance.
         largest_inner_end_mass_kg: most mass that may be added inside.
         peak_sensitivity: limit of the peak sensitivity; else the prototype's goal.
@@ -90,13 +77,9 @@ def tune(
         loop_gain: limit of |L| from --loop-gain-from-Hz up; `inf` for none. Else the goal's, or 0.25 but for lags.
         loop_gain_from_Hz: from where on it holds; else the goal's, 250 Hz.
         controller_effort_A_per_V: limit of |C/(1+L)|; `inf` for none. Else the goal's, or 0.06 but for lags.
-        sigmas: guarantee it for every rig whose figures are up to so many standard deviations of [tolerance] off, all
-            at once; typical ones where none is stated.
-        nominal: guarantee it for exactly the figures stated.
         lower_gains: whether the loop is to be stable at every lower gain; else as the prototype's goal has it.
         comes_to_rest: limit it to loops proved to come to rest from every state while the current saturates.
         end_stiffness_N_per_m: of a compliant end; `beamdesign stiffness` has more options.
-        minutes: most time for an answer, the best so far; else 2. A larger one goes on searching.
         out: folder for prototype.toml and certificate.toml; else neither is written.
     """
     from beamdesign.proofs.lyapunov import CHANGES_NAME, describe, stages_certificate, switching_fields
