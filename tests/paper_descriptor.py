@@ -10,7 +10,7 @@ from typing import Any
 
 import casadi as ca
 
-from beamdesign.plant.hydraulics import spool_acceleration
+from beamdesign.plant.actuators.servo_cylinder import spool_acceleration
 from beamdesign.plant.rigs import FIGURES, beam_force
 
 

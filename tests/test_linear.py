@@ -12,7 +12,7 @@ from paper_descriptor import descriptor, leakage_flow, oil_force
 from scipy.linalg import eigh
 
 from beamdesign.controllers import SENSED
-from beamdesign.plant.hydraulics import spool_acceleration
+from beamdesign.plant.actuators.servo_cylinder import spool_acceleration
 from beamdesign.plant.linear import LinearModel, Plant
 from beamdesign.plant.linearised import evaluate_exactly
 from beamdesign.plant.members import paper_model

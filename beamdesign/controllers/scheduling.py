@@ -38,10 +38,9 @@ from beamdesign.plant.linear import LinearModel
 from beamdesign.plant.members import paper_model
 from beamdesign.prototype import Prototype
 from beamdesign.records import InputError, Problem
-from beamdesign.sampled import sampled_law
 from beamdesign.scenario import Sampled, Scenario, ScenarioRecord, inputs_of
 from beamdesign.simulation import COLUMNS as SIMULATED
-from beamdesign.simulation import SimulatedRecord, as_measured, diverged, half_steps, substeps_for
+from beamdesign.simulation import SimulatedRecord, as_measured, diverged, half_steps, sampled_law, substeps_for
 from beamdesign.structure import lumped
 
 CANDIDATES = 17

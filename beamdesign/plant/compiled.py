@@ -49,7 +49,7 @@ def integrate(
         parameters: in the order of the assembly.
         substeps: steps per sample interval.
         bound: of the fifth output, the displacement of the outer tip (m), at which the record ends.
-        digital: the sampled controller, see `beamdesign.sampled.SampledLaw`.
+        digital: the sampled controller, see `beamdesign.simulation.SampledLaw`.
 
     Returns:
         (M, 6) outputs as in `Assembly.outputs`; M < N where the rig passed the bound, or left the numbers, after M

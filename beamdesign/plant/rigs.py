@@ -10,9 +10,9 @@ import casadi as ca
 
 from beamdesign.parameters import rows_of
 from beamdesign.plant.actuators import KINDS, Actuator
+from beamdesign.plant.actuators.servo_cylinder import AREAS, CYLINDER, VALVE, port_leakage
 from beamdesign.plant.component import Component, Rig, Signals
 from beamdesign.plant.electronics import CONTROLLER, OPEN_LOOP, SENSOR, low_pass_rate
-from beamdesign.plant.hydraulics import AREAS, CYLINDER, VALVE, port_leakage
 
 
 def beam_force(stiffness: Any, damping: Any, position: Any, velocity: Any) -> Any:

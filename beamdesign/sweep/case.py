@@ -5,15 +5,12 @@ Engines of tasks are loaded only by the process that computes.
 
 import hashlib
 import json
-import time
-import traceback
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cache, lru_cache
-from importlib import import_module
 from importlib.metadata import PackageNotFoundError, version
 from operator import attrgetter
-from typing import Any, Literal, cast
+from typing import Any, Literal
 
 from pydantic import Field
 
@@ -319,39 +316,6 @@ def _text(tables: Mapping[str, Any]) -> str:
 
 def _digest(task: str, document: str, options: str) -> str:
     return hashlib.sha256(f'["{task}", {document}, {options}]'.encode()).hexdigest()
-
-
-def compute(found: Case) -> dict[str, Any]:
-    """Put a case through its task, law by law where a controller has several; whatever happens is a result.
-
-    Returns:
-        the record that is kept: inputs, status, reason, outputs, details, and how long it took.
-    """
-    begun = time.perf_counter()
-    details: dict[str, Any] = {}
-    outputs: dict[str, Any] = {}
-    try:
-        if found.problems:
-            raise InputError(found.task, found.problems)
-        record, options = parsed(found.task, found.document, found.options)
-        task = TASKS[found.task]
-        module, _, name = task.place.partition(":")
-        work = cast("Callable[[Any, Any], Answer]", getattr(import_module(module), name))
-        if isinstance(record, Prototype) and record.schedule is not None and "controller" in task.needs:
-            mass = getattr(options, "outer_end_mass_kg", None)  # of tasks at one mass
-            range_kg = record.outer_end_mass_kg if mass is None else (mass, mass)
-            assert range_kg is not None  # laws have their payloads
-            answer = of_all({one.prototype.name: work(one.prototype, options) for one in record.stages(range_kg)})
-        else:
-            answer = work(record, options)
-        outputs, details, reason = answer.outputs, answer.details, answer.reason
-        status = "no" if reason else "done"
-    except InputError as error:
-        status, reason = "refused", in_words(error.problems)
-    except Exception as error:  # a crash is a row of its own: the others go on
-        status, reason = "failed", f"{type(error).__name__}: {error}"
-        details = {"traceback": traceback.format_exc()}
-    return kept(found, status, reason, finite(outputs), finite(details), time.perf_counter() - begun)
 
 
 def in_words(problems: Iterable[Problem]) -> str:
