@@ -174,6 +174,7 @@ class Effect:
         source: of the law.
         memory: those of its states that stay where they are while nothing moves (friction); they start at 0.
         linear: what stands for it in proofs; None where nothing does.
+        meaning: what it is; of one that the docstring of its file tells of, empty.
         realises: the effect of which this is another law, so that a diagnosis names that one; empty where it is itself.
     """
 
@@ -185,6 +186,7 @@ class Effect:
     source: str
     memory: tuple[str, ...] = ()
     linear: Linear | None = None
+    meaning: str = ""
     realises: str = ""
 
     @property

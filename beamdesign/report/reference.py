@@ -113,7 +113,7 @@ def effects() -> tuple[EffectEntry, ...]:
 
     found = list[EffectEntry]()
     for name, effect in library().items():
-        words = import_module(next(iter(effect.laws.values())).__module__).__doc__ or ""
+        words = effect.meaning or import_module(next(iter(effect.laws.values())).__module__).__doc__ or ""
         rigs = tuple(kind for kind, rig in RIGS.items() if all(port in rig.ports for port in effect.laws))
         parameters = tuple(
             Key(

@@ -1,4 +1,4 @@
-"""The library of effects: every file of this folder holds one, found by being there."""
+"""The library of effects: every file of this folder holds one, found by being there, some with further laws of it."""
 
 import difflib
 from collections.abc import Mapping
@@ -12,18 +12,18 @@ from beamdesign.records import Problem
 
 @cache
 def library() -> dict[str, Effect]:
-    """All effects by name, in alphabetical order.
+    """All effects by name, in alphabetical order: of each file `EFFECT`, which has its name, and other laws of it.
 
     Raises:
         ValueError: where a file's name is not that of its effect.
     """
     found = {}
     for module in sorted(iter_modules(__path__), key=lambda item: item.name):
-        effect = import_module(f"{__name__}.{module.name}").EFFECT
-        if effect.name != module.name:
-            raise ValueError(f"{module.name} holds the effect {effect.name}")
-        found[effect.name] = effect
-    return found
+        held = import_module(f"{__name__}.{module.name}")
+        if held.EFFECT.name != module.name:
+            raise ValueError(f"{module.name} holds the effect {held.EFFECT.name}")
+        found |= {each.name: each for each in vars(held).values() if isinstance(each, Effect)}
+    return dict(sorted(found.items()))
 
 
 def register(effect: Effect) -> None:
