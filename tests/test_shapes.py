@@ -28,8 +28,7 @@ from beamdesign.quantity_text import tube_text
 from beamdesign.records import InputError, parse, read_table, to_toml
 from beamdesign.structure.lumped import beam_of_equal_mass
 from beamdesign.structure.materials import material
-from beamdesign.structure.section import RectangularTube, RoundTube, Tube, clearances
-from beamdesign.structure.stock import stock_tubes
+from beamdesign.structure.section import RectangularTube, RoundTube, Tube, clearances, stock_tubes
 from beamdesign.synthesis.design_run import run_design
 from beamdesign.synthesis.sizing import check_prototype, size
 

@@ -227,7 +227,7 @@ def front(
         payloads_kg: upper ends of the payload range; else the study's.
     """
     from beamdesign.report.canvas import new_figure
-    from beamdesign.report.trades import plot_front
+    from beamdesign.report.charts import plot_front
     from beamdesign.synthesis.codesign import pareto_front
 
     problem = _read(study, nominal)
@@ -277,7 +277,7 @@ def remedies(
     """
     from beamdesign.quantity_text import stated_bandwidth
     from beamdesign.report.canvas import new_figure
-    from beamdesign.report.trades import plot_remedies
+    from beamdesign.report.charts import plot_remedies
     from beamdesign.sweep.case import REMEDY
     from beamdesign.synthesis import remedies as room
 

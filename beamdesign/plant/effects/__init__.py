@@ -17,7 +17,7 @@ def library() -> dict[str, Effect]:
     Raises:
         ValueError: where a file's name is not that of its effect.
     """
-    found = {}
+    found: dict[str, Effect] = {}
     for module in sorted(iter_modules(__path__), key=lambda item: item.name):
         held = import_module(f"{__name__}.{module.name}")
         if held.EFFECT.name != module.name:
