@@ -55,25 +55,32 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from beamdesign.build.realisation.code import code
-    from beamdesign.build.specification import specify
-    from beamdesign.checker import check
-    from beamdesign.control_models import state_space
-    from beamdesign.diagnosis.data.dataset import read_dataset
-    from beamdesign.diagnosis.diagnose import diagnose
-    from beamdesign.loop import critical_gain
-    from beamdesign.problem import DesignProblem, read_problem
-    from beamdesign.proofs.any_loop import prove
-    from beamdesign.prototype import Prototype, read_prototype, write_prototype
-    from beamdesign.public import certify, pictures, predict, run, spec
-    from beamdesign.records import InputError
-    from beamdesign.scenario import read_scenario
-    from beamdesign.simulation import simulate
-    from beamdesign.synthesis.codesign import codesign
-    from beamdesign.synthesis.design_run import run_design
-    from beamdesign.synthesis.limits import limits
-    from beamdesign.synthesis.sizing import size
-    from beamdesign.synthesis.tuning import tune
+    from beamdesign.build.realisation.code import code as code
+    from beamdesign.build.specification import specify as specify
+    from beamdesign.checker import check as check
+    from beamdesign.diagnosis.data.dataset import read_dataset as read_dataset
+    from beamdesign.diagnosis.diagnose import diagnose as diagnose
+    from beamdesign.loop import critical_gain as critical_gain
+    from beamdesign.problem import DesignProblem as DesignProblem
+    from beamdesign.problem import read_problem as read_problem
+    from beamdesign.proofs.any_loop import prove as prove
+    from beamdesign.prototype import Prototype as Prototype
+    from beamdesign.prototype import read_prototype as read_prototype
+    from beamdesign.prototype import write_prototype as write_prototype
+    from beamdesign.public import certify as certify
+    from beamdesign.public import pictures as pictures
+    from beamdesign.public import predict as predict
+    from beamdesign.public import run as run
+    from beamdesign.public import spec as spec
+    from beamdesign.public import state_space as state_space
+    from beamdesign.records import InputError as InputError
+    from beamdesign.scenario import read_scenario as read_scenario
+    from beamdesign.simulation import simulate as simulate
+    from beamdesign.synthesis.codesign import codesign as codesign
+    from beamdesign.synthesis.design_run import run_design as run_design
+    from beamdesign.synthesis.limits import limits as limits
+    from beamdesign.synthesis.sizing import size as size
+    from beamdesign.synthesis.tuning import tune as tune
 
 _ROOMS = {
     "DesignProblem": "beamdesign.problem",
@@ -99,39 +106,12 @@ _ROOMS = {
     "size": "beamdesign.synthesis.sizing",
     "spec": "beamdesign.public",
     "specify": "beamdesign.build.specification",
-    "state_space": "beamdesign.control_models",
+    "state_space": "beamdesign.public",
     "tune": "beamdesign.synthesis.tuning",
     "write_prototype": "beamdesign.prototype",
 }
 
-__all__ = [
-    "DesignProblem",
-    "InputError",
-    "Prototype",
-    "certify",
-    "check",
-    "code",
-    "codesign",
-    "critical_gain",
-    "diagnose",
-    "limits",
-    "pictures",
-    "predict",
-    "prove",
-    "read_dataset",
-    "read_problem",
-    "read_prototype",
-    "read_scenario",
-    "run",
-    "run_design",
-    "simulate",
-    "size",
-    "spec",
-    "specify",
-    "state_space",
-    "tune",
-    "write_prototype",
-]
+__all__ = sorted(_ROOMS)
 
 
 def __getattr__(name: str) -> Any:

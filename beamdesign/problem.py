@@ -24,9 +24,8 @@ from beamdesign.prototype import (
 )
 from beamdesign.records import Problem, Record, numbers
 from beamdesign.structure.materials import BEAMS, MATERIAL, MaterialByName, WithMaterials
-from beamdesign.structure.section import Tube
+from beamdesign.structure.section import Tube, stock_tubes
 from beamdesign.structure.shapes import Shaped, beams_that_do_not_fit, tube_of
-from beamdesign.structure.stock import stock_tubes
 
 
 class Load(Record):

@@ -1,4 +1,7 @@
-"""Time records of a prototype's rig with its controller in the loop, and the oscillations at their ends."""
+"""Time records of a prototype's rig with its controller in the loop, and the oscillations at their ends.
+
+A controller may work at sample times: held current, quantised volts, whole periods of delay.
+"""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
@@ -8,16 +11,81 @@ from pathlib import Path
 
 import numpy as np
 
+from beamdesign.controllers import SENSED, Controller
 from beamdesign.files import write_whole
-from beamdesign.plant.assembly import Assembly, Structure, assemble, parameters_of, structure_of
+from beamdesign.plant.assembly import OUTPUTS, Assembly, Structure, assemble, parameters_of, structure_of
 from beamdesign.plant.compiled import NOT_SAMPLED, integrate, refuse_too_many, substeps_at
 from beamdesign.plant.equilibrium import equilibrium
+from beamdesign.plant.stepper import COMMAND, ERROR
 from beamdesign.prototype import Prototype
 from beamdesign.records import InputError, Problem
 from beamdesign.result import Result
-from beamdesign.sampled import sampled_law
 from beamdesign.scenario import Scenario, ScenarioRecord, inputs_of
 from beamdesign.structure.lumped import figures
+
+
+@dataclass(frozen=True)
+class SampledLaw:
+    """z+ = A z + B e, i = C z + D e at every sample: the difference equation that a specification states.
+
+    Attributes:
+        matrix: (n + 1, n + k), A and B above C and D.
+        sensed: what each of the k readings is: `ERROR`, `COMMAND` or a place among the rig's outputs.
+    """
+
+    matrix: np.ndarray
+    sensed: tuple[int, ...]
+
+    def step(self, state: np.ndarray, readings: np.ndarray) -> tuple[np.ndarray, float]:
+        """State (n,) after, and current (A) of, one sample."""
+        after = self.matrix @ np.concatenate([state, readings])
+        return after[:-1], float(after[-1])
+
+    def readings(self, outputs: np.ndarray) -> np.ndarray:
+        """(k,) what it hears of a row of the rig's outputs, without command."""
+        known = {ERROR: -outputs[OUTPUTS.index("measured_V")], COMMAND: 0.0}
+        return np.array([known[place] if place < 0 else outputs[place] for place in self.sensed])
+
+    def at_rest(self, readings: np.ndarray) -> np.ndarray:
+        """State (n,) under constant readings."""
+        n = len(self.matrix) - 1
+        return np.asarray(np.linalg.solve(np.eye(n) - self.matrix[:n, :n], self.matrix[:n, n:] @ readings))
+
+    def after(self, readings: np.ndarray, current: float) -> np.ndarray:
+        """State (n,) after a sample of these readings that gave this current: of first order at most there is one."""
+        n = len(self.matrix) - 1
+        own, through = self.matrix[n, :n], self.matrix[n, n:]
+        before = np.linalg.pinv(own.reshape(1, n)) @ np.array([current - through @ readings])
+        return self.step(before, readings)[0]
+
+    def packed(
+        self, period_steps: int, delay_periods: int, least_volt: float, state: np.ndarray, current: float
+    ) -> np.ndarray:
+        """As `beamdesign.plant.compiled.integrate` takes it.
+
+        Args:
+            period_steps: integration steps per period.
+            delay_periods: whole periods between reading a sample and giving its current.
+            least_volt: step of the converter that reads the sensor, V; 0 for none.
+            state: (n,) at the first sample.
+            current: before the record, A.
+        """
+        head = [period_steps, delay_periods, least_volt, current, len(self.matrix) - 1, len(self.sensed), *self.sensed]
+        return np.concatenate([head, self.matrix.ravel(), state])
+
+
+def sampled_law(controller: Controller, period_s: float) -> SampledLaw:
+    """The difference equation of a controller at a period.
+
+    Raises:
+        ValueError: where it has none; see `beamdesign.build.realisation.realise.difference_equation`.
+    """
+    from beamdesign.build.realisation.realise import difference_equation, floats
+
+    law = difference_equation(controller, 1 / period_s).linear
+    places = {SENSED[0]: ERROR, "command_V": COMMAND}
+    sensed = tuple(places[name] if name in places else OUTPUTS.index(name) for name in law.sensed)
+    return SampledLaw(np.block([[floats(law.a), floats(law.b)], [floats(law.c), floats(law.d)]]), sensed)
 
 
 @dataclass(frozen=True)
@@ -157,7 +225,7 @@ def simulate(prototype: Prototype, scenario: Scenario) -> Simulation:
 def _unfit(rig: Prototype, scenario: Scenario, row: ScenarioRecord) -> list[Problem]:
     """What of a record its controller cannot be put through."""
     if rig.schedule is not None:
-        from beamdesign.controllers.scheduling.simulation import unfit
+        from beamdesign.controllers.scheduling import unfit
 
         return unfit(scenario, row, rig.schedule)
     words = "is for a scheduled controller"
@@ -207,7 +275,7 @@ def substeps_for(assembly: Assembly, parameters: np.ndarray, times: np.ndarray) 
 
 def _simulated(rig: Prototype, scenario: Scenario, row: ScenarioRecord, position: int) -> SimulatedRecord:
     if rig.schedule is not None:
-        from beamdesign.controllers.scheduling.simulation import simulate_stages
+        from beamdesign.controllers.scheduling import simulate_stages
 
         return simulate_stages(rig, scenario, row, position)
     walled = row.wall is not None
@@ -215,7 +283,8 @@ def _simulated(rig: Prototype, scenario: Scenario, row: ScenarioRecord, position
     assembly = assemble(kinds)
     inner = row.inner_end_mass_kg
     inner = rig.payload.inner_end_mass_kg if inner is None else inner
-    parameters = np.array([*parameters_of(rig, row.outer_end_mass_kg, inner).values(), *_wall_figures(row)])
+    wall = () if row.wall is None else row.wall.model_dump().values()  # in the order of `plant.rigs.WALL_FIGURES`
+    parameters = np.array([*parameters_of(rig, row.outer_end_mass_kg, inner).values(), *wall])
 
     times, inputs = scenario.times, inputs_of(row, scenario)
     before = np.array([row.preload_N if scenario.start == "loaded" else 0.0, 0.0, 0.0])
@@ -248,12 +317,6 @@ def _simulated(rig: Prototype, scenario: Scenario, row: ScenarioRecord, position
     return _judged(row, scenario, as_measured(samples, scenario, position), samples, inputs, kinds)
 
 
-def _wall_figures(row: ScenarioRecord) -> tuple[float, ...]:
-    """In the order of `beamdesign.plant.beams_rig.WALL_FIGURES`."""
-    wall = row.wall
-    return () if wall is None else (wall.at_m, wall.stiffness_N_per_m, wall.damping_N_s_per_m, wall.rounding_m)
-
-
 def _wall_substeps(rig: Prototype, row: ScenarioRecord, times: np.ndarray) -> int:
     """Steps per sample with which a bounce of the outer beam's mass alone on the wall keeps its energy to 1e-3."""
     if row.wall is None:
@@ -283,7 +346,8 @@ def _judged(
     quiet = int(moving[-1]) + 1 if len(moving) else 0
     found = None
     if len(samples) - quiet > 20:
-        found = sustained(times[quiet:], displacement[quiet:], _LEAST_AMPLITUDE_M, _depends_on_time(kinds))
+        shaken = any(assemble(kinds).function.which_depends("t", ["rate"]))
+        found = sustained(times[quiet:], displacement[quiet:], _LEAST_AMPLITUDE_M, shaken)
     if found is None:
         return SimulatedRecord(row.name, measured, True)
     how = "grows" if found.growth_per_s > 0 else "does not die out"
@@ -300,10 +364,6 @@ def diverged(name: str, samples: np.ndarray, limit_m: float, sample_s: float) ->
     how = "" if found is None else f", oscillating at {found.frequency_Hz:.4g} Hz"
     reason = f"the outer tip passed {limit_m:g} m at {at:.4g} s{how}"
     return SimulatedRecord(name, samples, False, reason, at, found)
-
-
-def _depends_on_time(kinds: Structure) -> bool:
-    return any(assemble(kinds).function.which_depends("t", ["rate"]))
 
 
 def as_measured(samples: np.ndarray, scenario: Scenario, position: int) -> np.ndarray:

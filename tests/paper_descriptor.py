@@ -10,8 +10,8 @@ from typing import Any
 
 import casadi as ca
 
-from beamdesign.plant.beams_rig import FIGURES, beam_force
-from beamdesign.plant.hydraulics import spool_acceleration
+from beamdesign.plant.actuators.servo_cylinder import spool_acceleration
+from beamdesign.plant.rigs import FIGURES, beam_force
 
 
 def oil_force(stiffness: Any, cylinder: Any, outer: Any) -> Any:

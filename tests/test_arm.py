@@ -746,7 +746,7 @@ def test_the_command_proves_writes_and_says_no(link: Prototype, tmp_path: Path):
 
 def test_a_sweep_tells_what_the_command_tells(link: Prototype):
     from beamdesign.sweep.answers import arm as compute
-    from beamdesign.sweep.tasks import ArmOptions
+    from beamdesign.sweep.case import ArmOptions
 
     rig = at(link, 0.0, 0.1, 0.0)
     answer = compute(rig, ArmOptions(force_N=500.0))

@@ -11,7 +11,6 @@ from beamdesign import checker
 from beamdesign.checker.reading import Table
 from beamdesign.checker.rig import Rig
 from beamdesign.checker.state_space import StateSpace as Stated
-from beamdesign.control_models import state_space
 from beamdesign.controllers import Lag
 from beamdesign.parameters import typical_of
 from beamdesign.plant.actuators.servo_cylinder import Servovalve, Supply
@@ -29,6 +28,7 @@ from beamdesign.proofs.mass_family import stage_families
 from beamdesign.proofs.tolerance_box import tolerance_box
 from beamdesign.proofs.writer import prototype_table, rig_tables
 from beamdesign.prototype import Prototype, prototype_from
+from beamdesign.public import state_space
 from beamdesign.records import InputError, to_toml
 from beamdesign.scenario import Scenario, ScenarioRecord, Sine
 from beamdesign.simulation import simulate

@@ -15,10 +15,10 @@ from beamdesign.bench_prototype import (
 )
 from beamdesign.cli import app
 from beamdesign.plant.assembly import assemble
-from beamdesign.plant.bench import BENCH
 from beamdesign.plant.bench_simulation import bench_parameters, bench_start, bench_structure, replay, simulate_bench
 from beamdesign.plant.effects import causes
 from beamdesign.plant.equilibrium import linearise
+from beamdesign.plant.rigs import BENCH
 from beamdesign.prototype import Prototype, read_prototype, write_prototype
 from beamdesign.records import InputError, parse
 from beamdesign.scenario import read_scenario

@@ -16,7 +16,7 @@ from beamdesign import check, read_problem, read_prototype
 from beamdesign.cli import app
 from beamdesign.controllers import Lag
 from beamdesign.report.canvas import new_figure
-from beamdesign.report.trades import plot_remedies
+from beamdesign.report.charts import plot_remedies
 from beamdesign.structure.section import Tube
 from beamdesign.synthesis import codesign as front_room
 from beamdesign.synthesis import remedies

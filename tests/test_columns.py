@@ -16,7 +16,7 @@ from beamdesign.diagnosis.data.dataset import read_dataset
 from beamdesign.diagnosis.predict import predict_set, read_inputs
 from beamdesign.prototype import Prototype
 from beamdesign.records import InputError
-from beamdesign.report.trades import TradePoint, read_trade
+from beamdesign.report.charts import TradePoint, read_trade
 from beamdesign.scenario import inputs_from_csv, read_scenario
 
 TIMES = np.arange(100) * 1e-3

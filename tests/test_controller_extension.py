@@ -16,12 +16,12 @@ from beamdesign.build.analogue import circuit_of
 from beamdesign.build.specification import digital_controller
 from beamdesign.checker import check
 from beamdesign.cli import app
-from beamdesign.control_models import state_space
 from beamdesign.controllers import KINDS, Break, Cascade, Lag, register
 from beamdesign.controllers.cascade import Factor
 from beamdesign.loop import loop
 from beamdesign.proofs.certifying import certify
 from beamdesign.prototype import Prototype, read_prototype, write_prototype
+from beamdesign.public import state_space
 from beamdesign.records import InputError, to_toml
 from beamdesign.report.reference import keys
 from beamdesign.scenario import Sampled, ScenarioRecord, read_scenario

@@ -17,7 +17,6 @@ from typer.testing import CliRunner
 
 from beamdesign.checker import Unreadable, check
 from beamdesign.cli import app
-from beamdesign.control_models import state_space
 from beamdesign.controllers import Lag, Structured
 from beamdesign.loop import Tip, close_loop, loop, tip
 from beamdesign.polynomial import Affine, exact, is_hurwitz, roots
@@ -25,6 +24,7 @@ from beamdesign.proofs.contact import Wall, absorbed, popov_slack, prove_contact
 from beamdesign.proofs.stability import stable_ranges
 from beamdesign.proofs.writer import prototype_table, rig_tables
 from beamdesign.prototype import Prototype, read_prototype, write_prototype
+from beamdesign.public import state_space
 from beamdesign.records import InputError
 from beamdesign.scenario import Scenario, ScenarioRecord, Sine, Step, WallAhead
 from beamdesign.simulation import SimulatedRecord, simulate

@@ -15,8 +15,7 @@ from beamdesign.loop import close_loop
 from beamdesign.plant.assembly import assemble, parameters_of, structure_of
 from beamdesign.plant.effect import Operation
 from beamdesign.plant.effects import library
-from beamdesign.plant.effects.entrained_air import bulk_ratio
-from beamdesign.plant.effects.entrained_air_with_stroke import chamber_length
+from beamdesign.plant.effects.entrained_air import bulk_ratio, chamber_length
 from beamdesign.plant.members import family
 from beamdesign.polynomial import exact
 from beamdesign.proofs.box_member import member_at

@@ -15,7 +15,6 @@ from scipy.signal import lsim
 from typer.testing import CliRunner
 
 from beamdesign.cli import app
-from beamdesign.control_models import state_space
 from beamdesign.controllers import Controller, Observer, Proportional, Scheduled, Section, Stage, Structured
 from beamdesign.diagnosis import separability
 from beamdesign.diagnosis.data.dataset import Dataset, TimeRecord, read_dataset
@@ -28,6 +27,7 @@ from beamdesign.diagnosis.fitting.evidence import record_evidence
 from beamdesign.diagnosis.fitting.hypothesis import NOTHING, Hypothesis
 from beamdesign.diagnosis.redesign import designer_terms, loops_of, payload_range, redesign
 from beamdesign.prototype import Payload, Prototype, read_prototype, write_prototype
+from beamdesign.public import state_space
 from beamdesign.records import InputError
 from beamdesign.report.gap_folder import write_gap_folder
 from beamdesign.scenario import Multisine, Scenario, ScenarioRecord

@@ -15,7 +15,7 @@ from beamdesign.plant.linear_reach import reach, with_published_effects
 from beamdesign.prototype import Prototype, Supply, read_prototype, write_prototype
 from beamdesign.records import InputError
 from beamdesign.report.canvas import new_figure
-from beamdesign.report.trades import plot_envelope
+from beamdesign.report.charts import plot_envelope
 from beamdesign.synthesis.operating_limits import envelope
 from beamdesign.validation.paper.rig import INNER_END_MASS_KG, lag
 

@@ -12,11 +12,11 @@ from paper_descriptor import descriptor, leakage_flow, oil_force
 from scipy.linalg import eigh
 
 from beamdesign.controllers import SENSED
-from beamdesign.plant.beams_rig import FIGURES, beam_force
-from beamdesign.plant.hydraulics import spool_acceleration
+from beamdesign.plant.actuators.servo_cylinder import spool_acceleration
 from beamdesign.plant.linear import LinearModel, Plant
 from beamdesign.plant.linearised import evaluate_exactly
 from beamdesign.plant.members import paper_model
+from beamdesign.plant.rigs import FIGURES, beam_force
 from beamdesign.polynomial import exact
 from beamdesign.prototype import Payload, Prototype
 from beamdesign.records import InputError

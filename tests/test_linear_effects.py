@@ -9,7 +9,6 @@ import pytest
 from flint import fmpq, fmpq_mat, fmpq_poly
 from scipy.optimize import brentq
 
-from beamdesign.control_models import state_space
 from beamdesign.controllers import SENSED, Lag, Proportional
 from beamdesign.loop import critical_gain, loop
 from beamdesign.plant import linearised
@@ -19,6 +18,7 @@ from beamdesign.plant.effects import causes, library
 from beamdesign.plant.equilibrium import equilibrium, linearise
 from beamdesign.plant.members import family, paper_model
 from beamdesign.prototype import Payload, Prototype, Sensor
+from beamdesign.public import state_space
 from beamdesign.records import InputError
 
 LAGS = ("sensor_lag", "sensor_lag_second_order", "transport_delay")

@@ -16,8 +16,8 @@ from standing_sections import standing
 from beamdesign.controllers import KINDS, Lag, Proportional
 from beamdesign.controllers.form import form_of
 from beamdesign.loop import LoopAtMass, loop
-from beamdesign.plant.beams_rig import FIGURES
 from beamdesign.plant.members import family, paper_model
+from beamdesign.plant.rigs import FIGURES
 from beamdesign.prototype import Payload, Prototype
 from beamdesign.synthesis.law_search import search
 from beamdesign.synthesis.law_task import Search

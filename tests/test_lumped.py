@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from beamdesign.plant.beams_rig import FIGURES
+from beamdesign.plant.rigs import FIGURES
 from beamdesign.prototype import Beam, Prototype
 from beamdesign.structure.lumped import figures, fixed_dashpot, lumped_beam, notes
 

@@ -7,15 +7,15 @@ import numpy as np
 import pytest
 
 from beamdesign.plant.effect import Site
-from beamdesign.plant.effects.valve_hysteresis_magnetic import EFFECT
+from beamdesign.plant.effects.valve_hysteresis import MAGNETIC
 
 
 def magnetised(currents: np.ndarray, **parameter: float) -> np.ndarray:
     """What the spool gets of a slow course of currents that begins at none, A."""
-    state, passed = dict.fromkeys(EFFECT.states, 0.0), []
+    state, passed = dict.fromkeys(MAGNETIC.states, 0.0), []
     for current in currents:
         site = Site({}, {}, parameter, state, {}, 0.0)
-        passed.append(float(EFFECT.laws["spool_A"](float(current), site)))
+        passed.append(float(MAGNETIC.laws["spool_A"](float(current), site)))
         state = {name: at + 1e-4 * float(site.rate[name]) for name, at in state.items()}
     return np.array(passed)
 

@@ -38,8 +38,8 @@ from beamdesign.proofs.writer import certificate
 from beamdesign.prototype import Prototype, read_prototype, write_prototype
 from beamdesign.records import InputError, Longest, Record, parse
 from beamdesign.report.canvas import inline_svg
+from beamdesign.report.charts import write_record_page
 from beamdesign.report.page import Document, Items, Paragraph, Part, Picture, Table, to_html, to_markdown
-from beamdesign.report.record_plot import write_record_page
 from beamdesign.scenario import FromCsv, ScenarioRecord, Step
 from beamdesign.spelling import LONGEST, in_csv, in_plot, one_line
 from beamdesign.sweep.plot import draw

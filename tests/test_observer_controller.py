@@ -16,7 +16,6 @@ from beamdesign.build.realisation.realise import realise
 from beamdesign.checker import Unreadable, check
 from beamdesign.checker.roots import stable_on_rectangle
 from beamdesign.cli import app
-from beamdesign.control_models import state_space
 from beamdesign.controllers import SENSED, Lag, Observer
 from beamdesign.loop import critical_gain, loop
 from beamdesign.plant.higher_modes import signals, single_compliance, with_mass
@@ -33,6 +32,7 @@ from beamdesign.proofs.stability import is_stable_over
 from beamdesign.proofs.tolerance_box import tolerance_box
 from beamdesign.proofs.writer import prototype_table
 from beamdesign.prototype import Arm, Prototype, read_prototype, write_prototype
+from beamdesign.public import state_space
 from beamdesign.records import InputError
 from beamdesign.scenario import Sampled, Scenario, ScenarioRecord, Step
 from beamdesign.simulation import simulate

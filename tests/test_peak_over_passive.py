@@ -22,7 +22,7 @@ from beamdesign.proofs.writer import prototype_table
 from beamdesign.prototype import Goal, Prototype, Tolerance, read_prototype
 from beamdesign.rational import nearest
 from beamdesign.report.figures import passive_curves
-from beamdesign.structure.equal_mass import beam_of_equal_mass
+from beamdesign.structure.lumped import beam_of_equal_mass
 from beamdesign.structure.materials import material
 from beamdesign.synthesis.tuning import tune
 

@@ -36,7 +36,6 @@ from beamdesign.build.realisation.loop import (
     prove_any_computing_time,
     prove_sampled,
     realised_loop,
-    rounded_loop,
 )
 from beamdesign.build.realisation.realise import (
     Realisation,
@@ -53,15 +52,16 @@ from beamdesign.build.realisation.verdict import (
     judge,
     law_errors,
     law_polynomials,
+    rounded_loop,
     rounding_effect,
     sampled_figures,
 )
 from beamdesign.cli import app
-from beamdesign.control_models import state_space
 from beamdesign.controllers import Lag, Proportional, Section, Structured, TransferFunction
 from beamdesign.loop import loop
 from beamdesign.polynomial import exact, roots
 from beamdesign.prototype import Prototype, read_prototype
+from beamdesign.public import state_space
 from beamdesign.records import InputError
 from beamdesign.scenario import Sampled, Scenario, ScenarioRecord, Step
 from beamdesign.simulation import simulate
@@ -276,10 +276,6 @@ def test_within_full_scale_no_word_overflows_and_one_place_more_would() -> None:
         for share in reversed(impulse):
             machine.step(full if share >= 0 else -full)
     assert most / 2 < seen <= most
-
-
-def test_scaled_by_energy_words_have_more_places() -> None:
-    assert realise(rich(), 2000.0, 16, scaling="l2").signal_places > realise(rich(), 2000.0, 16).signal_places
 
 
 def test_errors_of_the_law_are_those_that_python_control_sees(rig: Prototype) -> None:

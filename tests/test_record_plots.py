@@ -11,7 +11,7 @@ from typer.testing import CliRunner
 
 from beamdesign.cli import app
 from beamdesign.prototype import Prototype, write_prototype
-from beamdesign.report.record_plot import plot_record
+from beamdesign.report.charts import plot_record
 from beamdesign.simulation import SimulatedRecord
 
 KICK = str(Path(__file__).parent.parent / "studies" / "scenarios" / "kick.toml")

@@ -24,17 +24,17 @@ import beamdesign
 from beamdesign.build.acceptance import acceptance
 from beamdesign.build.result_folder import FILES, check_row, report_html, write_result_folder
 from beamdesign.checker import check
-from beamdesign.control_models import state_space
 from beamdesign.loop import critical_gain, loop
 from beamdesign.plant.members import paper_model
 from beamdesign.prototype import InStage, Prototype, read_prototype
+from beamdesign.public import state_space
 from beamdesign.quantity_text import at_least, at_most, decimal, per_cent, quantity
 from beamdesign.report.canvas import inline_svg, new_figure
+from beamdesign.report.charts import plot_trade, read_trade
 from beamdesign.report.drawing import draw_section, draw_side
 from beamdesign.report.figures import shade_compliance
 from beamdesign.report.pictures import loop_pictures, plot_stable_gains, prototype_picture, stable_gains, wider_map
 from beamdesign.report.statements import price_words
-from beamdesign.report.trades import plot_trade, read_trade
 from beamdesign.structure.lumped import lumped_beam
 from beamdesign.synthesis.design_run import DesignRun
 

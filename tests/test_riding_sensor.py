@@ -12,7 +12,6 @@ import numpy as np
 import pytest
 
 from beamdesign.checker import check
-from beamdesign.control_models import state_space
 from beamdesign.controllers import Lag
 from beamdesign.controllers.form import form_of
 from beamdesign.diagnosis.redesign import redesign
@@ -20,6 +19,7 @@ from beamdesign.loop import LoopAtMass, loop, rig_loop
 from beamdesign.plant.linear import LinearModel
 from beamdesign.plant.members import family
 from beamdesign.prototype import Goal, Payload, Prototype
+from beamdesign.public import state_space
 from beamdesign.synthesis.loop_samples import Samples, samples
 from beamdesign.synthesis.loop_slacks import Slacks, first_miss, sampled_bandwidth, slacks
 

@@ -17,17 +17,19 @@ from typer.testing import CliRunner
 from beamdesign.checker import check
 from beamdesign.cli import app
 from beamdesign.controllers import Estimator, Scheduled, Section, Structured
-from beamdesign.controllers.scheduling.estimator import (
+from beamdesign.controllers.scheduling import (
     CANDIDATES,
     FREE,
     NOTHING,
+    Course,
     Estimate,
     PayloadEstimator,
     PlantStep,
     free_responses,
+    next_stage,
     plant_step,
+    simulate_scheduled,
 )  # fmt: skip
-from beamdesign.controllers.scheduling.simulation import Course, next_stage, simulate_scheduled
 from beamdesign.diagnosis.predict import Inputs, predict
 from beamdesign.loop import loop
 from beamdesign.plant.linear import LinearModel

@@ -26,10 +26,9 @@ from beamdesign.proofs.writer import prototype_table
 from beamdesign.prototype import Arm, Beam, Prototype, prototype_from, read_prototype, write_prototype
 from beamdesign.quantity_text import tube_text
 from beamdesign.records import InputError, parse, read_table, to_toml
-from beamdesign.structure.equal_mass import beam_of_equal_mass
+from beamdesign.structure.lumped import beam_of_equal_mass
 from beamdesign.structure.materials import material
-from beamdesign.structure.section import RectangularTube, RoundTube, Tube, clearances
-from beamdesign.structure.stock import stock_tubes
+from beamdesign.structure.section import RectangularTube, RoundTube, Tube, clearances, stock_tubes
 from beamdesign.synthesis.design_run import run_design
 from beamdesign.synthesis.sizing import check_prototype, size
 

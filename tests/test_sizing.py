@@ -11,8 +11,7 @@ from scipy.optimize import minimize
 
 from beamdesign.problem import DesignProblem, read_problem
 from beamdesign.structure.materials import BEAMS
-from beamdesign.structure.section import Tube
-from beamdesign.structure.stock import stock_tubes
+from beamdesign.structure.section import Tube, stock_tubes
 from beamdesign.synthesis.checks import REQUIREMENTS, beam_mass, check_sections, checks
 from beamdesign.synthesis.free_search import (
     Conditions,

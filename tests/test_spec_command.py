@@ -20,15 +20,15 @@ from beamdesign.build.acceptance import COLUMNS, acceptance_plan, as_specified, 
 from beamdesign.build.drawing import LAYERS, drawing, dxf_text, missing_geometry, svg_text
 from beamdesign.checker import check
 from beamdesign.cli import app
-from beamdesign.control_models import state_space
 from beamdesign.controllers import Lag, Observer, Scheduled, Stage
 from beamdesign.diagnosis.data.dataset import read_dataset
 from beamdesign.diagnosis.diagnose import held_out
-from beamdesign.plant.changed_figures import with_figures
 from beamdesign.prototype import Tolerance, read_prototype, write_prototype
+from beamdesign.public import state_space
 from beamdesign.records import InputError
 from beamdesign.scenario import Measurement, inputs_of, read_scenario
 from beamdesign.simulation import simulate
+from beamdesign.structure.lumped import with_figures
 
 PROTOTYPES = Path(__file__).parent.parent / "studies" / "prototypes"
 

@@ -22,10 +22,10 @@ from beamdesign.build.realisation.realise import (
     upper_break_Hz,
 )
 from beamdesign.checker import check
-from beamdesign.control_models import state_space
 from beamdesign.controllers import Lag, Observer, Proportional
 from beamdesign.proofs.certifying import certify
 from beamdesign.prototype import Prototype, read_prototype
+from beamdesign.public import state_space
 
 PUBLISHED = Path(__file__).parent.parent / "studies" / "prototypes" / "published_lag.toml"
 

@@ -12,11 +12,11 @@ from beamdesign.build.acceptance import acceptance
 from beamdesign.build.ratings import MARGIN, lagging, noise_bandwidth_Hz, ratings, sensor_need, stock_choices
 from beamdesign.build.tolerances import SAFETY, Tolerances, tolerances
 from beamdesign.checker import check
-from beamdesign.control_models import state_space
 from beamdesign.controllers import Lag, Scheduled, Stage
 from beamdesign.loop import loop
-from beamdesign.plant.changed_figures import CHANGEABLE, with_figures
 from beamdesign.prototype import Prototype, read_prototype
+from beamdesign.public import state_space
+from beamdesign.structure.lumped import CHANGEABLE, with_figures
 from beamdesign.structure.section import Tube
 
 PUBLISHED = Path(__file__).parent.parent / "studies" / "prototypes" / "published_lag.toml"

@@ -19,8 +19,7 @@ from beamdesign.prototype import InStage, Prototype
 from beamdesign.report.page import to_markdown
 from beamdesign.spelling import in_markdown
 from beamdesign.structure.lumped import lumped_beam
-from beamdesign.structure.section import SHAPES, Tube
-from beamdesign.structure.stock import stock_tubes
+from beamdesign.structure.section import SHAPES, Tube, stock_tubes
 from beamdesign.synthesis.design_run import DesignRun
 
 

@@ -15,8 +15,7 @@ from beamdesign.prototype import read_prototype, write_prototype
 from beamdesign.records import InputError, parse, read_table
 from beamdesign.structure.lumped import lumped_beam
 from beamdesign.structure.materials import BEAMS, material, material_names, unknown_material
-from beamdesign.structure.section import SHAPES, Tube
-from beamdesign.structure.stock import stock_tubes
+from beamdesign.structure.section import SHAPES, Tube, stock_tubes
 
 STUDY = Path(__file__).parent.parent / "studies" / "prototype.toml"
 

@@ -10,9 +10,9 @@ from typer.testing import CliRunner
 
 from beamdesign import certify, read_prototype
 from beamdesign.cli.study import study
-from beamdesign.sweep.case import case, compute
+from beamdesign.sweep.case import TASKS, case
 from beamdesign.sweep.sweep_file import read_sweep
-from beamdesign.sweep.tasks import TASKS
+from beamdesign.sweep.workers import compute
 from beamdesign.synthesis.checks import REQUIREMENTS
 
 ROOT = Path(__file__).parents[1] / "studies"

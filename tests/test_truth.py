@@ -259,8 +259,8 @@ def test_sensor_lag_answers_a_step_as_its_closed_form(order, zeta):
 def test_with_all_effects_off_it_is_the_linear_rig():
     import control
 
-    from beamdesign.control_models import state_space
     from beamdesign.prototype import prototype_from
+    from beamdesign.public import state_space
 
     table = PUBLISHED | {
         "controller": {"kind": "lag", "gain_A_per_V": 0.08, "pole_Hz": 1.75, "zero_Hz": 26.0},

@@ -12,7 +12,6 @@ from hand_assembled import judge
 from standing_sections import standing
 
 from beamdesign.checker import check
-from beamdesign.control_models import state_space
 from beamdesign.controllers import Lag, Section, Structured
 from beamdesign.controllers.form import form_of
 from beamdesign.loop import loop
@@ -25,6 +24,7 @@ from beamdesign.proofs.performance import prove
 from beamdesign.proofs.rectangle import Rectangle
 from beamdesign.proofs.stability import is_stable_over
 from beamdesign.prototype import Payload, Prototype
+from beamdesign.public import state_space
 from beamdesign.synthesis import tuning
 from beamdesign.synthesis.law_search import Found, Start, from_seeds, search
 from beamdesign.synthesis.law_task import Search

@@ -19,7 +19,6 @@ from beamdesign.files import write_whole
 from beamdesign.json_text import picked
 from beamdesign.loop import CriticalGain, critical_gain, loop
 from beamdesign.parameters import RIG_TOLERANCES
-from beamdesign.plant.changed_figures import CHANGEABLE, with_figures
 from beamdesign.polynomial import exact
 from beamdesign.progress import Progress, silent
 from beamdesign.proofs.box import box_of, certify_box
@@ -29,7 +28,7 @@ from beamdesign.prototype import Prototype, write_prototype
 from beamdesign.records import to_toml
 from beamdesign.scenario import CHANNELS, Input, LoadSteps, Multisine, Scenario, ScenarioRecord, inputs_of
 from beamdesign.spelling import shorter
-from beamdesign.structure.lumped import lumped_beam
+from beamdesign.structure.lumped import CHANGEABLE, lumped_beam, with_figures
 from beamdesign.synthesis.operating_limits import envelope
 
 MEASURED_WITHIN = 0.05

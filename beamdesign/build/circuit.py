@@ -62,12 +62,12 @@ def values_between(series: Series, low: float, high: float) -> tuple[float, ...]
     return tuple(value for value in found if low * (1 - 1e-9) <= value <= high * (1 + 1e-9))
 
 
-def neighbours(series: Series, value: float, count: int = 1) -> tuple[float, ...]:
-    """The values of a series next to a positive one: so many at or below it, and as many above."""
+def neighbours(series: Series, value: float) -> tuple[float, ...]:
+    """The values of a series next to a positive one: at or below it, and above."""
     exponent = floor(log10(value))
     listed = values_between(series, float(f"1e{exponent - 1}"), float(f"1e{exponent + 2}"))
     place = bisect_left(listed, value * (1 + 1e-12))
-    return listed[max(place - count, 0) : place + count]
+    return listed[max(place - 1, 0) : place + 1]
 
 
 Kind = Literal["amplifier", "lag", "lead", "biquad"]
@@ -231,13 +231,13 @@ class Circuit:
         )
         return replace(self, stages=stages, sense_ohm=parts["Rs"])
 
-    def corners(self, resistors: float, capacitor: float, seed: int = 0) -> Iterator["Circuit"]:
+    def corners(self, resistors: float, capacitor: float) -> Iterator["Circuit"]:
         """Combinations of all parts at the ends of their tolerances: each, or some drawn where they are many."""
         parts, n = self.parts, len(self.parts)
         if 2**n <= _MOST_CORNERS * 2:
             sides: Any = product((-1, 1), repeat=n)
         else:
-            drawn = random.Random(seed)
+            drawn = random.Random(0)
             sides = [[drawn.choice((-1, 1)) for _ in range(n)] for _ in range(_MOST_CORNERS)]
         for ends in sides:
             yield self.made_of(

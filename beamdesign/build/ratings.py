@@ -20,9 +20,8 @@ from beamdesign.prototype import Beam, InStage, Prototype
 from beamdesign.quantity_text import tube_text
 from beamdesign.structure import beam
 from beamdesign.structure.lumped import lumped_beam
-from beamdesign.structure.section import Tube
+from beamdesign.structure.section import Tube, stock_tubes
 from beamdesign.structure.shapes import gaps
-from beamdesign.structure.stock import stock_tubes
 from beamdesign.synthesis.operating_limits import Envelope, envelope, needs
 
 

@@ -30,6 +30,7 @@ from beamdesign.quantity_text import (
 )
 from beamdesign.records import to_toml
 from beamdesign.report.canvas import inline_svg, readings_json
+from beamdesign.report.charts import TradePoint, read_trade
 from beamdesign.report.page import (
     Block,
     Code,
@@ -45,7 +46,6 @@ from beamdesign.report.page import (
 )
 from beamdesign.report.pictures import CaptionedFigure, loop_pictures, prototype_picture, trade_picture
 from beamdesign.report.statements import price_words, statements
-from beamdesign.report.trades import TradePoint, read_trade
 from beamdesign.structure.lumped import lumped_beam, notes
 from beamdesign.synthesis.checks import Check, CheckedPair
 from beamdesign.synthesis.design_run import CERTIFICATE_NAME, DesignRun, certificate_name

@@ -7,7 +7,6 @@ from functools import partial
 from typing import Any
 
 from beamdesign.build.acceptance import (
-    DURATION_S,
     AcceptanceAtMass,
     AcceptancePlan,
     acceptance,
@@ -178,7 +177,6 @@ def specify(
     rate_Hz: float | None = None,
     load_N: float | None = None,
     noise_share: float = 0.1,
-    duration_s: float = DURATION_S,
     progress: Progress = silent,
 ) -> Specification:
     """Work out the specification of a prototype.
@@ -189,7 +187,6 @@ def specify(
         rate_Hz: sampling rate of the difference equations; chosen where it is None, as the schedule's of several laws.
         load_N: reference load; else the prototype's largest force, else the weight of the largest payload.
         noise_share: share of the motion that the goal allows, which sensor noise may cause.
-        duration_s: of each record of the acceptance test.
         progress: told the share done and what is being done.
 
     Raises:
@@ -230,7 +227,7 @@ def specify(
     def of_law(share: float, text: str, law: int) -> None:
         progress(0.5 + 0.5 * (law + share) / len(laws), text)
 
-    laws = tuple(_realised(one, specified, rate_Hz, duration_s, partial(of_law, law=k)) for k, one in enumerate(laws))
+    laws = tuple(_realised(one, specified, rate_Hz, partial(of_law, law=k)) for k, one in enumerate(laws))
     return replace(found, laws=laws, sensor=sensor, tolerances=kept, tolerances_reason=unboxed)
 
 
@@ -276,7 +273,7 @@ def _refuse_slow(prototype: Prototype, rate_Hz: float | None) -> None:
 
 
 def _realised(
-    law: LawSpecification, specified: Mapping[str, float], rate_Hz: float | None, duration_s: float, progress: Progress
+    law: LawSpecification, specified: Mapping[str, float], rate_Hz: float | None, progress: Progress
 ) -> LawSpecification:
     """A law that is proved stable over its payloads with its circuit, code and acceptance test."""
     prototype, masses_kg, _ = law.stage
@@ -288,7 +285,7 @@ def _realised(
         why = str(error)
     progress(0.2, "difference equation")
     digital = digital_controller(prototype, masses_kg, law.stage.looked_at_kg, rate_Hz)
-    plan = acceptance_plan(prototype, masses_kg, duration_s)
+    plan = acceptance_plan(prototype, masses_kg)
     expected = acceptance(
         prototype,
         tuple(sorted({*law.stage.looked_at_kg, *plan.masses_kg})),

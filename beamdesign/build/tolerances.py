@@ -5,7 +5,6 @@ from dataclasses import dataclass
 from decimal import ROUND_FLOOR
 from typing import NamedTuple
 
-from beamdesign.plant.changed_figures import CHANGEABLE, with_figures
 from beamdesign.plant.members import family
 from beamdesign.progress import Progress, silent
 from beamdesign.proofs.certifying import guaranteed_by_all
@@ -14,6 +13,7 @@ from beamdesign.proofs.tolerance_box import Scaling, largest_scaling, tolerance_
 from beamdesign.prototype import Prototype
 from beamdesign.quantity_text import decimal
 from beamdesign.records import InputError
+from beamdesign.structure.lumped import CHANGEABLE, with_figures
 
 LARGEST = 0.5
 """Largest relative tolerance that is asked about."""

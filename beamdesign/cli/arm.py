@@ -6,17 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from beamdesign.cli.command import (
-    CommandResult,
-    Figure,
-    MassRange,
-    OutFolderOrNone,
-    TomlFile,
-    by_stage,
-    command,
-    figures_of,
-    mass_range,
-)
+from beamdesign.cli.command import CommandResult, Figure, by_stage, command, figures_of, mass_range
 from beamdesign.cli.output import echo, echo_table, refuse
 from beamdesign.cli.proved import echo_against_goal, echo_stability
 from beamdesign.files import fresh_folder, settled, write_whole
@@ -34,14 +24,14 @@ _Place = Annotated[str | None, typer.Option(metavar="X,Y,Z")]
 
 @command
 def arm(
-    prototype: TomlFile,
+    prototype: Path,
     offset_m: _Place = None,
     sensor_m: _Place = None,
-    outer_end_mass: MassRange = None,
+    outer_end_mass: str | None = None,
     force_N: Annotated[str | None, typer.Option(metavar="F")] = None,
     within_m: _Place = None,
     allowed_mm: Annotated[float | None, Figure("Millimetres")] = None,
-    out: OutFolderOrNone = None,
+    out: Path | None = None,
 ) -> CommandResult:
     """Work out the link as an arm.
 
@@ -54,7 +44,6 @@ def arm(
         prototype: the prototype.toml, with a controller.
         offset_m: payload's centre from the tip; else that of [arm].
         sensor_m: where the servos measure, from the tip; else as in [arm].
-        outer_end_mass: range of mass on the outer tip, kg; else the prototype's.
         force_N: load on the payload's centre, downwards, or X,Y,Z; else weight and largest force.
         within_m: prove stability for every place of the centre up to so far away, too.
         allowed_mm: error that twist may leave; says which tube keeps it.

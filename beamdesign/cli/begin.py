@@ -6,7 +6,7 @@ from typing import Annotated, Any
 
 import typer
 
-from beamdesign.cli.command import CommandResult, OutFolder, command
+from beamdesign.cli.command import CommandResult, command
 from beamdesign.cli.output import echo, echo_table, path_to_write, progress, refuse, write_json
 from beamdesign.files import fresh_folder, settled
 
@@ -146,7 +146,7 @@ def _list() -> None:
 
 
 @command
-def paper(out: OutFolder, figure: Annotated[int | None, typer.Option(metavar="N")] = None) -> CommandResult:
+def paper(out: Path, figure: Annotated[int | None, typer.Option(metavar="N")] = None) -> CommandResult:
     """Recompute the numbers of Zalucky and Hardt (1984).
 
     Every number and the figures 8 to 16, the paper's beside the model's; where they disagree, why. What the paper says

@@ -10,14 +10,11 @@ import typer
 from beamdesign.cli.command import (
     CommandResult,
     Figure,
-    MassRange,
     OutFile,
-    TomlFile,
     beside,
     by_stage,
     command,
     mass_range,
-    toml_files,
     with_controller,
 )
 from beamdesign.cli.output import certificate_file, echo, progress, refuse, write_certificate
@@ -32,8 +29,8 @@ if TYPE_CHECKING:
 
 @command
 def certify(
-    prototype: Annotated[Path | None, typer.Argument(autocompletion=toml_files)] = None,
-    outer_end_mass: MassRange = None,
+    prototype: Path | None = None,
+    outer_end_mass: str | None = None,
     bandwidth_Hz: Annotated[float | None, Figure("Frequency")] = None,
     peak_sensitivity: Annotated[float | None, Figure("LoopGain")] = None,
     loop_gain: Annotated[float | None, Figure("LoopGain")] = None,
@@ -57,7 +54,6 @@ def certify(
 
     Args:
         prototype: the prototype.toml to certify.
-        outer_end_mass: range of mass on the outer tip, kg; else the prototype's.
         bandwidth_Hz: claim the goal's compliance up to this frequency.
         peak_sensitivity: claim that max |1/(1+L)| is at most this.
         loop_gain: claim that |L| is at most this from the goal's loop_gain_from_Hz up.
@@ -207,9 +203,9 @@ def _replay(path: Path, record: "Prototype | None") -> CommandResult:
 
 @command
 def certify_box(
-    prototype: TomlFile,
-    outer_end_mass: MassRange = None,
-    sigmas: Annotated[float, Figure("Sigmas")] = 3.0,
+    prototype: Path,
+    outer_end_mass: str | None = None,
+    sigmas: float = 3.0,
     only: Annotated[list[str] | None, typer.Option(metavar="FIGURE")] = None,
     delay_s: Annotated[float, Figure("Delay")] = 0.0,
     scaling: Annotated[bool, typer.Option("--scaling/--no-scaling")] = False,
@@ -229,7 +225,6 @@ def certify_box(
 
     Args:
         prototype: the prototype.toml to certify.
-        outer_end_mass: range of mass on the outer tip, kg; else the prototype's.
         sigmas: standard deviations to either side of every figure.
         only: let this figure vary; may be repeated. Default: all.
         delay_s: allow every pure delay in the loop up to this, s.
@@ -300,8 +295,8 @@ def certify_box(
 
 @command
 def certify_switching(
-    prototype: TomlFile,
-    outer_end_mass: MassRange = None,
+    prototype: Path,
+    outer_end_mass: str | None = None,
     rate: Annotated[float | None, Figure("MassRate", metavar="KG_PER_S")] = None,
     out: OutFile = None,
 ) -> CommandResult:
@@ -315,7 +310,6 @@ def certify_switching(
 
     Args:
         prototype: the prototype.toml, with its controller.
-        outer_end_mass: range of mass on the outer tip, kg; else the prototype's.
         rate: prove stability up to this rate of change; else find the largest.
         out: file for the certificate; else STEM.stages.toml in this folder.
     """

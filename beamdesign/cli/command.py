@@ -1,6 +1,7 @@
 """What every command shares: its options, the way from them to an answer, and the exit status of that.
 
-An option goes by the name of its parameter, and its help is what the docstring tells of it.
+An option goes by the name of its parameter, and its help is what the docstring tells of it; some mean the same in every
+command (`OPTIONS`).
 """
 
 import inspect
@@ -109,9 +110,10 @@ def _described(work: Callable[..., Any]) -> tuple[str, dict[str, str]]:
 
 def _marked(name: str, hint: Any, help: str | None) -> Any:
     """The type of an option with the mark by which typer knows it."""
-    given, mark = get_args(hint)[:2] if get_origin(hint) is Annotated else (hint, typer.Option())
+    usual, usual_help = OPTIONS.get(name, (typer.Option(), None))
+    given, mark = get_args(hint)[:2] if get_origin(hint) is Annotated else (hint, usual)
     mark = copy(mark)
-    mark.help = help
+    mark.help = help or usual_help
     if not isinstance(mark, ArgumentInfo) and mark.default is ...:  # else it goes by names of its own
         mark.param_decls = (_option(name),)
     return Annotated[given, mark]
@@ -211,12 +213,28 @@ def _below(incomplete: str) -> Iterator[Path]:
                 yield path
 
 
-TomlFile = Annotated[Path, typer.Argument(autocompletion=toml_files)]
-MassRange = Annotated[str | None, typer.Option("--outer-end-mass", metavar="LO:HI")]
-_FOLDER = typer.Option("--out", metavar="DIR", callback=folder_to_write)
-OutFolder = Annotated[Path, _FOLDER]
-OutFolderOrNone = Annotated[Path | None, _FOLDER]
-Minutes = Annotated[float | None, Figure("Minutes", or_infinite=True, metavar="M")]
+OPTIONS: dict[str, tuple[OptionInfo | ArgumentInfo, str]] = {
+    "prototype": (typer.Argument(autocompletion=toml_files), ""),
+    "study": (typer.Argument(autocompletion=toml_files), ""),
+    "file": (typer.Argument(autocompletion=toml_files), ""),
+    "dataset": (typer.Argument(autocompletion=data_sets), ""),
+    "out": (typer.Option("--out", metavar="DIR", callback=folder_to_write), ""),
+    "outer_end_mass": (
+        typer.Option("--outer-end-mass", metavar="LO:HI"),
+        "Range of mass on the outer tip, kg; else the prototype's.",
+    ),
+    "sigmas": (
+        Figure("Sigmas"),
+        "Guarantee it for every rig whose figures are up to so many standard deviations of [tolerance] off, all at"
+        " once; typical ones where none is stated.",
+    ),
+    "nominal": (typer.Option(), "Guarantee it for exactly the figures stated."),
+    "minutes": (
+        Figure("Minutes", or_infinite=True, metavar="M"),
+        "Most time for an answer, the best so far; else 2. A larger one goes on searching.",
+    ),
+}
+"""What means the same in every command, by the name of its parameter, with its help where that is the same too."""
 OutFile = Annotated[Path | None, typer.Option("--out", metavar="FILE", callback=file_to_write)]
 _JSON_HELP = "Write the result to this JSON file as well; `-` prints it, and nothing else, to standard output."
 _JsonOption = Annotated[Path | None, typer.Option("--json", metavar="FILE", callback=json_target, help=_JSON_HELP)]

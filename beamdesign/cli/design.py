@@ -4,20 +4,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-from beamdesign.cli.command import (
-    CommandResult,
-    Figure,
-    MassRange,
-    Minutes,
-    OutFolder,
-    OutFolderOrNone,
-    TomlFile,
-    command,
-    figures_of,
-    in_time,
-    mass_range,
-    write_drawn,
-)
+from beamdesign.cli.command import CommandResult, Figure, command, figures_of, in_time, mass_range, write_drawn
 from beamdesign.cli.output import default_folder, echo, echo_table, progress, refuse
 from beamdesign.files import write_set
 from beamdesign.json_text import picked
@@ -34,11 +21,11 @@ if TYPE_CHECKING:
 
 @command
 def run(
-    study: TomlFile,
-    out: OutFolder,
-    sigmas: Annotated[float, Figure("Sigmas")] = SIGMAS,
+    study: Path,
+    out: Path,
+    sigmas: float = SIGMAS,
     nominal: bool = False,
-    minutes: Minutes = None,
+    minutes: float | None = None,
 ) -> CommandResult:
     """Carry a study to a certified prototype.
 
@@ -49,10 +36,6 @@ def run(
     Args:
         study: the study file, such as studies/prototype.toml.
         out: folder for the results; made if need be.
-        sigmas: guarantee it for every rig whose figures are up to so many standard deviations of [tolerance] off, all
-            at once; typical ones where the study states none.
-        nominal: guarantee it for exactly the figures stated.
-        minutes: most time for an answer, the best so far; else 2. A larger one goes on searching.
     """
     from beamdesign.build.result_folder import write_result_folder
     from beamdesign.quantity_text import further_rows, guaranteed_rows, rigs_in_words, tube_text
@@ -125,13 +108,13 @@ def echo_changes(ways: Sequence[str]) -> None:
 
 @command
 def codesign(
-    study: TomlFile,
+    study: Path,
     bandwidth_Hz: Annotated[float, Figure("Bandwidth")],
-    outer_end_mass: MassRange = None,
-    out: OutFolderOrNone = None,
-    sigmas: Annotated[float, Figure("Sigmas")] = SIGMAS,
+    outer_end_mass: str | None = None,
+    out: Path | None = None,
+    sigmas: float = SIGMAS,
     nominal: bool = False,
-    minutes: Minutes = None,
+    minutes: float | None = None,
 ) -> CommandResult:
     """Find the lightest link that guarantees a bandwidth.
 
@@ -144,10 +127,6 @@ def codesign(
         bandwidth_Hz: bandwidth to guarantee, Hz.
         outer_end_mass: range of mass on the outer tip, kg; else the study's.
         out: folder for prototype.toml and certificate.toml; else STEM-codesign.
-        sigmas: guarantee it for every rig whose figures are up to so many standard deviations of [tolerance] off, all
-            at once; typical ones where the study states none.
-        nominal: guarantee it for exactly the figures stated.
-        minutes: most time for an answer, the best so far; else 2. A larger one goes on searching.
     """
     from beamdesign.quantity_text import further_rows, guaranteed_rows, rigs_in_words, tube_text
     from beamdesign.records import to_toml
@@ -206,7 +185,7 @@ def codesign(
 
 
 def _front_row(design: "Codesign") -> dict[str, Any]:
-    from beamdesign.sweep.tasks import TUBES
+    from beamdesign.sweep.case import TUBES
 
     point = design.point
     row: dict[str, Any] = {
@@ -228,13 +207,13 @@ _FRONT = ("bandwidth_asked_Hz", "outer_end_mass_high_kg", "moving_mass_kg", "inn
 
 @command
 def front(
-    study: TomlFile,
-    out: OutFolder,
+    study: Path,
+    out: Path,
     bandwidths_Hz: str = "3,4,5,6,8",
     payloads_kg: str | None = None,
-    sigmas: Annotated[float, Figure("Sigmas")] = SIGMAS,
+    sigmas: float = SIGMAS,
     nominal: bool = False,
-    minutes: Minutes = None,
+    minutes: float | None = None,
 ) -> CommandResult:
     """Draw moving mass against bandwidth and payload range.
 
@@ -246,13 +225,9 @@ def front(
         out: folder for front.csv and the picture.
         bandwidths_Hz: bandwidths to guarantee.
         payloads_kg: upper ends of the payload range; else the study's.
-        sigmas: guarantee it for every rig whose figures are up to so many standard deviations of [tolerance] off, all
-            at once; typical ones where the study states none.
-        nominal: guarantee it for exactly the figures stated.
-        minutes: most time for an answer, the best so far; else 2. A larger one goes on searching.
     """
     from beamdesign.report.canvas import new_figure
-    from beamdesign.report.trades import plot_front
+    from beamdesign.report.charts import plot_front
     from beamdesign.synthesis.codesign import pareto_front
 
     problem = _read(study, nominal)
@@ -282,11 +257,11 @@ def front(
 
 @command
 def remedies(
-    study: TomlFile,
-    out: OutFolder,
-    outer_end_mass: MassRange = None,
+    study: Path,
+    out: Path,
+    outer_end_mass: str | None = None,
     added_mass_kg: Annotated[float, Figure("MassOrNone")] = 4.5,
-    sigmas: Annotated[float, Figure("Sigmas")] = SIGMAS,
+    sigmas: float = SIGMAS,
     nominal: bool = False,
 ) -> CommandResult:
     """Compare the paper's four remedies for payload.
@@ -299,14 +274,11 @@ def remedies(
         out: folder for remedies.csv and the picture.
         outer_end_mass: range of mass on the outer tip, kg; else the study's.
         added_mass_kg: most moving mass that a remedy may add.
-        sigmas: guarantee it for every rig whose figures are up to so many standard deviations of [tolerance] off, all
-            at once; typical ones where the study states none.
-        nominal: guarantee it for exactly the figures stated.
     """
     from beamdesign.quantity_text import stated_bandwidth
     from beamdesign.report.canvas import new_figure
-    from beamdesign.report.trades import plot_remedies
-    from beamdesign.sweep.tasks import REMEDY
+    from beamdesign.report.charts import plot_remedies
+    from beamdesign.sweep.case import REMEDY
     from beamdesign.synthesis import remedies as room
 
     problem = _read(study, nominal)

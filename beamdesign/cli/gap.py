@@ -7,17 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from beamdesign.cli.command import (
-    CommandResult,
-    Minutes,
-    OutFolder,
-    OutFolderOrNone,
-    TomlFile,
-    command,
-    data_sets,
-    in_time,
-    resumed,
-)
+from beamdesign.cli.command import CommandResult, command, in_time, resumed
 from beamdesign.cli.output import default_folder, echo, echo_table, in_words, progress, refuse
 from beamdesign.files import fresh_folder, settled
 from beamdesign.time_limit import share
@@ -40,18 +30,17 @@ _DIAGNOSING = 0.6  # of the time, where a controller is to be designed as well
 _SECONDS_PER_SAMPLE = 1.5e-3  # on two processes, where one cause explains all; six times that for a second look
 _WORTH_FIGURES = 0.1  # probability of a cause from which its figures are printed
 
-DataSet = Annotated[Path, typer.Argument(autocompletion=data_sets)]
 _Workers = Annotated[int, typer.Option(min=1, max=64)]
 
 
 @gap.command()
 @command
 def diagnose(
-    dataset: DataSet,
-    out: OutFolderOrNone = None,
+    dataset: Path,
+    out: Path | None = None,
     redesign: bool = False,
     workers: _Workers = 2,
-    minutes: Minutes = None,
+    minutes: float | None = None,
 ) -> CommandResult:
     """Diagnose the gap between a prototype and its rig.
 
@@ -189,7 +178,7 @@ def _echo_gap(found: "Diagnosis") -> None:
 def import_files(
     files: Annotated[list[Path], typer.Argument()],
     prototype: Annotated[Path, typer.Option(metavar="FILE")],
-    out: OutFolder,
+    out: Path,
     column: Annotated[list[str] | None, typer.Option(metavar="'CHANNEL = NAME [UNIT]'")] = None,
     outer_end_mass: Annotated[list[float] | None, typer.Option(metavar="KG")] = None,
     inner_end_mass: Annotated[float | None, typer.Option(metavar="KG")] = None,
@@ -231,7 +220,7 @@ def import_files(
 
 @gap.command()
 @command
-def predict(prototype: TomlFile, dataset: DataSet, out: OutFolder) -> CommandResult:
+def predict(prototype: Path, dataset: Path, out: Path) -> CommandResult:
     """Predict the records of a data set from its inputs alone.
 
     Times, forces, commands, end masses and controllers are read; measured columns are not, and may be missing or not
@@ -261,7 +250,7 @@ def predict(prototype: TomlFile, dataset: DataSet, out: OutFolder) -> CommandRes
 @gap.command()
 @command
 def blindcheck(
-    out: OutFolder = Path("blindcheck"),
+    out: Path = Path("blindcheck"),
     cases: Annotated[int, typer.Option(min=1, max=10000)] = 200,
     seed: Annotated[int, typer.Option(min=0)] = 1,
     short: Annotated[bool, typer.Option("--short/--full")] = False,

@@ -7,17 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from beamdesign.cli.command import (
-    CommandResult,
-    Figure,
-    MassRange,
-    OutFolderOrNone,
-    TomlFile,
-    by_stage,
-    command,
-    figures_of,
-    mass_range,
-)
+from beamdesign.cli.command import CommandResult, Figure, by_stage, command, figures_of, mass_range
 from beamdesign.cli.output import echo, echo_table, progress, refuse
 from beamdesign.files import write_set
 from beamdesign.json_text import picked
@@ -47,15 +37,15 @@ def _wrong_wishes(
 
 @partial(command, problems=_wrong_wishes)
 def stiffness(
-    prototype: TomlFile,
+    prototype: Path,
     end_stiffness_N_per_m: Annotated[float | None, Figure("Stiffness")] = None,
-    outer_end_mass: MassRange = None,
+    outer_end_mass: str | None = None,
     wall_N_per_m: _LowToHigh = "0:1e9",
     wall_damping_N_s_per_m: _LowToHigh = "0:0",
     contact: str = "wall",
     keep_controller: bool = False,
     rigs: Annotated[int, typer.Option(min=0, max=1000)] = RIGS,
-    out: OutFolderOrNone = None,
+    out: Path | None = None,
 ) -> CommandResult:
     """Give the end of the link a stiffness.
 
@@ -69,7 +59,6 @@ def stiffness(
     Args:
         prototype: the prototype.toml of the rig.
         end_stiffness_N_per_m: static stiffness that the end is to have; without it the controller is judged as it is.
-        outer_end_mass: range of mass on the outer tip, kg; else the prototype's.
         wall_N_per_m: stiffness of the walls that it may touch.
         wall_damping_N_s_per_m: damping of these walls.
         contact: least that contact has to be: passive (with any passive surroundings), wall (stable against every

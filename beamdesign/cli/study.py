@@ -5,9 +5,9 @@ from typing import Annotated, Any
 
 import typer
 
-from beamdesign.cli.command import CommandResult, OutFolderOrNone, TomlFile, command, resumed
+from beamdesign.cli.command import CommandResult, command, resumed
 from beamdesign.cli.output import echo, echo_table, echo_wide, progress, refuse
-from beamdesign.cli.size import echo_checks
+from beamdesign.cli.tune import echo_checks
 from beamdesign.json_text import picked
 
 CASE_SECONDS = 3600
@@ -19,8 +19,8 @@ _Cases = Annotated[int | None, typer.Option(min=1)]
 
 @command
 def run(
-    file: TomlFile,
-    out: OutFolderOrNone = None,
+    file: Path,
+    out: Path | None = None,
     workers: Annotated[int, typer.Option(min=1, max=256)] = 1,
     scheduler: Annotated[str | None, typer.Option(metavar="ADDRESS")] = None,
     cases: _Cases = None,
@@ -80,7 +80,7 @@ def run(
 
 @command
 def status(
-    file: TomlFile, out: Annotated[Path | None, typer.Option(metavar="DIR")] = None, cases: _Cases = None
+    file: Path, out: Annotated[Path | None, typer.Option(metavar="DIR")] = None, cases: _Cases = None
 ) -> CommandResult:
     """Tell what of a sweep is finished.
 

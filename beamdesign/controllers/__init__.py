@@ -1,6 +1,6 @@
 """Kinds of controller: what a command may ask of a law, and what it is refused with which reason."""
 
-from beamdesign.controllers.cascade import Break, Cascade, Section
+from beamdesign.controllers.cascade import Break, Cascade, Lag, Proportional, Section, Structured
 from beamdesign.controllers.observer import Observer
 from beamdesign.controllers.protocol import (
     KINDS,
@@ -13,7 +13,6 @@ from beamdesign.controllers.protocol import (
     register,
 )
 from beamdesign.controllers.scheduled import Estimator, Scheduled, Stage
-from beamdesign.controllers.structured import Lag, Proportional, Structured
 
 __all__ = [
     "KINDS",

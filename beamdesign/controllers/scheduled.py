@@ -8,9 +8,8 @@ from typing import Any, ClassVar, Literal, NoReturn, Self
 from pydantic import Field
 
 from beamdesign import quantities as q
-from beamdesign.controllers.cascade import Section
+from beamdesign.controllers.cascade import Lag, Section, Structured
 from beamdesign.controllers.protocol import Controller, Laws, Need, Row, refuse
-from beamdesign.controllers.structured import Lag, Structured
 from beamdesign.records import Problem, Record, numbers
 
 
@@ -46,7 +45,7 @@ class Stage(Record):
 
 
 class Estimator(Record):
-    """How the payload is estimated from current and volts, and when an estimate counts; see `scheduling.estimator`."""
+    """How the payload is estimated from current and volts, and when an estimate counts: `controllers.scheduling`."""
 
     noise_V: q.EstimatorNoise = Field(0.002, description="RMS of the sensor's noise as the law samples it")
     window_s: q.Window = Field(0.08, description="length of the records that the models are fitted to")

@@ -167,7 +167,7 @@ def _stages(rig: Prototype, given: Inputs, nominal_sensor_gain: float) -> np.nda
     """
     from scipy.interpolate import CubicSpline
 
-    from beamdesign.controllers.scheduling.simulation import Course, simulate_scheduled
+    from beamdesign.controllers.scheduling import Course, simulate_scheduled
 
     assert rig.schedule is not None
     period, times = rig.schedule.period_s, given.times - given.times[0]

@@ -11,12 +11,11 @@ from typing import Any
 
 import casadi as ca
 
-from beamdesign.plant.beams_rig import MORE_FIGURES, OUTPUTS, STATES, TWIN_BEAM, TWIN_BEAMS, WALL_FIGURES
-from beamdesign.plant.bench import BENCH
 from beamdesign.plant.component import Rig
 from beamdesign.plant.effect import Effect, Site
 from beamdesign.plant.effects import library, problems
 from beamdesign.plant.electronics import SAMPLED, Law
+from beamdesign.plant.rigs import BENCH, MORE_FIGURES, OUTPUTS, STATES, TWIN_BEAM, TWIN_BEAMS, WALL_FIGURES
 from beamdesign.prototype import Prototype
 from beamdesign.records import InputError, Problem
 from beamdesign.structure import lumped

@@ -174,6 +174,7 @@ class Effect:
         source: of the law.
         memory: those of its states that stay where they are while nothing moves (friction); they start at 0.
         linear: what stands for it in proofs; None where nothing does.
+        meaning: what it is; of one that the docstring of its file tells of, empty.
         realises: the effect of which this is another law, so that a diagnosis names that one; empty where it is itself.
         nearest: of a law that is learnt from data, the physics that it is like with its parameters, in words; None of
             an effect that is a cause by itself.
@@ -190,6 +191,7 @@ class Effect:
     source: str
     memory: tuple[str, ...] = ()
     linear: Linear | None = None
+    meaning: str = ""
     realises: str = ""
     nearest: Callable[[Mapping[str, float]], str] | None = field(default=None, hash=False)
     scales: Mapping[str, str] = field(default_factory=dict, hash=False)

@@ -21,6 +21,8 @@ from beamdesign.structure.beam import MODE_MASS_FRACTION, natural_frequencies
 
 MODES = 12
 _HIGHEST_HZ = 3000.0
+TOLERANCE = 0.1
+"""Relative, of magnitudes of compliance."""
 
 Compliance = Callable[[np.ndarray], np.ndarray]
 """From frequencies in Hz to the complex tip compliance of a beam, m/N."""
@@ -158,13 +160,12 @@ def signals(prototype: Prototype, outer: Compliance, inner: Compliance, frequenc
     return Signals(back, c_o * (1 - c_o / z), np.asarray(per_force * c_o * force))
 
 
-def single_mode_reach(prototype: Prototype, outer_end_mass: float = 0.0, tolerance: float = 0.1) -> SingleModeReach:
-    """Up to what frequency and gain one mode per beam stands for all of them.
+def single_mode_reach(prototype: Prototype, outer_end_mass: float = 0.0) -> SingleModeReach:
+    """Up to what frequency and gain one mode per beam stands for all of them, compliances within `TOLERANCE`.
 
     Args:
         prototype: with the geometry of both beams and a controller.
         outer_end_mass: payload, kg; the inner end mass is the prototype's.
-        tolerance: of compliance magnitudes, relative.
 
     Raises:
         InputError: where the geometry is missing, or the controller.
@@ -177,14 +178,14 @@ def single_mode_reach(prototype: Prototype, outer_end_mass: float = 0.0, toleran
     beams = {name: _cantilever(getattr(prototype, name), name) for name in masses}
     one = {name: with_mass(single_compliance(prototype, name), mass) for name, mass in masses.items()}
     all_modes = {name: with_mass(modal_compliance(*_modes(beams[name])), mass) for name, mass in masses.items()}
-    reached = {name: _agrees_up_to(one[name](grid), all_modes[name](grid), grid, tolerance) for name in masses}
+    reached = {name: _agrees_up_to(one[name](grid), all_modes[name](grid), grid) for name in masses}
 
     low, full = (signals(prototype, kind["outer_beam"], kind["inner_beam"], grid) for kind in (one, all_modes))
     gain = prototype.controller.gain_A_per_V
     limit = critical_gain(prototype.but(effects={}), outer_end_mass, from_own=True).gain_A_per_V
     limit_all, at = _critical_gain(full.loop_per_gain, grid, gain)
     near, exact = (part.closed(gain) for part in (low, full))
-    closed_Hz = _agrees_up_to(near, exact, grid, tolerance) if gain < min(limit, limit_all) else 0.0
+    closed_Hz = _agrees_up_to(near, exact, grid) if gain < min(limit, limit_all) else 0.0
     modes = [
         tuple(natural_frequencies(b.rigidity, b.per_length, b.length, b.end_mass + masses[name], 3))
         for name, b in beams.items()
@@ -241,8 +242,8 @@ def _shape(wave: float) -> Callable[[np.ndarray], np.ndarray]:
     return shape
 
 
-def _agrees_up_to(one: np.ndarray, other: np.ndarray, grid: np.ndarray, tolerance: float) -> float:
-    off = np.nonzero(np.abs(np.abs(one) / np.abs(other) - 1) > tolerance)[0]
+def _agrees_up_to(one: np.ndarray, other: np.ndarray, grid: np.ndarray) -> float:
+    off = np.nonzero(np.abs(np.abs(one) / np.abs(other) - 1) > TOLERANCE)[0]
     if not len(off):
         return inf
     return float(grid[off[0] - 1]) if off[0] else 0.0

@@ -9,7 +9,7 @@ import casadi as ca
 import numpy as np
 from flint import fmpq, fmpq_mat, fmpq_mpoly, fmpq_mpoly_ctx, fmpq_poly
 
-from beamdesign.plant.hydraulics import SUPPLY_PRESSURE_PA
+from beamdesign.plant.actuators.servo_cylinder import SUPPLY_PRESSURE_PA
 from beamdesign.plant.linearised import (
     SEEN,
     LinearAssembly,

@@ -22,10 +22,11 @@ from beamdesign.polynomial import exact
 from beamdesign.prototype import COMPLIANCE_LIMIT_M_PER_N, Prototype
 from beamdesign.quantity_text import decibels
 from beamdesign.report.canvas import LIMIT, finish, plain_numbers, styled
-from beamdesign.structure.equal_mass import beam_of_equal_mass
+from beamdesign.structure.lumped import beam_of_equal_mass
 
 Curves = Mapping[str, LoopAtMass]
 """Loops by the label each gets in the legend."""
+_SHOWN_HZ = (0.1, 1000.0)
 
 BESIDE: tuple[dict[str, Any], ...] = (
     {"color": "#3a7fc4", "linestyle": (0, (5, 1.5))},
@@ -34,7 +35,9 @@ BESIDE: tuple[dict[str, Any], ...] = (
 """Line styles of what a loop is compared with, in colours that are seen on light and on dark."""
 
 
-def frequency_grid(loops: Sequence[LoopAtMass], lowest_Hz: float = 0.1, highest_Hz: float = 1000.0) -> np.ndarray:
+def frequency_grid(
+    loops: Sequence[LoopAtMass], lowest_Hz: float = _SHOWN_HZ[0], highest_Hz: float = _SHOWN_HZ[1]
+) -> np.ndarray:
     """Frequencies for a smooth curve: even in the logarithm, and denser about each lightly damped root."""
     even = np.geomspace(lowest_Hz, highest_Hz, 800)
     close = [even]
@@ -52,8 +55,6 @@ def plot_compliance(
     axes: Axes,
     curves: Curves,
     limit_m_per_N: float | None = COMPLIANCE_LIMIT_M_PER_N,
-    lowest_Hz: float = 0.1,
-    highest_Hz: float = 1000.0,
     beside: Curves = MappingProxyType({}),
 ) -> Axes:
     """Closed-loop compliance |x / F_d| over frequency: m/N on the left, dB re 1 in/lbf on the right.
@@ -62,20 +63,20 @@ def plot_compliance(
     bandwidth, or says that a loop is unstable. What is drawn beside them in colour, such as `passive_curves` gives, is
     named alone.
     """
-    frequencies = frequency_grid([*curves.values(), *beside.values()], lowest_Hz, highest_Hz)
+    frequencies = frequency_grid([*curves.values(), *beside.values()])
     for label, loop, style in styled(curves):
         bandwidth = loop.bandwidth_Hz(limit_m_per_N) if limit_m_per_N else 0.0
         name = f"{label} (unstable)" if not loop.stable else f"{label}: {bandwidth:.2f} Hz" if limit_m_per_N else label
         magnitudes = np.abs(loop.compliance_response(frequencies))
         axes.loglog(frequencies, magnitudes, label=name, linewidth=1.3, **style)
-        if limit_m_per_N and lowest_Hz <= bandwidth <= highest_Hz:
+        if limit_m_per_N and _SHOWN_HZ[0] <= bandwidth <= _SHOWN_HZ[1]:
             axes.plot([bandwidth], [limit_m_per_N], "o", color=style["color"], markersize=5)
     for (label, loop), style in zip(beside.items(), cycle(BESIDE), strict=False):
         axes.loglog(frequencies, np.abs(loop.compliance_response(frequencies)), label=label, linewidth=1.2, **style)
     if limit_m_per_N:
         level = f"limit {limit_m_per_N:.3g} m/N = {limit_m_per_N * 1e5:.2g} cm/kN = {decibels(limit_m_per_N):.0f} dB"
         axes.axhline(limit_m_per_N, label=level, **LIMIT)
-    _frequency_axis(axes, lowest_Hz, highest_Hz)
+    _frequency_axis(axes)
     # 10⁻⁷ and the like in plain text, which is drawn far quicker than mathtext.
     raised = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
     axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: "10" + str(round(log10(value))).translate(raised)))
@@ -132,8 +133,6 @@ def plot_loop_bode(
     magnitude: Axes,
     phase: Axes,
     curves: Curves,
-    lowest_Hz: float = 0.1,
-    highest_Hz: float = 1000.0,
     marked: Collection[str] = (),
 ) -> tuple[Axes, Axes]:
     """Bode diagram of the loop transfer function L with the lines |L| = 1 and -180 degrees, where stability is decided.
@@ -142,15 +141,13 @@ def plot_loop_bode(
         magnitude: upper axes.
         phase: lower axes; share the frequency axis with the upper ones.
         curves: loops by label.
-        lowest_Hz: left end.
-        highest_Hz: right end.
         marked: labels of the stable loops whose margins are drawn and named: a bar from |L| = 1 down where the phase is
             -180 degrees, one from such a phase up at the crossover of the least margin, and dots at every crossover.
 
     Returns:
         Both axes.
     """
-    frequencies = frequency_grid(list(curves.values()), lowest_Hz, highest_Hz)
+    frequencies = frequency_grid(list(curves.values()))
     for label, loop, style in styled(curves):
         response = loop.loop_response(frequencies)
         angle = np.degrees(np.unwrap(np.angle(response)))
@@ -173,7 +170,7 @@ def plot_loop_bode(
             phase.plot([margins.phase_Hz] * 2, [odd, at], **bar)
     for axes, level in ((magnitude, 0.0), (phase, -180.0)):
         axes.axhline(level, **LIMIT)
-        _frequency_axis(axes, lowest_Hz, highest_Hz)
+        _frequency_axis(axes)
     magnitude.yaxis.set_major_locator(MultipleLocator(20))
     phase.yaxis.set_major_locator(MultipleLocator(90))
     return finish(magnitude, "", "|L|, dB"), finish(phase, y="phase of L, degrees")
@@ -259,11 +256,9 @@ def _poles(loop: LoopAtMass, factor: float) -> np.ndarray:
     return LoopAtMass(loop.loop_denominator, loop.loop_numerator * exact(factor), loop.disturbance).poles()
 
 
-def plot_pole_zero(
-    axes: Axes, poles: np.ndarray, zeros: np.ndarray, pole_label: str = "open-loop poles", zero_label: str = "zeros"
-) -> Axes:
+def plot_pole_zero(axes: Axes, poles: np.ndarray, zeros: np.ndarray, pole_label: str = "open-loop poles") -> Axes:
     """Poles as crosses and zeros as circles, given in rad/s and drawn in Hz, with the stability boundary drawn in."""
-    for roots, marker, label in ((poles, "x", pole_label), (zeros, "o", zero_label)):
+    for roots, marker, label in ((poles, "x", pole_label), (zeros, "o", "zeros")):
         x, y = roots.real / (2 * pi), roots.imag / (2 * pi)
         axes.plot(x, y, marker, color="black", markersize=7, fillstyle="none", label=label)
     axes.axvline(0.0, **LIMIT)
@@ -271,18 +266,16 @@ def plot_pole_zero(
     return finish(axes, "real part, Hz", "imaginary part, Hz")
 
 
-def plot_sensitivity(
-    axes: Axes, curves: Curves, limit: float | None = 2.0, lowest_Hz: float = 0.1, highest_Hz: float = 1000.0
-) -> Axes:
+def plot_sensitivity(axes: Axes, curves: Curves, limit: float | None = 2.0) -> Axes:
     """Sensitivity |S| = |1 / (1 + L)| over frequency, with the limit on its peak."""
-    frequencies = frequency_grid(list(curves.values()), lowest_Hz, highest_Hz)
+    frequencies = frequency_grid(list(curves.values()))
     for label, loop, style in styled(curves):
         peak = loop.peak_sensitivity()
         shown = f"{label}, peak {peak:.2f}" if isfinite(peak) else f"{label}, unstable"
         axes.loglog(frequencies, np.abs(loop.sensitivity_response(frequencies)), label=shown, linewidth=1.3, **style)
     if limit:
         axes.axhline(limit, label=f"limit {limit:g}", **LIMIT)
-    _frequency_axis(axes, lowest_Hz, highest_Hz)
+    _frequency_axis(axes)
     plain_numbers(axes.yaxis)
     return finish(axes, y="|S|")
 
@@ -309,6 +302,6 @@ def plot_critical_gain(axes: Axes, masses_kg: Sequence[float], curves: Mapping[s
     return finish(axes, "outer end mass, kg", "critical gain, mA/V")
 
 
-def _frequency_axis(axes: Axes, lowest_Hz: float, highest_Hz: float) -> None:
-    axes.set(xlim=(lowest_Hz, highest_Hz), xlabel="frequency, Hz")
+def _frequency_axis(axes: Axes) -> None:
+    axes.set(xlim=_SHOWN_HZ, xlabel="frequency, Hz")
     plain_numbers(axes.xaxis)

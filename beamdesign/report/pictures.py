@@ -23,6 +23,7 @@ from beamdesign.prototype import InStage, Prototype
 from beamdesign.quantity_text import decimal, mass_range_text, quantity, rigs_in_words, stated_bandwidth
 from beamdesign.rational import nearest
 from beamdesign.report.canvas import LIMIT, finish, new_figure, note
+from beamdesign.report.charts import TradePoint, plot_trade
 from beamdesign.report.drawing import draw_section, draw_side
 from beamdesign.report.figures import (
     passive_curves,
@@ -33,7 +34,6 @@ from beamdesign.report.figures import (
     plot_sensitivity,
     shade_compliance,
 )
-from beamdesign.report.trades import TradePoint, plot_trade
 
 FAMILY = 41
 """Masses of the range whose compliances are shaded."""

@@ -118,7 +118,7 @@ def _entry(name: str) -> EffectEntry:
     from beamdesign.plant.effects import library
 
     effect = library()[name]
-    words = import_module(next(iter(effect.laws.values())).__module__).__doc__ or ""
+    words = effect.meaning or import_module(next(iter(effect.laws.values())).__module__).__doc__ or ""
     rigs = tuple(kind for kind, rig in RIGS.items() if all(port in rig.ports for port in effect.laws))
     parameters = tuple(
         Key(

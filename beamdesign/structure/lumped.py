@@ -1,9 +1,15 @@
-"""Lumped figures of a prototype: measured where they stand, from the geometry otherwise."""
+"""Lumped figures of a prototype: measured where they stand, from the geometry otherwise.
 
+Those of the one tube that weighs as much as both its beams: what the same aluminium or steel does by itself. And the
+prototype with some of its figures multiplied: a member of a box of tolerances.
+"""
+
+from collections.abc import Mapping
 from dataclasses import dataclass
+from math import sqrt
 from typing import Any
 
-from beamdesign.parameters import rows_of
+from beamdesign.parameters import PARAMETERS, rows_of
 from beamdesign.prototype import Beam, Prototype
 from beamdesign.structure import beam, section
 from beamdesign.structure.materials import Material
@@ -117,3 +123,102 @@ def notes(prototype: Prototype) -> tuple[str, ...]:
     outer = lumped_beam(prototype.outer_beam, "outer_beam")
     inner = lumped_beam(prototype.inner_beam, "inner_beam")
     return outer.notes + inner.notes
+
+
+_HALVINGS = 60
+
+
+@dataclass(frozen=True)
+class EqualMassBeam:
+    """A passive cantilever like the outer beam: its outside, material, free length, damping ratio and end mass.
+
+    Attributes:
+        wall_m: so thick that the tube weighs as much as the free lengths of both tubes; half its narrower side
+            where even the solid bar is lighter.
+        solid: whether it is that bar.
+        stiffness: K, N/m.
+        mass: M with the end mass, kg.
+        damping: b = 2 zeta sqrt(K M), N s/m, by the same lumped formulas as of any beam.
+    """
+
+    wall_m: float
+    solid: bool
+    stiffness: float
+    mass: float
+    damping: float
+
+
+def beam_of_equal_mass(outer: Beam, inner: Beam) -> EqualMassBeam | None:
+    """The passive beam of a rig; None where one of its beams states no section."""
+    tubes = [_tube_mass(one) for one in (outer, inner) if one.has_geometry]
+    tube = outer.tube
+    if tube is None or outer.free_length_m is None or not outer.material or len(tubes) < 2:
+        return None
+    alloy, length = outer.material, outer.free_length_m
+
+    def weighs(wall: float) -> float:
+        return float(tube.at(tube.width_m, wall).mass_per_length(alloy.density_kg_per_m3)) * length
+
+    low, high = 0.0, min(tube.sides.values()) / 2
+    solid = weighs(high) <= sum(tubes)
+    for _ in range(0 if solid else _HALVINGS):
+        middle = (low + high) / 2
+        low, high = (middle, high) if weighs(middle) < sum(tubes) else (low, middle)
+    stiffness, mass = map(float, beam_figures(alloy, tube.at(tube.width_m, high), length, outer.end_mass_kg))
+    return EqualMassBeam(high, solid, stiffness, mass, float(fixed_dashpot(outer.damping_ratio, stiffness, mass)))
+
+
+def _tube_mass(beam: Beam) -> float:
+    """Mass of a tube that has a geometry, on its free length, kg."""
+    assert beam.tube is not None
+    assert beam.free_length_m is not None
+    assert beam.material is not None
+    return float(beam.tube.mass_per_length(beam.material.density_kg_per_m3)) * beam.free_length_m
+
+
+_PARTS = {name: row.place for name, row in PARAMETERS.items() if "_beam." not in row.place and name != "outer_end_mass"}
+_PARTS |= {
+    "controller_gain": "controller.gain_A_per_V",
+    "controller_pole": "controller.pole_Hz",
+    "controller_zero": "controller.zero_Hz",
+}
+CHANGEABLE = (*(name for name, row in PARAMETERS.items() if "_beam." in row.place), *_PARTS)
+"""Figures that can be changed, named as in `beamdesign.proofs.rig_family.rig_values`."""
+
+
+def with_figures(prototype: Prototype, factors: Mapping[str, float]) -> Prototype:
+    """Multiply figures; those that are not named keep their values, a dashpot too when its beam's stiffness changes.
+
+    Raises:
+        KeyError: for a name that is not in `CHANGEABLE`.
+    """
+    if unknown := sorted(set(factors) - set(CHANGEABLE)):
+        raise KeyError(f"cannot change {', '.join(unknown)}")
+    changed: dict[str, Any] = {"guarantee": None}
+    for name in ("outer", "inner"):
+        changed[f"{name}_beam"] = _beam(
+            getattr(prototype, f"{name}_beam"),
+            *(factors.get(f"{name}_{figure}", 1.0) for figure in ("stiffness", "mass", "damping")),
+        )
+    for name, place in _PARTS.items():
+        if name in factors:
+            part, key = place.split(".")
+            record = changed.get(part, getattr(prototype, part))
+            changed[part] = record.but(**{key: _short(getattr(record, key) * factors[name])})
+    return prototype.but(**changed)
+
+
+def _beam(record: Beam, stiffness: float, mass: float, damping: float) -> Beam:
+    if stiffness == mass == damping == 1.0:
+        return record
+    found = lumped_beam(record)
+    return record.but(
+        stiffness_N_per_m=_short(found.stiffness * stiffness),
+        effective_mass_kg=_short(found.mass * mass),
+        damping_ratio=_short(record.damping_ratio * damping / sqrt(stiffness * mass)),
+    )
+
+
+def _short(value: float) -> float:
+    """To ten digits: exact arithmetic on figures with all digits of a float takes several times as long."""
+    return float(f"{value:.10g}")

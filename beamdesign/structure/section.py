@@ -1,4 +1,4 @@
-"""Square, rectangular and round tubes: their sections, on floats, numpy arrays and CasADi symbols.
+"""Square, rectangular and round tubes: their sections, on floats, numpy arrays and CasADi symbols; stock sizes.
 
 A rounded rectangle is the sharp one less four corner pieces; a tube is the outside rectangle less the opening. The
 inside corner radius is what the wall leaves of the outside one, `max(r - wall, 0)`. All results but the torsion
@@ -13,8 +13,12 @@ its wall is to be of class 3 at most, `Material.largest_diameter_to_wall`.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, fields, replace
+from functools import cache
 from math import pi
+from pathlib import Path
 from typing import Any, ClassVar, Self, TypeAlias
+
+from beamdesign.records import Positive, Record, parse, read_table
 
 Quantity: TypeAlias = Any
 """A float, a numpy array or a CasADi expression; the functions give back what they are given (broadcast)."""
@@ -353,3 +357,41 @@ def as_arrays(tubes: Sequence[Tube], shape: tuple[int, ...]) -> Tube:
     given = [one.name for one in fields(tubes[0]) if one.init]
     sizes = {name: np.array([getattr(tube, name) for tube in tubes]).reshape(shape) for name in given}
     return type(tubes[0])(**sizes)
+
+
+_DATA = Path(__file__).with_name("stock_sizes.toml")
+
+SAME_SHARE = 1e-3
+"""Within which a ratio of sides is that of a stock tube."""
+
+
+class _Size(Record):
+    width_m: Positive
+    depth_m: Positive | None = None
+    walls_m: tuple[Positive, ...]
+
+
+class _StockList(Record):
+    square_tube: tuple[_Size, ...]
+    round_tube: tuple[_Size, ...]
+    rectangular_tube: tuple[_Size, ...]
+
+
+@cache
+def _stock() -> dict[str, tuple[Tube, ...]]:
+    data = parse(_StockList, read_table(_DATA), _DATA)
+    lying = [(size, size.depth_m or size.width_m) for size in data.rectangular_tube]
+    sides = [(b, h, size.walls_m) for size, side in lying for b, h in ((size.width_m, side), (side, size.width_m))]
+    found: dict[str, list[Tube]] = {
+        "square": [Tube(size.width_m, wall) for size in data.square_tube for wall in size.walls_m],
+        "round": [RoundTube(size.width_m, wall) for size in data.round_tube for wall in size.walls_m],
+        "rectangle": [RectangularTube(b, wall, depth_over_width=h / b) for b, h, walls in sides for wall in walls],
+    }
+    assert found.keys() == SHAPES.keys()
+    return {shape: tuple(sorted(tubes, key=lambda one: (one.width_m, one.wall_m))) for shape, tubes in found.items()}
+
+
+def stock_tubes(shape: str = "square", depth_over_width: float | None = None) -> tuple[Tube, ...]:
+    """Every stock tube of a shape, or of a ratio of sides too, by ascending width and then wall, in m."""
+    ratio, tubes = depth_over_width, _stock()[shape]
+    return tubes if ratio is None else tuple(t for t in tubes if abs(t.depth_over_width / ratio - 1) <= SAME_SHARE)

@@ -8,7 +8,7 @@ from beamdesign.json_text import picked
 from beamdesign.problem import DesignProblem
 from beamdesign.prototype import Prototype
 from beamdesign.records import InputError
-from beamdesign.sweep.tasks import (
+from beamdesign.sweep.case import (
     ERRORS,
     POINT,
     PROVED,

@@ -1,22 +1,221 @@
-"""One case of a sweep: its whole inputs, the code that it rests on, and the address under which its result is kept."""
+"""One case of a sweep: its inputs, the task that it is put through, and the address under which its result is kept.
+
+Engines of tasks are loaded only by the process that computes.
+"""
 
 import hashlib
 import json
-import time
-import traceback
-from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, field, replace
 from functools import cache, lru_cache
-from importlib import import_module
 from importlib.metadata import PackageNotFoundError, version
-from typing import Any, Literal, cast
+from operator import attrgetter
+from typing import Any, Literal
+
+from pydantic import Field
 
 from beamdesign import records
 from beamdesign.code_digest import code_digest
 from beamdesign.json_text import finite, picked
+from beamdesign.problem import DesignProblem, Sought, Tuned
 from beamdesign.prototype import Prototype
-from beamdesign.records import InputError, Problem, Record
-from beamdesign.sweep.tasks import TASKS, Answer, of_all
+from beamdesign.records import InputError, NonNegative, Positive, Problem, Record, numbers
+
+
+@dataclass(frozen=True)
+class Answer:
+    """Outputs of one case.
+
+    Attributes:
+        outputs: columns of the table by name, with the unit in the name: numbers, texts, yes or no, or lists of them.
+        details: what `study why` tells beyond: checks, shadow prices, certificates' words; plain values.
+        reason: why the answer is no; empty where it is yes.
+    """
+
+    outputs: dict[str, Any]
+    details: dict[str, Any] = field(default_factory=dict)
+    reason: str = ""
+
+
+def of_all(answers: Mapping[str, Answer]) -> Answer:
+    """The answer of the law that governs, with the outputs of all by their names in the details.
+
+    That is the first whose answer is no, else the one of the least bandwidth. The only one stays as it is.
+    """
+    worst = min(answers.values(), key=lambda one: (not one.reason, one.outputs.get("bandwidth_Hz") or 0.0))
+    if len(answers) == 1:
+        return worst
+    return replace(worst, details=worst.details | {"stages": {name: one.outputs for name, one in answers.items()}})
+
+
+class NoOptions(Record):
+    """A task without options of its own."""
+
+
+class TuneOptions(Sought):
+    """Options of `tune`."""
+
+    controller: Tuned = "lag"
+
+
+class CertifyOptions(Record):
+    """Options of `certify`: claims to decide, beside the figures that are guaranteed."""
+
+    bandwidth_Hz: Positive | None = None
+    peak_sensitivity: Positive | None = None
+
+
+class CodesignOptions(Record):
+    """Options of `codesign`."""
+
+    bandwidth_Hz: Positive = Field(description="bandwidth to guarantee")
+
+
+class RemediesOptions(Record):
+    """Options of `remedy`."""
+
+    remedy: int = Field(ge=0, le=4, description="0 for the untouched loop, 1 to 4 in the paper's order")
+    added_mass_kg: NonNegative = 4.5
+
+
+class RangeOptions(Record):
+    """Options of tasks that look at masses on the outer tip beyond those of the payload."""
+
+    from_kg: NonNegative = 0.0
+    to_kg: Positive = 20.0
+
+    @classmethod
+    def relations(cls, table: Mapping[str, Any]) -> Iterator[Problem]:
+        """The range holds more than one mass."""
+        defaults = {name: field.default for name, field in cls.model_fields.items()}
+        ends = numbers(defaults | dict(table), "from_kg", "to_kg")
+        if ends and ends[0] >= ends[1]:
+            yield Problem("from_kg", f"{ends[0]:g} is not below to_kg, {ends[1]:g}")
+
+
+class AtMassOptions(Record):
+    """Options of tasks at one mass on the outer tip."""
+
+    outer_end_mass_kg: NonNegative = 0.0
+
+
+class SimToRealOptions(Record):
+    """Options of `sim_to_real`."""
+
+    effect: str = Field(description="of the virtual rig: a name of beamdesign.validation.truth.effects, or none")
+    severity: Positive = Field(1.0, description="of the effect")
+    duration_s: Positive = Field(1.5, ge=0.5, le=8, description="of each of four records")
+    seed: int = Field(0, ge=0, description="of tolerances, effect and signals")
+
+
+class ArmOptions(Record):
+    """Options of `arm`."""
+
+    force_N: Positive | None = Field(
+        None, description="downwards on the payload's centre; else its weight and largest_force_N"
+    )
+
+
+Kind = Literal["numbers", "yes or no", "text", "lists"]
+"""What a column holds."""
+
+NEEDED = {
+    "controller": "missing; write it in the base file or vary it",
+    "payload.outer_end_mass_kg": "missing: the range [least, most]",
+}
+"""What of a prototype only some tasks need, and what to say where it is not there."""
+
+
+@dataclass(frozen=True)
+class Task:
+    """A task.
+
+    Attributes:
+        name: also of its function in `beamdesign.sweep.answers`, which takes record and options and gives an `Answer`.
+        record: type of the base document.
+        options: its options.
+        columns: every output that it can give, with what it holds; a case may lack some, or hold none there.
+        needs: keys of `NEEDED` that it does not do without.
+    """
+
+    name: str
+    record: type[DesignProblem] | type[Prototype]
+    options: type[Record]
+    columns: Mapping[str, Kind]
+    needs: tuple[str, ...] = ()
+
+    @property
+    def place(self) -> str:
+        """Where its function stands, as `code_digest` takes it."""
+        return f"beamdesign.sweep.answers:{self.name}"
+
+    def lacks(self, record: Record) -> Iterator[Problem]:
+        """What this task needs and a record has not."""
+        for key in self.needs:
+            if attrgetter(key)(record) is None:
+                yield Problem(key, NEEDED[key])
+
+
+def _columns(numbers: str, yes_or_no: str = "", text: str = "", lists: str = "") -> dict[str, Kind]:
+    """Columns by what they hold; of names as `picked` takes them."""
+    kinds: dict[Kind, str] = {"numbers": numbers, "yes or no": yes_or_no, "text": text, "lists": lists}
+    return {word.partition("=")[0]: kind for kind, words in kinds.items() for word in words.split()}
+
+
+_PRICES = """price_tip_force_kg_per_percent price_safety_strength_kg_per_percent
+    price_safety_local_buckling_kg_per_percent price_clearance_assembly_kg_per_mm price_clearance_under_load_kg_per_mm
+    price_least_wall_kg_per_mm price_largest_width_kg_per_mm price_width_to_wall_at_most_kg_per_percent"""
+TUBES = "outer_width_m=outer.width_m outer_wall_m=outer.wall_m inner_width_m=inner.width_m inner_wall_m=inner.wall_m"
+SIZED = f"beam_mass_kg {TUBES}"
+POINT = f"moving_mass_kg beam_mass_kg {TUBES}"
+REMEDY = f"bandwidth_Hz peak_sensitivity added_mass_kg inner_end_mass_kg {TUBES}"
+PROVED = "bandwidth_Hz peak_sensitivity inner_end_mass_kg gain_A_per_V=controller.gain_A_per_V"
+ERRORS = "twist_rad about_y_rad about_z_rad"
+"""Columns, each with where it stands in the record that a task's engine gives (see `json_text.picked`)."""
+_SIZES = f"{SIZED} free_beam_mass_kg price_of_rounding_kg {_PRICES}"
+_LAG = "pole_Hz zero_Hz"
+_SECTIONS = " ".join(
+    f"section_{k}_{end}_{figure}" for k in (1, 2, 3) for end in ("zero", "pole") for figure in ("Hz", "damping_ratio")
+)
+_FORCES = " ".join(f"load_at_{f}_Hz_N displacement_at_{f}_Hz_m" for f in (1, 10, 100))
+_CROSSINGS = "crossings_kg crossing_frequencies_Hz"
+_LAW, _RANGE = "controller", "payload.outer_end_mass_kg"
+
+_ROWS = (
+    Task("run", DesignProblem, NoOptions,
+        _columns(f"{_SIZES} {PROVED} {_LAG} {_SECTIONS} moving_mass_kg", text="governing certificate_sha256")),
+    Task("size", DesignProblem, NoOptions, _columns(_SIZES, text="governing")),
+    Task("codesign", DesignProblem, CodesignOptions, _columns(f"{POINT} {PROVED} {_LAG}", text="governing")),
+    Task("remedy", DesignProblem, RemediesOptions,
+        _columns(REMEDY, text="remedy", lists="gain_A_per_V pole_Hz zero_Hz")),
+    Task("tune", Prototype, TuneOptions, _columns(f"{PROVED} {_LAG} {_SECTIONS}"), (_RANGE,)),
+    Task("certify", Prototype, CertifyOptions,
+        _columns("bandwidth_Hz peak_sensitivity stable_share unstable_below_kg unstable_above_kg", "stable",
+            lists=f"stable_ranges_kg {_CROSSINGS}"), (_LAW, _RANGE)),
+    Task("stable_masses", Prototype, RangeOptions,
+        _columns("", lists=f"stable_from_kg stable_to_kg {_CROSSINGS}"), (_LAW,)),
+    Task("lag_breaks", Prototype, NoOptions,
+        _columns("", "own_zero_stable", lists="stable_zero_from_Hz stable_zero_to_Hz"), (_LAW, _RANGE)),
+    Task("robust", Prototype, RangeOptions,
+        _columns("bandwidth_Hz peak_sensitivity stable_from_kg stable_to_kg stable_width_kg", "stable"),
+        (_LAW, _RANGE)),
+    Task("sim_to_real", Prototype, SimToRealOptions,
+        _columns("believed_bandwidth_Hz believed_design_gain_margin gap_before gap_after gap_closed"
+            " redesigned_bandwidth_Hz redesign_gain_margin", "believed_design_runs named_rightly redesign_runs",
+            "verdict", "named"), (_RANGE,)),
+    Task("at_mass", Prototype, AtMassOptions,
+        _columns("critical_gain_A_per_V critical_frequency_Hz bandwidth_Hz peak_sensitivity gain_margin"
+            " phase_margin_deg static_compliance_m_per_N", "stable"), (_LAW,)),
+    Task("arm", Prototype, ArmOptions,
+        _columns("force_N error_alone_m error_m error_by_tip_m error_by_turning_m error_by_twist_m"
+            f" {ERRORS} torsion_tip_held_Hz peak_sensitivity tip_bandwidth_Hz load_bandwidth_Hz", "stable"),
+        (_LAW, _RANGE)),
+    Task("limits", Prototype, AtMassOptions,
+        _columns(f"{_FORCES} static_error_m_per_N",
+            text="governing_at_1_Hz governing_at_10_Hz governing_at_100_Hz"), (_LAW,)),
+)  # fmt: skip
+TASKS = {row.name: row for row in _ROWS}
+
 
 Status = Literal["done", "no", "refused", "failed"]
 """The answer is yes; it is no, with its reason; the inputs are bad; the program failed."""
@@ -117,39 +316,6 @@ def _text(tables: Mapping[str, Any]) -> str:
 
 def _digest(task: str, document: str, options: str) -> str:
     return hashlib.sha256(f'["{task}", {document}, {options}]'.encode()).hexdigest()
-
-
-def compute(found: Case) -> dict[str, Any]:
-    """Put a case through its task, law by law where a controller has several; whatever happens is a result.
-
-    Returns:
-        the record that is kept: inputs, status, reason, outputs, details, and how long it took.
-    """
-    begun = time.perf_counter()
-    details: dict[str, Any] = {}
-    outputs: dict[str, Any] = {}
-    try:
-        if found.problems:
-            raise InputError(found.task, found.problems)
-        record, options = parsed(found.task, found.document, found.options)
-        task = TASKS[found.task]
-        module, _, name = task.place.partition(":")
-        work = cast("Callable[[Any, Any], Answer]", getattr(import_module(module), name))
-        if isinstance(record, Prototype) and record.schedule is not None and "controller" in task.needs:
-            mass = getattr(options, "outer_end_mass_kg", None)  # of tasks at one mass
-            range_kg = record.outer_end_mass_kg if mass is None else (mass, mass)
-            assert range_kg is not None  # laws have their payloads
-            answer = of_all({one.prototype.name: work(one.prototype, options) for one in record.stages(range_kg)})
-        else:
-            answer = work(record, options)
-        outputs, details, reason = answer.outputs, answer.details, answer.reason
-        status = "no" if reason else "done"
-    except InputError as error:
-        status, reason = "refused", in_words(error.problems)
-    except Exception as error:  # a crash is a row of its own: the others go on
-        status, reason = "failed", f"{type(error).__name__}: {error}"
-        details = {"traceback": traceback.format_exc()}
-    return kept(found, status, reason, finite(outputs), finite(details), time.perf_counter() - begun)
 
 
 def in_words(problems: Iterable[Problem]) -> str:

@@ -21,8 +21,7 @@ from beamdesign import records
 from beamdesign.code_digest import code_digest
 from beamdesign.files import LARGEST_TABLE, read_bytes, write_whole
 from beamdesign.records import InputError, NonNegative, Record
-from beamdesign.sweep.case import Case, Status, address_of, inputs_hold
-from beamdesign.sweep.tasks import TASKS
+from beamdesign.sweep.case import TASKS, Case, Status, address_of, inputs_hold
 
 INDEX = "study.json"
 _CASES = "cases"

@@ -12,7 +12,7 @@ from beamdesign import records
 from beamdesign.prototype import Prototype
 from beamdesign.quantities import RelativeStd
 from beamdesign.records import FileName, InputError, Positive, Problem, Record, nested_records
-from beamdesign.sweep.tasks import TASKS, Kind, Task
+from beamdesign.sweep.case import TASKS, Kind, Task
 
 SAMPLED = ("latin_hypercube", "sobol")
 Method = Literal["grid", "latin_hypercube", "sobol", "optimise", "tolerance", "worst_case", "sensitivity"]
@@ -21,7 +21,7 @@ Method = Literal["grid", "latin_hypercube", "sobol", "optimise", "tolerance", "w
 class Work(Record):
     """What every case is put through."""
 
-    task: str = Field(description="what is computed per case, one of beamdesign.sweep.tasks")
+    task: str = Field(description="what is computed per case, one of beamdesign.sweep.case")
     base: FileName = Field(min_length=1, description="study or prototype file, from this file's folder")
     method: Method = Field("grid", description="how the cases are chosen")
     cases: int = Field(64, ge=1, le=1_000_000, description="how many samples; of grids every point is taken")

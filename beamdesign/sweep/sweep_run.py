@@ -16,11 +16,10 @@ from beamdesign.json_text import json_text
 from beamdesign.progress import Progress, silent
 from beamdesign.records import InputError, Problem
 from beamdesign.sweep import store, workers
-from beamdesign.sweep.case import Case, in_words
+from beamdesign.sweep.case import TASKS, Case, in_words
 from beamdesign.sweep.conclusion import conclude, rows, write_columns
 from beamdesign.sweep.methods import ADAPTIVE, Plan, laid_out
 from beamdesign.sweep.sweep_file import Sweep, read_sweep
-from beamdesign.sweep.tasks import TASKS
 
 Draw = Callable[[Sweep, Sequence[dict[str, Any]], Mapping[str, Any], Path], list[Path]]
 """Draws the pictures of a finished sweep from its rows and its conclusion into a folder; gives the files."""

@@ -6,6 +6,7 @@ import signal
 import sys
 import threading
 import time
+import traceback
 from collections import Counter, deque
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
@@ -13,12 +14,14 @@ from importlib import import_module
 from math import inf
 from multiprocessing import get_context, parent_process, resource_tracker
 from multiprocessing.connection import Connection, wait
-from typing import Any
+from typing import Any, cast
 
 from beamdesign.code_digest import code_digest, engines
+from beamdesign.json_text import finite
 from beamdesign.progress import pass_on, remembered
-from beamdesign.sweep.case import Case, compute, kept
-from beamdesign.sweep.tasks import TASKS
+from beamdesign.prototype import Prototype
+from beamdesign.records import InputError
+from beamdesign.sweep.case import TASKS, Answer, Case, in_words, kept, of_all, parsed
 
 Outcome = tuple[int, dict[str, Any]]
 """Place of a case in what was asked, and its record."""
@@ -34,6 +37,39 @@ CASE_SECONDS = 3600.0
 
 _PR_SET_PDEATHSIG = 1
 _THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+
+
+def compute(found: Case) -> dict[str, Any]:
+    """Put a case through its task, law by law where a controller has several; whatever happens is a result.
+
+    Returns:
+        the record that is kept: inputs, status, reason, outputs, details, and how long it took.
+    """
+    begun = time.perf_counter()
+    details: dict[str, Any] = {}
+    outputs: dict[str, Any] = {}
+    try:
+        if found.problems:
+            raise InputError(found.task, found.problems)
+        record, options = parsed(found.task, found.document, found.options)
+        task = TASKS[found.task]
+        module, _, name = task.place.partition(":")
+        work = cast("Callable[[Any, Any], Answer]", getattr(import_module(module), name))
+        if isinstance(record, Prototype) and record.schedule is not None and "controller" in task.needs:
+            mass = getattr(options, "outer_end_mass_kg", None)  # of tasks at one mass
+            range_kg = record.outer_end_mass_kg if mass is None else (mass, mass)
+            assert range_kg is not None  # laws have their payloads
+            answer = of_all({one.prototype.name: work(one.prototype, options) for one in record.stages(range_kg)})
+        else:
+            answer = work(record, options)
+        outputs, details, reason = answer.outputs, answer.details, answer.reason
+        status = "no" if reason else "done"
+    except InputError as error:
+        status, reason = "refused", in_words(error.problems)
+    except Exception as error:  # a crash is a row of its own: the others go on
+        status, reason = "failed", f"{type(error).__name__}: {error}"
+        details = {"traceback": traceback.format_exc()}
+    return kept(found, status, reason, finite(outputs), finite(details), time.perf_counter() - begun)
 
 
 def here(cases: Sequence[Case]) -> Iterator[Outcome]:
@@ -197,8 +233,6 @@ def cluster(address: str) -> Iterator[Workers]:
     Raises:
         InputError: where dask.distributed is not installed, or no scheduler answers.
     """
-    from beamdesign.records import InputError
-
     try:
         from distributed import Client, KilledWorker, as_completed
     except ModuleNotFoundError:

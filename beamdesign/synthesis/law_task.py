@@ -17,8 +17,8 @@ import numpy as np
 
 from beamdesign.controllers import SENSED, Sensed
 from beamdesign.controllers.form import Form
-from beamdesign.plant.beams_rig import figures_of
 from beamdesign.plant.members import VertexModel, served
+from beamdesign.plant.rigs import figures_of
 from beamdesign.prototype import Goal, Prototype
 from beamdesign.synthesis.loop_limits import ends
 from beamdesign.synthesis.loop_samples import FINE_HZ, MODES_HZ, Samples, rig_samples

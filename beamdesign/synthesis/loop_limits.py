@@ -18,10 +18,10 @@ from beamdesign.controllers import Controller
 from beamdesign.controllers.form import UNIT
 from beamdesign.json_text import picked
 from beamdesign.loop import Loop, rig_loop
-from beamdesign.plant.beams_rig import figures_of
 from beamdesign.plant.linear import UNUSED, LinearModel
 from beamdesign.plant.linearised import linear_assembly, transfer_polynomials
 from beamdesign.plant.members import VertexModel, family
+from beamdesign.plant.rigs import figures_of
 from beamdesign.polynomial import exact
 from beamdesign.proofs.absolute_stability import absolute_stability, members
 from beamdesign.proofs.certificate import Asked, Claim, Kind, goal_claims, over_passive, peak_claim

@@ -13,8 +13,8 @@ from math import inf
 import numpy as np
 
 from beamdesign.controllers import Lag
+from beamdesign.controllers.cascade import as_lag
 from beamdesign.controllers.form import form_of
-from beamdesign.controllers.structured import as_lag
 from beamdesign.plant.members import family
 from beamdesign.problem import DesignProblem
 from beamdesign.progress import Progress, silent

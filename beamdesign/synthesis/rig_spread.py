@@ -7,11 +7,11 @@ from typing import NamedTuple
 import numpy as np
 
 from beamdesign.parameters import PARAMETERS, TOLERANCES, rows_of
-from beamdesign.plant.changed_figures import CHANGEABLE, with_figures
 from beamdesign.plant.members import VertexModel, served
 from beamdesign.prototype import Prototype
 from beamdesign.public import SIGMAS
 from beamdesign.records import InputError, Problem
+from beamdesign.structure.lumped import CHANGEABLE, with_figures
 
 _CUT = 4.0
 _DIGITS = 3
@@ -39,7 +39,7 @@ class RigSpread:
     Attributes:
         prototype: nominal.
         largest_outer_kg: largest outer end mass, whose weight is the load of effects that depend on it.
-        deviations: relative standard deviation by figure, as in `beamdesign.plant.changed_figures`; d of them.
+        deviations: relative standard deviation by figure, as in `beamdesign.structure.lumped`; d of them.
         sigmas: how far the figures are off, in standard deviations.
         stage: payloads of the law that serves them and all payloads, as of `beamdesign.plant.members.served`.
     """

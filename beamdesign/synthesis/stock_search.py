@@ -6,8 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from beamdesign.problem import DesignProblem
-from beamdesign.structure.section import Tube, as_arrays, clearances
-from beamdesign.structure.stock import stock_tubes
+from beamdesign.structure.section import Tube, as_arrays, clearances, stock_tubes
 from beamdesign.synthesis.checks import CheckedPair, Requirements, beam_mass, check_sections, checks
 
 

@@ -5,10 +5,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from beamdesign.plant.changed_figures import with_figures
 from beamdesign.prototype import Prototype
 from beamdesign.scenario import Input, Multisine, Scenario, ScenarioRecord, Step
 from beamdesign.simulation import SimulatedRecord, simulate
+from beamdesign.structure.lumped import with_figures
 
 MEASURED_WITHIN = 0.1
 """Excess of the compliance over the goal that counts as met: what a measured response of a few seconds can tell."""
@@ -108,7 +108,7 @@ def drawn(prototype: Prototype, deviations: Mapping[str, float], count: int, see
 
     Args:
         prototype: nominal.
-        deviations: relative standard deviations, by figure as in `beamdesign.plant.changed_figures`; normal,
+        deviations: relative standard deviations, by figure as in `beamdesign.structure.lumped`; normal,
             cut at two of them.
         count: how many rigs.
         seed: of the draws.

@@ -15,10 +15,10 @@ import numpy as np
 from delivered import Delivered, delivered, drawn
 from scipy.stats import binomtest
 
-from beamdesign.plant.changed_figures import CHANGEABLE
 from beamdesign.proofs.certifying import certify
 from beamdesign.proofs.tolerance_box import TOLERANCES
 from beamdesign.prototype import Prototype, Tolerance, read_prototype
+from beamdesign.structure.lumped import CHANGEABLE
 from beamdesign.synthesis.rig_spread import rig_spread
 
 TOLERANCE = Tolerance(

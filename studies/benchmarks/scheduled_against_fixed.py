@@ -16,7 +16,7 @@ from delivered import MEASURED_WITHIN, drawn
 from delivered_bandwidth import DEVIATIONS, rig_of
 
 from beamdesign.controllers import Lag, Scheduled, Stage
-from beamdesign.controllers.scheduling.simulation import Course, simulate_scheduled
+from beamdesign.controllers.scheduling import Course, simulate_scheduled
 from beamdesign.prototype import Prototype, read_prototype
 from beamdesign.report.canvas import STYLES, new_figure, save
 from beamdesign.report.figures import BESIDE

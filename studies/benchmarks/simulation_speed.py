@@ -22,14 +22,15 @@ from scipy.integrate import solve_ivp
 
 from beamdesign.controllers import Lag
 from beamdesign.plant.assembly import OUTPUTS, Assembly, assemble, parameters_of, structure_of
-from beamdesign.plant.compiled import compiled, integrate
-from beamdesign.plant.effects import library
-from beamdesign.plant.equilibrium import equilibrium, scales
-from beamdesign.plant.sensitivity import (
+from beamdesign.plant.compiled import (
+    compiled,
     compiled_with_sensitivities,
     equilibrium_sensitivity,
+    integrate,
     integrate_with_sensitivities,
 )
+from beamdesign.plant.effects import library
+from beamdesign.plant.equilibrium import equilibrium, scales
 from beamdesign.prototype import Prototype
 from beamdesign.simulation import half_steps, substeps_for
 from beamdesign.validation.paper.rig import paper_prototype

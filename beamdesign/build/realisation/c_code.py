@@ -29,10 +29,6 @@ from beamdesign.spelling import in_c
 
 VECTORS = 96
 """Samples of the self-test."""
-_OVERFLOW = {
-    "l1": ": within them no signal can overflow; larger ones are limited.",
-    "l2": "; a signal that a word cannot hold is limited, which long large errors can bring about.",
-}
 HEADER, LAW, SELF_TEST = "controller.h", "controller.c", "controller_self_test.c"
 
 
@@ -202,7 +198,6 @@ def c_files(realisation: Realisation, name: str, notes: tuple[str, ...] = ()) ->
         "notes": [in_c(note) for note in notes],
         "fixed": fixed,
         "kind": kind,
-        "overflow": _OVERFLOW[realisation.scaling] if fixed else ".",
         "others": realisation.channels[1:],
         "arguments": ", ".join(f"{kind} {channel.name}" for channel in realisation.channels),
         "gains": {channel.gain_name: channel.unit for channel in realisation.channels},

@@ -9,7 +9,6 @@ from dataclasses import dataclass
 from functools import cached_property
 from itertools import chain
 from math import floor, frexp, log2
-from typing import Literal
 
 import numpy as np
 from flint import fmpq_mat
@@ -44,7 +43,6 @@ FULL_SCALES = {"inner_displacement_m": 0.01, "load_pressure_Pa": 2.1e7}
 """Of the other readings where nothing says better: a beam's tip and an industrial supply."""
 FLOAT_STEP = 2.0**-23
 """Largest distance of neighbouring floats of 32 bits, relative."""
-Scaling = Literal["l1", "l2"]
 
 
 @dataclass(frozen=True)
@@ -59,7 +57,6 @@ class Realisation:
         current_places: of words in A; 0 in floats.
         full_scales: largest value of each reading that it is scaled for; larger ones are limited.
         largest_current_A: limit of the current.
-        scaling: by which the words were chosen, see `realise`.
     """
 
     asked: DiscreteLaw
@@ -69,7 +66,6 @@ class Realisation:
     current_places: int
     full_scales: tuple[float, ...]
     largest_current_A: float
-    scaling: Scaling = "l1"
 
     @property
     def rate_Hz(self) -> float:
@@ -138,11 +134,10 @@ def realise(
     word_length: int | None = 32,
     full_scale_V: float = FULL_SCALE_V,
     largest_current_A: float | None = None,
-    scaling: Scaling = "l1",
     prewarped: bool = True,
     full_scales: Mapping[str, float] = FULL_SCALES,
 ) -> Realisation:
-    """Discretise and round a controller.
+    """Discretise and round a controller; no signal can overflow, whatever its readings do within full scale.
 
     Args:
         controller: any law of the project, or a transfer function.
@@ -150,8 +145,6 @@ def realise(
         word_length: of fixed-point words; None for floats of 32 bits.
         full_scale_V: largest error, and largest command where that is read by itself.
         largest_current_A: limit; none: what the gains make of the full scales at rest.
-        scaling: `l1`: no signal can overflow, whatever the readings do within full scale; `l2`: none does for readings
-            of the energy of one sample at full scale, others are limited, for some bits more of resolution.
         prewarped: see `sections.discretised`.
         full_scales: largest value (m, Pa) of each further reading.
 
@@ -180,8 +173,8 @@ def realise(
     if len(linear.states) and np.abs(np.linalg.eigvals(floats(linear.a))).max() >= 1:
         raise ValueError(f"words of {word_length} bits are too short: the rounded controller itself is not stable")
     if word_length is None:
-        return Realisation(asked, None, coefficients, (0,) * len(scales), 0, scales, largest, scaling)
-    places = tuple(_places(linear, word_length, place, scale, scaling) for place, scale in enumerate(scales))
+        return Realisation(asked, None, coefficients, (0,) * len(scales), 0, scales, largest)
+    places = tuple(_places(linear, word_length, place, scale) for place, scale in enumerate(scales))
     # Never more places than a product has: the last operation drops places, it cannot make any. The sum of up to four
     # products has to fit two words, so that each drops two of them at least.
     spare = 2 if len(places) > 1 else 0
@@ -189,7 +182,7 @@ def realise(
         coefficients[one.gain_name].places + own - spare for one, own in zip(asked.channels, places, strict=True)
     ]
     current_places = min(word_length - 1 - frexp(largest)[1], *products)
-    made = Realisation(asked, word_length, coefficients, places, current_places, scales, largest, scaling)
+    made = Realisation(asked, word_length, coefficients, places, current_places, scales, largest)
     if made.current_limit < 1 or max(made.current_shifts.values()) > 2 * word_length - 2:
         raise ValueError(
             f"a largest current of {largest:g} A and what the gain makes of full scale, {at_rest:g} A, lie too far"
@@ -206,13 +199,12 @@ def full_scales_of(prototype: Prototype, full_scale_V: float) -> dict[str, float
     }
 
 
-def _places(linear: LinearLaw, word_length: int, place: int, full_scale: float, scaling: Scaling) -> int:
+def _places(linear: LinearLaw, word_length: int, place: int, full_scale: float) -> int:
     """The most binary places with which every signal of a channel, roundings included, fits a word."""
     n, k = len(linear.states), len(linear.sensed)
     a, rows = floats(linear.a), floats(linear.signals)[np.array(linear.signal_channels) == place]
-    norms = l1_norms if scaling == "l1" else l2_norms
     given = slice(place, place + 1)
-    peaks = norms(a, floats(linear.b)[:, given], rows[:, :n], rows[:, n : n + k][:, given])[:, 0]
+    peaks = l1_norms(a, floats(linear.b)[:, given], rows[:, :n], rows[:, n : n + k][:, given])[:, 0]
     halves = [0.5 if kind == "signal" else 0.5 * 2.0 ** (2 - word_length) for _, kind, _ in linear.roundings]
     rounded = l1_norms(a, floats(linear.f), rows[:, :n], rows[:, n + k :]) @ np.array(halves)
     room = 2 ** (word_length - 1) - 1 - rounded

@@ -18,11 +18,12 @@ import numpy as np
 from flint import arb_mat, ctx, fmpq, fmpq_mat, fmpq_poly
 
 from beamdesign.build.realisation.loop import (
+    LOOP_BITS,
     RealisedLoop,
     SampledVerdict,
+    middle,
     prove_sampled,
     realised_loop,
-    rounded_loop,
 )
 from beamdesign.build.realisation.realise import FLOAT_STEP, Realisation, floats, l1_norms, l2_norms
 from beamdesign.build.realisation.sections import laws_of
@@ -134,6 +135,46 @@ def _kept(value: fmpq) -> fmpq:
     places = _KEPT_BITS - (int(value.p).bit_length() - int(value.q).bit_length())
     scaled = value * fmpq(2) ** places
     return fmpq(int(scaled.p) // int(scaled.q)) * fmpq(2) ** -places
+
+
+@dataclass(frozen=True)
+class RoundedLoop:
+    """The loop at one mass with everything that enters it, in floats: x+ = A x + B u, y = C x + D u.
+
+    Attributes:
+        a, b, c, d: inputs u are the force on the tip (N, held) and the roundings of the law; outputs y the displacement
+            of the tip (m), the current (A) computed at the sample, and the error (V).
+    """
+
+    a: np.ndarray
+    b: np.ndarray
+    c: np.ndarray
+    d: np.ndarray
+
+
+def rounded_loop(loop: RealisedLoop[Realisation], mass_kg: float) -> RoundedLoop:
+    """The loop at one outer end mass with its roundings as inputs."""
+    mass, law, plant = exact(mass_kg), loop.realisation.linear, loop.plant
+    with ctx.workprec(LOOP_BITS):
+        a = loop.matrix(mass)
+        pushed = middle(plant.moved(mass, mass, loop.period_s, by_force=True))
+        moved = middle(plant.moved(mass, mass, loop.period_s))
+    n, m, late = plant.a.nrows(), len(law.states), int(loop.delayed)
+    inputs = 1 + len(law.roundings)
+    tip, seen = floats(plant.tip), floats(plant.readings(law.sensed))
+    b = np.zeros((n + late + m, inputs))
+    b[:n, 0] = pushed[:n, n]
+    given = floats(law.g)
+    if late:
+        b[n, 1:] = given
+    else:
+        b[:n, 1:] = moved[:n, n : n + 1] @ given
+    b[n + late :, 1:] = floats(law.f)
+    c, d = np.zeros((3, n + late + m)), np.zeros((3, inputs))
+    c[0, :n], c[2, :n] = tip[0], seen[0]
+    c[1, :n], c[1, n + late :] = (floats(law.d) @ seen)[0], floats(law.c)[0]
+    d[1, 1:] = given
+    return RoundedLoop(a, b, c, d)
 
 
 @dataclass(frozen=True)

@@ -17,9 +17,8 @@ from beamdesign.diagnosis.fitting.hypothesis import Placement, Unknown, given
 from beamdesign.diagnosis.fitting.linear_evidence import ResponseEvidence
 from beamdesign.diagnosis.fitting.weighting import SHARE, Weighting, banded, blurred, weighting
 from beamdesign.plant.assembly import OUTPUTS, Structure, assemble, parameters_of
-from beamdesign.plant.compiled import integrate
+from beamdesign.plant.compiled import equilibrium_sensitivity, integrate, integrate_with_sensitivities
 from beamdesign.plant.equilibrium import equilibrium, linearise
-from beamdesign.plant.sensitivity import equilibrium_sensitivity, integrate_with_sensitivities
 from beamdesign.prototype import Prototype
 from beamdesign.simulation import half_steps
 

@@ -1,4 +1,4 @@
-"""The library of effects: every file of this folder holds one, found by being there; beside them laws to be learnt."""
+"""The library of effects: every file of this folder holds one, some with further laws of it; and laws to be learnt."""
 
 import difflib
 from collections.abc import Mapping
@@ -13,18 +13,20 @@ from beamdesign.records import Problem
 
 @cache
 def library() -> dict[str, Effect]:
-    """All effects by name, in alphabetical order, then the laws that are learnt from data.
+    """All effects by name, in alphabetical order: of each file `EFFECT`, which has its name, and other laws of it.
+
+    Then the laws that are learnt from data.
 
     Raises:
         ValueError: where a file's name is not that of its effect.
     """
-    found = {}
+    found: dict[str, Effect] = {}
     for module in sorted(iter_modules(__path__), key=lambda item: item.name):
-        effect = import_module(f"{__name__}.{module.name}").EFFECT
-        if effect.name != module.name:
-            raise ValueError(f"{module.name} holds the effect {effect.name}")
-        found[effect.name] = effect
-    return found | {effect.name: effect for effect in laws()}
+        held = import_module(f"{__name__}.{module.name}")
+        if held.EFFECT.name != module.name:
+            raise ValueError(f"{module.name} holds the effect {held.EFFECT.name}")
+        found |= {each.name: each for each in vars(held).values() if isinstance(each, Effect)}
+    return dict(sorted(found.items())) | {effect.name: effect for effect in laws()}
 
 
 def causes() -> dict[str, Effect]:

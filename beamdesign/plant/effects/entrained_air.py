@@ -75,3 +75,90 @@ EFFECT = Effect(
         _stiffness,
     ),
 )
+
+
+_MOST = 0.9  # of the length of a chamber: no stroke empties it
+
+
+def _bulk(pressure: Any, site: Site) -> Any:
+    own = site.parameter
+    return bulk_ratio(pressure, own["air_fraction"], own["oil_bulk_modulus_Pa"], own["polytropic_exponent"])
+
+
+def chamber_length(modulus: Any, figure: Mapping[str, Any]) -> Any:
+    """Volume of either chamber at mid-stroke over its area, m: both in parallel are the oil spring 2 beta A / L."""
+    return 2 * modulus * figure["piston_area"] / figure["oil_stiffness"]
+
+
+def _volume(sign: float, site: Site) -> Any:
+    share = site.port["stroke_m"] / chamber_length(site.parameter["oil_bulk_modulus_Pa"], site.figure)
+    return 1 + sign * ca.fmin(ca.fmax(share, -_MOST), _MOST)
+
+
+def _leakage(signal: Any, sign: float, site: Site) -> Any:
+    """With equal chambers the difference of pressures heeds no share; it moves their mean alone."""
+    between, share = site.port["pressure_a_Pa"] - site.port["pressure_b_Pa"], site.parameter["leakage_between_share"]
+    return (1 - share) * signal + share * site.figure["leakage"] * sign * between
+
+
+def _stiffness_with_stroke(own: Mapping[str, float], at: Operation) -> Span:
+    """Of both chambers in parallel, (r_a/(1 + x) + r_b/(1 - x))/2 with x the stroke over the length.
+
+    With each ratio r from that at the lowest pressure to 1, it is from the former to 1/(1 - x^2). A steady load bends
+    the outer beam or the inner one, or parts of it both, in opposite senses; the stroke is largest where it is one.
+    """
+    difference = at.load_N / at.figure["piston_area"]
+
+    def ratio(pressure: float) -> float:
+        return float(bulk_ratio(pressure, own["air_fraction"], own["oil_bulk_modulus_Pa"], own["polytropic_exponent"]))
+
+    stroke = at.load_N / min(at.figure["outer_stiffness"], at.figure["inner_stiffness"])
+    share = min(stroke / float(chamber_length(own["oil_bulk_modulus_Pa"], at.figure)), _MOST)
+    return Span(ratio((at.supply_Pa - difference) / 2), 1 / (1 - share**2), ratio(at.supply_Pa / 2))
+
+
+WITH_STROKE = Effect(
+    name="entrained_air_with_stroke",
+    meaning="""Entrained air in chambers whose volumes follow the stroke.
+
+        With oil free of air the softer, larger chamber and the stiffer, smaller one make up for each other: both in
+        parallel change with the square of the stroke. Air makes one chamber softer than the other under load, and then
+        the stroke counts in the first order, so that a cylinder with air shows it where one without does not.
+
+        The volume at mid-stroke, lines included, is that with which oil of the modulus given has the rig's own
+        stiffness. The paper's leakage is that of the load pressure and does not say which share of it passes between
+        the chambers and which at the edges of the valve, to supply and tank. Only the latter holds the mean pressure,
+        and with air that matters too.""",
+    subsystem="oil",
+    laws={
+        "bulk_ratio_a": lambda signal, site: signal * _bulk(site.port["pressure_a_Pa"], site),
+        "bulk_ratio_b": lambda signal, site: signal * _bulk(site.port["pressure_b_Pa"], site),
+        "volume_ratio_a": lambda signal, site: signal * _volume(1.0, site),
+        "volume_ratio_b": lambda signal, site: signal * _volume(-1.0, site),
+        "leakage_a_m3_per_s": lambda signal, site: _leakage(signal, 1.0, site),
+        "leakage_b_m3_per_s": lambda signal, site: _leakage(signal, -1.0, site),
+    },
+    parameters=(
+        *AIR,
+        Parameter(
+            "polytropic_exponent", 1.2, 1.0, 1.4, 0.1, "1 for bubbles that keep their temperature, 1.4 without heat"
+        ),
+        Parameter(
+            "leakage_between_share",
+            0.5,
+            0.0,
+            1.0,
+            0.29,
+            "of the leakage, what passes from one chamber to the other",
+        ),
+    ),
+    states=(),
+    source="Merritt, Hydraulic Control Systems (1967), chapters 2 and 6: oil and air; volumes of the chambers",
+    linear=soft_oil(
+        "oil spring from that at the lowest pressure of a chamber to that of oil free of air at the stroke of the "
+        "largest load, alike in both chambers",
+        "chambers of different stiffness, and the share of the leakage between them; strokes beyond that of the load",
+        _stiffness_with_stroke,
+    ),
+    realises="entrained_air",
+)

@@ -6,6 +6,7 @@ As in `seal_friction` the friction settles no faster than a bound.
 from typing import Any
 
 import casadi as ca
+import numpy as np
 
 from beamdesign.plant.effect import Effect, Elements, Linear, Parameter, Site, Span
 
@@ -51,4 +52,69 @@ EFFECT = Effect(
         figures={"spring": lambda own, at: Span(0.0, 2 / own["travel"], 1 / own["travel"], (0.0, 0.0))},
         elements=lambda own, figure: Elements(spool=own["spring"]),
     ),
+)
+
+
+_FOLLOWING, _FORGETTING = 4e3, 1e-4  # 1/s
+_PLAYS = ("play_1", "play_2", "play_3", "play_4")  # in half widths
+_NODES, _WEIGHTS = ((side / 2).tolist() for side in np.polynomial.legendre.leggauss(len(_PLAYS)))
+
+
+def _magnetic(signal: Any, site: Site) -> Any:
+    width, share = site.parameter["half_width_A"], site.parameter["held_share"]
+    largest = 2 / share  # threshold in half widths: the mean of all, times the share, is one
+    current = signal / width
+    tracked = site.state["followed"]
+    site.rate["followed"] = _FOLLOWING * (current - tracked)
+    passed = 0.0
+    for name, node, weight in zip(_PLAYS, _NODES, _WEIGHTS, strict=True):
+        threshold = (node + 0.5) * largest
+        left = site.state[name]
+        play = ca.fmin(ca.fmax(tracked + left, current - threshold), current + threshold)
+        site.rate[name] = _FOLLOWING * (play - current - left) - _FORGETTING * left
+        passed += weight * play
+    return (1 - share) * signal + share * width * passed
+
+
+MAGNETIC = Effect(
+    name="valve_hysteresis_magnetic",
+    meaning="""Magnetic valve hysteresis: the torque motor's iron holds back a part of the current before the spool
+        sees it.
+
+        Rayleigh's law: small currents meet the reversible share alone; with the amplitude grow the slope of the curve,
+        in proportion, and the remanence, with the square, up to the largest threshold. Beyond it the loop keeps its
+        width. That is what plays do whose thresholds lie evenly between none and the largest; here they are the nodes
+        of Gauss and Legendre's quadrature over them. So loops close, and what happened within one is forgotten once it
+        is left (Madelung's rules), neither of which Dahl's law does.
+
+        A play passes on where it has been left, held between its two ends, which move with the current: without delay
+        while it is pushed. What has been left there follows at a rate that shows only at reversals. It is counted from
+        the current, followed likewise, so that iron that has been demagnetised at any current is at zero. Left alone,
+        iron forgets slowly: in hours, but it makes of the many oscillations that idle plays would allow the one about
+        zero.""",
+    subsystem="servovalve",
+    laws={"spool_A": _magnetic},
+    parameters=(
+        Parameter("half_width_A", 0.1e-3, 1e-6, 5e-3, 0.8, "half the width of a large loop of flow over current"),
+        Parameter(
+            "held_share",
+            0.5,
+            0.05,
+            0.98,
+            0.5,
+            "of small currents: one less the initial over the largest slope; catalogues do not give it",
+        ),
+    ),
+    states=("followed", *_PLAYS),
+    memory=_PLAYS,
+    source="Lord Rayleigh, Phil. Mag. 23 (1887) 225; plays: K. Kuhnen, Eur. J. Control 9 (2003) 407",
+    linear=Linear(
+        "gain from the reversible share to the whole, between which lie all slopes of its loops; performance at"
+        " amplitudes well beyond their width",
+        "limit cycles, and the phase that its loops cost",
+        laws={},
+        gain=lambda own, at: Span(1 - own["held_share"], 1.0, 1 - own["held_share"], (1.0, 1.0)),
+        near_rest="compliance",
+    ),
+    realises="valve_hysteresis",
 )

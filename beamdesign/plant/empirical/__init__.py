@@ -23,6 +23,11 @@ _ODD, _CUBE, _EVEN, _SIDED = _TERMS
 _POINTS = 10  # of a curve's table, to either side
 _FURTHEST = 2.0  # of the reach: beyond, where no data were, a curve is level
 _WIDTHS = {"narrow": 0.1, "wide": 0.5}  # of the reach: what the deflection of a loop settles within
+_MEANINGS = {
+    "curve": "A static curve", "loop": "Two loops of friction", "lag": "A share that comes late",
+    "appendage": "A mass on a spring", "resonance": "A share that passes a resonance",
+    "droop": "A loss that follows the signal's size", "drift": "A gain that changes in time",
+}  # fmt: skip
 _QUICKEST = 1e4  # 1/s, of that deflection, as in `seal_friction`
 
 
@@ -54,7 +59,8 @@ def _effect(
         laws={port: at(sign) for port, sign in place.ports.items()},
         parameters=parameters,
         states=states,
-        source="learnt from the data of one rig",
+        meaning=f"{_MEANINGS[kind]} at the port {place.name.replace('_', ' ')}, learnt from the records of a rig.",
+        source="no law of physics",
         memory=memory,
         linear=linear,
         realises=f"empirical:{place.name}",

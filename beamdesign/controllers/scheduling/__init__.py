@@ -1,1 +1,0 @@
-"""Laws chosen by the payload: their record, the payload's estimate, the choice of a stage, and their loop in time."""

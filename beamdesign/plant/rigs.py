@@ -1,0 +1,319 @@
+"""The rigs as assemblies of components: the twin beam with a controller in the loop, and its actuator on a bench.
+
+The first is that of Zalucky and Hardt (1984).
+"""
+
+from functools import partial
+from typing import Any
+
+import casadi as ca
+
+from beamdesign.parameters import rows_of
+from beamdesign.plant.actuators import KINDS, Actuator
+from beamdesign.plant.actuators.servo_cylinder import AREAS, CYLINDER, VALVE, port_leakage
+from beamdesign.plant.component import Component, Rig, Signals
+from beamdesign.plant.electronics import CONTROLLER, OPEN_LOOP, SENSOR, low_pass_rate
+
+
+def beam_force(stiffness: Any, damping: Any, position: Any, velocity: Any) -> Any:
+    """Force of a beam against its tip, equations (9) and (10) of Zalucky and Hardt (1984), with the fixed dashpot."""
+    return stiffness * position + damping * velocity
+
+
+def _reaction(beam: str, port: Signals, figure: Signals, state: Signals) -> Any:
+    """Force of a beam against its tip, N; bending is what the tip moves beyond its mount."""
+    bent, rate = state[f"{beam}_m"] - port["mount_m"], state[f"{beam}_m_per_s"] - port["mount_m_per_s"]
+    return beam_force(figure[f"{beam}_stiffness"], figure[f"{beam}_damping"], bent, rate)
+
+
+def end_mass_force(mass: Any, end_mass: Any, driving: Any) -> Any:
+    """Force that an end mass takes off the tip to be accelerated with the beam's own mass, N."""
+    return driving * end_mass / (mass + end_mass)
+
+
+WALL_FIGURES = ("wall_at", "wall_stiffness", "wall_damping", "wall_rounding")
+"""Of a wall before the outer tip: m, N/m, N s/m, m."""
+
+
+def wall_force(at: Any, stiffness: Any, damping: Any, rounding: Any, position: Any, velocity: Any) -> Any:
+    """Force of a wall against the tip, N: a spring and a dashpot on one side, smooth over a rounding.
+
+    With d the way into the wall and e the rounding, the spring is pressed by (d + sqrt(d^2 + e^2)) / 2, a function of
+    place alone: it gives back what it took. The dashpot acts in the share of the spring's slope, and takes only.
+    """
+    inward = position - at
+    distance = ca.sqrt(inward**2 + rounding**2)
+    share = (1 + inward / distance) / 2
+    return stiffness * (inward + distance) / 2 + damping * share * velocity
+
+
+def _wall(port: Signals, figure: Signals, state: Signals) -> Any:
+    if "wall_at" not in figure:
+        return 0.0
+    at, stiffness, damping, rounding = (figure[name] for name in WALL_FIGURES)
+    return wall_force(at, stiffness, damping, rounding, port["outer_tip_m"], port["outer_tip_m_per_s"])
+
+
+def _motion(port: Signals, figure: Signals, state: Signals) -> dict[str, Any]:
+    driving = port["outer_force_N"] - port["outer_reaction_N"] - port["outer_end_mass_N"]
+    inner_mass = figure["inner_mass"] + figure["inner_end_mass"]
+    return {
+        "outer_m": state["outer_m_per_s"],
+        "outer_m_per_s": driving / figure["outer_mass"],
+        "inner_m": state["inner_m_per_s"],
+        "inner_m_per_s": (port["inner_force_N"] - port["inner_reaction_N"]) / inner_mass,
+    }
+
+
+BEAMS = Component(
+    {
+        "outer_tip_m": lambda port, figure, state: state["outer_m"],
+        "outer_tip_m_per_s": lambda port, figure, state: state["outer_m_per_s"],
+        "mount_m": lambda port, figure, state: 0.0,
+        "mount_m_per_s": lambda port, figure, state: 0.0,
+        "outer_reaction_N": partial(_reaction, "outer"),
+        "inner_reaction_N": partial(_reaction, "inner"),
+        "mount_force_N": lambda port, figure, state: port["outer_reaction_N"] + port["inner_reaction_N"],
+        "sensed_m": lambda port, figure, state: port["outer_tip_m"],
+        "rod_m": lambda port, figure, state: state["inner_m"],
+        "stroke_m": lambda port, figure, state: port["outer_tip_m"] - port["rod_m"],
+        "rod_m_per_s": lambda port, figure, state: state["inner_m_per_s"],
+        "stroke_m_per_s": lambda port, figure, state: port["outer_tip_m_per_s"] - port["rod_m_per_s"],
+    }
+)
+"""Where the tips and their mount are, and what the beams hold against that."""
+
+TIPS = Component(
+    {
+        "inner_force_N": lambda port, figure, state: -port["actuator_force_N"],
+        "wall_N": _wall,
+        "outer_force_N": lambda port, figure, state: port["actuator_force_N"] + port["disturbance_N"] - port["wall_N"],
+        "outer_end_mass_N": lambda port, figure, state: end_mass_force(
+            figure["outer_mass"], figure["outer_end_mass"], port["outer_force_N"] - port["outer_reaction_N"]
+        ),
+    },
+    _motion,
+)
+"""Forces that move the tips."""
+
+
+MORE_FIGURES = ("supply_pressure", "believed_sensor_gain", "gain", "pole", "zero")
+"""Figures beside those of the linear plant: Pa, V/m, A/V, rad/s, rad/s."""
+
+_BEAM_STATES = ("outer_m", "outer_m_per_s", "inner_m", "inner_m_per_s")
+
+
+def outputs_of(actuator: type[Actuator]) -> tuple[str, ...]:
+    """What is recorded of a rig with an actuator, in order."""
+    return (
+        "current_A",
+        "displacement_m",  # the controller's input over the believed sensor gain
+        actuator.feels[0],
+        "inner_displacement_m",
+        "outer_displacement_m",  # of the tip itself
+        "measured_V",
+    )
+
+
+def twin_beam(actuator: type[Actuator]) -> Rig:
+    """Two beams with an actuator between their tips, and a law that goes by the outer tip's displacement."""
+    felt, feel = actuator.feels
+
+    def outputs(port: Signals, figure: Signals, state: Signals) -> dict[str, Any]:
+        return {
+            "current_A": port["current_A"],
+            "displacement_m": port["measured_V"] / figure["believed_sensor_gain"],
+            felt: feel(port, figure, state),
+            "inner_displacement_m": state["inner_m"],
+            "outer_displacement_m": port["outer_tip_m"],
+            "measured_V": port["measured_V"],
+        }
+
+    return Rig(
+        "the twin beam",
+        (BEAMS, SENSOR, CONTROLLER, *actuator.components, TIPS),
+        _BEAM_STATES + actuator.states,
+        (*rows_of(actuator), *MORE_FIGURES),
+        outputs,
+        outputs_of(actuator),
+        actuator,
+    )
+
+
+TWIN_BEAMS = {"twin_beam" if name == Actuator.where_none_is_stated else name: twin_beam(a) for name, a in KINDS.items()}
+"""By actuator; the one of Zalucky and Hardt (1984) is the twin beam by itself."""
+
+TWIN_BEAM = TWIN_BEAMS["twin_beam"]
+STATES, OUTPUTS = TWIN_BEAM.states, TWIN_BEAM.output_names
+
+
+def figures_of(rig: str) -> tuple[str, ...]:
+    """Those of the linear plant of a twin beam, end masses last; the frequency of a filter counts only with one."""
+    return TWIN_BEAMS[rig].figures[: -len(MORE_FIGURES)]
+
+
+FIGURES = figures_of("twin_beam")
+
+
+_BENCH_STATES = (
+    "piston_m",
+    "piston_m_per_s",
+    "pressure_a_Pa",
+    "pressure_b_Pa",
+    "flow_m3_per_s",
+    "flow_m3_per_s2",
+    "sag_Pa",
+    "back_Pa",
+    "seen_a_Pa",
+    "seen_b_Pa",
+)
+_BENCH_FIGURES = (
+    "piston_area",  # m2, mean of both sides
+    "stroke",  # m
+    "moving_mass",  # kg
+    "dead_volume",  # m3, of each chamber with the piston against it, lines included
+    "bulk_modulus",  # Pa
+    "stop_stiffness",  # N/m
+    "stop_damping",  # N s/m
+    "constant_load",  # N, against extension
+    "supply_pressure",  # Pa, with no flow
+    "tank_pressure",  # Pa
+    "line_loss",  # Pa s2/m6, of the lines to and from the valve each
+    "edge_b",  # flow of the edge from the supply to chamber b over that of the others
+    "flow_gain",  # m3/s/A
+    "leakage",  # m3/s/Pa, of the closed valve
+    "piston_leakage",  # m3/s/Pa, from chamber to chamber
+    "valve_frequency",  # rad/s
+    "valve_damping_ratio",
+    "gain",  # A/V, of the amplifier
+    "null",  # V, command at which the valve is shut
+    "sensor_gain",  # V/m
+    "sensor_zero",  # m, reading at the retracted stop
+    "believed_sensor_gain",  # V/m
+    "filter_frequency",  # rad/s, only with the filter
+    "pressure_filter_frequency",  # rad/s
+)
+_BENCH_OUTPUTS = ("current_A", "displacement_m", "pressure_a_Pa", "pressure_b_Pa", "piston_m", "measured_V")
+
+LINE_S = 5e-3  # how soon the pressure lost in a line comes and goes
+_INDENTATION_M = 1e-5  # over which the damping of a stop comes on
+_STALL = 0.02  # of the supply: a linear valve gives way to a chamber that comes this near to supply or tank
+
+
+def stop_force(position: Any, speed: Any, stroke: Any, stiffness: Any, damping: Any) -> Any:
+    """Force of the end stops on the piston, N: springs with damping that grows with indentation, which never pull."""
+
+    def pressed(depth: Any, closing: Any) -> Any:
+        inside = ca.fmax(depth, 0.0)
+        return ca.fmax(stiffness * inside + damping * ca.fmin(inside / _INDENTATION_M, 1.0) * closing, 0.0)
+
+    return pressed(-position, -speed) - pressed(position - stroke, speed)
+
+
+def stalled(flow: Any, pressure: Any, supply: Any, tank: Any) -> Any:
+    """Flow into a chamber through a linear valve, which ends where no pressure is left to drive it."""
+    drop = ca.if_else(flow > 0, supply - pressure, pressure - tank)
+    return flow * ca.fmin(ca.fmax(drop / (_STALL * (supply - tank)), 0.0), 1.0)
+
+
+def _linear_port(side: str, sign: float, port: Signals, state: Signals) -> Any:
+    into = stalled(
+        sign * port[f"linear_{side}_m3_per_s"],
+        state[f"pressure_{side}_Pa"],
+        port["supply_pressure_Pa"],
+        port["tank_pressure_Pa"],
+    )
+    return sign * into
+
+
+def _leakage(side: str, other: str, port: Signals, figure: Signals, state: Signals) -> Any:
+    own, facing = state[f"pressure_{side}_Pa"], state[f"pressure_{other}_Pa"]
+    middle = port["supply_pressure_Pa"] + port["tank_pressure_Pa"]
+    return port_leakage(figure["leakage"], own, middle) + figure["piston_leakage"] * (own - facing)
+
+
+def _chamber(side: str, port: Signals, figure: Signals, state: Signals) -> Any:
+    """Pressure gained per volume forced into a chamber, beta/V."""
+    filled = state["piston_m"] if side == "a" else figure["stroke"] - state["piston_m"]
+    volume = figure["dead_volume"] + port[f"area_{side}_m2"] * ca.fmax(filled, 0.0)
+    return port[f"bulk_ratio_{side}"] * figure["bulk_modulus"] / volume
+
+
+def _bench_motion(port: Signals, figure: Signals, state: Signals) -> dict[str, Any]:
+    force = port["actuator_force_N"] + port["stop_N"] + port["disturbance_N"] - figure["constant_load"]
+    a, b = port["orifice_a_m3_per_s"], port["orifice_b_m3_per_s"]
+    drawn, given = ca.fmax(a, 0.0) + ca.fmax(-b, 0.0), ca.fmax(-a, 0.0) + ca.fmax(b, 0.0)
+    seen = figure["pressure_filter_frequency"]
+    return {
+        "piston_m": state["piston_m_per_s"],
+        "piston_m_per_s": force / figure["moving_mass"],
+        "sag_Pa": (figure["line_loss"] * drawn**2 - state["sag_Pa"]) / LINE_S,
+        "back_Pa": (figure["line_loss"] * given**2 - state["back_Pa"]) / LINE_S,
+        "seen_a_Pa": low_pass_rate(seen, state["pressure_a_Pa"], state["seen_a_Pa"]),
+        "seen_b_Pa": low_pass_rate(seen, state["pressure_b_Pa"], state["seen_b_Pa"]),
+    }
+
+
+def _bench_outputs(port: Signals, figure: Signals, state: Signals) -> dict[str, Any]:
+    return {
+        "current_A": port["current_A"],
+        "displacement_m": port["measured_V"] / figure["believed_sensor_gain"],
+        "pressure_a_Pa": state["seen_a_Pa"],
+        "pressure_b_Pa": state["seen_b_Pa"],
+        "piston_m": state["piston_m"],
+        "measured_V": port["measured_V"],
+    }
+
+
+BENCH = Rig(
+    "the actuator bench",
+    (
+        Component(
+            {
+                "stroke_m": lambda port, figure, state: state["piston_m"],
+                "stroke_m_per_s": lambda port, figure, state: state["piston_m_per_s"],
+                "sensed_m": lambda port, figure, state: state["piston_m"] + figure["sensor_zero"],
+            }
+        ),
+        SENSOR,
+        OPEN_LOOP.but(demanded_A=lambda port, figure, state: figure["gain"] * (port["command_V"] - figure["null"])),
+        AREAS,
+        VALVE.but(
+            supply_pressure_Pa=lambda port, figure, state: figure["supply_pressure"] - state["sag_Pa"],
+            tank_pressure_Pa=lambda port, figure, state: figure["tank_pressure"] + state["back_Pa"],
+            opening_b_m3_per_s=lambda port, figure, state: (
+                port["metered_m3_per_s"] * ca.if_else(port["metered_m3_per_s"] < 0, figure["edge_b"], 1.0)
+            ),
+            null_adjusted=lambda port, figure, state: 0.0,
+            orifice_a_m3_per_s=lambda port, figure, state: _linear_port("a", 1.0, port, state),
+            orifice_b_m3_per_s=lambda port, figure, state: _linear_port("b", -1.0, port, state),
+            leakage_a_m3_per_s=lambda port, figure, state: _leakage("a", "b", port, figure, state),
+            leakage_b_m3_per_s=lambda port, figure, state: _leakage("b", "a", port, figure, state),
+        ),
+        CYLINDER.but(
+            chamber_a_Pa_per_m3=lambda port, figure, state: _chamber("a", port, figure, state),
+            chamber_b_Pa_per_m3=lambda port, figure, state: _chamber("b", port, figure, state),
+        ),
+        Component(
+            {
+                "stop_N": lambda port, figure, state: stop_force(
+                    state["piston_m"],
+                    state["piston_m_per_s"],
+                    figure["stroke"],
+                    figure["stop_stiffness"],
+                    figure["stop_damping"],
+                ),
+            },
+            _bench_motion,
+        ),
+    ),
+    _BENCH_STATES,
+    _BENCH_FIGURES,
+    _bench_outputs,
+    _BENCH_OUTPUTS,
+)
+"""Servovalve and cylinder between end stops, in open loop.
+
+Positions count from the retracted stop; chamber a is the cap's, and a positive command extends. What the twin beam
+lumps at mid-stroke is worked out here from the volumes, which the stroke changes many times over.
+"""

@@ -1,0 +1,321 @@
+"""Charts of what limits a design and of what it costs, and of time records with their page.
+
+Load envelope, trade curves and remedies are drawn on the axes that are given; trade curves are moving mass against
+guaranteed bandwidth against payload. A record has one panel per kind of quantity: what was done, what it did, and the
+limits that it met.
+"""
+
+import csv
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from io import StringIO
+from itertools import cycle, pairwise
+from math import isfinite
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+from markupsafe import escape
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.text import Text
+
+from beamdesign.files import LARGEST_TABLE, read_bytes, write_whole
+from beamdesign.quantity_text import at_least, quantity
+from beamdesign.report.canvas import LIMIT, STYLES, finish, inline_svg, new_figure, note, plain_numbers, save, styled
+from beamdesign.report.page import Document, Part, Picture, Table, to_html
+from beamdesign.spelling import in_plot
+
+if TYPE_CHECKING:
+    from beamdesign.simulation import SimulatedRecord
+    from beamdesign.synthesis.codesign import Front
+    from beamdesign.synthesis.operating_limits import Envelope
+    from beamdesign.synthesis.remedies import Remedy
+
+
+FRONT_NAME = "front.csv"
+"""Of the table that `beamdesign front` writes."""
+_STYLES = (*STYLES, {"color": "0.45", "linestyle": "--"})
+
+
+def plot_envelope(axes: Axes, envelope: "Envelope", asked_N: float | None = None) -> Axes:
+    """Largest amplitude of a force on the tip over its frequency: every limit, and the least of them shaded below.
+
+    Args:
+        axes: drawn on.
+        envelope: one that has limits.
+        asked_N: a load to be marked, such as that of the design.
+    """
+    frequency, least = envelope.frequency_Hz, envelope.load_N
+    top = 6 * float(max(least.max(), asked_N or 0.0))
+    bottom = 0.5 * float(max(least.min(), 1e-3 * top))
+    axes.fill_between(frequency, bottom, least, color="0.9", linewidth=0)
+    for (name, limit), style in zip(envelope.limits_N.items(), cycle(_STYLES), strict=False):
+        line = axes.loglog(frequency, np.minimum(limit, 10 * top), label=name, linewidth=1.1)[0]
+        line.set(**style)
+    axes.loglog(frequency, least, color="black", linewidth=2.4, label="envelope")
+    if asked_N is not None:
+        axes.axhline(asked_N, **LIMIT, label=f"asked for, {asked_N:g} N")
+    _name_stretches(axes, envelope, bottom)
+    axes.set(xlim=(float(frequency[0]), float(frequency[-1])), ylim=(bottom, top))
+    plain_numbers(axes.xaxis, axes.yaxis)
+    finish(axes, "frequency, Hz", "amplitude of the force on the tip, N", legend=None)
+    axes.legend(fontsize=8, loc="upper left", bbox_to_anchor=(1.01, 1.0))
+    return axes
+
+
+def _name_stretches(axes: Axes, envelope: "Envelope", bottom: float) -> None:
+    """Write at the foot which limit governs, between lines where that changes; short stretches go without a name."""
+    names, frequency = envelope.governing, envelope.frequency_Hz
+    whole = np.log(frequency[-1] / frequency[0])
+    start = 0
+    for k in range(1, len(names) + 1):
+        if k < len(names) and names[k] == names[start]:
+            continue
+        end = frequency[min(k, len(names) - 1)]
+        if k < len(names):
+            axes.axvline(float(end), color="0.6", linewidth=0.7, linestyle=":")
+        if np.log(end / frequency[start]) > 0.08 * whole:
+            words = names[start].replace(" ", "\n")
+            middle = float(np.sqrt(frequency[start] * end))
+            note(axes, words, (middle, bottom), (0, 5), va="bottom", style="italic")
+        start = k
+
+
+class TradePoint(NamedTuple):
+    """A proved design of a front."""
+
+    outer_end_mass_high_kg: float
+    bandwidth_Hz: float
+    moving_mass_kg: float
+
+
+def read_trade(folder: Path) -> tuple[TradePoint, ...]:
+    """The proved points of a folder's front; none where there is no such file, or none that can be read."""
+    try:
+        text = read_bytes(folder / FRONT_NAME, LARGEST_TABLE).decode()
+        rows = [row for row in csv.DictReader(StringIO(text, newline="")) if row.get("proved") == "True"]
+        points = tuple(TradePoint(*(float(row[key]) for key in TradePoint._fields)) for row in rows)
+    except (OSError, KeyError, ValueError, TypeError, csv.Error):  # TypeError: a row that ends early
+        return ()
+    return points if all(isfinite(figure) for point in points for figure in point) else ()
+
+
+def plot_trade(axes: Axes, points: tuple[TradePoint, ...], own: tuple[float, float]) -> Axes:
+    """Moving mass over guaranteed bandwidth, one curve per payload, and this design as a square.
+
+    Args:
+        axes: drawn on: Hz and kg.
+        points: proved designs.
+        own: bandwidth (Hz) and moving mass (kg) of the design that is reported.
+    """
+    curves = {
+        f"up to {payload:g} kg at the tip": [p[1:] for p in points if p.outer_end_mass_high_kg == payload]
+        for payload in sorted({point.outer_end_mass_high_kg for point in points})
+    }
+    _draw_curves(axes, curves)
+    axes.plot([own[0]], [own[1]], "s", color="black", markersize=8, fillstyle="none", label="this design")
+    return finish(axes, "guaranteed bandwidth, Hz", "moving mass, kg")
+
+
+def plot_front(axes: Axes, front: "Front") -> Axes:
+    """Draw proved designs, one curve per payload range; a cross on the upper edge marks each that failed."""
+    curves = {
+        f"{masses[0]:g} to {masses[1]:g} kg at the tip": [
+            (design.point.proved.bandwidth_Hz, design.point.moving_mass_kg)
+            for design in front.designs
+            if design.point is not None and design.outer_end_mass_kg == masses
+        ]
+        for masses in dict.fromkeys(design.outer_end_mass_kg for design in front.designs)
+    }
+    _draw_curves(axes, curves)
+    for design in front.failed:
+        axes.plot(
+            design.bandwidth_Hz, 0.97, marker="x", color="black", linestyle="none", transform=axes.get_xaxis_transform()
+        )
+    axes.set_title("Lightest proved designs; x: no proved design found")
+    return finish(axes, "guaranteed bandwidth, Hz", "moving mass, kg")
+
+
+def _draw_curves(axes: Axes, curves: Mapping[str, Sequence[tuple[float, float]]]) -> None:
+    """Bandwidth and moving mass of proved designs, joined by lines; a curve per label."""
+    for label, points, style in styled(curves):
+        axes.plot(*zip(*sorted(points), strict=True) if points else ((), ()), marker="o", label=label, **style)
+
+
+def plot_remedies(axes: Axes, remedies: Sequence["Remedy"]) -> Axes:
+    """Draw the guaranteed bandwidth of each remedy as a bar, with the mass it adds."""
+    heights = [remedy.bandwidth_Hz for remedy in remedies]
+    bars = axes.barh([remedy.name for remedy in remedies], heights, color="0.7", edgecolor="black")
+    labels = [
+        f"{at_least(remedy.bandwidth_Hz, 'Hz', 3)}, {remedy.added_mass_kg:+.2f} kg"
+        if not remedy.reason
+        else "nothing proved"
+        for remedy in remedies
+    ]
+    written = axes.bar_label(bars, labels, padding=4)
+    axes.set_xlim(0, max([*heights, 1.0]))
+    axes.invert_yaxis()
+    axes.set_xlabel("guaranteed bandwidth, Hz")
+    low, high = remedies[0].parts_kg[0]
+    axes.set_title(f"Remedies for {low:g} to {high:g} kg at the tip, each proved")
+    axes.set_xlim(0, _end_beyond(axes, heights, written))
+    return axes
+
+
+def _end_beyond(axes: Axes, heights: Sequence[float], written: Sequence[Text]) -> float:
+    """End of the scale at which every bar with the text behind it lies within the frame."""
+    figure = axes.figure
+    assert isinstance(figure, Figure)  # not a part of one
+    figure.draw_without_rendering()
+    frame = axes.get_window_extent().width
+    shares = [(text.get_window_extent().width + 0.03 * frame) / frame for text in written]
+    return max(1.0, *(height / max(1.0 - share, 0.1) for height, share in zip(heights, shares, strict=True)))
+
+
+_MOST_POINTS = 3000
+_TOLD = ("displacement_m", "current_A")
+
+
+Limits = Mapping[str, tuple[float, str]]
+"""By column of a record, the magnitude to be drawn with the words for the legend."""
+
+
+@dataclass(frozen=True)
+class _Panel:
+    label: str
+    columns: tuple[tuple[str, str], ...]
+    scales: tuple[tuple[float, str], ...]
+    """(factor, unit), from the largest unit; the first in which the peak is at least one is taken."""
+
+
+_LENGTH = ((1e3, "mm"), (1e6, "μm"), (1e9, "nm"))
+_DISPLACEMENT = _Panel("displacement", (("displacement_m", "displacement"),), _LENGTH)
+_PANELS = (
+    _Panel("force", (("disturbance_N", "force on the tip"),), ((1.0, "N"),)),
+    _Panel("command", (("command_V", "command"),), ((1.0, "V"), (1e3, "mV"))),
+    _DISPLACEMENT,
+    _Panel("payload", (("outer_end_mass_kg", "payload"), ("estimate_kg", "estimate")), ((1.0, "kg"),)),
+    _Panel("stage", (("stage", "stage"),), ((1.0, "no."),)),
+    _Panel("inner tip", (("inner_displacement_m", "inner tip"),), _LENGTH),
+    _Panel("current", (("current_A", "current"),), ((1.0, "A"), (1e3, "mA"), (1e6, "μA"))),
+    _Panel(
+        "pressure",
+        (("load_pressure_Pa", "load pressure"), ("pressure_a_Pa", "chamber a"), ("pressure_b_Pa", "chamber b")),
+        ((1e-6, "MPa"), (1e-3, "kPa")),
+    ),
+    _Panel("screw", (("screw_force_N", "force of the screw"),), ((1.0, "N"),)),
+)
+
+
+def plot_record(record: "SimulatedRecord", limits: Limits) -> Figure:
+    """Panels over one time axis; quantities that stay zero throughout are left out.
+
+    A limit is drawn where the record comes within a fifth of it. The end of a record that diverged is marked.
+    """
+    moving = {name for name in record.columns if np.any(record.column(name) != 0)}
+    panels = [panel for panel in _PANELS if any(name in moving for name, _ in panel.columns)] or [_DISPLACEMENT]
+    figure = new_figure(170.0, 28.0 + 32.0 * len(panels))
+    axes = figure.subplots(len(panels), 1, sharex=True, squeeze=False)[:, 0]
+    times = record.column("t_s")
+    for panel, part in zip(panels, axes, strict=True):
+        _draw(part, panel, record, limits)
+    # A record that ended early is shown in the time it had, and a little beyond.
+    axes[-1].set_xlim(float(times[0]), float(times[-1]) * (1.0 if record.diverged_at_s is None else 1.02))
+    axes[-1].set_xlabel("time, s")
+    figure.suptitle(in_plot(f"{record.name}: {record.reason or 'stable'}"), fontsize=9, x=0.02, ha="left")
+    figure.align_ylabels(list(axes))
+    return figure
+
+
+def _draw(axes: Axes, panel: _Panel, record: "SimulatedRecord", limits: Limits) -> None:
+    shown = [(name, label) for name, label in panel.columns if name in record.columns]
+    peak = max(float(np.abs(record.column(name)).max()) for name, _ in shown)
+    factor, unit = next((s for s in panel.scales if s[0] * peak >= 1), panel.scales[-1])
+    for (name, label), style in zip(shown, STYLES, strict=False):
+        line = axes.plot(*_envelope(record.column("t_s"), factor * record.column(name)), linewidth=0.9, label=label)[0]
+        line.set(**style)
+    drawn = len(shown) > 1
+    for name, _ in shown:
+        if name in limits and peak > 0.2 * limits[name][0]:
+            limit, words = limits[name]
+            for sign in (1, -1):
+                named = f"{words} {factor * limit:g} {unit}" if sign > 0 else None
+                axes.axhline(sign * factor * limit, **LIMIT, label=named)
+            drawn = True
+    if record.diverged_at_s is not None:
+        end = "diverged" if panel.label == "displacement" else None
+        axes.axvline(record.diverged_at_s, color="0.45", linewidth=1.2, linestyle=":", label=end)
+        drawn = drawn or end is not None
+    axes.margins(x=0)
+    finish(axes, y=f"{panel.label}, {unit}", legend="upper left" if drawn else None)
+
+
+def _envelope(times: np.ndarray, signal: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """A signal of too many samples as the least and largest of each stretch, in their order."""
+    if len(signal) <= _MOST_POINTS:
+        return times, signal
+    edges = np.linspace(0, len(signal), _MOST_POINTS // 2 + 1).astype(int)
+    keep: list[int] = []
+    for start, stop in pairwise(edges):
+        part = signal[start:stop]
+        keep += sorted({start + int(part.argmin()), start + int(part.argmax())})
+    keep = sorted({0, *keep, len(signal) - 1})
+    return times[keep], signal[keep]
+
+
+def write_record_page(
+    title: str,
+    scenario: str,
+    effects: Mapping[str, Mapping[str, float]],
+    records: Sequence["SimulatedRecord"],
+    limits: Limits,
+    folder: Path,
+) -> tuple[Path, list[Path]]:
+    """Draw every record, each to NAME.svg and NAME.png, and the page that shows them all.
+
+    Args:
+        title: name of the prototype.
+        scenario: its name.
+        effects: of the prototype, by name, with the parameters it gives.
+        records: in order.
+        limits: of all of them.
+        folder: an existing one; files of the same names are replaced.
+
+    Returns:
+        The page, and the pictures.
+    """
+    files: list[Path] = []
+    pictures = []
+    rows = []  # names are escaped here: nothing in them is code
+    for position, record in enumerate(records):
+        figure = plot_record(record, limits)
+        files += save(figure, folder / record.name)
+        verdict = record.reason or ("stable" if record.stable else "not stable")
+        figure.suptitle("")  # on the page its heading and its caption say that
+        svg = inline_svg(figure, f"record{position}", f"{record.name}: {verdict}")
+        picture = Picture(svg, f"{record.name}.svg", escape(verdict))
+        pictures.append(Part(record.name, (picture,)))
+        largest = {name: float(np.abs(record.column(name)).max()) for name in _TOLD if name in record.columns}
+        rows.append(
+            (
+                escape(record.name),
+                escape(verdict),
+                quantity(largest["displacement_m"], "m"),
+                f"{1e3 * largest['current_A']:.4g} mA" if "current_A" in largest else "",
+            )
+        )
+    heads = ("record", "verdict", "largest displacement", "largest current")
+    parts = [Part("Records", (Table(heads, tuple(rows), numbers=(2, 3)),))]
+    if effects:
+        given = (
+            (escape(name), escape(", ".join(f"{key} = {figure:g}" for key, figure in one.items()) or "defaults"))
+            for name, one in effects.items()
+        )
+        parts.append(Part("Effects in the rig", (Table(("effect", "given"), tuple(given)),)))
+    unstable = sum(not record.stable for record in records)
+    verdict = f"{unstable} of {len(rows)} records not stable." if unstable else f"All {len(rows)} records stable."
+    document = Document(f"{title}: {scenario}", "Simulated records", verdict, (), (*parts, *pictures), subject="")
+    page = folder / "records.html"
+    write_whole(page, to_html(document))
+    return page, files
