@@ -18,11 +18,14 @@ from beamdesign.diagnosis.fitting.fit import Evidence, Fit, FitCache, Task
 from beamdesign.diagnosis.fitting.hypothesis import NOTHING, Hypothesis, cause, pairs, singles
 from beamdesign.diagnosis.fitting.starts import fit_from_starts, resonances
 from beamdesign.plant.effects import library
+from beamdesign.plant.empirical import laws
 from beamdesign.progress import Progress, silent
 from beamdesign.prototype import Prototype
 from beamdesign.records import InputError
 from beamdesign.time_limit import TimeUp, heed, is_limited, leave_out, left_for_steps, share
 
+RESONANT = {law.name for law in laws() if any(q.name == "frequency_Hz" for q in law.parameters)}
+"""Laws to be learnt that resonate."""
 _QUICK = 3  # iterations that show whether a pair is worth fitting
 
 
@@ -123,10 +126,12 @@ def fitted(task: Task, prototype: Prototype, evidence: Sequence[Evidence]) -> Fi
     """The best of fits from the most promising starts."""
     if task.on:
         some = [evidence[k] for k in task.on]
-        # A law that is learnt has no single fit before its look, which else would find where it resonates.
-        learnt = any(library()[name].nearest for name in task.hypothesis.effects)
-        peaks = resonances(some, prototype, task.known) if learnt else ()
-        return fit_from_starts(task.hypothesis, prototype, some, task.known, peaks, 1, task.hints, _QUICK)
+        if not any(name in RESONANT for name in task.hypothesis.effects):
+            return fit_from_starts(task.hypothesis, prototype, some, task.known, (), 1, task.hints, _QUICK)
+        # No fit has found yet where it resonates, and a few iterations do not come to a narrow resonance.
+        return fit_from_starts(
+            task.hypothesis, prototype, some, task.known, resonances(some, prototype, task.known), hints=task.hints
+        )
     peaks = resonances(evidence, prototype, task.known)
     return fit_from_starts(task.hypothesis, prototype, evidence, task.known, peaks, hints=task.hints)
 

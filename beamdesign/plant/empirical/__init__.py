@@ -278,7 +278,7 @@ def _appendage(place: Place, kind: str) -> Effect:
 
     motion = place.motion
     parameters = (
-        Parameter("mass_kg", 0.3, 1e-3, 20.0, 1.0, "of what swings on the tip"),
+        Parameter("mass_kg", 0.1, 1e-3, 20.0, 1.2, "of what swings on the tip"),
         Parameter("frequency_Hz", 40.0, 2.0, 500.0, 0.8, "of it with the tip held"),
         Parameter("damping_ratio", 0.03, 1e-3, 1.0, 0.8, "of it with the tip held"),
     )
