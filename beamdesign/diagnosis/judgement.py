@@ -48,6 +48,7 @@ class Thresholds:
         bench_sure: probability of a cause from which it is decided on a bench, and of none where it is below the rest.
         bench_likely: probability from which it is held responsible; and the least share of the gap that must close.
         bench_sound: times the floor: a gap of a bench smaller than this is not worth a cause.
+        bench_lack: level of the test by which replicates say that a channel is not explained.
     """
 
     effect_odds: float = log(0.05)
@@ -73,6 +74,7 @@ class Thresholds:
     bench_sure: float = 0.9
     bench_likely: float = 0.5
     bench_sound: float = 3.0
+    bench_lack: float = 0.01
 
 
 THRESHOLDS = Thresholds()

@@ -62,7 +62,8 @@ def diagnose_bench(data: BenchSet, among: Sequence[BenchHypothesis] | None = Non
     Every combination of causes is fitted with the prototype's tolerances as priors, once to everything and once without
     each condition. Probabilities follow from the predictive densities of the conditions left out (pseudo-Bayesian
     model averaging with a Bayesian bootstrap over conditions; Yao, Vehtari, Simpson and Gelman, Bayesian Analysis 13
-    (2018) 917), so that one condition cannot decide alone; every further cause starts at the odds of
+    (2018) 917), so that one condition cannot decide alone; a set of causes that leaves more of the speeds or pressures
+    than their replicates scatter is none where another leaves no more; every further cause starts at the odds of
     `Thresholds.bench_odds`, and what moves a figure out of its tolerance pays for it.
 
     Args:
@@ -136,6 +137,10 @@ def probabilities(tried: Sequence[HeldOut], conditions: Sequence[str]) -> np.nda
     share = np.random.default_rng(0).dirichlet(np.ones(len(conditions)), _DRAWS) * len(conditions)
     figures = [[z for u, z in zip(t.fit.unknowns, t.fit.z, strict=True) if u.kind == "figure"] for t in tried]
     score = share @ densities.T + prior - np.sum(np.square(figures), axis=1) / 2
+    # What leaves more of a channel than replicates scatter is out where something else does not.
+    for channel in CHANNELS:
+        fits = np.array([each.lack[channel] >= THRESHOLDS.bench_lack for each in tried])
+        score = np.where(fits | ~fits.any(), score, -inf)
     weight = np.exp(score - score.max(axis=1, keepdims=True))
     return np.asarray((weight / weight.sum(axis=1, keepdims=True)).mean(axis=0))
 

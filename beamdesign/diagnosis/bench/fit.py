@@ -5,6 +5,7 @@ from dataclasses import dataclass, field, replace
 from itertools import combinations
 
 import numpy as np
+from scipy.stats import f as f_ratio
 from scipy.stats import t as student_t
 
 from beamdesign.bench_prototype import BenchPrototype
@@ -118,6 +119,7 @@ class HeldOut:
         error: by condition and channel, root of the mean square over both directions.
         density: by condition, logarithm of the predictive density of its mean speeds and pressures.
         without: by condition, the fit that has not seen it.
+        lack: by channel, p of its lack of fit, see `lack_of_fit`.
         probability: among the candidates that were tried.
     """
 
@@ -127,6 +129,7 @@ class HeldOut:
     error: dict[str, dict[str, float]]
     density: dict[str, float]
     without: dict[str, Fit] = field(repr=False)
+    lack: Mapping[str, float] = field(repr=False)
     probability: float = np.nan
 
     @property
@@ -151,7 +154,35 @@ def held_out(
         error[condition] = {channel: float(np.sqrt(np.mean(means[channel][0] ** 2))) for channel in CHANNELS}
         density[condition] = _density(trained, weighed.deviation, means | {EDGES: found[EDGES]})
         without[condition] = trained
-    return HeldOut(hypothesis, everything, whole.deviation, error, density, without)
+    lack = lack_of_fit(whole, everything, floor)
+    return HeldOut(hypothesis, everything, whole.deviation, error, density, without, lack)
+
+
+def lack_of_fit(piece: SteadyEvidence, found: Fit, scatter: Mapping[str, float]) -> dict[str, float]:
+    """Probability that replicates which scatter as they do are missed by a right model as far as by a fit, by channel.
+
+    The test of lack of fit against pure error (N. R. Draper and H. Smith, Applied Regression Analysis, 3rd ed. 1998,
+    section 2.1), with means of replicates as cells; the figures that were fitted take no degrees from it, so that it
+    rejects too seldom. NaN where nothing was repeated.
+
+    Args:
+        piece: the motions.
+        found: the fit to them.
+        scatter: standard deviation of single runs by channel, see `motions.scatter`.
+    """
+    orifices = ORIFICES in found.hypothesis.names
+    squares, cells, runs = dict.fromkeys(CHANNELS, 0.0), dict.fromkeys(CHANNELS, 0), dict.fromkeys(CHANNELS, 0)
+    for condition in piece.seen.conditions:
+        own = replace(piece, seen=piece.seen.of([condition]))
+        left = own.predicted(SteadyPlacement(found.unknowns, orifices), found.z)
+        for channel, means in averaged(own.seen, left).items():
+            count = len(left[channel])
+            squares[channel] += float(np.sum(means**2)) * count / len(means)
+            cells[channel] += len(means)
+            runs[channel] += count
+    freedom = {c: runs[c] - cells[c] for c in CHANNELS}
+    ratio = {c: squares[c] / cells[c] / scatter[c] ** 2 for c in CHANNELS}
+    return {c: float(f_ratio.sf(ratio[c], cells[c], freedom[c])) if freedom[c] > 0 else np.nan for c in CHANNELS}
 
 
 def _density(trained: Fit, deviation: Mapping[str, float], missed: Mapping[str, np.ndarray]) -> float:
