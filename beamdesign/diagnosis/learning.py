@@ -18,7 +18,7 @@ from beamdesign.diagnosis.fitting.fit import Fit, FitCache, Task
 from beamdesign.diagnosis.fitting.hypothesis import given, learnable
 from beamdesign.diagnosis.fitting.search import Fitters, Search, best_of_each, refit
 from beamdesign.diagnosis.gap_metrics import errors
-from beamdesign.diagnosis.judgement import Judgement, judge
+from beamdesign.diagnosis.judgement import Judgement, held_out_score, judge
 from beamdesign.diagnosis.where.residuals import residuals
 from beamdesign.plant.effects import library
 from beamdesign.progress import Progress, silent
@@ -31,7 +31,7 @@ _FULL = 5  # laws fitted in full: the best at a look
 _BESIDE = 0.7  # of the excess misfit: what the best listed cause has to stay below for laws to be learnt beside it
 _HALF = 0.5  # of the evidence, that which tolerances explain least, tells which laws are worth fitting
 _WORTH = 0.6  # of the excess misfit: what a law has to stay below where no listed cause is probable
-_CLOSES = 0.7  # of the mean square error of the other on records held out: what a law has to stay below
+_TOLD = 5.0  # in the logarithm of the predictive density of conditions held out one by one: what a law has to gain
 _IDLE = 2.5  # standard errors: terms of a curve below are none
 _STEP = 1e-3  # of a standard error
 
@@ -74,7 +74,8 @@ def learn(
         kept: fits of an earlier run.
 
     Returns:
-        None where no law explains much more than what is listed does, or records held out say that it does not.
+        None where no law explains much more than what is listed does, or conditions held out say that it does not: one
+        by one, by the quadratics that stand for fits without them, and those of `held_out` by fits.
     """
     contested = judged.unknown <= _UNLISTED
     rival, enough = (judged.best, _BETTER) if contested else (before.null, _WORTH)
@@ -93,11 +94,11 @@ def learn(
     null, without = refit(seen, best, workers, _of(kept, scaled))
     other = refit(seen, rival, workers, kept)[1] if contested else null
     out = [piece for k, piece in enumerate(record_evidence(scaled)) if k in held_out]
-    left, left_by_rival = (
-        sum(float(np.mean(errors(piece, scaled.prototype, null, fit, fit).after ** 2)) for piece in out)
-        for fit in (without, other)
-    )
-    if left > _CLOSES * left_by_rival:
+    found_by = [[errors(piece, scaled.prototype, null, fit, fit) for piece in out] for fit in (without, other)]
+    left, left_by_rival = (sum(float(np.mean(e.after**2)) - e.noise**2 for e in own) for own in found_by)
+    spread = max(1.0, best.misfit / before.expected)
+    told, told_by_rival = (held_out_score(fit, before.conditions, spread) for fit in (best, rival))
+    if left > left_by_rival or told < told_by_rival + _TOLD:
         return None
     # What a law explains of what is left by the best that is listed speaks for something that is not.
     unknown = max(judged.unknown, 1 - laws.excess(best) / before.excess(rival)) if contested else judged.unknown
@@ -127,8 +128,8 @@ def _fitted(data: Dataset, before: Search, workers: int, progress: Progress, kep
         found = {f.hypothesis: f.values for f in sorted(looks, key=lambda f: f.cost) if not f.reason}
         best = list(found)[:_FULL]
         full = [Task(h, null, found[h]) for h in best]
-        if before.fits and before.excess(before.fits[0]) < _BESIDE:
-            listed = before.fits[0]
+        listed = next((f for f in before.fits if len(f.hypothesis.causes) == 1), before.null)
+        if before.excess(listed) < _BESIDE:
             full += [Task(listed.hypothesis | h, listed.values, found[h]) for h in best]
         return fitters(full, lambda k: progress(0.5 + 0.5 * k / len(full), "laws learnt"))
 

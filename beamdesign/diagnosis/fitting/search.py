@@ -17,7 +17,7 @@ from beamdesign.diagnosis.fitting.evidence import evidence_of
 from beamdesign.diagnosis.fitting.fit import Evidence, Fit, FitCache, Task
 from beamdesign.diagnosis.fitting.hypothesis import NOTHING, Hypothesis, cause, pairs, singles
 from beamdesign.diagnosis.fitting.starts import fit_from_starts, resonances
-from beamdesign.plant.effects import library
+from beamdesign.plant.effects import causes, library
 from beamdesign.plant.empirical import laws
 from beamdesign.progress import Progress, silent
 from beamdesign.prototype import Prototype
@@ -175,6 +175,12 @@ class Search:
             StopIteration: where there is none.
         """
         return next(fit for fit in (self.null, *self.fits) if fit.hypothesis.causes == causes)
+
+    @property
+    def listed(self) -> "Search":
+        """The same without laws that were learnt, whose unknowns go by scales of their own."""
+        known = causes()
+        return replace(self, fits=tuple(f for f in self.fits if all(name in known for name in f.hypothesis.effects)))
 
     def excess(self, found: Fit) -> float:
         """Misfit that a fit leaves beyond noise, as a share of what tolerances alone leave."""

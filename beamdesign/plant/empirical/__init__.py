@@ -135,7 +135,7 @@ def _curve(place: Place, kind: str) -> Effect:
             return _UNEVEN.get(place.name, "a curve that differs by sign")
         return _GROWING.get(place.name, ("a gain that falls with size", "a gain that grows with size"))[int(odd > 0)]
 
-    terms = (Parameter(term, 0.0, -3.0, 3.0, 0.3, f"of the size, times {u}") for term, u in _TERMS.items())
+    terms = (Parameter(term, 0.0, -30.0, 30.0, 0.3, f"of the size, times {u}") for term, u in _TERMS.items())
 
     def table(own: Mapping[str, float]) -> Mapping[str, tuple[float, ...]]:
         places = [k / _POINTS for k in range(-_POINTS, _POINTS + 1)]

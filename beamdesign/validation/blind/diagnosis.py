@@ -146,7 +146,7 @@ def _diagnosed(place: Place, now: Mapping[str, str], before: dict[str, Any], fit
     if same and "baselines" in before:
         compared = before["baselines"]
     else:
-        compared = baselines(data, found.search or search(data, 1, kept=kept))
+        compared = baselines(data, found.search.listed if found.search else search(data, 1, kept=kept))
     _write_predictions(place, data, found)
     return {
         "fits_made": made,

@@ -45,7 +45,7 @@ class Outcome:
         chosen: causes held responsible.
         named: the first of them, or `no_gap`, `unknown`, `failed`.
         where: subsystem that was said.
-        probability: of each stated cause, by name.
+        probability: of each stated cause, by name; a law learnt from the data is none.
         exactly: of exactly what was in it (an effect outside the library: that it is unknown).
         no_gap: probability that was given to no gap at all.
         unknown: to something outside the library.
@@ -117,11 +117,11 @@ def outcome(case: "Opened") -> Outcome:
     said = found["diagnosis"]
     verdict, gap = said["verdict"], said["gap"]
     causes = {cause["name"]: cause for cause in said["effects"]}
-    probability = {name: cause["probability"] for name, cause in causes.items()}
+    probability = {name: cause["probability"] for name, cause in causes.items() if not cause.get("like")}
     stated = {frozenset(row["names"]): row["probability"] for row in said["hypotheses"]}
     unknown = said["probability_unknown"]
     named = verdict if verdict in (NO_GAP, UNKNOWN) else next(iter((*said["chosen"], *causes)), UNKNOWN)
-    comparable = verdict != UNKNOWN and gap["closed"] is not None
+    comparable = (verdict != UNKNOWN or bool(said["chosen"])) and gap["closed"] is not None
     time = found.get("time")
     return Outcome(
         **base,
@@ -196,6 +196,7 @@ def bootstrap(values: Sequence[float], statistic: Callable[..., np.ndarray]) -> 
 SMALL = 3.0
 """Gap over the floor below which a case is scored apart."""
 CONFIDENT = 0.7
+_WELL = 0.8
 _BINS = 10
 
 
@@ -275,6 +276,13 @@ def scores(outcomes: Sequence[Outcome]) -> tuple[Score, ...]:
         _mean("mean probability on exactly the truth, all", outcomes, lambda o: o.exactly),
         _rate("outside the library, confidently wrong", outside, confidently_wrong, (0.05,), "at most"),
         _rate("outside the library, called unknown", outside, lambda o: o.verdict == UNKNOWN),
+        _rate(
+            "outside the library, truly closed by 80 %",
+            outside,
+            lambda o: (o.closed_truly or 0.0) >= _WELL,
+            (0.8,),
+            "at least",
+        ),
         Score("calibration error", error, np.nan, np.nan, sum(b.count for b in bins), None, (0.05,), "at most"),
         _median("error of the effect's parameter, median", single, lambda o: o.parameter_error, (0.10,), "at most"),
         _median("error of `closed`, median", closed, lambda o: abs((o.closed or 0.0) - (o.closed_truly or 0.0))),
