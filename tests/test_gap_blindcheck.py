@@ -219,7 +219,7 @@ def test_scores_of_outcomes_made_by_hand():
         "subsystem right, outside the library": (2, 3),
         "outside the library, confidently wrong": (1, 3),
         "outside the library, called unknown": (1, 3),
-        "outside the library, truly closed by 80 %": (0, 3),
+        "outside the library, 80 % closed": (0, 3),
         "true `closed` inside the interval": (1, 2),
         "diagnosis broke off": (0, 11),
     }

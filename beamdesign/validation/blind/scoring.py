@@ -196,7 +196,6 @@ def bootstrap(values: Sequence[float], statistic: Callable[..., np.ndarray]) -> 
 SMALL = 3.0
 """Gap over the floor below which a case is scored apart."""
 CONFIDENT = 0.7
-_WELL = 0.8
 _BINS = 10
 
 
@@ -276,13 +275,7 @@ def scores(outcomes: Sequence[Outcome]) -> tuple[Score, ...]:
         _mean("mean probability on exactly the truth, all", outcomes, lambda o: o.exactly),
         _rate("outside the library, confidently wrong", outside, confidently_wrong, (0.05,), "at most"),
         _rate("outside the library, called unknown", outside, lambda o: o.verdict == UNKNOWN),
-        _rate(
-            "outside the library, truly closed by 80 %",
-            outside,
-            lambda o: (o.closed_truly or 0.0) >= _WELL,
-            (0.8,),
-            "at least",
-        ),
+        _rate("outside the library, 80 % closed", outside, lambda o: (o.closed_truly or 0) >= 0.8, (0.8,), "at least"),
         Score("calibration error", error, np.nan, np.nan, sum(b.count for b in bins), None, (0.05,), "at most"),
         _median("error of the effect's parameter, median", single, lambda o: o.parameter_error, (0.10,), "at most"),
         _median("error of `closed`, median", closed, lambda o: abs((o.closed or 0.0) - (o.closed_truly or 0.0))),
