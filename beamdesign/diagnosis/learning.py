@@ -135,7 +135,7 @@ def _fitted(data: Dataset, before: Search, workers: int, progress: Progress, kep
 
 
 def with_scales(data: Dataset, null: Fit) -> Dataset:
-    """The data set, its prototype stating for every law the sizes that its signals reach, as smoothed by the records."""
+    """The data set, its prototype stating for every law the sizes that its signals reach, smoothed by the records."""
     signals: dict[str, float] = {"": max(float(record.times[-1]) for record in data.records)}
     for item in residuals(data.prototype, null, record_evidence(data)):
         for name, values in item.smoothed().items():

@@ -195,8 +195,7 @@ def bootstrap(values: Sequence[float], statistic: Callable[..., np.ndarray]) -> 
 
 SMALL = 3.0
 """Gap over the floor below which a case is scored apart."""
-CONFIDENT = 0.7
-_BINS = 10
+CONFIDENT, _BINS = 0.7, 10
 
 
 @dataclass(frozen=True)
