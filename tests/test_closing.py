@@ -12,14 +12,19 @@ import numpy as np
 import opened_cases as opened
 import pytest
 from closing import attempt, payloads, promised_gain_factor
+from deciding_experiment import taken
 from opened_cases import opened_case, opened_keys, true_rig, unlike
 from trial import at_rest, on_trial
 
 from beamdesign import InputError, Prototype, critical_gain
 from beamdesign.code_digest import folder_digest
 from beamdesign.controllers import Lag
+from beamdesign.diagnosis.data.dataset import read_dataset
+from beamdesign.diagnosis.fitting.evidence import Replay
+from beamdesign.diagnosis.fitting.hypothesis import NOTHING
 from beamdesign.diagnosis.redesign import Redesign, redesign
 from beamdesign.loop import loop
+from beamdesign.scenario import Multisine, Scenario, ScenarioRecord, inputs_of
 from beamdesign.validation.blind.case_plan import Planned, displacements_digest, draw, sealed, write_seal
 from beamdesign.validation.truth.case import Case, Departure, Noise, noise_free
 from beamdesign.validation.truth.effects import Scales
@@ -218,3 +223,24 @@ def test_what_was_changed_is_refused(scored, file, change, words):
             opened_case(scored, "0003")
     finally:
         path.write_text(before)
+
+
+def test_a_record_that_is_asked_for_is_taken_on_the_rig_of_the_case(scored, tmp_path):
+    """A wave that is given drives the true rig: what it does is near what is believed, and not the same."""
+    taken_up = opened_case(scored, "0003")
+    before = read_dataset(scored / "sets/0003")
+    first = before.records[0]
+    lines = Multisine(amplitude_V=float(np.abs(first.inputs[:, 1]).max()), low_Hz=1.0, high_Hz=80.0)
+    row = ScenarioRecord(
+        name="next", input=(lines,), controller=first.controller, outer_end_mass_kg=first.outer_end_mass
+    )
+    plan = Scenario(name="asked", duration_s=2.0, sample_s=first.step, start="rest", record=(row,))
+    after = taken(taken_up, plan, "load_pressure_Pa", tmp_path / "set")
+    assert [r.name for r in after.records] == [*(r.name for r in before.records), "next"]
+    new = after.records[-1]
+    assert np.abs(new.inputs[:, 1] - inputs_of(row, plan)[:, 1]).max() < 1e-6
+    assert "load_pressure_Pa" in new.measured
+    believed = Replay(new, before.prototype)
+    placement = NOTHING.placement(before.prototype)
+    predicted = believed.simulated(placement, np.zeros(len(placement.unknowns)), ("displacement_m",))
+    assert 0.8 < np.corrcoef(predicted[:, 0], new.measured["displacement_m"])[0, 1] < 1

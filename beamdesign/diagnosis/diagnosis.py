@@ -305,8 +305,14 @@ class Diagnosis(Generic[Rig], Result):
             (one.name, one.subsystem, f"{one.probability:.1%}", f"{one.share:.0%}") for one in self.causes
         ]
         if isfinite(self.probability_unknown):
-            rows.append(("none that is known here", "", f"{self.probability_unknown:.1%}", ""))
+            rows.append((self.not_listed, "", f"{self.probability_unknown:.1%}", ""))
         return rows
+
+    @property
+    def not_listed(self) -> str:
+        """What the row of causes that are not listed is called."""
+        learnt = any(one.like for one in self.causes)
+        return f"none that is known here{', what was learnt included' if learnt else ''}"
 
     @property
     def own_fields(self) -> dict[str, Any]:

@@ -135,10 +135,10 @@ def _fitted(data: Dataset, before: Search, workers: int, progress: Progress, kep
 
 
 def with_scales(data: Dataset, null: Fit) -> Dataset:
-    """The data set, its prototype stating for every law the sizes that its signals reach, smoothed by the records."""
+    """The data set, its prototype stating for every law the sizes that its signals reach in the linear model."""
     signals: dict[str, float] = {"": max(float(record.times[-1]) for record in data.records)}
     for item in residuals(data.prototype, null, record_evidence(data)):
-        for name, values in item.smoothed().items():
+        for name, values in item.nominal().items():
             signals[name] = max(signals.get(name, 0.0), float(np.abs(values).max()))
     laws = (law for h in learnable(data.prototype) if (law := library()[h.names[0]]).scales)
     tables = {law.name: {key: float(f"{signals[of]:.3g}") for key, of in law.scales.items()} for law in laws}

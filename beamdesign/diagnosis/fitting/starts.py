@@ -72,6 +72,7 @@ _DRAWS, _FEW, _WIDTH = 16, 8, 2.2  # of several new unknowns, or for a single st
 _ONE_DRAWS, _ONE_WIDTH = 20, 2.5  # of one alone, which a fit follows but slowly past the kinks of its law
 _PEAKS, _APART = 3, 1.2  # resonances that are looked for, and the least ratio of two of them
 _STRENGTHS = (-1.0, 1.0, 3.0, 5.0)  # in prior standard deviations of what a resonance's frequency comes with
+_SIZES = (0.1, 0.3, 1.0)
 _WEAK = 0.1  # of the default
 _NEARLY_KNOWN = 0.2  # spread of the logarithm
 
@@ -176,6 +177,12 @@ def _trials(
         if u.linear:
             weak[k] = u.z(_WEAK * u.nominal)
     trials.append(weak)
+    # One term of a curve that is learnt, of either sign: a strong one is found by no descent that begins without it.
+    for k in (k for k in new if unknowns[k].nominal == 0 and unknowns[k].low == -unknowns[k].high):
+        for size in (*_SIZES, *(-size for size in _SIZES)):
+            z = base.copy()
+            z[k] = unknowns[k].z(size)
+            trials.append(z)
     if len(new) == 1:
         rows = _ONE_WIDTH * np.linspace(-1, 1, _ONE_DRAWS)[:, None]
     else:

@@ -10,7 +10,7 @@ import casadi as ca
 import numpy as np
 
 from beamdesign.diagnosis.data.dataset import Dataset
-from beamdesign.diagnosis.diagnosis import Cause, Indicator, Where, listed
+from beamdesign.diagnosis.diagnosis import Cause, Indicator, Where, in_words, listed
 from beamdesign.diagnosis.examination.nominal import controller_fit
 from beamdesign.diagnosis.fitting.fit import Fit
 from beamdesign.diagnosis.fitting.hypothesis import WRONG, subsystem
@@ -88,7 +88,7 @@ def about_fits(chosen: Fit, causes: Sequence[Cause], unknown: float) -> WeighedI
         unknown: probability that the cause is not in the library.
     """
     votes = {lead.subsystem: lead.probability * (1.0 if lead.like else 1 - unknown) for lead in causes[:1]}
-    named = ", ".join(chosen.hypothesis.causes) or "no cause of the library"
+    named = in_words(", ".join(chosen.hypothesis.causes)) or "no cause of the library"
     text = f"The fits hold {named} responsible; a cause outside the library has a probability of {unknown:.0%}."
     return WeighedIndicator(_FITS, votes, text)
 

@@ -23,17 +23,19 @@ class Drive:
 
     Attributes:
         channel: what it drives.
-        shape: many lines of random phase, or steps of load.
+        shape: many lines of random phase, steps of load, or a wave that is given.
         size: RMS of the lines, or the largest step; N or V.
         highest_Hz: of the lines.
         seed: of phases, or of times and heights.
+        wave: at every sample, where it is given.
     """
 
     channel: Literal["disturbance_N", "command_V"]
-    shape: Literal["lines", "steps"]
+    shape: Literal["lines", "steps", "given"]
     size: float
     highest_Hz: float
     seed: int
+    wave: tuple[float, ...] = field(default=(), repr=False)
 
 
 def _lines(drive: Drive, times: np.ndarray, rng: np.random.Generator) -> np.ndarray:
@@ -220,8 +222,11 @@ def step_of(figures: Shape) -> float:
 @cache
 def _driven(drive: Drive, duration_s: float, step_s: float) -> np.ndarray:
     """(N,) a drive at every half step; it starts from nothing."""
-    shaped = _lines if drive.shape == "lines" else _steps
-    wave = shaped(drive, fine_times(duration_s, step_s), np.random.default_rng(drive.seed))
+    times = fine_times(duration_s, step_s)
+    if drive.shape == "given":
+        wave = np.interp(times, SAMPLE_S * np.arange(len(drive.wave)), drive.wave)
+    else:
+        wave = (_lines if drive.shape == "lines" else _steps)(drive, times, np.random.default_rng(drive.seed))
     wave.flags.writeable = False
     return wave
 

@@ -1,0 +1,114 @@
+"""The experiment that a diagnosis proposes, taken on the true rig of a blind case, and whether it decides.
+
+Each case of a check that `beamdesign gap blindcheck` has scored, whose cause is listed and whose verdict is ambiguous
+or unknown, is diagnosed once more from its kept fits. The record that it asks for is taken on the rig that made the
+others, with its noise, and added to them; so is a random one of the same menu, for comparison. A case is decided where
+the verdict is then `effect` and exactly what was in it is held responsible. Usage, from the root of the project:
+
+    python studies/benchmarks/deciding_experiment.py RUN_FOLDER [--cases 0002 0009 ...]
+"""
+
+import argparse
+import shutil
+import sys
+import tomllib
+from dataclasses import replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+import tomli_w
+from opened_cases import OpenedCase, diagnosed, opened_case, opened_keys, true_rig
+
+from beamdesign.diagnosis.data.dataset import Dataset, read_dataset
+from beamdesign.diagnosis.diagnose import diagnose
+from beamdesign.diagnosis.experiment import menu, scenario_of
+from beamdesign.records import InputError, parse
+from beamdesign.scenario import Scenario, inputs_of
+from beamdesign.validation.blind.scoring import clopper_pearson
+
+_OF = {"load_pressure_Pa": "load_pressure", "inner_displacement_m": "inner"}
+COLUMNS = ("case", "truth", "verdict", "proposed", "bits", "decided", "at random", "decided")
+
+
+def taken(opened: OpenedCase, scenario: Scenario, added: str, folder: Path) -> Dataset:
+    """The data set of a case with one more record of its rig, written to a folder.
+
+    Args:
+        opened: the case.
+        scenario: of one record.
+        added: channel of a sensor that is added for it; empty for none.
+        folder: to be made.
+    """
+    from beamdesign.validation.truth.case import Drive, Run, recorded, take
+
+    case, (row,) = true_rig(opened), scenario.record
+    inputs = inputs_of(row, scenario)
+    column = int(np.abs(inputs[:, 1]).max() > 0)
+    drive = Drive(("disturbance_N", "command_V")[column], "given", 0.0, 0.0, 97, tuple(inputs[:, column].tolist()))  # type: ignore[arg-type]
+    assert row.controller is not None  # a proposal names it
+    table = row.controller.model_dump(mode="json", exclude_none=True)
+    outer, inner = row.outer_end_mass_kg or 0.0, row.inner_end_mass_kg or 0.0
+    run = Run("next", drive, table, outer, inner)
+    case = replace(case, runs=(run,), duration_s=scenario.duration_s)
+    columns = recorded(case, run)
+    if added:
+        columns[added] = getattr(take(case, run, noisy=True), _OF[added])
+    shutil.copytree(opened.folder / "sets" / opened.planned.key, folder)
+    rows = np.column_stack(list(columns.values()))
+    np.savetxt(folder / "records" / "next.csv", rows, "%.9g", ",", header=",".join(columns), comments="")
+    index = tomllib.loads((folder / "dataset.toml").read_text(encoding="utf-8"))
+    masses = {"outer_end_mass_kg": outer, "inner_end_mass_kg": inner}
+    index["record"].append({"file": "records/next.csv", "controller": table} | masses)
+    (folder / "dataset.toml").write_text(tomli_w.dumps(index), encoding="utf-8")
+    return read_dataset(folder)
+
+
+def decides(opened: OpenedCase, scenario: Scenario, added: str = "") -> tuple[bool, str]:
+    """Whether a diagnosis with that record names just what was in the case, and what it says."""
+    with TemporaryDirectory() as name:
+        try:
+            found = diagnose(taken(opened, scenario, added, Path(name) / "set"), 2)
+        except InputError as error:
+            return False, f"refused: {error}"
+    right = found.verdict == "effect" and set(found.chosen) == set(opened.answer["effects"])
+    return right, " + ".join(found.chosen) or found.verdict
+
+
+def main() -> None:
+    """Print a row for every case, then how many were decided."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("folder", type=Path, help="of a blind check that has been scored")
+    parser.add_argument("--cases", nargs="+", metavar="KEY", help="else all that are open and have a listed cause")
+    given = parser.parse_args()
+    open_ = [key for key, verdict in opened_keys(given.folder).items() if verdict in ("ambiguous", "unknown")]
+    cases = [opened_case(given.folder, key) for key in given.cases or open_]
+    print(f"| {' | '.join(COLUMNS)} |\n| {' | '.join(['---'] * len(COLUMNS))} |", flush=True)
+    random, counts = np.random.default_rng(0), np.zeros(3, dtype=int)
+    for opened in (one for one in cases if one.planned.kind in ("single", "parameter", "pair")):
+        data, found = diagnosed(opened)
+        asked = found.next_experiment
+        if asked is None:
+            continue
+        plan = parse(Scenario, dict(asked.settings["scenario"]), "next")  # type: ignore[call-overload]
+        options = list(menu(data))
+        other = scenario_of(options[random.integers(len(options))], data.prototype)
+        right, said = decides(opened, plan, str(asked.settings["added_sensor"]))
+        lucky, told = decides(opened, other)
+        counts += (1, right, lucky)
+        truth, verdict = " + ".join(opened.answer["effects"]), f"{found.verdict}: {' + '.join(found.chosen)}"
+        bits = f"{asked.information_bits:.2g}"
+        print(
+            f"| {opened.planned.key} | {truth} | {verdict} | {said} | {bits} | {right} | {told} | {lucky} |", flush=True
+        )
+    for name, count in zip(("proposed", "at random"), counts[1:], strict=True):
+        low, high = clopper_pearson(int(count), int(counts[0]))
+        print(f"{name}: {count} of {counts[0]} decided ({low:.0%} to {high:.0%})")
+
+
+if __name__ == "__main__":
+    try:
+        main()
+    except InputError as error:
+        print(error, file=sys.stderr)
+        sys.exit(2)
