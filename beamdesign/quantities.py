@@ -125,6 +125,7 @@ RotorInertia = Annotated[FiniteFloat, Plausible(1e-9, 100.0)]
 RotorFriction = Annotated[FiniteFloat, Plausible(1e-9, 1e3, or_zero=True)]
 SpeedFeedback = Annotated[FiniteFloat, Plausible(1e-9, 1e4, or_zero=True)]
 MotorCurrent = Annotated[FiniteFloat, Plausible(1e-3, 1e4)]
+DriveGain = Annotated[FiniteFloat, Plausible(1e-4, 1e3)]
 RotorSpeed = Annotated[FiniteFloat, Plausible(0.01, 1e5)]
 
 # Signals and laws.

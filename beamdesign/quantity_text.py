@@ -38,7 +38,7 @@ _UNITS = {
 }
 """By SI unit: the one in which it is read, and how many of these it is."""
 
-_LARGE = {"A": 0.5, "A/V": 10.0}
+_LARGE = {"A": 0.5, "A/V": 1.0}
 """From where on the SI unit itself is read."""
 
 
@@ -77,8 +77,13 @@ def quantity(value: float, unit: str, digits: int = 4, rounding: str = ROUND_HAL
     Raises:
         KeyError: for a unit that has no everyday form here.
     """
-    shown, factor = (unit, 1.0) if unit in _LARGE and _LARGE[unit] <= abs(value) < inf else _UNITS[unit]
+    shown, factor = read_in(value, unit)
     return f"{decimal(value * factor, digits, rounding)} {shown}".rstrip()
+
+
+def read_in(value: float, unit: str) -> tuple[str, float]:
+    """The unit in which an SI value is read, and how many of it the SI unit is; raises as `quantity`."""
+    return (unit, 1.0) if unit in _LARGE and _LARGE[unit] <= abs(value) < inf else _UNITS[unit]
 
 
 def at_least(value: float, unit: str, digits: int = 4) -> str:

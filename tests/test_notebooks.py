@@ -84,7 +84,12 @@ def numbers(text: str) -> list[float]:
 
 
 def test_there_are_few() -> None:
-    assert list(NOTEBOOKS) == ["1_paper_to_certified_design", "2_trade_curves", "3_diagnosing_a_gap"]
+    assert list(NOTEBOOKS) == [
+        "1_paper_to_certified_design",
+        "2_trade_curves",
+        "3_diagnosing_a_gap",
+        "4_own_link",
+    ]
 
 
 @pytest.mark.parametrize("name", NOTEBOOKS)
@@ -220,3 +225,39 @@ def test_diagnosing_a_gap(execute, diagnosed_slow_sensor: Path, tmp_path: Path) 
     assert proved.guaranteed is not None
     assert proved.guaranteed.bandwidth_Hz == pytest.approx(bandwidth, abs=0.006)
     assert proved.guaranteed.peak_sensitivity == pytest.approx(peak, abs=0.006)
+
+
+def test_own_link(execute, tmp_path: Path) -> None:
+    said, book = execute(
+        "4_own_link", PROJECT=path(PROJECT), RESULTS=path(tmp_path / "arm"), SIGMAS="0.0", DURATION_S="0.5"
+    )
+    assert_ran(book, figures=3)
+    assert "300 N across the tip, which grips 0 to 2 kg" in said["needs"]
+    bandwidth, peak = numbers(said["design"].splitlines()[-1])
+    design = read_prototype(tmp_path / "arm/design/prototype.toml")
+    # The same by floating point on a grid of its own: |x / F| of python-control's state space.
+    for mass in (0.0, 2.0):
+        frequency_Hz = np.linspace(0.05, bandwidth - 0.01, 300)
+        force_to_tip = state_space(design, mass)(2j * np.pi * frequency_Hz, squeeze=False)[0, 0]
+        assert np.abs(force_to_tip).max() <= design.goal.compliance_m_per_N
+    on, off = numbers(said["buys"])
+    # A cantilever of the free length, 3 E I / L^3, from the tube that the design says.
+    tube, beam = design.outer_beam.tube, design.outer_beam
+    inside = tube.width_m - 2 * tube.wall_m
+    second_moment = np.pi / 64 * (tube.width_m**4 - inside**4)
+    bare = beam.free_length_m**3 / (3 * beam.material.elastic_modulus_Pa * second_moment)
+    assert off == pytest.approx(1e9 * bare, rel=0.02)
+    assert on < 0.1 * off
+    value, std = map(float, re.search(r"break_Hz = (\S+) ± (\S+)", said["diagnosis"]).groups())
+    assert abs(value - 150.0) < 4 * std + 0.05
+    assert std < 5.0
+    after, noise = numbers(said["diagnosis"].splitlines()[-1])[1:]
+    assert noise < 1.5 * after
+    new, peak = numbers(said["redesign"])
+    proved = certify(read_prototype(tmp_path / "arm/diagnosis/redesigned/prototype.toml"), 0.0, 2.0).guaranteed
+    assert proved is not None
+    assert (proved.bandwidth_Hz, proved.peak_sensitivity) == (
+        pytest.approx(new, abs=6e-3),
+        pytest.approx(peak, abs=6e-3),
+    )
+    assert new < bandwidth

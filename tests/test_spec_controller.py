@@ -142,6 +142,21 @@ def test_components_realise_gain_pole_and_zero(gain: float, pole: float, ratio: 
     assert float(circuit.law.gain_A_per_V) == pytest.approx(gain, rel=0.06)
 
 
+def test_a_motors_drive_takes_the_last_stages_volts() -> None:
+    """A drive of 1.8 A/V, 18 A at 10 V: no sense resistor, whose tolerance does not count; two stages share the gain."""
+    asked = Lag(gain_A_per_V=1500.0, pole_Hz=5.6, zero_Hz=20.0)
+    circuit = circuit_of(asked, "E96", "E6", 1.8)
+    assert len(circuit.stages) == 2
+    assert "Rs" not in circuit.parts
+    frequency = np.array([0.1, 5.6, 20.0, 300.0])
+    ours = [current_by_nodal_analysis(circuit, f) for f in frequency]
+    np.testing.assert_allclose(ours, 1500.0 * (1 + 1j * frequency / 20.0) / (1 + 1j * frequency / 5.6), rtol=0.05)
+    low, high = circuit.gain_span(0.01, 0.05)
+    assert float(high / low) == pytest.approx((1.01 / 0.99) ** 4, rel=1e-9)
+    with pytest.raises(ValueError, match=r"before a drive of 0.001 A/V; actuator.drive_A_per_V is its scale"):
+        circuit_of(asked, "E96", "E6", 1e-3)
+
+
 def test_a_proportional_controller_needs_no_capacitor() -> None:
     circuit = circuit_of(Proportional(gain_A_per_V=0.0123), "E96", "E6")
     assert not circuit.has_capacitors

@@ -22,7 +22,7 @@ from beamdesign.parameters import RIG_TOLERANCES
 from beamdesign.polynomial import exact
 from beamdesign.progress import Progress, silent
 from beamdesign.proofs.box import box_of, certify_box
-from beamdesign.proofs.certifying import certify
+from beamdesign.proofs.certifying import stability_over
 from beamdesign.proofs.rig_family import rig_values
 from beamdesign.prototype import Prototype, write_prototype
 from beamdesign.records import to_toml
@@ -348,7 +348,7 @@ def _payloads(prototype: Prototype, masses_kg: tuple[float, float]) -> tuple[tup
     low, high = masses_kg
     if low < high:
         return (low, high), ""
-    for first, last in certify(prototype, 0.0, max(_HEAVIEST_KG, 2 * high)).stable_ranges_kg:
+    for first, last in stability_over(prototype, 0.0, max(_HEAVIEST_KG, 2 * high)).stable_ranges:
         if first <= low <= last:
             ahead, behind = last - low, low - first
             other = low + min(ahead / 2, _FURTHEST_KG) if ahead >= behind else low - min(behind / 2, _FURTHEST_KG)

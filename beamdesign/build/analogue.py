@@ -1,6 +1,6 @@
 """Analogue controllers of the preferred values that come nearest to a law, proved again as they are realised."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from math import inf, log, prod, sqrt
 from typing import Literal
@@ -14,7 +14,7 @@ from beamdesign.controllers import Controller
 from beamdesign.polynomial import exact
 from beamdesign.progress import Progress, silent
 from beamdesign.proofs.box import box_of, certify_box
-from beamdesign.proofs.certifying import certify
+from beamdesign.proofs.certifying import certify, stability_over
 from beamdesign.proofs.rig_family import PolynomialFamily, rig_family
 from beamdesign.prototype import Prototype
 from beamdesign.rational import nearest
@@ -89,7 +89,7 @@ def analogue_controllers(
     found: dict[tuple[float, ...], AnalogueController] = {}
     for k, (resistors, capacitors) in enumerate(SERIES):
         progress(k / len(SERIES), f"analogue controller, {resistors}")
-        one = circuit_of(asked, resistors, capacitors)
+        one = circuit_of(asked, resistors, capacitors, prototype.actuator.drive_gain())
         values = tuple(one.parts.values())
         if values not in found:
             found[values] = _certified(prototype, asked, masses_kg, one)
@@ -129,7 +129,7 @@ def with_tolerance(
         return ComponentTolerance(resistors, capacitor, verdict, reason, certificate)
 
     for corner in circuit.corners(resistors, capacitor):
-        at_corner = certify(prototype.but(controller=corner.law), *masses_kg)
+        at_corner = stability_over(prototype.but(controller=corner.law), *masses_kg)
         if not at_corner.stable:
             shown = ", ".join(f"{name} {value:.4g}" for name, value in corner.parts.items())
             return found("refuted", f"with {shown} (SI): {at_corner.reason}")
@@ -167,16 +167,20 @@ _SENSE_OHM = (4.7, 47.0)
 _INPUT_OHM = (4.7e3, 1e6)
 _PLAIN_OHM = (2e4, 3e4)
 _INVERTER_OHM = (1e4, 3e4)
+_BOOSTS, _BOOSTED_OHM = (1.0, 10.0, 100.0), 1e4
+"""Of the first stage's gain, by a last one, and the resistor into that."""
 _KEPT = 6
 _BESIDE = np.geomspace(0.1, 10.0, 21)
 
 
-def circuit_of(controller: Controller, resistors: Series, capacitors: Series) -> Circuit:
+def circuit_of(
+    controller: Controller, resistors: Series, capacitors: Series, drive_A_per_V: float | None = None
+) -> Circuit:
     """The values of two series that come nearest to a controller of the displacement alone.
 
     Its poles are shared out to stages of first and second order, each with the zeros nearest to them; a lag is the
     first stage, and else an amplifier alone. The largest relative error of gain and breaks is made least, in a biquad
-    that of its response about its breaks.
+    that of its response about its breaks. Without a drive a power amplifier with a sense resistor gives the current.
 
     Raises:
         ValueError: for a controller that no such circuit gives, with the reason.
@@ -186,9 +190,19 @@ def circuit_of(controller: Controller, resistors: Series, capacitors: Series) ->
     gain, factors = factored(controller.transfer_function())
     ratios = [_ratio(*factor) for factor in _joined(factors)]
     first = next((ratio for ratio in ratios if _kind(ratio) == "lag"), Ratio(1.0))
-    head, sense = _first(abs(gain), first, resistors, capacitors)
+    driven = drive_A_per_V is not None
+    senses = (1 / drive_A_per_V,) if drive_A_per_V else values_between(resistors, *_SENSE_OHM)
+    for boost in _BOOSTS:
+        if made := _first(abs(gain) / boost, first, resistors, capacitors, senses):
+            break
+    else:
+        reason = f"no parts of a sensible size give this gain of {abs(gain):.4g} A/V and these breaks"
+        more = f" before a drive of {drive_A_per_V:g} A/V; actuator.drive_A_per_V is its scale" if driven else ""
+        raise ValueError(reason + more)
+    head, sense = made
     others = [_stage(ratio, resistors, capacitors) for ratio in ratios if ratio is not first]
-    return Circuit((head, *others), sense, gain < 0, resistors, capacitors)
+    others += [Stage("amplifier", {"R1": _BOOSTED_OHM, "Rf": boost * _BOOSTED_OHM})] if boost > 1 else []
+    return Circuit((head, *others), sense, gain < 0, resistors, capacitors, driven)
 
 
 def deviation(realised: Circuit, controller: Controller) -> float:
@@ -232,11 +246,13 @@ def _kind(ratio: Ratio) -> Kind:
     return "biquad" if ratio.order == 2 else "lag" if ratio.n1 < ratio.d1 else "lead"
 
 
-def _first(gain: float, ratio: Ratio, resistors: Series, capacitors: Series) -> tuple[Stage, float]:
-    """The summing stage, a lag or an amplifier alone, and the sense resistor."""
+def _first(
+    gain: float, ratio: Ratio, resistors: Series, capacitors: Series, senses: Sequence[float]
+) -> tuple[Stage, float] | None:
+    """The summing stage, a lag or an amplifier alone, and which of the resistances the current is sensed by."""
     best: tuple[float, Stage, float] | None = None
     for feedback, more, error in _feedbacks(ratio, resistors, capacitors):
-        for sense in values_between(resistors, *_SENSE_OHM):
+        for sense in senses:
             for given in neighbours(resistors, feedback / (gain * sense)):
                 if not _INPUT_OHM[0] <= given <= _INPUT_OHM[1]:
                     continue
@@ -244,9 +260,7 @@ def _first(gain: float, ratio: Ratio, resistors: Series, capacitors: Series) -> 
                 if best is None or worst < best[0] - 1e-12:
                     kind: Kind = "lag" if more else "amplifier"
                     best = worst, Stage(kind, {"R1": given, "Rf": feedback, **more}), sense
-    if best is None:
-        raise ValueError("no parts of a sensible size give this gain and these breaks")
-    return best[1:]
+    return None if best is None else best[1:]
 
 
 def _feedbacks(ratio: Ratio, resistors: Series, capacitors: Series) -> Iterator[tuple[float, dict[str, float], float]]:

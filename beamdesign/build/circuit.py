@@ -20,7 +20,8 @@ times those that it is given:
 
 The first stage sums: it has R1 twice, from the command and from the inverted volts of the sensor. The last, a power
 amplifier, drives the valve's coil so that the voltage over the sense resistor Rs in series with it is the last
-stage's output, or that inverted.
+stage's output, or that inverted. A motor's drive takes these volts as its command instead: its scale, volts per ampere,
+stands for Rs, and counts as exact.
 """
 
 import random
@@ -175,10 +176,11 @@ class Circuit:
 
     Attributes:
         stages: the first sums command and sensor.
-        sense_ohm: Rs.
+        sense_ohm: Rs, or volts per ampere of a drive.
         falling: whether the current falls where the error rises, as for a law of negative gain.
         resistors: series that the resistors are taken from.
         capacitors: series that the capacitors are taken from.
+        driven: whether it ends at a drive.
     """
 
     stages: tuple[Stage, ...]
@@ -186,6 +188,7 @@ class Circuit:
     falling: bool = False
     resistors: Series = "E96"
     capacitors: Series = "E6"
+    driven: bool = False
 
     @property
     def inverted(self) -> bool:
@@ -199,9 +202,9 @@ class Circuit:
 
     @property
     def parts(self) -> dict[str, float]:
-        """Every part by the number of its stage and its name, such as "1.R1"; the sense resistor is "Rs"."""
+        """Every part by the number of its stage and its name, such as "1.R1"; a sense resistor is "Rs"."""
         named = {f"{k}.{name}": v for k, stage in enumerate(self.stages, 1) for name, v in stage.parts.items()}
-        return named | {"Rs": self.sense_ohm}
+        return named if self.driven else named | {"Rs": self.sense_ohm}
 
     @property
     def gain_A_per_V(self) -> fmpq:
@@ -229,7 +232,7 @@ class Circuit:
             replace(stage, parts={name: parts[f"{k}.{name}"] for name in stage.parts})
             for k, stage in enumerate(self.stages, 1)
         )
-        return replace(self, stages=stages, sense_ohm=parts["Rs"])
+        return replace(self, stages=stages, sense_ohm=parts.get("Rs", self.sense_ohm))
 
     def corners(self, resistors: float, capacitor: float) -> Iterator["Circuit"]:
         """Combinations of all parts at the ends of their tolerances: each, or some drawn where they are many."""
@@ -249,7 +252,7 @@ class Circuit:
 
     def gain_span(self, resistors: float, capacitor: float) -> tuple[fmpq, fmpq]:
         """What the size of the gain can be with all parts within their tolerances."""
-        r, sense = exact(resistors), exact(self.sense_ohm)
+        r, sense = exact(0 if self.driven else resistors), exact(self.sense_ohm)
         spans = [stage.spans(resistors, capacitor).gain for stage in self.stages]
         low, high = (prod((span[end] for span in spans), start=fmpq(1)) for end in (0, 1))
         return low / (sense * (1 + r)), high / (sense * (1 - r))

@@ -14,7 +14,7 @@ from beamdesign.plant.actuators.protocol import MARGIN, Row
 from beamdesign.plant.effects import library
 from beamdesign.proofs.box import box_of, certify_box
 from beamdesign.proofs.certificate import Guaranteed
-from beamdesign.proofs.certifying import guaranteed_by_all
+from beamdesign.proofs.certifying import guaranteed_by_all, stability_over
 from beamdesign.proofs.rig_family import rig_family
 from beamdesign.prototype import Beam, InStage, Prototype
 from beamdesign.quantity_text import tube_text
@@ -285,11 +285,15 @@ def sensor_need(
     def reaches(break_Hz: float) -> Guaranteed | None:
         return guaranteed_by_all(lagging(prototype, break_Hz).stages(masses_kg))
 
+    def stands(break_Hz: float) -> bool:
+        lagged = lagging(prototype, break_Hz).stages(masses_kg)
+        return all(stability_over(stage.prototype, *stage.outer_end_mass_kg).stable for stage in lagged)
+
     stable = performs = reached = None
     breaks = _breaks_Hz(prototype)
     if nominal is not None:
         if not why_no_box(stages[0].prototype):
-            stable = _least(lambda f: reaches(f) is not None, breaks)
+            stable = _least(stands, breaks)
         while stable is not None and not _proved_above(prototype, masses_kg, stable):
             stable = None if 1.1 * stable >= breaks[1] else 1.1 * stable
         performs = _least(lambda f: _kept(reaches(f), nominal), breaks)

@@ -263,6 +263,7 @@ def remedies(
     added_mass_kg: Annotated[float, Figure("MassOrNone")] = 4.5,
     sigmas: float = SIGMAS,
     nominal: bool = False,
+    minutes: float | None = None,
 ) -> CommandResult:
     """Compare the paper's four remedies for payload.
 
@@ -286,7 +287,7 @@ def remedies(
     for name, beam in (("outer_beam", problem.outer_beam), ("inner_beam", problem.inner_beam)):
         if beam.width_m is None:
             refuse(study, (name, "the remedies start from given sections: width_m and wall_m are needed"))
-    with progress("remedies", "minutes to half an hour") as update:
+    with in_time(minutes, "minutes to half an hour") as limit, progress("remedies") as update:
         found = room.remedies(problem, masses, added_mass_kg, update, 0.0 if nominal else sigmas)
     rows = [
         {
@@ -317,4 +318,4 @@ def remedies(
         ],
     )
     write_drawn(out, "remedies", figure, rows)
-    return CommandResult({"remedies": rows, "outer_end_mass_kg": masses, "added_mass_kg": added_mass_kg})
+    return CommandResult({"remedies": rows, "outer_end_mass_kg": masses, "added_mass_kg": added_mass_kg, **limit})

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from beamdesign.cli.command import CommandResult, Figure, by_stage, command, figures_of, mass_range
+from beamdesign.cli.command import CommandResult, Figure, by_stage, command, figures_of, in_time, mass_range
 from beamdesign.cli.output import echo, echo_table, progress, refuse
 from beamdesign.files import write_set
 from beamdesign.json_text import picked
@@ -45,6 +45,7 @@ def stiffness(
     contact: str = "wall",
     keep_controller: bool = False,
     rigs: Annotated[int, typer.Option(min=0, max=1000)] = RIGS,
+    minutes: float | None = None,
     out: Path | None = None,
 ) -> CommandResult:
     """Give the end of the link a stiffness.
@@ -79,7 +80,7 @@ def stiffness(
     servo = _servo(record, prototype) if keep_controller else None
     masses = mass_range(outer_end_mass, record.outer_end_mass_kg, prototype)
     if end_stiffness_N_per_m is not None:
-        return give_stiffness(record, end_stiffness_N_per_m, masses, wall, CONTACTS[contact], servo, rigs, out)
+        return give_stiffness(record, end_stiffness_N_per_m, masses, wall, CONTACTS[contact], servo, rigs, out, minutes)
 
     from beamdesign.synthesis.end_stiffness import judge
     from beamdesign.synthesis.stiffness_run import CONTACT_NAME, contact_text, in_words
@@ -114,6 +115,7 @@ def give_stiffness(
     servo: "Cascade | None" = None,
     rigs: int = RIGS,
     out: Path | None = None,
+    minutes: float | None = None,
 ) -> CommandResult:
     """Design, prove, say and write, against every wall where none is given.
 
@@ -131,11 +133,11 @@ def give_stiffness(
     from beamdesign.synthesis.stiffness_search import design
 
     wall = wall or EVERY_WALL
-    with progress("end stiffness") as update:
+    with in_time(minutes, "2 to 5 min") as limit, progress("end stiffness") as update:
         found = design(record, end_stiffness, masses, wall, need, servo, rigs, update)
     if found.best is None:
         echo(found.reason)
-        return CommandResult({"controller": None, "met": None, "reason": found.reason}, yes=False)
+        return CommandResult({"controller": None, "met": None, "reason": found.reason, **limit}, yes=False)
     best = found.best
     assert best.law is not None  # it was searched
     done = carried_out(record, best, masses, wall)
@@ -162,7 +164,7 @@ def give_stiffness(
         "certificate_contact": (CONTACT_NAME, done.contact),
     }
     paths = {} if out is None else write_set(out, texts)
-    fields = _fields(best, wall) | picked(found, "met reason")
+    fields = _fields(best, wall) | picked(found, "met reason") | limit
     return CommandResult(fields | {"drawn": others, **paths}, files=paths.values())
 
 

@@ -1,7 +1,6 @@
 """`beamdesign size` and `tune`: the lightest sections; controller and inner end mass with the largest bandwidth."""
 
 from collections.abc import Iterable, Mapping
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -113,9 +112,7 @@ def tune(
             refuse("--end-stiffness-N-per-m", (f"{end_stiffness_N_per_m:g}", reason))
         if end_stiffness_N_per_m is None:
             refuse("--controller", ("compliance", "needs --end-stiffness-N-per-m"))
-        with in_time(minutes, "2 to 5 min") as limit:
-            given_way = give_stiffness(record, end_stiffness_N_per_m, masses, out=out)
-        return replace(given_way, fields={**given_way.fields, **limit})
+        return give_stiffness(record, end_stiffness_N_per_m, masses, out=out, minutes=minutes)
     within = 0.0 if nominal else sigmas
     usually = (
         _NOMINAL.get(controller, "1 to 10 min") if nominal or not sigmas else _USUALLY.get(controller, "5 to 40 min")

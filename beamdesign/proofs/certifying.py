@@ -222,6 +222,19 @@ def bracketing(prototype: Prototype) -> bool:
 # The certificate.
 
 
+def stability_over(prototype: Prototype, low_kg: float, high_kg: float) -> StabilityMap:
+    """Where from `low_kg` to `high_kg` every linear member is stable: of `certify` the stability alone, not written.
+
+    Raises:
+        ValueError: without a controller.
+        InputError: for effects for which no linear loop stands.
+    """
+    low, high = exact(low_kg), exact(high_kg)
+    return common_ranges(
+        [part.stable for part in rectangles(prototype, family(prototype, high_kg), low, high)], low, high
+    )
+
+
 def certify(
     prototype: Prototype, low_kg: float, high_kg: float, claims: Sequence[Asked] = (), nonlinear: bool = False
 ) -> Certificate:

@@ -20,7 +20,7 @@ from beamdesign.loop import LoopAtMass
 from beamdesign.plant.members import family
 from beamdesign.polynomial import exact
 from beamdesign.prototype import COMPLIANCE_LIMIT_M_PER_N, Prototype
-from beamdesign.quantity_text import decibels
+from beamdesign.quantity_text import decibels, read_in
 from beamdesign.report.canvas import LIMIT, finish, plain_numbers, styled
 from beamdesign.structure.lumped import beam_of_equal_mass
 
@@ -281,25 +281,26 @@ def plot_sensitivity(axes: Axes, curves: Curves, limit: float | None = 2.0) -> A
 
 
 def plot_critical_gain(axes: Axes, masses_kg: Sequence[float], curves: Mapping[str, Sequence[float]]) -> Axes:
-    """Critical gain in mA/V over the outer end mass; a jump is left as a gap.
+    """Critical gain in mA/V, or large ones in A/V, over the outer end mass; a jump is left as a gap.
 
     Args:
         axes: drawn on.
         masses_kg: outer end masses, ascending.
         curves: critical gains in A/V, one per mass, by label.
     """
+    unit, factor = read_in(min((gain for gains in curves.values() for gain in gains), default=0.0), "A/V")
     for label, gains, style in styled(curves):
-        x, y = [masses_kg[0]], [1e3 * gains[0]]
+        x, y = [masses_kg[0]], [factor * gains[0]]
         for mass, before, after in zip(masses_kg[1:], gains[:-1], gains[1:], strict=True):
             if not 0.5 < after / before < 2:
                 x.append(mass)
                 y.append(inf)
             x.append(mass)
-            y.append(1e3 * after)
+            y.append(factor * after)
         axes.semilogy(x, np.where(np.isfinite(y), y, np.nan), label=label, linewidth=1.3, **style)
     axes.set_xlim(masses_kg[0], masses_kg[-1])
     plain_numbers(axes.yaxis)
-    return finish(axes, "outer end mass, kg", "critical gain, mA/V")
+    return finish(axes, "outer end mass, kg", f"critical gain, {unit}")
 
 
 def _frequency_axis(axes: Axes) -> None:

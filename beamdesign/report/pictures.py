@@ -20,7 +20,7 @@ from beamdesign.loop import Loop, LoopAtMass
 from beamdesign.polynomial import exact, is_hurwitz
 from beamdesign.proofs.stability import StabilityMap, stable_ranges
 from beamdesign.prototype import InStage, Prototype
-from beamdesign.quantity_text import decimal, mass_range_text, quantity, rigs_in_words, stated_bandwidth
+from beamdesign.quantity_text import decimal, mass_range_text, quantity, read_in, rigs_in_words, stated_bandwidth
 from beamdesign.rational import nearest
 from beamdesign.report.canvas import LIMIT, finish, new_figure, note
 from beamdesign.report.charts import TradePoint, plot_trade
@@ -299,14 +299,15 @@ def plot_stable_gains(
     """The region of stable gains over the outer end mass, with the chosen gain over the range that had to be stable.
 
     Args:
-        axes: drawn on: kg and mA/V.
+        axes: drawn on: kg, and mA/V or A/V.
         loop: the loop at the chosen gain.
         gain_A_per_V: the chosen gain.
         masses_kg: ascending; the region's edge is exact at each of them, and at more where an interval of gains ends,
             and joined by lines.
         asked_kg: the range that had to be stable.
     """
-    gain = 1e3 * gain_A_per_V
+    unit, factor = read_in(gain_A_per_V, "A/V")
+    gain = factor * gain_A_per_V
     found = _stable_over(loop, masses_kg)
     limits = [gain * edge for intervals in found.values() for pair in intervals for edge in pair if 0 < edge < inf]
     least, most = min([gain / 3, *(0.5 * edge for edge in limits)]), max([gain * 3, *(1.5 * edge for edge in limits)])
@@ -323,12 +324,13 @@ def plot_stable_gains(
             parts.append(Path(np.vstack([outline, outline[:1]]), closed=True))
     axes.add_patch(PathPatch(Path.make_compound_path(*parts), color=_STABLE, linewidth=0, label="stable"))
     span = asked_kg or (masses_kg[0], masses_kg[-1])
-    axes.plot(span, [gain, gain], "|--", color="black", linewidth=1.4, markersize=9, label=f"gain {gain:.4g} mA/V")
+    axes.plot(span, [gain, gain], "|--", color="black", linewidth=1.4, markersize=9, label=f"gain {gain:.4g} {unit}")
     axes.set_yscale("log")
     axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
     axes.yaxis.set_major_formatter(lambda value, position: f"{value:g}")
     axes.yaxis.set_minor_locator(NullLocator())
-    axes.set(ylim=(least, most), xlim=(masses_kg[0], masses_kg[-1]), xlabel="outer end mass, kg", ylabel="gain, mA/V")
+    axes.set(ylim=(least, most), xlim=(masses_kg[0], masses_kg[-1]))
+    axes.set(xlabel="outer end mass, kg", ylabel=f"gain, {unit}")
     axes.legend(fontsize=8, loc="best")  # no grid over the shading
     return axes
 

@@ -28,6 +28,7 @@ from beamdesign.synthesis.loop_limits import Proved
 from beamdesign.synthesis.rig_spread import rig_spread
 from beamdesign.synthesis.sections import free_sections, rounded_tubes, section_mass
 from beamdesign.synthesis.tuning import SMALLEST_BANDWIDTH_HZ
+from beamdesign.time_limit import share
 
 PAPER_BREAKS_HZ = (1.75, 26.0)
 """Lag breaks of the paper, kept where no remedy is applied."""
@@ -171,7 +172,10 @@ def _scheduled(problem: DesignProblem, masses_kg: tuple[float, float], near: Seq
     parts = [
         (float(max(masses_kg[0], low - reach)), float(min(masses_kg[1], high + reach))) for low, high in pairwise(edges)
     ]
-    found = [_remedy(problem, SCHEDULED, part, 0.0, sigmas, near) for part in parts]
+    found = []
+    for k, part in enumerate(parts):
+        with share(1 / (len(parts) - k)):
+            found.append(_remedy(problem, SCHEDULED, part, 0.0, sigmas, near))
     failed = [
         f"{low:g} to {high:g} kg: {one.reason}" for (low, high), one in zip(parts, found, strict=True) if one.reason
     ]
@@ -211,7 +215,8 @@ def remedies(
     found = []
     for k, freedom in enumerate(FREEDOMS):
         report(k / (len(FREEDOMS) + 1), freedom.name)
-        found.append(_remedy(problem, freedom, outer_end_mass_kg, added_mass_kg, sigmas))
+        with share(1 / (len(FREEDOMS) + 1 - k)):
+            found.append(_remedy(problem, freedom, outer_end_mass_kg, added_mass_kg, sigmas))
     report(len(FREEDOMS) / (len(FREEDOMS) + 1), SCHEDULED.name)
     return (*found, _scheduled(problem, outer_end_mass_kg, found[-1].proved, sigmas))
 

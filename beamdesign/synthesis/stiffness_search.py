@@ -37,7 +37,7 @@ from beamdesign.synthesis.end_stiffness import (
     servo_stiffness,
 )
 from beamdesign.synthesis.rig_spread import rig_spread
-from beamdesign.time_limit import leave_out, over
+from beamdesign.time_limit import leave_out, over, share
 
 _SEARCH_HZ = np.geomspace(1e-2, 1e3, 400)
 _ROUNDS, _STARTS, _STEPS = 3, 200, 400
@@ -110,7 +110,8 @@ def design(
         def through(share: float, k: int = k, one: Need = one) -> None:
             report((k + share) / len(needs), f"laws that are {_WORDS[one]}")
 
-        law = search.best(through)
+        with share(1 / (len(needs) - k)):
+            law = search.best(through)
         tried += search.tried
         if law is not None:
             found = judge(prototype, law, masses_kg, wall)
@@ -177,7 +178,8 @@ class _Search:
         found: list[tuple[float, np.ndarray | None]] = []
         for k in range(_ROUNDS):
             progress(k / (_ROUNDS + 1))
-            found.append(self._local_search(np.random.default_rng(k), lowest, highest, _STARTS, _STEPS))
+            with share(1 / (_ROUNDS + 1 - k)):
+                found.append(self._local_search(np.random.default_rng(k), lowest, highest, _STARTS, _STEPS))
         best = max(found, key=lambda one: one[0])
         progress(_ROUNDS / (_ROUNDS + 1))
         _, point = self._local_search(np.random.default_rng(_ROUNDS), lowest, highest, 0, _REFINING_STEPS, best, 0.05)

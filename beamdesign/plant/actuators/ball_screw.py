@@ -77,6 +77,9 @@ class BallScrew(Actuator):
     current_loop_Hz: q.ComponentFrequency = Field(description="break frequency of the current loop, first order")
     peak_current_A: q.MotorCurrent | None = Field(None, description="largest current of drive and motor")
     continuous_current_A: q.MotorCurrent | None = Field(None, description="RMS current that the motor bears for good")
+    drive_A_per_V: q.DriveGain | None = Field(
+        None, description="current that the drive gives per volt of its command; else its peak current at 10 V"
+    )
     largest_speed_rad_per_s: q.RotorSpeed | None = Field(None, description="of the rotor, under load")
     dynamic_load_N: q.Force | None = Field(None, description="C_a of the screw: 10^6 turns with 90 % reliability")
 
@@ -173,6 +176,10 @@ class BallScrew(Actuator):
         """That of drive and motor: a law asks for no more, beside what speed feedback takes off."""
         return self.peak_current_A
 
+    def drive_gain(self) -> float:
+        """As stated, or the largest current that is stated at 10 V, as drives are scaled; 1 A/V where none is."""
+        return self.drive_A_per_V or (self.peak_current_A or self.continuous_current_A or 10.0) / 10.0
+
     def limits(self, prototype: "Prototype") -> tuple[Limit, ...]:
         """Largest current and what the motor bears for good, and the rotor's speed."""
         return (
@@ -246,12 +253,13 @@ class BallScrew(Actuator):
                 "largest_speed_rad_per_s",
             ),
             Row(f"peak power of the shaft{least}", MARGIN * need["shaft_power_W"], None, "W", "shaft_power_W"),
-            Row("largest axial force on the screw", force, self.dynamic_load_N, "N", "axial_force_N"),
+            Row("largest axial force on the screw", force, None, "N", "axial_force_N"),
         )  # fmt: skip
         if self.dynamic_load_N is None or not force:
             return rows
         life = 1e6 * (self.dynamic_load_N / force) ** 3
-        return (*rows, Row("turns at that force that nine screws of ten last", life, None, "1", "life_turns"))
+        rated = Row("dynamic load rating of the screw C_a", self.dynamic_load_N, None, "N")
+        return (*rows, rated, Row("turns at that force that nine screws of ten last", life, None, "1", "life_turns"))
 
 
 KIND = BallScrew

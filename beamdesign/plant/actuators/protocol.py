@@ -218,6 +218,10 @@ class Actuator(Kinded):
     def largest_current_A(self, prototype: "Prototype") -> float | None:
         """Largest current that it takes of a law; None where the prototype does not say."""
 
+    def drive_gain(self) -> float | None:
+        """Current per volt, A/V, of a drive that has a command as its input; None where a coil is driven."""
+        return None
+
     def stated(self, prototype: "Prototype", rating: Rating) -> float | None:
         """What there is of a rating; None where the prototype does not say."""
         table, key = rating.place.split(".")
