@@ -161,6 +161,17 @@ def test_each_rating_limits_the_load(rig: Prototype) -> None:
     assert limits["rotor speed"][0] == pytest.approx(300.0 * h * inner / pi, rel=1e-2)
 
 
+def test_the_dynamic_load_rating_is_no_limit_of_the_force(rig: Prototype) -> None:
+    """8 kN under 2 kN: 4^3 = 64 million turns by ISO 3408-5; a force above the rating only shortens that."""
+    rated = rig.actuator.but(dynamic_load_N=8e3)
+    need = dict.fromkeys(("peak_current_A", "effective_current_A", "speed_rad_per_s", "shaft_power_W"), 1.0)
+    rows = {row.name: row for row in rated.rows(rig, need | {"force_N": 2e3}, 2e3)}
+    force, rating = rows["largest axial force on the screw"], rows["dynamic load rating of the screw C_a"]
+    assert (force.needed, force.stated, force.basis) == (2e3, None, "computed")
+    assert (rating.needed, rating.basis) == (8e3, "given")
+    assert rows["turns at that force that nine screws of ten last"].needed == pytest.approx(64e6)
+
+
 def test_every_drawn_rig_of_a_box_keeps_what_is_proved_of_it(rig: Prototype) -> None:
     """40 rigs of the box of typical tolerances, half of them corners, by the equations written by hand."""
     rig = rig.but(tolerance=typical_of(type(rig.actuator)))

@@ -211,6 +211,12 @@ def test_jump_of_the_critical_gain_is_a_gap():
     np.testing.assert_array_equal(np.asarray(axes.lines[0].get_ydata()), [300, 350, np.nan, 50, 40])
 
 
+def test_gains_of_motors_are_drawn_in_amperes():
+    axes = plot_critical_gain(new_figure().add_subplot(), [0.0, 1.0], {"lag": [150.0, 160.0]})
+    np.testing.assert_array_equal(np.asarray(axes.lines[0].get_ydata()), [150, 160])
+    assert axes.get_ylabel() == "critical gain, A/V"
+
+
 def test_styles_differ_in_grey():
     assert len({tuple(style.values()) for style in STYLES}) == len(STYLES)
     assert {style["color"] for style in STYLES} <= {"black", "0.45"}

@@ -371,6 +371,7 @@ def test_decimals_are_rounded_to_their_digits_and_guarantees_to_the_safe_side(va
         (1.13e-2, "m3/s/A", "11.3 cm³/s/mA"),
         (3.8e-13, "m3/s/Pa", "0.38 cm³/s/MPa"),
         (0.15, "A/V", "150 mA/V"),
+        (4.987, "A/V", "4.987 A/V"),
         (486_800.0, "N/m", "486.8 kN/m"),
         (20e6, "Pa", "20 MPa"),
         (0.0023, "m", "2.3 mm"),

@@ -143,7 +143,7 @@ def test_components_realise_gain_pole_and_zero(gain: float, pole: float, ratio: 
 
 
 def test_a_motors_drive_takes_the_last_stages_volts() -> None:
-    """A drive of 1.8 A/V, 18 A at 10 V: no sense resistor, whose tolerance does not count; two stages share the gain."""
+    """A drive of 1.8 A/V, 18 A at 10 V: no sense resistor, of no tolerance; two stages share the gain."""
     asked = Lag(gain_A_per_V=1500.0, pole_Hz=5.6, zero_Hz=20.0)
     circuit = circuit_of(asked, "E96", "E6", 1.8)
     assert len(circuit.stages) == 2

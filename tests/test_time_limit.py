@@ -15,7 +15,10 @@ from beamdesign.diagnosis.data.dataset import Dataset
 from beamdesign.diagnosis.fitting.fit import fit_cache
 from beamdesign.proofs.certificate import Asked
 from beamdesign.proofs.certifying import certify
+from beamdesign.proofs.contact import EVERY_WALL
 from beamdesign.synthesis.codesign import pareto_front
+from beamdesign.synthesis.remedies import remedies
+from beamdesign.synthesis.stiffness_search import design as stiffness_design
 from beamdesign.time_limit import TimeUp, heed, is_limited, leave_out, left, over, share, while_time, within
 
 STUDIES = Path(__file__).parents[1] / "studies"
@@ -105,6 +108,23 @@ def test_a_diagnosis_that_is_called_again_goes_on_and_comes_to_the_same(slow: Da
     assert all(verdict in ("ambiguous", "unknown") for verdict, _ in verdicts[:-1])
     assert whole.search is not None
     assert found.search.fits[0].cost == whole.search.fits[0].cost
+
+
+def test_a_stiffness_without_time_is_not_said_not_to_be_had(remedy: Prototype):
+    with within(0.0) as limit:
+        found = stiffness_design(remedy, 1e6, (0.0, 2.0), EVERY_WALL)
+    assert (found.best, found.tried) == (None, 0)
+    assert limit.left_out == ["further laws"]
+
+
+def test_every_remedy_has_its_share_of_the_time():
+    """Without time each is begun with, and what is not proved says so."""
+    problem = read_problem(STUDIES / "codesign.toml").but(controller={"kind": "lag"})
+    with within(0.0) as limit:
+        found = remedies(problem, (0.0, 2.0), 4.5, sigmas=0.0)
+    assert len(found) == 5
+    assert all(one.reason or one.proved for one in found)
+    assert limit.left_out
 
 
 @pytest.fixture(scope="module")

@@ -134,7 +134,8 @@ def assert_lag(found: dict[str, Any], prototype: Path, put_in_Hz: float) -> None
     at = found["effects"][0]["parameters"]["break_Hz"]
     assert abs(at["value"] - put_in_Hz) < 4 * at["std"] < 0.2 * put_in_Hz
     goal = read_prototype(prototype).goal.peak_sensitivity
-    assert found["design"][0]["diagnosed"]["peak_sensitivity"] > goal
+    as_built = found["design"][0]["diagnosed"]["peak_sensitivity"]
+    assert as_built is None or as_built > goal  # None: the loop that was built is not stable for every payload
     assert 0 < found["redesign"]["guaranteed"]["peak_sensitivity"] <= goal
     checked(Path(found["redesigned"]))
 
@@ -179,7 +180,7 @@ def test_a_steel_link_with_a_screw(tmp_path: Path) -> None:
     checked(prototype)
     screw = read_prototype(prototype).actuator
     per_newton = screw.lead_m / (2 * np.pi) / screw.torque_constant_N_m_per_A
-    specified(prototype, tmp_path, ("rest_current_A", per_newton))
+    assert specified(prototype, tmp_path, ("rest_current_A", per_newton))["analogue"][0]["stable"]
     said = typed("code", prototype, "--rate-Hz", 10000, "--out", tmp_path / "code")
     assert "proved: stable for 0 to 3 kg, the current held, put out at once or one period late" in said
     rig = read_prototype(prototype)

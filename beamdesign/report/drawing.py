@@ -120,9 +120,10 @@ def draw_section(prototype: Prototype, axes: "Axes") -> "Axes":
     along, *across = clearances(outer.section, inner.section)
     lines, top, row = [f"outer wall {outer.wall:.3g}", f"inner wall {inner.wall:.3g}", f"gap {along:.3g}"], 0.34, 0.34
     bottom = low - 4 * step
-    if across:  # no room for words inside: they stand below, with the depths
+    if across:
         pairs = (("depths", outer.depth, inner.depth), ("walls", outer.wall, inner.wall))
         lines = [*(f"{name} {a:.4g} and {b:.4g}" for name, a, b in pairs), f"gaps {along:.3g}, {across[0]:.3g} across"]
+    if across or inner.width < 0.6 * outer.width:  # no room for words inside: they stand below
         top, row = bottom / reach, 0.12 * outer.depth / reach
         bottom -= 0.36 * outer.depth
     for k, text in enumerate(lines):
