@@ -109,6 +109,18 @@ def test_a_diagnosis_that_is_called_again_goes_on_and_comes_to_the_same(slow: Da
     assert whole.search is not None
     assert found.search.fits[0].cost == whole.search.fits[0].cost
 
+    now = [0.0]  # time that is up when all is left but where the gap lies
+
+    def told(_: float, doing: str) -> None:
+        now[0] += 100.0 * (doing == "where the gap lies")
+
+    with within(1.0, lambda: now[0]):
+        placed = diagnose(slow, workers=1, progress=told, kept=kept)
+    assert (placed.verdict, placed.chosen) == ("effect", ("sensor_lag",))
+    assert placed.left_out == ("what the records say of the place",)
+    assert placed.where.subsystem == "sensor"
+    assert len(placed.where.witnesses) < len(whole.where.witnesses)
+
 
 def test_a_stiffness_without_time_is_not_said_not_to_be_had(remedy: Prototype):
     with within(0.0) as limit:

@@ -19,7 +19,7 @@ from typer.testing import CliRunner
 
 from beamdesign import read_prototype, state_space
 from beamdesign.cli import app
-from beamdesign.plant.changed_figures import CHANGEABLE, with_figures
+from beamdesign.structure.lumped import CHANGEABLE, with_figures
 
 ROOT = Path(__file__).parent.parent
 PAGE = (ROOT / "beamdesign" / "docs" / "own_link.md").read_text(encoding="utf-8")

@@ -210,7 +210,7 @@ def _diagnosed(data: Dataset, workers: int, progress: Progress, kept: FitCache |
         separable,
         cause_sets(found, judged),
         from_rest,
-        left_out=left,
+        left_out=left_out(),
     )
 
 

@@ -24,6 +24,7 @@ from beamdesign.plant.effect import SUBSYSTEMS
 from beamdesign.plant.effects import library
 from beamdesign.plant.electronics import LAG
 from beamdesign.prototype import Prototype
+from beamdesign.time_limit import TimeUp, leave_out, share
 
 
 @dataclass(frozen=True)
@@ -219,17 +220,23 @@ def locate(
         unknown: probability that the cause is not in the library.
 
     Returns:
-        without a subsystem where the chosen fit is the null and no unknown cause is probable.
+        without a subsystem where the chosen fit is the null and no unknown cause is probable; by the fits alone where
+        no time is left for the records to testify.
     """
     if not chosen.hypothesis.names and unknown <= 0.5:
         return NO_GAP
-    found = residuals(data.prototype, search.null, evidence)
     indicators = [about_fits(chosen, causes, unknown)]
     laws: tuple[Explanation, ...] = ()
     seen: Setting | None = None
-    if found:
-        laws, seen = laws_of(found, search.null), setting(found)
-        indicators += [about_controller(data.prototype, found), about_equations(laws)]
+    try:
+        with share(1.0, within_steps=True):
+            if found := residuals(data.prototype, search.null, evidence):
+                seen = setting(found)
+                indicators.append(about_controller(data.prototype, found))
+                laws = laws_of(found, search.null)
+                indicators.append(about_equations(laws))
+    except TimeUp:
+        leave_out("what the records say of the place")
     indicators.append(about_figures(search.null, search.expected))
     scores = weighed(indicators)
     place = next(iter(scores))

@@ -20,6 +20,7 @@ from beamdesign.diagnosis.fitting.fit import Fit
 from beamdesign.diagnosis.fitting.hypothesis import WRONG, subsystem
 from beamdesign.diagnosis.where.residuals import Places, Residual
 from beamdesign.parameters import RIG_TOLERANCES
+from beamdesign.time_limit import heed
 
 Law = Callable[..., np.ndarray]
 
@@ -322,6 +323,7 @@ def regression(found: Sequence[Residual], null: Fit, corrected: bool = False) ->
     used = sorted({term.entry for term in dictionary})
     grams, rights, lefts, expected = [], [], [], 0.0
     for item in found:
+        heed()
         parts = [-item.evidence.weight(-item.slopes)]
         signals = item.smoothed() if corrected else item.nominal()
         parts += [_columns(item, entry, [t for t in dictionary if t.entry == entry], signals) for entry in used]

@@ -18,6 +18,7 @@ from beamdesign.diagnosis.fitting.hypothesis import NOTHING, Placement
 from beamdesign.plant.assembly import RIGS, Structure, assemble
 from beamdesign.plant.equilibrium import equilibrium
 from beamdesign.prototype import Prototype
+from beamdesign.time_limit import heed
 
 
 @dataclass(frozen=True)
@@ -248,6 +249,7 @@ def residuals(prototype: Prototype, null: Fit, evidence: Sequence[object]) -> tu
     for piece in evidence:
         if not isinstance(piece, RecordEvidence):
             continue
+        heed()
         made = piece.job.simulated_with_slopes(placement, null.z, piece.weight.channels)
         if made is None:
             continue
