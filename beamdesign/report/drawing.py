@@ -118,16 +118,15 @@ def draw_section(prototype: Prototype, axes: "Axes") -> "Axes":
     for x in (-reach, reach):
         axes.plot([x, x], [edge, low - 2.6 * step], color=_LINE, linewidth=0.4, linestyle=":")
     along, *across = clearances(outer.section, inner.section)
-    lines, top, row = [f"outer wall {outer.wall:.3g}", f"inner wall {inner.wall:.3g}", f"gap {along:.3g}"], 0.34, 0.34
-    bottom = low - 4 * step
+    lines = [f"outer wall {outer.wall:.3g}", f"inner wall {inner.wall:.3g}", f"gap {along:.3g}"]
+    top, row, bottom = 0.34 * reach, 0.34 * reach, low - 4 * step
     if across:
         pairs = (("depths", outer.depth, inner.depth), ("walls", outer.wall, inner.wall))
         lines = [*(f"{name} {a:.4g} and {b:.4g}" for name, a, b in pairs), f"gaps {along:.3g}, {across[0]:.3g} across"]
     if across or inner.width < 0.6 * outer.width:  # no room for words inside: they stand below
-        top, row = bottom / reach, 0.12 * outer.depth / reach
-        bottom -= 0.36 * outer.depth
+        top, row, bottom = bottom, 0.12 * outer.depth, bottom - 0.36 * outer.depth
     for k, text in enumerate(lines):
-        axes.text(0, reach * (top - row * k), text, ha="center", va="center", fontsize=7)
+        axes.text(0, top - row * k, text, ha="center", va="center", fontsize=7)
     axes.set(xlim=(-half - step, half + step), ylim=(bottom, step - low), aspect="equal")
     axes.set_axis_off()
     axes.set_title("Section, mm", fontsize=9)
