@@ -58,8 +58,9 @@ class BoxClaim:
         pieces: number of pieces of frequency, parameters and unknown that were proved to be clear of zero; none where
             the search has left others.
         looked_at: number of pieces the search looked at.
-        tree: marks of the pieces.
+        tree: marks of the pieces; None of a deviation, which has them in its bands.
         own: ranges that are other than those of the box, see `own_ranges`.
+        more: what a certificate states of a deviation beside, see `beamdesign.proofs.error_over_box`.
     """
 
     asked: Asked
@@ -70,8 +71,9 @@ class BoxClaim:
     frequency_Hz: float | None = None
     pieces: int = 0
     looked_at: int = 0
-    tree: Sequence[str] = field(default=(), repr=False, compare=False)
+    tree: Sequence[str] | None = field(default=(), repr=False, compare=False)
     own: Mapping[str, Interval] = field(default_factory=dict)
+    more: Mapping[str, Any] = field(default_factory=dict, repr=False, compare=False)
 
 
 def claim_over_box(
