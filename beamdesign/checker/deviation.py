@@ -57,7 +57,9 @@ class Deviation:
             return False, f"{self.words}: of a loop with a delay"
         if any(not self.whole[n][0] <= ranges[n][0] <= ranges[n][1] <= self.whole[n][1] for n in expression.own.keys):
             return False, f"{self.words}: over ranges of its own that are not within the box"
-        moved = None if rig is None else characteristic(expression, rig, KIND, None, (self.place, self.corner + self.decay))
+        moved = (
+            None if rig is None else characteristic(expression, rig, KIND, None, (self.place, self.corner + self.decay))
+        )
         if moved is None or not alike(expression, moved := self._left(moved)):
             return False, f"{self.words}: the expression is not that of a rig's loop"
         member = {name: min(max(value, ranges[name][0]), ranges[name][1]) for name, value in member.items()}

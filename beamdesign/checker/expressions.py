@@ -278,7 +278,10 @@ class Expression:
             if node.kind == "leaf":
                 terms = (t for t in self.leaves[node.name] if t.degree == 0 or s != 0)
                 return sum(
-                    (prod((value[n] ** e for n, e in t.powers.items()), start=t.coefficient) * s**t.degree for t in terms),
+                    (
+                        prod((value[n] ** e for n, e in t.powers.items()), start=t.coefficient) * s**t.degree
+                        for t in terms
+                    ),
                     fmpq(0),
                 )
             if not node.parts:

@@ -113,7 +113,9 @@ def _claims(prototype: Prototype, box: Box, error: Error, budget: int, seconds: 
         worst = max(plans, key=lambda one: one.per_unit)
         low, high = worst.own.get(MASS, (low, high))
         plans.remove(worst)
-        plans += [_plan(plain, box, {**own, MASS: ends}) for ends in ((low, (low + high) / 2), ((low + high) / 2, high))]
+        plans += [
+            _plan(plain, box, {**own, MASS: ends}) for ends in ((low, (low + high) / 2), ((low + high) / 2, high))
+        ]
     return [_proved(family, box, plan, error, budget, seconds) for plan in plans]
 
 
@@ -165,7 +167,10 @@ def _bands(statement: Statement, shares: np.ndarray, decay: float, own: Mapping[
     last = int(np.searchsorted(parts.cumsum(), _LAST * total))
     cuts, start = [0], 0
     for k in range(1, last + 1):
-        if size[start : k + 1].max() ** 2 * (_W[k] - _W[start]) - parts[start:k].sum() > _EXCESS * total and k > start + 1:
+        if (
+            size[start : k + 1].max() ** 2 * (_W[k] - _W[start]) - parts[start:k].sum() > _EXCESS * total
+            and k > start + 1
+        ):
             start = k - 1
             cuts.append(start)
     cuts.append(max(last, cuts[-1] + 1))
@@ -174,7 +179,9 @@ def _bands(statement: Statement, shares: np.ndarray, decay: float, own: Mapping[
     ends = [*cuts, len(_W) - 1]
     limits = tuple(float(weighed[a : b + 1].max()) for a, b in pairwise(ends))
     edges = tuple(float(f"{_W[k]:.3g}") for k in cuts[:-1]) + (corner,)
-    return Plan(own, decay, edges, limits, nearest(_per_unit(exact(decay), [*map(exact, edges)], [*map(exact, limits)])))
+    return Plan(
+        own, decay, edges, limits, nearest(_per_unit(exact(decay), [*map(exact, edges)], [*map(exact, limits)]))
+    )
 
 
 def _per_unit(decay: fmpq, edges: Sequence[fmpq], limits: Sequence[fmpq]) -> fmpq:
@@ -217,9 +224,15 @@ def _proved(
                 raise NotCovered(f"the response {where} is not proved to be small enough")
             limits.append(limit)
             bands.append(
-                {"limit": text(limit), "tree": wrapped(search.tree)} | ({} if until is None else {"until_rad_per_s": text(until)})
+                {"limit": text(limit), "tree": wrapped(search.tree)}
+                | ({} if until is None else {"until_rad_per_s": text(until)})
             )
     bound = shortened(error.size * _per_unit(decay, edges, limits), _DIGITS, up=True)
     asked = Asked("deviation", nearest(bound), error=Weighed(error.place, error.size, decay, edges[-1]))
-    more = {"place": error.place, "size": text(error.size), "decay_per_s": text(decay), "corner_rad_per_s": text(edges[-1])}
+    more = {
+        "place": error.place,
+        "size": text(error.size),
+        "decay_per_s": text(decay),
+        "corner_rad_per_s": text(edges[-1]),
+    }
     return BoxClaim(asked, whole, True, "", own=plan.own, tree=None, more=more | {"band": bands})
