@@ -82,15 +82,15 @@ def errors_over_box(
         Claims, one for each error and piece of the outer end mass, and rows for each effect and for all together.
     """
     found, rows = heard(prototype)
-    claims, bounds = list[BoxClaim](), list[fmpq]()
+    claims, most = list[BoxClaim](), list[fmpq]()
     try:
         for one in found:
             own = _claims(prototype, box, one, budget, seconds)
-            claims, bounds = [*claims, *own], [*bounds, max(exact(claim.asked.limit) for claim in own)]
-    except NotCovered as error:
+            claims, most = [*claims, *own], [*most, max(exact(claim.asked.limit) for claim in own)]
+    except ValueError as error:
         reason = f"No bound is proved over the box: {error}."
         return [], [*rows, *(Row((one.effect,), METHOD, False, reason) for one in found)]
-    return claims, [*rows, *rows_of(found, bounds, "for every member of the box and every payload that stays", METHOD)]
+    return claims, [*rows, *rows_of(found, most, "for every member of the box and every payload that stays", METHOD)]
 
 
 def _claims(prototype: Prototype, box: Box, error: Error, budget: int, seconds: float) -> list[BoxClaim]:
@@ -113,9 +113,8 @@ def _claims(prototype: Prototype, box: Box, error: Error, budget: int, seconds: 
         worst = max(plans, key=lambda one: one.per_unit)
         low, high = worst.own.get(MASS, (low, high))
         plans.remove(worst)
-        plans += [
-            _plan(plain, box, {**own, MASS: ends}) for ends in ((low, (low + high) / 2), ((low + high) / 2, high))
-        ]
+        middle = (low + high) / 2
+        plans += [_plan(plain, box, {**own, MASS: ends}) for ends in ((low, middle), (middle, high))]
     return [_proved(family, box, plan, error, budget, seconds) for plan in plans]
 
 
@@ -167,10 +166,8 @@ def _bands(statement: Statement, shares: np.ndarray, decay: float, own: Mapping[
     last = int(np.searchsorted(parts.cumsum(), _LAST * total))
     cuts, start = [0], 0
     for k in range(1, last + 1):
-        if (
-            size[start : k + 1].max() ** 2 * (_W[k] - _W[start]) - parts[start:k].sum() > _EXCESS * total
-            and k > start + 1
-        ):
+        excess = size[start : k + 1].max() ** 2 * (_W[k] - _W[start]) - parts[start:k].sum()
+        if excess > _EXCESS * total and k > start + 1:
             start = k - 1
             cuts.append(start)
     cuts.append(max(last, cuts[-1] + 1))
@@ -178,10 +175,9 @@ def _bands(statement: Statement, shares: np.ndarray, decay: float, own: Mapping[
     weighed = size * np.hypot(_W, corner)
     ends = [*cuts, len(_W) - 1]
     limits = tuple(float(weighed[a : b + 1].max()) for a, b in pairwise(ends))
-    edges = tuple(float(f"{_W[k]:.3g}") for k in cuts[:-1]) + (corner,)
-    return Plan(
-        own, decay, edges, limits, nearest(_per_unit(exact(decay), [*map(exact, edges)], [*map(exact, limits)]))
-    )
+    edges = (*(float(f"{_W[k]:.3g}") for k in cuts[:-1]), corner)
+    least = _per_unit(exact(decay), [*map(exact, edges)], [*map(exact, limits)])
+    return Plan(own, decay, edges, limits, nearest(least))
 
 
 def _per_unit(decay: fmpq, edges: Sequence[fmpq], limits: Sequence[fmpq]) -> fmpq:
@@ -223,16 +219,10 @@ def _proved(
                 where = f"from {nearest(since) / (2 * pi):.4g} Hz up"
                 raise NotCovered(f"the response {where} is not proved to be small enough")
             limits.append(limit)
-            bands.append(
-                {"limit": text(limit), "tree": wrapped(search.tree)}
-                | ({} if until is None else {"until_rad_per_s": text(until)})
-            )
+            end = {} if until is None else {"until_rad_per_s": text(until)}
+            bands.append(end | {"limit": text(limit), "tree": wrapped(search.tree)})
     bound = shortened(error.size * _per_unit(decay, edges, limits), _DIGITS, up=True)
     asked = Asked("deviation", nearest(bound), error=Weighed(error.place, error.size, decay, edges[-1]))
-    more = {
-        "place": error.place,
-        "size": text(error.size),
-        "decay_per_s": text(decay),
-        "corner_rad_per_s": text(edges[-1]),
-    }
-    return BoxClaim(asked, whole, True, "", own=plan.own, tree=None, more=more | {"band": bands})
+    more = {"place": error.place, "size": text(error.size), "band": bands}
+    more |= {"decay_per_s": text(decay), "corner_rad_per_s": text(edges[-1])}
+    return BoxClaim(asked, whole, True, "", own=plan.own, tree=None, more=more)
