@@ -49,7 +49,7 @@ _OF_SLOWEST = 0.15, 0.25, 0.35, 0.5, 0.65, 0.8
 """Decay rates that are tried, over that of the slowest pole of the samples."""
 _EXCESS, _LAST = 0.01, 0.99
 """What a band may add to I over what the samples' largest values come to, and what is to be below the last band."""
-_LOOSER = {1.15: 200, 1.3: 1000, 1.6: 20_000}
+_LOOSER = {1.15: 60, 1.3: 400, 1.6: 20_000}
 """Limits over what the samples reach, tried in turn, and how many pieces are looked at; in the last band the last."""
 _DIGITS = 4
 Axis = tuple[np.ndarray, np.ndarray]

@@ -187,7 +187,7 @@ def rig_family(
     gain = variable["controller_gain"] * variable.get(FACTOR, 1) * (variable[TRANSPORT] if delayed else 1)
     loop_numerator = sum((one * by for one, by in zip(numerators, seen, strict=error is None)), zero)
     p, circles, since, until = loop_denominator * denominator + gain * loop_numerator, {}, fmpq(0), None
-    if error is not None:
+    if claim is not None and error is not None:
         figure = {name: variable[name] if name in values else exact(value) for name, value in model.figures.items()}
         of_volts = gain * numerators[0] * seen[0]
         above = _erring(error.place, seen[-1] * denominator, of_volts, figure, s) * (s + error.decay + error.corner)
