@@ -14,9 +14,10 @@ from beamdesign.checker import check
 from beamdesign.loop import rig_loop
 from beamdesign.plant.changed_figures import with_figures
 from beamdesign.plant.members import family
-from beamdesign.proofs import bounded_error, error_over_box
+from beamdesign.polynomial import exact
+from beamdesign.proofs import bounded_error, changing_gain, error_over_box
 from beamdesign.proofs.absolute_stability import members
-from beamdesign.proofs.box_claims import with_number
+from beamdesign.proofs.box_claims import claim_over_box, with_number
 from beamdesign.proofs.certificate import Asked, Weighed
 from beamdesign.proofs.error_over_box import errors_over_box
 from beamdesign.proofs.rig_family import rig_family
@@ -32,8 +33,8 @@ def test_the_bound_of_one_exponential_is_its_integral(rate: float):
     """Of exp(-a t) at half its rate; bands are cut finely, each with the largest value of (j w + c) / (j w + a / 2)."""
     edges = [0.0, *(rate * np.geomspace(0.01, 300.0, 600))]
     limits = [hypot(one, edges[-1]) / hypot(one, rate / 2) for one in edges]
-    exact = [[fmpq(*float(one).as_integer_ratio()) for one in some] for some in (edges, limits)]
-    bound = error_over_box._per_unit(fmpq(rate.as_integer_ratio()[0], 2 * rate.as_integer_ratio()[1]), *exact)
+    given = [[fmpq(*float(one).as_integer_ratio()) for one in some] for some in (edges, limits)]
+    bound = error_over_box._per_unit(fmpq(rate.as_integer_ratio()[0], 2 * rate.as_integer_ratio()[1]), *given)
     assert 1 <= rate * nearest(bound) < 1.02
 
 
@@ -113,3 +114,19 @@ def test_a_delay_is_not_covered():
     assert not claims
     assert [row.proved for row in rows] == [False]
     assert "a delay" in rows[0].covers
+
+
+@pytest.mark.parametrize("peak", [2.2, 15.0])
+def test_a_peak_sensitivity_is_a_gain_that_may_change(peak: float):
+    """The exact prover of masses has the circle criterion for what is inside."""
+    rig = erring({})[0].but(effects={"carrier_ripple": {"depth": 0.1, "residual_V": 0.0}})
+    box, given = tolerance_box(rig, 0.0, None, (0.0, 2.0)), members(rig, 0.0, 2.0)
+    claim = claim_over_box(rig, box, Asked("peak_sensitivity", peak))
+    assert claim.holds
+    (row,) = changing_gain.changing_over_box(given, box, [claim])
+    assert row.proved is (peak == 2.2)
+    if row.proved:
+        ends = exact(0.9), exact(1.1)
+        assert changing_gain.margin_of(given.loops[0], "volts", *ends, given.low, given.high) is not None
+    (none,) = changing_gain.changing_over_box(given, box, [])
+    assert not none.proved

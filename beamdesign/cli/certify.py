@@ -239,9 +239,11 @@ def certify_box(
     record = with_controller(prototype)
     masses = mass_range(outer_end_mass, record.outer_end_mass_kg or (0.0, 0.0), prototype)
 
+    from beamdesign.proofs.absolute_stability import members
     from beamdesign.proofs.box import certify_box as prove
     from beamdesign.proofs.box_claims import best_over_box, guaranteed_fields
     from beamdesign.proofs.certificate import describe, over_passive
+    from beamdesign.proofs.changing_gain import changing_over_box
     from beamdesign.proofs.error_over_box import errors_over_box
     from beamdesign.proofs.servo_off import servo_off_over_box
     from beamdesign.proofs.slope_over_box import box_rows, slope_over_box
@@ -264,6 +266,7 @@ def certify_box(
                 slope, why = slope_over_box(rig, box, budget, seconds, lower)
                 update(0.55, "with errors that are bounded")
                 errors, moved = errors_over_box(rig, box, budget, seconds)
+                moved += changing_over_box(members(rig, *stage.outer_end_mass_kg), box, claims)
                 rows, claims = box_rows(rig, slope, why, moved), (*claims, *([] if slope is None else [slope]), *errors)
             update(0.6, "scaling the tolerances" if scaling else "")
             found = largest_scaling(rig, box, budget=budget) if scaling else None
