@@ -22,12 +22,14 @@ from beamdesign.checker.rig import Rig
 from beamdesign.controllers import Lag, Observer, Proportional, Scheduled, Section, Stage, Structured
 from beamdesign.plant.actuators.ball_screw import BallScrew
 from beamdesign.plant.actuators.servo_cylinder import ServoCylinder
+from beamdesign.proofs.absolute_stability import Row
 from beamdesign.proofs.arm.result import certify_plane
-from beamdesign.proofs.box import certify_box
-from beamdesign.proofs.box_claims import claim_over_box
+from beamdesign.proofs.box import Box, certify_box
+from beamdesign.proofs.box_claims import BoxClaim, claim_over_box
 from beamdesign.proofs.certificate import Asked
 from beamdesign.proofs.certifying import certify
 from beamdesign.proofs.contact import Wall
+from beamdesign.proofs.error_over_box import errors_over_box
 from beamdesign.proofs.lyapunov import stages_certificate, switching
 from beamdesign.proofs.mass_family import stage_families
 from beamdesign.proofs.slope_over_box import slope_over_box
@@ -222,6 +224,19 @@ def _resting() -> Honest:
     return Honest(certify_box(rig, box, volumes=False).write([claim]), rig, 2.0)
 
 
+def erring(effects: dict[str, dict[str, float]]) -> tuple[Prototype, Box, list[BoxClaim], list[Row]]:
+    """A rig with two figures off, and how far its errors move the tip."""
+    rig = _tame().but(tolerance=Tolerance(stiffness=0.03, flow_gain=0.05), effects=effects)
+    box = tolerance_box(rig, 1.0, ["outer_stiffness", "flow_gain"], (0.0, 2.0))
+    return rig, box, *errors_over_box(rig, box)
+
+
+def _erring() -> Honest:
+    rig, box, claims, rows = erring({"valve_hysteresis": {}})
+    assert claims, rows
+    return Honest(certify_box(rig, box, volumes=False).write(claims), rig, 2.0)
+
+
 def _changing(law: Lag | Proportional | Scheduled, masses: tuple[float, float]) -> Honest:
     """A payload that changes however it likes, and a law that stays or several that take turns."""
     rig = _tame().but(controller=law)
@@ -271,6 +286,7 @@ FORGED: dict[str, tuple[Truth, dict[str, tuple[Callable[[], Honest], int]]]] = {
             "lower_gains": (_lower_gains, 50),
             "screw": (_screw_box, 50),
             "resting": (_resting, 60),
+            "erring": (_erring, 40),
             "unstable": (partial(_box, 0.4, 1.0), 50),
         },
     ),

@@ -9,6 +9,7 @@ from collections.abc import Iterator, Mapping
 from flint import fmpq
 
 from beamdesign.checker.box_loop import alike, characteristic, of_rig, opens_stable, spans_of, words_of
+from beamdesign.checker.deviation import KIND, Deviation
 from beamdesign.checker.expressions import Circle, Expression
 from beamdesign.checker.nonlinear import Multiplier
 from beamdesign.checker.reading import Table, Unreadable, judged, short
@@ -35,7 +36,10 @@ def statements(table: Table, rig: Rig | None) -> Iterator[tuple[bool, str]]:
     member = {name: given.number(name) for name in given.keys}
     stable = table.flag("stable")
     marks = [mark for line in table.words("tree") for mark in line.split()] if stable else []
-    claims = [Claim(stated, table, expression.ranges) for stated in table.tables("claim")]
+    claims = [
+        (Deviation if stated.word("kind", *CLAIMS, KIND) == KIND else Claim)(stated, table, expression.ranges)
+        for stated in table.tables("claim")
+    ]
     if rig is None:
         for name, (low, high) in expression.ranges.items():
             yield True, f"{name} from {short(low)} to {short(high)}"
@@ -180,7 +184,7 @@ _UNDER_TURN, _OVER_TURN = fmpq(333, 53), fmpq(710, 113)
 
 def _below(expression: Expression, member: Mapping[str, fmpq]) -> bool:
     """Whether p without motion vanishes only for unknowns outside of the circle, at one member without delay."""
-    at_zero = [expression.without_motion(member, fmpq(unknown)) for unknown in (0, 1)]
+    at_zero = [expression.value(member, fmpq(unknown)) for unknown in (0, 1)]
     centre, radius = expression.circle or (fmpq(0), fmpq(0))
     slope = at_zero[1] - at_zero[0]
     return bool(abs(at_zero[0] + centre * slope) > radius * abs(slope))

@@ -13,7 +13,7 @@ from flint import fmpq, fmpq_mpoly, fmpq_mpoly_ctx, fmpq_poly
 
 from beamdesign.checker.expressions import MOST_PRODUCTS, UNKNOWN, Expression
 from beamdesign.checker.law import SENSED
-from beamdesign.checker.mechanics import Elements, Number, electronics, mechanics
+from beamdesign.checker.mechanics import Elements, Number, electronics, mechanics, strayed
 from beamdesign.checker.reading import Table, Unreadable, rational, short
 from beamdesign.checker.rig import MOST_MEMBERS, ONCE, Rig, without_unit
 from beamdesign.checker.roots import Pair, is_hurwitz
@@ -93,14 +93,20 @@ def gain_of(rig: Rig) -> Pair:
 
 
 def characteristic(
-    expression: Expression, rig: Rig, claim: str = "", weights: Sequence[fmpq_poly] | None = None
+    expression: Expression,
+    rig: Rig,
+    claim: str = "",
+    weights: Sequence[fmpq_poly] | None = None,
+    error: tuple[str, fmpq] = ("", fmpq(0)),
 ) -> fmpq_mpoly:
     """Of the rig's loop, in s, the delay's exponential and what varies; all else is the rig's own number.
 
     Of a claim with the unknown: see `CLAIMS`. A slope has weights of the opened loop, of the loop and of the loop times
-    the unknown.
+    the unknown, a deviation the place of an error and the corner.
     """
-    forward, loop, above = _parts(expression, rig, claim)
+    forward, loop, above = _parts(expression, rig, claim, error[0])
+    if error[0]:
+        above *= forward.context().gen(0) + error[1]
     if weights is not None:
         s = forward.context().gen(0)
         of_opened, plain, turned = (_polynomial(one.coeffs(), s) for one in weights)
@@ -113,21 +119,26 @@ def characteristic(
 def opens_stable(expression: Expression, rig: Rig, member: Mapping[str, fmpq]) -> bool:
     """Whether one member is stable when its loop is opened, and every member's loop falls off at high frequencies."""
     forward, loop, _ = _parts(expression, rig, "slope")
-    names = [str(name) for name in forward.context().names()]
-    at = forward.subs({name: member[name] for name in names if name in member})
-    opened = fmpq_poly([0])
-    for powers, c in at.terms():
-        if any(powers[1:]):
-            return False
-        opened += fmpq_poly([0] * int(powers[0]) + [c])
+    opened = at_member(forward, member)
     return loop.degrees()[0] < forward.degrees()[0] == opened.degree() and is_hurwitz(opened)
+
+
+def at_member(polynomial: fmpq_mpoly, member: Mapping[str, fmpq]) -> fmpq_poly:
+    """In s, which is the first variable, at one member; none where something else is left, such as a delay."""
+    names = [str(name) for name in polynomial.context().names()]
+    found = fmpq_poly([0])
+    for powers, c in polynomial.subs({name: member[name] for name in names if name in member}).terms():
+        if any(powers[1:]):
+            return fmpq_poly([0])
+        found += fmpq_poly([0] * int(powers[0]) + [c])
+    return found
 
 
 def _polynomial(coefficients: Sequence[Number], s: fmpq_mpoly) -> fmpq_mpoly:
     return sum((c * s**k for k, c in enumerate(coefficients)), 0 * s)
 
 
-def _parts(expression: Expression, rig: Rig, claim: str) -> tuple[fmpq_mpoly, fmpq_mpoly, fmpq_mpoly]:
+def _parts(expression: Expression, rig: Rig, claim: str, place: str = "") -> tuple[fmpq_mpoly, fmpq_mpoly, fmpq_mpoly]:
     """The opened loop, what feedback adds to it, and what the unknown adds."""
     law, own = rig.law, figures(rig)
     assert law is not None  # there are figures of a loop
@@ -153,12 +164,19 @@ def _parts(expression: Expression, rig: Rig, claim: str) -> tuple[fmpq_mpoly, fm
         numerators = {name: times * ring(one.coeffs()) for name, one in law.numerators.items()}
         denominator = ring(law.denominator.coeffs())
     masses = value["outer_end_mass"], value["inner_end_mass"]
-    at = mechanics(figure, elements, masses, list(numerators), ring, claim.endswith("compliance"))
+    disturbed = claim.endswith("compliance")
+    at = mechanics(figure, elements, masses, list(numerators), ring, disturbed, bool(place))
     around, back = electronics(figure, elements, numerators, denominator, ring)
     factor = value.get("effect_gain", fmpq(1)) * variable.get(expression.transport, fmpq(1))
     forward = at.determinant * around
     loop = factor * sum((by * at.sensed[name] for name, by in back.items()), none)
-    if claim in ("", "gain_margin", "peak_sensitivity", "loop_gain", "slope"):
+    if place:
+        own = factor * back[SENSED[0]] * at.sensed[SENSED[0]]
+        known = strayed(figure, elements, at.strayed, around, own, len(numerators) == 1, ring)
+        if place not in known:
+            raise Unreadable("what such an error does to the tip is not known of this rig")
+        above = known[place]
+    elif claim in ("", "gain_margin", "peak_sensitivity", "loop_gain", "slope"):
         above = loop
     elif claim == "controller_effort":
         above = at.determinant * numerators[SENSED[0]] * (around / denominator)

@@ -269,16 +269,20 @@ class Expression:
 
         return *at(self.body), fmpq(0) if self.delay is None else value[self.delay]
 
-    def without_motion(self, parameters: Mapping[str, fmpq], unknown: fmpq) -> fmpq:
-        """P at s = 0 and one value of every parameter and of the unknown; a delay shows nowhere."""
+    def value(self, parameters: Mapping[str, fmpq], unknown: fmpq, s: Any = 0) -> Any:
+        """P at one value of every parameter, of the unknown, and of s, a ball, or none; a delay shows nowhere."""
         ranges = self.merged({name: (value, value) for name, value in parameters.items()})
         value = {n: 1 / a if n in self.reciprocal else a for n, (a, _) in ranges.items()}
 
-        def at(node: Node) -> fmpq:
+        def at(node: Node) -> Any:
             if node.kind == "leaf":
-                terms = [term for term in self.leaves[node.name] if term.degree == 0]
+                terms = (t for t in self.leaves[node.name] if t.degree == 0 or s != 0)
                 return sum(
-                    (prod((value[n] ** e for n, e in t.powers.items()), start=t.coefficient) for t in terms), fmpq(0)
+                    (
+                        prod((value[n] ** e for n, e in t.powers.items()), start=t.coefficient) * s**t.degree
+                        for t in terms
+                    ),
+                    fmpq(0),
                 )
             if not node.parts:
                 return unknown if node.kind == "unknown" else fmpq(1)

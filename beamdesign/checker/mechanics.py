@@ -296,3 +296,32 @@ def electronics(
     # What added sensors read passes none of the lags of the displacement's volts.
     back = {name: gain * numerators[name] * lags for name in SENSED[1:] if name in numerators}
     return spool * denominator * lags, {SENSED[0]: forward} | back
+
+
+def strayed(
+    figure: Mapping[str, Number],
+    elements: Elements,
+    moved: Mapping[str, Polynomial],
+    around: Polynomial,
+    own: Polynomial,
+    alone: bool,
+    ring: Ring,
+) -> dict[str, Polynomial]:
+    """What errors do to the tip where the sensor sees that alone; of friction, where nothing else is heard.
+
+    Args:
+        figure: lumped figures, by name with unit.
+        elements: of all effects.
+        moved: see `Mechanics.strayed`.
+        around: denominator of `electronics`.
+        own: the loop's numerator from the displacement.
+        alone: whether nothing but the displacement is heard.
+        ring: of the polynomials.
+    """
+    if any(weight != 0 for weight in elements.points["sensed"].values()):
+        return {}
+    gain, spool = drive(figure, elements, ring)
+    found = {"current": gain * moved["drive"] * (around / spool), "volts": own / figure["sensor_gain_V_per_m"]}
+    if "flow_gain_m3_per_s_per_A" in figure:
+        found["flow"] = moved["drive"] * around
+    return found | {name: moved[name] * around for name in ("stroke", "nut") if alone and name in moved}

@@ -15,7 +15,7 @@ from typing import Any
 from flint import fmpq, fmpq_poly
 
 from beamdesign.checker.law import SENSED, Law, Schedule, same_frequency
-from beamdesign.checker.mechanics import Elements, Number, add_weights, drive, electronics, mechanics
+from beamdesign.checker.mechanics import Elements, Number, add_weights, drive, electronics, mechanics, strayed
 from beamdesign.checker.reading import HIGHEST_DEGREE, Table, Unreadable, rational, short
 from beamdesign.checker.roots import ZERO, Pair, Polynomials
 
@@ -321,7 +321,7 @@ class Rig:
             law.of_displacement,
             gain,
             performing,
-            self._strayed(elements, bare.strayed, around, own[0]),
+            strayed(self.figures, elements, bare.strayed, around, own[0], len(law.numerators) == 1, fmpq_poly),
             self._spool(elements) / self._spool(Elements())[0],
             self._filters(elements),
         )
@@ -337,22 +337,6 @@ class Rig:
     def _spool(self, elements: Elements) -> fmpq_poly:
         """The polynomial of what is between the law's current and what drives the mechanics."""
         return drive(self.figures, elements, fmpq_poly)[1]
-
-    def _strayed(
-        self, elements: Elements, moved: Mapping[str, fmpq_poly], around: fmpq_poly, own: fmpq_poly
-    ) -> dict[str, fmpq_poly]:
-        """What errors do to the tip where the sensor sees that alone; of friction, where nothing else is heard."""
-        if self.law is None or any(weight != 0 for weight in elements.points["sensed"].values()):
-            return {}
-        gain, spool = drive(self.figures, elements, fmpq_poly)
-        found = {
-            "current": gain * moved["drive"] * (around / spool),
-            "volts": own / self.figures["sensor_gain_V_per_m"],
-        }
-        if "flow_gain_m3_per_s_per_A" in self.figures:
-            found["flow"] = moved["drive"] * around
-        alone = len(self.law.numerators) == 1
-        return found | {name: moved[name] * around for name in ("stroke", "nut") if alone and name in moved}
 
 
 def _refuse_size(elements: Elements, law: Law) -> None:

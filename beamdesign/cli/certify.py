@@ -232,15 +232,19 @@ def certify_box(
         budget: most pieces of frequency and parameters to look at, for each claim.
         seconds: most time for each search.
         nonlinear: also prove that every member comes to rest while the current saturates, and with the static
-            characteristics among its effects; the answer is no where something is not proved.
+            characteristics among its effects, and how far friction, hysteresis, dead band, ripple and resolution move
+            its tip; the answer is no where something is not proved.
         out: file for the certificate; else STEM.box.toml in this folder.
     """
     record = with_controller(prototype)
     masses = mass_range(outer_end_mass, record.outer_end_mass_kg or (0.0, 0.0), prototype)
 
+    from beamdesign.proofs.absolute_stability import members
     from beamdesign.proofs.box import certify_box as prove
     from beamdesign.proofs.box_claims import best_over_box, guaranteed_fields
     from beamdesign.proofs.certificate import describe, over_passive
+    from beamdesign.proofs.changing_gain import changing_over_box
+    from beamdesign.proofs.error_over_box import errors_over_box
     from beamdesign.proofs.servo_off import servo_off_over_box
     from beamdesign.proofs.slope_over_box import box_rows, slope_over_box
     from beamdesign.proofs.tolerance_box import largest_scaling, tolerance_box
@@ -260,14 +264,17 @@ def certify_box(
                 update(0.5, "with a saturated current")
                 lower = next((claim for claim in claims if claim.asked.kind == "gain_margin"), None)
                 slope, why = slope_over_box(rig, box, budget, seconds, lower)
-                rows, claims = box_rows(rig, slope, why), (*claims, *([] if slope is None else [slope]))
+                update(0.55, "with errors that are bounded")
+                errors, moved = errors_over_box(rig, box, budget, seconds)
+                moved += changing_over_box(members(rig, *stage.outer_end_mass_kg), box, claims)
+                rows, claims = box_rows(rig, slope, why, moved), (*claims, *([] if slope is None else [slope]), *errors)
             update(0.6, "scaling the tolerances" if scaling else "")
             found = largest_scaling(rig, box, budget=budget) if scaling else None
         echo_box(rig, box, verdict, sigmas)
         if found is not None:
             echo(f"scaling of the tolerances ({sigmas:g} standard deviations are 1): {found.reason}")
         for claim in claims:
-            if claim.asked.kind == "peak_compliance":  # told beside that with the servo off
+            if claim.asked.kind in ("peak_compliance", "deviation"):  # told beside others, in words of their own
                 continue
             echo(f"  guaranteed for every member: {describe(claim.asked.decided(stage.outer_end_mass_kg, True))}")
         missing = [name.replace("_", " ") for name, value in guaranteed_fields(claims).items() if not value]

@@ -21,8 +21,9 @@ from beamdesign.plant.linearised import (
 from beamdesign.polynomial import Affine, Quotient, exact
 
 DISPLACEMENT = ("displacement_m",)
-SEEN_AS = {"displacement_m": SEEN.index("measured_V")} | {name: SEEN.index(name) for name in SEEN[2:]}
-"""By what is sensed, the place in `SEEN` of what the controller is given of it."""
+TIP = SEEN[0]
+SEEN_AS = {"displacement_m": SEEN.index("measured_V"), TIP: 0} | {name: SEEN.index(name) for name in SEEN[2:]}
+"""By what is sensed, the place in `SEEN` of what the controller is given of it; and of the tip itself."""
 
 PairOver = tuple[fmpq_poly, fmpq_poly]
 """Affine in one mass: [j] multiplies n^j."""

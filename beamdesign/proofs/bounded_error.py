@@ -8,6 +8,7 @@ of one linear loop, these add up.
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 from flint import fmpq, fmpq_mat, fmpq_poly
 
@@ -94,14 +95,20 @@ def slides(member: VertexModel, members: Sequence[VertexModel]) -> bool:
     return True
 
 
+def heard(prototype: Prototype) -> tuple[list[Error], list[Row]]:
+    """The errors of which a bound may be proved, and rows of those that the controller hears itself."""
+    found = errors(prototype)
+    if prototype.controller is None or prototype.controller.sensed_law().sensors == DISPLACEMENT:
+        return found, []
+    why = "No bound is proved: a controller that hears more than the displacement hears the friction as well."
+    refused = [Row((one.effect,), METHOD, False, why) for one in found if one.place in FORCES]
+    return [one for one in found if one.place not in FORCES], refused
+
+
 def bounded_rows(given: Members) -> Iterator[Row]:
     """A row for each effect that is linear plus a bounded error, and one for all of them together."""
-    hears = given.prototype.controller is not None and given.prototype.controller.sensed_law().sensors
-    found = errors(given.prototype)
-    if hears != DISPLACEMENT:
-        why = "No bound is proved: a controller that hears more than the displacement hears the friction as well."
-        yield from (Row((one.effect,), METHOD, False, why) for one in found if one.place in FORCES)
-        found = [one for one in found if one.place not in FORCES]
+    found, refused = heard(given.prototype)
+    yield from refused
     if not found:
         return
     numbers = [k for k, member in enumerate(given.found.members, start=1) if slides(member, given.found.members)]
@@ -117,18 +124,24 @@ def bounded_rows(given: Members) -> Iterator[Row]:
     ]
     statement = {"kind": "deviation", "loops": numbers, "pieces": pieces, "error": listed}
     frozen = given.frozen(len(numbers), [one.effect for one in found])
-    for k, (one, bound) in enumerate(zip(found, stated, strict=True)):
+    yield from rows_of(found, stated, f"for every payload that stays{frozen}", METHOD, statement)
+
+
+def rows_of(
+    found: Sequence[Error], bounds: Sequence[fmpq], of: str, method: str, statement: dict[str, Any] | None = None
+) -> Iterator[Row]:
+    """A row for each error and its bound in m, and one for all of them together; of what it is proved, in words."""
+    for k, (one, bound) in enumerate(zip(found, bounds, strict=True)):
         words = (
             f"It is linear plus a bounded error: {one.words}, {nearest(one.size):.4g} {UNITS[one.place]}. So the tip"
             " never strays by more from the response of the linear loop to the same command and load from the same"
-            f" state, for every payload that stays{frozen}; bounds of several such effects add up. Not covered is a"
+            f" state, {of}; bounds of several such effects add up. Not covered is a"
             " current that saturates, or a gain that changes, at the same time."
         )
-        yield Row((one.effect,), METHOD, True, words, nearest(bound), statement if k == 0 else None)
+        yield Row((one.effect,), method, True, words, nearest(bound), statement if k == 0 else None)
     if len(found) > 1:
-        names = tuple(one.effect for one in found)
-        total = nearest(sum(stated, fmpq(0)))
-        yield Row(names, METHOD, True, "All of these at once: the sum of their bounds.", total)
+        names, total = tuple(one.effect for one in found), nearest(sum(bounds, fmpq(0)))
+        yield Row(names, method, True, "All of these at once: the sum of their bounds.", total)
 
 
 def _bounds(given: Members, found: Sequence[Error], numbers: Sequence[int]) -> tuple[list[fmpq], int]:

@@ -128,6 +128,7 @@ def box_certificate(
                 **({} if claim.asked.kind != "loop_gain" else {"from_Hz": text(exact(claim.asked.from_Hz))}),
                 **_expression(claim.family, claim.tree),
                 **({} if claim.asked.multiplier is None else claim.asked.multiplier.table()),
+                **claim.more,
                 **({"range": {name: texts(ends) for name, ends in claim.own.items()}} if claim.own else {}),
             }
             for claim in claims
@@ -152,11 +153,16 @@ def _expression(family: PolynomialFamily, tree: Sequence[str] | None) -> dict[st
     """P, its leaves and groups, and the marks of its pieces."""
     body: dict[str, Any] = {"p": family.p} | ({"bound": [[*pack] for pack in family.bound]} if family.bound else {})
     if tree is not None:
-        body["tree"] = wrap(" ".join(tree), 110, break_long_words=False, break_on_hyphens=False)
+        body["tree"] = wrapped(tree)
     groups = [{"name": name, "kind": kind, "members": [*members]} for name, kind, members in family.groups]
     return body | {
         key: value for key, value in (("leaf", family.leaves), ("delay", family.delays), ("group", groups)) if value
     }
+
+
+def wrapped(tree: Sequence[str]) -> list[str]:
+    """Marks as lines."""
+    return wrap(" ".join(tree), 110, break_long_words=False, break_on_hyphens=False)
 
 
 # The box and its verdict.

@@ -13,7 +13,7 @@ from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import partial
-from math import inf, pi
+from math import inf, pi, prod
 from typing import Any
 
 import numpy as np
@@ -32,7 +32,7 @@ from beamdesign.proofs.slope_claim import UNKNOWN, angle_ratios, largest_gains, 
 from beamdesign.proofs.statement import Interval, Node, Statement
 from beamdesign.proofs.value_set import with_unknown
 from beamdesign.proofs.worst_members import Ratios, Worst, member_at, ratios, worst_in_bands, worst_near
-from beamdesign.proofs.zero_exclusion import PRECISION_BITS, holds, pieces
+from beamdesign.proofs.zero_exclusion import PRECISION_BITS, Piece, holds, pieces
 from beamdesign.prototype import Prototype
 from beamdesign.rational import nearest, shortened
 
@@ -58,8 +58,9 @@ class BoxClaim:
         pieces: number of pieces of frequency, parameters and unknown that were proved to be clear of zero; none where
             the search has left others.
         looked_at: number of pieces the search looked at.
-        tree: marks of the pieces.
+        tree: marks of the pieces; None of a deviation, which has them in its bands.
         own: ranges that are other than those of the box, see `own_ranges`.
+        more: what a certificate states of a deviation beside, see `beamdesign.proofs.error_over_box`.
     """
 
     asked: Asked
@@ -70,8 +71,9 @@ class BoxClaim:
     frequency_Hz: float | None = None
     pieces: int = 0
     looked_at: int = 0
-    tree: Sequence[str] = field(default=(), repr=False, compare=False)
+    tree: Sequence[str] | None = field(default=(), repr=False, compare=False)
     own: Mapping[str, Interval] = field(default_factory=dict)
+    more: Mapping[str, Any] = field(default_factory=dict, repr=False, compare=False)
 
 
 def claim_over_box(
@@ -144,8 +146,8 @@ def claim_of_family(
     found = BoxClaim(asked, family, True, "", None, None, sum(proved), search.looked_at, search.tree, own)
     settled = proved or settled
     if not all(settled):
-        reason = f"undecided on {len(settled) - sum(settled)} of {len(settled)} pieces"
-        return replace(found, holds=None, reason=reason)
+        left = [piece for piece, sure in zip(every, settled, strict=True) if not sure]
+        return replace(found, holds=None, reason=f"undecided on {len(left)} of {len(settled)} pieces, {_share(left)}")
     if of_gains and stable_at(statement, nominal) is not True:
         return replace(found, holds=None, reason="no member could be told to be stable")
     if (used := asked.multiplier) is not None:
@@ -155,6 +157,18 @@ def claim_of_family(
     if not of_gains and statement.since == 0 and not below(statement, nominal, fmpq(0)):
         return replace(found, holds=False, reason="exceeded without motion", witness=nominal, frequency_Hz=0.0)
     return found
+
+
+def _share(left: Sequence[Piece]) -> str:
+    """How much of the box some pieces come to at most, and at what frequencies, in words."""
+    volumes = (
+        prod((end - start for name, (start, end) in piece.cell.shares.items() if name != UNKNOWN), start=fmpq(1))
+        for piece in left
+    )
+    low, ends = min(piece.w1 for piece in left), [piece.w2 for piece in left]
+    high = "up" if None in ends else f"to {nearest(max(end for end in ends if end is not None)) / (2 * pi):.4g} Hz"
+    share = min(nearest(sum(volumes, fmpq(0))), 1.0)
+    return f"at most {share:.3g} of the box, from {nearest(low) / (2 * pi):.4g} Hz {high}"
 
 
 def own_ranges(prototype: Prototype, family: PolynomialFamily, box: Box, asked: Asked) -> dict[str, Interval]:

@@ -3,7 +3,7 @@
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from math import inf, isinf
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 from flint import fmpq
 
@@ -25,7 +25,7 @@ METHOD = (
 
 Kind = Literal[
     "compliance", "peak_compliance", "tip_compliance", "load_compliance",
-    "peak_sensitivity", "loop_gain", "controller_effort", "decay_rate", "gain_margin", "slope",
+    "peak_sensitivity", "loop_gain", "controller_effort", "decay_rate", "gain_margin", "slope", "deviation",
 ]  # fmt: skip
 """A compliance is claimed up to a bandwidth, the peak compliance at every frequency. Of an arm the compliances are two,
 of the tip and of the payload's centre."""
@@ -42,6 +42,22 @@ _COMPLIANCES = {
 _UNITS = {"controller_effort": " A/V", "decay_rate": " 1/s", "gain_margin": " times the gain"}
 
 
+class Weighed(NamedTuple):
+    """How the response of the tip to an error at a place of `bounded_error.UNITS` is looked at over a box.
+
+    Attributes:
+        place: where the error is added.
+        size: which it never exceeds, SI.
+        decay: 1/s by which the axis is moved to the left.
+        corner: rad/s; the response is multiplied by j w + corner.
+    """
+
+    place: str
+    size: fmpq
+    decay: fmpq
+    corner: fmpq
+
+
 @dataclass(frozen=True)
 class Asked:
     """A claim that is to be decided.
@@ -53,6 +69,7 @@ class Asked:
         from_Hz: for a loop gain, the frequency from which on it is claimed.
         multiplier: for a slope, on what rests that the loop comes to rest with every static characteristic of a slope
             from 0 to the limit, which is one, in the current.
+        error: for a deviation, of what error the limit is the most that it moves the tip by, m.
     """
 
     kind: Kind
@@ -60,6 +77,7 @@ class Asked:
     bandwidth_Hz: float = inf
     from_Hz: float = 0.0
     multiplier: "Multiplier | None" = None
+    error: Weighed | None = None
 
     def decided(self, outer_end_mass_kg: tuple[float, float], holds: bool, reason: str = "") -> "Claim":
         """The claim over a range of masses, with its verdict and, where it does not hold, the reason."""

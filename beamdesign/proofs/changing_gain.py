@@ -5,11 +5,15 @@ own if it is stable at `least` and Re[(1 + most L) / (1 + least L)] is above a p
 Zames, IEEE Trans. Automatic Control 11 (1966) 465). That there is one quadratic Lyapunov function for all k, for each
 payload, is the same statement (Kalman, Yakubovich, Popov). Over the mass it is a quadratic, as inequalities are here.
 
+That the loop is singular with no complex gain of the disk through the two factors is the same; and a peak sensitivity
+of at most m at some gain is that of the disk through m / (m + 1) and m / (m - 1) times it. So what is proved of the
+peak sensitivity of every member of a box says of every member which gains may change.
+
 A gain that changes by itself, as a ripple does, leaves a linear loop, whose motions then run together whatever the
 command and load. One that changes with the motion does not, and is covered about rest without load.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 from flint import fmpq
@@ -18,10 +22,14 @@ from beamdesign.loop import Loop, rig_loop
 from beamdesign.plant.assembly import effect_parameters_of
 from beamdesign.polynomial import Affine, exact
 from beamdesign.proofs.absolute_stability import Members, Row
+from beamdesign.proofs.box import Box
+from beamdesign.proofs.box_claims import BoxClaim
 from beamdesign.proofs.multiplier import Multiplier, fits_families
+from beamdesign.proofs.rig_family import FACTOR
 from beamdesign.proofs.stability import is_stable_over
 from beamdesign.rational import text
 
+OVER_BOX = "circle criterion, by the peak sensitivity that is proved of every member"
 METHOD = "circle criterion, a quadratic Lyapunov function for each payload, in rational arithmetic"
 _MARGINS = tuple(fmpq(1, 10**k) for k in (1, 2, 3, 4))
 _MINUS = fmpq(-1)
@@ -113,3 +121,33 @@ def changing_rows(given: Members) -> Iterator[Row]:
             " at the same time."
         )
         yield Row((one.effect,), METHOD, True, words, None, statement)
+
+
+def changing_over_box(given: Members, box: Box, claims: Iterable[BoxClaim]) -> Iterator[Row]:
+    """A row for each gain that changes, of every member of a box, from what is claimed of it.
+
+    Args:
+        given: the prototype with its payloads.
+        box: the ranges.
+        claims: what is proved of every member.
+    """
+    found = next((one for one in claims if one.holds and one.asked.kind == "peak_sensitivity"), None)
+    gain = {**box.ranges, **(found.own if found else {})}.get(FACTOR, (fmpq(1), fmpq(1)))
+    for one in changing(given):
+        if found is None:
+            yield Row((one.effect,), OVER_BOX, False, "No peak sensitivity is proved of every member.")
+            continue
+        peak = exact(found.asked.limit)
+        centre = min(max(one.least * (peak + 1) / peak, gain[0]), gain[1])
+        low, high = centre * peak / (peak + 1), centre * peak / (peak - 1)
+        words = (
+            f"The peak sensitivity {found.asked.limit:g} proved of every member covers a gain that changes between"
+            f" {float(low):.4g} and {float(high):.4g} times its own, in any way and at any rate, for every payload that"
+            f" stays; this one does so between {float(one.least):.4g} and {float(one.most):.4g}"
+        )
+        alone = one.place == "flow" or all(loop.added.constant.is_zero() for loop in given.loops)
+        if low <= one.least and one.most <= high and alone:
+            words += f". {one.words} Not covered is what moves elsewhere at the same time."
+            yield Row((one.effect,), OVER_BOX, True, words)
+        else:
+            yield Row((one.effect,), OVER_BOX, False, f"{words}, or beside other sensors, which need not mean unrest.")

@@ -3,16 +3,20 @@
 A `PolynomialFamily` is a polynomial as sums and products of leaves; over a box of its parameters it is a `Statement`.
 """
 
+import ast
+import re
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import chain
 from math import inf, pi
 
 from flint import fmpq, fmpq_mpoly, fmpq_mpoly_ctx
 
+from beamdesign.plant.linear import TIP
 from beamdesign.plant.members import LinearFamily, family
 from beamdesign.polynomial import exact, in_variable
 from beamdesign.proofs.certificate import Asked
-from beamdesign.proofs.read_once import read_once
+from beamdesign.proofs.read_once import Expression, NotCovered, read_once
 from beamdesign.proofs.slope_claim import UNKNOWN, weighed
 from beamdesign.proofs.statement import Circle, Interval, Statement
 from beamdesign.prototype import Prototype
@@ -21,7 +25,7 @@ from beamdesign.structure.lumped import figures
 
 TRANSPORT = "transport"
 NO_FREQUENCY = fmpq(0)
-_FACTOR = "effect_gain"
+FACTOR = "effect_gain"
 
 
 @dataclass(frozen=True)
@@ -75,7 +79,7 @@ def effect_spans(found: LinearFamily) -> dict[str, Interval]:
     frozen = {name: found.spans[key] for name, key in _frozen(found).items()}
     gain = found.members[0].gain
     spans = {name: (exact(span.low), exact(span.high)) for name, span in frozen.items()}
-    return spans if (gain.low, gain.high) == (1.0, 1.0) else spans | {_FACTOR: (exact(gain.low), exact(gain.high))}
+    return spans if (gain.low, gain.high) == (1.0, 1.0) else spans | {FACTOR: (exact(gain.low), exact(gain.high))}
 
 
 def performing_spans(found: LinearFamily) -> dict[str, Interval]:
@@ -83,7 +87,7 @@ def performing_spans(found: LinearFamily) -> dict[str, Interval]:
     spans = {name: found.spans[key].performing for name, key in _frozen(found).items()}
     gain = next((one.performance for one in found.members if one.performance is not None), None)
     if gain is not None and (gain.low, gain.high) != (1.0, 1.0):
-        spans[_FACTOR] = gain.low, gain.high
+        spans[FACTOR] = gain.low, gain.high
     return {name: (exact(low), exact(high)) for name, (low, high) in spans.items()}
 
 
@@ -109,7 +113,7 @@ def rig_values(prototype: Prototype) -> dict[str, fmpq]:
     values |= {"outer_end_mass": fmpq(0), "inner_end_mass": exact(prototype.payload.inner_end_mass_kg)}
     values |= {"controller_gain": exact(controller.gain_A_per_V), "delay": fmpq(0)}
     at_rest = {name: exact(found.spans[key].rest) for name, key in _frozen(found).items()}
-    at_rest |= {_FACTOR: exact(found.rest.gain.high)}
+    at_rest |= {FACTOR: exact(found.rest.gain.high)}
     values |= {name: min(max(at_rest[name], low), high) for name, (low, high) in effect_spans(found).items()}
     if (lag := controller.lag) and not controller.lacks("lag"):
         values |= {"controller_zero": exact(2 * pi * lag.zero_Hz), "controller_pole": exact(2 * pi * lag.pole_Hz)}
@@ -163,7 +167,10 @@ def rig_family(
     model, law = found.rest.rig, controller.sensed_law()
     named = {name: name for name in model.figures if name in values}
     named |= {key: name for name, key in _frozen(found).items()} | further
-    loop_denominator, seen = model.over_parameters(law.sensors, context, named)
+    error = None if claim is None else claim.error
+    loop_denominator, seen = model.over_parameters(
+        law.sensors if error is None else (*law.sensors, TIP), context, named
+    )
     if stages:
         sides = {"n": context.constant(1), "d": context.constant(1)}
         for k, one in enumerate(stages, 1):
@@ -177,20 +184,96 @@ def rig_family(
     else:
         numerators = [in_variable(one / values["controller_gain"], s) for one in law.numerators]
         denominator = in_variable(law.denominator, s)
-    gain = variable["controller_gain"] * variable.get(_FACTOR, 1) * (variable[TRANSPORT] if delayed else 1)
-    loop_numerator = sum((one * by for one, by in zip(numerators, seen, strict=True)), zero)
+    gain = variable["controller_gain"] * variable.get(FACTOR, 1) * (variable[TRANSPORT] if delayed else 1)
+    loop_numerator = sum((one * by for one, by in zip(numerators, seen, strict=error is None)), zero)
     p, circles, since, until = loop_denominator * denominator + gain * loop_numerator, {}, fmpq(0), None
-    if claim is not None and claim.kind != "gain_margin":
+    if claim is not None and error is not None:
+        figure = {name: variable[name] if name in values else exact(value) for name, value in model.figures.items()}
+        of_volts = gain * numerators[0] * seen[0]
+        above = _erring(error.place, seen[-1] * denominator, of_volts, figure, s) * (s + error.decay + error.corner)
+        p, circles[UNKNOWN] = p + variable[UNKNOWN] * above, Circle(fmpq(0), 1 / exact(claim.limit))
+    elif claim is not None and claim.kind != "gain_margin":
         effort = variable["controller_gain"] * loop_denominator * numerators[0]
         p, circles[UNKNOWN], since, until = claimed(claim, p, gain * loop_numerator, effort)
     form = read_once(p, [name for name in values if name != "delay"], (TRANSPORT, UNKNOWN))
     if claim is not None and claim.multiplier is not None:
         form = weighed(form, claim.multiplier)
+    if error is not None:
+        form = _moved(form if error.place == "volts" else _apart(form), error.decay)
     positive = [name for name in values if name not in _frozen(found)]
     delays = {TRANSPORT: "delay"} if delayed else None
     return PolynomialFamily(
         prototype.name, form.p, values, form.leaves, form.bound, delays, form.groups, positive, circles, since, until
     )
+
+
+def _erring(
+    place: str, current: fmpq_mpoly, volts: fmpq_mpoly, figure: Mapping[str, fmpq_mpoly | fmpq], s: fmpq_mpoly
+) -> fmpq_mpoly:
+    """What an error at a place does to the tip, over the characteristic polynomial.
+
+    A force between piston and cylinder is a flow through what leaks past and what the oil gives.
+
+    Args:
+        place: one of `bounded_error.UNITS`.
+        current: what an error in the current does.
+        volts: the loop's numerator from the displacement.
+        figure: of the rig, as numbers or variables.
+        s: the variable.
+
+    Raises:
+        NotCovered: for another place, or a rig in which it is not that.
+    """
+    above, below = current, 1 + 0 * s
+    if place == "volts":
+        above, below = volts, below * figure["sensor_gain"]
+    elif place == "nut":
+        above *= figure["lead"] * (figure["current_loop"] + s)
+        below *= figure["torque_constant"] * figure["current_loop"]
+    elif place != "current":
+        w = figure["valve_frequency"]
+        above *= s * s + 2 * figure["valve_damping_ratio"] * w * s + w * w
+        below *= figure["flow_gain"] * w * w
+        if place == "stroke":
+            above *= figure["leakage"] * figure["oil_stiffness"] + figure["piston_area"] ** 2 * s
+            below *= figure["piston_area"] * figure["oil_stiffness"]
+    found, rest = divmod(above, below)
+    if rest != 0:
+        raise NotCovered(f"what an error in the {place} does is no polynomial")
+    return found
+
+
+def _apart(form: Expression) -> Expression:
+    """The expression with what the unknown multiplies in a summand of its own, whose hull then stands for itself.
+
+    Leaves that come to stand in several places are bound.
+    """
+
+    def terms(node: ast.expr) -> list[str]:
+        match node if UNKNOWN in _names(node) else None:
+            case ast.BinOp(left=left, op=ast.Add(), right=right):
+                return terms(left) + terms(right)
+            case ast.BinOp(left=left, op=ast.Mult(), right=right):
+                return [f"{a}*{b}" for a in terms(left) for b in terms(right)]
+        return [f"({ast.unparse(node)})"]
+
+    found = terms(ast.parse(form.p, mode="eval").body)
+    known = [_names(ast.parse(term, mode="eval")) for term in found]
+    free = {name for name, leaf in form.leaves.items() if _names(ast.parse(leaf, mode="eval")) <= {"s"}}
+    several = {name for k, names in enumerate(known) for name in names for other in known[:k] if name in other}
+    bound = (*form.bound, *((name,) for name in sorted(several - free - {"s", UNKNOWN} - {*chain(*form.bound)})))
+    return Expression(" + ".join(found), form.leaves, bound, form.groups)
+
+
+def _names(node: ast.AST) -> set[str]:
+    return {one.id for one in ast.walk(node) if isinstance(one, ast.Name)}
+
+
+def _moved(form: Expression, decay: fmpq) -> Expression:
+    """The expression at s less a decay."""
+    at, name = re.compile(r"\bs\b"), "moved"
+    leaves = {leaf: at.sub(f"(s - {text(decay)})", written) for leaf, written in form.leaves.items()}
+    return Expression(at.sub(name, form.p), {**leaves, name: f"s - {text(decay)}"}, form.bound, form.groups)
 
 
 _UNDER_TURN, _OVER_TURN = fmpq(333, 53), fmpq(710, 113)

@@ -77,11 +77,18 @@ def slope_over_box(
     return None, _NOT_FOUND
 
 
-def box_rows(prototype: Prototype, claim: BoxClaim | None, reason: str) -> tuple[Row, ...]:
-    """What is proved of the effects of every member while they move, in words, from what `slope_over_box` found."""
+def box_rows(prototype: Prototype, claim: BoxClaim | None, reason: str, moved: Sequence[Row] = ()) -> tuple[Row, ...]:
+    """What is proved of the effects of every member while they move, in words, from what `slope_over_box` found.
+
+    Args:
+        prototype: with its effects.
+        claim: as found.
+        reason: why there is none.
+        moved: what is proved of bounded errors.
+    """
     of = "for every member of the box and every payload that stays"
     multiplier = None if claim is None else claim.asked.multiplier
-    rows = list(rows_of(prototype, multiplier, reason, of))
+    rows = [*rows_of(prototype, multiplier, reason, of), *moved]
     known = {name for row in rows for name in row.effects}
     if left := tuple(n for n in sorted(prototype.effects) if n not in known and not is_linear(n)):
         why = "Not covered over a box while it moves; `certify --nonlinear` says what is proved of the nominal figures."

@@ -1,0 +1,228 @@
+"""What is linear plus a bounded error, over a box of tolerances: how far the tip strays, proved of every member.
+
+An error of a size E whose impulse response to the tip is g moves it by no more than E times the integral of |g|, see
+`beamdesign.proofs.bounded_error`. With Re s > -a free of poles, Cauchy and Schwarz, and Parseval, bound that by
+
+    integral of |g| <= sqrt(integral of exp(-2 a t)) sqrt(integral of |g exp(a t)|^2) = sqrt(I / (2 a)),
+    I = 1 / pi times the integral of |G(j w - a)|^2 over w from zero,
+
+which of one exponential is exact at half its decay rate, and of an oscillation that decays slowly 11 % too much. So all
+that is needed of every member is that (j w + c) G(j w - a) stays below a limit in each of several bands of frequency,
+the last without end: magnitudes over a box, as other claims are. That none of them is infinite and one member has its
+poles left of -a says that every member has. Pieces of the outer end mass have each a decay rate of their own.
+
+Where the limits are, and how fast a decay rate, is found from samples; what is stated is proved.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise, zip_longest
+from math import inf, pi
+from typing import Any
+
+import numpy as np
+from flint import arb, ctx, fmpq
+
+from beamdesign.polynomial import exact, is_hurwitz, roots
+from beamdesign.proofs.absolute_stability import Row
+from beamdesign.proofs.bounded_error import SLIDING, Error, heard, rows_of
+from beamdesign.proofs.box import Box, wrapped
+from beamdesign.proofs.box_claims import BoxClaim, below, with_number
+from beamdesign.proofs.box_member import parameters_at
+from beamdesign.proofs.branch import Search
+from beamdesign.proofs.certificate import Asked, Weighed
+from beamdesign.proofs.read_once import NotCovered
+from beamdesign.proofs.rig_family import FACTOR, PolynomialFamily, rig_family
+from beamdesign.proofs.slope_claim import UNKNOWN
+from beamdesign.proofs.statement import Circle, Interval, Statement
+from beamdesign.proofs.value_set import with_unknown
+from beamdesign.proofs.zero_exclusion import PRECISION_BITS, holds, pieces
+from beamdesign.prototype import Prototype
+from beamdesign.rational import bounds, nearest, shortened, text
+
+METHOD = "bounded error: Parseval's theorem left of the axis, by zero exclusion"
+MASS = "outer_end_mass"
+_MEMBERS, _HALVINGS = 120, 2
+"""Samples of each piece of the outer end mass, and how often the worst of these pieces is halved."""
+_W = np.concatenate([[0.0], np.geomspace(0.5, 1e5, 700)])
+_OF_SLOWEST = 0.15, 0.25, 0.35, 0.5, 0.65, 0.8
+"""Decay rates that are tried, over that of the slowest pole of the samples."""
+_EXCESS, _LAST = 0.01, 0.99
+"""What a band may add to I over what the samples' largest values come to, and what is to be below the last band."""
+_LOOSER = {1.15: 60, 1.3: 400, 1.6: 20_000}
+"""Limits over what the samples reach, tried in turn, and how many pieces are looked at; in the last band the last."""
+_DIGITS = 4
+Axis = tuple[np.ndarray, np.ndarray]
+"""Frequencies, rad/s, and the largest |G| there."""
+
+
+@dataclass(frozen=True)
+class Plan:
+    """How a piece is to be proved: its own ranges, the decay rate, bands and limits as samples say, and their bound."""
+
+    own: Mapping[str, Interval]
+    decay: float
+    edges: tuple[float, ...]
+    limits: tuple[float, ...]
+    per_unit: float
+
+
+def errors_over_box(
+    prototype: Prototype, box: Box, budget: int = 20_000, seconds: float = inf
+) -> tuple[list[BoxClaim], list[Row]]:
+    """Prove how far the tip of every member strays from its linear response, for each error that is bounded.
+
+    Args:
+        prototype: with a controller of one law.
+        box: ranges of its parameters; the others keep their values.
+        budget: most pieces to look at in one band.
+        seconds: most time for one band.
+
+    Returns:
+        Claims, one for each error and piece of the outer end mass, and rows for each effect and for all together.
+    """
+    found, rows = heard(prototype)
+    claims, most = list[BoxClaim](), list[fmpq]()
+    try:
+        for one in found:
+            own = _claims(prototype, box, one, budget, seconds)
+            claims, most = [*claims, *own], [*most, max(exact(claim.asked.limit) for claim in own)]
+    except ValueError as error:
+        reason = f"No bound is proved over the box: {error}."
+        return [], [*rows, *(Row((one.effect,), METHOD, False, reason) for one in found)]
+    return claims, [*rows, *rows_of(found, most, "for every member of the box and every payload that stays", METHOD)]
+
+
+def _claims(prototype: Prototype, box: Box, error: Error, budget: int, seconds: float) -> list[BoxClaim]:
+    """The claims of one error, one for each piece of the outer end mass.
+
+    Raises:
+        NotCovered: where one is not proved, with the reason.
+    """
+    if "delay" in box.ranges:
+        raise NotCovered("a delay is not covered")
+
+    def family(decay: fmpq, corner: fmpq) -> PolynomialFamily:
+        asked = Asked("deviation", 1.0, error=Weighed(error.place, error.size, decay, corner))
+        return rig_family(prototype, claim=asked, delayed=False, varying=box.ranges)
+
+    plain, own = family(fmpq(0), fmpq(0)), _sliding(box, prototype)
+    plans = [_plan(plain, box, own)]
+    low, high = box.ranges.get(MASS, (fmpq(0), fmpq(0)))
+    for _ in range(_HALVINGS if low < high else 0):
+        worst = max(plans, key=lambda one: one.per_unit)
+        low, high = worst.own.get(MASS, (low, high))
+        plans.remove(worst)
+        middle = (low + high) / 2
+        plans += [_plan(plain, box, {**own, MASS: ends}) for ends in ((low, middle), (middle, high))]
+    return [_proved(family, box, plan, error, budget, seconds) for plan in plans]
+
+
+def _sliding(box: Box, prototype: Prototype) -> dict[str, Interval]:
+    """Ranges of its own: what slides, at the ends at which it is the linear part, and the gain without effects.
+
+    Raises:
+        NotCovered: where effects never leave the gain as it is.
+    """
+    own = {}
+    for effect in SLIDING.keys() & prototype.effects.keys():
+        for figure, end in SLIDING[effect].items():
+            if (name := f"{effect}_{figure}") in box.ranges:
+                own[name] = (box.ranges[name][end == "high"],) * 2
+    low, high = box.ranges.get(FACTOR, (fmpq(1), fmpq(1)))
+    if not low <= 1 <= high:
+        raise NotCovered("the effects never leave the gain as it is")
+    return own | ({FACTOR: (fmpq(1), fmpq(1))} if FACTOR in box.ranges else {})
+
+
+def _plan(plain: PolynomialFamily, box: Box, own: Mapping[str, Interval]) -> Plan:
+    """The decay rate and bands of the least bound that samples of a piece allow.
+
+    Raises:
+        NotCovered: where a sample is not stable.
+    """
+    statement = plain.over({**box.ranges, **own})
+    generator = np.random.default_rng(0)
+    shares = generator.choice([0.0, 0.5, 1.0], size=(_MEMBERS, len(statement.varying)), p=(0.45, 0.1, 0.45))
+    slowest = inf
+    for row in shares[:: _MEMBERS // 60]:
+        p = with_number(statement, parameters_at(statement, [exact(float(share)) for share in row]), fmpq(0))
+        slowest = min(slowest, -max(root.real for root in roots(p)))
+    if slowest <= 0:
+        raise NotCovered("a member is not stable")
+    return min(
+        (_bands(statement, shares, share * slowest, own) for share in _OF_SLOWEST), key=lambda plan: plan.per_unit
+    )
+
+
+def _bands(statement: Statement, shares: np.ndarray, decay: float, own: Mapping[str, Interval]) -> Plan:
+    """Bands at one decay rate, each as wide as it adds little to I."""
+    decay = float(f"{decay:.2g}")
+    s = 1j * _W - decay
+    plain, whole = with_unknown(statement, shares, -1j * s[None])  # a frequency with an imaginary part
+    size = np.abs((whole - plain) / plain / s).max(axis=0)
+    parts = (size[1:] ** 2 + size[:-1] ** 2) / 2 * np.diff(_W)
+    total = parts.sum()
+    last = int(np.searchsorted(parts.cumsum(), _LAST * total))
+    cuts, start = [0], 0
+    for k in range(1, last + 1):
+        excess = size[start : k + 1].max() ** 2 * (_W[k] - _W[start]) - parts[start:k].sum()
+        if excess > _EXCESS * total and k > start + 1:
+            start = k - 1
+            cuts.append(start)
+    cuts.append(max(last, cuts[-1] + 1))
+    corner = float(f"{_W[cuts[-1]]:.3g}")
+    weighed = size * np.hypot(_W, corner)
+    ends = [*cuts, len(_W) - 1]
+    limits = tuple(float(weighed[a : b + 1].max()) for a, b in pairwise(ends))
+    edges = (*(float(f"{_W[k]:.3g}") for k in cuts[:-1]), corner)
+    least = _per_unit(exact(decay), [*map(exact, edges)], [*map(exact, limits)])
+    return Plan(own, decay, edges, limits, nearest(least))
+
+
+def _per_unit(decay: fmpq, edges: Sequence[fmpq], limits: Sequence[fmpq]) -> fmpq:
+    """Upper bound of the integral of |g| from limits of (j w + c) G(j w - decay) in bands, c being the last edge."""
+    corner = edges[-1]
+    with ctx.workprec(PRECISION_BITS):
+        angles = [*(arb(edge / corner).atan() for edge in edges), arb.pi() / 2]
+        squares = (limit * limit * (b - a) for limit, (a, b) in zip(limits, pairwise(angles), strict=True))
+        return bounds((sum(squares, arb(0)) / (arb.pi() * 2 * decay * corner)).sqrt())[1]
+
+
+def _proved(
+    family: Callable[[fmpq, fmpq], PolynomialFamily], box: Box, plan: Plan, error: Error, budget: int, seconds: float
+) -> BoxClaim:
+    """One piece, proved band by band.
+
+    Raises:
+        NotCovered: where a band is not.
+    """
+    decay, edges = exact(plan.decay), [*map(exact, plan.edges)]
+    whole = family(decay, edges[-1])
+    ranges, member = {**box.ranges, **plan.own}, {**whole.values, **box.nominal}
+    member |= {name: min(max(member[name], low), high) for name, (low, high) in plan.own.items()}
+    bands, limits = list[dict[str, Any]](), list[fmpq]()
+    with ctx.workprec(PRECISION_BITS):
+        if not is_hurwitz(with_number(whole.over(ranges), member, fmpq(0))):
+            raise NotCovered("the nominal loop decays too slowly")
+        for since, until, reached in zip_longest(edges, edges[1:], plan.limits):
+            for looser, most in [*_LOOSER.items()][0 if until is not None else -1 :]:
+                limit = shortened(exact(looser * reached), _DIGITS, up=True)
+                circles = {UNKNOWN: Circle(fmpq(0), 1 / limit)}
+                statement = replace(whole, circles=circles, since=since, until=until).over(ranges)
+                search = Search(statement)
+                search.run(min(budget, most), seconds)
+                every = list(pieces(statement, search.tree))
+                if below(statement, member, since * since) and all(map(holds, every)):
+                    break
+            else:
+                where = f"from {nearest(since) / (2 * pi):.4g} Hz up"
+                raise NotCovered(f"the response {where} is not proved to be small enough")
+            limits.append(limit)
+            end = {} if until is None else {"until_rad_per_s": text(until)}
+            bands.append(end | {"limit": text(limit), "tree": wrapped(search.tree)})
+    bound = shortened(error.size * _per_unit(decay, edges, limits), _DIGITS, up=True)
+    asked = Asked("deviation", nearest(bound), error=Weighed(error.place, error.size, decay, edges[-1]))
+    more = {"place": error.place, "size": text(error.size), "band": bands}
+    more |= {"decay_per_s": text(decay), "corner_rad_per_s": text(edges[-1])}
+    return BoxClaim(asked, whole, True, "", own=plan.own, tree=None, more=more)

@@ -1,0 +1,132 @@
+"""How far bounded errors move the tip of every rig of a box: against exponentials, the exact prover and moving rigs."""
+
+import tomllib
+from math import hypot
+
+import numpy as np
+import pytest
+from contradictions import motions
+from flint import fmpq, fmpq_poly
+from forging import altered
+from honest_certificates import erring, honest, valid
+
+from beamdesign.checker import check
+from beamdesign.loop import rig_loop
+from beamdesign.plant.changed_figures import with_figures
+from beamdesign.plant.members import family
+from beamdesign.polynomial import exact
+from beamdesign.proofs import bounded_error, changing_gain, error_over_box
+from beamdesign.proofs.absolute_stability import members
+from beamdesign.proofs.box_claims import claim_over_box, with_number
+from beamdesign.proofs.certificate import Asked, Weighed
+from beamdesign.proofs.error_over_box import errors_over_box
+from beamdesign.proofs.rig_family import rig_family
+from beamdesign.proofs.tolerance_box import tolerance_box
+from beamdesign.rational import nearest
+from beamdesign.scenario import Multisine
+
+CLAIM = ("claim", 0)
+
+
+@pytest.mark.parametrize("rate", [1.0, 40.0])
+def test_the_bound_of_one_exponential_is_its_integral(rate: float):
+    """Of exp(-a t) at half its rate; bands are cut finely, each with the largest value of (j w + c) / (j w + a / 2)."""
+    edges = [0.0, *(rate * np.geomspace(0.01, 300.0, 600))]
+    limits = [hypot(one, edges[-1]) / hypot(one, rate / 2) for one in edges]
+    given = [[fmpq(*float(one).as_integer_ratio()) for one in some] for some in (edges, limits)]
+    bound = error_over_box._per_unit(fmpq(rate.as_integer_ratio()[0], 2 * rate.as_integer_ratio()[1]), *given)
+    assert 1 <= rate * nearest(bound) < 1.02
+
+
+@pytest.mark.parametrize("place", ["current", "flow", "volts", "stroke"])
+def test_every_place_is_where_the_exact_prover_has_it(place: str):
+    """Which takes it from matrices, and of friction from a determinant."""
+    rig, box, _, _ = erring({})
+    own = family(rig, 2.0).members[0].rig
+    closed = rig_loop(own, rig.payload.inner_end_mass_kg, rig.controller).characteristic.at(fmpq(1))
+    known = bounded_error.numerators(rig, own, {place})[place]
+    asked = Asked("deviation", 1.0, error=Weighed(place, fmpq(1), fmpq(8), fmpq(300)))
+    found = rig_family(rig, claim=asked, delayed=False, varying=box.ranges)
+    point = {**found.values, **box.nominal, "outer_end_mass": fmpq(1)}
+    without, with_it = (with_number(found.over(box.ranges), point, fmpq(unknown)) for unknown in (0, 1))
+    back = fmpq_poly([8, 1])
+    assert (with_it - without)(back) * closed == known * fmpq_poly([308, 1]) * without(back)
+
+
+def test_without_width_it_is_above_the_integral_and_not_far():
+    """Of the exact prover over masses, which adds up absolute impulse responses."""
+    rig = erring({})[0].but(effects={"valve_hysteresis": {}})
+    _, rows = errors_over_box(rig, tolerance_box(rig, 0.0, None, (1.0, 1.4)))
+    (exactly,) = [row for row in bounded_error.bounded_rows(members(rig, 1.0, 1.4)) if row.bound_m is not None]
+    assert [row.proved for row in rows] == [True]
+    assert exactly.bound_m / 1.1 < rows[0].bound_m < 2.5 * exactly.bound_m
+
+
+@pytest.mark.parametrize("shares", [(-1, -1), (1, 1), (1, -1)])
+def test_drawn_rigs_stray_by_less(shares: tuple[int, int]):
+    rig, _, claims, rows = erring({"valve_hysteresis": {}})
+    (bound,) = [row.bound_m for row in rows]
+    assert bound == max(claim.asked.limit for claim in claims)
+    one = with_figures(rig, {"outer_stiffness": 1 + 0.03 * shares[0], "flow_gain": 1 + 0.05 * shares[1]})
+    signals = (
+        Multisine(amplitude_N=300.0, low_Hz=1.0, high_Hz=60.0, seed=1),
+        Multisine(amplitude_V=0.3, low_Hz=1.0, high_Hz=40.0, seed=2),
+    )
+    plain, moved = (motions(some, signals, 1.5, 1.0)[0] for some in (one.but(effects={}), one))
+    assert 0.02 * bound < abs(moved - plain).max() <= bound
+
+
+def test_the_check_says_of_what_it_is():
+    made = honest("beamdesign.box", "erring")
+    words = [words for words in check(made.text).proved if "an error of at most" in words]
+    assert len(words) == len(made.table["claim"])
+    assert all("valve_hysteresis_spring 0" in one and "A in the current" in one for one in words)
+
+
+@pytest.mark.parametrize(
+    ("place", "value"),
+    [
+        (("limit",), "0.00000001"),
+        (("size",), "0.01"),
+        (("decay_per_s",), "300"),
+        (("decay_per_s",), "0"),
+        (("corner_rad_per_s",), "10"),
+        (("place",), "volts"),
+        (("place",), "nut"),
+        (("band", 0, "limit"), "0.0001"),
+        (("band", 2, "until_rad_per_s"), "0.1"),
+        (("band",), []),
+    ],
+)
+def test_what_is_altered_is_refused(place: tuple[str | int, ...], value: object):
+    assert not valid(altered(honest("beamdesign.box", "erring").text, (*CLAIM, *place), value))
+
+
+def test_the_last_band_has_no_end():
+    text = honest("beamdesign.box", "erring").text
+    bands = tomllib.loads(text)["claim"][0]["band"]
+    assert not valid(altered(text, (*CLAIM, "band"), bands[:-1]))
+
+
+def test_a_delay_is_not_covered():
+    rig = erring({})[0].but(effects={"valve_hysteresis": {}})
+    claims, rows = errors_over_box(rig, tolerance_box(rig, 0.0, None, (0.0, 1.0), delay_s=(0.0, 1e-4)))
+    assert not claims
+    assert [row.proved for row in rows] == [False]
+    assert "a delay" in rows[0].covers
+
+
+@pytest.mark.parametrize("peak", [2.2, 15.0])
+def test_a_peak_sensitivity_is_a_gain_that_may_change(peak: float):
+    """The exact prover of masses has the circle criterion for what is inside."""
+    rig = erring({})[0].but(effects={"carrier_ripple": {"depth": 0.1, "residual_V": 0.0}})
+    box, given = tolerance_box(rig, 0.0, None, (0.0, 2.0)), members(rig, 0.0, 2.0)
+    claim = claim_over_box(rig, box, Asked("peak_sensitivity", peak))
+    assert claim.holds
+    (row,) = changing_gain.changing_over_box(given, box, [claim])
+    assert row.proved is (peak == 2.2)
+    if row.proved:
+        ends = exact(0.9), exact(1.1)
+        assert changing_gain.margin_of(given.loops[0], "volts", *ends, given.low, given.high) is not None
+    (none,) = changing_gain.changing_over_box(given, box, [])
+    assert not none.proved
