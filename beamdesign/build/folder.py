@@ -1,17 +1,12 @@
 """The folder that `beamdesign spec` leaves behind: document, drawing, proofs, data set to fill in.
 
-The words of the document stand in the template `specification.j2`, which is filled in and read block by block, with an
-empty line between two: `## ` begins a part, `- ` an item of a list (lines that go on are indented), `│` a row of a
-table whose cells it parts, the first of them its heads, with a caption after `= ` above; four blanks begin a line of
-code, `! ` the caption of the drawing. All else is a paragraph.
+The words of the document stand in the template `specification.j2`.
 """
 
 import hashlib
-import re
 from dataclasses import fields, is_dataclass
 from decimal import ROUND_CEILING, ROUND_FLOOR, ROUND_HALF_EVEN
 from functools import cache, partial
-from itertools import groupby
 from math import inf, pi
 from pathlib import Path
 from typing import Any
@@ -47,19 +42,16 @@ from beamdesign.rational import nearest
 from beamdesign.records import Record, to_toml
 from beamdesign.report.page import (
     Block,
-    Code,
     Document,
-    Items,
     Paragraph,
     Part,
     Picture,
-    Table,
-    text_template,
+    document_template,
+    parts_from,
     to_html,
     to_markdown,
 )
 from beamdesign.report.statements import proved_statements
-from beamdesign.spelling import one_line
 from beamdesign.structure.lumped import lumped_beam, notes
 from beamdesign.structure.section import Tube
 
@@ -250,9 +242,6 @@ def _plain(value: Any) -> Any:
     return value
 
 
-_CELL = "│"
-
-
 def optional(value: float | None, unit: str, rounding: str = ROUND_HALF_EVEN) -> str:
     """A quantity, or a dash where there is none; what is proved is to be rounded to the safe side."""
     return "–" if value is None else quantity(value, unit, rounding=rounding)
@@ -269,51 +258,15 @@ def parts_of(spec: Specification, svg: str) -> tuple[Part, ...]:
     def files(stem: str) -> str:
         return " and ".join(f"`{stem}{law.stage.suffix}.toml`" for law in spec.laws)
 
-    text = _template().render(spec=spec, files=files)
-    found: list[tuple[str, list[Block]]] = []
-    for filled, lines in groupby(text.splitlines(), key=lambda line: bool(line.strip())):
-        if not filled:
-            continue
-        first, *more = block = list(lines)
-        if first.startswith("## "):
-            found.append((first[3:], []))
-        elif not first.startswith("! ") or svg:
-            found[-1][1].append(_block(first, more, block, svg))
-    return tuple(Part(title, tuple(blocks)) for title, blocks in found)
-
-
-def _block(first: str, more: list[str], lines: list[str], svg: str) -> Block:
-    """The block that some lines are."""
-    match first[0]:
-        case "=":
-            return _table(more, first[2:])
-        case "│":
-            return _table(lines)
-        case "-":
-            items = re.split(r"\n- ", "\n".join(lines).removeprefix("- "))
-            return Items(tuple(_joined(item.split("\n")) for item in items))
-        case "!":
-            return Picture(svg, "drawing.svg", first[2:])
-        case " ":
-            return Code("\n".join(line[4:] for line in lines))
-        case _:
-            return Paragraph(_joined(lines))
-
-
-def _table(rows: list[str], caption: str = "") -> Table:
-    heads, *cells = (tuple(cell.strip() for cell in row.split(_CELL)[1:]) for row in rows)
-    return Table(heads, tuple(cells), caption)
-
-
-def _joined(lines: list[str]) -> str:
-    return " ".join(line.strip() for line in lines)
+    caption = "Lengthwise section and cross-section; the same drawing is in `drawing.dxf`, in mm"
+    drawn: dict[str, Block] = {"drawing": Picture(svg, "drawing.svg", caption)} if svg else {}
+    return parts_from(_template(), drawn, spec=spec, files=files)
 
 
 @cache
 def _template() -> Template:
-    return text_template(
+    return document_template(
         Path(__file__).with_name("specification.j2"),
-        finalize=lambda value: one_line(str(value)).replace(_CELL, "|"),
         q=quantity,
         d=decimal,
         optional=optional,

@@ -4,9 +4,11 @@ The report is one self-contained HTML page: no requests, both themes, fit for pr
 its curves and their places in the SVG, so that the page can tell values under the pointer.
 """
 
+from functools import cache
 from math import isfinite, log10
 from pathlib import Path
 
+from jinja2 import Template
 from markupsafe import Markup
 
 from beamdesign.build.acceptance import acceptance
@@ -15,7 +17,6 @@ from beamdesign.build.specification import specification_of
 from beamdesign.files import write_set
 from beamdesign.loop import loop
 from beamdesign.parameters import rows_of
-from beamdesign.proofs.certificate import Certificate
 from beamdesign.proofs.lyapunov import CHANGES_NAME
 from beamdesign.prototype import InStage, Prototype
 from beamdesign.quantity_text import (
@@ -33,14 +34,12 @@ from beamdesign.report.canvas import inline_svg, readings_json
 from beamdesign.report.charts import TradePoint, read_trade
 from beamdesign.report.page import (
     Block,
-    Code,
     Document,
     Folded,
-    Items,
-    Paragraph,
-    Part,
     Picture,
     Table,
+    document_template,
+    parts_from,
     to_html,
     to_markdown,
 )
@@ -49,6 +48,7 @@ from beamdesign.report.statements import price_words, statements
 from beamdesign.structure.lumped import lumped_beam, notes
 from beamdesign.synthesis.checks import Check, CheckedPair
 from beamdesign.synthesis.design_run import CERTIFICATE_NAME, DesignRun, certificate_name
+from beamdesign.synthesis.sizing import Sizing
 
 FILES = {
     "prototype": "prototype.toml",
@@ -115,7 +115,7 @@ def report_html(run: DesignRun, files: dict[str, str], trade: tuple[TradePoint, 
     shown = [prototype_picture(prototype, load_N), *loop_pictures(prototype, loop(prototype))]
     if trade:
         shown.append(trade_picture(trade, guarantee.bandwidth_Hz, moving_mass_kg))
-    pictures = {picture.name: _inline(picture) for picture in shown}
+    pictures: dict[str, Block] = {picture.name: _inline(picture) for picture in shown}
     masses = mass_range_text(guarantee.outer_end_mass_kg)
     bandwidth, peak = stated_bandwidth(guarantee.bandwidth_Hz), stated_peak(guarantee.peak_sensitivity)
     verdict = Markup(
@@ -136,69 +136,15 @@ def report_html(run: DesignRun, files: dict[str, str], trade: tuple[TradePoint, 
         ("inner end mass", quantity(added_kg, "kg")),
         ("beams and inner end mass", quantity(moving_mass_kg, "kg")),
     )
-    law: list[Block] = [
-        Table(
-            ("figure", "value", "meaning"),
-            (
-                *prototype.controller.rows(),
-                ("inner end mass", quantity(added_kg, "kg", 7), "added to the inner beam's tip"),
-            ),
-            numbers=(1,),
-        )
-    ]
-    if prototype.controller.kind == "lag":
-        words = "C(s) = (1 + s/(2π zero)) / (1 + s/(2π pole)); the current is gain × C(s)"
-        law.append(Paragraph(f"{words} × (command − sensor voltage)."))
-    heads = (
-        "outer end mass", "bandwidth", "peak sensitivity", "static compliance", "critical gain", "oscillation"
-    )  # fmt: skip
-    expected = Table(
-        heads,
-        tuple(expected_rows(prototype, guarantee.outer_end_mass_kg)),
-        "By the linear model, at single masses",
-        numbers=tuple(range(len(heads))),
-    )
-    margins = Table(
-        ("outer end mass", "highest crossover", "phase margin", "at", "gain margin", "at", "gain may fall to"),
-        tuple(margin_rows(prototype, guarantee.outer_end_mass_kg)),
-        "Of the nominal rig, at single masses",
-        numbers=tuple(range(7)),
-    )
-    lumped = Table(("figure", "symbol", "value", "source"), tuple(lumped_rows(prototype)), numbers=(2,), whole=(0,))
+    blocks = pictures | {
+        "checks": _checks(sizing),
+        "certificate": Folded("The certificate in full", _box_of(run) or certificate.text),
+    }
     proof = files.get("certificate_box", files["certificate"])
-    parts = (
-        Part("Sections", _sections(run)),
-        Part("Drawing", (pictures["prototype"],)),
-        Part("Figures of the model", (lumped, *(Paragraph(f"{note}.") for note in notes(prototype)))),
-        Part("Controller and end mass", tuple(law)),
-        Part("Performance", (pictures["compliance"], pictures["sensitivity"], expected)),
-        Part("Margins", (pictures["loop"], margins, pictures["nyquist"])),
-        Part(
-            "Stability over the outer end mass",
-            (Paragraph(_stability_words(certificate)), *(pictures[n] for n in ("ranges", "gains", "locus", "poles"))),
-        ),
-        *((Part("Trade curves", (pictures["trade"],)),) if trade else ()),
-        Part(
-            "What is proved, and what is not",
-            (
-                Table(("claim", "foundation", "by"), tuple(statements(run)), whole=(1,)),
-                Paragraph(
-                    "All of it is about the linear model with the figures above; how far a rig follows that model is"
-                    f" for measurements to say. What is called proved stands in `{proof}`, and is proved again from"
-                    " that file alone, by another method than the one that found it, with"
-                ),
-                Code(f"beamdesign certify --replay {proof}"),
-            ),
-        ),
-        Part(
-            "Certificate",
-            (
-                Paragraph(f"`{proof}` holds the proof with every figure it needs."),
-                Paragraph(f"Its SHA-256, as noted in `{files['prototype']}`: `{guarantee.certificate_sha256}`"),
-                Folded("The certificate in full", _box_of(run) or certificate.text),
-            ),
-        ),
-    )
+    parts = parts_from(
+        _template(), blocks, run=run, prototype=prototype, certificate=certificate, sizing=sizing, guarantee=guarantee,
+        files=files, proof=proof, has_trade=bool(trade), prices=price_words(sizing.shadow_prices),
+    )  # fmt: skip
     beside = tuple(name for kind, name in files.items() if kind != "report")
     return to_html(Document(prototype.name, "Design report", verdict, key, parts, beside=beside))
 
@@ -209,13 +155,15 @@ def _box_of(run: DesignRun) -> str:
     return "" if best is None or best.over_box is None else best.over_box.certificate
 
 
-def _sections(run: DesignRun) -> tuple[Block, ...]:
-    """The chosen tubes beside the candidates, their checks, and what requirements cost."""
-    sizing = run.sizing
-    reason = f"{sizing.reason[:1].upper()}{sizing.reason[1:]}."
-    if sizing.price_of_rounding_kg is not None:
-        reason += f" Taking stock sizes instead of free ones costs {quantity(sizing.price_of_rounding_kg, 'kg', 3)}."
-    checks, marks = [], []
+@cache
+def _template() -> Template:
+    own = {rows.__name__: rows for rows in (section_rows, lumped_rows, expected_rows, margin_rows, statements, notes)}
+    return document_template(Path(__file__).with_name("design_report.j2"), q=quantity, **own)
+
+
+def _checks(sizing: Sizing) -> Table:
+    """The checks of the chosen pair, the most used first."""
+    rows, marks = [], []
     for check in sorted(sizing.checks, key=lambda check: -check.utilisation):
         name, value, limit, used = check_row(check)
         governs = check.name == sizing.governing
@@ -223,33 +171,10 @@ def _sections(run: DesignRun) -> tuple[Block, ...]:
         share = 100 * min(max(check.utilisation, 0.0), 1.0)
         bar = Markup('<span class="bar"><i style="width:{:.1f}%"></i></span>').format(share)
         failing = "" if check.satisfied else Markup('<span class="bad">, fails</span>')
-        checks.append((f"{name} (governing)" if governs else name, value, limit, word + failing, bar))
+        rows.append((f"{name} (governing)" if governs else name, value, limit, word + failing, bar))
         marks.append("governing" if governs else "")
     heads = ("check", "value", "limit", "used", "")
-    blocks: list[Block] = [
-        Paragraph(reason),
-        Table(("", "outer tube", "inner tube", "both beams", "checks"), tuple(section_rows(run)), "", (3,), (0, 1, 2)),
-        Table(heads, tuple(checks), "Checks of the chosen pair", (1, 3), (2,), tuple(marks)),
-    ]
-    if prices := price_words(sizing.shadow_prices):
-        blocks += [
-            Paragraph("What a requirement costs, by slopes of the least mass at the optimum over free sizes:"),
-            Items(tuple(prices)),
-        ]
-    return tuple(blocks)
-
-
-def _stability_words(certificate: Certificate) -> str:
-    """Why the range is stable, and the next masses beside it at which poles lie on the axis."""
-    words = f"{certificate.reason or 'Every mass of the range is stable'}."
-    for side in ("below", "above"):
-        crossing = getattr(certificate.stability, side)
-        if crossing and crossing.value >= 0 and crossing.finite:
-            words += (
-                f" The next mass {side} the range at which poles lie on the axis is"
-                f" {quantity(crossing.value, 'kg', 6)}, at {quantity(crossing.frequency_Hz, 'Hz')}."
-            )
-    return words
+    return Table(heads, tuple(rows), "Checks of the chosen pair", (1, 3), (2,), tuple(marks))
 
 
 def section_rows(run: DesignRun) -> list[tuple[str, str, str, str, str]]:

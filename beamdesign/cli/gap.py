@@ -214,8 +214,8 @@ def import_files(
             rows.append((name.removeprefix("records/"), one.channel, source, one.words))
     echo_table("what was taken for what", ("file", "channel", "from", "note"), rows)
     echo(f"next:    beamdesign gap diagnose {out}")
-    told = {name: [asdict(one) for one in taken] for name, taken in found.taken.items()}
-    return CommandResult({"taken": told, "files": found.paths}, files=found.paths)
+    columns = {name: [asdict(one) for one in taken] for name, taken in found.taken.items()}
+    return CommandResult({"taken": columns, "files": found.paths}, files=found.paths)
 
 
 @gap.command()

@@ -93,19 +93,20 @@ def tune(
     known = dict.fromkeys((*KINDS, *tuning.tunable()))
     if controller not in known:
         refuse("--controller", (controller, f"expected one of {', '.join(known)}"))
-    peaks = {"peak_sensitivity": peak_sensitivity, "peak_over_passive": peak_over_passive}
-    record = record.but(goal=record.goal.but(**{name: peak for name, peak in peaks.items() if peak is not None}))
+    wanted = {
+        "peak_sensitivity": peak_sensitivity,
+        "peak_over_passive": peak_over_passive,
+        "lower_gains": lower_gains,
+        "comes_to_rest": comes_to_rest or None,
+    }
+    goal = record.goal.but(**{name: value for name, value in wanted.items() if value is not None})
     sensors = _sensors(controller, added_sensor or [])
     given = {
         "loop_gain": loop_gain,
         "loop_gain_from_Hz": loop_gain_from_Hz,
         "controller_effort_A_per_V": controller_effort_A_per_V,
     }
-    record = record.but(goal=tuning.limited(record.goal, controller, given))
-    if lower_gains is not None:
-        record = record.but(goal=record.goal.but(lower_gains=lower_gains))
-    if comes_to_rest:
-        record = record.but(goal=record.goal.but(comes_to_rest=True))
+    record = record.but(goal=tuning.limited(goal, controller, given))
     if controller == "compliance" or end_stiffness_N_per_m is not None:
         if controller != "compliance":
             reason = "is for --controller compliance"

@@ -25,6 +25,8 @@ PUBLISHED_EFFECTS = ("pressure_dependent_flow", "unequal_piston_areas")
 """What the paper's nonlinear simulations had beside air in the oil."""
 _GRID = 16
 _SMALL_N = 1.0
+SHARE = 0.1
+"""Of the amplitude, by which the linear model may be off."""
 _HARMONICS = 5
 
 
@@ -36,8 +38,7 @@ class Reach:
         varied: `load`, constant, N, either way, under a small vibration; `force`, amplitude, N, about no load; or
             `air`, volume share of free air, under a small vibration.
         frequency_Hz: of the vibration.
-        limit: up to which the amplitude departs by no more than the share asked for; the largest looked at where
-            `departure` is less than that share.
+        limit: up to which the amplitude is off by no more than `SHARE`; the largest asked where `departure` is less.
         departure: of the amplitude there, relative to the linear model's; -1 or infinite where there is no balance.
     """
 
@@ -109,12 +110,10 @@ def reach(
     varied: Varied,
     frequency: float,
     outer_end_mass: float = 0.0,
-    share: float = 0.1,
-    preload: float = 0.0,
 ) -> Reach:
-    """The load, force or air fraction up to which the linear model's amplitude is off by no more than a share.
+    """The load, force or air fraction up to which the linear model's amplitude is off by no more than `SHARE`.
 
-    The quantity is raised on a grid until the share is passed, and the passage is narrowed by bisection: a passage that
+    The quantity is raised on a grid until that is passed, and the passage is narrowed by bisection: a passage that
     goes back between two points of the grid is not seen.
 
     Args:
@@ -122,19 +121,20 @@ def reach(
         varied: what is raised.
         frequency: of the vibration, Hz.
         outer_end_mass: payload, kg.
-        share: of the amplitude.
-        preload: constant load while the force or the air is raised, N.
     """
     stall = prototype.actuator.strength_N(prototype)
     linear = _linear(prototype, frequency, outer_end_mass)
 
-    def off(there: Prototype, force: float, load: float) -> float:
+    def off(there: Prototype, force: float, load: float = 0.0) -> float:
         return departure(there, force, frequency, outer_end_mass, load, linear)
+
+    def airy(fraction: float) -> Prototype:
+        return prototype.but(effects=prototype.effects | {"entrained_air": {"air_fraction": fraction}})
 
     ways: dict[Varied, tuple[float, float, Callable[[float], float]]] = {
         "load": (1e-2, 1.0, lambda at: max((off(prototype, _SMALL_N, way * at * stall) for way in (1, -1)), key=abs)),
-        "force": (1e-3, 1.0, lambda at: off(prototype, at * stall, preload)),
-        "air": (1e-4, 0.3, lambda at: off(_airy(prototype, at), _SMALL_N, preload)),
+        "force": (1e-3, 1.0, lambda at: off(prototype, at * stall)),
+        "air": (1e-4, 0.3, lambda at: off(airy(at), _SMALL_N)),
     }
     low, high, at = ways[varied]
     scale = 1.0 if varied == "air" else stall
@@ -142,22 +142,18 @@ def reach(
     before = None
     for value in grid:
         found = at(float(value))
-        if abs(found) > share:
+        if abs(found) > SHARE:
             if before is None:
                 return Reach(varied, frequency, 0.0, found)
-            limit = _narrowed(at, before, float(value), share)
+            limit = _narrowed(at, before, float(value))
             return Reach(varied, frequency, limit * scale, at(limit))
         before = float(value)
     return Reach(varied, frequency, high * scale, found)
 
 
-def _airy(prototype: Prototype, fraction: float) -> Prototype:
-    return prototype.but(effects=prototype.effects | {"entrained_air": {"air_fraction": fraction}})
-
-
-def _narrowed(at: Callable[[float], float], low: float, high: float, share: float) -> float:
+def _narrowed(at: Callable[[float], float], low: float, high: float) -> float:
     while high - low > 5e-4 * high:
         middle = (low + high) / 2
         found = at(middle)
-        low, high = (low, middle) if not isfinite(found) or abs(found) > share else (middle, high)
+        low, high = (low, middle) if not isfinite(found) or abs(found) > SHARE else (middle, high)
     return low

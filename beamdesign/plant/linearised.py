@@ -125,7 +125,8 @@ def linear_assembly(filtered: bool, names: tuple[str, ...], rig: str = "twin_bea
     a, b, c = ca.jacobian(rate, x), ca.jacobian(rate, u)[:, inputs], ca.jacobian(y, x)[outputs, :]
     whole = [to @ a @ back, to @ b, c @ back, ca.jacobian(y, u)[outputs, inputs]]
     if any(ca.depends_on(matrix, ca.vertcat(t, x, u)) for matrix in whole):
-        raise ValueError(f"the linear members of {', '.join(names)} are not linear: {_guilty(joined)}")
+        where = f"their Jacobians depend on where they are taken, in the states {', '.join(joined.states)}"
+        raise ValueError(f"the linear members of {', '.join(names)} are not linear: {where}")
     masses = ca.vertcat(*(p[joined.parameters.index(f"{side}_end_mass")] for side in ("outer", "inner")))
     bare = [ca.substitute(matrix, masses, ca.DM([0, 0])) for matrix in whole]
     slope = ca.substitute(
@@ -200,10 +201,6 @@ def _driven_or_seen(found: Sequence[ca.SX], states: Sequence[str], unseen: str) 
     drives = push[k, :].nnz() + a[k, others].nnz() + b[k, :].nnz()
     shows = velocity[:, k].nnz() + a[others, k].nnz() + c[:, k].nnz()
     return [*others, k] if drives and shows else others
-
-
-def _guilty(joined: Assembly) -> str:
-    return "their Jacobians depend on where they are taken, in the states " + ", ".join(joined.states)
 
 
 _OPERATIONS: dict[int, Callable[..., fmpq]] = {

@@ -1,11 +1,18 @@
 """Pages: all from one base template and style sheet; and documents, which Markdown and HTML are both made from.
 
 A page is self-contained: no requests, both themes, fit for print.
+
+The words of a document stand in a template, which is filled in and read block by block, with an empty line between two:
+`## ` begins a part, `- ` an item of a list (lines that go on are indented), `│` a row of a table whose cells it parts,
+the first of them its heads, with a caption after `= ` above; four blanks begin a line of code, `@ ` the name of a block
+that comes with the template. All else is a paragraph. A head that begins with `>` is that of a column of numbers, one
+with `_` of a column that is not broken; what stands before a row is its mark.
 """
 
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import groupby
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -15,6 +22,7 @@ from markupsafe import Markup, escape
 from beamdesign.spelling import in_markdown, one_line
 
 _BAR_IN_CELL = r"\|"  # even in code a bare one would end the cell
+_CELL = "│"
 
 
 def page_template(name: str, **filters: Callable[..., Any]) -> Template:
@@ -141,6 +149,70 @@ class Document:
     def described(self) -> bool:
         """Whether a page tells values under the pointer."""
         return any(isinstance(block, Picture) and block.name for part in self.parts for block in part.blocks)
+
+
+class _Row(str):
+    """A row of a table, whose bars part its cells."""
+
+
+def _in_line(value: Any) -> str:
+    return value if isinstance(value, _Row) else one_line(str(value)).replace(_CELL, "|")
+
+
+def _row_of(cells: Sequence[Any], mark: str = "") -> _Row:
+    return _Row(mark + "".join(f"{_CELL} {_in_line(cell)} " for cell in cells))
+
+
+def document_template(path: Path, **names: Any) -> Template:
+    """A template of the parts of a document, for `parts_from`: values stay on one line, and none is a mark.
+
+    `row` makes a row of a table of some cells, with its mark where it has one.
+    """
+    return text_template(path, finalize=_in_line, row=_row_of, **names)
+
+
+def parts_from(template: Template, given: Mapping[str, Block], **values: Any) -> tuple[Part, ...]:
+    """The parts that a template of a document makes; a block that it names and that is not given is left out."""
+    found: list[tuple[str, list[Block]]] = []
+    for filled, lines in groupby(template.render(**values).splitlines(), key=lambda line: bool(line.strip())):
+        if not filled:
+            continue
+        first, *more = block = list(lines)
+        if first.startswith("## "):
+            found.append((first[3:], []))
+        elif not first.startswith("@ "):
+            found[-1][1].append(_read(first, more, block))
+        elif first[2:] in given:
+            found[-1][1].append(given[first[2:]])
+    return tuple(Part(title, tuple(blocks)) for title, blocks in found)
+
+
+def _read(first: str, more: list[str], lines: list[str]) -> Block:
+    """The block that some lines are."""
+    match first[0]:
+        case "=":
+            return _read_table(more, first[2:])
+        case "│":
+            return _read_table(lines)
+        case "-":
+            items = re.split(r"\n- ", "\n".join(lines).removeprefix("- "))
+            return Items(tuple(_joined(item.split("\n")) for item in items))
+        case " ":
+            return Code("\n".join(line[4:] for line in lines))
+        case _:
+            return Paragraph(_joined(lines))
+
+
+def _read_table(rows: list[str], caption: str = "") -> Table:
+    (_, *heads), *cells = ([cell.strip() for cell in row.split(_CELL)] for row in rows)
+    numbers, whole = (tuple(k for k, head in enumerate(heads) if head.startswith(sign)) for sign in (">", "_"))
+    marks = tuple(mark for mark, *_ in cells)
+    names = tuple(head.removeprefix(">").removeprefix("_").strip() for head in heads)
+    return Table(names, tuple(tuple(row[1:]) for row in cells), caption, numbers, whole, marks if any(marks) else ())
+
+
+def _joined(lines: list[str]) -> str:
+    return " ".join(line.strip() for line in lines)
 
 
 def to_markdown(document: Document) -> str:

@@ -128,8 +128,8 @@ def _entry(name: str) -> EffectEntry:
         for q in effect.parameters
     )  # fmt: skip
     in_proofs = (effect.linear.covers, effect.linear.leaves_out) if effect.linear else ("", "")
-    told = effect.subsystem, " ".join(words.split()), effect.source
-    return EffectEntry(name, *told, *in_proofs, rigs, parameters)
+    own = effect.subsystem, " ".join(words.split()), effect.source
+    return EffectEntry(name, *own, *in_proofs, rigs, parameters)
 
 
 def find(word: str) -> tuple[Key, ...]:

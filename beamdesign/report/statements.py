@@ -39,8 +39,8 @@ def proved_statements(certificate: Certificate, compliance_m_per_N: float) -> li
             Claim("peak_sensitivity", best.peak_sensitivity, masses, isfinite(best.peak_sensitivity)),
             Claim("peak_compliance", best.peak_compliance_m_per_N, masses, True),
         ]
-        told = [claim for claim in reached if isfinite(claim.limit)]
-        claims += [claim for claim in told if not any(implies(asked, claim) for asked in certificate.claims)]
+        finite = [claim for claim in reached if isfinite(claim.limit)]
+        claims += [claim for claim in finite if not any(implies(asked, claim) for asked in certificate.claims)]
     return [stability, *(_of_claim(claim) for claim in claims)]
 
 

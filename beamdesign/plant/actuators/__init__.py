@@ -79,11 +79,11 @@ class WithActuator(Record):
                 yield Problem(name, "missing")
 
         law = table.get("controller")
-        heard = (
+        sensed = (
             law.get("sensors", law.get("added_sensors", ())) if isinstance(law, Mapping) else getattr(law, "senses", ())
         )
-        if kind in KINDS and isinstance(heard, list | tuple):
-            yield from not_felt(KINDS[kind], heard, "controller")
+        if kind in KINDS and isinstance(sensed, list | tuple):
+            yield from not_felt(KINDS[kind], sensed, "controller")
 
     @model_serializer(mode="wrap")
     def _without_tables_of_others(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:

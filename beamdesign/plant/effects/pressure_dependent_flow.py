@@ -20,24 +20,11 @@ def _root(drop: Any) -> Any:
     return drop / ca.sqrt(ca.sqrt(drop**2 + _SMOOTH**2))
 
 
-def _supply(signal: Any, site: Site) -> Any:
-    """The effect's own supply instead of the rig's, less what the rig takes off it."""
-    return site.parameter["supply_pressure_Pa"] + (signal - site.figure["supply_pressure"])
-
-
 def _into(flow: Any, pressure: Any, site: Site) -> Any:
     """Flow into a chamber whose port opens to the supply where `flow` is positive, and to the tank elsewhere."""
     supply, tank = site.port["supply_pressure_Pa"], site.port["tank_pressure_Pa"]
     drop = ca.if_else(flow > 0, supply - pressure, pressure - tank)
     return flow * _root(drop / site.parameter["supply_pressure_Pa"]) / float(_root(0.5))
-
-
-def _orifice_a(signal: Any, site: Site) -> Any:
-    return _into(site.port["opening_a_m3_per_s"], site.port["pressure_a_Pa"], site)
-
-
-def _orifice_b(signal: Any, site: Site) -> Any:
-    return -_into(-site.port["opening_b_m3_per_s"], site.port["pressure_b_Pa"], site)
 
 
 def _gain(own: Mapping[str, float], at: Operation) -> Span:
@@ -53,7 +40,16 @@ def _gain(own: Mapping[str, float], at: Operation) -> Span:
 EFFECT = Effect(
     name="pressure_dependent_flow",
     subsystem="servovalve",
-    laws={"supply_pressure_Pa": _supply, "orifice_a_m3_per_s": _orifice_a, "orifice_b_m3_per_s": _orifice_b},
+    laws={
+        # its own supply instead of the rig's, less what the rig takes off it
+        "supply_pressure_Pa": lambda signal, site: (
+            site.parameter["supply_pressure_Pa"] + (signal - site.figure["supply_pressure"])
+        ),
+        "orifice_a_m3_per_s": lambda _, site: _into(site.port["opening_a_m3_per_s"], site.port["pressure_a_Pa"], site),
+        "orifice_b_m3_per_s": lambda _, site: (
+            -_into(-site.port["opening_b_m3_per_s"], site.port["pressure_b_Pa"], site)
+        ),
+    },
     parameters=(Parameter("supply_pressure_Pa", 20e6, 2e6, 40e6, 0.3, "20 MPa is the supply of the published rig"),),
     states=(),
     source="H. E. Merritt, Hydraulic Control Systems (1967), chapter 5, critical-centre valve",

@@ -39,10 +39,6 @@ def _dashpot(own: Mapping[str, float], at: Operation) -> Span:
     return Span(own["viscous_N_s_per_m"] - fall, own["viscous_N_s_per_m"], own["viscous_N_s_per_m"])
 
 
-def _elements(own: Mapping[str, fmpq], figure: Mapping[str, fmpq]) -> Elements:
-    return Elements((({"slide": fmpq(1)}, (own["spring_N_per_m"], own["dashpot_N_s_per_m"])),))
-
-
 EFFECT = Effect(
     name="seal_friction",
     subsystem="actuator",
@@ -70,7 +66,9 @@ EFFECT = Effect(
             )
         },
         figures={"spring_N_per_m": _spring, "dashpot_N_s_per_m": _dashpot},
-        elements=_elements,
+        elements=lambda own, figure: Elements(
+            (({"slide": fmpq(1)}, (own["spring_N_per_m"], own["dashpot_N_s_per_m"])),)
+        ),
         near_rest="compliance",
     ),
 )

@@ -12,14 +12,6 @@ from flint import fmpq
 from beamdesign.plant.effect import TWO_PI, Effect, Elements, Linear, Parameter, Site
 
 
-def _position(signal: Any, site: Site) -> Any:
-    return signal + site.state["mode_m"]
-
-
-def _velocity(signal: Any, site: Site) -> Any:
-    return signal + site.state["mode_m_per_s"]
-
-
 def _end_mass(signal: Any, site: Site) -> Any:
     """Share the end mass between the modes: their accelerations add up to that of the tip."""
     figure, own, port = site.figure, site.parameter, site.port
@@ -47,7 +39,11 @@ def _elements(own: Mapping[str, fmpq], figure: Mapping[str, fmpq]) -> Elements:
 EFFECT = Effect(
     name="second_beam_mode",
     subsystem="structure",
-    laws={"outer_tip_m": _position, "outer_tip_m_per_s": _velocity, "outer_end_mass_N": _end_mass},
+    laws={
+        "outer_tip_m": lambda signal, site: signal + site.state["mode_m"],
+        "outer_tip_m_per_s": lambda signal, site: signal + site.state["mode_m_per_s"],
+        "outer_end_mass_N": _end_mass,
+    },
     parameters=(
         Parameter("frequency_Hz", 300.0, 70.0, 1500.0, 0.4, "of the mode without payload"),
         Parameter("compliance_share", 0.02, 1e-4, 0.3, 0.8, "static compliance of the mode at the tip over 1/K_m"),

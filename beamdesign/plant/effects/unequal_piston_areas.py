@@ -18,18 +18,11 @@ import casadi as ca
 from beamdesign.plant.effect import Effect, Elements, Linear, Operation, Parameter, Site, Span
 
 
-def _passed(signal: Any, asymmetry: Any, own: Any) -> Any:
-    """Flow through the port of the side whose area is `own` times the mean one."""
+def _passed(signal: Any, sign: int, site: Site) -> Any:
+    """Flow through the port of the side whose area is 1 + sign asymmetry times the mean one."""
+    asymmetry = site.parameter["asymmetry"]
     fills_a = ca.if_else(asymmetry > 0, signal > 0, signal >= 0)  # at null: the smaller side
-    return signal * own / ca.if_else(fills_a, 1 + asymmetry, 1 - asymmetry)
-
-
-def _linear_a(signal: Any, site: Site) -> Any:
-    return _passed(signal, site.parameter["asymmetry"], 1 + site.parameter["asymmetry"])
-
-
-def _linear_b(signal: Any, site: Site) -> Any:
-    return _passed(signal, site.parameter["asymmetry"], 1 - site.parameter["asymmetry"])
+    return signal * (1 + sign * asymmetry) / ca.if_else(fills_a, 1 + asymmetry, 1 - asymmetry)
 
 
 def _null(site: Site) -> Any:
@@ -49,8 +42,8 @@ EFFECT = Effect(
     laws={
         "area_a_m2": lambda signal, site: signal * (1 + site.parameter["asymmetry"]),
         "area_b_m2": lambda signal, site: signal * (1 - site.parameter["asymmetry"]),
-        "linear_a_m3_per_s": _linear_a,
-        "linear_b_m3_per_s": _linear_b,
+        "linear_a_m3_per_s": lambda signal, site: _passed(signal, 1, site),
+        "linear_b_m3_per_s": lambda signal, site: _passed(signal, -1, site),
         "leakage_a_m3_per_s": lambda signal, site: signal + _null(site),
         "leakage_b_m3_per_s": lambda signal, site: signal - _null(site),
     },
