@@ -5,6 +5,7 @@ from math import hypot
 
 import numpy as np
 import pytest
+from beamdesign.plant.changed_figures import with_figures
 from contradictions import motions
 from flint import fmpq, fmpq_poly
 from forging import altered
@@ -12,7 +13,6 @@ from honest_certificates import erring, honest, valid
 
 from beamdesign.checker import check
 from beamdesign.loop import rig_loop
-from beamdesign.plant.changed_figures import with_figures
 from beamdesign.plant.members import family
 from beamdesign.polynomial import exact
 from beamdesign.proofs import bounded_error, changing_gain, error_over_box
