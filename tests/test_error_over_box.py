@@ -5,7 +5,6 @@ from math import hypot
 
 import numpy as np
 import pytest
-from beamdesign.plant.changed_figures import with_figures
 from contradictions import motions
 from flint import fmpq, fmpq_poly
 from forging import altered
@@ -24,6 +23,7 @@ from beamdesign.proofs.rig_family import rig_family
 from beamdesign.proofs.tolerance_box import tolerance_box
 from beamdesign.rational import nearest
 from beamdesign.scenario import Multisine
+from beamdesign.structure.lumped import with_figures
 
 CLAIM = ("claim", 0)
 
