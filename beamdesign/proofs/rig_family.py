@@ -271,9 +271,9 @@ def _names(node: ast.AST) -> set[str]:
 
 def _moved(form: Expression, decay: fmpq) -> Expression:
     """The expression at s less a decay."""
-    at, name = re.compile(r"\bs\b"), "moved"
-    leaves = {leaf: at.sub(f"(s - {text(decay)})", written) for leaf, written in form.leaves.items()}
-    return Expression(at.sub(name, form.p), {**leaves, name: f"s - {text(decay)}"}, form.bound, form.groups)
+    at, name, back = re.compile(r"\bs\b"), "moved", f"s - {decay.p}/{decay.q}"
+    leaves = {leaf: at.sub(f"({back})", written) for leaf, written in form.leaves.items()}
+    return Expression(at.sub(name, form.p), {**leaves, name: back}, form.bound, form.groups)
 
 
 _UNDER_TURN, _OVER_TURN = fmpq(333, 53), fmpq(710, 113)
