@@ -3,7 +3,7 @@
 Their charts of what is stable over the outer end mass are exact: ranges on one axis, gains over mass.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from decimal import ROUND_FLOOR
 from itertools import groupby, pairwise
@@ -160,7 +160,7 @@ def loop_pictures(prototype: Prototype, loop: Loop) -> list[CaptionedFigure]:
         "Stable and unstable masses on the outer tip, exact, beyond the range asked for as well; where the verdict"
         " changes a pole pair crosses the axis at the frequency given."
     )
-    plot_stable_ranges(framed("ranges", 48, caption)[0], wide, bounds)
+    plot_stable_ranges(framed("ranges", 48, caption)[0], {"": wide}, bounds)
 
     masses = [float(mass) for mass in np.linspace(0, nearest(wide.ranges[-1].high), 121)]
     caption = (
@@ -209,31 +209,50 @@ def wider_map(loop: Loop, low: float, high: float) -> StabilityMap:
     return stable_ranges(loop.characteristic, exact(0.0), exact(float(f"{end:.3g}")))
 
 
-def plot_stable_ranges(axes: Axes, found: StabilityMap, asked_kg: tuple[float, float]) -> Axes:
-    """A bar over the outer end mass: grey where stable, hatched where not; crossings marked with mass and frequency.
+def plot_stable_ranges(axes: Axes, maps: Mapping[str, StabilityMap], asked_kg: tuple[float, float] | None) -> Axes:
+    """Bars over the outer end mass: grey where stable, hatched where not; crossings marked with mass and frequency.
 
     Args:
         axes: drawn on, in kg.
-        found: the exact map.
-        asked_kg: the range that had to be stable, marked by a bracket line under the bar.
+        maps: exact maps by label, from the top.
+        asked_kg: the range that had to be stable, marked by a bracket line under each bar.
     """
-    end = nearest(found.high)
-    for part in found.ranges:
-        low, high = nearest(part.low), nearest(part.high)
-        words, colour, hatch = ("stable", _STABLE, None) if part.stable else ("unstable", _UNSTABLE, "////")
-        axes.barh(0, high - low, 0.5, low, color=colour, edgecolor="black", linewidth=0.6, hatch=hatch)
-        if high - low > 0.12 * (end - nearest(found.low)):
-            box = {"facecolor": colour, "edgecolor": "none", "pad": 1.5}
-            axes.text((low + high) / 2, 0, words, ha="center", va="center", fontsize=8, bbox=box)
-    for crossing in found.crossings:
-        if crossing.finite:
-            axes.plot([crossing.value] * 2, [-0.25, 0.33], color="black", linewidth=1.2)
+    for row, found in enumerate(maps.values()):
+        for part in found.ranges:
+            low, high = nearest(part.low), nearest(part.high)
+            axes.barh(
+                -row,
+                high - low,
+                left=low,
+                height=0.5,
+                color=_STABLE if part.stable else _UNSTABLE,
+                edgecolor="black",
+                linewidth=0.6,
+                hatch=None if part.stable else "////",
+            )
+            if high - low > 0.12 * (nearest(found.high) - nearest(found.low)):
+                axes.text(
+                    (low + high) / 2,
+                    -row,
+                    "stable" if part.stable else "unstable",
+                    ha="center",
+                    va="center",
+                    fontsize=8,
+                    bbox={"facecolor": _STABLE if part.stable else _UNSTABLE, "edgecolor": "none", "pad": 1.5},
+                )
+        for crossing in found.crossings:
+            if not crossing.finite:
+                continue
+            axes.plot([crossing.value] * 2, [-row - 0.25, -row + 0.33], color="black", linewidth=1.2)
             words = f"{crossing.value:.4g} kg\n{crossing.frequency_Hz:.3g} Hz"
-            note(axes, words, (crossing.value, 0.33), (0, 1), va="bottom")
-    axes.plot(asked_kg, [-0.34] * 2, "|-", color="black", linewidth=1.6, markersize=7)
-    note(axes, "range asked for", (sum(asked_kg) / 2, -0.34), (0, -3), va="top")
-    axes.set(xlim=(-0.015 * end, 1.015 * end), ylim=(-0.75, 0.85))
-    axes.set_yticks([0], [""])
+            note(axes, words, (crossing.value, -row + 0.33), (0, 1), va="bottom")
+        if asked_kg is not None:
+            axes.plot(asked_kg, [-row - 0.34] * 2, "|-", color="black", linewidth=1.6, markersize=7)
+    if asked_kg is not None:
+        note(axes, "range asked for", (sum(asked_kg) / 2, -len(maps) + 1 - 0.34), (0, -3), va="top")
+    end = max(nearest(found.high) for found in maps.values())
+    axes.set(xlim=(-0.015 * end, 1.015 * end), ylim=(-len(maps) + 1 - 0.75, 0.85))
+    axes.set_yticks([-row for row in range(len(maps))], list(maps), fontsize=8)
     axes.tick_params(left=False)
     for side in ("left", "right", "top"):
         axes.spines[side].set_visible(False)
