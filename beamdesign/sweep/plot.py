@@ -155,25 +155,10 @@ _SHADES = ("0.9", "0.75", "0.6", "0.45", "0.3")
 
 
 def _stable(axes: Axes, rows: Sequence[Row], x: str, columns: tuple[str, str], name: str, number: int) -> None:
-    """Fill what two columns of lower and upper ends say is stable over x: exact at each x, straight in between."""
-    style: dict[str, Any] = STYLES[number % len(STYLES)]
-    shade = _SHADES[number % len(_SHADES)]
-    found = sorted(
-        (float(value_of(row, x)), list(zip(*(value_of(row, end) or () for end in columns), strict=True)))
-        for row in rows
-    )
-    for count, run in groupby(found, key=lambda row: len(row[1])):
-        # Bands are joined only between neighbours that have equally many: elsewhere one begins or ends in between.
-        at, bands = zip(*run, strict=True)
-        for k in range(count):
-            bottom, top = zip(*(band[k] for band in bands), strict=True)
-            axes.fill_between(at, bottom, top, color=shade, linewidth=0)
-            if len(at) == 1:  # no width to fill: a line from end to end shows it
-                axes.plot(at * 2, bottom + top, **style)
-                continue
-            axes.plot(at, bottom, **style)
-            axes.plot(at, top, **style)
-    axes.fill_between([], [], color=shade, edgecolor=style["color"], label=name, linestyle=style["linestyle"])
+    """What two columns of lower and upper ends say is stable over x."""
+    at = [float(value_of(row, x)) for row in rows]
+    low, high = ([value_of(row, end) for row in rows] for end in columns)
+    plot_stable_bands(axes, at, low, high, name, STYLES[number % len(STYLES)], _SHADES[number % len(_SHADES)])
 
 
 def _lag_breaks(figure: Figure, asked: Picture, records: Sequence[Row], x: str) -> None:
@@ -254,3 +239,61 @@ _KINDS: dict[str, Callable[..., None]] = {
     "histogram": _histogram,
 }
 _HEIGHTS_MM = {"lines": 110.0, "map": 110.0, "lag_breaks": 110.0, "end_masses": 150.0, "histogram": 90.0}
+
+
+Cell = str | Sequence[float] | None
+"""What a column says of one row: "0; 2.5" in a table, a list in a record; nothing or empty where no band is stable."""
+
+
+def ends(cell: Cell) -> tuple[float, ...]:
+    """The figures that a cell lists.
+
+    Raises:
+        ValueError: for text that is no list of numbers.
+    """
+    if isinstance(cell, str):
+        return tuple(float(part) for part in cell.split(";") if part.strip())
+    # A missing cell is None in a record, and a float that is not a number in some tables.
+    return () if cell is None or isinstance(cell, float) else tuple(float(value) for value in cell)
+
+
+def plot_stable_bands(
+    axes: Axes,
+    x: Sequence[float],
+    low: Sequence[Cell],
+    high: Sequence[Cell],
+    label: str,
+    style: dict[str, Any],
+    shade: str = "0.85",
+) -> Axes:
+    """Fill what is stable over x; ends are exact at each x and joined by straight lines between neighbours.
+
+    Args:
+        axes: drawn on.
+        x: the varied figure, one per row in any order.
+        low: lower ends of the bands at each x.
+        high: upper ends, as many.
+        label: in the legend.
+        style: colour and line style of the edges, such as one of `canvas.STYLES`.
+        shade: of the filling.
+
+    Raises:
+        ValueError: where a row has not as many upper ends as lower ones.
+    """
+    rows = sorted(
+        (float(at), list(zip(ends(below), ends(above), strict=True)))
+        for at, below, above in zip(x, low, high, strict=True)
+    )
+    for count, run in groupby(rows, key=lambda row: len(row[1])):
+        # Bands are joined only between neighbours that have equally many: elsewhere one begins or ends in between.
+        at, bands = zip(*run, strict=True)
+        for k in range(count):
+            bottom, top = zip(*(found[k] for found in bands), strict=True)
+            axes.fill_between(at, bottom, top, color=shade, linewidth=0)
+            if len(at) == 1:  # no width to fill: a line from end to end shows it
+                axes.plot(at * 2, bottom + top, **style)
+                continue
+            axes.plot(at, bottom, **style)
+            axes.plot(at, top, **style)
+    axes.fill_between([], [], color=shade, edgecolor=style.get("color"), label=label, linestyle=style.get("linestyle"))
+    return axes
