@@ -5,7 +5,6 @@ from math import hypot
 
 import numpy as np
 import pytest
-from beamdesign.plant.changed_figures import with_figures
 from contradictions import motions
 from flint import fmpq, fmpq_poly
 from forging import altered
