@@ -52,6 +52,11 @@ class Learning:
     judged: Judgement
     refitted: tuple[Fit, Fit]
 
+    @property
+    def left(self) -> float:
+        """Misfit beyond noise, as a share of what tolerances alone leave."""
+        return self.search.excess(self.judged.best)
+
 
 def learn(
     data: Dataset,

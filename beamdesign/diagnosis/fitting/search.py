@@ -144,7 +144,7 @@ _LARGE = 4.0  # times: what is worth every pair
 _EXPLAINED = 0.5  # of the excess misfit: where no single cause reaches it, every pair of effects is tried
 _TAKEN_APART = 2  # of the best pairs
 _HALF = 0.5  # of the evidence, that which the best single cause explains least, tells which pairs are worth fitting
-_SEEKING, _LOOKING = 0.7, 0.3  # of the time that is left, for all fits and for a look at single causes before them
+_SEEKING, _LOOKING = 0.6, 0.3  # of the time that is left, for all fits and for a look at single causes before them
 _DONE = 0.004  # of the excess misfit: a single cause that leaves no more needs no second one
 
 
