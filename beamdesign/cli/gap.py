@@ -82,7 +82,7 @@ def _diagnose(dataset: Path, folder: Path, renew: bool, workers: int, minutes: f
     from beamdesign.diagnosis.fitting.fit import fit_cache
     from beamdesign.diagnosis.redesign import designer_terms, payload_range, redesign
     from beamdesign.report.gap_folder import write_gap_folder
-    from beamdesign.report.gap_tables import controller_text, terms_rows
+    from beamdesign.report.gap_tables import controller_text, terms_table
 
     data = read_dataset(dataset)
     kept = fit_cache(folder / "fits", data)
@@ -101,7 +101,8 @@ def _diagnose(dataset: Path, folder: Path, renew: bool, workers: int, minutes: f
             paths, fields = write_gap_folder(folder, found, data, terms, renewed)
     for loop in terms:
         title = ("new: " if loop.new else "") + controller_text(loop.controller, loop.inner_end_mass_kg)
-        echo_table(title, ("", "as believed", "as diagnosed"), terms_rows(loop))
+        promised = terms_table(loop)
+        echo_table(title, promised.heads, promised.rows)
     if renewed is not None and renewed.reason:
         echo(f"no new controller: {renewed.reason}")
     if renewed is None:

@@ -12,7 +12,7 @@ import numpy as np
 
 from beamdesign.bench_prototype import AnyPrototype
 from beamdesign.diagnosis.fitting.fit import Fit
-from beamdesign.diagnosis.fitting.hypothesis import SUPPLY, given
+from beamdesign.diagnosis.fitting.hypothesis import SUPPLY, Hypothesis, given
 from beamdesign.diagnosis.fitting.search import Search
 from beamdesign.diagnosis.separability import Separability
 from beamdesign.json_text import finite, picked
@@ -220,6 +220,9 @@ class CauseSet:
     names: tuple[str, ...]
     probability: float
     share_left: float
+
+    def __str__(self) -> str:
+        return str(Hypothesis(self.names))
 
 
 Rig = TypeVar("Rig", bound=AnyPrototype)

@@ -76,11 +76,7 @@ class GainDiagnosis(Diagnosis[Prototype]):
     @property
     def ranked(self) -> tuple[tuple[str, float], ...]:
         """Hypotheses with 1 % of the probability or more, best first, with that probability; the null among them."""
-        return tuple(
-            (str(Hypothesis(one.names)), one.probability)
-            for one in self.hypotheses
-            if one.probability >= LEAST_PROBABILITY
-        )
+        return tuple((str(h), h.probability) for h in self.hypotheses if h.probability >= LEAST_PROBABILITY)
 
     @property
     def own_fields(self) -> dict[str, Any]:

@@ -4,7 +4,6 @@ The report is one self-contained HTML page: no requests, both themes, fit for pr
 """
 
 from collections.abc import Sequence
-from math import isfinite
 from pathlib import Path
 from typing import Any
 
@@ -14,19 +13,17 @@ from matplotlib.figure import Figure
 
 from beamdesign.diagnosis.data.dataset import Dataset
 from beamdesign.diagnosis.diagnosis import BandGap, Cause, Diagnosis, Errors, in_words
-from beamdesign.diagnosis.fitting.hypothesis import Hypothesis
 from beamdesign.diagnosis.gap_metrics import in_bands
 from beamdesign.diagnosis.redesign import LoopTerms, Redesign, payload_range
 from beamdesign.files import write_set
 from beamdesign.json_text import finite, json_text, picked
 from beamdesign.loop import loop
-from beamdesign.prototype import Guarantee, Prototype
+from beamdesign.prototype import Prototype
 from beamdesign.quantity_text import decimal, mass_range_text, stated_bandwidth, stated_peak
 from beamdesign.records import InputError, to_toml
 from beamdesign.report.canvas import inline_svg, new_figure
 from beamdesign.report.figures import plot_compliance
 from beamdesign.report.gap_tables import (
-    HeatMap,
     chosen_fit,
     closed_text,
     condition_text,
@@ -34,10 +31,11 @@ from beamdesign.report.gap_tables import (
     error_maps,
     fitted_figures,
     indicator_table,
+    place,
     share_text,
-    terms_rows,
+    terms_table,
 )
-from beamdesign.report.page import Document, Table, page_template
+from beamdesign.report.page import Document, page_template
 
 NAMES = {"prototype": "prototype.toml", "json": "diagnosis.json", "report": "report.html"}
 REDESIGNED, NEXT = "redesigned/prototype.toml", "next_experiment.csv"
@@ -104,9 +102,7 @@ VERDICTS = {
     "ambiguous": "several causes explain it alike",
     "unknown": "cause unknown",
 }
-_TERMS = ("", "as believed", "as diagnosed")
 _MOST_PICTURES = 12
-_LISTED, _LEAST_PROBABILITY = 8, 1e-4  # sets of causes
 _BANDS = "Errors on the records that count, rms per band over the rms of the signal."
 
 
@@ -130,7 +126,6 @@ def gap_report_html(
     held_out = {record.record for record in found.gap.records if record.held_out}
     seen = [] if data is None else sorted(found.errors, key=lambda e: e.name not in held_out)
     conditions = {} if data is None else {r.name: condition_text(r) for r in data.records}
-    indicators = [(w, indicator_table(w.table)) for w in found.where.witnesses]
     template = page_template(
         "gap_report.html",
         share=share_text,
@@ -141,6 +136,9 @@ def gap_report_html(
         stated_bandwidth=stated_bandwidth,
         stated_peak=stated_peak,
         in_words=in_words,
+        place=place,
+        controller_text=controller_text,
+        terms_table=terms_table,
     )
     return template.render(
         found=found,
@@ -155,21 +153,16 @@ def gap_report_html(
         ),
         files=files,
         maps=error_maps(seen, conditions) if seen else (),
-        witnesses=[(w, table, isinstance(table, HeatMap)) for w, table in indicators],
-        hypotheses=_hypotheses(found),
+        witnesses=[(w, indicator_table(w.table)) for w in found.where.witnesses],
         learnt=[_curve(cause, k) for k, cause in enumerate(found.causes) if cause.table],
         bands=_inline(band_picture(found.gap.bands), "bands", _BANDS) if found.gap.bands else None,
         records=[_shown(e, k, e.name in held_out) for k, e in enumerate(seen[:_MOST_PICTURES])],
         left_out=max(0, len(seen) - _MOST_PICTURES),
         fitted=fitted_figures(fit) if fit is not None else (),
-        loops=[
-            (controller_text(t.controller, t.inner_end_mass_kg), Table(_TERMS, tuple(terms_rows(t))), t) for t in terms
-        ],
-        scope=next((t.diagnosed.scope for t in terms if t.diagnosed.scope), ()),
+        loops=terms,
         compliance=_compliance(found, data, terms, renewed),
         payloads=None if data is None else payload_range(data),
         renewed=renewed,
-        renewed_laws=_renewed_laws(renewed),
     )  # fmt: skip
 
 
@@ -215,20 +208,6 @@ def _curve(of: Cause, position: int) -> Markup:
     )
 
 
-def _hypotheses(found: Diagnosis) -> list[tuple[str, float, str, str]]:
-    """The most probable sets of causes: names, probability, and what each leaves of the misfit."""
-    return [
-        (
-            str(Hypothesis(one.names)),
-            one.probability,
-            f"{100 * one.probability:.1f} %",
-            f"{100 * max(0.0, one.share_left):.3g} %" if isfinite(one.share_left) else "",
-        )
-        for one in found.hypotheses[:_LISTED]
-        if one.probability > _LEAST_PROBABILITY
-    ]
-
-
 def _compliance(
     found: Diagnosis, data: Dataset | None, terms: tuple[LoopTerms, ...], renewed: Redesign | None
 ) -> Markup | None:
@@ -245,7 +224,7 @@ def _compliance(
         )
         for name, prototype in (("as believed", data.prototype), ("as diagnosed", found.prototype))
     }
-    if renewed is not None and renewed.prototype is not None:
+    if renewed is not None and renewed.proofs:
         prototypes["new controller, as diagnosed"] = renewed.proofs[0][1]
     try:
         loops = {name: loop(prototype).at(mass) for name, prototype in prototypes.items()}
@@ -255,21 +234,13 @@ def _compliance(
         f"Compliance with {mass:g} kg outside, of the linear loop:"
         f" {controller_text(first.controller, first.inner_end_mass_kg)}."
     )
-    if len(loops) > 2:
-        words += f" New: {_renewed_laws(renewed)[0][0]}."
+    if renewed is not None and renewed.proofs:
+        new = renewed.proofs[0][1]
+        assert new.controller is not None  # what was proved
+        words += f" New: {controller_text(new.controller, new.payload.inner_end_mass_kg)}."
     figure = new_figure(170.0, 92.0)
     plot_compliance(figure.subplots(), loops, data.prototype.goal.compliance_m_per_N)
     return _inline(figure, "compliance", words)
-
-
-def _renewed_laws(renewed: Redesign | None) -> list[tuple[str, Guarantee]]:
-    """Of each law of a new design: itself in one line, and what is guaranteed with it."""
-    stages = () if renewed is None else (stage for _, stage in renewed.proofs)
-    return [
-        (controller_text(stage.controller, stage.payload.inner_end_mass_kg), stage.guarantee)
-        for stage in stages
-        if stage.controller is not None and stage.guarantee is not None
-    ]
 
 
 def _inline(figure: Figure, name: str, caption: str) -> Markup:

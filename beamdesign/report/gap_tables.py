@@ -1,9 +1,9 @@
-"""Tables and maps of a diagnosis, as rows of text and shares for a page to lay out."""
+"""Tables and maps of a diagnosis for a page to lay out, and how it writes what they hold."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from itertools import pairwise
-from math import isfinite, log10
+from math import isfinite, isnan, log10, nan
+from typing import NamedTuple
 
 import numpy as np
 from markupsafe import escape
@@ -20,24 +20,28 @@ from beamdesign.report.page import Table
 
 _FAINTEST, _STRONGEST = 1e-3, 1.0  # errors over the rms of the signal that are drawn as none and as full
 _WIDEST_Z = 5.0
-_TOLERATED_Z = 2.0
 _MOST_ROWS = 40
 _MANY = 5  # columns of positive figures in an indicator's table that make a map of it
 
 
-@dataclass(frozen=True)
-class HeatMap:
-    """A table of shares whose cells are shaded.
+class HeatMap(NamedTuple):
+    """A table of figures whose cells are shaded.
 
     Attributes:
         title: above it.
         columns: heads.
-        rows: label, more words about it, and cells of each: (text, shade from 0 to 1, words on hovering).
+        rows: label, more words about it, and figures of each.
+        largest: figure that has the full shade; NaN for shares of a signal, which are shaded by their logarithm.
     """
 
     title: str
     columns: tuple[str, ...]
-    rows: tuple[tuple[str, str, tuple[tuple[str, float, str], ...]], ...]
+    rows: tuple[tuple[str, str, tuple[float, ...]], ...]
+    largest: float = nan
+
+    def shade(self, value: float) -> float:
+        """From 0 to 1."""
+        return shade(value) if isnan(self.largest) else min(1.0, value / self.largest)
 
 
 def share_text(value: float) -> str:
@@ -72,22 +76,13 @@ def error_maps(all_errors: Sequence[Errors], conditions: Mapping[str, str]) -> t
     """
     edges = np.array(BANDS_HZ)
     names = tuple(f"{low:g} to {high:g}" for low, high in pairwise(edges))
-    found = []
-    for attribute, title in (("before", "as believed"), ("after", "with the cause")):
-        rows = []
-        for errors in all_errors:
-            values = in_bands(errors, getattr(errors, attribute), edges)
-            cells = tuple(
-                (
-                    decimal(100 * value, 2) if value >= 5e-5 else "0",
-                    shade(value),
-                    f"{errors.name}, {name} Hz, {title}: {share_text(value)}",
-                )
-                for name, value in zip(names, map(float, values), strict=True)
-            )
-            rows.append((errors.name, conditions.get(errors.name, ""), cells))
-        found.append(HeatMap(title, names, tuple(rows)))
-    return tuple(found)
+
+    def row(errors: Errors, model: str) -> tuple[str, str, tuple[float, ...]]:
+        values = in_bands(errors, getattr(errors, model), edges)
+        return errors.name, conditions.get(errors.name, ""), tuple(values.tolist())
+
+    models = (("before", "as believed"), ("after", "with the cause"))
+    return tuple(HeatMap(title, names, tuple(row(one, model) for one in all_errors)) for model, title in models)
 
 
 def shade(value: float) -> float:
@@ -110,25 +105,15 @@ def indicator_table(table: Mapping[str, Sequence[object]]) -> HeatMap | Table | 
     words = [name for name, values in table.items() if all(isinstance(v, str) for v in values)]
     values = np.array([[float(v) for v in table[name]] for name in alike]).T  # type: ignore[arg-type]
     if words and (banded or len(alike) >= _MANY) and len(alike) > 1 and bool(np.all(values >= 0)):
-        return _map(table, words, alike, values)
+        largest = float(values[np.isfinite(values)].max(initial=0.0)) or 1.0
+        label, *more = (table[name] for name in words)
+        rows = [
+            (str(label[k]), ", ".join(str(one[k]) for one in more), tuple(row)) for k, row in enumerate(values.tolist())
+        ]
+        return HeatMap("", tuple(alike), tuple(rows), largest)
     lines = list(zip(*table.values(), strict=True))[:_MOST_ROWS]
     heads = tuple(escape(name.replace("_", " ")) for name in table)  # nothing in names is code
     return Table(heads, tuple(tuple(escape(_text(v)) for v in line) for line in lines))
-
-
-def _map(table: Mapping[str, Sequence[object]], words: list[str], alike: list[str], values: np.ndarray) -> HeatMap:
-    finite = values[np.isfinite(values)]
-    largest = float(finite.max(initial=0.0)) or 1.0
-    rows = []
-    for k, line in enumerate(values):
-        label, more = str(table[words[0]][k]), ", ".join(str(table[name][k]) for name in words[1:])
-        cells = tuple(
-            (decimal(float(v), 2), min(1.0, float(v) / largest), f"{label}, {name}: {decimal(float(v), 3)}")
-            for name, v in zip(alike, line, strict=True)
-        )
-        rows.append((label, more, cells))
-    heads = tuple(name.removesuffix(" Hz").replace("-", " to ") for name in alike)
-    return HeatMap("", heads, tuple(rows))
 
 
 def _is_figure(value: object) -> bool:
@@ -145,8 +130,7 @@ def _text(value: object) -> str:
     return str(value)
 
 
-@dataclass(frozen=True)
-class FittedFigure:
+class FittedFigure(NamedTuple):
     """A tolerated figure before and after, with its move in standard deviations of its tolerance.
 
     Attributes:
@@ -155,9 +139,6 @@ class FittedFigure:
         fitted: value with its standard error.
         z: move over the tolerance.
         spread: standard error over the tolerance.
-        beyond: whether the move is more than two tolerances.
-        place: of z on a scale from 0 to 1, its middle 0.5 where nothing moved.
-        extent: of the standard error on that scale: from, to.
     """
 
     name: str
@@ -165,9 +146,6 @@ class FittedFigure:
     fitted: str
     z: float
     spread: float
-    beyond: bool
-    place: float
-    extent: tuple[float, float]
 
 
 def chosen_fit(found: Diagnosis) -> Fit | None:
@@ -189,18 +167,8 @@ def fitted_figures(fit: Fit) -> tuple[FittedFigure, ...]:
         if unknown.kind != "figure":
             continue
         value, error = unknown.value(z), abs(unknown.slope(z)) * float(spread)
-        rows.append(
-            FittedFigure(
-                unknown.name.replace("_", " "),
-                _shown(unknown.name, unknown.nominal),
-                _shown(unknown.name, value, error),
-                float(z),
-                float(spread),
-                abs(z) > _TOLERATED_Z,
-                _place(float(z)),
-                (_place(float(z - spread)), _place(float(z + spread))),
-            )
-        )
+        before, after = _shown(unknown.name, unknown.nominal), _shown(unknown.name, value, error)
+        rows.append(FittedFigure(unknown.name.replace("_", " "), before, after, float(z), float(spread)))
     return tuple(sorted(rows, key=lambda row: -abs(row.z)))
 
 
@@ -215,7 +183,8 @@ def _shown(name: str, value: float, error: float | None = None) -> str:
     return f"{number} ± {words.partition(' ')[0]} {shown}".rstrip()
 
 
-def _place(z: float) -> float:
+def place(z: float) -> float:
+    """Of a move on a scale from 0 to 1, its middle where nothing moved."""
     return 0.5 + 0.5 * min(1.0, max(-1.0, z / _WIDEST_Z))
 
 
@@ -225,14 +194,14 @@ def controller_text(controller: Controller, inner_end_mass_kg: float) -> str:
     return f"{controller.words(4)} at {gain}, {inner_end_mass_kg:.3g} kg inside"
 
 
-def terms_rows(loop: LoopTerms) -> list[tuple[str, str, str]]:
+def terms_table(loop: LoopTerms) -> Table:
     """What is promised: figure, as believed, as diagnosed."""
     masses = mass_range_text(loop.outer_end_mass_kg)
     ends = tuple(dict.fromkeys(loop.outer_end_mass_kg))
     names = ["proved stable outside", *(f"guaranteed {name}, {masses}" for name in ("bandwidth", "peak sensitivity"))]
     names += [f"critical gain at {mass:g} kg" for mass in ends]
-    nominal, diagnosed = (_promised(of, masses, ends) for of in (loop.nominal, loop.diagnosed))
-    return list(zip(names, nominal, diagnosed, strict=True))
+    promised = (_promised(of, masses, ends) for of in (loop.nominal, loop.diagnosed))
+    return Table(("", "as believed", "as diagnosed"), tuple(zip(names, *promised, strict=True)))
 
 
 def _promised(of: Terms, masses: str, ends: tuple[float, ...]) -> Iterator[str]:
