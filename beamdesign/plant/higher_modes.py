@@ -70,27 +70,30 @@ class _Cantilever:
 
 
 def exact_compliance(record: Beam, name: str) -> Compliance:
-    """Tip compliance of a beam with all its modes, without payload.
+    """Tip compliance of a beam with all its modes, without payload: the sum of `MODES`, and a static rest.
+
+    The shapes are those of R. D. Blevins, Formulas for Natural Frequency and Mode Shape (1979), table 8-1, with the
+    wave numbers of the loaded tip; the mass each mode moves includes that at the tip.
 
     Raises:
         InputError: where the prototype gives no geometry, or a tube heavier than its effective mass allows.
     """
-    return modal_compliance(*_modes(_cantilever(record, name)))
+    from scipy.integrate import simpson
 
-
-def modal_compliance(frequencies: np.ndarray, shares: np.ndarray, rest: float, damping_ratio: float) -> Compliance:
-    """Sum of modes.
-
-    Args:
-        frequencies: (N,) natural frequencies, Hz.
-        shares: (N,) static compliances, m/N.
-        rest: static compliance of all modes left out, m/N.
-        damping_ratio: of every mode.
-    """
+    beam = _cantilever(record, name)
+    frequencies = np.array(natural_frequencies(beam.rigidity, beam.per_length, beam.length, beam.end_mass, MODES))
+    shares = []
+    for frequency in frequencies:
+        wave = ((tau * frequency) ** 2 * beam.per_length / beam.rigidity) ** 0.25 * beam.length
+        x = np.linspace(0.0, 1.0, 4001)
+        y = _shape(wave)(x)
+        moved = beam.per_length * beam.length * float(simpson(y**2, x=x)) + beam.end_mass * y[-1] ** 2
+        shares.append(y[-1] ** 2 / (moved * (tau * frequency) ** 2))
+    rest = beam.length**3 / (3 * beam.rigidity) - sum(shares)
 
     def compliance(frequency_Hz: np.ndarray) -> np.ndarray:
         ratio = np.asarray(frequency_Hz, dtype=float)[..., None] / frequencies
-        return np.asarray((shares / (1 - ratio**2 + 2j * damping_ratio * ratio)).sum(axis=-1) + rest)
+        return np.asarray((np.array(shares) / (1 - ratio**2 + 2j * beam.damping_ratio * ratio)).sum(axis=-1) + rest)
 
     return compliance
 
@@ -177,7 +180,9 @@ def single_mode_reach(prototype: Prototype, outer_end_mass: float = 0.0) -> Sing
     masses = {"outer_beam": outer_end_mass, "inner_beam": prototype.payload.inner_end_mass_kg}
     beams = {name: _cantilever(getattr(prototype, name), name) for name in masses}
     one = {name: with_mass(single_compliance(prototype, name), mass) for name, mass in masses.items()}
-    all_modes = {name: with_mass(modal_compliance(*_modes(beams[name])), mass) for name, mass in masses.items()}
+    all_modes = {
+        name: with_mass(exact_compliance(getattr(prototype, name), name), mass) for name, mass in masses.items()
+    }
     reached = {name: _agrees_up_to(one[name](grid), all_modes[name](grid), grid) for name in masses}
 
     low, full = (signals(prototype, kind["outer_beam"], kind["inner_beam"], grid) for kind in (one, all_modes))
@@ -205,26 +210,6 @@ def _cantilever(record: Beam, name: str) -> _Cantilever:
         raise InputError(name, [("effective_mass_kg", f"{one.mass:g} is less than the tube alone has")])
     rigidity = one.stiffness * record.free_length_m**3 / 3
     return _Cantilever(rigidity, per_length, record.free_length_m, end_mass, record.damping_ratio)
-
-
-def _modes(beam: _Cantilever) -> tuple[np.ndarray, np.ndarray, float, float]:
-    """Natural frequencies (Hz), static compliances, compliance of the modes left out, damping ratio.
-
-    The shapes are those of R. D. Blevins, Formulas for Natural Frequency and Mode Shape (1979), table 8-1, with the
-    wave numbers of the loaded tip; the mass each mode moves includes that at the tip.
-    """
-    from scipy.integrate import simpson
-
-    frequencies = np.array(natural_frequencies(beam.rigidity, beam.per_length, beam.length, beam.end_mass, MODES))
-    shares = []
-    for frequency in frequencies:
-        wave = ((tau * frequency) ** 2 * beam.per_length / beam.rigidity) ** 0.25 * beam.length
-        x = np.linspace(0.0, 1.0, 4001)
-        y = _shape(wave)(x)
-        moved = beam.per_length * beam.length * float(simpson(y**2, x=x)) + beam.end_mass * y[-1] ** 2
-        shares.append(y[-1] ** 2 / (moved * (tau * frequency) ** 2))
-    static = beam.length**3 / (3 * beam.rigidity)
-    return frequencies, np.array(shares), static - sum(shares), beam.damping_ratio
 
 
 def _shape(wave: float) -> Callable[[np.ndarray], np.ndarray]:

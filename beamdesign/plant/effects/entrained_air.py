@@ -12,10 +12,6 @@ POLYTROPIC = 1.4
 _LEAST_PRESSURE_PA = 20_000.0  # absolute; below this the oil would cavitate
 
 
-def _law(pressure: Any, site: Site) -> Any:
-    return bulk_ratio(pressure, site.parameter["air_fraction"], site.parameter["oil_bulk_modulus_Pa"])
-
-
 def bulk_ratio(pressure: Any, air: Any, modulus: Any, exponent: Any = POLYTROPIC) -> Any:
     """Bulk modulus over that of air-free oil, from volumes of oil and air that share one pressure.
 
@@ -30,13 +26,14 @@ def bulk_ratio(pressure: Any, air: Any, modulus: Any, exponent: Any = POLYTROPIC
     return (1 - air + shrunk) / (1 - air + shrunk * modulus / (exponent * absolute))
 
 
-def _stiffness(own: Mapping[str, float], at: Operation) -> Span:
+def _of(pressure: Any, own: Mapping[str, Any]) -> Any:
+    exponent = own.get("polytropic_exponent", POLYTROPIC)
+    return bulk_ratio(pressure, own["air_fraction"], own["oil_bulk_modulus_Pa"], exponent)
+
+
+def _stiffness(own: Mapping[str, float], at: Operation, most: float = 1.0) -> Span:
     difference = at.load_N / at.figure["piston_area"]
-
-    def ratio(pressure: float) -> float:
-        return float(bulk_ratio(pressure, own["air_fraction"], own["oil_bulk_modulus_Pa"]))
-
-    return Span(ratio((at.supply_Pa - difference) / 2), 1.0, ratio(at.supply_Pa / 2))
+    return Span(float(_of((at.supply_Pa - difference) / 2, own)), most, float(_of(at.supply_Pa / 2, own)))
 
 
 def soft_oil(covers: str, leaves_out: str, stiffness: Spans) -> Linear:
@@ -54,6 +51,10 @@ def soft_oil(covers: str, leaves_out: str, stiffness: Spans) -> Linear:
     )
 
 
+_LAWS: dict[str, Law] = {
+    "bulk_ratio_a": lambda signal, site: signal * _of(site.port["pressure_a_Pa"], site.parameter),
+    "bulk_ratio_b": lambda signal, site: signal * _of(site.port["pressure_b_Pa"], site.parameter),
+}
 AIR = (
     Parameter("air_fraction", 0.05, 1e-4, 0.3, 0.8, "share of the volume that is free air at atmospheric pressure"),
     Parameter("oil_bulk_modulus_Pa", 1.4e9, 0.7e9, 2.2e9, 0.15, "of the oil free of air"),
@@ -62,10 +63,7 @@ AIR = (
 EFFECT = Effect(
     name="entrained_air",
     subsystem="oil",
-    laws={
-        "bulk_ratio_a": lambda signal, site: signal * _law(site.port["pressure_a_Pa"], site),
-        "bulk_ratio_b": lambda signal, site: signal * _law(site.port["pressure_b_Pa"], site),
-    },
+    laws=_LAWS,
     parameters=AIR,
     states=(),
     source="H. E. Merritt, Hydraulic Control Systems (1967), chapter 2: oil and air (n = 1.4) at one pressure",
@@ -78,11 +76,6 @@ EFFECT = Effect(
 
 
 _MOST = 0.9  # of the length of a chamber: no stroke empties it
-
-
-def _bulk(pressure: Any, site: Site) -> Any:
-    own = site.parameter
-    return bulk_ratio(pressure, own["air_fraction"], own["oil_bulk_modulus_Pa"], own["polytropic_exponent"])
 
 
 def chamber_length(modulus: Any, figure: Mapping[str, Any]) -> Any:
@@ -107,14 +100,9 @@ def _stiffness_with_stroke(own: Mapping[str, float], at: Operation) -> Span:
     With each ratio r from that at the lowest pressure to 1, it is from the former to 1/(1 - x^2). A steady load bends
     the outer beam or the inner one, or parts of it both, in opposite senses; the stroke is largest where it is one.
     """
-    difference = at.load_N / at.figure["piston_area"]
-
-    def ratio(pressure: float) -> float:
-        return float(bulk_ratio(pressure, own["air_fraction"], own["oil_bulk_modulus_Pa"], own["polytropic_exponent"]))
-
     stroke = at.load_N / min(at.figure["outer_stiffness"], at.figure["inner_stiffness"])
     share = min(stroke / float(chamber_length(own["oil_bulk_modulus_Pa"], at.figure)), _MOST)
-    return Span(ratio((at.supply_Pa - difference) / 2), 1 / (1 - share**2), ratio(at.supply_Pa / 2))
+    return _stiffness(own, at, 1 / (1 - share**2))
 
 
 WITH_STROKE = Effect(
@@ -131,8 +119,7 @@ WITH_STROKE = Effect(
         and with air that matters too.""",
     subsystem="oil",
     laws={
-        "bulk_ratio_a": lambda signal, site: signal * _bulk(site.port["pressure_a_Pa"], site),
-        "bulk_ratio_b": lambda signal, site: signal * _bulk(site.port["pressure_b_Pa"], site),
+        **_LAWS,
         "volume_ratio_a": lambda signal, site: signal * _volume(1.0, site),
         "volume_ratio_b": lambda signal, site: signal * _volume(-1.0, site),
         "leakage_a_m3_per_s": lambda signal, site: _leakage(signal, 1.0, site),
