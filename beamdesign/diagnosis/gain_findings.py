@@ -14,7 +14,7 @@ import numpy as np
 from beamdesign.controllers import Controller
 from beamdesign.diagnosis.data.dataset import Dataset, FrequencyResponse, MeasuredGain
 from beamdesign.diagnosis.diagnosis import NextExperiment
-from beamdesign.diagnosis.experiment import distance
+from beamdesign.diagnosis.experiment import distance, information
 from beamdesign.diagnosis.fitting.evidence import Figure
 from beamdesign.diagnosis.fitting.fit import Fit, linearised
 from beamdesign.diagnosis.fitting.gain_evidence import FREQUENCY_STD, GainEvidence
@@ -215,10 +215,10 @@ class Experiment:
 
 
 def next_experiment(data: Dataset, rivals: Sequence[Fit], weights: Sequence[float]) -> NextExperiment | None:
-    """The experiment that separates rivals best for its effort.
+    """The experiment that is expected to tell most about which rival it is, for its effort.
 
     The separation of two rivals is the distance between what they predict, in standard deviations of the measurement's
-    noise and of both predictions together; that of an experiment is its mean square over pairs, weighed by the
+    noise and of both predictions together; that of an experiment is its root mean square over pairs, weighed by the
     probabilities of both.
 
     Args:
@@ -229,21 +229,16 @@ def next_experiment(data: Dataset, rivals: Sequence[Fit], weights: Sequence[floa
     Returns:
         None where there are no two rivals, or none of the experiments can be predicted.
     """
-    rivals, weights = list(rivals)[:_RIVALS], list(weights)[:_RIVALS]
-    if len(rivals) < 2:
-        return None
-    pairs = [(i, j) for i in range(len(rivals)) for j in range(i)]
-    total = sum(weights[i] * weights[j] for i, j in pairs)
-    tried: list[tuple[float, Experiment, np.ndarray]] = []
-    for experiment in experiments(data, rivals[0]):
-        if (distances := separations(experiment.pieces, rivals)) is not None:
-            square = sum(weights[i] * weights[j] * min(distances[i, j], _ENOUGH) ** 2 for i, j in pairs) / total
-            tried.append((square, experiment, distances))
+    rivals, weights = rivals[:_RIVALS], weights[:_RIVALS]
+    menu = experiments(data, rivals[0]) if len(rivals) > 1 else ()
+    tried = [(between, one) for one in menu if (between := separations(one.pieces, rivals)) is not None]
     if not tried:
         return None
-    square, best, distances = max(tried, key=lambda one: one[0] / one[1].effort)
-    apart = sorted({k for pair in pairs if distances[pair] >= 1.0 for k in pair})
-    return NextExperiment(best.text, tuple(str(rivals[k].hypothesis) for k in apart), sqrt(square), best.settings)
+    between, best = max(tried, key=lambda each: information(each[0], weights) / each[1].effort)
+    apart = tuple(str(fit.hypothesis) for fit, row in zip(rivals, between, strict=True) if row.max() >= 1.0)
+    p = np.array(weights) / sum(weights)
+    separation = sqrt(p @ np.minimum(between, _ENOUGH) ** 2 @ p / (1 - p @ p))
+    return NextExperiment(best.text, apart, separation, best.settings, information(between, weights))
 
 
 def another_size(data: Dataset) -> NextExperiment:
