@@ -68,7 +68,8 @@ def test_each_is_run_here():
 
 @pytest.mark.parametrize(
     ("task", "options"),
-    [("tune", {"controller": "structured", "sections": 1}), ("tune", {"controller": "proportional"}),
+    [("tune", {"controller": "structured", "sections": 1, "largest_inner_end_mass_kg": 0.0}),
+     ("tune", {"controller": "proportional"}),
      ("at_mass", {"outer_end_mass_kg": 2.0}), ("limits", {"outer_end_mass_kg": 2.0}), ("certify", {})],
 )  # fmt: skip
 def test_tasks_that_no_shipped_sweep_uses_declare_their_outputs_too(task, options):
