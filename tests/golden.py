@@ -116,7 +116,7 @@ GOLDEN: dict[str, Golden] = {
     "certify_effects": _certified(f"{_ANY}/tame_lag.toml", "--peak-sensitivity 2.5", EFFECTS),
     "certify_box": Golden(
         (
-            "certify-box {studies}/prototypes/tame_lag.toml --sigmas 1.5 --out box.toml",
+            "certify-box {studies}/prototypes/tame_lag.toml --sigmas 0.5 --out box.toml",
             "certify --replay box.toml",
             "certify-box {studies}/prototypes/paper_remedy.toml --sigmas 1 --out refuted.toml",
             "certify --replay refuted.toml",

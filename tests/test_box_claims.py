@@ -161,18 +161,22 @@ def test_a_delay_counts(rig: Prototype):
 
 def test_the_checker_proves_claims_again_and_no_tighter_ones(rig: Prototype, proved):
     box, claims = proved
-    text = certify_box(rig, box, volumes=False).write(tuple(claims.values()))
-    assert check(text).valid
-    assert len([line for line in check(text).proved if "for every member of the box" in line]) == 1 + len(claims)
-    for k, claim in enumerate(claims.values()):
-        for key, value in (("limit", 0.99 * claim.asked.limit), ("bandwidth_Hz", 1.02 * claim.asked.bandwidth_Hz)):
-            forged = tomllib.loads(text)
-            if claim.asked.kind == "gain_margin":
-                forged["claim"][k]["range"]["controller_gain"][0] = "1/40"  # half of it: all are claimed
-                assert not check(resealed(forged)).valid
-            elif key in forged["claim"][k]:
-                forged["claim"][k][key] = text_of(exact(value))
-                assert not check(resealed(forged)).valid, (claim.asked.kind, key)
+    write = certify_box(rig, box, volumes=False).write
+    verdict = check(write(tuple(claims.values())))
+    assert verdict.valid
+    assert len([line for line in verdict.proved if "for every member of the box" in line]) == 1 + len(claims)
+    for claim in claims.values():
+        forgeries = {"limit": 0.99 * claim.asked.limit, "bandwidth_Hz": 1.02 * claim.asked.bandwidth_Hz}
+        for key, value in forgeries.items():
+            forged = tomllib.loads(write((claim,)))  # alone, so that the others are not proved again
+            (stated,) = forged["claim"]
+            if claim.asked.kind == "gain_margin" and key == "limit":
+                stated["range"]["controller_gain"][0] = "1/40"  # half of it: all are claimed
+            elif claim.asked.kind != "gain_margin" and key in stated:
+                stated[key] = text_of(exact(value))
+            else:
+                continue
+            assert not check(resealed(forged)).valid, (claim.asked.kind, key)
 
 
 def test_of_an_unstable_box_nothing_is_claimed(rig: Prototype):

@@ -62,13 +62,15 @@ def test_each_is_run_here():
 
 @pytest.mark.parametrize(
     ("task", "options"),
-    [("tune", {"controller": "structured", "sections": 1}), ("tune", {"controller": "proportional"}),
+    [("tune", {"controller": "structured", "sections": 1, "largest_inner_end_mass_kg": 0.0}),
+     ("tune", {"controller": "proportional"}),
      ("at_mass", {"outer_end_mass_kg": 2.0}), ("limits", {"outer_end_mass_kg": 2.0}), ("certify", {})],
 )  # fmt: skip
 def test_tasks_that_no_shipped_sweep_uses_declare_their_outputs_too(task, options):
     table = tomllib.loads((ROOT / "prototypes" / "tame_lag.toml").read_text(encoding="utf-8"))
-    if options.get("controller") == "structured":
-        table["payload"] |= {"outer_end_mass_kg": [2.2, 2.2]}  # one payload, which is a fourth of the work of a range
+    if options.get("controller") == "structured":  # one payload and one figure that is off: a fraction of the work
+        table["payload"] |= {"outer_end_mass_kg": [2.2, 2.2]}
+        table["tolerance"] = {"flow_gain": 0.05}
     record = compute(case(task, table, options, {}))
     assert record["status"] in ("done", "no"), record["reason"]
     assert_declared(record)

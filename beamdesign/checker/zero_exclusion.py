@@ -124,9 +124,10 @@ class Frame:
 
     def least(self, x: arb, y: arb) -> arb:
         """Lower bound of the real part of p times x - jy."""
+        conjugate = acb(x, -y)
 
         def along(point: acb) -> arb:
-            return x * point.real + y * point.imag
+            return (conjugate * point).real
 
         tables = [
             (node.packs, {choice: reduce(arb.min, map(along, found)) for choice, found in self.points(node).items()})

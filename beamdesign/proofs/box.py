@@ -234,8 +234,8 @@ class BoxVerdict:
     Attributes:
         stable: True if proved for every member, False if a member is proved not to be stable, None otherwise.
         reason: in words, why it is not True; empty where it is.
-        volumes: how much of the box is stable, not stable and undecided; None where a member refutes the box and no
-            volumes were asked for.
+        volumes: how much of the box is stable, not stable and undecided; None where no volumes were asked for and it
+            is not all proved.
         unstable_point: value of every parameter of a member that is proved not to be stable.
         box: the box.
         pieces: number of pieces of (frequency, parameters) that were proved to be free of roots on the axis.
@@ -278,7 +278,7 @@ def certify_box(
         box: ranges of some of its parameters; the others keep their values.
         budget: most pieces to look at; a quarter of it for the volumes of a box that a member refutes.
         seconds: most time to spend on the search; what was found until then is proved all the same.
-        volumes: whether to work out the volumes of a box that a member refutes.
+        volumes: whether to work out the volumes of a box that is not proved.
 
     Raises:
         ValueError: for a parameter that the family does not have, or a range that it does not allow.
@@ -308,13 +308,14 @@ def certify_box(
         else:
             search.run(budget // 4, seconds, _ENOUGH)
         tree = search.tree
+        given_up = not volumes and "?" in tree  # undecided as it is: what else there is need not be proved
         proved, unsettled = 0, []
         for piece in pieces(statement, tree):
-            if holds(piece):
-                proved += 1
-            else:
+            if piece.direction == "?" if given_up else not holds(piece):
                 unsettled.append(piece)
-        shares, witness = volumes_of(statement, unsettled)
+            else:
+                proved += not given_up
+        shares, witness = (None, None) if given_up else volumes_of(statement, unsettled)
         if point is None and witness is None and unsettled:
             middles = [[nearest(sum(p.cell.shares[n], fmpq(0)) / 2) for n in statement.varying] for p in unsettled]
             witness = unstable_member(statement, middles)
@@ -341,7 +342,7 @@ def _of(statement: Statement, point: Mapping[str, fmpq], box: Box) -> str:
     return f"not stable{where}: a root at {worst.real:.4g} 1/s, {abs(worst.imag) / (2 * pi):.4g} Hz"
 
 
-def _where(unsettled: Sequence[Piece], shares: Volumes, looked_at: int) -> str:
+def _where(unsettled: Sequence[Piece], shares: Volumes | None, looked_at: int) -> str:
     """Where nothing was decided, in words."""
     if not unsettled:
         return "no member could be told to be stable"
@@ -349,7 +350,8 @@ def _where(unsettled: Sequence[Piece], shares: Volumes, looked_at: int) -> str:
         return "no time was left for the box"
     low = min(nearest(piece.w1) for piece in unsettled) / (2 * pi)
     ends = [piece.w2 for piece in unsettled if piece.w2 is not None]
-    share = f"undecided on {nearest(shares.undecided):.3g} of the box after {looked_at} pieces"
+    on = "" if shares is None else f" on {nearest(shares.undecided):.3g} of the box"
+    share = f"undecided{on} after {looked_at} pieces"
     if not ends:
         return f"{share}: the leading coefficient may vanish, so that a root passes through infinity"
     return f"{share}: a root may lie on the axis between {low:.4g} and {nearest(max(ends)) / (2 * pi):.4g} Hz"

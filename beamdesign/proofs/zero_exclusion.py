@@ -166,12 +166,9 @@ class Frame:
 
     def least(self, direction: tuple[int, int]) -> arb:
         """Lower bound of the real part of p times the conjugate of a direction, over the cell."""
-        x, y = direction
+        turn = acb(*direction).conjugate()
         along = [
-            (
-                node.packs,
-                {k: reduce(arb.min, (x * p.real + y * p.imag for p in some)) for k, some in self.points(node).items()},
-            )
+            (node.packs, {k: reduce(arb.min, ((turn * p).real for p in some)) for k, some in self.points(node).items()})
             for node in self.cell.statement.summands
         ]
         return reduce(

@@ -7,6 +7,7 @@ every round. Where the sections of the beams are variables too, the plant at the
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from math import exp, inf, log, pi
 from typing import Any
 
@@ -72,6 +73,9 @@ _SETTLED = 1e-4
 """Relative growth of the bandwidth in a round below which the refinement ends."""
 
 
+Program = tuple[ca.Function, ca.Function | None]
+
+
 @dataclass(frozen=True)
 class LawRefinement:
     """Interior points for one form of law on one set of samples; called from any start.
@@ -99,14 +103,7 @@ class LawRefinement:
     sections: Sections | None = None
     resampled: Callable[[np.ndarray], Samples | None] | None = None
     factors: tuple[np.ndarray, np.ndarray] | None = None
-    _solver: ca.Function = field(init=False, repr=False)
-    _servo_off: ca.Function | None = field(init=False, repr=False)
-
-    def __post_init__(self) -> None:
-        """Build the program: its points are parameters."""
-        solver, servo_off = self._program()
-        object.__setattr__(self, "_solver", solver)
-        object.__setattr__(self, "_servo_off", servo_off)
+    _programs: dict[tuple[int, ...], Program] = field(default_factory=dict, repr=False, compare=False)
 
     @property
     def bounds(self) -> tuple[np.ndarray, np.ndarray]:
@@ -167,7 +164,7 @@ class LawRefinement:
                 break
             rounds -= 1
             tried, foreseen = self._solved(best, now, met, reached, (inside, stiffer), reach)
-            if self._solver.stats()["success"] and foreseen < value * (1 + _SETTLED) and violation < small:
+            if self._program[0].stats()["success"] and foreseen < value * (1 + _SETTLED) and violation < small:
                 break
             if self.sections is not None and np.abs(tried - best).max() < _STILL:
                 break
@@ -221,13 +218,13 @@ class LawRefinement:
         if (most := self._aimed) < inf:
             beta = min(beta, most)
         limited = dict(zip(LIMITED, met if self.sections else now.values, strict=True))
-        resonance, apart = [], 0.0
-        if self._servo_off is not None:
-            at, largest = highest(self._servo_off, start)
+        (solver, servo_off), resonance, apart = self._program, [], 0.0
+        if servo_off is not None:
+            at, largest = highest(servo_off, start)
             resonance, apart = [at], log(now.servo_off_m_per_N) - largest
         data = [self._data(self._chosen(limited[kind], worst)).ravel(order="F") for kind, worst in _WORST.items()]
         with interruption_waits():
-            found = self._solver(
+            found = solver(
                 x0=np.concatenate([start, [beta], resonance]),
                 p=np.concatenate([*data, spare, [apart]]),
                 lbx=np.concatenate([lower, [beta - 1.0], np.subtract(resonance, _MOVES)]),
@@ -253,7 +250,17 @@ class LawRefinement:
         sections = self.sections
         return inf if sections is None or sections.needed_Hz is None else log(sections.needed_Hz * (1 + 1e-5))
 
-    def _program(self) -> tuple[ca.Function, ca.Function | None]:
+    @cached_property
+    def _program(self) -> Program:
+        """The program. Its points are parameters: refinements that differ in nothing else share it."""
+        counts = dict(zip(LIMITED, np.where(counting(self.points, self.goal), 0.0, np.inf), strict=True))
+        # How many points are enforced must not change: as many as ever count.
+        sizes = tuple(len(self._chosen(counts[kind], worst)) for kind, worst in _WORST.items())
+        if sizes not in self._programs:
+            self._programs[sizes] = self._built(sizes)
+        return self._programs[sizes]
+
+    def _built(self, sizes: Sequence[int]) -> Program:
         """The program; and log(|x / F_d|) without a law of the rig that has the largest, where that sets a limit.
 
         That is over the variables and a logarithm of frequency (Hz), which is one more variable of the program: it
@@ -295,10 +302,7 @@ class LawRefinement:
             without = -stiffness(*self.plants[k][:2])(ca.vec(idle), inner, lumped, mass, ca.exp(resonance))
             limit_of["peak_compliance"] += without + apart  # what the samples have more or less of it
             servo_off = ca.Function("servo_off", [variables], [without])
-        # How many points are enforced must not change: as many as ever count.
-        counts = dict(zip(LIMITED, np.where(counting(self.points, self.goal), 0.0, np.inf), strict=True))
-        for kind, worst in _WORST.items():
-            size = len(self._chosen(counts[kind], worst))
+        for kind, size in zip(_WORST, sizes, strict=True):
             given = ca.MX.sym(f"data_{kind}", len(self._data(np.arange(1))), size)
             data.append(given)
             if not size:
