@@ -58,7 +58,7 @@ def beams(draw: st.DrawFn, width: float | None = None) -> Beam:
         fields |= {"stiffness_N_per_m": draw(figures(q.Stiffness)), "effective_mass_kg": draw(figures(q.Mass))}
     if which != "lumped":
         width = width or draw(st.floats(0.01, 2.0))
-        wall = width * draw(st.floats(0.01, 0.49))
+        wall = width * draw(st.floats(max(0.01, 1.001e-5 / width), 0.49))  # no thinner than is plausible
         length = draw(st.floats(1.0, 3.0))
         fields |= {
             "width_m": width,

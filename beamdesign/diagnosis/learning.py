@@ -125,7 +125,8 @@ def _digest(data: Dataset) -> str:
 
 def _fitted(data: Dataset, before: Search, workers: int, progress: Progress, kept: FitCache | None) -> list[Fit]:
     """All laws at a look, the best of them in full; where a listed cause explains a part, beside it as well."""
-    alone, pieces, null = learnable(data.prototype), len(before.null.shares), before.null.values
+    pieces, null, scaled = len(before.null.shares), before.null.values, data.prototype.effects
+    alone = [h for h in learnable(data.prototype) if not library()[h.names[0]].scales or h.names[0] in scaled]
     worst = sorted(range(pieces), key=lambda k: -before.null.shares[k].c)[: max(1, round(_HALF * pieces))]
     with Fitters(data, workers, kept) as fitters:
         tasks = [Task(h, null, on=tuple(sorted(worst))) for h in alone]
@@ -140,13 +141,14 @@ def _fitted(data: Dataset, before: Search, workers: int, progress: Progress, kep
 
 
 def with_scales(data: Dataset, null: Fit) -> Dataset:
-    """The data set, its prototype stating for every law the sizes that its signals reach in the linear model."""
+    """The data set, its prototype stating the sizes that signals of laws reach in the linear model, where they do."""
     signals: dict[str, float] = {"": max(float(record.times[-1]) for record in data.records)}
     for item in residuals(data.prototype, null, record_evidence(data)):
         for name, values in item.nominal().items():
             signals[name] = max(signals.get(name, 0.0), float(np.abs(values).max()))
     laws = (law for h in learnable(data.prototype) if (law := library()[h.names[0]]).scales)
-    tables = {law.name: {key: float(f"{signals[of]:.3g}") for key, of in law.scales.items()} for law in laws}
+    moved = (law for law in laws if all(signals.get(of, 0.0) > 0 for of in law.scales.values()))
+    tables = {law.name: {key: float(f"{signals[of]:.3g}") for key, of in law.scales.items()} for law in moved}
     return replace(data, prototype=data.prototype.but(effects={**data.prototype.effects, **tables}))
 
 

@@ -273,7 +273,8 @@ def refit(
         TimeUp: where steps are to be broken off, and the time is up.
     """
     # The same task to fewer data is another fit, and must not be taken from those to all of them.
-    kept = replace(kept, part=tuple(piece.name for piece in evidence_of(data))) if kept is not None else None
+    if kept is not None:
+        kept = replace(kept, part=(*kept.part, *(piece.name for piece in evidence_of(data))))
     with Fitters(data, workers, kept, synchronised) as fitters:
         (null,) = fitters.each(Task(NOTHING, {}))
         if best.hypothesis == NOTHING:
