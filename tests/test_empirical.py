@@ -17,6 +17,7 @@ from beamdesign.diagnosis.fitting.hypothesis import NOTHING
 from beamdesign.diagnosis.fitting.search import Search
 from beamdesign.diagnosis.judgement import causes, judge
 from beamdesign.diagnosis.learning import described, learn
+from beamdesign.diagnosis.where.locate import kind_of_effect
 from beamdesign.plant.assembly import fits
 from beamdesign.plant.empirical import laws
 from beamdesign.plant.members import family
@@ -144,3 +145,10 @@ def test_a_spring_that_hardens_is_learnt_from_records_of_a_rig_that_has_one(tmp_
     # What a record held out says decides: where none is, nothing is learnt.
     assert learn(data, (), before, judged) is None
     assert learn(data, held_out(data.records), replace(before, null=null), replace(judged, unknown=0.0)) is None
+
+
+@pytest.mark.parametrize("name", LEARNT)
+def test_the_kind_of_every_learnt_law_is_told(name: str):
+    """By its equations, on a rig that has its port: one of a screw's drive too."""
+    kinds = {"curve": "static", "loop": "hysteretic", "droop": "static", "drift": "drifting"}
+    assert kind_of_effect(name) == kinds.get(name.rpartition("_")[2], "linear")

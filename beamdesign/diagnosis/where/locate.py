@@ -19,7 +19,7 @@ from beamdesign.diagnosis.where.conditions import Setting, setting
 from beamdesign.diagnosis.where.missing import Explanation, explanations, regression
 from beamdesign.diagnosis.where.residuals import Residual, residuals
 from beamdesign.parameters import RIG_TOLERANCES
-from beamdesign.plant.assembly import Structure, assemble
+from beamdesign.plant.assembly import RIGS, Structure, assemble, fits
 from beamdesign.plant.effect import SUBSYSTEMS
 from beamdesign.plant.effects import library
 from beamdesign.plant.electronics import LAG
@@ -176,7 +176,7 @@ def kind_of_effect(name: str) -> str:
         return "linear"
     if library()[name].memory:
         return "hysteretic"
-    assembly = assemble(Structure(LAG, False, (name,)))
+    assembly = assemble(Structure(LAG, False, (name,), next(rig for rig in RIGS if fits(name, rig))))
     t, x, u, p = (ca.SX.sym(n, *assembly.function.size_in(k)) for k, n in enumerate("txup"))
     rate, y = assembly.function(t, x, u, p)
     slopes = ca.jacobian(ca.vertcat(rate, y), ca.vertcat(x, u))
