@@ -308,7 +308,8 @@ def causes(found: Search, judged: Judgement) -> tuple[Cause, ...]:
             continue
         holder = fits[max((h for h in judged.of if name in h.causes), key=lambda h: judged.of[h])]
         figures, strains = parameters(name, holder), tuple(flags(name, holder))
-        listed.append(Cause(name, subsystem(name), probability, share_of(name, holder, found, fits), figures, strains))
+        place = subsystem(holder.hypothesis.realisation(name))
+        listed.append(Cause(name, place, probability, share_of(name, holder, found, fits), figures, strains))
     others = {c.name: c.name not in responsible for c in listed}
     return tuple(sorted(listed, key=lambda c: (others[c.name], 0 if others[c.name] else -c.share, -c.probability)))
 

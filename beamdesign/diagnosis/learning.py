@@ -27,6 +27,7 @@ _UNLISTED = 0.5  # probability: a listed cause that is more probable than none o
 _DOUBTED = 0.1  # probability that the cause is not listed, from which laws are learnt
 _EXPLAINED = 0.15  # of the excess misfit: what leaves less explains the gap
 _BETTER = 0.35  # of what the listed cause leaves: what a law has to stay below against it
+_ALIKE = 0.7  # of what the best listed causes leave, however improbable: what a law has to stay below in any case
 _FULL = 5  # laws fitted in full: the best at a look
 _BESIDE = 0.7  # of the excess misfit: what the best listed cause has to stay below for laws to be learnt beside it
 _HALF = 0.5  # of the evidence, that which tolerances explain least, tells which laws are worth fitting
@@ -90,7 +91,9 @@ def learn(
     found = _fitted(scaled, before, workers, progress, _of(kept, scaled))
     laws = replace(before, fits=tuple(best_of_each(found)))
     weighed = judge(laws)
-    if not weighed.best.hypothesis.names or laws.excess(weighed.best) > enough * before.excess(rival):
+    # Never at the price of a listed cause: one that leaves about as little is no worse an explanation.
+    most = min([enough * before.excess(rival), *(_ALIKE * before.excess(fit) for fit in before.fits[:1])])
+    if not weighed.best.hypothesis.names or laws.excess(weighed.best) > most:
         return None
     scaled = without_idle_terms(scaled, weighed.best)
     with Fitters(scaled, 1, _of(kept, scaled)) as fitters:
