@@ -18,6 +18,7 @@ from beamdesign.code_digest import code_digest, folder_digest, sources
 from beamdesign.records import InputError
 from beamdesign.validation.blind import blindcheck, scoring
 from beamdesign.validation.blind.baselines import lasso, lasso_path
+from beamdesign.validation.blind.bounds import bootstrap, clopper_pearson
 from beamdesign.validation.blind.case_plan import (
     SHARES,
     Planned,
@@ -30,7 +31,7 @@ from beamdesign.validation.blind.case_plan import (
     write_seal,
 )
 from beamdesign.validation.blind.diagnosis import begin_blind
-from beamdesign.validation.blind.scoring import Outcome, bootstrap, clopper_pearson
+from beamdesign.validation.blind.scoring import Outcome
 from beamdesign.validation.blindcheck_result import confusion, markdown, result_fields, result_text
 from beamdesign.validation.truth.effects import LISTED, OUTSIDE
 
@@ -307,10 +308,20 @@ def test_the_page_and_the_fields_say_the_same():
 def test_closed_against_exact_records():
     times = np.linspace(0, 1, 2000, endpoint=False)
     wave = np.sin(2 * np.pi * 5 * times)
-    predicted = {"a/before": 0.5 * wave, "a/after": 0.9 * wave}
-    assert blindcheck.closed_by({"a": wave}, predicted) == pytest.approx(1 - 0.1**2 / 0.5**2)
+    predicted = {"a/before": 0.5 * wave, "a/tuned": 0.7 * wave, "a/after": 0.9 * wave}
+    found = blindcheck.squares({"a": wave}, predicted)
+    assert found == pytest.approx({"before": 0.5**2, "tuned": 0.3**2, "after": 0.1**2})
+    assert blindcheck.closed_by(found) == pytest.approx(1 - 0.1**2 / 0.5**2)
     predicted["a/after"] = np.full(2000, np.nan)  # a loop that diverges explains nothing
-    assert blindcheck.closed_by({"a": wave}, predicted) == pytest.approx(1 - 1 / 0.5**2)
+    assert blindcheck.closed_by(blindcheck.squares({"a": wave}, predicted)) == pytest.approx(1 - 1 / 0.5**2)
+    assert blindcheck.closed_by({}) is None
+
+
+def test_a_gap_that_tolerances_imitate_need_not_be_detected():
+    missed = replace(HAND[4], kind="single")
+    for left, of in ((1.1, 0), (1.3, 1)):
+        found = {s.name: s for s in scoring.scores([replace(missed, left=left)])}
+        assert found["gap detected, tolerances cannot imitate it"].of == of
 
 
 def test_parameters_are_compared_only_where_they_mean_the_same():

@@ -12,7 +12,7 @@ from beamdesign.diagnosis.fitting.fit import Fit, Share, fit
 from beamdesign.diagnosis.fitting.hypothesis import NOTHING, Hypothesis
 from beamdesign.diagnosis.fitting.search import Search
 from beamdesign.diagnosis.fitting.starts import resonances, starts
-from beamdesign.diagnosis.judgement import THRESHOLDS, causes, classes, evidence, held_out_score, judge
+from beamdesign.diagnosis.judgement import THRESHOLDS, causes, classes, deviations, evidence, held_out_score, judge
 
 EXPECTED = 300.0
 LAG, AREAS = "sensor_lag", "unequal_piston_areas"
@@ -43,6 +43,28 @@ def test_marginal_likelihood_of_a_linear_model():
     covariance = np.eye(30) + h @ h.T
     expected = -0.5 * (r @ np.linalg.solve(covariance, r) + np.linalg.slogdet(covariance)[1])
     assert evidence(one, 1.0) == pytest.approx(expected, rel=1e-10)
+
+
+def test_deviations_are_those_of_refits_without_each_condition():
+    """Ridge regression on rows in four groups that do not agree, by numpy: overdispersion and Tukey's jackknife."""
+    random = np.random.default_rng(1)
+    unknowns = NOTHING.unknowns(believed())
+    count = len(unknowns)
+    rows = [(random.standard_normal((20, count)), random.standard_normal(20) + 3 * k) for k in range(4)]
+
+    def solved(parts):
+        h, r = np.vstack([part[0] for part in parts]), np.concatenate([part[1] for part in parts])
+        return np.linalg.solve(np.eye(count) + h.T @ h, h.T @ r)
+
+    z = solved(rows)
+    shares = [Share(float((r - h @ z) @ (r - h @ z)), -h.T @ (r - h @ z), h.T @ h) for h, r in rows]
+    one = Fit(NOTHING, unknowns, z, 0.0, tuple(shares))
+    without = np.array([solved([*rows[:k], *rows[k + 1 :]]) for k in range(4)])
+    own = np.diag(np.linalg.inv(np.eye(count) + sum(h.T @ h for h, _ in rows))) * one.misfit / 80
+    jackknife = 3 / 4 * np.sum((without - without.mean(axis=0)) ** 2, axis=0)
+    slopes = [abs(u.slope(v)) for u, v in zip(unknowns, z, strict=True)]
+    errors = deviations(one, Search(one, (), 80.0, ("",) * 4, conditions=(0, 1, 2, 3)))
+    assert list(errors.values()) == pytest.approx(list(slopes * np.sqrt(own + jackknife)), rel=1e-8)
 
 
 def test_a_fit_at_the_noise_is_no_gap():

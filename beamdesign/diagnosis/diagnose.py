@@ -28,7 +28,7 @@ from beamdesign.diagnosis.fitting.evidence import RecordEvidence, evidence_of, w
 from beamdesign.diagnosis.fitting.fit import Fit, FitCache
 from beamdesign.diagnosis.fitting.search import Search, refit, search
 from beamdesign.diagnosis.gain_diagnosis import explain_gains
-from beamdesign.diagnosis.gap_metrics import errors, gap
+from beamdesign.diagnosis.gap_metrics import errors, gap, sizes
 from beamdesign.diagnosis.judgement import THRESHOLDS, Judgement, cause_sets, causes, classes, judge
 from beamdesign.diagnosis.learning import described, learn
 from beamdesign.diagnosis.second_look import second_look
@@ -176,8 +176,11 @@ def _diagnosed(data: Dataset, workers: int, progress: Progress, kept: FitCache |
         kept_out = ()
         leave_out("records held out")
     ranked = described(causes(found, judged), best, data)
-    chosen = tuple(c.name for c in ranked if c.name in best.hypothesis.causes)
     records = [piece for piece in evidence if isinstance(piece, RecordEvidence)]
+    if len(best.hypothesis.causes) > 1:  # the dominant one first
+        size = sizes(best, data.prototype, records)
+        ranked = tuple(sorted(ranked, key=lambda c: -size.get(c.name, -1.0)))
+    chosen = tuple(c.name for c in ranked if c.name in best.hypothesis.causes)
     from_rest = tuple(errors(piece, data.prototype, tuned, outside, best) for piece in records)
     measured = synchronised = gap(from_rest, kept_out)
     if again is not None:

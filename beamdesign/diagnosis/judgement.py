@@ -199,9 +199,13 @@ def held_out_score(found: Fit, conditions: Sequence[object], spread: float) -> f
     whole = _laplace(found, spread, np.ones(len(found.z)), kept)
     if not np.isfinite(whole):
         return -np.inf
-    groups = [[k for k in kept if conditions[k] == condition] for condition in dict.fromkeys(conditions)]
-    without = [[k for k in kept if k not in group] for group in groups]
+    without = [[k for k in kept if k not in group] for group in pieces_of(conditions)]
     return sum(whole - _laplace(found, spread, np.ones(len(found.z)), rest) for rest in without)
+
+
+def pieces_of(conditions: Sequence[object]) -> list[list[int]]:
+    """Positions of the pieces of evidence of each condition."""
+    return [[k for k, own in enumerate(conditions) if own == condition] for condition in dict.fromkeys(conditions)]
 
 
 def odds(hypothesis: Hypothesis) -> float:
@@ -307,7 +311,7 @@ def causes(found: Search, judged: Judgement) -> tuple[Cause, ...]:
         if probability < LEAST_PROBABILITY and name not in responsible:
             continue
         holder = fits[max((h for h in judged.of if name in h.causes), key=lambda h: judged.of[h])]
-        figures, strains = parameters(name, holder), tuple(flags(name, holder))
+        figures, strains = parameters(name, holder, deviations(holder, found)), tuple(flags(name, holder))
         place = subsystem(holder.hypothesis.realisation(name))
         listed.append(Cause(name, place, probability, share_of(name, holder, found, fits), figures, strains))
     others = {c.name: c.name not in responsible for c in listed}
@@ -328,9 +332,26 @@ def share_of(name: str, holder: Fit, found: Search, fits: dict[Hypothesis, Fit])
     return float(min(1.0, max(0.0, min(left, 1.0) - found.excess(holder))))
 
 
-def parameters(name: str, holder: Fit) -> dict[str, Estimate]:
-    """Of an effect, or the figures of a wrong one; SI."""
-    errors = holder.standard_errors
+def deviations(found: Fit, of: Search) -> dict[str, float]:
+    """Standard errors of all unknowns, SI, of a law that is not quite the rig's.
+
+    Variances are those of the fit times the misfit that is left over that of noise (overdispersion; P. McCullagh and
+    J. A. Nelder, Generalized Linear Models, 1989, section 4.5), and of fits without each condition in turn, by the
+    quadratic that stands for the fit to all of them (the jackknife; B. Efron and C. Stein, Ann. Statist. 9 (1981) 586):
+    a wrong law is tuned to one amplitude otherwise than to another.
+    """
+    variance = np.diag(found.covariance) * max(1.0, found.misfit / max(of.expected, 1e-300))
+    if found.shares and len(groups := pieces_of(of.conditions)) > 1:
+        a, g = (np.array([sum(getattr(found.shares[k], part) for k in group) for group in groups]) for part in "ag")
+        curvature, slope = np.eye(len(found.z)) + a.sum(0), found.z + g.sum(0)
+        moved = np.array([np.linalg.solve(curvature - ai, gi - slope) for ai, gi in zip(a, g, strict=True)])
+        variance = variance + (len(groups) - 1) * np.var(moved, axis=0)
+    pairs = zip(found.unknowns, found.z, np.sqrt(variance), strict=True)
+    return {u.name: abs(u.slope(z)) * float(std) for u, z, std in pairs}
+
+
+def parameters(name: str, holder: Fit, errors: Mapping[str, float]) -> dict[str, Estimate]:
+    """Of an effect, or the figures of a wrong one, with their standard errors; SI."""
     if name.startswith(WRONG):
         keys = [figure for figure, key in RIG_TOLERANCES.items() if key == name.removeprefix(WRONG)]
         return {key: Estimate(holder.values[key], errors[key]) for key in keys if key in holder.values}

@@ -17,6 +17,7 @@ from beamdesign.report.canvas import new_figure
 from beamdesign.report.page import text_template
 from beamdesign.spelling import in_markdown
 from beamdesign.validation.blind.baselines import NAMES
+from beamdesign.validation.blind.bounds import clopper_pearson
 from beamdesign.validation.blind.case_plan import SHARES
 from beamdesign.validation.blind.scoring import (
     NO_GAP,
@@ -26,7 +27,6 @@ from beamdesign.validation.blind.scoring import (
     Score,
     baseline_scores,
     calibration,
-    clopper_pearson,
     scores,
     split,
 )
@@ -80,7 +80,7 @@ def case_fields(o: Outcome) -> dict[str, Any]:
     """One case in short."""
     names = (
         "case=key kind truth=effects gap_over_floor verdict chosen named on_truth no_gap unknown where"
-        " where_truly=subsystem closed interval closed_truly parameter_error seconds baselines"
+        " where_truly=subsystem closed interval closed_truly left parameter_error seconds baselines"
     )
     return picked(o, names) | ({"failure": o.failure} if o.failure else {})
 

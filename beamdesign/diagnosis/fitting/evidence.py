@@ -67,6 +67,24 @@ class Replay:
         """Channels (N, C) and their derivatives by z (N, C, K); None where the simulated loop diverges."""
         return self._run(placement, z, channels, sloped=True)
 
+    def noise_gain(self, placement: Placement, z: np.ndarray) -> float:
+        """Rms of the displacement that is read over that of its sensor's white noise, which the loop feeds back.
+
+        By the linear loop at rest, of which noise at the sensor is a command with the other sign: |1 - F x/command| at
+        the lines of the record. 1 where the rig has no equilibrium.
+        """
+        placed, parameters = self.placed(placement), self.parameters(placement, z)
+        try:
+            loop = linearise(placed.assembly, at_rest(placed, parameters), np.zeros(3), parameters)
+        except ValueError:
+            return 1.0
+        s = 2j * np.pi * np.fft.rfftfreq(len(self.record.times), self.record.step)
+        row, column = OUTPUTS.index(DISPLACEMENT), 1  # by the command
+        poles, modes = np.linalg.eig(loop.a)
+        weights = (loop.c[row] @ modes) * np.linalg.solve(modes, loop.b[:, column])
+        heard = (weights / (s[:, None] - poles)).sum(1) + loop.d[row, column]
+        return float(np.sqrt(np.mean(np.abs(1 - self.prototype.sensor.gain_V_per_m * heard) ** 2)))
+
     def _run(
         self, placement: Placement, z: np.ndarray, channels: tuple[str, ...], sloped: bool
     ) -> tuple[np.ndarray, np.ndarray] | None:

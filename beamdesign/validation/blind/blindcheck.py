@@ -92,12 +92,14 @@ class Opened:
         answer: what was in it.
         found: what was written down about it; `failed` instead of `diagnosis` where there is none.
         closed: share of the gap that the diagnosed prototype closes against the noise-free rig; None where unknown.
+        left: rms error of the believed prototype with its tolerances re-tuned against it, over the floor; likewise.
     """
 
     key: str
     answer: dict[str, Any]
     found: dict[str, Any]
     closed: float | None
+    left: float | None = None
 
 
 def begin_check(folder: Path, count: int, seed: int, short: bool, cases: Sequence[Planned] | None = None) -> Check:
@@ -192,7 +194,10 @@ def open_all(check: Check, unfinished: bool = False) -> tuple[Opened, ...]:
         if found["set_sha256"] != seal.sets[key]:
             problems.append((key, "what was diagnosed are not the data that were sealed"))
         elif key in answers:
-            answered.append(Opened(key, answers[key], found, _closed(check, key, answers[key], found, problems)))
+            squares = _squares(check, key, answers[key], found, problems)
+            floor = answers[key].get("relative_floor", 0.0)
+            left = float(np.sqrt(squares["tuned"]) / floor) if "tuned" in squares and floor > 0 else None
+            answered.append(Opened(key, answers[key], found, closed_by(squares), left))
     if problems:
         raise InputError(check.seal, problems)
     return tuple(answered)
@@ -207,41 +212,42 @@ def read_answers(folder: Path, closed: Collection[str] = ()) -> dict[str, dict[s
     }
 
 
-def _closed(
+def _squares(
     check: Check, key: str, answer: dict[str, Any], found: dict[str, Any], problems: list[tuple[str, str]]
-) -> float | None:
+) -> dict[str, float]:
+    """See `squares`; none where there is nothing to compare."""
     truth = check.answers / f"{key}.npz"
     if "diagnosis" not in found or "displacements_sha256" not in answer:
-        return None
+        return {}
     with np.load(truth, allow_pickle=False) as held:
         records = dict(held)
     if displacements_digest(records) != answer["displacements_sha256"]:
         problems.append((key, "the noise-free records are not those that were sealed"))
-        return None
+        return {}
     with np.load(check.place(key).predictions, allow_pickle=False) as held:
-        return closed_by(records, dict(held))
+        return squares(records, dict(held))
 
 
-def closed_by(truth: dict[str, np.ndarray], predicted: dict[str, np.ndarray]) -> float | None:
-    """1 - after^2 / before^2 of errors against noise-free displacements, each record over its own rms.
+def squares(truth: dict[str, np.ndarray], predicted: dict[str, np.ndarray]) -> dict[str, float]:
+    """Mean squares of errors against noise-free displacements, each record over its own power, by who predicted.
 
     Args:
         truth: by record.
-        predicted: as `RECORD/before` and `RECORD/after`; where a loop diverges it counts as an error of the whole.
+        predicted: as `RECORD/before`, `RECORD/tuned` and `RECORD/after`; where a loop diverges it counts as an error of
+            the whole.
     """
-    names = [name.removesuffix("/before") for name in predicted if name.endswith("/before")]
-    powers = []
-    for name in names:
-        exact = truth[name].astype(float)
-        power = float(np.var(exact))
-        errors = []
-        for word in ("before", "after"):
-            given = predicted[f"{name}/{word}"].astype(float)
-            error = exact - given if np.all(np.isfinite(given)) else exact
-            errors.append(float(np.mean(error**2)) / power)
-        powers.append(errors)
-    before, after = np.mean(powers, axis=0) if powers else (0.0, 0.0)
-    return float(1 - after / before) if before > 0 else None
+    found: dict[str, list[float]] = {}
+    for key, signal in predicted.items():
+        name, _, word = key.rpartition("/")
+        exact, given = truth[name].astype(float), signal.astype(float)
+        error = exact - given if np.all(np.isfinite(given)) else exact
+        found.setdefault(word, []).append(float(np.mean(error**2) / np.var(exact)))
+    return {word: float(np.mean(each)) for word, each in found.items()}
+
+
+def closed_by(errors: Mapping[str, float]) -> float | None:
+    """1 - after^2 / before^2 of `squares`; None where there is nothing to close."""
+    return 1 - errors["after"] / errors["before"] if errors.get("before", 0.0) > 0 else None
 
 
 @contextmanager

@@ -19,7 +19,7 @@ import numpy as np
 from beamdesign.code_digest import code_digest, folder_digest
 from beamdesign.diagnosis.data.dataset import Dataset, read_dataset
 from beamdesign.diagnosis.diagnose import diagnose
-from beamdesign.diagnosis.diagnosis import Diagnosis
+from beamdesign.diagnosis.diagnosis import Diagnosis, updated_prototype
 from beamdesign.diagnosis.fitting.fit import fit_cache
 from beamdesign.diagnosis.fitting.search import search
 from beamdesign.diagnosis.predict import predict, read_inputs
@@ -158,12 +158,13 @@ def _diagnosed(place: Place, now: Mapping[str, str], before: dict[str, Any], fit
 
 
 def _write_predictions(place: Place, data: Dataset, found: Diagnosis) -> None:
-    """Displacements of held-out records as the believed and the diagnosed prototype predict them from the inputs."""
+    """Displacements of held-out records by the believed, the re-tuned and the diagnosed prototype from the inputs."""
     out = {record.record for record in found.gap.records if record.held_out} or {r.name for r in data.records}
     given, gain = read_inputs(place.folder)
     predicted: dict[str, np.ndarray] = {}
     written = prototype_from(tomllib.loads(to_toml(found.prototype)))  # as whoever reads its file finds it
-    for word, rig in (("before", data.prototype), ("after", written)):
+    tuned = updated_prototype(data.prototype, found.search.null) if found.search else data.prototype
+    for word, rig in (("before", data.prototype), ("tuned", tuned), ("after", written)):
         for record in given:
             if record.name in out:
                 rows = predict(rig, record, gain)

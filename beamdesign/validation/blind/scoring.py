@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from beamdesign.diagnosis.fitting.hypothesis import subsystem
+from beamdesign.validation.blind.bounds import bootstrap, clopper_pearson
 
 if TYPE_CHECKING:
     from beamdesign.validation.blind.blindcheck import Opened
@@ -53,6 +54,7 @@ class Outcome:
         closed: share of the gap that was said to close, with its interval; None without one.
         interval: of it.
         closed_truly: against the noise-free rig.
+        left: error that re-tuned tolerances leave against the noise-free rig, over the floor; None where unknown.
         parameter_error: relative, of the effect named first where that is right; None where not comparable.
         seconds: of its diagnosis, and of processor time; None where parts were done before.
         baselines: causes chosen by each.
@@ -77,6 +79,7 @@ class Outcome:
     closed: float | None = None
     interval: tuple[float, float] | None = None
     closed_truly: float | None = None
+    left: float | None = None
     parameter_error: float | None = None
     seconds: tuple[float, float] | None = None
     baselines: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
@@ -139,6 +142,7 @@ def outcome(case: "Opened") -> Outcome:
         closed=gap["closed"] if comparable else None,
         interval=tuple(gap["closed_interval"]) if comparable else None,
         closed_truly=case.closed,
+        left=case.left,
         parameter_error=_parameter_error(named, answer, causes),
         seconds=(time["seconds"], time["cpu_seconds"]) if time else None,
         baselines={name: tuple(way["chosen"]) for name, way in found["baselines"].items()},
@@ -154,47 +158,12 @@ def _parameter_error(named: str, answer: dict[str, Any], causes: dict[str, Any])
     return abs(said[key]["value"] / value - 1) if value and key in said else None
 
 
-CONFIDENCE, _DRAWS = 0.95, 4000
 Sense = Literal["at least", "at most", "between", ""]
-
-
-def clopper_pearson(count: int, of: int, confidence: float = CONFIDENCE) -> tuple[float, float]:
-    """Exact two-sided bounds of a probability.
-
-    C. J. Clopper, E. S. Pearson, The use of confidence or fiducial limits illustrated in the case of the binomial,
-    Biometrika 26 (1934), 404-413.
-
-    Args:
-        count: how often it happened.
-        of: in how many independent cases; (0, 1) where there are none.
-        confidence: of the two bounds together.
-
-    Raises:
-        ValueError: for counts that cannot be.
-    """
-    from scipy.stats import binomtest
-
-    if not 0 <= count <= of:
-        raise ValueError(f"{count} of {of}")
-    bounds = binomtest(count, of).proportion_ci(confidence, method="exact") if of else (0.0, 1.0)
-    return float(bounds[0]), float(bounds[1])
-
-
-def bootstrap(values: Sequence[float], statistic: Callable[..., np.ndarray]) -> tuple[float, float]:
-    """Percentile bounds of a statistic of independent values, by drawing them again (B. Efron, 1979).
-
-    Args:
-        values: at least one.
-        statistic: of an array along `axis`.
-    """
-    given = np.asarray(values, dtype=float)
-    drawn = given[np.random.default_rng(0).integers(0, len(given), (_DRAWS, len(given)))]
-    low, high = np.quantile(statistic(drawn, axis=1), ((1 - CONFIDENCE) / 2, (1 + CONFIDENCE) / 2))
-    return float(low), float(high)
-
-
 SMALL = 3.0
 """Gap over the floor below which a case is scored apart."""
+IMITATED = 1.2
+"""Floors that a null's own small imperfections may come to, see `beamdesign.validation.truth.drawing`: a gap of which
+re-tuned tolerances leave no more is one that a rig without a gap may have, so that no test tells it from a null."""
 CONFIDENT, _BINS = 0.7, 10
 
 
@@ -259,23 +228,25 @@ def scores(outcomes: Sequence[Outcome]) -> tuple[Score, ...]:
     known = single + figure + pair
     bins, error = calibration(outcomes)
     closed = [o for o in with_gap if o.closed is not None and o.closed_truly is not None]
+    plain = [o for o in with_gap if o.left is not None and o.left > IMITATED]
     return (
-        _rate("gap detected", with_gap, lambda o: o.verdict not in (NO_GAP, FAILED), (0.98,), "at least"),
+        _rate("gap detected", with_gap, _detected),
+        _rate("gap detected, tolerances cannot imitate it", plain, _detected, (0.96,), "at least"),
         _rate("false alarms", nulls, lambda o: o.verdict != NO_GAP, (0.02,), "at most"),
-        _rate("single effect named first", single, lambda o: o.named == o.effects[0], (0.95,), "at least"),
+        _rate("single effect named first", single, lambda o: o.named == o.effects[0], (0.97,), "at least"),
         _rate("single effect in the class", single, in_class, (0.99,), "at least"),
         _rate("wrong figure named first", figure, lambda o: o.named == o.effects[0]),
-        _rate("exact pair", pair, exact, (0.75,), "at least"),
+        _rate("exact pair", pair, exact, (0.80,), "at least"),
         _rate("exact pair, each effect large", [o for o in pair if o.each_over_floor >= SMALL], exact),
         _rate("one of the pair named first", pair, lambda o: o.named in o.effects),
         _rate("subsystem right, known causes", known, lambda o: o.where == o.subsystem, (0.95,), "at least"),
         _rate("subsystem right, outside the library", outside, lambda o: o.where == o.subsystem),
         _mean("mean probability on the truth, singles", single, lambda o: o.on_truth[0], (0.85,), "at least"),
         _mean("mean probability on exactly the truth, all", outcomes, lambda o: o.exactly),
-        _rate("outside the library, confidently wrong", outside, confidently_wrong, (0.05,), "at most"),
+        _rate("outside the library, confidently wrong", outside, confidently_wrong, (0.0,), "at most"),
         _rate("outside the library, called unknown", outside, lambda o: o.verdict == UNKNOWN),
         _rate("outside the library, 80 % closed", outside, lambda o: (o.closed_truly or 0) >= 0.8, (0.8,), "at least"),
-        Score("calibration error", error, np.nan, np.nan, sum(b.count for b in bins), None, (0.05,), "at most"),
+        Score("calibration error", error, np.nan, np.nan, sum(b.count for b in bins), None, (0.03,), "at most"),
         _median("error of the effect's parameter, median", single, lambda o: o.parameter_error, (0.10,), "at most"),
         _median("error of `closed`, median", closed, lambda o: abs((o.closed or 0.0) - (o.closed_truly or 0.0))),
         _rate("true `closed` inside the interval", closed, _covered, (0.85, 0.95), "between"),
@@ -309,6 +280,10 @@ def split(outcomes: Sequence[Outcome]) -> tuple[tuple[Outcome, ...], tuple[Outco
     """Nulls and large gaps; small gaps."""
     small = tuple(o for o in outcomes if o.kind != "null" and o.gap_over_floor < SMALL)
     return tuple(o for o in outcomes if o not in small), small
+
+
+def _detected(o: Outcome) -> bool:
+    return o.verdict not in (NO_GAP, FAILED)
 
 
 def in_class(o: Outcome) -> bool:
