@@ -10,8 +10,9 @@ import tomli_w
 
 from beamdesign.files import write_whole
 from beamdesign.json_text import picked
+from beamdesign.validation.truth.controller import controller_figures
 from beamdesign.validation.truth.effects import KINDS, LISTED, PARAMETERS, Scales, Shape
-from beamdesign.validation.truth.nominal import assembled, controller_figures, nominal_figures, rig_figures
+from beamdesign.validation.truth.nominal import FIGURES, assembled, nominal_figures, rig_figures
 from beamdesign.validation.truth.rig import SAMPLE_S, STEP_S, Motion, march
 
 FADE_S = 0.1
@@ -353,7 +354,7 @@ def stated(case: Case, departure: Departure) -> dict[str, Any]:
         return {"figure": departure.figure, "factor": factor, "value": value}
     figures = run_figures(case, case.runs[0])
     record, modes = assembled(figures)
-    values = dict(zip(record.dtype.names or (), (float(v) for v in record[0]), strict=True))
+    values = {name: float(record[name][0]) for name in FIGURES}
     found: dict[str, Any] = KINDS[departure.name].stated(values)
     if departure.name == "second_beam_mode":
         rates = np.sqrt(modes[0] / modes[1])

@@ -20,11 +20,11 @@ from beamdesign.validation.truth.case import (
     relative_gap,
     take,
 )  # fmt: skip
+from beamdesign.validation.truth.controller import controller_figures
 from beamdesign.validation.truth.effects import KINDS, PARAMETERS, Scales, Shape
 from beamdesign.validation.truth.nominal import (
     Table,
     assembled,
-    controller_figures,
     draw_nominal,
     draw_true,
     rig_figures,

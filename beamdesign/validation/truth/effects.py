@@ -4,10 +4,12 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import partial
 from math import pi, sqrt
+from typing import Any
 
 import numpy as np
 
-Shape = dict[str, float]
+Shape = dict[str, Any]
+"""Figures by name; all but a law's matrices are single numbers."""
 
 
 @dataclass(frozen=True)

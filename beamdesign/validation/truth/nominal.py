@@ -62,7 +62,7 @@ FIGURES: dict[str, float] = {
     "air_exponent": 1.2,
     "air_saturation": 2e8,  # Pa, all air dissolved above this (Henry)
     "drag": 0.0,  # N s2/m2, of the square of the stroke's speed
-    "squeezed": 0.0,  # N/Pa, sliding friction per load pressure
+    "squeezed": 0.0,  # N/Pa, sliding friction per load pressure; N/N of a screw
     "squeezed_speed": 1e-3,  # m/s, over which it turns round
     "bristle_stiffness": 0.0,  # N/m; 0 takes the seal away
     "bristle_damping": 0.0,  # N s/m
@@ -71,6 +71,19 @@ FIGURES: dict[str, float] = {
     "stribeck_speed": 0.01,
     "stribeck_power": 2.0,
     "viscous": 0.0,
+    # motor and ball screw in the place of cylinder and valve
+    "lead": 0.0,  # m/rad; 0 is a cylinder
+    "screw_stiffness": 8e7,
+    "screw_damping": 600.0,
+    "lost_motion": 0.0,  # m, of the nut from flank to flank
+    "torque_constant": 1.2,
+    "torque_drift": 0.0,  # relative, from start to end of the record
+    "torque_ripple": 0.0,  # relative
+    "ripple_per_turn": 36.0,
+    "rotor_inertia": 8e-4,
+    "rotor_friction": 5e-3,
+    "speed_feedback": 0.5,
+    "current_loop": 6283.0,  # rad/s
     # servovalve
     "flow_gain": 0.0113,
     "valve_frequency": 942.5,
@@ -110,8 +123,7 @@ FIGURES: dict[str, float] = {
     "dropout_s": 0.02,
     # controller and amplifier
     "gain": 0.01,
-    "pole": 10.0,
-    "zero": 10.0,
+    "law_order": 0.0,
     "delay": 0.0,  # s
     "current_limit": 0.0,  # A; 0 is none
     "current_knee": 10.0,
@@ -124,18 +136,36 @@ FIGURES: dict[str, float] = {
 }
 """Names and values of a rig with nothing but the believed physics; the published rig's figures."""
 
-RECORD = np.dtype([(name, "f8") for name in FIGURES])
+LAW_ORDER = 12
+"""Most states of a controller."""
+HEARD = ("displacement_m", "inner_displacement_m", "load_pressure_Pa", "command_V")
+"""What a controller may hear: the error in V, less the inner tip's place, less the load pressure; and its command."""
+RECORD = np.dtype([*((name, "f8") for name in FIGURES), ("law", "f8", (LAW_ORDER + 1, LAW_ORDER + len(HEARD)))])
 
 
-def packed(given: Mapping[str, float]) -> np.ndarray:
+def packed(given: Mapping[str, Any]) -> np.ndarray:
     """One record of all figures, those not given as in `FIGURES`.
+
+    The key `law` is for the controller of unit gain: (n + 1, n + h) rows of z' = a z + b e, then that of c z + d e, e
+    the first h of `HEARD`. Without it the law is e itself.
 
     Raises:
         KeyError: at a name that is not a figure.
+        ValueError: for a law of more than `LAW_ORDER` states.
     """
-    if unknown := given.keys() - FIGURES.keys():
+    if unknown := given.keys() - FIGURES.keys() - {"law"}:
         raise KeyError(*sorted(unknown))
-    return np.array([tuple((FIGURES | dict(given)).values())], dtype=RECORD)
+    law = np.asarray(given.get("law", [[1.0]]))
+    order, heard = len(law) - 1, law.shape[1] - len(law) + 1
+    if order > LAW_ORDER:
+        raise ValueError(f"a law of {order} states, at most {LAW_ORDER}")
+    record = np.zeros(1, dtype=RECORD)
+    for name, value in (FIGURES | dict(given) | {"law_order": order}).items():
+        if name != "law":
+            record[name] = value
+    rows = [*range(order), LAW_ORDER]  # the output stands last, and what is heard behind all states there may be
+    record["law"][0][np.ix_(rows, [*range(order), *range(LAW_ORDER, LAW_ORDER + heard)])] = law
+    return record
 
 
 HIGHEST_RATE = 2 * np.pi * 2500
@@ -339,12 +369,3 @@ def assembled(figures: Shape) -> tuple[np.ndarray, np.ndarray]:
         own.get("tip_share", 0.0), own.get("zeta", 0.01), int(own.get("count", 1)),
     )  # fmt: skip
     return packed({key: value for key, value in figures.items() if not key.startswith("modes.")}), modes
-
-
-def controller_figures(controller: Table) -> Shape:
-    """Gain, pole and zero (rad/s) of a controller's table; a proportional one is a lag whose breaks coincide."""
-    if controller["kind"] == "lag":
-        pole, zero = 2 * pi * controller["pole_Hz"], 2 * pi * controller["zero_Hz"]
-    else:
-        pole = zero = 2 * pi * 10.0
-    return {"gain": controller["gain_A_per_V"], "pole": pole, "zero": zero}
