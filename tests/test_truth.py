@@ -10,15 +10,14 @@ import pytest
 
 from beamdesign.diagnosis.data.dataset import read_dataset
 from beamdesign.validation.truth import laws
+from beamdesign.validation.truth.beams import cantilever_modes, outer_modes
 from beamdesign.validation.truth.case import answer, noise_free, run_figures, take, write_case
 from beamdesign.validation.truth.controller import controller_figures
 from beamdesign.validation.truth.drawing import draw_case, linear_critical_gain
 from beamdesign.validation.truth.effects import KINDS, LISTED, OUTSIDE, Scales
 from beamdesign.validation.truth.nominal import (
     assembled,
-    cantilever_modes,
     nominal_figures,
-    outer_modes,
     packed,
     rig_figures,
 )
