@@ -7,6 +7,7 @@ candidates: see `FEW`.
 import json
 import os
 import subprocess
+from collections import Counter
 from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
@@ -20,6 +21,7 @@ from beamdesign.validation.blind import blindcheck, scoring
 from beamdesign.validation.blind.baselines import lasso, lasso_path
 from beamdesign.validation.blind.bounds import bootstrap, clopper_pearson
 from beamdesign.validation.blind.case_plan import (
+    RIGS,
     SHARES,
     Planned,
     broken,
@@ -33,7 +35,7 @@ from beamdesign.validation.blind.case_plan import (
 from beamdesign.validation.blind.diagnosis import begin_blind
 from beamdesign.validation.blind.scoring import Outcome
 from beamdesign.validation.blindcheck_result import confusion, markdown, result_fields, result_text
-from beamdesign.validation.truth.effects import LISTED, OUTSIDE
+from beamdesign.validation.truth.effects import LISTED, OUTSIDE, on
 
 # Bounds
 
@@ -85,6 +87,11 @@ def test_a_plan_keeps_its_shares_and_deals_effects_evenly():
     dealt = [sum(c.names == (name,) for c in of["single"]) for name in LISTED]
     assert max(dealt) - min(dealt) <= 1
     assert min(dealt) >= 7
+    for rig in RIGS:
+        assert sum(c.rig == rig for c in of["single"]) == (54 if rig == "lag" else 18)
+        own = {name.removeprefix("parameter:") for c in cases if c.rig == rig for name in c.names}
+        assert own == set(on(rig, own))
+    assert Counter(c.noise for c in of["null"]) == {"white": 24, "coloured": 8, "outliers": 8}
     assert {c.names[0] for c in of["outside"]} == set(OUTSIDE)
     assert len({c.names for c in of["pair"]}) == 24
     assert len({c.seed for c in cases}) == 200

@@ -9,15 +9,15 @@ import numpy as np
 import pytest
 
 from beamdesign.diagnosis.data.dataset import read_dataset
-from beamdesign.validation.truth import rates as laws
+from beamdesign.validation.truth import laws
+from beamdesign.validation.truth.beams import cantilever_modes, outer_modes
 from beamdesign.validation.truth.case import answer, noise_free, run_figures, take, write_case
+from beamdesign.validation.truth.controller import controller_figures
 from beamdesign.validation.truth.drawing import draw_case, linear_critical_gain
 from beamdesign.validation.truth.effects import KINDS, LISTED, OUTSIDE, Scales
 from beamdesign.validation.truth.nominal import (
     assembled,
-    cantilever_modes,
     nominal_figures,
-    outer_modes,
     packed,
     rig_figures,
 )
@@ -38,8 +38,8 @@ PUBLISHED = {
     "sensor": {"gain_V_per_m": 1180.0},
     "tolerance": {},
 }
-OFF = {"gain": 0.0, "pole": 10.0, "zero": 10.0}
-PROPORTIONAL = {"gain": 0.00965, "pole": 10.0, "zero": 10.0}
+OFF = {"gain": 0.0}
+PROPORTIONAL = {"gain": 0.00965}
 NO_OIL = {"area_a": 1e-12, "area_b": 1e-12, "leakage": 0.0}
 
 
@@ -266,7 +266,8 @@ def test_with_all_effects_off_it_is_the_linear_rig():
         "controller": {"kind": "lag", "gain_A_per_V": 0.08, "pole_Hz": 1.75, "zero_Hz": 26.0},
         "payload": {"inner_end_mass_kg": 4.4},
     }
-    record, modes = rig(gain=0.08, pole=2 * pi * 1.75, zero=2 * pi * 26, outer_end_mass=6.8, inner_end_mass=4.4)
+    law = controller_figures(table["controller"])
+    record, modes = rig(**law, outer_end_mass=6.8, inner_end_mass=4.4)
     loop = state_space(prototype_from(table), 6.8)
 
     def wave(t):

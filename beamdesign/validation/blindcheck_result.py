@@ -51,6 +51,7 @@ def result_fields(outcomes: Sequence[Outcome], setting: Mapping[str, Any]) -> di
     fields = {
         "setting": dict(setting),
         "scores": rows(scores(large)),
+        "scores_of_rigs": {rig: rows(found) for rig, found in of_rigs(large).items()},
         "scores_small_gaps": rows(scores(small)) if small else [],
         "baselines": {name: rows(baseline_scores(name, large)) for name in NAMES},
         "confusion": confusion(large),
@@ -79,7 +80,7 @@ def result_text(fields: Mapping[str, Any]) -> str:
 def case_fields(o: Outcome) -> dict[str, Any]:
     """One case in short."""
     names = (
-        "case=key kind truth=effects gap_over_floor verdict chosen named on_truth no_gap unknown where"
+        "case=key kind rig truth=effects gap_over_floor verdict chosen named on_truth no_gap unknown where"
         " where_truly=subsystem closed interval closed_truly left parameter_error seconds baselines"
     )
     return picked(o, names) | ({"failure": o.failure} if o.failure else {})
@@ -107,6 +108,11 @@ def markdown(outcomes: Sequence[Outcome], setting: Mapping[str, Any]) -> str:
         "large": large,
         "small": small,
         "small_rows": [row[:4] for row in target_rows([score for score in scores(small) if score.of])],
+        "rig_rows": [
+            (rig, *(f"{s.count} of {s.of}" if s.count is not None else _figure(s, s.value) for s in found))
+            for rig, found in of_rigs(large).items()
+        ],
+        "rig_columns": ("", *OF_RIGS.values()),
         "bins": calibration(large)[0],
         "scores": scores,
         "confusion": confusion,
@@ -123,6 +129,21 @@ def markdown(outcomes: Sequence[Outcome], setting: Mapping[str, Any]) -> str:
         flowed=lambda text: " ".join(text.split()),
     )
     return template.render(given).rstrip() + "\n"
+
+
+OF_RIGS = {
+    "gap detected": "gap detected", "false alarms": "false alarms", "single effect named first": "single named first",
+    "exact pair": "exact pair", "subsystem right, known causes": "subsystem",
+    "outside the library, confidently wrong": "outside, confidently wrong", "diagnosis broke off": "broke off",
+}  # fmt: skip
+"""Scores that are told of each kind of rig, with the heads of their columns."""
+
+
+def of_rigs(outcomes: Sequence[Outcome]) -> dict[str, list[Score]]:
+    """Scores of the cases of each kind of rig, where there are several kinds."""
+    rigs = sorted({o.rig for o in outcomes})
+    found = {rig: scores([o for o in outcomes if o.rig == rig]) for rig in rigs} if len(rigs) > 1 else {}
+    return {rig: [score for score in every if score.name in OF_RIGS] for rig, every in found.items()}
 
 
 def target_rows(found: Sequence[Score]) -> list[tuple[str, ...]]:

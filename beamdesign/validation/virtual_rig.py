@@ -12,9 +12,10 @@ from beamdesign.controllers import Controller
 from beamdesign.prototype import Prototype
 from beamdesign.records import InputError
 from beamdesign.structure.lumped import lumped_beam
-from beamdesign.validation.truth.case import Case, Departure, Drive, Noise, Run, run_figures, take
+from beamdesign.validation.truth.case import Case, Departure, Drive, Run, run_figures, take
 from beamdesign.validation.truth.drawing import linear_critical_gain
 from beamdesign.validation.truth.effects import KINDS, Scales
+from beamdesign.validation.truth.noise import Noise
 from beamdesign.validation.truth.nominal import assembled, draw_true, rig_figures
 
 _GAIN_SHARE = 0.6

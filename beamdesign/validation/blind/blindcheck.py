@@ -10,7 +10,7 @@ import os
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from contextlib import AbstractContextManager, contextmanager
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from multiprocessing import active_children, get_context
 from pathlib import Path
 from typing import Any
@@ -116,7 +116,7 @@ def begin_check(folder: Path, count: int, seed: int, short: bool, cases: Sequenc
         InputError: where the folder holds another check.
     """
     planned = tuple(plan(count, seed) if cases is None else cases)
-    rows = [{"number": c.number, "kind": c.kind, "names": list(c.names), "seed": c.seed} for c in planned]
+    rows = [asdict(c) | {"names": list(c.names)} for c in planned]
     fields = {"seed": seed, "short": short, "cases": rows}
     path = folder / "plan.json"
     if path.is_file():

@@ -1,27 +1,33 @@
 """Which cases a blind check is made of; their drawing, data sets in one folder, answers in another; and the seal.
 
-Kinds come in fixed shares, every listed effect about as often as any other. The seal holds digests of answers and data,
+Kinds come in fixed shares, and of each kind so do the rigs, every effect about as often as any
+other. The seal holds digests of answers and data,
 taken before anybody looks for them and checked when answers are opened.
 """
 
 import hashlib
 import json
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
 from beamdesign.files import write_whole
 from beamdesign.validation.truth.case import answer, noise_free, write_case
-from beamdesign.validation.truth.drawing import Kind, draw_case
-from beamdesign.validation.truth.effects import LISTED, OUTSIDE, PARAMETERS
+from beamdesign.validation.truth.drawing import Hiss, Kind, draw_case
+from beamdesign.validation.truth.effects import LISTED, OUTSIDE, PARAMETERS, Rig, on
 
 SHARES: dict[Kind, float] = {"null": 0.20, "single": 0.45, "parameter": 0.10, "pair": 0.12, "outside": 0.13}
 """Of all cases."""
+RIGS: tuple[Rig, ...] = ("lag", "lag", "lag", "structured", "ball_screw")
+HISSES: tuple[Hiss, ...] = ("white", "white", "white", "coloured", "outliers")
+"""Dealt to the cases of each kind: a fifth of them each."""
 _SEEDS_PER_PLAN = 100_000
+T = TypeVar("T")
 
 
 @dataclass(frozen=True)
@@ -33,12 +39,16 @@ class Planned:
         kind: of case.
         names: of the effects in it; none for a null.
         seed: of its drawing.
+        rig: which rigs it is drawn from.
+        noise: of its sensor and recorder.
     """
 
     number: int
     kind: Kind
     names: tuple[str, ...]
     seed: int
+    rig: Rig = "lag"
+    noise: Hiss = "white"
 
     @property
     def key(self) -> str:
@@ -59,20 +69,33 @@ def plan(count: int, seed: int) -> tuple[Planned, ...]:
     if count < 1 or seed < 0:
         raise ValueError("a check needs at least one case and a seed that is not negative")
     random = np.random.default_rng([seed, count])
-    pools: dict[Kind, Sequence[tuple[str, ...]]] = {
-        "null": [()],
-        "single": [(name,) for name in LISTED],
-        "parameter": [(f"parameter:{name}",) for name in PARAMETERS],
-        "pair": list(combinations(LISTED, 2)),
-        "outside": [(name,) for name in OUTSIDE],
-    }
-    rows: list[tuple[Kind, tuple[str, ...]]] = []
+    rows: list[tuple[Kind, tuple[str, ...], Rig, Hiss]] = []
     for kind, number in counts(count).items():
-        rows += [(kind, names) for names in _dealt(pools[kind], number, random)]
-    order = random.permutation(len(rows))
+        rigs, hisses = _dealt(RIGS, number, random), _dealt(HISSES, number, random)
+        able = Counter(names for rig in RIGS for names in _pools(rig)[kind])
+        often: Counter[tuple[str, ...]] = Counter()
+        for rig, hiss in zip(rigs, hisses, strict=True):
+            pool = _pools(rig)[kind]
+            mixed = [pool[k] for k in random.permutation(len(pool))]
+            names = min(mixed, key=lambda names: (often[names], able[names]))  # first what few rigs can have
+            often[names] += 1
+            rows.append((kind, names, rig, hiss))
+    ordered = (rows[index] for index in random.permutation(len(rows)))
     return tuple(
-        Planned(k, rows[index][0], rows[index][1], seed * _SEEDS_PER_PLAN + k) for k, index in enumerate(order)
+        Planned(k, kind, names, seed * _SEEDS_PER_PLAN + k, rig, hiss)
+        for k, (kind, names, rig, hiss) in enumerate(ordered)
     )
+
+
+def _pools(rig: Rig) -> dict[Kind, Sequence[tuple[str, ...]]]:
+    listed = on(rig, LISTED)
+    return {
+        "null": [()],
+        "single": [(name,) for name in listed],
+        "parameter": [(f"parameter:{name}",) for name in on(rig, PARAMETERS)],
+        "pair": list(combinations(listed, 2)),
+        "outside": [(name,) for name in on(rig, OUTSIDE)],
+    }
 
 
 def counts(total: int) -> dict[Kind, int]:
@@ -85,9 +108,9 @@ def counts(total: int) -> dict[Kind, int]:
     return found
 
 
-def _dealt(pool: Sequence[tuple[str, ...]], count: int, random: np.random.Generator) -> list[tuple[str, ...]]:
+def _dealt(pool: Sequence[T], count: int, random: np.random.Generator) -> list[T]:
     """Deal out a shuffled pool, shuffled anew whenever it is used up."""
-    found: list[tuple[str, ...]] = []
+    found: list[T] = []
     while len(found) < count:
         found += [pool[k] for k in random.permutation(len(pool))]
     return found[:count]
@@ -114,7 +137,8 @@ def draw(planned: Planned, short: bool, sets: Path, answers: Path) -> str:
         return ""
     for attempt in range(_TRIES):
         try:
-            case = draw_case(planned.seed + attempt * _NEXT_SEED, planned.kind, short=short, names=planned.names)
+            seed = planned.seed + attempt * _NEXT_SEED
+            case = draw_case(seed, planned.kind, short=short, names=planned.names, rig=planned.rig, noise=planned.noise)
         except ValueError as error:
             reason = str(error)
             continue

@@ -38,6 +38,7 @@ class Outcome:
     Attributes:
         key: of the case.
         kind: null, single, pair, outside or parameter.
+        rig: which rigs it was drawn from.
         effects: that were in it, the dominant one first; none for a null.
         subsystem: of the dominant one.
         gap_over_floor: how far the effects stand out of the noise.
@@ -84,6 +85,7 @@ class Outcome:
     seconds: tuple[float, float] | None = None
     baselines: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     failure: str = ""
+    rig: str = "lag"  # as in checks whose answers name none
 
     @property
     def on_truth(self) -> list[float]:
@@ -108,6 +110,7 @@ def outcome(case: "Opened") -> Outcome:
     base = {
         "key": case.key,
         "kind": answer["kind"],
+        "rig": answer.get("rig", "lag"),
         "effects": effects,
         "subsystem": answer["subsystem"],
         "gap_over_floor": answer["gap_over_floor"],

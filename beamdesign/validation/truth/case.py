@@ -10,8 +10,10 @@ import tomli_w
 
 from beamdesign.files import write_whole
 from beamdesign.json_text import picked
-from beamdesign.validation.truth.effects import KINDS, LISTED, PARAMETERS, Scales, Shape
-from beamdesign.validation.truth.nominal import assembled, controller_figures, nominal_figures, rig_figures
+from beamdesign.validation.truth.controller import controller_figures
+from beamdesign.validation.truth.effects import KINDS, LISTED, PARAMETERS, Rig, Scales, Shape
+from beamdesign.validation.truth.noise import Noise
+from beamdesign.validation.truth.nominal import FIGURES, assembled, nominal_figures, rig_figures
 from beamdesign.validation.truth.rig import SAMPLE_S, STEP_S, Motion, march
 
 FADE_S = 0.1
@@ -122,30 +124,6 @@ class Run:
 
 
 @dataclass(frozen=True)
-class Noise:
-    """What recording adds, one standard deviation each.
-
-    Attributes:
-        displacement_m: of the sensor, inside the loop.
-        quantum_m: step of the recorder.
-        force_N: of the force sensor.
-        current_A: of the current's.
-        drift_m: of the sensor's zero over a record, inside the loop.
-    """
-
-    displacement_m: float
-    quantum_m: float
-    force_N: float
-    current_A: float
-    drift_m: float
-
-    @property
-    def floor_m(self) -> float:
-        """RMS of what no model can predict of the displacement."""
-        return float(np.sqrt(self.displacement_m**2 + self.quantum_m**2 / 12))
-
-
-@dataclass(frozen=True)
 class Case:
     """One case.
 
@@ -160,6 +138,7 @@ class Case:
         runs: records.
         noise: of recording.
         duration_s: of each record.
+        rig: which rigs it was drawn from.
         scales: magnitudes by which effects are sized.
         gaps: RMS over the records of what the effects change over the displacement itself: `all`, each alone by its
             name; `background` and `tolerances`, over the first part of the records; and `floor`, the same of the noise.
@@ -179,6 +158,7 @@ class Case:
     scales: Scales = field(hash=False)
     gaps: dict[str, float] = field(default_factory=dict, hash=False)
     notes: tuple[str, ...] = ()
+    rig: Rig = "lag"
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -240,8 +220,8 @@ def inputs_of(case: Case, run: Run, noisy: bool, step_s: float, duration_s: floa
         rng = np.random.default_rng([case.seed, run.drive.seed, 1])
         per_sample = round(2 * SAMPLE_S / step_s)
         samples = (len(wave) - 1) // per_sample + 1
-        fine = np.arange((samples - 1) * per_sample + 1) / per_sample  # white at the samples, straight between them
-        noise = np.interp(fine, np.arange(samples), rng.normal(0, case.noise.displacement_m, samples))
+        fine = np.arange((samples - 1) * per_sample + 1) / per_sample  # straight between the samples
+        noise = np.interp(fine, np.arange(samples), case.noise.of_sensor(samples, rng))
         noise += rng.normal(0, case.noise.drift_m) * np.linspace(0, 1, len(noise))
         inputs[:, 2] = case.nominal["sensor"]["gain_V_per_m"] * noise
     return inputs
@@ -312,13 +292,17 @@ def recorded(case: Case, run: Run) -> dict[str, np.ndarray]:
     count = len(motion.times)
     inputs = inputs_of(case, run, False, STEP_S, case.duration_s)[:: round(2 * SAMPLE_S / STEP_S)]
     quantum = case.noise.quantum_m
-    return {
+    columns = {
         "t_s": motion.times,
         "disturbance_N": inputs[:, 0] + rng.normal(0, case.noise.force_N, count),
         "command_V": inputs[:, 1],
         "current_A": motion.current + rng.normal(0, case.noise.current_A, count),
         "displacement_m": quantum * np.round(motion.displacement / quantum),
     }
+    for _ in range(rng.poisson(case.noise.outliers) if case.noise.outliers else 0):
+        channel = columns[str(rng.choice(["current_A", "displacement_m"]))]
+        channel[rng.integers(count)] += rng.choice([-1, 1]) * rng.uniform(0.2, 1.5) * np.std(channel)
+    return columns
 
 
 def write_case(case: Case, folder: Path | str) -> None:
@@ -353,7 +337,7 @@ def stated(case: Case, departure: Departure) -> dict[str, Any]:
         return {"figure": departure.figure, "factor": factor, "value": value}
     figures = run_figures(case, case.runs[0])
     record, modes = assembled(figures)
-    values = dict(zip(record.dtype.names or (), (float(v) for v in record[0]), strict=True))
+    values = {name: float(record[name][0]) for name in FIGURES}
     found: dict[str, Any] = KINDS[departure.name].stated(values)
     if departure.name == "second_beam_mode":
         rates = np.sqrt(modes[0] / modes[1])
@@ -376,6 +360,8 @@ def answer(case: Case) -> dict[str, Any]:
     return {
         "seed": case.seed,
         "kind": case.kind,
+        "rig": case.rig,
+        "noise": picked(case.noise, "coloured break_Hz outliers"),
         "effects": list(case.names),
         "subsystem": case.departures[0].subsystem if case.departures else "",
         "subsystems": [d.subsystem for d in case.departures],

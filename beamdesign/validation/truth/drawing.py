@@ -13,18 +13,18 @@ from beamdesign.validation.truth.case import (
     Case,
     Departure,
     Drive,
-    Noise,
     Run,
     noise_free,
     relative_floor,
     relative_gap,
     take,
 )  # fmt: skip
-from beamdesign.validation.truth.effects import KINDS, PARAMETERS, Scales, Shape
+from beamdesign.validation.truth.controller import controller_figures
+from beamdesign.validation.truth.effects import KINDS, PARAMETERS, Rig, Scales, Shape, on
+from beamdesign.validation.truth.noise import Noise
 from beamdesign.validation.truth.nominal import (
     Table,
     assembled,
-    controller_figures,
     draw_nominal,
     draw_true,
     rig_figures,
@@ -50,7 +50,7 @@ def jacobian(figures: np.ndarray, modes: np.ndarray) -> np.ndarray:
 
 
 def linear_critical_gain(figures: np.ndarray, modes: np.ndarray) -> float:
-    """Least gain in A/V at which the linearised loop is not stable, by bisection; infinite where there is none to 100.
+    """Least gain in A/V at which the linearised loop is not stable, by bisection; infinite where there is none to 1e5.
 
     Args:
         figures: whose own gain does not matter.
@@ -67,7 +67,7 @@ def linear_critical_gain(figures: np.ndarray, modes: np.ndarray) -> float:
     high = low
     while stable(high):
         low, high = high, 2 * high
-        if high > 100:
+        if high > 1e5:
             return float("inf")
     while high - low > 1e-4 * high:
         middle = 0.5 * (low + high)
@@ -77,6 +77,8 @@ def linear_critical_gain(figures: np.ndarray, modes: np.ndarray) -> float:
 
 Kind = Literal["null", "single", "pair", "outside", "parameter"]
 KIND_NAMES = get_args(Kind)
+Hiss = Literal["white", "coloured", "outliers"]
+_VALVE_A, _MOTOR_A = 7.5e-3, 5.0  # RMS of a current in a record, about
 GAPS = (2.0, 30.0)
 """Range of the gap over the floor that effects are drawn for."""
 _LARGEST_TOLERANCE_GAP = 0.35
@@ -112,6 +114,8 @@ def draw_case(
     *,
     short: bool = False,
     names: tuple[str, ...] = (),
+    rig: Rig = "lag",
+    noise: Hiss = "white",
 ) -> Case:
     """Draw one case; the same arguments give the same case.
 
@@ -121,21 +125,28 @@ def draw_case(
             parameter (a plain wrong figure).
         short: five records of 1.75 s instead of eight of 4 s.
         names: effects to put in, none into a null; `parameter:NAME` for a wrong figure.
+        rig: actuator and law, see `effects.Rig`.
+        noise: of the sensor, white or part of it low-passed; with `outliers` the recorder spoils samples as well.
 
     Raises:
-        ValueError: for a kind that is none of these, or an unknown name.
+        ValueError: for a kind, a rig or a noise that is none of these, an unknown name, or one that no such rig has.
     """
+    for given, all_of in ((rig, get_args(Rig)), (noise, get_args(Hiss))):
+        if given not in all_of:
+            raise ValueError(f"there are {', '.join(all_of)}, and no {given!r}")
     if kind not in KIND_NAMES:
         raise ValueError(f"kind is one of {', '.join(KIND_NAMES)}, not {kind!r}")
     for name in names:
         known = name.removeprefix("parameter:") in PARAMETERS if name.startswith("parameter:") else name in KINDS
         if not known:
             raise ValueError(f"no effect {name!r}")
+        if not on(rig, [name.removeprefix("parameter:")]):
+            raise ValueError(f"no rig of kind {rig} has {name}")
     rng = np.random.default_rng([seed, KIND_NAMES.index(kind), int(short)])
     notes: list[str] = []
     for attempt in range(20):
-        nominal = draw_nominal(rng, f"rig-{seed}")
-        case = _with_background(_bare_case(seed, kind, nominal, rng, short), rng)
+        nominal = draw_nominal(rng, f"rig-{seed}", rig == "ball_screw")
+        case = _with_background(_bare_case(seed, kind, nominal, rng, short, rig, noise), rng)
         if case is None:
             notes.append(f"attempt {attempt + 1}: the rig was not stable, or too lively, with its tolerances")
             continue
@@ -145,7 +156,9 @@ def draw_case(
     raise ValueError(f"no stable case after 20 attempts: {'; '.join(notes)}")
 
 
-def _bare_case(seed: int, kind: str, nominal: Table, rng: np.random.Generator, short: bool) -> Case:
+def _bare_case(
+    seed: int, kind: str, nominal: Table, rng: np.random.Generator, short: bool, rig: Rig, hiss: Hiss
+) -> Case:
     factors = draw_true(nominal, rng)
     habits = {
         "bulk_modulus": float(rng.uniform(0.9e9, 1.5e9)),
@@ -155,7 +168,7 @@ def _bare_case(seed: int, kind: str, nominal: Table, rng: np.random.Generator, s
     }
     stiffness, volts = nominal["outer_beam"]["stiffness_N_per_m"], nominal["sensor"]["gain_V_per_m"]
     load, command = stiffness / 486800, volts / 1180
-    runs = _runs(nominal, rng, load, command, _SHORT if short else tuple(range(len(_FULL))))
+    runs = _runs(nominal, rng, load, command, _SHORT if short else tuple(range(len(_FULL))), rig)
     noise = Noise(
         displacement_m=float(rng.uniform(0.3e-6, 0.7e-6)),
         quantum_m=float(rng.choice([1e-7, 2e-7, 3e-7, 5e-7])),
@@ -163,44 +176,66 @@ def _bare_case(seed: int, kind: str, nominal: Table, rng: np.random.Generator, s
         current_A=float(rng.uniform(1e-5, 3e-5)),
         drift_m=float(rng.uniform(0, 0.4e-6)),
     )
+    if hiss != "white":
+        noise = replace(noise, coloured=float(rng.uniform(0.3, 0.9)), break_Hz=float(np.exp(rng.uniform(3.0, 5.3))))
+    if hiss == "outliers":
+        noise = replace(noise, outliers=float(rng.uniform(0.3, 2.0)))
     figures = rig_figures(nominal, factors, habits)
-    scales = Scales(figures, 900 * load, 7.5e-3)
-    case = Case(seed, kind, nominal, factors, habits, (), (), runs, noise, 1.75 if short else 4.0, scales)
+    scales = Scales(figures, 900 * load, _VALVE_A)
+    case = Case(seed, kind, nominal, factors, habits, (), (), runs, noise, 1.75 if short else 4.0, scales, rig=rig)
     large = next(run for run in runs if run.name == "04_disturbance_large")
     current = float(np.std(take(case, large, duration_s=1.5).current))
-    return replace(case, scales=replace(scales, current=current))
+    if rig == "ball_screw":  # a motor's currents are larger, and what measures them is as much coarser
+        noise = replace(noise, current_A=noise.current_A * current / _VALVE_A)
+    return replace(case, scales=replace(scales, current=current), noise=noise)
 
 
 def _runs(
-    nominal: Table, rng: np.random.Generator, load: float, command: float, chosen: tuple[int, ...]
+    nominal: Table, rng: np.random.Generator, load: float, command: float, chosen: tuple[int, ...], rig: Rig
 ) -> tuple[Run, ...]:
     payload = round(float(rng.uniform(4.0, 9.0)) * nominal["outer_beam"]["effective_mass_kg"] / 3.9, 1)
     pole, zero = float(f"{1.75 * rng.uniform(0.7, 1.4):.3g}"), float(f"{26 * rng.uniform(0.8, 1.25):.3g}")
     fraction = float(rng.uniform(0.3, 0.42))
     rest = rig_figures(nominal, {}, {})
-    added = _added_mass(rest, {"pole_Hz": pole, "zero_Hz": zero}, payload)
+    shape: Table = {"kind": "lag", "pole_Hz": pole, "zero_Hz": zero}
+    if rig == "structured":
+        shape |= {"kind": "structured", "section": [_section(rng) for _ in range(rng.integers(2, 4))]}
+    added = _added_mass(rest, shape, payload)
     controllers: dict[tuple[str, bool], dict[str, Any]] = {}
     for kind, loaded in (("lag", False), ("proportional", False), ("lag", True)):
-        table: dict[str, Any] = {"kind": kind, "gain_A_per_V": 1.0}
-        if kind == "lag":
-            table |= {"pole_Hz": pole, "zero_Hz": zero}
+        table: dict[str, Any] = {"kind": kind, "gain_A_per_V": 1.0} | (shape if kind == "lag" else {})
         masses = {"outer_end_mass": payload, "inner_end_mass": added} if loaded else {}
-        record, modes = assembled(rest | controller_figures(table) | masses)
+        law = controller_figures(table)
+        record, modes = assembled(rest | law | masses)
         gain = fraction * linear_critical_gain(record, modes)
+        if rig == "ball_screw":  # long before it oscillates, the largest command asks for more than a drive gives
+            gain = min(gain, _MOTOR_A / (0.25 * command * abs(law["law"][-1, -1])))
         controllers[kind, loaded] = table | {"gain_A_per_V": float(f"{gain:.3g}")}
     runs = []
     for index in chosen:
-        name, channel, shape, size, highest, kind, loaded = _FULL[index]
+        name, channel, wave, size, highest, kind, loaded = _FULL[index]
         scale = load if channel == "disturbance_N" else command
-        drive = Drive(channel, shape, float(f"{size * scale:.3g}"), highest, int(rng.integers(2**31)))  # type: ignore[arg-type]
+        drive = Drive(channel, wave, float(f"{size * scale:.3g}"), highest, int(rng.integers(2**31)))  # type: ignore[arg-type]
         masses_kg = (payload, added) if loaded else (0.0, 0.0)
         runs.append(Run(name, drive, controllers[kind, loaded], *masses_kg))
     return tuple(runs)
 
 
-def _added_mass(rest: Shape, breaks: dict[str, float], payload: float) -> float:
+def _section(rng: np.random.Generator) -> Table:
+    """Zeros and poles of a section not far from each other, as a tuner that grows a law section by section finds them.
+
+    No pole is less damped than 0.15: it would ring in the law itself.
+    """
+    zero = float(np.exp(rng.uniform(np.log(8), np.log(200))))
+    pole = zero * float(np.exp(rng.uniform(-0.5, 0.5)))
+    damping = np.exp(rng.uniform(np.log([0.15, 0.15]), np.log([1.2, 2.0])))
+    figures = {"zero_Hz": zero, "zero_damping_ratio": damping[0], "pole_Hz": pole, "pole_damping_ratio": damping[1]}
+    return {name: float(f"{value:.3g}") for name, value in figures.items()}
+
+
+def _added_mass(rest: Shape, shape: Table, payload: float) -> float:
     """The mass on the inner tip with which the loop bears the payload at the highest gain, kg."""
-    law = controller_figures({"kind": "lag", "gain_A_per_V": 1.0} | breaks)
+    law = controller_figures({"gain_A_per_V": 1.0} | shape)
 
     def gain(added: float) -> float:
         record, modes = assembled(rest | law | {"outer_end_mass": payload, "inner_end_mass": added})
@@ -223,7 +258,7 @@ def _with_background(case: Case, rng: np.random.Generator) -> Case | None:
     if tolerances > _LARGEST_TOLERANCE_GAP:
         return None
     floor = relative_floor(case, without)
-    chosen = [name for name in _BACKGROUND if rng.uniform() < 0.6]
+    chosen = [name for name in _BACKGROUND if rng.uniform() < 0.6 and on(case.rig, [name])]
     aim = float(rng.uniform(0.2, 0.8)) * floor
     shares = rng.dirichlet(np.ones(max(1, len(chosen))))
     brief = noise_free(case, _BRIEF_S)

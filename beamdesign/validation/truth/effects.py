@@ -1,13 +1,15 @@
 """Effects as changes of the true rig's figures, each with a severity that may be turned up and down."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from functools import partial
 from math import pi, sqrt
+from typing import Any, Literal
 
 import numpy as np
 
-Shape = dict[str, float]
+Shape = dict[str, Any]
+"""Figures by name; all but a law's matrices are single numbers."""
 
 
 @dataclass(frozen=True)
@@ -132,6 +134,23 @@ def _stated_mount(f: Mapping[str, float]) -> Shape:
     }
 
 
+def _play(scales: Scales, shape: Shape, severity: float) -> Shape:
+    play = 50e-6 * severity
+    if "lead" in scales.figures:  # of a nut between the flanks of its screw
+        return {"lost_motion": play}
+    rod, inner = shape["rod"], scales.figures["inner_mass"]
+    return {
+        "joint_on": 1.0, "play": play, "contact": shape["contact"], "contact_loss": shape["loss"],
+        "rod_mass": rod * inner, "inner_mass": (1 - rod) * inner,  # the rod was weighed with the inner beam
+    }  # fmt: skip
+
+
+def _stated_play(f: Mapping[str, float]) -> Shape:
+    if f["lead"] > 0:
+        return {"play_m": f["lost_motion"]}
+    return {"play_m": f["play"], "rod_mass_kg": f["rod_mass"]}
+
+
 def _appendage(inner: float, scales: Scales, shape: Shape, severity: float) -> Shape:
     return {
         "appendage_mass": 0.05 * severity * scales.figures["inner_mass"], "appendage_inner": inner,
@@ -240,13 +259,7 @@ _LISTED = (
     ),
     Kind(
         "joint_backlash", "structure",
-        _draws(contact=_log(5e10, 2e11), loss=_log(0.5, 5), rod=_between(0.06, 0.2)),
-        lambda s, q, v: {
-            "joint_on": 1.0, "play": 50e-6 * v, "contact": q["contact"], "contact_loss": q["loss"],
-            # The rod's mass was weighed with the inner beam's.
-            "rod_mass": q["rod"] * s.figures["inner_mass"], "inner_mass": (1 - q["rod"]) * s.figures["inner_mass"],
-        },
-        (0.01, 12), lambda f: {"play_m": f["play"], "rod_mass_kg": f["rod_mass"]},
+        _draws(contact=_log(5e10, 2e11), loss=_log(0.5, 5), rod=_between(0.06, 0.2)), _play, (0.01, 12), _stated_play,
     ),
 )  # fmt: skip
 
@@ -313,7 +326,7 @@ _OUTSIDE = (
     Kind("quadratic_drag", "actuator", _draws(), lambda s, q, v: {"drag": s.force / 0.2**2 * v}, (0.02, 30)),
     Kind(
         "squeezed_seal", "actuator", _draws(speed=_log(5e-4, 5e-3)),
-        lambda s, q, v: {"squeezed": 0.05 * v * s.figures["area_a"], "squeezed_speed": q["speed"]}, (0.05, 6),
+        lambda s, q, v: {"squeezed": 0.05 * v * s.figures.get("area_a", 1.0), "squeezed_speed": q["speed"]}, (0.05, 6),
     ),
     Kind(
         "growing_leakage", "actuator", _draws(),
@@ -337,11 +350,30 @@ _OUTSIDE = (
     ),
 )  # fmt: skip
 
-KINDS: dict[str, Kind] = {kind.name: kind for kind in (*_LISTED, *_OUTSIDE)}
-LISTED = tuple(kind.name for kind in _LISTED)
-OUTSIDE = tuple(kind.name for kind in _OUTSIDE)
+_OF_SCREWS = (
+    Kind(
+        "torque_ripple", "actuator", _draws(harmonic=_one_of(18, 24, 36)),
+        lambda s, q, v: {"torque_ripple": 0.05 * v, "ripple_per_turn": q["harmonic"]}, (0.02, 15),
+    ),
+    Kind(
+        "torque_drift", "actuator", _draws(sign=_one_of(1, -1)),
+        lambda s, q, v: {"torque_drift": float(np.clip(0.2 * v * q["sign"], -0.9, 3.0))}, (0.05, 8),
+    ),
+)  # fmt: skip
+_OF_CYLINDERS = (
+    "unequal_piston_areas", "pressure_dependent_flow", "entrained_air", "valve_deadband", "valve_hysteresis",
+    "supply_sag", "flow_gain_drift", "growing_leakage", "warming_oil",
+    "coil_lag",  # of a motor it is a slower current loop, which is a figure
+)  # fmt: skip
 
-PARAMETERS: dict[str, tuple[tuple[str, ...], str]] = {
+KINDS: dict[str, Kind] = {kind.name: kind for kind in (*_LISTED, *_OUTSIDE, *_OF_SCREWS)}
+LISTED = tuple(kind.name for kind in _LISTED)
+OUTSIDE = tuple(kind.name for kind in (*_OUTSIDE, *_OF_SCREWS))
+
+Rig = Literal["lag", "structured", "ball_screw"]
+"""A cylinder whose law is a lag, or a lag with sections; a motor with a screw, and a lag."""
+
+_PARAMETERS: dict[str, tuple[tuple[str, ...], str]] = {
     "flow_gain": (("flow_gain",), "servovalve"),
     "effective_mass": (("outer_mass", "inner_mass"), "structure"),
     "stiffness": (("outer_stiffness", "inner_stiffness"), "structure"),
@@ -352,4 +384,17 @@ PARAMETERS: dict[str, tuple[tuple[str, ...], str]] = {
     "sensor_gain": (("sensor_gain",), "sensor"),
     "beam_damping_ratio": (("outer_damping_ratio", "inner_damping_ratio"), "structure"),
 }
+_MOTOR = {
+    "screw_stiffness": "actuator", "lead": "actuator", "torque_constant": "actuator", "rotor_inertia": "actuator",
+    "speed_feedback": "amplifier", "current_loop": "amplifier",
+}  # fmt: skip
+_HYDRAULIC = ("flow_gain", "oil_stiffness", "valve_natural_frequency", "valve_damping_ratio", "piston_area")
+PARAMETERS = _PARAMETERS | {name: ((name,), where) for name, where in _MOTOR.items()}
 """Plain wrong figures, by key of [tolerance]: which of the rig's figures may be wrong (one of them is), subsystem."""
+
+
+def on(rig: Rig, names: Iterable[str]) -> tuple[str, ...]:
+    """Those of some effects, or of some keys of [tolerance], that a rig can have."""
+    own = [kind.name for kind in _OF_SCREWS] + list(_MOTOR)
+    lacks = (*_OF_CYLINDERS, *_HYDRAULIC) if rig == "ball_screw" else own
+    return tuple(name for name in names if name not in lacks)

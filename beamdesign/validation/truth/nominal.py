@@ -1,15 +1,12 @@
-"""Figures of rigs as their designers believe them, and of the rig that is there: every tolerated one a little off.
-
-A beam's bending modes are those of a cantilever by finite elements, counted at its tip.
-"""
+"""Figures of rigs as their designers believe them, and of the rig that is there: every tolerated one a little off."""
 
 from collections.abc import Mapping
 from math import exp, pi, sqrt
 from typing import Any
 
 import numpy as np
-from scipy.linalg import eigh
 
+from beamdesign.validation.truth.beams import outer_modes
 from beamdesign.validation.truth.effects import Shape
 
 MODES = 4
@@ -62,7 +59,7 @@ FIGURES: dict[str, float] = {
     "air_exponent": 1.2,
     "air_saturation": 2e8,  # Pa, all air dissolved above this (Henry)
     "drag": 0.0,  # N s2/m2, of the square of the stroke's speed
-    "squeezed": 0.0,  # N/Pa, sliding friction per load pressure
+    "squeezed": 0.0,  # N/Pa, sliding friction per load pressure; N/N of a screw
     "squeezed_speed": 1e-3,  # m/s, over which it turns round
     "bristle_stiffness": 0.0,  # N/m; 0 takes the seal away
     "bristle_damping": 0.0,  # N s/m
@@ -71,6 +68,19 @@ FIGURES: dict[str, float] = {
     "stribeck_speed": 0.01,
     "stribeck_power": 2.0,
     "viscous": 0.0,
+    # motor and ball screw in the place of cylinder and valve
+    "lead": 0.0,  # m/rad; 0 is a cylinder
+    "screw_stiffness": 8e7,
+    "screw_damping": 600.0,
+    "lost_motion": 0.0,  # m, of the nut from flank to flank
+    "torque_constant": 1.2,
+    "torque_drift": 0.0,  # relative, from start to end of the record
+    "torque_ripple": 0.0,  # relative
+    "ripple_per_turn": 36.0,
+    "rotor_inertia": 8e-4,
+    "rotor_friction": 5e-3,
+    "speed_feedback": 0.5,
+    "current_loop": 6283.0,  # rad/s
     # servovalve
     "flow_gain": 0.0113,
     "valve_frequency": 942.5,
@@ -110,8 +120,7 @@ FIGURES: dict[str, float] = {
     "dropout_s": 0.02,
     # controller and amplifier
     "gain": 0.01,
-    "pole": 10.0,
-    "zero": 10.0,
+    "law_order": 0.0,
     "delay": 0.0,  # s
     "current_limit": 0.0,  # A; 0 is none
     "current_knee": 10.0,
@@ -124,89 +133,36 @@ FIGURES: dict[str, float] = {
 }
 """Names and values of a rig with nothing but the believed physics; the published rig's figures."""
 
-RECORD = np.dtype([(name, "f8") for name in FIGURES])
+LAW_ORDER = 12
+"""Most states of a controller."""
+HEARD = ("displacement_m", "inner_displacement_m", "load_pressure_Pa", "command_V")
+"""What a controller may hear: the error in V, less the inner tip's place, less the load pressure; and its command."""
+RECORD = np.dtype([*((name, "f8") for name in FIGURES), ("law", "f8", (LAW_ORDER + 1, LAW_ORDER + len(HEARD)))])
 
 
-def packed(given: Mapping[str, float]) -> np.ndarray:
+def packed(given: Mapping[str, Any]) -> np.ndarray:
     """One record of all figures, those not given as in `FIGURES`.
+
+    The key `law` is for the controller of unit gain: (n + 1, n + h) rows of z' = a z + b e, then that of c z + d e, e
+    the first h of `HEARD`. Without it the law is e itself.
 
     Raises:
         KeyError: at a name that is not a figure.
+        ValueError: for a law of more than `LAW_ORDER` states.
     """
-    if unknown := given.keys() - FIGURES.keys():
+    if unknown := given.keys() - FIGURES.keys() - {"law"}:
         raise KeyError(*sorted(unknown))
-    return np.array([tuple((FIGURES | dict(given)).values())], dtype=RECORD)
-
-
-HIGHEST_RATE = 2 * np.pi * 2500
-"""rad/s; modes above it are left out, since they neither move nor fit into the steps of the simulation."""
-
-
-def cantilever_modes(
-    rigidity: np.ndarray, mass_per_length: np.ndarray, length_m: float, lumps: dict[int, float], count: int
-) -> np.ndarray:
-    """Modes of an Euler-Bernoulli cantilever of cubic elements of equal length (consistent masses), lowest first.
-
-    Args:
-        rigidity: (n,) E I of each element from the clamp, N m2.
-        mass_per_length: (n,) kg/m.
-        length_m: of the whole.
-        lumps: mass in kg by node, 1 to n (the tip).
-        count: how many modes.
-
-    Returns:
-        (3, count) frequency (rad/s), stiffness (N/m, each mode alone pressed at the tip) and mass (kg) of each.
-    """
-    elements, h = len(rigidity), length_m / len(rigidity)
-    stiffness, mass = np.zeros((2, 2 * elements + 2, 2 * elements + 2))
-    bending = np.array(
-        [[12, 6 * h, -12, 6 * h], [6 * h, 4 * h * h, -6 * h, 2 * h * h],
-         [-12, -6 * h, 12, -6 * h], [6 * h, 2 * h * h, -6 * h, 4 * h * h]]
-    ) / h**3  # fmt: skip
-    inertia = np.array(
-        [[156, 22 * h, 54, -13 * h], [22 * h, 4 * h * h, 13 * h, -3 * h * h],
-         [54, 13 * h, 156, -22 * h], [-13 * h, -3 * h * h, -22 * h, 4 * h * h]]
-    ) * h / 420  # fmt: skip
-    for e in range(elements):
-        own = slice(2 * e, 2 * e + 4)
-        stiffness[own, own] += rigidity[e] * bending
-        mass[own, own] += mass_per_length[e] * inertia
-    for node, lump in lumps.items():
-        mass[2 * node, 2 * node] += lump
-    squares, shapes = eigh(stiffness[2:, 2:], mass[2:, 2:], subset_by_index=[0, count - 1])
-    at_tip = shapes[-2] ** 2  # shapes have unit modal mass
-    return np.array([np.sqrt(squares), squares / at_tip, 1 / at_tip])
-
-
-def outer_modes(
-    stiffness: float, mass: float, damping: float, joint_softness: float, joint_mass: float, tip_share: float,
-    damping_ratio: float, count: int,
-) -> np.ndarray:  # fmt: skip
-    """(3, n) stiffness, mass and damping of an outer beam whose first mode at the tip has the figures given.
-
-    A bolted joint a little beyond the middle makes it softer there and heavier: the softer, the lower the second mode
-    and the more it gives at the tip.
-
-    Args:
-        stiffness: of the first mode, N/m.
-        mass: of the first mode, kg.
-        damping: of the first mode, N s/m.
-        joint_softness: rigidity of the tube over that at the joint, less one.
-        joint_mass: over the mass of the tube.
-        tip_share: mass fixed to the tip over that of the tube.
-        damping_ratio: of the higher modes.
-        count: how many modes at most.
-    """
-    elements = 16
-    rigidity = np.ones(elements)
-    rigidity[9:11] = 1 / (1 + joint_softness)
-    found = cantilever_modes(rigidity, np.ones(elements), 1.0, {10: joint_mass, elements: tip_share}, count)
-    first = np.sqrt(stiffness / mass)
-    _, own_k, own_m = found[:, found[0] / found[0, 0] * first < HIGHEST_RATE]
-    scaled_k, scaled_m = own_k * stiffness / own_k[0], own_m * mass / own_m[0]
-    losses = 2 * damping_ratio * np.sqrt(scaled_k * scaled_m)
-    losses[0] = damping
-    return np.array([scaled_k, scaled_m, losses])
+    law = np.asarray(given.get("law", [[1.0]]))
+    order, heard = len(law) - 1, law.shape[1] - len(law) + 1
+    if order > LAW_ORDER:
+        raise ValueError(f"a law of {order} states, at most {LAW_ORDER}")
+    record = np.zeros(1, dtype=RECORD)
+    for name, value in (FIGURES | dict(given) | {"law_order": order}).items():
+        if name != "law":
+            record[name] = value
+    rows = [*range(order), LAW_ORDER]  # the output stands last, and what is heard behind all states there may be
+    record["law"][0][np.ix_(rows, [*range(order), *range(LAW_ORDER, LAW_ORDER + heard)])] = law
+    return record
 
 
 Table = dict[str, Any]
@@ -224,32 +180,73 @@ TOLERANCE = {
     "sensor_gain": 0.005,
 }
 """What a builder can vouch for, relative."""
+_SHARED = ("stiffness", "effective_mass", "beam_damping_ratio", "sensor_gain", "sensor_filter")
+_OF_SCREWS = {
+    "screw_stiffness": 0.12, "screw_damping": 0.3, "torque_constant": 0.04, "rotor_inertia": 0.05,
+    "rotor_friction": 0.3, "current_loop": 0.1,
+}  # fmt: skip
+"""The same of motor and screw; the lead is ground and the feedback set, both exact."""
 
-_STATED = {
+_BEAMS = {
     "outer_stiffness": ("outer_beam", "stiffness_N_per_m", "stiffness"),
     "outer_mass": ("outer_beam", "effective_mass_kg", "effective_mass"),
     "outer_damping_ratio": ("outer_beam", "damping_ratio", "beam_damping_ratio"),
     "inner_stiffness": ("inner_beam", "stiffness_N_per_m", "stiffness"),
     "inner_mass": ("inner_beam", "effective_mass_kg", "effective_mass"),
     "inner_damping_ratio": ("inner_beam", "damping_ratio", "beam_damping_ratio"),
-    "oil_stiffness": ("actuator", "oil_stiffness_N_per_m", "oil_stiffness"),
-    "piston_area": ("actuator", "piston_area_m2", "piston_area"),
-    "flow_gain": ("servovalve", "flow_gain_m3_per_s_per_A", "flow_gain"),
-    "leakage": ("servovalve", "leakage_m3_per_s_per_Pa", "leakage"),
-    "valve_frequency": ("servovalve", "natural_frequency_Hz", "valve_natural_frequency"),
-    "valve_damping_ratio": ("servovalve", "damping_ratio", "valve_damping_ratio"),
+}
+_ACTUATORS = {
+    "servo_cylinder": {
+        "oil_stiffness": ("actuator", "oil_stiffness_N_per_m", "oil_stiffness"),
+        "piston_area": ("actuator", "piston_area_m2", "piston_area"),
+        "flow_gain": ("servovalve", "flow_gain_m3_per_s_per_A", "flow_gain"),
+        "leakage": ("servovalve", "leakage_m3_per_s_per_Pa", "leakage"),
+        "valve_frequency": ("servovalve", "natural_frequency_Hz", "valve_natural_frequency"),
+        "valve_damping_ratio": ("servovalve", "damping_ratio", "valve_damping_ratio"),
+    },
+    "ball_screw": {
+        "lead": ("actuator", "lead_m", "lead"),
+        "screw_stiffness": ("actuator", "screw_stiffness_N_per_m", "screw_stiffness"),
+        "screw_damping": ("actuator", "screw_damping_N_s_per_m", "screw_damping"),
+        "torque_constant": ("actuator", "torque_constant_N_m_per_A", "torque_constant"),
+        "rotor_inertia": ("actuator", "rotor_inertia_kg_m2", "rotor_inertia"),
+        "rotor_friction": ("actuator", "rotor_friction_N_m_s_per_rad", "rotor_friction"),
+        "speed_feedback": ("actuator", "speed_feedback_A_s_per_rad", "speed_feedback"),
+        "current_loop": ("actuator", "current_loop_Hz", "current_loop"),
+    },
+}
+_SENSOR = {
     "sensor_gain": ("sensor", "gain_V_per_m", "sensor_gain"),
     "filter_rate": ("sensor", "filter_Hz", "sensor_filter"),
 }
-"""Where a believed prototype states a figure, and the key of its tolerance; frequencies become rad/s."""
+
+
+def is_screw(table: Table) -> bool:
+    """Whether a believed prototype has a motor and a screw."""
+    return bool(table["actuator"].get("kind") == "ball_screw")
+
+
+def _stated(table: Table) -> dict[str, tuple[str, str, str]]:
+    """Where a believed prototype states a figure, and the key of its tolerance."""
+    return _BEAMS | _ACTUATORS[table["actuator"].get("kind", "servo_cylinder")] | _SENSOR
+
+
+_TURN = {"_Hz": 2 * pi, "lead_m": 1 / (2 * pi)}
+"""Figures that are stated per turn, by the end of their key, become figures per radian."""
 
 
 def _rounded(value: float, digits: int = 3) -> float:
     return float(f"{value:.{digits}g}")
 
 
-def draw_nominal(rng: np.random.Generator, name: str) -> Table:
-    """A believed prototype as nested tables: around the published rig, from half to twice its figures."""
+def draw_nominal(rng: np.random.Generator, name: str, screw: bool = False) -> Table:
+    """A believed prototype as nested tables: around the published rig, from half to twice its figures.
+
+    Args:
+        rng: drawn from.
+        name: of the rig.
+        screw: whether a motor and a screw stand in the place of cylinder and servovalve.
+    """
 
     def about(value: float, factor: float) -> float:
         return _rounded(value * exp(rng.uniform(-np.log(factor), np.log(factor))))
@@ -282,23 +279,45 @@ def draw_nominal(rng: np.random.Generator, name: str) -> Table:
     if rng.uniform() < 0.1:
         table["sensor"]["filter_Hz"] = about(500, 1.3)
         table["tolerance"]["sensor_filter"] = 0.05
+    if screw:
+        del table["servovalve"]
+        table["actuator"] = {
+            "kind": "ball_screw",
+            "lead_m": float(rng.choice([0.01, 0.016, 0.02, 0.025])),
+            "screw_stiffness_N_per_m": about(8e7 * size, 1.5),
+            "screw_damping_N_s_per_m": about(600 * size, 1.5),
+            "torque_constant_N_m_per_A": about(1.2, 1.4),
+            "rotor_inertia_kg_m2": about(8e-4, 1.4),
+            "rotor_friction_N_m_s_per_rad": about(5e-3, 1.5),
+            "current_loop_Hz": about(1000, 1.3),
+        }
+        loop = 2 * pi * about(120, 1.25)  # the break of the speed loop is what a drive is set to
+        own = table["actuator"]
+        feedback = loop * own["rotor_inertia_kg_m2"] / own["torque_constant_N_m_per_A"]
+        own["speed_feedback_A_s_per_rad"] = _rounded(feedback)
+        kept = {key: value for key, value in table["tolerance"].items() if key in _SHARED}
+        drawn = {key: _rounded(value * exp(rng.uniform(-0.3, 0.3)), 2) for key, value in _OF_SCREWS.items()}
+        table["tolerance"] = kept | drawn
     return table
 
 
 def nominal_figures(table: Table) -> Shape:
-    """The figures that a believed prototype states, flat, as `_STATED` names them; 0 for a filter that is not there."""
-    stated = {name: ({"filter_Hz": 0.0} | table[part])[key] for name, (part, key, _) in _STATED.items()}
-    return {name: 2 * pi * value if _STATED[name][1].endswith("_Hz") else value for name, value in stated.items()}
+    """The figures that a believed prototype states, flat, in SI per radian; 0 for a filter that is not there."""
+    found = {}
+    for name, (part, key, _) in _stated(table).items():
+        turns = next((factor for end, factor in _TURN.items() if key.endswith(end)), 1.0)
+        found[name] = turns * ({"filter_Hz": 0.0} | table[part])[key]
+    return found
 
 
 def tolerance_of(table: Table, figure: str) -> float:
     """Relative standard deviation that a prototype states for one of its figures."""
-    return float(table["tolerance"].get(_STATED[figure][2], 0.0))
+    return float(table["tolerance"].get(_stated(table)[figure][2], 0.0))
 
 
 def draw_true(table: Table, rng: np.random.Generator) -> Shape:
     """Factors of the true figures on the believed ones, log-normal by the stated tolerances."""
-    return {name: exp(tolerance_of(table, name) * rng.normal()) for name in _STATED}
+    return {name: exp(tolerance_of(table, name) * rng.normal()) for name in _stated(table)}
 
 
 def rig_figures(table: Table, factors: Shape, habits: Shape) -> Shape:
@@ -307,25 +326,30 @@ def rig_figures(table: Table, factors: Shape, habits: Shape) -> Shape:
     Args:
         table: the believed prototype.
         factors: of truth on belief, by figure; what is not named is as believed.
-        habits: figures that no prototype states (bulk modulus, supply, where the leakage goes).
+        habits: figures of a cylinder that no prototype states (bulk modulus, supply, where the leakage goes).
     """
     own = {name: value * factors.get(name, 1.0) for name, value in nominal_figures(table).items()}
-    bulk = habits.get("bulk_modulus", FIGURES["bulk_modulus"])
 
     def dashpot(beam: str) -> float:
         return 2 * own[f"{beam}_damping_ratio"] * sqrt(own[f"{beam}_stiffness"] * own[f"{beam}_mass"])
 
-    return {
+    figures = {
         **{name: value for name, value in own.items() if name in FIGURES},
         "modes.stiffness": own["outer_stiffness"],
         "modes.mass": own["outer_mass"],
         "modes.damping": dashpot("outer"),
         "inner_damping": dashpot("inner"),
+        "believed_sensor_gain": table["sensor"]["gain_V_per_m"],
+    }
+    if is_screw(table):
+        return figures
+    bulk = habits.get("bulk_modulus", FIGURES["bulk_modulus"])
+    return {
+        **figures,
         "area_a": own["piston_area"],
         "area_b": own["piston_area"],
         # Chambers of this length have, in parallel, the stiffness of the oil spring: 2 bulk A / length.
         "chamber_length": 2 * bulk * own["piston_area"] / own["oil_stiffness"],
-        "believed_sensor_gain": table["sensor"]["gain_V_per_m"],
         **habits,
         "bulk_modulus": bulk,
     }
@@ -339,12 +363,3 @@ def assembled(figures: Shape) -> tuple[np.ndarray, np.ndarray]:
         own.get("tip_share", 0.0), own.get("zeta", 0.01), int(own.get("count", 1)),
     )  # fmt: skip
     return packed({key: value for key, value in figures.items() if not key.startswith("modes.")}), modes
-
-
-def controller_figures(controller: Table) -> Shape:
-    """Gain, pole and zero (rad/s) of a controller's table; a proportional one is a lag whose breaks coincide."""
-    if controller["kind"] == "lag":
-        pole, zero = 2 * pi * controller["pole_Hz"], 2 * pi * controller["zero_Hz"]
-    else:
-        pole = zero = 2 * pi * 10.0
-    return {"gain": controller["gain_A_per_V"], "pole": pole, "zero": zero}

@@ -1,92 +1,13 @@
-"""The right-hand side of the true rig: laws of friction, flow, oil, contact and amplifier, each checked on its own.
+"""The right-hand side of the true rig; each law stands behind the figure that switches it on."""
 
-Each stands behind the figure that switches it on.
-"""
-
-from math import copysign, exp, log1p, sin, sqrt, tanh
+from math import sin, sqrt, tanh
 
 import numpy as np
 from numba import njit
 
-from beamdesign.validation.truth.nominal import MODES
+from beamdesign.validation.truth.laws import aerated, contact, flanks, knee, orifice, overlapped, played, stribeck
+from beamdesign.validation.truth.nominal import LAW_ORDER, MODES
 
-ATMOSPHERE = 101325.0
-
-
-@njit(cache=True, error_model="numpy")
-def stribeck(speed: float, coulomb: float, breakaway: float, stribeck_speed: float, power: float) -> float:
-    """Friction of steady sliding without its viscous part, N."""
-    return coulomb + (breakaway - coulomb) * exp(-(abs(speed / stribeck_speed) ** power))
-
-
-@njit(cache=True, error_model="numpy")
-def orifice(drop: float, laminar: float) -> float:
-    """Signed root of a pressure drop, straight below `laminar` (Pa)."""
-    return drop / sqrt(abs(drop) + laminar)
-
-
-@njit(cache=True, error_model="numpy")
-def aerated(pressure: float, bulk: float, air: float, exponent: float, saturation: float) -> float:
-    """Bulk modulus of oil with free air, Pa (Wylie), of which Henry's law dissolves a share that grows with pressure.
-
-    Args:
-        pressure: gauge, Pa.
-        bulk: of the oil, Pa.
-        air: volume at one atmosphere over that of the mixture.
-        exponent: polytropic.
-        saturation: absolute pressure at which nothing is left free, Pa.
-    """
-    absolute = max(pressure + ATMOSPHERE, 2e4)
-    free = air * max(0.0, 1.0 - absolute / saturation)
-    gas = free * (ATMOSPHERE / absolute) ** (1.0 / exponent)
-    share = gas / (1.0 - air + gas)
-    return bulk / (1.0 + share * (bulk / (exponent * absolute) - 1.0))
-
-
-@njit(cache=True, error_model="numpy")
-def softplus(x: float) -> float:
-    """log(1 + exp(x)) without overflow."""
-    return x + log1p(exp(-x)) if x > 0 else log1p(exp(x))
-
-
-@njit(cache=True, error_model="numpy")
-def overlapped(spool: float, overlap: float, rounding: float) -> float:
-    """Opening of a spool whose lands overlap the ports, edges rounded over `rounding` times the overlap."""
-    width = rounding * overlap
-    return width * (softplus((spool - overlap) / width) - softplus((-spool - overlap) / width))
-
-
-@njit(cache=True, error_model="numpy")
-def knee(demand: float, limit: float, sharpness: float) -> float:
-    """What an amplifier gives of a demand: its limit is reached gradually."""
-    return demand / (1.0 + abs(demand / limit) ** sharpness) ** (1.0 / sharpness)
-
-
-@njit(cache=True, error_model="numpy")
-def played(given: float, held: float, half: float) -> float:
-    """Play (backlash) operator: what lags `given` by at most `half`."""
-    return min(max(held, given - half), given + half)
-
-
-@njit(cache=True, error_model="numpy")
-def contact(apart: float, closing: float, play: float, stiffness: float, loss: float) -> float:
-    """Force across a joint with play: Hertzian faces that only press (Hunt and Crossley), N.
-
-    Args:
-        apart: of rod and joint from the middle of the play, m.
-        closing: its rate, m/s.
-        play: from face to face, m.
-        stiffness: N/m^1.5.
-        loss: s/m.
-    """
-    depth = abs(apart) - 0.5 * play
-    if depth <= 0.0:
-        return 0.0
-    side = copysign(1.0, apart)
-    return side * max(0.0, stiffness * depth * sqrt(depth) * (1.0 + 1.5 * loss * side * closing))
-
-
-STATES = 38
 PLAYS = 5
 
 # Places in the state.
@@ -96,7 +17,7 @@ _PA, _PB = 12, 13  # chamber pressures beyond those at rest
 _S, _SD = 14, 15  # spool, A, and its rate
 _Z = 16  # bristles
 _L1, _L2, _F = 17, 18, 19  # sensor lag, believed filter
-_C = 20  # controller
+_N = 20  # travel of a screw's nut
 _T, _TD, _Y, _YD = 21, 22, 23, 24  # mount
 _W = 25  # spool friction
 _I = 26  # coil current
@@ -105,6 +26,9 @@ _M, _MD = 28, 29  # free part of the payload
 _E = 30  # four relaxing elements
 _B, _BD = 34, 35  # sensor bracket
 _A, _AD = 36, 37  # what swings on a tip
+_ND, _J = 38, 39  # speed of the nut, current of its motor
+_C = 40  # controller
+STATES = _C + LAW_ORDER
 
 TIP, INNER, PRESSURE_A, PRESSURE_B, BRISTLE, SPOOL_FRICTION, SUPPLY = _Q, _XI, _PA, _PB, _Z, _W, _PS
 _RELAX = (6.0, 60.0, 600.0, 6000.0)
@@ -141,32 +65,24 @@ def error_volts(f, fed_back, command, time):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy")
-def commanded_current(x, f, fed_back, command, time):  # type: ignore[no-untyped-def]
-    """Current the controller asks for, A."""
-    return f.gain * (x[_C] + (error_volts(f, fed_back, command, time) - x[_C]) * f.pole / f.zero)
+def law_row(row, x, f, error, command):  # type: ignore[no-untyped-def]
+    """One row of the controller's matrices times its states and what it hears."""
+    heard = f.law[row, LAW_ORDER] * error + f.law[row, LAW_ORDER + 3] * command
+    heard -= f.law[row, LAW_ORDER + 1] * x[_XI] + f.law[row, LAW_ORDER + 2] * (x[_PA] - x[_PB])
+    for k in range(int(f.law_order)):
+        heard += f.law[row, k] * x[_C + k]
+    return heard
 
 
 @njit(cache=True, error_model="numpy")
-def rates_into(x, d, f, modes, held, plays, fed_back, command, force, time, share):  # type: ignore[no-untyped-def]
-    """Time derivative of the state into `d`; gives the current, A.
+def commanded_current(x, f, fed_back, command, time):  # type: ignore[no-untyped-def]
+    """Current the controller asks for, A."""
+    return f.gain * law_row(LAW_ORDER, x, f, error_volts(f, fed_back, command, time), command)
 
-    `held` is the current of a digital output (not a number for an analogue one), `modes` rows of stiffness, mass and
-    damping.
-    """
-    count = modes.shape[1]
-    tip, tip_speed = 0.0, 0.0
-    for k in range(count):
-        tip += x[_Q + k]
-        tip_speed += x[_QD + k]
 
-    # controller and amplifier
-    demand = held if held == held else commanded_current(x, f, fed_back, command, time)
-    d[_C] = f.pole * (error_volts(f, fed_back, command, time) - x[_C])
-    current = knee(demand, f.current_limit, f.current_knee) if f.current_limit > 0.0 else demand
-    if f.coil_rate > 0.0:
-        d[_I] = f.coil_rate * (current - x[_I])
-        current = x[_I]
-
+@njit(cache=True, error_model="numpy")
+def oil_push(x, d, f, plays, current, stroke, speed, share):  # type: ignore[no-untyped-def]
+    """Servovalve and cylinder: rates of their states into `d`; gives the force that drives the tips apart, N."""
     # servovalve
     drive = current
     if f.magnet_share > 0.0:
@@ -220,8 +136,6 @@ def rates_into(x, d, f, modes, held, plays, fed_back, command, force, time, shar
     into_a -= across + at_edges * x[_PA]
     from_b -= across - at_edges * x[_PB]
 
-    rod, rod_speed = (x[_XR], x[_VR]) if f.joint_on > 0.0 else (x[_XI], x[_VI])
-    stroke, speed = tip - rod, tip_speed - rod_speed
     bulk_a = bulk_b = f.bulk_modulus * (1.0 - f.warming * share)
     if f.air_share > 0.0:
         bulk_a = aerated(pressure_a, f.bulk_modulus, f.air_share, f.air_exponent, f.air_saturation)
@@ -236,20 +150,73 @@ def rates_into(x, d, f, modes, held, plays, fed_back, command, force, time, shar
             d[_PA] = 0.0
         if pressure_b < -0.9e5 and d[_PB] < 0.0:
             d[_PB] = 0.0
-    push = f.area_a * x[_PA] - f.area_b * x[_PB]
+    return f.area_a * x[_PA] - f.area_b * x[_PB]
 
-    # seal
+
+@njit(cache=True, error_model="numpy")
+def rubbing(x, d, f, speed, squeeze):  # type: ignore[no-untyped-def]
+    """Friction against a sliding speed, N; `squeeze` is what presses the faces: load pressure, or a screw's force."""
+    rub = f.drag * abs(speed) * speed
     if f.bristle_stiffness > 0.0:
         limit = stribeck(speed, f.coulomb, f.breakaway, f.stribeck_speed, f.stribeck_power)
         largest = f.breakaway / f.bristle_stiffness
         z = min(max(x[_Z], -largest), largest)
         d[_Z] = speed - f.bristle_stiffness * abs(speed) * z / limit
         fade = 1.0 / (1.0 + (speed / f.stribeck_speed) ** 2)
-        push -= f.bristle_stiffness * z + f.bristle_damping * fade * d[_Z] + f.viscous * speed
-
-    push -= f.drag * abs(speed) * speed
+        rub += f.bristle_stiffness * z + f.bristle_damping * fade * d[_Z] + f.viscous * speed
     if f.squeezed > 0.0:
-        push -= f.squeezed * abs(x[_PA] - x[_PB]) * tanh(speed / f.squeezed_speed)
+        rub += f.squeezed * abs(squeeze) * tanh(speed / f.squeezed_speed)
+    return rub
+
+
+@njit(cache=True, error_model="numpy")
+def screw_push(x, d, f, current, stroke, speed, share):  # type: ignore[no-untyped-def]
+    """Motor and screw: rates of their states into `d`; gives the force that drives the tips apart, N.
+
+    The shaft's balance of torques is over the angle, travel / lead. The nut rubs on the screw, before its spring.
+    """
+    rotation = x[_ND] / f.lead
+    d[_J] = f.current_loop * (current - f.speed_feedback * rotation - x[_J])
+    torque = f.torque_constant * (1.0 + f.torque_drift * share) * x[_J]
+    if f.torque_ripple > 0.0:
+        torque *= 1.0 + f.torque_ripple * sin(f.ripple_per_turn * x[_N] / f.lead)
+    push = flanks(x[_N] - stroke, x[_ND] - speed, f.lost_motion, f.screw_stiffness, f.screw_damping)
+    torque -= f.lead * (push + rubbing(x, d, f, x[_ND], push)) + f.rotor_friction * rotation
+    d[_N], d[_ND] = x[_ND], f.lead * torque / f.rotor_inertia
+    return push
+
+
+@njit(cache=True, error_model="numpy")
+def rates_into(x, d, f, modes, held, plays, fed_back, command, force, time, share):  # type: ignore[no-untyped-def]
+    """Time derivative of the state into `d`; gives the current, A.
+
+    `held` is the current of a digital output (not a number for an analogue one), `modes` rows of stiffness, mass and
+    damping.
+    """
+    count = modes.shape[1]
+    tip, tip_speed = 0.0, 0.0
+    for k in range(count):
+        tip += x[_Q + k]
+        tip_speed += x[_QD + k]
+
+    # controller and amplifier
+    demand = held if held == held else commanded_current(x, f, fed_back, command, time)
+    error = error_volts(f, fed_back, command, time)
+    for k in range(int(f.law_order)):
+        d[_C + k] = law_row(k, x, f, error, command)
+    current = knee(demand, f.current_limit, f.current_knee) if f.current_limit > 0.0 else demand
+    if f.coil_rate > 0.0:
+        d[_I] = f.coil_rate * (current - x[_I])
+        current = x[_I]
+
+    # actuator
+    rod, rod_speed = (x[_XR], x[_VR]) if f.joint_on > 0.0 else (x[_XI], x[_VI])
+    stroke, speed = tip - rod, tip_speed - rod_speed
+    if f.lead > 0.0:
+        push = screw_push(x, d, f, current, stroke, speed, share)
+    else:
+        push = oil_push(x, d, f, plays, current, stroke, speed, share)
+        push -= rubbing(x, d, f, speed, x[_PA] - x[_PB])
 
     # joint
     on_inner = push
@@ -331,7 +298,7 @@ def rates_into(x, d, f, modes, held, plays, fed_back, command, force, time, shar
 
 @njit(cache=True, error_model="numpy")
 def rates_at(x, figures, modes):  # type: ignore[no-untyped-def]
-    """(38,) time derivative of a state with nothing driving the rig and no dead time."""
+    """(52,) time derivative of a state with nothing driving the rig and no dead time."""
     f = figures[0]
     d, plays = np.zeros(STATES), np.zeros(PLAYS + 1)
     rates_into(x, d, f, modes, np.nan, plays, measured_volts(x, f, 0.0), 0.0, 0.0, 0.0, 0.0)

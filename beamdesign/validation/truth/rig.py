@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit
 
+from beamdesign.validation.truth.laws import played
 from beamdesign.validation.truth.nominal import MODES
 from beamdesign.validation.truth.rates import (
     BRISTLE,
@@ -23,7 +24,6 @@ from beamdesign.validation.truth.rates import (
     TIP,
     commanded_current,
     measured_volts,
-    played,
     rates_into,
     sensor_volts,
 )  # fmt: skip
@@ -68,7 +68,7 @@ def _march(figures, modes, inputs, lost, step, stride, start):  # type: ignore[n
         lost: (N + 1,) whether the sensor has dropped out.
         step: s.
         stride: steps from one sample to the next.
-        start: (36,) state.
+        start: (52,) state.
 
     Returns:
         (samples, 5): current, volts seen by the controller, load pressure, inner tip, outer tip; and whether all is
@@ -173,7 +173,7 @@ def march(
         inputs: (2 N + 1, 3) force (N), command (V) and sensor noise (V) at every half step.
         lost: (N + 1,) whether the sensor has dropped out at each step.
         step_s: step.
-        start: (36,) state to start from.
+        start: (52,) state to start from.
 
     Raises:
         ValueError: where the dead time is above zero and shorter than a step, or there are too many modes.
