@@ -45,7 +45,9 @@ def errors(
 
     before, tuned = error(plain, np.zeros(len(null.z))), error(plain, null.z)
     after, whole = (error(fit.hypothesis.placement(prototype), fit.z) for fit in (chosen, written))
-    noise = float(piece.weight.noise_std[column]) / rms * piece.job.noise_gain(plain, null.z)
+    lines = np.fft.rfftfreq(len(measured), piece.record.step)
+    read = np.abs(piece.job.noise_response(plain, null.z, (CHANNEL,), lines))
+    noise = float(piece.weight.noise_std[column]) / rms * float(np.sqrt(np.mean(read**2)))
     return Errors(piece.name, piece.record.times, measured, before, tuned, after, whole, noise)
 
 

@@ -13,7 +13,7 @@ import numpy as np
 from beamdesign.diagnosis.data.dataset import Dataset, TimeRecord
 from beamdesign.diagnosis.fitting.fit import Evidence
 from beamdesign.diagnosis.fitting.gain_evidence import GainEvidence
-from beamdesign.diagnosis.fitting.hypothesis import Placement, Unknown, given
+from beamdesign.diagnosis.fitting.hypothesis import NOTHING, Placement, Unknown, given
 from beamdesign.diagnosis.fitting.linear_evidence import ResponseEvidence
 from beamdesign.diagnosis.fitting.weighting import SHARE, Weighting, banded, blurred, weighting
 from beamdesign.plant.assembly import OUTPUTS, Structure, assemble, parameters_of
@@ -67,23 +67,27 @@ class Replay:
         """Channels (N, C) and their derivatives by z (N, C, K); None where the simulated loop diverges."""
         return self._run(placement, z, channels, sloped=True)
 
-    def noise_gain(self, placement: Placement, z: np.ndarray) -> float:
-        """Rms of the displacement that is read over that of its sensor's white noise, which the loop feeds back.
+    def noise_response(
+        self, placement: Placement, z: np.ndarray, channels: tuple[str, ...], frequencies_Hz: np.ndarray
+    ) -> np.ndarray:
+        """(F, C) what channels read of a sine of noise at the displacement's sensor, which the loop feeds back, per m.
 
-        By the linear loop at rest, of which noise at the sensor is a command with the other sign: |1 - F x/command| at
-        the lines of the record. 1 where the rig has no equilibrium.
+        By the linear loop at rest, to which noise at the sensor is a command with the other sign; no more than
+        `_LOUDEST`, as a believed loop may be next to unstable. Without a loop where the rig has no equilibrium.
         """
         placed, parameters = self.placed(placement), self.parameters(placement, z)
+        heard = np.array([[complex(name == DISPLACEMENT) for name in channels]] * len(frequencies_Hz))
         try:
             loop = linearise(placed.assembly, at_rest(placed, parameters), np.zeros(3), parameters)
         except ValueError:
-            return 1.0
-        s = 2j * np.pi * np.fft.rfftfreq(len(self.record.times), self.record.step)
-        row, column = OUTPUTS.index(DISPLACEMENT), 1  # by the command
-        poles, modes = np.linalg.eig(loop.a)
-        weights = (loop.c[row] @ modes) * np.linalg.solve(modes, loop.b[:, column])
-        heard = (weights / (s[:, None] - poles)).sum(1) + loop.d[row, column]
-        return float(np.sqrt(np.mean(np.abs(1 - self.prototype.sensor.gain_V_per_m * heard) ** 2)))
+            return heard
+        rows, column = [OUTPUTS.index(name) for name in channels], 1  # by the command
+        among = 2j * np.pi * frequencies_Hz[:, None, None] * np.eye(len(loop.a)) - loop.a
+        moved = (
+            np.linalg.solve(among, loop.b[:, [column]].astype(complex))[:, :, 0] @ loop.c[rows].T + loop.d[rows, column]
+        )
+        found = heard - self.prototype.sensor.gain_V_per_m * moved
+        return np.asarray(found * np.minimum(1.0, _LOUDEST / np.abs(found[:, channels.index(DISPLACEMENT)]))[:, None])
 
     def _run(
         self, placement: Placement, z: np.ndarray, channels: tuple[str, ...], sloped: bool
@@ -169,6 +173,7 @@ _BEARING_M, _BRIEFLY, _FOLLOWING = 2e-6, 0.45, 0.75  # shares: how much the pole
 
 
 DISPLACEMENT = "displacement_m"
+_LOUDEST = 10.0
 Figure = GainEvidence | ResponseEvidence
 """What is not a time record."""
 ROUGH = 0.1
@@ -212,8 +217,7 @@ class RecordEvidence(Evidence):
     @property
     def floor(self) -> float:
         """Mean square of the displacement's noise over that of the displacement, at the frequencies that count."""
-        column, count = self._displacement, len(self.record.times)
-        return float(self.weight.noise_std[column] ** 2 * count * self.weight.kept.sum() / self._power)
+        return float(self.weight.noise[self._displacement].sum() / self._power)
 
     def error(self, residual: np.ndarray) -> float:
         """Mean square of the displacement's error over that of the displacement, at the frequencies that count."""
@@ -277,10 +281,19 @@ def record_evidence(data: Dataset) -> tuple[RecordEvidence, ...]:
     found = []
     for record in (taken.cleaned for taken in data.records):
         channels = tuple(record.measured)
-        weight = weighting(record, channels)
         measured = np.column_stack([record.measured[name] for name in channels])
-        found.append(RecordEvidence(Replay(record, data.prototype), weight, measured))
+        job = Replay(record, data.prototype)
+        found.append(RecordEvidence(job, in_the_loop(weighting(record, channels), job), measured))
     return tuple(found)
+
+
+def in_the_loop(weight: Weighting, job: Replay) -> Weighting:
+    """A weighing that counts as noise what the believed loop makes of its sensor's noise, beyond what the top shows."""
+    placement = NOTHING.placement(job.prototype)
+    lines = np.append(weight.frequencies_Hz, 0.5 / job.record.step)  # the last one: where noise was read off
+    power = np.abs(job.noise_response(placement, np.zeros(len(placement.unknowns)), weight.channels, lines)) ** 2
+    white = weight.noise_std[weight.channels.index(DISPLACEMENT)] ** 2 * len(weight.fade)
+    return blurred(weight, white * np.maximum(power[:-1] - power[-1], 0.0))
 
 
 OWN_SHARE = 0.3

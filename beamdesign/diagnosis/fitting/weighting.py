@@ -30,18 +30,23 @@ class Weighting:
         scale: (C, F) factor from a channel's spectrum to units of misfit.
         frequencies_Hz: (F,).
         noise_std: (C,) white measurement noise of each channel, in its unit.
+        noise: (C, F) power of all that counts as noise.
         fade: (N,) taper.
         kept: (N//2 + 1,) which lines count.
-        expected: misfit that noise alone leaves behind.
     """
 
     channels: tuple[str, ...]
     scale: np.ndarray = field(repr=False)
     frequencies_Hz: np.ndarray = field(repr=False)
     noise_std: np.ndarray
+    noise: np.ndarray = field(repr=False)
     fade: np.ndarray = field(repr=False)
     kept: np.ndarray = field(repr=False)
-    expected: float
+
+    @property
+    def expected(self) -> float:
+        """Misfit that noise alone leaves behind."""
+        return float(np.sum(self.scale**2 * self.noise))
 
     def __call__(self, signals: np.ndarray) -> np.ndarray:
         """Residuals (N, C) or (N, C, K) in units of misfit: (2 C F,) or (2 C F, K)."""
@@ -86,10 +91,8 @@ def weighting(record: TimeRecord, channels: tuple[str, ...]) -> Weighting:
     power = np.abs(np.fft.rfft(signals * taper[:, None], axis=0)) ** 2
     noise = np.array([white(column) for column in power[top].T])
     unit = (noise + SHARE**2 * banded(power, frequencies) + 1e-300)[kept].T
-    each = INDEPENDENT / int(kept.sum())
-    expected = float(sum(np.sum(each * n / line) for n, line in zip(noise, unit, strict=True)))
-    scale, noise_std = np.sqrt(each / unit), np.sqrt(noise / count)
-    return Weighting(channels, scale, frequencies[kept], noise_std, taper, kept, expected)
+    scale, noise_std = np.sqrt(INDEPENDENT / int(kept.sum()) / unit), np.sqrt(noise / count)
+    return Weighting(channels, scale, frequencies[kept], noise_std, np.tile(noise, (unit.shape[1], 1)).T, taper, kept)
 
 
 def blurred(weight: Weighting, power: np.ndarray) -> Weighting:
@@ -100,10 +103,7 @@ def blurred(weight: Weighting, power: np.ndarray) -> Weighting:
         power: (F, C) of the lines of `Weighting.lines`, that nothing can predict.
     """
     each = INDEPENDENT / len(weight.frequencies_Hz)
-    whole = each / weight.scale**2 + power.T
-    noise = (weight.noise_std**2)[:, None] * len(weight.fade) + power.T
-    expected = float(np.sum(each * noise / whole))
-    return replace(weight, scale=np.sqrt(each / whole), expected=expected)
+    return replace(weight, scale=np.sqrt(each / (each / weight.scale**2 + power.T)), noise=weight.noise + power.T)
 
 
 def banded(power: np.ndarray, frequencies_Hz: np.ndarray) -> np.ndarray:
