@@ -18,7 +18,7 @@ import operator
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
-from functools import reduce
+from functools import cached_property, reduce
 from itertools import product, zip_longest
 from math import comb
 from typing import Any, NamedTuple
@@ -103,20 +103,26 @@ class Balls:
         return self._joined(other, np.multiply, lambda a, b, r, t: a * t + (b + t) * r + 4 * _UNIT * a * b)
 
     def _joined(self, other: "Balls", combined: np.ufunc, strayed: Callable[..., np.ndarray]) -> "Balls":
-        sides = [part[..., :, None] for part in (self.middle, self.size(), self.radius)]
-        others = [part[..., None, :] for part in (other.middle, other.size(), other.radius)]
+        sides = [part[..., :, None] for part in (self.middle, self.size, self.radius)]
+        others = [part[..., None, :] for part in (other.middle, other.size, other.radius)]
         middle = combined(sides[0], others[0])
         radius = _UP * strayed(sides[1], others[1], sides[2], others[2]) + _LEAST
         return Balls(*(part.reshape(*part.shape[:-2], -1) for part in (middle, radius)))
 
+    @cached_property
     def size(self) -> np.ndarray:
         """Upper bounds of the sizes of the middles."""
         return np.asarray(_UP * np.abs(self.middle))
 
+    @cached_property
+    def largest(self) -> arb:
+        """Upper bound of the size of any."""
+        return arb(float((_UP * (self.size + self.radius)).max()))
+
     def along(self, direction: tuple[int, int]) -> np.ndarray:
         """Lower bounds (C1, ..., CN) of the real part of the points times the conjugate of a direction."""
         x, y = direction
-        strayed = (abs(x) + abs(y)) * (self.radius + 4 * _UNIT * self.size())
+        strayed = (abs(x) + abs(y)) * (self.radius + 4 * _UNIT * self.size)
         return np.asarray((x * self.middle.real + y * self.middle.imag - _UP * strayed - _LEAST).min(axis=-1))
 
 
@@ -204,11 +210,6 @@ class Frame:
         strayed = 2 * len(along) * _UNIT * sum(map(np.abs, along))
         return arb(float((sum(along) - _UP * strayed).min()))
 
-    def size(self, node: Node) -> arb:
-        """Upper bound of the size of a part of p."""
-        points = self.points(node)
-        return arb(float((_UP * (points.size() + points.radius)).max()))
-
 
 def arc(start: arb, sweep: arb) -> list[acb]:
     """The ends of the arc exp(-j angle) over some angles, and the corners of tangents around it."""
@@ -244,7 +245,7 @@ def growth(frames: tuple[Frame, Frame], node: Node) -> tuple[arb, arb, arb]:
     else:
         parts = [growth(frames, part) for part in node.parts]
         slope, bend = sum((df for _, df, _ in parts), arb(0)), sum((ddf for _, _, ddf in parts), arb(0))
-    return reduce(arb.max, (frame.size(node) for frame in frames)) + _stray(frames, bend), slope, bend
+    return reduce(arb.max, (frame.points(node).largest for frame in frames)) + _stray(frames, bend), slope, bend
 
 
 def _stray(frames: tuple[Frame, Frame], bend: arb) -> arb:
