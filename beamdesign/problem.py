@@ -111,7 +111,7 @@ class Sought(Record):
     largest_inner_end_mass_kg: q.MassOrNone = Field(6.0, description="most mass the tuner may add inside")
     sections: int = Field(3, ge=1, le=3, description="second-order sections of a structured controller")
     stages: int = Field(3, ge=2, le=12, description="laws of a scheduled controller")
-    added_sensors: tuple[Literal["inner_displacement_m", "load_pressure_Pa"], ...] = Field(
+    added_sensors: tuple[Literal["inner_displacement_m", "load_pressure_Pa", "screw_force_N"], ...] = Field(
         (), description="what lqg and hinf read beside the displacement"
     )
 

@@ -71,8 +71,8 @@ def tune(
             for none. Else the prototype's goal.
         sections: second-order sections of a structured controller, behind its lag.
         stages: laws of a scheduled controller, each for a part of the payloads.
-        added_sensor: what lqg and hinf read beside the displacement: inner_displacement_m, load_pressure_Pa;
-            repeatable.
+        added_sensor: what lqg and hinf read beside the displacement: inner_displacement_m, and
+            load_pressure_Pa of a cylinder or screw_force_N; repeatable.
         loop_gain: limit of |L| from --loop-gain-from-Hz up; `inf` for none. Else the goal's, or 0.25 but for lags.
         loop_gain_from_Hz: from where on it holds; else the goal's, 250 Hz.
         controller_effort_A_per_V: limit of |C/(1+L)|; `inf` for none. Else the goal's, or 0.06 but for lags.

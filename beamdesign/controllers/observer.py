@@ -19,7 +19,9 @@ if TYPE_CHECKING:
 
 LARGEST_ORDER = 12
 
-_TYPICAL = {"displacement_m": 0.1, "inner_displacement_m": 1e-4, "load_pressure_Pa": 1e6, "command_V": 0.1}
+_TYPICAL = {
+    "displacement_m": 0.1, "inner_displacement_m": 1e-4, "load_pressure_Pa": 1e6, "screw_force_N": 1e3, "command_V": 0.1,
+}  # fmt: skip
 """V, m, Pa: of what a controller is given."""
 
 Entries = tuple[q.MatrixEntry, ...]

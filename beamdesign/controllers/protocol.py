@@ -19,14 +19,15 @@ if TYPE_CHECKING:
     from beamdesign.controllers.scheduled import Scheduled
     from beamdesign.plant.electronics import Law
 
-Sensed = Literal["displacement_m", "inner_displacement_m", "load_pressure_Pa"]
-SENSED: tuple[Sensed, ...] = ("displacement_m", "inner_displacement_m", "load_pressure_Pa")
-"""What a controller may sense: the outer tip, which every controller does, the inner tip, the load pressure."""
+Sensed = Literal["displacement_m", "inner_displacement_m", "load_pressure_Pa", "screw_force_N"]
+SENSED: tuple[Sensed, ...] = ("displacement_m", "inner_displacement_m", "load_pressure_Pa", "screw_force_N")
+"""What a controller may sense: the outer tip, which every controller does, the inner tip, what the actuator feels."""
 
 ERRORS = {
     "displacement_m": "error_V",
     "inner_displacement_m": "inner_displacement_error_m",
     "load_pressure_Pa": "load_pressure_error_Pa",
+    "screw_force_N": "screw_force_error_N",
 }
 """What a controller is given of each thing sensed: what it should be, zero but for the command, less what it is."""
 

@@ -27,8 +27,7 @@ import numpy as np
 from scipy.linalg import block_diag, cholesky, solve_continuous_are, solve_continuous_lyapunov, svd
 
 from beamdesign.controllers import SENSED, Sensed
-from beamdesign.plant.linear import LinearModel
-from beamdesign.plant.linearised import SEEN
+from beamdesign.plant.linear import LinearModel, SEEN_AS
 
 
 @dataclass(frozen=True)
@@ -192,7 +191,7 @@ def sensed_model(
     a, b, c = rig.matrices(outer_end_mass, inner_end_mass)
     if not sensors or sensors[0] != SENSED[0]:
         raise ValueError("the first sensor is that of the outer tip's displacement")
-    outputs = c[[0, 1, *(SEEN.index(name) for name in sensors[1:])]]
+    outputs = c[[0, 1, *(SEEN_AS[name] for name in sensors[1:])]]
     return StateSpace(a, b, outputs, np.zeros((len(outputs), b.shape[1])))
 
 

@@ -7,7 +7,7 @@ pressure is a state which nothing drives and nothing sees.
 
 from collections.abc import Callable, Mapping
 from functools import partial
-from math import pi
+from math import inf, pi
 from typing import TYPE_CHECKING, Any, Literal
 
 from pydantic import Field
@@ -225,6 +225,12 @@ class ServoCylinder(Actuator):
     def compliance(cls, figure: Signals, s: Any) -> Any:
         """1 / K_c + K_pq / (A^2 s): the oil spring, and what leaks through the closed valve."""
         return 1 / figure["oil_stiffness"] + figure["leakage"] / (figure["piston_area"] ** 2 * s)
+
+    @classmethod
+    def held_N_per_A(cls, figure: Signals) -> float:
+        """A K_q / K_pq: all flow leaks; without leakage the pressure grows."""
+        leakage = figure["leakage"]
+        return float(figure["piston_area"] * (figure["flow_gain"] / leakage)) if leakage else inf
 
     @classmethod
     def travel(cls, figure: Signals, s: Any) -> Any:
