@@ -201,7 +201,9 @@ class Frame:
         if node.kind == "circle":
             low, high = self.cell.values[node.name]
             centre, radius = map(arb, self.cell.statement.circles[node.name])
-            return self._along([centre + radius * point for point in arc(_turn() * arb(low), _turn() * arb(high - low))])
+            return self._along(
+                [centre + radius * point for point in arc(_turn() * arb(low), _turn() * arb(high - low))]
+            )
         return reduce(operator.add if node.kind == "sum" else operator.mul, map(self.points, node.parts))
 
     def least(self, direction: tuple[int, int]) -> arb:

@@ -16,7 +16,7 @@ from beamdesign.diagnosis.fitting.gain_evidence import GainEvidence
 from beamdesign.diagnosis.fitting.hypothesis import Placement, Unknown, given
 from beamdesign.diagnosis.fitting.linear_evidence import ResponseEvidence
 from beamdesign.diagnosis.fitting.weighting import SHARE, Weighting, banded, blurred, weighting
-from beamdesign.plant.assembly import OUTPUTS, Structure, assemble, parameters_of
+from beamdesign.plant.assembly import Structure, assemble, parameters_of
 from beamdesign.plant.compiled import equilibrium_sensitivity, integrate, integrate_with_sensitivities
 from beamdesign.plant.equilibrium import equilibrium, linearise
 from beamdesign.prototype import Prototype
@@ -91,7 +91,8 @@ class Replay:
         # Steps are counted anew only for another structure, or where the unknowns have gone a long way.
         key = (placement.assembly.kinds, placement.unknowns, tuple(np.round(z).astype(int)))
         parameters, placement = self.parameters(placement, z), self.placed(placement)
-        assembly, times, columns = placement.assembly, self.record.times, [OUTPUTS.index(name) for name in channels]
+        assembly, times = placement.assembly, self.record.times
+        columns = [assembly.outputs.index(name) for name in channels]
         try:
             start = at_rest(placement, parameters)
         except ValueError:
