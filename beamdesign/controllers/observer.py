@@ -19,10 +19,8 @@ if TYPE_CHECKING:
 
 LARGEST_ORDER = 12
 
-_TYPICAL = {
-    "displacement_m": 0.1, "inner_displacement_m": 1e-4, "load_pressure_Pa": 1e6, "screw_force_N": 1e3, "command_V": 0.1,
-}  # fmt: skip
-"""V, m, Pa: of what a controller is given."""
+_TYPICAL = dict(zip((*SENSED, "command_V"), (0.1, 1e-4, 1e6, 1e3, 0.1), strict=True))
+"""V, m, Pa, N and V: of what a controller is given."""
 
 Entries = tuple[q.MatrixEntry, ...]
 

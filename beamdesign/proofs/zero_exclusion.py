@@ -201,16 +201,15 @@ class Frame:
         if node.kind == "circle":
             low, high = self.cell.values[node.name]
             centre, radius = map(arb, self.cell.statement.circles[node.name])
-            return self._along(
-                [centre + radius * point for point in arc(_turn() * arb(low), _turn() * arb(high - low))]
-            )
+            around = arc(_turn() * arb(low), _turn() * arb(high - low))
+            return self._along([centre + radius * point for point in around])
         return reduce(operator.add if node.kind == "sum" else operator.mul, map(self.points, node.parts))
 
     def least(self, direction: tuple[int, int]) -> arb:
         """Lower bound of the real part of p times the conjugate of a direction, over the cell."""
         along = [self.points(node).along(direction) for node in self.cell.statement.summands]
-        strayed = 2 * len(along) * _UNIT * sum(map(np.abs, along))
-        return arb(float((sum(along) - _UP * strayed).min()))
+        strayed = 2 * len(along) * _UNIT * reduce(operator.add, map(np.abs, along))
+        return arb(float((reduce(operator.add, along) - _UP * strayed).min()))
 
 
 def arc(start: arb, sweep: arb) -> list[acb]:

@@ -8,7 +8,8 @@ law and F_s its sensor's gain,
     current = K C(s) [command - sensor + (F_s / k_c) H(s) (K_m x - F_c)].
 
 At rest the servo alone moves by G0 = 1 / (K_m + g K F_s) per newton, a current holding g = A K_q / K_pq, or K_t / h of
-a screw, and follows a command but for K_m G0 of it, so that x / F = G0 + (1 - K_m G0) / k_c. k_c is chosen to make that 1 / k_d.
+a screw, and follows a command but for K_m G0 of it, so that x / F = G0 + (1 - K_m G0) / k_c. k_c is chosen to make
+that 1 / k_d.
 
 What is proved of a link whose end has a commanded stiffness is tracking, passivity, contact, and what can be had.
 """
@@ -96,7 +97,7 @@ def commanded_compliance(prototype: Prototype, law: CompliantLaw) -> float:
 
 
 def controller_of(prototype: Prototype, law: CompliantLaw) -> Observer:
-    """The controller of displacement, the actuator's force and command: states of the servo, then the estimated force in V.
+    """The controller of displacement, force felt and command: states of the servo, then the estimated force in V.
 
     Raises:
         ValueError: where the servo alone is not as stiff as the end is to be.

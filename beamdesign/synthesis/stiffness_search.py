@@ -20,7 +20,6 @@ from beamdesign.proofs.contact import Wall
 from beamdesign.proofs.performance import prove
 from beamdesign.proofs.rectangle import Rectangle
 from beamdesign.prototype import Prototype
-from beamdesign.records import InputError
 from beamdesign.synthesis.end_stiffness import (
     NEEDS,
     SHARE,

@@ -27,7 +27,7 @@ import numpy as np
 from scipy.linalg import block_diag, cholesky, solve_continuous_are, solve_continuous_lyapunov, svd
 
 from beamdesign.controllers import SENSED, Sensed
-from beamdesign.plant.linear import LinearModel, SEEN_AS
+from beamdesign.plant.linear import SEEN_AS, LinearModel
 
 
 @dataclass(frozen=True)

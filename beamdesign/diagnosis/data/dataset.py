@@ -13,7 +13,6 @@ from beamdesign import records
 from beamdesign.columns import read_columns, uniform_times
 from beamdesign.controllers import Controller
 from beamdesign.diagnosis.data.dataset_index import GainEntry, ResponseEntry, Taken, TimeEntry, index_of, read_index
-from beamdesign.plant.actuators import Actuator
 from beamdesign.prototype import Prototype, read_prototype
 from beamdesign.records import InputError, Problem, Record
 
@@ -184,9 +183,8 @@ def read_dataset(folder: str | Path) -> Dataset:
         assert chosen is not None  # checked above
         return _acting(chosen, row, row.file, path)
 
-    taken = tuple(
-        _time_record(path.parent / row.file, row, law(row), prototype.actuator, warnings) for row in entry.record
-    )
+    felt = prototype.actuator.feels[0]
+    taken = tuple(_time_record(path.parent / row.file, row, law(row), felt, warnings) for row in entry.record)
     responses = tuple(_response(path.parent / row.file, row, law(row)) for row in entry.frequency_response)
     gains = tuple(_measured_gain(row, prototype, path) for row in entry.critical_gain)
     return Dataset(entry.name, path.parent, prototype, taken, responses, gains, tuple(warnings))
@@ -213,14 +211,12 @@ def refuse_missing(path: Path, needed: tuple[str, ...], columns: Mapping[str, np
         raise InputError(path, problems)
 
 
-def _time_record(
-    path: Path, row: TimeEntry, controller: Controller, actuator: Actuator, warnings: list[str]
-) -> TimeRecord:
+def _time_record(path: Path, row: TimeEntry, controller: Controller, felt: str, warnings: list[str]) -> TimeRecord:
     columns = read_columns(path)
     needed = ("t_s", *INPUTS, *MEASURED)
     refuse_missing(path, needed, columns)
     times = uniform_times(path, columns["t_s"])
-    more = actuator.feels[0], "inner_displacement_m"
+    more = felt, "inner_displacement_m"
     warnings += [
         f"{path.name}: column {name} is not known here and was left aside"
         for name in columns
