@@ -211,6 +211,17 @@ REFUSED = {
 }
 
 
+CORNERS = {
+    f"{name}, {actuator}, 3 m, 5 kN": (
+        of_length(2.5, material=f'"{material}"', tip_force_N=5000.0, shape=shape, screw=actuator == "screw"),
+        "load.tip_force_N = ",
+    )
+    for name, material, shape in (("aluminium", "6082-T6", "square"), ("carbon", "CFRP-0-60-45-40", "round"))
+    for actuator in ("cylinder", "screw")
+}
+REFUSED |= CORNERS
+
+
 @pytest.mark.parametrize("name", REFUSED)
 def test_a_refusal_names_what_to_change(name: str, tmp_path: Path) -> None:
     figures, change = REFUSED[name]
@@ -219,6 +230,30 @@ def test_a_refusal_names_what_to_change(name: str, tmp_path: Path) -> None:
     assert found["reason"]
     assert any(change in one for one in found["change"]), found["change"]
     assert not (tmp_path / "out" / "prototype.toml").exists()
+
+
+@pytest.mark.parametrize(
+    ("actuator", "figures"),
+    [
+        ("cylinder", of_length(2.5, material='"CFRP-0-60-45-40"', tip_force_N=100.0, end_mass_kg=(2.1, 0.12),
+                               outer_end_mass_kg="[0.0, 0.4]", shape="round")),
+        ("screw", of_length(2.5, material='"S355J2H"', tip_force_N=5000.0, end_mass_kg=(7.0, 1.1),
+                            outer_end_mass_kg="[0.0, 20.0]", screw=True)),
+    ],
+    ids=["carbon, cylinder, 3 m, 100 N", "steel, screw, 3 m, 5 kN"],
+)  # fmt: skip
+def test_a_corner_is_proved(actuator: str, figures: dict[str, Any], tmp_path: Path) -> None:
+    """Stiffer at its tip than with the servo off as far as its bandwidth reaches, by python-control and statics."""
+    prototype = tmp_path / "out/prototype.toml"
+    found = answer("run", study(tmp_path, **figures), "--out", prototype.parent, "--nominal", folder=tmp_path)
+    checked(prototype)
+    rig, bandwidth = read_prototype(prototype), found["guaranteed"]["bandwidth_Hz"]
+    assert rig.actuator.kind == {"cylinder": "servo_cylinder", "screw": "ball_screw"}[actuator]
+    assert bandwidth > 0.5
+    for mass in rig.payload.outer_end_mass_kg:
+        within = state_space(rig, float(mass))["displacement_m", "disturbance_N"]
+        given = np.abs(within(2j * np.pi * np.geomspace(0.01, 0.999 * bandwidth, 50)))
+        assert given.max() <= rig.goal.compliance_m_per_N * (1 + 1e-6)
 
 
 def test_the_commands_of_the_page_lead_to_what_it_says(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
