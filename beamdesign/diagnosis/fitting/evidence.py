@@ -16,7 +16,7 @@ from beamdesign.diagnosis.fitting.gain_evidence import GainEvidence
 from beamdesign.diagnosis.fitting.hypothesis import Placement, Unknown, given
 from beamdesign.diagnosis.fitting.linear_evidence import ResponseEvidence
 from beamdesign.diagnosis.fitting.weighting import SHARE, Weighting, banded, blurred, weighting
-from beamdesign.plant.assembly import Structure, assemble, parameters_of
+from beamdesign.plant.assembly import OUTPUTS, Structure, assemble, parameters_of
 from beamdesign.plant.compiled import equilibrium_sensitivity, integrate, integrate_with_sensitivities
 from beamdesign.plant.equilibrium import equilibrium, linearise
 from beamdesign.prototype import Prototype
