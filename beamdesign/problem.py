@@ -9,7 +9,7 @@ from pydantic import Field, SerializeAsAny
 
 from beamdesign import quantities as q
 from beamdesign import records
-from beamdesign.controllers import SENSED, Sensed
+from beamdesign.controllers import SENSORS, Sensed
 from beamdesign.parameters import stated_or_typical
 from beamdesign.plant.actuators import Actuator, WithActuator
 from beamdesign.prototype import (
@@ -124,7 +124,7 @@ class Sought(Record):
     @property
     def sensors(self) -> tuple[Sensed, ...]:
         """All that it reads, in the order of a record."""
-        return tuple(name for name in SENSED if name == SENSED[0] or name in self.added_sensors)
+        return tuple(name for name in SENSORS if name == SENSORS[0] or name in self.added_sensors)
 
     @classmethod
     def relations(cls, table: Mapping[str, Any]) -> Iterator[Problem]:

@@ -189,13 +189,13 @@ def _of_law(stage: "InStage", law: "Tuning", certificate: "Certificate") -> dict
 
 def _sensors(kind: str, added: list[str]) -> "tuple[Sensed, ...]":
     """What the controller reads, in the order of the record."""
-    from beamdesign.controllers import SENSED
+    from beamdesign.controllers import SENSORS
 
-    if wrong := [name for name in added if name not in SENSED[1:]]:
-        refuse("--added-sensor", *((name, f"expected one of {', '.join(SENSED[1:])}") for name in wrong))
+    if wrong := [name for name in added if name not in SENSORS[1:]]:
+        refuse("--added-sensor", *((name, f"expected one of {', '.join(SENSORS[1:])}") for name in wrong))
     if added and kind not in ("lqg", "hinf"):
         refuse("--added-sensor", (", ".join(added), f"a {kind} controller reads the displacement alone"))
-    return tuple(name for name in SENSED if name == SENSED[0] or name in added)
+    return tuple(name for name in SENSORS if name == SENSORS[0] or name in added)
 
 
 def _kept(goal: "Goal") -> list[tuple[str, str]]:

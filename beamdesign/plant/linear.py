@@ -42,7 +42,7 @@ class Plant:
     (disturbance + sum_k C_k crossed_k) / (denominator + sum_k C_k control_k).
 
     Attributes:
-        sensors: what is sensed, see `beamdesign.controllers.SENSED`.
+        sensors: what is sensed, see `beamdesign.controllers.SENSORS`.
         denominator: characteristic polynomial in s, affine in m.
         control: one per sensor: numerator from current (A) to volts, to m or to Pa, affine in m.
         displaced: numerator from current (A) to the tip's displacement (m), free of m.

@@ -21,7 +21,7 @@ from typing import Literal
 import numpy as np
 from flint import fmpq
 
-from beamdesign.controllers import SENSED, Cascade, Observer, Sensed
+from beamdesign.controllers import SENSORS, Cascade, Observer, Sensed
 from beamdesign.loop import Tip, close_loop, tip
 from beamdesign.plant.linear import Plant
 from beamdesign.plant.members import paper_model
@@ -65,7 +65,7 @@ class CompliantLaw:
 
 def sensors(prototype: Prototype) -> tuple[Sensed, ...]:
     """What such a law hears: the displacement, and what the actuator feels."""
-    return tuple(name for name in SENSED if name in (SENSED[0], prototype.actuator.feels[0]))
+    return tuple(name for name in SENSORS if name in (SENSORS[0], prototype.actuator.feels[0]))
 
 
 def servo_stiffness(prototype: Prototype, servo: Cascade) -> float:

@@ -180,7 +180,7 @@ def sensed_model(
         rig: of a prototype, or of one of its linear members.
         outer_end_mass: kg.
         inner_end_mass: kg.
-        sensors: of `beamdesign.controllers.SENSED`, the displacement first.
+        sensors: of `beamdesign.controllers.SENSORS`, the displacement first.
 
     Returns:
         From tip force (N) and current (A) to the tip's displacement (m) and what the p sensors give (V, m, Pa).
