@@ -276,11 +276,7 @@ class ServoCylinder(Actuator):
         stall = prototype.supply.pressure_Pa * self.smaller_side(prototype)
         largest = None if rated is None else valve_of(prototype).flow_gain_m3_per_s_per_A * rated
         parabola = Limit(
-            "valve flow",
-            "flow",
-            largest,
-            key,
-            reached=lambda asked, held, most: _within_parabola(asked, held, most, stall),
+            "valve flow", "flow", largest, key, reached=lambda asked, held, q: _within_parabola(asked, held, q, stall)
         )
         return (
             Limit("force", "force", stall, "supply.pressure_Pa"),
