@@ -9,7 +9,7 @@ from pydantic import Field, SerializeAsAny
 
 from beamdesign import quantities as q
 from beamdesign import records
-from beamdesign.controllers import SENSED, Sensed
+from beamdesign.controllers import SENSORS, Sensed
 from beamdesign.parameters import stated_or_typical
 from beamdesign.plant.actuators import Actuator, WithActuator
 from beamdesign.prototype import (
@@ -111,7 +111,7 @@ class Sought(Record):
     largest_inner_end_mass_kg: q.MassOrNone = Field(6.0, description="most mass the tuner may add inside")
     sections: int = Field(3, ge=1, le=3, description="second-order sections of a structured controller")
     stages: int = Field(3, ge=2, le=12, description="laws of a scheduled controller")
-    added_sensors: tuple[Literal["inner_displacement_m", "load_pressure_Pa"], ...] = Field(
+    added_sensors: tuple[Literal["inner_displacement_m", "load_pressure_Pa", "screw_force_N"], ...] = Field(
         (), description="what lqg and hinf read beside the displacement"
     )
 
@@ -124,7 +124,7 @@ class Sought(Record):
     @property
     def sensors(self) -> tuple[Sensed, ...]:
         """All that it reads, in the order of a record."""
-        return tuple(name for name in SENSED if name == SENSED[0] or name in self.added_sensors)
+        return tuple(name for name in SENSORS if name == SENSORS[0] or name in self.added_sensors)
 
     @classmethod
     def relations(cls, table: Mapping[str, Any]) -> Iterator[Problem]:

@@ -127,7 +127,7 @@ def state_space(
     - "closed": the same signals with the sensor subtracted from the command, equation (12).
 
     Where the controller has added sensors, what they read are further outputs of all three, and are fed back in the
-    third: `inner_displacement_m`, `load_pressure_Pa`.
+    third: `inner_displacement_m`, `load_pressure_Pa`, `screw_force_N`.
 
     States are named as in `beamdesign.plant.linearised.STATES`, then `filtered_V` where the sensor has a filter, then
     `EFFECT_STATE` and `mean_pressure_Pa` where there are such, then `controller_1` and so on for a controller with
@@ -144,7 +144,7 @@ def state_space(
     import control
     import numpy as np
 
-    from beamdesign.plant.linearised import SEEN
+    from beamdesign.plant.linear import SEEN_AS
     from beamdesign.plant.members import family
 
     if loop not in ("closed", "open", "plant"):
@@ -153,7 +153,7 @@ def state_space(
     a, b, c = member.rig.matrices(outer_end_mass_kg, prototype.payload.inner_end_mass_kg)
     b = b * [1.0, member.gain.high]
     added = prototype.controller.added if prototype.controller is not None else ()
-    c = c[[0, 1, *(SEEN.index(name) for name in added)]]
+    c = c[[0, 1, *(SEEN_AS[name] for name in added)]]
     states = [name.replace(".", "_") for name in member.rig.states]
     if loop == "plant":
         return control.ss(

@@ -13,6 +13,7 @@ import numpy as np
 
 from beamdesign.controllers import SENSED, Controller
 from beamdesign.files import write_whole
+from beamdesign.plant.actuators import KINDS
 from beamdesign.plant.assembly import OUTPUTS, Assembly, Structure, assemble, parameters_of, structure_of
 from beamdesign.plant.compiled import NOT_SAMPLED, integrate, refuse_too_many, substeps_at
 from beamdesign.plant.equilibrium import equilibrium
@@ -84,6 +85,7 @@ def sampled_law(controller: Controller, period_s: float) -> SampledLaw:
 
     law = difference_equation(controller, 1 / period_s).linear
     places = {SENSED[0]: ERROR, "command_V": COMMAND}
+    places |= {kind.feels[0]: OUTPUTS.index("load_pressure_Pa") for kind in KINDS.values()}
     sensed = tuple(places[name] if name in places else OUTPUTS.index(name) for name in law.sensed)
     return SampledLaw(np.block([[floats(law.a), floats(law.b)], [floats(law.c), floats(law.d)]]), sensed)
 

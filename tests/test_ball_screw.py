@@ -12,6 +12,7 @@ from beamdesign.checker.reading import Table
 from beamdesign.checker.rig import Rig
 from beamdesign.checker.state_space import StateSpace as Stated
 from beamdesign.controllers import Lag
+from beamdesign.loop import close_loop, tip
 from beamdesign.parameters import typical_of
 from beamdesign.plant.actuators.servo_cylinder import Servovalve, Supply
 from beamdesign.plant.assembly import fits
@@ -30,11 +31,12 @@ from beamdesign.proofs.writer import prototype_table, rig_tables
 from beamdesign.prototype import Prototype, prototype_from
 from beamdesign.public import state_space
 from beamdesign.records import InputError, to_toml
-from beamdesign.scenario import Scenario, ScenarioRecord, Sine
+from beamdesign.scenario import Sampled, Scenario, ScenarioRecord, Sine, Step
 from beamdesign.simulation import simulate
 from beamdesign.structure.lumped import figures
+from beamdesign.synthesis.end_stiffness import CompliantLaw, controller_of, judge, sensed, servo_stiffness
 from beamdesign.synthesis.operating_limits import demand, envelope, needs
-from beamdesign.synthesis.stiffness_search import design
+from beamdesign.synthesis.stiffness_run import carried_out
 from beamdesign.synthesis.tuning import tune
 
 W = 2 * pi * np.array([0.05, 0.7, 3.0, 12.0, 33.0, 90.0, 400.0, 2000.0])
@@ -322,8 +324,62 @@ def test_tables_are_those_of_the_actuator(rig: Prototype) -> None:
     assert 'kind = "ball_screw"' in to_toml(rig)
 
 
-def test_nothing_hears_a_load_pressure_that_there_is_not(rig: Prototype) -> None:
+def test_a_law_hears_what_there_is_to_feel(rig: Prototype, paper: Prototype) -> None:
     with pytest.raises(InputError, match="load_pressure_Pa, which a rig with a ball_screw does not have"):
         tune(rig, (0.0, 2.0), "lqg", sensors=("displacement_m", "load_pressure_Pa"))
-    with pytest.raises(InputError, match="load_pressure_Pa"):
-        design(rig, 1e6, (0.0, 2.0), EVERY_WALL)
+    with pytest.raises(InputError, match="it has load_pressure_Pa"):
+        tune(paper, (0.0, 2.0), "lqg", sensors=("displacement_m", "screw_force_N"))
+
+
+@pytest.fixture
+def compliant(rig: Prototype) -> CompliantLaw:
+    """The rig's own lag, the end twice as stiff as its outer beam."""
+    assert isinstance(rig.controller, Lag)
+    return CompliantLaw(rig.controller, 2 * figures(rig)["outer_stiffness"], 10.0)
+
+
+@pytest.mark.parametrize("mass", [0.0, 6.8])
+def test_an_end_with_a_screw_yields_as_its_parts_say(rig: Prototype, compliant: CompliantLaw, mass: float) -> None:
+    """Against the matrices written by hand, closed at each frequency with what the law is by its formula.
+
+    At rest the nut stands still under K_t / h per ampere, so that the servo alone is K_m + (K_t / h) K F_s.
+    """
+    f, a, servo = figures(rig), rig.actuator, compliant.servo
+    h, volts = a.lead_m / (2 * pi), rig.sensor.gain_V_per_m
+    alone = f["outer_stiffness"] + a.torque_constant_N_m_per_A / h * servo.gain_A_per_V * volts
+    assert servo_stiffness(rig, servo) == pytest.approx(alone, rel=1e-12)
+    port = tip(close_loop(sensed(rig), controller_of(rig, compliant)))
+    assert port.static_stiffness() == pytest.approx(compliant.end_stiffness_N_per_m, rel=1e-12)
+
+    rows, into, at_tip = matrices(rig, mass)
+    stretch = np.array([-1.0, 1.0, 1.0])  # nut's travel and inner tip less tip
+    force = np.concatenate([a.screw_stiffness_N_per_m * stretch, a.screw_damping_N_s_per_m * stretch, [0.0]])
+    moved = (1 / compliant.end_stiffness_N_per_m - 1 / alone) / (1 - f["outer_stiffness"] / alone)
+    for w in W:
+        law = servo.gain_A_per_V * (1 + 1j * w / (2 * pi * servo.zero_Hz)) / (1 + 1j * w / (2 * pi * servo.pole_Hz))
+        seen = volts / (1 + 1j * w / f["filter_frequency"]) if f["filter_frequency"] else volts
+        behind = moved * volts / (1 + 1j * w / (2 * pi * compliant.force_filter_Hz))
+        heard = -seen * at_tip + behind * (f["outer_stiffness"] * seen / volts * at_tip - force)
+        closed = 1j * w * np.eye(7) - rows - np.outer(into[:, 1], law * heard)
+        yields = np.linalg.solve(closed, into[:, 0])[0]
+        assert port.stiffness_response(np.array([w / (2 * pi)]), mass)[0] == pytest.approx(1 / yields, rel=1e-7)
+
+
+def test_an_end_with_a_screw_is_proved_and_simulated(rig: Prototype, compliant: CompliantLaw) -> None:
+    """The checker, which builds the force of the screw itself, proves loop and contact again; at rest x = F / k."""
+    found = judge(rig, compliant, (0.0, 6.8), EVERY_WALL)
+    made = carried_out(rig, found, (0.0, 6.8), EVERY_WALL)
+    assert found.stable
+    assert made.prototype.controller.senses == ("displacement_m", "screw_force_N")
+    for text in (made.certificate.text, made.contact):
+        outcome = checker.check(text, prototype_table(made.prototype))
+        assert outcome.valid, outcome.failed
+    softer = f"{0.9 * rig.actuator.screw_stiffness_N_per_m:.10g}"
+    assert not checker.check(made.contact.replace("80000000", softer, 1), prototype_table(made.prototype)).valid
+    push = ScenarioRecord(name="push", outer_end_mass_kg=2.0, input=(Step(amplitude_N=20.0, at_s=0.01),))
+    for sampled in (None, Sampled(period_s=1e-3)):
+        scenario = Scenario(name="rest", duration_s=1.0, sample_s=1e-3, record=(push,), sampled=sampled)
+        (record,) = simulate(made.prototype, scenario).records
+        at_rest, force = (record.column(name)[-200:].mean() for name in ("displacement_m", "screw_force_N"))
+        assert at_rest == pytest.approx(20.0 / compliant.end_stiffness_N_per_m, rel=2e-3)
+        assert force == pytest.approx(figures(rig)["outer_stiffness"] * at_rest - 20.0, rel=2e-3)

@@ -6,7 +6,7 @@ from math import atan, pi, sqrt
 
 import numpy as np
 import pytest
-from flint import ctx, fmpq, fmpq_poly
+from flint import acb, arb, ctx, fmpq, fmpq_poly
 
 from beamdesign.checker import check
 from beamdesign.loop import loop
@@ -18,6 +18,7 @@ from beamdesign.proofs.rig_family import PolynomialFamily
 from beamdesign.proofs.stability import stable_ranges
 from beamdesign.proofs.statement import Statement
 from beamdesign.proofs.tolerance_box import largest_scaling
+from beamdesign.proofs.zero_exclusion import balls
 
 
 def family(p: str, **values: float) -> PolynomialFamily:
@@ -217,3 +218,37 @@ def test_too_many_control_points_are_refused():
     wide = PolynomialFamily("wide", "s + " + "*".join(leaves), dict.fromkeys(names, fmpq(0)), leaves)
     with pytest.raises(ValueError, match="control points"):
         certify_box(wide, box_of(dict.fromkeys(names, (0.0, 1.0))))
+
+
+# Balls in floats.
+
+
+def test_balls_hold_what_they_stand_for():
+    """Against exact rationals: sums that cancel to a part in 1e12."""
+    random = np.random.default_rng(3)
+
+    def some(count: int) -> list[tuple[fmpq, fmpq]]:
+        parts = random.integers(-(10**18), 10**18, size=(count, 2))
+        return [(fmpq(int(a), 7 * 10**18), fmpq(int(b), 9 * 10**9)) for a, b in parts]
+
+    def times(a: tuple[fmpq, fmpq], b: tuple[fmpq, fmpq]) -> tuple[fmpq, fmpq]:
+        return a[0] * b[0] - a[1] * b[1], a[0] * b[1] + a[1] * b[0]
+
+    def as_it_is(value: float) -> fmpq:
+        return fmpq(*float(value).as_integer_ratio())
+
+    one, two, near = some(5), some(4), [(fmpq(10**12 + k, 3), fmpq(-k, 10**60)) for k in range(3)]
+    away = [(-a, b + 1) for a, b in near]
+    a, b, c, d = (balls([acb(arb(x), arb(y)) for x, y in points]) for points in (one, two, near, away))
+    found = (a * b * b) * (c + d)
+    exact_ones = [
+        times(times(times(p, q), r), (s[0] + t[0], s[1] + t[1])) for p, q, r, s, t in product(one, two, two, near, away)
+    ]
+    assert found.middle.shape == (len(exact_ones),)
+    for middle, radius, (x, y) in zip(found.middle, found.radius, exact_ones, strict=True):
+        assert (as_it_is(middle.real) - x) ** 2 + (as_it_is(middle.imag) - y) ** 2 <= as_it_is(radius) ** 2
+        assert arb(x * x + y * y).sqrt() <= found.largest
+    for direction in ((1, 0), (-37, 999)):
+        least = min(direction[0] * x + direction[1] * y for x, y in exact_ones)
+        assert as_it_is(found.along(direction)) <= least
+    assert found.radius.max() < 1e-3 * found.size.max()

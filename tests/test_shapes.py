@@ -424,7 +424,7 @@ def test_an_arm_is_round_and_not_a_rectangle(design: tuple[Prototype, str]):
     rig, tube = as_arm(prototype), prototype.outer_beam.tube
     assert tube is not None
     if tube.shape == "rectangle":
-        with pytest.raises(InputError, match="square or round, not a rectangle"):
+        with pytest.raises(InputError, match="take a square or a round one"):
             arm_figures(rig)
         return
     outside, inside = tube.width_m / 2, tube.width_m / 2 - tube.wall_m

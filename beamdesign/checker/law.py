@@ -11,7 +11,7 @@ from flint import arb, arb_poly, fmpq, fmpq_mat, fmpq_poly
 from beamdesign.checker.reading import HIGHEST_DEGREE, Table, Unreadable, rational
 from beamdesign.checker.roots import Pair, S
 
-SENSED = ("displacement_m", "inner_displacement_m", "load_pressure_Pa")
+SENSED = ("displacement_m", "inner_displacement_m", "load_pressure_Pa", "screw_force_N")
 FLOAT_ROUNDING = fmpq(1, 10**14)
 """How far a figure in rad/s may be from 2 pi times the one in Hz: both are decimals of floats."""
 SCHEDULED: dict[str, Any] = {

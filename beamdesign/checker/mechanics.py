@@ -216,11 +216,13 @@ def mechanics(
                     total += share * weight * replaced({first: force, name: flow})
         return total
 
+    resists = ring([figure["screw_stiffness_N_per_m"], figure["screw_damping_N_s_per_m"]]) if screw else none
+    stretched = {name: weight * resists for name, weight in motion({"nut": one, "tip": -one, "rod": one}).items()}
     force = [tip.get(name, fmpq(0)) for name in names]
     read = {
         "displacement_m": points["sensed"],
         "inner_displacement_m": {"inner": one},
-        **({} if screw else {"load_pressure_Pa": dict.fromkeys(chambers, one)}),
+        **({"screw_force_N": stretched} if screw else {"load_pressure_Pa": dict.fromkeys(chambers, one)}),
     }
     if strange := [name for name in sensed if name not in read]:
         raise Unreadable(f"this rig does not show {', '.join(strange)}")

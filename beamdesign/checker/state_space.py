@@ -93,14 +93,10 @@ class StateSpace:
         if filtered is not None:
             rows[len(_PLANT)][x], rows[len(_PLANT)][len(_PLANT)] = filtered * gain, -filtered
             volts = {len(_PLANT): fmpq(1)}
-        seen: list[Mapping[int, fmpq]] = [volts, {y: fmpq(1)}]
-        if not screw:
-            per_area = spring / f["piston_area_m2"]
-            seen.append({c: per_area, x: -per_area})
-        return {
-            name: [weights.get(j, fmpq(0)) for j in range(self.order)]
-            for name, weights in zip(SENSED, seen, strict=False)
-        }
+        per_area = 1 if screw else 1 / f["piston_area_m2"]
+        felt = {j: per_area * weight for j, weight in force.items()}
+        seen: dict[str, Mapping[int, fmpq]] = {SENSED[0]: volts, SENSED[1]: {y: fmpq(1)}, SENSED[2 + screw]: felt}
+        return {name: [weights.get(j, fmpq(0)) for j in range(self.order)] for name, weights in seen.items()}
 
     def _screw(self, f: Mapping[str, fmpq], force: Mapping[int, fmpq]) -> None:
         """Rows of the nut's travel, of its speed and of the motor's current."""

@@ -51,11 +51,12 @@ def stiffness(
     """Give the end of the link a stiffness.
 
     From nearly none to that of the servo. The command moves by the force on the tip over the stiffness; the force is
-    that of the outer beam's bending less the cylinder's, from the displacement and load-pressure sensors behind a
-    low-pass filter. Lag and filter are searched for the widest band in which the end feels as commanded, within 10 %.
-    Stability over the payload, passivity at the tip and contact with walls are proved or refuted in exact arithmetic,
-    for the linear loop with its nominal figures; on rigs drawn from the tolerances they are counted. Without a
-    stiffness the controller is judged as it is. Exit status 1 if contact is not what it has to be.
+    that of the outer beam's bending less the actuator's, from the sensors of displacement and of load pressure, or of
+    the force of a screw, behind a low-pass filter. Lag and filter are searched for the widest band in which the end
+    feels as commanded, within 10 %. Stability over the payload, passivity at the tip and contact with walls are proved
+    or refuted in exact arithmetic, for the linear loop with its nominal figures; on rigs drawn from the tolerances they
+    are counted. Without a stiffness the controller is judged as it is. Exit status 1 if contact is not what it has to
+    be.
 
     Args:
         prototype: the prototype.toml of the rig.

@@ -71,8 +71,8 @@ def tune(
             for none. Else the prototype's goal.
         sections: second-order sections of a structured controller, behind its lag.
         stages: laws of a scheduled controller, each for a part of the payloads.
-        added_sensor: what lqg and hinf read beside the displacement: inner_displacement_m, load_pressure_Pa;
-            repeatable.
+        added_sensor: what lqg and hinf read beside the displacement: inner_displacement_m, and
+            load_pressure_Pa of a cylinder or screw_force_N; repeatable.
         loop_gain: limit of |L| from --loop-gain-from-Hz up; `inf` for none. Else the goal's, or 0.25 but for lags.
         loop_gain_from_Hz: from where on it holds; else the goal's, 250 Hz.
         controller_effort_A_per_V: limit of |C/(1+L)|; `inf` for none. Else the goal's, or 0.06 but for lags.
@@ -189,13 +189,13 @@ def _of_law(stage: "InStage", law: "Tuning", certificate: "Certificate") -> dict
 
 def _sensors(kind: str, added: list[str]) -> "tuple[Sensed, ...]":
     """What the controller reads, in the order of the record."""
-    from beamdesign.controllers import SENSED
+    from beamdesign.controllers import SENSORS
 
-    if wrong := [name for name in added if name not in SENSED[1:]]:
-        refuse("--added-sensor", *((name, f"expected one of {', '.join(SENSED[1:])}") for name in wrong))
+    if wrong := [name for name in added if name not in SENSORS[1:]]:
+        refuse("--added-sensor", *((name, f"expected one of {', '.join(SENSORS[1:])}") for name in wrong))
     if added and kind not in ("lqg", "hinf"):
         refuse("--added-sensor", (", ".join(added), f"a {kind} controller reads the displacement alone"))
-    return tuple(name for name in SENSED if name == SENSED[0] or name in added)
+    return tuple(name for name in SENSORS if name == SENSORS[0] or name in added)
 
 
 def _kept(goal: "Goal") -> list[tuple[str, str]]:

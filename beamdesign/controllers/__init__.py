@@ -5,6 +5,7 @@ from beamdesign.controllers.observer import Observer
 from beamdesign.controllers.protocol import (
     KINDS,
     SENSED,
+    SENSORS,
     Controller,
     Sensed,
     SensedLaw,
@@ -17,6 +18,7 @@ from beamdesign.controllers.scheduled import Estimator, Scheduled, Stage
 __all__ = [
     "KINDS",
     "SENSED",
+    "SENSORS",
     "Break",
     "Cascade",
     "Controller",

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, Literal, Self
 from pydantic import Field
 
 from beamdesign import quantities as q
-from beamdesign.controllers.protocol import SENSED, Controller, Need, Row, Sensed, SensedLaw
+from beamdesign.controllers.protocol import SENSED, SENSORS, Controller, Need, Row, Sensed, SensedLaw
 from beamdesign.plant.electronics import Matrices
 from beamdesign.records import Problem
 
@@ -19,8 +19,8 @@ if TYPE_CHECKING:
 
 LARGEST_ORDER = 12
 
-_TYPICAL = {"displacement_m": 0.1, "inner_displacement_m": 1e-4, "load_pressure_Pa": 1e6, "command_V": 0.1}
-"""V, m, Pa: of what a controller is given."""
+_TYPICAL = dict(zip((*SENSORS, "command_V"), (0.1, 1e-4, 1e6, 1e3, 0.1), strict=True))
+"""V, m, Pa, N and V: of what a controller is given."""
 
 Entries = tuple[q.MatrixEntry, ...]
 

@@ -19,14 +19,17 @@ if TYPE_CHECKING:
     from beamdesign.controllers.scheduled import Scheduled
     from beamdesign.plant.electronics import Law
 
-Sensed = Literal["displacement_m", "inner_displacement_m", "load_pressure_Pa"]
+Sensed = Literal["displacement_m", "inner_displacement_m", "load_pressure_Pa", "screw_force_N"]
 SENSED: tuple[Sensed, ...] = ("displacement_m", "inner_displacement_m", "load_pressure_Pa")
-"""What a controller may sense: the outer tip, which every controller does, the inner tip, the load pressure."""
+"""What a controller of a cylinder may sense: the outer tip, which every controller does, inner tip, load pressure."""
+SENSORS: tuple[Sensed, ...] = (*SENSED, "screw_force_N")
+"""The same of all rigs, in their order."""
 
 ERRORS = {
     "displacement_m": "error_V",
     "inner_displacement_m": "inner_displacement_error_m",
     "load_pressure_Pa": "load_pressure_error_Pa",
+    "screw_force_N": "screw_force_error_N",
 }
 """What a controller is given of each thing sensed: what it should be, zero but for the command, less what it is."""
 
@@ -62,7 +65,7 @@ class SensedLaw:
     """A controller of one or more sensors over one denominator, exact.
 
     Attributes:
-        sensors: what it senses, of `SENSED`; the first is the displacement.
+        sensors: what it senses, of `SENSORS`; the first is the displacement.
         numerators: one per sensor: to current (A) from error volts, then from what else is sensed (m, Pa), with its
             sign turned.
         denominator: for an `Observer` det(sI - a), whether or not each of its states shows.

@@ -23,6 +23,7 @@ from beamdesign.diagnosis.diagnosis import NextExperiment
 from beamdesign.diagnosis.fitting.evidence import Replay
 from beamdesign.diagnosis.fitting.fit import Fit
 from beamdesign.diagnosis.fitting.weighting import weighting
+from beamdesign.plant.assembly import RIGS
 from beamdesign.prototype import Prototype
 from beamdesign.scenario import Input, LoadSteps, Multisine, Scenario, ScenarioRecord, Sine, inputs_of
 from beamdesign.spelling import shorter
@@ -135,7 +136,11 @@ _ANOTHER_SENSOR = 1.6  # effort
 _FURTHEST = 3.0  # times the largest displacement recorded so far
 _SENSOR_NOISE = 0.003  # of the rms of a channel that no record holds yet
 _LEAST = 1e-9
-ADDED = {"load_pressure_Pa": "load pressure", "inner_displacement_m": "displacement of the inner beam"}
+ADDED = {
+    "load_pressure_Pa": "load pressure",
+    "screw_force_N": "force of the screw",
+    "inner_displacement_m": "displacement of the inner beam",
+}
 """Channels that a sensor could be added for."""
 
 
@@ -257,7 +262,8 @@ def _without_retuning(data: Dataset, experiment: Experiment, rivals: Sequence[Fi
 def _closely(data: Dataset, experiment: Experiment, rivals: Sequence[Fit]) -> Iterator[Separation]:
     """With what the rivals may still re-tune taken out: with the channels recorded so far, and one more."""
     recorded = _channels(data)
-    every = (*recorded, *(c for c in ADDED if c not in recorded))
+    others = [c for c in ADDED if c not in recorded and c in RIGS[data.prototype.rig].output_names]
+    every = (*recorded, *others)
     made, job = [], _job(data.prototype, experiment)
     for fit in rivals:
         found = job.simulated_with_slopes(fit.hypothesis.placement(data.prototype), fit.z, every)
@@ -265,7 +271,7 @@ def _closely(data: Dataset, experiment: Experiment, rivals: Sequence[Fit]) -> It
             return
         made.append(found)
     covariances = [np.linalg.cholesky(fit.covariance + _LEAST * np.eye(len(fit.z))) for fit in rivals]
-    for added in ("", *(c for c in ADDED if c not in recorded)):
+    for added in ("", *others):
         channels = (*recorded, added) if added else recorded
         at = [every.index(c) for c in channels]
         weight = weighting(_as_record(data, experiment, made[0][0][:, at], channels), channels)

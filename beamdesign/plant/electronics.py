@@ -125,6 +125,7 @@ SENSED: dict[str, Callable[[Signals, Signals], Any]] = {
     "displacement_m": lambda port, state: port["error_V"],
     "inner_displacement_m": lambda port, state: -state["inner_m"],
     "load_pressure_Pa": lambda port, state: state["pressure_b_Pa"] - state["pressure_a_Pa"],
+    "screw_force_N": lambda port, state: -port["actuator_force_N"],
     "command_V": lambda port, state: port["command_V"],
 }
 """What a controller of several sensors is given of each: what it should be less what it is; and its command."""
@@ -176,12 +177,12 @@ class Matrices:
         return [sensor for sensor in SENSED if sensor in self.sensed]
 
 
-HEARD = ("error_V", "command_V", "inner_displacement_m", "load_pressure_Pa")
+HEARD = ("error_V", "command_V", "inner_displacement_m", "load_pressure_Pa", "screw_force_N")
 """All that a law may go by, as it is recorded."""
 
 
 def state_space(law: Law, figure: Signals) -> "tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]":
-    """A (n, n), B (n, 4), C (n,) and D (4,) of a law from `HEARD` to its current (A), read off its own equations.
+    """A (n, n), B (n, 5), C (n,) and D (5,) of a law from `HEARD` to its current (A), read off its own equations.
 
     Args:
         law: linear, as every law of a controller is.
@@ -193,7 +194,7 @@ def state_space(law: Law, figure: Signals) -> "tuple[np.ndarray, np.ndarray, np.
     for unit in np.eye(len(law.states) + len(HEARD)):
         own = dict(zip((*law.states, *HEARD), unit.tolist(), strict=True))
         state = own | {"inner_m": own["inner_displacement_m"], "pressure_a_Pa": own["load_pressure_Pa"]}
-        state["pressure_b_Pa"] = 0.0
+        state["pressure_b_Pa"], own["actuator_force_N"] = 0.0, own["screw_force_N"]
         rates = law.rates(own, figure, state)
         rows.append([*(rates[name] for name in law.states), law.current(own, figure, state)])
     whole, n = np.array(rows).T, len(law.states)

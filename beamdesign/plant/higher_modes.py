@@ -143,7 +143,7 @@ def signals(prototype: Prototype, outer: Compliance, inner: Compliance, frequenc
 
     The force of the actuator follows from Z F_c = T i - c_o F_d with Z = c_a + c_o + c_i, c_a being its compliance
     and T its travel per current, and the tip is at c_o (F_c + F_d). The inner tip is at -c_i F_c, the load pressure is
-    F_c / A.
+    F_c / A, the force of a screw F_c.
     """
     figure, actuator = lumped.figures(prototype), prototype.actuator
     s = 1j * tau * np.asarray(frequency_Hz, dtype=float)
@@ -156,9 +156,8 @@ def signals(prototype: Prototype, outer: Compliance, inner: Compliance, frequenc
     law = {"displacement_m": np.ones_like(s)}
     if prototype.controller is not None:
         law = prototype.controller.sensor_responses(frequency_Hz)
-    per_force = (
-        law.get("load_pressure_Pa", 0.0) / figure.get("piston_area", 1.0) - law.get("inner_displacement_m", 0.0) * c_i
-    )
+    felt = law.get(actuator.feels[0], 0.0) / figure.get("piston_area", 1.0)
+    per_force = felt - law.get("inner_displacement_m", 0.0) * c_i
     back = sensed * law["displacement_m"] + per_force * force
     return Signals(back, c_o * (1 - c_o / z), np.asarray(per_force * c_o * force))
 

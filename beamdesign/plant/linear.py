@@ -9,6 +9,7 @@ import casadi as ca
 import numpy as np
 from flint import fmpq, fmpq_mat, fmpq_mpoly, fmpq_mpoly_ctx, fmpq_poly
 
+from beamdesign.plant.actuators import KINDS
 from beamdesign.plant.actuators.servo_cylinder import SUPPLY_PRESSURE_PA
 from beamdesign.plant.linearised import (
     SEEN,
@@ -23,6 +24,7 @@ from beamdesign.polynomial import Affine, Quotient, exact
 DISPLACEMENT = ("displacement_m",)
 TIP = SEEN[0]
 SEEN_AS = {"displacement_m": SEEN.index("measured_V"), TIP: 0} | {name: SEEN.index(name) for name in SEEN[2:]}
+SEEN_AS |= {kind.feels[0]: SEEN.index("load_pressure_Pa") for kind in KINDS.values()}
 """By what is sensed, the place in `SEEN` of what the controller is given of it; and of the tip itself."""
 
 PairOver = tuple[fmpq_poly, fmpq_poly]
@@ -40,7 +42,7 @@ class Plant:
     (disturbance + sum_k C_k crossed_k) / (denominator + sum_k C_k control_k).
 
     Attributes:
-        sensors: what is sensed, see `beamdesign.controllers.SENSED`.
+        sensors: what is sensed, see `beamdesign.controllers.SENSORS`.
         denominator: characteristic polynomial in s, affine in m.
         control: one per sensor: numerator from current (A) to volts, to m or to Pa, affine in m.
         displaced: numerator from current (A) to the tip's displacement (m), free of m.

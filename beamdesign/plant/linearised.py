@@ -28,7 +28,8 @@ from beamdesign.polynomial import exact
 SOURCES = ("disturbance_N", "sampled_current_A")
 _SEEN = ("outer_displacement_m", "measured_V", "inner_displacement_m")
 SEEN = (*_SEEN, "load_pressure_Pa")
-"""What the tip does, what the controller hears of it, and what added sensors may read, of a hydraulic rig."""
+"""What the tip does, what the controller hears of it, and what added sensors may read, of a hydraulic rig; of another
+what its actuator feels in the place of the load pressure."""
 
 _FROM = {
     "displacement_m": "outer_m",  # X_m, the outer beam's at its tip

@@ -131,7 +131,7 @@ def twin_beam(actuator: type[Actuator]) -> Rig:
 
     return Rig(
         "the twin beam",
-        (BEAMS, SENSOR, CONTROLLER, *actuator.components, TIPS),
+        (BEAMS, SENSOR, *actuator.felt_by, CONTROLLER, *actuator.components, TIPS),
         _BEAM_STATES + actuator.states,
         (*rows_of(actuator), *MORE_FIGURES),
         outputs,

@@ -267,6 +267,7 @@ def certify_box(
     budget: int = 4000,
     seconds: float = inf,
     volumes: bool = True,
+    searched: bool = False,
 ) -> BoxVerdict:
     """Prove or refute stability for every member of a box: zero exclusion by branch and bound.
 
@@ -279,6 +280,7 @@ def certify_box(
         budget: most pieces to look at; a quarter of it for the volumes of a box that a member refutes.
         seconds: most time to spend on the search; what was found until then is proved all the same.
         volumes: whether to work out the volumes of a box that is not proved.
+        searched: whether members that are not stable were looked for already, in vain, in the box or a larger one.
 
     Raises:
         ValueError: for a parameter that the family does not have, or a range that it does not allow.
@@ -294,7 +296,9 @@ def certify_box(
         return ""
 
     with ctx.workprec(PRECISION_BITS):
-        point = nominal if stable_at(statement, nominal) is False else unstable_member(statement)
+        point = nominal if stable_at(statement, nominal) is False else None
+        if point is None and not searched:
+            point = unstable_member(statement)
         if point is not None and not volumes:
             return BoxVerdict(False, _of(statement, point, box), None, point, box, 0, 0, writer(point, None))
         try:

@@ -1,8 +1,8 @@
 """Members of a box: polynomials, exact, and how many of their roots are unstable; and a search for one that has any."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import lru_cache, partial
 
 import numpy as np
 from flint import acb, arb, fmpq, fmpq_poly
@@ -106,6 +106,9 @@ def unstable_roots(one: Quasipolynomial) -> int:
 _PADE = 3
 """exp(-x) is taken as ((1 - x / 6) / (1 + x / 6))^3 where roots are only looked for."""
 
+_UNSTABLE = 1e-3
+"""A root with a real part of this share of its size will be confirmed."""
+
 _STEPS = 1000
 """Shares of a range are rounded to this many steps before a member is confirmed."""
 
@@ -116,7 +119,7 @@ def unstable_member(
     """Parameters of a member that is proved not to be stable, or None where none was found.
 
     A population of corners and midpoints climbs, one variable at a time, towards less damping of the least damped
-    root. Finding nothing means nothing.
+    root, until one is not stable. Finding nothing means nothing.
 
     Args:
         statement: the family over its box.
@@ -124,24 +127,30 @@ def unstable_member(
         population: how many members climb; at most half of them start from those given.
         rounds: most rounds over all variables.
     """
-    shares = climbed(lambda some: undamping(statement, some), len(statement.varying), near, population, rounds)
-    for some in shares[:3]:
+
+    def confirmed(some: np.ndarray) -> dict[str, fmpq] | None:
         point = parameters_at(statement, [fmpq(round(float(share) * _STEPS), _STEPS) for share in some])
-        if stable_at(statement, point) is False:
+        return point if stable_at(statement, point) is False else None
+
+    above = _UNSTABLE
+    for shares, score in climb(partial(undamping, statement), len(statement.varying), near, population, rounds):
+        order = np.argsort(-score)
+        if score[order[0]] > above and (point := confirmed(shares[order[0]])):
             return point
-    return None
+        above = max(above, score[order[0]])
+    return next((point for some in shares[order[:3]] if (point := confirmed(some))), None)
 
 
-def climbed(
+def climb(
     score_of: Callable[[np.ndarray], np.ndarray], k: int, near: Sequence[Sequence[float]], population: int, rounds: int
-) -> np.ndarray:
-    """Members (P, k) of a population of corners and midpoints, each better than it was in one variable after the other.
+) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+    """Members (P, k) of a population of corners and midpoints and their scores (P,), better in one variable each time.
 
     Args:
         score_of: scores (B,) of members at shares (B, k) of the ranges.
         k: number of variables.
         near: as for `unstable_member`, as are the last two.
-        population: of how many; the best come first.
+        population: of how many.
         rounds: most rounds over all variables.
     """
     generator = np.random.default_rng(0)
@@ -151,6 +160,7 @@ def climbed(
         given = np.array(near)[generator.permutation(len(near))[: population // 2]]
         shares[-len(given) :] = given
     score = score_of(shares)
+    yield shares, score
     for turn in range(rounds if k else 0):
         before = score.copy()
         for i in generator.permutation(k):
@@ -164,9 +174,9 @@ def climbed(
             better = found.max(axis=0) > score
             shares[better, i] = tried[best, np.arange(population)][better]
             score = np.maximum(score, found.max(axis=0))
+            yield shares, score
         if np.all(score - before < 1e-4):
-            break
-    return shares[np.argsort(-score)]
+            return
 
 
 def undamping(statement: Statement, shares: np.ndarray) -> np.ndarray:

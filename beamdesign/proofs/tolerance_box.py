@@ -161,13 +161,13 @@ def largest_scaling(
     """
     family = rig_family(subject, varying=box.ranges) if isinstance(subject, Prototype) else subject
     limit = _limit(family, box, most)
-    refuted, point = _least_refuted(family, box, limit, within / 4)
+    refuted, point, searched = _least_refuted(family, box, limit, within / 4)
     proved, verdict, above = fmpq(0), None, limit if refuted is None else refuted
     factor = limit if refuted is None else _short(refuted * (1 - exact(within)))
     for _ in range(_TRIES):
         if not above * (1 - exact(1.001 * within)) > proved or factor <= 0:
             break
-        found = certify_box(family, box.scaled(factor), budget, volumes=False)
+        found = certify_box(family, box.scaled(factor), budget, volumes=False, searched=factor <= searched)
         if found.stable:
             proved, verdict = factor, found
         else:
@@ -194,22 +194,22 @@ def _limit(family: PolynomialFamily, box: Box, most: float) -> fmpq:
 
 def _least_refuted(
     family: PolynomialFamily, box: Box, limit: fmpq, within: float
-) -> tuple[fmpq | None, Mapping[str, fmpq] | None]:
-    """The least factor, about, at which a member is found that is not stable, and that member."""
+) -> tuple[fmpq | None, Mapping[str, fmpq] | None, fmpq]:
+    """The least factor, about, at which a member is found that is not stable, that member, and where none was found."""
 
     def found(factor: fmpq) -> Mapping[str, fmpq] | None:
         return unstable_member(family.over(box.scaled(factor).ranges))
 
     low, high, point = fmpq(0), limit, found(limit)
     if point is None:
-        return None, None
+        return None, None, limit
     while high - low > exact(within) * high and high > limit / 1000:
         middle = _short((low + high) / 2)
         if (nearer := found(middle)) is not None:
             high, point = middle, nearer
         else:
             low = middle
-    return high, point
+    return high, point, low
 
 
 def _short(factor: fmpq) -> fmpq:

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from flint import fmpq
 
-from beamdesign.proofs.box_member import climbed, parameters_at
+from beamdesign.proofs.box_member import climb, parameters_at
 from beamdesign.proofs.slope_claim import UNKNOWN
 from beamdesign.proofs.statement import Statement
 from beamdesign.proofs.value_set import with_unknown
@@ -87,7 +87,8 @@ def _worst_between(
     best = only
     if best is None:
         largest = partial(_largest, by, statement, grid)
-        best = climbed(largest, len(statement.varying), near, _POPULATION, _ROUNDS)[:1]
+        *_, (shares, score) = climb(largest, len(statement.varying), near, _POPULATION, _ROUNDS)
+        best = shares[[score.argmax()]]
     w, spread = grid, (high / low) ** (2 / _IN_BAND)
     for _ in range(_FINE):
         middle = w[0, by(statement, best, w).argmax()]

@@ -10,27 +10,25 @@ Stability of the whole box follows from
 
 Then no root can cross the imaginary axis anywhere in the box. The tree is in prefix order, each cut followed by its
 lower and its upper side, so that the pieces fill the box by construction. A variable is cut in the middle of its range,
-or of its reciprocal's where it enters by that. All values are exact rationals or balls.
+or of its reciprocal's where it enters by that. All values are exact rationals or balls, with middles in floats where
+there are many.
 """
 
 import operator
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from fractions import Fraction
-from functools import reduce
+from functools import cached_property, reduce
 from itertools import product, zip_longest
 from math import comb
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, NamedTuple
 
+import numpy as np
 from flint import acb, arb, fmpq, fmpq_poly
 
 from beamdesign.proofs.statement import Interval, Node, Statement, Term
 
 PRECISION_BITS = 96
-Choice = tuple[int, ...]
-"""Numbers of control points, of some packs of leaves that are enumerated."""
-
-T = TypeVar("T")
-
 ARC_PARTS = 6
 """Tangents around the arc of exp(-jwT)."""
 
@@ -84,15 +82,71 @@ def control_value(low: Any, high: Any, power: int, degree: int, i: int) -> Any:
     return sum(terms, 0 * low) / comb(degree, power)
 
 
+@dataclass(frozen=True)
+class Balls:
+    """Complex numbers in floats, each no farther from its middle than its radius, which is rounded up.
+
+    Arrays (C1, ..., CN, V): an axis for every pack that is enumerated, of length one where nothing depends on it, and V
+    points. Sums and products of floats as bounded by S. M. Rump, BIT 39 (1999) 534; that of complex ones errs by less
+    than 4 u |a b| (R. Brent, C. Percival, P. Zimmermann, Math. Comp. 76 (2007) 1469).
+    """
+
+    middle: np.ndarray
+    radius: np.ndarray
+
+    def __add__(self, other: "Balls") -> "Balls":
+        """Of every point of either."""
+        return self._joined(other, np.add, lambda a, b, r, t: r + t + _UNIT * (a + b))
+
+    def __mul__(self, other: "Balls") -> "Balls":
+        """Of every point of either."""
+        return self._joined(other, np.multiply, lambda a, b, r, t: a * t + (b + t) * r + 4 * _UNIT * a * b)
+
+    def _joined(self, other: "Balls", combined: np.ufunc, strayed: Callable[..., np.ndarray]) -> "Balls":
+        sides = [part[..., :, None] for part in (self.middle, self.size, self.radius)]
+        others = [part[..., None, :] for part in (other.middle, other.size, other.radius)]
+        middle = combined(sides[0], others[0])
+        radius = _UP * strayed(sides[1], others[1], sides[2], others[2]) + _LEAST
+        return Balls(*(part.reshape(*part.shape[:-2], -1) for part in (middle, radius)))
+
+    @cached_property
+    def size(self) -> np.ndarray:
+        """Upper bounds of the sizes of the middles."""
+        return np.asarray(_UP * np.abs(self.middle))
+
+    @cached_property
+    def largest(self) -> arb:
+        """Upper bound of the size of any."""
+        return arb(float((_UP * (self.size + self.radius)).max()))
+
+    def along(self, direction: tuple[int, int]) -> np.ndarray:
+        """Lower bounds (C1, ..., CN) of the real part of the points times the conjugate of a direction."""
+        x, y = direction
+        strayed = (abs(x) + abs(y)) * (self.radius + 4 * _UNIT * self.size)
+        return np.asarray((x * self.middle.real + y * self.middle.imag - _UP * strayed - _LEAST).min(axis=-1))
+
+
+_UNIT, _UP, _LEAST = 2.0**-53, 1 + 2.0**-48, 1e-290
+"""Relative error of one rounding, what outweighs a dozen of them, and what outweighs underflow."""
+
+
+def balls(points: Sequence[acb], shape: Sequence[int] = (-1,)) -> Balls:
+    """Points as they are."""
+    middle = [complex(point) for point in points]
+    radius = [float(abs(point - acb(at)).upper()) for point, at in zip(points, middle, strict=True)]
+    return Balls(np.array(middle).reshape(shape), (_UP * np.array(radius) + _LEAST).reshape(shape))
+
+
 class Frame:
     """Points whose convex hull holds each part of p at one exact frequency, over one cell."""
 
     def __init__(self, cell: Cell, w: fmpq):
         self.cell, self.w = cell, w
         self._powers = [arb(w**i) for i in range(max(*cell.statement.degree, 2) + 1)]
-        self._known: dict[int, dict[Choice, list[acb]]] = {}
-        self._sizes: dict[int, arb] = {}
-        self._packs = [self._pack(pack) for pack in cell.statement.bound]
+        self._known: dict[int, Balls] = {}
+        self._enumerated = {
+            name: self._along(one, k) for k, pack in enumerate(cell.statement.bound) for name, one in self._pack(pack)
+        }
 
     def _value(self, coefficients: Mapping[int, arb]) -> acb:
         parts = [arb(0), arb(0)]
@@ -117,70 +171,45 @@ class Frame:
             points = [point + step for point in points for step in steps]
         return points
 
-    def _pack(self, pack: Sequence[str]) -> list[dict[str, acb]]:
+    def _pack(self, pack: Sequence[str]) -> Iterator[tuple[str, list[acb]]]:
         if len(pack) == 1:
-            return [{pack[0]: point} for point in self._leaf(pack[0])]
+            yield pack[0], self._leaf(pack[0])
+            return
         statement = self.cell.statement
         degrees = statement.pack_degrees(pack)
-        columns = [
-            [self._value(c) for c in self.cell.grid((name, -1), statement.leaves[name], degrees)] for name in pack
-        ]
-        return [dict(zip(pack, values, strict=True)) for values in zip(*columns, strict=True)]
+        for name in pack:
+            yield name, [self._value(c) for c in self.cell.grid((name, -1), statement.leaves[name], degrees)]
 
-    def points(self, node: Node) -> dict[Choice, list[acb]]:
+    def _along(self, points: Sequence[acb], axis: int | None = None) -> Balls:
+        """Points along the axis of a pack, or of none."""
+        shape = [1] * (len(self.cell.statement.bound) + 1)
+        shape[-1 if axis is None else axis] = len(points)
+        return balls(points, shape)
+
+    def points(self, node: Node) -> Balls:
         """Points whose hull holds a part of p, for each choice of control points of the packs on which it depends."""
         if id(node) not in self._known:
             self._known[id(node)] = self._found(node)
         return self._known[id(node)]
 
-    def _found(self, node: Node) -> dict[Choice, list[acb]]:
+    def _found(self, node: Node) -> Balls:
         if node.kind == "leaf":
-            if not node.packs:
-                return {(): self._leaf(node.name)}
-            return {(k,): [chosen[node.name]] for k, chosen in enumerate(self._packs[node.packs[0]])}
+            return self._enumerated[node.name] if node.packs else self._along(self._leaf(node.name))
         if node.kind == "delay":
             least, most = self.cell.values[node.name]
-            return {(): arc(arb(self.w * least), arb(self.w * (most - least)))}
+            return self._along(arc(arb(self.w * least), arb(self.w * (most - least))))
         if node.kind == "circle":
             low, high = self.cell.values[node.name]
             centre, radius = map(arb, self.cell.statement.circles[node.name])
-            return {(): [centre + radius * point for point in arc(_turn() * arb(low), _turn() * arb(high - low))]}
-        combined = operator.add if node.kind == "sum" else operator.mul
-        found, packs = self.points(node.parts[0]), node.parts[0].packs
-        for part in node.parts[1:]:
-            together = tuple(sorted({*packs, *part.packs}))
-            found = {
-                choice: [combined(a, b) for a in some for b in others]
-                for choice, (some, others) in self._aligned(together, (packs, found), (part.packs, self.points(part)))
-            }
-            packs = together
-        return found
-
-    def _aligned(
-        self, packs: tuple[int, ...], *tables: tuple[tuple[int, ...], Mapping[Choice, T]]
-    ) -> Iterator[tuple[Choice, list[T]]]:
-        """For every choice in some packs what each table, of some of these packs, has for it."""
-        places = [([packs.index(k) for k in own], table) for own, table in tables]
-        for choice in product(*(range(len(self._packs[k])) for k in packs)):
-            yield choice, [table[tuple([choice[k] for k in own])] for own, table in places]
+            around = arc(_turn() * arb(low), _turn() * arb(high - low))
+            return self._along([centre + radius * point for point in around])
+        return reduce(operator.add if node.kind == "sum" else operator.mul, map(self.points, node.parts))
 
     def least(self, direction: tuple[int, int]) -> arb:
         """Lower bound of the real part of p times the conjugate of a direction, over the cell."""
-        turn = acb(*direction).conjugate()
-        along = [
-            (node.packs, {k: reduce(arb.min, ((turn * p).real for p in some)) for k, some in self.points(node).items()})
-            for node in self.cell.statement.summands
-        ]
-        return reduce(
-            arb.min, (sum(parts, arb(0)) for _, parts in self._aligned(self.cell.statement.body.packs, *along))
-        )
-
-    def size(self, node: Node) -> arb:
-        """Upper bound of the size of a part of p."""
-        if id(node) not in self._sizes:
-            points = (point for some in self.points(node).values() for point in some)
-            self._sizes[id(node)] = reduce(arb.max, map(abs, points))
-        return self._sizes[id(node)]
+        along = [self.points(node).along(direction) for node in self.cell.statement.summands]
+        strayed = 2 * len(along) * _UNIT * reduce(operator.add, map(np.abs, along))
+        return arb(float((reduce(operator.add, along) - _UP * strayed).min()))
 
 
 def arc(start: arb, sweep: arb) -> list[acb]:
@@ -217,7 +246,7 @@ def growth(frames: tuple[Frame, Frame], node: Node) -> tuple[arb, arb, arb]:
     else:
         parts = [growth(frames, part) for part in node.parts]
         slope, bend = sum((df for _, df, _ in parts), arb(0)), sum((ddf for _, _, ddf in parts), arb(0))
-    return reduce(arb.max, (frame.size(node) for frame in frames)) + _stray(frames, bend), slope, bend
+    return reduce(arb.max, (frame.points(node).largest for frame in frames)) + _stray(frames, bend), slope, bend
 
 
 def _stray(frames: tuple[Frame, Frame], bend: arb) -> arb:

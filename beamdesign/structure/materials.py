@@ -67,7 +67,10 @@ class Material(Record):
         """Largest outside diameter over wall of a round tube that counts whole in bending: the limit of class 3.
 
         Of aluminium alloys EN 1999-1-1, 6.1.4: beta = 3 sqrt(D / t) with D at mid-thickness, held to the limit of
-        internal parts, where their factor C1 / x - C2 / x^2 leaves 1. Of all else EN 1993-1-1:2005, Table 5.2:
+        internal parts, where their factor C1 / x - C2 / x^2 leaves 1 (beta / epsilon of 22 in class A, 18 in class B).
+        The formula for round tubes was entered from memory and could not be compared with the standard's text: look it
+        up before a tube is built to this limit. In class A the elastic critical stress is there six times the strength,
+        1.21 E t / D of a perfect cylinder. Of all else EN 1993-1-1:2005, Table 5.2:
         90 (235 MPa / f_y), in proportion to the modulus of a plate that buckles as C1 says; the elastic critical
         stress 1.21 E t / D is then twelve times the strength. Less stressed, such tubes may be as much more slender
         (EN 1993-1-1, 5.5.2(9)), which `beamdesign.synthesis.checks` sees to.

@@ -1,13 +1,15 @@
 """The law that gives the end of a link a stiffness: the servo's command moves by the force on the tip over it.
 
-What pushes the tip is what bends the outer beam less what the cylinder holds, F = K_m x - A p_L + (M s^2 + b_m s) x.
-The first two terms, measured and behind a low-pass H, are the estimate; beam and end mass keep their inertia, which the
-estimate would need to know. With C the servo's own law and F_s its sensor's gain,
+What pushes the tip is what bends the outer beam less what the actuator holds, F = K_m x - F_c + (M s^2 + b_m s) x, with
+F_c = A p_L of a cylinder, and a load cell's on the nut of a screw. The first two terms, measured and behind a low-pass
+H, are the estimate; beam and end mass keep their inertia, which the estimate would need to know. With C the servo's own
+law and F_s its sensor's gain,
 
-    current = K C(s) [command - sensor + (F_s / k_c) H(s) (K_m x - A p_L)].
+    current = K C(s) [command - sensor + (F_s / k_c) H(s) (K_m x - F_c)].
 
-At rest the servo alone moves by G0 = 1 / (K_m + A (K_q / K_pq) K F_s) per newton and follows a command but for K_m G0
-of it, so that x / F = G0 + (1 - K_m G0) / k_c. k_c is chosen to make that 1 / k_d.
+At rest the servo alone moves by G0 = 1 / (K_m + g K F_s) per newton, a current holding g = A K_q / K_pq, or K_t / h of
+a screw, and follows a command but for K_m G0 of it, so that x / F = G0 + (1 - K_m G0) / k_c. k_c is chosen to make
+that 1 / k_d.
 
 What is proved of a link whose end has a commanded stiffness is tracking, passivity, contact, and what can be had.
 """
@@ -19,7 +21,7 @@ from typing import Literal
 import numpy as np
 from flint import fmpq
 
-from beamdesign.controllers import Cascade, Observer, Sensed
+from beamdesign.controllers import SENSORS, Cascade, Observer, Sensed
 from beamdesign.loop import Tip, close_loop, tip
 from beamdesign.plant.linear import Plant
 from beamdesign.plant.members import paper_model
@@ -45,8 +47,6 @@ from beamdesign.prototype import Prototype
 from beamdesign.rational import nearest
 from beamdesign.structure.lumped import figures
 
-SENSORS: tuple[Sensed, ...] = ("displacement_m", "load_pressure_Pa")
-
 
 @dataclass(frozen=True)
 class CompliantLaw:
@@ -63,20 +63,23 @@ class CompliantLaw:
     force_filter_Hz: float
 
 
+def sensors(prototype: Prototype) -> tuple[Sensed, ...]:
+    """What such a law hears: the displacement, and what the actuator feels."""
+    return tuple(name for name in SENSORS if name in (SENSORS[0], prototype.actuator.feels[0]))
+
+
 def servo_stiffness(prototype: Prototype, servo: Cascade) -> float:
     """Static stiffness of the end under a servo alone, N/m: the most that it can be given; infinite without leakage."""
     given = figures(prototype)
-    if given["leakage"] == 0:
-        return inf
-    pressure_gain = given["flow_gain"] / given["leakage"]
-    return given["outer_stiffness"] + given["piston_area"] * pressure_gain * servo.gain_A_per_V * given["sensor_gain"]
+    held = prototype.actuator.held_N_per_A(given)
+    return given["outer_stiffness"] + held * servo.gain_A_per_V * given["sensor_gain"]
 
 
 def least_gain(prototype: Prototype, end_stiffness: float) -> float:
     """The gain (A/V) at which a servo alone is as stiff as this (N/m); 0 where it need not be any."""
     given = figures(prototype)
-    per_gain = given["piston_area"] * given["flow_gain"] * given["sensor_gain"]
-    return max(end_stiffness - given["outer_stiffness"], 0.0) * given["leakage"] / per_gain
+    per_gain = prototype.actuator.held_N_per_A(given) * given["sensor_gain"]
+    return max(end_stiffness - given["outer_stiffness"], 0.0) / per_gain
 
 
 def commanded_compliance(prototype: Prototype, law: CompliantLaw) -> float:
@@ -94,7 +97,7 @@ def commanded_compliance(prototype: Prototype, law: CompliantLaw) -> float:
 
 
 def controller_of(prototype: Prototype, law: CompliantLaw) -> Observer:
-    """The controller of displacement, load pressure and command: states of the servo, then the estimated force in V.
+    """The controller of displacement, force felt and command: states of the servo, then the estimated force in V.
 
     Raises:
         ValueError: where the servo alone is not as stiff as the end is to be.
@@ -106,15 +109,15 @@ def controller_of(prototype: Prototype, law: CompliantLaw) -> Observer:
     n = len(b)
     # The sensor's volts are command - e_1, so that K_m x = K_m (command - e_1) / F_s.
     spring = given["outer_stiffness"] * compliance
-    pressure = given["sensor_gain"] * given["piston_area"] * compliance
+    force = given["sensor_gain"] * given.get("piston_area", 1.0) * compliance  # per what is felt of it
     whole = np.zeros((n + 1, n + 1))
     whole[:n, :n], whole[:n, n], whole[n, n] = a, b[:, 0], -cutoff
     inputs = np.zeros((n + 1, 2))
     inputs[:n, 0] = b[:, 0]
-    inputs[n] = -cutoff * spring, cutoff * pressure
+    inputs[n] = -cutoff * spring, cutoff * force
     commanded = np.zeros(n + 1)
     commanded[n] = cutoff * spring
-    return Observer.of(servo.gain_A_per_V, SENSORS, whole, inputs, [*c, d[0]], [d[0], 0.0], commanded)
+    return Observer.of(servo.gain_A_per_V, sensors(prototype), whole, inputs, [*c, d[0]], [d[0], 0.0], commanded)
 
 
 Need = Literal["passive", "wall", "stable"]
@@ -175,7 +178,7 @@ def sensed(prototype: Prototype) -> Plant:
     Raises:
         InputError: for a prototype with effects.
     """
-    return paper_model(prototype).plant(prototype.payload.inner_end_mass_kg, SENSORS)
+    return paper_model(prototype).plant(prototype.payload.inner_end_mass_kg, sensors(prototype))
 
 
 def in_contact(port: Tip, masses: tuple[fmpq, fmpq], wall: Wall, need: Need) -> bool:
@@ -204,8 +207,7 @@ def judge(prototype: Prototype, law: CompliantLaw | None, masses_kg: tuple[float
     controller = prototype.controller if law is None else controller_of(prototype, law)
     if controller is None:
         raise ValueError("the prototype has no [controller]")
-    sensors = controller.sensed_law().sensors
-    plant = paper_model(prototype).plant(prototype.payload.inner_end_mass_kg, sensors)
+    plant = paper_model(prototype).plant(prototype.payload.inner_end_mass_kg, controller.sensed_law().sensors)
     closed = close_loop(plant, controller)
     port, low, high = tip(closed), exact(masses_kg[0]), exact(masses_kg[1])
     static = port.static_stiffness()
@@ -252,7 +254,7 @@ def over_compliance(prototype: Prototype, servo: Cascade, force_filter_Hz: float
     stiffness = min(servo_stiffness(prototype, servo) / 2, 1e6)
     law = CompliantLaw(servo, stiffness, force_filter_Hz)
     plant, controller = sensed(prototype), controller_of(prototype, law)
-    deaf = controller.but(b=(*controller.b[:-1], (0.0,) * len(SENSORS)))  # it hears of no force
+    deaf = controller.but(b=(*controller.b[:-1], (0.0,) * len(controller.sensors)))  # it hears of no force
     with_force, without = (tip(close_loop(plant, one)).against(mass) for one in (controller, deaf))
     return Affine(without, (with_force - without) / exact(commanded_compliance(prototype, law)))
 

@@ -122,7 +122,7 @@ def in_box(task: Search, design: Design, missed: float = -ROOM / 2) -> list[tupl
 def no_answer(kind: str, goal: Goal, masses_kg: tuple[float, float], failure: str) -> str:
     """Why there is no design, and what may allow one."""
     if over():
-        return f"no {kind} controller was proved in the time given ({failure}); more of it may find one"
+        return f"no {kind} controller was proved in the time given ({failure}); more time may find one"
     ratio = goal.peak_over_passive
     softer = f" and {ratio:g} times its largest with the servo off at any" if ratio < inf else ""
     return (

@@ -148,7 +148,7 @@ def rig_samples(
         members: linear members of the rig.
         frequency_Hz: (f,) ascending.
         outer_end_masses: kg.
-        sensors: of `beamdesign.controllers.SENSED`.
+        sensors: of `beamdesign.controllers.SENSORS`.
         relaxed: factor on the limit of sensitivity of members that are to perform.
     """
     parts = [

@@ -11,7 +11,6 @@ import numpy as np
 
 from beamdesign.controllers import Cascade, Lag, Observer
 from beamdesign.loop import Loop, close_loop, tip
-from beamdesign.plant.actuators import not_felt
 from beamdesign.plant.linear import Plant
 from beamdesign.plant.members import paper_model
 from beamdesign.polynomial import exact
@@ -21,10 +20,8 @@ from beamdesign.proofs.contact import Wall
 from beamdesign.proofs.performance import prove
 from beamdesign.proofs.rectangle import Rectangle
 from beamdesign.prototype import Prototype
-from beamdesign.records import InputError
 from beamdesign.synthesis.end_stiffness import (
     NEEDS,
-    SENSORS,
     SHARE,
     CompliantLaw,
     EndStiffness,
@@ -94,10 +91,8 @@ def design(
         progress: told the share done and what is being done.
 
     Raises:
-        InputError: for a prototype with effects, or whose actuator feels no load pressure.
+        InputError: for a prototype with effects.
     """
-    if wrong := list(not_felt(type(prototype.actuator), SENSORS, "an end stiffness")):
-        raise InputError(prototype.name, wrong)
     report = progress or silent
     others = _plants_drawn(prototype, masses_kg[1], rigs)
     if servo is not None and (most := servo_stiffness(prototype, servo)) < end_stiffness:

@@ -27,8 +27,7 @@ import numpy as np
 from scipy.linalg import block_diag, cholesky, solve_continuous_are, solve_continuous_lyapunov, svd
 
 from beamdesign.controllers import SENSED, Sensed
-from beamdesign.plant.linear import LinearModel
-from beamdesign.plant.linearised import SEEN
+from beamdesign.plant.linear import SEEN_AS, LinearModel
 
 
 @dataclass(frozen=True)
@@ -181,7 +180,7 @@ def sensed_model(
         rig: of a prototype, or of one of its linear members.
         outer_end_mass: kg.
         inner_end_mass: kg.
-        sensors: of `beamdesign.controllers.SENSED`, the displacement first.
+        sensors: of `beamdesign.controllers.SENSORS`, the displacement first.
 
     Returns:
         From tip force (N) and current (A) to the tip's displacement (m) and what the p sensors give (V, m, Pa).
@@ -192,7 +191,7 @@ def sensed_model(
     a, b, c = rig.matrices(outer_end_mass, inner_end_mass)
     if not sensors or sensors[0] != SENSED[0]:
         raise ValueError("the first sensor is that of the outer tip's displacement")
-    outputs = c[[0, 1, *(SEEN.index(name) for name in sensors[1:])]]
+    outputs = c[[0, 1, *(SEEN_AS[name] for name in sensors[1:])]]
     return StateSpace(a, b, outputs, np.zeros((len(outputs), b.shape[1])))
 
 

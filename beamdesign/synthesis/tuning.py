@@ -108,7 +108,7 @@ class LawOptions:
             well, where it is structured or an observer. A kind without seeds is tuned from the prototype's own.
         inner_kg: least and most mass on the inner tip.
         sections: second-order sections of a structured controller.
-        sensors: what an observer reads, of `beamdesign.controllers.SENSED`.
+        sensors: what an observer reads, of `beamdesign.controllers.SENSORS`.
         spread: rigs that are off, of which the worst are proved as well; none: the nominal rig alone.
         near: begin with the prototype's own controller, where it is of this kind and its loop stable, instead of
             growing or synthesising others; these come after all where nothing next to it is proved.

@@ -29,8 +29,8 @@ import numpy as np
 from flint import arb, arb_mat, ctx, fmpq, fmpq_mat
 
 from beamdesign.build.realisation.law import LinearLaw
-from beamdesign.controllers import SENSED
-from beamdesign.plant.linearised import SEEN
+from beamdesign.controllers import SENSED, SENSORS
+from beamdesign.plant.linear import SEEN_AS
 from beamdesign.plant.members import paper_model
 from beamdesign.polynomial import exact
 from beamdesign.progress import Progress, silent
@@ -52,7 +52,7 @@ class HeldPlant:
 
     Attributes:
         a: (n, n) of the plant in balanced states; b: (n, 1) from the current.
-        seen: (1, n) to the sensor's volts, and to what else may be sensed (m, Pa), by the names of `SENSED`.
+        seen: (1, n) to the sensor's volts, and to what else may be sensed (m, Pa, N), by the names of `SENSORS`.
         velocity: index of the row that the total mass divides.
         bare_mass: kg.
         force: (n, 1) from the disturbance on the outer tip, N.
@@ -121,8 +121,7 @@ def held_plant(prototype: Prototype) -> HeldPlant:
     balanced = fmpq_mat(n, n, [a[i, j] * scales[j] / scales[i] for i in range(n) for j in range(n)])
     current = fmpq_mat(n, 1, [b[i, 1] / scales[i] for i in range(n)])
     seen: dict[str, fmpq_mat] = {
-        name: fmpq_mat(1, n, [c[SEEN.index(as_seen), j] * scales[j] for j in range(n)])
-        for name, as_seen in zip(SENSED, ("measured_V", *SENSED[1:]), strict=True)
+        name: fmpq_mat(1, n, [c[SEEN_AS[name], j] * scales[j] for j in range(n)]) for name in SENSORS
     }
     force = fmpq_mat(n, 1, [b[i, 0] / scales[i] for i in range(n)])
     tip = fmpq_mat(1, n, [c[0, j] * scales[j] for j in range(n)])

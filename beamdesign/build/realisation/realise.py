@@ -39,7 +39,7 @@ from beamdesign.prototype import Prototype
 
 LEAST_WORD, LARGEST_WORD = 8, 32
 FULL_SCALE_V = 10.0
-FULL_SCALES = {"inner_displacement_m": 0.01, "load_pressure_Pa": 2.1e7}
+FULL_SCALES = {"inner_displacement_m": 0.01, "load_pressure_Pa": 2.1e7, "screw_force_N": 1e4}
 """Of the other readings where nothing says better: a beam's tip and an industrial supply."""
 FLOAT_STEP = 2.0**-23
 """Largest distance of neighbouring floats of 32 bits, relative."""
@@ -196,6 +196,7 @@ def full_scales_of(prototype: Prototype, full_scale_V: float) -> dict[str, float
     return FULL_SCALES | {
         "inner_displacement_m": full_scale_V / prototype.sensor.gain_V_per_m,
         "load_pressure_Pa": prototype.supply.pressure_Pa or FULL_SCALES["load_pressure_Pa"],
+        "screw_force_N": max(2 * prototype.actuator.strength_N(prototype), FULL_SCALES["screw_force_N"]),
     }
 
 

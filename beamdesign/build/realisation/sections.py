@@ -56,7 +56,7 @@ class Channel:
     """What the law makes of one reading: a gain and sections of unit static gain, in the order in which it passes them.
 
     Attributes:
-        heard: `displacement_m` for the error in V, else what is read, of `beamdesign.controllers.SENSED`, or
+        heard: `displacement_m` for the error in V, else what is read, of `beamdesign.controllers.SENSORS`, or
             `command_V`.
         gain: A per V, m or Pa of the reading, sign included.
         sections: none for a mere gain.

@@ -13,13 +13,11 @@ from beamdesign import records
 from beamdesign.columns import read_columns, uniform_times
 from beamdesign.controllers import Controller
 from beamdesign.diagnosis.data.dataset_index import GainEntry, ResponseEntry, Taken, TimeEntry, index_of, read_index
-from beamdesign.plant.actuators import KINDS
 from beamdesign.prototype import Prototype, read_prototype
 from beamdesign.records import InputError, Problem, Record
 
 INPUTS = ("disturbance_N", "command_V")
 MEASURED = ("current_A", "displacement_m")
-MORE_MEASURED = ("load_pressure_Pa", "inner_displacement_m")
 
 
 @dataclass(frozen=True)
@@ -30,7 +28,8 @@ class TimeRecord:
         name: file name without its ending.
         times: (N,) s, uniform.
         inputs: (N, 2) columns as in `INPUTS`.
-        measured: (N,) each, by channel: `current_A`, `displacement_m` and those of `MORE_MEASURED` that were recorded.
+        measured: (N,) each, by channel: `current_A`, `displacement_m`, and what the actuator feels and
+            `inner_displacement_m` where these were recorded.
         outer_end_mass: payload, kg.
         inner_end_mass: kg, added to the inner tip.
         controller: of the loop while it was taken.
@@ -184,7 +183,8 @@ def read_dataset(folder: str | Path) -> Dataset:
         assert chosen is not None  # checked above
         return _acting(chosen, row, row.file, path)
 
-    taken = tuple(_time_record(path.parent / row.file, row, law(row), warnings) for row in entry.record)
+    felt = prototype.actuator.feels[0]
+    taken = tuple(_time_record(path.parent / row.file, row, law(row), felt, warnings) for row in entry.record)
     responses = tuple(_response(path.parent / row.file, row, law(row)) for row in entry.frequency_response)
     gains = tuple(_measured_gain(row, prototype, path) for row in entry.critical_gain)
     return Dataset(entry.name, path.parent, prototype, taken, responses, gains, tuple(warnings))
@@ -211,16 +211,18 @@ def refuse_missing(path: Path, needed: tuple[str, ...], columns: Mapping[str, np
         raise InputError(path, problems)
 
 
-def _time_record(path: Path, row: TimeEntry, controller: Controller, warnings: list[str]) -> TimeRecord:
+def _time_record(path: Path, row: TimeEntry, controller: Controller, felt: str, warnings: list[str]) -> TimeRecord:
     columns = read_columns(path)
     needed = ("t_s", *INPUTS, *MEASURED)
     refuse_missing(path, needed, columns)
     times = uniform_times(path, columns["t_s"])
-    known = (*needed, *MORE_MEASURED, *(kind.feels[0] for kind in KINDS.values()))
+    more = felt, "inner_displacement_m"
     warnings += [
-        f"{path.name}: column {name} is not known here and was left aside" for name in columns if name not in known
+        f"{path.name}: column {name} is not known here and was left aside"
+        for name in columns
+        if name not in (*needed, *more)
     ]
-    measured = {name: columns[name] for name in (*MEASURED, *MORE_MEASURED) if name in columns}
+    measured = {name: columns[name] for name in (*MEASURED, *more) if name in columns}
     inputs = np.column_stack([columns[name] for name in INPUTS])
     masses = (row.outer_end_mass_kg, row.inner_end_mass_kg)
     return TimeRecord(path.stem, times, inputs, measured, *masses, controller, str(path))

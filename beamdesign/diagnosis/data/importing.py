@@ -34,12 +34,13 @@ _PER_FORCE = {"m": 1.0, "mm": 1e-3, "um": 1e-6, "in": 0.0254}
 
 CHANNELS = {
     "t_s": ("s", r"^t$|time|^zeit|^t[_ ]?s"),
-    "disturbance_N": ("N", r"disturb|force|load(?!.*pres)|kraft|hammer|^f(_?d)?$"),
+    "disturbance_N": ("N", r"disturb|(?<!screw_)force|load(?!.*pres)|kraft|hammer|^f(_?d)?$"),
     "command_V": ("V", r"command|\bcmd|reference|^ref|setpoint|set point|demand|soll"),
     "current_A": ("A", r"current|strom|^i(_?sv)?$|valve"),
     "inner_displacement_m": ("m", r"inner"),
     "displacement_m": ("m", r"displ|tip|deflection|position|^x(_?m)?$|weg|lvdt|outer"),
     "load_pressure_Pa": ("Pa", r"pressure|druck|^p(_?l)?$"),
+    "screw_force_N": ("N", r"screw|spindle|spindel"),
 }
 """Columns of a record: their unit, and what their names look like elsewhere."""
 _NEEDED = ("t_s", "current_A", "displacement_m")

@@ -82,8 +82,8 @@ def nominal_loop(
     a, b, c = plant.matrices(outer_end_mass, inner_end_mass)
     force, current, volts = b[:, 0], b[:, 1], c[1]
     own, entering, leaving, straight = state_space(controller.equations, controller.figures())
-    # What the law hears: error = command - volts, command, inner tip, load pressure.
-    sensed, commanded = np.vstack([-volts, 0 * volts, c[2], c[3]]), np.array([1.0, 1.0, 0.0, 0.0])
+    # What the law hears: error = command - volts, command, inner tip, and what one actuator or the other feels.
+    sensed, commanded = np.vstack([-volts, 0 * volts, c[2], c[3], c[3]]), np.array([1.0, 1.0, 0.0, 0.0, 0.0])
     closed = np.block(
         [[a + np.outer(current, straight @ sensed), np.outer(current, leaving)], [entering @ sensed, own]]
     )
@@ -107,7 +107,8 @@ def expected(record: TimeRecord, prototype: Prototype) -> Mapping[str, np.ndarra
     if not loop.stable:
         return None
     shares = loop.driven(record.inputs, record.step)
-    return {name: shares[:, k] for k, name in enumerate(CHANNELS)}
+    felt = CHANNELS.index("load_pressure_Pa")
+    return {name: shares[:, k] for k, name in enumerate(CHANNELS)} | {prototype.actuator.feels[0]: shares[:, felt]}
 
 
 _LONGEST_LAG_S = 0.02

@@ -36,6 +36,7 @@ _UNITS: dict[str, dict[str, float]] = {
 """By column: how large one SI unit is when written in another."""
 _MORE_UNITS: dict[str, dict[str, float]] = {
     "load_pressure_Pa": {"bar": 1e-5, "MPa": 1e-6, "kPa": 1e-3, "psi": 1 / 6894.757},
+    "screw_force_N": {"kN": 1e-3, "lbf": 1 / 4.4482216, "kgf": 1 / 9.80665},
     "inner_displacement_m": {"mm": 1e3, "um": 1e6, "inches": 1 / 0.0254},
 }
 """The same of columns that a record may have besides."""

@@ -95,7 +95,8 @@ class Replay:
         # Steps are counted anew only for another structure, or where the unknowns have gone a long way.
         key = (placement.assembly.kinds, placement.unknowns, tuple(np.round(z).astype(int)))
         parameters, placement = self.parameters(placement, z), self.placed(placement)
-        assembly, times, columns = placement.assembly, self.record.times, [OUTPUTS.index(name) for name in channels]
+        assembly, times = placement.assembly, self.record.times
+        columns = [assembly.outputs.index(name) for name in channels]
         try:
             start = at_rest(placement, parameters)
         except ValueError:

@@ -48,10 +48,10 @@ else:
 
 
 def not_felt(actuator: type[Actuator], sensors: Iterable[str], key: str) -> Iterator[Problem]:
-    """That a law is to hear the load pressure of a rig that has none."""
-    if "load_pressure_Pa" in sensors and actuator.feels[0] != "load_pressure_Pa":
-        kind = actuator.model_fields["kind"].default
-        yield Problem(key, f"is to hear load_pressure_Pa, which a rig with a {kind} does not have")
+    """That a law is to hear what another actuator feels of its load."""
+    kind, own = actuator.model_fields["kind"].default, actuator.feels[0]
+    for other in {one.feels[0] for one in KINDS.values()} & {*sensors} - {own}:
+        yield Problem(key, f"is to hear {other}, which a rig with a {kind} does not have; it has {own}")
 
 
 class WithActuator(Record):

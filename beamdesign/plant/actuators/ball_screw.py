@@ -43,6 +43,16 @@ def _motion(port: Signals, figure: Signals, state: Signals) -> dict[str, Any]:
     }
 
 
+FORCE = Component(
+    {
+        "actuator_force_N": lambda port, figure, state: (
+            figure["screw_stiffness"] * (state["travel_m"] - port["stroke_m"])
+            + figure["screw_damping"] * (state["travel_m_per_s"] - port["stroke_m_per_s"])
+        ),
+    }
+)
+"""What stretches the screw, where a load cell on the nut would feel it."""
+
 SCREW = Component(
     {
         "motor_demand_A": lambda port, figure, state: (
@@ -51,14 +61,10 @@ SCREW = Component(
         "sliding_m": lambda port, figure, state: state["travel_m"],
         "sliding_m_per_s": lambda port, figure, state: state["travel_m_per_s"],
         "friction_N": lambda port, figure, state: 0.0,
-        "actuator_force_N": lambda port, figure, state: (
-            figure["screw_stiffness"] * (state["travel_m"] - port["stroke_m"])
-            + figure["screw_damping"] * (state["travel_m_per_s"] - port["stroke_m_per_s"])
-        ),
     },
     _motion,
 )
-"""From the law's current to the force between the tips."""
+"""From the law's current to the travel of the nut."""
 
 
 class BallScrew(Actuator):
@@ -114,7 +120,7 @@ class BallScrew(Actuator):
             "the break frequency of the current loop",
         ),
     )  # fmt: skip
-    components = (SCREW,)
+    felt_by, components = (FORCE,), (SCREW,)
     states = ("travel_m", "travel_m_per_s", "motor_A")
     feels = "screw_force_N", lambda port, figure, state: port["actuator_force_N"]
     linear_states = states
@@ -153,6 +159,11 @@ class BallScrew(Actuator):
     def _give(cls, figure: Signals, s: Any) -> Any:
         """What a force compresses the screw by, m/N."""
         return 1 / (figure["screw_stiffness"] + figure["screw_damping"] * s)
+
+    @classmethod
+    def held_N_per_A(cls, figure: Signals) -> float:
+        """K_t / h: the rotor stands still, and nothing is fed back."""
+        return float(figure["torque_constant"] / figure["lead"])
 
     @classmethod
     def travel(cls, figure: Signals, s: Any) -> Any:

@@ -152,6 +152,7 @@ class Actuator(Kinded):
         components: of a rig, between "current_A" and "actuator_force_N", the force on the outer tip and back on the
             inner one; they give "sliding_m" and "sliding_m_per_s", of what rubs in it, too.
         states: of these.
+        felt_by: those of its components that are worked out before its law, which may hear of them.
         feels: what it feels of its load: name in a record, and from ports, figures and states.
         linear_states: of the linear plant: first its free length, then what follows the current.
         ratings: what it has to be rated for, beside its stroke.
@@ -163,6 +164,7 @@ class Actuator(Kinded):
     parameters: ClassVar[tuple[Parameter, ...]] = ()
     tables: ClassVar[tuple[str, ...]] = ()
     components: ClassVar[tuple[Component, ...]] = ()
+    felt_by: ClassVar[tuple[Component, ...]] = ()
     states: ClassVar[tuple[str, ...]] = ()
     feels: ClassVar[tuple[str, PortLaw]]
     linear_states: ClassVar[tuple[str, ...]] = ()
@@ -196,6 +198,11 @@ class Actuator(Kinded):
     @abstractmethod
     def compliance(cls, figure: Signals, s: Any) -> Any:
         """What a force on it shortens it by with no current, m/N, at complex frequencies s (rad/s)."""
+
+    @classmethod
+    @abstractmethod
+    def held_N_per_A(cls, figure: Signals) -> float:
+        """What a current gives at rest while the tips are held, N/A; infinite where nothing balances it."""
 
     @classmethod
     @abstractmethod

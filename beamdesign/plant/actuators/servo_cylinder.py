@@ -7,7 +7,7 @@ pressure is a state which nothing drives and nothing sees.
 
 from collections.abc import Callable, Mapping
 from functools import partial
-from math import pi
+from math import inf, pi
 from typing import TYPE_CHECKING, Any, Literal
 
 from pydantic import Field
@@ -227,6 +227,12 @@ class ServoCylinder(Actuator):
         return 1 / figure["oil_stiffness"] + figure["leakage"] / (figure["piston_area"] ** 2 * s)
 
     @classmethod
+    def held_N_per_A(cls, figure: Signals) -> float:
+        """A K_q / K_pq: all flow leaks; without leakage the pressure grows."""
+        leakage = figure["leakage"]
+        return float(figure["piston_area"] * (figure["flow_gain"] / leakage)) if leakage else inf
+
+    @classmethod
     def travel(cls, figure: Signals, s: Any) -> Any:
         """K_q V(s) / (A s), V being the spool's second-order lag."""
         spool = s / figure["valve_frequency"]
@@ -270,11 +276,7 @@ class ServoCylinder(Actuator):
         stall = prototype.supply.pressure_Pa * self.smaller_side(prototype)
         largest = None if rated is None else valve_of(prototype).flow_gain_m3_per_s_per_A * rated
         parabola = Limit(
-            "valve flow",
-            "flow",
-            largest,
-            key,
-            reached=lambda asked, held, most: _within_parabola(asked, held, most, stall),
+            "valve flow", "flow", largest, key, reached=lambda asked, held, q: _within_parabola(asked, held, q, stall)
         )
         return (
             Limit("force", "force", stall, "supply.pressure_Pa"),

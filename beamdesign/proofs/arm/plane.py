@@ -81,7 +81,10 @@ def arm_figures(prototype: Prototype) -> ArmFigures:
             rectangular.
     """
     beam, arm = prototype.outer_beam, arm_of(prototype)
-    reason = "an arm bends in two planes alike: its tubes are square or round, not a rectangle"
+    reason = (
+        "a rectangular tube is stiffer in one plane than in the other, and an arm is worked out with one stiffness for"
+        " both: take a square or a round one"
+    )
     shapes = {"outer_beam": beam.shape, "inner_beam": prototype.inner_beam.shape}
     wrong = [Problem(f"{name}.shape", reason) for name, shape in shapes.items() if shape == "rectangle"]
     if beam.free_length_m is None:
