@@ -165,7 +165,7 @@ _HARMLESS = ("short", "no_content")  # to the confidence in the other records
 LOW_HZ, HIGH_HZ = 0.5, 300.0
 """Band in which a record must say something."""
 _SHORTEST_S = 0.3
-_PERIODS = 10
+_PERIODS = 3  # a loop of high order swings slowly itself, and a fit knows how it begins: at rest
 _FEWEST_SAMPLES = 32
 _SAMPLES_PER_PERIOD = 5.0
 _LEAST_SHARE = 0.02

@@ -70,10 +70,10 @@ class Replay:
     def noise_response(
         self, placement: Placement, z: np.ndarray, channels: tuple[str, ...], frequencies_Hz: np.ndarray
     ) -> np.ndarray:
-        """(F, C) what channels read of a sine of noise at the displacement's sensor, which the loop feeds back, per m.
+        """(F, C) what channels read of a sine of 1 m of noise at the displacement's sensor, which the loop feeds back.
 
-        By the linear loop at rest, to which noise at the sensor is a command with the other sign; no more than
-        `_LOUDEST`, as a believed loop may be next to unstable. Without a loop where the rig has no equilibrium.
+        By the linear loop at rest, no more than `_LOUDEST`, as a believed loop may be next to unstable; without a loop
+        where the rig has no equilibrium.
         """
         placed, parameters = self.placed(placement), self.parameters(placement, z)
         heard = np.array([[complex(name == DISPLACEMENT) for name in channels]] * len(frequencies_Hz))
@@ -81,11 +81,10 @@ class Replay:
             loop = linearise(placed.assembly, at_rest(placed, parameters), np.zeros(3), parameters)
         except ValueError:
             return heard
-        rows, column = [OUTPUTS.index(name) for name in channels], 1  # by the command
-        among = 2j * np.pi * frequencies_Hz[:, None, None] * np.eye(len(loop.a)) - loop.a
-        moved = (
-            np.linalg.solve(among, loop.b[:, [column]].astype(complex))[:, :, 0] @ loop.c[rows].T + loop.d[rows, column]
-        )
+        rows = [OUTPUTS.index(name) for name in channels]
+        whole = 2j * np.pi * frequencies_Hz[:, None, None] * np.eye(len(loop.a)) - loop.a
+        moved = np.linalg.solve(whole, loop.b[:, [1]].astype(complex))[:, :, 0] @ loop.c[rows].T + loop.d[rows, 1]
+        # noise at the sensor is a command with the other sign
         found = heard - self.prototype.sensor.gain_V_per_m * moved
         return np.asarray(found * np.minimum(1.0, _LOUDEST / np.abs(found[:, channels.index(DISPLACEMENT)]))[:, None])
 
