@@ -333,6 +333,21 @@ def test_half_the_records_gone_limits_confidence(sound: Recorded, tmp_path: Path
     assert found.limits_confidence
 
 
+@pytest.mark.parametrize("channel", ["displacement_m", "current_A"])
+def test_single_samples_that_are_off_are_bridged(channel: str, sound: Recorded, tmp_path: Path):
+    """What was put in is taken out again, at least nine tenths of it, and nothing else is touched."""
+    clean = examine(read_dataset(sound.write(tmp_path / "clean"))).data.records
+    size = {r.name: float(np.std(r.measured[channel])) for r in clean}
+    for at, off in ((300, 1.0), (420, -1.3)):
+        put(channel, "force", at, off * size["force"])(sound)
+    found = examine(read_dataset(sound.write(tmp_path / "spoilt")))
+    assert [(w.name, w.record, w.left_out) for w in found.warnings] == [("spoilt", "force", False)]
+    assert "2 single samples that are spoilt, first at 0.3 s" in found.words[0]
+    assert not found.limits_confidence
+    for before, after in zip(clean, found.data.records, strict=True):
+        assert np.max(np.abs(before.measured[channel] - after.measured[channel])) < 0.04 * size[before.name]
+
+
 def test_one_command_that_the_current_follows_is_no_outlier(sound: Recorded, tmp_path: Path):
     """A pulse one sample long, which a law without a lag makes a current of at once."""
     put("command_V", "steps", 300, 50.0)(sound)

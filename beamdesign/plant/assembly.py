@@ -196,7 +196,7 @@ def parameters_of(prototype: Prototype, outer_end_mass: float, inner_end_mass: f
 def effect_parameters_of(prototype: Prototype) -> dict[str, dict[str, float]]:
     """Parameters of a prototype's effects, sorted by name: as given, else the rig's own or the default."""
     # What an effect that is named alone takes from the rig itself.
-    own = {"pressure_dependent_flow.supply_pressure_Pa": prototype.supply.pressure_Pa}
+    own = {"pressure_dependent_flow.supply_pressure_Pa": prototype.supply.pressure_Pa} | of_drive(prototype)
     return {
         name: {
             q.name: float(prototype.effects[name].get(q.name, own.get(f"{name}.{q.name}", q.default)))
@@ -204,6 +204,13 @@ def effect_parameters_of(prototype: Prototype) -> dict[str, dict[str, float]]:
         }
         for name in sorted(prototype.effects)
     }
+
+
+def of_drive(prototype: Prototype) -> dict[str, float]:
+    """Usual figures of effects, by `EFFECT.PARAMETER`, where a drive with a command of 10 V gives the current."""
+    gain = prototype.actuator.drive_gain()
+    names = ("current_saturation", "current_saturation_soft")
+    return {f"{name}.limit_A": 10 * gain for name in names} if gain is not None else {}
 
 
 def wrong_effects(prototype: Prototype) -> list[Problem]:

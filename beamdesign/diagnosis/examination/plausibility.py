@@ -26,6 +26,7 @@ from beamdesign.diagnosis.examination.sound_records import (
     HIGH_HZ,
     LOW_HZ,
     Caution,
+    bridged,
     first,
     law,
     masses,
@@ -198,6 +199,10 @@ def examine(data: Dataset) -> Examination:
     # Each check sees what those before it have left.
     warnings += signals(usable())
     warnings += first(law, usable(), prototype)
+    named = {caution.record for caution in warnings}
+    mended = [(record, []) if record.name in named else bridged(record) for record in data.records]
+    data = replace(data, records=tuple(record for record, _ in mended))
+    warnings += [caution for _, found in mended for caution in found]
     warnings += _misread(usable(), data)
     warnings += first(suitability, usable(), prototype)
     warnings += twins(usable())

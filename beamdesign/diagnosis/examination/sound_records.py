@@ -4,7 +4,7 @@ What a recorder does to a signal is seen in the signal alone: clipping, outliers
 """
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from hashlib import sha256
 
 import numpy as np
@@ -23,7 +23,9 @@ _KINK = 3.0  # by how many of its finest steps, or of its noise, a signal runs i
 _JUMP = 8.0  # in the noise of the signal
 _FEW = 5  # samples
 _BEYOND = 10.0
-_SPIKE = 15.0  # in typical second differences
+_SPIKE = 15.0  # in typical second or fourth differences
+_UNLIKE = 0.4  # of the largest difference about a sample that is off
+_OFTEN = 0.01  # of all samples
 
 
 @dataclass(frozen=True)
@@ -81,6 +83,43 @@ def outlier(signal: np.ndarray) -> int | None:
     off = np.abs(signal - np.median(signal))
     rest = float(np.partition(off, -_FEW)[-_FEW])
     return int(np.argmax(off)) if off.max() > _BEYOND * rest > 0 else None
+
+
+_BLIP = np.array([1.0, -4.0, 6.0, -4.0, 1.0])
+"""Fourth differences about a single sample that is off by one."""
+
+
+def blips(signal: np.ndarray) -> np.ndarray:
+    """Indices of single samples that are off while all around them is smooth: a recorder's, since nothing moves so."""
+    bend = np.convolve(signal, _BLIP, "valid")
+    height = np.convolve(bend, _BLIP, "same") / float(_BLIP @ _BLIP)
+    least = _SPIKE * max(float(np.median(np.abs(height))), finest_step(signal))
+    found = []
+    for k in np.flatnonzero(np.abs(height[2:-2]) > least) + 2:
+        rest = bend[k - 2 : k + 3] - height[k] * _BLIP
+        sticks_out = np.min(np.sign(height[k]) * (signal[k + 2] - signal[[k + 1, k + 3]])) > 0.5 * abs(height[k])
+        if sticks_out and np.abs(rest).max() < _UNLIKE * abs(height[k]) * float(_BLIP.max()):
+            found.append(k + 2)
+    return np.array(found, dtype=int)
+
+
+def bridged(record: TimeRecord) -> tuple[TimeRecord, list[Caution]]:
+    """A record with single samples of one channel that are off put onto the cubic through the two on either side."""
+    at = {name: blips(signal) for name, signal in record.measured.items()}
+    steps = np.abs(np.diff(record.inputs, axis=0))
+    kicks = (np.minimum(steps[:-1], steps[1:]) > _SPIKE * np.median(steps, axis=0)).any(axis=1)  # by force or command
+    many = np.bincount(np.concatenate([*at.values(), np.flatnonzero(kicks) + 1]), minlength=1)
+    measured, found = dict(record.measured), []
+    for name, every in at.items():
+        own = every[many[every] == 1]  # what several channels show has happened
+        if not len(own):
+            continue
+        measured[name] = measured[name].copy()
+        for k in own:
+            measured[name][k] -= float(_BLIP @ measured[name][k - 2 : k + 3]) / float(_BLIP.max())
+        text = f"{name} has {len(own)} single samples that are spoilt, first at {record.times[own[0]]:.4g} s: bridged"
+        found.append(Caution("spoilt", record.name, text, limits_confidence=len(own) > _OFTEN * len(record.times)))
+    return replace(record, measured=measured), found
 
 
 def _runs(signal: np.ndarray, least: int) -> list[tuple[int, int]]:

@@ -17,7 +17,7 @@ import numpy as np
 
 from beamdesign.controllers import Controller, Proportional
 from beamdesign.parameters import PARAMETERS, RIG_TOLERANCES
-from beamdesign.plant.assembly import Assembly, Structure, assemble, fits, parameters_of
+from beamdesign.plant.assembly import Assembly, Structure, assemble, fits, of_drive, parameters_of
 from beamdesign.plant.effects import causes, library
 from beamdesign.plant.electronics import Law
 from beamdesign.prototype import Prototype
@@ -114,10 +114,11 @@ def given(name: str, prototype: Prototype) -> Mapping[str, float]:
 def of_effects(names: tuple[str, ...], prototype: Prototype) -> tuple[Unknown, ...]:
     """The parameters of effects of the library, by their names; those of learnt laws that are not `given`."""
     supply = Unknown(SUPPLY, prototype.supply.pressure_Pa, _SUPPLY_SPREAD, False, 1e6, 60e6, "effect")
+    usual = of_drive(prototype)
     own = (
-        Unknown(f"{name}.{q.name}", float(q.default), q.spread, q.low <= 0, q.low, q.high, "effect")
+        Unknown(place, float(usual.get(place, q.default)), q.spread, q.low <= 0, q.low, q.high, "effect")
         for name in names
-        for q in library()[name].parameters
+        for place, q in ((f"{name}.{q.name}", q) for q in library()[name].parameters)
         if q.name not in given(name, prototype)
     )
     return (*([supply] if set(names) & set(HEED_SUPPLY) else []), *own)

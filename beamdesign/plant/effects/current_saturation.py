@@ -12,7 +12,14 @@ def _law(signal: Any, site: Site) -> Any:
     return ca.fmin(ca.fmax(signal, -limit), limit)
 
 
-LIMIT = Parameter("limit_A", 10e-3, 0.2e-3, 0.2, 0.7, "largest current; rated currents are 8 to 40 mA")
+LIMIT = Parameter(
+    "limit_A",
+    10e-3,
+    0.2e-3,
+    1e3,
+    0.7,
+    "largest current; rated currents are 8 to 40 mA, a motor's default is its drive's",
+)
 LINEAR = Linear(
     "gain from none to the whole, the sector in which a saturation lies; performance below the limit",
     "limit cycles and recovery from large signals",
