@@ -1,6 +1,7 @@
 """How far bounded errors move the tip of every rig of a box: against exponentials, the exact prover and moving rigs."""
 
 import tomllib
+from itertools import product
 from math import hypot
 
 import numpy as np
@@ -23,7 +24,7 @@ from beamdesign.proofs.rig_family import rig_family
 from beamdesign.proofs.tolerance_box import tolerance_box
 from beamdesign.rational import nearest
 from beamdesign.scenario import Multisine
-from beamdesign.structure.lumped import with_figures
+from beamdesign.structure.lumped import figures, with_figures
 
 CLAIM = ("claim", 0)
 
@@ -45,12 +46,36 @@ def test_every_place_is_where_the_exact_prover_has_it(place: str):
     own = family(rig, 2.0).members[0].rig
     closed = rig_loop(own, rig.payload.inner_end_mass_kg, rig.controller).characteristic.at(fmpq(1))
     known = bounded_error.numerators(rig, own, {place})[place]
-    asked = Asked("deviation", 1.0, error=Weighed(place, fmpq(1), fmpq(41, 10), fmpq(300)))
+    decay, figure = fmpq(41, 10), {name: (exact(value),) * 2 for name, value in figures(rig).items()}
+    if place == "stroke":
+        decay, lead = fmpq(0), error_over_box.leading(figure, fmpq(0))
+    else:
+        lead = fmpq(1), fmpq(0)
+    asked = Asked("deviation", 1.0, error=Weighed(place, fmpq(1), decay, fmpq(300), lead))
     found = rig_family(rig, claim=asked, delayed=False, varying=box.ranges)
     point = {**found.values, **box.nominal, "outer_end_mass": fmpq(1)}
     without, with_it = (with_number(found.over(box.ranges), point, fmpq(unknown)) for unknown in (0, 1))
-    back = fmpq_poly([fmpq(41, 10), 1])
-    assert (with_it - without)(back) * closed == known * fmpq_poly([fmpq(3041, 10), 1]) * without(back)
+    back = fmpq_poly([decay, 1])
+    assert (with_it - without)(back) * closed == known * fmpq_poly([decay + 300, 1]) * without(back)
+
+
+@pytest.mark.parametrize("decay", [0.0, 20.0, 900.0])
+def test_a_force_is_worth_no_more_flow_than_its_lead_says(decay: float):
+    """At the corners of three figures, and up to a frequency at which either part is the larger one."""
+    ends = {"leakage": (2e-13, 5e-13), "piston_area": (1.1e-4, 1.2e-4), "oil_stiffness": (1e7, 1.5e7)}
+    r, t = map(nearest, error_over_box.leading({n: (exact(a), exact(b)) for n, (a, b) in ends.items()}, exact(decay)))
+    w = np.geomspace(1.0, 1e4, 50)
+    sizes = [abs(q / a + a * (1j * w - decay) / k) for q, a, k in product(*ends.values())]
+    assert (np.max(sizes, axis=0) <= abs(r + t * 1j * w) * (1 + 1e-12)).all()
+    assert (np.max(sizes, axis=0) >= 0.6 * abs(r + t * 1j * w)).all()
+
+
+def test_what_is_behind_a_dead_band_may_have_more_gain():
+    """A dead band of the spool hides more flow of a member with a larger flow gain; its claims are of the largest."""
+    rig, box, claims, _ = erring({"valve_deadband": {"half_width_A": 1e-4}})
+    largest = nearest(box.ranges["flow_gain"][1])
+    assert largest > 1.04 * figures(rig)["flow_gain"]
+    assert [nearest(claim.asked.error.size) for claim in claims] == pytest.approx([1e-4 * largest] * len(claims))
 
 
 def test_without_width_it_is_above_the_integral_and_not_far():
