@@ -1,6 +1,7 @@
 """How far bounded errors move the tip of every rig of a box: against exponentials, the exact prover and moving rigs."""
 
 import tomllib
+from dataclasses import replace
 from itertools import product
 from math import hypot
 
@@ -139,6 +140,32 @@ def test_a_delay_is_not_covered():
     assert not claims
     assert [row.proved for row in rows] == [False]
     assert "a delay" in rows[0].covers
+
+
+@pytest.mark.parametrize("peak", [1.0, 1.3, 2.0, 7.0])
+def test_on_the_circle_that_a_peak_sensitivity_keeps_free_the_criterion_just_holds(peak: float):
+    """Re[(1 + b L) conj(1 + a L)] is zero on |1 + L| = 1 / m, positive outside; over b, where that is infinite."""
+    low, high = changing_gain.covered(exact(peak))
+    turn = np.exp(2j * np.pi * np.linspace(0.0, 1.0, 33))
+    for outside in (1.0, 1.01, 3.0):
+        loops = -1 + outside / peak * turn
+        over = loops if high is None else 1 / nearest(high) + loops
+        real = (over * np.conj(1 + nearest(low) * loops)).real
+        assert abs(real).max() < 1e-12 if outside == 1.0 else real.min() > 0
+    assert (high is None) is (peak == 1.0)
+    assert nearest(low) == pytest.approx(0.5 if peak == 1.0 else peak / (peak + 1))
+
+
+@pytest.mark.parametrize("peak", [1.0, 3.0])
+def test_a_peak_sensitivity_of_one_covers_every_gain_from_one_half_up(peak: float):
+    """No loop that falls off twice as fast as frequency grows has it (Bode), so that the claim is made by hand."""
+    rig = erring({})[0].but(effects={"carrier_ripple": {"depth": 0.5, "residual_V": 0.0}})
+    box = tolerance_box(rig, 0.0, None, (0.0, 2.0))
+    claim = claim_over_box(rig, box, Asked("peak_sensitivity", 2.2))
+    one = replace(claim, asked=Asked("peak_sensitivity", peak), holds=True)
+    (row,) = changing_gain.changing_over_box(members(rig, 0.0, 2.0), box, [one])
+    assert row.proved is (peak == 1.0)
+    assert f"between 0.5 and {'any number' if peak == 1.0 else '1'} times its own" in row.covers
 
 
 @pytest.mark.parametrize("peak", [2.2, 15.0])
