@@ -86,15 +86,27 @@ def errors_over_box(
     """
     found, rows = heard(prototype)
     found = [replace(one, size=one.size * _more(prototype, box, one)) for one in found]
-    claims, most = list[BoxClaim](), list[fmpq]()
+    claims, most, known = list[BoxClaim](), list[fmpq](), dict[str, list[BoxClaim]]()
     try:
         for one in found:
-            own = _claims(prototype, box, one, budget, seconds)
+            if one.place not in known:
+                known[one.place] = _claims(prototype, box, one, budget, seconds)
+            own = [_resized(claim, one.size) for claim in known[one.place]]
             claims, most = [*claims, *own], [*most, max(exact(claim.asked.limit) for claim in own)]
     except ValueError as error:
         reason = f"No bound is proved over the box: {error}."
         return [], [*rows, *(Row((one.effect,), METHOD, False, reason) for one in found)]
     return claims, [*rows, *rows_of(found, most, "for every member of the box and every payload that stays", METHOD)]
+
+
+def _resized(claim: BoxClaim, size: fmpq) -> BoxClaim:
+    """The same of an error of another size at the same place."""
+    weighed = claim.asked.error
+    assert weighed is not None  # it is of a deviation
+    limit = exact(claim.asked.limit) * size / weighed.size
+    limit = limit if size == weighed.size else shortened(limit, _DIGITS, up=True)
+    asked = Asked("deviation", nearest(limit), error=weighed._replace(size=size))
+    return replace(claim, asked=asked, more={**claim.more, "size": text(size)})
 
 
 def _more(prototype: Prototype, box: Box, error: Error) -> fmpq:
