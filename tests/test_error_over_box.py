@@ -18,6 +18,7 @@ from beamdesign.plant.members import family
 from beamdesign.polynomial import exact
 from beamdesign.proofs import bounded_error, changing_gain, error_over_box
 from beamdesign.proofs.absolute_stability import members
+from beamdesign.proofs.box import certify_box
 from beamdesign.proofs.box_claims import claim_over_box, with_number
 from beamdesign.proofs.certificate import Asked, Weighed
 from beamdesign.proofs.error_over_box import errors_over_box
@@ -69,6 +70,17 @@ def test_a_force_is_worth_no_more_flow_than_its_lead_says(decay: float):
     sizes = [abs(q / a + a * (1j * w - decay) / k) for q, a, k in product(*ends.values())]
     assert (np.max(sizes, axis=0) <= abs(r + t * 1j * w) * (1 + 1e-12)).all()
     assert (np.max(sizes, axis=0) >= 0.6 * abs(r + t * 1j * w)).all()
+
+
+@pytest.mark.parametrize("share", [fmpq(1), fmpq(99, 100)])
+def test_a_lead_that_is_too_small_is_refused(monkeypatch: pytest.MonkeyPatch, share: fmpq):
+    """All else being proved with it."""
+    true = error_over_box.leading
+    monkeypatch.setattr(error_over_box, "leading", lambda *given: tuple(share * one for one in true(*given)))
+    monkeypatch.setattr(error_over_box, "_HALVINGS", 0)
+    rig, box, claims, _ = erring({"seal_friction": {}})
+    assert [claim.holds for claim in claims] == [True]
+    assert valid(certify_box(rig, box, volumes=False).write(claims)) is (share == 1)
 
 
 def test_what_is_behind_a_dead_band_may_have_more_gain():
