@@ -15,6 +15,7 @@ Where the limits are, and how fast a decay rate, is found from samples; what is 
 """
 
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from itertools import pairwise, zip_longest
 from math import inf, pi
@@ -50,8 +51,10 @@ _OF_SLOWEST = 0.15, 0.25, 0.35, 0.5, 0.65, 0.8
 """Decay rates that are tried, over that of the slowest pole of the samples."""
 _EXCESS, _LAST = 0.01, 0.99
 """What a band may add to I over what the samples' largest values come to, and what is to be below the last band."""
-_LOOSER = {1.15: 60, 1.3: 100, 1.6: 600, 2.5: 20_000}
+_LOOSER = {1.15: 60, 1.3: 100, 1.6: 600, 2.5: 2_000}
 """Limits over what the samples reach, tried in turn, and how many pieces are looked at; in the last band the last."""
+_SLOWER = (1.0, 0.6, 0.35)
+"""Shares of the decay rate of the slowest pole of the samples that are tried in turn: a member may be slower."""
 _DIGITS = 4
 Lead = tuple[fmpq, fmpq]
 """See `Weighed`."""
@@ -133,8 +136,15 @@ def _claims(prototype: Prototype, box: Box, error: Error, budget: int, seconds: 
         weighed = Weighed(error.place, error.size, decay, corner, lead(decay))
         return rig_family(prototype, claim=Asked("deviation", 1.0, error=weighed), delayed=False, varying=box.ranges)
 
-    def plan(own: Mapping[str, Interval]) -> Plan:
-        return _plan(plain, box, own, lead)
+    def plan(own: Mapping[str, Interval], slower: float = 1.0) -> Plan:
+        return _plan(plain, box, own, lead, slower)
+
+    def proved(one: Plan) -> BoxClaim:
+        for slower in _SLOWER:
+            with suppress(NotCovered):
+                again = one if slower == 1.0 else plan(one.own, slower)
+                return _proved(family, box, again, error, budget, seconds)
+        return _proved(family, box, plan(one.own, _SLOWER[-1] / 2), error, budget, seconds)
 
     plain, own = family(fmpq(0), fmpq(0)), _sliding(box, prototype)
     plans = [plan(own)]
@@ -145,7 +155,7 @@ def _claims(prototype: Prototype, box: Box, error: Error, budget: int, seconds: 
         plans.remove(worst)
         middle = (low + high) / 2
         plans += [plan({**own, MASS: ends}) for ends in ((low, middle), (middle, high))]
-    return [_proved(family, box, plan, error, budget, seconds) for plan in plans]
+    return [*map(proved, plans)]
 
 
 def leading(figure: Mapping[str, Interval], decay: fmpq) -> Lead:
@@ -175,7 +185,9 @@ def _sliding(box: Box, prototype: Prototype) -> dict[str, Interval]:
     return own | ({FACTOR: (fmpq(1), fmpq(1))} if FACTOR in box.ranges else {})
 
 
-def _plan(plain: PolynomialFamily, box: Box, own: Mapping[str, Interval], lead: Callable[[fmpq], Lead]) -> Plan:
+def _plan(
+    plain: PolynomialFamily, box: Box, own: Mapping[str, Interval], lead: Callable[[fmpq], Lead], slower: float
+) -> Plan:
     """The decay rate and bands of the least bound that samples of a piece allow.
 
     Raises:
@@ -190,7 +202,8 @@ def _plan(plain: PolynomialFamily, box: Box, own: Mapping[str, Interval], lead: 
         slowest = min(slowest, -max(root.real for root in roots(p)))
     if slowest <= 0:
         raise NotCovered("a member is not stable")
-    plans = (_bands(statement, shares, float(f"{share * slowest:.2g}"), own, lead) for share in _OF_SLOWEST)
+    rates = (float(f"{share * slower * slowest:.2g}") for share in _OF_SLOWEST)
+    plans = (_bands(statement, shares, rate, own, lead) for rate in rates)
     return min(plans, key=lambda one: one.per_unit)
 
 
