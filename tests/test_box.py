@@ -17,7 +17,7 @@ from beamdesign.proofs.box_member import Quasipolynomial, unstable_roots
 from beamdesign.proofs.rig_family import PolynomialFamily
 from beamdesign.proofs.stability import stable_ranges
 from beamdesign.proofs.statement import Statement
-from beamdesign.proofs.tolerance_box import largest_scaling
+from beamdesign.proofs.tolerance_box import largest_scaling, scaling_of_each
 from beamdesign.proofs.zero_exclusion import balls
 
 
@@ -116,6 +116,16 @@ def test_skewed_range_about_its_nominal_value():
     assert found.proved > 3.49
     assert certify_box(cubic, box_of({"q": (0.01, 1.99)})).stable is True  # its centre is far from either end
     assert certify_box(cubic, box_of({"q": (0.01, 2.01)})).stable is False
+
+
+def test_how_far_each_range_alone_goes():
+    """s^3 + a s^2 + b s + c is stable where a b > c (Routh): each alone against the worst ends of both others."""
+    cubic = family("s**3 + a*s**2 + b*s + c", a=2, b=1, c=1)
+    found = scaling_of_each(cubic, box_of({"a": (1.6, 2.4), "b": (0.9, 1.1), "c": (0.8, 1.2)}), within=1e-3)
+    margins = {"a": (2 - 1.2 / 0.9) / 0.4, "c": (1.6 * 0.9 - 1) / 0.2, "b": (1 - 1.2 / 1.6) / 0.1}
+    assert [*found] == [*margins]
+    for name, margin in margins.items():
+        assert 0.998 * margin < found[name].proved < margin <= found[name].refuted * (1 + 1e-12) < 1.002 * margin
 
 
 def test_root_at_zero_frequency():

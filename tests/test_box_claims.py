@@ -1,5 +1,6 @@
 """Performance over a box of tolerances: against members in python-control, another prover, and a closed form."""
 
+import re
 import tomllib
 from math import pi
 from pathlib import Path
@@ -124,6 +125,31 @@ def test_a_member_that_the_climbs_miss_is_found_where_the_proof_does_not_get_on(
     mass = nearest(claim.witness["outer_end_mass"])
     found = magnitudes(with_figures(one, factors), mass, np.array([claim.frequency_Hz]))
     assert found["peak_sensitivity"].item() > 2.0
+
+
+def test_undecided_is_what_share_of_the_box_and_at_what_frequencies(rig: Prototype):
+    """With a delay no member refutes: what is left open holds all that exceed, as a grid by python-control says."""
+    box = tolerance_box(rig, 2.0, ["flow_gain"], (2.0, 2.0), delay_s=(0.0, 2e-3))
+    middles = (np.arange(40) + 0.5) / 40
+    low, high = (nearest(end) / rig.servovalve.flow_gain_m3_per_s_per_A for end in box.ranges["flow_gain"])
+    s, lag = 2j * pi * np.geomspace(1.0, 200.0, 500), rig.controller
+    plant = state_space(rig, 2.0, "plant")
+    law = lag.gain_A_per_V * (1 + s / (2 * pi * lag.zero_Hz)) / (1 + s / (2 * pi * lag.pole_Hz))
+    late = np.exp(-np.multiply.outer(2e-3 * middles, s)) * law * np.array([plant(one)[1, 1] for one in s])
+    exceeds = abs(1 + np.multiply.outer(low + (high - low) * middles, late)) < 1 / 2.4
+    least, most = s.imag[exceeds.any(axis=(0, 1))][[0, -1]] / (2 * pi)
+    shares = []
+    for budget in (1000, 4000):
+        claim = claim_over_box(rig, box, Asked("peak_sensitivity", 2.4), budget)
+        assert claim.holds is None
+        share, since, until = map(
+            float, re.findall(r"most (\S+) of the box, from (\S+) Hz to (\S+) Hz", claim.reason)[0]
+        )
+        assert since <= least < most <= until
+        shares.append(share)
+    inside = exceeds.any(axis=2).mean()
+    assert inside <= shares[1] < shares[0] < 1
+    assert shares[1] < 1.3 * inside
 
 
 def test_a_box_without_width_has_what_the_other_prover_finds(rig: Prototype):

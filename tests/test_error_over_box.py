@@ -1,6 +1,8 @@
 """How far bounded errors move the tip of every rig of a box: against exponentials, the exact prover and moving rigs."""
 
 import tomllib
+from dataclasses import replace
+from itertools import product
 from math import hypot
 
 import numpy as np
@@ -16,6 +18,7 @@ from beamdesign.plant.members import family
 from beamdesign.polynomial import exact
 from beamdesign.proofs import bounded_error, changing_gain, error_over_box
 from beamdesign.proofs.absolute_stability import members
+from beamdesign.proofs.box import certify_box
 from beamdesign.proofs.box_claims import claim_over_box, with_number
 from beamdesign.proofs.certificate import Asked, Weighed
 from beamdesign.proofs.error_over_box import errors_over_box
@@ -23,7 +26,7 @@ from beamdesign.proofs.rig_family import rig_family
 from beamdesign.proofs.tolerance_box import tolerance_box
 from beamdesign.rational import nearest
 from beamdesign.scenario import Multisine
-from beamdesign.structure.lumped import with_figures
+from beamdesign.structure.lumped import figures, with_figures
 
 CLAIM = ("claim", 0)
 
@@ -45,12 +48,47 @@ def test_every_place_is_where_the_exact_prover_has_it(place: str):
     own = family(rig, 2.0).members[0].rig
     closed = rig_loop(own, rig.payload.inner_end_mass_kg, rig.controller).characteristic.at(fmpq(1))
     known = bounded_error.numerators(rig, own, {place})[place]
-    asked = Asked("deviation", 1.0, error=Weighed(place, fmpq(1), fmpq(41, 10), fmpq(300)))
+    decay, figure = fmpq(41, 10), {name: (exact(value),) * 2 for name, value in figures(rig).items()}
+    if place == "stroke":
+        decay, lead = fmpq(0), error_over_box.leading(figure, fmpq(0))
+    else:
+        lead = fmpq(1), fmpq(0)
+    asked = Asked("deviation", 1.0, error=Weighed(place, fmpq(1), decay, fmpq(300), lead))
     found = rig_family(rig, claim=asked, delayed=False, varying=box.ranges)
     point = {**found.values, **box.nominal, "outer_end_mass": fmpq(1)}
     without, with_it = (with_number(found.over(box.ranges), point, fmpq(unknown)) for unknown in (0, 1))
-    back = fmpq_poly([fmpq(41, 10), 1])
-    assert (with_it - without)(back) * closed == known * fmpq_poly([fmpq(3041, 10), 1]) * without(back)
+    back = fmpq_poly([decay, 1])
+    assert (with_it - without)(back) * closed == known * fmpq_poly([decay + 300, 1]) * without(back)
+
+
+@pytest.mark.parametrize("decay", [0.0, 20.0, 900.0])
+def test_a_force_is_worth_no_more_flow_than_its_lead_says(decay: float):
+    """At the corners of three figures, and up to a frequency at which either part is the larger one."""
+    ends = {"leakage": (2e-13, 5e-13), "piston_area": (1.1e-4, 1.2e-4), "oil_stiffness": (1e7, 1.5e7)}
+    r, t = map(nearest, error_over_box.leading({n: (exact(a), exact(b)) for n, (a, b) in ends.items()}, exact(decay)))
+    w = np.geomspace(1.0, 1e4, 50)
+    sizes = [abs(q / a + a * (1j * w - decay) / k) for q, a, k in product(*ends.values())]
+    assert (np.max(sizes, axis=0) <= abs(r + t * 1j * w) * (1 + 1e-12)).all()
+    assert (np.max(sizes, axis=0) >= 0.6 * abs(r + t * 1j * w)).all()
+
+
+@pytest.mark.parametrize("share", [fmpq(1), fmpq(99, 100)])
+def test_a_lead_that_is_too_small_is_refused(monkeypatch: pytest.MonkeyPatch, share: fmpq):
+    """All else being proved with it."""
+    true = error_over_box.leading
+    monkeypatch.setattr(error_over_box, "leading", lambda *given: tuple(share * one for one in true(*given)))
+    monkeypatch.setattr(error_over_box, "_HALVINGS", 0)
+    rig, box, claims, _ = erring({"seal_friction": {}})
+    assert [claim.holds for claim in claims] == [True]
+    assert valid(certify_box(rig, box, volumes=False).write(claims)) is (share == 1)
+
+
+def test_what_is_behind_a_dead_band_may_have_more_gain():
+    """A dead band of the spool hides more flow of a member with a larger flow gain; its claims are of the largest."""
+    rig, box, claims, _ = erring({"valve_deadband": {"half_width_A": 1e-4}})
+    largest = nearest(box.ranges["flow_gain"][1])
+    assert largest > 1.04 * figures(rig)["flow_gain"]
+    assert [nearest(claim.asked.error.size) for claim in claims] == pytest.approx([1e-4 * largest] * len(claims))
 
 
 def test_without_width_it_is_above_the_integral_and_not_far():
@@ -114,6 +152,32 @@ def test_a_delay_is_not_covered():
     assert not claims
     assert [row.proved for row in rows] == [False]
     assert "a delay" in rows[0].covers
+
+
+@pytest.mark.parametrize("peak", [1.0, 1.3, 2.0, 7.0])
+def test_on_the_circle_that_a_peak_sensitivity_keeps_free_the_criterion_just_holds(peak: float):
+    """Re[(1 + b L) conj(1 + a L)] is zero on |1 + L| = 1 / m, positive outside; over b, where that is infinite."""
+    low, high = changing_gain.covered(exact(peak))
+    turn = np.exp(2j * np.pi * np.linspace(0.0, 1.0, 33))
+    for outside in (1.0, 1.01, 3.0):
+        loops = -1 + outside / peak * turn
+        over = loops if high is None else 1 / nearest(high) + loops
+        real = (over * np.conj(1 + nearest(low) * loops)).real
+        assert abs(real).max() < 1e-12 if outside == 1.0 else real.min() > 0
+    assert (high is None) is (peak == 1.0)
+    assert nearest(low) == pytest.approx(0.5 if peak == 1.0 else peak / (peak + 1))
+
+
+@pytest.mark.parametrize("peak", [1.0, 3.0])
+def test_a_peak_sensitivity_of_one_covers_every_gain_from_one_half_up(peak: float):
+    """No loop that falls off twice as fast as frequency grows has it (Bode), so that the claim is made by hand."""
+    rig = erring({})[0].but(effects={"carrier_ripple": {"depth": 0.5, "residual_V": 0.0}})
+    box = tolerance_box(rig, 0.0, None, (0.0, 2.0))
+    claim = claim_over_box(rig, box, Asked("peak_sensitivity", 2.2))
+    one = replace(claim, asked=Asked("peak_sensitivity", peak), holds=True)
+    (row,) = changing_gain.changing_over_box(members(rig, 0.0, 2.0), box, [one])
+    assert row.proved is (peak == 1.0)
+    assert f"between 0.5 and {'any number' if peak == 1.0 else '1'} times its own" in row.covers
 
 
 @pytest.mark.parametrize("peak", [2.2, 15.0])

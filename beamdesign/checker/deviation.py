@@ -8,6 +8,9 @@ Stated are bands of frequency and in each a limit of |(j w + c) G(j w - a)|. Wit
 w + c) n vanishes at j w - a for some u of the size 1 / limit. Box, band and circle being connected, what reaches it
 nowhere stays below where it is below at one member and frequency. As it is infinite nowhere, no member has a pole on
 the line at -a, and all have theirs left of it where one has.
+
+A force on the stroke is worth the flow (Q / A + A s / K) F behind the spool. At j w - a this is no larger than that of
+`lead`, r + t j w, which has the largest of either part; then n is that of the flow times r + t j w.
 """
 
 from collections.abc import Mapping
@@ -15,7 +18,7 @@ from itertools import pairwise
 
 from flint import acb, arb, ctx, fmpq, fmpq_mpoly
 
-from beamdesign.checker.box_loop import alike, at_member, characteristic, words_of
+from beamdesign.checker.box_loop import alike, at_member, characteristic, figures, words_of
 from beamdesign.checker.expressions import Circle, Expression
 from beamdesign.checker.nonlinear import UNITS
 from beamdesign.checker.reading import Table, Unreadable, judged, short
@@ -25,6 +28,7 @@ from beamdesign.checker.zero_exclusion import PRECISION_BITS, walked
 
 KIND = "deviation"
 MOST_BANDS = 200
+_STROKE = "leakage", "piston_area", "oil_stiffness"
 
 
 class Deviation:
@@ -34,6 +38,7 @@ class Deviation:
         self.place, self.whole = stated.word("place", *UNITS), whole
         self.size, self.bound = stated.at_least("size", 0), stated.at_least("limit", 0)
         self.decay, self.corner = (stated.at_least(key, 0, above=True) for key in ("decay_per_s", "corner_rad_per_s"))
+        self.lead = stated.numbers("lead", 2) if self.place == "stroke" else []
         self.expression = Expression(stated, table, Circle(fmpq(0), fmpq(1)))
         bands = stated.tables("band")
         if not 0 < len(bands) <= MOST_BANDS or any("until_rad_per_s" in one for one in bands[-1:]):
@@ -57,9 +62,7 @@ class Deviation:
             return False, f"{self.words}: of a loop with a delay"
         if any(not self.whole[n][0] <= ranges[n][0] <= ranges[n][1] <= self.whole[n][1] for n in expression.own.keys):
             return False, f"{self.words}: over ranges of its own that are not within the box"
-        moved = (
-            None if rig is None else characteristic(expression, rig, KIND, None, (self.place, self.corner + self.decay))
-        )
+        moved = None if rig is None else self._moved(rig)
         if moved is None or not alike(expression, moved := self._left(moved)):
             return False, f"{self.words}: the expression is not that of a rig's loop"
         member = {name: min(max(value, ranges[name][0]), ranges[name][1]) for name, value in member.items()}
@@ -85,6 +88,27 @@ class Deviation:
                 if not settled:
                     return False, f"{self.words}: piece {count}, {where}, is not seen to be clear"
         return judged(True, f"{self.words}: {len(self.limits)} bands, {count} pieces")
+
+    def _moved(self, rig: Rig) -> fmpq_mpoly | None:
+        """The rig's polynomial with the unknown, before it is moved; None where the lead is not large enough."""
+        stated, ranges = self.expression, self.expression.ranges
+
+        def of(place: str) -> fmpq_mpoly:
+            return characteristic(stated, rig, KIND, None, (place, self.corner + self.decay))
+
+        if not self.lead:
+            return of(self.place)
+        force, flow = of(self.place), of("flow")
+        plain = flow.subs({"unknown": fmpq(0)})
+        ends = {name: ranges.get(name, (value, value)) for name, value in figures(rig).items()}
+        variable = dict(zip(force.context().names(), force.context().gens(), strict=True))
+        leakage, area, oil = (variable.get(name, ends[name][0]) for name in _STROKE)
+        s, (r, t), ((least, most), (small, large), (soft, _)) = variable["s"], self.lead, (ends[n] for n in _STROKE)
+        if (force - plain) * (area * oil) != (flow - plain) * (leakage * oil + area**2 * s):
+            return None
+        if r < max(most / small, self.decay * large / soft - least / large) or t < large / soft:
+            return None
+        return plain + (flow - plain) * (r + t * (s + self.decay))
 
     def _left(self, polynomial: fmpq_mpoly) -> fmpq_mpoly:
         """A polynomial at s - a, s being the first variable."""

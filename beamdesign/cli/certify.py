@@ -18,7 +18,15 @@ from beamdesign.cli.command import (
     with_controller,
 )
 from beamdesign.cli.output import certificate_file, echo, progress, refuse, write_certificate
-from beamdesign.cli.proved import box_fields, echo_against_goal, echo_box, echo_over_passive, echo_stability, hertz
+from beamdesign.cli.proved import (
+    box_fields,
+    echo_against_goal,
+    echo_box,
+    echo_each,
+    echo_over_passive,
+    echo_stability,
+    hertz,
+)
 from beamdesign.json_text import picked
 
 if TYPE_CHECKING:
@@ -209,6 +217,7 @@ def certify_box(
     only: Annotated[list[str] | None, typer.Option(metavar="FIGURE")] = None,
     delay_s: Annotated[float, Figure("Delay")] = 0.0,
     scaling: Annotated[bool, typer.Option("--scaling/--no-scaling")] = False,
+    each: bool = False,
     budget: Annotated[int, typer.Option(min=1, max=1_000_000)] = 4000,
     seconds: Annotated[float, Figure("TimeLimit")] = inf,
     nonlinear: bool = False,
@@ -229,6 +238,7 @@ def certify_box(
         only: let this figure vary; may be repeated. Default: all.
         delay_s: allow every pure delay in the loop up to this, s.
         scaling: find the largest scaling of the tolerances that is stable.
+        each: find it of each figure alone, the others staying as far off as they may be.
         budget: most pieces of frequency and parameters to look at, for each claim.
         seconds: most time for each search.
         nonlinear: also prove that every member comes to rest while the current saturates, and with the static
@@ -247,7 +257,7 @@ def certify_box(
     from beamdesign.proofs.error_over_box import errors_over_box
     from beamdesign.proofs.servo_off import servo_off_over_box
     from beamdesign.proofs.slope_over_box import box_rows, slope_over_box
-    from beamdesign.proofs.tolerance_box import largest_scaling, tolerance_box
+    from beamdesign.proofs.tolerance_box import largest_scaling, scaling_of_each, tolerance_box
 
     def proved(stage: "InStage") -> tuple[dict[str, Any], bool]:
         path = certificate_file(beside(out, stage), f"{prototype.stem}{stage.suffix}.box.toml")
@@ -270,9 +280,12 @@ def certify_box(
                 rows, claims = box_rows(rig, slope, why, moved), (*claims, *([] if slope is None else [slope]), *errors)
             update(0.6, "scaling the tolerances" if scaling else "")
             found = largest_scaling(rig, box, budget=budget) if scaling else None
+            alone = scaling_of_each(rig, box, budget=budget) if each and verdict.stable else {}
         echo_box(rig, box, verdict, sigmas)
         if found is not None:
             echo(f"scaling of the tolerances ({sigmas:g} standard deviations are 1): {found.reason}")
+        if alone:
+            echo_each(alone, sigmas)
         for claim in claims:
             if claim.asked.kind in ("peak_compliance", "deviation"):  # told beside others, in words of their own
                 continue
@@ -292,7 +305,7 @@ def certify_box(
         if text:
             write_certificate(path, text)
             echo(f"certificate: {path}")
-        fields = box_fields(box, verdict, found) | {"certificate": path if text else None}
+        fields = box_fields(box, verdict, found, alone) | {"certificate": path if text else None}
         fields["guaranteed"] = figures | {"outer_end_mass_kg": stage.outer_end_mass_kg}
         fields |= {"nonlinear": [row.to_dict() for row in rows]} if nonlinear else {}
         return fields, verdict.stable is True and all(row.proved for row in rows)

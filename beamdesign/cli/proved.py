@@ -84,7 +84,21 @@ def echo_box(record: "Prototype", box: "Box", verdict: "BoxVerdict", sigmas: flo
     echo(f"method: zero exclusion, {verdict.pieces} pieces proved in ball arithmetic, one member by an exact test")
 
 
-def box_fields(box: "Box", verdict: "BoxVerdict", scaling: "Scaling | None") -> dict[str, Any]:
+def echo_each(found: "dict[str, Scaling]", sigmas: float) -> None:
+    """How far each figure alone may be off."""
+    from beamdesign.proofs.tolerance_box import figure_key
+
+    rows = [
+        (figure_key(name)[0], one.proved * sigmas, "none found" if one.refuted is None else one.refuted * sigmas)
+        for name, one in found.items()
+    ]
+    columns = "figure", "proved stable up to", "not stable from"
+    echo_table(f"standard deviations that one figure may be off, the others up to {sigmas:g} as before", columns, rows)
+
+
+def box_fields(
+    box: "Box", verdict: "BoxVerdict", scaling: "Scaling | None", each: "dict[str, Scaling]"
+) -> dict[str, Any]:
     """What a JSON file holds of it."""
     from beamdesign.proofs.tolerance_box import figure_key, in_units
     from beamdesign.rational import nearest
@@ -107,4 +121,7 @@ def box_fields(box: "Box", verdict: "BoxVerdict", scaling: "Scaling | None") -> 
         "largest_scaling": None
         if scaling is None
         else picked(scaling, "proved refuted limit reason") | {"unstable_point": point(scaling.unstable_point)},
+        "scaling_of_each": [
+            {"figure": figure_key(name)[0]} | picked(one, "proved refuted limit") for name, one in each.items()
+        ],
     }

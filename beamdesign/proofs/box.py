@@ -1,6 +1,6 @@
 """Stability of a family over a box of parameters: proved, refuted by a member, or undecided, with volumes."""
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from math import inf, pi
@@ -52,22 +52,29 @@ def volumes_of(statement: Statement, unsettled: Sequence[Piece]) -> tuple[Volume
     """
     found: dict[bool | None, fmpq] = {True: fmpq(0), False: fmpq(0), None: fmpq(0)}
     witness: dict[str, fmpq] | None = None
-    whole: Cube = tuple((fmpq(0), fmpq(1)) for _ in statement.varying)
-    cubes = {tuple(piece.cell.shares[name] for name in statement.varying) for piece in unsettled}
-    stack = [(whole, fmpq(1), sorted(cubes))]
-    visits = 0
+    for cube, volume, clear in parts_beside(cubes_of(unsettled, statement.varying), len(statement.varying), _VISITS):
+        point = parameters_at(statement, [(a + b) / 2 for a, b in cube]) if clear else None
+        verdict = None if point is None else stable_at(statement, point)
+        found[verdict] += volume
+        witness = point if verdict is False else witness
+    return Volumes(found[True], found[False], found[None]), witness
+
+
+def cubes_of(unsettled: Sequence[Piece], names: Sequence[str]) -> set[Cube]:
+    """Shares of the ranges of some variables that pieces have, each once."""
+    return {tuple(piece.cell.shares[name] for name in names) for piece in unsettled}
+
+
+def parts_beside(cubes: Collection[Cube], axes: int, most: int) -> Iterator[tuple[Cube, fmpq, bool]]:
+    """Cubes that fill the box, their volumes, and whether they keep clear of some; after so many visits none does."""
+    whole: Cube = ((fmpq(0), fmpq(1)),) * axes
+    stack, visits = [(whole, fmpq(1), sorted(cubes))], 0
     while stack:
         cube, volume, near = stack.pop()
         visits += 1
-        if not near and visits <= _VISITS:
-            point = parameters_at(statement, [(a + b) / 2 for a, b in cube])
-            verdict = stable_at(statement, point)
-            found[verdict] += volume
-            witness = point if verdict is False else witness
-        elif visits > _VISITS or any(
-            all(o[0] <= c[0] and c[1] <= o[1] for o, c in zip(other, cube, strict=True)) for other in near
-        ):
-            found[None] += volume
+        within = (all(o[0] <= c[0] and c[1] <= o[1] for o, c in zip(other, cube, strict=True)) for other in near)
+        if visits > most or not near or any(within):
+            yield cube, volume, not near and visits <= most
         else:
             # Along the axis on which most of what is unsettled is narrower than this cube.
             widths = [end - start for start, end in cube]
@@ -78,7 +85,6 @@ def volumes_of(statement: Statement, unsettled: Sequence[Piece]) -> tuple[Volume
                 part = (*cube[:axis], half, *cube[axis + 1 :])
                 beside = [other for other in near if other[axis][0] < half[1] and half[0] < other[axis][1]]
                 stack.append((part, volume / 2, beside))
-    return Volumes(found[True], found[False], found[None]), witness
 
 
 # The certificate, as tables of texts: expression, ranges, member, tree.

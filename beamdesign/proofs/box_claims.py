@@ -22,7 +22,7 @@ from flint import ctx, fmpq, fmpq_poly
 from beamdesign.loop import loop
 from beamdesign.plant.members import family as linear_family
 from beamdesign.polynomial import exact, squared_magnitude
-from beamdesign.proofs.box import Box
+from beamdesign.proofs.box import Box, cubes_of, parts_beside
 from beamdesign.proofs.box_member import stable_at, unstable_member
 from beamdesign.proofs.branch import Search
 from beamdesign.proofs.certificate import LOWER_GAINS, Asked
@@ -39,6 +39,8 @@ from beamdesign.rational import nearest, shortened
 _TURNS, _SETTLED, _SAMPLES = 8, 1e-4, 4001
 _LOOKS, _OPEN = (0.03, 0.08, 0.2), 300
 """Shares of the budget after which open pieces are looked into for members that exceed a limit, and how many."""
+_VISITS = 500
+"""Most sub-boxes that are sorted out to tell how much of the box is undecided."""
 _ABOVE_ONE, _NONE = 1.0001, (fmpq(0), fmpq(0))
 _LOOSER = (1.002, 1.02, 1.1, 1.5)
 """How much looser than the worst member's figure a claim is made, tried in turn."""
@@ -161,14 +163,13 @@ def claim_of_family(
 
 def _share(left: Sequence[Piece]) -> str:
     """How much of the box some pieces come to at most, and at what frequencies, in words."""
-    volumes = (
-        prod((end - start for name, (start, end) in piece.cell.shares.items() if name != UNKNOWN), start=fmpq(1))
-        for piece in left
-    )
+    names = [name for name in left[0].cell.statement.varying if name != UNKNOWN]
+    cubes = cubes_of(left, names)
+    alone = sum((prod((end - start for start, end in cube), start=fmpq(1)) for cube in cubes), fmpq(0))
+    together = sum((volume for _, volume, clear in parts_beside(cubes, len(names), _VISITS) if not clear), fmpq(0))
     low, ends = min(piece.w1 for piece in left), [piece.w2 for piece in left]
     high = "up" if None in ends else f"to {nearest(max(end for end in ends if end is not None)) / (2 * pi):.4g} Hz"
-    share = min(nearest(sum(volumes, fmpq(0))), 1.0)
-    return f"at most {share:.3g} of the box, from {nearest(low) / (2 * pi):.4g} Hz {high}"
+    return f"at most {nearest(min(alone, together)):.3g} of the box, from {nearest(low) / (2 * pi):.4g} Hz {high}"
 
 
 def own_ranges(prototype: Prototype, family: PolynomialFamily, box: Box, asked: Asked) -> dict[str, Interval]:

@@ -11,7 +11,7 @@ from flint import fmpq
 
 from beamdesign.polynomial import exact
 from beamdesign.proofs.statement import Node, Statement
-from beamdesign.proofs.value_set import Pieces, hulls, pieces, support
+from beamdesign.proofs.value_set import Pieces, hulls, pieces, support, with_unknown
 from beamdesign.proofs.zero_exclusion import ARC_PARTS, Cell, coefficients, dominated
 from beamdesign.rational import nearest, text
 
@@ -22,6 +22,8 @@ _LINES = np.round(1000 * np.exp(2j * np.pi * np.arange(TURN) / TURN))
 _UNITS = _LINES / np.abs(_LINES)
 _POINTS_AT_ONCE = 1_000_000
 _CUTS_AT_ONCE = 512
+_TRIED = 3
+"""In how many variables it is tried to cut a piece: those along which p moves farthest."""
 _NARROWEST_SHARE = 2.0**-40
 _NARROWEST_BAND = 1e-10
 """A piece as narrow as this, in a variable or relatively in frequency, is left undecided."""
@@ -266,16 +268,33 @@ def _best_lines(statement: Statement, where: Pieces) -> tuple[np.ndarray, np.nda
 
 
 def _best_cuts(statement: Statement, start: np.ndarray, end: np.ndarray, w: np.ndarray) -> np.ndarray:
-    """The variable (B,) of which the worse half comes farthest from zero at a frequency (B,), each cut being tried."""
-    count, k = start.shape
-    low, high = (np.repeat(side, 2 * k, axis=0).reshape(count, k, 2, k) for side in (start, end))
-    for i in range(k):
-        high[:, i, 0, i] = low[:, i, 1, i] = (start[:, i] + end[:, i]) / 2
-    ends, at = np.stack([low, high]).reshape(2, -1, k), np.repeat([w, w], 2 * k, axis=1)
+    """The variable (B,) of which the worse half comes farthest from zero at a frequency (B,), of a few tried."""
+    tried, (count, k) = _farthest(statement, start, end, w), start.shape
+    few, rows = tried.shape[1], np.arange(count)
+    low, high = (np.repeat(side, 2 * few, axis=0).reshape(count, few, 2, k) for side in (start, end))
+    for j, i in enumerate(tried.T):
+        high[rows, j, 0, i] = low[rows, j, 1, i] = (start[rows, i] + end[rows, i]) / 2
+    ends, at = np.stack([low, high]).reshape(2, -1, k), np.repeat([w, w], 2 * few, axis=1)
     apart = []
     for first in range(0, at.shape[1], _CUTS_AT_ONCE):
         some = slice(first, first + _CUTS_AT_ONCE)
         halves = pieces(statement, ends[0, some], ends[1, some], at[:, some])
         apart.append(_best_lines(statement, halves)[2][0])
-    worse, better = np.sort(np.concatenate(apart).reshape(count, k, 2), axis=2).T
-    return np.asarray((worse + better / 4).T.argmax(axis=1))
+    worse, better = np.sort(np.concatenate(apart).reshape(count, few, 2), axis=2).T
+    return np.asarray(tried[rows, (worse + better / 4).T.argmax(axis=1)])
+
+
+def _farthest(statement: Statement, start: np.ndarray, end: np.ndarray, w: np.ndarray) -> np.ndarray:
+    """The variables (B, few) along which p moves farthest at a frequency (B,), the others being in their middles."""
+    (count, k), each = start.shape, np.arange(start.shape[1])
+    points = np.tile(((start + end) / 2)[:, None, None], (k, 2, 1))
+    points[:, each, 0, each], points[:, each, 1, each] = start, end
+    p, whole = with_unknown(statement, points.reshape(-1, k), np.repeat(w, 2 * k)[:, None]).reshape(2, count, k, 2)
+    turned, arcs = whole - p, [(statement.varying.index(name), circle) for name, circle in statement.circles.items()]
+    for i, (centre, radius) in arcs:
+        p = p + (nearest(centre) + nearest(radius) * np.exp(-2j * np.pi * points[..., i])) * turned
+    moves = np.abs(p[..., 1] - p[..., 0])
+    for i, (_, radius) in arcs:  # not between its ends, which meet where it is a whole turn
+        half = np.pi * np.minimum(end[:, i] - start[:, i], 0.5)
+        moves[:, i] = 2 * nearest(radius) * np.abs(turned[:, i, 0]) * np.sin(half)
+    return np.argsort(-moves, axis=1, kind="stable")[:, :_TRIED]

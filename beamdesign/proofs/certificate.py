@@ -50,12 +50,14 @@ class Weighed(NamedTuple):
         size: which it never exceeds, SI.
         decay: 1/s by which the axis is moved to the left.
         corner: rad/s; the response is multiplied by j w + corner.
+        lead: of a force on the stroke, the flow that it is worth, in sizes at most lead[0] + lead[1] j w, m3/s per N.
     """
 
     place: str
     size: fmpq
     decay: fmpq
     corner: fmpq
+    lead: tuple[fmpq, fmpq] = fmpq(1), fmpq(0)
 
 
 @dataclass(frozen=True)

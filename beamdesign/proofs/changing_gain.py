@@ -123,6 +123,15 @@ def changing_rows(given: Members) -> Iterator[Row]:
         yield Row((one.effect,), METHOD, True, words, None, statement)
 
 
+def covered(peak: fmpq) -> tuple[fmpq, fmpq | None]:
+    """Between what factors a gain may change of a loop with |1 + L| at least 1 / peak; None for any number.
+
+    The disc about -1 with the radius 1 / peak is that of the circle criterion from peak / (peak + 1) to
+    peak / (peak - 1). At a peak of one it reaches the origin: from one half up, however far.
+    """
+    return peak / (peak + 1), peak / (peak - 1) if peak > 1 else None
+
+
 def changing_over_box(given: Members, box: Box, claims: Iterable[BoxClaim]) -> Iterator[Row]:
     """A row for each gain that changes, of every member of a box, from what is claimed of it.
 
@@ -139,14 +148,16 @@ def changing_over_box(given: Members, box: Box, claims: Iterable[BoxClaim]) -> I
             continue
         peak = exact(found.asked.limit)
         centre = min(max(one.least * (peak + 1) / peak, gain[0]), gain[1])
-        low, high = centre * peak / (peak + 1), centre * peak / (peak - 1)
+        low, high = covered(peak)
+        low, high = centre * low, None if high is None else centre * high
+        most = "any number" if high is None else f"{float(high):.4g}"
         words = (
             f"The peak sensitivity {found.asked.limit:g} proved of every member covers a gain that changes between"
-            f" {float(low):.4g} and {float(high):.4g} times its own, in any way and at any rate, for every payload that"
+            f" {float(low):.4g} and {most} times its own, in any way and at any rate, for every payload that"
             f" stays; this one does so between {float(one.least):.4g} and {float(one.most):.4g}"
         )
         alone = one.place == "flow" or all(loop.added.constant.is_zero() for loop in given.loops)
-        if low <= one.least and one.most <= high and alone:
+        if low <= one.least and (high is None or one.most <= high) and alone:
             words += f". {one.words} Not covered is what moves elsewhere at the same time."
             yield Row((one.effect,), OVER_BOX, True, words)
         else:

@@ -15,6 +15,7 @@ Where the limits are, and how fast a decay rate, is found from samples; what is 
 """
 
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from itertools import pairwise, zip_longest
 from math import inf, pi
@@ -25,7 +26,7 @@ from flint import arb, ctx, fmpq
 
 from beamdesign.polynomial import exact, is_hurwitz, roots
 from beamdesign.proofs.absolute_stability import Row
-from beamdesign.proofs.bounded_error import SLIDING, Error, heard, rows_of
+from beamdesign.proofs.bounded_error import RESOLUTION, SLIDING, Error, heard, rows_of
 from beamdesign.proofs.box import Box, wrapped
 from beamdesign.proofs.box_claims import BoxClaim, below, with_number
 from beamdesign.proofs.box_member import parameters_at
@@ -39,6 +40,7 @@ from beamdesign.proofs.value_set import with_unknown
 from beamdesign.proofs.zero_exclusion import PRECISION_BITS, holds, pieces
 from beamdesign.prototype import Prototype
 from beamdesign.rational import bounds, nearest, shortened, text
+from beamdesign.structure.lumped import figures
 
 METHOD = "bounded error: Parseval's theorem left of the axis, by zero exclusion"
 MASS = "outer_end_mass"
@@ -49,11 +51,14 @@ _OF_SLOWEST = 0.15, 0.25, 0.35, 0.5, 0.65, 0.8
 """Decay rates that are tried, over that of the slowest pole of the samples."""
 _EXCESS, _LAST = 0.01, 0.99
 """What a band may add to I over what the samples' largest values come to, and what is to be below the last band."""
-_LOOSER = {1.15: 60, 1.3: 400, 1.6: 20_000}
+_LOOSER = {1.15: 60, 1.3: 100, 1.6: 600, 2.5: 2_000}
 """Limits over what the samples reach, tried in turn, and how many pieces are looked at; in the last band the last."""
+_SLOWER = (1.0, 0.6, 0.35)
+"""Shares of the decay rate of the slowest pole of the samples that are tried in turn: a member may be slower."""
 _DIGITS = 4
-Axis = tuple[np.ndarray, np.ndarray]
-"""Frequencies, rad/s, and the largest |G| there."""
+Lead = tuple[fmpq, fmpq]
+"""See `Weighed`."""
+_NO_LEAD, _NONE = (fmpq(1), fmpq(0)), (fmpq(0), fmpq(0))
 
 
 @dataclass(frozen=True)
@@ -65,6 +70,7 @@ class Plan:
     edges: tuple[float, ...]
     limits: tuple[float, ...]
     per_unit: float
+    lead: Lead
 
 
 def errors_over_box(
@@ -82,15 +88,34 @@ def errors_over_box(
         Claims, one for each error and piece of the outer end mass, and rows for each effect and for all together.
     """
     found, rows = heard(prototype)
-    claims, most = list[BoxClaim](), list[fmpq]()
+    found = [replace(one, size=one.size * _more(prototype, box, one)) for one in found]
+    claims, most, known = list[BoxClaim](), list[fmpq](), dict[str, list[BoxClaim]]()
     try:
         for one in found:
-            own = _claims(prototype, box, one, budget, seconds)
+            if one.place not in known:
+                known[one.place] = _claims(prototype, box, one, budget, seconds)
+            own = [_resized(claim, one.size) for claim in known[one.place]]
             claims, most = [*claims, *own], [*most, max(exact(claim.asked.limit) for claim in own)]
     except ValueError as error:
         reason = f"No bound is proved over the box: {error}."
         return [], [*rows, *(Row((one.effect,), METHOD, False, reason) for one in found)]
     return claims, [*rows, *rows_of(found, most, "for every member of the box and every payload that stays", METHOD)]
+
+
+def _resized(claim: BoxClaim, size: fmpq) -> BoxClaim:
+    """The same of an error of another size at the same place."""
+    weighed = claim.asked.error
+    assert weighed is not None  # it is of a deviation
+    limit = exact(claim.asked.limit) * size / weighed.size
+    limit = limit if size == weighed.size else shortened(limit, _DIGITS, up=True)
+    asked = Asked("deviation", nearest(limit), error=weighed._replace(size=size))
+    return replace(claim, asked=asked, more={**claim.more, "size": text(size)})
+
+
+def _more(prototype: Prototype, box: Box, error: Error) -> fmpq:
+    """How much larger an error may be of a member than of the nominal rig: what is behind it has a gain of its own."""
+    gain = {"valve_deadband": "flow_gain", RESOLUTION: "sensor_gain"}.get(error.effect, "")
+    return box.ranges[gain][1] / exact(figures(prototype)[gain]) if gain in box.ranges else fmpq(1)
 
 
 def _claims(prototype: Prototype, box: Box, error: Error, budget: int, seconds: float) -> list[BoxClaim]:
@@ -102,20 +127,45 @@ def _claims(prototype: Prototype, box: Box, error: Error, budget: int, seconds: 
     if "delay" in box.ranges:
         raise NotCovered("a delay is not covered")
 
+    figure = {**{name: (exact(value),) * 2 for name, value in figures(prototype).items()}, **box.ranges}
+
+    def lead(decay: fmpq) -> Lead:
+        return leading(figure, decay) if error.place == "stroke" else _NO_LEAD
+
     def family(decay: fmpq, corner: fmpq) -> PolynomialFamily:
-        asked = Asked("deviation", 1.0, error=Weighed(error.place, error.size, decay, corner))
-        return rig_family(prototype, claim=asked, delayed=False, varying=box.ranges)
+        weighed = Weighed(error.place, error.size, decay, corner, lead(decay))
+        return rig_family(prototype, claim=Asked("deviation", 1.0, error=weighed), delayed=False, varying=box.ranges)
+
+    def plan(own: Mapping[str, Interval], slower: float = 1.0) -> Plan:
+        return _plan(plain, box, own, lead, slower)
+
+    def proved(one: Plan) -> BoxClaim:
+        for slower in _SLOWER:
+            with suppress(NotCovered):
+                again = one if slower == 1.0 else plan(one.own, slower)
+                return _proved(family, box, again, error, budget, seconds)
+        return _proved(family, box, plan(one.own, _SLOWER[-1] / 2), error, budget, seconds)
 
     plain, own = family(fmpq(0), fmpq(0)), _sliding(box, prototype)
-    plans = [_plan(plain, box, own)]
+    plans = [plan(own)]
     low, high = box.ranges.get(MASS, (fmpq(0), fmpq(0)))
     for _ in range(_HALVINGS if low < high else 0):
         worst = max(plans, key=lambda one: one.per_unit)
         low, high = worst.own.get(MASS, (low, high))
         plans.remove(worst)
         middle = (low + high) / 2
-        plans += [_plan(plain, box, {**own, MASS: ends}) for ends in ((low, middle), (middle, high))]
-    return [_proved(family, box, plan, error, budget, seconds) for plan in plans]
+        plans += [plan({**own, MASS: ends}) for ends in ((low, middle), (middle, high))]
+    return [*map(proved, plans)]
+
+
+def leading(figure: Mapping[str, Interval], decay: fmpq) -> Lead:
+    """Numbers r and t with |Q / A + A s / K| at most |r + t j w| at s = j w - decay for all figures within ranges.
+
+    That is the flow behind the spool which moves the tip as a force between piston and cylinder does, over that force.
+    """
+    (least, most), area, oil = (figure.get(name, _NONE) for name in ("leakage", "piston_area", "oil_stiffness"))
+    over_oil = area[1] / oil[0]
+    return max(most / area[0], over_oil * decay - least / area[1]), over_oil
 
 
 def _sliding(box: Box, prototype: Prototype) -> dict[str, Interval]:
@@ -135,7 +185,9 @@ def _sliding(box: Box, prototype: Prototype) -> dict[str, Interval]:
     return own | ({FACTOR: (fmpq(1), fmpq(1))} if FACTOR in box.ranges else {})
 
 
-def _plan(plain: PolynomialFamily, box: Box, own: Mapping[str, Interval]) -> Plan:
+def _plan(
+    plain: PolynomialFamily, box: Box, own: Mapping[str, Interval], lead: Callable[[fmpq], Lead], slower: float
+) -> Plan:
     """The decay rate and bands of the least bound that samples of a piece allow.
 
     Raises:
@@ -150,17 +202,20 @@ def _plan(plain: PolynomialFamily, box: Box, own: Mapping[str, Interval]) -> Pla
         slowest = min(slowest, -max(root.real for root in roots(p)))
     if slowest <= 0:
         raise NotCovered("a member is not stable")
-    return min(
-        (_bands(statement, shares, share * slowest, own) for share in _OF_SLOWEST), key=lambda plan: plan.per_unit
-    )
+    rates = (float(f"{share * slower * slowest:.2g}") for share in _OF_SLOWEST)
+    plans = (_bands(statement, shares, rate, own, lead) for rate in rates)
+    return min(plans, key=lambda one: one.per_unit)
 
 
-def _bands(statement: Statement, shares: np.ndarray, decay: float, own: Mapping[str, Interval]) -> Plan:
+def _bands(
+    statement: Statement, shares: np.ndarray, decay: float, own: Mapping[str, Interval], lead: Callable[[fmpq], Lead]
+) -> Plan:
     """Bands at one decay rate, each as wide as it adds little to I."""
-    decay = float(f"{decay:.2g}")
     s = 1j * _W - decay
+    ahead = lead(exact(decay))
+    (r, t), (none, slope) = (map(nearest, one) for one in (ahead, lead(fmpq(0))))
     plain, whole = with_unknown(statement, shares, -1j * s[None])  # a frequency with an imaginary part
-    size = np.abs((whole - plain) / plain / s).max(axis=0)
+    size = np.abs((whole - plain) / plain / s * (r + t * 1j * _W) / (none + slope * s)).max(axis=0)
     parts = (size[1:] ** 2 + size[:-1] ** 2) / 2 * np.diff(_W)
     total = parts.sum()
     last = int(np.searchsorted(parts.cumsum(), _LAST * total))
@@ -177,7 +232,7 @@ def _bands(statement: Statement, shares: np.ndarray, decay: float, own: Mapping[
     limits = tuple(float(weighed[a : b + 1].max()) for a, b in pairwise(ends))
     edges = (*(float(f"{_W[k]:.3g}") for k in cuts[:-1]), corner)
     least = _per_unit(exact(decay), [*map(exact, edges)], [*map(exact, limits)])
-    return Plan(own, decay, edges, limits, nearest(least))
+    return Plan(own, decay, edges, limits, nearest(least), ahead)
 
 
 def _per_unit(decay: fmpq, edges: Sequence[fmpq], limits: Sequence[fmpq]) -> fmpq:
@@ -224,5 +279,6 @@ def _proved(
     bound = shortened(error.size * _per_unit(decay, edges, limits), _DIGITS, up=True)
     asked = Asked("deviation", nearest(bound), error=Weighed(error.place, error.size, decay, edges[-1]))
     more = {"place": error.place, "size": text(error.size), "band": bands}
+    more |= {} if plan.lead == _NO_LEAD else {"lead": [*map(text, plan.lead)]}
     more |= {"decay_per_s": text(decay), "corner_rad_per_s": text(edges[-1])}
     return BoxClaim(asked, whole, True, "", own=plan.own, tree=None, more=more)

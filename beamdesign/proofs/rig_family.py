@@ -191,6 +191,7 @@ def rig_family(
         figure = {name: variable[name] if name in values else exact(value) for name, value in model.figures.items()}
         of_volts = gain * numerators[0] * seen[0]
         above = _erring(error.place, seen[-1] * denominator, of_volts, figure, s) * (s + error.decay + error.corner)
+        above *= error.lead[0] + error.lead[1] * (s + error.decay)
         p, circles[UNKNOWN] = p + variable[UNKNOWN] * above, Circle(fmpq(0), 1 / exact(claim.limit))
     elif claim is not None and claim.kind != "gain_margin":
         effort = variable["controller_gain"] * loop_denominator * numerators[0]
@@ -212,7 +213,7 @@ def _erring(
 ) -> fmpq_mpoly:
     """What an error at a place does to the tip, over the characteristic polynomial.
 
-    A force between piston and cylinder is a flow through what leaks past and what the oil gives.
+    A force between piston and cylinder is the flow that leaks past and that the oil gives, see `Weighed`.
 
     Args:
         place: one of `bounded_error.UNITS`.
@@ -234,9 +235,6 @@ def _erring(
         w = figure["valve_frequency"]
         above *= s * s + 2 * figure["valve_damping_ratio"] * w * s + w * w
         below *= figure["flow_gain"] * w * w
-        if place == "stroke":
-            above *= figure["leakage"] * figure["oil_stiffness"] + figure["piston_area"] ** 2 * s
-            below *= figure["piston_area"] * figure["oil_stiffness"]
     found, rest = divmod(above, below)
     if rest != 0:
         raise NotCovered(f"what an error in the {place} does is no polynomial")

@@ -1,8 +1,8 @@
 """The box of a prototype's tolerances, end masses and delay, how far it can be scaled, and that of frozen figures."""
 
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass
-from math import pi
+from dataclasses import dataclass, replace
+from math import inf, pi
 
 from flint import arb, fmpq
 
@@ -180,6 +180,29 @@ def largest_scaling(
     known = None if refuted is None else nearest(refuted)
     reason = _bracket(proved, above, refuted, limit)
     return Scaling(nearest(proved), known, nearest(limit), verdict, point, reason)
+
+
+def scaling_of_each(
+    subject: Prototype | PolynomialFamily, box: Box, within: float = 0.1, budget: int = 4000, most: float = 4.0
+) -> dict[str, Scaling]:
+    """The same of each range by itself, the others staying as wide as they are; the first is the one to tighten first.
+
+    Args:
+        subject: as of `largest_scaling`, as what follows.
+        box: the tolerances at factor 1.
+        within: see there.
+        budget: see there.
+        most: see there.
+
+    Raises:
+        ValueError: as `certify_box`.
+    """
+    found = {
+        name: largest_scaling(subject, replace(box, rigid=frozenset({*box.names} - {name})), within, budget, most)
+        for name in box.names
+        if name not in box.rigid
+    }
+    return dict(sorted(found.items(), key=lambda pair: (pair[1].proved, pair[1].refuted or inf)))
 
 
 def _limit(family: PolynomialFamily, box: Box, most: float) -> fmpq:

@@ -130,7 +130,7 @@ def _search(task: Search, starts: Sequence[Start], growths: int, report: Progres
     smaller = _Best()
     for growth in range(growths):
         if is_limited():  # each size of a law is proved before a larger one is sought
-            smaller = max(smaller, _best_proved(task, pool[:1], report), key=lambda one: one.worth)
+            smaller = _best_proved(task, pool[:1], report, best=smaller)
         if over():
             leave_out(f"laws of {growth + 1} sections and more")
             break
@@ -145,11 +145,10 @@ def _search(task: Search, starts: Sequence[Start], growths: int, report: Progres
             grown = _refined(task, more, _part(report, 0.2 + (growth + 1) * part, part))
             before, (task, pool) = pool, _hardened(task, grown)
         if task.spread is not None:  # what the worst rigs cost what has grown may be more than it has gained
-            kept = [one for one in before if task.settled(one.form, one.variables)]
-            pool = _best([*pool, *(replace(one, value=value_of(task, one)) for one in kept)])
-    found = _best_proved(task, pool[: effort.candidates], report, least=int(smaller.found.proved is None))
-    best = max(found, smaller, key=lambda one: one.worth)
-    return replace(best.found, sampled=found.found.sampled), best.form
+            kept = [*pool, *(one for one in before if task.settled(one.form, one.variables))]
+            pool = _best([replace(one, value=value_of(task, one)) for one in kept])
+    best = _best_proved(task, pool[: effort.candidates], report, int(smaller.found.proved is None), smaller)
+    return best.found, best.form
 
 
 @dataclass(frozen=True)
@@ -161,11 +160,17 @@ class _Best:
     form: Form | None = None
 
 
-def _best_proved(task: Search, designs: Sequence[Design], report: Progress, least: int = 0) -> _Best:
-    """Refine designs for good and prove them, as long as there is time; at least so many are begun with."""
-    reached = tuple(design.value for design in designs)
-    tried: list[Found] = []
-    best = _Best()
+_NONE_PROVED = _Best()
+
+
+def _best_proved(
+    task: Search, designs: Sequence[Design], report: Progress, least: int = 0, best: _Best = _NONE_PROVED
+) -> _Best:
+    """Refine designs for good and prove them, as long as there is time; at least so many are begun with.
+
+    What is no better on samples than the best that was proved before is left out.
+    """
+    reached, tried = tuple(design.value for design in designs), [*best.found.tried]
     for rough in while_time(designs, lambda one: f"a design of {_in_words(task, one)}", least):
         if rough.value <= 0 or best.worth > ENOUGH * rough.value:
             continue
