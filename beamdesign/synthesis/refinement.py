@@ -9,7 +9,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from math import exp, inf, log, pi
-from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -27,7 +26,7 @@ from beamdesign.synthesis.loop_limits import (
 from beamdesign.synthesis.loop_samples import Samples
 from beamdesign.synthesis.loop_slacks import Slacks, counting, sampled_bandwidth, slacks
 from beamdesign.synthesis.sections import MASS_PER_MISSING_BANDWIDTH, Sections, sized_slack
-from beamdesign.synthesis.slack_functions import highest, point, stiffness_of
+from beamdesign.synthesis.slack_functions import Block, highest, point, sampled_program, stiffness_of
 from beamdesign.time_limit import leave_out, over
 
 _EVERY = 6
@@ -275,30 +274,23 @@ class LawRefinement:
         )
         table, _ = self.form.coefficients(law)
         figures = ca.MX(0, 1) if sized is None else sized.figures(chosen)
-        none = ca.MX(0, 1)
         inside, stiffer, apart = (ca.MX.sym(name) for name in ("inside", "stiffer", "apart"))
-        data, found, objective, servo_off = [], [], -beta, None
-
-        def held(slack: ca.Function, factors: Any, given: Sequence[ca.MX]) -> ca.MX:
-            """A slack at points side by side, from what is the same for all and what each has of its own."""
-            n = given[0].shape[1]
-            law, mass, lumped = (ca.repmat(one, 1, n) for one in (ca.vec(table), inner, figures))
-            return slack.map(n)(law, mass, lumped if sized is None else lumped * factors, *given).T
+        data, blocks, objective, servo_off = [], list[Block](), -beta, None
 
         def stiffness(plant: BilinearPlant, factor: float) -> ca.Function:
             if sized is None:
                 return stiffness_of(table.shape, plant, factor)
             return sized_slack(table.shape, "compliance", sized.filtered, sized.rig)
 
-        def off(k: int, count: int) -> Any:
-            return none if self.factors is None else ca.DM(np.repeat(self.factors[1][k][:, None], count, axis=1))
+        def off(k: int, count: int) -> np.ndarray:
+            return np.ones((0, count)) if self.factors is None else np.repeat(self.factors[1][k][:, None], count, 1)
 
         limit_of = {kind: ca.MX(log(limit)) for kind, limit in limits.items()}
         if "peak_compliance" in limits:
             k, mass = self._softest()
             idle = ca.DM.zeros(*table.shape)
             idle[-1, 0] = 1
-            lumped = figures if sized is None else figures * off(k, 1)
+            lumped = figures * ca.DM(off(k, 1))
             without = -stiffness(*self.plants[k][:2])(ca.vec(idle), inner, lumped, mass, ca.exp(resonance))
             limit_of["peak_compliance"] += without + apart  # what the samples have more or less of it
             servo_off = ca.Function("servo_off", [variables], [without])
@@ -307,34 +299,35 @@ class LawRefinement:
             data.append(given)
             if not size:
                 continue
-            limit = limit_of[kind]
+            limit = limit_of[kind] - inside
             if sized is None:
-                found.append(held(point(table.shape, kind), none, [given]) + limit - inside)
+                blocks.append(Block(point(table.shape, kind), given, limit))
             else:
-                frequency, relaxed, outer, factors = ca.vertsplit(given, [0, 1, 2, 3, given.shape[0]])
                 slack = sized_slack(table.shape, kind, sized.filtered, sized.rig)
-                found.append(held(slack, factors, [outer, frequency]) + ca.log(relaxed).T + limit - inside)
+                frequency, relaxed, rest = ca.vertsplit(given, [0, 1, 2, given.shape[0]])
+                blocks.append(Block(slack, ca.vertcat(frequency, rest), limit, ca.log(relaxed).T))
         asked = log(self.goal.compliance_m_per_N) - stiffer
         for k, (plant, factor, masses, nominal) in enumerate(self.plants):
             shares = _SHARES if nominal else _FEWER_SHARES
-            every = ca.MX(np.tile(masses, len(shares))).T
-            frequencies = ca.exp(beta) * ca.DM(np.repeat(shares, len(masses))).T
-            found.append(held(stiffness(plant, factor), off(k, every.shape[1]), [every, frequencies]) + asked)
+            every = [np.repeat(shares, len(masses)), np.tile(masses, len(shares))]
+            each = ca.DM(np.vstack([*every, off(k, len(every[0]))]))
+            blocks.append(Block(stiffness(plant, factor), each, asked, of_bandwidth=True))
+        rest = ca.MX(0, 1)
         if sized is not None:
-            found.append(ca.MX(sized.structure(inner, chosen)))
+            rest = ca.MX(sized.structure(inner, chosen))
             if sized.needed_Hz is not None:
                 missing = self._aimed - beta
                 objective = sized.moving_mass(inner, chosen) + MASS_PER_MISSING_BANDWIDTH * missing
+        program, derivatives = sampled_program(
+            variables, ca.vertcat(*map(ca.vec, data), inside, stiffer, apart), objective,
+            ca.vertcat(ca.vec(table), inner, figures, beta), table.numel(), blocks, rest,
+        )  # fmt: skip
         solver = ca.nlpsol(
             "refinement",
             "ipopt",
+            program,
             {
-                "x": variables,
-                "p": ca.vertcat(*map(ca.vec, data), inside, stiffer, apart),
-                "f": objective,
-                "g": ca.vertcat(*found),
-            },
-            {
+                **derivatives,
                 "print_time": False,
                 "ipopt.print_level": 0,
                 "ipopt.sb": "yes",
@@ -370,9 +363,8 @@ class LawRefinement:
         at, relaxed = self.points, self.points.relaxed[index]
         if self.sections is not None:
             assert self.factors is not None
-            return np.vstack(
-                [at.frequency_Hz[index], relaxed, at.outer_end_mass[index], self.factors[0][at.row[index]].T]
-            )
+            at_row = self.factors[0][at.row[index]].T
+            return np.vstack([at.frequency_Hz[index], relaxed, at.outer_end_mass[index], at_row])
         pairs = (*at.control, at.disturbance, *at.crossed)
         values = np.concatenate([at.denominator[index][None], *(pair[:, index] for pair in pairs)])
         return np.concatenate([[2 * pi * at.frequency_Hz[index], relaxed], values.real, values.imag])

@@ -1,6 +1,9 @@
 """Slacks of a loop at one point as functions of its law and masses, of which programs of refinement are made."""
 
+from collections.abc import Sequence
+from dataclasses import dataclass
 from math import log, pi
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -72,3 +75,86 @@ def stiffness_of(shape: tuple[int, int], plant: BilinearPlant, factor: float) ->
         [at((factor, own), (factor * inner, added)) for own, added in plant.crossed],
     )
     return ca.Function("stiffness", [ca.vec(coefficients), inner, ca.SX(0, 1), outer, frequency], [slack], ONCE)
+
+
+@dataclass(frozen=True)
+class Block:
+    """Constraints of a program: one slack at points side by side, not negative.
+
+    Attributes:
+        slack: as of `point`, or as of `stiffness_of`.
+        given: (rows, n) what each point has of its own: the data, or frequency (Hz), outer end mass (kg) and factors on
+            the figures.
+        limit: what is added to all of them.
+        more: what is added to each, (n,).
+        of_bandwidth: whether instead of frequencies there are shares of the bandwidth.
+    """
+
+    slack: ca.Function
+    given: Any
+    limit: ca.MX
+    more: Any = 0.0
+    of_bandwidth: bool = False
+
+    def functions(self, shared: int, coefficients: int) -> tuple[ca.Function, ca.Function, ca.Function]:
+        """Slack, slope and, by weights, sums of slopes and curvatures, over what all points share, see below."""
+        y, own, weight = ca.SX.sym("y", shared), ca.SX.sym("own", self.given.shape[0]), ca.SX.sym("weight")
+        law, inner, figures, beta = ca.vertsplit(y, [0, coefficients, coefficients + 1, shared - 1, shared])
+        if self.slack.n_in() == 4:
+            slack = self.slack(law, inner, figures, own)
+        else:
+            frequency = own[0] * ca.exp(beta) if self.of_bandwidth else own[0]
+            slack = self.slack(law, inner, figures * own[2:], own[1], frequency)
+        curvature, slope = ca.hessian(slack, y)
+        n, outputs = self.given.shape[1], [weight * slope, weight * ca.triu(curvature)]
+        curved = ca.Function("curved", [y, own, weight], outputs, ONCE).map("curves", "serial", n, [0], [0, 1])
+        value, sloping = (ca.Function("one", [y, own], [found], ONCE) for found in (slack, slope))
+        return value.map("values", "serial", n, [0], []), sloping.map("slopes", "serial", n, [0], []), curved
+
+
+def sampled_program(
+    x: ca.MX, parameters: ca.MX, objective: ca.MX, y: ca.MX, coefficients: int, blocks: Sequence[Block], rest: ca.MX
+) -> tuple[dict[str, ca.MX], dict[str, ca.Function]]:
+    """A program, and first and second derivatives of its constraints, put together from those at single points.
+
+    CasADi by itself goes once through all points for every direction, which takes several times as long.
+
+    Args:
+        x: variables.
+        parameters: other symbols.
+        objective: to be least.
+        y: what all points share: the law's coefficients, mass inside (kg), figures, logarithm of the bandwidth (Hz).
+        coefficients: how many of these there are.
+        blocks: constraints at points.
+        rest: other constraints, not to be negative.
+    """
+    to_x, lam_f, weights = ca.jacobian(y, x), ca.MX.sym("lam_f"), list[ca.MX]()
+    found, slopes, pull, bent = [], [], ca.MX(y.shape[0], 1), ca.MX(y.shape[0], y.shape[0])
+    plain = lam_f * objective
+    for block in blocks:
+        value, slope, curved = block.functions(y.shape[0], coefficients)
+        n = block.given.shape[1]
+        weights.append(ca.MX.sym("weights", n))
+        found.append(value(y, block.given).T + block.more + block.limit)
+        slopes.append(slope(y, block.given).T @ to_x + ca.repmat(ca.jacobian(block.limit, x), n, 1))
+        pulled, bending = curved(y, block.given, weights[-1].T)
+        pull, bent, plain = pull + pulled, bent + bending, plain + ca.sum1(weights[-1]) * block.limit
+    weights.append(ca.MX.sym("weights", rest.shape[0]))
+    along, lam_g = ca.MX.sym("along", y.shape[0]), ca.vertcat(*weights)
+    plain, _ = ca.hessian(plain + ca.dot(weights[-1], rest) + ca.dot(along, y), x)
+    own = ca.Function("own", [x, parameters, along, lam_f, lam_g], [plain])
+    bent = ca.triu(to_x.T @ ca.triu2symm(bent) @ to_x + own(x, parameters, pull, lam_f, lam_g))
+    constraints = ca.vertcat(*found, rest)
+    derivatives = {
+        "jac_g": ca.Function(
+            "jac_g",
+            [x, parameters],
+            [constraints, ca.vertcat(*slopes, ca.jacobian(rest, x))],
+            ["x", "p"],
+            ["g", "jac_g_x"],
+        ),
+        "hess_lag": ca.Function(
+            "hess_lag", [x, parameters, lam_f, lam_g], [bent], ["x", "p", "lam_f", "lam_g"], ["triu_hess_gamma_x_x"]
+        ),
+    }
+    return {"x": x, "p": parameters, "f": objective, "g": constraints}, derivatives
