@@ -232,10 +232,10 @@ def strays(table: dict[str, Any], claim: dict[str, Any], points: dict[str, np.nd
     w, worst = np.arange(3000) * 1.5, 0.0
     for k in range(_STRAYED_MEMBERS):
         at = own | {name: float(values[k]) for name, values in points.items()}
-        found = np.array([_loop(table, at, 1j * one)[::2] for one in np.append(1e-3, w[1:])])
-        response = found[:, 0] / (1 + found[:, 0]) / at["sensor_gain"]
+        gain, _, law = _loop(table, at, 1j * np.append(1e-3, w[1:]))
+        response = gain / (1 + gain) / at["sensor_gain"]
         if claim["place"] == "current":
-            response = response / found[:, 1]
+            response = response / law
         worst = max(worst, abs(np.fft.irfft(response)).sum())  # what is added up and the step in time cancel
     return False if bound < 0.97 * size * worst else True if bound > 1.03 * size * worst else None
 
@@ -253,16 +253,16 @@ def keeps(table: dict[str, Any], claim: dict[str, Any], points: dict[str, np.nda
     worst = 0.0
     for k in range(_CLAIMED_MEMBERS):
         at = own | {name: float(values[k]) for name, values in points.items()}
-        for w in 2 * math.pi * np.append(np.geomspace(max(since, 0.05), most, _CLAIMED_FREQUENCIES)[:-1], most):
-            gain, moved, law = _loop(table, at, 1j * w)
-            size = {
-                "peak_sensitivity": 1 / (1 + gain),
-                "compliance": moved,
-                "peak_compliance": moved,
-                "loop_gain": gain,
-                "controller_effort": law / (1 + gain),
-            }
-            worst = max(worst, abs(size[kind]))
+        w = 2 * math.pi * np.append(np.geomspace(max(since, 0.05), most, _CLAIMED_FREQUENCIES)[:-1], most)
+        gain, moved, law = _loop(table, at, 1j * w)
+        size = {
+            "peak_sensitivity": 1 / (1 + gain),
+            "compliance": moved,
+            "peak_compliance": moved,
+            "loop_gain": gain,
+            "controller_effort": law / (1 + gain),
+        }
+        worst = max(worst, float(abs(size[kind]).max()))
     return None if abs(worst / limit - 1) < CLOSE else worst < limit
 
 
@@ -274,7 +274,7 @@ def rests(table: dict[str, Any], claim: dict[str, Any], members: list[dict[str, 
         return False
     least = 1.0
     for at in members:
-        z = multiplier * (1 + np.array([_loop(table, at, 1j * one)[0] for one in w]))
+        z = multiplier * (1 + _loop(table, at, 1j * w)[0])
         least = min(least, float((z.real / abs(z)).min()))
     return None if abs(least) < 1e-4 else least > 0
 
@@ -316,7 +316,7 @@ def of_rig(table: dict[str, Any], ranges: dict[str, tuple[float, float]], points
         at = own | {name: float(values[k]) for name, values in points.items()}
         plain, late = (part[:, 0] for part in coefficients(table, {n: v[[k]] for n, v in points.items()}))
         s = own.get("valve_frequency", 1000.0) * np.exp(1j * np.linspace(0.1, 3.0, 12)) * np.geomspace(0.05, 3.0, 12)
-        gain = np.array([_loop(table, at, one)[0] for one in s])
+        gain, _, _ = _loop(table, at, s)
         if "controller_zero" not in own or "controller_zero" not in ranges:
             gain = gain * at["controller_gain"] / own["controller_gain"]
         stated = np.polyval(late[::-1], s) / np.polyval(plain[::-1], s)
@@ -326,8 +326,8 @@ def of_rig(table: dict[str, Any], ranges: dict[str, tuple[float, float]], points
     return True
 
 
-def _loop(table: dict[str, Any], at: dict[str, float], s: complex) -> tuple[complex, complex, complex]:
-    """Loop gain without the delay, closed-loop compliance of the tip, and controller: impedances at one frequency."""
+def _loop(table: dict[str, Any], at: dict[str, float], s: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Loop gain without the delay, closed-loop compliance of the tip, and controller at complex s (N,): impedances."""
     law = table["controller"]["law"]
     numerators = {
         name: np.polyval([number(c) for c in row[::-1]], s)
@@ -338,7 +338,7 @@ def _loop(table: dict[str, Any], at: dict[str, float], s: complex) -> tuple[comp
         zero, pole = at["controller_zero"], at["controller_pole"]
         numerators = {"displacement_m": at["controller_gain"] * (1 + s / zero)}
         below = 1 + s / pole
-    moves, oil, spool, uneven, filtered = [], 1.0, 0.0, 0.0, 1.0 + 0j
+    moves, oil, spool, uneven, filtered = [], 1.0, 0.0, 0.0, np.ones_like(s)
     points: dict[str, dict[str, float]] = {"tip": {"first": 1.0}, "rod": {"inner": 1.0}, "base": {}, "sensed": {}}
     for effect in table.get("effect", []):
         stated = {name: number(one["ends"][0]) for name, one in effect.get("span", {}).items()}
@@ -360,7 +360,7 @@ def _loop(table: dict[str, Any], at: dict[str, float], s: complex) -> tuple[comp
             moves.append(({name: entry(weight) for name, weight in one["motion"].items()}, resists))
         for one in made.get("volts", []):
             top, bottom = (sum(entry(c) * s**k for k, c in enumerate(one[e])) for e in ("numerator", "denominator"))
-            filtered *= top / bottom
+            filtered = filtered * top / bottom
     sensed = dict(points["tip"])
     for name, weight in points.pop("sensed").items():
         sensed[name] = sensed.get(name, 0.0) + weight
@@ -396,46 +396,45 @@ def _loop(table: dict[str, Any], at: dict[str, float], s: complex) -> tuple[comp
         moves += [({"nut": 1.0, "tip": -1.0, "rod": 1.0}, axial), ({"nut": 1.0}, turning)]
     moved = [(spread(motion), resists) for motion, resists in moves]
     names = list(dict.fromkeys(["first", "inner", *(name for motion, _ in moved for name in motion)]))
-    stiffness = np.zeros((len(names), len(names)), dtype=complex)
+    stiffness = np.zeros((len(s), len(names), len(names)), dtype=complex)
     for motion, resists in moved:
         arm = np.array([motion.get(name, 0.0) for name in names])
-        stiffness += resists * np.outer(arm, arm)
+        stiffness += np.multiply.outer(resists * np.ones_like(s), np.outer(arm, arm))
     stroke = spread({"tip": 1.0, "rod": -1.0})
     arm = np.array([stroke.get(name, 0.0) for name in names])
     # Chambers of areas A (1 +- a): flow q (1 +- ...) is unit on either; their pressures push apart along the stroke.
     sides = [1 + uneven, 1 - uneven] if uneven != 0 and at["leakage"] != 0 else [1.0]
     sides = [] if "lead" in at else sides
     area, count = at.get("piston_area", 1.0), len(sides)
-    force = np.zeros(len(names), dtype=complex)
+    force = np.zeros((len(s), len(names)), dtype=complex)
     give = []
     for side in sides:
         compliance = count * at["leakage"] / (area * side) ** 2 + s * count / (oil * at["oil_stiffness"] * side)
-        stiffness += s / compliance * np.outer(arm, arm)
-        force += arm / area / compliance
+        stiffness += np.multiply.outer(s / compliance, np.outer(arm, arm))
+        force += np.outer(1 / compliance, arm / area)
         give.append((side, compliance))
     tip = np.array([spread({"tip": 1.0}).get(name, 0.0) for name in names])
     if "lead" in at:
-        drive, force = at["torque_constant"] * lag / at["lead"], np.array([float(name == "nut") for name in names])
+        drive, force = at["torque_constant"] * lag / at["lead"], force + [name == "nut" for name in names]
     else:
         valve = at["valve_frequency"]
         spool_lag = valve**2 * (1 + spool) + 2 * at["valve_damping_ratio"] * valve * s + s * s
         drive = at["flow_gain"] * valve**2 / spool_lag
     if "filter_frequency" in at:
-        filtered *= at["filter_frequency"] / (s + at["filter_frequency"])
+        filtered = filtered * at["filter_frequency"] / (s + at["filter_frequency"])
     volts = {"displacement_m": at["sensor_gain"] * filtered}
 
-    def back(x: np.ndarray, flow: float) -> complex:
+    def back(x: np.ndarray, flow: float) -> np.ndarray:
         """What comes back to the valve of a motion under a unit of flow, or under none."""
-        pushed = sum((flow / area - s * (arm @ x)) / compliance / (area * side) for side, compliance in give)
+        pushed = sum((flow / area - s * (x @ arm)) / compliance / (area * side) for side, compliance in give)
         sees = {
-            "displacement_m": sum(weight * x[names.index(name)] for name, weight in sensed.items()),
-            "inner_displacement_m": x[names.index("inner")],
+            "displacement_m": sum(weight * x[:, names.index(name)] for name, weight in sensed.items()),
+            "inner_displacement_m": x[:, names.index("inner")],
             "load_pressure_Pa": pushed,
         }
         read = sum(top / below * volts.get(name, 1.0) * sees[name] for name, top in numerators.items())
-        return complex(at.get("effect_gain", 1.0) * drive * read)
+        return np.asarray(at.get("effect_gain", 1.0) * drive * read)
 
-    by_flow, by_force = np.linalg.solve(stiffness, force), np.linalg.solve(stiffness, tip)
+    by_flow, by_force = np.moveaxis(np.linalg.solve(stiffness, np.stack([force, force * 0 + tip], axis=-1)), -1, 0)
     gain = back(by_flow, 1.0)
-    moved = tip @ by_force - tip @ by_flow * back(by_force, 0.0) / (1 + gain)
-    return gain, complex(moved), complex(numerators["displacement_m"] / below)
+    return gain, by_force @ tip - by_flow @ tip * back(by_force, 0.0) / (1 + gain), numerators["displacement_m"] / below
