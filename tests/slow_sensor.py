@@ -8,6 +8,7 @@ from typer.testing import CliRunner
 
 from beamdesign.cli import app
 
+ASKED = "--redesign", "--workers", "1", "--minutes", "60"
 SLOW_SENSOR = Path(__file__).parents[1] / "studies" / "gaps" / "slow_sensor"
 
 
@@ -24,7 +25,7 @@ def shortened(target: Path, rows: int = 1601) -> Path:
 def diagnose(base: Path) -> None:
     """Run the whole command, redesign and all: data in `slow_sensor`, results in `out`, JSON in `answer.json`."""
     data, answer = shortened(base / "slow_sensor"), base / "answer.json"
-    args = ["gap", "diagnose", str(data), "--out", str(base / "out"), "--workers", "1", "--redesign", "--json"]
-    found = CliRunner().invoke(app, [*args, str(answer)])
+    args = ["gap", "diagnose", str(data), "--out", str(base / "out"), *ASKED, "--json", str(answer)]
+    found = CliRunner().invoke(app, args)
     assert found.exit_code == 0, found.output
     assert "caused by sensor_lag" in found.output

@@ -65,6 +65,9 @@ NEARLY = 0.02
 _TRIES = 3
 """How often a step with sections is tried, with the peaks enforced that the last one met, before a shorter one is."""
 
+_LOST = 2
+"""How often a step of a law may fail, each shorter than the one before, before none is expected to lead on."""
+
 _STILL = 1e-5
 """Move of all variables below which a refinement of sections ends."""
 
@@ -156,14 +159,15 @@ class LawRefinement:
 
         reached, value, violation = judged(best, now)
         least, widest, met = _MENDED if worth < inf else _MENDED_A_LITTLE, reach, now.values
-        tries, small = 0, _VIOLATION / (100 if self.sections is None or inside else 10)
+        tries, lost, small = 0, 0, _VIOLATION / (100 if self.sections is None or inside else 10)
         while rounds > 0 and reach > 0.005:
             if over():
                 leave_out("rounds of refinement")
                 break
             rounds -= 1
             tried, foreseen = self._solved(best, now, met, reached, (inside, stiffer), reach)
-            if self._program[0].stats()["success"] and foreseen < value * (1 + _SETTLED) and violation < small:
+            solved = self._program[0].stats()["success"]
+            if solved and foreseen < value * (1 + _SETTLED) and violation < small:
                 break
             if self.sections is not None and np.abs(tried - best).max() < _STILL:
                 break
@@ -174,11 +178,14 @@ class LawRefinement:
                 better = mended or higher > value * (1 + _SETTLED)
                 if then.settled and missed < max(violation, _VIOLATION) * 1.01 and better:
                     best, now, reached, value, violation, met = tried, then, wider, higher, missed, then.values
+                    lost = 0
                     if self.sections is not None:  # a long way to go, whose parts are curved more or less
                         reach, tries = min(2 * reach, widest), 0
                     continue
                 met = np.minimum(met, then.values)
-            tries += 1
+            tries, lost = tries + 1, 0 if solved else lost + 1
+            if self.sections is None and lost == _LOST:
+                break
             if self.sections is None or tries % _TRIES == 0:
                 reach /= 3
         return best, value
