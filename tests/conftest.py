@@ -9,11 +9,15 @@ from pathlib import Path
 
 import pytest
 import slow_sensor
+from hypothesis import settings
 
 from beamdesign import time_limit
 from beamdesign.controllers import Lag
 from beamdesign.plant.actuators.servo_cylinder import ServoCylinder
 from beamdesign.prototype import Beam, Payload, Prototype, Sensor, Servovalve
+
+settings.register_profile("as long as it takes", deadline=None)
+settings.load_profile("as long as it takes")
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:

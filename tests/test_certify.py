@@ -23,7 +23,7 @@ from beamdesign.proofs.stability import StabilityMap, is_stable_over, stable_ran
 from beamdesign.prototype import Prototype, write_prototype
 from beamdesign.records import InputError
 
-quick = settings(max_examples=60, deadline=None)
+quick = settings(max_examples=60)
 
 
 def p(*coefficients: int | fmpq) -> fmpq_poly:

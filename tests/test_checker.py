@@ -264,7 +264,7 @@ def test_nothing_that_proves_imports_it_and_it_imports_nothing_that_proves() -> 
 
 # Its own root isolation and Routh test.
 
-quick = settings(max_examples=60, deadline=None)
+quick = settings(max_examples=60)
 
 
 @quick

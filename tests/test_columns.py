@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from recorded_rig import Recorded, recorded
 
@@ -91,7 +91,6 @@ def test_a_data_set_of_a_device_or_a_pipe_is_refused(file: str, paper: Prototype
             read(folder)
 
 
-@settings(deadline=None)
 @given(
     column=st.sampled_from(
         ["displacement_m", "current_A", "disturbance_N", "command_V", "load_pressure_Pa", "pressure_a_Pa", "t_s",
@@ -139,7 +138,6 @@ CELLS = [
 ]
 
 
-@settings(deadline=None)
 @given(
     rows=st.lists(st.tuples(st.sampled_from(CELLS), st.sampled_from(CELLS)), min_size=1, max_size=6), end=st.booleans()
 )

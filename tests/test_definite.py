@@ -51,7 +51,7 @@ def test_asymmetric_matrix_is_refused():
     assert not positive_definite(fmpq_mat([[1, 1], [0, 1]])).holds
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(st.data())
 def test_agrees_with_the_signs_of_a_congruence(data):
     # L D L' has the inertia of D (Sylvester's law).

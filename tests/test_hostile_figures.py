@@ -95,7 +95,7 @@ ALL = sorted(
 )
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=300)
 @given(st.sampled_from(ALL), st.floats(allow_nan=False))
 def test_a_quantity_holds_what_lies_in_its_range_and_nothing_else(name: str, value: float) -> None:
     from pydantic import TypeAdapter, ValidationError

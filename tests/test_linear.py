@@ -113,7 +113,7 @@ FIGURE = st.floats(0.01, 100.0, allow_nan=False)
 
 
 @given(st.lists(FIGURE, min_size=16, max_size=16), st.booleans())
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 def test_plant_is_the_closed_form(values: list[float], filtered: bool):
     """Eliminating by hand: two beams in series with oil, leakage and valve, as polynomials of s."""
     names = [name for name in FIGURES if not name.endswith("end_mass")]
@@ -135,7 +135,7 @@ def test_plant_is_the_closed_form(values: list[float], filtered: bool):
 
 
 @given(st.lists(FIGURE, min_size=len(FIGURES), max_size=len(FIGURES)), st.booleans())
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 def test_the_assembly_is_the_papers_descriptor_system(values: list[float], filtered: bool):
     """Matrices of the assembled rig in the paper's states, and its polynomials for all sensors, in rationals."""
     figure, given = dict(zip(FIGURES, values, strict=True)), [exact(value) for value in values]

@@ -129,7 +129,7 @@ def test_the_gain_of_a_loop_that_is_stable_at_no_low_gain_is_raised_from_its_own
     mass=st.floats(0.0, 20.0), inner=st.floats(0.0, 6.0), gain=st.floats(1e-3, 0.6), pole=st.floats(0.2, 5.0),
     zero=st.floats(5.0, 100.0),
 )  # fmt: skip
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 def test_stability_agrees_with_eigenvalues(mass: float, inner: float, gain: float, pole: float, zero: float):
     rig = PAPER.but(
         controller=Lag(gain_A_per_V=gain, pole_Hz=pole, zero_Hz=zero), payload=Payload(inner_end_mass_kg=inner)

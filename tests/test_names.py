@@ -156,7 +156,7 @@ def realised() -> Realisation:
 
 
 @example(every_mark)
-@settings(max_examples=40, deadline=None)  # the first compiles the templates
+@settings(max_examples=40)  # the first compiles the templates
 @given(name=broken)
 def test_no_name_leaves_its_comment_in_c(realised: Realisation, name: str) -> None:
     made, plain = (c_files(realised, one, (one,)) for one in (name, PLAIN))
@@ -254,7 +254,7 @@ def test_a_blind_check_of_any_effect(name: str) -> None:
 
 
 @example(every_mark)
-@settings(max_examples=4, deadline=None)
+@settings(max_examples=4)
 @given(name=broken)
 def test_a_drawing_bears_the_name(rig_with_tubes: Prototype, name: str) -> None:
     document = drawing(called(rig_with_tubes, name))
@@ -290,7 +290,7 @@ def cases(name: str) -> tuple[Sweep, list[Mapping[str, Any]]]:
 @example(every_mark)
 @example("$\\frac$")
 @example("_a")
-@settings(max_examples=4, deadline=None)
+@settings(max_examples=4)
 @given(name=broken)
 def test_pictures_bear_names_as_they_are(tmp_path_factory: pytest.TempPathFactory, name: str) -> None:
     folder = tmp_path_factory.mktemp("drawn")
@@ -335,7 +335,7 @@ class Tags(HTMLParser):
 
 
 @example(every_mark)
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=15)
 @given(names)
 def test_no_name_is_a_tag(tmp_path_factory: pytest.TempPathFactory, name: str) -> None:
     code = name.replace("`", "")

@@ -22,7 +22,7 @@ from beamdesign.proofs.rectangle import Rectangle, shifted
 from beamdesign.prototype import COMPLIANCE_LIMIT_M_PER_N, Prototype
 from beamdesign.rational import nearest
 
-quick = settings(max_examples=80, deadline=None)
+quick = settings(max_examples=80)
 MASSES = (0.0, 6.8)
 FREQUENCIES_HZ = np.geomspace(0.01, 2000, 3000)
 

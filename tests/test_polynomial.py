@@ -21,7 +21,7 @@ from beamdesign.polynomial import (
 )
 from beamdesign.rational import bounds, nearest, rounded_down, rounded_up, shortened, simple_between, text
 
-quick = settings(max_examples=50, deadline=None)
+quick = settings(max_examples=50)
 fractions = st.fractions(min_value=-100, max_value=100, max_denominator=1000)
 integers = st.lists(st.integers(-9, 9), min_size=1, max_size=7)
 

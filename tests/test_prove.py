@@ -256,7 +256,7 @@ def test_poles_at_infinity_and_at_minus_one():
 COEFFICIENT = st.floats(-3, 3).map(lambda value: round(value, 3))
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=150)
 @given(
     above=st.lists(COEFFICIENT, min_size=1, max_size=4),
     below=st.lists(COEFFICIENT, min_size=3, max_size=5),

@@ -130,7 +130,7 @@ def test_the_plain_rule_is_scipys() -> None:
         assert response(found, frequency) == pytest.approx(gain * np.prod(z - at) / np.prod(z - of), rel=1e-5)
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 @given(st.floats(0.02, 0.45), st.floats(0.05, 0.95), st.floats(0.02, 0.45), st.floats(0.05, 0.95))
 def test_prewarped_every_root_keeps_its_frequency(own: float, zeros: float, other: float, poles: float) -> None:
     """Shares of the rate. At its own frequency a pair is 2 j d, and a first-order root 1 + j, as in continuous time."""

@@ -118,7 +118,7 @@ def current_by_nodal_analysis(circuit: Circuit, frequency_Hz: float) -> complex:
     return (-1 if circuit.inverted else 1) * np.linalg.solve(matrix, source)[given] / circuit.sense_ohm
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(
     gain=st.floats(0.02, 1.0),
     pole=st.floats(0.3, 5.0),

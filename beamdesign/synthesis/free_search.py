@@ -315,9 +315,7 @@ def tubes(problem: DesignProblem, variables: np.ndarray) -> tuple[Tube, Tube]:
     return pair_of(problem, (variables[:4] * SIZE_UNITS).tolist())
 
 
-def free_optimum(
-    problem: DesignProblem, known: Sequence[tuple[Tube, Tube]] = (), grid: bool = True
-) -> FreeOptimum | None:
+def free_optimum(problem: DesignProblem, known: Sequence[tuple[Tube, Tube]] = ()) -> FreeOptimum | None:
     """Search the lightest pair of tubes of free sizes.
 
     IPOPT with exact derivatives from a grid of starts and from pairs already known. It is a local method: that no
@@ -327,13 +325,12 @@ def free_optimum(
     Args:
         problem: what is asked.
         known: pairs to start from as well, such as the best stock pair.
-        grid: whether to start from the grid at all; without it, the optimum is one beside the known pairs.
 
     Returns:
         The optimum, or None where no feasible pair was found.
     """
     program = sizing_program(problem)
-    conditions, points = Conditions(program), start_points(problem, known)[: None if grid else len(known)]
+    conditions, points = Conditions(program), start_points(problem, known)
     if not any(check_sections(problem, *pair).feasible for pair in known):
         nearest, missed = Elastic(problem, program, conditions).nearest(program.figures, points[::3])
         if missed > FEASIBLE:

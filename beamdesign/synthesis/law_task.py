@@ -282,7 +282,8 @@ _BEYOND = 1.06
 _PENALTY = 20.0
 """What a violation of the other limits costs, over the slack of compliance."""
 
-_SMALLEST_REACH, _LARGEST_REACH = 1e-4, 0.5
+_SMALLEST_REACH, _FIRST_REACH, _LARGEST_REACH = 1e-4, 0.3, 0.5
+"""How far a variable may move in a step."""
 
 
 def coarse_search(
@@ -293,7 +294,6 @@ def coarse_search(
     lower: np.ndarray,
     upper: np.ndarray,
     most: int = 600,
-    reach: float = 0.3,
 ) -> np.ndarray:
     """Variables (v,) that a coarse search leads to; its start, within its bounds, where no loop is stable.
 
@@ -305,14 +305,13 @@ def coarse_search(
         lower: (v,) their bounds.
         upper: (v,)
         most: linear programs at most.
-        reach: how far a variable may move in the first step.
     """
     here = np.clip(start, lower, upper)
     now = slacks(points, goal, form, here)
     if not now.settled:
         return here
     aim = _aim(points, now)
-    steps, still = 0, 0
+    steps, still, reach = 0, 0, _FIRST_REACH
     while steps < most and reach > _SMALLEST_REACH and still < 12 and not over():
         steps += 1
         least, greatest = np.maximum(lower - here, -reach), np.minimum(upper - here, reach)

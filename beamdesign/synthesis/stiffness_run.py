@@ -182,9 +182,7 @@ class DrawnRig:
     wall: bool
 
 
-def drawn_rigs(
-    prototype: Prototype, masses_kg: tuple[float, float], wall: Wall, count: int, seed: int = 1
-) -> tuple[DrawnRig, ...]:
+def drawn_rigs(prototype: Prototype, masses_kg: tuple[float, float], wall: Wall, count: int) -> tuple[DrawnRig, ...]:
     """Look at rigs whose figures are off by normal deviations, cut off at four.
 
     Args:
@@ -192,7 +190,6 @@ def drawn_rigs(
         masses_kg: range of mass on the outer tip.
         wall: that the tip may lean on.
         count: how many.
-        seed: of the draw.
     """
     law = prototype.controller
     assert law is not None
@@ -200,7 +197,7 @@ def drawn_rigs(
         return ()
     spread = rig_spread(prototype, masses_kg[1], 1.0)
     masses = (exact(masses_kg[0]), exact(masses_kg[1]))
-    ports = [tip(close_loop(sensed(spread.rig(z)), law)) for z in spread.drawn(count, seed)]
+    ports = [tip(close_loop(sensed(spread.rig(z)), law)) for z in spread.drawn(count, seed=1)]
     needs: tuple[Need, ...] = ("stable", "passive", "wall")
     return tuple(
         DrawnRig(port.static_stiffness(), *(in_contact(port, masses, wall, need) for need in needs)) for port in ports
