@@ -1,10 +1,12 @@
 """From fits to a verdict, on fits made by hand, and the classic false answer: a missing resonance fitted as a delay."""
 
+import tomllib
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from gap_sets import believed, measured, only
+from null_scores import main as null_scores_main
 
 from beamdesign.diagnosis.diagnose import verdict_of
 from beamdesign.diagnosis.fitting.evidence import record_evidence
@@ -13,6 +15,7 @@ from beamdesign.diagnosis.fitting.hypothesis import NOTHING, Hypothesis
 from beamdesign.diagnosis.fitting.search import Search
 from beamdesign.diagnosis.fitting.starts import resonances, starts
 from beamdesign.diagnosis.judgement import THRESHOLDS, causes, classes, deviations, evidence, held_out_score, judge
+from beamdesign.diagnosis.level import LEVEL, chance, null_scores
 
 EXPECTED = 300.0
 LAG, AREAS = "sensor_lag", "unequal_piston_areas"
@@ -65,6 +68,40 @@ def test_deviations_are_those_of_refits_without_each_condition():
     slopes = [abs(u.slope(v)) for u, v in zip(unknowns, z, strict=True)]
     errors = deviations(one, Search(one, (), 80.0, ("",) * 4, conditions=(0, 1, 2, 3)))
     assert list(errors.values()) == pytest.approx(list(slopes * np.sqrt(own + jackknife)), rel=1e-8)
+
+
+def test_a_rig_whose_records_no_null_resembles_is_not_without_a_gap():
+    judged = judge(found(made((), 1.1 * EXPECTED)))
+    assert verdict_of(judged) == "no_gap"
+    assert verdict_of(judged, rare=LEVEL) == "unknown"
+    assert verdict_of(judged, rare=0.5) == "no_gap"
+    lost = judge(found(made((), 20 * EXPECTED), made((LAG,), 15 * EXPECTED)))
+    assert (verdict_of(lost), verdict_of(lost, rare=LEVEL)) == ("unknown", "unknown")
+
+
+def test_of_nulls_no_more_than_the_level_are_beyond_it():
+    """Conformal p-values of exchangeable scores are at most a with a probability of at most a, whatever their law."""
+    random = np.random.default_rng(2)
+    for law in (random.standard_cauchy, random.standard_normal, lambda n: random.integers(0, 3, n).astype(float)):
+        p = [chance(drawn[0], drawn[1:]) for drawn in (law(50) for _ in range(4000))]
+        assert min(p) > 0
+        for level in (0.02, 0.1, 0.5):
+            assert np.mean(np.array(p) <= level) <= level + 3 * np.sqrt(level * (1 - level) / 4000)
+    assert chance(0.0, [0.5] * 49) == pytest.approx(1 / 50)
+    assert len(null_scores()) >= 1 / LEVEL  # so that the level can be reached at all
+    assert list(null_scores()) == sorted(null_scores())
+    assert 0 < null_scores()[0] < null_scores()[-1] < 1
+
+
+def test_scores_that_are_there_are_not_drawn_again(tmp_path, capsys):
+    (tmp_path / "short.jsonl").write_text("[7, 0.71]\n[6, 0.9]\n[5, 0.85]\n")
+    given = [str(tmp_path), "--rigs", "3", "--seed", "5", "--workers", "1"]
+    assert null_scores_main(given) == 0
+    written = tomllib.loads((tmp_path / "nulls.toml").read_text())
+    assert written == {"first_seed": 5, "no_gap": [0.71, 0.85, 0.9]}
+    capsys.readouterr()
+    assert null_scores_main([*given, "--check"]) == 0
+    assert "0 of 3 rigs" in capsys.readouterr().out
 
 
 def test_a_fit_at_the_noise_is_no_gap():

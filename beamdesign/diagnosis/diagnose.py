@@ -1,11 +1,12 @@
 """The diagnosis of a data set: where its gap lies, what causes it, how far it closes.
 
-Some records are kept out of every fit, to measure the gap on; what is found is told in two sentences.
+Some records are kept out of every fit, to measure the gap on; what is found is told in a few sentences.
 """
 
 from collections.abc import Sequence
 from dataclasses import replace
 from itertools import combinations
+from math import nan
 
 import numpy as np
 
@@ -31,6 +32,7 @@ from beamdesign.diagnosis.gain_diagnosis import explain_gains
 from beamdesign.diagnosis.gap_metrics import errors, gap, sizes
 from beamdesign.diagnosis.judgement import THRESHOLDS, Judgement, cause_sets, causes, classes, judge
 from beamdesign.diagnosis.learning import described, learn
+from beamdesign.diagnosis.level import LEVEL, chance
 from beamdesign.diagnosis.second_look import second_look
 from beamdesign.diagnosis.separability import indistinguishable
 from beamdesign.diagnosis.where.locate import locate
@@ -157,7 +159,10 @@ def _diagnosed(data: Dataset, workers: int, progress: Progress, kept: FitCache |
         found, judged, words, learnt = again.search, again.judged, (*words, again.warning), None
     elif learnt is not None:
         data, found, judged = learnt.data, learnt.search, learnt.judged
-    confident = verdict_of(judged, examined.limits_confidence) != "unknown"
+    rare = nan if left_out() else chance(judged.of_causes.get((), 0.0))
+    if rare > LEVEL and (judged.best.hypothesis.names or learnt or again):
+        judged, learnt, again = replace(judged, best=found.null), None, None
+    confident = verdict_of(judged, examined.limits_confidence, rare) != "unknown"
     best = judged.best if confident or learnt is not None else found.null
     progress(0.96, "what the data can tell")
     evidence = evidence_of(data)
@@ -190,7 +195,7 @@ def _diagnosed(data: Dataset, workers: int, progress: Progress, kept: FitCache |
         )
         measured = synchronised if again.oscillates else measured
     doubtful, left = examined.limits_confidence or not confirmed(synchronised), left_out()
-    verdict = no_surer(verdict_of(judged, doubtful), left)
+    verdict = no_surer(verdict_of(judged, doubtful, rare), left)
     progress(1.0, "where the gap lies")
     where = locate(data, found, best, evidence, [c for c in ranked if c.name in chosen], judged.unknown)
     asked = None
@@ -200,7 +205,7 @@ def _diagnosed(data: Dataset, workers: int, progress: Progress, kept: FitCache |
         data.name,
         verdict,
         unfinished(left)
-        + sentences(verdict, ranked, chosen, measured, where, again is not None and again.oscillates, not left),
+        + sentences(verdict, ranked, chosen, measured, where, again is not None and again.oscillates, not left, rare),
         ranked,
         chosen,
         judged.unknown,
@@ -215,6 +220,7 @@ def _diagnosed(data: Dataset, workers: int, progress: Progress, kept: FitCache |
         cause_sets(found, judged),
         from_rest,
         left_out=left_out(),
+        chance=rare,
     )
 
 
@@ -223,19 +229,25 @@ def _between(low: float, high: float, progress: Progress) -> Progress:
     return lambda share, doing: progress(low + (high - low) * share, doing)
 
 
-def verdict_of(judged: Judgement, doubtful: bool = False) -> Verdict:
+def verdict_of(judged: Judgement, doubtful: bool = False, rare: float = nan) -> Verdict:
     """What the probabilities come to.
 
     Data that are not what they should be allow no confident answer, nor do figures strained to make a cause fit (a
     resonance that is missing, fitted as a delay).
+
+    Args:
+        judged: the probabilities.
+        doubtful: whether data or conditions held out speak against them.
+        rare: of rigs without a gap, the share that is judged so, see `level`; there is no gap above `LEVEL`, and below
+            it something is missing even where nothing known explains it. NaN where it is not known.
     """
-    if judged.unknown > 0.5:
+    if judged.unknown > 0.5 and not rare > LEVEL:
         return "unknown"
     named = bool(judged.best.hypothesis.names)
     if doubtful or (named and judged.strained):
         return "ambiguous" if named else "unknown"
     if not named:
-        return "no_gap"
+        return "unknown" if rare <= LEVEL else "no_gap"
     return "effect" if judged.sure >= THRESHOLDS.confident * (1 - judged.unknown) else "ambiguous"
 
 
@@ -258,8 +270,9 @@ def sentences(
     where: Where,
     synchronised: bool = False,
     complete: bool = True,
+    rare: float = nan,
 ) -> str:
-    """The verdict for people: what it is, and how far the gap closes.
+    """The verdict for people: what it is, how probable it is without a gap, and how far the gap closes.
 
     Args:
         verdict: in a word.
@@ -269,6 +282,7 @@ def sentences(
         where: it lies.
         synchronised: whether errors are those of models that follow the records.
         complete: whether everything that is known was compared.
+        rare: see `verdict_of`.
     """
     errors = (
         "On records left out of the fits that measure it, the "
@@ -294,4 +308,6 @@ def sentences(
             learnt = [f"{c.like} at the port {in_words(c.name.partition(':')[2])}" for c in causes if c.like]
             learnt += [words[c.name] for c in causes if c.name in chosen and not c.like] if learnt else []
             first += f" Learnt from the records: {listed(learnt)}." if learnt else ""
+    if rare <= LEVEL and verdict != "no_gap":
+        first += f" Of rigs without a gap at most {rare:.1%} are judged to be as far from having none."
     return f"{first} {errors}"

@@ -236,7 +236,7 @@ class Diagnosis(Generic[Rig], Result):
     Attributes:
         name: of the data set.
         verdict: `no_gap`, `effect`, `ambiguous` (several causes explain it alike) or `unknown` (none does).
-        sentences: the verdict for people, two sentences.
+        sentences: the verdict for people.
         causes: best first.
         chosen: names held responsible, the dominant one first.
         probability_unknown: that something outside the library is behind the gap; NaN where only known causes are
@@ -253,6 +253,7 @@ class Diagnosis(Generic[Rig], Result):
         errors: of the time records as predicted from rest.
         notes: what else has to be said, in words.
         left_out: causes that were not compared for want of time; then the verdict is no surer than ambiguous.
+        chance: that a rig without a gap is judged so, see `beamdesign.diagnosis.level`; NaN where it is not known.
     """
 
     MEASURE: ClassVar[str] = (
@@ -278,6 +279,7 @@ class Diagnosis(Generic[Rig], Result):
     errors: tuple[Errors, ...] = field(default=(), repr=False)
     notes: tuple[str, ...] = ()
     left_out: tuple[str, ...] = ()
+    chance: float = nan
 
     @property
     def status(self) -> str:
@@ -296,7 +298,7 @@ class Diagnosis(Generic[Rig], Result):
         if self.next_experiment is not None:
             asked = "text separates separation information_bits settings"
             fields["next_experiment"] = picked(self.next_experiment, asked)
-        fields |= {"complete": not self.left_out, "left_out": self.left_out}
+        fields |= {"complete": not self.left_out, "left_out": self.left_out, "chance_without_gap": self.chance}
         if (separability := self.separability) is not None:
             told = "not_told_apart=classes nearly_alike=close not_visible=invisible"
             fields["before_fitting"] = picked(separability, told)
