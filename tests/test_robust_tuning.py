@@ -361,7 +361,9 @@ def test_a_stage_performs_over_its_own_payloads_and_is_stable_with_all(rig: Prot
     assert verdict.valid, verdict.failed
     assert any(line.startswith("stable for every member of the box") for line in verdict.proved)
     about = [line for line in verdict.proved if "for every member of the box with outer_end_mass 0 to 1:" in line]
-    assert len(about) == len(found.best.over_box.claims) == 5
+    kinds = [claim.kind for claim in found.best.over_box.claims]
+    assert len(about) == len(kinds) >= 5  # with `slope` where that is proved in its time
+    assert {"gain_margin", "peak_sensitivity", "compliance"} <= set(kinds)
 
 
 # The search for the worst rigs.

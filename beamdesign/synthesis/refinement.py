@@ -71,7 +71,7 @@ NEARLY = 0.02
 _TRIES = 3
 """How often a step with sections is tried, with the peaks enforced that the last one met, before a shorter one is."""
 
-_LOST = 2
+_LOST = 3
 """How often a step of a law may fail, each shorter than the one before, before none is expected to lead on."""
 
 _STILL = 1e-5

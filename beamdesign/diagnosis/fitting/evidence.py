@@ -16,7 +16,7 @@ from beamdesign.diagnosis.fitting.gain_evidence import GainEvidence
 from beamdesign.diagnosis.fitting.hypothesis import NOTHING, Placement, Unknown, given
 from beamdesign.diagnosis.fitting.linear_evidence import ResponseEvidence
 from beamdesign.diagnosis.fitting.weighting import SHARE, Weighting, banded, blurred, weighting
-from beamdesign.plant.assembly import OUTPUTS, Structure, assemble, parameters_of
+from beamdesign.plant.assembly import Structure, assemble, parameters_of
 from beamdesign.plant.compiled import equilibrium_sensitivity, integrate, integrate_with_sensitivities
 from beamdesign.plant.equilibrium import equilibrium, linearise
 from beamdesign.prototype import Prototype
@@ -81,7 +81,7 @@ class Replay:
             loop = linearise(placed.assembly, at_rest(placed, parameters), np.zeros(3), parameters)
         except ValueError:
             return heard
-        rows = [OUTPUTS.index(name) for name in channels]
+        rows = [placed.assembly.outputs.index(name) for name in channels]
         whole = 2j * np.pi * frequencies_Hz[:, None, None] * np.eye(len(loop.a)) - loop.a
         moved = np.linalg.solve(whole, loop.b[:, [1]].astype(complex))[:, :, 0] @ loop.c[rows].T + loop.d[rows, 1]
         # noise at the sensor is a command with the other sign
