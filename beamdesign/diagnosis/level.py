@@ -2,8 +2,8 @@
 
 The probability that a diagnosis gives to no gap is ranked among those of rigs without one, drawn and diagnosed by the
 same program (`studies/benchmarks/null_scores.py`, their scores in `nulls.toml`). If a rig without a gap is drawn like
-these, its rank is uniform whatever the scores are, so that the share of `chance` below a level is at most that level:
-split conformal prediction (V. Vovk, A. Gammerman and G. Shafer, Algorithmic Learning in a Random World, Springer 2005,
+these, every rank is as probable as any other, so that `chance` is at most a level with at most that probability: split
+conformal prediction (V. Vovk, A. Gammerman and G. Shafer, Algorithmic Learning in a Random World, Springer 2005,
 section 2.2). As the score is the last that a diagnosis says, nothing has to be corrected for how many causes and places
 were looked at. Nothing is promised of rigs that are unlike those.
 """

@@ -1,8 +1,7 @@
 """Which cases a blind check is made of; their drawing, data sets in one folder, answers in another; and the seal.
 
-Kinds come in fixed shares, and of each kind so do the rigs, every effect about as often as any
-other. The seal holds digests of answers and data,
-taken before anybody looks for them and checked when answers are opened.
+Kinds come in fixed shares, and of each kind so do the rigs, every effect about as often as any other. The seal holds
+digests of answers and data, taken before anybody looks for them and checked when answers are opened.
 """
 
 import hashlib
