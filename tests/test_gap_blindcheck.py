@@ -368,18 +368,18 @@ def test_the_path_brings_in_the_strongest_first():
 # A check in small
 
 FIVE = tuple(
-    Planned(number, kind, names, seed)
-    for number, (seed, kind, names) in enumerate(
+    Planned(number, kind, names, seed, rig)
+    for number, (seed, kind, names, rig) in enumerate(
         [
-            (30, "null", ()),
-            (31, "single", ("transport_delay",)),
-            (32, "outside", ("coil_lag",)),
-            (34, "parameter", ("parameter:flow_gain",)),
-            (36, "pair", ("transport_delay", "unequal_piston_areas")),
+            (30, "null", (), "ball_screw"),
+            (31, "single", ("transport_delay",), "lag"),
+            (32, "outside", ("coil_lag",), "lag"),
+            (34, "parameter", ("parameter:flow_gain",), "lag"),
+            (36, "pair", ("transport_delay", "unequal_piston_areas"), "lag"),
         ]
     )
 )
-"""Every kind of case, and every cause that `FEW` can name, one of them only in a pair."""
+"""Every kind of case, both actuators, and every cause that `FEW` can name, one of them only in a pair."""
 FEW = ("transport_delay", "unequal_piston_areas", "parameter:flow_gain")
 """The only candidates of the diagnoses below, with their pairs; a real one tries every effect and every figure."""
 
@@ -390,15 +390,18 @@ def checked(tmp_path_factory):
     from beamdesign.diagnosis import diagnose as diagnosing
     from beamdesign.diagnosis import second_look as looking
     from beamdesign.diagnosis.fitting import search as searching
-    from beamdesign.diagnosis.fitting.hypothesis import Hypothesis
+    from beamdesign.diagnosis.fitting.hypothesis import singles
     from beamdesign.validation.blind.diagnosis import diagnose_blind, program
+
+    def few(prototype):
+        return tuple(each for each in singles(prototype) if str(each) in FEW)
 
     folder = tmp_path_factory.mktemp("check")
     check = blindcheck.begin_check(folder, len(FIVE), 0, True, FIVE)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(blindcheck, "_processes", _here)
         seal = blindcheck.draw_and_seal(check, 1)
-        patch.setattr(searching, "singles", lambda prototype: tuple(Hypothesis((name,)) for name in FEW))
+        patch.setattr(searching, "singles", few)
         patch.setattr(looking, "backlash_impacts", lambda *given: None)  # play is none of the few
         patch.setattr(diagnosing, "next_experiment", lambda *given: None)  # has tests of its own, and takes longest
         now = program()
