@@ -5,11 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from gap_sets import believed, measured, only, scenario
+from scipy.signal import lfilter
 
 from beamdesign.diagnosis.diagnose import held_out
 from beamdesign.diagnosis.fitting.evidence import Replay, record_evidence
 from beamdesign.diagnosis.fitting.fit import Fit
 from beamdesign.diagnosis.fitting.hypothesis import FREE, NOTHING, together
+from beamdesign.diagnosis.fitting.weighting import rising, weighting
 from beamdesign.diagnosis.gap_metrics import Errors, gap, sizes
 from beamdesign.scenario import Measurement
 from beamdesign.simulation import simulate
@@ -83,6 +85,53 @@ def test_the_loop_feeds_its_sensors_noise_back(data):
     power = [np.sum(np.abs(np.fft.rfft(signal))[band] ** 2) for signal in (read, noise)]
     assert power[0] / power[1] == pytest.approx(np.mean(found[band] ** 2), rel=0.15)
     assert power[0] > 1.2 * power[1]
+
+
+@pytest.mark.parametrize("coloured", [0.0, 0.5, 0.9])
+def test_noise_that_rises_to_low_frequency_is_told_from_white_noise(coloured):
+    """Against the spectrum of an autoregressive process of first order, sigma^2 (1 - a^2) / |1 - a exp(-i w)|^2."""
+    random, step, memory = np.random.default_rng(5), 5e-4, np.exp(-2 * np.pi * 40 * 5e-4)
+    lines = np.fft.rfftfreq(4000, step)[1:]
+    spectra = []
+    for k in range(4):
+        slow = lfilter([np.sqrt(1 - memory**2)], [1.0, -memory], random.standard_normal(8000))[4000:]
+        noise = np.sqrt(1 - coloured) * random.standard_normal(4000) + np.sqrt(coloured) * slow
+        moved = 30.0 * 4**k * (1 + (lines / 50) ** 2) ** -2.0  # what drives a record, ever harder, and its response
+        power = np.abs(np.fft.rfft(noise)[1:]) ** 2 / 4000 + moved
+        spectra.append((lines, power, moved))
+    found = rising(spectra)
+    if not coloured:
+        assert found is None
+        return
+    seen = np.array([150.0, 250.0, 400.0])
+    exact = coloured * (1 - memory**2) / np.abs(1 - memory * np.exp(-2j * np.pi * seen * step)) ** 2
+    assert found(seen) == pytest.approx(exact, rel=0.35)
+    # What nobody predicted is noise to whoever sees no drive behind it; a step's spectrum falls as 1/f^2 as well.
+    steps = 1e6 / lines**2
+    assert rising([(lines, steps * random.exponential(size=len(lines)), steps)]) is None
+
+
+def test_noise_of_any_colour_is_the_floor(data):
+    """A rig without a gap whose sensor's noise rises, inside its loop: the believed figures leave its floor."""
+    random, memory = np.random.default_rng(7), np.exp(-2 * np.pi * 30 * data.records[0].step)
+    placement, gain = NOTHING.placement(data.prototype), data.prototype.sensor.gain_V_per_m
+    still, records = np.zeros(len(placement.unknowns)), []
+    for record in data.records:
+        white, drawn = 1e-6 * random.standard_normal((2, len(record.times)))
+        noise = white + lfilter([np.sqrt(1 - memory**2)], [1.0, -memory], 3 * drawn)
+        noise -= noise[0]  # a record begins at rest
+        fed = replace(record, inputs=record.inputs - [0.0, gain] * noise[:, None])
+        channels = tuple(record.measured)
+        moved = Replay(fed, data.prototype).simulated(placement, still, channels).T
+        measured_by = dict(zip(channels, moved, strict=True))
+        measured_by["displacement_m"] = measured_by["displacement_m"] + noise
+        measured_by["current_A"] = measured_by["current_A"] + 1e-5 * random.standard_normal(len(noise))
+        records.append(replace(record, measured=measured_by))
+    pieces = record_evidence(replace(data, records=tuple(records)))
+    left = [np.sum(piece.residual(placement, still) ** 2) for piece in pieces]
+    assert sum(left) == pytest.approx(sum(piece.expected for piece in pieces), rel=0.2)
+    whites = [replace(piece, weight=weighting(piece.record, piece.weight.channels)) for piece in pieces]
+    assert sum(np.sum(piece.residual(placement, still) ** 2) for piece in whites) > 2 * sum(p.expected for p in whites)
 
 
 def test_the_size_of_a_cause_is_what_it_changes_alone(data):

@@ -4,6 +4,7 @@ A record is simulated with given figures, and its derivatives with it. A model m
 motion that cannot be repeated: see `InjectedRecord`.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import cache, cached_property
 from math import ceil
@@ -15,7 +16,16 @@ from beamdesign.diagnosis.fitting.fit import Evidence
 from beamdesign.diagnosis.fitting.gain_evidence import GainEvidence
 from beamdesign.diagnosis.fitting.hypothesis import NOTHING, Placement, Unknown, given
 from beamdesign.diagnosis.fitting.linear_evidence import ResponseEvidence
-from beamdesign.diagnosis.fitting.weighting import SHARE, Weighting, banded, blurred, weighting
+from beamdesign.diagnosis.fitting.weighting import (
+    LOWEST_HZ,
+    SHARE,
+    Weighting,
+    banded,
+    blurred,
+    faded,
+    rising,
+    weighting,
+)
 from beamdesign.plant.assembly import Structure, assemble, parameters_of
 from beamdesign.plant.compiled import equilibrium_sensitivity, integrate, integrate_with_sensitivities
 from beamdesign.plant.equilibrium import equilibrium, linearise
@@ -278,22 +288,50 @@ def figures_of(data: Dataset) -> tuple[Figure, ...]:
 
 def record_evidence(data: Dataset) -> tuple[RecordEvidence, ...]:
     """All time records of a data set."""
+    jobs = [Replay(taken.cleaned, data.prototype) for taken in data.records]
+    rise = rising(filter(None, map(_at_the_sensor, jobs)))
     found = []
-    for record in (taken.cleaned for taken in data.records):
-        channels = tuple(record.measured)
-        measured = np.column_stack([record.measured[name] for name in channels])
-        job = Replay(record, data.prototype)
-        found.append(RecordEvidence(job, in_the_loop(weighting(record, channels), job), measured))
+    for job in jobs:
+        channels = tuple(job.record.measured)
+        measured = np.column_stack([job.record.measured[name] for name in channels])
+        found.append(RecordEvidence(job, in_the_loop(weighting(job.record, channels), job, rise), measured))
     return tuple(found)
 
 
-def in_the_loop(weight: Weighting, job: Replay) -> Weighting:
-    """A weighing that counts as noise what the believed loop makes of its sensor's noise, beyond what the top shows."""
+def _at_the_sensor(job: Replay) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
+    """Frequencies, powers per sample of the displacement measured and of that predicted, as noise of the sensor."""
+    placement, record = NOTHING.placement(job.prototype), job.record
+    predicted = job.simulated(placement, np.zeros(len(placement.unknowns)), (DISPLACEMENT,))
+    if predicted is None:
+        return None
+    moved, count = np.column_stack([record.measured[DISPLACEMENT], predicted]), len(record.times)
+    frequencies = np.fft.rfftfreq(count, record.step)
+    kept = frequencies > LOWEST_HZ
+    power = np.abs(np.fft.rfft(moved * faded(count)[:, None], axis=0)[kept]) ** 2 / count
+    own = power / _heard(job, (DISPLACEMENT,), frequencies[kept])
+    return frequencies[kept], own[:, 0], own[:, 1]
+
+
+def _heard(job: Replay, channels: tuple[str, ...], frequencies_Hz: np.ndarray) -> np.ndarray:
+    """(F, C) power that channels have of the sensor's noise in the believed loop, over that noise's own."""
     placement = NOTHING.placement(job.prototype)
+    return np.abs(job.noise_response(placement, np.zeros(len(placement.unknowns)), channels, frequencies_Hz)) ** 2
+
+
+def in_the_loop(weight: Weighting, job: Replay, rise: Callable[[np.ndarray], np.ndarray] | None = None) -> Weighting:
+    """A weighing that counts as noise what the believed loop makes of its sensor's noise, beyond what the top shows.
+
+    Args:
+        weight: by white noise.
+        job: of the record.
+        rise: of the noise's power per sample beyond white noise, by frequency.
+    """
     lines = np.append(weight.frequencies_Hz, 0.5 / job.record.step)  # the last one: where noise was read off
-    power = np.abs(job.noise_response(placement, np.zeros(len(placement.unknowns)), weight.channels, lines)) ** 2
-    white = weight.noise_std[weight.channels.index(DISPLACEMENT)] ** 2 * len(weight.fade)
-    return blurred(weight, white * np.maximum(power[:-1] - power[-1], 0.0))
+    power = _heard(job, weight.channels, lines)
+    count = len(weight.fade)
+    white = weight.noise_std[weight.channels.index(DISPLACEMENT)] ** 2 * count
+    more = white * np.maximum(power[:-1] - power[-1], 0.0)
+    return blurred(weight, more if rise is None else more + count * rise(weight.frequencies_Hz)[:, None] * power[:-1])
 
 
 OWN_SHARE = 0.3

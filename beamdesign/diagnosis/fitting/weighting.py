@@ -6,9 +6,11 @@ about that frequency)^2), band by band, and a record as a whole counts as `INDEP
 thousands of independent samples: what a model lacks is the same from one sample to the next.
 """
 
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+from scipy.optimize import nnls
 
 from beamdesign.diagnosis.data.dataset import TimeRecord
 
@@ -104,6 +106,59 @@ def blurred(weight: Weighting, power: np.ndarray) -> Weighting:
     """
     each = INDEPENDENT / len(weight.frequencies_Hz)
     return replace(weight, scale=np.sqrt(each / (each / weight.scale**2 + power.T)), noise=weight.noise + power.T)
+
+
+def rising(spectra: Iterable[tuple[np.ndarray, np.ndarray, np.ndarray]]) -> Callable[[np.ndarray], np.ndarray] | None:
+    """How far a sensor's noise rises towards low frequency above what it has at the top: as 1/f^2 where that is seen.
+
+    Noise is the same whatever drives a record, so that in every third of an octave it is no more than the least of
+    them. From the highest band down for as long as w + g/f^2 describes these least powers within their scatter, they
+    are noise: what a rig does falls faster.
+
+    Args:
+        spectra: frequencies in Hz, powers per sample, and those of them that the believed model predicts, of every
+            record; bands of which it predicts a part do not count.
+
+    Returns:
+        Power per sample beyond w, by frequency; None where g is within its scatter. Below the bands that were described
+        it goes on for two octaves, then is level, and nowhere is more than the least of the powers.
+    """
+    edges = LOWEST_HZ * 2 ** (np.arange(60) / 3)
+    sums = [
+        [np.bincount(np.digitize(f, edges), v, len(edges) + 1) for v in (None, f, *powers)] for f, *powers in spectra
+    ]
+    if not sums:
+        return None
+    count, total, power, predicted = np.moveaxis(np.array(sums), 1, 0)
+    noise = (count >= _LEAST_LINES) & (predicted < _PREDICTED * power)
+    there = noise.any(axis=0)
+    mean = np.divide(power, count, out=np.full(power.shape, np.inf), where=noise)
+    quietest = (np.argmin(mean, axis=0), np.arange(len(there)))
+    number, middle, least = (part[quietest][there] for part in (count, total / np.maximum(count, 1), mean))
+    found = None
+    for first in range(len(least) - _LEAST_BANDS, -1, -1):
+        own, scatter = least[first:], 1 / np.sqrt(number[first:])
+        terms = np.column_stack([np.ones(len(own)), middle[first:] ** -2.0]) / (own * scatter)[:, None]
+        (w, g), _ = nnls(terms, 1 / scatter)
+        off = own / (w + g * middle[first:] ** -2.0) - 1
+        if np.all(np.abs(off) < _SCATTERS * scatter + _ROUGHLY):
+            found = w, g, float(np.sqrt(np.linalg.pinv(terms.T @ terms)[1, 1])), middle[first]
+        elif found is not None:
+            break
+    if found is None or found[1] < _SEEN * found[2]:
+        return None
+    w, g, _, lowest = found
+
+    def beyond_white(f: np.ndarray) -> np.ndarray:
+        most = np.maximum(np.interp(f, middle, least, left=np.inf) - w, 0.0)
+        return np.asarray(np.minimum(g / np.maximum(f, lowest / 4) ** 2, most))
+
+    return beyond_white
+
+
+_LEAST_LINES, _LEAST_BANDS = 4, 3
+_PREDICTED = 0.2  # of the power in a band
+_SCATTERS, _ROUGHLY, _SEEN = 3.0, 0.1, 4.0  # standard errors, beside a share; and of g
 
 
 def banded(power: np.ndarray, frequencies_Hz: np.ndarray) -> np.ndarray:
