@@ -24,7 +24,7 @@ from beamdesign.polynomial import Affine, exact
 from beamdesign.proofs.absolute_stability import Members, Row
 from beamdesign.proofs.box import Box
 from beamdesign.proofs.box_claims import BoxClaim
-from beamdesign.proofs.multiplier import Multiplier, fits_families
+from beamdesign.proofs.multiplier import Multiplier, fits
 from beamdesign.proofs.rig_family import FACTOR
 from beamdesign.proofs.stability import is_stable_over
 from beamdesign.rational import text
@@ -90,7 +90,7 @@ def margin_of(loop: Loop, place: str, least: fmpq, most: fmpq, low: fmpq, high: 
     under, over = denominator + numerator * least, denominator + numerator * most
     if not is_stable_over(under, low, high):
         return None
-    return next((margin for margin in _MARGINS if fits_families(_PLAIN, over, under, low, high, margin)), None)
+    return next((margin for margin in _MARGINS if fits(_PLAIN, over, under, low, high, margin)), None)
 
 
 def changing_rows(given: Members) -> Iterator[Row]:

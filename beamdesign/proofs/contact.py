@@ -31,7 +31,7 @@ from flint import ctx, fmpq, fmpq_poly
 
 from beamdesign.loop import Tip
 from beamdesign.polynomial import Affine, even_odd, exact, is_hurwitz, real_roots, roots
-from beamdesign.proofs.performance import Coefficients, inner, kept_up_to_Hz, magnitude_slack
+from beamdesign.proofs.performance import Coefficients, inner, kept_up_to_Hz, less, magnitude_slack, over_mass
 from beamdesign.proofs.quadratic import quadratic_nonnegative
 from beamdesign.proofs.stability import is_stable_over, stable_ranges, unstable_at
 from beamdesign.rational import bounds, nearest, shortened, simple_between
@@ -331,13 +331,9 @@ class UnilateralContact:
 
 def popov_slack(tip: Tip, stiffness: fmpq, multiplier: fmpq) -> Coefficients:
     """|p|^2 / k + Re(n conj p) + q w Im(p conj n) as a quadratic a m^2 + b m + c in the mass, polynomials in w^2."""
-    p0, n = tip.bare, tip.moved
-    carried = _S * _S * n
-    return (
-        inner(carried, carried) / stiffness,
-        2 * inner(p0, carried) / stiffness + inner(n, carried),
-        inner(p0, p0) / stiffness + inner(n, p0) + multiplier * _S * absorbed(tip),
-    )
+    p, n = tip.over_mass, Affine(-tip.moved, _NONE)
+    a, b, c = less(1 / stiffness, over_mass(inner, p, p), over_mass(inner, n, p))
+    return a, b, c + multiplier * _S * absorbed(tip)
 
 
 def unilateral_contact(tip: Tip, masses: tuple[fmpq, fmpq], stiffness: fmpq) -> UnilateralContact:

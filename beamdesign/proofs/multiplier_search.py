@@ -13,7 +13,8 @@ from scipy.optimize import linprog
 
 from beamdesign.loop import Loop
 from beamdesign.polynomial import exact, roots
-from beamdesign.proofs.multiplier import Kernel, Multiplier, fits, is_proper, responses
+from beamdesign.proofs.multiplier import Kernel, Multiplier, fits, is_proper
+from beamdesign.proofs.performance import ratio
 from beamdesign.rational import nearest
 
 _RATES = (10, 25, 50, 100, 150, 250, 400, 600, 1000, 1500, 2500, 4000)
@@ -33,12 +34,12 @@ def search(loops: Sequence[Loop], low: fmpq, high: fmpq) -> tuple[Multiplier, fm
 
     Those that need no odd characteristic are sought first. None where none is found.
     """
-    if not all(is_proper(loop, low, high) for loop in loops):
+    if not all(is_proper(loop.loop_numerator, loop.loop_denominator, low, high) for loop in loops):
         return None
-    grid = _over_masses(loops, low, high)
+    grid, families = _over_masses(loops, low, high), [(loop.characteristic, loop.loop_denominator) for loop in loops]
     for odd in (False, True):
         for multiplier, margin in grid.candidates(kernels(_ORDERS), odd):
-            if multiplier.admissible and all(fits(multiplier, loop, low, high, margin) for loop in loops):
+            if multiplier.admissible and all(fits(multiplier, *one, low, high, margin) for one in families):
                 return multiplier, margin
     return None
 
@@ -57,7 +58,7 @@ def _over_masses(loops: Sequence[Loop], low: fmpq, high: fmpq) -> "Grid":
     ]
     near = np.unique(np.round([p * f for p in places if p > 0 for f in (0.9, 1.0, 1.1)], 2))
     w = np.unique(np.concatenate([np.geomspace(*ENDS_rad_per_s, _FREQUENCIES), near]))
-    return Grid(w, np.concatenate([1 + responses(loop, masses, w) for loop in loops]))
+    return Grid(w, np.concatenate([1 + ratio(loop.loop_numerator, loop.loop_denominator, masses, w) for loop in loops]))
 
 
 class Grid:

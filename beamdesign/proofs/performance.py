@@ -74,12 +74,19 @@ def slack(kind: Kind, loop: Closed, limit: fmpq) -> Coefficients:
 
 def magnitude_slack(limit: fmpq, denominator: Affine, numerator: Affine) -> Coefficients:
     """limit^2 |denominator|^2 - |numerator|^2 at jw as a quadratic a m^2 + b m + c in the mass."""
-    square = limit * limit
-    return (
-        square * inner(denominator.slope, denominator.slope) - inner(numerator.slope, numerator.slope),
-        2 * square * inner(denominator.constant, denominator.slope) - 2 * inner(numerator.constant, numerator.slope),
-        square * inner(denominator.constant, denominator.constant) - inner(numerator.constant, numerator.constant),
-    )
+    return less(limit * limit, over_mass(inner, denominator, denominator), over_mass(inner, numerator, numerator))
+
+
+def over_mass(form: Callable[[fmpq_poly, fmpq_poly], fmpq_poly], left: Affine, right: Affine) -> Coefficients:
+    """What is linear in each of two polynomials, as a quadratic a m^2 + b m + c in the mass over which these are."""
+    mixed = form(left.constant, right.slope) + form(left.slope, right.constant)
+    return form(left.slope, right.slope), mixed, form(left.constant, right.constant)
+
+
+def less(factor: fmpq_poly | fmpq, one: Coefficients, other: Coefficients) -> Coefficients:
+    """A factor times one quadratic in the mass, less another."""
+    a, b, c = (factor * first - second for first, second in zip(one, other, strict=True))
+    return a, b, c
 
 
 def inner(left: fmpq_poly, right: fmpq_poly) -> fmpq_poly:
@@ -357,10 +364,15 @@ def sampled_peak(denominator: Affine, numerator: Affine, low: fmpq, high: fmpq) 
 def sampled_ratio(above: Affine, below: Affine, from_Hz: float, low: fmpq, high: fmpq) -> float:
     """Largest |above / below| seen from a frequency up, over sampled masses and frequencies."""
     start, count = (2 * np.pi * from_Hz, 2000) if from_Hz else (1e-2, 3000)
-    s = 1j * np.geomspace(start, 1e6, count)
-    masses = np.linspace(nearest(low), nearest(high), 5)[:, None]
-    top, bottom = (at_points(p.constant, s) + masses * at_points(p.slope, s) for p in (above, below))
-    return float(np.abs(top / bottom).max())
+    masses = np.linspace(nearest(low), nearest(high), 5)
+    return float(np.abs(ratio(above, below, masses, np.geomspace(start, 1e6, count))).max())
+
+
+def ratio(above: Affine, below: Affine, masses: np.ndarray, w: np.ndarray) -> np.ndarray:
+    """A quotient of polynomials over the mass at jw in floats, (masses, frequencies)."""
+    s = 1j * w
+    top, bottom = (at_points(p.constant, s) + masses[:, None] * at_points(p.slope, s) for p in (above, below))
+    return np.asarray(top / bottom)
 
 
 def _floats(polynomial: fmpq_poly, degree: int) -> np.ndarray:
