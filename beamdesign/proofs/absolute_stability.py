@@ -12,6 +12,7 @@ from typing import Any
 
 from flint import fmpq
 
+from beamdesign.json_text import picked
 from beamdesign.loop import Loop, rig_loop
 from beamdesign.plant.members import LinearFamily, family
 from beamdesign.polynomial import exact
@@ -59,13 +60,7 @@ class Row:
 
     def to_dict(self) -> dict[str, Any]:
         """As it stands in JSON."""
-        return {
-            "effects": list(self.effects),
-            "method": self.method,
-            "proved": self.proved,
-            "covers": self.covers,
-            "bound_m": self.bound_m,
-        }
+        return picked(self, "effects method proved covers bound_m")
 
 
 @dataclass(frozen=True)

@@ -141,17 +141,6 @@ class Claim:
         """A mass that refutes the claim, as a float."""
         return None if self.witness is None else nearest(self.witness.mass)
 
-    @property
-    def witness_frequency_Hz(self) -> float | None:
-        """The frequency that goes with that mass."""
-        return None if self.witness is None else self.witness.frequency_Hz
-
-    @property
-    def witness_gain_factor(self) -> float | None:
-        """The factor on the gain that goes with it, for a gain margin."""
-        factor = None if self.witness is None else self.witness.gain_factor
-        return None if factor is None else nearest(factor)
-
 
 @dataclass(frozen=True)
 class Guaranteed:
