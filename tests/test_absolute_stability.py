@@ -83,7 +83,9 @@ def test_the_exact_slack_is_that_of_the_responses(tame: Prototype):
     found = loop(tame)
     for mass, w in ((0.0, 3), (2.0, 60), (6.8, 500)):
         at = np.array([float(w)])
-        real = (multiplier.response(at) * (1 + ratio(found.loop_numerator, found.loop_denominator, np.array([mass]), at)[0])).real[0]
+        real = (
+            multiplier.response(at) * (1 + ratio(found.loop_numerator, found.loop_denominator, np.array([mass]), at)[0])
+        ).real[0]
         x, m = fmpq(w) ** 2, fmpq(round(mass * 10), 10)
         a, b, c = (q(x) for q in slack(multiplier, found.characteristic, found.loop_denominator, MARGIN))
         denominator = found.loop_denominator.at(m)

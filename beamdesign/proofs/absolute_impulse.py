@@ -15,7 +15,7 @@ whose own absolute integral k, times |m - M| below one, raises the bound by the 
 from collections.abc import Sequence
 from math import ceil, frexp, sqrt
 
-from flint import acb, acb_mat, arb, ctx, fmpq, fmpq_poly
+from flint import acb, acb_mat, acb_poly, arb, ctx, fmpq, fmpq_poly
 
 from beamdesign.polynomial import Affine
 from beamdesign.rational import bounds, nearest
@@ -68,19 +68,12 @@ def _exponentials(numerators: Sequence[fmpq_poly], denominator: fmpq_poly) -> tu
         if root.imag == 0 or root.imag > 0:
             poles.append(root)
     twice = [1 if pole.imag == 0 else 2 for pole in poles]
-    below = [_at(slope, pole) for pole in poles]
+    below = [acb_poly(slope)(pole) for pole in poles]
     weights = [
-        [_at(one, pole) * factor / under for pole, factor, under in zip(poles, twice, below, strict=True)]
+        [acb_poly(one)(pole) * factor / under for pole, factor, under in zip(poles, twice, below, strict=True)]
         for one in numerators
     ]
     return poles, weights
-
-
-def _at(polynomial: fmpq_poly, point: acb) -> acb:
-    total = acb(0)
-    for value in reversed(polynomial.coeffs()):
-        total = total * point + acb(arb(value))
-    return total
 
 
 def _summed(poles: Sequence[acb], weights: Sequence[Sequence[acb]], close: float) -> tuple[list[arb], list[arb]]:
@@ -161,7 +154,7 @@ def _with_pieces(
     for k in range(pieces):
         *own, share = absolute_integrals([*numerators, closed.slope], closed.at(low + (2 * k + 1) * reach))
         left = 1 - reach * share
-        if left < 1 - 2 * fmpq(_RAISED.as_integer_ratio()[0], _RAISED.as_integer_ratio()[1]):
+        if left < 1 - 2 * fmpq(*_RAISED.as_integer_ratio()):
             return None
         worst = [max(before, one / left) for before, one in zip(worst, own, strict=True)]
     return worst

@@ -31,7 +31,7 @@ from beamdesign.proofs.rig_family import PolynomialFamily, performing_spans, rig
 from beamdesign.proofs.slope_claim import UNKNOWN, angle_ratios, largest_gains, presupposed
 from beamdesign.proofs.statement import Interval, Node, Statement
 from beamdesign.proofs.value_set import with_unknown
-from beamdesign.proofs.worst_members import Ratios, Worst, member_at, ratios, worst_in_bands, worst_near
+from beamdesign.proofs.worst_members import Ratios, Worst, member_at, ratios, worst_in_bands, worst_near, worst_of
 from beamdesign.proofs.zero_exclusion import PRECISION_BITS, Piece, holds, pieces
 from beamdesign.prototype import Prototype
 from beamdesign.rational import nearest, shortened
@@ -324,8 +324,7 @@ def worst_over_box(prototype: Prototype, box: Box, asked: Asked) -> list[Worst]:
     if asked.kind == "gain_margin":
         point = unstable_member(statement)
         return [] if point is None else [Worst(inf, point, 0.0)]
-    found = worst_in_bands(statement, _by(asked))
-    return [Worst(ratio, member_at(statement, shares), w.item() / (2 * pi)) for ratio, shares, w in found]
+    return worst_of(statement, _by(asked))
 
 
 def _width(ends: Interval, kind: str) -> float:

@@ -29,11 +29,6 @@ class Quasipolynomial:
 def member(statement: Statement, parameters: Point) -> Quasipolynomial:
     """The member at one value of every parameter, which may lie outside the box."""
     point = {n: a for n, (a, _) in statement.merged({n: (v, v) for n, v in parameters.items()}).items()}
-    return member_at(statement, point)
-
-
-def member_at(statement: Statement, point: Point) -> Quasipolynomial:
-    """The member at one value of every variable."""
     plain, late = statement.split(lambda name: statement.leaf_at(name, point), fmpq_poly([0]), fmpq_poly([1]))
     return Quasipolynomial(plain, late, fmpq(0) if statement.delay is None else point[statement.delay])
 
@@ -109,13 +104,11 @@ _PADE = 3
 _UNSTABLE = 1e-3
 """A root with a real part of this share of its size will be confirmed."""
 
-_STEPS = 1000
-"""Shares of a range are rounded to this many steps before a member is confirmed."""
+_POPULATION, _ROUNDS, _STEPS = 32, 6, 1000
+"""How many members climb, in how many rounds; a share of a range is rounded to so many steps before it is confirmed."""
 
 
-def unstable_member(
-    statement: Statement, near: Sequence[Sequence[float]] = (), population: int = 32, rounds: int = 6
-) -> dict[str, fmpq] | None:
+def unstable_member(statement: Statement, near: Sequence[Sequence[float]] = ()) -> dict[str, fmpq] | None:
     """Parameters of a member that is proved not to be stable, or None where none was found.
 
     A population of corners and midpoints climbs, one variable at a time, towards less damping of the least damped
@@ -124,8 +117,6 @@ def unstable_member(
     Args:
         statement: the family over its box.
         near: members to start from, as shares of the varying variables' ranges, beside those drawn.
-        population: how many members climb; at most half of them start from those given.
-        rounds: most rounds over all variables.
     """
 
     def confirmed(some: np.ndarray) -> dict[str, fmpq] | None:
@@ -133,7 +124,7 @@ def unstable_member(
         return point if stable_at(statement, point) is False else None
 
     above = _UNSTABLE
-    for shares, score in climb(partial(undamping, statement), len(statement.varying), near, population, rounds):
+    for shares, score in climb(partial(undamping, statement), len(statement.varying), near, _POPULATION, _ROUNDS):
         order = np.argsort(-score)
         if score[order[0]] > above and (point := confirmed(shares[order[0]])):
             return point
@@ -149,8 +140,8 @@ def climb(
     Args:
         score_of: scores (B,) of members at shares (B, k) of the ranges.
         k: number of variables.
-        near: as for `unstable_member`, as are the last two.
-        population: of how many.
+        near: as for `unstable_member`.
+        population: of how many; at most half of them start from those given.
         rounds: most rounds over all variables.
     """
     generator = np.random.default_rng(0)

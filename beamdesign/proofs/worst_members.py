@@ -43,10 +43,10 @@ class Worst(NamedTuple):
     frequency_Hz: float
 
 
-def worst_of(statement: Statement) -> Worst:
-    """The one that leaves least of the limit of a statement."""
-    ratio, shares, w = worst_in_bands(statement)[0]
-    return Worst(ratio, member_at(statement, shares), w.item() / (2 * pi))
+def worst_of(statement: Statement, by: Ratios | None = None) -> list[Worst]:
+    """Those that leave least of the limit of a statement, one in each band of frequency, the worst first."""
+    found = worst_in_bands(statement, by)
+    return [Worst(ratio, member_at(statement, shares), w.item() / (2 * pi)) for ratio, shares, w in found]
 
 
 def member_at(statement: Statement, shares: np.ndarray) -> dict[str, fmpq]:
