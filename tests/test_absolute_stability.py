@@ -21,8 +21,8 @@ from beamdesign.proofs.absolute_stability import METHOD, absolute_stability
 from beamdesign.proofs.certifying import certify
 from beamdesign.proofs.multiplier import Kernel, Multiplier, fits, slack
 from beamdesign.proofs.multiplier_search import search
-from beamdesign.proofs.performance import ratio
 from beamdesign.proofs.nonlinear import nonlinear_rows
+from beamdesign.proofs.performance import ratio
 from beamdesign.prototype import Prototype, read_prototype
 
 ROOT = Path(__file__).parent.parent

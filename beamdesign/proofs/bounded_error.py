@@ -12,7 +12,7 @@ from typing import Any
 
 from flint import fmpq, fmpq_mat, fmpq_poly
 
-from beamdesign.loop import rig_loop
+from beamdesign.loop import member_loop
 from beamdesign.plant.assembly import effect_parameters_of
 from beamdesign.plant.linear import DISPLACEMENT, LinearModel
 from beamdesign.plant.members import VertexModel
@@ -150,15 +150,13 @@ def _bounds(given: Members, found: Sequence[Error], numbers: Sequence[int]) -> t
     Raises:
         ArithmeticError: where none is proved, with the reason.
     """
-    prototype, controller = given.prototype, given.prototype.controller
-    assert controller is not None  # there are loops
     worst, most = [fmpq(0) for _ in found], 1
     for number in numbers:
-        rig = given.found.members[number - 1].rig
-        loop = rig_loop(rig, prototype.payload.inner_end_mass_kg, controller)
+        member = given.found.members[number - 1]
+        loop = member_loop(given.prototype, member)
         if not is_stable_over(loop.characteristic, given.low, given.high):
             raise ArithmeticError("the linear loop is not stable at every mass")
-        known = numerators(prototype, rig, {one.place for one in found})
+        known = numerators(given.prototype, member.rig, {one.place for one in found})
         per_unit, pieces = over_masses([known[one.place] for one in found], loop.characteristic, given.low, given.high)
         bounds = [one.size * unit for one, unit in zip(found, per_unit, strict=True)]
         worst, most = [max(pair) for pair in zip(worst, bounds, strict=True)], max(most, pieces)
@@ -171,9 +169,7 @@ def numerators(prototype: Prototype, rig: LinearModel, places: set[str]) -> Mapp
     Raises:
         ArithmeticError: where it is not known, with the reason.
     """
-    controller = prototype.controller
-    assert controller is not None  # there are loops
-    law = controller.sensed_law()
+    law = prototype.own_controller.sensed_law()
     plant = rig.plant(prototype.payload.inner_end_mass_kg, law.sensors)
     if rig.sensor_rides:
         raise ArithmeticError("the sensor rides on the mount, so that it does not see the tip alone")

@@ -18,7 +18,7 @@ from dataclasses import dataclass
 
 from flint import fmpq
 
-from beamdesign.loop import Loop, rig_loop
+from beamdesign.loop import Loop, member_loop
 from beamdesign.plant.assembly import effect_parameters_of
 from beamdesign.polynomial import Affine, exact
 from beamdesign.proofs.absolute_stability import Members, Row
@@ -95,10 +95,7 @@ def margin_of(loop: Loop, place: str, least: fmpq, most: fmpq, low: fmpq, high: 
 
 def changing_rows(given: Members) -> Iterator[Row]:
     """A row for each gain that changes."""
-    controller = given.prototype.controller
-    assert controller is not None  # there are loops
-    inner = given.prototype.payload.inner_end_mass_kg
-    loops = [rig_loop(member.rig, inner, controller) for member in given.found.members]
+    loops = [member_loop(given.prototype, member) for member in given.found.members]
     for one in changing(given):
         margins = [margin_of(loop, one.place, one.least, one.most, given.low, given.high) for loop in loops]
         known = [margin for margin in margins if margin is not None]

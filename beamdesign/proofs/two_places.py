@@ -21,7 +21,7 @@ import numpy as np
 from flint import fmpq, fmpq_poly
 from scipy.optimize import linprog
 
-from beamdesign.loop import rig_loop
+from beamdesign.loop import member_loop
 from beamdesign.plant.members import VertexModel
 from beamdesign.polynomial import Affine, exact
 from beamdesign.proofs.absolute_stability import IN_THE_CURRENT, Members, Row
@@ -103,11 +103,9 @@ def _free(polynomial: fmpq_poly) -> Affine:
 
 def pair(given: Members, member: VertexModel, change: Changing) -> Pair | None:
     """The loop of a member with a gain that changes; None where it does not come to this form."""
-    prototype, controller = given.prototype, given.prototype.controller
-    assert controller is not None  # there are loops
-    law = controller.sensed_law()
+    prototype, loop = given.prototype, member_loop(given.prototype, member)
+    law = prototype.own_controller.sensed_law()
     plant = member.rig.plant(prototype.payload.inner_end_mass_kg, law.sensors)
-    loop = rig_loop(member.rig, prototype.payload.inner_end_mass_kg, controller)
     opened = loop.loop_denominator
     if change.place == "volts":
         own = loop.loop_numerator + loop.added * fmpq(-1)
