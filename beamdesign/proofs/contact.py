@@ -30,8 +30,8 @@ from math import inf, pi, sqrt
 from flint import ctx, fmpq, fmpq_poly
 
 from beamdesign.loop import Tip
-from beamdesign.polynomial import Affine, even_odd, exact, is_hurwitz, real_roots, roots
-from beamdesign.proofs.performance import Coefficients, inner, kept_up_to_Hz, less, magnitude_slack, over_mass
+from beamdesign.polynomial import Affine, even_odd, exact, inner, is_hurwitz, real_roots, roots, turned
+from beamdesign.proofs.performance import Coefficients, kept_up_to_Hz, less, magnitude_slack, over_mass
 from beamdesign.proofs.quadratic import quadratic_nonnegative
 from beamdesign.proofs.stability import is_stable_over, stable_ranges, unstable_at
 from beamdesign.rational import bounds, nearest, shortened, simple_between
@@ -102,9 +102,7 @@ class Environment:
 
 def absorbed(tip: Tip) -> fmpq_poly:
     """Im(p conj n) / w at jw as a polynomial in x = w^2: not negative where the tip takes work in."""
-    even, odd = even_odd(tip.bare)
-    even_moved, odd_moved = even_odd(tip.moved)
-    return odd * even_moved - even * odd_moved
+    return turned(tip.bare, tip.moved)
 
 
 def passivity(tip: Tip, low: fmpq, high: fmpq) -> Passivity:

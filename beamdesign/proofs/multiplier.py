@@ -23,8 +23,8 @@ from typing import Any
 import numpy as np
 from flint import fmpq, fmpq_poly
 
-from beamdesign.polynomial import Affine, even_odd
-from beamdesign.proofs.performance import Coefficients, inner, less, over_mass
+from beamdesign.polynomial import Affine, even_odd, inner, turned
+from beamdesign.proofs.performance import Coefficients, less, over_mass
 from beamdesign.proofs.quadratic import quadratic_nonnegative
 from beamdesign.rational import nearest, text
 
@@ -150,18 +150,12 @@ def slack(multiplier: Multiplier, closed: Affine, opened: Affine, margin: fmpq) 
     real, imaginary, below = multiplier.parts
 
     def one(above: fmpq_poly, under: fmpq_poly) -> fmpq_poly:
-        return real * inner(above, under) - _X * imaginary * _turned(above, under)
+        return real * inner(above, under) - _X * imaginary * turned(above, under)
 
     def size(left: fmpq_poly, right: fmpq_poly) -> fmpq_poly:
         return margin * below * inner(left, right)
 
     return less(_UNIT, over_mass(one, closed, opened), over_mass(size, opened, opened))
-
-
-def _turned(left: fmpq_poly, right: fmpq_poly) -> fmpq_poly:
-    """Imaginary part of left(jw) times the conjugate of right(jw), over w, a polynomial in x = w^2."""
-    (even_left, odd_left), (even_right, odd_right) = even_odd(left), even_odd(right)
-    return odd_left * even_right - even_left * odd_right
 
 
 def fits(multiplier: Multiplier, closed: Affine, opened: Affine, low: fmpq, high: fmpq, margin: fmpq) -> bool:

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, NamedTuple, TypeAlias
 import numpy as np
 from flint import arb, ctx, fmpq, fmpq_poly
 
-from beamdesign.polynomial import Affine, at_points, even_odd, exact
+from beamdesign.polynomial import Affine, at_points, exact, inner
 from beamdesign.proofs.certificate import Asked, Claim, Kind, Witness
 from beamdesign.proofs.quadratic import quadratic_nonnegative
 from beamdesign.proofs.rectangle import Rectangle, Side, shifted
@@ -87,13 +87,6 @@ def less(factor: fmpq_poly | fmpq, one: Coefficients, other: Coefficients) -> Co
     """A factor times one quadratic in the mass, less another."""
     a, b, c = (factor * first - second for first, second in zip(one, other, strict=True))
     return a, b, c
-
-
-def inner(left: fmpq_poly, right: fmpq_poly) -> fmpq_poly:
-    """Real part of left(jw) times the conjugate of right(jw), a polynomial in x = w^2."""
-    even_left, odd_left = even_odd(left)
-    even_right, odd_right = even_odd(right)
-    return even_left * even_right + fmpq_poly([0, 1]) * odd_left * odd_right
 
 
 def squared_frequency(frequency_Hz: fmpq) -> tuple[fmpq, fmpq]:

@@ -23,12 +23,12 @@ from scipy.optimize import linprog
 
 from beamdesign.loop import member_loop
 from beamdesign.plant.members import VertexModel
-from beamdesign.polynomial import Affine, exact
+from beamdesign.polynomial import Affine, exact, inner
 from beamdesign.proofs.absolute_stability import IN_THE_CURRENT, Members, Row
 from beamdesign.proofs.changing_gain import Changing, changing
 from beamdesign.proofs.multiplier import Kernel, Multiplier, is_proper, slack
-from beamdesign.proofs.multiplier_search import kernels
-from beamdesign.proofs.performance import Coefficients, inner, less, over_mass, ratio
+from beamdesign.proofs.multiplier_search import NORM, Solved, kernels, with_fewer, written
+from beamdesign.proofs.performance import Coefficients, less, over_mass, ratio
 from beamdesign.proofs.quadratic import quadratic_nonnegative
 from beamdesign.proofs.stability import is_stable_over
 from beamdesign.rational import nearest, text
@@ -194,12 +194,9 @@ def both_rows(given: Members) -> Iterator[Row]:
 
 
 _KERNELS = kernels((1, 2, 4, 8))
-_NORM = 0.998
 _W = np.geomspace(0.05, 2e5, 500)
 _MASSES, _ROUNDS, _WORST = 7, 30, 6
 _FIRST = (0, 1, -1, 1j, -1j, 3, -3)
-_LEAST = (2e-2, 2e-3)
-"""Terms of less are left out, if what is left fits."""
 _SLOW = 1e-3
 """s, in which Popov's coefficient is sought."""
 _MARGINS = (fmpq(1, 100), fmpq(1, 1000), fmpq(1, 10000), fmpq(1, 100000))
@@ -214,21 +211,9 @@ def search(pairs: Sequence[Pair], low: fmpq, high: fmpq) -> tuple[Multiplier, fm
         return None
     closed, onto, by = parts[0], parts[1] / scale, parts[2] * scale
     popov = all(pair.falls for pair in pairs)
-    found = _solved(_KERNELS, closed, onto, by, popov)
-    if found is None:
-        return None
-    ways = [(_KERNELS, found)]
-    for threshold in _LEAST:
-        few = [kernel for kernel, value in zip(_KERNELS, found[0], strict=True) if value > threshold]
-        if (again := _solved(few, closed, onto, by, popov)) is not None:
-            ways.insert(len(ways) - 1, (few, again))
+    ways = with_fewer(_KERNELS, lambda kept: _solved(kept, closed, onto, by, popov))
     for (kept, (weights, slow, weight)), digits in product(ways, (3, 5)):
-        terms = tuple(
-            (fmpq(int(value * 10**digits), 10**digits), kernel)
-            for kernel, value in zip(kept, weights, strict=True)
-            if int(value * 10**digits)
-        )
-        multiplier = Multiplier(terms, exact(float(f"{slow:.{digits}g}")))
+        multiplier = written(kept, weights, slow, digits)
         rounded = exact(float(f"{weight * scale**2:.{digits}g}"))
         for margin in _MARGINS:
             if all(pair.fits(multiplier, rounded, low, high, margin) for pair in pairs):
@@ -236,9 +221,7 @@ def search(pairs: Sequence[Pair], low: fmpq, high: fmpq) -> tuple[Multiplier, fm
     return None
 
 
-def _solved(
-    kept: Sequence[Kernel], closed: np.ndarray, onto: np.ndarray, by: np.ndarray, popov: bool
-) -> tuple[np.ndarray, float, float] | None:
+def _solved(kept: Sequence[Kernel], closed: np.ndarray, onto: np.ndarray, by: np.ndarray, popov: bool) -> Solved | None:
     """Coefficients of the kernels, Popov's and the weight; None where there are none on the grid."""
     n = len(kept)
     basis = np.array([np.ones(len(_W)), *(-kernel.response(_W) for kernel in kept), 1j * _W * _SLOW])
@@ -259,7 +242,7 @@ def _solved(
     norm = np.array([0.0, *[1.0] * n, 0.0, 0.0, 0.0])
     cost = np.array([*[0.0] * (n + 3), -1.0])
     for _ in range(_ROUNDS):
-        right = [*[0.0] * len(table), _NORM]
+        right = [*[0.0] * len(table), NORM]
         found = linprog(cost, A_ub=np.vstack([*table, norm]), b_ub=right, bounds=limits, method="highs")
         if found.x is None or found.x[-1] <= 1e-7:
             return None
