@@ -170,9 +170,9 @@ def claim_tables(claims: Sequence[Claim], counterexamples: bool = True) -> Table
 
 def _claim(claim: Claim, counterexamples: bool) -> Tables:
     found: Tables = {"kind": claim.kind, "limit": text(exact(claim.limit)), "holds": claim.holds}
-    if claim.bandwidth_Hz is not None:
+    if claim.kind.endswith("compliance"):
         found["bandwidth_Hz"] = finite(claim.bandwidth_Hz)
-    if claim.from_Hz is not None:
+    if claim.kind == "loop_gain":
         found["from_Hz"] = text(exact(claim.from_Hz))
     witness = claim.witness
     if witness is not None and witness.exact and counterexamples:
