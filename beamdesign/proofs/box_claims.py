@@ -347,8 +347,7 @@ def margins_over_box(prototype: Prototype, box: Box, asked: Asked) -> dict[str, 
         box: ranges of its parameters.
         asked: of a magnitude.
     """
-    family, found = _family(prototype, box, asked), dict[str, float]()
-    statement = family.over({**box.ranges, **own_ranges(prototype, family, box, asked)})
+    statement, found = over_own_ranges(prototype, box, asked), dict[str, float]()
     members = {name: (kind, parts) for name, kind, parts in statement.groups}
     ranges = statement.ranges | statement.parameters
     for ratio, shares, w in worst_in_bands(statement):

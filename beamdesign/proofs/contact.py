@@ -30,7 +30,7 @@ from math import inf, pi, sqrt
 from flint import ctx, fmpq, fmpq_poly
 
 from beamdesign.loop import Tip
-from beamdesign.polynomial import Affine, even_odd, exact, inner, is_hurwitz, real_roots, roots, turned
+from beamdesign.polynomial import Affine, exact, inner, is_hurwitz, real_roots, roots, squared_magnitude, turned
 from beamdesign.proofs.performance import Coefficients, kept_up_to_Hz, less, magnitude_slack, over_mass
 from beamdesign.proofs.quadratic import quadratic_nonnegative
 from beamdesign.proofs.stability import is_stable_over, stable_ranges, unstable_at
@@ -177,12 +177,10 @@ def destabilising_environment(tip: Tip, bands: tuple[Band, ...], outer_end_mass:
 
 
 def _in_tune(tip: Tip, square: fmpq, outer_end_mass: fmpq) -> Environment | None:
-    even, odd = (part(square) for part in even_odd(tip.against(outer_end_mass)))
-    even_moved, odd_moved = (part(square) for part in even_odd(tip.moved))
-    below = even_moved**2 + square * odd_moved**2
-    if below == 0 or (given := (even * odd_moved - odd * even_moved) / below / 2) <= 0:
+    p, below = tip.against(outer_end_mass), squared_magnitude(tip.moved)(square)
+    if below == 0 or (given := -turned(p, tip.moved)(square) / below / 2) <= 0:
         return None
-    elastic = (even * even_moved + square * odd * odd_moved) / below  # R = Re(p / n)
+    elastic = inner(p, tip.moved)(square) / below  # R = Re(p / n)
     damping = shortened(given, 3)  # r / 2
     mass = shortened(max(abs(elastic) / square, fmpq(1, 100)), 3, up=True)
     for _ in range(20):

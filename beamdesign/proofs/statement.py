@@ -71,6 +71,11 @@ def polynomial(written: str) -> tuple[Term, ...]:
     return tuple(term for _, term in sorted(terms, key=itemgetter(0)))
 
 
+def written(polynomial: fmpq_mpoly) -> str:
+    """A polynomial as `polynomial` reads it."""
+    return str(polynomial).replace("^", "**")
+
+
 def in_context(written: str, context: fmpq_mpoly_ctx, called: Mapping[str, str]) -> fmpq_mpoly:
     """A polynomial, in which decimals may stand too, in a context that has s.
 

@@ -36,6 +36,7 @@ from beamdesign.proofs.arm.remaining import Vector
 from beamdesign.proofs.box import BoxVerdict, box_of, certify_box
 from beamdesign.proofs.mass_family import floats
 from beamdesign.proofs.rig_family import PolynomialFamily
+from beamdesign.proofs.statement import written
 from beamdesign.prototype import Prototype
 from beamdesign.rational import nearest, text
 from beamdesign.records import InputError
@@ -150,16 +151,6 @@ class BothPlanes:
         whole = sum((mass**k * in_variable(power, s) for k, power in enumerate(self.powers)), 0 * s)
         family = PolynomialFamily(f"{self.name}, both planes", written(whole), {MASS: exact(low_kg)}, positive=(MASS,))
         return certify_box(family, box_of({MASS: (low_kg, high_kg)}), budget, volumes=False)
-
-
-def written(polynomial: fmpq_mpoly) -> str:
-    """As `beamdesign.proofs.rig_family` reads it."""
-    terms = []
-    for powers, c in polynomial.terms():
-        named = zip(polynomial.context().names(), powers, strict=True)
-        factors = "".join(f"*{name}**{power}" for name, power in named if power)
-        terms.append(f"({text(c) if c.q == 1 else f'{c.p}/{c.q}'}){factors}")
-    return " + ".join(terms)
 
 
 def both_planes(prototype: Prototype) -> BothPlanes:
