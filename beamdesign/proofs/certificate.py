@@ -273,10 +273,8 @@ def peak_claim(goal: Goal, servo_off_m_per_N: float) -> tuple[Asked, ...]:
         goal: how many times the largest with the servo off it may be.
         servo_off_m_per_N: that, see `beamdesign.proofs.servo_off`.
     """
-    limit = (
-        nearest(shortened(exact(most), 9)) if 0 < (most := goal.peak_over_passive * servo_off_m_per_N) < inf else inf
-    )
-    return (Asked("peak_compliance", limit),) if limit < inf else ()
+    most = goal.peak_over_passive * servo_off_m_per_N
+    return (Asked("peak_compliance", nearest(shortened(exact(most), 9))),) if 0 < most < inf else ()
 
 
 def over_passive(peak_m_per_N: float, servo_off_m_per_N: float) -> float:
