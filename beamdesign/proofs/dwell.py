@@ -20,15 +20,7 @@ import numpy as np
 from flint import fmpq
 
 from beamdesign.polynomial import exact
-from beamdesign.proofs.courses import (
-    NONE_FOUND,
-    Coefficients,
-    Course,
-    checked,
-    growing_cycle,
-    refused,
-    sought_with,
-)
+from beamdesign.proofs.courses import NONE_FOUND, Coefficients, Course, checked, growing_cycle, refused, sought_with
 from beamdesign.proofs.decrease import (
     ZERO,
     Change,
@@ -39,14 +31,7 @@ from beamdesign.proofs.decrease import (
     grows_at_most,
     holds_at_rate,
 )
-from beamdesign.proofs.lmi import (
-    Answer,
-    Sought,
-    at,
-    modal_coordinates,
-    slowest_decay,
-    solve_one_each,
-)
+from beamdesign.proofs.lmi import Answer, Sought, at, modal_coordinates, slowest_decay, solve_one_each
 from beamdesign.proofs.mass_family import Families, floats, rationals
 from beamdesign.rational import nearest, shortened
 
