@@ -23,7 +23,17 @@ from beamdesign.loop import loop
 from beamdesign.plant.members import family as linear_family
 from beamdesign.polynomial import exact, squared_magnitude
 from beamdesign.proofs.box import Box, cubes_of, parts_beside
-from beamdesign.proofs.box_member import stable_at, unstable_member
+from beamdesign.proofs.box_member import (
+    Ratios,
+    Worst,
+    member_at,
+    ratios,
+    stable_at,
+    unstable_member,
+    worst_in_bands,
+    worst_near,
+    worst_of,
+)
 from beamdesign.proofs.branch import Search
 from beamdesign.proofs.certificate import LOWER_GAINS, Asked
 from beamdesign.proofs.read_once import NotCovered
@@ -31,7 +41,6 @@ from beamdesign.proofs.rig_family import PolynomialFamily, performing_spans, rig
 from beamdesign.proofs.slope_claim import UNKNOWN, angle_ratios, largest_gains, presupposed
 from beamdesign.proofs.statement import Interval, Node, Statement
 from beamdesign.proofs.value_set import with_unknown
-from beamdesign.proofs.worst_members import Ratios, Worst, member_at, ratios, worst_in_bands, worst_near, worst_of
 from beamdesign.proofs.zero_exclusion import PRECISION_BITS, Piece, holds, pieces
 from beamdesign.prototype import Prototype
 from beamdesign.rational import nearest, shortened

@@ -197,7 +197,7 @@ def control_points(statement: Statement) -> int:
     def one(node: Node) -> int:
         if node.kind != "leaf":
             return ARC_PARTS + 2 if node.name in statement.varying else 1
-        return 1 if node.bound else _leaf_points(statement, node.name)
+        return 1 if node.packs else _leaf_points(statement, node.name)
 
     return enumerated * sum(node.fold(one, mul, mul) for node in statement.summands)
 

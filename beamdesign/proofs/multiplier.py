@@ -76,14 +76,9 @@ class Multiplier:
     popov_s: fmpq
 
     @property
-    def norm(self) -> fmpq:
-        """Sum of the absolute coefficients."""
-        return sum((abs(coefficient) for coefficient, _ in self.terms), _NONE)
-
-    @property
     def admissible(self) -> bool:
-        """Whether the theorem knows it: its norm is below one, and no term of Popov's is negative."""
-        return self.norm < 1 and self.popov_s >= 0
+        """Whether the theorem knows it: its absolute coefficients sum to less than one, and q is not negative."""
+        return sum((abs(coefficient) for coefficient, _ in self.terms), _NONE) < 1 and self.popov_s >= 0
 
     @property
     def for_odd_only(self) -> bool:

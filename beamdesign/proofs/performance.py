@@ -273,16 +273,16 @@ def least_of(kind: Kind, loop: Closed, ends: tuple[fmpq, fmpq], from_Hz: float =
         start = sampled_peak(loop.loop_denominator, loop.loop_numerator, *ends)
     else:
         start = sampled_ratio(above, below, from_Hz, *ends)
-    found = least_proved(start, lambda limit: keeps(kind, loop, limit, ends, from_Hz), _LARGEST_LIMIT)
+    found = least_proved(start, lambda limit: keeps(kind, loop, limit, ends, from_Hz))
     rounded = goal < found <= goal * (1 + 10 * _RELATIVE_STEP)
     return goal if rounded and keeps(kind, loop, exact(goal), ends, from_Hz) else found
 
 
-def least_proved(start: float, proves: Callable[[fmpq], bool], largest: float) -> float:
-    """The least figure from `start` up that is proved, to 1e-4 and rounded up to 5 digits; infinite above `largest`."""
+def least_proved(start: float, proves: Callable[[fmpq], bool]) -> float:
+    """The least figure from `start` up that is proved, to 1e-4 and rounded up to 5 digits; infinite for a vast one."""
     lower, step = max(start, _LEAST_LIMIT), _RELATIVE_STEP
     while not proves(upper := shortened(exact(lower * (1 + step)), 5, up=True)):
-        if (lower := nearest(upper)) > largest:
+        if (lower := nearest(upper)) > _LARGEST_LIMIT:
             return inf
         step *= 8
     while nearest(upper) > lower * (1 + 2 * _RELATIVE_STEP):

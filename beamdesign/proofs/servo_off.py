@@ -18,9 +18,9 @@ from beamdesign.plant.linear import Plant
 from beamdesign.plant.members import VertexModel, family
 from beamdesign.polynomial import at_points, exact, roots
 from beamdesign.proofs.box import Box
+from beamdesign.proofs.box_member import Worst, worst_of
 from beamdesign.proofs.certificate import Asked
 from beamdesign.proofs.rig_family import performing_spans, rig_family
-from beamdesign.proofs.worst_members import Worst, worst_of
 from beamdesign.prototype import Prototype
 from beamdesign.rational import nearest, shortened
 

@@ -45,11 +45,6 @@ class Node(NamedTuple):
     parts: tuple["Node", ...]
     packs: tuple[int, ...] = ()
 
-    @property
-    def bound(self) -> bool:
-        """Whether it depends on a leaf that is enumerated."""
-        return bool(self.packs)
-
     def fold(self, one: Callable[["Node"], T], add: Callable[[T, T], T], multiply: Callable[[T, T], T]) -> T:
         """What it comes to where `one` says what each leaf and delay is."""
         if not self.parts:

@@ -179,11 +179,6 @@ class PlaneFigures:
         return fmpq_poly([self.torsional_stiffness, self.torsional_damping, self.polar_inertia])
 
     @property
-    def inertia(self) -> fmpq:
-        """g, by which the payload's mass counts at the tip."""
-        return self.travel**2 + self.along**2
-
-    @property
     def coupled(self) -> bool:
         """Whether the payload couples this plane with torsion."""
         return self.lever != 0
@@ -281,7 +276,8 @@ def plane_loop(prototype: Prototype, name: Name) -> PlaneLoop:
 
 def couple(single: Loop, figures: PlaneFigures) -> PlaneLoop:
     """Put a payload off the axis on a loop's tip."""
-    t, g, e = figures.torsion, figures.inertia, figures.lever
+    t, e = figures.torsion, figures.lever
+    g = figures.travel**2 + figures.along**2  # by which the payload's mass counts at the tip
     zero = fmpq_poly([0])
 
     def joined(part: Affine) -> Affine:
