@@ -4,7 +4,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import lru_cache, partial
 from itertools import pairwise
-from math import pi
+from math import pi, prod
 from typing import NamedTuple
 
 import numpy as np
@@ -227,9 +227,7 @@ def parameters_at(statement: Statement, shares: list[fmpq]) -> dict[str, fmpq]:
         elif kind == "product":
             # One factor after the other goes from its low to its high end until the product is reached.
             for one in members:
-                others = fmpq(1)
-                for other in members:
-                    others *= point[other] if other != one else 1
+                others = prod((point[other] for other in members if other != one), start=fmpq(1))
                 point[one] = min(statement.parameters[one][1], value / others) if others != 0 else point[one]
         else:
             point[name] = value

@@ -214,13 +214,11 @@ class Scaled:
 
     def basis(self, degree: int) -> np.ndarray:
         """One symmetric matrix after another as coefficient of one power of m: (count, degree + 1, n, n)."""
-        n = len(self.fixed)
-        pairs = [(i, j) for i in range(n) for j in range(i, n)]
-        basis = np.zeros((len(pairs) * (degree + 1), degree + 1, n, n))
+        rows, columns = np.triu_indices(n := len(self.fixed))
+        pairs, basis = range(len(rows)), np.zeros((degree + 1, len(rows), degree + 1, n, n))
         for k in range(degree + 1):
-            for p, (i, j) in enumerate(pairs):
-                basis[k * len(pairs) + p, k, i, j] = basis[k * len(pairs) + p, k, j, i] = 1.0
-        return basis
+            basis[k, pairs, k, rows, columns] = basis[k, pairs, k, columns, rows] = 1.0
+        return basis.reshape(-1, degree + 1, n, n)
 
     def decrease(self, basis: np.ndarray, sought: Sought, sign: int, resting: int) -> list[np.ndarray]:
         """Bernstein coefficients of -W (dV/dt + 2 decay V) for each member of the basis, (count, n, n) each."""
