@@ -10,6 +10,7 @@ from typing import Any
 
 from flint import fmpq, fmpq_mpoly, fmpq_mpoly_ctx, fmpq_poly
 
+from beamdesign.json_text import finite
 from beamdesign.loop import Loop
 from beamdesign.polynomial import Affine
 from beamdesign.proofs.any_loop import Pair, ProvedLoop, proved, with_claims
@@ -145,8 +146,6 @@ class ProvedFamily(Result):
 
     def to_dict(self) -> dict[str, Any]:
         """Its fields but the loop."""
-        from beamdesign.json_text import finite
-
         kept = {name: value for name, value in vars(self).items() if name not in ("family", "certificate")}
         return {name: finite(value) for name, value in kept.items()}
 

@@ -184,9 +184,9 @@ class PlaneFigures:
         return self.lever != 0
 
 
-def plane_figures(prototype: Prototype, name: Name, figures: ArmFigures | None = None) -> PlaneFigures:
+def plane_figures(prototype: Prototype, name: Name) -> PlaneFigures:
     """The payload's part in one plane."""
-    found = figures or arm_figures(prototype)
+    found = arm_figures(prototype)
     x, y, z = (exact(value) for value in arm_of(prototype).offset_m)
     sensed_x, sensed_y, sensed_z = (exact(value) for value in sensor_of(prototype))
     length = exact(found.length)
