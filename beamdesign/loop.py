@@ -111,15 +111,25 @@ def loop(prototype: Prototype) -> Loop:
         ValueError: where the prototype has no controller.
         InputError: where no linear loop stands for one of its effects.
     """
-    return _member_loop(prototype, family(prototype).rest)
+    return at_most(prototype, family(prototype).rest)
 
 
-def _member_loop(prototype: Prototype, member: VertexModel) -> Loop:
-    """The loop of a member at the largest of its gains."""
-    if prototype.controller is None:
-        raise ValueError("the prototype has no [controller]")
-    closed = rig_loop(member.rig, prototype.payload.inner_end_mass_kg, prototype.controller)
-    return closed.scaled(exact(member.gain.high))
+def at_most(prototype: Prototype, member: VertexModel) -> Loop:
+    """The loop of a member at the largest of its gains.
+
+    Raises:
+        ValueError: where the prototype has no controller.
+    """
+    return member_loop(prototype, member).scaled(exact(member.gain.high))
+
+
+def member_loop(prototype: Prototype, member: VertexModel) -> Loop:
+    """The loop of a linear member of a prototype, with no factor on its gain.
+
+    Raises:
+        ValueError: where the prototype has no controller.
+    """
+    return rig_loop(member.rig, prototype.payload.inner_end_mass_kg, prototype.own_controller)
 
 
 @dataclass(frozen=True)
@@ -292,12 +302,10 @@ def critical_gain(prototype: Prototype, outer_end_mass: float = 0.0, from_own: b
     Raises:
         ValueError: without a controller, or where the loop oscillates at no gain, at every one or at every low one.
     """
-    if prototype.controller is None:
-        raise ValueError("the prototype has no [controller]")
-    unit = prototype.but(controller=prototype.controller.but(gain_A_per_V=1.0))
+    unit = prototype.but(controller=prototype.own_controller.but(gain_A_per_V=1.0))
     members = family(prototype, outer_end_mass).members
-    own = prototype.controller.gain_A_per_V if from_own else 0.0
-    found = [_critical_gain(_member_loop(unit, member).at(outer_end_mass), own) for member in members]
+    own = prototype.own_controller.gain_A_per_V if from_own else 0.0
+    found = [_critical_gain(at_most(unit, member).at(outer_end_mass), own) for member in members]
     return min(found, key=lambda critical: critical.gain_A_per_V)
 
 

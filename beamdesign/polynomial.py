@@ -99,8 +99,19 @@ def even_odd(polynomial: fmpq_poly) -> tuple[fmpq_poly, fmpq_poly]:
 
 def squared_magnitude(polynomial: fmpq_poly) -> fmpq_poly:
     """|p(jw)|^2 as a polynomial in x = w^2."""
-    even, odd = even_odd(polynomial)
-    return even * even + fmpq_poly([0, 1]) * odd * odd
+    return inner(polynomial, polynomial)
+
+
+def inner(left: fmpq_poly, right: fmpq_poly) -> fmpq_poly:
+    """Real part of left(jw) times the conjugate of right(jw), a polynomial in x = w^2."""
+    (even_left, odd_left), (even_right, odd_right) = even_odd(left), even_odd(right)
+    return even_left * even_right + fmpq_poly([0, 1]) * odd_left * odd_right
+
+
+def turned(left: fmpq_poly, right: fmpq_poly) -> fmpq_poly:
+    """Imaginary part of left(jw) times the conjugate of right(jw), over w, a polynomial in x = w^2."""
+    (even_left, odd_left), (even_right, odd_right) = even_odd(left), even_odd(right)
+    return odd_left * even_right - even_left * odd_right
 
 
 def real_roots(polynomial: fmpq_poly, precision_bits: int = 128) -> list[tuple[arb, int]]:
@@ -220,9 +231,7 @@ def elimination(family: Affine) -> fmpq_poly:
 
     With p(jw) = even + j w odd, both parts of p0 + k p1 vanish for one k exactly where even0 odd1 = odd0 even1.
     """
-    even0, odd0 = even_odd(family.constant)
-    even1, odd1 = even_odd(family.slope)
-    return even0 * odd1 - odd0 * even1
+    return turned(family.slope, family.constant)
 
 
 def shares_axis_root(family: Affine) -> bool:

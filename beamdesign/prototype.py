@@ -221,6 +221,17 @@ class Prototype(WithMaterials, WithActuator):
     )
 
     @property
+    def own_controller(self) -> Controller:
+        """Its controller.
+
+        Raises:
+            ValueError: where it has none.
+        """
+        if self.controller is None:
+            raise ValueError("the prototype has no [controller]")
+        return self.controller
+
+    @property
     def schedule(self) -> Scheduled | None:
         """Its controller where that has several laws."""
         return None if self.controller is None else self.controller.schedule

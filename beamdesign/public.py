@@ -160,16 +160,14 @@ def state_space(
             a, b, c, np.zeros((len(c), 2)), states=states, inputs=["disturbance_N", "current_A"],
             outputs=[*LOOP_OUTPUTS[:2], *added], name="plant",
         )  # fmt: skip
-    if prototype.controller is None:
-        raise ValueError("the prototype has no [controller]")
-    law = prototype.controller.control_model()
+    law = prototype.own_controller.control_model()
     n, k = len(states), law.nstates
     # The error, in volts, is the command less what is fed back of the sensor; the added sensors have no command.
     fed_back = c[1:] if loop == "closed" else np.zeros((1 + len(added), n))
     disturbance, current, commanded = b[:, :1], b[:, 1:], slice(0, 1)
     dynamics = np.block([[a - current @ law.D @ fed_back, current @ law.C], [-law.B @ fed_back, law.A]])
     inputs = np.block([[disturbance, current @ law.D[:, commanded]], [np.zeros((k, 1)), law.B[:, commanded]]])
-    inputs[n:, 1] += prototype.controller.state_space()[4]
+    inputs[n:, 1] += prototype.own_controller.state_space()[4]
     shown = np.hstack([c, np.zeros((len(c), k))])
     outputs = np.vstack([shown[:2], np.hstack([-law.D @ fed_back, law.C]), shown[2:]])
     through = np.zeros((len(outputs), 2))

@@ -22,7 +22,8 @@ from beamdesign.proofs.absolute_stability import Absolute, members
 from beamdesign.proofs.box import certify_box
 from beamdesign.proofs.box_claims import BoxClaim, claim_over_box, worst_over_box
 from beamdesign.proofs.certificate import Asked
-from beamdesign.proofs.multiplier import Kernel, Multiplier, fits, responses
+from beamdesign.proofs.multiplier import Kernel, Multiplier, fits
+from beamdesign.proofs.performance import ratio
 from beamdesign.proofs.rig_family import rig_values
 from beamdesign.proofs.slope_over_box import box_rows, slope_over_box
 from beamdesign.proofs.tolerance_box import tolerance_box
@@ -113,7 +114,8 @@ def test_without_width_the_exact_prover_of_masses_says_the_same(rig: Prototype, 
     one = Multiplier(tuple(terms), fmpq(0))
     found, given = claim_over_box(rig, box, Asked("slope", 1.0, multiplier=one)), members(rig, *MASSES)
     assert found.holds is (share == 1.0)
-    assert fits(one, given.loops[0], given.low, given.high, fmpq(0)) is found.holds
+    nominal = given.loops[0].characteristic, given.loops[0].loop_denominator
+    assert fits(one, *nominal, given.low, given.high, fmpq(0)) is found.holds
 
 
 def test_a_multiplier_that_the_theorem_does_not_know_proves_nothing(rig: Prototype):
@@ -216,7 +218,7 @@ def test_where_it_is_not_proved_loops_keep_farther_from_the_critical_point(rig: 
 
     def never(loops, low, high):
         k = np.linspace(0.01, 1.0, 100)
-        each = responses(loops[0], np.linspace(*MASSES, 15), SEEN_rad_per_s)
+        each = ratio(loops[0].loop_numerator, loops[0].loop_denominator, np.linspace(*MASSES, 15), SEEN_rad_per_s)
         peaks.append(max(float(1 / abs(1 + share * each).min()) for share in k))
         return Absolute(None, reason="No multiplier was looked for.")
 

@@ -16,7 +16,7 @@ from beamdesign.plant.effects import library
 from beamdesign.plant.effects.entrained_air import bulk_ratio, chamber_length
 from beamdesign.plant.members import family
 from beamdesign.polynomial import exact
-from beamdesign.proofs.box_member import member_at
+from beamdesign.proofs.box_member import member as box_member
 from beamdesign.proofs.certifying import certify
 from beamdesign.proofs.rig_family import rig_family
 from beamdesign.prototype import Prototype
@@ -152,8 +152,7 @@ def test_both_laws_of_air_at_once_are_proved_again():
     member = family(rig).members[0]
     factors = {f"{name}_stiffness_factor": exact(own["stiffness_factor"]) for name, own in member.frozen.items()}
     point = rig_family(rig).values | factors | {"outer_end_mass": fmpq(3)}
-    ranges = statement.merged({key: (value, value) for key, value in point.items()})
-    box = member_at(statement, {key: low for key, (low, _) in ranges.items()})
+    box = box_member(statement, point)
     expected = close_loop(member.rig.plant(0.0), rig.controller).at(3.0).characteristic
     found = box.plain + box.late
     assert len(member.frozen) == 2

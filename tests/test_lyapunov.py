@@ -18,7 +18,8 @@ from beamdesign.controllers import Lag, Proportional, SensedLaw
 from beamdesign.loop import loop
 from beamdesign.plant.members import paper_model
 from beamdesign.polynomial import exact, is_hurwitz
-from beamdesign.proofs.courses import any_change, bounded_rate, checked, growing_cycle, masses_in_turn, proved_growth
+from beamdesign.proofs import courses, dwell
+from beamdesign.proofs.courses import Course, any_change, bounded_rate, checked, growing_cycle, proved_growth
 from beamdesign.proofs.decrease import (
     changes_of_payload,
     decrease,
@@ -308,7 +309,7 @@ def test_rig_proved_for_any_change(firm):
     assert found.any_change.proved_up_to_kg == 6.8
     assert found.stable
     assert found.rates[0].rate_kg_per_s == inf
-    assert growing_cycle(found.families, masses_in_turn(found.families, LOW, HIGH)) is None
+    assert growing_cycle(found.families, [((0, LOW), (0, HIGH))]) is None
 
     # V falls over every piece of a switching signal drawn at random, in equations written down anew.
     random, state, mass = np.random.default_rng(3), START, 0.0
@@ -424,7 +425,7 @@ def test_unstable_at_a_mass_that_stays_is_refuted(remedy):
 
 
 @pytest.mark.parametrize("solver", SOLVERS)
-def test_solver_in_si_units_cannot_certify_an_unstable_loop(remedy, solver):
+def test_solver_in_si_units_cannot_certify_an_unstable_loop(remedy, solver, monkeypatch):
     # Below 1.968 kg this loop is unstable, so no P exists. In SI units, in which entries of A span from 1e-4 to 1e14,
     # a solver's tolerances hide that: SCS 3.2 answers "optimal" with a positive margin. What counts is the exact check.
     family = closed_loop(remedy)
@@ -436,7 +437,8 @@ def test_solver_in_si_units_cannot_certify_an_unstable_loop(remedy, solver):
     def in_si(families: Families, sought: Sought, coordinates: np.ndarray, name: str) -> Answer:
         return solve(families, sought, np.eye(family.order), name)
 
-    verdict, _ = any_change((family,), LOW, HIGH, in_si)
+    monkeypatch.setattr(courses, "solve", in_si)
+    verdict, _ = any_change((family,), LOW, HIGH)
     assert verdict.status != "proved"
     assert verdict.proved_up_to_kg is None
 
@@ -471,22 +473,25 @@ def _liar(matrix: np.ndarray):
     return claim
 
 
-def test_doctored_answers_are_reported_as_unverified():
+def test_doctored_answers_are_reported_as_unverified(monkeypatch: pytest.MonkeyPatch):
+    def under_any_change(matrix: np.ndarray) -> Course:
+        monkeypatch.setattr(courses, "solve", _liar(matrix))
+        return any_change((family,), fmpq(0), fmpq(1))[0]
+
     # The pair of Dayawansa and Martin at a = 6 has no common quadratic function, and no change destabilises it.
     family = _between([[-1, -1], [1, -1]], [[-1, -6], [fmpq(1, 6), -1]])
-    almost, _ = any_change((family,), fmpq(0), fmpq(1), _liar(np.array([[1.0, 0.0], [0.0, 5.8]])))
-    for verdict in (
-        almost,
-        any_change((family,), fmpq(0), fmpq(1), _liar(np.array([[1.0, 2.0], [2.0, 1.0]])))[0],
-        any_change((family,), fmpq(0), fmpq(1), _liar(np.full((2, 2), np.nan)))[0],
-    ):
+    almost = np.array([[1.0, 0.0], [0.0, 5.8]])
+    for matrix in (almost, np.array([[1.0, 2.0], [2.0, 1.0]]), np.full((2, 2), np.nan)):
+        verdict = under_any_change(matrix)
         assert verdict.status == "unverified"
         assert "optimal" in verdict.reason
         assert "exact check refuses" in verdict.reason
-    rate = bounded_rate([family], fmpq(0), fmpq(1), "matched", np.eye(2), fmpq(10), _liar(-np.eye(2)))
+    monkeypatch.setattr(courses, "solve", _liar(-np.eye(2)))
+    rate = bounded_rate([family], fmpq(0), fmpq(1), "matched", np.eye(2), fmpq(10))
     assert rate.status == "unverified"
     assert rate.coefficients == ()
-    sudden = sudden_change([family], fmpq(0), fmpq(1), "matched", np.eye(2), _liar(-np.eye(2)))
+    monkeypatch.setattr(dwell, "solve_one_each", lambda *asked: [_liar(-np.eye(2))(*asked[:3], "CLARABEL")])
+    sudden = sudden_change([family], fmpq(0), fmpq(1), "matched", np.eye(2))
     assert sudden.status == "unverified"
     assert sudden.dwell_s is None
 

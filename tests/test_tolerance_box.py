@@ -2,12 +2,13 @@
 
 import json
 import re
+from functools import partial
 from math import pi, sqrt
 from pathlib import Path
 
 import numpy as np
 import pytest
-from flint import ctx, fmpq
+from flint import ctx, fmpq, fmpq_poly
 from typer.testing import CliRunner
 
 from beamdesign.checker import check
@@ -18,7 +19,7 @@ from beamdesign.loop import loop
 from beamdesign.polynomial import exact, is_hurwitz, squared_magnitude
 from beamdesign.polynomial import roots as roots_of
 from beamdesign.proofs.box import box_of, certify_box
-from beamdesign.proofs.box_member import member, member_at
+from beamdesign.proofs.box_member import Quasipolynomial, member
 from beamdesign.proofs.rig_family import rig_family
 from beamdesign.proofs.tolerance_box import largest_scaling, tolerance_box
 from beamdesign.proofs.writer import prototype_table
@@ -86,7 +87,7 @@ def test_hulls_hold_the_members(rig):
     rng = np.random.default_rng(5)
     quarters = dict(zip(statement.varying, rng.integers(0, 4, len(statement.varying)).tolist(), strict=True))
     corner = {name: (fmpq(i, 4), fmpq(i + 1, 4)) for name, i in quarters.items()}
-    cell = Cell(statement, corner)
+    cell, none = Cell(statement, corner), fmpq_poly([0])
     with ctx.workprec(96):
         for w1, w2 in ((fmpq(300), fmpq(310)), (fmpq(2000), fmpq(2300))):
             frames = cell.frame(w1), cell.frame(w2)
@@ -96,7 +97,8 @@ def test_hulls_hold_the_members(rig):
                 for name, (low, high) in cell.values.items():
                     value = low + (high - low) * fmpq(int(rng.integers(0, 9)), 8)
                     point[name] = 1 / value if name in statement.reciprocal else value
-                one = member_at(statement, point)
+                plain, late = statement.split(partial(statement.leaf_at, point=point), none, none + 1)
+                one = Quasipolynomial(plain, late, point["delay"])
                 direction = tuple(int(x) for x in rng.integers(-100, 100, 2))
                 size = np.hypot(*direction)
                 least = [float(frame.least(direction).mid()) for frame in frames]
@@ -132,10 +134,10 @@ def test_largest_scaling_of_the_rigs_tolerances(rig):
 
 
 def test_tolerance_box(rig):
-    box = tolerance_box(rig, 2.0, names=["flow_gain", "valve_frequency"], inner_end_mass=(4.0, 5.0))
-    assert box.names == ("flow_gain", "valve_frequency", "outer_end_mass", "inner_end_mass")
+    box = tolerance_box(rig, 2.0, names=["flow_gain", "valve_frequency"], delay_s=(0.0, 1e-4))
+    assert box.names == ("flow_gain", "valve_frequency", "outer_end_mass", "delay")
     assert box.ranges["flow_gain"] == (exact(1.13e-2) * fmpq(9, 10), exact(1.13e-2) * fmpq(11, 10))
-    assert box.rigid == {"outer_end_mass", "inner_end_mass"}
+    assert box.rigid == {"outer_end_mass", "delay"}
     half = box.scaled(fmpq(1, 2))
     assert half.ranges["flow_gain"] == (exact(1.13e-2) * fmpq(19, 20), exact(1.13e-2) * fmpq(21, 20))
     assert half.ranges["outer_end_mass"] == box.ranges["outer_end_mass"]

@@ -15,9 +15,9 @@ from beamdesign.plant.effects import library
 from beamdesign.proofs.absolute_stability import members
 from beamdesign.proofs.certifying import certify
 from beamdesign.proofs.changing_gain import Changing
-from beamdesign.proofs.multiplier import Kernel, Multiplier, ratio
-from beamdesign.proofs.two_places import METHOD, Pair, both_rows, pair
-from beamdesign.proofs.two_places_search import search
+from beamdesign.proofs.multiplier import Kernel, Multiplier
+from beamdesign.proofs.performance import ratio
+from beamdesign.proofs.two_places import METHOD, Pair, both_rows, pair, search
 from beamdesign.prototype import Prototype, read_prototype
 from beamdesign.scenario import Scenario, ScenarioRecord, Step
 from beamdesign.simulation import simulate

@@ -289,7 +289,7 @@ def certify_box(
         for claim in claims:
             if claim.asked.kind in ("peak_compliance", "deviation"):  # told beside others, in words of their own
                 continue
-            echo(f"  guaranteed for every member: {describe(claim.asked.decided(stage.outer_end_mass_kg, True))}")
+            echo(f"  guaranteed for every member: {describe(claim.asked)}")
         missing = [name.replace("_", " ") for name, value in guaranteed_fields(claims).items() if not value]
         if verdict.stable and missing:
             echo(f"  not proved of every member: {', '.join(missing)}")

@@ -12,7 +12,8 @@ from typing import Any
 
 from flint import fmpq
 
-from beamdesign.loop import Loop, rig_loop
+from beamdesign.json_text import picked
+from beamdesign.loop import Loop, at_most
 from beamdesign.plant.members import LinearFamily, family
 from beamdesign.polynomial import exact
 from beamdesign.proofs.multiplier import Multiplier
@@ -59,13 +60,7 @@ class Row:
 
     def to_dict(self) -> dict[str, Any]:
         """As it stands in JSON."""
-        return {
-            "effects": list(self.effects),
-            "method": self.method,
-            "proved": self.proved,
-            "covers": self.covers,
-            "bound_m": self.bound_m,
-        }
+        return picked(self, "effects method proved covers bound_m")
 
 
 @dataclass(frozen=True)
@@ -97,12 +92,9 @@ def members(prototype: Prototype, low_kg: float, high_kg: float) -> Members:
         ValueError: without a controller.
         InputError: for effects for which no linear loop stands.
     """
-    if prototype.controller is None:
-        raise ValueError("the prototype has no [controller]")
     found = family(prototype, high_kg)
-    inner, law = prototype.payload.inner_end_mass_kg, prototype.controller
-    loops = [rig_loop(one.rig, inner, law).scaled(exact(one.gain.high)) for one in found.members]
-    return Members(prototype, found, tuple(loops), exact(low_kg), exact(high_kg))
+    loops = tuple(at_most(prototype, member) for member in found.members)
+    return Members(prototype, found, loops, exact(low_kg), exact(high_kg))
 
 
 # Static characteristics.

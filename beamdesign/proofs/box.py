@@ -1,6 +1,6 @@
 """Stability of a family over a box of parameters: proved, refuted by a member, or undecided, with volumes."""
 
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from math import inf, pi
@@ -211,7 +211,6 @@ class Box:
 def box_of(
     ranges: Mapping[str, tuple[float | fmpq, float | fmpq]],
     nominal: Mapping[str, float | fmpq] | None = None,
-    rigid: Iterable[str] = (),
 ) -> Box:
     """A box from ranges by name; floats count as their shortest decimals, nominal values default to the middles.
 
@@ -230,7 +229,7 @@ def box_of(
             raise ValueError(f"{name}: empty range, {text(low)} is above {text(high)}")
         if not low <= middles[name] <= high:
             raise ValueError(f"{name}: the nominal value {text(middles[name])} lies outside of its range")
-    return Box(ends, middles, frozenset(rigid))
+    return Box(ends, middles)
 
 
 @dataclass(frozen=True)

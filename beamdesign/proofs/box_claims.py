@@ -23,7 +23,17 @@ from beamdesign.loop import loop
 from beamdesign.plant.members import family as linear_family
 from beamdesign.polynomial import exact, squared_magnitude
 from beamdesign.proofs.box import Box, cubes_of, parts_beside
-from beamdesign.proofs.box_member import stable_at, unstable_member
+from beamdesign.proofs.box_member import (
+    Ratios,
+    Worst,
+    member_at,
+    ratios,
+    stable_at,
+    unstable_member,
+    worst_in_bands,
+    worst_near,
+    worst_of,
+)
 from beamdesign.proofs.branch import Search
 from beamdesign.proofs.certificate import LOWER_GAINS, Asked
 from beamdesign.proofs.read_once import NotCovered
@@ -31,7 +41,6 @@ from beamdesign.proofs.rig_family import PolynomialFamily, performing_spans, rig
 from beamdesign.proofs.slope_claim import UNKNOWN, angle_ratios, largest_gains, presupposed
 from beamdesign.proofs.statement import Interval, Node, Statement
 from beamdesign.proofs.value_set import with_unknown
-from beamdesign.proofs.worst_members import Ratios, Worst, member_at, ratios, worst_in_bands, worst_near
 from beamdesign.proofs.zero_exclusion import PRECISION_BITS, Piece, holds, pieces
 from beamdesign.prototype import Prototype
 from beamdesign.rational import nearest, shortened
@@ -324,8 +333,7 @@ def worst_over_box(prototype: Prototype, box: Box, asked: Asked) -> list[Worst]:
     if asked.kind == "gain_margin":
         point = unstable_member(statement)
         return [] if point is None else [Worst(inf, point, 0.0)]
-    found = worst_in_bands(statement, _by(asked))
-    return [Worst(ratio, member_at(statement, shares), w.item() / (2 * pi)) for ratio, shares, w in found]
+    return worst_of(statement, _by(asked))
 
 
 def _width(ends: Interval, kind: str) -> float:
@@ -348,8 +356,7 @@ def margins_over_box(prototype: Prototype, box: Box, asked: Asked) -> dict[str, 
         box: ranges of its parameters.
         asked: of a magnitude.
     """
-    family, found = _family(prototype, box, asked), dict[str, float]()
-    statement = family.over({**box.ranges, **own_ranges(prototype, family, box, asked)})
+    statement, found = over_own_ranges(prototype, box, asked), dict[str, float]()
     members = {name: (kind, parts) for name, kind, parts in statement.groups}
     ranges = statement.ranges | statement.parameters
     for ratio, shares, w in worst_in_bands(statement):

@@ -1,6 +1,6 @@
 """Branch and bound over frequency and parameters: a tree of pieces on which the value set keeps clear of zero."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from heapq import heappop, heappush
 from math import ceil, inf, log2
 from operator import mul
@@ -55,7 +55,6 @@ class _Node:
         return float(np.prod(self.end - self.start))
 
 
-@dataclass
 class Search:
     """A tree in the making.
 
@@ -65,23 +64,16 @@ class Search:
         open_volume: sum of the boxes of all open pieces, as shares of the whole; they may overlap.
     """
 
-    statement: Statement
-    looked_at: int = 0
-    open_volume: float = 0.0
-    _root: _Node = field(init=False)
-    _queue: list[tuple[float, int, _Node]] = field(init=False, default_factory=list)
-    _width: int = field(init=False, default=0)
-    _pushed: int = field(init=False, default=0)
-
-    def __post_init__(self) -> None:
-        k = len(self.statement.varying)
-        self._width = control_points(self.statement)
+    def __init__(self, statement: Statement) -> None:
+        self.statement, self.looked_at, self.open_volume = statement, 0, 0.0
+        self._queue: list[tuple[float, int, _Node]] = []
+        self._pushed, self._width, k = 0, control_points(statement), len(statement.varying)
         if self._width > _MOST_POINTS:
             raise ValueError(
                 f"a hull of this expression has {self._width} control points, more than {_MOST_POINTS}: let fewer"
                 " parameters vary, or give it leaves that share none"
             )
-        since, until = self.statement.since, self.statement.until
+        since, until = statement.since, statement.until
         self._root = _Node(np.zeros(k), np.ones(k), nearest(since), inf if until is None else nearest(until))
         self._push(self._root)
 
@@ -205,7 +197,7 @@ def control_points(statement: Statement) -> int:
     def one(node: Node) -> int:
         if node.kind != "leaf":
             return ARC_PARTS + 2 if node.name in statement.varying else 1
-        return 1 if node.bound else _leaf_points(statement, node.name)
+        return 1 if node.packs else _leaf_points(statement, node.name)
 
     return enumerated * sum(node.fold(one, mul, mul) for node in statement.summands)
 

@@ -81,13 +81,14 @@ class Asked:
     multiplier: "Multiplier | None" = None
     error: Weighed | None = None
 
+    @property
+    def for_odd_only(self) -> bool:
+        """For a slope, whether it is about odd characteristics alone, without command and load."""
+        return self.multiplier is not None and self.multiplier.for_odd_only
+
     def decided(self, outer_end_mass_kg: tuple[float, float], holds: bool, reason: str = "") -> "Claim":
         """The claim over a range of masses, with its verdict and, where it does not hold, the reason."""
-        bandwidth_Hz = self.bandwidth_Hz if self.kind.endswith("compliance") else None
-        from_Hz = self.from_Hz if self.kind == "loop_gain" else None
-        odd = self.multiplier is not None and self.multiplier.for_odd_only
-        found = Claim(self.kind, self.limit, outer_end_mass_kg, holds, bandwidth_Hz, reason, from_Hz=from_Hz)
-        return replace(found, for_odd_only=odd)
+        return Claim(**vars(self), outer_end_mass_kg=outer_end_mass_kg, holds=holds, reason=reason)
 
 
 @dataclass(frozen=True)
@@ -110,47 +111,26 @@ class Witness:
     exact: bool = True
 
 
-@dataclass(frozen=True)
-class Claim:
-    """One statement about every outer end mass of a range, decided exactly.
+@dataclass(frozen=True, kw_only=True)
+class Claim(Asked):
+    """A claim about every outer end mass of a range, decided exactly.
 
     Attributes:
-        kind: what is claimed.
-        limit: its figure: m/N, a plain number, A/V, 1/s or a factor.
         outer_end_mass_kg: the range.
         holds: whether it is proved; if not, it is refuted.
-        bandwidth_Hz: for a compliance, the frequency up to which it is claimed; infinite for all frequencies.
         reason: in words, why it does not hold; empty where it does.
         witness: what refutes it; None where it holds.
-        from_Hz: for a loop gain, the frequency from which on it is claimed; zero for all frequencies.
-        for_odd_only: for a slope, whether it is about odd characteristics alone, without command and load.
     """
 
-    kind: Kind
-    limit: float
     outer_end_mass_kg: tuple[float, float]
     holds: bool
-    bandwidth_Hz: float | None = None
     reason: str = ""
     witness: Witness | None = None
-    from_Hz: float | None = None
-    for_odd_only: bool = False
 
     @property
     def witness_outer_end_mass_kg(self) -> float | None:
         """A mass that refutes the claim, as a float."""
         return None if self.witness is None else nearest(self.witness.mass)
-
-    @property
-    def witness_frequency_Hz(self) -> float | None:
-        """The frequency that goes with that mass."""
-        return None if self.witness is None else self.witness.frequency_Hz
-
-    @property
-    def witness_gain_factor(self) -> float | None:
-        """The factor on the gain that goes with it, for a gain margin."""
-        factor = None if self.witness is None else self.witness.gain_factor
-        return None if factor is None else nearest(factor)
 
 
 @dataclass(frozen=True)
@@ -259,6 +239,7 @@ class Certificate(Decided):
             "claims": [
                 {
                     **picked(claim, "kind limit bandwidth_Hz from_Hz holds reason"),
+                    **({} if claim.kind == "loop_gain" else {"from_Hz": None}),
                     "witness": claim.witness
                     and picked(claim.witness, "outer_end_mass_kg=mass frequency_Hz gain_factor"),
                 }
@@ -292,10 +273,8 @@ def peak_claim(goal: Goal, servo_off_m_per_N: float) -> tuple[Asked, ...]:
         goal: how many times the largest with the servo off it may be.
         servo_off_m_per_N: that, see `beamdesign.proofs.servo_off`.
     """
-    limit = (
-        nearest(shortened(exact(most), 9)) if 0 < (most := goal.peak_over_passive * servo_off_m_per_N) < inf else inf
-    )
-    return (Asked("peak_compliance", limit),) if limit < inf else ()
+    most = goal.peak_over_passive * servo_off_m_per_N
+    return (Asked("peak_compliance", nearest(shortened(exact(most), 9))),) if 0 < most < inf else ()
 
 
 def over_passive(peak_m_per_N: float, servo_off_m_per_N: float) -> float:
@@ -333,18 +312,17 @@ def as_claims(proved: Iterable[Asked], outer_end_mass_kg: tuple[float, float]) -
 
 def implies(one: Claim, other: Claim) -> bool:
     """Whether a claim of the same kind, if it holds, says at least as much as another."""
-    stronger = one.limit <= other.limit and (one.bandwidth_Hz or 0.0) >= (other.bandwidth_Hz or 0.0)
-    stronger = stronger and (one.from_Hz or 0.0) <= (other.from_Hz or 0.0)
-    return one.holds and one.kind == other.kind and stronger
+    further = one.bandwidth_Hz >= other.bandwidth_Hz and one.from_Hz <= other.from_Hz
+    return one.holds and one.kind == other.kind and one.limit <= other.limit and further
 
 
-def describe(claim: Claim) -> str:
+def describe(claim: Asked) -> str:
     """A claim in words."""
     if claim.kind.endswith("compliance"):
-        up_to = "at every frequency" if isinf(claim.bandwidth_Hz or 0) else f"up to {claim.bandwidth_Hz:.7g} Hz"
+        up_to = "at every frequency" if isinf(claim.bandwidth_Hz) else f"up to {claim.bandwidth_Hz:.7g} Hz"
         return f"{_COMPLIANCES[claim.kind]} at most {claim.limit:.6g} m/N {up_to}"
     if claim.kind == "loop_gain":
-        return f"loop gain |L| at most {claim.limit:.6g} from {claim.from_Hz or 0:.7g} Hz up"
+        return f"loop gain |L| at most {claim.limit:.6g} from {claim.from_Hz:.7g} Hz up"
     if claim.kind == "gain_margin" and claim.limit == 0:
         return "stable at every lower gain"
     if claim.kind == "slope":

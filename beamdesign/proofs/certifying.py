@@ -8,7 +8,7 @@ from typing import Any
 
 from flint import fmpq
 
-from beamdesign.loop import rig_loop
+from beamdesign.loop import member_loop
 from beamdesign.plant.effects import library
 from beamdesign.plant.members import LinearFamily, VertexModel, family
 from beamdesign.polynomial import exact
@@ -57,12 +57,9 @@ class Proved:
 
 def rectangles(prototype: Prototype, found: LinearFamily, low: fmpq, high: fmpq) -> list[Proved]:
     """Each member's loop over masses and factors on the gain."""
-    controller = prototype.controller
-    if controller is None:
-        raise ValueError("the prototype has no [controller]")
     found_loops = []
     for member in found.members:
-        loop = rig_loop(member.rig, prototype.payload.inner_end_mass_kg, controller)
+        loop = member_loop(prototype, member)
         stable = Rectangle(loop, low, high, exact(member.gain.low), exact(member.gain.high))
         inside = member.performance
         if inside is not None and inside.low < inside.high and not loop.gain_and_mass_apart:

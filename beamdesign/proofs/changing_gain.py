@@ -18,13 +18,13 @@ from dataclasses import dataclass
 
 from flint import fmpq
 
-from beamdesign.loop import Loop, rig_loop
+from beamdesign.loop import Loop, member_loop
 from beamdesign.plant.assembly import effect_parameters_of
 from beamdesign.polynomial import Affine, exact
 from beamdesign.proofs.absolute_stability import Members, Row
 from beamdesign.proofs.box import Box
 from beamdesign.proofs.box_claims import BoxClaim
-from beamdesign.proofs.multiplier import Multiplier, fits_families
+from beamdesign.proofs.multiplier import Multiplier, fits
 from beamdesign.proofs.rig_family import FACTOR
 from beamdesign.proofs.stability import is_stable_over
 from beamdesign.rational import text
@@ -90,15 +90,12 @@ def margin_of(loop: Loop, place: str, least: fmpq, most: fmpq, low: fmpq, high: 
     under, over = denominator + numerator * least, denominator + numerator * most
     if not is_stable_over(under, low, high):
         return None
-    return next((margin for margin in _MARGINS if fits_families(_PLAIN, over, under, low, high, margin)), None)
+    return next((margin for margin in _MARGINS if fits(_PLAIN, over, under, low, high, margin)), None)
 
 
 def changing_rows(given: Members) -> Iterator[Row]:
     """A row for each gain that changes."""
-    controller = given.prototype.controller
-    assert controller is not None  # there are loops
-    inner = given.prototype.payload.inner_end_mass_kg
-    loops = [rig_loop(member.rig, inner, controller) for member in given.found.members]
+    loops = [member_loop(given.prototype, member) for member in given.found.members]
     for one in changing(given):
         margins = [margin_of(loop, one.place, one.least, one.most, given.low, given.high) for loop in loops]
         known = [margin for margin in margins if margin is not None]

@@ -30,8 +30,8 @@ from math import inf, pi, sqrt
 from flint import ctx, fmpq, fmpq_poly
 
 from beamdesign.loop import Tip
-from beamdesign.polynomial import Affine, even_odd, exact, is_hurwitz, real_roots, roots
-from beamdesign.proofs.performance import Coefficients, inner, kept_up_to_Hz, magnitude_slack
+from beamdesign.polynomial import Affine, exact, inner, is_hurwitz, real_roots, roots, squared_magnitude, turned
+from beamdesign.proofs.performance import Coefficients, kept_up_to_Hz, less, magnitude_slack, over_mass
 from beamdesign.proofs.quadratic import quadratic_nonnegative
 from beamdesign.proofs.stability import is_stable_over, stable_ranges, unstable_at
 from beamdesign.rational import bounds, nearest, shortened, simple_between
@@ -102,9 +102,7 @@ class Environment:
 
 def absorbed(tip: Tip) -> fmpq_poly:
     """Im(p conj n) / w at jw as a polynomial in x = w^2: not negative where the tip takes work in."""
-    even, odd = even_odd(tip.bare)
-    even_moved, odd_moved = even_odd(tip.moved)
-    return odd * even_moved - even * odd_moved
+    return turned(tip.bare, tip.moved)
 
 
 def passivity(tip: Tip, low: fmpq, high: fmpq) -> Passivity:
@@ -179,12 +177,10 @@ def destabilising_environment(tip: Tip, bands: tuple[Band, ...], outer_end_mass:
 
 
 def _in_tune(tip: Tip, square: fmpq, outer_end_mass: fmpq) -> Environment | None:
-    even, odd = (part(square) for part in even_odd(tip.against(outer_end_mass)))
-    even_moved, odd_moved = (part(square) for part in even_odd(tip.moved))
-    below = even_moved**2 + square * odd_moved**2
-    if below == 0 or (given := (even * odd_moved - odd * even_moved) / below / 2) <= 0:
+    p, below = tip.against(outer_end_mass), squared_magnitude(tip.moved)(square)
+    if below == 0 or (given := -turned(p, tip.moved)(square) / below / 2) <= 0:
         return None
-    elastic = (even * even_moved + square * odd * odd_moved) / below  # R = Re(p / n)
+    elastic = inner(p, tip.moved)(square) / below  # R = Re(p / n)
     damping = shortened(given, 3)  # r / 2
     mass = shortened(max(abs(elastic) / square, fmpq(1, 100)), 3, up=True)
     for _ in range(20):
@@ -331,13 +327,9 @@ class UnilateralContact:
 
 def popov_slack(tip: Tip, stiffness: fmpq, multiplier: fmpq) -> Coefficients:
     """|p|^2 / k + Re(n conj p) + q w Im(p conj n) as a quadratic a m^2 + b m + c in the mass, polynomials in w^2."""
-    p0, n = tip.bare, tip.moved
-    carried = _S * _S * n
-    return (
-        inner(carried, carried) / stiffness,
-        2 * inner(p0, carried) / stiffness + inner(n, carried),
-        inner(p0, p0) / stiffness + inner(n, p0) + multiplier * _S * absorbed(tip),
-    )
+    p, n = tip.over_mass, Affine(-tip.moved, _NONE)
+    a, b, c = less(1 / stiffness, over_mass(inner, p, p), over_mass(inner, n, p))
+    return a, b, c + multiplier * _S * absorbed(tip)
 
 
 def unilateral_contact(tip: Tip, masses: tuple[fmpq, fmpq], stiffness: fmpq) -> UnilateralContact:

@@ -6,9 +6,8 @@ however fast, matched in velocity, is settled by a P that is free of m, or refut
 arithmetic; a bounded rate by a P(m), for the largest rate that can be proved.
 """
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
-from itertools import combinations
 from typing import Literal
 
 import numpy as np
@@ -17,7 +16,7 @@ from flint import arb_mat, ctx, fmpq, fmpq_mat
 from beamdesign.polynomial import exact
 from beamdesign.progress import Progress, silent
 from beamdesign.proofs.decrease import ZERO, Joining, holds_at_rate
-from beamdesign.proofs.lmi import SOLVERS, Answer, Solve, Sought, at, lyapunov_candidates, modal_coordinates, solve
+from beamdesign.proofs.lmi import SOLVERS, Answer, Sought, at, lyapunov_candidates, modal_coordinates, solve
 from beamdesign.proofs.mass_family import Families, rationals
 from beamdesign.rational import nearest, shortened
 
@@ -72,17 +71,6 @@ class Cycle:
     def proved(self) -> bool:
         """Whether ball arithmetic confirms the growth."""
         return self.cycles > 0
-
-
-def masses_in_turn(families: Families, low: fmpq, high: fmpq) -> Iterator[tuple[Corner, Corner]]:
-    """The least and the largest mass in turn, with each stage that stays."""
-    return (((k, low), (k, high)) for k in range(len(families)))
-
-
-def stages_in_turn(families: Families, low: fmpq, high: fmpq) -> Iterator[tuple[Corner, Corner]]:
-    """Any two stages in turn, at a few masses that stay."""
-    pairs = list(combinations(range(len(families)), 2))
-    return (((i, mass), (j, mass)) for mass in (low, (low + high) / 2, high) for i, j in pairs)
 
 
 def proved_growth(first: fmpq_mat, second: fmpq_mat, time_first: fmpq, time_second: fmpq) -> int:
@@ -218,7 +206,6 @@ def sought_with(
     families: Families,
     sought: Sought,
     coordinates: np.ndarray,
-    solve: Solve = solve,
     solvers: Sequence[str] = SOLVERS[:1],
 ) -> _Found:
     """Ask solvers, one after another, until an answer passes the exact check.
@@ -227,7 +214,6 @@ def sought_with(
         families: the closed loop with each stage.
         sought: what is asked of V.
         coordinates: (n, n), to solve in.
-        solve: what finds candidates.
         solvers: their names.
 
     Returns:
@@ -262,7 +248,7 @@ def refused(answer: Answer, wrong: str, joining: Joining) -> Course:
     return Course("unverified", words, joining)
 
 
-def any_change(families: Families, low: fmpq, high: fmpq, solve: Solve = solve) -> tuple[Course, np.ndarray]:
+def any_change(families: Families, low: fmpq, high: fmpq) -> tuple[Course, np.ndarray]:
     """Decide stability under arbitrary matched changes of mass between `low` and `high`, whichever stage acts when.
 
     Functions from Lyapunov's equation are tried first, then semidefinite programs on a growing range, each in the
@@ -272,7 +258,6 @@ def any_change(families: Families, low: fmpq, high: fmpq, solve: Solve = solve) 
         families: the closed loop with each stage, stable at `low`.
         low: least mass, kg.
         high: largest mass, kg.
-        solve: what finds candidates.
 
     Returns:
         what is proved, and coordinates (n, n) to go on from.
@@ -290,7 +275,7 @@ def any_change(families: Families, low: fmpq, high: fmpq, solve: Solve = solve) 
         target = min(shortened(best + step, 9), high)  # a decimal, so that as a float it is the same number
         if target <= best:
             break
-        found, onward = sought_with(families, Sought(low, target), coordinates, solve)
+        found, onward = sought_with(families, Sought(low, target), coordinates)
         claimed = found.claimed if target == high else claimed
         if found.coefficients:
             best, function, coordinates = target, found.coefficients, onward
@@ -298,14 +283,14 @@ def any_change(families: Families, low: fmpq, high: fmpq, solve: Solve = solve) 
         else:
             step /= 2
     if best < high:  # the whole range once more, from the best coordinates there are
-        found, _ = sought_with(families, Sought(low, high), coordinates, solve, SOLVERS)
+        found, _ = sought_with(families, Sought(low, high), coordinates, SOLVERS)
         claimed = found.claimed or claimed
         if found.coefficients:
             best, function = high, found.coefficients
     functions, partly = ((function,), nearest(best)) if function else ((), None)
     if function and best == high:
         return Course("proved", functions=functions, proved_up_to_kg=partly), coordinates
-    cycle = growing_cycle(families, masses_in_turn(families, low, high))
+    cycle = growing_cycle(families, [((k, low), (k, high)) for k in range(len(families))])
     status: Status = "unverified" if claimed else "undecided"
     words = "no function was found that serves all masses"
     if cycle is not None and cycle.proved:
@@ -329,7 +314,6 @@ def bounded_rate(
     joining: Joining,
     coordinates: np.ndarray,
     wanted: fmpq | None = None,
-    solve: Solve = solve,
     update: Progress = silent,
     degrees: Sequence[int] = DEGREES,
 ) -> Course:
@@ -342,7 +326,6 @@ def bounded_rate(
         joining: how payload joins.
         coordinates: (n, n), to begin in.
         wanted: rate, kg/s; the largest is searched for where it is left out.
-        solve: what finds candidates.
         update: told of progress.
         degrees: of P in m, tried in this order.
     """
@@ -350,7 +333,7 @@ def bounded_rate(
     for degree in degrees:
 
         def ask(rate: fmpq, inner: np.ndarray, solvers: Sequence[str] = SOLVERS[:1], degree: int = degree) -> _Found:
-            return sought_with(families, Sought(low, high, degree, rate, joining), inner, solve, solvers)
+            return sought_with(families, Sought(low, high, degree, rate, joining), inner, solvers)
 
         found = _largest(ask, joining, coordinates, update) if wanted is None else _at(ask, coordinates, wanted)
         if found.status == "proved":

@@ -48,12 +48,10 @@ class Definite:
     Attributes:
         holds: proved in rationals.
         reason: empty where it holds.
-        pieces: number of sub-intervals the proof needed, 1 for a single matrix.
     """
 
     holds: bool
     reason: str = ""
-    pieces: int = 1
 
 
 def positive_definite(matrix: fmpq_mat) -> Definite:
@@ -126,10 +124,7 @@ def positive_on(coefficients: Sequence[fmpq_mat], low: fmpq, high: fmpq, deepest
         return Definite(False, f"no proof between {float(low):.6g} and {float(high):.6g} after all halvings")
     middle = (low + high) / 2
     left = positive_on(coefficients, low, middle, deepest - 1)
-    if not left.holds:
-        return left
-    right = positive_on(coefficients, middle, high, deepest - 1)
-    return Definite(True, pieces=left.pieces + right.pieces) if right.holds else right
+    return positive_on(coefficients, middle, high, deepest - 1) if left.holds else left
 
 
 # The inequality.
@@ -229,7 +224,6 @@ def holds_at_rate(
     positive = positive_on(coefficients, low, high)
     if not positive.holds:
         return Definite(False, f"P(m) is not positive definite: {positive.reason}")
-    pieces = positive.pieces
     for k, family in enumerate(families, start=1):
         terms = exact_terms(family, coefficients)
         for sign, resting in extremes(joining) if rate else ((0, 0),):
@@ -237,8 +231,7 @@ def holds_at_rate(
             if not answer.holds:
                 stage = f" with stage {k}" if len(families) > 1 else ""
                 return Definite(False, f"V does not decrease{stage} {answer.reason}")
-            pieces = max(pieces, answer.pieces)
-    return Definite(True, pieces=pieces)
+    return Definite(True)
 
 
 def jump(family: MassFamily, share: fmpq) -> fmpq_mat:

@@ -13,22 +13,14 @@ time; Hespanha and Morse, 1999). All stages act on the same states, none of whic
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
+from itertools import combinations, product
 from math import log
 
 import numpy as np
 from flint import fmpq
 
 from beamdesign.polynomial import exact
-from beamdesign.proofs.courses import (
-    NONE_FOUND,
-    Coefficients,
-    Course,
-    checked,
-    growing_cycle,
-    refused,
-    sought_with,
-    stages_in_turn,
-)
+from beamdesign.proofs.courses import NONE_FOUND, Coefficients, Course, checked, growing_cycle, refused, sought_with
 from beamdesign.proofs.decrease import (
     ZERO,
     Change,
@@ -39,17 +31,7 @@ from beamdesign.proofs.decrease import (
     grows_at_most,
     holds_at_rate,
 )
-from beamdesign.proofs.lmi import (
-    Answer,
-    Solve,
-    Sought,
-    at,
-    modal_coordinates,
-    slowest_decay,
-    solve,
-    solve_across_jumps,
-    solve_one_each,
-)
+from beamdesign.proofs.lmi import Answer, Sought, at, modal_coordinates, slowest_decay, solve_one_each
 from beamdesign.proofs.mass_family import Families, floats, rationals
 from beamdesign.rational import nearest, shortened
 
@@ -59,14 +41,13 @@ DECAY_SHARES = (0.3, 0.6, 0.9)
 """Decay rates to try, as shares of the slowest one of a mass that stays."""
 
 
-def stage_change(families: Families, low: fmpq, high: fmpq, solve: Solve = solve) -> tuple[Course, np.ndarray]:
+def stage_change(families: Families, low: fmpq, high: fmpq) -> tuple[Course, np.ndarray]:
     """Prove what can be proved of changes between stages, each of which is stable by itself.
 
     Args:
         families: the loop with each stage, in the same states; see `stage_families`.
         low: least payload, kg.
         high: largest payload, kg, above `low`.
-        solve: what finds candidates for the common function.
 
     Returns:
         what is proved, and coordinates (n, n) to go on from.
@@ -74,10 +55,11 @@ def stage_change(families: Families, low: fmpq, high: fmpq, solve: Solve = solve
     at_any_time = Course("proved", dwell_s=ZERO, factor=fmpq(1))
     if len(families) == 1:
         return at_any_time, modal_coordinates(at(families[0], low))
-    common, coordinates = _common(families, low, high, solve)
+    common, coordinates = _common(families, low, high)
     if common.functions:
         return replace(at_any_time, functions=common.functions), coordinates
-    cycle = growing_cycle(families, stages_in_turn(families, low, high))
+    pairs = product((low, (low + high) / 2, high), combinations(range(len(families)), 2))
+    cycle = growing_cycle(families, (((i, mass), (j, mass)) for mass, (i, j) in pairs))
     words = common.claimed or "no function was found that serves all stages"
     if cycle is not None:
         sure = "proved" if cycle.proved else "shown numerically only"
@@ -97,13 +79,13 @@ def stage_change(families: Families, low: fmpq, high: fmpq, solve: Solve = solve
     return replace(found, reason=words, counterexample=cycle), coordinates
 
 
-def _common(families: Families, low: fmpq, high: fmpq, solve: Solve) -> tuple[Course, np.ndarray]:
+def _common(families: Families, low: fmpq, high: fmpq) -> tuple[Course, np.ndarray]:
     start = modal_coordinates(at(families[len(families) // 2], (low + high) / 2))
     best = Course("undecided", NONE_FOUND), start
     for degree in (1, 2):
         coordinates = start
         for _ in range(TURNS):
-            found, onward = sought_with(families, Sought(low, high, degree), coordinates, solve)
+            found, onward = sought_with(families, Sought(low, high, degree), coordinates)
             if found.functions:
                 return found, onward
             best = (found, onward) if found.claimed else best
@@ -113,14 +95,7 @@ def _common(families: Families, low: fmpq, high: fmpq, solve: Solve) -> tuple[Co
     return best
 
 
-def sudden_change(
-    families: Families,
-    low: fmpq,
-    high: fmpq,
-    joining: Joining,
-    coordinates: np.ndarray,
-    solve: Solve = solve_across_jumps,
-) -> Course:
+def sudden_change(families: Families, low: fmpq, high: fmpq, joining: Joining, coordinates: np.ndarray) -> Course:
     """The shortest average time between sudden changes that can be proved, over a few decay rates.
 
     Args:
@@ -129,14 +104,13 @@ def sudden_change(
         high: largest mass, kg, above `low`.
         joining: how payload joins.
         coordinates: (n, n), to begin in.
-        solve: what finds candidates.
     """
 
     def sought(decay: fmpq) -> Sought:
         return Sought(low, high, 1, ZERO, joining, decay)
 
     def ask(decay: fmpq, inner: np.ndarray) -> Sequence[Answer]:
-        return [solve(families, sought(decay), inner, "CLARABEL")]
+        return solve_one_each(families, sought(decay), inner, 1)
 
     def verify(decay: fmpq, answers: Sequence[Answer]) -> Course:
         coefficients, wrong = checked(families, sought(decay), answers[0].coefficients)

@@ -6,7 +6,7 @@ which decides in rationals.
 """
 
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from operator import matmul
 from typing import Any
@@ -59,10 +59,6 @@ class Sought:
     rate: fmpq = ZERO
     joining: Joining = "matched"
     decay: fmpq = ZERO
-
-
-Solve = Callable[[Families, Sought, np.ndarray, str], Answer]
-"""How a candidate is obtained: families, what is sought, coordinates, name of the solver."""
 
 
 def at(family: MassFamily, mass: fmpq) -> np.ndarray:
@@ -127,7 +123,7 @@ def lyapunov_candidates(families: Families, low: fmpq, high: fmpq) -> list[np.nd
     return [t.T @ t, found[0], found[1] + found[2]]
 
 
-def solve(families: Families, sought: Sought, coordinates: np.ndarray, solver: str = "CLARABEL") -> Answer:
+def solve(families: Families, sought: Sought, coordinates: np.ndarray, solver: str) -> Answer:
     """Maximise the margin t of t I <= P(m) <= I and -W dV/dt >= t c W I along every family, in coordinates z = T x.
 
     The identity is feasible with t of about 1 where it is a Lyapunov function already, so the margin says how far the
@@ -157,34 +153,24 @@ def solve(families: Families, sought: Sought, coordinates: np.ndarray, solver: s
     return Answer(solver, status, claims, first.in_si(inner), first.onward(inner))
 
 
-def solve_across_jumps(families: Families, sought: Sought, coordinates: np.ndarray, solver: str = "CLARABEL") -> Answer:
-    """Minimise g of I <= P(m) and J' P(m) J <= g I at a fixed decay rate: little growth of V at sudden changes.
+def solve_one_each(
+    families: Families, sought: Sought, coordinates: np.ndarray, count: int | None = None
+) -> tuple[Answer, ...]:
+    """Minimise g of I <= P_i(m) <= g I while each P_i(m) falls along its own family at the decay that is sought.
+
+    Of one function for all families it is P(m) and J' P(m) J with the jumps J of the payload that are to stay in these
+    bounds: little growth of V at sudden changes.
 
     Args:
         families: the closed loop with each stage.
         sought: of degree 0 or 1; its rate is not used, the mass stays between the changes.
         coordinates: T, (n, n).
-        solver: of `SOLVERS`.
-    """
-    return solve_one_each(families, sought, coordinates, solver, 1)[0]
-
-
-def solve_one_each(
-    families: Families, sought: Sought, coordinates: np.ndarray, solver: str = "CLARABEL", count: int | None = None
-) -> tuple[Answer, ...]:
-    """Minimise g of I <= P_i(m) <= g I while each P_i(m) falls along its own family at the decay that is sought.
-
-    Args:
-        families: the closed loop with each stage.
-        sought: of degree 0 or 1; its rate is not used.
-        coordinates: T, (n, n).
-        solver: of `SOLVERS`.
         count: of functions: 1 for one that falls along all families, and as many as there are families by default.
 
     Returns:
         one answer for each function, all with the same coordinates to go on in: those of the mean of all functions.
     """
-    count = len(families) if count is None else count
+    count, solver = len(families) if count is None else count, SOLVERS[0]
     scaled = _scaled(families, sought, coordinates)
     first, identity = scaled[0], np.eye(families[0].order)
     own = first.basis(sought.degree)
@@ -228,13 +214,11 @@ class Scaled:
 
     def basis(self, degree: int) -> np.ndarray:
         """One symmetric matrix after another as coefficient of one power of m: (count, degree + 1, n, n)."""
-        n = len(self.fixed)
-        pairs = [(i, j) for i in range(n) for j in range(i, n)]
-        basis = np.zeros((len(pairs) * (degree + 1), degree + 1, n, n))
+        rows, columns = np.triu_indices(n := len(self.fixed))
+        pairs, basis = range(len(rows)), np.zeros((degree + 1, len(rows), degree + 1, n, n))
         for k in range(degree + 1):
-            for p, (i, j) in enumerate(pairs):
-                basis[k * len(pairs) + p, k, i, j] = basis[k * len(pairs) + p, k, j, i] = 1.0
-        return basis
+            basis[k, pairs, k, rows, columns] = basis[k, pairs, k, columns, rows] = 1.0
+        return basis.reshape(-1, degree + 1, n, n)
 
     def decrease(self, basis: np.ndarray, sought: Sought, sign: int, resting: int) -> list[np.ndarray]:
         """Bernstein coefficients of -W (dV/dt + 2 decay V) for each member of the basis, (count, n, n) each."""

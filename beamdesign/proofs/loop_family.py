@@ -10,18 +10,19 @@ from typing import Any
 
 from flint import fmpq, fmpq_mpoly, fmpq_mpoly_ctx, fmpq_poly
 
+from beamdesign.json_text import finite
 from beamdesign.loop import Loop
 from beamdesign.polynomial import Affine
 from beamdesign.proofs.any_loop import Pair, ProvedLoop, proved, with_claims
 from beamdesign.proofs.box import Box, BoxVerdict, certify_box
 from beamdesign.proofs.box_claims import claim_of_family
 from beamdesign.proofs.certificate import Asked, Kind
-from beamdesign.proofs.open_loop import OpenLoop, in_p, number, period, refused
+from beamdesign.proofs.open_loop import OpenLoop, in_p, number, order, period, refused
 from beamdesign.proofs.performance import keeps, least_of
 from beamdesign.proofs.read_once import Expression, S, read_once
 from beamdesign.proofs.rig_family import TRANSPORT, UNKNOWN, PolynomialFamily, claimed
 from beamdesign.proofs.stability import StabilityMap, stable_ranges
-from beamdesign.proofs.statement import Interval, in_context
+from beamdesign.proofs.statement import Interval, in_context, written
 from beamdesign.rational import nearest
 from beamdesign.records import InputError
 from beamdesign.result import Result
@@ -84,20 +85,20 @@ class LoopFamily:
         values = self.box.nominal
         positive = [name for name, (low, _) in self.ranges.items() if low > 0]
 
-        def written(form: Expression) -> PolynomialFamily:
+        def shaped(form: Expression) -> PolynomialFamily:
             parts = form.leaves, form.bound, None, form.groups, positive, circles, since, until
             return PolynomialFamily("loop", form.p, values, *parts)
 
         plain, turned = p.subs({UNKNOWN: 0}), p.derivative(UNKNOWN)
         if len(positive) == len(values):
-            found = written(read_once(p, [*values], (UNKNOWN,)))
+            found = shaped(read_once(p, [*values], (UNKNOWN,)))
             # Where leading terms of its products cancel each other, the form is of a higher degree than p.
             if found.over({}).degree == tuple(_degree(part) for part in (plain, turned)):
                 return found
         if claim is None:
-            return written(Expression("plain", {"plain": _text(plain)}, (), ()))
-        leaves = {"plain": _text(plain), "turned": _text(turned)}
-        return written(Expression(f"plain + {UNKNOWN} * turned", leaves, (("plain", "turned"),), ()))
+            return shaped(Expression("plain", {"plain": written(plain)}, (), ()))
+        leaves = {"plain": written(plain), "turned": written(turned)}
+        return shaped(Expression(f"plain + {UNKNOWN} * turned", leaves, (("plain", "turned"),), ()))
 
     def turns_at_infinity(self, limit: fmpq, points: Iterable[Mapping[str, fmpq]]) -> bool:
         """Whether at one of these members no frequency is high enough for a peak sensitivity to be proved from it up.
@@ -145,8 +146,6 @@ class ProvedFamily(Result):
 
     def to_dict(self) -> dict[str, Any]:
         """Its fields but the loop."""
-        from beamdesign.json_text import finite
-
         kept = {name: value for name, value in vars(self).items() if name not in ("family", "certificate")}
         return {name: finite(value) for name, value in kept.items()}
 
@@ -191,11 +190,7 @@ def loop_family(loop: Any, parameters: Mapping[str, Pair]) -> LoopFamily:
     except ValueError as error:
         raise refused(str(error)) from error
     ranges = {name: _range(name, ends) for name, ends in parameters.items()}
-    n, zeros = _degree(below), _degree(above)
-    if n < 0:
-        raise refused("the denominator is zero")
-    if zeros > n:
-        raise refused(f"has more zeros ({zeros}) than poles ({n}): no real loop has a gain that grows")
+    n = order(_degree(above), _degree(below))
     if dt is not None:
         above, below = (in_p(_coefficients(part), n, context.gen(0)) for part in (above, below))
     return LoopFamily(above, below, n, dt, ranges)
@@ -246,10 +241,6 @@ def _in_s(part: fmpq_mpoly) -> fmpq_poly:
 def _degree(part: fmpq_mpoly) -> int:
     """In s; -1 for zero."""
     return -1 if part == 0 else int(part.degrees()[0])
-
-
-def _text(part: fmpq_mpoly) -> str:
-    return str(part).replace("^", "**")
 
 
 def _over(family: LoopFamily, limit: float | None) -> ProvedFamily:

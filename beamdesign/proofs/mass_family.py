@@ -89,10 +89,8 @@ def closed_loop(prototype: Prototype) -> MassFamily:
         ValueError: where the prototype has no controller, or one whose numerator is of higher degree than its
             denominator.
     """
-    if prototype.controller is None:
-        raise ValueError("the prototype has no [controller]")
-    inner = exact(prototype.payload.inner_end_mass_kg)
-    return close_with(paper_model(prototype), inner, prototype.controller.sensed_law())
+    law = prototype.own_controller.sensed_law()
+    return close_with(paper_model(prototype), exact(prototype.payload.inner_end_mass_kg), law)
 
 
 def close_with(rig: LinearModel, inner_end_mass: fmpq, law: SensedLaw) -> MassFamily:

@@ -3,7 +3,6 @@
 from collections.abc import Sequence
 from itertools import pairwise
 from math import gcd, isinf, lcm
-from typing import Any
 
 from flint import arb, ctx, fmpq
 
@@ -11,13 +10,11 @@ from beamdesign.loop import Loop
 from beamdesign.polynomial import Crossing, exact
 from beamdesign.proofs.certificate import Claim
 from beamdesign.proofs.stability import Range, StabilityMap
-from beamdesign.proofs.writer import coefficients, texts
+from beamdesign.proofs.writer import Tables, coefficients, texts
 from beamdesign.rational import bounds, shortened, simple_between, text
 
 KIND = "beamdesign.mass_range"
 _DIGITS = 12
-
-Tables = dict[str, Any]
 
 
 def loop_table(loop: Loop) -> Tables:
@@ -121,10 +118,9 @@ def _mass_enclosures(groups: Sequence[Sequence[Crossing]], stability: StabilityM
         for group in groups:
             pairs = [_enclosure(crossing, digits) for crossing in group]
             found.append((min(pair[0] for pair in pairs), max(pair[1] for pair in pairs)))
-        edges = [(stability.low, stability.low), *found, (stability.high, stability.high)]
         apart = all(before[1] < after[0] for before, after in pairwise(found))
         clear = all(not low <= sample <= high for sample in samples for low, high in found)
-        inside = all(edges[0][0] <= low and high <= edges[-1][1] for low, high in found)
+        inside = all(stability.low <= low and high <= stability.high for low, high in found)
         if (apart and clear and inside) or digits > 1000:
             return found
         digits *= 2
@@ -170,9 +166,9 @@ def claim_tables(claims: Sequence[Claim], counterexamples: bool = True) -> Table
 
 def _claim(claim: Claim, counterexamples: bool) -> Tables:
     found: Tables = {"kind": claim.kind, "limit": text(exact(claim.limit)), "holds": claim.holds}
-    if claim.bandwidth_Hz is not None:
+    if claim.kind.endswith("compliance"):
         found["bandwidth_Hz"] = finite(claim.bandwidth_Hz)
-    if claim.from_Hz is not None:
+    if claim.kind == "loop_gain":
         found["from_Hz"] = text(exact(claim.from_Hz))
     witness = claim.witness
     if witness is not None and witness.exact and counterexamples:

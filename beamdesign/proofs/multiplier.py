@@ -16,7 +16,6 @@ M(jw) = (A(x) + j w B(x)) / Q(x) over x = w^2 with Q the product of powers of a^
 affine in the mass, Re[M p conj(D)] is a quadratic in the mass with polynomials in x as coefficients.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -24,15 +23,14 @@ from typing import Any
 import numpy as np
 from flint import fmpq, fmpq_poly
 
-from beamdesign.loop import Loop
-from beamdesign.polynomial import Affine, even_odd
-from beamdesign.proofs.performance import Coefficients, inner
+from beamdesign.polynomial import Affine, even_odd, inner, turned
+from beamdesign.proofs.performance import Coefficients, less, over_mass
 from beamdesign.proofs.quadratic import quadratic_nonnegative
 from beamdesign.rational import nearest, text
 
 _X = fmpq_poly([0, 1])
 _ONE = fmpq_poly([1])
-_NONE = fmpq(0)
+_NONE, _UNIT = fmpq(0), fmpq(1)
 
 
 @dataclass(frozen=True, order=True)
@@ -78,14 +76,9 @@ class Multiplier:
     popov_s: fmpq
 
     @property
-    def norm(self) -> fmpq:
-        """Sum of the absolute coefficients."""
-        return sum((abs(coefficient) for coefficient, _ in self.terms), _NONE)
-
-    @property
     def admissible(self) -> bool:
-        """Whether the theorem knows it: its norm is below one, and no term of Popov's is negative."""
-        return self.norm < 1 and self.popov_s >= 0
+        """Whether the theorem knows it: its absolute coefficients sum to less than one, and q is not negative."""
+        return sum((abs(coefficient) for coefficient, _ in self.terms), _NONE) < 1 and self.popov_s >= 0
 
     @property
     def for_odd_only(self) -> bool:
@@ -107,6 +100,13 @@ class Multiplier:
             even, odd = kernel.above
             real, imaginary = real - rest * even, imaginary - rest * odd
         return real, imaginary, below
+
+    @property
+    def in_s(self) -> tuple[fmpq_poly, fmpq_poly]:
+        """A and s B in s, with x = -s^2."""
+        s = fmpq_poly([0, 1])
+        even, odd = (part(-s * s) for part in self.parts[:2])
+        return even, s * odd
 
     def response(self, w: np.ndarray) -> np.ndarray:
         """Its values at angular frequencies (rad/s), complex, of their shape."""
@@ -132,12 +132,12 @@ class Multiplier:
         return " ".join(["1", *parts, *popov])
 
 
-def is_proper(loop: Loop, low: fmpq, high: fmpq) -> bool:
-    """Whether L falls off at least as 1/s at every mass of a range, so that s L is bounded."""
-    degree = loop.loop_denominator.constant.degree()
-    lead = [loop.loop_denominator.at(mass)[degree] for mass in (low, high)]
-    same = loop.loop_denominator.slope.degree() <= degree and lead[0] * lead[1] > 0
-    return same and max(loop.loop_numerator.constant.degree(), loop.loop_numerator.slope.degree()) < degree
+def is_proper(above: Affine, below: Affine, low: fmpq, high: fmpq) -> bool:
+    """Whether L = above / below falls off at least as 1/s at every mass of a range, so that s L is bounded."""
+    degree = below.constant.degree()
+    lead = [below.at(mass)[degree] for mass in (low, high)]
+    same = below.slope.degree() <= degree and lead[0] * lead[1] > 0
+    return same and max(above.constant.degree(), above.slope.degree()) < degree
 
 
 def slack(multiplier: Multiplier, closed: Affine, opened: Affine, margin: fmpq) -> Coefficients:
@@ -145,51 +145,14 @@ def slack(multiplier: Multiplier, closed: Affine, opened: Affine, margin: fmpq) 
     real, imaginary, below = multiplier.parts
 
     def one(above: fmpq_poly, under: fmpq_poly) -> fmpq_poly:
-        return real * inner(above, under) - _X * imaginary * _turned(above, under)
+        return real * inner(above, under) - _X * imaginary * turned(above, under)
 
     def size(left: fmpq_poly, right: fmpq_poly) -> fmpq_poly:
         return margin * below * inner(left, right)
 
-    mixed = one(closed.constant, opened.slope) + one(closed.slope, opened.constant)
-    return (
-        one(closed.slope, opened.slope) - size(opened.slope, opened.slope),
-        mixed - 2 * size(opened.constant, opened.slope),
-        one(closed.constant, opened.constant) - size(opened.constant, opened.constant),
-    )
+    return less(_UNIT, over_mass(one, closed, opened), over_mass(size, opened, opened))
 
 
-def _turned(left: fmpq_poly, right: fmpq_poly) -> fmpq_poly:
-    """Imaginary part of left(jw) times the conjugate of right(jw), over w, a polynomial in x = w^2."""
-    (even_left, odd_left), (even_right, odd_right) = even_odd(left), even_odd(right)
-    return odd_left * even_right - even_left * odd_right
-
-
-def fits(multiplier: Multiplier, loop: Loop, low: fmpq, high: fmpq, margin: fmpq) -> bool:
-    """Whether Re[M (1 + L)] is at least a margin at every mass (kg) from `low` to `high` and every frequency."""
-    return fits_families(multiplier, loop.characteristic, loop.loop_denominator, low, high, margin)
-
-
-def fits_families(multiplier: Multiplier, closed: Affine, opened: Affine, low: fmpq, high: fmpq, margin: fmpq) -> bool:
+def fits(multiplier: Multiplier, closed: Affine, opened: Affine, low: fmpq, high: fmpq, margin: fmpq) -> bool:
     """Whether Re[M p / D], p being closed and D opened, is at least a margin at every mass (kg) and frequency."""
     return quadratic_nonnegative(*slack(multiplier, closed, opened, margin), low, high, _NONE, None).holds
-
-
-def responses(loop: Loop, masses: Sequence[float] | np.ndarray, w: np.ndarray) -> np.ndarray:
-    """L at jw in floats, (masses, frequencies)."""
-    return ratio(loop.loop_numerator, loop.loop_denominator, masses, w)
-
-
-def ratio(above: Affine, below: Affine, masses: Sequence[float] | np.ndarray, w: np.ndarray) -> np.ndarray:
-    """A quotient of polynomials over the mass at jw in floats, (masses, frequencies)."""
-    parts = [_at(family, w) for family in (above, below)]
-    over, under = (constant + np.multiply.outer(np.asarray(masses), slope) for constant, slope in parts)
-    return np.asarray(over / under)
-
-
-def _at(family: Affine, w: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    size = max(abs(value) for value in family.constant.coeffs())
-    found = []
-    for polynomial in (family.constant, family.slope):
-        values = [nearest(value / size) for value in polynomial.coeffs()] or [0.0]
-        found.append(np.polynomial.polynomial.polyval(1j * w, values) * nearest(size))
-    return found[0], found[1]

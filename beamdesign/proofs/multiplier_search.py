@@ -4,7 +4,7 @@ Over the coefficients of many kernels and Popov's the least of Re[M (1 + L)] / |
 a grid of masses and frequencies at once. Rows are added where what was found is worst, so that the program stays small.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from itertools import product
 
 import numpy as np
@@ -13,12 +13,13 @@ from scipy.optimize import linprog
 
 from beamdesign.loop import Loop
 from beamdesign.polynomial import exact, roots
-from beamdesign.proofs.multiplier import Kernel, Multiplier, fits, is_proper, responses
+from beamdesign.proofs.multiplier import Kernel, Multiplier, fits, is_proper
+from beamdesign.proofs.performance import ratio
 from beamdesign.rational import nearest
 
 _RATES = (10, 25, 50, 100, 150, 250, 400, 600, 1000, 1500, 2500, 4000)
 _ORDERS = (1, 2, 4, 8)
-_NORM = 0.998
+NORM = 0.998
 """Of the coefficients together, so that they are below one when they are rounded."""
 _MASSES, _FREQUENCIES, _FIRST = 9, 700, 60
 ENDS_rad_per_s = (0.05, 2e5)
@@ -26,6 +27,8 @@ _ROUNDS, _WORST = 12, 40
 _LEAST = (2e-2, 2e-3)
 """Terms of less are left out, if what is left fits."""
 _DIGITS = (3, 4, 5)
+Solved = tuple[np.ndarray, float, float]
+"""Coefficients of kernels, Popov's one, and what else a program gives: here the least real part."""
 
 
 def search(loops: Sequence[Loop], low: fmpq, high: fmpq) -> tuple[Multiplier, fmpq] | None:
@@ -33,12 +36,12 @@ def search(loops: Sequence[Loop], low: fmpq, high: fmpq) -> tuple[Multiplier, fm
 
     Those that need no odd characteristic are sought first. None where none is found.
     """
-    if not all(is_proper(loop, low, high) for loop in loops):
+    if not all(is_proper(loop.loop_numerator, loop.loop_denominator, low, high) for loop in loops):
         return None
-    grid = _over_masses(loops, low, high)
+    grid, families = _over_masses(loops, low, high), [(loop.characteristic, loop.loop_denominator) for loop in loops]
     for odd in (False, True):
         for multiplier, margin in grid.candidates(kernels(_ORDERS), odd):
-            if multiplier.admissible and all(fits(multiplier, loop, low, high, margin) for loop in loops):
+            if multiplier.admissible and all(fits(multiplier, *one, low, high, margin) for one in families):
                 return multiplier, margin
     return None
 
@@ -57,7 +60,7 @@ def _over_masses(loops: Sequence[Loop], low: fmpq, high: fmpq) -> "Grid":
     ]
     near = np.unique(np.round([p * f for p in places if p > 0 for f in (0.9, 1.0, 1.1)], 2))
     w = np.unique(np.concatenate([np.geomspace(*ENDS_rad_per_s, _FREQUENCIES), near]))
-    return Grid(w, np.concatenate([1 + responses(loop, masses, w) for loop in loops]))
+    return Grid(w, np.concatenate([1 + ratio(loop.loop_numerator, loop.loop_denominator, masses, w) for loop in loops]))
 
 
 class Grid:
@@ -71,7 +74,7 @@ class Grid:
 
     def _solve(
         self, columns: np.ndarray, popov: np.ndarray, rows: np.ndarray, cols: np.ndarray, odd: bool
-    ) -> tuple[np.ndarray, float, float] | None:
+    ) -> Solved | None:
         """Coefficients, Popov's one and the least real part on some points of the grid."""
         one = self.turned[rows, cols]
         table = -(columns[:, cols] * one).real.T  # (points, kernels)
@@ -80,7 +83,7 @@ class Grid:
         scale = max(1.0, abs(slow).max())
         whole = [-table, *([table] if odd else []), -slow[:, None] / scale, np.ones((len(one), 1))]
         a = np.vstack([np.hstack(whole), [*([1.0] * (n * (1 + odd))), 0.0, 0.0]])
-        b = np.append(one.real, _NORM)
+        b = np.append(one.real, NORM)
         cost = np.zeros(a.shape[1])
         cost[-1] = -1.0
         bounds = [(0.0, None)] * (a.shape[1] - 1) + [(None, 2.0)]
@@ -91,14 +94,14 @@ class Grid:
         weights = x[:n] - (x[n : 2 * n] if odd else 0.0)
         return weights, x[-2] / scale, x[-1]
 
-    def _best(self, allowed: Sequence[Kernel], odd: bool) -> tuple[np.ndarray, float, float] | None:
+    def _best(self, allowed: Sequence[Kernel], odd: bool) -> Solved | None:
         """Coefficients, Popov's one and the least real part on the whole grid."""
         columns = np.array([kernel.response(self.w) for kernel in allowed])
         popov = 1j * self.w * self.popov
         shape = self.turned.shape
         first = np.linspace(0, shape[1] - 1, _FIRST).astype(int)
         chosen = {(r, c) for r in {0, shape[0] // 2, shape[0] - 1} for c in first}
-        best: tuple[np.ndarray, float, float] | None = None
+        best: Solved | None = None
         for _ in range(_ROUNDS):
             rows, cols = (np.array(values) for values in zip(*sorted(chosen), strict=True))
             found = self._solve(columns, popov, rows, cols, odd)
@@ -119,27 +122,33 @@ class Grid:
 
     def candidates(self, allowed: Sequence[Kernel], odd: bool) -> Iterator[tuple[Multiplier, fmpq]]:
         """Multipliers of few terms and digits with the margins that they seem to have, the plainest first."""
-        found = self._best(allowed, odd)
-        if found is None or found[2] <= 0:
-            return
-        ways = [(list(allowed), found)]
+
+        def solved(kept: Sequence[Kernel]) -> Solved | None:
+            found = self._best(kept, odd)
+            return found if found is not None and found[2] > 0 else None
+
+        ways = list(with_fewer(allowed, solved))
+        for (kept, (weights, slow, least)), digits in product(ways, _DIGITS):
+            multiplier, (_, (_, _, of_all)) = written(kept, weights, slow, digits), ways[-1]
+            value = (multiplier.response(self.w) * self.turned).real.min()
+            if least > of_all / 3 and value > least / 3:
+                yield multiplier, exact(float(f"{0.1 * value:.1g}"))
+
+
+def with_fewer(
+    allowed: Sequence[Kernel], solved: Callable[[Sequence[Kernel]], Solved | None]
+) -> Iterator[tuple[Sequence[Kernel], Solved]]:
+    """What a program says of the few kernels that count most in its answer for all, and at last that; none for none."""
+    if (found := solved(allowed)) is not None:
         for threshold in _LEAST:
             few = [kernel for kernel, weight in zip(allowed, found[0], strict=True) if abs(weight) > threshold]
-            if (again := self._best(few, odd)) is not None and again[2] > found[2] / 3:
-                ways.insert(len(ways) - 1, (few, again))
-        for (kept, (weights, slow, least)), digits in product(ways, _DIGITS):
-            terms = [(_rounded(weight, digits), kernel) for weight, kernel in zip(weights, kept, strict=True)]
-            multiplier = Multiplier(tuple(term for term in terms if term[0] != 0), exact(float(f"{slow:.{digits}g}")))
-            value = (multiplier.response(self.w) * self.turned).real
-            if value.min() > least / 3:
-                yield multiplier, exact(float(f"{self._margin(multiplier):.1g}"))
-
-    def _margin(self, multiplier: Multiplier) -> float:
-        """A part of the least Re[M (1 + L)] / |1 + L| on the grid, and of the least |1 + L|."""
-        return float((multiplier.response(self.w) * self.turned).real.min()) * 0.1
+            if (again := solved(few)) is not None:
+                yield few, again
+        yield allowed, found
 
 
-def _rounded(value: float, digits: int) -> fmpq:
-    """Towards zero, so that the norm does not grow."""
+def written(kept: Sequence[Kernel], weights: np.ndarray, slow: float, digits: int) -> Multiplier:
+    """A multiplier of so many digits, its coefficients rounded towards zero, so that the norm does not grow."""
     step = 10**digits
-    return fmpq(int(value * step), step)
+    terms = ((fmpq(int(weight * step), step), kernel) for weight, kernel in zip(weights, kept, strict=True))
+    return Multiplier(tuple(term for term in terms if term[0] != 0), exact(float(f"{slow:.{digits}g}")))

@@ -82,24 +82,24 @@ def open_loop(system: Any) -> OpenLoop:
         below = a.charpoly()
         # c (s - a)^-1 b + d = (det(s - a + b c) + (d - 1) det(s - a)) / det(s - a)
         above = ((a - b * c).charpoly() if a.nrows() else below) + (d[0, 0] - 1) * below
-    return from_polynomials(above, below, period(system.dt))
+    period_s = period(system.dt)
+    n = order(above.degree(), below.degree())
+    if period_s is not None:
+        above, below = (in_p(part.coeffs(), n, fmpq_poly([0, 1])) for part in (above, below))
+    return OpenLoop(above, below, n, period_s)
 
 
-def from_polynomials(numerator: fmpq_poly, denominator: fmpq_poly, period_s: float | None) -> OpenLoop:
-    """The loop of polynomials in s, or in z where there is a period.
+def order(zeros: int, poles: int) -> int:
+    """That of a loop from the degrees of its polynomials.
 
     Raises:
         InputError: for a denominator of zero, or more zeros than poles.
     """
-    n = denominator.degree()
-    if n < 0:
+    if poles < 0:
         raise refused("the denominator is zero")
-    if numerator.degree() > n:
-        raise refused(f"has more zeros ({numerator.degree()}) than poles ({n}): no real loop has a gain that grows")
-    if period_s is not None:
-        p = fmpq_poly([0, 1])
-        numerator, denominator = (in_p(part.coeffs(), n, p) for part in (numerator, denominator))
-    return OpenLoop(numerator, denominator, n, period_s)
+    if zeros > poles:
+        raise refused(f"has more zeros ({zeros}) than poles ({poles}): no real loop has a gain that grows")
+    return poles
 
 
 def in_p(coefficients: Sequence[Any], n: int, p: P) -> P:

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, NamedTuple, TypeAlias
 import numpy as np
 from flint import arb, ctx, fmpq, fmpq_poly
 
-from beamdesign.polynomial import Affine, at_points, even_odd, exact
+from beamdesign.polynomial import Affine, at_points, exact, inner
 from beamdesign.proofs.certificate import Asked, Claim, Kind, Witness
 from beamdesign.proofs.quadratic import quadratic_nonnegative
 from beamdesign.proofs.rectangle import Rectangle, Side, shifted
@@ -74,19 +74,19 @@ def slack(kind: Kind, loop: Closed, limit: fmpq) -> Coefficients:
 
 def magnitude_slack(limit: fmpq, denominator: Affine, numerator: Affine) -> Coefficients:
     """limit^2 |denominator|^2 - |numerator|^2 at jw as a quadratic a m^2 + b m + c in the mass."""
-    square = limit * limit
-    return (
-        square * inner(denominator.slope, denominator.slope) - inner(numerator.slope, numerator.slope),
-        2 * square * inner(denominator.constant, denominator.slope) - 2 * inner(numerator.constant, numerator.slope),
-        square * inner(denominator.constant, denominator.constant) - inner(numerator.constant, numerator.constant),
-    )
+    return less(limit * limit, over_mass(inner, denominator, denominator), over_mass(inner, numerator, numerator))
 
 
-def inner(left: fmpq_poly, right: fmpq_poly) -> fmpq_poly:
-    """Real part of left(jw) times the conjugate of right(jw), a polynomial in x = w^2."""
-    even_left, odd_left = even_odd(left)
-    even_right, odd_right = even_odd(right)
-    return even_left * even_right + fmpq_poly([0, 1]) * odd_left * odd_right
+def over_mass(form: Callable[[fmpq_poly, fmpq_poly], fmpq_poly], left: Affine, right: Affine) -> Coefficients:
+    """What is linear in each of two polynomials, as a quadratic a m^2 + b m + c in the mass over which these are."""
+    mixed = form(left.constant, right.slope) + form(left.slope, right.constant)
+    return form(left.slope, right.slope), mixed, form(left.constant, right.constant)
+
+
+def less(factor: fmpq_poly | fmpq, one: Coefficients, other: Coefficients) -> Coefficients:
+    """A factor times one quadratic in the mass, less another."""
+    a, b, c = (factor * first - second for first, second in zip(one, other, strict=True))
+    return a, b, c
 
 
 def squared_frequency(frequency_Hz: fmpq) -> tuple[fmpq, fmpq]:
@@ -273,16 +273,16 @@ def least_of(kind: Kind, loop: Closed, ends: tuple[fmpq, fmpq], from_Hz: float =
         start = sampled_peak(loop.loop_denominator, loop.loop_numerator, *ends)
     else:
         start = sampled_ratio(above, below, from_Hz, *ends)
-    found = least_proved(start, lambda limit: keeps(kind, loop, limit, ends, from_Hz), _LARGEST_LIMIT)
+    found = least_proved(start, lambda limit: keeps(kind, loop, limit, ends, from_Hz))
     rounded = goal < found <= goal * (1 + 10 * _RELATIVE_STEP)
     return goal if rounded and keeps(kind, loop, exact(goal), ends, from_Hz) else found
 
 
-def least_proved(start: float, proves: Callable[[fmpq], bool], largest: float) -> float:
-    """The least figure from `start` up that is proved, to 1e-4 and rounded up to 5 digits; infinite above `largest`."""
+def least_proved(start: float, proves: Callable[[fmpq], bool]) -> float:
+    """The least figure from `start` up that is proved, to 1e-4 and rounded up to 5 digits; infinite for a vast one."""
     lower, step = max(start, _LEAST_LIMIT), _RELATIVE_STEP
     while not proves(upper := shortened(exact(lower * (1 + step)), 5, up=True)):
-        if (lower := nearest(upper)) > largest:
+        if (lower := nearest(upper)) > _LARGEST_LIMIT:
             return inf
         step *= 8
     while nearest(upper) > lower * (1 + 2 * _RELATIVE_STEP):
@@ -357,10 +357,15 @@ def sampled_peak(denominator: Affine, numerator: Affine, low: fmpq, high: fmpq) 
 def sampled_ratio(above: Affine, below: Affine, from_Hz: float, low: fmpq, high: fmpq) -> float:
     """Largest |above / below| seen from a frequency up, over sampled masses and frequencies."""
     start, count = (2 * np.pi * from_Hz, 2000) if from_Hz else (1e-2, 3000)
-    s = 1j * np.geomspace(start, 1e6, count)
-    masses = np.linspace(nearest(low), nearest(high), 5)[:, None]
-    top, bottom = (at_points(p.constant, s) + masses * at_points(p.slope, s) for p in (above, below))
-    return float(np.abs(top / bottom).max())
+    masses = np.linspace(nearest(low), nearest(high), 5)
+    return float(np.abs(ratio(above, below, masses, np.geomspace(start, 1e6, count))).max())
+
+
+def ratio(above: Affine, below: Affine, masses: np.ndarray, w: np.ndarray) -> np.ndarray:
+    """A quotient of polynomials over the mass at jw in floats, (masses, frequencies)."""
+    s = 1j * w
+    top, bottom = (at_points(p.constant, s) + masses[:, None] * at_points(p.slope, s) for p in (above, below))
+    return np.asarray(top / bottom)
 
 
 def _floats(polynomial: fmpq_poly, degree: int) -> np.ndarray:

@@ -105,10 +105,7 @@ def rig_values(prototype: Prototype) -> dict[str, fmpq]:
         ValueError: without a controller.
         InputError: for effects for which no linear loop stands.
     """
-    controller = prototype.controller
-    if controller is None:
-        raise ValueError("the prototype has no [controller]")
-    found = family(prototype)
+    controller, found = prototype.own_controller, family(prototype)
     values = {name: exact(value) for name, value in figures(prototype).items() if value != 0}
     values |= {"outer_end_mass": fmpq(0), "inner_end_mass": exact(prototype.payload.inner_end_mass_kg)}
     values |= {"controller_gain": exact(controller.gain_A_per_V), "delay": fmpq(0)}
@@ -149,11 +146,10 @@ def rig_family(
         ValueError: without a controller.
         InputError: for effects for which no linear loop stands.
     """
-    values, found, controller = rig_values(prototype), family(prototype), prototype.controller
+    values, found = rig_values(prototype), family(prototype)
     if varying is not None:
         chosen = {row.name for row in prototype.actuator.parameters if not row.typical and row.name not in varying}
         values = {name: value for name, value in values.items() if name not in chosen}
-    assert controller is not None  # it has values
     further = {key: key.replace(".", "_") for key in varied}
     values |= {
         name: exact(found.rest.rig.effects[(at := key.partition("."))[0]][at[2]]) for key, name in further.items()
@@ -164,7 +160,7 @@ def rig_family(
     context = fmpq_mpoly_ctx.get(["s", TRANSPORT, UNKNOWN, *values], "lex")
     variable = dict(zip(context.names(), context.gens(), strict=True))
     s, zero = variable["s"], context.constant(0)
-    model, law = found.rest.rig, controller.sensed_law()
+    model, law = found.rest.rig, prototype.own_controller.sensed_law()
     named = {name: name for name in model.figures if name in values}
     named |= {key: name for name, key in _frozen(found).items()} | further
     error = None if claim is None else claim.error

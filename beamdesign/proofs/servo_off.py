@@ -18,9 +18,9 @@ from beamdesign.plant.linear import Plant
 from beamdesign.plant.members import VertexModel, family
 from beamdesign.polynomial import at_points, exact, roots
 from beamdesign.proofs.box import Box
+from beamdesign.proofs.box_member import Worst, worst_of
 from beamdesign.proofs.certificate import Asked
 from beamdesign.proofs.rig_family import performing_spans, rig_family
-from beamdesign.proofs.worst_members import Worst, worst_of
 from beamdesign.prototype import Prototype
 from beamdesign.rational import nearest, shortened
 
@@ -112,5 +112,5 @@ def servo_off_over_box(prototype: Prototype, box: Box) -> tuple[float, Worst]:
     kept = {name: ends for name, ends in ranges.items() if name in shape.values and name in box.ranges}
     since, until = (exact(2 * pi * about.frequency_Hz * share) for share in _ABOUT)
     near = replace(shape, since=since, until=until)
-    worst = worst_of(near.over({**kept, "controller_gain": (fmpq(0), fmpq(0))}))
+    worst = worst_of(near.over({**kept, "controller_gain": (fmpq(0), fmpq(0))}))[0]
     return max(about.compliance_m_per_N, _rounded(worst.ratio * about.compliance_m_per_N)), worst

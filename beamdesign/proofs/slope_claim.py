@@ -34,9 +34,8 @@ _LEAVES = "multiplier_even", "multiplier_plain", "multiplier_turned"
 
 def weights(multiplier: Multiplier) -> tuple[fmpq_poly, fmpq_poly, fmpq_poly]:
     """2 A, A + s B and A - s B in s."""
-    s = fmpq_poly([0, 1])
-    even, odd = (part(-s * s) for part in multiplier.parts[:2])
-    return 2 * even, even + s * odd, even - s * odd
+    even, odd = multiplier.in_s
+    return 2 * even, even + odd, even - odd
 
 
 def weighed(form: Expression, multiplier: Multiplier) -> Expression:

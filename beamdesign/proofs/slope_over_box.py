@@ -16,6 +16,7 @@ from flint import fmpq
 from beamdesign.proofs.absolute_stability import NOT_ODD, Row, rows_of
 from beamdesign.proofs.box import Box
 from beamdesign.proofs.box_claims import BoxClaim, claim_over_box, over_own_ranges
+from beamdesign.proofs.box_member import worst_in_bands
 from beamdesign.proofs.certificate import LOWER_GAINS, Asked
 from beamdesign.proofs.multiplier import Multiplier
 from beamdesign.proofs.multiplier_search import ENDS_rad_per_s, Grid, kernels
@@ -23,7 +24,6 @@ from beamdesign.proofs.nonlinear import NONE_KNOWN, is_linear
 from beamdesign.proofs.read_once import NotCovered
 from beamdesign.proofs.slope_claim import angle_ratios, closed_over_opened
 from beamdesign.proofs.statement import Statement
-from beamdesign.proofs.worst_members import worst_in_bands
 from beamdesign.prototype import Prototype
 
 _PLAIN = Multiplier((), fmpq(0))

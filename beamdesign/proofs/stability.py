@@ -2,8 +2,9 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import chain, pairwise
+from itertools import chain, groupby, pairwise
 from math import pi
+from operator import attrgetter
 
 from flint import arb, ctx, fmpq, fmpq_mpoly_ctx, fmpq_poly
 
@@ -144,18 +145,12 @@ def _split(family: Affine, low: fmpq, high: fmpq, inside: Sequence[Sequence[Cros
 
 def in_words(parts: Sequence[Range], listed: Sequence[Crossing]) -> str:
     """What is wrong, in words: unstable stretches (neighbours joined), or single masses on the axis."""
-    stretches: list[list[fmpq]] = []
-    before_stable = True
-    for part in parts:
-        if not part.stable and not before_stable:
-            stretches[-1][1] = part.high
-        elif not part.stable:
-            stretches.append([part.low, part.high])
-        before_stable = part.stable
+    stretches = [[*stretch] for stable, stretch in groupby(parts, attrgetter("stable")) if not stable]
     if stretches and not any(part.stable for part in parts):
         return "no mass of the range is stable"
     if stretches:
-        return f"unstable from {', '.join(f'{nearest(a):.7g} to {nearest(b):.7g} kg' for a, b in stretches)}"
+        ends = ((nearest(stretch[0].low), nearest(stretch[-1].high)) for stretch in stretches)
+        return f"unstable from {', '.join(f'{low:.7g} to {high:.7g} kg' for low, high in ends)}"
     if listed:
         masses = ", ".join(dict.fromkeys(f"{crossing.value:.7g} kg" for crossing in listed))
         return f"a root lies on the imaginary axis or at infinity at {masses}"

@@ -45,11 +45,6 @@ class Node(NamedTuple):
     parts: tuple["Node", ...]
     packs: tuple[int, ...] = ()
 
-    @property
-    def bound(self) -> bool:
-        """Whether it depends on a leaf that is enumerated."""
-        return bool(self.packs)
-
     def fold(self, one: Callable[["Node"], T], add: Callable[[T, T], T], multiply: Callable[[T, T], T]) -> T:
         """What it comes to where `one` says what each leaf and delay is."""
         if not self.parts:
@@ -69,6 +64,11 @@ def polynomial(written: str) -> tuple[Term, ...]:
         powers = {name: int(a - b) for name, a, b in zip(names, above, below, strict=True) if a != b}
         terms.append((sorted(powers.items()), Term(c / unit, powers.pop("s", 0), powers)))
     return tuple(term for _, term in sorted(terms, key=itemgetter(0)))
+
+
+def written(polynomial: fmpq_mpoly) -> str:
+    """A polynomial as `polynomial` reads it."""
+    return str(polynomial).replace("^", "**")
 
 
 def in_context(written: str, context: fmpq_mpoly_ctx, called: Mapping[str, str]) -> fmpq_mpoly:

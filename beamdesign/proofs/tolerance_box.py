@@ -36,7 +36,6 @@ def tolerance_box(
     sigmas: float = 3.0,
     names: Collection[str] | None = None,
     outer_end_mass: tuple[float, float] | None = None,
-    inner_end_mass: tuple[float, float] | None = None,
     delay_s: tuple[float, float] | None = None,
     spread: Mapping[str, float] | None = None,
 ) -> Box:
@@ -51,7 +50,6 @@ def tolerance_box(
         sigmas: how many standard deviations.
         names: which figures vary, as in `rig_values`; all that have a tolerance where it is None.
         outer_end_mass: kg; else the range of the payload, where there is one.
-        inner_end_mass: kg; else the payload's one value.
         delay_s: pure delay in the loop, s.
         spread: relative standard deviations beside those of the prototype, such as {"controller_gain": 0.01}.
 
@@ -73,20 +71,14 @@ def tolerance_box(
         if f"{beam}_damping" in values and f"{beam}_damping" not in (spread or {}):
             shares = [part[f"{beam}_{figure}"] for figure in ("stiffness", "mass", "damping")]
             ranges[f"{beam}_damping"] = _dashpot(values[f"{beam}_damping"], *shares)
-    payload = prototype.payload.outer_end_mass_kg
-    asked = {
-        "outer_end_mass": outer_end_mass if outer_end_mass is not None else payload,
-        "inner_end_mass": inner_end_mass,
-        "delay": delay_s,
-    }
+    payload = prototype.payload.outer_end_mass_kg if outer_end_mass is None else outer_end_mass
     rigid = set()
-    for name, pair in asked.items():
+    for name, pair in (("outer_end_mass", payload), ("delay", delay_s)):
         if pair is not None:
             share = part.get(name, fmpq(0))
             ranges[name] = (exact(pair[0]) * (1 - share), exact(pair[1]) * (1 + share))
             rigid.add(name)
-    largest = asked["outer_end_mass"]
-    spans = effect_spans(family(prototype, None if largest is None else largest[1]))
+    spans = effect_spans(family(prototype, None if payload is None else payload[1]))
     ranges |= spans
     rigid |= set(spans)
     # One payload is a range too, where it is another than the expression has by itself.

@@ -13,42 +13,29 @@ Times |Q D|^2 it is a quadratic in the mass again. The gain may be a static char
 of a piston are; then it may be seen from any equilibrium, else from rest without command and load.
 """
 
-from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
 from flint import fmpq, fmpq_poly
+from scipy.optimize import linprog
 
-from beamdesign.loop import Loop, rig_loop
+from beamdesign.loop import member_loop
 from beamdesign.plant.members import VertexModel
-from beamdesign.polynomial import Affine, even_odd, exact
+from beamdesign.polynomial import Affine, exact, inner
 from beamdesign.proofs.absolute_stability import IN_THE_CURRENT, Members, Row
 from beamdesign.proofs.changing_gain import Changing, changing
-from beamdesign.proofs.multiplier import Multiplier, is_proper, ratio, slack
-from beamdesign.proofs.performance import Coefficients
+from beamdesign.proofs.multiplier import Kernel, Multiplier, is_proper, slack
+from beamdesign.proofs.multiplier_search import NORM, Solved, kernels, with_fewer, written
+from beamdesign.proofs.performance import Coefficients, less, over_mass, ratio
 from beamdesign.proofs.quadratic import quadratic_nonnegative
 from beamdesign.proofs.stability import is_stable_over
-from beamdesign.proofs.two_places_search import search
 from beamdesign.rational import nearest, text
 
 METHOD = "Zames-Falb multiplier and circle criterion at once, in rational arithmetic"
-_X = fmpq_poly([0, 1])
+_S, _NOTHING = fmpq_poly([0, 1]), fmpq_poly([0])
 _NONE = fmpq(0)
-
-Axis = tuple[fmpq_poly, fmpq_poly]
-"""Real part, and imaginary part over w, on the imaginary axis, polynomials in x = w^2."""
-
-
-def _times(one: Axis, other: Axis) -> Axis:
-    return one[0] * other[0] - _X * one[1] * other[1], one[0] * other[1] + one[1] * other[0]
-
-
-def _conjugate(one: Axis) -> Axis:
-    return one[0], -one[1]
-
-
-def _inner(one: Axis, other: Axis) -> fmpq_poly:
-    return one[0] * other[0] + _X * one[1] * other[1]
 
 
 @dataclass(frozen=True)
@@ -76,22 +63,12 @@ class Pair:
 
     def slack(self, multiplier: Multiplier, weight: fmpq, margin: fmpq) -> Coefficients:
         """What is not negative where the matrix is positive definite, as a quadratic in the mass."""
-        real, imaginary, below = multiplier.parts
-        ends = []
-        for k in (0, 1):
-            # D is the product of the denominators of F and H, of which one alone is over the mass
-            left = _product(self.onto[0], self.by[1], k)
-            right = _product(self.by[0], self.onto[1], k, first=True)
-            one, two = _times((real, imaginary), left), right
-            ends.append(tuple(self.share * a - weight * below * b for a, b in zip(one, two, strict=True)))
-        (e0, o0), (e1, o1) = ends
-        a, b, c = slack(multiplier, self.closed, self.opened, margin)
-        factor = 4 * weight * below
-        return (
-            factor * a - _inner((e1, o1), (e1, o1)),
-            factor * b - 2 * _inner((e0, o0), (e1, o1)),
-            factor * c - _inner((e0, o0), (e0, o0)),
-        )
+        (even, odd), below = multiplier.in_s, multiplier.parts[2]
+        # D is the product of the denominators of F and H, of which one alone is over the mass
+        left = _product(self.onto[0], _conjugate(self.by[1])) * (self.share * (even + odd))
+        right = _product(_conjugate(self.by[0]), self.onto[1]) * (-weight * below(-_S * _S))
+        off = left + right
+        return less(4 * weight * below, slack(multiplier, self.closed, self.opened, margin), over_mass(inner, off, off))
 
     def fits(self, multiplier: Multiplier, weight: fmpq, low: fmpq, high: fmpq, margin: fmpq) -> bool:
         """Whether the matrix is positive definite, to a margin, at every mass (kg) and frequency."""
@@ -109,32 +86,26 @@ def _degree(family: Affine) -> int:
     return max(family.constant.degree(), family.slope.degree())
 
 
-def _product(one: Affine, other: Affine, power: int, first: bool = False) -> Axis:
-    """Coefficient of m^power of one times the other on the axis, the other conjugate, or the first.
-
-    One of both is free of m.
-    """
+def _product(one: Affine, other: Affine) -> Affine:
+    """Of two of which one is free of the mass."""
     assert one.slope.is_zero() or other.slope.is_zero()
-    if power == 0:
-        left, right = even_odd(one.constant), even_odd(other.constant)
-    elif one.slope.is_zero():
-        left, right = even_odd(one.constant), even_odd(other.slope)
-    else:
-        left, right = even_odd(one.slope), even_odd(other.constant)
-    return _times(_conjugate(left), right) if first else _times(left, _conjugate(right))
+    return one * other.constant + Affine(_NOTHING, one.constant * other.slope)
+
+
+def _conjugate(family: Affine) -> Affine:
+    """What is the conjugate on the imaginary axis."""
+    return Affine(family.constant(-_S), family.slope(-_S))
 
 
 def _free(polynomial: fmpq_poly) -> Affine:
-    return Affine(polynomial, fmpq_poly([0]))
+    return Affine(polynomial, _NOTHING)
 
 
 def pair(given: Members, member: VertexModel, change: Changing) -> Pair | None:
     """The loop of a member with a gain that changes; None where it does not come to this form."""
-    prototype, controller = given.prototype, given.prototype.controller
-    assert controller is not None  # there are loops
-    law = controller.sensed_law()
+    prototype, loop = given.prototype, member_loop(given.prototype, member)
+    law = prototype.own_controller.sensed_law()
     plant = member.rig.plant(prototype.payload.inner_end_mass_kg, law.sensors)
-    loop = rig_loop(member.rig, prototype.payload.inner_end_mass_kg, controller)
     opened = loop.loop_denominator
     if change.place == "volts":
         own = loop.loop_numerator + loop.added * fmpq(-1)
@@ -185,7 +156,8 @@ def both_rows(given: Members) -> Iterator[Row]:
         pairs = [pair(given, member, change) for member in given.found.members]
         known = [one for one in pairs if one is not None]
         presupposed = all(
-            is_stable_over(one.opened, given.low, given.high) and is_proper(_looped(one), given.low, given.high)
+            is_stable_over(one.opened, given.low, given.high)
+            and is_proper(one.closed + one.opened * fmpq(-1), one.opened, given.low, given.high)
             for one in known
         )
         found = search(known, given.low, given.high) if presupposed and len(known) == len(pairs) else None
@@ -215,7 +187,75 @@ def both_rows(given: Members) -> Iterator[Row]:
         yield Row(names, METHOD, True, words, None, statement)
 
 
-def _looped(one: Pair) -> Loop:
-    """What is around the loop with the gain at its least, as a loop."""
-    nothing = fmpq_poly([0])
-    return replace(Loop(one.opened, _free(nothing), nothing), loop_numerator=one.closed + one.opened * fmpq(-1))
+# Multipliers for both, found by linear programs.
+#
+# The matrix is linear in the coefficients of the multiplier and in the weight. That it is positive along a vector
+# (1, z) is one row; rows are added for the vectors along which what was found is worst.
+
+
+_KERNELS = kernels((1, 2, 4, 8))
+_W = np.geomspace(0.05, 2e5, 500)
+_MASSES, _ROUNDS, _WORST = 7, 30, 6
+_FIRST = (0, 1, -1, 1j, -1j, 3, -3)
+_SLOW = 1e-3
+"""s, in which Popov's coefficient is sought."""
+_MARGINS = (fmpq(1, 100), fmpq(1, 1000), fmpq(1, 10000), fmpq(1, 100000))
+
+
+def search(pairs: Sequence[Pair], low: fmpq, high: fmpq) -> tuple[Multiplier, fmpq, fmpq] | None:
+    """A multiplier, a weight and a margin proved to fit every loop at every mass (kg); None where none is found."""
+    masses = np.linspace(nearest(low), nearest(high), _MASSES if low < high else 1)
+    parts = [np.concatenate(arrays) for arrays in zip(*(one.responses(masses, _W) for one in pairs), strict=True)]
+    scale = float(abs(parts[1]).max())
+    if not scale > 0:
+        return None
+    closed, onto, by = parts[0], parts[1] / scale, parts[2] * scale
+    popov = all(pair.falls for pair in pairs)
+    ways = with_fewer(_KERNELS, lambda kept: _solved(kept, closed, onto, by, popov))
+    for (kept, (weights, slow, weight)), digits in product(ways, (3, 5)):
+        multiplier = written(kept, weights, slow, digits)
+        rounded = exact(float(f"{weight * scale**2:.{digits}g}"))
+        for margin in _MARGINS:
+            if all(pair.fits(multiplier, rounded, low, high, margin) for pair in pairs):
+                return multiplier, rounded, margin
+    return None
+
+
+def _solved(kept: Sequence[Kernel], closed: np.ndarray, onto: np.ndarray, by: np.ndarray, popov: bool) -> Solved | None:
+    """Coefficients of the kernels, Popov's and the weight; None where there are none on the grid."""
+    n = len(kept)
+    basis = np.array([np.ones(len(_W)), *(-kernel.response(_W) for kernel in kept), 1j * _W * _SLOW])
+    size = abs(closed)
+    table: list[np.ndarray] = []
+
+    def add(row: int, col: int, z: complex) -> None:
+        one = basis[:, col]
+        first = (one * (closed[row, col] + z * onto[row, col])).real
+        second = abs(z) ** 2 - (z * np.conj(by[row, col])).real
+        norm = size[row, col] + abs(z) ** 2
+        table.append(np.array([*(-first), -second, norm]) / norm)
+
+    for row, col, z in product(range(len(closed)), range(0, len(_W), 12), _FIRST):
+        add(row, col, z)
+    bounds: list[tuple[float, float | None]] = [(1.0, 1.0), *[(0.0, None)] * n, (0.0, None if popov else 0.0)]
+    limits = [*bounds, (0.0, 1e6), (-1.0, 1.0)]
+    norm = np.array([0.0, *[1.0] * n, 0.0, 0.0, 0.0])
+    cost = np.array([*[0.0] * (n + 3), -1.0])
+    for _ in range(_ROUNDS):
+        right = [*[0.0] * len(table), NORM]
+        found = linprog(cost, A_ub=np.vstack([*table, norm]), b_ub=right, bounds=limits, method="highs")
+        if found.x is None or found.x[-1] <= 1e-7:
+            return None
+        values, weight, promised = found.x[: n + 2], found.x[n + 2], found.x[-1]
+        multiplier = values @ basis
+        first = (multiplier * closed).real / size
+        cross = (multiplier * onto - weight * np.conj(by)) / 2 / np.sqrt(size)
+        least = (first + weight) / 2 - np.sqrt((first - weight) ** 2 / 4 + abs(cross) ** 2)
+        if least.min() > promised / 3:
+            return values[1 : n + 1], float(values[n + 1]) * _SLOW, float(weight)
+        for row in range(len(closed)):
+            for col in np.argsort(least[row])[:_WORST]:
+                # the eigenvector of the least eigenvalue
+                z = (least[row, col] - first[row, col]) / cross[row, col] if cross[row, col] else 0.0
+                add(row, int(col), complex(z) * np.sqrt(size[row, col]))
+    return None

@@ -187,20 +187,11 @@ def _flat(points: np.ndarray) -> np.ndarray:
 def _leaf_hull(statement: Statement, name: str, where: Pieces, points: np.ndarray) -> Hull:
     most = np.maximum(np.abs(where.low), np.abs(where.high))
     top, slope, bend = where.w[1], np.zeros(len(most)), np.zeros(len(most))
-    for term in statement.leaves[name]:
-        size, n = np.abs(_size(statement, term, most)), term.degree
+    for n, value, columns in _terms(statement)[name]:
+        size = prod((most[:, k] ** power for k, power in columns), start=abs(value))
         slope += size * n * top ** max(n - 1, 0)
         bend += size * n * (n - 1) * top ** max(n - 2, 0)
     return Hull(points, np.abs(points).max(axis=(0, 2, 3)) + where.stray(bend), slope, bend)
-
-
-def _size(statement: Statement, term: Term, at: np.ndarray) -> np.ndarray:
-    """Coefficient (B,) of a term at values (B, k) of the varying variables."""
-    value, powers = _fixed(statement, term)
-    size = np.full(len(at), value)
-    for name, power in powers.items():
-        size = size * at[:, statement.varying.index(name)] ** power
-    return size
 
 
 def _fixed(statement: Statement, term: Term) -> tuple[float, dict[str, int]]:

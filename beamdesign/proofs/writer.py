@@ -113,8 +113,7 @@ def controller_table(prototype: Prototype) -> Tables:
 
     Of one with several stages the figures of each, and every break in rad/s as well, instead of polynomials.
     """
-    controller = prototype.controller
-    assert controller is not None  # there is a loop
+    controller = prototype.own_controller
     if controller.schedule is not None:
         table = plain(controller)
         return stated(table | {"stage": [_with_radians(stage) for stage in table["stage"]]})

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from math import isfinite
 from typing import Literal, NamedTuple
 
-from beamdesign.proofs.certificate import Certificate, Claim, implies
+from beamdesign.proofs.certificate import Asked, Certificate, Claim, implies
 from beamdesign.quantity_text import at_least, decimal, mass_range_text, quantity, rigs_in_words
 from beamdesign.synthesis.design_run import DesignRun
 
@@ -35,9 +35,9 @@ def proved_statements(certificate: Certificate, compliance_m_per_N: float) -> li
     claims = list(certificate.claims)
     if best := certificate.guaranteed:
         reached = [
-            Claim("compliance", compliance_m_per_N, masses, best.bandwidth_Hz > 0, best.bandwidth_Hz),
-            Claim("peak_sensitivity", best.peak_sensitivity, masses, isfinite(best.peak_sensitivity)),
-            Claim("peak_compliance", best.peak_compliance_m_per_N, masses, True),
+            Asked("compliance", compliance_m_per_N, best.bandwidth_Hz).decided(masses, best.bandwidth_Hz > 0),
+            Asked("peak_sensitivity", best.peak_sensitivity).decided(masses, True),
+            Asked("peak_compliance", best.peak_compliance_m_per_N).decided(masses, True),
         ]
         finite = [claim for claim in reached if isfinite(claim.limit)]
         claims += [claim for claim in finite if not any(implies(asked, claim) for asked in certificate.claims)]
@@ -50,14 +50,14 @@ def _of_claim(claim: Claim) -> Statement:
         case "compliance":
             words = (
                 f"|x/F_d| at most {quantity(claim.limit, 'm/N')} at every frequency up to"
-                f" {at_least(claim.bandwidth_Hz or 0.0, 'Hz', 7)}"
+                f" {at_least(claim.bandwidth_Hz, 'Hz', 7)}"
             )
         case "peak_compliance":
             words = f"|x/F_d| at most {quantity(claim.limit, 'm/N')} at every frequency"
         case "peak_sensitivity":
             words = f"|1/(1+L)| at most {decimal(claim.limit, 6)} at every frequency"
         case "loop_gain":
-            words = f"|L| at most {decimal(claim.limit, 6)} from {decimal(claim.from_Hz or 0.0, 6)} Hz up"
+            words = f"|L| at most {decimal(claim.limit, 6)} from {decimal(claim.from_Hz, 6)} Hz up"
         case "controller_effort":
             words = f"|C/(1+L)| at most {quantity(claim.limit, 'A/V')} at every frequency"
         case "decay_rate":

@@ -36,6 +36,7 @@ from beamdesign.proofs.arm.remaining import Vector
 from beamdesign.proofs.box import BoxVerdict, box_of, certify_box
 from beamdesign.proofs.mass_family import floats
 from beamdesign.proofs.rig_family import PolynomialFamily
+from beamdesign.proofs.statement import written
 from beamdesign.prototype import Prototype
 from beamdesign.rational import nearest, text
 from beamdesign.records import InputError
@@ -43,6 +44,7 @@ from beamdesign.records import InputError
 MASS = "outer_end_mass"
 _S2 = fmpq_poly([0, 0, 1])
 BUDGET = 20_000
+"""Most pieces to look at."""
 
 
 @dataclass(frozen=True)
@@ -144,22 +146,12 @@ class BothPlanes:
         moved[:, (1, 2), (1, 2)] += nearest(self.z.residual)
         return moved
 
-    def prove(self, low_kg: float, high_kg: float, budget: int = BUDGET) -> BoxVerdict:
+    def prove(self, low_kg: float, high_kg: float) -> BoxVerdict:
         """Prove or refute stability for every payload of a range, in ball arithmetic; may stay undecided."""
         s, mass = fmpq_mpoly_ctx.get(["s", MASS], "lex").gens()
         whole = sum((mass**k * in_variable(power, s) for k, power in enumerate(self.powers)), 0 * s)
         family = PolynomialFamily(f"{self.name}, both planes", written(whole), {MASS: exact(low_kg)}, positive=(MASS,))
-        return certify_box(family, box_of({MASS: (low_kg, high_kg)}), budget, volumes=False)
-
-
-def written(polynomial: fmpq_mpoly) -> str:
-    """As `beamdesign.proofs.rig_family` reads it."""
-    terms = []
-    for powers, c in polynomial.terms():
-        named = zip(polynomial.context().names(), powers, strict=True)
-        factors = "".join(f"*{name}**{power}" for name, power in named if power)
-        terms.append(f"({text(c) if c.q == 1 else f'{c.p}/{c.q}'}){factors}")
-    return " + ".join(terms)
+        return certify_box(family, box_of({MASS: (low_kg, high_kg)}), BUDGET, volumes=False)
 
 
 def both_planes(prototype: Prototype) -> BothPlanes:
@@ -185,16 +177,13 @@ NAMES = (MASS, "along_m", "sideways_squared_m2", "upwards_squared_m2")
 """Parameters: payload (kg), a_x, a_y^2 and a_z^2."""
 
 
-def prove_anywhere(
-    prototype: Prototype, masses: tuple[float, float], within: Vector, budget: int = BUDGET
-) -> dict[str, BoxVerdict]:
+def prove_anywhere(prototype: Prototype, masses: tuple[float, float], within: Vector) -> dict[str, BoxVerdict]:
     """Prove or refute stability for every payload of a range and every place of its centre.
 
     Args:
         prototype: with the nominal place in its [arm].
         masses: range of payloads, kg.
         within: how far the centre may be from there along x, y and z, either way, m.
-        budget: most pieces to look at.
 
     Returns:
         One verdict for both planes ("both"), or one each ("y", "z") where the centre stays at z = 0. It may be None.
@@ -224,7 +213,7 @@ def prove_anywhere(
             written(polynomial),
             {key: (low + high) / 2 for key, (low, high) in own.items()},
         )
-        found[name] = certify_box(family, box_of(own), budget, volumes=False)
+        found[name] = certify_box(family, box_of(own), BUDGET, volumes=False)
     return found
 
 

@@ -19,7 +19,7 @@ depend on where the displacement is measured: p0 and q are those of the loop tha
 A payload with offsets to both sides couples both planes and is in `beamdesign.proofs.arm.both_planes`.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Literal
 
@@ -179,19 +179,14 @@ class PlaneFigures:
         return fmpq_poly([self.torsional_stiffness, self.torsional_damping, self.polar_inertia])
 
     @property
-    def inertia(self) -> fmpq:
-        """g, by which the payload's mass counts at the tip."""
-        return self.travel**2 + self.along**2
-
-    @property
     def coupled(self) -> bool:
         """Whether the payload couples this plane with torsion."""
         return self.lever != 0
 
 
-def plane_figures(prototype: Prototype, name: Name, figures: ArmFigures | None = None) -> PlaneFigures:
+def plane_figures(prototype: Prototype, name: Name) -> PlaneFigures:
     """The payload's part in one plane."""
-    found = figures or arm_figures(prototype)
+    found = arm_figures(prototype)
     x, y, z = (exact(value) for value in arm_of(prototype).offset_m)
     sensed_x, sensed_y, sensed_z = (exact(value) for value in sensor_of(prototype))
     length = exact(found.length)
@@ -216,7 +211,7 @@ class PlaneLoop:
     """The loop of one plane in exact polynomials of s, all affine in the payload m (kg).
 
     Over `characteristic` stand `loop_denominator` (sensitivity), `loop_numerator` (with its sign changed, the command),
-    `tip`, `load` and `roll`.
+    `tip` and `load`.
 
     Attributes:
         figures: of the payload in this plane.
@@ -225,7 +220,6 @@ class PlaneLoop:
         effort_numerator: numerator of C S.
         tip: tip displacement per force on the tip, m/N.
         load: displacement of the payload's centre per force on it, m/N.
-        roll: rotation about the axis per force on the payload's centre, rad/N.
     """
 
     figures: PlaneFigures
@@ -234,7 +228,6 @@ class PlaneLoop:
     effort_numerator: Affine
     tip: Affine
     load: Affine
-    roll: Affine
 
     @cached_property
     def characteristic(self) -> Affine:
@@ -246,10 +239,6 @@ class PlaneLoop:
         mass = exact(payload)
         families = self.loop_denominator, self.loop_numerator, self.tip, self.effort_numerator
         return LoopAtMass(*(one.at(mass) for one in families))
-
-    def at_load(self, payload: float) -> LoopAtMass:
-        """The same with the compliance of the payload's centre."""
-        return replace(self.at(payload), disturbance=self.load.at(exact(payload)))
 
 
 def single_loop(prototype: Prototype, name: Name) -> Loop:
@@ -287,7 +276,8 @@ def plane_loop(prototype: Prototype, name: Name) -> PlaneLoop:
 
 def couple(single: Loop, figures: PlaneFigures) -> PlaneLoop:
     """Put a payload off the axis on a loop's tip."""
-    t, g, e = figures.torsion, figures.inertia, figures.lever
+    t, e = figures.torsion, figures.lever
+    g = figures.travel**2 + figures.along**2  # by which the payload's mass counts at the tip
     zero = fmpq_poly([0])
 
     def joined(part: Affine) -> Affine:
@@ -305,7 +295,6 @@ def couple(single: Loop, figures: PlaneFigures) -> PlaneLoop:
     # A force on the payload is free of its mass up to the characteristic polynomial: the mass stands beside it.
     load = figures.travel**2 * single.disturbance * t + e**2 * cut
     load += e * (seen * e - figures.travel * seen_roll) * fed - figures.sensed_residual * figures.travel * fed * t
-    roll = Affine(e * (cut + seen * fed), _S2 * fed * e * figures.travel * figures.sensed_residual)
     return PlaneLoop(
         figures,
         loop_denominator,
@@ -313,5 +302,4 @@ def couple(single: Loop, figures: PlaneFigures) -> PlaneLoop:
         joined(single.effort_numerator),
         joined(Affine(single.disturbance, zero)),
         Affine(load + figures.residual * characteristic.constant, figures.residual * characteristic.slope),
-        roll,
     )

@@ -174,10 +174,8 @@ class ArmResult:
         sampled_stable: stability at single payloads where they are coupled, by mass in kg: (mass, stable).
         sampled_load_Hz: where they are coupled and stable, up to which frequency a force in y, and one in z, moves the
             payload's centre along itself by no more than the goal's compliance, at the payloads looked at.
-        closed_m_per_N: static compliance x / F_d of the two closed loops at the tip, y and z; None where not stable.
-        passive: (6, 6) compliance at the payload's centre without servos.
-        active: the same with servos; None where not stable.
-        tip_passive, tip_active: likewise at the tip.
+        compliances: (6, 6) by place, "tip" or "payload", its centre, and whether with servos; None with them where not
+            stable.
         without, with_servo: motions under the load.
         frequencies: at both ends of the range.
     """
@@ -188,11 +186,7 @@ class ArmResult:
     both: BoxVerdict | None
     sampled_stable: tuple[tuple[float, bool], ...]
     sampled_load_Hz: tuple[float, float] | None
-    closed_m_per_N: tuple[float, float] | None
-    passive: np.ndarray
-    active: np.ndarray | None
-    tip_passive: np.ndarray
-    tip_active: np.ndarray | None
+    compliances: dict[tuple[str, bool], np.ndarray | None]
     without: Remaining
     with_servo: Remaining | None
     frequencies: tuple[Frequencies, ...]
@@ -208,16 +202,6 @@ class ArmResult:
         if self.both is not None:
             return self.both.reason
         return "; ".join(f"plane {plane.name}: {plane.reason}" for plane in self.planes if not plane.stable)
-
-    @property
-    def compliances(self) -> dict[tuple[str, bool], np.ndarray | None]:
-        """(6, 6) compliance by place, and whether with servos; None with them where not stable."""
-        return {
-            ("tip", False): self.tip_passive,
-            ("tip", True): self.tip_active,
-            ("payload", False): self.passive,
-            ("payload", True): self.active,
-        }
 
     def to_dict(self) -> dict[str, Any]:
         """What a JSON file holds of it."""
@@ -274,11 +258,11 @@ def work_out(prototype: Prototype, masses: tuple[float, float], force_N: Vector)
         both=both,
         sampled_stable=sampled,
         sampled_load_Hz=_load_Hz(model, masses, goal) if both is not None and stable else None,
-        closed_m_per_N=closed,
-        passive=at_point(tip, payload),
-        active=None if servo is None else at_point(servo, payload),
-        tip_passive=tip,
-        tip_active=servo,
+        compliances={
+            (place, with_servo): None if found is None else at_point(found, lever)
+            for place, lever in (("tip", (0.0, 0.0, 0.0)), ("payload", payload))
+            for with_servo, found in ((False, tip), (True, servo))
+        },
         without=remaining(figures, force_N, payload, tool, None),
         with_servo=None if closed is None else remaining(figures, force_N, payload, tool, closed, sensor_of(prototype)),
         frequencies=tuple(frequencies(prototype, mass) for mass in dict.fromkeys(masses)),
