@@ -159,20 +159,15 @@ def _cascade(law: Law, table: Table) -> bool:
 
     gain = table.number("gain_A_per_V")
     above, below = arb_poly([arb(gain)]), arb_poly([1])
-    figures = [gain]
     if law.kind != "proportional":
-        zero, pole = table.number("zero_Hz"), table.number("pole_Hz")
-        figures += [zero, pole]
-        sections = [
-            [one.number(f"{end}_{of}") for end in ("zero", "pole") for of in ("Hz", "damping_ratio")]
-            for one in table.tables("section")
-        ]
-        figures += [value for section in sections for value in section]
-        if min(figures) <= 0:
+        steps = [([table.number("zero_Hz")], [table.number("pole_Hz")])]
+        for one in table.tables("section"):
+            zero, pole = ([one.number(f"{end}_{of}") for of in ("Hz", "damping_ratio")] for end in ("zero", "pole"))
+            steps.append((zero, pole))
+        if min(gain, *(figure for step in steps for end in step for figure in end)) <= 0:
             return False
-        above, below = above * factor(zero), below * factor(pole)
-        for zero, zero_damping, pole, pole_damping in sections:
-            above, below = above * factor(zero, zero_damping), below * factor(pole, pole_damping)
+        for zero, pole in steps:
+            above, below = above * factor(*zero), below * factor(*pole)
     return len(law.numerators) == 1 and all(
         stated.degree() == expected.degree()
         and stated[0] == start
