@@ -14,21 +14,12 @@ from pathlib import Path
 
 import numpy as np
 from matplotlib.figure import Figure
+from tolerance_cost import reached
 
-from beamdesign.prototype import Prototype, read_prototype
-from beamdesign.synthesis.tuning import tune
+from beamdesign.prototype import read_prototype
 
 SECTIONS = (1, 2, 3)
 WAYS = {"stable at every lower gain": True, "not at every one": False}
-
-
-def reached(prototype: Prototype, sections: int, lower_gains: bool) -> float:
-    """Bandwidth that is proved of the prototype with a law of so many sections, Hz; zero where nothing is."""
-    masses = prototype.payload.outer_end_mass_kg
-    assert masses is not None  # it was asked for
-    goal = prototype.goal.but(lower_gains=lower_gains, peak_over_passive=inf)
-    found = tune(prototype.but(controller=None, goal=goal), masses, "structured", sections=sections, sigmas=0.0)
-    return 0.0 if found.best is None else found.best.bandwidth_Hz
 
 
 def plot(figure: Figure, found: dict[str, list[float]], title: str) -> Figure:
@@ -54,8 +45,9 @@ def main() -> None:
     given = parser.parse_args()
     prototype, found = read_prototype(given.prototype), dict[str, list[float]]()
     for words, lower_gains in WAYS.items():
+        asked = prototype.but(goal=prototype.goal.but(lower_gains=lower_gains, peak_over_passive=inf))
         for sections in SECTIONS:
-            found.setdefault(words, []).append(reached(prototype, sections, lower_gains))
+            found.setdefault(words, []).append(reached(asked, "structured", sections, 0.0))
             print(f"{words}, {sections}: {found[words][-1]:.4g} Hz", flush=True)
     low, high = prototype.payload.outer_end_mass_kg or (0.0, 0.0)
     title = f"{prototype.name}: for exactly its figures, {low:g} to {high:g} kg"

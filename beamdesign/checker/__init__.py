@@ -19,7 +19,7 @@ from typing import Any
 from flint import ctx
 
 from beamdesign.checker.prototype import ALLOY, differences, left_open
-from beamdesign.checker.reading import LARGEST_BYTES, Table, Unreadable, comments, rational, read, sealed, short
+from beamdesign.checker.reading import LARGEST_BYTES, Table, Unreadable, rational, read, sealed, short, span
 from beamdesign.checker.rig import Effect, Rig
 from beamdesign.checker.roots import Pair
 
@@ -99,7 +99,8 @@ def check(
             rig = None if kind in OF_NO_RIG else Rig(table)
             given = None if prototype is None else _given(prototype, table)
             results = [sealed(table, text), *(rig.statements() if rig else ()), *room.statements(table, rig)]
-            unread = ["lines that begin with #, in which nothing is proved"] if any(comments(text)) else []
+            comments = any(line.lstrip().startswith("#") for line in text.splitlines())
+            unread = ["lines that begin with #, in which nothing is proved"] if comments else []
             if rig is not None and (given is None or "effect" not in given):
                 unread += rig.left_open()
             if "nonlinear" in table:
@@ -237,13 +238,9 @@ def _effect(effect: Effect) -> Iterator[str]:
     sizes = ", ".join(f"{key} {short(value)}" for key, value in effect.parameters.items())
     yield f"effect {effect.name}: {sizes}"
     if effect.gain[0] != 1 or effect.gain[1] != 1:
-        yield f"effect {effect.name}: gain times {_range(effect.gain)}, {_range(effect.performing)} to perform"
-    for name, span in effect.spans.items():
-        yield f"effect {effect.name}: {name} at {_range(span.ends, ' and ')}, {_range(span.performing)} to perform"
-
-
-def _range(pair: Pair, between: str = " to ") -> str:
-    return f"{short(pair[0])}{between}{short(pair[1])}"
+        yield f"effect {effect.name}: gain times {span(effect.gain)}, {span(effect.performing)} to perform"
+    for name, own in effect.spans.items():
+        yield f"effect {effect.name}: {name} at {span(own.ends, ' and ')}, {span(own.performing)} to perform"
 
 
 def _words(value: Any) -> str:

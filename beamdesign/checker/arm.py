@@ -14,7 +14,7 @@ from beamdesign.checker.mass_range import Bound, Statements, magnitudes, stabili
 from beamdesign.checker.prototype import Section, agree
 from beamdesign.checker.reading import Table, Unreadable, judged, short
 from beamdesign.checker.rig import Loop, Rig
-from beamdesign.checker.roots import ZERO, Family, Pair, Polynomials, S, Slack
+from beamdesign.checker.roots import ZERO, Family, Pair, Polynomials, S, Slack, plus
 
 CLAIMS = ("tip_compliance", "load_compliance", "peak_sensitivity", "loop_gain", "controller_effort")
 TORSION_SHARE = fmpq(1, 3)
@@ -143,12 +143,12 @@ class Plane:
         self._fed, self._pushed, self.law = loop.displacement[0], loop.disturbance, loop.law
         open_, closed = loop.loop_denominator, loop.closed
         # With the displacement cut off, and added sensors not.
-        cut = closed[0] - loop.displacement[0], closed[1] - loop.displacement[1]
+        cut = plus(closed, loop.displacement, -1)
         if loop.displacement[1] != 0 or cut[1] != S * S * self._pushed:
             raise Unreadable("the payload does not act on the tip that the force acts on")
         self.closed = _affine(lambda m: self._determinant(*self._tip(cut, m, self._fed), m))
         self.loop_denominator = _affine(lambda m: self._determinant(*self._tip(open_, m, ZERO), m))
-        self.loop_numerator = self.closed[0] - self.loop_denominator[0], self.closed[1] - self.loop_denominator[1]
+        self.loop_numerator = plus(self.closed, self.loop_denominator, -1)
         self.compliances = {
             "tip_compliance": _affine(lambda m: self._pushed * self._twisted(m)),
             "load_compliance": _affine(lambda m: self._load(*self._tip(cut, m, self._fed), m)),

@@ -13,7 +13,7 @@ from beamdesign.checker.deviation import KIND, Deviation
 from beamdesign.checker.expressions import Circle, Expression
 from beamdesign.checker.nonlinear import Multiplier
 from beamdesign.checker.reading import Table, Unreadable, judged, short
-from beamdesign.checker.rig import ONCE, Rig
+from beamdesign.checker.rig import Rig
 from beamdesign.checker.roots import ZERO, Pair, is_hurwitz, unstable_roots
 from beamdesign.checker.zero_exclusion import walked
 
@@ -192,11 +192,8 @@ def _below(expression: Expression, member: Mapping[str, fmpq]) -> bool:
 
 def _performing(rig: Rig) -> dict[str, Pair]:
     """Of what effects span the part at which more than stability is asked."""
-    gain = ONCE
-    for effect in rig.effects:
-        gain = gain[0] * effect.performing[0], gain[1] * effect.performing[1]
     spans = {name: rig.effects[k].spans[key].performing for name, (k, key) in spans_of(rig).items()}
-    return spans | {"effect_gain": gain}
+    return spans | {"effect_gain": rig.gain(performing=True)}
 
 
 def is_stable(expression: Expression, member: dict[str, fmpq]) -> bool | None:

@@ -14,7 +14,7 @@ from flint import fmpq, fmpq_mpoly, fmpq_mpoly_ctx, fmpq_poly
 from beamdesign.checker.expressions import MOST_PRODUCTS, UNKNOWN, Expression
 from beamdesign.checker.law import SENSED
 from beamdesign.checker.mechanics import Elements, Number, electronics, mechanics, strayed
-from beamdesign.checker.reading import Table, Unreadable, rational, short
+from beamdesign.checker.reading import Table, Unreadable, rational, short, span
 from beamdesign.checker.rig import MOST_MEMBERS, ONCE, Rig, without_unit
 from beamdesign.checker.roots import Pair, is_hurwitz
 
@@ -42,7 +42,7 @@ def of_rig(table: Table, expression: Expression, rig: Rig) -> Iterator[tuple[boo
     """That the expression is that of the rig's loop, and what each range is of the rig's own figure."""
     own, spans = figures(rig), spans_of(rig)
     left = ("outer_end_mass", "delay") if expression.delay else ("outer_end_mass",)
-    needed = {*left, *spans, *(("effect_gain",) if gain_of(rig) != ONCE else ())}
+    needed = {*left, *spans, *(("effect_gain",) if rig.gain() != ONCE else ())}
     if wrong := sorted(
         expression.ranges.keys() - own.keys() - needed - {"effect_gain"} | needed - expression.ranges.keys()
     ):
@@ -82,14 +82,6 @@ def spans_of(rig: Rig) -> dict[str, tuple[int, str]]:
         for name, span in effect.spans.items()
         if span.ends[0] < span.ends[1]
     }
-
-
-def gain_of(rig: Rig) -> Pair:
-    """Factors that effects put on the gain."""
-    low, high = ONCE
-    for effect in rig.effects:
-        low, high = low * effect.gain[0], high * effect.gain[1]
-    return low, high
 
 
 def characteristic(
@@ -271,7 +263,7 @@ def _without_powers(polynomial: fmpq_mpoly, ranges: Mapping[str, Pair]) -> fmpq_
 
 def words_of(ends: Pair) -> str:
     """A range, or the one figure that it is."""
-    return short(ends[0]) if ends[0] == ends[1] else f"{short(ends[0])} to {short(ends[1])}"
+    return short(ends[0]) if ends[0] == ends[1] else span(ends)
 
 
 def _share(name: str, ends: Pair, own: Mapping[str, fmpq], deviations: Mapping[str, Sequence[fmpq]]) -> str:
@@ -289,7 +281,7 @@ def _share(name: str, ends: Pair, own: Mapping[str, fmpq], deviations: Mapping[s
 def _of_span(name: str, rig: Rig, spans: Mapping[str, tuple[int, str]]) -> str:
     """What the effects themselves allow."""
     if name == "effect_gain":
-        return f", of {words_of(gain_of(rig))} that its effects make of it"
+        return f", of {words_of(rig.gain())} that its effects make of it"
     if name not in spans:
         return ""
     k, key = spans[name]

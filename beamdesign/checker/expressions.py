@@ -8,15 +8,15 @@ import ast
 import re
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from functools import cached_property
+from functools import cached_property, partial, reduce
 from math import comb, prod
-from operator import add, mul, sub
+from operator import add, mul, or_, sub
 from typing import Any, NamedTuple
 
 from flint import fmpq, fmpq_mpoly, fmpq_mpoly_ctx, fmpq_poly
 
 from beamdesign.checker.reading import HIGHEST_DEGREE, LONGEST_LIST, Table, Unreadable
-from beamdesign.checker.roots import ONE, ZERO, Pair, Polynomials
+from beamdesign.checker.roots import NONE, ZERO, Pair, S
 
 LONGEST_EXPRESSION = 100_000
 """Characters."""
@@ -55,6 +55,12 @@ class Node(NamedTuple):
     name: str
     parts: tuple["Node", ...]
     packs: tuple[int, ...]
+
+    def folded(self, leaf: Callable[["Node"], Any], of_sum: Callable[..., Any], of_product: Callable[..., Any]) -> Any:
+        """What comes of it, from what each part without parts comes to and how sums and products go together."""
+        if not self.parts:
+            return leaf(self)
+        return (of_sum if self.kind == "sum" else of_product)([p.folded(leaf, of_sum, of_product) for p in self.parts])
 
 
 class Expression:
@@ -135,16 +141,10 @@ class Expression:
         self.body = _structure(tree, known, late, places, own)
         if any(power > 1 for power in _powers(self.body).values()):
             raise Unreadable("p must be affine in what is bound and in the delay")
-        if self._order(self.body) > HIGHEST_DEGREE:
+        degree = {name: max((term.degree for term in terms), default=0) for name, terms in self.leaves.items()}
+        if self.body.folded(lambda node: degree[node.name] if node.kind == "leaf" else 0, max, sum) > HIGHEST_DEGREE:
             raise Unreadable(f"p has a higher degree in s than {HIGHEST_DEGREE}")
         self.components = {name: list(self._apart(terms)) for name, terms in self.leaves.items()}
-
-    def _order(self, node: Node) -> int:
-        """The highest power of s, at most."""
-        inner = map(self._order, node.parts)
-        if node.parts:
-            return max(inner) if node.kind == "sum" else sum(inner)
-        return max((term.degree for term in self.leaves.get(node.name, ())), default=0) if node.kind == "leaf" else 0
 
     def merged(self, parameters: Mapping[str, Pair]) -> dict[str, Pair]:
         """Ranges of the variables from those of the parameters: exact for sums, and for products of nonnegatives."""
@@ -218,25 +218,16 @@ class Expression:
     def over_all(self) -> fmpq_mpoly:
         """P multiplied out over what varies, where the delay's exponential and reciprocals are variables."""
         fixed: dict[str | int, Any] = {n: self.enters[n][0] for n in self.variables if n not in self.varying}
+        if self.body.folded(lambda node: len(self.leaves.get(node.name, ())) or 1, sum, prod) > MOST_PRODUCTS:
+            raise Unreadable(f"p has more than {MOST_PRODUCTS} terms over its parameters")
         leaves = {name: value.subs(fixed) for name, value in self.polynomials.items()}
 
-        def size(node: Node) -> int:
-            inner = map(size, node.parts)
-            return sum(inner) if node.kind == "sum" else prod(inner, start=len(self.leaves.get(node.name, ())) or 1)
-
-        if size(self.body) > MOST_PRODUCTS:
-            raise Unreadable(f"p has more than {MOST_PRODUCTS} terms over its parameters")
-
         def at(node: Node) -> fmpq_mpoly:
-            if node.kind in ("delay", "unknown"):
-                return self.context.gen(self._names.index(self.transport if node.kind == "delay" else UNKNOWN))
             if node.kind == "leaf":
                 return leaves[node.name]
-            parts = [at(part) for part in node.parts]
-            start = self.context.constant(int(node.kind == "product"))
-            return prod(parts, start=start) if node.kind == "product" else sum(parts, start)
+            return self.context.gen(self._names.index(self.transport if node.kind == "delay" else UNKNOWN))
 
-        return at(self.body)
+        return self.body.folded(at, sum, prod)
 
     @cached_property
     def degree(self) -> int:
@@ -247,49 +238,22 @@ class Expression:
 
     def member(self, parameters: Mapping[str, fmpq]) -> tuple[fmpq_poly, fmpq_poly, fmpq]:
         """Plain part, late part that exp(-s delay) multiplies, and delay, at one value of every parameter."""
-        ranges = self.merged({name: (value, value) for name, value in parameters.items()})
-        value = {n: 1 / a if n in self.reciprocal else a for n, (a, _) in ranges.items()}
+        plain, whole = (ZERO + self.value(parameters, NONE, S, late) for late in (0, 1))  # affine in the exponential
+        delay = NONE if self.delay is None else self.merged({n: (v, v) for n, v in parameters.items()})[self.delay][0]
+        return plain, whole - plain, delay
 
-        def at(node: Node) -> Polynomials:
-            if node.kind == "delay":
-                return ZERO, ONE
-            if node.kind == "leaf":
-                total = ZERO
-                for c, degree, powers in self.leaves[node.name]:
-                    total += fmpq_poly([0] * degree + [prod((value[n] ** e for n, e in powers.items()), start=c)])
-                return total, ZERO
-            plain, late = at(node.parts[0])
-            for part in node.parts[1:]:
-                more, later = at(part)
-                if node.kind == "sum":
-                    plain, late = plain + more, late + later
-                else:
-                    plain, late = plain * more, plain * later + late * more
-            return plain, late
-
-        return *at(self.body), fmpq(0) if self.delay is None else value[self.delay]
-
-    def value(self, parameters: Mapping[str, fmpq], unknown: fmpq, s: Any = 0) -> Any:
-        """P at one value of every parameter, of the unknown, and of s, a ball, or none; a delay shows nowhere."""
+    def value(self, parameters: Mapping[str, fmpq], unknown: fmpq, s: Any = 0, late: int = 1) -> Any:
+        """P at one value of every parameter, of the unknown, of s, a number or a ball, and of exp(-s delay)."""
         ranges = self.merged({name: (value, value) for name, value in parameters.items()})
         value = {n: 1 / a if n in self.reciprocal else a for n, (a, _) in ranges.items()}
 
         def at(node: Node) -> Any:
-            if node.kind == "leaf":
-                terms = (t for t in self.leaves[node.name] if t.degree == 0 or s != 0)
-                return sum(
-                    (
-                        prod((value[n] ** e for n, e in t.powers.items()), start=t.coefficient) * s**t.degree
-                        for t in terms
-                    ),
-                    fmpq(0),
-                )
-            if not node.parts:
-                return unknown if node.kind == "unknown" else fmpq(1)
-            inner = map(at, node.parts)
-            return sum(inner, fmpq(0)) if node.kind == "sum" else prod(inner, start=fmpq(1))
+            if node.kind != "leaf":
+                return unknown if node.kind == "unknown" else late
+            terms = self.leaves[node.name]
+            return sum((prod((value[n] ** e for n, e in own.items()), start=c) * s**k for c, k, own in terms), NONE)
 
-        return at(self.body)
+        return self.body.folded(at, sum, prod)
 
 
 def degrees(terms: Sequence[Term], names: Sequence[str]) -> dict[str, int]:
@@ -370,9 +334,9 @@ def _structure(
 
 def _powers(node: Node) -> Counter[str]:
     """Degree in each pack of bound leaves and, under "delay" and "unknown", in these."""
-    if not node.parts:
-        return Counter(map(str, node.packs) if node.kind == "leaf" else {node.kind: 1})
-    total = _powers(node.parts[0])
-    for part in node.parts[1:]:
-        total = total | _powers(part) if node.kind == "sum" else total + _powers(part)
-    return total
+
+    def own(part: Node) -> Counter[str]:
+        return Counter(map(str, part.packs) if part.kind == "leaf" else {part.kind: 1})
+
+    found: Counter[str] = node.folded(own, partial(reduce, or_), partial(reduce, add))
+    return found

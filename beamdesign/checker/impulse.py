@@ -124,9 +124,5 @@ def _along(one: Sequence[arb], other: Sequence[arb]) -> arb:
 def _straight_line(start: arb, slope: arb, step: fmpq) -> arb:
     """A bound of the integral of |start + slope u| over u from none to a step."""
     end = start + slope * arb(step)
-    if (start > 0 and end > 0) or (start < 0 and end < 0):
-        return abs(start + end) * arb(step / 2)
     a, b = abs(start), abs(end)
-    if (start > 0 and end < 0) or (start < 0 and end > 0):
-        return (a * a + b * b) / (a + b) * arb(step / 2)
-    return (a + b) * arb(step / 2)
+    return ((a * a + b * b) / (a + b) if start * end < 0 else a + b) * arb(step / 2)

@@ -9,7 +9,7 @@ from typing import Any
 from flint import arb, arb_poly, fmpq, fmpq_mat, fmpq_poly
 
 from beamdesign.checker.reading import HIGHEST_DEGREE, Table, Unreadable, rational
-from beamdesign.checker.roots import Pair, S
+from beamdesign.checker.roots import Pair
 
 SENSED = ("displacement_m", "inner_displacement_m", "load_pressure_Pa", "screw_force_N")
 FLOAT_ROUNDING = fmpq(1, 10**14)
@@ -159,20 +159,15 @@ def _cascade(law: Law, table: Table) -> bool:
 
     gain = table.number("gain_A_per_V")
     above, below = arb_poly([arb(gain)]), arb_poly([1])
-    figures = [gain]
     if law.kind != "proportional":
-        zero, pole = table.number("zero_Hz"), table.number("pole_Hz")
-        figures += [zero, pole]
-        sections = [
-            [one.number(f"{end}_{of}") for end in ("zero", "pole") for of in ("Hz", "damping_ratio")]
-            for one in table.tables("section")
-        ]
-        figures += [value for section in sections for value in section]
-        if min(figures) <= 0:
+        steps = [([table.number("zero_Hz")], [table.number("pole_Hz")])]
+        for one in table.tables("section"):
+            zero, pole = ([one.number(f"{end}_{of}") for of in ("Hz", "damping_ratio")] for end in ("zero", "pole"))
+            steps.append((zero, pole))
+        if min(gain, *(figure for step in steps for end in step for figure in end)) <= 0:
             return False
-        above, below = above * factor(zero), below * factor(pole)
-        for zero, zero_damping, pole, pole_damping in sections:
-            above, below = above * factor(zero, zero_damping), below * factor(pole, pole_damping)
+        for zero, pole in steps:
+            above, below = above * factor(*zero), below * factor(*pole)
     return len(law.numerators) == 1 and all(
         stated.degree() == expected.degree()
         and stated[0] == start
@@ -184,11 +179,7 @@ def _cascade(law: Law, table: Table) -> bool:
 
 
 def _observer(law: Law, table: Table) -> bool:
-    """Whether the polynomials are those of the matrices, by the recursion of Le Verrier and Faddeev.
-
-    adj(sI - a) = sum M_k s^(n-k) with M_1 = I, M_(k+1) = a M_k + q_k I, q_k = -trace(a M_k) / k, and
-    det(sI - a) = s^n + sum q_k s^(n-k).
-    """
+    """Whether the polynomials are those of the matrices: c adj(sI - a) b = det(sI - a + b c) - det(sI - a)."""
     gain, sensors = table.number("gain_A_per_V"), table.words("sensors")
     a, b, c, d = table.rows("a"), table.rows("b"), table.numbers("c"), table.numbers("d")
     n, p = len(a), len(sensors)
@@ -197,18 +188,11 @@ def _observer(law: Law, table: Table) -> bool:
         raise Unreadable(f"{table.place}: {n} states are more than {HIGHEST_DEGREE}")
     if not fits or sensors != list(law.numerators):
         raise Unreadable(f"{table.place}: the matrices do not fit each other or the sensors")
-    above, below = [fmpq_poly([0])] * p, S**n
-    if n:
-        motion, driven = (fmpq_mat(n, len(m[0]), [value for row in m for value in row]) for m in (a, b))
-        shown, one = fmpq_mat(1, n, c), fmpq_mat(n, n, [fmpq(int(i == j)) for i in range(n) for j in range(n)])
-        term = one
-        for k in range(1, n + 1):
-            through, product = shown * term * driven, motion * term
-            above = [above[j] + through[0, j] * S ** (n - k) for j in range(p)]
-            trace = -sum((product[i, i] for i in range(n)), fmpq(0)) / k
-            below += trace * S ** (n - k)
-            term = product + trace * one
-    expected = [gain * (above[j] + d[j] * below) for j in range(p)]
+    motion, shown = fmpq_mat(n, n, [value for row in a for value in row]), fmpq_mat(1, n, c)
+    below = motion.charpoly()
+    columns = (fmpq_mat(n, 1, [row[j] for row in b]) for j in range(p))
+    above = [(motion - column * shown).charpoly() - below for column in columns]
+    expected = [gain * (one + through * below) for one, through in zip(above, d, strict=True)]
     return expected == list(law.numerators.values()) and below == law.denominator
 
 

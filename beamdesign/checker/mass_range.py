@@ -6,13 +6,12 @@ of everything that decides them. Where the gain varies, the sides of the rectang
 """
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
 from itertools import pairwise
 
 from flint import arb, arb_poly, fmpq, fmpq_poly
 
 from beamdesign.checker.nonlinear import nonlinear
-from beamdesign.checker.reading import MOST_WORK, Table, Unreadable, judged, rational, short
+from beamdesign.checker.reading import MOST_WORK, Table, Unreadable, judged, rational, short, span
 from beamdesign.checker.rig import ONCE, Loop, Rig
 from beamdesign.checker.roots import (
     NONE,
@@ -29,6 +28,7 @@ from beamdesign.checker.roots import (
     isolate,
     on_axis,
     parts,
+    plus,
     square_free,
     squared,
     stable_on_rectangle,
@@ -53,11 +53,10 @@ def stability(table: Table, family: Family, low: fmpq, high: fmpq) -> Statements
         whole = [(a, b) for a, b, _, _ in parts] == [(low, high)]
     yield whole, "the ranges and crossings make up the range" if whole else "the ranges leave out some masses"
     for a, b, sample, stable in parts:
-        span = f"{short(a)} to {short(b)} kg"
         inside = a <= sample <= b and family.is_stable(sample) == stable
         at_ends = all(family.is_stable(end) == stable for end in (a, b) if end not in exact)
         proved = inside and at_ends and family.verdict(a, b) is stable
-        yield judged(proved, f"{'stable' if stable else 'unstable'} from {span}")
+        yield judged(proved, f"{'stable' if stable else 'unstable'} from {span((a, b))} kg")
     yield from _crossings(family, listed, low, high)
     yield agrees(table, "stable", not listed and all(stable for *_, stable in parts))
     for key in ("stays_stable_from_kg", "stays_stable_to_kg"):
@@ -125,10 +124,8 @@ def _crossings(family: Family, listed: Sequence[Listed], low: fmpq, high: fmpq) 
         if family.p1[power] != 0:
             mass = -family.p0[power] / family.p1[power]
             if low <= mass <= high and not take((mass, mass), zero, infinite):
-                yield (
-                    False,
-                    f"a root passes through {'infinity' if infinite else 'zero'} at {short(mass)} kg: not listed",
-                )
+                where = "infinity" if infinite else "zero"
+                yield False, f"a root passes through {where} at {short(mass)} kg: not listed"
     for words in _axis_crossings(family, take, [entry.mass for entry in listed], low, high):
         yield False, words
     if left:
@@ -239,7 +236,7 @@ def magnitudes(
     C S is (D / law denominator) (law numerator) / p, the controller's denominator being a factor of D; C is from
     the displacement sensor's volts to the current.
     """
-    closed = denominator[0] + numerator[0], denominator[1] + numerator[1]
+    closed = plus(denominator, numerator)
     match kind:
         case "compliance" | "peak_compliance":
             return closed, (disturbance, ZERO)
@@ -259,30 +256,28 @@ def magnitudes(
 def statements(table: Table, rig: Rig) -> Statements:
     """Every statement of the certificate: whether it was proved, and it or its failure in words."""
     masses = table.range("outer_end_mass_kg", least=0)
-    members = [Member(loop) for loop in rig.loops()]
-    same = _same(table.tables("loop"), [member.loop for member in members])
+    loops = list(rig.loops())
+    same = _same(table.tables("loop"), loops)
     yield same, f"the polynomials {'are' if same else 'are not'} those of the rig and its elements"
-    if not any(member.loop.performing for member in members):
+    if not any(loop.performing for loop in loops):
         raise Unreadable("no combination of the ends of the spans is to perform")
     claims = table.tables("claim")
-    degree = max(p.degree() for member in members for p in member.loop.closed)
-    if (work := len(members) * (1 + len(claims)) * degree**5) > MOST_WORK:
-        raise Unreadable(f"{len(members)} loops of degree {degree} with {len(claims)} claims are too much work: {work}")
-    stated, alone = table.table("stability"), members[0] if len(members) == 1 else None
-    if alone is not None and alone.loop.gain[0] == alone.loop.gain[1]:
-        yield from stability(stated, Family(*alone.at(alone.loop.gain[0])), *masses)
-        whole = alone.is_stable_over(masses)
+    degree = max(p.degree() for loop in loops for p in loop.closed)
+    if (work := len(loops) * (1 + len(claims)) * degree**5) > MOST_WORK:
+        raise Unreadable(f"{len(loops)} loops of degree {degree} with {len(claims)} claims are too much work: {work}")
+    stated, whole = table.table("stability"), all(_is_stable_over(loop, masses) for loop in loops)
+    if len(loops) == 1 and loops[0].gain[0] == loops[0].gain[1]:
+        yield from stability(stated, Family(*loops[0].at(loops[0].gain[0])), *masses)
     else:
-        whole = all(member.is_stable_over(masses) for member in members)
         for part in stated.tables("range"):
             ends = part.number("low"), part.number("high")
             inside = masses[0] <= ends[0] <= ends[1] <= masses[1]
-            proved = inside and all(member.is_stable_over(ends) for member in members)
-            yield judged(proved, f"stable from {short(ends[0])} to {short(ends[1])} kg")
+            proved = inside and all(_is_stable_over(loop, ends) for loop in loops)
+            yield judged(proved, f"stable from {span(ends)} kg")
         yield agrees(stated, "stable", whole)
     for claim in claims:
-        yield _claim(claim, members, whole, masses)
-    yield from nonlinear(table.tables("nonlinear"), [member.loop for member in members], masses)
+        yield _claim(claim, loops, whole, masses)
+    yield from nonlinear(table.tables("nonlinear"), loops, masses)
 
 
 def _same(stated: Sequence[Table], loops: Sequence[Loop]) -> bool:
@@ -302,57 +297,49 @@ def _proportional(stated: Sequence[fmpq_poly], loop: Loop) -> bool:
     return factor > 0 and all(one * factor == other for one, other in zip(own, stated, strict=True))
 
 
-@dataclass(frozen=True)
-class Member:
-    """A loop over the rectangle of masses and gains."""
+# Of one loop, over the rectangle of masses and gains.
 
-    loop: Loop
 
-    def at(self, gain: fmpq) -> tuple[fmpq_poly, fmpq_poly]:
-        """Its characteristic polynomial at one gain, constant and slope in the mass."""
-        denominator, numerator = self.loop.loop_denominator, self.loop.loop_numerator
-        return denominator[0] + gain * numerator[0], denominator[1] + gain * numerator[1]
+def _is_stable_over(loop: Loop, masses: Pair, s: fmpq_poly = S, times: Pair = ONCE) -> bool:
+    """Whether it is stable on the rectangle, with s replaced, its gains also times any factor of a range."""
+    denominator, numerator = ((p[0](s), p[1](s)) for p in (loop.loop_denominator, loop.loop_numerator))
+    return stable_on_rectangle(denominator, numerator, masses, (loop.gain[0] * times[0], loop.gain[1] * times[1]))
 
-    def is_stable_over(self, masses: Pair, s: fmpq_poly = S, times: Pair = ONCE) -> bool:
-        """Whether it is stable on the rectangle, with s replaced, its gains also times any factor of a range."""
-        denominator, numerator = ((p[0](s), p[1](s)) for p in (self.loop.loop_denominator, self.loop.loop_numerator))
-        gain = self.loop.gain
-        return stable_on_rectangle(denominator, numerator, masses, (gain[0] * times[0], gain[1] * times[1]))
 
-    def _slack(self, bound: Bound, gain: fmpq) -> Slack:
-        loop = self.loop
-        numerator = gain * loop.loop_numerator[0], gain * loop.loop_numerator[1]
-        return Slack(bound.limit, *magnitudes(bound.kind, loop.loop_denominator, numerator, loop.disturbance, loop.law))
+def _slack(loop: Loop, bound: Bound, gain: fmpq) -> Slack:
+    numerator = gain * loop.loop_numerator[0], gain * loop.loop_numerator[1]
+    return Slack(bound.limit, *magnitudes(bound.kind, loop.loop_denominator, numerator, loop.disturbance, loop.law))
 
-    def keeps(self, bound: Bound, masses: Pair) -> bool:
-        """Whether an inequality holds on the rectangle: on its sides, on which both magnitudes are least."""
-        gains = self.loop.performing
-        if gains is None:
-            return True
-        over_mass = {gains[1]} if bound.kind == "loop_gain" else set(gains)  # a loop gain grows with the factor
-        if not all(self._slack(bound, gain).nonnegative(*masses, bound.until, bound.start) for gain in over_mass):
-            return False
-        if bound.kind == "loop_gain" or gains[0] == gains[1]:
-            return True
-        denominator, numerator = self.loop.loop_denominator, self.loop.loop_numerator
-        if numerator[1] != 0:
-            raise Unreadable("mass and gain multiply each other, so that sides do not decide what is to be performed")
-        none = fmpq_poly([0])
-        for mass in {*masses}:
-            at = denominator[0] + mass * denominator[1]
-            (_, _), top = magnitudes(bound.kind, (at, none), (none, none), self.loop.disturbance, self.loop.law)
-            if not Slack(bound.limit, (at, numerator[0]), top).nonnegative(*gains, bound.until, bound.start):
-                return False
+
+def _keeps(loop: Loop, bound: Bound, masses: Pair) -> bool:
+    """Whether an inequality holds on the rectangle: on its sides, on which both magnitudes are least."""
+    gains = loop.performing
+    if gains is None:
         return True
+    over_mass = {gains[1]} if bound.kind == "loop_gain" else set(gains)  # a loop gain grows with the factor
+    if not all(_slack(loop, bound, gain).nonnegative(*masses, bound.until, bound.start) for gain in over_mass):
+        return False
+    if bound.kind == "loop_gain" or gains[0] == gains[1]:
+        return True
+    denominator, numerator = loop.loop_denominator, loop.loop_numerator
+    if numerator[1] != 0:
+        raise Unreadable("mass and gain multiply each other, so that sides do not decide what is to be performed")
+    for mass in {*masses}:
+        at = denominator[0] + mass * denominator[1]
+        (_, _), top = magnitudes(bound.kind, (at, ZERO), (ZERO, ZERO), loop.disturbance, loop.law)
+        if not Slack(bound.limit, (at, numerator[0]), top).nonnegative(*gains, bound.until, bound.start):
+            return False
+    return True
 
-    def breaks(self, bound: Bound, mass: fmpq, square: fmpq, gain: fmpq) -> bool:
-        """Whether an inequality fails at one mass, w^2 and gain at which it is to perform."""
-        gains = self.loop.performing
-        return gains is not None and gains[0] <= gain <= gains[1] and self._slack(bound, gain).at(mass, square) < 0
+
+def _breaks(loop: Loop, bound: Bound, mass: fmpq, square: fmpq, gain: fmpq) -> bool:
+    """Whether an inequality fails at one mass, w^2 and gain at which it is to perform."""
+    gains = loop.performing
+    return gains is not None and gains[0] <= gain <= gains[1] and _slack(loop, bound, gain).at(mass, square) < 0
 
 
-def _claim(claim: Table, members: Sequence[Member], whole: bool, masses: Pair) -> tuple[bool, str]:
-    """One claim about all members: it holds if it says so, and fails, at its witness if it has one, if it says so."""
+def _claim(claim: Table, loops: Sequence[Loop], whole: bool, masses: Pair) -> tuple[bool, str]:
+    """One claim about all loops: it holds if it says so, and fails, at its witness if it has one, if it says so."""
     kind, holds = claim.word("kind", *INEQUALITIES, "decay_rate", "gain_margin"), claim.flag("holds")
     witness = claim.optional("witness")
     at_witness, mass, gain = False, fmpq(0), fmpq(1)
@@ -362,19 +349,19 @@ def _claim(claim: Table, members: Sequence[Member], whole: bool, masses: Pair) -
         at_witness = masses[0] <= mass <= masses[1]
 
     def unstable(s: fmpq_poly = S, least: fmpq = gain, most: fmpq = gain) -> bool:
-        """Whether some member is not stable at the witness, its factor being one of those claimed."""
+        """Whether some loop is not stable at the witness, its factor being one of those claimed."""
         return any(
-            member.loop.gain[0] * least <= gain <= member.loop.gain[1] * most
-            and not Family(*(p(s) for p in member.at(gain))).is_stable(mass)
-            for member in members
+            loop.gain[0] * least <= gain <= loop.gain[1] * most
+            and not Family(*(p(s) for p in loop.at(gain))).is_stable(mass)
+            for loop in loops
         )
 
     if kind in INEQUALITIES:
         bound = Bound(claim, kind)
-        words, truth = bound.words, whole and all(member.keeps(bound, masses) for member in members)
+        words, truth = bound.words, whole and all(_keeps(loop, bound, masses) for loop in loops)
         if "squared_frequency" in witness:
             square = witness.at_least("squared_frequency", 0)
-            broken = any(member.breaks(bound, mass, square, gain) for member in members)
+            broken = any(_breaks(loop, bound, mass, square, gain) for loop in loops)
             at_witness = at_witness and bound.covers(square) and broken
         else:
             at_witness = at_witness and unstable()
@@ -382,12 +369,12 @@ def _claim(claim: Table, members: Sequence[Member], whole: bool, masses: Pair) -
         limit = claim.at_least("limit", 0, above=kind == "decay_rate")
         if kind == "decay_rate":
             words = f"every pole decays faster than {short(limit)} 1/s"
-            truth = all(member.is_stable_over(masses, S - limit) for member in members)
+            truth = all(_is_stable_over(loop, masses, S - limit) for loop in loops)
             at_witness = at_witness and unstable(S - limit)
         else:
             words = f"stable with the gain times every number from 1 to {short(limit)}"
             times = min(limit, fmpq(1)), max(limit, fmpq(1))
-            truth = all(member.is_stable_over(masses, times=times) for member in members)
+            truth = all(_is_stable_over(loop, masses, times=times) for loop in loops)
             at_witness = at_witness and unstable(least=times[0], most=times[1])
     if witness.keys and (holds or not at_witness):
         return False, f"the witness does not refute: {words}"

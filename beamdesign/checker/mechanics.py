@@ -7,15 +7,12 @@ divided by a figure, so that one piece of code serves both.
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from flint import fmpq
 
 from beamdesign.checker.law import SENSED
 from beamdesign.checker.reading import Unreadable
-
-if TYPE_CHECKING:
-    pass
 
 MOST_COORDINATES = 24
 MOST_TERMS = 20_000
@@ -144,24 +141,14 @@ def mechanics(
         yield {"inner": one}, ring([0, 0, figure["inner_mass_kg"] + end_masses[1]])
         yield points["tip"], ring([0, 0, end_masses[0]])
         if screw:
-            yield (
-                motion({"nut": one, "tip": -one, "rod": one}),
-                ring([figure["screw_stiffness_N_per_m"], figure["screw_damping_N_s_per_m"]]),
-            )
+            yield stretch, resists
         yield from ((motion(moved), ring(resists)) for moved, resists in elements.impedances)
 
+    stretch = motion({"nut": one, "tip": -one, "rod": one})
+    resists = ring([figure["screw_stiffness_N_per_m"], figure["screw_damping_N_s_per_m"]]) if screw else none
     network = list(parts())
-    names = list(
-        dict.fromkeys(
-            [
-                "first",
-                "inner",
-                *chambers,
-                *(["nut"] if screw else []),
-                *(name for moved, _ in network for name in moved),
-            ]
-        )
-    )
+    own = ["first", "inner", *chambers, *(["nut"] if screw else [])]
+    names = list(dict.fromkeys([*own, *(name for moved, _ in network for name in moved)]))
     if len(names) > MOST_COORDINATES:
         raise Unreadable(f"the elements of effects have more than {MOST_COORDINATES} coordinates")
     rows: dict[str, dict[str, Polynomial]] = {name: {} for name in names}
@@ -216,8 +203,7 @@ def mechanics(
                     total += share * weight * replaced({first: force, name: flow})
         return total
 
-    resists = ring([figure["screw_stiffness_N_per_m"], figure["screw_damping_N_s_per_m"]]) if screw else none
-    stretched = {name: weight * resists for name, weight in motion({"nut": one, "tip": -one, "rod": one}).items()}
+    stretched = {name: weight * resists for name, weight in stretch.items()}
     force = [tip.get(name, fmpq(0)) for name in names]
     read = {
         "displacement_m": points["sensed"],
@@ -272,6 +258,16 @@ def drive(figure: Mapping[str, Number], elements: Elements, ring: Ring) -> tuple
     return figure["flow_gain_m3_per_s_per_A"] * valve**2, spool
 
 
+def filters(figure: Mapping[str, Number], elements: Elements, ring: Ring) -> tuple[Polynomial, Polynomial]:
+    """What is between the sensor's volts and the controller: numerator and denominator."""
+    above = below = ring([1])
+    if "filter_frequency_rad_per_s" in figure:
+        above, below = ring([figure["filter_frequency_rad_per_s"]]), ring([figure["filter_frequency_rad_per_s"], 1])
+    for over, under in elements.volts:
+        above, below = above * ring(over), below * ring(under)
+    return above, below
+
+
 def electronics(
     figure: Mapping[str, Number],
     elements: Elements,
@@ -289,12 +285,8 @@ def electronics(
         ring: of the polynomials.
     """
     gain, spool = drive(figure, elements, ring)
-    forward, lags = gain * figure["sensor_gain_V_per_m"] * numerators[SENSED[0]], ring([1])
-    if "filter_frequency_rad_per_s" in figure:
-        forward *= figure["filter_frequency_rad_per_s"]
-        lags *= ring([figure["filter_frequency_rad_per_s"], 1])
-    for above, below in elements.volts:
-        forward, lags = forward * ring(above), lags * ring(below)
+    above, lags = filters(figure, elements, ring)
+    forward = gain * figure["sensor_gain_V_per_m"] * numerators[SENSED[0]] * above
     # What added sensors read passes none of the lags of the displacement's volts.
     back = {name: gain * numerators[name] * lags for name in SENSED[1:] if name in numerators}
     return spool * denominator * lags, {SENSED[0]: forward} | back

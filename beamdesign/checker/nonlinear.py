@@ -27,7 +27,7 @@ from flint import fmpq, fmpq_poly
 from beamdesign.checker.impulse import MOST_PIECES, integrals
 from beamdesign.checker.reading import Table, Unreadable, judged, short
 from beamdesign.checker.rig import ONCE, Loop
-from beamdesign.checker.roots import NONE, ONE, ZERO, Family, Pair, Polynomials, S, bound, inner, isolate, square_free
+from beamdesign.checker.roots import NONE, ONE, ZERO, Family, Pair, Polynomials, S, bound, inner, pieces, plus
 
 MOST_STATEMENTS = 16
 HIGHEST_ORDER = 16
@@ -51,12 +51,6 @@ def _of(table: Table, loops: Sequence[Loop]) -> list[Loop]:
     if not numbers or sorted(set(numbers)) != numbers:
         raise Unreadable(f"{table.place_of('loops')} must be numbers of loops in their order")
     return [loops[k - 1] for k in numbers]
-
-
-def at_most(loop: Loop) -> tuple[Polynomials, Polynomials]:
-    """Denominator and numerator of L at the largest factor on its gain."""
-    numerator = loop.loop_numerator
-    return loop.loop_denominator, (loop.gain[1] * numerator[0], loop.gain[1] * numerator[1])
 
 
 class Multiplier:
@@ -118,22 +112,16 @@ def _factor(rate: fmpq, causal: bool) -> fmpq_poly:
 def _slope(table: Table, loops: Sequence[Loop], masses: Pair) -> tuple[bool, str]:
     margin, multiplier = table.at_least("margin", 0, above=True), Multiplier(table)
     proved = all(_comes_to_rest(loop, multiplier, margin, masses) for loop in loops)
-    which = "an odd static characteristic" if multiplier.odd else "any static characteristic"
-    where = "about zero current" if multiplier.odd else "about every equilibrium"
-    words = f"comes to rest {where} with {which} of slope 0 to 1 in its current or behind its spool, {len(loops)} loops"
+    words = f"{multiplier.characteristics()} or behind its spool, {len(loops)} loops"
     return judged(proved, f"{words}: Zames and Falb's multiplier of {multiplier.words}, margin {short(margin)}")
 
 
 def _comes_to_rest(loop: Loop, multiplier: Multiplier, margin: fmpq, masses: Pair) -> bool:
     """Whether the theorem holds of a loop: stable without and with feedback, L falling off, and the real part."""
-    denominator, numerator = at_most(loop)
-    closed = denominator[0] + numerator[0], denominator[1] + numerator[1]
-    degree = denominator[0].degree()
-    falls = max(numerator[0].degree(), numerator[1].degree()) < degree
+    denominator, closed, by = loop.loop_denominator, loop.at(loop.gain[1]), (multiplier.above, multiplier.below)
+    falls = loop.gain[1] == 0 or max(p.degree() for p in loop.loop_numerator) < denominator[0].degree()
     stable = all(Family(*family).is_stable_over(*masses) for family in (denominator, closed))
-    return (
-        falls and stable and _real_part_above(closed, denominator, (multiplier.above, multiplier.below), margin, masses)
-    )
+    return falls and stable and _real_part_above(closed, denominator, by, margin, masses)
 
 
 def _real_part_above(
@@ -172,26 +160,10 @@ def _real_part_above(
 
 def nowhere_negative(polynomial: fmpq_poly) -> bool:
     """Whether a polynomial in w^2 is not negative from zero up."""
-    coefficients = polynomial.coeffs()
-    if all(value >= 0 for value in coefficients):
+    if all(value >= 0 for value in polynomial.coeffs()):
         return True
-    if polynomial[polynomial.degree()] < 0 or polynomial(0) < 0:
-        return False
-    simple = square_free(polynomial)
-    if simple(0) == 0:
-        simple = simple / S
-    if simple.degree() < 1:
-        return True
-    found = isolate(simple, NONE, bound(simple))
-    if not found:
-        return True
-    ends = sorted({end for pair in found for end in pair})
-    return all(polynomial(end) >= 0 for end in ends) and not any(_crosses(polynomial, pair) for pair in found)
-
-
-def _crosses(polynomial: fmpq_poly, pair: Pair) -> bool:
-    """Whether a polynomial changes its sign at its root in an interval, or may."""
-    return pair[0] == pair[1] or polynomial(pair[0]) * polynomial(pair[1]) <= 0
+    ends_well = polynomial.leading_coefficient() > 0 and polynomial(0) >= 0
+    return ends_well and all(polynomial(x) >= 0 for x in pieces([polynomial], NONE, bound(polynomial))[0])
 
 
 # Gains that change.
@@ -210,10 +182,8 @@ def _stays_stable(loop: Loop, place: str, factors: Pair, margin: fmpq, masses: P
     """Whether the circle criterion holds of a loop, cut at a place."""
     denominator, numerator = loop.loop_denominator, loop.loop_numerator
     if place == "volts":  # what is fed back beside stays closed
-        own = loop.displacement
-        denominator = denominator[0] + numerator[0] - own[0], denominator[1] + numerator[1] - own[1]
-        numerator = own
-    low, high = ((denominator[0] + g * numerator[0], denominator[1] + g * numerator[1]) for g in factors)
+        denominator, numerator = plus(loop.closed, loop.displacement, -1), loop.displacement
+    low, high = (plus(denominator, numerator, g) for g in factors)
     falls = max(numerator[0].degree(), numerator[1].degree()) < denominator[0].degree()
     stable = falls and Family(*low).is_stable_over(*masses)
     return stable and _real_part_above(high, low, (ONE, ONE), margin, masses)
@@ -251,29 +221,23 @@ def _both_fit(
         own = numerator
         if any(divmod(part, loop.spool)[1] != 0 for part in opened):
             raise Unreadable("the spool is not a part of this loop")
-        rest = tuple(part / loop.spool for part in opened)
-        onto, back = tuple(most * part * _mirrored(loop.spool) for part in own), rest
-        slow = max(own[0].degree(), own[1].degree()) - rest[0].degree()
+        onto, back = [most * part * _mirrored(loop.spool) for part in own], [part / loop.spool for part in opened]
+        slow = max(own[0].degree(), own[1].degree()) - back[0].degree()
     else:
         above, below = (one * other for one, other in zip(loop.law, loop.filters, strict=True))
         if any(divmod(part, above)[1] != 0 for part in own) or any(divmod(part, below)[1] != 0 for part in opened):
             raise Unreadable("the controller is not a part of this loop")
-        onto = tuple(most * above * _mirrored(part / below) for part in opened)
-        back = tuple(below * _mirrored(part / above) for part in own)
+        onto = [most * above * _mirrored(part / below) for part in opened]
+        back = [below * _mirrored(part / above) for part in own]
         slow = above.degree() - below.degree()
-    closed = tuple(o + n + (least - 1) * part for o, n, part in zip(opened, numerator, own, strict=True))
-    looped = tuple(c - o for c, o in zip(closed, opened, strict=True))
+    looped, by = plus(numerator, own, least - 1), (multiplier.above, multiplier.below)
     falls = max(part.degree() for part in looped) < opened[0].degree() and (slow < 0 or not multiplier.popov)
     share = 1 - least / most
-    less = tuple(
-        share * multiplier.above * one - weight * multiplier.below * other
-        for one, other in zip(onto, back, strict=True)
-    )
-    by = multiplier.above, multiplier.below
+    less = plus((share * by[0] * onto[0], share * by[0] * onto[1]), (by[1] * back[0], by[1] * back[1]), -weight)
     return (
         falls
         and Family(*opened).is_stable_over(*masses)
-        and _real_part_above((closed[0], closed[1]), opened, by, margin, masses, 4 * weight, (less[0], less[1]))
+        and _real_part_above(plus(opened, looped), opened, by, margin, masses, 4 * weight, less)
     )
 
 
@@ -290,7 +254,7 @@ UNITS = {"current": "A in the current", "flow": "m3/s behind the spool", "volts"
 
 
 def _deviation(table: Table, loops: Sequence[Loop], masses: Pair) -> tuple[bool, str]:
-    pieces, listed = table.whole("pieces", 1, MOST_PIECES), []
+    count, listed = table.whole("pieces", 1, MOST_PIECES), []
     for one in table.tables("error"):
         place = one.word("place", *UNITS)
         listed.append((place, one.at_least("size", 0), one.at_least("bound_m", 0)))
@@ -303,7 +267,7 @@ def _deviation(table: Table, loops: Sequence[Loop], masses: Pair) -> tuple[bool,
         if not Family(*loop.closed).is_stable_over(*masses):
             proved = False
             break
-        units = integrals([loop.strayed[place] for place, _, _ in listed], loop.closed, masses, pieces)
+        units = integrals([loop.strayed[place] for place, _, _ in listed], loop.closed, masses, count)
         proved = proved and all(unit * size <= bound for unit, (_, size, bound) in zip(units, listed, strict=True))
     words = " and ".join(
         f"{short(bound)} m by errors of at most {short(size)} {UNITS[place]}" for place, size, bound in listed

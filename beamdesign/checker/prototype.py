@@ -12,7 +12,7 @@ from flint import arb, fmpq
 
 from beamdesign.checker.law import FLOAT_ROUNDING, SCHEDULED, decimal, same
 from beamdesign.checker.reading import Table, Unreadable, rational, short
-from beamdesign.checker.rig import Rig
+from beamdesign.checker.rig import OF_ACTUATOR, Rig
 from beamdesign.checker.roots import Pair
 
 # Tubes in balls: area, second moment, torsion constant. For bending Zalucky and Hardt (1984), equations (3) and (5);
@@ -102,6 +102,22 @@ DEFAULTS: dict[str, dict[str, Any]] = {
     "arm": {"offset_m": [0.0] * 3, "end_polar_inertia_kg_m2": 0.0, "payload_polar_inertia_kg_m2": 0.0},
 }  # fmt: skip
 """What a prototype's tables say where they say nothing."""
+ACTUATORS = {
+    "servo_cylinder": {
+        "oil_stiffness_N_per_m": ("actuator", "oil_stiffness_N_per_m"),
+        "piston_area_m2": ("actuator", "piston_area_m2"),
+        "flow_gain_m3_per_s_per_A": ("servovalve", "flow_gain_m3_per_s_per_A"),
+        "leakage_m3_per_s_per_Pa": ("servovalve", "leakage_m3_per_s_per_Pa"),
+        "valve_damping_ratio": ("servovalve", "damping_ratio"),
+        "valve_frequency_rad_per_s": ("servovalve", "natural_frequency_Hz"),
+    },
+    "ball_screw": {
+        **{name: ("actuator", name) for name in OF_ACTUATOR["ball_screw"]},
+        "lead_m_per_rad": ("actuator", "lead_m"),
+        "current_loop_rad_per_s": ("actuator", "current_loop_Hz"),
+    },
+}
+"""Where a prototype states each figure of its actuator, by the kind of that."""
 MAY_BE_EMPTY = ("a", "b", "c", "b_command", "section")
 """Lists of a controller that say as much as nothing where they are empty."""
 ALLOY = ("youngs_modulus_Pa", "shear_modulus_Pa", "density_kg_per_m3")
@@ -266,7 +282,9 @@ def _figures(prototype: Mapping[str, Any], alloys: Mapping[str, Table]) -> dict[
             f"{which}_damping_N_s_per_m": 2 * ratio * (stiffness * mass).sqrt(),
         }
     turn = 2 * arb.pi()
-    found |= _ball_screw(prototype) if _actuator(prototype) == "ball_screw" else _servo_cylinder(prototype)
+    for name, (part, key) in ACTUATORS[_actuator(prototype)].items():
+        value = _ball(prototype, part, key)
+        found[name] = turn * value if key.endswith("_Hz") else value / turn if key == "lead_m" else value
     found["sensor_gain_V_per_m"] = _ball(prototype, "sensor", "gain_V_per_m")
     filtered = _of(prototype, "sensor", "filter_Hz") is not None
     found["filter_frequency_rad_per_s"] = turn * _ball(prototype, "sensor", "filter_Hz") if filtered else None
@@ -275,32 +293,9 @@ def _figures(prototype: Mapping[str, Any], alloys: Mapping[str, Table]) -> dict[
 
 def _actuator(prototype: Mapping[str, Any]) -> str:
     kind = _table(prototype, "actuator").get("kind", "servo_cylinder")
-    if kind not in ("servo_cylinder", "ball_screw"):
+    if kind not in ACTUATORS:
         raise Unreadable(f"actuator.kind of the prototype is not known here: {str(kind)[:60]!r}")
     return str(kind)
-
-
-def _servo_cylinder(prototype: Mapping[str, Any]) -> dict[str, arb | None]:
-    of_valve = ("flow_gain_m3_per_s_per_A", "leakage_m3_per_s_per_Pa")
-    return {
-        **{name: _ball(prototype, "actuator", name) for name in ("oil_stiffness_N_per_m", "piston_area_m2")},
-        **{name: _ball(prototype, "servovalve", name) for name in of_valve},
-        "valve_damping_ratio": _ball(prototype, "servovalve", "damping_ratio"),
-        "valve_frequency_rad_per_s": 2 * arb.pi() * _ball(prototype, "servovalve", "natural_frequency_Hz"),
-    }
-
-
-def _ball_screw(prototype: Mapping[str, Any]) -> dict[str, arb | None]:
-    same = (
-        "screw_stiffness_N_per_m", "screw_damping_N_s_per_m",
-        "torque_constant_N_m_per_A", "rotor_inertia_kg_m2", "rotor_friction_N_m_s_per_rad",
-        "speed_feedback_A_s_per_rad",
-    )  # fmt: skip
-    return {
-        **{name: _ball(prototype, "actuator", name) for name in same},
-        "lead_m_per_rad": _ball(prototype, "actuator", "lead_m") / (2 * arb.pi()),
-        "current_loop_rad_per_s": 2 * arb.pi() * _ball(prototype, "actuator", "current_loop_Hz"),
-    }
 
 
 def _lumped(prototype: Mapping[str, Any], name: str, alloys: Mapping[str, Table]) -> tuple[arb, arb]:

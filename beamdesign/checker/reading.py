@@ -3,7 +3,7 @@
 import hashlib
 import re
 import tomllib
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 from flint import fmpq, fmpq_poly
@@ -217,11 +217,6 @@ def sealed(table: Table, text: str) -> tuple[bool, str]:
     return intact, "the text is as it was written" if intact else "the text was altered after it was written (sha256)"
 
 
-def comments(text: str) -> Iterator[str]:
-    """Lines that begin with #, of which nothing is read."""
-    return (line for line in text.splitlines() if line.lstrip().startswith("#"))
-
-
 def judged(found: bool, words: str, stated: bool = True) -> tuple[bool, str]:
     """Whether a statement was proved, and it in words or its failure.
 
@@ -238,3 +233,8 @@ def judged(found: bool, words: str, stated: bool = True) -> tuple[bool, str]:
 def short(value: fmpq) -> str:
     """A number with few digits, for words."""
     return f"{int(value.p) / int(value.q):.7g}"
+
+
+def span(pair: Pair, between: str = " to ") -> str:
+    """A range, likewise."""
+    return between.join(map(short, pair))

@@ -15,9 +15,9 @@ from typing import Any
 from flint import fmpq, fmpq_poly
 
 from beamdesign.checker.law import SENSED, Law, Schedule, same_frequency
-from beamdesign.checker.mechanics import Elements, Number, add_weights, drive, electronics, mechanics, strayed
+from beamdesign.checker.mechanics import Elements, Number, add_weights, drive, electronics, filters, mechanics, strayed
 from beamdesign.checker.reading import HIGHEST_DEGREE, Table, Unreadable, rational, short
-from beamdesign.checker.roots import ZERO, Pair, Polynomials
+from beamdesign.checker.roots import ZERO, Pair, Polynomials, plus
 
 FIGURES = (
     "outer_stiffness_N_per_m", "outer_mass_kg", "outer_damping_N_s_per_m", "inner_stiffness_N_per_m", "inner_mass_kg",
@@ -197,10 +197,14 @@ class Loop:
     spool: fmpq_poly
     filters: Polynomials
 
+    def at(self, gain: fmpq) -> Polynomials:
+        """The characteristic polynomial at one factor."""
+        return plus(self.loop_denominator, self.loop_numerator, gain)
+
     @property
     def closed(self) -> Polynomials:
-        """The characteristic polynomial at a factor of one."""
-        return self.loop_denominator[0] + self.loop_numerator[0], self.loop_denominator[1] + self.loop_numerator[1]
+        """The same at a factor of one."""
+        return self.at(fmpq(1))
 
 
 class Rig:
@@ -261,10 +265,6 @@ class Rig:
         ends = [sorted(set(span.ends)) for _, _, span in places]
         if (count := prod(map(len, ends))) > MOST_MEMBERS:
             raise Unreadable(f"the spans of effects have {count} combinations, more than {MOST_MEMBERS}")
-        gain, performing = ONCE, ONCE
-        for effect in self.effects:
-            gain = gain[0] * effect.gain[0], gain[1] * effect.gain[1]
-            performing = performing[0] * effect.performing[0], performing[1] * effect.performing[1]
         for chosen in product(*ends):
             values: list[dict[str, fmpq]] = [{} for _ in self.effects]
             named, performs = [], True
@@ -272,7 +272,7 @@ class Rig:
                 values[k][name] = value
                 named.append(f"{self.effects[k].name}.{name} = {short(value)}")
                 performs = performs and span.performing[0] <= value <= span.performing[1]
-            yield self._loop(", ".join(named), self.elements(values), gain, performing if performs else None)
+            yield self._loop(", ".join(named), self.elements(values), performs)
 
     def elements(self, values: Sequence[Values]) -> Elements:
         """Those of all effects, at numbers for the spans of each.
@@ -290,23 +290,22 @@ class Rig:
                 raise Unreadable(f"effect {effect.name}: its elements are of no rig")
         return total
 
-    def _loop(self, name: str, elements: Elements, gain: Pair, performing: Pair | None) -> Loop:
+    def gain(self, performing: bool = False) -> Pair:
+        """Factors that all effects put on the gain, or those of them at which more than stability is asked."""
+        each = [effect.performing if performing else effect.gain for effect in self.effects]
+        low, high = (prod(ends, start=fmpq(1)) for ends in zip(*each, strict=True)) if each else ONCE
+        return low, high
+
+    def _loop(self, name: str, elements: Elements, performs: bool) -> Loop:
         """The polynomials of one combination."""
         law = self.law
         if law is None:
             raise Unreadable("[controller] is not one law")
         _refuse_size(elements, law)
+        heard = list(law.numerators)
         bare, loaded = (
-            mechanics(
-                self.figures,
-                elements,
-                (fmpq(mass), self.inner_end_mass),
-                list(law.numerators),
-                fmpq_poly,
-                True,
-                not mass,
-            )
-            for mass in (0, 1)
+            mechanics(self.figures, elements, (mass, self.inner_end_mass), heard, fmpq_poly, erring=mass == 0)
+            for mass in (fmpq(0), fmpq(1))
         )
         around, back = electronics(self.figures, elements, law.numerators, law.denominator, fmpq_poly)
         fed, heavier = (sum((by * at.sensed[name] for name, by in back.items()), ZERO) for at in (bare, loaded))
@@ -319,24 +318,12 @@ class Rig:
             bare.moved * around + inside,
             (own[0], own[1] - own[0]),
             law.of_displacement,
-            gain,
-            performing,
+            self.gain(),
+            self.gain(performing=True) if performs else None,
             strayed(self.figures, elements, bare.strayed, around, own[0], len(law.numerators) == 1, fmpq_poly),
-            self._spool(elements) / self._spool(Elements())[0],
-            self._filters(elements),
+            drive(self.figures, elements, fmpq_poly)[1] / drive(self.figures, Elements(), fmpq_poly)[1][0],
+            filters(self.figures, elements, fmpq_poly),
         )
-
-    def _filters(self, elements: Elements) -> Polynomials:
-        """What is between the sensor's volts and the controller, as `electronics` has it."""
-        own = self.figures.get("filter_frequency_rad_per_s")
-        above, below = (fmpq_poly([1]), fmpq_poly([1])) if own is None else (fmpq_poly([own]), fmpq_poly([own, 1]))
-        for over, under in elements.volts:
-            above, below = above * fmpq_poly(list(over)), below * fmpq_poly(list(under))
-        return above, below
-
-    def _spool(self, elements: Elements) -> fmpq_poly:
-        """The polynomial of what is between the law's current and what drives the mechanics."""
-        return drive(self.figures, elements, fmpq_poly)[1]
 
 
 def _refuse_size(elements: Elements, law: Law) -> None:

@@ -21,6 +21,12 @@ Pair = tuple[fmpq, fmpq]
 """Ends of a closed interval."""
 Polynomials = tuple[fmpq_poly, fmpq_poly]
 """Constant and slope in the mass, or even and odd part."""
+NONE = fmpq(0)
+
+
+def plus(one: Polynomials, other: Polynomials, times: fmpq | int = 1) -> Polynomials:
+    """Sum of two that are affine in the mass, the second one times a factor."""
+    return one[0] + times * other[0], one[1] + times * other[1]
 
 
 def _sign_changes(polynomial: fmpq_poly, low: fmpq, high: fmpq) -> int:
@@ -119,12 +125,8 @@ def parts(polynomial: fmpq_poly) -> Polynomials:
 
 def ends(ball: arb) -> Pair:
     """The least and the largest number of a finite ball."""
-
-    def dyadic(point: arb) -> fmpq:
-        mantissa, exponent = point.man_exp()
-        return fmpq(mantissa) * fmpq(2) ** int(exponent)
-
-    return dyadic(ball.mid()) - dyadic(ball.rad()), dyadic(ball.mid()) + dyadic(ball.rad())
+    middle, radius = ball.mid().fmpq(), ball.rad().fmpq()
+    return middle - radius, middle + radius
 
 
 def around(interval: Pair) -> arb:
@@ -220,7 +222,7 @@ def stable_on_rectangle(denominator: Polynomials, numerator: Polynomials, masses
     On a polytope of polynomials of constant degree the edges decide (Bartlett, Hollot and Huang, 1988). Where mass and
     factor multiply each other it is none, and what is inside is looked at as well.
     """
-    over_mass = [Family(denominator[0] + g * numerator[0], denominator[1] + g * numerator[1]) for g in {*gains}]
+    over_mass = [Family(*plus(denominator, numerator, g)) for g in {*gains}]
     over_gain = [Family(denominator[0] + m * denominator[1], numerator[0] + m * numerator[1]) for m in {*masses}]
     sides = all(side.is_stable_over(*masses) for side in over_mass)
     sides = sides and (gains[0] == gains[1] or all(side.is_stable_over(*gains) for side in over_gain))
@@ -341,9 +343,6 @@ def _crossings(plain: fmpq_poly, late: fmpq_poly, delay: fmpq, square: arb) -> i
 
 
 # Inequalities over mass and frequency: magnitudes of a loop, and where their slack is not negative.
-
-
-NONE = fmpq(0)
 
 
 def squared(frequency_Hz: fmpq) -> Pair:

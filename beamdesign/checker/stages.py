@@ -19,8 +19,8 @@ every stage i, so that any stage may act at any time:
 
 What has to be definite is the same as for the prover, in code of its own. Definiteness of symmetric rational matrices,
 and of matrix polynomials in the mass on an interval, is settled by another method than the prover's, which takes minors
-and Bernstein coefficients of matrices: the pivots of L D L' at one end, and no root of the determinant up to the other,
-on the way to which an eigenvalue would have to pass zero.
+and Bernstein coefficients of matrices: the signs of the characteristic polynomial at one end, and no root of the
+determinant up to the other, on the way to which an eigenvalue would have to pass zero.
 """
 
 from collections.abc import Callable, Sequence
@@ -28,26 +28,17 @@ from collections.abc import Callable, Sequence
 from flint import arb, arb_mat, ctx, fmpq, fmpq_mat
 
 from beamdesign.checker.mass_range import Statements
-from beamdesign.checker.reading import Table, Unreadable, short
+from beamdesign.checker.reading import Table, Unreadable, short, span
 from beamdesign.checker.rig import Rig
-from beamdesign.checker.roots import Pair, interpolated, is_hurwitz, pieces
+from beamdesign.checker.roots import NONE, Pair, interpolated, is_hurwitz, pieces
 from beamdesign.checker.state_space import VELOCITY, StateSpace, bounded
 
 # Definiteness.
 
 
 def positive(matrix: fmpq_mat) -> bool:
-    """Whether a symmetric matrix is positive definite: all pivots of its elimination are positive."""
-    rows = matrix.tolist()
-    n = len(rows)
-    for k in range(n):
-        if rows[k][k] <= 0:
-            return False
-        for i in range(k + 1, n):
-            share = rows[i][k] / rows[k][k]
-            for j in range(k + 1, i + 1):  # the lower triangle is enough
-                rows[i][j] -= share * rows[j][k]
-    return True
+    """Whether a symmetric matrix M is positive definite: as all roots of det(sI + M) are real, its signs decide."""
+    return all(value > 0 for value in (-matrix).charpoly().coeffs())
 
 
 def positive_between(value: Callable[[fmpq], fmpq_mat], degree: int, low: fmpq, high: fmpq) -> bool:
@@ -71,7 +62,6 @@ LARGEST_DEGREE = 4
 LARGEST_EXPONENT = fmpq(10) ** 9
 """Of a matrix exponential: the largest entry of A times the time."""
 CYCLE_PRECISION_BITS = 512
-NONE = fmpq(0)
 
 
 def statements(table: Table, rig: Rig) -> Statements:
@@ -95,13 +85,9 @@ def statements(table: Table, rig: Rig) -> Statements:
             kept = rig.schedule.dwell >= claim.number("dwell_s")
             words += f", {'kept' if kept else 'NOT kept'} by the schedule's dwell_s of {short(rig.schedule.dwell)}"
         several = ", whichever stage acts when" if len(loops) > 1 and kind != "stage_dwell" else ""
-        yield proved, f"{'stable' if proved else 'not proved stable'} from {_range(within)} kg{several}: {words}"
+        yield proved, f"{'stable' if proved else 'not proved stable'} from {span(within)} kg{several}: {words}"
     for example in against:
         yield _COUNTEREXAMPLES[example.word("kind", *_COUNTEREXAMPLES)](loops, example, masses)
-
-
-def _range(pair: Pair, between: str = " to ") -> str:
-    return between.join(map(short, pair))
 
 
 # The claims.
@@ -278,19 +264,11 @@ def _cycle(loops: Sequence[StateSpace], example: Table, masses: Pair) -> tuple[b
             raise Unreadable(f"{example.place}: the times are too long to work with")
         with ctx.workprec(CYCLE_PRECISION_BITS):
             first, second = (arb_mat(turn).exp() for turn in turns)
-            proved = bool(abs(_power(second * first, cycles).trace()) > loops[0].order)
+            proved = bool(abs(((second * first) ** cycles).trace()) > loops[0].order)
     words = " and ".join(
         f"{short(m)} kg with stage {k} for {short(t)} s" for k, m, t in zip(stages, weights, times, strict=True)
     )
     return proved, f"{'the motion grows' if proved else 'growth is not proved'} for {words}, in turn"
-
-
-def _power(matrix: arb_mat, exponent: int) -> arb_mat:
-    """By squaring, which keeps the balls small."""
-    if exponent == 1:
-        return matrix
-    half = _power(matrix, exponent // 2)
-    return half * half * matrix if exponent % 2 else half * half
 
 
 _COUNTEREXAMPLES: dict[str, Callable[[Sequence[StateSpace], Table, Pair], tuple[bool, str]]] = {

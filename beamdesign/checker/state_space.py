@@ -5,15 +5,12 @@ prover's; that one builds its matrices by differentiating the assembled rig, thi
 """
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING
 
 from flint import fmpq, fmpq_mat
 
 from beamdesign.checker.law import SENSED, Law, Stage
 from beamdesign.checker.reading import Unreadable
-
-if TYPE_CHECKING:
-    from beamdesign.checker.rig import Rig
+from beamdesign.checker.rig import Rig
 
 MOST_STATES = 32
 MOST_BITS = 2_048
@@ -39,7 +36,7 @@ class StateSpace:
         order: number of states.
     """
 
-    def __init__(self, rig: "Rig", law: Law | Stage) -> None:
+    def __init__(self, rig: Rig, law: Law | Stage) -> None:
         if rig.effects:
             raise Unreadable("the equations of a changing payload have no effects")
         self.bare_mass = rig.figures["outer_mass_kg"]
@@ -67,7 +64,7 @@ class StateSpace:
         rows = ([entry / total for entry in row] if k == VELOCITY else row for k, row in enumerate(self._rows))
         return fmpq_mat(self.order, self.order, [entry for row in rows for entry in row])
 
-    def _plant(self, rig: "Rig") -> dict[str, Row]:
+    def _plant(self, rig: Rig) -> dict[str, Row]:
         """Fill in the rows of the rig; what is sensed, as rows over the states."""
         f, rows = rig.figures, self._rows
         x, v, c, y, u, q, _ = range(len(_PLANT))

@@ -15,13 +15,14 @@ from collections.abc import Iterator, Mapping, Sequence
 from functools import reduce
 from itertools import product, zip_longest
 from math import comb, prod
+from operator import add, mul
 from typing import TypeVar
 
 from flint import acb, arb, arb_poly, ctx, fmpq, fmpq_poly
 
 from beamdesign.checker.expressions import Expression, Node, Term, degrees
 from beamdesign.checker.reading import Unreadable, rational, short
-from beamdesign.checker.roots import ONE, ZERO, Pair, parts
+from beamdesign.checker.roots import NONE, ONE, ZERO, Pair, parts
 
 PRECISION_BITS = 96
 TANGENTS = 6
@@ -30,8 +31,6 @@ MOST_POINTS = 200_000
 """Control points of p on one piece."""
 MOST_WORK = 200_000_000
 """Control points of p on all pieces."""
-
-ZERO_FREQUENCY = fmpq(0)
 
 T = TypeVar("T")
 Control = tuple[arb_poly, arb_poly]
@@ -100,11 +99,8 @@ class Frame:
         for part in node.parts[1:]:
             both = tuple(sorted({*packs, *part.packs}))
             pairs = self._side_by_side(both, [(packs, found), (part.packs, self.points(part))])
-            if node.kind == "sum":
-                found = {choice: [x + y for x in a for y in b] for choice, (a, b) in pairs}
-            else:
-                found = {choice: [x * y for x in a for y in b] for choice, (a, b) in pairs}
-            packs = both
+            together = add if node.kind == "sum" else mul
+            found, packs = {choice: [together(x, y) for x in a for y in b] for choice, (a, b) in pairs}, both
         return found
 
     def _side_by_side(
@@ -302,7 +298,7 @@ def control_points(expression: Expression) -> int:
 
 
 def walked(
-    expression: Expression, marks: Sequence[str], since: fmpq = ZERO_FREQUENCY, until: fmpq | None = None
+    expression: Expression, marks: Sequence[str], since: fmpq = NONE, until: fmpq | None = None
 ) -> Iterator[tuple[str, bool]]:
     """Each piece of a tree in words, and whether p vanishes nowhere on it.
 

@@ -4,6 +4,7 @@ import json
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
+from functools import partial
 from math import isfinite
 from pathlib import Path
 from typing import Any
@@ -64,16 +65,16 @@ def result_fields(outcomes: Sequence[Outcome], setting: Mapping[str, Any]) -> di
 
 def result_text(fields: Mapping[str, Any]) -> str:
     """The fields as JSON, one row of a list to a line: small, and two results can be compared line by line."""
+    dumps = partial(json.dumps, allow_nan=False)
     parts = []
     for key, value in fields.items():
-        if isinstance(value, list) and value:
-            rows = ",\n  ".join(json.dumps(row, allow_nan=False) for row in value)
-            parts.append(f"{json.dumps(key)}: [\n  {rows}\n ]")
-        elif isinstance(value, dict) and value:
-            rows = ",\n  ".join(f"{json.dumps(k)}: {json.dumps(v, allow_nan=False)}" for k, v in value.items())
-            parts.append(f"{json.dumps(key)}: {{\n  {rows}\n }}")
-        else:
-            parts.append(f"{json.dumps(key)}: {json.dumps(value, allow_nan=False)}")
+        text, rows = dumps(value), list[str]()
+        if isinstance(value, list):
+            rows = [dumps(row) for row in value]
+        elif isinstance(value, dict):
+            rows = [f"{dumps(name)}: {dumps(row)}" for name, row in value.items()]
+        inside = ",\n  ".join(rows)
+        parts.append(f"{dumps(key)}: " + (f"{text[0]}\n  {inside}\n {text[-1]}" if rows else text))
     return "{\n " + ",\n ".join(parts) + "\n}\n"
 
 

@@ -81,17 +81,16 @@ def virtual_rig(
     case = Case(seed, kind, nominal, factors, dict(_HABITS), (), departures, (), _NOISE, duration_s, scales)
     inner = prototype.payload.inner_end_mass_kg
     runs = []
-    for number, (name, drive, mass) in enumerate(
+    for number, (name, channel, size, highest, mass) in enumerate(
         (
-            ("01_disturbance", ("disturbance_N", 150.0, 200.0), masses_kg[0]),
-            ("02_command", ("command_V", 0.1, 300.0), masses_kg[0]),
-            ("03_payload_disturbance", ("disturbance_N", 100.0, 150.0), masses_kg[1]),
-            ("04_payload_command", ("command_V", 0.1, 250.0), masses_kg[1]),
+            ("01_disturbance", "disturbance_N", 150.0, 200.0, masses_kg[0]),
+            ("02_command", "command_V", 0.1, 300.0, masses_kg[0]),
+            ("03_payload_disturbance", "disturbance_N", 100.0, 150.0, masses_kg[1]),
+            ("04_payload_command", "command_V", 0.1, 250.0, masses_kg[1]),
         )
     ):
         gain = min(law.gain_A_per_V, _GAIN_SHARE * critical_gain(case.only(), law, mass, inner))
         table = law.but(gain_A_per_V=float(f"{gain:.3g}")).model_dump()
-        channel, size, highest = drive
         runs.append(Run(name, Drive(channel, "lines", size, highest, seed + 100 * number), table, mass, inner))  # type: ignore[arg-type]
     whole = replace(case, runs=tuple(runs))
     if not all(take(whole, run).bounded for run in whole.runs):

@@ -19,17 +19,11 @@ from beamdesign.proofs.branch import Search, control_points
 from beamdesign.proofs.rig_family import PolynomialFamily, rig_family
 from beamdesign.proofs.tolerance_box import largest_scaling, tolerance_box
 from beamdesign.proofs.zero_exclusion import PRECISION_BITS, holds, pieces
-from beamdesign.prototype import Actuator, Beam, Payload, Prototype, Sensor, Servovalve, Tolerance
+from beamdesign.prototype import Payload, Tolerance
+from beamdesign.validation.paper.rig import paper_prototype
 
-RIG = Prototype(
+RIG = paper_prototype().but(
     name="published rig, lag 1.7/20 Hz at 50 mA/V",
-    outer_beam=Beam(stiffness_N_per_m=486_800.0, effective_mass_kg=3.9),
-    inner_beam=Beam(stiffness_N_per_m=157_500.0, effective_mass_kg=1.6),
-    actuator=Actuator(piston_area_m2=1.13e-4, oil_stiffness_N_per_m=1.3e7),
-    servovalve=Servovalve(
-        flow_gain_m3_per_s_per_A=1.13e-2, leakage_m3_per_s_per_Pa=3.8e-13, natural_frequency_Hz=150.0
-    ),
-    sensor=Sensor(gain_V_per_m=1180.0),
     controller=Lag(gain_A_per_V=0.05, pole_Hz=1.7, zero_Hz=20.0),
     payload=Payload(outer_end_mass_kg=(0.0, 6.8), inner_end_mass_kg=4.5),
     tolerance=Tolerance(

@@ -9,6 +9,7 @@ from beamdesign.prototype import Prototype
 from beamdesign.scenario import Input, Multisine, Scenario, ScenarioRecord, Step
 from beamdesign.simulation import SimulatedRecord, simulate
 from beamdesign.structure.lumped import with_figures
+from beamdesign.synthesis.loop_slacks import first_miss
 
 MEASURED_WITHIN = 0.1
 """Excess of the compliance over the goal that counts as met: what a measured response of a few seconds can tell."""
@@ -68,19 +69,8 @@ def delivered(prototype: Prototype, outer_end_mass: float, amplitude_N: float, s
         return Delivered(False, 0.0, current, answer.reason)
     frequency, compliance = _response(answer.column("disturbance_N"), moved)
     limit = (1 + MEASURED_WITHIN) * prototype.goal.compliance_m_per_N
-    return Delivered(True, _reached(frequency, compliance / limit), current)
-
-
-def _reached(frequency: np.ndarray, ratio: np.ndarray) -> float:
-    """Where a measured ratio first passes one, interpolated between the lines on logarithmic axes; 0 if at once."""
-    over = np.nonzero(ratio > 1)[0]
-    if not len(over):
-        return float(frequency[-1])
-    k = int(over[0])
-    if k == 0:
-        return 0.0
-    share = np.log(ratio[k - 1]) / np.log(ratio[k - 1] / ratio[k])
-    return float(frequency[k - 1] * (frequency[k] / frequency[k - 1]) ** share)
+    reached = min(first_miss(frequency, np.log(limit / compliance)), float(frequency[-1]))
+    return Delivered(True, reached, current)
 
 
 def _noise(prototype: Prototype, seed: int) -> tuple[Multisine, ...]:

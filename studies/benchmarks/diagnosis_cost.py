@@ -10,12 +10,12 @@ Then a whole diagnosis is timed. Run:
 import argparse
 from collections.abc import Sequence
 from pathlib import Path
-from time import perf_counter
 
 import casadi as ca
 import numpy as np
 from scipy.integrate import solve_ivp
 from scipy.interpolate import CubicSpline
+from stopwatch import timed
 
 from beamdesign.diagnosis.data.dataset import read_dataset
 from beamdesign.diagnosis.diagnose import diagnose
@@ -64,17 +64,10 @@ def main(given: Sequence[str] | None = None) -> tuple[float, tuple[float, float]
     hypothesis = Hypothesis(("sensor_lag",))
     placement = hypothesis.placement(data.prototype)
     z = np.zeros(len(placement.unknowns))
-    piece.linearised(placement, z)  # compiles
-    begun = perf_counter()
-    for _ in range(10):
-        piece.linearised(placement, z)
-    tangent = (perf_counter() - begun) / 10
-
+    tangent = timed(lambda: piece.linearised(placement, z), 10)[0].wall_s
     end = min(chosen.samples, len(piece.record.times))
-    begun = perf_counter()
-    single = integrated(piece, placement, z, TOLERANCE, end)
-    once = (perf_counter() - begun) * len(piece.record.times) / end
-    differences = once * (1 + len(z))
+    cost, single = timed(lambda: integrated(piece, placement, z, TOLERANCE, end), 1, warm=False)
+    differences = cost.wall_s * len(piece.record.times) / end * (1 + len(z))
     tight = integrated(piece, placement, z, TIGHT, end)
     steps = piece.predicted(placement, z)
     assert steps is not None
@@ -84,12 +77,9 @@ def main(given: Sequence[str] | None = None) -> tuple[float, tuple[float, float]
     print(f"  solve_ivp, forward differences   {differences * 1e3:9.0f} ms   error {theirs:.1e} (from {end} samples)")
     print(f"  ratio {differences / tangent:.0f}")
     if not chosen.no_diagnosis:
-        begun = perf_counter()
-        found = diagnose(data, 2)
-        whole = perf_counter() - begun
-        print(
-            f"whole diagnosis, {len(data.records)} records, 2 processes: {whole:.1f} s, {found.verdict} {found.chosen}"
-        )
+        whole, found = timed(lambda: diagnose(data, 2), 1, warm=False)
+        said = f"{whole.wall_s:.1f} s, {found.verdict} {found.chosen}"
+        print(f"whole diagnosis, {len(data.records)} records, 2 processes: {said}")
     return differences / tangent, (ours, theirs)
 
 

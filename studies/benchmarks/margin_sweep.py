@@ -9,6 +9,7 @@ import numpy as np
 from eigenvalue_grid import Matrices, realised
 
 from beamdesign.controllers import Lag, Proportional
+from beamdesign.synthesis.loop_slacks import first_miss
 
 FREQUENCIES_HZ = np.geomspace(0.1, 1000.0, 401)
 """A hundred points a decade, as one would plot them."""
@@ -72,10 +73,4 @@ def responses(open_loops: Sequence[control.StateSpace]) -> tuple[np.ndarray, np.
 
 def last_within(worst: np.ndarray, limit: float) -> float:
     """Bandwidth as it is read off the grid: interpolated where the worst curve first passes the limit, Hz."""
-    over = np.nonzero(worst > limit)[0]
-    if not len(over):
-        return float(FREQUENCIES_HZ[-1])
-    if over[0] == 0:
-        return 0.0
-    pair = slice(over[0] - 1, over[0] + 1)
-    return float(np.exp(np.interp(np.log(limit), np.log(worst[pair]), np.log(FREQUENCIES_HZ[pair]))))
+    return min(first_miss(FREQUENCIES_HZ, np.log(limit / worst)), float(FREQUENCIES_HZ[-1]))

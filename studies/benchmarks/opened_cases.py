@@ -1,6 +1,5 @@
 """A case whose answer a blind check has opened: its true rig, drawn once more, and its diagnosis from the kept fits."""
 
-import hashlib
 import json
 import shutil
 from collections.abc import Mapping
@@ -120,16 +119,15 @@ def unlike(one: Any, other: Any, name: str = "") -> str:
 def diagnosed(opened: OpenedCase) -> tuple[Dataset, Diagnosis]:
     """Judge a case once more by this program from the fits that the check keeps; nothing in its folder is changed."""
     from beamdesign.diagnosis.diagnose import diagnose
-    from beamdesign.diagnosis.fitting.fit import FitCache, digest
+    from beamdesign.diagnosis.fitting.fit import fit_cache
 
     key = opened.planned.key
     data = read_dataset(opened.folder / "sets" / key)
-    kept_by = hashlib.sha256((digest(data) + str(opened.found["fitted_by"])).encode()).hexdigest()[:16]
     with TemporaryDirectory() as name:
         fits = Path(name) / key
         if (opened.folder / "fits" / key).is_dir():
             shutil.copytree(opened.folder / "fits" / key, fits)
-        return data, diagnose(data, 1, kept=FitCache(fits, data.prototype, kept_by))
+        return data, diagnose(data, 1, kept=fit_cache(fits, data, str(opened.found["fitted_by"])))
 
 
 def _read(path: Path, key: str = "") -> Any:

@@ -221,11 +221,6 @@ _SENSOR = {
 }
 
 
-def is_screw(table: Table) -> bool:
-    """Whether a believed prototype has a motor and a screw."""
-    return bool(table["actuator"].get("kind") == "ball_screw")
-
-
 def _stated(table: Table) -> dict[str, tuple[str, str, str]]:
     """Where a believed prototype states a figure, and the key of its tolerance."""
     return _BEAMS | _ACTUATORS[table["actuator"].get("kind", "servo_cylinder")] | _SENSOR
@@ -341,7 +336,7 @@ def rig_figures(table: Table, factors: Shape, habits: Shape) -> Shape:
         "inner_damping": dashpot("inner"),
         "believed_sensor_gain": table["sensor"]["gain_V_per_m"],
     }
-    if is_screw(table):
+    if table["actuator"].get("kind") == "ball_screw":
         return figures
     bulk = habits.get("bulk_modulus", FIGURES["bulk_modulus"])
     return {
