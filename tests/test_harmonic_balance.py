@@ -30,7 +30,7 @@ def periods(rig: Prototype, cycle: LimitCycle, count: int, scaled: float = 1.0) 
     parameters = np.array(list(parameters_of(there, 0.0, 0.0).values()))
     times = np.arange(POINTS * count + 1) / (POINTS * cycle.motion.frequency_Hz)
     still = np.zeros((2 * 4 * POINTS * count + 1, 2))
-    signal = integrate(structure_of(there), times, still, start, parameters, 4, 1.0)[:, 1]
+    signal = integrate(structure_of(there), times, still, start, parameters, 4, 1.0)[0][:, 1]
     turns = [signal[k * POINTS : (k + 1) * POINTS + 1] for k in range((len(signal) - 1) // POINTS)]
     return np.array([np.ptp(turn) / 2 for turn in turns])
 

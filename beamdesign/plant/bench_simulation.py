@@ -153,7 +153,7 @@ def replay(
     inputs[:, 0] = load_N
     inputs[:, 1] = np.interp(fine, np.arange(len(times)), command_V)
     bound = _BOUND * prototype.actuator.stroke_m
-    y = integrate(structure, times, inputs, start, parameters, substeps, bound)
+    y, _ = integrate(structure, times, inputs, start, parameters, substeps, bound)
     if len(y) < len(times):
         raise InputError(prototype.name, [("(figures)", "the simulation fails: its equations are too stiff")])
     most = prototype.sensors.displacement_most_m

@@ -5,12 +5,16 @@ from dataclasses import dataclass, field
 from math import pi
 from typing import Any, Literal
 
+import casadi as ca
 from flint import fmpq
 
 from beamdesign.polynomial import exact
 
 TWO_PI = exact(2 * pi)
 """As it stands in the laws of the effects; a proof takes its decimal form as exact."""
+
+QUICKEST = 1e4
+"""1/s, of a deflection under friction."""
 
 SUBSYSTEMS = ("structure", "oil", "actuator", "servovalve", "amplifier", "sensor", "controller")
 
@@ -124,6 +128,19 @@ class Elements:
     spool: fmpq = field(default_factory=fmpq)
     asymmetry: fmpq = field(default_factory=fmpq)
     volts: tuple[tuple[tuple[fmpq, ...], tuple[fmpq, ...]], ...] = ()
+
+
+def dahl_rate(speed: Any, deflection: Any) -> Any:
+    """Rate of a deflection that settles at the direction of motion, as Dahl's friction does, 1/s.
+
+    It settles no faster than `QUICKEST`, which bounds the stiffness of the equations and shows only at higher speeds.
+
+    Args:
+        speed: over the travel within which the deflection settles, 1/s.
+        deflection: of it, from -1 to 1.
+    """
+    speed = speed / ca.sqrt(1 + (speed / QUICKEST) ** 2)
+    return speed - ca.fabs(speed) * deflection
 
 
 ElementsOf = Callable[[Mapping[str, fmpq], Mapping[str, fmpq]], Elements]

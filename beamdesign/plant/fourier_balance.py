@@ -70,7 +70,7 @@ class FreeRig:
 @cache
 def _equations(kinds: Structure) -> ca.Function:
     assembly = assemble(kinds)
-    t, x, u, p = (ca.SX.sym(name, *assembly.function.size_in(k)) for k, name in enumerate(("t", "x", "u", "p")))
+    t, x, u, p = assembly.function.sx_in()
     rate, y = assembly.function(t, x, u, p)
     gain = p[assembly.parameters.index("gain")]
     seen = y[DISPLACEMENT]

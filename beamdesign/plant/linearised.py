@@ -115,7 +115,7 @@ def linear_assembly(filtered: bool, names: tuple[str, ...], rig: str = "twin_bea
     """
     members = [member for name in names if (member := linear_effect(library()[name])) is not None]
     joined = join(Structure(SAMPLED, filtered, tuple(member.name for member in members), rig), members)
-    t, x, u, p = (ca.SX.sym(name, *joined.function.size_in(k)) for k, name in enumerate(("t", "x", "u", "p")))
+    t, x, u, p = joined.function.sx_in()
     rate, y = joined.function(t, x, u, p)
     actuator = RIGS[rig].actuator
     assert actuator is not None  # there are two beams

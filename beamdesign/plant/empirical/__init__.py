@@ -13,7 +13,7 @@ from typing import Any
 import casadi as ca
 from flint import fmpq
 
-from beamdesign.plant.effect import TWO_PI, Effect, Elements, Law, Linear, Operation, Parameter, Site, Span
+from beamdesign.plant.effect import TWO_PI, Effect, Elements, Law, Linear, Operation, Parameter, Site, Span, dahl_rate
 from beamdesign.plant.empirical.places import PLACES, Place, Signal
 
 _USUAL = {"m": 1e-3, "N": 500.0, "m_per_s": 0.1, "Pa": 5e6, "m3_per_s": 5e-5, "A": 5e-3, "V": 1.0}
@@ -28,7 +28,6 @@ _MEANINGS = {
     "appendage": "A mass on a spring", "resonance": "A share that passes a resonance",
     "droop": "A loss that follows the signal's size", "drift": "A gain that changes in time",
 }  # fmt: skip
-_QUICKEST = 1e4  # 1/s, of that deflection, as in `seal_friction`
 
 
 def laws() -> tuple[Effect, ...]:
@@ -44,11 +43,9 @@ def _effect(
     linear: Linear | None,
     nearest: Callable[[Mapping[str, float]], str],
     states: tuple[str, ...] = (),
-    memory: tuple[str, ...] = (),
-    scales: Mapping[str, str] | None = None,
-    table: Callable[[Mapping[str, float]], Mapping[str, tuple[float, ...]]] | None = None,
+    **more: Any,
 ) -> Effect:
-    """An effect of what a law adds at its place."""
+    """An effect of what a law adds at its place, with what more fields of it there are."""
 
     def at(sign: int) -> Law:
         return lambda signal, site: signal + sign * law(signal, site)
@@ -61,12 +58,10 @@ def _effect(
         states=states,
         meaning=f"{_MEANINGS[kind]} at the port {place.name.replace('_', ' ')}, learnt from the records of a rig.",
         source="no law of physics",
-        memory=memory,
         linear=linear,
         realises=f"empirical:{place.name}",
         nearest=nearest,
-        scales=scales or {},
-        table=table,
+        **more,
     )
 
 
@@ -189,9 +184,7 @@ def _loop(place: Place, kind: str) -> Effect:
     def law(signal: Any, site: Site) -> Any:
         own, added = site.parameter, 0.0
         for name, width in _WIDTHS.items():
-            pace = rate(signal, site) / (width * own[reach.name])
-            pace = pace / ca.sqrt(1 + (pace / _QUICKEST) ** 2)
-            site.rate[name] = pace - ca.fabs(pace) * site.state[name]
+            site.rate[name] = dahl_rate(rate(signal, site) / (width * own[reach.name]), site.state[name])
             added += own[name] * site.state[name]
         return own[size.name] * added
 
@@ -209,17 +202,8 @@ def _loop(place: Place, kind: str) -> Effect:
     )
     own, parameters = tuple(_WIDTHS), (*heights, reach, size)
     words = "friction" if place.dashpot else "friction between layers, or of a cable"
-    return _effect(
-        place,
-        kind,
-        law,
-        parameters,
-        replace(linear, near_rest="compliance"),
-        lambda found: words,
-        own,
-        own,
-        read | sized,
-    )
+    near = replace(linear, near_rest="compliance")
+    return _effect(place, kind, law, parameters, near, lambda found: words, own, memory=own, scales=read | sized)
 
 
 def _lag(place: Place, kind: str) -> Effect:
