@@ -75,10 +75,9 @@ def bench_parameters(prototype: BenchPrototype) -> dict[str, float]:
         "unequal_piston_areas.asymmetry": actuator.asymmetry,
     }
     for name in sorted(prototype.effects):
-        given = prototype.effects[name]
         for q in library()[name].parameters:
             key = f"{name}.{q.name}"
-            values[key] = float(given.get(q.name, own.get(key, q.default)))
+            values[key] = float(prototype.effects[name].get(q.name, own.get(key, q.default)))
     return values
 
 
@@ -96,10 +95,9 @@ def bench_start(prototype: BenchPrototype, start_m: float | None = None) -> np.n
     """
     structure = bench_structure(prototype)
     states, actuator = assemble(structure).states, prototype.actuator
-    supply, tank, stroke = actuator.supply_pressure_Pa, actuator.tank_pressure_Pa, actuator.stroke_m
-    if "pressure_dependent_flow" in prototype.effects:
-        supply = bench_parameters(prototype)["pressure_dependent_flow.supply_pressure_Pa"]
-    asymmetry = bench_parameters(prototype).get("unequal_piston_areas.asymmetry", 0.0)
+    figure, tank, stroke = bench_parameters(prototype), actuator.tank_pressure_Pa, actuator.stroke_m
+    supply = figure.get("pressure_dependent_flow.supply_pressure_Pa", actuator.supply_pressure_Pa)
+    asymmetry = figure.get("unequal_piston_areas.asymmetry", 0.0)
     x = dict.fromkeys(states, 0.0)
     if start_m is None:
         pressure_a, pressure_b = tank, supply
@@ -113,7 +111,7 @@ def bench_start(prototype: BenchPrototype, start_m: float | None = None) -> np.n
         raise InputError(prototype.name, [("start_m", f"{start_m:g} is beyond the stroke, {stroke:g} m")])
     x["pressure_a_Pa"] = x["seen_a_Pa"] = pressure_a
     x["pressure_b_Pa"] = x["seen_b_Pa"] = pressure_b
-    volts = (x["piston_m"] + prototype.sensors.displacement_zero_m) * bench_parameters(prototype)["sensor_gain"]
+    volts = (x["piston_m"] + prototype.sensors.displacement_zero_m) * figure["sensor_gain"]
     for name in ("filtered_V", "sensor_lag.lagged_V", "sensor_lag_second_order.lagged_V", "transport_delay.smooth_V"):
         if name in x:
             x[name] = volts

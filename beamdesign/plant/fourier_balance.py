@@ -104,7 +104,7 @@ Unknown = tuple[np.ndarray, float, float]
 """Fourier coefficients (n, 2 H + 1), frequency in rad/s, gain in A/V."""
 
 
-def balance(rig: FreeRig, guess: Unknown, amplitude: float | None, preload: float, force: float = 0.0) -> Unknown:
+def balance(rig: FreeRig, guess: Unknown, amplitude: float | None, preload: float = 0.0, force: float = 0.0) -> Unknown:
     """Coefficients, frequency (rad/s) and gain (A/V) at which every harmonic balances.
 
     Args:
