@@ -1,6 +1,6 @@
 """An actuator on a bench, simulated: the figures of its rig, and what piston and chambers do under a command."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from math import pi
 
 import numpy as np
@@ -21,15 +21,13 @@ SENSOR_V_PER_M = 50.0
 """Volts of the displacement sensor; effects in volts count on it, nothing else does."""
 
 
-def problems_on_rig(tables: Mapping[str, Mapping[str, float]], rig: str) -> list[Problem]:
-    """What is wrong with effects of a prototype on a kind of rig: also those that need a port it does not have."""
-    ports, words = RIGS[rig].ports, RIGS[rig].words
-    laws = {name: library()[name].laws for name in tables if name in library()}
-    lacking = {name: [port for port in own if port not in ports] for name, own in laws.items()}
+def problems_on_bench(prototype: BenchPrototype) -> list[Problem]:
+    """What is wrong with the effects of a bench: also those that need a port it does not have."""
+    tables, ports = prototype.effects, RIGS[prototype.kind].ports
     return problems(tables) + [
-        Problem(f"effects.{name}", f"acts on {', '.join(missing)}, which {words} does not have")
-        for name, missing in lacking.items()
-        if missing
+        Problem(f"effects.{name}", f"acts on {', '.join(missing)}, which the actuator bench does not have")
+        for name in tables
+        if name in library() and (missing := [port for port in library()[name].laws if port not in ports])
     ]
 
 
@@ -39,7 +37,7 @@ def bench_structure(prototype: BenchPrototype) -> Structure:
     Raises:
         InputError: where an effect or one of its parameters is unknown, out of bounds or not for a bench.
     """
-    if wrong := problems_on_rig(prototype.effects, prototype.kind):
+    if wrong := problems_on_bench(prototype):
         raise InputError(prototype.name, wrong)
     filtered = prototype.sensors.displacement_filter_Hz is not None
     return Structure(None, filtered, tuple(sorted(prototype.effects)), prototype.kind)

@@ -54,7 +54,6 @@ class Rig:
     """A kind of rig: components joined at their ports.
 
     Attributes:
-        words: what a person would call it.
         components: in the order in which their ports are worked out.
         states: names of the states that every rig of this kind has.
         figures: names of its parameters, effects apart.
@@ -63,7 +62,6 @@ class Rig:
         actuator: of a rig with two beams.
     """
 
-    words: str
     components: tuple[Component, ...] = field(hash=False)
     states: tuple[str, ...]
     figures: tuple[str, ...]

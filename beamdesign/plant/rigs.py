@@ -116,7 +116,6 @@ def twin_beam(actuator: type[Actuator]) -> Rig:
         "outer_displacement_m": lambda port, figure, state: port["outer_tip_m"],  # of the tip itself
     }
     return Rig(
-        "the twin beam",
         (BEAMS, SENSOR, *actuator.felt_by, CONTROLLER, *actuator.components, TIPS),
         _BEAM_STATES + actuator.states,
         (*rows_of(actuator), *MORE_FIGURES),
@@ -237,7 +236,6 @@ _BENCH_OUTPUTS: dict[str, PortLaw] = {
 }
 
 BENCH = Rig(
-    "the actuator bench",
     (
         Component(
             {
