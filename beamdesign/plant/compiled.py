@@ -17,6 +17,7 @@ by some ten per cent at steps at which the record itself is right to 1e-4, and s
 from collections.abc import Iterable, Sequence
 from functools import cache
 from math import ceil, log
+from operator import itemgetter
 
 import casadi as ca
 import numpy as np
@@ -143,10 +144,8 @@ def substeps_at(
     Raises:
         InputError: where the record would take more than `MOST_STEPS`, naming the figures that make it so stiff.
     """
-    fastest, stiffest = 1.0, None
-    for place in places:
-        if (rate := _fastest_pole(assembly, place, parameters)) > fastest:
-            fastest, stiffest = rate, place
+    rates = [(1.0, None), *((_fastest_pole(assembly, place, parameters), place) for place in places)]
+    fastest, stiffest = max(rates, key=itemgetter(0))
     sample_s = (times[-1] - times[0]) / (len(times) - 1)
     needed = sample_s / min(LONGEST_STEP_S, 1 / (steps_per_radian * fastest)) - 1e-9
     if stiffest is not None:

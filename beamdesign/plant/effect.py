@@ -187,8 +187,8 @@ class Effect:
         subsystem: one of `SUBSYSTEMS`.
         laws: by port, what replaces the signal there; see `beamdesign.plant.assembly.PORTS`.
         parameters: its figures.
-        states: names of the states it adds, with units.
         source: of the law.
+        states: names of the states it adds, with units.
         memory: those of its states that stay where they are while nothing moves (friction); they start at 0.
         linear: what stands for it in proofs; None where nothing does.
         meaning: what it is; of one that the docstring of its file tells of, empty.
@@ -204,8 +204,8 @@ class Effect:
     subsystem: str
     laws: Mapping[str, Law] = field(hash=False)
     parameters: tuple[Parameter, ...]
-    states: tuple[str, ...]
     source: str
+    states: tuple[str, ...] = ()
     memory: tuple[str, ...] = ()
     linear: Linear | None = None
     meaning: str = ""
@@ -213,11 +213,6 @@ class Effect:
     nearest: Callable[[Mapping[str, float]], str] | None = field(default=None, hash=False)
     scales: Mapping[str, str] = field(default_factory=dict, hash=False)
     table: Callable[[Mapping[str, float]], Mapping[str, tuple[float, ...]]] | None = field(default=None, hash=False)
-
-    @property
-    def linear_with_load(self) -> bool:
-        """Whether its linear members depend on the load."""
-        return self.linear is not None and self.linear.with_load
 
     def __post_init__(self) -> None:
         if self.subsystem not in SUBSYSTEMS:

@@ -64,7 +64,6 @@ EFFECT = Effect(
     subsystem="oil",
     laws=_LAWS,
     parameters=AIR,
-    states=(),
     source="H. E. Merritt, Hydraulic Control Systems (1967), chapter 2: oil and air (n = 1.4) at one pressure",
     linear=soft_oil(
         "oil spring from that at the lowest pressure of a chamber to that of oil free of air, alike in both chambers",
@@ -136,7 +135,6 @@ WITH_STROKE = Effect(
             "of the leakage, what passes from one chamber to the other",
         ),
     ),
-    states=(),
     source="Merritt, Hydraulic Control Systems (1967), chapters 2 and 6: oil and air; volumes of the chambers",
     linear=soft_oil(
         "oil spring from that at the lowest pressure of a chamber to that of oil free of air at the stroke of the "

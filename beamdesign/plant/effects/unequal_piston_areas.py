@@ -60,7 +60,6 @@ EFFECT = Effect(
             "(A_a - A_b)/(A_a + A_b); 0.121 is a bore of 12.7 mm with the published mean area of 1.13 cm2",
         ),
     ),
-    states=(),
     source="Zalucky and Hardt (1984), Appendix and experimental results: the smaller side governs",
     linear=Linear(
         "flow gain from that of the larger side to that of the smaller one",

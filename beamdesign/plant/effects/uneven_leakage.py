@@ -22,7 +22,6 @@ EFFECT = Effect(
     parameters=(
         Parameter("imbalance", 0.1, -0.95, 0.95, 0.2, "leakage from the supply less that to the tank, over their sum"),
     ),
-    states=(),
     source="H. E. Merritt, Hydraulic Control Systems (1967), chapter 5, leakage of worn and of new spool valves",
     linear=Linear("as it is: it shifts where the valve nulls", "that the load pressure at rest is not zero"),
 )

@@ -42,7 +42,6 @@ def _effect(
     parameters: tuple[Parameter, ...],
     linear: Linear | None,
     nearest: Callable[[Mapping[str, float]], str],
-    states: tuple[str, ...] = (),
     **more: Any,
 ) -> Effect:
     """An effect of what a law adds at its place, with what more fields of it there are."""
@@ -55,7 +54,6 @@ def _effect(
         subsystem=place.subsystem,
         laws={port: at(sign) for port, sign in place.ports.items()},
         parameters=parameters,
-        states=states,
         meaning=f"{_MEANINGS[kind]} at the port {place.name.replace('_', ' ')}, learnt from the records of a rig.",
         source="no law of physics",
         linear=linear,
@@ -203,7 +201,7 @@ def _loop(place: Place, kind: str) -> Effect:
     own, parameters = tuple(_WIDTHS), (*heights, reach, size)
     words = "friction" if place.dashpot else "friction between layers, or of a cable"
     near = replace(linear, near_rest="compliance")
-    return _effect(place, kind, law, parameters, near, lambda found: words, own, memory=own, scales=read | sized)
+    return _effect(place, kind, law, parameters, near, lambda found: words, states=own, memory=own, scales=read | sized)
 
 
 def _lag(place: Place, kind: str) -> Effect:
@@ -270,8 +268,8 @@ def _appendage(place: Place, kind: str) -> Effect:
     def nearest(own: Mapping[str, float]) -> str:
         return f"a mass of {own['mass_kg']:.2g} kg that swings on the {beam} beam at {own['frequency_Hz']:.3g} Hz"
 
-    linear, own = Linear("as it is", elements=elements), ("at_m", "at_m_per_s")
-    return _effect(place, kind, law, parameters, linear, nearest, own)
+    linear = Linear("as it is", elements=elements)
+    return _effect(place, kind, law, parameters, linear, nearest, states=("at_m", "at_m_per_s"))
 
 
 def _resonance(place: Place, kind: str) -> Effect:
@@ -296,8 +294,8 @@ def _resonance(place: Place, kind: str) -> Effect:
     def nearest(own: Mapping[str, float]) -> str:
         return f"a resonance of the {place.name} at {own['frequency_Hz']:.3g} Hz, as of its holder"
 
-    linear, own = Linear("as it is", elements=elements), ("seen", "seen_per_s")
-    return _effect(place, kind, law, parameters, linear, nearest, own)
+    linear = Linear("as it is", elements=elements)
+    return _effect(place, kind, law, parameters, linear, nearest, states=("seen", "seen_per_s"))
 
 
 def _droop(place: Place, kind: str) -> Effect:
@@ -320,7 +318,7 @@ def _droop(place: Place, kind: str) -> Effect:
     )
     words, left = "no loss, to that of a steady signal of the size", "what the loss does while it changes"
     linear, like = _slope(place, words, left, factor), "a supply that droops under flow"
-    found = _effect(place, kind, law, parameters, linear, lambda own: like, ("used",), scales=sized)
+    found = _effect(place, kind, law, parameters, linear, lambda own: like, states=("used",), scales=sized)
     return replace(found, subsystem="oil")  # which the supply belongs to
 
 
