@@ -22,10 +22,6 @@ if TYPE_CHECKING:
     from beamdesign.prototype import Prototype
 
 
-SUPPLY_PRESSURE_PA = 20e6
-"""Supply of the published rig. It sets the chambers' mean pressure and has no part in the linear model."""
-
-
 def spool_acceleration(frequency: Any, damping_ratio: Any, gain: Any, current: Any, flow: Any, rate: Any) -> Any:
     """Second derivative of the valve flow Q_0, equation (13) of Zalucky and Hardt (1984)."""
     return frequency**2 * (gain * current - flow) - 2 * damping_ratio * frequency * rate
