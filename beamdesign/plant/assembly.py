@@ -65,7 +65,6 @@ class Assembly:
         states: names of x.
         parameters: names of p: figures of the rig, those of the controller, then `EFFECT.PARAMETER`, then those of a
             wall.
-        inputs: names of u.
         outputs: names of y.
         kinds: what decided the equations.
     """
@@ -74,7 +73,6 @@ class Assembly:
     states: tuple[str, ...]
     parameters: tuple[str, ...]
     kinds: Structure
-    inputs: tuple[str, ...] = INPUTS
     outputs: tuple[str, ...] = OUTPUTS
 
 

@@ -56,11 +56,6 @@ class Motion:
         """Of the displacement's first harmonic."""
         return abs(self.phasor_m)
 
-    @property
-    def start(self) -> np.ndarray:
-        """(n,) states at time zero."""
-        return np.asarray(self.coefficients[:, 0] + self.coefficients[:, 1::2].sum(axis=1))
-
 
 @dataclass(frozen=True)
 class LimitCycle:
