@@ -15,7 +15,7 @@ import shutil
 import stat
 import tomllib
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -94,12 +94,10 @@ def write_whole(path: str | Path, content: str | bytes) -> None:
             if not tries_left:
                 raise
         except OSError as error:
-            partial.unlink(missing_ok=True)
             error.filename, error.filename2 = str(path), None
             raise
-        except BaseException:
+        finally:
             partial.unlink(missing_ok=True)
-            raise
 
 
 P = TypeVar("P")
@@ -256,12 +254,9 @@ def _sync(folder: Path) -> None:
     if os.name != "posix":
         return
     descriptor = os.open(folder, os.O_RDONLY)
-    try:
+    with suppress(OSError):  # a file system without: nothing more can be done
         os.fsync(descriptor)
-    except OSError:  # a file system without: nothing more can be done
-        pass
-    finally:
-        os.close(descriptor)
+    os.close(descriptor)
 
 
 def _hold(folder: Path) -> int | None:

@@ -212,16 +212,6 @@ class LoopAtMass:
         """S = 1 / (1 + L) at the given frequencies, complex."""
         return _ratio(self.loop_denominator, self.characteristic, frequency_Hz)
 
-    def effort_response(self, frequency_Hz: np.ndarray) -> np.ndarray:
-        """C S, current over volts at the controller's input, A/V at the given frequencies, complex.
-
-        Raises:
-            ValueError: for a loop whose controller is not known apart from its plant.
-        """
-        if self.effort_numerator is None:
-            raise ValueError("the controller of this loop is not known apart from its plant")
-        return _ratio(self.effort_numerator, self.characteristic, frequency_Hz)
-
     def static_compliance(self) -> float:
         """Closed-loop x / F_d at zero frequency, m/N."""
         return float(self.disturbance(0) / self.characteristic(0))

@@ -38,8 +38,7 @@ class _Amplitude(Record):
     @property
     def amplitude(self) -> float:
         """In the channel's unit."""
-        given = self.amplitude_N if self.amplitude_N is not None else self.amplitude_V
-        return 0.0 if given is None else given
+        return self.amplitude_N or self.amplitude_V or 0.0
 
 
 class Step(_Amplitude):

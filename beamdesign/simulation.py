@@ -311,7 +311,7 @@ def _simulated(rig: Prototype, scenario: Scenario, row: ScenarioRecord, position
         rest = law.at_rest(readings)
         sampled = scenario.sampled
         digital = law.packed(steps, sampled.delay_periods, sampled.least_volt_V, rest, law.step(rest, readings)[1])
-    y = integrate(
+    y, _ = integrate(
         kinds, times, half_steps(inputs, substeps), start, parameters, substeps, scenario.displacement_limit_m, digital
     )
     count = len(y)

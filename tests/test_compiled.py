@@ -125,7 +125,7 @@ def test_steps_are_those_of_runge_and_kutta_on_the_linear_loop(paper: Prototype)
     kinds = structure_of(rig)
     start = np.array([1e7 if name.startswith("pressure_") else 0.0 for name in assemble(kinds).states])
     inputs = np.tile([load, 0.0], (2 * substeps * (len(times) - 1) + 1, 1))
-    y = integrate(kinds, times, inputs, start, figures(rig), substeps, 1.0)
+    y, _ = integrate(kinds, times, inputs, start, figures(rig), substeps, 1.0)
     np.testing.assert_allclose(y[:, 1], expected, rtol=0, atol=1e-9 * np.abs(expected).max())
 
 
@@ -136,7 +136,7 @@ def test_a_diverging_record_ends_where_it_leaves_the_bound_or_the_numbers(paper:
     kinds, times = structure_of(rig), np.arange(60001) * 5e-3
     inputs = np.tile([50.0, 0.0], (2 * 10 * 60000 + 1, 1))
     start = np.zeros(len(assemble(kinds).states))
-    y = integrate(kinds, times, inputs, start, figures(rig), 10, bound)
+    y, _ = integrate(kinds, times, inputs, start, figures(rig), 10, bound)
     assert 0 < len(y) < len(times)
     assert np.isfinite(y).all()
     assert np.abs(y[:, 4]).max() <= bound
@@ -146,7 +146,7 @@ def test_a_record_that_begins_without_numbers_is_empty(paper: Prototype):
     rig = paper.but(controller=lag())
     kinds = structure_of(rig)
     start = np.full(len(assemble(kinds).states), np.nan)
-    assert integrate(kinds, np.arange(3) * 1e-3, np.zeros((5, 2)), start, figures(rig), 1, 1.0).shape == (0, 6)
+    assert integrate(kinds, np.arange(3) * 1e-3, np.zeros((5, 2)), start, figures(rig), 1, 1.0)[0].shape == (0, 6)
     with pytest.raises(ValueError, match="4 input points do not fit 3 samples of 1 steps"):
         integrate(kinds, np.arange(3) * 1e-3, np.zeros((4, 2)), start, figures(rig), 1, 1.0)
 

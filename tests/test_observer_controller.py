@@ -7,6 +7,7 @@ from pathlib import Path
 import control
 import numpy as np
 import pytest
+from effort import effort_response
 from flint import fmpq, fmpq_poly
 from forging import altered
 from truth_of_arm_plane import Plane
@@ -139,7 +140,7 @@ def test_the_loop_is_that_of_its_matrices(rig: Prototype, sensors: tuple, mass: 
     seen = response(matrices)
     np.testing.assert_allclose(here.compliance_response(FREQUENCIES_HZ), seen[:, 0, 0], rtol=1e-8)
     through = law.gain_A_per_V * law.d[0]
-    np.testing.assert_allclose(here.effort_response(FREQUENCIES_HZ), seen[:, 1, 1] + through, rtol=1e-8)
+    np.testing.assert_allclose(effort_response(here, FREQUENCIES_HZ), seen[:, 1, 1] + through, rtol=1e-8)
     a, b, c = paper_model(prototype).matrices(mass, 4.5)
     plant = control.ss(a, b[:, 1:], c[[k + 1 for k in columns]], 0)
     s = 2j * pi * FREQUENCIES_HZ
@@ -472,7 +473,7 @@ def test_an_arm_takes_it(rig: Prototype) -> None:
     for kind, response in (
         ("tip_compliance", plane.compliance_response(frequency)),
         ("loop_gain", plane.loop_response(frequency)),
-        ("controller_effort", plane.effort_response(frequency)),
+        ("controller_effort", effort_response(plane, frequency)),
     ):
         expected = model.magnitudes(kind, 2.5, 2 * np.pi * frequency)
         np.testing.assert_allclose(np.abs(response), expected, rtol=1e-8)

@@ -59,7 +59,7 @@ def differences(assembly: Assembly, parameters: np.ndarray, name: str, samples: 
         p = parameters.copy()
         p[k] *= 1 + sign * step
         x = equilibrium(assembly, np.array([LOAD_N, 0.0, 0.0]), p)
-        found.append(integrate(assembly.kinds, times, inputs, x, p, SUBSTEPS, 1.0))
+        found.append(integrate(assembly.kinds, times, inputs, x, p, SUBSTEPS, 1.0)[0])
     return (found[0] - found[1]) / (2 * step * parameters[k])
 
 
@@ -161,7 +161,7 @@ def test_derivatives_are_those_of_the_steps_themselves(paper: Prototype, effects
     y, dy = derivatives(assembly, parameters, free, samples)
     times, inputs = driven(samples)
     start = equilibrium(assembly, np.array([LOAD_N, 0.0, 0.0]), parameters)
-    plain = integrate(assembly.kinds, times, inputs, start, parameters, SUBSTEPS, 1.0)
+    plain, _ = integrate(assembly.kinds, times, inputs, start, parameters, SUBSTEPS, 1.0)
     np.testing.assert_allclose(y, plain, rtol=1e-9, atol=1e-11 * np.abs(plain).max())
     for k, name in enumerate(free):
         step = 2e-6
@@ -197,7 +197,7 @@ def test_derivatives_of_another_kind_of_rig():
         for sign in (1, -1):
             p = parameters.copy()
             p[names.index(name)] += sign * step
-            found.append(integrate(kinds, times, inputs, start, p, substeps, np.inf))
+            found.append(integrate(kinds, times, inputs, start, p, substeps, np.inf)[0])
         expected = (found[0] - found[1]) / (2 * step)
         rounding = 1e-12 * np.abs(y).max(axis=0) / step
         error = np.abs(dy[:, :, k] - expected).max(axis=0)
@@ -264,7 +264,7 @@ def test_a_diverging_record_ends_with_its_derivatives(paper: Prototype):
     )
     assert 0 < len(y) == len(dy) < len(times)
     assert np.isfinite(dy).all()
-    assert len(y) == len(integrate(kinds, times, inputs, start, parameters, 5, 0.01))
+    assert len(y) == len(integrate(kinds, times, inputs, start, parameters, 5, 0.01)[0])
 
 
 def test_what_does_not_fit_is_refused():

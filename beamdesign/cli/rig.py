@@ -256,11 +256,11 @@ def simulate(
 
 
 def _simulate_bench(rig: Any, source: Path, scenario: Path, out: Path, plots: bool) -> CommandResult:
-    from beamdesign.plant.bench_simulation import BENCH_COLUMNS, problems_on_rig, simulate_bench
+    from beamdesign.plant.bench_simulation import BENCH_COLUMNS, problems_on_bench, simulate_bench
     from beamdesign.scenario import read_scenario
     from beamdesign.simulation import SimulatedRecord
 
-    if wrong := problems_on_rig(rig.effects, rig.kind):
+    if wrong := problems_on_bench(rig):
         refuse(source, *wrong)
     plan = read_scenario(scenario)
     found = simulate_bench(rig, plan)

@@ -32,7 +32,7 @@ import numpy as np
 
 from beamdesign.controllers import Scheduled
 from beamdesign.plant.assembly import OUTPUTS, assemble, parameters_of, structure_of
-from beamdesign.plant.compiled import integrate_on
+from beamdesign.plant.compiled import integrate
 from beamdesign.plant.equilibrium import equilibrium
 from beamdesign.plant.linear import LinearModel
 from beamdesign.plant.members import paper_model
@@ -301,7 +301,7 @@ def simulate_scheduled(
             mass = new
         law = sampled_law(laws[stage], period)
         z = law.after(np.array([error]), current)
-        y, state = integrate_on(
+        y, state = integrate(
             kinds,
             np.arange(begin, end + 1) * period,
             inputs[2 * substeps * begin : 2 * substeps * end + 1],

@@ -262,7 +262,7 @@ def _without_retuning(data: Dataset, experiment: Experiment, rivals: Sequence[Fi
 def _closely(data: Dataset, experiment: Experiment, rivals: Sequence[Fit]) -> Iterator[Separation]:
     """With what the rivals may still re-tune taken out: with the channels recorded so far, and one more."""
     recorded = _channels(data)
-    others = [c for c in ADDED if c not in recorded and c in RIGS[data.prototype.rig].output_names]
+    others = [c for c in ADDED if c not in recorded and c in RIGS[data.prototype.rig].outputs]
     every = (*recorded, *others)
     made, job = [], _job(data.prototype, experiment)
     for fit in rivals:

@@ -155,7 +155,7 @@ def _fixed(rig: Prototype, given: Inputs, nominal_sensor_gain: float) -> np.ndar
         raise InputError(rig.name, [("(figures)", str(error))]) from error
     substeps = substeps_for(assembly, parameters, given.times)
     inputs = half_steps(np.column_stack([without_noise(given.disturbance_N), given.command_V]), substeps)
-    y = integrate(kinds, given.times, inputs, start, parameters, substeps, FURTHEST_M)
+    y, _ = integrate(kinds, given.times, inputs, start, parameters, substeps, FURTHEST_M)
     columns = [OUTPUTS.index(name) for name in COLUMNS[1:]]
     return np.column_stack([given.times[: len(y)], y[:, columns]])
 

@@ -65,7 +65,6 @@ class Assembly:
         states: names of x.
         parameters: names of p: figures of the rig, those of the controller, then `EFFECT.PARAMETER`, then those of a
             wall.
-        inputs: names of u.
         outputs: names of y.
         kinds: what decided the equations.
     """
@@ -74,7 +73,6 @@ class Assembly:
     states: tuple[str, ...]
     parameters: tuple[str, ...]
     kinds: Structure
-    inputs: tuple[str, ...] = INPUTS
     outputs: tuple[str, ...] = OUTPUTS
 
 
@@ -130,15 +128,15 @@ def join(kinds: Structure, effects: Sequence[Effect]) -> Assembly:
     rate = rig.rates(port, figure, state)
     for effect in effects:
         rate |= {f"{effect.name}.{name}": value for name, value in sites[effect.name].rate.items()}
-    output = rig.outputs(port, figure, state)
+    output = [law(port, figure, state) for law in rig.outputs.values()]
     function = ca.Function(
         "rig",
         [time, x, u, p],
-        [ca.vertcat(*(rate[name] for name in states)), ca.vertcat(*(output[name] for name in rig.output_names))],
+        [ca.vertcat(*(rate[name] for name in states)), ca.vertcat(*output)],
         ["t", "x", "u", "p"],
         ["rate", "y"],
     )
-    return Assembly(function, states, parameters, kinds, outputs=rig.output_names)
+    return Assembly(function, states, parameters, kinds, outputs=tuple(rig.outputs))
 
 
 def _own(effect: str, signals: Mapping[str, Any]) -> dict[str, Any]:
@@ -156,13 +154,9 @@ def structure_of(prototype: Prototype, sampled: bool = False) -> Structure:
     Raises:
         InputError: where an effect or one of its parameters is unknown or out of bounds, or without a controller.
     """
-    wrong = wrong_effects(prototype)
-    if prototype.controller is None:
-        wrong.append(problem_without_controller())
-    if wrong:
-        raise InputError(prototype.name, wrong)
-    law = prototype.controller
-    assert law is not None  # else there was a problem
+    law, wrong = prototype.controller, wrong_effects(prototype)
+    if law is None or wrong:
+        raise InputError(prototype.name, wrong if law is not None else [*wrong, problem_without_controller()])
     filtered, effects = prototype.sensor.filter_Hz is not None, tuple(sorted(prototype.effects))
     return Structure(SAMPLED if sampled else law.equations, filtered, effects, prototype.rig)
 

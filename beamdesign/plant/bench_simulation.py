@@ -1,6 +1,6 @@
 """An actuator on a bench, simulated: the figures of its rig, and what piston and chambers do under a command."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from math import pi
 
 import numpy as np
@@ -21,15 +21,13 @@ SENSOR_V_PER_M = 50.0
 """Volts of the displacement sensor; effects in volts count on it, nothing else does."""
 
 
-def problems_on_rig(tables: Mapping[str, Mapping[str, float]], rig: str) -> list[Problem]:
-    """What is wrong with effects of a prototype on a kind of rig: also those that need a port it does not have."""
-    ports, words = RIGS[rig].ports, RIGS[rig].words
-    laws = {name: library()[name].laws for name in tables if name in library()}
-    lacking = {name: [port for port in own if port not in ports] for name, own in laws.items()}
+def problems_on_bench(prototype: BenchPrototype) -> list[Problem]:
+    """What is wrong with the effects of a bench: also those that need a port it does not have."""
+    tables, ports = prototype.effects, RIGS[prototype.kind].ports
     return problems(tables) + [
-        Problem(f"effects.{name}", f"acts on {', '.join(missing)}, which {words} does not have")
-        for name, missing in lacking.items()
-        if missing
+        Problem(f"effects.{name}", f"acts on {', '.join(missing)}, which the actuator bench does not have")
+        for name in tables
+        if name in library() and (missing := [port for port in library()[name].laws if port not in ports])
     ]
 
 
@@ -39,7 +37,7 @@ def bench_structure(prototype: BenchPrototype) -> Structure:
     Raises:
         InputError: where an effect or one of its parameters is unknown, out of bounds or not for a bench.
     """
-    if wrong := problems_on_rig(prototype.effects, prototype.kind):
+    if wrong := problems_on_bench(prototype):
         raise InputError(prototype.name, wrong)
     filtered = prototype.sensors.displacement_filter_Hz is not None
     return Structure(None, filtered, tuple(sorted(prototype.effects)), prototype.kind)
@@ -75,10 +73,9 @@ def bench_parameters(prototype: BenchPrototype) -> dict[str, float]:
         "unequal_piston_areas.asymmetry": actuator.asymmetry,
     }
     for name in sorted(prototype.effects):
-        given = prototype.effects[name]
         for q in library()[name].parameters:
             key = f"{name}.{q.name}"
-            values[key] = float(given.get(q.name, own.get(key, q.default)))
+            values[key] = float(prototype.effects[name].get(q.name, own.get(key, q.default)))
     return values
 
 
@@ -96,10 +93,9 @@ def bench_start(prototype: BenchPrototype, start_m: float | None = None) -> np.n
     """
     structure = bench_structure(prototype)
     states, actuator = assemble(structure).states, prototype.actuator
-    supply, tank, stroke = actuator.supply_pressure_Pa, actuator.tank_pressure_Pa, actuator.stroke_m
-    if "pressure_dependent_flow" in prototype.effects:
-        supply = bench_parameters(prototype)["pressure_dependent_flow.supply_pressure_Pa"]
-    asymmetry = bench_parameters(prototype).get("unequal_piston_areas.asymmetry", 0.0)
+    figure, tank, stroke = bench_parameters(prototype), actuator.tank_pressure_Pa, actuator.stroke_m
+    supply = figure.get("pressure_dependent_flow.supply_pressure_Pa", actuator.supply_pressure_Pa)
+    asymmetry = figure.get("unequal_piston_areas.asymmetry", 0.0)
     x = dict.fromkeys(states, 0.0)
     if start_m is None:
         pressure_a, pressure_b = tank, supply
@@ -113,7 +109,7 @@ def bench_start(prototype: BenchPrototype, start_m: float | None = None) -> np.n
         raise InputError(prototype.name, [("start_m", f"{start_m:g} is beyond the stroke, {stroke:g} m")])
     x["pressure_a_Pa"] = x["seen_a_Pa"] = pressure_a
     x["pressure_b_Pa"] = x["seen_b_Pa"] = pressure_b
-    volts = (x["piston_m"] + prototype.sensors.displacement_zero_m) * bench_parameters(prototype)["sensor_gain"]
+    volts = (x["piston_m"] + prototype.sensors.displacement_zero_m) * figure["sensor_gain"]
     for name in ("filtered_V", "sensor_lag.lagged_V", "sensor_lag_second_order.lagged_V", "transport_delay.smooth_V"):
         if name in x:
             x[name] = volts
@@ -153,7 +149,7 @@ def replay(
     inputs[:, 0] = load_N
     inputs[:, 1] = np.interp(fine, np.arange(len(times)), command_V)
     bound = _BOUND * prototype.actuator.stroke_m
-    y = integrate(structure, times, inputs, start, parameters, substeps, bound)
+    y, _ = integrate(structure, times, inputs, start, parameters, substeps, bound)
     if len(y) < len(times):
         raise InputError(prototype.name, [("(figures)", "the simulation fails: its equations are too stiff")])
     most = prototype.sensors.displacement_most_m

@@ -17,14 +17,14 @@ by some ten per cent at steps at which the record itself is right to 1e-4, and s
 from collections.abc import Iterable, Sequence
 from functools import cache
 from math import ceil, log
+from operator import itemgetter
 
 import casadi as ca
 import numpy as np
 
 from beamdesign.plant.assembly import Assembly, Structure, assemble
-from beamdesign.plant.effects import library
 from beamdesign.plant.electronics import SAMPLED
-from beamdesign.plant.equilibrium import linearise, scales
+from beamdesign.plant.equilibrium import linearise, not_held, scales
 from beamdesign.plant.machine_code import Body, MachineCode, Trace, machine_code, trace
 from beamdesign.records import InputError
 
@@ -52,8 +52,8 @@ def integrate(
     substeps: int,
     bound: float,
     digital: np.ndarray = NOT_SAMPLED,
-) -> np.ndarray:
-    """Outputs of a rig over a record by fixed-step Runge-Kutta of fourth order.
+) -> tuple[np.ndarray, np.ndarray]:
+    """Outputs of a rig over a record by fixed-step Runge-Kutta of fourth order, and its states at the end.
 
     Args:
         kinds: structure of the rig.
@@ -67,22 +67,8 @@ def integrate(
 
     Returns:
         (M, 6) outputs as in `Assembly.outputs`; M < N where the rig passed the bound, or left the numbers, after M
-        samples.
+        samples. And the states (n,) at the last sample that was kept, to go on from.
     """
-    return integrate_on(kinds, times, inputs, start, parameters, substeps, bound, digital)[0]
-
-
-def integrate_on(
-    kinds: Structure,
-    times: np.ndarray,
-    inputs: np.ndarray,
-    start: np.ndarray,
-    parameters: np.ndarray,
-    substeps: int,
-    bound: float,
-    digital: np.ndarray = NOT_SAMPLED,
-) -> tuple[np.ndarray, np.ndarray]:
-    """As `integrate`, with the states (n,) at the last sample that was kept, to go on from."""
     code, width = compiled(kinds), len(assemble(kinds).outputs)
     return stepped(code, times, inputs, start, len(start), parameters, substeps, bound, digital, width)
 
@@ -158,10 +144,8 @@ def substeps_at(
     Raises:
         InputError: where the record would take more than `MOST_STEPS`, naming the figures that make it so stiff.
     """
-    fastest, stiffest = 1.0, None
-    for place in places:
-        if (rate := _fastest_pole(assembly, place, parameters)) > fastest:
-            fastest, stiffest = rate, place
+    rates = [(1.0, None), *((_fastest_pole(assembly, place, parameters), place) for place in places)]
+    fastest, stiffest = max(rates, key=itemgetter(0))
     sample_s = (times[-1] - times[0]) / (len(times) - 1)
     needed = sample_s / min(LONGEST_STEP_S, 1 / (steps_per_radian * fastest)) - 1e-9
     if stiffest is not None:
@@ -267,8 +251,7 @@ def equilibrium_sensitivity(
     """
     names = tuple(free)
     of_states, of_parameters = (np.asarray(value) for value in _rest(assembly.kinds, names)(0.0, x, u, parameters))
-    held = {f"{name}.{state}" for name in assembly.kinds.effects for state in library()[name].memory}
-    moving = np.array([k for k, name in enumerate(assembly.states) if name not in held])
+    moving = not_held(assembly)
     weight = scales(assembly)[moving]
     scaled = of_states[np.ix_(moving, moving)] / weight[:, None] * weight[None, :]
     change = np.zeros((len(x), len(names)))
@@ -283,29 +266,27 @@ def equilibrium_sensitivity(
 @cache
 def _rest(kinds: Structure, free: tuple[str, ...]) -> ca.Function:
     assembly = assemble(kinds)
-    t, x, u, p, chosen = _symbols(assembly, free)
+    t, x, u, p = assembly.function.sx_in()
     rate, _ = assembly.function(t, x, u, p)
-    matrices = [ca.densify(ca.jacobian(rate, x)), ca.densify(ca.jacobian(rate, p)[:, chosen])]
+    matrices = [ca.densify(ca.jacobian(rate, x)), ca.densify(ca.jacobian(rate, p)[:, _places(assembly, free)])]
     return ca.Function("rest", [t, x, u, p], matrices)
 
 
-def _symbols(assembly: Assembly, free: tuple[str, ...]) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX, list[int]]:
-    """Symbols t, x, u, p of an assembly, and where in p the free parameters are."""
+def _places(assembly: Assembly, free: tuple[str, ...]) -> list[int]:
+    """Where among the parameters of an assembly the free ones are."""
     unknown = [name for name in free if name not in assembly.parameters]
     if unknown:
         raise ValueError(f"no parameter {', '.join(unknown)} in this structure")
-    sizes = (1, len(assembly.states), len(assembly.inputs), len(assembly.parameters))
-    t, x, u, p = (ca.SX.sym(name, size) for name, size in zip("txup", sizes, strict=True))
-    return t, x, u, p, [assembly.parameters.index(name) for name in free]
+    return [assembly.parameters.index(name) for name in free]
 
 
 @cache
 def compiled_with_sensitivities(kinds: Structure, free: tuple[str, ...], outputs: tuple[int, ...]) -> MachineCode:
     """Machine code whose states are x, then S row by row, and whose output is y, then its derivatives row by row."""
     assembly = assemble(kinds)
-    t, x, u, p, chosen = _symbols(assembly, free)
+    t, x, u, p = assembly.function.sx_in()
     rate, y = assembly.function(t, x, u, p)
-    rows = y[list(outputs)]
+    rows, chosen = y[list(outputs)], _places(assembly, free)
     jacobians = [ca.jacobian(a, b) for a in (rate, rows) for b in (x, p)]
     jacobians[1], jacobians[3] = jacobians[1][:, chosen], jacobians[3][:, chosen]
     function = ca.Function("sensitivity", [t, x, u, p], ca.cse([ca.densify(rate), ca.densify(y), *jacobians]))

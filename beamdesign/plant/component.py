@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
+from functools import partial
 from math import pi
 from typing import TYPE_CHECKING, Any
 
@@ -18,6 +19,15 @@ PortLaw = Callable[[Signals, Signals, Signals], Any]
 def nothing(port: Signals, figure: Signals, state: Signals) -> dict[str, Any]:
     """Rates of a component without states."""
     return {}
+
+
+def either(port: str, law: Callable[..., Any]) -> dict[str, Callable[..., Any]]:
+    """A port on either side of the cylinder, a and b, by a law that is told the side first."""
+    return {port.format(side): partial(law, side) for side in "ab"}
+
+
+SIGN = {"a": 1, "b": -1}
+"""Of what differs from side to side by its sense alone."""
 
 
 @dataclass(frozen=True)
@@ -44,22 +54,18 @@ class Rig:
     """A kind of rig: components joined at their ports.
 
     Attributes:
-        words: what a person would call it.
         components: in the order in which their ports are worked out.
         states: names of the states that every rig of this kind has.
         figures: names of its parameters, effects apart.
-        outputs: from ports, figures and states to what is recorded, by name.
-        output_names: those names in order. The fifth is the displacement whose bound ends a record, the sixth what a
-            sampled controller reads.
+        outputs: law of what is recorded, by name in order. The fifth is the displacement whose bound ends a record, the
+            sixth what a sampled controller reads.
         actuator: of a rig with two beams.
     """
 
-    words: str
     components: tuple[Component, ...] = field(hash=False)
     states: tuple[str, ...]
     figures: tuple[str, ...]
-    outputs: PortLaw
-    output_names: tuple[str, ...]
+    outputs: Mapping[str, PortLaw] = field(hash=False)
     actuator: "type[Actuator] | None" = None
 
     @property

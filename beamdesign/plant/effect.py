@@ -5,12 +5,16 @@ from dataclasses import dataclass, field
 from math import pi
 from typing import Any, Literal
 
+import casadi as ca
 from flint import fmpq
 
 from beamdesign.polynomial import exact
 
 TWO_PI = exact(2 * pi)
 """As it stands in the laws of the effects; a proof takes its decimal form as exact."""
+
+QUICKEST = 1e4
+"""1/s, of a deflection under friction."""
 
 SUBSYSTEMS = ("structure", "oil", "actuator", "servovalve", "amplifier", "sensor", "controller")
 
@@ -126,6 +130,19 @@ class Elements:
     volts: tuple[tuple[tuple[fmpq, ...], tuple[fmpq, ...]], ...] = ()
 
 
+def dahl_rate(speed: Any, deflection: Any) -> Any:
+    """Rate of a deflection that settles at the direction of motion, as Dahl's friction does, 1/s.
+
+    It settles no faster than `QUICKEST`, which bounds the stiffness of the equations and shows only at higher speeds.
+
+    Args:
+        speed: over the travel within which the deflection settles, 1/s.
+        deflection: of it, from -1 to 1.
+    """
+    speed = speed / ca.sqrt(1 + (speed / QUICKEST) ** 2)
+    return speed - ca.fabs(speed) * deflection
+
+
 ElementsOf = Callable[[Mapping[str, fmpq], Mapping[str, fmpq]], Elements]
 """From an effect's parameters with its frozen figures, and figures of the rig, to the elements of a linear member."""
 
@@ -170,8 +187,8 @@ class Effect:
         subsystem: one of `SUBSYSTEMS`.
         laws: by port, what replaces the signal there; see `beamdesign.plant.assembly.PORTS`.
         parameters: its figures.
-        states: names of the states it adds, with units.
         source: of the law.
+        states: names of the states it adds, with units.
         memory: those of its states that stay where they are while nothing moves (friction); they start at 0.
         linear: what stands for it in proofs; None where nothing does.
         meaning: what it is; of one that the docstring of its file tells of, empty.
@@ -187,8 +204,8 @@ class Effect:
     subsystem: str
     laws: Mapping[str, Law] = field(hash=False)
     parameters: tuple[Parameter, ...]
-    states: tuple[str, ...]
     source: str
+    states: tuple[str, ...] = ()
     memory: tuple[str, ...] = ()
     linear: Linear | None = None
     meaning: str = ""
@@ -196,11 +213,6 @@ class Effect:
     nearest: Callable[[Mapping[str, float]], str] | None = field(default=None, hash=False)
     scales: Mapping[str, str] = field(default_factory=dict, hash=False)
     table: Callable[[Mapping[str, float]], Mapping[str, tuple[float, ...]]] | None = field(default=None, hash=False)
-
-    @property
-    def linear_with_load(self) -> bool:
-        """Whether its linear members depend on the load."""
-        return self.linear is not None and self.linear.with_load
 
     def __post_init__(self) -> None:
         if self.subsystem not in SUBSYSTEMS:

@@ -67,33 +67,25 @@ class Series:
     orders: tuple[int, ...] = ()
 
     @property
-    def _prefixes(self) -> list[str]:
-        """Before the names of each factor: the first lag is the rig's own pole and zero."""
+    def _factors(self) -> list[tuple[str, int]]:
+        """What stands before the names of each factor, and its order: the first lag is the rig's own pole and zero."""
         counts = [self.orders[: k + 1].count(order) for k, order in enumerate(self.orders)]
         return [
-            f"section_{n}_" if order == 2 else "" if n == 1 else f"lag_{n}_"
+            (f"section_{n}_" if order == 2 else "" if n == 1 else f"lag_{n}_", order)
             for order, n in zip(self.orders, counts, strict=True)
         ]
 
     @property
     def parameters(self) -> tuple[str, ...]:
         """See `Law`."""
-        names = [
-            prefix + name
-            for prefix, order in zip(self._prefixes, self.orders, strict=True)
-            for name in (FIRST_ORDER if order == 1 else SECOND_ORDER)
-        ]
-        return ("gain", *names)
+        names = {1: FIRST_ORDER, 2: SECOND_ORDER}
+        return ("gain", *(prefix + name for prefix, order in self._factors for name in names[order]))
 
     @property
     def states(self) -> tuple[str, ...]:
         """See `Law`."""
-        names = [
-            prefix + name
-            for prefix, order in zip(self._prefixes, self.orders, strict=True)
-            for name in (("slow_error_V",) if order == 1 else ("V", "V_per_s"))
-        ]
-        return tuple(names)
+        names = {1: ("slow_error_V",), 2: ("V", "V_per_s")}
+        return tuple(prefix + name for prefix, order in self._factors for name in names[order])
 
     def current(self, port: Signals, figure: Signals, state: Signals) -> Any:
         """See `Law`."""
@@ -106,7 +98,7 @@ class Series:
     def _through(self, port: Signals, figure: Signals, state: Signals) -> tuple[Any, dict[str, Any]]:
         """The error behind all factors, V, and the rates of their states."""
         signal, rates = port["error_V"], {}
-        for prefix, order in zip(self._prefixes, self.orders, strict=True):
+        for prefix, order in self._factors:
             if order == 1:
                 pole, zero = (figure[prefix + name] for name in FIRST_ORDER)
                 slow = state[f"{prefix}slow_error_V"]
@@ -158,23 +150,23 @@ class Matrices:
 
     def current(self, port: Signals, figure: Signals, state: Signals) -> Any:
         """See `Law`."""
-        current = sum(figure[f"observer_d_{sensor}"] * SENSED[sensor](port, state) for sensor in self._in_order)
+        given = self._given(port, state)
+        current = sum(figure[f"observer_d_{sensor}"] * signal for sensor, signal in given.items())
         for i, name in enumerate(self.states, start=1):
             current += figure[f"observer_c_{i}"] * state[name]
         return figure["gain"] * current
 
     def rates(self, port: Signals, figure: Signals, state: Signals) -> dict[str, Any]:
         """See `Law`."""
-        given = {sensor: SENSED[sensor](port, state) for sensor in self._in_order}
+        given = self._given(port, state)
         return {
             row: sum(figure[f"observer_a_{i}_{j}"] * state[column] for j, column in enumerate(self.states, start=1))
             + sum(figure[f"observer_b_{i}_{sensor}"] * signal for sensor, signal in given.items())
             for i, row in enumerate(self.states, start=1)
         }
 
-    @property
-    def _in_order(self) -> list[str]:
-        return [sensor for sensor in SENSED if sensor in self.sensed]
+    def _given(self, port: Signals, state: Signals) -> dict[str, Any]:
+        return {sensor: given(port, state) for sensor, given in SENSED.items() if sensor in self.sensed}
 
 
 HEARD = ("error_V", "command_V", "inner_displacement_m", "load_pressure_Pa", "screw_force_N")

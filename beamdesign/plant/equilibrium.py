@@ -24,7 +24,7 @@ class Linearisation:
 @cache
 def _derivatives(kinds: Structure) -> ca.Function:
     assembly = assemble(kinds)
-    t, x, u, p = (ca.SX.sym(name, *assembly.function.size_in(k)) for k, name in enumerate(("t", "x", "u", "p")))
+    t, x, u, p = assembly.function.sx_in()
     rate, y = assembly.function(t, x, u, p)
     matrices = [ca.densify(ca.jacobian(value, of)) for value in (rate, y) for of in (x, u)]
     lean: Any = ca.cse([ca.densify(rate), *matrices])
@@ -79,19 +79,12 @@ def equilibrium(assembly: Assembly, u: np.ndarray, parameters: np.ndarray) -> np
     Raises:
         ValueError: where none is found.
     """
-    x = np.zeros(len(assembly.states))
-    supply = parameters[assembly.parameters.index("supply_pressure")]
-    for effect in ("pressure_dependent_flow.supply_pressure_Pa",):
-        if effect in assembly.parameters:
-            supply = parameters[assembly.parameters.index(effect)]
-    for k, name in enumerate(assembly.states):
-        if name in ("pressure_a_Pa", "pressure_b_Pa"):
-            x[k] = supply / 2
+    figure = dict(zip(assembly.parameters, parameters, strict=True))
+    supply = figure.get("pressure_dependent_flow.supply_pressure_Pa", figure["supply_pressure"])
+    x = np.array([supply / 2 if name in ("pressure_a_Pa", "pressure_b_Pa") else 0.0 for name in assembly.states])
     here = _InPlace(_stiffness(assembly.kinds), u, parameters)
     weight = scales(assembly)
-
-    held = {f"{name}.{state}" for name in assembly.kinds.effects for state in library()[name].memory}
-    free = np.array([k for k, name in enumerate(assembly.states) if name not in held])
+    free = not_held(assembly)
     among, ratio = np.ix_(free, free), weight[None, :] / weight[:, None]
     eye, step = np.eye(len(x)), 1e-3
     for _ in range(_MOST_STEPS):
@@ -108,6 +101,12 @@ def equilibrium(assembly: Assembly, u: np.ndarray, parameters: np.ndarray) -> np
 
 
 _LONG, _MOST_STEPS = 1e3, 400  # s; steps
+
+
+def not_held(assembly: Assembly) -> np.ndarray:
+    """Places of the states that an equilibrium moves: all but the `memory` of effects."""
+    held = {f"{name}.{state}" for name in assembly.kinds.effects for state in library()[name].memory}
+    return np.array([k for k, name in enumerate(assembly.states) if name not in held])
 
 
 def scales(assembly: Assembly) -> np.ndarray:

@@ -70,7 +70,7 @@ class FreeRig:
 @cache
 def _equations(kinds: Structure) -> ca.Function:
     assembly = assemble(kinds)
-    t, x, u, p = (ca.SX.sym(name, *assembly.function.size_in(k)) for k, name in enumerate(("t", "x", "u", "p")))
+    t, x, u, p = assembly.function.sx_in()
     rate, y = assembly.function(t, x, u, p)
     gain = p[assembly.parameters.index("gain")]
     seen = y[DISPLACEMENT]
@@ -104,7 +104,7 @@ Unknown = tuple[np.ndarray, float, float]
 """Fourier coefficients (n, 2 H + 1), frequency in rad/s, gain in A/V."""
 
 
-def balance(rig: FreeRig, guess: Unknown, amplitude: float | None, preload: float, force: float = 0.0) -> Unknown:
+def balance(rig: FreeRig, guess: Unknown, amplitude: float | None, preload: float = 0.0, force: float = 0.0) -> Unknown:
     """Coefficients, frequency (rad/s) and gain (A/V) at which every harmonic balances.
 
     Args:

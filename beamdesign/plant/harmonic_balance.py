@@ -22,7 +22,6 @@ from math import pi, tau
 import numpy as np
 
 from beamdesign.loop import CriticalGain
-from beamdesign.plant.assembly import assemble, structure_of
 from beamdesign.plant.equilibrium import scales
 from beamdesign.plant.fourier_balance import DISPLACEMENT, FreeRig, NoBalance, Unknown, balance, basis
 from beamdesign.prototype import Prototype
@@ -56,11 +55,6 @@ class Motion:
     def amplitude_m(self) -> float:
         """Of the displacement's first harmonic."""
         return abs(self.phasor_m)
-
-    @property
-    def start(self) -> np.ndarray:
-        """(n,) states at time zero."""
-        return np.asarray(self.coefficients[:, 0] + self.coefficients[:, 1::2].sum(axis=1))
 
 
 @dataclass(frozen=True)
@@ -121,7 +115,6 @@ def limit_cycles(
     prototype: Prototype,
     amplitudes: Sequence[float],
     outer_end_mass: float = 0.0,
-    preload: float = 0.0,
     harmonics: int = HARMONICS,
 ) -> tuple[LimitCycle, ...]:
     """Gains at which the loop oscillates with given amplitudes, each found from the one before.
@@ -131,7 +124,6 @@ def limit_cycles(
         amplitudes: of the displacement's first harmonic, m, in the order in which they are gone through; begin where
             the effects matter least.
         outer_end_mass: payload, kg.
-        preload: constant force on the outer tip, N.
         harmonics: how many; 1 gives the describing-function method.
 
     Raises:
@@ -140,24 +132,26 @@ def limit_cycles(
     """
     rig = FreeRig(prototype, outer_end_mass)
     try:
-        first = linear_critical_gain(prototype, outer_end_mass, preload)
-        shape = _eigenmotion(rig, first, preload)
+        first = linear_critical_gain(prototype, outer_end_mass)
+        shape = _eigenmotion(rig, first)
     except ValueError:
         plain = prototype.but(effects={})
-        first = linear_critical_gain(plain, outer_end_mass, preload)
-        shape = _embedded(_eigenmotion(FreeRig(plain, outer_end_mass), first, preload), plain, rig)
+        first, bare = linear_critical_gain(plain, outer_end_mass), FreeRig(plain, outer_end_mass)
+        # The oscillation of the rig without effects, among the states of the one with them.
+        own = dict(zip(bare.states, _eigenmotion(bare, first), strict=True))
+        shape = np.array([own.get(name, 0.0) for name in rig.states])
     guess = np.zeros((len(rig.states), 2 * harmonics + 1))
-    guess[:, 0] = rig.rest(first.gain_A_per_V, preload)
+    guess[:, 0] = rig.rest(first.gain_A_per_V)
     guess[:, 1], guess[:, 2] = amplitudes[0] * shape.real, -amplitudes[0] * shape.imag
     unknown = (guess, tau * first.frequency_Hz, first.gain_A_per_V)
     found, at = [], amplitudes[0]
     for amplitude in amplitudes:
-        unknown = _continued(rig, unknown, at, amplitude, preload)
+        unknown = _continued(rig, unknown, at, amplitude)
         at = amplitude
         c, omega, gain = unknown
-        beyond = _continued(rig, unknown, at, amplitude * _NEARBY, preload)[2]
+        beyond = _continued(rig, unknown, at, amplitude * _NEARBY)[2]
         steepness = float(np.log(beyond / gain) / np.log(_NEARBY))
-        stable = steepness > 0 and _settles(rig, c, omega, gain, preload)
+        stable = steepness > 0 and _settles(rig, c, omega, gain)
         found.append(LimitCycle(gain, _motion(rig, c, omega, gain), steepness, stable))
     return tuple(found)
 
@@ -201,7 +195,7 @@ def forced_motion(
     return _motion(rig, c, tau * frequency, gain)
 
 
-def _continued(rig: FreeRig, start: Unknown, at: float, amplitude: float, preload: float) -> Unknown:
+def _continued(rig: FreeRig, start: Unknown, at: float, amplitude: float) -> Unknown:
     """Balance at an amplitude from that at another, in as many steps as it takes."""
     step, unknown = 1.0, start
     while True:
@@ -210,7 +204,7 @@ def _continued(rig: FreeRig, start: Unknown, at: float, amplitude: float, preloa
         c = unknown[0].copy()
         c[:, 1:] *= ratio
         try:
-            unknown, at = balance(rig, (c, unknown[1], unknown[2]), target, preload), target
+            unknown, at = balance(rig, (c, unknown[1], unknown[2]), target), target
             if abs(at / amplitude - 1) < 1e-12:
                 return unknown
             step = 1.0
@@ -220,18 +214,12 @@ def _continued(rig: FreeRig, start: Unknown, at: float, amplitude: float, preloa
             step /= 3
 
 
-def _eigenmotion(rig: FreeRig, at: CriticalGain, preload: float) -> np.ndarray:
+def _eigenmotion(rig: FreeRig, at: CriticalGain) -> np.ndarray:
     """Complex states (n,) of the linear oscillation at the critical gain, for a displacement of one."""
-    model = rig.linear(at.gain_A_per_V, preload)
+    model = rig.linear(at.gain_A_per_V)
     values, vectors = np.linalg.eig(model.a)
     shape = vectors[:, np.argmin(np.abs(values - 1j * tau * at.frequency_Hz))]
     return np.asarray(shape / (model.c[DISPLACEMENT] @ shape))
-
-
-def _embedded(shape: np.ndarray, plain: Prototype, rig: FreeRig) -> np.ndarray:
-    """The oscillation of the rig without effects, among the states of the one with them."""
-    of = dict(zip(assemble(structure_of(plain)).states, shape, strict=True))
-    return np.array([of.get(name, 0.0) for name in rig.states])
 
 
 def _motion(rig: FreeRig, c: np.ndarray, omega: float, gain: float) -> Motion:
@@ -241,7 +229,7 @@ def _motion(rig: FreeRig, c: np.ndarray, omega: float, gain: float) -> Motion:
     return Motion(omega / tau, complex(series[1], -series[2]), float(series[0]), float(np.ptp(y)) / 2, c)
 
 
-def _settles(rig: FreeRig, c: np.ndarray, omega: float, gain: float, preload: float) -> bool:
+def _settles(rig: FreeRig, c: np.ndarray, omega: float, gain: float) -> bool:
     """Whether the Floquet multipliers lie inside the unit circle, but for the two nearest 1.
 
     These are that of a shift in time, and that of the amplitude, which `steepness` tells more sharply.
@@ -249,9 +237,7 @@ def _settles(rig: FreeRig, c: np.ndarray, omega: float, gain: float, preload: fl
     from scipy.linalg import expm
 
     forward, *_ = basis(c.shape[1] // 2)
-    u = np.zeros((len(forward), 3))
-    u[:, 0] = preload
-    by_x = rig.along(forward @ c.T, u, gain)[2]
+    by_x = rig.along(forward @ c.T, np.zeros((len(forward), 3)), gain)[2]
     weight = scales(rig.assembly)
     turn = np.eye(len(c))
     for a in by_x:

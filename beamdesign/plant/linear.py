@@ -10,7 +10,7 @@ import numpy as np
 from flint import fmpq, fmpq_mat, fmpq_mpoly, fmpq_mpoly_ctx, fmpq_poly
 
 from beamdesign.plant.actuators import KINDS
-from beamdesign.plant.actuators.servo_cylinder import SUPPLY_PRESSURE_PA
+from beamdesign.plant.assembly import MORE_FIGURES
 from beamdesign.plant.linearised import (
     SEEN,
     LinearAssembly,
@@ -301,15 +301,7 @@ class LinearModel:
         return [part / root for part in parts] if all((part % root).is_zero() for part in parts) else parts
 
 
-UNUSED = {
-    "outer_end_mass": 0.0,
-    "inner_end_mass": 0.0,
-    "supply_pressure": SUPPLY_PRESSURE_PA,
-    "believed_sensor_gain": 1.0,
-    "gain": 1.0,
-    "pole": 1.0,
-    "zero": 1.0,
-}
+UNUSED = dict.fromkeys(("outer_end_mass", "inner_end_mass", *MORE_FIGURES), 1.0)
 """Parameters of the assembly on which the linear plant does not depend."""
 
 _NOTHING = ((fmpq_poly([]), fmpq_poly([])),) * 2

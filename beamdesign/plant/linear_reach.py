@@ -94,7 +94,7 @@ def linear_part(prototype: Prototype) -> Prototype:
 @cache
 def _is_linear(effect: str, rig: str) -> bool:
     function = assemble(Structure(PROPORTIONAL, effects=(effect,), rig=rig)).function
-    t, x, u, p = (ca.SX.sym(name, *function.size_in(k)) for k, name in enumerate(("t", "x", "u", "p")))
+    t, x, u, p = function.sx_in()
     return not any(ca.which_depends(ca.vertcat(*function(t, x, u, p)), ca.vertcat(x, u), 2))
 
 

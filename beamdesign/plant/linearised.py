@@ -12,7 +12,6 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from itertools import product
-from typing import NamedTuple
 
 import casadi as ca
 from flint import fmpq
@@ -115,7 +114,7 @@ def linear_assembly(filtered: bool, names: tuple[str, ...], rig: str = "twin_bea
     """
     members = [member for name in names if (member := linear_effect(library()[name])) is not None]
     joined = join(Structure(SAMPLED, filtered, tuple(member.name for member in members), rig), members)
-    t, x, u, p = (ca.SX.sym(name, *joined.function.size_in(k)) for k, name in enumerate(("t", "x", "u", "p")))
+    t, x, u, p = joined.function.sx_in()
     rate, y = joined.function(t, x, u, p)
     actuator = RIGS[rig].actuator
     assert actuator is not None  # there are two beams
@@ -216,36 +215,8 @@ _OPERATIONS: dict[int, Callable[..., fmpq]] = {
 }
 
 
-class _Program(NamedTuple):
-    """The instructions of a function, each with a place of its own for its result.
-
-    Attributes:
-        places: results, of constants their values.
-        inputs: place and number of each entry that is read.
-        steps: place, operation and the places of its operands, the second -1 where there is one alone.
-        outputs: of each output the places of its entries.
-    """
-
-    places: list[fmpq]
-    inputs: list[tuple[int, int]]
-    steps: list[tuple[int, Callable[..., fmpq], int, int]]
-    outputs: tuple[tuple[int, ...], ...]
-
-
-@cache
-def _program(function: ca.Function) -> _Program:
-    """Read once, since CasADi hands instructions out slowly."""
-    traced = trace(function)
-    program = _Program([exact(value.constant) for value in traced.values], [], [], traced.outputs)
-    for place, value in enumerate(traced.values):
-        if value.code == ca.OP_INPUT:
-            program.inputs.append((place, value.of[1]))
-        elif value.code in _OPERATIONS:
-            first, second = [*value.of, -1][:2]
-            program.steps.append((place, _OPERATIONS[value.code], first, second))
-        elif value.code != ca.OP_CONST:
-            raise NotImplementedError(f"CasADi operation {value.code} is not rational")
-    return program
+_traced = cache(trace)
+"""Read once, since CasADi hands instructions out slowly."""
 
 
 def evaluate_exactly(function: ca.Function, inputs: Sequence[fmpq]) -> list[list[fmpq]]:
@@ -263,13 +234,17 @@ def evaluate_exactly(function: ca.Function, inputs: Sequence[fmpq]) -> list[list
     Raises:
         NotImplementedError: at an operation that is not rational.
     """
-    program = _program(function)
-    work = program.places.copy()
-    for place, number in program.inputs:
-        work[place] = inputs[number]
-    for place, operation, first, second in program.steps:
-        work[place] = operation(work[first]) if second < 0 else operation(work[first], work[second])
-    return [[work[place] for place in output] for output in program.outputs]
+    traced, work = _traced(function), list[fmpq]()
+    for value in traced.values:
+        if operation := _OPERATIONS.get(value.code):
+            work.append(operation(*[work[place] for place in value.of]))
+        elif value.code == ca.OP_INPUT:
+            work.append(inputs[value.of[1]])
+        elif value.code == ca.OP_CONST:
+            work.append(exact(value.constant))
+        else:
+            raise NotImplementedError(f"CasADi operation {value.code} is not rational")
+    return [[work[place] for place in output] for output in traced.outputs]
 
 
 @cache

@@ -163,10 +163,6 @@ class Body:
         address = self.line(f"getelementptr double, ptr %{array}, i64 {entry}")
         self.lines.append(f"store {kind} {name}, ptr {address}, align 8")
 
-    def constant(self, k: int) -> float | None:
-        """A value that is a plain number, else None."""
-        return self._values[k].constant if self._values[k].code == ca.OP_CONST else None
-
     def read(self, k: int) -> str:
         """Name of a value, after its instructions and those of all it needs."""
         pending = [k]

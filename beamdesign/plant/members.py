@@ -130,9 +130,9 @@ def family(prototype: Prototype, largest_outer_end_mass: float | None = None) ->
     operation = Operation(lumped, load, supply)
     spans: dict[str, dict[str, Span]] = {}
     gains: dict[str, Span] = {}
+    linears = {name: linear for name in own if (linear := library()[name].linear) is not None}
     for name, parameters in own.items():
-        linear = library()[name].linear
-        if linear is None:
+        if (linear := linears.get(name)) is None:
             wrong.append(Problem(f"effects.{name}", "no linear loop stands for this effect, so that nothing is proved"))
             continue
         try:
@@ -142,7 +142,7 @@ def family(prototype: Prototype, largest_outer_end_mass: float | None = None) ->
             wrong.append(Problem(f"effects.{name}", str(error)))
     if wrong:
         raise InputError(prototype.name, wrong)
-    kept = [name for name in own if library()[name].linear.laws != {}]  # type: ignore[union-attr]
+    kept = [name for name, linear in linears.items() if linear.laws != {}]
 
     def rig(frozen: Mapping[str, Mapping[str, float]]) -> LinearModel:
         return LinearModel(
@@ -150,9 +150,8 @@ def family(prototype: Prototype, largest_outer_end_mass: float | None = None) ->
         )
 
     spanned = list(gains.values())
-    whole = Interval(*_outwards([span.low for span in spanned], [span.high for span in spanned]))
-    inside = [span.performing for span in spanned]
-    performing = Interval(*_outwards([low for low, _ in inside], [high for _, high in inside]))
+    whole = _outwards([(span.low, span.high) for span in spanned])
+    performing = _outwards([span.performing for span in spanned])
     places = [(name, key, span) for name, table in spans.items() for key, span in table.items()]
     members = []
     for ends in product(*(sorted({span.low, span.high}) for _, _, span in places)):
@@ -167,7 +166,7 @@ def family(prototype: Prototype, largest_outer_end_mass: float | None = None) ->
     factor = float(np.prod([span.rest for span in spanned]))
     rest = VertexModel(rig(at_rest), Interval(factor, factor), Interval(factor, factor), at_rest)
     named = {f"{name}.{key}": span for name, key, span in places}
-    with_load = any(library()[name].linear_with_load for name in own)
+    with_load = any(linear.with_load for linear in linears.values())
     return LinearFamily(tuple(members), rest, named, load, with_load, gains)
 
 
@@ -183,7 +182,9 @@ def paper_model(prototype: Prototype) -> LinearModel:
     return family(prototype).rest.rig
 
 
-def _outwards(low: Sequence[float], high: Sequence[float]) -> tuple[float, float]:
+def _outwards(spans: Sequence[tuple[float, float]]) -> Interval:
     """Products of the ends of ranges of factors, so rounded that the exact ones lie between."""
-    least, most = (prod(map(exact, ends), start=fmpq(1)) for ends in (low, high))
-    return rounded_down(least) if len(low) > 1 else nearest(least), rounded_up(most) if len(high) > 1 else nearest(most)
+    least, most = (prod((exact(span[end]) for span in spans), start=fmpq(1)) for end in (0, 1))
+    return (
+        Interval(rounded_down(least), rounded_up(most)) if len(spans) > 1 else Interval(nearest(least), nearest(most))
+    )

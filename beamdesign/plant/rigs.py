@@ -11,7 +11,7 @@ import casadi as ca
 from beamdesign.parameters import rows_of
 from beamdesign.plant.actuators import KINDS, Actuator
 from beamdesign.plant.actuators.servo_cylinder import AREAS, CYLINDER, VALVE, port_leakage
-from beamdesign.plant.component import Component, Rig, Signals
+from beamdesign.plant.component import SIGN, Component, PortLaw, Rig, Signals, either
 from beamdesign.plant.electronics import CONTROLLER, OPEN_LOOP, SENSOR, low_pass_rate
 
 
@@ -26,32 +26,29 @@ def _reaction(beam: str, port: Signals, figure: Signals, state: Signals) -> Any:
     return beam_force(figure[f"{beam}_stiffness"], figure[f"{beam}_damping"], bent, rate)
 
 
-def end_mass_force(mass: Any, end_mass: Any, driving: Any) -> Any:
+def _end_mass(port: Signals, figure: Signals, state: Signals) -> Any:
     """Force that an end mass takes off the tip to be accelerated with the beam's own mass, N."""
-    return driving * end_mass / (mass + end_mass)
+    driving = port["outer_force_N"] - port["outer_reaction_N"]
+    return driving * figure["outer_end_mass"] / (figure["outer_mass"] + figure["outer_end_mass"])
 
 
 WALL_FIGURES = ("wall_at", "wall_stiffness", "wall_damping", "wall_rounding")
 """Of a wall before the outer tip: m, N/m, N s/m, m."""
 
 
-def wall_force(at: Any, stiffness: Any, damping: Any, rounding: Any, position: Any, velocity: Any) -> Any:
+def _wall(port: Signals, figure: Signals, state: Signals) -> Any:
     """Force of a wall against the tip, N: a spring and a dashpot on one side, smooth over a rounding.
 
     With d the way into the wall and e the rounding, the spring is pressed by (d + sqrt(d^2 + e^2)) / 2, a function of
     place alone: it gives back what it took. The dashpot acts in the share of the spring's slope, and takes only.
     """
-    inward = position - at
-    distance = ca.sqrt(inward**2 + rounding**2)
-    share = (1 + inward / distance) / 2
-    return stiffness * (inward + distance) / 2 + damping * share * velocity
-
-
-def _wall(port: Signals, figure: Signals, state: Signals) -> Any:
     if "wall_at" not in figure:
         return 0.0
     at, stiffness, damping, rounding = (figure[name] for name in WALL_FIGURES)
-    return wall_force(at, stiffness, damping, rounding, port["outer_tip_m"], port["outer_tip_m_per_s"])
+    inward = port["outer_tip_m"] - at
+    distance = ca.sqrt(inward**2 + rounding**2)
+    share = (1 + inward / distance) / 2
+    return stiffness * (inward + distance) / 2 + damping * share * port["outer_tip_m_per_s"]
 
 
 def _motion(port: Signals, figure: Signals, state: Signals) -> dict[str, Any]:
@@ -88,9 +85,7 @@ TIPS = Component(
         "inner_force_N": lambda port, figure, state: -port["actuator_force_N"],
         "wall_N": _wall,
         "outer_force_N": lambda port, figure, state: port["actuator_force_N"] + port["disturbance_N"] - port["wall_N"],
-        "outer_end_mass_N": lambda port, figure, state: end_mass_force(
-            figure["outer_mass"], figure["outer_end_mass"], port["outer_force_N"] - port["outer_reaction_N"]
-        ),
+        "outer_end_mass_N": _end_mass,
     },
     _motion,
 )
@@ -103,39 +98,28 @@ MORE_FIGURES = ("supply_pressure", "believed_sensor_gain", "gain", "pole", "zero
 _BEAM_STATES = ("outer_m", "outer_m_per_s", "inner_m", "inner_m_per_s")
 
 
-def outputs_of(actuator: type[Actuator]) -> tuple[str, ...]:
-    """What is recorded of a rig with an actuator, in order."""
-    return (
-        "current_A",
-        "displacement_m",  # the controller's input over the believed sensor gain
-        actuator.feels[0],
-        "inner_displacement_m",
-        "outer_displacement_m",  # of the tip itself
-        "measured_V",
-    )
+_COMMANDED: dict[str, PortLaw] = {
+    "current_A": lambda port, figure, state: port["current_A"],
+    # the controller's input over the believed sensor gain
+    "displacement_m": lambda port, figure, state: port["measured_V"] / figure["believed_sensor_gain"],
+}
+_MEASURED: dict[str, PortLaw] = {"measured_V": lambda port, figure, state: port["measured_V"]}
+"""What is recorded of every rig, before and behind what is of its own."""
 
 
 def twin_beam(actuator: type[Actuator]) -> Rig:
     """Two beams with an actuator between their tips, and a law that goes by the outer tip's displacement."""
     felt, feel = actuator.feels
-
-    def outputs(port: Signals, figure: Signals, state: Signals) -> dict[str, Any]:
-        return {
-            "current_A": port["current_A"],
-            "displacement_m": port["measured_V"] / figure["believed_sensor_gain"],
-            felt: feel(port, figure, state),
-            "inner_displacement_m": state["inner_m"],
-            "outer_displacement_m": port["outer_tip_m"],
-            "measured_V": port["measured_V"],
-        }
-
+    own: dict[str, PortLaw] = {
+        felt: feel,
+        "inner_displacement_m": lambda port, figure, state: state["inner_m"],
+        "outer_displacement_m": lambda port, figure, state: port["outer_tip_m"],  # of the tip itself
+    }
     return Rig(
-        "the twin beam",
         (BEAMS, SENSOR, *actuator.felt_by, CONTROLLER, *actuator.components, TIPS),
         _BEAM_STATES + actuator.states,
         (*rows_of(actuator), *MORE_FIGURES),
-        outputs,
-        outputs_of(actuator),
+        _COMMANDED | own | _MEASURED,
         actuator,
     )
 
@@ -144,7 +128,7 @@ TWIN_BEAMS = {"twin_beam" if name == Actuator.where_none_is_stated else name: tw
 """By actuator; the one of Zalucky and Hardt (1984) is the twin beam by itself."""
 
 TWIN_BEAM = TWIN_BEAMS["twin_beam"]
-STATES, OUTPUTS = TWIN_BEAM.states, TWIN_BEAM.output_names
+STATES, OUTPUTS = TWIN_BEAM.states, tuple(TWIN_BEAM.outputs)
 
 
 def figures_of(rig: str) -> tuple[str, ...]:
@@ -193,41 +177,33 @@ _BENCH_FIGURES = (
     "filter_frequency",  # rad/s, only with the filter
     "pressure_filter_frequency",  # rad/s
 )
-_BENCH_OUTPUTS = ("current_A", "displacement_m", "pressure_a_Pa", "pressure_b_Pa", "piston_m", "measured_V")
-
 LINE_S = 5e-3  # how soon the pressure lost in a line comes and goes
 _INDENTATION_M = 1e-5  # over which the damping of a stop comes on
 _STALL = 0.02  # of the supply: a linear valve gives way to a chamber that comes this near to supply or tank
 
 
-def stop_force(position: Any, speed: Any, stroke: Any, stiffness: Any, damping: Any) -> Any:
+def _stop(port: Signals, figure: Signals, state: Signals) -> Any:
     """Force of the end stops on the piston, N: springs with damping that grows with indentation, which never pull."""
+    stiffness, damping = figure["stop_stiffness"], figure["stop_damping"]
+    position, speed = state["piston_m"], state["piston_m_per_s"]
 
     def pressed(depth: Any, closing: Any) -> Any:
         inside = ca.fmax(depth, 0.0)
         return ca.fmax(stiffness * inside + damping * ca.fmin(inside / _INDENTATION_M, 1.0) * closing, 0.0)
 
-    return pressed(-position, -speed) - pressed(position - stroke, speed)
+    return pressed(-position, -speed) - pressed(position - figure["stroke"], speed)
 
 
-def stalled(flow: Any, pressure: Any, supply: Any, tank: Any) -> Any:
-    """Flow into a chamber through a linear valve, which ends where no pressure is left to drive it."""
+def _linear_port(side: str, port: Signals, figure: Signals, state: Signals) -> Any:
+    """Flow through a port of a linear valve, which ends where no pressure is left to drive it."""
+    flow, pressure = SIGN[side] * port[f"linear_{side}_m3_per_s"], state[f"pressure_{side}_Pa"]
+    supply, tank = port["supply_pressure_Pa"], port["tank_pressure_Pa"]
     drop = ca.if_else(flow > 0, supply - pressure, pressure - tank)
-    return flow * ca.fmin(ca.fmax(drop / (_STALL * (supply - tank)), 0.0), 1.0)
+    return SIGN[side] * (flow * ca.fmin(ca.fmax(drop / (_STALL * (supply - tank)), 0.0), 1.0))
 
 
-def _linear_port(side: str, sign: float, port: Signals, state: Signals) -> Any:
-    into = stalled(
-        sign * port[f"linear_{side}_m3_per_s"],
-        state[f"pressure_{side}_Pa"],
-        port["supply_pressure_Pa"],
-        port["tank_pressure_Pa"],
-    )
-    return sign * into
-
-
-def _leakage(side: str, other: str, port: Signals, figure: Signals, state: Signals) -> Any:
-    own, facing = state[f"pressure_{side}_Pa"], state[f"pressure_{other}_Pa"]
+def _leakage(side: str, port: Signals, figure: Signals, state: Signals) -> Any:
+    own, facing = (state[f"pressure_{name}_Pa"] for name in ("ab" if side == "a" else "ba"))
     middle = port["supply_pressure_Pa"] + port["tank_pressure_Pa"]
     return port_leakage(figure["leakage"], own, middle) + figure["piston_leakage"] * (own - facing)
 
@@ -254,19 +230,12 @@ def _bench_motion(port: Signals, figure: Signals, state: Signals) -> dict[str, A
     }
 
 
-def _bench_outputs(port: Signals, figure: Signals, state: Signals) -> dict[str, Any]:
-    return {
-        "current_A": port["current_A"],
-        "displacement_m": port["measured_V"] / figure["believed_sensor_gain"],
-        "pressure_a_Pa": state["seen_a_Pa"],
-        "pressure_b_Pa": state["seen_b_Pa"],
-        "piston_m": state["piston_m"],
-        "measured_V": port["measured_V"],
-    }
-
+_BENCH_OUTPUTS: dict[str, PortLaw] = {
+    **either("pressure_{}_Pa", lambda side, port, figure, state: state[f"seen_{side}_Pa"]),
+    "piston_m": lambda port, figure, state: state["piston_m"],
+}
 
 BENCH = Rig(
-    "the actuator bench",
     (
         Component(
             {
@@ -285,32 +254,15 @@ BENCH = Rig(
                 port["metered_m3_per_s"] * ca.if_else(port["metered_m3_per_s"] < 0, figure["edge_b"], 1.0)
             ),
             null_adjusted=lambda port, figure, state: 0.0,
-            orifice_a_m3_per_s=lambda port, figure, state: _linear_port("a", 1.0, port, state),
-            orifice_b_m3_per_s=lambda port, figure, state: _linear_port("b", -1.0, port, state),
-            leakage_a_m3_per_s=lambda port, figure, state: _leakage("a", "b", port, figure, state),
-            leakage_b_m3_per_s=lambda port, figure, state: _leakage("b", "a", port, figure, state),
+            **either("orifice_{}_m3_per_s", _linear_port),
+            **either("leakage_{}_m3_per_s", _leakage),
         ),
-        CYLINDER.but(
-            chamber_a_Pa_per_m3=lambda port, figure, state: _chamber("a", port, figure, state),
-            chamber_b_Pa_per_m3=lambda port, figure, state: _chamber("b", port, figure, state),
-        ),
-        Component(
-            {
-                "stop_N": lambda port, figure, state: stop_force(
-                    state["piston_m"],
-                    state["piston_m_per_s"],
-                    figure["stroke"],
-                    figure["stop_stiffness"],
-                    figure["stop_damping"],
-                ),
-            },
-            _bench_motion,
-        ),
+        CYLINDER.but(**either("chamber_{}_Pa_per_m3", _chamber)),
+        Component({"stop_N": _stop}, _bench_motion),
     ),
     _BENCH_STATES,
     _BENCH_FIGURES,
-    _bench_outputs,
-    _BENCH_OUTPUTS,
+    _COMMANDED | _BENCH_OUTPUTS | _MEASURED,
 )
 """Servovalve and cylinder between end stops, in open loop.
 

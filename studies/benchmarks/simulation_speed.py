@@ -111,7 +111,8 @@ def generated(case: Case) -> Run:
 
     def run() -> np.ndarray:
         fine = half_steps(inputs, case.substeps)
-        return integrate(case.assembly.kinds, case.times, fine, case.start, case.parameters, case.substeps, 1.0)[:, TIP]
+        kinds = case.assembly.kinds
+        return integrate(kinds, case.times, fine, case.start, case.parameters, case.substeps, 1.0)[0][:, TIP]
 
     return run
 

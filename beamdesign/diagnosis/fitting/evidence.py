@@ -117,7 +117,7 @@ class Replay:
             self._inputs[substeps] = half_steps(self.record.inputs, substeps)
         inputs = self._inputs[substeps]
         if not sloped:
-            y = integrate(assembly.kinds, times, inputs, start, parameters, substeps, FURTHEST_M)
+            y, _ = integrate(assembly.kinds, times, inputs, start, parameters, substeps, FURTHEST_M)
             return (y[:, columns], np.zeros(0)) if len(y) == len(times) else None
         names = tuple(assembly.parameters[k] for k in placement.moved)
         moved = equilibrium_sensitivity(assembly, start, np.zeros(3), parameters, names)

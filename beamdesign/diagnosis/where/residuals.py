@@ -153,7 +153,7 @@ def _linear(kinds: Structure) -> ca.Function:
     for name, law in rig.ports.items():
         port[name] = law(port, figure, state) + added.get(name, 0.0)
     rate = rig.rates(port, figure, state)
-    seen: Mapping[str, Any] = port | rig.outputs(port, figure, state)
+    seen: Mapping[str, Any] = port | {name: law(port, figure, state) for name, law in rig.outputs.items()}
     rates = ca.vertcat(*(rate[name] for name in assembly.states))
     y = ca.vertcat(*(seen[name] for name in at.signals))
     matrices = [ca.densify(ca.jacobian(value, of)) for value in (rates, y) for of in (x, u)]

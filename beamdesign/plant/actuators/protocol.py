@@ -4,6 +4,7 @@ from abc import abstractmethod
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import cache
+from operator import attrgetter
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 from pydantic import Field
@@ -22,11 +23,11 @@ MARGIN = 1.25
 
 
 @cache
-def turn() -> "np.ndarray":
-    """(360,) a turn of a sine, in steps."""
+def turn(steps: int = 360) -> "np.ndarray":
+    """(steps,) a turn of a sine."""
     import numpy as np
 
-    return np.asarray(np.exp(2j * np.pi * np.arange(360) / 360))
+    return np.asarray(np.exp(2j * np.pi * np.arange(steps) / steps))
 
 
 @dataclass(frozen=True)
@@ -231,8 +232,7 @@ class Actuator(Kinded):
 
     def stated(self, prototype: "Prototype", rating: Rating) -> float | None:
         """What there is of a rating; None where the prototype does not say."""
-        table, key = rating.place.split(".")
-        found: float | None = getattr(getattr(prototype, table), key)
+        found: float | None = attrgetter(rating.place)(prototype)
         return found
 
     @abstractmethod

@@ -5,8 +5,7 @@ for equal chambers the difference of their pressures obeys the paper's equations
 pressure is a state which nothing drives and nothing sees.
 """
 
-from collections.abc import Callable, Mapping
-from functools import partial
+from collections.abc import Mapping
 from math import inf, pi
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -14,17 +13,13 @@ from pydantic import Field
 
 from beamdesign import quantities as q
 from beamdesign.plant.actuators.protocol import MARGIN, Actuator, Change, Demand, Held, Limit, Rating, Row, turn
-from beamdesign.plant.component import Component, Parameter, PortLaw, Signals
+from beamdesign.plant.component import Component, Parameter, Signals, either
 from beamdesign.records import Record
 
 if TYPE_CHECKING:
     import numpy as np
 
     from beamdesign.prototype import Prototype
-
-
-SUPPLY_PRESSURE_PA = 20e6
-"""Supply of the published rig. It sets the chambers' mean pressure and has no part in the linear model."""
 
 
 def spool_acceleration(frequency: Any, damping_ratio: Any, gain: Any, current: Any, flow: Any, rate: Any) -> Any:
@@ -35,25 +30,6 @@ def spool_acceleration(frequency: Any, damping_ratio: Any, gain: Any, current: A
 def port_leakage(leakage: Any, pressure: Any, supply: Any) -> Any:
     """Flow that leaves a chamber through the closed valve, m3/s: none at half the supply pressure."""
     return 2 * leakage * (pressure - supply / 2)
-
-
-def chamber_stiffness(oil_stiffness: Any, nominal_area: Any, area: Any, ratio: Any) -> Any:
-    """Pressure gained per volume forced into one chamber at mid-stroke, Pa/m3.
-
-    The volume there goes with the area, so that both chambers in parallel are the oil spring K_c whatever their areas.
-
-    Args:
-        oil_stiffness: K_c, N/m.
-        nominal_area: A, mean of both sides, m2.
-        area: of this side, m2.
-        ratio: bulk modulus over that of air-free oil, over the volume's own ratio to that at mid-stroke.
-    """
-    return ratio * oil_stiffness / (2 * nominal_area * area)
-
-
-def pressure_force(port: Mapping[str, Any], state: Mapping[str, Any]) -> Any:
-    """Force of the oil on the outer beam (and its opposite on the rod), N."""
-    return port["area_a_m2"] * state["pressure_a_Pa"] - port["area_b_m2"] * state["pressure_b_Pa"]
 
 
 def _leakage(side: str, port: Signals, figure: Signals, state: Signals) -> Any:
@@ -77,23 +53,28 @@ def _chambers(port: Signals, figure: Signals, state: Signals) -> dict[str, Any]:
 
 
 def _mid_stroke(side: str, port: Signals, figure: Signals, state: Signals) -> Any:
+    """Pressure gained per volume forced into one chamber at mid-stroke, Pa/m3.
+
+    The volume there goes with the area, so that both chambers in parallel are the oil spring K_c whatever their areas.
+    The ratio is of the bulk modulus to that of air-free oil, over the volume's own to that at mid-stroke.
+    """
     ratio = port[f"bulk_ratio_{side}"] / port[f"volume_ratio_{side}"]
-    return chamber_stiffness(figure["oil_stiffness"], figure["piston_area"], port[f"area_{side}_m2"], ratio)
+    return ratio * figure["oil_stiffness"] / (2 * figure["piston_area"] * port[f"area_{side}_m2"])
+
+
+def _pressure_force(port: Signals, figure: Signals, state: Signals) -> Any:
+    """Force of the oil on the outer beam (and its opposite on the rod), N."""
+    return port["area_a_m2"] * state["pressure_a_Pa"] - port["area_b_m2"] * state["pressure_b_Pa"]
 
 
 def _metered(side: str, port: Signals, figure: Signals, state: Signals) -> Any:
     return port["metered_m3_per_s"]
 
 
-def _either(port: str, law: Callable[[str, Signals, Signals, Signals], Any]) -> dict[str, PortLaw]:
-    """A port on either side of the cylinder, a and b, by a law that is told the side."""
-    return {port.format(side): partial(law, side) for side in "ab"}
-
-
-AREAS = Component(_either("area_{}_m2", lambda side, port, figure, state: figure["piston_area"]))
+AREAS = Component(either("area_{}_m2", lambda side, port, figure, state: figure["piston_area"]))
 """The two sides of the piston."""
 
-VOLUMES = Component(_either("volume_ratio_{}", lambda side, port, figure, state: 1.0))
+VOLUMES = Component(either("volume_ratio_{}", lambda side, port, figure, state: 1.0))
 """Volume of either chamber over that at mid-stroke, which the linear rig has at every stroke."""
 
 VALVE = Component(
@@ -106,12 +87,12 @@ VALVE = Component(
         # 1 where somebody has adjusted the null so that the rig rests without load
         "null_adjusted": lambda port, figure, state: 1.0,
         # the same for the edges that are then open at either port
-        **_either("opening_{}_m3_per_s", _metered),
+        **either("opening_{}_m3_per_s", _metered),
         # what a valve lets through either port that heeds no pressure
-        **_either("linear_{}_m3_per_s", _metered),
+        **either("linear_{}_m3_per_s", _metered),
         # into chamber a, out of chamber b
-        **_either("orifice_{}_m3_per_s", lambda side, port, figure, state: port[f"linear_{side}_m3_per_s"]),
-        **_either("leakage_{}_m3_per_s", _leakage),
+        **either("orifice_{}_m3_per_s", lambda side, port, figure, state: port[f"linear_{side}_m3_per_s"]),
+        **either("leakage_{}_m3_per_s", _leakage),
     },
     _spool,
 )
@@ -119,9 +100,9 @@ VALVE = Component(
 
 CYLINDER = Component(
     {
-        **_either("bulk_ratio_{}", lambda side, port, figure, state: 1.0),
-        **_either("chamber_{}_Pa_per_m3", _mid_stroke),
-        "pressure_force_N": lambda port, figure, state: pressure_force(port, state),
+        **either("bulk_ratio_{}", lambda side, port, figure, state: 1.0),
+        **either("chamber_{}_Pa_per_m3", _mid_stroke),
+        "pressure_force_N": _pressure_force,
         "sliding_m": lambda port, figure, state: port["stroke_m"],
         "sliding_m_per_s": lambda port, figure, state: port["stroke_m_per_s"],
         "friction_N": lambda port, figure, state: 0.0,
@@ -384,8 +365,7 @@ def _within_parabola(asked: Demand, held: Held, largest: float, stall: float) ->
     """
     import numpy as np
 
-    turn = np.exp(2j * pi * np.arange(_PHASES) / _PHASES)
-    flow, force = (np.real(one[:, None] * turn) for one in (asked.of("flow"), asked.force))
+    flow, force = (np.real(one[:, None] * turn(720)) for one in (asked.of("flow"), asked.force))
     sign = np.sign(flow)
     slope = largest**2 * sign * force / stall
     rest = largest**2 * (1 - sign * held["force"] / stall)
@@ -394,7 +374,5 @@ def _within_parabola(asked: Demand, held: Held, largest: float, stall: float) ->
     amplitude = 2 * np.maximum(rest, 0.0) / np.maximum(slope + root, 1e-300)
     return np.asarray(amplitude.min(axis=1))
 
-
-_PHASES = 720
 
 KIND = ServoCylinder

@@ -22,7 +22,6 @@ EFFECT = Effect(
         Parameter("depth", 0.02, 0.0, 0.5, 0.02, "ripple over signal"),
         Parameter("residual_V", 0.0, 0.0, 0.5, 0.01, "ripple at no displacement, from imbalance of the windings"),
     ),
-    states=(),
     source="amplitude demodulation; E. O. Doebelin, Measurement Systems, differential transformers",
     linear=Linear(
         "the sensor's gain times every frozen factor from 1 - depth to 1 + depth",

@@ -32,7 +32,6 @@ EFFECT = Effect(
     subsystem="amplifier",
     laws={"current_A": _law},
     parameters=(LIMIT,),
-    states=(),
     source="limit of a servo-amplifier; Zalucky and Hardt (1984) filtered the sensor to keep it from saturating",
     linear=LINEAR,
 )
@@ -56,7 +55,6 @@ SOFT = Effect(
         LIMIT,
         Parameter("sharpness", 8.0, 2.0, 30.0, 0.5, "i = u / (1 + |u/limit|^n)^(1/n); the larger n, the harder"),
     ),
-    states=(),
     source="C. Rapp, solid-state power amplifiers, 2nd European Conf. on Satellite Communications (1991) 179",
     linear=LINEAR,
     realises="current_saturation",

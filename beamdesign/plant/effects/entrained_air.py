@@ -5,7 +5,8 @@ from typing import Any
 
 import casadi as ca
 
-from beamdesign.plant.effect import Effect, Elements, Law, Linear, Operation, Parameter, Site, Span, Spans
+from beamdesign.plant.component import SIGN, either
+from beamdesign.plant.effect import Effect, Elements, Linear, Operation, Parameter, Site, Span, Spans
 
 _ATMOSPHERE_PA = 101_325.0
 POLYTROPIC = 1.4
@@ -38,23 +39,21 @@ def _stiffness(own: Mapping[str, float], at: Operation, most: float = 1.0) -> Sp
 
 def soft_oil(covers: str, leaves_out: str, stiffness: Spans) -> Linear:
     """Both chambers alike, their stiffness a share of that of oil free of air which lies in a span."""
-    laws: dict[str, Law] = {
-        f"bulk_ratio_{side}": lambda signal, site: signal * site.parameter["stiffness_factor"] for side in "ab"
-    }
     return Linear(
         covers,
         leaves_out,
-        laws=laws,
+        laws=either("bulk_ratio_{}", lambda side, signal, site: signal * site.parameter["stiffness_factor"]),
         figures={"stiffness_factor": stiffness},
         with_load=True,
         elements=lambda own, figure: Elements(oil=own["stiffness_factor"]),
     )
 
 
-_LAWS: dict[str, Law] = {
-    "bulk_ratio_a": lambda signal, site: signal * _of(site.port["pressure_a_Pa"], site.parameter),
-    "bulk_ratio_b": lambda signal, site: signal * _of(site.port["pressure_b_Pa"], site.parameter),
-}
+def _softened(side: str, signal: Any, site: Site) -> Any:
+    return signal * _of(site.port[f"pressure_{side}_Pa"], site.parameter)
+
+
+_LAWS = either("bulk_ratio_{}", _softened)
 AIR = (
     Parameter("air_fraction", 0.05, 1e-4, 0.3, 0.8, "share of the volume that is free air at atmospheric pressure"),
     Parameter("oil_bulk_modulus_Pa", 1.4e9, 0.7e9, 2.2e9, 0.15, "of the oil free of air"),
@@ -65,7 +64,6 @@ EFFECT = Effect(
     subsystem="oil",
     laws=_LAWS,
     parameters=AIR,
-    states=(),
     source="H. E. Merritt, Hydraulic Control Systems (1967), chapter 2: oil and air (n = 1.4) at one pressure",
     linear=soft_oil(
         "oil spring from that at the lowest pressure of a chamber to that of oil free of air, alike in both chambers",
@@ -83,15 +81,15 @@ def chamber_length(modulus: Any, figure: Mapping[str, Any]) -> Any:
     return 2 * modulus * figure["piston_area"] / figure["oil_stiffness"]
 
 
-def _volume(sign: float, site: Site) -> Any:
+def _volume(side: str, signal: Any, site: Site) -> Any:
     share = site.port["stroke_m"] / chamber_length(site.parameter["oil_bulk_modulus_Pa"], site.figure)
-    return 1 + sign * ca.fmin(ca.fmax(share, -_MOST), _MOST)
+    return signal * (1 + SIGN[side] * ca.fmin(ca.fmax(share, -_MOST), _MOST))
 
 
-def _leakage(signal: Any, sign: float, site: Site) -> Any:
+def _leakage(side: str, signal: Any, site: Site) -> Any:
     """With equal chambers the difference of pressures heeds no share; it moves their mean alone."""
     between, share = site.port["pressure_a_Pa"] - site.port["pressure_b_Pa"], site.parameter["leakage_between_share"]
-    return (1 - share) * signal + share * site.figure["leakage"] * sign * between
+    return (1 - share) * signal + share * site.figure["leakage"] * SIGN[side] * between
 
 
 def _stiffness_with_stroke(own: Mapping[str, float], at: Operation) -> Span:
@@ -120,10 +118,8 @@ WITH_STROKE = Effect(
     subsystem="oil",
     laws={
         **_LAWS,
-        "volume_ratio_a": lambda signal, site: signal * _volume(1.0, site),
-        "volume_ratio_b": lambda signal, site: signal * _volume(-1.0, site),
-        "leakage_a_m3_per_s": lambda signal, site: _leakage(signal, 1.0, site),
-        "leakage_b_m3_per_s": lambda signal, site: _leakage(signal, -1.0, site),
+        **either("volume_ratio_{}", _volume),
+        **either("leakage_{}_m3_per_s", _leakage),
     },
     parameters=(
         *AIR,
@@ -139,7 +135,6 @@ WITH_STROKE = Effect(
             "of the leakage, what passes from one chamber to the other",
         ),
     ),
-    states=(),
     source="Merritt, Hydraulic Control Systems (1967), chapters 2 and 6: oil and air; volumes of the chambers",
     linear=soft_oil(
         "oil spring from that at the lowest pressure of a chamber to that of oil free of air at the stroke of the "

@@ -9,7 +9,7 @@ from typing import Any
 import casadi as ca
 from flint import fmpq
 
-from beamdesign.plant.effect import Effect, Elements, Linear, Parameter, Site, Span
+from beamdesign.plant.effect import Effect, Elements, Law, Linear, Parameter, Site, Span
 
 
 def _force(signal: Any, site: Site) -> Any:
@@ -66,14 +66,15 @@ def _elements(own: Mapping[str, fmpq], figure: Mapping[str, fmpq]) -> Elements:
     )
 
 
+_ROD: dict[str, Law] = {
+    "rod_m": lambda signal, site: site.state["rod_m"],
+    "rod_m_per_s": lambda signal, site: site.state["rod_m_per_s"],
+}
+
 EFFECT = Effect(
     name="joint_backlash",
     subsystem="structure",
-    laws={
-        "rod_m": lambda signal, site: site.state["rod_m"],
-        "rod_m_per_s": lambda signal, site: site.state["rod_m_per_s"],
-        "inner_force_N": _force,
-    },
+    laws={**_ROD, "inner_force_N": _force},
     parameters=(
         Parameter("play_m", 50e-6, 0.0, 2e-3, 50e-6, "free travel from one side of the joint to the other"),
         Parameter("stiffness_N_per_m", 5e7, 1e7, 4e8, 0.7, "of the joint once it bears"),
@@ -81,17 +82,13 @@ EFFECT = Effect(
         Parameter("rod_mass_kg", 0.3, 0.1, 1.0, 0.3, "piston and rod"),
         Parameter("counted_share", 0.0, 0.0, 1.0, 0.7, "of the rod's mass that the inner beam's effective mass holds"),
     ),
-    states=("rod_m", "rod_m_per_s"),
+    states=tuple(_ROD),
     source="K. H. Hunt and F. R. E. Crossley, J. Appl. Mech. 42 (1975) 440, contact whose damping needs indentation",
     linear=Linear(
         "a joint that bears, with its whole stiffness and damping down to a tenth of them",
         "the joint within its play, and limit cycles",
-        laws={
-            "rod_m": lambda signal, site: site.state["rod_m"],
-            "rod_m_per_s": lambda signal, site: site.state["rod_m_per_s"],
-            "inner_force_N": _bearing,
-        },
-        states=("rod_m", "rod_m_per_s"),
+        laws={**_ROD, "inner_force_N": _bearing},
+        states=tuple(_ROD),
         figures={"share": lambda own, at: Span(_LEAST_SHARE, 1.0, 1.0)},
         elements=_elements,
         near_rest="stability",

@@ -10,6 +10,7 @@ from typing import Any
 
 import casadi as ca
 
+from beamdesign.plant.component import SIGN, either
 from beamdesign.plant.effect import Effect, Linear, Operation, Parameter, Site, Span
 
 _SMOOTH = 1e-3  # of the supply pressure: below this drop the root goes over to a straight line
@@ -20,11 +21,12 @@ def _root(drop: Any) -> Any:
     return drop / ca.sqrt(ca.sqrt(drop**2 + _SMOOTH**2))
 
 
-def _into(flow: Any, pressure: Any, site: Site) -> Any:
-    """Flow into a chamber whose port opens to the supply where `flow` is positive, and to the tank elsewhere."""
+def _orifice(side: str, signal: Any, site: Site) -> Any:
+    """Flow through a port, which opens to the supply where it goes into the chamber, and to the tank elsewhere."""
+    flow, pressure = SIGN[side] * site.port[f"opening_{side}_m3_per_s"], site.port[f"pressure_{side}_Pa"]
     supply, tank = site.port["supply_pressure_Pa"], site.port["tank_pressure_Pa"]
     drop = ca.if_else(flow > 0, supply - pressure, pressure - tank)
-    return flow * _root(drop / site.parameter["supply_pressure_Pa"]) / float(_root(0.5))
+    return SIGN[side] * (flow * _root(drop / site.parameter["supply_pressure_Pa"]) / float(_root(0.5)))
 
 
 def _gain(own: Mapping[str, float], at: Operation) -> Span:
@@ -45,13 +47,9 @@ EFFECT = Effect(
         "supply_pressure_Pa": lambda signal, site: (
             site.parameter["supply_pressure_Pa"] + (signal - site.figure["supply_pressure"])
         ),
-        "orifice_a_m3_per_s": lambda _, site: _into(site.port["opening_a_m3_per_s"], site.port["pressure_a_Pa"], site),
-        "orifice_b_m3_per_s": lambda _, site: (
-            -_into(-site.port["opening_b_m3_per_s"], site.port["pressure_b_Pa"], site)
-        ),
+        **either("orifice_{}_m3_per_s", _orifice),
     },
     parameters=(Parameter("supply_pressure_Pa", 20e6, 2e6, 40e6, 0.3, "20 MPa is the supply of the published rig"),),
-    states=(),
     source="H. E. Merritt, Hydraulic Control Systems (1967), chapter 5, critical-centre valve",
     linear=Linear(
         "flow gain from that against the largest load to that with it, the valve near null",

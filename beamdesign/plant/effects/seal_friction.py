@@ -1,8 +1,8 @@
 """Friction of the piston's seal or of a screw: Stribeck curve with presliding (Dahl) and a viscous share.
 
 The seal's deflection over the presliding distance is a state that follows the stroke and settles at the direction of
-motion. It settles no faster than `_QUICKEST`, which bounds the stiffness of the equations and shows only at speeds
-above that rate times the presliding distance.
+motion. It settles no faster than `beamdesign.plant.effect.QUICKEST`, which bounds the stiffness of the equations and
+shows only at speeds above that rate times the presliding distance.
 """
 
 from collections.abc import Mapping
@@ -12,17 +12,13 @@ from typing import Any
 import casadi as ca
 from flint import fmpq
 
-from beamdesign.plant.effect import Effect, Elements, Linear, Operation, Parameter, Site, Span
-
-_QUICKEST = 1e4  # 1/s
+from beamdesign.plant.effect import Effect, Elements, Linear, Operation, Parameter, Site, Span, dahl_rate
 
 
 def _law(signal: Any, site: Site) -> Any:
     speed, deflection = site.port["sliding_m_per_s"], site.state["deflection"]
     figure = site.parameter
-    rate = speed / figure["presliding_m"]
-    rate = rate / ca.sqrt(1 + (rate / _QUICKEST) ** 2)
-    site.rate["deflection"] = rate - ca.fabs(rate) * deflection
+    site.rate["deflection"] = dahl_rate(speed / figure["presliding_m"], deflection)
     excess = (figure["breakaway_ratio"] - 1) * ca.exp(-((speed / figure["stribeck_m_per_s"]) ** 2))
     return signal + figure["coulomb_N"] * (1 + excess) * deflection + figure["viscous_N_s_per_m"] * speed
 

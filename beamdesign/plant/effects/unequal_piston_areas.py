@@ -15,20 +15,26 @@ from typing import Any
 
 import casadi as ca
 
+from beamdesign.plant.component import SIGN, either
 from beamdesign.plant.effect import Effect, Elements, Linear, Operation, Parameter, Site, Span
 
 
-def _passed(signal: Any, sign: int, site: Site) -> Any:
-    """Flow through the port of the side whose area is 1 + sign asymmetry times the mean one."""
+def _share(side: str, signal: Any, site: Site) -> Any:
+    """A signal of the mean area as it is on the side whose area is 1 + asymmetry, or 1 - asymmetry, times that."""
+    return signal * (1 + SIGN[side] * site.parameter["asymmetry"])
+
+
+def _passed(side: str, signal: Any, site: Site) -> Any:
+    """Flow through the port of a side."""
     asymmetry = site.parameter["asymmetry"]
     fills_a = ca.if_else(asymmetry > 0, signal > 0, signal >= 0)  # at null: the smaller side
-    return signal * (1 + sign * asymmetry) / ca.if_else(fills_a, 1 + asymmetry, 1 - asymmetry)
+    return _share(side, signal, site) / ca.if_else(fills_a, 1 + asymmetry, 1 - asymmetry)
 
 
-def _null(site: Site) -> Any:
-    """Leakage at half the supply pressure that brings the chambers to the pressures of no load, m3/s."""
+def _null(side: str, signal: Any, site: Site) -> Any:
+    """With leakage at half the supply pressure that brings the chambers to the pressures of no load, m3/s."""
     leakage = site.port["null_adjusted"] * site.figure["leakage"]
-    return leakage * site.port["supply_pressure_Pa"] * site.parameter["asymmetry"]
+    return signal + SIGN[side] * (leakage * site.port["supply_pressure_Pa"] * site.parameter["asymmetry"])
 
 
 def _gain(own: Mapping[str, float], at: Operation) -> Span:
@@ -40,12 +46,9 @@ EFFECT = Effect(
     name="unequal_piston_areas",
     subsystem="actuator",
     laws={
-        "area_a_m2": lambda signal, site: signal * (1 + site.parameter["asymmetry"]),
-        "area_b_m2": lambda signal, site: signal * (1 - site.parameter["asymmetry"]),
-        "linear_a_m3_per_s": lambda signal, site: _passed(signal, 1, site),
-        "linear_b_m3_per_s": lambda signal, site: _passed(signal, -1, site),
-        "leakage_a_m3_per_s": lambda signal, site: signal + _null(site),
-        "leakage_b_m3_per_s": lambda signal, site: signal - _null(site),
+        **either("area_{}_m2", _share),
+        **either("linear_{}_m3_per_s", _passed),
+        **either("leakage_{}_m3_per_s", _null),
     },
     parameters=(
         Parameter(
@@ -57,17 +60,11 @@ EFFECT = Effect(
             "(A_a - A_b)/(A_a + A_b); 0.121 is a bore of 12.7 mm with the published mean area of 1.13 cm2",
         ),
     ),
-    states=(),
     source="Zalucky and Hardt (1984), Appendix and experimental results: the smaller side governs",
     linear=Linear(
         "flow gain from that of the larger side to that of the smaller one",
         "the change of sides within one motion",
-        laws={
-            "area_a_m2": lambda signal, site: signal * (1 + site.parameter["asymmetry"]),
-            "area_b_m2": lambda signal, site: signal * (1 - site.parameter["asymmetry"]),
-            "linear_a_m3_per_s": lambda signal, site: signal * (1 + site.parameter["asymmetry"]),
-            "linear_b_m3_per_s": lambda signal, site: signal * (1 - site.parameter["asymmetry"]),
-        },
+        laws={**either("area_{}_m2", _share), **either("linear_{}_m3_per_s", _share)},
         gain=_gain,
         elements=lambda own, figure: Elements(asymmetry=own["asymmetry"]),
     ),

@@ -6,24 +6,22 @@ imbalance times the supply, and nulls at a current of that pressure over the pre
 
 from typing import Any
 
+from beamdesign.plant.component import SIGN, either
 from beamdesign.plant.effect import Effect, Linear, Parameter, Site
 
 
-def _more(site: Site) -> Any:
-    return site.figure["leakage"] * site.port["supply_pressure_Pa"] * site.parameter["imbalance"]
+def _law(side: str, signal: Any, site: Site) -> Any:
+    more = site.figure["leakage"] * site.port["supply_pressure_Pa"] * site.parameter["imbalance"]
+    return signal - SIGN[side] * more
 
 
 EFFECT = Effect(
     name="uneven_leakage",
     subsystem="servovalve",
-    laws={
-        "leakage_a_m3_per_s": lambda signal, site: signal - _more(site),
-        "leakage_b_m3_per_s": lambda signal, site: signal + _more(site),
-    },
+    laws=either("leakage_{}_m3_per_s", _law),
     parameters=(
         Parameter("imbalance", 0.1, -0.95, 0.95, 0.2, "leakage from the supply less that to the tank, over their sum"),
     ),
-    states=(),
     source="H. E. Merritt, Hydraulic Control Systems (1967), chapter 5, leakage of worn and of new spool valves",
     linear=Linear("as it is: it shifts where the valve nulls", "that the load pressure at rest is not zero"),
 )

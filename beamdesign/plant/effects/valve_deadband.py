@@ -19,7 +19,6 @@ EFFECT = Effect(
     parameters=(
         Parameter("half_width_A", 0.2e-3, 0.0, 5e-3, 0.3e-3, "current to either side of null that opens nothing"),
     ),
-    states=(),
     source="H. E. Merritt, Hydraulic Control Systems (1967), chapter 5, overlapped spool valves",
     linear=Linear(
         "gain from none to the whole, the sector in which a dead band lies; performance for flows well beyond it",

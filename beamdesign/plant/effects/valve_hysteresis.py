@@ -8,16 +8,13 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from beamdesign.plant.effect import Effect, Elements, Linear, Parameter, Site, Span
-
-_QUICKEST = 1e4  # 1/s
+from beamdesign.plant.effect import Effect, Elements, Linear, Parameter, Site, Span, dahl_rate
 
 
 def _law(signal: Any, site: Site) -> Any:
     width, state = site.parameter["half_width_A"], site.state["friction"]
     rate = site.port["flow_m3_per_s2"] / (site.figure["flow_gain"] * width * site.parameter["travel"])
-    rate = rate / ca.sqrt(1 + (rate / _QUICKEST) ** 2)
-    site.rate["friction"] = rate - ca.fabs(rate) * state
+    site.rate["friction"] = dahl_rate(rate, state)
     return signal - width * state
 
 

@@ -13,7 +13,7 @@ from typing import Any
 import casadi as ca
 from flint import fmpq
 
-from beamdesign.plant.effect import TWO_PI, Effect, Elements, Law, Linear, Operation, Parameter, Site, Span
+from beamdesign.plant.effect import TWO_PI, Effect, Elements, Law, Linear, Operation, Parameter, Site, Span, dahl_rate
 from beamdesign.plant.empirical.places import PLACES, Place, Signal
 
 _USUAL = {"m": 1e-3, "N": 500.0, "m_per_s": 0.1, "Pa": 5e6, "m3_per_s": 5e-5, "A": 5e-3, "V": 1.0}
@@ -28,7 +28,6 @@ _MEANINGS = {
     "appendage": "A mass on a spring", "resonance": "A share that passes a resonance",
     "droop": "A loss that follows the signal's size", "drift": "A gain that changes in time",
 }  # fmt: skip
-_QUICKEST = 1e4  # 1/s, of that deflection, as in `seal_friction`
 
 
 def laws() -> tuple[Effect, ...]:
@@ -43,12 +42,9 @@ def _effect(
     parameters: tuple[Parameter, ...],
     linear: Linear | None,
     nearest: Callable[[Mapping[str, float]], str],
-    states: tuple[str, ...] = (),
-    memory: tuple[str, ...] = (),
-    scales: Mapping[str, str] | None = None,
-    table: Callable[[Mapping[str, float]], Mapping[str, tuple[float, ...]]] | None = None,
+    **more: Any,
 ) -> Effect:
-    """An effect of what a law adds at its place."""
+    """An effect of what a law adds at its place, with what more fields of it there are."""
 
     def at(sign: int) -> Law:
         return lambda signal, site: signal + sign * law(signal, site)
@@ -58,15 +54,12 @@ def _effect(
         subsystem=place.subsystem,
         laws={port: at(sign) for port, sign in place.ports.items()},
         parameters=parameters,
-        states=states,
         meaning=f"{_MEANINGS[kind]} at the port {place.name.replace('_', ' ')}, learnt from the records of a rig.",
         source="no law of physics",
-        memory=memory,
         linear=linear,
         realises=f"empirical:{place.name}",
         nearest=nearest,
-        scales=scales or {},
-        table=table,
+        **more,
     )
 
 
@@ -189,9 +182,7 @@ def _loop(place: Place, kind: str) -> Effect:
     def law(signal: Any, site: Site) -> Any:
         own, added = site.parameter, 0.0
         for name, width in _WIDTHS.items():
-            pace = rate(signal, site) / (width * own[reach.name])
-            pace = pace / ca.sqrt(1 + (pace / _QUICKEST) ** 2)
-            site.rate[name] = pace - ca.fabs(pace) * site.state[name]
+            site.rate[name] = dahl_rate(rate(signal, site) / (width * own[reach.name]), site.state[name])
             added += own[name] * site.state[name]
         return own[size.name] * added
 
@@ -209,17 +200,8 @@ def _loop(place: Place, kind: str) -> Effect:
     )
     own, parameters = tuple(_WIDTHS), (*heights, reach, size)
     words = "friction" if place.dashpot else "friction between layers, or of a cable"
-    return _effect(
-        place,
-        kind,
-        law,
-        parameters,
-        replace(linear, near_rest="compliance"),
-        lambda found: words,
-        own,
-        own,
-        read | sized,
-    )
+    near = replace(linear, near_rest="compliance")
+    return _effect(place, kind, law, parameters, near, lambda found: words, states=own, memory=own, scales=read | sized)
 
 
 def _lag(place: Place, kind: str) -> Effect:
@@ -286,8 +268,8 @@ def _appendage(place: Place, kind: str) -> Effect:
     def nearest(own: Mapping[str, float]) -> str:
         return f"a mass of {own['mass_kg']:.2g} kg that swings on the {beam} beam at {own['frequency_Hz']:.3g} Hz"
 
-    linear, own = Linear("as it is", elements=elements), ("at_m", "at_m_per_s")
-    return _effect(place, kind, law, parameters, linear, nearest, own)
+    linear = Linear("as it is", elements=elements)
+    return _effect(place, kind, law, parameters, linear, nearest, states=("at_m", "at_m_per_s"))
 
 
 def _resonance(place: Place, kind: str) -> Effect:
@@ -312,8 +294,8 @@ def _resonance(place: Place, kind: str) -> Effect:
     def nearest(own: Mapping[str, float]) -> str:
         return f"a resonance of the {place.name} at {own['frequency_Hz']:.3g} Hz, as of its holder"
 
-    linear, own = Linear("as it is", elements=elements), ("seen", "seen_per_s")
-    return _effect(place, kind, law, parameters, linear, nearest, own)
+    linear = Linear("as it is", elements=elements)
+    return _effect(place, kind, law, parameters, linear, nearest, states=("seen", "seen_per_s"))
 
 
 def _droop(place: Place, kind: str) -> Effect:
@@ -336,7 +318,7 @@ def _droop(place: Place, kind: str) -> Effect:
     )
     words, left = "no loss, to that of a steady signal of the size", "what the loss does while it changes"
     linear, like = _slope(place, words, left, factor), "a supply that droops under flow"
-    found = _effect(place, kind, law, parameters, linear, lambda own: like, ("used",), scales=sized)
+    found = _effect(place, kind, law, parameters, linear, lambda own: like, states=("used",), scales=sized)
     return replace(found, subsystem="oil")  # which the supply belongs to
 
 
