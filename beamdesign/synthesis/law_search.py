@@ -174,8 +174,7 @@ def _best_proved(
     for rough in while_time(designs, lambda one: f"a design of {_in_words(task, one)}", least):
         if rough.value <= 0 or best.worth > ENOUGH * rough.value:
             continue
-        chosen = rough.variables[rough.form.size + 1 :]
-        if why := task.sections.hopeless(rough.inner_end_mass, chosen, rough.value) if task.sections else "":
+        if why := task.sections.hopeless(rough.inner_end_mass, rough.chosen, rough.value) if task.sections else "":
             tried.append(Found(None, reached, 0, why))
             continue
         words = _in_words(task, rough)
@@ -309,14 +308,14 @@ def _proved(task: Search, design: Design, sampled: tuple[float, ...]) -> Found:
             reason = reason or "no time was left for its proof"
             break
         proofs += 1
-        law, inner, chosen = design.law, design.inner_end_mass, design.variables[design.form.size + 1 :]
+        law, inner, chosen = design.law, design.inner_end_mass, design.chosen
         try:
             members = task.members_with(chosen, rounded=True)
         except ValueError as error:
             reason = str(error)
             break
         loops, refuted, joined = loop_set(members, law, inner, task.masses_kg), True, False
-        if unstable := bool(loops.unstable(task.goal)):
+        if unstable := loops.unstable(task.goal):
             reason = "the loop is not stable over the whole range"
         if unstable and task.spread is None:
             break

@@ -160,7 +160,7 @@ class LawRefinement:
         def judged(variables: np.ndarray, found: Slacks) -> tuple[float, float, float]:
             """Bandwidth (Hz), value, and what is missed of the other limits."""
             width = sampled_bandwidth(self.points, found.compliance - stiffer + TOUCH)
-            missed = max(found.violation_inside(inside), self._overdrawn(variables))
+            missed = max(found.violation(inside), self._overdrawn(variables))
             return width, self.value(variables, width), missed
 
         reached, value, violation = judged(best, now)

@@ -17,8 +17,8 @@ from beamdesign.proofs.writer import certificate, stated, texts
 from beamdesign.prototype import Compliance, Prototype
 from beamdesign.rational import text
 from beamdesign.synthesis.design_run import stating
-from beamdesign.synthesis.end_stiffness import SHARE, EndStiffness, Need, controller_of, in_contact, sensed
-from beamdesign.synthesis.rig_spread import rig_spread
+from beamdesign.synthesis.end_stiffness import SHARE, EndStiffness, Need, controller_of, in_contact
+from beamdesign.synthesis.stiffness_search import plants_drawn
 
 CONTACT_NAME = "certificate.contact.toml"
 
@@ -191,13 +191,9 @@ def drawn_rigs(prototype: Prototype, masses_kg: tuple[float, float], wall: Wall,
         wall: that the tip may lean on.
         count: how many.
     """
-    law = prototype.controller
+    law, masses = prototype.controller, (exact(masses_kg[0]), exact(masses_kg[1]))
     assert law is not None
-    if not any(prototype.tolerance.model_dump().values()):
-        return ()
-    spread = rig_spread(prototype, masses_kg[1], 1.0)
-    masses = (exact(masses_kg[0]), exact(masses_kg[1]))
-    ports = [tip(close_loop(sensed(spread.rig(z)), law)) for z in spread.drawn(count, seed=1)]
+    ports = [tip(close_loop(plant, law)) for plant in plants_drawn(prototype, masses_kg[1], count, seed=1)]
     needs: tuple[Need, ...] = ("stable", "passive", "wall")
     return tuple(
         DrawnRig(port.static_stiffness(), *(in_contact(port, masses, wall, need) for need in needs)) for port in ports
