@@ -14,7 +14,7 @@ from beamdesign.proofs.certifying import certify
 from beamdesign.proofs.contact import Band, Environment, Wall
 from beamdesign.proofs.mass_tables import finite
 from beamdesign.proofs.writer import certificate, stated, texts
-from beamdesign.prototype import Compliance, Prototype
+from beamdesign.prototype import Prototype
 from beamdesign.rational import text
 from beamdesign.synthesis.design_run import stating
 from beamdesign.synthesis.end_stiffness import SHARE, EndStiffness, Need, controller_of, in_contact
@@ -49,13 +49,7 @@ def carried_out(
     law = found.law
     if law is None:
         raise ValueError("a controller that was judged as it is has no law to be carried out")
-    rig = prototype.but(
-        controller=controller_of(prototype, law),
-        compliance=Compliance(
-            end_stiffness_N_per_m=law.end_stiffness_N_per_m, force_filter_Hz=law.force_filter_Hz, servo=law.servo
-        ),
-        guarantee=None,
-    )
+    rig = prototype.but(controller=controller_of(prototype, law), compliance=law, guarantee=None)
     asked = (Asked("peak_sensitivity", found.peak_sensitivity), *goal_claims(prototype.goal))
     proof = certify(rig, *masses_kg, asked)
     bandwidth = 0.0 if proof.guaranteed is None else proof.guaranteed.bandwidth_Hz

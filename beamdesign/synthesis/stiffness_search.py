@@ -19,11 +19,10 @@ from beamdesign.proofs.certificate import Asked, goal_claims
 from beamdesign.proofs.contact import Wall
 from beamdesign.proofs.performance import prove
 from beamdesign.proofs.rectangle import Rectangle
-from beamdesign.prototype import Prototype
+from beamdesign.prototype import Compliance, Prototype
 from beamdesign.synthesis.end_stiffness import (
     NEEDS,
     SHARE,
-    CompliantLaw,
     EndStiffness,
     Need,
     controller_of,
@@ -159,7 +158,7 @@ class _Search:
         self.plant = sensed(self.prototype)
         self.masses = (exact(self.masses_kg[0]), exact(self.masses_kg[1]))
 
-    def best(self, progress: Callable[[float], None]) -> CompliantLaw | None:
+    def best(self, progress: Callable[[float], None]) -> Compliance | None:
         """The admitted law with the largest score; None where none is."""
         lowest, highest = (_LOWEST[3:], _HIGHEST[3:]) if self.servo else (_LOWEST.copy(), _HIGHEST)
         if self.servo:
@@ -208,12 +207,10 @@ class _Search:
                 top, point = score, here
         return top, point
 
-    def _law(self, logarithms: np.ndarray) -> CompliantLaw:
+    def _law(self, logarithms: np.ndarray) -> Compliance:
         figures = [float(f"{10**value:.4g}") for value in logarithms]
-        if self.servo:
-            return CompliantLaw(self.servo, self.end_stiffness, figures[0])
-        lag = Lag(gain_A_per_V=figures[0], pole_Hz=figures[1], zero_Hz=figures[2])
-        return CompliantLaw(lag, self.end_stiffness, figures[3])
+        servo = self.servo or Lag(gain_A_per_V=figures[0], pole_Hz=figures[1], zero_Hz=figures[2])
+        return Compliance(end_stiffness_N_per_m=self.end_stiffness, force_filter_Hz=figures[-1], servo=servo)
 
     def _band(self, closed: Loop) -> float:
         """First sampled frequency at which the stiffness is off by more than `SHARE`, interpolated, Hz."""
