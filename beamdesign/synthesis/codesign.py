@@ -179,7 +179,6 @@ def sized_search(
 ) -> Search:
     """The search for a law of a problem and for sections, begun with those of tubes that there are."""
     rig = sections.prototype(sections.start, False)
-    assert rig is not None
     spread = rig_spread(rig, masses_kg[1], sigmas) if sigmas else None
     given = (family(rig).members, problem.goal, masses_kg, inner_kg)
     return Search(*given, spread=spread, effort=SIZED_EFFORT, sections=sections)

@@ -140,12 +140,10 @@ class Search:
         Raises:
             ValueError: where there is no such rig.
         """
-        if self.sections is None:
-            assert self.spread is not None
-            return self.spread.prototype
-        if (found := self.sections.prototype(chosen, rounded)) is None:
-            raise ValueError("these sizes are no pair of tubes")
-        return found
+        if self.sections is not None:
+            return self.sections.prototype(chosen, rounded)
+        assert self.spread is not None
+        return self.spread.prototype
 
     def members_with(
         self, chosen: np.ndarray, rounded: bool = False, z: np.ndarray | None = None

@@ -122,13 +122,9 @@ class LawRefinement:
             return lower, upper
         return np.append(lower, sections.lower), np.append(upper, sections.upper)
 
-    def points_at(self, variables: np.ndarray) -> Samples | None:
-        """Samples of the loops with the sections among these variables."""
-        return self.points if self.resampled is None else self.resampled(variables[self.form.size + 1 :])
-
     def measured(self, variables: np.ndarray) -> Slacks | None:
         """What a law leaves of the limits, without derivatives; None where there is no such rig."""
-        points = self.points_at(variables)
+        points = self.points if self.resampled is None else self.resampled(variables[self.form.size + 1 :])
         return None if points is None else slacks(points, self.goal, self.form, variables, slopes=False)
 
     def __call__(

@@ -2,7 +2,8 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from math import ceil, floor, log10
+from decimal import ROUND_CEILING, ROUND_FLOOR, Context
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -31,7 +32,7 @@ from beamdesign.synthesis.free_search import (
 )
 from beamdesign.synthesis.stock_search import Stock, feasible_pairs, lightest, nearest_pair
 
-_DIGITS = 4
+_DIGITS, _MEANT = 4, 12
 
 
 @dataclass(frozen=True)
@@ -62,21 +63,16 @@ class Relaxation:
         return abs(self.enough - self.asked) / self.asked
 
 
-def _eased(asked: Requirements, name: str, share: float) -> float:
-    """The figure of a requirement at a share, 0 to 1, of the way to its easiest."""
+def _eased(asked: Requirements, name: str, share: Any) -> Any:
+    """The figure of a requirement at a share, 0 to 1, of the way to its easiest; of a symbol in symbols."""
     figure = float(getattr(asked, name))
     return figure + share * (REQUIREMENTS[name].easiest - figure)
 
 
 def _rounded(figure: float, easiest: float) -> float:
     """Round to a few digits in the direction of the easiest figure, and not beyond it."""
-    if figure == 0 or figure == easiest:
-        return easiest
-    step = 10.0 ** (floor(log10(abs(figure))) - _DIGITS + 1)
-    steps = figure / step
-    # Steps are counted from rounded text, so that 1500 stays 1500 and does not become 1500.0000000000002.
-    whole = ceil(steps - 1e-9) if easiest > figure else floor(steps + 1e-9)
-    value = float(f"{whole * step:.{_DIGITS}g}")
+    exact = Context(_MEANT).create_decimal(repr(figure))  # so that 1500.0000000000002 is 1500 and stays that
+    value = float(Context(_DIGITS, ROUND_CEILING if easiest > figure else ROUND_FLOOR).create_decimal(exact))
     return min(value, easiest) if easiest > figure else max(value, easiest)
 
 
@@ -128,12 +124,11 @@ def _ease_one(
     points: Sequence[np.ndarray],
 ) -> Relaxation | None:
     """The smallest change of one requirement that makes room, or None if none was found."""
-    place, easiest = program.names.index(name), REQUIREMENTS[name].easiest
-    figure = float(program.figures[place])
+    place, asked = program.names.index(name), requirements(problem)
 
     def figures(share: float) -> np.ndarray:
         eased = program.figures.copy()
-        eased[place] = figure + share * (easiest - figure)
+        eased[place] = _eased(asked, name, share)
         return eased
 
     with_room, missed = elastic.nearest(figures(1.0), points)
@@ -141,7 +136,7 @@ def _ease_one(
         return None
     share = ca.SX.sym("share")
     eased = ca.SX(program.asked)
-    eased[place] = figure + share * (easiest - figure)
+    eased[place] = _eased(asked, name, share)
     constraints = ca.substitute(program.constraints, program.asked, eased)
     ready = solver(program, share, constraints, share)
     least, best = 1.0, with_room
@@ -149,7 +144,7 @@ def _ease_one(
         end = solve(ready, np.append(start_variables(problem, sizes), 0.5), program.figures, [(0.0, 1.0)])
         if end[8] < least and conditions.violation(end[:8], figures(float(end[8]))) <= FEASIBLE:
             least, best = float(end[8]), end[:8]
-    enough = _rounded(float(figures(least)[place]), easiest)
+    enough = _rounded(_eased(asked, name, least), REQUIREMENTS[name].easiest)
     return _confirmed(problem, name, enough, tubes(problem, best))
 
 
