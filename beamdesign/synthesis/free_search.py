@@ -24,7 +24,6 @@ from beamdesign.synthesis.checks import (
     beam_mass,
     check_sections,
     checks,
-    materials,
     requirements,
 )
 from beamdesign.synthesis.interruption import interruption_waits
@@ -105,7 +104,8 @@ def sizing_program(problem: DesignProblem) -> Program:
         (check.limit - check.value) / max(limit, 1e-3) if check.at_least else 1 - check.limit / check.value
         for check, limit in zip(found, limits, strict=True)
     ]
-    for tube, alloy, pair in zip((outer, inner), materials(problem), pairs, strict=True):
+    for tube, of, pair in zip((outer, inner), problem.beams, pairs, strict=True):
+        alloy = of.material
         slenderness = tube.relative_slenderness(alloy.proof_strength_Pa)
         for factor, value in zip(pair, slenderness, strict=False):  # of flange and web; a round tube has neither
             constraints += [factor - 1, factor - buckling_curve(value, alloy.buckling_constants)]
@@ -140,7 +140,8 @@ def start_points(problem: DesignProblem, pairs: Sequence[tuple[Tube, Tube]] = ()
 def start_variables(problem: DesignProblem, sizes: np.ndarray) -> np.ndarray:
     """Program variables for sizes in m, (4,), with the local buckling factors that belong to them, (8,)."""
     factors = []
-    for tube, alloy in zip(pair_of(problem, sizes.tolist()), materials(problem), strict=True):
+    for tube, of in zip(pair_of(problem, sizes.tolist()), problem.beams, strict=True):
+        alloy = of.material
         slenderness = tube.relative_slenderness(alloy.proof_strength_Pa)
         own = [min(1.0, float(buckling_curve(value, alloy.buckling_constants))) for value in slenderness]
         factors += own or [1.0, 1.0]
@@ -227,7 +228,8 @@ class Elastic:
     """Minimises the sum of what the checks are missed by; compiled once, solved for any requirements."""
 
     def __init__(self, problem: DesignProblem, program: Program, conditions: Conditions):
-        self._problem, self._count, self._conditions = problem, len(program.checks), conditions
+        self.problem, self.program, self.conditions = problem, program, conditions
+        self._count = len(program.checks)
         excess = ca.SX.sym("excess", self._count)
         others = ca.SX.zeros(program.constraints.shape[0] - self._count)
         self._ready = solver(program, ca.sum1(excess), program.constraints - ca.vertcat(excess, others), excess)
@@ -245,10 +247,10 @@ class Elastic:
         """
         found: list[tuple[float, np.ndarray]] = []
         for sizes in points:
-            start = start_variables(self._problem, sizes)
-            missed = np.clip(self._conditions.constraints(start, figures)[: self._count], 0.0, _MOST) + 0.1
+            start = start_variables(self.problem, sizes)
+            missed = np.clip(self.conditions.constraints(start, figures)[: self._count], 0.0, _MOST) + 0.1
             end = solve(self._ready, np.concatenate([start, missed]), figures, [(0.0, _MOST)] * self._count)[:8]
-            total = float(np.clip(self._conditions.constraints(end, figures), 0.0, None).sum())
+            total = float(np.clip(self.conditions.constraints(end, figures), 0.0, None).sum())
             found.append((total if np.isfinite(total) else float("inf"), end))
         total, variables = min(found, key=lambda item: item[0])
         return variables, total

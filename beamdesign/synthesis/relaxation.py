@@ -22,7 +22,6 @@ from beamdesign.synthesis.free_search import (
     SIZE_UNITS,
     Conditions,
     Elastic,
-    Program,
     sizing_program,
     solve,
     solver,
@@ -104,26 +103,17 @@ def relax_free(problem: DesignProblem) -> tuple[tuple[Relaxation, ...], CheckedP
         The relaxations, the relatively smallest first; and the pair with the least sum of relative violations.
     """
     program = sizing_program(problem)
-    conditions = Conditions(program)
-    elastic = Elastic(problem, program, conditions)
+    elastic = Elastic(problem, program, Conditions(program))
     points = start_points(problem)[::3]
     nearest, _ = elastic.nearest(program.figures, points)
     points.insert(0, nearest[:4] * SIZE_UNITS)
-    found = [
-        _ease_one(problem, program, conditions, elastic, name, points) for name in _relaxable(requirements(problem))
-    ]
+    found = [_ease_one(elastic, name, points) for name in _relaxable(requirements(problem))]
     return _in_order(found), check_sections(problem, *tubes(problem, nearest))
 
 
-def _ease_one(
-    problem: DesignProblem,
-    program: Program,
-    conditions: Conditions,
-    elastic: Elastic,
-    name: str,
-    points: Sequence[np.ndarray],
-) -> Relaxation | None:
+def _ease_one(elastic: Elastic, name: str, points: Sequence[np.ndarray]) -> Relaxation | None:
     """The smallest change of one requirement that makes room, or None if none was found."""
+    problem, program, conditions = elastic.problem, elastic.program, elastic.conditions
     place, asked = program.names.index(name), requirements(problem)
 
     def figures(share: float) -> np.ndarray:

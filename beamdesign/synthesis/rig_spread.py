@@ -61,7 +61,7 @@ class RigSpread:
 
     def off(self, factors: Mapping[str, float]) -> np.ndarray:
         """(d,) standard deviations of figures that are multiplied by these, those left out by one."""
-        return self.rounded(np.array([(factors.get(name, 1.0) - 1) / size for name, size in self.deviations.items()]))
+        return np.round([(factors.get(name, 1.0) - 1) / size for name, size in self.deviations.items()], _DIGITS)
 
     def members(self, z: np.ndarray) -> tuple[VertexModel, ...]:
         """Linear members that a law has to serve of the prototype with its figures off by (d,)."""
@@ -70,11 +70,7 @@ class RigSpread:
     def drawn(self, count: int, seed: int) -> list[np.ndarray]:
         """Deviations (d,) of rigs drawn at random: normal, cut off at four."""
         normal = np.random.default_rng(seed).standard_normal((count, len(self.deviations)))
-        return [self.rounded(z) for z in np.clip(normal, -_CUT, _CUT)]
-
-    def rounded(self, z: np.ndarray) -> np.ndarray:
-        """(d,) deviations in short figures."""
-        return np.round(z, _DIGITS)
+        return list(np.round(np.clip(normal, -_CUT, _CUT), _DIGITS))
 
 
 def rig_spread(prototype: Prototype, largest_outer_kg: float, sigmas: float = SIGMAS) -> RigSpread:
