@@ -188,13 +188,11 @@ class Search:
         """The refinement of laws of a form, built once."""
         if form not in self._refinements:
             nominal = self.members_with(self._start), sampled_masses(self.masses_kg), None
-            rigs = [nominal] + [
-                (self.members_with(self._start, z=np.array(cut.z)), [cut.outer_end_mass_kg], cut) for cut in self.cuts
-            ]
-            every = [(one, masses, cut) for members, masses, cut in rigs for one in ends(members)]
+            off = ((self.members_with(self._start, z=np.array(c.z)), [c.outer_end_mass_kg], c) for c in self.cuts)
             listed = [
                 ((rig.polynomials(self.sensors), factor, masses, cut is None), self._factors(cut))
-                for (rig, factor, performs), masses, cut in every
+                for members, masses, cut in (nominal, *off)
+                for rig, factor, performs in ends(members)
                 if performs
             ]
             rows = len(self._masses) * len(ends(self.members))

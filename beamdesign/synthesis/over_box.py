@@ -62,10 +62,6 @@ class OverBox:
         """Text that `beamdesign.checker` proves again."""
         return self.write(self.found)
 
-    def proved(self, kind: str) -> Asked | None:
-        """The claim of a kind; None where there is none."""
-        return next((claim for claim in self.claims if claim.kind == kind), None)
-
 
 @dataclass(frozen=True)
 class BoxTask:

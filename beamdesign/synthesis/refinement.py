@@ -222,9 +222,9 @@ class LawRefinement:
         lower, upper = np.maximum(lower, start - moves), np.minimum(upper, start + moves)
         # A compliance that just misses its limit at rest has no bandwidth, but is a good start.
         near = sampled_bandwidth(self.points, now.compliance + NEARLY)
-        beta = log(max(bandwidth_Hz, near, 0.5))
-        if (most := self._aimed) < inf:
-            beta = min(beta, most)
+        most = self._aimed
+        beta = min(log(max(bandwidth_Hz, near, 0.5)), most)
+        highest_beta = min(beta + (0.25 if self.sections is None else 1.0), most)
         limited = dict(zip(LIMITED, met if self.sections else now.values, strict=True))
         (solver, servo_off), resonance, apart = self._program, [], 0.0
         if servo_off is not None:
@@ -236,13 +236,7 @@ class LawRefinement:
                 x0=np.concatenate([start, [beta], resonance]),
                 p=np.concatenate([*data, spare, [apart]]),
                 lbx=np.concatenate([lower, [beta - 1.0], np.subtract(resonance, _MOVES)]),
-                ubx=np.concatenate(
-                    [
-                        upper,
-                        [min(beta + (0.25 if self.sections is None else 1.0), most)],
-                        np.add(resonance, _MOVES),
-                    ]
-                ),
+                ubx=np.concatenate([upper, [highest_beta], np.add(resonance, _MOVES)]),
                 lbg=0.0,
                 ubg=ca.inf,
             )
