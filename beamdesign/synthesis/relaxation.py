@@ -10,13 +10,7 @@ import numpy as np
 
 from beamdesign.problem import DesignProblem
 from beamdesign.structure.section import Tube
-from beamdesign.synthesis.checks import (
-    REQUIREMENTS,
-    CheckedPair,
-    Requirements,
-    check_sections,
-    requirements,
-)
+from beamdesign.synthesis.checks import REQUIREMENTS, CheckedPair, Requirements, check_sections, requirements
 from beamdesign.synthesis.free_search import (
     FEASIBLE,
     SIZE_UNITS,

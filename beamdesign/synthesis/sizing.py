@@ -10,15 +10,8 @@ from beamdesign.prototype import Beam, Payload, Prototype
 from beamdesign.records import InputError, Problem
 from beamdesign.result import Result
 from beamdesign.structure.section import Tube
-from beamdesign.synthesis.checks import (
-    Check,
-    CheckedPair,
-    check_sections,
-)
-from beamdesign.synthesis.free_search import (
-    FreeOptimum,
-    free_optimum,
-)
+from beamdesign.synthesis.checks import Check, CheckedPair, check_sections
+from beamdesign.synthesis.free_search import FreeOptimum, free_optimum
 from beamdesign.synthesis.relaxation import Relaxation, relax_free, relax_stock
 from beamdesign.synthesis.stock_search import StockOptimum, stock_of, stock_optimum
 
