@@ -28,13 +28,13 @@ from beamdesign.proofs.lyapunov import stages_certificate, switching
 from beamdesign.proofs.mass_family import stage_families
 from beamdesign.proofs.tolerance_box import tolerance_box
 from beamdesign.proofs.writer import prototype_table, rig_tables
-from beamdesign.prototype import Prototype, prototype_from
+from beamdesign.prototype import Compliance, Prototype, prototype_from
 from beamdesign.public import state_space
 from beamdesign.records import InputError, to_toml
 from beamdesign.scenario import Sampled, Scenario, ScenarioRecord, Sine, Step
 from beamdesign.simulation import simulate
 from beamdesign.structure.lumped import figures
-from beamdesign.synthesis.end_stiffness import CompliantLaw, controller_of, judge, sensed, servo_stiffness
+from beamdesign.synthesis.end_stiffness import controller_of, judge, sensed, servo_stiffness
 from beamdesign.synthesis.operating_limits import demand, envelope, needs
 from beamdesign.synthesis.stiffness_run import carried_out
 from beamdesign.synthesis.tuning import tune
@@ -332,14 +332,15 @@ def test_a_law_hears_what_there_is_to_feel(rig: Prototype, paper: Prototype) -> 
 
 
 @pytest.fixture
-def compliant(rig: Prototype) -> CompliantLaw:
+def compliant(rig: Prototype) -> Compliance:
     """The rig's own lag, the end twice as stiff as its outer beam."""
     assert isinstance(rig.controller, Lag)
-    return CompliantLaw(rig.controller, 2 * figures(rig)["outer_stiffness"], 10.0)
+    stiffness = 2 * figures(rig)["outer_stiffness"]
+    return Compliance(end_stiffness_N_per_m=stiffness, force_filter_Hz=10.0, servo=rig.controller)
 
 
 @pytest.mark.parametrize("mass", [0.0, 6.8])
-def test_an_end_with_a_screw_yields_as_its_parts_say(rig: Prototype, compliant: CompliantLaw, mass: float) -> None:
+def test_an_end_with_a_screw_yields_as_its_parts_say(rig: Prototype, compliant: Compliance, mass: float) -> None:
     """Against the matrices written by hand, closed at each frequency with what the law is by its formula.
 
     At rest the nut stands still under K_t / h per ampere, so that the servo alone is K_m + (K_t / h) K F_s.
@@ -365,7 +366,7 @@ def test_an_end_with_a_screw_yields_as_its_parts_say(rig: Prototype, compliant: 
         assert port.stiffness_response(np.array([w / (2 * pi)]), mass)[0] == pytest.approx(1 / yields, rel=1e-7)
 
 
-def test_an_end_with_a_screw_is_proved_and_simulated(rig: Prototype, compliant: CompliantLaw) -> None:
+def test_an_end_with_a_screw_is_proved_and_simulated(rig: Prototype, compliant: Compliance) -> None:
     """The checker, which builds the force of the screw itself, proves loop and contact again; at rest x = F / k."""
     found = judge(rig, compliant, (0.0, 6.8), EVERY_WALL)
     made = carried_out(rig, found, (0.0, 6.8), EVERY_WALL)

@@ -17,20 +17,19 @@ from typer.testing import CliRunner
 
 from beamdesign.checker import Unreadable, check
 from beamdesign.cli import app
-from beamdesign.controllers import Lag, Structured
+from beamdesign.controllers import Cascade, Lag, Structured
 from beamdesign.loop import Tip, close_loop, loop, tip
 from beamdesign.polynomial import Affine, exact, is_hurwitz, roots
 from beamdesign.proofs.contact import Wall, absorbed, popov_slack, prove_contact
 from beamdesign.proofs.stability import stable_ranges
 from beamdesign.proofs.writer import prototype_table, rig_tables
-from beamdesign.prototype import Prototype, read_prototype, write_prototype
+from beamdesign.prototype import Compliance, Prototype, read_prototype, write_prototype
 from beamdesign.public import state_space
 from beamdesign.records import InputError
 from beamdesign.scenario import Scenario, ScenarioRecord, Sine, Step, WallAhead
 from beamdesign.simulation import SimulatedRecord, simulate
 from beamdesign.structure.lumped import figures
 from beamdesign.synthesis.end_stiffness import (
-    CompliantLaw,
     EndStiffness,
     commanded_compliance,
     controller_of,
@@ -50,9 +49,16 @@ PROTOTYPES = Path(__file__).parent.parent / "studies/prototypes"
 MASSES_KG = (0.0, 6.8)
 MASSES = (fmpq(0), exact(6.8))
 WALL = Wall((fmpq(0), fmpq(10**9)))
-SOFT = CompliantLaw(Lag(gain_A_per_V=0.0036, pole_Hz=3.966, zero_Hz=226.9), 3e5, 366.2)
+
+
+def compliant(servo: Cascade, end_stiffness: float, force_filter_Hz: float) -> Compliance:
+    """The record of a law that gives the end a stiffness."""
+    return Compliance(end_stiffness_N_per_m=end_stiffness, force_filter_Hz=force_filter_Hz, servo=servo)
+
+
+SOFT = compliant(Lag(gain_A_per_V=0.0036, pole_Hz=3.966, zero_Hz=226.9), 3e5, 366.2)
 """Passive at the tip."""
-FIRM = CompliantLaw(Lag(gain_A_per_V=0.001109, pole_Hz=13.14, zero_Hz=3.996), 1e6, 12.83)
+FIRM = compliant(Lag(gain_A_per_V=0.001109, pole_Hz=13.14, zero_Hz=3.996), 1e6, 12.83)
 """Stable against every wall, not passive."""
 
 
@@ -63,23 +69,23 @@ def rig() -> Prototype:
 
 
 @pytest.fixture(scope="module")
-def brisk(rig: Prototype) -> CompliantLaw:
+def brisk(rig: Prototype) -> Compliance:
     """The lag as it is, told to be as stiff as twice its outer beam: stable in the air alone."""
     assert isinstance(rig.controller, Lag)
-    return CompliantLaw(rig.controller, 1e6, 30.0)
+    return compliant(rig.controller, 1e6, 30.0)
 
 
 @pytest.fixture(scope="module")
-def judged(rig: Prototype, brisk: CompliantLaw) -> dict[str, EndStiffness]:
+def judged(rig: Prototype, brisk: Compliance) -> dict[str, EndStiffness]:
     """What is proved of all three."""
     return {name: judge(rig, law, MASSES_KG, WALL) for name, law in (("soft", SOFT), ("firm", FIRM), ("brisk", brisk))}
 
 
-def port_of(rig: Prototype, law: CompliantLaw) -> Tip:
+def port_of(rig: Prototype, law: Compliance) -> Tip:
     return tip(close_loop(sensed(rig), controller_of(rig, law)))
 
 
-def apparent(rig: Prototype, law: CompliantLaw, mass: float, frequency_Hz: np.ndarray) -> np.ndarray:
+def apparent(rig: Prototype, law: Compliance, mass: float, frequency_Hz: np.ndarray) -> np.ndarray:
     """F / x by the impedances of the parts, complex: eliminated by hand, with no polynomial."""
     figure, s = figures(rig), 2j * np.pi * frequency_Hz
     area, gain = figure["piston_area"], figure["sensor_gain"]
@@ -106,7 +112,7 @@ def test_the_end_is_as_stiff_at_rest_as_it_is_told_to_be(name: str, stiffness: f
     """Closed form, and the balance of forces at rest: F = K_m x - F_c, F_c = A (K_q / K_pq) current."""
     rig = read_prototype(PROTOTYPES / f"{name}.toml")
     assert rig.controller is not None
-    law = CompliantLaw(rig.controller, stiffness, 20.0)  # type: ignore[arg-type]
+    law = compliant(rig.controller, stiffness, 20.0)  # type: ignore[arg-type]
     assert port_of(rig, law).static_stiffness() == pytest.approx(stiffness, rel=1e-12)
     figure, compliance = figures(rig), commanded_compliance(rig, law)
     drive = figure["piston_area"] * figure["flow_gain"] / figure["leakage"] * rig.controller.gain_A_per_V
@@ -122,16 +128,16 @@ def test_the_end_is_as_stiff_at_rest_as_it_is_told_to_be(name: str, stiffness: f
     ) == pytest.approx(5 * beam, rel=1e-9)  # fmt: skip
 
 
-def test_no_end_is_stiffer_than_its_servo(rig: Prototype, brisk: CompliantLaw) -> None:
+def test_no_end_is_stiffer_than_its_servo(rig: Prototype, brisk: Compliance) -> None:
     most = servo_stiffness(rig, brisk.servo)
-    alone = CompliantLaw(brisk.servo, most, 30.0)
+    alone = compliant(brisk.servo, most, 30.0)
     assert commanded_compliance(rig, alone) == pytest.approx(0.0, abs=1e-18)
     with pytest.raises(ValueError, match="the servo alone holds"):
-        controller_of(rig, CompliantLaw(brisk.servo, most * 1.01, 30.0))
+        controller_of(rig, compliant(brisk.servo, most * 1.01, 30.0))
 
 
 @pytest.mark.parametrize("mass", MASSES_KG)
-def test_the_exact_loop_is_that_of_the_impedances(rig: Prototype, brisk: CompliantLaw, mass: float) -> None:
+def test_the_exact_loop_is_that_of_the_impedances(rig: Prototype, brisk: Compliance, mass: float) -> None:
     frequencies = np.geomspace(0.01, 800, 60)
     filtered = read_prototype(PROTOTYPES / "structured.toml")
     assert isinstance(filtered.controller, Structured)
@@ -139,13 +145,13 @@ def test_the_exact_loop_is_that_of_the_impedances(rig: Prototype, brisk: Complia
         (rig, SOFT),
         (rig, FIRM),
         (rig, brisk),
-        (filtered, CompliantLaw(filtered.controller, 4e5, 9.0)),
+        (filtered, compliant(filtered.controller, 4e5, 9.0)),
     ):
         seen = port_of(prototype, law).stiffness_response(frequencies, mass)
         assert np.abs(seen / apparent(prototype, law, mass, frequencies) - 1).max() < 1e-9
 
 
-def closed(rig: Prototype, law: CompliantLaw, mass: float) -> tuple[np.ndarray, np.ndarray, int, int]:
+def closed(rig: Prototype, law: Compliance, mass: float) -> tuple[np.ndarray, np.ndarray, int, int]:
     """The same with a compliant law."""
     return parts_of(rig.but(controller=controller_of(rig, law)), mass)
 
@@ -158,7 +164,7 @@ def parts_of(prototype: Prototype, mass: float) -> tuple[np.ndarray, np.ndarray,
     return np.array(system.A), np.asarray(system.B)[:, 0], x, rate
 
 
-def growth(rig: Prototype, law: CompliantLaw, mass: float, stiffness: float = 0.0, damping: float = 0.0) -> float:
+def growth(rig: Prototype, law: Compliance, mass: float, stiffness: float = 0.0, damping: float = 0.0) -> float:
     """Largest real part of the poles with a spring and a dashpot at the tip."""
     a, force, x, rate = closed(rig, law, mass)
     held = a.copy()
@@ -243,7 +249,7 @@ def test_an_endlessly_stiff_wall_is_a_tip_that_is_held(rig: Prototype) -> None:
 
 
 def test_walls_are_stable_where_they_are_proved_to_be(
-    rig: Prototype, brisk: CompliantLaw, judged: dict[str, EndStiffness]
+    rig: Prototype, brisk: Compliance, judged: dict[str, EndStiffness]
 ) -> None:
     random = np.random.default_rng(2)
     for name in ("soft", "firm"):
@@ -265,7 +271,7 @@ def test_walls_are_stable_where_they_are_proved_to_be(
         assert growth(rig, brisk, 0.0, crossing.value) == pytest.approx(0.0, abs=1e-4)
 
 
-def test_a_dashpot_in_the_wall_is_a_third_side_of_the_box(rig: Prototype, brisk: CompliantLaw) -> None:
+def test_a_dashpot_in_the_wall_is_a_third_side_of_the_box(rig: Prototype, brisk: Compliance) -> None:
     port = port_of(rig, brisk)
     damped = Wall(WALL.stiffness, (fmpq(3000), fmpq(20000)))
     found = prove_contact(port, MASSES, damped)
@@ -325,14 +331,14 @@ def test_bands_are_where_the_stiffness_and_the_command_are_kept(
         assert followed[0][0] == pytest.approx(found.command_at_rest, rel=1e-9)
 
 
-def test_stiffnesses_that_can_be_had_end_where_a_root_crosses(rig: Prototype, brisk: CompliantLaw) -> None:
+def test_stiffnesses_that_can_be_had_end_where_a_root_crosses(rig: Prototype, brisk: Compliance) -> None:
     least = softest_N_per_m(rig, brisk.servo, 30.0, MASSES_KG)
     assert 1e5 < least < 1e6
     for factor, stable in ((1.01, True), (0.99, False)):
-        law = CompliantLaw(brisk.servo, least * factor, 30.0)
+        law = compliant(brisk.servo, least * factor, 30.0)
         assert (max(growth(rig, law, mass) for mass in MASSES_KG) < 0) is stable
     family = over_compliance(rig, brisk.servo, 30.0, fmpq(0))
-    law = CompliantLaw(brisk.servo, 7e5, 30.0)
+    law = compliant(brisk.servo, 7e5, 30.0)
     directly = port_of(rig, law).bare
     other = family.at(exact(commanded_compliance(rig, law)))
     assert np.allclose(np.sort_complex(roots(other)), np.sort_complex(roots(directly)), rtol=1e-7)
@@ -370,7 +376,7 @@ def test_the_model_of_the_truth_is_the_tip(rig: Prototype) -> None:
     frequencies = np.geomspace(0.01, 800, 60)
     filtered = read_prototype(PROTOTYPES / "structured.toml")
     assert isinstance(filtered.controller, Structured)
-    for prototype, law in ((rig, FIRM), (filtered, CompliantLaw(filtered.controller, 4e5, 9.0))):
+    for prototype, law in ((rig, FIRM), (filtered, compliant(filtered.controller, 4e5, 9.0))):
         made = prototype.but(controller=controller_of(prototype, law))
         model = Port(StatedRig({"version": 2, **rig_tables(made)}))
         expected = apparent(prototype, law, 2.0, frequencies)
@@ -556,8 +562,7 @@ def test_the_command_designs_proves_and_writes(tmp_path: Path) -> None:
     made = read_prototype(out / "prototype.toml")
     assert made.compliance is not None
     assert made.compliance.end_stiffness_N_per_m == 1e6
-    law = CompliantLaw(made.compliance.servo, 1e6, made.compliance.force_filter_Hz)
-    assert made.controller == controller_of(made, law)
+    assert made.controller == controller_of(made, made.compliance)
     for name in ("certificate.toml", "certificate.contact.toml"):
         again = check(out / name, out / "prototype.toml")
         assert again.valid, again.failed
@@ -630,7 +635,7 @@ def test_an_end_softer_than_its_beam_is_known_is_refused_with_the_reason(rig: Pr
 def test_drawn_rigs_are_as_stiff_as_a_wrong_beam_lets_them(rig: Prototype) -> None:
     """The estimate takes the outer beam for nominal: what it is stiffer, the end is, with a servo that is stiff."""
     beam = figures(rig)["outer_stiffness"]
-    law = CompliantLaw(SOFT.servo.but(gain_A_per_V=5.0), 3e5, 366.2)
+    law = compliant(SOFT.servo.but(gain_A_per_V=5.0), 3e5, 366.2)
     off = rig.but(controller=controller_of(rig, law))
     stiffer = off.but(outer_beam=off.outer_beam.but(stiffness_N_per_m=1.03 * beam))
     assert tip(loop(stiffer)).static_stiffness() == pytest.approx(3e5 + 0.03 * beam, rel=1e-3)
@@ -664,6 +669,5 @@ def test_what_cannot_be_is_said_with_its_reason(tmp_path: Path) -> None:
 def test_the_shipped_compliant_rig_is_what_its_compliance_says() -> None:
     rig = read_prototype(PROTOTYPES / "compliant.toml")
     assert rig.compliance is not None
-    law = CompliantLaw(rig.compliance.servo, rig.compliance.end_stiffness_N_per_m, rig.compliance.force_filter_Hz)
-    assert rig.controller == controller_of(rig, law)
-    assert judge(rig, law, MASSES_KG, WALL).meets("passive")
+    assert rig.controller == controller_of(rig, rig.compliance)
+    assert judge(rig, rig.compliance, MASSES_KG, WALL).meets("passive")

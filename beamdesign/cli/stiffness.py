@@ -189,14 +189,16 @@ def _servo(record: "Prototype", source: Path) -> "Cascade":
     Raises:
         InputError: where there is none.
     """
+    from beamdesign.controllers import Cascade
+
     if record.compliance is not None:
         return record.compliance.servo
     if record.controller is None:
         refuse(source, ("controller", "missing; write it there, or leave out --keep-controller"))
-    if (servo := record.controller.cascade) is None:
+    if not isinstance(record.controller, Cascade):
         reason = f"{record.controller.kind!r} cannot be kept without a [compliance] that says what it stands for"
         refuse(source, ("controller.kind", f"{reason}; give a lag"))
-    return servo
+    return record.controller
 
 
 _STATED = """end_stiffness_N_per_m static_stiffness_N_per_m=static_N_per_m servo_stiffness_N_per_m=servo_N_per_m

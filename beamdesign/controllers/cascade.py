@@ -4,7 +4,7 @@ Of its kinds the factors are at most a lag, which gives a loop its gain at low f
 """
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache, reduce
 from itertools import chain
@@ -56,18 +56,18 @@ class Factor(ABC):
 
     def figures(self) -> tuple[float, ...]:
         """The same with frequencies in rad/s."""
-        return tuple(2 * pi * value if turns else value for value, turns in zip(self.stated, self.turns(), strict=True))
+        return tuple(self._with_frequencies(lambda value: 2 * pi * value, self.stated))
 
     @classmethod
-    def turns(cls) -> list[bool]:
-        """Which of its figures are frequencies."""
-        return [name.endswith("_Hz") for name in cls.open_between]
+    def _with_frequencies(cls, changed: Callable[[Any], Any], figures: Iterable[Any]) -> list[Any]:
+        """Its figures, the frequencies among them changed."""
+        named = zip(cls.open_between, figures, strict=True)
+        return [changed(value) if name.endswith("_Hz") else value for name, value in named]
 
     @classmethod
     def open(cls, figures: Sequence[Any], unit: float) -> tuple[list[Any], list[Any]]:
         """Numerator and denominator, ascending in s / unit (rad/s), of figures as stated, which may be symbols."""
-        pairs = zip(figures, cls.turns(), strict=True)
-        return cls.ratio([unit / (2 * pi * value) if turns else value for value, turns in pairs])
+        return cls.ratio(cls._with_frequencies(lambda value: unit / (2 * pi * value), figures))
 
     def exact(self) -> TransferFunction:
         """Numerator and denominator, with the decimal form of every 2 pi f taken as exact."""
@@ -75,8 +75,8 @@ class Factor(ABC):
 
         from beamdesign.polynomial import exact
 
-        pairs = zip(map(exact, self.figures()), self.turns(), strict=True)
-        return TransferFunction(*map(fmpq_poly, self.ratio([1 / value if turns else value for value, turns in pairs])))
+        figures = self._with_frequencies(lambda value: 1 / value, map(exact, self.figures()))
+        return TransferFunction(*map(fmpq_poly, self.ratio(figures)))
 
 
 @dataclass(frozen=True)
@@ -132,11 +132,6 @@ class Cascade(Controller):
     @abstractmethod
     def factors(self) -> tuple[Factor, ...]:
         """Of C(s), in the order in which they stand behind each other."""
-
-    @property
-    def cascade(self) -> Self:
-        """Itself."""
-        return self
 
     @property
     def lag(self) -> Break | None:

@@ -52,11 +52,6 @@ class Observer(Controller):
         return len(self.a)
 
     @property
-    def observer(self) -> Self:
-        """Itself."""
-        return self
-
-    @property
     def senses(self) -> tuple[Sensed, ...]:
         """Its sensors."""
         return self.sensors

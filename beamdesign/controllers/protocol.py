@@ -13,9 +13,8 @@ if TYPE_CHECKING:
     import numpy as np
     from flint import fmpq_poly
 
-    from beamdesign.controllers.cascade import Break, Cascade, Section
+    from beamdesign.controllers.cascade import Break, Section
     from beamdesign.controllers.form import Form
-    from beamdesign.controllers.observer import Observer
     from beamdesign.controllers.scheduled import Scheduled
     from beamdesign.plant.electronics import Law
 
@@ -32,8 +31,6 @@ ERRORS = {
     "screw_force_N": "screw_force_error_N",
 }
 """What a controller is given of each thing sensed: what it should be, zero but for the command, less what it is."""
-
-_HEARD_AS = {"displacement_m": "error_V"}
 
 Need = Literal["lag", "lag and sections", "one sensor", "one law"]
 """What a purpose needs: a lag at most, one with second-order sections at most, the displacement alone, one law."""
@@ -150,10 +147,8 @@ class Controller(Kinded):
         from beamdesign.plant.electronics import HEARD, state_space
 
         a, b, c, d = state_space(self.equations, self.figures())
-        places, signs = (
-            [HEARD.index(_HEARD_AS.get(name, name)) for name in self.senses],
-            [1.0, *[-1.0] * len(self.added)],
-        )
+        places = [HEARD.index("error_V" if name == SENSED[0] else name) for name in self.senses]
+        signs = [1.0, *[-1.0] * len(self.added)]
         return a, b[:, places] * signs, c, d[places] * signs, b[:, HEARD.index("command_V")]
 
     def sensor_responses(self, frequency_Hz: "np.ndarray") -> "dict[str, np.ndarray]":
@@ -206,16 +201,6 @@ class Controller(Kinded):
     def grown(self) -> "tuple[Controller, ...]":
         """Laws that do next to the same and have more to tune, to go on with; none where it grows no further."""
         return ()
-
-    @property
-    def cascade(self) -> "Cascade | None":
-        """Itself where it is factors in series on the displacement alone."""
-        return None
-
-    @property
-    def observer(self) -> "Observer | None":
-        """Itself where it is given by matrices."""
-        return None
 
     @property
     def schedule(self) -> "Scheduled | None":

@@ -29,10 +29,8 @@ class Stage(Record):
     @property
     def law(self) -> Lag | Structured:
         """The law by itself."""
-        lag = Lag(gain_A_per_V=self.gain_A_per_V, pole_Hz=self.pole_Hz, zero_Hz=self.zero_Hz)
-        if not self.section:
-            return lag
-        return Structured(gain_A_per_V=lag.gain_A_per_V, pole_Hz=lag.pole_Hz, zero_Hz=lag.zero_Hz, section=self.section)
+        own = {name: getattr(self, name) for name in ("gain_A_per_V", "pole_Hz", "zero_Hz")}
+        return Structured(**own, section=self.section) if self.section else Lag(**own)
 
     @classmethod
     def relations(cls, table: Mapping[str, Any]) -> Iterator[Problem]:

@@ -5,13 +5,13 @@ prototype with some of its figures multiplied: a member of a box of tolerances.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from math import sqrt
 from typing import Any
 
 from beamdesign.parameters import PARAMETERS, rows_of
 from beamdesign.prototype import Beam, Prototype
-from beamdesign.structure import beam, section
+from beamdesign.structure import beam
 from beamdesign.structure.materials import Material
 from beamdesign.structure.section import Quantity, Tube
 
@@ -42,8 +42,7 @@ def beam_figures(alloy: Material, tube: Tube, free_length: float, end_mass: Quan
         free_length: from clamp to tip, m.
         end_mass: M_end of equation (5), kg.
     """
-    rigidity = section.flexural_rigidity(alloy.youngs_modulus_Pa, tube.second_moment)
-    per_length = tube.mass_per_length(alloy.density_kg_per_m3)
+    rigidity, per_length = alloy.youngs_modulus_Pa * tube.second_moment, tube.mass_per_length(alloy.density_kg_per_m3)
     return beam.tip_stiffness(rigidity, free_length), beam.effective_mass(per_length, free_length, end_mass)
 
 
@@ -105,51 +104,40 @@ def figures(prototype: Prototype) -> dict[str, float]:
 
     SI units, frequencies in rad/s. Without a sensor filter its frequency is 0 and unused.
     """
-    outer = lumped_beam(prototype.outer_beam, "outer_beam")
-    inner = lumped_beam(prototype.inner_beam, "inner_beam")
+    outer, inner = lumped_beam(prototype.outer_beam, "outer_beam"), lumped_beam(prototype.inner_beam, "inner_beam")
     beams = {
-        "outer_stiffness": outer.stiffness,
-        "outer_mass": outer.mass,
-        "outer_damping": outer.damping,
-        "inner_stiffness": inner.stiffness,
-        "inner_mass": inner.mass,
-        "inner_damping": inner.damping,
+        f"{name}_{figure}": getattr(found, figure)
+        for name, found in (("outer", outer), ("inner", inner))
+        for figure in ("stiffness", "mass", "damping")
     }
     return beams | servo_figures(prototype)
 
 
 def notes(prototype: Prototype) -> tuple[str, ...]:
     """Which measured figures have replaced computed ones, in words for a report."""
-    outer = lumped_beam(prototype.outer_beam, "outer_beam")
-    inner = lumped_beam(prototype.inner_beam, "inner_beam")
-    return outer.notes + inner.notes
-
-
-_HALVINGS = 60
+    return lumped_beam(prototype.outer_beam, "outer_beam").notes + lumped_beam(prototype.inner_beam, "inner_beam").notes
 
 
 @dataclass(frozen=True)
-class EqualMassBeam:
+class EqualMassBeam(LumpedBeam):
     """A passive cantilever like the outer beam: its outside, material, free length, damping ratio and end mass.
+
+    Its mass is with that end mass, and all is by the same lumped formulas as of any beam.
 
     Attributes:
         wall_m: so thick that the tube weighs as much as the free lengths of both tubes; half its narrower side
             where even the solid bar is lighter.
         solid: whether it is that bar.
-        stiffness: K, N/m.
-        mass: M with the end mass, kg.
-        damping: b = 2 zeta sqrt(K M), N s/m, by the same lumped formulas as of any beam.
     """
 
-    wall_m: float
-    solid: bool
-    stiffness: float
-    mass: float
-    damping: float
+    wall_m: float = field(kw_only=True)
+    solid: bool = field(kw_only=True)
 
 
 def beam_of_equal_mass(outer: Beam, inner: Beam) -> EqualMassBeam | None:
     """The passive beam of a rig; None where one of its beams states no section."""
+    from scipy.optimize import brentq
+
     tubes = [_tube_mass(one) for one in (outer, inner) if one.has_geometry]
     tube = outer.tube
     if tube is None or outer.free_length_m is None or not outer.material or len(tubes) < 2:
@@ -159,13 +147,12 @@ def beam_of_equal_mass(outer: Beam, inner: Beam) -> EqualMassBeam | None:
     def weighs(wall: float) -> float:
         return float(tube.at(tube.width_m, wall).mass_per_length(alloy.density_kg_per_m3)) * length
 
-    low, high = 0.0, min(tube.sides.values()) / 2
-    solid = weighs(high) <= sum(tubes)
-    for _ in range(0 if solid else _HALVINGS):
-        middle = (low + high) / 2
-        low, high = (middle, high) if weighs(middle) < sum(tubes) else (low, middle)
-    stiffness, mass = map(float, beam_figures(alloy, tube.at(tube.width_m, high), length, outer.end_mass_kg))
-    return EqualMassBeam(high, solid, stiffness, mass, float(fixed_dashpot(outer.damping_ratio, stiffness, mass)))
+    wall = min(tube.sides.values()) / 2
+    if not (solid := weighs(wall) <= sum(tubes)):
+        wall = brentq(lambda wall: weighs(wall) - sum(tubes), 0.0, wall, xtol=1e-15)
+    stiffness, mass = map(float, beam_figures(alloy, tube.at(tube.width_m, wall), length, outer.end_mass_kg))
+    damping = float(fixed_dashpot(outer.damping_ratio, stiffness, mass))
+    return EqualMassBeam(stiffness, mass, damping, wall_m=wall, solid=solid)
 
 
 def _tube_mass(beam: Beam) -> float:

@@ -237,10 +237,8 @@ class Tube:
         Returns:
             Moment, N m.
         """
-        if factors is None:
-            flange, web = self.relative_slenderness(proof_strength)
-            factors = local_buckling_factor(flange, constants), local_buckling_factor(web, constants)
-        return self.effective_modulus(*factors) * proof_strength / GAMMA_M1
+        own = (local_buckling_factor(value, constants) for value in self.relative_slenderness(proof_strength))
+        return self.effective_modulus(*(factors or own)) * proof_strength / GAMMA_M1
 
 
 @dataclass(frozen=True)
@@ -298,17 +296,9 @@ class RoundTube(Tube):
     def relative_slenderness(self, proof_strength: float) -> tuple[Quantity, ...]:  # noqa: D102
         return ()
 
-    def effective_modulus(self, flange_factor: Quantity, web_factor: Quantity) -> Quantity:
+    def effective_modulus(self, *factors: Quantity) -> Quantity:
         """The elastic one, m3; it has no flat walls."""
         return self.elastic_modulus
-
-    def bending_resistance(  # noqa: D102
-        self,
-        proof_strength: float,
-        constants: tuple[float, float],
-        factors: tuple[Quantity, Quantity] | None = None,
-    ) -> Quantity:
-        return self.elastic_modulus * proof_strength / GAMMA_M1
 
 
 def _corners_second_moment(side: Quantity, radius: Quantity) -> Quantity:
@@ -321,11 +311,6 @@ def _corners_second_moment(side: Quantity, radius: Quantity) -> Quantity:
     return 4 * radius**2 * (
         (1 - pi / 4) * half**2 - (5 / 3 - pi / 2) * half * radius + (1 - 5 * pi / 16) * radius**2
     )  # fmt: skip
-
-
-def flexural_rigidity(youngs_modulus: Quantity, second_moment_of_area: Quantity) -> Quantity:
-    """E I, N m2, from E in Pa and I in m4."""
-    return youngs_modulus * second_moment_of_area
 
 
 def clearances(outer: Tube, inner: Tube) -> tuple[Quantity, ...]:

@@ -18,8 +18,7 @@ from typing import Any, NamedTuple
 from beamdesign.json_text import picked
 from beamdesign.problem import BeamProblem, DesignProblem
 from beamdesign.quantity_text import decimal
-from beamdesign.structure import beam, section
-from beamdesign.structure.materials import Material
+from beamdesign.structure import beam
 from beamdesign.structure.section import Quantity, Tube, clearances
 
 ROUNDING = 1e-9
@@ -128,11 +127,6 @@ def requirements(problem: DesignProblem) -> Requirements:
     return Requirements(*(attrgetter(one.key)(problem) for one in REQUIREMENTS.values()))
 
 
-def materials(problem: DesignProblem) -> tuple[Material, Material]:
-    """Those of the outer and the inner beam."""
-    return problem.outer_beam.material, problem.inner_beam.material
-
-
 def beam_mass(problem: DesignProblem, outer: Tube, inner: Tube) -> Quantity:
     """Mass of both tubes over their full lengths, clamped parts included, kg."""
     pairs = zip(problem.beams, (outer, inner), strict=True)
@@ -185,11 +179,11 @@ def _fit(problem: DesignProblem, asked: Requirements, outer: Tube, inner: Tube) 
     gaps = clearances(outer, inner)
 
     def under_load(of: BeamProblem, tube: Tube) -> Quantity:
-        rigidity = section.flexural_rigidity(of.material.youngs_modulus_Pa, tube.second_moment)
+        rigidity = of.material.youngs_modulus_Pa * tube.second_moment
         return beam.clearance_under_load(gaps[0], asked.tip_force_N, beam.tip_stiffness(rigidity, of.free_length_m))
 
     gap_on, gap_off = under_load(problem.inner_beam, inner), under_load(problem.outer_beam, outer)
-    of_outer, of_inner = materials(problem)
+    of_outer, of_inner = (one.material for one in problem.beams)
     found = [
         Check("clearance at assembly", gaps[0], asked.assembly_m, "m", at_least=True),
         *(Check("clearance at assembly, across", gap, asked.assembly_m, "m", at_least=True) for gap in gaps[1:]),

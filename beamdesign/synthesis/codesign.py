@@ -24,7 +24,7 @@ from beamdesign.synthesis.law_search import Found, Start, from_seeds, search
 from beamdesign.synthesis.law_task import Effort, Search
 from beamdesign.synthesis.loop_limits import Proved
 from beamdesign.synthesis.rig_spread import rig_spread
-from beamdesign.synthesis.sections import free_sections, rounded_tubes
+from beamdesign.synthesis.sections import Sections, free_sections, rounded_tubes
 from beamdesign.time_limit import leave_out, over, within
 
 SIZED_EFFORT = Effort(rounds=10, starts=2, candidates=2, proofs=20)
@@ -135,7 +135,9 @@ def _codesigned(
         reason = f"{kind!r} is not for sections and controller together, which are sought with few figures; give a lag"
         raise InputError(problem.name, [("controller.kind", reason)])
     report(0.0, "lightest sections")
-    tasks = [_task(problem, outer_end_mass_kg, bandwidth_Hz, sizes, sigmas) for sizes in _start_sizes(problem)]
+    inner_kg = (0.0, problem.controller.largest_inner_end_mass_kg)
+    begun = [free_sections(problem, start_variables(problem, one), bandwidth_Hz) for one in _start_sizes(problem)]
+    tasks = [sized_search(problem, sections, outer_end_mass_kg, inner_kg, sigmas) for sections in begun]
     nothing = "" if tasks else "no sections pass the structural checks; `beamdesign size` says which to relax"
     form = form_of(kind)
     starts: list[Start] = [(form, point.proved.variables) for point in near] or [
@@ -168,13 +170,15 @@ def _start_sizes(problem: DesignProblem) -> list[np.ndarray]:
     return [factor * sizes for sizes in found for factor in _LARGER] + [sizes_of(pair) for pair in known]
 
 
-def _task(
-    problem: DesignProblem, masses_kg: tuple[float, float], bandwidth_Hz: float, sizes: np.ndarray, sigmas: float
+def sized_search(
+    problem: DesignProblem,
+    sections: Sections,
+    masses_kg: tuple[float, float],
+    inner_kg: tuple[float, float],
+    sigmas: float,
 ) -> Search:
-    sections = free_sections(problem, start_variables(problem, sizes), bandwidth_Hz)
+    """The search for a law of a problem and for sections, begun with those of tubes that there are."""
     rig = sections.prototype(sections.start, False)
-    assert rig is not None  # they are sizes of tubes
-    inner_kg = (0.0, problem.controller.largest_inner_end_mass_kg)
     spread = rig_spread(rig, masses_kg[1], sigmas) if sigmas else None
     given = (family(rig).members, problem.goal, masses_kg, inner_kg)
     return Search(*given, spread=spread, effort=SIZED_EFFORT, sections=sections)

@@ -43,24 +43,9 @@ from beamdesign.proofs.contact import (
 )
 from beamdesign.proofs.performance import least_of
 from beamdesign.proofs.stability import StabilityMap, is_stable_over, stable_ranges
-from beamdesign.prototype import Prototype
+from beamdesign.prototype import Compliance, Prototype
 from beamdesign.rational import nearest
 from beamdesign.structure.lumped import figures
-
-
-@dataclass(frozen=True)
-class CompliantLaw:
-    """What a compliant controller is made of.
-
-    Attributes:
-        servo: the law that holds the tip at its command.
-        end_stiffness_N_per_m: static stiffness of the end, F / x.
-        force_filter_Hz: break of the low-pass that the estimated force goes through.
-    """
-
-    servo: Cascade
-    end_stiffness_N_per_m: float
-    force_filter_Hz: float
 
 
 def sensors(prototype: Prototype) -> tuple[Sensed, ...]:
@@ -82,7 +67,7 @@ def least_gain(prototype: Prototype, end_stiffness: float) -> float:
     return max(end_stiffness - given["outer_stiffness"], 0.0) / per_gain
 
 
-def commanded_compliance(prototype: Prototype, law: CompliantLaw) -> float:
+def commanded_compliance(prototype: Prototype, law: Compliance) -> float:
     """1 / k_c, m/N: by how much the command has to move per newton for the end to have its static stiffness.
 
     Raises:
@@ -96,7 +81,7 @@ def commanded_compliance(prototype: Prototype, law: CompliantLaw) -> float:
     return (1 / law.end_stiffness_N_per_m - alone) / (1 - figures(prototype)["outer_stiffness"] * alone)
 
 
-def controller_of(prototype: Prototype, law: CompliantLaw) -> Observer:
+def controller_of(prototype: Prototype, law: Compliance) -> Observer:
     """The controller of displacement, force felt and command: states of the servo, then the estimated force in V.
 
     Raises:
@@ -152,7 +137,7 @@ class EndStiffness:
         unilateral_contact: one-sided walls that it may touch and leave.
     """
 
-    law: CompliantLaw | None
+    law: Compliance | None
     end_stiffness_N_per_m: float
     stable: bool
     static_N_per_m: float
@@ -190,7 +175,7 @@ def in_contact(port: Tip, masses: tuple[fmpq, fmpq], wall: Wall, need: Need) -> 
     return need != "wall" or prove_contact(port, masses, wall).holds
 
 
-def judge(prototype: Prototype, law: CompliantLaw | None, masses_kg: tuple[float, float], wall: Wall) -> EndStiffness:
+def judge(prototype: Prototype, law: Compliance | None, masses_kg: tuple[float, float], wall: Wall) -> EndStiffness:
     """Prove what can be said of the end of a prototype over a range of outer end masses (kg), against a range of walls.
 
     Args:
@@ -251,8 +236,8 @@ def stable_compliances(prototype: Prototype, servo: Cascade, force_filter_Hz: fl
 
 def over_compliance(prototype: Prototype, servo: Cascade, force_filter_Hz: float, mass: fmpq) -> Affine:
     """The characteristic polynomial at one outer end mass (kg), affine in 1 / k_c."""
-    stiffness = min(servo_stiffness(prototype, servo) / 2, 1e6)
-    law = CompliantLaw(servo, stiffness, force_filter_Hz)
+    stiffness = min(max(servo_stiffness(prototype, servo) / 2, SOFTEST_N_PER_M), 1e6)
+    law = Compliance(end_stiffness_N_per_m=stiffness, force_filter_Hz=force_filter_Hz, servo=servo)
     plant, controller = sensed(prototype), controller_of(prototype, law)
     deaf = controller.but(b=(*controller.b[:-1], (0.0,) * len(controller.sensors)))  # it hears of no force
     with_force, without = (tip(close_loop(plant, one)).against(mass) for one in (controller, deaf))

@@ -24,7 +24,6 @@ from beamdesign.synthesis.checks import (
     beam_mass,
     check_sections,
     checks,
-    materials,
     requirements,
 )
 from beamdesign.synthesis.interruption import interruption_waits
@@ -64,8 +63,7 @@ class Program:
         figures: their values in the problem, (r,).
         mass: beam mass, kg.
         constraints: g, (c, 1).
-        labels: what each constraint is; a check's name for the first ones.
-        check_count: how many of the constraints are checks.
+        checks: names of the checks, which the first constraints are.
     """
 
     variables: Any
@@ -74,25 +72,7 @@ class Program:
     figures: np.ndarray
     mass: Any
     constraints: Any
-    labels: tuple[str, ...]
-    check_count: int
-
-
-@dataclass(frozen=True)
-class Optimality:
-    """First-order conditions at a point, evaluated without the solver that found it.
-
-    Attributes:
-        residual: largest of the stationarity residual (relative to the gradient of the mass), the worst violation of a
-            constraint (relative to its limit), and complementarity (relative to the mass).
-        multipliers: of each constraint, kg per unit of relative violation, (c,), from non-negative least squares on
-            the gradients of the active constraints.
-        violation: the worst violation alone.
-    """
-
-    residual: float
-    multipliers: np.ndarray
-    violation: float
+    checks: tuple[str, ...]
 
 
 def pair_of(problem: DesignProblem, sizes: Sequence[Any]) -> tuple[Tube, Tube]:
@@ -124,22 +104,15 @@ def sizing_program(problem: DesignProblem) -> Program:
         (check.limit - check.value) / max(limit, 1e-3) if check.at_least else 1 - check.limit / check.value
         for check, limit in zip(found, limits, strict=True)
     ]
-    labels = [check.name for check in found]
-
-    named = zip(("outer", "inner"), (outer, inner), materials(problem), pairs, strict=True)
-    for beam_name, tube, alloy, pair in named:
+    for tube, of, pair in zip((outer, inner), problem.beams, pairs, strict=True):
+        alloy = of.material
         slenderness = tube.relative_slenderness(alloy.proof_strength_Pa)
-        for part, factor, value in zip(("flange", "web"), pair, slenderness, strict=False):  # a round tube has neither
+        for factor, value in zip(pair, slenderness, strict=False):  # of flange and web; a round tube has neither
             constraints += [factor - 1, factor - buckling_curve(value, alloy.buckling_constants)]
-            labels += [f"{beam_name} {part} whole", f"{beam_name} {part} buckling curve"]
-        for side, size in tube.sides.items():
+        for size in tube.sides.values():
             constraints += [tube.wall_m / size - THICKEST_SHARE, 1 - size / LEAST_WIDTH_M]
-            labels += [f"{beam_name} wall below half the {side}", f"{beam_name} domain: {side}"]
         constraints.append(1 - tube.wall_m / LEAST_WALL_M)
-        labels.append(f"{beam_name} domain: wall")
-    gaps = clearances(outer, inner)
-    constraints += [-gap / 0.01 for gap in gaps]
-    labels += ["inner tube enters the outer one"] * len(gaps)
+    constraints += [-gap / 0.01 for gap in clearances(outer, inner)]  # the inner tube enters the outer one
     return Program(
         variables=ca.vertcat(sizes, factors),
         asked=asked,
@@ -147,8 +120,7 @@ def sizing_program(problem: DesignProblem) -> Program:
         figures=np.array([float(getattr(nominal, name)) for name in names]),
         mass=beam_mass(problem, outer, inner),
         constraints=ca.vertcat(*constraints),
-        labels=tuple(labels),
-        check_count=len(found),
+        checks=tuple(check.name for check in found),
     )
 
 
@@ -168,7 +140,8 @@ def start_points(problem: DesignProblem, pairs: Sequence[tuple[Tube, Tube]] = ()
 def start_variables(problem: DesignProblem, sizes: np.ndarray) -> np.ndarray:
     """Program variables for sizes in m, (4,), with the local buckling factors that belong to them, (8,)."""
     factors = []
-    for tube, alloy in zip(pair_of(problem, sizes.tolist()), materials(problem), strict=True):
+    for tube, of in zip(pair_of(problem, sizes.tolist()), problem.beams, strict=True):
+        alloy = of.material
         slenderness = tube.relative_slenderness(alloy.proof_strength_Pa)
         own = [min(1.0, float(buckling_curve(value, alloy.buckling_constants))) for value in slenderness]
         factors += own or [1.0, 1.0]
@@ -225,25 +198,27 @@ class Conditions:
         worst = float(np.max(self.constraints(variables, figures)))
         return max(worst, 0.0) if np.isfinite(worst) else float("inf")
 
-    def optimality(self, variables: np.ndarray, figures: np.ndarray) -> Optimality:
-        """First-order conditions with multipliers fitted to the gradients themselves."""
+    def optimality(self, variables: np.ndarray, figures: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
+        """First-order conditions at a point, evaluated without the solver that found it.
+
+        Returns:
+            The residual: largest of the stationarity residual (relative to the gradient of the mass), the worst
+            violation of a constraint (relative to its limit), and complementarity (relative to the mass). Multipliers
+            of each constraint, kg per unit of relative violation, (c,), from non-negative least squares on the
+            gradients of the active constraints. And the derivative of the least mass with respect to each requirement,
+            kg per its unit, (r,) (envelope theorem).
+        """
         from scipy.optimize import nnls
 
-        mass, gradient, constraints, jacobian, _ = self._at(variables, figures)
+        mass, gradient, constraints, jacobian, by_figures = self._at(variables, figures)
         values = constraints.ravel()
         active = np.flatnonzero(values > -_ACTIVE)
         multipliers = np.zeros(values.size)
-        scale = float(np.linalg.norm(gradient))
-        misfit = scale
+        misfit = scale = float(np.linalg.norm(gradient))
         if active.size:
             multipliers[active], misfit = nnls(jacobian[active].T, -gradient.ravel())
-        violation = max(float(values.max()), 0.0)
         complementarity = float(np.max(np.abs(multipliers * values))) / float(mass.item())
-        return Optimality(max(misfit / scale, violation, complementarity), multipliers, violation)
-
-    def mass_per_figure(self, variables: np.ndarray, figures: np.ndarray, multipliers: np.ndarray) -> np.ndarray:
-        """Derivative of the least mass with respect to each requirement, kg per its unit, (r,) (envelope theorem)."""
-        return np.asarray(multipliers @ self._at(variables, figures)[4])
+        return max(misfit / scale, float(values.max()), complementarity), multipliers, multipliers @ by_figures
 
 
 _MOST = 1e3
@@ -253,9 +228,10 @@ class Elastic:
     """Minimises the sum of what the checks are missed by; compiled once, solved for any requirements."""
 
     def __init__(self, problem: DesignProblem, program: Program, conditions: Conditions):
-        self._problem, self._count, self._conditions = problem, program.check_count, conditions
+        self.problem, self.program, self.conditions = problem, program, conditions
+        self._count = len(program.checks)
         excess = ca.SX.sym("excess", self._count)
-        others = ca.SX.zeros(len(program.labels) - self._count)
+        others = ca.SX.zeros(program.constraints.shape[0] - self._count)
         self._ready = solver(program, ca.sum1(excess), program.constraints - ca.vertcat(excess, others), excess)
 
     def nearest(self, figures: np.ndarray, points: Sequence[np.ndarray]) -> tuple[np.ndarray, float]:
@@ -271,10 +247,10 @@ class Elastic:
         """
         found: list[tuple[float, np.ndarray]] = []
         for sizes in points:
-            start = start_variables(self._problem, sizes)
-            missed = np.clip(self._conditions.constraints(start, figures)[: self._count], 0.0, _MOST) + 0.1
+            start = start_variables(self.problem, sizes)
+            missed = np.clip(self.conditions.constraints(start, figures)[: self._count], 0.0, _MOST) + 0.1
             end = solve(self._ready, np.concatenate([start, missed]), figures, [(0.0, _MOST)] * self._count)[:8]
-            total = float(np.clip(self._conditions.constraints(end, figures), 0.0, None).sum())
+            total = float(np.clip(self.conditions.constraints(end, figures), 0.0, None).sum())
             found.append((total if np.isfinite(total) else float("inf"), end))
         total, variables = min(found, key=lambda item: item[0])
         return variables, total
@@ -294,7 +270,7 @@ class FreeOptimum:
         pair: the tubes, their mass and its checks.
         governing: the active check whose relaxation by one per cent would save most mass.
         active: names of all active checks.
-        kkt_residual: see `Optimality.residual`; from the gradients, not from the solver.
+        kkt_residual: see `Conditions.optimality`; from the gradients, not from the solver.
         shadow_prices: change of the least mass per unit of each requirement, kg per the unit in the name; negative for
             requirements that ease as they grow (largest width, width to wall).
         starts: how many starts there were.
@@ -345,25 +321,22 @@ def free_optimum(problem: DesignProblem, known: Sequence[tuple[Tube, Tube]] = ()
     best = feasible[int(np.argmin(masses))]
     agreeing = sum(mass <= min(masses) * (1 + _SAME_MASS) for mass in masses)
 
-    optimality = conditions.optimality(best, program.figures)
-    multipliers = optimality.multipliers[: program.check_count]
-    active = [i for i in np.argsort(-multipliers) if multipliers[i] > 0]
+    residual, multipliers, per_figure = conditions.optimality(best, program.figures)
+    order = np.argsort(-multipliers[: len(program.checks)])
+    active = tuple(program.checks[i] for i in order if multipliers[i] > 0)
     found = check_sections(problem, *tubes(problem, best))
     return FreeOptimum(
         pair=found,
-        governing=program.labels[active[0]] if active else found.governing,
-        active=tuple(program.labels[i] for i in active),
-        kkt_residual=optimality.residual,
-        shadow_prices=_prices(program, conditions, best, optimality.multipliers),
+        governing=active[0] if active else found.governing,
+        active=active,
+        kkt_residual=residual,
+        shadow_prices=_prices(program, per_figure),
         starts=len(ends),
         starts_agreeing=agreeing,
     )
 
 
-def _prices(
-    program: Program, conditions: Conditions, variables: np.ndarray, multipliers: np.ndarray
-) -> dict[str, float]:
-    per_figure = conditions.mass_per_figure(variables, program.figures, multipliers)
+def _prices(program: Program, per_figure: np.ndarray) -> dict[str, float]:
     prices = {}
     for name, figure, price in zip(program.names, program.figures, per_figure, strict=True):
         asked = REQUIREMENTS[name]

@@ -18,7 +18,7 @@ figure that the prototype does not state is not asked, and named.
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from decimal import ROUND_CEILING, ROUND_FLOOR, Decimal
+from decimal import ROUND_CEILING, ROUND_FLOOR, Context
 from itertools import product
 from math import inf, isfinite
 from typing import Any, NamedTuple
@@ -322,16 +322,9 @@ def _slower(prototype: Prototype, masses_kg: tuple[float, float], up_to_Hz: floa
 
 
 def _up(value: float) -> float:
-    return _shortened(value, ROUND_CEILING)
+    """To three significant digits, so that what is printed of it is all of it."""
+    return float(Context(3, ROUND_CEILING).create_decimal(repr(value)))
 
 
 def _down(value: float) -> float:
-    return _shortened(value, ROUND_FLOOR)
-
-
-def _shortened(value: float, rounding: str) -> float:
-    """To three significant digits, so that what is printed of it is all of it."""
-    if not isfinite(value) or value == 0:
-        return value
-    exact = Decimal(repr(value))
-    return float(exact.quantize(Decimal(1).scaleb(exact.adjusted() - 2), rounding=rounding))
+    return float(Context(3, ROUND_FLOOR).create_decimal(repr(value)))

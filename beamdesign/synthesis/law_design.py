@@ -9,6 +9,7 @@ from beamdesign.controllers import Controller
 from beamdesign.controllers.form import Form
 from beamdesign.polynomial import exact
 from beamdesign.proofs.absolute_stability import FOR_ODD, absolute_stability
+from beamdesign.proofs.performance import bandwidth
 from beamdesign.prototype import Goal
 from beamdesign.synthesis.law_task import Search
 from beamdesign.synthesis.loop_limits import LARGEST_BANDWIDTH_HZ, LoopSet, Proved, calmer, loop_set
@@ -44,13 +45,18 @@ class Design:
         """Mass inside, kg, rounded."""
         return round(float(self.variables[self.form.size]), 6)
 
+    @property
+    def chosen(self) -> np.ndarray:
+        """Its sections."""
+        return self.variables[self.form.size + 1 :]
+
 
 def unknown(task: Search, design: Design) -> list[Cut]:
     """The rig of the box with the largest compliance with the servo off, where the samples know none like it.
 
     Over a box compliance is compared worst with worst, and on its samples likewise.
     """
-    points = task.points_with(design.variables[design.form.size + 1 :]) or task.points
+    points = task.points_with(design.chosen) or task.points
     if task.goal.peak_over_passive == inf:
         return []
     box = over_box(task, design)
@@ -69,9 +75,9 @@ def whole(task: Search, design: Design, loops: LoopSet) -> tuple[Proved | None, 
 
     Or why not, and the rigs that refute it.
     """
-    bandwidth = min(*loops.bandwidths(task.goal.compliance_m_per_N).values(), LARGEST_BANDWIDTH_HZ)
+    width = min(bandwidth(loops.performing, task.goal.compliance_m_per_N), LARGEST_BANDWIDTH_HZ)
     peak = min(loops.peak_sensitivity(), task.goal.peak_sensitivity)
-    figures = design.law, design.inner_end_mass, bandwidth, peak, design.variables
+    figures = design.law, design.inner_end_mass, width, peak, design.variables
     softest = inf if task.spread is not None else loops.peak_compliance(task.goal)
     found = Proved(*figures, peak_compliance_m_per_N=softest, servo_off_m_per_N=loops.servo_off_m_per_N)
     if task.spread is None:
@@ -89,8 +95,8 @@ def rests(task: Search, design: Design, found: Proved) -> tuple[Proved | None, s
         return (None, reason) if over is None else (replace(found, over_box=over), "")
     if not task.goal.comes_to_rest:
         return found, ""
-    members = task.members_with(design.variables[design.form.size + 1 :], rounded=True)
-    each = loop_set(members, found.controller, found.inner_end_mass_kg, task.masses_kg).stable.values()
+    members = task.members_with(design.chosen, rounded=True)
+    each = loop_set(members, found.controller, found.inner_end_mass_kg, task.masses_kg).stable
     proof = absolute_stability([one.loop.scaled(one.most) for one in each], *map(exact, task.masses_kg))
     if proof.multiplier is not None and proof.multiplier.for_odd_only:
         return None, f"the multiplier that was found is {FOR_ODD} alone"
@@ -107,7 +113,7 @@ def value_of(task: Search, design: Design) -> float:
 def over_box(task: Search, design: Design) -> BoxTask:
     """A design as what is to hold over the whole box."""
     assert task.spread is not None
-    rig = task.prototype_with(design.variables[design.form.size + 1 :], rounded=True)
+    rig = task.prototype_with(design.chosen, rounded=True)
     payload = rig.payload.but(outer_end_mass_kg=task.masses_kg, inner_end_mass_kg=design.inner_end_mass)
     whole = task.masses_kg if task.spread.stage is None else task.spread.stage[1]
     built = rig.but(controller=design.law, payload=payload, goal=calmer(task.goal), guarantee=None)

@@ -77,6 +77,7 @@ class Found:
         certificates: how many exact proofs of a loop were run.
         reason: why nothing was proved, empty where something was.
         tried: outcome of each design of which a proof was sought.
+        form: of what was proved.
     """
 
     proved: Proved | None
@@ -84,6 +85,13 @@ class Found:
     certificates: int
     reason: str = ""
     tried: "tuple[Found, ...]" = ()
+    form: Form | None = None
+
+    def worth(self, task: Search) -> float:
+        """What is proved is worth this; nothing 0."""
+        if self.proved is None or self.form is None:
+            return 0.0
+        return task.value(self.form, self.proved.variables, self.proved.bandwidth_Hz)
 
 
 Start = tuple[Form, np.ndarray]
@@ -104,22 +112,22 @@ def search(task: Search, starts: Sequence[Start], growths: int = 0, report: Prog
     """
     reason = ""
     for peak in (LARGEST_AT_LOWER_GAINS, *(_CALMER if task.goal.comes_to_rest else ())):
-        found, form = _search(replace(task, goal=calmer(task.goal, peak)), starts, growths, report)
-        if found.proved is None or form is None:
+        found = _search(replace(task, goal=calmer(task.goal, peak)), starts, growths, report)
+        if found.proved is None or found.form is None:
             return replace(found, reason="; ".join(filter(None, (reason, found.reason))))
         if over() and not task.goal.comes_to_rest:
             leave_out("whether it comes to rest while its current saturates")
             return found
         report(0.97, "where the current saturates")
-        rested, why = rests(task, Design(form, found.proved.variables, 0.0), found.proved)
+        rested, why = rests(task, Design(found.form, found.proved.variables, 0.0), found.proved)
         if rested is not None or not task.goal.comes_to_rest:
             return replace(found, proved=rested or found.proved)
         reason = f"that it comes to rest while the current saturates is not proved: {why}"
     return replace(found, proved=None, reason=reason)
 
 
-def _search(task: Search, starts: Sequence[Start], growths: int, report: Progress) -> tuple[Found, Form | None]:
-    """The largest bandwidth within the limits, and of which form."""
+def _search(task: Search, starts: Sequence[Start], growths: int, report: Progress) -> Found:
+    """The largest bandwidth within the limits."""
     effort, pool, part = task.effort, [], 0.65 / (1 + growths)
     with share(_SEEKING):
         for k, (form, variables) in enumerate(while_time(starts, lambda _: "some starts", least=1)):
@@ -127,10 +135,10 @@ def _search(task: Search, starts: Sequence[Start], growths: int, report: Progres
             pool.append(Design(form, *task.coarsely_searched(form, variables)))
         pool = _refined(task, _best(pool)[: effort.starts], _part(report, 0.2, part))
         task, pool = _hardened(task, pool)
-    smaller = _Best()
+    smaller = Found(None, (), 0, "no start led to a stable loop within the limits on the samples")
     for growth in range(growths):
         if is_limited():  # each size of a law is proved before a larger one is sought
-            smaller = _best_proved(task, pool[:1], report, best=smaller)
+            smaller = _best_proved(task, pool[:1], report, smaller)
         if over():
             leave_out(f"laws of {growth + 1} sections and more")
             break
@@ -147,35 +155,19 @@ def _search(task: Search, starts: Sequence[Start], growths: int, report: Progres
         if task.spread is not None:  # what the worst rigs cost what has grown may be more than it has gained
             kept = [*pool, *(one for one in before if task.settled(one.form, one.variables))]
             pool = _best([replace(one, value=value_of(task, one)) for one in kept])
-    best = _best_proved(task, pool[: effort.candidates], report, int(smaller.found.proved is None), smaller)
-    return best.found, best.form
+    return _best_proved(task, pool[: effort.candidates], report, smaller, int(smaller.proved is None))
 
 
-@dataclass(frozen=True)
-class _Best:
-    """The best of some designs as far as they are proved, with its worth and its form."""
-
-    found: Found = Found(None, (), 0, "no start led to a stable loop within the limits on the samples")
-    worth: float = 0.0
-    form: Form | None = None
-
-
-_NONE_PROVED = _Best()
-
-
-def _best_proved(
-    task: Search, designs: Sequence[Design], report: Progress, least: int = 0, best: _Best = _NONE_PROVED
-) -> _Best:
+def _best_proved(task: Search, designs: Sequence[Design], report: Progress, best: Found, least: int = 0) -> Found:
     """Refine designs for good and prove them, as long as there is time; at least so many are begun with.
 
     What is no better on samples than the best that was proved before is left out.
     """
-    reached, tried = tuple(design.value for design in designs), [*best.found.tried]
+    reached, tried, worth = tuple(design.value for design in designs), [*best.tried], best.worth(task)
     for rough in while_time(designs, lambda one: f"a design of {_in_words(task, one)}", least):
-        if rough.value <= 0 or best.worth > ENOUGH * rough.value:
+        if rough.value <= 0 or worth > ENOUGH * rough.value:
             continue
-        chosen = rough.variables[rough.form.size + 1 :]
-        if why := task.sections.hopeless(rough.inner_end_mass, chosen, rough.value) if task.sections else "":
+        if why := task.sections.hopeless(rough.inner_end_mass, rough.chosen, rough.value) if task.sections else "":
             tried.append(Found(None, reached, 0, why))
             continue
         words = _in_words(task, rough)
@@ -185,12 +177,9 @@ def _best_proved(
         report(0.9, f"proving what came of {words}")
         found = _proved(task, design, reached)
         tried.append(found)
-        proved = found.proved
-        value = task.value(rough.form, proved.variables, proved.bandwidth_Hz) if proved else 0.0
-        if best.found.proved is None or value > best.worth:
-            best = _Best(found, value, rough.form)
-    certificates = sum(one.certificates for one in tried)
-    return replace(best, found=replace(best.found, sampled=reached, certificates=certificates, tried=tuple(tried)))
+        if best.proved is None or found.worth(task) > worth:
+            best, worth = found, found.worth(task)
+    return replace(best, sampled=reached, certificates=sum(one.certificates for one in tried), tried=tuple(tried))
 
 
 def _in_words(task: Search, design: Design) -> str:
@@ -309,14 +298,14 @@ def _proved(task: Search, design: Design, sampled: tuple[float, ...]) -> Found:
             reason = reason or "no time was left for its proof"
             break
         proofs += 1
-        law, inner, chosen = design.law, design.inner_end_mass, design.variables[design.form.size + 1 :]
+        law, inner, chosen = design.law, design.inner_end_mass, design.chosen
         try:
             members = task.members_with(chosen, rounded=True)
         except ValueError as error:
             reason = str(error)
             break
         loops, refuted, joined = loop_set(members, law, inner, task.masses_kg), True, False
-        if unstable := bool(loops.unstable(task.goal)):
+        if unstable := loops.unstable(task.goal):
             reason = "the loop is not stable over the whole range"
         if unstable and task.spread is None:
             break
@@ -381,4 +370,4 @@ def _proved(task: Search, design: Design, sampled: tuple[float, ...]) -> Found:
                 break
             variables, left = task.refinement(design.form)(_mended(task, design), rounds=_FIRST_ROUNDS)
             design = replace(design, variables=variables, value=left)
-    return Found(best, sampled, proofs, "" if best else reason)
+    return Found(best, sampled, proofs, "" if best else reason, form=design.form)

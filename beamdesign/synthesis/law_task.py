@@ -140,12 +140,10 @@ class Search:
         Raises:
             ValueError: where there is no such rig.
         """
-        if self.sections is None:
-            assert self.spread is not None
-            return self.spread.prototype
-        if (found := self.sections.prototype(chosen, rounded)) is None:
-            raise ValueError("these sizes are no pair of tubes")
-        return found
+        if self.sections is not None:
+            return self.sections.prototype(chosen, rounded)
+        assert self.spread is not None
+        return self.spread.prototype
 
     def members_with(
         self, chosen: np.ndarray, rounded: bool = False, z: np.ndarray | None = None
@@ -180,7 +178,7 @@ class Search:
         """By how much (logarithm) a law misses limits other than the compliance; infinite where a loop is unstable."""
         points = self.points_with(variables[form.size + 1 :])
         left = None if points is None else slacks(points, self.goal, form, variables, slopes=False)
-        return left.violation if left is not None and left.settled else inf
+        return left.violation() if left is not None and left.settled else inf
 
     def settled(self, form: Form, variables: np.ndarray) -> bool:
         """Whether the loops of a law with a mass inside (kg) are stable as far as the samples tell."""
@@ -190,13 +188,11 @@ class Search:
         """The refinement of laws of a form, built once."""
         if form not in self._refinements:
             nominal = self.members_with(self._start), sampled_masses(self.masses_kg), None
-            rigs = [nominal] + [
-                (self.members_with(self._start, z=np.array(cut.z)), [cut.outer_end_mass_kg], cut) for cut in self.cuts
-            ]
-            every = [(one, masses, cut) for members, masses, cut in rigs for one in ends(members)]
+            off = ((self.members_with(self._start, z=np.array(c.z)), [c.outer_end_mass_kg], c) for c in self.cuts)
             listed = [
                 ((rig.polynomials(self.sensors), factor, masses, cut is None), self._factors(cut))
-                for (rig, factor, performs), masses, cut in every
+                for members, masses, cut in (nominal, *off)
+                for rig, factor, performs in ends(members)
                 if performs
             ]
             rows = len(self._masses) * len(ends(self.members))
@@ -245,13 +241,55 @@ class Search:
 
     def coarsely_searched(self, form: Form, variables: np.ndarray) -> tuple[np.ndarray, float]:
         """Variables and sampled value after a coarse search of the law, or of the start where that is better."""
-        lower, upper = np.append(form.lower, self.inner_kg[0]), np.append(form.upper, self.inner_kg[1])
         own, chosen = np.split(variables, [form.size + 1])
         if (points := self.points_with(chosen)) is None:
             return variables, 0.0
-        higher = coarse_search(points, self.goal, form, own, lower, upper, most=self.effort.steps)
-        both = (variables, np.append(higher, chosen))
+        both = (variables, np.append(self._coarsely(points, form, own), chosen))
         return max(((one, self.worth(points, form, one)) for one in both), key=lambda pair: pair[1])
+
+    def _coarsely(self, points: Samples, form: Form, start: np.ndarray) -> np.ndarray:
+        """Variables (v,) that a coarse search leads to; its start, within its bounds, where no loop is stable.
+
+        Args:
+            points: where the limits are kept.
+            form: of the law.
+            start: (v,) variables.
+        """
+        lower, upper = np.append(form.lower, self.inner_kg[0]), np.append(form.upper, self.inner_kg[1])
+        goal, here = self.goal, np.clip(start, lower, upper)
+        now = slacks(points, goal, form, here)
+        if not now.settled:
+            return here
+        aim = _aim(points, now)
+        steps, still, reach = 0, 0, _FIRST_REACH
+        while steps < self.effort.steps and reach > _SMALLEST_REACH and still < 12 and not over():
+            steps += 1
+            least, greatest = np.maximum(lower - here, -reach), np.minimum(upper - here, reach)
+            merit = _merit(points, now, aim)
+            move, foreseen = _step(points, now, aim, least, greatest)
+            tried = here + move
+            then = slacks(points, goal, form, tried)
+            gained = _merit(points, then, aim) - merit
+            if gained < 0.7 * (foreseen - merit) or not then.settled:
+                # Curvature ruined the step: linearise again with what the limits are at its end,
+                # taken back along it with the slopes of its beginning.
+                bent = replace(now, values=then.values - now.slopes @ move)
+                again, _ = _step(points, bent, aim, least, greatest)
+                tried_again = here + again
+                then_again = slacks(points, goal, form, tried_again)
+                if then_again.settled and (not then.settled or _merit(points, then_again, aim) - merit > gained):
+                    tried, then, gained = tried_again, then_again, _merit(points, then_again, aim) - merit
+            if not then.settled or gained <= 0:
+                reach /= 3
+                continue
+            if gained < 0.3 * (foreseen - merit):
+                reach /= 2
+            still = still + 1 if gained < 1e-4 else 0
+            here, now = tried, then
+            if gained > 0.5 * (foreseen - merit):
+                reach = min(reach * 2, _LARGEST_REACH)
+            aim = _aim(points, now)
+        return here
 
     def worth(self, points: Samples, form: Form, variables: np.ndarray) -> float:
         """Sampled value, made less by what violates the limits; 0 of a loop that is not stable."""
@@ -259,7 +297,7 @@ class Search:
         if not left.settled:
             return 0.0
         reached = sampled_bandwidth(points, left.compliance + NEARLY / 2)
-        return self.value(form, variables, reached) / (1 + 10 * left.violation)
+        return self.value(form, variables, reached) / (1 + 10 * left.violation())
 
     @property
     def needed_Hz(self) -> float:
@@ -286,69 +324,13 @@ _SMALLEST_REACH, _FIRST_REACH, _LARGEST_REACH = 1e-4, 0.3, 0.5
 """How far a variable may move in a step."""
 
 
-def coarse_search(
-    points: Samples,
-    goal: Goal,
-    form: Form,
-    start: np.ndarray,
-    lower: np.ndarray,
-    upper: np.ndarray,
-    most: int = 600,
-) -> np.ndarray:
-    """Variables (v,) that a coarse search leads to; its start, within its bounds, where no loop is stable.
-
-    Args:
-        points: where the limits are kept.
-        goal: the limits.
-        form: of the law.
-        start: (v,) variables.
-        lower: (v,) their bounds.
-        upper: (v,)
-        most: linear programs at most.
-    """
-    here = np.clip(start, lower, upper)
-    now = slacks(points, goal, form, here)
-    if not now.settled:
-        return here
-    aim = _aim(points, now)
-    steps, still, reach = 0, 0, _FIRST_REACH
-    while steps < most and reach > _SMALLEST_REACH and still < 12 and not over():
-        steps += 1
-        least, greatest = np.maximum(lower - here, -reach), np.minimum(upper - here, reach)
-        merit = _merit(points, now, aim)
-        move, foreseen = _step(points, now, aim, least, greatest)
-        tried = here + move
-        then = slacks(points, goal, form, tried)
-        gained = _merit(points, then, aim) - merit
-        if gained < 0.7 * (foreseen - merit) or not then.settled:
-            # Curvature ruined the step: linearise again with what the limits are at its end,
-            # taken back along it with the slopes of its beginning.
-            bent = replace(now, values=then.values - now.slopes @ move)
-            again, _ = _step(points, bent, aim, least, greatest)
-            tried_again = here + again
-            then_again = slacks(points, goal, form, tried_again)
-            if then_again.settled and (not then.settled or _merit(points, then_again, aim) - merit > gained):
-                tried, then, gained = tried_again, then_again, _merit(points, then_again, aim) - merit
-        if not then.settled or gained <= 0:
-            reach /= 3
-            continue
-        if gained < 0.3 * (foreseen - merit):
-            reach /= 2
-        still = still + 1 if gained < 1e-4 else 0
-        here, now = tried, then
-        if gained > 0.5 * (foreseen - merit):
-            reach = min(reach * 2, _LARGEST_REACH)
-        aim = _aim(points, now)
-    return here
-
-
 def _aim(points: Samples, now: Slacks) -> float:
     """Up to which frequency the compliance is to be bettered."""
     return max(sampled_bandwidth(points, now.compliance), float(points.frequency_Hz.min())) * _BEYOND
 
 
 def _merit(points: Samples, found: Slacks, aim: float) -> float:
-    return float(found.compliance[points.frequency_Hz <= aim].min()) - _PENALTY * found.violation
+    return float(found.compliance[points.frequency_Hz <= aim].min()) - _PENALTY * found.violation()
 
 
 def _step(points: Samples, now: Slacks, aim: float, least: np.ndarray, most: np.ndarray) -> tuple[np.ndarray, float]:

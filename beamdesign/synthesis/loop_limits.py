@@ -3,7 +3,7 @@
 The loops are those of all linear members of a rig.
 """
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, reduce
 from math import inf, log
@@ -17,7 +17,7 @@ from pydantic import Field
 from beamdesign.controllers import Controller
 from beamdesign.controllers.form import UNIT
 from beamdesign.json_text import picked
-from beamdesign.loop import Loop, rig_loop
+from beamdesign.loop import rig_loop
 from beamdesign.plant.linear import UNUSED, LinearModel
 from beamdesign.plant.linearised import linear_assembly, transfer_polynomials
 from beamdesign.plant.members import VertexModel, family
@@ -25,7 +25,7 @@ from beamdesign.plant.rigs import figures_of
 from beamdesign.polynomial import exact
 from beamdesign.proofs.absolute_stability import absolute_stability, members
 from beamdesign.proofs.certificate import Asked, Claim, Kind, goal_claims, over_passive, peak_claim
-from beamdesign.proofs.performance import bandwidth, least_limit, prove
+from beamdesign.proofs.performance import least_limit, prove
 from beamdesign.proofs.rectangle import Rectangle
 from beamdesign.proofs.servo_off import servo_off_of
 from beamdesign.prototype import Goal, Prototype
@@ -111,10 +111,8 @@ class Proved:
 
     def over(self, box: "OverBox") -> "Proved":
         """What is proved of every rig of a box, beside what is proved of the nominal one."""
-        width, peak = box.proved("compliance"), box.proved("peak_sensitivity")
-        assert width is not None  # it has all claims
-        assert peak is not None
-        softest = box.proved("peak_compliance")
+        claims = {claim.kind: claim for claim in box.claims}
+        width, peak, softest = claims["compliance"], claims["peak_sensitivity"], claims.get("peak_compliance")
         return replace(
             self,
             bandwidth_Hz=min(width.bandwidth_Hz, self.bandwidth_Hz),
@@ -151,9 +149,9 @@ class Proved:
             "outer_end_mass_kg": list(masses_kg),
             "rigs": "nominal" if box is None else {"sigmas": box.sigmas, "shape": "box"},
             "lower_gains": lower,
-            "comes_to_rest": _rests(prototype, masses_kg) if box is None else box.proved("slope") is not None,
+            "comes_to_rest": any(one.kind == "slope" for one in box.claims) if box else _rests(prototype, masses_kg),
             "nominal": dict(zip(("bandwidth_Hz", "peak_sensitivity"), nominal, strict=True)),
-            "tightest": [] if box is None else [one._asdict() for one in box.tightest],
+            "tightest": [] if box is None else list(box.tightest),
         }
 
 
@@ -193,52 +191,39 @@ class LoopSet:
     """All loops of one controller and inner end mass over a range of outer end masses.
 
     Attributes:
-        stable: by number of the member, rectangles of masses and gains that are to be stable.
+        stable: rectangles of masses and gains that are to be stable, one of each member.
         performing: likewise, those that are to perform.
         servo_off_m_per_N: the largest compliance of these with the servo off.
     """
 
-    stable: Mapping[int, Rectangle]
-    performing: Mapping[int, Rectangle]
+    stable: Sequence[Rectangle]
+    performing: Sequence[Rectangle]
     servo_off_m_per_N: float
 
-    def unstable(self, goal: Goal) -> list[int]:
-        """Numbers of the members that are not stable throughout, at lower gains where the goal wants it: exact."""
+    def unstable(self, goal: Goal) -> bool:
+        """Whether some member is not stable throughout, at lower gains where the goal wants it: exact."""
         if goal.lower_gains:  # masses and gains both vary then, and the sides alone do not decide
-            return [k for k, one in self.stable.items() if not one.widened(fmpq(0)).stable]
-        return [k for k, rectangle in self.stable.items() if rectangle.unstable_side() is not None]
+            return not all(one.widened(fmpq(0)).stable for one in self.stable)
+        return any(one.unstable_side() is not None for one in self.stable)
 
     def refuted(self, goal: Goal) -> list[Claim]:
         """The goal's limits but that of the bandwidth that are refuted, of one member each."""
-        each = ((prove(rectangle, asked) for rectangle in self.performing.values()) for asked in self._asked(goal))
+        each = ((prove(rectangle, asked) for rectangle in self.performing) for asked in self._asked(goal))
         return [claim for claims in each for claim in [next((one for one in claims if not one.holds), None)] if claim]
 
     def excess(self, goal: Goal) -> float:
         """Logarithm of the largest share by which one of these limits is proved to be kept or may be exceeded."""
-        performing = list(self.performing.values())
-        most = max(least_limit(performing, one.kind, one.from_Hz) / one.limit for one in self._asked(goal))
+        most = max(least_limit(self.performing, one.kind, one.from_Hz) / one.limit for one in self._asked(goal))
         return log(most) if most < inf else inf
-
-    def bandwidths(self, limit_m_per_N: float) -> dict[int, float]:
-        """Proved of each member that is to perform, Hz."""
-        return {k: bandwidth([rectangle], limit_m_per_N) for k, rectangle in self.performing.items()}
 
     def peak_sensitivity(self) -> float:
         """Proved for every loop that is to perform."""
-        return least_limit(list(self.performing.values()), "peak_sensitivity")
+        return least_limit(self.performing, "peak_sensitivity")
 
     def peak_compliance(self, goal: Goal) -> float:
         """Proved at every frequency for every loop that is to perform; infinite where the goal sets it no limit."""
         (limit,) = [one.limit for one in peak_claim(goal, self.servo_off_m_per_N)] or [inf]
-        return least_limit(list(self.performing.values()), "peak_compliance", goal=limit) if limit < inf else inf
-
-    def ends(self) -> list[Loop]:
-        """The loops over the mass at the ends of the gains, those that are to perform."""
-        return [
-            rectangle.loop.scaled(factor)
-            for rectangle in self.performing.values()
-            for factor in sorted({rectangle.least, rectangle.most})
-        ]
+        return least_limit(self.performing, "peak_compliance", goal=limit) if limit < inf else inf
 
     def _asked(self, goal: Goal) -> tuple[Asked, ...]:
         """The limits of sensitivity, loop gain, effort and peak compliance, as they are proved."""
@@ -251,12 +236,12 @@ def loop_set(
 ) -> LoopSet:
     """Close the loops of all members of a rig."""
     low, high = (exact(mass) for mass in masses_kg)
-    stable, performing = {}, {}
-    for k, member in enumerate(members):
+    stable, performing = list[Rectangle](), list[Rectangle]()
+    for member in members:
         loop = rig_loop(member.rig, inner_end_mass, controller)
-        stable[k] = Rectangle(loop, low, high, exact(member.gain.low), exact(member.gain.high))
-        if (inside := member.performance) is not None:
-            performing[k] = Rectangle(loop, low, high, exact(inside.low), exact(inside.high))
+        for found, gains in ((stable, member.gain), (performing, member.performance)):
+            if gains is not None:
+                found.append(Rectangle(loop, low, high, exact(gains.low), exact(gains.high)))
     return LoopSet(stable, performing, servo_off_of(members, inner_end_mass, masses_kg).compliance_m_per_N)
 
 

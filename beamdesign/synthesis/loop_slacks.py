@@ -59,23 +59,8 @@ class Slacks:
         """(n,) log of limit over |x / F_d|."""
         return np.asarray(self.values[1])
 
-    @property
-    def loop_gain(self) -> np.ndarray:
-        """(n,) log of limit over |L|."""
-        return np.asarray(self.values[2])
-
-    @property
-    def effort(self) -> np.ndarray:
-        """(n,) log of limit over |C S|."""
-        return np.asarray(self.values[3])
-
-    @property
-    def violation(self) -> float:
-        """By how much the limits other than the compliance are missed at worst."""
-        return self.violation_inside(0.0)
-
-    def violation_inside(self, inside: float) -> float:
-        """The same for limits that are to be kept with so much to spare."""
+    def violation(self, inside: float = 0.0) -> float:
+        """By how much the limits other than the compliance, to be kept with so much to spare, are missed at worst."""
         return max(0.0, inside - float(self.values[OTHERS].min()))
 
 
@@ -111,17 +96,6 @@ def counting(points: Samples, goal: Goal) -> np.ndarray:
     return where & np.isin(LIMITED, list(goal_limits(goal)))[:, None]
 
 
-def limit_logarithms(goal: Goal) -> np.ndarray:
-    """(6,) logarithms of the limits of a goal, zero for those that it does not set."""
-    limits = goal_limits(goal)
-    return np.log([limits.get(kind, 1.0) for kind in LIMITED])
-
-
-def least_gain_share(loop: np.ndarray) -> np.ndarray:
-    """Which share k of the gain, of all up to one, makes |1 + k L| least, at every point of a loop L."""
-    return np.clip(-loop.real / np.maximum(np.abs(loop) ** 2, 1e-300), 0.0, 1.0)
-
-
 def slacks_of(points: Samples, goal: Goal, own: np.ndarray, inner: float, of_own: np.ndarray | None = None) -> Slacks:
     """The same of a law whose responses are known.
 
@@ -136,13 +110,14 @@ def slacks_of(points: Samples, goal: Goal, own: np.ndarray, inner: float, of_own
     moved = disturbance + (own * crossed).sum(axis=0)
     loop = (own * control).sum(axis=0)
     closed = np.log(np.abs(1 + loop))
-    share = least_gain_share(loop)
-    lower = 1 + share * loop
+    share = np.clip(-loop.real / np.maximum(np.abs(loop) ** 2, 1e-300), 0.0, 1.0)  # of the gain, with |1 + k L| least
+    lower, limits = 1 + share * loop, goal_limits(goal)
     with np.errstate(divide="ignore"):
         compliance, effort = closed - np.log(np.abs(moved)), closed - np.log(np.abs(own[0]))
         softest = compliance + np.log(without := points.servo_off(inner))
         left = np.array([closed, compliance, -np.log(np.abs(loop)), effort, np.log(np.abs(lower)), softest])
-    left = np.where(counting(points, goal), left + limit_logarithms(goal)[:, None], np.inf)
+    stated = np.log([limits.get(kind, 1.0) for kind in LIMITED])
+    left = np.where(counting(points, goal), left + stated[:, None], np.inf)
     left[0] += np.log(points.relaxed)
     steps = np.diff(np.angle(1 + loop))
     steps = (steps + pi) % (2 * pi) - pi

@@ -154,10 +154,11 @@ def envelope(
     asked, held = demand(prototype, outer_end_mass, grid), _held(prototype, outer_end_mass, preload)
     actuator = prototype.actuator
     half = None if actuator.stroke_m is None else actuator.stroke_m / 2
+    play = gaps(prototype.outer_beam, prototype.inner_beam)  # per side, that along the load first
     every = (
         *actuator.limits(prototype),
         Limit("stroke", "stroke", half, "actuator.stroke_m"),
-        Limit("clearance", "stroke", _clearance(prototype), "width_m and wall_m of both beams"),
+        Limit("clearance", "stroke", play[0] if play else None, "width_m and wall_m of both beams"),
     )
     missing = {limit.name: limit.place for limit in every if limit.most is None}
     limits = {limit.name: limit.amplitude(asked, held) for limit in every if limit.most is not None}
@@ -185,9 +186,3 @@ def sensor_reach(prototype: Prototype, outer_end_mass: float = 0.0) -> SensorRea
         error, sensor.resolution_m, hidden, sensor.noise_V / sensor.gain_V_per_m, fast * sensor.noise_V,
         None if rated is None else fast * sensor.noise_V / rated,
     )  # fmt: skip
-
-
-def _clearance(prototype: Prototype) -> float | None:
-    """Play per side along the load, m; None where a section is not known."""
-    found = gaps(prototype.outer_beam, prototype.inner_beam)
-    return None if found is None else found[0]

@@ -4,7 +4,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from math import inf, log
-from typing import NamedTuple
+from operator import itemgetter
+from typing import Any
 
 from beamdesign.polynomial import exact
 from beamdesign.proofs.box import Box, certify_box
@@ -32,38 +33,34 @@ _LOOSER = (1.0, 1.002, 1.02)
 """By what factors less than the worst rig's a bandwidth is claimed, tried in turn."""
 
 
-class Margin(NamedTuple):
-    """By how many standard deviations more one figure may be off, all others as in the worst rig that was found."""
-
-    parameter: str
-    margin: float
-
-
 @dataclass(frozen=True)
 class OverBox:
     """What is proved of a prototype over a box of tolerances and payloads.
 
     Attributes:
         sigmas: standard deviations of every figure to either side.
-        claims: about every member, all proved.
-        certificate: text that `beamdesign.checker` proves again.
-        servo_off_m_per_N: the largest compliance of the rigs of the box with the servo off, sought, rounded down.
-        tightest: figures whose tolerance to tighten first, the first of them first; sampled.
-        found: the claims with their proofs.
+        found: claims about every member with their proofs.
         write: the certificate of stability and some of these.
+        servo_off_m_per_N: the largest compliance of the rigs of the box with the servo off, sought, rounded down.
+        tightest: figures whose tolerance to tighten first, the first of them first, each with by how many standard
+            deviations more it may be off, all others as in the worst rig that was found; sampled.
     """
 
     sigmas: float
-    claims: tuple[Asked, ...]
-    certificate: str = field(repr=False)
+    found: tuple[BoxClaim, ...] = field(repr=False)
+    write: Callable[[Sequence[BoxClaim]], str] = field(repr=False, compare=False)
     servo_off_m_per_N: float
-    tightest: tuple[Margin, ...] = ()
-    found: tuple[BoxClaim, ...] = field(default=(), repr=False)
-    write: Callable[[Sequence[BoxClaim]], str] = field(default=lambda _: "", repr=False, compare=False)
+    tightest: tuple[dict[str, Any], ...]
 
-    def proved(self, kind: str) -> Asked | None:
-        """The claim of a kind; None where there is none."""
-        return next((claim for claim in self.claims if claim.kind == kind), None)
+    @property
+    def claims(self) -> tuple[Asked, ...]:
+        """What is proved about every member."""
+        return tuple(claim.asked for claim in self.found)
+
+    @cached_property
+    def certificate(self) -> str:
+        """Text that `beamdesign.checker` proves again."""
+        return self.write(self.found)
 
 
 @dataclass(frozen=True)
@@ -153,12 +150,8 @@ class BoxTask:
                 worst = Worst(inf, dict(claim.witness or {}), claim.frequency_Hz or 0.0)
                 return None, reason, [self._cut(worst)] if refuted else []
             claims.append(self._over_own_masses(claim))
-        stated = tuple(claim.asked for claim in claims)
-        found, tightest = (
-            (self.spread.sigmas, stated, verdict.write(claims), self.servo_off_m_per_N),
-            self._tightest(bandwidth_Hz),
-        )
-        return OverBox(*found, tightest, tuple(claims), verdict.write), "", []
+        found, off = (self.spread.sigmas, tuple(claims), verdict.write), self.servo_off_m_per_N
+        return OverBox(*found, off, self._tightest(bandwidth_Hz)), "", []
 
     def _over_own_masses(self, claim: BoxClaim) -> BoxClaim:
         """A claim that says over which payloads it is, where the law is to be stable over others too."""
@@ -173,14 +166,13 @@ class BoxTask:
         claim, reason = slope_over_box(self.prototype, self.box, budget, seconds, lower, may_be_odd=False)
         if claim is None:
             return None, reason
-        claims = (*proved.found, self._over_own_masses(claim))
-        return replace(proved, claims=(*proved.claims, claim.asked), found=claims, certificate=proved.write(claims)), ""
+        return replace(proved, found=(*proved.found, self._over_own_masses(claim))), ""
 
-    def _tightest(self, bandwidth_Hz: float) -> tuple[Margin, ...]:
+    def _tightest(self, bandwidth_Hz: float) -> tuple[dict[str, Any], ...]:
         margins: dict[str, float] = {}
         for asked in self._asked(bandwidth_Hz):
             if asked.kind != "gain_margin":
                 for name, shares in margins_over_box(self.prototype, self.box, asked).items():
                     margins[name] = min(margins.get(name, inf), shares * self.spread.sigmas)
-        known = {name: margin for name, margin in margins.items() if name in self.spread.deviations}
-        return tuple(Margin(*pair) for pair in sorted(known.items(), key=lambda pair: pair[1]))
+        known = [{"parameter": name, "margin": of} for name, of in margins.items() if name in self.spread.deviations]
+        return tuple(sorted(known, key=itemgetter("margin")))

@@ -122,13 +122,9 @@ class LawRefinement:
             return lower, upper
         return np.append(lower, sections.lower), np.append(upper, sections.upper)
 
-    def points_at(self, variables: np.ndarray) -> Samples | None:
-        """Samples of the loops with the sections among these variables."""
-        return self.points if self.resampled is None else self.resampled(variables[self.form.size + 1 :])
-
     def measured(self, variables: np.ndarray) -> Slacks | None:
         """What a law leaves of the limits, without derivatives; None where there is no such rig."""
-        points = self.points_at(variables)
+        points = self.points if self.resampled is None else self.resampled(variables[self.form.size + 1 :])
         return None if points is None else slacks(points, self.goal, self.form, variables, slopes=False)
 
     def __call__(
@@ -160,7 +156,7 @@ class LawRefinement:
         def judged(variables: np.ndarray, found: Slacks) -> tuple[float, float, float]:
             """Bandwidth (Hz), value, and what is missed of the other limits."""
             width = sampled_bandwidth(self.points, found.compliance - stiffer + TOUCH)
-            missed = max(found.violation_inside(inside), self._overdrawn(variables))
+            missed = max(found.violation(inside), self._overdrawn(variables))
             return width, self.value(variables, width), missed
 
         reached, value, violation = judged(best, now)
@@ -226,9 +222,9 @@ class LawRefinement:
         lower, upper = np.maximum(lower, start - moves), np.minimum(upper, start + moves)
         # A compliance that just misses its limit at rest has no bandwidth, but is a good start.
         near = sampled_bandwidth(self.points, now.compliance + NEARLY)
-        beta = log(max(bandwidth_Hz, near, 0.5))
-        if (most := self._aimed) < inf:
-            beta = min(beta, most)
+        most = self._aimed
+        beta = min(log(max(bandwidth_Hz, near, 0.5)), most)
+        highest_beta = min(beta + (0.25 if self.sections is None else 1.0), most)
         limited = dict(zip(LIMITED, met if self.sections else now.values, strict=True))
         (solver, servo_off), resonance, apart = self._program, [], 0.0
         if servo_off is not None:
@@ -240,13 +236,7 @@ class LawRefinement:
                 x0=np.concatenate([start, [beta], resonance]),
                 p=np.concatenate([*data, spare, [apart]]),
                 lbx=np.concatenate([lower, [beta - 1.0], np.subtract(resonance, _MOVES)]),
-                ubx=np.concatenate(
-                    [
-                        upper,
-                        [min(beta + (0.25 if self.sections is None else 1.0), most)],
-                        np.add(resonance, _MOVES),
-                    ]
-                ),
+                ubx=np.concatenate([upper, [highest_beta], np.add(resonance, _MOVES)]),
                 lbg=0.0,
                 ubg=ca.inf,
             )

@@ -2,26 +2,20 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from math import ceil, floor, log10
+from decimal import ROUND_CEILING, ROUND_FLOOR, Context
+from typing import Any
 
 import casadi as ca
 import numpy as np
 
 from beamdesign.problem import DesignProblem
 from beamdesign.structure.section import Tube
-from beamdesign.synthesis.checks import (
-    REQUIREMENTS,
-    CheckedPair,
-    Requirements,
-    check_sections,
-    requirements,
-)
+from beamdesign.synthesis.checks import REQUIREMENTS, CheckedPair, Requirements, check_sections, requirements
 from beamdesign.synthesis.free_search import (
     FEASIBLE,
     SIZE_UNITS,
     Conditions,
     Elastic,
-    Program,
     sizing_program,
     solve,
     solver,
@@ -31,7 +25,7 @@ from beamdesign.synthesis.free_search import (
 )
 from beamdesign.synthesis.stock_search import Stock, feasible_pairs, lightest, nearest_pair
 
-_DIGITS = 4
+_DIGITS, _MEANT = 4, 12
 
 
 @dataclass(frozen=True)
@@ -62,21 +56,16 @@ class Relaxation:
         return abs(self.enough - self.asked) / self.asked
 
 
-def _eased(asked: Requirements, name: str, share: float) -> float:
-    """The figure of a requirement at a share, 0 to 1, of the way to its easiest."""
+def _eased(asked: Requirements, name: str, share: Any) -> Any:
+    """The figure of a requirement at a share, 0 to 1, of the way to its easiest; of a symbol in symbols."""
     figure = float(getattr(asked, name))
     return figure + share * (REQUIREMENTS[name].easiest - figure)
 
 
 def _rounded(figure: float, easiest: float) -> float:
     """Round to a few digits in the direction of the easiest figure, and not beyond it."""
-    if figure == 0 or figure == easiest:
-        return easiest
-    step = 10.0 ** (floor(log10(abs(figure))) - _DIGITS + 1)
-    steps = figure / step
-    # Steps are counted from rounded text, so that 1500 stays 1500 and does not become 1500.0000000000002.
-    whole = ceil(steps - 1e-9) if easiest > figure else floor(steps + 1e-9)
-    value = float(f"{whole * step:.{_DIGITS}g}")
+    exact = Context(_MEANT).create_decimal(repr(figure))  # so that 1500.0000000000002 is 1500 and stays that
+    value = float(Context(_DIGITS, ROUND_CEILING if easiest > figure else ROUND_FLOOR).create_decimal(exact))
     return min(value, easiest) if easiest > figure else max(value, easiest)
 
 
@@ -108,32 +97,22 @@ def relax_free(problem: DesignProblem) -> tuple[tuple[Relaxation, ...], CheckedP
         The relaxations, the relatively smallest first; and the pair with the least sum of relative violations.
     """
     program = sizing_program(problem)
-    conditions = Conditions(program)
-    elastic = Elastic(problem, program, conditions)
+    elastic = Elastic(problem, program, Conditions(program))
     points = start_points(problem)[::3]
     nearest, _ = elastic.nearest(program.figures, points)
     points.insert(0, nearest[:4] * SIZE_UNITS)
-    found = [
-        _ease_one(problem, program, conditions, elastic, name, points) for name in _relaxable(requirements(problem))
-    ]
+    found = [_ease_one(elastic, name, points) for name in _relaxable(requirements(problem))]
     return _in_order(found), check_sections(problem, *tubes(problem, nearest))
 
 
-def _ease_one(
-    problem: DesignProblem,
-    program: Program,
-    conditions: Conditions,
-    elastic: Elastic,
-    name: str,
-    points: Sequence[np.ndarray],
-) -> Relaxation | None:
+def _ease_one(elastic: Elastic, name: str, points: Sequence[np.ndarray]) -> Relaxation | None:
     """The smallest change of one requirement that makes room, or None if none was found."""
-    place, easiest = program.names.index(name), REQUIREMENTS[name].easiest
-    figure = float(program.figures[place])
+    problem, program, conditions = elastic.problem, elastic.program, elastic.conditions
+    place, asked = program.names.index(name), requirements(problem)
 
     def figures(share: float) -> np.ndarray:
         eased = program.figures.copy()
-        eased[place] = figure + share * (easiest - figure)
+        eased[place] = _eased(asked, name, share)
         return eased
 
     with_room, missed = elastic.nearest(figures(1.0), points)
@@ -141,7 +120,7 @@ def _ease_one(
         return None
     share = ca.SX.sym("share")
     eased = ca.SX(program.asked)
-    eased[place] = figure + share * (easiest - figure)
+    eased[place] = _eased(asked, name, share)
     constraints = ca.substitute(program.constraints, program.asked, eased)
     ready = solver(program, share, constraints, share)
     least, best = 1.0, with_room
@@ -149,7 +128,7 @@ def _ease_one(
         end = solve(ready, np.append(start_variables(problem, sizes), 0.5), program.figures, [(0.0, 1.0)])
         if end[8] < least and conditions.violation(end[:8], figures(float(end[8]))) <= FEASIBLE:
             least, best = float(end[8]), end[:8]
-    enough = _rounded(float(figures(least)[place]), easiest)
+    enough = _rounded(_eased(asked, name, least), REQUIREMENTS[name].easiest)
     return _confirmed(problem, name, enough, tubes(problem, best))
 
 

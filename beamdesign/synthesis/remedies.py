@@ -15,17 +15,14 @@ import numpy as np
 from beamdesign.controllers import Lag
 from beamdesign.controllers.cascade import as_lag
 from beamdesign.controllers.form import form_of
-from beamdesign.plant.members import family
 from beamdesign.problem import DesignProblem
 from beamdesign.progress import Progress, silent
 from beamdesign.public import SIGMAS
 from beamdesign.structure.section import Tube
-from beamdesign.synthesis.codesign import SIZED_EFFORT
+from beamdesign.synthesis.codesign import sized_search
 from beamdesign.synthesis.free_search import sizes_of, start_variables
 from beamdesign.synthesis.law_search import Found, from_seeds, search
-from beamdesign.synthesis.law_task import Search
 from beamdesign.synthesis.loop_limits import Proved
-from beamdesign.synthesis.rig_spread import rig_spread
 from beamdesign.synthesis.sections import free_sections, rounded_tubes, section_mass
 from beamdesign.synthesis.tuning import SMALLEST_BANDWIDTH_HZ
 from beamdesign.time_limit import share
@@ -120,11 +117,7 @@ def _search(
         sizes = given.copy()
         sizes[free] *= larger[: len(free)]
         sections = free_sections(problem, sizes, largest_mass_kg=most, free=free)
-        rig = sections.prototype(sections.start, False)
-        assert rig is not None  # the sizes are given, or a little larger
-        spread = rig_spread(rig, masses_kg[1], sigmas) if sigmas else None
-        asked = (family(rig).members, problem.goal, masses_kg, inner_kg)
-        task = Search(*asked, spread=spread, effort=SIZED_EFFORT, sections=sections)
+        task = sized_search(problem, sections, masses_kg, inner_kg, sigmas)
         starts += [variables for _, variables in from_seeds(task, seeds)]
     return search(task, [(form, one) for one in starts])
 

@@ -61,22 +61,16 @@ class RigSpread:
 
     def off(self, factors: Mapping[str, float]) -> np.ndarray:
         """(d,) standard deviations of figures that are multiplied by these, those left out by one."""
-        return self.rounded(np.array([(factors.get(name, 1.0) - 1) / size for name, size in self.deviations.items()]))
+        return np.round([(factors.get(name, 1.0) - 1) / size for name, size in self.deviations.items()], _DIGITS)
 
     def members(self, z: np.ndarray) -> tuple[VertexModel, ...]:
         """Linear members that a law has to serve of the prototype with its figures off by (d,)."""
         return served(self.rig(z), self.largest_outer_kg, self.stage)
 
-    def drawn(self, count: int, seed: int, inside: bool = False) -> list[np.ndarray]:
-        """Deviations (d,) of rigs drawn at random: normal, cut off at four, or evenly from within the sigmas."""
-        random, size = np.random.default_rng(seed), len(self.deviations)
-        if inside:
-            return [self.rounded(z) for z in self.sigmas * random.uniform(-1.0, 1.0, (count, size))]
-        return [self.rounded(z) for z in np.clip(random.standard_normal((count, size)), -_CUT, _CUT)]
-
-    def rounded(self, z: np.ndarray) -> np.ndarray:
-        """(d,) deviations in short figures."""
-        return np.round(z, _DIGITS)
+    def drawn(self, count: int, seed: int) -> list[np.ndarray]:
+        """Deviations (d,) of rigs drawn at random: normal, cut off at four."""
+        normal = np.random.default_rng(seed).standard_normal((count, len(self.deviations)))
+        return list(np.round(np.clip(normal, -_CUT, _CUT), _DIGITS))
 
 
 def rig_spread(prototype: Prototype, largest_outer_kg: float, sigmas: float = SIGMAS) -> RigSpread:

@@ -44,7 +44,7 @@ class Sections:
         filtered: whether the sensor has a filter.
         rig: of two beams, one of `beamdesign.plant.assembly.RIGS`.
         prototype: variables, and whether sizes are rounded as they will be written down, to the rig they stand for;
-            None where they are the sizes of no tubes, or of an inner one that does not go into the outer one.
+            a ValueError where they are the sizes of no tubes, or of an inner one that does not go into the outer one.
         structure: mass inside (kg) and variables to slacks that must not be negative, in symbols or numbers.
         moving_mass: mass inside (kg) and variables to that and the mass of both beams, in symbols or numbers.
         flaw: mass inside (kg) and variables to the reason why the rounded sections may not be built, empty where they
@@ -58,7 +58,7 @@ class Sections:
     figures: Callable[[ca.MX], ca.MX]
     filtered: bool
     rig: str
-    prototype: Callable[[np.ndarray, bool], Prototype | None]
+    prototype: Callable[[np.ndarray, bool], Prototype]
     structure: Callable[[Any, Any], Any]
     moving_mass: Callable[[Any, Any], Any]
     flaw: Callable[[float, np.ndarray], str]
@@ -107,12 +107,12 @@ def _symbolic_figures(problem: DesignProblem) -> Callable[[ca.MX], ca.MX]:
     return figures
 
 
-def _prototype(problem: DesignProblem, pair: tuple[Tube, Tube]) -> Prototype | None:
-    """The rig with these tubes; None where the record of it refuses them."""
+def _prototype(problem: DesignProblem, pair: tuple[Tube, Tube]) -> Prototype:
+    """The rig with these tubes; a ValueError where the record of it refuses them."""
     try:
         return problem.prototype(*pair)
     except ValidationError:
-        return None
+        raise ValueError("these sizes are no pair of tubes") from None
 
 
 def section_mass(problem: DesignProblem, sections: np.ndarray) -> float:

@@ -10,15 +10,8 @@ from beamdesign.prototype import Beam, Payload, Prototype
 from beamdesign.records import InputError, Problem
 from beamdesign.result import Result
 from beamdesign.structure.section import Tube
-from beamdesign.synthesis.checks import (
-    Check,
-    CheckedPair,
-    check_sections,
-)
-from beamdesign.synthesis.free_search import (
-    FreeOptimum,
-    free_optimum,
-)
+from beamdesign.synthesis.checks import Check, CheckedPair, check_sections
+from beamdesign.synthesis.free_search import FreeOptimum, free_optimum
 from beamdesign.synthesis.relaxation import Relaxation, relax_free, relax_stock
 from beamdesign.synthesis.stock_search import StockOptimum, stock_of, stock_optimum
 
@@ -185,10 +178,9 @@ def _nothing_fits(
     choose: str, free: FreeOptimum | None, nearest: CheckedPair, relaxations: tuple[Relaxation, ...]
 ) -> str:
     kind = "stock" if choose == "stock" else "free"
-    text = f"no pair of {kind} sizes passes every check; the nearest, {nearest}, misses: {nearest.misses}"
-    if kind == "free":
-        text = text.replace("no pair of free sizes passes", "no pair of free sizes was found that passes")
-    elif free:
+    passes = "was found that passes" if kind == "free" else "passes"
+    text = f"no pair of {kind} sizes {passes} every check; the nearest, {nearest}, misses: {nearest.misses}"
+    if kind == "stock" and free:
         text += f"; of free sizes {free.pair} would do, at {free.pair.beam_mass_kg:.3g} kg"
     return f"{text}; {_relax(relaxations)}"
 

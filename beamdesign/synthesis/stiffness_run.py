@@ -14,11 +14,11 @@ from beamdesign.proofs.certifying import certify
 from beamdesign.proofs.contact import Band, Environment, Wall
 from beamdesign.proofs.mass_tables import finite
 from beamdesign.proofs.writer import certificate, stated, texts
-from beamdesign.prototype import Compliance, Prototype
+from beamdesign.prototype import Prototype
 from beamdesign.rational import text
 from beamdesign.synthesis.design_run import stating
-from beamdesign.synthesis.end_stiffness import SHARE, EndStiffness, Need, controller_of, in_contact, sensed
-from beamdesign.synthesis.rig_spread import rig_spread
+from beamdesign.synthesis.end_stiffness import SHARE, EndStiffness, Need, controller_of, in_contact
+from beamdesign.synthesis.stiffness_search import plants_drawn
 
 CONTACT_NAME = "certificate.contact.toml"
 
@@ -49,13 +49,7 @@ def carried_out(
     law = found.law
     if law is None:
         raise ValueError("a controller that was judged as it is has no law to be carried out")
-    rig = prototype.but(
-        controller=controller_of(prototype, law),
-        compliance=Compliance(
-            end_stiffness_N_per_m=law.end_stiffness_N_per_m, force_filter_Hz=law.force_filter_Hz, servo=law.servo
-        ),
-        guarantee=None,
-    )
+    rig = prototype.but(controller=controller_of(prototype, law), compliance=law, guarantee=None)
     asked = (Asked("peak_sensitivity", found.peak_sensitivity), *goal_claims(prototype.goal))
     proof = certify(rig, *masses_kg, asked)
     bandwidth = 0.0 if proof.guaranteed is None else proof.guaranteed.bandwidth_Hz
@@ -191,13 +185,9 @@ def drawn_rigs(prototype: Prototype, masses_kg: tuple[float, float], wall: Wall,
         wall: that the tip may lean on.
         count: how many.
     """
-    law = prototype.controller
+    law, masses = prototype.controller, (exact(masses_kg[0]), exact(masses_kg[1]))
     assert law is not None
-    if not any(prototype.tolerance.model_dump().values()):
-        return ()
-    spread = rig_spread(prototype, masses_kg[1], 1.0)
-    masses = (exact(masses_kg[0]), exact(masses_kg[1]))
-    ports = [tip(close_loop(sensed(spread.rig(z)), law)) for z in spread.drawn(count, seed=1)]
+    ports = [tip(close_loop(plant, law)) for plant in plants_drawn(prototype, masses_kg[1], count, seed=1)]
     needs: tuple[Need, ...] = ("stable", "passive", "wall")
     return tuple(
         DrawnRig(port.static_stiffness(), *(in_contact(port, masses, wall, need) for need in needs)) for port in ports

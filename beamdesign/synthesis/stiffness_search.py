@@ -19,11 +19,10 @@ from beamdesign.proofs.certificate import Asked, goal_claims
 from beamdesign.proofs.contact import Wall
 from beamdesign.proofs.performance import prove
 from beamdesign.proofs.rectangle import Rectangle
-from beamdesign.prototype import Prototype
+from beamdesign.prototype import Compliance, Prototype
 from beamdesign.synthesis.end_stiffness import (
     NEEDS,
     SHARE,
-    CompliantLaw,
     EndStiffness,
     Need,
     controller_of,
@@ -94,7 +93,7 @@ def design(
         InputError: for a prototype with effects.
     """
     report = progress or silent
-    others = _plants_drawn(prototype, masses_kg[1], rigs)
+    others = plants_drawn(prototype, masses_kg[1], rigs, SEED_OF_RIGS, _REACH) if rigs else []
     if servo is not None and (most := servo_stiffness(prototype, servo)) < end_stiffness:
         reason = f"the servo alone holds {most:.4g} N/m, less than {end_stiffness:.4g} N/m; it needs more gain"
         return Design(None, None, 0, reason)
@@ -127,12 +126,12 @@ def _blurred(prototype: Prototype, end_stiffness: float) -> str:
     )
 
 
-def _plants_drawn(prototype: Prototype, largest_kg: float, count: int) -> list[Plant]:
-    """Plants of rigs drawn somewhat further off than the tolerances say; none where there are none."""
-    if count == 0 or not any(prototype.tolerance.model_dump().values()):
+def plants_drawn(prototype: Prototype, largest_kg: float, count: int, seed: int, reach: float = 1.0) -> list[Plant]:
+    """Plants of rigs drawn so many times as far off as the tolerances say; none where there are none."""
+    if not any(prototype.tolerance.model_dump().values()):
         return []
     spread = rig_spread(prototype, largest_kg, 1.0)
-    return [sensed(spread.rig(_REACH * z)) for z in spread.drawn(count, SEED_OF_RIGS)]
+    return [sensed(spread.rig(reach * z)) for z in spread.drawn(count, seed)]
 
 
 _WORDS: dict[Need, str] = {
@@ -159,30 +158,29 @@ class _Search:
         self.plant = sensed(self.prototype)
         self.masses = (exact(self.masses_kg[0]), exact(self.masses_kg[1]))
 
-    def best(self, progress: Callable[[float], None]) -> CompliantLaw | None:
+    def best(self, progress: Callable[[float], None]) -> Compliance | None:
         """The admitted law with the largest score; None where none is."""
         lowest, highest = (_LOWEST[3:], _HIGHEST[3:]) if self.servo else (_LOWEST.copy(), _HIGHEST)
-        if not self.servo:
-            beam = paper_model(self.prototype).figures["outer_stiffness"]
-            least = max(1.05 * self.end_stiffness, _SERVO_OVER_BEAM * beam)
-            lowest[0] = np.log10(max(least_gain(self.prototype, least), 10 ** lowest[0]))
         if self.servo:
             progress(0.0)
-            point = self._local_search(np.random.default_rng(0), lowest, highest, _KEPT_STARTS, _KEPT_STEPS)[1]
+            point = self._local_search(0, lowest, highest, _KEPT_STARTS, _KEPT_STEPS)[1]
             return None if point is None else self._law(point)
+        beam = paper_model(self.prototype).figures["outer_stiffness"]
+        least = max(1.05 * self.end_stiffness, _SERVO_OVER_BEAM * beam)
+        lowest[0] = np.log10(max(least_gain(self.prototype, least), 10 ** lowest[0]))
         found: list[tuple[float, np.ndarray | None]] = []
         for k in range(_ROUNDS):
             progress(k / (_ROUNDS + 1))
             with share(1 / (_ROUNDS + 1 - k)):
-                found.append(self._local_search(np.random.default_rng(k), lowest, highest, _STARTS, _STEPS))
+                found.append(self._local_search(k, lowest, highest, _STARTS, _STEPS))
         best = max(found, key=lambda one: one[0])
         progress(_ROUNDS / (_ROUNDS + 1))
-        _, point = self._local_search(np.random.default_rng(_ROUNDS), lowest, highest, 0, _REFINING_STEPS, best, 0.05)
+        _, point = self._local_search(_ROUNDS, lowest, highest, 0, _REFINING_STEPS, best, 0.05)
         return None if point is None else self._law(point)
 
     def _local_search(
         self,
-        random: np.random.Generator,
+        seed: int,
         lowest: np.ndarray,
         highest: np.ndarray,
         starts: int,
@@ -191,7 +189,7 @@ class _Search:
         width: float = 0.4,
     ) -> tuple[float, np.ndarray | None]:
         """Score and point of the best law of a local search by ever smaller steps, after scattered starts."""
-        top, point = begin
+        (top, point), random = begin, np.random.default_rng(seed)
         for k in range(starts + steps):
             if over():
                 leave_out("further laws")
@@ -209,41 +207,35 @@ class _Search:
                 top, point = score, here
         return top, point
 
-    def _law(self, logarithms: np.ndarray) -> CompliantLaw:
+    def _law(self, logarithms: np.ndarray) -> Compliance:
         figures = [float(f"{10**value:.4g}") for value in logarithms]
-        if self.servo:
-            return CompliantLaw(self.servo, self.end_stiffness, figures[0])
-        lag = Lag(gain_A_per_V=figures[0], pole_Hz=figures[1], zero_Hz=figures[2])
-        return CompliantLaw(lag, self.end_stiffness, figures[3])
+        servo = self.servo or Lag(gain_A_per_V=figures[0], pole_Hz=figures[1], zero_Hz=figures[2])
+        return Compliance(end_stiffness_N_per_m=self.end_stiffness, force_filter_Hz=figures[-1], servo=servo)
 
     def _band(self, closed: Loop) -> float:
         """First sampled frequency at which the stiffness is off by more than `SHARE`, interpolated, Hz."""
         port, reached = tip(closed), np.inf
         for mass in self.masses_kg:
             error = np.abs(port.stiffness_response(_SEARCH_HZ, mass) / self.end_stiffness - 1)
-            beyond = np.flatnonzero(error > SHARE)
-            if not len(beyond):
+            k = int(np.argmax(error > SHARE))
+            if not error[k] > SHARE:
                 continue
-            k = beyond[0]
             if k == 0:
                 return 0.0
-            share = (SHARE - error[k - 1]) / (error[k] - error[k - 1])
-            reached = min(reached, _SEARCH_HZ[k - 1] + share * (_SEARCH_HZ[k] - _SEARCH_HZ[k - 1]))
+            reached = min(reached, np.interp(SHARE, error[k - 1 : k + 1], _SEARCH_HZ[k - 1 : k + 1]))
         return float(reached)
 
     def _admitted(self, closed: Loop) -> bool:
         """Whether stability, contact and the goal's limits are proved."""
         goal = self.prototype.goal
         asked = (Asked("peak_sensitivity", goal.peak_sensitivity), *goal_claims(goal))
-        return self._in_contact(closed) and all(prove(Rectangle(closed, *self.masses), one).holds for one in asked)
-
-    def _in_contact(self, closed: Loop) -> bool:
-        return in_contact(tip(closed), self.masses, self.wall, self.need)
+        touches = in_contact(tip(closed), self.masses, self.wall, self.need)
+        return touches and all(prove(Rectangle(closed, *self.masses), one).holds for one in asked)
 
     def _on_others(self, controller: Observer) -> bool:
         """The same on the drawn rigs; one that refuses is asked first the next time."""
         for k, plant in enumerate(self.others):
-            if not self._in_contact(close_loop(plant, controller)):
+            if not in_contact(tip(close_loop(plant, controller)), self.masses, self.wall, self.need):
                 self.others.insert(0, self.others.pop(k))
                 return False
         return True

@@ -76,13 +76,6 @@ class GeneralisedPlant:
     d12: np.ndarray
     d21: np.ndarray
 
-    def closed(self, law: StateSpace) -> StateSpace:
-        """From w to z with u = law y."""
-        a = np.block([[self.a + self.b2 @ law.d @ self.c2, self.b2 @ law.c], [law.b @ self.c2, law.a]])
-        b = np.vstack([self.b1 + self.b2 @ law.d @ self.d21, law.b @ self.d21])
-        c = np.hstack([self.c1 + self.d12 @ law.d @ self.c2, self.d12 @ law.c])
-        return StateSpace(a, b, c, self.d12 @ law.d @ self.d21)
-
 
 def lqg(plant: GeneralisedPlant) -> StateSpace:
     """The controller from y to u of least variance of z under white noise w, of the plant's order.
@@ -230,7 +223,7 @@ def scaled_plant(plant: StateSpace, compliance_m_per_N: float) -> ScaledPlant:
     b = TIME_UNIT_S * plant.b * [1.0, current]
     c = plant.c / np.append(compliance_m_per_N, held)[:, None]
     whole = StateSpace(TIME_UNIT_S * plant.a, b, c, np.zeros((len(c), 2)))
-    return ScaledPlant(residualised(whole, len(whole.a)).model, current, held)
+    return ScaledPlant(residualised(whole, len(whole.a)), current, held)
 
 
 @dataclass(frozen=True)
@@ -278,15 +271,8 @@ def weighted(plant: ScaledPlant, weights: Weights) -> GeneralisedPlant:
     c1, c2 = np.zeros((2, n + 4)), np.zeros((p, n + 4))
     c1[0, :n], c2[:, :n] = g.c[0], -g.c[1:]
     noise = np.diag([weights.noise, *[weights.other_noise] * (p - 1)])
-    return GeneralisedPlant(
-        a,
-        b1,
-        b2,
-        c1,
-        c2,
-        np.array([[0.0], [weights.current]]),
-        np.hstack([np.zeros((p, 3)), noise]),
-    )
+    d12, d21 = np.array([[0.0], [weights.current]]), np.hstack([np.zeros((p, 3)), noise])
+    return GeneralisedPlant(a, b1, b2, c1, c2, d12, d21)
 
 
 def _roll_off(weights: Weights) -> StateSpace:
@@ -305,29 +291,14 @@ def realised(plant: ScaledPlant, weights: Weights, law: StateSpace, order: int) 
     Raises:
         ValueError: for a law that is not stable.
     """
-    model = residualised(_roll_off(weights).behind(law), order).model
+    model = residualised(_roll_off(weights).behind(law), order)
     b = model.b / plant.sensor_units / TIME_UNIT_S
     return StateSpace(
         model.a / TIME_UNIT_S, b, model.c * plant.current_A, model.d * plant.current_A / plant.sensor_units
     )
 
 
-@dataclass(frozen=True)
-class Reduced:
-    """A model of fewer states.
-
-    Attributes:
-        model: it.
-        hankel: (n,) Hankel singular values of the whole, the largest first.
-        bound: most that the largest singular value of the difference is at any frequency.
-    """
-
-    model: StateSpace
-    hankel: np.ndarray
-    bound: float
-
-
-def residualised(whole: StateSpace, order: int) -> Reduced:
+def residualised(whole: StateSpace, order: int) -> StateSpace:
     """The balanced residualisation of a stable model.
 
     Args:
@@ -352,13 +323,12 @@ def residualised(whole: StateSpace, order: int) -> Reduced:
     a, b, c = back @ whole.a @ into, back @ whole.b, whole.c @ into
     n = min(order, len(a))
     fast = np.linalg.solve(a[n:, n:], np.hstack([a[n:, :n], b[n:]])) if n < len(a) else np.zeros((0, n + b.shape[1]))
-    model = StateSpace(
+    return StateSpace(
         a[:n, :n] - a[:n, n:] @ fast[:, :n],
         b[:n] - a[:n, n:] @ fast[:, n:],
         c[:, :n] - c[:, n:] @ fast[:, :n],
         whole.d - c[:, n:] @ fast[:, n:],
     )
-    return Reduced(model, hankel, 2 * float(hankel[n:].sum()))
 
 
 def _root(gramian: np.ndarray) -> np.ndarray:

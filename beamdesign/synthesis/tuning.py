@@ -328,20 +328,9 @@ def kept_apart(rig: Prototype, found: Switching) -> Prototype:
 
 
 def stage_ranges(whole_kg: tuple[float, float], count: int, overlap_kg: float) -> list[tuple[float, float]]:
-    """Equal parts of a range, each widened by half an overlap towards its neighbours; bounds in whole grams.
-
-    Raises:
-        ValueError: where the parts are not wider than the overlap.
-    """
-    low, high = whole_kg
-    width = (high - low) / count
-    if not width > overlap_kg:
-        raise ValueError(
-            f"{count} stages of {width:.4g} kg each leave no room for overlaps of {overlap_kg:.4g} kg; fewer stages or"
-            " a narrower band of the estimate would"
-        )
-    half = overlap_kg / 2
-    edges = [low + k * width for k in range(count + 1)]
+    """Equal parts of a range, each widened by half an overlap towards its neighbours; bounds in whole grams."""
+    (low, high), half = whole_kg, overlap_kg / 2
+    edges = [low + k * ((high - low) / count) for k in range(count + 1)]
     return [
         (low if k == 0 else round(edges[k] - half, 3), high if k == count - 1 else round(edges[k + 1] + half, 3))
         for k in range(count)
@@ -352,15 +341,13 @@ def _ranges(
     prototype: Prototype, whole_kg: tuple[float, float], stages: int, overlap_kg: float
 ) -> list[tuple[float, float]]:
     """Payloads of the stages; what stands against them, all at once."""
-    problems, found = [], []
+    problems, width = [], (whole_kg[1] - whole_kg[0]) / stages
     if not whole_kg[0] < whole_kg[1]:
         reason = f"{whole_kg[0]:g}:{whole_kg[1]:g} holds one payload, which needs no stages"
         problems.append(("payload.outer_end_mass_kg", reason))
-    else:
-        try:
-            found = stage_ranges(whole_kg, stages, overlap_kg)
-        except ValueError as error:
-            problems.append(("stages", str(error)))
+    elif not width > overlap_kg:
+        reason = f"{stages} stages of {width:.4g} kg each leave no room for overlaps of {overlap_kg:.4g} kg"
+        problems.append(("stages", f"{reason}; fewer stages or a narrower band of the estimate would"))
     laws = () if prototype.controller is None else prototype.controller.laws
     # With effects no proof of changes asks for states to hand over.
     if not prototype.effects and prototype.sensor.filter_Hz is None and any(law.sections for law, _ in laws):
@@ -368,7 +355,7 @@ def _ranges(
         problems.append(("sensor.filter_Hz", reason))
     if problems:
         raise InputError(f"{prototype.name}: scheduled", problems)
-    return found
+    return stage_ranges(whole_kg, stages, overlap_kg)
 
 
 def _hertz(found: Tuning) -> float:
@@ -377,12 +364,4 @@ def _hertz(found: Tuning) -> float:
 
 def _stage(found: Tuning) -> Stage:
     assert found.best is not None
-    law = found.best.controller
-    assert law.lag is not None
-    return Stage(
-        outer_end_mass_kg=found.outer_end_mass_kg,
-        gain_A_per_V=law.gain_A_per_V,
-        pole_Hz=law.lag.pole_Hz,
-        zero_Hz=law.lag.zero_Hz,
-        section=law.sections,
-    )
+    return Stage(outer_end_mass_kg=found.outer_end_mass_kg, **found.best.controller.model_dump(exclude={"kind"}))

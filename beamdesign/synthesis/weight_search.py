@@ -9,12 +9,13 @@ structure stays that of the observer, the figures are no longer optimal by any w
 import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from math import inf, log, pi
 from types import MappingProxyType
 
 import numpy as np
 
-from beamdesign.controllers import KINDS, Controller, Sensed
+from beamdesign.controllers import KINDS, Controller, Observer, Sensed
 from beamdesign.controllers.form import block_form
 from beamdesign.plant.linear import LinearModel
 from beamdesign.progress import Progress, silent
@@ -22,7 +23,7 @@ from beamdesign.prototype import Goal
 from beamdesign.synthesis.law_search import Found, search
 from beamdesign.synthesis.law_task import Effort, Search, sampled_masses
 from beamdesign.synthesis.loop_samples import COARSE_HZ, Samples, rig_samples
-from beamdesign.synthesis.loop_slacks import sampled_bandwidth, slacks_of
+from beamdesign.synthesis.loop_slacks import slacks_of
 from beamdesign.synthesis.synthesis import (
     GeneralisedPlant,
     StateSpace,
@@ -65,70 +66,66 @@ class Proposal:
         law: in SI, reduced to the order that is realised.
         inner_end_mass: kg.
         cost: the smaller the better.
-        bandwidth_Hz: sampled, as synthesised; 0 where it misses another limit than the compliance.
         variables: logarithms of the weights, mass inside, payload it is designed for.
     """
 
     law: StateSpace
     inner_end_mass: float
     cost: float
-    bandwidth_Hz: float
     variables: np.ndarray
 
 
 @dataclass(frozen=True)
 class WeightSearch:
-    """One rig with its sensors, and the samples of all loops that are to be served.
+    """What is asked, with samples of all loops that are to be served.
 
     Attributes:
-        rig: that the controller is designed on.
-        sensors: what it reads.
-        points: samples, the same frequencies in every row.
-        goal: the limits.
-        masses_kg: range of the payload.
-        largest_inner: kg.
-        order: of the controller.
+        task: its sensors are what the controller reads.
     """
 
-    rig: LinearModel
-    sensors: Sequence[Sensed]
-    points: Samples
-    goal: Goal
-    masses_kg: tuple[float, float]
-    largest_inner: float
-    order: int
+    task: Search
+
+    @cached_property
+    def rig(self) -> LinearModel:
+        """That the controller is designed on."""
+        return next(member.rig for member in self.task.members if member.performance is not None)
+
+    @cached_property
+    def points(self) -> Samples:
+        """Samples, the same frequencies in every row."""
+        task, frequencies = self.task, np.union1d(COARSE_HZ, [self.task.goal.loop_gain_from_Hz])
+        return rig_samples(task.members, frequencies, sampled_masses(task.masses_kg), task.sensors)
 
     def bounds(self) -> tuple[np.ndarray, np.ndarray]:
         """Least and largest variables, (10,) each."""
         rows = [(log(low), log(high)) for low, high in _LOG_BOUNDS]
-        found = np.array([*rows, (0.0, self.largest_inner), self.masses_kg])
+        found = np.array([*rows, (0.0, self.task.inner_kg[1]), self.task.masses_kg])
         return found[:, 0], found[:, 1]
 
     def proposal(self, variables: np.ndarray, solve: Callable[[GeneralisedPlant], StateSpace]) -> Proposal | None:
         """The controller of some weights; None where there is none, or none that is stable."""
         weights, inner = Weights(*np.exp(variables[: len(_LOG_BOUNDS)])), float(variables[-2])
+        goal, points = self.task.goal, self.points
         try:
             with warnings.catch_warnings():
                 warnings.simplefilter("error", RuntimeWarning)  # an equation that is all but singular is no design
-                plant = scaled_plant(
-                    sensed_model(self.rig, float(variables[-1]), inner, self.sensors), self.goal.compliance_m_per_N
-                )
-                law = realised(plant, weights, solve(weighted(plant, weights)), self.order)
+                model = sensed_model(self.rig, float(variables[-1]), inner, self.task.sensors)
+                plant = scaled_plant(model, goal.compliance_m_per_N)
+                law = realised(plant, weights, solve(weighted(plant, weights)), 2 * self.task.effort.blocks)
         except (np.linalg.LinAlgError, ValueError, RuntimeWarning):
             return None
-        rows = int(self.points.row.max()) + 1
-        s = 2j * pi * self.points.frequency_Hz[: len(self.points.frequency_Hz) // rows]
-        left = slacks_of(self.points, self.goal, np.tile(law.responses(s)[:, 0].T, (1, rows)), inner)
+        rows = int(points.row.max()) + 1
+        s = 2j * pi * points.frequency_Hz[: len(points.frequency_Hz) // rows]
+        left = slacks_of(points, goal, np.tile(law.responses(s)[:, 0].T, (1, rows)), inner)
         if not left.settled or not self._stable(law, inner):
-            return Proposal(law, inner, _UNSTABLE, 0.0, variables)
-        aimed = left.compliance[self.points.frequency_Hz <= AIM_HZ]
-        reached = sampled_bandwidth(self.points, left.compliance) if left.violation < 1e-3 else 0.0
-        return Proposal(law, inner, _PENALTY * left.violation - float(aimed.min()), reached, variables)
+            return Proposal(law, inner, _UNSTABLE, variables)
+        aimed = left.compliance[points.frequency_Hz <= AIM_HZ]
+        return Proposal(law, inner, _PENALTY * left.violation() - float(aimed.min()), variables)
 
     def _stable(self, law: StateSpace, inner: float) -> bool:
         """Whether the loops of the rig that is designed on are stable at the ends and in the middle of the range."""
-        for mass in np.unique(np.linspace(*self.masses_kg, 3)):
-            plant = sensed_model(self.rig, float(mass), inner, self.sensors)
+        for mass in sampled_masses(self.task.masses_kg):
+            plant = sensed_model(self.rig, mass, inner, self.task.sensors)
             current, sensed = plant.b[:, 1:], plant.c[1:]
             whole = np.block([[plant.a - current @ law.d @ sensed, current @ law.c], [-law.b @ sensed, law.a]])
             # The mean pressure of the chambers and the like neither are driven nor show; they are stable by themselves.
@@ -164,15 +161,11 @@ class WeightSearch:
             return _NONE if found is None else found.cost
 
         steps = np.minimum(0.6, (upper - lower) / 4)
-        simplex = np.vstack(
-            [start.variables, start.variables + np.diag(np.where(start.variables + steps < upper, steps, -steps))]
-        )
-        minimize(
-            cost,
-            start.variables,
-            method="Nelder-Mead",
-            options={"maxfev": evaluations, "initial_simplex": simplex, "adaptive": True},
-        )
+        moves = np.diag(np.where(start.variables + steps < upper, steps, -steps))
+        options = {
+            "maxfev": evaluations, "adaptive": True, "initial_simplex": start.variables + np.vstack([0 * steps, moves])
+        }  # fmt: skip
+        minimize(cost, start.variables, method="Nelder-Mead", options=options)
         return best
 
 
@@ -204,7 +197,7 @@ def search_observer(task: Search, kind: str | None, starts: Sequence[Given] = ()
     if len(task.sensors) > 1 and any(member.gain.low != member.gain.high for member in task.members):
         why = "with added sensors no tuner serves the range of gains that an effect of this prototype asks for"
         return Found(None, (), 0, why)
-    given = [one for one in starts if one[0].observer or one[0].sections]
+    given = [one for one in starts if isinstance(one[0], Observer) or one[0].sections]
     if len(task.sensors) > 1 and kind and not given:
         # What the displacement alone reaches is where an added sensor begins.
         first = replace(task, sensors=task.sensors[:1], effort=replace(task.effort, starts=EFFORT.starts))
@@ -234,12 +227,7 @@ def search_observer(task: Search, kind: str | None, starts: Sequence[Given] = ()
 def _proposals(task: Search, kind: str, report: Progress) -> list[Proposal]:
     """Laws that were synthesised, the best first."""
     report(0.0, "searching weights")
-    frequencies = np.union1d(COARSE_HZ, [task.goal.loop_gain_from_Hz])
-    points = rig_samples(task.members, frequencies, sampled_masses(task.masses_kg), task.sensors)
-    rig = next(member.rig for member in task.members if member.performance is not None)
-    weights = WeightSearch(
-        rig, task.sensors, points, task.goal, task.masses_kg, task.inner_kg[1], 2 * task.effort.blocks
-    )
+    weights = WeightSearch(task)
     found = weights.sampled(task.effort.weights)
     if found:
         report(0.1, "improving weights")
@@ -262,12 +250,11 @@ def _worth(points: Samples) -> np.ndarray:
 
 def _matrices(law: Controller, sensors: tuple[Sensed, ...]) -> tuple[np.ndarray, ...]:
     """The matrices of a law with fewer sensors, which does nothing yet with the others."""
-    model = law.control_model()
-    a, b_own, c, d_own = (np.asarray(part) for part in (model.A, model.B, model.C, model.D))
+    a, b_own, c, d_own, _ = law.state_space()
     b, d = np.zeros((len(a), len(sensors))), np.zeros((1, len(sensors)))
     places = [sensors.index(name) for name in law.senses]
     b[:, places], d[:, places] = b_own, d_own
-    return a, b, c, d
+    return a, b, c[None], d
 
 
 VALVE_LIMITS = {"loop_gain": 0.25, "controller_effort_A_per_V": 0.06}

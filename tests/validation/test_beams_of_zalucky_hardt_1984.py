@@ -15,7 +15,7 @@ import pytest
 from beamdesign import DesignProblem, read_problem
 from beamdesign.structure.beam import effective_mass, first_frequency, tip_stiffness
 from beamdesign.structure.materials import material
-from beamdesign.structure.section import Tube, clearances, flexural_rigidity
+from beamdesign.structure.section import Tube, clearances
 from beamdesign.synthesis.checks import beam_mass, check_sections
 
 OUTER, INNER = Tube(0.140, 0.0023), Tube(0.100, 0.0032)
@@ -29,12 +29,12 @@ def problem() -> DesignProblem:
 
 @pytest.mark.parametrize(("tube", "free_length", "measured_N_per_cm"), [(OUTER, 1.195, 4868.0), (INNER, 1.365, 1575.0)])
 def test_measured_stiffness(tube, free_length, measured_N_per_cm):
-    rigidity = flexural_rigidity(ALLOY.youngs_modulus_Pa, tube.second_moment)
+    rigidity = ALLOY.youngs_modulus_Pa * tube.second_moment
     assert tip_stiffness(rigidity, free_length) == pytest.approx(100 * measured_N_per_cm, rel=0.003)
 
 
 def test_full_length_would_give_only_half_of_the_measured_stiffness():
-    rigidity = flexural_rigidity(ALLOY.youngs_modulus_Pa, OUTER.second_moment)
+    rigidity = ALLOY.youngs_modulus_Pa * OUTER.second_moment
     assert tip_stiffness(rigidity, 1.5) / 486_800 == pytest.approx(0.5, abs=0.02)
 
 
@@ -48,7 +48,7 @@ def test_printed_effective_mass(tube, free_length, end_mass, printed_kg):
 
 def test_the_two_beams_vibrate_at_close_frequencies():
     def frequency(tube, free_length, end_mass):
-        rigidity = flexural_rigidity(ALLOY.youngs_modulus_Pa, tube.second_moment)
+        rigidity = ALLOY.youngs_modulus_Pa * tube.second_moment
         return first_frequency(rigidity, tube.mass_per_length(ALLOY.density_kg_per_m3), free_length, end_mass)
 
     # sqrt(K / M) / (2 pi) of the printed stiffnesses and effective masses.

@@ -21,7 +21,6 @@ from beamdesign.prototype import COMPLIANCE_LIMIT_M_PER_N, Beam
 from beamdesign.quantity_text import decibels, from_decibels
 from beamdesign.structure import beam, lumped
 from beamdesign.structure.lumped import lumped_beam
-from beamdesign.structure.section import flexural_rigidity
 from beamdesign.validation.paper.rig import (
     FLOW_GAIN_PRESSURE_PA,
     INNER,
@@ -236,7 +235,7 @@ def _of_tube(own: Beam) -> dict[str, float]:
     """Stiffness, effective mass and frequencies of a tube, from its section; `Hz` from what was measured."""
     tube, alloy, length_m, free_m, measured = own.tube, own.material, own.length_m, own.free_length_m, lumped_beam(own)
     assert tube is not None and alloy is not None and length_m is not None and free_m is not None  # noqa: PT018
-    rigidity = float(flexural_rigidity(alloy.youngs_modulus_Pa, tube.second_moment))
+    rigidity = alloy.youngs_modulus_Pa * float(tube.second_moment)
     loaded = (float(tube.mass_per_length(alloy.density_kg_per_m3)), free_m, own.end_mass_kg)
     return {
         "long": float(beam.tip_stiffness(rigidity, length_m)) / 100,
