@@ -10,7 +10,6 @@ import os
 import shutil
 import subprocess
 from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import cache, reduce
 from math import ceil, floor, pi, sin
 from operator import add
@@ -23,7 +22,6 @@ from jinja2 import Template
 from beamdesign.build.realisation.law import Arithmetic, V, one_period
 from beamdesign.build.realisation.realise import Realisation
 from beamdesign.build.realisation.verdict import Judgement
-from beamdesign.files import write_set
 from beamdesign.report.page import text_template
 from beamdesign.spelling import in_c
 
@@ -143,25 +141,21 @@ def to_word(realisation: Realisation, reading: float, channel: int = 0) -> int:
     return floor(scaled + 0.5) if scaled >= 0 else ceil(scaled - 0.5)
 
 
-@dataclass(frozen=True)
-class Vectors:
-    """Readings by name and the currents that follow them from reset at zero, as words or as floats of 32 bits."""
+def vectors(realisation: Realisation) -> dict[str, list[float]]:
+    """What the self-test runs: steps beyond the limit both ways, tones, and small readings that only rounding sees.
 
-    readings: dict[str, tuple[float, ...]]
-    currents: tuple[float, ...]
-
-
-def vectors(realisation: Realisation) -> Vectors:
-    """What the self-test runs: steps beyond the limit both ways, tones, and small readings that only rounding sees."""
-    names = [channel.name for channel in realisation.channels]
+    Returns:
+        Readings by their names and an s, then the `currents` that follow them from reset at zero, as words or as floats
+        of 32 bits.
+    """
     given: list[list[float]] = []
     for place, scale in enumerate(realisation.full_scales):
         values = [_test_error((k + 11 * place) % VECTORS) * scale for k in range(VECTORS)]
         single = realisation.word_length is None
         given.append([float(np.float32(v)) if single else to_word(realisation, v, place) for v in values])
     machine: FixedPoint | Float32 = (Float32 if realisation.word_length is None else FixedPoint)(realisation)
-    currents = tuple(float(machine.step(*sample)) for sample in zip(*given, strict=True))
-    return Vectors({name: tuple(values) for name, values in zip(names, given, strict=True)}, currents)
+    currents = [float(machine.step(*sample)) for sample in zip(*given, strict=True)]
+    return dict(zip((*(f"{one.name}s" for one in realisation.channels), "currents"), (*given, currents), strict=True))
 
 
 def _test_error(k: int) -> float:
@@ -190,7 +184,7 @@ def c_files(realisation: Realisation, name: str, notes: tuple[str, ...] = ()) ->
         name: of the prototype.
         notes: lines for the head of the header, such as what is proved.
     """
-    fixed, made = realisation.word_length is not None, vectors(realisation)
+    fixed = realisation.word_length is not None
     kind = "controller_word" if fixed else "float"
     given = {
         "law": realisation,
@@ -203,7 +197,7 @@ def c_files(realisation: Realisation, name: str, notes: tuple[str, ...] = ()) ->
         "gains": {channel.gain_name: channel.unit for channel in realisation.channels},
         "statements": c_lines(realisation),
         "count": VECTORS,
-        "tables": {f"{name}s": values for name, values in made.readings.items()} | {"currents": made.currents},
+        "tables": vectors(realisation),
     }
     return {file: _template(file).render(given) + "\n" for file in (HEADER, LAW, SELF_TEST)}
 
@@ -335,18 +329,6 @@ def notes(found: Judgement, masses_kg: tuple[float, float]) -> tuple[str, ...]:
         f"Proved stable for {where} on the outer tip, with these coefficients, the current held, put out",
         f"{when}. Roundings and limits are no part of that proof.",
     )
-
-
-def write_code(
-    realisation: Realisation, name: str, found: Judgement, masses_kg: tuple[float, float], folder: Path
-) -> list[Path]:
-    """Write the C files of a realised controller, all of them or none.
-
-    Raises:
-        OSError: where one cannot be written.
-    """
-    texts = c_files(realisation, name, notes(found, masses_kg))
-    return list(write_set(folder, {file: (file, text) for file, text in texts.items()}).values())
 
 
 FLAGS = ("-std=c99", "-pedantic", "-Wall", "-Wextra", "-Werror", "-O2", "-ffp-contract=off")

@@ -11,7 +11,6 @@ from itertools import chain
 from math import floor, frexp, log2
 
 import numpy as np
-from flint import fmpq_mat
 
 from beamdesign.build.realisation.law import (
     Arithmetic,
@@ -35,6 +34,7 @@ from beamdesign.build.realisation.sections import (
     laws_of,
 )
 from beamdesign.controllers import Controller, TransferFunction
+from beamdesign.proofs.mass_family import floats
 from beamdesign.prototype import Prototype
 
 LEAST_WORD, LARGEST_WORD = 8, 32
@@ -134,7 +134,6 @@ def realise(
     word_length: int | None = 32,
     full_scale_V: float = FULL_SCALE_V,
     largest_current_A: float | None = None,
-    prewarped: bool = True,
     full_scales: Mapping[str, float] = FULL_SCALES,
 ) -> Realisation:
     """Discretise and round a controller; no signal can overflow, whatever its readings do within full scale.
@@ -145,7 +144,6 @@ def realise(
         word_length: of fixed-point words; None for floats of 32 bits.
         full_scale_V: largest error, and largest command where that is read by itself.
         largest_current_A: limit; none: what the gains make of the full scales at rest.
-        prewarped: see `sections.discretised`.
         full_scales: largest value (m, Pa) of each further reading.
 
     Raises:
@@ -153,7 +151,7 @@ def realise(
     """
     if word_length is not None and not LEAST_WORD <= word_length <= LARGEST_WORD:
         raise ValueError(f"a word of {word_length} bits; {LEAST_WORD} to {LARGEST_WORD} can be used")
-    asked = discretised(controller, rate_Hz, prewarped)
+    asked = discretised(controller, rate_Hz)
     scales = tuple(full_scale_V if one.unit == "V" else full_scales[one.heard] for one in asked.channels)
     at_rest = sum(abs(one.gain) * scale for one, scale in zip(asked.channels, scales, strict=True))
     largest = at_rest if largest_current_A is None else largest_current_A
@@ -212,14 +210,6 @@ def _places(linear: LinearLaw, word_length: int, place: int, full_scale: float) 
     if room.min() <= 0:
         raise ValueError(f"words of {word_length} bits are too short: rounding alone fills them")
     return floor(log2(float((room / (full_scale * peaks)).min())))
-
-
-def floats(matrix: fmpq_mat) -> np.ndarray:
-    """The nearest floats of a rational matrix."""
-    rows, columns = matrix.nrows(), matrix.ncols()
-    return np.array([[int(matrix[i, j].p) / int(matrix[i, j].q) for j in range(columns)] for i in range(rows)]).reshape(
-        rows, columns
-    )
 
 
 _BLOCK = 128
