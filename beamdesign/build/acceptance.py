@@ -8,7 +8,7 @@ chosen by the diagnosis.
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from math import inf, pi, sqrt
+from math import pi, sqrt
 from pathlib import Path
 
 import numpy as np
@@ -110,26 +110,15 @@ def acceptance(
     """
     spread = {name: part for name, part in (tolerances or {}).items() if name in CHANGEABLE and part > 0}
     members = [prototype, *_drawn(prototype, spread)]
-    responses: list[list[np.ndarray]] = [[] for _ in masses_kg]
-    gains: list[list[CriticalGain]] = [[] for _ in masses_kg]
-    grid = np.array(FREQUENCIES_HZ)
-    nominal = loop(prototype)
-    for k, member in enumerate(members):
-        progress(0.7 * k / len(members), "members within the tolerances")
-        closed = loop(member)
-        for at, mass in enumerate(masses_kg):
-            responses[at].append(np.abs(closed.at(mass).compliance_response(grid)))
-            try:
-                gains[at].append(critical_gain(member, mass, from_own=True))
-            except ValueError:  # no gain makes it oscillate
-                gains[at].append(CriticalGain(inf, 0.0))
-    found = []
+    loops = [loop(member) for member in members]
+    grid, found = np.array(FREQUENCIES_HZ), []
     for at, mass in enumerate(masses_kg):
-        progress(0.7 + 0.3 * at / len(masses_kg), "gain that all rigs bear")
-        table = np.array(responses[at])
-        onset = [one for one in gains[at] if one.gain_A_per_V < inf]
+        progress(at / len(masses_kg), "members within the tolerances")
+        table = np.abs([closed.at(mass).compliance_response(grid) for closed in loops])
+        onset = [one for one in (_onset(member, mass) for member in members) if one is not None]
+        progress((at + 0.7) / len(masses_kg), "gain that all rigs bear")
         gain = _band([one.gain_A_per_V for one in onset]) if len(onset) == len(members) else None
-        here = nominal.at(mass)
+        here = loops[0].at(mass)
         found.append(
             AcceptanceAtMass(
                 mass,
@@ -143,6 +132,14 @@ def acceptance(
             )
         )
     return tuple(found)
+
+
+def _onset(member: Prototype, mass: float) -> CriticalGain | None:
+    """Where raising the gain sets in oscillation; None where no gain does."""
+    try:
+        return critical_gain(member, mass, from_own=True)
+    except ValueError:
+        return None
 
 
 def _band(values: "list[float] | np.ndarray") -> Band:

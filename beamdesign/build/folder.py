@@ -39,7 +39,7 @@ from beamdesign.quantity_text import (
     tube_text,
 )
 from beamdesign.rational import nearest
-from beamdesign.records import Record, to_toml
+from beamdesign.records import to_toml
 from beamdesign.report.page import (
     Block,
     Document,
@@ -176,7 +176,7 @@ def json_fields(spec: Specification) -> dict[str, Any]:
     """
     stages = [_of_law(law) for law in spec.laws]
     governs = min(stages, key=lambda one: 0.0 if one["guaranteed"] is None else one["guaranteed"]["bandwidth_Hz"])
-    return {
+    fields = {
         "name": spec.prototype.name,
         "certifiable": not spec.reason,
         "reason": spec.reason,
@@ -185,17 +185,18 @@ def json_fields(spec: Specification) -> dict[str, Any]:
         "stable_ranges_kg": [list(pair) for pair in _stable_ranges_kg(spec)],
         "guaranteed": _reached(spec.guaranteed),
         "load_N": spec.load_N,
-        "sections": _plain(spec.stock),
+        "sections": spec.stock,
         "drawing": missing_geometry(spec.prototype) or "drawing.dxf",
-        "ratings": None if spec.ratings is None else _plain(spec.ratings.to_dict()),
-        "sensor": _plain(spec.sensor),
-        "controller": _plain(spec.prototype.controller),
-        "tolerances": _plain(spec.tolerances),
+        "ratings": spec.ratings and spec.ratings.to_dict(),
+        "sensor": spec.sensor,
+        "controller": spec.prototype.controller,
+        "tolerances": spec.tolerances,
         "tolerances_reason": spec.tolerances_reason,
         "basis": BASIS,
         **({} if spec.switching is None else {"switching": switching_fields(spec.switching)}),
         **({} if spec.prototype.schedule is None else {"stages": stages}),
     }
+    return {name: _plain(value) for name, value in fields.items()}
 
 
 def _of_law(law: LawSpecification) -> dict[str, Any]:
@@ -203,12 +204,8 @@ def _of_law(law: LawSpecification) -> dict[str, Any]:
         "outer_end_mass_kg": list(law.stage.outer_end_mass_kg),
         "stable_ranges_kg": [list(pair) for pair in law.certificate.stable_ranges_kg],
         "guaranteed": _reached(law.certificate.guaranteed),
-        "controller": _plain(law.stage.prototype.controller),
-        "analogue": _plain(law.analogue),
-        "analogue_reason": law.analogue_reason,
-        "digital": _plain(law.digital),
-        "acceptance": _plain(law.acceptance),
-        "test_plan": _plain(law.plan),
+        "controller": law.stage.prototype.controller,
+        **picked(law, "analogue analogue_reason digital acceptance test_plan=plan"),
     }
 
 
@@ -224,9 +221,7 @@ _TEXTS = {"certificate", "certificates", "certificates_equal", "delay_certificat
 
 
 def _plain(value: Any) -> Any:
-    """Records and dataclasses as tables, without the texts of proofs; what JSON cannot hold is left to its writer."""
-    if isinstance(value, Record):
-        return value.model_dump(exclude_none=True)
+    """Tables of what its writer does not make tables of, and dataclasses without the texts of proofs."""
     if isinstance(value, Tube):
         return value.sizes
     if hasattr(value, "_asdict"):
@@ -234,12 +229,8 @@ def _plain(value: Any) -> Any:
     if is_dataclass(value) and not isinstance(value, type):
         return {f.name: _plain(getattr(value, f.name)) for f in fields(value) if f.name not in _TEXTS}
     if isinstance(value, dict):
-        return {str(key): _plain(item) for key, item in value.items()}
-    if hasattr(value, "tolist"):
-        return value.tolist()
-    if isinstance(value, list | tuple):
-        return [_plain(item) for item in value]
-    return value
+        return {key: _plain(item) for key, item in value.items()}
+    return [_plain(item) for item in value] if isinstance(value, list | tuple) else value
 
 
 def optional(value: float | None, unit: str, rounding: str = ROUND_HALF_EVEN) -> str:

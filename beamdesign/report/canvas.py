@@ -51,7 +51,7 @@ def new_figure(width_mm: float = 170.0, height_mm: float = 110.0) -> Figure:
     return figure
 
 
-Place = Literal["best", "upper left", "lower left"]
+Place = Literal["best", "upper left", "lower left", "lower right"]
 
 
 def finish(axes: Axes, x: str | None = None, y: str | None = None, legend: Place | None = "best") -> Axes:

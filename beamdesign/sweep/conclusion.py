@@ -9,11 +9,11 @@ import numpy as np
 from beamdesign.columns import csv_text
 from beamdesign.files import write_whole
 from beamdesign.records import InputError
-from beamdesign.sweep.case import short
 from beamdesign.sweep.methods import NO_RESULT, Plan, cost, figures_of
 from beamdesign.sweep.sweep_file import Demand, Sweep
 
 Row = Mapping[str, Any]
+_SHOWN = 12  # letters of an address that people are shown
 
 
 def conclude(laid: Plan, records: Sequence[Row]) -> dict[str, Any]:
@@ -180,7 +180,7 @@ def rows(records: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
     outputs = list(dict.fromkeys(key for record in records for key in record["outputs"]))
     found = []
     for number, record in enumerate(records):
-        row: dict[str, Any] = {"case": number, "address": short(record["address"])}
+        row: dict[str, Any] = {"case": number, "address": record["address"][:_SHOWN]}
         row |= {key: cell(record["varied"].get(key)) for key in varied}
         row["status"] = record["status"]
         # An output may bear the name of a varied key, such as a breadth that was asked for.

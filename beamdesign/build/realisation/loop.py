@@ -21,7 +21,7 @@ moves the least of the contraction (J. Stoer and C. Witzgall, Numer. Math. 4 (19
 halved; intervals of the computing time are, where the proof over the masses is not found.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -61,7 +61,7 @@ class HeldPlant:
 
     a: fmpq_mat
     b: fmpq_mat
-    seen: Mapping[str, fmpq_mat]
+    seen: dict[str, fmpq_mat]
     velocity: int
     bare_mass: fmpq
     tip: fmpq_mat
@@ -98,14 +98,10 @@ class HeldPlant:
 
     def readings(self, sensed: Sequence[str]) -> fmpq_mat:
         """(k, n) to what a law hears without command: minus the volts as its error, others as they are."""
-        n, rows = self.a.nrows(), []
-        for name in sensed:
-            if name in self.seen:
-                sign = -1 if name == SENSED[0] else 1
-                rows.append([sign * self.seen[name][0, j] for j in range(n)])
-            else:
-                rows.append([fmpq(0)] * n)
-        return fmpq_mat(len(rows), n, [value for row in rows for value in row])
+        n = self.a.nrows()
+        own = self.seen | {SENSED[0]: -self.seen[SENSED[0]]}
+        rows = [own.get(name, fmpq_mat(1, n)) for name in sensed]
+        return fmpq_mat(len(rows), n, [value for row in rows for value in row.entries()])
 
 
 def held_plant(prototype: Prototype) -> HeldPlant:

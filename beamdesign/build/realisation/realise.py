@@ -7,7 +7,7 @@ left out bounded. As difference equations in floats of 64 bits it is what is spe
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import chain
+from itertools import chain, count
 from math import floor, frexp, log2
 
 import numpy as np
@@ -368,9 +368,4 @@ def upper_break_Hz(controller: Controller) -> float:
 def sensible_rate_Hz(crossover_Hz: float, upper_break_Hz: float = 0.0) -> float:
     """The least rate of 1, 2 or 5 times a power of ten that is 40 times the crossover and ten times the upper break."""
     least = max(_PER_CROSSOVER * crossover_Hz, 10 * upper_break_Hz, 1000.0)
-    step = 1.0
-    while True:
-        for factor in (1, 2, 5):
-            if factor * step >= least:
-                return factor * step
-        step *= 10
+    return next(rate for k in count() for step in (1, 2, 5) if (rate := step * 10.0**k) >= least)
