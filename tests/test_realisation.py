@@ -515,6 +515,11 @@ def test_files_state_their_units_and_cannot_be_broken_by_a_name() -> None:
 # In the loop, against the simulator
 
 
+def in_floats_of_64_bits(r: Realisation) -> Realisation:
+    """For a loop in V and A; see `ExactLaw`."""
+    return replace(r, word_length=None, places=(0,), current_places=0, full_scales=(2.0,), largest_current_A=1.0)
+
+
 class ExactLaw:
     """The realised law without any rounding or limit, in floats of 64 bits; takes and gives V and A."""
 
@@ -562,7 +567,7 @@ def test_the_compiled_controller_in_the_simulators_loop(bits: int | None, rig: P
     assert np.array_equal(in_c.displacement_m, emulated.displacement_m)
     assert np.array_equal(in_c.current_A, emulated.current_A)
 
-    in_volts = Realisation(r.asked, None, r.coefficients, (0,), 0, (2.0,), 1.0)
+    in_volts = in_floats_of_64_bits(r)
     unrounded = run_closed(rig, in_volts, ExactLaw(r), force, mass)
     bound = rounding_effect(realised_loop(rig, r), mass, half_steps(r))
     departure = np.abs(in_c.displacement_m - unrounded.displacement_m).max()
@@ -597,9 +602,7 @@ def test_a_structured_controller_is_coded_proved_and_run(rig: Prototype, tmp_pat
     force = np.where(np.arange(4000) < 200, 0.0, 300.0)
     in_c = run_closed(filtered, r, made(tmp_path, r), force, 2.0)
     assert np.array_equal(in_c.displacement_m, run_closed(filtered, r, FixedPoint(r), force, 2.0).displacement_m)
-    unrounded = run_closed(
-        filtered, Realisation(r.asked, None, r.coefficients, (0,), 0, (2.0,), 1.0), ExactLaw(r), force, 2.0
-    )
+    unrounded = run_closed(filtered, in_floats_of_64_bits(r), ExactLaw(r), force, 2.0)
     bound = found.masses[0].rounding
     assert bound is not None
     assert np.abs(in_c.displacement_m - unrounded.displacement_m).max() <= bound.displacement_m

@@ -256,44 +256,36 @@ def parts_of(spec: Specification, svg: str) -> tuple[Part, ...]:
 
 @cache
 def _template() -> Template:
+    own = (
+        optional, tube_text, nearest, repr, zip, describe, holds_for, missing_geometry, lumped_beam, notes, held_loads,
+        why_no_box, bare_frequencies_Hz,
+    )  # fmt: skip
     return document_template(
         Path(__file__).with_name("specification.j2"),
+        *own,
         q=quantity,
         d=decimal,
-        optional=optional,
         floor=partial(optional, rounding=ROUND_FLOOR),
         ceiling=partial(optional, rounding=ROUND_CEILING),
         masses=masses_text,
-        tube_text=tube_text,
-        nearest=nearest,
-        repr=repr,
-        zip=zip,
         inf=inf,
         pi=pi,
         sha256=lambda text: hashlib.sha256(text.encode()).hexdigest(),
         answer={True: "proved", False: "refuted", None: "undecided"},
         stage=lambda law: f", stage {law.stage.number}" if law.stage.number else "",
         guaranteed=_guaranteed,
-        describe=describe,
-        holds_for=holds_for,
         changes_name=CHANGES_NAME,
-        missing_geometry=missing_geometry,
-        lumped_beam=lumped_beam,
-        notes=notes,
         materials=lambda rig: list(
             {beam.material.name: beam.material for beam in (rig.outer_beam, rig.inner_beam)}.values()
         ),
-        held_loads=held_loads,
         margin=MARGIN,
         kept=KEPT,
         circuit_name=_name,
         part_names=_part_names,
         part_value=_part_value,
         component_reasons=_component_reasons,
-        why_no_box=why_no_box,
         largest=LARGEST,
         safety=SAFETY,
-        bare_frequencies_Hz=bare_frequencies_Hz,
         measured_within=MEASURED_WITHIN,
     )
 

@@ -57,11 +57,6 @@ def folder_to_write(option: typer.CallbackParam, path: Path | None) -> Path | No
     return path and _need_folder(option.opts[0], path, path.absolute())
 
 
-def default_file(name: str) -> Path:
-    """A file of this name in the current folder, refused as `file_to_write` does."""
-    return _need_folder("--out", Path(name), Path.cwd())
-
-
 def default_folder(name: str) -> Path:
     """A folder of this name in the current one, refused as `folder_to_write` does."""
     return _need_folder("--out", Path(name), Path(name).absolute())
@@ -162,7 +157,7 @@ def certificate_file(out: Path | None, default: str) -> Path:
     Raises:
         InputError: where something stands there that is no certificate, or where no file can be written.
     """
-    path = default_file(default) if out is None else out
+    path = _need_folder("--out", Path(default), Path.cwd()) if out is None else out
     if path.exists():
         _stated(path, _standing(path))
     return path

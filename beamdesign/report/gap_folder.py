@@ -126,19 +126,9 @@ def gap_report_html(
     held_out = {record.record for record in found.gap.records if record.held_out}
     seen = [] if data is None else sorted(found.errors, key=lambda e: e.name not in held_out)
     conditions = {} if data is None else {r.name: condition_text(r) for r in data.records}
+    own = (decimal, stated_bandwidth, stated_peak, in_words, place, controller_text, terms_table)
     template = page_template(
-        "gap_report.html",
-        share=share_text,
-        decimal=decimal,
-        figure=_figure,
-        closed=closed_text,
-        mass_range=mass_range_text,
-        stated_bandwidth=stated_bandwidth,
-        stated_peak=stated_peak,
-        in_words=in_words,
-        place=place,
-        controller_text=controller_text,
-        terms_table=terms_table,
+        "gap_report.html", *own, share=share_text, figure=_figure, closed=closed_text, mass_range=mass_range_text
     )
     return template.render(
         found=found,

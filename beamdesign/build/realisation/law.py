@@ -152,11 +152,6 @@ def fixed_point(value: float, word_length: int, more_places: int = 0) -> Coeffic
     return Coefficient(value, integer, places)
 
 
-def float32(value: float) -> Coefficient:
-    """Round to the nearest float of 32 bits."""
-    return Coefficient(value, None, 0)
-
-
 def float64(value: float) -> Coefficient:
     """A float of 64 bits as it is: an integer over a power of two."""
     integer, below = value.as_integer_ratio()
