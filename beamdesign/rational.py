@@ -7,14 +7,8 @@ from flint import arb, fmpq
 
 def bounds(ball: arb) -> tuple[fmpq, fmpq]:
     """The least and the largest number of a finite ball, exactly, whatever the working precision."""
-    middle, radius = _dyadic(ball.mid()), _dyadic(ball.rad())
+    middle, radius = ball.mid().fmpq(), ball.rad().fmpq()
     return middle - radius, middle + radius
-
-
-def _dyadic(point: arb) -> fmpq:
-    mantissa, exponent = point.man_exp()
-    power = 2 ** abs(int(exponent))
-    return fmpq(mantissa) * power if exponent >= 0 else fmpq(mantissa, power)
 
 
 def simple_between(low: fmpq, high: fmpq) -> fmpq:

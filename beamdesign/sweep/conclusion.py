@@ -36,12 +36,12 @@ def met(sweep: Sweep, records: Sequence[Row]) -> dict[str, Any]:
     from beamdesign.validation.blind.bounds import clopper_pearson
 
     demands = sweep.specification
-    passed = [all(holds(demand, row["outputs"].get(name)) for name, demand in demands.items()) for row in records]
-    each = {name: sum(holds(demand, row["outputs"].get(name)) for row in records) for name, demand in demands.items()}
-    found: dict[str, Any] = {"met": sum(passed), "of": len(records), "each": each}
+    each = {name: [holds(demand, row["outputs"].get(name)) for row in records] for name, demand in demands.items()}
+    passed = sum(map(all, zip(*each.values(), strict=True)))
+    found: dict[str, Any] = {"met": passed, "of": len(records), "each": {name: sum(one) for name, one in each.items()}}
     if sweep.study.method == "tolerance":
-        low, high = clopper_pearson(sum(passed), len(records), sweep.spread.confidence)
-        found |= {"yield": sum(passed) / len(records), "bounds": [low, high], "confidence": sweep.spread.confidence}
+        low, high = clopper_pearson(passed, len(records), sweep.spread.confidence)
+        found |= {"yield": passed / len(records), "bounds": [low, high], "confidence": sweep.spread.confidence}
     return found
 
 
@@ -61,9 +61,8 @@ def _extreme(records: Sequence[Row], output: str, largest: bool) -> dict[str, An
     least, number = min(found, default=(NO_RESULT, 0))
     if least == NO_RESULT:
         return None
-    return {"case": number, "output": output, "value": records[number]["outputs"][output]} | {
-        "varied": records[number]["varied"]
-    }
+    row = records[number]
+    return {"case": number, "output": output, "value": row["outputs"][output], "varied": row["varied"]}
 
 
 def _worst(sweep: Sweep, records: Sequence[Row]) -> dict[str, Any] | None:

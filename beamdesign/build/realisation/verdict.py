@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from math import atan, degrees, inf, log10, pi
 
 import numpy as np
-from flint import arb_mat, ctx, fmpq, fmpq_mat, fmpq_poly
+from flint import ctx, fmpq, fmpq_mat, fmpq_poly
 
 from beamdesign.build.realisation.law import LinearLaw
 from beamdesign.build.realisation.loop import (
@@ -85,8 +85,8 @@ def image(loop: RealisedLoop, mass_kg: float) -> LoopAtMass:
         mass = exact(mass_kg)
         moved = loop.plant.moved(mass, mass, loop.period_s)
         n = loop.plant.a.nrows()
-        phi = fmpq_mat(n, n, [_middle(moved, i, j) for i in range(n) for j in range(n)])
-        gamma = fmpq_mat(n, 1, [_middle(moved, i, n) for i in range(n)])
+        phi = fmpq_mat(n, n, [moved[i, j].mid().fmpq() for i in range(n) for j in range(n)])
+        gamma = fmpq_mat(n, 1, [moved[i, n].mid().fmpq() for i in range(n)])
         free, seen = phi.charpoly(), loop.plant.readings(law.sensed)
         denominator, numerator = law.a.charpoly() * free, fmpq_poly([0])
         for k, (above, _) in enumerate(laws):
@@ -108,25 +108,14 @@ def law_polynomials(law: LinearLaw) -> list[tuple[fmpq_poly, fmpq_poly]]:
     return [((law.a - b * law.c).charpoly() + (law.d[0, k] - 1) * below, below) for k, b in enumerate(columns)]
 
 
-def _middle(balls: arb_mat, i: int, j: int) -> fmpq:
-    mantissa, exponent = balls[i, j].mid().man_exp()
-    return fmpq(mantissa) * fmpq(2) ** int(exponent)
-
-
 def _in_p(polynomials: list[fmpq_poly], rate_Hz: float) -> list[fmpq_poly]:
     """Put z = (1 + p T / 2) / (1 - p T / 2) and clear the denominators, of all with the same power."""
     degree = max(polynomial.degree() for polynomial in polynomials)
-    half = 1 / (2 * exact(rate_Hz))
-    above, below = [fmpq_poly([1])], [fmpq_poly([1])]
-    for _ in range(degree):
-        above.append(above[-1] * fmpq_poly([1, half]))
-        below.append(below[-1] * fmpq_poly([1, -half]))
-    found = []
+    half, found = 1 / (2 * exact(rate_Hz)), []
+    above, below = fmpq_poly([1, half]), fmpq_poly([1, -half])
     for polynomial in polynomials:
-        total = fmpq_poly([0])
-        for k, coefficient in enumerate(polynomial.coeffs()):
-            total += coefficient * above[k] * below[degree - k]
-        found.append(fmpq_poly([_kept(c) for c in total.coeffs()]))
+        terms = (c * above**k * below ** (degree - k) for k, c in enumerate(polynomial.coeffs()))
+        found.append(fmpq_poly([_kept(c) for c in sum(terms, fmpq_poly([0])).coeffs()]))
     return found
 
 
