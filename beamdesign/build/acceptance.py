@@ -283,7 +283,7 @@ def as_specified(prototype: Prototype, specified: Mapping[str, float]) -> Protot
     return prototype.but(guarantee=None, tolerance=prototype.tolerance.but(**deviations))
 
 
-def write_data_folder(prototype: Prototype, plan: AcceptancePlan, folder: Path) -> list[Path]:
+def write_data_folder(prototype: Prototype, plan: AcceptancePlan, folder: Path) -> None:
     """Write the folder to fill in; records that already hold rows are left as they are.
 
     Args:
@@ -291,17 +291,12 @@ def write_data_folder(prototype: Prototype, plan: AcceptancePlan, folder: Path) 
         plan: what is to be measured.
         folder: made if need be.
 
-    Returns:
-        every file of the folder's layout.
-
     Raises:
         OSError: where something cannot be written.
     """
-    paths = [folder / "prototype.toml", folder / "scenario.toml", folder / "dataset.toml"]
-    folder.mkdir(parents=True, exist_ok=True)
-    write_prototype(prototype, paths[0])
-    write_whole(paths[1], to_toml(plan.scenario))
-    write_whole(paths[2], dataset_text(prototype, plan))
+    write_prototype(prototype, folder / "prototype.toml")
+    write_whole(folder / "scenario.toml", to_toml(plan.scenario))
+    write_whole(folder / "dataset.toml", dataset_text(prototype, plan))
     for row in plan.scenario.record:
         signal, record = (folder / kind / f"{row.name}.csv" for kind in ("excitation", "records"))
         table = np.column_stack([plan.scenario.times, inputs_of(row, plan.scenario)])
@@ -310,8 +305,6 @@ def write_data_folder(prototype: Prototype, plan: AcceptancePlan, folder: Path) 
         if not (record.exists() and len(record.read_text().splitlines()) > 1):
             added = () if row.controller is None else row.controller.added
             write_whole(record, ",".join((*COLUMNS, *added)) + "\n")
-        paths += [signal, record]
-    return paths
 
 
 def dataset_text(prototype: Prototype, plan: AcceptancePlan) -> str:

@@ -153,13 +153,11 @@ def write_specification(spec: Specification, out: Path) -> dict[str, Path]:
         summary = "\n".join((f"{spec.prototype.name}: changes between its laws", *describe(spec.switching)))
         texts["certificate_switching"] = (CHANGES_NAME, stages_certificate(spec.prototype, spec.switching, summary))
     texts["prototype"] = ("prototype.toml", to_toml(spec.prototype))
-    names = {kind: name for kind, (name, text) in texts.items() if text}
-    names |= {kind: name for kind, (name, _) in folders.items()}
-    paths = {kind: out / name for kind, name in names.items()}
+    texts = {kind: named for kind, named in texts.items() if named[1]}
+    paths = {kind: out / name for kind, (name, _) in (*texts.items(), *folders.items())}
     with fresh_folder(out, _RETIRING) as fresh:
         for name, text in texts.values():
-            if text:
-                write_whole(fresh / name, text)
+            write_whole(fresh / name, text)
         write_whole(fresh / JSON_NAME, json_text(json_fields(spec) | {"files": paths}))
         for name, law in folders.values():
             specified = spec.tolerances.specified if spec.tolerances is not None else {}
