@@ -81,7 +81,8 @@ def sampled_law(controller: Controller, period_s: float) -> SampledLaw:
     Raises:
         ValueError: where it has none; see `beamdesign.build.realisation.realise.difference_equation`.
     """
-    from beamdesign.build.realisation.realise import difference_equation, floats
+    from beamdesign.build.realisation.realise import difference_equation
+    from beamdesign.proofs.mass_family import floats
 
     law = difference_equation(controller, 1 / period_s).linear
     places = {SENSED[0]: ERROR, "command_V": COMMAND}

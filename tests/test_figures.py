@@ -86,12 +86,6 @@ def test_decibel_scale_follows_the_metric_one(loaded: LoopAtMass):
     assert axes.get_ylabel().endswith("m/N")
 
 
-def test_compliance_without_a_limit(loaded: LoopAtMass):
-    axes = plot_compliance(new_figure().add_subplot(), {"loop": loaded}, limit_m_per_N=None)
-    assert labels(axes) == ["loop"]
-    assert len(axes.lines) == 1
-
-
 def test_decibels_and_back():
     levels = np.array([-165.0, -100.0, 0.0])
     np.testing.assert_allclose(decibels(from_decibels(levels)), levels)
@@ -194,8 +188,8 @@ def test_branches_of_a_root_locus_never_jump_though_they_meet(tame: Prototype, m
 
 
 def test_pole_zero_map(loaded: LoopAtMass):
-    axes = plot_pole_zero(new_figure().add_subplot(), loaded.poles(), loaded.compliance_zeros(), "poles")
-    assert labels(axes) == ["poles", "zeros"]
+    axes = plot_pole_zero(new_figure().add_subplot(), loaded.poles(), loaded.compliance_zeros())
+    assert labels(axes) == ["open-loop poles", "zeros"]
     assert [len(line.get_xdata()) for line in axes.lines[:2]] == [8, 6]
 
 

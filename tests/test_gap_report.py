@@ -39,7 +39,6 @@ from beamdesign.report.gap_tables import (
     fitted_figures,
     indicator_table,
     place,
-    shade,
 )
 from beamdesign.report.page import Table
 
@@ -251,6 +250,7 @@ def test_a_share_that_is_not_the_whole_is_not_called_so() -> None:
 
 
 def test_shades_rise_with_the_logarithm() -> None:
+    shade = HeatMap("", (), ()).shade
     assert shade(0.0) == 0
     assert shade(1e-3) == 0
     assert shade(1.0) == 1

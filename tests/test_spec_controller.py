@@ -17,13 +17,13 @@ from beamdesign.build.realisation.loop import prove_sampled, realised_loop
 from beamdesign.build.realisation.realise import (
     DifferenceEquation,
     difference_equation,
-    floats,
     sensible_rate_Hz,
     upper_break_Hz,
 )
 from beamdesign.checker import check
 from beamdesign.controllers import Lag, Observer, Proportional
 from beamdesign.proofs.certifying import certify
+from beamdesign.proofs.mass_family import floats
 from beamdesign.prototype import Prototype, read_prototype
 from beamdesign.public import state_space
 

@@ -8,7 +8,7 @@ chosen by the diagnosis.
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from math import inf, pi, sqrt
+from math import pi, sqrt
 from pathlib import Path
 
 import numpy as np
@@ -110,26 +110,15 @@ def acceptance(
     """
     spread = {name: part for name, part in (tolerances or {}).items() if name in CHANGEABLE and part > 0}
     members = [prototype, *_drawn(prototype, spread)]
-    responses: list[list[np.ndarray]] = [[] for _ in masses_kg]
-    gains: list[list[CriticalGain]] = [[] for _ in masses_kg]
-    grid = np.array(FREQUENCIES_HZ)
-    nominal = loop(prototype)
-    for k, member in enumerate(members):
-        progress(0.7 * k / len(members), "members within the tolerances")
-        closed = loop(member)
-        for at, mass in enumerate(masses_kg):
-            responses[at].append(np.abs(closed.at(mass).compliance_response(grid)))
-            try:
-                gains[at].append(critical_gain(member, mass, from_own=True))
-            except ValueError:  # no gain makes it oscillate
-                gains[at].append(CriticalGain(inf, 0.0))
-    found = []
+    loops = [loop(member) for member in members]
+    grid, found = np.array(FREQUENCIES_HZ), []
     for at, mass in enumerate(masses_kg):
-        progress(0.7 + 0.3 * at / len(masses_kg), "gain that all rigs bear")
-        table = np.array(responses[at])
-        onset = [one for one in gains[at] if one.gain_A_per_V < inf]
+        progress(at / len(masses_kg), "members within the tolerances")
+        table = np.abs([closed.at(mass).compliance_response(grid) for closed in loops])
+        onset = [one for one in (_onset(member, mass) for member in members) if one is not None]
+        progress((at + 0.7) / len(masses_kg), "gain that all rigs bear")
         gain = _band([one.gain_A_per_V for one in onset]) if len(onset) == len(members) else None
-        here = nominal.at(mass)
+        here = loops[0].at(mass)
         found.append(
             AcceptanceAtMass(
                 mass,
@@ -143,6 +132,14 @@ def acceptance(
             )
         )
     return tuple(found)
+
+
+def _onset(member: Prototype, mass: float) -> CriticalGain | None:
+    """Where raising the gain sets in oscillation; None where no gain does."""
+    try:
+        return critical_gain(member, mass, from_own=True)
+    except ValueError:
+        return None
 
 
 def _band(values: "list[float] | np.ndarray") -> Band:
@@ -286,7 +283,7 @@ def as_specified(prototype: Prototype, specified: Mapping[str, float]) -> Protot
     return prototype.but(guarantee=None, tolerance=prototype.tolerance.but(**deviations))
 
 
-def write_data_folder(prototype: Prototype, plan: AcceptancePlan, folder: Path) -> list[Path]:
+def write_data_folder(prototype: Prototype, plan: AcceptancePlan, folder: Path) -> None:
     """Write the folder to fill in; records that already hold rows are left as they are.
 
     Args:
@@ -294,17 +291,12 @@ def write_data_folder(prototype: Prototype, plan: AcceptancePlan, folder: Path) 
         plan: what is to be measured.
         folder: made if need be.
 
-    Returns:
-        every file of the folder's layout.
-
     Raises:
         OSError: where something cannot be written.
     """
-    paths = [folder / "prototype.toml", folder / "scenario.toml", folder / "dataset.toml"]
-    folder.mkdir(parents=True, exist_ok=True)
-    write_prototype(prototype, paths[0])
-    write_whole(paths[1], to_toml(plan.scenario))
-    write_whole(paths[2], dataset_text(prototype, plan))
+    write_prototype(prototype, folder / "prototype.toml")
+    write_whole(folder / "scenario.toml", to_toml(plan.scenario))
+    write_whole(folder / "dataset.toml", dataset_text(prototype, plan))
     for row in plan.scenario.record:
         signal, record = (folder / kind / f"{row.name}.csv" for kind in ("excitation", "records"))
         table = np.column_stack([plan.scenario.times, inputs_of(row, plan.scenario)])
@@ -313,8 +305,6 @@ def write_data_folder(prototype: Prototype, plan: AcceptancePlan, folder: Path) 
         if not (record.exists() and len(record.read_text().splitlines()) > 1):
             added = () if row.controller is None else row.controller.added
             write_whole(record, ",".join((*COLUMNS, *added)) + "\n")
-        paths += [signal, record]
-    return paths
 
 
 def dataset_text(prototype: Prototype, plan: AcceptancePlan) -> str:

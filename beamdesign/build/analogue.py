@@ -1,6 +1,6 @@
 """Analogue controllers of the preferred values that come nearest to a law, proved again as they are realised."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from math import inf, log, prod, sqrt
 from typing import Literal
@@ -251,7 +251,8 @@ def _first(
 ) -> tuple[Stage, float] | None:
     """The summing stage, a lag or an amplifier alone, and which of the resistances the current is sensed by."""
     best: tuple[float, Stage, float] | None = None
-    for feedback, more, error in _feedbacks(ratio, resistors, capacitors):
+    plain = [(feedback, dict[str, float](), 0.0) for feedback in values_between(resistors, *_PLAIN_OHM)]
+    for feedback, more, error in _breaks(ratio.n1, ratio.d1, resistors, capacitors) if ratio.order else plain:
         for sense in senses:
             for given in neighbours(resistors, feedback / (gain * sense)):
                 if not _INPUT_OHM[0] <= given <= _INPUT_OHM[1]:
@@ -261,14 +262,6 @@ def _first(
                     kind: Kind = "lag" if more else "amplifier"
                     best = worst, Stage(kind, {"R1": given, "Rf": feedback, **more}), sense
     return None if best is None else best[1:]
-
-
-def _feedbacks(ratio: Ratio, resistors: Series, capacitors: Series) -> Iterator[tuple[float, dict[str, float], float]]:
-    """Rf, the parts parallel to it, and the larger relative error of pole and zero."""
-    if ratio.order == 0:
-        yield from ((feedback, {}, 0.0) for feedback in values_between(resistors, *_PLAIN_OHM))
-    else:
-        yield from _breaks(ratio.n1, ratio.d1, resistors, capacitors)
 
 
 def _breaks(

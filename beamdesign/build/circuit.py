@@ -33,6 +33,7 @@ from itertools import product
 from math import floor, log10, prod
 from typing import Any, Literal, NamedTuple
 
+import numpy as np
 from flint import fmpq
 
 from beamdesign.controllers import Observer
@@ -96,8 +97,6 @@ class Ratio(NamedTuple):
 
     def matrices(self) -> tuple[Any, Any, Any, float]:
         """State space of it over its gain, in floats: a (n, n), b (n,), c (n,) and d."""
-        import numpy as np
-
         if self.order == 0:
             return np.zeros((0, 0)), np.zeros(0), np.zeros(0), 1.0
         if self.order == 1:
@@ -215,8 +214,6 @@ class Circuit:
     @property
     def law(self) -> Observer:
         """What the parts realise, as a prototype writes it; the size of its gain is that at rest."""
-        import numpy as np
-
         a, b, c, d = np.zeros((0, 0)), np.zeros(0), np.zeros(0), 1.0
         for stage in self.stages:
             a_next, b_next, c_next, d_next = Ratio(*(nearest(fmpq(one)) for one in stage.exact)).matrices()

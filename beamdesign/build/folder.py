@@ -39,7 +39,7 @@ from beamdesign.quantity_text import (
     tube_text,
 )
 from beamdesign.rational import nearest
-from beamdesign.records import Record, to_toml
+from beamdesign.records import to_toml
 from beamdesign.report.page import (
     Block,
     Document,
@@ -153,13 +153,11 @@ def write_specification(spec: Specification, out: Path) -> dict[str, Path]:
         summary = "\n".join((f"{spec.prototype.name}: changes between its laws", *describe(spec.switching)))
         texts["certificate_switching"] = (CHANGES_NAME, stages_certificate(spec.prototype, spec.switching, summary))
     texts["prototype"] = ("prototype.toml", to_toml(spec.prototype))
-    names = {kind: name for kind, (name, text) in texts.items() if text}
-    names |= {kind: name for kind, (name, _) in folders.items()}
-    paths = {kind: out / name for kind, name in names.items()}
+    texts = {kind: named for kind, named in texts.items() if named[1]}
+    paths = {kind: out / name for kind, (name, _) in (*texts.items(), *folders.items())}
     with fresh_folder(out, _RETIRING) as fresh:
         for name, text in texts.values():
-            if text:
-                write_whole(fresh / name, text)
+            write_whole(fresh / name, text)
         write_whole(fresh / JSON_NAME, json_text(json_fields(spec) | {"files": paths}))
         for name, law in folders.values():
             specified = spec.tolerances.specified if spec.tolerances is not None else {}
@@ -176,7 +174,7 @@ def json_fields(spec: Specification) -> dict[str, Any]:
     """
     stages = [_of_law(law) for law in spec.laws]
     governs = min(stages, key=lambda one: 0.0 if one["guaranteed"] is None else one["guaranteed"]["bandwidth_Hz"])
-    return {
+    fields = {
         "name": spec.prototype.name,
         "certifiable": not spec.reason,
         "reason": spec.reason,
@@ -185,17 +183,18 @@ def json_fields(spec: Specification) -> dict[str, Any]:
         "stable_ranges_kg": [list(pair) for pair in _stable_ranges_kg(spec)],
         "guaranteed": _reached(spec.guaranteed),
         "load_N": spec.load_N,
-        "sections": _plain(spec.stock),
+        "sections": spec.stock,
         "drawing": missing_geometry(spec.prototype) or "drawing.dxf",
-        "ratings": None if spec.ratings is None else _plain(spec.ratings.to_dict()),
-        "sensor": _plain(spec.sensor),
-        "controller": _plain(spec.prototype.controller),
-        "tolerances": _plain(spec.tolerances),
+        "ratings": spec.ratings and spec.ratings.to_dict(),
+        "sensor": spec.sensor,
+        "controller": spec.prototype.controller,
+        "tolerances": spec.tolerances,
         "tolerances_reason": spec.tolerances_reason,
         "basis": BASIS,
         **({} if spec.switching is None else {"switching": switching_fields(spec.switching)}),
         **({} if spec.prototype.schedule is None else {"stages": stages}),
     }
+    return {name: _plain(value) for name, value in fields.items()}
 
 
 def _of_law(law: LawSpecification) -> dict[str, Any]:
@@ -203,12 +202,8 @@ def _of_law(law: LawSpecification) -> dict[str, Any]:
         "outer_end_mass_kg": list(law.stage.outer_end_mass_kg),
         "stable_ranges_kg": [list(pair) for pair in law.certificate.stable_ranges_kg],
         "guaranteed": _reached(law.certificate.guaranteed),
-        "controller": _plain(law.stage.prototype.controller),
-        "analogue": _plain(law.analogue),
-        "analogue_reason": law.analogue_reason,
-        "digital": _plain(law.digital),
-        "acceptance": _plain(law.acceptance),
-        "test_plan": _plain(law.plan),
+        "controller": law.stage.prototype.controller,
+        **picked(law, "analogue analogue_reason digital acceptance test_plan=plan"),
     }
 
 
@@ -224,9 +219,7 @@ _TEXTS = {"certificate", "certificates", "certificates_equal", "delay_certificat
 
 
 def _plain(value: Any) -> Any:
-    """Records and dataclasses as tables, without the texts of proofs; what JSON cannot hold is left to its writer."""
-    if isinstance(value, Record):
-        return value.model_dump(exclude_none=True)
+    """Tables of what its writer does not make tables of, and dataclasses without the texts of proofs."""
     if isinstance(value, Tube):
         return value.sizes
     if hasattr(value, "_asdict"):
@@ -234,12 +227,8 @@ def _plain(value: Any) -> Any:
     if is_dataclass(value) and not isinstance(value, type):
         return {f.name: _plain(getattr(value, f.name)) for f in fields(value) if f.name not in _TEXTS}
     if isinstance(value, dict):
-        return {str(key): _plain(item) for key, item in value.items()}
-    if hasattr(value, "tolist"):
-        return value.tolist()
-    if isinstance(value, list | tuple):
-        return [_plain(item) for item in value]
-    return value
+        return {key: _plain(item) for key, item in value.items()}
+    return [_plain(item) for item in value] if isinstance(value, list | tuple) else value
 
 
 def optional(value: float | None, unit: str, rounding: str = ROUND_HALF_EVEN) -> str:
@@ -265,44 +254,36 @@ def parts_of(spec: Specification, svg: str) -> tuple[Part, ...]:
 
 @cache
 def _template() -> Template:
+    own = (
+        optional, tube_text, nearest, repr, zip, describe, holds_for, missing_geometry, lumped_beam, notes, held_loads,
+        why_no_box, bare_frequencies_Hz,
+    )  # fmt: skip
     return document_template(
         Path(__file__).with_name("specification.j2"),
+        *own,
         q=quantity,
         d=decimal,
-        optional=optional,
         floor=partial(optional, rounding=ROUND_FLOOR),
         ceiling=partial(optional, rounding=ROUND_CEILING),
         masses=masses_text,
-        tube_text=tube_text,
-        nearest=nearest,
-        repr=repr,
-        zip=zip,
         inf=inf,
         pi=pi,
         sha256=lambda text: hashlib.sha256(text.encode()).hexdigest(),
         answer={True: "proved", False: "refuted", None: "undecided"},
         stage=lambda law: f", stage {law.stage.number}" if law.stage.number else "",
         guaranteed=_guaranteed,
-        describe=describe,
-        holds_for=holds_for,
         changes_name=CHANGES_NAME,
-        missing_geometry=missing_geometry,
-        lumped_beam=lumped_beam,
-        notes=notes,
         materials=lambda rig: list(
             {beam.material.name: beam.material for beam in (rig.outer_beam, rig.inner_beam)}.values()
         ),
-        held_loads=held_loads,
         margin=MARGIN,
         kept=KEPT,
         circuit_name=_name,
         part_names=_part_names,
         part_value=_part_value,
         component_reasons=_component_reasons,
-        why_no_box=why_no_box,
         largest=LARGEST,
         safety=SAFETY,
-        bare_frequencies_Hz=bare_frequencies_Hz,
         measured_within=MEASURED_WITHIN,
     )
 

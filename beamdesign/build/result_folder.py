@@ -157,8 +157,8 @@ def _box_of(run: DesignRun) -> str:
 
 @cache
 def _template() -> Template:
-    own = {rows.__name__: rows for rows in (section_rows, lumped_rows, expected_rows, margin_rows, statements, notes)}
-    return document_template(Path(__file__).with_name("design_report.j2"), q=quantity, **own)
+    own = (section_rows, lumped_rows, expected_rows, margin_rows, statements, notes)
+    return document_template(Path(__file__).with_name("design_report.j2"), *own, q=quantity)
 
 
 def _checks(sizing: Sizing) -> Table:

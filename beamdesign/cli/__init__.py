@@ -16,7 +16,7 @@ from typer.core import TyperGroup
 from beamdesign.cli.arm import arm
 from beamdesign.cli.begin import explain, new, paper
 from beamdesign.cli.certify import certify, certify_box, certify_switching
-from beamdesign.cli.command import INTERRUPTED
+from beamdesign.cli.command import INTERRUPTED, group
 from beamdesign.cli.design import codesign, front, remedies, run
 from beamdesign.cli.gap import gap
 from beamdesign.cli.output import echo, hush, reporting, shown, speak
@@ -49,14 +49,13 @@ class Commands(TyperGroup):
     def format_commands(self, ctx: Any, formatter: Any) -> None:
         """Write the commands under their headings."""
         panels: dict[str, list[tuple[str, str]]] = {}
-        commands = [(name, self.commands[name]) for name in self.list_commands(ctx) if not self.commands[name].hidden]
+        every: Any = self.commands
+        commands = [(name, every[name]) for name in self.list_commands(ctx) if not every[name].hidden]
         width = max(len(name) for name, _ in commands)
         for name, command in commands:
-            heading = getattr(command, "rich_help_panel", None)
-            heading = heading if isinstance(heading, str) else "Further commands"
             words = command.get_short_help_str(formatter.width - 6 - width)
-            panels.setdefault(heading, []).append((name.ljust(width), words))
-        for heading, rows in sorted(panels.items(), key=lambda panel: (*HEADINGS, panel[0]).index(panel[0])):
+            panels.setdefault(command.rich_help_panel, []).append((name.ljust(width), words))
+        for heading, rows in sorted(panels.items(), key=lambda panel: HEADINGS.index(panel[0])):
             with formatter.section(heading):
                 formatter.write_dl(rows)
 
@@ -143,13 +142,10 @@ def in_ascii(letter: str) -> str:
     return _IN_ASCII.get(letter) or plain or "?"
 
 
-app = typer.Typer(
+app = group(
+    "Design actively straightened robot links: sections, controller, end mass, and proofs that they hold.",
     cls=Commands,
-    no_args_is_help=True,
-    rich_markup_mode=None,  # plain help: rich would cost a third of its time
-    pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
-    help="Design actively straightened robot links: sections, controller, end mass, and proofs that they hold.",
 )
 app.callback()(program)
 PANELS = {

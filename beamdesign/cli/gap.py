@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from beamdesign.cli.command import CommandResult, command, in_time, resumed
+from beamdesign.cli.command import CommandResult, command, group, in_time, resumed
 from beamdesign.cli.output import default_folder, echo, echo_table, in_words, progress, refuse
 from beamdesign.files import fresh_folder, settled
 from beamdesign.time_limit import share
@@ -19,12 +19,7 @@ if TYPE_CHECKING:
     from beamdesign.validation.blind.case_plan import Seal
     from beamdesign.validation.blind.scoring import Outcome
 
-gap = typer.Typer(
-    no_args_is_help=True,
-    rich_markup_mode=None,
-    pretty_exceptions_enable=False,
-    help="Compare a built rig with its model. Where they differ, why, and how far the difference closes.",
-)
+gap = group("Compare a built rig with its model. Where they differ, why, and how far the difference closes.")
 
 _DIAGNOSING = 0.6  # of the time, where a controller is to be designed as well
 _SECONDS_PER_SAMPLE = 1.5e-3  # on two processes, where one cause explains all; six times that for a second look

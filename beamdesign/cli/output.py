@@ -12,9 +12,8 @@ import sys
 import threading
 import time
 import tomllib
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext
-from contextvars import ContextVar
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -57,11 +56,6 @@ def folder_to_write(option: typer.CallbackParam, path: Path | None) -> Path | No
     return path and _need_folder(option.opts[0], path, path.absolute())
 
 
-def default_file(name: str) -> Path:
-    """A file of this name in the current folder, refused as `file_to_write` does."""
-    return _need_folder("--out", Path(name), Path.cwd())
-
-
 def default_folder(name: str) -> Path:
     """A folder of this name in the current one, refused as `folder_to_write` does."""
     return _need_folder("--out", Path(name), Path(name).absolute())
@@ -84,17 +78,17 @@ def refuse(source: str | Path, *problems: tuple[str, str]) -> NoReturn:
     raise InputError(source, problems)
 
 
-_hushed = ContextVar("hushed", default=False)
+_hushed = threading.Event()  # which threads share: one of them tells how far long work has got
 
 
 def hush() -> None:
     """Print nothing for people from here on: `--quiet`. Errors are raised, not said."""
-    _hushed.set(True)
+    _hushed.set()
 
 
 def speak() -> None:
     """Undo `hush`."""
-    _hushed.set(False)
+    _hushed.clear()
 
 
 def shown(text: str) -> str:
@@ -108,7 +102,7 @@ def echo(text: str) -> None:
 
 
 def _echo(text: str) -> None:
-    if _hushed.get():
+    if _hushed.is_set():
         return
     try:
         print(text, flush=True)
@@ -118,7 +112,7 @@ def _echo(text: str) -> None:
 
 def note(text: str) -> None:
     """Print a line for people on stderr, beside the answer."""
-    if not _hushed.get():
+    if not _hushed.is_set():
         print(shown(text), file=sys.stderr, flush=True)
 
 
@@ -129,7 +123,7 @@ def echo_table(title: str, columns: Sequence[str], rows: Iterable[Sequence[Any]]
     from rich.table import Table
     from rich.text import Text
 
-    if _hushed.get():
+    if _hushed.is_set():
         return
     table = Table(title=Text(shown(title)), title_justify="left", box=box.SIMPLE_HEAD)
     for column in columns:
@@ -162,7 +156,7 @@ def certificate_file(out: Path | None, default: str) -> Path:
     Raises:
         InputError: where something stands there that is no certificate, or where no file can be written.
     """
-    path = default_file(default) if out is None else out
+    path = _need_folder("--out", Path(default), Path.cwd()) if out is None else out
     if path.exists():
         _stated(path, _standing(path))
     return path
@@ -265,20 +259,18 @@ def in_words(seconds: float) -> str:
 
 
 @contextmanager
-def lines(name: str, silent: Callable[[], bool] = bool, every_s: float = EVERY_S) -> Iterator[None]:
+def lines(name: str, every_s: float = EVERY_S) -> Iterator[None]:
     """Print a line on the work in progress now and then for as long as the block runs, whatever its engine is at.
 
     Args:
         name: of the command, where nothing within it says what is being done.
-        silent: whether nothing is to be printed after all.
         every_s: from line to line.
     """
     done = threading.Event()
 
     def tell() -> None:
         while not done.wait(every_s):
-            if not silent():
-                print(shown(_works[-1].line()), file=sys.stderr, flush=True)
+            note(_works[-1].line())
 
     before = list(_works)
     _works.append(Work(name))
@@ -333,7 +325,7 @@ def display(description: str) -> Iterator[Progress]:
 
 def reporting(name: str) -> AbstractContextManager[None]:
     """Where stderr is no terminal: a line now and then for as long as a command runs that takes long."""
-    return nullcontext() if sys.stderr.isatty() else lines(name, silent=_hushed.get)
+    return nullcontext() if sys.stderr.isatty() else lines(name)
 
 
 def progress(description: str, expected: str = "") -> AbstractContextManager[Progress]:
@@ -342,7 +334,7 @@ def progress(description: str, expected: str = "") -> AbstractContextManager[Pro
     A bar on a terminal; elsewhere in the lines of `reporting`, and before them one on how long it is expected to take,
     where that is given.
     """
-    if expected and not _hushed.get() and not sys.stderr.isatty():
-        print(f"{description}: {expected} on an ordinary core; every half minute a line follows", file=sys.stderr)
-    bar = sys.stderr.isatty() and not _hushed.get() and os.environ.get("TERM") != "dumb"
+    if expected and not sys.stderr.isatty():
+        note(f"{description}: {expected} on an ordinary core; every half minute a line follows")
+    bar = sys.stderr.isatty() and not _hushed.is_set() and os.environ.get("TERM") != "dumb"
     return display(description) if bar else reported(description)

@@ -103,17 +103,14 @@ def code(
 
 
 def _compiles(folder: Path) -> bool:
-    """Compile in a folder of its own, so that nothing but sources is left in the one asked for."""
+    """Compile into a folder of its own, so that nothing but sources is left in the one asked for."""
     import subprocess
-    from shutil import copy
     from tempfile import TemporaryDirectory
 
-    from beamdesign.build.realisation.c_code import HEADER, LAW, SELF_TEST, compile_self_test
+    from beamdesign.build.realisation.c_code import compiled_self_test
 
     with TemporaryDirectory() as scratch:
-        for name in (HEADER, LAW, SELF_TEST):
-            copy(folder / name, scratch)
-        program = compile_self_test(Path(scratch))
+        program = compiled_self_test(folder, Path(scratch))
         passed = subprocess.run([str(program)], check=False).returncode == 0
     echo("compiled; the self-test passes to the last bit" if passed else "compiled, but THE SELF-TEST FAILS here")
     return passed

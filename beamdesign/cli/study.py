@@ -5,7 +5,7 @@ from typing import Annotated, Any
 
 import typer
 
-from beamdesign.cli.command import CommandResult, command, resumed
+from beamdesign.cli.command import CommandResult, command, group, resumed
 from beamdesign.cli.output import echo, echo_table, echo_wide, progress, refuse
 from beamdesign.cli.tune import echo_checks
 from beamdesign.json_text import picked
@@ -247,11 +247,6 @@ def why(case: Annotated[str, typer.Argument()]) -> CommandResult:
     return CommandResult(found | {"outputs": record["outputs"]}, record["status"] == "done")
 
 
-study = typer.Typer(
-    no_args_is_help=True,
-    rich_markup_mode=None,
-    pretty_exceptions_enable=False,
-    help="Sweep, sample or optimise over any key. Nothing is computed twice, and a killed run goes on.",
-)
+study = group("Sweep, sample or optimise over any key. Nothing is computed twice, and a killed run goes on.")
 for part in (run, status, show, diff, why):
     study.command(part.__name__)(part)

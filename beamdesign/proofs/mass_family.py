@@ -218,7 +218,8 @@ def _unit(order: int, place: int) -> Row:
 
 def floats(matrix: fmpq_mat) -> np.ndarray:
     """The nearest floats of a rational matrix."""
-    return np.array([[int(entry.p) / int(entry.q) if entry else 0.0 for entry in row] for row in matrix.tolist()])
+    found = np.array([[int(entry.p) / int(entry.q) if entry else 0.0 for entry in row] for row in matrix.tolist()])
+    return found.reshape(matrix.nrows(), matrix.ncols())
 
 
 def rationals(matrix: np.ndarray) -> fmpq_mat:

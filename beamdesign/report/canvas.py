@@ -51,7 +51,7 @@ def new_figure(width_mm: float = 170.0, height_mm: float = 110.0) -> Figure:
     return figure
 
 
-Place = Literal["best", "upper left", "lower left"]
+Place = Literal["best", "upper left", "lower left", "lower right"]
 
 
 def finish(axes: Axes, x: str | None = None, y: str | None = None, legend: Place | None = "best") -> Axes:
@@ -163,12 +163,13 @@ _FEWEST_POINTS, _MOST_POINTS = 12, 160
 _SVG_DPI = 72
 
 
-def readings(figure: Figure) -> list[dict[str, Any]]:
+def readings_json(figure: Figure) -> str:
     """Curves of a figure that was last drawn by saving it as SVG: each way of drawing lays out a little differently.
 
     Returns:
-        per curve its name in the legend (empty without one), the labels of its axes, and up to 160 points
-        `[x in the SVG, y in the SVG, value along x, value along y]` within the frame.
+        JSON that may stand inside a script element, empty where there is no curve: per curve its name in the legend
+        (empty without one), the labels of its axes, and up to 160 points `[x in the SVG, y in the SVG, value along x,
+        value along y]` within the frame.
     """
     found = []
     for axes in figure.axes:
@@ -179,12 +180,6 @@ def readings(figure: Figure) -> list[dict[str, Any]]:
                 label = str(line.get_label())
                 name = "" if label.startswith("_") else label
                 found.append({"name": name, "x": x, "y": axes.get_ylabel(), "points": points})
-    return found
-
-
-def readings_json(figure: Figure) -> str:
-    """The same as JSON that may stand inside a script element; empty where there is no curve."""
-    found = readings(figure)
     return json.dumps(found, separators=(",", ":"), ensure_ascii=False).replace("<", "\\u003c") if found else ""
 
 

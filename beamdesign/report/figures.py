@@ -54,7 +54,7 @@ def frequency_grid(
 def plot_compliance(
     axes: Axes,
     curves: Curves,
-    limit_m_per_N: float | None = COMPLIANCE_LIMIT_M_PER_N,
+    limit_m_per_N: float = COMPLIANCE_LIMIT_M_PER_N,
     beside: Curves = MappingProxyType({}),
 ) -> Axes:
     """Closed-loop compliance |x / F_d| over frequency: m/N on the left, dB re 1 in/lbf on the right.
@@ -65,17 +65,16 @@ def plot_compliance(
     """
     frequencies = frequency_grid([*curves.values(), *beside.values()])
     for label, loop, style in styled(curves):
-        bandwidth = loop.bandwidth_Hz(limit_m_per_N) if limit_m_per_N else 0.0
-        name = f"{label} (unstable)" if not loop.stable else f"{label}: {bandwidth:.2f} Hz" if limit_m_per_N else label
+        bandwidth = loop.bandwidth_Hz(limit_m_per_N)
+        name = f"{label}: {bandwidth:.2f} Hz" if loop.stable else f"{label} (unstable)"
         magnitudes = np.abs(loop.compliance_response(frequencies))
         axes.loglog(frequencies, magnitudes, label=name, linewidth=1.3, **style)
-        if limit_m_per_N and _SHOWN_HZ[0] <= bandwidth <= _SHOWN_HZ[1]:
+        if _SHOWN_HZ[0] <= bandwidth <= _SHOWN_HZ[1]:
             axes.plot([bandwidth], [limit_m_per_N], "o", color=style["color"], markersize=5)
     for (label, loop), style in zip(beside.items(), cycle(BESIDE), strict=False):
         axes.loglog(frequencies, np.abs(loop.compliance_response(frequencies)), label=label, linewidth=1.2, **style)
-    if limit_m_per_N:
-        level = f"limit {limit_m_per_N:.3g} m/N = {limit_m_per_N * 1e5:.2g} cm/kN = {decibels(limit_m_per_N):.0f} dB"
-        axes.axhline(limit_m_per_N, label=level, **LIMIT)
+    level = f"limit {limit_m_per_N:.3g} m/N = {limit_m_per_N * 1e5:.2g} cm/kN = {decibels(limit_m_per_N):.0f} dB"
+    axes.axhline(limit_m_per_N, label=level, **LIMIT)
     _frequency_axis(axes)
     # 10⁻⁷ and the like in plain text, which is drawn far quicker than mathtext.
     raised = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
@@ -113,7 +112,7 @@ def shade_compliance(axes: Axes, loops: Sequence[LoopAtMass], label: str) -> Axe
     return axes
 
 
-def _decibel_axis(axes: Axes) -> Axes:
+def _decibel_axis(axes: Axes) -> None:
     """A second scale on the right that follows the left one, now and when the limits change."""
     twin = axes.twinx()
     twin.set_ylabel("dB re 1 in/lbf")
@@ -126,7 +125,6 @@ def _decibel_axis(axes: Axes) -> Axes:
     follow(axes)
     axes.set_zorder(twin.get_zorder() + 1)
     axes.patch.set_visible(False)
-    return twin
 
 
 def plot_loop_bode(
@@ -176,7 +174,7 @@ def plot_loop_bode(
     return finish(magnitude, "", "|L|, dB"), finish(phase, y="phase of L, degrees")
 
 
-def plot_nyquist(axes: Axes, curves: Curves, peak_sensitivity: float | None = None) -> Axes:
+def plot_nyquist(axes: Axes, curves: Curves, peak_sensitivity: float) -> Axes:
     """Nyquist diagram of L about -1, for positive frequencies, with the point of each that is nearest to it.
 
     Args:
@@ -187,9 +185,8 @@ def plot_nyquist(axes: Axes, curves: Curves, peak_sensitivity: float | None = No
     grid = frequency_grid(list(curves.values()), 0.01, 1e4)
     frequencies = np.interp(np.arange(0, len(grid) - 1, 0.25), np.arange(len(grid)), grid)  # round curves need more
     around = np.exp(2j * pi * np.linspace(0, 1, 181))
-    if peak_sensitivity:
-        disc, words = around / peak_sensitivity - 1, f"kept free: nearer than 1/{peak_sensitivity:.4g}"
-        axes.fill(disc.real, disc.imag, facecolor="0.88", edgecolor="black", linewidth=0.8, label=words)
+    disc, words = around / peak_sensitivity - 1, f"kept free: nearer than 1/{peak_sensitivity:.4g}"
+    axes.fill(disc.real, disc.imag, facecolor="0.88", edgecolor="black", linewidth=0.8, label=words)
     for label, loop, style in styled(curves):
         response = loop.loop_response(frequencies)
         nearest = response[np.abs(1 + response).argmin()]
@@ -256,9 +253,9 @@ def _poles(loop: LoopAtMass, factor: float) -> np.ndarray:
     return LoopAtMass(loop.loop_denominator, loop.loop_numerator * exact(factor), loop.disturbance).poles()
 
 
-def plot_pole_zero(axes: Axes, poles: np.ndarray, zeros: np.ndarray, pole_label: str = "open-loop poles") -> Axes:
+def plot_pole_zero(axes: Axes, poles: np.ndarray, zeros: np.ndarray) -> Axes:
     """Poles as crosses and zeros as circles, given in rad/s and drawn in Hz, with the stability boundary drawn in."""
-    for roots, marker, label in ((poles, "x", pole_label), (zeros, "o", "zeros")):
+    for roots, marker, label in ((poles, "x", "open-loop poles"), (zeros, "o", "zeros")):
         x, y = roots.real / (2 * pi), roots.imag / (2 * pi)
         axes.plot(x, y, marker, color="black", markersize=7, fillstyle="none", label=label)
     axes.axvline(0.0, **LIMIT)
@@ -266,15 +263,14 @@ def plot_pole_zero(axes: Axes, poles: np.ndarray, zeros: np.ndarray, pole_label:
     return finish(axes, "real part, Hz", "imaginary part, Hz")
 
 
-def plot_sensitivity(axes: Axes, curves: Curves, limit: float | None = 2.0) -> Axes:
+def plot_sensitivity(axes: Axes, curves: Curves, limit: float = 2.0) -> Axes:
     """Sensitivity |S| = |1 / (1 + L)| over frequency, with the limit on its peak."""
     frequencies = frequency_grid(list(curves.values()))
     for label, loop, style in styled(curves):
         peak = loop.peak_sensitivity()
         shown = f"{label}, peak {peak:.2f}" if isfinite(peak) else f"{label}, unstable"
         axes.loglog(frequencies, np.abs(loop.sensitivity_response(frequencies)), label=shown, linewidth=1.3, **style)
-    if limit:
-        axes.axhline(limit, label=f"limit {limit:g}", **LIMIT)
+    axes.axhline(limit, label=f"limit {limit:g}", **LIMIT)
     _frequency_axis(axes)
     plain_numbers(axes.yaxis)
     return finish(axes, y="|S|")

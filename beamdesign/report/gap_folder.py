@@ -21,7 +21,7 @@ from beamdesign.loop import loop
 from beamdesign.prototype import Prototype
 from beamdesign.quantity_text import decimal, mass_range_text, stated_bandwidth, stated_peak
 from beamdesign.records import InputError, to_toml
-from beamdesign.report.canvas import inline_svg, new_figure
+from beamdesign.report.canvas import finish, inline_svg, new_figure
 from beamdesign.report.figures import plot_compliance
 from beamdesign.report.gap_tables import (
     chosen_fit,
@@ -126,19 +126,9 @@ def gap_report_html(
     held_out = {record.record for record in found.gap.records if record.held_out}
     seen = [] if data is None else sorted(found.errors, key=lambda e: e.name not in held_out)
     conditions = {} if data is None else {r.name: condition_text(r) for r in data.records}
+    own = (decimal, stated_bandwidth, stated_peak, in_words, place, controller_text, terms_table)
     template = page_template(
-        "gap_report.html",
-        share=share_text,
-        decimal=decimal,
-        figure=_figure,
-        closed=closed_text,
-        mass_range=mass_range_text,
-        stated_bandwidth=stated_bandwidth,
-        stated_peak=stated_peak,
-        in_words=in_words,
-        place=place,
-        controller_text=controller_text,
-        terms_table=terms_table,
+        "gap_report.html", *own, share=share_text, figure=_figure, closed=closed_text, mass_range=mass_range_text
     )
     return template.render(
         found=found,
@@ -306,9 +296,7 @@ def record_picture(errors: Errors) -> Figure:
         left.plot(
             times, factor * (errors.measured - rms * error)[shown], linewidth=1.2, label=WORDS[name], **LINES[name]
         )
-    left.set(xlabel="time, s", ylabel=f"displacement, {unit}")
-    left.margins(x=0)
-    left.grid(color="0.88", linewidth=0.6)
+    finish(left, "time, s", f"displacement, {unit}", legend=None).margins(x=0)
     edges = bands(errors)
     centres = np.sqrt(edges[:-1] * edges[1:])
     right.loglog(centres, _LEAST + in_bands(errors, errors.measured / rms, edges), color="black", linewidth=1.8)
@@ -317,9 +305,7 @@ def record_picture(errors: Errors) -> Figure:
     half = 0.5 / float(errors.times[1] - errors.times[0])
     noise = errors.noise * np.sqrt(np.diff(edges) / half)
     right.loglog(centres, noise, linewidth=1.2, label=WORDS["noise"], **LINES["noise"])
-    right.set(xlabel="frequency, Hz", ylabel=f"rms per 1/{_PER_OCTAVE} octave")
-    right.margins(x=0)
-    right.grid(color="0.88", linewidth=0.6)
+    finish(right, "frequency, Hz", f"rms per 1/{_PER_OCTAVE} octave", legend=None).margins(x=0)
     right.set_ylim(bottom=max(0.2 * float(noise.min()), 1e-7))
     figure.legend(fontsize=7.5, loc="outside upper center", ncols=5, frameon=False)
     return figure
@@ -348,10 +334,9 @@ def band_picture(rows: Sequence[BandGap]) -> Figure:
     for name, attribute in (*((m, m) for m in MODELS), ("noise", "noise_floor")):
         values = [getattr(row, attribute) for row in rows]
         axes.stairs(np.maximum(values, 1e-9), edges, baseline=None, linewidth=1.6, label=WORDS[name], **LINES[name])
-    axes.set(xscale="log", yscale="log", xlabel="frequency, Hz", ylabel="error over the signal's rms")
-    axes.set_xlim(edges[0], edges[-1])
+    axes.set(xscale="log", yscale="log", xlim=(edges[0], edges[-1]))
     axes.set_xticks(edges, [f"{edge:g}" for edge in edges])
     axes.minorticks_off()
-    axes.grid(color="0.88", linewidth=0.6)
+    finish(axes, "frequency, Hz", "error over the signal's rms", legend=None)
     figure.legend(fontsize=7.5, loc="outside upper center", ncols=4, frameon=False)
     return figure

@@ -40,8 +40,10 @@ class HeatMap(NamedTuple):
     largest: float = nan
 
     def shade(self, value: float) -> float:
-        """From 0 to 1."""
-        return shade(value) if isnan(self.largest) else min(1.0, value / self.largest)
+        """From 0 to 1; in the logarithm, small errors show beside large ones."""
+        if not isnan(self.largest):
+            return min(1.0, value / self.largest)
+        return 0.0 if value <= _FAINTEST else min(1.0, log10(value / _FAINTEST) / log10(_STRONGEST / _FAINTEST))
 
 
 def share_text(value: float) -> str:
@@ -83,13 +85,6 @@ def error_maps(all_errors: Sequence[Errors], conditions: Mapping[str, str]) -> t
 
     models = (("before", "as believed"), ("after", "with the cause"))
     return tuple(HeatMap(title, names, tuple(row(one, model) for one in all_errors)) for model, title in models)
-
-
-def shade(value: float) -> float:
-    """From 0 to 1 in the logarithm, so that small errors show beside large ones."""
-    if value <= _FAINTEST:
-        return 0.0
-    return min(1.0, log10(value / _FAINTEST) / log10(_STRONGEST / _FAINTEST))
 
 
 def indicator_table(table: Mapping[str, Sequence[object]]) -> HeatMap | Table | None:

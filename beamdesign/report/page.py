@@ -25,23 +25,29 @@ _BAR_IN_CELL = r"\|"  # even in code a bare one would end the cell
 _CELL = "│"
 
 
-def page_template(name: str, **filters: Callable[..., Any]) -> Template:
+def page_template(name: str, *functions: Callable[..., Any], **filters: Callable[..., Any]) -> Template:
     """A template of a page in this folder: as `text_template`, but texts are escaped.
 
     Args:
         name: of the template's file.
+        functions: that the template calls by their own names.
         filters: by the name that the template calls them; `coded` is always there.
     """
-    return text_template(Path(__file__).with_name(name), autoescape=True, coded=_coded, **filters)
+    return text_template(Path(__file__).with_name(name), *functions, autoescape=True, coded=_coded, **filters)
 
 
 def text_template(
-    path: Path, autoescape: bool = False, finalize: Callable[[Any], Any] | None = None, **names: Any
+    path: Path,
+    *functions: Callable[..., Any],
+    autoescape: bool = False,
+    finalize: Callable[[Any], Any] | None = None,
+    **names: Any,
 ) -> Template:
     """A template: what is missing is an error, blocks leave no blank lines, the last end of line is left out.
 
     Args:
         path: of the template's file.
+        functions: that the template calls by their own names.
         autoescape: whether texts are escaped.
         finalize: what is done to every value before it is written.
         names: of the template, as values and as filters.
@@ -54,6 +60,7 @@ def text_template(
         lstrip_blocks=True,
         finalize=finalize,
     )
+    names |= {function.__name__: function for function in functions}
     environment.globals |= names
     environment.filters |= names
     return environment.get_template(path.name)
@@ -163,12 +170,12 @@ def _row_of(cells: Sequence[Any], mark: str = "") -> _Row:
     return _Row(mark + "".join(f"{_CELL} {_in_line(cell)} " for cell in cells))
 
 
-def document_template(path: Path, **names: Any) -> Template:
+def document_template(path: Path, *functions: Callable[..., Any], **names: Any) -> Template:
     """A template of the parts of a document, for `parts_from`: values stay on one line, and none is a mark.
 
     `row` makes a row of a table of some cells, with its mark where it has one.
     """
-    return text_template(path, finalize=_in_line, row=_row_of, **names)
+    return text_template(path, *functions, finalize=_in_line, row=_row_of, **names)
 
 
 def parts_from(template: Template, given: Mapping[str, Block], **values: Any) -> tuple[Part, ...]:

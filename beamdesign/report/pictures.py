@@ -209,7 +209,7 @@ def wider_map(loop: Loop, low: float, high: float) -> StabilityMap:
     return stable_ranges(loop.characteristic, exact(0.0), exact(float(f"{end:.3g}")))
 
 
-def plot_stable_ranges(axes: Axes, maps: Mapping[str, StabilityMap], asked_kg: tuple[float, float] | None) -> Axes:
+def plot_stable_ranges(axes: Axes, maps: Mapping[str, StabilityMap], asked_kg: tuple[float, float]) -> Axes:
     """Bars over the outer end mass: grey where stable, hatched where not; crossings marked with mass and frequency.
 
     Args:
@@ -246,10 +246,8 @@ def plot_stable_ranges(axes: Axes, maps: Mapping[str, StabilityMap], asked_kg: t
             axes.plot([crossing.value] * 2, [-row - 0.25, -row + 0.33], color="black", linewidth=1.2)
             words = f"{crossing.value:.4g} kg\n{crossing.frequency_Hz:.3g} Hz"
             note(axes, words, (crossing.value, -row + 0.33), (0, 1), va="bottom")
-        if asked_kg is not None:
-            axes.plot(asked_kg, [-row - 0.34] * 2, "|-", color="black", linewidth=1.6, markersize=7)
-    if asked_kg is not None:
-        note(axes, "range asked for", (sum(asked_kg) / 2, -len(maps) + 1 - 0.34), (0, -3), va="top")
+        axes.plot(asked_kg, [-row - 0.34] * 2, "|-", color="black", linewidth=1.6, markersize=7)
+    note(axes, "range asked for", (sum(asked_kg) / 2, -len(maps) + 1 - 0.34), (0, -3), va="top")
     end = max(nearest(found.high) for found in maps.values())
     axes.set(xlim=(-0.015 * end, 1.015 * end), ylim=(-len(maps) + 1 - 0.75, 0.85))
     axes.set_yticks([-row for row in range(len(maps))], list(maps), fontsize=8)

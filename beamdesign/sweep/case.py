@@ -8,7 +8,7 @@ import json
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cache, lru_cache
-from importlib.metadata import PackageNotFoundError, version
+from importlib.metadata import version
 from operator import attrgetter
 from typing import Any, Literal
 
@@ -220,8 +220,6 @@ TASKS = {row.name: row for row in _ROWS}
 Status = Literal["done", "no", "refused", "failed"]
 """The answer is yes; it is no, with its reason; the inputs are bad; the program failed."""
 
-_SHORT = 12
-
 
 @dataclass(frozen=True)
 class Case:
@@ -332,21 +330,10 @@ def kept(
     return given | answer | {"seconds": round(seconds, 3), "libraries": libraries()}
 
 
-def short(address: str) -> str:
-    """As much of an address as people are shown."""
-    return address[:_SHORT]
-
-
 _LIBRARIES = ("casadi", "cvxpy", "numpy", "python-flint", "scipy")
 
 
 @cache
 def libraries() -> dict[str, str]:
     """Versions of the libraries that do the arithmetic; told with each result, not part of its address."""
-    found = {}
-    for name in _LIBRARIES:
-        try:
-            found[name] = version(name)
-        except PackageNotFoundError:
-            continue
-    return found
+    return {name: version(name) for name in _LIBRARIES}

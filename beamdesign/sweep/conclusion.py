@@ -9,11 +9,11 @@ import numpy as np
 from beamdesign.columns import csv_text
 from beamdesign.files import write_whole
 from beamdesign.records import InputError
-from beamdesign.sweep.case import short
 from beamdesign.sweep.methods import NO_RESULT, Plan, cost, figures_of
 from beamdesign.sweep.sweep_file import Demand, Sweep
 
 Row = Mapping[str, Any]
+_SHOWN = 12  # letters of an address that people are shown
 
 
 def conclude(laid: Plan, records: Sequence[Row]) -> dict[str, Any]:
@@ -36,12 +36,12 @@ def met(sweep: Sweep, records: Sequence[Row]) -> dict[str, Any]:
     from beamdesign.validation.blind.bounds import clopper_pearson
 
     demands = sweep.specification
-    passed = [all(holds(demand, row["outputs"].get(name)) for name, demand in demands.items()) for row in records]
-    each = {name: sum(holds(demand, row["outputs"].get(name)) for row in records) for name, demand in demands.items()}
-    found: dict[str, Any] = {"met": sum(passed), "of": len(records), "each": each}
+    each = {name: [holds(demand, row["outputs"].get(name)) for row in records] for name, demand in demands.items()}
+    passed = sum(map(all, zip(*each.values(), strict=True)))
+    found: dict[str, Any] = {"met": passed, "of": len(records), "each": {name: sum(one) for name, one in each.items()}}
     if sweep.study.method == "tolerance":
-        low, high = clopper_pearson(sum(passed), len(records), sweep.spread.confidence)
-        found |= {"yield": sum(passed) / len(records), "bounds": [low, high], "confidence": sweep.spread.confidence}
+        low, high = clopper_pearson(passed, len(records), sweep.spread.confidence)
+        found |= {"yield": passed / len(records), "bounds": [low, high], "confidence": sweep.spread.confidence}
     return found
 
 
@@ -61,9 +61,8 @@ def _extreme(records: Sequence[Row], output: str, largest: bool) -> dict[str, An
     least, number = min(found, default=(NO_RESULT, 0))
     if least == NO_RESULT:
         return None
-    return {"case": number, "output": output, "value": records[number]["outputs"][output]} | {
-        "varied": records[number]["varied"]
-    }
+    row = records[number]
+    return {"case": number, "output": output, "value": row["outputs"][output], "varied": row["varied"]}
 
 
 def _worst(sweep: Sweep, records: Sequence[Row]) -> dict[str, Any] | None:
@@ -180,7 +179,7 @@ def rows(records: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
     outputs = list(dict.fromkeys(key for record in records for key in record["outputs"]))
     found = []
     for number, record in enumerate(records):
-        row: dict[str, Any] = {"case": number, "address": short(record["address"])}
+        row: dict[str, Any] = {"case": number, "address": record["address"][:_SHOWN]}
         row |= {key: cell(record["varied"].get(key)) for key in varied}
         row["status"] = record["status"]
         # An output may bear the name of a varied key, such as a breadth that was asked for.

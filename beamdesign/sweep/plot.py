@@ -12,7 +12,7 @@ from typing import Any
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from beamdesign.report.canvas import STYLES, new_figure, save
+from beamdesign.report.canvas import STYLES, Place, finish, new_figure, save
 from beamdesign.spelling import in_plot
 from beamdesign.sweep.sweep_file import PICTURES, Picture, Sweep, value_at
 
@@ -62,10 +62,9 @@ def _placed(records: Sequence[Row], *names: str) -> list[Row]:
     return found
 
 
-def _finish(axes: Axes, asked: Picture, x: str, y: str) -> None:
-    axes.set(xlabel=in_plot(asked.x_label or words(x)), ylabel=in_plot(asked.y_label or words(y)))
+def _finish(axes: Axes, asked: Picture, x: str, y: str, legend: Place | None = "best") -> None:
     axes.set_title(in_plot(asked.title))
-    axes.grid(True, color="0.9")
+    finish(axes, in_plot(asked.x_label or words(x)), in_plot(asked.y_label or words(y)), legend)
 
 
 def _limit(line: Callable[..., Any], asked: Picture, words: str = "limit {:g}") -> None:
@@ -113,8 +112,6 @@ def _lines(figure: Figure, asked: Picture, records: Sequence[Row], x: str, y: st
     if missing:
         axes.plot(missing, [0.97] * len(missing), "kx", transform=axes.get_xaxis_transform(), label="no answer")
     _limit(axes.axhline, asked)
-    if axes.get_legend_handles_labels()[1]:
-        axes.legend()
     _finish(axes, asked, x, y)
 
 
@@ -129,7 +126,7 @@ def _bars(figure: Figure, asked: Picture, records: Sequence[Row], x: str, y: str
     axes.invert_yaxis()
     axes.set_xlim(0, max([*heights, 1e-12]) * 1.2)
     _limit(axes.axvline, asked)
-    _finish(axes, asked, y, x)
+    _finish(axes, asked, y, x, legend=None)
     axes.set(ylabel="", title="")
     figure.suptitle(in_plot(asked.title))  # over the whole figure: names of the bars may leave little room
     axes.grid(False, axis="y")
@@ -144,10 +141,9 @@ def _map(figure: Figure, asked: Picture, records: Sequence[Row], x: str, y: str,
     values = [float(value_of(row, value)) for row in there]
     shown = axes.scatter(*places, c=values, cmap="gray_r", edgecolor="black", marker="s", s=60)
     no = [row for row in records if row not in there]
-    axes.plot([value_of(row, x) for row in no], [value_of(row, y) for row in no], "x", color="0.4", label="no")
+    crosses = [value_of(row, x) for row in no], [value_of(row, y) for row in no]
+    axes.plot(*crosses, "x", color="0.4", label="no" if no else None)
     figure.colorbar(shown, label=in_plot(words(value)))
-    if no:
-        axes.legend()
     _finish(axes, asked, x, y)
 
 
@@ -170,8 +166,7 @@ def _lag_breaks(figure: Figure, asked: Picture, records: Sequence[Row], x: str) 
         _stable(axes, rows, x, ("stable_zero_from_Hz", "stable_zero_to_Hz"), name or "stable", k)
     axes.set(xscale="log", yscale="log")
     axes.set_ylim(top=min(1e4, max(1e3, 3 * highest)))
-    axes.legend(loc="lower right")
-    _finish(axes, asked, x, "zero_frequency_Hz")
+    _finish(axes, asked, x, "zero_frequency_Hz", "lower right")
 
 
 def _end_masses(figure: Figure, asked: Picture, records: Sequence[Row], x: str) -> None:
@@ -194,8 +189,6 @@ def _end_masses(figure: Figure, asked: Picture, records: Sequence[Row], x: str) 
     _limit(upper.axhline, asked, "largest payload, {:g} kg")
     _finish(upper, asked, "", "mass_on_the_outer_tip_kg")
     _finish(lower, asked, x, "frequency_Hz")
-    upper.legend()
-    lower.legend()
     lower.set(title="", ylabel="frequency, Hz")
     upper.set_xlabel("")
 
@@ -204,9 +197,7 @@ def _histogram(figure: Figure, asked: Picture, records: Sequence[Row], x: str) -
     values = [_number(row, x) for row in records if _number(row, x) is not None]
     axes = figure.add_subplot()
     axes.hist(values, bins=min(30, max(5, round(len(values) ** 0.5))), color="0.75", edgecolor="black")
-    if asked.limit is not None:
-        _limit(axes.axvline, asked)
-        axes.legend()
+    _limit(axes.axvline, asked)
     _finish(axes, asked, x, "samples")
 
 

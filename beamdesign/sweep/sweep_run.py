@@ -31,19 +31,23 @@ _SET = (store.INDEX, "table.*", "sensitivity.*", CONCLUSION, "picture.*", "pictu
 
 
 @dataclass
-class Progression:
-    """Evaluates cases: from the store where it has them, by workers otherwise; rows in the order of first asking.
+class SweepRun:
+    """A sweep carried out: cases come from the store where it has them, from workers otherwise.
 
     Attributes:
         laid: the sweep as planned.
-        folder: of the store.
+        folder: with everything in it.
         compute: the workers.
         progress: called with the share done and what is being done.
         again: whether rows that failed are computed again.
-        records: of the rows so far, by address, in order.
+        found: records so far by address, in the order of first asking.
         counts: of these by status.
-        computed: how many were computed rather than read.
-        unsound: kept results that do not hold, and are computed again.
+        computed: how many were computed rather than kept from earlier runs.
+        unsound: kept results that did not hold, and were computed again.
+        records: one per row, when they have been written; so are the others below.
+        tables: files of the table.
+        files: all files of the set, the index left out.
+        conclusion: what the rows come to; of an interrupted run nothing.
     """
 
     laid: Plan
@@ -51,10 +55,14 @@ class Progression:
     compute: workers.Workers
     progress: Progress
     again: bool = False
-    records: dict[str, dict[str, Any]] = field(default_factory=dict)
+    found: dict[str, dict[str, Any]] = field(default_factory=dict)
     counts: Counter[str] = field(default_factory=Counter)
     computed: int = 0
     unsound: list[InputError] = field(default_factory=list)
+    records: list[dict[str, Any]] = field(default_factory=list)
+    tables: list[Path] = field(default_factory=list)
+    files: list[Path] = field(default_factory=list)
+    conclusion: dict[str, Any] = field(default_factory=dict)
 
     def evaluate(self, cases: Sequence[Case]) -> list[dict[str, Any]]:
         """Records of cases, in their order.
@@ -62,24 +70,24 @@ class Progression:
         Raises:
             InputError: where none of the cases so far has inputs that are accepted; nothing is written then.
         """
-        if not self.records and all(one.problems for one in cases):
+        if not self.found and all(one.problems for one in cases):
             raise refusal(self.laid, cases)
         missing: dict[str, Case] = {}
-        for found in cases:
-            if found.address in self.records or found.address in missing:
+        for one in cases:
+            if one.address in self.found or one.address in missing:
                 continue
             try:
-                record = store.kept(self.folder, found.address, found)
+                record = store.kept(self.folder, one.address, one)
             except InputError as error:
                 if not Path(error.source).is_file():  # a folder or a pipe, which no result can replace
                     raise
                 self.unsound.append(error)
                 record = None
             if record is None or (self.again and record["status"] == "failed"):
-                missing[found.address] = found
+                missing[one.address] = one
                 continue
             # The same inputs may have been reached by other varied keys.
-            self._have(found, record | {"varied": found.varied})
+            self._have(one, record | {"varied": one.varied})
         waiting = list(missing.values())
         self._tell()
         for place, record in self.compute(waiting) if waiting else ():
@@ -87,48 +95,38 @@ class Progression:
             self.computed += 1
             self._have(waiting[place], record)
             self._tell()
-        for found in cases:  # finished in any order, they stand in that of asking
-            self.records[found.address] = self.records.pop(found.address)
-        return [self.records[found.address] for found in cases]
+        for one in cases:  # finished in any order, they stand in that of asking
+            self.found[one.address] = self.found.pop(one.address)
+        return [self.found[one.address] for one in cases]
 
-    def _have(self, found: Case, record: dict[str, Any]) -> None:
-        self.records[found.address] = record
+    def _have(self, one: Case, record: dict[str, Any]) -> None:
+        self.found[one.address] = record
         self.counts[record["status"]] += 1
 
     def _tell(self) -> None:
         words = ", ".join(f"{count} {status}" for status, count in self.counts.items() if status != "done")
-        done, budget = len(self.records), self.laid.budget
+        done, budget = len(self.found), self.laid.budget
         self.progress(min(1.0, done / max(1, budget)), f"{done} of {budget}{': ' + words if words else ''}")
 
-
-@dataclass(frozen=True)
-class SweepRun:
-    """What a run gave.
-
-    Attributes:
-        folder: with everything in it.
-        records: one per row.
-        computed: how many were computed in this run; the others were kept from earlier ones.
-        complete: whether the sweep is finished; an interrupted one is not.
-        tables: files of the table.
-        files: all files of the set, the index left out.
-        conclusion: what the rows come to; of an interrupted run nothing.
-        unsound: kept results that did not hold, and were computed again.
-    """
-
-    folder: Path
-    records: tuple[dict[str, Any], ...]
-    computed: int
-    complete: bool
-    tables: tuple[Path, ...]
-    files: tuple[Path, ...]
-    conclusion: dict[str, Any]
-    unsound: tuple[InputError, ...] = ()
-
-    @property
-    def counts(self) -> dict[str, int]:
-        """Rows by status."""
-        return dict(Counter(record["status"] for record in self.records))
+    def write(self, complete: bool, draw: Draw | None) -> None:
+        """Write the set of files of a run, in place of that of an earlier one."""
+        laid = self.laid
+        order = [one.address for one in laid.cases] or list(self.found)
+        self.records = [self.found[address] for address in order if address in self.found]
+        self.counts = Counter(record["status"] for record in self.records)
+        self.conclusion = conclude(laid, self.records) if complete else {}
+        with fresh_folder(self.folder, _SET) as fresh:
+            store.write_index(fresh, laid.sweep.name, laid.sweep.study.method, order, complete)
+            tables = write_columns(fresh, rows(self.records), "table")
+            files = list(tables)
+            if "sensitivity" in self.conclusion:
+                files += write_columns(fresh, self.conclusion["sensitivity"], "sensitivity")
+            if draw is not None:
+                files += draw(laid.sweep, self.records, self.conclusion, fresh)
+            if self.conclusion:
+                files.append(fresh / CONCLUSION)
+                write_whole(files[-1], json_text(self.conclusion))
+        self.tables, self.files = settled(tables, fresh, self.folder), settled(files, fresh, self.folder)
 
 
 def plan(path: Path, limit: int | None = None) -> Plan:
@@ -177,49 +175,21 @@ def run_sweep(
     store.addresses(folder)
     for path in (found for pattern in _SET for found in folder.glob(pattern)):
         refuse_irreplaceable(path)
-    progression = Progression(laid, folder, compute, progress or silent, again)
+    run = SweepRun(laid, folder, compute, progress or silent, again)
     try:
         if (adapt := ADAPTIVE.get(laid.sweep.study.method)) is not None:
-            adapt(laid, progression.evaluate)
+            adapt(laid, run.evaluate)
         else:
-            progression.evaluate(laid.cases)
+            run.evaluate(laid.cases)
     except KeyboardInterrupt:
-        if progression.records:
-            _written(progression, False, None)
+        if run.found:
+            run.write(False, None)
         raise
-    if set(progression.counts) == {"refused"}:
-        reasons = dict.fromkeys(row["reason"] for row in progression.records.values())
+    if set(run.counts) == {"refused"}:
+        reasons = dict.fromkeys(row["reason"] for row in run.found.values())
         raise InputError(laid.path, _first(Problem(*reason.split(": ", 1)) for reason in reasons))
-    return _written(progression, True, draw)
-
-
-def _written(progression: Progression, complete: bool, draw: Draw | None) -> SweepRun:
-    """Write the set of files of a run, in place of that of an earlier one."""
-    laid, kept, folder = progression.laid, progression.records, progression.folder
-    order = [one.address for one in laid.cases] or list(kept)
-    found = [kept[address] for address in order if address in kept]
-    conclusion = conclude(laid, found) if complete else {}
-    with fresh_folder(folder, _SET) as fresh:
-        store.write_index(fresh, laid.sweep.name, laid.sweep.study.method, order, complete)
-        tables = write_columns(fresh, rows(found), "table")
-        files = list(tables)
-        if "sensitivity" in conclusion:
-            files += write_columns(fresh, conclusion["sensitivity"], "sensitivity")
-        if draw is not None:
-            files += draw(laid.sweep, found, conclusion, fresh)
-        if conclusion:
-            files.append(fresh / CONCLUSION)
-            write_whole(files[-1], json_text(conclusion))
-    return SweepRun(
-        folder,
-        tuple(found),
-        progression.computed,
-        complete,
-        settled(tuple(tables), fresh, folder),
-        settled(tuple(files), fresh, folder),
-        conclusion,
-        tuple(progression.unsound),
-    )
+    run.write(True, draw)
+    return run
 
 
 _SHOWN = 5

@@ -10,7 +10,6 @@ import os
 import shutil
 import subprocess
 from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import cache, reduce
 from math import ceil, floor, pi, sin
 from operator import add
@@ -23,7 +22,6 @@ from jinja2 import Template
 from beamdesign.build.realisation.law import Arithmetic, V, one_period
 from beamdesign.build.realisation.realise import Realisation
 from beamdesign.build.realisation.verdict import Judgement
-from beamdesign.files import write_set
 from beamdesign.report.page import text_template
 from beamdesign.spelling import in_c
 
@@ -143,25 +141,21 @@ def to_word(realisation: Realisation, reading: float, channel: int = 0) -> int:
     return floor(scaled + 0.5) if scaled >= 0 else ceil(scaled - 0.5)
 
 
-@dataclass(frozen=True)
-class Vectors:
-    """Readings by name and the currents that follow them from reset at zero, as words or as floats of 32 bits."""
+def vectors(realisation: Realisation) -> dict[str, list[float]]:
+    """What the self-test runs: steps beyond the limit both ways, tones, and small readings that only rounding sees.
 
-    readings: dict[str, tuple[float, ...]]
-    currents: tuple[float, ...]
-
-
-def vectors(realisation: Realisation) -> Vectors:
-    """What the self-test runs: steps beyond the limit both ways, tones, and small readings that only rounding sees."""
-    names = [channel.name for channel in realisation.channels]
+    Returns:
+        Readings by their names and an s, then the `currents` that follow them from reset at zero, as words or as floats
+        of 32 bits.
+    """
     given: list[list[float]] = []
     for place, scale in enumerate(realisation.full_scales):
         values = [_test_error((k + 11 * place) % VECTORS) * scale for k in range(VECTORS)]
         single = realisation.word_length is None
         given.append([float(np.float32(v)) if single else to_word(realisation, v, place) for v in values])
     machine: FixedPoint | Float32 = (Float32 if realisation.word_length is None else FixedPoint)(realisation)
-    currents = tuple(float(machine.step(*sample)) for sample in zip(*given, strict=True))
-    return Vectors({name: tuple(values) for name, values in zip(names, given, strict=True)}, currents)
+    currents = [float(machine.step(*sample)) for sample in zip(*given, strict=True)]
+    return dict(zip((*(f"{one.name}s" for one in realisation.channels), "currents"), (*given, currents), strict=True))
 
 
 def _test_error(k: int) -> float:
@@ -190,7 +184,7 @@ def c_files(realisation: Realisation, name: str, notes: tuple[str, ...] = ()) ->
         name: of the prototype.
         notes: lines for the head of the header, such as what is proved.
     """
-    fixed, made = realisation.word_length is not None, vectors(realisation)
+    fixed = realisation.word_length is not None
     kind = "controller_word" if fixed else "float"
     given = {
         "law": realisation,
@@ -203,7 +197,7 @@ def c_files(realisation: Realisation, name: str, notes: tuple[str, ...] = ()) ->
         "gains": {channel.gain_name: channel.unit for channel in realisation.channels},
         "statements": c_lines(realisation),
         "count": VECTORS,
-        "tables": {f"{name}s": values for name, values in made.readings.items()} | {"currents": made.currents},
+        "tables": vectors(realisation),
     }
     return {file: _template(file).render(given) + "\n" for file in (HEADER, LAW, SELF_TEST)}
 
@@ -215,36 +209,43 @@ def _literal(value: float) -> str:
 
 def c_lines(realisation: Realisation) -> list[str]:
     """Body of `controller_step`, without indentation; sections announce themselves."""
-    lines = _FloatLines() if realisation.word_length is None else _FixedLines(realisation)
     titles = {f"x{k}": f"section {k}: {section.words}" for k, section in enumerate(realisation.sections, 1)}
-    lines.titles = titles
+    lines = _Lines(realisation.word_length is not None, titles)
     limited = {name: "e" if name == "error" else f"{name}_read" for name in (c.name for c in realisation.channels)}
     one_period(realisation.channels, [lines.signal(short, name) for name, short in limited.items()], lines)
     return lines.written
 
 
 class _Lines(Arithmetic[str]):
-    """Statements written so far; the expressions of the law are names of variables."""
+    """Statements written so far, in fixed point or in floats; the expressions of the law are names of variables."""
 
-    kind = ""
-
-    def __init__(self) -> None:
+    def __init__(self, fixed: bool, titles: dict[str, str]):
         self.written: list[str] = []
-        self.titles: dict[str, str] = {}
-        self._sums = 0
+        self._fixed, self._titles, self._sums = fixed, titles, 0
         self._title_of_advances = "states, after the current is known"
 
-    def _let(self, name: str, expression: str) -> str:
-        self.written.append(f"const {self.kind} {name} = {expression};")
-        return name
+    def _shifted(self, expression: str, places: str) -> str:
+        return f"shifted({expression}, {places})" if self._fixed else expression
 
-    def _title(self, state: str) -> None:
-        if state in self.titles:
-            self.written += ["", f"/* {self.titles[state]} */"]
+    def _limited(self, expression: str, most: str) -> str:
+        return f"limited({expression}, {most})" if self._fixed else expression
+
+    def _let(self, name: str, expression: str) -> str:
+        self.written.append(f"const {'controller_wide' if self._fixed else 'float'} {name} = {expression};")
+        return name
 
     def _sum(self, expression: str) -> str:
         self._sums += 1
         return self._let(f"sum{self._sums}", expression)
+
+    def read(self, state: str) -> str:
+        if state in self._titles:
+            self.written += ["", f"/* {self._titles[state]} */"]
+        return self._let(state, self._shifted(f"state->{state}", "STATE_EXTRA"))
+
+    def multiply(self, coefficient: str, value: str) -> str:
+        name = coefficient.upper()
+        return self._let(f"{coefficient}_{value}", self._shifted(f"{name} * {value}", f"{name}_PLACES"))
 
     def add(self, one: str, other: str) -> str:
         return self._sum(f"{one} + {other}")
@@ -252,7 +253,12 @@ class _Lines(Arithmetic[str]):
     def subtract(self, one: str, other: str) -> str:
         return self._sum(f"{one} - {other}")
 
-    def _limit_current(self, products: Sequence[str]) -> str:
+    def signal(self, name: str, value: str) -> str:
+        return self._let(name, self._limited(value, "WORD_MOST"))
+
+    def current(self, terms: Sequence[tuple[str, str]]) -> str:
+        gains = [(gain.upper(), value) for gain, value in terms]
+        products = [self._shifted(f"{gain} * {value}", f"CURRENT_SHIFT{gain[4:]}") for gain, value in gains]
         self.written += ["", "/* current */"]
         named = [self._let(f"part{k}", text) for k, text in enumerate(products, 1)] if len(products) > 1 else products
         product = self._let("current", reduce("{} + {}".format, named))
@@ -263,64 +269,19 @@ class _Lines(Arithmetic[str]):
         ]
         return product
 
-    def _advance(self, statements: list[str], value: str, held: bool) -> None:
+    def advance(self, state: str, coefficient: str, value: str, held: bool) -> None:
         if self._title_of_advances:
             self.written += ["", f"/* {self._title_of_advances} */"]
             self._title_of_advances = ""
+        name, step, statements = coefficient.upper(), f"{coefficient}_{value}", list[str]()
+        product = self._shifted(f"{name} * {value}", f"{name}_PLACES - STATE_EXTRA")
+        if not self._fixed:
+            statements, product = [f"const float {step} = {product};"], step
+        statements.append(f"state->{state} = {self._limited(f'state->{state} + {product}', 'STATE_MOST')};")
         if held:
             pushing = f"(state->limited > 0 && {value} > 0) || (state->limited < 0 && {value} < 0)"
-            self.written += [f"if (!({pushing})) {{", *(f"    {line}" for line in statements), "}"]
-        else:
-            self.written += statements
-
-
-class _FixedLines(_Lines):
-    kind = "controller_wide"
-
-    def __init__(self, realisation: Realisation):
-        super().__init__()
-        self._places = {name: one.places for name, one in realisation.coefficients.items()}
-
-    def read(self, state: str) -> str:
-        self._title(state)
-        return self._let(state, f"shifted(state->{state}, STATE_EXTRA)")
-
-    def multiply(self, coefficient: str, value: str) -> str:
-        name = coefficient.upper()
-        return self._let(f"{coefficient}_{value}", f"shifted({name} * {value}, {name}_PLACES)")
-
-    def signal(self, name: str, value: str) -> str:
-        return self._let(name, f"limited({value}, WORD_MOST)")
-
-    def current(self, terms: Sequence[tuple[str, str]]) -> str:
-        products = [f"shifted({gain.upper()} * {value}, CURRENT_SHIFT{gain[4:].upper()})" for gain, value in terms]
-        return self._limit_current(products)
-
-    def advance(self, state: str, coefficient: str, value: str, held: bool) -> None:
-        step = f"shifted({coefficient.upper()} * {value}, {coefficient.upper()}_PLACES - STATE_EXTRA)"
-        self._advance([f"state->{state} = limited(state->{state} + {step}, STATE_MOST);"], value, held)
-
-
-class _FloatLines(_Lines):
-    kind = "float"
-
-    def read(self, state: str) -> str:
-        self._title(state)
-        return self._let(state, f"state->{state}")
-
-    def multiply(self, coefficient: str, value: str) -> str:
-        return self._let(f"{coefficient}_{value}", f"{coefficient.upper()} * {value}")
-
-    def signal(self, name: str, value: str) -> str:
-        return self._let(name, value)
-
-    def current(self, terms: Sequence[tuple[str, str]]) -> str:
-        return self._limit_current([f"{gain.upper()} * {value}" for gain, value in terms])
-
-    def advance(self, state: str, coefficient: str, value: str, held: bool) -> None:
-        step = f"{coefficient}_{value}"
-        product = f"const float {step} = {coefficient.upper()} * {value};"
-        self._advance([product, f"state->{state} = state->{state} + {step};"], value, held)
+            statements = [f"if (!({pushing})) {{", *(f"    {line}" for line in statements), "}"]
+        self.written += statements
 
 
 def notes(found: Judgement, masses_kg: tuple[float, float]) -> tuple[str, ...]:
@@ -337,18 +298,6 @@ def notes(found: Judgement, masses_kg: tuple[float, float]) -> tuple[str, ...]:
     )
 
 
-def write_code(
-    realisation: Realisation, name: str, found: Judgement, masses_kg: tuple[float, float], folder: Path
-) -> list[Path]:
-    """Write the C files of a realised controller, all of them or none.
-
-    Raises:
-        OSError: where one cannot be written.
-    """
-    texts = c_files(realisation, name, notes(found, masses_kg))
-    return list(write_set(folder, {file: (file, text) for file, text in texts.items()}).values())
-
-
 FLAGS = ("-std=c99", "-pedantic", "-Wall", "-Wextra", "-Werror", "-O2", "-ffp-contract=off")
 
 
@@ -358,17 +307,17 @@ def compiler() -> str | None:
     return next((found for name in names if (found := shutil.which(name))), None)
 
 
-def compile_self_test(folder: Path) -> Path:
+def compiled_self_test(folder: Path, into: Path) -> Path:
     """Compile the program whose exit status is 0 where the self-test of the files of a folder passes.
 
     Raises:
         ValueError: without a compiler, or where it finds fault with the files, in its own words.
     """
-    return compiled(folder, folder / "controller_self_test", "-DCONTROLLER_SELF_TEST_MAIN")
+    return compiled(folder, into / "controller_self_test", "-DCONTROLLER_SELF_TEST_MAIN")
 
 
 def compiled(folder: Path, target: Path, *more: str) -> Path:
-    """Compile the files of a folder to a target with further flags; errors as of `compile_self_test`."""
+    """Compile the files of a folder to a target with further flags; errors as of `compiled_self_test`."""
     program = compiler()
     if program is None:
         raise ValueError("no C compiler found: neither cc, gcc nor clang is on the path")

@@ -4,10 +4,11 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from beamdesign.build.realisation.c_code import write_code
+from beamdesign.build.realisation.c_code import c_files, notes
 from beamdesign.build.realisation.loop import prove_any_computing_time, realised_loop
 from beamdesign.build.realisation.realise import Realisation, full_scales_of, realise
 from beamdesign.build.realisation.verdict import Judgement, judge, worst
+from beamdesign.files import write_set
 from beamdesign.json_text import finite, picked
 from beamdesign.progress import Progress, silent
 from beamdesign.prototype import Prototype
@@ -98,8 +99,13 @@ class ProvedCode(Result):
         return finite(fields)
 
     def write(self, folder: Path) -> list[Path]:
-        """Write the C files, all of them or none; their paths."""
-        return write_code(self.realisation, self.prototype.name, self.judgement, self.outer_end_mass_kg, folder)
+        """Write the C files, all of them or none; their paths.
+
+        Raises:
+            OSError: where one cannot be written.
+        """
+        texts = c_files(self.realisation, self.prototype.name, notes(self.judgement, self.outer_end_mass_kg))
+        return list(write_set(folder, {file: (file, text) for file, text in texts.items()}).values())
 
 
 _PUT_OUT = ("continuous", "at_once", "late")

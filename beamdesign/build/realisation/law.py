@@ -17,6 +17,7 @@ import numpy as np
 from flint import fmpq, fmpq_mat
 
 from beamdesign.build.realisation.sections import Channel, DiscreteLaw, Section
+from beamdesign.rational import nearest
 
 V = TypeVar("V")
 
@@ -130,7 +131,7 @@ class Coefficient:
     @property
     def error(self) -> float:
         """Relative, of what is realised; 0 where nothing was asked."""
-        return int(self.value.p) / int(self.value.q) / self.asked - 1 if self.asked else 0.0
+        return nearest(self.value) / self.asked - 1 if self.asked else 0.0
 
 
 def fixed_point(value: float, word_length: int, more_places: int = 0) -> Coefficient:
@@ -149,11 +150,6 @@ def fixed_point(value: float, word_length: int, more_places: int = 0) -> Coeffic
     if places < 0:
         raise ValueError(f"a coefficient of {value:.6g} is too large for words of {word_length} bits")
     return Coefficient(value, integer, places)
-
-
-def float32(value: float) -> Coefficient:
-    """Round to the nearest float of 32 bits."""
-    return Coefficient(value, None, 0)
 
 
 def float64(value: float) -> Coefficient:

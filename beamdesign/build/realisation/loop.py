@@ -21,19 +21,20 @@ moves the least of the contraction (J. Stoer and C. Witzgall, Numer. Math. 4 (19
 halved; intervals of the computing time are, where the proof over the masses is not found.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Generic, Protocol, TypeVar
 
 import numpy as np
 from flint import arb, arb_mat, ctx, fmpq, fmpq_mat
 
 from beamdesign.build.realisation.law import LinearLaw
+from beamdesign.build.realisation.realise import DifferenceEquation, Realisation
 from beamdesign.controllers import SENSED, SENSORS
 from beamdesign.plant.linear import SEEN_AS
 from beamdesign.plant.members import paper_model
 from beamdesign.polynomial import exact
 from beamdesign.progress import Progress, silent
+from beamdesign.proofs.mass_family import floats
 from beamdesign.prototype import Prototype
 from beamdesign.rational import nearest
 
@@ -55,16 +56,14 @@ class HeldPlant:
         seen: (1, n) to the sensor's volts, and to what else may be sensed (m, Pa, N), by the names of `SENSORS`.
         velocity: index of the row that the total mass divides.
         bare_mass: kg.
-        force: (n, 1) from the disturbance on the outer tip, N.
         tip: (1, n) to its displacement, m.
     """
 
     a: fmpq_mat
     b: fmpq_mat
-    seen: Mapping[str, fmpq_mat]
+    seen: dict[str, fmpq_mat]
     velocity: int
     bare_mass: fmpq
-    force: fmpq_mat
     tip: fmpq_mat
 
     def shares(self, low: fmpq, high: fmpq) -> tuple[fmpq, fmpq]:
@@ -72,40 +71,37 @@ class HeldPlant:
         most, least = 1 / (self.bare_mass + low), 1 / (self.bare_mass + high)
         return (most + least) / 2, (most - least) / 2
 
-    def moved(self, low: fmpq, high: fmpq, duration_s: arb, by_force: bool = False) -> arb_mat:
+    def moved(self, low: fmpq, high: fmpq, duration_s: arb) -> arb_mat:
         """exp([[A, B], [0, 0]] T), enclosed for all masses from `low` to `high` and durations T of a ball.
 
-        Its upper rows are Phi and Gamma; `by_force` with the force, held between samples, in place of the current.
+        Its upper rows are Phi and Gamma.
         """
-        return arb_mat(self._rates(low, high, duration_s, self.force if by_force else self.b)).exp()
+        return arb_mat(self._rates(low, high, duration_s)).exp()
 
     def slope(self, low: fmpq, high: fmpq, duration_s: arb) -> arb_mat:
-        """The same, with the current, of its derivative by one over the total mass: exp([[M, M'], [0, M]])."""
-        rates, n = self._rates(low, high, duration_s, self.b), self.a.nrows() + 1
-        none, by_share = [arb(0)] * n, self._rates(1 - self.bare_mass, 1 - self.bare_mass, duration_s, self.b)
+        """The same of its derivative by one over the total mass: exp([[M, M'], [0, M]])."""
+        rates, n = self._rates(low, high, duration_s), self.a.nrows() + 1
+        none, by_share = [arb(0)] * n, self._rates(1 - self.bare_mass, 1 - self.bare_mass, duration_s)
         upper = [row + (by_share[i] if i == self.velocity else none) for i, row in enumerate(rates)]
         whole = arb_mat(upper + [none + row for row in rates]).exp()
         return arb_mat([[whole[i, n + j] for j in range(n)] for i in range(n)])
 
-    def _rates(self, low: fmpq, high: fmpq, duration_s: arb, held: fmpq_mat) -> list[list[arb]]:
+    def _rates(self, low: fmpq, high: fmpq, duration_s: arb) -> list[list[arb]]:
         """[[A, B], [0, 0]] T."""
         n, (share, half) = self.a.nrows(), self.shares(low, high)
         scales = [duration_s * (arb(share) + arb(0, arb(half)) if i == self.velocity else 1) for i in range(n)]
         rows = [
-            [*(arb(self.a[i, j]) * scale for j in range(n)), arb(held[i, 0]) * scale] for i, scale in enumerate(scales)
+            [*(arb(self.a[i, j]) * scale for j in range(n)), arb(self.b[i, 0]) * scale]
+            for i, scale in enumerate(scales)
         ]
         return [*rows, [arb(0)] * (n + 1)]
 
     def readings(self, sensed: Sequence[str]) -> fmpq_mat:
         """(k, n) to what a law hears without command: minus the volts as its error, others as they are."""
-        n, rows = self.a.nrows(), []
-        for name in sensed:
-            if name in self.seen:
-                sign = -1 if name == SENSED[0] else 1
-                rows.append([sign * self.seen[name][0, j] for j in range(n)])
-            else:
-                rows.append([fmpq(0)] * n)
-        return fmpq_mat(len(rows), n, [value for row in rows for value in row])
+        n = self.a.nrows()
+        own = self.seen | {SENSED[0]: -self.seen[SENSED[0]]}
+        rows = [own.get(name, fmpq_mat(1, n)) for name in sensed]
+        return fmpq_mat(len(rows), n, [value for row in rows for value in row.entries()])
 
 
 def held_plant(prototype: Prototype) -> HeldPlant:
@@ -123,19 +119,17 @@ def held_plant(prototype: Prototype) -> HeldPlant:
     seen: dict[str, fmpq_mat] = {
         name: fmpq_mat(1, n, [c[SEEN_AS[name], j] * scales[j] for j in range(n)]) for name in SENSORS
     }
-    force = fmpq_mat(n, 1, [b[i, 0] / scales[i] for i in range(n)])
     tip = fmpq_mat(1, n, [c[0, j] * scales[j] for j in range(n)])
-    return HeldPlant(balanced, current, seen, velocity, mass, force, tip)
+    return HeldPlant(balanced, current, seen, velocity, mass, tip)
 
 
 def _balance(a: fmpq_mat, velocity: int, mass: fmpq) -> list[fmpq]:
     """Powers of two by which states are scaled, so that rows and columns are of one size."""
     from scipy.linalg import matrix_balance
 
-    n = a.nrows()
-    floats = np.array([[nearest(a[i, j]) for j in range(n)] for i in range(n)])
-    floats[velocity] /= nearest(mass)
-    scale = matrix_balance(floats, permute=False, separate=True)[1][0]
+    rates = floats(a)
+    rates[velocity] /= nearest(mass)
+    scale = matrix_balance(rates, permute=False, separate=True)[1][0]
     return [fmpq(2) ** int(np.rint(np.log2(s))) for s in scale]
 
 
@@ -159,36 +153,23 @@ class SampledVerdict:
     looked_at: int
 
 
-class Sampled(Protocol):
-    """A law at a rate."""
-
-    @property
-    def rate_Hz(self) -> float:
-        """Sampling rate."""
-
-    @property
-    def linear(self) -> LinearLaw:
-        """With the coefficients that it has."""
-
-
-L = TypeVar("L", bound=Sampled)
-
-
 @dataclass(frozen=True)
-class RealisedLoop(Generic[L]):
+class RealisedLoop:
     """The loop over the outer end mass, without command; roundings and limits left out, which are bounded elsewhere.
 
     States are those of the plant, the current being put out where it is late, and those of the law.
 
     Attributes:
         plant: between samples.
-        realisation: the controller.
+        law: of the controller, with the coefficients that it has.
+        rate_Hz: sampling rate.
         computing: ends of the interval of computing times, as shares of the period: 0 where the current is put out at
             its sample, 1 where it is one period later.
     """
 
     plant: HeldPlant
-    realisation: L
+    law: LinearLaw
+    rate_Hz: float
     computing: tuple[fmpq, fmpq]
 
     @property
@@ -199,12 +180,11 @@ class RealisedLoop(Generic[L]):
     @property
     def period_s(self) -> arb:
         """Between two samples."""
-        return arb(1) / arb(exact(self.realisation.rate_Hz))
+        return arb(1) / arb(exact(self.rate_Hz))
 
     def parts(self) -> tuple[list[list[arb]], list[list[arb]], list[arb], list[arb]]:
         """Of the law's states after a sample what that of the plant's and their own adds; of its current likewise."""
-        law = self.realisation.linear
-        given = self.plant.readings(law.sensed)
+        law, given = self.law, self.plant.readings(self.law.sensed)
 
         def balls(matrix: fmpq_mat) -> list[list[arb]]:
             return [[arb(matrix[i, j]) for j in range(matrix.ncols())] for i in range(matrix.nrows())]
@@ -253,7 +233,9 @@ class RealisedLoop(Generic[L]):
         return middle(self.enclosed(mass, mass))
 
 
-def realised_loop(prototype: Prototype, realisation: L, delayed: bool = True) -> RealisedLoop[L]:
+def realised_loop(
+    prototype: Prototype, realisation: Realisation | DifferenceEquation, delayed: bool = True
+) -> RealisedLoop:
     """The loop of a prototype's plant and a realised controller.
 
     Args:
@@ -264,10 +246,10 @@ def realised_loop(prototype: Prototype, realisation: L, delayed: bool = True) ->
     Raises:
         InputError: for a prototype with effects; its plant is not that of equations (7) to (18).
     """
-    return RealisedLoop(held_plant(prototype), realisation, (fmpq(delayed),) * 2)
+    return RealisedLoop(held_plant(prototype), realisation.linear, realisation.rate_Hz, (fmpq(delayed),) * 2)
 
 
-def prove_sampled(loop: RealisedLoop[Any], low_kg: float, high_kg: float) -> SampledVerdict:
+def prove_sampled(loop: RealisedLoop, low_kg: float, high_kg: float) -> SampledVerdict:
     """Prove stability for every outer end mass of a closed range, or say at which mass it does not hold."""
     low, high = exact(low_kg), exact(high_kg)
     largest, proved, seen, reached = 0.0, 0, 0, low
@@ -348,7 +330,7 @@ def _positive_definite(matrix: arb_mat) -> bool:
 
 
 def prove_any_computing_time(
-    loop: RealisedLoop[Any],
+    loop: RealisedLoop,
     low_kg: float,
     high_kg: float,
     progress: Progress = silent,

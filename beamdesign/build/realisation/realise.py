@@ -7,11 +7,10 @@ left out bounded. As difference equations in floats of 64 bits it is what is spe
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import chain
+from itertools import chain, count
 from math import floor, frexp, log2
 
 import numpy as np
-from flint import fmpq_mat
 
 from beamdesign.build.realisation.law import (
     Arithmetic,
@@ -19,22 +18,20 @@ from beamdesign.build.realisation.law import (
     LinearLaw,
     coefficients_of,
     fixed_point,
-    float32,
     float64,
     linear_law,
     one_period,
     states_of,
 )
 from beamdesign.build.realisation.sections import (
-    Channel,
     DiscreteLaw,
-    Section,
     discretised,
     factored,
     highest_Hz,
     laws_of,
 )
 from beamdesign.controllers import Controller, TransferFunction
+from beamdesign.proofs.mass_family import floats
 from beamdesign.prototype import Prototype
 
 LEAST_WORD, LARGEST_WORD = 8, 32
@@ -46,11 +43,10 @@ FLOAT_STEP = 2.0**-23
 
 
 @dataclass(frozen=True)
-class Realisation:
-    """A controller at a rate in given words. Readings are in V, m or Pa, the current in A.
+class Realisation(DiscreteLaw):
+    """A controller at a rate, as it is before rounding, in given words. Readings are in V, m or Pa, the current in A.
 
     Attributes:
-        asked: what was discretised, before rounding.
         word_length: bits of a word with its sign; None for floats of 32 bits.
         coefficients: as realised; gains are in A per unit of their reading.
         places: binary places of words of each channel: a word n stands for n / 2^places; 0 in floats.
@@ -59,28 +55,12 @@ class Realisation:
         largest_current_A: limit of the current.
     """
 
-    asked: DiscreteLaw
     word_length: int | None
     coefficients: Mapping[str, Coefficient]
     places: tuple[int, ...]
     current_places: int
     full_scales: tuple[float, ...]
     largest_current_A: float
-
-    @property
-    def rate_Hz(self) -> float:
-        """Sampling rate."""
-        return self.asked.rate_Hz
-
-    @property
-    def channels(self) -> tuple[Channel, ...]:
-        """By reading."""
-        return self.asked.channels
-
-    @property
-    def sections(self) -> tuple[Section, ...]:
-        """Of all channels, as they are numbered."""
-        return self.asked.sections
 
     @property
     def states(self) -> tuple[str, ...]:
@@ -97,7 +77,7 @@ class Realisation:
     @cached_property
     def linear(self) -> LinearLaw:
         """The law as realised, exact, with its roundings."""
-        return linear_law(self.asked, self.coefficients, self.word_length is None)
+        return linear_law(self, self.coefficients, self.word_length is None)
 
     @property
     def signal_places(self) -> int:
@@ -134,7 +114,6 @@ def realise(
     word_length: int | None = 32,
     full_scale_V: float = FULL_SCALE_V,
     largest_current_A: float | None = None,
-    prewarped: bool = True,
     full_scales: Mapping[str, float] = FULL_SCALES,
 ) -> Realisation:
     """Discretise and round a controller; no signal can overflow, whatever its readings do within full scale.
@@ -145,7 +124,6 @@ def realise(
         word_length: of fixed-point words; None for floats of 32 bits.
         full_scale_V: largest error, and largest command where that is read by itself.
         largest_current_A: limit; none: what the gains make of the full scales at rest.
-        prewarped: see `sections.discretised`.
         full_scales: largest value (m, Pa) of each further reading.
 
     Raises:
@@ -153,17 +131,18 @@ def realise(
     """
     if word_length is not None and not LEAST_WORD <= word_length <= LARGEST_WORD:
         raise ValueError(f"a word of {word_length} bits; {LEAST_WORD} to {LARGEST_WORD} can be used")
-    asked = discretised(controller, rate_Hz, prewarped)
+    asked = discretised(controller, rate_Hz)
     scales = tuple(full_scale_V if one.unit == "V" else full_scales[one.heard] for one in asked.channels)
     at_rest = sum(abs(one.gain) * scale for one, scale in zip(asked.channels, scales, strict=True))
     largest = at_rest if largest_current_A is None else largest_current_A
 
-    units = {one.gain_name: max(0, frexp(scale)[1]) for one, scale in zip(asked.channels, scales, strict=True)} | {
-        "gain": 0
-    }
+    units = {one.gain_name: max(0, frexp(scale)[1]) for one, scale in zip(asked.channels, scales, strict=True)}
+    units["gain"] = 0
 
     def rounded(name: str, value: float) -> Coefficient:
-        return float32(value) if word_length is None else fixed_point(value, word_length, units.get(name, 0))
+        if word_length is None:
+            return Coefficient(value, None, 0)
+        return fixed_point(value, word_length, units.get(name, 0))
 
     coefficients = {name: rounded(name, value) for name, value in coefficients_of(asked).items()}
     lost = [name for name, one in coefficients.items() if one.asked and one.value == 0]
@@ -173,7 +152,7 @@ def realise(
     if len(linear.states) and np.abs(np.linalg.eigvals(floats(linear.a))).max() >= 1:
         raise ValueError(f"words of {word_length} bits are too short: the rounded controller itself is not stable")
     if word_length is None:
-        return Realisation(asked, None, coefficients, (0,) * len(scales), 0, scales, largest)
+        return Realisation(rate_Hz, asked.channels, None, coefficients, (0,) * len(scales), 0, scales, largest)
     places = tuple(_places(linear, word_length, place, scale) for place, scale in enumerate(scales))
     # Never more places than a product has: the last operation drops places, it cannot make any. The sum of up to four
     # products has to fit two words, so that each drops two of them at least.
@@ -182,7 +161,7 @@ def realise(
         coefficients[one.gain_name].places + own - spare for one, own in zip(asked.channels, places, strict=True)
     ]
     current_places = min(word_length - 1 - frexp(largest)[1], *products)
-    made = Realisation(asked, word_length, coefficients, places, current_places, scales, largest)
+    made = Realisation(rate_Hz, asked.channels, word_length, coefficients, places, current_places, scales, largest)
     if made.current_limit < 1 or max(made.current_shifts.values()) > 2 * word_length - 2:
         raise ValueError(
             f"a largest current of {largest:g} A and what the gain makes of full scale, {at_rest:g} A, lie too far"
@@ -212,14 +191,6 @@ def _places(linear: LinearLaw, word_length: int, place: int, full_scale: float) 
     if room.min() <= 0:
         raise ValueError(f"words of {word_length} bits are too short: rounding alone fills them")
     return floor(log2(float((room / (full_scale * peaks)).min())))
-
-
-def floats(matrix: fmpq_mat) -> np.ndarray:
-    """The nearest floats of a rational matrix."""
-    rows, columns = matrix.nrows(), matrix.ncols()
-    return np.array([[int(matrix[i, j].p) / int(matrix[i, j].q) for j in range(columns)] for i in range(rows)]).reshape(
-        rows, columns
-    )
 
 
 _BLOCK = 128
@@ -378,9 +349,4 @@ def upper_break_Hz(controller: Controller) -> float:
 def sensible_rate_Hz(crossover_Hz: float, upper_break_Hz: float = 0.0) -> float:
     """The least rate of 1, 2 or 5 times a power of ten that is 40 times the crossover and ten times the upper break."""
     least = max(_PER_CROSSOVER * crossover_Hz, 10 * upper_break_Hz, 1000.0)
-    step = 1.0
-    while True:
-        for factor in (1, 2, 5):
-            if factor * step >= least:
-                return factor * step
-        step *= 10
+    return next(rate for k in count() for step in (1, 2, 5) if (rate := step * 10.0**k) >= least)

@@ -123,26 +123,27 @@ def factored(law: TransferFunction) -> tuple[float, list[Factor]]:
     return nearest(static), _paired(poles, zeros)
 
 
-def discretised(controller: Controller | TransferFunction, rate_Hz: float, prewarped: bool = True) -> DiscreteLaw:
+def discretised(controller: Controller | TransferFunction, rate_Hz: float) -> DiscreteLaw:
     """Discretise a controller by Tustin's rule, root by root, for each of its sensors and its command by itself.
+
+    Every root is prewarped: it keeps its own natural frequency.
 
     Args:
         controller: any law of the project, or any transfer function from error (V) to current (A), as of `factored`.
         rate_Hz: sampling rate.
-        prewarped: whether every root keeps its own natural frequency; otherwise they all move as the plain rule has it.
 
     Raises:
-        ValueError: as of `factored`, and where prewarped for a root at or above half the rate.
+        ValueError: as of `factored`, and for a root at or above half the rate.
     """
     channels = []
     for sensed, law in laws_of(controller):
         gain, factors = factored(law)
         highest = highest_Hz(factors)
-        if prewarped and 2 * highest >= rate_Hz:
+        if 2 * highest >= rate_Hz:
             raise ValueError(
                 f"a rate of {rate_Hz:g} Hz is not more than twice the controller's upper break, {highest:.6g} Hz"
             )
-        sections = (_section(own, partners, rate_Hz, prewarped) for own, partners in factors)
+        sections = (_section(own, partners, rate_Hz) for own, partners in factors)
         channels.append(Channel(sensed, gain, tuple(sections)))
     return DiscreteLaw(rate_Hz, tuple(channels))
 
@@ -216,17 +217,16 @@ def _frequency(group: list[complex]) -> float:
     return prod(abs(root) for root in group) ** (1 / len(group))
 
 
-def _delta(root: complex, rate_Hz: float, prewarped: bool) -> complex:
-    """Where the bilinear rule puts a root (rad/s), as z - 1."""
+def _delta(root: complex, rate_Hz: float) -> complex:
+    """Where the bilinear rule puts a root (rad/s), prewarped, as z - 1."""
     half = root / (2 * rate_Hz)
-    if prewarped:
-        half *= tan(abs(half)) / abs(half)
+    half *= tan(abs(half)) / abs(half)
     return 2 * half / (1 - half)
 
 
-def _section(poles: list[complex], zeros: list[complex], rate_Hz: float, prewarped: bool) -> Section:
-    own = [_delta(root, rate_Hz, prewarped) for root in poles]
-    other = [_delta(root, rate_Hz, prewarped) for root in zeros] + [_FARTHEST] * (len(poles) - len(zeros))
+def _section(poles: list[complex], zeros: list[complex], rate_Hz: float) -> Section:
+    own = [_delta(root, rate_Hz) for root in poles]
+    other = [_delta(root, rate_Hz) for root in zeros] + [_FARTHEST] * (len(poles) - len(zeros))
     words = f"poles {_frequencies(poles)}; zeros {_frequencies(zeros)}"
     if len(own) == 1:
         follow = -own[0].real

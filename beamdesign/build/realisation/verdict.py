@@ -15,8 +15,9 @@ from dataclasses import dataclass
 from math import atan, degrees, inf, log10, pi
 
 import numpy as np
-from flint import arb_mat, ctx, fmpq, fmpq_mat, fmpq_poly
+from flint import ctx, fmpq, fmpq_mat, fmpq_poly
 
+from beamdesign.build.realisation.law import LinearLaw
 from beamdesign.build.realisation.loop import (
     LOOP_BITS,
     RealisedLoop,
@@ -25,12 +26,14 @@ from beamdesign.build.realisation.loop import (
     prove_sampled,
     realised_loop,
 )
-from beamdesign.build.realisation.realise import FLOAT_STEP, Realisation, floats, l1_norms, l2_norms
+from beamdesign.build.realisation.realise import FLOAT_STEP, Realisation, l1_norms, l2_norms
 from beamdesign.build.realisation.sections import laws_of
 from beamdesign.controllers import Controller
 from beamdesign.loop import LoopAtMass, loop
 from beamdesign.polynomial import at_points, exact
+from beamdesign.proofs.mass_family import floats
 from beamdesign.prototype import Prototype
+from beamdesign.rational import nearest
 
 _BITS = 256
 _KEPT_BITS = 80
@@ -58,9 +61,9 @@ def continuous_figures(loop: LoopAtMass) -> LoopFigures:
     return _figures(loop, lambda frequency_Hz: frequency_Hz)
 
 
-def sampled_figures(loop: RealisedLoop[Realisation], mass_kg: float) -> LoopFigures:
+def sampled_figures(loop: RealisedLoop, mass_kg: float) -> LoopFigures:
     """Of the sampled-data loop at one outer end mass, at its sample times."""
-    rate = loop.realisation.rate_Hz
+    rate = loop.rate_Hz
     return _figures(image(loop, mass_kg), lambda frequency_Hz: rate / pi * atan(pi * frequency_Hz / rate))
 
 
@@ -72,18 +75,18 @@ def _figures(at: LoopAtMass, true_Hz: Callable[[float], float]) -> LoopFigures:
     return LoopFigures(at.peak_sensitivity(), margins.gain_up, margins.phase_deg, crossover)
 
 
-def image(loop: RealisedLoop[Realisation], mass_kg: float) -> LoopAtMass:
+def image(loop: RealisedLoop, mass_kg: float) -> LoopAtMass:
     """The loop in p; of its three polynomials that of the disturbance stands empty.
 
     The plant's polynomials are those of matrices within 2^-200 of the true ones; coefficients keep 80 bits.
     """
-    laws, law = law_polynomials(loop.realisation), loop.realisation.linear
+    laws, law = law_polynomials(loop.law), loop.law
     with ctx.workprec(_BITS):
         mass = exact(mass_kg)
         moved = loop.plant.moved(mass, mass, loop.period_s)
         n = loop.plant.a.nrows()
-        phi = fmpq_mat(n, n, [_middle(moved, i, j) for i in range(n) for j in range(n)])
-        gamma = fmpq_mat(n, 1, [_middle(moved, i, n) for i in range(n)])
+        phi = fmpq_mat(n, n, [moved[i, j].mid().fmpq() for i in range(n) for j in range(n)])
+        gamma = fmpq_mat(n, 1, [moved[i, n].mid().fmpq() for i in range(n)])
         free, seen = phi.charpoly(), loop.plant.readings(law.sensed)
         denominator, numerator = law.a.charpoly() * free, fmpq_poly([0])
         for k, (above, _) in enumerate(laws):
@@ -91,40 +94,28 @@ def image(loop: RealisedLoop[Realisation], mass_kg: float) -> LoopAtMass:
             numerator += above * ((phi + gamma * row).charpoly() - free)
         if loop.delayed:
             denominator *= fmpq_poly([0, 1])
-        below, above = _in_p([denominator, numerator], loop.realisation.rate_Hz)
+        below, above = _in_p([denominator, numerator], loop.rate_Hz)
         return LoopAtMass(below, above, fmpq_poly([0]))
 
 
-def law_polynomials(realisation: Realisation) -> list[tuple[fmpq_poly, fmpq_poly]]:
+def law_polynomials(law: LinearLaw) -> list[tuple[fmpq_poly, fmpq_poly]]:
     """Numerator and denominator in z of what is made of each reading, coefficients as realised, exact.
 
     With the numerator of c (z - a)^-1 b + d as det(z - a + b c) + (d - 1) det(z - a).
     """
-    law = realisation.linear
     n, below = law.a.nrows(), law.a.charpoly()
     columns = [fmpq_mat(n, 1, [law.b[i, k] for i in range(n)]) for k in range(len(law.sensed))]
     return [((law.a - b * law.c).charpoly() + (law.d[0, k] - 1) * below, below) for k, b in enumerate(columns)]
 
 
-def _middle(balls: arb_mat, i: int, j: int) -> fmpq:
-    mantissa, exponent = balls[i, j].mid().man_exp()
-    return fmpq(mantissa) * fmpq(2) ** int(exponent)
-
-
 def _in_p(polynomials: list[fmpq_poly], rate_Hz: float) -> list[fmpq_poly]:
     """Put z = (1 + p T / 2) / (1 - p T / 2) and clear the denominators, of all with the same power."""
     degree = max(polynomial.degree() for polynomial in polynomials)
-    half = 1 / (2 * exact(rate_Hz))
-    above, below = [fmpq_poly([1])], [fmpq_poly([1])]
-    for _ in range(degree):
-        above.append(above[-1] * fmpq_poly([1, half]))
-        below.append(below[-1] * fmpq_poly([1, -half]))
-    found = []
+    half, found = 1 / (2 * exact(rate_Hz)), []
+    above, below = fmpq_poly([1, half]), fmpq_poly([1, -half])
     for polynomial in polynomials:
-        total = fmpq_poly([0])
-        for k, coefficient in enumerate(polynomial.coeffs()):
-            total += coefficient * above[k] * below[degree - k]
-        found.append(fmpq_poly([_kept(c) for c in total.coeffs()]))
+        terms = (c * above**k * below ** (degree - k) for k, c in enumerate(polynomial.coeffs()))
+        found.append(fmpq_poly([_kept(c) for c in sum(terms, fmpq_poly([0])).coeffs()]))
     return found
 
 
@@ -137,44 +128,27 @@ def _kept(value: fmpq) -> fmpq:
     return fmpq(int(scaled.p) // int(scaled.q)) * fmpq(2) ** -places
 
 
-@dataclass(frozen=True)
-class RoundedLoop:
-    """The loop at one mass with everything that enters it, in floats: x+ = A x + B u, y = C x + D u.
+def rounded_loop(loop: RealisedLoop, mass_kg: float) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """The loop at one outer end mass with its roundings as inputs, in floats.
 
-    Attributes:
-        a, b, c, d: inputs u are the force on the tip (N, held) and the roundings of the law; outputs y the displacement
-            of the tip (m), the current (A) computed at the sample, and the error (V).
+    Returns:
+        A, B, C and D of x+ = A x + B u, y = C x + D u; inputs u are the roundings of the law, outputs y the
+        displacement of the tip (m), the current (A) computed at the sample, and the error (V).
     """
-
-    a: np.ndarray
-    b: np.ndarray
-    c: np.ndarray
-    d: np.ndarray
-
-
-def rounded_loop(loop: RealisedLoop[Realisation], mass_kg: float) -> RoundedLoop:
-    """The loop at one outer end mass with its roundings as inputs."""
-    mass, law, plant = exact(mass_kg), loop.realisation.linear, loop.plant
+    mass, law, plant = exact(mass_kg), loop.law, loop.plant
     with ctx.workprec(LOOP_BITS):
-        a = loop.matrix(mass)
-        pushed = middle(plant.moved(mass, mass, loop.period_s, by_force=True))
-        moved = middle(plant.moved(mass, mass, loop.period_s))
-    n, m, late = plant.a.nrows(), len(law.states), int(loop.delayed)
-    inputs = 1 + len(law.roundings)
-    tip, seen = floats(plant.tip), floats(plant.readings(law.sensed))
-    b = np.zeros((n + late + m, inputs))
-    b[:n, 0] = pushed[:n, n]
-    given = floats(law.g)
+        a, moved = loop.matrix(mass), middle(plant.moved(mass, mass, loop.period_s))
+    n, late, given, seen = plant.a.nrows(), int(loop.delayed), floats(law.g), floats(plant.readings(law.sensed))
+    b, c, d = np.zeros((len(a), given.shape[1])), np.zeros((3, len(a))), np.zeros((3, given.shape[1]))
     if late:
-        b[n, 1:] = given
+        b[n] = given
     else:
-        b[:n, 1:] = moved[:n, n : n + 1] @ given
-    b[n + late :, 1:] = floats(law.f)
-    c, d = np.zeros((3, n + late + m)), np.zeros((3, inputs))
-    c[0, :n], c[2, :n] = tip[0], seen[0]
+        b[:n] = moved[:n, n : n + 1] @ given
+    b[n + late :] = floats(law.f)
+    c[0, :n], c[2, :n] = floats(plant.tip)[0], seen[0]
     c[1, :n], c[1, n + late :] = (floats(law.d) @ seen)[0], floats(law.c)[0]
-    d[1, 1:] = given
-    return RoundedLoop(a, b, c, d)
+    d[1] = given
+    return a, b, c, d
 
 
 @dataclass(frozen=True)
@@ -216,17 +190,22 @@ def half_steps(realisation: Realisation) -> np.ndarray:
     return np.asarray(found)
 
 
-def rounding_effect(loop: RealisedLoop, mass_kg: float) -> RoundingEffect:
+def rounding_effect(loop: RealisedLoop, mass_kg: float, halves: np.ndarray) -> RoundingEffect:
     """The effect of rounding on the loop at one outer end mass.
+
+    Args:
+        loop: of a realised controller.
+        mass_kg: on the outer tip.
+        halves: bounds of its roundings, as of `half_steps`.
 
     Raises:
         ValueError: where the loop is not stable.
     """
-    closed, halves = rounded_loop(loop, mass_kg), half_steps(loop.realisation)
-    most = l1_norms(closed.a, closed.b[:, 1:], closed.c, closed.d[:, 1:]) @ halves
-    spread = l2_norms(closed.a, closed.b[:, 1:] * halves, closed.c, closed.d[:, 1:] * halves)
+    a, b, c, d = rounded_loop(loop, mass_kg)
+    most = l1_norms(a, b, c, d) @ halves
+    spread = l2_norms(a, b * halves, c, d * halves)
     expected = np.sqrt((spread**2).sum(axis=1) / 3)  # an even spread over +-h has the variance h^2 / 3
-    return RoundingEffect(float(most[0]), float(most[1]), float(most[2]), float(expected[0]), float(expected[1]))
+    return RoundingEffect(*most.tolist(), *expected[:2].tolist())
 
 
 MASSES_LOOKED_AT = 5
@@ -340,7 +319,7 @@ def figures_at(prototype: Prototype, realisation: Realisation, mass_kg: float) -
     loops = [realised_loop(prototype, realisation, late) for late in (False, True)]
     at_once, late = (sampled_figures(one, mass_kg) for one in loops)
     try:
-        rounding: RoundingEffect | None = rounding_effect(loops[1], mass_kg)
+        rounding: RoundingEffect | None = rounding_effect(loops[1], mass_kg, half_steps(realisation))
     except ValueError:
         rounding = None
     return AtMass(mass_kg, continuous_figures(loop(prototype).at(mass_kg)), at_once, late, rounding)
@@ -372,7 +351,7 @@ def law_errors(controller: Controller, realisation: Realisation, at_Hz: float) -
 def _pole_errors(realisation: Realisation) -> list[float]:
     """Of every pole, how far rounding moves it as a share of its distance from z = 1."""
     found: list[float] = []
-    given = {name: int(one.value.p) / int(one.value.q) for name, one in realisation.coefficients.items()}
+    given = {name: nearest(one.value) for name, one in realisation.coefficients.items()}
     for number, section in enumerate(realisation.sections, 1):
         follow = given[f"follow{number}"]
         if section.order == 1:
