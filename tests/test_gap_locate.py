@@ -23,13 +23,7 @@ def tuned(data) -> tuple[Search, Fit, tuple]:
     evidence = evidence_of(data)
     placement = NOTHING.placement(data.prototype)
     null = fit(NOTHING, placement, evidence, np.zeros(len(placement.unknowns)), 4)
-    search = Search(
-        null,
-        (),
-        sum(e.expected for e in evidence),
-        tuple(e.name for e in evidence),
-    )
-    return search, null, evidence
+    return Search(null, (), sum(e.expected for e in evidence)), null, evidence
 
 
 def at_believed(data) -> tuple:
@@ -143,5 +137,5 @@ def test_a_record_in_which_nothing_happens_does_no_harm(deadband):
     )
     found = at_believed(replace(deadband, records=(first, still)))
     assert all(np.all(np.isfinite(y)) for item in found for y in item.smoothed().values())
-    shown = setting(found)
+    shown = setting(found).indicator
     assert shown.table["relative_error"][1] == 0.0

@@ -76,7 +76,7 @@ def few(monkeypatch):
 
 def nothing_found() -> Search:
     unknowns = NOTHING.unknowns(believed())
-    return Search(Fit(NOTHING, unknowns, np.zeros(len(unknowns))), (), 1.0, ())
+    return Search(Fit(NOTHING, unknowns, np.zeros(len(unknowns))), (), 1.0)
 
 
 @pytest.mark.usefixtures("few")

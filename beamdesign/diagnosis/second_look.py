@@ -99,7 +99,7 @@ def backlash_impacts(
         found_all += _pairs(others, rig, seen, loose)
     progress(1.0, "done")
     # Without a floor: the error of a motion that cannot be predicted says nothing of how large a cause is.
-    return Search(null, tuple(best_of_each(found_all)), expected, before.evidence, conditions=before.conditions)
+    return Search(null, tuple(best_of_each(found_all)), expected, conditions=before.conditions)
 
 
 def _brought_down(evidence: Sequence[Evidence], sought: Hypothesis, placement: Placement, z: np.ndarray) -> np.ndarray:

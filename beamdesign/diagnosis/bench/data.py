@@ -62,14 +62,12 @@ class BenchSet:
 
     Attributes:
         name: of the set.
-        folder: where it was read from.
         prototype: the model that was believed.
         runs: in the order of the file.
         warnings: what is odd about them, in words.
     """
 
     name: str
-    folder: Path
     prototype: BenchPrototype
     runs: tuple[BenchRun, ...]
     warnings: tuple[str, ...] = ()
@@ -123,7 +121,7 @@ def read_bench_set(folder: str | Path) -> BenchSet:
     if alone:
         raise InputError(path, alone)
     warnings = [words for run in runs for words in _odd(run)]
-    return BenchSet(entry.name, path.parent, prototype, runs, tuple(dict.fromkeys(warnings)))
+    return BenchSet(entry.name, prototype, runs, tuple(dict.fromkeys(warnings)))
 
 
 def stretches(command_V: np.ndarray) -> list[tuple[int, int, float]]:

@@ -107,6 +107,11 @@ class SteadyPlacement:
         return {**self.base} | {u.name: u.nominal + by if u.linear else u.nominal * np.exp(by) for u, by in moved}
 
 
+def placed(found: Fit) -> SteadyPlacement:
+    """How the unknowns of a fit enter the steady model."""
+    return SteadyPlacement(found.unknowns, ORIFICES in found.hypothesis.names)
+
+
 @dataclass(frozen=True)
 class BenchHypothesis(Hypothesis):
     """A set of laws at work on a bench; its names are those of `LAWS`, sorted."""

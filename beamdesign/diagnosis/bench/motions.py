@@ -31,7 +31,6 @@ class SteadyMotion:
         side: chamber whose pressure was recorded.
         direction: 1 extending, -1 retracting.
         command_V: while it moved.
-        lasts_s: the part that counts as steady.
         speed: m/s, positive extending, by Theil and Sen's median of slopes.
         pressure: Pa, median over that part.
         stall: Pa, median against the end stop.
@@ -42,7 +41,6 @@ class SteadyMotion:
     side: str
     direction: int
     command_V: float
-    lasts_s: float
     speed: float
     pressure: float
     stall: float
@@ -56,7 +54,8 @@ def steady_motions(data: BenchSet) -> "Observations":
         InputError: where a run does not move steadily for long enough to tell its speed.
     """
     found = tuple(steady_motion(run, direction) for run in data.runs for direction in (1, -1))
-    return Observations(found, data.prototype.actuator.asymmetry, data.prototype.servovalve.null_V)
+    actuator = data.prototype.actuator
+    return Observations(found, actuator.asymmetry, actuator.supply_pressure_Pa, data.prototype.servovalve.null_V)
 
 
 def steady_motion(run: BenchRun, direction: int) -> SteadyMotion:
@@ -76,7 +75,7 @@ def steady_motion(run: BenchRun, direction: int) -> SteadyMotion:
     begins = int(np.argmax(smooth > _MARGIN))
     ends = int(np.argmax(smooth > 1 - _MARGIN))
     if not smooth[0] < 0.5 or ends - begins < 2 * _BINS:
-        raise InputError(run.name, [("displacement_m", f"no whole stroke {_words(direction)} at {volts:g} V")])
+        raise InputError(run.name, [("displacement_m", f"no whole stroke {way_of(direction)} at {volts:g} V")])
     edges = np.linspace(begins + i, ends + i, _BINS + 1).astype(int)
     parts = [slice(a, b) for a, b in pairwise(edges)]
     speeds = np.array([_slope(run, part) for part in parts])
@@ -84,16 +83,16 @@ def steady_motion(run: BenchRun, direction: int) -> SteadyMotion:
     alike = _like_later_half(speeds) & _like_later_half(pressures)
     first, last = _longest(alike)
     if last - first < _LEAST_BINS:
-        raise InputError(run.name, [("displacement_m", f"no steady speed {_words(direction)} at {volts:g} V")])
+        raise InputError(run.name, [("displacement_m", f"no steady speed {way_of(direction)} at {volts:g} V")])
     part = slice(edges[first], edges[last])
     stop = held(run, direction)
-    lasts = float(run.times[part.stop] - run.times[part.start])
     settled = (run.pressure_Pa[part], run.pressure_Pa[stop], run.displacement_m[stop])
     pressure, stall, rest = (float(np.median(values)) for values in settled)
-    return SteadyMotion(run.condition, run.side, direction, volts, lasts, _slope(run, part), pressure, stall, rest)
+    return SteadyMotion(run.condition, run.side, direction, volts, _slope(run, part), pressure, stall, rest)
 
 
-def _words(direction: int) -> str:
+def way_of(direction: int) -> str:
+    """A direction in words."""
     return "extending" if direction > 0 else "retracting"
 
 
@@ -127,25 +126,6 @@ _ROUNDS = 30
 _SETTLED = 1e-6  # relative: Newton's next step would be of its square
 
 
-@dataclass(frozen=True)
-class Steady:
-    """Prediction per command, (N,) each, or (m, N) for m sets of figures.
-
-    Attributes:
-        speed: m/s, positive extending.
-        pressure_a: Pa.
-        pressure_b: Pa.
-    """
-
-    speed: np.ndarray
-    pressure_a: np.ndarray
-    pressure_b: np.ndarray
-
-    def pressure(self, side: str) -> np.ndarray:
-        """Of chamber `a` or `b`."""
-        return self.pressure_a if side == "a" else self.pressure_b
-
-
 def friction(figure: Mapping[str, Any], speed: np.ndarray, sign: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Force against the motion at a speed (both positive), and its slope; the constant load is against extension."""
     force = figure["coulomb_N"] + figure["viscous"] * speed + sign * figure["constant_load_N"]
@@ -157,7 +137,7 @@ def friction(figure: Mapping[str, Any], speed: np.ndarray, sign: np.ndarray) -> 
     return force, slope
 
 
-def steady(figure: Mapping[str, Any], volts: np.ndarray, orifices: bool) -> Steady:
+def steady(figure: Mapping[str, Any], volts: np.ndarray, orifices: bool) -> dict[str, np.ndarray]:
     """Steady motion at constant commands.
 
     With orifices, each edge passes q sqrt(2 dp / P_S), q being the flow of the opening at half the supply pressure, the
@@ -170,6 +150,9 @@ def steady(figure: Mapping[str, Any], volts: np.ndarray, orifices: bool) -> Stea
         figure: all of `hypothesis.FIGURES` by name; each a number, or (m, 1) for m sets at once.
         volts: (N,) commands.
         orifices: whether flow goes with the root of the pressure drop.
+
+    Returns:
+        (N,) each, or (m, N): `speed`, m/s, positive extending; `pressure_a` and `pressure_b`, Pa.
     """
     sign = np.where(volts < 0, -1.0, 1.0)
     area, asymmetry = figure["piston_area"], figure["asymmetry"]
@@ -207,7 +190,8 @@ def steady(figure: Mapping[str, Any], volts: np.ndarray, orifices: bool) -> Stea
         if settled:
             break
     extending = sign > 0
-    return Steady(sign * speed, np.where(extending, full, empty), np.where(extending, empty, full))
+    pressures = np.where(extending, full, empty), np.where(extending, empty, full)
+    return dict(zip(CHANNELS, (sign * speed, *pressures), strict=True))
 
 
 CHANNELS = ("speed", "pressure_a", "pressure_b")
@@ -225,12 +209,14 @@ class Observations:
     Attributes:
         motions: N of them.
         asymmetry: of the piston by bore and rod.
+        supply_Pa: pressure that was believed.
         null_V: from which commands count.
     """
 
     motions: tuple[SteadyMotion, ...]
     asymmetry: float
-    null_V: float = 0.0
+    supply_Pa: float
+    null_V: float
 
     @cached_property
     def rows(self) -> Any:
@@ -311,13 +297,13 @@ def averaged(seen: Observations, error: Mapping[str, np.ndarray]) -> dict[str, n
     return found
 
 
-def scatter(seen: Observations, supply: float) -> dict[str, float]:
+def scatter(seen: Observations) -> dict[str, float]:
     """Standard deviation of single runs about the mean of their condition and direction, in the units of `errors`."""
     squares, freedom, rows = dict.fromkeys(CHANNELS, 0.0), dict.fromkeys(CHANNELS, 0), seen.rows
     for condition, way in product(seen.conditions, (-1, 1)):
         own = rows[(rows.condition == condition) & (rows.direction == way)]
         groups = {"speed": own.speed / np.mean(own.speed)}
-        groups |= {f"pressure_{side}": own.pressure[own.side == side] / supply for side in "ab"}
+        groups |= {f"pressure_{side}": own.pressure[own.side == side] / seen.supply_Pa for side in "ab"}
         for channel, values in groups.items():
             squares[channel] += float(np.sum((values - np.mean(values)) ** 2)) if len(values) else 0.0
             freedom[channel] += max(len(values) - 1, 0)

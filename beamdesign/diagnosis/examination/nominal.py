@@ -9,7 +9,7 @@ its own: saturate, lag, have another gain.
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from math import pi
+from math import inf, pi
 
 import numpy as np
 from scipy.optimize import least_squares, minimize_scalar
@@ -298,35 +298,19 @@ def _saturated(current: np.ndarray, asked: np.ndarray) -> tuple[float | None, fl
     return best, *mismatch(current, _knee(asked, best, sharpness))
 
 
-@dataclass(frozen=True)
-class Rival:
-    """Another controller that a record obeys.
-
-    Attributes:
-        controller: that one.
-        residual: of its equation, as in `ControllerFit`.
-        words: where it comes from.
-    """
-
-    controller: Controller
-    residual: float
-    words: str
-
-
-def rival(record: TimeRecord, controller: Controller, words: str, sensor_gain: float) -> Rival | None:
-    """Hold a record against another controller; None where `commanded_current` cannot tell.
+def missed_by(record: TimeRecord, controller: Controller, sensor_gain: float) -> float:
+    """Residual of another controller's equation, as in `ControllerFit`; infinite where `commanded_current` cannot tell.
 
     Args:
         record: measured.
         controller: that one.
-        words: where it comes from.
         sensor_gain: believed, V/m.
     """
     asked = commanded_current(record, controller, sensor_gain)
-    return None if asked is None else Rival(controller, mismatch(record.measured["current_A"], asked)[0], words)
+    return inf if asked is None else mismatch(record.measured["current_A"], asked)[0]
 
 
-def refitted(record: TimeRecord, sensor_gain: float) -> Rival:
+def refitted(record: TimeRecord, sensor_gain: float) -> Controller:
     """The lag controller that a record obeys best.
 
     Args:
@@ -351,9 +335,7 @@ def refitted(record: TimeRecord, sensor_gain: float) -> Rival:
     if breaks := own.lag:
         starts.append((own.gain_A_per_V, breaks.pole_Hz, breaks.zero_Hz))
     fits = (least_squares(lambda z: left(lag(z)), np.log(s), method="lm", max_nfev=60) for s in starts)
-    found = rival(record, lag(min(fits, key=lambda f: f.cost).x), "the one that fits best", sensor_gain)
-    assert found is not None  # as above
-    return found
+    return lag(min(fits, key=lambda f: f.cost).x)
 
 
 def described(controller: Controller) -> str:

@@ -69,13 +69,13 @@ def noise_std(signal: np.ndarray) -> float:
     return float(np.sqrt(white(power[round(TOP * (len(power) - 1)) :]) / float(np.sum(window**2))))
 
 
-def share_between(signals: np.ndarray, step_s: float, low_Hz: float, high_Hz: float) -> float:
-    """Share of the variance of signals (N, m) that lies within a band."""
+def share_in_band(signals: np.ndarray, step_s: float) -> float:
+    """Share of the variance of signals (N, m) that lies between `LOW_HZ` and `HIGH_HZ`."""
     window = np.hanning(len(signals))[:, None]
     power = np.sum(np.abs(np.fft.rfft((signals - signals.mean(axis=0)) * window, axis=0)) ** 2, axis=1)
     frequencies = np.fft.rfftfreq(len(signals), step_s)
     total = float(power.sum())
-    return float(power[(frequencies >= low_Hz) & (frequencies <= high_Hz)].sum()) / total if total > 0 else 0.0
+    return float(power[(frequencies >= LOW_HZ) & (frequencies <= HIGH_HZ)].sum()) / total if total > 0 else 0.0
 
 
 def outlier(signal: np.ndarray) -> int | None:
@@ -314,8 +314,8 @@ def suitability(record: TimeRecord, prototype: Prototype) -> Iterator[Finding]:
     yield "no_content", constant, f"both inputs are constant: excite the rig {band}"
     # What each input would move the tip by, if slowly.
     given = record.inputs / np.array([of["outer_stiffness"], prototype.sensor.gain_V_per_m])
-    share = share_between(given, record.step, LOW_HZ, HIGH_HZ)
-    answer = share_between(moved[:, None], record.step, LOW_HZ, HIGH_HZ)
+    share = share_in_band(given, record.step)
+    answer = share_in_band(moved[:, None], record.step)
     text = f"only {share:.1%} of the inputs' power lies {band}, and little of the motion: excite the rig there"
     yield "no_content", share < _LEAST_SHARE and answer < 10 * _LEAST_SHARE, text
     size, noise = float(np.std(moved)), max(noise_std(moved), finest_step(moved) / np.sqrt(12))

@@ -156,15 +156,13 @@ class Search:
         null: tolerances only.
         fits: all others, best first.
         expected: misfit that noise alone would leave.
-        evidence: names of its pieces, in the order of `Fit.shares`.
         floor: `Fit.error` that noise alone would leave.
-        conditions: of each piece of evidence; none where they do not matter.
+        conditions: of each piece of evidence, in the order of `Fit.shares`; none where they do not matter.
     """
 
     null: Fit
     fits: tuple[Fit, ...]
     expected: float
-    evidence: tuple[str, ...]
     floor: float = 0.0
     conditions: tuple[object, ...] = field(default=(), repr=False)
 
@@ -234,9 +232,8 @@ def _searched(fitters: Fitters, null: Fit, progress: Progress, worth: float) -> 
     found = fitters(
         (Task(h, null.values) for h in alone), lambda k: progress(0.05 + 0.5 * k / len(alone), "single causes")
     )
-    names, conditions = tuple(e.name for e in pieces), tuple(e.condition for e in pieces)
     expected, floor = sum(e.expected for e in pieces), sum(e.floor for e in pieces)
-    state = Search(null, tuple(_sorted(found)), expected, names, floor, conditions)
+    state = Search(null, tuple(_sorted(found)), expected, floor, tuple(e.condition for e in pieces))
     if found and null.misfit > _SMALL * expected and _DONE < state.excess(state.fits[0]) < worth:
         values = {f.hypothesis: f.values for f in reversed(state.fits) if not f.reason}
         tried = _promising(state)
