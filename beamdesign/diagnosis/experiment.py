@@ -9,7 +9,7 @@ The experiments stay within about what the rig's records have already asked of i
 """
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import combinations
 from math import inf
 from typing import Any
@@ -254,7 +254,7 @@ def _without_retuning(data: Dataset, experiment: Experiment, rivals: Sequence[Fi
     reached = max(float(np.abs(r.measured["displacement_m"]).max()) for r in data.records)
     if len(predicted) < len(made) or any(np.abs(y[:, column]).max() > _FURTHEST * reached for y in predicted):
         return None
-    weight = weighting(_as_record(data, experiment, predicted[0], channels), channels)
+    weight = weighting(_as_record(data, job, predicted[0], channels), channels)
     weighed = np.array([weight(y) for y in predicted])
     return np.asarray(np.linalg.norm(weighed[:, None] - weighed[None], axis=2))
 
@@ -274,7 +274,7 @@ def _closely(data: Dataset, experiment: Experiment, rivals: Sequence[Fit]) -> It
     for added in ("", *others):
         channels = (*recorded, added) if added else recorded
         at = [every.index(c) for c in channels]
-        weight = weighting(_as_record(data, experiment, made[0][0][:, at], channels), channels)
+        weight = weighting(_as_record(data, job, made[0][0][:, at], channels), channels)
         open_ = [weight(dy[:, at]) @ root for (_, dy), root in zip(made, covariances, strict=True)]
         between = np.full((len(rivals), len(rivals)), inf)
         np.fill_diagonal(between, 0.0)
@@ -313,7 +313,7 @@ def _job(prototype: Prototype, experiment: Experiment) -> Replay:
     return Replay(TimeRecord("next", scenario.times, inputs, {}, *masses, experiment.controller), prototype)
 
 
-def _as_record(data: Dataset, experiment: Experiment, predicted: np.ndarray, channels: tuple[str, ...]) -> TimeRecord:
+def _as_record(data: Dataset, job: Replay, predicted: np.ndarray, channels: tuple[str, ...]) -> TimeRecord:
     """A prediction with the noise of the channels as recorded so far, as if it had been measured."""
     rng = np.random.default_rng(0)
     measured = {}
@@ -321,6 +321,4 @@ def _as_record(data: Dataset, experiment: Experiment, predicted: np.ndarray, cha
         noise = [weighting(r, (name,)).noise_std[0] for r in data.records if name in r.measured]
         std = float(np.median(noise)) if noise else _SENSOR_NOISE * float(np.std(predicted[:, k]))
         measured[name] = predicted[:, k] + rng.normal(0, std, len(predicted))
-    times = SAMPLE_S * np.arange(len(predicted))
-    empty = np.zeros((len(times), 2))
-    return TimeRecord("next", times, empty, measured, experiment.outer_end_mass, 0.0, experiment.controller)
+    return replace(job.record, measured=measured)

@@ -7,7 +7,6 @@ one condition come from two runs.
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from itertools import pairwise
 from pathlib import Path
 from typing import Annotated
 
@@ -19,6 +18,7 @@ from beamdesign.bench_prototype import BenchPrototype, read_bench_prototype
 from beamdesign.columns import read_columns, uniform_times
 from beamdesign.diagnosis.data.dataset import refuse_missing
 from beamdesign.diagnosis.data.dataset_index import SetFile, index_of, wrong_files
+from beamdesign.diagnosis.examination.sound_records import equal_runs
 from beamdesign.records import FileName, InputError, Problem, Record
 
 LEAST_SAMPLES = 200
@@ -126,11 +126,8 @@ def read_bench_set(folder: str | Path) -> BenchSet:
 
 def stretches(command_V: np.ndarray) -> list[tuple[int, int, float]]:
     """Where the command stays at one value other than zero: first sample, sample after the last, volts."""
-    edges = np.nonzero(np.diff(command_V) != 0)[0] + 1
-    bounds = [0, *edges.tolist(), len(command_V)]
-    return [
-        (i, j, float(command_V[i])) for i, j in pairwise(bounds) if command_V[i] != 0 and j - i >= LEAST_SAMPLES // 4
-    ]
+    found = equal_runs(command_V, LEAST_SAMPLES // 4)
+    return [(i, i + count, float(command_V[i])) for i, count in found if command_V[i] != 0]
 
 
 def held(run: BenchRun, sign: int) -> slice:

@@ -8,6 +8,7 @@ from statistics import NormalDist
 from typing import Any
 
 import numpy as np
+from scipy.ndimage import median_filter
 from scipy.stats import theilslopes
 
 from beamdesign.diagnosis.bench.data import BenchRun, BenchSet, held, stretches
@@ -71,7 +72,8 @@ def steady_motion(run: BenchRun, direction: int) -> SteadyMotion:
     rests = [float(np.median(run.displacement_m[held(run, sign)])) for sign in (-1, 1)]
     position = (run.displacement_m[i:j] - rests[0]) / (rests[1] - rests[0])
     progress = position if direction > 0 else 1 - position
-    smooth = _running_median(progress)
+    # A median over a short window takes out the sensor's spikes.
+    smooth = median_filter(progress, max(5, len(progress) // 200) | 1, mode="nearest")
     begins = int(np.argmax(smooth > _MARGIN))
     ends = int(np.argmax(smooth > 1 - _MARGIN))
     if not smooth[0] < 0.5 or ends - begins < 2 * _BINS:
@@ -94,13 +96,6 @@ def steady_motion(run: BenchRun, direction: int) -> SteadyMotion:
 def way_of(direction: int) -> str:
     """A direction in words."""
     return "extending" if direction > 0 else "retracting"
-
-
-def _running_median(values: np.ndarray) -> np.ndarray:
-    """Median over a short window, which takes out the sensor's spikes."""
-    width = max(5, len(values) // 200) | 1
-    padded = np.pad(values, width // 2, mode="edge")
-    return np.asarray(np.median(np.lib.stride_tricks.sliding_window_view(padded, width), axis=1))
 
 
 def _slope(run: BenchRun, part: slice) -> float:

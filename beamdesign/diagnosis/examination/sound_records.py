@@ -122,7 +122,7 @@ def bridged(record: TimeRecord) -> tuple[TimeRecord, list[Caution]]:
     return replace(record, measured=measured), found
 
 
-def _runs(signal: np.ndarray, least: int) -> list[tuple[int, int]]:
+def equal_runs(signal: np.ndarray, least: int) -> list[tuple[int, int]]:
     """First index and length of every run of equal values that is long enough."""
     edges = np.flatnonzero(np.diff(signal) != 0) + 1
     starts = np.concatenate([[0], edges])
@@ -145,7 +145,7 @@ def clipped(signal: np.ndarray) -> tuple[float, int, str] | None:
     found: dict[str, list[tuple[int, int]]] = {}
     levels = {"bottom": float(signal.min()), "top": float(signal.max())}
     for side, level in levels.items():
-        runs = [run for run in _runs(signal, _PLATEAU) if signal[run[0]] == level]
+        runs = [run for run in equal_runs(signal, _PLATEAU) if signal[run[0]] == level]
         kinked = [run for run in runs if _kinked(signal, *run, _KINK * max(step, noise))]
         if noise > 0.5 * step and sum(n for _, n in runs) >= _MANY:
             found[side] = runs
@@ -176,7 +176,7 @@ def stuck(signal: np.ndarray) -> list[tuple[int, int]]:
     usual = max(_KINK * step, 4 * float(np.median(moving)), _JUMP * noise_std(signal))
     low, high = float(signal.min()), float(signal.max())
     runs = []
-    for first, length in _runs(signal, _STUCK):
+    for first, length in equal_runs(signal, _STUCK):
         after = first + length
         if after >= len(signal) or first == 0 or signal[first] in (low, high):
             continue
