@@ -16,7 +16,6 @@ from typing import Any
 
 import numpy as np
 
-from beamdesign.controllers import Controller
 from beamdesign.controllers.protocol import ANY_PAYLOAD
 from beamdesign.diagnosis.data.dataset import Dataset, TimeRecord, without_noise
 from beamdesign.diagnosis.diagnosis import NextExperiment
@@ -45,48 +44,27 @@ class Experiment:
 
     Attributes:
         text: in words.
-        signal: what drives the rig.
-        controller: of the loop.
-        outer_end_mass: payload, kg.
-        inner_end_mass: kg.
+        scenario: of one record, which simulates or prescribes it.
         effort: against an experiment on the rig as it stands.
-        settings: for a program.
     """
 
     text: str
-    signal: Input
-    controller: Controller
-    outer_end_mass: float
-    inner_end_mass: float
+    scenario: Scenario
     effort: float = 1.0
-    settings: dict[str, Any] = field(default_factory=dict, hash=False)
-
-
-def scenario_of(experiment: Experiment, prototype: Prototype) -> Scenario:
-    """A scenario that simulates, or prescribes, one experiment."""
-    row = ScenarioRecord(
-        name="next",
-        input=(experiment.signal,),
-        outer_end_mass_kg=experiment.outer_end_mass,
-        inner_end_mass_kg=experiment.inner_end_mass,
-        controller=experiment.controller,
-    )
-    name = f"{shorter(prototype.name)}: next experiment"
-    return Scenario(name=name, duration_s=DURATION_S, sample_s=SAMPLE_S, start="rest", record=(row,))
 
 
 def menu(data: Dataset) -> Iterator[Experiment]:
     """All experiments: each signal at each setting of controller and masses, and at payloads not yet measured."""
+    name = f"{shorter(data.prototype.name)}: next experiment"
     for record, outer, inner, effort in _settings(data):
+        law, payload = record.controller, f"a payload of {outer:.3g} kg" if outer > 0 else "no payload"
         for signal, words in _signals(data):
-            payload = f"a payload of {outer:.3g} kg" if outer > 0 else "no payload"
-            controller = record.controller
-            text = f"{words}, {payload}, {controller.kind} controller of {controller.gain_A_per_V:.3g} A/V"
-            table = signal.model_dump(mode="json", exclude_none=True) | {
-                "outer_end_mass_kg": outer,
-                "inner_end_mass_kg": inner,
-            }
-            yield Experiment(text, signal, controller, outer, inner, effort, table)
+            text = f"{words}, {payload}, {law.kind} controller of {law.gain_A_per_V:.3g} A/V"
+            row = ScenarioRecord(
+                name="next", input=(signal,), outer_end_mass_kg=outer, inner_end_mass_kg=inner, controller=law
+            )
+            plan = Scenario(name=name, duration_s=DURATION_S, sample_s=SAMPLE_S, start="rest", record=(row,))
+            yield Experiment(text, plan, effort)
 
 
 def _settings(data: Dataset) -> list[tuple[TimeRecord, float, float, float]]:
@@ -215,10 +193,10 @@ def next_experiment(data: Dataset, rivals: Sequence[Fit], weights: Sequence[floa
         text += f"; without the added sensor {plain[0].least:.1f} ({plain[0].experiment.text})"
     if best.least < 2.0:
         text += "; none of the experiments tried separates them clearly"
-    settings = dict(best.experiment.settings) | {
-        "added_sensor": best.added,
-        "scenario": scenario_of(best.experiment, data.prototype).model_dump(mode="json", exclude_none=True),
-    }
+    plan = best.experiment.scenario.model_dump(mode="json", exclude_none=True)
+    (row,) = plan["record"]
+    settings = row["input"][0] | {key: row[key] for key in ("outer_end_mass_kg", "inner_end_mass_kg")}
+    settings |= {"added_sensor": best.added, "scenario": plan}
     told, open_ = information(best.between, weights), information(np.where(np.eye(len(among)), 0.0, inf), weights)
     text += f"; of the {open_:.2g} bits that are open it is expected to tell {told:.2g} at least"
     return NextExperiment(text + ".", names, best.least, settings, told, _series(data, best.experiment, among))
@@ -226,7 +204,7 @@ def next_experiment(data: Dataset, rivals: Sequence[Fit], weights: Sequence[floa
 
 def _series(data: Dataset, experiment: Experiment, rivals: Sequence[Fit]) -> dict[str, np.ndarray]:
     """Columns of the record to be taken: what to play, and what each rival predicts of it."""
-    job = _job(data.prototype, experiment)
+    job = _job(data.prototype, experiment.scenario)
     columns = {"t_s": job.record.times, "disturbance_N": job.record.inputs[:, 0], "command_V": job.record.inputs[:, 1]}
     for fit in rivals:
         predicted = job.simulated(fit.hypothesis.placement(data.prototype), fit.z, ("displacement_m",))
@@ -248,7 +226,7 @@ def separations(data: Dataset, rivals: Sequence[Fit], weights: Sequence[float]) 
 def _without_retuning(data: Dataset, experiment: Experiment, rivals: Sequence[Fit]) -> np.ndarray | None:
     """(R, R) differences of rivals with nothing re-tuned; None where one does not predict it."""
     channels = _channels(data)
-    job, column = _job(data.prototype, experiment), channels.index("displacement_m")
+    job, column = _job(data.prototype, experiment.scenario), channels.index("displacement_m")
     made = [job.simulated(fit.hypothesis.placement(data.prototype), fit.z, channels) for fit in rivals]
     predicted = [y for y in made if y is not None and np.all(np.isfinite(y))]
     reached = max(float(np.abs(r.measured["displacement_m"]).max()) for r in data.records)
@@ -264,7 +242,7 @@ def _closely(data: Dataset, experiment: Experiment, rivals: Sequence[Fit]) -> It
     recorded = _channels(data)
     others = [c for c in ADDED if c not in recorded and c in RIGS[data.prototype.rig].output_names]
     every = (*recorded, *others)
-    made, job = [], _job(data.prototype, experiment)
+    made, job = [], _job(data.prototype, experiment.scenario)
     for fit in rivals:
         found = job.simulated_with_slopes(fit.hypothesis.placement(data.prototype), fit.z, every)
         if found is None:
@@ -307,10 +285,11 @@ def _channels(data: Dataset) -> tuple[str, ...]:
     return tuple(c for c in first if all(c in record.measured for record in data.records))
 
 
-def _job(prototype: Prototype, experiment: Experiment) -> Replay:
-    scenario = scenario_of(experiment, prototype)
-    inputs, masses = inputs_of(scenario.record[0], scenario), (experiment.outer_end_mass, experiment.inner_end_mass)
-    return Replay(TimeRecord("next", scenario.times, inputs, {}, *masses, experiment.controller), prototype)
+def _job(prototype: Prototype, plan: Scenario) -> Replay:
+    (row,) = plan.record
+    assert row.controller is not None  # the menu names it
+    masses = row.outer_end_mass_kg or 0.0, row.inner_end_mass_kg or 0.0
+    return Replay(TimeRecord("next", plan.times, inputs_of(row, plan), {}, *masses, row.controller), prototype)
 
 
 def _as_record(data: Dataset, job: Replay, predicted: np.ndarray, channels: tuple[str, ...]) -> TimeRecord:

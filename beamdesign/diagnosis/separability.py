@@ -7,7 +7,7 @@ causes, what the other would take up with its severity and parameters free to fi
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from itertools import combinations
+from itertools import combinations, pairwise
 
 import numpy as np
 
@@ -67,17 +67,13 @@ def indistinguishable(
     if rest is None:
         raise ValueError("the believed prototype's loop is unstable under the conditions measured")
     base, tolerances = (np.concatenate(parts) for parts in zip(*rest, strict=True))
-    columns, parts, names = [tolerances], [], []
-    for hypothesis in hypotheses or [h for h in singles(data.prototype) if h.names == h.causes]:
-        found = _signature(evidence, hypothesis.placement(data.prototype), base)
-        if found is None:
-            continue
-        start = sum(c.shape[1] for c in columns)
-        columns.append(found)
-        parts.append(tuple(range(start, start + found.shape[1])))
-        names.append(str(hypothesis))
-    matrix = np.hstack(columns)
-    return _judged(matrix.T @ matrix, tolerances.shape[1], parts, tuple(names))
+    among = hypotheses or [h for h in singles(data.prototype) if h.names == h.causes]
+    tried = {str(h): _signature(evidence, h.placement(data.prototype), base) for h in among}
+    found = {name: columns for name, columns in tried.items() if columns is not None}
+    matrix = np.hstack([tolerances, *found.values()])
+    edges = np.cumsum([tolerances.shape[1], *(columns.shape[1] for columns in found.values())])
+    parts = [range(first, last) for first, last in pairwise(edges.tolist())]
+    return _judged(matrix.T @ matrix, tolerances.shape[1], parts, tuple(found))
 
 
 def _signature(evidence: Sequence[Evidence], placement: Placement, base: np.ndarray) -> np.ndarray | None:

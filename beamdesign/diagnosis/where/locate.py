@@ -240,12 +240,8 @@ def laws_of(found: Sequence[Residual], null: Fit) -> tuple[Explanation, ...]:
     plain, smooth = (
         {e.subsystem: e for e in explanations(regression(found, null, corrected))} for corrected in (False, True)
     )
-    merged = []
-    for name in plain:
-        one, other = plain[name], smooth[name]
-        larger = one if one.share >= other.share else other
-        mean = (max(one.share, 0.0) + max(other.share, 0.0)) / 2
-        merged.append(replace(larger, share=mean))
+    both = [(plain[name], smooth[name]) for name in plain]
+    merged = [replace(max(two, key=lambda e: e.share), share=sum(max(e.share, 0.0) for e in two) / 2) for two in both]
     most = max(e.share for e in merged)
     close = [e for e in merged if e.share > most - _ALIKE]
     lead = max(close, key=lambda e: plain[e.subsystem].share)
