@@ -273,7 +273,7 @@ def test_amended_prototypes_hold_what_was_fitted(joint_set: Path):
     hypothesis = max(candidates(), key=lambda each: (each.size, "breakaway_ratio" in each.figures))
     assert len(hypothesis.names) == 7
     fit = held_out(data.prototype, hypothesis, seen, scatter(seen)).fit
-    rig = updated_prototype(data.prototype, hypothesis, fit)
+    rig = updated_prototype(data.prototype, fit)
     assert rig.actuator.piston_leakage_m3_per_s_per_Pa == fit.values["piston_leakage"]
     assert rig.actuator.line_loss_Pa_s2_per_m6 == fit.values["line_loss"]
     assert rig.servovalve.edge_b_ratio == fit.values["edge_b"]

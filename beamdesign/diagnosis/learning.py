@@ -119,11 +119,8 @@ def learn(
 
 def _of(kept: FitCache | None, data: Dataset) -> FitCache | None:
     """Where fits of learnt laws are kept, whose unknowns go by the scales that the prototype states."""
-    return None if kept is None else replace(kept, prototype=data.prototype, part=(*kept.part, _digest(data)))
-
-
-def _digest(data: Dataset) -> str:
-    return sha256(repr(data.prototype.effects).encode()).hexdigest()[:12]
+    scales = sha256(repr(data.prototype.effects).encode()).hexdigest()[:12]
+    return None if kept is None else replace(kept, prototype=data.prototype, part=(*kept.part, scales))
 
 
 def _fitted(data: Dataset, before: Search, workers: int, progress: Progress, kept: FitCache | None) -> list[Fit]:

@@ -108,7 +108,7 @@ def diagnose_bench(data: BenchSet, among: Sequence[BenchHypothesis] | None = Non
         gap,
         (),
         _next_experiment(ranked, seen) if verdict in ("ambiguous", "unknown") else None,
-        updated_prototype(rig, best.hypothesis, best.fit, **readings) if chosen else rig,
+        updated_prototype(rig, best.fit, **readings) if chosen else rig,
         data.warnings,
         hypotheses=_sets(ranked, judged, gap),
         notes=(*notes, *still),
@@ -182,7 +182,7 @@ def _causes(
     marginal: Mapping[str, float],
     chosen: Sequence[str],
 ) -> tuple[Cause, ...]:
-    named = parameters(prototype, best.hypothesis.causes, best.fit)
+    named = parameters(prototype, best.fit)
     found = []
     for name, probability in marginal.items():
         share = 0.0

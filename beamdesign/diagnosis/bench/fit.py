@@ -211,20 +211,17 @@ def _density(trained: Fit, deviation: Mapping[str, float], missed: Mapping[str, 
     return total
 
 
-def updated_prototype(
-    prototype: BenchPrototype, hypothesis: BenchHypothesis, fit: Fit, **readings: float | None
-) -> BenchPrototype:
+def updated_prototype(prototype: BenchPrototype, fit: Fit, **readings: float | None) -> BenchPrototype:
     """The prototype with a fit's causes as effects and its figures in place of the believed ones.
 
     Args:
         prototype: what was believed.
-        hypothesis: what is held responsible.
-        fit: of that.
+        fit: of what is held responsible.
         readings: figures of its sensors that the data show; None: as believed.
     """
     effects = {
         name: {key: estimate.value for key, estimate in table.items()}
-        for name, table in parameters(prototype, hypothesis.causes, fit).items()
+        for name, table in parameters(prototype, fit).items()
         if not name.startswith(WRONG)
     }
     if "seal_friction" in effects:
@@ -256,7 +253,7 @@ def replayed(data: BenchSet, chosen: HeldOut) -> tuple[RecordGap, ...]:
     rows = []
     for condition, trained in chosen.without.items():
         runs = [run for run in data.runs if run.condition == condition]
-        rigs = data.prototype, updated_prototype(data.prototype, chosen.hypothesis, trained)
+        rigs = data.prototype, updated_prototype(data.prototype, trained)
         before, after = (_rms(data.prototype, _missed(rig, runs)) for rig in rigs)
         floor = _rms(data.prototype, _scattered(runs))
         rows += [RecordGap(f"{condition}, {c}", True, before[c], np.nan, after[c], floor[c]) for c in REPLAYED]

@@ -241,18 +241,12 @@ def steady_placement(prototype: BenchPrototype, hypothesis: BenchHypothesis, lar
     return SteadyPlacement((*found, *(moved[name] for name in hypothesis.figures)), ORIFICES in hypothesis.names)
 
 
-def parameters(prototype: BenchPrototype, names: tuple[str, ...], found: Fit) -> dict[str, dict[str, Estimate]]:
-    """Fitted parameters of causes, by contract names, SI.
-
-    Args:
-        prototype: what was believed.
-        names: of the causes.
-        found: a fit of them.
-    """
-    own: dict[str, dict[str, Estimate]] = {name: {} for name in names}
+def parameters(prototype: BenchPrototype, found: Fit) -> dict[str, dict[str, Estimate]]:
+    """Fitted parameters of a fit's causes, by contract names, SI."""
+    own: dict[str, dict[str, Estimate]] = {name: {} for name in found.hypothesis.causes}
     std = found.standard_errors
     for figure in FIGURES:
-        if figure.cause in names and figure.name in std:
+        if figure.cause in own and figure.name in std:
             factor = prototype.servovalve.amplifier_A_per_V if figure.name == "deadband_V" else 1.0
             own[figure.cause][figure.key] = Estimate(factor * found.values[figure.name], factor * std[figure.name])
     return own
