@@ -26,14 +26,14 @@ from beamdesign.diagnosis.diagnosis import (
 from beamdesign.diagnosis.examination.plausibility import examine
 from beamdesign.diagnosis.experiment import next_experiment
 from beamdesign.diagnosis.fitting.evidence import RecordEvidence, evidence_of, with_output_injection
-from beamdesign.diagnosis.fitting.fit import Fit, FitCache
-from beamdesign.diagnosis.fitting.search import Search, refit, search
+from beamdesign.diagnosis.fitting.fit import FitCache
+from beamdesign.diagnosis.fitting.search import refit, search
 from beamdesign.diagnosis.gain_diagnosis import explain_gains
 from beamdesign.diagnosis.gap_metrics import errors, gap, sizes
 from beamdesign.diagnosis.judgement import THRESHOLDS, Judgement, cause_sets, causes, classes, judge
 from beamdesign.diagnosis.learning import described, learn
 from beamdesign.diagnosis.level import LEVEL, chance
-from beamdesign.diagnosis.second_look import second_look
+from beamdesign.diagnosis.second_look import refit_backlash_impacts, second_look
 from beamdesign.diagnosis.separability import indistinguishable
 from beamdesign.diagnosis.where.locate import locate
 from beamdesign.progress import Progress, silent
@@ -173,10 +173,10 @@ def _diagnosed(data: Dataset, workers: int, progress: Progress, kept: FitCache |
         with share(_HELD_OUT, within_steps=True):
             if learnt is not None:
                 tuned, outside = learnt.refitted
-            elif kept_out and again:
-                tuned, outside = again.refit(seen, plain, best, workers, kept)
+            elif kept_out and again and not again.oscillates:
+                tuned, outside = refit(seen, plain, workers, kept)[0], refit_backlash_impacts(seen, best)
             elif kept_out:
-                tuned, outside = refit(seen, best, workers, kept)
+                tuned, outside = refit(seen, best, workers, kept, synchronised=again is not None)
     except TimeUp:
         kept_out = ()
         leave_out("records held out")
@@ -200,7 +200,9 @@ def _diagnosed(data: Dataset, workers: int, progress: Progress, kept: FitCache |
     where = locate(data, found, best, evidence, [c for c in ranked if c.name in chosen], judged.unknown)
     asked = None
     if verdict in ("ambiguous", "unknown") and not left:
-        asked = next_experiment(data, *zip(*rivals(found, judged), strict=True))
+        fits = [f for f in (found.null, *found.fits) if f.hypothesis in judged.of]
+        fits.sort(key=lambda f: -judged.of[f.hypothesis])
+        asked = next_experiment(data, fits, [judged.of[f.hypothesis] for f in fits])
     return Diagnosis(
         data.name,
         verdict,
@@ -254,12 +256,6 @@ def verdict_of(judged: Judgement, doubtful: bool = False, rare: float = nan) -> 
 def confirmed(measured: Gap) -> bool:
     """Whether conditions held out do not speak against what is chosen: re-tuned tolerances predict them no better."""
     return measured.after <= max(THRESHOLDS.worse * measured.tuned, THRESHOLDS.near_noise * measured.noise_floor)
-
-
-def rivals(found: Search, judged: Judgement) -> list[tuple[Fit, float]]:
-    """The most probable fits with their probabilities, best first; the next experiment has to tell them apart."""
-    fits = ((f, judged.of[f.hypothesis]) for f in (found.null, *found.fits) if f.hypothesis in judged.of)
-    return sorted(fits, key=lambda pair: -pair[1])
 
 
 def sentences(

@@ -46,11 +46,21 @@ class Experiment:
         text: in words.
         scenario: of one record, which simulates or prescribes it.
         effort: against an experiment on the rig as it stands.
+        added: channel of an added sensor; empty for none.
+        between: (R, R) by how much it separates rivals, units of misfit (square root), the lesser of both cases; empty
+            where that is not worked out.
     """
 
     text: str
     scenario: Scenario
     effort: float = 1.0
+    added: str = ""
+    between: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)), repr=False)
+
+    @property
+    def least(self) -> float:
+        """Between the first rival and the one closest to it."""
+        return float(self.between[0, 1:].min())
 
 
 def menu(data: Dataset) -> Iterator[Experiment]:
@@ -122,31 +132,6 @@ ADDED = {
 """Channels that a sensor could be added for."""
 
 
-@dataclass(frozen=True)
-class Separation:
-    """Of rivals by one experiment.
-
-    Attributes:
-        experiment: done.
-        added: channel of an added sensor; empty for none.
-        between: (R, R) units of misfit (square root), the lesser of both cases.
-    """
-
-    experiment: Experiment
-    added: str
-    between: np.ndarray = field(repr=False)
-
-    @property
-    def least(self) -> float:
-        """Between the first rival and the one closest to it."""
-        return float(self.between[0, 1:].min())
-
-    @property
-    def effort(self) -> float:
-        """Against an experiment on the rig as it stands."""
-        return self.experiment.effort * (_ANOTHER_SENSOR if self.added else 1.0)
-
-
 def information(between: np.ndarray, weights: Sequence[float]) -> float:
     """Least expected information about which rival it is, bits.
 
@@ -186,20 +171,20 @@ def next_experiment(data: Dataset, rivals: Sequence[Fit], weights: Sequence[floa
     names = tuple(str(fit.hypothesis) for fit in among)
     plain = [s for s in ranked if not s.added]
     also = f", with a sensor for the {ADDED[best.added]} added" if best.added else ""
-    text = f"{best.experiment.text}{also}. Expected separation of {names[0]} from "
+    text = f"{best.text}{also}. Expected separation of {names[0]} from "
     text += " and ".join(f"{name} {best.between[0, k]:.1f}" for k, name in enumerate(names) if k > 0)
     text += " units of misfit per record of 4 s, figures re-tuned"
     if best.added and plain:
-        text += f"; without the added sensor {plain[0].least:.1f} ({plain[0].experiment.text})"
+        text += f"; without the added sensor {plain[0].least:.1f} ({plain[0].text})"
     if best.least < 2.0:
         text += "; none of the experiments tried separates them clearly"
-    plan = best.experiment.scenario.model_dump(mode="json", exclude_none=True)
+    plan = best.scenario.model_dump(mode="json", exclude_none=True)
     (row,) = plan["record"]
     settings = row["input"][0] | {key: row[key] for key in ("outer_end_mass_kg", "inner_end_mass_kg")}
     settings |= {"added_sensor": best.added, "scenario": plan}
     told, open_ = information(best.between, weights), information(np.where(np.eye(len(among)), 0.0, inf), weights)
     text += f"; of the {open_:.2g} bits that are open it is expected to tell {told:.2g} at least"
-    return NextExperiment(text + ".", names, best.least, settings, told, _series(data, best.experiment, among))
+    return NextExperiment(text + ".", names, best.least, settings, told, _series(data, best, among))
 
 
 def _series(data: Dataset, experiment: Experiment, rivals: Sequence[Fit]) -> dict[str, np.ndarray]:
@@ -213,7 +198,7 @@ def _series(data: Dataset, experiment: Experiment, rivals: Sequence[Fit]) -> dic
     return columns
 
 
-def separations(data: Dataset, rivals: Sequence[Fit], weights: Sequence[float]) -> list[Separation]:
+def separations(data: Dataset, rivals: Sequence[Fit], weights: Sequence[float]) -> list[Experiment]:
     """All experiments that every rival predicts, best first; those that promise most are looked at with re-tuning."""
     looks = ((_without_retuning(data, one, rivals), one) for one in menu(data))
     quick = [(information(between, weights) / one.effort, one) for between, one in looks if between is not None]
@@ -237,7 +222,7 @@ def _without_retuning(data: Dataset, experiment: Experiment, rivals: Sequence[Fi
     return np.asarray(np.linalg.norm(weighed[:, None] - weighed[None], axis=2))
 
 
-def _closely(data: Dataset, experiment: Experiment, rivals: Sequence[Fit]) -> Iterator[Separation]:
+def _closely(data: Dataset, experiment: Experiment, rivals: Sequence[Fit]) -> Iterator[Experiment]:
     """With what the rivals may still re-tune taken out: with the channels recorded so far, and one more."""
     recorded = _channels(data)
     others = [c for c in ADDED if c not in recorded and c in RIGS[data.prototype.rig].output_names]
@@ -259,7 +244,8 @@ def _closely(data: Dataset, experiment: Experiment, rivals: Sequence[Fit]) -> It
         for i, j in combinations(range(len(rivals)), 2):
             difference = weight(made[i][0][:, at] - made[j][0][:, at])
             between[i, j] = between[j, i] = min(distance(difference, open_[k]) for k in (i, j))
-        yield Separation(experiment, added, between)
+        effort = experiment.effort * (_ANOTHER_SENSOR if added else 1.0)
+        yield replace(experiment, effort=effort, added=added, between=between)
 
 
 def distance(difference: np.ndarray, free: np.ndarray) -> float:

@@ -242,7 +242,12 @@ def steady_placement(prototype: BenchPrototype, hypothesis: BenchHypothesis, lar
 
 
 def parameters(prototype: BenchPrototype, found: Fit) -> dict[str, dict[str, Estimate]]:
-    """Fitted parameters of a fit's causes, by contract names, SI."""
+    """Fitted parameters of causes, by contract names, SI.
+
+    Args:
+        prototype: what was believed.
+        found: a fit of the causes.
+    """
     own: dict[str, dict[str, Estimate]] = {name: {} for name in found.hypothesis.causes}
     std = found.standard_errors
     for figure in FIGURES:

@@ -16,7 +16,7 @@ from scipy.optimize import least_squares, minimize_scalar
 from scipy.signal import cont2discrete, fftconvolve
 
 from beamdesign.controllers import Controller, Lag
-from beamdesign.diagnosis.data.dataset import TimeRecord
+from beamdesign.diagnosis.data.dataset import FrequencyResponse, MeasuredGain, TimeRecord
 from beamdesign.diagnosis.fitting.weighting import TOP, faded, white
 from beamdesign.plant.electronics import HEARD, state_space
 from beamdesign.plant.equilibrium import Linearisation
@@ -67,19 +67,16 @@ class NominalLoop(Linearisation):
         return np.fft.irfft(shares * spectra[:, None, :], padded, axis=0)[:count]
 
 
-def nominal_loop(
-    prototype: Prototype, controller: Controller, outer_end_mass: float, inner_end_mass: float
-) -> NominalLoop:
+def nominal_loop(prototype: Prototype, taken: TimeRecord | FrequencyResponse | MeasuredGain) -> NominalLoop:
     """Close the loop around a prototype's linear plant, its effects left out.
 
     Args:
         prototype: believed.
-        controller: of the record.
-        outer_end_mass: payload, kg.
-        inner_end_mass: kg.
+        taken: with the controller and the end masses.
     """
+    controller = taken.controller
     plant = paper_model(prototype.but(effects={}))
-    a, b, c = plant.matrices(outer_end_mass, inner_end_mass)
+    a, b, c = plant.matrices(taken.outer_end_mass, taken.inner_end_mass)
     force, current, volts = b[:, 0], b[:, 1], c[1]
     own, entering, leaving, straight = state_space(controller.equations, controller.figures())
     # What the law hears: error = command - volts, command, inner tip, and what one actuator or the other feels.
@@ -96,14 +93,9 @@ def nominal_loop(
     return NominalLoop(closed, driven, seen, through)
 
 
-def loop_of(record: TimeRecord, prototype: Prototype) -> NominalLoop:
-    """The believed loop of a record."""
-    return nominal_loop(prototype, record.controller, record.outer_end_mass, record.inner_end_mass)
-
-
 def expected(record: TimeRecord, prototype: Prototype) -> Mapping[str, np.ndarray] | None:
     """(N, 2) shares of force and command by channel of a record; None where the believed loop is unstable."""
-    loop = loop_of(record, prototype)
+    loop = nominal_loop(prototype, record)
     if not loop.stable:
         return None
     shares = loop.driven(record.inputs, record.step)

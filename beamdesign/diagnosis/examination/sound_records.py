@@ -10,7 +10,7 @@ from hashlib import sha256
 import numpy as np
 
 from beamdesign.diagnosis.data.dataset import TimeRecord
-from beamdesign.diagnosis.examination.nominal import commanded_current, described, loop_of, mismatch, nominal_loop
+from beamdesign.diagnosis.examination.nominal import commanded_current, described, mismatch, nominal_loop
 from beamdesign.diagnosis.fitting.weighting import TOP, white
 from beamdesign.prototype import Prototype
 from beamdesign.structure.lumped import figures
@@ -282,7 +282,7 @@ def law(record: TimeRecord, prototype: Prototype) -> Iterator[Finding]:
 
 def suitability(record: TimeRecord, prototype: Prototype) -> Iterator[Finding]:
     """Whether it is long and fine enough and excited where it matters, for the loop as believed."""
-    of, loop, moved = figures(prototype), loop_of(record, prototype), record.measured["displacement_m"]
+    of, loop, moved = figures(prototype), nominal_loop(prototype, record), record.measured["displacement_m"]
     heaviest = max(record.outer_end_mass, record.inner_end_mass)
     text = f"an end mass of {heaviest:g} kg on a beam of {of['outer_mass']:.3g} kg is not credible (is it in grams?)"
     yield "units", heaviest > _HEAVIEST * of["outer_mass"], text
@@ -364,7 +364,7 @@ def masses(record: TimeRecord, prototype: Prototype, pairs: Sequence[tuple[float
 
 
 def _misfit(record: TimeRecord, prototype: Prototype, outer: float, inner: float) -> float:
-    loop = nominal_loop(prototype, record.controller, outer, inner)
+    loop = nominal_loop(prototype, replace(record, outer_end_mass=outer, inner_end_mass=inner))
     if not loop.stable:
         return np.inf
     return mismatch(record.measured["displacement_m"], loop.driven(record.inputs, record.step)[:, 1].sum(axis=1))[0]

@@ -125,10 +125,8 @@ def probe(job: Replay, placement: Placement, z: np.ndarray) -> Probe:
         z: of its unknowns.
 
     Raises:
-        ValueError: where the rig has no equilibrium, or the placement has effects.
+        ValueError: where the rig has no equilibrium.
     """
-    if placement.assembly.kinds.effects:
-        raise ValueError("a probe is that of the linear rig")
     placed, parameters = job.placed(placement), job.parameters(placement, z)
     x = equilibrium(placed.assembly, np.zeros(3), parameters)
     at = places(placed.assembly.kinds.rig)
