@@ -3,10 +3,13 @@
 Some records are kept out of every fit, to measure the gap on; what is found is told in a few sentences.
 """
 
+import tomllib
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import cache
 from itertools import combinations
 from math import nan
+from pathlib import Path
 
 import numpy as np
 
@@ -32,7 +35,6 @@ from beamdesign.diagnosis.gain_diagnosis import explain_gains
 from beamdesign.diagnosis.gap_metrics import errors, gap, sizes
 from beamdesign.diagnosis.judgement import THRESHOLDS, Judgement, cause_sets, causes, classes, judge
 from beamdesign.diagnosis.learning import described, learn
-from beamdesign.diagnosis.level import LEVEL, chance
 from beamdesign.diagnosis.second_look import refit_backlash_impacts, second_look
 from beamdesign.diagnosis.separability import indistinguishable
 from beamdesign.diagnosis.where.locate import locate
@@ -149,7 +151,7 @@ def _diagnosed(data: Dataset, workers: int, progress: Progress, kept: FitCache |
     except TimeUp:
         leave_out("a law learnt from the records")
     # What no model repeats from rest, a law that is learnt does not either: where one does, it is nothing of that kind.
-    if judged.unknown > 0.5 and (learnt is None or learnt.left > _REPEATED):
+    if judged.unknown > 0.5 and (learnt is None or learnt.search.excess(learnt.judged.best) > _REPEATED):
         try:
             with share(_SECOND, within_steps=True):
                 again = second_look(data, found, workers, _between(0.82, 0.96, progress), kept)
@@ -180,7 +182,7 @@ def _diagnosed(data: Dataset, workers: int, progress: Progress, kept: FitCache |
     except TimeUp:
         kept_out = ()
         leave_out("records held out")
-    ranked = described(causes(found, judged), best, data)
+    ranked = tuple(described(cause, best, data) for cause in causes(found, judged))
     records = [piece for piece in evidence if isinstance(piece, RecordEvidence)]
     if len(best.hypothesis.causes) > 1:  # the dominant one first
         size = sizes(best, data.prototype, records)
@@ -231,6 +233,38 @@ def _between(low: float, high: float, progress: Progress) -> Progress:
     return lambda share, doing: progress(low + (high - low) * share, doing)
 
 
+LEVEL = 0.02
+"""Share of rigs without a gap that may be said to have one."""
+
+
+@cache
+def null_scores() -> tuple[float, ...]:
+    """Probability of no gap that each of the rigs without one was given, least first."""
+    path = Path(__file__).with_name("nulls.toml")
+    return tuple(sorted(tomllib.loads(path.read_text(encoding="utf-8"))["no_gap"]))
+
+
+def chance(no_gap: float, among: Sequence[float] | None = None) -> float:
+    """How often a rig without a gap looks as much as if it had one: a test whose level holds in finite samples.
+
+    The probability that a diagnosis gives to no gap is ranked among those of rigs without one, drawn and diagnosed by
+    the same program (`studies/benchmarks/null_scores.py`, their scores in `nulls.toml`). If a rig without a gap is
+    drawn like these, every rank is as probable as any other, so that what is returned is at most a level with at most
+    that probability: split conformal prediction (V. Vovk, A. Gammerman and G. Shafer, Algorithmic Learning in a Random
+    World, Springer 2005, section 2.2). As the score is the last that a diagnosis says, nothing has to be corrected for
+    how many causes and places were looked at. Nothing is promised of rigs that are unlike those.
+
+    Args:
+        no_gap: probability that a diagnosis gives to it.
+        among: the same of rigs without a gap; those of `null_scores` if None.
+
+    Returns:
+        probability that a rig without a gap is given so little probability of having none (a conformal p-value).
+    """
+    scores = null_scores() if among is None else among
+    return (1 + sum(score <= no_gap for score in scores)) / (1 + len(scores))
+
+
 def verdict_of(judged: Judgement, doubtful: bool = False, rare: float = nan) -> Verdict:
     """What the probabilities come to.
 
@@ -240,7 +274,7 @@ def verdict_of(judged: Judgement, doubtful: bool = False, rare: float = nan) -> 
     Args:
         judged: the probabilities.
         doubtful: whether data or conditions held out speak against them.
-        rare: of rigs without a gap, the share that is judged so, see `level`; there is no gap above `LEVEL`, and below
+        rare: of rigs without a gap, the share that is judged so, see `chance`; there is no gap above `LEVEL`, and below
             it something is missing even where nothing known explains it. NaN where it is not known.
     """
     if judged.unknown > 0.5 and not rare > LEVEL:
@@ -250,7 +284,8 @@ def verdict_of(judged: Judgement, doubtful: bool = False, rare: float = nan) -> 
         return "ambiguous" if named else "unknown"
     if not named:
         return "unknown" if rare <= LEVEL else "no_gap"
-    return "effect" if judged.sure >= THRESHOLDS.confident * (1 - judged.unknown) else "ambiguous"
+    sure = judged.of_causes[judged.best.hypothesis.causes]
+    return "effect" if sure >= THRESHOLDS.confident * (1 - judged.unknown) else "ambiguous"
 
 
 def confirmed(measured: Gap) -> bool:

@@ -53,11 +53,6 @@ class Learning:
     judged: Judgement
     refitted: tuple[Fit, Fit]
 
-    @property
-    def left(self) -> float:
-        """Misfit beyond noise, as a share of what tolerances alone leave."""
-        return self.search.excess(self.judged.best)
-
 
 def learn(
     data: Dataset,
@@ -168,18 +163,16 @@ def without_idle_terms(data: Dataset, best: Fit) -> Dataset:
     return replace(data, prototype=data.prototype.but(effects=effects)) if idle else data
 
 
-def described(causes: Sequence[Cause], best: Fit, data: Dataset) -> tuple[Cause, ...]:
-    """Causes, those of them that were learnt with what they are like and their table.
+def described(cause: Cause, best: Fit, data: Dataset) -> Cause:
+    """A cause, with what it is like and its table where it was learnt.
 
     Args:
-        causes: any.
+        cause: any.
         best: the fit that is held responsible.
         data: whose prototype states the scales.
     """
-    return tuple(_described(c, best, data) if c.name in best.hypothesis.causes else c for c in causes)
-
-
-def _described(cause: Cause, best: Fit, data: Dataset) -> Cause:
+    if cause.name not in best.hypothesis.causes:
+        return cause
     law = library().get(best.hypothesis.realisation(cause.name))
     if law is None or law.nearest is None:
         return cause

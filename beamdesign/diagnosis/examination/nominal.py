@@ -149,11 +149,6 @@ class ControllerFit:
     with_limit: float
     offset_A: float
 
-    @property
-    def explained(self) -> float:
-        """Least residual of all of these."""
-        return min(self.residual, self.with_gain, self.with_delay, self.with_lag, self.with_limit)
-
 
 def commanded_current(record: TimeRecord, controller: Controller, sensor_gain: float) -> np.ndarray | None:
     """(N,) current that a controller makes of a record's command and of what was sensed, A.

@@ -323,7 +323,7 @@ def lost_by_recorder(caution: Caution, fits: Mapping[str, ControllerFit]) -> Cau
     fit = fits.get(caution.record)
     if caution.name != "stuck" or fit is None:
         return caution
-    if _plain(fit.explained, fit):
+    if _plain(min(fit.residual, fit.with_gain, fit.with_delay, fit.with_lag, fit.with_limit), fit):
         return replace(caution, text=f"{caution.text} by the recorder, for the current went on", left_out=True)
     return replace(caution, text=f"{caution.text} by the sensor, for the current followed them: repair it")
 

@@ -124,16 +124,12 @@ def _fitted_here(task: Task) -> Fit:
 
 def fitted(task: Task, prototype: Prototype, evidence: Sequence[Evidence]) -> Fit:
     """The best of fits from the most promising starts."""
-    if task.on:
-        some = [evidence[k] for k in task.on]
-        if not any(name in RESONANT for name in task.hypothesis.effects):
-            return fit_from_starts(task.hypothesis, prototype, some, task.known, (), 1, task.hints, _QUICK)
-        # No fit has found yet where it resonates, and a few iterations do not come to a narrow resonance.
-        return fit_from_starts(
-            task.hypothesis, prototype, some, task.known, resonances(some, prototype, task.known), hints=task.hints
-        )
-    peaks = resonances(evidence, prototype, task.known)
-    return fit_from_starts(task.hypothesis, prototype, evidence, task.known, peaks, hints=task.hints)
+    some = [evidence[k] for k in task.on] or evidence
+    # Where no fit has found yet what resonates, a few iterations do not come to a narrow resonance.
+    if task.on and not any(name in RESONANT for name in task.hypothesis.effects):
+        return fit_from_starts(task.hypothesis, prototype, some, task.known, (), 1, task.hints, _QUICK)
+    peaks = resonances(some, prototype, task.known)
+    return fit_from_starts(task.hypothesis, prototype, some, task.known, peaks, hints=task.hints)
 
 
 _BEST_SINGLES = ((0.03, 1), (0.15, 2), (np.inf, 4))
