@@ -185,21 +185,19 @@ def _diagnosed(data: Dataset, workers: int, progress: Progress, kept: FitCache |
     ranked = tuple(described(cause, best, data) for cause in causes(found, judged))
     records = [piece for piece in evidence if isinstance(piece, RecordEvidence)]
     if len(best.hypothesis.causes) > 1:  # the dominant one first
-        size = sizes(best, data.prototype, records)
+        size = sizes(best, records)
         ranked = tuple(sorted(ranked, key=lambda c: -size.get(c.name, -1.0)))
     chosen = tuple(c.name for c in ranked if c.name in best.hypothesis.causes)
-    from_rest = tuple(errors(piece, data.prototype, tuned, outside, best) for piece in records)
+    from_rest = tuple(errors(piece, tuned, outside, best) for piece in records)
     measured = synchronised = gap(from_rest, kept_out)
     if again is not None:
         # What cannot be predicted from rest neither confirms nor refutes what is chosen: models that follow it do.
-        synchronised = gap(
-            [errors(with_output_injection(piece), data.prototype, tuned, outside, best) for piece in records], kept_out
-        )
+        synchronised = gap([errors(with_output_injection(piece), tuned, outside, best) for piece in records], kept_out)
         measured = synchronised if again.oscillates else measured
     doubtful, left = examined.limits_confidence or not confirmed(synchronised), left_out()
     verdict = no_surer(verdict_of(judged, doubtful, rare), left)
     progress(1.0, "where the gap lies")
-    where = locate(data, found, best, evidence, [c for c in ranked if c.name in chosen], judged.unknown)
+    where = locate(found, best, evidence, [c for c in ranked if c.name in chosen], judged.unknown)
     asked = None
     if verdict in ("ambiguous", "unknown") and not left:
         fits = [f for f in (found.null, *found.fits) if f.hypothesis in judged.of]

@@ -97,7 +97,7 @@ def learn(
     null, without = refit(seen, best, workers, _of(kept, scaled))
     other = refit(seen, rival, workers, kept)[1] if contested else null
     out = [piece for k, piece in enumerate(record_evidence(scaled)) if k in held_out]
-    found_by = [[errors(piece, scaled.prototype, null, fit, fit) for piece in out] for fit in (without, other)]
+    found_by = [[errors(piece, null, fit, fit) for piece in out] for fit in (without, other)]
     left, left_by_rival = (sum(float(np.mean(e.after**2)) - e.noise**2 for e in own) for own in found_by)
     spread = max(1.0, best.misfit / before.expected)
     told, told_by_rival = (held_out_score(fit, before.conditions, spread) for fit in (best, rival))
@@ -138,7 +138,7 @@ def _fitted(data: Dataset, before: Search, workers: int, progress: Progress, kep
 def with_scales(data: Dataset, null: Fit) -> Dataset:
     """The data set, its prototype stating the sizes that signals of laws reach in the linear model, where they do."""
     signals: dict[str, float] = {"": max(float(record.times[-1]) for record in data.records)}
-    for item in residuals(data.prototype, null, record_evidence(data)):
+    for item in residuals(null, record_evidence(data)):
         for name, values in item.nominal().items():
             signals[name] = max(signals.get(name, 0.0), float(np.abs(values).max()))
     laws = (law for h in learnable(data.prototype) if (law := library()[h.names[0]]).scales)

@@ -5,12 +5,10 @@ A gap is told to be linear, static, hysteretic or drifting.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import NamedTuple
 
 import casadi as ca
 import numpy as np
 
-from beamdesign.diagnosis.data.dataset import Dataset
 from beamdesign.diagnosis.diagnosis import Cause, Indicator, Where, in_words, listed
 from beamdesign.diagnosis.examination.nominal import controller_fit
 from beamdesign.diagnosis.fitting.fit import Fit
@@ -24,20 +22,11 @@ from beamdesign.plant.assembly import RIGS, Structure, assemble, fits
 from beamdesign.plant.effect import SUBSYSTEMS
 from beamdesign.plant.effects import library
 from beamdesign.plant.electronics import LAG
-from beamdesign.prototype import Prototype
 from beamdesign.time_limit import TimeUp, leave_out, share
 
 
-class Vote(NamedTuple):
-    """What one indicator holds.
-
-    Attributes:
-        by: subsystem, from 0 to 1 in all.
-        indicator: as a diagnosis records it.
-    """
-
-    by: Mapping[str, float]
-    indicator: Indicator
+Vote = tuple[Mapping[str, float], Indicator]
+"""What an indicator holds by subsystem, from 0 to 1 in all, and as a diagnosis records it."""
 
 
 def vote(name: str, by: Mapping[str, float], text: str, table: Mapping[str, tuple[object, ...]] | None = None) -> Vote:
@@ -47,7 +36,7 @@ def vote(name: str, by: Mapping[str, float], text: str, table: Mapping[str, tupl
     """
     (first, most), (_, second) = (*sorted(by.items(), key=lambda item: -item[1]), ("", 0.0), ("", 0.0))[:2]
     favourite = first if most > max(second, 0.0) else ""
-    return Vote(by, Indicator(name, favourite, min(1.0, max(0.0, most - second)), text, table or {}))
+    return by, Indicator(name, favourite, min(1.0, max(0.0, most - second)), text, table or {})
 
 
 _FITS, _CONTROLLER, _LAWS = "the fits", "the controller's equation", "the laws of each equation"
@@ -73,9 +62,9 @@ def about_fits(chosen: Fit, causes: Sequence[Cause], unknown: float) -> Vote:
     return vote(_FITS, votes, text)
 
 
-def about_controller(prototype: Prototype, found: Sequence[Residual]) -> Vote:
+def about_controller(found: Sequence[Residual]) -> Vote:
     """Measured current against K C(s) (command - F x): the one equation that the channels can check alone."""
-    held = [controller_fit(item.evidence.record, prototype.sensor.gain_V_per_m) for item in found]
+    held = [controller_fit(i.evidence.record, i.evidence.job.prototype.sensor.gain_V_per_m) for i in found]
     fits = [fit for fit in held if fit is not None]
     if not fits:
         text = "No record holds all that its controller hears, so that its equation says nothing."
@@ -181,7 +170,6 @@ NO_GAP = Where("", (0.0, 0.0), "", sentence="There is no gap to place.")
 
 
 def locate(
-    data: Dataset,
     search: Search,
     chosen: Fit,
     evidence: Sequence[object],
@@ -191,7 +179,6 @@ def locate(
     """Find where the gap lies.
 
     Args:
-        data: what came back.
         search: all fits.
         chosen: the fit held responsible; that of the null where there is no gap, or no known cause.
         evidence: pieces of the data set; those that are time records testify.
@@ -209,9 +196,9 @@ def locate(
     seen: Setting | None = None
     try:
         with share(1.0, within_steps=True):
-            if found := residuals(data.prototype, search.null, evidence):
+            if found := residuals(search.null, evidence):
                 seen = setting(found)
-                votes.append(about_controller(data.prototype, found))
+                votes.append(about_controller(found))
                 laws = laws_of(found, search.null)
                 votes.append(about_equations(laws))
     except TimeUp:
