@@ -24,7 +24,6 @@ from beamdesign.plant.effects import library
 from beamdesign.plant.electronics import LAG
 from beamdesign.time_limit import TimeUp, leave_out, share
 
-
 Vote = tuple[Mapping[str, float], Indicator]
 """What an indicator holds by subsystem, from 0 to 1 in all, and as a diagnosis records it."""
 
