@@ -4,12 +4,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import astuple, dataclass, fields, replace
 from functools import cached_property
 from itertools import pairwise, product
-from statistics import NormalDist
 from typing import Any
 
 import numpy as np
 from scipy.ndimage import median_filter
-from scipy.stats import theilslopes
+from scipy.stats import median_abs_deviation, theilslopes
 
 from beamdesign.diagnosis.bench.data import BenchRun, BenchSet, held, stretches
 from beamdesign.records import InputError
@@ -19,7 +18,6 @@ _BINS = 10  # the rest is looked at in as many parts
 _LEAST_BINS = 4
 _WITHIN = 4.0  # robust standard deviations by which a part may differ from the later half and still be steady
 _STRAIGHT = 0.03  # a part whose speed differs by less counts as equal whatever the noise
-_MAD = 1 / NormalDist().inv_cdf(0.75)
 _MOST_POINTS = 400
 
 
@@ -106,7 +104,7 @@ def _slope(run: BenchRun, part: slice) -> float:
 def _like_later_half(values: np.ndarray) -> np.ndarray:
     later = values[_BINS // 2 :]
     middle = float(np.median(later))
-    spread = max(_MAD * float(np.median(np.abs(later - middle))), _STRAIGHT / _WITHIN * abs(middle))
+    spread = max(float(median_abs_deviation(later, scale="normal")), _STRAIGHT / _WITHIN * abs(middle))
     return np.asarray(np.abs(values - middle) <= _WITHIN * spread)
 
 
