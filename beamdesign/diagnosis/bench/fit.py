@@ -51,12 +51,11 @@ class SteadyEvidence(Fitted):
         Of speeds there is one per row, of a pressure one per row that recorded it, of edges one per condition.
         """
         seen, figure, rows = self.seen, placement.figures(z), self.seen.rows
-        volts, row = seen.commands
-        found = steady(figure, volts, placement.orifices)
-        error = {"speed": found["speed"][..., row] / rows.speed - 1}
+        found = steady(figure, seen.volts, placement.orifices)
+        error = {"speed": found["speed"] / rows.speed - 1}
         for side in "ab":
             there, channel = rows.side == side, f"pressure_{side}"
-            error[channel] = (found[channel][..., row[there]] - rows.pressure[there]) / seen.supply_Pa
+            error[channel] = (found[channel][..., there] - rows.pressure[there]) / seen.supply_Pa
         out, back = seen.both_ways
         speeds = found["speed"][..., out], -found["speed"][..., back]
         empty = found["pressure_b"][..., out], found["pressure_a"][..., back]

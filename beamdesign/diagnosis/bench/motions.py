@@ -241,12 +241,6 @@ class Observations:
         """Mean pressure of chambers that a stop holds empty, Pa."""
         return float(np.mean(self.rows.stall[~self.filled]))
 
-    @cached_property
-    def commands(self) -> tuple[np.ndarray, np.ndarray]:
-        """Each command once, (U,), and which of them each row has, (N,)."""
-        volts, row = np.unique(self.volts, return_inverse=True)
-        return volts, row
-
     def mean(self, column: str, condition: str, direction: int, sides: str = "ab") -> float:
         """Of a column of `rows`, over the runs of a condition in one direction that recorded one of these chambers."""
         rows = self.rows
@@ -255,9 +249,9 @@ class Observations:
 
     @cached_property
     def both_ways(self) -> tuple[np.ndarray, np.ndarray]:
-        """Which of the `commands` each condition has out and back."""
+        """A row with the command that each condition has out, and one with that back."""
         volts = [[self.mean("command_V", c, way) - self.null_V for c in self.conditions] for way in (1, -1)]
-        out, back = (np.abs(np.subtract.outer(own, self.commands[0])).argmin(axis=1) for own in volts)
+        out, back = (np.abs(np.subtract.outer(own, self.volts)).argmin(axis=1) for own in volts)
         return out, back
 
     def contrast(self, speeds: tuple[Any, Any], empty: tuple[Any, Any]) -> Any:
