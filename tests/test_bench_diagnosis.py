@@ -12,7 +12,7 @@ from beamdesign.diagnosis.bench.data import read_bench_set, saturates_at
 from beamdesign.diagnosis.bench.diagnose import BenchDiagnosis, diagnose_bench, probabilities
 from beamdesign.diagnosis.bench.fit import held_out, updated_prototype
 from beamdesign.diagnosis.bench.hypothesis import NO_CAUSE, BenchHypothesis, candidates, laws, nominal
-from beamdesign.diagnosis.bench.motions import scatter, steady, steady_motions
+from beamdesign.diagnosis.bench.motions import steady, steady_motions
 from beamdesign.plant.bench_simulation import replay
 from beamdesign.records import InputError
 
@@ -161,8 +161,7 @@ def test_a_figure_far_out_of_its_tolerance_is_named(tmp_path: Path):
 def judged(folder: Path, *hypotheses: BenchHypothesis) -> list[float]:
     data = read_bench_set(folder)
     seen = steady_motions(data)
-    floor = scatter(seen)
-    tried = [held_out(data.prototype, hypothesis, seen, floor) for hypothesis in hypotheses]
+    tried = [held_out(data.prototype, hypothesis, seen) for hypothesis in hypotheses]
     return probabilities(tried, seen.conditions).tolist()
 
 
@@ -272,7 +271,7 @@ def test_amended_prototypes_hold_what_was_fitted(joint_set: Path):
     seen = steady_motions(data)
     hypothesis = max(candidates(), key=lambda each: (each.size, "breakaway_ratio" in each.figures))
     assert len(hypothesis.names) == 7
-    fit = held_out(data.prototype, hypothesis, seen, scatter(seen)).fit
+    fit = held_out(data.prototype, hypothesis, seen).fit
     rig = updated_prototype(data.prototype, fit)
     assert rig.actuator.piston_leakage_m3_per_s_per_Pa == fit.values["piston_leakage"]
     assert rig.actuator.line_loss_Pa_s2_per_m6 == fit.values["line_loss"]

@@ -23,7 +23,7 @@ from beamdesign.diagnosis.bench.hypothesis import (
     parameters,
     subsystem,
 )
-from beamdesign.diagnosis.bench.motions import CHANNELS, Observations, scatter, steady_motions, way_of
+from beamdesign.diagnosis.bench.motions import CHANNELS, Observations, steady_motions, way_of
 from beamdesign.diagnosis.diagnosis import Cause, CauseSet, Diagnosis, Gap, Indicator, NextExperiment, Verdict, Where
 from beamdesign.diagnosis.fitting.fit import Fit
 from beamdesign.diagnosis.gap_metrics import gap_of_pieces
@@ -74,9 +74,8 @@ def diagnose_bench(data: BenchSet, among: Sequence[BenchHypothesis] | None = Non
     """
     rig, actuator = data.prototype, data.prototype.actuator
     seen = steady_motions(data)
-    floor = scatter(seen)
     known, figures = nominal(rig)
-    tried = [held_out(rig, hypothesis, seen, floor) for hypothesis in among or candidates(known)]
+    tried = [held_out(rig, hypothesis, seen) for hypothesis in among or candidates(known)]
     weights = probabilities(tried, seen.conditions)
     ranked = tuple(replace(tried[k], probability=float(weights[k])) for k in np.argsort(-weights, kind="stable"))
     judged = Judgement({each.hypothesis: each.probability for each in ranked}, 0.0, ranked[0].fit)
@@ -87,7 +86,7 @@ def diagnose_bench(data: BenchSet, among: Sequence[BenchHypothesis] | None = Non
     # Statistics 32 (2004) 870): all causes that are more likely at work than not.
     likely = tuple(sorted(name for name in every if judged.cause(name) > THRESHOLDS.bench_likely))
     best = next(each for each in ranked if each.hypothesis.causes == likely)
-    gap = replace(_gap(retuned, best, figures, seen, floor), records=replayed(data, best))
+    gap = replace(_gap(retuned, best, figures, seen), records=replayed(data, best))
     strained = any(True for _ in strains(retuned.fit))
     verdict, reason = _verdict([name for name in likely if name in new], gap, new, strained)
     chosen = () if verdict == "no_gap" else tuple(name for name in likely if name in new)
@@ -144,14 +143,12 @@ def probabilities(tried: Sequence[HeldOut], conditions: Sequence[str]) -> np.nda
     return np.asarray((weight / weight.sum(axis=1, keepdims=True)).mean(axis=0))
 
 
-def _gap(
-    retuned: HeldOut, best: HeldOut, figures: Mapping[str, float], seen: Observations, floor: Mapping[str, float]
-) -> Gap:
+def _gap(retuned: HeldOut, best: HeldOut, figures: Mapping[str, float], seen: Observations) -> Gap:
     plain = SteadyPlacement((), ORIFICES in retuned.hypothesis.names, figures)
     rows = []
     for condition in seen.conditions:
-        found, missed = SteadyEvidence(seen, floor).left(condition, plain, np.zeros(0))
-        noise = [floor[channel] ** 2 / (len(found[channel]) / 2) for channel in CHANNELS]
+        found, missed = SteadyEvidence(seen, seen.scatter).left(condition, plain, np.zeros(0))
+        noise = [seen.scatter[channel] ** 2 / (len(found[channel]) / 2) for channel in CHANNELS]
         tuned, after = ([value**2 for value in each.error[condition].values()] for each in (retuned, best))
         rows.append([np.mean(squares) for squares in (np.square(list(missed.values())), tuned, after, noise)])
     return gap_of_pieces(np.sqrt(rows), (), 1, _DRAWS)

@@ -151,25 +151,23 @@ class HeldOut:
         return float(np.sqrt(np.mean([value**2 for each in self.error.values() for value in each.values()])))
 
 
-def held_out(
-    prototype: BenchPrototype, hypothesis: BenchHypothesis, seen: Observations, floor: Mapping[str, float]
-) -> HeldOut:
+def held_out(prototype: BenchPrototype, hypothesis: BenchHypothesis, seen: Observations) -> HeldOut:
     """Fit a hypothesis once to everything and once without each condition."""
     error, density, without = {}, {}, {}
-    everything, whole = fit_steady(prototype, hypothesis, seen, floor)
+    everything, whole = fit_steady(prototype, hypothesis, seen, seen.scatter)
     for condition in seen.conditions:
         others = seen.of([c for c in seen.conditions if c != condition])
-        trained, weighed = fit_steady(prototype, hypothesis, others, floor, everything.values)
+        trained, weighed = fit_steady(prototype, hypothesis, others, seen.scatter, everything.values)
         beside = np.vstack([trained.z, trained.z + _DIFFERENCE * np.eye(len(trained.z))])
         found, means = whole.left(condition, placed(trained), beside)
         error[condition] = {channel: float(np.sqrt(np.mean(means[channel][0] ** 2))) for channel in CHANNELS}
         density[condition] = _density(trained, weighed.deviation, means | {EDGES: found[EDGES]})
         without[condition] = trained
-    lack = lack_of_fit(whole, everything, floor)
+    lack = lack_of_fit(whole, everything)
     return HeldOut(hypothesis, everything, whole.deviation, error, density, without, lack)
 
 
-def lack_of_fit(piece: SteadyEvidence, found: Fit, scatter: Mapping[str, float]) -> dict[str, float]:
+def lack_of_fit(piece: SteadyEvidence, found: Fit) -> dict[str, float]:
     """Probability that replicates which scatter as they do are missed by a right model as far as by a fit, by channel.
 
     The test of lack of fit against pure error (N. R. Draper and H. Smith, Applied Regression Analysis, 3rd ed. 1998,
@@ -179,7 +177,6 @@ def lack_of_fit(piece: SteadyEvidence, found: Fit, scatter: Mapping[str, float])
     Args:
         piece: the motions.
         found: the fit to them.
-        scatter: standard deviation of single runs by channel, see `motions.scatter`.
     """
     squares, cells, runs = dict.fromkeys(CHANNELS, 0.0), dict.fromkeys(CHANNELS, 0), dict.fromkeys(CHANNELS, 0)
     for condition in piece.seen.conditions:
@@ -190,7 +187,7 @@ def lack_of_fit(piece: SteadyEvidence, found: Fit, scatter: Mapping[str, float])
             cells[channel] += len(means)
             runs[channel] += count
     freedom = {c: runs[c] - cells[c] for c in CHANNELS}
-    ratio = {c: squares[c] / cells[c] / scatter[c] ** 2 for c in CHANNELS}
+    ratio = {c: squares[c] / cells[c] / piece.seen.scatter[c] ** 2 for c in CHANNELS}
     return {c: float(f_ratio.sf(ratio[c], cells[c], freedom[c])) if freedom[c] > 0 else np.nan for c in CHANNELS}
 
 

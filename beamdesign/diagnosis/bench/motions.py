@@ -269,6 +269,22 @@ class Observations:
             found.append(self.contrast(speeds, (self.mean("pressure", c, 1, "b"), self.mean("pressure", c, -1, "a"))))
         return np.array(found)
 
+    @cached_property
+    def scatter(self) -> dict[str, float]:
+        """Standard deviation of single runs about the mean of their condition and direction, in units of `averaged`."""
+        squares, freedom, rows = dict.fromkeys(CHANNELS, 0.0), dict.fromkeys(CHANNELS, 0), self.rows
+        for condition, way in product(self.conditions, (-1, 1)):
+            own = rows[(rows.condition == condition) & (rows.direction == way)]
+            groups = {"speed": own.speed / np.mean(own.speed)}
+            groups |= {f"pressure_{side}": own.pressure[own.side == side] / self.supply_Pa for side in "ab"}
+            for channel, values in groups.items():
+                squares[channel] += float(np.sum((values - np.mean(values)) ** 2)) if len(values) else 0.0
+                freedom[channel] += max(len(values) - 1, 0)
+        deviation = {c: (squares[c] / freedom[c]) ** 0.5 if freedom[c] else _NO_REPLICATE for c in CHANNELS}
+        # Of a contrast between means over the runs of two directions.
+        runs = len(rows) / (2 * len(self.conditions))
+        return deviation | {EDGES: deviation["speed"] * (2 / max(runs, 1)) ** 0.5}
+
 
 def averaged(seen: Observations, error: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
     """(..., 2) mean errors of speed and pressures, retracting and extending, so that replicates count once.
@@ -282,19 +298,3 @@ def averaged(seen: Observations, error: Mapping[str, np.ndarray]) -> dict[str, n
         way = rows.direction if channel == "speed" else rows.direction[rows.side == channel[-1]]
         found[channel] = np.stack([error[channel][..., way == sign].mean(axis=-1) for sign in (-1, 1)], axis=-1)
     return found
-
-
-def scatter(seen: Observations) -> dict[str, float]:
-    """Standard deviation of single runs about the mean of their condition and direction, in the units of `errors`."""
-    squares, freedom, rows = dict.fromkeys(CHANNELS, 0.0), dict.fromkeys(CHANNELS, 0), seen.rows
-    for condition, way in product(seen.conditions, (-1, 1)):
-        own = rows[(rows.condition == condition) & (rows.direction == way)]
-        groups = {"speed": own.speed / np.mean(own.speed)}
-        groups |= {f"pressure_{side}": own.pressure[own.side == side] / seen.supply_Pa for side in "ab"}
-        for channel, values in groups.items():
-            squares[channel] += float(np.sum((values - np.mean(values)) ** 2)) if len(values) else 0.0
-            freedom[channel] += max(len(values) - 1, 0)
-    deviation = {c: (squares[c] / freedom[c]) ** 0.5 if freedom[c] else _NO_REPLICATE for c in CHANNELS}
-    # Of a contrast between means over the runs of two directions.
-    runs = len(rows) / (2 * len(seen.conditions))
-    return deviation | {EDGES: deviation["speed"] * (2 / max(runs, 1)) ** 0.5}
