@@ -148,7 +148,8 @@ def test_a_slow_sensor_is_found_in_the_records_of_several_stages(staged: tuple[D
 def test_no_experiment_takes_a_stage_beyond_its_payloads(staged: tuple[Dataset, Diagnosis]) -> None:
     data, _ = staged
     light, heavy = (stage.prototype.controller for stage in in_stages().stages((0.0, 6.8)))
-    proposed = {(each.controller, each.outer_end_mass) for each in menu(data)}
+    rows = [each.scenario.record[0] for each in menu(data)]
+    proposed = {(row.controller, row.outer_end_mass_kg) for row in rows}
     assert proposed == {(light, 0.0), (heavy, 6.8), (heavy, 3.4)}  # neither 10.2 kg nor a light law at 3.4 kg
 
 
