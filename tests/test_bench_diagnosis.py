@@ -5,14 +5,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from bench_records import CAP, MEAN, RING, STROKE, SUPPLY, TANK, ZERO, Truth, steady_motion, write_set
+from bench_records import CAP, MEAN, RING, SUPPLY, TANK, ZERO, Truth, steady_motion, write_set
 
 from beamdesign.bench_prototype import read_bench_prototype
 from beamdesign.diagnosis.bench.data import read_bench_set, saturates_at
 from beamdesign.diagnosis.bench.diagnose import BenchDiagnosis, diagnose_bench, probabilities
 from beamdesign.diagnosis.bench.fit import held_out, updated_prototype
 from beamdesign.diagnosis.bench.hypothesis import NO_CAUSE, BenchHypothesis, candidates, laws, nominal
-from beamdesign.diagnosis.bench.motions import scatter, steady, steady_motions
+from beamdesign.diagnosis.bench.motions import steady, steady_motions
 from beamdesign.plant.bench_simulation import replay
 from beamdesign.records import InputError
 
@@ -64,8 +64,8 @@ def test_steady_model_is_the_root_of_the_balance(truth: Truth, volts: float):
     )
     found = steady(given, np.array([volts]), truth.orifices)
     speed, full, empty = steady_motion(truth, volts)
-    assert abs(found.speed[0]) == pytest.approx(speed, rel=1e-6)
-    pressures = (found.pressure_a[0], found.pressure_b[0])
+    assert abs(found["speed"][0]) == pytest.approx(speed, rel=1e-6)
+    pressures = (found["pressure_a"][0], found["pressure_b"][0])
     assert pressures == pytest.approx((full, empty) if volts > 0 else (empty, full), rel=1e-6)
 
 
@@ -75,8 +75,8 @@ def test_leakage_lines_and_edge_fulfil_their_own_equations(volts: float):
     leakage, line, edge_b = 3e-12, 4e14, 0.8
     given = figures(asymmetry=0.2, piston_leakage=leakage, line_loss=line, edge_b=edge_b, coulomb_N=40.0)
     found = steady(given, np.array([volts]), True)
-    v = abs(found.speed[0])
-    full, empty = (found.pressure_a[0], found.pressure_b[0])[:: 1 if volts > 0 else -1]
+    v = abs(found["speed"][0])
+    full, empty = (found["pressure_a"][0], found["pressure_b"][0])[:: 1 if volts > 0 else -1]
     fills, empties = MEAN * (1 + 0.2 * np.sign(volts)), MEAN * (1 - 0.2 * np.sign(volts))
     edge = 9e-6 * abs(volts) / np.sqrt(SUPPLY / 2)
     past = leakage * (full - empty)
@@ -94,7 +94,6 @@ def test_steady_motion_is_found_without_being_told_where(joint_set: Path):
         fills = (motion.direction > 0) == (motion.side == "a")
         assert motion.pressure == pytest.approx(full if fills else empty, abs=0.01 * SUPPLY)
         assert motion.stall == pytest.approx(SUPPLY if fills else TANK, abs=0.002 * SUPPLY)
-        assert 0.3 * STROKE / speed < motion.lasts_s < STROKE / speed
 
 
 def test_joint_causes_are_named_with_their_figures(joint: BenchDiagnosis):
@@ -162,8 +161,7 @@ def test_a_figure_far_out_of_its_tolerance_is_named(tmp_path: Path):
 def judged(folder: Path, *hypotheses: BenchHypothesis) -> list[float]:
     data = read_bench_set(folder)
     seen = steady_motions(data)
-    floor = scatter(seen, SUPPLY)
-    tried = [held_out(data.prototype, hypothesis, seen, floor) for hypothesis in hypotheses]
+    tried = [held_out(data.prototype, hypothesis, seen) for hypothesis in hypotheses]
     return probabilities(tried, seen.conditions).tolist()
 
 
@@ -273,8 +271,8 @@ def test_amended_prototypes_hold_what_was_fitted(joint_set: Path):
     seen = steady_motions(data)
     hypothesis = max(candidates(), key=lambda each: (each.size, "breakaway_ratio" in each.figures))
     assert len(hypothesis.names) == 7
-    fit = held_out(data.prototype, hypothesis, seen, scatter(seen, SUPPLY)).fit
-    rig = updated_prototype(data.prototype, hypothesis, fit)
+    fit = held_out(data.prototype, hypothesis, seen).fit
+    rig = updated_prototype(data.prototype, fit)
     assert rig.actuator.piston_leakage_m3_per_s_per_Pa == fit.values["piston_leakage"]
     assert rig.actuator.line_loss_Pa_s2_per_m6 == fit.values["line_loss"]
     assert rig.servovalve.edge_b_ratio == fit.values["edge_b"]

@@ -121,8 +121,7 @@ def test_a_spring_that_hardens_is_learnt_from_records_of_a_rig_that_has_one(tmp_
     placement = NOTHING.placement(data.prototype)
     null = fit(NOTHING, placement, evidence, np.zeros(len(placement.unknowns)))
     expected, floor = sum(e.expected for e in evidence), sum(e.floor for e in evidence)
-    names, conditions = tuple(e.name for e in evidence), tuple(e.condition for e in evidence)
-    before = Search(null, (), expected, names, floor, conditions)
+    before = Search(null, (), expected, floor, tuple(e.condition for e in evidence))
     judged = judge(before)
     assert judged.unknown > 0.5
     found = learn(data, held_out(data.records), before, judged)
@@ -131,7 +130,7 @@ def test_a_spring_that_hardens_is_learnt_from_records_of_a_rig_that_has_one(tmp_
     assert best.hypothesis.causes == ("empirical:inner_reaction",)
     assert found.search.excess(best) < 0.1
     (cause,) = (
-        c for c in described(causes(found.search, found.judged), best, found.data) if c.name in best.hypothesis.causes
+        described(c, best, found.data) for c in causes(found.search, found.judged) if c.name in best.hypothesis.causes
     )
     assert "hardens" in cause.like
     prototype = updated_prototype(found.data.prototype, best)

@@ -17,7 +17,7 @@ from typer.testing import CliRunner
 from beamdesign.cli import app
 from beamdesign.controllers import Controller, Observer, Proportional, Scheduled, Section, Stage, Structured
 from beamdesign.diagnosis import separability
-from beamdesign.diagnosis.data.dataset import Dataset, TimeRecord, read_dataset
+from beamdesign.diagnosis.data.dataset import Dataset, MeasuredGain, TimeRecord, read_dataset
 from beamdesign.diagnosis.diagnose import diagnose
 from beamdesign.diagnosis.diagnosis import Diagnosis
 from beamdesign.diagnosis.examination.nominal import CHANNELS, commanded_current, controller_fit, nominal_loop
@@ -148,7 +148,8 @@ def test_a_slow_sensor_is_found_in_the_records_of_several_stages(staged: tuple[D
 def test_no_experiment_takes_a_stage_beyond_its_payloads(staged: tuple[Dataset, Diagnosis]) -> None:
     data, _ = staged
     light, heavy = (stage.prototype.controller for stage in in_stages().stages((0.0, 6.8)))
-    proposed = {(each.controller, each.outer_end_mass) for each in menu(data)}
+    rows = [each.scenario.record[0] for each in menu(data)]
+    proposed = {(row.controller, row.outer_end_mass_kg) for row in rows}
     assert proposed == {(light, 0.0), (heavy, 6.8), (heavy, 3.4)}  # neither 10.2 kg nor a light law at 3.4 kg
 
 
@@ -212,7 +213,7 @@ def test_the_believed_loop_is_that_of_python_control(law: Controller) -> None:
     rig = believed().but(controller=law, payload=believed().payload.but(inner_end_mass_kg=1.5))
     closed = state_space(rig, 2.0)
     at = np.geomspace(0.1, 400, 30)
-    found = nominal_loop(rig, law, 2.0, 1.5)
+    found = nominal_loop(rig, MeasuredGain(law, 2.0, 1.5, 0.03))
     assert found.stable == bool(np.all(closed.poles().real < 0))
     responses, expected = found.responses(at), np.moveaxis(closed(2j * pi * at), 2, 0)
     for name in {"current_A", "displacement_m", *law.added}:

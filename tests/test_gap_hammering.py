@@ -105,8 +105,7 @@ def loose_set(slow_s: float = 0.0) -> Dataset:
 def before(data: Dataset) -> Search:
     evidence, placement = evidence_of(data), NOTHING.placement(data.prototype)
     null = fit(NOTHING, placement, evidence, np.zeros(len(placement.unknowns)), 4)
-    names, conditions = tuple(e.name for e in evidence), tuple(e.condition for e in evidence)
-    return Search(null, (), sum(e.expected for e in evidence), names, conditions=conditions)
+    return Search(null, (), sum(e.expected for e in evidence), conditions=tuple(e.condition for e in evidence))
 
 
 @cache

@@ -8,14 +8,13 @@ import pytest
 from gap_sets import believed, measured, only
 from null_scores import main as null_scores_main
 
-from beamdesign.diagnosis.diagnose import verdict_of
+from beamdesign.diagnosis.diagnose import LEVEL, chance, null_scores, verdict_of
 from beamdesign.diagnosis.fitting.evidence import record_evidence
 from beamdesign.diagnosis.fitting.fit import Fit, Share, fit
 from beamdesign.diagnosis.fitting.hypothesis import NOTHING, Hypothesis
 from beamdesign.diagnosis.fitting.search import Search
 from beamdesign.diagnosis.fitting.starts import resonances, starts
 from beamdesign.diagnosis.judgement import THRESHOLDS, causes, classes, deviations, evidence, held_out_score, judge
-from beamdesign.diagnosis.level import LEVEL, chance, null_scores
 
 EXPECTED = 300.0
 LAG, AREAS = "sensor_lag", "unequal_piston_areas"
@@ -32,7 +31,7 @@ def made(names: tuple[str, ...], misfit: float, curvature: float = 100.0, **z: f
 
 def found(*fits: Fit) -> Search:
     null, *others = fits
-    return Search(null, tuple(sorted(others, key=lambda f: f.cost)), EXPECTED, ("record",))
+    return Search(null, tuple(sorted(others, key=lambda f: f.cost)), EXPECTED)
 
 
 def test_marginal_likelihood_of_a_linear_model():
@@ -66,7 +65,7 @@ def test_deviations_are_those_of_refits_without_each_condition():
     own = np.diag(np.linalg.inv(np.eye(count) + sum(h.T @ h for h, _ in rows))) * one.misfit / 80
     jackknife = 3 / 4 * np.sum((without - without.mean(axis=0)) ** 2, axis=0)
     slopes = [abs(u.slope(v)) for u, v in zip(unknowns, z, strict=True)]
-    errors = deviations(one, Search(one, (), 80.0, ("",) * 4, conditions=(0, 1, 2, 3)))
+    errors = deviations(one, Search(one, (), 80.0, conditions=(0, 1, 2, 3)))
     assert list(errors.values()) == pytest.approx(list(slopes * np.sqrt(own + jackknife)), rel=1e-8)
 
 
@@ -199,8 +198,7 @@ def test_a_missing_resonance_is_not_called_a_delay():
     null = fitted()
     others = [fitted("transport_delay"), fitted("sensor_lag"), fitted("second_beam_mode")]
     expected = sum(piece.expected for piece in pieces)
-    names = tuple(p.name for p in pieces)
-    search = Search(null, tuple(sorted(others, key=lambda f: f.cost)), expected, names)
+    search = Search(null, tuple(sorted(others, key=lambda f: f.cost)), expected)
     judged = judge(search)
     assert judged.best.hypothesis.names == ("second_beam_mode",)
     values = search.fits[0].values

@@ -23,20 +23,14 @@ def tuned(data) -> tuple[Search, Fit, tuple]:
     evidence = evidence_of(data)
     placement = NOTHING.placement(data.prototype)
     null = fit(NOTHING, placement, evidence, np.zeros(len(placement.unknowns)), 4)
-    search = Search(
-        null,
-        (),
-        sum(e.expected for e in evidence),
-        tuple(e.name for e in evidence),
-    )
-    return search, null, evidence
+    return Search(null, (), sum(e.expected for e in evidence)), null, evidence
 
 
 def at_believed(data) -> tuple:
     """Residuals of the believed figures."""
     placement = NOTHING.placement(data.prototype)
     null = Fit(NOTHING, placement.unknowns, np.zeros(len(placement.unknowns)), 0.0)
-    return residuals(data.prototype, null, evidence_of(data))
+    return residuals(null, evidence_of(data))
 
 
 @pytest.fixture(scope="module")
@@ -95,10 +89,10 @@ def test_distortion_of_a_known_polynomial():
 
 def test_laws_of_the_valve_explain_a_deadband(deadband):
     search, null, evidence = tuned(deadband)
-    laws = laws_of(residuals(deadband.prototype, null, evidence), null)
+    laws = laws_of(residuals(null, evidence), null)
     assert laws[0].subsystem == "servovalve"
     assert laws[0].share > 0.4
-    where = locate(deadband, search, null, evidence, unknown=0.9)
+    where = locate(search, null, evidence, unknown=0.9)
     assert where.subsystem == "servovalve"
     assert where.kind in ("static", "hysteretic")
     assert "servovalve" in where.sentence
@@ -112,7 +106,7 @@ def test_fits_decide_where_a_cause_is_known(deadband):
     search, null, evidence = tuned(deadband)
     chosen = replace(null, hypothesis=together("valve_deadband"))
     causes = (Cause("valve_deadband", "servovalve", 0.97, 0.9),)
-    where = locate(deadband, search, chosen, evidence[:2], causes)
+    where = locate(search, chosen, evidence[:2], causes)
     assert where.subsystem == "servovalve"
     assert where.kind == "static"
     assert where.witnesses[0].subsystem == "servovalve"
@@ -120,7 +114,7 @@ def test_fits_decide_where_a_cause_is_known(deadband):
 
 def test_no_gap_has_no_place(deadband):
     search, null, evidence = tuned(replace(deadband, records=deadband.records[:1]))
-    assert locate(deadband, search, null, evidence).subsystem == ""
+    assert locate(search, null, evidence).subsystem == ""
 
 
 def test_kinds_of_effects_follow_from_their_equations():
@@ -143,5 +137,5 @@ def test_a_record_in_which_nothing_happens_does_no_harm(deadband):
     )
     found = at_believed(replace(deadband, records=(first, still)))
     assert all(np.all(np.isfinite(y)) for item in found for y in item.smoothed().values())
-    shown = setting(found)
+    shown = setting(found).indicator
     assert shown.table["relative_error"][1] == 0.0

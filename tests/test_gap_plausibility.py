@@ -14,7 +14,7 @@ from recorded_rig import LAG, STRAIGHT, Recorded, recorded
 from scipy.signal import lfilter
 
 from beamdesign.controllers import Lag
-from beamdesign.diagnosis.data.dataset import read_dataset
+from beamdesign.diagnosis.data.dataset import MeasuredGain, read_dataset
 from beamdesign.diagnosis.examination.nominal import _knee, commanded_current, controller_fit, nominal_loop
 from beamdesign.diagnosis.examination.plausibility import examine
 from beamdesign.prototype import Prototype, Tolerance
@@ -428,7 +428,7 @@ def test_the_believed_loop_holds_a_static_load_as_statics_says(paper: Prototype)
 
     At rest Q = K_q i = K_pq F_c / A and i = -K F x, the inner beam carries the same force: K_m x = P + F_c.
     """
-    loop = nominal_loop(paper, Lag(gain_A_per_V=0.02, pole_Hz=1.75, zero_Hz=26.0), 0.0, 0.0)
+    loop = nominal_loop(paper, MeasuredGain(Lag(gain_A_per_V=0.02, pole_Hz=1.75, zero_Hz=26.0), 0.0, 0.0, 0.03))
     assert loop.stable
     current, moved, pressure, inner = loop.responses(np.array([1e-6]))[0, :, 0].real
     stiff = 1.13e-2 * 0.02 * 1180 * 1.13e-4 / 3.8e-13

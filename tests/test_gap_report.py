@@ -66,8 +66,8 @@ def found(data: Dataset) -> Diagnosis:
     null = fit_at(data.prototype, flow_gain=-3.0)
     chosen = fit_at(data.prototype, "sensor_lag", sensor_lag_break_Hz=-0.67)
     null = Fit(null.hypothesis, null.unknowns, null.z, 100.0, (Share(100.0, null.shares[0].g, null.shares[0].a),))
-    search = Search(null, (chosen,), 8.0, ("command",))
-    measured = gap([errors(piece, data.prototype, null, chosen, chosen) for piece in record_evidence(data)], (1,))
+    search = Search(null, (chosen,), 8.0)
+    measured = gap([errors(piece, null, chosen, chosen) for piece in record_evidence(data)], (1,))
     maps = {"record": ("command", "steps"), "0-15 Hz": (0.5, 1.0), "15-40 Hz": (2.0, 0.0)}
     where = Where(
         "sensor",

@@ -76,7 +76,7 @@ def few(monkeypatch):
 
 def nothing_found() -> Search:
     unknowns = NOTHING.unknowns(believed())
-    return Search(Fit(NOTHING, unknowns, np.zeros(len(unknowns))), (), 1.0, ())
+    return Search(Fit(NOTHING, unknowns, np.zeros(len(unknowns))), (), 1.0)
 
 
 @pytest.mark.usefixtures("few")
@@ -88,7 +88,8 @@ def test_what_makes_a_loop_oscillate_is_found_in_step(unstable):
     assert best.values["sensor_lag.break_Hz"] == pytest.approx(SLOW_Hz, rel=0.02)
     assert found.judged.unknown < 0.05
     assert "command_small, command_large: the rig's loop oscillates by itself" in found.warning
-    _, again = found.refit(unstable, found.search.null, best)
+    assert found.oscillates
+    _, again = searching.refit(unstable, best, synchronised=True)
     assert again.values["sensor_lag.break_Hz"] == pytest.approx(SLOW_Hz, rel=0.02)
 
 

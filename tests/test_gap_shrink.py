@@ -139,7 +139,7 @@ def test_the_size_of_a_cause_is_what_it_changes_alone(data):
     both, rig = together("sensor_lag", "valve_deadband", "parameter:flow_gain"), believed()
     unknowns = both.unknowns(rig)
     z = np.array([1.5 if u.kind == "free" else 0.0 for u in unknowns])
-    found = sizes(Fit(both, unknowns, z), rig, record_evidence(data))
+    found = sizes(Fit(both, unknowns, z), record_evidence(data))
     quiet = scenario().but(measurement=Measurement())
     wrong = rig.servovalve.but(flow_gain_m3_per_s_per_A=rig.servovalve.flow_gain_m3_per_s_per_A * np.exp(1.5 * FREE))
     rigs = {name: rig.but(effects={name: {}}) for name in ("sensor_lag", "valve_deadband")}

@@ -14,6 +14,7 @@ from typing import Any
 from xml.etree import ElementTree
 
 import ezdxf
+import numpy as np
 import pytest
 from finished_run import finished_run
 from hypothesis import assume, example, given, settings
@@ -31,8 +32,9 @@ from beamdesign.build.specification import specification_of
 from beamdesign.cli.output import display, echo, echo_table
 from beamdesign.columns import csv_text, read_columns
 from beamdesign.controllers import Lag
+from beamdesign.diagnosis.data.dataset import Dataset, TimeRecord
 from beamdesign.diagnosis.data.dataset_index import TimeEntry, read_index
-from beamdesign.diagnosis.experiment import Experiment, scenario_of
+from beamdesign.diagnosis.experiment import menu
 from beamdesign.proofs.certifying import certify
 from beamdesign.proofs.writer import certificate
 from beamdesign.prototype import Prototype, read_prototype, write_prototype
@@ -40,7 +42,7 @@ from beamdesign.records import InputError, Longest, Record, parse
 from beamdesign.report.canvas import inline_svg
 from beamdesign.report.charts import write_record_page
 from beamdesign.report.page import Document, Items, Paragraph, Part, Picture, Table, to_html, to_markdown
-from beamdesign.scenario import FromCsv, ScenarioRecord, Step
+from beamdesign.scenario import FromCsv, ScenarioRecord
 from beamdesign.spelling import LONGEST, in_csv, in_plot, one_line
 from beamdesign.sweep.plot import draw
 from beamdesign.sweep.sweep_file import Picture as Drawn
@@ -130,8 +132,10 @@ def test_names_of_files_may_be_longer_but_are_plain_as_well() -> None:
 
 def test_the_longest_name_leaves_room_for_what_is_put_to_it(rig: Prototype) -> None:
     law = Lag(gain_A_per_V=0.1, pole_Hz=1.0, zero_Hz=20.0)
-    one = Experiment("step", Step(amplitude_N=1.0), law, 0.0, 0.0)
-    assert scenario_of(one, rig.but(name="a" * LONGEST)).name.endswith("a: next experiment")
+    times = np.arange(1000) * 1e-3
+    pushed = TimeRecord("one", times, np.column_stack([np.sin(20 * times), 0 * times]), {}, 0.0, 0.0, law)
+    one = next(menu(Dataset("set", Path(), rig.but(name="a" * LONGEST), (pushed,))))
+    assert one.scenario.name.endswith("a: next experiment")
 
 
 def test_columns_have_plain_names(tmp_path: Path) -> None:

@@ -30,7 +30,8 @@ from beamdesign.controllers.scheduling import (
     plant_step,
     simulate_scheduled,
 )  # fmt: skip
-from beamdesign.diagnosis.predict import Inputs, predict
+from beamdesign.diagnosis.data.dataset import TimeRecord
+from beamdesign.diagnosis.predict import predict
 from beamdesign.loop import loop
 from beamdesign.plant.linear import LinearModel
 from beamdesign.plant.members import paper_model, served
@@ -543,8 +544,9 @@ def test_a_record_is_predicted_as_it_is_simulated(rig: Prototype, sample_s: floa
     def force(at: np.ndarray) -> np.ndarray:
         return 20 * (0.5 - 0.5 * np.cos(np.pi * np.clip((at - 0.02) / 0.02, 0, 1)))
 
-    inputs = Inputs("a", times, force(times), 0 * times, 6.0, rig.payload.inner_end_mass_kg, None)
-    found = predict(rig, inputs, rig.sensor.gain_V_per_m)
+    inputs = np.column_stack([force(times), 0 * times])
+    given = TimeRecord("a", times, inputs, {}, 6.0, rig.payload.inner_end_mass_kg, rig.controller)
+    found = predict(rig, given, rig.sensor.gain_V_per_m)
     assert found.reason == ""
     own = np.arange(401) * PERIOD_S
     expected = simulate_scheduled(rig, Course(force(own), ((0.0, 6.0),)), first_stage=2)

@@ -3,10 +3,13 @@
 Some records are kept out of every fit, to measure the gap on; what is found is told in a few sentences.
 """
 
+import tomllib
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import cache
 from itertools import combinations
 from math import nan
+from pathlib import Path
 
 import numpy as np
 
@@ -26,14 +29,13 @@ from beamdesign.diagnosis.diagnosis import (
 from beamdesign.diagnosis.examination.plausibility import examine
 from beamdesign.diagnosis.experiment import next_experiment
 from beamdesign.diagnosis.fitting.evidence import RecordEvidence, evidence_of, with_output_injection
-from beamdesign.diagnosis.fitting.fit import Fit, FitCache
-from beamdesign.diagnosis.fitting.search import Search, refit, search
+from beamdesign.diagnosis.fitting.fit import FitCache
+from beamdesign.diagnosis.fitting.search import refit, search
 from beamdesign.diagnosis.gain_diagnosis import explain_gains
 from beamdesign.diagnosis.gap_metrics import errors, gap, sizes
 from beamdesign.diagnosis.judgement import THRESHOLDS, Judgement, cause_sets, causes, classes, judge
 from beamdesign.diagnosis.learning import described, learn
-from beamdesign.diagnosis.level import LEVEL, chance
-from beamdesign.diagnosis.second_look import second_look
+from beamdesign.diagnosis.second_look import refit_backlash_impacts, second_look
 from beamdesign.diagnosis.separability import indistinguishable
 from beamdesign.diagnosis.where.locate import locate
 from beamdesign.progress import Progress, silent
@@ -149,7 +151,7 @@ def _diagnosed(data: Dataset, workers: int, progress: Progress, kept: FitCache |
     except TimeUp:
         leave_out("a law learnt from the records")
     # What no model repeats from rest, a law that is learnt does not either: where one does, it is nothing of that kind.
-    if judged.unknown > 0.5 and (learnt is None or learnt.left > _REPEATED):
+    if judged.unknown > 0.5 and (learnt is None or learnt.search.excess(learnt.judged.best) > _REPEATED):
         try:
             with share(_SECOND, within_steps=True):
                 again = second_look(data, found, workers, _between(0.82, 0.96, progress), kept)
@@ -173,34 +175,34 @@ def _diagnosed(data: Dataset, workers: int, progress: Progress, kept: FitCache |
         with share(_HELD_OUT, within_steps=True):
             if learnt is not None:
                 tuned, outside = learnt.refitted
-            elif kept_out and again:
-                tuned, outside = again.refit(seen, plain, best, workers, kept)
+            elif kept_out and again and not again.oscillates:
+                tuned, outside = refit(seen, plain, workers, kept)[0], refit_backlash_impacts(seen, best)
             elif kept_out:
-                tuned, outside = refit(seen, best, workers, kept)
+                tuned, outside = refit(seen, best, workers, kept, synchronised=again is not None)
     except TimeUp:
         kept_out = ()
         leave_out("records held out")
-    ranked = described(causes(found, judged), best, data)
+    ranked = tuple(described(cause, best, data) for cause in causes(found, judged))
     records = [piece for piece in evidence if isinstance(piece, RecordEvidence)]
     if len(best.hypothesis.causes) > 1:  # the dominant one first
-        size = sizes(best, data.prototype, records)
+        size = sizes(best, records)
         ranked = tuple(sorted(ranked, key=lambda c: -size.get(c.name, -1.0)))
     chosen = tuple(c.name for c in ranked if c.name in best.hypothesis.causes)
-    from_rest = tuple(errors(piece, data.prototype, tuned, outside, best) for piece in records)
+    from_rest = tuple(errors(piece, tuned, outside, best) for piece in records)
     measured = synchronised = gap(from_rest, kept_out)
     if again is not None:
         # What cannot be predicted from rest neither confirms nor refutes what is chosen: models that follow it do.
-        synchronised = gap(
-            [errors(with_output_injection(piece), data.prototype, tuned, outside, best) for piece in records], kept_out
-        )
+        synchronised = gap([errors(with_output_injection(piece), tuned, outside, best) for piece in records], kept_out)
         measured = synchronised if again.oscillates else measured
     doubtful, left = examined.limits_confidence or not confirmed(synchronised), left_out()
     verdict = no_surer(verdict_of(judged, doubtful, rare), left)
     progress(1.0, "where the gap lies")
-    where = locate(data, found, best, evidence, [c for c in ranked if c.name in chosen], judged.unknown)
+    where = locate(found, best, evidence, [c for c in ranked if c.name in chosen], judged.unknown)
     asked = None
     if verdict in ("ambiguous", "unknown") and not left:
-        asked = next_experiment(data, *zip(*rivals(found, judged), strict=True))
+        fits = [f for f in (found.null, *found.fits) if f.hypothesis in judged.of]
+        fits.sort(key=lambda f: -judged.of[f.hypothesis])
+        asked = next_experiment(data, fits, [judged.of[f.hypothesis] for f in fits])
     return Diagnosis(
         data.name,
         verdict,
@@ -229,6 +231,38 @@ def _between(low: float, high: float, progress: Progress) -> Progress:
     return lambda share, doing: progress(low + (high - low) * share, doing)
 
 
+LEVEL = 0.02
+"""Share of rigs without a gap that may be said to have one."""
+
+
+@cache
+def null_scores() -> tuple[float, ...]:
+    """Probability of no gap that each of the rigs without one was given, least first."""
+    path = Path(__file__).with_name("nulls.toml")
+    return tuple(sorted(tomllib.loads(path.read_text(encoding="utf-8"))["no_gap"]))
+
+
+def chance(no_gap: float, among: Sequence[float] | None = None) -> float:
+    """How often a rig without a gap looks as much as if it had one: a test whose level holds in finite samples.
+
+    The probability that a diagnosis gives to no gap is ranked among those of rigs without one, drawn and diagnosed by
+    the same program (`studies/benchmarks/null_scores.py`, their scores in `nulls.toml`). If a rig without a gap is
+    drawn like these, every rank is as probable as any other, so that what is returned is at most a level with at most
+    that probability: split conformal prediction (V. Vovk, A. Gammerman and G. Shafer, Algorithmic Learning in a Random
+    World, Springer 2005, section 2.2). As the score is the last that a diagnosis says, nothing has to be corrected for
+    how many causes and places were looked at. Nothing is promised of rigs that are unlike those.
+
+    Args:
+        no_gap: probability that a diagnosis gives to it.
+        among: the same of rigs without a gap; those of `null_scores` if None.
+
+    Returns:
+        probability that a rig without a gap is given so little probability of having none (a conformal p-value).
+    """
+    scores = null_scores() if among is None else among
+    return (1 + sum(score <= no_gap for score in scores)) / (1 + len(scores))
+
+
 def verdict_of(judged: Judgement, doubtful: bool = False, rare: float = nan) -> Verdict:
     """What the probabilities come to.
 
@@ -238,7 +272,7 @@ def verdict_of(judged: Judgement, doubtful: bool = False, rare: float = nan) -> 
     Args:
         judged: the probabilities.
         doubtful: whether data or conditions held out speak against them.
-        rare: of rigs without a gap, the share that is judged so, see `level`; there is no gap above `LEVEL`, and below
+        rare: of rigs without a gap, the share that is judged so, see `chance`; there is no gap above `LEVEL`, and below
             it something is missing even where nothing known explains it. NaN where it is not known.
     """
     if judged.unknown > 0.5 and not rare > LEVEL:
@@ -248,18 +282,13 @@ def verdict_of(judged: Judgement, doubtful: bool = False, rare: float = nan) -> 
         return "ambiguous" if named else "unknown"
     if not named:
         return "unknown" if rare <= LEVEL else "no_gap"
-    return "effect" if judged.sure >= THRESHOLDS.confident * (1 - judged.unknown) else "ambiguous"
+    sure = judged.of_causes[judged.best.hypothesis.causes]
+    return "effect" if sure >= THRESHOLDS.confident * (1 - judged.unknown) else "ambiguous"
 
 
 def confirmed(measured: Gap) -> bool:
     """Whether conditions held out do not speak against what is chosen: re-tuned tolerances predict them no better."""
     return measured.after <= max(THRESHOLDS.worse * measured.tuned, THRESHOLDS.near_noise * measured.noise_floor)
-
-
-def rivals(found: Search, judged: Judgement) -> list[tuple[Fit, float]]:
-    """The most probable fits with their probabilities, best first; the next experiment has to tell them apart."""
-    fits = ((f, judged.of[f.hypothesis]) for f in (found.null, *found.fits) if f.hypothesis in judged.of)
-    return sorted(fits, key=lambda pair: -pair[1])
 
 
 def sentences(

@@ -253,7 +253,7 @@ class Diagnosis(Generic[Rig], Result):
         errors: of the time records as predicted from rest.
         notes: what else has to be said, in words.
         left_out: causes that were not compared for want of time; then the verdict is no surer than ambiguous.
-        chance: that a rig without a gap is judged so, see `beamdesign.diagnosis.level`; NaN where it is not known.
+        chance: that a rig without a gap is judged so, see `beamdesign.diagnosis.diagnose`; NaN where it is not known.
     """
 
     MEASURE: ClassVar[str] = (

@@ -9,14 +9,13 @@ The experiments stay within about what the rig's records have already asked of i
 """
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import combinations
 from math import inf
 from typing import Any
 
 import numpy as np
 
-from beamdesign.controllers import Controller
 from beamdesign.controllers.protocol import ANY_PAYLOAD
 from beamdesign.diagnosis.data.dataset import Dataset, TimeRecord, without_noise
 from beamdesign.diagnosis.diagnosis import NextExperiment
@@ -45,48 +44,37 @@ class Experiment:
 
     Attributes:
         text: in words.
-        signal: what drives the rig.
-        controller: of the loop.
-        outer_end_mass: payload, kg.
-        inner_end_mass: kg.
+        scenario: of one record, which simulates or prescribes it.
         effort: against an experiment on the rig as it stands.
-        settings: for a program.
+        added: channel of an added sensor; empty for none.
+        between: (R, R) by how much it separates rivals, units of misfit (square root), the lesser of both cases; empty
+            where that is not worked out.
     """
 
     text: str
-    signal: Input
-    controller: Controller
-    outer_end_mass: float
-    inner_end_mass: float
+    scenario: Scenario
     effort: float = 1.0
-    settings: dict[str, Any] = field(default_factory=dict, hash=False)
+    added: str = ""
+    between: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)), repr=False)
 
-
-def scenario_of(experiment: Experiment, prototype: Prototype) -> Scenario:
-    """A scenario that simulates, or prescribes, one experiment."""
-    row = ScenarioRecord(
-        name="next",
-        input=(experiment.signal,),
-        outer_end_mass_kg=experiment.outer_end_mass,
-        inner_end_mass_kg=experiment.inner_end_mass,
-        controller=experiment.controller,
-    )
-    name = f"{shorter(prototype.name)}: next experiment"
-    return Scenario(name=name, duration_s=DURATION_S, sample_s=SAMPLE_S, start="rest", record=(row,))
+    @property
+    def least(self) -> float:
+        """Between the first rival and the one closest to it."""
+        return float(self.between[0, 1:].min())
 
 
 def menu(data: Dataset) -> Iterator[Experiment]:
     """All experiments: each signal at each setting of controller and masses, and at payloads not yet measured."""
+    name = f"{shorter(data.prototype.name)}: next experiment"
     for record, outer, inner, effort in _settings(data):
+        law, payload = record.controller, f"a payload of {outer:.3g} kg" if outer > 0 else "no payload"
         for signal, words in _signals(data):
-            payload = f"a payload of {outer:.3g} kg" if outer > 0 else "no payload"
-            controller = record.controller
-            text = f"{words}, {payload}, {controller.kind} controller of {controller.gain_A_per_V:.3g} A/V"
-            table = signal.model_dump(mode="json", exclude_none=True) | {
-                "outer_end_mass_kg": outer,
-                "inner_end_mass_kg": inner,
-            }
-            yield Experiment(text, signal, controller, outer, inner, effort, table)
+            text = f"{words}, {payload}, {law.kind} controller of {law.gain_A_per_V:.3g} A/V"
+            row = ScenarioRecord(
+                name="next", input=(signal,), outer_end_mass_kg=outer, inner_end_mass_kg=inner, controller=law
+            )
+            plan = Scenario(name=name, duration_s=DURATION_S, sample_s=SAMPLE_S, start="rest", record=(row,))
+            yield Experiment(text, plan, effort)
 
 
 def _settings(data: Dataset) -> list[tuple[TimeRecord, float, float, float]]:
@@ -144,31 +132,6 @@ ADDED = {
 """Channels that a sensor could be added for."""
 
 
-@dataclass(frozen=True)
-class Separation:
-    """Of rivals by one experiment.
-
-    Attributes:
-        experiment: done.
-        added: channel of an added sensor; empty for none.
-        between: (R, R) units of misfit (square root), the lesser of both cases.
-    """
-
-    experiment: Experiment
-    added: str
-    between: np.ndarray = field(repr=False)
-
-    @property
-    def least(self) -> float:
-        """Between the first rival and the one closest to it."""
-        return float(self.between[0, 1:].min())
-
-    @property
-    def effort(self) -> float:
-        """Against an experiment on the rig as it stands."""
-        return self.experiment.effort * (_ANOTHER_SENSOR if self.added else 1.0)
-
-
 def information(between: np.ndarray, weights: Sequence[float]) -> float:
     """Least expected information about which rival it is, bits.
 
@@ -208,25 +171,25 @@ def next_experiment(data: Dataset, rivals: Sequence[Fit], weights: Sequence[floa
     names = tuple(str(fit.hypothesis) for fit in among)
     plain = [s for s in ranked if not s.added]
     also = f", with a sensor for the {ADDED[best.added]} added" if best.added else ""
-    text = f"{best.experiment.text}{also}. Expected separation of {names[0]} from "
+    text = f"{best.text}{also}. Expected separation of {names[0]} from "
     text += " and ".join(f"{name} {best.between[0, k]:.1f}" for k, name in enumerate(names) if k > 0)
     text += " units of misfit per record of 4 s, figures re-tuned"
     if best.added and plain:
-        text += f"; without the added sensor {plain[0].least:.1f} ({plain[0].experiment.text})"
+        text += f"; without the added sensor {plain[0].least:.1f} ({plain[0].text})"
     if best.least < 2.0:
         text += "; none of the experiments tried separates them clearly"
-    settings = dict(best.experiment.settings) | {
-        "added_sensor": best.added,
-        "scenario": scenario_of(best.experiment, data.prototype).model_dump(mode="json", exclude_none=True),
-    }
+    plan = best.scenario.model_dump(mode="json", exclude_none=True)
+    (row,) = plan["record"]
+    settings = row["input"][0] | {key: row[key] for key in ("outer_end_mass_kg", "inner_end_mass_kg")}
+    settings |= {"added_sensor": best.added, "scenario": plan}
     told, open_ = information(best.between, weights), information(np.where(np.eye(len(among)), 0.0, inf), weights)
     text += f"; of the {open_:.2g} bits that are open it is expected to tell {told:.2g} at least"
-    return NextExperiment(text + ".", names, best.least, settings, told, _series(data, best.experiment, among))
+    return NextExperiment(text + ".", names, best.least, settings, told, _series(data, best, among))
 
 
 def _series(data: Dataset, experiment: Experiment, rivals: Sequence[Fit]) -> dict[str, np.ndarray]:
     """Columns of the record to be taken: what to play, and what each rival predicts of it."""
-    job = _job(data.prototype, experiment)
+    job = _job(data.prototype, experiment.scenario)
     columns = {"t_s": job.record.times, "disturbance_N": job.record.inputs[:, 0], "command_V": job.record.inputs[:, 1]}
     for fit in rivals:
         predicted = job.simulated(fit.hypothesis.placement(data.prototype), fit.z, ("displacement_m",))
@@ -235,7 +198,7 @@ def _series(data: Dataset, experiment: Experiment, rivals: Sequence[Fit]) -> dic
     return columns
 
 
-def separations(data: Dataset, rivals: Sequence[Fit], weights: Sequence[float]) -> list[Separation]:
+def separations(data: Dataset, rivals: Sequence[Fit], weights: Sequence[float]) -> list[Experiment]:
     """All experiments that every rival predicts, best first; those that promise most are looked at with re-tuning."""
     looks = ((_without_retuning(data, one, rivals), one) for one in menu(data))
     quick = [(information(between, weights) / one.effort, one) for between, one in looks if between is not None]
@@ -248,23 +211,23 @@ def separations(data: Dataset, rivals: Sequence[Fit], weights: Sequence[float]) 
 def _without_retuning(data: Dataset, experiment: Experiment, rivals: Sequence[Fit]) -> np.ndarray | None:
     """(R, R) differences of rivals with nothing re-tuned; None where one does not predict it."""
     channels = _channels(data)
-    job, column = _job(data.prototype, experiment), channels.index("displacement_m")
+    job, column = _job(data.prototype, experiment.scenario), channels.index("displacement_m")
     made = [job.simulated(fit.hypothesis.placement(data.prototype), fit.z, channels) for fit in rivals]
     predicted = [y for y in made if y is not None and np.all(np.isfinite(y))]
     reached = max(float(np.abs(r.measured["displacement_m"]).max()) for r in data.records)
     if len(predicted) < len(made) or any(np.abs(y[:, column]).max() > _FURTHEST * reached for y in predicted):
         return None
-    weight = weighting(_as_record(data, experiment, predicted[0], channels), channels)
+    weight = weighting(_as_record(data, job, predicted[0], channels), channels)
     weighed = np.array([weight(y) for y in predicted])
     return np.asarray(np.linalg.norm(weighed[:, None] - weighed[None], axis=2))
 
 
-def _closely(data: Dataset, experiment: Experiment, rivals: Sequence[Fit]) -> Iterator[Separation]:
+def _closely(data: Dataset, experiment: Experiment, rivals: Sequence[Fit]) -> Iterator[Experiment]:
     """With what the rivals may still re-tune taken out: with the channels recorded so far, and one more."""
     recorded = _channels(data)
     others = [c for c in ADDED if c not in recorded and c in RIGS[data.prototype.rig].outputs]
     every = (*recorded, *others)
-    made, job = [], _job(data.prototype, experiment)
+    made, job = [], _job(data.prototype, experiment.scenario)
     for fit in rivals:
         found = job.simulated_with_slopes(fit.hypothesis.placement(data.prototype), fit.z, every)
         if found is None:
@@ -274,14 +237,15 @@ def _closely(data: Dataset, experiment: Experiment, rivals: Sequence[Fit]) -> It
     for added in ("", *others):
         channels = (*recorded, added) if added else recorded
         at = [every.index(c) for c in channels]
-        weight = weighting(_as_record(data, experiment, made[0][0][:, at], channels), channels)
+        weight = weighting(_as_record(data, job, made[0][0][:, at], channels), channels)
         open_ = [weight(dy[:, at]) @ root for (_, dy), root in zip(made, covariances, strict=True)]
         between = np.full((len(rivals), len(rivals)), inf)
         np.fill_diagonal(between, 0.0)
         for i, j in combinations(range(len(rivals)), 2):
             difference = weight(made[i][0][:, at] - made[j][0][:, at])
             between[i, j] = between[j, i] = min(distance(difference, open_[k]) for k in (i, j))
-        yield Separation(experiment, added, between)
+        effort = experiment.effort * (_ANOTHER_SENSOR if added else 1.0)
+        yield replace(experiment, effort=effort, added=added, between=between)
 
 
 def distance(difference: np.ndarray, free: np.ndarray) -> float:
@@ -307,13 +271,14 @@ def _channels(data: Dataset) -> tuple[str, ...]:
     return tuple(c for c in first if all(c in record.measured for record in data.records))
 
 
-def _job(prototype: Prototype, experiment: Experiment) -> Replay:
-    scenario = scenario_of(experiment, prototype)
-    inputs, masses = inputs_of(scenario.record[0], scenario), (experiment.outer_end_mass, experiment.inner_end_mass)
-    return Replay(TimeRecord("next", scenario.times, inputs, {}, *masses, experiment.controller), prototype)
+def _job(prototype: Prototype, plan: Scenario) -> Replay:
+    (row,) = plan.record
+    assert row.controller is not None  # the menu names it
+    masses = row.outer_end_mass_kg or 0.0, row.inner_end_mass_kg or 0.0
+    return Replay(TimeRecord("next", plan.times, inputs_of(row, plan), {}, *masses, row.controller), prototype)
 
 
-def _as_record(data: Dataset, experiment: Experiment, predicted: np.ndarray, channels: tuple[str, ...]) -> TimeRecord:
+def _as_record(data: Dataset, job: Replay, predicted: np.ndarray, channels: tuple[str, ...]) -> TimeRecord:
     """A prediction with the noise of the channels as recorded so far, as if it had been measured."""
     rng = np.random.default_rng(0)
     measured = {}
@@ -321,6 +286,4 @@ def _as_record(data: Dataset, experiment: Experiment, predicted: np.ndarray, cha
         noise = [weighting(r, (name,)).noise_std[0] for r in data.records if name in r.measured]
         std = float(np.median(noise)) if noise else _SENSOR_NOISE * float(np.std(predicted[:, k]))
         measured[name] = predicted[:, k] + rng.normal(0, std, len(predicted))
-    times = SAMPLE_S * np.arange(len(predicted))
-    empty = np.zeros((len(times), 2))
-    return TimeRecord("next", times, empty, measured, experiment.outer_end_mass, 0.0, experiment.controller)
+    return replace(job.record, measured=measured)

@@ -348,9 +348,9 @@ def search_few(
     """
     progress(0.0, "tolerances")
     null = fit_from_starts(NOTHING, prototype, evidence, {}, most=1)
-    expected, names = sum(piece.expected for piece in evidence), tuple(e.name for e in evidence)
+    expected = sum(piece.expected for piece in evidence)
     if null.reason:
-        return Search(null, (), expected, names), ()
+        return Search(null, (), expected), ()
     listed = [h for h in singles(prototype) if h.names == h.causes]  # gains tell no two laws of one effect apart
     alone = {}
     for k, hypothesis in enumerate(while_time(listed)):
@@ -371,7 +371,7 @@ def search_few(
     for k, hopeful in enumerate(found):
         if len(hopeful.hypothesis.names) == 2 and log_posterior(hopeful) > least:
             found[k] = fit_from_starts(hopeful.hypothesis, prototype, evidence, hopeful.values, most=1)
-    return Search(null, tuple(sorted(found, key=lambda f: f.cost)), expected, names), silent
+    return Search(null, tuple(sorted(found, key=lambda f: f.cost)), expected), silent
 
 
 def log_posterior(found: Fit, spread: float = 1.0) -> float:

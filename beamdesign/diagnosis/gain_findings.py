@@ -47,15 +47,8 @@ class CommonFactor:
 
 
 def common_factor(measured: Sequence[float], predicted: Sequence[float], relative_std: Sequence[float]) -> CommonFactor:
-    """Fit one factor to gains by weighted least squares in their logarithms.
-
-    Raises:
-        ValueError: without gains, or where the three differ in length.
-    """
-    ratios = np.array([np.log(m / p) for m, p in zip(measured, predicted, strict=True)])
-    errors = np.array(relative_std, dtype=float)
-    if not len(ratios) or len(errors) != len(ratios):
-        raise ValueError(f"{len(ratios)} gains with {len(errors)} errors")
+    """Fit one factor to gains by weighted least squares in their logarithms."""
+    ratios, errors = np.log(np.divide(measured, predicted)), np.array(relative_std, dtype=float)
     weights = errors**-2
     mean = float(weights @ ratios / weights.sum())
     factor = exp(mean)
@@ -197,23 +190,6 @@ _OPEN_LOOP_MARGIN = 0.5
 _RIVALS = 8
 
 
-@dataclass(frozen=True)
-class Experiment:
-    """Something that could be measured.
-
-    Attributes:
-        text: in words.
-        settings: for a program.
-        pieces: as evidence, with figures that one of the rivals predicts.
-        effort: by which the separation is divided when experiments are compared: number of set-ups.
-    """
-
-    text: str
-    settings: dict[str, object]
-    pieces: tuple[Figure, ...]
-    effort: float = 1.0
-
-
 def next_experiment(data: Dataset, rivals: Sequence[Fit], weights: Sequence[float]) -> NextExperiment | None:
     """The experiment that is expected to tell most about which rival it is, for its effort.
 
@@ -231,14 +207,14 @@ def next_experiment(data: Dataset, rivals: Sequence[Fit], weights: Sequence[floa
     """
     rivals, weights = rivals[:_RIVALS], weights[:_RIVALS]
     menu = experiments(data, rivals[0]) if len(rivals) > 1 else ()
-    tried = [(between, one) for one in menu if (between := separations(one.pieces, rivals)) is not None]
+    tried = [(found, asked, e) for asked, pieces, e in menu if (found := separations(pieces, rivals)) is not None]
     if not tried:
         return None
-    between, best = max(tried, key=lambda each: information(each[0], weights) / each[1].effort)
+    between, best, _ = max(tried, key=lambda each: information(each[0], weights) / each[2])
     apart = tuple(str(fit.hypothesis) for fit, row in zip(rivals, between, strict=True) if row.max() >= 1.0)
     p = np.array(weights) / sum(weights)
     separation = sqrt(p @ np.minimum(between, _ENOUGH) ** 2 @ p / (1 - p @ p))
-    return NextExperiment(best.text, apart, separation, best.settings, information(between, weights))
+    return replace(best, separates=apart, separation=separation, information_bits=information(between, weights))
 
 
 def another_size(data: Dataset) -> NextExperiment:
@@ -270,7 +246,11 @@ def separations(pieces: Sequence[Figure], rivals: Sequence[Fit]) -> np.ndarray |
     return found
 
 
-def experiments(data: Dataset, assumed: Fit) -> Iterator[Experiment]:
+Menu = Iterator[tuple[NextExperiment, tuple[Figure, ...], float]]
+"""Experiments as evidence, each with the effort that its separation is divided by: number of set-ups."""
+
+
+def experiments(data: Dataset, assumed: Fit) -> Menu:
     """What could be measured next on a rig of which gains or responses are known, with figures of an assumed answer."""
     placement = assumed.hypothesis.placement(data.prototype)
 
@@ -282,10 +262,10 @@ def experiments(data: Dataset, assumed: Fit) -> Iterator[Experiment]:
         law = gain.controller.but(gain_A_per_V=at.gain)
         return replace(piece, measured=replace(gain, controller=law, frequency_Hz=at.frequency / tau))
 
-    def gains(text: str, settings: dict[str, object], some: Sequence[GainEvidence | None]) -> Iterator[Experiment]:
+    def gains(text: str, settings: dict[str, object], some: Sequence[GainEvidence | None]) -> Menu:
         pieces = tuple(piece for piece in some if piece is not None)
         if len(pieces) == len(some) and pieces:
-            yield Experiment(text, {"kind": "critical_gain"} | settings, pieces, float(len(pieces)))
+            yield NextExperiment(text, (), 0.0, {"kind": "critical_gain"} | settings), pieces, float(len(pieces))
 
     std = min((g.relative_std for g in data.gains), default=0.03)
     without_frequency = [g for g in data.gains if g.frequency_Hz is None]
@@ -323,21 +303,19 @@ def experiments(data: Dataset, assumed: Fit) -> Iterator[Experiment]:
         if response is None:
             continue
         piece = ResponseEvidence(replace(flat, response=response), data.prototype)
-        yield Experiment(
+        text = (
             f"Measure the frequency response of the tip to a force, with phase, from 1 to 300 Hz under {_words(law)} at"
-            f" {1e3 * quiet.gain_A_per_V:.3g} mA/V (half its critical gain).",
-            {"kind": "frequency_response", "controller": _without_gain(law) | {"gain_A_per_V": quiet.gain_A_per_V}},
-            (piece,),
-            3.0,
+            f" {1e3 * quiet.gain_A_per_V:.3g} mA/V (half its critical gain)."
         )
+        given = {"kind": "frequency_response", "controller": quiet.model_dump()}
+        yield NextExperiment(text, (), 0.0, given), (piece,), 3.0
 
 
 def _laws(data: Dataset) -> list[Controller]:
-    found: list[Controller] = []
+    found: dict[Controller, Controller] = {}
     for law in [g.controller for g in data.gains] + [r.controller for r in data.responses]:
-        if not any(_same(law, known) for known in found):
-            found.append(law)
-    return found
+        found.setdefault(law.but(gain_A_per_V=1.0), law)
+    return list(found.values())
 
 
 def _masses(data: Dataset) -> set[tuple[float, float]]:

@@ -6,10 +6,9 @@ from typing import Any
 import numpy as np
 
 from beamdesign.diagnosis.diagnosis import BandGap, Errors, Gap, RecordGap
-from beamdesign.diagnosis.fitting.evidence import InjectedRecord, RecordEvidence
+from beamdesign.diagnosis.fitting.evidence import RecordEvidence
 from beamdesign.diagnosis.fitting.fit import Fit
 from beamdesign.diagnosis.fitting.hypothesis import NOTHING, Hypothesis, Placement
-from beamdesign.prototype import Prototype
 
 CHANNEL = "displacement_m"
 BANDS_HZ = (0.2, 5.0, 15.0, 40.0, 80.0, 150.0, 300.0, 1000.0)
@@ -20,16 +19,13 @@ _FLOOR_KNOWN = (-0.05, 0.1)
 them 90 % intervals held the truth of about 9 in 10 cases of a blind check."""
 
 
-def errors(
-    piece: RecordEvidence | InjectedRecord, prototype: Prototype, null: Fit, chosen: Fit, written: Fit
-) -> Errors:
+def errors(piece: RecordEvidence, null: Fit, chosen: Fit, written: Fit) -> Errors:
     """Simulate a record with the believed, the tuned and the diagnosed model.
 
     Where a model's loop diverges its prediction is taken to be none: it counts as an error of the whole signal.
 
     Args:
         piece: the record.
-        prototype: that was believed.
         null: fit of the tolerated figures alone, without the held-out records.
         chosen: fit of the chosen causes, likewise.
         written: fit of the chosen causes to all records.
@@ -37,6 +33,7 @@ def errors(
     column = piece.weight.channels.index(CHANNEL)
     measured = piece.measured[:, column]
     rms = float(np.std(measured))
+    prototype = piece.job.prototype
     plain = NOTHING.placement(prototype)
 
     def error(placement: Placement, z: np.ndarray) -> np.ndarray:
@@ -51,20 +48,19 @@ def errors(
     return Errors(piece.name, piece.record.times, measured, before, tuned, after, whole, noise)
 
 
-def sizes(found: Fit, prototype: Prototype, records: Sequence[RecordEvidence]) -> dict[str, float]:
+def sizes(found: Fit, records: Sequence[RecordEvidence]) -> dict[str, float]:
     """What each cause of a fit, alone, changes of the displacement of the rig without any of them, over its rms.
 
     Root mean square over the records; infinite where a loop diverges by it.
 
     Args:
         found: with one cause or several.
-        prototype: that was believed.
         records: under whose inputs.
     """
     tolerated = {u.name for u in found.unknowns if u.kind == "figure"}
 
     def displacements(names: tuple[str, ...]) -> list[np.ndarray | None]:
-        placement = Hypothesis(names).placement(prototype)
+        placement = Hypothesis(names).placement(records[0].job.prototype)
         values = {u: found.values.get(u.name, u.nominal) for u in placement.unknowns}
         # A figure that another cause has set free is here as it was believed.
         z = np.array([0.0 if u.kind == "figure" and u.name not in tolerated else u.z(v) for u, v in values.items()])

@@ -112,11 +112,6 @@ class Judgement:
             sums[hypothesis.causes] = sums.get(hypothesis.causes, 0.0) + p
         return dict(sorted(sums.items(), key=lambda item: -item[1]))
 
-    @property
-    def sure(self) -> float:
-        """Probability of the causes of the best fit."""
-        return self.of_causes[self.best.hypothesis.causes]
-
 
 def evidence(found: Fit, spread: float) -> float:
     """Logarithm of the marginal likelihood by Laplace's method, up to a constant.

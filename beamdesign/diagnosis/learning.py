@@ -53,11 +53,6 @@ class Learning:
     judged: Judgement
     refitted: tuple[Fit, Fit]
 
-    @property
-    def left(self) -> float:
-        """Misfit beyond noise, as a share of what tolerances alone leave."""
-        return self.search.excess(self.judged.best)
-
 
 def learn(
     data: Dataset,
@@ -102,7 +97,7 @@ def learn(
     null, without = refit(seen, best, workers, _of(kept, scaled))
     other = refit(seen, rival, workers, kept)[1] if contested else null
     out = [piece for k, piece in enumerate(record_evidence(scaled)) if k in held_out]
-    found_by = [[errors(piece, scaled.prototype, null, fit, fit) for piece in out] for fit in (without, other)]
+    found_by = [[errors(piece, null, fit, fit) for piece in out] for fit in (without, other)]
     left, left_by_rival = (sum(float(np.mean(e.after**2)) - e.noise**2 for e in own) for own in found_by)
     spread = max(1.0, best.misfit / before.expected)
     told, told_by_rival = (held_out_score(fit, before.conditions, spread) for fit in (best, rival))
@@ -119,11 +114,8 @@ def learn(
 
 def _of(kept: FitCache | None, data: Dataset) -> FitCache | None:
     """Where fits of learnt laws are kept, whose unknowns go by the scales that the prototype states."""
-    return None if kept is None else replace(kept, prototype=data.prototype, part=(*kept.part, _digest(data)))
-
-
-def _digest(data: Dataset) -> str:
-    return sha256(repr(data.prototype.effects).encode()).hexdigest()[:12]
+    scales = sha256(repr(data.prototype.effects).encode()).hexdigest()[:12]
+    return None if kept is None else replace(kept, prototype=data.prototype, part=(*kept.part, scales))
 
 
 def _fitted(data: Dataset, before: Search, workers: int, progress: Progress, kept: FitCache | None) -> list[Fit]:
@@ -146,7 +138,7 @@ def _fitted(data: Dataset, before: Search, workers: int, progress: Progress, kep
 def with_scales(data: Dataset, null: Fit) -> Dataset:
     """The data set, its prototype stating the sizes that signals of laws reach in the linear model, where they do."""
     signals: dict[str, float] = {"": max(float(record.times[-1]) for record in data.records)}
-    for item in residuals(data.prototype, null, record_evidence(data)):
+    for item in residuals(null, record_evidence(data)):
         for name, values in item.nominal().items():
             signals[name] = max(signals.get(name, 0.0), float(np.abs(values).max()))
     laws = (law for h in learnable(data.prototype) if (law := library()[h.names[0]]).scales)
@@ -171,18 +163,16 @@ def without_idle_terms(data: Dataset, best: Fit) -> Dataset:
     return replace(data, prototype=data.prototype.but(effects=effects)) if idle else data
 
 
-def described(causes: Sequence[Cause], best: Fit, data: Dataset) -> tuple[Cause, ...]:
-    """Causes, those of them that were learnt with what they are like and their table.
+def described(cause: Cause, best: Fit, data: Dataset) -> Cause:
+    """A cause, with what it is like and its table where it was learnt.
 
     Args:
-        causes: any.
+        cause: any.
         best: the fit that is held responsible.
         data: whose prototype states the scales.
     """
-    return tuple(_described(c, best, data) if c.name in best.hypothesis.causes else c for c in causes)
-
-
-def _described(cause: Cause, best: Fit, data: Dataset) -> Cause:
+    if cause.name not in best.hypothesis.causes:
+        return cause
     law = library().get(best.hypothesis.realisation(cause.name))
     if law is None or law.nearest is None:
         return cause

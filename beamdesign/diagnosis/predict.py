@@ -10,10 +10,9 @@ import numpy as np
 
 from beamdesign.bench_prototype import AnyPrototype, BenchPrototype, read_bench_prototype
 from beamdesign.columns import read_columns, uniform_times
-from beamdesign.controllers import Controller
-from beamdesign.diagnosis.data.dataset import without_noise
+from beamdesign.diagnosis.data.dataset import TimeRecord
 from beamdesign.diagnosis.data.dataset_index import index_of, kind_of, read_index, wrong_files
-from beamdesign.plant.assembly import OUTPUTS, assemble, parameters_of, structure_of
+from beamdesign.plant.assembly import OUTPUTS, assemble, parameters_of, problem_without_controller, structure_of
 from beamdesign.plant.compiled import integrate
 from beamdesign.plant.equilibrium import equilibrium
 from beamdesign.progress import Progress, silent
@@ -26,29 +25,6 @@ COLUMNS = ("t_s", "current_A", "displacement_m")
 BENCH_COLUMNS = ("t_s", "displacement_m", "pressure_a_Pa", "pressure_b_Pa")
 FURTHEST_M = 0.5
 """Displacement of the outer tip at which a loop has diverged."""
-
-
-@dataclass(frozen=True)
-class Inputs:
-    """What was done in one record.
-
-    Attributes:
-        name: of its file, without ending.
-        times: (N,) s.
-        disturbance_N: (N,).
-        command_V: (N,).
-        outer_end_mass: kg.
-        inner_end_mass: kg.
-        controller: of the loop; None where neither the record nor the believed prototype says.
-    """
-
-    name: str
-    times: np.ndarray = field(repr=False)
-    disturbance_N: np.ndarray = field(repr=False)
-    command_V: np.ndarray = field(repr=False)
-    outer_end_mass: float
-    inner_end_mass: float
-    controller: Controller | None
 
 
 @dataclass(frozen=True)
@@ -97,14 +73,19 @@ class Prediction(Result):
         ]
 
 
-def read_inputs(folder: str | Path) -> tuple[tuple[Inputs, ...], float]:
+def read_inputs(folder: str | Path, rig: Prototype | None = None) -> tuple[tuple[TimeRecord, ...], float]:
     """Read what was done to a twin-beam rig in the time records of a data set; measured columns may be missing or bad.
 
+    Args:
+        folder: of the set, or its dataset.toml.
+        rig: whose controller counts where neither a record nor the believed prototype says.
+
     Returns:
-        the inputs, and the sensor gain that was believed, V/m, by which displacements of the set are stated.
+        records without what was measured, and the sensor gain that was believed, V/m, by which displacements of the set
+        are stated.
 
     Raises:
-        InputError: with what is wrong in dataset.toml, in its prototype or in an input column.
+        InputError: with what is wrong in dataset.toml, in its prototype or in an input column; without a controller.
     """
     path = index_of(Path(folder))
     entry, _ = read_index(path)
@@ -112,28 +93,30 @@ def read_inputs(folder: str | Path) -> tuple[tuple[Inputs, ...], float]:
     found = []
     for row in entry.record:
         times, disturbance, command = _columns(path.parent / row.file, ("t_s", "disturbance_N", "command_V"))
-        masses = (row.outer_end_mass_kg, row.inner_end_mass_kg)
-        controller = row.controller or nominal.controller
-        found.append(Inputs(Path(row.file).stem, times, disturbance, command, *masses, controller))
+        controller = row.controller or nominal.controller or (rig or nominal).controller
+        if controller is None:
+            raise InputError((rig or nominal).name, [problem_without_controller()])
+        inputs, masses = np.column_stack([disturbance, command]), (row.outer_end_mass_kg, row.inner_end_mass_kg)
+        found.append(TimeRecord(Path(row.file).stem, times, inputs, {}, *masses, controller))
     if not found:
         raise InputError(path, [("record", "the set holds no time record to predict")])
     return tuple(found), nominal.sensor.gain_V_per_m
 
 
-def predict(prototype: Prototype, given: Inputs, nominal_sensor_gain: float) -> Predicted:
+def predict(prototype: Prototype, given: TimeRecord, nominal_sensor_gain: float) -> Predicted:
     """Simulate a record from rest.
 
     Args:
-        prototype: with its effects. Its sensor gain is what the rig has; its controller counts only where the data set
-            names none, and believes these figures where it estimates the payload.
+        prototype: with its effects. Its sensor gain is what the rig has; the controller believes these figures where it
+            estimates the payload.
         given: what was done.
         nominal_sensor_gain: V/m, by which volts became the displacement of the data set.
 
     Raises:
-        InputError: without a controller, for effects that cannot be, where there is no equilibrium to start from, or
+        InputError: for effects that cannot be, where there is no equilibrium to start from, or
             where the record takes too many steps; see `beamdesign.plant.compiled`.
     """
-    rig = prototype if given.controller is None else prototype.but(controller=given.controller)
+    rig = prototype.but(controller=given.controller)
     moved = _fixed if rig.schedule is None else _stages
     samples = moved(rig, given, nominal_sensor_gain)
     count = len(samples)
@@ -142,7 +125,7 @@ def predict(prototype: Prototype, given: Inputs, nominal_sensor_gain: float) -> 
     return Predicted(given.name, COLUMNS, samples, "" if count == len(given.times) else reason)
 
 
-def _fixed(rig: Prototype, given: Inputs, nominal_sensor_gain: float) -> np.ndarray:
+def _fixed(rig: Prototype, given: TimeRecord, nominal_sensor_gain: float) -> np.ndarray:
     """(M, 3) as `COLUMNS`, with one law."""
     kinds = structure_of(rig)
     assembly = assemble(kinds)
@@ -154,13 +137,13 @@ def _fixed(rig: Prototype, given: Inputs, nominal_sensor_gain: float) -> np.ndar
     except ValueError as error:
         raise InputError(rig.name, [("(figures)", str(error))]) from error
     substeps = substeps_for(assembly, parameters, given.times)
-    inputs = half_steps(np.column_stack([without_noise(given.disturbance_N), given.command_V]), substeps)
+    inputs = half_steps(given.cleaned.inputs, substeps)
     y, _ = integrate(kinds, given.times, inputs, start, parameters, substeps, FURTHEST_M)
     columns = [OUTPUTS.index(name) for name in COLUMNS[1:]]
     return np.column_stack([given.times[: len(y)], y[:, columns]])
 
 
-def _stages(rig: Prototype, given: Inputs, nominal_sensor_gain: float) -> np.ndarray:
+def _stages(rig: Prototype, given: TimeRecord, nominal_sensor_gain: float) -> np.ndarray:
     """(M, 3) as `COLUMNS`, with several laws: they work at samples of their own, without noise.
 
     A record begins with the first law that is for its payload, as a rig does that has carried it before.
@@ -172,7 +155,7 @@ def _stages(rig: Prototype, given: Inputs, nominal_sensor_gain: float) -> np.nda
     assert rig.schedule is not None
     period, times = rig.schedule.period_s, given.times - given.times[0]
     inside = np.minimum(np.arange(ceil(times[-1] / period) + 2) * period, times[-1])
-    force, command = (CubicSpline(times, x)(inside) for x in (without_noise(given.disturbance_N), given.command_V))
+    force, command = CubicSpline(times, given.cleaned.inputs)(inside).T
     built = rig.but(payload=rig.payload.but(inner_end_mass_kg=given.inner_end_mass))
     course = Course(force, ((0.0, given.outer_end_mass),), command_V=command, before_N=0.0)
     fit = (k for k, (_, (low, high)) in enumerate(rig.schedule.laws) if low <= given.outer_end_mass <= high)
@@ -207,10 +190,10 @@ def predict_set(
         if not isinstance(rig, BenchPrototype):
             raise InputError(rig.name, [("kind", "is a twin beam, and the data set is of a bench")])
         return tuple(_predict_bench(rig, Path(folder), progress))
-    inputs, gain = read_inputs(folder)
     model = read_prototype(prototype) if isinstance(prototype, str | Path) else prototype
     if isinstance(model, BenchPrototype):
         raise InputError(model.name, [("kind", "is a bench, and the data set is of a twin beam")])
+    inputs, gain = read_inputs(folder, model)
     found, done, total = [], 0, sum(len(given.times) for given in inputs)
     for given in inputs:
         progress(done / total, f"{given.name}, {given.times[-1] - given.times[0]:.4g} s")

@@ -27,7 +27,7 @@ from beamdesign.diagnosis.fitting.evidence import (
 )
 from beamdesign.diagnosis.fitting.fit import Evidence, Fit, FitCache, fit, misfit_at
 from beamdesign.diagnosis.fitting.hypothesis import NOTHING, WRONG, Hypothesis, Placement, singles, together
-from beamdesign.diagnosis.fitting.search import Search, best_of_each, refit, search
+from beamdesign.diagnosis.fitting.search import Search, best_of_each, search
 from beamdesign.diagnosis.fitting.starts import fit_from_starts, starts
 from beamdesign.diagnosis.judgement import Judgement, judge
 from beamdesign.parameters import RIG_TOLERANCES
@@ -99,7 +99,7 @@ def backlash_impacts(
         found_all += _pairs(others, rig, seen, loose)
     progress(1.0, "done")
     # Without a floor: the error of a motion that cannot be predicted says nothing of how large a cause is.
-    return Search(null, tuple(best_of_each(found_all)), expected, before.evidence, conditions=before.conditions)
+    return Search(null, tuple(best_of_each(found_all)), expected, conditions=before.conditions)
 
 
 def _brought_down(evidence: Sequence[Evidence], sought: Hypothesis, placement: Placement, z: np.ndarray) -> np.ndarray:
@@ -292,22 +292,6 @@ class SecondLook:
     judged: Judgement
     warning: str
     oscillates: bool
-
-    def refit(
-        self, seen: Dataset, plain: Fit, best: Fit, workers: int = 1, kept: FitCache | None = None
-    ) -> tuple[Fit, Fit]:
-        """Tolerances alone, and what is chosen, again to fewer data.
-
-        Args:
-            seen: what is left of them.
-            plain: tolerances alone, of the search from rest.
-            best: one of the fits here.
-            workers: processes.
-            kept: fits of an earlier run.
-        """
-        if self.oscillates:
-            return refit(seen, best, workers, kept, synchronised=True)
-        return refit(seen, plain, workers, kept)[0], refit_backlash_impacts(seen, best)
 
 
 def second_look(

@@ -7,7 +7,7 @@ causes, what the other would take up with its severity and parameters free to fi
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from itertools import combinations
+from itertools import combinations, pairwise
 
 import numpy as np
 
@@ -38,7 +38,6 @@ class Separability:
         close: pairs of visible causes whose signatures nearly agree (`ALIKE`): only records as good as these tell
             them apart.
         invisible: causes whose signature does not stand out.
-        unpredicted: causes with which the model's loop is unstable even at a quarter of their typical severity.
     """
 
     names: tuple[str, ...]
@@ -48,7 +47,6 @@ class Separability:
     classes: tuple[tuple[str, ...], ...]
     close: tuple[tuple[str, str], ...]
     invisible: tuple[str, ...]
-    unpredicted: tuple[str, ...] = ()
 
 
 def indistinguishable(
@@ -69,18 +67,13 @@ def indistinguishable(
     if rest is None:
         raise ValueError("the believed prototype's loop is unstable under the conditions measured")
     base, tolerances = (np.concatenate(parts) for parts in zip(*rest, strict=True))
-    columns, parts, names, lost = [tolerances], [], [], []
-    for hypothesis in hypotheses or [h for h in singles(data.prototype) if h.names == h.causes]:
-        found = _signature(evidence, hypothesis.placement(data.prototype), base)
-        if found is None:
-            lost.append(str(hypothesis))
-            continue
-        start = sum(c.shape[1] for c in columns)
-        columns.append(found)
-        parts.append(tuple(range(start, start + found.shape[1])))
-        names.append(str(hypothesis))
-    matrix = np.hstack(columns)
-    return _judged(matrix.T @ matrix, tolerances.shape[1], parts, tuple(names), tuple(lost))
+    among = hypotheses or [h for h in singles(data.prototype) if h.names == h.causes]
+    tried = {str(h): _signature(evidence, h.placement(data.prototype), base) for h in among}
+    found = {name: columns for name, columns in tried.items() if columns is not None}
+    matrix = np.hstack([tolerances, *found.values()])
+    edges = np.cumsum([tolerances.shape[1], *(columns.shape[1] for columns in found.values())])
+    parts = [range(first, last) for first, last in pairwise(edges.tolist())]
+    return _judged(matrix.T @ matrix, tolerances.shape[1], parts, tuple(found))
 
 
 def _signature(evidence: Sequence[Evidence], placement: Placement, base: np.ndarray) -> np.ndarray | None:
@@ -104,9 +97,7 @@ def _typical(unknown: Unknown, share: float) -> float:
     return unknown.z(share * unknown.nominal) if unknown.linear else 0.0
 
 
-def _judged(
-    gram: np.ndarray, tolerated: int, parts: Sequence[Sequence[int]], names: tuple[str, ...], lost: tuple[str, ...]
-) -> Separability:
+def _judged(gram: np.ndarray, tolerated: int, parts: Sequence[Sequence[int]], names: tuple[str, ...]) -> Separability:
     count, tuned = len(names), list(range(tolerated))
     size = np.array([_left(gram, part[0], tuned, []) for part in parts])
     visible = np.sqrt(size)
@@ -120,7 +111,7 @@ def _judged(
     near = [(i, j) for i, j in combinations(seen, 2) if separation[i, j] < LEAST]
     close = tuple((names[i], names[j]) for i, j in combinations(seen, 2) if cosine[i, j] > ALIKE)
     invisible = tuple(names[k] for k in range(count) if k not in seen)
-    return Separability(names, visible, separation, cosine, _joined(near, names), close, invisible, lost)
+    return Separability(names, visible, separation, cosine, _joined(near, names), close, invisible)
 
 
 def _left(gram: np.ndarray, which: int, tuned: list[int], free: list[int]) -> float:

@@ -22,7 +22,7 @@ from opened_cases import OpenedCase, diagnosed, opened_case, opened_keys, true_r
 
 from beamdesign.diagnosis.data.dataset import Dataset, read_dataset
 from beamdesign.diagnosis.diagnose import diagnose
-from beamdesign.diagnosis.experiment import menu, scenario_of
+from beamdesign.diagnosis.experiment import menu
 from beamdesign.records import InputError, parse
 from beamdesign.scenario import Scenario, inputs_of
 from beamdesign.validation.blind.bounds import clopper_pearson
@@ -92,7 +92,7 @@ def main() -> None:
             continue
         plan = parse(Scenario, dict(asked.settings["scenario"]), "next")  # type: ignore[call-overload]
         options = list(menu(data))
-        other = scenario_of(options[random.integers(len(options))], data.prototype)
+        other = options[random.integers(len(options))].scenario
         right, said = decides(opened, plan, str(asked.settings["added_sensor"]))
         lucky, told = decides(opened, other)
         counts += (1, right, lucky)

@@ -1,4 +1,4 @@
-"""Rigs without a gap, drawn by the truth model and diagnosed: what `beamdesign.diagnosis.level` ranks a data set among.
+"""Rigs without a gap, drawn by the truth model and diagnosed: what a data set is ranked among by `diagnose.chance`.
 
 Scores are written as they come, so that a run which was stopped goes on by the same command. With `--check` no scores
 are written for the package: those of the package's own are ranked against them, and the share below the level is
@@ -16,8 +16,7 @@ from tempfile import TemporaryDirectory
 from textwrap import fill
 
 from beamdesign.diagnosis.data.dataset import read_dataset
-from beamdesign.diagnosis.diagnose import diagnose
-from beamdesign.diagnosis.level import LEVEL, chance
+from beamdesign.diagnosis.diagnose import LEVEL, chance, diagnose
 from beamdesign.validation.blind.bounds import clopper_pearson
 from beamdesign.validation.blind.case_plan import HISSES, RIGS
 

@@ -104,7 +104,7 @@ def test_speeds_between_the_voltages_that_were_fitted_do_not_hang_on_what_is_und
     volts = np.array([2.0, 4.0, -2.0, -4.0])
     left = [each for each in found.ranked if each.probability > 0.01]
     assert len(left) > 3
-    speeds = [steady(NO_CAUSE | each.fit.values, volts, ORIFICES in each.hypothesis.names).speed for each in left]
+    speeds = [steady(NO_CAUSE | each.fit.values, volts, ORIFICES in each.hypothesis.names)["speed"] for each in left]
     np.testing.assert_allclose(np.array(speeds) / np.mean(speeds, axis=0), 1.0, atol=0.015)
 
 

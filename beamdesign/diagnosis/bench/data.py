@@ -7,7 +7,6 @@ one condition come from two runs.
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from itertools import pairwise
 from pathlib import Path
 from typing import Annotated
 
@@ -19,6 +18,7 @@ from beamdesign.bench_prototype import BenchPrototype, read_bench_prototype
 from beamdesign.columns import read_columns, uniform_times
 from beamdesign.diagnosis.data.dataset import refuse_missing
 from beamdesign.diagnosis.data.dataset_index import SetFile, index_of, wrong_files
+from beamdesign.diagnosis.examination.sound_records import equal_runs
 from beamdesign.records import FileName, InputError, Problem, Record
 
 LEAST_SAMPLES = 200
@@ -62,14 +62,12 @@ class BenchSet:
 
     Attributes:
         name: of the set.
-        folder: where it was read from.
         prototype: the model that was believed.
         runs: in the order of the file.
         warnings: what is odd about them, in words.
     """
 
     name: str
-    folder: Path
     prototype: BenchPrototype
     runs: tuple[BenchRun, ...]
     warnings: tuple[str, ...] = ()
@@ -123,16 +121,13 @@ def read_bench_set(folder: str | Path) -> BenchSet:
     if alone:
         raise InputError(path, alone)
     warnings = [words for run in runs for words in _odd(run)]
-    return BenchSet(entry.name, path.parent, prototype, runs, tuple(dict.fromkeys(warnings)))
+    return BenchSet(entry.name, prototype, runs, tuple(dict.fromkeys(warnings)))
 
 
 def stretches(command_V: np.ndarray) -> list[tuple[int, int, float]]:
     """Where the command stays at one value other than zero: first sample, sample after the last, volts."""
-    edges = np.nonzero(np.diff(command_V) != 0)[0] + 1
-    bounds = [0, *edges.tolist(), len(command_V)]
-    return [
-        (i, j, float(command_V[i])) for i, j in pairwise(bounds) if command_V[i] != 0 and j - i >= LEAST_SAMPLES // 4
-    ]
+    found = equal_runs(command_V, LEAST_SAMPLES // 4)
+    return [(i, i + count, float(command_V[i])) for i, count in found if command_V[i] != 0]
 
 
 def held(run: BenchRun, sign: int) -> slice:

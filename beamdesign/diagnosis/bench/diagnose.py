@@ -10,10 +10,9 @@ import numpy as np
 
 from beamdesign.bench_prototype import BenchPrototype
 from beamdesign.diagnosis.bench.data import BenchSet, saturates_at
-from beamdesign.diagnosis.bench.fit import HeldOut, SteadyEvidence, held_out, replayed, updated_prototype
+from beamdesign.diagnosis.bench.fit import HeldOut, SteadyEvidence, held_out, moving, replayed, updated_prototype
 from beamdesign.diagnosis.bench.hypothesis import (
     FRICTIONS,
-    NO_CAUSE,
     ORIFICES,
     STEADY_EFFECTS,
     BenchHypothesis,
@@ -24,7 +23,7 @@ from beamdesign.diagnosis.bench.hypothesis import (
     parameters,
     subsystem,
 )
-from beamdesign.diagnosis.bench.motions import CHANNELS, Observations, averaged, scatter, steady, steady_motions
+from beamdesign.diagnosis.bench.motions import CHANNELS, Observations, steady_motions, way_of
 from beamdesign.diagnosis.diagnosis import Cause, CauseSet, Diagnosis, Gap, Indicator, NextExperiment, Verdict, Where
 from beamdesign.diagnosis.fitting.fit import Fit
 from beamdesign.diagnosis.gap_metrics import gap_of_pieces
@@ -75,9 +74,8 @@ def diagnose_bench(data: BenchSet, among: Sequence[BenchHypothesis] | None = Non
     """
     rig, actuator = data.prototype, data.prototype.actuator
     seen = steady_motions(data)
-    floor = scatter(seen, actuator.supply_pressure_Pa)
     known, figures = nominal(rig)
-    tried = [held_out(rig, hypothesis, seen, floor) for hypothesis in among or candidates(known)]
+    tried = [held_out(rig, hypothesis, seen) for hypothesis in among or candidates(known)]
     weights = probabilities(tried, seen.conditions)
     ranked = tuple(replace(tried[k], probability=float(weights[k])) for k in np.argsort(-weights, kind="stable"))
     judged = Judgement({each.hypothesis: each.probability for each in ranked}, 0.0, ranked[0].fit)
@@ -88,7 +86,7 @@ def diagnose_bench(data: BenchSet, among: Sequence[BenchHypothesis] | None = Non
     # Statistics 32 (2004) 870): all causes that are more likely at work than not.
     likely = tuple(sorted(name for name in every if judged.cause(name) > THRESHOLDS.bench_likely))
     best = next(each for each in ranked if each.hypothesis.causes == likely)
-    gap = replace(_gap(rig, retuned, best, figures, seen, floor), records=replayed(data, best))
+    gap = replace(_gap(retuned, best, figures, seen), records=replayed(data, best))
     strained = any(True for _ in strains(retuned.fit))
     verdict, reason = _verdict([name for name in likely if name in new], gap, new, strained)
     chosen = () if verdict == "no_gap" else tuple(name for name in likely if name in new)
@@ -109,7 +107,7 @@ def diagnose_bench(data: BenchSet, among: Sequence[BenchHypothesis] | None = Non
         gap,
         (),
         _next_experiment(ranked, seen) if verdict in ("ambiguous", "unknown") else None,
-        updated_prototype(rig, best.hypothesis, best.fit, **readings) if chosen else rig,
+        updated_prototype(rig, best.fit, **readings) if chosen else rig,
         data.warnings,
         hypotheses=_sets(ranked, judged, gap),
         notes=(*notes, *still),
@@ -145,22 +143,12 @@ def probabilities(tried: Sequence[HeldOut], conditions: Sequence[str]) -> np.nda
     return np.asarray((weight / weight.sum(axis=1, keepdims=True)).mean(axis=0))
 
 
-def _gap(
-    prototype: BenchPrototype,
-    retuned: HeldOut,
-    best: HeldOut,
-    figures: Mapping[str, float],
-    seen: Observations,
-    floor: Mapping[str, float],
-) -> Gap:
+def _gap(retuned: HeldOut, best: HeldOut, figures: Mapping[str, float], seen: Observations) -> Gap:
     plain = SteadyPlacement((), ORIFICES in retuned.hypothesis.names, figures)
     rows = []
     for condition in seen.conditions:
-        left = SteadyEvidence(seen.of([condition]), prototype.actuator.supply_pressure_Pa, floor)
-        missed = averaged(left.seen, left.predicted(plain, np.zeros(0)))
-        side = left.seen.rows.side
-        runs = {"speed": len(side) / 2} | {f"pressure_{s}": np.sum(side == s) / 2 for s in "ab"}
-        noise = [floor[channel] ** 2 / runs[channel] for channel in CHANNELS]
+        found, missed = SteadyEvidence(seen, seen.scatter).left(condition, plain, np.zeros(0))
+        noise = [seen.scatter[channel] ** 2 / (len(found[channel]) / 2) for channel in CHANNELS]
         tuned, after = ([value**2 for value in each.error[condition].values()] for each in (retuned, best))
         rows.append([np.mean(squares) for squares in (np.square(list(missed.values())), tuned, after, noise)])
     return gap_of_pieces(np.sqrt(rows), (), 1, _DRAWS)
@@ -191,7 +179,7 @@ def _causes(
     marginal: Mapping[str, float],
     chosen: Sequence[str],
 ) -> tuple[Cause, ...]:
-    named = parameters(prototype, best.hypothesis.causes, best.fit)
+    named = parameters(prototype, best.fit)
     found = []
     for name, probability in marginal.items():
         share = 0.0
@@ -213,12 +201,10 @@ def _next_experiment(ranked: Sequence[HeldOut], seen: Observations) -> NextExper
     weight /= weight.sum()
     separation, command_V, channel = 0.0, float(grid[0]), "speed"
     for sign in (1, -1):
-        found = [steady(NO_CAUSE | each.fit.values, sign * grid, ORIFICES in each.hypothesis.names) for each in alive]
-        supply = alive[0].fit.values["supply_pressure"]
-        speed = np.array([each.speed for each in found])
-        channels = {"speed": speed / (weight @ speed)}
-        channels |= {f"pressure_{s}": np.array([each.pressure(s) for each in found]) / supply for s in "ab"}
-        for name, values in channels.items():
+        found = [moving(each.fit, sign * grid) for each in alive]
+        for name in CHANNELS:
+            values = np.array([each[name] for each in found])
+            values /= weight @ values if name == "speed" else alive[0].fit.values["supply_pressure"]
             spread = np.sqrt(weight @ (values - weight @ values) ** 2) / alive[0].deviation[name]
             k = int(np.argmax(spread))
             if spread[k] > separation:
@@ -318,10 +304,8 @@ def motion_table(prototype: BenchPrototype, seen: Observations, chosen: HeldOut)
         speed, volts = (seen.mean(column, condition, direction) for column in ("speed", "command_V"))
         a, b = (seen.mean("pressure", condition, direction, side) for side in "ab")
         force = actuator.piston_area_m2 * ((1 + actuator.asymmetry) * a - (1 - actuator.asymmetry) * b)
-        figures = NO_CAUSE | chosen.without[condition].values
-        found = steady(figures, np.array([volts - seen.null_V]), ORIFICES in chosen.hypothesis.names)
-        way = "extending" if direction > 0 else "retracting"
-        rows.append((condition, way, speed, float(found.speed[0]), a, b, force))
+        (predicted,) = moving(chosen.without[condition], np.array([volts - seen.null_V]))["speed"]
+        rows.append((condition, way_of(direction), speed, float(predicted), a, b, force))
     names = "condition", "direction", "speed_m_per_s", "predicted_m_per_s", "pressure_a_Pa", "pressure_b_Pa"
     return dict(zip((*names, "net_force_N"), zip(*rows, strict=True), strict=True))
 

@@ -12,10 +12,12 @@ from beamdesign.bench_prototype import BenchPrototype
 from beamdesign.diagnosis.bench.data import BenchRun, BenchSet, held
 from beamdesign.diagnosis.bench.hypothesis import (
     FIGURES,
+    NO_CAUSE,
     ORIFICES,
     BenchHypothesis,
     SteadyPlacement,
     parameters,
+    placed,
     steady_placement,
 )
 from beamdesign.diagnosis.bench.motions import CHANNELS, EDGES, Observations, averaged, steady
@@ -37,12 +39,10 @@ class SteadyEvidence(Fitted):
 
     Attributes:
         seen: the motions.
-        supply: pressure that was believed, Pa.
         deviation: by channel, of what is left in units of `predicted`.
     """
 
     seen: Observations
-    supply: float
     deviation: Mapping[str, float]
 
     def predicted(self, placement: SteadyPlacement, z: np.ndarray) -> dict[str, np.ndarray]:
@@ -51,17 +51,25 @@ class SteadyEvidence(Fitted):
         Of speeds there is one per row, of a pressure one per row that recorded it, of edges one per condition.
         """
         seen, figure, rows = self.seen, placement.figures(z), self.seen.rows
-        volts, row = seen.commands
-        found = steady(figure, volts, placement.orifices)
-        error = {"speed": found.speed[..., row] / rows.speed - 1}
+        found = steady(figure, seen.volts, placement.orifices)
+        error = {"speed": found["speed"] / rows.speed - 1}
         for side in "ab":
-            there = rows.side == side
-            error[f"pressure_{side}"] = (found.pressure(side)[..., row[there]] - rows.pressure[there]) / self.supply
+            there, channel = rows.side == side, f"pressure_{side}"
+            error[channel] = (found[channel][..., there] - rows.pressure[there]) / seen.supply_Pa
         out, back = seen.both_ways
-        speeds = found.speed[..., out], -found.speed[..., back]
-        error[EDGES] = seen.contrast(speeds, (found.pressure_b[..., out], found.pressure_a[..., back])) - seen.contrasts
+        speeds = found["speed"][..., out], -found["speed"][..., back]
+        empty = found["pressure_b"][..., out], found["pressure_a"][..., back]
+        error[EDGES] = seen.contrast(speeds, empty) - seen.contrasts
         held = np.where(seen.filled, figure["supply_pressure"], figure["tank_pressure"])
-        return error | {_STALL: (held - rows.stall) / self.supply}
+        return error | {_STALL: (held - rows.stall) / seen.supply_Pa}
+
+    def left(
+        self, condition: str, placement: SteadyPlacement, z: np.ndarray
+    ) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
+        """Errors at one condition as `predicted` has them, and their means as `averaged` has them."""
+        own = replace(self, seen=self.seen.of([condition]))
+        found = own.predicted(placement, z)
+        return found, averaged(own.seen, found)
 
     def misfit(self, predicted: Mapping[str, np.ndarray]) -> np.ndarray:
         """(..., M) errors, weighed."""
@@ -73,6 +81,11 @@ class SteadyEvidence(Fitted):
         step = np.where(z + _DIFFERENCE > high, -_DIFFERENCE, _DIFFERENCE)
         found = self.misfit(self.predicted(placement, np.vstack([z, z + np.diag(step)])))
         return found[0], ((found[1:] - found[0]) / step[:, None]).T
+
+
+def moving(found: Fit, volts: np.ndarray) -> dict[str, np.ndarray]:
+    """Steady motion at commands (N,) from the null, as a fit has it; see `steady`."""
+    return steady(NO_CAUSE | found.values, volts, ORIFICES in found.hypothesis.names)
 
 
 def fit_steady(
@@ -96,7 +109,7 @@ def fit_steady(
     """
     placement = steady_placement(prototype, hypothesis, float(np.abs(seen.volts).max()))
     first = {c: max(least, _FIRST_DEVIATION) for c, least in floor.items()} | {_STALL: _STALL_STD}
-    piece = SteadyEvidence(seen, prototype.actuator.supply_pressure_Pa, first)
+    piece = SteadyEvidence(seen, first)
     low, high = (np.array(side) for side in zip(*(u.bounds for u in placement.unknowns), strict=True))
     start = np.array([u.z(near[u.name]) if near else 0.0 for u in placement.unknowns])
     z = np.clip(start, low + _INSIDE, high - _INSIDE)
@@ -138,27 +151,23 @@ class HeldOut:
         return float(np.sqrt(np.mean([value**2 for each in self.error.values() for value in each.values()])))
 
 
-def held_out(
-    prototype: BenchPrototype, hypothesis: BenchHypothesis, seen: Observations, floor: Mapping[str, float]
-) -> HeldOut:
+def held_out(prototype: BenchPrototype, hypothesis: BenchHypothesis, seen: Observations) -> HeldOut:
     """Fit a hypothesis once to everything and once without each condition."""
     error, density, without = {}, {}, {}
-    everything, whole = fit_steady(prototype, hypothesis, seen, floor)
+    everything, whole = fit_steady(prototype, hypothesis, seen, seen.scatter)
     for condition in seen.conditions:
         others = seen.of([c for c in seen.conditions if c != condition])
-        trained, weighed = fit_steady(prototype, hypothesis, others, floor, everything.values)
-        left = replace(weighed, seen=seen.of([condition]))
+        trained, weighed = fit_steady(prototype, hypothesis, others, seen.scatter, everything.values)
         beside = np.vstack([trained.z, trained.z + _DIFFERENCE * np.eye(len(trained.z))])
-        found = left.predicted(SteadyPlacement(trained.unknowns, ORIFICES in hypothesis.names), beside)
-        means = averaged(left.seen, found)
+        found, means = whole.left(condition, placed(trained), beside)
         error[condition] = {channel: float(np.sqrt(np.mean(means[channel][0] ** 2))) for channel in CHANNELS}
         density[condition] = _density(trained, weighed.deviation, means | {EDGES: found[EDGES]})
         without[condition] = trained
-    lack = lack_of_fit(whole, everything, floor)
+    lack = lack_of_fit(whole, everything)
     return HeldOut(hypothesis, everything, whole.deviation, error, density, without, lack)
 
 
-def lack_of_fit(piece: SteadyEvidence, found: Fit, scatter: Mapping[str, float]) -> dict[str, float]:
+def lack_of_fit(piece: SteadyEvidence, found: Fit) -> dict[str, float]:
     """Probability that replicates which scatter as they do are missed by a right model as far as by a fit, by channel.
 
     The test of lack of fit against pure error (N. R. Draper and H. Smith, Applied Regression Analysis, 3rd ed. 1998,
@@ -168,20 +177,17 @@ def lack_of_fit(piece: SteadyEvidence, found: Fit, scatter: Mapping[str, float])
     Args:
         piece: the motions.
         found: the fit to them.
-        scatter: standard deviation of single runs by channel, see `motions.scatter`.
     """
-    orifices = ORIFICES in found.hypothesis.names
     squares, cells, runs = dict.fromkeys(CHANNELS, 0.0), dict.fromkeys(CHANNELS, 0), dict.fromkeys(CHANNELS, 0)
     for condition in piece.seen.conditions:
-        own = replace(piece, seen=piece.seen.of([condition]))
-        left = own.predicted(SteadyPlacement(found.unknowns, orifices), found.z)
-        for channel, means in averaged(own.seen, left).items():
+        left, averages = piece.left(condition, placed(found), found.z)
+        for channel, means in averages.items():
             count = len(left[channel])
             squares[channel] += float(np.sum(means**2)) * count / len(means)
             cells[channel] += len(means)
             runs[channel] += count
     freedom = {c: runs[c] - cells[c] for c in CHANNELS}
-    ratio = {c: squares[c] / cells[c] / scatter[c] ** 2 for c in CHANNELS}
+    ratio = {c: squares[c] / cells[c] / piece.seen.scatter[c] ** 2 for c in CHANNELS}
     return {c: float(f_ratio.sf(ratio[c], cells[c], freedom[c])) if freedom[c] > 0 else np.nan for c in CHANNELS}
 
 
@@ -201,20 +207,17 @@ def _density(trained: Fit, deviation: Mapping[str, float], missed: Mapping[str, 
     return total
 
 
-def updated_prototype(
-    prototype: BenchPrototype, hypothesis: BenchHypothesis, fit: Fit, **readings: float | None
-) -> BenchPrototype:
+def updated_prototype(prototype: BenchPrototype, fit: Fit, **readings: float | None) -> BenchPrototype:
     """The prototype with a fit's causes as effects and its figures in place of the believed ones.
 
     Args:
         prototype: what was believed.
-        hypothesis: what is held responsible.
-        fit: of that.
+        fit: of what is held responsible.
         readings: figures of its sensors that the data show; None: as believed.
     """
     effects = {
         name: {key: estimate.value for key, estimate in table.items()}
-        for name, table in parameters(prototype, hypothesis.causes, fit).items()
+        for name, table in parameters(prototype, fit).items()
         if not name.startswith(WRONG)
     }
     if "seal_friction" in effects:
@@ -246,7 +249,7 @@ def replayed(data: BenchSet, chosen: HeldOut) -> tuple[RecordGap, ...]:
     rows = []
     for condition, trained in chosen.without.items():
         runs = [run for run in data.runs if run.condition == condition]
-        rigs = data.prototype, updated_prototype(data.prototype, chosen.hypothesis, trained)
+        rigs = data.prototype, updated_prototype(data.prototype, trained)
         before, after = (_rms(data.prototype, _missed(rig, runs)) for rig in rigs)
         floor = _rms(data.prototype, _scattered(runs))
         rows += [RecordGap(f"{condition}, {c}", True, before[c], np.nan, after[c], floor[c]) for c in REPLAYED]

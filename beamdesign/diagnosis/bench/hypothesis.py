@@ -107,6 +107,11 @@ class SteadyPlacement:
         return {**self.base} | {u.name: u.nominal + by if u.linear else u.nominal * np.exp(by) for u, by in moved}
 
 
+def placed(found: Fit) -> SteadyPlacement:
+    """How the unknowns of a fit enter the steady model."""
+    return SteadyPlacement(found.unknowns, ORIFICES in found.hypothesis.names)
+
+
 @dataclass(frozen=True)
 class BenchHypothesis(Hypothesis):
     """A set of laws at work on a bench; its names are those of `LAWS`, sorted."""
@@ -236,18 +241,17 @@ def steady_placement(prototype: BenchPrototype, hypothesis: BenchHypothesis, lar
     return SteadyPlacement((*found, *(moved[name] for name in hypothesis.figures)), ORIFICES in hypothesis.names)
 
 
-def parameters(prototype: BenchPrototype, names: tuple[str, ...], found: Fit) -> dict[str, dict[str, Estimate]]:
+def parameters(prototype: BenchPrototype, found: Fit) -> dict[str, dict[str, Estimate]]:
     """Fitted parameters of causes, by contract names, SI.
 
     Args:
         prototype: what was believed.
-        names: of the causes.
-        found: a fit of them.
+        found: a fit of the causes.
     """
-    own: dict[str, dict[str, Estimate]] = {name: {} for name in names}
+    own: dict[str, dict[str, Estimate]] = {name: {} for name in found.hypothesis.causes}
     std = found.standard_errors
     for figure in FIGURES:
-        if figure.cause in names and figure.name in std:
+        if figure.cause in own and figure.name in std:
             factor = prototype.servovalve.amplifier_A_per_V if figure.name == "deadband_V" else 1.0
             own[figure.cause][figure.key] = Estimate(factor * found.values[figure.name], factor * std[figure.name])
     return own

@@ -4,11 +4,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import astuple, dataclass, fields, replace
 from functools import cached_property
 from itertools import pairwise, product
-from statistics import NormalDist
 from typing import Any
 
 import numpy as np
-from scipy.stats import theilslopes
+from scipy.ndimage import median_filter
+from scipy.stats import median_abs_deviation, theilslopes
 
 from beamdesign.diagnosis.bench.data import BenchRun, BenchSet, held, stretches
 from beamdesign.records import InputError
@@ -18,7 +18,6 @@ _BINS = 10  # the rest is looked at in as many parts
 _LEAST_BINS = 4
 _WITHIN = 4.0  # robust standard deviations by which a part may differ from the later half and still be steady
 _STRAIGHT = 0.03  # a part whose speed differs by less counts as equal whatever the noise
-_MAD = 1 / NormalDist().inv_cdf(0.75)
 _MOST_POINTS = 400
 
 
@@ -31,7 +30,6 @@ class SteadyMotion:
         side: chamber whose pressure was recorded.
         direction: 1 extending, -1 retracting.
         command_V: while it moved.
-        lasts_s: the part that counts as steady.
         speed: m/s, positive extending, by Theil and Sen's median of slopes.
         pressure: Pa, median over that part.
         stall: Pa, median against the end stop.
@@ -42,7 +40,6 @@ class SteadyMotion:
     side: str
     direction: int
     command_V: float
-    lasts_s: float
     speed: float
     pressure: float
     stall: float
@@ -56,7 +53,8 @@ def steady_motions(data: BenchSet) -> "Observations":
         InputError: where a run does not move steadily for long enough to tell its speed.
     """
     found = tuple(steady_motion(run, direction) for run in data.runs for direction in (1, -1))
-    return Observations(found, data.prototype.actuator.asymmetry, data.prototype.servovalve.null_V)
+    actuator = data.prototype.actuator
+    return Observations(found, actuator.asymmetry, actuator.supply_pressure_Pa, data.prototype.servovalve.null_V)
 
 
 def steady_motion(run: BenchRun, direction: int) -> SteadyMotion:
@@ -72,11 +70,12 @@ def steady_motion(run: BenchRun, direction: int) -> SteadyMotion:
     rests = [float(np.median(run.displacement_m[held(run, sign)])) for sign in (-1, 1)]
     position = (run.displacement_m[i:j] - rests[0]) / (rests[1] - rests[0])
     progress = position if direction > 0 else 1 - position
-    smooth = _running_median(progress)
+    # A median over a short window takes out the sensor's spikes.
+    smooth = median_filter(progress, max(5, len(progress) // 200) | 1, mode="nearest")
     begins = int(np.argmax(smooth > _MARGIN))
     ends = int(np.argmax(smooth > 1 - _MARGIN))
     if not smooth[0] < 0.5 or ends - begins < 2 * _BINS:
-        raise InputError(run.name, [("displacement_m", f"no whole stroke {_words(direction)} at {volts:g} V")])
+        raise InputError(run.name, [("displacement_m", f"no whole stroke {way_of(direction)} at {volts:g} V")])
     edges = np.linspace(begins + i, ends + i, _BINS + 1).astype(int)
     parts = [slice(a, b) for a, b in pairwise(edges)]
     speeds = np.array([_slope(run, part) for part in parts])
@@ -84,24 +83,17 @@ def steady_motion(run: BenchRun, direction: int) -> SteadyMotion:
     alike = _like_later_half(speeds) & _like_later_half(pressures)
     first, last = _longest(alike)
     if last - first < _LEAST_BINS:
-        raise InputError(run.name, [("displacement_m", f"no steady speed {_words(direction)} at {volts:g} V")])
+        raise InputError(run.name, [("displacement_m", f"no steady speed {way_of(direction)} at {volts:g} V")])
     part = slice(edges[first], edges[last])
     stop = held(run, direction)
-    lasts = float(run.times[part.stop] - run.times[part.start])
     settled = (run.pressure_Pa[part], run.pressure_Pa[stop], run.displacement_m[stop])
     pressure, stall, rest = (float(np.median(values)) for values in settled)
-    return SteadyMotion(run.condition, run.side, direction, volts, lasts, _slope(run, part), pressure, stall, rest)
+    return SteadyMotion(run.condition, run.side, direction, volts, _slope(run, part), pressure, stall, rest)
 
 
-def _words(direction: int) -> str:
+def way_of(direction: int) -> str:
+    """A direction in words."""
     return "extending" if direction > 0 else "retracting"
-
-
-def _running_median(values: np.ndarray) -> np.ndarray:
-    """Median over a short window, which takes out the sensor's spikes."""
-    width = max(5, len(values) // 200) | 1
-    padded = np.pad(values, width // 2, mode="edge")
-    return np.asarray(np.median(np.lib.stride_tricks.sliding_window_view(padded, width), axis=1))
 
 
 def _slope(run: BenchRun, part: slice) -> float:
@@ -112,7 +104,7 @@ def _slope(run: BenchRun, part: slice) -> float:
 def _like_later_half(values: np.ndarray) -> np.ndarray:
     later = values[_BINS // 2 :]
     middle = float(np.median(later))
-    spread = max(_MAD * float(np.median(np.abs(later - middle))), _STRAIGHT / _WITHIN * abs(middle))
+    spread = max(float(median_abs_deviation(later, scale="normal")), _STRAIGHT / _WITHIN * abs(middle))
     return np.asarray(np.abs(values - middle) <= _WITHIN * spread)
 
 
@@ -127,25 +119,6 @@ _ROUNDS = 30
 _SETTLED = 1e-6  # relative: Newton's next step would be of its square
 
 
-@dataclass(frozen=True)
-class Steady:
-    """Prediction per command, (N,) each, or (m, N) for m sets of figures.
-
-    Attributes:
-        speed: m/s, positive extending.
-        pressure_a: Pa.
-        pressure_b: Pa.
-    """
-
-    speed: np.ndarray
-    pressure_a: np.ndarray
-    pressure_b: np.ndarray
-
-    def pressure(self, side: str) -> np.ndarray:
-        """Of chamber `a` or `b`."""
-        return self.pressure_a if side == "a" else self.pressure_b
-
-
 def friction(figure: Mapping[str, Any], speed: np.ndarray, sign: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Force against the motion at a speed (both positive), and its slope; the constant load is against extension."""
     force = figure["coulomb_N"] + figure["viscous"] * speed + sign * figure["constant_load_N"]
@@ -157,7 +130,7 @@ def friction(figure: Mapping[str, Any], speed: np.ndarray, sign: np.ndarray) -> 
     return force, slope
 
 
-def steady(figure: Mapping[str, Any], volts: np.ndarray, orifices: bool) -> Steady:
+def steady(figure: Mapping[str, Any], volts: np.ndarray, orifices: bool) -> dict[str, np.ndarray]:
     """Steady motion at constant commands.
 
     With orifices, each edge passes q sqrt(2 dp / P_S), q being the flow of the opening at half the supply pressure, the
@@ -170,6 +143,9 @@ def steady(figure: Mapping[str, Any], volts: np.ndarray, orifices: bool) -> Stea
         figure: all of `hypothesis.FIGURES` by name; each a number, or (m, 1) for m sets at once.
         volts: (N,) commands.
         orifices: whether flow goes with the root of the pressure drop.
+
+    Returns:
+        (N,) each, or (m, N): `speed`, m/s, positive extending; `pressure_a` and `pressure_b`, Pa.
     """
     sign = np.where(volts < 0, -1.0, 1.0)
     area, asymmetry = figure["piston_area"], figure["asymmetry"]
@@ -207,7 +183,8 @@ def steady(figure: Mapping[str, Any], volts: np.ndarray, orifices: bool) -> Stea
         if settled:
             break
     extending = sign > 0
-    return Steady(sign * speed, np.where(extending, full, empty), np.where(extending, empty, full))
+    pressures = np.where(extending, full, empty), np.where(extending, empty, full)
+    return dict(zip(CHANNELS, (sign * speed, *pressures), strict=True))
 
 
 CHANNELS = ("speed", "pressure_a", "pressure_b")
@@ -225,12 +202,14 @@ class Observations:
     Attributes:
         motions: N of them.
         asymmetry: of the piston by bore and rod.
+        supply_Pa: pressure that was believed.
         null_V: from which commands count.
     """
 
     motions: tuple[SteadyMotion, ...]
     asymmetry: float
-    null_V: float = 0.0
+    supply_Pa: float
+    null_V: float
 
     @cached_property
     def rows(self) -> Any:
@@ -262,12 +241,6 @@ class Observations:
         """Mean pressure of chambers that a stop holds empty, Pa."""
         return float(np.mean(self.rows.stall[~self.filled]))
 
-    @cached_property
-    def commands(self) -> tuple[np.ndarray, np.ndarray]:
-        """Each command once, (U,), and which of them each row has, (N,)."""
-        volts, row = np.unique(self.volts, return_inverse=True)
-        return volts, row
-
     def mean(self, column: str, condition: str, direction: int, sides: str = "ab") -> float:
         """Of a column of `rows`, over the runs of a condition in one direction that recorded one of these chambers."""
         rows = self.rows
@@ -276,9 +249,9 @@ class Observations:
 
     @cached_property
     def both_ways(self) -> tuple[np.ndarray, np.ndarray]:
-        """Which of the `commands` each condition has out and back."""
+        """A row with the command that each condition has out, and one with that back."""
         volts = [[self.mean("command_V", c, way) - self.null_V for c in self.conditions] for way in (1, -1)]
-        out, back = (np.abs(np.subtract.outer(own, self.commands[0])).argmin(axis=1) for own in volts)
+        out, back = (np.abs(np.subtract.outer(own, self.volts)).argmin(axis=1) for own in volts)
         return out, back
 
     def contrast(self, speeds: tuple[Any, Any], empty: tuple[Any, Any]) -> Any:
@@ -296,6 +269,22 @@ class Observations:
             found.append(self.contrast(speeds, (self.mean("pressure", c, 1, "b"), self.mean("pressure", c, -1, "a"))))
         return np.array(found)
 
+    @cached_property
+    def scatter(self) -> dict[str, float]:
+        """Standard deviation of single runs about the mean of their condition and direction, in units of `averaged`."""
+        squares, freedom, rows = dict.fromkeys(CHANNELS, 0.0), dict.fromkeys(CHANNELS, 0), self.rows
+        for condition, way in product(self.conditions, (-1, 1)):
+            own = rows[(rows.condition == condition) & (rows.direction == way)]
+            groups = {"speed": own.speed / np.mean(own.speed)}
+            groups |= {f"pressure_{side}": own.pressure[own.side == side] / self.supply_Pa for side in "ab"}
+            for channel, values in groups.items():
+                squares[channel] += float(np.sum((values - np.mean(values)) ** 2)) if len(values) else 0.0
+                freedom[channel] += max(len(values) - 1, 0)
+        deviation = {c: (squares[c] / freedom[c]) ** 0.5 if freedom[c] else _NO_REPLICATE for c in CHANNELS}
+        # Of a contrast between means over the runs of two directions.
+        runs = len(rows) / (2 * len(self.conditions))
+        return deviation | {EDGES: deviation["speed"] * (2 / max(runs, 1)) ** 0.5}
+
 
 def averaged(seen: Observations, error: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
     """(..., 2) mean errors of speed and pressures, retracting and extending, so that replicates count once.
@@ -309,19 +298,3 @@ def averaged(seen: Observations, error: Mapping[str, np.ndarray]) -> dict[str, n
         way = rows.direction if channel == "speed" else rows.direction[rows.side == channel[-1]]
         found[channel] = np.stack([error[channel][..., way == sign].mean(axis=-1) for sign in (-1, 1)], axis=-1)
     return found
-
-
-def scatter(seen: Observations, supply: float) -> dict[str, float]:
-    """Standard deviation of single runs about the mean of their condition and direction, in the units of `errors`."""
-    squares, freedom, rows = dict.fromkeys(CHANNELS, 0.0), dict.fromkeys(CHANNELS, 0), seen.rows
-    for condition, way in product(seen.conditions, (-1, 1)):
-        own = rows[(rows.condition == condition) & (rows.direction == way)]
-        groups = {"speed": own.speed / np.mean(own.speed)}
-        groups |= {f"pressure_{side}": own.pressure[own.side == side] / supply for side in "ab"}
-        for channel, values in groups.items():
-            squares[channel] += float(np.sum((values - np.mean(values)) ** 2)) if len(values) else 0.0
-            freedom[channel] += max(len(values) - 1, 0)
-    deviation = {c: (squares[c] / freedom[c]) ** 0.5 if freedom[c] else _NO_REPLICATE for c in CHANNELS}
-    # Of a contrast between means over the runs of two directions.
-    runs = len(rows) / (2 * len(seen.conditions))
-    return deviation | {EDGES: deviation["speed"] * (2 / max(runs, 1)) ** 0.5}

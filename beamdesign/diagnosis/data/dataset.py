@@ -282,8 +282,10 @@ def without_noise(signal: np.ndarray) -> np.ndarray:
         signal: (N,) uniform samples.
     """
     lines = dct(signal, norm="ortho")  # of the record and its mirror image, which has no step where it ends
-    rough = _rough(signal)
-    noise = min(_top(lines), rough) if rough > 0 else _top(lines)
+    # The power of white noise by the top fifth of the spectrum, and by second differences, of which steps have few.
+    top = float(np.median(lines[int(_TOP * len(lines)) :] ** 2)) / _MEDIAN_OF_SQUARE
+    rough = float(np.median(np.diff(signal, 2) ** 2)) / _MEDIAN_OF_SQUARE / 6
+    noise = min(top, rough) if rough > 0 else top
     if noise <= 0:
         return signal
     gains = _wiener(lines**2, noise)
@@ -292,16 +294,6 @@ def without_noise(signal: np.ndarray) -> np.ndarray:
         if left < np.mean(gains**2) and np.var(signal - held) < _ALL * noise:
             return held
     return np.asarray(idct(lines * gains, norm="ortho"))
-
-
-def _top(lines: np.ndarray) -> float:
-    """Power of white noise by the top fifth of a spectrum."""
-    return float(np.median(lines[int(_TOP * len(lines)) :] ** 2)) / _MEDIAN_OF_SQUARE
-
-
-def _rough(signal: np.ndarray) -> float:
-    """The same by second differences, which steps have few of, however sharp."""
-    return float(np.median(np.diff(signal, 2) ** 2)) / _MEDIAN_OF_SQUARE / 6
 
 
 def _wiener(power: np.ndarray, noise: float) -> np.ndarray:

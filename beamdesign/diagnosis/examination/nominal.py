@@ -9,14 +9,14 @@ its own: saturate, lag, have another gain.
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from math import pi
+from math import inf, pi
 
 import numpy as np
 from scipy.optimize import least_squares, minimize_scalar
 from scipy.signal import cont2discrete, fftconvolve
 
 from beamdesign.controllers import Controller, Lag
-from beamdesign.diagnosis.data.dataset import TimeRecord
+from beamdesign.diagnosis.data.dataset import FrequencyResponse, MeasuredGain, TimeRecord
 from beamdesign.diagnosis.fitting.weighting import TOP, faded, white
 from beamdesign.plant.electronics import HEARD, state_space
 from beamdesign.plant.equilibrium import Linearisation
@@ -67,19 +67,16 @@ class NominalLoop(Linearisation):
         return np.fft.irfft(shares * spectra[:, None, :], padded, axis=0)[:count]
 
 
-def nominal_loop(
-    prototype: Prototype, controller: Controller, outer_end_mass: float, inner_end_mass: float
-) -> NominalLoop:
+def nominal_loop(prototype: Prototype, taken: TimeRecord | FrequencyResponse | MeasuredGain) -> NominalLoop:
     """Close the loop around a prototype's linear plant, its effects left out.
 
     Args:
         prototype: believed.
-        controller: of the record.
-        outer_end_mass: payload, kg.
-        inner_end_mass: kg.
+        taken: with the controller and the end masses.
     """
+    controller = taken.controller
     plant = paper_model(prototype.but(effects={}))
-    a, b, c = plant.matrices(outer_end_mass, inner_end_mass)
+    a, b, c = plant.matrices(taken.outer_end_mass, taken.inner_end_mass)
     force, current, volts = b[:, 0], b[:, 1], c[1]
     own, entering, leaving, straight = state_space(controller.equations, controller.figures())
     # What the law hears: error = command - volts, command, inner tip, and what one actuator or the other feels.
@@ -96,14 +93,9 @@ def nominal_loop(
     return NominalLoop(closed, driven, seen, through)
 
 
-def loop_of(record: TimeRecord, prototype: Prototype) -> NominalLoop:
-    """The believed loop of a record."""
-    return nominal_loop(prototype, record.controller, record.outer_end_mass, record.inner_end_mass)
-
-
 def expected(record: TimeRecord, prototype: Prototype) -> Mapping[str, np.ndarray] | None:
     """(N, 2) shares of force and command by channel of a record; None where the believed loop is unstable."""
-    loop = loop_of(record, prototype)
+    loop = nominal_loop(prototype, record)
     if not loop.stable:
         return None
     shares = loop.driven(record.inputs, record.step)
@@ -156,11 +148,6 @@ class ControllerFit:
     limit_A: float | None
     with_limit: float
     offset_A: float
-
-    @property
-    def explained(self) -> float:
-        """Least residual of all of these."""
-        return min(self.residual, self.with_gain, self.with_delay, self.with_lag, self.with_limit)
 
 
 def commanded_current(record: TimeRecord, controller: Controller, sensor_gain: float) -> np.ndarray | None:
@@ -298,35 +285,19 @@ def _saturated(current: np.ndarray, asked: np.ndarray) -> tuple[float | None, fl
     return best, *mismatch(current, _knee(asked, best, sharpness))
 
 
-@dataclass(frozen=True)
-class Rival:
-    """Another controller that a record obeys.
-
-    Attributes:
-        controller: that one.
-        residual: of its equation, as in `ControllerFit`.
-        words: where it comes from.
-    """
-
-    controller: Controller
-    residual: float
-    words: str
-
-
-def rival(record: TimeRecord, controller: Controller, words: str, sensor_gain: float) -> Rival | None:
-    """Hold a record against another controller; None where `commanded_current` cannot tell.
+def missed_by(record: TimeRecord, controller: Controller, sensor_gain: float) -> float:
+    """Residual of another controller's equation, as in `ControllerFit`; infinite where `commanded_current` cannot tell.
 
     Args:
         record: measured.
         controller: that one.
-        words: where it comes from.
         sensor_gain: believed, V/m.
     """
     asked = commanded_current(record, controller, sensor_gain)
-    return None if asked is None else Rival(controller, mismatch(record.measured["current_A"], asked)[0], words)
+    return inf if asked is None else mismatch(record.measured["current_A"], asked)[0]
 
 
-def refitted(record: TimeRecord, sensor_gain: float) -> Rival:
+def refitted(record: TimeRecord, sensor_gain: float) -> Controller:
     """The lag controller that a record obeys best.
 
     Args:
@@ -351,9 +322,7 @@ def refitted(record: TimeRecord, sensor_gain: float) -> Rival:
     if breaks := own.lag:
         starts.append((own.gain_A_per_V, breaks.pole_Hz, breaks.zero_Hz))
     fits = (least_squares(lambda z: left(lag(z)), np.log(s), method="lm", max_nfev=60) for s in starts)
-    found = rival(record, lag(min(fits, key=lambda f: f.cost).x), "the one that fits best", sensor_gain)
-    assert found is not None  # as above
-    return found
+    return lag(min(fits, key=lambda f: f.cost).x)
 
 
 def described(controller: Controller) -> str:

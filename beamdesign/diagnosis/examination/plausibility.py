@@ -63,7 +63,7 @@ def check_responses(responses: Sequence[FrequencyResponse], prototype: Prototype
 
 def _nominal(response: FrequencyResponse, prototype: Prototype, frequencies: np.ndarray) -> np.ndarray | None:
     with np.errstate(over="raise", invalid="raise", divide="raise"):
-        loop = nominal_loop(prototype, response.controller, response.outer_end_mass, response.inner_end_mass)
+        loop = nominal_loop(prototype, response)
     return loop.responses(frequencies)[:, 1, 0] if loop.stable else None
 
 

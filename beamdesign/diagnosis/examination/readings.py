@@ -8,38 +8,36 @@ as it stands, and does once one column is read otherwise, is one whose column wa
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations, product
-from math import log
+from math import inf, log
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from beamdesign.controllers import Controller
 from beamdesign.diagnosis.data.dataset import TimeRecord
 from beamdesign.diagnosis.examination.nominal import (
     ControllerFit,
-    Rival,
     commanded_current,
     described,
     expected,
+    missed_by,
     refitted,
-    rival,
 )
 from beamdesign.diagnosis.examination.sound_records import Caution
 from beamdesign.prototype import Prototype
 
 COLUMNS = ("disturbance_N", "command_V", "current_A", "displacement_m")
+_FORCES = {"kN": 1e-3, "lbf": 1 / 4.4482216, "kgf": 1 / 9.80665}
 _UNITS: dict[str, dict[str, float]] = {
-    "disturbance_N": {"kN": 1e-3, "lbf": 1 / 4.4482216, "kgf": 1 / 9.80665},
+    "disturbance_N": _FORCES,
     "command_V": {"mV": 1e3},
     "current_A": {"mA": 1e3, "uA": 1e6},
     "displacement_m": {"mm": 1e3, "um": 1e6, "cm": 1e2, "inches": 1 / 0.0254, "thousandths of an inch": 1e3 / 0.0254},
-}
-"""By column: how large one SI unit is when written in another."""
-_MORE_UNITS: dict[str, dict[str, float]] = {
     "load_pressure_Pa": {"bar": 1e-5, "MPa": 1e-6, "kPa": 1e-3, "psi": 1 / 6894.757},
-    "screw_force_N": {"kN": 1e-3, "lbf": 1 / 4.4482216, "kgf": 1 / 9.80665},
+    "screw_force_N": _FORCES,
     "inner_displacement_m": {"mm": 1e3, "um": 1e6, "inches": 1 / 0.0254},
 }
-"""The same of columns that a record may have besides."""
+"""By column: how large one SI unit is when written in another."""
 _TIMES = {"ms": 1e3, "us": 1e6}
 _SENSOR_GAINS = {"V/mm": 1e-3, "V/cm": 1e-2, "V/inch": 0.0254}
 _FAR, _UNLIKE = log(3.0), 0.3  # beyond which a record is not taken as it stands
@@ -159,7 +157,7 @@ def as_it_stands(record: TimeRecord, prototype: Prototype) -> bool:
 
 def other_units(record: TimeRecord, prototype: Prototype) -> tuple[Reading, ...]:
     """Units in which the further columns of a record are, where not in their own."""
-    more = [name for name in _MORE_UNITS if name in record.measured]
+    more = [name for name in _UNITS if name not in COLUMNS and name in record.measured]
     shares = expected(record, prototype) if more else None
     found: list[Reading] = []
     if shares is None:
@@ -168,7 +166,7 @@ def other_units(record: TimeRecord, prototype: Prototype) -> tuple[Reading, ...]
         scale = _likeness(record.measured[name], shares[name].sum(axis=1)).scale
         if not _FAR_MORE < abs(scale) < np.inf:
             continue
-        unit, factor = min(_MORE_UNITS[name].items(), key=lambda item: abs(scale - log(item[1])))
+        unit, factor = min(_UNITS[name].items(), key=lambda item: abs(scale - log(item[1])))
         if abs(scale - log(factor)) < _FAR:
             found.append(_in_unit(name, unit, factor))
     return tuple(found)
@@ -325,7 +323,7 @@ def lost_by_recorder(caution: Caution, fits: Mapping[str, ControllerFit]) -> Cau
     fit = fits.get(caution.record)
     if caution.name != "stuck" or fit is None:
         return caution
-    if _plain(fit.explained, fit):
+    if _plain(min(fit.residual, fit.with_gain, fit.with_delay, fit.with_lag, fit.with_limit), fit):
         return replace(caution, text=f"{caution.text} by the recorder, for the current went on", left_out=True)
     return replace(caution, text=f"{caution.text} by the sensor, for the current followed them: repair it")
 
@@ -338,19 +336,19 @@ def _verdict(
     def contradicts(words: str) -> Caution:
         return Caution("controller", record.name, f"contradicts its controller{words}", True, True)
 
-    def obeys(other: Rival) -> Caution:
+    def obeys(other: Controller, words: str, residual: float) -> Caution:
         return contradicts(
             f" ({described(record.controller)}), which misses the current by {fit.residual:.0%} of its rms;"
-            f" {other.words} ({described(other.controller)}) misses it by {other.residual:.1%}: correct dataset.toml"
+            f" {words} ({described(other)}) misses it by {residual:.1%}: correct dataset.toml"
         )
 
     laws = () if prototype.controller is None else prototype.controller.laws
     others = {law: "that of the prototype" for law, _ in laws}
     others |= {other.controller: f"that of record {other.name}" for other in reversed(records)}
-    known = [rival(record, law, words, gain) for law, words in others.items() if law != record.controller]
-    nearest = min((one for one in known if one is not None), key=lambda one: one.residual, default=None)
-    if nearest is not None and nearest.residual < min(enough, DISOBEDIENT, fit.with_limit):
-        return obeys(nearest)
+    left = {law: missed_by(record, law, gain) for law in others if law != record.controller}
+    nearest = min(left, key=lambda law: left[law], default=record.controller)
+    if left.get(nearest, inf) < min(enough, DISOBEDIENT, fit.with_limit):
+        return obeys(nearest, others[nearest], left[nearest])
     if fit.limit_A is not None:
         return Caution("saturated_current", record.name, f"the current saturates at {fit.limit_A:.3g} A")
     if fit.with_gain < enough:
@@ -360,8 +358,8 @@ def _verdict(
         words += ", as in all records: check gain_A_per_V, sensor.gain_V_per_m, the unit of current_A and the amplifier"
         return Caution("amplifier_gain", record.name, words, limits_confidence=True)
     best, late = refitted(record, gain), min(fit.with_delay, fit.with_lag)
-    if best.residual < min(enough, 0.5 * late):
-        return obeys(best)
+    if (best_left := missed_by(record, best, gain)) < min(enough, 0.5 * late):
+        return obeys(best, "the one that fits best", best_left)
     if late < 0.5 * fit.residual:
         return _late(record, fit)
     text = (

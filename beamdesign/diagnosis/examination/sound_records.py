@@ -10,7 +10,7 @@ from hashlib import sha256
 import numpy as np
 
 from beamdesign.diagnosis.data.dataset import TimeRecord
-from beamdesign.diagnosis.examination.nominal import commanded_current, described, loop_of, mismatch, nominal_loop
+from beamdesign.diagnosis.examination.nominal import commanded_current, described, mismatch, nominal_loop
 from beamdesign.diagnosis.fitting.weighting import TOP, white
 from beamdesign.prototype import Prototype
 from beamdesign.structure.lumped import figures
@@ -69,13 +69,13 @@ def noise_std(signal: np.ndarray) -> float:
     return float(np.sqrt(white(power[round(TOP * (len(power) - 1)) :]) / float(np.sum(window**2))))
 
 
-def share_between(signals: np.ndarray, step_s: float, low_Hz: float, high_Hz: float) -> float:
-    """Share of the variance of signals (N, m) that lies within a band."""
+def share_in_band(signals: np.ndarray, step_s: float) -> float:
+    """Share of the variance of signals (N, m) that lies between `LOW_HZ` and `HIGH_HZ`."""
     window = np.hanning(len(signals))[:, None]
     power = np.sum(np.abs(np.fft.rfft((signals - signals.mean(axis=0)) * window, axis=0)) ** 2, axis=1)
     frequencies = np.fft.rfftfreq(len(signals), step_s)
     total = float(power.sum())
-    return float(power[(frequencies >= low_Hz) & (frequencies <= high_Hz)].sum()) / total if total > 0 else 0.0
+    return float(power[(frequencies >= LOW_HZ) & (frequencies <= HIGH_HZ)].sum()) / total if total > 0 else 0.0
 
 
 def outlier(signal: np.ndarray) -> int | None:
@@ -122,7 +122,7 @@ def bridged(record: TimeRecord) -> tuple[TimeRecord, list[Caution]]:
     return replace(record, measured=measured), found
 
 
-def _runs(signal: np.ndarray, least: int) -> list[tuple[int, int]]:
+def equal_runs(signal: np.ndarray, least: int) -> list[tuple[int, int]]:
     """First index and length of every run of equal values that is long enough."""
     edges = np.flatnonzero(np.diff(signal) != 0) + 1
     starts = np.concatenate([[0], edges])
@@ -145,7 +145,7 @@ def clipped(signal: np.ndarray) -> tuple[float, int, str] | None:
     found: dict[str, list[tuple[int, int]]] = {}
     levels = {"bottom": float(signal.min()), "top": float(signal.max())}
     for side, level in levels.items():
-        runs = [run for run in _runs(signal, _PLATEAU) if signal[run[0]] == level]
+        runs = [run for run in equal_runs(signal, _PLATEAU) if signal[run[0]] == level]
         kinked = [run for run in runs if _kinked(signal, *run, _KINK * max(step, noise))]
         if noise > 0.5 * step and sum(n for _, n in runs) >= _MANY:
             found[side] = runs
@@ -176,7 +176,7 @@ def stuck(signal: np.ndarray) -> list[tuple[int, int]]:
     usual = max(_KINK * step, 4 * float(np.median(moving)), _JUMP * noise_std(signal))
     low, high = float(signal.min()), float(signal.max())
     runs = []
-    for first, length in _runs(signal, _STUCK):
+    for first, length in equal_runs(signal, _STUCK):
         after = first + length
         if after >= len(signal) or first == 0 or signal[first] in (low, high):
             continue
@@ -282,7 +282,7 @@ def law(record: TimeRecord, prototype: Prototype) -> Iterator[Finding]:
 
 def suitability(record: TimeRecord, prototype: Prototype) -> Iterator[Finding]:
     """Whether it is long and fine enough and excited where it matters, for the loop as believed."""
-    of, loop, moved = figures(prototype), loop_of(record, prototype), record.measured["displacement_m"]
+    of, loop, moved = figures(prototype), nominal_loop(prototype, record), record.measured["displacement_m"]
     heaviest = max(record.outer_end_mass, record.inner_end_mass)
     text = f"an end mass of {heaviest:g} kg on a beam of {of['outer_mass']:.3g} kg is not credible (is it in grams?)"
     yield "units", heaviest > _HEAVIEST * of["outer_mass"], text
@@ -314,8 +314,8 @@ def suitability(record: TimeRecord, prototype: Prototype) -> Iterator[Finding]:
     yield "no_content", constant, f"both inputs are constant: excite the rig {band}"
     # What each input would move the tip by, if slowly.
     given = record.inputs / np.array([of["outer_stiffness"], prototype.sensor.gain_V_per_m])
-    share = share_between(given, record.step, LOW_HZ, HIGH_HZ)
-    answer = share_between(moved[:, None], record.step, LOW_HZ, HIGH_HZ)
+    share = share_in_band(given, record.step)
+    answer = share_in_band(moved[:, None], record.step)
     text = f"only {share:.1%} of the inputs' power lies {band}, and little of the motion: excite the rig there"
     yield "no_content", share < _LEAST_SHARE and answer < 10 * _LEAST_SHARE, text
     size, noise = float(np.std(moved)), max(noise_std(moved), finest_step(moved) / np.sqrt(12))
@@ -364,7 +364,7 @@ def masses(record: TimeRecord, prototype: Prototype, pairs: Sequence[tuple[float
 
 
 def _misfit(record: TimeRecord, prototype: Prototype, outer: float, inner: float) -> float:
-    loop = nominal_loop(prototype, record.controller, outer, inner)
+    loop = nominal_loop(prototype, replace(record, outer_end_mass=outer, inner_end_mass=inner))
     if not loop.stable:
         return np.inf
     return mismatch(record.measured["displacement_m"], loop.driven(record.inputs, record.step)[:, 1].sum(axis=1))[0]

@@ -310,12 +310,10 @@ class FitCache:
                 held = dict(archive)
                 if str(held.pop("seal")) != _seal(path.name, held):
                     return None
-                unknowns = job.hypothesis.unknowns(self.prototype)
-                if str(held["reason"]):
-                    return Fit(job.hypothesis, unknowns, reason=str(held["reason"]))
-                shares = zip(held["c"], held["g"], held["a"], held["error"], strict=True)
-                found = tuple(Share(float(c), g, a, float(error)) for c, g, a, error in shares)
-                return Fit(job.hypothesis, unknowns, held["z"], float(held["cost"]), found)
+                parts = zip(held["c"], held["g"], held["a"], held["error"], strict=True)
+                shares = tuple(Share(float(c), g, a, float(error)) for c, g, a, error in parts)
+                unknowns, reason = job.hypothesis.unknowns(self.prototype), str(held["reason"])
+                return Fit(job.hypothesis, unknowns, held["z"], float(held["cost"]), shares, reason)
         except (OSError, ValueError, KeyError, EOFError, BadZipFile):
             return None
 

@@ -124,16 +124,12 @@ def _fitted_here(task: Task) -> Fit:
 
 def fitted(task: Task, prototype: Prototype, evidence: Sequence[Evidence]) -> Fit:
     """The best of fits from the most promising starts."""
-    if task.on:
-        some = [evidence[k] for k in task.on]
-        if not any(name in RESONANT for name in task.hypothesis.effects):
-            return fit_from_starts(task.hypothesis, prototype, some, task.known, (), 1, task.hints, _QUICK)
-        # No fit has found yet where it resonates, and a few iterations do not come to a narrow resonance.
-        return fit_from_starts(
-            task.hypothesis, prototype, some, task.known, resonances(some, prototype, task.known), hints=task.hints
-        )
-    peaks = resonances(evidence, prototype, task.known)
-    return fit_from_starts(task.hypothesis, prototype, evidence, task.known, peaks, hints=task.hints)
+    some = [evidence[k] for k in task.on] or evidence
+    # Where no fit has found yet what resonates, a few iterations do not come to a narrow resonance.
+    if task.on and not any(name in RESONANT for name in task.hypothesis.effects):
+        return fit_from_starts(task.hypothesis, prototype, some, task.known, (), 1, task.hints, _QUICK)
+    peaks = resonances(some, prototype, task.known)
+    return fit_from_starts(task.hypothesis, prototype, some, task.known, peaks, hints=task.hints)
 
 
 _BEST_SINGLES = ((0.03, 1), (0.15, 2), (np.inf, 4))
@@ -156,15 +152,13 @@ class Search:
         null: tolerances only.
         fits: all others, best first.
         expected: misfit that noise alone would leave.
-        evidence: names of its pieces, in the order of `Fit.shares`.
         floor: `Fit.error` that noise alone would leave.
-        conditions: of each piece of evidence; none where they do not matter.
+        conditions: of each piece of evidence, in the order of `Fit.shares`; none where they do not matter.
     """
 
     null: Fit
     fits: tuple[Fit, ...]
     expected: float
-    evidence: tuple[str, ...]
     floor: float = 0.0
     conditions: tuple[object, ...] = field(default=(), repr=False)
 
@@ -234,9 +228,8 @@ def _searched(fitters: Fitters, null: Fit, progress: Progress, worth: float) -> 
     found = fitters(
         (Task(h, null.values) for h in alone), lambda k: progress(0.05 + 0.5 * k / len(alone), "single causes")
     )
-    names, conditions = tuple(e.name for e in pieces), tuple(e.condition for e in pieces)
     expected, floor = sum(e.expected for e in pieces), sum(e.floor for e in pieces)
-    state = Search(null, tuple(_sorted(found)), expected, names, floor, conditions)
+    state = Search(null, tuple(_sorted(found)), expected, floor, tuple(e.condition for e in pieces))
     if found and null.misfit > _SMALL * expected and _DONE < state.excess(state.fits[0]) < worth:
         values = {f.hypothesis: f.values for f in reversed(state.fits) if not f.reason}
         tried = _promising(state)

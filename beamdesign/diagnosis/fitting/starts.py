@@ -7,6 +7,7 @@ with another resonance than that of the records ends at it.
 """
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from itertools import product
 from types import MappingProxyType
 
 import numpy as np
@@ -159,39 +160,30 @@ def _trials(
     """The base, all as hinted, the new unknowns as hinted or drawn, and each new effect nearly absent."""
     trials = [base]
     if hints:
-        trials.append(
-            np.array([u.z(hints[u.name]) if u.name in hints else z for u, z in zip(unknowns, base, strict=True)])
-        )
+        known = [k for k, u in enumerate(unknowns) if u.name in hints]
+        trials.append(_moved(base, known, [unknowns[k].z(hints[unknowns[k].name]) for k in known]))
     if not new:
         return trials
     if hints:
-        hinted = base.copy()
-        for k in new:
-            hinted[k] = _at(unknowns[k], hints)
-        trials.append(hinted)
+        trials.append(_moved(base, new, [_at(unknowns[k], hints) for k in new]))
     # Draws are few: what is known within a fifth begins at its default, and leaves them to what may be anything.
     new = [k for k in new if unknowns[k].linear or unknowns[k].spread > _NEARLY_KNOWN] or new
-    weak = base.copy()
-    for k in new:
-        u = unknowns[k]
-        if u.linear:
-            weak[k] = u.z(_WEAK * u.nominal)
-    trials.append(weak)
+    linear = [k for k in new if unknowns[k].linear]
+    trials.append(_moved(base, linear, [unknowns[k].z(_WEAK * unknowns[k].nominal) for k in linear]))
     # One term of a curve that is learnt, of either sign: a strong one is found by no descent that begins without it.
-    for k in (k for k in new if unknowns[k].nominal == 0 and unknowns[k].low == -unknowns[k].high):
-        for size in (*_SIZES, *(-size for size in _SIZES)):
-            z = base.copy()
-            z[k] = unknowns[k].z(size)
-            trials.append(z)
+    terms = [k for k in new if unknowns[k].nominal == 0 and unknowns[k].low == -unknowns[k].high]
+    trials += [_moved(base, [k], [unknowns[k].z(size)]) for k in terms for size in (*_SIZES, *(-s for s in _SIZES))]
     if len(new) == 1:
         rows = _ONE_WIDTH * np.linspace(-1, 1, _ONE_DRAWS)[:, None]
     else:
         rows = _WIDTH * (2 * qmc.Sobol(len(new), scramble=True, seed=0).random(draws) - 1)
-    for row in rows:
-        z = base.copy()
-        z[list(new)] = row
-        trials.append(z)
-    return trials
+    return [*trials, *(_moved(base, new, row) for row in rows)]
+
+
+def _moved(base: np.ndarray, at: Sequence[int], to: Sequence[float] | np.ndarray) -> np.ndarray:
+    z = base.copy()
+    z[list(at)] = to
+    return z
 
 
 def resonances(evidence: Sequence[Evidence], prototype: Prototype, known: Mapping[str, float]) -> tuple[float, ...]:
@@ -231,17 +223,13 @@ def _resonant(
     at = [k for k in new if unknowns[k].name.endswith(".frequency_Hz")]
     if not at:
         return []
-    others = [k for k in new if k not in at]
-    strength = others[0]
-    switches = [k for k in others if (unknowns[k].low, unknowns[k].high) == (0.0, 1.0)]
-    trials = []
-    for peak in peaks:
-        for z_strength in _STRENGTHS:
-            for end in (0.0, 1.0) if switches else (0.0,):
-                z = base.copy()
-                z[at] = [unknowns[k].z(peak) for k in at]
-                z[strength] = z_strength
-                for k in switches:
-                    z[k] = unknowns[k].z(end)
-                trials.append(z)
-    return trials
+    strength, *others = (k for k in new if k not in at)
+    switches = [k for k in (strength, *others) if (unknowns[k].low, unknowns[k].high) == (0.0, 1.0)]
+    return [
+        _moved(
+            base,
+            [*at, strength, *switches],
+            [*(unknowns[k].z(peak) for k in at), size, *(unknowns[k].z(end) for k in switches)],
+        )
+        for peak, size, end in product(peaks, _STRENGTHS, (0.0, 1.0) if switches else (0.0,))
+    ]

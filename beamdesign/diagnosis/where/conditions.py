@@ -1,11 +1,13 @@
 """Under which conditions, at which frequencies and in which direction a gap shows."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from itertools import pairwise
+from math import isnan
 
 import numpy as np
 
+from beamdesign.diagnosis.diagnosis import Indicator
 from beamdesign.diagnosis.where.residuals import Residual
 
 BANDS_HZ = (0.2, 2.0, 5.0, 10.0, 20.0, 35.0, 60.0, 100.0, 200.0, 400.0)
@@ -64,17 +66,16 @@ class Setting:
         condition: in words.
         distortion: share of the residual's power away from the lines of the input, median over records; nan where no
             record has lines.
-        asymmetry: difference of the rms residual between positive and negative displacement, over their mean; median.
         slow: share of the residual's power below 1 Hz that no input drives there.
-        table: rows for a map: record, condition and relative error by band.
+        indicator: what kind of gap it is, with a map of relative errors by record, condition and band; it names no
+            subsystem.
     """
 
     band_Hz: tuple[float, float]
     condition: str
     distortion: float
-    asymmetry: float
     slow: float
-    table: Mapping[str, tuple[object, ...]] = field(default_factory=dict)
+    indicator: Indicator
 
 
 def setting(found: Sequence[Residual]) -> Setting:
@@ -104,7 +105,12 @@ def setting(found: Sequence[Residual]) -> Setting:
     table |= {name: tuple(float(v) for v in units[:, k]) for k, name in enumerate(names)}
     sizes = ((distortions, np.nan), (asymmetries, 0.0), (slow, 0.0))
     distortion, asymmetry, slowness = (float(np.median(some)) if some else none for some, none in sizes)
-    return Setting(band, _words(_ratios(found, relative)), distortion, asymmetry, slowness, table)
+    condition = _words(_ratios(found, relative))
+    text = f"Most of the misfit is between {band[0]:g} and {band[1]:g} Hz; the relative error is {condition}; "
+    text += "" if isnan(distortion) else f"{distortion:.0%} of it lies away from the lines of the input; "
+    text += f"it differs by {asymmetry:.0%} between the two directions."
+    indicator = Indicator("bands and conditions", "", 0.0, text, table)
+    return Setting(band, condition, distortion, slowness, indicator)
 
 
 def words_of(item: Residual) -> str:

@@ -4,12 +4,11 @@ A gap is told to be linear, static, hysteretic or drifting.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 
 import casadi as ca
 import numpy as np
 
-from beamdesign.diagnosis.data.dataset import Dataset
 from beamdesign.diagnosis.diagnosis import Cause, Indicator, Where, in_words, listed
 from beamdesign.diagnosis.examination.nominal import controller_fit
 from beamdesign.diagnosis.fitting.fit import Fit
@@ -23,52 +22,20 @@ from beamdesign.plant.assembly import RIGS, Structure, assemble, fits
 from beamdesign.plant.effect import SUBSYSTEMS
 from beamdesign.plant.effects import library
 from beamdesign.plant.electronics import LAG
-from beamdesign.prototype import Prototype
 from beamdesign.time_limit import TimeUp, leave_out, share
 
+Vote = tuple[Mapping[str, float], Indicator]
+"""What an indicator holds by subsystem, from 0 to 1 in all, and as a diagnosis records it."""
 
-@dataclass(frozen=True)
-class WeighedIndicator:
-    """What one indicator holds, and what it counts.
 
-    Attributes:
-        name: of the indicator.
-        votes: by subsystem, from 0 to 1 in all.
-        text: in words.
-        table: for a report.
+def vote(name: str, by: Mapping[str, float], text: str, table: Mapping[str, tuple[object, ...]] | None = None) -> Vote:
+    """Votes by subsystem; they point nowhere where they say nothing, or the same of several places.
+
+    The strength is the lead over the second place.
     """
-
-    name: str
-    votes: Mapping[str, float]
-    text: str
-    table: Mapping[str, tuple[object, ...]] = field(default_factory=dict)
-
-    @property
-    def weight(self) -> float:
-        """Of this kind of indicator against the others."""
-        return _WEIGHTS[self.name]
-
-    @property
-    def favourite(self) -> str:
-        """Where it points; empty where it says nothing, or the same of several places."""
-        ranked = sorted(self.votes, key=lambda name: -self.votes[name])
-        if not ranked or self.votes[ranked[0]] <= 0:
-            return ""
-        tied = len(ranked) > 1 and self.votes[ranked[0]] == self.votes[ranked[1]]
-        return "" if tied else ranked[0]
-
-    @property
-    def indicator(self) -> Indicator:
-        """As a diagnosis records it; its strength is its lead over the second place."""
-        ranked = sorted(self.votes.values(), reverse=True)
-        lead = ranked[0] - (ranked[1] if len(ranked) > 1 else 0.0) if ranked else 0.0
-        return Indicator(self.name, self.favourite, min(1.0, max(0.0, lead)), self.text, self.table)
-
-
-def weighed(indicators: Sequence[WeighedIndicator]) -> dict[str, float]:
-    """Sum of all votes times weights, by subsystem, largest first."""
-    total = {name: sum(o.weight * o.votes.get(name, 0.0) for o in indicators) for name in SUBSYSTEMS}
-    return dict(sorted(total.items(), key=lambda item: -item[1]))
+    (first, most), (_, second) = (*sorted(by.items(), key=lambda item: -item[1]), ("", 0.0), ("", 0.0))[:2]
+    favourite = first if most > max(second, 0.0) else ""
+    return by, Indicator(name, favourite, min(1.0, max(0.0, most - second)), text, table or {})
 
 
 _FITS, _CONTROLLER, _LAWS = "the fits", "the controller's equation", "the laws of each equation"
@@ -80,7 +47,7 @@ _FIRST = 1.05  # what the first place counts for more, where two share alike
 _TUNED_AWAY = 4.0  # times the misfit of noise: what tolerances leave beyond it, they do not explain
 
 
-def about_fits(chosen: Fit, causes: Sequence[Cause], unknown: float) -> WeighedIndicator:
+def about_fits(chosen: Fit, causes: Sequence[Cause], unknown: float) -> Vote:
     """The subsystem of the dominant cause, by its probability.
 
     Args:
@@ -91,23 +58,23 @@ def about_fits(chosen: Fit, causes: Sequence[Cause], unknown: float) -> WeighedI
     votes = {lead.subsystem: lead.probability * (1.0 if lead.like else 1 - unknown) for lead in causes[:1]}
     named = in_words(", ".join(chosen.hypothesis.causes)) or "no cause of the library"
     text = f"The fits hold {named} responsible; a cause outside the library has a probability of {unknown:.0%}."
-    return WeighedIndicator(_FITS, votes, text)
+    return vote(_FITS, votes, text)
 
 
-def about_controller(prototype: Prototype, found: Sequence[Residual]) -> WeighedIndicator:
+def about_controller(found: Sequence[Residual]) -> Vote:
     """Measured current against K C(s) (command - F x): the one equation that the channels can check alone."""
-    held = [controller_fit(item.evidence.record, prototype.sensor.gain_V_per_m) for item in found]
+    held = [controller_fit(i.evidence.record, i.evidence.job.prototype.sensor.gain_V_per_m) for i in found]
     fits = [fit for fit in held if fit is not None]
     if not fits:
         text = "No record holds all that its controller hears, so that its equation says nothing."
-        return WeighedIndicator(_CONTROLLER, {}, text)
+        return vote(_CONTROLLER, {}, text)
     # What is left of a quiet record, once its noise is taken out, is known no better than about half that noise.
     worst = max(fits, key=lambda f: f.residual if f.residual > f.noise else 0.0)
     columns = ("record", "residual", "gain", "delay_s", "limit_A")
     table = {name: tuple(getattr(f, name) for f in fits) for name in columns}
     if worst.residual < max(_SEEN, worst.noise):
         text = "Every record obeys its controller's equation."
-        return WeighedIndicator(_CONTROLLER, {}, text, table)
+        return vote(_CONTROLLER, {}, text, table)
     if worst.limit_A is not None:
         place, why = "amplifier", f"the current saturates at {worst.limit_A * 1e3:.3g} mA"
     elif worst.with_delay < 0.5 * worst.with_gain:
@@ -118,10 +85,10 @@ def about_controller(prototype: Prototype, found: Sequence[Residual]) -> Weighed
         place, why = "controller", "no gain, delay or limit explains it"
     strength = float(np.clip(worst.residual / 0.1, 0.0, 1.0))
     text = f"Record {worst.record} misses its controller's equation by {worst.residual:.1%} of the current: {why}."
-    return WeighedIndicator(_CONTROLLER, {place: strength}, text, table)
+    return vote(_CONTROLLER, {place: strength}, text, table)
 
 
-def about_equations(laws: Sequence[Explanation]) -> WeighedIndicator:
+def about_equations(laws: Sequence[Explanation]) -> Vote:
     """Which subsystem's own laws, of its own local variables, explain the residual in conditions held out."""
     shares = {e.subsystem: float(np.clip(e.share, 0.0, 1.0)) for e in laws}
     cubes = {name: share**3 for name, share in shares.items()}
@@ -139,10 +106,10 @@ def about_equations(laws: Sequence[Explanation]) -> WeighedIndicator:
     )
     table = {name: tuple(getattr(e, name) for e in laws) for name in ("subsystem", "share")}
     table["terms"] = tuple(", ".join(e.terms) for e in laws)
-    return WeighedIndicator(_LAWS, votes, text, table)
+    return vote(_LAWS, votes, text, table)
 
 
-def about_figures(null: Fit, expected: float) -> WeighedIndicator:
+def about_figures(null: Fit, expected: float) -> Vote:
     """Which tolerated figure had to move furthest when only tolerances were fitted.
 
     It counts where tolerances alone explain most: then a figure that moved too far did the work.
@@ -152,17 +119,17 @@ def about_figures(null: Fit, expected: float) -> WeighedIndicator:
         expected: misfit that noise alone leaves.
     """
     if not len(null.z):
-        return WeighedIndicator(_FIGURES, {}, "No tolerated figure could be fitted.")
+        return vote(_FIGURES, {}, "No tolerated figure could be fitted.")
     moved = {u.name: float(z) for u, z in zip(null.unknowns, null.z, strict=True)}
     furthest = max(moved, key=lambda name: abs(moved[name]))
     text = f"Fitted alone, {furthest} moves furthest: {moved[furthest]:+.1f} tolerances."
     table: dict[str, tuple[object, ...]] = {"figure": tuple(moved), "tolerances": tuple(moved.values())}
     if abs(moved[furthest]) < _STRAINED:
-        return WeighedIndicator(_FIGURES, {}, text, table)
+        return vote(_FIGURES, {}, text, table)
     place = subsystem(WRONG + RIG_TOLERANCES[furthest])
     strength = float(np.clip((abs(moved[furthest]) - _STRAINED) / _STRAINED, 0.0, 1.0))
     strength *= float(np.clip((_TUNED_AWAY - null.misfit / expected) / (_TUNED_AWAY - 1), 0.0, 1.0))
-    return WeighedIndicator(_FIGURES, {place: strength}, text, table)
+    return vote(_FIGURES, {place: strength}, text, table)
 
 
 _DRIFT = 0.5  # of the residual's power
@@ -202,7 +169,6 @@ NO_GAP = Where("", (0.0, 0.0), "", sentence="There is no gap to place.")
 
 
 def locate(
-    data: Dataset,
     search: Search,
     chosen: Fit,
     evidence: Sequence[object],
@@ -212,7 +178,6 @@ def locate(
     """Find where the gap lies.
 
     Args:
-        data: what came back.
         search: all fits.
         chosen: the fit held responsible; that of the null where there is no gap, or no known cause.
         evidence: pieces of the data set; those that are time records testify.
@@ -225,31 +190,30 @@ def locate(
     """
     if not chosen.hypothesis.names and unknown <= 0.5:
         return NO_GAP
-    indicators = [about_fits(chosen, causes, unknown)]
+    votes = [about_fits(chosen, causes, unknown)]
     laws: tuple[Explanation, ...] = ()
     seen: Setting | None = None
     try:
         with share(1.0, within_steps=True):
-            if found := residuals(data.prototype, search.null, evidence):
+            if found := residuals(search.null, evidence):
                 seen = setting(found)
-                indicators.append(about_controller(data.prototype, found))
+                votes.append(about_controller(found))
                 laws = laws_of(found, search.null)
-                indicators.append(about_equations(laws))
+                votes.append(about_equations(laws))
     except TimeUp:
         leave_out("what the records say of the place")
-    indicators.append(about_figures(search.null, search.expected))
-    scores = weighed(indicators)
-    place = next(iter(scores))
-    known = causes and (unknown <= 0.5 or causes[0].like) and indicators[0].favourite == place
+    votes.append(about_figures(search.null, search.expected))
+    shown = [indicator for _, indicator in votes]
+    scores = {name: sum(_WEIGHTS[of.name] * by.get(name, 0.0) for by, of in votes) for name in SUBSYSTEMS}
+    place = max(scores, key=lambda name: scores[name])
+    known = causes and (unknown <= 0.5 or causes[0].like) and shown[0].subsystem == place
     kind = kind_of_effect(chosen.hypothesis.realisation(causes[0].name)) if known else ""
-    shown = [o.indicator for o in indicators]
     band, condition = (0.0, 0.0), ""
     if seen is not None:
         kind = kind or kind_of_residual(seen, laws)
-        shown.append(_shown(seen))
+        shown.append(seen.indicator)
         band, condition = seen.band_Hz, seen.condition
-    sentence = _sentence(place, scores, indicators, band, kind)
-    return Where(place, band, condition, kind, tuple(shown), sentence)
+    return Where(place, band, condition, kind, tuple(shown), _sentence(place, scores, shown, band, kind))
 
 
 def laws_of(found: Sequence[Residual], null: Fit) -> tuple[Explanation, ...]:
@@ -262,42 +226,23 @@ def laws_of(found: Sequence[Residual], null: Fit) -> tuple[Explanation, ...]:
     plain, smooth = (
         {e.subsystem: e for e in explanations(regression(found, null, corrected))} for corrected in (False, True)
     )
-    merged = []
-    for name in plain:
-        one, other = plain[name], smooth[name]
-        larger = one if one.share >= other.share else other
-        mean = (max(one.share, 0.0) + max(other.share, 0.0)) / 2
-        merged.append(replace(larger, share=mean))
+    both = [(plain[name], smooth[name]) for name in plain]
+    merged = [replace(max(two, key=lambda e: e.share), share=sum(max(e.share, 0.0) for e in two) / 2) for two in both]
     most = max(e.share for e in merged)
     close = [e for e in merged if e.share > most - _ALIKE]
     lead = max(close, key=lambda e: plain[e.subsystem].share)
     return tuple(sorted(merged, key=lambda e: (e is not lead, -e.share)))
 
 
-def _shown(seen: Setting) -> Indicator:
-    """Frequency, size, payload, input and direction: what kind of gap it is; it names no subsystem."""
-    parts = [f"Most of the misfit is between {seen.band_Hz[0]:g} and {seen.band_Hz[1]:g} Hz"]
-    parts.append(f"the relative error is {seen.condition}")
-    if seen.distortion == seen.distortion:
-        parts.append(f"{seen.distortion:.0%} of it lies away from the lines of the input")
-    parts.append(f"it differs by {seen.asymmetry:.0%} between the two directions")
-    return Indicator("bands and conditions", "", 0.0, "; ".join(parts) + ".", seen.table)
-
-
 def _sentence(
-    place: str,
-    scores: Mapping[str, float],
-    indicators: Sequence[WeighedIndicator],
-    band: tuple[float, float],
-    kind: str,
+    place: str, scores: Mapping[str, float], indicators: Sequence[Indicator], band: tuple[float, float], kind: str
 ) -> str:
     """Who says so, who says otherwise, and by how much."""
-    speak = [o for o in indicators if o.favourite]
-    agree = [o.name for o in speak if o.favourite == place]
-    others: dict[str, list[str]] = {}
-    for o in speak:
-        if o.favourite != place:
-            others.setdefault(o.favourite, []).append(o.name)
+    others: dict[str, list[str]] = {place: []}
+    for one in indicators:
+        if one.subsystem:
+            others.setdefault(one.subsystem, []).append(one.name)
+    agree = others.pop(place)
     total = sum(scores.values()) or 1.0
     where = f" between {band[0]:g} and {band[1]:g} Hz" if band[1] > 0 else ""
     what = f", {kind}," if kind else ""

@@ -18,6 +18,7 @@ import numpy as np
 
 from beamdesign.diagnosis.fitting.fit import Fit
 from beamdesign.diagnosis.fitting.hypothesis import WRONG, subsystem
+from beamdesign.diagnosis.judgement import pieces_of
 from beamdesign.diagnosis.where.residuals import Places, Residual
 from beamdesign.parameters import RIG_TOLERANCES
 from beamdesign.time_limit import heed
@@ -265,7 +266,7 @@ class Regression:
     expected: float
     tolerated: int
     start: np.ndarray
-    groups: tuple[tuple[int, ...], ...]
+    groups: list[list[int]]
     terms: tuple[tuple[str, str, str], ...]
 
     @cached_property
@@ -276,8 +277,7 @@ class Regression:
     def held_out(self, columns: Sequence[int]) -> float:
         """Misfit of each condition as predicted from all others with the tolerated figures and these terms."""
         total = 0.0
-        for group in self.groups:
-            out = list(group)
+        for out in self.groups:
             rest = self._whole[1] - self.right[out].sum(0)
             theta = self._solved(self._whole[0] - self.gram[out].sum(0), rest, columns)
             total += self._misfit(out, theta, columns)
@@ -333,9 +333,6 @@ def regression(found: Sequence[Residual], null: Fit, corrected: bool = False) ->
         rights.append(matrix.T @ left)
         lefts.append(float(left @ left))
         expected += item.evidence.expected
-    groups: dict[object, list[int]] = {}
-    for k, item in enumerate(found):
-        groups.setdefault(item.evidence.condition, []).append(k)
     gram, right, tolerated = np.array(grams), np.array(rights), len(null.z)
     scale = np.sqrt(np.einsum("rpp->p", gram)) + 1e-300
     scale[:tolerated] = 1.0
@@ -347,8 +344,8 @@ def regression(found: Sequence[Residual], null: Fit, corrected: bool = False) ->
     gram = (gram / scale / scale[:, None])[:, again][:, :, again]
     right = (right / scale)[:, again]
     start = np.asarray(null.z, dtype=float)
-    indices = tuple(tuple(g) for g in groups.values())
-    return Regression(gram, right, np.array(lefts), expected, tolerated, start, indices, (*own, *wrong))
+    groups = pieces_of([item.evidence.condition for item in found])
+    return Regression(gram, right, np.array(lefts), expected, tolerated, start, groups, (*own, *wrong))
 
 
 def _columns(item: Residual, entry: str, chosen: Sequence[Term], signals: Mapping[str, np.ndarray]) -> np.ndarray:

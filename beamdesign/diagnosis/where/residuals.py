@@ -17,7 +17,6 @@ from beamdesign.diagnosis.fitting.fit import Fit
 from beamdesign.diagnosis.fitting.hypothesis import NOTHING, Placement
 from beamdesign.plant.assembly import RIGS, Structure, assemble
 from beamdesign.plant.equilibrium import equilibrium
-from beamdesign.prototype import Prototype
 from beamdesign.time_limit import heed
 
 
@@ -125,10 +124,8 @@ def probe(job: Replay, placement: Placement, z: np.ndarray) -> Probe:
         z: of its unknowns.
 
     Raises:
-        ValueError: where the rig has no equilibrium, or the placement has effects.
+        ValueError: where the rig has no equilibrium.
     """
-    if placement.assembly.kinds.effects:
-        raise ValueError("a probe is that of the linear rig")
     placed, parameters = job.placed(placement), job.parameters(placement, z)
     x = equilibrium(placed.assembly, np.zeros(3), parameters)
     at = places(placed.assembly.kinds.rig)
@@ -241,15 +238,15 @@ def banded(power: np.ndarray) -> np.ndarray:
     return np.asarray((total[high] - total[low]) / (high - low))
 
 
-def residuals(prototype: Prototype, null: Fit, evidence: Sequence[object]) -> tuple[Residual, ...]:
+def residuals(null: Fit, evidence: Sequence[object]) -> tuple[Residual, ...]:
     """Every record against the model with tuned tolerances."""
-    placement = NOTHING.placement(prototype)
     found = []
     probes: dict[object, Probe] = {}
     for piece in evidence:
         if not isinstance(piece, RecordEvidence):
             continue
         heed()
+        placement = NOTHING.placement(piece.job.prototype)
         made = piece.job.simulated_with_slopes(placement, null.z, piece.weight.channels)
         if made is None:
             continue
