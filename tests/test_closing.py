@@ -20,8 +20,8 @@ from beamdesign import InputError, Prototype, critical_gain
 from beamdesign.code_digest import folder_digest
 from beamdesign.controllers import Lag
 from beamdesign.diagnosis.data.dataset import read_dataset
-from beamdesign.diagnosis.fitting.evidence import Replay
 from beamdesign.diagnosis.fitting.hypothesis import NOTHING
+from beamdesign.diagnosis.fitting.replay import Replay
 from beamdesign.diagnosis.redesign import Redesign, redesign
 from beamdesign.loop import loop
 from beamdesign.scenario import Multisine, Scenario, ScenarioRecord, inputs_of

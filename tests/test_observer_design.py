@@ -172,9 +172,7 @@ def test_samples_against_the_exact_loop(shipped: Prototype, effects: dict[str, d
     expected = {
         "peak_sensitivity": np.log(goal.peak_sensitivity / np.abs(exact.sensitivity_response(frequency))),
         "compliance": np.log(goal.compliance_m_per_N / np.abs(exact.compliance_response(frequency))),
-        "controller_effort": np.log(
-            (goal.controller_effort_A_per_V or 1) / np.abs(effort_response(exact, frequency))
-        ),
+        "controller_effort": np.log((goal.controller_effort_A_per_V or 1) / np.abs(effort_response(exact, frequency))),
     }
     found = dict(zip(LIMITED, left.values, strict=True))
     for kind, values in expected.items():

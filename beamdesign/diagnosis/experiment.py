@@ -19,8 +19,8 @@ import numpy as np
 from beamdesign.controllers.protocol import ANY_PAYLOAD
 from beamdesign.diagnosis.data.dataset import Dataset, TimeRecord, without_noise
 from beamdesign.diagnosis.diagnosis import NextExperiment
-from beamdesign.diagnosis.fitting.evidence import Replay
 from beamdesign.diagnosis.fitting.fit import Fit
+from beamdesign.diagnosis.fitting.replay import Replay
 from beamdesign.diagnosis.fitting.weighting import weighting
 from beamdesign.plant.assembly import RIGS
 from beamdesign.prototype import Prototype

@@ -16,17 +16,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from beamdesign.diagnosis.data.dataset import Dataset
-from beamdesign.diagnosis.fitting.evidence import (
-    DISPLACEMENT,
-    PLAY,
-    InjectedRecord,
-    RecordEvidence,
-    Replay,
-    evidence_of,
-    record_evidence,
-)
+from beamdesign.diagnosis.fitting.evidence import InjectedRecord, RecordEvidence, evidence_of, record_evidence
 from beamdesign.diagnosis.fitting.fit import Evidence, Fit, FitCache, fit, misfit_at
 from beamdesign.diagnosis.fitting.hypothesis import NOTHING, WRONG, Hypothesis, Placement, singles, together
+from beamdesign.diagnosis.fitting.replay import DISPLACEMENT, PLAY, Replay
 from beamdesign.diagnosis.fitting.search import Search, best_of_each, search
 from beamdesign.diagnosis.fitting.starts import fit_from_starts, starts
 from beamdesign.diagnosis.judgement import Judgement, judge

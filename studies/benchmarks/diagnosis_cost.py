@@ -19,8 +19,9 @@ from stopwatch import timed
 
 from beamdesign.diagnosis.data.dataset import read_dataset
 from beamdesign.diagnosis.diagnose import diagnose
-from beamdesign.diagnosis.fitting.evidence import RecordEvidence, at_rest, record_evidence
+from beamdesign.diagnosis.fitting.evidence import RecordEvidence, record_evidence
 from beamdesign.diagnosis.fitting.hypothesis import Hypothesis, Placement
+from beamdesign.diagnosis.fitting.replay import at_rest
 from beamdesign.plant.assembly import OUTPUTS
 
 SET = Path(__file__).parent.parent / "gaps" / "slow_sensor"

@@ -4,184 +4,27 @@ A record is simulated with given figures, and its derivatives with it. A model m
 motion that cannot be repeated: see `InjectedRecord`.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from functools import cache, cached_property
-from math import ceil
+from functools import cached_property
 
 import numpy as np
 
 from beamdesign.diagnosis.data.dataset import Dataset, TimeRecord
 from beamdesign.diagnosis.fitting.fit import Evidence
 from beamdesign.diagnosis.fitting.gain_evidence import GainEvidence
-from beamdesign.diagnosis.fitting.hypothesis import NOTHING, Placement, Unknown, given
+from beamdesign.diagnosis.fitting.hypothesis import Placement, Unknown
 from beamdesign.diagnosis.fitting.linear_evidence import ResponseEvidence
+from beamdesign.diagnosis.fitting.replay import DISPLACEMENT, PLAY, Replay, at_the_sensor, in_the_loop
 from beamdesign.diagnosis.fitting.weighting import (
-    LOWEST_HZ,
     SHARE,
     Weighting,
     banded,
     blurred,
-    faded,
     rising,
     weighting,
 )
-from beamdesign.plant.assembly import Structure, assemble, parameters_of
-from beamdesign.plant.compiled import equilibrium_sensitivity, integrate, integrate_with_sensitivities
-from beamdesign.plant.equilibrium import equilibrium, linearise
-from beamdesign.prototype import Prototype
-from beamdesign.simulation import half_steps
+from beamdesign.plant.assembly import assemble
 
-FURTHEST_M = 0.5
-_RADIANS = 1.2  # of the fastest pole, per integration step: Runge-Kutta of fourth order is stable to 2.7
-_LONGEST_S = 0.25e-3
-
-
-@dataclass(frozen=True)
-class Replay:
-    """One record, ready to be simulated with any figures and any effects.
-
-    Attributes:
-        record: measured.
-        prototype: that was believed.
-    """
-
-    record: TimeRecord
-    prototype: Prototype
-    _inputs: dict[int, np.ndarray] = field(default_factory=dict, repr=False, compare=False)
-    _nominal: dict[tuple[str, ...], np.ndarray] = field(default_factory=dict, repr=False, compare=False)
-    _substeps: dict[object, int] = field(default_factory=dict, repr=False, compare=False)
-
-    def placed(self, placement: Placement) -> Placement:
-        """The unknowns of a hypothesis in the equations with the law of this record."""
-        return placement.under(self.record.controller.equations)
-
-    def parameters(self, placement: Placement, z: np.ndarray) -> np.ndarray:
-        """(P,) parameters with the unknowns at z, in the order of the assembly of `placed`."""
-        effects = placement.assembly.kinds.effects
-        if effects not in self._nominal:
-            tables = {name: given(name, self.prototype) for name in effects}
-            rig = self.prototype.but(controller=self.record.controller, effects=tables)
-            figures = parameters_of(rig, self.record.outer_end_mass, self.record.inner_end_mass)
-            self._nominal[effects] = np.array(list(figures.values()))
-        return self.placed(placement).parameters(self._nominal[effects], z)
-
-    def simulated(self, placement: Placement, z: np.ndarray, channels: tuple[str, ...]) -> np.ndarray | None:
-        """(N, C) channels of the record with the unknowns at z; None where the simulated loop diverges."""
-        found = self.simulated_with_slopes(placement, z, channels, sloped=False)
-        return None if found is None else found[0]
-
-    def noise_response(
-        self, placement: Placement, z: np.ndarray, channels: tuple[str, ...], frequencies_Hz: np.ndarray
-    ) -> np.ndarray:
-        """(F, C) what channels read of a sine of 1 m of noise at the displacement's sensor, which the loop feeds back.
-
-        By the linear loop at rest, no more than `_LOUDEST`, as a believed loop may be next to unstable; without a loop
-        where the rig has no equilibrium.
-        """
-        placed, parameters = self.placed(placement), self.parameters(placement, z)
-        heard = np.array([[complex(name == DISPLACEMENT) for name in channels]] * len(frequencies_Hz))
-        try:
-            loop = linearise(placed.assembly, at_rest(placed, parameters), np.zeros(3), parameters)
-        except ValueError:
-            return heard
-        rows = [placed.assembly.outputs.index(name) for name in channels]
-        whole = 2j * np.pi * frequencies_Hz[:, None, None] * np.eye(len(loop.a)) - loop.a
-        moved = np.linalg.solve(whole, loop.b[:, [1]].astype(complex))[:, :, 0] @ loop.c[rows].T + loop.d[rows, 1]
-        # noise at the sensor is a command with the other sign
-        found = heard - self.prototype.sensor.gain_V_per_m * moved
-        return np.asarray(found * np.minimum(1.0, _LOUDEST / np.abs(found[:, channels.index(DISPLACEMENT)]))[:, None])
-
-    def simulated_with_slopes(
-        self, placement: Placement, z: np.ndarray, channels: tuple[str, ...], sloped: bool = True
-    ) -> tuple[np.ndarray, np.ndarray] | None:
-        """Channels (N, C) and their derivatives by z (N, C, K); None where the simulated loop diverges.
-
-        Without slopes there are no derivatives, and it takes a fraction of the time.
-        """
-        # Steps are counted anew only for another structure, or where the unknowns have gone a long way.
-        key = (placement.assembly.kinds, placement.unknowns, tuple(np.round(z).astype(int)))
-        parameters, placement = self.parameters(placement, z), self.placed(placement)
-        assembly, times = placement.assembly, self.record.times
-        columns = [assembly.outputs.index(name) for name in channels]
-        try:
-            start = at_rest(placement, parameters)
-        except ValueError:
-            return None
-        if key not in self._substeps:
-            self._substeps[key] = _steps(self.record.step, placement, parameters, start)
-        substeps = self._substeps[key]
-        if substeps not in self._inputs:
-            self._inputs[substeps] = half_steps(self.record.inputs, substeps)
-        inputs = self._inputs[substeps]
-        if not sloped:
-            y, _ = integrate(assembly.kinds, times, inputs, start, parameters, substeps, FURTHEST_M)
-            return (y[:, columns], np.zeros(0)) if len(y) == len(times) else None
-        names = tuple(assembly.parameters[k] for k in placement.moved)
-        moved = equilibrium_sensitivity(assembly, start, np.zeros(3), parameters, names)
-        y, dy = integrate_with_sensitivities(
-            assembly.kinds, times, inputs, start, moved, parameters, names, substeps, FURTHEST_M, columns
-        )
-        if len(y) < len(times) or not np.all(np.isfinite(dy)):
-            return None
-        slopes = placement.slopes(parameters, z)[list(placement.moved)]
-        return y[:, columns], (dy.reshape(-1, len(names)) @ slopes).reshape(*dy.shape[:2], -1)
-
-
-def at_rest(placement: Placement, parameters: np.ndarray) -> np.ndarray:
-    """Equilibrium without load, which masses have no part in: found once for all records of one law.
-
-    Raises:
-        ValueError: where there is none.
-    """
-    assembly = placement.assembly
-    key = (assembly.kinds, parameters[_rigs_own(assembly.kinds)].tobytes())
-    if key not in _found:
-        if len(_found) > _KEPT:
-            _found.clear()
-        _found[key] = equilibrium(assembly, np.zeros(3), parameters)
-    return _found[key]
-
-
-_KEPT = 64
-_found: dict[tuple[Structure, bytes], np.ndarray] = {}
-_NO_PART = ("outer_end_mass", "inner_end_mass")
-
-
-@cache
-def _rigs_own(kinds: Structure) -> list[int]:
-    return [k for k, name in enumerate(assemble(kinds).parameters) if name not in _NO_PART]
-
-
-def _steps(sample_s: float, placement: Placement, parameters: np.ndarray, rest: np.ndarray) -> int:
-    """Integration steps per sample: enough for the fastest pole at rest, and with a joint that has play bearing.
-
-    What happens within the short while that a joint bears need be stable, not exact; more so where a record is followed
-    than from rest, where it cannot be repeated anyway.
-    """
-    assembly = placement.assembly
-    points = [(rest, 1.0)]
-    if PLAY in assembly.kinds.effects:
-        bearing = rest.copy()
-        play = parameters[assembly.parameters.index(f"{PLAY}.play_m")]
-        bearing[assembly.states.index(f"{PLAY}.rod_m")] = rest[assembly.states.index("inner_m")] + play / 2 + _BEARING_M
-        points.append((bearing, _BRIEFLY if assembly.kinds.own_share == 1.0 else _FOLLOWING))
-    try:
-        fastest = max(
-            float(np.abs(np.linalg.eigvals(linearise(assembly, x, np.zeros(3), parameters).a)).max()) * share
-            for x, share in points
-        )
-    except np.linalg.LinAlgError:
-        fastest = 1e4
-    return max(1, ceil(sample_s / min(_LONGEST_S, _RADIANS / fastest) - 1e-9))
-
-
-PLAY = "joint_backlash"
-_BEARING_M, _BRIEFLY, _FOLLOWING = 2e-6, 0.45, 0.75  # shares: how much the poles of a joint that bears count
-
-
-DISPLACEMENT = "displacement_m"
-_LOUDEST = 10.0
 Figure = GainEvidence | ResponseEvidence
 """What is not a time record."""
 ROUGH = 0.1
@@ -287,49 +130,13 @@ def figures_of(data: Dataset) -> tuple[Figure, ...]:
 def record_evidence(data: Dataset) -> tuple[RecordEvidence, ...]:
     """All time records of a data set."""
     jobs = [Replay(taken.cleaned, data.prototype) for taken in data.records]
-    rise = rising(filter(None, map(_at_the_sensor, jobs)))
+    rise = rising(filter(None, map(at_the_sensor, jobs)))
     found = []
     for job in jobs:
         channels = tuple(job.record.measured)
         measured = np.column_stack([job.record.measured[name] for name in channels])
         found.append(RecordEvidence(job, in_the_loop(weighting(job.record, channels), job, rise), measured))
     return tuple(found)
-
-
-def _at_the_sensor(job: Replay) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
-    """Frequencies, powers per sample of the displacement measured and of that predicted, as noise of the sensor."""
-    placement, record = NOTHING.placement(job.prototype), job.record
-    predicted = job.simulated(placement, np.zeros(len(placement.unknowns)), (DISPLACEMENT,))
-    if predicted is None:
-        return None
-    moved, count = np.column_stack([record.measured[DISPLACEMENT], predicted]), len(record.times)
-    frequencies = np.fft.rfftfreq(count, record.step)
-    kept = frequencies > LOWEST_HZ
-    power = np.abs(np.fft.rfft(moved * faded(count)[:, None], axis=0)[kept]) ** 2 / count
-    own = power / _heard(job, (DISPLACEMENT,), frequencies[kept])
-    return frequencies[kept], own[:, 0], own[:, 1]
-
-
-def _heard(job: Replay, channels: tuple[str, ...], frequencies_Hz: np.ndarray) -> np.ndarray:
-    """(F, C) power that channels have of the sensor's noise in the believed loop, over that noise's own."""
-    placement = NOTHING.placement(job.prototype)
-    return np.abs(job.noise_response(placement, np.zeros(len(placement.unknowns)), channels, frequencies_Hz)) ** 2
-
-
-def in_the_loop(weight: Weighting, job: Replay, rise: Callable[[np.ndarray], np.ndarray] | None = None) -> Weighting:
-    """A weighing that counts as noise what the believed loop makes of its sensor's noise, beyond what the top shows.
-
-    Args:
-        weight: by white noise.
-        job: of the record.
-        rise: of the noise's power per sample beyond white noise, by frequency.
-    """
-    lines = np.append(weight.frequencies_Hz, 0.5 / job.record.step)  # the last one: where noise was read off
-    power = _heard(job, weight.channels, lines)
-    count = len(weight.fade)
-    white = weight.noise_std[weight.channels.index(DISPLACEMENT)] ** 2 * count
-    more = white * np.maximum(power[:-1] - power[-1], 0.0)
-    return blurred(weight, more if rise is None else more + count * rise(weight.frequencies_Hz)[:, None] * power[:-1])
 
 
 OWN_SHARE = 0.3

@@ -108,7 +108,11 @@ def blurred(weight: Weighting, power: np.ndarray) -> Weighting:
     return replace(weight, scale=np.sqrt(each / (each / weight.scale**2 + power.T)), noise=weight.noise + power.T)
 
 
-def rising(spectra: Iterable[tuple[np.ndarray, np.ndarray, np.ndarray]]) -> Callable[[np.ndarray], np.ndarray] | None:
+Rise = Callable[[np.ndarray], np.ndarray]
+"""Of noise: power per sample beyond white noise, by frequency in Hz."""
+
+
+def rising(spectra: Iterable[tuple[np.ndarray, np.ndarray, np.ndarray]]) -> Rise | None:
     """How far a sensor's noise rises towards low frequency above what it has at the top: as 1/f^2 where that is seen.
 
     Noise is the same whatever drives a record, so that in every third of an octave it is no more than the least of

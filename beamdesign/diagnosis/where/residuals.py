@@ -12,9 +12,10 @@ from typing import Any, NamedTuple
 import casadi as ca
 import numpy as np
 
-from beamdesign.diagnosis.fitting.evidence import RecordEvidence, Replay
+from beamdesign.diagnosis.fitting.evidence import RecordEvidence
 from beamdesign.diagnosis.fitting.fit import Fit
 from beamdesign.diagnosis.fitting.hypothesis import NOTHING, Placement
+from beamdesign.diagnosis.fitting.replay import Replay
 from beamdesign.plant.assembly import RIGS, Structure, assemble
 from beamdesign.plant.equilibrium import equilibrium
 from beamdesign.time_limit import heed
