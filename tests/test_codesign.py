@@ -14,6 +14,8 @@ from beamdesign.problem import read_problem
 from beamdesign.prototype import Prototype, read_prototype, write_prototype
 from beamdesign.synthesis.checks import check_sections
 from beamdesign.synthesis.codesign import codesign, pareto_front
+from beamdesign.synthesis.free_search import sizes_of, start_variables
+from beamdesign.synthesis.sections import free_sections
 
 STUDIES = Path(__file__).parent.parent / "studies"
 PAYLOAD = (0.0, 6.8)
@@ -50,6 +52,18 @@ def test_codesign_is_lighter_than_the_published_sections_for_the_same_guarantee(
     assert other.point is not None
     assert other.point.moving_mass_kg > point.moving_mass_kg
     assert violations(other.point.prototype, PAYLOAD, 4.2, 2.0) == []
+
+
+@pytest.mark.parametrize("rounded", [True, False])
+def test_sizes_of_no_pair_of_tubes_make_no_rig(rounded: bool) -> None:
+    problem = read_problem(STUDIES / "codesign.toml")
+    assert problem.given is not None
+    sections = free_sections(problem, start_variables(problem, sizes_of(problem.given)))
+    assert sections.prototype(sections.start, rounded).inner_beam.width_m == problem.given[1].width_m
+    wider = sections.start.copy()
+    wider[2] = 2 * wider[0]
+    with pytest.raises(ValueError, match="these sizes are no pair of tubes"):
+        sections.prototype(wider, rounded)
 
 
 def test_impossible_bandwidth_is_refused_with_a_reason() -> None:

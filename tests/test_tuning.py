@@ -283,9 +283,14 @@ def near(task: Search, lag: Tuning, **other: object) -> Found:
 
 
 def test_sizes_that_are_no_tubes_are_passed_over(task: Search, lag: Tuning):
-    found = near(task, lag, prototype=lambda chosen, rounded: None if rounded else paper_prototype())
+    def built(chosen: np.ndarray, rounded: bool) -> Prototype:
+        if rounded:
+            raise ValueError("no tubes")
+        return paper_prototype()
+
+    found = near(task, lag, prototype=built)
     assert found.proved is None
-    assert found.reason == "these sizes are no pair of tubes"
+    assert found.reason == "no tubes"
 
 
 def test_what_may_not_be_built_is_no_answer(task: Search, lag: Tuning):
