@@ -15,7 +15,7 @@ from types import MappingProxyType
 
 import numpy as np
 
-from beamdesign.controllers import KINDS, Controller, Observer, Sensed
+from beamdesign.controllers import KINDS, Controller, Sensed
 from beamdesign.controllers.form import block_form
 from beamdesign.plant.linear import LinearModel
 from beamdesign.progress import Progress, silent
@@ -197,7 +197,7 @@ def search_observer(task: Search, kind: str | None, starts: Sequence[Given] = ()
     if len(task.sensors) > 1 and any(member.gain.low != member.gain.high for member in task.members):
         why = "with added sensors no tuner serves the range of gains that an effect of this prototype asks for"
         return Found(None, (), 0, why)
-    given = [one for one in starts if isinstance(one[0], Observer) or one[0].sections]
+    given = [one for one in starts if one[0].sought.get("kind") in SYNTHESES or one[0].sections]
     if len(task.sensors) > 1 and kind and not given:
         # What the displacement alone reaches is where an added sensor begins.
         first = replace(task, sensors=task.sensors[:1], effort=replace(task.effort, starts=EFFORT.starts))
