@@ -55,7 +55,7 @@ def drawn(prototype: Prototype, number: int) -> tuple[Prototype, float, bool]:
     else:
         names = [name for name in SIZES if random.random() < 0.6] or ["seal_friction"]
         effects = {name: {SIZES[name][0]: float(np.exp(random.uniform(*np.log(SIZES[name][1:]))))} for name in names}
-    return spread.rig(spread.rounded(z)).but(effects=effects, guarantee=None), payload, saturates
+    return spread.rig(np.round(z, 3)).but(effects=effects, guarantee=None), payload, saturates
 
 
 def outcome(prototype: Prototype, number: int) -> Counter[str]:

@@ -15,9 +15,9 @@ import pytest
 import tomli_w
 from arm_assembled import DENSITY_KG_PER_M3, LENGTH_M, SHEAR_PA, assemble, tube
 from arm_elements import lever, matrices
-from effort import effort_response
 from flint import fmpq
 from forging import sealed_text
+from loop_effort import effort_response
 from scipy.integrate import solve_ivp
 from scipy.linalg import eigh
 from truth_of_arm_plane import Plane, true

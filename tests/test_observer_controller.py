@@ -7,9 +7,9 @@ from pathlib import Path
 import control
 import numpy as np
 import pytest
-from effort import effort_response
 from flint import fmpq, fmpq_poly
 from forging import altered
+from loop_effort import effort_response
 from truth_of_arm_plane import Plane
 from typer.testing import CliRunner
 

@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 from convex_limit import convex_limit
-from effort import effort_response
 from fundamental_limits import bode_bound_Hz, effort_bound_Hz, fundamental_limits, held_force
+from loop_effort import effort_response
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 from scipy.linalg import solve_continuous_lyapunov

@@ -118,7 +118,8 @@ def _entry(name: str) -> EffectEntry:
     from beamdesign.plant.effects import library
 
     effect = library()[name]
-    words = effect.meaning or import_module(next(iter(effect.laws.values())).__module__).__doc__ or ""
+    law = next(iter(effect.laws.values()))
+    words = effect.meaning or import_module(getattr(law, "func", law).__module__).__doc__ or ""  # the law of a partial
     rigs = tuple(kind for kind, rig in RIGS.items() if all(port in rig.ports for port in effect.laws))
     parameters = tuple(
         Key(
