@@ -177,11 +177,11 @@ def at_the_sensor(job: Replay) -> tuple[np.ndarray, np.ndarray, np.ndarray] | No
     frequencies = np.fft.rfftfreq(count, record.step)
     kept = frequencies > LOWEST_HZ
     power = np.abs(np.fft.rfft(moved * faded(count)[:, None], axis=0)[kept]) ** 2 / count
-    own = power / _heard(job, (DISPLACEMENT,), frequencies[kept])
+    own = power / _noise_power(job, (DISPLACEMENT,), frequencies[kept])
     return frequencies[kept], own[:, 0], own[:, 1]
 
 
-def _heard(job: Replay, channels: tuple[str, ...], frequencies_Hz: np.ndarray) -> np.ndarray:
+def _noise_power(job: Replay, channels: tuple[str, ...], frequencies_Hz: np.ndarray) -> np.ndarray:
     """(F, C) power that channels have of the sensor's noise in the believed loop, over that noise's own."""
     placement = NOTHING.placement(job.prototype)
     return np.abs(job.noise_response(placement, np.zeros(len(placement.unknowns)), channels, frequencies_Hz)) ** 2
@@ -196,7 +196,7 @@ def in_the_loop(weight: Weighting, job: Replay, rise: Rise | None = None) -> Wei
         rise: of the noise's power per sample beyond white noise, by frequency.
     """
     lines = np.append(weight.frequencies_Hz, 0.5 / job.record.step)  # the last one: where noise was read off
-    power = _heard(job, weight.channels, lines)
+    power = _noise_power(job, weight.channels, lines)
     count = len(weight.fade)
     white = weight.noise_std[weight.channels.index(DISPLACEMENT)] ** 2 * count
     more = white * np.maximum(power[:-1] - power[-1], 0.0)
