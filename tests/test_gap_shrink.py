@@ -156,6 +156,13 @@ def test_the_size_of_a_cause_is_what_it_changes_alone(data):
     assert len(found) == 3
 
 
+def test_no_more_than_the_gap_is_closed():
+    """Where the floor is read too high, what the fit to all records leaves is the most that can be noise."""
+    found = gap([errors(0.03, 0.03, 0.02, noise=0.025)], ())
+    assert found.noise_floor == pytest.approx(0.02, rel=0.05)
+    assert 0.9 < found.closed <= 1.0
+
+
 def test_no_gap_is_not_closed():
     found = gap([errors(0.01, 0.01, 0.01, noise=0.02)], ())
     assert found.closed == 0.0

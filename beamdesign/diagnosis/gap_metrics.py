@@ -87,6 +87,8 @@ def gap(all_errors: Sequence[Errors], held_out: Sequence[int]) -> Gap:
     counted = [all_errors[k] for k in held_out] or list(all_errors)
     before, tuned, after = (_rms([getattr(e, name) for e in counted]) for name in ("before", "tuned", "after"))
     floor = float(np.sqrt(np.mean([e.noise**2 for e in counted])))
+    if floor < before:  # there is a gap: no more is noise than the fit to all records leaves
+        floor = min(floor, _rms([e.written for e in counted]))
     records = tuple(
         RecordGap(e.name, k in held_out, _rms([e.before]), _rms([e.tuned]), _rms([e.after]), e.noise)
         for k, e in enumerate(all_errors)
