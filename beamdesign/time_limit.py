@@ -48,7 +48,7 @@ def within(minutes: float | None, clock: Callable[[], float] | None = None) -> I
     """Limit the time of a block, and keep what it leaves out; None: to what is left anyway."""
     outer = _limit.get()
     clock = clock or outer.clock
-    with _opened(TimeLimit(inf if minutes is None else clock() + 60 * minutes, clock)) as limit:
+    with _limited(TimeLimit(inf if minutes is None else clock() + 60 * minutes, clock)) as limit:
         try:
             yield limit
         finally:
@@ -65,12 +65,12 @@ def share(of: float, within_steps: bool = False) -> Iterator[TimeLimit]:
         within_steps: whether `heed` breaks off a step.
     """
     outer = _limit.get()
-    with _opened(TimeLimit(outer.clock() + of * left(), outer.clock, outer.left_out, within_steps)) as limit:
+    with _limited(TimeLimit(outer.clock() + of * left(), outer.clock, outer.left_out, within_steps)) as limit:
         yield limit
 
 
 @contextmanager
-def _opened(limit: TimeLimit) -> Iterator[TimeLimit]:
+def _limited(limit: TimeLimit) -> Iterator[TimeLimit]:
     limit.ends = min(limit.ends, _limit.get().ends)
     token = _limit.set(limit)
     try:

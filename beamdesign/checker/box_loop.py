@@ -101,8 +101,8 @@ def characteristic(
         above *= forward.context().gen(0) + error[1]
     if weights is not None:
         s = forward.context().gen(0)
-        of_opened, plain, turned = (_polynomial(one.coeffs(), s) for one in weights)
-        return of_opened * forward + plain * loop + turned * above
+        of_denominator, plain, turned = (_polynomial(one.coeffs(), s) for one in weights)
+        return of_denominator * forward + plain * loop + turned * above
     if claim in ("", "gain_margin"):
         return forward + loop
     return forward + above if claim in ("peak_sensitivity", "loop_gain") else forward + loop + above
@@ -111,8 +111,8 @@ def characteristic(
 def opens_stable(expression: Expression, rig: Rig, member: Mapping[str, fmpq]) -> bool:
     """Whether one member is stable when its loop is opened, and every member's loop falls off at high frequencies."""
     forward, loop, _ = _parts(expression, rig, "slope")
-    opened = at_member(forward, member)
-    return loop.degrees()[0] < forward.degrees()[0] == opened.degree() and is_hurwitz(opened)
+    denominator = at_member(forward, member)
+    return loop.degrees()[0] < forward.degrees()[0] == denominator.degree() and is_hurwitz(denominator)
 
 
 def at_member(polynomial: fmpq_mpoly, member: Mapping[str, fmpq]) -> fmpq_poly:

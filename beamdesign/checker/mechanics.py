@@ -301,7 +301,7 @@ def strayed(
     alone: bool,
     ring: Ring,
 ) -> dict[str, Polynomial]:
-    """What errors do to the tip where the sensor sees that alone; of friction, where nothing else is heard.
+    """What errors do to the tip where the sensor sees that alone; of friction, where it sees nothing else.
 
     Args:
         figure: lumped figures, by name with unit.
@@ -309,7 +309,7 @@ def strayed(
         moved: see `Mechanics.strayed`.
         around: denominator of `electronics`.
         own: the loop's numerator from the displacement.
-        alone: whether nothing but the displacement is heard.
+        alone: whether nothing but the displacement is fed back.
         ring: of the polynomials.
     """
     if any(weight != 0 for weight in elements.points["sensed"].values()):

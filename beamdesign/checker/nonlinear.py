@@ -126,22 +126,22 @@ def _comes_to_rest(loop: Loop, multiplier: Multiplier, margin: fmpq, masses: Pai
 
 def _real_part_above(
     closed: Polynomials,
-    opened: Polynomials,
+    denominator: Polynomials,
     by: Polynomials,
     margin: fmpq,
     masses: Pair,
     times: fmpq = ONCE[0],
     less: Polynomials = (ZERO, ZERO),
 ) -> bool:
-    """Whether Re[closed / opened] times the quotient `by` is at least a margin at every frequency and mass.
+    """Whether Re[closed / denominator] times the quotient `by` is at least a margin at every frequency and mass.
 
-    Where `less` is given, whether what it is more, times a factor, is at least |less / (opened by's denominator)|^2.
+    Where `less` is given, whether what it is more, times a factor, is at least |less / (denominator times by's)|^2.
     """
 
     def value(one: fmpq, two: fmpq) -> fmpq_poly:
         """The polar form of the quadratic at two masses: at one mass twice, the quadratic itself."""
         p, p_other = ((closed[0] + mass * closed[1]) * by[0] for mass in (one, two))
-        o, o_other = ((opened[0] + mass * opened[1]) * by[1] for mass in (one, two))
+        o, o_other = ((denominator[0] + mass * denominator[1]) * by[1] for mass in (one, two))
         off, off_other = (less[0] + mass * less[1] for mass in (one, two))
         more = inner(p, o_other) + inner(p_other, o) - 2 * margin * inner(o, o_other)
         return times * more - 2 * inner(off, off_other)
@@ -216,28 +216,28 @@ def _both_fit(
     loop: Loop, place: str, factors: Pair, multiplier: Multiplier, weight: fmpq, margin: fmpq, masses: Pair
 ) -> bool:
     """Whether the inequality of both holds of a loop, and what it presupposes."""
-    (least, most), opened, numerator, own = factors, loop.loop_denominator, loop.loop_numerator, loop.displacement
+    (least, most), denominator, numerator, own = factors, loop.loop_denominator, loop.loop_numerator, loop.displacement
     if place == "flow":
         own = numerator
-        if any(divmod(part, loop.spool)[1] != 0 for part in opened):
+        if any(divmod(part, loop.spool)[1] != 0 for part in denominator):
             raise Unreadable("the spool is not a part of this loop")
-        onto, back = [most * part * _mirrored(loop.spool) for part in own], [part / loop.spool for part in opened]
+        onto, back = [most * part * _mirrored(loop.spool) for part in own], [part / loop.spool for part in denominator]
         slow = max(own[0].degree(), own[1].degree()) - back[0].degree()
     else:
         above, below = (one * other for one, other in zip(loop.law, loop.filters, strict=True))
-        if any(divmod(part, above)[1] != 0 for part in own) or any(divmod(part, below)[1] != 0 for part in opened):
+        if any(divmod(part, above)[1] != 0 for part in own) or any(divmod(part, below)[1] != 0 for part in denominator):
             raise Unreadable("the controller is not a part of this loop")
-        onto = [most * above * _mirrored(part / below) for part in opened]
+        onto = [most * above * _mirrored(part / below) for part in denominator]
         back = [below * _mirrored(part / above) for part in own]
         slow = above.degree() - below.degree()
     looped, by = plus(numerator, own, least - 1), (multiplier.above, multiplier.below)
-    falls = max(part.degree() for part in looped) < opened[0].degree() and (slow < 0 or not multiplier.popov)
+    falls = max(part.degree() for part in looped) < denominator[0].degree() and (slow < 0 or not multiplier.popov)
     share = 1 - least / most
     less = plus((share * by[0] * onto[0], share * by[0] * onto[1]), (by[1] * back[0], by[1] * back[1]), -weight)
     return (
         falls
-        and Family(*opened).is_stable_over(*masses)
-        and _real_part_above(plus(opened, looped), opened, by, margin, masses, 4 * weight, less)
+        and Family(*denominator).is_stable_over(*masses)
+        and _real_part_above(plus(denominator, looped), denominator, by, margin, masses, 4 * weight, less)
     )
 
 

@@ -302,9 +302,9 @@ class Rig:
         if law is None:
             raise Unreadable("[controller] is not one law")
         _refuse_size(elements, law)
-        heard = list(law.numerators)
+        signals = list(law.numerators)
         bare, loaded = (
-            mechanics(self.figures, elements, (mass, self.inner_end_mass), heard, fmpq_poly, erring=mass == 0)
+            mechanics(self.figures, elements, (mass, self.inner_end_mass), signals, fmpq_poly, erring=mass == 0)
             for mass in (fmpq(0), fmpq(1))
         )
         around, back = electronics(self.figures, elements, law.numerators, law.denominator, fmpq_poly)

@@ -300,8 +300,8 @@ class Diagnosis(Generic[Rig], Result):
             fields["next_experiment"] = picked(self.next_experiment, asked)
         fields |= {"complete": not self.left_out, "left_out": self.left_out, "chance_without_gap": self.chance}
         if (separability := self.separability) is not None:
-            told = "not_told_apart=classes nearly_alike=close not_visible=invisible"
-            fields["before_fitting"] = picked(separability, told)
+            names = "not_told_apart=classes nearly_alike=close not_visible=invisible"
+            fields["before_fitting"] = picked(separability, names)
         return dict(finite(fields | self.own_fields))
 
     def rows(self) -> list[tuple[Any, ...]]:

@@ -182,9 +182,9 @@ def next_experiment(data: Dataset, rivals: Sequence[Fit], weights: Sequence[floa
     (row,) = plan["record"]
     settings = row["input"][0] | {key: row[key] for key in ("outer_end_mass_kg", "inner_end_mass_kg")}
     settings |= {"added_sensor": best.added, "scenario": plan}
-    told, open_ = information(best.between, weights), information(np.where(np.eye(len(among)), 0.0, inf), weights)
-    text += f"; of the {open_:.2g} bits that are open it is expected to tell {told:.2g} at least"
-    return NextExperiment(text + ".", names, best.least, settings, told, _series(data, best, among))
+    decided, open_ = information(best.between, weights), information(np.where(np.eye(len(among)), 0.0, inf), weights)
+    text += f"; of the {open_:.2g} bits that are open it is expected to tell {decided:.2g} at least"
+    return NextExperiment(text + ".", names, best.least, settings, decided, _series(data, best, among))
 
 
 def _series(data: Dataset, experiment: Experiment, rivals: Sequence[Fit]) -> dict[str, np.ndarray]:

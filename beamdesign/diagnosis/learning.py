@@ -100,8 +100,8 @@ def learn(
     found_by = [[errors(piece, null, fit, fit) for piece in out] for fit in (without, other)]
     left, left_by_rival = (sum(float(np.mean(e.after**2)) - e.noise**2 for e in own) for own in found_by)
     spread = max(1.0, best.misfit / before.expected)
-    told, told_by_rival = (held_out_score(fit, before.conditions, spread) for fit in (best, rival))
-    if left > left_by_rival or told < told_by_rival + _TOLD:
+    score, of_rival = (held_out_score(fit, before.conditions, spread) for fit in (best, rival))
+    if left > left_by_rival or score < of_rival + _TOLD:
         return None
     # What a law explains of what is left by the best that is listed speaks for something that is not.
     unknown = max(judged.unknown, 1 - laws.excess(best) / before.excess(rival)) if contested else judged.unknown

@@ -106,7 +106,7 @@ def slides(member: VertexModel, members: Sequence[VertexModel]) -> bool:
     return True
 
 
-def heard(prototype: Prototype) -> tuple[list[Error], list[Row]]:
+def errors_in_loop(prototype: Prototype) -> tuple[list[Error], list[Row]]:
     """The errors of which a bound may be proved, and rows of those that the controller hears itself."""
     found = errors(prototype)
     if prototype.controller is None or prototype.controller.sensed_law().sensors == DISPLACEMENT:
@@ -118,7 +118,7 @@ def heard(prototype: Prototype) -> tuple[list[Error], list[Row]]:
 
 def bounded_rows(given: Members) -> Iterator[Row]:
     """A row for each effect that is linear plus a bounded error, and one for all of them together."""
-    found, refused = heard(given.prototype)
+    found, refused = errors_in_loop(given.prototype)
     yield from refused
     if not found:
         return

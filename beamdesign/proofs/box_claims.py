@@ -51,7 +51,7 @@ _LOOKS, _OPEN = (0.03, 0.08, 0.2), 300
 _VISITS = 500
 """Most sub-boxes that are sorted out to tell how much of the box is undecided."""
 _ABOVE_ONE, _NONE = 1.0001, (fmpq(0), fmpq(0))
-_LOOSER = (1.002, 1.02, 1.1, 1.5)
+_RELAXATIONS = (1.002, 1.02, 1.1, 1.5)
 """How much looser than the worst member's figure a claim is made, tried in turn."""
 
 
@@ -129,7 +129,7 @@ def claim_of_family(
             share = nearest(point["controller_gain"] / nominal["controller_gain"])
             reason = f"a member is not stable at {share:.6g} times the gain"
             return BoxClaim(asked, family, False, reason, point, own=own)
-        by, told = _by(asked), not of_gains and statement.inner.get("delay", _NONE) == _NONE
+        by, searched = _by(asked), not of_gains and statement.inner.get("delay", _NONE) == _NONE
 
         def exceeding(shares: np.ndarray, at: np.ndarray) -> BoxClaim | None:
             point, w = member_at(statement, shares), shortened(exact(at.item()), 9)
@@ -138,13 +138,13 @@ def claim_of_family(
             hertz = nearest(w) / (2 * pi)
             return BoxClaim(asked, family, False, f"exceeded by a member at {hertz:.6g} Hz", point, hertz, own=own)
 
-        if told and (refuted := exceeding(*worst_in_bands(statement, by)[0][1:])):
+        if searched and (refuted := exceeding(*worst_in_bands(statement, by)[0][1:])):
             return refuted
         try:
             search = Search(statement)
         except ValueError as error:
             return BoxClaim(asked, family, None, f"not covered: {error}", own=own)
-        for spent in _LOOKS if told else ():
+        for spent in _LOOKS if searched else ():
             search.run(int(budget * spent), seconds * spent)
             # What stays open after a while may hold a member that the search for the worst did not come to.
             middles = search.open_middles(_OPEN)
@@ -236,7 +236,7 @@ def best_over_box(prototype: Prototype, box: Box, budget: int = 4000, seconds: f
 
 def _proved(prototype: Prototype, box: Box, best: Asked, budget: int, seconds: float) -> list[BoxClaim]:
     """One claim, as near to the best as it is proved; none where it is not."""
-    for factor in _LOOSER:
+    for factor in _RELAXATIONS:
         claim = claim_over_box(prototype, box, relaxed(best, factor), budget, seconds)
         if claim.holds:
             return [claim]

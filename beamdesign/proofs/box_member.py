@@ -110,7 +110,7 @@ _UNSTABLE = 1e-3
 """A root with a real part of this share of its size will be confirmed."""
 
 _POPULATION, _ROUNDS, _STEPS = 32, 6, 1000
-"""How many members climb, in how many rounds; to how many steps the shares of a member's parameters are rounded."""
+"""How many members in how many rounds; to how many steps the shares of a member's parameters are rounded."""
 
 
 def unstable_member(statement: Statement, near: Sequence[Sequence[float]] = ()) -> dict[str, fmpq] | None:
@@ -129,7 +129,7 @@ def unstable_member(statement: Statement, near: Sequence[Sequence[float]] = ()) 
         return point if stable_at(statement, point) is False else None
 
     above = _UNSTABLE
-    for shares, score in climb(partial(undamping, statement), len(statement.varying), near, _POPULATION, _ROUNDS):
+    for shares, score in ascend(partial(undamping, statement), len(statement.varying), near, _POPULATION, _ROUNDS):
         order = np.argsort(-score)
         if score[order[0]] > above and (point := confirmed(shares[order[0]])):
             return point
@@ -137,7 +137,7 @@ def unstable_member(statement: Statement, near: Sequence[Sequence[float]] = ()) 
     return next((point for some in shares[order[:3]] if (point := confirmed(some))), None)
 
 
-def climb(
+def ascend(
     score_of: Callable[[np.ndarray], np.ndarray], k: int, near: Sequence[Sequence[float]], population: int, rounds: int
 ) -> Iterator[tuple[np.ndarray, np.ndarray]]:
     """Members (P, k) of a population of corners and midpoints and their scores (P,), better in one variable each time.
@@ -309,7 +309,7 @@ def _worst_between(
     best = only
     if best is None:
         largest = partial(_largest, by, statement, grid)
-        *_, (shares, score) = climb(largest, len(statement.varying), near, _CLIMBING, _TURNS)
+        *_, (shares, score) = ascend(largest, len(statement.varying), near, _CLIMBING, _TURNS)
         best = shares[[score.argmax()]]
     w, spread = grid, (high / low) ** (2 / _IN_BAND)
     for _ in range(_FINE):

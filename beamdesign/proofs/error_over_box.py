@@ -26,7 +26,7 @@ from flint import arb, ctx, fmpq
 
 from beamdesign.polynomial import exact, is_hurwitz, roots
 from beamdesign.proofs.absolute_stability import Row
-from beamdesign.proofs.bounded_error import RESOLUTION, SLIDING, Error, heard, rows_of
+from beamdesign.proofs.bounded_error import RESOLUTION, SLIDING, Error, errors_in_loop, rows_of
 from beamdesign.proofs.box import Box, wrapped
 from beamdesign.proofs.box_claims import BoxClaim, below, with_number
 from beamdesign.proofs.box_member import parameters_at
@@ -51,7 +51,7 @@ _OF_SLOWEST = 0.15, 0.25, 0.35, 0.5, 0.65, 0.8
 """Decay rates that are tried, over that of the slowest pole of the samples."""
 _EXCESS, _LAST = 0.01, 0.99
 """What a band may add to I over what the samples' largest values come to, and what is to be below the last band."""
-_LOOSER = {1.15: 60, 1.3: 100, 1.6: 600, 2.5: 2_000}
+_RELAXATIONS = {1.15: 60, 1.3: 100, 1.6: 600, 2.5: 2_000}
 """Limits over what the samples reach, tried in turn, and how many pieces are looked at; in the last band the last."""
 _SLOWER = (1.0, 0.6, 0.35)
 """Shares of the decay rate of the slowest pole of the samples that are tried in turn: a member may be slower."""
@@ -87,7 +87,7 @@ def errors_over_box(
     Returns:
         Claims, one for each error and piece of the outer end mass, and rows for each effect and for all together.
     """
-    found, rows = heard(prototype)
+    found, rows = errors_in_loop(prototype)
     found = [replace(one, size=one.size * _more(prototype, box, one)) for one in found]
     claims, most, known = list[BoxClaim](), list[fmpq](), dict[str, list[BoxClaim]]()
     try:
@@ -261,8 +261,8 @@ def _proved(
         if not is_hurwitz(with_number(whole.over(ranges), member, fmpq(0))):
             raise NotCovered("the nominal loop decays too slowly")
         for since, until, reached in zip_longest(edges, edges[1:], plan.limits):
-            for looser, most in [*_LOOSER.items()][0 if until is not None else -1 :]:
-                limit = shortened(exact(looser * reached), _DIGITS, up=True)
+            for relaxation, most in [*_RELAXATIONS.items()][0 if until is not None else -1 :]:
+                limit = shortened(exact(relaxation * reached), _DIGITS, up=True)
                 circles = {UNKNOWN: Circle(fmpq(0), 1 / limit)}
                 statement = replace(whole, circles=circles, since=since, until=until).over(ranges)
                 search = Search(statement)

@@ -140,8 +140,8 @@ def is_proper(above: Affine, below: Affine, low: fmpq, high: fmpq) -> bool:
     return same and max(above.constant.degree(), above.slope.degree()) < degree
 
 
-def slack(multiplier: Multiplier, closed: Affine, opened: Affine, margin: fmpq) -> Coefficients:
-    """(Re[M p / D] - margin) |D|^2 Q at jw as a quadratic a m^2 + b m + c in the mass, p being closed and D opened."""
+def slack(multiplier: Multiplier, closed: Affine, denominator: Affine, margin: fmpq) -> Coefficients:
+    """(Re[M p / D] - margin) |D|^2 Q at jw as a quadratic a m^2 + b m + c in the mass, with D the denominator."""
     real, imaginary, below = multiplier.parts
 
     def one(above: fmpq_poly, under: fmpq_poly) -> fmpq_poly:
@@ -150,9 +150,9 @@ def slack(multiplier: Multiplier, closed: Affine, opened: Affine, margin: fmpq) 
     def size(left: fmpq_poly, right: fmpq_poly) -> fmpq_poly:
         return margin * below * inner(left, right)
 
-    return less(_UNIT, over_mass(one, closed, opened), over_mass(size, opened, opened))
+    return less(_UNIT, over_mass(one, closed, denominator), over_mass(size, denominator, denominator))
 
 
-def fits(multiplier: Multiplier, closed: Affine, opened: Affine, low: fmpq, high: fmpq, margin: fmpq) -> bool:
-    """Whether Re[M p / D], p being closed and D opened, is at least a margin at every mass (kg) and frequency."""
-    return quadratic_nonnegative(*slack(multiplier, closed, opened, margin), low, high, _NONE, None).holds
+def fits(multiplier: Multiplier, closed: Affine, denominator: Affine, low: fmpq, high: fmpq, margin: fmpq) -> bool:
+    """Whether Re[M p / D] is at least a margin at every mass (kg) and frequency."""
+    return quadratic_nonnegative(*slack(multiplier, closed, denominator, margin), low, high, _NONE, None).holds

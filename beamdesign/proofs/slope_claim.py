@@ -40,7 +40,7 @@ def weights(multiplier: Multiplier) -> tuple[fmpq_poly, fmpq_poly, fmpq_poly]:
 
 def weighed(form: Expression, multiplier: Multiplier) -> Expression:
     """The expression of D + u N, u being the unknown, as that of a slope, where it is another."""
-    of_opened, plain, turned = _LEAVES
+    of_denominator, plain, turned = _LEAVES
 
     def written(node: ast.expr) -> tuple[str, bool]:
         """A part, and whether the unknown stands in it; what it is added to is of the opened loop."""
@@ -53,7 +53,7 @@ def weighed(form: Expression, multiplier: Multiplier) -> Expression:
             case ast.BinOp(left=left, op=ast.Add(), right=right):
                 (a, in_a), (b, in_b) = written(left), written(right)
                 if in_a != in_b:
-                    a, b = (a, f"{of_opened}*{b}") if in_a else (f"{of_opened}*{a}", b)
+                    a, b = (a, f"{of_denominator}*{b}") if in_a else (f"{of_denominator}*{a}", b)
                 return f"({a} + {b})", in_a or in_b
         raise ValueError(f"not a sum or product of leaves: {ast.unparse(node)}")
 
@@ -76,12 +76,12 @@ def presupposed(at_none: fmpq_poly, at_one: fmpq_poly, multiplier: Multiplier) -
     """
     even, _, turned = weights(multiplier)
     numerator = (at_one - at_none) / turned
-    opened = at_one / even - numerator
+    cut = at_one / even - numerator
     known = multiplier.admissible and multiplier.popov_s == 0
-    return known and numerator.degree() < opened.degree() and is_hurwitz(opened)
+    return known and numerator.degree() < cut.degree() and is_hurwitz(cut)
 
 
-def closed_over_opened(stated: Multiplier, statement: Statement, shares: np.ndarray, w: np.ndarray) -> np.ndarray:
+def closed_over_denominator(stated: Multiplier, statement: Statement, shares: np.ndarray, w: np.ndarray) -> np.ndarray:
     """1 + L (B, N) in floats of members, as of `value_set.with_unknown`, of a statement with a multiplier."""
     at_none, at_one = with_unknown(statement, shares, w)
     m = stated.response(w)
@@ -93,7 +93,7 @@ def angle_ratios(
     multiplier: Multiplier, stated: Multiplier, statement: Statement, shares: np.ndarray, w: np.ndarray
 ) -> np.ndarray:
     """1 - Re z / |z| (B, N) of z = M (1 + L), above one where the first multiplier does not fit; members as above."""
-    z = multiplier.response(w) * closed_over_opened(stated, statement, shares, w)
+    z = multiplier.response(w) * closed_over_denominator(stated, statement, shares, w)
     return np.asarray(1 - z.real / np.abs(z))
 
 

@@ -22,7 +22,7 @@ from beamdesign.proofs.multiplier import Multiplier
 from beamdesign.proofs.multiplier_search import ENDS_rad_per_s, Grid, kernels
 from beamdesign.proofs.nonlinear import NONE_KNOWN, is_linear
 from beamdesign.proofs.read_once import NotCovered
-from beamdesign.proofs.slope_claim import angle_ratios, closed_over_opened
+from beamdesign.proofs.slope_claim import angle_ratios, closed_over_denominator
 from beamdesign.proofs.statement import Statement
 from beamdesign.prototype import Prototype
 
@@ -108,7 +108,8 @@ def _multipliers(statement: Statement, may_be_odd: bool) -> Iterator[Multiplier]
         shares[:, k] = np.linspace(0, 1, _SHARES)
     for odd, orders in product((False, True) if may_be_odd else (False,), _ORDERS):
         for _ in range(_ROUNDS):
-            found = _best(Grid(w, closed_over_opened(_PLAIN, statement, shares, w[None]), popov=False), orders, odd)
+            z = closed_over_denominator(_PLAIN, statement, shares, w[None])
+            found = _best(Grid(w, z, popov=False), orders, odd)
             if found is None:
                 break
             multiplier, least = found

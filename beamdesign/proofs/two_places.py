@@ -43,14 +43,14 @@ class Pair:
     """A loop with a characteristic in its current and a gain that changes at another place.
 
     Attributes:
-        opened: D, denominator of the loop cut at the current.
+        denominator: D, of the loop cut at the current.
         closed: D (1 + L_a).
         share: 1 - a.
         onto: numerator and denominator of F.
         by: numerator and denominator of H.
     """
 
-    opened: Affine
+    denominator: Affine
     closed: Affine
     share: fmpq
     onto: tuple[Affine, Affine]
@@ -68,7 +68,8 @@ class Pair:
         left = _product(self.onto[0], _conjugate(self.by[1])) * (self.share * (even + odd))
         right = _product(_conjugate(self.by[0]), self.onto[1]) * (-weight * below(-_S * _S))
         off = left + right
-        return less(4 * weight * below, slack(multiplier, self.closed, self.opened, margin), over_mass(inner, off, off))
+        own = slack(multiplier, self.closed, self.denominator, margin)
+        return less(4 * weight * below, own, over_mass(inner, off, off))
 
     def fits(self, multiplier: Multiplier, weight: fmpq, low: fmpq, high: fmpq, margin: fmpq) -> bool:
         """Whether the matrix is positive definite, to a margin, at every mass (kg) and frequency."""
@@ -79,7 +80,7 @@ class Pair:
         """1 + L_a, (1 - a) F and H at jw in floats, (masses, frequencies) each."""
         share = nearest(self.share)
         onto, by = (ratio(*one, masses, w) for one in (self.onto, self.by))
-        return ratio(self.closed, self.opened, masses, w), share * onto, by
+        return ratio(self.closed, self.denominator, masses, w), share * onto, by
 
 
 def _degree(family: Affine) -> int:
@@ -106,10 +107,10 @@ def pair(given: Members, member: VertexModel, change: Changing) -> Pair | None:
     prototype, loop = given.prototype, member_loop(given.prototype, member)
     law = prototype.own_controller.sensed_law()
     plant = member.rig.plant(prototype.payload.inner_end_mass_kg, law.sensors)
-    opened = loop.loop_denominator
+    denominator = loop.loop_denominator
     if change.place == "volts":
         own = loop.loop_numerator + loop.added * fmpq(-1)
-        closed = opened + loop.added + own * change.least
+        closed = denominator + loop.added + own * change.least
         if member.rig.sensor_rides:
             return None
         # between the volts and the controller there may be filters: what it hears over what the tip does
@@ -125,13 +126,13 @@ def pair(given: Members, member: VertexModel, change: Changing) -> Pair | None:
         w, damping = (exact(member.rig.figures[key]) for key in ("valve_frequency", "valve_damping_ratio"))
         spring = exact(member.frozen.get("valve_hysteresis", {}).get("spring", 0.0))
         spool = fmpq_poly([1 + spring, 2 * damping / w, 1 / (w * w)])
-        parts = opened.constant, opened.slope
+        parts = denominator.constant, denominator.slope
         if any(not (part % spool).is_zero() for part in parts):
             return None
-        closed = opened + loop.loop_numerator * change.least
+        closed = denominator + loop.loop_numerator * change.least
         onto = loop.loop_numerator * change.most, Affine(*(part / spool for part in parts))
         by = _free(fmpq_poly([1])), _free(spool)
-    found = Pair(opened, closed, 1 - change.least / change.most, onto, by)
+    found = Pair(denominator, closed, 1 - change.least / change.most, onto, by)
     one_free = all(
         one.slope.is_zero() or other.slope.is_zero()
         for one, other in ((found.onto[0], found.by[1]), (found.by[0], found.onto[1]))
@@ -156,8 +157,8 @@ def both_rows(given: Members) -> Iterator[Row]:
         pairs = [pair(given, member, change) for member in given.found.members]
         known = [one for one in pairs if one is not None]
         presupposed = all(
-            is_stable_over(one.opened, given.low, given.high)
-            and is_proper(one.closed + one.opened * fmpq(-1), one.opened, given.low, given.high)
+            is_stable_over(one.denominator, given.low, given.high)
+            and is_proper(one.closed + one.denominator * fmpq(-1), one.denominator, given.low, given.high)
             for one in known
         )
         found = search(known, given.low, given.high) if presupposed and len(known) == len(pairs) else None

@@ -29,7 +29,7 @@ REST_BUDGET, REST_SECONDS = 5_000, 30.0
 _LEAST_HZ = 1e-2
 """Bandwidth about which compliance is looked at of a law that has none."""
 
-_LOOSER = (1.0, 1.002, 1.02)
+_RELAXATIONS = (1.0, 1.002, 1.02)
 """By what factors less than the worst rig's a bandwidth is claimed, tried in turn."""
 
 
@@ -139,8 +139,8 @@ class BoxTask:
             return None, verdict.reason, []
         claims = []
         for asked in self._asked(bandwidth_Hz):
-            for looser in _LOOSER if asked.kind == "compliance" else (1.0,):
-                one = relaxed(asked, looser) if asked.kind == "compliance" else asked
+            for relaxation in _RELAXATIONS if asked.kind == "compliance" else (1.0,):
+                one = relaxed(asked, relaxation) if asked.kind == "compliance" else asked
                 claim = claim_over_box(self.prototype, self.box, one, BUDGET, min(SECONDS, left()))
                 if claim.holds:
                     break

@@ -63,16 +63,16 @@ class Replay:
         where the rig has no equilibrium.
         """
         placed, parameters = self.placed(placement), self.parameters(placement, z)
-        heard = np.array([[complex(name == DISPLACEMENT) for name in channels]] * len(frequencies_Hz))
+        read = np.array([[complex(name == DISPLACEMENT) for name in channels]] * len(frequencies_Hz))
         try:
             loop = linearise(placed.assembly, at_rest(placed, parameters), np.zeros(3), parameters)
         except ValueError:
-            return heard
+            return read
         rows = [placed.assembly.outputs.index(name) for name in channels]
         whole = 2j * np.pi * frequencies_Hz[:, None, None] * np.eye(len(loop.a)) - loop.a
         moved = np.linalg.solve(whole, loop.b[:, [1]].astype(complex))[:, :, 0] @ loop.c[rows].T + loop.d[rows, 1]
         # noise at the sensor is a command with the other sign
-        found = heard - self.prototype.sensor.gain_V_per_m * moved
+        found = read - self.prototype.sensor.gain_V_per_m * moved
         return np.asarray(found * np.minimum(1.0, _LOUDEST / np.abs(found[:, channels.index(DISPLACEMENT)]))[:, None])
 
     def simulated_with_slopes(

@@ -153,7 +153,7 @@ def draw_case(
         found = _with_effects(case, names, rng, notes)
         if found is not None:
             return replace(found, notes=tuple(notes))
-    raise ValueError(f"no stable case after 20 attempts: {'; '.join(notes)}")
+    raise ValueError(f"no stable case after 20 attempts: {'; '.join(dict.fromkeys(notes))}")
 
 
 def _bare_case(

@@ -153,15 +153,15 @@ def packed(given: Mapping[str, Any]) -> np.ndarray:
     if unknown := given.keys() - FIGURES.keys() - {"law"}:
         raise KeyError(*sorted(unknown))
     law = np.asarray(given.get("law", [[1.0]]))
-    order, heard = len(law) - 1, law.shape[1] - len(law) + 1
+    order, inputs = len(law) - 1, law.shape[1] - len(law) + 1
     if order > LAW_ORDER:
         raise ValueError(f"a law of {order} states, at most {LAW_ORDER}")
     record = np.zeros(1, dtype=RECORD)
     for name, value in (FIGURES | dict(given) | {"law_order": order}).items():
         if name != "law":
             record[name] = value
-    rows = [*range(order), LAW_ORDER]  # the output stands last, and what is heard behind all states there may be
-    record["law"][0][np.ix_(rows, [*range(order), *range(LAW_ORDER, LAW_ORDER + heard)])] = law
+    rows = [*range(order), LAW_ORDER]  # the output stands last, and inputs behind all states there may be
+    record["law"][0][np.ix_(rows, [*range(order), *range(LAW_ORDER, LAW_ORDER + inputs)])] = law
     return record
 
 

@@ -67,11 +67,11 @@ def error_volts(f, fed_back, command, time):  # type: ignore[no-untyped-def]
 @njit(cache=True, error_model="numpy")
 def law_row(row, x, f, error, command):  # type: ignore[no-untyped-def]
     """One row of the controller's matrices times its states and what it hears."""
-    heard = f.law[row, LAW_ORDER] * error + f.law[row, LAW_ORDER + 3] * command
-    heard -= f.law[row, LAW_ORDER + 1] * x[_XI] + f.law[row, LAW_ORDER + 2] * (x[_PA] - x[_PB])
+    weighed = f.law[row, LAW_ORDER] * error + f.law[row, LAW_ORDER + 3] * command
+    weighed -= f.law[row, LAW_ORDER + 1] * x[_XI] + f.law[row, LAW_ORDER + 2] * (x[_PA] - x[_PB])
     for k in range(int(f.law_order)):
-        heard += f.law[row, k] * x[_C + k]
-    return heard
+        weighed += f.law[row, k] * x[_C + k]
+    return weighed
 
 
 @njit(cache=True, error_model="numpy")
