@@ -98,7 +98,7 @@ def test_the_exact_slack_is_that_of_the_matrix(tame: Prototype, place: str):
         room = 4 * size * ((m * closed).real - float(margin)) - abs(m * onto - size * by.conjugate()) ** 2
         x = fmpq(w) ** 2
         a, b, c = (q(x) for q in found.slack(multiplier, weight, margin))
-        d = found.opened.at(fmpq(mass))
+        d = found.denominator.at(fmpq(mass))
         parts = [sum(z * (-1) ** (k // 2) * fmpq(w) ** k for k, z in enumerate(d.coeffs()) if k % 2 == odd)
                  for odd in (0, 1)]  # fmt: skip
         below = float((parts[0] ** 2 + parts[1] ** 2) * multiplier.parts[2](x) ** 2)

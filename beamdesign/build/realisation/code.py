@@ -79,7 +79,7 @@ class ProvedCode(Result):
         made = self.realisation
         readings = [
             {
-                "heard": one.signal,
+                "heard": one.heard,
                 "unit": one.unit,
                 "full_scale": scale,
                 "places": places,
