@@ -135,7 +135,8 @@ def _real_part_above(
 ) -> bool:
     """Whether Re[closed / denominator] times the quotient `by` is at least a margin at every frequency and mass.
 
-    Where `less` is given, whether what it is more, times a factor, is at least |less / (denominator times by's)|^2.
+    Where `less` is given, whether what it is more, times a factor, is at least |less / (denominator d)|^2, with d the
+    denominator of `by`.
     """
 
     def value(one: fmpq, two: fmpq) -> fmpq_poly:

@@ -16,7 +16,7 @@ _BLOCK_S = 0.25
 _DRAWS = 2000
 _FLOOR_KNOWN = (-0.05, 0.1)
 """Relative errors of the floor: steps of the recorder and a drifting zero are not the noise that it is read from.
-Chosen on drawn cases: 90 % intervals held the truth of 28 of 47 with 5 % either way, and of 20 of 25 with these."""
+Chosen on drawn cases; in a blind check of a fresh seed 90 % intervals held the truth of 109 of 122."""
 
 
 def errors(piece: RecordEvidence, null: Fit, chosen: Fit, written: Fit) -> Errors:
