@@ -35,6 +35,7 @@ from beamdesign.diagnosis.gain_diagnosis import explain_gains
 from beamdesign.diagnosis.gap_metrics import errors, gap, sizes
 from beamdesign.diagnosis.judgement import THRESHOLDS, Judgement, cause_sets, causes, classes, judge
 from beamdesign.diagnosis.learning import described, learn
+from beamdesign.diagnosis.passing import what_passed
 from beamdesign.diagnosis.second_look import refit_backlash_impacts, second_look
 from beamdesign.diagnosis.separability import indistinguishable
 from beamdesign.diagnosis.where.locate import locate
@@ -44,6 +45,7 @@ from beamdesign.time_limit import TimeUp, leave_out, left_out, over, share, with
 
 _SHARE = 0.25
 _SECOND, _HELD_OUT = 0.5, 0.7  # of the time that is left, for laws and a second look, and for fits without some records
+_PASSING = 0.4  # the same, for records without what passes
 _REPEATED = 0.1  # of the excess misfit: a law that leaves less predicts the motion from rest
 
 
@@ -143,11 +145,22 @@ def _diagnosed(data: Dataset, workers: int, progress: Progress, kept: FitCache |
     kept_out = held_out(data.records)
     seen = replace(data, records=tuple(r for k, r in enumerate(data.records) if k not in kept_out))
     found = search(data, workers, _between(0.0, 0.7, progress), kept)
-    judged, words, plain = judge(found), examined.words, found.null
-    again, learnt = None, None
+    judged, words, doubtful = judge(found), examined.words, examined.limits_confidence
+    again, learnt, passed = None, None, None
+    if judged.unknown > 0.5:
+        try:
+            with share(_PASSING, within_steps=True):
+                passed = what_passed(data, found, workers, _between(0.7, 0.72, progress), kept)
+        except TimeUp:
+            leave_out("what passes in a short while")
+    if passed is not None:
+        data, found, judged, kept = passed.data, passed.search, passed.judged, passed.kept
+        words = (*words, *passed.words)
+        seen, doubtful = replace(data, records=tuple(r for k, r in enumerate(data.records) if k not in kept_out)), True
+    plain = found.null
     try:
         with share(_SECOND, within_steps=True):
-            learnt = learn(data, kept_out, found, judged, workers, _between(0.7, 0.82, progress), kept)
+            learnt = learn(data, kept_out, found, judged, workers, _between(0.72, 0.82, progress), kept)
     except TimeUp:
         leave_out("a law learnt from the records")
     # What no model repeats from rest, a law that is learnt does not either: where one does, it is nothing of that kind.
@@ -164,7 +177,7 @@ def _diagnosed(data: Dataset, workers: int, progress: Progress, kept: FitCache |
     rare = nan if left_out() else chance(judged.of_causes.get((), 0.0))
     if rare > LEVEL and (judged.best.hypothesis.names or learnt or again):
         judged, learnt, again = replace(judged, best=found.null), None, None
-    confident = verdict_of(judged, examined.limits_confidence, rare) != "unknown"
+    confident = verdict_of(judged, doubtful, rare) != "unknown"
     best = judged.best if confident or learnt is not None else found.null
     progress(0.96, "what the data can tell")
     evidence = evidence_of(data)
@@ -194,7 +207,7 @@ def _diagnosed(data: Dataset, workers: int, progress: Progress, kept: FitCache |
         # What cannot be predicted from rest neither confirms nor refutes what is chosen: models that follow it do.
         synchronised = gap([errors(with_output_injection(piece), tuned, outside, best) for piece in records], kept_out)
         measured = synchronised if again.oscillates else measured
-    doubtful, left = examined.limits_confidence or not confirmed(synchronised), left_out()
+    doubtful, left = doubtful or not confirmed(synchronised), left_out()
     verdict = no_surer(verdict_of(judged, doubtful, rare), left)
     progress(1.0, "where the gap lies")
     where = locate(found, best, evidence, [c for c in ranked if c.name in chosen], judged.unknown)

@@ -31,14 +31,15 @@ def errors(piece: RecordEvidence, null: Fit, chosen: Fit, written: Fit) -> Error
         written: fit of the chosen causes to all records.
     """
     column = piece.weight.channels.index(CHANNEL)
-    measured = piece.measured[:, column]
-    rms = float(np.std(measured))
+    measured, counted = piece.measured[:, column], piece.record.counted
+    rms = float(np.std(measured[counted > 0]))
+    counted = counted / np.sqrt(np.mean(counted**2))
     prototype = piece.job.prototype
     plain = NOTHING.placement(prototype)
 
     def error(placement: Placement, z: np.ndarray) -> np.ndarray:
         found = piece.predicted(placement, z)
-        return (measured if found is None else measured - found[:, column]) / rms
+        return counted * (measured if found is None else measured - found[:, column]) / rms
 
     before, tuned = error(plain, np.zeros(len(null.z))), error(plain, null.z)
     after, whole = (error(fit.hypothesis.placement(prototype), fit.z) for fit in (chosen, written))

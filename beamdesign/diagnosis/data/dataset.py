@@ -18,6 +18,7 @@ from beamdesign.records import InputError, Problem, Record
 
 INPUTS = ("disturbance_N", "command_V")
 MEASURED = ("current_A", "displacement_m")
+_EDGE_S = 5e-3
 
 
 @dataclass(frozen=True)
@@ -34,6 +35,7 @@ class TimeRecord:
         inner_end_mass: kg, added to the inner tip.
         controller: of the loop while it was taken.
         source: file it was read from.
+        left_out: spans in s, each a beginning and an end, that do not count.
     """
 
     name: str
@@ -44,11 +46,21 @@ class TimeRecord:
     inner_end_mass: float
     controller: Controller
     source: str = ""
+    left_out: tuple[tuple[float, float], ...] = ()
 
     @property
     def step(self) -> float:
         """Sampling interval, s."""
         return float(self.times[-1] - self.times[0]) / (len(self.times) - 1)
+
+    @cached_property
+    def counted(self) -> np.ndarray:
+        """(N,) 1 where the record counts, 0 within the spans that do not, between them a cosine of `_EDGE_S`."""
+        weight = np.ones(len(self.times))
+        for begin, end in self.left_out:
+            away = np.maximum(np.maximum(begin - self.times, self.times - end), 0.0)
+            weight *= 0.5 - 0.5 * np.cos(np.pi * np.minimum(away / _EDGE_S, 1.0))
+        return weight
 
     @cached_property
     def excitation(self) -> str:
@@ -225,7 +237,12 @@ def _time_record(path: Path, row: TimeEntry, controller: Controller, felt: str, 
     measured = {name: columns[name] for name in (*MEASURED, *more) if name in columns}
     inputs = np.column_stack([columns[name] for name in INPUTS])
     masses = (row.outer_end_mass_kg, row.inner_end_mass_kg)
-    return TimeRecord(path.stem, times, inputs, measured, *masses, controller, str(path))
+    begin, end = times[0], times[-1]
+    for span in row.left_out_s:
+        if not begin <= span[0] < span[1] <= end:
+            words = f"of {row.file}: {list(span)} is no span within its {begin:g} to {end:g} s, beginning first"
+            raise InputError(path.parent, [("record.left_out_s", words)])
+    return TimeRecord(path.stem, times, inputs, measured, *masses, controller, str(path), row.left_out_s)
 
 
 def _response(path: Path, row: ResponseEntry, controller: Controller) -> FrequencyResponse:

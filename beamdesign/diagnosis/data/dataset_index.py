@@ -32,6 +32,10 @@ class TimeEntry(Taken):
         Field(description="CSV file beside dataset.toml: t_s, disturbance_N, command_V, current_A, displacement_m"),
     ]
     controller: SerializeAsAny[Controller] | None = None
+    left_out_s: Annotated[
+        tuple[tuple[float, float], ...],
+        Field(description="spans of time, each from its beginning to its end, that are not to count"),
+    ] = ()
 
 
 class ResponseEntry(Taken):

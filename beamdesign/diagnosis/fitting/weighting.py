@@ -86,14 +86,14 @@ def weighting(record: TimeRecord, channels: tuple[str, ...]) -> Weighting:
     """
     count = len(record.times)
     frequencies = np.fft.rfftfreq(count, record.step)
-    taper = faded(count)
+    taper = faded(count) * record.counted
     kept = (frequencies > LOWEST_HZ) & (frequencies < HIGHEST_HZ)
     top = frequencies > TOP * frequencies[-1]
     signals = np.column_stack([record.measured[name] for name in channels])
     power = np.abs(np.fft.rfft(signals * taper[:, None], axis=0)) ** 2
     noise = np.array([white(column) for column in power[top].T])
     unit = (noise + SHARE**2 * banded(power, frequencies) + 1e-300)[kept].T
-    scale, noise_std = np.sqrt(INDEPENDENT / int(kept.sum()) / unit), np.sqrt(noise / count)
+    scale, noise_std = np.sqrt(INDEPENDENT / int(kept.sum()) / unit), np.sqrt(noise / np.sum(record.counted**2))
     return Weighting(channels, scale, frequencies[kept], noise_std, np.tile(noise, (unit.shape[1], 1)).T, taper, kept)
 
 

@@ -1,0 +1,149 @@
+"""A short while in which a rig does what it does nowhere else: found, and left out of the records.
+
+A chamber runs empty as a load is taken off, and its oil closes again with a knock; somebody touches the rig. A tenth of
+a second of it may outweigh all that the records say besides, and no law that explains the rest explains it too. What
+is left of the records then decides, never a confident verdict: what passed may be of another cause.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+
+from beamdesign.diagnosis.data.dataset import Dataset, TimeRecord
+from beamdesign.diagnosis.fitting.evidence import RecordEvidence, record_evidence
+from beamdesign.diagnosis.fitting.fit import Fit, FitCache
+from beamdesign.diagnosis.fitting.search import Search, search
+from beamdesign.diagnosis.judgement import Judgement, judge
+from beamdesign.progress import Progress, silent
+
+_SMOOTHED_S = 0.01
+_LOUD = 5.0  # times the misfit per sample that is small
+_BEFORE_S, _AFTER_S = 0.02, 0.04  # a motion that was set off has to die away
+_REST, _SHARE = 1.5, 0.05  # times the misfit of noise, or of what is left in all: what may be left elsewhere
+_OF_RECORD, _OF_ALL = 0.3, 0.06  # of the time, that may pass
+_ROUNDS = 2
+_MOST_UNKNOWN = 0.5
+
+
+@dataclass(frozen=True)
+class Passing:
+    """What the records say without it.
+
+    Attributes:
+        data: the data set, whose records leave out what passed.
+        search: of all hypotheses.
+        judged: its fits, weighed.
+        words: what was left out.
+        kept: fits to what is left.
+    """
+
+    data: Dataset
+    search: Search
+    judged: Judgement
+    words: tuple[str, ...]
+    kept: FitCache | None
+
+
+def what_passed(
+    data: Dataset, before: Search, workers: int = 1, progress: Progress = silent, kept: FitCache | None = None
+) -> Passing | None:
+    """Search again without what passes in a short while and is all that stands against an explanation.
+
+    Args:
+        data: what to explain.
+        before: the first search.
+        workers: processes.
+        progress: told the share done and what is being fitted.
+        kept: fits of an earlier run.
+
+    Returns:
+        None where there is nothing so short, or a cause explains the records no better without it.
+    """
+    found = before
+    for turn in range(_ROUNDS):
+        best = min((found.null, *found.fits), key=lambda fit: fit.misfit)
+        shorter = without_what_passes(data, best)
+        if shorter is None:
+            return None
+        data = shorter
+        own = kept and replace(kept, part=(*kept.part, *(f"{r.name} without {r.left_out}" for r in data.records)))
+        found = search(data, workers, partial(_turn, progress, turn), own)
+        judged = judge(found)
+        if judged.unknown <= _MOST_UNKNOWN:
+            return Passing(data, found, judged, _told(data.records), own) if judged.best.hypothesis.names else None
+    return None
+
+
+def without_what_passes(data: Dataset, best: Fit) -> Dataset | None:
+    """The data set without the spans that hold most of what a fit leaves; None where there are none, or too long."""
+    pieces = record_evidence(data)
+    records = []
+    for piece, record in zip(pieces, data.records, strict=True):
+        spans = passing(piece, best, _SHARE * best.misfit)
+        if spans is None:
+            return None
+        records.append(replace(record, left_out=joined((*record.left_out, *spans))))
+    gone, whole = sum(map(_gone, records)), sum(float(np.ptp(record.times)) for record in records)
+    if gone == sum(map(_gone, data.records)) or gone > _OF_ALL * whole:
+        return None
+    return replace(data, records=tuple(records))
+
+
+def passing(piece: RecordEvidence, best: Fit, small: float = 0.0) -> tuple[tuple[float, float], ...] | None:
+    """Spans of a record, in s, that hold what a fit leaves of it beyond noise; None where it is all over the record.
+
+    Args:
+        piece: the record.
+        best: the fit.
+        small: misfit that is none, as the fit may have been led astray by what passed.
+    """
+    small = max(small, _REST * piece.expected)
+    residual = piece.residual(best.hypothesis.placement(piece.job.prototype), best.z)
+    if residual is None:
+        return None
+    if float(residual @ residual) < small:
+        return ()
+    weight, times, step = piece.weight, piece.record.times, piece.record.step
+    real, imaginary = residual.reshape(2, -1, len(weight.channels))
+    lines = np.zeros((len(weight.kept), len(weight.channels)), dtype=complex)
+    lines[weight.kept] = real + 1j * imaginary
+    power = np.sum(np.fft.irfft(lines, len(times), axis=0) ** 2, axis=1)
+    power *= float(residual @ residual) / power.sum()
+    width = max(1, round(_SMOOTHED_S / step))
+    loud = np.convolve(power, np.ones(width) / width, "same") > _LOUD * small / len(times)
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], loud, [False]]).astype(int))).reshape(-1, 2)
+    spans = joined([(max(times[a] - _BEFORE_S, times[0]), min(times[b - 1] + _AFTER_S, times[-1])) for a, b in edges])
+    inside = np.any([(times >= begin) & (times <= end) for begin, end in spans], axis=0) if spans else loud
+    if float(power[~inside].sum()) > small or np.mean(inside) > _OF_RECORD:
+        return None
+    return spans
+
+
+def joined(spans: Sequence[tuple[float, float]]) -> tuple[tuple[float, float], ...]:
+    """Spans in order, those that overlap made one."""
+    found: list[tuple[float, float]] = []
+    for begin, end in sorted(spans):
+        if found and begin <= found[-1][1]:
+            found[-1] = found[-1][0], max(found[-1][1], end)
+        else:
+            found.append((float(begin), float(end)))
+    return tuple(found)
+
+
+def _turn(progress: Progress, turn: int, share: float, words: str) -> None:
+    progress((turn + share) / _ROUNDS, words)
+
+
+def _gone(record: TimeRecord) -> float:
+    return sum(end - begin for begin, end in record.left_out)
+
+
+def _told(records: Sequence[TimeRecord]) -> tuple[str, ...]:
+    return tuple(
+        f"{record.name}: what the rig does from {begin:.3f} to {end:.3f} s fits no cause that explains the rest (did a "
+        "chamber run empty, or something knock against the rig?), so that these seconds are left out"
+        for record in records
+        for begin, end in record.left_out
+    )
