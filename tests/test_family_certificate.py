@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from flint import fmpq
 from forging import altered, resealed
+from rigs_of_effects import with_effects
 from typer.testing import CliRunner
 
 from beamdesign.checker import Unreadable, check
@@ -55,10 +56,6 @@ def tame(paper: Prototype) -> Prototype:
         controller=Lag(gain_A_per_V=0.05, pole_Hz=1.75, zero_Hz=26.0),
         payload=Payload(inner_end_mass_kg=2.0, outer_end_mass_kg=(0.0, 6.8)),
     )
-
-
-def with_effects(rig: Prototype, *names: str) -> Prototype:
-    return rig.but(effects={name: {} for name in names})
 
 
 @pytest.mark.parametrize("name", sorted(causes()))
@@ -276,8 +273,7 @@ def test_commands_take_prototypes_with_effects(tame: Prototype, tmp_path: Path):
 @pytest.mark.parametrize("name", causes())
 def test_the_box_is_about_the_members_loops(tame: Prototype, name: str, sensors: bool):
     """The expression over all parameters, at the ends of the spans, is the member with the parameters' numbers."""
-    rig = with_effects(tame, name)
-    rig = rig.but(controller=TWO_SENSORS) if sensors else rig
+    rig = with_effects(tame.but(controller=TWO_SENSORS) if sensors else tame, name)
     whole = rig_family(rig)
     for member in family(rig).members:
         frozen = {

@@ -18,8 +18,9 @@ from beamdesign.diagnosis.fitting.hypothesis import NOTHING, Hypothesis, togethe
 from beamdesign.diagnosis.fitting.search import Search
 from beamdesign.diagnosis.fitting.weighting import INDEPENDENT, blurred, weighting
 from beamdesign.diagnosis.judgement import judge
-from beamdesign.diagnosis.second_look import LOOSE, backlash_impacts, refit_backlash_impacts
+from beamdesign.diagnosis.second_look import backlash_impacts, loose_joint, refit_backlash_impacts
 
+LOOSE = loose_joint(believed())
 PLAY_M, ROD_kg = 60e-6, 0.2
 NOISE_M = 3e-7
 SLOW_Hz = 80.0

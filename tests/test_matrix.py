@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 import pytest
 import tomli_w
+from rigs_of_effects import with_effects
 from short_scenario import SCENARIO
 from typer.testing import CliRunner
 
@@ -28,7 +29,7 @@ from beamdesign.diagnosis.fitting.hypothesis import cause, singles
 from beamdesign.diagnosis.redesign import redesign
 from beamdesign.plant.effects import causes
 from beamdesign.problem import read_problem
-from beamdesign.prototype import read_prototype
+from beamdesign.prototype import read_prototype, write_prototype
 from beamdesign.records import InputError
 from beamdesign.synthesis import tuning
 
@@ -393,7 +394,7 @@ OF_EFFECTS = {
 @pytest.mark.parametrize("effect", causes())
 @pytest.mark.parametrize("command", OF_EFFECTS)
 def test_every_effect_through_what_works_on_effects(command: str, effect: str) -> None:
-    prototype(effects={effect: {}})
+    write_prototype(with_effects(read_prototype(prototype()), effect), Path("p.toml"))
     OF_EFFECTS[command](effect)
 
 

@@ -66,7 +66,7 @@ def test_a_loop_that_is_not_stable_is_refuted_whatever_is_asked_of(tmp_path: Pat
 def test_every_law_without_an_answer_to_small_motion_says_so() -> None:
     """A dead band answers nothing, friction and hysteresis hold, play lets go; smooth laws are their own slopes."""
     said = {name: effect.linear.near_rest for name, effect in causes().items() if effect.linear}
-    assert {name for name, claim in said.items() if claim == "stability"} == {"joint_backlash"}
+    assert {name for name, claim in said.items() if claim == "stability"} == {"joint_backlash", "joint_backlash_nut"}
     assert {name for name, claim in said.items() if claim == "compliance"} == {
         "seal_friction", "valve_deadband", "valve_hysteresis", "valve_hysteresis_magnetic",
     }  # fmt: skip

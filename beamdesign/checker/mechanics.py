@@ -35,7 +35,7 @@ class Elements:
         impedances: motions, and what resists them: spring, dashpot and mass, N/m, N s/m, kg.
         points: what is added to the motion of "tip", "rod" and "base", and "sensed" to what the sensor sees of the tip;
             "slide", what rubs in the actuator, is the stroke, or the nut of a screw.
-        oil: factor on the stiffness of the oil.
+        oil: factor on the stiffness of the oil, or on stiffness and damping of a screw.
         spool: spring on the spool, relative to the pilot's.
         asymmetry: of the piston's sides.
         volts: numerators and denominators of what filters the sensor's volts, coefficients of s^0, s^1, ...
@@ -108,8 +108,8 @@ def mechanics(
         # Both chambers show only where their sides differ and leak; else they act as one.
         uneven = elements.asymmetry if leak != 0 else fmpq(0)
         chambers = {"oil_a": 1 + uneven, "oil_b": 1 - uneven} if uneven != 0 else {"oil": one}
-    elif elements.oil != 1 or elements.spool != 0 or elements.asymmetry != 0:
-        raise Unreadable("a screw has neither oil nor spool")
+    elif elements.spool != 0 or elements.asymmetry != 0:
+        raise Unreadable("a screw has neither spool nor piston")
     elif "nut" in elements.points["tip"]:  # whose equation is not that of a force alone
         raise Unreadable("the tip does not ride on the nut of a screw")
     points: dict[str, dict[str, Number]] = {"tip": {"first": one}, "rod": {"inner": one}, "base": {}}
@@ -145,7 +145,8 @@ def mechanics(
         yield from ((motion(moved), ring(resists)) for moved, resists in elements.impedances)
 
     stretch = motion({"nut": one, "tip": -one, "rod": one})
-    resists = ring([figure["screw_stiffness_N_per_m"], figure["screw_damping_N_s_per_m"]]) if screw else none
+    thread = [figure[key] for key in ("screw_stiffness_N_per_m", "screw_damping_N_s_per_m")] if screw else []
+    resists = ring([elements.oil * value for value in thread])
     network = list(parts())
     own = ["first", "inner", *chambers, *(["nut"] if screw else [])]
     names = list(dict.fromkeys([*own, *(name for moved, _ in network for name in moved)]))

@@ -19,16 +19,16 @@ from beamdesign.diagnosis.data.dataset import Dataset
 from beamdesign.diagnosis.fitting.evidence import InjectedRecord, RecordEvidence, evidence_of, record_evidence
 from beamdesign.diagnosis.fitting.fit import Evidence, Fit, FitCache, fit, misfit_at
 from beamdesign.diagnosis.fitting.hypothesis import NOTHING, WRONG, Hypothesis, Placement, singles, together
-from beamdesign.diagnosis.fitting.replay import DISPLACEMENT, PLAY, Replay
+from beamdesign.diagnosis.fitting.replay import DISPLACEMENT, PLAY, Replay, law_of_play
 from beamdesign.diagnosis.fitting.search import Search, best_of_each, search
 from beamdesign.diagnosis.fitting.starts import fit_from_starts, starts
 from beamdesign.diagnosis.judgement import Judgement, judge
 from beamdesign.parameters import RIG_TOLERANCES
+from beamdesign.plant.assembly import fits
 from beamdesign.progress import Progress, silent
 from beamdesign.prototype import Prototype
 from beamdesign.records import InputError
 
-LOOSE = together(PLAY)
 _PLAYS_M = np.geomspace(4e-6, 1e-3, 13)
 _STIFFNESSES_N_per_m = (5e7, 2e8)  # a start each: a fit goes from a soft contact to a hard one but slowly
 _COUNTED = 0.5
@@ -64,7 +64,8 @@ def backlash_impacts(
     null = fit(base.hypothesis, base.hypothesis.placement(rig), evidence, base.z)
     if null.reason:
         return None
-    sought = LOOSE | base.hypothesis
+    loosened = loose_joint(rig)
+    sought = loosened | base.hypothesis
     placement = sought.placement(rig)
     z = _looked_for(evidence, sought, rig, null)
     if z is None:
@@ -80,10 +81,10 @@ def backlash_impacts(
     null = fit(NOTHING, NOTHING.placement(rig), seen, before.null.z)
     if loose.reason or null.reason:
         return None
-    others = [h for h in singles(rig) if h != LOOSE]
+    others = [h for h in singles(rig) if h.causes != loosened.causes]
     found_all = [loose, *(fit_from_starts(h, rig, seen, null.values, most=1) for h in others)]
     if beside is not None:
-        for alone in (LOOSE, base.hypothesis):  # from where both have been found
+        for alone in (loosened, base.hypothesis):  # from where both have been found
             placement = alone.placement(rig)
             z = np.array([u.z(loose.values[u.name]) for u in placement.unknowns])
             found_all.append(fit(alone, placement, seen, z, _LOOK))
@@ -93,6 +94,11 @@ def backlash_impacts(
     progress(1.0, "done")
     # Without a floor: the error of a motion that cannot be predicted says nothing of how large a cause is.
     return Search(null, tuple(best_of_each(found_all)), expected, conditions=before.conditions)
+
+
+def loose_joint(rig: Prototype) -> Hypothesis:
+    """Play by the law that goes with a rig's actuator: in the nut of a screw, else where the rod meets the beam."""
+    return together(PLAY + "_nut" if fits(PLAY + "_nut", rig.rig) else PLAY)
 
 
 def _brought_down(evidence: Sequence[Evidence], sought: Hypothesis, placement: Placement, z: np.ndarray) -> np.ndarray:
@@ -130,7 +136,8 @@ def _looked_for(evidence: Sequence[Evidence], sought: Hypothesis, rig: Prototype
     """Unknowns at which play explains most, after a short fit from each of a few contacts; None where not enough."""
     placement, plain = sought.placement(rig), null.hypothesis.placement(rig)
     best: tuple[float, np.ndarray] | None = None
-    for stiffness in _STIFFNESSES_N_per_m:
+    contacts = _STIFFNESSES_N_per_m if PLAY in sought.names else _STIFFNESSES_N_per_m[:1]  # a screw's is known
+    for stiffness in contacts:
         trials = [_at(placement, play, stiffness, null) for play in _PLAYS_M]
         z = min(trials, key=lambda trial: misfit_at(evidence, placement, trial))
         seen = _blurred(evidence, placement, z)
@@ -152,7 +159,7 @@ def _at(placement: Placement, play: float, stiffness: float, null: Fit) -> np.nd
     """Figures as believed: those that a fit without play has bent stand for what it lacked. Effects as it has them."""
     given = {"play_m": play, "stiffness_N_per_m": stiffness, "counted_share": _COUNTED}
     values = {u.name: u.value(z) for u, z in zip(null.unknowns, null.z, strict=True) if u.kind == "effect"}
-    values |= {f"{PLAY}.{name}": value for name, value in given.items()}
+    values |= {f"{law_of_play(placement.assembly.kinds.effects)}.{name}": value for name, value in given.items()}
     return np.array([u.z(values[u.name]) if u.name in values else 0.0 for u in placement.unknowns])
 
 
@@ -188,12 +195,13 @@ def _pairs(others: Sequence[Hypothesis], rig: Prototype, evidence: Sequence[Evid
     }
     worst = sorted(range(len(evidence)), key=lambda k: -loose.shares[k].c / max(evidence[k].expected, 1e-9))
     hardest = [evidence[k] for k in worst[: max(1, len(worst) // 3)]]
-    enough = _HELPED * misfit_at(hardest, LOOSE.placement(rig), loose.z)
+    loosened = loose.hypothesis
+    enough = _HELPED * misfit_at(hardest, loosened.placement(rig), loose.z)
     looks = []
     for other in others:
         if not other.effects and other.names[0] not in strained:
             continue
-        placement = (LOOSE | other).placement(rig)
+        placement = (loosened | other).placement(rig)
         begun = starts(placement, loose.values, hardest, (), 1)
         if not begun:
             continue
@@ -202,7 +210,8 @@ def _pairs(others: Sequence[Hypothesis], rig: Prototype, evidence: Sequence[Evid
         if cost < enough:
             looks.append((cost, other, begun[0]))
     looks.sort(key=lambda look: look[0])
-    return [fit(LOOSE | other, (LOOSE | other).placement(rig), evidence, z, _LOOK) for _, other, z in looks[:_PAIRS]]
+    tried = ((loosened | other, z) for _, other, z in looks[:_PAIRS])
+    return [fit(both, both.placement(rig), evidence, z, _LOOK) for both, z in tried]
 
 
 _AT, _LASTS_S = 0.05, 5e-3  # of the record; long enough for whatever a loop of this kind may oscillate at

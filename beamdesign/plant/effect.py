@@ -116,7 +116,7 @@ class Elements:
     Attributes:
         impedances: motion, and spring (N/m), dashpot (N s/m) and mass (kg) that resist it.
         points: what is added to the motion of "tip", "rod" and "base", and "sensed" to what the sensor sees of the tip.
-        oil: factor on the stiffness of the oil.
+        oil: factor on the stiffness of the oil, or on stiffness and damping of a screw.
         spool: spring on the spool, relative to the pilot's.
         asymmetry: of the piston's sides, (A_a - A_b) / (A_a + A_b).
         volts: numerators and denominators in s, ascending, of what filters the sensor's volts.

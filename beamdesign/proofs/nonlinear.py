@@ -29,6 +29,7 @@ _OPEN = (
 )
 _WHY = {
     "joint_backlash": "the joint's damping depends on how far it is pressed, so that the play is no bounded error",
+    "joint_backlash_nut": "a flank damps while it touches and never pulls, so that the play is no bounded error",
     "entrained_air": "the oil's stiffness changes with the pressure, which is no gain at one place of the loop",
     "entrained_air_with_stroke": "the oil's stiffness changes with pressure and stroke, which is no gain at one place",
     "carrier_ripple": "its depth and its residual are covered each without the other",

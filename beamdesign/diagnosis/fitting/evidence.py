@@ -14,7 +14,7 @@ from beamdesign.diagnosis.fitting.fit import Evidence
 from beamdesign.diagnosis.fitting.gain_evidence import GainEvidence
 from beamdesign.diagnosis.fitting.hypothesis import Placement, Unknown
 from beamdesign.diagnosis.fitting.linear_evidence import ResponseEvidence
-from beamdesign.diagnosis.fitting.replay import DISPLACEMENT, PLAY, Replay, at_the_sensor, in_the_loop
+from beamdesign.diagnosis.fitting.replay import DISPLACEMENT, Replay, at_the_sensor, in_the_loop, law_of_play
 from beamdesign.diagnosis.fitting.weighting import (
     SHARE,
     Weighting,
@@ -182,7 +182,7 @@ class InjectedRecord(RecordEvidence):
         seconds) and says nothing about figures that are off by more than a hair; secants do. They are taken to both
         sides, so that what is unpredictable here is not in all of them.
         """
-        if PLAY not in placement.assembly.kinds.effects:
+        if not law_of_play(placement.assembly.kinds.effects):
             return super().linearised(_injected(placement), z)
         here = self.residual(placement, z)
         if here is None:
@@ -207,7 +207,7 @@ class InjectedRecord(RecordEvidence):
 
 def _secant(unknown: Unknown, z: float, step: float) -> tuple[float, float]:
     """Steps to either side, in prior standard deviations; of a play that is small against its prior, by a share."""
-    if unknown.name == PLAY + ".play_m":
+    if unknown.name.endswith(".play_m"):
         step = step * min(1.0, 2 * _SHARE * unknown.value(z) / unknown.spread)
     return step, -step
 

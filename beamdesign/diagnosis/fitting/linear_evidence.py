@@ -20,6 +20,7 @@ import numpy as np
 from beamdesign.diagnosis.data.dataset import FrequencyResponse
 from beamdesign.diagnosis.fitting.fit import Evidence
 from beamdesign.diagnosis.fitting.hypothesis import Placement, together
+from beamdesign.diagnosis.fitting.replay import bearing, law_of_play
 from beamdesign.diagnosis.fitting.weighting import INDEPENDENT, SHARE
 from beamdesign.plant.assembly import INPUTS, OUTPUTS, Assembly, Structure, assemble, parameters_of
 from beamdesign.plant.compiled import equilibrium_sensitivity
@@ -28,7 +29,6 @@ from beamdesign.prototype import Prototype
 
 LEFT_BEHIND = ("current_saturation", "valve_deadband", "valve_hysteresis", "valve_hysteresis_magnetic")
 """Effects that have no part in the linear loop."""
-_BEARING_M = 1e-5
 _OPEN_M3_PER_S = 1e-12
 _STEP = 1e-4  # in prior standard deviations, of central differences
 
@@ -86,11 +86,9 @@ class LinearModel:
                 self._rest.append(equilibrium(self.assembly, np.zeros(3), p))
             return list(self._rest)
         x = equilibrium(self.assembly, np.array([self.load, 0.0, 0.0]), p)
-        if "joint_backlash" in effects:
-            play = p[self.assembly.parameters.index("joint_backlash.play_m")]
-            x[states.index("joint_backlash.rod_m")] = x[states.index("inner_m")] + play / 2 + _BEARING_M
-        flow = states.index("flow_m3_per_s")
-        if "unequal_piston_areas" not in effects or abs(x[flow]) > _OPEN_M3_PER_S:
+        if law_of_play(effects):
+            x = bearing(self.assembly, x, p)
+        if "unequal_piston_areas" not in effects or abs(x[flow := states.index("flow_m3_per_s")]) > _OPEN_M3_PER_S:
             return [x]
         both = [x.copy(), x.copy()]
         both[0][flow], both[1][flow] = _OPEN_M3_PER_S, -_OPEN_M3_PER_S
@@ -142,7 +140,9 @@ class LinearModel:
         return equilibrium_sensitivity(self.assembly, x, u, p, names) @ by_z[free]
 
 
-MOVING = {"unequal_piston_areas", "uneven_leakage", "pressure_dependent_flow", "joint_backlash"}
+MOVING = {
+    "unequal_piston_areas", "uneven_leakage", "pressure_dependent_flow", "joint_backlash", "joint_backlash_nut"
+}  # fmt: skip
 """Effects whose parameters move the equilibrium, or whose laws depend on where it is."""
 
 

@@ -1,5 +1,6 @@
 """A measured record simulated with any figures and effects, and what its sensor's noise does in the believed loop."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from functools import cache
 from math import ceil
@@ -7,9 +8,9 @@ from math import ceil
 import numpy as np
 
 from beamdesign.diagnosis.data.dataset import TimeRecord
-from beamdesign.diagnosis.fitting.hypothesis import NOTHING, Placement, given
+from beamdesign.diagnosis.fitting.hypothesis import NOTHING, Placement, cause, given
 from beamdesign.diagnosis.fitting.weighting import LOWEST_HZ, Rise, Weighting, blurred, faded
-from beamdesign.plant.assembly import Structure, assemble, parameters_of
+from beamdesign.plant.assembly import Assembly, Structure, assemble, parameters_of
 from beamdesign.plant.compiled import equilibrium_sensitivity, integrate, integrate_with_sensitivities
 from beamdesign.plant.equilibrium import equilibrium, linearise
 from beamdesign.prototype import Prototype
@@ -144,11 +145,9 @@ def _steps(sample_s: float, placement: Placement, parameters: np.ndarray, rest: 
     """
     assembly = placement.assembly
     points = [(rest, 1.0)]
-    if PLAY in assembly.kinds.effects:
-        bearing = rest.copy()
-        play = parameters[assembly.parameters.index(f"{PLAY}.play_m")]
-        bearing[assembly.states.index(f"{PLAY}.rod_m")] = rest[assembly.states.index("inner_m")] + play / 2 + _BEARING_M
-        points.append((bearing, _BRIEFLY if assembly.kinds.own_share == 1.0 else _FOLLOWING))
+    if law_of_play(assembly.kinds.effects):
+        touching = bearing(assembly, rest, parameters)
+        points.append((touching, _BRIEFLY if assembly.kinds.own_share == 1.0 else _FOLLOWING))
     try:
         fastest = max(
             float(np.abs(np.linalg.eigvals(linearise(assembly, x, np.zeros(3), parameters).a)).max()) * share
@@ -160,6 +159,24 @@ def _steps(sample_s: float, placement: Placement, parameters: np.ndarray, rest: 
 
 
 PLAY = "joint_backlash"
+
+
+def law_of_play(effects: Iterable[str]) -> str:
+    """Of effects, the law by which a joint or a nut has play; empty where none is."""
+    return next((name for name in effects if cause(name) == PLAY), "")
+
+
+def bearing(assembly: Assembly, x: np.ndarray, parameters: np.ndarray) -> np.ndarray:
+    """A point at rest, with a joint or a nut that has play just pressed to one side of it."""
+    law, moved, place = law_of_play(assembly.kinds.effects), x.copy(), assembly.states.index
+    pressed = parameters[assembly.parameters.index(f"{law}.play_m")] / 2 + _BEARING_M
+    if law == PLAY:
+        moved[place(f"{law}.rod_m")] = x[place("inner_m")] + pressed
+    else:
+        moved[place("travel_m")] = x[place("outer_m")] - x[place("inner_m")] + pressed
+    return moved
+
+
 _BEARING_M, _BRIEFLY, _FOLLOWING = 2e-6, 0.45, 0.75  # shares: how much the poles of a joint that bears count
 
 
@@ -174,9 +191,9 @@ def at_the_sensor(job: Replay) -> tuple[np.ndarray, np.ndarray, np.ndarray] | No
     if predicted is None:
         return None
     moved, count = np.column_stack([record.measured[DISPLACEMENT], predicted]), len(record.times)
-    frequencies = np.fft.rfftfreq(count, record.step)
+    frequencies, taper = np.fft.rfftfreq(count, record.step), faded(count) * record.counted
     kept = frequencies > LOWEST_HZ
-    power = np.abs(np.fft.rfft(moved * faded(count)[:, None], axis=0)[kept]) ** 2 / count
+    power = np.abs(np.fft.rfft(moved * taper[:, None], axis=0)[kept]) ** 2 / np.sum(record.counted**2)
     own = power / _noise_power(job, (DISPLACEMENT,), frequencies[kept])
     return frequencies[kept], own[:, 0], own[:, 1]
 
@@ -197,7 +214,7 @@ def in_the_loop(weight: Weighting, job: Replay, rise: Rise | None = None) -> Wei
     """
     lines = np.append(weight.frequencies_Hz, 0.5 / job.record.step)  # the last one: where noise was read off
     power = _noise_power(job, weight.channels, lines)
-    count = len(weight.fade)
+    count = float(np.sum(job.record.counted**2))
     white = weight.noise_std[weight.channels.index(DISPLACEMENT)] ** 2 * count
     more = white * np.maximum(power[:-1] - power[-1], 0.0)
     return blurred(weight, more if rise is None else more + count * rise(weight.frequencies_Hz)[:, None] * power[:-1])

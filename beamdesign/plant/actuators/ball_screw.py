@@ -45,10 +45,12 @@ def _motion(port: Signals, figure: Signals, state: Signals) -> dict[str, Any]:
 
 FORCE = Component(
     {
-        "actuator_force_N": lambda port, figure, state: (
-            figure["screw_stiffness"] * (state["travel_m"] - port["stroke_m"])
-            + figure["screw_damping"] * (state["travel_m_per_s"] - port["stroke_m_per_s"])
+        "stretch_m": lambda port, figure, state: state["travel_m"] - port["stroke_m"],
+        "stretch_m_per_s": lambda port, figure, state: state["travel_m_per_s"] - port["stroke_m_per_s"],
+        "thread_N": lambda port, figure, state: (
+            figure["screw_stiffness"] * port["stretch_m"] + figure["screw_damping"] * port["stretch_m_per_s"]
         ),
+        "actuator_force_N": lambda port, figure, state: port["thread_N"],
     }
 )
 """What stretches the screw, where a load cell on the nut would feel it."""

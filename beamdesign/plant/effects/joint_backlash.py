@@ -94,3 +94,33 @@ EFFECT = Effect(
         near_rest="stability",
     ),
 )
+
+
+def _flanks(signal: Any, site: Site) -> Any:
+    """The force of a screw on a nut that has play: a flank presses, and only where it touches."""
+    stretch, half = site.port["stretch_m"], site.parameter["play_m"] / 2
+    pressed = stretch - ca.fmin(ca.fmax(stretch, -half), half)
+    force = signal - site.figure["screw_stiffness"] * (stretch - pressed)
+    return ca.if_else(pressed > 0, ca.fmax(force, 0.0), ca.if_else(pressed < 0, ca.fmin(force, 0.0), 0.0))
+
+
+NUT = Effect(
+    name="joint_backlash_nut",
+    meaning="""Backlash of a ball screw's nut: lost motion between screw and nut, which adds no mass of its own.
+
+        Within its play nothing holds the nut; on either side a flank bears with the stiffness and damping of the screw,
+        and never pulls. A nut with preload has none until wear has taken it up.""",
+    subsystem="structure",
+    laws={"thread_N": _flanks},
+    parameters=(Parameter("play_m", 50e-6, 0.0, 2e-3, 50e-6, "free travel of the nut from flank to flank"),),
+    source="M. Nordin and P.-O. Gutman, Automatica 38 (2002) 1633, section 2: a shaft with play as a dead zone",
+    linear=Linear(
+        "a nut that bears, with the whole stiffness and damping of its screw down to a tenth of them",
+        "the nut within its play, and limit cycles",
+        laws={"thread_N": lambda signal, site: signal * site.parameter["share"]},
+        figures={"share": lambda own, at: Span(_LEAST_SHARE, 1.0, 1.0)},
+        elements=lambda own, figure: Elements(oil=own["share"]),
+        near_rest="stability",
+    ),
+    realises="joint_backlash",
+)
