@@ -139,9 +139,10 @@ _SMALL = 1.3  # times the misfit of noise alone: what tolerances leave below it 
 _LARGE = 4.0  # times: what is worth every pair
 _EXPLAINED = 0.5  # of the excess misfit: where no single cause reaches it, every pair of effects is tried
 _TAKEN_APART = 2  # of the best pairs
+_NEARLY = 1.3  # times the cost of a single cause: what explains nearly as much alone
 _HALF = 0.5  # of the evidence, that which the best single cause explains least, tells which pairs are worth fitting
 _SEEKING, _LOOKING = 0.6, 0.3  # of the time that is left, for all fits and for a look at single causes before them
-_DONE = 0.004  # of the excess misfit: a single cause that leaves no more needs no second one
+_DONE, _QUIET = 0.004, 1.15  # of the excess misfit, times the noise: a cause that leaves no more needs no second one
 
 
 @dataclass(frozen=True)
@@ -230,7 +231,8 @@ def _searched(fitters: Fitters, null: Fit, progress: Progress, worth: float) -> 
     )
     expected, floor = sum(e.expected for e in pieces), sum(e.floor for e in pieces)
     state = Search(null, tuple(_sorted(found)), expected, floor, tuple(e.condition for e in pieces))
-    if found and null.misfit > _SMALL * expected and _DONE < state.excess(state.fits[0]) < worth:
+    explained = bool(found) and state.excess(state.fits[0]) < _DONE and state.fits[0].misfit < _QUIET * expected
+    if found and null.misfit > _SMALL * expected and not explained and state.excess(state.fits[0]) < worth:
         values = {f.hypothesis: f.values for f in reversed(state.fits) if not f.reason}
         tried = _promising(state)
         shares = state.fits[0].shares  # the half of the evidence that the best single cause leaves most of
@@ -243,6 +245,8 @@ def _searched(fitters: Fitters, null: Fit, progress: Progress, worth: float) -> 
         best = [f for k, f in enumerate(ranked) if k < _BEST_PAIRS or f.hypothesis in leading]
         final = fitters(Task(f.hypothesis, _halves(f.hypothesis, values)[0], f.values) for f in best)
         final += fitters(_other_laws(_sorted(final)[:_TAKEN_APART], values))
+        if (leader := min(final, key=lambda f: f.cost)).misfit > _QUIET * expected:
+            final += fitters(_rivals(leader, state))
         # The causes of pairs alone, from where the pair has found them: a fit may have stopped short of that.
         paired = [one for one in final[:_TAKEN_APART] if not one.reason]
         parts = [Task(Hypothesis((name,)), one.values) for one in paired for name in one.hypothesis.names]
@@ -307,6 +311,26 @@ def _other_laws(fits: Sequence[Fit], values: Mapping[Hypothesis, dict[str, float
                 if law != name and cause(law) == cause(name):
                     pair = one.hypothesis.without(cause(name)) | Hypothesis((law,))
                     tasks.setdefault(pair, Task(pair, one.values, values.get(Hypothesis((law,)), {})))
+    return list(tasks.values())
+
+
+def _rivals(one: Fit, state: Search) -> list[Task]:
+    """A pair with another cause in the place of either that explains nearly as much alone: a delay for a lag.
+
+    At a look the wrong one of the two may help the other cause to its place sooner.
+
+    Args:
+        one: fit of the pair.
+        state: with all singles.
+    """
+    alone = {f.hypothesis.causes: f for f in reversed(state.fits) if not f.reason and len(f.hypothesis.causes) == 1}
+    tasks: dict[Hypothesis, Task] = {}
+    for name in () if one.reason else one.hypothesis.causes:
+        most = _NEARLY * alone[(name,)].cost if (name,) in alone else 0.0
+        for (other,), found in alone.items():
+            if other not in one.hypothesis.causes and found.hypothesis.effects and found.cost < most:
+                pair = one.hypothesis.without(name) | found.hypothesis
+                tasks.setdefault(pair, Task(pair, one.values, found.values))
     return list(tasks.values())
 
 

@@ -1,0 +1,114 @@
+"""A short while in which a rig does what it does nowhere else, and records that leave it out."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from gap_sets import believed, measured, scenario
+from recorded_rig import recorded
+
+from beamdesign.diagnosis.data.dataset import Dataset, read_dataset
+from beamdesign.diagnosis.diagnose import diagnose
+from beamdesign.diagnosis.fitting import search as searching
+from beamdesign.diagnosis.fitting.evidence import record_evidence
+from beamdesign.diagnosis.fitting.hypothesis import NOTHING, Hypothesis
+from beamdesign.diagnosis.fitting.search import search
+from beamdesign.diagnosis.judgement import judge
+from beamdesign.diagnosis.passing import joined, passing, what_passed
+from beamdesign.prototype import Prototype
+from beamdesign.records import InputError
+from beamdesign.scenario import Step
+
+SLOWED, WIDER = Hypothesis(("sensor_lag",)), Hypothesis(("parameter:flow_gain",))
+SLOW_RIG = believed().but(effects={"sensor_lag": {"break_Hz": 120.0}})
+KNOCK_s, LASTS_s = 0.5, 0.01
+
+
+def knocked(rig: Prototype, newtons: float = 1200.0) -> Dataset:
+    """Three records of a rig; in one somebody hits the tip for ten milliseconds, which no force sensor records."""
+    plan = scenario()
+    rows = [row for row in plan.record if row.name in ("command_large", "disturbance_small", "disturbance_large")]
+    blow = Step(amplitude_N=newtons, at_s=KNOCK_s, length_s=LASTS_s)
+    hit = [row.but(input=(*row.input, blow)) if row.name == "disturbance_small" else row for row in rows]
+    data = measured(rig, plan.but(record=tuple(hit)))
+    quiet = measured(rig, plan.but(record=tuple(rows)))
+    pairs = zip(data.records, quiet.records, strict=True)
+    return replace(data, records=tuple(replace(record, inputs=told.inputs) for record, told in pairs))
+
+
+@pytest.fixture
+def few(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Two causes in place of the whole library."""
+    monkeypatch.setattr(searching, "singles", lambda rig: (SLOWED, WIDER))
+
+
+@pytest.fixture(scope="module")
+def slow_and_knocked() -> Dataset:
+    return knocked(SLOW_RIG)
+
+
+def test_a_knock_that_nobody_recorded_does_not_hide_the_cause(few: None, slow_and_knocked: Dataset) -> None:
+    """The lag is found as if there had been no knock; the verdict is no confident one and says what was left out."""
+    found = diagnose(slow_and_knocked, workers=1)
+    assert (found.verdict, found.chosen) == ("ambiguous", ("sensor_lag",))
+    (lag,) = (cause for cause in found.causes if cause.name == "sensor_lag")
+    assert lag.parameters["break_Hz"].value == pytest.approx(120.0, rel=0.03)
+    assert found.gap.closed > 0.95
+    (said,) = (words for words in found.warnings if "left out" in words)
+    begin, end = (float(word) for word in said.split(" s fits")[0].split("from ")[1].split(" to "))
+    assert begin < KNOCK_s < KNOCK_s + LASTS_s < end < KNOCK_s + 0.25
+
+
+def test_what_is_all_over_a_record_is_not_left_out(few: None) -> None:
+    """A dead band departs wherever the current is small: nothing that passes."""
+    data = measured(believed().but(effects={"valve_deadband": {"half_width_A": 1e-3}}))
+    data = replace(data, records=data.records[:3])
+    found = search(data, 1)
+    assert judge(found).unknown > 0.5
+    assert what_passed(data, found) is None
+
+
+def test_without_a_cause_for_the_rest_nothing_is_left_out(few: None) -> None:
+    """Of a sound rig that was knocked a search without the knock names no cause, and the knock stays in."""
+    data = knocked(believed())
+    found = search(data, 1)
+    best = min((found.null, *found.fits), key=lambda fit: fit.misfit)
+    spans = [passing(piece, best, 0.05 * best.misfit) for piece in record_evidence(data)]
+    assert [bool(own) for own in spans] == [False, True, False]
+    assert what_passed(data, found) is None
+
+
+def test_spans_weigh_nothing_and_noise_leaves_what_is_expected() -> None:
+    """Whatever is added within a span changes no misfit; outside of it noise leaves its own, span or not."""
+    data = measured(believed())
+    record = data.records[1]
+    times, spans = record.times, ((0.2, 0.3), (0.6, 0.65))
+    cut = replace(record, left_out=spans)
+    assert np.array_equal(cut.counted == 0, np.any([(times >= a) & (times <= b) for a, b in spans], axis=0))
+    assert 1 - np.mean(cut.counted**2) == pytest.approx(0.15 + 4 * 5e-3 * 5 / 8, abs=5e-3)  # mean of cos^4 is 3/8
+    spoilt = {name: np.where(cut.counted == 0, 1.0, signal) for name, signal in record.measured.items()}
+    placement = NOTHING.placement(data.prototype)
+    z = np.zeros(len(placement.unknowns))
+    whole, without, other = (
+        record_evidence(replace(data, records=(one,)))[0] for one in (record, cut, replace(cut, measured=spoilt))
+    )
+    left = without.residual(placement, z)
+    assert np.array_equal(left, other.residual(placement, z))
+    assert without.weight.noise_std == pytest.approx(whole.weight.noise_std, rel=0.1)
+    assert left @ left == pytest.approx(without.expected, rel=0.25)
+
+
+def test_spans_are_joined_where_they_meet() -> None:
+    assert joined([(0.5, 0.6), (0.1, 0.2), (0.15, 0.3), (0.6, 0.7)]) == ((0.1, 0.3), (0.5, 0.7))
+
+
+def test_a_data_set_states_spans_that_are_not_to_count(paper: Prototype, tmp_path: Path) -> None:
+    sound = recorded(paper)
+    sound.entry("steps")["left_out_s"] = [[0.1, 0.2]]
+    (steps,) = (record for record in read_dataset(sound.write(tmp_path)).records if record.name == "steps")
+    assert steps.left_out == ((0.1, 0.2),)
+    for wrong in ([0.2, 0.1], [0.1, 1e3], [-1.0, 0.1]):
+        sound.entry("steps")["left_out_s"] = [wrong]
+        with pytest.raises(InputError, match=r"left_out_s: of .*steps.csv: .* is no span within its 0 to"):
+            read_dataset(sound.write(tmp_path))
