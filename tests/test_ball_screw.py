@@ -15,7 +15,7 @@ from beamdesign.controllers import Lag
 from beamdesign.loop import close_loop, tip
 from beamdesign.parameters import typical_of
 from beamdesign.plant.actuators.servo_cylinder import Servovalve, Supply
-from beamdesign.plant.assembly import fits
+from beamdesign.plant.assembly import assemble, fits, parameters_of, structure_of
 from beamdesign.plant.effects import causes
 from beamdesign.plant.higher_modes import signals, single_compliance, with_mass
 from beamdesign.plant.members import family
@@ -38,7 +38,9 @@ from beamdesign.synthesis.end_stiffness import controller_of, judge, sensed, ser
 from beamdesign.synthesis.operating_limits import demand, envelope, needs
 from beamdesign.synthesis.stiffness_run import carried_out
 from beamdesign.synthesis.tuning import tune
+from beamdesign.validation.truth import laws
 
+FELT = "screw_force_N"
 W = 2 * pi * np.array([0.05, 0.7, 3.0, 12.0, 33.0, 90.0, 400.0, 2000.0])
 
 
@@ -282,6 +284,26 @@ def test_a_motor_that_rubs_sticks(rig: Prototype) -> None:
         for effects in ({}, {"seal_friction": {"coulomb_N": 400.0}})
     )
     assert np.ptp(rubbing[-2000:]) > 3 * np.ptp(free[-2000:])
+
+
+@pytest.mark.parametrize("closing", [0.0, 0.02, -0.02])
+def test_a_worn_nut_presses_with_one_flank_or_none(rig: Prototype, closing: float) -> None:
+    """Spring and dashpot beyond half the play, never a pull; by the closed form, and by the truth model's own."""
+    play, actuator = 50e-6, rig.actuator
+    worn = rig.but(effects={"joint_backlash_nut": {"play_m": play}})
+    assembly = assemble(structure_of(worn))
+    parameters = np.array(list(parameters_of(worn, 0.0, 0.0).values()))
+    x = np.zeros(len(assembly.states))
+    x[assembly.states.index("travel_m_per_s")] = closing
+    for stretch in np.linspace(-4 * play, 4 * play, 41) + 1e-9:
+        x[assembly.states.index("travel_m")] = stretch
+        outputs = np.ravel(assembly.function(0, x, np.zeros(3), parameters)[1].full())
+        found = float(outputs[assembly.outputs.index(FELT)])
+        depth, side = abs(stretch) - play / 2, np.sign(stretch)
+        bearing = actuator.screw_stiffness_N_per_m * depth + actuator.screw_damping_N_s_per_m * side * closing
+        assert found == pytest.approx(side * max(0.0, bearing) if depth > 0 else 0.0, abs=1e-6)
+        stiffness, damping = actuator.screw_stiffness_N_per_m, actuator.screw_damping_N_s_per_m
+        assert found == pytest.approx(laws.flanks(stretch, closing, play, stiffness, damping), abs=1e-6)
 
 
 def test_effects_of_oil_and_valve_are_refused(rig: Prototype) -> None:

@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 from gap_sets import believed, measured, only, scenario
+from rigs_of_effects import having
 
 from beamdesign.diagnosis.data.dataset import read_dataset
 from beamdesign.diagnosis.diagnosis import updated_prototype
@@ -165,7 +166,8 @@ def test_bounds_hold():
 @pytest.mark.parametrize("effect", sorted(causes()))
 def test_figures_at_their_bounds_make_a_rig(effect):
     """Logarithm and exponential give a bound back within an ulp; beyond it no rig would take the figure."""
-    unknowns = [u for u in Hypothesis((effect,)).placement(believed()).unknowns if u.name.startswith(effect + ".")]
+    rig = having(believed(), effect)
+    unknowns = [u for u in Hypothesis((effect,)).placement(rig).unknowns if u.name.startswith(effect + ".")]
     assert unknowns
     for u in unknowns:
         for bound, z in zip((u.low, u.high), u.bounds, strict=True):
@@ -258,7 +260,7 @@ def test_pairs_are_tried_with_the_other_laws_of_their_effects():
     pair = together("sensor_lag", "current_saturation")
     unknowns = pair.unknowns(believed())
     alone = Hypothesis(("sensor_lag_second_order",))
-    tasks = searching._other_laws([Fit(pair, unknowns, np.zeros(len(unknowns)))], {alone: {"a": 1.0}})
+    tasks = searching._other_laws([Fit(pair, unknowns, np.zeros(len(unknowns)))], {alone: {"a": 1.0}}, "twin_beam")
     assert {task.hypothesis: task.hints for task in tasks} == {
         together("sensor_lag_second_order", "current_saturation"): {"a": 1.0},
         together("sensor_lag", "current_saturation_soft"): {},
@@ -290,3 +292,16 @@ def test_kept_fits_to_all_records_are_not_taken_for_fits_to_fewer(lagged, tmp_pa
             assert len(one.shares) == len(fewer.records)
             np.testing.assert_array_equal(one.z, other.z)
     assert not np.array_equal(fresh[0].z, found.null.z)
+
+
+def test_rivals_of_a_pairs_causes_take_their_places():
+    """A delay explains nearly as much as a lag, friction far less: the delay alone is tried in the lag's place."""
+    rig = believed()
+    mode, lag, delay, rubs = map(together, ("second_beam_mode", "sensor_lag", "transport_delay", "seal_friction"))
+    costs = {mode: 9e3, lag: 5e3, delay: 6e3, rubs: 4e4}
+    singles = (Fit(h, h.unknowns(rig), np.zeros(len(h.unknowns(rig))), cost) for h, cost in costs.items())
+    state = searching.Search(Fit(NOTHING), tuple(singles), 300.0)
+    unknowns = (mode | lag).unknowns(rig)
+    tasks = searching._rivals(Fit(mode | lag, unknowns, np.zeros(len(unknowns)), 2e3), state)
+    assert {task.hypothesis for task in tasks} == {mode | delay, lag | delay}
+    assert searching._rivals(Fit(mode | lag, reason="no fit"), state) == []

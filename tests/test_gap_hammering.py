@@ -8,7 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 from gap_sets import LAG, believed, measured, only, scenario
+from honest_certificates import screw
 from scipy.integrate import solve_ivp
+from test_truth import drive
 
 from beamdesign.diagnosis import second_look
 from beamdesign.diagnosis.data.dataset import Dataset, TimeRecord
@@ -19,9 +21,12 @@ from beamdesign.diagnosis.fitting.search import Search
 from beamdesign.diagnosis.fitting.weighting import INDEPENDENT, blurred, weighting
 from beamdesign.diagnosis.judgement import judge
 from beamdesign.diagnosis.second_look import backlash_impacts, loose_joint, refit_backlash_impacts
+from beamdesign.validation.truth.controller import controller_figures
+from beamdesign.validation.truth.nominal import assembled, rig_figures
+from beamdesign.validation.truth.rig import march
 
 LOOSE = loose_joint(believed())
-PLAY_M, ROD_kg = 60e-6, 0.2
+PLAY_M, ROD_kg, WORN_M = 60e-6, 0.2, 30e-6
 NOISE_M = 3e-7
 SLOW_Hz = 80.0
 SLOWED = together("sensor_lag")
@@ -142,6 +147,40 @@ def test_play_is_found_beside_another_effect(monkeypatch):
     assert best.values["sensor_lag.break_Hz"] == pytest.approx(SLOW_Hz, rel=0.1)
     assert found.best_of(("joint_backlash",)).misfit > 3 * best.misfit
     assert found.best_of(("sensor_lag",)).misfit > 3 * best.misfit
+
+
+def test_play_of_a_nut_is_found_where_the_rig_is_the_truth_models(monkeypatch):
+    """A screw with lost motion, by equations that share nothing with the library's; the nut's law has no mass."""
+    with_screw = screw()
+    rig = believed().but(actuator=with_screw.actuator, servovalve=None, controller=with_screw.controller)
+    figure = rig_figures(rig.model_dump(exclude_none=True), {}, {}) | controller_figures(rig.controller.model_dump())
+    rng, records = np.random.default_rng(7), []
+    for name, volts, newtons in (("small", 0.05, 0.0), ("large", 0.4, 0.0), ("pushed", 0.0, 1500.0)):
+        lines = np.unique(np.round(np.geomspace(2, 150, 25)))
+        phases = rng.uniform(0, 2 * pi, len(lines))
+
+        def wave(t, lines=lines, phases=phases):
+            return np.sin(2 * pi * np.outer(t, lines) + phases).sum(axis=1) * np.clip(t / 0.1, 0, 1) / 3.5
+
+        inputs = drive(0.8, lambda t, w=wave, n=newtons: n * w(t), lambda t, w=wave, v=volts: v * w(t))
+        record, modes = assembled(figure | {"inner_end_mass": 2.0, "lost_motion": WORN_M})
+        found = march(record, modes, inputs)
+        stride = round((len(inputs) - 1) / (len(found.times) - 1))
+        measured = {
+            "current_A": found.current + rng.normal(0, 1e-4, len(found.times)),
+            "displacement_m": found.displacement + rng.normal(0, NOISE_M, len(found.times)),
+        }
+        records.append(TimeRecord(name, found.times, inputs[::stride, :2], measured, 0.0, 2.0, rig.controller))
+    data = Dataset("worn nut", Path("worn"), rig, tuple(records))
+    few = (*(together(name) for name in ("joint_backlash", "seal_friction")), Hypothesis(("parameter:flow_gain",)))
+    monkeypatch.setattr(second_look, "singles", lambda prototype: few)
+    found = backlash_impacts(data, before(data))
+    assert found is not None
+    judged = judge(found)
+    assert judged.cause("joint_backlash") > 0.7
+    worn = found.best_of(("joint_backlash",))
+    assert worn.hypothesis.effects == ("joint_backlash_nut",)
+    assert worn.values["joint_backlash_nut.play_m"] == pytest.approx(WORN_M, rel=0.05)
 
 
 def test_a_fit_without_a_record_stays_where_the_whole_one_was():

@@ -17,6 +17,7 @@ from beamdesign.diagnosis.fitting.evidence import evidence_of
 from beamdesign.diagnosis.fitting.fit import Evidence, Fit, FitCache, Task
 from beamdesign.diagnosis.fitting.hypothesis import NOTHING, Hypothesis, cause, pairs, singles
 from beamdesign.diagnosis.fitting.starts import fit_from_starts, resonances
+from beamdesign.plant.assembly import fits
 from beamdesign.plant.effects import causes, library
 from beamdesign.plant.empirical import laws
 from beamdesign.progress import Progress, silent
@@ -244,7 +245,7 @@ def _searched(fitters: Fitters, null: Fit, progress: Progress, worth: float) -> 
         ranked = [f for f in _sorted(quick) if not f.reason]
         best = [f for k, f in enumerate(ranked) if k < _BEST_PAIRS or f.hypothesis in leading]
         final = fitters(Task(f.hypothesis, _halves(f.hypothesis, values)[0], f.values) for f in best)
-        final += fitters(_other_laws(_sorted(final)[:_TAKEN_APART], values))
+        final += fitters(_other_laws(_sorted(final)[:_TAKEN_APART], values, fitters.data.prototype.rig))
         if (leader := min(final, key=lambda f: f.cost)).misfit > _QUIET * expected:
             final += fitters(_rivals(leader, state))
         # The causes of pairs alone, from where the pair has found them: a fit may have stopped short of that.
@@ -297,18 +298,19 @@ def _promising(state: Search) -> tuple[Hypothesis, ...]:
     return tuple(pair for pair in tried if pair.effects and len(pair.causes) == 2)
 
 
-def _other_laws(fits: Sequence[Fit], values: Mapping[Hypothesis, dict[str, float]]) -> list[Task]:
+def _other_laws(of: Sequence[Fit], values: Mapping[Hypothesis, dict[str, float]], rig: str) -> list[Task]:
     """Pairs with another law for one of their effects: alone, without the other cause, the wrong law may fit better.
 
     Args:
-        fits: of pairs.
+        of: these pairs.
         values: found by singles.
+        rig: that the laws have to fit.
     """
     tasks: dict[Hypothesis, Task] = {}
-    for one in fits:
+    for one in of:
         for name in one.hypothesis.effects if not one.reason else ():
             for law in library():
-                if law != name and cause(law) == cause(name):
+                if law != name and cause(law) == cause(name) and fits(law, rig):
                     pair = one.hypothesis.without(cause(name)) | Hypothesis((law,))
                     tasks.setdefault(pair, Task(pair, one.values, values.get(Hypothesis((law,)), {})))
     return list(tasks.values())
