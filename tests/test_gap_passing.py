@@ -10,6 +10,7 @@ from recorded_rig import recorded
 
 from beamdesign.diagnosis.data.dataset import Dataset, read_dataset
 from beamdesign.diagnosis.diagnose import diagnose
+from beamdesign.diagnosis.examination.plausibility import examine
 from beamdesign.diagnosis.fitting import search as searching
 from beamdesign.diagnosis.fitting.evidence import record_evidence
 from beamdesign.diagnosis.fitting.hypothesis import NOTHING, Hypothesis
@@ -112,3 +113,16 @@ def test_a_data_set_states_spans_that_are_not_to_count(paper: Prototype, tmp_pat
         sound.entry("steps")["left_out_s"] = [wrong]
         with pytest.raises(InputError, match=r"left_out_s: of .*steps.csv: .* is no span within its 0 to"):
             read_dataset(sound.write(tmp_path))
+
+
+def test_what_is_spoilt_within_a_span_that_is_not_to_count_spoils_nothing(paper: Prototype, tmp_path: Path) -> None:
+    """For a sample of 2 m the record is left out, unless that is said not to count."""
+    sound = recorded(paper)
+    sound.columns["steps"]["displacement_m"][300] += 2.0
+    at = float(sound.columns["steps"]["t_s"][300])
+    lost = examine(read_dataset(sound.write(tmp_path)))
+    assert "steps" not in {record.name for record in lost.data.records}
+    sound.entry("steps")["left_out_s"] = [[at - 0.01, at + 0.01]]
+    kept = examine(read_dataset(sound.write(tmp_path)))
+    assert "steps" in {record.name for record in kept.data.records}
+    assert not kept.limits_confidence, kept.words

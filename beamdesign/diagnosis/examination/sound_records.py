@@ -230,7 +230,16 @@ def said(record: TimeRecord, name: str, text: str) -> Caution:
 
 def signals(records: Sequence[TimeRecord]) -> list[Caution]:
     """What the signals show on their own."""
-    return [said(record, name, text) for record in records for name, text in _of_signals(record)]
+    return [said(record, name, text) for record in records for name, text in _of_signals(_where_it_counts(record))]
+
+
+def _where_it_counts(record: TimeRecord) -> TimeRecord:
+    """A record with straight lines across the spans that do not count: what is spoilt there spoils nothing."""
+    there = record.counted > 0
+    if there.all() or not there.any():
+        return record
+    across = {name: np.interp(record.times, record.times[there], y[there]) for name, y in record.measured.items()}
+    return replace(record, measured=across)
 
 
 def _of_signals(record: TimeRecord) -> Iterator[tuple[str, str]]:
