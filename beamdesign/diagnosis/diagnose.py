@@ -4,12 +4,13 @@ Some records are kept out of every fit, to measure the gap on; what is found is 
 """
 
 import tomllib
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import cache
 from itertools import combinations
 from math import nan
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 
@@ -46,6 +47,8 @@ from beamdesign.time_limit import TimeUp, leave_out, left_out, over, share, with
 _SHARE = 0.25
 _SECOND, _HELD_OUT = 0.5, 0.7  # of the time that is left, for laws and a second look, and for fits without some records
 _PASSING = 0.4  # the same, for records without what passes
+_PASSES, _LAW = "what passes in a short while", "a law learnt from the records"
+_UNREPEATED = "a joint that hammers in its play, a loop that oscillates by itself"
 _REPEATED = 0.1  # of the excess misfit: a law that leaves less predicts the motion from rest
 
 
@@ -146,30 +149,20 @@ def _diagnosed(data: Dataset, workers: int, progress: Progress, kept: FitCache |
     seen = replace(data, records=tuple(r for k, r in enumerate(data.records) if k not in kept_out))
     found = search(data, workers, _between(0.0, 0.7, progress), kept)
     judged, words, doubtful = judge(found), examined.words, examined.limits_confidence
-    again, learnt, passed = None, None, None
+    passed, again = None, None
     if judged.unknown > 0.5:
-        try:
-            with share(_PASSING, within_steps=True):
-                passed = what_passed(data, found, workers, _between(0.7, 0.72, progress), kept)
-        except TimeUp:
-            leave_out("what passes in a short while")
+        told = _between(0.7, 0.72, progress)
+        passed = _in_time(_PASSING, _PASSES, lambda: what_passed(data, found, workers, told, kept))
     if passed is not None:
         data, found, judged, kept = passed.data, passed.search, passed.judged, passed.kept
         words = (*words, *passed.words)
         seen, doubtful = replace(data, records=tuple(r for k, r in enumerate(data.records) if k not in kept_out)), True
-    plain = found.null
-    try:
-        with share(_SECOND, within_steps=True):
-            learnt = learn(data, kept_out, found, judged, workers, _between(0.72, 0.82, progress), kept)
-    except TimeUp:
-        leave_out("a law learnt from the records")
+    plain, told = found.null, _between(0.72, 0.82, progress)
+    learnt = _in_time(_SECOND, _LAW, lambda: learn(data, kept_out, found, judged, workers, told, kept))
     # What no model repeats from rest, a law that is learnt does not either: where one does, it is nothing of that kind.
     if judged.unknown > 0.5 and (learnt is None or learnt.search.excess(learnt.judged.best) > _REPEATED):
-        try:
-            with share(_SECOND, within_steps=True):
-                again = second_look(data, found, workers, _between(0.82, 0.96, progress), kept)
-        except TimeUp:
-            leave_out("a joint that hammers in its play, a loop that oscillates by itself")
+        told = _between(0.82, 0.96, progress)
+        again = _in_time(_SECOND, _UNREPEATED, lambda: second_look(data, found, workers, told, kept))
     if again is not None:
         found, judged, words, learnt = again.search, again.judged, (*words, again.warning), None
     elif learnt is not None:
@@ -237,6 +230,19 @@ def _diagnosed(data: Dataset, workers: int, progress: Progress, kept: FitCache |
         left_out=left_out(),
         chance=rare,
     )
+
+
+_T = TypeVar("_T")
+
+
+def _in_time(part: float, named: str, look: Callable[[], _T]) -> _T | None:
+    """What a further look finds in a part of the time that is left; None where the time is up, with a word."""
+    try:
+        with share(part, within_steps=True):
+            return look()
+    except TimeUp:
+        leave_out(named)
+        return None
 
 
 def _between(low: float, high: float, progress: Progress) -> Progress:
