@@ -247,7 +247,7 @@ def test_an_interruption_waits_for_a_solver_and_is_not_lost() -> None:
         ("beamdesign simulate x --scenario studies/scenarios/k", ["studies/scenarios/kick.toml"]),
         ("beamdesign gap diagnose studies/gaps/slow", ["studies/gaps/slow_sensor"]),
         ("beamdesign new bench", ["bench", "bench-scenario"]),
-        ("beamdesign explain joint_b", ["joint_backlash"]),
+        ("beamdesign explain joint_b", ["joint_backlash", "joint_backlash_nut"]),
         ("beamdesign explain outer_beam.w", ["outer_beam.wall_m", "outer_beam.width_m"]),
         ("beamdesign run --qu", ["--quiet"]),
         ("beamdesign tune no_such_folder/", []),

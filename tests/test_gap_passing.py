@@ -118,8 +118,9 @@ def test_a_data_set_states_spans_that_are_not_to_count(paper: Prototype, tmp_pat
 def test_what_is_spoilt_within_a_span_that_is_not_to_count_spoils_nothing(paper: Prototype, tmp_path: Path) -> None:
     """For a sample of 2 m the record is left out, unless that is said not to count."""
     sound = recorded(paper)
-    sound.columns["steps"]["displacement_m"][300] += 2.0
-    at = float(sound.columns["steps"]["t_s"][300])
+    moved, at = sound.columns["steps"]["displacement_m"].copy(), float(sound.columns["steps"]["t_s"][300])
+    moved[300] += 2.0
+    sound.columns["steps"]["displacement_m"] = moved
     lost = examine(read_dataset(sound.write(tmp_path)))
     assert "steps" not in {record.name for record in lost.data.records}
     sound.entry("steps")["left_out_s"] = [[at - 0.01, at + 0.01]]
