@@ -61,6 +61,18 @@ def test_a_knock_that_nobody_recorded_does_not_hide_the_cause(few: None, slow_an
     assert begin < KNOCK_s < KNOCK_s + LASTS_s < end < KNOCK_s + 0.25
 
 
+def test_a_span_that_was_stated_is_not_told_as_found(few: None, slow_and_knocked: Dataset) -> None:
+    """Nor counted against what may pass: half a record may be said not to count."""
+    records = [
+        record if record.name == "disturbance_small" else replace(record, left_out=((0.5, 0.9),))
+        for record in slow_and_knocked.records
+    ]
+    data = replace(slow_and_knocked, records=tuple(records))
+    found = what_passed(data, search(data, 1))
+    assert found is not None
+    assert [words.partition(":")[0] for words in found.words] == ["disturbance_small"]
+
+
 def test_what_is_all_over_a_record_is_not_left_out(few: None) -> None:
     """A dead band departs wherever the current is small: nothing that passes."""
     data = measured(believed().but(effects={"valve_deadband": {"half_width_A": 1e-3}}))

@@ -61,10 +61,10 @@ def what_passed(
     Returns:
         None where there is nothing so short, or a cause explains the records no better without it.
     """
-    found = before
+    found, stated = before, data.records
     for turn in range(_ROUNDS):
         best = min((found.null, *found.fits), key=lambda fit: fit.misfit)
-        shorter = without_what_passes(data, best)
+        shorter = without_what_passes(data, best, stated)
         if shorter is None:
             return None
         data = shorter
@@ -72,12 +72,20 @@ def what_passed(
         found = search(data, workers, partial(_turn, progress, turn), own)
         judged = judge(found)
         if judged.unknown <= _MOST_UNKNOWN:
-            return Passing(data, found, judged, _told(data.records), own) if judged.best.hypothesis.names else None
+            return (
+                Passing(data, found, judged, _told(data.records, stated), own) if judged.best.hypothesis.names else None
+            )
     return None
 
 
-def without_what_passes(data: Dataset, best: Fit) -> Dataset | None:
-    """The data set without the spans that hold most of what a fit leaves; None where there are none, or too long."""
+def without_what_passes(data: Dataset, best: Fit, stated: Sequence[TimeRecord]) -> Dataset | None:
+    """The data set without the spans that hold most of what a fit leaves; None where there are none, or too long.
+
+    Args:
+        data: to be cut.
+        best: the fit.
+        stated: its records as they were given; what these say is not to count has not been found here.
+    """
     pieces = record_evidence(data)
     records = []
     for piece, record in zip(pieces, data.records, strict=True):
@@ -86,7 +94,7 @@ def without_what_passes(data: Dataset, best: Fit) -> Dataset | None:
             return None
         records.append(replace(record, left_out=joined((*record.left_out, *spans))))
     gone, whole = sum(map(_gone, records)), sum(float(np.ptp(record.times)) for record in records)
-    if gone == sum(map(_gone, data.records)) or gone > _OF_ALL * whole:
+    if gone == sum(map(_gone, data.records)) or gone - sum(map(_gone, stated)) > _OF_ALL * whole:
         return None
     return replace(data, records=tuple(records))
 
@@ -140,10 +148,11 @@ def _gone(record: TimeRecord) -> float:
     return sum(end - begin for begin, end in record.left_out)
 
 
-def _told(records: Sequence[TimeRecord]) -> tuple[str, ...]:
+def _told(records: Sequence[TimeRecord], stated: Sequence[TimeRecord]) -> tuple[str, ...]:
     return tuple(
         f"{record.name}: what the rig does from {begin:.3f} to {end:.3f} s fits no cause that explains the rest (did a "
         "chamber run empty, or something knock against the rig?), so that these seconds are left out"
-        for record in records
+        for record, given in zip(records, stated, strict=True)
         for begin, end in record.left_out
+        if (begin, end) not in given.left_out
     )

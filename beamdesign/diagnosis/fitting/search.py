@@ -246,8 +246,9 @@ def _searched(fitters: Fitters, null: Fit, progress: Progress, worth: float) -> 
         best = [f for k, f in enumerate(ranked) if k < _BEST_PAIRS or f.hypothesis in leading]
         final = fitters(Task(f.hypothesis, _halves(f.hypothesis, values)[0], f.values) for f in best)
         final += fitters(_other_laws(_sorted(final)[:_TAKEN_APART], values, fitters.data.prototype.rig))
-        if (leader := min(final, key=lambda f: f.cost)).misfit > _QUIET * expected:
-            final += fitters(_rivals(leader, state))
+        leading_pair = _sorted(final)[:1]  # none where the time was up before
+        if leading_pair and leading_pair[0].misfit > _QUIET * expected:
+            final += fitters(_rivals(leading_pair[0], state))
         # The causes of pairs alone, from where the pair has found them: a fit may have stopped short of that.
         paired = [one for one in final[:_TAKEN_APART] if not one.reason]
         parts = [Task(Hypothesis((name,)), one.values) for one in paired for name in one.hypothesis.names]
