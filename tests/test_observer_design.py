@@ -298,13 +298,15 @@ TINY = Effort(
     synthesised=1,
     blocks=2,
     proofs=4,
-    frequency_Hz=tuple(np.geomspace(0.05, 3e3, 180)),
 )
 
 
 def test_tiny_tune_is_proved(shipped: Prototype) -> None:
-    """With the pressure as well, at one payload, from few weights: proved by the same oracle as any record."""
-    goal = shipped.goal.but(compliance_m_per_N=3e-7)
+    """With the pressure as well, at one payload, from few weights: proved by the same oracle as any record.
+
+    At first its peaks of loop gain stand between the samples, near 540 Hz.
+    """
+    goal = shipped.goal.but(compliance_m_per_N=3.1e-7)
     task = Search(family(shipped).members, goal, (0.0, 0.0), (0.0, 2.0), (SENSED[0], SENSED[2]), effort=TINY)
     found = search_observer(task, "lqg")
     assert found.proved is not None, found.reason

@@ -57,7 +57,7 @@ _MISSED = 2e-3
 _STIFFEST = 0.1
 """Most of the compliance (logarithm) that is kept to spare where it is enforced."""
 
-_PEAKS = ("peak_sensitivity", "peak_compliance")
+_PEAKS = ("peak_sensitivity", "peak_compliance", "loop_gain", "controller_effort")
 """Kinds of claims whose witness is near a peak."""
 
 _SEEKING = 0.6
@@ -317,8 +317,8 @@ def _proved(task: Search, design: Design, sampled: tuple[float, ...]) -> Found:
             peaks = [(one, one.witness) for one in claims if one.kind in _PEAKS and one.witness is not None]
             if peaks and excess < inf:
                 # The next refinement sees the peaks that stood between the samples, and a third of the excess beside.
-                for _, witness in peaks:
-                    refinement = task.with_peak(refinement, witness.frequency_Hz, nearest(witness.mass))
+                for asked, witness in peaks:
+                    refinement = task.with_peak(refinement, witness.frequency_Hz, nearest(witness.mass), asked.kind)
                 if (
                     task.sections is not None and claim.kind == "peak_sensitivity"
                 ):  # of which the witness need not be near the worst peak
@@ -366,8 +366,16 @@ def _proved(task: Search, design: Design, sampled: tuple[float, ...]) -> Found:
             if moved or not refuted:
                 break
         else:
-            if not joined:
+            # From far outside of what is known by now no small step leads back.
+            if joined:
+                refinement, mended = task.refinement(design.form), _mended(task, design)
+            elif task.sections is None and refinement is not task.refinement(design.form):
+                # What was kept to spare of peaks that are seen by now is no longer wanted.
+                mended, inside = task.coarsely_searched(design.form, design.variables, refinement.points)[0], _SPARE
+            else:
                 break
-            variables, left = task.refinement(design.form)(_mended(task, design), rounds=_FIRST_ROUNDS)
+            variables, left = refinement(mended, 0.0 if joined else inside, rounds=_FIRST_ROUNDS)
+            if not joined and np.array_equal(variables, design.variables):
+                break
             design = replace(design, variables=variables, value=left)
     return Found(best, sampled, proofs, "" if best else reason, form=design.form)

@@ -19,9 +19,10 @@ from beamdesign.controllers import SENSED, Sensed
 from beamdesign.controllers.form import Form
 from beamdesign.plant.members import VertexModel, served
 from beamdesign.plant.rigs import figures_of
+from beamdesign.proofs.certificate import Kind
 from beamdesign.prototype import Goal, Prototype
 from beamdesign.synthesis.loop_limits import ends
-from beamdesign.synthesis.loop_samples import FINE_HZ, MODES_HZ, Samples, rig_samples
+from beamdesign.synthesis.loop_samples import COARSE_HZ, FINE_HZ, MODES_HZ, Samples, rig_samples
 from beamdesign.synthesis.loop_slacks import COMPLIANCE, OTHERS, Slacks, sampled_bandwidth, slacks
 from beamdesign.synthesis.refinement import NEARLY, LawRefinement
 from beamdesign.synthesis.rig_spread import Cut, RigSpread
@@ -222,12 +223,17 @@ class Search:
         k = int(slacks(points, self.goal, form, variables, slopes=False).sensitivity.argmin())
         return float(points.frequency_Hz[k]), float(points.outer_end_mass[k])
 
-    def with_peak(self, refinement: LawRefinement, frequency_Hz: float, mass: float) -> LawRefinement:
-        """A refinement that sees a peak of the sensitivity at a frequency and an outer end mass (kg)."""
-        at, masses = frequency_Hz * _PEAK, [mass]
+    def with_peak(
+        self, refinement: LawRefinement, frequency_Hz: float, mass: float, kind: Kind = "peak_sensitivity"
+    ) -> LawRefinement:
+        """A refinement that sees a peak of what is limited at a frequency and an outer end mass (kg)."""
+        at, masses, relaxed = frequency_Hz * _PEAK, [mass], _STRICTER
+        if kind in ("loop_gain", "controller_effort"):
+            # These count where the compliance does, which is read off a row that begins at rest.
+            at, relaxed = np.union1d(COARSE_HZ, at), 1.0
 
         def joined(points: Samples, chosen: np.ndarray) -> Samples:
-            return points.joined(self.sampled(at, masses, chosen, _STRICTER))
+            return points.joined(self.sampled(at, masses, chosen, relaxed))
 
         def resampled(chosen: np.ndarray) -> Samples | None:
             points = before and before(chosen)
@@ -239,10 +245,18 @@ class Search:
         points = joined(refinement.points, self._start)
         return replace(refinement, points=points, resampled=before and resampled, factors=factors)
 
-    def coarsely_searched(self, form: Form, variables: np.ndarray) -> tuple[np.ndarray, float]:
-        """Variables and sampled value after a coarse search of the law, or of the start where that is better."""
+    def coarsely_searched(
+        self, form: Form, variables: np.ndarray, points: Samples | None = None
+    ) -> tuple[np.ndarray, float]:
+        """Variables and sampled value after a coarse search of the law, or of the start where that is better.
+
+        Args:
+            form: of the law.
+            variables: to begin with.
+            points: that are looked at; None for those of the task.
+        """
         own, chosen = np.split(variables, [form.size + 1])
-        if (points := self.points_with(chosen)) is None:
+        if (points := points or self.points_with(chosen)) is None:
             return variables, 0.0
         both = (variables, np.append(self._coarsely(points, form, own), chosen))
         return max(((one, self.worth(points, form, one)) for one in both), key=lambda pair: pair[1])
