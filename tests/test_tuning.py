@@ -250,7 +250,7 @@ def test_a_solver_without_figures_stays_where_it_is(rig: Prototype, lag: Tuning,
     monkeypatch.setattr(LawRefinement, "_built", lambda self, sizes: (Lost(), None))
     found = tune(rig, RANGE_KG, sigmas=0.0)
     assert found.starts == pytest.approx(lag.starts, rel=1e-3)
-    assert found.certificates == Effort().proofs
+    assert 1 < found.certificates <= Effort().proofs
     refused(found, rig)
     assert "peak sensitivity refuted" in found.reason
 
