@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from flint import ctx, fmpq, fmpq_poly
+from gap_sets import TOLERANCE
 from typer.testing import CliRunner
 
 from beamdesign.checker import check
@@ -24,21 +25,8 @@ from beamdesign.proofs.rig_family import rig_family
 from beamdesign.proofs.tolerance_box import largest_scaling, tolerance_box
 from beamdesign.proofs.writer import prototype_table
 from beamdesign.proofs.zero_exclusion import Cell, growth
-from beamdesign.prototype import Payload, Prototype, Sensor, Tolerance, write_prototype
+from beamdesign.prototype import Payload, Prototype, Sensor, write_prototype
 from beamdesign.records import InputError
-
-TOLERANCE = Tolerance(
-    stiffness=0.03,
-    effective_mass=0.02,
-    beam_damping_ratio=0.2,
-    oil_stiffness=0.1,
-    piston_area=0.005,
-    flow_gain=0.05,
-    leakage=0.2,
-    valve_natural_frequency=0.05,
-    valve_damping_ratio=0.1,
-    sensor_gain=0.005,
-)
 
 
 @pytest.fixture
