@@ -142,7 +142,7 @@ _EXPLAINED = 0.5  # of the excess misfit: where no single cause reaches it, ever
 _TAKEN_APART = 2  # of the best pairs
 _NEARLY = 1.3  # times the cost of a single cause: what explains nearly as much alone
 _HALF = 0.5  # of the evidence, that which the best single cause explains least, tells which pairs are worth fitting
-_SEEKING, _LOOKING = 0.6, 0.3  # of the time that is left, for all fits and for a look at single causes before them
+_SEEKING, _LOOKING = 0.7, 0.3  # of the time that is left, for all fits and for a look at single causes before them
 _DONE, _QUIET = 0.004, 1.15  # of the excess misfit, times the noise: a cause that leaves no more needs no second one
 
 
