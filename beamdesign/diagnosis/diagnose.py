@@ -151,18 +151,18 @@ def _diagnosed(data: Dataset, workers: int, progress: Progress, kept: FitCache |
     judged, words, doubtful = judge(found), examined.words, examined.limits_confidence
     passed, again = None, None
     if judged.unknown > 0.5:
-        told = _between(0.7, 0.72, progress)
-        passed = _in_time(_PASSING, _PASSES, lambda: what_passed(data, found, workers, told, kept))
+        update = _between(0.7, 0.72, progress)
+        passed = _in_time(_PASSING, _PASSES, lambda: what_passed(data, found, workers, update, kept))
     if passed is not None:
         data, found, judged, kept = passed.data, passed.search, passed.judged, passed.kept
         words = (*words, *passed.words)
         seen, doubtful = replace(data, records=tuple(r for k, r in enumerate(data.records) if k not in kept_out)), True
-    plain, told = found.null, _between(0.72, 0.82, progress)
-    learnt = _in_time(_SECOND, _LAW, lambda: learn(data, kept_out, found, judged, workers, told, kept))
+    plain, update = found.null, _between(0.72, 0.82, progress)
+    learnt = _in_time(_SECOND, _LAW, lambda: learn(data, kept_out, found, judged, workers, update, kept))
     # What no model repeats from rest, a law that is learnt does not either: where one does, it is nothing of that kind.
     if judged.unknown > 0.5 and (learnt is None or learnt.search.excess(learnt.judged.best) > _REPEATED):
-        told = _between(0.82, 0.96, progress)
-        again = _in_time(_SECOND, _UNREPEATED, lambda: second_look(data, found, workers, told, kept))
+        update = _between(0.82, 0.96, progress)
+        again = _in_time(_SECOND, _UNREPEATED, lambda: second_look(data, found, workers, update, kept))
     if again is not None:
         found, judged, words, learnt = again.search, again.judged, (*words, again.warning), None
     elif learnt is not None:
