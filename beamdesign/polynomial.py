@@ -153,6 +153,13 @@ def at_points(polynomial: fmpq_poly, points: np.ndarray | complex) -> np.ndarray
     return np.asarray(np.polyval([nearest(c) for c in reversed(polynomial.coeffs())] or [0.0], points))
 
 
+def ratio(above: Affine, below: Affine, masses: np.ndarray, w: np.ndarray) -> np.ndarray:
+    """A quotient of polynomials over the mass at jw in floats, (masses, frequencies)."""
+    s = 1j * w
+    top, bottom = (at_points(p.constant, s) + masses[:, None] * at_points(p.slope, s) for p in (above, below))
+    return np.asarray(top / bottom)
+
+
 def value_at(polynomial: fmpq_poly, point: arb) -> arb:
     """Enclosure of the value at a real ball, at the working precision."""
     return arb_poly(polynomial)(point)

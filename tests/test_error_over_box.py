@@ -19,7 +19,8 @@ from beamdesign.polynomial import exact
 from beamdesign.proofs import bounded_error, changing_gain, error_over_box
 from beamdesign.proofs.absolute_stability import members
 from beamdesign.proofs.box import certify_box
-from beamdesign.proofs.box_claims import claim_over_box, with_number
+from beamdesign.proofs.box_claims import claim_over_box
+from beamdesign.proofs.box_member import with_number
 from beamdesign.proofs.certificate import Asked, Weighed
 from beamdesign.proofs.error_over_box import errors_over_box
 from beamdesign.proofs.rig_family import rig_family

@@ -13,10 +13,11 @@ from test_robust_tuning import FIGURES, corners_and_others, matrices, members
 from beamdesign.checker import check
 from beamdesign.controllers import Lag
 from beamdesign.loop import loop
-from beamdesign.proofs.box_claims import claim_over_box
+from beamdesign.plant.members import family
+from beamdesign.proofs.box_claims import claim_over_box, servo_off_over_box
 from beamdesign.proofs.certificate import Asked, peak_claim
 from beamdesign.proofs.certifying import certify
-from beamdesign.proofs.servo_off import servo_off, servo_off_over_box
+from beamdesign.proofs.performance import Peak, servo_off_of
 from beamdesign.proofs.tolerance_box import tolerance_box
 from beamdesign.proofs.writer import prototype_table
 from beamdesign.prototype import Goal, Prototype, Tolerance, read_prototype
@@ -40,6 +41,10 @@ def rig() -> Prototype:
         valve_natural_frequency=0.05,
     )  # fmt: skip
     return record.but(tolerance=off, payload=record.payload.but(outer_end_mass_kg=MASSES_KG))
+
+
+def servo_off(rig: Prototype, masses_kg: tuple[float, float]) -> Peak:
+    return servo_off_of(family(rig, masses_kg[1]).members, rig.payload.inner_end_mass_kg, masses_kg)
 
 
 def softest(rig: Prototype, figures: np.ndarray, gain: float, masses: np.ndarray) -> np.ndarray:

@@ -16,8 +16,8 @@ from beamdesign.plant.members import paper_model
 from beamdesign.polynomial import Affine, exact
 from beamdesign.proofs.certificate import Asked, Claim, Kind
 from beamdesign.proofs.performance import bandwidth as proved_bandwidth
-from beamdesign.proofs.performance import frequency_below, least_limit, prove, squared_frequency
-from beamdesign.proofs.quadratic import quadratic_nonnegative
+from beamdesign.proofs.performance import least_limit, prove
+from beamdesign.proofs.quadratic import frequency_below, quadratic_nonnegative, squared_frequency
 from beamdesign.proofs.rectangle import Rectangle, shifted
 from beamdesign.prototype import COMPLIANCE_LIMIT_M_PER_N, Prototype
 from beamdesign.rational import nearest

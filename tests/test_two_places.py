@@ -12,11 +12,11 @@ from honest_certificates import valid
 from beamdesign.checker import check
 from beamdesign.controllers import Lag
 from beamdesign.plant.effects import library
+from beamdesign.polynomial import ratio
 from beamdesign.proofs.absolute_stability import members
 from beamdesign.proofs.certifying import certify
 from beamdesign.proofs.changing_gain import Changing
 from beamdesign.proofs.multiplier import Kernel, Multiplier
-from beamdesign.proofs.performance import ratio
 from beamdesign.proofs.two_places import METHOD, Pair, both_rows, pair, search
 from beamdesign.prototype import Prototype, read_prototype
 from beamdesign.scenario import Scenario, ScenarioRecord, Step

@@ -251,11 +251,10 @@ def certify_box(
 
     from beamdesign.proofs.absolute_stability import members
     from beamdesign.proofs.box import certify_box as prove
-    from beamdesign.proofs.box_claims import best_over_box, guaranteed_fields
+    from beamdesign.proofs.box_claims import best_over_box, guaranteed_fields, servo_off_over_box
     from beamdesign.proofs.certificate import describe, over_passive
     from beamdesign.proofs.changing_gain import changing_over_box
     from beamdesign.proofs.error_over_box import errors_over_box
-    from beamdesign.proofs.servo_off import servo_off_over_box
     from beamdesign.proofs.slope_over_box import box_rows, slope_over_box
     from beamdesign.proofs.tolerance_box import largest_scaling, scaling_of_each, tolerance_box
 

@@ -2,10 +2,9 @@
 
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, partial
 from math import inf, pi
-from textwrap import wrap
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import NamedTuple, Protocol
 
 from flint import ctx, fmpq
 
@@ -14,13 +13,10 @@ from beamdesign.proofs.box_member import member, parameters_at, stable_at, unsta
 from beamdesign.proofs.branch import Search
 from beamdesign.proofs.rig_family import PolynomialFamily, rig_family
 from beamdesign.proofs.statement import Interval, Statement
-from beamdesign.proofs.writer import certificate, plain, stated, texts
+from beamdesign.proofs.writer import Tables, certificate, plain, stated, texts
 from beamdesign.proofs.zero_exclusion import PRECISION_BITS, Piece, holds, pieces
 from beamdesign.prototype import Prototype
 from beamdesign.rational import nearest, text
-
-if TYPE_CHECKING:
-    from beamdesign.proofs.box_claims import BoxClaim
 
 # Volumes.
 
@@ -103,13 +99,20 @@ _NOTES = {
 }
 
 
+class Stated(Protocol):
+    """What is proved beside stability."""
+
+    def table(self) -> Tables:
+        """As a certificate states it."""
+
+
 def box_certificate(
     subject: Prototype | PolynomialFamily,
     family: PolynomialFamily,
     statement: Statement,
     member: Mapping[str, fmpq],
     tree: Sequence[str] | None,
-    claims: Sequence["BoxClaim"] = (),
+    claims: Sequence[Stated] = (),
 ) -> str:
     """Write the certificate.
 
@@ -124,21 +127,8 @@ def box_certificate(
     Raises:
         InputError: as `rig_tables`.
     """
-    body = {"stable": tree is not None, **_expression(family, tree)}
-    if claims:
-        body["claim"] = [
-            {
-                "kind": claim.asked.kind,
-                "limit": text(exact(claim.asked.limit)),
-                **({} if claim.asked.bandwidth_Hz == inf else {"bandwidth_Hz": text(exact(claim.asked.bandwidth_Hz))}),
-                **({} if claim.asked.kind != "loop_gain" else {"from_Hz": text(exact(claim.asked.from_Hz))}),
-                **_expression(claim.family, claim.tree),
-                **({} if claim.asked.multiplier is None else claim.asked.multiplier.table()),
-                **claim.more,
-                **({"range": {name: texts(ends) for name, ends in claim.own.items()}} if claim.own else {}),
-            }
-            for claim in claims
-        ]
+    body = {"stable": tree is not None, **family.table(tree)}
+    body |= {"claim": [claim.table() for claim in claims]} if claims else {}
     body["range"] = {name: texts(ends) for name, ends in statement.parameters.items()}
     body["member"] = {name: text(member[name]) for name in statement.parameters}
     varying = {name: ends for name, ends in statement.parameters.items() if ends[0] < ends[1]}
@@ -153,22 +143,6 @@ def box_certificate(
         body["tolerance"] = stated(deviations)
     heaviest = nearest(statement.parameters["outer_end_mass"][1])
     return certificate(KIND, subject, body, "\n".join(summary), heaviest, _NOTES, varying)
-
-
-def _expression(family: PolynomialFamily, tree: Sequence[str] | None) -> dict[str, Any]:
-    """P, its leaves and groups, and the marks of its pieces."""
-    body: dict[str, Any] = {"p": family.p} | ({"bound": [[*pack] for pack in family.bound]} if family.bound else {})
-    if tree is not None:
-        body["tree"] = wrapped(tree)
-    groups = [{"name": name, "kind": kind, "members": [*members]} for name, kind, members in family.groups]
-    return body | {
-        key: value for key, value in (("leaf", family.leaves), ("delay", family.delays), ("group", groups)) if value
-    }
-
-
-def wrapped(tree: Sequence[str]) -> list[str]:
-    """Marks as lines."""
-    return wrap(" ".join(tree), 110, break_long_words=False, break_on_hyphens=False)
 
 
 # The box and its verdict.
@@ -254,7 +228,7 @@ class BoxVerdict:
     box: Box
     pieces: int
     looked_at: int
-    write: Callable[[Sequence["BoxClaim"]], str] = field(repr=False, compare=False)
+    write: Callable[[Sequence[Stated]], str] = field(repr=False, compare=False)
 
     @cached_property
     def certificate(self) -> str:
@@ -294,24 +268,20 @@ def certify_box(
     statement = family.over(box.ranges)
     nominal = {**family.values, **box.nominal}
 
-    def writer(point: Mapping[str, fmpq], tree: Sequence[str] | None) -> Callable[[Sequence["BoxClaim"]], str]:
-        return lambda claims: box_certificate(subject, family, statement, point, tree, claims)
-
-    def nothing(claims: Sequence["BoxClaim"]) -> str:
-        return ""
+    writer = partial(box_certificate, subject, family, statement)
 
     with ctx.workprec(PRECISION_BITS):
         point = nominal if stable_at(statement, nominal) is False else None
         if point is None and not searched:
             point = unstable_member(statement)
         if point is not None and not volumes:
-            return BoxVerdict(False, _of(statement, point, box), None, point, box, 0, 0, writer(point, None))
+            return BoxVerdict(False, _of(statement, point, box), None, point, box, 0, 0, partial(writer, point, None))
         try:
             search = Search(statement)
         except ValueError as error:
             if not isinstance(subject, Prototype):
                 raise
-            return BoxVerdict(None, f"not covered: {error}", None, None, box, 0, 0, nothing)
+            return BoxVerdict(None, f"not covered: {error}", None, None, box, 0, 0, _nothing)
         if point is None:
             search.run(budget, seconds)
         else:
@@ -328,14 +298,19 @@ def certify_box(
         if point is None and witness is None and unsettled:
             middles = [[nearest(sum(p.cell.shares[n], fmpq(0)) / 2) for n in statement.varying] for p in unsettled]
             witness = unstable_member(statement, middles)
+        write: Callable[[Sequence[Stated]], str] = _nothing
         point = point or witness
         if point is not None:
-            stable, reason, write = False, _of(statement, point, box), writer(point, None)
+            stable, reason, write = False, _of(statement, point, box), partial(writer, point, None)
         elif not unsettled and stable_at(statement, nominal):
-            stable, reason, write = True, "", writer(nominal, tree)
+            stable, reason, write = True, "", partial(writer, nominal, tree)
         else:
-            stable, reason, write = None, _where(unsettled, shares, search.looked_at), nothing
+            stable, reason = None, _where(unsettled, shares, search.looked_at)
     return BoxVerdict(stable, reason, shares, point, box, proved, search.looked_at, write)
+
+
+def _nothing(claims: Sequence[Stated]) -> str:
+    return ""
 
 
 def _of(statement: Statement, point: Mapping[str, fmpq], box: Box) -> str:

@@ -17,33 +17,38 @@ from math import inf, pi, prod
 from typing import Any
 
 import numpy as np
-from flint import ctx, fmpq, fmpq_poly
+from flint import ctx, fmpq
 
+from beamdesign.controllers import Proportional
 from beamdesign.loop import loop
 from beamdesign.plant.members import family as linear_family
-from beamdesign.polynomial import exact, squared_magnitude
+from beamdesign.polynomial import exact
 from beamdesign.proofs.box import Box, cubes_of, parts_beside
 from beamdesign.proofs.box_member import (
     Ratios,
     Worst,
+    below,
     member_at,
     ratios,
     stable_at,
     unstable_member,
+    with_number,
     worst_in_bands,
     worst_near,
     worst_of,
 )
 from beamdesign.proofs.branch import Search
 from beamdesign.proofs.certificate import LOWER_GAINS, Asked
+from beamdesign.proofs.multiplier import angle_ratios, largest_gains, presupposed
+from beamdesign.proofs.performance import rounded_below, servo_off_of
 from beamdesign.proofs.read_once import NotCovered
 from beamdesign.proofs.rig_family import PolynomialFamily, performing_spans, rig_family
-from beamdesign.proofs.slope_claim import UNKNOWN, angle_ratios, largest_gains, presupposed
-from beamdesign.proofs.statement import Interval, Node, Statement
+from beamdesign.proofs.statement import UNKNOWN, Interval, Statement
 from beamdesign.proofs.value_set import with_unknown
+from beamdesign.proofs.writer import Tables, texts
 from beamdesign.proofs.zero_exclusion import PRECISION_BITS, Piece, holds, pieces
 from beamdesign.prototype import Prototype
-from beamdesign.rational import nearest, shortened
+from beamdesign.rational import nearest, shortened, text
 
 _TURNS, _SETTLED, _SAMPLES = 8, 1e-4, 4001
 _LOOKS, _OPEN = (0.03, 0.08, 0.2), 300
@@ -85,6 +90,16 @@ class BoxClaim:
     tree: Sequence[str] | None = field(default=(), repr=False, compare=False)
     own: Mapping[str, Interval] = field(default_factory=dict)
     more: Mapping[str, Any] = field(default_factory=dict, repr=False, compare=False)
+
+    def table(self) -> Tables:
+        """As a certificate states it."""
+        asked = self.asked
+        found: Tables = {"kind": asked.kind, "limit": text(exact(asked.limit))}
+        found |= {} if asked.bandwidth_Hz == inf else {"bandwidth_Hz": text(exact(asked.bandwidth_Hz))}
+        found |= {} if asked.kind != "loop_gain" else {"from_Hz": text(exact(asked.from_Hz))}
+        found |= self.family.table(self.tree) | ({} if asked.multiplier is None else asked.multiplier.table())
+        found |= self.more
+        return found | ({"range": {name: texts(ends) for name, ends in self.own.items()}} if self.own else {})
 
 
 def claim_over_box(
@@ -296,29 +311,6 @@ def _highest(prototype: Prototype, box: Box, asked: Asked) -> Asked | None:
     return replace(asked, bandwidth_Hz=highest) if highest > 0 else None
 
 
-def below(statement: Statement, point: Mapping[str, fmpq], square: fmpq) -> bool:
-    """Whether a member without delay keeps its limit at a squared frequency, (rad/s)^2, exactly.
-
-    With p = a + u b it does where u = -a / b lies outside of the unknown's circle.
-    """
-    centre, radius = statement.circles[UNKNOWN]
-    at_none, at_one, at_centre = (with_number(statement, point, unknown) for unknown in (fmpq(0), fmpq(1), centre))
-    return bool(squared_magnitude(at_centre)(square) > radius**2 * squared_magnitude(at_one - at_none)(square))
-
-
-def with_number(statement: Statement, point: Mapping[str, fmpq], unknown: fmpq) -> fmpq_poly:
-    """P of a member, its delay left out, with a number for the unknown."""
-    ranges = statement.merged({name: (value, value) for name, value in point.items()})
-    values = {name: low for name, (low, _) in ranges.items()}
-
-    def one(node: Node) -> fmpq_poly:
-        if node.kind == "leaf":
-            return statement.leaf_at(node.name, values)
-        return fmpq_poly([unknown if node.kind == "circle" else 1])
-
-    return statement.body.fold(one, lambda a, b: a + b, lambda a, b: a * b)
-
-
 def worst_over_box(prototype: Prototype, box: Box, asked: Asked) -> list[Worst]:
     """Seek members of a box that leave least of a claim's limit, one in each band of frequency, the worst first.
 
@@ -378,3 +370,31 @@ def margins_over_box(prototype: Prototype, box: Box, asked: Asked) -> dict[str, 
 def _by(asked: Asked) -> Ratios:
     """What says how near a member comes to the limit of a claim."""
     return ratios if asked.multiplier is None else partial(angle_ratios, asked.multiplier, asked.multiplier)
+
+
+def servo_off_over_box(prototype: Prototype, box: Box) -> tuple[float, Worst]:
+    """The largest compliance with the servo off that a search finds over the rigs of a box, m/N, and that rig.
+
+    Whatever it misses makes the figure less, and a limit that is a multiple of it stricter. The box need not have the
+    same rig worst with the servo off as with it on: worst is compared with worst.
+
+    Args:
+        prototype: any controller does, as no part of it counts.
+        box: ranges of its figures; those of the controller do not count.
+    """
+    idle = prototype.but(controller=Proportional(gain_A_per_V=1.0))
+    payloads = box.ranges.get("outer_end_mass", (fmpq(0), fmpq(0)))
+    low, high = map(nearest, payloads)
+    found = linear_family(idle, high)
+    about = servo_off_of(found.members, prototype.payload.inner_end_mass_kg, (low, high))
+    shape = rig_family(idle, claim=Asked("compliance", about.compliance_m_per_N), delayed=False, varying=box.ranges)
+    ranges = {**box.ranges, **performing_spans(found)}
+    kept = {name: ends for name, ends in ranges.items() if name in shape.values and name in box.ranges}
+    since, until = (exact(2 * pi * about.frequency_Hz * share) for share in _ABOUT)
+    near = replace(shape, since=since, until=until)
+    worst = worst_of(near.over({**kept, "controller_gain": (fmpq(0), fmpq(0))}))[0]
+    return max(about.compliance_m_per_N, rounded_below(worst.ratio * about.compliance_m_per_N)), worst
+
+
+_ABOUT = 0.5, 2.0
+"""About the nominal rig's peak, as shares of its frequency, the worst rig of a box is sought."""

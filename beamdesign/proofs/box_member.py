@@ -5,14 +5,14 @@ from dataclasses import dataclass
 from functools import lru_cache, partial
 from itertools import pairwise
 from math import pi, prod
+from operator import add, mul
 from typing import NamedTuple
 
 import numpy as np
 from flint import acb, arb, fmpq, fmpq_poly
 
-from beamdesign.polynomial import even_odd, is_hurwitz
-from beamdesign.proofs.slope_claim import UNKNOWN
-from beamdesign.proofs.statement import Point, Statement
+from beamdesign.polynomial import even_odd, is_hurwitz, squared_magnitude
+from beamdesign.proofs.statement import UNKNOWN, Node, Point, Statement
 from beamdesign.proofs.value_set import delays, values, with_unknown
 from beamdesign.proofs.zero_exclusion import unit
 from beamdesign.rational import nearest
@@ -33,9 +33,36 @@ class Quasipolynomial:
 
 def member(statement: Statement, parameters: Point) -> Quasipolynomial:
     """The member at one value of every parameter, which may lie outside the box."""
-    point = {n: a for n, (a, _) in statement.merged({n: (v, v) for n, v in parameters.items()}).items()}
-    plain, late = statement.split(lambda name: statement.leaf_at(name, point), fmpq_poly([0]), fmpq_poly([1]))
-    return Quasipolynomial(plain, late, fmpq(0) if statement.delay is None else point[statement.delay])
+    plain, whole = (with_number(statement, parameters, fmpq(late), late) for late in (0, 1))
+    name = statement.delay
+    return Quasipolynomial(plain, whole - plain, fmpq(0) if name is None else _values(statement, parameters)[name])
+
+
+def _values(statement: Statement, parameters: Point) -> dict[str, fmpq]:
+    """Of the variables."""
+    return {n: a for n, (a, _) in statement.merged({n: (v, v) for n, v in parameters.items()}).items()}
+
+
+def with_number(statement: Statement, parameters: Point, unknown: fmpq, late: int = 1) -> fmpq_poly:
+    """P of a member with numbers for the unknown and for exp(-s T); one for this leaves the delay out."""
+    values = _values(statement, parameters)
+
+    def one(node: Node) -> fmpq_poly:
+        if node.kind == "leaf":
+            return statement.leaf_at(node.name, values)
+        return fmpq_poly([unknown if node.kind == "circle" else late])
+
+    return statement.body.fold(one, add, mul)
+
+
+def below(statement: Statement, point: Point, square: fmpq) -> bool:
+    """Whether a member without delay keeps its limit at a squared frequency, (rad/s)^2, exactly.
+
+    With p = a + u b it does where u = -a / b lies outside of the unknown's circle.
+    """
+    centre, radius = statement.circles[UNKNOWN]
+    at_none, at_one, at_centre = (with_number(statement, point, unknown) for unknown in (fmpq(0), fmpq(1), centre))
+    return bool(squared_magnitude(at_centre)(square) > radius**2 * squared_magnitude(at_one - at_none)(square))
 
 
 def stable_at(statement: Statement, parameters: Point) -> bool | None:

@@ -9,6 +9,7 @@ from flint import fmpq
 
 from beamdesign.json_text import finite, picked
 from beamdesign.polynomial import Crossing, exact
+from beamdesign.proofs.multiplier import Multiplier
 from beamdesign.proofs.stability import StabilityMap
 from beamdesign.prototype import Goal
 from beamdesign.rational import nearest, shortened
@@ -16,7 +17,6 @@ from beamdesign.result import Result
 
 if TYPE_CHECKING:
     from beamdesign.proofs.absolute_stability import Row
-    from beamdesign.proofs.multiplier import Multiplier
 
 METHOD = (
     "exact rational arithmetic: all masses with a root on the imaginary axis isolated by elimination,"
@@ -78,7 +78,7 @@ class Asked:
     limit: float
     bandwidth_Hz: float = inf
     from_Hz: float = 0.0
-    multiplier: "Multiplier | None" = None
+    multiplier: Multiplier | None = None
     error: Weighed | None = None
 
     @property
@@ -271,7 +271,7 @@ def peak_claim(goal: Goal, servo_off_m_per_N: float) -> tuple[Asked, ...]:
 
     Args:
         goal: how many times the largest with the servo off it may be.
-        servo_off_m_per_N: that, see `beamdesign.proofs.servo_off`.
+        servo_off_m_per_N: that, see `beamdesign.proofs.performance`.
     """
     most = goal.peak_over_passive * servo_off_m_per_N
     return (Asked("peak_compliance", nearest(shortened(exact(most), 9))),) if 0 < most < inf else ()

@@ -29,9 +29,8 @@ from beamdesign.proofs.certificate import (
 )
 from beamdesign.proofs.mass_tables import KIND, claim_tables, common_table, loop_table, stability_table
 from beamdesign.proofs.nonlinear import nonlinear_rows
-from beamdesign.proofs.performance import bandwidth, least_limit, prove
+from beamdesign.proofs.performance import bandwidth, least_limit, prove, servo_off_of
 from beamdesign.proofs.rectangle import Rectangle
-from beamdesign.proofs.servo_off import servo_off_of
 from beamdesign.proofs.stability import Range, StabilityMap, in_words, stable_ranges
 from beamdesign.proofs.writer import certificate
 from beamdesign.prototype import Goal, InStage, Prototype

@@ -20,9 +20,9 @@ from beamdesign.proofs.certificate import Asked, Kind
 from beamdesign.proofs.open_loop import OpenLoop, in_p, number, order, period, refused
 from beamdesign.proofs.performance import keeps, least_of
 from beamdesign.proofs.read_once import Expression, S, read_once
-from beamdesign.proofs.rig_family import TRANSPORT, UNKNOWN, PolynomialFamily, claimed
+from beamdesign.proofs.rig_family import TRANSPORT, PolynomialFamily, claimed
 from beamdesign.proofs.stability import StabilityMap, stable_ranges
-from beamdesign.proofs.statement import Interval, in_context, written
+from beamdesign.proofs.statement import UNKNOWN, Interval, in_context, written
 from beamdesign.rational import nearest
 from beamdesign.records import InputError
 from beamdesign.result import Result

@@ -7,27 +7,30 @@ over the range, which is proved first. For magnitudes there is the inverse quest
 proved, rounded to the safe side.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from math import inf, isinf, pi, sqrt
-from typing import TYPE_CHECKING, NamedTuple, TypeAlias
+from typing import NamedTuple
 
 import numpy as np
-from flint import arb, ctx, fmpq, fmpq_poly
+from flint import fmpq, fmpq_poly
 
-from beamdesign.polynomial import Affine, at_points, exact, inner
+from beamdesign.loop import Loop
+from beamdesign.plant.linear import Plant
+from beamdesign.plant.members import VertexModel
+from beamdesign.polynomial import Affine, at_points, exact, ratio, roots
+from beamdesign.proofs.arm.plane import PlaneLoop
 from beamdesign.proofs.certificate import Asked, Claim, Kind, Witness
-from beamdesign.proofs.quadratic import quadratic_nonnegative
+from beamdesign.proofs.quadratic import (
+    Coefficients,
+    kept_up_to_Hz,
+    magnitude_slack,
+    quadratic_nonnegative,
+    squared_frequency,
+)
 from beamdesign.proofs.rectangle import Rectangle, Side, shifted
 from beamdesign.proofs.stability import Unstable, unstable_at
-from beamdesign.rational import bounds, nearest, shortened
-
-if TYPE_CHECKING:
-    from beamdesign.loop import Loop
-    from beamdesign.proofs.arm.plane import PlaneLoop
-
-Coefficients = tuple[fmpq_poly, fmpq_poly, fmpq_poly]
-"""Of m^2, m and 1, polynomials in x = w^2."""
+from beamdesign.rational import nearest, shortened
 
 _RELATIVE_STEP = 5e-5
 _LEAST_LIMIT = 1e-12
@@ -37,7 +40,7 @@ _ZERO = fmpq(0)
 _NONE = fmpq_poly([0])
 
 
-Closed: TypeAlias = "Loop | PlaneLoop"
+Closed = Loop | PlaneLoop
 """What magnitudes are of: a loop, or one plane of an arm, which has them under these names."""
 
 
@@ -70,37 +73,6 @@ def slack(kind: Kind, loop: Closed, limit: fmpq) -> Coefficients:
     if above is None:
         raise ValueError("the controller of this loop is not known apart from its plant")
     return magnitude_slack(limit, below, Affine(above, _NONE) if isinstance(above, fmpq_poly) else above)
-
-
-def magnitude_slack(limit: fmpq, denominator: Affine, numerator: Affine) -> Coefficients:
-    """limit^2 |denominator|^2 - |numerator|^2 at jw as a quadratic a m^2 + b m + c in the mass."""
-    return less(limit * limit, over_mass(inner, denominator, denominator), over_mass(inner, numerator, numerator))
-
-
-def over_mass(form: Callable[[fmpq_poly, fmpq_poly], fmpq_poly], left: Affine, right: Affine) -> Coefficients:
-    """What is linear in each of two polynomials, as a quadratic a m^2 + b m + c in the mass over which these are."""
-    mixed = form(left.constant, right.slope) + form(left.slope, right.constant)
-    return form(left.slope, right.slope), mixed, form(left.constant, right.constant)
-
-
-def less(factor: fmpq_poly | fmpq, one: Coefficients, other: Coefficients) -> Coefficients:
-    """A factor times one quadratic in the mass, less another."""
-    a, b, c = (factor * first - second for first, second in zip(one, other, strict=True))
-    return a, b, c
-
-
-def squared_frequency(frequency_Hz: fmpq) -> tuple[fmpq, fmpq]:
-    """Rationals at or just below, and at or just above, (2 pi f)^2, (rad/s)^2."""
-    with ctx.workprec(128):
-        return bounds((2 * arb.pi() * arb(frequency_Hz)) ** 2)
-
-
-def frequency_below(squared_frequency: fmpq) -> fmpq:
-    """A rational at or just below sqrt(x) / (2 pi), Hz."""
-    if squared_frequency <= 0:
-        return fmpq(0)
-    with ctx.workprec(128):
-        return bounds(arb(squared_frequency).sqrt() / (2 * arb.pi()))[0]
 
 
 # Claims proved or refuted.
@@ -215,23 +187,6 @@ def bandwidth(rectangles: Sequence[Rectangle], limit_m_per_N: float) -> float:
         for rectangle in rectangles
         for side in rectangle.deciding_sides()
     )
-
-
-def kept_up_to_Hz(slack: Coefficients, low: fmpq, high: fmpq) -> float:
-    """Up to which frequency a quadratic in the mass is proved not to be negative, rounded down; infinite for all.
-
-    It comes from the cell in which it first is; everything up to there is proved by the same cells.
-    """
-    verdict = quadratic_nonnegative(*slack, low, high, fmpq(0), None)
-    if verdict.holds_to is None:
-        return inf
-    reached = frequency_below(verdict.holds_to)
-    if reached <= 0:
-        return 0.0
-    bandwidth = shortened(reached, 7)
-    if squared_frequency(bandwidth)[1] > verdict.holds_to:  # only where rounding ate nothing
-        bandwidth = shortened(reached * (1 - fmpq(1, 10**7)), 7)
-    return nearest(bandwidth)
 
 
 def least_limit(rectangles: Sequence[Rectangle], kind: Kind, from_Hz: float = 0.0, goal: float = inf) -> float:
@@ -361,13 +316,71 @@ def sampled_ratio(above: Affine, below: Affine, from_Hz: float, low: fmpq, high:
     return float(np.abs(ratio(above, below, masses, np.geomspace(start, 1e6, count))).max())
 
 
-def ratio(above: Affine, below: Affine, masses: np.ndarray, w: np.ndarray) -> np.ndarray:
-    """A quotient of polynomials over the mass at jw in floats, (masses, frequencies)."""
-    s = 1j * w
-    top, bottom = (at_points(p.constant, s) + masses[:, None] * at_points(p.slope, s) for p in (above, below))
-    return np.asarray(top / bottom)
-
-
 def _floats(polynomial: fmpq_poly, degree: int) -> np.ndarray:
     """Coefficients from that of the given degree down."""
     return np.array([nearest(polynomial[power]) for power in range(degree, -1, -1)])
+
+
+# The largest compliance with the servo off: no current in the valve, oil spring and leakage as they are.
+#
+# The closed loop's compliance is this times the sensitivity. It is what the servo is to better, so that limits of the
+# closed loop's compliance are multiples of it. All of it is found by numerics and rounded down: no figure is above what
+# the rig has, so that a limit that is a multiple of it is no laxer than stated.
+
+
+_GRID = 2 * pi * np.geomspace(1e-2, 1e4, 3000)  # rad/s
+_TOPS, _TOP_ZOOMS, _TOP_POINTS, _FINE = 3, 6, 41, 1.003
+_DIGITS, _ROUNDING = 6, 1e-9
+
+
+class Peak(NamedTuple):
+    """The largest compliance of a rig with its servo off, m/N, rounded down, and at which frequency, Hz."""
+
+    compliance_m_per_N: float
+    frequency_Hz: float
+
+
+def servo_off_peak(plants: Iterable[Plant], masses_kg: tuple[float, float]) -> Peak:
+    """The largest |x / F_d| of some plants with no current, over all frequencies and a range of outer end masses.
+
+    At a frequency the denominator is affine in the mass, so that the mass at which it is least is known; over the
+    frequency a dense grid, to which the poles are added, is refined about its highest points.
+    """
+    return max((_peak(plant, masses_kg) for plant in plants), default=Peak(0.0, 0.0))
+
+
+def _peak(plant: Plant, masses_kg: tuple[float, float]) -> Peak:
+    constant, slope = plant.denominator.constant, plant.denominator.slope
+
+    def compliance(w: np.ndarray) -> np.ndarray:
+        s = 1j * w
+        bare, added = at_points(constant, s), at_points(slope, s)
+        mass = np.clip(-(np.conj(added) * bare).real / np.maximum(np.abs(added) ** 2, 1e-300), *masses_kg)
+        with np.errstate(divide="ignore"):
+            return np.asarray(np.abs(at_points(plant.disturbance, s)) / np.abs(bare + mass * added))
+
+    poles = np.concatenate([np.abs(roots(plant.denominator.at(exact(mass)))) for mass in np.linspace(*masses_kg, 9)])
+    grid = np.union1d(_GRID, poles[(poles > _GRID[0]) & (poles < _GRID[-1])])
+    values = compliance(grid)
+    rises = np.diff(values, prepend=-inf) > 0
+    tops = np.flatnonzero(rises & np.append(~rises[1:], True))
+    best = (float(values.max()), float(grid[values.argmax()]))
+    for top in sorted(tops, key=lambda k: -values[k])[:_TOPS]:
+        at, spread = grid[top], _FINE
+        for _ in range(_TOP_ZOOMS):
+            near = at * np.geomspace(1 / spread, spread, _TOP_POINTS)
+            found = compliance(near)
+            at, spread = near[found.argmax()], spread ** (3 / _TOP_POINTS)
+            best = max(best, (float(found.max()), float(at)))
+    return Peak(rounded_below(best[0]), best[1] / (2 * pi))
+
+
+def rounded_below(value: float) -> float:
+    """A figure that numerics have found, so much less and of so few digits that it is not above what it stands for."""
+    return nearest(shortened(exact(value * (1 - _ROUNDING)), _DIGITS)) if 0 < value < inf else value
+
+
+def servo_off_of(members: Iterable[VertexModel], inner_end_mass_kg: float, masses_kg: tuple[float, float]) -> Peak:
+    """The same of those linear members of a rig that are to perform: the worst of them all."""
+    performing = (member for member in members if member.performance is not None)
+    return servo_off_peak((member.rig.plant(inner_end_mass_kg) for member in performing), masses_kg)

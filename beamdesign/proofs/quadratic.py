@@ -1,13 +1,37 @@
-"""Proof that a quadratic in the mass, its coefficients polynomials in x = w^2, is nowhere negative on a rectangle."""
+"""Quadratics in the mass, their coefficients polynomials in x = w^2, and proof that one is nowhere negative."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
+from math import inf
 
 from flint import arb, ctx, fmpq, fmpq_poly
 
-from beamdesign.polynomial import real_roots
-from beamdesign.rational import bounds, shortened, simple_between
+from beamdesign.polynomial import Affine, inner, real_roots
+from beamdesign.rational import bounds, nearest, shortened, simple_between
+
+Coefficients = tuple[fmpq_poly, fmpq_poly, fmpq_poly]
+"""Of m^2, m and 1, polynomials in x = w^2."""
+
+
+def magnitude_slack(limit: fmpq, denominator: Affine, numerator: Affine) -> Coefficients:
+    """limit^2 |denominator|^2 - |numerator|^2 at jw as a quadratic a m^2 + b m + c in the mass."""
+    return less(limit * limit, over_mass(inner, denominator, denominator), over_mass(inner, numerator, numerator))
+
+
+def over_mass(form: Callable[[fmpq_poly, fmpq_poly], fmpq_poly], left: Affine, right: Affine) -> Coefficients:
+    """What is linear in each of two polynomials, as a quadratic a m^2 + b m + c in the mass over which these are."""
+    mixed = form(left.constant, right.slope) + form(left.slope, right.constant)
+    return form(left.slope, right.slope), mixed, form(left.constant, right.constant)
+
+
+def less(factor: fmpq_poly | fmpq, one: Coefficients, other: Coefficients) -> Coefficients:
+    """A factor times one quadratic in the mass, less another."""
+    a, b, c = (factor * first - second for first, second in zip(one, other, strict=True))
+    return a, b, c
+
+
+# Proof that one is nowhere negative.
 
 
 @dataclass(frozen=True)
@@ -138,3 +162,34 @@ def _coprime(polynomials: Sequence[fmpq_poly]) -> list[fmpq_poly]:
         if rest.degree() > 0:
             basis.append(rest)
     return basis
+
+
+def kept_up_to_Hz(slack: Coefficients, low: fmpq, high: fmpq) -> float:
+    """Up to which frequency a quadratic in the mass is proved not to be negative, rounded down; infinite for all.
+
+    It comes from the cell in which it first is; everything up to there is proved by the same cells.
+    """
+    verdict = quadratic_nonnegative(*slack, low, high, fmpq(0), None)
+    if verdict.holds_to is None:
+        return inf
+    reached = frequency_below(verdict.holds_to)
+    if reached <= 0:
+        return 0.0
+    bandwidth = shortened(reached, 7)
+    if squared_frequency(bandwidth)[1] > verdict.holds_to:  # only where rounding ate nothing
+        bandwidth = shortened(reached * (1 - fmpq(1, 10**7)), 7)
+    return nearest(bandwidth)
+
+
+def squared_frequency(frequency_Hz: fmpq) -> tuple[fmpq, fmpq]:
+    """Rationals at or just below, and at or just above, (2 pi f)^2, (rad/s)^2."""
+    with ctx.workprec(128):
+        return bounds((2 * arb.pi() * arb(frequency_Hz)) ** 2)
+
+
+def frequency_below(squared_frequency: fmpq) -> fmpq:
+    """A rational at or just below sqrt(x) / (2 pi), Hz."""
+    if squared_frequency <= 0:
+        return fmpq(0)
+    with ctx.workprec(128):
+        return bounds(arb(squared_frequency).sqrt() / (2 * arb.pi()))[0]

@@ -9,6 +9,7 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import chain
 from math import inf, pi
+from textwrap import wrap
 
 from flint import fmpq, fmpq_mpoly, fmpq_mpoly_ctx
 
@@ -16,9 +17,10 @@ from beamdesign.plant.linear import TIP
 from beamdesign.plant.members import LinearFamily, family
 from beamdesign.polynomial import exact, in_variable
 from beamdesign.proofs.certificate import Asked
+from beamdesign.proofs.multiplier import weighed
 from beamdesign.proofs.read_once import Expression, NotCovered, read_once
-from beamdesign.proofs.slope_claim import UNKNOWN, weighed
-from beamdesign.proofs.statement import Circle, Interval, Statement
+from beamdesign.proofs.statement import UNKNOWN, Circle, Interval, Statement
+from beamdesign.proofs.writer import Tables
 from beamdesign.prototype import Prototype
 from beamdesign.rational import text
 from beamdesign.structure.lumped import figures
@@ -72,6 +74,19 @@ class PolynomialFamily:
         full = {name: ranges.get(name, (value, value)) for name, value in self.values.items()}
         parts = self.leaves, self.bound, self.delays, self.groups
         return Statement(self.p, full, *parts, self.circles, self.since, self.until)
+
+    def table(self, tree: Sequence[str] | None) -> Tables:
+        """As a certificate states it: p, its leaves and groups, and the marks of its pieces, where there are any."""
+        groups = [{"name": name, "kind": kind, "members": [*members]} for name, kind, members in self.groups]
+        more = {"leaf": self.leaves, "delay": self.delays, "group": groups}
+        body: Tables = {"p": self.p} | ({"bound": [[*pack] for pack in self.bound]} if self.bound else {})
+        body |= {} if tree is None else {"tree": wrapped(tree)}
+        return body | {key: value for key, value in more.items() if value}
+
+
+def wrapped(tree: Sequence[str]) -> list[str]:
+    """Marks as lines."""
+    return wrap(" ".join(tree), 110, break_long_words=False, break_on_hyphens=False)
 
 
 def effect_spans(found: LinearFamily) -> dict[str, Interval]:
@@ -284,7 +299,7 @@ def claimed(
     less the loop's numerator N, and p + u (p - N) is in proportion to p - N + g N with g = 1 / (1 + u), which goes
     around a circle as u does, from 1 / (1 + 1 / limit) to 1 / (1 - 1 / limit): a gain that is turned. For |L| it is
     the gain that goes around a circle about zero. For a slope it is the gain too, with u of the size one that becomes
-    a part of it (`beamdesign.proofs.slope_claim`).
+    a part of it (`beamdesign.proofs.multiplier`).
 
     Raises:
         ValueError: for another kind of claim, or a peak sensitivity of one or less, which no loop keeps.

@@ -18,11 +18,10 @@ from beamdesign.proofs.box import Box
 from beamdesign.proofs.box_claims import BoxClaim, claim_over_box, over_own_ranges
 from beamdesign.proofs.box_member import worst_in_bands
 from beamdesign.proofs.certificate import LOWER_GAINS, Asked
-from beamdesign.proofs.multiplier import Multiplier
+from beamdesign.proofs.multiplier import Multiplier, angle_ratios, closed_over_denominator
 from beamdesign.proofs.multiplier_search import ENDS_rad_per_s, Grid, kernels
 from beamdesign.proofs.nonlinear import NONE_KNOWN, is_linear
 from beamdesign.proofs.read_once import NotCovered
-from beamdesign.proofs.slope_claim import angle_ratios, closed_over_denominator
 from beamdesign.proofs.statement import Statement
 from beamdesign.prototype import Prototype
 

@@ -32,6 +32,8 @@ class Circle(NamedTuple):
 
 
 _ZERO = fmpq(0)
+UNKNOWN = "unknown"
+"""What may be any number of a circle."""
 
 
 class Node(NamedTuple):

@@ -23,13 +23,12 @@ from scipy.optimize import linprog
 
 from beamdesign.loop import member_loop
 from beamdesign.plant.members import VertexModel
-from beamdesign.polynomial import Affine, exact, inner
+from beamdesign.polynomial import Affine, exact, inner, ratio
 from beamdesign.proofs.absolute_stability import IN_THE_CURRENT, Members, Row
 from beamdesign.proofs.changing_gain import Changing, changing
 from beamdesign.proofs.multiplier import Kernel, Multiplier, is_proper, slack
 from beamdesign.proofs.multiplier_search import NORM, Solved, kernels, with_fewer, written
-from beamdesign.proofs.performance import Coefficients, less, over_mass, ratio
-from beamdesign.proofs.quadratic import quadratic_nonnegative
+from beamdesign.proofs.quadratic import Coefficients, less, over_mass, quadratic_nonnegative
 from beamdesign.proofs.stability import is_stable_over
 from beamdesign.rational import nearest, text
 

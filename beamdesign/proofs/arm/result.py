@@ -28,7 +28,8 @@ from beamdesign.proofs.box import BoxVerdict
 from beamdesign.proofs.certificate import Asked, Claim, Decided, Kind, as_claims, describe, least_limits, limits
 from beamdesign.proofs.mass_family import floats
 from beamdesign.proofs.mass_tables import claim_tables, stability_table
-from beamdesign.proofs.performance import kept_up_to_Hz, least_of, slack
+from beamdesign.proofs.performance import least_of, slack
+from beamdesign.proofs.quadratic import kept_up_to_Hz
 from beamdesign.proofs.stability import StabilityMap, stable_ranges
 from beamdesign.proofs.writer import certificate, plain, stated, texts
 from beamdesign.prototype import Goal, Prototype
