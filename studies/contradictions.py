@@ -21,7 +21,7 @@ import numpy as np
 from beamdesign.parameters import stated_or_typical
 from beamdesign.proofs.absolute_stability import METHOD as COMES_TO_REST
 from beamdesign.proofs.bounded_error import METHOD as STRAYS
-from beamdesign.proofs.nonlinear import nonlinear_rows
+from beamdesign.proofs.certifying import nonlinear_rows
 from beamdesign.prototype import Prototype, read_prototype
 from beamdesign.public import SIGMAS
 from beamdesign.scenario import Multisine, Scenario, ScenarioRecord, Step

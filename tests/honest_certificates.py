@@ -22,17 +22,16 @@ from beamdesign.checker.rig import Rig
 from beamdesign.controllers import Lag, Observer, Proportional, Scheduled, Section, Stage, Structured
 from beamdesign.plant.actuators.ball_screw import BallScrew
 from beamdesign.plant.actuators.servo_cylinder import ServoCylinder
-from beamdesign.proofs.absolute_stability import Row
+from beamdesign.proofs.absolute_stability import slope_over_box
 from beamdesign.proofs.arm.result import certify_plane
 from beamdesign.proofs.box import Box, certify_box
 from beamdesign.proofs.box_claims import BoxClaim, claim_over_box
-from beamdesign.proofs.certificate import Asked
+from beamdesign.proofs.certificate import Asked, Row
 from beamdesign.proofs.certifying import certify
 from beamdesign.proofs.contact import Wall
 from beamdesign.proofs.error_over_box import errors_over_box
 from beamdesign.proofs.lyapunov import stages_certificate, switching
 from beamdesign.proofs.mass_family import stage_families
-from beamdesign.proofs.slope_over_box import slope_over_box
 from beamdesign.proofs.tolerance_box import tolerance_box
 from beamdesign.proofs.writer import prototype_table
 from beamdesign.prototype import (

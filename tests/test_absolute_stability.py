@@ -17,11 +17,9 @@ from beamdesign.cli import app
 from beamdesign.controllers import Lag
 from beamdesign.loop import Loop, loop
 from beamdesign.polynomial import Affine, ratio
-from beamdesign.proofs.absolute_stability import METHOD, absolute_stability
-from beamdesign.proofs.certifying import certify
+from beamdesign.proofs.absolute_stability import METHOD, absolute_stability, search
+from beamdesign.proofs.certifying import certify, nonlinear_rows
 from beamdesign.proofs.multiplier import Kernel, Multiplier, fits, slack
-from beamdesign.proofs.multiplier_search import search
-from beamdesign.proofs.nonlinear import nonlinear_rows
 from beamdesign.prototype import Prototype, read_prototype
 
 ROOT = Path(__file__).parent.parent

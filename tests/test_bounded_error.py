@@ -18,10 +18,9 @@ from beamdesign.loop import rig_loop
 from beamdesign.parameters import TYPICAL
 from beamdesign.polynomial import Affine
 from beamdesign.proofs import bounded_error, changing_gain, nonlinear
-from beamdesign.proofs.absolute_stability import members
 from beamdesign.proofs.bounded_error import absolute_integrals, over_masses
-from beamdesign.proofs.certifying import certify
-from beamdesign.proofs.nonlinear import nonlinear_rows
+from beamdesign.proofs.certifying import certify, nonlinear_rows
+from beamdesign.proofs.scope import members
 from beamdesign.prototype import Prototype, read_prototype
 from beamdesign.rational import nearest
 from beamdesign.scenario import Multisine, Scenario, ScenarioRecord

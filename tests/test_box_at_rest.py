@@ -19,13 +19,13 @@ from typer.testing import CliRunner
 from beamdesign.checker import Unreadable, check
 from beamdesign.cli import app
 from beamdesign.polynomial import ratio
-from beamdesign.proofs.absolute_stability import Absolute, members
+from beamdesign.proofs.absolute_stability import Absolute, box_rows, slope_over_box
 from beamdesign.proofs.box import certify_box
 from beamdesign.proofs.box_claims import BoxClaim, claim_over_box, worst_over_box
 from beamdesign.proofs.certificate import Asked
 from beamdesign.proofs.multiplier import Kernel, Multiplier, fits
 from beamdesign.proofs.rig_family import rig_values
-from beamdesign.proofs.slope_over_box import box_rows, slope_over_box
+from beamdesign.proofs.scope import members
 from beamdesign.proofs.tolerance_box import tolerance_box
 from beamdesign.prototype import Prototype, read_prototype
 from beamdesign.public import state_space

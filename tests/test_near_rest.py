@@ -11,8 +11,8 @@ from typer.testing import CliRunner
 from beamdesign.cli import app
 from beamdesign.plant.effects import causes, library
 from beamdesign.proofs.certificate import Asked
-from beamdesign.proofs.certifying import bracketing, certify
-from beamdesign.proofs.near_rest import holds_for, near_rest, uncovered
+from beamdesign.proofs.certifying import certify
+from beamdesign.proofs.scope import bracketing, holds_for, near_rest, uncovered
 from beamdesign.prototype import Prototype, read_prototype, write_prototype
 from beamdesign.quantity_text import at_most, decimal, rigs_in_words, stated_bandwidth, stated_peak
 

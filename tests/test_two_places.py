@@ -13,11 +13,10 @@ from beamdesign.checker import check
 from beamdesign.controllers import Lag
 from beamdesign.plant.effects import library
 from beamdesign.polynomial import ratio
-from beamdesign.proofs.absolute_stability import members
 from beamdesign.proofs.certifying import certify
-from beamdesign.proofs.changing_gain import Changing
+from beamdesign.proofs.changing_gain import BOTH, Changing, Pair, both_rows, pair, search
 from beamdesign.proofs.multiplier import Kernel, Multiplier
-from beamdesign.proofs.two_places import METHOD, Pair, both_rows, pair, search
+from beamdesign.proofs.scope import members
 from beamdesign.prototype import Prototype, read_prototype
 from beamdesign.scenario import Scenario, ScenarioRecord, Step
 from beamdesign.simulation import simulate
@@ -136,7 +135,7 @@ def test_an_altered_statement_is_refused(written: str, key: str, value: object):
 
 def test_rows_say_what_is_not_covered(tame: Prototype):
     rig = tame.but(effects=EFFECTS["sides"] | {"valve_deadband": {}, "current_saturation": {}})
-    assert not [row for row in both_rows(members(rig, 0.0, 6.8)) if row.method == METHOD]
+    assert not [row for row in both_rows(members(rig, 0.0, 6.8)) if row.method == BOTH]
     rows = certify(rig, 2.0, 3.0, nonlinear=True).nonlinear
     assert {row.effects for row in rows if not row.proved} == {
         ("current_saturation", "unequal_piston_areas", "valve_deadband")

@@ -28,7 +28,7 @@ from beamdesign.files import fresh_folder, write_whole
 from beamdesign.json_text import json_text, picked
 from beamdesign.proofs.certificate import Guaranteed
 from beamdesign.proofs.lyapunov import CHANGES_NAME, describe, stages_certificate, switching_fields
-from beamdesign.proofs.near_rest import holds_for
+from beamdesign.proofs.scope import holds_for
 from beamdesign.quantity_text import (
     decimal,
     mass_range_text,

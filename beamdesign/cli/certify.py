@@ -30,8 +30,7 @@ from beamdesign.cli.proved import (
 from beamdesign.json_text import picked
 
 if TYPE_CHECKING:
-    from beamdesign.proofs.absolute_stability import Row
-    from beamdesign.proofs.certificate import Asked, Certificate
+    from beamdesign.proofs.certificate import Asked, Certificate, Row
     from beamdesign.prototype import InStage, Prototype
 
 
@@ -102,7 +101,7 @@ def certify(
     stem = prototype.stem
 
     from beamdesign.proofs.certifying import certify as prove
-    from beamdesign.proofs.near_rest import holds_for, near_rest, uncovered
+    from beamdesign.proofs.scope import holds_for, near_rest, uncovered
 
     def proved(stage: "InStage") -> tuple[dict[str, Any], bool]:
         path = certificate_file(beside(out, stage), f"{stem}{stage.suffix}.certificate.toml")
@@ -158,7 +157,7 @@ def _asked(record: "Prototype", claims: dict[str, float | None]) -> list["Asked"
 
 def _echo(record: "Prototype", certificate: "Certificate") -> None:
     from beamdesign.proofs.certificate import describe
-    from beamdesign.proofs.near_rest import holds_for
+    from beamdesign.proofs.scope import holds_for
     from beamdesign.quantity_text import stated_bandwidth
 
     echo_stability(record.name, certificate, holds_for(record))
@@ -249,13 +248,13 @@ def certify_box(
     record = with_controller(prototype)
     masses = mass_range(outer_end_mass, record.outer_end_mass_kg or (0.0, 0.0), prototype)
 
-    from beamdesign.proofs.absolute_stability import members
+    from beamdesign.proofs.absolute_stability import box_rows, slope_over_box
     from beamdesign.proofs.box import certify_box as prove
     from beamdesign.proofs.box_claims import best_over_box, guaranteed_fields, servo_off_over_box
     from beamdesign.proofs.certificate import describe, over_passive
     from beamdesign.proofs.changing_gain import changing_over_box
     from beamdesign.proofs.error_over_box import errors_over_box
-    from beamdesign.proofs.slope_over_box import box_rows, slope_over_box
+    from beamdesign.proofs.scope import members
     from beamdesign.proofs.tolerance_box import largest_scaling, scaling_of_each, tolerance_box
 
     def proved(stage: "InStage") -> tuple[dict[str, Any], bool]:

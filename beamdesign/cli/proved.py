@@ -61,7 +61,7 @@ def hertz(crossing: "Crossing") -> str:
 
 def echo_box(record: "Prototype", box: "Box", verdict: "BoxVerdict", sigmas: float) -> None:
     """Whether a loop is stable over a box, and where it is not; what the box is."""
-    from beamdesign.proofs.near_rest import holds_for
+    from beamdesign.proofs.scope import holds_for
     from beamdesign.proofs.tolerance_box import figure_key
     from beamdesign.rational import nearest
 

@@ -158,7 +158,7 @@ def tune(
 
 def _of_law(stage: "InStage", law: "Tuning", certificate: "Certificate") -> dict[str, Any]:
     """Say what was tuned and is guaranteed of one law over its payloads; the same for the JSON file."""
-    from beamdesign.proofs.near_rest import holds_for
+    from beamdesign.proofs.scope import holds_for
     from beamdesign.quantity_text import further_rows, guaranteed_rows
 
     best, goal, masses = law.best, stage.prototype.goal, stage.outer_end_mass_kg

@@ -6,20 +6,29 @@ transfer. Sides of the piston that are unequal pass on the flow times one of two
 factor, which the loop is taken with, that is a characteristic of slope 0 to 1 as well, and no odd one.
 """
 
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
+from itertools import product
+from math import inf
 from typing import Any
 
+import numpy as np
 from flint import fmpq
+from scipy.optimize import linprog
 
-from beamdesign.json_text import picked
-from beamdesign.loop import Loop, at_most
-from beamdesign.plant.members import LinearFamily, family
-from beamdesign.polynomial import exact
-from beamdesign.proofs.multiplier import Multiplier
-from beamdesign.proofs.multiplier_search import search
+from beamdesign.loop import Loop
+from beamdesign.polynomial import exact, ratio, roots
+from beamdesign.proofs.box import Box
+from beamdesign.proofs.box_claims import BoxClaim, claim_over_box, over_own_ranges
+from beamdesign.proofs.box_member import worst_in_bands
+from beamdesign.proofs.certificate import LOWER_GAINS, Asked, Row
+from beamdesign.proofs.multiplier import Kernel, Multiplier, angle_ratios, closed_over_denominator, fits, is_proper
+from beamdesign.proofs.read_once import NotCovered
 from beamdesign.proofs.rectangle import Rectangle
+from beamdesign.proofs.scope import NONE_KNOWN, Members, is_linear
 from beamdesign.proofs.stability import is_stable_over
+from beamdesign.proofs.statement import Statement
 from beamdesign.prototype import Prototype
 from beamdesign.rational import nearest, text
 
@@ -31,70 +40,6 @@ NOT_ODD = ("unequal_piston_areas", "uneven_leakage")
 FOR_ODD = "for odd characteristics about zero current"
 METHOD = "Zames-Falb multiplier with a Popov term, in rational arithmetic"
 _ZERO, _ONE = fmpq(0), fmpq(1)
-
-
-@dataclass(frozen=True)
-class Row:
-    """What is proved of some effects while they move.
-
-    Attributes:
-        effects: their names.
-        method: on what it rests.
-        proved: whether it is proved.
-        covers: in words, what is, and in which combinations; or why nothing is.
-        bound_m: how far the tip strays from the linear response, m; None where that is not what is proved.
-        statement: as a certificate states it; None where it states nothing of it.
-    """
-
-    effects: tuple[str, ...]
-    method: str
-    proved: bool
-    covers: str
-    bound_m: float | None = None
-    statement: dict[str, Any] | None = None
-
-    def line(self) -> str:
-        """It in words."""
-        bound = "" if self.bound_m is None else f" (the tip strays by at most {self.bound_m:.4g} m)"
-        return f"{'Proved' if self.proved else 'NOT proved'} of {', '.join(self.effects)}{bound}: {self.covers}"
-
-    def to_dict(self) -> dict[str, Any]:
-        """As it stands in JSON."""
-        return picked(self, "effects method proved covers bound_m")
-
-
-@dataclass(frozen=True)
-class Members:
-    """All linear members of a prototype as loops at the largest factor on their gain, over a range of masses, kg."""
-
-    prototype: Prototype
-    found: LinearFamily
-    loops: tuple[Loop, ...]
-    low: fmpq
-    high: fmpq
-
-    def frozen(self, count: int, moving: Collection[str]) -> str:
-        """What some of the loops are beside what moves, in words with a blank before them; empty where nothing is.
-
-        Args:
-            count: how many loops there are.
-            moving: effects that are not frozen.
-        """
-        words = " with every other effect frozen at either end of what it spans" if count > 1 else ""
-        others = [name for name, span in self.found.gains.items() if name not in moving and span.high != 1]
-        return words + (f", at the gain without {' and '.join(others)}" if others else "")
-
-
-def members(prototype: Prototype, low_kg: float, high_kg: float) -> Members:
-    """The loops of a prototype.
-
-    Raises:
-        ValueError: without a controller.
-        InputError: for effects for which no linear loop stands.
-    """
-    found = family(prototype, high_kg)
-    loops = tuple(at_most(prototype, member) for member in found.members)
-    return Members(prototype, found, loops, exact(low_kg), exact(high_kg))
 
 
 # Static characteristics.
@@ -158,9 +103,8 @@ def _unstable_gain(rectangle: Rectangle) -> str:
 def static_rows(given: Members) -> Iterator[Row]:
     """A row for the characteristics at either place of the loop, and for both places at once."""
     found = absolute_stability(given.loops, given.low, given.high)
-    several = " with every other effect frozen at either end of what it spans" if len(given.loops) > 1 else ""
     statement = {"kind": "slope", "loops": list(range(1, len(given.loops) + 1)), "margin": text(found.margin)}
-    of = f"for every payload that stays{several}"
+    of = f"for every payload that stays{given.frozen(len(given.loops), given.found.gains)}"
     yield from rows_of(given.prototype, found.multiplier, found.reason, of, statement)
 
 
@@ -204,3 +148,253 @@ def in_words(multiplier: Multiplier, of: str) -> str:
         " several in a row at one place are one of them. Not covered, but where that is said of both at once, is what"
         f" moves elsewhere at the same time. M = {multiplier}."
     )
+
+
+# Multipliers found by a linear program; what it finds is a guess, which `beamdesign.proofs.multiplier` proves or not.
+#
+# Over the coefficients of many kernels and Popov's the least of Re[M (1 + L)] / |1 + L| is made as large as it can be,
+# on a grid of masses and frequencies at once. Rows are added where what was found is worst, so that the program stays
+# small.
+
+
+_RATES = (10, 25, 50, 100, 150, 250, 400, 600, 1000, 1500, 2500, 4000)
+_ORDERS = (1, 2, 4, 8)
+NORM = 0.998
+"""Of the coefficients together, so that they are below one when they are rounded."""
+_MASSES, _FREQUENCIES, _FIRST = 9, 700, 60
+ENDS_rad_per_s = (0.05, 2e5)
+_ROUNDS, _WORST = 12, 40
+_LEAST = (2e-2, 2e-3)
+"""Terms of less are left out, if what is left fits."""
+_DIGITS = (3, 4, 5)
+Solved = tuple[np.ndarray, float, float]
+"""Coefficients of kernels, Popov's one, and what else a program gives: here the least real part."""
+
+
+def search(loops: Sequence[Loop], low: fmpq, high: fmpq) -> tuple[Multiplier, fmpq] | None:
+    """A multiplier that is proved to fit every loop at every mass (kg) from `low` to `high`, with a margin of its own.
+
+    Those that need no odd characteristic are sought first. None where none is found.
+    """
+    if not all(is_proper(loop.loop_numerator, loop.loop_denominator, low, high) for loop in loops):
+        return None
+    masses = np.linspace(nearest(low), nearest(high), _MASSES if low < high else 1)
+    places = [
+        abs(pole.imag) for loop in loops for mass in masses for pole in roots(loop.characteristic.at(exact(mass)))
+    ]
+    near = np.unique(np.round([p * f for p in places if p > 0 for f in (0.9, 1.0, 1.1)], 2))
+    w = np.unique(np.concatenate([np.geomspace(*ENDS_rad_per_s, _FREQUENCIES), near]))
+    closed = [1 + ratio(loop.loop_numerator, loop.loop_denominator, masses, w) for loop in loops]
+    grid, families = Grid(w, np.concatenate(closed)), [(loop.characteristic, loop.loop_denominator) for loop in loops]
+    for odd in (False, True):
+        for multiplier, margin in grid.candidates(kernels(_ORDERS), odd):
+            if multiplier.admissible and all(fits(multiplier, *one, low, high, margin) for one in families):
+                return multiplier, margin
+    return None
+
+
+def kernels(orders: Sequence[int]) -> list[Kernel]:
+    """Kernels of some orders at all rates, causal and not."""
+    return [Kernel(a, k, side) for a, k, side in product(_RATES, orders, (True, False))]
+
+
+class Grid:
+    """1 + L of some loops on a grid of frequencies, and the linear programs over it."""
+
+    def __init__(self, w: np.ndarray, closed: np.ndarray, popov: bool = True) -> None:
+        """Take 1 + L (loops, frequencies) at frequencies (rad/s); `popov` says whether there may be Popov's term."""
+        self.w, self._slow = w, 1j * w * popov
+        self.turned = closed / abs(closed)
+        """(1 + L) / |1 + L|, (loops, frequencies)."""
+
+    def _solve(self, columns: np.ndarray, rows: np.ndarray, cols: np.ndarray, odd: bool) -> Solved | None:
+        """Coefficients, Popov's one and the least real part on some points of the grid."""
+        one = self.turned[rows, cols]
+        table = -(columns[:, cols] * one).real.T  # (points, kernels)
+        slow = (self._slow[cols] * one).real
+        n = len(columns)
+        scale = max(1.0, abs(slow).max())
+        whole = [-table, *([table] if odd else []), -slow[:, None] / scale, np.ones((len(one), 1))]
+        a = np.vstack([np.hstack(whole), [*([1.0] * (n * (1 + odd))), 0.0, 0.0]])
+        b = np.append(one.real, NORM)
+        cost = np.zeros(a.shape[1])
+        cost[-1] = -1.0
+        bounds = [(0.0, None)] * (a.shape[1] - 1) + [(None, 2.0)]
+        found = linprog(cost, A_ub=a, b_ub=b, bounds=bounds, method="highs")
+        if found.x is None:
+            return None
+        x = found.x
+        weights = x[:n] - (x[n : 2 * n] if odd else 0.0)
+        return weights, x[-2] / scale, x[-1]
+
+    def _best(self, allowed: Sequence[Kernel], odd: bool) -> Solved | None:
+        """Coefficients, Popov's one and the least real part on the whole grid."""
+        columns = np.array([kernel.response(self.w) for kernel in allowed])
+        shape = self.turned.shape
+        first = np.linspace(0, shape[1] - 1, _FIRST).astype(int)
+        chosen = {(r, c) for r in {0, shape[0] // 2, shape[0] - 1} for c in first}
+        best: Solved | None = None
+        for _ in range(_ROUNDS):
+            rows, cols = (np.array(values) for values in zip(*sorted(chosen), strict=True))
+            found = self._solve(columns, rows, cols, odd)
+            if found is None or found[2] <= 0:
+                return best
+            weights, slow, promised = found
+            multiplied = 1 - weights @ columns + slow * self._slow
+            value = (multiplied * self.turned).real
+            least = float(value.min())
+            if best is None or least > best[2]:
+                best = weights, slow, least
+            if least > 0.9 * promised:
+                break
+            worst = [np.unravel_index(k, shape) for k in np.argpartition(value.ravel(), _WORST)[:_WORST]]
+            lows = [(r, int(value[r].argmin())) for r in range(shape[0])]
+            chosen |= {(int(r), int(c)) for r, c in worst} | set(lows)
+        return best
+
+    def candidates(self, allowed: Sequence[Kernel], odd: bool) -> Iterator[tuple[Multiplier, fmpq]]:
+        """Multipliers of few terms and digits with the margins that they seem to have, the plainest first."""
+
+        def solved(kept: Sequence[Kernel]) -> Solved | None:
+            found = self._best(kept, odd)
+            return found if found is not None and found[2] > 0 else None
+
+        ways = list(with_fewer(allowed, solved))
+        for (kept, (weights, slow, least)), digits in product(ways, _DIGITS):
+            multiplier, (_, (_, _, of_all)) = written(kept, weights, slow, digits), ways[-1]
+            value = (multiplier.response(self.w) * self.turned).real.min()
+            if least > of_all / 3 and value > least / 3:
+                yield multiplier, exact(float(f"{0.1 * value:.1g}"))
+
+
+def with_fewer(
+    allowed: Sequence[Kernel], solved: Callable[[Sequence[Kernel]], Solved | None]
+) -> Iterator[tuple[Sequence[Kernel], Solved]]:
+    """What a program says of the few kernels that count most in its answer for all, and at last that; none for none."""
+    if (found := solved(allowed)) is not None:
+        for threshold in _LEAST:
+            few = [kernel for kernel, weight in zip(allowed, found[0], strict=True) if abs(weight) > threshold]
+            if (again := solved(few)) is not None:
+                yield few, again
+        yield allowed, found
+
+
+def written(kept: Sequence[Kernel], weights: np.ndarray, slow: float, digits: int) -> Multiplier:
+    """A multiplier of so many digits, its coefficients rounded towards zero, so that the norm does not grow."""
+    step = 10**digits
+    terms = ((fmpq(int(weight * step), step), kernel) for weight, kernel in zip(weights, kept, strict=True))
+    return Multiplier(tuple(term for term in terms if term[0] != 0), exact(float(f"{slow:.{digits}g}")))
+
+
+# Multipliers over a box of tolerances: sought on its worst members, and proved of every member at once.
+#
+# A linear program finds one multiplier for all members on a list; a search over the box in bands of frequency then
+# finds members that it does not fit, or hardly, and these join the list, until none is found. What is found is a guess,
+# which `claim_over_box` proves or not.
+
+
+_PLAIN = Multiplier((), fmpq(0))
+_FEW_ORDERS = ((1, 2), (1, 2, 4))
+"""Orders of kernels that are tried: the lower they are the less there is to prove."""
+_TURNS, _SHARES = 10, 9
+_KEPT, _GOOD = 0.3, 0.75
+"""What part of the least Re z / |z| of its samples every member is to keep, and what part of the best one is enough."""
+_LEAST_REAL = 2e-3
+"""Of what is less no proof is tried."""
+_FEW_FREQUENCIES, _NEAR_rad_per_s = 500, np.geomspace(20.0, 2000.0, 400)
+_NOT_FOUND = "No multiplier was found for the whole box; that does not say that a loop of it oscillates."
+
+
+def slope_over_box(
+    prototype: Prototype,
+    box: Box,
+    budget: int = 20_000,
+    seconds: float = inf,
+    lower: BoxClaim | None = None,
+    may_be_odd: bool = True,
+) -> tuple[BoxClaim | None, str]:
+    """Prove that every member comes to rest with every static characteristic of slope 0 to 1 in its current.
+
+    Args:
+        prototype: with a controller of one law.
+        box: ranges of its parameters; the others keep their values.
+        budget: most pieces to look at in one proof.
+        seconds: most time for one proof.
+        lower: what is known of stability at every lower gain, where that was asked before.
+        may_be_odd: whether a multiplier for odd characteristics alone, without command and load, will do.
+
+    Returns:
+        The claim, proved; or None, and why there is none.
+    """
+    lower = claim_over_box(prototype, box, LOWER_GAINS, budget, seconds) if lower is None else lower
+    if lower.holds is False:
+        return None, (
+            f"Of the box {lower.reason}, and a lower gain is what a saturation comes to at large amplitudes, so that no"
+            " such multiplier exists."
+        )
+    if lower.holds is None:
+        return None, f"Whether every member is stable at every lower gain: {lower.reason}."
+    try:
+        statement = over_own_ranges(prototype, box, _asked(_PLAIN))
+    except NotCovered as error:
+        return None, f"Not covered: {error}."
+    for multiplier in _multipliers(statement, may_be_odd and not {*NOT_ODD} & {*prototype.effects}):
+        claim = claim_over_box(prototype, box, _asked(multiplier), budget, seconds)
+        return (claim, "") if claim.holds else (None, f"The multiplier that was found was not proved: {claim.reason}.")
+    return None, _NOT_FOUND
+
+
+def box_rows(prototype: Prototype, claim: BoxClaim | None, reason: str, moved: Sequence[Row] = ()) -> tuple[Row, ...]:
+    """What is proved of the effects of every member while they move, in words, from what `slope_over_box` found.
+
+    Args:
+        prototype: with its effects.
+        claim: as found.
+        reason: why there is none.
+        moved: what is proved of bounded errors.
+    """
+    of = "for every member of the box and every payload that stays"
+    multiplier = None if claim is None else claim.asked.multiplier
+    rows = [*rows_of(prototype, multiplier, reason, of), *moved]
+    known = {name for row in rows for name in row.effects}
+    if left := tuple(n for n in sorted(prototype.effects) if n not in known and not is_linear(n)):
+        why = "Not covered over a box while it moves; `certify --nonlinear` says what is proved of the nominal figures."
+        rows.append(Row(left, NONE_KNOWN, False, why))
+    return tuple(rows)
+
+
+def _asked(multiplier: Multiplier) -> Asked:
+    return Asked("slope", 1.0, multiplier=multiplier)
+
+
+def _multipliers(statement: Statement, may_be_odd: bool) -> Iterator[Multiplier]:
+    """Multipliers that fit every member that a search found, those that need no odd characteristic first."""
+    w = np.unique(np.concatenate([np.geomspace(*ENDS_rad_per_s, _FEW_FREQUENCIES), _NEAR_rad_per_s]))
+    shares = np.full((_SHARES, len(statement.varying)), 0.5)
+    for k in (k for k, name in enumerate(statement.varying) if "outer_end_mass" in name):
+        shares[:, k] = np.linspace(0, 1, _SHARES)
+    for odd, orders in product((False, True) if may_be_odd else (False,), _FEW_ORDERS):
+        for _ in range(_TURNS):
+            z = closed_over_denominator(_PLAIN, statement, shares, w[None])
+            found = _best(Grid(w, z, popov=False), orders, odd)
+            if found is None:
+                break
+            multiplier, least = found
+            worst = worst_in_bands(statement, partial(angle_ratios, multiplier, _PLAIN))
+            near = [one for one in worst if one[0] > 1 - _KEPT * least]
+            if not near:
+                yield multiplier
+                break
+            shares = np.concatenate([shares, *(some for _, some, _ in near)])
+            w = np.unique(np.concatenate([w, *(at[0] for _, _, at in near)]))
+
+
+def _best(grid: Grid, orders: Sequence[int], odd: bool) -> tuple[Multiplier, float] | None:
+    """A multiplier of low degree that fits the samples almost as well as any, and the least Re z / |z| of these."""
+    found = []
+    for multiplier, _ in grid.candidates(kernels(orders), odd):
+        if multiplier.admissible and multiplier.popov_s == 0:
+            found.append((multiplier, float((multiplier.response(grid.w) * grid.turned).real.min())))
+    enough = _GOOD * max((least for _, least in found), default=0.0)
+    good = [one for one in found if one[1] >= max(enough, _LEAST_REAL)]
+    return min(good, key=lambda one: one[0].parts[2].degree(), default=None)

@@ -29,7 +29,8 @@ from beamdesign.plant.assembly import effect_parameters_of
 from beamdesign.plant.linear import DISPLACEMENT, LinearModel
 from beamdesign.plant.members import VertexModel
 from beamdesign.polynomial import Affine, exact
-from beamdesign.proofs.absolute_stability import Members, Row
+from beamdesign.proofs.certificate import Row
+from beamdesign.proofs.scope import Members
 from beamdesign.proofs.stability import is_stable_over
 from beamdesign.prototype import Prototype
 from beamdesign.rational import bounds, nearest, shortened, text

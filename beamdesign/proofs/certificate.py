@@ -3,7 +3,7 @@
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from math import inf, isinf
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 from flint import fmpq
 
@@ -14,9 +14,6 @@ from beamdesign.proofs.stability import StabilityMap
 from beamdesign.prototype import Goal
 from beamdesign.rational import nearest, shortened
 from beamdesign.result import Result
-
-if TYPE_CHECKING:
-    from beamdesign.proofs.absolute_stability import Row
 
 METHOD = (
     "exact rational arithmetic: all masses with a root on the imaginary axis isolated by elimination,"
@@ -156,6 +153,36 @@ class Guaranteed:
     peak_over_passive: float = inf
 
 
+@dataclass(frozen=True)
+class Row:
+    """What is proved of some effects while they move.
+
+    Attributes:
+        effects: their names.
+        method: on what it rests.
+        proved: whether it is proved.
+        covers: in words, what is, and in which combinations; or why nothing is.
+        bound_m: how far the tip strays from the linear response, m; None where that is not what is proved.
+        statement: as a certificate states it; None where it states nothing of it.
+    """
+
+    effects: tuple[str, ...]
+    method: str
+    proved: bool
+    covers: str
+    bound_m: float | None = None
+    statement: dict[str, Any] | None = None
+
+    def line(self) -> str:
+        """It in words."""
+        bound = "" if self.bound_m is None else f" (the tip strays by at most {self.bound_m:.4g} m)"
+        return f"{'Proved' if self.proved else 'NOT proved'} of {', '.join(self.effects)}{bound}: {self.covers}"
+
+    def to_dict(self) -> dict[str, Any]:
+        """As it stands in JSON."""
+        return picked(self, "effects method proved covers bound_m")
+
+
 @dataclass(frozen=True, repr=False)
 class Decided(Result):
     """Stability of a loop over a range of outer end masses, with its proof.
@@ -202,7 +229,7 @@ class Certificate(Decided):
     guaranteed: Guaranteed | None
     method: str = METHOD
     scope: tuple[str, ...] = ()
-    nonlinear: "tuple[Row, ...]" = ()
+    nonlinear: tuple[Row, ...] = ()
 
     @property
     def holds(self) -> bool:

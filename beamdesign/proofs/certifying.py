@@ -1,6 +1,6 @@
 """Certificates made: stability and claims of every linear member of a prototype decided, and the proof written."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from math import inf
 from operator import attrgetter
@@ -9,9 +9,10 @@ from typing import Any
 from flint import fmpq
 
 from beamdesign.loop import member_loop
-from beamdesign.plant.effects import library
 from beamdesign.plant.members import LinearFamily, VertexModel, family
 from beamdesign.polynomial import exact
+from beamdesign.proofs.absolute_stability import static_rows
+from beamdesign.proofs.bounded_error import bounded_rows
 from beamdesign.proofs.certificate import (
     INEQUALITIES,
     METHOD,
@@ -19,6 +20,7 @@ from beamdesign.proofs.certificate import (
     Certificate,
     Claim,
     Guaranteed,
+    Row,
     as_claims,
     describe,
     implies,
@@ -27,11 +29,12 @@ from beamdesign.proofs.certificate import (
     over_passive,
     peak_claim,
 )
+from beamdesign.proofs.changing_gain import both_rows, changing_rows
 from beamdesign.proofs.mass_tables import KIND, claim_tables, common_table, loop_table, stability_table
-from beamdesign.proofs.nonlinear import nonlinear_rows
 from beamdesign.proofs.performance import bandwidth, least_limit, prove, servo_off_of
 from beamdesign.proofs.rectangle import Rectangle
-from beamdesign.proofs.stability import Range, StabilityMap, in_words, stable_ranges
+from beamdesign.proofs.scope import LINEAR, NONE_KNOWN, Members, covered, is_linear, members, scope
+from beamdesign.proofs.stability import Range, StabilityMap, in_words, is_stable_over, stable_ranges
 from beamdesign.proofs.writer import certificate
 from beamdesign.prototype import Goal, InStage, Prototype
 from beamdesign.rational import nearest, simple_between, text
@@ -155,64 +158,6 @@ def _given_way(parts: Sequence[Rectangle], piece: Range) -> Range | None:
     opens, closes = (piece.opens_at if low == piece.low else None), (piece.closes_at if high == piece.high else None)
     sample = low if low == high else simple_between(low, high)
     return Range(low, high, opens, closes, sample, True)
-
-
-def scope(prototype: Prototype, found: LinearFamily) -> str:
-    """What the proof is about, in one sentence."""
-    members = "one linear loop stands" if len(found.members) == 1 else f"{len(found.members)} linear loops stand"
-    effects = f"{members} for the effects {', '.join(sorted(prototype.effects))}"
-    return f"{effects}, at frozen values" if bracketing(prototype) else effects
-
-
-def covered(prototype: Prototype, found: LinearFamily, nonlinear: bool = False) -> list[str]:
-    """Per effect what the proof covers and what it leaves out, in words; then the gains and the load.
-
-    Args:
-        prototype: with effects.
-        found: its linear members.
-        nonlinear: whether what holds of the nonlinear loop is stated beside.
-    """
-    lines = []
-    for name in sorted(prototype.effects):
-        linear = library()[name].linear
-        assert linear is not None  # the family exists
-        out = f"; not covered: {linear.leaves_out}" if linear.leaves_out else ""
-        lines.append(f"{name}: {linear.covers}{out}.")
-    gain = found.members[0].gain
-    inside = next(member.performance for member in found.members if member.performance is not None)
-    if gain.low != gain.high:
-        lines.append(f"Stability is about every constant factor on the gain from {gain.low:.6g} to {gain.high:.6g}.")
-        if inside != gain:
-            to = "" if inside.low == inside.high else f" to {inside.high:.6g}"
-            lines.append(f"Compliance and peak sensitivity are about factors of {inside.low:.6g}{to}.")
-    lines += [
-        f"{name}: {' and '.join(f'{end:.6g}' for end in sorted({span.low, span.high}))}."
-        for name, span in found.spans.items()
-    ]
-    if any(span.low < span.high for span in found.spans.values()):
-        lines.append(
-            "This proof is about the ends of these figures; `beamdesign certify-box` proves what lies between."
-        )
-    if found.depends_on_load:
-        lines.append(f"These hold for a steady load of up to {found.load_N:.6g} N.")
-    lines.append(ALL_LINEAR if not bracketing(prototype) else BESIDE if nonlinear else NOT_COVERED)
-    return lines
-
-
-BESIDE = (
-    "This is about linear loops that bracket the effects at frozen values; what holds while they move is stated beside."
-)
-NOT_COVERED = (
-    "Proved are linear loops that bracket the effects at frozen values, not the nonlinear loop: limit cycles, and what"
-    " changes while it moves, are not covered."
-)
-ALL_LINEAR = "These effects are linear: what is proved is the loop that `beamdesign simulate` runs."
-
-
-def bracketing(prototype: Prototype) -> bool:
-    """Whether an effect is not linear itself, so that its linear loops only bracket it."""
-    members = [library()[name].linear for name in prototype.effects]
-    return any(member is None or member.laws is not None for member in members)
 
 
 # The certificate.
@@ -347,3 +292,56 @@ def _summary(
         lines += [f"{every} is stable from {least:.9g} to {most:.9g} kg." for least, most in stability.stable_ranges]
     lines += [f"{'Proved' if claim.holds else 'Refuted'}: {describe(claim)}." for claim in claims]
     return "\n".join(lines)
+
+
+# The nonlinear loop: for each effect of a prototype, what is proved of it while it moves, and on what that rests.
+#
+# - Static characteristics in the current or behind the spool (saturation, dead band, unequal sides): a multiplier of
+#   Zames and Falb with a term of Popov's, `beamdesign.proofs.absolute_stability`.
+# - Gains that change: the circle criterion, `beamdesign.proofs.changing_gain`.
+# - One of the first in the current and one of the second, or unequal sides, at once: likewise.
+# - What is linear plus a bounded error (friction, hysteresis, dead band, ripple, quantisation): how far the tip strays,
+#   `beamdesign.proofs.bounded_error`.
+# - What is linear is a part of the loop, and of every proof.
+#
+# Every other effect is listed with why nothing is proved of it.
+
+
+_OPEN = (
+    "No theorem here covers it while it moves; what `certify` proves of it is about linear loops that bracket it at"
+    " frozen values"
+)
+_WHY = {
+    "joint_backlash": "the joint's damping depends on how far it is pressed, so that the play is no bounded error",
+    "joint_backlash_nut": "a flank damps while it touches and never pulls, so that the play is no bounded error",
+    "entrained_air": "the oil's stiffness changes with the pressure, which is no gain at one place of the loop",
+    "entrained_air_with_stroke": "the oil's stiffness changes with pressure and stroke, which is no gain at one place",
+    "carrier_ripple": "its depth and its residual are covered each without the other",
+    "pressure_dependent_flow": "with unequal sides the flows of both ports do not act as one gain",
+    "unequal_piston_areas": "with orifices the sides act through both pressures, and not as one characteristic",
+}
+
+
+def nonlinear_rows(prototype: Prototype, low_kg: float, high_kg: float) -> tuple[Row, ...]:
+    """What is proved of each effect of a prototype, and of the saturation that every rig has, over a range of masses.
+
+    Raises:
+        ValueError: without a controller.
+        InputError: for effects for which no linear loop stands.
+    """
+    given = members(prototype, low_kg, high_kg)
+    rows = [*static_rows(given), *changing_rows(given), *both_rows(given), *bounded_rows(given), *_linear(given)]
+    known = {name for row in rows for name in row.effects}
+    for name in sorted(prototype.effects.keys() - known):
+        why = f": {_WHY[name]}" if name in _WHY else ""
+        rows.append(Row((name,), NONE_KNOWN, False, f"{_OPEN}{why}."))
+    return tuple(rows)
+
+
+def _linear(given: Members) -> Iterator[Row]:
+    """One row for all effects that are linear themselves."""
+    names = [name for name in sorted(given.prototype.effects) if is_linear(name)]
+    if names:
+        stable = all(is_stable_over(loop.characteristic, given.low, given.high) for loop in given.loops)
+        words = "Linear itself, as it is simulated: every loop here holds it, in every combination."
+        yield Row(tuple(names), LINEAR, stable, words if stable else "The linear loop is not stable at every mass.")

@@ -11,23 +11,44 @@ peak sensitivity of every member of a box says of every member which gains may c
 
 A gain that changes by itself, as a ripple does, leaves a linear loop, whose motions then run together whatever the
 command and load. One that changes with the motion does not, and is covered about rest without load.
+
+A static characteristic in the current and, elsewhere in the loop, a gain that changes: both at once, in rationals.
+
+The gain is k(t) = most (a + (1 - a) psi(t)) with a = least / most and psi from 0 to 1, at the sensor's volts or at the
+flow behind the spool. With v what it acts on, u = -(L_a i + (1 - a) F j) and v = H i, where i = phi(u), j = psi v, L_a
+is the loop with the gain at its least, and F H is what runs through the gain at its most. For phi the multiplier M
+holds (see `beamdesign.proofs.multiplier`), for psi any w > 0 (circle criterion). Together they prove that the loop
+comes to rest where the Hermitian matrix of both is positive definite at every frequency (A. Megretski and A. Rantzer,
+IEEE Trans. Automatic Control 42 (1997) 819): where
+
+    4 w (Re[M (1 + L_a)] - margin) >= |(1 - a) M F - w conj(H)|^2.
+
+Times |Q D|^2 it is a quadratic in the mass again. The gain may be a static characteristic itself, as the unequal sides
+of a piston are; then it may be seen from any equilibrium, else from rest without command and load.
 """
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from itertools import product
 
-from flint import fmpq
+import numpy as np
+from flint import fmpq, fmpq_poly
+from scipy.optimize import linprog
 
 from beamdesign.loop import Loop, member_loop
 from beamdesign.plant.assembly import effect_parameters_of
-from beamdesign.polynomial import Affine, exact
-from beamdesign.proofs.absolute_stability import Members, Row
+from beamdesign.plant.members import VertexModel
+from beamdesign.polynomial import Affine, exact, inner, ratio
+from beamdesign.proofs.absolute_stability import IN_THE_CURRENT, NORM, Solved, kernels, with_fewer, written
 from beamdesign.proofs.box import Box
 from beamdesign.proofs.box_claims import BoxClaim
-from beamdesign.proofs.multiplier import Multiplier, fits
+from beamdesign.proofs.certificate import Row
+from beamdesign.proofs.multiplier import Kernel, Multiplier, fits, is_proper, slack
+from beamdesign.proofs.quadratic import Coefficients, less, over_mass, quadratic_nonnegative
 from beamdesign.proofs.rig_family import FACTOR
+from beamdesign.proofs.scope import Members
 from beamdesign.proofs.stability import is_stable_over
-from beamdesign.rational import text
+from beamdesign.rational import nearest, text
 
 OVER_BOX = "circle criterion, by the peak sensitivity that is proved of every member"
 METHOD = "circle criterion, a quadratic Lyapunov function for each payload, in rational arithmetic"
@@ -159,3 +180,235 @@ def changing_over_box(given: Members, box: Box, claims: Iterable[BoxClaim]) -> I
             yield Row((one.effect,), OVER_BOX, True, words)
         else:
             yield Row((one.effect,), OVER_BOX, False, f"{words}, or beside other sensors, which need not mean unrest.")
+
+
+# While the current saturates.
+
+
+BOTH = "Zames-Falb multiplier and circle criterion at once, in rational arithmetic"
+_S, _NOTHING = fmpq_poly([0, 1]), fmpq_poly([0])
+_NONE = fmpq(0)
+
+
+@dataclass(frozen=True)
+class Pair:
+    """A loop with a characteristic in its current and a gain that changes at another place.
+
+    Attributes:
+        denominator: D, of the loop cut at the current.
+        closed: D (1 + L_a).
+        share: 1 - a.
+        onto: numerator and denominator of F.
+        by: numerator and denominator of H.
+    """
+
+    denominator: Affine
+    closed: Affine
+    share: fmpq
+    onto: tuple[Affine, Affine]
+    by: tuple[Affine, Affine]
+
+    @property
+    def falls(self) -> bool:
+        """Whether F falls off at least as 1/s, so that a term of Popov's is allowed."""
+        return _degree(self.onto[0]) < _degree(self.onto[1])
+
+    def slack(self, multiplier: Multiplier, weight: fmpq, margin: fmpq) -> Coefficients:
+        """What is not negative where the matrix is positive definite, as a quadratic in the mass."""
+        (even, odd), below = multiplier.in_s, multiplier.parts[2]
+        # D is the product of the denominators of F and H, of which one alone is over the mass
+        left = _product(self.onto[0], _conjugate(self.by[1])) * (self.share * (even + odd))
+        right = _product(_conjugate(self.by[0]), self.onto[1]) * (-weight * below(-_S * _S))
+        off = left + right
+        own = slack(multiplier, self.closed, self.denominator, margin)
+        return less(4 * weight * below, own, over_mass(inner, off, off))
+
+    def fits(self, multiplier: Multiplier, weight: fmpq, low: fmpq, high: fmpq, margin: fmpq) -> bool:
+        """Whether the matrix is positive definite, to a margin, at every mass (kg) and frequency."""
+        coefficients = self.slack(multiplier, weight, margin)
+        return quadratic_nonnegative(*coefficients, low, high, _NONE, None).holds
+
+    def responses(self, masses: np.ndarray, w: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """1 + L_a, (1 - a) F and H at jw in floats, (masses, frequencies) each."""
+        share = nearest(self.share)
+        onto, by = (ratio(*one, masses, w) for one in (self.onto, self.by))
+        return ratio(self.closed, self.denominator, masses, w), share * onto, by
+
+
+def _degree(family: Affine) -> int:
+    return max(family.constant.degree(), family.slope.degree())
+
+
+def _product(one: Affine, other: Affine) -> Affine:
+    """Of two of which one is free of the mass."""
+    assert one.slope.is_zero() or other.slope.is_zero()
+    return one * other.constant + Affine(_NOTHING, one.constant * other.slope)
+
+
+def _conjugate(family: Affine) -> Affine:
+    """What is the conjugate on the imaginary axis."""
+    return Affine(family.constant(-_S), family.slope(-_S))
+
+
+def _free(polynomial: fmpq_poly) -> Affine:
+    return Affine(polynomial, _NOTHING)
+
+
+def pair(given: Members, member: VertexModel, change: Changing) -> Pair | None:
+    """The loop of a member with a gain that changes; None where it does not come to this form."""
+    prototype, loop = given.prototype, member_loop(given.prototype, member)
+    law = prototype.own_controller.sensed_law()
+    plant = member.rig.plant(prototype.payload.inner_end_mass_kg, law.sensors)
+    denominator = loop.loop_denominator
+    if change.place == "volts":
+        own = loop.loop_numerator + loop.added * fmpq(-1)
+        closed = denominator + loop.added + own * change.least
+        if member.rig.sensor_rides:
+            return None
+        # between the volts and the controller there may be filters: what it hears over what the tip does
+        hears = plant.control[0].constant / exact(prototype.sensor.gain_V_per_m)
+        shared = hears.gcd(plant.displaced)
+        above, below = hears / shared, plant.displaced / shared
+        if any(not (part % below).is_zero() for part in (plant.denominator.constant, plant.denominator.slope)):
+            return None
+        rest = Affine(plant.denominator.constant / below, plant.denominator.slope / below)
+        onto = _free(law.numerators[0] * above * change.most), _free(law.denominator * below)
+        by = _free(shared * exact(prototype.sensor.gain_V_per_m)), rest
+    else:
+        w, damping = (exact(member.rig.figures[key]) for key in ("valve_frequency", "valve_damping_ratio"))
+        spring = exact(member.frozen.get("valve_hysteresis", {}).get("spring", 0.0))
+        spool = fmpq_poly([1 + spring, 2 * damping / w, 1 / (w * w)])
+        parts = denominator.constant, denominator.slope
+        if any(not (part % spool).is_zero() for part in parts):
+            return None
+        closed = denominator + loop.loop_numerator * change.least
+        onto = loop.loop_numerator * change.most, Affine(*(part / spool for part in parts))
+        by = _free(fmpq_poly([1])), _free(spool)
+    found = Pair(denominator, closed, 1 - change.least / change.most, onto, by)
+    one_free = all(
+        one.slope.is_zero() or other.slope.is_zero()
+        for one, other in ((found.onto[0], found.by[1]), (found.by[0], found.onto[1]))
+    )
+    return found if one_free and change.least > 0 else None
+
+
+def unequal(given: Members) -> list[Changing]:
+    """The sides of a piston as a gain that changes with the direction of the flow."""
+    own = given.prototype.effects.keys()
+    if "unequal_piston_areas" not in own or own & {"pressure_dependent_flow", "valve_deadband"}:
+        return []
+    span = given.found.gains["unequal_piston_areas"]
+    return [Changing("unequal_piston_areas", "flow", exact(span.low), exact(span.high), "")]
+
+
+def both_rows(given: Members) -> Iterator[Row]:
+    """A row for each gain that changes while the current saturates."""
+    current = tuple(name for name in IN_THE_CURRENT if name in given.prototype.effects) or IN_THE_CURRENT[:1]
+    for change in (*changing(given), *unequal(given)):
+        static = change.effect == "unequal_piston_areas"
+        pairs = [pair(given, member, change) for member in given.found.members]
+        known = [one for one in pairs if one is not None]
+        presupposed = all(
+            is_stable_over(one.denominator, given.low, given.high)
+            and is_proper(one.closed + one.denominator * fmpq(-1), one.denominator, given.low, given.high)
+            for one in known
+        )
+        found = search(known, given.low, given.high) if presupposed and len(known) == len(pairs) else None
+        names = (*current, change.effect)
+        if found is None:
+            words = "Both at once: no multiplier was found; that does not say that the loop oscillates."
+            yield Row(names, BOTH, False, words)
+            continue
+        multiplier, weight, margin = found
+        statement = {
+            "kind": "both",
+            "loops": list(range(1, len(pairs) + 1)),
+            "place": change.place,
+            "gain": [text(change.least), text(change.most)],
+            "weight": text(weight),
+            "margin": text(margin),
+        } | multiplier.table()
+        where = "under any constant command and load" if static else "where there is no command and no load"
+        how = "with the direction of the flow" if static else "in any way and at any rate"
+        frozen = given.frozen(len(pairs), (change.effect,))
+        between = f"{nearest(change.least):.4g} and {nearest(change.most):.4g}"
+        words = (
+            "Both at once: from every state the loop comes to rest with any static characteristic of slope 0 to 1 in"
+            f" the current while its gain changes between {between} times its own {how}, {where}, for every payload"
+            f" that stays{frozen}. M = {multiplier}, w = {text(weight)}."
+        )
+        yield Row(names, BOTH, True, words, None, statement)
+
+
+# Multipliers for both, found by linear programs.
+#
+# The matrix is linear in the coefficients of the multiplier and in the weight. That it is positive along a vector
+# (1, z) is one row; rows are added for the vectors along which what was found is worst.
+
+
+_KERNELS = kernels((1, 2, 4, 8))
+_W = np.geomspace(0.05, 2e5, 500)
+_MASSES, _ROUNDS, _WORST = 7, 30, 6
+_FIRST = (0, 1, -1, 1j, -1j, 3, -3)
+_SLOW = 1e-3
+"""s, in which Popov's coefficient is sought."""
+_MARGINS = (fmpq(1, 100), fmpq(1, 1000), fmpq(1, 10000), fmpq(1, 100000))
+
+
+def search(pairs: Sequence[Pair], low: fmpq, high: fmpq) -> tuple[Multiplier, fmpq, fmpq] | None:
+    """A multiplier, a weight and a margin proved to fit every loop at every mass (kg); None where none is found."""
+    masses = np.linspace(nearest(low), nearest(high), _MASSES if low < high else 1)
+    parts = [np.concatenate(arrays) for arrays in zip(*(one.responses(masses, _W) for one in pairs), strict=True)]
+    scale = float(abs(parts[1]).max())
+    if not scale > 0:
+        return None
+    closed, onto, by = parts[0], parts[1] / scale, parts[2] * scale
+    popov = all(pair.falls for pair in pairs)
+    ways = with_fewer(_KERNELS, lambda kept: _solved(kept, closed, onto, by, popov))
+    for (kept, (weights, slow, weight)), digits in product(ways, (3, 5)):
+        multiplier = written(kept, weights, slow, digits)
+        rounded = exact(float(f"{weight * scale**2:.{digits}g}"))
+        for margin in _MARGINS:
+            if all(pair.fits(multiplier, rounded, low, high, margin) for pair in pairs):
+                return multiplier, rounded, margin
+    return None
+
+
+def _solved(kept: Sequence[Kernel], closed: np.ndarray, onto: np.ndarray, by: np.ndarray, popov: bool) -> Solved | None:
+    """Coefficients of the kernels, Popov's and the weight; None where there are none on the grid."""
+    n = len(kept)
+    basis = np.array([np.ones(len(_W)), *(-kernel.response(_W) for kernel in kept), 1j * _W * _SLOW])
+    size = abs(closed)
+    table: list[np.ndarray] = []
+
+    def add(row: int, col: int, z: complex) -> None:
+        one = basis[:, col]
+        first = (one * (closed[row, col] + z * onto[row, col])).real
+        second = abs(z) ** 2 - (z * np.conj(by[row, col])).real
+        norm = size[row, col] + abs(z) ** 2
+        table.append(np.array([*(-first), -second, norm]) / norm)
+
+    for row, col, z in product(range(len(closed)), range(0, len(_W), 12), _FIRST):
+        add(row, col, z)
+    bounds: list[tuple[float, float | None]] = [(1.0, 1.0), *[(0.0, None)] * n, (0.0, None if popov else 0.0)]
+    limits = [*bounds, (0.0, 1e6), (-1.0, 1.0)]
+    norm = np.array([0.0, *[1.0] * n, 0.0, 0.0, 0.0])
+    cost = np.array([*[0.0] * (n + 3), -1.0])
+    for _ in range(_ROUNDS):
+        right = [*[0.0] * len(table), NORM]
+        found = linprog(cost, A_ub=np.vstack([*table, norm]), b_ub=right, bounds=limits, method="highs")
+        if found.x is None or found.x[-1] <= 1e-7:
+            return None
+        values, weight, promised = found.x[: n + 2], found.x[n + 2], found.x[-1]
+        multiplier = values @ basis
+        first = (multiplier * closed).real / size
+        cross = (multiplier * onto - weight * np.conj(by)) / 2 / np.sqrt(size)
+        least = (first + weight) / 2 - np.sqrt((first - weight) ** 2 / 4 + abs(cross) ** 2)
+        if least.min() > promised / 3:
+            return values[1 : n + 1], float(values[n + 1]) * _SLOW, float(weight)
+        for row in range(len(closed)):
+            for col in np.argsort(least[row])[:_WORST]:
+                # the eigenvector of the least eigenvalue
+                z = (least[row, col] - first[row, col]) / cross[row, col] if cross[row, col] else 0.0
+                add(row, int(col), complex(z) * np.sqrt(size[row, col]))
+    return None

@@ -25,13 +25,12 @@ import numpy as np
 from flint import arb, ctx, fmpq
 
 from beamdesign.polynomial import exact, is_hurwitz, roots
-from beamdesign.proofs.absolute_stability import Row
 from beamdesign.proofs.bounded_error import RESOLUTION, SLIDING, Error, errors_in_loop, rows_of
 from beamdesign.proofs.box import Box
 from beamdesign.proofs.box_claims import BoxClaim
 from beamdesign.proofs.box_member import below, parameters_at, with_number
 from beamdesign.proofs.branch import Search
-from beamdesign.proofs.certificate import Asked, Weighed
+from beamdesign.proofs.certificate import Asked, Row, Weighed
 from beamdesign.proofs.read_once import NotCovered
 from beamdesign.proofs.rig_family import FACTOR, PolynomialFamily, rig_family, wrapped
 from beamdesign.proofs.statement import UNKNOWN, Circle, Interval, Statement

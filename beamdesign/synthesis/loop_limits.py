@@ -23,10 +23,11 @@ from beamdesign.plant.linearised import linear_assembly, transfer_polynomials
 from beamdesign.plant.members import VertexModel, family
 from beamdesign.plant.rigs import figures_of
 from beamdesign.polynomial import exact
-from beamdesign.proofs.absolute_stability import absolute_stability, members
+from beamdesign.proofs.absolute_stability import absolute_stability
 from beamdesign.proofs.certificate import Asked, Claim, Kind, goal_claims, over_passive, peak_claim
 from beamdesign.proofs.performance import least_limit, prove, servo_off_of
 from beamdesign.proofs.rectangle import Rectangle
+from beamdesign.proofs.scope import members
 from beamdesign.prototype import Goal, Prototype
 from beamdesign.rational import nearest
 

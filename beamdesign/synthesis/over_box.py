@@ -8,6 +8,7 @@ from operator import itemgetter
 from typing import Any
 
 from beamdesign.polynomial import exact
+from beamdesign.proofs.absolute_stability import slope_over_box
 from beamdesign.proofs.box import Box, certify_box
 from beamdesign.proofs.box_claims import (
     BoxClaim,
@@ -19,7 +20,6 @@ from beamdesign.proofs.box_claims import (
 )
 from beamdesign.proofs.box_member import Worst
 from beamdesign.proofs.certificate import LOWER_GAINS, Asked, goal_claims, peak_claim
-from beamdesign.proofs.slope_over_box import slope_over_box
 from beamdesign.proofs.tolerance_box import tolerance_box
 from beamdesign.prototype import Prototype
 from beamdesign.rational import nearest

@@ -1,0 +1,176 @@
+"""For what a verdict holds, in words: which rigs, and which motion of those with effects that are not linear.
+
+What is proved of a prototype with effects is proved of linear members. Where an effect is not linear they bracket it at
+frozen values, and small motion about rest may follow none of them: within a dead band nothing opposes the load, held by
+friction or hysteresis the valve or the piston does not answer, and within its play a joint is no joint. Then the
+compliance, or stability itself, is a claim about larger motion alone (`beamdesign.plant.effect.Linear.near_rest`).
+"""
+
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass
+
+from flint import fmpq
+
+from beamdesign.loop import Loop, at_most
+from beamdesign.plant.effects import library
+from beamdesign.plant.members import LinearFamily, family
+from beamdesign.polynomial import exact
+from beamdesign.proofs.certificate import Asked
+from beamdesign.prototype import Prototype
+from beamdesign.quantity_text import rigs_in_words
+
+LINEAR = "linear, a part of the loop"
+NONE_KNOWN = "none"
+
+
+@dataclass(frozen=True)
+class Members:
+    """All linear members of a prototype as loops at the largest factor on their gain, over a range of masses, kg."""
+
+    prototype: Prototype
+    found: LinearFamily
+    loops: tuple[Loop, ...]
+    low: fmpq
+    high: fmpq
+
+    def frozen(self, count: int, moving: Collection[str]) -> str:
+        """What some of the loops are beside what moves, in words with a blank before them; empty where nothing is.
+
+        Args:
+            count: how many loops there are.
+            moving: effects that are not frozen.
+        """
+        words = " with every other effect frozen at either end of what it spans" if count > 1 else ""
+        others = [name for name, span in self.found.gains.items() if name not in moving and span.high != 1]
+        return words + (f", at the gain without {' and '.join(others)}" if others else "")
+
+
+def members(prototype: Prototype, low_kg: float, high_kg: float) -> Members:
+    """The loops of a prototype.
+
+    Raises:
+        ValueError: without a controller.
+        InputError: for effects for which no linear loop stands.
+    """
+    found = family(prototype, high_kg)
+    loops = tuple(at_most(prototype, member) for member in found.members)
+    return Members(prototype, found, loops, exact(low_kg), exact(high_kg))
+
+
+def scope(prototype: Prototype, found: LinearFamily) -> str:
+    """What the proof is about, in one sentence."""
+    members = "one linear loop stands" if len(found.members) == 1 else f"{len(found.members)} linear loops stand"
+    effects = f"{members} for the effects {', '.join(sorted(prototype.effects))}"
+    return f"{effects}, at frozen values" if bracketing(prototype) else effects
+
+
+def covered(prototype: Prototype, found: LinearFamily, nonlinear: bool = False) -> list[str]:
+    """Per effect what the proof covers and what it leaves out, in words; then the gains and the load.
+
+    Args:
+        prototype: with effects.
+        found: its linear members.
+        nonlinear: whether what holds of the nonlinear loop is stated beside.
+    """
+    lines = []
+    for name in sorted(prototype.effects):
+        linear = library()[name].linear
+        assert linear is not None  # the family exists
+        out = f"; not covered: {linear.leaves_out}" if linear.leaves_out else ""
+        lines.append(f"{name}: {linear.covers}{out}.")
+    gain = found.members[0].gain
+    inside = next(member.performance for member in found.members if member.performance is not None)
+    if gain.low != gain.high:
+        lines.append(f"Stability is about every constant factor on the gain from {gain.low:.6g} to {gain.high:.6g}.")
+        if inside != gain:
+            to = "" if inside.low == inside.high else f" to {inside.high:.6g}"
+            lines.append(f"Compliance and peak sensitivity are about factors of {inside.low:.6g}{to}.")
+    lines += [
+        f"{name}: {' and '.join(f'{end:.6g}' for end in sorted({span.low, span.high}))}."
+        for name, span in found.spans.items()
+    ]
+    if any(span.low < span.high for span in found.spans.values()):
+        lines.append(
+            "This proof is about the ends of these figures; `beamdesign certify-box` proves what lies between."
+        )
+    if found.depends_on_load:
+        lines.append(f"These hold for a steady load of up to {found.load_N:.6g} N.")
+    lines.append(ALL_LINEAR if not bracketing(prototype) else BESIDE if nonlinear else NOT_COVERED)
+    return lines
+
+
+BESIDE = (
+    "This is about linear loops that bracket the effects at frozen values; what holds while they move is stated beside."
+)
+
+
+NOT_COVERED = (
+    "Proved are linear loops that bracket the effects at frozen values, not the nonlinear loop: limit cycles, and what"
+    " changes while it moves, are not covered."
+)
+
+
+ALL_LINEAR = "These effects are linear: what is proved is the loop that `beamdesign simulate` runs."
+
+
+def bracketing(prototype: Prototype) -> bool:
+    """Whether an effect is not linear itself, so that its linear loops only bracket it."""
+    members = [library()[name].linear for name in prototype.effects]
+    return any(member is None or member.laws is not None for member in members)
+
+
+def is_linear(name: str) -> bool:
+    """Whether an effect is a part of the linear loop, and no more."""
+    linear = library()[name].linear
+    return linear is not None and linear.laws is None and not linear.figures and linear.gain is None
+
+
+# Small motion about rest.
+
+
+@dataclass(frozen=True)
+class NearRest:
+    """A claim that a prototype's linear members make and small motion does not keep.
+
+    Attributes:
+        effect: that is in the way.
+        claim: "compliance" at any frequency; "stability", with which all claims fall.
+        words: what of the effect the members are not.
+    """
+
+    effect: str
+    claim: str
+    words: str
+
+
+def near_rest(prototype: Prototype) -> tuple[NearRest, ...]:
+    """What nothing is proved of while motion is small against the effects of a prototype, all of the library."""
+    found = []
+    for name, given in sorted(prototype.effects.items()):
+        size, linear = library()[name].parameters[0], library()[name].linear
+        # The first figure of each of these effects is its size; without any there is no such effect.
+        if linear is not None and linear.near_rest and given.get(size.name, size.default) > 0:
+            found.append(NearRest(name, linear.near_rest, linear.leaves_out))
+    return tuple(found)
+
+
+def uncovered(left: Sequence[NearRest], asked: Sequence[Asked]) -> str:
+    """Why an answer cannot be yes: claims that were asked for and small motion does not keep; empty where it can.
+
+    Stability is always asked for; a compliance where it is among the claims.
+    """
+    compliance = any(one.kind.endswith("compliance") for one in asked)
+    words = [f"{one.claim} ({one.effect}: {one.words})" for one in left if compliance or one.claim == "stability"]
+    return f"not proved of small motion: {'; '.join(words)}" if words else ""
+
+
+def holds_for(prototype: Prototype, sigmas: float = 0.0) -> str:
+    """Of which rigs and which motion a verdict on linear members is.
+
+    Args:
+        prototype: with or without effects.
+        sigmas: standard deviations of each figure, as of `rigs_in_words`.
+    """
+    small = [f"no {one.claim} ({one.effect})" for one in near_rest(prototype)]
+    only = ", linear members only" if bracketing(prototype) else ""
+    return f"for {rigs_in_words(sigmas)}{only}" + (f"; of small motion {', '.join(small)}" if small else "")
