@@ -63,7 +63,7 @@ if TYPE_CHECKING:
     from beamdesign.loop import critical_gain as critical_gain
     from beamdesign.problem import DesignProblem as DesignProblem
     from beamdesign.problem import read_problem as read_problem
-    from beamdesign.proofs.any_loop import prove as prove
+    from beamdesign.proofs.loop_family import prove as prove
     from beamdesign.prototype import Prototype as Prototype
     from beamdesign.prototype import read_prototype as read_prototype
     from beamdesign.prototype import write_prototype as write_prototype
@@ -95,7 +95,7 @@ _ROOMS = {
     "limits": "beamdesign.synthesis.limits",
     "pictures": "beamdesign.public",
     "predict": "beamdesign.public",
-    "prove": "beamdesign.proofs.any_loop",
+    "prove": "beamdesign.proofs.loop_family",
     "read_dataset": "beamdesign.diagnosis.data.dataset",
     "read_problem": "beamdesign.problem",
     "read_prototype": "beamdesign.prototype",

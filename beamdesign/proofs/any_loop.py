@@ -1,34 +1,176 @@
 """Any loop with one input and one output, proved: stability, margins and peaks of |S| and |T|, nothing swept.
 
-L = N / D is fed back with unity gain, 1 + L = 0 being the closed loop; see `open_loop` for discrete ones.
+L = N / D is fed back with unity gain, 1 + L = 0 being the closed loop. A discrete loop is looked at in p with z = (1 +
+p) / (1 - p), which takes the inside of the unit circle to the left half plane: there p = j tan(w T / 2). So both kinds
+come to polynomials on the imaginary axis, z = -1 being at infinity.
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
-from functools import reduce
-from math import inf
-from typing import TYPE_CHECKING, Any
+from dataclasses import dataclass, field
+from functools import cached_property, reduce
+from math import inf, isfinite
+from typing import Any, TypeVar
 
-from flint import acb, arb, ctx, fmpq, fmpq_poly
+from flint import acb, arb, ctx, fmpq, fmpq_mat, fmpq_mpoly, fmpq_poly
 
-from beamdesign.polynomial import Affine, even_odd, real_roots, shares_axis_root, squared_magnitude, value_at
-from beamdesign.proofs.open_loop import OpenLoop, number, open_loop
+from beamdesign.polynomial import (
+    Affine,
+    even_odd,
+    exact,
+    is_hurwitz,
+    real_roots,
+    roots,
+    shares_axis_root,
+    squared_magnitude,
+    value_at,
+)
 from beamdesign.proofs.stability import StabilityMap, stable_ranges
 from beamdesign.rational import bounds, rounded_down, rounded_up
 from beamdesign.records import InputError
 from beamdesign.result import Result
 
-if TYPE_CHECKING:
+# The open loop of a system of python-control as exact polynomials, that of a discrete one as well.
+
+
+P = TypeVar("P", fmpq_poly, fmpq_mpoly)
+
+
+@dataclass(frozen=True)
+class OpenLoop:
+    """L = numerator / denominator, exact, in s or in the p of the module's text.
+
+    Attributes:
+        numerator: N.
+        denominator: D.
+        order: number of closed-loop poles, the degree of D in s or z.
+        period_s: T of a discrete loop; None for a continuous one.
+    """
+
+    numerator: fmpq_poly
+    denominator: fmpq_poly
+    order: int
+    period_s: float | None
+
+    @cached_property
+    def characteristic(self) -> fmpq_poly:
+        """D + N; its roots are the closed loop's poles."""
+        return self.denominator + self.numerator
+
+    @property
+    def stable(self) -> bool:
+        """Whether all closed-loop poles are stable, and none is at infinity (in z at -1)."""
+        return self.characteristic.degree() == self.order and is_hurwitz(self.characteristic)
+
+    @property
+    def hidden_at_infinity(self) -> bool:
+        """Whether a pole at z = -1 is there at every gain."""
+        return max(self.numerator.degree(), self.denominator.degree()) < self.order
+
+    def frequency(self, square: arb) -> arb:
+        """The frequency that belongs to x, rad/s."""
+        if not square.is_finite():
+            return arb.pos_inf() if self.period_s is None else arb.pi() / arb(exact(self.period_s))
+        return square.sqrt() if self.period_s is None else 2 * square.sqrt().atan() / arb(exact(self.period_s))
+
+    def unstable_pole(self) -> complex:
+        """The pole that is farthest to the wrong side, in rad/s or in z."""
+        found = roots(self.characteristic)
+        if self.period_s is None:
+            return complex(max(found, key=lambda pole: pole.real))
+        return complex(max([(1 + p) / (1 - p) if p != 1 else complex(inf) for p in found], key=abs))
+
+
+def open_loop(system: Any) -> OpenLoop:
+    """The exact polynomials of a system of python-control.
+
+    Raises:
+        InputError: as `prove`.
+    """
     import control
 
-    from beamdesign.proofs.loop_family import ProvedFamily
+    if not isinstance(system, control.TransferFunction | control.StateSpace):
+        raise refused(f"expected a TransferFunction or a StateSpace of python-control, not {type(system).__name__}")
+    if (system.ninputs, system.noutputs) != (1, 1):
+        raise refused(f"has {system.ninputs} inputs and {system.noutputs} outputs; it must have one of each")
+    if isinstance(system, control.TransferFunction):
+        above, below = (fmpq_poly([number(c) for c in reversed(part[0][0])]) for part in (system.num, system.den))
+    else:
+        a, b, c, d = (_matrix(part) for part in (system.A, system.B, system.C, system.D))
+        below = a.charpoly()
+        # c (s - a)^-1 b + d = (det(s - a + b c) + (d - 1) det(s - a)) / det(s - a)
+        above = ((a - b * c).charpoly() if a.nrows() else below) + (d[0, 0] - 1) * below
+    period_s = period(system.dt)
+    n = order(above.degree(), below.degree())
+    if period_s is not None:
+        above, below = (in_p(part.coeffs(), n, fmpq_poly([0, 1])) for part in (above, below))
+    return OpenLoop(above, below, n, period_s)
+
+
+def order(zeros: int, poles: int) -> int:
+    """That of a loop from the degrees of its polynomials.
+
+    Raises:
+        InputError: for a denominator of zero, or more zeros than poles.
+    """
+    if poles < 0:
+        raise refused("the denominator is zero")
+    if zeros > poles:
+        raise refused(f"has more zeros ({zeros}) than poles ({poles}): no real loop has a gain that grows")
+    return poles
+
+
+def in_p(coefficients: Sequence[Any], n: int, p: P) -> P:
+    """A polynomial in z, its coefficients from that of 1 up, for z = (1 + p) / (1 - p), times (1 - p)^n."""
+    parts = (c * (1 + p) ** k * (1 - p) ** (n - k) for k, c in enumerate(coefficients))
+    return sum(parts, 0 * p)
+
+
+def period(dt: Any) -> float | None:
+    """The period of a `dt` of python-control, s; None for a continuous system.
+
+    Raises:
+        InputError: for one that is no positive number.
+    """
+    if dt is None or dt == 0:
+        return None
+    try:
+        seconds = float(dt)
+    except (TypeError, ValueError):
+        seconds = inf
+    if not (isfinite(seconds) and seconds > 0):
+        raise refused(f"its period must be a positive number of seconds, is {dt!r}")
+    return seconds
+
+
+def number(value: Any) -> fmpq:
+    """A coefficient, exact.
+
+    Raises:
+        InputError: for what is no finite real number.
+    """
+    try:
+        return exact(value)
+    except (TypeError, ValueError) as error:
+        raise refused(f"{value} is not a finite real number") from error
+
+
+def refused(reason: str) -> InputError:
+    """A loop that cannot be looked at."""
+    return InputError("loop", [("loop", reason)])
+
+
+def _matrix(values: Any) -> fmpq_mat:
+    rows, columns = values.shape
+    return fmpq_mat(rows, columns, [number(value) for value in values.ravel()])
+
+
+# What is proved of it.
+
 
 Pair = tuple[float, float]
 
 _BITS, _ACCURATE_BITS = 128, 56
 _NOWHERE: Pair = (inf, inf)
-_BEYOND = fmpq(10) ** 400
-"""Larger than any float."""
 _NONE, _ONE, _FAR = fmpq(0), fmpq(1), arb.pos_inf()
 
 SAFE = {
@@ -102,59 +244,6 @@ class ProvedLoop(Result):
         """Each figure rounded to its safe side, which that is, and its other bound."""
         pairs = ((name, words, getattr(self, name)) for name, words in SAFE.items())
         return [(n, *((p[0], w, p[1]) if w == "at least" else (p[1], w, p[0]))) for n, w, p in pairs if p is not None]
-
-
-def prove(
-    loop: "control.TransferFunction | control.StateSpace | Sequence[Any]",
-    parameters: Mapping[str, Pair] | None = None,
-    *,
-    claims: Mapping[str, float] | None = None,
-) -> "ProvedLoop | ProvedFamily":
-    """Prove stability, margins and peaks of a loop of one's own under negative unity feedback.
-
-    Every number counts as the decimal that it prints as; what python-control worked out before is taken as it stands.
-    A state space is converted in rationals, and modes that it hides are looked at too.
-
-    Args:
-        loop: L as a transfer function or state space of python-control, continuous or discrete (a `dt` of True counts
-            as 1 s); or, with parameters, as (numerator, denominator) or (numerator, denominator, period in s). Each is
-            a text in s (or z) and the parameters with + - * / and **, or a list of coefficients, that of the highest
-            power first: numbers, such texts, or {"": 1.0, "m": 2.0} for 1 + 2 m.
-        parameters: range of each by name; the result is about every member, see `loop_family.prove_family`.
-        claims: limits by figure: of a loop its figures, peaks at most and margins at least; over parameters
-            `peak_sensitivity` alone.
-
-    Raises:
-        InputError: for a loop with several inputs or outputs, more zeros than poles, or a figure that is no number; or
-            for an unknown name.
-    """
-    if parameters is not None or not hasattr(loop, "ninputs"):
-        from beamdesign.proofs.loop_family import prove_family
-
-        return prove_family(loop, parameters or {}, claims or {})
-    return with_claims(proved(open_loop(loop)), claims or {})
-
-
-def with_claims(found: ProvedLoop, claims: Mapping[str, float]) -> ProvedLoop:
-    """The same with limits decided, each by the figure's bounds.
-
-    Raises:
-        InputError: for a figure that a loop does not have.
-    """
-    if unknown := sorted(set(claims) - set(SAFE)):
-        raise InputError("claims", [(name, f"no such figure; there are {', '.join(SAFE)}") for name in unknown])
-    decided = {name: _keeps(name, getattr(found, name), limit) for name, limit in claims.items()}
-    words = {False: "does not keep", None: "is too near to tell from"}
-    wrong = [f"{n} {words[kept]} {claims[n]:g}" for n, kept in decided.items() if kept is not True]
-    return replace(found, claims=decided, reason=found.reason or "; ".join(wrong))
-
-
-def _keeps(name: str, pair: Pair | None, limit: float) -> bool | None:
-    if pair is None:
-        return False
-    given, (low, high) = number(limit), (_BEYOND if end == inf else fmpq(*end.as_integer_ratio()) for end in pair)
-    kept, lost = (low >= given, high < given) if SAFE[name] == "at least" else (high <= given, low > given)
-    return True if kept else False if lost else None
 
 
 # What is proved.

@@ -12,14 +12,12 @@ peak sensitivity of every member of a box says of every member which gains may c
 A gain that changes by itself, as a ripple does, leaves a linear loop, whose motions then run together whatever the
 command and load. One that changes with the motion does not, and is covered about rest without load.
 
-A static characteristic in the current and, elsewhere in the loop, a gain that changes: both at once, in rationals.
-
-The gain is k(t) = most (a + (1 - a) psi(t)) with a = least / most and psi from 0 to 1, at the sensor's volts or at the
-flow behind the spool. With v what it acts on, u = -(L_a i + (1 - a) F j) and v = H i, where i = phi(u), j = psi v, L_a
-is the loop with the gain at its least, and F H is what runs through the gain at its most. For phi the multiplier M
-holds (see `beamdesign.proofs.multiplier`), for psi any w > 0 (circle criterion). Together they prove that the loop
-comes to rest where the Hermitian matrix of both is positive definite at every frequency (A. Megretski and A. Rantzer,
-IEEE Trans. Automatic Control 42 (1997) 819): where
+With a static characteristic in the current at the same time, the gain being k(t) = most (a + (1 - a) psi(t)) with a =
+least / most and psi from 0 to 1, at the sensor's volts or at the flow behind the spool, and v what it acts on, u =
+-(L_a i + (1 - a) F j) and v = H i, where i = phi(u), j = psi v, L_a is the loop with the gain at its least, and F H is
+what runs through the gain at its most. For phi the multiplier M holds (see `beamdesign.proofs.multiplier`), for psi any
+w > 0 (circle criterion). Together they prove that the loop comes to rest where the Hermitian matrix of both is positive
+definite at every frequency (A. Megretski and A. Rantzer, IEEE Trans. Automatic Control 42 (1997) 819): where
 
     4 w (Re[M (1 + L_a)] - margin) >= |(1 - a) M F - w conj(H)|^2.
 
@@ -30,6 +28,7 @@ of a piston are; then it may be seen from any equilibrium, else from rest withou
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import product
+from typing import Any
 
 import numpy as np
 from flint import fmpq, fmpq_poly
@@ -52,7 +51,7 @@ from beamdesign.rational import nearest, text
 
 OVER_BOX = "circle criterion, by the peak sensitivity that is proved of every member"
 METHOD = "circle criterion, a quadratic Lyapunov function for each payload, in rational arithmetic"
-_MARGINS = tuple(fmpq(1, 10**k) for k in (1, 2, 3, 4))
+_MARGINS = tuple(fmpq(1, 10**k) for k in range(1, 6))
 _MINUS = fmpq(-1)
 _RIPPLE = "All its motions under one command and load run together."
 _PLAIN = Multiplier((), fmpq(0))
@@ -75,6 +74,12 @@ class Changing:
     least: fmpq
     most: fmpq
     words: str
+
+    def table(self, kind: str, loops: int, **figures: fmpq) -> dict[str, Any]:
+        """As a certificate states it of so many loops, beside further figures."""
+        gain = [text(self.least), text(self.most)]
+        found = {"kind": kind, "loops": list(range(1, loops + 1)), "place": self.place, "gain": gain}
+        return found | {name: text(value) for name, value in figures.items()}
 
 
 def changing(given: Members) -> list[Changing]:
@@ -111,7 +116,7 @@ def margin_of(loop: Loop, place: str, least: fmpq, most: fmpq, low: fmpq, high: 
     under, over = denominator + numerator * least, denominator + numerator * most
     if not is_stable_over(under, low, high):
         return None
-    return next((margin for margin in _MARGINS if fits(_PLAIN, over, under, low, high, margin)), None)
+    return next((margin for margin in _MARGINS[:4] if fits(_PLAIN, over, under, low, high, margin)), None)
 
 
 def changing_rows(given: Members) -> Iterator[Row]:
@@ -125,20 +130,13 @@ def changing_rows(given: Members) -> Iterator[Row]:
             words = f"The circle criterion does not hold for a gain that changes {between}, which need not mean unrest."
             yield Row((one.effect,), METHOD, False, words)
             continue
-        statement = {
-            "kind": "sector",
-            "loops": list(range(1, len(loops) + 1)),
-            "place": one.place,
-            "gain": [text(one.least), text(one.most)],
-            "margin": text(min(known)),
-        }
         frozen = given.frozen(len(loops), (one.effect,))
         words = (
             f"The loop is stable while this gain changes {between}, in any way and at any rate, for every payload that"
             f" stays{frozen}. {one.words} Not covered, but where that is said of both at once, is what moves elsewhere"
             " at the same time."
         )
-        yield Row((one.effect,), METHOD, True, words, None, statement)
+        yield Row((one.effect,), METHOD, True, words, None, one.table("sector", len(loops), margin=min(known)))
 
 
 def covered(peak: fmpq) -> tuple[fmpq, fmpq | None]:
@@ -211,7 +209,8 @@ class Pair:
     @property
     def falls(self) -> bool:
         """Whether F falls off at least as 1/s, so that a term of Popov's is allowed."""
-        return _degree(self.onto[0]) < _degree(self.onto[1])
+        above, below = (max(part.constant.degree(), part.slope.degree()) for part in self.onto)
+        return above < below
 
     def slack(self, multiplier: Multiplier, weight: fmpq, margin: fmpq) -> Coefficients:
         """What is not negative where the matrix is positive definite, as a quadratic in the mass."""
@@ -235,10 +234,6 @@ class Pair:
         return ratio(self.closed, self.denominator, masses, w), share * onto, by
 
 
-def _degree(family: Affine) -> int:
-    return max(family.constant.degree(), family.slope.degree())
-
-
 def _product(one: Affine, other: Affine) -> Affine:
     """Of two of which one is free of the mass."""
     assert one.slope.is_zero() or other.slope.is_zero()
@@ -259,10 +254,8 @@ def pair(given: Members, member: VertexModel, change: Changing) -> Pair | None:
     prototype, loop = given.prototype, member_loop(given.prototype, member)
     law = prototype.own_controller.sensed_law()
     plant = member.rig.plant(prototype.payload.inner_end_mass_kg, law.sensors)
-    denominator = loop.loop_denominator
+    denominator, (open_, fed) = loop.loop_denominator, cut(loop, change.place)
     if change.place == "volts":
-        own = loop.loop_numerator + loop.added * fmpq(-1)
-        closed = denominator + loop.added + own * change.least
         if member.rig.sensor_rides:
             return None
         # between the volts and the controller there may be filters: what it hears over what the tip does
@@ -281,14 +274,10 @@ def pair(given: Members, member: VertexModel, change: Changing) -> Pair | None:
         parts = denominator.constant, denominator.slope
         if any(not (part % spool).is_zero() for part in parts):
             return None
-        closed = denominator + loop.loop_numerator * change.least
-        onto = loop.loop_numerator * change.most, Affine(*(part / spool for part in parts))
+        onto = fed * change.most, Affine(*(part / spool for part in parts))
         by = _free(fmpq_poly([1])), _free(spool)
-    found = Pair(denominator, closed, 1 - change.least / change.most, onto, by)
-    one_free = all(
-        one.slope.is_zero() or other.slope.is_zero()
-        for one, other in ((found.onto[0], found.by[1]), (found.by[0], found.onto[1]))
-    )
+    one_free = all(one.slope.is_zero() or other.slope.is_zero() for one, other in zip(onto, by[::-1], strict=True))
+    found = Pair(denominator, open_ + fed * change.least, 1 - change.least / change.most, onto, by)
     return found if one_free and change.least > 0 else None
 
 
@@ -320,14 +309,7 @@ def both_rows(given: Members) -> Iterator[Row]:
             yield Row(names, BOTH, False, words)
             continue
         multiplier, weight, margin = found
-        statement = {
-            "kind": "both",
-            "loops": list(range(1, len(pairs) + 1)),
-            "place": change.place,
-            "gain": [text(change.least), text(change.most)],
-            "weight": text(weight),
-            "margin": text(margin),
-        } | multiplier.table()
+        statement = change.table("both", len(pairs), weight=weight, margin=margin) | multiplier.table()
         where = "under any constant command and load" if static else "where there is no command and no load"
         how = "with the direction of the flow" if static else "in any way and at any rate"
         frozen = given.frozen(len(pairs), (change.effect,))
@@ -352,7 +334,6 @@ _MASSES, _ROUNDS, _WORST = 7, 30, 6
 _FIRST = (0, 1, -1, 1j, -1j, 3, -3)
 _SLOW = 1e-3
 """s, in which Popov's coefficient is sought."""
-_MARGINS = (fmpq(1, 100), fmpq(1, 1000), fmpq(1, 10000), fmpq(1, 100000))
 
 
 def search(pairs: Sequence[Pair], low: fmpq, high: fmpq) -> tuple[Multiplier, fmpq, fmpq] | None:
@@ -368,7 +349,7 @@ def search(pairs: Sequence[Pair], low: fmpq, high: fmpq) -> tuple[Multiplier, fm
     for (kept, (weights, slow, weight)), digits in product(ways, (3, 5)):
         multiplier = written(kept, weights, slow, digits)
         rounded = exact(float(f"{weight * scale**2:.{digits}g}"))
-        for margin in _MARGINS:
+        for margin in _MARGINS[1:]:
             if all(pair.fits(multiplier, rounded, low, high, margin) for pair in pairs):
                 return multiplier, rounded, margin
     return None

@@ -4,20 +4,32 @@ A coefficient is any polynomial in the parameters. See `any_loop` for what a dis
 """
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import product
-from typing import Any
+from math import inf
+from typing import TYPE_CHECKING, Any
 
 from flint import fmpq, fmpq_mpoly, fmpq_mpoly_ctx, fmpq_poly
 
 from beamdesign.json_text import finite
 from beamdesign.loop import Loop
 from beamdesign.polynomial import Affine
-from beamdesign.proofs.any_loop import Pair, ProvedLoop, proved, with_claims
+from beamdesign.proofs.any_loop import (
+    SAFE,
+    OpenLoop,
+    Pair,
+    ProvedLoop,
+    in_p,
+    number,
+    open_loop,
+    order,
+    period,
+    proved,
+    refused,
+)
 from beamdesign.proofs.box import Box, BoxVerdict, certify_box
 from beamdesign.proofs.box_claims import claim_of_family
 from beamdesign.proofs.certificate import Asked, Kind
-from beamdesign.proofs.open_loop import OpenLoop, in_p, number, order, period, refused
 from beamdesign.proofs.performance import keeps, least_of
 from beamdesign.proofs.read_once import Expression, S, read_once
 from beamdesign.proofs.rig_family import TRANSPORT, PolynomialFamily, claimed
@@ -27,8 +39,13 @@ from beamdesign.rational import nearest
 from beamdesign.records import InputError
 from beamdesign.result import Result
 
+if TYPE_CHECKING:
+    import control
+
 _CORNERS = 6
 """Most parameters of which every corner is looked at."""
+_BEYOND = fmpq(10) ** 400
+"""Larger than any float."""
 PEAK: Kind = "peak_sensitivity"
 
 
@@ -156,13 +173,34 @@ class ProvedFamily(Result):
         return found if self.peak_sensitivity is None else [*found, (PEAK, self.peak_sensitivity, "at most")]
 
 
-def prove_family(loop: Any, parameters: Mapping[str, Pair], claims: Mapping[str, float]) -> ProvedFamily | ProvedLoop:
-    """Prove a loop for every value of its parameters; see `any_loop.prove`.
+def prove(
+    loop: "control.TransferFunction | control.StateSpace | Sequence[Any]",
+    parameters: Mapping[str, Pair] | None = None,
+    *,
+    claims: Mapping[str, float] | None = None,
+) -> ProvedLoop | ProvedFamily:
+    """Prove stability, margins and peaks of a loop of one's own under negative unity feedback.
+
+    Every number counts as the decimal that it prints as; what python-control worked out before is taken as it stands.
+    A state space is converted in rationals, and modes that it hides are looked at too.
+
+    Args:
+        loop: L as a transfer function or state space of python-control, continuous or discrete (a `dt` of True counts
+            as 1 s); or, with parameters, as (numerator, denominator) or (numerator, denominator, period in s). Each is
+            a text in s (or z) and the parameters with + - * / and **, or a list of coefficients, that of the highest
+            power first: numbers, such texts, or {"": 1.0, "m": 2.0} for 1 + 2 m.
+        parameters: range of each by name; the result is about every member.
+        claims: limits by figure: of a loop its figures, peaks at most and margins at least; over parameters
+            `peak_sensitivity` alone.
 
     Raises:
-        InputError: as there.
+        InputError: for a loop with several inputs or outputs, more zeros than poles, or a figure that is no number; or
+            for an unknown name.
     """
-    family = loop_family(loop, parameters)
+    claims = claims or {}
+    if parameters is None and hasattr(loop, "ninputs"):
+        return with_claims(proved(open_loop(loop)), claims)
+    family = loop_family(loop, parameters or {})
     if not parameters:
         return with_claims(proved(family.at({})), claims)
     if unknown := sorted(set(claims) - {PEAK}):
@@ -170,8 +208,30 @@ def prove_family(loop: Any, parameters: Mapping[str, Pair], claims: Mapping[str,
     return _over(family, claims.get(PEAK))
 
 
+def with_claims(found: ProvedLoop, claims: Mapping[str, float]) -> ProvedLoop:
+    """The same with limits decided, each by the figure's bounds.
+
+    Raises:
+        InputError: for a figure that a loop does not have.
+    """
+    if unknown := sorted(set(claims) - set(SAFE)):
+        raise InputError("claims", [(name, f"no such figure; there are {', '.join(SAFE)}") for name in unknown])
+    decided = {name: _kept(name, getattr(found, name), limit) for name, limit in claims.items()}
+    words = {False: "does not keep", None: "is too near to tell from"}
+    wrong = [f"{n} {words[kept]} {claims[n]:g}" for n, kept in decided.items() if kept is not True]
+    return replace(found, claims=decided, reason=found.reason or "; ".join(wrong))
+
+
+def _kept(name: str, pair: Pair | None, limit: float) -> bool | None:
+    if pair is None:
+        return False
+    given, (low, high) = number(limit), (_BEYOND if end == inf else fmpq(*end.as_integer_ratio()) for end in pair)
+    kept, lost = (low >= given, high < given) if SAFE[name] == "at least" else (high <= given, low > given)
+    return True if kept else False if lost else None
+
+
 def loop_family(loop: Any, parameters: Mapping[str, Pair]) -> LoopFamily:
-    """The exact polynomials of what `any_loop.prove` takes with parameters.
+    """The exact polynomials of what `prove` takes with parameters.
 
     Raises:
         InputError: as there.
