@@ -28,8 +28,8 @@ from beamdesign.cli import app
 from beamdesign.controllers import Lag, Observer
 from beamdesign.loop import LoopAtMass, loop
 from beamdesign.polynomial import exact as exactly
+from beamdesign.proofs.arm import PlaneLoop, arm_figures, plane_loop
 from beamdesign.proofs.arm.both_planes import both_planes, prove_anywhere
-from beamdesign.proofs.arm.plane import PlaneLoop, arm_figures, plane_loop
 from beamdesign.proofs.arm.remaining import (
     at_point,
     held,

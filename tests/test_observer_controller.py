@@ -22,7 +22,7 @@ from beamdesign.loop import critical_gain, loop
 from beamdesign.plant.higher_modes import signals, single_compliance, with_mass
 from beamdesign.plant.members import family, paper_model
 from beamdesign.polynomial import Affine, exact
-from beamdesign.proofs.arm.plane import plane_loop
+from beamdesign.proofs.arm import plane_loop
 from beamdesign.proofs.arm.result import certify_plane
 from beamdesign.proofs.box import certify_box
 from beamdesign.proofs.certificate import Asked, Certificate

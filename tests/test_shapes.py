@@ -19,7 +19,7 @@ from beamdesign.build.drawing import drawing, dxf_text
 from beamdesign.build.ratings import stock_choices
 from beamdesign.checker import Unreadable, check
 from beamdesign.problem import DesignProblem
-from beamdesign.proofs.arm.plane import arm_figures
+from beamdesign.proofs.arm import arm_figures
 from beamdesign.proofs.arm.remaining import InnerTravel
 from beamdesign.proofs.arm.result import certify_plane
 from beamdesign.proofs.writer import prototype_table

@@ -49,7 +49,7 @@ def arm(
         allowed_mm: error that twist may leave; says which tube keeps it.
         out: folder for certificates, tables, picture and prototype.
     """
-    from beamdesign.proofs.arm.plane import arm_of
+    from beamdesign.proofs.arm import arm_of
     from beamdesign.prototype import read_prototype
 
     record = read_prototype(prototype)
@@ -74,8 +74,8 @@ def _worked_out(
     out: Path | None,
 ) -> tuple[dict[str, Any], bool]:
     """Work out, say and write of one law; what is known of it, and whether both loops are proved stable."""
+    from beamdesign.proofs.arm import sensor_of
     from beamdesign.proofs.arm.both_planes import prove_anywhere
-    from beamdesign.proofs.arm.plane import sensor_of
     from beamdesign.proofs.arm.remaining import inner_travel, offset_for_goal_m, twist_remedy
     from beamdesign.proofs.arm.result import work_out
 
@@ -157,7 +157,7 @@ _VERDICTS = {True: "stable", False: "NOT stable", None: "UNDECIDED"}
 
 def _echo_figures(record: "Prototype", found: "ArmResult") -> None:
     """Where the payload is, what stands for what, natural frequencies."""
-    from beamdesign.proofs.arm.plane import arm_of, sensor_of
+    from beamdesign.proofs.arm import arm_of, sensor_of
 
     def place(point: "Vector") -> str:
         return ", ".join(f"{name} {value:g}" for name, value in zip("xyz", point, strict=True))

@@ -11,8 +11,9 @@ from beamdesign.json_text import finite, picked
 from beamdesign.polynomial import Crossing, exact
 from beamdesign.proofs.multiplier import Multiplier
 from beamdesign.proofs.stability import StabilityMap
+from beamdesign.proofs.writer import Tables, maybe_infinite
 from beamdesign.prototype import Goal
-from beamdesign.rational import nearest, shortened
+from beamdesign.rational import nearest, shortened, text
 from beamdesign.result import Result
 
 METHOD = (
@@ -128,6 +129,18 @@ class Claim(Asked):
     def witness_outer_end_mass_kg(self) -> float | None:
         """A mass that refutes the claim, as a float."""
         return None if self.witness is None else nearest(self.witness.mass)
+
+    def table(self, counterexamples: bool = True) -> Tables:
+        """As a certificate states it, with what refutes it, where that is rational and is to be stated."""
+        found: Tables = {"kind": self.kind, "limit": text(exact(self.limit)), "holds": self.holds}
+        if self.kind.endswith("compliance"):
+            found["bandwidth_Hz"] = maybe_infinite(self.bandwidth_Hz)
+        if self.kind == "loop_gain":
+            found["from_Hz"] = text(exact(self.from_Hz))
+        if self.witness is not None and self.witness.exact and counterexamples:
+            stated = picked(self.witness, "outer_end_mass_kg=mass squared_frequency gain_factor")
+            found["witness"] = {name: text(value) for name, value in stated.items() if value is not None}
+        return found
 
 
 @dataclass(frozen=True)

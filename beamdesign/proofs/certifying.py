@@ -2,13 +2,13 @@
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from math import inf
+from math import gcd, inf, lcm
 from operator import attrgetter
 from typing import Any
 
 from flint import fmpq
 
-from beamdesign.loop import member_loop
+from beamdesign.loop import Loop, member_loop
 from beamdesign.plant.members import LinearFamily, VertexModel, family
 from beamdesign.polynomial import exact
 from beamdesign.proofs.absolute_stability import static_rows
@@ -30,14 +30,13 @@ from beamdesign.proofs.certificate import (
     peak_claim,
 )
 from beamdesign.proofs.changing_gain import both_rows, changing_rows
-from beamdesign.proofs.mass_tables import KIND, claim_tables, common_table, loop_table, stability_table
 from beamdesign.proofs.performance import bandwidth, least_limit, prove, servo_off_of
 from beamdesign.proofs.rectangle import Rectangle
 from beamdesign.proofs.scope import LINEAR, NONE_KNOWN, Members, covered, is_linear, members, scope
 from beamdesign.proofs.stability import Range, StabilityMap, in_words, is_stable_over, stable_ranges
-from beamdesign.proofs.writer import certificate
+from beamdesign.proofs.writer import STABILITY_DIGITS, Tables, certificate, stability_table, texts
 from beamdesign.prototype import Goal, InStage, Prototype
-from beamdesign.rational import nearest, simple_between, text
+from beamdesign.rational import nearest, shortened, simple_between, text
 from beamdesign.records import InputError, Problem
 
 # Members over end masses and factors on the gain; what all have in common, in words.
@@ -163,6 +162,45 @@ def _given_way(parts: Sequence[Rectangle], piece: Range) -> Range | None:
 # The certificate.
 
 
+KIND = "beamdesign.mass_range"
+
+
+def loop_table(loop: Loop) -> Tables:
+    """A loop's polynomials over one common factor, so that every coefficient is a whole number.
+
+    With m the outer end mass in kg the characteristic polynomial is p0 + m p1, the numerator of the loop gain is
+    returned + m returned_slope, its denominator what the two differ by, and x / F_d is disturbance / (p0 + m p1).
+    """
+    named = {
+        "p0": loop.characteristic.constant,
+        "p1": loop.characteristic.slope,
+        "returned": loop.loop_numerator.constant,
+        "returned_slope": loop.loop_numerator.slope,
+        "disturbance": loop.disturbance,
+    }
+    factor = lcm(*(int(polynomial.denom()) for polynomial in named.values()))
+    divisor = gcd(*(int((polynomial * factor).numer().content()) for polynomial in named.values()))
+    return {name: texts((polynomial * fmpq(factor, divisor)).coeffs()) for name, polynomial in named.items()}
+
+
+def common_table(stability: StabilityMap) -> Tables:
+    """Masses at which every one of several loops is stable at every factor on its gain."""
+    ranges = [_closed(part) for part in stability.ranges if part.stable]
+    return {"stable": stability.stable, "range": [{"low": text(low), "high": text(high)} for low, high in ranges]}
+
+
+def _closed(part: Range) -> tuple[fmpq, fmpq]:
+    """A closed range of short decimals inside a range that is open where it ends at a crossing."""
+    low, high = part.low, part.high
+    if part.opens_at is not None:
+        low = shortened(low, STABILITY_DIGITS, up=True)
+        low = low if part.low < low < part.sample else simple_between(part.low, part.sample)
+    if part.closes_at is not None:
+        high = shortened(high, STABILITY_DIGITS)
+        high = high if part.sample < high < part.high else simple_between(part.sample, part.high)
+    return low, high
+
+
 def stability_over(prototype: Prototype, low_kg: float, high_kg: float) -> StabilityMap:
     """Where from `low_kg` to `high_kg` every linear member is stable: of `certify` the stability alone, not written.
 
@@ -210,7 +248,8 @@ def certify(
         "outer_end_mass_kg": [text(low), text(high)],
         "stability": stability_table(stability) if alone else common_table(stability),
     }
-    body |= claim_tables(written, alone) | {"loop": [loop_table(part.stable.loop) for part in proved]}
+    body |= {"claim": [claim.table(alone) for claim in written]} if written else {}
+    body |= {"loop": [loop_table(part.stable.loop) for part in proved]}
     if statements := [row.statement for row in rows if row.statement is not None]:
         body["nonlinear"] = statements
     written_text = certificate(KIND, prototype, body, summary, high_kg)

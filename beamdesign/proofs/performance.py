@@ -19,7 +19,7 @@ from beamdesign.loop import Loop
 from beamdesign.plant.linear import Plant
 from beamdesign.plant.members import VertexModel
 from beamdesign.polynomial import Affine, at_points, exact, ratio, roots
-from beamdesign.proofs.arm.plane import PlaneLoop
+from beamdesign.proofs.arm import PlaneLoop
 from beamdesign.proofs.certificate import Asked, Claim, Kind, Witness
 from beamdesign.proofs.quadratic import (
     Coefficients,

@@ -5,21 +5,23 @@ It states the rig that it is about as tables of texts: parameters, controller, e
 
 import hashlib
 from collections.abc import Mapping, Sequence
-from math import inf, pi
+from itertools import pairwise
+from math import inf, isinf, pi
 from types import MappingProxyType
 from typing import Any
 
 import tomli_w
-from flint import fmpq, fmpq_poly
+from flint import arb, ctx, fmpq
 
 from beamdesign.parameters import PARAMETERS, rows_of
 from beamdesign.plant.assembly import effect_parameters_of
 from beamdesign.plant.effect import Elements, Span
 from beamdesign.plant.effects import library
 from beamdesign.plant.members import LinearFamily, family
-from beamdesign.polynomial import exact
+from beamdesign.polynomial import Crossing, exact
+from beamdesign.proofs.stability import StabilityMap
 from beamdesign.prototype import Prototype
-from beamdesign.rational import text
+from beamdesign.rational import bounds, simple_between, text
 from beamdesign.records import InputError, Record
 from beamdesign.spelling import one_line
 from beamdesign.structure.lumped import figures
@@ -92,9 +94,9 @@ def texts(values: Sequence[fmpq]) -> list[str]:
     return [text(value) for value in values]
 
 
-def coefficients(polynomial: fmpq_poly) -> list[str]:
-    """Those of s^0, s^1, ... as texts."""
-    return texts(polynomial.coeffs())
+def maybe_infinite(value: float) -> str:
+    """A number as text, or that it is infinite."""
+    return "infinite" if isinf(value) else text(exact(value))
 
 
 def _rig(prototype: Prototype) -> Tables:
@@ -120,8 +122,8 @@ def controller_table(prototype: Prototype) -> Tables:
     law = controller.sensed_law()
     polynomials = {
         "sensors": list(law.sensors),
-        "numerators": [coefficients(one) for one in law.numerators],
-        "denominator": coefficients(law.denominator),
+        "numerators": [texts(one.coeffs()) for one in law.numerators],
+        "denominator": texts(law.denominator.coeffs()),
     }
     return stated(plain(controller)) | {"law": polynomials}
 
@@ -157,18 +159,14 @@ def effect_tables(
         spans = {key.partition(".")[2]: span for key, span in found.spans.items() if key.partition(".")[0] == name}
         table: Tables = {"name": name, "parameters": stated(own)}
         if (gain := found.gains.get(name)) is not None:
-            table |= {"gain": _pair(gain.low, gain.high), "performing_gain": _pair(*gain.performing)}
+            table |= {"gain": stated((gain.low, gain.high)), "performing_gain": stated(gain.performing)}
         if spans:
             table["span"] = {
-                key: {"ends": _pair(span.low, span.high), "performing": _pair(*span.performing)}
+                key: {"ends": stated((span.low, span.high)), "performing": stated(span.performing)}
                 for key, span in spans.items()
             }
         tables.append(table | {"elements": _elements(prototype, name, own, spans, varying)})
     return tables
-
-
-def _pair(low: float, high: float) -> list[str]:
-    return [text(exact(low)), text(exact(high))]
 
 
 def _elements(
@@ -230,6 +228,114 @@ def _nested(elements: Elements) -> Tables:
         "volts": [{"numerator": list(above), "denominator": list(below)} for above, below in elements.volts],
     }
     return {key: value for key, value in found.items() if value != {} and value != []}
+
+
+# Stability over the outer end mass: stable ranges, and crossings between them.
+
+
+STABILITY_DIGITS = 12
+"""Of decimals near a crossing."""
+
+
+def stability_table(stability: StabilityMap) -> Tables:
+    """Ranges, each settled at its sample, and the crossings between them, as decimal enclosures."""
+    groups = _groups(stability)
+    enclosures = _mass_enclosures(groups, stability)
+    starts = {id(group[0]): pair for group, pair in zip(groups, enclosures, strict=True)}
+    ranges = []
+    for part in stability.ranges:
+        low = starts[id(part.opens_at)][1] if part.opens_at else part.low
+        high = starts[id(part.closes_at)][0] if part.closes_at else part.high
+        ends = {"low": text(low), "high": text(high), "sample": text(part.sample)}
+        ranges.append(ends | {"stable": part.stable})
+    crossings = []
+    for group, pair in zip(groups, enclosures, strict=True):
+        for crossing in group:
+            entry: Tables = {"outer_end_mass_kg": texts(pair), "squared_frequency": "infinite"}
+            if crossing.finite:
+                square = _decimals(*bounds(crossing.squared_frequency), STABILITY_DIGITS)
+                entry |= {"squared_frequency": texts(square), "frequency_Hz": texts(_frequencies(square))}
+            crossings.append(entry)
+    reach = _beyond(stability) if stability.stable else {}
+    return {"stable": stability.stable, **reach, "range": ranges, "crossing": crossings}
+
+
+def _beyond(stability: StabilityMap) -> Tables:
+    """How far a stable range reaches past what was asked, up to the next crossing or down to no mass at all."""
+    above, below, found = stability.above, stability.below, {}
+    if above is None:
+        found["stays_stable_to_kg"] = "infinite"
+    else:
+        most = _enclosure(above)[0]
+        if above.rational is not None:
+            most = simple_between(stability.high, above.rational)
+        if most > stability.high:
+            found["stays_stable_to_kg"] = text(most)
+    if stability.low > 0:
+        least = fmpq(0)
+        if below is not None and below.rational is not None and below.rational >= 0:
+            least = simple_between(below.rational, stability.low)
+        elif below is not None:
+            least = max(least, _enclosure(below)[1])
+        if least < stability.low:
+            found["stays_stable_from_kg"] = text(least)
+    return found
+
+
+def _groups(stability: StabilityMap) -> list[list[Crossing]]:
+    """The crossings by mass; the ranges name the first of each group."""
+    firsts = {id(part.opens_at) for part in stability.ranges} | {id(part.closes_at) for part in stability.ranges}
+    groups: list[list[Crossing]] = []
+    for crossing in stability.crossings:
+        if not groups or id(crossing) in firsts:
+            groups.append([])
+        groups[-1].append(crossing)
+    return groups
+
+
+def _mass_enclosures(groups: Sequence[Sequence[Crossing]], stability: StabilityMap) -> list[tuple[fmpq, fmpq]]:
+    """Short decimals around each group, with as many digits as it takes to keep them and the samples apart."""
+    digits = STABILITY_DIGITS
+    samples = [part.sample for part in stability.ranges]
+    while True:
+        found = []
+        for group in groups:
+            pairs = [_enclosure(crossing, digits) for crossing in group]
+            found.append((min(pair[0] for pair in pairs), max(pair[1] for pair in pairs)))
+        apart = all(before[1] < after[0] for before, after in pairwise(found))
+        clear = all(not low <= sample <= high for sample in samples for low, high in found)
+        inside = all(stability.low <= low and high <= stability.high for low, high in found)
+        if (apart and clear and inside) or digits > 1000:
+            return found
+        digits *= 2
+
+
+def _enclosure(crossing: Crossing, digits: int = STABILITY_DIGITS) -> tuple[fmpq, fmpq]:
+    if crossing.rational is not None:
+        return crossing.rational, crossing.rational
+    return _decimals(*bounds(crossing.parameter), digits)
+
+
+def _decimals(low: fmpq, high: fmpq, digits: int) -> tuple[fmpq, fmpq]:
+    """Decimals around a narrow interval, to so many digits of its larger end."""
+    if low == high and text(low).find("/") < 0:
+        return low, high
+    step = fmpq(1)
+    size = max(abs(low), abs(high))
+    while step * 10**digits < size:
+        step *= 10
+    while step * 10 ** (digits - 1) > size:
+        step /= 10
+    return (low / step).floor() * step, (high / step).ceil() * step
+
+
+def _frequencies(square: tuple[fmpq, fmpq]) -> tuple[fmpq, fmpq]:
+    """Decimals around sqrt(x) / (2 pi) for x in an enclosure."""
+    if square == (0, 0):
+        return fmpq(0), fmpq(0)
+    with ctx.workprec(128):
+        low, high = (bounds(arb(value).sqrt() / (2 * arb.pi())) for value in square)
+    return _decimals(low[0], high[1], STABILITY_DIGITS)
 
 
 # The text.

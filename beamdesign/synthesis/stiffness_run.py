@@ -12,8 +12,7 @@ from beamdesign.polynomial import exact
 from beamdesign.proofs.certificate import Asked, Certificate, goal_claims
 from beamdesign.proofs.certifying import certify
 from beamdesign.proofs.contact import Band, Environment, Wall
-from beamdesign.proofs.mass_tables import finite
-from beamdesign.proofs.writer import certificate, stated, texts
+from beamdesign.proofs.writer import certificate, maybe_infinite, stated, texts
 from beamdesign.prototype import Prototype
 from beamdesign.rational import text
 from beamdesign.synthesis.design_run import stating
@@ -103,7 +102,7 @@ def _tables(found: EndStiffness, wall: Wall) -> Tables:
         "stiffness": {
             "end_stiffness_N_per_m": text(exact(found.end_stiffness_N_per_m)),
             "share": text(exact(SHARE)),
-            "bandwidth_Hz": finite(found.band_Hz),
+            "bandwidth_Hz": maybe_infinite(found.band_Hz),
         },
     }
 

@@ -15,4 +15,309 @@ deformation and rotary inertia of the beam's length; warping, which such a tube 
 distortion of the section, which the end module is taken to prevent; the beam's own weight, which turns the end by a
 constant; everything nonlinear. In linear loops a steady load changes nothing, so that its direction counts for the
 error alone.
+
+The closed loop of one plane of the arm: bending of both beams, and torsion where the payload stands off to the side.
+
+The outer beam's end moves by u in the plane and turns by phi about the axis; in bending it turns by 3 u / 2L, as under
+a force on the tip. A payload at [a_x, a_y, a_z] then moves, in the plane, by kappa u + e phi, with
+kappa = 1 + 3 a_x / 2L and e = a_y for the plane z, -a_z for the plane y; and along the beam by lambda u, as far as the
+turning end takes it, lambda = 3 a / 2L with the offset a in the plane. Its kinetic energy
+m (kappa u' + e phi')^2 / 2 + m (lambda u')^2 / 2 is of rank one in (u, phi) unless both e and lambda are there, so that
+everything that follows is affine in m.
+
+With the loop without torsion, p0 + m p1, p1 = s^2 q, and torsion t = k + b s + I s^2, the tip's impedance p0 / q gives
+
+    (p0 + m g p1) t + m e^2 s^2 p0,    g = kappa^2 + lambda^2,    e lambda = 0,
+
+and in the same way every other polynomial of the loop. Servos that measure at [s_x, s_y, s_z] from the tip see
+kappa_s u + e_s phi instead of u, with kappa_s and e_s as kappa and e; what they return is then
+R (kappa_s t + m s^2 e (kappa_s e - kappa e_s)) for R at the tip. What a controller makes of added sensors does not
+depend on where the displacement is measured: p0 and q are those of the loop that they close.
+
+A payload with offsets to both sides couples both planes and is in `beamdesign.proofs.arm.both_planes`.
 """
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Literal
+
+from flint import fmpq, fmpq_poly
+
+from beamdesign.loop import Loop, LoopAtMass, loop
+from beamdesign.polynomial import Affine, exact
+from beamdesign.prototype import Arm, Prototype
+from beamdesign.records import InputError, Problem
+from beamdesign.structure import lumped
+
+# Figures of the outer beam that only the arm needs: rigidities and inertia about its axis.
+
+
+TORSION_SHARE = 1 / 3
+"""Of the tube's polar inertia that turns with its end: the kinetic energy of a twist that grows evenly (Rayleigh)."""
+
+
+@dataclass(frozen=True)
+class ArmFigures:
+    """The outer beam beyond its bending in one plane, SI.
+
+    Attributes:
+        length: L, from clamp to tip, m.
+        stiffness: K in either plane, N/m; the tube is square or round.
+        bending_rigidity: E I, N m2, of K = 3 E I / L^3.
+        torsional_stiffness: G J / L, N m/rad.
+        torsional_damping: N m s/rad, a fixed dashpot like those of bending.
+        polar_inertia: about the axis, kg m2: a third of the tube's, the end module's, and the payload's own.
+        axial_stiffness: E A / L, N/m; None without the section.
+        notes: which figures stand for which, in words.
+    """
+
+    length: float
+    stiffness: float
+    bending_rigidity: float
+    torsional_stiffness: float
+    torsional_damping: float
+    polar_inertia: float
+    axial_stiffness: float | None
+    notes: tuple[str, ...] = ()
+
+
+def arm_of(prototype: Prototype) -> Arm:
+    """The prototype's [arm], or one without offsets."""
+    return prototype.arm or Arm()
+
+
+def sensor_of(prototype: Prototype) -> tuple[float, float, float]:
+    """Where the servos measure, from the tip, m."""
+    return arm_of(prototype).sensor_m or (0.0, 0.0, 0.0)
+
+
+def arm_figures(prototype: Prototype) -> ArmFigures:
+    """Work the figures out; a torsional stiffness that is given wins over the section's.
+
+    Raises:
+        InputError: where length, torsional stiffness or polar inertia can neither be read nor worked out, or a tube is
+            rectangular.
+    """
+    beam, arm = prototype.outer_beam, arm_of(prototype)
+    reason = (
+        "a rectangular tube is stiffer in one plane than in the other, and an arm is worked out with one stiffness for"
+        " both: take a square or a round one"
+    )
+    shapes = {"outer_beam": beam.shape, "inner_beam": prototype.inner_beam.shape}
+    wrong = [Problem(f"{name}.shape", reason) for name, shape in shapes.items() if shape == "rectangle"]
+    if beam.free_length_m is None:
+        wrong.append(Problem("outer_beam.free_length_m", "missing; turning of the tip needs it"))
+    given, added = arm.torsional_stiffness_N_m_per_rad, arm.end_polar_inertia_kg_m2 + arm.payload_polar_inertia_kg_m2
+    if not beam.has_geometry:
+        reason = "missing; give it, or width_m, wall_m, free_length_m and material of the outer beam"
+        needed = {"torsional_stiffness_N_m_per_rad": given is None, "end_polar_inertia_kg_m2": added == 0}
+        wrong += [Problem(f"arm.{key}", reason) for key, missing in needed.items() if missing]
+    if wrong:
+        raise InputError(prototype.name, wrong)
+
+    length = beam.free_length_m
+    assert length is not None  # else it was wrong
+    one = lumped.lumped_beam(beam, "outer_beam")
+    notes: list[str] = []
+    inertia, axial = added, None
+    stiffness = given
+    if beam.tube is not None and beam.material is not None:
+        alloy, tube = beam.material, beam.tube
+        inertia += TORSION_SHARE * alloy.density_kg_per_m3 * float(tube.polar_moment) * length
+        axial = alloy.youngs_modulus_Pa * float(tube.area) / length
+        computed = alloy.shear_modulus_Pa * float(tube.torsion_constant) / length
+        if given is not None:
+            notes.append(
+                f"given torsional stiffness {given:.6g} N m/rad used, the section gives {computed:.6g} N m/rad"
+            )
+        else:
+            stiffness = computed
+            notes.append(f"torsional stiffness {computed:.6g} N m/rad worked out from the section (G J / L)")
+    else:
+        notes.append("no section: the tube's own polar inertia and its axial compliance are left out")
+    assert stiffness is not None  # else it was wrong
+    ratio = beam.damping_ratio if arm.torsional_damping_ratio is None else arm.torsional_damping_ratio
+    return ArmFigures(
+        length=length,
+        stiffness=one.stiffness,
+        bending_rigidity=one.stiffness * length**3 / 3,
+        torsional_stiffness=stiffness,
+        torsional_damping=2 * ratio * (stiffness * inertia) ** 0.5,
+        polar_inertia=inertia,
+        axial_stiffness=axial,
+        notes=tuple(notes),
+    )
+
+
+# Loops.
+
+
+Name = Literal["y", "z"]
+PLANES: tuple[Name, Name] = ("y", "z")
+
+_S2 = fmpq_poly([0, 0, 1])
+
+
+@dataclass(frozen=True)
+class PlaneFigures:
+    """How a payload takes part in one plane, exact.
+
+    Attributes:
+        name: direction in which the tip moves.
+        travel: kappa, the payload's motion in the plane per motion of the tip.
+        along: lambda, its motion along the beam per motion of the tip.
+        lever: e, its motion in the plane per roll, m.
+        torsional_stiffness: N m/rad.
+        torsional_damping: N m s/rad.
+        polar_inertia: kg m2.
+        residual: compliance at the payload beside the mode's, m/N: 3 a_x^2 / (4 K L^2), its lever's on an end that is
+            held but turns.
+        sensed_travel: kappa_s, what the servo sees per motion of the tip.
+        sensed_lever: e_s, what it sees per roll, m.
+        sensed_residual: what it sees beside the mode per force on the payload, m/N: 3 a_x s_x / (4 K L^2).
+    """
+
+    name: Name
+    travel: fmpq
+    along: fmpq
+    lever: fmpq
+    torsional_stiffness: fmpq
+    torsional_damping: fmpq
+    polar_inertia: fmpq
+    residual: fmpq
+    sensed_travel: fmpq
+    sensed_lever: fmpq
+    sensed_residual: fmpq
+
+    @property
+    def torsion(self) -> fmpq_poly:
+        """Torsion, k + b s + I s^2; one where the payload has no lever, so that torsion has no part in the loop."""
+        if self.lever == 0:
+            return fmpq_poly([1])
+        return fmpq_poly([self.torsional_stiffness, self.torsional_damping, self.polar_inertia])
+
+    @property
+    def coupled(self) -> bool:
+        """Whether the payload couples this plane with torsion."""
+        return self.lever != 0
+
+
+def plane_figures(prototype: Prototype, name: Name) -> PlaneFigures:
+    """The payload's part in one plane."""
+    found = arm_figures(prototype)
+    x, y, z = (exact(value) for value in arm_of(prototype).offset_m)
+    sensed_x, sensed_y, sensed_z = (exact(value) for value in sensor_of(prototype))
+    length = exact(found.length)
+    rest = fmpq(3, 4) / (exact(found.stiffness) * length**2)
+    return PlaneFigures(
+        name=name,
+        travel=1 + 3 * x / (2 * length),
+        along=3 * (y if name == "y" else z) / (2 * length),
+        lever=y if name == "z" else -z,
+        torsional_stiffness=exact(found.torsional_stiffness),
+        torsional_damping=exact(found.torsional_damping),
+        polar_inertia=exact(found.polar_inertia),
+        residual=rest * x**2,
+        sensed_travel=1 + 3 * sensed_x / (2 * length),
+        sensed_lever=sensed_y if name == "z" else -sensed_z,
+        sensed_residual=rest * x * sensed_x,
+    )
+
+
+@dataclass(frozen=True)
+class PlaneLoop:
+    """The loop of one plane in exact polynomials of s, all affine in the payload m (kg).
+
+    Over `characteristic` stand `loop_denominator` (sensitivity), `loop_numerator` (with its sign changed, the command),
+    `tip` and `load`.
+
+    Attributes:
+        figures: of the payload in this plane.
+        loop_denominator: denominator of the loop transfer function.
+        loop_numerator: its numerator.
+        effort_numerator: numerator of C S.
+        tip: tip displacement per force on the tip, m/N.
+        load: displacement of the payload's centre per force on it, m/N.
+    """
+
+    figures: PlaneFigures
+    loop_denominator: Affine
+    loop_numerator: Affine
+    effort_numerator: Affine
+    tip: Affine
+    load: Affine
+
+    @cached_property
+    def characteristic(self) -> Affine:
+        """Closed-loop characteristic polynomial."""
+        return self.loop_denominator + self.loop_numerator
+
+    def at(self, payload: float) -> LoopAtMass:
+        """The loop at one payload, kg; its compliance is that of the tip."""
+        mass = exact(payload)
+        families = self.loop_denominator, self.loop_numerator, self.tip, self.effort_numerator
+        return LoopAtMass(*(one.at(mass) for one in families))
+
+
+def single_loop(prototype: Prototype, name: Name) -> Loop:
+    """The loop of one plane without offset: that of the prototype, for y with the second controller if there is one.
+
+    Raises:
+        InputError: for a prototype with effects, or without a controller.
+    """
+    wrong = [(f"effects.{key}", "the arm is worked out without effects; remove it") for key in prototype.effects]
+    if prototype.controller is None:
+        wrong.append(("controller", "missing; the arm's loops are closed"))
+    if wrong:
+        raise InputError(prototype.name, wrong)
+    return loop(in_plane(prototype, name))
+
+
+def in_plane(prototype: Prototype, name: Name) -> Prototype:
+    """The prototype as it stands in one plane: in y with the second controller, where there is one."""
+    second = arm_of(prototype).second_controller
+    return prototype.but(controller=second) if name == "y" and second is not None else prototype
+
+
+def plane_loop(prototype: Prototype, name: Name) -> PlaneLoop:
+    """The loop of one plane with the payload where it is.
+
+    Raises:
+        InputError: as `single_loop` and `arm_figures`.
+        ValueError: where the payload couples both planes.
+    """
+    figures = plane_figures(prototype, name)
+    if figures.coupled and figures.along != 0:
+        raise ValueError("offsets to both sides couple both planes; a plane by itself has no loop")
+    return couple(single_loop(prototype, name), figures)
+
+
+def couple(single: Loop, figures: PlaneFigures) -> PlaneLoop:
+    """Put a payload off the axis on a loop's tip."""
+    t, e = figures.torsion, figures.lever
+    g = figures.travel**2 + figures.along**2  # by which the payload's mass counts at the tip
+    zero = fmpq_poly([0])
+
+    def joined(part: Affine) -> Affine:
+        """A polynomial that is affine in the impedance on the tip, with the payload's m s^2 g / (1 + m s^2 e^2 / t)."""
+        return Affine(part.constant * t, g * part.slope * t + e**2 * _S2 * part.constant)
+
+    assert single.effort_numerator is not None  # the loop of a prototype knows its controller
+    fed = single.loop_numerator.constant - single.added.constant
+    cut, seen, seen_roll = single.cut.constant, figures.sensed_travel, figures.sensed_lever
+    loop_denominator = joined(single.loop_denominator)
+    loop_numerator = Affine(seen * fed * t, _S2 * fed * e * (seen * e - figures.travel * seen_roll)) + joined(
+        single.added
+    )
+    characteristic = loop_denominator + loop_numerator
+    # A force on the payload is free of its mass up to the characteristic polynomial: the mass stands beside it.
+    load = figures.travel**2 * single.disturbance * t + e**2 * cut
+    load += e * (seen * e - figures.travel * seen_roll) * fed - figures.sensed_residual * figures.travel * fed * t
+    return PlaneLoop(
+        figures,
+        loop_denominator,
+        loop_numerator,
+        joined(single.effort_numerator),
+        joined(Affine(single.disturbance, zero)),
+        Affine(load + figures.residual * characteristic.constant, figures.residual * characteristic.slope),
+    )

@@ -2,7 +2,7 @@
 
 The tip moves by u_y and u_z and turns by phi; the payload's velocity has the components w . (u_y', u_z', phi') with
 w = (kappa, 0, -a_z) in y, (0, kappa, a_y) in z and -(lambda_y, lambda_z, 0) along the beam, in the terms of
-`beamdesign.proofs.arm.plane`. With the impedances p / q of the two loops and t of torsion, the characteristic
+`beamdesign.proofs.arm`. With the impedances p / q of the two loops and t of torsion, the characteristic
 polynomial is
 
     q_y q_z det(diag(p_y / q_y, p_z / q_z, t) + m s^2 A),    A the sum of the three w w^T,
@@ -31,7 +31,7 @@ from flint import fmpq, fmpq_mat, fmpq_mpoly, fmpq_mpoly_ctx, fmpq_poly, fmpz
 
 from beamdesign.loop import Loop
 from beamdesign.polynomial import at_points, exact, in_variable, roots
-from beamdesign.proofs.arm.plane import PLANES, PlaneFigures, arm_figures, arm_of, plane_figures, sensor_of, single_loop
+from beamdesign.proofs.arm import PLANES, PlaneFigures, arm_figures, arm_of, plane_figures, sensor_of, single_loop
 from beamdesign.proofs.arm.remaining import Vector
 from beamdesign.proofs.box import BoxVerdict, box_of, certify_box
 from beamdesign.proofs.mass_family import floats
@@ -158,7 +158,7 @@ def both_planes(prototype: Prototype) -> BothPlanes:
     """Both loops of a prototype with its payload where it is.
 
     Raises:
-        InputError: as `beamdesign.proofs.arm.plane.single_loop` and `beamdesign.proofs.arm.plane.arm_figures`.
+        InputError: as `beamdesign.proofs.arm.single_loop` and `beamdesign.proofs.arm.arm_figures`.
     """
     y, z = (plane_figures(prototype, name) for name in PLANES)
     return BothPlanes(prototype.name, y, z, (single_loop(prototype, "y"), single_loop(prototype, "z")))

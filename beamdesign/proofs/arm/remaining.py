@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from beamdesign.proofs.arm.plane import ArmFigures, arm_figures, arm_of
+from beamdesign.proofs.arm import ArmFigures, arm_figures, arm_of
 from beamdesign.prototype import Beam, Prototype
 from beamdesign.structure.lumped import lumped_beam
 from beamdesign.structure.section import Tube

@@ -10,8 +10,7 @@ from scipy.linalg import eigh
 
 from beamdesign.json_text import picked
 from beamdesign.polynomial import exact
-from beamdesign.proofs.arm.both_planes import BothPlanes, both_planes, couples_both
-from beamdesign.proofs.arm.plane import (
+from beamdesign.proofs.arm import (
     PLANES,
     ArmFigures,
     Name,
@@ -23,15 +22,15 @@ from beamdesign.proofs.arm.plane import (
     plane_loop,
     sensor_of,
 )
+from beamdesign.proofs.arm.both_planes import BothPlanes, both_planes, couples_both
 from beamdesign.proofs.arm.remaining import Remaining, Vector, at_point, held, remaining, tip_compliance
 from beamdesign.proofs.box import BoxVerdict
 from beamdesign.proofs.certificate import Asked, Claim, Decided, Kind, as_claims, describe, least_limits, limits
 from beamdesign.proofs.mass_family import floats
-from beamdesign.proofs.mass_tables import claim_tables, stability_table
 from beamdesign.proofs.performance import least_of, slack
 from beamdesign.proofs.quadratic import kept_up_to_Hz
 from beamdesign.proofs.stability import StabilityMap, stable_ranges
-from beamdesign.proofs.writer import certificate, plain, stated, texts
+from beamdesign.proofs.writer import certificate, plain, stability_table, stated, texts
 from beamdesign.prototype import Goal, Prototype
 from beamdesign.rational import nearest, text
 from beamdesign.structure.lumped import lumped_beam
@@ -87,7 +86,7 @@ def certify_plane(prototype: Prototype, name: Name, low_kg: float, high_kg: floa
     """Decide stability of one plane over a range of payloads, work out what can be guaranteed, and write the proof.
 
     Raises:
-        InputError: as `beamdesign.proofs.arm.plane.plane_loop`.
+        InputError: as `beamdesign.proofs.arm.plane_loop`.
         ValueError: for an empty range, or where the payload couples both planes.
     """
     closed = plane_loop(prototype, name)
@@ -98,7 +97,7 @@ def certify_plane(prototype: Prototype, name: Name, low_kg: float, high_kg: floa
         "outer_end_mass_kg": texts((stability.low, stability.high)),
         "plane": _plane_table(own, closed.figures),
         "stability": stability_table(stability),
-        **claim_tables(claims),
+        **({"claim": [claim.table() for claim in claims]} if claims else {}),
     }
     written = certificate(KIND, own, body, _summary(own, name, stability, claims), notes=NOTES)
     return PlaneCertificate((low_kg, high_kg), stability, written, name, closed.figures.coupled, guaranteed)
