@@ -17,7 +17,7 @@ from beamdesign.controllers import Lag
 from beamdesign.loop import rig_loop
 from beamdesign.parameters import TYPICAL
 from beamdesign.polynomial import Affine
-from beamdesign.proofs import bounded_error, changing_gain, nonlinear
+from beamdesign.proofs import bounded_error, changing_gain, scope
 from beamdesign.proofs.bounded_error import absolute_integrals, over_masses
 from beamdesign.proofs.certifying import certify, nonlinear_rows
 from beamdesign.proofs.scope import members
@@ -178,10 +178,10 @@ def test_what_no_theorem_covers_is_listed(tame: Prototype):
     effects: dict[str, dict[str, float]] = {"entrained_air": {}, "joint_backlash": {}, "sensor_lag": {}}
     ripple = {"carrier_ripple": {"depth": 0.02, "residual_V": 0.01}}
     rows = {row.effects: row for row in nonlinear_rows(tame.but(effects=effects | ripple), 0.0, 6.8)}
-    assert rows["sensor_lag",].method == nonlinear.LINEAR
+    assert rows["sensor_lag",].method == scope.LINEAR
     assert rows["sensor_lag",].proved
     for name in ("entrained_air", "joint_backlash", "carrier_ripple"):
-        assert rows[name,].method == nonlinear.NONE_KNOWN
+        assert rows[name,].method == scope.NONE_KNOWN
         assert not rows[name,].proved
     assert not certify(tame.but(effects=ripple), 2.0, 3.0, nonlinear=True).holds
 

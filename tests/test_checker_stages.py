@@ -23,9 +23,8 @@ from beamdesign.checker.stages import positive, positive_between
 from beamdesign.checker.state_space import StateSpace
 from beamdesign.controllers import Lag, Observer, Proportional, Section
 from beamdesign.polynomial import exact
-from beamdesign.proofs import courses
-from beamdesign.proofs.courses import any_change
-from beamdesign.proofs.dwell import stage_change
+from beamdesign.proofs import lmi
+from beamdesign.proofs.courses import any_change, stage_change
 from beamdesign.proofs.lmi import Answer
 from beamdesign.proofs.lyapunov import Switching, stages_certificate, switching
 from beamdesign.proofs.mass_family import Families, frozen, stage_families
@@ -72,7 +71,7 @@ def dwelling(prototype: Prototype) -> Switching:
     families = stage_families(prototype)
     low, high = fmpq(2), fmpq(3)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(courses, "solve", nothing)
+        patch.setattr(lmi, "solve", nothing)
         stages, _ = stage_change(families, low, high)
     assert stages.kind == "dwell"
     return _with(families, (2.0, 3.0), stages=stages)

@@ -18,8 +18,8 @@ from beamdesign.controllers import Lag, Proportional, SensedLaw
 from beamdesign.loop import loop
 from beamdesign.plant.members import paper_model
 from beamdesign.polynomial import exact, is_hurwitz
-from beamdesign.proofs import courses, dwell
-from beamdesign.proofs.courses import Course, any_change, bounded_rate, checked, growing_cycle, proved_growth
+from beamdesign.proofs import courses, lmi
+from beamdesign.proofs.courses import any_change, bounded_rate, sudden_change
 from beamdesign.proofs.decrease import (
     changes_of_payload,
     decrease,
@@ -29,10 +29,21 @@ from beamdesign.proofs.decrease import (
     holds_at_rate,
     jump,
 )
-from beamdesign.proofs.dwell import sudden_change
-from beamdesign.proofs.lmi import SOLVERS, Answer, Sought, at, modal_coordinates, solve
+from beamdesign.proofs.lmi import SOLVERS, Answer, Course, Sought, checked, solve
 from beamdesign.proofs.lyapunov import Switching, describe, switching
-from beamdesign.proofs.mass_family import Families, MassFamily, close_with, closed_loop, floats, frozen, rationals
+from beamdesign.proofs.mass_family import (
+    Families,
+    MassFamily,
+    at,
+    close_with,
+    closed_loop,
+    floats,
+    frozen,
+    growing_cycle,
+    modal_coordinates,
+    proved_growth,
+    rationals,
+)
 from beamdesign.prototype import Payload, Prototype, Sensor, write_prototype
 from beamdesign.records import InputError
 
@@ -437,7 +448,7 @@ def test_solver_in_si_units_cannot_certify_an_unstable_loop(remedy, solver, monk
     def in_si(families: Families, sought: Sought, coordinates: np.ndarray, name: str) -> Answer:
         return solve(families, sought, np.eye(family.order), name)
 
-    monkeypatch.setattr(courses, "solve", in_si)
+    monkeypatch.setattr(lmi, "solve", in_si)
     verdict, _ = any_change((family,), LOW, HIGH)
     assert verdict.status != "proved"
     assert verdict.proved_up_to_kg is None
@@ -475,7 +486,7 @@ def _liar(matrix: np.ndarray):
 
 def test_doctored_answers_are_reported_as_unverified(monkeypatch: pytest.MonkeyPatch):
     def under_any_change(matrix: np.ndarray) -> Course:
-        monkeypatch.setattr(courses, "solve", _liar(matrix))
+        monkeypatch.setattr(lmi, "solve", _liar(matrix))
         return any_change((family,), fmpq(0), fmpq(1))[0]
 
     # The pair of Dayawansa and Martin at a = 6 has no common quadratic function, and no change destabilises it.
@@ -486,11 +497,11 @@ def test_doctored_answers_are_reported_as_unverified(monkeypatch: pytest.MonkeyP
         assert verdict.status == "unverified"
         assert "optimal" in verdict.reason
         assert "exact check refuses" in verdict.reason
-    monkeypatch.setattr(courses, "solve", _liar(-np.eye(2)))
+    monkeypatch.setattr(lmi, "solve", _liar(-np.eye(2)))
     rate = bounded_rate([family], fmpq(0), fmpq(1), "matched", np.eye(2), fmpq(10))
     assert rate.status == "unverified"
     assert rate.coefficients == ()
-    monkeypatch.setattr(dwell, "solve_one_each", lambda *asked: [_liar(-np.eye(2))(*asked[:3], "CLARABEL")])
+    monkeypatch.setattr(courses, "solve_one_each", lambda *asked: [_liar(-np.eye(2))(*asked[:3], "CLARABEL")])
     sudden = sudden_change([family], fmpq(0), fmpq(1), "matched", np.eye(2))
     assert sudden.status == "unverified"
     assert sudden.dwell_s is None

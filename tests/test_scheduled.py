@@ -37,8 +37,8 @@ from beamdesign.plant.linear import LinearModel
 from beamdesign.plant.members import paper_model, served
 from beamdesign.polynomial import exact
 from beamdesign.proofs.certifying import certify
+from beamdesign.proofs.courses import stage_change, verified_dwell
 from beamdesign.proofs.decrease import holds_at_rate
-from beamdesign.proofs.dwell import stage_change, verified_dwell
 from beamdesign.proofs.lyapunov import Switching, describe, switching
 from beamdesign.proofs.mass_family import MassFamily, closed_loop, stage_families, stage_family
 from beamdesign.prototype import Prototype, read_prototype, write_prototype

@@ -1,23 +1,59 @@
-"""Courses of the payload: however fast, or at a bounded rate. What is proved of each, and how candidates are verified.
+"""Courses of payload and stage: however fast, at a bounded rate, or in sudden changes; what is proved of each.
 
 Candidates for Lyapunov functions V = x' P(m) x come from `beamdesign.proofs.lmi`; what counts is
 `beamdesign.proofs.decrease`, which checks them in rationals, whatever a solver says of them. Payload that changes
 however fast, matched in velocity, is settled by a P that is free of m, or refuted by two masses in turn, by ball
 arithmetic; a bounded rate by a P(m), for the largest rate that can be proved.
+
+Where sudden changes, of the payload or of the stage of a law while the payload stays, are far enough apart, V falls as
+exp(-2 decay t) between them and grows at most by `factor` at one. With no more than n0 + t / dwell changes in any time
+t, for some n0, the loop is exponentially stable if dwell > log(factor) / (2 decay) (average dwell time; Hespanha and
+Morse, 1999). All stages act on the same states, none of which jumps at a change of stage
+(`beamdesign.proofs.mass_family`). Of changes of stage, in this order:
+
+- *Common function.* One V = x' P(m) x that falls along every stage at every payload of the whole range. Then the loop
+  is stable whichever stage acts when: an estimate of the payload may be wrong, late or restless.
+- *One function each.* V_i = x' P_i(m) x falls along stage i, and P_j(m) < factor P_i(m).
+- *Refutation.* Two stages in turn, at one payload, under which the motion grows; proved by ball arithmetic.
 """
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, replace
-from typing import Literal
+from dataclasses import replace
+from itertools import combinations, product
+from math import log
 
 import numpy as np
-from flint import arb_mat, ctx, fmpq, fmpq_mat
+from flint import fmpq
 
 from beamdesign.polynomial import exact
 from beamdesign.progress import Progress, silent
-from beamdesign.proofs.decrease import ZERO, Joining, holds_at_rate
-from beamdesign.proofs.lmi import SOLVERS, Answer, Sought, at, lyapunov_candidates, modal_coordinates, solve
-from beamdesign.proofs.mass_family import Families, rationals
+from beamdesign.proofs.decrease import (
+    ZERO,
+    Change,
+    Joining,
+    changes_of_payload,
+    changes_of_stage,
+    dwell_suffices,
+    grows_at_most,
+    holds_at_rate,
+)
+from beamdesign.proofs.lmi import (
+    NONE_FOUND,
+    SOLVERS,
+    Answer,
+    Coefficients,
+    Course,
+    Found,
+    Sought,
+    Status,
+    checked,
+    lyapunov_candidates,
+    refused,
+    slowest_decay,
+    solve_one_each,
+    sought_with,
+)
+from beamdesign.proofs.mass_family import Families, at, floats, growing_cycle, modal_coordinates, rationals
 from beamdesign.rational import nearest, shortened
 
 FIRST_STEP, LEAST_STEP = 1 / 8, 1 / 256
@@ -28,224 +64,6 @@ RESOLUTION = 1.05
 """The largest rate proved is known to lie within this factor of one that was not proved."""
 DEGREES = (1, 2)
 """Of P in m, tried in this order."""
-NONE_FOUND = "no function was found"
-
-Status = Literal["proved", "unverified", "refuted", "undecided"]
-"""proved: verified in rationals. unverified: a solver claims it and the exact check does not confirm it, which is
-worth nothing. refuted: a counterexample was verified. undecided: neither."""
-
-Coefficients = tuple[fmpq_mat, ...]
-"""Of P(m) in V = x' P(m) x, ascending in m, (n, n) each, exact, SI."""
-
-
-# Two masses or stages in turn under which the motion grows.
-
-
-PRECISION_BITS = 384
-DOUBLINGS = 13
-"""Of the number of cycles, until a proof of growth is given up; a factor of 1.001 per cycle needs about 11."""
-
-Corner = tuple[int, fmpq]
-"""A stage, numbered from 0, and an outer end mass, kg."""
-
-
-@dataclass(frozen=True)
-class Cycle:
-    """Sudden changes between two stages, or between two masses, matched, under which the loop's motion grows.
-
-    Attributes:
-        stages: the stage at each, numbered from 0.
-        outer_end_mass_kg: the mass at each.
-        time_s: time spent at each.
-        factor: growth per cycle, the spectral radius over one cycle, in floats.
-        cycles: repetitions after which growth is proved; 0 where it was only computed in floats.
-    """
-
-    stages: tuple[int, int]
-    outer_end_mass_kg: tuple[float, float]
-    time_s: tuple[float, float]
-    factor: float
-    cycles: int
-
-    @property
-    def proved(self) -> bool:
-        """Whether ball arithmetic confirms the growth."""
-        return self.cycles > 0
-
-
-def proved_growth(first: fmpq_mat, second: fmpq_mat, time_first: fmpq, time_second: fmpq) -> int:
-    """The number of cycles after which growth is proved, or 0.
-
-    With M = exp(A2 t2) exp(A1 t1), enclosed by balls, |trace M^k| > n for one k proves that the spectral radius of M
-    exceeds one, since |trace M^k| is at most n times its k-th power.
-    """
-    order = first.nrows()
-    with ctx.workprec(PRECISION_BITS):
-        power = arb_mat(second * time_second).exp() * arb_mat(first * time_first).exp()
-        before = power
-        for doubling in range(DOUBLINGS + 1):
-            # Between powers of two lies a second chance for a complex pair, whose trace may be small at one of them.
-            for k, candidate in ((2**doubling, power), (3 * 2**doubling // 2, power * before if doubling else power)):
-                if abs(candidate.trace()) > order:
-                    return k
-            before, power = power, power * power
-    return 0
-
-
-def growing_cycle(families: Families, turns: Iterable[tuple[Corner, Corner]]) -> Cycle | None:
-    """The cycle under which the motion grows fastest; finding none proves nothing.
-
-    Args:
-        families: the closed loop with each stage.
-        turns: pairs of corners to go between.
-    """
-    best: Cycle | None = None
-    for (i, first), (j, second) in turns:
-        found = growing_times(at(families[i], first), at(families[j], second))
-        if found is None or (best is not None and found[2] <= best.factor):
-            continue
-        *times, factor = found
-        cycles = proved_growth(families[i].at(first), families[j].at(second), *map(exact, times))
-        best = Cycle((i, j), (nearest(first), nearest(second)), (times[0], times[1]), factor, cycles)
-    return best
-
-
-def growing_times(first: np.ndarray, second: np.ndarray) -> tuple[float, float, float] | None:
-    """Times (s) at two matrices in turn under which the motion grows, and the growth per cycle, in floats.
-
-    Times are tried on a logarithmic grid from a fraction of the fastest pole's period to the slowest's, and the best
-    pair is refined; so finding none proves nothing.
-    """
-    from scipy.linalg import expm
-    from scipy.optimize import minimize
-
-    t = modal_coordinates(first)
-    inverse = np.linalg.inv(t)
-    ends = [t @ a @ inverse for a in (first, second)]
-    speeds = np.abs(np.concatenate([np.linalg.eigvals(a) for a in ends]))
-    times = np.geomspace(0.2 / speeds.max(), 2 * np.pi / max(speeds.min(), speeds.max() * 1e-4), 48)
-    steps = [expm(np.multiply.outer(times, a)) for a in ends]
-    products = steps[1][:, None] @ steps[0][None, :]  # [time at high, time at low]
-    radii = np.abs(np.linalg.eigvals(products)).max(axis=-1)
-    # Growth per second, not per cycle, would favour the shortest times, whose factor is too near one to prove.
-    j, i = np.unravel_index(int(radii.argmax()), radii.shape)
-
-    def decline(logs: np.ndarray) -> float:
-        at_low, at_high = np.clip(np.exp(logs), times[0], times[-1])
-        return -float(np.abs(np.linalg.eigvals(expm(ends[1] * at_high) @ expm(ends[0] * at_low))).max())
-
-    best = minimize(decline, np.log([times[i], times[j]]), method="Nelder-Mead", options={"xatol": 1e-3, "fatol": 1e-4})
-    if best.fun >= -1.0:
-        return None
-    at_low, at_high = (float(f"{value:.6g}") for value in np.clip(np.exp(best.x), times[0], times[-1]))
-    return at_low, at_high, -float(best.fun)
-
-
-# Courses.
-
-
-@dataclass(frozen=True)
-class Course:
-    """What is proved of one kind of course of payload and stage.
-
-    Attributes:
-        status: see `Status`; for the whole range, and for the rate asked for or the largest one found.
-        reason: in words, why it is not proved, or of stages not at any time; empty where it is.
-        joining: how payload joins.
-        functions: coefficients of P(m), of one common function or of one for each stage; none where nothing is proved.
-        proved_up_to_kg: of any change, from the least mass up to here it is proved; the whole range, part of it, or
-            None.
-        rate_kg_per_s: bound on |dm/dt|; None where nothing is proved.
-        refused_kg_per_s: least rate that was tried and not proved; None where the search ended at `LARGEST_RATE`, or
-            was for one rate alone.
-        dwell_s: average time between sudden changes that is proved to be enough, 0 where they may come at any time;
-            None where nothing is proved.
-        factor: growth of V at a change.
-        decay_per_s: decay rate of |x| between changes.
-        counterexample: a cycle of masses, or of stages, under which the motion grows, if one was found.
-    """
-
-    status: Status
-    reason: str = ""
-    joining: Joining = "matched"
-    functions: tuple[Coefficients, ...] = ()
-    proved_up_to_kg: float | None = None
-    rate_kg_per_s: float | None = None
-    refused_kg_per_s: float | None = None
-    dwell_s: fmpq | None = None
-    factor: fmpq = ZERO
-    decay_per_s: fmpq = ZERO
-    counterexample: Cycle | None = None
-
-    @property
-    def coefficients(self) -> Coefficients:
-        """Those of the first function; empty where nothing is proved."""
-        return self.functions[0] if self.functions else ()
-
-    @property
-    def claimed(self) -> str:
-        """The claim of a solver that the exact check refused, in words; empty where there is none."""
-        return self.reason if self.status == "unverified" else ""
-
-    @property
-    def kind(self) -> Literal["any_time", "dwell", "none"]:
-        """Of sudden changes: whether they may come at any time, or after a dwell."""
-        if self.status != "proved" or self.dwell_s is None:
-            return "none"
-        return "dwell" if self.dwell_s else "any_time"
-
-    def suffices(self, dwell_s: float) -> bool:
-        """Whether changes at least so far apart are proved to be stable."""
-        return self.status == "proved" and self.dwell_s is not None and self.dwell_s <= exact(dwell_s)
-
-
-_Found = tuple[Course, np.ndarray]
-
-
-def sought_with(
-    families: Families,
-    sought: Sought,
-    coordinates: np.ndarray,
-    solvers: Sequence[str] = SOLVERS[:1],
-) -> _Found:
-    """Ask solvers, one after another, until an answer passes the exact check.
-
-    Args:
-        families: the closed loop with each stage.
-        sought: what is asked of V.
-        coordinates: (n, n), to solve in.
-        solvers: their names.
-
-    Returns:
-        what the exact check left of the answers, and coordinates (n, n) to solve the next, harder problem in.
-    """
-    found, onward = Course("undecided", NONE_FOUND, sought.joining), coordinates
-    for solver in solvers:
-        answer = solve(families, sought, coordinates, solver)
-        if not answer.coefficients:
-            continue
-        onward = coordinates if answer.coordinates is None else answer.coordinates
-        coefficients, wrong = checked(families, sought, answer.coefficients)
-        if not wrong:
-            return Course("proved", "", sought.joining, (coefficients,)), onward
-        if answer.claims:
-            found = refused(answer, wrong, sought.joining)
-    return found, onward
-
-
-def checked(families: Families, sought: Sought, candidate: Sequence[np.ndarray]) -> tuple[Coefficients, str]:
-    """Coefficients of P(m), (n, n) each, rounded to decimals, and what the exact check finds wrong with them."""
-    if not all(np.all(np.isfinite(p)) for p in candidate):
-        return (), "the candidate is not finite"
-    coefficients = tuple(rationals(p) for p in candidate)
-    answer = holds_at_rate(families, coefficients, sought.low, sought.high, sought.rate, sought.joining, sought.decay)
-    return (coefficients, "") if answer.holds else ((), answer.reason)
-
-
-def refused(answer: Answer, wrong: str, joining: Joining) -> Course:
-    """A solver's claim that the exact check refuses."""
-    words = f"{answer.solver} says {answer.status}, the exact check refuses it ({wrong})"
-    return Course("unverified", words, joining)
 
 
 def any_change(families: Families, low: fmpq, high: fmpq) -> tuple[Course, np.ndarray]:
@@ -329,21 +147,20 @@ def bounded_rate(
         update: told of progress.
         degrees: of P in m, tried in this order.
     """
-    best: Course | None = None
+    tried = list[Course]()
     for degree in degrees:
 
-        def ask(rate: fmpq, inner: np.ndarray, solvers: Sequence[str] = SOLVERS[:1], degree: int = degree) -> _Found:
+        def ask(rate: fmpq, inner: np.ndarray, solvers: Sequence[str] = SOLVERS[:1], degree: int = degree) -> Found:
             return sought_with(families, Sought(low, high, degree, rate, joining), inner, solvers)
 
         found = _largest(ask, joining, coordinates, update) if wanted is None else _at(ask, coordinates, wanted)
         if found.status == "proved":
             return found
-        best = found if best is None or found.status == "unverified" else best
-    assert best is not None
-    return best
+        tried.append(found)
+    return next((one for one in tried[::-1] if one.status == "unverified"), tried[0])
 
 
-def _at(ask: Callable[..., _Found], coordinates: np.ndarray, wanted: fmpq) -> Course:
+def _at(ask: Callable[..., Found], coordinates: np.ndarray, wanted: fmpq) -> Course:
     """One rate, approached from lower ones for the sake of the coordinates."""
     for share in (fmpq(1, 64), fmpq(1, 8)):
         _, coordinates = ask(wanted * share, coordinates)
@@ -352,7 +169,7 @@ def _at(ask: Callable[..., _Found], coordinates: np.ndarray, wanted: fmpq) -> Co
     return replace(found, rate_kg_per_s=rate) if found.coefficients else replace(found, refused_kg_per_s=rate)
 
 
-def _largest(ask: Callable[..., _Found], joining: Joining, coordinates: np.ndarray, update: Progress) -> Course:
+def _largest(ask: Callable[..., Found], joining: Joining, coordinates: np.ndarray, update: Progress) -> Course:
     best, bad = Course("undecided", NONE_FOUND, joining), None
     rate, done = FIRST_RATE, 0
     while LEAST_RATE <= rate <= LARGEST_RATE:
@@ -372,3 +189,157 @@ def _largest(ask: Callable[..., _Found], joining: Joining, coordinates: np.ndarr
         else:
             rate = rate * 4 if good else rate / 4
     return replace(best, refused_kg_per_s=bad)
+
+
+# Sudden changes far enough apart.
+
+
+TURNS = 4
+"""How often a program over stages is solved anew in the coordinates of its last answer."""
+DECAY_SHARES = (0.3, 0.6, 0.9)
+"""Decay rates to try, as shares of the slowest one of a mass that stays."""
+
+
+def stage_change(families: Families, low: fmpq, high: fmpq) -> tuple[Course, np.ndarray]:
+    """Prove what can be proved of changes between stages, each of which is stable by itself.
+
+    Args:
+        families: the loop with each stage, in the same states; see `stage_families`.
+        low: least payload, kg.
+        high: largest payload, kg, above `low`.
+
+    Returns:
+        what is proved, and coordinates (n, n) to go on from.
+    """
+    at_any_time = Course("proved", dwell_s=ZERO, factor=fmpq(1))
+    if len(families) == 1:
+        return at_any_time, modal_coordinates(at(families[0], low))
+    common, coordinates = _common(families, low, high)
+    if common.functions:
+        return replace(at_any_time, functions=common.functions), coordinates
+    pairs = product((low, (low + high) / 2, high), combinations(range(len(families)), 2))
+    cycle = growing_cycle(families, (((i, mass), (j, mass)) for mass, (i, j) in pairs))
+    words = common.claimed or "no function was found that serves all stages"
+    if cycle is not None:
+        sure = "proved" if cycle.proved else "shown numerically only"
+        words = f"stages {cycle.stages[0] + 1} and {cycle.stages[1] + 1} in turn make the motion grow ({sure})"
+
+    def verify(asked: Sought, answers: Sequence[Answer]) -> Course:
+        if not all(np.all(np.isfinite(answer.coefficients)) for answer in answers):
+            return Course("undecided", NONE_FOUND)
+        functions = tuple(tuple(rationals(p) for p in answer.coefficients) for answer in answers)
+        return verified_dwell(families, functions, low, high, asked.decay)
+
+    each = _shortest_dwell(families, Sought(low, high, 1), len(families), coordinates, verify, TURNS)
+    found = common if each.dwell_s is None else each
+    return replace(found, reason=words, counterexample=cycle), coordinates
+
+
+def _common(families: Families, low: fmpq, high: fmpq) -> tuple[Course, np.ndarray]:
+    start = modal_coordinates(at(families[len(families) // 2], (low + high) / 2))
+    best = Course("undecided", NONE_FOUND), start
+    for degree in (1, 2):
+        coordinates = start
+        for _ in range(TURNS):
+            found, onward = sought_with(families, Sought(low, high, degree), coordinates)
+            if found.functions:
+                return found, onward
+            best = (found, onward) if found.claimed else best
+            if np.array_equal(onward, coordinates):
+                break
+            coordinates = onward
+    return best
+
+
+def sudden_change(families: Families, low: fmpq, high: fmpq, joining: Joining, coordinates: np.ndarray) -> Course:
+    """The shortest average time between sudden changes that can be proved, over a few decay rates.
+
+    Args:
+        families: the closed loop with each stage, stable at every mass that stays.
+        low: least mass, kg.
+        high: largest mass, kg, above `low`.
+        joining: how payload joins.
+        coordinates: (n, n), to begin in.
+    """
+
+    def verify(asked: Sought, answers: Sequence[Answer]) -> Course:
+        coefficients, wrong = checked(families, asked, answers[0].coefficients)
+        if not wrong:
+            changes = changes_of_payload(families[0], coefficients, low, high, joining)
+            found = _enough(changes, (coefficients,), asked.decay)
+            if found.status == "proved":
+                return found
+            wrong = found.reason
+        return refused(answers[0], wrong, joining) if answers[0].claims else Course("undecided", NONE_FOUND)
+
+    # The second time in the coordinates of the first answer.
+    found = _shortest_dwell(families, Sought(low, high, 1, joining=joining), 1, coordinates, verify, 2)
+    return replace(found, joining=joining)
+
+
+def _shortest_dwell(
+    families: Families,
+    sought: Sought,
+    count: int,
+    coordinates: np.ndarray,
+    verify: Callable[[Sought, Sequence[Answer]], Course],
+    turns: int,
+) -> Course:
+    """The shortest dwell over a few decay rates and, for each, turns in the coordinates of the last answer.
+
+    It is with so many functions, whose answers are verified exactly.
+    """
+    best, slowest = Course("undecided", NONE_FOUND), slowest_decay(families, sought.low, sought.high)
+    for share in DECAY_SHARES:
+        asked, inner = replace(sought, decay=shortened(exact(slowest * share), 3)), coordinates
+        for _ in range(turns):
+            answers = solve_one_each(families, asked, inner, count)
+            if not all(answer.coefficients for answer in answers):
+                break
+            found = verify(asked, answers)
+            if found.dwell_s is None:
+                better = best.dwell_s is None and found.status == "unverified"
+            else:
+                better = best.dwell_s is None or found.dwell_s < best.dwell_s
+            best = found if better else best
+            if answers[0].coordinates is None:
+                break
+            inner = answers[0].coordinates
+    return best
+
+
+def verified_dwell(families: Families, functions: Sequence[Coefficients], low: fmpq, high: fmpq, decay: fmpq) -> Course:
+    """Average time between changes of stage that functions of each stage prove to be enough, and the growth at one.
+
+    Args:
+        families: the loop with each stage.
+        functions: coefficients of P_i(m), affine in m, for each.
+        low: least payload, kg.
+        high: largest payload, kg.
+        decay: 1/s.
+    """
+    for family, function in zip(families, functions, strict=True):
+        if not holds_at_rate([family], function, low, high, ZERO, "matched", decay).holds:
+            return Course("undecided", NONE_FOUND)
+    return _enough(changes_of_stage(functions, low, high), functions, decay)
+
+
+def _enough(changes: Sequence[Change], functions: Sequence[Coefficients], decay: fmpq) -> Course:
+    """The time between changes that is enough for functions that fall at a rate between them; the check is exact."""
+    factor = least_factor((floats(after), floats(before)) for before, after in changes)
+    across = grows_at_most(changes, factor)
+    dwell = shortened(exact(log(nearest(factor)) / (2 * nearest(decay)) * (1 + 1e-6)), 4, up=True)
+    if not across.holds or not dwell_suffices(dwell, factor, decay):
+        return Course("undecided", across.reason or NONE_FOUND)
+    return Course("proved", functions=tuple(functions), dwell_s=dwell, factor=factor, decay_per_s=decay)
+
+
+def least_factor(pairs: Iterable[tuple[np.ndarray, np.ndarray]]) -> fmpq:
+    """A little more than the largest ratio of V after and before a change, from pairs of P after and P before."""
+    largest = 1.0
+    for after, before in pairs:
+        scale = 1 / np.sqrt(np.diag(before))
+        inverse = np.linalg.inv(np.linalg.cholesky(before * np.outer(scale, scale)))
+        ratio = inverse @ (after * np.outer(scale, scale)) @ inverse.T
+        largest = max(largest, float(np.linalg.eigvalsh((ratio + ratio.T) / 2)[-1]))
+    return shortened(exact(largest * (1 + 1e-5)), 6, up=True)

@@ -1,21 +1,22 @@
 """Candidates for Lyapunov functions from semidefinite programs, in coordinates in which the stiff plant is tame.
 
 They are sought for several closed loops in the same states, the stages, or for one, which is the case of one stage.
-Nothing here is a result. What a solver returns, and whatever it says about it, goes to `beamdesign.proofs.decrease`,
-which decides in rationals.
+What a solver returns, and whatever it says about it, is no result: it goes to `beamdesign.proofs.decrease`, which
+decides in rationals, and what that leaves of it is what is proved of a `Course`.
 """
 
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
 from operator import matmul
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
-from flint import fmpq
+from flint import fmpq, fmpq_mat
 
-from beamdesign.proofs.decrease import ZERO, Joining, bernstein, decrease, extremes, terms_of
-from beamdesign.proofs.mass_family import Families, MassFamily, floats
+from beamdesign.polynomial import exact
+from beamdesign.proofs.decrease import ZERO, Joining, bernstein, decrease, extremes, holds_at_rate, terms_of
+from beamdesign.proofs.mass_family import Cycle, Families, MassFamily, at, floats, modal_coordinates, rationals
 
 SOLVERS = ("CLARABEL", "SCS")
 
@@ -61,50 +62,9 @@ class Sought:
     decay: fmpq = ZERO
 
 
-def at(family: MassFamily, mass: fmpq) -> np.ndarray:
-    """A(m) in floats."""
-    return floats(family.at(mass))
-
-
 def slowest_decay(families: Families, low: fmpq, high: fmpq) -> float:
     """The least decay rate of all families at the two ends, 1/s, sampled; negative for an unstable one."""
     return min(-max(np.linalg.eigvals(at(family, mass)).real) for family in families for mass in (low, high))
-
-
-def modal_coordinates(a: np.ndarray) -> np.ndarray:
-    """(n, n) map T from the state to modal coordinates, in which a stable A has the identity as a Lyapunov function.
-
-    T A T^-1 has a block of 1 or 2 for each pole: entries are of the order of the poles, whatever the units of the
-    state. Where the modes are too nearly parallel, a Lyapunov function in balanced units takes their place, or for an
-    unstable A those units alone.
-    """
-    from scipy.linalg import matrix_balance, solve_continuous_lyapunov
-
-    balanced, scales = matrix_balance(a, permute=False, separate=True)
-    scale = np.diag(1 / scales[0])
-    poles, vectors = np.linalg.eig(balanced)
-    columns: list[np.ndarray] = []
-    for pole, vector in zip(poles, vectors.T, strict=True):
-        if pole.imag > 0:
-            columns += [vector.real, vector.imag]
-        elif pole.imag == 0:
-            columns.append(vector.real)
-    modes = np.array(columns).T
-    if np.linalg.cond(modes) < 1e8:
-        return np.linalg.inv(modes) @ scale
-    if poles.real.max() >= 0:
-        return scale
-    function = solve_continuous_lyapunov(balanced.T, -np.eye(len(a)) * np.abs(poles).max())
-    return factor((function + function.T) / 2) @ scale
-
-
-def factor(positive: np.ndarray) -> np.ndarray:
-    """R with R' R equal to a positive definite matrix.
-
-    Raises:
-        numpy.linalg.LinAlgError: where it is not positive definite in floats.
-    """
-    return np.linalg.cholesky(positive).T
 
 
 def lyapunov_candidates(families: Families, low: fmpq, high: fmpq) -> list[np.ndarray]:
@@ -153,9 +113,7 @@ def solve(families: Families, sought: Sought, coordinates: np.ndarray, solver: s
     return Answer(solver, status, claims, first.in_si(inner), first.onward(inner))
 
 
-def solve_one_each(
-    families: Families, sought: Sought, coordinates: np.ndarray, count: int | None = None
-) -> tuple[Answer, ...]:
+def solve_one_each(families: Families, sought: Sought, coordinates: np.ndarray, count: int) -> tuple[Answer, ...]:
     """Minimise g of I <= P_i(m) <= g I while each P_i(m) falls along its own family at the decay that is sought.
 
     Of one function for all families it is P(m) and J' P(m) J with the jumps J of the payload that are to stay in these
@@ -165,13 +123,12 @@ def solve_one_each(
         families: the closed loop with each stage.
         sought: of degree 0 or 1; its rate is not used, the mass stays between the changes.
         coordinates: T, (n, n).
-        count: of functions: 1 for one that falls along all families, and as many as there are families by default.
+        count: of functions: as many as there are families, or 1 for one that falls along all of them.
 
     Returns:
         one answer for each function, all with the same coordinates to go on in: those of the mean of all functions.
     """
-    count, solver = len(families) if count is None else count, SOLVERS[0]
-    scaled = _scaled(families, sought, coordinates)
+    solver, scaled = SOLVERS[0], _scaled(families, sought, coordinates)
     first, identity = scaled[0], np.eye(families[0].order)
     own = first.basis(sought.degree)
     size, constraints, bases = len(own), [], []
@@ -234,7 +191,7 @@ class Scaled:
         """Coordinates in which such a P at mid-range is the identity; None where it is not positive definite."""
         middle = (self.low + self.high) / 2
         try:
-            return factor(sum(p * middle**k for k, p in enumerate(inner))) @ self.coordinates
+            return np.linalg.cholesky(sum(p * middle**k for k, p in enumerate(inner))).T @ self.coordinates
         except np.linalg.LinAlgError:
             return None
 
@@ -275,3 +232,119 @@ def maximise_margin(
     if unknown.value is None or not np.all(np.isfinite(unknown.value)):
         return str(problem.status), 0.0, None
     return str(problem.status), float(unknown.value[count]), unknown.value[:count]
+
+
+# What the exact check leaves of them.
+
+
+NONE_FOUND = "no function was found"
+Status = Literal["proved", "unverified", "refuted", "undecided"]
+"""proved: verified in rationals. unverified: a solver claims it and the exact check does not confirm it, which is
+worth nothing. refuted: a counterexample was verified. undecided: neither."""
+Coefficients = tuple[fmpq_mat, ...]
+"""Of P(m) in V = x' P(m) x, ascending in m, (n, n) each, exact, SI."""
+
+
+@dataclass(frozen=True)
+class Course:
+    """What is proved of one kind of course of payload and stage.
+
+    Attributes:
+        status: see `Status`; for the whole range, and for the rate asked for or the largest one found.
+        reason: in words, why it is not proved, or of stages not at any time; empty where it is.
+        joining: how payload joins.
+        functions: coefficients of P(m), of one common function or of one for each stage; none where nothing is proved.
+        proved_up_to_kg: of any change, from the least mass up to here it is proved; the whole range, part of it, or
+            None.
+        rate_kg_per_s: bound on |dm/dt|; None where nothing is proved.
+        refused_kg_per_s: least rate that was tried and not proved; None where the search ended at `LARGEST_RATE`, or
+            was for one rate alone.
+        dwell_s: average time between sudden changes that is proved to be enough, 0 where they may come at any time;
+            None where nothing is proved.
+        factor: growth of V at a change.
+        decay_per_s: decay rate of |x| between changes.
+        counterexample: a cycle of masses, or of stages, under which the motion grows, if one was found.
+    """
+
+    status: Status
+    reason: str = ""
+    joining: Joining = "matched"
+    functions: tuple[Coefficients, ...] = ()
+    proved_up_to_kg: float | None = None
+    rate_kg_per_s: float | None = None
+    refused_kg_per_s: float | None = None
+    dwell_s: fmpq | None = None
+    factor: fmpq = ZERO
+    decay_per_s: fmpq = ZERO
+    counterexample: Cycle | None = None
+
+    @property
+    def coefficients(self) -> Coefficients:
+        """Those of the first function; empty where nothing is proved."""
+        return self.functions[0] if self.functions else ()
+
+    @property
+    def claimed(self) -> str:
+        """The claim of a solver that the exact check refused, in words; empty where there is none."""
+        return self.reason if self.status == "unverified" else ""
+
+    @property
+    def kind(self) -> Literal["any_time", "dwell", "none"]:
+        """Of sudden changes: whether they may come at any time, or after a dwell."""
+        if self.status != "proved" or self.dwell_s is None:
+            return "none"
+        return "dwell" if self.dwell_s else "any_time"
+
+    def suffices(self, dwell_s: float) -> bool:
+        """Whether changes at least so far apart are proved to be stable."""
+        return self.status == "proved" and self.dwell_s is not None and self.dwell_s <= exact(dwell_s)
+
+
+Found = tuple[Course, np.ndarray]
+"""What is proved, and coordinates (n, n) to solve the next, harder problem in."""
+
+
+def sought_with(
+    families: Families,
+    sought: Sought,
+    coordinates: np.ndarray,
+    solvers: Sequence[str] = SOLVERS[:1],
+) -> Found:
+    """Ask solvers, one after another, until an answer passes the exact check.
+
+    Args:
+        families: the closed loop with each stage.
+        sought: what is asked of V.
+        coordinates: (n, n), to solve in.
+        solvers: their names.
+
+    Returns:
+        what the exact check left of the answers, and coordinates (n, n) to solve the next, harder problem in.
+    """
+    found, onward = Course("undecided", NONE_FOUND, sought.joining), coordinates
+    for solver in solvers:
+        answer = solve(families, sought, coordinates, solver)
+        if not answer.coefficients:
+            continue
+        onward = coordinates if answer.coordinates is None else answer.coordinates
+        coefficients, wrong = checked(families, sought, answer.coefficients)
+        if not wrong:
+            return Course("proved", "", sought.joining, (coefficients,)), onward
+        if answer.claims:
+            found = refused(answer, wrong, sought.joining)
+    return found, onward
+
+
+def checked(families: Families, sought: Sought, candidate: Sequence[np.ndarray]) -> tuple[Coefficients, str]:
+    """Coefficients of P(m), (n, n) each, rounded to decimals, and what the exact check finds wrong with them."""
+    if not all(np.all(np.isfinite(p)) for p in candidate):
+        return (), "the candidate is not finite"
+    coefficients = tuple(rationals(p) for p in candidate)
+    answer = holds_at_rate(families, coefficients, sought.low, sought.high, sought.rate, sought.joining, sought.decay)
+    return (coefficients, "") if answer.holds else ((), answer.reason)
+
+
+def refused(answer: Answer, wrong: str, joining: Joining) -> Course:
+    """A solver's claim that the exact check refuses."""
+    words = f"{answer.solver} says {answer.status}, the exact check refuses it ({wrong})"
+    return Course("unverified", words, joining)

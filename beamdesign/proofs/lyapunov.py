@@ -13,9 +13,9 @@ from flint import fmpq, fmpq_mat
 from beamdesign.json_text import picked
 from beamdesign.polynomial import exact
 from beamdesign.progress import Progress, silent
-from beamdesign.proofs.courses import DEGREES, Course, Status, any_change, bounded_rate
+from beamdesign.proofs.courses import DEGREES, any_change, bounded_rate, stage_change, sudden_change
 from beamdesign.proofs.decrease import ZERO, Joining
-from beamdesign.proofs.dwell import stage_change, sudden_change
+from beamdesign.proofs.lmi import Course, Status
 from beamdesign.proofs.mass_family import Families, Frozen, frozen
 from beamdesign.proofs.writer import Tables, certificate, stated, texts
 from beamdesign.prototype import Prototype
