@@ -10,7 +10,7 @@ from honest_certificates import screw
 from beamdesign import checker
 from beamdesign.checker.reading import Table
 from beamdesign.checker.rig import Rig
-from beamdesign.checker.state_space import StateSpace as Stated
+from beamdesign.checker.stages import StateSpace as Stated
 from beamdesign.controllers import Lag
 from beamdesign.loop import close_loop, tip
 from beamdesign.parameters import typical_of

@@ -19,8 +19,7 @@ from beamdesign.checker import Unreadable, Verdict, check
 from beamdesign.checker.prototype import differences
 from beamdesign.checker.reading import Table
 from beamdesign.checker.rig import Rig
-from beamdesign.checker.stages import positive, positive_between
-from beamdesign.checker.state_space import StateSpace
+from beamdesign.checker.stages import StateSpace, positive, positive_between
 from beamdesign.controllers import Lag, Observer, Proportional, Section
 from beamdesign.polynomial import exact
 from beamdesign.proofs import lmi

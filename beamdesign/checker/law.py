@@ -3,6 +3,7 @@
 One of several stages has no polynomials: it is built of its figures, with each frequency in rad/s as a rational.
 """
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -28,6 +29,11 @@ SCHEDULED: dict[str, Any] = {
     },
 }
 """What a prototype's controller of several stages says where it says nothing, beside its stages."""
+
+
+Row = list[fmpq]
+VELOCITY = 1
+"""Place of the state that is the velocity of the outer tip, in whose row alone the mass is."""
 
 
 class Law:
@@ -70,6 +76,24 @@ class Law:
         """From the volts of the displacement sensor to the current."""
         return self.numerators[SENSED[0]], self.denominator
 
+    def close(self, rows: Sequence[Row], first: int, sensed: Mapping[str, Row]) -> Row:
+        """(12): the current I = C(s) (-sensed), as a row over the states; C in observer form, from place `first` on."""
+        if any(one.degree() > self.order for one in self.numerators.values()):
+            raise Unreadable("the controller differentiates: its numerator is of higher degree than its denominator")
+        n, k, lead = len(rows), self.order, self.denominator[self.order]
+        current = [fmpq(int(k > 0 and j == n - 1)) for j in range(n)]
+        for i in range(k):
+            rows[first + i][n - 1] = -self.denominator[i] / lead
+            if i:
+                rows[first + i][first + i - 1] += 1
+        for name, numerator in self.numerators.items():
+            through = numerator[k] / lead
+            for j, weight in enumerate(sensed[name]):
+                current[j] -= through * weight
+                for i in range(k):
+                    rows[first + i][j] -= (numerator[i] - through * self.denominator[i]) / lead * weight
+        return current
+
 
 @dataclass(frozen=True)
 class Stage:
@@ -93,6 +117,38 @@ class Stage:
     def order(self) -> int:
         """Number of its states."""
         return 2 * len(self.sections) + 1
+
+    def close(self, rows: Sequence[Row], first: int, sensed: Mapping[str, Row]) -> Row:
+        """Sections, then w_p (K u - i) + K (w_p / w_z) u' = i'; the current i, which is the last state."""
+        n = len(rows)
+        signal = [-weight for weight in sensed[SENSED[0]]]
+        slope = _rate(rows, signal)
+        bend = _rate(rows, slope) if self.sections else slope
+        for k, (zero, above, pole, own) in enumerate(self.sections):
+            here, rate = first + 2 * k, first + 2 * k + 1
+            rows[here][rate] = fmpq(1)
+            for j in range(n):
+                rows[rate][j] = pole * pole * (signal[j] + 2 * above / zero * slope[j] + bend[j] / (zero * zero))
+            rows[rate][here] -= pole * pole
+            rows[rate][rate] -= 2 * own * pole
+            bend = list(rows[rate])
+            signal, slope = _unit(n, here), _unit(n, rate)
+        for j in range(n):
+            rows[n - 1][j] = self.pole * self.gain * (signal[j] + slope[j] / self.zero)
+        rows[n - 1][n - 1] -= self.pole
+        return _unit(n, n - 1)
+
+
+def _unit(n: int, place: int) -> Row:
+    return [fmpq(int(j == place)) for j in range(n)]
+
+
+def _rate(rows: Sequence[Row], signal: Row) -> Row:
+    """The rate of a linear function of the states, which must not depend on the velocity of the tip."""
+    if signal[VELOCITY] != 0:
+        raise Unreadable("a stage feels the acceleration of the tip: sections need a filter before them")
+    n = len(signal)
+    return [sum((signal[i] * rows[i][j] for i in range(n) if signal[i] != 0), fmpq(0)) for j in range(n)]
 
 
 class Schedule:

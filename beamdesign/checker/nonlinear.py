@@ -14,20 +14,20 @@ gain acts on, and a weight w above zero, they come to rest where 4 w (Re[M (1 + 
 of |(1 - a) M F - w conj(H)| at every frequency (integral quadratic constraints of both, weighted and added up).
 
 "deviation": an error of at most a size moves the tip by at most that times the integral of the absolute impulse
-response from its place, see `beamdesign.checker.impulse`.
+response from its place, see below.
 
 Re[M (1 + L)] - margin over |M_d D|^2 is a quadratic in the mass. On pieces of the range its three Bernstein
 coefficients, polynomials in w^2, are shown to be nowhere negative, which the prover does not look at.
 """
 
 from collections.abc import Iterator, Sequence
+from typing import Any
 
-from flint import fmpq, fmpq_poly
+from flint import acb, acb_mat, acb_poly, arb, ctx, fmpq, fmpq_poly
 
-from beamdesign.checker.impulse import MOST_PIECES, integrals
-from beamdesign.checker.reading import Table, Unreadable, judged, short
+from beamdesign.checker.reading import Table, Unreadable, judged, short, span
 from beamdesign.checker.rig import ONCE, Loop
-from beamdesign.checker.roots import NONE, ONE, ZERO, Family, Pair, Polynomials, S, bound, inner, pieces, plus
+from beamdesign.checker.roots import NONE, ONE, ZERO, Family, Pair, Polynomials, S, bound, ends, inner, pieces, plus
 
 MOST_STATEMENTS = 16
 HIGHEST_ORDER = 16
@@ -170,12 +170,14 @@ def nowhere_negative(polynomial: fmpq_poly) -> bool:
 # Gains that change.
 
 
+_WHOSE = {"volts": "sensor's", "flow": "valve's"}
+
+
 def _sector(table: Table, loops: Sequence[Loop], masses: Pair) -> tuple[bool, str]:
-    place, margin = table.word("place", "volts", "flow"), table.at_least("margin", 0, above=True)
-    least, most = factors = table.range("gain", least=0)
+    place, margin = table.word("place", *_WHOSE), table.at_least("margin", 0, above=True)
+    factors = table.range("gain", least=0)
     proved = all(_stays_stable(loop, place, factors, margin, masses) for loop in loops)
-    where = "sensor's" if place == "volts" else "valve's"
-    words = f"stable while the {where} gain changes in any way between {short(least)} and {short(most)} times its own"
+    words = f"stable while the {_WHOSE[place]} gain changes in any way between {span(factors, ' and ')} times its own"
     return judged(proved, f"{words}, {len(loops)} loops: circle criterion, margin {short(margin)}")
 
 
@@ -194,22 +196,18 @@ def _stays_stable(loop: Loop, place: str, factors: Pair, margin: fmpq, masses: P
 
 
 def _both(table: Table, loops: Sequence[Loop], masses: Pair) -> tuple[bool, str]:
-    place, margin = table.word("place", "volts", "flow"), table.at_least("margin", 0, above=True)
-    weight, multiplier = table.at_least("weight", 0, above=True), Multiplier(table)
-    least, most = factors = table.range("gain", least=0)
-    if least == 0:
+    place, factors, multiplier = table.word("place", *_WHOSE), table.range("gain", least=0), Multiplier(table)
+    margin, weight = (table.at_least(key, 0, above=True) for key in ("margin", "weight"))
+    if factors[0] == 0:
         raise Unreadable(f"{table.place_of('gain')} must be above zero")
     proved = not multiplier.odd and all(
         _both_fit(loop, place, factors, multiplier, weight, margin, masses) for loop in loops
     )
-    where = "sensor's" if place == "volts" else "valve's"
     words = (
-        f"comes to rest with any static characteristic of slope 0 to 1 in its current while the {where} gain changes"
+        f"comes to rest with any static characteristic of slope 0 to 1 in its current while the {_WHOSE[place]} gain"
+        f" changes between {span(factors, ' and ')} times its own, without command and load, or under constant ones"
+        f" where that gain is a static characteristic too, {len(loops)} loops"
     )
-    words += (
-        f" between {short(least)} and {short(most)} times its own, without command and load, or under constant ones"
-    )
-    words += f" where that gain is a static characteristic too, {len(loops)} loops"
     return judged(proved, f"{words}: multiplier of {multiplier.words}, weight {short(weight)}, margin {short(margin)}")
 
 
@@ -222,14 +220,14 @@ def _both_fit(
         own = numerator
         if any(divmod(part, loop.spool)[1] != 0 for part in denominator):
             raise Unreadable("the spool is not a part of this loop")
-        onto, back = [most * part * _mirrored(loop.spool) for part in own], [part / loop.spool for part in denominator]
+        onto, back = [most * part * loop.spool(-S) for part in own], [part / loop.spool for part in denominator]
         slow = max(own[0].degree(), own[1].degree()) - back[0].degree()
     else:
         above, below = (one * other for one, other in zip(loop.law, loop.filters, strict=True))
         if any(divmod(part, above)[1] != 0 for part in own) or any(divmod(part, below)[1] != 0 for part in denominator):
             raise Unreadable("the controller is not a part of this loop")
-        onto = [most * above * _mirrored(part / below) for part in denominator]
-        back = [below * _mirrored(part / above) for part in own]
+        onto = [most * above * (part / below)(-S) for part in denominator]
+        back = [below * (part / above)(-S) for part in own]
         slow = above.degree() - below.degree()
     looped, by = plus(numerator, own, least - 1), (multiplier.above, multiplier.below)
     falls = max(part.degree() for part in looped) < denominator[0].degree() and (slow < 0 or not multiplier.popov)
@@ -240,11 +238,6 @@ def _both_fit(
         and Family(*denominator).is_stable_over(*masses)
         and _real_part_above(plus(denominator, looped), denominator, by, margin, masses, 4 * weight, less)
     )
-
-
-def _mirrored(polynomial: fmpq_poly) -> fmpq_poly:
-    """Its conjugate on the axis."""
-    return polynomial(-S)
 
 
 # Errors that are bounded.
@@ -276,6 +269,129 @@ def _deviation(table: Table, loops: Sequence[Loop], masses: Pair) -> tuple[bool,
     return judged(
         proved, f"the tip strays from the linear response at its own gain by at most {words}, {len(loops)} loops"
     )
+
+
+# Upper bounds of integrals of absolute impulse responses over a range of masses, in balls.
+#
+# A response is a sum of exponentials. Over a step from t to t + h it is its value and slope at t to within h^2 / 2
+# times what bounds its second derivative, so that its integral is at most that of the straight line and h^3 / 6 times
+# that bound; the step follows the response as it dies down. What is left at the end counts without regard to signs.
+# From a mass M to m, p = p0 + m p1 multiplies the response by 1 / (1 + (m - M) p1 / p(M)), whose terms are bounded
+# alike.
+
+
+MOST_PIECES = 2000
+MOST_STEPS = 4_000_000
+"""Of all pieces together."""
+LEFT = fmpq(1, 500)
+"""At the end, over what has been summed up."""
+FINE = fmpq(1, 200)
+"""Of a step, what the second derivative may add over the absolute exponentials; made less while it adds up to more than
+a share of the whole."""
+MOST_BENT = fmpq(1, 100)
+SHORTEST = fmpq(1, 2**40)
+PRECISION_BITS = 96
+AT_ONCE = 16
+"""Steps of one length."""
+
+
+def integrals(numerators: Sequence[fmpq_poly], closed: Polynomials, masses: Pair, pieces: int) -> list[fmpq]:
+    """For each numerator a bound of the absolute integral of numerator / (p0 + m p1) at every mass of a range.
+
+    Raises:
+        Unreadable: where a piece of the range is too long, or the responses too slow.
+    """
+    reach = (masses[1] - masses[0]) / (2 * pieces)
+    found, steps = [fmpq(0) for _ in numerators], MOST_STEPS
+    for k in range(pieces):
+        at = closed[0] + (masses[0] + (2 * k + 1) * reach) * closed[1]
+        with ctx.workprec(PRECISION_BITS):
+            response = _Response([*numerators, closed[1]], at)
+            *own, share = response.integrals(steps)
+        steps -= response.steps
+        left = 1 - reach * share
+        if left <= 0:
+            raise Unreadable("a piece of the masses is too long to say anything of all of it")
+        found = [max(one, other / left) for one, other in zip(found, own, strict=True)]
+    return found
+
+
+class _Response:
+    """Impulse responses of several numerators over one denominator.
+
+    Attributes:
+        steps: that were needed.
+    """
+
+    def __init__(self, numerators: Sequence[fmpq_poly], denominator: fmpq_poly) -> None:
+        self.steps, degree = 0, denominator.degree()
+        if max(one.degree() for one in numerators) > degree:
+            raise Unreadable("an error that is differentiated")
+        self._straight = [abs(arb(one[degree] / denominator[degree])) for one in numerators]
+        slope = acb_poly(denominator.derivative())
+        self._poles, places = list[acb](), list[acb]()
+        roots: list[Any] = denominator.complex_roots()
+        for root, count in roots:
+            if count > 1 or not root.real < 0:
+                raise Unreadable("poles that coincide, or are not stable")
+            if not root.imag < 0:
+                self._poles.append(root)
+                places.append(acb(slope(root)) * (1 if root.imag == 0 else fmpq(1, 2)))
+        # at a root the part that passes straight through adds nothing
+        self._weights = [[acb_poly(one)(p) / below for p, below in zip(self._poles, places, strict=True)]
+                         for one in numerators]  # fmt: skip
+
+    def integrals(self, most: int) -> list[fmpq]:
+        """Bounds of the absolute integrals, what passes straight through included."""
+        fine = FINE
+        while True:
+            sums, bent = self._summed(fine, most)
+            if all(bool(off <= total * arb(MOST_BENT)) for off, total in zip(bent, sums, strict=True)):
+                whole = (a + b + c for a, b, c in zip(sums, bent, self._straight, strict=True))
+                return [ends(one)[1] for one in whole]
+            fine /= 4
+
+    def _summed(self, fine: fmpq, most: int) -> tuple[list[arb], list[arb]]:
+        """Sums over straight lines, with what is left at the end, and what the bends may add."""
+        count, poles = len(self._poles), self._poles
+        shown = acb_mat([w for row in self._weights for w in (row, [a * p for a, p in zip(row, poles, strict=True)])])
+        sizes = [[abs(a) for a in row] for row in self._weights]
+        bends = [[size * abs(p) ** 2 for size, p in zip(row, poles, strict=True)] for row in sizes]
+        sums, bent, time = [arb(0) for _ in sizes], [arb(0) for _ in sizes], fmpq(0)
+        while True:
+            now = [(p * arb(time)).exp() for p in poles]
+            fallen = [abs(one) for one in now]
+            size = [_along(row, fallen) for row in sizes]
+            left = [_along(row, [f / abs(p.real) for f, p in zip(fallen, poles, strict=True)]) for row in sizes]
+            if time > 0 and all(bool(a <= s * arb(LEFT)) for a, s in zip(left, sums, strict=True)):
+                return [a + b for a, b in zip(sums, left, strict=True)], bent
+            bend, step = [_along(row, fallen) for row in bends], fmpq(1)
+            while not all(bool(b * arb(step * step / 6) <= a * arb(fine)) for a, b in zip(size, bend, strict=True)):
+                step /= 2
+                if step < SHORTEST:
+                    raise Unreadable("the responses are too fast to be summed up")
+            turned = [(p * arb(step)).exp() for p in poles]
+            for _ in range(AT_ONCE):
+                values = shown * acb_mat(count, 1, now)
+                for k in range(len(sums)):
+                    sums[k] += _straight_line(values[2 * k, 0].real, values[2 * k + 1, 0].real, step)
+                now = [a * b for a, b in zip(now, turned, strict=True)]
+            bent = [total + one * arb(AT_ONCE * step**3 / 6) for total, one in zip(bent, bend, strict=True)]
+            time += AT_ONCE * step
+            self.steps += AT_ONCE
+            if self.steps > most:
+                raise Unreadable("the responses are too slow to be summed up")
+
+
+def _along(one: Sequence[arb], other: Sequence[arb]) -> arb:
+    return sum((a * b for a, b in zip(one, other, strict=True)), arb(0))
+
+
+def _straight_line(start: arb, slope: arb, step: fmpq) -> arb:
+    """A bound of the integral of |start + slope u| over u from none to a step."""
+    end = start + slope * arb(step)
+    a, b = abs(start), abs(end)
+    return ((a * a + b * b) / (a + b) if start * end < 0 else a + b) * arb(step / 2)
 
 
 _STATED = {"slope": _slope, "sector": _sector, "both": _both, "deviation": _deviation}

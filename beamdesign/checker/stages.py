@@ -23,15 +23,137 @@ and Bernstein coefficients of matrices: the signs of the characteristic polynomi
 determinant up to the other, on the way to which an eigenvalue would have to pass zero.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from itertools import permutations
 
 from flint import arb, arb_mat, ctx, fmpq, fmpq_mat
 
+from beamdesign.checker.law import SENSED, VELOCITY, Law, Row, Stage
 from beamdesign.checker.mass_range import Statements
 from beamdesign.checker.reading import Table, Unreadable, short, span
 from beamdesign.checker.rig import Rig
 from beamdesign.checker.roots import NONE, Pair, interpolated, is_hurwitz, pieces
-from beamdesign.checker.state_space import VELOCITY, StateSpace, bounded
+
+# The closed loop of a rig without effects as x' = A(m) x.
+#
+# It is from equations (7) to (16) of Zalucky and Hardt (1984). Lyapunov functions are of states, so these are the
+# prover's; that one builds its matrices by differentiating the assembled rig, this writes down the equations.
+
+
+MOST_STATES = 32
+MOST_BITS = 2_048
+"""Of the numerators and of the common denominator of a matrix."""
+_PLANT = ("x", "v", "c", "y", "u", "q", "r")
+"""Tip, its velocity, cylinder, inner tip, its velocity, flow, its rate."""
+
+
+class StateSpace:
+    """The closed loop with one law.
+
+    The states are X_m, X_m', X_c, X_f, X_f', Q_0, Q_0' or, with a screw, the nut's travel, its speed and the motor's
+    current in the places of X_c, Q_0 and Q_0', the filtered volts where there is a filter, and those of the
+    law: of one that stays in observer form; of a stage those that all stages share and none resets, output and rate of
+    each second-order section and the current.
+
+    Attributes:
+        bare_mass: M_m, kg.
+        order: number of states.
+    """
+
+    def __init__(self, rig: Rig, law: Law | Stage) -> None:
+        if rig.effects:
+            raise Unreadable("the equations of a changing payload have no effects")
+        self.bare_mass = rig.figures["outer_mass_kg"]
+        first = len(_PLANT) + ("filter_frequency_rad_per_s" in rig.figures)
+        self.order = first + law.order
+        if self.order > MOST_STATES:
+            raise Unreadable(f"the loop has {self.order} states, more than {MOST_STATES}")
+        self._rows = [[fmpq(0)] * self.order for _ in range(self.order)]
+        sensed = self._plant(rig)
+        into = self._rows[_PLANT.index("r")]
+        if rig.kind == "ball_screw":
+            drive = rig.figures["current_loop_rad_per_s"]
+        else:
+            drive = rig.figures["valve_frequency_rad_per_s"] ** 2 * rig.figures["flow_gain_m3_per_s_per_A"]
+        for j, weight in enumerate(law.close(self._rows, first, sensed)):
+            into[j] += drive * weight
+        bounded(self.matrix(fmpq(0)))
+
+    def matrix(self, mass: fmpq) -> fmpq_mat:
+        """A(m), (order, order)."""
+        total = self.bare_mass + mass
+        rows = ([entry / total for entry in row] if k == VELOCITY else row for k, row in enumerate(self._rows))
+        return fmpq_mat(self.order, self.order, [entry for row in rows for entry in row])
+
+    def _plant(self, rig: Rig) -> dict[str, Row]:
+        """Fill in the rows of the rig; what is sensed, as rows over the states."""
+        f, rows = rig.figures, self._rows
+        x, v, c, y, u, q, _ = range(len(_PLANT))
+        rows[x][v] = rows[y][u] = fmpq(1)
+        screw = rig.kind == "ball_screw"
+        spring = f["screw_stiffness_N_per_m"] if screw else f["oil_stiffness_N_per_m"]
+        # The actuator's force is K_c (X_c - X_m), or K_s d + c_s d' with d = X_n - (X_m - X_f), X_n the nut's travel.
+        force = {c: spring, x: -spring}
+        if screw:
+            damping = f["screw_damping_N_s_per_m"]
+            force |= {y: spring, q: damping, v: -damping, u: damping}
+        # (7), (9): (M_m + m) X_m'' = F - K_m X_m - b_m X_m', which `matrix` divides by the mass
+        rows[v][x], rows[v][v] = -f["outer_stiffness_N_per_m"], -f["outer_damping_N_s_per_m"]
+        # (8), (10): (M_f + n) X_f'' = -F - K_f X_f - b_f X_f'
+        inner = f["inner_mass_kg"] + rig.inner_end_mass
+        rows[u][y], rows[u][u] = -f["inner_stiffness_N_per_m"] / inner, -f["inner_damping_N_s_per_m"] / inner
+        for j, weight in force.items():
+            rows[v][j] += weight
+            rows[u][j] -= weight / inner
+        (self._screw if screw else self._cylinder)(f, force)
+        gain, filtered = f["sensor_gain_V_per_m"], f.get("filter_frequency_rad_per_s")
+        volts = {x: gain}
+        if filtered is not None:
+            rows[len(_PLANT)][x], rows[len(_PLANT)][len(_PLANT)] = filtered * gain, -filtered
+            volts = {len(_PLANT): fmpq(1)}
+        per_area = 1 if screw else 1 / f["piston_area_m2"]
+        felt = {j: per_area * weight for j, weight in force.items()}
+        seen: dict[str, Mapping[int, fmpq]] = {SENSED[0]: volts, SENSED[1]: {y: fmpq(1)}, SENSED[2 + screw]: felt}
+        return {name: [weights.get(j, fmpq(0)) for j in range(self.order)] for name, weights in seen.items()}
+
+    def _screw(self, f: Mapping[str, fmpq], force: Mapping[int, fmpq]) -> None:
+        """Rows of the nut's travel, of its speed and of the motor's current."""
+        _, _, c, _, _, q, r = range(len(_PLANT))
+        rows, lead, torque = self._rows, f["lead_m_per_rad"], f["torque_constant_N_m_per_A"]
+        # J X_n'' = h (K_t i - h F) - b X_n'
+        rows[c][q], rows[q][r] = fmpq(1), lead * torque / f["rotor_inertia_kg_m2"]
+        rows[q][q] = -f["rotor_friction_N_m_s_per_rad"] / f["rotor_inertia_kg_m2"]
+        for j, weight in force.items():
+            rows[q][j] -= lead * lead * weight / f["rotor_inertia_kg_m2"]
+        # i' = w_c (I - k_w X_n' / h - i)
+        rows[r][r] = -f["current_loop_rad_per_s"]
+        rows[r][q] = -f["current_loop_rad_per_s"] * f["speed_feedback_A_s_per_rad"] / lead
+
+    def _cylinder(self, f: Mapping[str, fmpq], force: Mapping[int, fmpq]) -> None:
+        """Rows of the cylinder's end and of the valve's flow."""
+        _, _, c, _, u, q, r = range(len(_PLANT))
+        rows, area, w = self._rows, f["piston_area_m2"], f["valve_frequency_rad_per_s"]
+        # (14) to (16): X_c' = X_f' + (Q_0 - K_pq K_c (X_c - X_m) / A) / A
+        rows[c][u], rows[c][q] = fmpq(1), 1 / area
+        for j, weight in force.items():
+            rows[c][j] -= f["leakage_m3_per_s_per_Pa"] * weight / (area * area)
+        # (13): Q_0'' = w^2 (K_q I - Q_0) - 2 xi w Q_0'
+        rows[q][r] = fmpq(1)
+        rows[r][q], rows[r][r] = -w * w, -2 * f["valve_damping_ratio"] * w
+
+
+def bounded(matrix: fmpq_mat) -> fmpq_mat:
+    """A matrix whose numbers are not too long to work with.
+
+    Raises:
+        Unreadable: for another.
+    """
+    above, below = matrix.numer_denom()
+    longest = max([int(below), *(abs(int(entry)) for entry in above.entries())])
+    if longest.bit_length() > MOST_BITS:
+        raise Unreadable(f"the numbers of a matrix have more than {MOST_BITS} bits over their common denominator")
+    return matrix
+
 
 # Definiteness.
 
@@ -150,66 +272,52 @@ Claimed = tuple[str, bool]
 """A claim in words, and whether it was proved."""
 
 
+def _fall(
+    loops: Sequence[StateSpace],
+    functions: list[Function],
+    masses: Pair,
+    decay: fmpq = NONE,
+    cases: Sequence[tuple[fmpq, bool]] = ((NONE, False),),
+) -> bool:
+    """Whether functions are positive and fall, one along every loop or each along its own, in all cases of a rate."""
+    pairs = zip(functions * len(loops) if len(functions) == 1 else functions, loops, strict=True)
+    return all(one.positive(masses) for one in functions) and all(
+        one.falls(loop, masses, decay, *case) for one, loop in pairs for case in cases
+    )
+
+
 def _stage_change(loops: Sequence[StateSpace], claim: Table, masses: Pair) -> Claimed:
-    function = Function(claim, loops[0].order)
-    return "a payload that stays", function.positive(masses) and all(function.falls(loop, masses) for loop in loops)
+    return "a payload that stays", _fall(loops, [Function(claim, loops[0].order)], masses)
 
 
 def _any_change(loops: Sequence[StateSpace], claim: Table, masses: Pair) -> Claimed:
     function = Function(claim, loops[0].order)
-    p = function.coefficients[0]
-    falls = (positive(-_both(loop.matrix(mass), p)) for loop in loops for mass in masses)
-    return "any matched change of the payload", function.degree == 0 and positive(p) and all(falls)
+    return "any matched change of the payload", function.degree == 0 and _fall(loops, [function], masses)
 
 
 def _payload_rate(loops: Sequence[StateSpace], claim: Table, masses: Pair) -> Claimed:
     function, rate = Function(claim, loops[0].order), claim.at_least("rate_kg_per_s", 0, above=True)
     joins, from_rest = _joining(claim)
     cases = [(rate, False), (-rate, False)] + [(rate, True)] * from_rest
-    proved = function.positive(masses) and all(
-        function.falls(loop, masses, NONE, *case) for loop in loops for case in cases
-    )
-    return f"|dm/dt| up to {short(rate)} kg/s, {joins}", proved
+    return f"|dm/dt| up to {short(rate)} kg/s, {joins}", _fall(loops, [function], masses, NONE, cases)
 
 
 def _payload_jumps(loops: Sequence[StateSpace], claim: Table, masses: Pair) -> Claimed:
-    function, (factor, decay, words, enough) = Function(claim, loops[0].order), _dwell(claim)
-    joins, from_rest = _joining(claim)
-    bare = loops[0].bare_mass
+    function, bare, (joins, from_rest) = Function(claim, loops[0].order), loops[0].bare_mass, _joining(claim)
     shares = [fmpq(1), (bare + masses[0]) / (bare + masses[1])][: 1 + from_rest]
-    proved = (
-        enough
-        and function.degree <= 1  # affine in m: the extremes of both masses and of the share of v suffice
-        and function.positive(masses)
-        and all(function.falls(loop, masses, decay) for loop in loops)
-        and all(
-            positive(function.at(before) * factor - _after(function.at(after), share))
-            for before in masses
-            for after in masses
-            for share in shares
-        )
-    )
-    return f"sudden changes of the payload every {words}, {joins}", proved
+    ends = [function.at(mass) for mass in masses]
+    changes = [(before, _after(after, share)) for before in ends for after in ends for share in shares]
+    words, proved = _dwell(loops, claim, masses, [function], changes)
+    return f"sudden changes of the payload {words}, {joins}", proved
 
 
 def _stage_dwell(loops: Sequence[StateSpace], claim: Table, masses: Pair) -> Claimed:
-    factor, decay, words, enough = _dwell(claim)
     functions = [Function(one, loops[0].order) for one in claim.tables("stage")]
     if len(functions) != len(loops):
         raise Unreadable(f"{claim.place} needs a P for each stage")
-    proved = (
-        enough
-        and all(f.degree <= 1 and f.positive(masses) for f in functions)
-        and all(f.falls(loop, masses, decay) for f, loop in zip(functions, loops, strict=True))
-        and all(  # affine in m: both ends suffice
-            positive(one.at(mass) * factor - two.at(mass))
-            for mass in masses
-            for one in functions
-            for two in functions
-            if one is not two
-        )
-    )
-    return f"changes of stage every {words}, at a payload that stays", proved
+    changes = [(one.at(mass), two.at(mass)) for one, two in permutations(functions, 2) for mass in masses]
+    words, proved = _dwell(loops, claim, masses, functions, changes)
+    return f"changes of stage {words}, at a payload that stays", proved
 
 
 def _joining(claim: Table) -> tuple[str, bool]:
@@ -218,10 +326,22 @@ def _joining(claim: Table) -> tuple[str, bool]:
     return f"payload {joining.replace('_', ' ')}", joining == "from_rest"
 
 
-def _dwell(claim: Table) -> tuple[fmpq, fmpq, str, bool]:
-    """Growth at a change, decay between, the time between in words, and whether that is enough."""
+def _dwell(
+    loops: Sequence[StateSpace],
+    claim: Table,
+    masses: Pair,
+    functions: list[Function],
+    changes: Sequence[tuple[fmpq_mat, fmpq_mat]],
+) -> Claimed:
+    """The time between changes, each with P before and after it, and whether functions that fall between allow it."""
     dwell, factor, decay = (claim.at_least(key, 0, above=True) for key in ("dwell_s", "factor", "decay_per_s"))
-    return factor, decay, f"{short(dwell)} s on average", bool(arb(factor).log() < arb(2 * decay * dwell))
+    proved = (
+        bool(arb(factor).log() < arb(2 * decay * dwell))
+        and all(one.degree <= 1 for one in functions)  # affine in m: the extremes of masses and of the share suffice
+        and _fall(loops, functions, masses, decay)
+        and all(positive(before * factor - after) for before, after in changes)
+    )
+    return f"every {short(dwell)} s on average", proved
 
 
 def _after(p: fmpq_mat, share: fmpq) -> fmpq_mat:
