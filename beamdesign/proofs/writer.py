@@ -11,7 +11,8 @@ from types import MappingProxyType
 from typing import Any
 
 import tomli_w
-from flint import arb, ctx, fmpq
+from flint import arb, ctx, fmpq, fmpq_mpoly_ctx
+from flint.utils.flint_exceptions import DomainError
 
 from beamdesign.parameters import PARAMETERS, rows_of
 from beamdesign.plant.assembly import effect_parameters_of
@@ -178,42 +179,37 @@ def _elements(
 ) -> Tables:
     """Elements of an effect whose numbers are sums of numbers and of numbers times spans or figures.
 
-    They are taken where all of these are at their low ends, and where one at a time is at its high end; that they are
-    affine is seen where all are.
+    They are taken with a variable for each of these that varies, so that it is seen whether they are affine.
     """
     linear = library()[name].linear
     assert linear is not None  # it has members
     figure = {key: exact(value) for key, value in figures(prototype).items()}
-    parameters = {key: exact(value) for key, value in own.items()}
-    low = {key: exact(span.low) for key, span in spans.items()}
-    high = {key: exact(span.high) for key, span in spans.items()}
-    for key in figure.keys() & varying.keys():
-        low[key], high[key] = varying[key]
-    width = {key: high[key] - low[key] for key in low if low[key] < high[key]}
+    ends = {key: (exact(span.low), exact(span.high)) for key, span in spans.items()}
+    ends |= {key: pair for key, pair in varying.items() if key in figure}
+    free = [key for key, (low, high) in ends.items() if low < high]
+    context = fmpq_mpoly_ctx.get(free, "lex")
+    values: dict[str, Any] = {key: low for key, (low, _) in ends.items()} | dict(zip(free, context.gens(), strict=True))
+    words = "its elements are not affine in what it lets vary, so that no certificate states them"
+    refused = InputError(prototype.name, [(f"effects.{name}", words)])
 
-    def at(*raised: str) -> Tables:
-        values = low | {key: high[key] for key in raised}
-        return _nested(linear.elements(parameters | values, figure | values))
+    def written(value: Any) -> Any:
+        if isinstance(value, dict):
+            return {key: written(one) for key, one in value.items()}
+        if isinstance(value, list):
+            return [written(one) for one in value]
+        terms = (context.constant(0) + value).to_dict()
+        if any(sum(powers) > 1 for powers in terms):
+            raise refused
+        constant = terms.pop((0,) * len(free), fmpq(0))
+        slopes = {key: c for powers, c in terms.items() for key, power in zip(free, powers, strict=True) if power}
+        parts = [f"{text(slopes[key])}*{key}" for key in free if key in slopes]
+        return " + ".join([text(constant)] * (constant != 0 or not parts) + parts)
 
-    base, steps = at(), {key: at(key) for key in width}
-
-    def number(first: fmpq, others: Mapping[str, fmpq], last: fmpq) -> str:
-        slopes = {key: (value - first) / width[key] for key, value in others.items()}
-        if first + sum((slope * width[key] for key, slope in slopes.items()), fmpq(0)) != last:
-            words = "its elements are not affine in what it lets vary, so that no certificate states them"
-            raise InputError(prototype.name, [(f"effects.{name}", words)])
-        constant = first - sum((slope * low[key] for key, slope in slopes.items()), fmpq(0))
-        terms = [f"{text(slope)}*{key}" for key, slope in slopes.items() if slope != 0]
-        return " + ".join([text(constant)] * (constant != 0 or not terms) + terms)
-
-    def merged(first: Any, others: Mapping[str, Any], last: Any) -> Any:
-        if isinstance(first, dict):
-            return {k: merged(v, {key: one[k] for key, one in others.items()}, last[k]) for k, v in first.items()}
-        if isinstance(first, list):
-            return [merged(v, {key: one[k] for key, one in others.items()}, last[k]) for k, v in enumerate(first)]
-        return number(first, others, last)
-
-    found: Tables = merged(base, steps, at(*width))
+    try:
+        elements = linear.elements({key: exact(value) for key, value in own.items()} | values, figure | values)
+    except (DomainError, TypeError) as error:
+        raise refused from error
+    found: Tables = written(_nested(elements))
     return found
 
 
