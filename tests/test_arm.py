@@ -486,13 +486,13 @@ def test_the_family_over_places_is_the_polynomial_of_the_place(link: Prototype):
     """The polynomial that a certificate states, put in numbers, against that of one place, exactly."""
 
     from beamdesign.proofs.box_member import member
-    from beamdesign.proofs.statement import Statement
+    from beamdesign.proofs.statement import PolynomialFamily
 
     rig = at(link, 0.05, -0.1, 0.15)
     family = prove_anywhere(rig, (2.5, 2.5), (0.0, 0.0, 0.0))["both"]
     table = tomllib.loads(family.certificate)
     assert "along_m 0.05, sideways_squared_m2 0.01, upwards_squared_m2 0.0225" in table["name"]
-    assert member(Statement(table["p"], {}), {}).plain == both_planes(rig).at(2.5)
+    assert member(PolynomialFamily("", table["p"], {}).over({}), {}).plain == both_planes(rig).at(2.5)
 
 
 def test_a_place_that_is_not_stable_is_found(link: Prototype):

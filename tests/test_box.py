@@ -14,9 +14,8 @@ from beamdesign.polynomial import exact, is_hurwitz
 from beamdesign.polynomial import roots as roots_of
 from beamdesign.proofs.box import box_of, certify_box
 from beamdesign.proofs.box_member import Quasipolynomial, unstable_roots
-from beamdesign.proofs.rig_family import PolynomialFamily
 from beamdesign.proofs.stability import stable_ranges
-from beamdesign.proofs.statement import Statement
+from beamdesign.proofs.statement import PolynomialFamily
 from beamdesign.proofs.tolerance_box import largest_scaling, scaling_of_each
 from beamdesign.proofs.zero_exclusion import balls
 
@@ -219,7 +218,9 @@ def test_delay_and_gain_together():
 
 def test_neutral_type_is_refused():
     with pytest.raises(ValueError, match="neutral"):
-        Statement("a + k*late", {"T": (fmpq(0), fmpq(1))}, {"a": "s + 1", "k": "s/2"}, (), {"late": "T"})
+        PolynomialFamily("", "a + k*late", {"T": fmpq(0)}, {"a": "s + 1", "k": "s/2"}, (), {"late": "T"}).over(
+            {"T": (fmpq(0), fmpq(1))}
+        )
 
 
 def test_too_many_control_points_are_refused():

@@ -24,7 +24,7 @@ from beamdesign.polynomial import exact
 from beamdesign.polynomial import roots as roots_of
 from beamdesign.proofs.box import box_of, certify_box
 from beamdesign.proofs.branch import Search
-from beamdesign.proofs.rig_family import PolynomialFamily
+from beamdesign.proofs.statement import PolynomialFamily
 from beamdesign.proofs.tolerance_box import tolerance_box
 from beamdesign.proofs.writer import prototype_table
 from beamdesign.proofs.zero_exclusion import holds, pieces

@@ -15,7 +15,8 @@ from beamdesign.polynomial import exact
 from beamdesign.progress import Progress, silent
 from beamdesign.proofs.box import box_of, certify_box
 from beamdesign.proofs.certifying import certify, stability_over
-from beamdesign.proofs.rig_family import PolynomialFamily, rig_family
+from beamdesign.proofs.rig_family import rig_family
+from beamdesign.proofs.statement import PolynomialFamily
 from beamdesign.prototype import Prototype
 from beamdesign.rational import nearest
 

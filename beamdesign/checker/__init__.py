@@ -18,6 +18,7 @@ from typing import Any
 
 from flint import ctx
 
+from beamdesign.checker.box_loop import DEVIATIONS
 from beamdesign.checker.prototype import ALLOY, differences, left_open
 from beamdesign.checker.reading import LARGEST_BYTES, Table, Unreadable, rational, read, sealed, short, span
 from beamdesign.checker.rig import Effect, Rig
@@ -177,13 +178,7 @@ KEYS = {
         "torsional_stiffness_N_m_per_rad", "torsional_damping_ratio", "second_controller",
     ),
     "compliance": ("end_stiffness_N_per_m", "force_filter_Hz", "servo"),
-    "tolerance": (
-        "stiffness", "effective_mass", "beam_damping_ratio", "oil_stiffness", "piston_area", "flow_gain", "leakage",
-        "valve_natural_frequency", "valve_damping_ratio", "screw_stiffness", "screw_damping",
-        "lead", "torque_constant", "rotor_inertia",
-        "rotor_friction", "speed_feedback", "current_loop", "sensor_gain", "sensor_filter", "outer_end_mass",
-        "inner_end_mass",
-    ),
+    "tolerance": tuple(dict.fromkeys(DEVIATIONS.values())),
 }  # fmt: skip
 _LENGTHS = {"outer_end_mass_kg": 2, "offset_m": 3, "tool_m": 3, "sensor_m": 3}
 _LAWS = ("second_controller", "servo")

@@ -21,18 +21,17 @@ from beamdesign.checker.roots import Pair, is_hurwitz
 # That the expression is the polynomial of the rig.
 
 
-_DEVIATIONS = {
+DEVIATIONS = {
+    f"{beam}_{name}": key
+    for beam in ("outer", "inner")
+    for name, key in (("stiffness", "stiffness"), ("mass", "effective_mass"), ("damping", "beam_damping_ratio"))
+} | {
     "oil_stiffness": "oil_stiffness", "piston_area": "piston_area", "flow_gain": "flow_gain", "leakage": "leakage",
     "valve_frequency": "valve_natural_frequency", "valve_damping_ratio": "valve_damping_ratio",
     "screw_stiffness": "screw_stiffness", "screw_damping": "screw_damping", "lead": "lead",
     "torque_constant": "torque_constant", "rotor_inertia": "rotor_inertia", "rotor_friction": "rotor_friction",
-    "speed_feedback": "speed_feedback",
-    "current_loop": "current_loop", "sensor_gain": "sensor_gain", "filter_frequency": "sensor_filter",
-    "inner_end_mass": "inner_end_mass",
-} | {
-    f"{beam}_{name}": key
-    for beam in ("outer", "inner")
-    for name, key in (("stiffness", "stiffness"), ("mass", "effective_mass"), ("damping", "beam_damping_ratio"))
+    "speed_feedback": "speed_feedback", "current_loop": "current_loop", "sensor_gain": "sensor_gain",
+    "filter_frequency": "sensor_filter", "outer_end_mass": "outer_end_mass", "inner_end_mass": "inner_end_mass",
 }  # fmt: skip
 """The entry of [tolerance] for each figure."""
 _HALVINGS = 40
@@ -292,7 +291,7 @@ def _deviations(table: Table, own: Mapping[str, fmpq]) -> dict[str, list[fmpq]]:
     """Relative standard deviations behind each figure: its own, and for a dashpot those of stiffness and mass."""
     entries = Table(table.optional("tolerance").whole_of_it(), "tolerance")
     stated = {key: entries.at_least(key, 0) for key in entries.keys}
-    found = {name: [stated.get(_DEVIATIONS[name], fmpq(0))] for name in own if name in _DEVIATIONS}
+    found = {name: [stated.get(DEVIATIONS[name], fmpq(0))] for name in own if name in DEVIATIONS}
     for name in ("outer_damping", "inner_damping"):
         found[name] += [stated.get(key, fmpq(0)) for key in ("stiffness", "effective_mass")]
     return found

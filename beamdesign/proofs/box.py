@@ -11,8 +11,8 @@ from flint import ctx, fmpq
 from beamdesign.polynomial import exact, roots
 from beamdesign.proofs.box_member import member, parameters_at, stable_at, unstable_member
 from beamdesign.proofs.branch import Search
-from beamdesign.proofs.rig_family import PolynomialFamily, rig_family
-from beamdesign.proofs.statement import Interval, Statement
+from beamdesign.proofs.rig_family import rig_family
+from beamdesign.proofs.statement import Interval, PolynomialFamily, Statement
 from beamdesign.proofs.writer import Tables, certificate, plain, stated, texts
 from beamdesign.proofs.zero_exclusion import PRECISION_BITS, Piece, holds, pieces
 from beamdesign.prototype import Prototype

@@ -42,8 +42,8 @@ from beamdesign.proofs.certificate import LOWER_GAINS, Asked
 from beamdesign.proofs.multiplier import angle_ratios, largest_gains, presupposed
 from beamdesign.proofs.performance import rounded_below, servo_off_of
 from beamdesign.proofs.read_once import NotCovered
-from beamdesign.proofs.rig_family import PolynomialFamily, performing_spans, rig_family
-from beamdesign.proofs.statement import UNKNOWN, Interval, Statement
+from beamdesign.proofs.rig_family import performing_spans, rig_family
+from beamdesign.proofs.statement import UNKNOWN, Interval, PolynomialFamily, Statement
 from beamdesign.proofs.value_set import with_unknown
 from beamdesign.proofs.writer import Tables, texts
 from beamdesign.proofs.zero_exclusion import PRECISION_BITS, Piece, holds, pieces

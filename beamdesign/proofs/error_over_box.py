@@ -32,8 +32,8 @@ from beamdesign.proofs.box_member import below, parameters_at, with_number
 from beamdesign.proofs.branch import Search
 from beamdesign.proofs.certificate import Asked, Row, Weighed
 from beamdesign.proofs.read_once import NotCovered
-from beamdesign.proofs.rig_family import FACTOR, PolynomialFamily, rig_family, wrapped
-from beamdesign.proofs.statement import UNKNOWN, Circle, Interval, Statement
+from beamdesign.proofs.rig_family import FACTOR, rig_family
+from beamdesign.proofs.statement import UNKNOWN, Circle, Interval, PolynomialFamily, Statement, wrapped
 from beamdesign.proofs.value_set import with_unknown
 from beamdesign.proofs.zero_exclusion import PRECISION_BITS, holds, pieces
 from beamdesign.prototype import Prototype

@@ -32,9 +32,9 @@ from beamdesign.proofs.box_claims import claim_of_family
 from beamdesign.proofs.certificate import Asked, Kind
 from beamdesign.proofs.performance import keeps, least_of
 from beamdesign.proofs.read_once import Expression, S, read_once
-from beamdesign.proofs.rig_family import TRANSPORT, PolynomialFamily, claimed
+from beamdesign.proofs.rig_family import TRANSPORT, claimed
 from beamdesign.proofs.stability import StabilityMap, stable_ranges
-from beamdesign.proofs.statement import UNKNOWN, Interval, in_context, written
+from beamdesign.proofs.statement import UNKNOWN, Interval, PolynomialFamily, in_context, written
 from beamdesign.rational import nearest
 from beamdesign.records import InputError
 from beamdesign.result import Result
@@ -103,8 +103,8 @@ class LoopFamily:
         positive = [name for name, (low, _) in self.ranges.items() if low > 0]
 
         def shaped(form: Expression) -> PolynomialFamily:
-            parts = form.leaves, form.bound, None, form.groups, positive, circles, since, until
-            return PolynomialFamily("loop", form.p, values, *parts)
+            shape = form.p, values, form.leaves, form.bound
+            return PolynomialFamily("loop", *shape, {}, form.groups, positive, circles, since, until)
 
         plain, turned = p.subs({UNKNOWN: 0}), p.derivative(UNKNOWN)
         if len(positive) == len(values):

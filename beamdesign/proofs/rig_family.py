@@ -1,15 +1,10 @@
-"""The closed loop of the twin-beam rig as an expression in all its figures, and what is claimed of it as another.
-
-A `PolynomialFamily` is a polynomial as sums and products of leaves; over a box of its parameters it is a `Statement`.
-"""
+"""The closed loop of the twin-beam rig as an expression in all its figures, and what is claimed of it as another."""
 
 import ast
 import re
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass
 from itertools import chain
 from math import inf, pi
-from textwrap import wrap
 
 from flint import fmpq, fmpq_mpoly, fmpq_mpoly_ctx
 
@@ -19,74 +14,12 @@ from beamdesign.polynomial import exact, in_variable
 from beamdesign.proofs.certificate import Asked
 from beamdesign.proofs.multiplier import weighed
 from beamdesign.proofs.read_once import Expression, NotCovered, read_once
-from beamdesign.proofs.statement import UNKNOWN, Circle, Interval, Statement
-from beamdesign.proofs.writer import Tables
+from beamdesign.proofs.statement import UNKNOWN, Circle, Interval, PolynomialFamily
 from beamdesign.prototype import Prototype
-from beamdesign.rational import text
 from beamdesign.structure.lumped import figures
 
 TRANSPORT = "transport"
-NO_FREQUENCY = fmpq(0)
 FACTOR = "effect_gain"
-
-
-@dataclass(frozen=True)
-class PolynomialFamily:
-    """A characteristic polynomial over parameters; the texts are those of `Statement`.
-
-    Attributes:
-        name: what it is of.
-        p: the polynomial over leaves, or at once in s and the parameters where there are no leaves.
-        values: each parameter's value where no box says otherwise.
-        leaves: polynomials in s and in parameters or their reciprocals, by name.
-        bound: leaves that stand in several places, in packs that are enumerated together.
-        delays: names that stand for exp(-s T), with the parameter T of each.
-        groups: (name, "sum" or "product", members) of parameters that enter by one variable only.
-        positive: parameters that cannot be negative.
-        circles: unknowns that are anywhere on a circle.
-        since: frequency from which on it is looked at, rad/s.
-        until: up to which, rad/s; None for all.
-    """
-
-    name: str
-    p: str
-    values: Mapping[str, fmpq]
-    leaves: Mapping[str, str] | None = None
-    bound: tuple[tuple[str, ...], ...] = ()
-    delays: Mapping[str, str] | None = None
-    groups: tuple[tuple[str, str, tuple[str, ...]], ...] = ()
-    positive: Collection[str] = ()
-    circles: Mapping[str, Circle] | None = None
-    since: fmpq = NO_FREQUENCY
-    until: fmpq | None = None
-
-    def over(self, ranges: Mapping[str, Interval]) -> Statement:
-        """The family over a box; parameters that are not named keep their values.
-
-        Raises:
-            ValueError: for an unknown parameter, or a range that the expression does not allow.
-        """
-        if unknown := sorted(set(ranges) - set(self.values)):
-            raise ValueError(f"no parameter {', '.join(unknown)}; there are {', '.join(self.values)}")
-        for name, (low, high) in ranges.items():
-            if low > high or (name in self.positive and low < 0):
-                raise ValueError(f"{name}: not a range: {text(low)} to {text(high)}")
-        full = {name: ranges.get(name, (value, value)) for name, value in self.values.items()}
-        parts = self.leaves, self.bound, self.delays, self.groups
-        return Statement(self.p, full, *parts, self.circles, self.since, self.until)
-
-    def table(self, tree: Sequence[str] | None) -> Tables:
-        """As a certificate states it: p, its leaves and groups, and the marks of its pieces, where there are any."""
-        groups = [{"name": name, "kind": kind, "members": [*members]} for name, kind, members in self.groups]
-        more = {"leaf": self.leaves, "delay": self.delays, "group": groups}
-        body: Tables = {"p": self.p} | ({"bound": [[*pack] for pack in self.bound]} if self.bound else {})
-        body |= {} if tree is None else {"tree": wrapped(tree)}
-        return body | {key: value for key, value in more.items() if value}
-
-
-def wrapped(tree: Sequence[str]) -> list[str]:
-    """Marks as lines."""
-    return wrap(" ".join(tree), 110, break_long_words=False, break_on_hyphens=False)
 
 
 def effect_spans(found: LinearFamily) -> dict[str, Interval]:
@@ -213,7 +146,7 @@ def rig_family(
     if error is not None:
         form = _moved(form if error.place == "volts" else _apart(form), error.decay)
     positive = [name for name in values if name not in _frozen(found)]
-    delays = {TRANSPORT: "delay"} if delayed else None
+    delays = {TRANSPORT: "delay"} if delayed else {}
     return PolynomialFamily(
         prototype.name, form.p, values, form.leaves, form.bound, delays, form.groups, positive, circles, since, until
     )

@@ -1,15 +1,22 @@
-"""A characteristic polynomial over a box of parameters, as a certificate states it: expression, ranges, degrees."""
+"""A characteristic polynomial over a box of parameters, as a certificate states it: expression, ranges, degrees.
+
+A `PolynomialFamily` is a polynomial as sums and products of leaves; over a box of its parameters it is a `Statement`.
+"""
 
 import ast
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
 from functools import reduce
 from operator import add, itemgetter, mul, or_, sub, truediv
+from textwrap import wrap
 from typing import Any, NamedTuple, TypeVar
 
 from flint import Ordering, fmpq, fmpq_mpoly, fmpq_mpoly_ctx, fmpq_poly
 
 from beamdesign.polynomial import Quotient, exact
+from beamdesign.proofs.writer import Tables
+from beamdesign.rational import text
 
 T = TypeVar("T")
 Interval = tuple[fmpq, fmpq]
@@ -158,6 +165,63 @@ def _structure(
     raise ValueError(f"not a sum or product of leaves: {ast.unparse(node)}")
 
 
+@dataclass(frozen=True)
+class PolynomialFamily:
+    """A characteristic polynomial over parameters; the texts are as a certificate states them.
+
+    Attributes:
+        name: what it is of.
+        p: the polynomial over leaves, or at once in s and the parameters where there are no leaves.
+        values: each parameter's value where no box says otherwise.
+        leaves: polynomials in s and in parameters or their reciprocals, by name.
+        bound: leaves that stand in several places, in packs that are enumerated together.
+        delays: names that stand for exp(-s T), with the parameter T of each.
+        groups: (name, "sum" or "product", members) of parameters that enter by one variable only.
+        positive: parameters that cannot be negative.
+        circles: unknowns that are anywhere on a circle.
+        since: frequency from which on it is looked at, rad/s.
+        until: up to which, rad/s; None for all.
+    """
+
+    name: str
+    p: str
+    values: Mapping[str, fmpq]
+    leaves: Mapping[str, str] = field(default_factory=dict)
+    bound: tuple[tuple[str, ...], ...] = ()
+    delays: Mapping[str, str] = field(default_factory=dict)
+    groups: tuple[tuple[str, str, tuple[str, ...]], ...] = ()
+    positive: Collection[str] = ()
+    circles: Mapping[str, Circle] = field(default_factory=dict)
+    since: fmpq = _ZERO
+    until: fmpq | None = None
+
+    def over(self, ranges: Mapping[str, Interval]) -> "Statement":
+        """The family over a box; parameters that are not named keep their values.
+
+        Raises:
+            ValueError: for an unknown parameter, or a range that the expression does not allow.
+        """
+        if unknown := sorted(set(ranges) - set(self.values)):
+            raise ValueError(f"no parameter {', '.join(unknown)}; there are {', '.join(self.values)}")
+        for name, (low, high) in ranges.items():
+            if low > high or (name in self.positive and low < 0):
+                raise ValueError(f"{name}: not a range: {text(low)} to {text(high)}")
+        return Statement(self, {name: ranges.get(name, (value, value)) for name, value in self.values.items()})
+
+    def table(self, tree: Sequence[str] | None) -> Tables:
+        """As a certificate states it: p, its leaves and groups, and the marks of its pieces, where there are any."""
+        groups = [{"name": name, "kind": kind, "members": [*members]} for name, kind, members in self.groups]
+        more = {"leaf": self.leaves, "delay": self.delays, "group": groups}
+        body: Tables = {"p": self.p} | ({"bound": [[*pack] for pack in self.bound]} if self.bound else {})
+        body |= {} if tree is None else {"tree": wrapped(tree)}
+        return body | {key: value for key, value in more.items() if value}
+
+
+def wrapped(tree: Sequence[str]) -> list[str]:
+    """Marks as lines."""
+    return wrap(" ".join(tree), 110, break_long_words=False, break_on_hyphens=False)
+
+
 class Statement:
     """What a certificate is about: p, and the ranges of its variables.
 
@@ -176,28 +240,17 @@ class Statement:
         degree: highest power of s without delay and unknowns, and with them (-1 for none).
     """
 
-    def __init__(
-        self,
-        p: str,
-        parameters: Mapping[str, Interval],
-        leaves: Mapping[str, str] | None = None,
-        bound: Sequence[Sequence[str]] = (),
-        delays: Mapping[str, str] | None = None,
-        groups: Sequence[tuple[str, str, Sequence[str]]] = (),
-        circles: Mapping[str, Circle] | None = None,
-        since: fmpq = _ZERO,
-        until: fmpq | None = None,
-    ):
-        if not leaves:
-            leaves, p = {"p": p}, "p"
+    def __init__(self, family: PolynomialFamily, parameters: Mapping[str, Interval]):
+        p, leaves = (family.p, family.leaves) if family.leaves else ("p", {"p": family.p})
+        delays = family.delays
         self.leaves = {"s": polynomial("s")} | {name: polynomial(leaf) for name, leaf in leaves.items()}
-        self.bound, self.groups = [tuple(pack) for pack in bound], list(groups)
+        self.bound, self.groups = [tuple(pack) for pack in family.bound], list(family.groups)
         enumerated = {name: k for k, pack in enumerate(self.bound) for name in pack}
-        self.circles, self.since, self.until = dict(circles or {}), since, until
-        self.body = _structure(_parsed(p), self.leaves, delays or {}, enumerated, self.circles)
-        if len(delays or {}) > 1:
+        self.circles, self.since, self.until = family.circles, family.since, family.until
+        self.body = _structure(_parsed(p), self.leaves, delays, enumerated, self.circles)
+        if len(delays) > 1:
             raise ValueError("there may be one delay")
-        self.delay = next(iter((delays or {}).values()), None)
+        self.delay = next(iter(delays.values()), None)
         self.parameters = dict(parameters)
         self.ranges = self.merged(self.parameters) | dict.fromkeys(self.circles, (fmpq(0), fmpq(1)))
         terms = [term for leaf in self.leaves.values() for term in leaf]

@@ -16,7 +16,8 @@ from beamdesign.controllers import Lag
 from beamdesign.proofs.box import Box
 from beamdesign.proofs.box_member import undamping
 from beamdesign.proofs.branch import Search, control_points
-from beamdesign.proofs.rig_family import PolynomialFamily, rig_family
+from beamdesign.proofs.rig_family import rig_family
+from beamdesign.proofs.statement import PolynomialFamily
 from beamdesign.proofs.tolerance_box import largest_scaling, tolerance_box
 from beamdesign.proofs.zero_exclusion import PRECISION_BITS, holds, pieces
 from beamdesign.prototype import Payload, Tolerance

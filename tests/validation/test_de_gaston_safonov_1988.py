@@ -12,7 +12,7 @@ from beamdesign import check
 from beamdesign.polynomial import Affine, crossings, exact
 from beamdesign.proofs.box import box_of
 from beamdesign.proofs.box_member import member
-from beamdesign.proofs.rig_family import PolynomialFamily
+from beamdesign.proofs.statement import PolynomialFamily
 from beamdesign.proofs.tolerance_box import largest_scaling
 
 FAMILY = PolynomialFamily(

@@ -35,8 +35,7 @@ from beamdesign.proofs.arm import PLANES, PlaneFigures, arm_figures, arm_of, pla
 from beamdesign.proofs.arm.remaining import Vector
 from beamdesign.proofs.box import BoxVerdict, box_of, certify_box
 from beamdesign.proofs.mass_family import floats
-from beamdesign.proofs.rig_family import PolynomialFamily
-from beamdesign.proofs.statement import written
+from beamdesign.proofs.statement import PolynomialFamily, written
 from beamdesign.prototype import Prototype
 from beamdesign.rational import nearest, text
 from beamdesign.records import InputError
