@@ -26,13 +26,13 @@ the decrease in the time between them.
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from itertools import permutations
-from math import comb
 from operator import mul
 from typing import Any, Literal
 
 from flint import arb, ctx, fmpq, fmpq_mat, fmpz
 
 from beamdesign.proofs.mass_family import Families, MassFamily
+from beamdesign.proofs.zero_exclusion import control_value
 
 # Definiteness of symmetric rational matrices, and of matrix polynomials on an interval, decided exactly.
 
@@ -84,21 +84,9 @@ def bernstein(coefficients: Sequence[Any], low: Any, high: Any) -> list[Any]:
     On the interval the polynomial is a convex combination of them; the first and the last are its values at the ends.
     Works alike on numbers, arrays and rational matrices; `low` and `high` are rationals or floats to match.
     """
-    degree, length = len(coefficients) - 1, high - low
-    one = length / length
-    shifted = []
-    for j in range(degree + 1):
-        total = coefficients[j] * length**j
-        for k in range(j + 1, degree + 1):
-            total = total + coefficients[k] * (comb(k, j) * low ** (k - j) * length**j)
-        shifted.append(total)
-    result = []
-    for i in range(degree + 1):
-        total = shifted[0]
-        for j in range(1, i + 1):
-            total = total + shifted[j] * (one * comb(i, j) / comb(degree, j))
-        result.append(total)
-    return result
+    degree, none = len(coefficients) - 1, coefficients[0] * 0
+    shares = ([control_value(low, high, k, degree, i) for k in range(degree + 1)] for i in range(degree + 1))
+    return [sum((p * share for p, share in zip(coefficients, own, strict=True)), none) for own in shares]
 
 
 def positive_on(coefficients: Sequence[fmpq_mat], low: fmpq, high: fmpq, deepest: int = DEEPEST) -> Definite:

@@ -176,22 +176,21 @@ def largest_scaling(
 
 
 def scaling_of_each(
-    subject: Prototype | PolynomialFamily, box: Box, within: float = 0.1, budget: int = 4000, most: float = 4.0
+    subject: Prototype | PolynomialFamily, box: Box, within: float = 0.1, budget: int = 4000
 ) -> dict[str, Scaling]:
     """The same of each range by itself, the others staying as wide as they are; the first is the one to tighten first.
 
     Args:
-        subject: as of `largest_scaling`, as what follows.
+        subject: as of `largest_scaling`, as what follows; the largest factor is 4.
         box: the tolerances at factor 1.
         within: see there.
         budget: see there.
-        most: see there.
 
     Raises:
         ValueError: as `certify_box`.
     """
     found = {
-        name: largest_scaling(subject, replace(box, rigid=frozenset({*box.names} - {name})), within, budget, most)
+        name: largest_scaling(subject, replace(box, rigid=frozenset({*box.names} - {name})), within, budget, 4.0)
         for name in box.names
         if name not in box.rigid
     }
