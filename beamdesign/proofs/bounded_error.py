@@ -30,6 +30,7 @@ from beamdesign.plant.linear import DISPLACEMENT, LinearModel
 from beamdesign.plant.members import VertexModel
 from beamdesign.polynomial import Affine, exact
 from beamdesign.proofs.certificate import Row
+from beamdesign.proofs.read_once import NotCovered
 from beamdesign.proofs.scope import Members
 from beamdesign.proofs.stability import is_stable_over
 from beamdesign.prototype import Prototype
@@ -185,21 +186,46 @@ def numerators(prototype: Prototype, rig: LinearModel, places: set[str]) -> Mapp
     plant = rig.plant(prototype.payload.inner_end_mass_kg, law.sensors)
     if rig.sensor_rides:
         raise ArithmeticError("the sensor rides on the mount, so that it does not see the tip alone")
-    found = {"current": plant.displaced * law.denominator}
-    own = plant.control[0]
+    own, figure = plant.control[0], {name: exact(value) for name, value in rig.figures.items()}
     assert own.slope.is_zero()  # it sees the tip alone
-    found["volts"] = own.constant * law.numerators[0] / exact(prototype.sensor.gain_V_per_m)
-    figure = {name: exact(value) for name, value in rig.figures.items()}
-    if "flow_gain" in figure:
-        w, damping, gain = (figure[key] for key in ("valve_frequency", "valve_damping_ratio", "flow_gain"))
-        found["flow"] = found["current"] * fmpq_poly([1 / gain, 2 * damping / (w * gain), 1 / (w * w * gain)])
-    else:  # a force on the nut instead of the one that the motor's current gives
-        per_force = figure["lead"] / figure["torque_constant"]
-        found["nut"] = found["current"] * fmpq_poly([per_force, per_force / figure["current_loop"]])
+    given = plant.displaced * law.denominator, own.constant * law.numerators[0], figure, fmpq_poly([0, 1])
+    known = ("current", "volts", "flow" if "flow_gain" in figure else "nut")
+    found: dict[str, fmpq_poly] = {place: erring(place, *given) for place in known}
     if "stroke" in places:
         assert law.sensors == DISPLACEMENT  # else more than this moves
         inner = exact(prototype.payload.inner_end_mass_kg)
         found["stroke"] = _stroke(rig, inner, plant.denominator.constant) * law.denominator
+    return found
+
+
+def erring(place: str, current: Any, volts: Any, figure: Mapping[str, Any], s: Any) -> Any:
+    """What an error at a place does to the tip, over the characteristic polynomial.
+
+    A force between piston and cylinder is the flow that leaks past and that the oil gives, see `Weighed`.
+
+    Args:
+        place: one of `UNITS`.
+        current: what an error in the current does.
+        volts: the loop's numerator from the displacement.
+        figure: of the rig, as numbers or variables.
+        s: the variable, of polynomials in it alone or in parameters too.
+
+    Raises:
+        NotCovered: for another place, or a rig in which it is not that.
+    """
+    above, below = current, 1 + 0 * s
+    if place == "volts":
+        above, below = volts, below * figure["sensor_gain"]
+    elif place == "nut":
+        above *= figure["lead"] * (figure["current_loop"] + s)
+        below *= figure["torque_constant"] * figure["current_loop"]
+    elif place != "current":
+        w = figure["valve_frequency"]
+        above *= s * s + 2 * figure["valve_damping_ratio"] * w * s + w * w
+        below *= figure["flow_gain"] * w * w
+    found, rest = divmod(above, below)
+    if rest != 0:
+        raise NotCovered(f"what an error in the {place} does is no polynomial")
     return found
 
 

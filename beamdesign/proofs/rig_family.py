@@ -11,9 +11,10 @@ from flint import fmpq, fmpq_mpoly, fmpq_mpoly_ctx
 from beamdesign.plant.linear import TIP
 from beamdesign.plant.members import LinearFamily, family
 from beamdesign.polynomial import exact, in_variable
+from beamdesign.proofs.bounded_error import erring
 from beamdesign.proofs.certificate import Asked
 from beamdesign.proofs.multiplier import weighed
-from beamdesign.proofs.read_once import Expression, NotCovered, read_once
+from beamdesign.proofs.read_once import Expression, read_once
 from beamdesign.proofs.statement import UNKNOWN, Circle, Interval, PolynomialFamily
 from beamdesign.prototype import Prototype
 from beamdesign.structure.lumped import figures
@@ -134,7 +135,7 @@ def rig_family(
     if claim is not None and error is not None:
         figure = {name: variable[name] if name in values else exact(value) for name, value in model.figures.items()}
         of_volts = gain * numerators[0] * seen[0]
-        above = _erring(error.place, seen[-1] * denominator, of_volts, figure, s) * (s + error.decay + error.corner)
+        above = erring(error.place, seen[-1] * denominator, of_volts, figure, s) * (s + error.decay + error.corner)
         above *= error.lead[0] + error.lead[1] * (s + error.decay)
         p, circles[UNKNOWN] = p + variable[UNKNOWN] * above, Circle(fmpq(0), 1 / exact(claim.limit))
     elif claim is not None and claim.kind != "gain_margin":
@@ -150,39 +151,6 @@ def rig_family(
     return PolynomialFamily(
         prototype.name, form.p, values, form.leaves, form.bound, delays, form.groups, positive, circles, since, until
     )
-
-
-def _erring(
-    place: str, current: fmpq_mpoly, volts: fmpq_mpoly, figure: Mapping[str, fmpq_mpoly | fmpq], s: fmpq_mpoly
-) -> fmpq_mpoly:
-    """What an error at a place does to the tip, over the characteristic polynomial.
-
-    A force between piston and cylinder is the flow that leaks past and that the oil gives, see `Weighed`.
-
-    Args:
-        place: one of `bounded_error.UNITS`.
-        current: what an error in the current does.
-        volts: the loop's numerator from the displacement.
-        figure: of the rig, as numbers or variables.
-        s: the variable.
-
-    Raises:
-        NotCovered: for another place, or a rig in which it is not that.
-    """
-    above, below = current, 1 + 0 * s
-    if place == "volts":
-        above, below = volts, below * figure["sensor_gain"]
-    elif place == "nut":
-        above *= figure["lead"] * (figure["current_loop"] + s)
-        below *= figure["torque_constant"] * figure["current_loop"]
-    elif place != "current":
-        w = figure["valve_frequency"]
-        above *= s * s + 2 * figure["valve_damping_ratio"] * w * s + w * w
-        below *= figure["flow_gain"] * w * w
-    found, rest = divmod(above, below)
-    if rest != 0:
-        raise NotCovered(f"what an error in the {place} does is no polynomial")
-    return found
 
 
 def _apart(form: Expression) -> Expression:

@@ -41,16 +41,10 @@ def tip_compliance(figures: ArmFigures) -> np.ndarray:
     return matrix
 
 
-def cross(lever: tuple[float, float, float]) -> np.ndarray:
-    """Matrix (3, 3) of a x: a force F at the lever a has the moment a x F about the tip."""
-    x, y, z = lever
-    return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-
-
 def carried(lever: tuple[float, float, float]) -> np.ndarray:
     """Matrix (6, 6) from force and moment at the lever to those at the tip; its transpose takes motions back."""
     matrix = np.eye(6)
-    matrix[3:, :3] = cross(lever)
+    matrix[3:, :3] = np.cross(np.eye(3), lever)  # a force F at the lever a has the moment a x F about the tip
     return matrix
 
 
@@ -163,7 +157,7 @@ def remaining(
     motion = compliance @ load
     tip, turn = motion[:3], motion[3:]
     twist = np.array([turn[0], 0.0, 0.0])
-    by_turning, by_twist = (-cross(tool) @ part for part in (turn - twist, twist))
+    by_turning, by_twist = (np.cross(part, tool) for part in (turn - twist, twist))
     return Remaining(
         _vector(tip), _vector(turn), _vector(by_turning), _vector(by_twist), _vector(tip + by_turning + by_twist),
         (float(actuators[0]), float(actuators[1])),
