@@ -65,12 +65,10 @@ def statements(table: Table, rig: Rig | None) -> Iterator[tuple[bool, str]]:
     yield judged(found is stable, f"the member is {'' if stable else 'not '}stable: at {at or 'the only one'}")
     if found is not True or not stable:
         return
-    count = 0
-    for where, settled in walked(expression, marks):
-        count += 1
-        if not settled:
-            yield False, f"piece {count}, {where}, is not seen to be free of roots"
-            return
+    count, where = walked(expression, marks)
+    if where:
+        yield False, f"piece {count + 1}, {where}, is not seen to be free of roots"
+        return
     yield True, f"stable for every member of the box: {count} pieces free of roots on the axis"
     for claim in claims:
         yield claim.proved(rig, member)
@@ -179,11 +177,9 @@ class Claim:
             return False, f"{self.words}: the member is not stable when opened, or its loop does not fall off"
         elif self.kind != "loop_gain" and not _below(self.expression, member):
             return False, f"{self.words}: not without motion at the member"
-        count = 0
-        for where, settled in walked(self.expression, self.marks, self.since, self.until):
-            count += 1
-            if not settled:
-                return False, f"{self.words}: piece {count}, {where}, is not seen to be clear"
+        count, where = walked(self.expression, self.marks, self.since, self.until)
+        if where:
+            return False, f"{self.words}: piece {count + 1}, {where}, is not seen to be clear"
         return True, f"{self.words} for every member of the box{self.of_masses}: {count} pieces"
 
 
@@ -293,10 +289,10 @@ class Deviation:
                 without, with_it = (expression.value(member, fmpq(u), acb(0, arb(since))) for u in (0, 1))
                 if not abs(with_it - without) < limit * abs(without):
                     return False, f"{self.words}: not at the member at {short(since)} rad/s"
-            for where, settled in walked(expression, marks, since, until):
-                count += 1
-                if not settled:
-                    return False, f"{self.words}: piece {count}, {where}, is not seen to be clear"
+            clear, where = walked(expression, marks, since, until)
+            count += clear
+            if where:
+                return False, f"{self.words}: piece {count + 1}, {where}, is not seen to be clear"
         return judged(True, f"{self.words}: {len(self.limits)} bands, {count} pieces")
 
     def _moved(self, rig: Rig) -> fmpq_mpoly | None:

@@ -299,8 +299,8 @@ def control_points(expression: Expression) -> int:
 
 def walked(
     expression: Expression, marks: Sequence[str], since: fmpq = NONE, until: fmpq | None = None
-) -> Iterator[tuple[str, bool]]:
-    """Each piece of a tree in words, and whether p vanishes nowhere on it.
+) -> tuple[int, str]:
+    """How many pieces a tree has on which p vanishes nowhere, and in words the first on which that is not seen, if any.
 
     The marks are NAME (a cut in a variable), w=VALUE (in frequency, rad/s), X,Y (what is across a line) and "inf" (the
     leading term outweighs the others).
@@ -323,6 +323,7 @@ def walked(
     if late.degree() >= len(plain) - (waits or expression.circle is None):
         raise Unreadable("the highest power of s is delayed: loops of neutral type are not covered")
     open_pieces: list[tuple[Cell, fmpq, fmpq | None]] = [(whole, since, until)]
+    count = 0
     for mark in marks:
         if not open_pieces:
             raise Unreadable("the tree goes on after all pieces are settled")
@@ -334,11 +335,13 @@ def walked(
             if not w > w1 or (w2 is not None and not w < w2):
                 raise Unreadable(f"{mark[:60]} does not cut its piece")
             open_pieces += [(cell, w, w2), (cell, w1, w)]
+        elif _settled(cell, w1, w2, mark):
+            count += 1
         else:
-            upper = "infinity" if w2 is None else short(w2)
-            yield f"{short(w1)} to {upper} rad/s", _settled(cell, w1, w2, mark)
+            return count, f"{short(w1)} to {'infinity' if w2 is None else short(w2)} rad/s"
     if open_pieces:
         raise Unreadable("the tree ends before all pieces are settled")
+    return count, ""
 
 
 def _settled(cell: Cell, w1: fmpq, w2: fmpq | None, mark: str) -> bool:

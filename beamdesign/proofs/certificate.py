@@ -31,13 +31,18 @@ of the tip and of the payload's centre."""
 INEQUALITIES: tuple[Kind, ...] = ("compliance", "peak_compliance", "peak_sensitivity", "loop_gain", "controller_effort")
 """Claims about magnitudes, as opposed to those about poles."""
 
-_COMPLIANCES = {
-    "compliance": "compliance |x/F_d|",
-    "peak_compliance": "compliance |x/F_d|",
-    "tip_compliance": "compliance of the tip",
-    "load_compliance": "compliance of the payload's centre",
+_WORDS = {
+    "compliance": ("compliance |x/F_d| at most", " m/N"),
+    "peak_compliance": ("compliance |x/F_d| at most", " m/N"),
+    "tip_compliance": ("compliance of the tip at most", " m/N"),
+    "load_compliance": ("compliance of the payload's centre at most", " m/N"),
+    "peak_sensitivity": ("peak sensitivity max |1/(1+L)| at most", ""),
+    "loop_gain": ("loop gain |L| at most", ""),
+    "controller_effort": ("controller effort |C/(1+L)| at most", " A/V"),
+    "decay_rate": ("decay rate of every pole above", " 1/s"),
+    "gain_margin": ("stable at every gain", " times the gain"),
 }
-_UNITS = {"controller_effort": " A/V", "decay_rate": " 1/s", "gain_margin": " times the gain"}
+"""What is claimed, and the unit of the limit."""
 
 
 class Weighed(NamedTuple):
@@ -358,20 +363,16 @@ def implies(one: Claim, other: Claim) -> bool:
 
 def describe(claim: Asked) -> str:
     """A claim in words."""
-    if claim.kind.endswith("compliance"):
-        up_to = "at every frequency" if isinf(claim.bandwidth_Hz) else f"up to {claim.bandwidth_Hz:.7g} Hz"
-        return f"{_COMPLIANCES[claim.kind]} at most {claim.limit:.6g} m/N {up_to}"
-    if claim.kind == "loop_gain":
-        return f"loop gain |L| at most {claim.limit:.6g} from {claim.from_Hz:.7g} Hz up"
     if claim.kind == "gain_margin" and claim.limit == 0:
         return "stable at every lower gain"
     if claim.kind == "slope":
         where = "without command and load" if claim.for_odd_only else "under any constant command and load"
         return f"comes to rest from every state while the current saturates, {where}"
-    name = {
-        "peak_sensitivity": "peak sensitivity max |1/(1+L)| at most",
-        "controller_effort": "controller effort |C/(1+L)| at most",
-        "decay_rate": "decay rate of every pole above",
-        "gain_margin": "stable at every gain up to" if claim.limit >= 1 else "stable at every gain down to",
-    }[claim.kind]
-    return f"{name} {claim.limit:.6g}{_UNITS.get(claim.kind, '')}"
+    (words, unit), band = _WORDS[claim.kind], ""
+    if claim.kind.endswith("compliance"):
+        band = " at every frequency" if isinf(claim.bandwidth_Hz) else f" up to {claim.bandwidth_Hz:.7g} Hz"
+    elif claim.kind == "loop_gain":
+        band = f" from {claim.from_Hz:.7g} Hz up"
+    elif claim.kind == "gain_margin":
+        words += " up to" if claim.limit >= 1 else " down to"
+    return f"{words} {claim.limit:.6g}{unit}{band}"

@@ -167,9 +167,7 @@ class PlaneFigures:
         travel: kappa, the payload's motion in the plane per motion of the tip.
         along: lambda, its motion along the beam per motion of the tip.
         lever: e, its motion in the plane per roll, m.
-        torsional_stiffness: N m/rad.
-        torsional_damping: N m s/rad.
-        polar_inertia: kg m2.
+        twist: torsion of the outer beam's end, k + b s + I s^2, of N m/rad, N m s/rad and kg m2.
         residual: compliance at the payload beside the mode's, m/N: 3 a_x^2 / (4 K L^2), its lever's on an end that is
             held but turns.
         sensed_travel: kappa_s, what the servo sees per motion of the tip.
@@ -181,9 +179,7 @@ class PlaneFigures:
     travel: fmpq
     along: fmpq
     lever: fmpq
-    torsional_stiffness: fmpq
-    torsional_damping: fmpq
-    polar_inertia: fmpq
+    twist: fmpq_poly
     residual: fmpq
     sensed_travel: fmpq
     sensed_lever: fmpq
@@ -191,10 +187,8 @@ class PlaneFigures:
 
     @property
     def torsion(self) -> fmpq_poly:
-        """Torsion, k + b s + I s^2; one where the payload has no lever, so that torsion has no part in the loop."""
-        if self.lever == 0:
-            return fmpq_poly([1])
-        return fmpq_poly([self.torsional_stiffness, self.torsional_damping, self.polar_inertia])
+        """Torsion; one where the payload has no lever, so that torsion has no part in the loop."""
+        return self.twist if self.coupled else fmpq_poly([1])
 
     @property
     def coupled(self) -> bool:
@@ -214,9 +208,7 @@ def plane_figures(prototype: Prototype, name: Name) -> PlaneFigures:
         travel=1 + 3 * x / (2 * length),
         along=3 * (y if name == "y" else z) / (2 * length),
         lever=y if name == "z" else -z,
-        torsional_stiffness=exact(found.torsional_stiffness),
-        torsional_damping=exact(found.torsional_damping),
-        polar_inertia=exact(found.polar_inertia),
+        twist=fmpq_poly([*map(exact, (found.torsional_stiffness, found.torsional_damping, found.polar_inertia))]),
         residual=rest * x**2,
         sensed_travel=1 + 3 * sensed_x / (2 * length),
         sensed_lever=sensed_y if name == "z" else -sensed_z,

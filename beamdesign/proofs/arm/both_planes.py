@@ -63,11 +63,6 @@ class BothPlanes:
     loops: tuple[Loop, Loop]
 
     @property
-    def torsion(self) -> fmpq_poly:
-        """Torsion of the outer beam's end, k + b s + I s^2."""
-        return fmpq_poly([self.y.torsional_stiffness, self.y.torsional_damping, self.y.polar_inertia])
-
-    @property
     def motions(self) -> fmpq_mat:
         """Motion of the payload's centre in x, y, z per u_y, u_z and phi, (3, 3)."""
         zero = fmpq(0)
@@ -101,7 +96,7 @@ class BothPlanes:
             rows[i][i] += loop.cut.constant
             for j in range(3):
                 rows[i][j] += sensed[i, j] * (loop.loop_numerator.constant - loop.added.constant)
-        rows[2][2] += self.torsion
+        rows[2][2] += self.y.twist
         (a, b, c), (d, e, f), (g, h, k) = rows
         return a * (e * k - f * h) - b * (d * k - f * g) + c * (d * h - e * g)
 
@@ -138,7 +133,7 @@ class BothPlanes:
                 fed = at_points(loop.loop_numerator.constant - loop.added.constant, s) / scale
                 stiffness[:, i, :] += fed[:, None] * sensed[i]
                 force[:, i, 1 + i] -= fed * nearest(plane.sensed_residual)
-        stiffness[:, 2, 2] = at_points(self.torsion, s)
+        stiffness[:, 2, 2] = at_points(self.y.twist, s)
         stiffness += payload * (s**2)[:, None, None] * (motions.T @ motions)
         there = np.vstack([motions, [0.0, 0.0, 1.0]])
         moved = there @ np.linalg.solve(stiffness, force)
@@ -227,7 +222,7 @@ def _characteristic(prototype: Prototype, level: bool) -> dict[str, fmpq_mpoly]:
     model, length = both_planes(prototype), exact(arm_figures(prototype).length)
     context = fmpq_mpoly_ctx.get(["s", *NAMES], "lex")
     s, mass, along, sideways, upwards = context.gens()
-    t = in_variable(model.torsion, s)
+    t = in_variable(model.y.twist, s)
     (p_y, q_y), (p_z, q_z) = (
         (in_variable(loop.characteristic.constant, s), s**2 * in_variable(loop.disturbance, s)) for loop in model.loops
     )

@@ -32,7 +32,7 @@ from beamdesign.proofs.quadratic import kept_up_to_Hz
 from beamdesign.proofs.stability import StabilityMap, stable_ranges
 from beamdesign.proofs.writer import certificate, plain, stability_table, stated, texts
 from beamdesign.prototype import Goal, Prototype
-from beamdesign.rational import nearest, text
+from beamdesign.rational import nearest
 from beamdesign.structure.lumped import lumped_beam
 
 KIND = "beamdesign.arm_plane"
@@ -128,11 +128,8 @@ def _plane_table(prototype: Prototype, figures: PlaneFigures) -> dict[str, Any]:
     beam = prototype.outer_beam
     table: dict[str, Any] = {"name": figures.name, "free_length_m": beam.free_length_m}
     if figures.coupled:
-        table["torsion"] = {
-            "stiffness_N_m_per_rad": text(figures.torsional_stiffness),
-            "damping_N_m_s_per_rad": text(figures.torsional_damping),
-            "polar_inertia_kg_m2": text(figures.polar_inertia),
-        }
+        units = ("stiffness_N_m_per_rad", "damping_N_m_s_per_rad", "polar_inertia_kg_m2")
+        table["torsion"] = dict(zip(units, texts(figures.twist.coeffs()), strict=True))
     if figures.coupled and beam.has_geometry:
         keys = ("shape", "width_m", "wall_m", "corner_radius_m", "material")
         table["section"] = {key: value for key, value in plain(beam).items() if key in keys}
