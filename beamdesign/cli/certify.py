@@ -250,12 +250,12 @@ def certify_box(
 
     from beamdesign.proofs.absolute_stability import box_rows, slope_over_box
     from beamdesign.proofs.box import certify_box as prove
-    from beamdesign.proofs.box_claims import best_over_box, guaranteed_fields, servo_off_over_box
+    from beamdesign.proofs.box_claims import best_over_box, guaranteed_fields
     from beamdesign.proofs.certificate import describe, over_passive
     from beamdesign.proofs.changing_gain import changing_over_box
     from beamdesign.proofs.error_over_box import errors_over_box
     from beamdesign.proofs.scope import members
-    from beamdesign.proofs.tolerance_box import largest_scaling, scaling_of_each, tolerance_box
+    from beamdesign.proofs.tolerance_box import largest_scaling, scaling_of_each, servo_off_over_box, tolerance_box
 
     def proved(stage: "InStage") -> tuple[dict[str, Any], bool]:
         path = certificate_file(beside(out, stage), f"{prototype.stem}{stage.suffix}.box.toml")

@@ -19,7 +19,6 @@ from typing import Any
 import numpy as np
 from flint import ctx, fmpq
 
-from beamdesign.controllers import Proportional
 from beamdesign.loop import loop
 from beamdesign.plant.members import family as linear_family
 from beamdesign.polynomial import exact
@@ -40,7 +39,6 @@ from beamdesign.proofs.box_member import (
 from beamdesign.proofs.branch import Search
 from beamdesign.proofs.certificate import LOWER_GAINS, Asked
 from beamdesign.proofs.multiplier import angle_ratios, largest_gains, presupposed
-from beamdesign.proofs.performance import rounded_below, servo_off_of
 from beamdesign.proofs.read_once import NotCovered
 from beamdesign.proofs.rig_family import performing_spans, rig_family
 from beamdesign.proofs.statement import UNKNOWN, Interval, PolynomialFamily, Statement
@@ -370,31 +368,3 @@ def margins_over_box(prototype: Prototype, box: Box, asked: Asked) -> dict[str, 
 def _by(asked: Asked) -> Ratios:
     """What says how near a member comes to the limit of a claim."""
     return ratios if asked.multiplier is None else partial(angle_ratios, asked.multiplier, asked.multiplier)
-
-
-def servo_off_over_box(prototype: Prototype, box: Box) -> tuple[float, Worst]:
-    """The largest compliance with the servo off that a search finds over the rigs of a box, m/N, and that rig.
-
-    Whatever it misses makes the figure less, and a limit that is a multiple of it stricter. The box need not have the
-    same rig worst with the servo off as with it on: worst is compared with worst.
-
-    Args:
-        prototype: any controller does, as no part of it counts.
-        box: ranges of its figures; those of the controller do not count.
-    """
-    idle = prototype.but(controller=Proportional(gain_A_per_V=1.0))
-    payloads = box.ranges.get("outer_end_mass", (fmpq(0), fmpq(0)))
-    low, high = map(nearest, payloads)
-    found = linear_family(idle, high)
-    about = servo_off_of(found.members, prototype.payload.inner_end_mass_kg, (low, high))
-    shape = rig_family(idle, claim=Asked("compliance", about.compliance_m_per_N), delayed=False, varying=box.ranges)
-    ranges = {**box.ranges, **performing_spans(found)}
-    kept = {name: ends for name, ends in ranges.items() if name in shape.values and name in box.ranges}
-    since, until = (exact(2 * pi * about.frequency_Hz * share) for share in _ABOUT)
-    near = replace(shape, since=since, until=until)
-    worst = worst_of(near.over({**kept, "controller_gain": (fmpq(0), fmpq(0))}))[0]
-    return max(about.compliance_m_per_N, rounded_below(worst.ratio * about.compliance_m_per_N)), worst
-
-
-_ABOUT = 0.5, 2.0
-"""About the nominal rig's peak, as shares of its frequency, the worst rig of a box is sought."""

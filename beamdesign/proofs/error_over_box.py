@@ -17,6 +17,7 @@ Where the limits are, and how fast a decay rate, is found from samples; what is 
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import pairwise, zip_longest
 from math import inf, pi
 from typing import Any
@@ -134,17 +135,13 @@ def _claims(prototype: Prototype, box: Box, error: Error, budget: int, seconds: 
         weighed = Weighed(error.place, error.size, decay, corner, lead(decay))
         return rig_family(prototype, claim=Asked("deviation", 1.0, error=weighed), delayed=False, varying=box.ranges)
 
-    def plan(own: Mapping[str, Interval], slower: float = 1.0) -> Plan:
-        return _plan(plain, box, own, lead, slower)
-
     def proved(one: Plan) -> BoxClaim:
         for slower in _SLOWER:
             with suppress(NotCovered):
-                again = one if slower == 1.0 else plan(one.own, slower)
-                return _proved(family, box, again, error, budget, seconds)
+                return _proved(family, box, one if slower == 1.0 else plan(one.own, slower), error, budget, seconds)
         return _proved(family, box, plan(one.own, _SLOWER[-1] / 2), error, budget, seconds)
 
-    plain, own = family(fmpq(0), fmpq(0)), _sliding(box, prototype)
+    plan, own = partial(_plan, family(fmpq(0), fmpq(0)), box, lead), _sliding(box, prototype)
     plans = [plan(own)]
     low, high = box.ranges.get(MASS, (fmpq(0), fmpq(0)))
     for _ in range(_HALVINGS if low < high else 0):
@@ -184,7 +181,7 @@ def _sliding(box: Box, prototype: Prototype) -> dict[str, Interval]:
 
 
 def _plan(
-    plain: PolynomialFamily, box: Box, own: Mapping[str, Interval], lead: Callable[[fmpq], Lead], slower: float
+    plain: PolynomialFamily, box: Box, lead: Callable[[fmpq], Lead], own: Mapping[str, Interval], slower: float = 1.0
 ) -> Plan:
     """The decay rate and bands of the least bound that samples of a piece allow.
 

@@ -27,7 +27,7 @@ from beamdesign.proofs.any_loop import (
     proved,
     refused,
 )
-from beamdesign.proofs.box import Box, BoxVerdict, certify_box
+from beamdesign.proofs.box import Box, BoxVerdict, box_of, certify_box
 from beamdesign.proofs.box_claims import claim_of_family
 from beamdesign.proofs.certificate import Asked, Kind
 from beamdesign.proofs.performance import keeps, least_of
@@ -70,7 +70,7 @@ class LoopFamily:
     @property
     def box(self) -> Box:
         """The ranges, their middles being what scaling starts from."""
-        return Box(self.ranges, {name: (low + high) / 2 for name, (low, high) in self.ranges.items()})
+        return box_of(self.ranges)
 
     def at(self, point: Mapping[str, fmpq]) -> OpenLoop:
         """One member."""

@@ -6,11 +6,15 @@ from math import inf, pi
 
 from flint import arb, fmpq
 
+from beamdesign.controllers import Proportional
 from beamdesign.parameters import PARAMETERS, TOLERANCES, with_unit
 from beamdesign.plant.members import family
 from beamdesign.polynomial import exact
 from beamdesign.proofs.box import Box, BoxVerdict, certify_box, unstable_member
-from beamdesign.proofs.rig_family import effect_spans, rig_family, rig_values
+from beamdesign.proofs.box_member import Worst, worst_of
+from beamdesign.proofs.certificate import Asked
+from beamdesign.proofs.performance import rounded_below, servo_off_of
+from beamdesign.proofs.rig_family import effect_spans, performing_spans, rig_family, rig_values
 from beamdesign.proofs.statement import PolynomialFamily
 from beamdesign.prototype import Prototype
 from beamdesign.rational import bounds, nearest, shortened
@@ -242,6 +246,37 @@ def _bracket(proved: fmpq, above: fmpq, refuted: fmpq | None, limit: fmpq) -> st
     if above < refuted:
         return f"{start}, undecided at {high}, refuted at {nearest(refuted):.4g}"
     return f"{start}, refuted at {high}"
+
+
+# The largest compliance with the servo off, which limits of the closed loop's are multiples of.
+
+
+_ABOUT = 0.5, 2.0
+"""About the nominal rig's peak, as shares of its frequency, the worst rig of a box is sought."""
+
+
+def servo_off_over_box(prototype: Prototype, box: Box) -> tuple[float, Worst]:
+    """The largest compliance with the servo off that a search finds over the rigs of a box, m/N, and that rig.
+
+    Whatever it misses makes the figure less, and a limit that is a multiple of it stricter. The box need not have the
+    same rig worst with the servo off as with it on: worst is compared with worst.
+
+    Args:
+        prototype: any controller does, as no part of it counts.
+        box: ranges of its figures; those of the controller do not count.
+    """
+    idle = prototype.but(controller=Proportional(gain_A_per_V=1.0))
+    payloads = box.ranges.get("outer_end_mass", (fmpq(0), fmpq(0)))
+    low, high = map(nearest, payloads)
+    found = family(idle, high)
+    about = servo_off_of(found.members, prototype.payload.inner_end_mass_kg, (low, high))
+    shape = rig_family(idle, claim=Asked("compliance", about.compliance_m_per_N), delayed=False, varying=box.ranges)
+    ranges = {**box.ranges, **performing_spans(found)}
+    kept = {name: ends for name, ends in ranges.items() if name in shape.values and name in box.ranges}
+    since, until = (exact(2 * pi * about.frequency_Hz * share) for share in _ABOUT)
+    near = replace(shape, since=since, until=until)
+    worst = worst_of(near.over({**kept, "controller_gain": (fmpq(0), fmpq(0))}))[0]
+    return max(about.compliance_m_per_N, rounded_below(worst.ratio * about.compliance_m_per_N)), worst
 
 
 # Between the ends of effects' frozen figures, which linear members stand at.

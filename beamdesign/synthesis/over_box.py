@@ -10,17 +10,10 @@ from typing import Any
 from beamdesign.polynomial import exact
 from beamdesign.proofs.absolute_stability import slope_over_box
 from beamdesign.proofs.box import Box, certify_box
-from beamdesign.proofs.box_claims import (
-    BoxClaim,
-    claim_over_box,
-    margins_over_box,
-    relaxed,
-    servo_off_over_box,
-    worst_over_box,
-)
+from beamdesign.proofs.box_claims import BoxClaim, claim_over_box, margins_over_box, relaxed, worst_over_box
 from beamdesign.proofs.box_member import Worst
 from beamdesign.proofs.certificate import LOWER_GAINS, Asked, goal_claims, peak_claim
-from beamdesign.proofs.tolerance_box import tolerance_box
+from beamdesign.proofs.tolerance_box import servo_off_over_box, tolerance_box
 from beamdesign.prototype import Prototype
 from beamdesign.rational import nearest
 from beamdesign.synthesis.rig_spread import Cut, RigSpread
