@@ -29,7 +29,7 @@ Node = Any
 
 @dataclass(frozen=True)
 class Expression:
-    """A polynomial in the terms of `rig_family.Statement`.
+    """A polynomial in the terms of `statement.PolynomialFamily`.
 
     Attributes:
         p: sums and products of leaves.
