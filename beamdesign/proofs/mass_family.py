@@ -21,7 +21,7 @@ from flint import arb_mat, ctx, fmpq, fmpq_mat, fmpq_poly
 from beamdesign.controllers import Cascade, SensedLaw
 from beamdesign.plant.linear import SEEN_AS, LinearModel
 from beamdesign.plant.members import paper_model
-from beamdesign.polynomial import Affine, exact, is_hurwitz
+from beamdesign.polynomial import Affine, exact
 from beamdesign.proofs.stability import stable_ranges
 from beamdesign.prototype import Prototype
 from beamdesign.rational import nearest
@@ -285,18 +285,15 @@ class Frozen:
 def frozen(families: Families, low: fmpq, high: fmpq) -> Frozen:
     """Decide the stability of all masses and stages that stay.
 
-    A family whose characteristic polynomial is not affine in the mass is settled at its two ends only.
+    Raises:
+        ValueError: for a family whose characteristic polynomial is not affine in the mass.
     """
     for k, family in enumerate(families):
-        try:
-            found = stable_ranges(family.characteristic(), low, high)
-            reason, unstable = found.reason, [part.sample for part in found.ranges if not part.stable]
-        except ValueError:
-            unstable = [mass for mass in (low, high) if not is_hurwitz(family.at(mass).charpoly())]
-            reason = f"unstable at {nearest(unstable[0]):.7g} kg" if unstable else ""
-        if reason:
+        found = stable_ranges(family.characteristic(), low, high)
+        if found.reason:
+            unstable = next((part.sample for part in found.ranges if not part.stable), None)
             stage = f"stage {k + 1}: " if len(families) > 1 else ""
-            return Frozen(False, stage + reason, unstable[0] if unstable else None, k)
+            return Frozen(False, stage + found.reason, unstable, k)
     return Frozen(True, "", None)
 
 
