@@ -17,7 +17,7 @@ from beamdesign.loop import critical_gain
 from beamdesign.prototype import Beam, Prototype
 from beamdesign.records import InputError
 from beamdesign.structure import lumped
-from beamdesign.structure.beam import MODE_MASS_FRACTION, natural_frequencies
+from beamdesign.structure.lumped import MODE_MASS_FRACTION, natural_frequencies
 
 MODES = 12
 _HIGHEST_HZ = 3000.0
@@ -200,15 +200,14 @@ def single_mode_reach(prototype: Prototype, outer_end_mass: float = 0.0) -> Sing
 
 
 def _cantilever(record: Beam, name: str) -> _Cantilever:
-    if record.tube is None or record.free_length_m is None or record.material is None:
+    if record.geometry is None:
         raise InputError(name, [("(geometry)", "width_m, wall_m, free_length_m and material are needed for its modes")])
-    one = lumped.lumped_beam(record, name)
-    per_length = float(record.tube.mass_per_length(record.material.density_kg_per_m3))
-    end_mass = one.mass - MODE_MASS_FRACTION * per_length * record.free_length_m
+    one, (alloy, tube, length) = lumped.lumped_beam(record, name), record.geometry
+    per_length = float(tube.mass_per_length(alloy.density_kg_per_m3))
+    end_mass = one.mass - MODE_MASS_FRACTION * per_length * length
     if end_mass < 0:
         raise InputError(name, [("effective_mass_kg", f"{one.mass:g} is less than the tube alone has")])
-    rigidity = one.stiffness * record.free_length_m**3 / 3
-    return _Cantilever(rigidity, per_length, record.free_length_m, end_mass, record.damping_ratio)
+    return _Cantilever(one.stiffness * length**3 / 3, per_length, length, end_mass, record.damping_ratio)
 
 
 def _shape(wave: float) -> Callable[[np.ndarray], np.ndarray]:
