@@ -10,7 +10,7 @@ import numpy as np
 from beamdesign.build.tolerances import why_no_box
 from beamdesign.json_text import picked
 from beamdesign.loop import loop
-from beamdesign.plant.actuators.protocol import MARGIN, Row
+from beamdesign.plant.actuators import MARGIN, Row
 from beamdesign.plant.effects import library
 from beamdesign.proofs.box import box_of, certify_box
 from beamdesign.proofs.certificate import Guaranteed

@@ -16,7 +16,7 @@ from pydantic import Field
 
 from beamdesign import quantities as q
 from beamdesign.controllers.protocol import SENSED, Controller, Need, Row, SensedLaw, TransferFunction, refuse
-from beamdesign.plant.electronics import Series
+from beamdesign.plant.component import Series
 from beamdesign.records import Record
 
 if TYPE_CHECKING:
@@ -42,7 +42,7 @@ class Factor(ABC):
     """1 or 2."""
 
     open_between: ClassVar[Mapping[str, tuple[float, float]]]
-    """Its figures, in the order of `beamdesign.plant.electronics.Series`: least and largest that a tuner gives."""
+    """Its figures, in the order of `beamdesign.plant.component.Series`: least and largest that a tuner gives."""
 
     @staticmethod
     @abstractmethod

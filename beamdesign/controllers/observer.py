@@ -8,7 +8,7 @@ from pydantic import Field
 
 from beamdesign import quantities as q
 from beamdesign.controllers.protocol import SENSED, SENSORS, Controller, Need, Row, Sensed, SensedLaw
-from beamdesign.plant.electronics import Matrices
+from beamdesign.plant.component import Matrices
 from beamdesign.records import Problem
 
 if TYPE_CHECKING:

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from beamdesign.controllers.cascade import Break, Section
     from beamdesign.controllers.form import Form
     from beamdesign.controllers.scheduled import Scheduled
-    from beamdesign.plant.electronics import Law
+    from beamdesign.plant.component import Law
 
 Sensed = Literal["displacement_m", "inner_displacement_m", "load_pressure_Pa", "screw_force_N"]
 SENSED: tuple[Sensed, ...] = ("displacement_m", "inner_displacement_m", "load_pressure_Pa")
@@ -144,7 +144,7 @@ class Controller(Kinded):
             a (n, n), b (n, p), c (n,) and d (p,), and (n,) what command_V does to the states beside its part of the
             error.
         """
-        from beamdesign.plant.electronics import HEARD, state_space
+        from beamdesign.plant.component import HEARD, state_space
 
         a, b, c, d = state_space(self.equations, self.figures())
         places = [HEARD.index("error_V" if name == SENSED[0] else name) for name in self.senses]

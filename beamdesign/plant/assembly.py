@@ -11,10 +11,8 @@ from typing import Any
 
 import casadi as ca
 
-from beamdesign.plant.component import Rig
-from beamdesign.plant.effect import Effect, Site
-from beamdesign.plant.effects import library, problems
-from beamdesign.plant.electronics import SAMPLED, Law
+from beamdesign.plant.component import SAMPLED, Law, Rig
+from beamdesign.plant.effects import Effect, Site, library, problems
 from beamdesign.plant.rigs import BENCH, MORE_FIGURES, OUTPUTS, STATES, TWIN_BEAM, TWIN_BEAMS, WALL_FIGURES
 from beamdesign.prototype import Prototype
 from beamdesign.records import InputError, Problem
@@ -38,7 +36,7 @@ class Structure:
     """What decides the equations of a rig, as opposed to its figures.
 
     Attributes:
-        controller: its equations, such as `LAG` or `SAMPLED` of `beamdesign.plant.electronics`; None leaves the rig's
+        controller: its equations, such as `LAG` or `SAMPLED` of `beamdesign.plant.component`; None leaves the rig's
             own, such as the open loop of a bench.
         filtered: whether the prototype's own low-pass filter follows the sensor.
         effects: names, sorted.

@@ -23,7 +23,7 @@ import casadi as ca
 import numpy as np
 
 from beamdesign.plant.assembly import Assembly, Structure, assemble
-from beamdesign.plant.electronics import SAMPLED
+from beamdesign.plant.component import SAMPLED
 from beamdesign.plant.equilibrium import linearise, not_held, scales
 from beamdesign.plant.machine_code import Body, MachineCode, Trace, machine_code, trace
 from beamdesign.records import InputError

@@ -15,7 +15,7 @@ import casadi as ca
 import numpy as np
 
 from beamdesign.plant.assembly import Structure, assemble, fits
-from beamdesign.plant.electronics import PROPORTIONAL
+from beamdesign.plant.component import PROPORTIONAL
 from beamdesign.plant.fourier_balance import DISPLACEMENT, FreeRig
 from beamdesign.plant.harmonic_balance import forced_motion
 from beamdesign.prototype import Prototype

@@ -18,9 +18,8 @@ from flint import fmpq
 
 from beamdesign.plant.actuators import Actuator
 from beamdesign.plant.assembly import INPUTS, RIGS, Assembly, Structure, join
-from beamdesign.plant.effect import Effect, Parameter
-from beamdesign.plant.effects import library
-from beamdesign.plant.electronics import SAMPLED
+from beamdesign.plant.component import SAMPLED
+from beamdesign.plant.effects import Effect, Parameter, library
 from beamdesign.plant.machine_code import trace
 from beamdesign.polynomial import exact
 

@@ -11,8 +11,18 @@ import casadi as ca
 from beamdesign.parameters import rows_of
 from beamdesign.plant.actuators import KINDS, Actuator
 from beamdesign.plant.actuators.servo_cylinder import AREAS, CYLINDER, VALVE, port_leakage
-from beamdesign.plant.component import SIGN, Component, PortLaw, Rig, Signals, either
-from beamdesign.plant.electronics import CONTROLLER, OPEN_LOOP, SENSOR, low_pass_rate
+from beamdesign.plant.component import (
+    CONTROLLER,
+    OPEN_LOOP,
+    SENSOR,
+    SIGN,
+    Component,
+    PortLaw,
+    Rig,
+    Signals,
+    either,
+    low_pass_rate,
+)
 
 
 def beam_force(stiffness: Any, damping: Any, position: Any, velocity: Any) -> Any:
