@@ -7,13 +7,7 @@ import pytest
 
 from beamdesign.controllers import Section, Structured
 from beamdesign.loop import critical_gain, loop
-from beamdesign.plant.higher_modes import (
-    exact_compliance,
-    signals,
-    single_compliance,
-    single_mode_reach,
-    with_mass,
-)
+from beamdesign.plant.linear_reach import exact_compliance, signals, single_compliance, single_mode_reach, with_mass
 from beamdesign.prototype import Beam, Prototype
 from beamdesign.records import InputError
 from beamdesign.structure.lumped import natural_frequencies

@@ -20,7 +20,7 @@ from beamdesign.checker import Unreadable, check
 from beamdesign.cli import app
 from beamdesign.controllers import Section, Structured
 from beamdesign.loop import loop
-from beamdesign.plant.higher_modes import signals, single_compliance, with_mass
+from beamdesign.plant.linear_reach import signals, single_compliance, with_mass
 from beamdesign.plant.members import paper_model
 from beamdesign.proofs.certificate import Asked, Certificate, goal_claims
 from beamdesign.proofs.certifying import certify
