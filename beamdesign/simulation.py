@@ -14,65 +14,14 @@ import numpy as np
 from beamdesign.controllers import SENSED, Controller
 from beamdesign.files import write_whole
 from beamdesign.plant.actuators import KINDS
-from beamdesign.plant.assembly import OUTPUTS, Assembly, Structure, assemble, parameters_of, structure_of
-from beamdesign.plant.compiled import NOT_SAMPLED, integrate, refuse_too_many, substeps_at
-from beamdesign.plant.equilibrium import equilibrium
-from beamdesign.plant.stepper import COMMAND, ERROR
+from beamdesign.plant.assembly import OUTPUTS, Structure, assemble, parameters_of, structure_of
+from beamdesign.plant.compiled import COMMAND, ERROR, NOT_SAMPLED, SampledLaw, half_steps, integrate
+from beamdesign.plant.equilibrium import equilibrium, refuse_too_many, substeps_for
 from beamdesign.prototype import Prototype
 from beamdesign.records import InputError, Problem
 from beamdesign.result import Result
 from beamdesign.scenario import Scenario, ScenarioRecord, inputs_of
 from beamdesign.structure.lumped import figures
-
-
-@dataclass(frozen=True)
-class SampledLaw:
-    """z+ = A z + B e, i = C z + D e at every sample: the difference equation that a specification states.
-
-    Attributes:
-        matrix: (n + 1, n + k), A and B above C and D.
-        sensed: what each of the k readings is: `ERROR`, `COMMAND` or a place among the rig's outputs.
-    """
-
-    matrix: np.ndarray
-    sensed: tuple[int, ...]
-
-    def step(self, state: np.ndarray, readings: np.ndarray) -> tuple[np.ndarray, float]:
-        """State (n,) after, and current (A) of, one sample."""
-        after = self.matrix @ np.concatenate([state, readings])
-        return after[:-1], float(after[-1])
-
-    def readings(self, outputs: np.ndarray) -> np.ndarray:
-        """(k,) what it hears of a row of the rig's outputs, without command."""
-        known = {ERROR: -outputs[OUTPUTS.index("measured_V")], COMMAND: 0.0}
-        return np.array([known[place] if place < 0 else outputs[place] for place in self.sensed])
-
-    def at_rest(self, readings: np.ndarray) -> np.ndarray:
-        """State (n,) under constant readings."""
-        n = len(self.matrix) - 1
-        return np.asarray(np.linalg.solve(np.eye(n) - self.matrix[:n, :n], self.matrix[:n, n:] @ readings))
-
-    def after(self, readings: np.ndarray, current: float) -> np.ndarray:
-        """State (n,) after a sample of these readings that gave this current: of first order at most there is one."""
-        n = len(self.matrix) - 1
-        own, through = self.matrix[n, :n], self.matrix[n, n:]
-        before = np.linalg.pinv(own.reshape(1, n)) @ np.array([current - through @ readings])
-        return self.step(before, readings)[0]
-
-    def packed(
-        self, period_steps: int, delay_periods: int, least_volt: float, state: np.ndarray, current: float
-    ) -> np.ndarray:
-        """As `beamdesign.plant.compiled.integrate` takes it.
-
-        Args:
-            period_steps: integration steps per period.
-            delay_periods: whole periods between reading a sample and giving its current.
-            least_volt: step of the converter that reads the sensor, V; 0 for none.
-            state: (n,) at the first sample.
-            current: before the record, A.
-        """
-        head = [period_steps, delay_periods, least_volt, current, len(self.matrix) - 1, len(self.sensed), *self.sensed]
-        return np.concatenate([head, self.matrix.ravel(), state])
 
 
 def sampled_law(controller: Controller, period_s: float) -> SampledLaw:
@@ -158,9 +107,7 @@ COLUMNS = (
     "load_pressure_Pa",
     "inner_displacement_m",
 )
-_STEPS_PER_RADIAN = 1.0
 _WALL_STEPS_PER_RADIAN = 4.0
-_TEST_LOAD_N = 1000.0
 _LEAST_AMPLITUDE_M = 1e-8
 
 
@@ -233,47 +180,6 @@ def _unfit(rig: Prototype, scenario: Scenario, row: ScenarioRecord) -> list[Prob
         return unfit(scenario, row, rig.schedule)
     words = "is for a scheduled controller"
     return [] if row.payload_change is None else [Problem(f"record.{row.name}.payload_change", words)]
-
-
-def half_steps(samples: np.ndarray, substeps: int) -> np.ndarray:
-    """Samples interpolated to every half integration step by cubics through four neighbours.
-
-    Args:
-        samples: (N, m), N at least 4.
-        substeps: steps per sample interval.
-
-    Returns:
-        (2 substeps (N - 1) + 1, m), the samples themselves among them.
-    """
-    share = np.arange(2 * substeps) / (2 * substeps)
-    nodes = np.array([-1.0, 0.0, 1.0, 2.0])
-    weights = np.ones((len(share), 4))
-    for i in range(4):
-        for j in range(4):
-            if i != j:
-                weights[:, i] *= (share - nodes[j]) / (nodes[i] - nodes[j])
-    # At both ends the neighbour that is missing lies on the cubic through the first (last) four samples.
-    ghost = np.array([4.0, -6.0, 4.0, -1.0])
-    padded = np.vstack([ghost @ samples[:4], samples, ghost @ samples[:-5:-1]])
-    windows = np.lib.stride_tricks.sliding_window_view(padded, 4, axis=0)
-    fine = np.einsum("nmk,sk->nsm", windows, weights, optimize=True).reshape(-1, samples.shape[1])
-    return np.vstack([fine, samples[-1:]])
-
-
-def substeps_for(assembly: Assembly, parameters: np.ndarray, times: np.ndarray) -> int:
-    """Integration steps per sample of a record: one per radian of the fastest pole at rest and under load.
-
-    Raises:
-        InputError: where the record would take too many; see `beamdesign.plant.compiled`.
-    """
-    places = []
-    for load in (0.0, _TEST_LOAD_N, -_TEST_LOAD_N):
-        u = np.array([load, 0.0, 0.0])
-        try:
-            places.append((equilibrium(assembly, u, parameters), u))
-        except ValueError:
-            continue
-    return substeps_at(assembly, places, parameters, times, _STEPS_PER_RADIAN)
 
 
 def _simulated(rig: Prototype, scenario: Scenario, row: ScenarioRecord, position: int) -> SimulatedRecord:

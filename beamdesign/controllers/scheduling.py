@@ -32,15 +32,15 @@ import numpy as np
 
 from beamdesign.controllers import Scheduled
 from beamdesign.plant.assembly import OUTPUTS, assemble, parameters_of, structure_of
-from beamdesign.plant.compiled import integrate
-from beamdesign.plant.equilibrium import equilibrium
+from beamdesign.plant.compiled import half_steps, integrate
+from beamdesign.plant.equilibrium import equilibrium, substeps_for
 from beamdesign.plant.linear import LinearModel
 from beamdesign.plant.members import paper_model
 from beamdesign.prototype import Prototype
 from beamdesign.records import InputError, Problem
 from beamdesign.scenario import Sampled, Scenario, ScenarioRecord, inputs_of
 from beamdesign.simulation import COLUMNS as SIMULATED
-from beamdesign.simulation import SimulatedRecord, as_measured, diverged, half_steps, sampled_law, substeps_for
+from beamdesign.simulation import SimulatedRecord, as_measured, diverged, sampled_law
 from beamdesign.structure import lumped
 
 CANDIDATES = 17

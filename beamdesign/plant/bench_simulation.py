@@ -8,8 +8,9 @@ import numpy as np
 from beamdesign.bench_prototype import BenchPrototype
 from beamdesign.json_text import picked
 from beamdesign.plant.assembly import RIGS, Assembly, Structure, assemble
-from beamdesign.plant.compiled import Place, integrate, substeps_at
+from beamdesign.plant.compiled import integrate
 from beamdesign.plant.effects import library, problems
+from beamdesign.plant.equilibrium import Place, substeps_at
 from beamdesign.records import InputError, Problem
 from beamdesign.scenario import Scenario, inputs_of
 

@@ -299,3 +299,39 @@ def _compiled(text: str) -> Any:
     engine = llvm.create_mcjit_compiler(module, machine)
     engine.finalize_object()
     return engine
+
+
+_LANES = 8  # widest vector of doubles a processor has; LLVM splits it for others
+
+
+Rows = list[list[tuple[int, int]]]
+"""Of a sparse matrix: per row its columns and the values there, by position in a trace."""
+
+
+def rows_of(traced: Trace, function: ca.Function, output: int) -> Rows:
+    """The rows of an output of a function."""
+    shape = function.sparsity_out(output)
+    rows: Rows = [[] for _ in range(shape.size1())]
+    for row, column, value in zip(*shape.get_triplet(), traced.outputs[output], strict=True):
+        rows[row].append((column, value))
+    return rows
+
+
+def add_product(body: Body, a: Rows, b: Rows, states: int, before: int, width: int) -> None:
+    """Write out A S + B row by row behind the first entries of `out`; S follows the states in `x` likewise."""
+    for row, (of_states, of_parameters) in enumerate(zip(a, b, strict=True)):
+        first = 0
+        while first < width:
+            lanes = next(size for size in (_LANES, 4, 2, 1) if size <= width - first)
+            kind, total = f"<{lanes} x double>", "zeroinitializer"
+            for column, value in of_parameters:
+                if first <= column < first + lanes:
+                    total = body.line(f"insertelement {kind} {total}, double {body.read(value)}, i32 {column - first}")
+            for column, value in of_states:
+                s = body.load("x", states + column * width + first, kind)
+                single = body.line(f"insertelement {kind} poison, double {body.read(value)}, i32 0")
+                spread = body.line(f"shufflevector {kind} {single}, {kind} poison, <{lanes} x i32> zeroinitializer")
+                part = body.line(f"fmul contract {kind} {spread}, {s}")
+                total = part if total == "zeroinitializer" else body.line(f"fadd contract {kind} {total}, {part}")
+            body.store(total, "out", before + row * width + first, kind)
+            first += lanes
