@@ -285,7 +285,7 @@ def write_folder(
     rig: Any, plan: Any, records: "Sequence[SimulatedRecord]", out: Path, limits: "Limits | None"
 ) -> dict[str, Any]:
     """Write records, and where limits are given their pictures and page, as one set; files for the answer."""
-    from beamdesign.simulation import write_tables
+    from beamdesign.columns import write_tables
 
     with fresh_folder(out) as fresh:
         tables = {record.name: (record.columns, record.samples) for record in records}

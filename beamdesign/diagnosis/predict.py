@@ -149,7 +149,8 @@ def _stages(rig: Prototype, given: TimeRecord, nominal_sensor_gain: float) -> np
     """
     from scipy.interpolate import CubicSpline
 
-    from beamdesign.controllers.scheduling import Course, simulate_scheduled
+    from beamdesign.scenario import Course
+    from beamdesign.simulation import simulate_scheduled
 
     assert rig.schedule is not None
     period, times = rig.schedule.period_s, given.times - given.times[0]
