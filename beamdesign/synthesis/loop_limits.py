@@ -15,7 +15,7 @@ from flint import fmpq, fmpq_poly
 from pydantic import Field
 
 from beamdesign.controllers import Controller
-from beamdesign.controllers.form import UNIT
+from beamdesign.controllers.protocol import UNIT
 from beamdesign.json_text import picked
 from beamdesign.loop import rig_loop
 from beamdesign.plant.linear import UNUSED, LinearModel
