@@ -11,6 +11,7 @@ from typing import Any
 
 import casadi as ca
 
+from beamdesign.bench_prototype import AnyPrototype
 from beamdesign.plant.component import SAMPLED, Law, Rig
 from beamdesign.plant.effects import Effect, Site, library, problems
 from beamdesign.plant.rigs import BENCH, MORE_FIGURES, OUTPUTS, STATES, TWIN_BEAM, TWIN_BEAMS, WALL_FIGURES
@@ -205,10 +206,15 @@ def of_drive(prototype: Prototype) -> dict[str, float]:
     return {f"{name}.limit_A": 10 * gain for name in names} if gain is not None else {}
 
 
-def wrong_effects(prototype: Prototype) -> list[Problem]:
+def wrong_effects(prototype: AnyPrototype) -> list[Problem]:
     """What is wrong with a prototype's effects: unknown, out of bounds, or on what its rig does not have."""
-    found, reason = problems(prototype.effects), f"acts on what a rig with a {prototype.actuator.kind} does not have"
-    return found + [Problem(f"effects.{name}", reason) for name in prototype.effects if not fits(name, prototype.rig)]
+    ports, actuator = RIGS[prototype.rig].ports, RIGS[prototype.rig].actuator
+    rig = "the actuator bench" if actuator is None else f"a rig with a {actuator.model_fields['kind'].default}"
+    found, known = problems(prototype.effects), library()
+    for name in filter(known.__contains__, prototype.effects):
+        if missing := [port for port in known[name].laws if port not in ports]:
+            found.append(Problem(f"effects.{name}", f"acts on {', '.join(missing)}, which {rig} does not have"))
+    return found
 
 
 def fits(effect: str, rig: str) -> bool:
