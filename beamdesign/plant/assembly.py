@@ -12,24 +12,19 @@ from typing import Any
 import casadi as ca
 
 from beamdesign.bench_prototype import AnyPrototype
-from beamdesign.plant.component import SAMPLED, Law, Rig
+from beamdesign.plant.component import SAMPLED, Law
 from beamdesign.plant.effects import Effect, Site, library, problems
-from beamdesign.plant.rigs import BENCH, MORE_FIGURES, OUTPUTS, STATES, TWIN_BEAM, TWIN_BEAMS, WALL_FIGURES
+from beamdesign.plant.rigs import MORE_FIGURES, OUTPUTS, RIGS, STATES, WALL_FIGURES
 from beamdesign.prototype import Prototype
 from beamdesign.records import InputError, Problem
 from beamdesign.structure import lumped
 
 __all__ = [
-    "INPUTS", "MORE_FIGURES", "OUTPUTS", "PORTS", "RIGS", "STATES", "Assembly", "Structure", "assemble",
+    "INPUTS", "MORE_FIGURES", "OUTPUTS", "RIGS", "STATES", "Assembly", "Structure", "assemble",
     "effect_parameters_of", "join", "parameters_of", "problem_without_controller", "structure_of",
 ]  # fmt: skip
 
 INPUTS = ("disturbance_N", "command_V", "sampled_current_A")
-RIGS: dict[str, Rig] = {**TWIN_BEAMS, "actuator_bench": BENCH}
-"""By the `rig` of their prototypes: its kind, or its actuator where that is not the usual one."""
-
-PORTS = TWIN_BEAM.ports
-"""Law of every port of the twin beam with all effects off, in the order in which they are worked out."""
 
 
 @dataclass(frozen=True)

@@ -78,10 +78,11 @@ class Rig:
         """The same rig with another law of its controller; with None as it is."""
         if law is None:
             return self
-        parts = [
-            Component(dict(part.laws) | {"demanded_A": law.current}, law.rates) if "demanded_A" in part.laws else part
+        current, rates = (lambda *signals, k=k: law.current_and_rates(*signals)[k] for k in range(2))
+        parts = (
+            Component(dict(part.laws) | {"demanded_A": current}, rates) if "demanded_A" in part.laws else part
             for part in self.components
-        ]
+        )
         own = tuple(name for name in law.parameters if name not in self.figures)
         return replace(self, components=tuple(parts), figures=self.figures + own)
 
@@ -173,11 +174,8 @@ class Law(Protocol):
     def states(self) -> tuple[str, ...]:
         """Names of its states."""
 
-    def current(self, port: Signals, figure: Signals, state: Signals) -> Any:
-        """What it asks of the valve, A."""
-
-    def rates(self, port: Signals, figure: Signals, state: Signals) -> dict[str, Any]:
-        """Time derivatives of its states."""
+    def current_and_rates(self, port: Signals, figure: Signals, state: Signals) -> tuple[Any, dict[str, Any]]:
+        """What it asks of the valve, A, and the time derivatives of its states."""
 
 
 @dataclass(frozen=True)
@@ -187,13 +185,9 @@ class Sampled:
     parameters: tuple[str, ...] = ()
     states: tuple[str, ...] = ()
 
-    def current(self, port: Signals, figure: Signals, state: Signals) -> Any:
+    def current_and_rates(self, port: Signals, figure: Signals, state: Signals) -> tuple[Any, dict[str, Any]]:
         """See `Law`."""
-        return port["sampled_current_A"]
-
-    def rates(self, port: Signals, figure: Signals, state: Signals) -> dict[str, Any]:
-        """See `Law`."""
-        return {}
+        return port["sampled_current_A"], {}
 
 
 FIRST_ORDER = ("pole", "zero")
@@ -234,16 +228,8 @@ class Series:
         names = {1: ("slow_error_V",), 2: ("V", "V_per_s")}
         return tuple(prefix + name for prefix, order in self._factors for name in names[order])
 
-    def current(self, port: Signals, figure: Signals, state: Signals) -> Any:
-        """See `Law`."""
-        return figure["gain"] * self._through(port, figure, state)[0]
-
-    def rates(self, port: Signals, figure: Signals, state: Signals) -> dict[str, Any]:
-        """See `Law`."""
-        return self._through(port, figure, state)[1]
-
-    def _through(self, port: Signals, figure: Signals, state: Signals) -> tuple[Any, dict[str, Any]]:
-        """The error behind all factors, V, and the rates of their states."""
+    def current_and_rates(self, port: Signals, figure: Signals, state: Signals) -> tuple[Any, dict[str, Any]]:
+        """See `Law`; the current is the gain times the error behind all factors, V."""
         signal, rates = port["error_V"], {}
         for prefix, order in self._factors:
             if order == 1:
@@ -257,7 +243,7 @@ class Series:
                 bent = pole**2 * (signal - slow) - 2 * pole_damping * pole * rate
                 rates |= {f"{prefix}V": rate, f"{prefix}V_per_s": bent}
                 signal = slow + 2 * zero_damping * rate / zero + bent / zero**2
-        return signal, rates
+        return figure["gain"] * signal, rates
 
 
 SENSED: dict[str, Callable[[Signals, Signals], Any]] = {
@@ -295,25 +281,17 @@ class Matrices:
         """See `Law`."""
         return tuple(f"observer_{i}" for i in range(1, self.order + 1))
 
-    def current(self, port: Signals, figure: Signals, state: Signals) -> Any:
+    def current_and_rates(self, port: Signals, figure: Signals, state: Signals) -> tuple[Any, dict[str, Any]]:
         """See `Law`."""
-        given = self._given(port, state)
+        given = {sensor: given(port, state) for sensor, given in SENSED.items() if sensor in self.sensed}
         current = sum(figure[f"observer_d_{sensor}"] * signal for sensor, signal in given.items())
         for i, name in enumerate(self.states, start=1):
             current += figure[f"observer_c_{i}"] * state[name]
-        return figure["gain"] * current
-
-    def rates(self, port: Signals, figure: Signals, state: Signals) -> dict[str, Any]:
-        """See `Law`."""
-        given = self._given(port, state)
-        return {
+        return figure["gain"] * current, {
             row: sum(figure[f"observer_a_{i}_{j}"] * state[column] for j, column in enumerate(self.states, start=1))
             + sum(figure[f"observer_b_{i}_{sensor}"] * signal for sensor, signal in given.items())
             for i, row in enumerate(self.states, start=1)
         }
-
-    def _given(self, port: Signals, state: Signals) -> dict[str, Any]:
-        return {sensor: given(port, state) for sensor, given in SENSED.items() if sensor in self.sensed}
 
 
 HEARD = ("error_V", "command_V", "inner_displacement_m", "load_pressure_Pa", "screw_force_N")
@@ -334,8 +312,8 @@ def state_space(law: Law, figure: Signals) -> "tuple[np.ndarray, np.ndarray, np.
         own = dict(zip((*law.states, *HEARD), unit.tolist(), strict=True))
         state = own | {"inner_m": own["inner_displacement_m"], "pressure_a_Pa": own["load_pressure_Pa"]}
         state["pressure_b_Pa"], own["actuator_force_N"] = 0.0, own["screw_force_N"]
-        rates = law.rates(own, figure, state)
-        rows.append([*(rates[name] for name in law.states), law.current(own, figure, state)])
+        current, rates = law.current_and_rates(own, figure, state)
+        rows.append([*(rates[name] for name in law.states), current])
     whole, n = np.array(rows).T, len(law.states)
     return whole[:n, :n], whole[:n, n:], whole[n, :n], whole[n, n:]
 
@@ -361,16 +339,8 @@ SENSOR = Component(
 CONTROLLER = Component(
     {
         "error_V": lambda port, figure, state: port["command_V"] - port["measured_V"],
-        "demanded_A": PROPORTIONAL.current,
+        "demanded_A": lambda port, figure, state: figure["gain"] * port["error_V"],
         "current_A": lambda port, figure, state: port["demanded_A"],
     },
 )
 """From command and measurement to current; `Rig.with_law` puts another law into it."""
-
-OPEN_LOOP = Component(
-    {
-        "demanded_A": lambda port, figure, state: figure["gain"] * port["command_V"],
-        "current_A": lambda port, figure, state: port["demanded_A"],
-    }
-)
-"""An amplifier that gives a current for every command, whatever is measured."""

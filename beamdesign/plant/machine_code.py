@@ -18,26 +18,17 @@ import numpy as np
 
 _FLOAT = {ca.OP_ADD: "fadd", ca.OP_SUB: "fsub", ca.OP_MUL: "fmul", ca.OP_DIV: "fdiv"}
 _COMPARISON = {ca.OP_LT: "olt", ca.OP_LE: "ole", ca.OP_EQ: "oeq", ca.OP_NE: "une"}
-_CALL = {
-    ca.OP_SQRT: "llvm.sqrt.f64",
-    ca.OP_EXP: "llvm.exp.f64",
-    ca.OP_LOG: "llvm.log.f64",
-    ca.OP_SIN: "llvm.sin.f64",
-    ca.OP_COS: "llvm.cos.f64",
-    ca.OP_FABS: "llvm.fabs.f64",
-    ca.OP_FLOOR: "llvm.floor.f64",
-    ca.OP_CEIL: "llvm.ceil.f64",
-    ca.OP_TAN: "tan",
-    ca.OP_ASIN: "asin",
-    ca.OP_ACOS: "acos",
-    ca.OP_ATAN: "atan",
-    ca.OP_SINH: "sinh",
-    ca.OP_COSH: "cosh",
-    ca.OP_TANH: "tanh",
-    ca.OP_LOG1P: "log1p",
-    ca.OP_EXPM1: "expm1",
-}
-_CALL_OF_TWO = {
+
+
+def _named(names: str, called: str) -> dict[int, str]:
+    """Functions by CasADi's numbers of the operations that are called like them."""
+    return {getattr(ca, f"OP_{name.upper()}"): called.format(name) for name in names.split()}
+
+
+_CALL = _named("sqrt exp log sin cos fabs floor ceil", "llvm.{}.f64")
+_CALL |= _named("tan asin acos atan sinh cosh tanh log1p expm1", "{}")
+_CALL_OF_TWO = _named("pow copysign", "llvm.{}.f64") | _named("atan2 hypot", "{}") | {ca.OP_CONSTPOW: "llvm.pow.f64"}
+_OF_TWO = {
     ca.OP_POW: "llvm.pow.f64",
     ca.OP_CONSTPOW: "llvm.pow.f64",
     ca.OP_COPYSIGN: "llvm.copysign.f64",

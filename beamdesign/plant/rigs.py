@@ -11,18 +11,7 @@ import casadi as ca
 from beamdesign.parameters import rows_of
 from beamdesign.plant.actuators import KINDS, Actuator
 from beamdesign.plant.actuators.servo_cylinder import AREAS, CYLINDER, VALVE, port_leakage
-from beamdesign.plant.component import (
-    CONTROLLER,
-    OPEN_LOOP,
-    SENSOR,
-    SIGN,
-    Component,
-    PortLaw,
-    Rig,
-    Signals,
-    either,
-    low_pass_rate,
-)
+from beamdesign.plant.component import CONTROLLER, SENSOR, SIGN, Component, PortLaw, Rig, Signals, either, low_pass_rate
 
 
 def beam_force(stiffness: Any, damping: Any, position: Any, velocity: Any) -> Any:
@@ -134,16 +123,15 @@ def twin_beam(actuator: type[Actuator]) -> Rig:
     )
 
 
-TWIN_BEAMS = {"twin_beam" if name == Actuator.where_none_is_stated else name: twin_beam(a) for name, a in KINDS.items()}
-"""By actuator; the one of Zalucky and Hardt (1984) is the twin beam by itself."""
+RIGS = {"twin_beam" if name == Actuator.where_none_is_stated else name: twin_beam(a) for name, a in KINDS.items()}
+"""By the `rig` of their prototypes: its kind, or its actuator where that is not that of Zalucky and Hardt (1984)."""
 
-TWIN_BEAM = TWIN_BEAMS["twin_beam"]
-STATES, OUTPUTS = TWIN_BEAM.states, tuple(TWIN_BEAM.outputs)
+STATES, OUTPUTS = RIGS["twin_beam"].states, tuple(RIGS["twin_beam"].outputs)
 
 
 def figures_of(rig: str) -> tuple[str, ...]:
     """Those of the linear plant of a twin beam, end masses last; the frequency of a filter counts only with one."""
-    return TWIN_BEAMS[rig].figures[: -len(MORE_FIGURES)]
+    return RIGS[rig].figures[: -len(MORE_FIGURES)]
 
 
 FIGURES = figures_of("twin_beam")
@@ -238,7 +226,7 @@ _BENCH_OUTPUTS: dict[str, PortLaw] = {
     "piston_m": lambda port, figure, state: state["piston_m"],
 }
 
-BENCH = Rig(
+RIGS["actuator_bench"] = BENCH = Rig(
     (
         Component(
             {
@@ -248,7 +236,12 @@ BENCH = Rig(
             }
         ),
         SENSOR,
-        OPEN_LOOP.but(demanded_A=lambda port, figure, state: figure["gain"] * (port["command_V"] - figure["null"])),
+        Component(  # an amplifier that gives a current for every command, whatever is measured
+            {
+                "demanded_A": lambda port, figure, state: figure["gain"] * (port["command_V"] - figure["null"]),
+                "current_A": lambda port, figure, state: port["demanded_A"],
+            }
+        ),
         AREAS,
         VALVE.but(
             supply_pressure_Pa=lambda port, figure, state: figure["supply_pressure"] - state["sag_Pa"],

@@ -22,12 +22,7 @@ from scipy.integrate import solve_ivp
 
 from beamdesign.controllers import Lag
 from beamdesign.plant.assembly import OUTPUTS, Assembly, assemble, parameters_of, structure_of
-from beamdesign.plant.compiled import (
-    compiled,
-    half_steps,
-    integrate,
-    integrate_with_sensitivities,
-)
+from beamdesign.plant.compiled import compiled, half_steps, integrate, integrate_with_sensitivities
 from beamdesign.plant.effects import library
 from beamdesign.plant.equilibrium import equilibrium, equilibrium_sensitivity, scales, substeps_for
 from beamdesign.prototype import Prototype

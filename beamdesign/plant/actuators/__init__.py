@@ -190,14 +190,14 @@ class Actuator(Kinded):
         return "twin_beam" if self.kind == self.where_none_is_stated else self.kind
 
     @classmethod
-    @abstractmethod
     def to_linear(cls, state: Signals, figure: Signals, tip: Any) -> dict[str, Any]:
         """States of the linear plant from those of its components and the outer tip's place, linear in both."""
+        return {name: state[name] for name in cls.states}
 
     @classmethod
-    @abstractmethod
     def from_linear(cls, linear: Signals, figure: Signals, tip: Any) -> dict[str, Any]:
         """States of its components from those of the linear plant and the outer tip's place."""
+        return {name: linear[name] for name in cls.states}
 
     @classmethod
     @abstractmethod

@@ -136,16 +136,6 @@ class BallScrew(Actuator):
     title = "Motor, drive and screw"
 
     @classmethod
-    def to_linear(cls, state: Signals, figure: Signals, tip: Any) -> dict[str, Any]:
-        """The same states."""
-        return {name: state[name] for name in cls.states}
-
-    @classmethod
-    def from_linear(cls, linear: Signals, figure: Signals, tip: Any) -> dict[str, Any]:
-        """The same states."""
-        return {name: linear[name] for name in cls.states}
-
-    @classmethod
     def _resistance(cls, figure: Signals, s: Any) -> tuple[Any, Any]:
         """Force against a speed of the nut, N s/m, and the lag of the current loop."""
         lag, lead = 1 / (1 + s / figure["current_loop"]), figure["lead"]
@@ -195,12 +185,10 @@ class BallScrew(Actuator):
 
     def limits(self, prototype: "WithActuator") -> tuple[Limit, ...]:
         """Largest current and what the motor bears for good, and the rotor's speed."""
-        return (
-            Limit("peak current", "motor_current", self.peak_current_A, "actuator.peak_current_A"),
-            Limit(
-                "continuous current", "motor_current", self.continuous_current_A, "actuator.continuous_current_A", True
-            ),
-            Limit("rotor speed", "speed", self.largest_speed_rad_per_s, "actuator.largest_speed_rad_per_s"),
+        of = ("motor_current", False), ("motor_current", True), ("speed", False)
+        return tuple(
+            Limit(one.name, name, self.stated(prototype, one), one.place, effective)
+            for one, (name, effective) in zip(self.ratings, of, strict=True)
         )
 
     def takes(self, prototype: "WithActuator", asked: Demand, load_N: float, held: Held) -> dict[str, float]:

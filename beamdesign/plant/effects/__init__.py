@@ -193,7 +193,7 @@ class Effect:
     Attributes:
         name: as prototypes and diagnoses spell it.
         subsystem: one of `SUBSYSTEMS`.
-        laws: by port, what replaces the signal there; see `beamdesign.plant.assembly.PORTS`.
+        laws: by port, what replaces the signal there; see `beamdesign.plant.component.Rig.ports`.
         parameters: its figures.
         source: of the law.
         states: names of the states it adds, with units.
