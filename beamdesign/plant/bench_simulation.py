@@ -7,7 +7,7 @@ import numpy as np
 
 from beamdesign.bench_prototype import BenchPrototype
 from beamdesign.json_text import picked
-from beamdesign.plant.assembly import RIGS, Assembly, Structure, assemble, wrong_effects
+from beamdesign.plant.assembly import Assembly, Structure, assemble, wrong_effects
 from beamdesign.plant.compiled import integrate
 from beamdesign.plant.effects import library
 from beamdesign.plant.equilibrium import Place, substeps_at
@@ -39,7 +39,7 @@ def bench_parameters(prototype: BenchPrototype) -> dict[str, float]:
     """Parameters of the bench's assembly in its order, SI: figures of the rig and of its effects."""
     actuator, valve, sensors = prototype.actuator, prototype.servovalve, prototype.sensors
     stop = (actuator.stop_stiffness_N_per_m * actuator.moving_mass_kg) ** 0.5
-    stated = picked(prototype, BENCH_STATED) | {
+    values: dict[str, float] = picked(prototype, BENCH_STATED) | {
         "stop_damping": 2 * _STOP_DAMPING_RATIO * stop,
         "flow_gain": valve.flow_gain_m3_per_s_per_V / valve.amplifier_A_per_V,
         "valve_frequency": 2 * pi * valve.natural_frequency_Hz,
@@ -48,7 +48,6 @@ def bench_parameters(prototype: BenchPrototype) -> dict[str, float]:
         "filter_frequency": 2 * pi * (sensors.displacement_filter_Hz or 1.0),
         "pressure_filter_frequency": 2 * pi * sensors.pressure_filter_Hz,
     }
-    values = {name: stated[name] for name in RIGS[prototype.rig].figures}
     own = {  # what an effect that is named alone takes from the bench itself
         "pressure_dependent_flow.supply_pressure_Pa": actuator.supply_pressure_Pa,
         "unequal_piston_areas.asymmetry": actuator.asymmetry,
