@@ -10,13 +10,7 @@ from flint import fmpq, fmpq_mat, fmpq_mpoly, fmpq_mpoly_ctx, fmpq_poly
 
 from beamdesign.plant.actuators import KINDS
 from beamdesign.plant.assembly import MORE_FIGURES
-from beamdesign.plant.linearised import (
-    SEEN,
-    LinearAssembly,
-    evaluate_exactly,
-    linear_assembly,
-    transfer_polynomials,
-)
+from beamdesign.plant.linearised import SEEN, LinearAssembly, evaluate_exactly, linear_assembly, transfer_polynomials
 from beamdesign.polynomial import Affine, Quotient, exact
 
 DISPLACEMENT = ("displacement_m",)
@@ -213,11 +207,10 @@ class LinearModel:
 
     def polynomials(self, sensors: Sequence[str] = DISPLACEMENT) -> BilinearPlant:
         """The plant over both end masses as these sensors see it, to a common factor that is free of the masses."""
-        known, sensors = self._known, tuple(sensors)
-        if sensors not in known:
+        if (sensors := tuple(sensors)) not in self._known:
             found = self._derived(sensors)
-            known[sensors] = found if self.stretch == (0.0, 1.0) else found.stretched(*self.stretch)
-        return known[sensors]
+            self._known[sensors] = found if self.stretch == (0.0, 1.0) else found.stretched(*self.stretch)
+        return self._known[sensors]
 
     def plant(self, inner_end_mass: float = 0.0, sensors: Sequence[str] = DISPLACEMENT) -> Plant:
         """Exact transfer polynomials with the given mass (kg) added to the inner beam."""
@@ -270,9 +263,8 @@ class LinearModel:
         # What the tip's displacement shows of a force, feedback of it cannot change.
         minor = [name for name in sensors if name not in DISPLACEMENT or self.sensor_rides]
         wanted = ((), ((0, 0),), ((1, 0),), *(((1, k),) for k in seen), *(((0, 0), (1, SEEN_AS[k])) for k in minor))
-        parts = self._without_mean(
-            [fmpq_poly(one) for one in evaluate_exactly(transfer_polynomials(self.assembly, wanted), self._exact)]
-        )
+        minors = evaluate_exactly(transfer_polynomials(self.assembly, wanted), self._exact)
+        parts = self._without_mean([fmpq_poly(one) for one in minors])
         # End masses act through accelerations: the lowest coefficient is free of them.
         lowest = next(value for value in parts[0].coeffs() if value != 0)
         parts = [part / lowest for part in parts]
