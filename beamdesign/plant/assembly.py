@@ -203,12 +203,13 @@ def of_drive(prototype: Prototype) -> dict[str, float]:
 
 def wrong_effects(prototype: AnyPrototype) -> list[Problem]:
     """What is wrong with a prototype's effects: unknown, out of bounds, or on what its rig does not have."""
-    ports, actuator = RIGS[prototype.rig].ports, RIGS[prototype.rig].actuator
-    rig = "the actuator bench" if actuator is None else f"a rig with a {actuator.model_fields['kind'].default}"
-    found, known = problems(prototype.effects), library()
+    found, known, rig = problems(prototype.effects), library(), RIGS[prototype.rig]
     for name in filter(known.__contains__, prototype.effects):
-        if missing := [port for port in known[name].laws if port not in ports]:
-            found.append(Problem(f"effects.{name}", f"acts on {', '.join(missing)}, which {rig} does not have"))
+        if missing := [port for port in known[name].laws if port not in rig.ports]:
+            words = f"{', '.join(missing)}, which the actuator bench"
+            if rig.actuator is not None:
+                words = f"what a rig with a {rig.actuator.model_fields['kind'].default}"
+            found.append(Problem(f"effects.{name}", f"acts on {words} does not have"))
     return found
 
 
