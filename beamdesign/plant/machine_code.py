@@ -28,13 +28,6 @@ def _named(names: str, called: str) -> dict[int, str]:
 _CALL = _named("sqrt exp log sin cos fabs floor ceil", "llvm.{}.f64")
 _CALL |= _named("tan asin acos atan sinh cosh tanh log1p expm1", "{}")
 _CALL_OF_TWO = _named("pow copysign", "llvm.{}.f64") | _named("atan2 hypot", "{}") | {ca.OP_CONSTPOW: "llvm.pow.f64"}
-_OF_TWO = {
-    ca.OP_POW: "llvm.pow.f64",
-    ca.OP_CONSTPOW: "llvm.pow.f64",
-    ca.OP_COPYSIGN: "llvm.copysign.f64",
-    ca.OP_ATAN2: "atan2",
-    ca.OP_HYPOT: "hypot",
-}
 _OF_TWO = {*_FLOAT, *_COMPARISON, *_CALL_OF_TWO, ca.OP_FMIN, ca.OP_FMAX, ca.OP_AND, ca.OP_OR, ca.OP_IF_ELSE_ZERO}
 _OF_ONE = {*_CALL, ca.OP_NEG, ca.OP_SQ, ca.OP_TWICE, ca.OP_INV, ca.OP_SIGN, ca.OP_NOT}
 _LINE = {code: f"{name} contract double {{0}}, {{1}}" for code, name in _FLOAT.items()}
