@@ -26,7 +26,7 @@ from numba.extending import intrinsic
 
 from beamdesign.plant.assembly import OUTPUTS, Structure, assemble
 from beamdesign.plant.component import SAMPLED
-from beamdesign.plant.equilibrium import places
+from beamdesign.plant.equilibrium import places_of
 from beamdesign.plant.machine_code import Body, MachineCode, add_product, machine_code, rows_of, trace
 
 NOT_SAMPLED = np.zeros(6)
@@ -47,7 +47,7 @@ def compiled(kinds: Structure, free: tuple[str, ...] = (), outputs: tuple[int, .
         t, x, u, p = function.sx_in()
         rate, y = function(t, x, u, p)
         jacobians = [ca.jacobian(a, b) for a in (rate, y[list(outputs)]) for b in (x, p)]
-        chosen = places(assembly, free)
+        chosen = places_of(assembly, free)
         jacobians[1], jacobians[3] = jacobians[1][:, chosen], jacobians[3][:, chosen]
         function = ca.Function("sensitivity", [t, x, u, p], ca.cse([ca.densify(rate), ca.densify(y), *jacobians]))
     traced = trace(function)

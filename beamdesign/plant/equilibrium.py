@@ -211,10 +211,9 @@ def equilibrium_sensitivity(
     scaled = of_states[np.ix_(moving, moving)] / weight[:, None] * weight[None, :]
     change = np.zeros((len(x), len(names)))
     right = -of_parameters[moving] / weight[:, None]
-    if np.linalg.cond(scaled) < 1e14:
-        change[moving] = weight[:, None] * np.linalg.solve(scaled, right)
-    else:
-        change[moving] = weight[:, None] * np.linalg.lstsq(scaled, right, rcond=1e-13)[0]
+    determined = np.linalg.cond(scaled) < 1e14
+    found = np.linalg.solve(scaled, right) if determined else np.linalg.lstsq(scaled, right, rcond=1e-13)[0]
+    change[moving] = weight[:, None] * found
     return change
 
 
@@ -223,11 +222,11 @@ def _rest(kinds: Structure, free: tuple[str, ...]) -> ca.Function:
     assembly = assemble(kinds)
     t, x, u, p = assembly.function.sx_in()
     rate, _ = assembly.function(t, x, u, p)
-    matrices = [ca.densify(ca.jacobian(rate, x)), ca.densify(ca.jacobian(rate, p)[:, places(assembly, free)])]
+    matrices = [ca.densify(ca.jacobian(rate, x)), ca.densify(ca.jacobian(rate, p)[:, places_of(assembly, free)])]
     return ca.Function("rest", [t, x, u, p], matrices)
 
 
-def places(assembly: Assembly, free: tuple[str, ...]) -> list[int]:
+def places_of(assembly: Assembly, free: tuple[str, ...]) -> list[int]:
     """Where among the parameters of an assembly the free ones are."""
     unknown = [name for name in free if name not in assembly.parameters]
     if unknown:

@@ -287,7 +287,6 @@ def _compiled(text: str) -> Any:
 
 _LANES = 8  # widest vector of doubles a processor has; LLVM splits it for others
 
-
 Rows = list[list[tuple[int, int]]]
 """Of a sparse matrix: per row its columns and the values there, by position in a trace."""
 
