@@ -159,12 +159,7 @@ def _scale(name: str, of: tuple[str, str], words: str) -> tuple[Parameter, dict[
 
 
 def _slope(
-    place: Place,
-    words: str,
-    leaves_out: str,
-    span: Callable[[Mapping[str, float]], Span],
-    of: Signal | None = None,
-    dashpot: bool = False,
+    place: Place, words: str, leaves_out: str, span: Callable[[Mapping[str, float]], Span], of: Signal | None = None
 ) -> Linear | None:
     """What stands for a law by its slopes: springs or dashpots from the least to the largest, or factors on the gain.
 
@@ -174,7 +169,6 @@ def _slope(
         leaves_out: of the effect.
         span: slopes, of what is added over what it is a function of.
         of: that, where the place has a motion.
-        dashpot: whether that is the rate of the motion.
     """
     if len(place.ports) > 1:  # nothing that proofs are made of leaks
         return None
@@ -187,7 +181,7 @@ def _slope(
             return Span(1 + found.low, 1 + found.high, 1 + found.rest)
 
         return Linear(f"{words}, as a factor on the gain", leaves_out, laws={}, gain=gain)
-    motion, (port,) = place.motion, place.ports
+    motion, (port,), dashpot = place.motion, place.ports, place.dashpot and of is place.argument[0]
     key, before = ("slope_N_s_per_m", (fmpq(0),)) if dashpot else ("slope_N_per_m", ())
     return Linear(
         f"{words}, as a {'dashpot' if dashpot else 'spring'}",
@@ -227,7 +221,7 @@ def _curve(place: Place, kind: str) -> Effect:
         return {of[1]: tuple(own[reach.name] * u for u in places), f"added_{place.size[0]}": added}
 
     words = "every slope of the curve within its reach"
-    linear = _slope(place, words, "motion beyond the reach", slopes, argument, place.dashpot)
+    linear = _slope(place, words, "motion beyond the reach", slopes, argument)
     return _effect(place, kind, law, (*terms, reach, size), linear, nearest, scales=read | sized, table=table)
 
 
@@ -312,7 +306,7 @@ def _lag(place: Place, kind: str) -> Effect:
 def _appendage(place: Place, kind: str) -> Effect:
     assert place.travel is not None  # else it takes none
     assert place.motion is not None
-    travel, rate = place.travel[:2]
+    (travel, rate), beam = place.travel[:2], place.name.removesuffix("_force")
 
     def law(signal: Any, site: Site) -> Any:
         own, state, w = site.parameter, site.state, 2 * pi * site.parameter["frequency_Hz"]
@@ -334,7 +328,7 @@ def _appendage(place: Place, kind: str) -> Effect:
     )
 
     linear = Linear("as it is", elements=elements)
-    like = f"a mass of {{mass_kg:.2g}} kg that swings on the {place.name.removesuffix('_force')} beam at {{frequency_Hz:.3g}} Hz"
+    like = f"a mass of {{mass_kg:.2g}} kg that swings on the {beam} beam at {{frequency_Hz:.3g}} Hz"
     return _effect(place, kind, law, parameters, linear, like, states=("at_m", "at_m_per_s"))
 
 
@@ -375,10 +369,8 @@ def _droop(place: Place, kind: str) -> Effect:
         size,
     )
     words, left = "no loss, to that of a steady signal of the size", "what the loss does while it changes"
-    linear, like = (
-        _slope(place, words, left, lambda own: _between(0.0, -own["depth"])),
-        "a supply that droops under flow",
-    )
+    linear = _slope(place, words, left, lambda own: _between(0.0, -own["depth"]))
+    like = "a supply that droops under flow"
     found = _effect(place, kind, law, parameters, linear, like, states=("used",), scales=sized)
     return replace(found, subsystem="oil")  # which the supply belongs to
 
