@@ -107,6 +107,11 @@ class BenchPrototype(Record):
         description="effects beyond the linear rig, [effects.NAME] each; see `beamdesign explain NAME`",
     )
 
+    @property
+    def rig(self) -> str:
+        """Which of `beamdesign.plant.assembly.RIGS` it is."""
+        return self.kind
+
 
 KINDS: dict[str, type[Prototype] | type[BenchPrototype]] = {"twin_beam": Prototype, "actuator_bench": BenchPrototype}
 AnyPrototype = Prototype | BenchPrototype

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from beamdesign.files import LARGEST_TABLE, read_bytes
+from beamdesign.files import LARGEST_TABLE, read_bytes, write_whole
 from beamdesign.records import InputError, Problem
 from beamdesign.spelling import fault, in_csv
 
@@ -223,3 +223,17 @@ def _uneven(times: np.ndarray) -> str:
     if len(bad):
         return f"not uniform: row {int(bad[0]) + 2} is {off[bad[0]]:.2g} samples off its place"
     return ""
+
+
+def write_tables(tables: Mapping[str, tuple[tuple[str, ...], np.ndarray]], folder: Path) -> list[Path]:
+    """Write one CSV file per table of columns (C) and samples (N, C), named after it, each whole or not at all.
+
+    Raises:
+        OSError: naming what cannot be written.
+    """
+    paths = [folder / f"{name}.csv" for name in tables]
+    for (columns, table), path in zip(tables.values(), paths, strict=True):
+        text = StringIO()
+        np.savetxt(text, table, fmt="%.9g", delimiter=",", header=",".join(columns), comments="")
+        write_whole(path, text.getvalue())
+    return paths

@@ -16,7 +16,8 @@ from beamdesign.plant.actuators import Actuator, ActuatorTolerance, WithActuator
 from beamdesign.plant.actuators.servo_cylinder import Servovalve, Supply
 from beamdesign.records import FileName, NonNegative, Positive, Problem, Record, numbers
 from beamdesign.spelling import shorter
-from beamdesign.structure.materials import MATERIAL, MaterialByName, WithMaterials
+from beamdesign.structure.materials import MATERIAL, Material, MaterialByName, WithMaterials
+from beamdesign.structure.section import Tube
 from beamdesign.structure.shapes import Shaped, beams_that_do_not_fit
 
 COMPLIANCE_LIMIT_M_PER_N = 5.71e-8
@@ -45,9 +46,15 @@ class Beam(Shaped):
     )
 
     @property
+    def geometry(self) -> tuple[Material, Tube, float] | None:
+        """Material, section and free length (m), from which the lumped figures can be computed; None without one."""
+        tube, length, alloy = self.tube, self.free_length_m, self.material
+        return None if tube is None or length is None or alloy is None else (alloy, tube, length)
+
+    @property
     def has_geometry(self) -> bool:
-        """Whether the lumped figures can be computed from the section, the lengths and the material."""
-        return None not in (self.width_m, self.wall_m, self.free_length_m, self.material)
+        """Whether it has one."""
+        return self.geometry is not None
 
     @classmethod
     def relations(cls, table: Mapping[str, Any]) -> Iterator[Problem]:

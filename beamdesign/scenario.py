@@ -1,6 +1,7 @@
 """Scenario files: what is done to a rig in a simulation."""
 
 from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -14,6 +15,16 @@ from beamdesign.controllers import Controller
 from beamdesign.records import FileName, InputError, Problem, Record, numbers
 
 CHANNELS = ("disturbance_N", "command_V")
+COLUMNS = (
+    "t_s",
+    "disturbance_N",
+    "command_V",
+    "current_A",
+    "displacement_m",
+    "load_pressure_Pa",
+    "inner_displacement_m",
+)
+"""Of a record."""
 
 
 class _Amplitude(Record):
@@ -107,6 +118,21 @@ class Measurement(Record):
         0.0, description="standard deviation of the noise on the displacement channels"
     )
     displacement_step_m: q.Resolution = Field(0.0, description="resolution; 0 for none")
+
+    def of(self, samples: np.ndarray, position: int) -> np.ndarray:
+        """Samples (N, 7 or more) as the instruments give them; a seed and a position give the same noise."""
+        random = np.random.default_rng([self.seed, position])
+        measured, displacement = samples.copy(), COLUMNS.index("displacement_m")
+        for name, deviation in (
+            ("disturbance_N", self.disturbance_std_N),
+            ("current_A", self.current_std_A),
+            ("displacement_m", self.displacement_std_m),
+        ):
+            measured[:, COLUMNS.index(name)] += deviation * random.standard_normal(len(samples))
+        if self.displacement_step_m > 0:
+            steps = np.round(measured[:, displacement] / self.displacement_step_m)
+            measured[:, displacement] = self.displacement_step_m * steps
+        return measured
 
 
 class WallAhead(Record):
@@ -226,6 +252,35 @@ def inputs_of(row: ScenarioRecord, scenario: Scenario) -> np.ndarray:
         else:
             inputs[:, signal.channel] += signal.amplitude * _shape(signal, times)
     return inputs
+
+
+@dataclass(frozen=True)
+class Course:
+    """What is done to a rig whose payload may change.
+
+    Attributes:
+        force_N: (N,) on the tip, one figure for each sample of the law.
+        payload_kg: (time in s, payload) pairs from time 0 on; each lasts until the next.
+        joining: whether payload joins with the tip's velocity, or at rest, which takes some of it.
+        command_V: (N,) on top of the sensor's noise; none where left out.
+        before_N: force that it rests under before; the first of force_N where left out.
+    """
+
+    force_N: np.ndarray
+    payload_kg: tuple[tuple[float, float], ...]
+    joining: Literal["matched", "from_rest"] = "matched"
+    command_V: np.ndarray | None = None
+    before_N: float | None = None
+
+
+def course_of(row: ScenarioRecord, scenario: Scenario) -> Course:
+    """What a record does to the rig: force, command, and payload with its change."""
+    inputs, begun = inputs_of(row, scenario), (0.0, row.outer_end_mass_kg)
+    force, command = inputs[:, 0] + row.preload_N, inputs[:, 1]
+    before = row.preload_N if scenario.start == "loaded" else 0.0
+    if (change := row.payload_change) is None:
+        return Course(force, (begun,), command_V=command, before_N=before)
+    return Course(force, (begun, (change.at_s, change.outer_end_mass_kg)), change.joining, command, before)
 
 
 def _rise(times: np.ndarray, at: float, length: float) -> np.ndarray:

@@ -3,76 +3,23 @@
 A controller may work at sample times: held current, quantised volts, whole periods of delay.
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
-from io import StringIO
 from math import ceil, log
-from pathlib import Path
 
 import numpy as np
 
 from beamdesign.controllers import SENSED, Controller
-from beamdesign.files import write_whole
+from beamdesign.controllers.scheduling import PayloadEstimator, next_stage
 from beamdesign.plant.actuators import KINDS
 from beamdesign.plant.assembly import OUTPUTS, Assembly, Structure, assemble, parameters_of, structure_of
-from beamdesign.plant.compiled import NOT_SAMPLED, integrate, refuse_too_many, substeps_at
-from beamdesign.plant.equilibrium import equilibrium
-from beamdesign.plant.stepper import COMMAND, ERROR
+from beamdesign.plant.compiled import COMMAND, ERROR, NOT_SAMPLED, SampledLaw, half_steps, integrate
+from beamdesign.plant.equilibrium import equilibrium, refuse_too_many, substeps_for
 from beamdesign.prototype import Prototype
 from beamdesign.records import InputError, Problem
 from beamdesign.result import Result
-from beamdesign.scenario import Scenario, ScenarioRecord, inputs_of
-from beamdesign.structure.lumped import figures
-
-
-@dataclass(frozen=True)
-class SampledLaw:
-    """z+ = A z + B e, i = C z + D e at every sample: the difference equation that a specification states.
-
-    Attributes:
-        matrix: (n + 1, n + k), A and B above C and D.
-        sensed: what each of the k readings is: `ERROR`, `COMMAND` or a place among the rig's outputs.
-    """
-
-    matrix: np.ndarray
-    sensed: tuple[int, ...]
-
-    def step(self, state: np.ndarray, readings: np.ndarray) -> tuple[np.ndarray, float]:
-        """State (n,) after, and current (A) of, one sample."""
-        after = self.matrix @ np.concatenate([state, readings])
-        return after[:-1], float(after[-1])
-
-    def readings(self, outputs: np.ndarray) -> np.ndarray:
-        """(k,) what it hears of a row of the rig's outputs, without command."""
-        known = {ERROR: -outputs[OUTPUTS.index("measured_V")], COMMAND: 0.0}
-        return np.array([known[place] if place < 0 else outputs[place] for place in self.sensed])
-
-    def at_rest(self, readings: np.ndarray) -> np.ndarray:
-        """State (n,) under constant readings."""
-        n = len(self.matrix) - 1
-        return np.asarray(np.linalg.solve(np.eye(n) - self.matrix[:n, :n], self.matrix[:n, n:] @ readings))
-
-    def after(self, readings: np.ndarray, current: float) -> np.ndarray:
-        """State (n,) after a sample of these readings that gave this current: of first order at most there is one."""
-        n = len(self.matrix) - 1
-        own, through = self.matrix[n, :n], self.matrix[n, n:]
-        before = np.linalg.pinv(own.reshape(1, n)) @ np.array([current - through @ readings])
-        return self.step(before, readings)[0]
-
-    def packed(
-        self, period_steps: int, delay_periods: int, least_volt: float, state: np.ndarray, current: float
-    ) -> np.ndarray:
-        """As `beamdesign.plant.compiled.integrate` takes it.
-
-        Args:
-            period_steps: integration steps per period.
-            delay_periods: whole periods between reading a sample and giving its current.
-            least_volt: step of the converter that reads the sensor, V; 0 for none.
-            state: (n,) at the first sample.
-            current: before the record, A.
-        """
-        head = [period_steps, delay_periods, least_volt, current, len(self.matrix) - 1, len(self.sensed), *self.sensed]
-        return np.concatenate([head, self.matrix.ravel(), state])
+from beamdesign.scenario import COLUMNS, Course, Sampled, Scenario, ScenarioRecord, course_of, inputs_of
+from beamdesign.structure.lumped import figures as figures_of
 
 
 def sampled_law(controller: Controller, period_s: float) -> SampledLaw:
@@ -149,18 +96,7 @@ def sustained(times: np.ndarray, signal: np.ndarray, least_amplitude: float, for
     return late if late.growth_per_s > least else None
 
 
-COLUMNS = (
-    "t_s",
-    "disturbance_N",
-    "command_V",
-    "current_A",
-    "displacement_m",
-    "load_pressure_Pa",
-    "inner_displacement_m",
-)
-_STEPS_PER_RADIAN = 1.0
 _WALL_STEPS_PER_RADIAN = 4.0
-_TEST_LOAD_N = 1000.0
 _LEAST_AMPLITUDE_M = 1e-8
 
 
@@ -221,110 +157,204 @@ def simulate(prototype: Prototype, scenario: Scenario) -> Simulation:
     if wrong := dict.fromkeys(problem for rig, row in runs for problem in _unfit(rig, scenario, row)):
         raise InputError(scenario.name, list(wrong))
     felt = {"load_pressure_Pa": prototype.actuator.feels[0]}
-    found = [_simulated(rig, scenario, row, k) for k, (rig, row) in enumerate(runs)]
+    found = [(_fixed if rig.schedule is None else _staged)(rig, scenario, row, k) for k, (rig, row) in enumerate(runs)]
     return Simulation(tuple(replace(one, columns=tuple(felt.get(c, c) for c in one.columns)) for one in found))
 
 
-def _unfit(rig: Prototype, scenario: Scenario, row: ScenarioRecord) -> list[Problem]:
+def _unfit(rig: Prototype, scenario: Scenario, row: ScenarioRecord) -> Iterator[Problem]:
     """What of a record its controller cannot be put through."""
-    if rig.schedule is not None:
-        from beamdesign.controllers.scheduling import unfit
-
-        return unfit(scenario, row, rig.schedule)
-    words = "is for a scheduled controller"
-    return [] if row.payload_change is None else [Problem(f"record.{row.name}.payload_change", words)]
-
-
-def half_steps(samples: np.ndarray, substeps: int) -> np.ndarray:
-    """Samples interpolated to every half integration step by cubics through four neighbours.
-
-    Args:
-        samples: (N, m), N at least 4.
-        substeps: steps per sample interval.
-
-    Returns:
-        (2 substeps (N - 1) + 1, m), the samples themselves among them.
-    """
-    share = np.arange(2 * substeps) / (2 * substeps)
-    nodes = np.array([-1.0, 0.0, 1.0, 2.0])
-    weights = np.ones((len(share), 4))
-    for i in range(4):
-        for j in range(4):
-            if i != j:
-                weights[:, i] *= (share - nodes[j]) / (nodes[i] - nodes[j])
-    # At both ends the neighbour that is missing lies on the cubic through the first (last) four samples.
-    ghost = np.array([4.0, -6.0, 4.0, -1.0])
-    padded = np.vstack([ghost @ samples[:4], samples, ghost @ samples[:-5:-1]])
-    windows = np.lib.stride_tricks.sliding_window_view(padded, 4, axis=0)
-    fine = np.einsum("nmk,sk->nsm", windows, weights, optimize=True).reshape(-1, samples.shape[1])
-    return np.vstack([fine, samples[-1:]])
+    if (schedule := rig.schedule) is None:
+        if row.payload_change is not None:
+            yield Problem(f"record.{row.name}.payload_change", "is for a scheduled controller")
+        return
+    period = schedule.period_s
+    if abs(scenario.sample_s - period) > 1e-9:
+        words = f"must be the period of the scheduled controller, {period:g}, is {scenario.sample_s:g}"
+        yield Problem("sample_s", words)
+    if scenario.sampled not in (None, Sampled(period_s=period)):
+        words = f"must be as the scheduled controller is: every {period:g} s, without delay and quantisation"
+        yield Problem("sampled", words)
+    if row.wall is not None:
+        yield Problem(f"record.{row.name}.wall", "is not for a scheduled controller")
 
 
-def substeps_for(assembly: Assembly, parameters: np.ndarray, times: np.ndarray) -> int:
-    """Integration steps per sample of a record: one per radian of the fastest pole at rest and under load.
+def _at_rest(
+    continuous: Assembly, states: tuple[str, ...], force_N: float, parameters: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Outputs and states of those named, with the rig at rest under a constant force on the tip.
 
     Raises:
-        InputError: where the record would take too many; see `beamdesign.plant.compiled`.
+        ValueError: where it has no equilibrium.
     """
-    places = []
-    for load in (0.0, _TEST_LOAD_N, -_TEST_LOAD_N):
-        u = np.array([load, 0.0, 0.0])
-        try:
-            places.append((equilibrium(assembly, u, parameters), u))
-        except ValueError:
-            continue
-    return substeps_at(assembly, places, parameters, times, _STEPS_PER_RADIAN)
+    u = np.array([force_N, 0.0, 0.0])
+    x = equilibrium(continuous, u, parameters)
+    y = np.asarray(continuous.function(0.0, x, u, parameters)[1]).ravel()
+    return y, x[[continuous.states.index(name) for name in states]]
 
 
-def _simulated(rig: Prototype, scenario: Scenario, row: ScenarioRecord, position: int) -> SimulatedRecord:
-    if rig.schedule is not None:
-        from beamdesign.controllers.scheduling import simulate_stages
-
-        return simulate_stages(rig, scenario, row, position)
-    walled = row.wall is not None
-    kinds = replace(structure_of(rig, scenario.sampled is not None), wall=walled)
-    assembly = assemble(kinds)
+def _fixed(rig: Prototype, scenario: Scenario, row: ScenarioRecord, position: int) -> SimulatedRecord:
+    """Simulate a record, at a position in its scenario, of a rig whose controller has one law."""
+    walled, sampled = row.wall is not None, scenario.sampled
+    kinds = replace(structure_of(rig, sampled is not None), wall=walled)
     inner = row.inner_end_mass_kg
     inner = rig.payload.inner_end_mass_kg if inner is None else inner
     wall = () if row.wall is None else row.wall.model_dump().values()  # in the order of `plant.rigs.WALL_FIGURES`
     parameters = np.array([*parameters_of(rig, row.outer_end_mass_kg, inner).values(), *wall])
 
     times, inputs = scenario.times, inputs_of(row, scenario)
-    before = np.array([row.preload_N if scenario.start == "loaded" else 0.0, 0.0, 0.0])
     continuous = assemble(replace(structure_of(rig), wall=walled))
+    before = row.preload_N if scenario.start == "loaded" else 0.0
     try:
-        start = equilibrium(continuous, before, parameters)
+        y, start = _at_rest(continuous, assemble(kinds).states, before, parameters)
     except ValueError as error:
         raise InputError(rig.name, [(f"record.{row.name}", str(error))]) from error
     substeps = max(substeps_for(continuous, parameters, times), _wall_substeps(rig, row, times))
     inputs[:, 0] += row.preload_N
 
     digital = NOT_SAMPLED
-    if scenario.sampled is not None and rig.controller is not None:
-        y = np.asarray(continuous.function(0.0, start, before, parameters)[1]).ravel()
-        start = start[[continuous.states.index(name) for name in assembly.states]]
-        steps = round(scenario.sampled.period_s / scenario.sample_s) * substeps
+    if sampled is not None and rig.controller is not None:
+        steps = round(sampled.period_s / scenario.sample_s) * substeps
         try:
             law = sampled_law(rig.controller, steps * scenario.sample_s / substeps)
         except ValueError as error:
             raise InputError(scenario.name, [("sampled.period_s", str(error))]) from error
         readings = law.readings(y)
         rest = law.at_rest(readings)
-        sampled = scenario.sampled
         digital = law.packed(steps, sampled.delay_periods, sampled.least_volt_V, rest, law.step(rest, readings)[1])
     y, _ = integrate(
         kinds, times, half_steps(inputs, substeps), start, parameters, substeps, scenario.displacement_limit_m, digital
     )
     count = len(y)
     samples = np.column_stack([times[:count], inputs[:count], y[:, :4]])
-    return _judged(row, scenario, as_measured(samples, scenario, position), samples, inputs, kinds)
+    return _judged(row, scenario, scenario.measurement.of(samples, position), samples, inputs, kinds)
+
+
+def _staged(rig: Prototype, scenario: Scenario, row: ScenarioRecord, position: int) -> SimulatedRecord:
+    """Simulate a record, at a position in its scenario, of a rig with a scheduled controller, from the first stage on.
+
+    Law and estimator work at the schedule's period and hear the sensor with its noise where the prototype states it.
+    Under noise nothing comes to rest, so that a record is called stable as long as the tip stays within the limit.
+    """
+    noise, seed = rig.sensor.noise_V or 0.0, scenario.measurement.seed + position
+    course, limit, built = course_of(row, scenario), scenario.displacement_limit_m, rig
+    if row.inner_end_mass_kg is not None:
+        built = rig.but(payload=rig.payload.but(inner_end_mass_kg=row.inner_end_mass_kg))
+    try:
+        found = simulate_scheduled(rig, course, built, noise_V=noise, seed=seed, limit_m=limit)
+    except ValueError as error:
+        raise InputError(rig.name, [(f"record.{row.name}", str(error))]) from error
+    return replace(found, name=row.name, samples=scenario.measurement.of(found.samples, position))
+
+
+STAGED = (*COLUMNS, "sensor_V", "outer_end_mass_kg", "stage", "estimate_kg", "estimate_std_kg")
+"""Columns of a record with a scheduled controller."""
+
+
+def simulate_scheduled(
+    rig: Prototype,
+    course: Course,
+    built: Prototype | None = None,
+    first_stage: int = 0,
+    adaptive: bool = True,
+    noise_V: float = 0.0,
+    seed: int = 0,
+    limit_m: float = 0.02,
+) -> SimulatedRecord:
+    """Simulate a scheduled controller; the record has the columns `STAGED`, and is stable where it did not diverge.
+
+    Law and estimator hear the sensor with its noise at sample times; the estimator believes the prototype of `rig`.
+
+    Args:
+        rig: the prototype with a controller that has several laws.
+        course: what is done to it.
+        built: the rig that really moves, with its effects; that of the prototype where left out.
+        first_stage: that acts at first, from 0.
+        adaptive: whether the stage follows the estimate; else it stays.
+        noise_V: standard deviation of the sensor's noise.
+        seed: of the noise.
+        limit_m: displacement at which the loop has diverged.
+
+    Raises:
+        InputError: for effects that cannot be.
+        ValueError: where there is no equilibrium to start from.
+    """
+    schedule = rig.schedule
+    assert schedule is not None  # the caller has seen that there are several laws
+    laws = [stage.law for stage in schedule.stage]
+    plant = (built or rig).but(controller=laws[0])
+    inner, period = plant.payload.inner_end_mass_kg, schedule.period_s
+    kinds, continuous = structure_of(plant, True), assemble(structure_of(plant))
+    states = assemble(kinds).states
+    velocity = states.index("outer_m_per_s")
+
+    def figures(mass: float) -> np.ndarray:
+        return np.array(list(parameters_of(plant, mass, inner).values()))
+
+    count = len(course.force_N)
+    times = np.arange(count) * period
+    substeps = max(substeps_for(continuous, figures(mass), times) for _, mass in course.payload_kg)
+    noise = noise_V * np.random.default_rng(seed).standard_normal(count)
+    command = np.zeros(count) if course.command_V is None else course.command_V
+    inputs = half_steps(np.column_stack([course.force_N, np.zeros(count)]), substeps)
+    inputs[:: 2 * substeps, 1] = command - noise  # read at the samples of the law alone
+    before, mass = course.force_N[0] if course.before_N is None else course.before_N, course.payload_kg[0][1]
+    y, state = _at_rest(continuous, states, before, figures(mass))
+    error, current = -float(y[-1]), laws[first_stage].gain_A_per_V * -float(y[-1])
+
+    hop = round(schedule.estimator.update_s / period)
+    estimator = PayloadEstimator(rig, schedule)
+    stage, changed = first_stage, -np.inf
+    rows: list[np.ndarray] = []
+    changes: list[tuple[float, int]] = []
+    pending = list(course.payload_kg[1:])
+    bare = figures_of(plant)["outer_mass"]
+    for begin in range(0, count - 1, hop):
+        end = min(begin + hop, count - 1)
+        now = begin * period
+        while pending and pending[0][0] <= now + 1e-12:
+            new = pending.pop(0)[1]
+            if course.joining == "from_rest" and new > mass:
+                state[velocity] *= (bare + mass) / (bare + new)
+            mass = new
+        law = sampled_law(laws[stage], period)
+        z = law.after(np.array([error]), current)
+        y, state = integrate(
+            kinds,
+            np.arange(begin, end + 1) * period,
+            inputs[2 * substeps * begin : 2 * substeps * end + 1],
+            state,
+            figures(mass),
+            substeps,
+            limit_m,
+            law.packed(substeps, 0, 0.0, z, current),
+        )
+        whole = len(y) == end - begin + 1
+        y = y[: end - begin]  # the last sample is the first of what follows
+        here = slice(begin, begin + len(y))
+        volts = y[:, OUTPUTS.index("measured_V")] + noise[here]
+        for value in command[here] - volts:
+            z, current = law.step(z, np.array([value]))
+            error = value
+        estimate = estimator.advance(volts, y[:, OUTPUTS.index("current_A")]) if whole else estimator.estimate
+        noted = (mass, stage + 1, estimate.outer_end_mass_kg, estimate.std_kg)
+        times = np.arange(begin, begin + len(y)) * period
+        given = (times, course.force_N[here], command[here])
+        rows.append(np.column_stack([*given, y[:, :4], volts, np.tile(noted, (len(y), 1))]))
+        if not whole:
+            record = diverged(rig.name, np.vstack(rows), limit_m, period)
+            return replace(record, columns=STAGED, changes=tuple(changes))
+        chosen = next_stage(schedule, stage, estimate, end * period - changed) if adaptive else stage
+        if chosen != stage:
+            stage, changed = chosen, end * period
+            changes.append((end * period, stage + 1))
+    return SimulatedRecord(rig.name, np.vstack(rows), True, columns=STAGED, changes=tuple(changes))
 
 
 def _wall_substeps(rig: Prototype, row: ScenarioRecord, times: np.ndarray) -> int:
     """Steps per sample with which a bounce of the outer beam's mass alone on the wall keeps its energy to 1e-3."""
     if row.wall is None:
         return 1
-    mass = figures(rig)["outer_mass"] + row.outer_end_mass_kg
+    mass = figures_of(rig)["outer_mass"] + row.outer_end_mass_kg
     fastest = max((row.wall.stiffness_N_per_m / mass) ** 0.5, row.wall.damping_N_s_per_m / mass)
     needed = (times[1] - times[0]) * _WALL_STEPS_PER_RADIAN * fastest
     reason = f"{mass:g} kg bounces at {fastest / (2 * np.pi):.3g} Hz"
@@ -367,34 +397,3 @@ def diverged(name: str, samples: np.ndarray, limit_m: float, sample_s: float) ->
     how = "" if found is None else f", oscillating at {found.frequency_Hz:.4g} Hz"
     reason = f"the outer tip passed {limit_m:g} m at {at:.4g} s{how}"
     return SimulatedRecord(name, samples, False, reason, at, found)
-
-
-def as_measured(samples: np.ndarray, scenario: Scenario, position: int) -> np.ndarray:
-    """Samples as the instruments give them; a seed gives the same noise whatever other records there are."""
-    given = scenario.measurement
-    random = np.random.default_rng([given.seed, position])
-    measured = samples.copy()
-    for name, deviation in (
-        ("disturbance_N", given.disturbance_std_N),
-        ("current_A", given.current_std_A),
-        ("displacement_m", given.displacement_std_m),
-    ):
-        measured[:, COLUMNS.index(name)] += deviation * random.standard_normal(len(samples))
-    if given.displacement_step_m > 0:
-        column = COLUMNS.index("displacement_m")
-        measured[:, column] = given.displacement_step_m * np.round(measured[:, column] / given.displacement_step_m)
-    return measured
-
-
-def write_tables(tables: Mapping[str, tuple[tuple[str, ...], np.ndarray]], folder: Path) -> list[Path]:
-    """Write one CSV file per table of columns (C) and samples (N, C), named after it, each whole or not at all.
-
-    Raises:
-        OSError: naming what cannot be written.
-    """
-    paths = [folder / f"{name}.csv" for name in tables]
-    for (columns, table), path in zip(tables.values(), paths, strict=True):
-        text = StringIO()
-        np.savetxt(text, table, fmt="%.9g", delimiter=",", header=",".join(columns), comments="")
-        write_whole(path, text.getvalue())
-    return paths

@@ -8,10 +8,9 @@ import numpy as np
 from beamdesign.build.realisation.c_code import to_word
 from beamdesign.build.realisation.realise import Realisation
 from beamdesign.plant.assembly import OUTPUTS, assemble, parameters_of, structure_of
-from beamdesign.plant.compiled import compiled
-from beamdesign.plant.equilibrium import equilibrium
+from beamdesign.plant.compiled import compiled, half_steps
+from beamdesign.plant.equilibrium import equilibrium, substeps_for
 from beamdesign.prototype import Prototype
-from beamdesign.simulation import half_steps, substeps_for
 
 _ENDLESS_M = 1e3
 
@@ -65,7 +64,7 @@ def run_closed(
         InputError: as `beamdesign.simulation.simulate`.
         ValueError: where there is no equilibrium, or the rig leaves the numbers.
     """
-    from beamdesign.plant.stepper import steps
+    from beamdesign.plant.compiled import steps
 
     kinds = structure_of(prototype, sampled=True)
     assembly, continuous = assemble(kinds), assemble(structure_of(prototype))

@@ -17,7 +17,7 @@ from beamdesign.parameters import typical_of
 from beamdesign.plant.actuators.servo_cylinder import Servovalve, Supply
 from beamdesign.plant.assembly import assemble, fits, parameters_of, structure_of
 from beamdesign.plant.effects import causes
-from beamdesign.plant.higher_modes import signals, single_compliance, with_mass
+from beamdesign.plant.linear_reach import signals, single_compliance, with_mass
 from beamdesign.plant.members import family
 from beamdesign.proofs.bounded_error import numerators
 from beamdesign.proofs.box import certify_box

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from scipy.integrate import quad
 from scipy.linalg import eigh
 
-from beamdesign.structure.beam import (
+from beamdesign.structure.lumped import (
     MODE_MASS_FRACTION,
     STATIC_MASS_FRACTION,
     clearance_under_load,

@@ -12,8 +12,8 @@ from beamdesign.controllers import Lag
 from beamdesign.loop import critical_gain
 from beamdesign.plant.assembly import INPUTS, Structure, assemble, fits, parameters_of, structure_of
 from beamdesign.plant.compiled import compiled, integrate
+from beamdesign.plant.component import LAG, PROPORTIONAL
 from beamdesign.plant.effects import causes
-from beamdesign.plant.electronics import LAG, PROPORTIONAL
 from beamdesign.plant.equilibrium import scales
 from beamdesign.plant.machine_code import Body, MachineCode, machine_code, trace
 from beamdesign.plant.members import paper_model

@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from beamdesign.controllers import Lag, Proportional, Section, Structured
-from beamdesign.controllers.form import form_of
+from beamdesign.controllers.protocol import form_of
 
 FREQUENCIES_HZ = np.geomspace(1e-3, 1e3, 60)
 breaks = st.floats(1e-3, 1e3)

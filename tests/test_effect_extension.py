@@ -16,8 +16,7 @@ from beamdesign.checker import check
 from beamdesign.cli import app
 from beamdesign.diagnosis.fitting.hypothesis import cause, singles
 from beamdesign.loop import loop
-from beamdesign.plant.effect import Effect, Elements, Linear, Parameter, Site
-from beamdesign.plant.effects import library, register
+from beamdesign.plant.effects import Effect, Elements, Linear, Parameter, Site, library, register
 from beamdesign.plant.members import family
 from beamdesign.proofs.certifying import certify
 from beamdesign.prototype import Payload, Prototype, read_prototype, write_prototype

@@ -8,8 +8,7 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.optimize import fsolve
 
-from beamdesign.plant.effect import Site
-from beamdesign.plant.effects import library
+from beamdesign.plant.effects import Site, library
 
 SUPPLY = 20e6
 

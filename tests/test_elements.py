@@ -16,8 +16,7 @@ from beamdesign.checker.reading import Table
 from beamdesign.checker.rig import Loop, Rig
 from beamdesign.controllers import SENSED, Observer
 from beamdesign.plant.assembly import fits
-from beamdesign.plant.effect import Effect
-from beamdesign.plant.effects import causes, library
+from beamdesign.plant.effects import Effect, causes, library
 from beamdesign.plant.linear import LinearModel
 from beamdesign.plant.members import family
 from beamdesign.polynomial import exact

@@ -11,8 +11,7 @@ from beamdesign.diagnosis.fitting.hypothesis import NOTHING, Hypothesis, togethe
 from beamdesign.diagnosis.fitting.starts import softened, starts
 from beamdesign.loop import close_loop
 from beamdesign.plant.assembly import assemble, parameters_of, structure_of
-from beamdesign.plant.effect import Operation
-from beamdesign.plant.effects import library
+from beamdesign.plant.effects import Operation, library
 from beamdesign.plant.effects.entrained_air import bulk_ratio, chamber_length
 from beamdesign.plant.members import family
 from beamdesign.polynomial import exact

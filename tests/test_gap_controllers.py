@@ -15,6 +15,7 @@ from scipy.signal import lsim
 from typer.testing import CliRunner
 
 from beamdesign.cli import app
+from beamdesign.columns import write_tables
 from beamdesign.controllers import Controller, Observer, Proportional, Scheduled, Section, Stage, Structured
 from beamdesign.diagnosis import separability
 from beamdesign.diagnosis.data.dataset import Dataset, MeasuredGain, TimeRecord, read_dataset
@@ -31,7 +32,7 @@ from beamdesign.public import state_space
 from beamdesign.records import InputError
 from beamdesign.report.gap_folder import write_gap_folder
 from beamdesign.scenario import Multisine, Scenario, ScenarioRecord
-from beamdesign.simulation import simulate, write_tables
+from beamdesign.simulation import simulate
 
 SECTION = Section(zero_Hz=45.0, zero_damping_ratio=0.4, pole_Hz=60.0, pole_damping_ratio=0.7)
 STRUCTURED = Structured(gain_A_per_V=0.1, pole_Hz=1.75, zero_Hz=26.0, section=(SECTION, SECTION))  # equal poles

@@ -7,16 +7,10 @@ import pytest
 
 from beamdesign.controllers import Section, Structured
 from beamdesign.loop import critical_gain, loop
-from beamdesign.plant.higher_modes import (
-    exact_compliance,
-    signals,
-    single_compliance,
-    single_mode_reach,
-    with_mass,
-)
+from beamdesign.plant.linear_reach import exact_compliance, signals, single_compliance, single_mode_reach, with_mass
 from beamdesign.prototype import Beam, Prototype
 from beamdesign.records import InputError
-from beamdesign.structure.beam import natural_frequencies
+from beamdesign.structure.lumped import natural_frequencies
 from beamdesign.validation.paper.rig import INNER_END_MASS_KG, OUTER, lag, proportional
 
 PER_LENGTH = OUTER.tube.mass_per_length(OUTER.material.density_kg_per_m3)

@@ -18,7 +18,7 @@ from beamdesign.cli import app
 from beamdesign.cli.command import Figure
 from beamdesign.loop import critical_gain
 from beamdesign.plant.bench_simulation import simulate_bench
-from beamdesign.plant.compiled import MOST_STEPS
+from beamdesign.plant.equilibrium import MOST_STEPS
 from beamdesign.plant.linear_reach import reach
 from beamdesign.prototype import Beam, Prototype, prototype_from, write_prototype
 from beamdesign.quantities import Plausible, range_of, unit_of

@@ -10,8 +10,7 @@ from typer.testing import CliRunner
 from beamdesign.cli import app
 from beamdesign.docs import page
 from beamdesign.loop import critical_gain
-from beamdesign.plant.higher_modes import single_mode_reach
-from beamdesign.plant.linear_reach import reach, with_published_effects
+from beamdesign.plant.linear_reach import reach, single_mode_reach, with_published_effects
 from beamdesign.prototype import Prototype, Supply, read_prototype, write_prototype
 from beamdesign.records import InputError
 from beamdesign.report.canvas import new_figure

@@ -14,8 +14,7 @@ from beamdesign.controllers import SENSED, Lag, Proportional
 from beamdesign.loop import critical_gain, loop
 from beamdesign.plant import linearised
 from beamdesign.plant.assembly import assemble, parameters_of, structure_of
-from beamdesign.plant.effect import Linear, Operation
-from beamdesign.plant.effects import causes, library
+from beamdesign.plant.effects import Linear, Operation, causes, library
 from beamdesign.plant.equilibrium import equilibrium, linearise
 from beamdesign.plant.members import family, paper_model
 from beamdesign.prototype import Payload, Prototype, Sensor

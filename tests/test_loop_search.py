@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from standing_sections import standing
 
 from beamdesign.controllers import KINDS, Lag, Proportional
-from beamdesign.controllers.form import form_of
+from beamdesign.controllers.protocol import form_of
 from beamdesign.loop import LoopAtMass, loop
 from beamdesign.plant.members import family, paper_model
 from beamdesign.plant.rigs import FIGURES

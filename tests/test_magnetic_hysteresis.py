@@ -6,7 +6,7 @@ from math import pi
 import numpy as np
 import pytest
 
-from beamdesign.plant.effect import Site
+from beamdesign.plant.effects import Site
 from beamdesign.plant.effects.valve_hysteresis import MAGNETIC
 
 

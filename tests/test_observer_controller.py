@@ -19,7 +19,7 @@ from beamdesign.checker.roots import stable_on_rectangle
 from beamdesign.cli import app
 from beamdesign.controllers import SENSED, Lag, Observer
 from beamdesign.loop import critical_gain, loop
-from beamdesign.plant.higher_modes import signals, single_compliance, with_mass
+from beamdesign.plant.linear_reach import signals, single_compliance, with_mass
 from beamdesign.plant.members import family, paper_model
 from beamdesign.polynomial import Affine, exact
 from beamdesign.proofs.arm import plane_loop

@@ -16,7 +16,8 @@ from sensor_picture import payload_text, plot_sensor_value
 from sensor_rows import SensorRow
 
 from beamdesign.controllers import SENSED
-from beamdesign.controllers.form import Form, block_form, rounded
+from beamdesign.controllers.observer import block_form, rounded
+from beamdesign.controllers.protocol import Form
 from beamdesign.loop import loop, rig_loop
 from beamdesign.plant.members import family
 from beamdesign.proofs.certifying import certify

@@ -6,7 +6,7 @@ import pytest
 
 from beamdesign.parameters import PARAMETERS, rows_of, with_unit
 from beamdesign.plant.actuators import KINDS
-from beamdesign.plant.effect import SUBSYSTEMS
+from beamdesign.plant.effects import SUBSYSTEMS
 from beamdesign.prototype import Prototype, Tolerance
 from beamdesign.structure.lumped import figures
 

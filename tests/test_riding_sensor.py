@@ -13,7 +13,7 @@ import pytest
 
 from beamdesign.checker import check
 from beamdesign.controllers import Lag
-from beamdesign.controllers.form import form_of
+from beamdesign.controllers.protocol import form_of
 from beamdesign.diagnosis.redesign import redesign
 from beamdesign.loop import LoopAtMass, loop, rig_loop
 from beamdesign.plant.linear import LinearModel

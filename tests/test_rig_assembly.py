@@ -11,8 +11,8 @@ from scipy.linalg import eigh
 from beamdesign.controllers import Lag, Proportional
 from beamdesign.loop import loop
 from beamdesign.plant.assembly import INPUTS, OUTPUTS, RIGS, Structure, assemble, fits, parameters_of, structure_of
+from beamdesign.plant.component import SAMPLED
 from beamdesign.plant.effects import causes
-from beamdesign.plant.electronics import SAMPLED
 from beamdesign.plant.equilibrium import equilibrium, linearise
 from beamdesign.plant.linearised import evaluate_exactly
 from beamdesign.plant.members import paper_model

@@ -21,15 +21,13 @@ from beamdesign.controllers.scheduling import (
     CANDIDATES,
     FREE,
     NOTHING,
-    Course,
     Estimate,
     PayloadEstimator,
     PlantStep,
     free_responses,
     next_stage,
     plant_step,
-    simulate_scheduled,
-)  # fmt: skip
+)
 from beamdesign.diagnosis.data.dataset import TimeRecord
 from beamdesign.diagnosis.predict import predict
 from beamdesign.loop import loop
@@ -43,8 +41,8 @@ from beamdesign.proofs.lyapunov import Switching, describe, switching
 from beamdesign.proofs.mass_family import MassFamily, closed_loop, stage_families, stage_family
 from beamdesign.prototype import Prototype, read_prototype, write_prototype
 from beamdesign.records import InputError
-from beamdesign.scenario import Sampled, Scenario, ScenarioRecord, Step, WallAhead
-from beamdesign.simulation import simulate
+from beamdesign.scenario import Course, Sampled, Scenario, ScenarioRecord, Step, WallAhead
+from beamdesign.simulation import simulate, simulate_scheduled
 from beamdesign.synthesis import tuning
 from beamdesign.synthesis.loop_limits import Proved
 from beamdesign.synthesis.rig_spread import rig_spread

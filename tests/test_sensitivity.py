@@ -12,10 +12,10 @@ from beamdesign.controllers import Lag
 from beamdesign.loop import critical_gain
 from beamdesign.plant.assembly import OUTPUTS, Assembly, Structure, assemble, fits, parameters_of, structure_of
 from beamdesign.plant.bench_simulation import bench_parameters, bench_start, bench_structure
-from beamdesign.plant.compiled import equilibrium_sensitivity, integrate, integrate_with_sensitivities
+from beamdesign.plant.compiled import integrate, integrate_with_sensitivities
+from beamdesign.plant.component import SAMPLED, Series
 from beamdesign.plant.effects import causes
-from beamdesign.plant.electronics import SAMPLED, Series
-from beamdesign.plant.equilibrium import equilibrium, scales
+from beamdesign.plant.equilibrium import equilibrium, equilibrium_sensitivity, scales
 from beamdesign.plant.members import paper_model
 from beamdesign.prototype import Prototype
 from beamdesign.records import parse

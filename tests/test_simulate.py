@@ -17,14 +17,14 @@ from beamdesign.cli import app
 from beamdesign.controllers import Lag
 from beamdesign.loop import critical_gain, loop
 from beamdesign.plant.assembly import assemble, fits, parameters_of, structure_of
-from beamdesign.plant.compiled import integrate
+from beamdesign.plant.compiled import half_steps, integrate
 from beamdesign.plant.effects import causes
 from beamdesign.plant.equilibrium import equilibrium
 from beamdesign.plant.members import paper_model
 from beamdesign.prototype import Prototype, read_prototype, write_prototype
 from beamdesign.records import InputError, parse
 from beamdesign.scenario import Multisine, Sampled, Scenario, ScenarioRecord, Step, inputs_of, read_scenario
-from beamdesign.simulation import COLUMNS, half_steps, oscillation, simulate
+from beamdesign.simulation import COLUMNS, oscillation, simulate
 
 ROOT = Path(__file__).parent.parent
 

@@ -20,14 +20,15 @@ from beamdesign.checker import Unreadable, check
 from beamdesign.cli import app
 from beamdesign.controllers import Section, Structured
 from beamdesign.loop import loop
-from beamdesign.plant.higher_modes import signals, single_compliance, with_mass
+from beamdesign.plant.compiled import half_steps
+from beamdesign.plant.linear_reach import signals, single_compliance, with_mass
 from beamdesign.plant.members import paper_model
 from beamdesign.proofs.certificate import Asked, Certificate, goal_claims
 from beamdesign.proofs.certifying import certify
 from beamdesign.prototype import Prototype, read_prototype, write_prototype
 from beamdesign.records import InputError
 from beamdesign.scenario import Multisine, Scenario, ScenarioRecord, inputs_of
-from beamdesign.simulation import half_steps, simulate
+from beamdesign.simulation import simulate
 from beamdesign.synthesis.design_run import certified
 from beamdesign.synthesis.loop_samples import samples
 from beamdesign.synthesis.loop_slacks import slacks

@@ -13,7 +13,7 @@ from standing_sections import standing
 
 from beamdesign.checker import check
 from beamdesign.controllers import Lag, Section, Structured
-from beamdesign.controllers.form import form_of
+from beamdesign.controllers.protocol import form_of
 from beamdesign.loop import loop
 from beamdesign.plant.members import family
 from beamdesign.polynomial import exact

@@ -10,7 +10,7 @@ import numpy as np
 from beamdesign.build.tolerances import why_no_box
 from beamdesign.json_text import picked
 from beamdesign.loop import loop
-from beamdesign.plant.actuators.protocol import MARGIN, Row
+from beamdesign.plant.actuators import MARGIN, Row
 from beamdesign.plant.effects import library
 from beamdesign.proofs.box import box_of, certify_box
 from beamdesign.proofs.certificate import Guaranteed
@@ -18,7 +18,7 @@ from beamdesign.proofs.certifying import guaranteed_by_all, stability_over
 from beamdesign.proofs.rig_family import rig_family
 from beamdesign.prototype import Beam, InStage, Prototype
 from beamdesign.quantity_text import tube_text
-from beamdesign.structure import beam
+from beamdesign.structure import lumped
 from beamdesign.structure.lumped import lumped_beam
 from beamdesign.structure.section import Tube, stock_tubes
 from beamdesign.structure.shapes import gaps
@@ -99,7 +99,7 @@ def held_loads(prototype: Prototype, tip_force_N: float) -> tuple[HeldLoad, ...]
         ("servo off: the outer beam bends, the inner one is unloaded", prototype.outer_beam),
     ):
         stiffness = lumped_beam(record).stiffness
-        left = float(beam.clearance_under_load(gap, tip_force_N, stiffness))
+        left = float(lumped.clearance_under_load(gap, tip_force_N, stiffness))
         found.append(HeldLoad(words, tip_force_N / stiffness, left))
     return tuple(found)
 

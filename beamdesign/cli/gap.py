@@ -229,7 +229,7 @@ def predict(prototype: Path, dataset: Path, out: Path) -> CommandResult:
         out: folder for one CSV file per record.
     """
     from beamdesign import predict as predicted
-    from beamdesign.simulation import write_tables
+    from beamdesign.columns import write_tables
 
     with progress("simulating") as update:
         found = predicted(prototype, dataset, update)

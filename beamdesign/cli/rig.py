@@ -253,11 +253,12 @@ def simulate(
 
 
 def _simulate_bench(rig: Any, source: Path, scenario: Path, out: Path, plots: bool) -> CommandResult:
-    from beamdesign.plant.bench_simulation import BENCH_COLUMNS, problems_on_bench, simulate_bench
+    from beamdesign.plant.assembly import wrong_effects
+    from beamdesign.plant.bench_simulation import BENCH_COLUMNS, simulate_bench
     from beamdesign.scenario import read_scenario
     from beamdesign.simulation import SimulatedRecord
 
-    if wrong := problems_on_bench(rig):
+    if wrong := wrong_effects(rig):
         refuse(source, *wrong)
     plan = read_scenario(scenario)
     found = simulate_bench(rig, plan)
@@ -285,7 +286,7 @@ def write_folder(
     rig: Any, plan: Any, records: "Sequence[SimulatedRecord]", out: Path, limits: "Limits | None"
 ) -> dict[str, Any]:
     """Write records, and where limits are given their pictures and page, as one set; files for the answer."""
-    from beamdesign.simulation import write_tables
+    from beamdesign.columns import write_tables
 
     with fresh_folder(out) as fresh:
         tables = {record.name: (record.columns, record.samples) for record in records}

@@ -15,15 +15,24 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self
 from pydantic import Field
 
 from beamdesign import quantities as q
-from beamdesign.controllers.protocol import SENSED, Controller, Need, Row, SensedLaw, TransferFunction, refuse
-from beamdesign.plant.electronics import Series
+from beamdesign.controllers.protocol import (
+    SENSED,
+    UNIT,
+    Controller,
+    Form,
+    Need,
+    Polynomials,
+    Row,
+    SensedLaw,
+    TransferFunction,
+    refuse,
+    times,
+)  # fmt: skip
+from beamdesign.plant.component import Series
 from beamdesign.records import Record
 
 if TYPE_CHECKING:
     import numpy as np
-
-    from beamdesign.controllers.form import Form, Polynomials
-
 
 _GAIN = (1e-4, 1e4)
 """A/V, least and largest gain that is tuned for."""
@@ -42,7 +51,7 @@ class Factor(ABC):
     """1 or 2."""
 
     open_between: ClassVar[Mapping[str, tuple[float, float]]]
-    """Its figures, in the order of `beamdesign.plant.electronics.Series`: least and largest that a tuner gives."""
+    """Its figures, in the order of `beamdesign.plant.component.Series`: least and largest that a tuner gives."""
 
     @staticmethod
     @abstractmethod
@@ -234,15 +243,13 @@ class Cascade(Controller):
 
 
 @cache
-def _form(kind: type[Cascade], factors: tuple[type[Factor], ...]) -> "Form":
+def _form(kind: type[Cascade], factors: tuple[type[Factor], ...]) -> Form:
     import casadi as ca
     import numpy as np
 
-    from beamdesign.controllers.form import UNIT, Form, times
-
     bounds = np.log([_GAIN, *chain.from_iterable(factor.open_between.values() for factor in factors)])
 
-    def polynomials(variables: Sequence[Any]) -> "Polynomials":
+    def polynomials(variables: Sequence[Any]) -> Polynomials:
         gain, *figures = map(ca.exp, variables)
         numerator, denominator = [gain], [1.0]
         for factor in factors:

@@ -1,7 +1,12 @@
-"""The record that every kind of controller derives from, with what may be asked of any, and the registry of kinds."""
+"""The record that every kind of controller derives from, with what may be asked of any, and the registry of kinds.
+
+Also laws with open figures: what a tuner may vary, with responses and their derivatives.
+"""
 
 from abc import abstractmethod
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from math import inf, pi
 from typing import TYPE_CHECKING, Any, ClassVar, Literal, TypeVar
 
@@ -9,14 +14,12 @@ from beamdesign.kinded import Kinded
 from beamdesign.records import InputError
 
 if TYPE_CHECKING:
+    import casadi as ca
     import control
     import numpy as np
     from flint import fmpq_poly
 
-    from beamdesign.controllers.cascade import Break, Section
-    from beamdesign.controllers.form import Form
-    from beamdesign.controllers.scheduled import Scheduled
-    from beamdesign.plant.electronics import Law
+    from beamdesign.plant.component import Law
 
 Sensed = Literal["displacement_m", "inner_displacement_m", "load_pressure_Pa", "screw_force_N"]
 SENSED: tuple[Sensed, ...] = ("displacement_m", "inner_displacement_m", "load_pressure_Pa")
@@ -71,6 +74,87 @@ class SensedLaw:
     sensors: tuple[str, ...]
     numerators: tuple["fmpq_poly", ...]
     denominator: "fmpq_poly"
+
+
+UNIT = 2 * pi * 10.0
+"""rad/s: polynomials are in s over this, so that their coefficients are of moderate size."""
+
+Polynomials = tuple[Sequence[Sequence[Any]], Sequence[Any]]
+"""Numerators, one per sensor, and the denominator that they share; coefficients ascending in s / `UNIT`."""
+
+
+@dataclass(frozen=True, eq=False)
+class Form:
+    """A family of laws with v variables, most of them logarithms, so that a step means as much anywhere.
+
+    Attributes:
+        sensors: what its laws sense, p of them.
+        lower: (v,) least variables.
+        upper: (v,) largest ones.
+        polynomials: CasADi symbols of the variables to the law from each sensor to current, A/V, A/m or A/Pa.
+        record: variables to the controller's record, its figures rounded to what a person would copy down.
+        moves: (v,) how much further than a logarithm a variable may move in a step.
+        gain_first: whether the first variable is the logarithm of a factor on the whole law.
+    """
+
+    sensors: tuple[Sensed, ...]
+    lower: "np.ndarray"
+    upper: "np.ndarray"
+    polynomials: Callable[[Sequence[Any]], Polynomials]
+    record: "Callable[[np.ndarray], Controller]"
+    moves: "np.ndarray"
+    gain_first: bool = False
+
+    @property
+    def size(self) -> int:
+        """How many variables there are."""
+        return len(self.lower)
+
+    @cached_property
+    def coefficients(self) -> "ca.Function":
+        """Variables to coefficients (p + 1, q): a row for each numerator, then the denominator; and their Jacobian."""
+        import casadi as ca
+
+        variables = ca.SX.sym("variables", self.size)
+        numerators, denominator = self.polynomials(ca.vertsplit(variables))
+        rows = [*numerators, denominator]
+        width = max(map(len, rows))
+        table = ca.vertcat(*(ca.horzcat(*row, *[0.0] * (width - len(row))) for row in rows))
+        return ca.Function("coefficients", [variables], [table, ca.jacobian(ca.vec(table), variables)])
+
+    def responses(self, variables: "np.ndarray", s: "np.ndarray") -> "np.ndarray":
+        """(p, n) from each sensor to current, at complex frequencies s (n,), rad/s."""
+        import numpy as np
+
+        table = np.asarray(self.coefficients(variables)[0])
+        values = table @ np.vander(s / UNIT, table.shape[1], increasing=True).T
+        return np.asarray(values[:-1] / values[-1])
+
+    def slopes(self, variables: "np.ndarray", s: "np.ndarray") -> "np.ndarray":
+        """(p, n, v) derivatives of the responses by the variables."""
+        import numpy as np
+
+        table, jacobian = (np.asarray(part) for part in self.coefficients(variables))
+        powers = np.vander(s / UNIT, table.shape[1], increasing=True)
+        values = table @ powers.T
+        by = powers @ jacobian.reshape((*table.shape, -1), order="F")
+        law = values[:-1] / values[-1]
+        return np.asarray((by[:-1] - law[:, :, None] * by[-1]) / values[-1][:, None])
+
+
+def times(left: Sequence[Any], right: Sequence[Any]) -> list[Any]:
+    """Coefficients of the product of two polynomials, ascending."""
+    product: list[Any] = [0.0] * (len(left) + len(right) - 1)
+    for i, one in enumerate(left):
+        for j, two in enumerate(right):
+            product[i + j] = product[i + j] + one * two
+    return product
+
+
+def plus(left: Sequence[Any], right: Sequence[Any]) -> list[Any]:
+    """Coefficients of the sum of two polynomials, ascending."""
+    length = max(len(left), len(right))
+    return [sum(one[k] for one in (left, right) if k < len(one)) for k in range(length)]
 
 
 class Controller(Kinded):
@@ -144,7 +228,7 @@ class Controller(Kinded):
             a (n, n), b (n, p), c (n,) and d (p,), and (n,) what command_V does to the states beside its part of the
             error.
         """
-        from beamdesign.plant.electronics import HEARD, state_space
+        from beamdesign.plant.component import HEARD, state_space
 
         a, b, c, d = state_space(self.equations, self.figures())
         places = [HEARD.index("error_V" if name == SENSED[0] else name) for name in self.senses]
@@ -203,18 +287,18 @@ class Controller(Kinded):
         return ()
 
     @property
-    def schedule(self) -> "Scheduled | None":
-        """Itself where it has several laws, with how one of them is chosen."""
+    def schedule(self) -> Any:
+        """Itself where it has several laws, a `Scheduled` with how one of them is chosen; else None."""
         return None
 
     @property
-    def lag(self) -> "Break | None":
-        """The lag that it begins with, where it has one."""
+    def lag(self) -> Any:
+        """The lag that it begins with, a `Break`, where it has one; else None."""
         return None
 
     @property
-    def sections(self) -> "tuple[Section, ...]":
-        """Its second-order sections, where it has such."""
+    def sections(self) -> tuple[Any, ...]:
+        """Its second-order sections, each a `Section`, where it has such."""
         return ()
 
     @property
@@ -260,6 +344,18 @@ def register(kind: type[C]) -> type[C]:
         raise ValueError(f"there is a controller of kind {name!r} already")
     KINDS[name] = kind
     return kind
+
+
+def form_of(kind: str) -> Form:
+    """The form of a registered kind's first seed.
+
+    Raises:
+        ValueError: for a kind that has none.
+    """
+    for seed in KINDS[kind].seeds():
+        if (sought_from := seed.form()) is not None:
+            return sought_from[0]
+    raise ValueError(f"a {kind} controller has no form to be tuned in")
 
 
 def refuse(controller: Controller, need: Need, purpose: str, source: object) -> None:

@@ -13,13 +13,12 @@ from beamdesign.columns import read_columns, uniform_times
 from beamdesign.diagnosis.data.dataset import TimeRecord
 from beamdesign.diagnosis.data.dataset_index import index_of, kind_of, read_index, wrong_files
 from beamdesign.plant.assembly import OUTPUTS, assemble, parameters_of, problem_without_controller, structure_of
-from beamdesign.plant.compiled import integrate
-from beamdesign.plant.equilibrium import equilibrium
+from beamdesign.plant.compiled import half_steps, integrate
+from beamdesign.plant.equilibrium import equilibrium, substeps_for
 from beamdesign.progress import Progress, silent
 from beamdesign.prototype import Prototype, read_prototype
 from beamdesign.records import InputError, read_table
 from beamdesign.result import Result
-from beamdesign.simulation import half_steps, substeps_for
 
 COLUMNS = ("t_s", "current_A", "displacement_m")
 BENCH_COLUMNS = ("t_s", "displacement_m", "pressure_a_Pa", "pressure_b_Pa")
@@ -150,7 +149,8 @@ def _stages(rig: Prototype, given: TimeRecord, nominal_sensor_gain: float) -> np
     """
     from scipy.interpolate import CubicSpline
 
-    from beamdesign.controllers.scheduling import Course, simulate_scheduled
+    from beamdesign.scenario import Course
+    from beamdesign.simulation import simulate_scheduled
 
     assert rig.schedule is not None
     period, times = rig.schedule.period_s, given.times - given.times[0]

@@ -11,26 +11,20 @@ from typing import Any
 
 import casadi as ca
 
-from beamdesign.plant.component import Rig
-from beamdesign.plant.effect import Effect, Site
-from beamdesign.plant.effects import library, problems
-from beamdesign.plant.electronics import SAMPLED, Law
-from beamdesign.plant.rigs import BENCH, MORE_FIGURES, OUTPUTS, STATES, TWIN_BEAM, TWIN_BEAMS, WALL_FIGURES
+from beamdesign.bench_prototype import AnyPrototype
+from beamdesign.plant.component import SAMPLED, Law
+from beamdesign.plant.effects import Effect, Site, library, problems
+from beamdesign.plant.rigs import MORE_FIGURES, OUTPUTS, RIGS, STATES, WALL_FIGURES
 from beamdesign.prototype import Prototype
 from beamdesign.records import InputError, Problem
 from beamdesign.structure import lumped
 
 __all__ = [
-    "INPUTS", "MORE_FIGURES", "OUTPUTS", "PORTS", "RIGS", "STATES", "Assembly", "Structure", "assemble",
+    "INPUTS", "MORE_FIGURES", "OUTPUTS", "RIGS", "STATES", "Assembly", "Structure", "assemble",
     "effect_parameters_of", "join", "parameters_of", "problem_without_controller", "structure_of",
 ]  # fmt: skip
 
 INPUTS = ("disturbance_N", "command_V", "sampled_current_A")
-RIGS: dict[str, Rig] = {**TWIN_BEAMS, "actuator_bench": BENCH}
-"""By the `rig` of their prototypes: its kind, or its actuator where that is not the usual one."""
-
-PORTS = TWIN_BEAM.ports
-"""Law of every port of the twin beam with all effects off, in the order in which they are worked out."""
 
 
 @dataclass(frozen=True)
@@ -38,7 +32,7 @@ class Structure:
     """What decides the equations of a rig, as opposed to its figures.
 
     Attributes:
-        controller: its equations, such as `LAG` or `SAMPLED` of `beamdesign.plant.electronics`; None leaves the rig's
+        controller: its equations, such as `LAG` or `SAMPLED` of `beamdesign.plant.component`; None leaves the rig's
             own, such as the open loop of a bench.
         filtered: whether the prototype's own low-pass filter follows the sensor.
         effects: names, sorted.
@@ -207,10 +201,16 @@ def of_drive(prototype: Prototype) -> dict[str, float]:
     return {f"{name}.limit_A": 10 * gain for name in names} if gain is not None else {}
 
 
-def wrong_effects(prototype: Prototype) -> list[Problem]:
+def wrong_effects(prototype: AnyPrototype) -> list[Problem]:
     """What is wrong with a prototype's effects: unknown, out of bounds, or on what its rig does not have."""
-    found, reason = problems(prototype.effects), f"acts on what a rig with a {prototype.actuator.kind} does not have"
-    return found + [Problem(f"effects.{name}", reason) for name in prototype.effects if not fits(name, prototype.rig)]
+    found, known, rig = problems(prototype.effects), library(), RIGS[prototype.rig]
+    for name in filter(known.__contains__, prototype.effects):
+        if missing := [port for port in known[name].laws if port not in rig.ports]:
+            words = f"{', '.join(missing)}, which the actuator bench"
+            if rig.actuator is not None:
+                words = f"what a rig with a {rig.actuator.model_fields['kind'].default}"
+            found.append(Problem(f"effects.{name}", f"acts on {words} does not have"))
+    return found
 
 
 def fits(effect: str, rig: str) -> bool:

@@ -7,9 +7,11 @@ import numpy as np
 
 from beamdesign.bench_prototype import BenchPrototype
 from beamdesign.json_text import picked
-from beamdesign.plant.assembly import RIGS, Assembly, Structure, assemble
-from beamdesign.plant.compiled import Place, integrate, substeps_at
-from beamdesign.plant.effects import library, problems
+from beamdesign.plant.assembly import Assembly, Structure, assemble, wrong_effects
+from beamdesign.plant.compiled import integrate
+from beamdesign.plant.effects import library
+from beamdesign.plant.equilibrium import Place, substeps_at
+from beamdesign.plant.rigs import BENCH_STATED
 from beamdesign.records import InputError, Problem
 from beamdesign.scenario import Scenario, inputs_of
 
@@ -21,44 +23,23 @@ SENSOR_V_PER_M = 50.0
 """Volts of the displacement sensor; effects in volts count on it, nothing else does."""
 
 
-def problems_on_bench(prototype: BenchPrototype) -> list[Problem]:
-    """What is wrong with the effects of a bench: also those that need a port it does not have."""
-    tables, ports = prototype.effects, RIGS[prototype.kind].ports
-    return problems(tables) + [
-        Problem(f"effects.{name}", f"acts on {', '.join(missing)}, which the actuator bench does not have")
-        for name in tables
-        if name in library() and (missing := [port for port in library()[name].laws if port not in ports])
-    ]
-
-
 def bench_structure(prototype: BenchPrototype) -> Structure:
     """What decides the equations of a bench.
 
     Raises:
         InputError: where an effect or one of its parameters is unknown, out of bounds or not for a bench.
     """
-    if wrong := problems_on_bench(prototype):
+    if wrong := wrong_effects(prototype):
         raise InputError(prototype.name, wrong)
     filtered = prototype.sensors.displacement_filter_Hz is not None
-    return Structure(None, filtered, tuple(sorted(prototype.effects)), prototype.kind)
-
-
-_STATED = """piston_area=actuator.piston_area_m2 stroke=actuator.stroke_m moving_mass=actuator.moving_mass_kg
-    dead_volume=actuator.dead_volume_m3 bulk_modulus=actuator.oil_bulk_modulus_Pa
-    stop_stiffness=actuator.stop_stiffness_N_per_m constant_load=actuator.constant_load_N
-    supply_pressure=actuator.supply_pressure_Pa tank_pressure=actuator.tank_pressure_Pa
-    line_loss=actuator.line_loss_Pa_s2_per_m6 piston_leakage=actuator.piston_leakage_m3_per_s_per_Pa
-    edge_b=servovalve.edge_b_ratio leakage=servovalve.leakage_m3_per_s_per_Pa
-    valve_damping_ratio=servovalve.damping_ratio gain=servovalve.amplifier_A_per_V null=servovalve.null_V
-    sensor_zero=sensors.displacement_zero_m"""
-"""Figures of the bench's equations by what its prototype has for them."""
+    return Structure(None, filtered, tuple(sorted(prototype.effects)), prototype.rig)
 
 
 def bench_parameters(prototype: BenchPrototype) -> dict[str, float]:
     """Parameters of the bench's assembly in its order, SI: figures of the rig and of its effects."""
     actuator, valve, sensors = prototype.actuator, prototype.servovalve, prototype.sensors
     stop = (actuator.stop_stiffness_N_per_m * actuator.moving_mass_kg) ** 0.5
-    stated = picked(prototype, _STATED) | {
+    values: dict[str, float] = picked(prototype, BENCH_STATED) | {
         "stop_damping": 2 * _STOP_DAMPING_RATIO * stop,
         "flow_gain": valve.flow_gain_m3_per_s_per_V / valve.amplifier_A_per_V,
         "valve_frequency": 2 * pi * valve.natural_frequency_Hz,
@@ -67,7 +48,6 @@ def bench_parameters(prototype: BenchPrototype) -> dict[str, float]:
         "filter_frequency": 2 * pi * (sensors.displacement_filter_Hz or 1.0),
         "pressure_filter_frequency": 2 * pi * sensors.pressure_filter_Hz,
     }
-    values = {name: stated[name] for name in RIGS[prototype.kind].figures}
     own = {  # what an effect that is named alone takes from the bench itself
         "pressure_dependent_flow.supply_pressure_Pa": actuator.supply_pressure_Pa,
         "unequal_piston_areas.asymmetry": actuator.asymmetry,

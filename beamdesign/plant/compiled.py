@@ -1,7 +1,6 @@
-"""Records of a rig by generated machine code; see `machine_code` for the equations and `stepper` for the steps.
+"""Records of a rig, and their exact derivatives by its parameters, by Runge-Kutta steps of generated machine code.
 
-How many steps a record takes is found here too; what would fill the machine is refused before it is begun. And exact
-derivatives of records, and of the rig's equilibrium, with respect to its parameters.
+The steps are compiled by numba once and kept on disk; the equations come as an address, see `machine_code`.
 
 The tangent of the very Runge-Kutta scheme is carried along with the states: S' = (df/dx) S + df/dp in every stage, S
 being dx/dp (forward sensitivities; Hairer, Norsett, Wanner, Solving Ordinary Differential Equations I, 2nd ed. 1993,
@@ -14,33 +13,128 @@ derivative of fixed steps approaches that of the motion in first order of the st
 by some ten per cent at steps at which the record itself is right to 1e-4, and shorter `substeps` mend it.
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import cache
-from math import ceil, log
-from operator import itemgetter
+from typing import Any
 
 import casadi as ca
 import numpy as np
+from llvmlite import ir
+from numba import njit, types
+from numba.extending import intrinsic
 
-from beamdesign.plant.assembly import Assembly, Structure, assemble
-from beamdesign.plant.electronics import SAMPLED
-from beamdesign.plant.equilibrium import linearise, not_held, scales
-from beamdesign.plant.machine_code import Body, MachineCode, Trace, machine_code, trace
-from beamdesign.records import InputError
+from beamdesign.plant.assembly import OUTPUTS, Structure, assemble
+from beamdesign.plant.component import SAMPLED
+from beamdesign.plant.equilibrium import places_of
+from beamdesign.plant.machine_code import Body, MachineCode, add_product, machine_code, rows_of, trace
 
 NOT_SAMPLED = np.zeros(6)
+ERROR, COMMAND = -1, -2
+"""Readings of a sampled controller that are not among the outputs: the command less the volts, and the command."""
 
 
 @cache
-def compiled(kinds: Structure) -> MachineCode:
-    """Machine code of a structure's equations: functions `law` (rates of the states) and `output`."""
-    traced = trace(assemble(kinds).function)
+def compiled(kinds: Structure, free: tuple[str, ...] = (), outputs: tuple[int, ...] = ()) -> MachineCode:
+    """Machine code of a structure's equations: functions `law` (rates of the states) and `output`.
+
+    With free parameters its states are x, then S row by row, and its output is y, then the derivatives of the outputs
+    named by their places, row by row.
+    """
+    assembly = assemble(kinds)
+    function = assembly.function
+    if free:
+        t, x, u, p = function.sx_in()
+        rate, y = function(t, x, u, p)
+        jacobians = [ca.jacobian(a, b) for a in (rate, y[list(outputs)]) for b in (x, p)]
+        chosen = places_of(assembly, free)
+        jacobians[1], jacobians[3] = jacobians[1][:, chosen], jacobians[3][:, chosen]
+        function = ca.Function("sensitivity", [t, x, u, p], ca.cse([ca.densify(rate), ca.densify(y), *jacobians]))
+    traced = trace(function)
 
     def stored(which: int, body: Body) -> None:
         for entry, value in enumerate(traced.outputs[which]):
             body.store(body.read(value), "out", entry)
+        if free:
+            a, b = (rows_of(traced, function, 2 * which + 2 + k) for k in range(2))
+            add_product(body, a, b, len(assembly.states), len(traced.outputs[which]), len(free))
 
     return machine_code(traced.values, {"law": lambda body: stored(0, body), "output": lambda body: stored(1, body)})
+
+
+def half_steps(samples: np.ndarray, substeps: int) -> np.ndarray:
+    """Samples interpolated to every half integration step by cubics through four neighbours.
+
+    Args:
+        samples: (N, m), N at least 4.
+        substeps: steps per sample interval.
+
+    Returns:
+        (2 substeps (N - 1) + 1, m), the samples themselves among them.
+    """
+    share = np.arange(2 * substeps) / (2 * substeps)
+    nodes = np.array([-1.0, 0.0, 1.0, 2.0])
+    weights = np.ones((len(share), 4))
+    for i in range(4):
+        for j in range(4):
+            if i != j:
+                weights[:, i] *= (share - nodes[j]) / (nodes[i] - nodes[j])
+    # At both ends the neighbour that is missing lies on the cubic through the first (last) four samples.
+    ghost = np.array([4.0, -6.0, 4.0, -1.0])
+    padded = np.vstack([ghost @ samples[:4], samples, ghost @ samples[:-5:-1]])
+    windows = np.lib.stride_tricks.sliding_window_view(padded, 4, axis=0)
+    fine = np.einsum("nmk,sk->nsm", windows, weights, optimize=True).reshape(-1, samples.shape[1])
+    return np.vstack([fine, samples[-1:]])
+
+
+@dataclass(frozen=True)
+class SampledLaw:
+    """z+ = A z + B e, i = C z + D e at every sample: the difference equation that a specification states.
+
+    Attributes:
+        matrix: (n + 1, n + k), A and B above C and D.
+        sensed: what each of the k readings is: `ERROR`, `COMMAND` or a place among the rig's outputs.
+    """
+
+    matrix: np.ndarray
+    sensed: tuple[int, ...]
+
+    def step(self, state: np.ndarray, readings: np.ndarray) -> tuple[np.ndarray, float]:
+        """State (n,) after, and current (A) of, one sample."""
+        after = self.matrix @ np.concatenate([state, readings])
+        return after[:-1], float(after[-1])
+
+    def readings(self, outputs: np.ndarray) -> np.ndarray:
+        """(k,) what it hears of a row of the rig's outputs, without command."""
+        known = {ERROR: -outputs[OUTPUTS.index("measured_V")], COMMAND: 0.0}
+        return np.array([known[place] if place < 0 else outputs[place] for place in self.sensed])
+
+    def at_rest(self, readings: np.ndarray) -> np.ndarray:
+        """State (n,) under constant readings."""
+        n = len(self.matrix) - 1
+        return np.asarray(np.linalg.solve(np.eye(n) - self.matrix[:n, :n], self.matrix[:n, n:] @ readings))
+
+    def after(self, readings: np.ndarray, current: float) -> np.ndarray:
+        """State (n,) after a sample of these readings that gave this current: of first order at most there is one."""
+        n = len(self.matrix) - 1
+        own, through = self.matrix[n, :n], self.matrix[n, n:]
+        before = np.linalg.pinv(own.reshape(1, n)) @ np.array([current - through @ readings])
+        return self.step(before, readings)[0]
+
+    def packed(
+        self, period_steps: int, delay_periods: int, least_volt: float, state: np.ndarray, current: float
+    ) -> np.ndarray:
+        """As `integrate` takes it.
+
+        Args:
+            period_steps: integration steps per period.
+            delay_periods: whole periods between reading a sample and giving its current.
+            least_volt: step of the converter that reads the sensor, V; 0 for none.
+            state: (n,) at the first sample.
+            current: before the record, A.
+        """
+        head = [period_steps, delay_periods, least_volt, current, len(self.matrix) - 1, len(self.sensed), *self.sensed]
+        return np.concatenate([head, self.matrix.ravel(), state])
 
 
 def integrate(
@@ -63,126 +157,14 @@ def integrate(
         parameters: in the order of the assembly.
         substeps: steps per sample interval.
         bound: of the fifth output, the displacement of the outer tip (m), at which the record ends.
-        digital: the sampled controller, see `beamdesign.simulation.SampledLaw`.
+        digital: the sampled controller, see `SampledLaw`.
 
     Returns:
         (M, 6) outputs as in `Assembly.outputs`; M < N where the rig passed the bound, or left the numbers, after M
         samples. And the states (n,) at the last sample that was kept, to go on from.
     """
     code, width = compiled(kinds), len(assemble(kinds).outputs)
-    return stepped(code, times, inputs, start, len(start), parameters, substeps, bound, digital, width)
-
-
-def stepped(
-    code: MachineCode,
-    times: np.ndarray,
-    inputs: np.ndarray,
-    start: np.ndarray,
-    checked: int,
-    parameters: np.ndarray,
-    substeps: int,
-    bound: float,
-    digital: np.ndarray,
-    width: int,
-) -> tuple[np.ndarray, np.ndarray]:
-    """Rows (M, width) of a code's `output` along the record that its `law` makes, and the states at the last of them.
-
-    Args:
-        code: functions `law` and `output`, the fifth of whose entries is held against `bound`.
-        times: (N,) s.
-        inputs: (2 substeps (N - 1) + 1, 2).
-        start: (n,) whatever the law takes as states.
-        checked: how many of them, from the first, must stay finite.
-        parameters: of the code's `prepare`.
-        substeps: steps per sample interval.
-        bound: m.
-        digital: as of `beamdesign.plant.stepper`.
-        width: entries that `output` gives.
-    """
-    from beamdesign.plant.stepper import steps
-
-    if len(inputs) != 2 * substeps * (len(times) - 1) + 1:
-        raise ValueError(f"{len(inputs)} input points do not fit {len(times)} samples of {substeps} steps")
-    y, state = np.zeros((len(times), width)), np.array(start, dtype=float)
-    kept = steps(
-        code.address["law"],
-        code.address["output"],
-        np.ascontiguousarray(times, dtype=float),
-        np.ascontiguousarray(inputs, dtype=float),
-        state,
-        int(checked),
-        code.prepared(parameters),
-        int(substeps),
-        float(bound),
-        np.ascontiguousarray(digital, dtype=float),
-        y,
-    )
-    return y[:kept], state
-
-
-LONGEST_STEP_S = 1e-4
-MOST_STEPS = 20_000_000
-"""Of one record: half a minute, and about a gigabyte of inputs."""
-_NUDGE = 1 + 1e-6  # on each figure, to find those that the fastest pole comes from
-
-Place = tuple[np.ndarray, np.ndarray]
-"""States and inputs about which a rig is linearised."""
-
-
-def substeps_at(
-    assembly: Assembly, places: Iterable[Place], parameters: np.ndarray, times: np.ndarray, steps_per_radian: float
-) -> int:
-    """Steps per sample: at most 0.1 ms each, and so many per radian of the fastest pole at any of the places.
-
-    Args:
-        assembly: the rig.
-        places: where its poles are looked at.
-        parameters: in the assembly's order.
-        times: (N,) s, at least two, equally spaced but for their jitter.
-        steps_per_radian: of the fastest pole.
-
-    Raises:
-        InputError: where the record would take more than `MOST_STEPS`, naming the figures that make it so stiff.
-    """
-    rates = [(1.0, None), *((_fastest_pole(assembly, place, parameters), place) for place in places)]
-    fastest, stiffest = max(rates, key=itemgetter(0))
-    sample_s = (times[-1] - times[0]) / (len(times) - 1)
-    needed = sample_s / min(LONGEST_STEP_S, 1 / (steps_per_radian * fastest)) - 1e-9
-    if stiffest is not None:
-        reason = _why(assembly, stiffest, parameters) if needed * len(times) > MOST_STEPS else ""
-        refuse_too_many(needed * len(times), "(figures)", reason)
-    return max(1, ceil(needed))
-
-
-def refuse_too_many(steps: float, key: str, reason: str) -> None:
-    """Refuse a record of too many steps.
-
-    Raises:
-        InputError: naming the key and the reason why so many are needed.
-    """
-    if not steps <= MOST_STEPS:
-        words = f"{reason}, so that a record takes {steps:.3g} integration steps; {MOST_STEPS:.3g} are the most"
-        raise InputError("simulation", [(key, words)])
-
-
-def _fastest_pole(assembly: Assembly, place: Place, parameters: np.ndarray) -> float:
-    """Modulus of the fastest pole, rad/s; infinite where the equations leave the numbers."""
-    a = linearise(assembly, *place, parameters).a
-    return float(np.abs(np.linalg.eigvals(a)).max()) if np.isfinite(a).all() else np.inf
-
-
-def _why(assembly: Assembly, place: Place, parameters: np.ndarray) -> str:
-    """The three figures that move the fastest pole most."""
-    fastest, moved = _fastest_pole(assembly, place, parameters), []
-    for k, (name, value) in enumerate(zip(assembly.parameters, parameters, strict=True)):
-        nudged = parameters.copy()
-        nudged[k] *= _NUDGE
-        moved.append((abs(log(_fastest_pole(assembly, place, nudged) / fastest)), f"{name} {value:g}"))
-    words = ", ".join(words for _, words in sorted(moved, reverse=True)[:3])
-    return f"the fastest motion is of {fastest / (2 * np.pi):.3g} Hz, above all by {words} in SI"
-
-
-_LANES = 8  # widest vector of doubles a processor has; LLVM splits it for others
+    return _stepped(code, times, inputs, start, len(start), parameters, substeps, bound, digital, width)
 
 
 def integrate_with_sensitivities(
@@ -197,7 +179,7 @@ def integrate_with_sensitivities(
     bound: float,
     outputs: Sequence[int] | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Outputs of a record as `compiled.integrate` gives them, and their derivatives.
+    """Outputs of a record as `integrate` gives them, and their derivatives.
 
     Args:
         kinds: structure of the rig, with a continuous controller.
@@ -224,112 +206,159 @@ def integrate_with_sensitivities(
         raise ValueError(f"start sensitivity of {start_sensitivity.shape}, not {(len(start), len(free))}")
     count = len(assemble(kinds).outputs)
     chosen = tuple(range(count)) if outputs is None else tuple(outputs)
-    code = compiled_with_sensitivities(kinds, tuple(free), chosen)
+    code = compiled(kinds, tuple(free), chosen)
     whole = np.concatenate([np.asarray(start, dtype=float), np.asarray(start_sensitivity, dtype=float).ravel()])
     width = count + len(chosen) * len(free)
-    rows, _ = stepped(code, times, inputs, whole, len(start), parameters, substeps, bound, NOT_SAMPLED, width)
+    rows, _ = _stepped(code, times, inputs, whole, len(start), parameters, substeps, bound, NOT_SAMPLED, width)
     return rows[:, :count], rows[:, count:].reshape(len(rows), len(chosen), len(free))
 
 
-def equilibrium_sensitivity(
-    assembly: Assembly, x: np.ndarray, u: np.ndarray, parameters: np.ndarray, free: Sequence[str]
-) -> np.ndarray:
-    """Derivatives (n, P) of an equilibrium by the implicit function theorem.
+def _stepped(
+    code: MachineCode,
+    times: np.ndarray,
+    inputs: np.ndarray,
+    start: np.ndarray,
+    checked: int,
+    parameters: np.ndarray,
+    substeps: int,
+    bound: float,
+    digital: np.ndarray,
+    width: int,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Rows (M, width) of a code's `output` along the record that its `law` makes, and the states at the last of them.
 
-    States that `equilibrium` holds (the `memory` of effects) do not move. Where the remaining equations do not
-    determine the equilibrium (as within play), it is the smallest change, in typical magnitudes, that satisfies them.
+    See `_steps` for what it is given, and for when the rows end.
+    """
+    if len(inputs) != 2 * substeps * (len(times) - 1) + 1:
+        raise ValueError(f"{len(inputs)} input points do not fit {len(times)} samples of {substeps} steps")
+    y, state = np.zeros((len(times), width)), np.array(start, dtype=float)
+    address, c = (code.address["law"], code.address["output"]), code.prepared(parameters)
+    times, inputs, digital = (np.ascontiguousarray(given, dtype=float) for given in (times, inputs, digital))
+    kept = steps(*address, times, inputs, state, int(checked), c, int(substeps), float(bound), digital, y)
+    return y[:kept], state
+
+
+def _call(typing: Any, address: Any, t: Any, x: Any, u: Any, c: Any, out: Any) -> Any:
+    """Call the function (t, x, u, c, out) at an address; all but t are contiguous arrays of doubles."""
+
+    def lower(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        arrays = [
+            context.make_array(kind)(context, builder, value).data
+            for kind, value in zip(signature.args[2:], arguments[2:], strict=True)
+        ]
+        kind = ir.FunctionType(ir.VoidType(), [ir.DoubleType(), *(array.type for array in arrays)])
+        builder.call(builder.inttoptr(arguments[0], kind.as_pointer()), [arguments[1], *arrays])
+        return context.get_dummy_value()
+
+    return types.void(address, t, x, u, c, out), lower
+
+
+_evaluate: Any = intrinsic(_call)
+
+
+def _steps(
+    law: Any,
+    output: Any,
+    times: Any,
+    inputs: Any,
+    x: Any,
+    checked: Any,
+    c: Any,
+    substeps: Any,
+    bound: Any,
+    digital: Any,
+    y_out: Any,
+) -> Any:
+    """Classical Runge-Kutta over a record; gives the number of samples that stayed finite and within `bound`.
 
     Args:
-        assembly: the rig.
-        x: (n,) states that `equilibrium` found.
-        u: (3,) inputs.
-        parameters: in the assembly's order.
-        free: names of the P parameters to differentiate by.
-
-    Raises:
-        ValueError: at an unknown parameter.
+        law: address of the function that gives the rates of x.
+        output: address of the function that gives one row of `y_out`.
+        times: (N,) s.
+        inputs: (2 substeps (N - 1) + 1, 2).
+        x: (n,) states at the start; overwritten.
+        checked: how many of them, from the first, must stay finite.
+        c: what `prepare` left.
+        substeps: steps per sample interval.
+        bound: of the fifth output.
+        digital: the sampled controller z+ = A z + B e, i = C z + D e: period in steps or 0, delay in periods, least
+            volt, current before the record, n, k, what each of the k readings is (`ERROR`, `COMMAND` or a place among
+            the outputs), A and B above C and D row by row, z at the first sample.
+        y_out: (N, m) filled row by row.
     """
-    names = tuple(free)
-    of_states, of_parameters = (np.asarray(value) for value in _rest(assembly.kinds, names)(0.0, x, u, parameters))
-    moving = not_held(assembly)
-    weight = scales(assembly)[moving]
-    scaled = of_states[np.ix_(moving, moving)] / weight[:, None] * weight[None, :]
-    change = np.zeros((len(x), len(names)))
-    right = -of_parameters[moving] / weight[:, None]
-    if np.linalg.cond(scaled) < 1e14:
-        change[moving] = weight[:, None] * np.linalg.solve(scaled, right)
-    else:
-        change[moving] = weight[:, None] * np.linalg.lstsq(scaled, right, rcond=1e-13)[0]
-    return change
+    samples, n = times.shape[0], x.shape[0]
+    k1, k2, k3, k4, trial = np.empty(n), np.empty(n), np.empty(n), np.empty(n), np.empty(n)
+    y, u0, u1, u2 = np.empty(y_out.shape[1]), np.zeros(3), np.zeros(3), np.zeros(3)
+    period, delay = int(digital[0]), int(digital[1])
+    queue = np.full(delay + 1, digital[3])
+    held, ticks, order, sensed = digital[3], 0, int(digital[4]), int(digital[5])
+    width = order + sensed
+    entries = 6 + sensed
+    own = entries + (order + 1) * width  # where z begins
+    given, after = np.zeros(width), np.zeros(order + 1)
+    given[:order] = digital[own : own + order]
+    if period == 0:
+        held = 0.0
+    for k in range(samples):
+        last = k + 1 == samples
+        h = 0.0 if last else (times[k + 1] - times[k]) / substeps
+        for sub in range(substeps):
+            half = 2 * (k * substeps + sub)
+            t = times[k] + sub * h
+            u0[0], u0[1], u0[2] = inputs[half, 0], inputs[half, 1], held
+            if period > 0 and half % (2 * period) == 0:
+                _evaluate(output, t, x, u0, c, y)
+                for j in range(sensed):
+                    place = int(digital[6 + j])
+                    if place == ERROR:
+                        volts = y[5]
+                        if digital[2] > 0.0:
+                            volts = digital[2] * np.floor(volts / digital[2] + 0.5)
+                        given[order + j] = u0[1] - volts
+                    elif place == COMMAND:
+                        given[order + j] = u0[1]
+                    else:
+                        given[order + j] = y[place]
+                for i in range(order + 1):
+                    total = 0.0
+                    for j in range(width):
+                        total += digital[entries + i * width + j] * given[j]
+                    after[i] = total
+                given[:order] = after[:order]
+                queue[ticks % (delay + 1)] = after[order]
+                held = queue[(ticks + 1) % (delay + 1)]
+                ticks += 1
+                u0[2] = held
+            if sub == 0:
+                _evaluate(output, t, x, u0, c, y)
+                for j in range(checked):
+                    if not np.isfinite(x[j]):
+                        return k
+                if not abs(y[4]) <= bound:
+                    return k
+                for j in range(y.shape[0]):
+                    y_out[k, j] = y[j]
+                if last:
+                    return samples
+            u1[0], u1[1], u1[2] = inputs[half + 1, 0], inputs[half + 1, 1], held
+            u2[0], u2[1], u2[2] = inputs[half + 2, 0], inputs[half + 2, 1], held
+            _evaluate(law, t, x, u0, c, k1)
+            for j in range(n):
+                trial[j] = x[j] + 0.5 * h * k1[j]
+            _evaluate(law, t + 0.5 * h, trial, u1, c, k2)
+            for j in range(n):
+                trial[j] = x[j] + 0.5 * h * k2[j]
+            _evaluate(law, t + 0.5 * h, trial, u1, c, k3)
+            for j in range(n):
+                trial[j] = x[j] + h * k3[j]
+            _evaluate(law, t + h, trial, u2, c, k4)
+            for j in range(n):
+                x[j] += h / 6.0 * (k1[j] + 2.0 * k2[j] + 2.0 * k3[j] + k4[j])
+    return samples
 
 
-@cache
-def _rest(kinds: Structure, free: tuple[str, ...]) -> ca.Function:
-    assembly = assemble(kinds)
-    t, x, u, p = assembly.function.sx_in()
-    rate, _ = assembly.function(t, x, u, p)
-    matrices = [ca.densify(ca.jacobian(rate, x)), ca.densify(ca.jacobian(rate, p)[:, _places(assembly, free)])]
-    return ca.Function("rest", [t, x, u, p], matrices)
-
-
-def _places(assembly: Assembly, free: tuple[str, ...]) -> list[int]:
-    """Where among the parameters of an assembly the free ones are."""
-    unknown = [name for name in free if name not in assembly.parameters]
-    if unknown:
-        raise ValueError(f"no parameter {', '.join(unknown)} in this structure")
-    return [assembly.parameters.index(name) for name in free]
-
-
-@cache
-def compiled_with_sensitivities(kinds: Structure, free: tuple[str, ...], outputs: tuple[int, ...]) -> MachineCode:
-    """Machine code whose states are x, then S row by row, and whose output is y, then its derivatives row by row."""
-    assembly = assemble(kinds)
-    t, x, u, p = assembly.function.sx_in()
-    rate, y = assembly.function(t, x, u, p)
-    rows, chosen = y[list(outputs)], _places(assembly, free)
-    jacobians = [ca.jacobian(a, b) for a in (rate, rows) for b in (x, p)]
-    jacobians[1], jacobians[3] = jacobians[1][:, chosen], jacobians[3][:, chosen]
-    function = ca.Function("sensitivity", [t, x, u, p], ca.cse([ca.densify(rate), ca.densify(y), *jacobians]))
-    traced = trace(function)
-
-    def stored(which: int, first: int, body: Body) -> None:
-        for entry, value in enumerate(traced.outputs[which]):
-            body.store(body.read(value), "out", entry)
-        a, b = (_rows(traced, function, first + k) for k in range(2))
-        _product(body, a, b, len(assembly.states), len(traced.outputs[which]), len(free))
-
-    return machine_code(
-        traced.values, {"law": lambda body: stored(0, 2, body), "output": lambda body: stored(1, 4, body)}
-    )
-
-
-Rows = list[list[tuple[int, int]]]
-"""Of a sparse matrix: per row its columns and the values there, by position in a trace."""
-
-
-def _rows(traced: Trace, function: ca.Function, output: int) -> Rows:
-    shape = function.sparsity_out(output)
-    rows: Rows = [[] for _ in range(shape.size1())]
-    for row, column, value in zip(*shape.get_triplet(), traced.outputs[output], strict=True):
-        rows[row].append((column, value))
-    return rows
-
-
-def _product(body: Body, a: Rows, b: Rows, states: int, before: int, width: int) -> None:
-    """Write out A S + B row by row behind the first entries of `out`; S follows the states in `x` likewise."""
-    for row, (of_states, of_parameters) in enumerate(zip(a, b, strict=True)):
-        first = 0
-        while first < width:
-            lanes = next(size for size in (_LANES, 4, 2, 1) if size <= width - first)
-            kind, total = f"<{lanes} x double>", "zeroinitializer"
-            for column, value in of_parameters:
-                if first <= column < first + lanes:
-                    total = body.line(f"insertelement {kind} {total}, double {body.read(value)}, i32 {column - first}")
-            for column, value in of_states:
-                s = body.load("x", states + column * width + first, kind)
-                single = body.line(f"insertelement {kind} poison, double {body.read(value)}, i32 0")
-                spread = body.line(f"shufflevector {kind} {single}, {kind} poison, <{lanes} x i32> zeroinitializer")
-                part = body.line(f"fmul contract {kind} {spread}, {s}")
-                total = part if total == "zeroinitializer" else body.line(f"fadd contract {kind} {total}, {part}")
-            body.store(total, "out", before + row * width + first, kind)
-            first += lanes
+_OPTIONS: dict[str, Any] = {"error_model": "numpy", "nogil": True}
+try:
+    steps = njit(cache=True, **_OPTIONS)(_steps)
+except RuntimeError:  # no folder that could be written to; each process then compiles for itself
+    steps = njit(**_OPTIONS)(_steps)

@@ -1,7 +1,13 @@
-"""Where a rig stands still, and its linearisation there."""
+"""Where a rig stands still, with exact derivatives of that; its linearisation there, and the steps that it asks for.
 
+What would fill the machine with steps is refused before it is begun.
+"""
+
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cache
+from math import ceil, log
+from operator import itemgetter
 from typing import Any
 
 import casadi as ca
@@ -9,6 +15,7 @@ import numpy as np
 
 from beamdesign.plant.assembly import Assembly, Structure, assemble
 from beamdesign.plant.effects import library
+from beamdesign.records import InputError
 
 
 @dataclass(frozen=True)
@@ -115,3 +122,133 @@ def scales(assembly: Assembly) -> np.ndarray:
     return np.array(
         [next((size for end, size in sizes.items() if name.endswith(end)), 1.0) for name in assembly.states]
     )
+
+
+LONGEST_STEP_S = 1e-4
+MOST_STEPS = 20_000_000
+"""Of one record: half a minute, and about a gigabyte of inputs."""
+_NUDGE = 1 + 1e-6  # on each figure, to find those that the fastest pole comes from
+
+Place = tuple[np.ndarray, np.ndarray]
+"""States and inputs about which a rig is linearised."""
+
+
+def substeps_at(
+    assembly: Assembly, places: Iterable[Place], parameters: np.ndarray, times: np.ndarray, steps_per_radian: float
+) -> int:
+    """Steps per sample: at most 0.1 ms each, and so many per radian of the fastest pole at any of the places.
+
+    Args:
+        assembly: the rig.
+        places: where its poles are looked at.
+        parameters: in the assembly's order.
+        times: (N,) s, at least two, equally spaced but for their jitter.
+        steps_per_radian: of the fastest pole.
+
+    Raises:
+        InputError: where the record would take more than `MOST_STEPS`, naming the figures that make it so stiff.
+    """
+    rates = [(1.0, None), *((_fastest_pole(assembly, place, parameters), place) for place in places)]
+    fastest, stiffest = max(rates, key=itemgetter(0))
+    sample_s = (times[-1] - times[0]) / (len(times) - 1)
+    needed = sample_s / min(LONGEST_STEP_S, 1 / (steps_per_radian * fastest)) - 1e-9
+    if stiffest is not None:
+        reason = _why(assembly, stiffest, parameters) if needed * len(times) > MOST_STEPS else ""
+        refuse_too_many(needed * len(times), "(figures)", reason)
+    return max(1, ceil(needed))
+
+
+def refuse_too_many(steps: float, key: str, reason: str) -> None:
+    """Refuse a record of too many steps.
+
+    Raises:
+        InputError: naming the key and the reason why so many are needed.
+    """
+    if not steps <= MOST_STEPS:
+        words = f"{reason}, so that a record takes {steps:.3g} integration steps; {MOST_STEPS:.3g} are the most"
+        raise InputError("simulation", [(key, words)])
+
+
+def _fastest_pole(assembly: Assembly, place: Place, parameters: np.ndarray) -> float:
+    """Modulus of the fastest pole, rad/s; infinite where the equations leave the numbers."""
+    a = linearise(assembly, *place, parameters).a
+    return float(np.abs(np.linalg.eigvals(a)).max()) if np.isfinite(a).all() else np.inf
+
+
+def _why(assembly: Assembly, place: Place, parameters: np.ndarray) -> str:
+    """The three figures that move the fastest pole most."""
+    fastest, moved = _fastest_pole(assembly, place, parameters), []
+    for k, (name, value) in enumerate(zip(assembly.parameters, parameters, strict=True)):
+        nudged = parameters.copy()
+        nudged[k] *= _NUDGE
+        moved.append((abs(log(_fastest_pole(assembly, place, nudged) / fastest)), f"{name} {value:g}"))
+    words = ", ".join(words for _, words in sorted(moved, reverse=True)[:3])
+    return f"the fastest motion is of {fastest / (2 * np.pi):.3g} Hz, above all by {words} in SI"
+
+
+def equilibrium_sensitivity(
+    assembly: Assembly, x: np.ndarray, u: np.ndarray, parameters: np.ndarray, free: Sequence[str]
+) -> np.ndarray:
+    """Derivatives (n, P) of an equilibrium by the implicit function theorem.
+
+    States that `equilibrium` holds (the `memory` of effects) do not move. Where the remaining equations do not
+    determine the equilibrium (as within play), it is the smallest change, in typical magnitudes, that satisfies them.
+
+    Args:
+        assembly: the rig.
+        x: (n,) states that `equilibrium` found.
+        u: (3,) inputs.
+        parameters: in the assembly's order.
+        free: names of the P parameters to differentiate by.
+
+    Raises:
+        ValueError: at an unknown parameter.
+    """
+    names = tuple(free)
+    of_states, of_parameters = (np.asarray(value) for value in _rest(assembly.kinds, names)(0.0, x, u, parameters))
+    moving = not_held(assembly)
+    weight = scales(assembly)[moving]
+    scaled = of_states[np.ix_(moving, moving)] / weight[:, None] * weight[None, :]
+    change = np.zeros((len(x), len(names)))
+    right = -of_parameters[moving] / weight[:, None]
+    determined = np.linalg.cond(scaled) < 1e14
+    found = np.linalg.solve(scaled, right) if determined else np.linalg.lstsq(scaled, right, rcond=1e-13)[0]
+    change[moving] = weight[:, None] * found
+    return change
+
+
+@cache
+def _rest(kinds: Structure, free: tuple[str, ...]) -> ca.Function:
+    assembly = assemble(kinds)
+    t, x, u, p = assembly.function.sx_in()
+    rate, _ = assembly.function(t, x, u, p)
+    matrices = [ca.densify(ca.jacobian(rate, x)), ca.densify(ca.jacobian(rate, p)[:, places_of(assembly, free)])]
+    return ca.Function("rest", [t, x, u, p], matrices)
+
+
+def places_of(assembly: Assembly, free: tuple[str, ...]) -> list[int]:
+    """Where among the parameters of an assembly the free ones are."""
+    unknown = [name for name in free if name not in assembly.parameters]
+    if unknown:
+        raise ValueError(f"no parameter {', '.join(unknown)} in this structure")
+    return [assembly.parameters.index(name) for name in free]
+
+
+_STEPS_PER_RADIAN = 1.0
+_TEST_LOAD_N = 1000.0
+
+
+def substeps_for(assembly: Assembly, parameters: np.ndarray, times: np.ndarray) -> int:
+    """Integration steps per sample of a record: one per radian of the fastest pole at rest and under load.
+
+    Raises:
+        InputError: where the record would take more than `MOST_STEPS`.
+    """
+    places = []
+    for load in (0.0, _TEST_LOAD_N, -_TEST_LOAD_N):
+        u = np.array([load, 0.0, 0.0])
+        try:
+            places.append((equilibrium(assembly, u, parameters), u))
+        except ValueError:
+            continue
+    return substeps_at(assembly, places, parameters, times, _STEPS_PER_RADIAN)

@@ -16,17 +16,170 @@ is found at amplitudes well above the play only.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import cache
 from itertools import pairwise
-from math import pi, tau
+from math import tau
 
+import casadi as ca
 import numpy as np
+from scipy.linalg import expm
+from scipy.optimize import brentq
 
 from beamdesign.loop import CriticalGain
-from beamdesign.plant.equilibrium import scales
-from beamdesign.plant.fourier_balance import DISPLACEMENT, FreeRig, NoBalance, Unknown, balance, basis
+from beamdesign.plant.assembly import OUTPUTS, Structure, assemble, parameters_of, structure_of
+from beamdesign.plant.equilibrium import Linearisation, equilibrium, linearise, scales
 from beamdesign.prototype import Prototype
 
-__all__ = ["LimitCycle", "Motion", "NoBalance", "forced_motion", "limit_cycles", "linear_critical_gain"]
+DISPLACEMENT = OUTPUTS.index("displacement_m")
+_MOST_STEPS, _TOLERANCE = 40, 1e-8
+_POINTS = 16  # per harmonic: corners of the laws are met to 1/points^2
+
+
+class NoBalance(ValueError):
+    """Newton's method found no periodic motion."""
+
+
+class FreeRig:
+    """Equations of a prototype's rig with the gain free.
+
+    Raises:
+        ValueError: where an effect shakes the rig in time.
+    """
+
+    def __init__(self, prototype: Prototype, outer_end_mass: float) -> None:
+        self.assembly = assemble(structure_of(prototype))
+        if any(self.assembly.function.which_depends("t", ["rate"])):
+            raise ValueError("an effect shakes the rig in time; harmonic balance has no single period then")
+        self.parameters = parameters_of(prototype, outer_end_mass, prototype.payload.inner_end_mass_kg)
+        self.gain = self.parameters["gain"]
+
+    def at_gain(self, gain: float) -> np.ndarray:
+        """Parameters of the assembly with another gain (A/V)."""
+        return np.array(list((self.parameters | {"gain": gain}).values()))
+
+    def rest(self, gain: float, preload: float = 0.0) -> np.ndarray:
+        """States (n,) at rest under a constant force on the tip (N)."""
+        return equilibrium(self.assembly, np.array([preload, 0.0, 0.0]), self.at_gain(gain))
+
+    def linear(self, gain: float, preload: float = 0.0) -> Linearisation:
+        """The rig linearised there."""
+        return linearise(self.assembly, self.rest(gain, preload), np.array([preload, 0.0, 0.0]), self.at_gain(gain))
+
+    def along(self, x: np.ndarray, u: np.ndarray, gain: float) -> list[np.ndarray]:
+        """Along N points: rate, displacement, the derivatives of both by x, and of the rate by the gain."""
+        count, n = x.shape
+        found = _equations(self.assembly.kinds)(0.0, x.T, u.T, self.at_gain(gain))
+        rate, y, by_x, y_by_x, by_gain = map(np.asarray, found)
+        square = by_x.reshape(n, count, n).transpose(1, 0, 2)
+        return [rate.T, y.ravel(), square, y_by_x.reshape(count, n), by_gain.T]
+
+
+@cache
+def _equations(kinds: Structure) -> ca.Function:
+    assembly = assemble(kinds)
+    t, x, u, p = assembly.function.sx_in()
+    rate, y = assembly.function(t, x, u, p)
+    gain = p[assembly.parameters.index("gain")]
+    seen = y[DISPLACEMENT]
+    results = [rate, seen, ca.jacobian(rate, x), ca.jacobian(seen, x), ca.jacobian(rate, gain)]
+    return ca.Function("balance", [t, x, u, p], [ca.densify(value) for value in results])
+
+
+@cache
+def basis(harmonics: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Series to times (N, K), times to series (K, N), and d/d(phase) of a series (K, K)."""
+    count = max(_POINTS * harmonics, 64)
+    phase = tau * np.arange(count) / count
+    columns, rotate = [np.ones(count)], np.zeros((2 * harmonics + 1, 2 * harmonics + 1))
+    for h in range(1, harmonics + 1):
+        columns += [np.cos(h * phase), np.sin(h * phase)]
+        rotate[2 * h - 1, 2 * h], rotate[2 * h, 2 * h - 1] = h, -h
+    forward = np.column_stack(columns)
+    weight = np.full(2 * harmonics + 1, 2 / count)
+    weight[0] = 1 / count
+    return forward, weight[:, None] * forward.T, rotate
+
+
+@cache
+def _pairs(harmonics: int) -> np.ndarray:
+    """From the derivatives of a law along the period (N) to those of its coefficients by coefficients (K * K, N)."""
+    forward, back, _ = basis(harmonics)
+    return np.asarray((back[:, None, :] * forward.T[None, :, :]).reshape(-1, len(forward)))
+
+
+Unknown = tuple[np.ndarray, float, float]
+"""Fourier coefficients (n, 2 H + 1), frequency in rad/s, gain in A/V."""
+
+
+def balance(rig: FreeRig, guess: Unknown, amplitude: float | None, preload: float = 0.0, force: float = 0.0) -> Unknown:
+    """Coefficients, frequency (rad/s) and gain (A/V) at which every harmonic balances.
+
+    Args:
+        rig: its equations.
+        guess: where Newton's method begins.
+        amplitude: of the displacement's first harmonic, m; frequency and gain are then sought, else they are given.
+        preload: constant force, N.
+        force: amplitude of a force in phase with the first harmonic's cosine, N.
+
+    Raises:
+        NoBalance: where the method does not settle.
+    """
+    c, omega, gain = guess[0].copy(), guess[1], guess[2]
+    n, size = c.shape
+    forward, back, rotate = basis(size // 2)
+    free = amplitude is not None
+    u = np.zeros((len(forward), 3))
+    u[:, 0] = preload + force * forward[:, 1]
+    # A state is judged against its usual size, or against what it does where the motion is small.
+    weight = scales(rig.assembly)
+    scale_y = amplitude if free and amplitude else 1e-6
+    weight *= min(1.0, scale_y / 1e-4) if free else 1.0
+
+    def residual(c: np.ndarray, omega: float, gain: float) -> tuple[np.ndarray, list[np.ndarray]]:
+        parts = rig.along(forward @ c.T, u, gain)
+        rows = ((back @ parts[0]).T - omega * c @ rotate.T) / (weight[:, None] * omega)
+        y = back @ parts[1]
+        ends = [(y[1] - amplitude) / scale_y, y[2] / scale_y] if amplitude is not None else []
+        return np.concatenate([rows.ravel(), ends]), parts
+
+    value, parts = residual(c, omega, gain)
+    for _ in range(_MOST_STEPS):
+        if not np.all(np.isfinite(value)):
+            break
+        _, _, by_x, y_by_x, by_gain = parts
+        # Unknowns and rows run state by state, series coefficients within.
+        jacobian = (_pairs(size // 2) @ by_x.reshape(len(by_x), n * n)).reshape(size, size, n, n).transpose(2, 0, 3, 1)
+        jacobian = np.ascontiguousarray(jacobian)
+        jacobian[np.arange(n), :, np.arange(n), :] -= omega * rotate
+        jacobian *= weight[None, None, :, None] / (weight[:, None, None, None] * omega)
+        matrix = jacobian.reshape(n * size, n * size)
+        if free:
+            turned = (-(c @ rotate.T) / weight[:, None]).ravel()
+            raised = ((back @ by_gain).T * gain / (weight[:, None] * omega)).ravel()
+            bottom = np.stack([(row[:, None] * y_by_x).T @ forward for row in back[1:3]])
+            bottom = (bottom * weight[None, :, None] / scale_y).reshape(2, n * size)
+            matrix = np.block([[matrix, turned[:, None], raised[:, None]], [bottom, np.zeros((2, 2))]])
+        try:
+            change = np.linalg.solve(matrix, -value)
+        except np.linalg.LinAlgError:
+            break
+        norm, share = np.linalg.norm(value), 1.0
+        while True:
+            part = share * change
+            trial = c + weight[:, None] * part[: n * size].reshape(n, size)
+            # Rows were divided by omega, which the change of omega leaves in place.
+            turn = omega * (1 + np.clip(part[-2], -0.2, 0.2)) if free else omega
+            step = gain * float(np.exp(np.clip(part[-1], -0.5, 0.5))) if free else gain
+            value, parts = residual(trial, turn, step)
+            if np.linalg.norm(value) < (1 - 0.1 * share) * norm or share < 1e-3 or norm < _TOLERANCE:
+                break
+            share /= 2
+        c, omega, gain = trial, turn, step
+        largest = max(1.0, np.abs(c / weight[:, None]).max())
+        if np.linalg.norm(value) < _TOLERANCE and np.abs(part).max() < 1e-6 * largest:
+            return c, omega, gain
+    raise NoBalance("no periodic motion found" + (f" of amplitude {amplitude:g} m" if free else ""))
+
 
 HARMONICS = 9
 _NEARBY = 0.999
@@ -90,8 +243,6 @@ def linear_critical_gain(
     Raises:
         ValueError: where there is none in between, as with a deadband, which closes no loop at rest.
     """
-    from scipy.optimize import brentq
-
     rig = FreeRig(prototype, outer_end_mass)
 
     def poles(logarithm: float) -> np.ndarray:
@@ -138,9 +289,9 @@ def limit_cycles(
         plain = prototype.but(effects={})
         first, bare = linear_critical_gain(plain, outer_end_mass), FreeRig(plain, outer_end_mass)
         # The oscillation of the rig without effects, among the states of the one with them.
-        own = dict(zip(bare.states, _eigenmotion(bare, first), strict=True))
-        shape = np.array([own.get(name, 0.0) for name in rig.states])
-    guess = np.zeros((len(rig.states), 2 * harmonics + 1))
+        own = dict(zip(bare.assembly.states, _eigenmotion(bare, first), strict=True))
+        shape = np.array([own.get(name, 0.0) for name in rig.assembly.states])
+    guess = np.zeros((len(rig.assembly.states), 2 * harmonics + 1))
     guess[:, 0] = rig.rest(first.gain_A_per_V)
     guess[:, 1], guess[:, 2] = amplitudes[0] * shape.real, -amplitudes[0] * shape.imag
     unknown = (guess, tau * first.frequency_Hz, first.gain_A_per_V)
@@ -180,7 +331,7 @@ def forced_motion(
     """
     rig = FreeRig(prototype, outer_end_mass)
     gain = rig.gain
-    c = np.zeros((len(rig.states), 2 * harmonics + 1))
+    c = np.zeros((len(rig.assembly.states), 2 * harmonics + 1))
     c[:, 0] = rig.rest(gain, preload)
     done, step = 0.0, 1.0
     while done < 1.0:
@@ -234,14 +385,12 @@ def _settles(rig: FreeRig, c: np.ndarray, omega: float, gain: float) -> bool:
 
     These are that of a shift in time, and that of the amplitude, which `steepness` tells more sharply.
     """
-    from scipy.linalg import expm
-
     forward, *_ = basis(c.shape[1] // 2)
     by_x = rig.along(forward @ c.T, np.zeros((len(forward), 3)), gain)[2]
     weight = scales(rig.assembly)
     turn = np.eye(len(c))
     for a in by_x:
-        turn = expm(a / weight[:, None] * weight[None, :] * (2 * pi / omega / len(by_x))) @ turn
+        turn = expm(a / weight[:, None] * weight[None, :] * (tau / omega / len(by_x))) @ turn
     multipliers = np.linalg.eigvals(turn)
     others = np.delete(multipliers, np.argsort(np.abs(multipliers - 1))[:2])
     return bool(np.all(np.abs(others) < 1))

@@ -1,24 +1,16 @@
 """The linear plant of a prototype: matrices in floats or rationals, and exact polynomials over both end masses."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property, reduce
 from typing import Any
 
-import casadi as ca
 import numpy as np
 from flint import fmpq, fmpq_mat, fmpq_mpoly, fmpq_mpoly_ctx, fmpq_poly
 
 from beamdesign.plant.actuators import KINDS
 from beamdesign.plant.assembly import MORE_FIGURES
-from beamdesign.plant.linearised import (
-    SEEN,
-    LinearAssembly,
-    Pairs,
-    evaluate_exactly,
-    linear_assembly,
-    transfer_polynomials,
-)
+from beamdesign.plant.linearised import SEEN, LinearAssembly, evaluate_exactly, linear_assembly, transfer_polynomials
 from beamdesign.polynomial import Affine, Quotient, exact
 
 DISPLACEMENT = ("displacement_m",)
@@ -127,6 +119,7 @@ class LinearModel:
     effects: Mapping[str, Mapping[str, float]]
     stretch: tuple[float, float] = (0.0, 1.0)
     rig: str = "twin_beam"
+    _known: dict[tuple[str, ...], BilinearPlant] = field(default_factory=dict, init=False, repr=False, compare=False)
 
     @cached_property
     def assembly(self) -> LinearAssembly:
@@ -212,17 +205,12 @@ class LinearModel:
                 matrix[place, j] /= own
         return a, b, c, place, 1 / own
 
-    @cached_property
-    def _polynomials(self) -> dict[tuple[str, ...], BilinearPlant]:
-        return {}
-
     def polynomials(self, sensors: Sequence[str] = DISPLACEMENT) -> BilinearPlant:
         """The plant over both end masses as these sensors see it, to a common factor that is free of the masses."""
-        known, sensors = self._polynomials, tuple(sensors)
-        if sensors not in known:
+        if (sensors := tuple(sensors)) not in self._known:
             found = self._derived(sensors)
-            known[sensors] = found if self.stretch == (0.0, 1.0) else found.stretched(*self.stretch)
-        return known[sensors]
+            self._known[sensors] = found if self.stretch == (0.0, 1.0) else found.stretched(*self.stretch)
+        return self._known[sensors]
 
     def plant(self, inner_end_mass: float = 0.0, sensors: Sequence[str] = DISPLACEMENT) -> Plant:
         """Exact transfer polynomials with the given mass (kg) added to the inner beam."""
@@ -245,7 +233,7 @@ class LinearModel:
             for name, value in zip(self.assembly.parameters, self._exact, strict=True)
         ]
         wanted = ((), *(((1, SEEN_AS[name]),) for name in sensors))
-        found = evaluate_exactly(self._minors(wanted), values)
+        found = evaluate_exactly(transfer_polynomials(self.assembly, wanted), values)
         rows = [
             [entry if isinstance(entry, Quotient) else Quotient(one * entry, one) for entry in row] for row in found
         ]
@@ -270,15 +258,13 @@ class LinearModel:
             parts = [divmod(part, common)[0] for part in parts]
         return parts[0], parts[1:]
 
-    def _minors(self, wanted: tuple[Pairs, ...]) -> ca.Function:
-        return transfer_polynomials(self.filtered, tuple(sorted(self.effects)), wanted, self.rig)
-
     def _derived(self, sensors: tuple[str, ...]) -> BilinearPlant:
         seen = [SEEN_AS[name] for name in sensors]
         # What the tip's displacement shows of a force, feedback of it cannot change.
         minor = [name for name in sensors if name not in DISPLACEMENT or self.sensor_rides]
         wanted = ((), ((0, 0),), ((1, 0),), *(((1, k),) for k in seen), *(((0, 0), (1, SEEN_AS[k])) for k in minor))
-        parts = self._without_mean([fmpq_poly(one) for one in evaluate_exactly(self._minors(wanted), self._exact)])
+        minors = evaluate_exactly(transfer_polynomials(self.assembly, wanted), self._exact)
+        parts = self._without_mean([fmpq_poly(one) for one in minors])
         # End masses act through accelerations: the lowest coefficient is free of them.
         lowest = next(value for value in parts[0].coeffs() if value != 0)
         parts = [part / lowest for part in parts]

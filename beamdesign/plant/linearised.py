@@ -18,9 +18,8 @@ from flint import fmpq
 
 from beamdesign.plant.actuators import Actuator
 from beamdesign.plant.assembly import INPUTS, RIGS, Assembly, Structure, join
-from beamdesign.plant.effect import Effect, Parameter
-from beamdesign.plant.effects import library
-from beamdesign.plant.electronics import SAMPLED
+from beamdesign.plant.component import SAMPLED
+from beamdesign.plant.effects import Effect, Parameter, library
 from beamdesign.plant.machine_code import trace
 from beamdesign.polynomial import exact
 
@@ -248,9 +247,7 @@ def evaluate_exactly(function: ca.Function, inputs: Sequence[fmpq]) -> list[list
 
 
 @cache
-def transfer_polynomials(
-    filtered: bool, names: tuple[str, ...], wanted: tuple[Pairs, ...], rig: str = "twin_beam"
-) -> ca.Function:
+def transfer_polynomials(of: LinearAssembly, wanted: tuple[Pairs, ...]) -> ca.Function:
     """Minors of the pencil s E - A, bordered by B, C and D, as functions of the parameters of a linear assembly.
 
     Of no pair it is the determinant, the plant's denominator d; of one pair of a source and an output the numerator
@@ -259,16 +256,13 @@ def transfer_polynomials(
     Johnson, Matrix Analysis, 2nd ed. 2013, section 0.8.4).
 
     Args:
-        filtered: as of `linear_assembly`.
-        names: likewise.
+        of: the linear assembly.
         wanted: the minors.
-        rig: as of `linear_assembly`.
 
     Returns:
         For each minor four vectors of coefficients in s, ascending, that multiply 1, n, m and m n, the outer end mass
         being m and the inner one n.
     """
-    of = linear_assembly(filtered, names, rig)
     p = ca.SX.sym("p", len(of.parameters))
     outputs = []
     for terms in _minors(of.function.call([p]), wanted, len(of.states)):

@@ -18,32 +18,16 @@ import numpy as np
 
 _FLOAT = {ca.OP_ADD: "fadd", ca.OP_SUB: "fsub", ca.OP_MUL: "fmul", ca.OP_DIV: "fdiv"}
 _COMPARISON = {ca.OP_LT: "olt", ca.OP_LE: "ole", ca.OP_EQ: "oeq", ca.OP_NE: "une"}
-_CALL = {
-    ca.OP_SQRT: "llvm.sqrt.f64",
-    ca.OP_EXP: "llvm.exp.f64",
-    ca.OP_LOG: "llvm.log.f64",
-    ca.OP_SIN: "llvm.sin.f64",
-    ca.OP_COS: "llvm.cos.f64",
-    ca.OP_FABS: "llvm.fabs.f64",
-    ca.OP_FLOOR: "llvm.floor.f64",
-    ca.OP_CEIL: "llvm.ceil.f64",
-    ca.OP_TAN: "tan",
-    ca.OP_ASIN: "asin",
-    ca.OP_ACOS: "acos",
-    ca.OP_ATAN: "atan",
-    ca.OP_SINH: "sinh",
-    ca.OP_COSH: "cosh",
-    ca.OP_TANH: "tanh",
-    ca.OP_LOG1P: "log1p",
-    ca.OP_EXPM1: "expm1",
-}
-_CALL_OF_TWO = {
-    ca.OP_POW: "llvm.pow.f64",
-    ca.OP_CONSTPOW: "llvm.pow.f64",
-    ca.OP_COPYSIGN: "llvm.copysign.f64",
-    ca.OP_ATAN2: "atan2",
-    ca.OP_HYPOT: "hypot",
-}
+
+
+def _named(names: str, called: str) -> dict[int, str]:
+    """Functions by CasADi's numbers of the operations that are called like them."""
+    return {getattr(ca, f"OP_{name.upper()}"): called.format(name) for name in names.split()}
+
+
+_CALL = _named("sqrt exp log sin cos fabs floor ceil", "llvm.{}.f64")
+_CALL |= _named("tan asin acos atan sinh cosh tanh log1p expm1", "{}")
+_CALL_OF_TWO = _named("pow copysign", "llvm.{}.f64") | _named("atan2 hypot", "{}") | {ca.OP_CONSTPOW: "llvm.pow.f64"}
 _OF_TWO = {*_FLOAT, *_COMPARISON, *_CALL_OF_TWO, ca.OP_FMIN, ca.OP_FMAX, ca.OP_AND, ca.OP_OR, ca.OP_IF_ELSE_ZERO}
 _OF_ONE = {*_CALL, ca.OP_NEG, ca.OP_SQ, ca.OP_TWICE, ca.OP_INV, ca.OP_SIGN, ca.OP_NOT}
 _LINE = {code: f"{name} contract double {{0}}, {{1}}" for code, name in _FLOAT.items()}
@@ -299,3 +283,38 @@ def _compiled(text: str) -> Any:
     engine = llvm.create_mcjit_compiler(module, machine)
     engine.finalize_object()
     return engine
+
+
+_LANES = 8  # widest vector of doubles a processor has; LLVM splits it for others
+
+Rows = list[list[tuple[int, int]]]
+"""Of a sparse matrix: per row its columns and the values there, by position in a trace."""
+
+
+def rows_of(traced: Trace, function: ca.Function, output: int) -> Rows:
+    """The rows of an output of a function."""
+    shape = function.sparsity_out(output)
+    rows: Rows = [[] for _ in range(shape.size1())]
+    for row, column, value in zip(*shape.get_triplet(), traced.outputs[output], strict=True):
+        rows[row].append((column, value))
+    return rows
+
+
+def add_product(body: Body, a: Rows, b: Rows, states: int, before: int, width: int) -> None:
+    """Write out A S + B row by row behind the first entries of `out`; S follows the states in `x` likewise."""
+    for row, (of_states, of_parameters) in enumerate(zip(a, b, strict=True)):
+        first = 0
+        while first < width:
+            lanes = next(size for size in (_LANES, 4, 2, 1) if size <= width - first)
+            kind, total = f"<{lanes} x double>", "zeroinitializer"
+            for column, value in of_parameters:
+                if first <= column < first + lanes:
+                    total = body.line(f"insertelement {kind} {total}, double {body.read(value)}, i32 {column - first}")
+            for column, value in of_states:
+                s = body.load("x", states + column * width + first, kind)
+                single = body.line(f"insertelement {kind} poison, double {body.read(value)}, i32 0")
+                spread = body.line(f"shufflevector {kind} {single}, {kind} poison, <{lanes} x i32> zeroinitializer")
+                part = body.line(f"fmul contract {kind} {spread}, {s}")
+                total = part if total == "zeroinitializer" else body.line(f"fadd contract {kind} {total}, {part}")
+            body.store(total, "out", before + row * width + first, kind)
+            first += lanes

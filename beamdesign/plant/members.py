@@ -9,8 +9,7 @@ import numpy as np
 from flint import fmpq
 
 from beamdesign.plant.assembly import effect_parameters_of, wrong_effects
-from beamdesign.plant.effect import Operation, Span
-from beamdesign.plant.effects import library
+from beamdesign.plant.effects import Operation, Span, library
 from beamdesign.plant.linear import LinearModel
 from beamdesign.polynomial import exact
 from beamdesign.prototype import Prototype

@@ -11,8 +11,7 @@ import casadi as ca
 from beamdesign.parameters import rows_of
 from beamdesign.plant.actuators import KINDS, Actuator
 from beamdesign.plant.actuators.servo_cylinder import AREAS, CYLINDER, VALVE, port_leakage
-from beamdesign.plant.component import SIGN, Component, PortLaw, Rig, Signals, either
-from beamdesign.plant.electronics import CONTROLLER, OPEN_LOOP, SENSOR, low_pass_rate
+from beamdesign.plant.component import CONTROLLER, SENSOR, SIGN, Component, PortLaw, Rig, Signals, either, low_pass_rate
 
 
 def beam_force(stiffness: Any, damping: Any, position: Any, velocity: Any) -> Any:
@@ -124,16 +123,15 @@ def twin_beam(actuator: type[Actuator]) -> Rig:
     )
 
 
-TWIN_BEAMS = {"twin_beam" if name == Actuator.where_none_is_stated else name: twin_beam(a) for name, a in KINDS.items()}
-"""By actuator; the one of Zalucky and Hardt (1984) is the twin beam by itself."""
+RIGS = {"twin_beam" if name == Actuator.where_none_is_stated else name: twin_beam(a) for name, a in KINDS.items()}
+"""By the `rig` of their prototypes: its kind, or its actuator where that is not that of Zalucky and Hardt (1984)."""
 
-TWIN_BEAM = TWIN_BEAMS["twin_beam"]
-STATES, OUTPUTS = TWIN_BEAM.states, tuple(TWIN_BEAM.outputs)
+STATES, OUTPUTS = RIGS["twin_beam"].states, tuple(RIGS["twin_beam"].outputs)
 
 
 def figures_of(rig: str) -> tuple[str, ...]:
     """Those of the linear plant of a twin beam, end masses last; the frequency of a filter counts only with one."""
-    return TWIN_BEAMS[rig].figures[: -len(MORE_FIGURES)]
+    return RIGS[rig].figures[: -len(MORE_FIGURES)]
 
 
 FIGURES = figures_of("twin_beam")
@@ -151,28 +149,21 @@ _BENCH_STATES = (
     "seen_a_Pa",
     "seen_b_Pa",
 )
+BENCH_STATED = """piston_area=actuator.piston_area_m2 stroke=actuator.stroke_m moving_mass=actuator.moving_mass_kg
+    dead_volume=actuator.dead_volume_m3 bulk_modulus=actuator.oil_bulk_modulus_Pa
+    stop_stiffness=actuator.stop_stiffness_N_per_m constant_load=actuator.constant_load_N
+    supply_pressure=actuator.supply_pressure_Pa tank_pressure=actuator.tank_pressure_Pa
+    line_loss=actuator.line_loss_Pa_s2_per_m6 piston_leakage=actuator.piston_leakage_m3_per_s_per_Pa
+    edge_b=servovalve.edge_b_ratio leakage=servovalve.leakage_m3_per_s_per_Pa
+    valve_damping_ratio=servovalve.damping_ratio gain=servovalve.amplifier_A_per_V null=servovalve.null_V
+    sensor_zero=sensors.displacement_zero_m"""
+"""Figures of the bench's equations by what its prototype has for them."""
 _BENCH_FIGURES = (
-    "piston_area",  # m2, mean of both sides
-    "stroke",  # m
-    "moving_mass",  # kg
-    "dead_volume",  # m3, of each chamber with the piston against it, lines included
-    "bulk_modulus",  # Pa
-    "stop_stiffness",  # N/m
+    *(pair.partition("=")[0] for pair in BENCH_STATED.split()),
     "stop_damping",  # N s/m
-    "constant_load",  # N, against extension
-    "supply_pressure",  # Pa, with no flow
-    "tank_pressure",  # Pa
-    "line_loss",  # Pa s2/m6, of the lines to and from the valve each
-    "edge_b",  # flow of the edge from the supply to chamber b over that of the others
     "flow_gain",  # m3/s/A
-    "leakage",  # m3/s/Pa, of the closed valve
-    "piston_leakage",  # m3/s/Pa, from chamber to chamber
     "valve_frequency",  # rad/s
-    "valve_damping_ratio",
-    "gain",  # A/V, of the amplifier
-    "null",  # V, command at which the valve is shut
     "sensor_gain",  # V/m
-    "sensor_zero",  # m, reading at the retracted stop
     "believed_sensor_gain",  # V/m
     "filter_frequency",  # rad/s, only with the filter
     "pressure_filter_frequency",  # rad/s
@@ -235,7 +226,7 @@ _BENCH_OUTPUTS: dict[str, PortLaw] = {
     "piston_m": lambda port, figure, state: state["piston_m"],
 }
 
-BENCH = Rig(
+RIGS["actuator_bench"] = BENCH = Rig(
     (
         Component(
             {
@@ -245,7 +236,12 @@ BENCH = Rig(
             }
         ),
         SENSOR,
-        OPEN_LOOP.but(demanded_A=lambda port, figure, state: figure["gain"] * (port["command_V"] - figure["null"])),
+        Component(  # an amplifier that gives a current for every command, whatever is measured
+            {
+                "demanded_A": lambda port, figure, state: figure["gain"] * (port["command_V"] - figure["null"]),
+                "current_A": lambda port, figure, state: port["demanded_A"],
+            }
+        ),
         AREAS,
         VALVE.but(
             supply_pressure_Pa=lambda port, figure, state: figure["supply_pressure"] - state["sag_Pa"],

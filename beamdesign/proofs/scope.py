@@ -3,7 +3,7 @@
 What is proved of a prototype with effects is proved of linear members. Where an effect is not linear they bracket it at
 frozen values, and small motion about rest may follow none of them: within a dead band nothing opposes the load, held by
 friction or hysteresis the valve or the piston does not answer, and within its play a joint is no joint. Then the
-compliance, or stability itself, is a claim about larger motion alone (`beamdesign.plant.effect.Linear.near_rest`).
+compliance, or stability itself, is a claim about larger motion alone (`beamdesign.plant.effects.Linear.near_rest`).
 """
 
 from collections.abc import Collection, Sequence

@@ -16,8 +16,7 @@ from flint.utils.flint_exceptions import DomainError
 
 from beamdesign.parameters import PARAMETERS, rows_of
 from beamdesign.plant.assembly import effect_parameters_of
-from beamdesign.plant.effect import Elements, Span
-from beamdesign.plant.effects import library
+from beamdesign.plant.effects import Elements, Span, library
 from beamdesign.plant.members import LinearFamily, family
 from beamdesign.polynomial import Crossing, exact
 from beamdesign.proofs.stability import StabilityMap

@@ -8,7 +8,7 @@ import numpy as np
 from beamdesign.prototype import Beam, Prototype
 from beamdesign.report.canvas import LIMIT, STYLES, finish, new_figure, note
 from beamdesign.spelling import in_plot
-from beamdesign.structure import beam
+from beamdesign.structure import lumped
 from beamdesign.structure.lumped import lumped_beam
 from beamdesign.structure.section import Tube, clearances
 from beamdesign.structure.shapes import tube_of
@@ -156,7 +156,7 @@ def draw_side(prototype: Prototype, tip_force_N: float, axes: "Axes", servo_on: 
         x = np.concatenate([[tube.back], np.linspace(-tube.free, 0.0, 60)])
         sag = np.zeros_like(x)
         if tube is bent:
-            sag = deflection * beam.static_shape((x + tube.free).clip(min=0.0) / tube.free)
+            sag = deflection * lumped.static_shape((x + tube.free).clip(min=0.0) / tube.free)
         for side in (-1, 1):
             edges = np.array([side * tube.depth / 2, side * (tube.depth / 2 - tube.wall)])
             axes.fill_between(x, edges.min() - sag, edges.max() - sag, color=colour, linewidth=0)

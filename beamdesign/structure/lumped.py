@@ -1,19 +1,141 @@
-"""Lumped figures of a prototype: measured where they stand, from the geometry otherwise.
+"""The cantilever, and a prototype's beams as lumped figures: measured where they stand, from the geometry otherwise.
 
-Those of the one tube that weighs as much as both its beams: what the same aluminium or steel does by itself. And the
-prototype with some of its figures multiplied: a member of a box of tolerances.
+Tip stiffness, effective mass, natural frequencies, what deflection leaves of a clearance. Equation numbers are those of
+Zalucky and Hardt, "Active Control of Robot Structure Deflections", J. Dyn. Sys., Meas., Control 106 (1984). Lengths are
+free lengths, from the clamp to the tip: what is clamped in the base neither bends nor moves, so it adds nothing to
+compliance or to effective mass. The closed forms work on floats, numpy arrays and CasADi symbols.
+
+Then the one tube that weighs as much as both beams: what the same aluminium or steel does by itself. And the prototype
+with some of its figures multiplied: a member of a box of tolerances.
 """
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from math import sqrt
-from typing import Any
+from math import cos, exp, pi, sin, sqrt
+from typing import Any, Literal
 
 from beamdesign.parameters import PARAMETERS, rows_of
 from beamdesign.prototype import Beam, Prototype
-from beamdesign.structure import beam
 from beamdesign.structure.materials import Material
 from beamdesign.structure.section import Quantity, Tube
+
+MODE_MASS_FRACTION = 0.236
+"""Share of a uniform beam's mass that moves with its tip, equations (2) and (5).
+
+It is 33/140 rounded: the kinetic energy of the static tip-load shape (Rayleigh), in which Y enters squared. It makes
+(2) too high by 1.4 % with no end mass, and better the heavier the end mass is.
+"""
+
+STATIC_MASS_FRACTION = 0.375
+"""Equation (6): 3/8, equation (1) with the static tip-load shape, in which Y enters once (force, not energy)."""
+
+
+def static_shape(position: Quantity) -> Quantity:
+    """Deflection of a cantilever under a tip force relative to its tip's, Y(x) / Y_end, at x / L in 0..1."""
+    return position**2 * (3 - position) / 2
+
+
+def tip_stiffness(flexural_rigidity: Quantity, free_length: Quantity) -> Quantity:
+    """Force per deflection at the tip, K = 3 E I / L^3, equation (3).
+
+    Args:
+        flexural_rigidity: E I, N m2.
+        free_length: L from the clamp to the tip, m.
+
+    Returns:
+        Stiffness, N/m.
+    """
+    return 3 * flexural_rigidity / free_length**3
+
+
+def effective_mass(
+    mass_per_length: Quantity,
+    free_length: Quantity,
+    end_mass: Quantity = 0.0,
+    shape: Literal["mode", "static"] = "mode",
+) -> Quantity:
+    """Mass that, lumped at the tip, stands for a uniform beam and what is fixed to its end.
+
+    Args:
+        mass_per_length: m, kg/m.
+        free_length: L from the clamp to the tip, m.
+        end_mass: M_end, kg.
+        shape: "mode" for equation (5), right at the first natural frequency and the one the paper uses; "static" for
+            equation (6), right well below it.
+
+    Returns:
+        M_eff, kg.
+    """
+    fraction = MODE_MASS_FRACTION if shape == "mode" else STATIC_MASS_FRACTION
+    return end_mass + fraction * mass_per_length * free_length
+
+
+def first_frequency(
+    flexural_rigidity: Quantity, mass_per_length: Quantity, free_length: Quantity, end_mass: Quantity = 0.0
+) -> Quantity:
+    """First natural frequency by equation (2), without the minus sign that is printed before it.
+
+    Args:
+        flexural_rigidity: E I, N m2.
+        mass_per_length: m, kg/m.
+        free_length: L, m.
+        end_mass: M_end, kg.
+
+    Returns:
+        f_n, Hz.
+    """
+    stiffness = tip_stiffness(flexural_rigidity, free_length)
+    return (stiffness / effective_mass(mass_per_length, free_length, end_mass)) ** 0.5 / (2 * pi)
+
+
+def natural_frequencies(
+    flexural_rigidity: float, mass_per_length: float, free_length: float, end_mass: float = 0.0, count: int = 3
+) -> list[float]:
+    """Natural frequencies of the uniform cantilever with a point mass at its tip, without lumping.
+
+    The wave numbers k solve 1 + cos kL cosh kL + mu kL (cos kL sinh kL - sin kL cosh kL) = 0 with mu = M_end / (m L)
+    (Euler and Bernoulli's beam; e.g. R. D. Blevins, Formulas for Natural Frequency and Mode Shape, 1979, chapter 8).
+
+    Args:
+        flexural_rigidity: E I, N m2.
+        mass_per_length: m, kg/m.
+        free_length: L, m.
+        end_mass: M_end, kg, without rotary inertia.
+        count: how many, from the lowest.
+
+    Returns:
+        Frequencies, Hz, ascending.
+    """
+    from scipy.optimize import brentq
+
+    ratio = end_mass / (mass_per_length * free_length)
+
+    def characteristic(wave: float) -> float:
+        # Divided by cosh, so that high modes do not overflow.
+        decay = exp(-2 * wave)
+        hyperbolic_tangent = (1 - decay) / (1 + decay)
+        secant = 2 * exp(-wave) / (1 + decay)
+        return secant + cos(wave) + ratio * wave * (cos(wave) * hyperbolic_tangent - sin(wave))
+
+    # A tip mass moves the n-th root from its free-tip value down towards the pinned-tip one, and the two families
+    # interlace: root n lies between (n - 1) pi and n pi. The first tends to zero with a large mass.
+    roots = [brentq(characteristic, max(n * pi, 1e-9), (n + 1) * pi, xtol=1e-12) for n in range(count)]
+    scale = (flexural_rigidity / mass_per_length) ** 0.5 / (2 * pi * free_length**2)
+    return [float(root**2 * scale) for root in roots]
+
+
+def clearance_under_load(clearance: Quantity, tip_force: Quantity, inner_stiffness: Quantity) -> Quantity:
+    """Gap left when the servo holds the outer beam straight and the inner one bends under the whole load.
+
+    Args:
+        clearance: gap per side at assembly, m.
+        tip_force: F, N.
+        inner_stiffness: K_f, N/m.
+
+    Returns:
+        clearance - F / K_f, m; negative where the beams touch. The tip is where the deflection is largest.
+    """
+    return clearance - tip_force / inner_stiffness
 
 
 @dataclass(frozen=True)
@@ -43,7 +165,7 @@ def beam_figures(alloy: Material, tube: Tube, free_length: float, end_mass: Quan
         end_mass: M_end of equation (5), kg.
     """
     rigidity, per_length = alloy.youngs_modulus_Pa * tube.second_moment, tube.mass_per_length(alloy.density_kg_per_m3)
-    return beam.tip_stiffness(rigidity, free_length), beam.effective_mass(per_length, free_length, end_mass)
+    return tip_stiffness(rigidity, free_length), effective_mass(per_length, free_length, end_mass)
 
 
 def fixed_dashpot(damping_ratio: Quantity, stiffness: Quantity, mass: Quantity) -> Quantity:
@@ -55,11 +177,8 @@ def lumped_beam(record: Beam, name: str = "beam") -> LumpedBeam:
     """Lump one beam; a measured figure wins over the one its geometry gives."""
     stiffness, mass = record.stiffness_N_per_m, record.effective_mass_kg
     notes: list[str] = []
-    tube = record.tube
-    if tube is not None and record.free_length_m is not None and record.material:
-        computed_stiffness, computed_mass = map(
-            float, beam_figures(record.material, tube, record.free_length_m, record.end_mass_kg)
-        )
+    if record.geometry is not None:
+        computed_stiffness, computed_mass = map(float, beam_figures(*record.geometry, record.end_mass_kg))
         if stiffness is not None:
             notes.append(
                 f"{name}: measured stiffness {stiffness:.6g} N/m used, geometry gives {computed_stiffness:.6g} N/m"
@@ -79,11 +198,10 @@ def weighing_mass(record: Beam) -> float:
     Of a beam that is held straight at its tip, that weight is what holds it. Without a geometry it is the effective
     mass, which counts 0.236 of the tube where its weight counts 3/8.
     """
-    tube = record.tube
-    if tube is None or record.free_length_m is None or not record.material:
+    if record.geometry is None:
         return lumped_beam(record).mass
-    per_length = tube.mass_per_length(record.material.density_kg_per_m3)
-    return float(beam.effective_mass(per_length, record.free_length_m, record.end_mass_kg, "static"))
+    alloy, tube, length = record.geometry
+    return float(effective_mass(tube.mass_per_length(alloy.density_kg_per_m3), length, record.end_mass_kg, "static"))
 
 
 def servo_figures(rig: Any) -> dict[str, float]:
@@ -138,29 +256,25 @@ def beam_of_equal_mass(outer: Beam, inner: Beam) -> EqualMassBeam | None:
     """The passive beam of a rig; None where one of its beams states no section."""
     from scipy.optimize import brentq
 
-    tubes = [_tube_mass(one) for one in (outer, inner) if one.has_geometry]
-    tube = outer.tube
-    if tube is None or outer.free_length_m is None or not outer.material or len(tubes) < 2:
+    if outer.geometry is None or inner.geometry is None:
         return None
-    alloy, length = outer.material, outer.free_length_m
+    alloy, tube, length = outer.geometry
+    both = _tube_mass(*outer.geometry) + _tube_mass(*inner.geometry)
 
-    def weighs(wall: float) -> float:
-        return float(tube.at(tube.width_m, wall).mass_per_length(alloy.density_kg_per_m3)) * length
+    def excess(wall: float) -> float:
+        return _tube_mass(alloy, tube.at(tube.width_m, wall), length) - both
 
     wall = min(tube.sides.values()) / 2
-    if not (solid := weighs(wall) <= sum(tubes)):
-        wall = brentq(lambda wall: weighs(wall) - sum(tubes), 0.0, wall, xtol=1e-15)
+    if not (solid := excess(wall) <= 0):
+        wall = brentq(excess, 0.0, wall, xtol=1e-15)
     stiffness, mass = map(float, beam_figures(alloy, tube.at(tube.width_m, wall), length, outer.end_mass_kg))
     damping = float(fixed_dashpot(outer.damping_ratio, stiffness, mass))
     return EqualMassBeam(stiffness, mass, damping, wall_m=wall, solid=solid)
 
 
-def _tube_mass(beam: Beam) -> float:
-    """Mass of a tube that has a geometry, on its free length, kg."""
-    assert beam.tube is not None
-    assert beam.free_length_m is not None
-    assert beam.material is not None
-    return float(beam.tube.mass_per_length(beam.material.density_kg_per_m3)) * beam.free_length_m
+def _tube_mass(alloy: Material, tube: Tube, length: float) -> float:
+    """Mass of a tube on its free length, kg."""
+    return float(tube.mass_per_length(alloy.density_kg_per_m3)) * length
 
 
 _PARTS = {name: row.place for name, row in PARAMETERS.items() if "_beam." not in row.place and name != "outer_end_mass"}

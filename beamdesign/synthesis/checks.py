@@ -18,7 +18,7 @@ from typing import Any, NamedTuple
 from beamdesign.json_text import picked
 from beamdesign.problem import BeamProblem, DesignProblem
 from beamdesign.quantity_text import decimal
-from beamdesign.structure import beam
+from beamdesign.structure import lumped
 from beamdesign.structure.section import Quantity, Tube, clearances
 
 ROUNDING = 1e-9
@@ -180,7 +180,7 @@ def _fit(problem: DesignProblem, asked: Requirements, outer: Tube, inner: Tube) 
 
     def under_load(of: BeamProblem, tube: Tube) -> Quantity:
         rigidity = of.material.youngs_modulus_Pa * tube.second_moment
-        return beam.clearance_under_load(gaps[0], asked.tip_force_N, beam.tip_stiffness(rigidity, of.free_length_m))
+        return lumped.clearance_under_load(gaps[0], asked.tip_force_N, lumped.tip_stiffness(rigidity, of.free_length_m))
 
     gap_on, gap_off = under_load(problem.inner_beam, inner), under_load(problem.outer_beam, outer)
     of_outer, of_inner = (one.material for one in problem.beams)

@@ -10,7 +10,7 @@ from itertools import product
 import numpy as np
 
 from beamdesign.controllers import KINDS
-from beamdesign.controllers.form import form_of
+from beamdesign.controllers.protocol import form_of
 from beamdesign.plant.members import family
 from beamdesign.problem import DesignProblem
 from beamdesign.progress import Progress, silent

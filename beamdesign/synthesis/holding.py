@@ -27,8 +27,7 @@ import numpy as np
 
 from beamdesign import quantities as q
 from beamdesign.json_text import finite, picked
-from beamdesign.plant.actuators import KINDS
-from beamdesign.plant.actuators.protocol import MARGIN
+from beamdesign.plant.actuators import KINDS, MARGIN
 from beamdesign.plant.members import STANDARD_GRAVITY
 from beamdesign.problem import DesignProblem
 from beamdesign.prototype import Prototype

@@ -6,7 +6,7 @@ from math import inf
 import numpy as np
 
 from beamdesign.controllers import Controller
-from beamdesign.controllers.form import Form
+from beamdesign.controllers.protocol import Form
 from beamdesign.polynomial import exact
 from beamdesign.proofs.absolute_stability import FOR_ODD, absolute_stability
 from beamdesign.proofs.performance import bandwidth

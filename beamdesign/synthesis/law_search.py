@@ -15,7 +15,7 @@ from math import inf
 import numpy as np
 
 from beamdesign.controllers import Controller
-from beamdesign.controllers.form import Form
+from beamdesign.controllers.protocol import Form
 from beamdesign.progress import Progress, silent
 from beamdesign.rational import nearest
 from beamdesign.synthesis.law_design import ENOUGH, ROOM, Design, in_box, rests, touches, unknown, value_of, whole

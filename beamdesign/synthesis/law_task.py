@@ -16,7 +16,7 @@ from math import inf
 import numpy as np
 
 from beamdesign.controllers import SENSED, Sensed
-from beamdesign.controllers.form import Form
+from beamdesign.controllers.protocol import Form
 from beamdesign.plant.members import VertexModel, served
 from beamdesign.plant.rigs import figures_of
 from beamdesign.proofs.certificate import Kind

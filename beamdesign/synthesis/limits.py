@@ -8,8 +8,7 @@ import numpy as np
 from beamdesign.json_text import finite, picked
 from beamdesign.plant.assembly import fits
 from beamdesign.plant.harmonic_balance import limit_cycles
-from beamdesign.plant.higher_modes import SingleModeReach, single_mode_reach
-from beamdesign.plant.linear_reach import Varied, reach, with_published_effects
+from beamdesign.plant.linear_reach import SingleModeReach, Varied, reach, single_mode_reach, with_published_effects
 from beamdesign.progress import Progress, silent
 from beamdesign.prototype import Prototype
 from beamdesign.records import InputError

@@ -15,7 +15,7 @@ from flint import fmpq, fmpq_poly
 from pydantic import Field
 
 from beamdesign.controllers import Controller
-from beamdesign.controllers.form import UNIT
+from beamdesign.controllers.protocol import UNIT
 from beamdesign.json_text import picked
 from beamdesign.loop import rig_loop
 from beamdesign.plant.linear import UNUSED, LinearModel
@@ -329,8 +329,9 @@ def plant_of_figures(filtered: bool, rig: str) -> tuple[ca.SX, list[list[ca.SX]]
     names = figures_of(rig)
     figures = ca.SX.sym("figures", len(names))
     given = UNUSED | dict(zip(names, ca.vertsplit(figures), strict=True))
-    values = ca.vertcat(*(given[name] for name in linear_assembly(filtered, (), rig).parameters))
-    minors = transfer_polynomials(filtered, (), ((), ((1, 1),), ((0, 0),)), rig)
+    of = linear_assembly(filtered, (), rig)
+    values = ca.vertcat(*(given[name] for name in of.parameters))
+    minors = transfer_polynomials(of, ((), ((1, 1),), ((0, 0),)))
     found = [ca.vertsplit(part) for part in minors(values)]
     outer, inner = given["outer_end_mass"], given["inner_end_mass"]
     weights = (1, inner, outer, outer * inner)

@@ -12,7 +12,7 @@ import casadi as ca
 import numpy as np
 from flint import fmpq_poly
 
-from beamdesign.controllers.form import Form
+from beamdesign.controllers.protocol import Form
 from beamdesign.plant.linear import BilinearPlant, PairOver
 from beamdesign.proofs.certificate import Kind
 from beamdesign.prototype import Goal

@@ -13,8 +13,8 @@ from math import inf, tau
 import numpy as np
 
 from beamdesign.loop import loop
-from beamdesign.plant.actuators.protocol import Demand, Limit
-from beamdesign.plant.higher_modes import signals, single_compliance, with_mass
+from beamdesign.plant.actuators import Demand, Limit
+from beamdesign.plant.linear_reach import signals, single_compliance, with_mass
 from beamdesign.prototype import Prototype
 from beamdesign.structure import lumped
 from beamdesign.structure.shapes import gaps

@@ -13,7 +13,7 @@ from math import exp, inf, log, pi
 import casadi as ca
 import numpy as np
 
-from beamdesign.controllers.form import Form
+from beamdesign.controllers.protocol import Form
 from beamdesign.plant.linear import BilinearPlant
 from beamdesign.proofs.certificate import Kind
 from beamdesign.proofs.performance import servo_off_peak

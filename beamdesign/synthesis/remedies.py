@@ -14,7 +14,7 @@ import numpy as np
 
 from beamdesign.controllers import Lag
 from beamdesign.controllers.cascade import as_lag
-from beamdesign.controllers.form import form_of
+from beamdesign.controllers.protocol import form_of
 from beamdesign.problem import DesignProblem
 from beamdesign.progress import Progress, silent
 from beamdesign.public import SIGMAS

@@ -16,7 +16,7 @@ from types import MappingProxyType
 import numpy as np
 
 from beamdesign.controllers import KINDS, Controller, Sensed
-from beamdesign.controllers.form import block_form
+from beamdesign.controllers.observer import block_form
 from beamdesign.plant.linear import LinearModel
 from beamdesign.progress import Progress, silent
 from beamdesign.prototype import Goal

@@ -9,7 +9,7 @@ from proofs import always_stable, keeps_peak_sensitivity
 from stopwatch import Cost, timed
 
 from beamdesign.controllers import Lag, Proportional
-from beamdesign.controllers.form import form_of
+from beamdesign.controllers.protocol import form_of
 from beamdesign.loop import Loop, close_loop
 from beamdesign.plant.members import paper_model
 from beamdesign.prototype import Prototype

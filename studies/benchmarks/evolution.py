@@ -18,7 +18,7 @@ from scipy.optimize import OptimizeResult, differential_evolution
 from stopwatch import Cost, timed
 
 from beamdesign.controllers import Lag, Proportional
-from beamdesign.controllers.form import form_of
+from beamdesign.controllers.protocol import form_of
 from beamdesign.loop import Loop, close_loop
 from beamdesign.plant.members import paper_model
 from beamdesign.prototype import Prototype

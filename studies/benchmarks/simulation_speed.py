@@ -22,17 +22,10 @@ from scipy.integrate import solve_ivp
 
 from beamdesign.controllers import Lag
 from beamdesign.plant.assembly import OUTPUTS, Assembly, assemble, parameters_of, structure_of
-from beamdesign.plant.compiled import (
-    compiled,
-    compiled_with_sensitivities,
-    equilibrium_sensitivity,
-    integrate,
-    integrate_with_sensitivities,
-)
+from beamdesign.plant.compiled import compiled, half_steps, integrate, integrate_with_sensitivities
 from beamdesign.plant.effects import library
-from beamdesign.plant.equilibrium import equilibrium, scales
+from beamdesign.plant.equilibrium import equilibrium, equilibrium_sensitivity, scales, substeps_for
 from beamdesign.prototype import Prototype
-from beamdesign.simulation import half_steps, substeps_for
 from beamdesign.validation.paper.rig import paper_prototype
 
 SAMPLE_S = 5e-4
@@ -249,7 +242,7 @@ def main(argv: Sequence[str] | None = None) -> list[Row]:
     parser.add_argument("--duration-s", type=float, default=4.0, help="length of the record")
     duration = parser.parse_args(argv).duration_s
     begin = perf_counter()
-    import beamdesign.plant.stepper  # noqa: F401
+    import beamdesign.plant.compiled  # noqa: F401
 
     print(f"numba loaded in {perf_counter() - begin:.2f} s; records of {duration:g} s at {SAMPLE_S * 1e3:g} ms")
     rows: list[Row] = []
@@ -257,7 +250,7 @@ def main(argv: Sequence[str] | None = None) -> list[Row]:
         kinds = case.assembly.kinds
         plain, _ = timed(lambda kinds=kinds: compiled.__wrapped__(kinds).constants, 3)
         whole, _ = timed(
-            lambda kinds=kinds, free=case.free: compiled_with_sensitivities.__wrapped__(kinds, free, (TIP,)).constants,
+            lambda kinds=kinds, free=case.free: compiled.__wrapped__(kinds, free, (TIP,)).constants,
             3,
         )
         first, _ = timed(generated(case), 1)

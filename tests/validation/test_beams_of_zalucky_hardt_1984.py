@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from beamdesign import DesignProblem, read_problem
-from beamdesign.structure.beam import effective_mass, first_frequency, tip_stiffness
+from beamdesign.structure.lumped import effective_mass, first_frequency, tip_stiffness
 from beamdesign.structure.materials import material
 from beamdesign.structure.section import Tube, clearances
 from beamdesign.synthesis.checks import beam_mass, check_sections

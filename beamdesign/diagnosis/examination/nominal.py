@@ -18,7 +18,7 @@ from scipy.signal import cont2discrete, fftconvolve
 from beamdesign.controllers import Controller, Lag
 from beamdesign.diagnosis.data.dataset import FrequencyResponse, MeasuredGain, TimeRecord
 from beamdesign.diagnosis.fitting.weighting import TOP, faded, white
-from beamdesign.plant.electronics import HEARD, state_space
+from beamdesign.plant.component import HEARD, state_space
 from beamdesign.plant.equilibrium import Linearisation
 from beamdesign.plant.members import paper_model
 from beamdesign.prototype import Prototype

@@ -18,8 +18,8 @@ import numpy as np
 from beamdesign.controllers import Controller, Proportional
 from beamdesign.parameters import PARAMETERS, RIG_TOLERANCES
 from beamdesign.plant.assembly import Assembly, Structure, assemble, fits, of_drive, parameters_of
+from beamdesign.plant.component import Law
 from beamdesign.plant.effects import causes, library
-from beamdesign.plant.electronics import Law
 from beamdesign.prototype import Prototype
 
 FREE = 0.3

@@ -23,8 +23,7 @@ from beamdesign.diagnosis.fitting.hypothesis import Placement, together
 from beamdesign.diagnosis.fitting.replay import bearing, law_of_play
 from beamdesign.diagnosis.fitting.weighting import INDEPENDENT, SHARE
 from beamdesign.plant.assembly import INPUTS, OUTPUTS, Assembly, Structure, assemble, parameters_of
-from beamdesign.plant.compiled import equilibrium_sensitivity
-from beamdesign.plant.equilibrium import Linearisation, equilibrium, linearise, scales
+from beamdesign.plant.equilibrium import Linearisation, equilibrium, equilibrium_sensitivity, linearise, scales
 from beamdesign.prototype import Prototype
 
 LEFT_BEHIND = ("current_saturation", "valve_deadband", "valve_hysteresis", "valve_hysteresis_magnetic")

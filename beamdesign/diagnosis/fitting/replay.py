@@ -11,10 +11,9 @@ from beamdesign.diagnosis.data.dataset import TimeRecord
 from beamdesign.diagnosis.fitting.hypothesis import NOTHING, Placement, cause, given
 from beamdesign.diagnosis.fitting.weighting import LOWEST_HZ, Rise, Weighting, blurred, faded
 from beamdesign.plant.assembly import Assembly, Structure, assemble, parameters_of
-from beamdesign.plant.compiled import equilibrium_sensitivity, integrate, integrate_with_sensitivities
-from beamdesign.plant.equilibrium import equilibrium, linearise
+from beamdesign.plant.compiled import half_steps, integrate, integrate_with_sensitivities
+from beamdesign.plant.equilibrium import equilibrium, equilibrium_sensitivity, linearise
 from beamdesign.prototype import Prototype
-from beamdesign.simulation import half_steps
 
 FURTHEST_M = 0.5
 _RADIANS = 1.2  # of the fastest pole, per integration step: Runge-Kutta of fourth order is stable to 2.7

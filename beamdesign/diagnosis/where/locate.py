@@ -19,9 +19,8 @@ from beamdesign.diagnosis.where.missing import Explanation, explanations, regres
 from beamdesign.diagnosis.where.residuals import Residual, residuals
 from beamdesign.parameters import RIG_TOLERANCES
 from beamdesign.plant.assembly import RIGS, Structure, assemble, fits
-from beamdesign.plant.effect import SUBSYSTEMS
-from beamdesign.plant.effects import library
-from beamdesign.plant.electronics import LAG
+from beamdesign.plant.component import LAG
+from beamdesign.plant.effects import SUBSYSTEMS, library
 from beamdesign.time_limit import TimeUp, leave_out, share
 
 Vote = tuple[Mapping[str, float], Indicator]

@@ -1,21 +1,274 @@
-"""Kinds of actuator: every file of this folder but the protocol holds one, found by being there."""
+"""What joins the tips of both beams: the record that every kind of actuator derives from, and what is asked of it.
 
-from collections.abc import Iterable, Iterator, Mapping
+Every file of this folder holds one kind, found by being there.
+"""
+
+from abc import abstractmethod
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass, field
+from functools import cache
 from importlib import import_module
+from operator import attrgetter
 from pkgutil import iter_modules
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 from pydantic import Field, SerializerFunctionWrapHandler, create_model, model_serializer
 
 from beamdesign import quantities as q
-from beamdesign.plant.actuators.protocol import KINDS, Actuator
+from beamdesign.kinded import Kinded
+from beamdesign.plant.component import Component, Parameter, PortLaw, Signals
 from beamdesign.records import Problem, Record
 
-__all__ = ["KINDS", "Actuator", "ActuatorTolerance", "WithActuator"]
+if TYPE_CHECKING:
+    import numpy as np
+
+MARGIN = 1.25
+"""On what the linear loop asks of flow, current and stroke, where it is said what to buy."""
+
+
+@cache
+def turn(steps: int = 360) -> "np.ndarray":
+    """(steps,) a turn of a sine."""
+    import numpy as np
+
+    return np.asarray(np.exp(2j * np.pi * np.arange(steps) / steps))
+
+
+@dataclass(frozen=True)
+class Demand:
+    """What a sinusoidal force on the outer tip asks for, per newton; complex, (N,) over frequency.
+
+    Attributes:
+        frequency_Hz: (N,).
+        displacement: of the outer tip, m/N.
+        force: of the actuator, N/N.
+        stroke: of the actuator, m/N.
+        current: of the law, A/N.
+        more: what else the actuator has to give, by name.
+    """
+
+    frequency_Hz: "np.ndarray"
+    displacement: "np.ndarray"
+    force: "np.ndarray"
+    stroke: "np.ndarray"
+    current: "np.ndarray"
+    more: "Mapping[str, np.ndarray]" = field(default_factory=dict)
+
+    def of(self, name: str) -> "np.ndarray":
+        """(N,) one of these by its name."""
+        found: np.ndarray = self.more[name] if name in self.more else getattr(self, name)
+        return found
+
+
+Held = Mapping[str, float]
+"""What a constant force takes of each of these."""
+
+
+class Limit(NamedTuple):
+    """What bounds an actuator.
+
+    Attributes:
+        name: what people call it.
+        of: which of `Demand` it bounds.
+        most: by how much, SI; None where the prototype does not say.
+        place: key that does.
+        effective: whether it bounds the root of the mean square.
+        reached: amplitude (N,) of the force at which it is reached, where that is no matter of one quantity.
+    """
+
+    name: str
+    of: str
+    most: float | None
+    place: str
+    effective: bool = False
+    reached: "Callable[[Demand, Held, float], np.ndarray] | None" = None
+
+    def amplitude(self, asked: Demand, held: Held) -> "np.ndarray":
+        """(N,) amplitude of a sinusoidal force on the tip at which it is reached beside what is held."""
+        import numpy as np
+
+        assert self.most is not None  # else there is no limit
+        if self.reached is not None:
+            return self.reached(asked, held, self.most)
+        left = (
+            np.sqrt(2 * max(self.most**2 - held[self.of] ** 2, 0.0))
+            if self.effective
+            else self.most - abs(held[self.of])
+        )
+        return np.asarray(max(left, 0.0) / np.abs(asked.of(self.of)))
+
+
+class Rating(NamedTuple):
+    """A figure to buy by.
+
+    Attributes:
+        name: of what.
+        need: which of `Actuator.takes` it has to bear.
+        place: key of a prototype that states it.
+        unit: SI.
+        quantity: what of it a prototype may state.
+    """
+
+    name: str
+    need: str
+    place: str
+    unit: str
+    quantity: Any
+
+
+class Row(NamedTuple):
+    """A figure of a specification.
+
+    Attributes:
+        name: what it is, for people.
+        needed: SI.
+        stated: what the prototype has of it; None where it does not say, or where that is the same.
+        unit: of both.
+        key: in a JSON file; empty where it stands there as a figure of the prototype.
+    """
+
+    name: str
+    needed: float
+    stated: float | None
+    unit: str
+    key: str = ""
+
+    @property
+    def basis(self) -> str:
+        """Whether it is computed or given."""
+        return "computed" if self.key else "given"
+
+
+Change = tuple[str, float, bool]
+"""Key of a prototype, its figure, and whether that is the least or else the most."""
+
+KINDS: "dict[str, type[Actuator]]" = {}
+"""Every kind of actuator by its name."""
+
+
+class Actuator(Kinded):
+    """An actuator between the tips: a law's current makes it longer, a force on it shorter.
+
+    A kind is a file of this folder, which is found by being there and holds the class as `KIND`.
+
+    Attributes:
+        parameters: its figures in the model, one row each.
+        tables: other tables of a prototype that are of it.
+        components: of a rig, between "current_A" and "actuator_force_N", the force on the outer tip and back on the
+            inner one; they give "sliding_m" and "sliding_m_per_s", of what rubs in it, too.
+        states: of these.
+        felt_by: those of its components that are worked out before its law, which may hear of them.
+        feels: what it feels of its load: name in a record, and from ports, figures and states.
+        linear_states: of the linear plant: first its free length, then what follows the current.
+        ratings: what it has to be rated for, beside its stroke.
+        title: of their section in a specification.
+        unseen: one more of these, which may be neither driven nor seen, and is left out then; empty for none.
+    """
+
+    where_none_is_stated = "servo_cylinder"
+    parameters: ClassVar[tuple[Parameter, ...]] = ()
+    tables: ClassVar[tuple[str, ...]] = ()
+    components: ClassVar[tuple[Component, ...]] = ()
+    felt_by: ClassVar[tuple[Component, ...]] = ()
+    states: ClassVar[tuple[str, ...]] = ()
+    feels: ClassVar[tuple[str, PortLaw]]
+    linear_states: ClassVar[tuple[str, ...]] = ()
+    unseen: ClassVar[str] = ""
+    ratings: ClassVar[tuple[Rating, ...]] = ()
+    title: ClassVar[str] = ""
+
+    stroke_m: q.Stroke | None = Field(None, description="from one end stop to the other; the rig rests in the middle")
+
+    @classmethod
+    def known(cls) -> "dict[str, type[Actuator]]":
+        """See `Kinded`."""
+        return KINDS
+
+    @property
+    def rig(self) -> str:
+        """Which of `beamdesign.plant.assembly.RIGS` has it."""
+        return "twin_beam" if self.kind == self.where_none_is_stated else self.kind
+
+    @classmethod
+    def to_linear(cls, state: Signals, figure: Signals, tip: Any) -> dict[str, Any]:
+        """States of the linear plant from those of its components and the outer tip's place, linear in both."""
+        return {name: state[name] for name in cls.states}
+
+    @classmethod
+    def from_linear(cls, linear: Signals, figure: Signals, tip: Any) -> dict[str, Any]:
+        """States of its components from those of the linear plant and the outer tip's place."""
+        return {name: linear[name] for name in cls.states}
+
+    @classmethod
+    @abstractmethod
+    def compliance(cls, figure: Signals, s: Any) -> Any:
+        """What a force on it shortens it by with no current, m/N, at complex frequencies s (rad/s)."""
+
+    @classmethod
+    @abstractmethod
+    def held_N_per_A(cls, figure: Signals) -> float:
+        """What a current gives at rest while the tips are held, N/A; infinite where nothing balances it."""
+
+    @classmethod
+    @abstractmethod
+    def travel(cls, figure: Signals, s: Any) -> Any:
+        """What a current lengthens it by with no force, m/A, likewise."""
+
+    @abstractmethod
+    def signals(self, figure: Signals, s: Any, force: Any, stroke: Any) -> dict[str, Any]:
+        """What it has to give beside the law's current for a force and a stroke at complex frequencies s, by name."""
+
+    @abstractmethod
+    def limits(self, prototype: "WithActuator") -> tuple[Limit, ...]:
+        """All that bounds it but for its stroke."""
+
+    @abstractmethod
+    def strength_N(self, prototype: "WithActuator") -> float:
+        """About the largest force that it gives; 1 kN where the prototype does not say."""
+
+    @abstractmethod
+    def largest_current_A(self, prototype: "WithActuator") -> float | None:
+        """Largest current that it takes of a law; None where the prototype does not say."""
+
+    def drive_gain(self) -> float | None:
+        """Current per volt, A/V, of a drive that has a command as its input; None where a coil is driven."""
+        return None
+
+    def stated(self, prototype: "WithActuator", rating: Rating) -> float | None:
+        """What there is of a rating; None where the prototype does not say."""
+        found: float | None = attrgetter(rating.place)(prototype)
+        return found
+
+    @abstractmethod
+    def takes(self, prototype: "WithActuator", asked: Demand, load_N: float, held: Held) -> dict[str, float]:
+        """What an alternating force of an amplitude takes beside what is held, as `ratings` name it, SI.
+
+        Args:
+            prototype: it is of.
+            asked: per newton.
+            load_N: amplitude.
+            held: what a constant force takes.
+        """
+
+    @abstractmethod
+    def holding(self, prototype: "WithActuator", force_N: float) -> tuple[str, float, float | None, str, str]:
+        """What holding a force still takes: name, figure, what there is, unit, and the key that states that."""
+
+    @abstractmethod
+    def stronger(self, prototype: "WithActuator", force_N: float) -> tuple[Change, ...]:
+        """Changes, each enough by itself to hold a force, unrounded."""
+
+    @abstractmethod
+    def rows(self, prototype: "WithActuator", need: Mapping[str, float], load_N: float) -> tuple[Row, ...]:
+        """Figures of a specification, for what `takes` says of a load, margins included."""
+
+    @abstractmethod
+    def power_W(self, prototype: "WithActuator", asked: Demand, load_N: "np.ndarray") -> "np.ndarray":
+        """(N,) mean power that its supply gives for a force of an amplitude (N,), where what comes back is lost."""
+
 
 for found in sorted((item.name for item in iter_modules(__path__)), key=lambda name: (name != "servo_cylinder", name)):
-    if found != "protocol":
-        KINDS[found] = import_module(f"{__name__}.{found}").KIND
+    KINDS[found] = import_module(f"{__name__}.{found}").KIND
 
 _OF = {row.tolerance: row.words for kind in KINDS.values() for row in kind.parameters}
 
@@ -59,6 +312,12 @@ class WithActuator(Record):
 
     if TYPE_CHECKING:
         actuator: Actuator
+        servovalve: Any
+        supply: Any
+
+        @property
+        def effects(self) -> Mapping[str, Mapping[str, float]]:
+            """Those of a prototype."""
 
     @property
     def rig(self) -> str:

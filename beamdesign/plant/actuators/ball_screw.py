@@ -23,13 +23,13 @@ from typing import TYPE_CHECKING, Any, Literal
 from pydantic import Field
 
 from beamdesign import quantities as q
-from beamdesign.plant.actuators.protocol import MARGIN, Actuator, Change, Demand, Held, Limit, Rating, Row, turn
+from beamdesign.plant.actuators import MARGIN, Actuator, Change, Demand, Held, Limit, Rating, Row, turn
 from beamdesign.plant.component import Component, Parameter, Signals
 
 if TYPE_CHECKING:
     import numpy as np
 
-    from beamdesign.prototype import Prototype
+    from beamdesign.plant.actuators import WithActuator
 
 
 def _motion(port: Signals, figure: Signals, state: Signals) -> dict[str, Any]:
@@ -136,16 +136,6 @@ class BallScrew(Actuator):
     title = "Motor, drive and screw"
 
     @classmethod
-    def to_linear(cls, state: Signals, figure: Signals, tip: Any) -> dict[str, Any]:
-        """The same states."""
-        return {name: state[name] for name in cls.states}
-
-    @classmethod
-    def from_linear(cls, linear: Signals, figure: Signals, tip: Any) -> dict[str, Any]:
-        """The same states."""
-        return {name: linear[name] for name in cls.states}
-
-    @classmethod
     def _resistance(cls, figure: Signals, s: Any) -> tuple[Any, Any]:
         """Force against a speed of the nut, N s/m, and the lag of the current loop."""
         lag, lead = 1 / (1 + s / figure["current_loop"]), figure["lead"]
@@ -180,12 +170,12 @@ class BallScrew(Actuator):
         torque = (figure["rotor_inertia"] * s + figure["rotor_friction"]) * speed + lead * force
         return {"speed": speed, "motor_current": torque / figure["torque_constant"]}
 
-    def strength_N(self, prototype: "Prototype") -> float:
+    def strength_N(self, prototype: "WithActuator") -> float:
         """What the largest current gives at a nut that stands still."""
         current = self.peak_current_A or self.continuous_current_A
         return current * self.torque_constant_N_m_per_A * 2 * pi / self.lead_m if current else 1000.0
 
-    def largest_current_A(self, prototype: "Prototype") -> float | None:
+    def largest_current_A(self, prototype: "WithActuator") -> float | None:
         """That of drive and motor: a law asks for no more, beside what speed feedback takes off."""
         return self.peak_current_A
 
@@ -193,17 +183,15 @@ class BallScrew(Actuator):
         """As stated, or the largest current that is stated at 10 V, as drives are scaled; 1 A/V where none is."""
         return self.drive_A_per_V or (self.peak_current_A or self.continuous_current_A or 10.0) / 10.0
 
-    def limits(self, prototype: "Prototype") -> tuple[Limit, ...]:
+    def limits(self, prototype: "WithActuator") -> tuple[Limit, ...]:
         """Largest current and what the motor bears for good, and the rotor's speed."""
-        return (
-            Limit("peak current", "motor_current", self.peak_current_A, "actuator.peak_current_A"),
-            Limit(
-                "continuous current", "motor_current", self.continuous_current_A, "actuator.continuous_current_A", True
-            ),
-            Limit("rotor speed", "speed", self.largest_speed_rad_per_s, "actuator.largest_speed_rad_per_s"),
+        of = ("motor_current", False), ("motor_current", True), ("speed", False)
+        return tuple(
+            Limit(one.name, name, self.stated(prototype, one), one.place, effective)
+            for one, (name, effective) in zip(self.ratings, of, strict=True)
         )
 
-    def takes(self, prototype: "Prototype", asked: Demand, load_N: float, held: Held) -> dict[str, float]:
+    def takes(self, prototype: "WithActuator", asked: Demand, load_N: float, held: Held) -> dict[str, float]:
         """Current at its peak and in the mean square, speed, and power of the shaft at its peak."""
         import numpy as np
 
@@ -218,7 +206,7 @@ class BallScrew(Actuator):
             "shaft_power_W": float(power.max()),
         }
 
-    def power_W(self, prototype: "Prototype", asked: Demand, load_N: "np.ndarray") -> "np.ndarray":
+    def power_W(self, prototype: "WithActuator", asked: Demand, load_N: "np.ndarray") -> "np.ndarray":
         """Of the shaft, losses in the windings apart."""
         import numpy as np
 
@@ -226,12 +214,12 @@ class BallScrew(Actuator):
         given = np.maximum(current * speed, 0.0).mean(axis=1)
         return np.asarray(self.torque_constant_N_m_per_A * given * load_N**2)
 
-    def holding(self, prototype: "Prototype", force_N: float) -> tuple[str, float, float | None, str, str]:
+    def holding(self, prototype: "WithActuator", force_N: float) -> tuple[str, float, float | None, str, str]:
         """Current of the motor that stands still."""
         needed = force_N * self.lead_m / (2 * pi) / self.torque_constant_N_m_per_A
         return "continuous current at rest", needed, self.continuous_current_A, "A", "actuator.continuous_current_A"
 
-    def stronger(self, prototype: "Prototype", force_N: float) -> tuple[Change, ...]:
+    def stronger(self, prototype: "WithActuator", force_N: float) -> tuple[Change, ...]:
         """More current, or more torque from it."""
         _, needed, most, *_ = self.holding(prototype, force_N)
         share = needed / (most or needed)
@@ -241,7 +229,7 @@ class BallScrew(Actuator):
             ("actuator.torque_constant_N_m_per_A", torque, True),
         )
 
-    def rows(self, prototype: "Prototype", need: Mapping[str, float], load_N: float) -> tuple[Row, ...]:
+    def rows(self, prototype: "WithActuator", need: Mapping[str, float], load_N: float) -> tuple[Row, ...]:
         """See `Actuator`. The life of the screw is (C_a / F)^3 million turns, ISO 3408-5:2006, F its largest force."""
         torque, force, still = self.torque_constant_N_m_per_A, need["force_N"], self.holding(prototype, load_N)[1]
         least, at_nut = f", × {MARGIN:g}", self.rotor_inertia_kg_m2 / (self.lead_m / (2 * pi)) ** 2

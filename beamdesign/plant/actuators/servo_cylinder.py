@@ -12,14 +12,14 @@ from typing import TYPE_CHECKING, Any, Literal
 from pydantic import Field
 
 from beamdesign import quantities as q
-from beamdesign.plant.actuators.protocol import MARGIN, Actuator, Change, Demand, Held, Limit, Rating, Row, turn
+from beamdesign.plant.actuators import MARGIN, Actuator, Change, Demand, Held, Limit, Rating, Row, turn
 from beamdesign.plant.component import Component, Parameter, Signals, either
 from beamdesign.records import Record
 
 if TYPE_CHECKING:
     import numpy as np
 
-    from beamdesign.prototype import Prototype
+    from beamdesign.plant.actuators import WithActuator
 
 
 def spool_acceleration(frequency: Any, damping_ratio: Any, gain: Any, current: Any, flow: Any, rate: Any) -> Any:
@@ -225,15 +225,15 @@ class ServoCylinder(Actuator):
         area = figure["piston_area"]
         return {"flow": area * s * (force / figure["oil_stiffness"] + stroke) + figure["leakage"] * force / area}
 
-    def smaller_side(self, prototype: "Prototype") -> float:
+    def smaller_side(self, prototype: "WithActuator") -> float:
         """Area of the smaller side of the piston, m2; the mean area where no `unequal_piston_areas` are given."""
         return self.piston_area_m2 * (1 - abs(_of_effect(prototype, "unequal_piston_areas") or 0.0))
 
-    def strength_N(self, prototype: "Prototype") -> float:
+    def strength_N(self, prototype: "WithActuator") -> float:
         """The supply's pressure on the mean area of the piston."""
         return prototype.supply.pressure_Pa * self.piston_area_m2
 
-    def largest_current_A(self, prototype: "Prototype") -> float | None:
+    def largest_current_A(self, prototype: "WithActuator") -> float | None:
         """The valve's rated current or the amplifier's limit, whichever is less."""
         limits = (
             valve_of(prototype).rated_current_A,
@@ -241,12 +241,12 @@ class ServoCylinder(Actuator):
         )
         return min((limit for limit in limits if limit is not None), default=None)
 
-    def stated(self, prototype: "Prototype", rating: Rating) -> float | None:
+    def stated(self, prototype: "WithActuator", rating: Rating) -> float | None:
         """The rated current may be bounded by an effect, too."""
         of_current = rating.name == self.ratings[0].name
         return self.largest_current_A(prototype) if of_current else super().stated(prototype, rating)
 
-    def limits(self, prototype: "Prototype") -> tuple[Limit, ...]:
+    def limits(self, prototype: "WithActuator") -> tuple[Limit, ...]:
         """Stall force, flow at the load's pressure, current, and flow of the supply, no accumulator assumed.
 
         Force: F <= p_S A (H. E. Merritt, Hydraulic Control Systems (1967), section 5-4: the stall load). Valve flow:
@@ -266,7 +266,7 @@ class ServoCylinder(Actuator):
             Limit("supply flow", "flow", prototype.supply.flow_m3_per_s, "supply.flow_m3_per_s"),
         )
 
-    def takes(self, prototype: "Prototype", asked: Demand, load_N: float, held: Held) -> dict[str, float]:
+    def takes(self, prototype: "WithActuator", asked: Demand, load_N: float, held: Held) -> dict[str, float]:
         """Flow under load; without a load that which gives it by the root law, and the current for that.
 
         The root law is q = q_0 sqrt(1 - p_L / p_S), asked the other way round for q_0; infinite where the load pressure
@@ -287,25 +287,25 @@ class ServoCylinder(Actuator):
             "current_A": float((through * per_flow).max()),
         }
 
-    def power_W(self, prototype: "Prototype", asked: Demand, load_N: "np.ndarray") -> "np.ndarray":
+    def power_W(self, prototype: "WithActuator", asked: Demand, load_N: "np.ndarray") -> "np.ndarray":
         """Supply pressure times the mean flow."""
         import numpy as np
 
         return np.asarray(prototype.supply.pressure_Pa * (2 / pi) * load_N * np.abs(asked.of("flow")))
 
-    def holding(self, prototype: "Prototype", force_N: float) -> tuple[str, float, float | None, str, str]:
+    def holding(self, prototype: "WithActuator", force_N: float) -> tuple[str, float, float | None, str, str]:
         """Pressure on the smaller side of the piston."""
         needed = force_N / self.smaller_side(prototype)
         return "supply pressure", needed, prototype.supply.pressure_Pa, "Pa", "supply.pressure_Pa"
 
-    def stronger(self, prototype: "Prototype", force_N: float) -> tuple[Change, ...]:
+    def stronger(self, prototype: "WithActuator", force_N: float) -> tuple[Change, ...]:
         """A larger piston, or more pressure."""
         _, needed, supply, *_ = self.holding(prototype, force_N)
         assert supply is not None  # every supply has a pressure
         area = self.piston_area_m2 * needed / supply
         return ("actuator.piston_area_m2", area, True), ("supply.pressure_Pa", needed, True)
 
-    def rows(self, prototype: "Prototype", need: Mapping[str, float], load_N: float) -> tuple[Row, ...]:
+    def rows(self, prototype: "WithActuator", need: Mapping[str, float], load_N: float) -> tuple[Row, ...]:
         """See `Actuator`."""
         area, valve, supply = self.piston_area_m2, valve_of(prototype), prototype.supply
         pressure = need["force_N"] / self.smaller_side(prototype)
@@ -344,13 +344,13 @@ class ServoCylinder(Actuator):
         )  # fmt: skip
 
 
-def valve_of(prototype: "Prototype") -> Servovalve:
+def valve_of(prototype: "WithActuator") -> Servovalve:
     """The valve of a hydraulic rig."""
     assert prototype.servovalve is not None  # a record is validated to have one with this actuator
     return prototype.servovalve
 
 
-def _of_effect(prototype: "Prototype", name: str) -> float | None:
+def _of_effect(prototype: "WithActuator", name: str) -> float | None:
     """The first parameter of an effect; None where the prototype has no such effect."""
     from beamdesign.plant.effects import library
 

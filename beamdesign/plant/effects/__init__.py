@@ -1,14 +1,230 @@
-"""The library of effects: every file of this folder holds one, some with further laws of it; and laws to be learnt."""
+"""Effects: laws at one or more ports of a rig, with their parameters, states and source; and the library of them.
+
+Every file of this folder holds one, some with further laws of it; and there are laws to be learnt.
+"""
 
 import difflib
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from functools import cache
 from importlib import import_module
+from math import pi
 from pkgutil import iter_modules
+from typing import Any, Literal
 
-from beamdesign.plant.effect import Effect
-from beamdesign.plant.empirical import laws
+import casadi as ca
+from flint import fmpq
+
+from beamdesign.polynomial import exact
 from beamdesign.records import Problem
+
+TWO_PI = exact(2 * pi)
+"""As it stands in the laws of the effects; a proof takes its decimal form as exact."""
+
+QUICKEST = 1e4
+"""1/s, of a deflection under friction."""
+
+SUBSYSTEMS = ("structure", "oil", "actuator", "servovalve", "amplifier", "sensor", "controller")
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One figure of an effect.
+
+    Attributes:
+        name: with its SI unit as a suffix where it has one.
+        default: nominal magnitude, which a prototype that names the effect alone gets.
+        low: least value that makes sense.
+        high: largest value that makes sense.
+        spread: prior standard deviation of the natural logarithm (of the value itself where `low` is not positive).
+        meaning: in words, with where the magnitude comes from.
+    """
+
+    name: str
+    default: float
+    low: float
+    high: float
+    spread: float
+    meaning: str
+
+
+@dataclass
+class Site:
+    """What a law sees of the rig while it is assembled.
+
+    Attributes:
+        port: signals computed so far, by port name.
+        figure: figures of the rig by name.
+        parameter: the effect's own parameters.
+        state: the effect's own states.
+        rate: to be filled with the time derivative of each of them.
+        time: s.
+    """
+
+    port: Mapping[str, Any]
+    figure: Mapping[str, Any]
+    parameter: Mapping[str, Any]
+    state: Mapping[str, Any]
+    rate: dict[str, Any]
+    time: Any
+
+
+Law = Callable[[Any, Site], Any]
+"""From a port's signal without the effect, and the site, to its signal with it; in CasADi."""
+
+
+@dataclass(frozen=True)
+class Operation:
+    """What the figures of an effect's linear members may depend on.
+
+    Attributes:
+        figure: lumped figures of the rig by name, as in `beamdesign.parameters.PARAMETERS`.
+        load_N: largest steady force that the cylinder carries.
+        supply_Pa: supply pressure.
+    """
+
+    figure: Mapping[str, float]
+    load_N: float
+    supply_Pa: float
+
+
+@dataclass(frozen=True)
+class Span:
+    """Values that a figure of a linear member takes.
+
+    Attributes:
+        low: least value.
+        high: largest value.
+        rest: value with everything at rest.
+        performance: the part of the span over which more than stability is asked; all of it where None.
+    """
+
+    low: float
+    high: float
+    rest: float
+    performance: tuple[float, float] | None = None
+
+    @property
+    def performing(self) -> tuple[float, float]:
+        """The part of the span over which more than stability is asked."""
+        return self.performance or (self.low, self.high)
+
+
+Weights = Mapping[str, fmpq]
+"""A motion: weights of coordinates, or of the points "tip", "rod" (of the cylinder), "base" (of both beams)."""
+
+
+@dataclass(frozen=True)
+class Elements:
+    """Of what a linear member is made beside the rig's own parts, with its numbers, exact.
+
+    The rig's coordinates are "first" (its outer beam's mode) and "inner"; any other name is one more. Those of several
+    effects add up: impedances, points and polynomials one after the other, factors by multiplication.
+
+    Attributes:
+        impedances: motion, and spring (N/m), dashpot (N s/m) and mass (kg) that resist it.
+        points: what is added to the motion of "tip", "rod" and "base", and "sensed" to what the sensor sees of the tip.
+        oil: factor on the stiffness of the oil, or on stiffness and damping of a screw.
+        spool: spring on the spool, relative to the pilot's.
+        asymmetry: of the piston's sides, (A_a - A_b) / (A_a + A_b).
+        volts: numerators and denominators in s, ascending, of what filters the sensor's volts.
+    """
+
+    impedances: tuple[tuple[Weights, tuple[fmpq, ...]], ...] = ()
+    points: Mapping[str, Weights] = field(default_factory=dict)
+    oil: fmpq = field(default_factory=lambda: fmpq(1))
+    spool: fmpq = field(default_factory=fmpq)
+    asymmetry: fmpq = field(default_factory=fmpq)
+    volts: tuple[tuple[tuple[fmpq, ...], tuple[fmpq, ...]], ...] = ()
+
+
+def dahl_rate(speed: Any, deflection: Any) -> Any:
+    """Rate of a deflection that settles at the direction of motion, as Dahl's friction does, 1/s.
+
+    It settles no faster than `QUICKEST`, which bounds the stiffness of the equations and shows only at higher speeds.
+
+    Args:
+        speed: over the travel within which the deflection settles, 1/s.
+        deflection: of it, from -1 to 1.
+    """
+    speed = speed / ca.sqrt(1 + (speed / QUICKEST) ** 2)
+    return speed - ca.fabs(speed) * deflection
+
+
+ElementsOf = Callable[[Mapping[str, fmpq], Mapping[str, fmpq]], Elements]
+"""From an effect's parameters with its frozen figures, and figures of the rig, to the elements of a linear member."""
+
+Spans = Callable[[Mapping[str, float], Operation], Span]
+"""From the effect's own parameters and the operation to a span."""
+
+
+@dataclass(frozen=True)
+class Linear:
+    """The linear loops that stand for an effect in a proof: frozen values of what the effect lets vary.
+
+    Attributes:
+        covers: in words, which loops these are.
+        leaves_out: in words, what of the effect they are not.
+        laws: linear laws by port in place of the effect's own; None where its own laws are linear already.
+        states: names of the states that these laws add.
+        figures: spans of figures that these laws see beside the effect's parameters.
+        gain: span of a factor on the loop gain; proofs hold for every value between its ends.
+        with_load: whether spans depend on the load.
+        elements: of what its members are made, for whoever checks a proof of them; it says the same as the laws.
+        near_rest: what the members say wrongly of motion that is small against the effect: the compliance, where the
+            rig follows none of those that perform; stability too, where it follows none at all.
+    """
+
+    covers: str
+    leaves_out: str = ""
+    laws: Mapping[str, Law] | None = field(default=None, hash=False)
+    states: tuple[str, ...] = ()
+    figures: Mapping[str, Spans] = field(default_factory=dict, hash=False)
+    gain: Spans | None = None
+    with_load: bool = False
+    elements: ElementsOf = field(default=lambda own, figure: Elements(), hash=False)
+    near_rest: Literal["", "compliance", "stability"] = ""
+
+
+@dataclass(frozen=True)
+class Effect:
+    """One departure from the linear rig.
+
+    Attributes:
+        name: as prototypes and diagnoses spell it.
+        subsystem: one of `SUBSYSTEMS`.
+        laws: by port, what replaces the signal there; see `beamdesign.plant.component.Rig.ports`.
+        parameters: its figures.
+        source: of the law.
+        states: names of the states it adds, with units.
+        memory: those of its states that stay where they are while nothing moves (friction); they start at 0.
+        linear: what stands for it in proofs; None where nothing does.
+        meaning: what it is; of one that the docstring of its file tells of, empty.
+        realises: the effect of which this is another law, so that a diagnosis names that one; empty where it is itself.
+        nearest: of a law that is learnt from data, the physics that it is like with its parameters, in words; None of
+            an effect that is a cause by itself.
+        scales: parameters that a diagnosis takes from the data, and the signal that each is the size of; empty for the
+            length of the records.
+        table: of a static law, what it adds over its local variable, by names with units; None of others.
+    """
+
+    name: str
+    subsystem: str
+    laws: Mapping[str, Law] = field(hash=False)
+    parameters: tuple[Parameter, ...]
+    source: str
+    states: tuple[str, ...] = ()
+    memory: tuple[str, ...] = ()
+    linear: Linear | None = None
+    meaning: str = ""
+    realises: str = ""
+    nearest: Callable[[Mapping[str, float]], str] | None = field(default=None, hash=False)
+    scales: Mapping[str, str] = field(default_factory=dict, hash=False)
+    table: Callable[[Mapping[str, float]], Mapping[str, tuple[float, ...]]] | None = field(default=None, hash=False)
+
+    def __post_init__(self) -> None:
+        if self.subsystem not in SUBSYSTEMS:
+            raise ValueError(f"{self.name}: no subsystem {self.subsystem}")
 
 
 @cache
@@ -21,12 +237,13 @@ def library() -> dict[str, Effect]:
         ValueError: where a file's name is not that of its effect.
     """
     found: dict[str, Effect] = {}
+    learnt = import_module("beamdesign.plant.empirical")
     for module in sorted(iter_modules(__path__), key=lambda item: item.name):
         held = import_module(f"{__name__}.{module.name}")
         if held.EFFECT.name != module.name:
             raise ValueError(f"{module.name} holds the effect {held.EFFECT.name}")
         found |= {each.name: each for each in vars(held).values() if isinstance(each, Effect)}
-    return dict(sorted(found.items())) | {effect.name: effect for effect in laws()}
+    return dict(sorted(found.items())) | {effect.name: effect for effect in learnt.laws()}
 
 
 def causes() -> dict[str, Effect]:

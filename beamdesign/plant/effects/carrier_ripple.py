@@ -5,7 +5,7 @@ from typing import Any
 
 import casadi as ca
 
-from beamdesign.plant.effect import Effect, Linear, Parameter, Site, Span
+from beamdesign.plant.effects import Effect, Linear, Parameter, Site, Span
 
 
 def _law(signal: Any, site: Site) -> Any:

@@ -6,7 +6,7 @@ from typing import Any
 import casadi as ca
 
 from beamdesign.plant.component import SIGN, either
-from beamdesign.plant.effect import Effect, Elements, Linear, Operation, Parameter, Site, Span, Spans
+from beamdesign.plant.effects import Effect, Elements, Linear, Operation, Parameter, Site, Span, Spans
 
 _ATMOSPHERE_PA = 101_325.0
 POLYTROPIC = 1.4

@@ -9,7 +9,7 @@ from typing import Any
 import casadi as ca
 from flint import fmpq
 
-from beamdesign.plant.effect import Effect, Elements, Law, Linear, Parameter, Site, Span
+from beamdesign.plant.effects import Effect, Elements, Law, Linear, Parameter, Site, Span
 
 
 def _force(signal: Any, site: Site) -> Any:

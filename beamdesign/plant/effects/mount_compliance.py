@@ -10,7 +10,7 @@ from typing import Any
 
 from flint import fmpq
 
-from beamdesign.plant.effect import TWO_PI, Effect, Elements, Linear, Parameter, Site
+from beamdesign.plant.effects import TWO_PI, Effect, Elements, Linear, Parameter, Site
 
 
 def _motion(signal: Any, site: Site) -> Any:

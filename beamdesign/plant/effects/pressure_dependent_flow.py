@@ -11,7 +11,7 @@ from typing import Any
 import casadi as ca
 
 from beamdesign.plant.component import SIGN, either
-from beamdesign.plant.effect import Effect, Linear, Operation, Parameter, Site, Span
+from beamdesign.plant.effects import Effect, Linear, Operation, Parameter, Site, Span
 
 _SMOOTH = 1e-3  # of the supply pressure: below this drop the root goes over to a straight line
 

@@ -1,7 +1,7 @@
 """Friction of the piston's seal or of a screw: Stribeck curve with presliding (Dahl) and a viscous share.
 
 The seal's deflection over the presliding distance is a state that follows the stroke and settles at the direction of
-motion. It settles no faster than `beamdesign.plant.effect.QUICKEST`, which bounds the stiffness of the equations and
+motion. It settles no faster than `beamdesign.plant.effects.QUICKEST`, which bounds the stiffness of the equations and
 shows only at speeds above that rate times the presliding distance.
 """
 
@@ -12,7 +12,7 @@ from typing import Any
 import casadi as ca
 from flint import fmpq
 
-from beamdesign.plant.effect import Effect, Elements, Linear, Operation, Parameter, Site, Span, dahl_rate
+from beamdesign.plant.effects import Effect, Elements, Linear, Operation, Parameter, Site, Span, dahl_rate
 
 
 def _law(signal: Any, site: Site) -> Any:

@@ -8,7 +8,7 @@ from typing import Any
 
 from flint import fmpq
 
-from beamdesign.plant.effect import Effect, Elements, Linear, Parameter, Site
+from beamdesign.plant.effects import Effect, Elements, Linear, Parameter, Site
 
 
 def _law(signal: Any, site: Site) -> Any:

@@ -16,7 +16,7 @@ from typing import Any
 import casadi as ca
 
 from beamdesign.plant.component import SIGN, either
-from beamdesign.plant.effect import Effect, Elements, Linear, Operation, Parameter, Site, Span
+from beamdesign.plant.effects import Effect, Elements, Linear, Operation, Parameter, Site, Span
 
 
 def _share(side: str, signal: Any, site: Site) -> Any:

@@ -7,7 +7,7 @@ imbalance times the supply, and nulls at a current of that pressure over the pre
 from typing import Any
 
 from beamdesign.plant.component import SIGN, either
-from beamdesign.plant.effect import Effect, Linear, Parameter, Site
+from beamdesign.plant.effects import Effect, Linear, Parameter, Site
 
 
 def _law(side: str, signal: Any, site: Site) -> Any:

@@ -8,7 +8,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from beamdesign.plant.effect import Effect, Elements, Linear, Parameter, Site, Span, dahl_rate
+from beamdesign.plant.effects import Effect, Elements, Linear, Parameter, Site, Span, dahl_rate
 
 
 def _law(signal: Any, site: Site) -> Any:

@@ -19,7 +19,7 @@ import numpy as np
 from beamdesign.json_text import picked
 from beamdesign.prototype import COMPLIANCE_LIMIT_M_PER_N, Beam
 from beamdesign.quantity_text import decibels, from_decibels
-from beamdesign.structure import beam, lumped
+from beamdesign.structure import lumped
 from beamdesign.structure.lumped import lumped_beam
 from beamdesign.validation.paper.rig import (
     FLOW_GAIN_PRESSURE_PA,
@@ -238,14 +238,14 @@ def _of_tube(own: Beam) -> dict[str, float]:
     rigidity = alloy.youngs_modulus_Pa * float(tube.second_moment)
     loaded = (float(tube.mass_per_length(alloy.density_kg_per_m3)), free_m, own.end_mass_kg)
     return {
-        "long": float(beam.tip_stiffness(rigidity, length_m)) / 100,
-        "clamped": float(beam.tip_stiffness(rigidity, free_m)) / 100,
-        "mode_kg": float(beam.effective_mass(*loaded, shape="mode")),
-        "static_kg": float(beam.effective_mass(*loaded, shape="static")),
+        "long": float(lumped.tip_stiffness(rigidity, length_m)) / 100,
+        "clamped": float(lumped.tip_stiffness(rigidity, free_m)) / 100,
+        "mode_kg": float(lumped.effective_mass(*loaded, shape="mode")),
+        "static_kg": float(lumped.effective_mass(*loaded, shape="static")),
         "free_m": free_m,
         "end_kg": own.end_mass_kg,
         "Hz": sqrt(measured.stiffness / measured.mass) / tau,
-        "first_Hz": float(beam.first_frequency(rigidity, *loaded)),
+        "first_Hz": float(lumped.first_frequency(rigidity, *loaded)),
     }
 
 

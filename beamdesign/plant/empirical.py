@@ -6,15 +6,111 @@ stand (`reach`, `size`) a diagnosis takes from the data, and fits the others.
 """
 
 from collections.abc import Callable, Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from math import pi
 from typing import Any
 
 import casadi as ca
 from flint import fmpq
 
-from beamdesign.plant.effect import TWO_PI, Effect, Elements, Law, Linear, Operation, Parameter, Site, Span, dahl_rate
-from beamdesign.plant.empirical.places import PLACES, Place, Signal
+from beamdesign.plant.effects import TWO_PI, Effect, Elements, Law, Linear, Operation, Parameter, Site, Span, dahl_rate
+
+Signal = Callable[[Any, Site], Any]
+"""From the signal of the port itself and the site to a local variable."""
+
+
+def _at(name: str) -> Signal:
+    return lambda signal, site: site.port[name]
+
+
+def _bending(of: str, unit: str) -> Signal:
+    return lambda signal, site: site.port[f"{of}_{unit}"] - site.port[f"mount_{unit}"]
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where laws are learnt.
+
+    Attributes:
+        name: of the port, without its unit.
+        subsystem: that it is in.
+        ports: where a law adds, with its sign there.
+        size: unit suffix of what is added, and the signal of a linear rig that tells its size.
+        argument: of a curve, its unit suffix, and the signal that tells its reach.
+        laws: kinds that it takes.
+        travel: of a loop and its rate, with unit suffix and signal; None where it takes none.
+        stiffness: figure of the rig that a lag takes a share of; empty where it takes one of the port's own signal.
+        motion: what a linear spring or dashpot resists there; None where a slope is a factor on the loop's gain.
+        dashpot: whether a curve's argument is the rate of that motion.
+        like: what a curve there is like, in words: one that falls, that grows, that is uneven.
+    """
+
+    name: str
+    subsystem: str
+    ports: Mapping[str, int]
+    size: tuple[str, str]
+    argument: tuple[Signal, str, str]
+    laws: tuple[str, ...]
+    travel: tuple[Signal, Signal, str, str] | None = None
+    stiffness: str = ""
+    motion: Mapping[str, fmpq] | None = None
+    dashpot: bool = False
+    like: tuple[str, str, str] = (
+        "a gain that falls with size", "a gain that grows with size", "a curve that differs by sign",
+    )  # fmt: skip
+
+
+def _beam(name: str, coordinate: str, uneven: str) -> Place:
+    bent = f"{name}_m"
+    return Place(
+        f"{name}_reaction", "structure", {f"{name}_reaction_N": 1}, ("N", f"{name}_reaction_N"),
+        (_bending(name, "m"), "m", bent), ("curve", "loop", "lag"),
+        (_bending(name, "m"), _bending(name, "m_per_s"), "m", bent), f"{name}_stiffness",
+        {coordinate: fmpq(1), "base": fmpq(-1)}, like=("a spring that softens", "a spring that hardens", uneven),
+    )  # fmt: skip
+
+
+def _tip(name: str, at: str, moves: str) -> Place:
+    """What pushes a beam's tip from outside, so that the mount does not feel it but by the beam."""
+    position, rate, read = _at(f"{at}_m"), _at(f"{at}_m_per_s"), f"{name}_m"
+    return Place(
+        f"{name}_force", "structure", {f"{name}_force_N": -1}, ("N", f"{name}_reaction_N"), (position, "m", read),
+        ("appendage",), (position, rate, "m", read), motion={moves: fmpq(1)},
+    )  # fmt: skip
+
+
+def _series(subsystem: str, name: str, unit: str, *laws: str, **more: Any) -> Place:
+    """A port whose signal goes on to the next: a law there is of that signal alone."""
+    port = f"{name}_{unit}"
+    return Place(name, subsystem, {port: 1}, (unit, port), (lambda signal, site: signal, unit, port), laws, **more)
+
+
+PLACES = (
+    _beam("outer", "first", "a spring that pulls on one side, as a cable does"),
+    _beam("inner", "inner", "a spring that pulls on one side"),
+    _tip("outer", "outer_tip", "tip"),
+    _tip("inner", "inner", "inner"),
+    Place(
+        "friction", "actuator", {"friction_N": 1}, ("N", "actuator_force_N"),
+        (_at("sliding_m_per_s"), "m_per_s", "stroke_m_per_s"), ("curve", "loop"),
+        (_at("sliding_m"), _at("sliding_m_per_s"), "m", "stroke_m"), motion={"slide": fmpq(1)}, dashpot=True,
+        like=("a push that grows with speed", "drag that grows faster than speed", "drag that differs by direction"),
+    ),
+    Place(
+        "leakage", "actuator", {"leakage_a_m3_per_s": 1, "leakage_b_m3_per_s": -1}, ("m3_per_s", "metered_m3_per_s"),
+        (lambda signal, site: site.port["pressure_a_Pa"] - site.port["pressure_b_Pa"], "Pa", "load_pressure_Pa"),
+        ("curve",), like=("leakage that falls with pressure", "leakage that grows with pressure", "a leak to one side"),
+    ),
+    _series("servovalve", "metered", "m3_per_s", "curve", "droop", "drift"),
+    _series("servovalve", "spool", "A", "curve", "lag"),
+    _series("amplifier", "current", "A", "curve", "lag"),
+    _series("amplifier", "motor_demand", "A", "curve", "lag", "drift"),
+    _series(
+        "sensor", "sensor", "V", "curve", "lag", "resonance", "drift",
+        like=("a sensor that flattens at its ends", "a sensor that steepens at its ends", "a sensor that is curved"),
+    ),
+)  # fmt: skip
+
 
 _USUAL = {"m": 1e-3, "N": 500.0, "m_per_s": 0.1, "Pa": 5e6, "m3_per_s": 5e-5, "A": 5e-3, "V": 1.0}
 """Sizes that a prototype which names a law alone gets."""
@@ -23,26 +119,19 @@ _ODD, _CUBE, _EVEN, _SIDED = _TERMS
 _POINTS = 10  # of a curve's table, to either side
 _FURTHEST = 2.0  # of the reach: beyond, where no data were, a curve is level
 _WIDTHS = {"narrow": 0.1, "wide": 0.5}  # of the reach: what the deflection of a loop settles within
-_MEANINGS = {
-    "curve": "A static curve", "loop": "Two loops of friction", "lag": "A share that comes late",
-    "appendage": "A mass on a spring", "resonance": "A share that passes a resonance",
-    "droop": "A loss that follows the signal's size", "drift": "A gain that changes in time",
-}  # fmt: skip
 
 
 def laws() -> tuple[Effect, ...]:
     """All laws at all places."""
-    return tuple(_KINDS[kind](place, kind) for place in PLACES for kind in place.laws)
+    return tuple(_KINDS[kind][0](place, kind) for place in PLACES for kind in place.laws)
+
+
+Like = str | Callable[[Mapping[str, float]], str]
+"""What a law is like with its parameters, in words: a template that takes them, or a function."""
 
 
 def _effect(
-    place: Place,
-    kind: str,
-    law: Callable[[Any, Site], Any],
-    parameters: tuple[Parameter, ...],
-    linear: Linear | None,
-    nearest: Callable[[Mapping[str, float]], str],
-    **more: Any,
+    place: Place, kind: str, law: Law, parameters: tuple[Parameter, ...], linear: Linear | None, like: Like, **more: Any
 ) -> Effect:
     """An effect of what a law adds at its place, with what more fields of it there are."""
 
@@ -54,11 +143,11 @@ def _effect(
         subsystem=place.subsystem,
         laws={port: at(sign) for port, sign in place.ports.items()},
         parameters=parameters,
-        meaning=f"{_MEANINGS[kind]} at the port {place.name.replace('_', ' ')}, learnt from the records of a rig.",
+        meaning=f"{_KINDS[kind][1]} at the port {place.name.replace('_', ' ')}, learnt from the records of a rig.",
         source="no law of physics",
         linear=linear,
         realises=f"empirical:{place.name}",
-        nearest=nearest,
+        nearest=like.format_map if isinstance(like, str) else like,
         **more,
     )
 
@@ -70,12 +159,7 @@ def _scale(name: str, of: tuple[str, str], words: str) -> tuple[Parameter, dict[
 
 
 def _slope(
-    place: Place,
-    words: str,
-    leaves_out: str,
-    span: Callable[[Mapping[str, float]], Span],
-    of: Signal | None = None,
-    dashpot: bool = False,
+    place: Place, words: str, leaves_out: str, span: Callable[[Mapping[str, float]], Span], of: Signal | None = None
 ) -> Linear | None:
     """What stands for a law by its slopes: springs or dashpots from the least to the largest, or factors on the gain.
 
@@ -85,7 +169,6 @@ def _slope(
         leaves_out: of the effect.
         span: slopes, of what is added over what it is a function of.
         of: that, where the place has a motion.
-        dashpot: whether that is the rate of the motion.
     """
     if len(place.ports) > 1:  # nothing that proofs are made of leaks
         return None
@@ -98,7 +181,7 @@ def _slope(
             return Span(1 + found.low, 1 + found.high, 1 + found.rest)
 
         return Linear(f"{words}, as a factor on the gain", leaves_out, laws={}, gain=gain)
-    motion, (port,) = place.motion, place.ports
+    motion, (port,), dashpot = place.motion, place.ports, place.dashpot and of is place.argument[0]
     key, before = ("slope_N_s_per_m", (fmpq(0),)) if dashpot else ("slope_N_per_m", ())
     return Linear(
         f"{words}, as a {'dashpot' if dashpot else 'spring'}",
@@ -107,6 +190,11 @@ def _slope(
         figures={key: lambda own, at: span(own)},
         elements=lambda own, figure: Elements(((motion, (*before, own[key])),)),
     )
+
+
+def _between(*slopes: float) -> Span:
+    """From the least to the largest slope, with none at rest."""
+    return Span(min(slopes), max(slopes), 0.0)
 
 
 def _curve(place: Place, kind: str) -> Effect:
@@ -119,14 +207,11 @@ def _curve(place: Place, kind: str) -> Effect:
         return site.parameter[size.name] * curve(site.parameter, u)
 
     def slopes(own: Mapping[str, float]) -> Span:
-        low, high = (end * own[size.name] / own[reach.name] for end in _slopes(own))
-        return Span(low, high, 0.0)
+        return _between(*(slope * own[size.name] / own[reach.name] for slope in _slopes(own)))
 
     def nearest(own: Mapping[str, float]) -> str:
         odd, even = own[_ODD] + own[_CUBE], own[_EVEN] + own[_SIDED]
-        if abs(even) > abs(odd):
-            return _UNEVEN.get(place.name, "a curve that differs by sign")
-        return _GROWING.get(place.name, ("a gain that falls with size", "a gain that grows with size"))[int(odd > 0)]
+        return place.like[2 if abs(even) > abs(odd) else int(odd > 0)]
 
     terms = (Parameter(term, 0.0, -30.0, 30.0, 0.3, f"of the size, times {u}") for term, u in _TERMS.items())
 
@@ -136,25 +221,8 @@ def _curve(place: Place, kind: str) -> Effect:
         return {of[1]: tuple(own[reach.name] * u for u in places), f"added_{place.size[0]}": added}
 
     words = "every slope of the curve within its reach"
-    linear = _slope(place, words, "motion beyond the reach", slopes, argument, place.dashpot)
+    linear = _slope(place, words, "motion beyond the reach", slopes, argument)
     return _effect(place, kind, law, (*terms, reach, size), linear, nearest, scales=read | sized, table=table)
-
-
-_GROWING = {
-    "outer_reaction": ("a spring that softens", "a spring that hardens"),
-    "inner_reaction": ("a spring that softens", "a spring that hardens"),
-    "friction": ("a push that grows with speed", "drag that grows faster than speed"),
-    "leakage": ("leakage that falls with pressure", "leakage that grows with pressure"),
-    "sensor": ("a sensor that flattens at its ends", "a sensor that steepens at its ends"),
-}
-"""What odd curves are like, the falling and the growing one."""
-_UNEVEN = {
-    "outer_reaction": "a spring that pulls on one side, as a cable does",
-    "inner_reaction": "a spring that pulls on one side",
-    "friction": "drag that differs by direction",
-    "leakage": "a leak to one side",
-    "sensor": "a sensor that is curved",
-}
 
 
 def curve(own: Mapping[str, Any], u: Any) -> Any:
@@ -162,15 +230,15 @@ def curve(own: Mapping[str, Any], u: Any) -> Any:
     return own[_ODD] * u * ca.fabs(u) + own[_CUBE] * u**3 + own[_EVEN] * u**2 + own[_SIDED] * ca.fabs(u)
 
 
-def _slopes(own: Mapping[str, float]) -> tuple[float, float]:
-    """Least and largest slope of a curve within its reach; u in (-1, 0) and (0, 1) each have a parabola."""
+def _slopes(own: Mapping[str, float]) -> list[float]:
+    """The least and the largest slope of a curve within its reach among others; either side of 0 has a parabola."""
     found = []
     for side in (1, -1):
         constant, linear, square = own[_SIDED] * side, 2 * (own[_ODD] * side + own[_EVEN]), 3 * own[_CUBE]
         turn = -linear / (2 * square) if square else 0.0
         places = (0.0, float(side), *((turn,) if 0 < turn * side < 1 else ()))
         found += [constant + linear * u + square * u**2 for u in places]
-    return min(found), max(found)
+    return found
 
 
 def _loop(place: Place, kind: str) -> Effect:
@@ -201,7 +269,7 @@ def _loop(place: Place, kind: str) -> Effect:
     own, parameters = tuple(_WIDTHS), (*heights, reach, size)
     words = "friction" if place.dashpot else "friction between layers, or of a cable"
     near = replace(linear, near_rest="compliance")
-    return _effect(place, kind, law, parameters, near, lambda found: words, states=own, memory=own, scales=read | sized)
+    return _effect(place, kind, law, parameters, near, words, states=own, memory=own, scales=read | sized)
 
 
 def _lag(place: Place, kind: str) -> Effect:
@@ -219,32 +287,26 @@ def _lag(place: Place, kind: str) -> Effect:
         if place.motion is None:
             return Elements(volts=(((w, 1 - share), (w, fmpq(1))),))
         spring = figure[place.stiffness] * share
-        late = {"late": fmpq(1)}
-        return Elements((({**place.motion, "late": fmpq(-1)}, (spring,)), (late, (fmpq(0), spring / w))))
+        return Elements((({**place.motion, "late": fmpq(-1)}, (spring,)), ({"late": fmpq(1)}, (fmpq(0), spring / w))))
 
     # A lag of what goes to the valve is none of what all sensors of a law say, which is all that elements know.
-    proved = place.name == "sensor" or place.motion is not None
-    linear = Linear("as it is", elements=elements) if proved else None
+    linear = Linear("as it is", elements=elements) if place.name == "sensor" or place.motion is not None else None
     words = "of the beam's stiffness, in series with a dashpot" if place.stiffness else "of the signal that comes late"
     parameters = (
         Parameter("share", 0.1, -0.45, 1.5, 0.2, words),
         Parameter("break_Hz", 30.0, 0.2, 2000.0, 1.2, "of the lag"),
     )
 
-    def nearest(own: Mapping[str, float]) -> str:
-        what = "material that relaxes" if place.stiffness else "a lag"
-        return (
-            f"{what} at {own['break_Hz']:.3g} Hz, {own['share']:.0%} of the {'beam' if place.stiffness else 'signal'}"
-        )
+    what, whole = ("material that relaxes", "beam") if place.stiffness else ("a lag", "signal")
 
-    return _effect(place, kind, law, parameters, linear, nearest, states=("late",))
+    like = f"{what} at {{break_Hz:.3g}} Hz, {{share:.0%}} of the {whole}"
+    return _effect(place, kind, law, parameters, linear, like, states=("late",))
 
 
 def _appendage(place: Place, kind: str) -> Effect:
     assert place.travel is not None  # else it takes none
     assert place.motion is not None
-    travel, rate = place.travel[:2]
-    beam = place.name.removesuffix("_force")
+    (travel, rate), beam = place.travel[:2], place.name.removesuffix("_force")
 
     def law(signal: Any, site: Site) -> Any:
         own, state, w = site.parameter, site.state, 2 * pi * site.parameter["frequency_Hz"]
@@ -265,11 +327,9 @@ def _appendage(place: Place, kind: str) -> Effect:
         Parameter("damping_ratio", 0.03, 1e-3, 1.0, 0.8, "of it with the tip held"),
     )
 
-    def nearest(own: Mapping[str, float]) -> str:
-        return f"a mass of {own['mass_kg']:.2g} kg that swings on the {beam} beam at {own['frequency_Hz']:.3g} Hz"
-
     linear = Linear("as it is", elements=elements)
-    return _effect(place, kind, law, parameters, linear, nearest, states=("at_m", "at_m_per_s"))
+    like = f"a mass of {{mass_kg:.2g}} kg that swings on the {beam} beam at {{frequency_Hz:.3g}} Hz"
+    return _effect(place, kind, law, parameters, linear, like, states=("at_m", "at_m_per_s"))
 
 
 def _resonance(place: Place, kind: str) -> Effect:
@@ -291,25 +351,17 @@ def _resonance(place: Place, kind: str) -> Effect:
         Parameter("damping_ratio", 0.03, 1e-3, 1.0, 0.8, "of the resonance"),
     )
 
-    def nearest(own: Mapping[str, float]) -> str:
-        return f"a resonance of the {place.name} at {own['frequency_Hz']:.3g} Hz, as of its holder"
-
-    linear = Linear("as it is", elements=elements)
-    return _effect(place, kind, law, parameters, linear, nearest, states=("seen", "seen_per_s"))
+    linear, like = Linear("as it is", elements=elements), f"a resonance of the {place.name} at {{frequency_Hz:.3g}} Hz"
+    return _effect(place, kind, law, parameters, linear, f"{like}, as of its holder", states=("seen", "seen_per_s"))
 
 
 def _droop(place: Place, kind: str) -> Effect:
-    argument = place.argument[0]
     size, sized = _scale("size", place.size, "size of the port's own signal in the data")
 
     def law(signal: Any, site: Site) -> Any:
-        value, own = argument(signal, site), site.parameter
-        site.rate["used"] = own["rate_per_s"] * (ca.fabs(value) / own[size.name] - site.state["used"])
-        return -own["depth"] * site.state["used"] * value
-
-    def factor(own: Mapping[str, float]) -> Span:
-        """Of a flow that stays at the size."""
-        return Span(min(0.0, -own["depth"]), max(0.0, -own["depth"]), 0.0)
+        own = site.parameter
+        site.rate["used"] = own["rate_per_s"] * (ca.fabs(signal) / own[size.name] - site.state["used"])
+        return -own["depth"] * site.state["used"] * signal
 
     parameters = (
         Parameter("depth", 0.05, -0.5, 0.9, 0.2, "share lost under a steady signal of the size"),
@@ -317,30 +369,28 @@ def _droop(place: Place, kind: str) -> Effect:
         size,
     )
     words, left = "no loss, to that of a steady signal of the size", "what the loss does while it changes"
-    linear, like = _slope(place, words, left, factor), "a supply that droops under flow"
-    found = _effect(place, kind, law, parameters, linear, lambda own: like, states=("used",), scales=sized)
+    linear = _slope(place, words, left, lambda own: _between(0.0, -own["depth"]))
+    like = "a supply that droops under flow"
+    found = _effect(place, kind, law, parameters, linear, like, states=("used",), scales=sized)
     return replace(found, subsystem="oil")  # which the supply belongs to
 
 
 def _drift(place: Place, kind: str) -> Effect:
-    argument = place.argument[0]
-    within = Parameter("within_s", 4.0, 1e-3, 1e6, 0.5, "length of the records")
-
-    def factor(own: Mapping[str, float]) -> Span:
-        """From the start of a record to its end."""
-        end = own["change_per_s"] * own["within_s"]
-        return Span(min(0.0, end), max(0.0, end), 0.0)
-
     def law(signal: Any, site: Site) -> Any:
-        return site.parameter["change_per_s"] * site.time * argument(signal, site)
+        return site.parameter["change_per_s"] * site.time * signal
 
     change = Parameter("change_per_s", 0.02, -1.0, 1.0, 0.05, "relative change of the gain in time, from the start on")
+    within = Parameter("within_s", 4.0, 1e-3, 1e6, 0.5, "length of the records")
     words, left = "every gain from start to end of a record", "longer runs, and what the change does while it goes on"
-    linear, like = _slope(place, words, left, factor), "a gain that drifts, as by oil or electronics that warm up"
-    return _effect(place, kind, law, (change, within), linear, lambda own: like, scales={within.name: ""})
+    linear = _slope(place, words, left, lambda own: _between(0.0, own["change_per_s"] * own["within_s"]))
+    like = "a gain that drifts, as by oil or electronics that warm up"
+    return _effect(place, kind, law, (change, within), linear, like, scales={within.name: ""})
 
 
 _KINDS = {
-    "curve": _curve, "loop": _loop, "lag": _lag, "appendage": _appendage, "resonance": _resonance, "droop": _droop,
-    "drift": _drift,
+    "curve": (_curve, "A static curve"), "loop": (_loop, "Two loops of friction"),
+    "lag": (_lag, "A share that comes late"), "appendage": (_appendage, "A mass on a spring"),
+    "resonance": (_resonance, "A share that passes a resonance"),
+    "droop": (_droop, "A loss that follows the signal's size"), "drift": (_drift, "A gain that changes in time"),
 }  # fmt: skip
+"""What makes the effect of a kind at a place, and what it is."""
