@@ -159,12 +159,7 @@ def _scale(name: str, of: tuple[str, str], words: str) -> tuple[Parameter, dict[
 
 
 def _slope(
-    place: Place,
-    words: str,
-    leaves_out: str,
-    span: Callable[[Mapping[str, float]], Span],
-    of: Signal | None = None,
-    dashpot: bool = False,
+    place: Place, words: str, leaves_out: str, span: Callable[[Mapping[str, float]], Span], of: Signal | None = None
 ) -> Linear | None:
     """What stands for a law by its slopes: springs or dashpots from the least to the largest, or factors on the gain.
 
@@ -174,7 +169,6 @@ def _slope(
         leaves_out: of the effect.
         span: slopes, of what is added over what it is a function of.
         of: that, where the place has a motion.
-        dashpot: whether that is the rate of the motion.
     """
     if len(place.ports) > 1:  # nothing that proofs are made of leaks
         return None
@@ -187,7 +181,7 @@ def _slope(
             return Span(1 + found.low, 1 + found.high, 1 + found.rest)
 
         return Linear(f"{words}, as a factor on the gain", leaves_out, laws={}, gain=gain)
-    motion, (port,) = place.motion, place.ports
+    motion, (port,), dashpot = place.motion, place.ports, place.dashpot and of is place.argument[0]
     key, before = ("slope_N_s_per_m", (fmpq(0),)) if dashpot else ("slope_N_per_m", ())
     return Linear(
         f"{words}, as a {'dashpot' if dashpot else 'spring'}",
@@ -196,6 +190,11 @@ def _slope(
         figures={key: lambda own, at: span(own)},
         elements=lambda own, figure: Elements(((motion, (*before, own[key])),)),
     )
+
+
+def _between(*slopes: float) -> Span:
+    """From the least to the largest slope, with none at rest."""
+    return Span(min(slopes), max(slopes), 0.0)
 
 
 def _curve(place: Place, kind: str) -> Effect:
@@ -208,7 +207,7 @@ def _curve(place: Place, kind: str) -> Effect:
         return site.parameter[size.name] * curve(site.parameter, u)
 
     def slopes(own: Mapping[str, float]) -> Span:
-        return Span(*(end * own[size.name] / own[reach.name] for end in _slopes(own)), 0.0)
+        return _between(*(slope * own[size.name] / own[reach.name] for slope in _slopes(own)))
 
     def nearest(own: Mapping[str, float]) -> str:
         odd, even = own[_ODD] + own[_CUBE], own[_EVEN] + own[_SIDED]
@@ -222,7 +221,7 @@ def _curve(place: Place, kind: str) -> Effect:
         return {of[1]: tuple(own[reach.name] * u for u in places), f"added_{place.size[0]}": added}
 
     words = "every slope of the curve within its reach"
-    linear = _slope(place, words, "motion beyond the reach", slopes, argument, place.dashpot)
+    linear = _slope(place, words, "motion beyond the reach", slopes, argument)
     return _effect(place, kind, law, (*terms, reach, size), linear, nearest, scales=read | sized, table=table)
 
 
@@ -231,15 +230,15 @@ def curve(own: Mapping[str, Any], u: Any) -> Any:
     return own[_ODD] * u * ca.fabs(u) + own[_CUBE] * u**3 + own[_EVEN] * u**2 + own[_SIDED] * ca.fabs(u)
 
 
-def _slopes(own: Mapping[str, float]) -> tuple[float, float]:
-    """Least and largest slope of a curve within its reach; u in (-1, 0) and (0, 1) each have a parabola."""
+def _slopes(own: Mapping[str, float]) -> list[float]:
+    """The least and the largest slope of a curve within its reach among others; either side of 0 has a parabola."""
     found = []
     for side in (1, -1):
         constant, linear, square = own[_SIDED] * side, 2 * (own[_ODD] * side + own[_EVEN]), 3 * own[_CUBE]
         turn = -linear / (2 * square) if square else 0.0
         places = (0.0, float(side), *((turn,) if 0 < turn * side < 1 else ()))
         found += [constant + linear * u + square * u**2 for u in places]
-    return min(found), max(found)
+    return found
 
 
 def _loop(place: Place, kind: str) -> Effect:
@@ -288,12 +287,10 @@ def _lag(place: Place, kind: str) -> Effect:
         if place.motion is None:
             return Elements(volts=(((w, 1 - share), (w, fmpq(1))),))
         spring = figure[place.stiffness] * share
-        late = {"late": fmpq(1)}
-        return Elements((({**place.motion, "late": fmpq(-1)}, (spring,)), (late, (fmpq(0), spring / w))))
+        return Elements((({**place.motion, "late": fmpq(-1)}, (spring,)), ({"late": fmpq(1)}, (fmpq(0), spring / w))))
 
     # A lag of what goes to the valve is none of what all sensors of a law say, which is all that elements know.
-    proved = place.name == "sensor" or place.motion is not None
-    linear = Linear("as it is", elements=elements) if proved else None
+    linear = Linear("as it is", elements=elements) if place.name == "sensor" or place.motion is not None else None
     words = "of the beam's stiffness, in series with a dashpot" if place.stiffness else "of the signal that comes late"
     parameters = (
         Parameter("share", 0.1, -0.45, 1.5, 0.2, words),
@@ -309,8 +306,7 @@ def _lag(place: Place, kind: str) -> Effect:
 def _appendage(place: Place, kind: str) -> Effect:
     assert place.travel is not None  # else it takes none
     assert place.motion is not None
-    travel, rate = place.travel[:2]
-    beam = place.name.removesuffix("_force")
+    (travel, rate), beam = place.travel[:2], place.name.removesuffix("_force")
 
     def law(signal: Any, site: Site) -> Any:
         own, state, w = site.parameter, site.state, 2 * pi * site.parameter["frequency_Hz"]
@@ -373,7 +369,7 @@ def _droop(place: Place, kind: str) -> Effect:
         size,
     )
     words, left = "no loss, to that of a steady signal of the size", "what the loss does while it changes"
-    linear = _slope(place, words, left, lambda own: Span(*sorted((0.0, -own["depth"])), 0.0))
+    linear = _slope(place, words, left, lambda own: _between(0.0, -own["depth"]))
     like = "a supply that droops under flow"
     found = _effect(place, kind, law, parameters, linear, like, states=("used",), scales=sized)
     return replace(found, subsystem="oil")  # which the supply belongs to
@@ -386,7 +382,7 @@ def _drift(place: Place, kind: str) -> Effect:
     change = Parameter("change_per_s", 0.02, -1.0, 1.0, 0.05, "relative change of the gain in time, from the start on")
     within = Parameter("within_s", 4.0, 1e-3, 1e6, 0.5, "length of the records")
     words, left = "every gain from start to end of a record", "longer runs, and what the change does while it goes on"
-    linear = _slope(place, words, left, lambda own: Span(*sorted((0.0, own["change_per_s"] * own["within_s"])), 0.0))
+    linear = _slope(place, words, left, lambda own: _between(0.0, own["change_per_s"] * own["within_s"]))
     like = "a gain that drifts, as by oil or electronics that warm up"
     return _effect(place, kind, law, (change, within), linear, like, scales={within.name: ""})
 

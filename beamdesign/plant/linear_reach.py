@@ -328,7 +328,10 @@ def single_mode_reach(prototype: Prototype, outer_end_mass: float = 0.0) -> Sing
     limit_all, at = _critical_gain(full.loop_per_gain, grid, gain)
     near, exact = (part.closed(gain) for part in (low, full))
     closed_Hz = _agrees_up_to(near, exact, grid) if gain < min(limit, limit_all) else 0.0
-    modes = [tuple(natural_frequencies(*own, end + masses[name], 3)) for name, (*own, end) in beams.items()]
+    modes = [
+        tuple(natural_frequencies(rigidity, per_length, length, end_mass + masses[name], 3))
+        for name, (rigidity, per_length, length, end_mass) in beams.items()
+    ]
     return SingleModeReach(
         modes[0], modes[1], reached["outer_beam"], reached["inner_beam"], closed_Hz, limit, limit_all, at
     )
