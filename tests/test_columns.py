@@ -190,7 +190,7 @@ def test_a_prediction_of_times_in_milliseconds_is_refused_and_a_long_one_too(
     assert [record.name for record in found] == list(sound.columns)
     assert [share for share, _ in said] == [0, 0.25, 0.5, 0.75]
     assert said[1][1] == "command, 1.2 s"
-    monkeypatch.setattr("beamdesign.plant.compiled.MOST_STEPS", 10_000)
+    monkeypatch.setattr("beamdesign.plant.equilibrium.MOST_STEPS", 10_000)
     with pytest.raises(InputError, match="integration steps"):
         predict_set(tmp_path / "prototype.toml", folder)
     sound.columns["steps"]["t_s"] = 1e3 * sound.columns["steps"]["t_s"]
