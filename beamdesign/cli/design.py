@@ -227,7 +227,7 @@ def front(
         payloads_kg: upper ends of the payload range; else the study's.
     """
     from beamdesign.report.canvas import new_figure
-    from beamdesign.report.charts import plot_front
+    from beamdesign.report.charts import TradePoint, plot_trade
     from beamdesign.synthesis.codesign import pareto_front
 
     problem = _read(study, nominal)
@@ -244,7 +244,9 @@ def front(
         found = pareto_front(problem, bandwidths, ranges, update, 0.0 if nominal else sigmas)
     rows = [_front_row(design) for design in found.designs]
     figure = new_figure()
-    plot_front(figure.add_subplot(), found)
+    points = [TradePoint(*(row[key] for key in TradePoint._fields)) for row in rows if row["proved"]]
+    axes = plot_trade(figure.add_subplot(), points, failed_Hz=[design.bandwidth_Hz for design in found.failed])
+    axes.set_title("Lightest proved designs; x: no proved design found")
     echo_table(
         f"{problem.name}: lightest proved designs",
         ("bandwidth, Hz", "payload to, kg", "moving mass, kg", "inner end mass, kg", "reason"),
