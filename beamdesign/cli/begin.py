@@ -20,10 +20,9 @@ def templates(incomplete: str) -> list[tuple[str, str]]:
 
 def words(incomplete: str) -> list[str]:
     """Keys, tables, effects and topics that can be explained, to complete a word with."""
-    from beamdesign.report.reference import keys, words
+    from beamdesign.docs import words
 
-    known = sorted({key.path for key in keys()}) if "." in incomplete else words()
-    return [word for word in known if word.startswith(incomplete)]
+    return [word for word in words(incomplete) if word.startswith(incomplete)]
 
 
 @command
@@ -83,15 +82,14 @@ def explain(
     """
     from dataclasses import asdict
 
-    from beamdesign.docs import page, topics
-    from beamdesign.report import reference as reference_page
-    from beamdesign.report.reference import effect_named, effects, find, keys, nearest
+    from beamdesign import docs
+    from beamdesign.docs import effect_named, effects, find, keys, nearest, pages, topics
     from beamdesign.structure.materials import material_lines
 
     if key is None:
         everything = {"keys": [asdict(each) for each in keys()], "effects": [asdict(e) for e in effects()]}
         if reference:
-            echo(reference_page.reference_markdown())
+            echo(docs.reference_markdown())
         else:
             _list()
         return CommandResult(everything | {"topics": topics()})
@@ -101,15 +99,15 @@ def explain(
     effect = effect_named(wanted)
     some = [] if effect else list(find(wanted))
     every = effects() if wanted == "effects" else (effect,) if effect else ()
-    text = page(wanted) if wanted in topics() else None
+    text = pages().get(wanted)
     if not some and not every and text is None:
         close = nearest(wanted)
         hint = f"did you mean {' or '.join(close)}?" if close else "`beamdesign explain` lists all"
         refuse("explain", (key or "''", f"unknown key; {hint}"))
     if effect:
-        echo("\n".join(reference_page.effect_lines(effect)))
+        echo("\n".join(docs.effect_lines(effect)))
     elif some:
-        echo("\n\n".join("\n".join(reference_page.key_lines(group)) for group in reference_page.alike(some)))
+        echo("\n\n".join("\n".join(docs.key_lines(group)) for group in docs.alike(some)))
         if wanted == "material":
             echo("\n" + "\n".join(material_lines()))
         for one in every:
@@ -124,8 +122,7 @@ def _list() -> None:
     """All keys by file and table, effects and topics, as they would be asked for."""
     from itertools import groupby
 
-    from beamdesign.docs import topics
-    from beamdesign.report.reference import effects, keys
+    from beamdesign.docs import effects, keys, topics
 
     plain = [key for key in keys() if not key.path.startswith("effects.")]
     for file, of_file in groupby(plain, lambda key: key.file):

@@ -1,8 +1,8 @@
 """Charts of what limits a design, what it costs and what is stable; and of time records, with their page.
 
-Load envelope, trade curves, remedies and stable bands are drawn on the axes that are given; trade curves are moving mass
-against guaranteed bandwidth against payload. A record has one panel per kind of quantity: what was done, what it did,
-and the limits that it met.
+Load envelope, trade curves, remedies and stable bands are drawn on the axes that are given; trade curves are moving
+mass against guaranteed bandwidth against payload. A record has one panel per kind of quantity: what was done, what it
+did, and the limits that it met.
 """
 
 import csv
