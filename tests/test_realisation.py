@@ -31,6 +31,7 @@ from beamdesign.build.realisation.c_code import (
     to_word,
     vectors,
 )
+from beamdesign.build.realisation.code import judge
 from beamdesign.build.realisation.law import fixed_point
 from beamdesign.build.realisation.loop import (
     prove_any_computing_time,
@@ -48,7 +49,6 @@ from beamdesign.build.realisation.sections import discretised
 from beamdesign.build.realisation.verdict import (
     continuous_figures,
     half_steps,
-    judge,
     law_errors,
     law_polynomials,
     rounded_loop,

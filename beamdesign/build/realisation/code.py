@@ -4,10 +4,10 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from beamdesign.build.realisation.c_code import c_files, notes
-from beamdesign.build.realisation.loop import prove_any_computing_time, realised_loop
+from beamdesign.build.realisation.c_code import c_files
+from beamdesign.build.realisation.loop import SampledVerdict, prove_any_computing_time, prove_sampled, realised_loop
 from beamdesign.build.realisation.realise import Realisation, full_scales_of, realise
-from beamdesign.build.realisation.verdict import Judgement, judge, worst
+from beamdesign.build.realisation.verdict import AtMass, LawErrors, figures_at, law_errors, masses_between, worst
 from beamdesign.files import write_set
 from beamdesign.json_text import finite, picked
 from beamdesign.progress import Progress, silent
@@ -18,30 +18,45 @@ from beamdesign.result import Result
 
 @dataclass(frozen=True, repr=False)
 class ProvedCode(Result):
-    """A realised controller in its loop.
+    """A realised controller in its loop: what rate and rounding cost, and what is proved.
 
     Attributes:
         prototype: whose controller it is.
         outer_end_mass_kg: range over which the loop was to be proved.
         realisation: sections, coefficients, words.
-        judgement: what rate and rounding cost, and what is proved.
+        law: errors of the law.
+        at_once, late: stability over the range, proved or refuted; None where it was not asked.
+        masses: figures at the masses looked at.
+        not_judged: why nothing is said about the loop; empty where something is.
+        any_time: stability for every computing time up to one period, where that was asked.
     """
 
     prototype: Prototype
     outer_end_mass_kg: tuple[float, float]
     realisation: Realisation
-    judgement: Judgement
+    law: LawErrors
+    at_once: SampledVerdict | None = None
+    late: SampledVerdict | None = None
+    masses: tuple[AtMass, ...] = ()
+    not_judged: str = ""
+    any_time: SampledVerdict | None = None
+
+    @property
+    def proved(self) -> bool | None:
+        """Whether the loop is stable in every case that was asked; None where that is open."""
+        asked = [self.at_once, self.late] + ([] if self.any_time is None else [self.any_time])
+        verdicts = [None if one is None else one.stable for one in asked]
+        return False if False in verdicts else None if None in verdicts else True
 
     @property
     def reason(self) -> str:
         """Why there is no code; empty where there is."""
-        found = self.judgement
-        if found.proved or found.reason:
+        if self.proved or self.not_judged:
             return ""
         verdicts = (
-            ("at once", found.at_once),
-            ("one period late", found.late),
-            ("after any computing time up to one period", found.any_time),
+            ("at once", self.at_once),
+            ("one period late", self.late),
+            ("after any computing time up to one period", self.any_time),
         )
         for answer, how in ((False, "not stable"), (None, "not proved stable")):
             for words, one in verdicts:
@@ -51,7 +66,7 @@ class ProvedCode(Result):
 
     def rows(self) -> list[tuple[str, float]]:
         """What the law itself loses."""
-        law = self.judgement.law
+        law = self.law
         return [
             ("largest relative error of a coefficient", law.coefficient),
             ("largest relative shift of a pole by rounding", law.pole),
@@ -63,7 +78,7 @@ class ProvedCode(Result):
 
     def loop_rows(self) -> list[tuple[str, float, float, float]]:
         """The worst of the loop at all masses looked at: continuous, put out at once, and one period late."""
-        found = [worst([getattr(at, at_what) for at in self.judgement.masses]) for at_what in _PUT_OUT]
+        found = [worst([getattr(at, at_what) for at in self.masses]) for at_what in _PUT_OUT]
         return [
             (words, *(getattr(one, key) for one in found))
             for words, key in (
@@ -93,10 +108,24 @@ class ProvedCode(Result):
             "readings": readings,
             "coefficients": {name: picked(one, asked) for name, one in made.coefficients.items()},
             "outer_end_mass_kg": list(self.outer_end_mass_kg),
-            "reason": self.reason or self.judgement.reason,
-            **picked(self.judgement, "proved law at_once one_period_late=late any_computing_time=any_time masses"),
+            "reason": self.reason or self.not_judged,
+            **picked(self, "proved law at_once one_period_late=late any_computing_time=any_time masses"),
         }
         return finite(fields)
+
+    def notes(self) -> tuple[str, ...]:
+        """Lines on the loop for the head of the header."""
+        if self.not_judged:
+            return (f"Its loop is not proved: {self.not_judged}.",)
+        low, high = self.outer_end_mass_kg
+        where = f"{low:g} to {high:g} kg" if low < high else f"{low:g} kg"
+        if not self.proved:
+            return (f"Its loop is not proved for {where} on the outer tip.",)
+        when = "at its sample or one whole period later" if self.any_time is None else "at any time within a period"
+        return (
+            f"Proved stable for {where} on the outer tip, with these coefficients, the current held, put out",
+            f"{when}. Roundings and limits are no part of that proof.",
+        )
 
     def write(self, folder: Path) -> list[Path]:
         """Write the C files, all of them or none; their paths.
@@ -104,7 +133,7 @@ class ProvedCode(Result):
         Raises:
             OSError: where one cannot be written.
         """
-        texts = c_files(self.realisation, self.prototype.name, notes(self.judgement, self.outer_end_mass_kg))
+        texts = c_files(self.realisation, self.prototype.name, self.notes())
         return list(write_set(folder, {file: (file, text) for file, text in texts.items()}).values())
 
 
@@ -148,4 +177,31 @@ def code(
     found = judge(prototype, made, masses)
     if any_computing_time and found.proved:
         found = replace(found, any_time=prove_any_computing_time(realised_loop(prototype, made), *masses, progress))
-    return ProvedCode(prototype, masses, made, found)
+    return found
+
+
+def judge(
+    prototype: Prototype, realisation: Realisation, masses_kg: tuple[float, float], looked_at: int = 5
+) -> ProvedCode:
+    """Judge a realised controller over a range of outer end masses.
+
+    Args:
+        prototype: whose controller was realised.
+        realisation: the controller.
+        masses_kg: range.
+        looked_at: number of masses at which figures are computed, ends included.
+
+    Raises:
+        ValueError: for a prototype without a controller.
+    """
+    if prototype.controller is None:
+        raise ValueError("the prototype has no [controller]")
+    if prototype.effects:
+        reason = f"the sampled loop is not worked out for a prototype with effects ({', '.join(prototype.effects)})"
+        errors = law_errors(prototype.controller, realisation, realisation.rate_Hz / 40)
+        return ProvedCode(prototype, masses_kg, realisation, errors, not_judged=reason)
+    figures = tuple(figures_at(prototype, realisation, mass) for mass in masses_between(masses_kg, looked_at))
+    crossover = max(at.continuous.crossover_Hz for at in figures) or realisation.rate_Hz / 40
+    at_once, late = (prove_sampled(realised_loop(prototype, realisation, late), *masses_kg) for late in (False, True))
+    errors = law_errors(prototype.controller, realisation, crossover)
+    return ProvedCode(prototype, masses_kg, realisation, errors, at_once, late, figures)

@@ -1,4 +1,4 @@
-"""A realised controller judged: the law itself, the loop proved as realised, the margin that it costs, its roundings.
+"""What realising a controller costs: errors of the law itself, the margin of its loop, and its roundings.
 
 A rounding is an input of the linear loop that never exceeds half a step. However the roundings fall, an output then
 departs from that of the same law without rounding by at most the sum of absolute impulse responses times half a step
@@ -21,9 +21,7 @@ from beamdesign.build.realisation.law import LinearLaw
 from beamdesign.build.realisation.loop import (
     LOOP_BITS,
     RealisedLoop,
-    SampledVerdict,
     middle,
-    prove_sampled,
     realised_loop,
 )
 from beamdesign.build.realisation.realise import FLOAT_STEP, Realisation, l1_norms, l2_norms
@@ -208,9 +206,6 @@ def rounding_effect(loop: RealisedLoop, mass_kg: float, halves: np.ndarray) -> R
     return RoundingEffect(*most.tolist(), *expected[:2].tolist())
 
 
-MASSES_LOOKED_AT = 5
-
-
 @dataclass(frozen=True)
 class LawErrors:
     """What discretising and rounding do to the law alone.
@@ -253,60 +248,6 @@ class AtMass:
     at_once: LoopFigures
     late: LoopFigures
     rounding: RoundingEffect | None
-
-
-@dataclass(frozen=True)
-class Judgement:
-    """A realised controller in its loop.
-
-    Attributes:
-        law: errors of the law.
-        at_once, late: stability over the range, proved or refuted; None where it was not asked.
-        masses: figures at the masses looked at.
-        reason: why nothing is said about the loop; empty where something is.
-        any_time: stability for every computing time up to one period, where that was asked.
-    """
-
-    law: LawErrors
-    at_once: SampledVerdict | None = None
-    late: SampledVerdict | None = None
-    masses: tuple[AtMass, ...] = ()
-    reason: str = ""
-    any_time: SampledVerdict | None = None
-
-    @property
-    def proved(self) -> bool | None:
-        """Whether the loop is stable in every case that was asked; None where that is open."""
-        asked = [self.at_once, self.late] + ([] if self.any_time is None else [self.any_time])
-        verdicts = [None if one is None else one.stable for one in asked]
-        return False if False in verdicts else None if None in verdicts else True
-
-
-def judge(
-    prototype: Prototype, realisation: Realisation, masses_kg: tuple[float, float], looked_at: int = MASSES_LOOKED_AT
-) -> Judgement:
-    """Judge a realised controller over a range of outer end masses.
-
-    Args:
-        prototype: whose controller was realised.
-        realisation: the controller.
-        masses_kg: range.
-        looked_at: number of masses at which figures are computed, ends included.
-
-    Raises:
-        ValueError: for a prototype without a controller.
-    """
-    if prototype.controller is None:
-        raise ValueError("the prototype has no [controller]")
-    if prototype.effects:
-        names = ", ".join(prototype.effects)
-        errors = law_errors(prototype.controller, realisation, realisation.rate_Hz / 40)
-        return Judgement(errors, reason=f"the sampled loop is not worked out for a prototype with effects ({names})")
-    masses = masses_between(masses_kg, looked_at)
-    figures = tuple(figures_at(prototype, realisation, mass) for mass in masses)
-    crossover = max(at.continuous.crossover_Hz for at in figures) or realisation.rate_Hz / 40
-    at_once, late = (prove_sampled(realised_loop(prototype, realisation, late), *masses_kg) for late in (False, True))
-    return Judgement(law_errors(prototype.controller, realisation, crossover), at_once, late, figures)
 
 
 def masses_between(masses_kg: tuple[float, float], count: int) -> tuple[float, ...]:
