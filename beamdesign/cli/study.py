@@ -216,7 +216,7 @@ def why(case: Annotated[str, typer.Argument()]) -> CommandResult:
     Args:
         case: DIR/NUMBER as `study show` numbers the rows, or DIR/ADDRESS.
     """
-    from beamdesign.report.statements import price_words
+    from beamdesign.build.result_folder import price_words
     from beamdesign.sweep.conclusion import governing
     from beamdesign.sweep.store import case_of
 

@@ -163,7 +163,7 @@ def effect_named(word: str) -> EffectEntry | None:
 
 
 def words(beside: str = "") -> tuple[str, ...]:
-    """All that can be asked for, each once: keys, tables, effects and topics by name; beside a word with a dot, paths."""
+    """All that can be asked for, each once: keys, tables, effects and topics by name; beside a dot, paths."""
     known = keys()
     names = [key.name for key in known] + [effect.name for effect in effects()] + list(topics())
     return tuple(sorted({key.path for key in known} if "." in beside else set(names)))
