@@ -1,5 +1,6 @@
 """`beamdesign study`: sweeps over a study file, kept, resumed, shown and compared."""
 
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -7,7 +8,6 @@ import typer
 
 from beamdesign.cli.command import CommandResult, command, group, resumed
 from beamdesign.cli.output import echo, echo_table, echo_wide, progress, refuse
-from beamdesign.cli.tune import echo_checks
 from beamdesign.json_text import picked
 
 CASE_SECONDS = 3600
@@ -245,6 +245,19 @@ def why(case: Annotated[str, typer.Argument()]) -> CommandResult:
         for name, value in record["outputs"].items():
             echo(f"  {name}: {value}")
     return CommandResult(found | {"outputs": record["outputs"]}, record["status"] == "done")
+
+
+def echo_checks(title: str, checks: Iterable[Mapping[str, Any]]) -> None:
+    """Print structural checks, given as the fields that the task `size` keeps of them."""
+
+    def row(
+        name: str, value: float, limit: float, unit: str, at_least: bool, utilisation: float | None, satisfied: bool
+    ) -> tuple[Any, ...]:
+        used = "-" if utilisation is None else f"{100 * utilisation:.0f} %"
+        return name, value, "at least" if at_least else "at most", limit, unit, used, "" if satisfied else "FAILS"
+
+    rows = [row(**check) for check in checks]
+    echo_table(title, ("check", "value", "", "limit", "unit", "used", ""), rows)
 
 
 study = group("Sweep, sample or optimise over any key. Nothing is computed twice, and a killed run goes on.")
