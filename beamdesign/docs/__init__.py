@@ -369,16 +369,16 @@ def reference_markdown() -> str:
         out += [summary, "", "| key | meaning | value | default |", "|---|---|---|---|"]
         own = list(group)
         inside = _gathered((key for key in own if not key.is_table), lambda key: key.path.rpartition(".")[0])
-        for facts, names in _gathered(inside, lambda table, own=inside: tuple(key.facts for key in own[table])).items():
-            heading = ", ".join(f"`[{name}]`" for name in names if name)
+        for facts, tables in _gathered(inside.items(), lambda item: tuple(key.facts for key in item[1])).items():
+            heading = ", ".join(f"`[{name}]`" for name, _ in tables if name)
             if facts in stated:
                 out.append(f"| {heading} | as above | | |")
                 continue
             stated.add(facts)
             if heading:
-                about = next((key.meaning for key in own if key.path == names[0].removesuffix(".NAME")), "")
+                about = next((key.meaning for key in own if key.path == tables[0][0].removesuffix(".NAME")), "")
                 out.append(f"| {heading} | *{_cell(about)}* | | |")
-            out += map(_row, inside[names[0]])
+            out += map(_row, tables[0][1])
         out += ["", "</details>", ""]
     summary = "<details><summary>Effects of a prototype and their figures</summary>"
     out += [summary, "", "| effect and its figures | meaning | value | default |", "|---|---|---|---|"]
