@@ -6,7 +6,6 @@ from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 from functools import cache
 from importlib import import_module
-from itertools import groupby
 from operator import attrgetter
 from pathlib import Path
 from types import NoneType, UnionType
@@ -164,9 +163,8 @@ def effect_named(word: str) -> EffectEntry | None:
 
 def words(beside: str = "") -> tuple[str, ...]:
     """All that can be asked for, each once: keys, tables, effects and topics by name; beside a dot, paths."""
-    known = keys()
-    names = [key.name for key in known] + [effect.name for effect in effects()] + list(topics())
-    return tuple(sorted({key.path for key in known} if "." in beside else set(names)))
+    names = {key.name for key in keys()} | {effect.name for effect in effects()} | set(topics())
+    return tuple(sorted({key.path for key in keys()} if "." in beside else names))
 
 
 def nearest(word: str) -> tuple[str, ...]:
@@ -364,12 +362,14 @@ def reference_markdown() -> str:
     """All keys and effects as Markdown: one table per kind of file, what was told before not repeated."""
     out = ["`beamdesign explain KEY` tells the same of one key, table or effect.", ""]
     stated: set[Any] = set()
-    for file, group in groupby((key for key in keys() if not key.path.startswith("effects.")), lambda key: key.file):
+    plain = (key for key in keys() if not key.path.startswith("effects."))
+    for file, own in _gathered(plain, attrgetter("file")).items():
         summary = f"<details><summary>Keys of a {file}</summary>"
         out += [summary, "", "| key | meaning | value | default |", "|---|---|---|---|"]
-        own = list(group)
-        inside = _gathered((key for key in own if not key.is_table), lambda key: key.path.rpartition(".")[0])
-        for facts, tables in _gathered(inside.items(), lambda item: tuple(key.facts for key in item[1])).items():
+        inside = _gathered(own, lambda key: key.path.rpartition(".")[0]).items()
+        for facts, tables in _gathered(inside, lambda item: tuple(k.facts for k in item[1] if not k.is_table)).items():
+            if not facts:
+                continue
             heading = ", ".join(f"`[{name}]`" for name, _ in tables if name)
             if facts in stated:
                 out.append(f"| {heading} | as above | | |")
@@ -378,7 +378,7 @@ def reference_markdown() -> str:
             if heading:
                 about = next((key.meaning for key in own if key.path == tables[0][0].removesuffix(".NAME")), "")
                 out.append(f"| {heading} | *{_cell(about)}* | | |")
-            out += map(_row, tables[0][1])
+            out += (_row(key) for key in tables[0][1] if not key.is_table)
         out += ["", "</details>", ""]
     summary = "<details><summary>Effects of a prototype and their figures</summary>"
     out += [summary, "", "| effect and its figures | meaning | value | default |", "|---|---|---|---|"]
