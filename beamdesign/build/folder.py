@@ -13,12 +13,7 @@ from typing import Any, Literal, NamedTuple
 
 from jinja2 import Template
 
-from beamdesign.build.acceptance import (
-    MEASURED_WITHIN,
-    as_specified,
-    bare_frequencies_Hz,
-    write_data_folder,
-)
+from beamdesign.build.acceptance import MEASURED_WITHIN, as_specified, bare_frequencies_Hz, write_data_folder
 from beamdesign.build.analogue import AnalogueController
 from beamdesign.build.drawing import drawing, dxf_text, missing_geometry, svg_text
 from beamdesign.build.ratings import KEPT, MARGIN, held_loads

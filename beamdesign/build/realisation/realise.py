@@ -23,13 +23,7 @@ from beamdesign.build.realisation.law import (
     one_period,
     states_of,
 )
-from beamdesign.build.realisation.sections import (
-    DiscreteLaw,
-    discretised,
-    factored,
-    highest_Hz,
-    laws_of,
-)
+from beamdesign.build.realisation.sections import DiscreteLaw, discretised, factored, highest_Hz, laws_of
 from beamdesign.controllers import Controller, TransferFunction
 from beamdesign.proofs.mass_family import floats
 from beamdesign.prototype import Prototype

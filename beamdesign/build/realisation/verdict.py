@@ -18,12 +18,7 @@ import numpy as np
 from flint import ctx, fmpq, fmpq_mat, fmpq_poly
 
 from beamdesign.build.realisation.law import LinearLaw
-from beamdesign.build.realisation.loop import (
-    LOOP_BITS,
-    RealisedLoop,
-    middle,
-    realised_loop,
-)
+from beamdesign.build.realisation.loop import LOOP_BITS, RealisedLoop, middle, realised_loop
 from beamdesign.build.realisation.realise import FLOAT_STEP, Realisation, l1_norms, l2_norms
 from beamdesign.build.realisation.sections import laws_of
 from beamdesign.controllers import Controller
