@@ -13,9 +13,9 @@ from typing import Annotated, Any
 import typer
 from typer.core import TyperGroup
 
-from beamdesign.cli.arm import arm
+from beamdesign.cli.arm import arm, certify_switching
 from beamdesign.cli.begin import explain, new, paper
-from beamdesign.cli.certify import certify, certify_box, certify_switching
+from beamdesign.cli.certify import certify, certify_box
 from beamdesign.cli.command import INTERRUPTED, group
 from beamdesign.cli.design import codesign, front, remedies, run, size
 from beamdesign.cli.gap import gap

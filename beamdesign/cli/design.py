@@ -109,12 +109,12 @@ def _read(study: Path, nominal: bool) -> "DesignProblem":
     return problem
 
 
-def _no_design(found: "DesignRun | Codesign", absent: str, told: str, more: dict[str, Any]) -> CommandResult:
+def _no_design(found: "DesignRun | Codesign", absent: str, stated: str, more: dict[str, Any]) -> CommandResult:
     """Say why there is no design, and what to change so that there is one; `absent` names fields that are null."""
     echo(f"no design: {found.reason}")
     for way in found.change:
         echo(f"  change: {way}")
-    return CommandResult(dict.fromkeys(absent.split()) | picked(found, told) | more, yes=False)
+    return CommandResult(dict.fromkeys(absent.split()) | picked(found, stated) | more, yes=False)
 
 
 DEFAULT_TIP_FORCE_N = 2000.0
@@ -280,7 +280,7 @@ def _front_row(design: "Codesign") -> dict[str, Any]:
     return row if design.point is None else row | point_outputs(design.point)
 
 
-_TOLD = ("added_mass_kg", "controllers", "reason")
+_SHOWN = ("added_mass_kg", "controllers", "reason")
 _FRONT = ("bandwidth_asked_Hz", "outer_end_mass_high_kg", "moving_mass_kg", "inner_end_mass_kg", "reason")
 
 
