@@ -42,8 +42,7 @@ def run(
         case_seconds: a case that takes longer is given up, and stays as a failed row.
         again: compute the cases again that failed.
     """
-    from beamdesign.sweep.conclusion import in_words
-    from beamdesign.sweep.plot import draw
+    from beamdesign.sweep.conclusion import draw, in_words
     from beamdesign.sweep.store import in_words as unsound_words
     from beamdesign.sweep.sweep_run import default_folder, finished, plan, run_sweep
     from beamdesign.sweep.workers import cluster, processes
@@ -130,8 +129,8 @@ def show(
         sort: column to sort by; -NAME for the largest first.
         first: no more rows than so many.
     """
-    from beamdesign.sweep.conclusion import chosen, ordered, rows, worth_showing
     from beamdesign.sweep.store import in_words, read_index, rows_of
+    from beamdesign.sweep.sweep_run import chosen, ordered, rows, worth_showing
 
     name = read_index(folder)["name"]
     kept = rows_of(folder)
@@ -200,7 +199,7 @@ def _varied(varied: dict[str, Any]) -> str:
 
 
 def _shown(value: Any) -> str:
-    from beamdesign.sweep.conclusion import cell
+    from beamdesign.sweep.sweep_run import cell
 
     value = cell(value)
     return "-" if value is None else f"{value:.6g}" if isinstance(value, float) else str(value)
