@@ -6,9 +6,9 @@ from typing import Annotated, Any
 
 import typer
 
-from beamdesign.cli.command import CommandResult, command
+from beamdesign.cli.command import CommandResult, command, write_drawn
 from beamdesign.cli.output import echo, echo_table, path_to_write, progress, refuse, write_json
-from beamdesign.files import fresh_folder, settled
+from beamdesign.files import fresh_folder
 
 
 def templates(incomplete: str) -> list[tuple[str, str]]:
@@ -195,21 +195,18 @@ def paper(out: Path, figure: Annotated[int | None, typer.Option(metavar="N")] = 
 
 
 def _one_figure(number: int, out: Path) -> CommandResult:
-    from beamdesign.report.canvas import save
     from beamdesign.validation.paper.figures import NUMBERED
 
     if number not in NUMBERED:
         refuse("--figure", (str(number), f"not drawn here; there are {min(NUMBERED)} to {max(NUMBERED)}"))
     drawing = NUMBERED[number]()
-    with fresh_folder(out) as fresh:
-        pictures = save(drawing.figure, fresh / drawing.name)
-    files = settled(pictures, fresh, out)
+    files = write_drawn(out, drawing.name, drawing.figure)
     echo(drawing.title)
     echo(f"paper: {drawing.claim}")
     echo(f"model: {drawing.caption}")
     _echo_checks(drawing.checks)
     fields = {"figure": number, "title": drawing.title, "figures": files, "claims": drawing.checks}
-    return CommandResult(fields, files=files)
+    return CommandResult(fields)
 
 
 def _echo_checks(checks: Sequence[Any]) -> None:

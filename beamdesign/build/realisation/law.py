@@ -1,6 +1,7 @@
 """What the controller does in one period, written once for every arithmetic; as difference equations; coefficients.
 
-Integers, floats of 32 bits, exact linear forms and C text are made from the same lines by exchanging the operations.
+Integers, floats of 32 bits, exact linear forms and C text are made from the same lines by exchanging the operations. As
+difference equations in floats of 64 bits it is what is specified and simulated.
 
 A linear form is what a value depends on: a coefficient per state, per reading, and per rounding made so far. Roundings
 count as bounded inputs of the linear law, which is no approximation: a rounded value is the value plus something that

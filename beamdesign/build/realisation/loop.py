@@ -188,11 +188,8 @@ class RealisedLoop:
     def parts(self) -> tuple[list[list[arb]], list[list[arb]], list[arb], list[arb]]:
         """Of the law's states after a sample what that of the plant's and their own adds; of its current likewise."""
         law, given = self.law, self.plant.readings(self.law.sensed)
-
-        def balls(matrix: fmpq_mat) -> list[list[arb]]:
-            return [[arb(matrix[i, j]) for j in range(matrix.ncols())] for i in range(matrix.nrows())]
-
-        return balls(law.b * given), balls(law.a), balls(law.d * given)[0], balls(law.c)[0]
+        seen, kept, now, own = (arb_mat(part).tolist() for part in (law.b * given, law.a, law.d * given, law.c))
+        return seen, kept, now[0], own[0]
 
     def closed(self, moved: arb_mat, fresh: arb_mat | None) -> arb_mat:
         """The closed loop's matrix from sample to sample.
