@@ -7,7 +7,7 @@ from typing import Annotated, Any
 import typer
 
 from beamdesign.cli.command import CommandResult, command, group, resumed
-from beamdesign.cli.output import echo, echo_table, echo_wide, progress, refuse
+from beamdesign.cli.output import echo, echo_table, progress, refuse
 from beamdesign.json_text import picked
 
 CASE_SECONDS = 3600
@@ -143,7 +143,8 @@ def show(
     names = worth_showing(table) if columns is None else chosen(list(table[0]), columns)
     table = ordered(table, sort)
     shown = [[row[column] for column in names] for row in table[:first]]
-    out = echo_wide(f"{name}: {min(first, len(table))} of {len(table)} rows", names, shown, columns is not None)
+    title = f"{name}: {min(first, len(table))} of {len(table)} rows"
+    out = echo_table(title, names, shown, wrap=False, every=columns is not None)
     hidden = [column for column in table[0] if column not in names or column in out]
     if columns is None and hidden:
         echo(f"also there: {', '.join(hidden)}")
@@ -177,7 +178,7 @@ def diff(
         echo(f"{len(found.changed)} of {len(found.cases)} common cases have other results{code}")
         if found.inputs:
             common = [(key, *map(_shown, change)) for key, change in found.inputs.items()]
-            echo_wide("inputs that changed in every case", ("key", first.name, second.name), common)
+            echo_table("inputs that changed in every case", ("key", first.name, second.name), common, wrap=False)
         rows = []
         for case in found.cases:
             own = {key: change for key, change in case.inputs.items() if key not in found.inputs}
@@ -187,7 +188,8 @@ def diff(
                 rows.append((_varied(case.varied), what, *map(_shown, change), off))
         if rows:
             more = f" (the first {_MOST} of {len(rows)})" if len(rows) > _MOST else ""
-            echo_wide(f"what differs{more}", ("case", "what", first.name, second.name, "change"), rows[:_MOST], True)
+            heads = ("case", "what", first.name, second.name, "change")
+            echo_table(f"what differs{more}", heads, rows[:_MOST], wrap=False)
         for name, only in ((first.name, found.only_first), (second.name, found.only_second)):
             if only:
                 echo(f"only in {name}: {len(only)} cases, such as {_varied(only[0])}")
