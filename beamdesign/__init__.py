@@ -83,35 +83,29 @@ if TYPE_CHECKING:
     from beamdesign.synthesis.tuning import tune as tune
 
 _ROOMS = {
-    "DesignProblem": "beamdesign.problem",
-    "InputError": "beamdesign.records",
-    "Prototype": "beamdesign.prototype",
-    "certify": "beamdesign.public",
-    "check": "beamdesign.checker",
-    "code": "beamdesign.build.realisation.code",
-    "codesign": "beamdesign.synthesis.codesign",
-    "critical_gain": "beamdesign.loop",
-    "diagnose": "beamdesign.diagnosis.diagnose",
-    "limits": "beamdesign.synthesis.limits",
-    "pictures": "beamdesign.public",
-    "predict": "beamdesign.public",
-    "prove": "beamdesign.proofs.loop_family",
-    "read_dataset": "beamdesign.diagnosis.data.dataset",
-    "read_problem": "beamdesign.problem",
-    "read_prototype": "beamdesign.prototype",
-    "read_scenario": "beamdesign.scenario",
-    "run": "beamdesign.public",
-    "run_design": "beamdesign.synthesis.design_run",
-    "simulate": "beamdesign.simulation",
-    "size": "beamdesign.synthesis.sizing",
-    "spec": "beamdesign.public",
-    "specify": "beamdesign.build.specification",
-    "state_space": "beamdesign.public",
-    "tune": "beamdesign.synthesis.tuning",
-    "write_prototype": "beamdesign.prototype",
+    "build.realisation.code": "code",
+    "build.specification": "specify",
+    "checker": "check",
+    "diagnosis.data.dataset": "read_dataset",
+    "diagnosis.diagnose": "diagnose",
+    "loop": "critical_gain",
+    "problem": "DesignProblem read_problem",
+    "proofs.loop_family": "prove",
+    "prototype": "Prototype read_prototype write_prototype",
+    "public": "certify pictures predict run spec state_space",
+    "records": "InputError",
+    "scenario": "read_scenario",
+    "simulation": "simulate",
+    "synthesis.codesign": "codesign",
+    "synthesis.design_run": "run_design",
+    "synthesis.limits": "limits",
+    "synthesis.sizing": "size",
+    "synthesis.tuning": "tune",
 }
+"""Public names by the module that has them."""
+_PLACES = {name: f"beamdesign.{room}" for room, names in _ROOMS.items() for name in names.split()}
 
-__all__ = sorted(_ROOMS)
+__all__ = sorted(_PLACES)
 
 
 def __getattr__(name: str) -> Any:
@@ -119,9 +113,9 @@ def __getattr__(name: str) -> Any:
         from importlib.metadata import version
 
         return version(__name__)
-    if name not in _ROOMS:
+    if name not in _PLACES:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return getattr(import_module(_ROOMS[name]), name)
+    return getattr(import_module(_PLACES[name]), name)
 
 
 def __dir__() -> list[str]:

@@ -26,9 +26,9 @@ def sampled_law(controller: Controller, period_s: float) -> SampledLaw:
     """The difference equation of a controller at a period.
 
     Raises:
-        ValueError: where it has none; see `beamdesign.build.realisation.realise.difference_equation`.
+        ValueError: where it has none; see `beamdesign.build.realisation.law.difference_equation`.
     """
-    from beamdesign.build.realisation.realise import difference_equation
+    from beamdesign.build.realisation.law import difference_equation
     from beamdesign.proofs.mass_family import floats
 
     law = difference_equation(controller, 1 / period_s).linear

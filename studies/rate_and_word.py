@@ -4,9 +4,9 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from math import inf
 
+from beamdesign.build.realisation.code import LoopFigures, continuous_figures, figures_at, masses_between, worst
 from beamdesign.build.realisation.loop import prove_sampled, realised_loop
 from beamdesign.build.realisation.realise import FULL_SCALE_V, realise
-from beamdesign.build.realisation.verdict import LoopFigures, continuous_figures, figures_at, masses_between, worst
 from beamdesign.loop import loop
 from beamdesign.prototype import Prototype
 

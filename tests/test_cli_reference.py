@@ -9,11 +9,10 @@ import pytest
 from typer.testing import CliRunner
 
 from beamdesign.cli import app
-from beamdesign.docs import page, topics
+from beamdesign.docs import FILES, effects, find, keys, pages, reference_markdown, topics
 from beamdesign.prototype import read_prototype
 from beamdesign.quantities import unit_of
 from beamdesign.records import InputError
-from beamdesign.report.reference import FILES, effects, find, keys, reference_markdown
 from beamdesign.templates import TEMPLATES
 
 
@@ -210,9 +209,9 @@ def test_every_topic_has_its_page(tmp_path: Path) -> None:
     for topic, title in topics().items():
         assert f"  {topic}: " in listed
         said = invoke("explain", topic, "--json", str(answer))
-        assert said.rstrip().endswith(page(topic).rstrip())
+        assert said.rstrip().endswith(pages()[topic].rstrip())
         assert f"# {title}" in said
-        assert json.loads(answer.read_text())["page"] == page(topic)
+        assert json.loads(answer.read_text())["page"] == pages()[topic]
 
 
 def test_a_topic_with_the_name_of_a_key_tells_the_key_first(tmp_path: Path) -> None:
@@ -222,7 +221,7 @@ def test_a_topic_with_the_name_of_a_key_tells_the_key_first(tmp_path: Path) -> N
     assert said.index("sensor_lag (sensor)") < said.index("# Effects")
     told = json.loads(answer.read_text())
     assert [each["name"] for each in told["effects"]] == [each.name for each in effects()]
-    assert told["page"] == page("effects")
+    assert told["page"] == pages()["effects"]
     assert "#" not in invoke("explain", "width_m", "--json", str(answer))
     assert json.loads(answer.read_text())["page"] is None
 
@@ -234,7 +233,7 @@ def test_an_unknown_word_is_guessed_among_topics_too() -> None:
 
 
 def test_the_page_of_all_keys_is_the_generated_one() -> None:
-    _, rest = page("reference").split("<!-- reference: start -->\n")
+    _, rest = pages()["reference"].split("<!-- reference: start -->\n")
     block, _ = rest.split("<!-- reference: end -->")
     assert block == reference_markdown(), "regenerate it: beamdesign explain --reference"
     assert invoke("explain", "--reference").rstrip() == block.rstrip()

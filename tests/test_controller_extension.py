@@ -18,12 +18,12 @@ from beamdesign.checker import check
 from beamdesign.cli import app
 from beamdesign.controllers import KINDS, Break, Cascade, Lag, register
 from beamdesign.controllers.cascade import Factor
+from beamdesign.docs import keys
 from beamdesign.loop import loop
 from beamdesign.proofs.certifying import certify
 from beamdesign.prototype import Prototype, read_prototype, write_prototype
 from beamdesign.public import state_space
 from beamdesign.records import InputError, to_toml
-from beamdesign.report.reference import keys
 from beamdesign.scenario import Sampled, ScenarioRecord, read_scenario
 from beamdesign.simulation import simulate
 

@@ -8,7 +8,7 @@ import pytest
 from typer.testing import CliRunner
 
 from beamdesign.cli import app
-from beamdesign.docs import page
+from beamdesign.docs import pages
 from beamdesign.loop import critical_gain
 from beamdesign.plant.linear_reach import reach, single_mode_reach, with_published_effects
 from beamdesign.prototype import Prototype, Supply, read_prototype, write_prototype
@@ -94,7 +94,7 @@ def test_the_figure_shows_every_limit_and_what_governs(rig: Prototype):
 
 def test_the_page_on_effects_tells_how_far_the_linear_model_holds():
     """Figures of the table in the page, from the prototype it names."""
-    text = page("effects")
+    text = pages()["effects"]
     rig = read_prototype(ROOT / "studies" / "prototypes" / "published_lag.toml")
     real = with_published_effects(rig)
     equal = rig.but(effects={"pressure_dependent_flow": {}})

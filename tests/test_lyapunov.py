@@ -13,7 +13,7 @@ from scipy.linalg import expm, solve_continuous_lyapunov
 from typer.testing import CliRunner
 
 from beamdesign.checker import check
-from beamdesign.cli.certify import certify_switching
+from beamdesign.cli.arm import certify_switching
 from beamdesign.controllers import Lag, Proportional, SensedLaw
 from beamdesign.loop import loop
 from beamdesign.plant.members import paper_model

@@ -44,7 +44,7 @@ from beamdesign.report.charts import write_record_page
 from beamdesign.report.page import Document, Items, Paragraph, Part, Picture, Table, to_html, to_markdown
 from beamdesign.scenario import FromCsv, ScenarioRecord
 from beamdesign.spelling import LONGEST, in_csv, in_plot, one_line
-from beamdesign.sweep.plot import draw
+from beamdesign.sweep.conclusion import draw
 from beamdesign.sweep.sweep_file import Picture as Drawn
 from beamdesign.sweep.sweep_file import Sweep
 from beamdesign.validation.blind.scoring import Outcome

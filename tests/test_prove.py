@@ -18,7 +18,7 @@ from hypothesis import strategies as st
 
 import beamdesign
 from beamdesign import InputError, check, prove
-from beamdesign.docs import page
+from beamdesign.docs import pages
 from beamdesign.proofs.any_loop import SAFE
 
 OGATA = [1, 2, 4], np.polymul([1, 4, 0], np.polymul([1, 6], [1, 1.4, 1]))
@@ -447,7 +447,7 @@ def test_a_result_over_parameters_shows_itself():
 
 def test_the_example_of_the_page_gives_what_it_says():
     """Every line of it that has a comment."""
-    (example,) = re.findall(r"^```python\n(.*?)^```", page("proofs"), flags=re.MULTILINE | re.DOTALL)
+    (example,) = re.findall(r"^```python\n(.*?)^```", pages()["proofs"], flags=re.MULTILINE | re.DOTALL)
     names: dict[str, object] = {}
     said = 0
     for node in ast.parse(example).body:

@@ -116,9 +116,9 @@ def test_a_figure_is_defined_where_it_is_named_first(page: str, figure: str) -> 
 def test_every_page_begins_with_its_title() -> None:
     assert set(docs.topics()) == {name.removesuffix(".md") for name in PAGES} - {"README"}
     for topic, title in docs.topics().items():
-        assert docs.page(topic).startswith(f"# {title}\n\n")
+        assert docs.pages()[topic].startswith(f"# {title}\n\n")
     with pytest.raises(KeyError):
-        docs.page("../../README")
+        docs.pages()["../../README"]
 
 
 def test_the_python_example_uses_public_names() -> None:

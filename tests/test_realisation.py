@@ -31,6 +31,7 @@ from beamdesign.build.realisation.c_code import (
     to_word,
     vectors,
 )
+from beamdesign.build.realisation.code import continuous_figures, judge, law_polynomials, sampled_figures
 from beamdesign.build.realisation.law import fixed_point
 from beamdesign.build.realisation.loop import (
     prove_any_computing_time,
@@ -40,21 +41,15 @@ from beamdesign.build.realisation.loop import (
 from beamdesign.build.realisation.realise import (
     Realisation,
     full_scales_of,
+    half_steps,
     l1_norms,
     l2_norms,
-    realise,
-)
-from beamdesign.build.realisation.sections import discretised
-from beamdesign.build.realisation.verdict import (
-    continuous_figures,
-    half_steps,
-    judge,
     law_errors,
-    law_polynomials,
+    realise,
     rounded_loop,
     rounding_effect,
-    sampled_figures,
 )
+from beamdesign.build.realisation.sections import discretised
 from beamdesign.cli import app
 from beamdesign.controllers import Lag, Proportional, Section, Structured, TransferFunction
 from beamdesign.loop import loop

@@ -22,7 +22,7 @@ from test_figures import cut_off
 
 import beamdesign
 from beamdesign.build.acceptance import acceptance
-from beamdesign.build.result_folder import FILES, check_row, report_html, write_result_folder
+from beamdesign.build.result_folder import FILES, check_row, price_words, report_html, write_result_folder
 from beamdesign.checker import check
 from beamdesign.loop import critical_gain, loop
 from beamdesign.plant.members import paper_model
@@ -34,7 +34,6 @@ from beamdesign.report.charts import plot_trade, read_trade
 from beamdesign.report.drawing import draw_section, draw_side
 from beamdesign.report.figures import shade_compliance
 from beamdesign.report.pictures import loop_pictures, plot_stable_gains, prototype_picture, stable_gains, wider_map
-from beamdesign.report.statements import price_words
 from beamdesign.structure.lumped import lumped_beam
 from beamdesign.synthesis.design_run import DesignRun
 

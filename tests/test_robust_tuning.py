@@ -16,6 +16,7 @@ from forging import resealed
 from rig_of_certificate import members as members_of
 from typer.testing import CliRunner
 
+from beamdesign.build.result_folder import statements
 from beamdesign.checker import check
 from beamdesign.cli import app
 from beamdesign.controllers import Lag
@@ -28,7 +29,6 @@ from beamdesign.proofs.tolerance_box import tolerance_box
 from beamdesign.prototype import Prototype, Tolerance, read_prototype, write_prototype
 from beamdesign.quantity_text import rigs_in_words
 from beamdesign.records import InputError
-from beamdesign.report.statements import statements
 from beamdesign.synthesis import tuning
 from beamdesign.synthesis.design_run import run_design
 from beamdesign.synthesis.loop_limits import forbidden_shares

@@ -7,7 +7,7 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
-from beamdesign.cli.tune import size
+from beamdesign.cli.design import size
 from beamdesign.problem import read_problem
 from beamdesign.prototype import Beam, write_prototype
 from beamdesign.records import InputError

@@ -13,13 +13,9 @@ from hypothesis import strategies as st
 
 from beamdesign.build.analogue import analogue_controllers, circuit_of, deviation, with_tolerance
 from beamdesign.build.circuit import DECADE, Circuit, Stage, neighbours, values_between
+from beamdesign.build.realisation.law import DifferenceEquation, difference_equation
 from beamdesign.build.realisation.loop import prove_sampled, realised_loop
-from beamdesign.build.realisation.realise import (
-    DifferenceEquation,
-    difference_equation,
-    sensible_rate_Hz,
-    upper_break_Hz,
-)
+from beamdesign.build.realisation.sections import sensible_rate_Hz, upper_break_Hz
 from beamdesign.checker import check
 from beamdesign.controllers import Lag, Observer, Proportional
 from beamdesign.proofs.certifying import certify

@@ -3,15 +3,13 @@
 import numpy as np
 import pytest
 from matplotlib.axes import Axes
-from matplotlib.collections import FillBetweenPolyCollection
 
 from beamdesign.report.canvas import STYLES, new_figure
-from beamdesign.sweep.plot import ends, plot_stable_bands
+from beamdesign.report.charts import ends, plot_stable_bands
 
 
 def shaded(axes: Axes, x: float, y: float) -> bool:
-    areas = [area for area in axes.collections if isinstance(area, FillBetweenPolyCollection)]
-    return any(path.contains_point((x, y)) for area in areas for path in area.get_paths())
+    return any(area.get_path().contains_point((x, y)) for area in axes.patches)
 
 
 def test_cells_of_tables_and_of_records_mean_the_same() -> None:

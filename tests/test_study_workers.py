@@ -17,7 +17,7 @@ import tomli_w
 from beamdesign.records import InputError
 from beamdesign.sweep import workers
 from beamdesign.sweep.case import Case
-from beamdesign.sweep.plot import draw
+from beamdesign.sweep.conclusion import draw
 from beamdesign.sweep.sweep_run import plan, run_sweep
 
 ROOT = Path(__file__).parents[1]
@@ -277,7 +277,7 @@ def the_set(folder):
 KILLED = """
 import os, random, shutil, signal, sys
 from pathlib import Path
-from beamdesign.sweep.plot import draw
+from beamdesign.sweep.conclusion import draw
 from beamdesign.sweep.sweep_run import plan, run_sweep
 
 newer, old = (Path(name) for name in sys.argv[1:])

@@ -10,6 +10,7 @@ from flint import fmpq
 
 from beamdesign.build.circuit import Circuit, Kind, Ratio, Series, Stage, neighbours, values_between
 from beamdesign.build.realisation.sections import Factor, apart, factored
+from beamdesign.build.tolerances import performance
 from beamdesign.controllers import Controller
 from beamdesign.polynomial import exact
 from beamdesign.progress import Progress, silent
@@ -107,7 +108,6 @@ def _certified(
         "response": deviation(circuit, asked),
     }
     certificate = certify(prototype.but(controller=realised), *masses_kg)
-    reached = certificate.guaranteed
     capacitors = CAPACITORS if circuit.has_capacitors else CAPACITORS[:1]
     verdicts = tuple(with_tolerance(prototype, masses_kg, circuit, r, c) for r in RESISTORS for c in capacitors)
     return AnalogueController(
@@ -115,8 +115,7 @@ def _certified(
         realised,
         errors,
         certificate.stable,
-        None if reached is None else reached.bandwidth_Hz,
-        None if reached is None else reached.peak_sensitivity,
+        *performance(certificate.guaranteed),
         verdicts,
     )
 

@@ -7,18 +7,13 @@ import hashlib
 from dataclasses import fields, is_dataclass
 from decimal import ROUND_CEILING, ROUND_FLOOR, ROUND_HALF_EVEN
 from functools import cache, partial
-from math import inf, pi
+from math import inf, isfinite, pi
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal, NamedTuple
 
 from jinja2 import Template
 
-from beamdesign.build.acceptance import (
-    MEASURED_WITHIN,
-    as_specified,
-    bare_frequencies_Hz,
-    write_data_folder,
-)
+from beamdesign.build.acceptance import MEASURED_WITHIN, as_specified, bare_frequencies_Hz, write_data_folder
 from beamdesign.build.analogue import AnalogueController
 from beamdesign.build.drawing import drawing, dxf_text, missing_geometry, svg_text
 from beamdesign.build.ratings import KEPT, MARGIN, held_loads
@@ -26,10 +21,11 @@ from beamdesign.build.specification import LawSpecification, Specification
 from beamdesign.build.tolerances import LARGEST, SAFETY, why_no_box
 from beamdesign.files import fresh_folder, write_whole
 from beamdesign.json_text import json_text, picked
-from beamdesign.proofs.certificate import Guaranteed
+from beamdesign.proofs.certificate import Asked, Certificate, Claim, Guaranteed, implies
 from beamdesign.proofs.lyapunov import CHANGES_NAME, describe, stages_certificate, switching_fields
 from beamdesign.proofs.scope import holds_for
 from beamdesign.quantity_text import (
+    at_least,
     decimal,
     mass_range_text,
     quantity,
@@ -51,7 +47,6 @@ from beamdesign.report.page import (
     to_html,
     to_markdown,
 )
-from beamdesign.report.statements import proved_statements
 from beamdesign.structure.lumped import lumped_beam, notes
 from beamdesign.structure.section import Tube
 
@@ -271,7 +266,7 @@ def _template() -> Template:
         sha256=lambda text: hashlib.sha256(text.encode()).hexdigest(),
         answer={True: "proved", False: "refuted", None: "undecided"},
         stage=lambda law: f", stage {law.stage.number}" if law.stage.number else "",
-        guaranteed=_guaranteed,
+        guaranteed=lambda law: proved_statements(law.certificate, law.stage.prototype.goal.compliance_m_per_N),
         changes_name=CHANGES_NAME,
         materials=lambda rig: list(
             {beam.material.name: beam.material for beam in (rig.outer_beam, rig.inner_beam)}.values()
@@ -286,13 +281,6 @@ def _template() -> Template:
         safety=SAFETY,
         measured_within=MEASURED_WITHIN,
     )
-
-
-def _guaranteed(law: LawSpecification) -> list[tuple[str, str, str]]:
-    """Claim, foundation, and by what, of everything that a law's certificate says."""
-    masses = law.stage.outer_end_mass_kg
-    said = proved_statements(law.certificate, law.stage.prototype.goal.compliance_m_per_N)
-    return [one._replace(claim=one.claim.replace(mass_range_text(masses), masses_text(masses))) for one in said]
 
 
 def _name(one: AnalogueController) -> str:
@@ -324,3 +312,71 @@ def _component_reasons(found: tuple[AnalogueController, ...]) -> list[str]:
         if at.reason
     )
     return list(dict.fromkeys(reasons))
+
+
+Foundation = Literal["proved", "refuted", "verified numerically", "sampled"]
+
+
+class Statement(NamedTuple):
+    """One claim in words, how well it is founded, and by what."""
+
+    claim: str
+    foundation: Foundation
+    how: str
+
+
+def proved_statements(certificate: Certificate, compliance_m_per_N: float) -> list[Statement]:
+    """Stability, the guaranteed figures and the further claims of a certificate.
+
+    Args:
+        certificate: of a range of outer end masses.
+        compliance_m_per_N: the limit that its guaranteed bandwidth refers to.
+    """
+    masses = certificate.outer_end_mass_kg
+    stability = Statement(
+        f"stable for every outer end mass of {masses_text(masses)}",
+        "proved" if certificate.stable else "refuted",
+        "roots of one polynomial isolated in rational arithmetic, one exact Routh test per range",
+    )
+    claims = list(certificate.claims)
+    if best := certificate.guaranteed:
+        reached = [
+            Asked("compliance", compliance_m_per_N, best.bandwidth_Hz).decided(masses, best.bandwidth_Hz > 0),
+            Asked("peak_sensitivity", best.peak_sensitivity).decided(masses, True),
+            Asked("peak_compliance", best.peak_compliance_m_per_N).decided(masses, True),
+        ]
+        finite = [claim for claim in reached if isfinite(claim.limit)]
+        claims += [claim for claim in finite if not any(implies(asked, claim) for asked in certificate.claims)]
+    return [stability, *(claimed(claim) for claim in claims)]
+
+
+def claimed(claim: Claim) -> Statement:
+    """A claim of a certificate, decided."""
+    masses = masses_text(claim.outer_end_mass_kg)
+    match claim.kind:
+        case "compliance":
+            words = (
+                f"|x/F_d| at most {quantity(claim.limit, 'm/N')} at every frequency up to"
+                f" {at_least(claim.bandwidth_Hz, 'Hz', 7)}"
+            )
+        case "peak_compliance":
+            words = f"|x/F_d| at most {quantity(claim.limit, 'm/N')} at every frequency"
+        case "peak_sensitivity":
+            words = f"|1/(1+L)| at most {decimal(claim.limit, 6)} at every frequency"
+        case "loop_gain":
+            words = f"|L| at most {decimal(claim.limit, 6)} from {decimal(claim.from_Hz, 6)} Hz up"
+        case "controller_effort":
+            words = f"|C/(1+L)| at most {quantity(claim.limit, 'A/V')} at every frequency"
+        case "decay_rate":
+            words = f"every motion dies out at least as fast as exp(-{decimal(claim.limit, 6)} t / s)"
+        case "slope":
+            where = "without command and load" if claim.for_odd_only else "under any constant command and load"
+            words = f"comes to rest from every state while the current saturates, {where}"
+        case "gain_margin" if claim.limit == 0:
+            words = "stable at every lower gain too"
+        case "gain_margin":
+            words = f"stable with the gain times every factor from 1 to {decimal(claim.limit, 6)}"
+    how = "polynomial inequality in mass and frequency decided by exact root isolation"
+    if not claim.holds:
+        how = claim.reason
+    return Statement(f"{words}, for every outer end mass of {masses}", "proved" if claim.holds else "refuted", how)

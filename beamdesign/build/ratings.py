@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from beamdesign.build.tolerances import why_no_box
+from beamdesign.build.tolerances import performance, why_no_box
 from beamdesign.json_text import picked
 from beamdesign.loop import loop
 from beamdesign.plant.actuators import MARGIN, Row
@@ -143,13 +143,8 @@ def _choice(prototype: Prototype, name: str, masses_kg: tuple[float, float]) -> 
     found, exchanged = lumped_beam(record), lumped_beam(other)
     return StockChoice(
         made, stock, same, after > 0, (found.stiffness, exchanged.stiffness), (found.mass, exchanged.mass),
-        (tube_mass_kg, exchanged_kg), (before, after), stable, *_performance(reached),
+        (tube_mass_kg, exchanged_kg), (before, after), stable, *performance(reached),
     )  # fmt: skip
-
-
-def _performance(reached: Guaranteed | None) -> tuple[float | None, float | None]:
-    """Bandwidth and peak sensitivity that are proved."""
-    return (None, None) if reached is None else (reached.bandwidth_Hz, reached.peak_sensitivity)
 
 
 def _gaps(outer: Beam, inner: Beam) -> tuple[float, ...]:
@@ -303,7 +298,7 @@ def sensor_need(
     density = share * motion / sqrt(band)
     sensor = prototype.sensor
     return SensorNeed(
-        stable, breaks[1], performs, *_performance(reached), motion, share, share * motion, band, density,
+        stable, breaks[1], performs, *performance(reached), motion, share, share * motion, band, density,
         None if performs is None else density * sqrt(pi / 2 * performs), sensor.resolution_m,
         None if sensor.noise_V is None else sensor.noise_V / sensor.gain_V_per_m,
     )  # fmt: skip

@@ -4,6 +4,7 @@ The report is one self-contained HTML page: no requests, both themes, fit for pr
 its curves and their places in the SVG, so that the page can tell values under the pointer.
 """
 
+from collections.abc import Iterator
 from functools import cache
 from math import isfinite, log10
 from pathlib import Path
@@ -12,7 +13,7 @@ from jinja2 import Template
 from markupsafe import Markup
 
 from beamdesign.build.acceptance import acceptance
-from beamdesign.build.folder import document_of
+from beamdesign.build.folder import Statement, claimed, document_of, proved_statements
 from beamdesign.build.specification import specification_of
 from beamdesign.files import write_set
 from beamdesign.loop import loop
@@ -27,7 +28,6 @@ from beamdesign.quantity_text import (
     rigs_in_words,
     stated_bandwidth,
     stated_peak,
-    tube_text,
 )
 from beamdesign.records import to_toml
 from beamdesign.report.canvas import inline_svg, readings_json
@@ -44,9 +44,8 @@ from beamdesign.report.page import (
     to_markdown,
 )
 from beamdesign.report.pictures import CaptionedFigure, loop_pictures, prototype_picture, trade_picture
-from beamdesign.report.statements import price_words, statements
 from beamdesign.structure.lumped import lumped_beam, notes
-from beamdesign.synthesis.checks import Check, CheckedPair
+from beamdesign.synthesis.checks import Check
 from beamdesign.synthesis.design_run import CERTIFICATE_NAME, DesignRun, certificate_name
 from beamdesign.synthesis.sizing import Sizing
 
@@ -157,7 +156,7 @@ def _box_of(run: DesignRun) -> str:
 
 @cache
 def _template() -> Template:
-    own = (section_rows, lumped_rows, expected_rows, margin_rows, statements, notes)
+    own = (lumped_rows, expected_rows, margin_rows, statements, notes)
     return document_template(Path(__file__).with_name("design_report.j2"), *own, q=quantity)
 
 
@@ -175,26 +174,6 @@ def _checks(sizing: Sizing) -> Table:
         marks.append("governing" if governs else "")
     heads = ("check", "value", "limit", "used", "")
     return Table(heads, tuple(rows), "Checks of the chosen pair", (1, 3), (2,), tuple(marks))
-
-
-def section_rows(run: DesignRun) -> list[tuple[str, str, str, str, str]]:
-    """The chosen pair of tubes beside the other candidates: what, outer, inner, mass, verdict."""
-    sizing = run.sizing
-    candidates: list[tuple[str, CheckedPair, str]] = []
-    if sizing.free:
-        candidates.append(("free sizes", sizing.free.pair, sizing.free.governing))
-    if sizing.stock:
-        candidates.append(("stock sizes", sizing.stock.pair, sizing.stock.pair.governing))
-    if sizing.given:
-        candidates.append(("given in the study", sizing.given, sizing.given.governing))
-    rows = []
-    for name, pair, governing in candidates:
-        chosen = " (chosen)" if pair == sizing.chosen else ""
-        failing = "; ".join(check.name for check in pair.failing)
-        verdict = f"fails {failing}" if failing else f"passes, governed by {governing}"
-        mass = quantity(pair.beam_mass_kg, "kg")
-        rows.append((name + chosen, tube_text(pair.outer), tube_text(pair.inner), mass, verdict))
-    return rows
 
 
 def check_row(check: Check) -> tuple[str, str, str, str]:
@@ -274,3 +253,103 @@ def lumped_rows(prototype: Prototype) -> list[tuple[str, str, str, str]]:
         for row in rows_of(type(prototype.actuator)).values()
         if row.words
     ]  # fmt: skip
+
+
+_BOX = "zero exclusion by branch and bound, each piece in ball arithmetic"
+
+
+def statements(run: DesignRun) -> Iterator[Statement]:
+    """Everything the report of a run claims, the best founded first."""
+    best = run.tuning and run.tuning.best
+    if run.tuning and best and best.over_box:
+        rigs = f"and {rigs_in_words(best.sigmas)}"
+        for asked in best.over_box.claims:
+            claim = claimed(asked.decided(run.tuning.outer_end_mass_kg, True)).claim
+            yield Statement(f"{claim} {rigs}", "proved", _BOX)
+    if run.certificate:
+        for one in proved_statements(run.certificate, run.problem.goal.compliance_m_per_N):
+            yield one._replace(claim=f"{one.claim}, of {rigs_in_words(0.0)}")
+    sizing = run.sizing
+    yield Statement(
+        f"the chosen sections pass all {len(sizing.checks)} structural checks",
+        "verified numerically" if sizing.feasible else "refuted",
+        "closed formulas in floating point",
+    )
+    if run.holding:
+        unasked = f"; not asked for want of figures: {', '.join(run.holding.missing)}" if run.holding.missing else ""
+        yield Statement(
+            f"the actuator holds {run.holding.held}, the link level",
+            "refuted" if run.holding.missed else "verified numerically",
+            f"closed formulas, the root law of orifices, and the linear loop on a grid of frequencies{unasked}",
+        )
+    if sizing.stock:
+        yield Statement(
+            "no lighter pair of the stock list passes",
+            "verified numerically",
+            f"all {sizing.stock.pairs} pairs were checked",
+        )
+    if sizing.free:
+        free = sizing.free
+        yield Statement(
+            "the free optimum fulfils the first-order conditions",
+            "verified numerically",
+            f"residual {free.kkt_residual:.1e}, from the gradients and not from the solver",
+        )
+        yield Statement(
+            "no lighter pair of free sizes exists",
+            "sampled",
+            f"{free.starts_agreeing} of {free.starts} local searches ended at the same mass",
+        )
+    yield Statement(
+        "critical gains, margins and bandwidths at single masses",
+        "verified numerically",
+        "roots of polynomials with error bounds at those masses, nothing swept in frequency",
+    )
+    if run.tuning and run.tuning.best:
+        yield Statement(
+            "no other controller of this kind guarantees more",
+            "sampled",
+            f"best of {len(run.tuning.starts)} local searches from a coarse one; that it is the best is not proved",
+        )
+    yield Statement("the curves between the points drawn", "sampled", "grids of frequencies and masses")
+
+
+_REQUIREMENTS = {
+    "tip_force": "tip force",
+    "safety_strength": "safety factor on strength",
+    "safety_local_buckling": "safety factor on local buckling",
+    "clearance_assembly": "clearance at assembly",
+    "clearance_under_load": "clearance under load",
+    "least_wall": "least wall",
+    "largest_width": "largest width",
+    "width_to_wall_at_most": "largest width to wall",
+}
+_STEPS = {"percent": ("1 % more", 1.0), "mm": ("0.1 mm more", 0.1)}
+"""Small enough that a slope is a fair account of the change: in words, and in the price's unit."""
+
+NEGLIGIBLE_KG = 1e-6
+"""Prices below this are called none."""
+
+
+def price_words(prices: dict[str, float]) -> list[str]:
+    """One sentence per requirement that has a price, the dearest first, and one that names those that have none.
+
+    Args:
+        prices: kg per unit, by names such as "tip_force_kg_per_percent".
+    """
+    dear = sorted((name for name in prices if abs(prices[name]) > NEGLIGIBLE_KG), key=lambda name: -abs(prices[name]))
+    said = []
+    for name in dear:
+        requirement, unit = _split(name)
+        step, share = _STEPS.get(unit, (f"one {unit} more", 1.0))
+        effect = f"{'costs' if prices[name] > 0 else 'saves'} {decimal(abs(prices[name]) * share, 3)} kg"
+        said.append(f"{step[:1].upper()}{step[1:]} {requirement} {effect} of beam mass.")
+    free = [_split(name)[0] for name in prices if name not in dear]
+    if free:
+        said.append(f"A little more or less of these changes nothing: {', '.join(free)}.")
+    return said
+
+
+def _split(name: str) -> tuple[str, str]:
+    requirement, _, unit = name.partition("_kg_per_")
+    return _REQUIREMENTS.get(requirement, requirement.replace("_", " ")), unit

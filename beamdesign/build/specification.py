@@ -6,21 +6,12 @@ from decimal import ROUND_CEILING, ROUND_FLOOR
 from functools import partial
 from typing import Any
 
-from beamdesign.build.acceptance import (
-    AcceptanceAtMass,
-    AcceptancePlan,
-    acceptance,
-    acceptance_plan,
-)
+from beamdesign.build.acceptance import AcceptanceAtMass, AcceptancePlan, acceptance, acceptance_plan
 from beamdesign.build.analogue import AnalogueController, analogue_controllers
 from beamdesign.build.ratings import Ratings, SensorNeed, StockChoice, ratings, sensor_need, stock_choices
+from beamdesign.build.realisation.law import DifferenceEquation, difference_equation
 from beamdesign.build.realisation.loop import SampledVerdict, prove_sampled, realised_loop
-from beamdesign.build.realisation.realise import (
-    DifferenceEquation,
-    difference_equation,
-    sensible_rate_Hz,
-    upper_break_Hz,
-)
+from beamdesign.build.realisation.sections import sensible_rate_Hz, upper_break_Hz
 from beamdesign.build.tolerances import Tolerances, tolerances, why_no_box
 from beamdesign.json_text import finite
 from beamdesign.loop import loop

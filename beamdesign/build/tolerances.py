@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 from beamdesign.plant.members import family
 from beamdesign.progress import Progress, silent
+from beamdesign.proofs.certificate import Guaranteed
 from beamdesign.proofs.certifying import guaranteed_by_all
 from beamdesign.proofs.rig_family import effect_spans, rig_family, rig_values
 from beamdesign.proofs.tolerance_box import Scaling, largest_scaling, tolerance_box
@@ -88,6 +89,11 @@ def why_no_box(prototype: Prototype) -> str:
     return ""
 
 
+def performance(reached: Guaranteed | None) -> tuple[float | None, float | None]:
+    """Bandwidth and peak sensitivity that are proved."""
+    return (None, None) if reached is None else (reached.bandwidth_Hz, reached.peak_sensitivity)
+
+
 def toleranced_figures(prototype: Prototype) -> tuple[str, ...]:
     """Figures of the loop that can have a tolerance: positive ones that no effect spans already."""
     spans = effect_spans(family(prototype))
@@ -157,8 +163,7 @@ def tolerances(
                 None if refuted is None else refuted * _UNIT,
                 share,
                 specified,
-                None if ends is None else ends.bandwidth_Hz,
-                None if ends is None else ends.peak_sensitivity,
+                *performance(ends),
             )
         )
     return Tolerances(

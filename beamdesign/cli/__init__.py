@@ -13,17 +13,16 @@ from typing import Annotated, Any
 import typer
 from typer.core import TyperGroup
 
-from beamdesign.cli.arm import arm
+from beamdesign.cli.arm import arm, certify_switching
 from beamdesign.cli.begin import explain, new, paper
-from beamdesign.cli.certify import certify, certify_box, certify_switching
+from beamdesign.cli.certify import certify, certify_box
 from beamdesign.cli.command import INTERRUPTED, group
-from beamdesign.cli.design import codesign, front, remedies, run
+from beamdesign.cli.design import codesign, front, remedies, run, size
 from beamdesign.cli.gap import gap
 from beamdesign.cli.output import echo, hush, reporting, shown, speak
 from beamdesign.cli.rig import code, limits, simulate, spec
-from beamdesign.cli.stiffness import stiffness
 from beamdesign.cli.study import study
-from beamdesign.cli.tune import size, tune
+from beamdesign.cli.tune import stiffness, tune
 from beamdesign.progress import remembered
 
 HEADINGS = ("Begin", "Design", "Prove", "Build", "Simulate", "Compare with a rig", "Source")

@@ -1,4 +1,4 @@
-"""`beamdesign arm`: two compensators across each other and torsion: what is proved, and what error remains."""
+"""`beamdesign arm` and `certify-switching`: both planes, torsion and what error remains; a payload that changes."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -6,9 +6,18 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from beamdesign.cli.command import CommandResult, Figure, by_stage, command, figures_of, mass_range
-from beamdesign.cli.output import echo, echo_table, refuse
-from beamdesign.cli.proved import echo_against_goal, echo_stability
+from beamdesign.cli.certify import echo_against_goal, echo_stability
+from beamdesign.cli.command import (
+    CommandResult,
+    Figure,
+    OutFile,
+    by_stage,
+    command,
+    figures_of,
+    mass_range,
+    with_controller,
+)
+from beamdesign.cli.output import certificate_file, echo, echo_table, progress, refuse, write_certificate
 from beamdesign.files import fresh_folder, settled, write_whole
 from beamdesign.json_text import picked
 
@@ -288,3 +297,51 @@ def _written(
     files |= {"figures": save(draw_arm(record, found, force, curves), out / "arm"), "prototype": out / "prototype.toml"}
     write_prototype(record, files["prototype"])
     return files
+
+
+@command
+def certify_switching(
+    prototype: Path,
+    outer_end_mass: str | None = None,
+    rate: Annotated[float | None, Figure("MassRate", metavar="KG_PER_S")] = None,
+    out: OutFile = None,
+) -> CommandResult:
+    """Prove stability while the payload changes in motion.
+
+    That is gripping, releasing, filling, pouring; of a scheduled controller any change of its stage as well. Lyapunov
+    functions come from a semidefinite program and are verified in rational arithmetic; what only the solver claims is
+    reported as unverified. Exit status 0 if the rate asked for, or else some rate, is proved both for payload that
+    joins with the tip's velocity and for payload at rest; of a scheduled controller, if changes of stage as the
+    schedule makes them are proved, and the rate if one is asked for; 1 otherwise.
+
+    Args:
+        prototype: the prototype.toml, with its controller.
+        rate: prove stability up to this rate of change; else find the largest.
+        out: file for the certificate; else STEM.stages.toml in this folder.
+    """
+    from beamdesign.proofs.mass_family import stage_families
+
+    record = with_controller(prototype)
+    try:
+        families = stage_families(record)
+    except ValueError as error:
+        refuse(prototype, ("controller.stage", str(error)))
+    low, high = mass_range(outer_end_mass, record.outer_end_mass_kg, prototype)
+    if not low < high:
+        reason = f"{low:g}:{high:g} holds one mass, which cannot change"
+        refuse("certify-switching", ("--outer-end-mass", reason))
+    schedule = record.schedule
+    path = certificate_file(out, f"{prototype.stem}.stages.toml")
+
+    from beamdesign.proofs.lyapunov import describe, stages_certificate, switching, switching_fields
+
+    with progress("Lyapunov functions") as update:
+        found = switching(families, low, high, rate, schedule.dwell_s if schedule else 0.0, update)
+    lines = describe(found)
+    several = f"{len(families)} stages, " if schedule else ""
+    echo(f"{record.name}: {several}outer end mass changing between {low:g} and {high:g} kg")
+    for line in lines:
+        echo(f"  {line}")
+    write_certificate(path, stages_certificate(record, found, f"{record.name}\n" + "\n".join(lines)))
+    echo(f"certificate: {path}")
+    return CommandResult(switching_fields(found) | {"certificate": path}, found.stable)

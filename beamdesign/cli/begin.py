@@ -6,9 +6,9 @@ from typing import Annotated, Any
 
 import typer
 
-from beamdesign.cli.command import CommandResult, command
+from beamdesign.cli.command import CommandResult, command, write_drawn
 from beamdesign.cli.output import echo, echo_table, path_to_write, progress, refuse, write_json
-from beamdesign.files import fresh_folder, settled
+from beamdesign.files import fresh_folder
 
 
 def templates(incomplete: str) -> list[tuple[str, str]]:
@@ -20,10 +20,9 @@ def templates(incomplete: str) -> list[tuple[str, str]]:
 
 def words(incomplete: str) -> list[str]:
     """Keys, tables, effects and topics that can be explained, to complete a word with."""
-    from beamdesign.report.reference import keys, words
+    from beamdesign.docs import words
 
-    known = sorted({key.path for key in keys()}) if "." in incomplete else words()
-    return [word for word in known if word.startswith(incomplete)]
+    return [word for word in words(incomplete) if word.startswith(incomplete)]
 
 
 @command
@@ -83,15 +82,14 @@ def explain(
     """
     from dataclasses import asdict
 
-    from beamdesign.docs import page, topics
-    from beamdesign.report import reference as reference_page
-    from beamdesign.report.reference import effect_named, effects, find, keys, nearest
+    from beamdesign import docs
+    from beamdesign.docs import effect_named, effects, find, keys, nearest, pages, topics
     from beamdesign.structure.materials import material_lines
 
     if key is None:
         everything = {"keys": [asdict(each) for each in keys()], "effects": [asdict(e) for e in effects()]}
         if reference:
-            echo(reference_page.reference_markdown())
+            echo(docs.reference_markdown())
         else:
             _list()
         return CommandResult(everything | {"topics": topics()})
@@ -101,15 +99,15 @@ def explain(
     effect = effect_named(wanted)
     some = [] if effect else list(find(wanted))
     every = effects() if wanted == "effects" else (effect,) if effect else ()
-    text = page(wanted) if wanted in topics() else None
+    text = pages().get(wanted)
     if not some and not every and text is None:
         close = nearest(wanted)
         hint = f"did you mean {' or '.join(close)}?" if close else "`beamdesign explain` lists all"
         refuse("explain", (key or "''", f"unknown key; {hint}"))
     if effect:
-        echo("\n".join(reference_page.effect_lines(effect)))
+        echo("\n".join(docs.effect_lines(effect)))
     elif some:
-        echo("\n\n".join("\n".join(reference_page.key_lines(group)) for group in reference_page.alike(some)))
+        echo("\n\n".join("\n".join(docs.key_lines(group)) for group in docs.alike(some)))
         if wanted == "material":
             echo("\n" + "\n".join(material_lines()))
         for one in every:
@@ -124,8 +122,7 @@ def _list() -> None:
     """All keys by file and table, effects and topics, as they would be asked for."""
     from itertools import groupby
 
-    from beamdesign.docs import topics
-    from beamdesign.report.reference import effects, keys
+    from beamdesign.docs import effects, keys, topics
 
     plain = [key for key in keys() if not key.path.startswith("effects.")]
     for file, of_file in groupby(plain, lambda key: key.file):
@@ -198,21 +195,18 @@ def paper(out: Path, figure: Annotated[int | None, typer.Option(metavar="N")] = 
 
 
 def _one_figure(number: int, out: Path) -> CommandResult:
-    from beamdesign.report.canvas import save
     from beamdesign.validation.paper.figures import NUMBERED
 
     if number not in NUMBERED:
         refuse("--figure", (str(number), f"not drawn here; there are {min(NUMBERED)} to {max(NUMBERED)}"))
     drawing = NUMBERED[number]()
-    with fresh_folder(out) as fresh:
-        pictures = save(drawing.figure, fresh / drawing.name)
-    files = settled(pictures, fresh, out)
+    files = write_drawn(out, drawing.name, drawing.figure)
     echo(drawing.title)
     echo(f"paper: {drawing.claim}")
     echo(f"model: {drawing.caption}")
     _echo_checks(drawing.checks)
     fields = {"figure": number, "title": drawing.title, "figures": files, "claims": drawing.checks}
-    return CommandResult(fields, files=files)
+    return CommandResult(fields)
 
 
 def _echo_checks(checks: Sequence[Any]) -> None:

@@ -1,6 +1,6 @@
-"""`beamdesign certify`, `certify-box` and `certify-switching`: proofs over payloads, tolerances and changes."""
+"""`beamdesign certify` and `certify-box`: proofs over payloads and tolerances, and how they are printed."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from math import inf, isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -17,21 +17,17 @@ from beamdesign.cli.command import (
     mass_range,
     with_controller,
 )
-from beamdesign.cli.output import certificate_file, echo, progress, refuse, write_certificate
-from beamdesign.cli.proved import (
-    box_fields,
-    echo_against_goal,
-    echo_box,
-    echo_each,
-    echo_over_passive,
-    echo_stability,
-    hertz,
-)
+from beamdesign.cli.output import certificate_file, echo, echo_table, progress, refuse, write_certificate
 from beamdesign.json_text import picked
 
 if TYPE_CHECKING:
-    from beamdesign.proofs.certificate import Asked, Certificate, Row
-    from beamdesign.prototype import InStage, Prototype
+    from beamdesign.polynomial import Crossing
+    from beamdesign.proofs.absolute_stability import Row
+    from beamdesign.proofs.arm.result import PlaneGuaranteed
+    from beamdesign.proofs.box import Box, BoxVerdict
+    from beamdesign.proofs.certificate import Certificate, Decided, Guaranteed, Kind
+    from beamdesign.proofs.tolerance_box import Scaling
+    from beamdesign.prototype import Goal, InStage, Prototype
 
 
 @command
@@ -73,39 +69,38 @@ def certify(
         out: file for the certificate; else STEM.certificate.toml in this folder.
         replay: prove this certificate again; with PROTOTYPE, also that it is its.
     """
-    from beamdesign.prototype import read_prototype
+    from beamdesign.proofs.certificate import Asked
+    from beamdesign.prototype import Goal, read_prototype
+
+    record = None if replay is not None or prototype is None else with_controller(prototype)
+    goal = Goal() if record is None else record.goal
+
+    def claim(kind: "Kind", limit: float | None, from_Hz: float = 0.0) -> Asked | None:
+        return None if limit is None else Asked(kind, limit, from_Hz=from_Hz)
 
     claims = {
-        "--bandwidth-Hz": bandwidth_Hz,
-        "--peak-sensitivity": peak_sensitivity,
-        "--loop-gain": loop_gain,
-        "--controller-effort-A-per-V": controller_effort_A_per_V,
-        "--decay-rate-per-s": decay_rate_per_s,
-        "--gain-margin": gain_margin,
+        "--bandwidth-Hz": Asked("compliance", goal.compliance_m_per_N, bandwidth_Hz) if bandwidth_Hz else None,
+        "--peak-sensitivity": claim("peak_sensitivity", peak_sensitivity),
+        "--loop-gain": claim("loop_gain", loop_gain, goal.loop_gain_from_Hz),
+        "--controller-effort-A-per-V": claim("controller_effort", controller_effort_A_per_V),
+        "--decay-rate-per-s": claim("decay_rate", decay_rate_per_s),
+        "--gain-margin": claim("gain_margin", gain_margin),
     }
+    asked = [one for one in claims.values() if one is not None]
     if replay is not None:
-        others = {
-            "--linear": linear or None,
-            "--nonlinear": nonlinear or None,
-            "--outer-end-mass": outer_end_mass,
-            "--out": out,
-        }
-        given = [name for name, value in (*claims.items(), *others.items()) if value is not None]
-        if given:
+        others = {"--linear": linear, "--nonlinear": nonlinear, "--outer-end-mass": outer_end_mass, "--out": out}
+        if given := [name for name, value in {**claims, **others}.items() if value]:
             refuse("certify", *((name, "has no meaning with --replay") for name in given))
         return _replay(replay, None if prototype is None else read_prototype(prototype))
-    if prototype is None:
+    if record is None or prototype is None:
         refuse("certify", ("PROTOTYPE", "missing; or give --replay CERTIFICATE"))
-    record = with_controller(prototype)
-    masses = mass_range(outer_end_mass, record.outer_end_mass_kg, prototype)
-    stem = prototype.stem
+    masses, stem = mass_range(outer_end_mass, record.outer_end_mass_kg, prototype), prototype.stem
 
     from beamdesign.proofs.certifying import certify as prove
     from beamdesign.proofs.scope import holds_for, near_rest, uncovered
 
     def proved(stage: "InStage") -> tuple[dict[str, Any], bool]:
-        path = certificate_file(beside(out, stage), f"{stem}{stage.suffix}.certificate.toml")
-        rig, asked = stage.prototype, _asked(stage.prototype, claims)
+        rig, path = stage.prototype, certificate_file(beside(out, stage), f"{stem}{stage.suffix}.certificate.toml")
         certificate = prove(rig, *stage.outer_end_mass_kg, asked, nonlinear)
         write_certificate(path, certificate.text)
         bounded = {name for row in certificate.nonlinear if row.bound_m is not None for name in row.effects}
@@ -113,12 +108,12 @@ def certify(
         _echo(rig, certificate)
         echo(f"certificate: {path}")
         fields = certificate.to_dict() | (_between(rig, certificate, path) if rig.effects else {})
-        fields |= {"holds_for": holds_for(rig), "near_rest": left}
+        fields |= {"holds_for": holds_for(rig), "near_rest": left, "certificate": path}
         holds = certificate.holds
         if holds and not linear and (reason := uncovered(left, asked)):
             echo(f"{rig.name}: {reason}; --linear asks of linear members alone")
             holds, fields = False, fields | {"reason": reason}
-        return fields | {"certificate": path}, holds
+        return fields, holds
 
     return by_stage(record, masses, proved)
 
@@ -128,31 +123,14 @@ def _between(record: "Prototype", certificate: "Certificate", path: Path) -> dic
     from beamdesign.proofs.tolerance_box import between, in_words
 
     verdict = between(record, *certificate.outer_end_mass_kg) if certificate.stable else None
-    if certificate.stable and (words := in_words(verdict)):
+    if words := in_words(verdict):
         echo(f"  {words}")
-    fields: dict[str, Any] = {"stable_between": None if verdict is None else verdict.stable}
-    if verdict is not None and verdict.certificate:
-        beside = path.with_suffix(".between.toml")
-        write_certificate(beside, verdict.certificate)
-        echo(f"certificate of that: {beside}")
-        fields["certificate_between"] = beside
-    return fields
-
-
-def _asked(record: "Prototype", claims: dict[str, float | None]) -> list["Asked"]:
-    """The claims made on the command line."""
-    from beamdesign.proofs.certificate import Asked
-
-    goal = record.goal
-    kinds: dict[str, Callable[[float], Asked]] = {
-        "--bandwidth-Hz": lambda bandwidth: Asked("compliance", goal.compliance_m_per_N, bandwidth),
-        "--peak-sensitivity": lambda peak: Asked("peak_sensitivity", peak),
-        "--loop-gain": lambda gain: Asked("loop_gain", gain, from_Hz=goal.loop_gain_from_Hz),
-        "--controller-effort-A-per-V": lambda effort: Asked("controller_effort", effort),
-        "--decay-rate-per-s": lambda rate: Asked("decay_rate", rate),
-        "--gain-margin": lambda factor: Asked("gain_margin", factor),
-    }
-    return [kinds[option](value) for option, value in claims.items() if value is not None]
+    if verdict is None or not verdict.certificate:
+        return {"stable_between": verdict and verdict.stable}
+    beside = path.with_suffix(".between.toml")
+    write_certificate(beside, verdict.certificate)
+    echo(f"certificate of that: {beside}")
+    return {"stable_between": verdict.stable, "certificate_between": beside}
 
 
 def _echo(record: "Prototype", certificate: "Certificate") -> None:
@@ -163,14 +141,14 @@ def _echo(record: "Prototype", certificate: "Certificate") -> None:
     echo_stability(record.name, certificate, holds_for(record))
     for side, crossing in certificate.next_crossings.items():
         if crossing is not None:
-            echo(f"  the next crossing {side} the range is at {crossing.value:.7g} kg, {hertz(crossing)} Hz")
+            echo(f"  the next crossing {side} the range is at {crossing.value:.7g} kg, {_hertz(crossing)} Hz")
     if certificate.guaranteed is not None:
         found, goal = certificate.guaranteed, record.goal
-        bandwidth = stated_bandwidth(found.bandwidth_Hz)
-        echo(f"  guaranteed: |x/F_d| at most {goal.compliance_m_per_N:.4g} m/N up to {bandwidth}")
+        limit = goal.compliance_m_per_N
+        echo(f"  guaranteed: |x/F_d| at most {limit:.4g} m/N up to {stated_bandwidth(found.bandwidth_Hz)}")
         echo_against_goal(found, goal)
         if isfinite(found.peak_over_passive):
-            echo_over_passive(found.peak_compliance_m_per_N, found.servo_off_m_per_N, found.peak_over_passive, goal)
+            _echo_over_passive(found.peak_compliance_m_per_N, found.servo_off_m_per_N, found.peak_over_passive, goal)
     for claim in certificate.claims:
         echo(f"  {'proved' if claim.holds else 'REFUTED'}: {describe(claim)}")
         if not claim.holds:
@@ -248,14 +226,15 @@ def certify_box(
     record = with_controller(prototype)
     masses = mass_range(outer_end_mass, record.outer_end_mass_kg or (0.0, 0.0), prototype)
 
-    from beamdesign.proofs.absolute_stability import box_rows, slope_over_box
+    from beamdesign.proofs.scope import members
     from beamdesign.proofs.box import certify_box as prove
     from beamdesign.proofs.box_claims import best_over_box, guaranteed_fields
     from beamdesign.proofs.certificate import describe, over_passive
     from beamdesign.proofs.changing_gain import changing_over_box
     from beamdesign.proofs.error_over_box import errors_over_box
-    from beamdesign.proofs.scope import members
-    from beamdesign.proofs.tolerance_box import largest_scaling, scaling_of_each, servo_off_over_box, tolerance_box
+    from beamdesign.proofs.tolerance_box import servo_off_over_box
+    from beamdesign.proofs.absolute_stability import box_rows, slope_over_box
+    from beamdesign.proofs.tolerance_box import largest_scaling, scaling_of_each, tolerance_box
 
     def proved(stage: "InStage") -> tuple[dict[str, Any], bool]:
         path = certificate_file(beside(out, stage), f"{prototype.stem}{stage.suffix}.box.toml")
@@ -279,11 +258,11 @@ def certify_box(
             update(0.6, "scaling the tolerances" if scaling else "")
             found = largest_scaling(rig, box, budget=budget) if scaling else None
             alone = scaling_of_each(rig, box, budget=budget) if each and verdict.stable else {}
-        echo_box(rig, box, verdict, sigmas)
+        _echo_box(rig, box, verdict, sigmas)
         if found is not None:
             echo(f"scaling of the tolerances ({sigmas:g} standard deviations are 1): {found.reason}")
         if alone:
-            echo_each(alone, sigmas)
+            _echo_each(alone, sigmas)
         for claim in claims:
             if claim.asked.kind in ("peak_compliance", "deviation"):  # told beside others, in words of their own
                 continue
@@ -293,67 +272,129 @@ def certify_box(
             echo(f"  not proved of every member: {', '.join(missing)}")
         if any(c.asked.kind == "peak_sensitivity" and c.asked.limit > rig.goal.peak_sensitivity for c in claims):
             echo(f"  the peak sensitivity is beyond the goal of {rig.goal.peak_sensitivity:g}")
-        figures = guaranteed_fields(claims)
+        figures = guaranteed_fields(claims) | {"outer_end_mass_kg": stage.outer_end_mass_kg}
         if softest := figures["peak_compliance_m_per_N"]:
             off, _ = servo_off_over_box(rig, box)
             figures |= {"servo_off_m_per_N": off, "peak_over_passive": (ratio := over_passive(softest, off))}
-            echo_over_passive(softest, off, ratio, rig.goal, " for every member")
+            _echo_over_passive(softest, off, ratio, rig.goal, " for every member")
         _echo_moving(rows)
-        text = verdict.write(claims)
-        if text:
+        if text := verdict.write(claims):
             write_certificate(path, text)
             echo(f"certificate: {path}")
-        fields = box_fields(box, verdict, found, alone) | {"certificate": path if text else None}
-        fields["guaranteed"] = figures | {"outer_end_mass_kg": stage.outer_end_mass_kg}
+        fields = _box_fields(box, verdict, found, alone) | {
+            "certificate": path if text else None,
+            "guaranteed": figures,
+        }
         fields |= {"nonlinear": [row.to_dict() for row in rows]} if nonlinear else {}
         return fields, verdict.stable is True and all(row.proved for row in rows)
 
     return by_stage(record, masses, proved)
 
 
-@command
-def certify_switching(
-    prototype: Path,
-    outer_end_mass: str | None = None,
-    rate: Annotated[float | None, Figure("MassRate", metavar="KG_PER_S")] = None,
-    out: OutFile = None,
-) -> CommandResult:
-    """Prove stability while the payload changes in motion.
+def echo_stability(name: str, found: "Decided", holds_for: str) -> None:
+    """Whether a loop is stable over a range of payloads, where else it is, and where that changes."""
+    low, high = found.outer_end_mass_kg
+    if found.stable:
+        echo(f"{name}: stable for every outer end mass from {low:g} to {high:g} kg, {holds_for}")
+    else:
+        echo(f"{name}: NOT stable from {low:g} to {high:g} kg: {found.stability.reason}")
+        for least, most in found.stability.stable_ranges:
+            echo(f"  stable from {least:.7g} to {most:.7g} kg")
+    if found.crossings:
+        rows = [(f"{crossing.value:.7g}", _hertz(crossing)) for crossing in found.crossings]
+        echo_table("a root pair lies on the imaginary axis at", ("outer_end_mass_kg", "frequency_Hz"), rows)
 
-    That is gripping, releasing, filling, pouring; of a scheduled controller any change of its stage as well. Lyapunov
-    functions come from a semidefinite program and are verified in rational arithmetic; what only the solver claims is
-    reported as unverified. Exit status 0 if the rate asked for, or else some rate, is proved both for payload that
-    joins with the tip's velocity and for payload at rest; of a scheduled controller, if changes of stage as the
-    schedule makes them are proved, and the rate if one is asked for; 1 otherwise.
 
-    Args:
-        prototype: the prototype.toml, with its controller.
-        rate: prove stability up to this rate of change; else find the largest.
-        out: file for the certificate; else STEM.stages.toml in this folder.
-    """
-    from beamdesign.proofs.mass_family import stage_families
+def echo_against_goal(found: "Guaranteed | PlaneGuaranteed", goal: "Goal") -> None:
+    """What is guaranteed beside the goal's limits, as far as it sets any."""
+    from beamdesign.quantity_text import stated_peak
 
-    record = with_controller(prototype)
-    try:
-        families = stage_families(record)
-    except ValueError as error:
-        refuse(prototype, ("controller.stage", str(error)))
-    low, high = mass_range(outer_end_mass, record.outer_end_mass_kg, prototype)
-    if not low < high:
-        reason = f"{low:g}:{high:g} holds one mass, which cannot change"
-        refuse("certify-switching", ("--outer-end-mass", reason))
-    schedule = record.schedule
-    path = certificate_file(out, f"{prototype.stem}.stages.toml")
+    for name, words, more in (
+        ("peak_sensitivity", "peak sensitivity", ""),
+        ("loop_gain", "loop gain |L|", f" from {goal.loop_gain_from_Hz:g} Hz up"),
+        ("controller_effort_A_per_V", "controller effort |C/(1+L)|", " A/V"),
+    ):
+        value, limit = getattr(found, name), getattr(goal, name)
+        if value is not None and limit is not None:
+            met = "within" if value <= limit else "beyond"
+            echo(f"  guaranteed: {words} at most {stated_peak(value)}{more}, {met} the goal of {limit:g}")
 
-    from beamdesign.proofs.lyapunov import describe, stages_certificate, switching, switching_fields
 
-    with progress("Lyapunov functions") as update:
-        found = switching(families, low, high, rate, schedule.dwell_s if schedule else 0.0, update)
-    lines = describe(found)
-    several = f"{len(families)} stages, " if schedule else ""
-    echo(f"{record.name}: {several}outer end mass changing between {low:g} and {high:g} kg")
-    for line in lines:
-        echo(f"  {line}")
-    write_certificate(path, stages_certificate(record, found, f"{record.name}\n" + "\n".join(lines)))
-    echo(f"certificate: {path}")
-    return CommandResult(switching_fields(found) | {"certificate": path}, found.stable)
+def _echo_over_passive(peak_m_per_N: float, servo_off_m_per_N: float, ratio: float, goal: "Goal", of: str = "") -> None:
+    """The largest compliance at any frequency beside that with the servo off, and the goal."""
+    met = "within" if ratio <= goal.peak_over_passive else "beyond"
+    limit = f", {met} the goal of {goal.peak_over_passive:g}" if isfinite(goal.peak_over_passive) else ""
+    echo(
+        f"  guaranteed{of}: |x/F_d| at most {peak_m_per_N:.5g} m/N at every frequency, {ratio:.4g} times the"
+        f" {servo_off_m_per_N:.5g} m/N with the servo off{limit}"
+    )
+
+
+def _hertz(crossing: "Crossing") -> str:
+    """The frequency of a crossing, Hz."""
+    return f"{crossing.frequency_Hz:.6g}" if crossing.finite else "infinite"
+
+
+def _echo_box(record: "Prototype", box: "Box", verdict: "BoxVerdict", sigmas: float) -> None:
+    """Whether a loop is stable over a box, and where it is not; what the box is."""
+    from beamdesign.proofs.scope import holds_for
+    from beamdesign.proofs.tolerance_box import figure_key
+    from beamdesign.rational import nearest
+
+    words = {True: "stable", False: "NOT stable", None: "undecided whether stable"}
+    echo(f"{record.name}: {words[verdict.stable]} {holds_for(record, sigmas)}")
+    point, last = verdict.unstable_point or {}, ("not stable at",) if verdict.unstable_point else ()
+    rows = [
+        [key, *(nearest(value) / factor for value in (*ends, point.get(name)) if value is not None)]
+        for name, ends in box.ranges.items()
+        for key, factor in [figure_key(name)]
+    ]
+    echo_table(f"{len(box.names)} figures, all at once", ("figure", "from", "to", *last), rows)
+    if verdict.stable is not True:
+        echo(f"  {verdict.reason.rpartition(': ')[2] if verdict.stable is False else verdict.reason}")
+        if verdict.volumes is not None:
+            stable, unstable, undecided = map(nearest, verdict.volumes)
+            echo(f"  share of the box proved stable {stable:.6g}, not stable {unstable:.3g}, undecided {undecided:.3g}")
+    if record.effects:
+        echo("  effects are covered as linear loops at frozen values, not as the nonlinear loop")
+    echo(f"method: zero exclusion, {verdict.pieces} pieces proved in ball arithmetic, one member by an exact test")
+
+
+def _echo_each(found: "dict[str, Scaling]", sigmas: float) -> None:
+    """How far each figure alone may be off."""
+    from beamdesign.proofs.tolerance_box import figure_key
+
+    columns = "figure", "proved stable up to", "not stable from"
+    rows = [
+        (figure_key(name)[0], one.proved * sigmas, "none found" if one.refuted is None else one.refuted * sigmas)
+        for name, one in found.items()
+    ]
+    echo_table(f"standard deviations that one figure may be off, the others up to {sigmas:g} as before", columns, rows)
+
+
+def _box_fields(
+    box: "Box", verdict: "BoxVerdict", scaling: "Scaling | None", each: "dict[str, Scaling]"
+) -> dict[str, Any]:
+    """What a JSON file holds of it."""
+    from beamdesign.proofs.tolerance_box import figure_key, in_units
+    from beamdesign.rational import nearest
+
+    def point(of: Any) -> dict[str, float] | None:
+        return of and in_units(of, list(of))
+
+    shares = (None,) * 3 if verdict.volumes is None else [*map(nearest, verdict.volumes)]
+    return {
+        **picked(verdict, "stable reason pieces looked_at"),
+        "box": {
+            key: [nearest(low) / factor, nearest(high) / factor]
+            for name, (low, high) in box.ranges.items()
+            for key, factor in [figure_key(name)]
+        },
+        **dict(zip(("stable_fraction", "unstable_fraction", "undecided_fraction"), shares, strict=True)),
+        "unstable_point": point(verdict.unstable_point),
+        "largest_scaling": scaling
+        and picked(scaling, "proved refuted limit reason") | {"unstable_point": point(scaling.unstable_point)},
+        "scaling_of_each": [
+            {"figure": figure_key(name)[0]} | picked(one, "proved refuted limit") for name, one in each.items()
+        ],
+    }

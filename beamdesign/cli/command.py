@@ -4,6 +4,7 @@ An option goes by the name of its parameter, and its help is what the docstring 
 command (`OPTIONS`).
 """
 
+import glob
 import inspect
 import re
 import sys
@@ -12,6 +13,7 @@ from contextlib import contextmanager
 from copy import copy
 from dataclasses import dataclass
 from functools import wraps
+from itertools import chain, islice
 from math import inf
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, get_args, get_origin, get_type_hints
@@ -198,24 +200,11 @@ def data_sets(incomplete: str) -> list[str]:
     return sorted(str(path.parent) for path in _below(incomplete) if path.name == "dataset.toml")
 
 
-def _below(incomplete: str) -> Iterator[Path]:
-    typed = Path(incomplete)
-    start = typed if incomplete.endswith(("/", "\\")) or not incomplete else typed.parent
-    folders, looked = [(start, 0)], 0
-    while folders and looked < _MOST:
-        folder, depth = folders.pop(0)
-        try:
-            entries = sorted(folder.iterdir())
-        except OSError:
-            continue
-        for path in entries:
-            looked += 1
-            if path.name.startswith(".") or not str(path).startswith(incomplete):
-                continue
-            if path.is_dir() and depth < _DEPTH:
-                folders.append((path, depth + 1))
-            elif path.is_file():
-                yield path
+def _below(incomplete: str) -> list[Path]:
+    """Files whose path begins as typed, nearest first; the shell keeps what begins with a point to itself."""
+    begun = f"{glob.escape(incomplete)}*"
+    found = chain.from_iterable(glob.iglob(begun + "/*" * depth) for depth in range(_DEPTH + 1))
+    return [path for path in map(Path, islice(found, _MOST)) if path.is_file()]
 
 
 OPTIONS: dict[str, tuple[OptionInfo | ArgumentInfo, str]] = {

@@ -1,11 +1,22 @@
-"""`beamdesign run`, `size`, `codesign`, `front` and `remedies`: from a design problem to proved designs."""
+"""`beamdesign run`, `size`, `codesign`, `front` and `remedies`: from a design problem to designs that are proved."""
 
-from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-from beamdesign.cli.command import CommandResult, Figure, command, figures_of, in_time, mass_range, write_drawn
+import typer
+
+from beamdesign.cli.command import (
+    CommandResult,
+    Figure,
+    command,
+    figures_of,
+    in_time,
+    mass_range,
+    toml_files,
+    write_drawn,
+)
 from beamdesign.cli.output import default_folder, echo, echo_table, progress, refuse
+from beamdesign.cli.study import echo_checks
 from beamdesign.files import write_set
 from beamdesign.json_text import picked
 from beamdesign.public import SIGMAS
@@ -17,6 +28,7 @@ _DESIGNING = 0.85
 if TYPE_CHECKING:
     from beamdesign.problem import DesignProblem
     from beamdesign.synthesis.codesign import Codesign
+    from beamdesign.synthesis.design_run import DesignRun
 
 
 @command
@@ -51,10 +63,7 @@ def run(
     held = result.holding
     holding = {"holding": None if held is None else held.to_dict()}
     if result.prototype is None:
-        echo(f"no design: {result.reason}")
-        echo_changes(result.change)
-        nothing = dict.fromkeys(("prototype", "certificate", "mass_kg", "report"))
-        return CommandResult(nothing | picked(result, "reason change") | holding | limit, yes=False)
+        return _no_design(result, "prototype certificate mass_kg report", "reason change", holding | limit)
     payload, end, reached = result.prototype.payload, result.suffix.replace(".", "_"), result.guarantees
     nonlinear = [] if result.certificate is None else [row.to_dict() for row in result.certificate.nonlinear]
     moving, proved = result.sizing.beam_mass_kg + payload.inner_end_mass_kg, result.proved
@@ -100,10 +109,86 @@ def _read(study: Path, nominal: bool) -> "DesignProblem":
     return problem
 
 
-def echo_changes(ways: Sequence[str]) -> None:
-    """Print what to change so that there is a design."""
-    for way in ways:
+def _no_design(found: "DesignRun | Codesign", absent: str, stated: str, more: dict[str, Any]) -> CommandResult:
+    """Say why there is no design, and what to change so that there is one; `absent` names fields that are null."""
+    echo(f"no design: {found.reason}")
+    for way in found.change:
         echo(f"  change: {way}")
+    return CommandResult(dict.fromkeys(absent.split()) | picked(found, stated) | more, yes=False)
+
+
+DEFAULT_TIP_FORCE_N = 2000.0
+_STUDY_TABLES = {"load", "sections", "clearance", "safety"}
+
+
+@command
+def size(
+    study: Annotated[Path, typer.Argument(autocompletion=toml_files, metavar="STUDY-OR-PROTOTYPE")],
+    tip_force_N: Annotated[float | None, Figure("Force")] = None,
+) -> CommandResult:
+    """Find the lightest tubes for a study, or check a rig's.
+
+    For a study, the pair of least mass that passes every structural check; for a prototype, its own sections checked.
+    Exit status 1 if no pair fits, or if a section fails a check; the reason says which requirement to relax.
+
+    Args:
+        study: a study file or a prototype.toml.
+        tip_force_N: load to check a prototype for; 2000 by default.
+    """
+    from beamdesign.records import read_table
+
+    if not read_table(study).keys() & _STUDY_TABLES:
+        return _checked(study, tip_force_N)
+
+    from beamdesign.problem import read_problem
+    from beamdesign.sweep.answers import check_fields
+    from beamdesign.synthesis.sizing import size as find_sections
+
+    problem = read_problem(study)
+    if tip_force_N is not None:
+        refuse("--tip-force-N", (f"{tip_force_N:g}", f"{study} states its own load; change it there"))
+    with progress("sizing") as update:
+        found = find_sections(problem, update)
+    echo(f"{problem.name}: {'' if found.feasible else 'NOT FEASIBLE: '}{found.reason}")
+    echo_table("pairs of tubes", ("pair", "outer, mm", "inner, mm", "beam mass, kg", "checks"), found.rows())
+    if found.price_of_rounding_kg is not None:
+        echo(f"price of rounding to stock sizes: {found.price_of_rounding_kg:.3g} kg")
+    echo_checks(f"checks of the {'chosen' if found.feasible else 'nearest'} pair", map(check_fields, found.checks))
+    if found.free:
+        free = found.free
+        echo(f"free sizes: KKT residual {free.kkt_residual:.1e}; active: {'; '.join(free.active)}")
+        prices = [(name, price) for name, price in free.shadow_prices.items() if price]
+        echo_table("shadow prices: what the least mass gains per unit of each requirement", ("per unit", "kg"), prices)
+    return CommandResult(found.to_dict(), found.feasible)
+
+
+def _checked(path: Path, tip_force_N: float | None) -> CommandResult:
+    from beamdesign.problem import Clearance, Safety, Sections
+    from beamdesign.prototype import read_prototype
+    from beamdesign.sweep.answers import check_fields
+    from beamdesign.synthesis.sizing import check_prototype
+
+    prototype = read_prototype(path)
+    force = DEFAULT_TIP_FORCE_N if tip_force_N is None else tip_force_N
+    pair = check_prototype(prototype, force, str(path))
+    echo(
+        f"{prototype.name}: sections checked for a tip force of {force:g} N "
+        f"({'default' if tip_force_N is None else '--tip-force-N'}), with default safety factors "
+        f"({Safety().strength:g} strength, {Safety().local_buckling:g} local buckling) and gaps "
+        f"({1e3 * Clearance().assembly_m:g} mm at assembly, {1e3 * Clearance().under_load_m:g} mm under load): "
+        "a prototype states none of these"
+    )
+    echo_checks("checks", map(check_fields, pair.checks))
+    echo(f"both beams weigh {pair.beam_mass_kg:.4g} kg; governed by {pair.governing}")
+    if not pair.feasible:
+        echo(f"fails: {'; '.join(check.name for check in pair.failing)}")
+    assumed = {
+        "load": {"tip_force_N": force},
+        "clearance": Clearance().model_dump(),
+        "safety": Safety().model_dump(),
+        "sections": Sections().model_dump(exclude={"choose"}),
+    }
+    return CommandResult(pair.to_dict() | picked(pair, "governing feasible") | {"assumed": assumed}, pair.feasible)
 
 
 @command
@@ -139,10 +224,8 @@ def codesign(
         found = room.codesign(problem, masses, bandwidth_Hz, progress=update, sigmas=0.0 if nominal else sigmas)
     point = found.point
     if point is None:
-        echo(found.reason)
-        echo_changes(found.change)
-        fields = ("prototype", "moving_mass_kg", "beam_mass_kg", "inner_end_mass_kg", "guaranteed")
-        return CommandResult(dict.fromkeys(fields) | picked(found, "reason change attempts") | limit, yes=False)
+        absent = "prototype moving_mass_kg beam_mass_kg inner_end_mass_kg guaranteed"
+        return _no_design(found, absent, "reason change attempts", limit)
     certificate, guaranteed = certified(point.prototype, point.proved, masses)
     folder, over_box = out or default_folder(f"{study.stem}-codesign"), point.proved.over_box
     proved = point.proved.guaranteed(guaranteed, masses)
@@ -185,23 +268,19 @@ def codesign(
 
 
 def _front_row(design: "Codesign") -> dict[str, Any]:
-    from beamdesign.sweep.case import TUBES
+    from beamdesign.sweep.answers import point_outputs
 
-    point = design.point
-    row: dict[str, Any] = {
+    row = {
         "bandwidth_asked_Hz": design.bandwidth_Hz,
         "outer_end_mass_low_kg": design.outer_end_mass_kg[0],
         "outer_end_mass_high_kg": design.outer_end_mass_kg[1],
-        "proved": point is not None,
+        "proved": design.point is not None,
         "reason": design.reason,
     }
-    if point is not None:
-        row |= picked(point, "moving_mass_kg beam_mass_kg inner_end_mass_kg")
-        row |= picked(point.proved, "bandwidth_Hz peak_sensitivity") | picked(point, TUBES)
-        row |= point.proved.controller.model_dump(exclude={"kind"}) | {"governing": point.governing}
-    return row
+    return row if design.point is None else row | point_outputs(design.point)
 
 
+_SHOWN = ("added_mass_kg", "controllers", "reason")
 _FRONT = ("bandwidth_asked_Hz", "outer_end_mass_high_kg", "moving_mass_kg", "inner_end_mass_kg", "reason")
 
 
@@ -227,7 +306,7 @@ def front(
         payloads_kg: upper ends of the payload range; else the study's.
     """
     from beamdesign.report.canvas import new_figure
-    from beamdesign.report.charts import plot_front
+    from beamdesign.report.charts import TradePoint, plot_trade
     from beamdesign.synthesis.codesign import pareto_front
 
     problem = _read(study, nominal)
@@ -235,16 +314,16 @@ def front(
     assert masses is not None  # validated
     expected = "positive figures separated by commas, such as 3,5,8"
     bandwidths = figures_of("--bandwidths-Hz", bandwidths_Hz, "Bandwidth", expected)
-    ends: Sequence[float] = [masses[1]]
-    if payloads_kg is not None:
-        ends = figures_of("--payloads-kg", payloads_kg, "Mass", expected)
+    ends = (masses[1],) if payloads_kg is None else figures_of("--payloads-kg", payloads_kg, "Mass", expected)
     ranges = [(min(masses[0], end), end) for end in ends]
     count = len(ranges) * len(bandwidths)
     with in_time(minutes, f"{count:g} to {5 * count:g} min") as limit, progress("front") as update:
         found = pareto_front(problem, bandwidths, ranges, update, 0.0 if nominal else sigmas)
     rows = [_front_row(design) for design in found.designs]
     figure = new_figure()
-    plot_front(figure.add_subplot(), found)
+    points = [TradePoint(*(row[key] for key in TradePoint._fields)) for row in rows if row["proved"]]
+    axes = plot_trade(figure.add_subplot(), points, failed_Hz=[design.bandwidth_Hz for design in found.failed])
+    axes.set_title("Lightest proved designs; x: no proved design found")
     echo_table(
         f"{problem.name}: lightest proved designs",
         ("bandwidth, Hz", "payload to, kg", "moving mass, kg", "inner end mass, kg", "reason"),
@@ -301,19 +380,18 @@ def remedies(
         }
         for remedy in found
     ]
-    figure = new_figure(height_mm=80)
-    plot_remedies(figure.add_subplot(), found)
+    plot_remedies((figure := new_figure(height_mm=80)).add_subplot(), found)
     echo_table(
         f"{problem.name}: remedies for {masses[0]:g} to {masses[1]:g} kg at the tip, each proved",
         ("remedy", "bandwidth", "added mass, kg", "lag", "reason"),
         [
-            [
+            (
                 row["remedy"],
                 stated_bandwidth(row["bandwidth_Hz"]),
                 row["added_mass_kg"],
                 row["controllers"],
                 row["reason"],
-            ]
+            )
             for row in rows
         ],
     )

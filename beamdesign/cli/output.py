@@ -116,25 +116,51 @@ def note(text: str) -> None:
         print(shown(text), file=sys.stderr, flush=True)
 
 
-def echo_table(title: str, columns: Sequence[str], rows: Iterable[Sequence[Any]]) -> None:
-    """Print a table; floats get four significant digits. Styles go only to terminals."""
+def echo_table(
+    title: str, columns: Sequence[str], rows: Iterable[Sequence[Any]], wrap: bool = True, every: bool = True
+) -> list[str]:
+    """Print a table; floats get four significant digits, or six in lines that are not wrapped. Styles go to terminals.
+
+    Args:
+        title: above it.
+        columns: headings.
+        rows: cells; those that are None stay empty.
+        wrap: break cells so that the table has the width of the terminal.
+        every: print every column that is not wrapped, however wide the terminal; so it is where there is none.
+
+    Returns:
+        the columns that were left out.
+    """
     from rich import box
     from rich.console import Console
     from rich.table import Table
     from rich.text import Text
 
     if _hushed.is_set():
-        return
-    table = Table(title=Text(shown(title)), title_justify="left", box=box.SIMPLE_HEAD)
-    for column in columns:
-        table.add_column(Text(shown(column)))
-    for row in rows:
-        table.add_row(*(Text(shown(f"{cell:.4g}" if isinstance(cell, float) else str(cell))) for cell in row))
+        return []
+    digits, kept = 4 if wrap else 6, len(columns)
+    texts = [[f"{v:.{digits}g}" if isinstance(v, float) else "" if v is None else str(v) for v in row] for row in rows]
     plain = "NO_COLOR" in os.environ or not sys.stdout.isatty()
-    console = Console(highlight=False, file=sys.stdout, color_system=None if plain else "auto")
+    width, room = None if wrap else _WIDEST, shutil.get_terminal_size().columns
+    console = Console(highlight=False, file=sys.stdout, color_system=None if plain else "auto", width=width)
+
+    def table() -> Table:
+        found = Table(title=Text(shown(title)), title_justify="left", box=box.SIMPLE_HEAD)
+        for column in columns[:kept]:
+            found.add_column(Text(shown(column)))
+        for row in texts:
+            found.add_row(*(Text(shown(cell)) for cell in row[:kept]))
+        return found
+
+    while not every and sys.stdout.isatty() and kept > 2 and console.measure(table()).maximum > room:
+        kept -= 1
     with console.capture() as captured:
-        console.print(table)
+        console.print(table())
     _echo("\n".join(line.rstrip() for line in captured.get().rstrip().splitlines()) + "\n")
+    return list(columns[kept:])
+
+
+_WIDEST = 10_000  # characters of a line that is not wrapped
 
 
 def write_json(path: Path | None, fields: Mapping[str, Any]) -> None:
@@ -195,36 +221,6 @@ def _stated(path: Path, standing: bytes) -> dict[str, Any]:
     if not str(table.get("kind", "")).startswith("beamdesign."):
         refuse(path, ("(file)", "exists and is no certificate; name another file with --out"))
     return table
-
-
-_GAP = "  "
-
-
-def echo_wide(title: str, columns: Sequence[str], rows: Sequence[Sequence[Any]], every: bool = False) -> list[str]:
-    """Print a table, floats with six significant digits.
-
-    Args:
-        title: above it.
-        columns: headings.
-        rows: cells.
-        every: print every column, however wide the terminal; so it is where the output is no terminal.
-
-    Returns:
-        the columns that were left out.
-    """
-    cells = [["" if v is None else f"{v:.6g}" if isinstance(v, float) else str(v) for v in row] for row in rows]
-    widths = [max(len(name), *(len(row[k]) for row in cells), 0) for k, name in enumerate(columns)]
-    shown = list(range(len(columns)))
-    if not every and sys.stdout.isatty():
-        room = shutil.get_terminal_size().columns
-        while len(shown) > 2 and sum(widths[k] + len(_GAP) for k in shown) > room:
-            shown.pop()
-    lines = [[columns[k] for k in shown], ["-" * widths[k] for k in shown], *([row[k] for k in shown] for row in cells)]
-    echo(title + "\n")
-    for line in lines:
-        echo(_GAP.join(cell.ljust(widths[k]) for cell, k in zip(line, shown, strict=True)).rstrip())
-    echo("")
-    return [columns[k] for k in range(len(columns)) if k not in shown]
 
 
 EVERY_S = 30.0

@@ -117,17 +117,17 @@ def _compiles(folder: Path) -> bool:
 
 
 def _echo_code(code: "ProvedCode") -> None:
-    made, found, masses = code.realisation, code.judgement, code.outer_end_mass_kg
+    made, masses = code.realisation, code.outer_end_mass_kg
     words = "floats of 32 bits" if made.word_length is None else f"words of {made.word_length} bits"
     echo_table(f"{code.prototype.name} at {made.rate_Hz:g} Hz in {words}: the law alone", ("", "computed"), code.rows())
-    if found.reason:
-        echo(f"stability as realised: not looked at, {found.reason}")
+    if code.not_judged:
+        echo(f"stability as realised: not looked at, {code.not_judged}")
         return
-    when = "at once or one period late" if found.any_time is None else "after any computing time up to one period"
+    when = "at once or one period late" if code.any_time is None else "after any computing time up to one period"
     echo(f"proved: stable for {masses[0]:g} to {masses[1]:g} kg, the current held, put out {when}")
-    title = f"Worst of {len(found.masses)} masses, computed"
+    title = f"Worst of {len(code.masses)} masses, computed"
     echo_table(title, ("", "continuous", "as realised, at once", "one period late"), code.loop_rows())
-    effects = [at.rounding for at in found.masses if at.rounding is not None]
+    effects = [at.rounding for at in code.masses if at.rounding is not None]
     if effects:
         echo(
             f"rounding moves the tip by at most {1e6 * max(one.displacement_m for one in effects):.3g} um"

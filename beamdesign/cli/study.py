@@ -1,13 +1,13 @@
 """`beamdesign study`: sweeps over a study file, kept, resumed, shown and compared."""
 
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
 from beamdesign.cli.command import CommandResult, command, group, resumed
-from beamdesign.cli.output import echo, echo_table, echo_wide, progress, refuse
-from beamdesign.cli.tune import echo_checks
+from beamdesign.cli.output import echo, echo_table, progress, refuse
 from beamdesign.json_text import picked
 
 CASE_SECONDS = 3600
@@ -42,8 +42,7 @@ def run(
         case_seconds: a case that takes longer is given up, and stays as a failed row.
         again: compute the cases again that failed.
     """
-    from beamdesign.sweep.conclusion import in_words
-    from beamdesign.sweep.plot import draw
+    from beamdesign.sweep.conclusion import draw, in_words
     from beamdesign.sweep.store import in_words as unsound_words
     from beamdesign.sweep.sweep_run import default_folder, finished, plan, run_sweep
     from beamdesign.sweep.workers import cluster, processes
@@ -130,8 +129,8 @@ def show(
         sort: column to sort by; -NAME for the largest first.
         first: no more rows than so many.
     """
-    from beamdesign.sweep.conclusion import chosen, ordered, rows, worth_showing
     from beamdesign.sweep.store import in_words, read_index, rows_of
+    from beamdesign.sweep.sweep_run import chosen, ordered, rows, worth_showing
 
     name = read_index(folder)["name"]
     kept = rows_of(folder)
@@ -144,7 +143,8 @@ def show(
     names = worth_showing(table) if columns is None else chosen(list(table[0]), columns)
     table = ordered(table, sort)
     shown = [[row[column] for column in names] for row in table[:first]]
-    out = echo_wide(f"{name}: {min(first, len(table))} of {len(table)} rows", names, shown, columns is not None)
+    title = f"{name}: {min(first, len(table))} of {len(table)} rows"
+    out = echo_table(title, names, shown, wrap=False, every=columns is not None)
     hidden = [column for column in table[0] if column not in names or column in out]
     if columns is None and hidden:
         echo(f"also there: {', '.join(hidden)}")
@@ -178,7 +178,7 @@ def diff(
         echo(f"{len(found.changed)} of {len(found.cases)} common cases have other results{code}")
         if found.inputs:
             common = [(key, *map(_shown, change)) for key, change in found.inputs.items()]
-            echo_wide("inputs that changed in every case", ("key", first.name, second.name), common)
+            echo_table("inputs that changed in every case", ("key", first.name, second.name), common, wrap=False)
         rows = []
         for case in found.cases:
             own = {key: change for key, change in case.inputs.items() if key not in found.inputs}
@@ -188,7 +188,8 @@ def diff(
                 rows.append((_varied(case.varied), what, *map(_shown, change), off))
         if rows:
             more = f" (the first {_MOST} of {len(rows)})" if len(rows) > _MOST else ""
-            echo_wide(f"what differs{more}", ("case", "what", first.name, second.name, "change"), rows[:_MOST], True)
+            heads = ("case", "what", first.name, second.name, "change")
+            echo_table(f"what differs{more}", heads, rows[:_MOST], wrap=False)
         for name, only in ((first.name, found.only_first), (second.name, found.only_second)):
             if only:
                 echo(f"only in {name}: {len(only)} cases, such as {_varied(only[0])}")
@@ -200,7 +201,7 @@ def _varied(varied: dict[str, Any]) -> str:
 
 
 def _shown(value: Any) -> str:
-    from beamdesign.sweep.conclusion import cell
+    from beamdesign.sweep.sweep_run import cell
 
     value = cell(value)
     return "-" if value is None else f"{value:.6g}" if isinstance(value, float) else str(value)
@@ -216,7 +217,7 @@ def why(case: Annotated[str, typer.Argument()]) -> CommandResult:
     Args:
         case: DIR/NUMBER as `study show` numbers the rows, or DIR/ADDRESS.
     """
-    from beamdesign.report.statements import price_words
+    from beamdesign.build.result_folder import price_words
     from beamdesign.sweep.conclusion import governing
     from beamdesign.sweep.store import case_of
 
@@ -245,6 +246,19 @@ def why(case: Annotated[str, typer.Argument()]) -> CommandResult:
         for name, value in record["outputs"].items():
             echo(f"  {name}: {value}")
     return CommandResult(found | {"outputs": record["outputs"]}, record["status"] == "done")
+
+
+def echo_checks(title: str, checks: Iterable[Mapping[str, Any]]) -> None:
+    """Print structural checks, given as the fields that the task `size` keeps of them."""
+
+    def row(
+        name: str, value: float, limit: float, unit: str, at_least: bool, utilisation: float | None, satisfied: bool
+    ) -> tuple[Any, ...]:
+        used = "-" if utilisation is None else f"{100 * utilisation:.0f} %"
+        return name, value, "at least" if at_least else "at most", limit, unit, used, "" if satisfied else "FAILS"
+
+    rows = [row(**check) for check in checks]
+    echo_table(title, ("check", "value", "", "limit", "unit", "used", ""), rows)
 
 
 study = group("Sweep, sample or optimise over any key. Nothing is computed twice, and a killed run goes on.")

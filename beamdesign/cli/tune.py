@@ -1,22 +1,24 @@
-"""`beamdesign size` and `tune`: the lightest sections; controller and inner end mass with the largest bandwidth."""
+"""`beamdesign tune` and `stiffness`: a controller of the largest bandwidth, or for a commanded stiffness of the end."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from beamdesign.cli.command import CommandResult, Figure, command, in_time, mass_range, of_all, toml_files
+from beamdesign.cli.command import CommandResult, Figure, by_stage, command, figures_of, in_time, mass_range, of_all
 from beamdesign.cli.output import echo, echo_table, progress, refuse
-from beamdesign.cli.stiffness import give_stiffness
 from beamdesign.files import write_set
 from beamdesign.json_text import picked
 from beamdesign.public import SIGMAS
 
 if TYPE_CHECKING:
-    from beamdesign.controllers import Sensed
+    from beamdesign.controllers import Cascade, Sensed
     from beamdesign.proofs.certificate import Certificate
-    from beamdesign.prototype import Goal, InStage
+    from beamdesign.proofs.contact import Wall
+    from beamdesign.prototype import InStage, Prototype
+    from beamdesign.synthesis.end_stiffness import EndStiffness, Need
     from beamdesign.synthesis.tuning import Tuning
 
 
@@ -107,20 +109,17 @@ def tune(
         "controller_effort_A_per_V": controller_effort_A_per_V,
     }
     record = record.but(goal=tuning.limited(goal, controller, given))
-    if controller == "compliance" or end_stiffness_N_per_m is not None:
-        if controller != "compliance":
-            reason = "is for --controller compliance"
-            refuse("--end-stiffness-N-per-m", (f"{end_stiffness_N_per_m:g}", reason))
+    if controller != "compliance" and end_stiffness_N_per_m is not None:
+        refuse("--end-stiffness-N-per-m", (f"{end_stiffness_N_per_m:g}", "is for --controller compliance"))
+    if controller == "compliance":
         if end_stiffness_N_per_m is None:
             refuse("--controller", ("compliance", "needs --end-stiffness-N-per-m"))
         return give_stiffness(record, end_stiffness_N_per_m, masses, out=out, minutes=minutes)
     within = 0.0 if nominal else sigmas
-    usually = (
-        _NOMINAL.get(controller, "1 to 10 min") if nominal or not sigmas else _USUALLY.get(controller, "5 to 40 min")
-    )
-    with in_time(minutes, usually) as limit, progress("tuning") as update:
-        asked = (record, masses, controller, largest_inner_end_mass_kg, update, sections, sensors, within, stages)
-        found = tuning.tune(*asked)
+    usual, otherwise = (_NOMINAL, "1 to 10 min") if nominal or not sigmas else (_USUALLY, "5 to 40 min")
+    with in_time(minutes, usual.get(controller, otherwise)) as limit, progress("tuning") as update:
+        mass = largest_inner_end_mass_kg
+        found = tuning.tune(record, masses, controller, mass, update, sections, sensors, within, stages)
     if found.caution:
         echo(found.caution)
     if found.reason:
@@ -158,6 +157,7 @@ def tune(
 
 def _of_law(stage: "InStage", law: "Tuning", certificate: "Certificate") -> dict[str, Any]:
     """Say what was tuned and is guaranteed of one law over its payloads; the same for the JSON file."""
+    from beamdesign.proofs.certificate import describe, goal_claims
     from beamdesign.proofs.scope import holds_for
     from beamdesign.quantity_text import further_rows, guaranteed_rows
 
@@ -167,7 +167,7 @@ def _of_law(stage: "InStage", law: "Tuning", certificate: "Certificate") -> dict
     rows = [
         *best.controller.summary(),
         ("inner_end_mass_kg", str(best.inner_end_mass_kg)),
-        *guaranteed_rows(best, masses, _kept(goal)),
+        *guaranteed_rows(best, masses, [("guaranteed", describe(asked)) for asked in goal_claims(goal)]),
         *further_rows(found),
     ]
     echo_table(f"{stage.prototype.name}: tuned {best.controller.kind} controller", ("figure", "value"), rows)
@@ -198,102 +198,203 @@ def _sensors(kind: str, added: list[str]) -> "tuple[Sensed, ...]":
     return tuple(name for name in SENSORS if name == SENSORS[0] or name in added)
 
 
-def _kept(goal: "Goal") -> list[tuple[str, str]]:
-    """The limits of loop gain and effort that are proved to be kept."""
-    rows = []
-    if goal.loop_gain is not None:
-        rows.append((f"guaranteed |L| from {goal.loop_gain_from_Hz:g} Hz up", f"at most {goal.loop_gain:g}"))
-    if goal.controller_effort_A_per_V is not None:
-        rows.append(("guaranteed |C/(1+L)|", f"at most {goal.controller_effort_A_per_V:g} A/V"))
-    return rows
+CONTACTS: dict[str, "Need"] = {"passive": "passive", "wall": "wall", "none": "stable"}
+"""Of the option, and what the design calls it."""
+RIGS = 40
+"""Drawn for a law to suit, and others to count what it does on them."""
+
+_LowToHigh = Annotated[str, typer.Option(metavar="LO:HI")]
 
 
-DEFAULT_TIP_FORCE_N = 2000.0
-_STUDY_TABLES = {"load", "sections", "clearance", "safety"}
+def _wrong_wishes(
+    contact: str, end_stiffness_N_per_m: float | None, keep_controller: bool, **others: Any
+) -> Iterator[tuple[str, str]]:
+    if contact not in CONTACTS:
+        yield "--contact", f"must be one of {', '.join(CONTACTS)}, is {contact!r}"
+    if end_stiffness_N_per_m is None and keep_controller:
+        yield "--keep-controller", "is for --end-stiffness-N-per-m; without it no other controller is made"
 
 
-@command
-def size(
-    study: Annotated[Path, typer.Argument(autocompletion=toml_files, metavar="STUDY-OR-PROTOTYPE")],
-    tip_force_N: Annotated[float | None, Figure("Force")] = None,
+@partial(command, problems=_wrong_wishes)
+def stiffness(
+    prototype: Path,
+    end_stiffness_N_per_m: Annotated[float | None, Figure("Stiffness")] = None,
+    outer_end_mass: str | None = None,
+    wall_N_per_m: _LowToHigh = "0:1e9",
+    wall_damping_N_s_per_m: _LowToHigh = "0:0",
+    contact: str = "wall",
+    keep_controller: bool = False,
+    rigs: Annotated[int, typer.Option(min=0, max=1000)] = RIGS,
+    minutes: float | None = None,
+    out: Path | None = None,
 ) -> CommandResult:
-    """Find the lightest tubes for a study, or check a rig's.
+    """Give the end of the link a stiffness.
 
-    For a study, the pair of least mass that passes every structural check; for a prototype, its own sections checked.
-    Exit status 1 if no pair fits, or if a section fails a check; the reason says which requirement to relax.
+    From nearly none to that of the servo. The command moves by the force on the tip over the stiffness; the force is
+    that of the outer beam's bending less the actuator's, from the sensors of displacement and of load pressure, or of
+    the force of a screw, behind a low-pass filter. Lag and filter are searched for the widest band in which the end
+    feels as commanded, within 10 %. Stability over the payload, passivity at the tip and contact with walls are proved
+    or refuted in exact arithmetic, for the linear loop with its nominal figures; on rigs drawn from the tolerances they
+    are counted. Without a stiffness the controller is judged as it is. Exit status 1 if contact is not what it has to
+    be.
 
     Args:
-        study: a study file or a prototype.toml.
-        tip_force_N: load to check a prototype for; 2000 by default.
+        prototype: the prototype.toml of the rig.
+        end_stiffness_N_per_m: static stiffness that the end is to have; without it the controller is judged as it is.
+        wall_N_per_m: stiffness of the walls that it may touch.
+        wall_damping_N_s_per_m: damping of these walls.
+        contact: least that contact has to be: passive (with any passive surroundings), wall (stable against every
+            wall of the range) or none (stable in the air). The most that can be had is looked for first.
+        keep_controller: keep the prototype's controller; choose the force filter alone.
+        rigs: rigs drawn from the prototype's tolerances that the law has to suit; 0: nominal alone.
+        out: folder for prototype.toml and its certificates; else none is written.
     """
-    from beamdesign.records import read_table
-
-    if not read_table(study).keys() & _STUDY_TABLES:
-        return _checked(study, tip_force_N)
-
-    from beamdesign.problem import read_problem
-    from beamdesign.sweep.answers import check_fields
-    from beamdesign.synthesis.sizing import size as find_sections
-
-    problem = read_problem(study)
-    if tip_force_N is not None:
-        refuse("--tip-force-N", (f"{tip_force_N:g}", f"{study} states its own load; change it there"))
-    with progress("sizing") as update:
-        found = find_sections(problem, update)
-    echo(f"{problem.name}: {'' if found.feasible else 'NOT FEASIBLE: '}{found.reason}")
-    echo_table("pairs of tubes", ("pair", "outer, mm", "inner, mm", "beam mass, kg", "checks"), found.rows())
-    if found.price_of_rounding_kg is not None:
-        echo(f"price of rounding to stock sizes: {found.price_of_rounding_kg:.3g} kg")
-    echo_checks(f"checks of the {'chosen' if found.feasible else 'nearest'} pair", map(check_fields, found.checks))
-    if found.free:
-        free = found.free
-        echo(f"free sizes: KKT residual {free.kkt_residual:.1e}; active: {'; '.join(free.active)}")
-        prices = [(name, price) for name, price in free.shadow_prices.items() if price]
-        echo_table("shadow prices: what the least mass gains per unit of each requirement", ("per unit", "kg"), prices)
-    return CommandResult(found.to_dict(), found.feasible)
-
-
-def _checked(path: Path, tip_force_N: float | None) -> CommandResult:
-    from beamdesign.problem import Clearance, Safety, Sections
+    from beamdesign.polynomial import exact
+    from beamdesign.proofs.contact import Wall
     from beamdesign.prototype import read_prototype
-    from beamdesign.sweep.answers import check_fields
-    from beamdesign.synthesis.sizing import check_prototype
+    from beamdesign.quantity_text import mass_range_text
 
-    prototype = read_prototype(path)
-    force = DEFAULT_TIP_FORCE_N if tip_force_N is None else tip_force_N
-    pair = check_prototype(prototype, force, str(path))
-    echo(
-        f"{prototype.name}: sections checked for a tip force of {force:g} N "
-        f"({'default' if tip_force_N is None else '--tip-force-N'}), with default safety factors "
-        f"({Safety().strength:g} strength, {Safety().local_buckling:g} local buckling) and gaps "
-        f"({1e3 * Clearance().assembly_m:g} mm at assembly, {1e3 * Clearance().under_load_m:g} mm under load): "
-        "a prototype states none of these"
-    )
-    echo_checks("checks", map(check_fields, pair.checks))
-    echo(f"both beams weigh {pair.beam_mass_kg:.4g} kg; governed by {pair.governing}")
-    if not pair.feasible:
-        echo(f"fails: {'; '.join(check.name for check in pair.failing)}")
-    assumed = {
-        "load": {"tip_force_N": force},
-        "clearance": Clearance().model_dump(),
-        "safety": Safety().model_dump(),
-        "sections": Sections().model_dump(exclude={"choose"}),
-    }
-    return CommandResult(pair.to_dict() | picked(pair, "governing feasible") | {"assumed": assumed}, pair.feasible)
+    record = read_prototype(prototype)
+    stiffest = figures_of("--wall-N-per-m", wall_N_per_m, "WallStiffness", "two figures as LO:HI", ":", 2)
+    damping = figures_of("--wall-damping-N-s-per-m", wall_damping_N_s_per_m, "Damping", "two figures as LO:HI", ":", 2)
+    wall = Wall((exact(stiffest[0]), exact(stiffest[1])), (exact(damping[0]), exact(damping[1])))
+    servo = _servo(record, prototype) if keep_controller else None
+    masses = mass_range(outer_end_mass, record.outer_end_mass_kg, prototype)
+    if end_stiffness_N_per_m is not None:
+        return give_stiffness(record, end_stiffness_N_per_m, masses, wall, CONTACTS[contact], servo, rigs, out, minutes)
+
+    from beamdesign.synthesis.end_stiffness import judge
+    from beamdesign.synthesis.stiffness_run import CONTACT_NAME, contact_text, in_words
+
+    def judged(stage: "InStage") -> tuple[dict[str, Any], bool]:
+        rig, own, _ = stage
+        try:
+            found = judge(rig, None, own, wall)
+        except ValueError as error:
+            refuse(prototype, ("controller", str(error)))
+        rows = [*_kept(found), ("for every outer end mass", mass_range_text(own))]
+        echo_table(f"{rig.name}: its end, with the controller as it is", ("figure", "value"), rows)
+        for line in in_words(found, wall):
+            echo(line)
+        proof = {"certificate_contact": (CONTACT_NAME, contact_text(rig, found, own, wall))}
+        paths = {} if out is None else write_set(out / stage.suffix[1:], proof)
+        for kind, path in paths.items():
+            echo(f"{kind}: {path}")
+        met = next((one for one in CONTACTS.values() if found.meets(one)), None)
+        return _fields(found, wall) | {"met": met, "reason": "", **paths}, found.meets(CONTACTS[contact])
+
+    return by_stage(record, masses, judged)
 
 
-def echo_checks(title: str, checks: Iterable[Mapping[str, Any]]) -> None:
-    """Print structural checks, given as the fields that the task `size` keeps of them."""
+def give_stiffness(
+    record: "Prototype",
+    end_stiffness: float,
+    masses: tuple[float, float],
+    wall: "Wall | None" = None,
+    need: "Need" = "wall",
+    servo: "Cascade | None" = None,
+    rigs: int = RIGS,
+    out: Path | None = None,
+    minutes: float | None = None,
+) -> CommandResult:
+    """Design, prove, say and write, against every wall where none is given.
+
+    The rigs that the law has to suit are drawn from the tolerances.
+
+    Raises:
+        InputError: for a stiffness that is none, or effects.
+    """
+    from beamdesign.proofs.contact import EVERY_WALL
+    from beamdesign.quantity_text import mass_range_text, quantity
+    from beamdesign.records import to_toml
+    from beamdesign.synthesis.design_run import CERTIFICATE_NAME
+    from beamdesign.synthesis.end_stiffness import softest_N_per_m
+    from beamdesign.synthesis.stiffness_run import CONTACT_NAME, carried_out, drawn_in_words, drawn_rigs, in_words
+    from beamdesign.synthesis.stiffness_search import design
+
+    wall = wall or EVERY_WALL
+    with in_time(minutes, "2 to 5 min") as limit, progress("end stiffness") as update:
+        found = design(record, end_stiffness, masses, wall, need, servo, rigs, update)
+    if found.best is None:
+        echo(found.reason)
+        return CommandResult({"controller": None, "met": None, "reason": found.reason, **limit}, yes=False)
+    best = found.best
+    assert best.law is not None  # it was searched
+    done = carried_out(record, best, masses, wall)
+    softest = softest_N_per_m(record, best.law.servo, best.law.force_filter_Hz, masses)
     rows = [
-        (
-            check["name"],
-            check["value"],
-            "at least" if check["at_least"] else "at most",
-            check["limit"],
-            check["unit"],
-            "-" if check["utilisation"] is None else f"{100 * check['utilisation']:.0f} %",
-            "" if check["satisfied"] else "FAILS",
-        )
-        for check in checks
+        *best.law.servo.summary(),
+        ("force filter", quantity(best.law.force_filter_Hz, "Hz")),
+        *_kept(best),
+        ("softest with this lag and filter, at either end of the payload", quantity(softest, "N/m")),
+        ("stiffest, the servo alone", quantity(best.servo_N_per_m, "N/m")),
+        ("for every outer end mass", mass_range_text(masses)),
     ]
-    echo_table(title, ("check", "value", "", "limit", "unit", "used", ""), rows)
+    echo_table(f"{record.name}: end stiffness {quantity(end_stiffness, 'N/m')}", ("figure", "value"), rows)
+    if found.reason:
+        echo(f"{found.reason}; the next best is given")
+    for line in in_words(best, wall):
+        echo(line)
+    others = drawn_rigs(done.prototype, masses, wall, RIGS)
+    if others:
+        echo(drawn_in_words(others))
+    texts = {
+        "prototype": ("prototype.toml", to_toml(done.prototype)),
+        "certificate": (CERTIFICATE_NAME, done.certificate.text),
+        "certificate_contact": (CONTACT_NAME, done.contact),
+    }
+    paths = {} if out is None else write_set(out, texts)
+    fields = _fields(best, wall) | picked(found, "met reason") | limit
+    return CommandResult(fields | {"drawn": others, **paths}, files=paths.values())
+
+
+def _kept(found: "EndStiffness") -> list[tuple[str, Any]]:
+    """Rows of what is proved of stiffness, command and sensitivity."""
+    from beamdesign.quantity_text import at_least, quantity, stated_peak
+    from beamdesign.synthesis.end_stiffness import SHARE
+
+    return [
+        ("static stiffness of the end", quantity(found.static_N_per_m, "N/m")),
+        (f"apparent stiffness within {SHARE:.0%} of it", f"up to {at_least(found.band_Hz, 'Hz')}"),
+        ("free end follows its command, 0.707 or more", f"up to {at_least(found.command_Hz, 'Hz')}"),
+        ("command followed at rest, share of it", found.command_at_rest),
+        ("guaranteed peak sensitivity", stated_peak(found.peak_sensitivity)),
+    ]
+
+
+def _servo(record: "Prototype", source: Path) -> "Cascade":
+    """The prototype's own law, or the one that its compliant controller was made from.
+
+    Raises:
+        InputError: where there is none.
+    """
+    from beamdesign.controllers import Cascade
+
+    if record.compliance is not None:
+        return record.compliance.servo
+    if record.controller is None:
+        refuse(source, ("controller", "missing; write it there, or leave out --keep-controller"))
+    if not isinstance(record.controller, Cascade):
+        words = "cannot be kept without a [compliance] that says what it stands for; give a lag"
+        refuse(source, ("controller.kind", f"{record.controller.kind!r} {words}"))
+    return record.controller
+
+
+_STATED = """end_stiffness_N_per_m static_stiffness_N_per_m=static_N_per_m servo_stiffness_N_per_m=servo_N_per_m
+    stiffness_band_Hz=band_Hz command_bandwidth_Hz=command_Hz command_at_rest peak_sensitivity stable
+    passive=passivity.holds wall_stable=contact.holds stiffest_wall_N_per_m
+    one_sided_wall_N_per_m=unilateral_contact.stiffness_N_per_m"""
+
+
+def _fields(best: "EndStiffness", wall: "Wall") -> dict[str, Any]:
+    environment = "mass_kg=mass stiffness_N_per_m=stiffness damping_N_s_per_m=damping"
+    destabilising, witness = best.destabilising_environment, best.contact.witness
+    return {
+        "servo": None if best.law is None else best.law.servo.model_dump(),
+        "force_filter_Hz": None if best.law is None else best.law.force_filter_Hz,
+        **picked(best, _STATED),
+        "active_bands": [picked(band, "low_Hz high_Hz sample_Hz") for band in best.passivity.bands],
+        "destabilised_by": destabilising and picked(destabilising, environment),
+        "wall_N_per_m": wall.stiffness,
+        "wall_witness": witness and picked(witness, environment),
+    }

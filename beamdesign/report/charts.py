@@ -1,23 +1,25 @@
-"""Charts of what limits a design and of what it costs, and of time records with their page.
+"""Charts of what limits a design, what it costs and what is stable; and of time records, with their page.
 
-Load envelope, trade curves and remedies are drawn on the axes that are given; trade curves are moving mass against
-guaranteed bandwidth against payload. A record has one panel per kind of quantity: what was done, what it did, and the
-limits that it met.
+Load envelope, trade curves, remedies and stable bands are drawn on the axes that are given; trade curves are moving
+mass against guaranteed bandwidth against payload. A record has one panel per kind of quantity: what was done, what it
+did, and the limits that it met.
 """
 
 import csv
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from io import StringIO
-from itertools import cycle, pairwise
-from math import isfinite
+from itertools import cycle, groupby, pairwise
+from math import inf, isfinite
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from markupsafe import escape
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.patches import PathPatch
+from matplotlib.path import Path as Outline
 from matplotlib.text import Text
 
 from beamdesign.files import LARGEST_TABLE, read_bytes, write_whole
@@ -28,7 +30,6 @@ from beamdesign.spelling import in_plot
 
 if TYPE_CHECKING:
     from beamdesign.simulation import SimulatedRecord
-    from beamdesign.synthesis.codesign import Front
     from beamdesign.synthesis.operating_limits import Envelope
     from beamdesign.synthesis.remedies import Remedy
 
@@ -101,46 +102,28 @@ def read_trade(folder: Path) -> tuple[TradePoint, ...]:
     return points if all(isfinite(figure) for point in points for figure in point) else ()
 
 
-def plot_trade(axes: Axes, points: tuple[TradePoint, ...], own: tuple[float, float]) -> Axes:
+def plot_trade(
+    axes: Axes, points: Sequence[TradePoint], own: tuple[float, float] | None = None, failed_Hz: Sequence[float] = ()
+) -> Axes:
     """Moving mass over guaranteed bandwidth, one curve per payload, and this design as a square.
 
     Args:
         axes: drawn on: Hz and kg.
         points: proved designs.
-        own: bandwidth (Hz) and moving mass (kg) of the design that is reported.
+        own: bandwidth (Hz) and moving mass (kg) of the design that is reported; None where there is none.
+        failed_Hz: bandwidths at which no design was proved; a cross on the upper edge marks each.
     """
     curves = {
-        f"up to {payload:g} kg at the tip": [p[1:] for p in points if p.outer_end_mass_high_kg == payload]
+        f"up to {payload:g} kg at the tip": sorted(p[1:] for p in points if p.outer_end_mass_high_kg == payload)
         for payload in sorted({point.outer_end_mass_high_kg for point in points})
     }
-    _draw_curves(axes, curves)
-    axes.plot([own[0]], [own[1]], "s", color="black", markersize=8, fillstyle="none", label="this design")
+    for label, curve, style in styled(curves):
+        axes.plot(*zip(*curve, strict=True), marker="o", label=label, **style)
+    if own is not None:
+        axes.plot([own[0]], [own[1]], "s", color="black", markersize=8, fillstyle="none", label="this design")
+    if failed_Hz:
+        axes.plot(failed_Hz, [0.97] * len(failed_Hz), "kx", transform=axes.get_xaxis_transform())
     return finish(axes, "guaranteed bandwidth, Hz", "moving mass, kg")
-
-
-def plot_front(axes: Axes, front: "Front") -> Axes:
-    """Draw proved designs, one curve per payload range; a cross on the upper edge marks each that failed."""
-    curves = {
-        f"{masses[0]:g} to {masses[1]:g} kg at the tip": [
-            (design.point.proved.bandwidth_Hz, design.point.moving_mass_kg)
-            for design in front.designs
-            if design.point is not None and design.outer_end_mass_kg == masses
-        ]
-        for masses in dict.fromkeys(design.outer_end_mass_kg for design in front.designs)
-    }
-    _draw_curves(axes, curves)
-    for design in front.failed:
-        axes.plot(
-            design.bandwidth_Hz, 0.97, marker="x", color="black", linestyle="none", transform=axes.get_xaxis_transform()
-        )
-    axes.set_title("Lightest proved designs; x: no proved design found")
-    return finish(axes, "guaranteed bandwidth, Hz", "moving mass, kg")
-
-
-def _draw_curves(axes: Axes, curves: Mapping[str, Sequence[tuple[float, float]]]) -> None:
-    """Bandwidth and moving mass of proved designs, joined by lines; a curve per label."""
-    for label, points, style in styled(curves):
-        axes.plot(*zip(*sorted(points), strict=True) if points else ((), ()), marker="o", label=label, **style)
 
 
 def plot_remedies(axes: Axes, remedies: Sequence["Remedy"]) -> Axes:
@@ -171,6 +154,71 @@ def _end_beyond(axes: Axes, heights: Sequence[float], written: Sequence[Text]) -
     frame = axes.get_window_extent().width
     shares = [(text.get_window_extent().width + 0.03 * frame) / frame for text in written]
     return max(1.0, *(height / max(1.0 - share, 0.1) for height, share in zip(heights, shares, strict=True)))
+
+
+Cell = str | Sequence[float] | None
+"""What a column says of one row: "0; 2.5" in a table, a list in a record; nothing or empty where no band is stable."""
+
+
+def ends(cell: Cell) -> tuple[float, ...]:
+    """The figures that a cell lists.
+
+    Raises:
+        ValueError: for text that is no list of numbers.
+    """
+    if isinstance(cell, str):
+        return tuple(float(part) for part in cell.split(";") if part.strip())
+    # A missing cell is None in a record, and a float that is not a number in some tables.
+    return () if cell is None or isinstance(cell, float) else tuple(float(value) for value in cell)
+
+
+def plot_stable_bands(
+    axes: Axes,
+    x: Sequence[float],
+    low: Sequence[Cell],
+    high: Sequence[Cell],
+    label: str,
+    style: dict[str, Any],
+    shade: str = "0.85",
+    within: tuple[float, float] = (-inf, inf),
+) -> Axes:
+    """Fill what is stable over x; ends are exact at each x and joined by straight lines between neighbours.
+
+    Args:
+        axes: drawn on.
+        x: the varied figure, one per row in any order.
+        low: lower ends of the bands at each x.
+        high: upper ends, as many.
+        label: in the legend.
+        style: colour and line style of the edges, such as one of `canvas.STYLES`.
+        shade: of the filling.
+        within: what ends lie between that are drawn as edges; the filling goes no further.
+
+    Raises:
+        ValueError: where a row has not as many upper ends as lower ones.
+    """
+    rows = sorted(
+        (float(at), list(zip(ends(below), ends(above), strict=True)))
+        for at, below, above in zip(x, low, high, strict=True)
+    )
+    parts = []  # of one outline: between parts that were filled one by one a seam would be seen
+    for count, run in groupby(rows, key=lambda row: len(row[1])):
+        # Bands are joined only between neighbours that have equally many: elsewhere one begins or ends in between.
+        at, bands = zip(*run, strict=True)
+        for k in range(count):
+            bottom, top = zip(*(found[k] for found in bands), strict=True)
+            if len(at) == 1:  # no width to fill: a line from end to end shows it
+                axes.plot(at * 2, bottom + top, **style)
+                continue
+            for edge in map(np.array, (bottom, top)):
+                axes.plot(at, np.where((edge > within[0]) & (edge < within[1]), edge, np.nan), **style)
+            outline = np.array([[*at, *at[::-1], at[0]], np.clip([*bottom, *top[::-1], bottom[0]], *within)]).T
+            parts.append(Outline(outline, closed=True))
+    axes.add_patch(PathPatch(Outline.make_compound_path(*parts), color=shade, linewidth=0))
+    axes.fill_between(
+        [], [], color=shade, edgecolor=style.get("color"), label=label, linestyle=style.get("linestyle", "-")
+    )
+    return axes
 
 
 _MOST_POINTS = 3000

@@ -6,14 +6,12 @@ Their charts of what is stable over the outer end mass are exact: ranges on one 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from decimal import ROUND_FLOOR
-from itertools import groupby, pairwise
+from itertools import pairwise
 from math import asin, degrees, inf, isfinite
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.patches import PathPatch
-from matplotlib.path import Path
 from matplotlib.ticker import LogLocator, NullLocator
 
 from beamdesign.loop import Loop, LoopAtMass
@@ -23,7 +21,7 @@ from beamdesign.prototype import InStage, Prototype
 from beamdesign.quantity_text import decimal, mass_range_text, quantity, read_in, rigs_in_words, stated_bandwidth
 from beamdesign.rational import nearest
 from beamdesign.report.canvas import LIMIT, finish, new_figure, note
-from beamdesign.report.charts import TradePoint, plot_trade
+from beamdesign.report.charts import TradePoint, plot_stable_bands, plot_trade
 from beamdesign.report.drawing import draw_section, draw_side
 from beamdesign.report.figures import (
     passive_curves,
@@ -310,17 +308,9 @@ def plot_stable_gains(
     limits = [gain * edge for intervals in found.values() for pair in intervals for edge in pair if 0 < edge < inf]
     least, most = min([gain / 3, *(0.5 * edge for edge in limits)]), max([gain * 3, *(1.5 * edge for edge in limits)])
     least = max(least, gain / 30)
-    parts = []  # of one outline: between parts that were filled one by one a seam would be seen
-    for count, run in groupby(sorted(found.items()), key=lambda item: len(item[1])):
-        x, intervals = zip(*run, strict=True)
-        for k in range(count):
-            low, high = gain * np.array([pairs[k] for pairs in intervals]).T
-            for edge in (low, high):
-                axes.plot(x, np.where((edge > 0) & (edge < inf), edge, np.nan), color="black", linewidth=1.0)
-            outline = np.array([[*x, *x[::-1]], [*low, *high[::-1]]]).T
-            outline[:, 1] = outline[:, 1].clip(least / 10, most * 10)
-            parts.append(Path(np.vstack([outline, outline[:1]]), closed=True))
-    axes.add_patch(PathPatch(Path.make_compound_path(*parts), color=_STABLE, linewidth=0, label="stable"))
+    low, high = ([[gain * pair[end] for pair in pairs] for pairs in found.values()] for end in (0, 1))
+    edge, within = {"color": "black", "linewidth": 1.0}, (least / 10, most * 10)
+    plot_stable_bands(axes, list(found), low, high, "stable", edge, _STABLE, within)
     span = asked_kg or (masses_kg[0], masses_kg[-1])
     axes.plot(span, [gain, gain], "|--", color="black", linewidth=1.4, markersize=9, label=f"gain {gain:.4g} {unit}")
     axes.set_yscale("log")

@@ -29,6 +29,7 @@ from beamdesign.sweep.case import (
 if TYPE_CHECKING:
     from beamdesign.proofs.certificate import Certificate
     from beamdesign.synthesis.checks import Check
+    from beamdesign.synthesis.codesign import CodesignPoint
     from beamdesign.synthesis.loop_limits import Proved
     from beamdesign.synthesis.sizing import Sizing
     from beamdesign.synthesis.tuning import Tuning
@@ -112,7 +113,12 @@ def codesign(problem: DesignProblem, options: CodesignOptions) -> Answer:
         "attempts": attempts,
         "prototype": point.prototype.model_dump(mode="json", exclude_none=True),
     }
-    return Answer(picked(point, f"{POINT} governing") | proved_outputs(point.proved), details)
+    return Answer(point_outputs(point), details)
+
+
+def point_outputs(point: "CodesignPoint") -> dict[str, Any]:
+    """Columns of a proved design."""
+    return picked(point, f"{POINT} governing") | proved_outputs(point.proved)
 
 
 def remedy(problem: DesignProblem, options: RemediesOptions) -> Answer:

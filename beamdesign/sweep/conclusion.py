@@ -1,19 +1,25 @@
-"""What a finished sweep comes to: its table, yield of a specification, worst and best case, sensitivities; and why."""
+"""What a finished sweep comes to: yield of a specification, worst and best case, sensitivities; why; and its pictures.
 
-from collections.abc import Mapping, Sequence
+Pictures are as the sweep's file asks for them: readable in grey, with units and limits. Stable bands over a varied
+figure come from the columns of a sweep's table that list their lower and upper ends.
+"""
+
+import re
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
-from beamdesign.columns import csv_text
-from beamdesign.files import write_whole
-from beamdesign.records import InputError
+from beamdesign.report.canvas import STYLES, Place, finish, new_figure, save
+from beamdesign.report.charts import plot_stable_bands
+from beamdesign.spelling import in_plot
 from beamdesign.sweep.methods import NO_RESULT, Plan, cost, figures_of
-from beamdesign.sweep.sweep_file import Demand, Sweep
+from beamdesign.sweep.sweep_file import PICTURES, Demand, Picture, Sweep, value_at
 
 Row = Mapping[str, Any]
-_SHOWN = 12  # letters of an address that people are shown
 
 
 def conclude(laid: Plan, records: Sequence[Row]) -> dict[str, Any]:
@@ -173,96 +179,214 @@ def governing(record: Row) -> dict[str, Any]:
     }
 
 
-def rows(records: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
-    """Flat rows: number and address, the varied keys, status, outputs, reason; every row has every column."""
-    varied = list(dict.fromkeys(key for record in records for key in record["varied"]))
-    outputs = list(dict.fromkeys(key for record in records for key in record["outputs"]))
-    found = []
-    for number, record in enumerate(records):
-        row: dict[str, Any] = {"case": number, "address": record["address"][:_SHOWN]}
-        row |= {key: cell(record["varied"].get(key)) for key in varied}
-        row["status"] = record["status"]
-        # An output may bear the name of a varied key, such as a breadth that was asked for.
-        row |= {key: cell(record["outputs"].get(key)) for key in outputs if key not in row}
-        row["reason"] = record["reason"]
-        found.append(row)
+def draw(sweep: Sweep, records: Sequence[Row], conclusion: Mapping[str, Any], folder: Path) -> list[Path]:
+    """Draw every picture that a sweep asks for into a folder, as PNG and SVG; one without data says so."""
+    written: list[Path] = []
+    for number, asked in enumerate(sweep.picture):
+        names = [str(getattr(asked, role)) for role in PICTURES[asked.kind][0]]
+        if lacking := [name for name in names if all(value_of(row, name) is None for row in records)]:
+            figure = new_figure(height_mm=60)
+            axes = figure.add_subplot(title=asked.title)
+            axes.set_axis_off()
+            axes.text(0.5, 0.5, f"no case has {', '.join(lacking)}", ha="center", transform=axes.transAxes)
+        else:
+            figure = new_figure(height_mm=30 + 9 * len(records) if asked.kind == "bars" else _HEIGHTS_MM[asked.kind])
+            _KINDS[asked.kind](figure, asked, records, *names)
+        written += save(figure, folder / ("picture" if number == 0 else f"picture_{number + 1}"))
+    if conclusion.get("sensitivity"):
+        written += save(_sensitivity(conclusion["sensitivity"]), folder / "sensitivity")
+    return written
+
+
+def value_of(row: Row, name: str) -> Any:
+    """A column of a row: an output, a varied key, an option, or any key of its document."""
+    if name in row["outputs"]:
+        return row["outputs"][name]
+    if name in row["varied"]:
+        return row["varied"][name]
+    return value_at({**row["document"], "options": row["options"]}, name)
+
+
+def _number(row: Row, name: str) -> Any:
+    """A column of a row where it is a number, None where it is none: a refused case may have anything there."""
+    value = value_of(row, name)
+    return value if isinstance(value, int | float) else None
+
+
+def _placed(records: Sequence[Row], *names: str) -> list[Row]:
+    """Rows that have their places along axes: numbers, or texts where no row has a number."""
+    found = list(records)
+    for name in names:
+        kind: Any = int | float if any(_number(row, name) is not None for row in found) else str
+        found = [row for row in found if isinstance(value_of(row, name), kind)]
     return found
 
 
-def cell(value: Any) -> Any:
-    """A value as a cell: lists and tables become text."""
-    if isinstance(value, list):
-        return "; ".join(f"{item:.10g}" if isinstance(item, float) else str(item) for item in value)
-    if isinstance(value, dict):
-        return ", ".join(f"{key} = {item}" for key, item in value.items())
-    return value
+def _finish(axes: Axes, asked: Picture, x: str, y: str, legend: Place | None = "best") -> None:
+    axes.set_title(in_plot(asked.title))
+    finish(axes, in_plot(asked.x_label or words(x)), in_plot(asked.y_label or words(y)), legend)
 
 
-def write_columns(folder: Path, table: Sequence[dict[str, Any]], name: str) -> list[Path]:
-    """Write flat rows as NAME.csv and NAME.parquet; a cell that a row lacks is empty."""
-    import pyarrow as pa
-    from pyarrow import parquet
-
-    paths = [folder / f"{name}.csv", folder / f"{name}.parquet"]
-    write_whole(paths[0], csv_text(table, "\n") if table else "case\n")
-    columns = dict.fromkeys(column for row in table for column in row)
-    arrays = {column: _column([row.get(column) for row in table]) for column in columns}
-    content = pa.BufferOutputStream()
-    parquet.write_table(pa.table(arrays), content)
-    write_whole(paths[1], content.getvalue().to_pybytes())
-    return paths
+def _limit(line: Callable[..., Any], asked: Picture, words: str = "limit {:g}") -> None:
+    """Draw the limit of a picture that has one, in the direction of `line`."""
+    if asked.limit is not None:
+        line(asked.limit, color="black", linestyle=(0, (1, 1)), linewidth=1.0, label=words.format(asked.limit))
 
 
-def _column(values: list[Any]) -> Any:
-    """One type per column: whole numbers beside others become floats, and anything beside text becomes text."""
-    import pyarrow as pa
-
-    kinds = {type(value) for value in values if value is not None}
-    if kinds == {int, float}:
-        values = [None if value is None else float(value) for value in values]
-    elif len(kinds) > 1:
-        values = [None if value is None else str(value) for value in values]
-    return pa.array(values)
+_UNIT = re.compile(
+    r"(?P<stem>.+)_(?P<unit>(kg|Hz|mm|m[23]?|N|Pa|V|A|s|W|deg)(_per_(kg|Hz|mm|m[23]?|N|Pa|V|A|s|percent))*)"
+)
 
 
-def chosen(columns: Sequence[str], asked: str) -> list[str]:
-    """Columns that are asked for, by their names or parts of them, in the order of asking.
+def words(name: str) -> str:
+    """A column's name as a label: words, a comma, the unit."""
+    last = name.rpartition(".")[2].partition("[")[0]
+    parts = _UNIT.fullmatch(last)
+    if parts is None:
+        return last.replace("_", " ")
+    return f"{parts['stem'].replace('_', ' ')}, {parts['unit'].replace('_per_', '/')}"
 
-    Raises:
-        InputError: for a name that no column has.
-    """
-    found: list[str] = []
-    problems = []
-    for part in (text.strip() for text in asked.split(",")):
-        named = [part] if part in columns else [column for column in columns if part and part in column]
-        if not named:
-            problems.append((part, f"no such column; there are {', '.join(columns)}"))
-        found += [column for column in named if column not in found]
-    if problems:
-        raise InputError("--columns", problems)
+
+def _text(value: Any) -> str:
+    return f"{value:g}" if isinstance(value, float | int) else str(value)
+
+
+def _groups(asked: Picture, records: Sequence[Row]) -> dict[str, list[Row]]:
+    """Rows by the value of the series' column, in order of first appearance."""
+    found: dict[str, list[Row]] = {}
+    for row in records:
+        label = asked.series_label or words(asked.series or "")
+        name = "" if asked.series is None else f"{label}: {_text(value_of(row, asked.series))}"
+        found.setdefault(in_plot(name), []).append(row)
     return found
 
 
-def worth_showing(table: Sequence[dict[str, Any]]) -> list[str]:
-    """Columns for a terminal: number, what varies, outputs that differ; not the address, no constants."""
-    names = [name for name in table[0] if name not in ("case", "address")]
-    if len(table) == 1:
-        names = [name for name in names if table[0][name] not in (None, "")]
-    else:
-        names = [name for name in names if len({str(row[name]) for row in table}) > 1]
-    return ["case", *sorted(names, key=lambda name: name == "reason")]  # which stands last
+def _lines(figure: Figure, asked: Picture, records: Sequence[Row], x: str, y: str) -> None:
+    records = _placed(records, x)
+    axes = figure.add_subplot()
+    for k, (name, rows) in enumerate(_groups(asked, records).items()):
+        there = [(value_of(row, x), _number(row, y)) for row in rows if _number(row, y) is not None]
+        style: dict[str, Any] = STYLES[k % len(STYLES)] | {"marker": "o", "ms": 4, "label": name or None}
+        axes.plot(*zip(*sorted(there), strict=True) if there else ((), ()), **style)
+    missing = [value_of(row, x) for row in records if _number(row, y) is None]
+    if missing:
+        axes.plot(missing, [0.97] * len(missing), "kx", transform=axes.get_xaxis_transform(), label="no answer")
+    _limit(axes.axhline, asked)
+    _finish(axes, asked, x, y)
 
 
-def ordered(table: Sequence[dict[str, Any]], sort: str | None) -> list[dict[str, Any]]:
-    """Rows sorted by a column, those without a value last; -NAME turns the order round.
+def _bars(figure: Figure, asked: Picture, records: Sequence[Row], x: str, y: str) -> None:
+    names = [in_plot(_text(value_of(row, x))) for row in records]
+    heights = [_number(row, y) or 0.0 for row in records]
+    axes = figure.add_subplot()
+    bars = axes.barh(range(len(names)), heights, color="0.7", edgecolor="black")
+    labels = [f"{h:.4g}" if row["status"] == "done" else "no answer" for h, row in zip(heights, records, strict=True)]
+    axes.bar_label(bars, labels, padding=4)
+    axes.set_yticks(range(len(names)), names)
+    axes.invert_yaxis()
+    axes.set_xlim(0, max([*heights, 1e-12]) * 1.2)
+    _limit(axes.axvline, asked)
+    _finish(axes, asked, y, x, legend=None)
+    axes.set(ylabel="", title="")
+    figure.suptitle(in_plot(asked.title))  # over the whole figure: names of the bars may leave little room
+    axes.grid(False, axis="y")
 
-    Raises:
-        InputError: for a column that is not there.
-    """
-    if sort is None:
-        return list(table)
-    (name,) = chosen(list(table[0]), sort.removeprefix("-"))[:1]
-    having = [row for row in table if row[name] is not None]
-    numeric = all(isinstance(row[name], int | float) for row in having)
-    having.sort(key=lambda row: row[name] if numeric else str(row[name]), reverse=sort.startswith("-"))
-    return [*having, *(row for row in table if row[name] is None)]
+
+def _map(figure: Figure, asked: Picture, records: Sequence[Row], x: str, y: str, value: str) -> None:
+    """Value of a column over two varied keys: `series` names the value here; a cross is a no."""
+    records = _placed(records, x, y)
+    there = [row for row in records if _number(row, value) is not None]
+    axes = figure.add_subplot()
+    places = [value_of(row, x) for row in there], [value_of(row, y) for row in there]
+    values = [float(value_of(row, value)) for row in there]
+    shown = axes.scatter(*places, c=values, cmap="gray_r", edgecolor="black", marker="s", s=60)
+    no = [row for row in records if row not in there]
+    crosses = [value_of(row, x) for row in no], [value_of(row, y) for row in no]
+    axes.plot(*crosses, "x", color="0.4", label="no" if no else None)
+    figure.colorbar(shown, label=in_plot(words(value)))
+    _finish(axes, asked, x, y)
+
+
+_SHADES = ("0.9", "0.75", "0.6", "0.45", "0.3")
+
+
+def _stable(axes: Axes, rows: Sequence[Row], x: str, columns: tuple[str, str], name: str, number: int) -> None:
+    """What two columns of lower and upper ends say is stable over x."""
+    at = [float(value_of(row, x)) for row in rows]
+    low, high = ([value_of(row, end) for row in rows] for end in columns)
+    plot_stable_bands(axes, at, low, high, name, STYLES[number % len(STYLES)], _SHADES[number % len(_SHADES)])
+
+
+def _lag_breaks(figure: Figure, asked: Picture, records: Sequence[Row], x: str) -> None:
+    """Stable zeros over the pole, per gain; every edge is exact at each pole, and joined by straight lines."""
+    records = _placed(records, x)
+    axes = figure.add_subplot()
+    highest = max((v for row in records for v in row["outputs"].get("stable_zero_from_Hz", ())), default=100.0)
+    for k, (name, rows) in enumerate(_groups(asked, records).items()):
+        _stable(axes, rows, x, ("stable_zero_from_Hz", "stable_zero_to_Hz"), name or "stable", k)
+    axes.set(xscale="log", yscale="log")
+    axes.set_ylim(top=min(1e4, max(1e3, 3 * highest)))
+    _finish(axes, asked, x, "zero_frequency_Hz", "lower right")
+
+
+def _end_masses(figure: Figure, asked: Picture, records: Sequence[Row], x: str) -> None:
+    """Stable outer masses over the inner one, and the frequencies at which the loop oscillates at the edges."""
+    records = _placed(records, x)
+    upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=(3, 2))
+    _stable(upper, records, x, ("stable_from_kg", "stable_to_kg"), "stable", 0)
+    crossings = [
+        (value_of(row, x), frequency, mass < 5)
+        for row in records
+        for mass, frequency in zip(
+            row["outputs"].get("crossings_kg", ()), row["outputs"].get("crossing_frequencies_Hz", ()), strict=True
+        )
+        if frequency is not None
+    ]
+    for marker, light, words_of in (("o", True, "below 5 kg on the outer tip"), ("s", False, "at 5 kg and more")):
+        points = [(at, frequency) for at, frequency, below in crossings if below is light]
+        places = zip(*points, strict=True) if points else ((), ())
+        lower.plot(*places, marker, ms=4, color="black", mfc="white", label=f"crossing {words_of}")
+    _limit(upper.axhline, asked, "largest payload, {:g} kg")
+    _finish(upper, asked, "", "mass_on_the_outer_tip_kg")
+    _finish(lower, asked, x, "frequency_Hz")
+    lower.set(title="", ylabel="frequency, Hz")
+    upper.set_xlabel("")
+
+
+def _histogram(figure: Figure, asked: Picture, records: Sequence[Row], x: str) -> None:
+    values = [_number(row, x) for row in records if _number(row, x) is not None]
+    axes = figure.add_subplot()
+    axes.hist(values, bins=min(30, max(5, round(len(values) ** 0.5))), color="0.75", edgecolor="black")
+    _limit(axes.axvline, asked)
+    _finish(axes, asked, x, "samples")
+
+
+def _sensitivity(found: Sequence[Mapping[str, Any]]) -> Figure:
+    """First-order and total indices of each output, with their half-widths of 95 %."""
+    outputs = list(dict.fromkeys(row["output"] for row in found if "total" in row))
+    figures = list(dict.fromkeys(row["figure"] for row in found))
+    figure = new_figure(height_mm=40 + 8 * len(figures) * max(1, len(outputs)))
+    for number, output in enumerate(outputs):
+        axes = figure.add_subplot(max(1, len(outputs)), 1, number + 1)
+        rows = [row for row in found if row["output"] == output]
+        for shift, name, colour in ((-0.2, "first_order", "0.8"), (0.2, "total", "0.4")):
+            places, shares = [k + shift for k in range(len(rows))], [row[name] for row in rows]
+            bars: dict[str, Any] = {"color": colour, "edgecolor": "black", "label": name.replace("_", "-")}
+            axes.barh(places, shares, 0.38, xerr=[row[f"{name}_half_width"] for row in rows], **bars)
+        axes.set_yticks(range(len(rows)), [row["figure"] for row in rows], fontsize=7)
+        axes.invert_yaxis()
+        axes.set_xlabel(f"share of the variance of: {words(output)} (sampled, bars of 95 %)")
+        axes.axvline(0, color="black", linewidth=0.8)
+        axes.legend()
+    return figure
+
+
+_KINDS: dict[str, Callable[..., None]] = {
+    "lines": _lines,
+    "bars": _bars,
+    "map": _map,
+    "lag_breaks": _lag_breaks,
+    "end_masses": _end_masses,
+    "histogram": _histogram,
+}
+_HEIGHTS_MM = {"lines": 110.0, "map": 110.0, "lag_breaks": 110.0, "end_masses": 150.0, "histogram": 90.0}

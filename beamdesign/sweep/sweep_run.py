@@ -1,4 +1,4 @@
-"""A sweep carried out: what is kept is read, the rest computed and kept at once, so that nothing is computed twice.
+"""A sweep carried out, and its table: what is kept is read, the rest computed and kept at once, nothing twice.
 
 Everything that can be checked is checked before anything is written; the table and what goes with it change together.
 """
@@ -11,13 +11,13 @@ from typing import Any
 
 from beamdesign import records
 from beamdesign.code_digest import code_digest
+from beamdesign.columns import csv_text
 from beamdesign.files import fresh_folder, refuse_irreplaceable, settled, write_whole
 from beamdesign.json_text import json_text
 from beamdesign.progress import Progress, silent
 from beamdesign.records import InputError, Problem
 from beamdesign.sweep import store, workers
 from beamdesign.sweep.case import TASKS, Case, in_words
-from beamdesign.sweep.conclusion import conclude, rows, write_columns
 from beamdesign.sweep.methods import ADAPTIVE, Plan, laid_out
 from beamdesign.sweep.sweep_file import Sweep, read_sweep
 
@@ -110,6 +110,8 @@ class SweepRun:
 
     def write(self, complete: bool, draw: Draw | None) -> None:
         """Write the set of files of a run, in place of that of an earlier one."""
+        from beamdesign.sweep.conclusion import conclude  # which draws as well: no reason to wait for that
+
         laid = self.laid
         order = [one.address for one in laid.cases] or list(self.found)
         self.records = [self.found[address] for address in order if address in self.found]
@@ -279,3 +281,101 @@ def finished(laid: Plan, folder: Path) -> int:
     there = store.addresses(folder)
     rows = {one.address for one in laid.cases} or set(store.read_index(folder)["rows"] if there else ())
     return len(rows.intersection(there))
+
+
+_DIGITS = 12  # of an address that people are shown
+
+
+def rows(records: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Flat rows: number and address, the varied keys, status, outputs, reason; every row has every column."""
+    varied = list(dict.fromkeys(key for record in records for key in record["varied"]))
+    outputs = list(dict.fromkeys(key for record in records for key in record["outputs"]))
+    found = []
+    for number, record in enumerate(records):
+        row: dict[str, Any] = {"case": number, "address": record["address"][:_DIGITS]}
+        row |= {key: cell(record["varied"].get(key)) for key in varied}
+        row["status"] = record["status"]
+        # An output may bear the name of a varied key, such as a breadth that was asked for.
+        row |= {key: cell(record["outputs"].get(key)) for key in outputs if key not in row}
+        row["reason"] = record["reason"]
+        found.append(row)
+    return found
+
+
+def cell(value: Any) -> Any:
+    """A value as a cell: lists and tables become text."""
+    if isinstance(value, list):
+        return "; ".join(f"{item:.10g}" if isinstance(item, float) else str(item) for item in value)
+    if isinstance(value, dict):
+        return ", ".join(f"{key} = {item}" for key, item in value.items())
+    return value
+
+
+def write_columns(folder: Path, table: Sequence[dict[str, Any]], name: str) -> list[Path]:
+    """Write flat rows as NAME.csv and NAME.parquet; a cell that a row lacks is empty."""
+    import pyarrow as pa
+    from pyarrow import parquet
+
+    paths = [folder / f"{name}.csv", folder / f"{name}.parquet"]
+    write_whole(paths[0], csv_text(table, "\n") if table else "case\n")
+    columns = dict.fromkeys(column for row in table for column in row)
+    arrays = {column: _column([row.get(column) for row in table]) for column in columns}
+    content = pa.BufferOutputStream()
+    parquet.write_table(pa.table(arrays), content)
+    write_whole(paths[1], content.getvalue().to_pybytes())
+    return paths
+
+
+def _column(values: list[Any]) -> Any:
+    """One type per column: whole numbers beside others become floats, and anything beside text becomes text."""
+    import pyarrow as pa
+
+    kinds = {type(value) for value in values if value is not None}
+    if kinds == {int, float}:
+        values = [None if value is None else float(value) for value in values]
+    elif len(kinds) > 1:
+        values = [None if value is None else str(value) for value in values]
+    return pa.array(values)
+
+
+def chosen(columns: Sequence[str], asked: str) -> list[str]:
+    """Columns that are asked for, by their names or parts of them, in the order of asking.
+
+    Raises:
+        InputError: for a name that no column has.
+    """
+    found: list[str] = []
+    wrong = []
+    for part in (text.strip() for text in asked.split(",")):
+        named = [part] if part in columns else [column for column in columns if part and part in column]
+        if not named:
+            wrong.append((part, f"no such column; there are {', '.join(columns)}"))
+        found += [column for column in named if column not in found]
+    if wrong:
+        raise InputError("--columns", wrong)
+    return found
+
+
+def worth_showing(table: Sequence[dict[str, Any]]) -> list[str]:
+    """Columns for a terminal: number, what varies, outputs that differ; not the address, no constants."""
+    names = [name for name in table[0] if name not in ("case", "address")]
+    if len(table) == 1:
+        names = [name for name in names if table[0][name] not in (None, "")]
+    else:
+        names = [name for name in names if len({str(row[name]) for row in table}) > 1]
+    return ["case", *sorted(names, key=lambda name: name == "reason")]  # which stands last
+
+
+def ordered(table: Sequence[dict[str, Any]], sort: str | None) -> list[dict[str, Any]]:
+    """Rows sorted by a column, those without a value last; -NAME turns the order round.
+
+    Raises:
+        InputError: for a column that is not there.
+    """
+    if sort is None:
+        return list(table)
+    (name,) = chosen(list(table[0]), sort.removeprefix("-"))[:1]
+    having = [row for row in table if row[name] is not None]
+    numeric = all(isinstance(row[name], int | float) for row in having)
+    having.sort(key=lambda row: row[name] if numeric else str(row[name]), reverse=sort.startswith("-"))
+    return [*having, *(row for row in table if row[name] is None)]

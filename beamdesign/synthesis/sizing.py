@@ -56,17 +56,18 @@ class Sizing(Result):
         pairs = {
             "free sizes": self.free and self.free.pair,
             "stock sizes": self.stock and self.stock.pair,
-            "given sections": self.given,
+            "given in the study": self.given,
             "nearest pair": None if self.feasible else self.chosen,
         }
-
         return [
             (
-                name,
+                f"{name} (chosen)" if self.feasible and pair == self.chosen else name,
                 pair.outer.millimetres,
                 pair.inner.millimetres,
                 pair.beam_mass_kg,
-                "all pass" if pair.feasible else f"{len(pair.failing)} fail",
+                f"fails {'; '.join(check.name for check in pair.failing)}"
+                if pair.failing
+                else f"passes, governed by {pair.governing}",
             )
             for name, pair in pairs.items()
             if pair

@@ -2,8 +2,8 @@
 
 The emulation works in the same integers, or floats of 32 bits, as the C code: equal to the last bit.
 
-The law has one statement per operation, in the order in which `law.one_period` asks for them. With them: what is said
-at the head of the files of a judged controller, and how to compile and run them.
+The law has one statement per operation, in the order in which `law.one_period` asks for them. With them: how to compile
+and run them.
 """
 
 import os
@@ -21,7 +21,6 @@ from jinja2 import Template
 
 from beamdesign.build.realisation.law import Arithmetic, V, one_period
 from beamdesign.build.realisation.realise import Realisation
-from beamdesign.build.realisation.verdict import Judgement
 from beamdesign.report.page import text_template
 from beamdesign.spelling import in_c
 
@@ -282,20 +281,6 @@ class _Lines(Arithmetic[str]):
             pushing = f"(state->limited > 0 && {value} > 0) || (state->limited < 0 && {value} < 0)"
             statements = [f"if (!({pushing})) {{", *(f"    {line}" for line in statements), "}"]
         self.written += statements
-
-
-def notes(found: Judgement, masses_kg: tuple[float, float]) -> tuple[str, ...]:
-    """Lines on the loop for the head of the header."""
-    if found.reason:
-        return (f"Its loop is not proved: {found.reason}.",)
-    where = f"{masses_kg[0]:g} to {masses_kg[1]:g} kg" if masses_kg[0] < masses_kg[1] else f"{masses_kg[0]:g} kg"
-    if not found.proved:
-        return (f"Its loop is not proved for {where} on the outer tip.",)
-    when = "at its sample or one whole period later" if found.any_time is None else "at any time within a period"
-    return (
-        f"Proved stable for {where} on the outer tip, with these coefficients, the current held, put out",
-        f"{when}. Roundings and limits are no part of that proof.",
-    )
 
 
 FLAGS = ("-std=c99", "-pedantic", "-Wall", "-Wextra", "-Werror", "-O2", "-ffp-contract=off")

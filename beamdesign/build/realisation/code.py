@@ -1,47 +1,227 @@
-"""The controller as code: realised for a rate and a word length, and proved as it is realised."""
+"""The controller as code: realised for a rate and a word length, proved as it is realised, and what that costs.
 
+Margins come from polynomials: nothing is swept. At sample times the loop is that of L(z) = z^-late C(z) P(z), with P
+the plant under a held current; this is exact. With p = (2 / T) (z - 1) / (z + 1) the unit circle becomes the imaginary
+axis, p = j (2 / T) tan(w T / 2), and L a ratio of polynomials in p. What the continuous loop's polynomials are asked is
+then asked of these.
+"""
+
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from math import atan, inf, pi
 from pathlib import Path
 from typing import Any
 
-from beamdesign.build.realisation.c_code import c_files, notes
-from beamdesign.build.realisation.loop import prove_any_computing_time, realised_loop
-from beamdesign.build.realisation.realise import Realisation, full_scales_of, realise
-from beamdesign.build.realisation.verdict import Judgement, judge, worst
+import numpy as np
+from flint import ctx, fmpq, fmpq_mat, fmpq_poly
+
+from beamdesign.build.realisation.c_code import c_files
+from beamdesign.build.realisation.law import LinearLaw
+from beamdesign.build.realisation.loop import (
+    RealisedLoop,
+    SampledVerdict,
+    prove_any_computing_time,
+    prove_sampled,
+    realised_loop,
+)
+from beamdesign.build.realisation.realise import (
+    LawErrors,
+    Realisation,
+    RoundingEffect,
+    full_scales_of,
+    half_steps,
+    law_errors,
+    realise,
+    rounding_effect,
+)
 from beamdesign.files import write_set
 from beamdesign.json_text import finite, picked
+from beamdesign.loop import LoopAtMass, loop
+from beamdesign.polynomial import exact
 from beamdesign.progress import Progress, silent
 from beamdesign.prototype import Prototype
 from beamdesign.records import InputError
 from beamdesign.result import Result
 
+_BITS = 256
+_KEPT_BITS = 80
+
+
+@dataclass(frozen=True)
+class LoopFigures:
+    """How far a loop is from instability; one that is not stable has an infinite peak and margins of zero.
+
+    Attributes:
+        peak_sensitivity: largest |1 / (1 + L)|.
+        gain_up: factor on the gain at which it becomes unstable.
+        phase_deg: least phase margin.
+        crossover_Hz: highest frequency with |L| = 1.
+    """
+
+    peak_sensitivity: float
+    gain_up: float
+    phase_deg: float
+    crossover_Hz: float
+
+
+def continuous_figures(loop: LoopAtMass) -> LoopFigures:
+    """Of a continuous loop at one mass."""
+    return _figures(loop, lambda frequency_Hz: frequency_Hz)
+
+
+def sampled_figures(loop: RealisedLoop, mass_kg: float) -> LoopFigures:
+    """Of the sampled-data loop at one outer end mass, at its sample times."""
+    rate = loop.rate_Hz
+    return _figures(image(loop, mass_kg), lambda frequency_Hz: rate / pi * atan(pi * frequency_Hz / rate))
+
+
+def _figures(at: LoopAtMass, true_Hz: Callable[[float], float]) -> LoopFigures:
+    crossover = true_Hz(max(at.crossovers_Hz(), default=0.0))
+    if not at.stable:
+        return LoopFigures(inf, 0.0, 0.0, crossover)
+    margins = at.margins()
+    return LoopFigures(at.peak_sensitivity(), margins.gain_up, margins.phase_deg, crossover)
+
+
+def image(loop: RealisedLoop, mass_kg: float) -> LoopAtMass:
+    """The loop in p; of its three polynomials that of the disturbance stands empty.
+
+    The plant's polynomials are those of matrices within 2^-200 of the true ones; coefficients keep 80 bits.
+    """
+    laws, law = law_polynomials(loop.law), loop.law
+    with ctx.workprec(_BITS):
+        mass = exact(mass_kg)
+        moved = loop.plant.moved(mass, mass, loop.period_s)
+        n = loop.plant.a.nrows()
+        phi = fmpq_mat(n, n, [moved[i, j].mid().fmpq() for i in range(n) for j in range(n)])
+        gamma = fmpq_mat(n, 1, [moved[i, n].mid().fmpq() for i in range(n)])
+        free, seen = phi.charpoly(), loop.plant.readings(law.sensed)
+        denominator, numerator = law.a.charpoly() * free, fmpq_poly([0])
+        for k, (above, _) in enumerate(laws):
+            row = fmpq_mat(1, n, [seen[k, j] for j in range(n)])
+            numerator += above * ((phi + gamma * row).charpoly() - free)
+        if loop.delayed:
+            denominator *= fmpq_poly([0, 1])
+        below, above = _in_p([denominator, numerator], loop.rate_Hz)
+        return LoopAtMass(below, above, fmpq_poly([0]))
+
+
+def law_polynomials(law: LinearLaw) -> list[tuple[fmpq_poly, fmpq_poly]]:
+    """Numerator and denominator in z of what is made of each reading, coefficients as realised, exact.
+
+    With the numerator of c (z - a)^-1 b + d as det(z - a + b c) + (d - 1) det(z - a).
+    """
+    n, below = law.a.nrows(), law.a.charpoly()
+    columns = [fmpq_mat(n, 1, [law.b[i, k] for i in range(n)]) for k in range(len(law.sensed))]
+    return [((law.a - b * law.c).charpoly() + (law.d[0, k] - 1) * below, below) for k, b in enumerate(columns)]
+
+
+def _in_p(polynomials: list[fmpq_poly], rate_Hz: float) -> list[fmpq_poly]:
+    """Put z = (1 + p T / 2) / (1 - p T / 2) and clear the denominators, of all with the same power."""
+    degree = max(polynomial.degree() for polynomial in polynomials)
+    half, found = 1 / (2 * exact(rate_Hz)), []
+    above, below = fmpq_poly([1, half]), fmpq_poly([1, -half])
+    for polynomial in polynomials:
+        terms = (c * above**k * below ** (degree - k) for k, c in enumerate(polynomial.coeffs()))
+        found.append(fmpq_poly([_kept(c) for c in sum(terms, fmpq_poly([0])).coeffs()]))
+    return found
+
+
+def _kept(value: fmpq) -> fmpq:
+    """Rounded to `_KEPT_BITS` significant bits: roots of huge rationals would cost seconds and tell no more."""
+    if value == 0:
+        return value
+    places = _KEPT_BITS - (int(value.p).bit_length() - int(value.q).bit_length())
+    scaled = value * fmpq(2) ** places
+    return fmpq(int(scaled.p) // int(scaled.q)) * fmpq(2) ** -places
+
+
+@dataclass(frozen=True)
+class AtMass:
+    """The loop at one outer end mass, computed.
+
+    Attributes:
+        outer_end_mass_kg: kg.
+        continuous: figures of the design.
+        at_once: of the loop as realised, its current put out at the sample.
+        late: likewise one period later.
+        rounding: effect of rounding where it is late; None where that loop is not stable.
+    """
+
+    outer_end_mass_kg: float
+    continuous: LoopFigures
+    at_once: LoopFigures
+    late: LoopFigures
+    rounding: RoundingEffect | None
+
+
+def masses_between(masses_kg: tuple[float, float], count: int) -> tuple[float, ...]:
+    """Equally spaced masses, ends included; one where the range is one."""
+    return tuple(dict.fromkeys(float(mass) for mass in np.linspace(*masses_kg, count)))
+
+
+def figures_at(prototype: Prototype, realisation: Realisation, mass_kg: float) -> AtMass:
+    """Figures at one outer end mass."""
+    loops = [realised_loop(prototype, realisation, late) for late in (False, True)]
+    at_once, late = (sampled_figures(one, mass_kg) for one in loops)
+    try:
+        rounding: RoundingEffect | None = rounding_effect(loops[1], mass_kg, half_steps(realisation))
+    except ValueError:
+        rounding = None
+    return AtMass(mass_kg, continuous_figures(loop(prototype).at(mass_kg)), at_once, late, rounding)
+
+
+def worst(figures: Sequence[LoopFigures]) -> LoopFigures:
+    """The worst of each figure; the crossover is the highest."""
+    return LoopFigures(
+        max(one.peak_sensitivity for one in figures),
+        min(one.gain_up for one in figures),
+        min(one.phase_deg for one in figures),
+        max(one.crossover_Hz for one in figures),
+    )
+
 
 @dataclass(frozen=True, repr=False)
 class ProvedCode(Result):
-    """A realised controller in its loop.
+    """A realised controller in its loop: what rate and rounding cost, and what is proved.
 
     Attributes:
         prototype: whose controller it is.
         outer_end_mass_kg: range over which the loop was to be proved.
         realisation: sections, coefficients, words.
-        judgement: what rate and rounding cost, and what is proved.
+        law: errors of the law.
+        at_once, late: stability over the range, proved or refuted; None where it was not asked.
+        masses: figures at the masses looked at.
+        not_judged: why nothing is said about the loop; empty where something is.
+        any_time: stability for every computing time up to one period, where that was asked.
     """
 
     prototype: Prototype
     outer_end_mass_kg: tuple[float, float]
     realisation: Realisation
-    judgement: Judgement
+    law: LawErrors
+    at_once: SampledVerdict | None = None
+    late: SampledVerdict | None = None
+    masses: tuple[AtMass, ...] = ()
+    not_judged: str = ""
+    any_time: SampledVerdict | None = None
+
+    @property
+    def proved(self) -> bool | None:
+        """Whether the loop is stable in every case that was asked; None where that is open."""
+        asked = [self.at_once, self.late] + ([] if self.any_time is None else [self.any_time])
+        verdicts = [None if one is None else one.stable for one in asked]
+        return False if False in verdicts else None if None in verdicts else True
 
     @property
     def reason(self) -> str:
         """Why there is no code; empty where there is."""
-        found = self.judgement
-        if found.proved or found.reason:
+        if self.proved or self.not_judged:
             return ""
         verdicts = (
-            ("at once", found.at_once),
-            ("one period late", found.late),
-            ("after any computing time up to one period", found.any_time),
+            ("at once", self.at_once),
+            ("one period late", self.late),
+            ("after any computing time up to one period", self.any_time),
         )
         for answer, how in ((False, "not stable"), (None, "not proved stable")):
             for words, one in verdicts:
@@ -51,7 +231,7 @@ class ProvedCode(Result):
 
     def rows(self) -> list[tuple[str, float]]:
         """What the law itself loses."""
-        law = self.judgement.law
+        law = self.law
         return [
             ("largest relative error of a coefficient", law.coefficient),
             ("largest relative shift of a pole by rounding", law.pole),
@@ -63,7 +243,7 @@ class ProvedCode(Result):
 
     def loop_rows(self) -> list[tuple[str, float, float, float]]:
         """The worst of the loop at all masses looked at: continuous, put out at once, and one period late."""
-        found = [worst([getattr(at, at_what) for at in self.judgement.masses]) for at_what in _PUT_OUT]
+        found = [worst([getattr(at, at_what) for at in self.masses]) for at_what in _PUT_OUT]
         return [
             (words, *(getattr(one, key) for one in found))
             for words, key in (
@@ -93,10 +273,24 @@ class ProvedCode(Result):
             "readings": readings,
             "coefficients": {name: picked(one, asked) for name, one in made.coefficients.items()},
             "outer_end_mass_kg": list(self.outer_end_mass_kg),
-            "reason": self.reason or self.judgement.reason,
-            **picked(self.judgement, "proved law at_once one_period_late=late any_computing_time=any_time masses"),
+            "reason": self.reason or self.not_judged,
+            **picked(self, "proved law at_once one_period_late=late any_computing_time=any_time masses"),
         }
         return finite(fields)
+
+    def notes(self) -> tuple[str, ...]:
+        """Lines on the loop for the head of the header."""
+        if self.not_judged:
+            return (f"Its loop is not proved: {self.not_judged}.",)
+        low, high = self.outer_end_mass_kg
+        where = f"{low:g} to {high:g} kg" if low < high else f"{low:g} kg"
+        if not self.proved:
+            return (f"Its loop is not proved for {where} on the outer tip.",)
+        when = "at its sample or one whole period later" if self.any_time is None else "at any time within a period"
+        return (
+            f"Proved stable for {where} on the outer tip, with these coefficients, the current held, put out",
+            f"{when}. Roundings and limits are no part of that proof.",
+        )
 
     def write(self, folder: Path) -> list[Path]:
         """Write the C files, all of them or none; their paths.
@@ -104,7 +298,7 @@ class ProvedCode(Result):
         Raises:
             OSError: where one cannot be written.
         """
-        texts = c_files(self.realisation, self.prototype.name, notes(self.judgement, self.outer_end_mass_kg))
+        texts = c_files(self.realisation, self.prototype.name, self.notes())
         return list(write_set(folder, {file: (file, text) for file, text in texts.items()}).values())
 
 
@@ -148,4 +342,31 @@ def code(
     found = judge(prototype, made, masses)
     if any_computing_time and found.proved:
         found = replace(found, any_time=prove_any_computing_time(realised_loop(prototype, made), *masses, progress))
-    return ProvedCode(prototype, masses, made, found)
+    return found
+
+
+def judge(
+    prototype: Prototype, realisation: Realisation, masses_kg: tuple[float, float], looked_at: int = 5
+) -> ProvedCode:
+    """Judge a realised controller over a range of outer end masses.
+
+    Args:
+        prototype: whose controller was realised.
+        realisation: the controller.
+        masses_kg: range.
+        looked_at: number of masses at which figures are computed, ends included.
+
+    Raises:
+        ValueError: for a prototype without a controller.
+    """
+    if prototype.controller is None:
+        raise ValueError("the prototype has no [controller]")
+    if prototype.effects:
+        reason = f"the sampled loop is not worked out for a prototype with effects ({', '.join(prototype.effects)})"
+        errors = law_errors(prototype.controller, realisation, realisation.rate_Hz / 40)
+        return ProvedCode(prototype, masses_kg, realisation, errors, not_judged=reason)
+    figures = tuple(figures_at(prototype, realisation, mass) for mass in masses_between(masses_kg, looked_at))
+    crossover = max(at.continuous.crossover_Hz for at in figures) or realisation.rate_Hz / 40
+    at_once, late = (prove_sampled(realised_loop(prototype, realisation, late), *masses_kg) for late in (False, True))
+    errors = law_errors(prototype.controller, realisation, crossover)
+    return ProvedCode(prototype, masses_kg, realisation, errors, at_once, late, figures)

@@ -1,6 +1,7 @@
-"""What the controller does in one period, written once for every arithmetic; coefficients as a machine holds them.
+"""What the controller does in one period, written once for every arithmetic; as difference equations; coefficients.
 
-Integers, floats of 32 bits, exact linear forms and C text are made from the same lines by exchanging the operations.
+Integers, floats of 32 bits, exact linear forms and C text are made from the same lines by exchanging the operations. As
+difference equations in floats of 64 bits it is what is specified and simulated.
 
 A linear form is what a value depends on: a coefficient per state, per reading, and per rounding made so far. Roundings
 count as bounded inputs of the linear law, which is no approximation: a rounded value is the value plus something that
@@ -10,13 +11,20 @@ is at most half a step.
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from fractions import Fraction
+from functools import cached_property
 from math import frexp
 from typing import Literal, Protocol, TypeVar
 
 import numpy as np
 from flint import fmpq, fmpq_mat
 
-from beamdesign.build.realisation.sections import Channel, DiscreteLaw, Section
+from beamdesign.build.realisation.sections import (
+    Channel,
+    DiscreteLaw,
+    Section,
+    discretised,
+)
+from beamdesign.controllers import Controller
 from beamdesign.rational import nearest
 
 V = TypeVar("V")
@@ -294,3 +302,89 @@ def _times(factor: fmpq, form: Form) -> Form:
 
 def _sum(one: Form, other: Form) -> Form:
     return {name: one.get(name, fmpq(0)) + other.get(name, fmpq(0)) for name in (*one, *other)}
+
+
+DIGITS = 12
+
+
+@dataclass(frozen=True)
+class DifferenceEquation:
+    """The sections of `beamdesign.build.realisation.sections`, their coefficients as they are printed.
+
+    Attributes:
+        asked: what was discretised, before it was rounded.
+        coefficients: by name, to `DIGITS` significant digits: what is printed is what is proved. Gains are in A per
+            unit of their reading.
+    """
+
+    asked: DiscreteLaw
+    coefficients: dict[str, float]
+
+    @property
+    def rate_Hz(self) -> float:
+        """Sampling rate."""
+        return self.asked.rate_Hz
+
+    @property
+    def period_s(self) -> float:
+        """Between two samples."""
+        return 1 / self.rate_Hz
+
+    @cached_property
+    def linear(self) -> LinearLaw:
+        """As matrices, exact."""
+        return linear_law(self.asked, {name: float64(value) for name, value in self.coefficients.items()}, False)
+
+    def lines(self) -> list[str]:
+        """The statements of one period, in the order in which they are carried out."""
+        written = _Lines()
+        one_period(self.asked.channels, [_LETTERS.get(c.name, c.name) for c in self.asked.channels], written)
+        return written.statements
+
+
+_LETTERS = {"error": "e"}
+
+
+class _Lines(Arithmetic[str]):
+    """Arithmetic on names and expressions."""
+
+    def __init__(self) -> None:
+        self.statements: list[str] = []
+
+    def read(self, state: str) -> str:
+        return state
+
+    def multiply(self, coefficient: str, value: str) -> str:
+        return f"{coefficient}*{value}"
+
+    def add(self, one: str, other: str) -> str:
+        return f"{one} + {other}"
+
+    def subtract(self, one: str, other: str) -> str:
+        return f"{one} - {other}"
+
+    def signal(self, name: str, value: str) -> str:
+        self.statements.append(f"{name} = {value}")
+        return name
+
+    def current(self, terms: Sequence[tuple[str, str]]) -> str:
+        self.statements.append(f"i = {' + '.join(f'{gain}*{value}' for gain, value in terms)}")
+        return "i"
+
+    def advance(self, state: str, coefficient: str, value: str, held: bool) -> None:
+        self.statements.append(f"{state} = {state} + {coefficient}*{value}")
+
+
+def difference_equation(controller: Controller, rate_Hz: float) -> DifferenceEquation:
+    """Tustin's rule with each break prewarped: poles and zeros lie at their own frequencies, the static gain is kept.
+
+    Args:
+        controller: continuous law.
+        rate_Hz: more than twice the upper break.
+
+    Raises:
+        ValueError: as of `beamdesign.build.realisation.sections.discretised`.
+    """
+    asked = discretised(controller, rate_Hz)
+    named = coefficients_of(asked)
+    return DifferenceEquation(asked, {name: float(f"{value:.{DIGITS - 1}e}") for name, value in named.items()})

@@ -23,12 +23,12 @@ halved; intervals of the computing time are, where the proof over the masses is 
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 from flint import arb, arb_mat, ctx, fmpq, fmpq_mat
 
-from beamdesign.build.realisation.law import LinearLaw
-from beamdesign.build.realisation.realise import DifferenceEquation, Realisation
+from beamdesign.build.realisation.law import DifferenceEquation, LinearLaw
 from beamdesign.controllers import SENSED, SENSORS
 from beamdesign.plant.linear import SEEN_AS
 from beamdesign.plant.members import paper_model
@@ -37,6 +37,9 @@ from beamdesign.progress import Progress, silent
 from beamdesign.proofs.mass_family import floats
 from beamdesign.prototype import Prototype
 from beamdesign.rational import nearest
+
+if TYPE_CHECKING:
+    from beamdesign.build.realisation.realise import Realisation
 
 LOOP_BITS = 128
 _PIECES, _TRIED = 4000, 50
@@ -185,11 +188,8 @@ class RealisedLoop:
     def parts(self) -> tuple[list[list[arb]], list[list[arb]], list[arb], list[arb]]:
         """Of the law's states after a sample what that of the plant's and their own adds; of its current likewise."""
         law, given = self.law, self.plant.readings(self.law.sensed)
-
-        def balls(matrix: fmpq_mat) -> list[list[arb]]:
-            return [[arb(matrix[i, j]) for j in range(matrix.ncols())] for i in range(matrix.nrows())]
-
-        return balls(law.b * given), balls(law.a), balls(law.d * given)[0], balls(law.c)[0]
+        seen, kept, now, own = (arb_mat(part).tolist() for part in (law.b * given, law.a, law.d * given, law.c))
+        return seen, kept, now[0], own[0]
 
     def closed(self, moved: arb_mat, fresh: arb_mat | None) -> arb_mat:
         """The closed loop's matrix from sample to sample.
@@ -234,7 +234,7 @@ class RealisedLoop:
 
 
 def realised_loop(
-    prototype: Prototype, realisation: Realisation | DifferenceEquation, delayed: bool = True
+    prototype: Prototype, realisation: "Realisation | DifferenceEquation", delayed: bool = True
 ) -> RealisedLoop:
     """The loop of a prototype's plant and a realised controller.
 

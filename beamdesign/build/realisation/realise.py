@@ -1,38 +1,30 @@
-"""A controller as a machine carries it out: sections, coefficients and words, chosen by scaling.
+"""A controller as a machine carries it out: sections, coefficients and words, chosen by scaling; and its roundings.
 
 Words are scaled to the largest values of a discrete linear system: sums of absolute impulse responses, with what is
-left out bounded. As difference equations in floats of 64 bits it is what is specified and simulated.
+left out bounded.
+
+A rounding is an input of the linear loop that never exceeds half a step. However the roundings fall, an output then
+departs from that of the same law without rounding by at most the sum of absolute impulse responses times half a step
+each. No limit cycle of the rounded loop about a point of rest can be larger. It holds as long as no limit is reached.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import chain, count
-from math import floor, frexp, log2
+from itertools import chain
+from math import degrees, floor, frexp, log2, log10, pi
 
 import numpy as np
+from flint import ctx
 
-from beamdesign.build.realisation.law import (
-    Arithmetic,
-    Coefficient,
-    LinearLaw,
-    coefficients_of,
-    fixed_point,
-    float64,
-    linear_law,
-    one_period,
-    states_of,
-)
-from beamdesign.build.realisation.sections import (
-    DiscreteLaw,
-    discretised,
-    factored,
-    highest_Hz,
-    laws_of,
-)
+from beamdesign.build.realisation.law import Coefficient, LinearLaw, coefficients_of, fixed_point, linear_law, states_of
+from beamdesign.build.realisation.loop import LOOP_BITS, RealisedLoop, middle
+from beamdesign.build.realisation.sections import DiscreteLaw, discretised, laws_of
 from beamdesign.controllers import Controller, TransferFunction
+from beamdesign.polynomial import at_points, exact
 from beamdesign.proofs.mass_family import floats
 from beamdesign.prototype import Prototype
+from beamdesign.rational import nearest
 
 LEAST_WORD, LARGEST_WORD = 8, 32
 FULL_SCALE_V = 10.0
@@ -250,103 +242,144 @@ def l2_norms(a: np.ndarray, b: np.ndarray, c: np.ndarray, d: np.ndarray) -> np.n
     return found
 
 
-DIGITS = 12
-_PER_CROSSOVER = 40.0
+def rounded_loop(loop: RealisedLoop, mass_kg: float) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """The loop at one outer end mass with its roundings as inputs, in floats.
+
+    Returns:
+        A, B, C and D of x+ = A x + B u, y = C x + D u; inputs u are the roundings of the law, outputs y the
+        displacement of the tip (m), the current (A) computed at the sample, and the error (V).
+    """
+    mass, law, plant = exact(mass_kg), loop.law, loop.plant
+    with ctx.workprec(LOOP_BITS):
+        a, moved = loop.matrix(mass), middle(plant.moved(mass, mass, loop.period_s))
+    n, late, given, seen = plant.a.nrows(), int(loop.delayed), floats(law.g), floats(plant.readings(law.sensed))
+    b, c, d = np.zeros((len(a), given.shape[1])), np.zeros((3, len(a))), np.zeros((3, given.shape[1]))
+    if late:
+        b[n] = given
+    else:
+        b[:n] = moved[:n, n : n + 1] @ given
+    b[n + late :] = floats(law.f)
+    c[0, :n], c[2, :n] = floats(plant.tip)[0], seen[0]
+    c[1, :n], c[1, n + late :] = (floats(law.d) @ seen)[0], floats(law.c)[0]
+    d[1] = given
+    return a, b, c, d
 
 
 @dataclass(frozen=True)
-class DifferenceEquation:
-    """The sections of `beamdesign.build.realisation.sections`, their coefficients as they are printed.
+class RoundingEffect:
+    """Of all roundings together, at one outer end mass, at sample times.
 
     Attributes:
-        asked: what was discretised, before it was rounded.
-        coefficients: by name, to `DIGITS` significant digits: what is printed is what is proved. Gains are in A per
-            unit of their reading.
+        displacement_m: largest departure of the tip.
+        current_A: of the current.
+        error_V: of the error.
+        expected_displacement_m: root mean square, were the roundings independent and evenly spread.
+        expected_current_A: likewise.
     """
 
-    asked: DiscreteLaw
-    coefficients: dict[str, float]
-
-    @property
-    def rate_Hz(self) -> float:
-        """Sampling rate."""
-        return self.asked.rate_Hz
-
-    @property
-    def period_s(self) -> float:
-        """Between two samples."""
-        return 1 / self.rate_Hz
-
-    @cached_property
-    def linear(self) -> LinearLaw:
-        """As matrices, exact."""
-        return linear_law(self.asked, {name: float64(value) for name, value in self.coefficients.items()}, False)
-
-    def lines(self) -> list[str]:
-        """The statements of one period, in the order in which they are carried out."""
-        written = _Lines()
-        one_period(self.asked.channels, [_LETTERS.get(c.name, c.name) for c in self.asked.channels], written)
-        return written.statements
+    displacement_m: float
+    current_A: float
+    error_V: float
+    expected_displacement_m: float
+    expected_current_A: float
 
 
-_LETTERS = {"error": "e"}
+def half_steps(realisation: Realisation) -> np.ndarray:
+    """(m,) bound of every rounding of a realised law, V, m, Pa or A, for readings within full scale."""
+    law = realisation.linear
+    if realisation.word_length is not None:
+        finer = {"signal": 0, "state": realisation.state_extra}
+        places = [
+            realisation.current_places if kind == "current" else realisation.places[k] + finer[kind]
+            for _, kind, k in law.roundings
+        ]
+        return 2.0 ** -np.array(places, dtype=float) / 2
+    # Floats round by a share of what they hold, which the roundings add to: v = u (|R_e| full scale + |R_v| v).
+    n, m, k = len(law.states), len(law.roundings), len(law.sensed)
+    rounded = floats(law.rounded)
+    inputs = np.hstack([floats(law.b), floats(law.f)])
+    norms = l1_norms(floats(law.a), inputs, rounded[:, :n], rounded[:, n:])
+    share = FLOAT_STEP / 2
+    found = np.linalg.solve(np.eye(m) - share * norms[:, k:], share * norms[:, :k] @ np.array(realisation.full_scales))
+    return np.asarray(found)
 
 
-class _Lines(Arithmetic[str]):
-    """Arithmetic on names and expressions."""
-
-    def __init__(self) -> None:
-        self.statements: list[str] = []
-
-    def read(self, state: str) -> str:
-        return state
-
-    def multiply(self, coefficient: str, value: str) -> str:
-        return f"{coefficient}*{value}"
-
-    def add(self, one: str, other: str) -> str:
-        return f"{one} + {other}"
-
-    def subtract(self, one: str, other: str) -> str:
-        return f"{one} - {other}"
-
-    def signal(self, name: str, value: str) -> str:
-        self.statements.append(f"{name} = {value}")
-        return name
-
-    def current(self, terms: Sequence[tuple[str, str]]) -> str:
-        self.statements.append(f"i = {' + '.join(f'{gain}*{value}' for gain, value in terms)}")
-        return "i"
-
-    def advance(self, state: str, coefficient: str, value: str, held: bool) -> None:
-        self.statements.append(f"{state} = {state} + {coefficient}*{value}")
-
-
-def difference_equation(controller: Controller, rate_Hz: float) -> DifferenceEquation:
-    """Tustin's rule with each break prewarped: poles and zeros lie at their own frequencies, the static gain is kept.
+def rounding_effect(loop: RealisedLoop, mass_kg: float, halves: np.ndarray) -> RoundingEffect:
+    """The effect of rounding on the loop at one outer end mass.
 
     Args:
-        controller: continuous law.
-        rate_Hz: more than twice the upper break.
+        loop: of a realised controller.
+        mass_kg: on the outer tip.
+        halves: bounds of its roundings, as of `half_steps`.
 
     Raises:
-        ValueError: as of `beamdesign.build.realisation.sections.discretised`.
+        ValueError: where the loop is not stable.
     """
-    asked = discretised(controller, rate_Hz)
-    named = coefficients_of(asked)
-    return DifferenceEquation(asked, {name: float(f"{value:.{DIGITS - 1}e}") for name, value in named.items()})
+    a, b, c, d = rounded_loop(loop, mass_kg)
+    most = l1_norms(a, b, c, d) @ halves
+    spread = l2_norms(a, b * halves, c, d * halves)
+    expected = np.sqrt((spread**2).sum(axis=1) / 3)  # an even spread over +-h has the variance h^2 / 3
+    return RoundingEffect(*most.tolist(), *expected[:2].tolist())
 
 
-def upper_break_Hz(controller: Controller) -> float:
-    """The highest natural frequency of its poles and zeros, from any of its readings.
+@dataclass(frozen=True)
+class LawErrors:
+    """What discretising and rounding do to the law alone.
 
-    Raises:
-        ValueError: as of `beamdesign.build.realisation.sections.factored`.
+    Attributes:
+        coefficient: largest relative error of a rounded coefficient.
+        pole: largest relative error of a pole by rounding, as a share of its distance from z = 1.
+        static_gain: relative.
+        at_Hz: frequency of the next two.
+        gain_dB: law as realised over the continuous one there.
+        lag_deg: what the law itself lags behind there, without hold and computing.
+        hold_lag_deg: what the hold adds, half a period.
+        computing_lag_deg: what one period of computing adds.
     """
-    return max(highest_Hz(factored(law)[1]) for _, law in laws_of(controller))
+
+    coefficient: float
+    pole: float
+    static_gain: float
+    at_Hz: float
+    gain_dB: float
+    lag_deg: float
+    hold_lag_deg: float
+    computing_lag_deg: float
 
 
-def sensible_rate_Hz(crossover_Hz: float, upper_break_Hz: float = 0.0) -> float:
-    """The least rate of 1, 2 or 5 times a power of ten that is 40 times the crossover and ten times the upper break."""
-    least = max(_PER_CROSSOVER * crossover_Hz, 10 * upper_break_Hz, 1000.0)
-    return next(rate for k in count() for step in (1, 2, 5) if (rate := step * 10.0**k) >= least)
+def law_errors(controller: Controller, realisation: Realisation, at_Hz: float) -> LawErrors:
+    """Errors of the law as realised against the continuous one, of the reading where gain and phase err most."""
+    z, s = np.exp(2j * pi * at_Hz / realisation.rate_Hz), 2j * pi * at_Hz
+    a, b, c, d = (floats(getattr(realisation.linear, name)) for name in "abcd")
+    made = (c @ np.linalg.solve(z * np.eye(len(a)) - a, b) + d)[0]
+    ratios = [
+        one * at_points(law.denominator, s) / at_points(law.numerator, s)
+        for one, (_, law) in zip(made, laws_of(controller), strict=True)
+    ]
+    ratio = max(ratios, key=lambda ratio: abs(np.log(ratio)))
+    turn = 360 * at_Hz / realisation.rate_Hz
+    return LawErrors(
+        max(abs(one.error) for one in realisation.coefficients.values()),
+        max(_pole_errors(realisation), default=0.0),
+        max((realisation.coefficients[one.gain_name].error for one in realisation.channels), key=abs),
+        at_Hz,
+        20 * log10(abs(ratio)),
+        -degrees(float(np.angle(ratio))),
+        turn / 2,
+        turn,
+    )
+
+
+def _pole_errors(realisation: Realisation) -> list[float]:
+    """Of every pole, how far rounding moves it as a share of its distance from z = 1."""
+    found: list[float] = []
+    given = {name: nearest(one.value) for name, one in realisation.coefficients.items()}
+    for number, section in enumerate(realisation.sections, 1):
+        follow = given[f"follow{number}"]
+        if section.order == 1:
+            found.append(abs(follow / section.follow - 1))
+            continue
+        damping = given[f"damping{number}"]
+        asked, made = (np.roots([1, r * f, f * f]) for f, r in ((section.follow, section.damping), (follow, damping)))
+        found += [float(np.abs(made - pole).min() / abs(pole)) for pole in asked]
+    return found

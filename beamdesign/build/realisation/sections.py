@@ -15,7 +15,7 @@ section's input.
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from itertools import combinations
+from itertools import combinations, count
 from math import log, pi, prod, sqrt, tan
 from typing import Literal
 
@@ -151,6 +151,24 @@ def discretised(controller: Controller | TransferFunction, rate_Hz: float) -> Di
 def highest_Hz(factors: Sequence[Factor]) -> float:
     """The highest natural frequency of any root of these factors, 0 without any."""
     return max((abs(root) / (2 * pi) for factor in factors for group in factor for root in group), default=0.0)
+
+
+_PER_CROSSOVER = 40.0
+
+
+def upper_break_Hz(controller: Controller) -> float:
+    """The highest natural frequency of its poles and zeros, from any of its readings.
+
+    Raises:
+        ValueError: as of `factored`.
+    """
+    return max(highest_Hz(factored(law)[1]) for _, law in laws_of(controller))
+
+
+def sensible_rate_Hz(crossover_Hz: float, upper_break_Hz: float = 0.0) -> float:
+    """The least rate of 1, 2 or 5 times a power of ten that is 40 times the crossover and ten times the upper break."""
+    least = max(_PER_CROSSOVER * crossover_Hz, 10 * upper_break_Hz, 1000.0)
+    return next(rate for k in count() for step in (1, 2, 5) if (rate := step * 10.0**k) >= least)
 
 
 def laws_of(controller: Controller | TransferFunction) -> Iterator[tuple[str, TransferFunction]]:
