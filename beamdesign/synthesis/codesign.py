@@ -11,11 +11,11 @@ import numpy as np
 
 from beamdesign.controllers import KINDS
 from beamdesign.controllers.form import form_of
+from beamdesign.parameters import SIGMAS
 from beamdesign.plant.members import family
 from beamdesign.problem import DesignProblem
 from beamdesign.progress import Progress, silent
 from beamdesign.prototype import Payload, Prototype
-from beamdesign.public import SIGMAS
 from beamdesign.records import InputError
 from beamdesign.synthesis.checks import CheckedPair, check_sections
 from beamdesign.synthesis.free_search import free_optimum, sizes_of, start_variables

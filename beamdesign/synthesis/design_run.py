@@ -6,13 +6,13 @@ from math import inf
 from pathlib import Path
 from typing import Any
 
+from beamdesign.parameters import SIGMAS
 from beamdesign.problem import DesignProblem
 from beamdesign.progress import Progress, silent
 from beamdesign.proofs.certificate import LOWER_GAINS, Asked, Certificate, goal_claims
 from beamdesign.proofs.certifying import certify
 from beamdesign.proofs.lyapunov import describe, stages_certificate
 from beamdesign.prototype import Guarantee, Prototype
-from beamdesign.public import SIGMAS
 from beamdesign.result import Result
 from beamdesign.synthesis.holding import Holding, Way, carried, easier, in_words, standing, working
 from beamdesign.synthesis.loop_limits import Proved
@@ -120,6 +120,13 @@ def run_design(
                     found = replace(found, reason=words)
             found = replace(found, ways=ways)
     return replace(found, left_out=tuple(limit.left_out))
+
+
+def run(
+    problem: DesignProblem, progress: Progress | None = None, sigmas: float = SIGMAS, minutes: float | None = None
+) -> DesignRun:
+    """The same by the name of the command; arguments as of `run_design`."""
+    return run_design(problem, progress, sigmas, minutes)
 
 
 _QUICK = ("lag", "proportional")

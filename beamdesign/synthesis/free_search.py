@@ -16,6 +16,7 @@ import casadi as ca
 import numpy as np
 
 from beamdesign.problem import DesignProblem
+from beamdesign.progress import interruption_waits
 from beamdesign.structure.section import Tube, buckling_curve, clearances
 from beamdesign.synthesis.checks import (
     REQUIREMENTS,
@@ -26,7 +27,6 @@ from beamdesign.synthesis.checks import (
     checks,
     requirements,
 )
-from beamdesign.synthesis.interruption import interruption_waits
 
 SIZE_UNITS = np.array([0.1, 0.001, 0.1, 0.001])
 """Widths count in tenths of a metre and walls in millimetres, so that all variables are near 1."""

@@ -15,10 +15,10 @@ import numpy as np
 
 from beamdesign.controllers.form import Form
 from beamdesign.plant.linear import BilinearPlant
+from beamdesign.progress import interruption_waits
 from beamdesign.proofs.certificate import Kind
 from beamdesign.proofs.servo_off import servo_off_peak
 from beamdesign.prototype import Goal
-from beamdesign.synthesis.interruption import interruption_waits
 from beamdesign.synthesis.loop_limits import LIMITED, goal_limits
 from beamdesign.synthesis.loop_samples import Samples
 from beamdesign.synthesis.loop_slacks import (

@@ -15,9 +15,9 @@ import numpy as np
 from beamdesign.controllers import Lag
 from beamdesign.controllers.cascade import as_lag
 from beamdesign.controllers.form import form_of
+from beamdesign.parameters import SIGMAS
 from beamdesign.problem import DesignProblem
 from beamdesign.progress import Progress, silent
-from beamdesign.public import SIGMAS
 from beamdesign.structure.section import Tube
 from beamdesign.synthesis.codesign import sized_search
 from beamdesign.synthesis.free_search import sizes_of, start_variables

@@ -6,10 +6,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from beamdesign.parameters import PARAMETERS, TOLERANCES, rows_of
+from beamdesign.parameters import PARAMETERS, SIGMAS, TOLERANCES, rows_of
 from beamdesign.plant.members import VertexModel, served
 from beamdesign.prototype import Prototype
-from beamdesign.public import SIGMAS
 from beamdesign.records import InputError, Problem
 from beamdesign.structure.lumped import CHANGEABLE, with_figures
 

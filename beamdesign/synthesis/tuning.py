@@ -25,7 +25,7 @@ from math import ceil, prod
 import numpy as np
 
 from beamdesign.controllers import KINDS, SENSED, Estimator, Scheduled, Sensed, Stage
-from beamdesign.parameters import stated_or_typical
+from beamdesign.parameters import SIGMAS, stated_or_typical
 from beamdesign.plant.actuators import not_felt
 from beamdesign.plant.members import served
 from beamdesign.progress import Progress, silent
@@ -33,7 +33,6 @@ from beamdesign.proofs.certifying import gain_and_mass
 from beamdesign.proofs.lyapunov import Switching, switching
 from beamdesign.proofs.mass_family import stage_families
 from beamdesign.prototype import InStage, Prototype
-from beamdesign.public import SIGMAS
 from beamdesign.rational import nearest
 from beamdesign.records import InputError, Problem
 from beamdesign.result import Result
