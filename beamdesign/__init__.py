@@ -78,7 +78,7 @@ if TYPE_CHECKING:
     from beamdesign.synthesis.codesign import codesign as codesign
     from beamdesign.synthesis.design_run import run as run
     from beamdesign.synthesis.design_run import run_design as run_design
-    from beamdesign.synthesis.limits import limits as limits
+    from beamdesign.synthesis.operating_limits import limits as limits
     from beamdesign.synthesis.sizing import size as size
     from beamdesign.synthesis.tuning import tune as tune
 
@@ -92,7 +92,7 @@ _ROOMS = {
     "codesign": "beamdesign.synthesis.codesign",
     "critical_gain": "beamdesign.loop",
     "diagnose": "beamdesign.diagnosis.diagnose",
-    "limits": "beamdesign.synthesis.limits",
+    "limits": "beamdesign.synthesis.operating_limits",
     "pictures": "beamdesign.public",
     "predict": "beamdesign.public",
     "prove": "beamdesign.proofs.any_loop",

@@ -13,8 +13,7 @@ from beamdesign.proofs.performance import bandwidth
 from beamdesign.prototype import Goal
 from beamdesign.synthesis.law_task import Search
 from beamdesign.synthesis.loop_limits import LARGEST_BANDWIDTH_HZ, LoopSet, Proved, calmer, loop_set
-from beamdesign.synthesis.over_box import BoxTask
-from beamdesign.synthesis.rig_spread import Cut
+from beamdesign.synthesis.rig_spread import BoxTask, Cut
 from beamdesign.time_limit import over
 
 ENOUGH = 0.985

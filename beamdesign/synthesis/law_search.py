@@ -5,7 +5,7 @@ go on. What is returned is proved by the same oracle as every other loop: where 
 the peak that stood there joins them, all limits are tightened by what was missing, and the refinement is done again.
 
 Of a robust search the worst rigs within the tolerances are sought again and again and join the samples. What comes of
-it is proved over the whole box of tolerances and payloads at once (`beamdesign.synthesis.over_box`).
+it is proved over the whole box of tolerances and payloads at once (`beamdesign.synthesis.rig_spread`).
 """
 
 from collections.abc import Sequence

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, reduce
 from math import inf, log
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -30,9 +30,7 @@ from beamdesign.proofs.rectangle import Rectangle
 from beamdesign.proofs.servo_off import servo_off_of
 from beamdesign.prototype import Goal, Prototype
 from beamdesign.rational import nearest
-
-if TYPE_CHECKING:
-    from beamdesign.synthesis.over_box import OverBox
+from beamdesign.synthesis.rig_spread import OverBox
 
 LIMITED: tuple[Kind, ...] = (
     "peak_sensitivity", "compliance", "loop_gain", "controller_effort", "gain_margin", "peak_compliance",
@@ -104,12 +102,12 @@ class Proved:
     bandwidth_Hz: float
     peak_sensitivity: float
     variables: np.ndarray
-    over_box: "OverBox | None" = None
+    over_box: OverBox | None = None
     nominal: tuple[float, float] | None = None
     peak_compliance_m_per_N: float = inf
     servo_off_m_per_N: float = inf
 
-    def over(self, box: "OverBox") -> "Proved":
+    def over(self, box: OverBox) -> "Proved":
         """What is proved of every rig of a box, beside what is proved of the nominal one."""
         claims = {claim.kind: claim for claim in box.claims}
         width, peak, softest = claims["compliance"], claims["peak_sensitivity"], claims.get("peak_compliance")
