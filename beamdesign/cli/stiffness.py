@@ -83,8 +83,7 @@ def stiffness(
     if end_stiffness_N_per_m is not None:
         return give_stiffness(record, end_stiffness_N_per_m, masses, wall, CONTACTS[contact], servo, rigs, out, minutes)
 
-    from beamdesign.synthesis.end_stiffness import judge
-    from beamdesign.synthesis.stiffness_run import CONTACT_NAME, contact_text, in_words
+    from beamdesign.synthesis.end_stiffness import CONTACT_NAME, contact_text, in_words, judge
 
     def judged(stage: "InStage") -> tuple[dict[str, Any], bool]:
         rig, own, _ = stage
@@ -129,9 +128,8 @@ def give_stiffness(
     from beamdesign.quantity_text import mass_range_text, quantity
     from beamdesign.records import to_toml
     from beamdesign.synthesis.design_run import CERTIFICATE_NAME
-    from beamdesign.synthesis.end_stiffness import softest_N_per_m
-    from beamdesign.synthesis.stiffness_run import CONTACT_NAME, carried_out, drawn_in_words, drawn_rigs, in_words
-    from beamdesign.synthesis.stiffness_search import design
+    from beamdesign.synthesis.end_stiffness import CONTACT_NAME, in_words, softest_N_per_m
+    from beamdesign.synthesis.stiffness_search import carried_out, design, drawn_in_words, drawn_rigs
 
     wall = wall or EVERY_WALL
     with in_time(minutes, "2 to 5 min") as limit, progress("end stiffness") as update:
