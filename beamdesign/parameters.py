@@ -8,8 +8,8 @@ from beamdesign.plant.component import Parameter, with_unit
 from beamdesign.prototype import Tolerance
 
 __all__ = [
-    "PARAMETERS", "RIG_TOLERANCES", "SIGMAS", "TOLERANCES", "TYPICAL", "Parameter", "rows_of", "stated_or_typical",
-    "typical_of", "with_unit",
+    "PARAMETERS", "RIG_TOLERANCES", "TOLERANCES", "TYPICAL", "Parameter", "rows_of", "stated_or_typical", "typical_of",
+    "with_unit",
 ]  # fmt: skip
 
 
@@ -51,9 +51,6 @@ TOLERANCES = {name: row.tolerance for name, row in PARAMETERS.items()}
 
 RIG_TOLERANCES = {name: key for name, key in TOLERANCES.items() if not name.endswith("_end_mass")}
 """The same of the rigs alone, without end masses."""
-
-SIGMAS = 2.0
-"""How many standard deviations of every figure at once a design is for, where nothing else is asked."""
 
 
 def typical_of(actuator: type[Actuator]) -> Tolerance:

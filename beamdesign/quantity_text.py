@@ -144,7 +144,7 @@ def further_rows(found: Mapping[str, Any]) -> list[tuple[str, str]]:
     """Lower gains, figures for exactly the stated rig, and which tolerances to tighten first.
 
     Args:
-        found: as of `beamdesign.synthesis.loop_limits.Proved.guaranteed`.
+        found: as of `beamdesign.synthesis.law_design.Proved.guaranteed`.
     """
     lower, nominal = found["lower_gains"], found["nominal"]
     rows = []

@@ -15,8 +15,9 @@ from pathlib import Path
 
 from matplotlib.figure import Figure
 
-from beamdesign.parameters import SIGMAS, stated_or_typical
+from beamdesign.parameters import stated_or_typical
 from beamdesign.prototype import Prototype, read_prototype
+from beamdesign.synthesis import SIGMAS
 from beamdesign.synthesis.tuning import limited, tune
 
 

@@ -22,9 +22,7 @@ from beamdesign.plant.members import family
 from beamdesign.proofs.certifying import certify
 from beamdesign.prototype import Prototype, read_prototype
 from beamdesign.synthesis.law_task import Effort, Search
-from beamdesign.synthesis.loop_limits import LIMITED
-from beamdesign.synthesis.loop_samples import samples
-from beamdesign.synthesis.loop_slacks import slacks
+from beamdesign.synthesis.loop_samples import LIMITED, samples, slacks
 from beamdesign.synthesis.refinement import LawRefinement
 from beamdesign.synthesis.synthesis import (
     GeneralisedPlant,

@@ -31,7 +31,7 @@ from beamdesign.records import InputError
 from beamdesign.report.statements import statements
 from beamdesign.synthesis import tuning
 from beamdesign.synthesis.design_run import run_design
-from beamdesign.synthesis.loop_limits import forbidden_shares
+from beamdesign.synthesis.law_design import forbidden_shares
 from beamdesign.synthesis.rig_spread import rig_spread
 from beamdesign.synthesis.tuning import LawOptions, Tuning, tune, tune_law
 

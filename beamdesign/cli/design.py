@@ -8,7 +8,7 @@ from beamdesign.cli.command import CommandResult, Figure, command, figures_of, i
 from beamdesign.cli.output import default_folder, echo, echo_table, progress, refuse
 from beamdesign.files import write_set
 from beamdesign.json_text import picked
-from beamdesign.parameters import SIGMAS
+from beamdesign.synthesis import SIGMAS
 from beamdesign.time_limit import share
 
 _DESIGNING = 0.85

@@ -11,7 +11,7 @@ from beamdesign.cli.output import echo, echo_table, progress, refuse
 from beamdesign.cli.stiffness import give_stiffness
 from beamdesign.files import write_set
 from beamdesign.json_text import picked
-from beamdesign.parameters import SIGMAS
+from beamdesign.synthesis import SIGMAS
 
 if TYPE_CHECKING:
     from beamdesign.controllers import Sensed

@@ -29,7 +29,7 @@ from beamdesign.sweep.case import (
 if TYPE_CHECKING:
     from beamdesign.proofs.certificate import Certificate
     from beamdesign.synthesis.checks import Check
-    from beamdesign.synthesis.loop_limits import Proved
+    from beamdesign.synthesis.law_design import Proved
     from beamdesign.synthesis.sizing import Sizing
     from beamdesign.synthesis.tuning import Tuning
 

@@ -11,18 +11,18 @@ import numpy as np
 
 from beamdesign.controllers import KINDS
 from beamdesign.controllers.form import form_of
-from beamdesign.parameters import SIGMAS
 from beamdesign.plant.members import family
 from beamdesign.problem import DesignProblem
 from beamdesign.progress import Progress, silent
 from beamdesign.prototype import Payload, Prototype
 from beamdesign.records import InputError
+from beamdesign.synthesis import SIGMAS
 from beamdesign.synthesis.checks import CheckedPair, check_sections
 from beamdesign.synthesis.free_search import free_optimum, sizes_of, start_variables
 from beamdesign.synthesis.holding import Holding, in_words, working
+from beamdesign.synthesis.law_design import Proved
 from beamdesign.synthesis.law_search import Found, Start, from_seeds, search
 from beamdesign.synthesis.law_task import Effort, Search
-from beamdesign.synthesis.loop_limits import Proved
 from beamdesign.synthesis.rig_spread import rig_spread
 from beamdesign.synthesis.sections import Sections, free_sections, rounded_tubes
 from beamdesign.time_limit import leave_out, over, within

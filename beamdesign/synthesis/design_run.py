@@ -6,7 +6,6 @@ from math import inf
 from pathlib import Path
 from typing import Any
 
-from beamdesign.parameters import SIGMAS
 from beamdesign.problem import DesignProblem
 from beamdesign.progress import Progress, silent
 from beamdesign.proofs.certificate import LOWER_GAINS, Asked, Certificate, goal_claims
@@ -14,8 +13,9 @@ from beamdesign.proofs.certifying import certify
 from beamdesign.proofs.lyapunov import describe, stages_certificate
 from beamdesign.prototype import Guarantee, Prototype
 from beamdesign.result import Result
+from beamdesign.synthesis import SIGMAS
 from beamdesign.synthesis.holding import Holding, Way, carried, easier, in_words, standing, working
-from beamdesign.synthesis.loop_limits import Proved
+from beamdesign.synthesis.law_design import Proved
 from beamdesign.synthesis.sizing import Sizing, size
 from beamdesign.synthesis.tuning import Tuning, limited, tune
 from beamdesign.time_limit import leave_out, over, within

@@ -18,9 +18,21 @@ from beamdesign.controllers import Controller
 from beamdesign.controllers.form import Form
 from beamdesign.progress import Progress, silent
 from beamdesign.rational import nearest
-from beamdesign.synthesis.law_design import ENOUGH, ROOM, Design, in_box, rests, touches, unknown, value_of, whole
+from beamdesign.synthesis.law_design import (
+    ENOUGH,
+    ROOM,
+    Design,
+    Proved,
+    in_box,
+    loop_set,
+    rests,
+    touches,
+    unknown,
+    value_of,
+    whole,
+)
 from beamdesign.synthesis.law_task import Search
-from beamdesign.synthesis.loop_limits import LARGEST_AT_LOWER_GAINS, Proved, calmer, loop_set
+from beamdesign.synthesis.loop_samples import LARGEST_AT_LOWER_GAINS, calmer
 from beamdesign.synthesis.refinement import TOUCH, WORTH
 from beamdesign.time_limit import is_limited, leave_out, over, share, while_time
 

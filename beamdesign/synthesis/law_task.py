@@ -21,9 +21,19 @@ from beamdesign.plant.members import VertexModel, served
 from beamdesign.plant.rigs import figures_of
 from beamdesign.proofs.certificate import Kind
 from beamdesign.prototype import Goal, Prototype
-from beamdesign.synthesis.loop_limits import ends
-from beamdesign.synthesis.loop_samples import COARSE_HZ, FINE_HZ, MODES_HZ, Samples, rig_samples
-from beamdesign.synthesis.loop_slacks import COMPLIANCE, OTHERS, Slacks, sampled_bandwidth, slacks
+from beamdesign.synthesis.loop_samples import (
+    COARSE_HZ,
+    COMPLIANCE,
+    FINE_HZ,
+    MODES_HZ,
+    OTHERS,
+    Samples,
+    Slacks,
+    ends,
+    rig_samples,
+    sampled_bandwidth,
+    slacks,
+)
 from beamdesign.synthesis.refinement import NEARLY, LawRefinement
 from beamdesign.synthesis.rig_spread import Cut, RigSpread
 from beamdesign.synthesis.sections import Sections

@@ -19,20 +19,9 @@ from beamdesign.progress import interruption_waits
 from beamdesign.proofs.certificate import Kind
 from beamdesign.proofs.servo_off import servo_off_peak
 from beamdesign.prototype import Goal
-from beamdesign.synthesis.loop_limits import LIMITED, goal_limits
-from beamdesign.synthesis.loop_samples import Samples
-from beamdesign.synthesis.loop_slacks import (
-    Block,
-    Slacks,
-    counting,
-    highest,
-    point,
-    sampled_bandwidth,
-    sampled_program,
-    slacks,
-    stiffness_of,
-)
-from beamdesign.synthesis.sections import MASS_PER_MISSING_BANDWIDTH, Sections, sized_slack
+from beamdesign.synthesis.loop_program import Block, highest, point, sampled_program, sized_slack, stiffness_of
+from beamdesign.synthesis.loop_samples import LIMITED, Samples, Slacks, counting, goal_limits, sampled_bandwidth, slacks
+from beamdesign.synthesis.sections import MASS_PER_MISSING_BANDWIDTH, Sections
 from beamdesign.time_limit import leave_out, over
 
 _EVERY = 6

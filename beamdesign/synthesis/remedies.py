@@ -15,14 +15,14 @@ import numpy as np
 from beamdesign.controllers import Lag
 from beamdesign.controllers.cascade import as_lag
 from beamdesign.controllers.form import form_of
-from beamdesign.parameters import SIGMAS
 from beamdesign.problem import DesignProblem
 from beamdesign.progress import Progress, silent
 from beamdesign.structure.section import Tube
+from beamdesign.synthesis import SIGMAS
 from beamdesign.synthesis.codesign import sized_search
 from beamdesign.synthesis.free_search import sizes_of, start_variables
+from beamdesign.synthesis.law_design import Proved
 from beamdesign.synthesis.law_search import Found, from_seeds, search
-from beamdesign.synthesis.loop_limits import Proved
 from beamdesign.synthesis.sections import free_sections, rounded_tubes, section_mass
 from beamdesign.synthesis.tuning import SMALLEST_BANDWIDTH_HZ
 from beamdesign.time_limit import share

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from beamdesign.parameters import PARAMETERS, SIGMAS, TOLERANCES, rows_of
+from beamdesign.parameters import PARAMETERS, TOLERANCES, rows_of
 from beamdesign.plant.members import VertexModel, served
 from beamdesign.polynomial import exact
 from beamdesign.proofs.box import Box, certify_box
@@ -26,6 +26,7 @@ from beamdesign.prototype import Prototype
 from beamdesign.rational import nearest
 from beamdesign.records import InputError, Problem
 from beamdesign.structure.lumped import CHANGEABLE, with_figures
+from beamdesign.synthesis import SIGMAS
 from beamdesign.time_limit import left
 
 _CUT = 4.0

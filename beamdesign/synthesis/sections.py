@@ -2,8 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cache
-from math import exp, inf, log, pi
+from math import exp, inf, log
 from typing import Any
 
 import casadi as ca
@@ -11,14 +10,12 @@ import numpy as np
 from pydantic import ValidationError
 
 from beamdesign.problem import DesignProblem
-from beamdesign.proofs.certificate import Kind
 from beamdesign.prototype import Prototype
 from beamdesign.quantity_text import stated_bandwidth
 from beamdesign.structure.lumped import beam_figures, fixed_dashpot, servo_figures
 from beamdesign.structure.section import Tube
 from beamdesign.synthesis.checks import beam_mass, check_sections
 from beamdesign.synthesis.free_search import SIZE_UNITS, THICKEST_SHARE, pair_of, sizing_program, tubes
-from beamdesign.synthesis.loop_limits import law_on_axis, on_axis, plant_of_figures, slack_of
 
 ROUNDED_SLACK = 1e-4
 """Relative slack of every structural check, so that rounded sizes stay on its right side."""
@@ -171,19 +168,3 @@ def free_sections(
         flaw=flaw,
         needed_Hz=needed_Hz,
     )
-
-
-@cache
-def sized_slack(shape: tuple[int, int], kind: Kind, filtered: bool, rig: str) -> ca.Function:
-    """Slack of a limit at one point of a rig without effects, see `slack_of`, from the figures of its plant.
-
-    Inputs: the law's coefficients, mass inside (kg), lumped figures (d,), outer end mass (kg), frequency (Hz).
-    """
-    coefficients = ca.SX.sym("coefficients", *shape)
-    symbols, polynomials = plant_of_figures(filtered, rig)
-    figures, outer, inner = ca.vertsplit(symbols, [0, symbols.shape[0] - 2, symbols.shape[0] - 1, symbols.shape[0]])
-    frequency = ca.SX.sym("frequency")
-    w = 2 * pi * frequency
-    plant, control, disturbance = (on_axis(one, w) for one in polynomials)
-    slack = slack_of(kind, law_on_axis(coefficients, w), plant, [control], disturbance)
-    return ca.Function("sized", [ca.vec(coefficients), inner, figures, outer, frequency], [slack])
