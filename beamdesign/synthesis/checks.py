@@ -18,7 +18,7 @@ from typing import Any, NamedTuple
 
 from beamdesign.json_text import picked
 from beamdesign.problem import BeamProblem, DesignProblem
-from beamdesign.quantity_text import decimal
+from beamdesign.quantity_text import at_least, at_most, quantity, read_in
 from beamdesign.structure import beam
 from beamdesign.structure.section import Quantity, Tube, clearances
 
@@ -88,16 +88,15 @@ class Check(NamedTuple):
     @property
     def shown(self) -> tuple[float, float, str]:
         """Value, limit and unit for people: millimetres and megapascals; numbers only."""
-        factor, unit = {"m": (1e3, "mm"), "Pa": (1e-6, "MPa"), "1": (1.0, "")}.get(self.unit, (1.0, self.unit))
+        unit, factor = read_in(float(self.value), self.unit)
         return factor * float(self.value), factor * float(self.limit), unit
 
     @property
     def missed(self) -> str:
         """In words, what it is and what it needs to be; numbers only."""
-        value, limit, unit = self.shown
-        side = "least" if self.at_least else "most"
-        found = decimal(value, rounding=ROUND_FLOOR if self.at_least else ROUND_CEILING)
-        return f"{self.name} is {found} {unit}".rstrip() + f", needs at {side} {decimal(limit)} {unit}".rstrip()
+        side, bound = ("least", at_least) if self.at_least else ("most", at_most)
+        found, limit = bound(float(self.value), self.unit), quantity(float(self.limit), self.unit)
+        return f"{self.name} is {found}, needs at {side} {limit}"
 
     @property
     def slack(self) -> Quantity:

@@ -46,6 +46,7 @@ LEAST_WIDTH_M, LEAST_WALL_M = 0.005, 0.00005
 
 _WIDEST_START_M = 2.0
 _ACTIVE = 1e-6
+_MOST = 1e3
 _IPOPT: dict[str, Any] = {
     "ipopt.print_level": 0,
     "ipopt.sb": "yes",
@@ -66,6 +67,7 @@ class Program:
     Its methods evaluate optimality and shadow prices anywhere.
 
     Attributes:
+        problem: what is asked.
         variables: sizes in `SIZE_UNITS`, then the four local buckling factors, (8, 1).
         asked: symbols of the requirements in use, (r, 1).
         names: their field names in `Requirements`.
@@ -75,6 +77,7 @@ class Program:
         checks: names of the checks, which the first constraints are.
     """
 
+    problem: DesignProblem
     variables: Any
     asked: Any
     names: tuple[str, ...]
@@ -133,6 +136,34 @@ class Program:
         complementarity = float(np.max(np.abs(multipliers * values))) / float(mass.item())
         return max(misfit / scale, float(values.max()), complementarity), multipliers, multipliers @ by_figures
 
+    @cached_property
+    def _elastic(self) -> Any:
+        """Minimises the sum of what the checks are missed by, for any requirements."""
+        count = len(self.checks)
+        excess, others = ca.SX.sym("excess", count), ca.SX.zeros(self.constraints.shape[0] - count)
+        return solver(self, ca.sum1(excess), self.constraints - ca.vertcat(excess, others), excess)
+
+    def nearest(self, figures: np.ndarray, points: Sequence[np.ndarray]) -> tuple[np.ndarray, float]:
+        """Search from several points.
+
+        Args:
+            figures: values of the requirements, (r,).
+            points: sizes in m, (4,) each; at least one.
+
+        Returns:
+            Program variables (8,) with the least sum of violations of any constraint, and that sum, which is evaluated
+            at the point and not taken from the solver.
+        """
+        found, count = list[tuple[float, np.ndarray]](), len(self.checks)
+        for sizes in points:
+            start = start_variables(self.problem, sizes)
+            missed = np.clip(self.missed(start, figures)[:count], 0.0, _MOST) + 0.1
+            end = solve(self._elastic, np.concatenate([start, missed]), figures, [(0.0, _MOST)] * count)[:8]
+            total = float(np.clip(self.missed(end, figures), 0.0, None).sum())
+            found.append((total if np.isfinite(total) else float("inf"), end))
+        total, variables = min(found, key=lambda item: item[0])
+        return variables, total
+
 
 def pair_of(problem: DesignProblem, sizes: Sequence[Any]) -> tuple[Tube, Tube]:
     """Tubes of the problem's shapes, of widths and walls (4,) in m of the outer and the inner one."""
@@ -173,6 +204,7 @@ def sizing_program(problem: DesignProblem) -> Program:
         constraints.append(1 - tube.wall_m / LEAST_WALL_M)
     constraints += [-gap / 0.01 for gap in clearances(outer, inner)]  # the inner tube enters the outer one
     return Program(
+        problem=problem,
         variables=ca.vertcat(sizes, factors),
         asked=asked,
         names=names,
@@ -227,41 +259,6 @@ def solve(
     return np.asarray(found["x"].full()).ravel()
 
 
-_MOST = 1e3
-
-
-class Elastic:
-    """Minimises the sum of what the checks are missed by; compiled once, solved for any requirements."""
-
-    def __init__(self, problem: DesignProblem, program: Program):
-        self.problem, self.program = problem, program
-        self._count = len(program.checks)
-        excess = ca.SX.sym("excess", self._count)
-        others = ca.SX.zeros(program.constraints.shape[0] - self._count)
-        self._ready = solver(program, ca.sum1(excess), program.constraints - ca.vertcat(excess, others), excess)
-
-    def nearest(self, figures: np.ndarray, points: Sequence[np.ndarray]) -> tuple[np.ndarray, float]:
-        """Search from several points.
-
-        Args:
-            figures: values of the requirements, (r,).
-            points: sizes in m, (4,) each; at least one.
-
-        Returns:
-            Program variables (8,) with the least sum of violations of any constraint, and that sum, which is evaluated
-            at the point and not taken from the solver.
-        """
-        found: list[tuple[float, np.ndarray]] = []
-        for sizes in points:
-            start = start_variables(self.problem, sizes)
-            missed = np.clip(self.program.missed(start, figures)[: self._count], 0.0, _MOST) + 0.1
-            end = solve(self._ready, np.concatenate([start, missed]), figures, [(0.0, _MOST)] * self._count)[:8]
-            total = float(np.clip(self.program.missed(end, figures), 0.0, None).sum())
-            found.append((total if np.isfinite(total) else float("inf"), end))
-        total, variables = min(found, key=lambda item: item[0])
-        return variables, total
-
-
 FEASIBLE = 1e-9
 """Largest relative violation of a constraint in a point that counts as feasible."""
 
@@ -314,7 +311,7 @@ def free_optimum(problem: DesignProblem, known: Sequence[tuple[Tube, Tube]] = ()
     program = sizing_program(problem)
     points = start_points(problem, known)
     if not any(check_sections(problem, *pair).feasible for pair in known):
-        nearest, missed = Elastic(problem, program).nearest(program.figures, points[::3])
+        nearest, missed = program.nearest(program.figures, points[::3])
         if missed > FEASIBLE:
             return None
         points.append(nearest[:4] * SIZE_UNITS)
@@ -360,25 +357,23 @@ def relax_free(problem: DesignProblem) -> tuple[tuple[Relaxation, ...], CheckedP
     Returns:
         The relaxations, the relatively smallest first; and the pair with the least sum of relative violations.
     """
-    program = sizing_program(problem)
-    elastic, points = Elastic(problem, program), start_points(problem)[::3]
-    nearest, _ = elastic.nearest(program.figures, points)
+    program, points = sizing_program(problem), start_points(problem)[::3]
+    nearest, _ = program.nearest(program.figures, points)
     points.insert(0, nearest[:4] * SIZE_UNITS)
-    found = [one for name in relaxable(requirements(problem)) for one in _ease_one(elastic, name, points)]
+    found = [one for name in relaxable(requirements(problem)) for one in _ease_one(program, name, points)]
     return confirmed(problem, found), check_sections(problem, *tubes(problem, nearest))
 
 
-def _ease_one(elastic: Elastic, name: str, points: Sequence[np.ndarray]) -> list[tuple[str, float, Pair]]:
+def _ease_one(program: Program, name: str, points: Sequence[np.ndarray]) -> list[tuple[str, float, Pair]]:
     """The smallest change of one requirement that makes room, and for which pair; empty where none was found."""
-    problem, program = elastic.problem, elastic.program
-    place, asked = program.names.index(name), requirements(problem)
+    problem, place, asked = program.problem, program.names.index(name), requirements(program.problem)
 
     def figures(share: float) -> np.ndarray:
         given = program.figures.copy()
         given[place] = eased(asked, name, share)
         return given
 
-    with_room, missed = elastic.nearest(figures(1.0), points)
+    with_room, missed = program.nearest(figures(1.0), points)
     if missed > FEASIBLE:
         return []
     share = ca.SX.sym("share")

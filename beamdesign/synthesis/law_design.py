@@ -14,7 +14,7 @@ from flint import fmpq, fmpq_poly
 from beamdesign.controllers import Controller
 from beamdesign.controllers.form import UNIT, Form
 from beamdesign.json_text import picked
-from beamdesign.loop import rig_loop
+from beamdesign.loop import member_loop, rig_loop
 from beamdesign.plant.members import VertexModel, family
 from beamdesign.polynomial import exact
 from beamdesign.proofs.absolute_stability import FOR_ODD, absolute_stability, members
@@ -123,8 +123,7 @@ def forbidden_shares(prototype: Prototype, masses_kg: tuple[float, float]) -> li
 
     On a grid of shares and masses: neighbours of what is found may be as bad.
     """
-    assert prototype.controller is not None  # it was tuned
-    own = rig_loop(family(prototype).rest.rig, prototype.payload.inner_end_mass_kg, prototype.controller)
+    own = member_loop(prototype, family(prototype).rest)
     scale = fmpq_poly([0, exact(UNIT)])  # roots of moderate size
     unstable = np.zeros(len(_SHARES_OF_GAIN), dtype=bool)
     for mass in np.linspace(*masses_kg, 15):

@@ -10,7 +10,7 @@ enough.
 from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
-from functools import reduce
+from functools import cached_property, reduce
 from math import inf
 
 import numpy as np
@@ -105,13 +105,12 @@ class Search:
     effort: Effort = Effort()
     sections: Sections | None = None
     cuts: tuple[Cut, ...] = ()
-    points: Samples = field(init=False, repr=False)
     _refinements: dict[Form, LawRefinement] = field(init=False, repr=False, default_factory=dict)
 
-    def __post_init__(self) -> None:
-        """Sample the loops."""
-        points = self.sampled(self.frequency_Hz, self._masses, self._start)
-        object.__setattr__(self, "points", points)
+    @cached_property
+    def points(self) -> Samples:
+        """Of all loops."""
+        return self.sampled(self.frequency_Hz, self._masses, self._start)
 
     @property
     def _masses(self) -> list[float]:

@@ -99,8 +99,7 @@ def demand(prototype: Prototype, outer_end_mass: float, frequency_Hz: np.ndarray
     outer = with_mass(single_compliance(prototype, "outer_beam"), outer_end_mass)
     inner = with_mass(single_compliance(prototype, "inner_beam"), prototype.payload.inner_end_mass_kg)
     rig = signals(prototype, outer, inner, frequency_Hz)
-    assert prototype.controller is not None
-    x = rig.closed(prototype.controller.gain_A_per_V)
+    x = rig.closed(prototype.own_controller.gain_A_per_V)
     force = x / outer(frequency_Hz) - 1  # the tip is at c_o (F_c + F_d)
     stroke = x + inner(frequency_Hz) * force
     actuator = prototype.actuator
@@ -183,12 +182,11 @@ def sensor_reach(prototype: Prototype, outer_end_mass: float = 0.0) -> SensorRea
         ValueError: without a controller.
     """
     error = abs(loop(prototype.but(effects={})).at(outer_end_mass).static_compliance())
-    sensor, law = prototype.sensor, prototype.controller
-    assert law is not None
+    sensor = prototype.sensor
     hidden = None if sensor.resolution_m is None else (sensor.resolution_m / error if error > 0 else inf)
     if sensor.noise_V is None:
         return SensorReach(error, sensor.resolution_m, hidden)
-    fast = law.gain_at_high_frequency()
+    fast = prototype.own_controller.gain_at_high_frequency()
     rated = prototype.actuator.largest_current_A(prototype)
     return SensorReach(
         error, sensor.resolution_m, hidden, sensor.noise_V / sensor.gain_V_per_m, fast * sensor.noise_V,

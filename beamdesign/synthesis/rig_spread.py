@@ -176,11 +176,11 @@ class BoxTask:
     spread: RigSpread
     masses_kg: tuple[float, float]
     stable_kg: tuple[float, float]
-    box: Box = field(init=False)
 
-    def __post_init__(self) -> None:
-        """Set the box up."""
-        object.__setattr__(self, "box", self._box(self.masses_kg))
+    @cached_property
+    def box(self) -> Box:
+        """Of tolerances and payloads over which it is to perform."""
+        return self._box(self.masses_kg)
 
     def _box(self, masses_kg: tuple[float, float]) -> Box:
         return tolerance_box(self.prototype, self.spread.sigmas, None, masses_kg)

@@ -307,8 +307,7 @@ def drawn_rigs(prototype: Prototype, masses_kg: tuple[float, float], wall: Wall,
         wall: that the tip may lean on.
         count: how many.
     """
-    law, masses = prototype.controller, (exact(masses_kg[0]), exact(masses_kg[1]))
-    assert law is not None
+    law, masses = prototype.own_controller, (exact(masses_kg[0]), exact(masses_kg[1]))
     ports = [tip(close_loop(plant, law)) for plant in plants_drawn(prototype, masses_kg[1], count, seed=1)]
     needs: tuple[Need, ...] = ("stable", "passive", "wall")
     return tuple(
