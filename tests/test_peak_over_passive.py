@@ -13,6 +13,7 @@ from test_robust_tuning import FIGURES, corners_and_others, matrices, members
 from beamdesign.checker import check
 from beamdesign.controllers import Lag
 from beamdesign.loop import loop
+from beamdesign.polynomial import nearest
 from beamdesign.proofs.box_claims import claim_over_box
 from beamdesign.proofs.certificate import Asked, peak_claim
 from beamdesign.proofs.certifying import certify
@@ -20,7 +21,6 @@ from beamdesign.proofs.servo_off import servo_off, servo_off_over_box
 from beamdesign.proofs.tolerance_box import tolerance_box
 from beamdesign.proofs.writer import prototype_table
 from beamdesign.prototype import Goal, Prototype, Tolerance, read_prototype
-from beamdesign.rational import nearest
 from beamdesign.report.figures import passive_curves
 from beamdesign.structure.lumped import beam_of_equal_mass
 from beamdesign.structure.materials import material

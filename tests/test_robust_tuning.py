@@ -26,7 +26,7 @@ from beamdesign.proofs.certificate import Asked
 from beamdesign.proofs.certifying import certify
 from beamdesign.proofs.tolerance_box import tolerance_box
 from beamdesign.prototype import Prototype, Tolerance, read_prototype, write_prototype
-from beamdesign.quantity_text import rigs_in_words
+from beamdesign.quantities import rigs_in_words
 from beamdesign.records import InputError
 from beamdesign.report.statements import statements
 from beamdesign.synthesis import tuning

@@ -11,13 +11,12 @@ from flint import fmpq
 from beamdesign.build.circuit import Circuit, Kind, Ratio, Series, Stage, neighbours, values_between
 from beamdesign.build.realisation.sections import Factor, apart, factored
 from beamdesign.controllers import Controller
-from beamdesign.polynomial import exact
+from beamdesign.polynomial import exact, nearest
 from beamdesign.progress import Progress, silent
 from beamdesign.proofs.box import box_of, certify_box
 from beamdesign.proofs.certifying import certify, stability_over
 from beamdesign.proofs.rig_family import PolynomialFamily, rig_family
 from beamdesign.prototype import Prototype
-from beamdesign.rational import nearest
 
 SERIES: tuple[tuple[Series, Series], ...] = (("E24", "E6"), ("E96", "E6"), ("E96", "E12"))
 RESISTORS, CAPACITORS = (0.01, 0.05), (0.05, 0.1)

@@ -27,7 +27,7 @@ from beamdesign.cli.proved import (
     echo_stability,
     hertz,
 )
-from beamdesign.json_text import picked
+from beamdesign.result import picked
 
 if TYPE_CHECKING:
     from beamdesign.proofs.absolute_stability import Row
@@ -159,7 +159,7 @@ def _asked(record: "Prototype", claims: dict[str, float | None]) -> list["Asked"
 def _echo(record: "Prototype", certificate: "Certificate") -> None:
     from beamdesign.proofs.certificate import describe
     from beamdesign.proofs.near_rest import holds_for
-    from beamdesign.quantity_text import stated_bandwidth
+    from beamdesign.quantities import stated_bandwidth
 
     echo_stability(record.name, certificate, holds_for(record))
     for side, crossing in certificate.next_crossings.items():

@@ -4,7 +4,7 @@ from math import isfinite
 from typing import TYPE_CHECKING, Any
 
 from beamdesign.cli.output import echo, echo_table
-from beamdesign.json_text import picked
+from beamdesign.result import picked
 
 if TYPE_CHECKING:
     from beamdesign.polynomial import Crossing
@@ -31,7 +31,7 @@ def echo_stability(name: str, found: "Decided", holds_for: str) -> None:
 
 def echo_against_goal(found: "Guaranteed | PlaneGuaranteed", goal: "Goal") -> None:
     """What is guaranteed beside the goal's limits, as far as it sets any."""
-    from beamdesign.quantity_text import stated_peak
+    from beamdesign.quantities import stated_peak
 
     for name, words, more in (
         ("peak_sensitivity", "peak sensitivity", ""),
@@ -61,9 +61,9 @@ def hertz(crossing: "Crossing") -> str:
 
 def echo_box(record: "Prototype", box: "Box", verdict: "BoxVerdict", sigmas: float) -> None:
     """Whether a loop is stable over a box, and where it is not; what the box is."""
+    from beamdesign.polynomial import nearest
     from beamdesign.proofs.near_rest import holds_for
     from beamdesign.proofs.tolerance_box import figure_key
-    from beamdesign.rational import nearest
 
     words = {True: "stable", False: "NOT stable", None: "undecided whether stable"}
     echo(f"{record.name}: {words[verdict.stable]} {holds_for(record, sigmas)}")
@@ -100,8 +100,8 @@ def box_fields(
     box: "Box", verdict: "BoxVerdict", scaling: "Scaling | None", each: "dict[str, Scaling]"
 ) -> dict[str, Any]:
     """What a JSON file holds of it."""
+    from beamdesign.polynomial import nearest
     from beamdesign.proofs.tolerance_box import figure_key, in_units
-    from beamdesign.rational import nearest
 
     def point(of: Any) -> dict[str, float] | None:
         return None if of is None else in_units(of, list(of))

@@ -24,7 +24,7 @@ from beamdesign.cli.command import (
 )
 from beamdesign.cli.output import default_folder, echo, echo_table, progress, refuse
 from beamdesign.files import fresh_folder, settled
-from beamdesign.json_text import picked
+from beamdesign.result import picked
 
 if TYPE_CHECKING:
     from beamdesign.build.realisation.code import ProvedCode

@@ -10,7 +10,7 @@ import typer
 from beamdesign.cli.command import CommandResult, Figure, by_stage, command, figures_of, in_time, mass_range
 from beamdesign.cli.output import echo, echo_table, progress, refuse
 from beamdesign.files import write_set
-from beamdesign.json_text import picked
+from beamdesign.result import picked
 
 if TYPE_CHECKING:
     from beamdesign.controllers import Cascade
@@ -72,7 +72,7 @@ def stiffness(
     from beamdesign.polynomial import exact
     from beamdesign.proofs.contact import Wall
     from beamdesign.prototype import read_prototype
-    from beamdesign.quantity_text import mass_range_text
+    from beamdesign.quantities import mass_range_text
 
     record = read_prototype(prototype)
     stiffest = figures_of("--wall-N-per-m", wall_N_per_m, "WallStiffness", "two figures as LO:HI", ":", 2)
@@ -125,7 +125,7 @@ def give_stiffness(
         InputError: for a stiffness that is none, or effects.
     """
     from beamdesign.proofs.contact import EVERY_WALL
-    from beamdesign.quantity_text import mass_range_text, quantity
+    from beamdesign.quantities import mass_range_text, quantity
     from beamdesign.records import to_toml
     from beamdesign.synthesis.design_run import CERTIFICATE_NAME
     from beamdesign.synthesis.end_stiffness import CONTACT_NAME, in_words, softest_N_per_m
@@ -169,7 +169,7 @@ def give_stiffness(
 
 def _kept(found: "EndStiffness") -> list[tuple[str, Any]]:
     """Rows of what is proved of stiffness, command and sensitivity."""
-    from beamdesign.quantity_text import at_least, quantity, stated_peak
+    from beamdesign.quantities import at_least, quantity, stated_peak
     from beamdesign.synthesis.end_stiffness import SHARE
 
     return [

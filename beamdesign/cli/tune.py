@@ -10,7 +10,7 @@ from beamdesign.cli.command import CommandResult, Figure, command, in_time, mass
 from beamdesign.cli.output import echo, echo_table, progress, refuse
 from beamdesign.cli.stiffness import give_stiffness
 from beamdesign.files import write_set
-from beamdesign.json_text import picked
+from beamdesign.result import picked
 from beamdesign.synthesis import SIGMAS
 
 if TYPE_CHECKING:
@@ -159,7 +159,7 @@ def tune(
 def _of_law(stage: "InStage", law: "Tuning", certificate: "Certificate") -> dict[str, Any]:
     """Say what was tuned and is guaranteed of one law over its payloads; the same for the JSON file."""
     from beamdesign.proofs.near_rest import holds_for
-    from beamdesign.quantity_text import further_rows, guaranteed_rows
+    from beamdesign.quantities import further_rows, guaranteed_rows
 
     best, goal, masses = law.best, stage.prototype.goal, stage.outer_end_mass_kg
     assert best is not None

@@ -6,11 +6,11 @@ from math import pi
 import numpy as np
 
 from beamdesign.bench_prototype import BenchPrototype
-from beamdesign.json_text import picked
 from beamdesign.plant.assembly import RIGS, Assembly, Structure, assemble
 from beamdesign.plant.compiled import Place, integrate, substeps_at
 from beamdesign.plant.effects import library, problems
 from beamdesign.records import InputError, Problem
+from beamdesign.result import picked
 from beamdesign.scenario import Scenario, inputs_of
 
 BENCH_COLUMNS = ("t_s", "command_V", "displacement_m", "pressure_a_Pa", "pressure_b_Pa")

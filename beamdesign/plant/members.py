@@ -12,9 +12,8 @@ from beamdesign.plant.assembly import effect_parameters_of, wrong_effects
 from beamdesign.plant.effect import Operation, Span
 from beamdesign.plant.effects import library
 from beamdesign.plant.linear import LinearModel
-from beamdesign.polynomial import exact
+from beamdesign.polynomial import exact, nearest, rounded_down, rounded_up
 from beamdesign.prototype import Prototype
-from beamdesign.rational import nearest, rounded_down, rounded_up
 from beamdesign.records import InputError, Problem
 from beamdesign.structure.lumped import figures
 

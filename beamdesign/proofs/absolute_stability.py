@@ -12,16 +12,15 @@ from typing import Any
 
 from flint import fmpq
 
-from beamdesign.json_text import picked
 from beamdesign.loop import Loop, at_most
 from beamdesign.plant.members import LinearFamily, family
-from beamdesign.polynomial import exact
+from beamdesign.polynomial import exact, nearest, text
 from beamdesign.proofs.multiplier import Multiplier
 from beamdesign.proofs.multiplier_search import search
 from beamdesign.proofs.rectangle import Rectangle
 from beamdesign.proofs.stability import is_stable_over
 from beamdesign.prototype import Prototype
-from beamdesign.rational import nearest, text
+from beamdesign.result import picked
 
 IN_THE_CURRENT = ("current_saturation", "current_saturation_soft")
 BEHIND_THE_SPOOL = ("unequal_piston_areas", "valve_deadband")

@@ -11,10 +11,19 @@ from typing import TYPE_CHECKING, Any
 
 from flint import acb, arb, ctx, fmpq, fmpq_poly
 
-from beamdesign.polynomial import Affine, even_odd, real_roots, shares_axis_root, squared_magnitude, value_at
+from beamdesign.polynomial import (
+    Affine,
+    bounds,
+    even_odd,
+    real_roots,
+    rounded_down,
+    rounded_up,
+    shares_axis_root,
+    squared_magnitude,
+    value_at,
+)
 from beamdesign.proofs.open_loop import OpenLoop, number, open_loop
 from beamdesign.proofs.stability import StabilityMap, stable_ranges
-from beamdesign.rational import bounds, rounded_down, rounded_up
 from beamdesign.records import InputError
 from beamdesign.result import Result
 

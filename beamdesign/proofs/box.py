@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from flint import ctx, fmpq
 
-from beamdesign.polynomial import exact, roots
+from beamdesign.polynomial import exact, nearest, roots, text
 from beamdesign.proofs.box_member import member, parameters_at, stable_at, unstable_member
 from beamdesign.proofs.branch import Search
 from beamdesign.proofs.rig_family import PolynomialFamily, rig_family
@@ -17,7 +17,6 @@ from beamdesign.proofs.statement import Interval, Statement
 from beamdesign.proofs.writer import certificate, plain, stated, texts
 from beamdesign.proofs.zero_exclusion import PRECISION_BITS, Piece, holds, pieces
 from beamdesign.prototype import Prototype
-from beamdesign.rational import nearest, text
 
 if TYPE_CHECKING:
     from beamdesign.proofs.box_claims import BoxClaim

@@ -10,12 +10,11 @@ from typing import NamedTuple
 import numpy as np
 from flint import acb, arb, fmpq, fmpq_poly
 
-from beamdesign.polynomial import even_odd, is_hurwitz
+from beamdesign.polynomial import even_odd, is_hurwitz, nearest
 from beamdesign.proofs.slope_claim import UNKNOWN
 from beamdesign.proofs.statement import Point, Statement
 from beamdesign.proofs.value_set import delays, values, with_unknown
 from beamdesign.proofs.zero_exclusion import unit
-from beamdesign.rational import nearest
 
 
 class Undecided(ArithmeticError):

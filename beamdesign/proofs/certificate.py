@@ -7,12 +7,10 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 from flint import fmpq
 
-from beamdesign.json_text import finite, picked
-from beamdesign.polynomial import Crossing, exact
+from beamdesign.polynomial import Crossing, exact, nearest, shortened
 from beamdesign.proofs.stability import StabilityMap
 from beamdesign.prototype import Goal
-from beamdesign.rational import nearest, shortened
-from beamdesign.result import Result
+from beamdesign.result import Result, finite, picked
 
 if TYPE_CHECKING:
     from beamdesign.proofs.absolute_stability import Row

@@ -11,7 +11,7 @@ from flint import fmpq
 from beamdesign.loop import member_loop
 from beamdesign.plant.effects import library
 from beamdesign.plant.members import LinearFamily, VertexModel, family
-from beamdesign.polynomial import exact
+from beamdesign.polynomial import exact, nearest, simple_between, text
 from beamdesign.proofs.certificate import (
     INEQUALITIES,
     METHOD,
@@ -35,7 +35,6 @@ from beamdesign.proofs.servo_off import servo_off_of
 from beamdesign.proofs.stability import Range, StabilityMap, in_words, stable_ranges
 from beamdesign.proofs.writer import certificate
 from beamdesign.prototype import Goal, InStage, Prototype
-from beamdesign.rational import nearest, simple_between, text
 from beamdesign.records import InputError, Problem
 
 # Members over end masses and factors on the gain; what all have in common, in words.

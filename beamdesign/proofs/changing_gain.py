@@ -20,14 +20,13 @@ from flint import fmpq
 
 from beamdesign.loop import Loop, member_loop
 from beamdesign.plant.assembly import effect_parameters_of
-from beamdesign.polynomial import Affine, exact
+from beamdesign.polynomial import Affine, exact, text
 from beamdesign.proofs.absolute_stability import Members, Row
 from beamdesign.proofs.box import Box
 from beamdesign.proofs.box_claims import BoxClaim
 from beamdesign.proofs.multiplier import Multiplier, fits
 from beamdesign.proofs.rig_family import FACTOR
 from beamdesign.proofs.stability import is_stable_over
-from beamdesign.rational import text
 
 OVER_BOX = "circle criterion, by the peak sensitivity that is proved of every member"
 METHOD = "circle criterion, a quadratic Lyapunov function for each payload, in rational arithmetic"

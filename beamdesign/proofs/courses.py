@@ -13,12 +13,11 @@ from typing import Literal
 import numpy as np
 from flint import arb_mat, ctx, fmpq, fmpq_mat
 
-from beamdesign.polynomial import exact
+from beamdesign.polynomial import exact, nearest, shortened
 from beamdesign.progress import Progress, silent
 from beamdesign.proofs.decrease import ZERO, Joining, holds_at_rate
 from beamdesign.proofs.lmi import SOLVERS, Answer, Sought, at, lyapunov_candidates, modal_coordinates, solve
 from beamdesign.proofs.mass_family import Families, rationals
-from beamdesign.rational import nearest, shortened
 
 FIRST_STEP, LEAST_STEP = 1 / 8, 1 / 256
 """Steps by which a range of masses grows, as shares of it."""

@@ -19,7 +19,7 @@ from math import log
 import numpy as np
 from flint import fmpq
 
-from beamdesign.polynomial import exact
+from beamdesign.polynomial import exact, nearest, shortened
 from beamdesign.proofs.courses import NONE_FOUND, Coefficients, Course, checked, growing_cycle, refused, sought_with
 from beamdesign.proofs.decrease import (
     ZERO,
@@ -33,7 +33,6 @@ from beamdesign.proofs.decrease import (
 )
 from beamdesign.proofs.lmi import Answer, Sought, at, modal_coordinates, slowest_decay, solve_one_each
 from beamdesign.proofs.mass_family import Families, floats, rationals
-from beamdesign.rational import nearest, shortened
 
 TURNS = 4
 """How often a program over stages is solved anew in the coordinates of its last answer."""

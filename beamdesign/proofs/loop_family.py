@@ -10,9 +10,8 @@ from typing import Any
 
 from flint import fmpq, fmpq_mpoly, fmpq_mpoly_ctx, fmpq_poly
 
-from beamdesign.json_text import finite
 from beamdesign.loop import Loop
-from beamdesign.polynomial import Affine
+from beamdesign.polynomial import Affine, nearest
 from beamdesign.proofs.any_loop import Pair, ProvedLoop, proved, with_claims
 from beamdesign.proofs.box import Box, BoxVerdict, certify_box
 from beamdesign.proofs.box_claims import claim_of_family
@@ -23,9 +22,8 @@ from beamdesign.proofs.read_once import Expression, S, read_once
 from beamdesign.proofs.rig_family import TRANSPORT, UNKNOWN, PolynomialFamily, claimed
 from beamdesign.proofs.stability import StabilityMap, stable_ranges
 from beamdesign.proofs.statement import Interval, in_context, written
-from beamdesign.rational import nearest
 from beamdesign.records import InputError
-from beamdesign.result import Result
+from beamdesign.result import Result, finite
 
 _CORNERS = 6
 """Most parameters of which every corner is looked at."""

@@ -21,10 +21,9 @@ from flint import fmpq, fmpq_mat, fmpq_poly
 from beamdesign.controllers import Cascade, SensedLaw
 from beamdesign.plant.linear import SEEN_AS, LinearModel
 from beamdesign.plant.members import paper_model
-from beamdesign.polynomial import Affine, exact, is_hurwitz
+from beamdesign.polynomial import Affine, exact, is_hurwitz, nearest
 from beamdesign.proofs.stability import stable_ranges
 from beamdesign.prototype import Prototype
-from beamdesign.rational import nearest
 from beamdesign.records import InputError
 
 Row = list[fmpq]

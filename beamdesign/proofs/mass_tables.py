@@ -7,11 +7,10 @@ from math import gcd, isinf, lcm
 from flint import arb, ctx, fmpq
 
 from beamdesign.loop import Loop
-from beamdesign.polynomial import Crossing, exact
+from beamdesign.polynomial import Crossing, bounds, exact, shortened, simple_between, text
 from beamdesign.proofs.certificate import Claim
 from beamdesign.proofs.stability import Range, StabilityMap
 from beamdesign.proofs.writer import Tables, coefficients, texts
-from beamdesign.rational import bounds, shortened, simple_between, text
 
 KIND = "beamdesign.mass_range"
 _DIGITS = 12

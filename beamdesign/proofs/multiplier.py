@@ -23,10 +23,9 @@ from typing import Any
 import numpy as np
 from flint import fmpq, fmpq_poly
 
-from beamdesign.polynomial import Affine, even_odd, inner, turned
+from beamdesign.polynomial import Affine, even_odd, inner, nearest, text, turned
 from beamdesign.proofs.performance import Coefficients, less, over_mass
 from beamdesign.proofs.quadratic import quadratic_nonnegative
-from beamdesign.rational import nearest, text
 
 _X = fmpq_poly([0, 1])
 _ONE = fmpq_poly([1])

@@ -12,10 +12,9 @@ from flint import fmpq
 from scipy.optimize import linprog
 
 from beamdesign.loop import Loop
-from beamdesign.polynomial import exact, roots
+from beamdesign.polynomial import exact, nearest, roots
 from beamdesign.proofs.multiplier import Kernel, Multiplier, fits, is_proper
 from beamdesign.proofs.performance import ratio
-from beamdesign.rational import nearest
 
 _RATES = (10, 25, 50, 100, 150, 250, 400, 600, 1000, 1500, 2500, 4000)
 _ORDERS = (1, 2, 4, 8)

@@ -13,7 +13,7 @@ from beamdesign.plant.effects import library
 from beamdesign.proofs.certificate import Asked
 from beamdesign.proofs.certifying import bracketing
 from beamdesign.prototype import Prototype
-from beamdesign.quantity_text import rigs_in_words
+from beamdesign.quantities import rigs_in_words
 
 
 @dataclass(frozen=True)

@@ -15,12 +15,11 @@ from typing import TYPE_CHECKING, NamedTuple, TypeAlias
 import numpy as np
 from flint import arb, ctx, fmpq, fmpq_poly
 
-from beamdesign.polynomial import Affine, at_points, exact, inner
+from beamdesign.polynomial import Affine, at_points, bounds, exact, inner, nearest, shortened
 from beamdesign.proofs.certificate import Asked, Claim, Kind, Witness
 from beamdesign.proofs.quadratic import quadratic_nonnegative
 from beamdesign.proofs.rectangle import Rectangle, Side, shifted
 from beamdesign.proofs.stability import Unstable, unstable_at
-from beamdesign.rational import bounds, nearest, shortened
 
 if TYPE_CHECKING:
     from beamdesign.loop import Loop

@@ -6,8 +6,7 @@ from itertools import pairwise
 
 from flint import arb, ctx, fmpq, fmpq_poly
 
-from beamdesign.polynomial import real_roots
-from beamdesign.rational import bounds, shortened, simple_between
+from beamdesign.polynomial import bounds, real_roots, shortened, simple_between
 
 
 @dataclass(frozen=True)

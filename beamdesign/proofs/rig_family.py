@@ -14,13 +14,12 @@ from flint import fmpq, fmpq_mpoly, fmpq_mpoly_ctx
 
 from beamdesign.plant.linear import TIP
 from beamdesign.plant.members import LinearFamily, family
-from beamdesign.polynomial import exact, in_variable
+from beamdesign.polynomial import exact, in_variable, text
 from beamdesign.proofs.certificate import Asked
 from beamdesign.proofs.read_once import Expression, NotCovered, read_once
 from beamdesign.proofs.slope_claim import UNKNOWN, weighed
 from beamdesign.proofs.statement import Circle, Interval, Statement
 from beamdesign.prototype import Prototype
-from beamdesign.rational import text
 from beamdesign.structure.lumped import figures
 
 TRANSPORT = "transport"

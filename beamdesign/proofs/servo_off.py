@@ -16,13 +16,12 @@ from flint import fmpq
 from beamdesign.controllers import Proportional
 from beamdesign.plant.linear import Plant
 from beamdesign.plant.members import VertexModel, family
-from beamdesign.polynomial import at_points, exact, roots
+from beamdesign.polynomial import at_points, exact, nearest, roots, shortened
 from beamdesign.proofs.box import Box
 from beamdesign.proofs.box_member import Worst, worst_of
 from beamdesign.proofs.certificate import Asked
 from beamdesign.proofs.rig_family import performing_spans, rig_family
 from beamdesign.prototype import Prototype
-from beamdesign.rational import nearest, shortened
 
 _GRID = 2 * pi * np.geomspace(1e-2, 1e4, 3000)  # rad/s
 _ZOOMS, _POINTS, _PEAKS, _FINE = 6, 41, 3, 1.003

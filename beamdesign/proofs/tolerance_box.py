@@ -8,11 +8,10 @@ from flint import arb, fmpq
 
 from beamdesign.parameters import PARAMETERS, TOLERANCES, with_unit
 from beamdesign.plant.members import family
-from beamdesign.polynomial import exact
+from beamdesign.polynomial import bounds, exact, nearest, shortened
 from beamdesign.proofs.box import Box, BoxVerdict, certify_box, unstable_member
 from beamdesign.proofs.rig_family import PolynomialFamily, effect_spans, rig_family, rig_values
 from beamdesign.prototype import Prototype
-from beamdesign.rational import bounds, nearest, shortened
 from beamdesign.records import InputError, Problem
 
 _OF_LOOP = {

@@ -23,7 +23,7 @@ from scipy.optimize import linprog
 
 from beamdesign.loop import member_loop
 from beamdesign.plant.members import VertexModel
-from beamdesign.polynomial import Affine, exact, inner
+from beamdesign.polynomial import Affine, exact, inner, nearest, text
 from beamdesign.proofs.absolute_stability import IN_THE_CURRENT, Members, Row
 from beamdesign.proofs.changing_gain import Changing, changing
 from beamdesign.proofs.multiplier import Kernel, Multiplier, is_proper, slack
@@ -31,7 +31,6 @@ from beamdesign.proofs.multiplier_search import NORM, Solved, kernels, with_fewe
 from beamdesign.proofs.performance import Coefficients, less, over_mass, ratio
 from beamdesign.proofs.quadratic import quadratic_nonnegative
 from beamdesign.proofs.stability import is_stable_over
-from beamdesign.rational import nearest, text
 
 METHOD = "Zames-Falb multiplier and circle criterion at once, in rational arithmetic"
 _S, _NOTHING = fmpq_poly([0, 1]), fmpq_poly([0])

@@ -17,9 +17,8 @@ from beamdesign.plant.assembly import effect_parameters_of
 from beamdesign.plant.effect import Elements, Span
 from beamdesign.plant.effects import library
 from beamdesign.plant.members import LinearFamily, family
-from beamdesign.polynomial import exact
+from beamdesign.polynomial import exact, text
 from beamdesign.prototype import Prototype
-from beamdesign.rational import text
 from beamdesign.records import InputError, Record
 from beamdesign.spelling import one_line
 from beamdesign.structure.lumped import figures

@@ -5,7 +5,7 @@ from math import isfinite
 from typing import Literal, NamedTuple
 
 from beamdesign.proofs.certificate import Asked, Certificate, Claim, implies
-from beamdesign.quantity_text import at_least, decimal, mass_range_text, quantity, rigs_in_words
+from beamdesign.quantities import at_least, decimal, mass_range_text, quantity, rigs_in_words
 from beamdesign.synthesis.design_run import DesignRun
 
 Foundation = Literal["proved", "refuted", "verified numerically", "sampled"]

@@ -4,10 +4,10 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
-from beamdesign.json_text import picked
 from beamdesign.problem import DesignProblem
 from beamdesign.prototype import Prototype
 from beamdesign.records import InputError
+from beamdesign.result import picked
 from beamdesign.sweep.case import (
     ERRORS,
     POINT,

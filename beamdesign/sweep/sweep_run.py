@@ -12,9 +12,9 @@ from typing import Any
 from beamdesign import records
 from beamdesign.code_digest import code_digest
 from beamdesign.files import fresh_folder, refuse_irreplaceable, settled, write_whole
-from beamdesign.json_text import json_text
 from beamdesign.progress import Progress, silent
 from beamdesign.records import InputError, Problem
+from beamdesign.result import json_text
 from beamdesign.sweep import store, workers
 from beamdesign.sweep.case import TASKS, Case, in_words
 from beamdesign.sweep.conclusion import conclude, rows, write_columns

@@ -16,9 +16,9 @@ from decimal import ROUND_CEILING, ROUND_FLOOR, Context
 from operator import attrgetter
 from typing import Any, NamedTuple
 
-from beamdesign.json_text import picked
 from beamdesign.problem import BeamProblem, DesignProblem
-from beamdesign.quantity_text import at_least, at_most, quantity, read_in
+from beamdesign.quantities import at_least, at_most, quantity, read_in
+from beamdesign.result import picked
 from beamdesign.structure import beam
 from beamdesign.structure.section import Quantity, Tube, clearances
 

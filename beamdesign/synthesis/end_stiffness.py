@@ -22,11 +22,10 @@ import numpy as np
 from flint import fmpq
 
 from beamdesign.controllers import SENSORS, Cascade, Observer, Sensed
-from beamdesign.json_text import picked
 from beamdesign.loop import Tip, close_loop, tip
 from beamdesign.plant.linear import Plant
 from beamdesign.plant.members import paper_model
-from beamdesign.polynomial import Affine, exact
+from beamdesign.polynomial import Affine, exact, nearest, text
 from beamdesign.proofs.contact import (
     Band,
     Contact,
@@ -48,7 +47,7 @@ from beamdesign.proofs.performance import least_of
 from beamdesign.proofs.stability import StabilityMap, is_stable_over, stable_ranges
 from beamdesign.proofs.writer import certificate, stated, texts
 from beamdesign.prototype import Compliance, Prototype
-from beamdesign.rational import nearest, text
+from beamdesign.result import picked
 from beamdesign.structure.lumped import figures
 
 

@@ -13,17 +13,16 @@ from flint import fmpq, fmpq_poly
 
 from beamdesign.controllers import Controller
 from beamdesign.controllers.form import UNIT, Form
-from beamdesign.json_text import picked
 from beamdesign.loop import member_loop, rig_loop
 from beamdesign.plant.members import VertexModel, family
-from beamdesign.polynomial import exact
+from beamdesign.polynomial import exact, nearest
 from beamdesign.proofs.absolute_stability import FOR_ODD, absolute_stability, members
 from beamdesign.proofs.certificate import Asked, Claim, goal_claims, over_passive, peak_claim
 from beamdesign.proofs.performance import bandwidth, least_limit, prove
 from beamdesign.proofs.rectangle import Rectangle
 from beamdesign.proofs.servo_off import servo_off_of
 from beamdesign.prototype import Goal, Prototype
-from beamdesign.rational import nearest
+from beamdesign.result import picked
 from beamdesign.synthesis.law_task import Search
 from beamdesign.synthesis.loop_samples import calmer
 from beamdesign.synthesis.rig_spread import BoxTask, Cut, OverBox

@@ -16,8 +16,8 @@ import numpy as np
 
 from beamdesign.controllers import Controller
 from beamdesign.controllers.form import Form
+from beamdesign.polynomial import nearest
 from beamdesign.progress import Progress, silent
-from beamdesign.rational import nearest
 from beamdesign.synthesis.law_design import (
     ENOUGH,
     ROOM,

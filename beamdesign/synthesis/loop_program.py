@@ -17,8 +17,8 @@ from beamdesign.controllers.form import UNIT
 from beamdesign.plant.linear import UNUSED, BilinearPlant, PairOver
 from beamdesign.plant.linearised import linear_assembly, transfer_polynomials
 from beamdesign.plant.rigs import figures_of
+from beamdesign.polynomial import nearest
 from beamdesign.proofs.certificate import Kind
-from beamdesign.rational import nearest
 
 Pair = tuple[ca.SX, ca.SX]
 """Real and imaginary part."""

@@ -13,7 +13,6 @@ from typing import Any
 
 import numpy as np
 
-from beamdesign.json_text import finite, picked
 from beamdesign.loop import loop
 from beamdesign.plant.actuators.protocol import Demand, Limit
 from beamdesign.plant.assembly import fits
@@ -23,7 +22,7 @@ from beamdesign.plant.linear_reach import Varied, reach, with_published_effects
 from beamdesign.progress import Progress, silent
 from beamdesign.prototype import Prototype
 from beamdesign.records import InputError
-from beamdesign.result import Result
+from beamdesign.result import Result, finite, picked
 from beamdesign.structure import lumped
 from beamdesign.structure.shapes import gaps
 

@@ -14,7 +14,7 @@ import numpy as np
 
 from beamdesign.parameters import PARAMETERS, TOLERANCES, rows_of
 from beamdesign.plant.members import VertexModel, served
-from beamdesign.polynomial import exact
+from beamdesign.polynomial import exact, nearest
 from beamdesign.proofs.box import Box, certify_box
 from beamdesign.proofs.box_claims import BoxClaim, claim_over_box, margins_over_box, relaxed, worst_over_box
 from beamdesign.proofs.box_member import Worst
@@ -23,7 +23,6 @@ from beamdesign.proofs.servo_off import servo_off_over_box
 from beamdesign.proofs.slope_over_box import slope_over_box
 from beamdesign.proofs.tolerance_box import tolerance_box
 from beamdesign.prototype import Prototype
-from beamdesign.rational import nearest
 from beamdesign.records import InputError, Problem
 from beamdesign.structure.lumped import CHANGEABLE, with_figures
 from beamdesign.synthesis import SIGMAS

@@ -11,7 +11,7 @@ from pydantic import ValidationError
 
 from beamdesign.problem import DesignProblem
 from beamdesign.prototype import Prototype
-from beamdesign.quantity_text import stated_bandwidth
+from beamdesign.quantities import stated_bandwidth
 from beamdesign.structure.lumped import beam_figures, fixed_dashpot, servo_figures
 from beamdesign.structure.section import Tube
 from beamdesign.synthesis.checks import beam_mass, check_sections

@@ -10,12 +10,11 @@ from typing import Any, Literal
 
 import numpy as np
 
-from beamdesign.json_text import finite, picked
 from beamdesign.problem import BeamProblem, DesignProblem, Load, Sections
 from beamdesign.progress import Progress, silent
 from beamdesign.prototype import Beam, Payload, Prototype
 from beamdesign.records import InputError, Problem
-from beamdesign.result import Result
+from beamdesign.result import Result, finite, picked
 from beamdesign.structure.section import Tube, as_arrays, clearances, stock_tubes
 from beamdesign.synthesis.checks import (
     REQUIREMENTS,

@@ -28,12 +28,12 @@ from beamdesign.controllers import KINDS, SENSED, Estimator, Scheduled, Sensed, 
 from beamdesign.parameters import stated_or_typical
 from beamdesign.plant.actuators import not_felt
 from beamdesign.plant.members import served
+from beamdesign.polynomial import nearest
 from beamdesign.progress import Progress, silent
 from beamdesign.proofs.certifying import gain_and_mass
 from beamdesign.proofs.lyapunov import Switching, switching
 from beamdesign.proofs.mass_family import stage_families
 from beamdesign.prototype import InStage, Prototype
-from beamdesign.rational import nearest
 from beamdesign.records import InputError, Problem
 from beamdesign.result import Result
 from beamdesign.synthesis import SIGMAS

@@ -9,11 +9,10 @@ from beamdesign.build.realisation.loop import prove_any_computing_time, realised
 from beamdesign.build.realisation.realise import Realisation, full_scales_of, realise
 from beamdesign.build.realisation.verdict import Judgement, judge, worst
 from beamdesign.files import write_set
-from beamdesign.json_text import finite, picked
 from beamdesign.progress import Progress, silent
 from beamdesign.prototype import Prototype
 from beamdesign.records import InputError
-from beamdesign.result import Result
+from beamdesign.result import Result, finite, picked
 
 
 @dataclass(frozen=True, repr=False)

@@ -17,7 +17,7 @@ import numpy as np
 from flint import fmpq, fmpq_mat
 
 from beamdesign.build.realisation.sections import Channel, DiscreteLaw, Section
-from beamdesign.rational import nearest
+from beamdesign.polynomial import nearest
 
 V = TypeVar("V")
 

@@ -30,10 +30,9 @@ from beamdesign.build.realisation.realise import FLOAT_STEP, Realisation, l1_nor
 from beamdesign.build.realisation.sections import laws_of
 from beamdesign.controllers import Controller
 from beamdesign.loop import LoopAtMass, loop
-from beamdesign.polynomial import at_points, exact
+from beamdesign.polynomial import at_points, exact, nearest
 from beamdesign.proofs.mass_family import floats
 from beamdesign.prototype import Prototype
-from beamdesign.rational import nearest
 
 _BITS = 256
 _KEPT_BITS = 80
