@@ -195,18 +195,6 @@ def certificate_name(suffix: str = "", box: bool = False) -> str:
     return f"{stem}{suffix}{'.box' if box else ''}.{end}"
 
 
-def claims_of(prototype: Prototype, proved: Proved) -> tuple[Asked, ...]:
-    """What was found of a prototype, as claims of a certificate."""
-    peak = proved.peak_compliance_m_per_N
-    return (
-        Asked("peak_sensitivity", proved.peak_sensitivity),
-        *([Asked("peak_compliance", peak)] if peak < inf else []),
-        Asked("compliance", prototype.goal.compliance_m_per_N, proved.bandwidth_Hz),
-        *goal_claims(prototype.goal),
-        *([LOWER_GAINS] if prototype.goal.lower_gains else []),
-    )
-
-
 def certified(
     prototype: Prototype, proved: Proved, masses_kg: tuple[float, float], name: str | Path = CERTIFICATE_NAME
 ) -> tuple[Certificate, Prototype]:
@@ -218,7 +206,14 @@ def certified(
         masses_kg: the range of outer end mass.
         name: file name under which the certificate will stand beside the prototype.
     """
-    claims, box = claims_of(prototype, proved), proved.over_box
+    peak, goal, box = proved.peak_compliance_m_per_N, prototype.goal, proved.over_box
+    claims = (
+        Asked("peak_sensitivity", proved.peak_sensitivity),
+        *([Asked("peak_compliance", peak)] if peak < inf else []),
+        Asked("compliance", goal.compliance_m_per_N, proved.bandwidth_Hz),
+        *goal_claims(goal),
+        *([LOWER_GAINS] if goal.lower_gains else []),
+    )
     certificate = certify(prototype, *masses_kg, claims, nonlinear=not prototype.effects)
     if not certificate.holds and certificate.nonlinear:  # what the current does where it saturates is no part of a goal
         certificate = certify(prototype, *masses_kg, claims)

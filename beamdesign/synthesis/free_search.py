@@ -47,17 +47,10 @@ LEAST_WIDTH_M, LEAST_WALL_M = 0.005, 0.00005
 _WIDEST_START_M = 2.0
 _ACTIVE = 1e-6
 _MOST = 1e3
-_IPOPT: dict[str, Any] = {
-    "ipopt.print_level": 0,
-    "ipopt.sb": "yes",
-    "print_time": False,
-    "show_eval_warnings": False,
-    "ipopt.tol": 1e-11,
-    "ipopt.constr_viol_tol": 1e-11,
-    "ipopt.compl_inf_tol": 1e-11,
-    "ipopt.bound_relax_factor": 0.0,
-    "ipopt.max_iter": 250,
-}
+QUIET_IPOPT = {"ipopt.print_level": 0, "ipopt.sb": "yes", "print_time": False, "ipopt.bound_relax_factor": 0.0}
+"""That says nothing, and keeps bounds to the letter."""
+
+_TIGHT = dict.fromkeys(("ipopt.tol", "ipopt.constr_viol_tol", "ipopt.compl_inf_tol"), 1e-11)
 
 
 @dataclass(frozen=True)
@@ -243,7 +236,8 @@ def solver(program: Program, objective: Any, constraints: Any, extra: Any = None
     """An IPOPT solver with exact first and second derivatives, for the program's variables and some more."""
     variables = program.variables if extra is None else ca.vertcat(program.variables, extra)
     statement: dict[str, Any] = {"x": variables, "p": program.asked, "f": objective, "g": constraints}
-    return ca.nlpsol("sizing", "ipopt", statement, _IPOPT)
+    options = QUIET_IPOPT | _TIGHT | {"show_eval_warnings": False, "ipopt.max_iter": 250}
+    return ca.nlpsol("sizing", "ipopt", statement, options)
 
 
 def solve(

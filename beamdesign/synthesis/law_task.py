@@ -200,18 +200,15 @@ class Search:
             nominal = self.members_with(self._start), sampled_masses(self.masses_kg), None
             off = ((self.members_with(self._start, z=np.array(c.z)), [c.outer_end_mass_kg], c) for c in self.cuts)
             listed = [
-                ((rig.polynomials(self.sensors), factor, masses, cut is None), self._factors(cut))
+                (rig.polynomials(self.sensors), factor, masses, cut is None, self._factors(cut))
                 for members, masses, cut in (nominal, *off)
                 for rig, factor, performs in ends(members)
                 if performs
             ]
             rows = len(self._masses) * len(ends(self.members))
-            given = self.points, self.goal, form, self.inner_kg, [plant for plant, _ in listed], rows
-            if self.sections is None:
-                self._refinements[form] = LawRefinement(*given)
-            else:
-                factors = self._row_factors(self._masses), np.array([f for _, f in listed])
-                self._refinements[form] = LawRefinement(*given, self.sections, self.points_with, factors)
+            given = self.points, self.goal, form, self.inner_kg, listed, rows, self._row_factors(self._masses)
+            resampled = None if self.sections is None else self.points_with
+            self._refinements[form] = LawRefinement(*given, self.sections, resampled)
         return self._refinements[form]
 
     def _factors(self, cut: Cut | None) -> np.ndarray:
@@ -248,9 +245,7 @@ class Search:
             points = before and before(chosen)
             return None if points is None else joined(points, chosen)
 
-        before, factors = refinement.resampled, refinement.factors
-        if factors is not None:
-            factors = np.vstack([factors[0], self._row_factors(masses)]), factors[1]
+        before, factors = refinement.resampled, np.vstack([refinement.factors, self._row_factors(masses)])
         points = joined(refinement.points, self._start)
         return replace(refinement, points=points, resampled=before and resampled, factors=factors)
 

@@ -109,7 +109,7 @@ def added_up(terms: Iterable[tuple[Any, Sequence[Any]]]) -> list[ca.SX]:
 def _over_frequency(
     shape: tuple[int, int],
     kind: Kind,
-    symbols: tuple[ca.SX, ca.SX, ca.SX],
+    symbols: tuple[Any, Any, Any],
     polynomials: tuple[Sequence[Any], Sequence[Sequence[Any]], Sequence[Any], Sequence[Sequence[Any]]],
     options: dict[str, bool],
 ) -> ca.Function:
