@@ -25,7 +25,7 @@ from beamdesign.synthesis.law_design import Proved
 from beamdesign.synthesis.law_search import Found, Start, from_seeds, search
 from beamdesign.synthesis.law_task import Effort, Search
 from beamdesign.synthesis.rig_spread import rig_spread
-from beamdesign.synthesis.sections import Sections, free_sections, rounded_tubes
+from beamdesign.synthesis.sections import Sections, rounded_tubes
 from beamdesign.time_limit import leave_out, over, within
 
 SIZED_EFFORT = Effort(rounds=10, starts=2, candidates=2, proofs=20)
@@ -137,7 +137,7 @@ def _codesigned(
         raise InputError(problem.name, [("controller.kind", reason)])
     report(0.0, "lightest sections")
     inner_kg = (0.0, problem.controller.largest_inner_end_mass_kg)
-    begun = [free_sections(problem, start_variables(problem, one), bandwidth_Hz) for one in _start_sizes(problem)]
+    begun = [Sections(problem, start_variables(problem, one), bandwidth_Hz) for one in _start_sizes(problem)]
     tasks = [sized_search(problem, sections, outer_end_mass_kg, inner_kg, sigmas) for sections in begun]
     nothing = "" if tasks else "no sections pass the structural checks; `beamdesign size` says which to relax"
     form = form_of(kind)

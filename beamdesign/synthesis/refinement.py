@@ -20,7 +20,7 @@ from beamdesign.proofs.certificate import Kind
 from beamdesign.proofs.servo_off import servo_off_peak
 from beamdesign.prototype import Goal
 from beamdesign.synthesis.free_search import QUIET_IPOPT
-from beamdesign.synthesis.loop_program import Block, highest, point, sampled_program, sized_slack, stiffness_of
+from beamdesign.synthesis.loop_program import Block, highest, point, sampled_program, stiffness_of
 from beamdesign.synthesis.loop_samples import LIMITED, Samples, Slacks, counting, goal_limits, sampled_bandwidth, slacks
 from beamdesign.synthesis.sections import MASS_PER_MISSING_BANDWIDTH, Sections
 from beamdesign.time_limit import leave_out, over
@@ -105,11 +105,9 @@ class LawRefinement:
     @property
     def bounds(self) -> tuple[np.ndarray, np.ndarray]:
         """Least and largest variables, those of the form, the mass inside and the sections, (v,) each."""
-        own, inner, sections = self.form, self.inner_kg, self.sections
-        lower, upper = np.append(own.lower, inner[0]), np.append(own.upper, inner[1])
-        if sections is None:
-            return lower, upper
-        return np.append(lower, sections.lower), np.append(upper, sections.upper)
+        own, inner = self.form, self.inner_kg
+        least, most = ((), ()) if self.sections is None else self.sections.bounds
+        return np.array([*own.lower, inner[0], *least]), np.array([*own.upper, inner[1], *most])
 
     def measured(self, variables: np.ndarray) -> Slacks | None:
         """What a law leaves of the limits, without derivatives; None where there is no such rig."""
@@ -272,7 +270,7 @@ class LawRefinement:
         def stiffness(plant: BilinearPlant, factor: float) -> ca.Function:
             if sized is None:
                 return stiffness_of(table.shape, plant, factor)
-            return sized_slack(table.shape, "compliance", sized.filtered, sized.rig)
+            return sized.slack(table.shape, "compliance")
 
         def off(k: int, count: int) -> np.ndarray:
             return np.ones((0, count)) if sized is None else np.repeat(self.plants[k][4][:, None], count, 1)
@@ -295,7 +293,7 @@ class LawRefinement:
             if sized is None:
                 blocks.append(Block(point(table.shape, kind), given, limit))
             else:
-                slack = sized_slack(table.shape, kind, sized.filtered, sized.rig)
+                slack = sized.slack(table.shape, kind)
                 frequency, relaxed, rest = ca.vertsplit(given, [0, 1, 2, given.shape[0]])
                 blocks.append(Block(slack, ca.vertcat(frequency, rest), limit, ca.log(relaxed).T))
         asked = log(self.goal.compliance_m_per_N) - stiffer

@@ -23,7 +23,7 @@ from beamdesign.synthesis.codesign import sized_search
 from beamdesign.synthesis.free_search import sizes_of, start_variables
 from beamdesign.synthesis.law_design import Proved
 from beamdesign.synthesis.law_search import from_seeds, search
-from beamdesign.synthesis.sections import free_sections, rounded_tubes, section_mass
+from beamdesign.synthesis.sections import Sections, rounded_tubes, section_mass
 from beamdesign.synthesis.tuning import SMALLEST_BANDWIDTH_HZ
 from beamdesign.time_limit import share
 
@@ -119,7 +119,7 @@ def _remedy(
     for larger in _LARGER if free else _LARGER[:1]:
         sizes = given.copy()
         sizes[free] *= larger[: len(free)]
-        sections = free_sections(problem, sizes, largest_mass_kg=most, free=free)
+        sections = Sections(problem, sizes, largest_mass_kg=most, free=free)
         task = sized_search(problem, sections, masses_kg, inner_kg, sigmas)
         starts += [variables for _, variables in from_seeds(task, seeds)]
     found = search(task, [(form, one) for one in starts])
