@@ -47,7 +47,9 @@ LEAST_WIDTH_M, LEAST_WALL_M = 0.005, 0.00005
 _WIDEST_START_M = 2.0
 _ACTIVE = 1e-6
 _MOST = 1e3
-QUIET_IPOPT = {"ipopt.print_level": 0, "ipopt.sb": "yes", "print_time": False, "ipopt.bound_relax_factor": 0.0}
+QUIET_IPOPT: dict[str, Any] = {
+    "ipopt.print_level": 0, "ipopt.sb": "yes", "print_time": False, "ipopt.bound_relax_factor": 0.0
+}  # fmt: skip
 """That says nothing, and keeps bounds to the letter."""
 
 _TIGHT = dict.fromkeys(("ipopt.tol", "ipopt.constr_viol_tol", "ipopt.compl_inf_tol"), 1e-11)
