@@ -19,7 +19,6 @@ if TYPE_CHECKING:
     from beamdesign.proofs.certificate import Asked, Certificate
     from beamdesign.prototype import Prototype
 
-
 LOOP_OUTPUTS = ("displacement_m", "sensor_V", "current_A")
 """Of the open and the closed loop of `state_space`; the plant has the first two. What added sensors read follows."""
 
