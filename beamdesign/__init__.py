@@ -18,7 +18,7 @@ where the answer is no. In the order in which one needs them:
    >>> f"{found.beam_mass_kg:.4g} kg, governed by {found.governing}"
    '9.518 kg, governed by inner strength, servo on'
 
-   `run` goes the same way as `run_design`, and its record has what each step gave.
+   `run` is `run_design` by the name of the command, and its record has what each step gave.
 
 3. `certify` proves stability and performance for every payload of a range, `check` proves a certificate again from its
    text alone, and `critical_gain` is where a loop begins to oscillate.
@@ -70,15 +70,15 @@ if TYPE_CHECKING:
     from beamdesign.public import certify as certify
     from beamdesign.public import pictures as pictures
     from beamdesign.public import predict as predict
-    from beamdesign.public import run as run
     from beamdesign.public import spec as spec
     from beamdesign.public import state_space as state_space
     from beamdesign.records import InputError as InputError
     from beamdesign.scenario import read_scenario as read_scenario
     from beamdesign.simulation import simulate as simulate
     from beamdesign.synthesis.codesign import codesign as codesign
+    from beamdesign.synthesis.design_run import run as run
     from beamdesign.synthesis.design_run import run_design as run_design
-    from beamdesign.synthesis.limits import limits as limits
+    from beamdesign.synthesis.operating_limits import limits as limits
     from beamdesign.synthesis.sizing import size as size
     from beamdesign.synthesis.tuning import tune as tune
 
@@ -92,13 +92,13 @@ _ROOMS = {
     "problem": "DesignProblem read_problem",
     "proofs.loop_family": "prove",
     "prototype": "Prototype read_prototype write_prototype",
-    "public": "certify pictures predict run spec state_space",
+    "public": "certify pictures predict spec state_space",
     "records": "InputError",
     "scenario": "read_scenario",
     "simulation": "simulate",
     "synthesis.codesign": "codesign",
-    "synthesis.design_run": "run_design",
-    "synthesis.limits": "limits",
+    "synthesis.design_run": "run run_design",
+    "synthesis.operating_limits": "limits",
     "synthesis.sizing": "size",
     "synthesis.tuning": "tune",
 }

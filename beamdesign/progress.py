@@ -1,10 +1,14 @@
-"""What long work says while it lasts; and Ctrl-C, which is remembered where some library swallows it."""
+"""What long work says while it lasts; and Ctrl-C, which is remembered where some library swallows it.
+
+While a solver runs, CasADi would end that run and go on as if nothing had been, so it waits for its end.
+"""
 
 import signal
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from types import FrameType
+from typing import Any
 
 Progress = Callable[[float, str], None]
 """Called with the share of the work that is done, 0 to 1, and what is being done."""
@@ -50,3 +54,20 @@ def pass_on() -> None:
     """
     if _came.is_set():
         raise KeyboardInterrupt
+
+
+@contextmanager
+def interruption_waits() -> Iterator[None]:
+    """Hold back Ctrl-C until the block is through, and pass it on then to whoever heeded it before."""
+    heeded = signal.getsignal(signal.SIGINT)
+    if not callable(heeded) or threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    came: list[tuple[int, Any]] = []
+    signal.signal(signal.SIGINT, lambda number, frame: came.append((number, frame)))
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, heeded)
+    if came:
+        heeded(*came[0])

@@ -16,35 +16,11 @@ if TYPE_CHECKING:
     from beamdesign.bench_prototype import AnyPrototype
     from beamdesign.build.specification import Specification
     from beamdesign.diagnosis.predict import Prediction
-    from beamdesign.problem import DesignProblem
     from beamdesign.proofs.certificate import Asked, Certificate
     from beamdesign.prototype import Prototype
-    from beamdesign.synthesis.design_run import DesignRun
 
-
-SIGMAS = 2.0
-"""How many standard deviations of every figure at once a design is for, where nothing else is asked."""
 LOOP_OUTPUTS = ("displacement_m", "sensor_V", "current_A")
 """Of the open and the closed loop of `state_space`; the plant has the first two. What added sensors read follows."""
-
-
-def run(
-    problem: "DesignProblem",
-    progress: Progress | None = None,
-    sigmas: float = SIGMAS,
-    minutes: float | None = None,
-) -> "DesignRun":
-    """Carry a design problem to a certified prototype: sections, controller and inner end mass, proof.
-
-    Args:
-        problem: the design problem.
-        progress: called with the share done and what is being done.
-        sigmas: standard deviations of every figure at once that it is guaranteed for; zero: for exactly the figures.
-        minutes: after about which the best that was proved until then is the answer; None: as long as it takes.
-    """
-    from beamdesign.synthesis.design_run import run_design
-
-    return run_design(problem, progress, sigmas, minutes)
 
 
 def certify(

@@ -1,15 +1,22 @@
 """Physical quantities with the range in which each is plausible: any link from 5 cm to 50 m, from grams to tonnes.
 
 What lies outside is a mistake of unit or of exponent, and is refused before any work is done with it.
+
+And their figures for people: SI values in the units an engineer reads, to a sensible number of digits, and in decibels.
 """
 
 import re
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from math import inf
-from typing import Annotated, Any
+from decimal import ROUND_CEILING, ROUND_FLOOR, ROUND_HALF_EVEN, Decimal
+from math import inf, isfinite, pi
+from typing import TYPE_CHECKING, Annotated, Any
 
 from pydantic import FiniteFloat, GetCoreSchemaHandler, GetJsonSchemaHandler
 from pydantic_core import CoreSchema, PydanticCustomError, core_schema
+
+if TYPE_CHECKING:
+    from beamdesign.structure.section import Tube
 
 _TOKEN = r"(?:N|m|m2|m3|m6|kg|s|s2|Pa|A|V|Hz|rad)"
 _SUFFIX = re.compile(rf"_((?:per_)?{_TOKEN}(?:_(?:per_)?{_TOKEN})*)$")
@@ -171,3 +178,200 @@ Distance = Annotated[FiniteFloat, Plausible(0.0, 100.0)]
 TimeLimit = Annotated[float, Plausible(0.0, inf)]
 WallStiffness = Annotated[FiniteFloat, Plausible(1e-3, 1e12, or_zero=True)]
 Millimetres = Annotated[FiniteFloat, Plausible(1e-6, 1e3)]
+
+
+_UNITS = {
+    "m": ("mm", 1e3),
+    "m2": ("mm²", 1e6),
+    "Pa": ("MPa", 1e-6),
+    "N": ("N", 1.0),
+    "N m": ("N m", 1.0),
+    "N/m": ("kN/m", 1e-3),
+    "N s/m": ("N s/m", 1.0),
+    "m/N": ("nm/N", 1e9),
+    "kg": ("kg", 1.0),
+    "kg/m3": ("kg/m³", 1.0),
+    "Hz": ("Hz", 1.0),
+    "A/V": ("mA/V", 1e3),
+    "A": ("mA", 1e3),
+    "V/m": ("V/mm", 1e-3),
+    "m3/s": ("l/min", 6e4),
+    "m3/s/A": ("cm³/s/mA", 1e3),
+    "m3/s/Pa": ("cm³/s/MPa", 1e12),
+    "N m/A": ("N m/A", 1.0),
+    "N m s/rad": ("mN m s/rad", 1e3),
+    "A s/rad": ("A s/rad", 1.0),
+    "kg m2": ("kg cm²", 1e4),
+    "rad/s": ("rpm", 30 / pi),
+    "W": ("W", 1.0),
+    "1": ("", 1.0),
+}
+"""By SI unit: the one in which it is read, and how many of these it is."""
+
+_LARGE = {"A": 0.5, "A/V": 1.0}
+"""From where on the SI unit itself is read."""
+
+
+def decimal(value: float, digits: int = 4, rounding: str = ROUND_HALF_EVEN) -> str:
+    """A number to so many significant digits, without an exponent unless it is very small or large.
+
+    Digits before the decimal point are never rounded away; zeros at the end are left out.
+
+    Args:
+        value: the number.
+        digits: significant digits.
+        rounding: a rounding mode of the `decimal` module; what is guaranteed is to be rounded to the safe side.
+    """
+    if not isfinite(value):
+        return "∞" if value > 0 else "-∞" if value < 0 else "undefined"
+    if value == 0:
+        return "0"
+    written = Decimal(repr(float(value)))
+    magnitude = written.adjusted()
+    if not -5 <= magnitude <= 8:
+        return f"{written.quantize(Decimal(1).scaleb(magnitude - digits + 1), rounding=rounding):.{digits - 1}e}"
+    step = Decimal(1).scaleb(min(magnitude - digits + 1, 0))
+    text = f"{written.quantize(step, rounding=rounding):f}"
+    return text.rstrip("0").rstrip(".") if "." in text else text
+
+
+def quantity(value: float, unit: str, digits: int = 4, rounding: str = ROUND_HALF_EVEN) -> str:
+    """An SI value as text in the unit it is read in, such as "57.1 nm/N" for 5.71e-8 m/N.
+
+    Args:
+        value: in SI.
+        unit: its SI unit as the package writes units, such as "m3/s/A"; "1" for a pure number.
+        digits: significant digits.
+        rounding: see `decimal`.
+
+    Raises:
+        KeyError: for a unit that has no everyday form here.
+    """
+    shown, factor = read_in(value, unit)
+    return f"{decimal(value * factor, digits, rounding)} {shown}".rstrip()
+
+
+def read_in(value: float, unit: str) -> tuple[str, float]:
+    """The unit in which an SI value is read, and how many of it the SI unit is; raises as `quantity`."""
+    return (unit, 1.0) if unit in _LARGE and _LARGE[unit] <= abs(value) < inf else _UNITS[unit]
+
+
+def at_least(value: float, unit: str, digits: int = 4) -> str:
+    """A quantity rounded down: what is guaranteed to be at least this."""
+    return quantity(value, unit, digits, ROUND_FLOOR)
+
+
+def at_most(value: float, unit: str, digits: int = 4) -> str:
+    """A quantity rounded up: what is guaranteed to be at most this."""
+    return quantity(value, unit, digits, ROUND_CEILING)
+
+
+def stated_bandwidth(value: float) -> str:
+    """A guaranteed bandwidth, Hz, with all digits to which it is stated anywhere: never more than was proved."""
+    return at_least(value, "Hz", 7)
+
+
+def stated_peak(value: float) -> str:
+    """A guaranteed bound of a magnitude without a unit, likewise: never less than was proved."""
+    return at_most(value, "1", 7)
+
+
+def per_cent(share: float) -> str:
+    """A share as a percentage to a tenth, never rounded to 100 % from below or above."""
+    if not isfinite(share):
+        return "∞"
+    text = f"{100 * share:.1f}"
+    if text == "100.0" and abs(share - 1) > 1e-9:
+        return "just under 100 %" if share < 1 else "just over 100 %"
+    return f"{text} %"
+
+
+def mass_range_text(bounds: tuple[float, float]) -> str:
+    """A range of masses, such as "0 to 6.8 kg"."""
+    return f"{bounds[0]:g} to {bounds[1]:g} kg"
+
+
+def guaranteed_rows(
+    found: Any, bounds: tuple[float, float], further: Sequence[tuple[str, str]] = ()
+) -> list[tuple[str, str]]:
+    """What is proved for every mass of a range, by name: bandwidth, peak sensitivity, and what else there is.
+
+    Args:
+        found: with `bandwidth_Hz`, `peak_sensitivity` and `sigmas`.
+        bounds: least and largest outer end mass, kg.
+        further: rows of other figures.
+    """
+    return [
+        ("guaranteed bandwidth", stated_bandwidth(found.bandwidth_Hz)),
+        ("guaranteed peak sensitivity", stated_peak(found.peak_sensitivity)),
+        *further,
+        ("for every outer end mass", mass_range_text(bounds)),
+        ("of", rigs_in_words(found.sigmas)),
+    ]
+
+
+def further_rows(found: Mapping[str, Any]) -> list[tuple[str, str]]:
+    """Lower gains, figures for exactly the stated rig, and which tolerances to tighten first.
+
+    Args:
+        found: as of `beamdesign.synthesis.law_design.Proved.guaranteed`.
+    """
+    lower, nominal = found["lower_gains"], found["nominal"]
+    rows = []
+    if isfinite(ratio := found["peak_over_passive"]):
+        words = f"at most {found['peak_compliance_m_per_N']:.4g} m/N, {ratio:.4g} times that with the servo off"
+        rows.append(("largest compliance at any frequency", words))
+    rows += [("at lower gains", "stable at every one" if lower is True else start_up(lower))]
+    if found["comes_to_rest"]:
+        rows += [("while the current saturates", "comes to rest from every state")]
+    if found["rigs"] != "nominal":
+        figures = stated_bandwidth(nominal["bandwidth_Hz"]), stated_peak(nominal["peak_sensitivity"])
+        rows += [("of exactly these figures", f"{figures[0]}, peak sensitivity {figures[1]}")]
+        first = ", ".join(one["parameter"] for one in found["tightest"][:3])
+        rows += [("tolerances to tighten first", first)] if first else []
+    return rows
+
+
+def start_up(forbidden: Sequence[tuple[float, float]]) -> str:
+    """What lower gains do to a loop that is not stable at all of them, and how to switch it on, in words."""
+    stretches = ", ".join(f"{100 * low:.3g} to {100 * high:.3g} %" for low, high in forbidden)
+    return (
+        f"UNSTABLE with {stretches} of its gain: bring the supply up with the current off, then switch the whole gain"
+        " on at once; a current that saturates may set it oscillating for good"
+        if forbidden
+        else "stable at every one that was looked at, which nothing proves"
+    )
+
+
+def rigs_in_words(sigmas: float) -> str:
+    """Which rigs something holds for: those of a box of so many standard deviations, of zero the stated one."""
+    every = f"every rig within {sigmas:g} standard deviations of each figure that varies"
+    return every if sigmas else "exactly these figures"
+
+
+def tube_text(tube: "Tube") -> str:
+    """A tube by its outside sizes, first that across the load, and its wall, to a hundredth of a millimetre."""
+    sizes = [tube.width_m, *([] if tube.shape == "round" else [tube.depth_m]), tube.wall_m]
+    words = " × ".join(f"{1e3 * size:.2f}".rstrip("0").rstrip(".") for size in sizes)
+    return f"{'Ø ' if tube.shape == 'round' else ''}{words} mm"
+
+
+INCH_M = 0.0254
+POUND_FORCE_N = 4.4482216152605  # 0.45359237 kg at 9.80665 m/s2, both exact by definition
+INCH_PER_POUND_FORCE = INCH_M / POUND_FORCE_N
+"""1 in/lbf in m/N."""
+
+
+def decibels(compliance_m_per_N: Any) -> Any:
+    """Level in dB re 1 in/lbf of a compliance magnitude in m/N; -inf for zero."""
+    import numpy as np  # records, which have quantities, are read without it
+
+    with np.errstate(divide="ignore"):
+        return 20 * np.log10(np.abs(compliance_m_per_N) / INCH_PER_POUND_FORCE)
+
+
+def from_decibels(level_dB: Any) -> Any:
+    """Compliance magnitude in m/N of a level in dB re 1 in/lbf."""
+    import numpy as np
+
+    return INCH_PER_POUND_FORCE * 10.0 ** (np.asarray(level_dB) / 20)

@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 
 from beamdesign.loop import close_loop, loop, tip
 from beamdesign.prototype import Prototype
-from beamdesign.quantity_text import quantity
+from beamdesign.quantities import quantity
 from beamdesign.structure.lumped import figures
 from beamdesign.synthesis.end_stiffness import SHARE, EndStiffness, controller_of, sensed
 

@@ -23,9 +23,9 @@ from beamdesign.proofs.absolute_stability import METHOD as COMES_TO_REST
 from beamdesign.proofs.bounded_error import METHOD as STRAYS
 from beamdesign.proofs.certifying import nonlinear_rows
 from beamdesign.prototype import Prototype, read_prototype
-from beamdesign.public import SIGMAS
 from beamdesign.scenario import Multisine, Scenario, ScenarioRecord, Step
 from beamdesign.simulation import simulate
+from beamdesign.synthesis import SIGMAS
 from beamdesign.synthesis.rig_spread import rig_spread
 
 MOTIONS = 4

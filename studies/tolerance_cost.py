@@ -17,7 +17,7 @@ from matplotlib.figure import Figure
 
 from beamdesign.parameters import stated_or_typical
 from beamdesign.prototype import Prototype, read_prototype
-from beamdesign.public import SIGMAS
+from beamdesign.synthesis import SIGMAS
 from beamdesign.synthesis.tuning import limited, tune
 
 

@@ -9,7 +9,7 @@ from beamdesign.controllers import Lag
 from beamdesign.problem import read_problem
 from beamdesign.proofs.certifying import certify
 from beamdesign.synthesis.design_run import DesignRun, certified
-from beamdesign.synthesis.loop_limits import Proved
+from beamdesign.synthesis.law_design import Proved
 from beamdesign.synthesis.sizing import size
 from beamdesign.synthesis.tuning import Tuning
 

@@ -201,7 +201,7 @@ def run(name: str, folder: Path) -> dict[str, Any]:
                 raise AssertionError(f"{line}: exit status {done.exit_code}, {done.exception}")
             statuses.append(done.exit_code)
         if asked.fields is not None:
-            from beamdesign.json_text import json_text
+            from beamdesign.result import json_text
 
             Path("fields.json").write_text(json_text(asked.fields()))
         given = {file for file, _, _ in asked.given}

@@ -43,8 +43,7 @@ from beamdesign.prototype import (
     Servovalve,
     Tolerance,
 )
-from beamdesign.synthesis.end_stiffness import judge
-from beamdesign.synthesis.stiffness_run import contact_text
+from beamdesign.synthesis.end_stiffness import contact_text, judge
 
 AT_LEAST = 500
 """Mutations for every kind of certificate, shared out among those of a kind."""

@@ -36,7 +36,7 @@ from beamdesign.simulation import simulate
 from beamdesign.structure.lumped import figures
 from beamdesign.synthesis.end_stiffness import controller_of, judge, sensed, servo_stiffness
 from beamdesign.synthesis.operating_limits import demand, envelope, needs
-from beamdesign.synthesis.stiffness_run import carried_out
+from beamdesign.synthesis.stiffness_search import carried_out
 from beamdesign.synthesis.tuning import tune
 from beamdesign.validation.truth import laws
 

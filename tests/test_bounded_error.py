@@ -16,13 +16,12 @@ from beamdesign.checker import check
 from beamdesign.controllers import Lag
 from beamdesign.loop import rig_loop
 from beamdesign.parameters import TYPICAL
-from beamdesign.polynomial import Affine
+from beamdesign.polynomial import Affine, nearest
 from beamdesign.proofs import bounded_error, changing_gain, scope
 from beamdesign.proofs.bounded_error import absolute_integrals, over_masses
 from beamdesign.proofs.certifying import certify, nonlinear_rows
 from beamdesign.proofs.scope import members
 from beamdesign.prototype import Prototype, read_prototype
-from beamdesign.rational import nearest
 from beamdesign.scenario import Multisine, Scenario, ScenarioRecord
 from beamdesign.simulation import simulate
 

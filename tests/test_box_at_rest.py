@@ -18,7 +18,7 @@ from typer.testing import CliRunner
 
 from beamdesign.checker import Unreadable, check
 from beamdesign.cli import app
-from beamdesign.polynomial import ratio
+from beamdesign.polynomial import nearest, ratio
 from beamdesign.proofs.absolute_stability import Absolute, box_rows, slope_over_box
 from beamdesign.proofs.box import certify_box
 from beamdesign.proofs.box_claims import BoxClaim, claim_over_box, worst_over_box
@@ -29,7 +29,6 @@ from beamdesign.proofs.scope import members
 from beamdesign.proofs.tolerance_box import tolerance_box
 from beamdesign.prototype import Prototype, read_prototype
 from beamdesign.public import state_space
-from beamdesign.rational import nearest
 from beamdesign.records import InputError
 from beamdesign.structure.lumped import CHANGEABLE, with_figures
 from beamdesign.synthesis import law_design

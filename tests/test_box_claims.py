@@ -13,7 +13,8 @@ from forging import resealed
 from beamdesign.checker import check
 from beamdesign.controllers import Lag
 from beamdesign.parameters import TYPICAL
-from beamdesign.polynomial import exact
+from beamdesign.polynomial import exact, nearest
+from beamdesign.polynomial import text as text_of
 from beamdesign.proofs.box import box_of, certify_box
 from beamdesign.proofs.box_claims import best_over_box, claim_over_box, guaranteed_fields, worst_over_box
 from beamdesign.proofs.certificate import Asked
@@ -22,8 +23,6 @@ from beamdesign.proofs.rig_family import rig_values
 from beamdesign.proofs.tolerance_box import tolerance_box
 from beamdesign.prototype import Prototype, read_prototype
 from beamdesign.public import state_space
-from beamdesign.rational import nearest
-from beamdesign.rational import text as text_of
 from beamdesign.structure.lumped import CHANGEABLE, with_figures
 
 TAME = Path(__file__).parents[1] / "studies" / "prototypes" / "tame_lag.toml"

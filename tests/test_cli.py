@@ -19,7 +19,7 @@ import typer.main
 from typer.testing import CliRunner
 
 from beamdesign.cli import HEADINGS, app, main, output
-from beamdesign.synthesis.interruption import interruption_waits
+from beamdesign.progress import interruption_waits
 
 ROOT = Path(__file__).parent.parent
 STUDY = ROOT / "studies" / "prototype.toml"

@@ -22,7 +22,7 @@ from beamdesign.synthesis import codesign as front_room
 from beamdesign.synthesis import remedies
 from beamdesign.synthesis.checks import Check
 from beamdesign.synthesis.codesign import Codesign, CodesignPoint
-from beamdesign.synthesis.loop_limits import Proved
+from beamdesign.synthesis.law_design import Proved
 from beamdesign.synthesis.remedies import Remedy
 from beamdesign.templates import start
 

@@ -15,7 +15,7 @@ from beamdesign.prototype import Prototype, read_prototype, write_prototype
 from beamdesign.synthesis.checks import check_sections
 from beamdesign.synthesis.codesign import codesign, pareto_front
 from beamdesign.synthesis.free_search import sizes_of, start_variables
-from beamdesign.synthesis.sections import free_sections
+from beamdesign.synthesis.sections import Sections
 
 STUDIES = Path(__file__).parent.parent / "studies"
 PAYLOAD = (0.0, 6.8)
@@ -58,7 +58,7 @@ def test_codesign_is_lighter_than_the_published_sections_for_the_same_guarantee(
 def test_sizes_of_no_pair_of_tubes_make_no_rig(rounded: bool) -> None:
     problem = read_problem(STUDIES / "codesign.toml")
     assert problem.given is not None
-    sections = free_sections(problem, start_variables(problem, sizes_of(problem.given)))
+    sections = Sections(problem, start_variables(problem, sizes_of(problem.given)))
     assert sections.prototype(sections.start, rounded).inner_beam.width_m == problem.given[1].width_m
     wider = sections.start.copy()
     wider[2] = 2 * wider[0]

@@ -32,6 +32,7 @@ from beamdesign.structure.lumped import figures
 from beamdesign.synthesis.end_stiffness import (
     EndStiffness,
     commanded_compliance,
+    contact_text,
     controller_of,
     judge,
     least_gain,
@@ -42,8 +43,7 @@ from beamdesign.synthesis.end_stiffness import (
     stable_compliances,
 )
 from beamdesign.synthesis.rig_spread import rig_spread
-from beamdesign.synthesis.stiffness_run import carried_out, contact_text, drawn_rigs
-from beamdesign.synthesis.stiffness_search import SEED_OF_RIGS, design
+from beamdesign.synthesis.stiffness_search import SEED_OF_RIGS, carried_out, design, drawn_rigs
 
 PROTOTYPES = Path(__file__).parent.parent / "studies/prototypes"
 MASSES_KG = (0.0, 6.8)

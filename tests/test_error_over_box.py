@@ -15,7 +15,7 @@ from honest_certificates import erring, honest, valid
 from beamdesign.checker import check
 from beamdesign.loop import rig_loop
 from beamdesign.plant.members import family
-from beamdesign.polynomial import exact
+from beamdesign.polynomial import exact, nearest
 from beamdesign.proofs import bounded_error, changing_gain, error_over_box
 from beamdesign.proofs.box import certify_box
 from beamdesign.proofs.box_claims import claim_over_box
@@ -25,7 +25,6 @@ from beamdesign.proofs.error_over_box import errors_over_box
 from beamdesign.proofs.rig_family import rig_family
 from beamdesign.proofs.scope import members
 from beamdesign.proofs.tolerance_box import tolerance_box
-from beamdesign.rational import nearest
 from beamdesign.scenario import Multisine
 from beamdesign.structure.lumped import figures, with_figures
 

@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from beamdesign.loop import LoopAtMass, critical_gain, loop
 from beamdesign.prototype import Prototype, read_prototype
 from beamdesign.public import state_space
-from beamdesign.quantity_text import decibels, from_decibels
+from beamdesign.quantities import decibels, from_decibels
 from beamdesign.report.canvas import STYLES, new_figure, save
 from beamdesign.report.figures import (
     frequency_grid,

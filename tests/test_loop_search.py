@@ -21,9 +21,8 @@ from beamdesign.plant.rigs import FIGURES
 from beamdesign.prototype import Payload, Prototype
 from beamdesign.synthesis.law_search import search
 from beamdesign.synthesis.law_task import Search
-from beamdesign.synthesis.loop_samples import FINE_HZ, samples
-from beamdesign.synthesis.loop_slacks import first_miss
-from beamdesign.synthesis.sections import sized_slack
+from beamdesign.synthesis.loop_program import sized_slack
+from beamdesign.synthesis.loop_samples import FINE_HZ, first_miss, samples
 
 FREQUENCIES_HZ = np.geomspace(0.1, 400.0, 40)
 LAG = Lag(gain_A_per_V=0.12, pole_Hz=1.3, zero_Hz=38.0)

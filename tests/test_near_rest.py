@@ -14,7 +14,7 @@ from beamdesign.proofs.certificate import Asked
 from beamdesign.proofs.certifying import certify
 from beamdesign.proofs.scope import bracketing, holds_for, near_rest, uncovered
 from beamdesign.prototype import Prototype, read_prototype, write_prototype
-from beamdesign.quantity_text import at_most, decimal, rigs_in_words, stated_bandwidth, stated_peak
+from beamdesign.quantities import at_most, decimal, rigs_in_words, stated_bandwidth, stated_peak
 
 TAME = read_prototype(Path(__file__).parents[1] / "studies" / "prototypes" / "tame_lag.toml")
 COMPLIANCE = Asked("compliance", 5.71e-8, 2.0)

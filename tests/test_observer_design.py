@@ -23,9 +23,7 @@ from beamdesign.plant.members import family
 from beamdesign.proofs.certifying import certify
 from beamdesign.prototype import Prototype, read_prototype
 from beamdesign.synthesis.law_task import Effort, Search
-from beamdesign.synthesis.loop_limits import LIMITED
-from beamdesign.synthesis.loop_samples import samples
-from beamdesign.synthesis.loop_slacks import slacks
+from beamdesign.synthesis.loop_samples import LIMITED, samples, slacks
 from beamdesign.synthesis.refinement import LawRefinement
 from beamdesign.synthesis.synthesis import (
     GeneralisedPlant,
@@ -284,7 +282,9 @@ def test_polish_does_not_lose_what_it_starts_from(shipped: Prototype) -> None:
     opened = block_form(SENSED[:1], a, b, c, np.zeros((1, 1)))
     assert opened is not None
     form, start = opened[0], np.append(opened[1], 0.0)
-    polish = LawRefinement(points, shipped.goal, form, (0.0, 6.0), [(plant, 1.0, [0.0], True)], 1)
+    polish = LawRefinement(
+        points, shipped.goal, form, (0.0, 6.0), [(plant, 1.0, [0.0], True, np.ones(0))], 1, np.ones((1, 0))
+    )
     better, bandwidth = polish(start, rounds=2)
     assert polish.measured(better).violation() < 5e-3
     assert bandwidth >= polish(start, rounds=0)[1]

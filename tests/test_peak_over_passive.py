@@ -14,6 +14,7 @@ from beamdesign.checker import check
 from beamdesign.controllers import Lag
 from beamdesign.loop import loop
 from beamdesign.plant.members import family
+from beamdesign.polynomial import nearest
 from beamdesign.proofs.box_claims import claim_over_box
 from beamdesign.proofs.certificate import Asked, peak_claim
 from beamdesign.proofs.certifying import certify
@@ -21,7 +22,6 @@ from beamdesign.proofs.performance import Peak, servo_off_of
 from beamdesign.proofs.tolerance_box import servo_off_over_box, tolerance_box
 from beamdesign.proofs.writer import prototype_table
 from beamdesign.prototype import Goal, Prototype, Tolerance, read_prototype
-from beamdesign.rational import nearest
 from beamdesign.report.figures import passive_curves
 from beamdesign.structure.lumped import beam_of_equal_mass
 from beamdesign.structure.materials import material

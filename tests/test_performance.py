@@ -13,14 +13,13 @@ from beamdesign.controllers import Lag, Proportional
 from beamdesign.loop import Loop, loop
 from beamdesign.plant.linear import LinearModel
 from beamdesign.plant.members import paper_model
-from beamdesign.polynomial import Affine, exact
+from beamdesign.polynomial import Affine, exact, nearest
 from beamdesign.proofs.certificate import Asked, Claim, Kind
 from beamdesign.proofs.performance import bandwidth as proved_bandwidth
 from beamdesign.proofs.performance import least_limit, prove
 from beamdesign.proofs.quadratic import frequency_below, quadratic_nonnegative, squared_frequency
 from beamdesign.proofs.rectangle import Rectangle, shifted
 from beamdesign.prototype import COMPLIANCE_LIMIT_M_PER_N, Prototype
-from beamdesign.rational import nearest
 
 quick = settings(max_examples=80)
 MASSES = (0.0, 6.8)

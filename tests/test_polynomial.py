@@ -11,15 +11,21 @@ from hypothesis import strategies as st
 
 from beamdesign.polynomial import (
     Affine,
+    bounds,
     even_odd,
     exact,
     is_hurwitz,
+    nearest,
     real_roots,
     roots,
+    rounded_down,
+    rounded_up,
+    shortened,
+    simple_between,
     squared_magnitude,
+    text,
     value_at,
 )
-from beamdesign.rational import bounds, nearest, rounded_down, rounded_up, shortened, simple_between, text
 
 quick = settings(max_examples=50)
 fractions = st.fractions(min_value=-100, max_value=100, max_denominator=1000)

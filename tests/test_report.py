@@ -28,7 +28,7 @@ from beamdesign.loop import critical_gain, loop
 from beamdesign.plant.members import paper_model
 from beamdesign.prototype import InStage, Prototype, read_prototype
 from beamdesign.public import state_space
-from beamdesign.quantity_text import at_least, at_most, decimal, per_cent, quantity
+from beamdesign.quantities import at_least, at_most, decimal, per_cent, quantity
 from beamdesign.report.canvas import inline_svg, new_figure
 from beamdesign.report.charts import plot_trade, read_trade
 from beamdesign.report.drawing import draw_section, draw_side

@@ -20,8 +20,7 @@ from beamdesign.plant.linear import LinearModel
 from beamdesign.plant.members import family
 from beamdesign.prototype import Goal, Payload, Prototype
 from beamdesign.public import state_space
-from beamdesign.synthesis.loop_samples import Samples, samples
-from beamdesign.synthesis.loop_slacks import Slacks, first_miss, sampled_bandwidth, slacks
+from beamdesign.synthesis.loop_samples import Samples, Slacks, first_miss, sampled_bandwidth, samples, slacks
 
 LAG = Lag(gain_A_per_V=0.1, pole_Hz=1.3, zero_Hz=38.0)
 FREQUENCIES_HZ = np.geomspace(0.05, 600.0, 300)

@@ -27,11 +27,11 @@ from beamdesign.proofs.certificate import Asked
 from beamdesign.proofs.certifying import certify
 from beamdesign.proofs.tolerance_box import tolerance_box
 from beamdesign.prototype import Prototype, Tolerance, read_prototype, write_prototype
-from beamdesign.quantity_text import rigs_in_words
+from beamdesign.quantities import rigs_in_words
 from beamdesign.records import InputError
 from beamdesign.synthesis import tuning
 from beamdesign.synthesis.design_run import run_design
-from beamdesign.synthesis.loop_limits import forbidden_shares
+from beamdesign.synthesis.law_design import forbidden_shares
 from beamdesign.synthesis.rig_spread import rig_spread
 from beamdesign.synthesis.tuning import LawOptions, Tuning, tune, tune_law
 

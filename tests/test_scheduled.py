@@ -44,7 +44,7 @@ from beamdesign.records import InputError
 from beamdesign.scenario import Course, Sampled, Scenario, ScenarioRecord, Step, WallAhead
 from beamdesign.simulation import simulate, simulate_scheduled
 from beamdesign.synthesis import tuning
-from beamdesign.synthesis.loop_limits import Proved
+from beamdesign.synthesis.law_design import Proved
 from beamdesign.synthesis.rig_spread import rig_spread
 from beamdesign.synthesis.tuning import LawOptions, Tuning, kept_apart, stage_ranges, tune
 

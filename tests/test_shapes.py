@@ -24,7 +24,7 @@ from beamdesign.proofs.arm.remaining import InnerTravel
 from beamdesign.proofs.arm.result import certify_plane
 from beamdesign.proofs.writer import prototype_table
 from beamdesign.prototype import Arm, Beam, Prototype, prototype_from, read_prototype, write_prototype
-from beamdesign.quantity_text import tube_text
+from beamdesign.quantities import tube_text
 from beamdesign.records import InputError, parse, read_table, to_toml
 from beamdesign.structure.lumped import beam_of_equal_mass
 from beamdesign.structure.materials import material

@@ -14,7 +14,6 @@ from beamdesign.structure.materials import BEAMS
 from beamdesign.structure.section import Tube, stock_tubes
 from beamdesign.synthesis.checks import REQUIREMENTS, beam_mass, check_sections, checks
 from beamdesign.synthesis.free_search import (
-    Conditions,
     free_optimum,
     pair_of,
     sizes_of,
@@ -23,8 +22,7 @@ from beamdesign.synthesis.free_search import (
     solver,
     start_variables,
 )
-from beamdesign.synthesis.sizing import size
-from beamdesign.synthesis.stock_search import stock_optimum
+from beamdesign.synthesis.sizing import size, stock_optimum
 
 PUBLISHED = Tube(0.140, 0.0023), Tube(0.100, 0.0032)
 
@@ -124,11 +122,10 @@ def test_first_order_conditions_hold_at_the_optimum(optimum, variant):
 
 def test_residual_is_large_where_the_conditions_do_not_hold(problem):
     program = sizing_program(problem)
-    conditions = Conditions(program)
     published = start_variables(problem, sizes_of(PUBLISHED))
-    assert conditions.optimality(published, program.figures)[0] > 0.1
+    assert program.optimality(published, program.figures)[0] > 0.1
     thin = start_variables(problem, np.array([0.14, 0.001, 0.1, 0.0032]))
-    assert conditions.violation(thin, program.figures) == pytest.approx(0.5)
+    assert program.violation(thin, program.figures) == pytest.approx(0.5)
 
 
 def test_gradients_are_those_of_finite_differences(problem):
@@ -149,13 +146,13 @@ def test_gradients_are_those_of_finite_differences(problem):
 def test_shadow_prices_are_those_of_resolved_problems(problem, optimum, variant):
     asked, free = asking(problem, **VARIANTS[variant]), optimum(variant)
     program = sizing_program(asked)
-    conditions, ready = Conditions(program), solver(program, program.mass, program.constraints)
+    ready = solver(program, program.mass, program.constraints)
     start = start_variables(asked, sizes_of((free.pair.outer, free.pair.inner)))
 
     def least_mass(figures):
         end = solve(ready, start, figures)
-        assert conditions.violation(end, figures) < 1e-9
-        return conditions.mass(end, figures)
+        assert program.violation(end, figures) < 1e-9
+        return program.mass_kg(end, figures)
 
     assert least_mass(program.figures) == pytest.approx(free.pair.beam_mass_kg, rel=1e-9)
     for place, (name, figure) in enumerate(zip(program.names, program.figures, strict=True)):

@@ -30,8 +30,7 @@ from beamdesign.records import InputError
 from beamdesign.scenario import Multisine, Scenario, ScenarioRecord, inputs_of
 from beamdesign.simulation import simulate
 from beamdesign.synthesis.design_run import certified
-from beamdesign.synthesis.loop_samples import samples
-from beamdesign.synthesis.loop_slacks import slacks
+from beamdesign.synthesis.loop_samples import samples, slacks
 from beamdesign.synthesis.operating_limits import sensor_reach
 from beamdesign.synthesis.tuning import Tuning, tune
 

@@ -26,9 +26,9 @@ from beamdesign.proofs.stability import is_stable_over
 from beamdesign.prototype import Payload, Prototype
 from beamdesign.public import state_space
 from beamdesign.synthesis import tuning
+from beamdesign.synthesis.law_design import LARGEST_BANDWIDTH_HZ, Proved
 from beamdesign.synthesis.law_search import Found, Start, from_seeds, search
 from beamdesign.synthesis.law_task import Effort, Search
-from beamdesign.synthesis.loop_limits import LARGEST_BANDWIDTH_HZ, Proved
 from beamdesign.synthesis.refinement import LawRefinement
 from beamdesign.synthesis.tuning import Tuning, tune, tune_alike
 from beamdesign.validation.paper.rig import paper_prototype

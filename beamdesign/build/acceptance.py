@@ -16,7 +16,6 @@ import tomli_w
 
 from beamdesign.build.tolerances import why_no_box
 from beamdesign.files import write_whole
-from beamdesign.json_text import picked
 from beamdesign.loop import CriticalGain, critical_gain, loop
 from beamdesign.parameters import RIG_TOLERANCES
 from beamdesign.polynomial import exact
@@ -26,6 +25,7 @@ from beamdesign.proofs.certifying import stability_over
 from beamdesign.proofs.rig_family import rig_values
 from beamdesign.prototype import Prototype, write_prototype
 from beamdesign.records import to_toml
+from beamdesign.result import picked
 from beamdesign.scenario import CHANNELS, Input, LoadSteps, Multisine, Scenario, ScenarioRecord, inputs_of
 from beamdesign.spelling import shorter
 from beamdesign.structure.lumped import CHANGEABLE, lumped_beam, with_figures

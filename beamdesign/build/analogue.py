@@ -12,14 +12,13 @@ from beamdesign.build.circuit import Circuit, Kind, Ratio, Series, Stage, neighb
 from beamdesign.build.realisation.sections import Factor, apart, factored
 from beamdesign.build.tolerances import performance
 from beamdesign.controllers import Controller
-from beamdesign.polynomial import exact
+from beamdesign.polynomial import exact, nearest
 from beamdesign.progress import Progress, silent
 from beamdesign.proofs.box import box_of, certify_box
 from beamdesign.proofs.certifying import certify, stability_over
 from beamdesign.proofs.rig_family import rig_family
 from beamdesign.proofs.statement import PolynomialFamily
 from beamdesign.prototype import Prototype
-from beamdesign.rational import nearest
 
 SERIES: tuple[tuple[Series, Series], ...] = (("E24", "E6"), ("E96", "E6"), ("E96", "E12"))
 RESISTORS, CAPACITORS = (0.01, 0.05), (0.05, 0.1)

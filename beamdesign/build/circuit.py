@@ -37,8 +37,7 @@ import numpy as np
 from flint import fmpq
 
 from beamdesign.controllers import Observer
-from beamdesign.polynomial import exact
-from beamdesign.rational import nearest
+from beamdesign.polynomial import exact, nearest
 
 Series = Literal["E6", "E12", "E24", "E96"]
 

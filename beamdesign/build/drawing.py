@@ -8,7 +8,7 @@ from io import StringIO
 from typing import TYPE_CHECKING, Any
 
 from beamdesign.prototype import Prototype
-from beamdesign.quantity_text import tube_text
+from beamdesign.quantities import tube_text
 from beamdesign.report.drawing import Drawn, drawable, gap_text, tubes_of
 from beamdesign.spelling import in_dxf, one_line
 

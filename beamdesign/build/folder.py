@@ -20,11 +20,11 @@ from beamdesign.build.ratings import KEPT, MARGIN, held_loads
 from beamdesign.build.specification import LawSpecification, Specification
 from beamdesign.build.tolerances import LARGEST, SAFETY, why_no_box
 from beamdesign.files import fresh_folder, write_whole
-from beamdesign.json_text import json_text, picked
+from beamdesign.polynomial import nearest
 from beamdesign.proofs.certificate import Asked, Certificate, Claim, Guaranteed, implies
 from beamdesign.proofs.lyapunov import CHANGES_NAME, describe, stages_certificate, switching_fields
 from beamdesign.proofs.scope import holds_for
-from beamdesign.quantity_text import (
+from beamdesign.quantities import (
     at_least,
     decimal,
     mass_range_text,
@@ -34,7 +34,6 @@ from beamdesign.quantity_text import (
     stated_peak,
     tube_text,
 )
-from beamdesign.rational import nearest
 from beamdesign.records import to_toml
 from beamdesign.report.page import (
     Block,
@@ -47,6 +46,7 @@ from beamdesign.report.page import (
     to_html,
     to_markdown,
 )
+from beamdesign.result import json_text, picked
 from beamdesign.structure.lumped import lumped_beam, notes
 from beamdesign.structure.section import Tube
 

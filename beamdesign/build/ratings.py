@@ -8,7 +8,6 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from beamdesign.build.tolerances import performance, why_no_box
-from beamdesign.json_text import picked
 from beamdesign.loop import loop
 from beamdesign.plant.actuators import MARGIN, Row
 from beamdesign.plant.effects import library
@@ -17,7 +16,8 @@ from beamdesign.proofs.certificate import Guaranteed
 from beamdesign.proofs.certifying import guaranteed_by_all, stability_over
 from beamdesign.proofs.rig_family import rig_family
 from beamdesign.prototype import Beam, InStage, Prototype
-from beamdesign.quantity_text import tube_text
+from beamdesign.quantities import tube_text
+from beamdesign.result import picked
 from beamdesign.structure import lumped
 from beamdesign.structure.lumped import lumped_beam
 from beamdesign.structure.section import Tube, stock_tubes

@@ -20,7 +20,7 @@ from beamdesign.loop import loop
 from beamdesign.parameters import rows_of
 from beamdesign.proofs.lyapunov import CHANGES_NAME
 from beamdesign.prototype import InStage, Prototype
-from beamdesign.quantity_text import (
+from beamdesign.quantities import (
     decimal,
     mass_range_text,
     per_cent,

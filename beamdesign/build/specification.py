@@ -13,7 +13,6 @@ from beamdesign.build.realisation.law import DifferenceEquation, difference_equa
 from beamdesign.build.realisation.loop import SampledVerdict, prove_sampled, realised_loop
 from beamdesign.build.realisation.sections import sensible_rate_Hz, upper_break_Hz
 from beamdesign.build.tolerances import Tolerances, tolerances, why_no_box
-from beamdesign.json_text import finite
 from beamdesign.loop import loop
 from beamdesign.progress import Progress, silent
 from beamdesign.proofs.box import box_of, certify_box
@@ -22,9 +21,9 @@ from beamdesign.proofs.certifying import certify, guaranteed_by_all
 from beamdesign.proofs.lyapunov import Switching, switching
 from beamdesign.proofs.mass_family import stage_families
 from beamdesign.prototype import InStage, Prototype
-from beamdesign.quantity_text import decimal, stated_bandwidth, stated_peak
+from beamdesign.quantities import decimal, stated_bandwidth, stated_peak
 from beamdesign.records import InputError
-from beamdesign.result import Result
+from beamdesign.result import Result, finite
 from beamdesign.synthesis.design_run import DesignRun
 
 STANDARD_GRAVITY = 9.80665

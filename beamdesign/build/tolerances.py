@@ -12,7 +12,7 @@ from beamdesign.proofs.certifying import guaranteed_by_all
 from beamdesign.proofs.rig_family import effect_spans, rig_family, rig_values
 from beamdesign.proofs.tolerance_box import Scaling, largest_scaling, tolerance_box
 from beamdesign.prototype import Prototype
-from beamdesign.quantity_text import decimal
+from beamdesign.quantities import decimal
 from beamdesign.records import InputError
 from beamdesign.structure.lumped import CHANGEABLE, with_figures
 

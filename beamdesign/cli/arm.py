@@ -19,7 +19,7 @@ from beamdesign.cli.command import (
 )
 from beamdesign.cli.output import certificate_file, echo, echo_table, progress, refuse, write_certificate
 from beamdesign.files import fresh_folder, settled, write_whole
-from beamdesign.json_text import picked
+from beamdesign.result import picked
 
 if TYPE_CHECKING:
     from beamdesign.proofs.arm.remaining import TwistRemedy, Vector
@@ -186,7 +186,7 @@ def _echo_figures(record: "Prototype", found: "ArmResult") -> None:
 
 def _echo_proof(record: "Prototype", found: "ArmResult") -> None:
     """What is proved of the planes."""
-    from beamdesign.quantity_text import rigs_in_words, stated_bandwidth
+    from beamdesign.quantities import rigs_in_words, stated_bandwidth
 
     low, high = found.outer_end_mass_kg
     goal = record.goal

@@ -18,7 +18,7 @@ from beamdesign.cli.command import (
     with_controller,
 )
 from beamdesign.cli.output import certificate_file, echo, echo_table, progress, refuse, write_certificate
-from beamdesign.json_text import picked
+from beamdesign.result import picked
 
 if TYPE_CHECKING:
     from beamdesign.polynomial import Crossing
@@ -136,7 +136,7 @@ def _between(record: "Prototype", certificate: "Certificate", path: Path) -> dic
 def _echo(record: "Prototype", certificate: "Certificate") -> None:
     from beamdesign.proofs.certificate import describe
     from beamdesign.proofs.scope import holds_for
-    from beamdesign.quantity_text import stated_bandwidth
+    from beamdesign.quantities import stated_bandwidth
 
     echo_stability(record.name, certificate, holds_for(record))
     for side, crossing in certificate.next_crossings.items():
@@ -226,15 +226,14 @@ def certify_box(
     record = with_controller(prototype)
     masses = mass_range(outer_end_mass, record.outer_end_mass_kg or (0.0, 0.0), prototype)
 
-    from beamdesign.proofs.scope import members
+    from beamdesign.proofs.absolute_stability import box_rows, slope_over_box
     from beamdesign.proofs.box import certify_box as prove
     from beamdesign.proofs.box_claims import best_over_box, guaranteed_fields
     from beamdesign.proofs.certificate import describe, over_passive
     from beamdesign.proofs.changing_gain import changing_over_box
     from beamdesign.proofs.error_over_box import errors_over_box
-    from beamdesign.proofs.tolerance_box import servo_off_over_box
-    from beamdesign.proofs.absolute_stability import box_rows, slope_over_box
-    from beamdesign.proofs.tolerance_box import largest_scaling, scaling_of_each, tolerance_box
+    from beamdesign.proofs.scope import members
+    from beamdesign.proofs.tolerance_box import largest_scaling, scaling_of_each, servo_off_over_box, tolerance_box
 
     def proved(stage: "InStage") -> tuple[dict[str, Any], bool]:
         path = certificate_file(beside(out, stage), f"{prototype.stem}{stage.suffix}.box.toml")
@@ -307,7 +306,7 @@ def echo_stability(name: str, found: "Decided", holds_for: str) -> None:
 
 def echo_against_goal(found: "Guaranteed | PlaneGuaranteed", goal: "Goal") -> None:
     """What is guaranteed beside the goal's limits, as far as it sets any."""
-    from beamdesign.quantity_text import stated_peak
+    from beamdesign.quantities import stated_peak
 
     for name, words, more in (
         ("peak_sensitivity", "peak sensitivity", ""),
@@ -337,9 +336,9 @@ def _hertz(crossing: "Crossing") -> str:
 
 def _echo_box(record: "Prototype", box: "Box", verdict: "BoxVerdict", sigmas: float) -> None:
     """Whether a loop is stable over a box, and where it is not; what the box is."""
+    from beamdesign.polynomial import nearest
     from beamdesign.proofs.scope import holds_for
     from beamdesign.proofs.tolerance_box import figure_key
-    from beamdesign.rational import nearest
 
     words = {True: "stable", False: "NOT stable", None: "undecided whether stable"}
     echo(f"{record.name}: {words[verdict.stable]} {holds_for(record, sigmas)}")
@@ -376,8 +375,8 @@ def _box_fields(
     box: "Box", verdict: "BoxVerdict", scaling: "Scaling | None", each: "dict[str, Scaling]"
 ) -> dict[str, Any]:
     """What a JSON file holds of it."""
+    from beamdesign.polynomial import nearest
     from beamdesign.proofs.tolerance_box import figure_key, in_units
-    from beamdesign.rational import nearest
 
     def point(of: Any) -> dict[str, float] | None:
         return of and in_units(of, list(of))

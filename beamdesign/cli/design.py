@@ -18,8 +18,8 @@ from beamdesign.cli.command import (
 from beamdesign.cli.output import default_folder, echo, echo_table, progress, refuse
 from beamdesign.cli.study import echo_checks
 from beamdesign.files import write_set
-from beamdesign.json_text import picked
-from beamdesign.public import SIGMAS
+from beamdesign.result import picked
+from beamdesign.synthesis import SIGMAS
 from beamdesign.time_limit import share
 
 _DESIGNING = 0.85
@@ -50,7 +50,7 @@ def run(
         out: folder for the results; made if need be.
     """
     from beamdesign.build.result_folder import write_result_folder
-    from beamdesign.quantity_text import further_rows, guaranteed_rows, rigs_in_words, tube_text
+    from beamdesign.quantities import further_rows, guaranteed_rows, rigs_in_words, tube_text
     from beamdesign.synthesis.design_run import run_design
 
     problem = _read(study, nominal)
@@ -213,7 +213,7 @@ def codesign(
         outer_end_mass: range of mass on the outer tip, kg; else the study's.
         out: folder for prototype.toml and certificate.toml; else STEM-codesign.
     """
-    from beamdesign.quantity_text import further_rows, guaranteed_rows, rigs_in_words, tube_text
+    from beamdesign.quantities import further_rows, guaranteed_rows, rigs_in_words, tube_text
     from beamdesign.records import to_toml
     from beamdesign.synthesis import codesign as room
     from beamdesign.synthesis.design_run import CERTIFICATE_NAME, certificate_name, certified
@@ -355,7 +355,7 @@ def remedies(
         outer_end_mass: range of mass on the outer tip, kg; else the study's.
         added_mass_kg: most moving mass that a remedy may add.
     """
-    from beamdesign.quantity_text import stated_bandwidth
+    from beamdesign.quantities import stated_bandwidth
     from beamdesign.report.canvas import new_figure
     from beamdesign.report.charts import plot_remedies
     from beamdesign.sweep.case import REMEDY

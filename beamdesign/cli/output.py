@@ -20,8 +20,8 @@ from typing import Any, NoReturn
 import typer
 
 from beamdesign.files import read_bytes, write_whole
-from beamdesign.json_text import json_text
 from beamdesign.progress import Progress, pass_on
+from beamdesign.result import json_text
 from beamdesign.spelling import one_line
 
 STANDARD_OUTPUT = Path("-")

@@ -24,14 +24,14 @@ from beamdesign.cli.command import (
 )
 from beamdesign.cli.output import default_folder, echo, echo_table, progress, refuse
 from beamdesign.files import fresh_folder, settled
-from beamdesign.json_text import picked
+from beamdesign.result import picked
 
 if TYPE_CHECKING:
     from beamdesign.build.realisation.code import ProvedCode
     from beamdesign.prototype import InStage
     from beamdesign.report.charts import Limits
     from beamdesign.simulation import SimulatedRecord
-    from beamdesign.synthesis.limits import Limits as OperatingLimits
+    from beamdesign.synthesis.operating_limits import Limits as OperatingLimits
 
 
 def _wrong_words(word_length: int | None, in_floats: bool, **others: Any) -> Iterator[tuple[str, str]]:
@@ -326,7 +326,7 @@ def limits(
     rig = with_controller(prototype)
     mass = payload if payload is not None else (rig.outer_end_mass_kg or (0.0, 0.0))[1]
 
-    from beamdesign.synthesis.limits import limits as worked_out
+    from beamdesign.synthesis.operating_limits import limits as worked_out
 
     def stated(stage: "InStage") -> tuple[dict[str, Any], bool]:
         own = stage.prototype

@@ -8,7 +8,7 @@ import typer
 
 from beamdesign.cli.command import CommandResult, command, group, resumed
 from beamdesign.cli.output import echo, echo_table, progress, refuse
-from beamdesign.json_text import picked
+from beamdesign.result import picked
 
 CASE_SECONDS = 3600
 """After which a case is given up, if nothing else is said."""

@@ -10,8 +10,8 @@ import typer
 from beamdesign.cli.command import CommandResult, Figure, by_stage, command, figures_of, in_time, mass_range, of_all
 from beamdesign.cli.output import echo, echo_table, progress, refuse
 from beamdesign.files import write_set
-from beamdesign.json_text import picked
-from beamdesign.public import SIGMAS
+from beamdesign.result import picked
+from beamdesign.synthesis import SIGMAS
 
 if TYPE_CHECKING:
     from beamdesign.controllers import Cascade, Sensed
@@ -159,7 +159,7 @@ def _of_law(stage: "InStage", law: "Tuning", certificate: "Certificate") -> dict
     """Say what was tuned and is guaranteed of one law over its payloads; the same for the JSON file."""
     from beamdesign.proofs.certificate import describe, goal_claims
     from beamdesign.proofs.scope import holds_for
-    from beamdesign.quantity_text import further_rows, guaranteed_rows
+    from beamdesign.quantities import further_rows, guaranteed_rows
 
     best, goal, masses = law.best, stage.prototype.goal, stage.outer_end_mass_kg
     assert best is not None
@@ -252,7 +252,7 @@ def stiffness(
     from beamdesign.polynomial import exact
     from beamdesign.proofs.contact import Wall
     from beamdesign.prototype import read_prototype
-    from beamdesign.quantity_text import mass_range_text
+    from beamdesign.quantities import mass_range_text
 
     record = read_prototype(prototype)
     stiffest = figures_of("--wall-N-per-m", wall_N_per_m, "WallStiffness", "two figures as LO:HI", ":", 2)
@@ -263,8 +263,7 @@ def stiffness(
     if end_stiffness_N_per_m is not None:
         return give_stiffness(record, end_stiffness_N_per_m, masses, wall, CONTACTS[contact], servo, rigs, out, minutes)
 
-    from beamdesign.synthesis.end_stiffness import judge
-    from beamdesign.synthesis.stiffness_run import CONTACT_NAME, contact_text, in_words
+    from beamdesign.synthesis.end_stiffness import CONTACT_NAME, contact_text, in_words, judge
 
     def judged(stage: "InStage") -> tuple[dict[str, Any], bool]:
         rig, own, _ = stage
@@ -305,12 +304,11 @@ def give_stiffness(
         InputError: for a stiffness that is none, or effects.
     """
     from beamdesign.proofs.contact import EVERY_WALL
-    from beamdesign.quantity_text import mass_range_text, quantity
+    from beamdesign.quantities import mass_range_text, quantity
     from beamdesign.records import to_toml
     from beamdesign.synthesis.design_run import CERTIFICATE_NAME
-    from beamdesign.synthesis.end_stiffness import softest_N_per_m
-    from beamdesign.synthesis.stiffness_run import CONTACT_NAME, carried_out, drawn_in_words, drawn_rigs, in_words
-    from beamdesign.synthesis.stiffness_search import design
+    from beamdesign.synthesis.end_stiffness import CONTACT_NAME, in_words, softest_N_per_m
+    from beamdesign.synthesis.stiffness_search import carried_out, design, drawn_in_words, drawn_rigs
 
     wall = wall or EVERY_WALL
     with in_time(minutes, "2 to 5 min") as limit, progress("end stiffness") as update:
@@ -350,7 +348,7 @@ def give_stiffness(
 
 def _kept(found: "EndStiffness") -> list[tuple[str, Any]]:
     """Rows of what is proved of stiffness, command and sensitivity."""
-    from beamdesign.quantity_text import at_least, quantity, stated_peak
+    from beamdesign.quantities import at_least, quantity, stated_peak
     from beamdesign.synthesis.end_stiffness import SHARE
 
     return [

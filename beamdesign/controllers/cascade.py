@@ -177,7 +177,7 @@ class Cascade(Controller):
 
     def rows(self) -> list[Row]:
         """Its gain, then the figures of each factor; between them what a lag makes of the gain."""
-        from beamdesign.quantity_text import decimal, quantity
+        from beamdesign.quantities import decimal, quantity
 
         means = "K_sa, current per error voltage when static"
         rows = [("gain", quantity(self.gain_A_per_V, "A/V", 7), means)]

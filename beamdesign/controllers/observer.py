@@ -117,7 +117,7 @@ class Observer(Controller):
 
     def rows(self) -> list[Row]:
         """Its gain, its sensors and its matrices row by row."""
-        from beamdesign.quantity_text import quantity
+        from beamdesign.quantities import quantity
 
         rows = [
             ("gain", quantity(self.gain_A_per_V, "A/V", 7), "factor on the whole law"),

@@ -15,12 +15,11 @@ from beamdesign.diagnosis.fitting.fit import Fit
 from beamdesign.diagnosis.fitting.hypothesis import SUPPLY, Hypothesis, given
 from beamdesign.diagnosis.fitting.search import Search
 from beamdesign.diagnosis.separability import Separability
-from beamdesign.json_text import finite, picked
 from beamdesign.parameters import PARAMETERS
 from beamdesign.plant.effects import library
 from beamdesign.prototype import Beam, Prototype
 from beamdesign.records import Record
-from beamdesign.result import Result
+from beamdesign.result import Result, finite, picked
 from beamdesign.structure import lumped
 
 Verdict = Literal["no_gap", "effect", "ambiguous", "unknown"]

@@ -42,10 +42,10 @@ from beamdesign.diagnosis.gain_findings import (
 from beamdesign.diagnosis.gap_metrics import gap_of_pieces
 from beamdesign.diagnosis.judgement import LEAST_PROBABILITY, THRESHOLDS, Judgement, cause_sets, causes, judge, odds
 from beamdesign.diagnosis.judgement import evidence as marginal_likelihood
-from beamdesign.json_text import picked
 from beamdesign.progress import Progress, silent
 from beamdesign.prototype import Prototype
 from beamdesign.records import InputError
+from beamdesign.result import picked
 from beamdesign.time_limit import left_out, share, while_time
 
 OUTSIDE = "unknown"

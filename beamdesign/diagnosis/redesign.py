@@ -17,8 +17,7 @@ from beamdesign.proofs.contact import EVERY_WALL
 from beamdesign.prototype import Prototype
 from beamdesign.records import InputError
 from beamdesign.synthesis.design_run import certified_laws
-from beamdesign.synthesis.stiffness_run import carried_out
-from beamdesign.synthesis.stiffness_search import design
+from beamdesign.synthesis.stiffness_search import carried_out, design
 from beamdesign.synthesis.tuning import tune_alike
 from beamdesign.time_limit import within
 

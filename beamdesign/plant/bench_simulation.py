@@ -6,13 +6,13 @@ from math import pi
 import numpy as np
 
 from beamdesign.bench_prototype import BenchPrototype
-from beamdesign.json_text import picked
 from beamdesign.plant.assembly import Assembly, Structure, assemble, wrong_effects
 from beamdesign.plant.compiled import integrate
 from beamdesign.plant.effects import library
 from beamdesign.plant.equilibrium import Place, substeps_at
 from beamdesign.plant.rigs import BENCH_STATED
 from beamdesign.records import InputError, Problem
+from beamdesign.result import picked
 from beamdesign.scenario import Scenario, inputs_of
 
 BENCH_COLUMNS = ("t_s", "command_V", "displacement_m", "pressure_a_Pa", "pressure_b_Pa")

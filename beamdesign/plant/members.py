@@ -11,9 +11,8 @@ from flint import fmpq
 from beamdesign.plant.assembly import effect_parameters_of, wrong_effects
 from beamdesign.plant.effects import Operation, Span, library
 from beamdesign.plant.linear import LinearModel
-from beamdesign.polynomial import exact
+from beamdesign.polynomial import exact, nearest, rounded_down, rounded_up
 from beamdesign.prototype import Prototype
-from beamdesign.rational import nearest, rounded_down, rounded_up
 from beamdesign.records import InputError, Problem
 from beamdesign.structure.lumped import figures
 

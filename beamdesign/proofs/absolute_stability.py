@@ -18,7 +18,7 @@ from flint import fmpq
 from scipy.optimize import linprog
 
 from beamdesign.loop import Loop
-from beamdesign.polynomial import exact, ratio, roots
+from beamdesign.polynomial import exact, nearest, ratio, roots, text
 from beamdesign.proofs.box import Box
 from beamdesign.proofs.box_claims import BoxClaim, claim_over_box, over_own_ranges
 from beamdesign.proofs.box_member import worst_in_bands
@@ -30,7 +30,6 @@ from beamdesign.proofs.scope import NONE_KNOWN, Members, is_linear
 from beamdesign.proofs.stability import is_stable_over
 from beamdesign.proofs.statement import Statement
 from beamdesign.prototype import Prototype
-from beamdesign.rational import nearest, text
 
 IN_THE_CURRENT = ("current_saturation", "current_saturation_soft")
 BEHIND_THE_SPOOL = ("unequal_piston_areas", "valve_deadband")

@@ -15,17 +15,19 @@ from flint import acb, arb, ctx, fmpq, fmpq_mat, fmpq_mpoly, fmpq_poly
 
 from beamdesign.polynomial import (
     Affine,
+    bounds,
     even_odd,
     exact,
     is_hurwitz,
     real_roots,
     roots,
+    rounded_down,
+    rounded_up,
     shares_axis_root,
     squared_magnitude,
     value_at,
 )
 from beamdesign.proofs.stability import StabilityMap, stable_ranges
-from beamdesign.rational import bounds, rounded_down, rounded_up
 from beamdesign.records import InputError
 from beamdesign.result import Result
 

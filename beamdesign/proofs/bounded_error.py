@@ -28,13 +28,12 @@ from beamdesign.loop import member_loop
 from beamdesign.plant.assembly import effect_parameters_of
 from beamdesign.plant.linear import DISPLACEMENT, LinearModel
 from beamdesign.plant.members import VertexModel
-from beamdesign.polynomial import Affine, exact
+from beamdesign.polynomial import Affine, bounds, exact, nearest, shortened, text
 from beamdesign.proofs.certificate import Row
 from beamdesign.proofs.read_once import NotCovered
 from beamdesign.proofs.scope import Members
 from beamdesign.proofs.stability import is_stable_over
 from beamdesign.prototype import Prototype
-from beamdesign.rational import bounds, nearest, shortened, text
 from beamdesign.structure.lumped import figures
 
 METHOD = "bounded error: integral of the absolute impulse response with its tail, in ball arithmetic"

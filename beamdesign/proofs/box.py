@@ -8,7 +8,7 @@ from typing import NamedTuple, Protocol
 
 from flint import ctx, fmpq
 
-from beamdesign.polynomial import exact, roots
+from beamdesign.polynomial import exact, nearest, roots, text
 from beamdesign.proofs.box_member import member, parameters_at, stable_at, unstable_member
 from beamdesign.proofs.branch import Search
 from beamdesign.proofs.rig_family import rig_family
@@ -16,7 +16,6 @@ from beamdesign.proofs.statement import Interval, PolynomialFamily, Statement
 from beamdesign.proofs.writer import Tables, certificate, plain, stated, texts
 from beamdesign.proofs.zero_exclusion import PRECISION_BITS, Piece, holds, pieces
 from beamdesign.prototype import Prototype
-from beamdesign.rational import nearest, text
 
 # Volumes.
 

@@ -21,7 +21,7 @@ from flint import ctx, fmpq
 
 from beamdesign.loop import loop
 from beamdesign.plant.members import family as linear_family
-from beamdesign.polynomial import exact
+from beamdesign.polynomial import exact, nearest, shortened, text
 from beamdesign.proofs.box import Box, cubes_of, parts_beside
 from beamdesign.proofs.box_member import (
     Ratios,
@@ -46,7 +46,6 @@ from beamdesign.proofs.value_set import with_unknown
 from beamdesign.proofs.writer import Tables, texts
 from beamdesign.proofs.zero_exclusion import PRECISION_BITS, Piece, holds, pieces
 from beamdesign.prototype import Prototype
-from beamdesign.rational import nearest, shortened, text
 
 _TURNS, _SETTLED, _SAMPLES = 8, 1e-4, 4001
 _LOOKS, _OPEN = (0.03, 0.08, 0.2), 300

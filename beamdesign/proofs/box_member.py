@@ -11,11 +11,10 @@ from typing import NamedTuple
 import numpy as np
 from flint import acb, arb, fmpq, fmpq_poly
 
-from beamdesign.polynomial import even_odd, is_hurwitz, squared_magnitude
+from beamdesign.polynomial import even_odd, is_hurwitz, nearest, squared_magnitude
 from beamdesign.proofs.statement import UNKNOWN, Node, Point, Statement
 from beamdesign.proofs.value_set import delays, values, with_unknown
 from beamdesign.proofs.zero_exclusion import unit
-from beamdesign.rational import nearest
 
 
 class Undecided(ArithmeticError):

@@ -9,11 +9,10 @@ from time import monotonic
 import numpy as np
 from flint import fmpq
 
-from beamdesign.polynomial import exact
+from beamdesign.polynomial import exact, nearest, text
 from beamdesign.proofs.statement import Node, Statement
 from beamdesign.proofs.value_set import Pieces, hulls, pieces, support, with_unknown
 from beamdesign.proofs.zero_exclusion import ARC_PARTS, Cell, coefficients, dominated
-from beamdesign.rational import nearest, text
 
 TURN = 192
 """Directions of separating lines: multiples of a full turn over this."""

@@ -7,14 +7,12 @@ from typing import Any, Literal, NamedTuple
 
 from flint import fmpq
 
-from beamdesign.json_text import finite, picked
-from beamdesign.polynomial import Crossing, exact
+from beamdesign.polynomial import Crossing, exact, nearest, shortened, text
 from beamdesign.proofs.multiplier import Multiplier
 from beamdesign.proofs.stability import StabilityMap
 from beamdesign.proofs.writer import Tables, maybe_infinite
 from beamdesign.prototype import Goal
-from beamdesign.rational import nearest, shortened, text
-from beamdesign.result import Result
+from beamdesign.result import Result, finite, picked
 
 METHOD = (
     "exact rational arithmetic: all masses with a root on the imaginary axis isolated by elimination,"

@@ -10,7 +10,7 @@ from flint import fmpq
 
 from beamdesign.loop import Loop, member_loop
 from beamdesign.plant.members import LinearFamily, VertexModel, family
-from beamdesign.polynomial import exact
+from beamdesign.polynomial import exact, nearest, shortened, simple_between, text
 from beamdesign.proofs.absolute_stability import static_rows
 from beamdesign.proofs.bounded_error import bounded_rows
 from beamdesign.proofs.certificate import (
@@ -36,7 +36,6 @@ from beamdesign.proofs.scope import LINEAR, NONE_KNOWN, Members, covered, is_lin
 from beamdesign.proofs.stability import Range, StabilityMap, in_words, is_stable_over, stable_ranges
 from beamdesign.proofs.writer import STABILITY_DIGITS, Tables, certificate, stability_table, texts
 from beamdesign.prototype import Goal, InStage, Prototype
-from beamdesign.rational import nearest, shortened, simple_between, text
 from beamdesign.records import InputError, Problem
 
 # Members over end masses and factors on the gain; what all have in common, in words.

@@ -37,7 +37,7 @@ from scipy.optimize import linprog
 from beamdesign.loop import Loop, member_loop
 from beamdesign.plant.assembly import effect_parameters_of
 from beamdesign.plant.members import VertexModel
-from beamdesign.polynomial import Affine, exact, inner, ratio
+from beamdesign.polynomial import Affine, exact, inner, nearest, ratio, text
 from beamdesign.proofs.absolute_stability import IN_THE_CURRENT, NORM, Solved, kernels, with_fewer, written
 from beamdesign.proofs.box import Box
 from beamdesign.proofs.box_claims import BoxClaim
@@ -47,7 +47,6 @@ from beamdesign.proofs.quadratic import Coefficients, less, over_mass, quadratic
 from beamdesign.proofs.rig_family import FACTOR
 from beamdesign.proofs.scope import Members
 from beamdesign.proofs.stability import is_stable_over
-from beamdesign.rational import nearest, text
 
 OVER_BOX = "circle criterion, by the peak sensitivity that is proved of every member"
 METHOD = "circle criterion, a quadratic Lyapunov function for each payload, in rational arithmetic"

@@ -30,7 +30,20 @@ from math import inf, pi, sqrt
 from flint import ctx, fmpq, fmpq_poly
 
 from beamdesign.loop import Tip
-from beamdesign.polynomial import Affine, exact, inner, is_hurwitz, real_roots, roots, squared_magnitude, turned
+from beamdesign.polynomial import (
+    Affine,
+    bounds,
+    exact,
+    inner,
+    is_hurwitz,
+    nearest,
+    real_roots,
+    roots,
+    shortened,
+    simple_between,
+    squared_magnitude,
+    turned,
+)
 from beamdesign.proofs.quadratic import (
     Coefficients,
     kept_up_to_Hz,
@@ -40,7 +53,6 @@ from beamdesign.proofs.quadratic import (
     quadratic_nonnegative,
 )
 from beamdesign.proofs.stability import is_stable_over, stable_ranges, unstable_at
-from beamdesign.rational import bounds, nearest, shortened, simple_between
 
 # Passivity, proved or refuted, band by band.
 

@@ -25,7 +25,7 @@ from math import log
 import numpy as np
 from flint import fmpq
 
-from beamdesign.polynomial import exact
+from beamdesign.polynomial import exact, nearest, shortened
 from beamdesign.progress import Progress, silent
 from beamdesign.proofs.decrease import (
     ZERO,
@@ -54,7 +54,6 @@ from beamdesign.proofs.lmi import (
     sought_with,
 )
 from beamdesign.proofs.mass_family import Families, at, floats, growing_cycle, modal_coordinates, rationals
-from beamdesign.rational import nearest, shortened
 
 FIRST_STEP, LEAST_STEP = 1 / 8, 1 / 256
 """Steps by which a range of masses grows, as shares of it."""

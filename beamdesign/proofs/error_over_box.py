@@ -25,7 +25,7 @@ from typing import Any
 import numpy as np
 from flint import arb, ctx, fmpq
 
-from beamdesign.polynomial import exact, is_hurwitz, roots
+from beamdesign.polynomial import bounds, exact, is_hurwitz, nearest, roots, shortened, text
 from beamdesign.proofs.bounded_error import RESOLUTION, SLIDING, Error, errors_in_loop, rows_of
 from beamdesign.proofs.box import Box
 from beamdesign.proofs.box_claims import BoxClaim
@@ -38,7 +38,6 @@ from beamdesign.proofs.statement import UNKNOWN, Circle, Interval, PolynomialFam
 from beamdesign.proofs.value_set import with_unknown
 from beamdesign.proofs.zero_exclusion import PRECISION_BITS, holds, pieces
 from beamdesign.prototype import Prototype
-from beamdesign.rational import bounds, nearest, shortened, text
 from beamdesign.structure.lumped import figures
 
 METHOD = "bounded error: Parseval's theorem left of the axis, by zero exclusion"

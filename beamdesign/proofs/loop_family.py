@@ -11,9 +11,8 @@ from typing import TYPE_CHECKING, Any
 
 from flint import fmpq, fmpq_mpoly, fmpq_mpoly_ctx, fmpq_poly
 
-from beamdesign.json_text import finite
 from beamdesign.loop import Loop
-from beamdesign.polynomial import Affine
+from beamdesign.polynomial import Affine, nearest
 from beamdesign.proofs.any_loop import (
     SAFE,
     OpenLoop,
@@ -35,9 +34,8 @@ from beamdesign.proofs.read_once import Expression, S, read_once
 from beamdesign.proofs.rig_family import TRANSPORT, claimed
 from beamdesign.proofs.stability import StabilityMap, stable_ranges
 from beamdesign.proofs.statement import UNKNOWN, Interval, PolynomialFamily, in_context, written
-from beamdesign.rational import nearest
 from beamdesign.records import InputError
-from beamdesign.result import Result
+from beamdesign.result import Result, finite
 
 if TYPE_CHECKING:
     import control

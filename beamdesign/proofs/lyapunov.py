@@ -10,8 +10,7 @@ from typing import Any
 
 from flint import fmpq, fmpq_mat
 
-from beamdesign.json_text import picked
-from beamdesign.polynomial import exact
+from beamdesign.polynomial import exact, nearest, text
 from beamdesign.progress import Progress, silent
 from beamdesign.proofs.courses import DEGREES, any_change, bounded_rate, stage_change, sudden_change
 from beamdesign.proofs.decrease import ZERO, Joining
@@ -19,7 +18,7 @@ from beamdesign.proofs.lmi import Course, Status
 from beamdesign.proofs.mass_family import Families, Frozen, frozen
 from beamdesign.proofs.writer import Tables, certificate, stated, texts
 from beamdesign.prototype import Prototype
-from beamdesign.rational import nearest, text
+from beamdesign.result import picked
 
 CHANGES_NAME = "stages.certificate.toml"
 """File of the proof of changes between the laws of a controller, beside its prototype."""

@@ -21,10 +21,9 @@ from flint import arb_mat, ctx, fmpq, fmpq_mat, fmpq_poly
 from beamdesign.controllers import Cascade, SensedLaw
 from beamdesign.plant.linear import SEEN_AS, LinearModel
 from beamdesign.plant.members import paper_model
-from beamdesign.polynomial import Affine, exact
+from beamdesign.polynomial import Affine, exact, nearest
 from beamdesign.proofs.stability import stable_ranges
 from beamdesign.prototype import Prototype
-from beamdesign.rational import nearest
 from beamdesign.records import InputError
 
 Row = list[fmpq]

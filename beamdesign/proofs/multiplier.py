@@ -38,12 +38,11 @@ from typing import Any
 import numpy as np
 from flint import fmpq, fmpq_poly
 
-from beamdesign.polynomial import Affine, even_odd, inner, is_hurwitz, turned
+from beamdesign.polynomial import Affine, even_odd, inner, is_hurwitz, nearest, text, turned
 from beamdesign.proofs.quadratic import Coefficients, less, over_mass, quadratic_nonnegative
 from beamdesign.proofs.read_once import Expression
 from beamdesign.proofs.statement import UNKNOWN, Statement
 from beamdesign.proofs.value_set import with_unknown
-from beamdesign.rational import nearest, text
 
 _X = fmpq_poly([0, 1])
 _ONE = fmpq_poly([1])

@@ -18,7 +18,7 @@ from flint import fmpq, fmpq_poly
 from beamdesign.loop import Loop
 from beamdesign.plant.linear import Plant
 from beamdesign.plant.members import VertexModel
-from beamdesign.polynomial import Affine, at_points, exact, ratio, roots
+from beamdesign.polynomial import Affine, at_points, exact, nearest, ratio, roots, shortened
 from beamdesign.proofs.arm import PlaneLoop
 from beamdesign.proofs.certificate import Asked, Claim, Kind, Witness
 from beamdesign.proofs.quadratic import (
@@ -30,7 +30,6 @@ from beamdesign.proofs.quadratic import (
 )
 from beamdesign.proofs.rectangle import Rectangle, Side, shifted
 from beamdesign.proofs.stability import Unstable, unstable_at
-from beamdesign.rational import nearest, shortened
 
 _RELATIVE_STEP = 5e-5
 _LEAST_LIMIT = 1e-12

@@ -7,8 +7,7 @@ from math import inf
 
 from flint import arb, ctx, fmpq, fmpq_poly
 
-from beamdesign.polynomial import Affine, inner, real_roots
-from beamdesign.rational import bounds, nearest, shortened, simple_between
+from beamdesign.polynomial import Affine, bounds, inner, nearest, real_roots, shortened, simple_between
 
 Coefficients = tuple[fmpq_poly, fmpq_poly, fmpq_poly]
 """Of m^2, m and 1, polynomials in x = w^2."""

@@ -18,7 +18,7 @@ from typing import Any
 
 from flint import fmpq, fmpq_mpoly, fmpz
 
-from beamdesign.rational import text
+from beamdesign.polynomial import text
 
 S = "s"
 _MOST_BOUND = 5

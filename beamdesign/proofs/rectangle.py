@@ -42,10 +42,21 @@ from flint import arb, ctx, fmpq, fmpq_poly
 from beamdesign.controllers import Lag
 from beamdesign.loop import Loop
 from beamdesign.plant.members import paper_model
-from beamdesign.polynomial import Affine, crossings, even_odd, exact, real_roots, value_at
+from beamdesign.polynomial import (
+    Affine,
+    bounds,
+    crossings,
+    even_odd,
+    exact,
+    nearest,
+    real_roots,
+    rounded_down,
+    rounded_up,
+    simple_between,
+    value_at,
+)
 from beamdesign.proofs.stability import is_stable_over
 from beamdesign.prototype import Prototype
-from beamdesign.rational import bounds, nearest, rounded_down, rounded_up, simple_between
 
 # Roots on the axis inside a rectangle of masses m and factors g that multiply each other.
 

@@ -17,7 +17,7 @@ from beamdesign.plant.members import LinearFamily, family
 from beamdesign.polynomial import exact
 from beamdesign.proofs.certificate import Asked
 from beamdesign.prototype import Prototype
-from beamdesign.quantity_text import rigs_in_words
+from beamdesign.quantities import rigs_in_words
 
 LINEAR = "linear, a part of the loop"
 NONE_KNOWN = "none"

@@ -11,18 +11,22 @@ from flint import arb, ctx, fmpq, fmpq_mpoly_ctx, fmpq_poly
 from beamdesign.polynomial import (
     Affine,
     Crossing,
+    bounds,
     crossings,
     degree_drop,
     elimination,
     even_odd,
     in_variable,
     is_hurwitz,
+    nearest,
     real_roots,
     roots,
+    rounded_down,
+    rounded_up,
     shares_axis_root,
+    simple_between,
     value_at,
 )
-from beamdesign.rational import bounds, nearest, rounded_down, rounded_up, simple_between
 
 
 @dataclass(frozen=True)

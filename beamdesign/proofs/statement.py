@@ -14,9 +14,8 @@ from typing import Any, NamedTuple, TypeVar
 
 from flint import Ordering, fmpq, fmpq_mpoly, fmpq_mpoly_ctx, fmpq_poly
 
-from beamdesign.polynomial import Quotient, exact
+from beamdesign.polynomial import Quotient, exact, text
 from beamdesign.proofs.writer import Tables
-from beamdesign.rational import text
 
 T = TypeVar("T")
 Interval = tuple[fmpq, fmpq]

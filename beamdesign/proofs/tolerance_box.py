@@ -9,7 +9,7 @@ from flint import arb, fmpq
 from beamdesign.controllers import Proportional
 from beamdesign.parameters import PARAMETERS, TOLERANCES, with_unit
 from beamdesign.plant.members import family
-from beamdesign.polynomial import exact
+from beamdesign.polynomial import bounds, exact, nearest, shortened
 from beamdesign.proofs.box import Box, BoxVerdict, certify_box, unstable_member
 from beamdesign.proofs.box_member import Worst, worst_of
 from beamdesign.proofs.certificate import Asked
@@ -17,7 +17,6 @@ from beamdesign.proofs.performance import rounded_below, servo_off_of
 from beamdesign.proofs.rig_family import effect_spans, performing_spans, rig_family, rig_values
 from beamdesign.proofs.statement import PolynomialFamily
 from beamdesign.prototype import Prototype
-from beamdesign.rational import bounds, nearest, shortened
 from beamdesign.records import InputError, Problem
 
 _OF_LOOP = {

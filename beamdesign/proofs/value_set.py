@@ -14,9 +14,9 @@ from operator import add, mul
 import numpy as np
 from flint import fmpq
 
+from beamdesign.polynomial import nearest
 from beamdesign.proofs.statement import Node, Statement, Term
 from beamdesign.proofs.zero_exclusion import ARC_PARTS, control_value
-from beamdesign.rational import nearest
 
 _TURN = (1.0, 1j, -1.0, -1j)
 

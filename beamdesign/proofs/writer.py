@@ -18,10 +18,9 @@ from beamdesign.parameters import PARAMETERS, rows_of
 from beamdesign.plant.assembly import effect_parameters_of
 from beamdesign.plant.effects import Elements, Span, library
 from beamdesign.plant.members import LinearFamily, family
-from beamdesign.polynomial import Crossing, exact
+from beamdesign.polynomial import Crossing, bounds, exact, simple_between, text
 from beamdesign.proofs.stability import StabilityMap
 from beamdesign.prototype import Prototype
-from beamdesign.rational import bounds, simple_between, text
 from beamdesign.records import InputError, Record
 from beamdesign.spelling import one_line
 from beamdesign.structure.lumped import figures

@@ -23,7 +23,7 @@ from matplotlib.path import Path as Outline
 from matplotlib.text import Text
 
 from beamdesign.files import LARGEST_TABLE, read_bytes, write_whole
-from beamdesign.quantity_text import at_least, quantity
+from beamdesign.quantities import at_least, quantity
 from beamdesign.report.canvas import LIMIT, STYLES, finish, inline_svg, new_figure, note, plain_numbers, save, styled
 from beamdesign.report.page import Document, Part, Picture, Table, to_html
 from beamdesign.spelling import in_plot

@@ -20,7 +20,7 @@ from beamdesign.loop import LoopAtMass
 from beamdesign.plant.members import family
 from beamdesign.polynomial import exact
 from beamdesign.prototype import COMPLIANCE_LIMIT_M_PER_N, Prototype
-from beamdesign.quantity_text import decibels, read_in
+from beamdesign.quantities import decibels, read_in
 from beamdesign.report.canvas import LIMIT, finish, plain_numbers, styled
 from beamdesign.structure.lumped import beam_of_equal_mass
 

@@ -16,10 +16,9 @@ from beamdesign.diagnosis.diagnosis import BandGap, Cause, Diagnosis, Errors, in
 from beamdesign.diagnosis.gap_metrics import in_bands
 from beamdesign.diagnosis.redesign import LoopTerms, Redesign, payload_range
 from beamdesign.files import write_set
-from beamdesign.json_text import finite, json_text, picked
 from beamdesign.loop import loop
 from beamdesign.prototype import Prototype
-from beamdesign.quantity_text import decimal, mass_range_text, stated_bandwidth, stated_peak
+from beamdesign.quantities import decimal, mass_range_text, stated_bandwidth, stated_peak
 from beamdesign.records import InputError, to_toml
 from beamdesign.report.canvas import finish, inline_svg, new_figure
 from beamdesign.report.figures import plot_compliance
@@ -36,6 +35,7 @@ from beamdesign.report.gap_tables import (
     terms_table,
 )
 from beamdesign.report.page import Document, page_template
+from beamdesign.result import finite, json_text, picked
 
 NAMES = {"prototype": "prototype.toml", "json": "diagnosis.json", "report": "report.html"}
 REDESIGNED, NEXT = "redesigned/prototype.toml", "next_experiment.csv"

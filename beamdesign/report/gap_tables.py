@@ -15,7 +15,7 @@ from beamdesign.diagnosis.fitting.fit import Fit
 from beamdesign.diagnosis.gap_metrics import BANDS_HZ, in_bands
 from beamdesign.diagnosis.redesign import LoopTerms, Terms
 from beamdesign.parameters import PARAMETERS
-from beamdesign.quantity_text import decimal, mass_range_text, quantity, stated_bandwidth, stated_peak
+from beamdesign.quantities import decimal, mass_range_text, quantity, stated_bandwidth, stated_peak
 from beamdesign.report.page import Table
 
 _FAINTEST, _STRONGEST = 1e-3, 1.0  # errors over the rms of the signal that are drawn as none and as full

@@ -15,11 +15,10 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullLocator
 
 from beamdesign.loop import Loop, LoopAtMass
-from beamdesign.polynomial import exact, is_hurwitz
+from beamdesign.polynomial import exact, is_hurwitz, nearest
 from beamdesign.proofs.stability import StabilityMap, stable_ranges
 from beamdesign.prototype import InStage, Prototype
-from beamdesign.quantity_text import decimal, mass_range_text, quantity, read_in, rigs_in_words, stated_bandwidth
-from beamdesign.rational import nearest
+from beamdesign.quantities import decimal, mass_range_text, quantity, read_in, rigs_in_words, stated_bandwidth
 from beamdesign.report.canvas import LIMIT, finish, new_figure, note
 from beamdesign.report.charts import TradePoint, plot_stable_bands, plot_trade
 from beamdesign.report.drawing import draw_section, draw_side

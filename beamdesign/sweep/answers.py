@@ -4,10 +4,10 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
-from beamdesign.json_text import picked
 from beamdesign.problem import DesignProblem
 from beamdesign.prototype import Prototype
 from beamdesign.records import InputError
+from beamdesign.result import picked
 from beamdesign.sweep.case import (
     ERRORS,
     POINT,
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from beamdesign.proofs.certificate import Certificate
     from beamdesign.synthesis.checks import Check
     from beamdesign.synthesis.codesign import CodesignPoint
-    from beamdesign.synthesis.loop_limits import Proved
+    from beamdesign.synthesis.law_design import Proved
     from beamdesign.synthesis.sizing import Sizing
     from beamdesign.synthesis.tuning import Tuning
 

@@ -16,10 +16,10 @@ from pydantic import Field
 
 from beamdesign import records
 from beamdesign.code_digest import code_digest
-from beamdesign.json_text import finite, picked
 from beamdesign.problem import DesignProblem, Sought, Tuned
 from beamdesign.prototype import Prototype
 from beamdesign.records import InputError, NonNegative, Positive, Problem, Record, numbers
+from beamdesign.result import finite, picked
 
 
 @dataclass(frozen=True)
@@ -171,7 +171,7 @@ POINT = f"moving_mass_kg beam_mass_kg {TUBES}"
 REMEDY = f"bandwidth_Hz peak_sensitivity added_mass_kg inner_end_mass_kg {TUBES}"
 PROVED = "bandwidth_Hz peak_sensitivity inner_end_mass_kg gain_A_per_V=controller.gain_A_per_V"
 ERRORS = "twist_rad about_y_rad about_z_rad"
-"""Columns, each with where it stands in the record that a task's engine gives (see `json_text.picked`)."""
+"""Columns, each with where it stands in the record that a task's engine gives (see `result.picked`)."""
 _SIZES = f"{SIZED} free_beam_mass_kg price_of_rounding_kg {_PRICES}"
 _LAG = "pole_Hz zero_Hz"
 _SECTIONS = " ".join(

@@ -13,9 +13,9 @@ from beamdesign import records
 from beamdesign.code_digest import code_digest
 from beamdesign.columns import csv_text
 from beamdesign.files import fresh_folder, refuse_irreplaceable, settled, write_whole
-from beamdesign.json_text import json_text
 from beamdesign.progress import Progress, silent
 from beamdesign.records import InputError, Problem
+from beamdesign.result import json_text
 from beamdesign.sweep import store, workers
 from beamdesign.sweep.case import TASKS, Case, in_words
 from beamdesign.sweep.methods import ADAPTIVE, Plan, laid_out

@@ -17,10 +17,10 @@ from multiprocessing.connection import Connection, wait
 from typing import Any, cast
 
 from beamdesign.code_digest import code_digest, engines
-from beamdesign.json_text import finite
 from beamdesign.progress import pass_on, remembered
 from beamdesign.prototype import Prototype
 from beamdesign.records import InputError
+from beamdesign.result import finite
 from beamdesign.sweep.case import TASKS, Answer, Case, in_words, kept, of_all, parsed
 
 Outcome = tuple[int, dict[str, Any]]

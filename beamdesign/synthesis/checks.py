@@ -10,14 +10,15 @@ The force is static and acts at the tips; the weight of the beams (about 1 % of 
 torsion, shear, fatigue and the introduction of the force into the walls are not checked.
 """
 
+from collections.abc import Iterable
 from dataclasses import dataclass
-from decimal import ROUND_CEILING, ROUND_FLOOR
+from decimal import ROUND_CEILING, ROUND_FLOOR, Context
 from operator import attrgetter
 from typing import Any, NamedTuple
 
-from beamdesign.json_text import picked
 from beamdesign.problem import BeamProblem, DesignProblem
-from beamdesign.quantity_text import decimal
+from beamdesign.quantities import at_least, at_most, quantity, read_in
+from beamdesign.result import picked
 from beamdesign.structure import lumped
 from beamdesign.structure.section import Quantity, Tube, clearances
 
@@ -87,16 +88,15 @@ class Check(NamedTuple):
     @property
     def shown(self) -> tuple[float, float, str]:
         """Value, limit and unit for people: millimetres and megapascals; numbers only."""
-        factor, unit = {"m": (1e3, "mm"), "Pa": (1e-6, "MPa"), "1": (1.0, "")}.get(self.unit, (1.0, self.unit))
+        unit, factor = read_in(float(self.value), self.unit)
         return factor * float(self.value), factor * float(self.limit), unit
 
     @property
     def missed(self) -> str:
         """In words, what it is and what it needs to be; numbers only."""
-        value, limit, unit = self.shown
-        side = "least" if self.at_least else "most"
-        found = decimal(value, rounding=ROUND_FLOOR if self.at_least else ROUND_CEILING)
-        return f"{self.name} is {found} {unit}".rstrip() + f", needs at {side} {decimal(limit)} {unit}".rstrip()
+        side, bound = ("least", at_least) if self.at_least else ("most", at_most)
+        found, limit = bound(float(self.value), self.unit), quantity(float(self.limit), self.unit)
+        return f"{self.name} is {found}, needs at {side} {limit}"
 
     @property
     def slack(self) -> Quantity:
@@ -271,3 +271,68 @@ def check_sections(problem: DesignProblem, outer: Tube, inner: Tube, asked: Requ
         beam_mass_kg=float(beam_mass(problem, outer, inner)),
         checks=tuple(check._replace(value=float(check.value), limit=float(check.limit)) for check in found),
     )
+
+
+Pair = tuple[Tube, Tube]
+"""The outer and the inner tube."""
+
+_DIGITS, _MEANT = 4, 12
+
+
+@dataclass(frozen=True)
+class Relaxation:
+    """A change of one requirement that is enough, all others staying as they are.
+
+    Attributes:
+        key: where the requirement stands in a study file.
+        asked: its figure there.
+        enough: a figure with which tubes were found, rounded to the easier side.
+        outer: outer tube that does then.
+        inner: inner tube that does then.
+    """
+
+    key: str
+    asked: float
+    enough: float
+    outer: Tube
+    inner: Tube
+
+    def __str__(self) -> str:
+        """In words, as in "load.tip_force_N from 2000 to 1500"."""
+        return f"{self.key} from {self.asked:g} to {self.enough:g}"
+
+    @property
+    def share(self) -> float:
+        """Size of the change relative to what was asked."""
+        return abs(self.enough - self.asked) / self.asked
+
+
+def eased(asked: Requirements, name: str, share: Any) -> Any:
+    """The figure of a requirement at a share, 0 to 1, of the way to its easiest; of a symbol in symbols."""
+    figure = float(getattr(asked, name))
+    return figure + share * (REQUIREMENTS[name].easiest - figure)
+
+
+def enough_of(asked: Requirements, name: str, share: float) -> float:
+    """That figure, rounded to a few digits in the direction of the easiest one, and not beyond it."""
+    figure, easiest = eased(asked, name, share), REQUIREMENTS[name].easiest
+    exact = Context(_MEANT).create_decimal(repr(figure))  # so that 1500.0000000000002 is 1500 and stays that
+    value = float(Context(_DIGITS, ROUND_CEILING if easiest > figure else ROUND_FLOOR).create_decimal(exact))
+    return min(value, easiest) if easiest > figure else max(value, easiest)
+
+
+def relaxable(asked: Requirements) -> list[str]:
+    """Names of those that can be eased."""
+    figures = zip(REQUIREMENTS.items(), asked, strict=True)
+    return [name for (name, one), figure in figures if figure is not None and float(figure) != one.easiest]
+
+
+def confirmed(problem: DesignProblem, found: Iterable[tuple[str, float, Pair]]) -> tuple[Relaxation, ...]:
+    """The relaxations, the relatively smallest first, whose pairs really pass with the rounded figure."""
+    asked = requirements(problem)
+    every = [
+        Relaxation(REQUIREMENTS[name].key, float(getattr(asked, name)), enough, *pair)
+        for name, enough, pair in found
+        if check_sections(problem, *pair, asked=asked._replace(**{name: enough})).feasible
+    ]
+    return tuple(sorted(every, key=lambda one: one.share))

@@ -6,6 +6,7 @@ And the Pareto front of moving mass against guaranteed bandwidth against payload
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import product
+from operator import le
 
 import numpy as np
 
@@ -15,16 +16,16 @@ from beamdesign.plant.members import family
 from beamdesign.problem import DesignProblem
 from beamdesign.progress import Progress, silent
 from beamdesign.prototype import Payload, Prototype
-from beamdesign.public import SIGMAS
 from beamdesign.records import InputError
+from beamdesign.synthesis import SIGMAS
 from beamdesign.synthesis.checks import CheckedPair, check_sections
 from beamdesign.synthesis.free_search import free_optimum, sizes_of, start_variables
 from beamdesign.synthesis.holding import Holding, in_words, working
+from beamdesign.synthesis.law_design import Proved
 from beamdesign.synthesis.law_search import Found, Start, from_seeds, search
 from beamdesign.synthesis.law_task import Effort, Search
-from beamdesign.synthesis.loop_limits import Proved
 from beamdesign.synthesis.rig_spread import rig_spread
-from beamdesign.synthesis.sections import Sections, free_sections, rounded_tubes
+from beamdesign.synthesis.sections import Sections, rounded_tubes
 from beamdesign.time_limit import leave_out, over, within
 
 SIZED_EFFORT = Effort(rounds=10, starts=2, candidates=2, proofs=20)
@@ -136,7 +137,7 @@ def _codesigned(
         raise InputError(problem.name, [("controller.kind", reason)])
     report(0.0, "lightest sections")
     inner_kg = (0.0, problem.controller.largest_inner_end_mass_kg)
-    begun = [free_sections(problem, start_variables(problem, one), bandwidth_Hz) for one in _start_sizes(problem)]
+    begun = [Sections(problem, start_variables(problem, one), bandwidth_Hz) for one in _start_sizes(problem)]
     tasks = [sized_search(problem, sections, outer_end_mass_kg, inner_kg, sigmas) for sections in begun]
     nothing = "" if tasks else "no sections pass the structural checks; `beamdesign size` says which to relax"
     form = form_of(kind)
@@ -211,13 +212,11 @@ class Front:
     @property
     def efficient(self) -> tuple[Codesign, ...]:
         """The proved designs that no other one beats in mass, bandwidth and payload; one of each that are equal."""
-        kept: list[Codesign] = []
+        every: dict[tuple[float, ...], Codesign] = {}
         for design in self.proved:
-            others = [other for other in self.proved if _merits(other) != _merits(design)]
-            beaten = any(_no_worse(other, design) for other in others)
-            if not beaten and _merits(design) not in map(_merits, kept):
-                kept.append(design)
-        return tuple(kept)
+            every.setdefault(_merits(design), design)
+        beaten = {own for own in every for other in every if other != own and all(map(le, other, own))}
+        return tuple(design for own, design in every.items() if own not in beaten)
 
 
 def _merits(design: Codesign) -> tuple[float, ...]:
@@ -227,23 +226,11 @@ def _merits(design: Codesign) -> tuple[float, ...]:
     return design.point.moving_mass_kg, -design.point.proved.bandwidth_Hz, low, -high
 
 
-def _no_worse(one: Codesign, other: Codesign) -> bool:
-    return all(mine <= yours for mine, yours in zip(_merits(one), _merits(other), strict=True))
-
-
-def _answers(design: Codesign, asked: Codesign) -> bool:
-    """Whether a proved design meets what was asked of another one as well."""
-    return (
-        design.point is not None
-        and design.point.proved.bandwidth_Hz >= asked.bandwidth_Hz
-        and design.outer_end_mass_kg[0] <= asked.outer_end_mass_kg[0]
-        and design.outer_end_mass_kg[1] >= asked.outer_end_mass_kg[1]
-    )
-
-
 def _lightest_answer(asked: Codesign, designs: Sequence[Codesign]) -> Codesign:
     """What was asked with the lightest of all designs that meet it; with its own reason where none does."""
-    points = [design.point for design in designs if design.point is not None and _answers(design, asked)]
+    low, high = asked.outer_end_mass_kg
+    wide = [one.point for one in designs if one.outer_end_mass_kg[0] <= low and one.outer_end_mass_kg[1] >= high]
+    points = [one for one in wide if one is not None and one.proved.bandwidth_Hz >= asked.bandwidth_Hz]
     if not points:
         return asked
     return replace(asked, point=min(points, key=lambda point: point.moving_mass_kg), reason="")

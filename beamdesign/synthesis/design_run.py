@@ -12,10 +12,10 @@ from beamdesign.proofs.certificate import LOWER_GAINS, Asked, Certificate, goal_
 from beamdesign.proofs.certifying import certify
 from beamdesign.proofs.lyapunov import describe, stages_certificate
 from beamdesign.prototype import Guarantee, Prototype
-from beamdesign.public import SIGMAS
 from beamdesign.result import Result
+from beamdesign.synthesis import SIGMAS
 from beamdesign.synthesis.holding import Holding, Way, carried, easier, in_words, standing, working
-from beamdesign.synthesis.loop_limits import Proved
+from beamdesign.synthesis.law_design import Proved
 from beamdesign.synthesis.sizing import Sizing, size
 from beamdesign.synthesis.tuning import Tuning, limited, tune
 from beamdesign.time_limit import leave_out, over, within
@@ -122,6 +122,13 @@ def run_design(
     return replace(found, left_out=tuple(limit.left_out))
 
 
+def run(
+    problem: DesignProblem, progress: Progress | None = None, sigmas: float = SIGMAS, minutes: float | None = None
+) -> DesignRun:
+    """The same by the name of the command; arguments as of `run_design`."""
+    return run_design(problem, progress, sigmas, minutes)
+
+
 _QUICK = ("lag", "proportional")
 """Kinds of controller that are tuned in seconds, so that a change is proposed only where it was carried to a design."""
 
@@ -188,18 +195,6 @@ def certificate_name(suffix: str = "", box: bool = False) -> str:
     return f"{stem}{suffix}{'.box' if box else ''}.{end}"
 
 
-def claims_of(prototype: Prototype, proved: Proved) -> tuple[Asked, ...]:
-    """What was found of a prototype, as claims of a certificate."""
-    peak = proved.peak_compliance_m_per_N
-    return (
-        Asked("peak_sensitivity", proved.peak_sensitivity),
-        *([Asked("peak_compliance", peak)] if peak < inf else []),
-        Asked("compliance", prototype.goal.compliance_m_per_N, proved.bandwidth_Hz),
-        *goal_claims(prototype.goal),
-        *([LOWER_GAINS] if prototype.goal.lower_gains else []),
-    )
-
-
 def certified(
     prototype: Prototype, proved: Proved, masses_kg: tuple[float, float], name: str | Path = CERTIFICATE_NAME
 ) -> tuple[Certificate, Prototype]:
@@ -211,7 +206,14 @@ def certified(
         masses_kg: the range of outer end mass.
         name: file name under which the certificate will stand beside the prototype.
     """
-    claims, box = claims_of(prototype, proved), proved.over_box
+    peak, goal, box = proved.peak_compliance_m_per_N, prototype.goal, proved.over_box
+    claims = (
+        Asked("peak_sensitivity", proved.peak_sensitivity),
+        *([Asked("peak_compliance", peak)] if peak < inf else []),
+        Asked("compliance", goal.compliance_m_per_N, proved.bandwidth_Hz),
+        *goal_claims(goal),
+        *([LOWER_GAINS] if goal.lower_gains else []),
+    )
     certificate = certify(prototype, *masses_kg, claims, nonlinear=not prototype.effects)
     if not certificate.holds and certificate.nonlinear:  # what the current does where it saturates is no part of a goal
         certificate = certify(prototype, *masses_kg, claims)

@@ -16,7 +16,7 @@ What is proved of a link whose end has a commanded stiffness is tracking, passiv
 
 from dataclasses import dataclass
 from math import inf, pi
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from flint import fmpq
@@ -25,8 +25,9 @@ from beamdesign.controllers import SENSORS, Cascade, Observer, Sensed
 from beamdesign.loop import Tip, close_loop, tip
 from beamdesign.plant.linear import Plant
 from beamdesign.plant.members import paper_model
-from beamdesign.polynomial import Affine, exact
+from beamdesign.polynomial import Affine, exact, nearest, text
 from beamdesign.proofs.contact import (
+    Band,
     Contact,
     Environment,
     Passivity,
@@ -43,8 +44,9 @@ from beamdesign.proofs.contact import (
 )
 from beamdesign.proofs.performance import least_of
 from beamdesign.proofs.stability import StabilityMap, is_stable_over, stable_ranges
+from beamdesign.proofs.writer import certificate, maybe_infinite, stated, texts
 from beamdesign.prototype import Compliance, Prototype
-from beamdesign.rational import nearest
+from beamdesign.result import picked
 from beamdesign.structure.lumped import figures
 
 
@@ -259,3 +261,102 @@ def softest_N_per_m(
             return inf
         found = max(found, 1 / (alone + (1 - outer * alone) * nearest(first.high)))
     return found
+
+
+# What the certificate of the tip states, as tables of texts: passivity, contact, walls, a band.
+
+CONTACT_NAME = "certificate.contact.toml"
+KIND = "beamdesign.contact"
+NOTES = {
+    "stability": "Every end mass, and no wall.",
+    "passivity": "The mobility s x / F is positive real; if not, work comes out of the tip everywhere inside the inner"
+    " ends of the bands and nowhere outside the outer ones of all: w^2 in (rad/s)^2.",
+    "passivity.troublemaker": "Fixed to the tip beside the least end mass, it makes the loop grow.",
+    "contact": "Every end mass against every wall.",
+    "bouncing": "Every end mass comes to rest with any spring before the tip whose slope is from 0 to this stiffness,"
+    " such as one that presses on one side only: Popov's criterion with this multiplier. 0 is for none.",
+    "stiffness": "|F / x - end stiffness| is at most the share of it from rest up to a frequency, with every end mass.",
+}
+
+Tables = dict[str, Any]
+
+
+def contact_text(prototype: Prototype, found: EndStiffness, masses_kg: tuple[float, float], wall: Wall) -> str:
+    """The certificate of the tip of a prototype with its controller."""
+    title = f"Contact of {prototype.name!r} with every outer end mass from {masses_kg[0]:g} to {masses_kg[1]:g} kg."
+    body = {"outer_end_mass_kg": stated(masses_kg)} | _tables(found, wall)
+    return certificate(KIND, prototype, body, "\n".join([title, *in_words(found, wall)]), notes=NOTES)
+
+
+def _tables(found: EndStiffness, wall: Wall) -> Tables:
+    passivity: Tables = {"passive": found.passivity.holds}
+    if found.passivity.bands:
+        passivity["band"] = [{"outer": _ends(band, 0), "inner": _ends(band, 1)} for band in found.passivity.bands]
+    if found.destabilising_environment is not None:
+        passivity["troublemaker"] = _environment(found.destabilising_environment)
+    contact: Tables = {
+        "stable": found.contact.holds,
+        "stiffness_N_per_m": texts(wall.stiffness),
+        "damping_N_s_per_m": texts(wall.damping),
+    }
+    if not found.contact.holds and found.contact.witness is not None and found.contact.exact:
+        contact["witness"] = _environment(found.contact.witness)
+    return {
+        "stability": {"stable": found.stable},
+        "passivity": passivity,
+        "contact": contact,
+        "bouncing": stated(picked(found.unilateral_contact, "stiffness_N_per_m multiplier_s")),
+        "stiffness": {
+            "end_stiffness_N_per_m": text(exact(found.end_stiffness_N_per_m)),
+            "share": text(exact(SHARE)),
+            "bandwidth_Hz": maybe_infinite(found.band_Hz),
+        },
+    }
+
+
+def _ends(band: Band, which: int) -> list[str]:
+    return [text(band.low[which]), "infinite" if band.high is None else text(band.high[1 - which])]
+
+
+def _environment(found: Environment) -> Tables:
+    return {
+        "mass_kg": text(found.mass),
+        "stiffness_N_per_m": text(found.stiffness),
+        "damping_N_s_per_m": text(found.damping),
+    }
+
+
+def in_words(found: EndStiffness, wall: Wall) -> list[str]:
+    """What is proved of the tip, a line each."""
+    least, most = (float(value) for value in wall.stiffness)
+    walls = f"walls from {least:g} to {most:g} N/m"
+    if wall.damping[1] > 0:
+        walls += f" with {float(wall.damping[0]):g} to {float(wall.damping[1]):g} N s/m"
+    lines = ["Proved: stable without a wall." if found.stable else "Refuted: stable without a wall."]
+    if found.passivity.holds:
+        lines.append("Proved: passive at the tip, so that no passive surroundings make it grow.")
+    else:
+        lines.append(f"Refuted: passive at the tip; {found.passivity.reason}.")
+    if (other := found.destabilising_environment) is not None:
+        lines.append(
+            f"Proved: unstable with {float(other.mass):.4g} kg, held by {float(other.stiffness):.4g} N/m and"
+            f" {float(other.damping):.4g} N s/m, fixed to the tip."
+        )
+    if found.contact.holds:
+        lines.append(f"Proved: stable against {walls}.")
+    else:
+        reach = found.stiffest_wall_N_per_m
+        lines.append(f"Refuted: stable against {walls}; {found.contact.reason}.")
+        lines.append(f"Proved: stable against walls up to {reach:g} N/m." if reach > 0 else "No wall is proved stable.")
+    touched = found.unilateral_contact
+    if touched.stiffness_N_per_m > 0:
+        lines.append(
+            f"Proved: comes to rest at any one-sided wall up to {touched.stiffness_N_per_m:g} N/m, touching and"
+            " letting go."
+        )
+    if not touched.whole:
+        stiffer = "stiffer" if touched.stiffness_N_per_m > 0 else "any"
+        lines.append(
+            f"Undecided: touching and letting go of {stiffer} walls; `beamdesign simulate` shows what they do."
+        )
+    return lines

@@ -10,23 +10,30 @@ made small.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import casadi as ca
 import numpy as np
 
 from beamdesign.problem import DesignProblem
+from beamdesign.progress import interruption_waits
 from beamdesign.structure.section import Tube, buckling_curve, clearances
 from beamdesign.synthesis.checks import (
     REQUIREMENTS,
     CheckedPair,
+    Pair,
+    Relaxation,
     Requirements,
     beam_mass,
     check_sections,
     checks,
+    confirmed,
+    eased,
+    enough_of,
+    relaxable,
     requirements,
 )
-from beamdesign.synthesis.interruption import interruption_waits
 
 SIZE_UNITS = np.array([0.1, 0.001, 0.1, 0.001])
 """Widths count in tenths of a metre and walls in millimetres, so that all variables are near 1."""
@@ -39,24 +46,23 @@ LEAST_WIDTH_M, LEAST_WALL_M = 0.005, 0.00005
 
 _WIDEST_START_M = 2.0
 _ACTIVE = 1e-6
-_IPOPT: dict[str, Any] = {
-    "ipopt.print_level": 0,
-    "ipopt.sb": "yes",
-    "print_time": False,
-    "show_eval_warnings": False,
-    "ipopt.tol": 1e-11,
-    "ipopt.constr_viol_tol": 1e-11,
-    "ipopt.compl_inf_tol": 1e-11,
-    "ipopt.bound_relax_factor": 0.0,
-    "ipopt.max_iter": 250,
-}
+_MOST = 1e3
+QUIET_IPOPT: dict[str, Any] = {
+    "ipopt.print_level": 0, "ipopt.sb": "yes", "print_time": False, "ipopt.bound_relax_factor": 0.0
+}  # fmt: skip
+"""That says nothing, and keeps bounds to the letter."""
+
+_TIGHT = dict.fromkeys(("ipopt.tol", "ipopt.constr_viol_tol", "ipopt.compl_inf_tol"), 1e-11)
 
 
 @dataclass(frozen=True)
 class Program:
     """Symbols of the sizing problem; every constraint reads g <= 0 and is relative to what is needed.
 
+    Its methods evaluate optimality and shadow prices anywhere.
+
     Attributes:
+        problem: what is asked.
         variables: sizes in `SIZE_UNITS`, then the four local buckling factors, (8, 1).
         asked: symbols of the requirements in use, (r, 1).
         names: their field names in `Requirements`.
@@ -66,6 +72,7 @@ class Program:
         checks: names of the checks, which the first constraints are.
     """
 
+    problem: DesignProblem
     variables: Any
     asked: Any
     names: tuple[str, ...]
@@ -73,6 +80,84 @@ class Program:
     mass: Any
     constraints: Any
     checks: tuple[str, ...]
+
+    @cached_property
+    def _evaluate(self) -> Any:
+        """Mass, its gradient, constraints and their derivatives by variables and requirements; compiled once."""
+        outputs = [
+            self.mass,
+            ca.gradient(self.mass, self.variables),
+            self.constraints,
+            ca.jacobian(self.constraints, self.variables),
+            ca.jacobian(self.constraints, self.asked),
+        ]
+        return ca.Function("conditions", [self.variables, self.asked], outputs)
+
+    def _at(self, variables: np.ndarray, figures: np.ndarray) -> list[np.ndarray]:
+        return [np.asarray(output.full()) for output in self._evaluate(variables, figures)]
+
+    def mass_kg(self, variables: np.ndarray, figures: np.ndarray) -> float:
+        """Beam mass, kg."""
+        return float(self._at(variables, figures)[0].item())
+
+    def missed(self, variables: np.ndarray, figures: np.ndarray) -> np.ndarray:
+        """Every constraint g, relative to its limit, (c,); positive where it is violated."""
+        return self._at(variables, figures)[2].ravel()
+
+    def violation(self, variables: np.ndarray, figures: np.ndarray) -> float:
+        """Worst violation of a constraint, relative to its limit; 0 where all hold."""
+        worst = float(np.max(self.missed(variables, figures)))
+        return max(worst, 0.0) if np.isfinite(worst) else float("inf")
+
+    def optimality(self, variables: np.ndarray, figures: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
+        """First-order conditions at a point, evaluated without the solver that found it.
+
+        Returns:
+            The residual: largest of the stationarity residual (relative to the gradient of the mass), the worst
+            violation of a constraint (relative to its limit), and complementarity (relative to the mass). Multipliers
+            of each constraint, kg per unit of relative violation, (c,), from non-negative least squares on the
+            gradients of the active constraints. And the derivative of the least mass with respect to each requirement,
+            kg per its unit, (r,) (envelope theorem).
+        """
+        from scipy.optimize import nnls
+
+        mass, gradient, constraints, jacobian, by_figures = self._at(variables, figures)
+        values = constraints.ravel()
+        active = np.flatnonzero(values > -_ACTIVE)
+        multipliers = np.zeros(values.size)
+        misfit = scale = float(np.linalg.norm(gradient))
+        if active.size:
+            multipliers[active], misfit = nnls(jacobian[active].T, -gradient.ravel())
+        complementarity = float(np.max(np.abs(multipliers * values))) / float(mass.item())
+        return max(misfit / scale, float(values.max()), complementarity), multipliers, multipliers @ by_figures
+
+    @cached_property
+    def _elastic(self) -> Any:
+        """Minimises the sum of what the checks are missed by, for any requirements."""
+        count = len(self.checks)
+        excess, others = ca.SX.sym("excess", count), ca.SX.zeros(self.constraints.shape[0] - count)
+        return solver(self, ca.sum1(excess), self.constraints - ca.vertcat(excess, others), excess)
+
+    def nearest(self, figures: np.ndarray, points: Sequence[np.ndarray]) -> tuple[np.ndarray, float]:
+        """Search from several points.
+
+        Args:
+            figures: values of the requirements, (r,).
+            points: sizes in m, (4,) each; at least one.
+
+        Returns:
+            Program variables (8,) with the least sum of violations of any constraint, and that sum, which is evaluated
+            at the point and not taken from the solver.
+        """
+        found, count = list[tuple[float, np.ndarray]](), len(self.checks)
+        for sizes in points:
+            start = start_variables(self.problem, sizes)
+            missed = np.clip(self.missed(start, figures)[:count], 0.0, _MOST) + 0.1
+            end = solve(self._elastic, np.concatenate([start, missed]), figures, [(0.0, _MOST)] * count)[:8]
+            total = float(np.clip(self.missed(end, figures), 0.0, None).sum())
+            found.append((total if np.isfinite(total) else float("inf"), end))
+        total, variables = min(found, key=lambda item: item[0])
+        return variables, total
 
 
 def pair_of(problem: DesignProblem, sizes: Sequence[Any]) -> tuple[Tube, Tube]:
@@ -114,6 +199,7 @@ def sizing_program(problem: DesignProblem) -> Program:
         constraints.append(1 - tube.wall_m / LEAST_WALL_M)
     constraints += [-gap / 0.01 for gap in clearances(outer, inner)]  # the inner tube enters the outer one
     return Program(
+        problem=problem,
         variables=ca.vertcat(sizes, factors),
         asked=asked,
         names=names,
@@ -152,7 +238,8 @@ def solver(program: Program, objective: Any, constraints: Any, extra: Any = None
     """An IPOPT solver with exact first and second derivatives, for the program's variables and some more."""
     variables = program.variables if extra is None else ca.vertcat(program.variables, extra)
     statement: dict[str, Any] = {"x": variables, "p": program.asked, "f": objective, "g": constraints}
-    return ca.nlpsol("sizing", "ipopt", statement, _IPOPT)
+    options = QUIET_IPOPT | _TIGHT | {"show_eval_warnings": False, "ipopt.max_iter": 250}
+    return ca.nlpsol("sizing", "ipopt", statement, options)
 
 
 def solve(
@@ -166,94 +253,6 @@ def solve(
     with interruption_waits():
         found = ready(x0=start, p=figures, lbx=lower, ubx=upper, lbg=-np.inf, ubg=0.0)
     return np.asarray(found["x"].full()).ravel()
-
-
-class Conditions:
-    """Evaluates optimality and shadow prices of a program anywhere; compiled once."""
-
-    def __init__(self, program: Program):
-        mass, constraints = program.mass, program.constraints
-        outputs = [
-            mass,
-            ca.gradient(mass, program.variables),
-            constraints,
-            ca.jacobian(constraints, program.variables),
-            ca.jacobian(constraints, program.asked),
-        ]
-        self._evaluate = ca.Function("conditions", [program.variables, program.asked], outputs)
-
-    def _at(self, variables: np.ndarray, figures: np.ndarray) -> list[np.ndarray]:
-        return [np.asarray(output.full()) for output in self._evaluate(variables, figures)]
-
-    def mass(self, variables: np.ndarray, figures: np.ndarray) -> float:
-        """Beam mass, kg."""
-        return float(self._at(variables, figures)[0].item())
-
-    def constraints(self, variables: np.ndarray, figures: np.ndarray) -> np.ndarray:
-        """Every constraint g, relative to its limit, (c,); positive where it is violated."""
-        return self._at(variables, figures)[2].ravel()
-
-    def violation(self, variables: np.ndarray, figures: np.ndarray) -> float:
-        """Worst violation of a constraint, relative to its limit; 0 where all hold."""
-        worst = float(np.max(self.constraints(variables, figures)))
-        return max(worst, 0.0) if np.isfinite(worst) else float("inf")
-
-    def optimality(self, variables: np.ndarray, figures: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
-        """First-order conditions at a point, evaluated without the solver that found it.
-
-        Returns:
-            The residual: largest of the stationarity residual (relative to the gradient of the mass), the worst
-            violation of a constraint (relative to its limit), and complementarity (relative to the mass). Multipliers
-            of each constraint, kg per unit of relative violation, (c,), from non-negative least squares on the
-            gradients of the active constraints. And the derivative of the least mass with respect to each requirement,
-            kg per its unit, (r,) (envelope theorem).
-        """
-        from scipy.optimize import nnls
-
-        mass, gradient, constraints, jacobian, by_figures = self._at(variables, figures)
-        values = constraints.ravel()
-        active = np.flatnonzero(values > -_ACTIVE)
-        multipliers = np.zeros(values.size)
-        misfit = scale = float(np.linalg.norm(gradient))
-        if active.size:
-            multipliers[active], misfit = nnls(jacobian[active].T, -gradient.ravel())
-        complementarity = float(np.max(np.abs(multipliers * values))) / float(mass.item())
-        return max(misfit / scale, float(values.max()), complementarity), multipliers, multipliers @ by_figures
-
-
-_MOST = 1e3
-
-
-class Elastic:
-    """Minimises the sum of what the checks are missed by; compiled once, solved for any requirements."""
-
-    def __init__(self, problem: DesignProblem, program: Program, conditions: Conditions):
-        self.problem, self.program, self.conditions = problem, program, conditions
-        self._count = len(program.checks)
-        excess = ca.SX.sym("excess", self._count)
-        others = ca.SX.zeros(program.constraints.shape[0] - self._count)
-        self._ready = solver(program, ca.sum1(excess), program.constraints - ca.vertcat(excess, others), excess)
-
-    def nearest(self, figures: np.ndarray, points: Sequence[np.ndarray]) -> tuple[np.ndarray, float]:
-        """Search from several points.
-
-        Args:
-            figures: values of the requirements, (r,).
-            points: sizes in m, (4,) each; at least one.
-
-        Returns:
-            Program variables (8,) with the least sum of violations of any constraint, and that sum, which is evaluated
-            at the point and not taken from the solver.
-        """
-        found: list[tuple[float, np.ndarray]] = []
-        for sizes in points:
-            start = start_variables(self.problem, sizes)
-            missed = np.clip(self.conditions.constraints(start, figures)[: self._count], 0.0, _MOST) + 0.1
-            end = solve(self._ready, np.concatenate([start, missed]), figures, [(0.0, _MOST)] * self._count)[:8]
-            total = float(np.clip(self.conditions.constraints(end, figures), 0.0, None).sum())
-            found.append((total if np.isfinite(total) else float("inf"), end))
-        total, variables = min(found, key=lambda item: item[0])
-        return variables, total
 
 
 FEASIBLE = 1e-9
@@ -270,7 +269,7 @@ class FreeOptimum:
         pair: the tubes, their mass and its checks.
         governing: the active check whose relaxation by one per cent would save most mass.
         active: names of all active checks.
-        kkt_residual: see `Conditions.optimality`; from the gradients, not from the solver.
+        kkt_residual: see `Program.optimality`; from the gradients, not from the solver.
         shadow_prices: change of the least mass per unit of each requirement, kg per the unit in the name; negative for
             requirements that ease as they grow (largest width, width to wall).
         starts: how many starts there were.
@@ -306,22 +305,22 @@ def free_optimum(problem: DesignProblem, known: Sequence[tuple[Tube, Tube]] = ()
         The optimum, or None where no feasible pair was found.
     """
     program = sizing_program(problem)
-    conditions, points = Conditions(program), start_points(problem, known)
+    points = start_points(problem, known)
     if not any(check_sections(problem, *pair).feasible for pair in known):
-        nearest, missed = Elastic(problem, program, conditions).nearest(program.figures, points[::3])
+        nearest, missed = program.nearest(program.figures, points[::3])
         if missed > FEASIBLE:
             return None
         points.append(nearest[:4] * SIZE_UNITS)
     ready = solver(program, program.mass, program.constraints)
     ends = [solve(ready, start_variables(problem, sizes), program.figures) for sizes in points]
-    feasible = [end for end in ends if conditions.violation(end, program.figures) <= FEASIBLE]
+    feasible = [end for end in ends if program.violation(end, program.figures) <= FEASIBLE]
     if not feasible:
         return None
-    masses = [conditions.mass(end, program.figures) for end in feasible]
+    masses = [program.mass_kg(end, program.figures) for end in feasible]
     best = feasible[int(np.argmin(masses))]
     agreeing = sum(mass <= min(masses) * (1 + _SAME_MASS) for mass in masses)
 
-    residual, multipliers, per_figure = conditions.optimality(best, program.figures)
+    residual, multipliers, per_figure = program.optimality(best, program.figures)
     order = np.argsort(-multipliers[: len(program.checks)])
     active = tuple(program.checks[i] for i in order if multipliers[i] > 0)
     found = check_sections(problem, *tubes(problem, best))
@@ -343,3 +342,44 @@ def _prices(program: Program, per_figure: np.ndarray) -> dict[str, float]:
         unit = 0.001 if asked.share is None else asked.share * float(figure)
         prices[asked.price] = float(price) * unit + 0.0
     return prices
+
+
+def relax_free(problem: DesignProblem) -> tuple[tuple[Relaxation, ...], CheckedPair]:
+    """For tubes of free sizes: the requirements that could be eased alone, and the pair that misses least.
+
+    Each is found by IPOPT from several starts with the requirement as a further variable; the reported figure is
+    confirmed by the checks themselves. A requirement that is not listed was not found to help alone.
+
+    Returns:
+        The relaxations, the relatively smallest first; and the pair with the least sum of relative violations.
+    """
+    program, points = sizing_program(problem), start_points(problem)[::3]
+    nearest, _ = program.nearest(program.figures, points)
+    points.insert(0, nearest[:4] * SIZE_UNITS)
+    found = [one for name in relaxable(requirements(problem)) for one in _ease_one(program, name, points)]
+    return confirmed(problem, found), check_sections(problem, *tubes(problem, nearest))
+
+
+def _ease_one(program: Program, name: str, points: Sequence[np.ndarray]) -> list[tuple[str, float, Pair]]:
+    """The smallest change of one requirement that makes room, and for which pair; empty where none was found."""
+    problem, place, asked = program.problem, program.names.index(name), requirements(program.problem)
+
+    def figures(share: float) -> np.ndarray:
+        given = program.figures.copy()
+        given[place] = eased(asked, name, share)
+        return given
+
+    with_room, missed = program.nearest(figures(1.0), points)
+    if missed > FEASIBLE:
+        return []
+    share = ca.SX.sym("share")
+    given = ca.SX(program.asked)
+    given[place] = eased(asked, name, share)
+    constraints = ca.substitute(program.constraints, program.asked, given)
+    ready = solver(program, share, constraints, share)
+    least, best = 1.0, with_room
+    for sizes in (with_room[:4] * SIZE_UNITS, points[0]):
+        end = solve(ready, np.append(start_variables(problem, sizes), 0.5), program.figures, [(0.0, 1.0)])
+        if end[8] < least and program.violation(end[:8], figures(float(end[8]))) <= FEASIBLE:
+            least, best = float(end[8]), end[:8]
+    return [(name, enough_of(asked, name, least), tubes(problem, best))]

@@ -26,12 +26,12 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from beamdesign import quantities as q
-from beamdesign.json_text import finite, picked
 from beamdesign.plant.actuators import KINDS, MARGIN
 from beamdesign.plant.members import STANDARD_GRAVITY
 from beamdesign.problem import DesignProblem
 from beamdesign.prototype import Prototype
-from beamdesign.quantity_text import at_least, at_most
+from beamdesign.quantities import at_least, at_most
+from beamdesign.result import finite, picked
 from beamdesign.structure.lumped import lumped_beam, weighing_mass
 from beamdesign.synthesis.operating_limits import demand, needs
 from beamdesign.synthesis.sizing import size

@@ -1,21 +1,198 @@
-"""What there is to say of one design in a search for a law: its worth, its worst rigs, and what is proved of it."""
+"""What there is to say of one design in a search for a law: its worth, its worst rigs, and what is proved of it.
 
+What is proved is of all loops that one controller has to serve, which are those of all linear members of a rig.
+"""
+
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from math import inf
+from math import inf, log
+from typing import Any
 
 import numpy as np
+from flint import fmpq, fmpq_poly
 
 from beamdesign.controllers import Controller
-from beamdesign.controllers.protocol import Form
-from beamdesign.polynomial import exact
+from beamdesign.controllers.protocol import UNIT, Form
+from beamdesign.loop import member_loop, rig_loop
+from beamdesign.plant.members import VertexModel, family
+from beamdesign.polynomial import exact, nearest
 from beamdesign.proofs.absolute_stability import FOR_ODD, absolute_stability
-from beamdesign.proofs.performance import bandwidth
-from beamdesign.prototype import Goal
+from beamdesign.proofs.certificate import Asked, Claim, goal_claims, over_passive, peak_claim
+from beamdesign.proofs.performance import bandwidth, least_limit, prove, servo_off_of
+from beamdesign.proofs.rectangle import Rectangle
+from beamdesign.proofs.scope import members
+from beamdesign.prototype import Goal, Prototype
+from beamdesign.result import picked
 from beamdesign.synthesis.law_task import Search
-from beamdesign.synthesis.loop_limits import LARGEST_BANDWIDTH_HZ, LoopSet, Proved, calmer, loop_set
-from beamdesign.synthesis.over_box import BoxTask
-from beamdesign.synthesis.rig_spread import Cut
+from beamdesign.synthesis.loop_samples import calmer
+from beamdesign.synthesis.rig_spread import BoxTask, Cut, OverBox
 from beamdesign.time_limit import over
+
+LARGEST_BANDWIDTH_HZ = 500.0
+"""Most that is guaranteed, also of a rig that keeps the compliance at every frequency."""
+
+
+@dataclass(frozen=True)
+class Proved:
+    """A loop proved stable and within the peak sensitivity for every outer end mass of the range.
+
+    Attributes:
+        controller: with rounded figures, as it was proved.
+        inner_end_mass_kg: mass added inside.
+        bandwidth_Hz: proved, for every mass of the range.
+        peak_sensitivity: proved bound.
+        variables: of the search, where it was found.
+        over_box: what is proved of every rig within the tolerances, which the figures above are of; None where they are
+            those of exactly the figures stated.
+        nominal: bandwidth (Hz) and peak sensitivity of these, where the figures above are of a box.
+        peak_compliance_m_per_N: proved at every frequency; infinite where the goal sets it no limit.
+        servo_off_m_per_N: the largest compliance with the servo off that this is compared with.
+    """
+
+    controller: Controller
+    inner_end_mass_kg: float
+    bandwidth_Hz: float
+    peak_sensitivity: float
+    variables: np.ndarray
+    over_box: OverBox | None = None
+    nominal: tuple[float, float] | None = None
+    peak_compliance_m_per_N: float = inf
+    servo_off_m_per_N: float = inf
+
+    def over(self, box: OverBox) -> "Proved":
+        """What is proved of every rig of a box, beside what is proved of the nominal one."""
+        claims = {claim.kind: claim for claim in box.claims}
+        width, peak, softest = claims["compliance"], claims["peak_sensitivity"], claims.get("peak_compliance")
+        return replace(
+            self,
+            bandwidth_Hz=min(width.bandwidth_Hz, self.bandwidth_Hz),
+            peak_sensitivity=peak.limit,
+            over_box=box,
+            nominal=(self.bandwidth_Hz, self.peak_sensitivity),
+            peak_compliance_m_per_N=inf if softest is None else softest.limit,
+            servo_off_m_per_N=box.servo_off_m_per_N,
+        )
+
+    @property
+    def peak_over_passive(self) -> float:
+        """How many times the largest compliance with the servo off the largest with it on is; infinite for no limit."""
+        return over_passive(self.peak_compliance_m_per_N, self.servo_off_m_per_N)
+
+    @property
+    def sigmas(self) -> float:
+        """Standard deviations of every figure that it is proved for; zero: exactly these figures."""
+        return 0.0 if self.over_box is None else self.over_box.sigmas
+
+    def guaranteed(self, prototype: Prototype, masses_kg: tuple[float, float]) -> dict[str, Any]:
+        """What JSON files say of it: the figures, for which rigs, and at which lower gains.
+
+        Args:
+            prototype: with this controller and mass inside.
+            masses_kg: the range of outer end mass.
+        """
+        box, nominal = self.over_box, self.nominal or (self.bandwidth_Hz, self.peak_sensitivity)
+        lower = prototype.goal.lower_gains or forbidden_shares(prototype, masses_kg)
+        return {
+            "bandwidth_Hz": self.bandwidth_Hz,
+            "peak_sensitivity": self.peak_sensitivity,
+            **picked(self, "peak_compliance_m_per_N servo_off_m_per_N peak_over_passive"),
+            "outer_end_mass_kg": list(masses_kg),
+            "rigs": "nominal" if box is None else {"sigmas": box.sigmas, "shape": "box"},
+            "lower_gains": lower,
+            "comes_to_rest": any(one.kind == "slope" for one in box.claims) if box else _rests(prototype, masses_kg),
+            "nominal": dict(zip(("bandwidth_Hz", "peak_sensitivity"), nominal, strict=True)),
+            "tightest": [] if box is None else list(box.tightest),
+        }
+
+
+def _rests(prototype: Prototype, masses_kg: tuple[float, float]) -> bool:
+    """Whether the nominal loop is proved to come to rest from every state while its current saturates."""
+    if not prototype.goal.lower_gains:
+        return False
+    given = members(prototype, *masses_kg)
+    found = absolute_stability(given.loops, given.low, given.high).multiplier
+    return found is not None and not found.for_odd_only
+
+
+_SHARES_OF_GAIN = np.geomspace(1e-3, 1.0, 300)
+
+
+def forbidden_shares(prototype: Prototype, masses_kg: tuple[float, float]) -> list[tuple[float, float]]:
+    """Shares of its gain with which the loop is not stable at some outer end mass, least and most of each stretch.
+
+    On a grid of shares and masses: neighbours of what is found may be as bad.
+    """
+    own = member_loop(prototype, family(prototype).rest)
+    scale = fmpq_poly([0, exact(UNIT)])  # roots of moderate size
+    unstable = np.zeros(len(_SHARES_OF_GAIN), dtype=bool)
+    for mass in np.linspace(*masses_kg, 15):
+        parts = (part.at(exact(float(mass)))(scale) for part in (own.loop_denominator, own.loop_numerator))
+        open_loop, fed_back = (np.array([nearest(c) for c in part.coeffs()[::-1]]) for part in parts)
+        for k, share in enumerate(_SHARES_OF_GAIN):
+            unstable[k] |= bool(np.roots(np.polyadd(open_loop, share * fed_back)).real.max() >= 0)
+    starts = np.flatnonzero(np.diff(np.concatenate([[False], unstable, [False]]).astype(int)))
+    ends = zip(_SHARES_OF_GAIN[starts[::2]], _SHARES_OF_GAIN[starts[1::2] - 1], strict=True)
+    return [(float(low), float(high)) for low, high in ends]
+
+
+@dataclass(frozen=True)
+class LoopSet:
+    """All loops of one controller and inner end mass over a range of outer end masses.
+
+    Attributes:
+        stable: rectangles of masses and gains that are to be stable, one of each member.
+        performing: likewise, those that are to perform.
+        servo_off_m_per_N: the largest compliance of these with the servo off.
+    """
+
+    stable: Sequence[Rectangle]
+    performing: Sequence[Rectangle]
+    servo_off_m_per_N: float
+
+    def unstable(self, goal: Goal) -> bool:
+        """Whether some member is not stable throughout, at lower gains where the goal wants it: exact."""
+        if goal.lower_gains:  # masses and gains both vary then, and the sides alone do not decide
+            return not all(one.widened(fmpq(0)).stable for one in self.stable)
+        return any(one.unstable_side() is not None for one in self.stable)
+
+    def refuted(self, goal: Goal) -> list[Claim]:
+        """The goal's limits but that of the bandwidth that are refuted, of one member each."""
+        each = ((prove(rectangle, asked) for rectangle in self.performing) for asked in self._asked(goal))
+        return [claim for claims in each for claim in [next((one for one in claims if not one.holds), None)] if claim]
+
+    def excess(self, goal: Goal) -> float:
+        """Logarithm of the largest share by which one of these limits is proved to be kept or may be exceeded."""
+        most = max(least_limit(self.performing, one.kind, one.from_Hz) / one.limit for one in self._asked(goal))
+        return log(most) if most < inf else inf
+
+    def peak_sensitivity(self) -> float:
+        """Proved for every loop that is to perform."""
+        return least_limit(self.performing, "peak_sensitivity")
+
+    def peak_compliance(self, goal: Goal) -> float:
+        """Proved at every frequency for every loop that is to perform; infinite where the goal sets it no limit."""
+        (limit,) = [one.limit for one in peak_claim(goal, self.servo_off_m_per_N)] or [inf]
+        return least_limit(self.performing, "peak_compliance", goal=limit) if limit < inf else inf
+
+    def _asked(self, goal: Goal) -> tuple[Asked, ...]:
+        """The limits of sensitivity, loop gain, effort and peak compliance, as they are proved."""
+        peak = Asked("peak_sensitivity", goal.peak_sensitivity)
+        return (peak, *goal_claims(goal), *peak_claim(goal, self.servo_off_m_per_N))
+
+
+def loop_set(
+    members: Sequence[VertexModel], controller: Controller, inner_end_mass: float, masses_kg: tuple[float, float]
+) -> LoopSet:
+    """Close the loops of all members of a rig."""
+    low, high = (exact(mass) for mass in masses_kg)
+    stable, performing = list[Rectangle](), list[Rectangle]()
+    for member in members:
+        loop = rig_loop(member.rig, inner_end_mass, controller)
+        for found, gains in ((stable, member.gain), (performing, member.performance)):
+            if gains is not None:
+                found.append(Rectangle(loop, low, high, exact(gains.low), exact(gains.high)))
+    return LoopSet(stable, performing, servo_off_of(members, inner_end_mass, masses_kg).compliance_m_per_N)
+
 
 ENOUGH = 0.985
 """Share of the sampled bandwidth which, if proved, ends the search for more."""

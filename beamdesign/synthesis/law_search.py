@@ -5,7 +5,7 @@ go on. What is returned is proved by the same oracle as every other loop: where 
 the peak that stood there joins them, all limits are tightened by what was missing, and the refinement is done again.
 
 Of a robust search the worst rigs within the tolerances are sought again and again and join the samples. What comes of
-it is proved over the whole box of tolerances and payloads at once (`beamdesign.synthesis.over_box`).
+it is proved over the whole box of tolerances and payloads at once (`beamdesign.synthesis.rig_spread`).
 """
 
 from collections.abc import Sequence
@@ -16,11 +16,23 @@ import numpy as np
 
 from beamdesign.controllers import Controller
 from beamdesign.controllers.protocol import Form
+from beamdesign.polynomial import nearest
 from beamdesign.progress import Progress, silent
-from beamdesign.rational import nearest
-from beamdesign.synthesis.law_design import ENOUGH, ROOM, Design, in_box, rests, touches, unknown, value_of, whole
+from beamdesign.synthesis.law_design import (
+    ENOUGH,
+    ROOM,
+    Design,
+    Proved,
+    in_box,
+    loop_set,
+    rests,
+    touches,
+    unknown,
+    value_of,
+    whole,
+)
 from beamdesign.synthesis.law_task import Search
-from beamdesign.synthesis.loop_limits import LARGEST_AT_LOWER_GAINS, Proved, calmer, loop_set
+from beamdesign.synthesis.loop_samples import LARGEST_AT_LOWER_GAINS, calmer
 from beamdesign.synthesis.refinement import TOUCH, WORTH
 from beamdesign.time_limit import is_limited, leave_out, over, share, while_time
 

@@ -10,7 +10,7 @@ enough.
 from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
-from functools import reduce
+from functools import cached_property, reduce
 from math import inf
 
 import numpy as np
@@ -21,9 +21,19 @@ from beamdesign.plant.members import VertexModel, served
 from beamdesign.plant.rigs import figures_of
 from beamdesign.proofs.certificate import Kind
 from beamdesign.prototype import Goal, Prototype
-from beamdesign.synthesis.loop_limits import ends
-from beamdesign.synthesis.loop_samples import COARSE_HZ, FINE_HZ, MODES_HZ, Samples, rig_samples
-from beamdesign.synthesis.loop_slacks import COMPLIANCE, OTHERS, Slacks, sampled_bandwidth, slacks
+from beamdesign.synthesis.loop_samples import (
+    COARSE_HZ,
+    COMPLIANCE,
+    FINE_HZ,
+    MODES_HZ,
+    OTHERS,
+    Samples,
+    Slacks,
+    ends,
+    rig_samples,
+    sampled_bandwidth,
+    slacks,
+)
 from beamdesign.synthesis.refinement import NEARLY, LawRefinement
 from beamdesign.synthesis.rig_spread import Cut, RigSpread
 from beamdesign.synthesis.sections import Sections
@@ -95,13 +105,12 @@ class Search:
     effort: Effort = Effort()
     sections: Sections | None = None
     cuts: tuple[Cut, ...] = ()
-    points: Samples = field(init=False, repr=False)
     _refinements: dict[Form, LawRefinement] = field(init=False, repr=False, default_factory=dict)
 
-    def __post_init__(self) -> None:
-        """Sample the loops."""
-        points = self.sampled(self.frequency_Hz, self._masses, self._start)
-        object.__setattr__(self, "points", points)
+    @cached_property
+    def points(self) -> Samples:
+        """Of all loops."""
+        return self.sampled(self.frequency_Hz, self._masses, self._start)
 
     @property
     def _masses(self) -> list[float]:
@@ -191,18 +200,15 @@ class Search:
             nominal = self.members_with(self._start), sampled_masses(self.masses_kg), None
             off = ((self.members_with(self._start, z=np.array(c.z)), [c.outer_end_mass_kg], c) for c in self.cuts)
             listed = [
-                ((rig.polynomials(self.sensors), factor, masses, cut is None), self._factors(cut))
+                (rig.polynomials(self.sensors), factor, masses, cut is None, self._factors(cut))
                 for members, masses, cut in (nominal, *off)
                 for rig, factor, performs in ends(members)
                 if performs
             ]
             rows = len(self._masses) * len(ends(self.members))
-            given = self.points, self.goal, form, self.inner_kg, [plant for plant, _ in listed], rows
-            if self.sections is None:
-                self._refinements[form] = LawRefinement(*given)
-            else:
-                factors = self._row_factors(self._masses), np.array([f for _, f in listed])
-                self._refinements[form] = LawRefinement(*given, self.sections, self.points_with, factors)
+            given = self.points, self.goal, form, self.inner_kg, listed, rows, self._row_factors(self._masses)
+            resampled = None if self.sections is None else self.points_with
+            self._refinements[form] = LawRefinement(*given, self.sections, resampled)
         return self._refinements[form]
 
     def _factors(self, cut: Cut | None) -> np.ndarray:
@@ -239,9 +245,7 @@ class Search:
             points = before and before(chosen)
             return None if points is None else joined(points, chosen)
 
-        before, factors = refinement.resampled, refinement.factors
-        if factors is not None:
-            factors = np.vstack([factors[0], self._row_factors(masses)]), factors[1]
+        before, factors = refinement.resampled, np.vstack([refinement.factors, self._row_factors(masses)])
         points = joined(refinement.points, self._start)
         return replace(refinement, points=points, resampled=before and resampled, factors=factors)
 

@@ -1,18 +1,68 @@
-"""Loops sampled over frequency and end mass: what a search works on. Everything here is sampled and only proposes."""
+"""Loops sampled over frequency and end mass, and what a law leaves there of every limit: what a search works on.
+
+The variables are those of a law's form, then the inner end mass in kg. Everything here is sampled and only proposes.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import reduce
-from math import pi
+from math import inf, log, pi
 
 import numpy as np
 from flint import fmpq_poly
+from pydantic import Field
 
 from beamdesign.controllers import SENSED, Sensed
-from beamdesign.plant.linear import BilinearPlant, PairOver
+from beamdesign.controllers.protocol import Form
+from beamdesign.plant.linear import BilinearPlant, LinearModel, PairOver
 from beamdesign.plant.members import VertexModel
 from beamdesign.polynomial import at_points
-from beamdesign.synthesis.loop_limits import RELAXED_PEAK, ends
+from beamdesign.proofs.certificate import Kind
+from beamdesign.prototype import Goal
+
+LIMITED: tuple[Kind, ...] = (
+    "peak_sensitivity", "compliance", "loop_gain", "controller_effort", "gain_margin", "peak_compliance",
+)  # fmt: skip
+"""What a goal limits, in the order of everything that is listed by limit."""
+
+
+def goal_limits(goal: Goal) -> dict[Kind, float]:
+    """The limits that a goal sets, in this order; of the peak compliance in multiples of that with the servo off."""
+    lower = getattr(goal, "peak_at_lower_gains", LARGEST_AT_LOWER_GAINS) if goal.lower_gains else inf
+    given = (goal.peak_sensitivity, goal.compliance_m_per_N, goal.loop_gain, goal.controller_effort_A_per_V)
+    limits = zip(LIMITED, (*given, lower, goal.peak_over_passive), strict=True)
+    return {kind: limit for kind, limit in limits if limit is not None and limit < inf}
+
+
+LARGEST_AT_LOWER_GAINS = 10.0
+"""Peak sensitivity that an optimiser allows at any lower gain, so that the loop is stable there."""
+
+
+class _Calmer(Goal):
+    """A goal of an optimiser alone."""
+
+    peak_at_lower_gains: float = Field(description="instead of LARGEST_AT_LOWER_GAINS")
+
+
+def calmer(goal: Goal, peak: float = LARGEST_AT_LOWER_GAINS) -> Goal:
+    """A goal with a limit of an optimiser's own at lower gains; with the largest, as it is stated."""
+    own = {name: getattr(goal, name) for name in Goal.model_fields}
+    return Goal(**own) if peak == LARGEST_AT_LOWER_GAINS else _Calmer(**own, peak_at_lower_gains=peak)
+
+
+RELAXED_PEAK = 3.0
+"""An optimiser keeps members that only have to be stable within the limit of sensitivity times this."""
+
+
+def ends(members: Sequence[VertexModel]) -> list[tuple[LinearModel, float, bool]]:
+    """Rig, factor on the gain and whether it is to perform, of every member at the ends of what it is asked."""
+    found = []
+    for member in members:
+        inside = member.performance
+        asked = member.gain if inside is None else inside
+        found += [(member.rig, factor, inside is not None) for factor in sorted({asked.low, asked.high}) if factor > 0]
+    return found
+
 
 COARSE_HZ = np.concatenate(
     [np.geomspace(0.05, 5, 25), np.geomspace(5.3, 150, 130), np.geomspace(155, 1e3, 25), [3e3, 1e4, 1e5]]
@@ -156,3 +206,144 @@ def rig_samples(
         for rig, factor, performs in ends(members)
     ]
     return reduce(Samples.joined, parts)
+
+
+@dataclass(frozen=True)
+class Slacks:
+    """Logarithms by which a law keeps each limit at each point, and their derivatives by the variables.
+
+    Attributes:
+        values: (6, n) log of limit over |S|, |x / F_d|, |L|, |C S|, C from the displacement sensor's volts, the largest
+            |S| of all lower gains, and |x / F_d| again, whose limit at every frequency is a multiple of the largest
+            without a law of all points, as `LIMITED` lists them; infinite where a limit does not count.
+        slopes: (6, n, v); none where none were asked for.
+        settled: whether 1 + L winds about the origin on no row: the loop is stable as far as the samples tell, at lower
+            gains where the goal wants it.
+        servo_off_m_per_N: the largest |x / F_d| without a law of all points.
+    """
+
+    values: np.ndarray
+    slopes: np.ndarray
+    settled: bool
+    servo_off_m_per_N: float
+
+    @property
+    def sensitivity(self) -> np.ndarray:
+        """(n,) log of limit over |S|."""
+        return np.asarray(self.values[0])
+
+    @property
+    def compliance(self) -> np.ndarray:
+        """(n,) log of limit over |x / F_d|."""
+        return np.asarray(self.values[1])
+
+    def violation(self, inside: float = 0.0) -> float:
+        """By how much the limits other than the compliance, to be kept with so much to spare, are missed at worst."""
+        return max(0.0, inside - float(self.values[OTHERS].min()))
+
+
+COMPLIANCE, OTHERS = 1, [0, 2, 3, 4, 5]
+"""Places in `LIMITED`."""
+
+
+def slacks(points: Samples, goal: Goal, form: Form, variables: np.ndarray, slopes: bool = True) -> Slacks:
+    """What a law leaves of every limit at every point.
+
+    Args:
+        points: of the loops.
+        goal: its limits; those that are None are kept by an infinite slack.
+        form: of the law.
+        variables: (v,) those of the form, then the mass inside, kg; more behind them does not count.
+        slopes: whether to work out derivatives.
+    """
+    s, own_variables = 2j * pi * points.frequency_Hz, variables[: form.size]
+    inner = float(variables[form.size])
+    own = form.responses(own_variables, s)
+    return slacks_of(points, goal, own, inner, form.slopes(own_variables, s) if slopes else None)
+
+
+NONE = np.empty(0)
+
+
+def counting(points: Samples, goal: Goal) -> np.ndarray:
+    """(6, n) at which points each limit counts."""
+    performs = points.relaxed == 1.0
+    far, everywhere = performs & (points.frequency_Hz >= goal.loop_gain_from_Hz), np.full(len(performs), True)
+    peaked = points.relaxed < RELAXED_PEAK
+    where = np.array([everywhere, performs, far, performs, everywhere, peaked])
+    return where & np.isin(LIMITED, list(goal_limits(goal)))[:, None]
+
+
+def slacks_of(points: Samples, goal: Goal, own: np.ndarray, inner: float, of_own: np.ndarray | None = None) -> Slacks:
+    """The same of a law whose responses are known.
+
+    Args:
+        points: of the loops.
+        goal: its limits.
+        own: (p, n) the law at the points.
+        inner: mass inside, kg.
+        of_own: (p, n, v) its derivatives by all variables but the mass; none for no slopes.
+    """
+    plant, control, disturbance, crossed = points.at(inner)
+    moved = disturbance + (own * crossed).sum(axis=0)
+    loop = (own * control).sum(axis=0)
+    closed = np.log(np.abs(1 + loop))
+    share = np.clip(-loop.real / np.maximum(np.abs(loop) ** 2, 1e-300), 0.0, 1.0)  # of the gain, with |1 + k L| least
+    lower, limits = 1 + share * loop, goal_limits(goal)
+    with np.errstate(divide="ignore"):
+        compliance, effort = closed - np.log(np.abs(moved)), closed - np.log(np.abs(own[0]))
+        softest = compliance + np.log(without := points.servo_off(inner))
+        left = np.array([closed, compliance, -np.log(np.abs(loop)), effort, np.log(np.abs(lower)), softest])
+    stated = np.log([limits.get(kind, 1.0) for kind in LIMITED])
+    left = np.where(counting(points, goal), left + stated[:, None], np.inf)
+    left[0] += np.log(points.relaxed)
+    steps = np.diff(np.angle(1 + loop))
+    steps = (steps + pi) % (2 * pi) - pi
+    same = np.diff(points.row) == 0
+    settled = bool((np.abs(np.bincount(points.row[1:][same], weights=steps[same])) < pi).all())
+    if settled and goal.lower_gains:
+        settled = not _passes_behind(loop[:-1][same], loop[1:][same]).any()
+    if of_own is None:
+        return Slacks(left, NONE, settled, without)
+    shrinks = points.denominator / plant
+    of_loop, of_moved = ((by[:, :, None] * of_own).sum(axis=0) for by in (control, crossed))
+    by_mass = (own * points.control[:, 1]).sum(axis=0) / plant - loop * shrinks
+    of_loop = np.column_stack([of_loop, by_mass])
+    by_mass = (points.disturbance[1] + (own * points.crossed[:, 1]).sum(axis=0)) / plant - moved * shrinks
+    of_moved = np.column_stack([of_moved, by_mass])
+    of_closed = (of_loop / (1 + loop)[:, None]).real
+    of_effort = of_closed.copy()
+    of_effort[:, :-1] -= (of_own[0] / own[0][:, None]).real
+    of_compliance, of_loop_gain = of_closed - (of_moved / moved[:, None]).real, -(of_loop / loop[:, None]).real
+    of_lower = (share[:, None] * of_loop / lower[:, None]).real
+    of_softest = of_compliance.copy()
+    of_softest[:, -1] += log(points.servo_off(inner + _STEP_KG) / points.servo_off(inner - _STEP_KG)) / (2 * _STEP_KG)
+    slopes = np.array([of_closed, of_compliance, of_loop_gain, of_effort, of_lower, of_softest])
+    return Slacks(left, slopes, settled, without)
+
+
+_STEP_KG = 1e-4
+"""Of the mass inside, for the slope of what its largest compliance is without a law."""
+
+
+def _passes_behind(start: np.ndarray, end: np.ndarray) -> np.ndarray:
+    """Whether the chords between points of a loop cross the real axis to the left of -1."""
+    crosses = (start.imag < 0) != (end.imag < 0)
+    at = start.real * end.imag - end.real * start.imag
+    return np.asarray(crosses & (at / np.where(crosses, end.imag - start.imag, 1.0) < -1))
+
+
+def sampled_bandwidth(points: Samples, compliance: np.ndarray) -> float:
+    """Least frequency (Hz), interpolated, from which some row misses the compliance; 0 where one misses it at once."""
+    rows = (points.row == row for row in np.unique(points.row))
+    reached = (first_miss(points.frequency_Hz[on], compliance[on]) for on in rows)
+    return min(*reached, float(points.frequency_Hz.max()), np.inf)
+
+
+def first_miss(frequency_Hz: np.ndarray, slack: np.ndarray) -> float:
+    """From where a slack is negative, interpolated, Hz; 0 where it is at once, infinite where it never is."""
+    k = int(np.argmax(slack < 0))
+    if slack[k] >= 0 or k == 0:
+        return np.inf if slack[k] >= 0 else 0.0
+    share = slack[k - 1] / (slack[k - 1] - slack[k])
+    return float(frequency_Hz[k - 1] * (frequency_Hz[k] / frequency_Hz[k - 1]) ** share)

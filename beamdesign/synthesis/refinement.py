@@ -15,24 +15,14 @@ import numpy as np
 
 from beamdesign.controllers.protocol import Form
 from beamdesign.plant.linear import BilinearPlant
+from beamdesign.progress import interruption_waits
 from beamdesign.proofs.certificate import Kind
 from beamdesign.proofs.performance import servo_off_peak
 from beamdesign.prototype import Goal
-from beamdesign.synthesis.interruption import interruption_waits
-from beamdesign.synthesis.loop_limits import LIMITED, goal_limits
-from beamdesign.synthesis.loop_samples import Samples
-from beamdesign.synthesis.loop_slacks import (
-    Block,
-    Slacks,
-    counting,
-    highest,
-    point,
-    sampled_bandwidth,
-    sampled_program,
-    slacks,
-    stiffness_of,
-)
-from beamdesign.synthesis.sections import MASS_PER_MISSING_BANDWIDTH, Sections, sized_slack
+from beamdesign.synthesis.free_search import QUIET_IPOPT
+from beamdesign.synthesis.loop_program import Block, highest, point, sampled_program, stiffness_of
+from beamdesign.synthesis.loop_samples import LIMITED, Samples, Slacks, counting, goal_limits, sampled_bandwidth, slacks
+from beamdesign.synthesis.sections import MASS_PER_MISSING_BANDWIDTH, Sections
 from beamdesign.time_limit import leave_out, over
 
 _EVERY = 6
@@ -93,34 +83,31 @@ class LawRefinement:
         goal: the limits.
         form: of the law.
         inner_kg: least and most mass inside.
-        plants: the plants and factors on their gain that are to perform, with outer end masses (kg), and whether they
-            are of the nominal rig.
+        plants: the plants and factors on their gain that are to perform, with outer end masses (kg), whether they
+            are of the nominal rig, and (14,) factors on the lumped figures.
         sections: that may be chosen as well; the rigs are then that with them and, as `factors` says, what is off it.
         nominal_rows: how many rows of samples are of the nominal rig; of the others only the worst points are enforced.
+        factors: (rows of samples, 14) on the lumped figures.
         resampled: section variables to the samples with them, None where there is no such rig.
-        factors: (rows of samples, 14) on the lumped figures, and for each of the plants likewise, where there are
-            sections.
     """
 
     points: Samples
     goal: Goal
     form: Form
     inner_kg: tuple[float, float]
-    plants: Sequence[tuple[BilinearPlant, float, Sequence[float], bool]]
+    plants: Sequence[tuple[BilinearPlant, float, Sequence[float], bool, np.ndarray]]
     nominal_rows: int
+    factors: np.ndarray
     sections: Sections | None = None
     resampled: Callable[[np.ndarray], Samples | None] | None = None
-    factors: tuple[np.ndarray, np.ndarray] | None = None
     _programs: dict[tuple[int, ...], Program] = field(default_factory=dict, repr=False, compare=False)
 
     @property
     def bounds(self) -> tuple[np.ndarray, np.ndarray]:
         """Least and largest variables, those of the form, the mass inside and the sections, (v,) each."""
-        own, inner, sections = self.form, self.inner_kg, self.sections
-        lower, upper = np.append(own.lower, inner[0]), np.append(own.upper, inner[1])
-        if sections is None:
-            return lower, upper
-        return np.append(lower, sections.lower), np.append(upper, sections.upper)
+        own, inner = self.form, self.inner_kg
+        least, most = ((), ()) if self.sections is None else self.sections.bounds
+        return np.array([*own.lower, inner[0], *least]), np.array([*own.upper, inner[1], *most])
 
     def measured(self, variables: np.ndarray) -> Slacks | None:
         """What a law leaves of the limits, without derivatives; None where there is no such rig."""
@@ -283,10 +270,10 @@ class LawRefinement:
         def stiffness(plant: BilinearPlant, factor: float) -> ca.Function:
             if sized is None:
                 return stiffness_of(table.shape, plant, factor)
-            return sized_slack(table.shape, "compliance", sized.filtered, sized.rig)
+            return sized.slack(table.shape, "compliance")
 
         def off(k: int, count: int) -> np.ndarray:
-            return np.ones((0, count)) if self.factors is None else np.repeat(self.factors[1][k][:, None], count, 1)
+            return np.ones((0, count)) if sized is None else np.repeat(self.plants[k][4][:, None], count, 1)
 
         limit_of = {kind: ca.MX(log(limit)) for kind, limit in limits.items()}
         if "peak_compliance" in limits:
@@ -306,11 +293,11 @@ class LawRefinement:
             if sized is None:
                 blocks.append(Block(point(table.shape, kind), given, limit))
             else:
-                slack = sized_slack(table.shape, kind, sized.filtered, sized.rig)
+                slack = sized.slack(table.shape, kind)
                 frequency, relaxed, rest = ca.vertsplit(given, [0, 1, 2, given.shape[0]])
                 blocks.append(Block(slack, ca.vertcat(frequency, rest), limit, ca.log(relaxed).T))
         asked = log(self.goal.compliance_m_per_N) - stiffer
-        for k, (plant, factor, masses, nominal) in enumerate(self.plants):
+        for k, (plant, factor, masses, nominal, _) in enumerate(self.plants):
             shares = _SHARES if nominal else _FEWER_SHARES
             every = [np.repeat(shares, len(masses)), np.tile(masses, len(shares))]
             each = ca.DM(np.vstack([*every, off(k, len(every[0]))]))
@@ -325,21 +312,8 @@ class LawRefinement:
             variables, ca.vertcat(*map(ca.vec, data), inside, stiffer, apart), objective,
             ca.vertcat(ca.vec(table), inner, figures, beta), table.numel(), blocks, rest,
         )  # fmt: skip
-        solver = ca.nlpsol(
-            "refinement",
-            "ipopt",
-            program,
-            {
-                **derivatives,
-                "print_time": False,
-                "ipopt.print_level": 0,
-                "ipopt.sb": "yes",
-                "ipopt.max_iter": 70,
-                "ipopt.tol": 1e-6,
-                "ipopt.mu_init": 1e-3,
-                "ipopt.bound_relax_factor": 0.0,
-            },
-        )
+        options = QUIET_IPOPT | {"ipopt.max_iter": 70, "ipopt.tol": 1e-6, "ipopt.mu_init": 1e-3}
+        solver = ca.nlpsol("refinement", "ipopt", program, options | derivatives)
         return solver, servo_off
 
     def _softest(self) -> tuple[int, float]:
@@ -347,7 +321,7 @@ class LawRefinement:
         inner = self.inner_kg[0]
         every = [
             (servo_off_peak([plant.at(inner)], (mass, mass)), k, mass)
-            for k, (plant, _, masses, _) in enumerate(self.plants)
+            for k, (plant, _, masses, *_) in enumerate(self.plants)
             for mass in masses
         ]
         _, k, mass = max(every)
@@ -365,8 +339,7 @@ class LawRefinement:
         """What the program reads of some points, (rows, count)."""
         at, relaxed = self.points, self.points.relaxed[index]
         if self.sections is not None:
-            assert self.factors is not None
-            at_row = self.factors[0][at.row[index]].T
+            at_row = self.factors[at.row[index]].T
             return np.vstack([at.frequency_Hz[index], relaxed, at.outer_end_mass[index], at_row])
         pairs = (*at.control, at.disturbance, *at.crossed)
         values = np.concatenate([at.denominator[index][None], *(pair[:, index] for pair in pairs)])

@@ -17,13 +17,13 @@ from beamdesign.controllers.cascade import as_lag
 from beamdesign.controllers.protocol import form_of
 from beamdesign.problem import DesignProblem
 from beamdesign.progress import Progress, silent
-from beamdesign.public import SIGMAS
 from beamdesign.structure.section import Tube
+from beamdesign.synthesis import SIGMAS
 from beamdesign.synthesis.codesign import sized_search
 from beamdesign.synthesis.free_search import sizes_of, start_variables
-from beamdesign.synthesis.law_search import Found, from_seeds, search
-from beamdesign.synthesis.loop_limits import Proved
-from beamdesign.synthesis.sections import free_sections, rounded_tubes, section_mass
+from beamdesign.synthesis.law_design import Proved
+from beamdesign.synthesis.law_search import from_seeds, search
+from beamdesign.synthesis.sections import Sections, rounded_tubes, section_mass
 from beamdesign.synthesis.tuning import SMALLEST_BANDWIDTH_HZ
 from beamdesign.time_limit import share
 
@@ -94,16 +94,19 @@ FREEDOMS = (
 SCHEDULED = _Freedom("lag scheduled on the payload")
 
 
-def _search(
+def _remedy(
     problem: DesignProblem,
     freedom: _Freedom,
     masses_kg: tuple[float, float],
     added_mass_kg: float,
+    sigmas: float,
     near: Sequence[Proved] = (),
-    sigmas: float = SIGMAS,
-) -> Found:
+) -> Remedy:
     """The largest guaranteed bandwidth within a remedy's freedom, from seeds and from proved loops of a like one."""
-    given, inner_kg, free = _given(problem), (0.0, 0.0), list(freedom.sections)
+    if problem.given is None:
+        raise ValueError("the remedies start from given sections: width_m and wall_m of both beams")
+    given = start_variables(problem, sizes_of(problem.given))  # (8,)
+    inner_kg, free = (0.0, 0.0), list(freedom.sections)
     if freedom.inner_end_mass:
         inner_kg = (0.0, min(problem.controller.largest_inner_end_mass_kg, added_mass_kg))
     form, seeds = form_of("lag"), Lag.seeds()
@@ -116,28 +119,10 @@ def _search(
     for larger in _LARGER if free else _LARGER[:1]:
         sizes = given.copy()
         sizes[free] *= larger[: len(free)]
-        sections = free_sections(problem, sizes, largest_mass_kg=most, free=free)
+        sections = Sections(problem, sizes, largest_mass_kg=most, free=free)
         task = sized_search(problem, sections, masses_kg, inner_kg, sigmas)
         starts += [variables for _, variables in from_seeds(task, seeds)]
-    return search(task, [(form, one) for one in starts])
-
-
-def _given(problem: DesignProblem) -> np.ndarray:
-    """Section variables of the problem's given sections, (8,)."""
-    if problem.given is None:
-        raise ValueError("the remedies start from given sections: width_m and wall_m of both beams")
-    return start_variables(problem, sizes_of(problem.given))
-
-
-def _remedy(
-    problem: DesignProblem,
-    freedom: _Freedom,
-    masses_kg: tuple[float, float],
-    added_mass_kg: float,
-    sigmas: float,
-    near: Sequence[Proved] = (),
-) -> Remedy:
-    found, given = _search(problem, freedom, masses_kg, added_mass_kg, near, sigmas), _given(problem)
+    found = search(task, [(form, one) for one in starts])
     proved = found.proved
     if proved is None or proved.bandwidth_Hz < SMALLEST_BANDWIDTH_HZ:
         reason = found.reason or f"guarantees no bandwidth above {SMALLEST_BANDWIDTH_HZ:g} Hz"

@@ -1,17 +1,31 @@
-"""Rigs that a prototype may turn out to be: its figures off by so many standard deviations of its tolerances."""
+"""Rigs that a prototype may turn out to be: its figures off by so many standard deviations of its tolerances.
 
-from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import NamedTuple
+And a law over the whole box of them: its worst rigs, which a search finds, and what is proved of every rig.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from math import inf, log
+from operator import itemgetter
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from beamdesign.parameters import PARAMETERS, TOLERANCES, rows_of
 from beamdesign.plant.members import VertexModel, served
+from beamdesign.polynomial import exact, nearest
+from beamdesign.proofs.absolute_stability import slope_over_box
+from beamdesign.proofs.box import Box, certify_box
+from beamdesign.proofs.box_claims import BoxClaim, claim_over_box, margins_over_box, relaxed, worst_over_box
+from beamdesign.proofs.box_member import Worst
+from beamdesign.proofs.certificate import LOWER_GAINS, Asked, goal_claims, peak_claim
+from beamdesign.proofs.tolerance_box import servo_off_over_box, tolerance_box
 from beamdesign.prototype import Prototype
-from beamdesign.public import SIGMAS
 from beamdesign.records import InputError, Problem
 from beamdesign.structure.lumped import CHANGEABLE, with_figures
+from beamdesign.synthesis import SIGMAS
+from beamdesign.time_limit import left
 
 _CUT = 4.0
 _DIGITS = 3
@@ -100,3 +114,161 @@ def rig_spread(prototype: Prototype, largest_outer_kg: float, sigmas: float = SI
         problems = [Problem(TOLERANCES[name], reason.format(sigmas, deviations[name])) for name in wide]
         raise InputError("tolerance", problems)
     return RigSpread(prototype, largest_outer_kg, deviations, sigmas)
+
+
+BUDGET, SECONDS = 20_000, 120.0
+"""Most pieces and most time for the proof of one claim."""
+
+REST_BUDGET, REST_SECONDS = 5_000, 30.0
+"""Most pieces, where that is not asked for, and most time for the proof that a design comes to rest while saturated."""
+
+_LEAST_HZ = 1e-2
+"""Bandwidth about which compliance is looked at of a law that has none."""
+
+_RELAXATIONS = (1.0, 1.002, 1.02)
+"""By what factors less than the worst rig's a bandwidth is claimed, tried in turn."""
+
+
+@dataclass(frozen=True)
+class OverBox:
+    """What is proved of a prototype over a box of tolerances and payloads.
+
+    Attributes:
+        sigmas: standard deviations of every figure to either side.
+        found: claims about every member with their proofs.
+        write: the certificate of stability and some of these.
+        servo_off_m_per_N: the largest compliance of the rigs of the box with the servo off, sought, rounded down.
+        tightest: figures whose tolerance to tighten first, the first of them first, each with by how many standard
+            deviations more it may be off, all others as in the worst rig that was found; sampled.
+    """
+
+    sigmas: float
+    found: tuple[BoxClaim, ...] = field(repr=False)
+    write: Callable[[Sequence[BoxClaim]], str] = field(repr=False, compare=False)
+    servo_off_m_per_N: float
+    tightest: tuple[dict[str, Any], ...]
+
+    @property
+    def claims(self) -> tuple[Asked, ...]:
+        """What is proved about every member."""
+        return tuple(claim.asked for claim in self.found)
+
+    @cached_property
+    def certificate(self) -> str:
+        """Text that `beamdesign.checker` proves again."""
+        return self.write(self.found)
+
+
+@dataclass(frozen=True)
+class BoxTask:
+    """A prototype with a law, and what is asked of every rig that it may turn out to be.
+
+    Attributes:
+        prototype: with its controller; its goal sets the limits.
+        spread: how far its figures may be off.
+        masses_kg: payloads over which it is to perform.
+        stable_kg: those over which it is to be stable.
+    """
+
+    prototype: Prototype
+    spread: RigSpread
+    masses_kg: tuple[float, float]
+    stable_kg: tuple[float, float]
+
+    @cached_property
+    def box(self) -> Box:
+        """Of tolerances and payloads over which it is to perform."""
+        return self._box(self.masses_kg)
+
+    def _box(self, masses_kg: tuple[float, float]) -> Box:
+        return tolerance_box(self.prototype, self.spread.sigmas, None, masses_kg)
+
+    def worst(self, bandwidth_Hz: float, missed: float = 0.0) -> list[tuple[str, float, Cut]]:
+        """Rigs that miss a limit by more than so much (logarithm): of what, by how much, and which."""
+        found = [
+            (asked.kind, log(worst.ratio), self._cut(worst))
+            for asked in self._asked(bandwidth_Hz)
+            for worst in worst_over_box(self.prototype, self.box, asked)
+            if worst.ratio > 0 and log(worst.ratio) > missed
+        ]
+        return sorted(found, key=lambda one: -one[1])
+
+    def _asked(self, bandwidth_Hz: float) -> Sequence[Asked]:
+        goal = self.prototype.goal
+        return (
+            *([LOWER_GAINS] if goal.lower_gains else []),
+            Asked("peak_sensitivity", goal.peak_sensitivity),
+            Asked("compliance", goal.compliance_m_per_N, max(bandwidth_Hz, _LEAST_HZ)),
+            *goal_claims(goal),
+            *(peak_claim(goal, self.servo_off_m_per_N) if goal.peak_over_passive < inf else ()),
+        )
+
+    @cached_property
+    def _servo_off(self) -> tuple[float, Worst]:
+        return servo_off_over_box(self.prototype, self.box)
+
+    @property
+    def servo_off_m_per_N(self) -> float:
+        """The largest compliance of all rigs with the servo off, sought, rounded down."""
+        return self._servo_off[0]
+
+    def softest_without_servo(self) -> Cut:
+        """The rig with the largest compliance with the servo off, a multiple of which the largest with it on may be."""
+        return self._cut(self._servo_off[1])
+
+    def _cut(self, worst: Worst) -> Cut:
+        factors = {
+            name: nearest(worst.parameters[name] / self.box.nominal[name])
+            for name in self.spread.deviations
+            if name in self.box.nominal
+        }
+        z = tuple(map(float, self.spread.off(factors)))
+        return Cut(z, nearest(worst.parameters["outer_end_mass"]), worst.frequency_Hz)
+
+    def proof(self, bandwidth_Hz: float) -> tuple[OverBox | None, str, list[Cut]]:
+        """Prove all that is asked of every rig, and the largest bandwidth that is proved.
+
+        Or why that is not proved, and the rig that refutes it where one was found.
+        """
+        verdict = certify_box(self.prototype, self._box(self.stable_kg), BUDGET, min(SECONDS, left()), volumes=False)
+        if not verdict.stable:
+            return None, verdict.reason, []
+        claims = []
+        for asked in self._asked(bandwidth_Hz):
+            for relaxation in _RELAXATIONS if asked.kind == "compliance" else (1.0,):
+                one = relaxed(asked, relaxation) if asked.kind == "compliance" else asked
+                claim = claim_over_box(self.prototype, self.box, one, BUDGET, min(SECONDS, left()))
+                if claim.holds:
+                    break
+            if not claim.holds:
+                reason = f"{claim.asked.kind.replace('_', ' ')}: {claim.reason}"
+                refuted = claim.holds is False and claim.witness is not None and asked.kind != "gain_margin"
+                worst = Worst(inf, dict(claim.witness or {}), claim.frequency_Hz or 0.0)
+                return None, reason, [self._cut(worst)] if refuted else []
+            claims.append(self._over_own_masses(claim))
+        found, off = (self.spread.sigmas, tuple(claims), verdict.write), self.servo_off_m_per_N
+        return OverBox(*found, off, self._tightest(bandwidth_Hz)), "", []
+
+    def _over_own_masses(self, claim: BoxClaim) -> BoxClaim:
+        """A claim that says over which payloads it is, where the law is to be stable over others too."""
+        low, high = map(exact, self.masses_kg)
+        own = {"outer_end_mass": self.box.ranges.get("outer_end_mass", (low, high))}
+        return claim if self.masses_kg == self.stable_kg else replace(claim, own={**claim.own, **own})
+
+    def at_rest(self, proved: OverBox) -> tuple[OverBox | None, str]:
+        """With the proof that every rig comes to rest while its current saturates, or why there is none."""
+        lower = next((claim for claim in proved.found if claim.asked.kind == "gain_margin"), None)
+        budget, seconds = BUDGET if self.prototype.goal.comes_to_rest else REST_BUDGET, min(REST_SECONDS, left())
+        claim, reason = slope_over_box(self.prototype, self.box, budget, seconds, lower, may_be_odd=False)
+        if claim is None:
+            return None, reason
+        return replace(proved, found=(*proved.found, self._over_own_masses(claim))), ""
+
+    def _tightest(self, bandwidth_Hz: float) -> tuple[dict[str, Any], ...]:
+        margins: dict[str, float] = {}
+        for asked in self._asked(bandwidth_Hz):
+            if asked.kind != "gain_margin":
+                for name, shares in margins_over_box(self.prototype, self.box, asked).items():
+                    margins[name] = min(margins.get(name, inf), shares * self.spread.sigmas)
+        known = [{"parameter": name, "margin": of} for name, of in margins.items() if name in self.spread.deviations]
+        return tuple(sorted(known, key=itemgetter("margin")))

@@ -2,8 +2,8 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cache
-from math import exp, inf, log, pi
+from functools import cached_property
+from math import exp, inf, log
 from typing import Any
 
 import casadi as ca
@@ -13,12 +13,12 @@ from pydantic import ValidationError
 from beamdesign.problem import DesignProblem
 from beamdesign.proofs.certificate import Kind
 from beamdesign.prototype import Prototype
-from beamdesign.quantity_text import stated_bandwidth
+from beamdesign.quantities import stated_bandwidth
 from beamdesign.structure.lumped import beam_figures, fixed_dashpot, servo_figures
 from beamdesign.structure.section import Tube
 from beamdesign.synthesis.checks import beam_mass, check_sections
 from beamdesign.synthesis.free_search import SIZE_UNITS, THICKEST_SHARE, pair_of, sizing_program, tubes
-from beamdesign.synthesis.loop_limits import law_on_axis, on_axis, plant_of_figures, slack_of
+from beamdesign.synthesis.loop_program import sized_slack
 
 ROUNDED_SLACK = 1e-4
 """Relative slack of every structural check, so that rounded sizes stay on its right side."""
@@ -34,35 +34,88 @@ MASS_PER_MISSING_BANDWIDTH = 100.0
 
 @dataclass(frozen=True)
 class Sections:
-    """Sections of both beams that may be chosen with a law, as w variables behind the law's and the mass inside.
+    """Sections of both beams that may be chosen with a law, as variables behind its own and the mass inside.
 
     Attributes:
-        start: (w,) those that the rig has to begin with.
-        lower: (w,) least ones.
-        upper: (w,) largest ones.
-        figures: variables to the (14,) lumped figures of the linear model, in symbols.
-        filtered: whether the sensor has a filter.
-        rig: of two beams, one of `beamdesign.plant.assembly.RIGS`.
-        prototype: variables, and whether sizes are rounded as they will be written down, to the rig they stand for;
-            a ValueError where they are the sizes of no tubes, or of an inner one that does not go into the outer one.
-        structure: mass inside (kg) and variables to slacks that must not be negative, in symbols or numbers.
-        moving_mass: mass inside (kg) and variables to that and the mass of both beams, in symbols or numbers.
-        flaw: mass inside (kg) and variables to the reason why the rounded sections may not be built, empty where they
-            may.
+        problem: its load and limits.
+        begun: (8,) variables to begin with, see `beamdesign.synthesis.free_search.start_variables`.
         needed_Hz: bandwidth that is to be had with the least moving mass; None for the largest bandwidth.
+        largest_mass_kg: of both beams and the mass inside; None for any.
+        free: by number which of the four sizes may change; none: these are not checked, whatever they are.
     """
 
-    start: np.ndarray
-    lower: np.ndarray
-    upper: np.ndarray
-    figures: Callable[[ca.MX], ca.MX]
-    filtered: bool
-    rig: str
-    prototype: Callable[[np.ndarray, bool], Prototype]
-    structure: Callable[[Any, Any], Any]
-    moving_mass: Callable[[Any, Any], Any]
-    flaw: Callable[[float, np.ndarray], str]
+    problem: DesignProblem
+    begun: np.ndarray
     needed_Hz: float | None = None
+    largest_mass_kg: float | None = None
+    free: Sequence[int] = range(4)
+
+    @cached_property
+    def bounds(self) -> tuple[np.ndarray, np.ndarray]:
+        """Least and largest variables, (8,) each."""
+        widest, thinnest = self.problem.sections.largest_width_m, self.problem.sections.least_wall_m
+        sizes = [(5 * thinnest, widest), (thinnest, THICKEST_SHARE * widest)] * 2
+        scaled = (np.divide(ends, unit) for ends, unit in zip(sizes, SIZE_UNITS, strict=True))
+        bounds = np.array([*scaled, *[(0, 1)] * 4])
+        for fixed in range(len(bounds)) if not self.free else set(range(4)) - set(self.free):
+            bounds[fixed] = self.begun[fixed]
+        return bounds[:, 0], bounds[:, 1]
+
+    @property
+    def start(self) -> np.ndarray:
+        """(8,) those that the rig has to begin with."""
+        return np.clip(self.begun, *self.bounds)
+
+    def figures(self, chosen: ca.MX) -> ca.MX:
+        """The (14,) lumped figures of the linear model, in symbols."""
+        sizes, lumped = [float(unit) * chosen[i] for i, unit in enumerate(SIZE_UNITS)], list[ca.MX]()
+        for asked, tube in zip(self.problem.beams, pair_of(self.problem, sizes), strict=True):
+            stiffness, mass = beam_figures(asked.material, tube, asked.free_length_m, asked.end_mass_kg)
+            lumped += [stiffness, mass, fixed_dashpot(asked.damping_ratio, stiffness, mass)]
+        return ca.vertcat(*lumped, *servo_figures(self.problem).values())
+
+    def slack(self, shape: tuple[int, int], kind: Kind) -> ca.Function:
+        """Of a limit at one point in terms of these figures, see `sized_slack`."""
+        return sized_slack(shape, kind, self.problem.sensor.filter_Hz is not None, self.problem.rig)
+
+    def prototype(self, chosen: np.ndarray, rounded: bool) -> Prototype:
+        """The rig, its sizes rounded as they will be written down or not.
+
+        Raises:
+            ValueError: where they are the sizes of no tubes, or of an inner one that does not go into the outer one.
+        """
+        try:
+            return self.problem.prototype(*(rounded_tubes if rounded else tubes)(self.problem, chosen))
+        except ValidationError:
+            raise ValueError("these sizes are no pair of tubes") from None
+
+    @cached_property
+    def _parts(self) -> Callable[[Any], Any]:
+        """Variables to the constraints of the sizing problem and the mass of both beams, kg."""
+        sizing = sizing_program(self.problem)
+        both = ca.Function("sizing", [sizing.variables, sizing.asked], [sizing.constraints, sizing.mass])
+        return lambda chosen: both(chosen, sizing.figures)
+
+    def structure(self, inner: Any, chosen: Any) -> Any:
+        """Slacks that must not be negative with a mass inside (kg), in symbols or numbers."""
+        constraints, mass = self._parts(chosen)
+        most = self.largest_mass_kg
+        spare = [] if most is None else [most - _ROUNDED_MASS_KG - mass - inner]
+        return ca.vertcat(-constraints - ROUNDED_SLACK, *spare) if self.free else ca.DM(0, 1)
+
+    def moving_mass(self, inner: Any, chosen: Any) -> Any:
+        """Mass inside and of both beams, kg, in symbols or numbers."""
+        return self._parts(chosen)[1] + inner
+
+    def flaw(self, inner: float, chosen: np.ndarray) -> str:
+        """Why the rounded sections may not be built with a mass inside (kg); empty where they may."""
+        if not self.free:
+            return ""
+        mass, most = section_mass(self.problem, chosen) + inner, self.largest_mass_kg
+        if most is not None and mass > most:
+            return f"moves {mass:.6g} kg, more than {most:.6g} kg"
+        missed = check_sections(self.problem, *rounded_tubes(self.problem, chosen)).failing
+        return "the refined sections miss: " + ", ".join(check.name for check in missed) if missed else ""
 
     def value(self, inner: float, chosen: np.ndarray, bandwidth_Hz: float) -> float:
         """Worth of sections with a mass inside (kg) and the bandwidth they reach: that, or one over the moving mass."""
@@ -92,98 +145,6 @@ def rounded_tubes(problem: DesignProblem, section_variables: np.ndarray) -> tupl
     return pair_of(problem, [round(float(size), _ROUND) for size in section_variables[:4] * SIZE_UNITS])
 
 
-def _symbolic_figures(problem: DesignProblem) -> Callable[[ca.MX], ca.MX]:
-    """Section variables to the lumped figures of the linear model."""
-    hydraulics = servo_figures(problem)
-
-    def figures(sections: ca.MX) -> ca.MX:
-        sizes = [float(unit) * sections[i] for i, unit in enumerate(SIZE_UNITS)]
-        lumped: list[ca.MX] = []
-        for asked, tube in zip(problem.beams, pair_of(problem, sizes), strict=True):
-            stiffness, mass = beam_figures(asked.material, tube, asked.free_length_m, asked.end_mass_kg)
-            lumped += [stiffness, mass, fixed_dashpot(asked.damping_ratio, stiffness, mass)]
-        return ca.vertcat(*lumped, *hydraulics.values())
-
-    return figures
-
-
-def _prototype(problem: DesignProblem, pair: tuple[Tube, Tube]) -> Prototype:
-    """The rig with these tubes; a ValueError where the record of it refuses them."""
-    try:
-        return problem.prototype(*pair)
-    except ValidationError:
-        raise ValueError("these sizes are no pair of tubes") from None
-
-
 def section_mass(problem: DesignProblem, sections: np.ndarray) -> float:
     """Mass of both beams, kg."""
     return float(beam_mass(problem, *rounded_tubes(problem, sections)))
-
-
-def free_sections(
-    problem: DesignProblem,
-    start: np.ndarray,
-    needed_Hz: float | None = None,
-    largest_mass_kg: float | None = None,
-    free: Sequence[int] = range(4),
-) -> Sections:
-    """The sections of a problem as something to be chosen with a controller.
-
-    Args:
-        problem: its load and limits.
-        start: (8,) variables to begin with, see `beamdesign.synthesis.free_search.start_variables`.
-        needed_Hz: bandwidth to be had with the least moving mass; None for the largest bandwidth.
-        largest_mass_kg: of both beams and the mass inside; None for any.
-        free: by number which of the four sizes may change; none: these are not checked, whatever they are.
-    """
-    sizing = sizing_program(problem)
-    parts = ca.Function("sizing", [sizing.variables, sizing.asked], [sizing.constraints, sizing.mass])
-    widest, thinnest = problem.sections.largest_width_m, problem.sections.least_wall_m
-    sizes = [(5 * thinnest, widest), (thinnest, THICKEST_SHARE * widest)] * 2
-    bounds = np.array([*(np.divide(ends, unit) for ends, unit in zip(sizes, SIZE_UNITS, strict=True)), *[(0, 1)] * 4])
-    for fixed in range(len(bounds)) if not free else set(range(4)) - set(free):
-        bounds[fixed] = start[fixed]
-
-    def structure(inner: Any, chosen: Any) -> Any:
-        constraints, mass = parts(chosen, sizing.figures)
-        spare = [] if largest_mass_kg is None else [largest_mass_kg - _ROUNDED_MASS_KG - mass - inner]
-        return ca.vertcat(-constraints - ROUNDED_SLACK, *spare) if free else ca.DM(0, 1)
-
-    def flaw(inner: float, chosen: np.ndarray) -> str:
-        if not free:
-            return ""
-        mass = section_mass(problem, chosen) + inner
-        if largest_mass_kg is not None and mass > largest_mass_kg:
-            return f"moves {mass:.6g} kg, more than {largest_mass_kg:.6g} kg"
-        missed = check_sections(problem, *rounded_tubes(problem, chosen)).failing
-        return "the refined sections miss: " + ", ".join(check.name for check in missed) if missed else ""
-
-    return Sections(
-        start=np.clip(start, bounds[:, 0], bounds[:, 1]),
-        lower=bounds[:, 0],
-        upper=bounds[:, 1],
-        figures=_symbolic_figures(problem),
-        filtered=problem.sensor.filter_Hz is not None,
-        rig=problem.rig,
-        prototype=lambda chosen, rounded: _prototype(problem, (rounded_tubes if rounded else tubes)(problem, chosen)),
-        structure=structure,
-        moving_mass=lambda inner, chosen: parts(chosen, sizing.figures)[1] + inner,
-        flaw=flaw,
-        needed_Hz=needed_Hz,
-    )
-
-
-@cache
-def sized_slack(shape: tuple[int, int], kind: Kind, filtered: bool, rig: str) -> ca.Function:
-    """Slack of a limit at one point of a rig without effects, see `slack_of`, from the figures of its plant.
-
-    Inputs: the law's coefficients, mass inside (kg), lumped figures (d,), outer end mass (kg), frequency (Hz).
-    """
-    coefficients = ca.SX.sym("coefficients", *shape)
-    symbols, polynomials = plant_of_figures(filtered, rig)
-    figures, outer, inner = ca.vertsplit(symbols, [0, symbols.shape[0] - 2, symbols.shape[0] - 1, symbols.shape[0]])
-    frequency = ca.SX.sym("frequency")
-    w = 2 * pi * frequency
-    plant, control, disturbance = (on_axis(one, w) for one in polynomials)
-    slack = slack_of(kind, law_on_axis(coefficients, w), plant, [control], disturbance)
-    return ca.Function("sized", [ca.vec(coefficients), inner, figures, outer, frequency], [slack])

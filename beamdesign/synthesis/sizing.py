@@ -1,21 +1,153 @@
-"""Sizing: the lightest pair of tubes that carries the load and keeps its clearance, and what that costs."""
+"""Sizing: the lightest pair of tubes that carries the load and keeps its clearance, and what that costs.
 
+Of stock tubes every pair is looked at, since checks take arrays. Where no pair of tubes fits, which requirement to
+relax: each alone, as little as possible.
+"""
+
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
-from beamdesign.json_text import finite, picked
+import numpy as np
+
 from beamdesign.problem import BeamProblem, DesignProblem, Load, Sections
 from beamdesign.progress import Progress, silent
 from beamdesign.prototype import Beam, Payload, Prototype
 from beamdesign.records import InputError, Problem
-from beamdesign.result import Result
-from beamdesign.structure.section import Tube
-from beamdesign.synthesis.checks import Check, CheckedPair, check_sections
-from beamdesign.synthesis.free_search import FreeOptimum, free_optimum
-from beamdesign.synthesis.relaxation import Relaxation, relax_free, relax_stock
-from beamdesign.synthesis.stock_search import StockOptimum, stock_of, stock_optimum
+from beamdesign.result import Result, finite, picked
+from beamdesign.structure.section import Tube, as_arrays, clearances, stock_tubes
+from beamdesign.synthesis.checks import (
+    REQUIREMENTS,
+    Check,
+    CheckedPair,
+    Pair,
+    Relaxation,
+    Requirements,
+    beam_mass,
+    check_sections,
+    checks,
+    confirmed,
+    eased,
+    enough_of,
+    relaxable,
+    requirements,
+)
+from beamdesign.synthesis.free_search import FreeOptimum, free_optimum, relax_free
 
 _GEOMETRY = ("width_m", "wall_m", "length_m", "free_length_m", "material")
+
+
+@dataclass(frozen=True)
+class StockOptimum:
+    """The lightest pair of stock tubes; no pair was left out, so this is the global optimum over the list.
+
+    Attributes:
+        pair: the tubes, their mass and its checks.
+        pairs: how many pairs there are.
+        pairs_feasible: how many of them pass every check.
+    """
+
+    pair: CheckedPair
+    pairs: int
+    pairs_feasible: int
+
+
+Stock = tuple[Sequence[Tube], Sequence[Tube]]
+"""What there is to choose the outer and the inner tube from."""
+
+
+def stock_of(problem: DesignProblem) -> Stock:
+    """Stock tubes of the shapes of both beams."""
+    outer, inner = (stock_tubes(one.shape, one.depth_over_width) for one in problem.beams)
+    return outer, inner
+
+
+def _all_pairs(stock: Stock) -> tuple[Tube, Tube, np.ndarray]:
+    """Outer tubes by row and inner ones by column, and whether the inner enters the outer."""
+    outer, inner = as_arrays(stock[0], (-1, 1)), as_arrays(stock[1], (1, -1))
+    return outer, inner, np.logical_and.reduce([gap > 0 for gap in clearances(outer, inner)])
+
+
+def _of_least(stock: Stock, figures: np.ndarray) -> Pair:
+    row, column = np.unravel_index(np.argmin(figures), figures.shape)
+    return stock[0][int(row)], stock[1][int(column)]
+
+
+def passing_pairs(
+    problem: DesignProblem, stock: Stock, asked: Requirements | None = None
+) -> tuple[np.ndarray, Pair | None]:
+    """Which pairs pass every check, and the lightest of them.
+
+    Args:
+        problem: what is asked.
+        stock: the tubes, n outer and m inner ones.
+        asked: other figures than the problem's.
+
+    Returns:
+        Boolean array (n, m): row by outer tube, column by inner tube; and the pair, None where none passes.
+    """
+    outer, inner, fits = _all_pairs(stock)
+    found = checks(problem, outer, inner, asked)
+    passing = np.logical_and.reduce(np.broadcast_arrays(fits, *(check.satisfied for check in found)))
+    mass = np.where(passing, beam_mass(problem, outer, inner), np.inf)
+    return passing, _of_least(stock, mass) if passing.any() else None
+
+
+def nearest_pair(problem: DesignProblem, stock: Stock) -> CheckedPair:
+    """The pair whose worst miss, relative to its limit, is least, of those where the inner tube enters the outer one.
+
+    Args:
+        problem: what is asked.
+        stock: the tubes.
+    """
+    outer, inner, fits = _all_pairs(stock)
+    misses = [-check.slack / np.maximum(np.abs(check.limit), 1e-3) for check in checks(problem, outer, inner)]
+    worst = np.where(fits, np.maximum.reduce(np.broadcast_arrays(*misses)), np.inf)
+    return check_sections(problem, *_of_least(stock, worst))
+
+
+def stock_optimum(problem: DesignProblem, stock: Stock | None = None) -> StockOptimum | None:
+    """Find the lightest pair of stock tubes that passes every check.
+
+    Args:
+        problem: what is asked.
+        stock: tubes to choose from; by default the built-in lists of their shapes.
+
+    Returns:
+        The optimum, or None where no pair passes.
+    """
+    stock = stock_of(problem) if stock is None else stock
+    if not all(stock):
+        return None
+    passing, pair = passing_pairs(problem, stock)
+    return None if pair is None else StockOptimum(check_sections(problem, *pair), passing.size, int(passing.sum()))
+
+
+def relax_stock(problem: DesignProblem, stock: Stock) -> tuple[tuple[Relaxation, ...], CheckedPair]:
+    """For stock tubes: the requirements that could be eased alone, each by bisection over all pairs.
+
+    More pairs pass as a requirement is eased, so that the bisection finds the least change over the whole list.
+
+    Returns:
+        The relaxations, the relatively smallest first; and the pair that misses least.
+    """
+    asked = requirements(problem)
+
+    def lightest(name: str, figure: float) -> Pair | None:
+        return passing_pairs(problem, stock, asked._replace(**{name: figure}))[1]
+
+    found = []
+    for name in relaxable(asked):
+        if lightest(name, REQUIREMENTS[name].easiest) is None:
+            continue
+        hard, easy = 0.0, 1.0
+        for _ in range(40):
+            middle = (hard + easy) / 2
+            hard, easy = (hard, middle) if lightest(name, eased(asked, name, middle)) else (middle, easy)
+        enough = enough_of(asked, name, easy)
+        if pair := lightest(name, enough):
+            found.append((name, enough, pair))
+    return confirmed(problem, found), nearest_pair(problem, stock)
 
 
 @dataclass(frozen=True, repr=False)

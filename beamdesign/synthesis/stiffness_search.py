@@ -2,6 +2,9 @@
 
 Sampled: curves at both ends of the payload, local search from many starts, rigs drawn from the tolerances. Proved:
 whatever is taken, on the nominal rig and on each of those.
+
+A design is carried to a prototype and its two certificates: of the loop, and of the tip as a port. What its controller
+does on further rigs drawn from the tolerances is decided rig by rig.
 """
 
 from collections.abc import Callable
@@ -15,16 +18,19 @@ from beamdesign.plant.linear import Plant
 from beamdesign.plant.members import paper_model
 from beamdesign.polynomial import exact
 from beamdesign.progress import Progress, silent
-from beamdesign.proofs.certificate import Asked, goal_claims
+from beamdesign.proofs.certificate import Asked, Certificate, goal_claims
+from beamdesign.proofs.certifying import certify
 from beamdesign.proofs.contact import Wall
 from beamdesign.proofs.performance import prove
 from beamdesign.proofs.rectangle import Rectangle
 from beamdesign.prototype import Compliance, Prototype
+from beamdesign.synthesis.design_run import stating
 from beamdesign.synthesis.end_stiffness import (
     NEEDS,
     SHARE,
     EndStiffness,
     Need,
+    contact_text,
     controller_of,
     in_contact,
     judge,
@@ -239,3 +245,84 @@ class _Search:
                 self.others.insert(0, self.others.pop(k))
                 return False
         return True
+
+
+@dataclass(frozen=True)
+class CompliantPrototype:
+    """What a compliant design comes to.
+
+    Attributes:
+        prototype: with its controller, what that stands for, and its guarantee.
+        certificate: of the loop over the payload.
+        contact: text of the certificate of the tip.
+    """
+
+    prototype: Prototype
+    certificate: Certificate
+    contact: str
+
+
+def carried_out(
+    prototype: Prototype, found: EndStiffness, masses_kg: tuple[float, float], wall: Wall
+) -> CompliantPrototype:
+    """Write the controller of a law into its prototype, and the proofs.
+
+    Raises:
+        ValueError: for a controller that was judged as it is.
+    """
+    law = found.law
+    if law is None:
+        raise ValueError("a controller that was judged as it is has no law to be carried out")
+    rig = prototype.but(controller=controller_of(prototype, law), compliance=law, guarantee=None)
+    asked = (Asked("peak_sensitivity", found.peak_sensitivity), *goal_claims(prototype.goal))
+    proof = certify(rig, *masses_kg, asked)
+    bandwidth = 0.0 if proof.guaranteed is None else proof.guaranteed.bandwidth_Hz
+    made = stating(rig, proof.text, masses_kg, bandwidth, found.peak_sensitivity)
+    return CompliantPrototype(made, proof, contact_text(rig, found, masses_kg, wall))
+
+
+@dataclass(frozen=True)
+class DrawnRig:
+    """One rig with the controller of the prototype.
+
+    Attributes:
+        static_N_per_m: static stiffness of its end; not positive for one that cannot stay where it is.
+        stable: whether it is with every end mass of the range.
+        passive: whether it is stable and its tip is passive.
+        wall: whether it is stable against every wall with every end mass.
+    """
+
+    static_N_per_m: float
+    stable: bool
+    passive: bool
+    wall: bool
+
+
+def drawn_rigs(prototype: Prototype, masses_kg: tuple[float, float], wall: Wall, count: int) -> tuple[DrawnRig, ...]:
+    """Look at rigs whose figures are off by normal deviations, cut off at four.
+
+    Args:
+        prototype: with its compliant controller; none are drawn where it states no tolerances.
+        masses_kg: range of mass on the outer tip.
+        wall: that the tip may lean on.
+        count: how many.
+    """
+    law, masses = prototype.own_controller, (exact(masses_kg[0]), exact(masses_kg[1]))
+    ports = [tip(close_loop(plant, law)) for plant in plants_drawn(prototype, masses_kg[1], count, seed=1)]
+    needs: tuple[Need, ...] = ("stable", "passive", "wall")
+    return tuple(
+        DrawnRig(port.static_stiffness(), *(in_contact(port, masses, wall, need) for need in needs)) for port in ports
+    )
+
+
+def drawn_in_words(rigs: tuple[DrawnRig, ...]) -> str:
+    """How many of them are what, for a person."""
+    least, most = min(rig.static_N_per_m for rig in rigs), max(rig.static_N_per_m for rig in rigs)
+    counts = ", ".join(
+        f"{sum(getattr(rig, name) for rig in rigs)} {words}"
+        for name, words in (("stable", "stable"), ("passive", "passive"), ("wall", "stable against every wall"))
+    )
+    return (
+        f"Sampled: of {len(rigs)} rigs drawn from the tolerances {counts};"
+        f" static stiffness {least:.4g} to {most:.4g} N/m."
+    )

@@ -28,19 +28,18 @@ from beamdesign.controllers import KINDS, SENSED, Estimator, Scheduled, Sensed, 
 from beamdesign.parameters import stated_or_typical
 from beamdesign.plant.actuators import not_felt
 from beamdesign.plant.members import served
+from beamdesign.polynomial import nearest
 from beamdesign.progress import Progress, silent
 from beamdesign.proofs.certifying import gain_and_mass
 from beamdesign.proofs.lyapunov import Switching, switching
 from beamdesign.proofs.mass_family import stage_families
 from beamdesign.prototype import InStage, Prototype
-from beamdesign.public import SIGMAS
-from beamdesign.rational import nearest
 from beamdesign.records import InputError, Problem
 from beamdesign.result import Result
-from beamdesign.synthesis.law_design import no_answer
+from beamdesign.synthesis import SIGMAS
+from beamdesign.synthesis.law_design import Proved, no_answer
 from beamdesign.synthesis.law_search import Found, from_seeds, search
 from beamdesign.synthesis.law_task import Search
-from beamdesign.synthesis.loop_limits import Proved
 from beamdesign.synthesis.rig_spread import RigSpread, rig_spread
 from beamdesign.synthesis.weight_search import ADDED_SENSORS_EFFORT, EFFORT, SYNTHESES, limited, search_observer
 from beamdesign.time_limit import is_limited, over, while_time, within

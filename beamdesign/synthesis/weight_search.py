@@ -22,8 +22,7 @@ from beamdesign.progress import Progress, silent
 from beamdesign.prototype import Goal
 from beamdesign.synthesis.law_search import Found, search
 from beamdesign.synthesis.law_task import Effort, Search, sampled_masses
-from beamdesign.synthesis.loop_samples import COARSE_HZ, Samples, rig_samples
-from beamdesign.synthesis.loop_slacks import slacks_of
+from beamdesign.synthesis.loop_samples import COARSE_HZ, Samples, rig_samples, slacks_of
 from beamdesign.synthesis.synthesis import (
     GeneralisedPlant,
     StateSpace,

@@ -13,9 +13,9 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from beamdesign.json_text import picked
 from beamdesign.report.canvas import new_figure
 from beamdesign.report.page import text_template
+from beamdesign.result import picked
 from beamdesign.spelling import in_markdown
 from beamdesign.validation.blind.baselines import NAMES
 from beamdesign.validation.blind.bounds import clopper_pearson

@@ -18,7 +18,7 @@ from beamdesign.diagnosis.diagnosis import updated_prototype
 from beamdesign.diagnosis.redesign import Redesign, payload_range, redesign
 from beamdesign.loop import loop
 from beamdesign.prototype import Prototype
-from beamdesign.synthesis.loop_slacks import first_miss
+from beamdesign.synthesis.loop_samples import first_miss
 from beamdesign.validation.truth.case import Case
 
 Progress = Callable[[str], None]

@@ -9,7 +9,7 @@ from beamdesign.prototype import Prototype
 from beamdesign.scenario import Input, Multisine, Scenario, ScenarioRecord, Step
 from beamdesign.simulation import SimulatedRecord, simulate
 from beamdesign.structure.lumped import with_figures
-from beamdesign.synthesis.loop_slacks import first_miss
+from beamdesign.synthesis.loop_samples import first_miss
 
 MEASURED_WITHIN = 0.1
 """Excess of the compliance over the goal that counts as met: what a measured response of a few seconds can tell."""

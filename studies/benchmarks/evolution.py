@@ -22,8 +22,7 @@ from beamdesign.controllers.protocol import form_of
 from beamdesign.loop import Loop, close_loop
 from beamdesign.plant.members import paper_model
 from beamdesign.prototype import Prototype
-from beamdesign.synthesis.loop_samples import samples
-from beamdesign.synthesis.loop_slacks import first_miss
+from beamdesign.synthesis.loop_samples import first_miss, samples
 from beamdesign.synthesis.tuning import tune
 
 LARGEST_INNER_KG = 6.0

@@ -9,7 +9,7 @@ import numpy as np
 from eigenvalue_grid import Matrices, realised
 
 from beamdesign.controllers import Lag, Proportional
-from beamdesign.synthesis.loop_slacks import first_miss
+from beamdesign.synthesis.loop_samples import first_miss
 
 FREQUENCIES_HZ = np.geomspace(0.1, 1000.0, 401)
 """A hundred points a decade, as one would plot them."""

@@ -8,8 +8,8 @@ from beamdesign.plant.members import family
 from beamdesign.proofs.certificate import Asked, goal_claims
 from beamdesign.proofs.certifying import certify
 from beamdesign.prototype import Prototype
+from beamdesign.synthesis.law_design import Proved
 from beamdesign.synthesis.law_task import Search
-from beamdesign.synthesis.loop_limits import Proved
 from beamdesign.synthesis.weight_search import ADDED_SENSORS_EFFORT, EFFORT, search_observer
 
 SETS: tuple[tuple[Sensed, ...], ...] = (SENSED[:1], SENSED[:2], (SENSED[0], SENSED[2]), SENSED)

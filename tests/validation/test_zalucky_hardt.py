@@ -16,7 +16,7 @@ from beamdesign import Prototype, critical_gain, state_space
 from beamdesign.loop import loop
 from beamdesign.polynomial import crossings, exact
 from beamdesign.prototype import COMPLIANCE_LIMIT_M_PER_N
-from beamdesign.quantity_text import decibels, from_decibels
+from beamdesign.quantities import decibels, from_decibels
 from beamdesign.validation.paper.rig import (
     CASES,
     SMALLER_PISTON_SIDE_M2,

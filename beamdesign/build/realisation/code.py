@@ -35,13 +35,12 @@ from beamdesign.build.realisation.realise import (
     rounding_effect,
 )
 from beamdesign.files import write_set
-from beamdesign.json_text import finite, picked
 from beamdesign.loop import LoopAtMass, loop
 from beamdesign.polynomial import exact
 from beamdesign.progress import Progress, silent
 from beamdesign.prototype import Prototype
 from beamdesign.records import InputError
-from beamdesign.result import Result
+from beamdesign.result import Result, finite, picked
 
 _BITS = 256
 _KEPT_BITS = 80

@@ -25,7 +25,7 @@ from beamdesign.build.realisation.sections import (
     discretised,
 )
 from beamdesign.controllers import Controller
-from beamdesign.rational import nearest
+from beamdesign.polynomial import nearest
 
 V = TypeVar("V")
 

@@ -32,11 +32,10 @@ from beamdesign.build.realisation.law import DifferenceEquation, LinearLaw
 from beamdesign.controllers import SENSED, SENSORS
 from beamdesign.plant.linear import SEEN_AS
 from beamdesign.plant.members import paper_model
-from beamdesign.polynomial import exact
+from beamdesign.polynomial import exact, nearest
 from beamdesign.progress import Progress, silent
 from beamdesign.proofs.mass_family import floats
 from beamdesign.prototype import Prototype
-from beamdesign.rational import nearest
 
 if TYPE_CHECKING:
     from beamdesign.build.realisation.realise import Realisation

@@ -21,10 +21,9 @@ from beamdesign.build.realisation.law import Coefficient, LinearLaw, coefficient
 from beamdesign.build.realisation.loop import LOOP_BITS, RealisedLoop, middle
 from beamdesign.build.realisation.sections import DiscreteLaw, discretised, laws_of
 from beamdesign.controllers import Controller, TransferFunction
-from beamdesign.polynomial import at_points, exact
+from beamdesign.polynomial import at_points, exact, nearest
 from beamdesign.proofs.mass_family import floats
 from beamdesign.prototype import Prototype
-from beamdesign.rational import nearest
 
 LEAST_WORD, LARGEST_WORD = 8, 32
 FULL_SCALE_V = 10.0

@@ -20,8 +20,7 @@ from math import log, pi, prod, sqrt, tan
 from typing import Literal
 
 from beamdesign.controllers import SENSED, Controller, TransferFunction
-from beamdesign.polynomial import roots
-from beamdesign.rational import nearest
+from beamdesign.polynomial import nearest, roots
 
 Factor = tuple[list[complex], list[complex]]
 """Poles and zeros of a factor, rad/s."""

@@ -30,14 +30,13 @@ import numpy as np
 from flint import fmpq, fmpq_mat, fmpq_mpoly, fmpq_mpoly_ctx, fmpq_poly, fmpz
 
 from beamdesign.loop import Loop
-from beamdesign.polynomial import at_points, exact, in_variable, roots
+from beamdesign.polynomial import at_points, exact, in_variable, nearest, roots, text
 from beamdesign.proofs.arm import PLANES, PlaneFigures, arm_figures, arm_of, plane_figures, sensor_of, single_loop
 from beamdesign.proofs.arm.remaining import Vector
 from beamdesign.proofs.box import BoxVerdict, box_of, certify_box
 from beamdesign.proofs.mass_family import floats
 from beamdesign.proofs.statement import PolynomialFamily, written
 from beamdesign.prototype import Prototype
-from beamdesign.rational import nearest, text
 from beamdesign.records import InputError
 
 MASS = "outer_end_mass"

@@ -8,8 +8,7 @@ from typing import Any
 import numpy as np
 from scipy.linalg import eigh
 
-from beamdesign.json_text import picked
-from beamdesign.polynomial import exact
+from beamdesign.polynomial import exact, nearest
 from beamdesign.proofs.arm import (
     PLANES,
     ArmFigures,
@@ -32,7 +31,7 @@ from beamdesign.proofs.quadratic import kept_up_to_Hz
 from beamdesign.proofs.stability import StabilityMap, stable_ranges
 from beamdesign.proofs.writer import certificate, plain, stability_table, stated, texts
 from beamdesign.prototype import Goal, Prototype
-from beamdesign.rational import nearest
+from beamdesign.result import picked
 from beamdesign.structure.lumped import lumped_beam
 
 KIND = "beamdesign.arm_plane"

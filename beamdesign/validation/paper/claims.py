@@ -16,9 +16,9 @@ from typing import Any
 
 import numpy as np
 
-from beamdesign.json_text import picked
 from beamdesign.prototype import COMPLIANCE_LIMIT_M_PER_N, Beam
-from beamdesign.quantity_text import decibels, from_decibels
+from beamdesign.quantities import decibels, from_decibels
+from beamdesign.result import picked
 from beamdesign.structure import lumped
 from beamdesign.structure.lumped import lumped_beam
 from beamdesign.validation.paper.rig import (

@@ -5,10 +5,10 @@ from itertools import groupby
 from pathlib import Path
 
 from beamdesign.files import write_whole
-from beamdesign.json_text import picked
 from beamdesign.progress import Progress
 from beamdesign.report.canvas import save
 from beamdesign.report.page import Document, Picture, document_template, parts_from, to_html
+from beamdesign.result import picked
 from beamdesign.validation.paper.claims import Bandwidth, Claim, FigureClaim, bandwidths, claims_and_slips
 from beamdesign.validation.paper.figures import DRAWINGS, Drawing
 from beamdesign.validation.paper.rig import (

@@ -22,7 +22,7 @@ from beamdesign.loop import LoopAtMass, critical_gain
 from beamdesign.plant.harmonic_balance import forced_motion
 from beamdesign.plant.linear_reach import with_published_effects
 from beamdesign.prototype import COMPLIANCE_LIMIT_M_PER_N, Prototype
-from beamdesign.quantity_text import decibels, from_decibels
+from beamdesign.quantities import decibels, from_decibels
 from beamdesign.report.canvas import new_figure, note
 from beamdesign.report.figures import plot_compliance, plot_critical_gain, plot_loop_bode, plot_root_locus
 from beamdesign.validation.paper.claims import CM_PER_100_N, Claim, FigureClaim, paper_words

@@ -12,12 +12,12 @@ from typing import Any
 import numpy as np
 
 from beamdesign.controllers import Lag, Proportional
-from beamdesign.json_text import picked
 from beamdesign.loop import CriticalGain, LoopAtMass, critical_gain, loop
 from beamdesign.plant.actuators.servo_cylinder import ServoCylinder, valve_of
 from beamdesign.polynomial import crossings
 from beamdesign.prototype import Beam, Payload, Prototype, Sensor, Servovalve
-from beamdesign.quantity_text import decibels
+from beamdesign.quantities import decibels
+from beamdesign.result import picked
 from beamdesign.structure.lumped import lumped_beam
 
 VALVE_DAMPING_RATIO = 0.5

@@ -9,7 +9,7 @@ import numpy as np
 import tomli_w
 
 from beamdesign.files import write_whole
-from beamdesign.json_text import picked
+from beamdesign.result import picked
 from beamdesign.validation.truth.controller import controller_figures
 from beamdesign.validation.truth.effects import KINDS, LISTED, PARAMETERS, Rig, Scales, Shape
 from beamdesign.validation.truth.noise import Noise
