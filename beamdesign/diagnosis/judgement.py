@@ -36,7 +36,7 @@ class Thresholds:
         minor: of the gap.
         part: of what is left without a cause.
         plain: in cost, about three tolerances.
-        as_much: of what a plainly wrong figure gains.
+        as_much: of what a plainly wrong figure eases the others.
         confident: probability of the best hypothesis from which the verdict is not called ambiguous.
         worse: times the error of re-tuned tolerances: what held-out conditions speak against.
         near_noise: times the noise: what they never do.
@@ -232,11 +232,16 @@ def judge(found: Search) -> Judgement:
 
 
 def _plain(fits: Sequence[Fit], plausible: Mapping[Hypothesis, float]) -> float:
-    """The most that a wrong figure gains which by itself is more probable than none."""
-    least, null = plausible[NOTHING], next(f.cost for f in fits if f.hypothesis == NOTHING)
+    """The most that a wrong figure eases the others which by itself is more probable than none."""
+    least, null = plausible[NOTHING], next(_strain(f) for f in fits if f.hypothesis == NOTHING)
     figures = [f for f in fits if len(f.hypothesis.names) == 1 and not f.hypothesis.effects]
-    gains = [null - f.cost for f in figures if plausible[f.hypothesis] + odds(f.hypothesis) > least]
-    return max(gains, default=0.0)
+    eased = [null - _strain(f) for f in figures if plausible[f.hypothesis] + odds(f.hypothesis) > least]
+    return max(eased, default=0.0)
+
+
+def _strain(found: Fit) -> float:
+    """What the priors of a fit cost."""
+    return float(found.z @ found.z)
 
 
 def _slight(found: Fit, fits: Mapping[Hypothesis, Fit], of: Search, spread: float, figure: float) -> float:
@@ -245,15 +250,16 @@ def _slight(found: Fit, fits: Mapping[Hypothesis, Fit], of: Search, spread: floa
     Every real rig has a little of everything, so that one more cause always improves a fit. What a cause improves
     counts by what its removal brings back, see `_size`; that of all of them by what they bring together, as two that
     work against each other may both look large. A wrong figure alone is told by how far off its tolerance it is, so
-    that what comes back need only be `Thresholds.plain`; and where a figure is plainly wrong, whatever explains about
-    as much as that `figure` gains is not slight either.
+    that what comes back need only be `Thresholds.plain`; and where a figure is plainly wrong, whatever eases the others
+    about as much as that `figure` is not slight either. What leaves them strained explains something else.
     """
 
     def cost(without: Hypothesis) -> float:
         rest = fits.get(without)
         if rest is None or (gained := rest.cost - found.cost) <= 0:
             return 0.0
-        plain = without == NOTHING and (not found.hypothesis.effects or 0 < THRESHOLDS.as_much * figure <= gained)
+        eased = _strain(rest) - _strain(found)
+        plain = without == NOTHING and (not found.hypothesis.effects or 0 < THRESHOLDS.as_much * figure <= eased)
         size = gained / THRESHOLDS.plain if plain else _size(found, rest, of)
         return gained / (2 * spread) / (1 + size ** (2 * THRESHOLDS.steep))
 
