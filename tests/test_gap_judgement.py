@@ -147,11 +147,21 @@ def test_a_second_cause_needs_a_share_of_its_own():
 
 
 def test_what_leaves_a_plainly_wrong_figure_strained_explains_something_else():
-    """Of little misfit, one cause takes a part and leaves the figure where no tolerance lets it be, the other eases it."""
+    """Of little misfit, one cause takes a part and leaves the figure where no rig has it, the other eases it."""
     null, wrong = made((), 1.2 * EXPECTED, flow_gain=4.8), made(("parameter:flow_gain",), 1.2 * EXPECTED, flow_gain=1.0)
     strained, eased = made((AREAS,), 1.05 * EXPECTED, flow_gain=4.8), made((AREAS,), 1.05 * EXPECTED)
     assert judge(found(null, wrong, strained)).best.hypothesis.names == wrong.hypothesis.names
     assert judge(found(null, wrong, eased)).best.hypothesis.names == (AREAS,)
+
+
+def test_beside_another_cause_too_a_figure_no_rig_has_so_far_off_is_eased():
+    lag, both = made((LAG,), 1.1 * EXPECTED, oil_stiffness=-8.0), made((LAG, "entrained_air"), 1.05 * EXPECTED)
+    null = made((), 30 * EXPECTED, oil_stiffness=-8.0)
+    judged = judge(found(null, lag, made(("entrained_air",), 29 * EXPECTED), both))
+    assert judged.best.hypothesis == both.hypothesis
+    within = replace(lag, z=lag.z * 3.5 / 8.0, cost=lag.cost - 8.0**2 + 3.5**2)  # as a rig may be
+    judged = judge(found(null, within, made(("entrained_air",), 29 * EXPECTED), both))
+    assert judged.best.hypothesis == lag.hypothesis
 
 
 def test_what_nothing_explains_is_unknown():
