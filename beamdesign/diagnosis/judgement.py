@@ -251,7 +251,7 @@ def _slight(found: Fit, fits: Mapping[Hypothesis, Fit], of: Search, spread: floa
     work against each other may both look large. A wrong figure alone is told by how far off its tolerance it is, so
     that what comes back need only be `Thresholds.plain`; and where a figure is plainly `wrong`, whatever gains about as
     much and eases the others as much as it does is not slight either; what leaves them strained explains something
-    else. Beside another cause it is what eases a figure that is further off than in any rig, for what the laws leave.
+    else. Beside another cause it is an effect that eases a figure further off than in any rig, for what the laws leave.
     """
 
     def cost(without: Hypothesis) -> float:
@@ -259,8 +259,9 @@ def _slight(found: Fit, fits: Mapping[Hypothesis, Fit], of: Search, spread: floa
         if rest is None or (gained := rest.cost - found.cost) <= 0:
             return 0.0
         alone, eased = without == NOTHING, rest.strain - found.strain
+        effect = found.hypothesis.effects != without.effects
         furthest = max(_moved(rest).values(), default=0.0)
-        off = furthest**2 * (furthest > THRESHOLDS.strained * sqrt(spread))
+        off = furthest**2 * (effect and furthest > THRESHOLDS.strained * sqrt(spread))
         gain, ease = (THRESHOLDS.as_much * part for part in (wrong if alone else (off, off)))
         plain = (0 < gain <= gained and ease <= eased) or (alone and not found.hypothesis.effects)
         size = gained / THRESHOLDS.plain if plain else _size(found, rest, of)
