@@ -22,6 +22,7 @@ from beamdesign.diagnosis.fitting.hypothesis import (
     together,
     tolerated,
 )
+from beamdesign.diagnosis.fitting.replay import Replay
 from beamdesign.diagnosis.fitting.search import refit, search
 from beamdesign.diagnosis.fitting.starts import starts
 from beamdesign.diagnosis.fitting.weighting import INDEPENDENT, SHARE, weighting
@@ -150,6 +151,26 @@ def test_linear_evidence_gives_the_posterior_mean():
     covariance = np.linalg.inv(np.eye(count) + h.T @ h)
     np.testing.assert_allclose(found.z, covariance @ h.T @ y, atol=1e-3)
     np.testing.assert_allclose(found.covariance, covariance, rtol=1e-9)
+
+
+def test_orifices_that_all_but_stall_are_integrated_in_as_many_steps_as_they_need(monkeypatch):
+    """Steps for the poles at rest are too long where the load takes most of the supply: the simulated rig diverges."""
+    data = only(measured(believed()), ["command_small", "disturbance_large"])
+    placement = Hypothesis(("pressure_dependent_flow",)).placement(data.prototype)
+    supply = {"pressure_dependent_flow.supply_pressure_Pa": 6e6}
+    z = np.array([u.z(supply[u.name]) if u.name in supply else 0.0 for u in placement.unknowns])
+
+    def simulated():
+        return [piece.predicted(placement, z) for piece in record_evidence(data)]
+
+    found = simulated()
+    monkeypatch.setattr(Replay, "_enough", lambda *given: 128)
+    for own, exact in zip(found, simulated(), strict=True):
+        assert np.all(np.linalg.norm(own - exact, axis=0) < 2e-3 * np.linalg.norm(exact, axis=0))
+    monkeypatch.setattr(Replay, "_enough", lambda *given: 2)
+    quiet, loud = simulated()
+    assert quiet == pytest.approx(found[0], abs=1e-3 * np.abs(found[0]).max())
+    assert loud is None or np.linalg.norm(loud - found[1]) > 0.1 * np.linalg.norm(found[1])
 
 
 def test_bounds_hold():

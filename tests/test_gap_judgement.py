@@ -8,7 +8,7 @@ import pytest
 from gap_sets import believed, measured, only
 from null_scores import main as null_scores_main
 
-from beamdesign.diagnosis.diagnose import LEVEL, chance, null_scores, verdict_of
+from beamdesign.diagnosis.diagnose import LEVEL, chance, decided, null_scores, verdict_of
 from beamdesign.diagnosis.fitting.evidence import record_evidence
 from beamdesign.diagnosis.fitting.fit import Fit, Share, fit
 from beamdesign.diagnosis.fitting.hypothesis import NOTHING, Hypothesis
@@ -78,6 +78,17 @@ def test_a_rig_whose_records_no_null_resembles_is_not_without_a_gap():
     assert (verdict_of(lost), verdict_of(lost, rare=LEVEL)) == ("unknown", "unknown")
 
 
+def test_a_gap_that_is_too_rare_for_none_is_of_the_most_probable_cause():
+    null, wrong = made((), 1.1 * EXPECTED, flow_gain=3.1), made(("parameter:flow_gain",), 1.1 * EXPECTED, flow_gain=1.0)
+    search = found(null, made((LAG,), 1.1 * EXPECTED, flow_gain=3.1), wrong)
+    judged = judge(search)
+    assert judged.best is null
+    assert decided(judged, search, 0.5).best is null
+    assert decided(judged, search, np.nan) is judged
+    assert decided(judged, search, LEVEL).best is wrong
+    assert verdict_of(decided(judged, search, LEVEL), rare=LEVEL) == "ambiguous"
+
+
 def test_of_nulls_no_more_than_the_level_are_beyond_it():
     """Conformal p-values of exchangeable scores are at most a with a probability of at most a, whatever their law."""
     random = np.random.default_rng(2)
@@ -133,6 +144,26 @@ def test_a_second_cause_needs_a_share_of_its_own():
     alone = made((LAG,), 40 * EXPECTED)
     major = judge(found(made((), 100 * EXPECTED), alone, other, made((LAG, AREAS), 1.1 * EXPECTED)))
     assert major.best.hypothesis.names == (LAG, AREAS)
+
+
+def test_what_leaves_a_plainly_wrong_figure_strained_explains_something_else():
+    """Of little misfit, one cause takes a part and leaves the figure where no rig has it, the other eases it."""
+    null, wrong = made((), 1.2 * EXPECTED, flow_gain=4.8), made(("parameter:flow_gain",), 1.2 * EXPECTED, flow_gain=1.0)
+    strained, eased = made((AREAS,), 1.05 * EXPECTED, flow_gain=4.8), made((AREAS,), 1.05 * EXPECTED)
+    assert judge(found(null, wrong, strained)).best.hypothesis.names == wrong.hypothesis.names
+    assert judge(found(null, wrong, eased)).best.hypothesis.names == (AREAS,)
+
+
+def test_beside_another_cause_too_a_figure_no_rig_has_so_far_off_is_eased():
+    lag, both = made((LAG,), 1.1 * EXPECTED, oil_stiffness=-8.0), made((LAG, "entrained_air"), 1.05 * EXPECTED)
+    null = made((), 30 * EXPECTED, oil_stiffness=-8.0)
+    judged = judge(found(null, lag, made(("entrained_air",), 29 * EXPECTED), both))
+    assert judged.best.hypothesis == both.hypothesis
+    freed = made((LAG, "parameter:oil_stiffness"), 1.1 * EXPECTED)  # says no more than that it is off
+    assert judge(found(null, lag, freed)).best.hypothesis == lag.hypothesis
+    within = replace(lag, z=lag.z * 3.5 / 8.0, cost=lag.cost - 8.0**2 + 3.5**2)  # as a rig may be
+    judged = judge(found(null, within, made(("entrained_air",), 29 * EXPECTED), both))
+    assert judged.best.hypothesis == lag.hypothesis
 
 
 def test_what_nothing_explains_is_unknown():

@@ -31,7 +31,7 @@ from beamdesign.diagnosis.examination.plausibility import examine
 from beamdesign.diagnosis.experiment import next_experiment
 from beamdesign.diagnosis.fitting.evidence import RecordEvidence, evidence_of, with_output_injection
 from beamdesign.diagnosis.fitting.fit import FitCache
-from beamdesign.diagnosis.fitting.search import refit, search
+from beamdesign.diagnosis.fitting.search import Search, refit, search
 from beamdesign.diagnosis.gain_diagnosis import explain_gains
 from beamdesign.diagnosis.gap_metrics import errors, gap, sizes
 from beamdesign.diagnosis.judgement import THRESHOLDS, Judgement, cause_sets, causes, classes, judge
@@ -168,8 +168,9 @@ def _diagnosed(data: Dataset, workers: int, progress: Progress, kept: FitCache |
     elif learnt is not None:
         data, found, judged = learnt.data, learnt.search, learnt.judged
     rare = nan if left_out() else chance(judged.of_causes.get((), 0.0))
-    if rare > LEVEL and (judged.best.hypothesis.names or learnt or again):
-        judged, learnt, again = replace(judged, best=found.null), None, None
+    judged = decided(judged, found, rare)
+    if not judged.best.hypothesis.names:
+        learnt, again = None, None
     confident = verdict_of(judged, doubtful, rare) != "unknown"
     best = judged.best if confident or learnt is not None else found.null
     progress(0.96, "what the data can tell")
@@ -203,7 +204,9 @@ def _diagnosed(data: Dataset, workers: int, progress: Progress, kept: FitCache |
     doubtful, left = doubtful or not confirmed(synchronised), left_out()
     verdict = no_surer(verdict_of(judged, doubtful, rare), left)
     progress(1.0, "where the gap lies")
-    where = locate(found, best, evidence, [c for c in ranked if c.name in chosen], judged.unknown)
+    gaps = 1 - judged.of_causes.get((), 0.0)  # where it lies is asked of a gap
+    blamed = [replace(c, probability=c.probability / gaps) for c in ranked if c.name in chosen]
+    where = locate(found, best, evidence, blamed, judged.unknown)
     asked = None
     if verdict in ("ambiguous", "unknown") and not left:
         fits = [f for f in (found.null, *found.fits) if f.hypothesis in judged.of]
@@ -280,6 +283,21 @@ def chance(no_gap: float, among: Sequence[float] | None = None) -> float:
     """
     scores = null_scores() if among is None else among
     return (1 + sum(score <= no_gap for score in scores)) / (1 + len(scores))
+
+
+def decided(judged: Judgement, found: Search, rare: float) -> Judgement:
+    """Whether there is a gap by how rare it would be without one: if not, tolerances are best, else a cause.
+
+    Args:
+        judged: the probabilities.
+        found: the fits.
+        rare: see `chance`; NaN where it is not known, which decides nothing.
+    """
+    if rare > LEVEL:
+        return replace(judged, best=found.null)
+    if rare <= LEVEL and not judged.best.hypothesis.names:
+        return replace(judged, best=max(found.fits, key=lambda f: judged.of.get(f.hypothesis, 0.0), default=found.null))
+    return judged
 
 
 def verdict_of(judged: Judgement, doubtful: bool = False, rare: float = nan) -> Verdict:

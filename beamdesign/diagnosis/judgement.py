@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from math import inf, log
+from math import inf, log, sqrt
 
 import numpy as np
 from scipy.special import logsumexp
@@ -97,8 +97,7 @@ class Judgement:
     @property
     def strained(self) -> tuple[str, ...]:
         """Tolerated figures that the best fit has moved further than anyone would believe: it may stand for another."""
-        pairs = zip(self.best.unknowns, self.best.z, strict=True)
-        return tuple(u.name for u, z in pairs if u.kind == "figure" and abs(z) > THRESHOLDS.strained)
+        return tuple(name for name, moved in _moved(self.best).items() if moved > THRESHOLDS.strained)
 
     def cause(self, name: str) -> float:
         """Probability that a cause is at work, alone or with others."""
@@ -231,29 +230,40 @@ def judge(found: Search) -> Judgement:
     )
 
 
-def _plain(fits: Sequence[Fit], plausible: Mapping[Hypothesis, float]) -> float:
-    """The most that a wrong figure gains which by itself is more probable than none."""
-    least, null = plausible[NOTHING], next(f.cost for f in fits if f.hypothesis == NOTHING)
+def _plain(fits: Sequence[Fit], plausible: Mapping[Hypothesis, float]) -> tuple[float, float]:
+    """What a wrong figure gains most which by itself is more probable than none, and what it eases the others."""
+    least, null = plausible[NOTHING], next(f for f in fits if f.hypothesis == NOTHING)
     figures = [f for f in fits if len(f.hypothesis.names) == 1 and not f.hypothesis.effects]
-    gains = [null - f.cost for f in figures if plausible[f.hypothesis] + odds(f.hypothesis) > least]
-    return max(gains, default=0.0)
+    wrong = [f for f in figures if plausible[f.hypothesis] + odds(f.hypothesis) > least]
+    return max(((null.cost - f.cost, null.strain - f.strain) for f in wrong), default=(0.0, 0.0))
 
 
-def _slight(found: Fit, fits: Mapping[Hypothesis, Fit], of: Search, spread: float, figure: float) -> float:
+def _moved(found: Fit) -> dict[str, float]:
+    """Tolerances by which a fit has moved each tolerated figure."""
+    return {u.name: abs(float(z)) for u, z in zip(found.unknowns, found.z, strict=True) if u.kind == "figure"}
+
+
+def _slight(found: Fit, fits: Mapping[Hypothesis, Fit], of: Search, spread: float, wrong: tuple[float, float]) -> float:
     """What is taken off the evidence for causes that explain no more than a rig's many small imperfections may.
 
     Every real rig has a little of everything, so that one more cause always improves a fit. What a cause improves
     counts by what its removal brings back, see `_size`; that of all of them by what they bring together, as two that
     work against each other may both look large. A wrong figure alone is told by how far off its tolerance it is, so
-    that what comes back need only be `Thresholds.plain`; and where a figure is plainly wrong, whatever explains about
-    as much as that `figure` gains is not slight either.
+    that what comes back need only be `Thresholds.plain`; and where a figure is plainly `wrong`, whatever gains about as
+    much and eases the others as much as it does is not slight either; what leaves them strained explains something
+    else. Beside another cause it is an effect that eases a figure further off than in any rig, for what the laws leave.
     """
 
     def cost(without: Hypothesis) -> float:
         rest = fits.get(without)
         if rest is None or (gained := rest.cost - found.cost) <= 0:
             return 0.0
-        plain = without == NOTHING and (not found.hypothesis.effects or 0 < THRESHOLDS.as_much * figure <= gained)
+        alone, eased = without == NOTHING, rest.strain - found.strain
+        effect = found.hypothesis.effects != without.effects
+        furthest = max(_moved(rest).values(), default=0.0)
+        off = furthest**2 * (effect and furthest > THRESHOLDS.strained * sqrt(spread))
+        gain, ease = (THRESHOLDS.as_much * part for part in (wrong if alone else (off, off)))
+        plain = (0 < gain <= gained and ease <= eased) or (alone and not found.hypothesis.effects)
         size = gained / THRESHOLDS.plain if plain else _size(found, rest, of)
         return gained / (2 * spread) / (1 + size ** (2 * THRESHOLDS.steep))
 

@@ -128,6 +128,11 @@ class Fit:
         return float(sum(share.c for share in self.shares)) if not self.reason else np.inf
 
     @property
+    def strain(self) -> float:
+        """Of the priors alone."""
+        return float(self.z @ self.z)
+
+    @property
     def error(self) -> float:
         """Mean square errors of the displacement, all records together, each over its own mean square."""
         return float(sum(share.error for share in self.shares)) if not self.reason else np.inf

@@ -92,11 +92,9 @@ class Replay:
         except ValueError:
             return None
         if key not in self._substeps:
-            self._substeps[key] = _steps(self.record.step, placement, parameters, start)
+            self._substeps[key] = self._enough(placement, parameters, start)
         substeps = self._substeps[key]
-        if substeps not in self._inputs:
-            self._inputs[substeps] = half_steps(self.record.inputs, substeps)
-        inputs = self._inputs[substeps]
+        inputs = self._driven(substeps)
         if not sloped:
             y, _ = integrate(assembly.kinds, times, inputs, start, parameters, substeps, FURTHEST_M)
             return (y[:, columns], np.zeros(0)) if len(y) == len(times) else None
@@ -109,6 +107,33 @@ class Replay:
             return None
         slopes = placement.slopes(parameters, z)[list(placement.moved)]
         return y[:, columns], (dy.reshape(-1, len(names)) @ slopes).reshape(*dy.shape[:2], -1)
+
+    def _driven(self, substeps: int) -> np.ndarray:
+        """(2 substeps (N - 1) + 1, m) the record's inputs at every half step."""
+        if substeps not in self._inputs:
+            self._inputs[substeps] = half_steps(self.record.inputs, substeps)
+        return self._inputs[substeps]
+
+    def _enough(self, placement: Placement, parameters: np.ndarray, rest: np.ndarray) -> int:
+        """Integration steps per sample, as at rest; of a law that is steep elsewhere, until more change little."""
+        count = _steps(self.record.step, placement, parameters, rest)
+        assembly, times = placement.assembly, self.record.times
+        effects = assembly.kinds.effects
+        if not set(effects) & _STEEP or law_of_play(effects):
+            return count
+        before = np.zeros(0)
+        for steps in (count * 2**k for k in range(_DOUBLINGS + 1)):
+            y, _ = integrate(assembly.kinds, times, self._driven(steps), rest, parameters, steps, FURTHEST_M)
+            moved = y[:, assembly.outputs.index(DISPLACEMENT)]
+            if 0 < len(before) == len(moved) and np.linalg.norm(moved - before) <= _ALIKE * np.linalg.norm(moved):
+                return steps // 2
+            before = moved if len(moved) == len(times) else np.zeros(0)
+        return steps if len(before) else count
+
+
+_STEEP = {"pressure_dependent_flow"}
+"""Effects whose flow changes ever faster with the pressure where that nears the supply's or the tank's."""
+_DOUBLINGS, _ALIKE = 3, 1e-3
 
 
 def at_rest(placement: Placement, parameters: np.ndarray) -> np.ndarray:
