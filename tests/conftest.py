@@ -28,7 +28,7 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 @pytest.fixture(scope="session")
 def tried(request: pytest.FixtureRequest) -> Callable[[int], int]:
     """How many of so many mutants or forgeries to try."""
-    return lambda count: count if request.config.getoption("--thorough") else -(-count // 3)
+    return lambda count: count if request.config.getoption("--thorough") else -(-count // 6)
 
 
 @pytest.fixture(scope="session", autouse=True)

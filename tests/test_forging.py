@@ -9,6 +9,9 @@ from honest_certificates import AT_LEAST, EACH, FORGED, OF_THE_RIG, Honest, figu
 
 from beamdesign.checker import KINDS, OF_NO_RIG, check
 
+ENOUGH = 20
+"""Forgeries of a certificate of which some are valid all the same."""
+
 
 def test_every_kind_is_forged_often_enough():
     assert set(FORGED) == set(KINDS) - set(OF_NO_RIG)
@@ -45,7 +48,8 @@ def test_a_verdict_repeats_every_claim_with_its_number(kind: str, name: str):
 def test_nothing_false_is_valid(kind: str, name: str, tried: Callable[[int], int]):
     """A valid one may state something else that is true; of the same prototype, only about the same rig."""
     true, made = FORGED[kind][0], honest(kind, name)
-    before, count = made.table, tried(FORGED[kind][1][name][1])
+    before, many = made.table, FORGED[kind][1][name][1]
+    count = max(tried(many), min(many, ENOUGH))
     rig = figures({key: before[key] for key in OF_THE_RIG if key in before})
     kept = 0
     for words, forged in mutations(before, seed=1984, count=count):

@@ -21,6 +21,7 @@ from hypothesis import strategies as st
 from test_figures import cut_off
 
 import beamdesign
+from beamdesign.build import result_folder
 from beamdesign.build.acceptance import acceptance
 from beamdesign.build.result_folder import FILES, check_row, price_words, report_html, write_result_folder
 from beamdesign.checker import check
@@ -123,7 +124,10 @@ def test_a_run_without_a_result_writes_nothing(run: DesignRun, tmp_path: Path) -
     assert not (tmp_path / "none").exists()
 
 
-def test_a_folder_that_cannot_be_made_is_bad_input(run: DesignRun, tmp_path: Path) -> None:
+def test_a_folder_that_cannot_be_made_is_bad_input(
+    run: DesignRun, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(result_folder, "report_html", lambda *_: "whatever the page is")
     taken = tmp_path / "taken"
     taken.write_text("a file", encoding="utf-8")
     with pytest.raises(NotADirectoryError, match="taken"):

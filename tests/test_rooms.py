@@ -2,6 +2,7 @@
 
 import ast
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -30,6 +31,7 @@ def imported(path: Path) -> Iterator[str]:
             yield from (f"{node.module}.{alias.name}" for alias in node.names)
 
 
+@cache
 def rooms_of(path: Path) -> set[str]:
     names = (name.split(".") for name in imported(path))
     return {steps[1] for steps in names if steps[0] == "beamdesign" and len(steps) > 1} & {*STAIRS, *ALONE}

@@ -13,6 +13,7 @@ polynomial alone, whatever it is of:
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
+from functools import partial
 from itertools import chain, combinations
 from typing import Any
 
@@ -25,6 +26,8 @@ _MOST_BOUND = 5
 
 Node = Any
 """A polynomial, or ("+" or "*", nodes)."""
+Terms = dict[tuple[int, ...], fmpq]
+"""Coefficients of a polynomial by the powers of all variables."""
 
 
 @dataclass(frozen=True)
@@ -198,13 +201,17 @@ class _Form:
 
     def _by_powers(self, p: fmpq_mpoly, names: Sequence[str]) -> dict[tuple[int, ...], fmpq_mpoly]:
         """Coefficients of the powers of some variables."""
-        places, found = [self.place[name] for name in names], dict[tuple[int, ...], dict[tuple[int, ...], fmpq]]()
-        for key, c in p.to_dict().items():
+        return {powers: p.context().from_dict(part) for powers, part in self._grouped(p.to_dict(), names).items()}
+
+    def _grouped(self, terms: Terms, names: Sequence[str]) -> dict[tuple[int, ...], Terms]:
+        """The same of the terms of a polynomial."""
+        places, found = [self.place[name] for name in names], dict[tuple[int, ...], Terms]()
+        for key, c in terms.items():
             rest = list(key)
             for k in places:
                 rest[k] = 0
             found.setdefault(tuple(key[k] for k in places), {})[tuple(rest)] = c
-        return {powers: p.context().from_dict(terms) for powers, terms in found.items()}
+        return found
 
     def free(self, bound: Collection[str]) -> list[str]:
         """What is not bound."""
@@ -230,16 +237,20 @@ class _Form:
         One that stands for others keeps its name. One variable is left of what is read once.
         """
         left = [name for name in names if self.degree(p, name)]
-        while pair := next((pair for pair in combinations(left, 2) if self._alike(p, pair)), None):
+        while pair := next(filter(partial(self._alike, p.to_dict()), combinations(left, 2)), None):
             parts = self._by_powers(p, pair)
             slope = next(part for powers, part in parts.items() if any(powers))
             p = self.variable(pair[0]) * slope + parts.get((0, 0), 0 * p)
             left.remove(pair[1])
         return p, left
 
-    def _alike(self, p: fmpq_mpoly, pair: tuple[str, str]) -> bool:
-        parts = [part for powers, part in self._by_powers(p, pair).items() if any(powers)]
-        return len({str(part / part.leading_coefficient()) for part in parts}) == 1
+    def _alike(self, terms: Terms, pair: tuple[str, str]) -> bool:
+        """Whether the coefficients of all powers of two variables are multiples of each other."""
+        parts = [part for powers, part in self._grouped(terms, pair).items() if any(powers)]
+        if not parts or any(part.keys() != parts[0].keys() for part in parts):
+            return False
+        some, unit = next(iter(parts[0].items()))
+        return all(c * part[some] == part[key] * unit for part in parts[1:] for key, c in parts[0].items())
 
     def points(self, chosen: Collection[str]) -> int:
         """How many control points these leaves have together: corners, or a grid where a leaf is not affine."""

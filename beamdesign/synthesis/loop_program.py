@@ -217,8 +217,10 @@ class Block:
     more: Any = 0.0
     of_bandwidth: bool = False
 
-    def functions(self, shared: int, coefficients: int) -> tuple[ca.Function, ca.Function, ca.Function]:
-        """Slack, slope and, by weights, sums of slopes and curvatures, over what all points share, see below."""
+    def functions(
+        self, shared: int, coefficients: int, moving: list[int]
+    ) -> tuple[ca.Function, ca.Function, ca.Function]:
+        """Slack, slope and, by weights, sums of slopes and curvatures, over what moves of all that points share."""
         y, own, weight = ca.SX.sym("y", shared), ca.SX.sym("own", self.given.shape[0]), ca.SX.sym("weight")
         law, inner, figures, beta = ca.vertsplit(y, [0, coefficients, coefficients + 1, shared - 1, shared])
         if self.slack.n_in() == 4:
@@ -226,7 +228,7 @@ class Block:
         else:
             frequency = own[0] * ca.exp(beta) if self.of_bandwidth else own[0]
             slack = self.slack(law, inner, figures * own[2:], own[1], frequency)
-        curvature, slope = ca.hessian(slack, y)
+        curvature, slope = ca.hessian(slack, y[moving])
         n, outputs = self.given.shape[1], [weight * slope, weight * ca.triu(curvature)]
         curved = ca.Function("curved", [y, own, weight], outputs, ONCE).map("curves", "serial", n, [0], [0, 1])
         value, sloping = (ca.Function("one", [y, own], [found], ONCE) for found in (slack, slope))
@@ -250,10 +252,12 @@ def sampled_program(
         rest: other constraints, not to be negative.
     """
     to_x, lam_f, weights = ca.jacobian(y, x), ca.MX.sym("lam_f"), list[ca.MX]()
-    found, slopes, pull, bent = [], [], ca.MX(y.shape[0], 1), ca.MX(y.shape[0], y.shape[0])
+    moving = sorted(set(to_x.sparsity().row()))  # the others are the same whatever the variables are
+    to_x, size = to_x[moving, :], len(moving)
+    found, slopes, pull, bent = [], [], ca.MX(size, 1), ca.MX(size, size)
     plain = lam_f * objective
     for block in blocks:
-        value, slope, curved = block.functions(y.shape[0], coefficients)
+        value, slope, curved = block.functions(y.shape[0], coefficients, moving)
         n = block.given.shape[1]
         weights.append(ca.MX.sym("weights", n))
         found.append(value(y, block.given).T + block.more + block.limit)
@@ -261,8 +265,8 @@ def sampled_program(
         pulled, bending = curved(y, block.given, weights[-1].T)
         pull, bent, plain = pull + pulled, bent + bending, plain + ca.sum1(weights[-1]) * block.limit
     weights.append(ca.MX.sym("weights", rest.shape[0]))
-    along, lam_g = ca.MX.sym("along", y.shape[0]), ca.vertcat(*weights)
-    plain, _ = ca.hessian(plain + ca.dot(weights[-1], rest) + ca.dot(along, y), x)
+    along, lam_g = ca.MX.sym("along", size), ca.vertcat(*weights)
+    plain, _ = ca.hessian(plain + ca.dot(weights[-1], rest) + ca.dot(along, y[moving]), x)
     own = ca.Function("own", [x, parameters, along, lam_f, lam_g], [plain])
     bent = ca.triu(to_x.T @ ca.triu2symm(bent) @ to_x + own(x, parameters, pull, lam_f, lam_g))
     constraints = ca.vertcat(*found, rest)

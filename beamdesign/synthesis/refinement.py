@@ -313,6 +313,7 @@ class LawRefinement:
             ca.vertcat(ca.vec(table), inner, figures, beta), table.numel(), blocks, rest,
         )  # fmt: skip
         options = QUIET_IPOPT | {"ipopt.max_iter": 70, "ipopt.tol": 1e-6, "ipopt.mu_init": 1e-3}
+        options |= {"ipopt.mumps_pivot_order": 0}  # by least degree: few variables, many slacks
         solver = ca.nlpsol("refinement", "ipopt", program, options | derivatives)
         return solver, servo_off
 

@@ -22,7 +22,7 @@ halved; intervals of the computing time are, where the proof over the masses is 
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -67,6 +67,9 @@ class HeldPlant:
     velocity: int
     bare_mass: fmpq
     tip: fmpq_mat
+    _known: dict[tuple[str, fmpq, fmpq, float, int], arb_mat] = field(
+        default_factory=dict, init=False, repr=False, compare=False
+    )
 
     def shares(self, low: fmpq, high: fmpq) -> tuple[fmpq, fmpq]:
         """Middle and half the width of one over the total mass, 1/kg, between two masses."""
@@ -225,7 +228,10 @@ class RealisedLoop:
             return self.closed(moved(low, high, self.period_s), None)
         first, last = self.computing
         rest = self.period_s * arb(1 - first).union(arb(1 - last))
-        return self.closed(moved(low, high, self.period_s), moved(low, high, rest))
+        known, key = self.plant._known, (moved.__name__, low, high, self.rate_Hz, ctx.prec)
+        if key not in known:  # over a whole period it is the same at every computing time
+            known[key] = moved(low, high, self.period_s)
+        return self.closed(known[key], moved(low, high, rest))
 
     def matrix(self, mass: fmpq) -> np.ndarray:
         """The same at one mass in the middle of the interval, in floats."""
@@ -260,13 +266,14 @@ def prove_sampled(loop: RealisedLoop, low_kg: float, high_kg: float) -> SampledV
             largest = max(largest, modulus)
         while open_pieces and largest < 1:
             first, last = open_pieces.pop()
-            middle = 1 / loop.plant.shares(first, last)[0] - loop.plant.bare_mass
-            values, vectors = np.linalg.eig(loop.matrix(middle))
+            centre = 1 / loop.plant.shares(first, last)[0] - loop.plant.bare_mass
+            enclosed = loop.enclosed(centre, centre)
+            values, vectors = np.linalg.eig(middle(enclosed))
             largest = max(largest, float(np.abs(values).max()))
             seen += 1
             if largest >= 1:
                 break
-            if _contracts(loop.enclosed(middle, middle), loop.changed(first, last), values, vectors):
+            if _contracts(enclosed, loop.changed(first, last), values, vectors):
                 proved, reached = proved + 1, last
             elif last - first <= _NARROWEST * (high - low) or (
                 proved >= _TRIED and proved * (high - low) > _PIECES * (reached - low)
@@ -274,7 +281,7 @@ def prove_sampled(loop: RealisedLoop, low_kg: float, high_kg: float) -> SampledV
                 reason = f"no proof between {nearest(first):.6g} and {nearest(last):.6g} kg"
                 return SampledVerdict(None, reason, proved, largest, seen)
             else:
-                open_pieces += [(middle, last), (first, middle)]
+                open_pieces += [(centre, last), (first, centre)]
     if largest >= 1:
         reason = f"a characteristic value of modulus {largest:.6g} (floating point)"
         return SampledVerdict(False, reason, proved, largest, seen)
