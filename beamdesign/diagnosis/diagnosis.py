@@ -6,7 +6,7 @@ The prototype is the believed one with what a fit has found: figures re-tuned, e
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from math import isfinite, nan, sqrt
-from typing import Any, ClassVar, Generic, Literal, TypeVar
+from typing import Any, Generic, Literal, TypeVar
 
 import numpy as np
 
@@ -231,7 +231,7 @@ _LISTED, _LEAST_PROBABILITY = 12, 1e-6  # sets of causes
 
 @dataclass(frozen=True, repr=False)
 class Diagnosis(Generic[Rig], Result):
-    """The answer, from whatever evidence; kinds of evidence with more to say have a record of their own under it.
+    """The answer, from whatever evidence.
 
     Attributes:
         name: of the data set.
@@ -253,14 +253,11 @@ class Diagnosis(Generic[Rig], Result):
         errors: of the time records as predicted from rest.
         notes: what else has to be said, in words.
         left_out: causes that were not compared for want of time; then the verdict is no surer than ambiguous.
-        chance: that a rig without a gap is judged so, see `beamdesign.diagnosis.diagnose`; NaN where it is not known.
+        chance: that a rig without a gap is judged so, see `beamdesign.diagnosis.verdict`; NaN where it is not known.
+        measure: what the errors of its gap are, in words.
+        findings: what its kind of evidence tells beside, by the names of its JSON file.
     """
 
-    MEASURE: ClassVar[str] = (
-        "Prediction errors of the displacement over its rms. Records held out of the fits that measure them count; a"
-        " cause is chosen by fits to all."
-    )
-    """What the errors of its gap are."""
     name: str
     verdict: Verdict
     sentences: str
@@ -280,6 +277,11 @@ class Diagnosis(Generic[Rig], Result):
     notes: tuple[str, ...] = ()
     left_out: tuple[str, ...] = ()
     chance: float = nan
+    measure: str = (
+        "Prediction errors of the displacement over its rms. Records held out of the fits that measure them count; a"
+        " cause is chosen by fits to all."
+    )
+    findings: Mapping[str, Any] = field(default_factory=dict, repr=False)
 
     @property
     def status(self) -> str:
@@ -302,7 +304,8 @@ class Diagnosis(Generic[Rig], Result):
         if (separability := self.separability) is not None:
             names = "not_told_apart=classes nearly_alike=close not_visible=invisible"
             fields["before_fitting"] = picked(separability, names)
-        return dict(finite(fields | self.own_fields))
+        own = {key: one.to_dict() if isinstance(one, Diagnosis) else one for key, one in self.findings.items()}
+        return dict(finite(fields | ({"notes": self.notes} if self.notes else {}) | own))
 
     def rows(self) -> list[tuple[Any, ...]]:
         """The causes, the most probable first: name, subsystem, probability, share of the gap."""
@@ -318,11 +321,6 @@ class Diagnosis(Generic[Rig], Result):
         """What the row of causes that are not listed is called."""
         learnt = any(one.like for one in self.causes)
         return f"none that is known here{', what was learnt included' if learnt else ''}"
-
-    @property
-    def own_fields(self) -> dict[str, Any]:
-        """What its JSON file holds beside the fields of any diagnosis."""
-        return {}
 
 
 def in_words(names: str) -> str:

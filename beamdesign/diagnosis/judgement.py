@@ -211,16 +211,20 @@ def odds(hypothesis: Hypothesis) -> float:
     return effects * THRESHOLDS.effect_odds + figures * THRESHOLDS.figure_odds + laws * THRESHOLDS.law_odds
 
 
-def judge(found: Search) -> Judgement:
-    """Weigh all fits of a search."""
+def judge(found: Search, few: bool = False) -> Judgement:
+    """Weigh all fits of a search.
+
+    Args:
+        found: the fits.
+        few: whether these are of the linear loop alone, which has no laws with kinks, and to too few figures to tell
+            that a cause is slight.
+    """
     fits: Sequence[Fit] = [f for f in (found.null, *found.fits) if not f.reason]
-    spread = max(1.0, min(f.misfit for f in fits) / found.expected)
-    by_hypothesis = {f.hypothesis: f for f in fits}
-    plausible = _nested(fits, spread)
+    spread, by_hypothesis = found.spread, {f.hypothesis: f for f in fits}
+    plausible = {f.hypothesis: evidence(f, spread) for f in fits} if few else _nested(fits, spread)
     plain = _plain(fits, plausible)
-    logs = np.array(
-        [plausible[f.hypothesis] + odds(f.hypothesis) - _slight(f, by_hypothesis, found, spread, plain) for f in fits]
-    )
+    slight = [0.0 if few else _slight(f, by_hypothesis, found, spread, plain) for f in fits]
+    logs = np.array([plausible[f.hypothesis] + odds(f.hypothesis) - less for f, less in zip(fits, slight, strict=True)])
     weights = np.exp(logs - logs.max())
     weights /= weights.sum()
     best = fits[_chosen(fits, logs, found.conditions, spread)]

@@ -16,7 +16,8 @@ from tempfile import TemporaryDirectory
 from textwrap import fill
 
 from beamdesign.diagnosis.data.dataset import read_dataset
-from beamdesign.diagnosis.diagnose import LEVEL, chance, diagnose
+from beamdesign.diagnosis.diagnose import diagnose
+from beamdesign.diagnosis.verdict import LEVEL, chance
 from beamdesign.validation.blind.bounds import clopper_pearson
 from beamdesign.validation.blind.case_plan import HISSES, RIGS
 
