@@ -57,8 +57,8 @@ def diagnose(
     if kind_of(dataset) != "actuator_bench":
         return _diagnose(dataset, folder, redesign, workers, minutes)
 
-    from beamdesign.diagnosis.bench.data import read_bench_set
-    from beamdesign.diagnosis.bench.diagnose import diagnose_bench
+    from beamdesign.diagnosis.bench_diagnosis import diagnose_bench
+    from beamdesign.diagnosis.data.bench_set import read_bench_set
     from beamdesign.report.gap_folder import write_gap_folder
 
     if redesign:

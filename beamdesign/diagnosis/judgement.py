@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from math import inf, log
+from math import log
 
 import numpy as np
 from scipy.special import logsumexp
@@ -325,9 +325,8 @@ def cause_sets(found: Search, judged: Judgement) -> tuple[CauseSet, ...]:
 
 def share_of(name: str, holder: Fit, found: Search, fits: dict[Hypothesis, Fit]) -> float:
     """Part of the explainable misfit that goes with a cause: what comes back when it alone is taken away."""
-    rest = holder.hypothesis.without(name)
-    without = fits.get(rest) if rest != NOTHING else found.null
-    left = found.excess(without) if without is not None else inf
+    rest = {*holder.hypothesis.without(name).names}  # some of these, where the others mean nothing by themselves
+    left = min((found.excess(f) for f in fits.values() if {*f.hypothesis.names} <= rest), default=1.0)
     return float(min(1.0, max(0.0, min(left, 1.0) - found.excess(holder))))
 
 
@@ -352,7 +351,8 @@ def deviations(found: Fit, of: Search) -> dict[str, float]:
 def parameters(name: str, holder: Fit, errors: Mapping[str, float]) -> dict[str, Estimate]:
     """Of an effect, or the figures of a wrong one, with their standard errors; SI."""
     if name.startswith(WRONG):
-        keys = [figure for figure, key in RIG_TOLERANCES.items() if key == name.removeprefix(WRONG)]
+        key = name.removeprefix(WRONG)
+        keys = [figure for figure, tolerance in RIG_TOLERANCES.items() if tolerance == key] or [key]
         return {key: Estimate(holder.values[key], errors[key]) for key in keys if key in holder.values}
     prefix = holder.hypothesis.realisation(name) + "."
     return {

@@ -2,11 +2,11 @@
 
 from collections.abc import Iterator
 from math import pi
+from operator import attrgetter
 
 import numpy as np
 
 from beamdesign.bench_prototype import BenchPrototype
-from beamdesign.json_text import picked
 from beamdesign.plant.assembly import RIGS, Assembly, Structure, assemble
 from beamdesign.plant.compiled import Place, integrate, substeps_at
 from beamdesign.plant.effects import library, problems
@@ -43,14 +43,25 @@ def bench_structure(prototype: BenchPrototype) -> Structure:
     return Structure(None, filtered, tuple(sorted(prototype.effects)), prototype.kind)
 
 
-_STATED = """piston_area=actuator.piston_area_m2 stroke=actuator.stroke_m moving_mass=actuator.moving_mass_kg
-    dead_volume=actuator.dead_volume_m3 bulk_modulus=actuator.oil_bulk_modulus_Pa
-    stop_stiffness=actuator.stop_stiffness_N_per_m constant_load=actuator.constant_load_N
-    supply_pressure=actuator.supply_pressure_Pa tank_pressure=actuator.tank_pressure_Pa
-    line_loss=actuator.line_loss_Pa_s2_per_m6 piston_leakage=actuator.piston_leakage_m3_per_s_per_Pa
-    edge_b=servovalve.edge_b_ratio leakage=servovalve.leakage_m3_per_s_per_Pa
-    valve_damping_ratio=servovalve.damping_ratio gain=servovalve.amplifier_A_per_V null=servovalve.null_V
-    sensor_zero=sensors.displacement_zero_m"""
+STATED = {
+    "piston_area": "actuator.piston_area_m2",
+    "stroke": "actuator.stroke_m",
+    "moving_mass": "actuator.moving_mass_kg",
+    "dead_volume": "actuator.dead_volume_m3",
+    "bulk_modulus": "actuator.oil_bulk_modulus_Pa",
+    "stop_stiffness": "actuator.stop_stiffness_N_per_m",
+    "constant_load": "actuator.constant_load_N",
+    "supply_pressure": "actuator.supply_pressure_Pa",
+    "tank_pressure": "actuator.tank_pressure_Pa",
+    "line_loss": "actuator.line_loss_Pa_s2_per_m6",
+    "piston_leakage": "actuator.piston_leakage_m3_per_s_per_Pa",
+    "edge_b": "servovalve.edge_b_ratio",
+    "leakage": "servovalve.leakage_m3_per_s_per_Pa",
+    "valve_damping_ratio": "servovalve.damping_ratio",
+    "gain": "servovalve.amplifier_A_per_V",
+    "null": "servovalve.null_V",
+    "sensor_zero": "sensors.displacement_zero_m",
+}
 """Figures of the bench's equations by what its prototype has for them."""
 
 
@@ -58,7 +69,7 @@ def bench_parameters(prototype: BenchPrototype) -> dict[str, float]:
     """Parameters of the bench's assembly in its order, SI: figures of the rig and of its effects."""
     actuator, valve, sensors = prototype.actuator, prototype.servovalve, prototype.sensors
     stop = (actuator.stop_stiffness_N_per_m * actuator.moving_mass_kg) ** 0.5
-    stated = picked(prototype, _STATED) | {
+    stated = {name: attrgetter(place)(prototype) for name, place in STATED.items()} | {
         "stop_damping": 2 * _STOP_DAMPING_RATIO * stop,
         "flow_gain": valve.flow_gain_m3_per_s_per_V / valve.amplifier_A_per_V,
         "valve_frequency": 2 * pi * valve.natural_frequency_Hz,

@@ -312,8 +312,8 @@ def _with_pairs(fitters: Fitters, state: Search, progress: Progress) -> list[Fit
     best = {name for h in list(values)[:_BEST_OF_FEW] for name in h.names}
     tried = [pair for pair in pairs(tuple(values)) if pair.effects and best & {*pair.names}]
     every = tuple(range(len(fitters.evidence)))
-    known = [(pair, *(f for h, f in values.items() if {*h.names} < {*pair.names})) for pair in tried]
-    tasks = [Task(pair, state.null.values | worse | better, on=every) for pair, better, worse in known]
+    halves = [(pair, *_halves(pair, values)) for pair in tried]
+    tasks = [Task(pair, state.null.values | worse | better, on=every) for pair, worse, better in halves]
     quick = fitters(tasks, lambda k: progress(0.55 + 0.35 * k / len(tasks), "pairs"))
     settled = fitters(Task(f.hypothesis, f.values) for f in _sorted(quick)[:_BEST_PAIRS] if not f.reason)
     return best_of_each([*state.fits, *quick, *settled])
