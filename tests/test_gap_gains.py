@@ -263,7 +263,7 @@ def explained(data: Dataset, among: tuple[str, ...] = SUSPECTS) -> Diagnosis[Pro
 
 @pytest.fixture(scope="module")
 def found_lag() -> Diagnosis[Prototype]:
-    from beamdesign.validation.paper.rig import paper_prototype
+    from beamdesign.validation.paper_rig import paper_prototype
 
     believed = paper_prototype().but(tolerance=TOLERANCE)
     return explained(rig_with_lag(believed, 400.0, 1, (0.4, 0.4, 0.4, 0.7, 0.2)))

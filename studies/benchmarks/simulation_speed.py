@@ -33,7 +33,7 @@ from beamdesign.plant.effects import library
 from beamdesign.plant.equilibrium import equilibrium, scales
 from beamdesign.prototype import Prototype
 from beamdesign.simulation import half_steps, substeps_for
-from beamdesign.validation.paper.rig import paper_prototype
+from beamdesign.validation.paper_rig import paper_prototype
 
 SAMPLE_S = 5e-4
 LINES_HZ = np.arange(3, 60, 4.0)

@@ -15,7 +15,7 @@ import pytest
 from beamdesign.diagnosis.data.dataset import read_dataset
 from beamdesign.diagnosis.diagnosis import Diagnosis
 from beamdesign.diagnosis.gain_diagnosis import explain_gains
-from beamdesign.validation.paper.rig import CASES, gain_rows
+from beamdesign.validation.paper_rig import CASES, gain_rows
 
 FOLDER = Path(__file__).parents[2] / "studies" / "gaps" / "paper_gains"
 

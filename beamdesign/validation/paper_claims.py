@@ -21,7 +21,7 @@ from beamdesign.prototype import COMPLIANCE_LIMIT_M_PER_N, Beam
 from beamdesign.quantity_text import decibels, from_decibels
 from beamdesign.structure import beam, lumped
 from beamdesign.structure.lumped import lumped_beam
-from beamdesign.validation.paper.rig import (
+from beamdesign.validation.paper_rig import (
     FLOW_GAIN_PRESSURE_PA,
     INNER,
     INNER_END_MASS_KG,
