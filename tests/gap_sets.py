@@ -11,7 +11,7 @@ from beamdesign.diagnosis.data.dataset import Dataset, TimeRecord
 from beamdesign.prototype import Prototype, Tolerance
 from beamdesign.scenario import LoadSteps, Measurement, Multisine, Scenario, ScenarioRecord
 from beamdesign.simulation import simulate
-from beamdesign.validation.paper.rig import paper_prototype
+from beamdesign.validation.paper_rig import paper_prototype
 
 TOLERANCE = Tolerance(
     stiffness=0.03,

@@ -85,7 +85,7 @@ class Golden:
 
 def _paper() -> dict[str, Any]:
     """What `paper` writes as JSON; the command also draws, which takes ten times as long."""
-    from beamdesign.validation.paper.comparison import compare
+    from beamdesign.validation.paper_comparison import compare
 
     return compare().fields()
 

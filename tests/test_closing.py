@@ -25,11 +25,11 @@ from beamdesign.diagnosis.fitting.replay import Replay
 from beamdesign.diagnosis.redesign import Redesign, redesign
 from beamdesign.loop import loop
 from beamdesign.scenario import Multisine, Scenario, ScenarioRecord, inputs_of
-from beamdesign.validation.blind.case_plan import Planned, displacements_digest, draw, sealed, write_seal
+from beamdesign.validation.case_plan import Planned, displacements_digest, draw, sealed, write_seal
 from beamdesign.validation.truth.case import Case, Departure, noise_free
 from beamdesign.validation.truth.effects import Scales
-from beamdesign.validation.truth.noise import Noise
 from beamdesign.validation.truth.nominal import rig_figures
+from beamdesign.validation.truth.rig import Noise
 
 LAG = {"kind": "lag", "gain_A_per_V": 0.06, "pole_Hz": 1.75, "zero_Hz": 26.0}
 PLANNED = Planned(3, "single", ("transport_delay",), 11)

@@ -11,7 +11,7 @@ from recorded_rig import Recorded, recorded
 
 from beamdesign import columns
 from beamdesign.columns import LARGEST, read_columns, uniform_times
-from beamdesign.diagnosis.bench.data import read_bench_set
+from beamdesign.diagnosis.data.bench_set import read_bench_set
 from beamdesign.diagnosis.data.dataset import read_dataset
 from beamdesign.diagnosis.predict import predict_set, read_inputs
 from beamdesign.prototype import Prototype

@@ -26,7 +26,7 @@ from beamdesign.report.figures import (
     plot_sensitivity,
     root_branches,
 )
-from beamdesign.validation.paper.figures import DRAWINGS
+from beamdesign.validation.paper_figures import DRAWINGS
 
 
 @pytest.fixture

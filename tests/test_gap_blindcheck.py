@@ -17,10 +17,12 @@ import pytest
 
 from beamdesign.code_digest import code_digest, folder_digest, sources
 from beamdesign.records import InputError
-from beamdesign.validation.blind import blindcheck, scoring
-from beamdesign.validation.blind.baselines import lasso, lasso_path
-from beamdesign.validation.blind.bounds import bootstrap, clopper_pearson
-from beamdesign.validation.blind.case_plan import (
+from beamdesign.validation import blindcheck, scoring
+from beamdesign.validation.baselines import lasso, lasso_path
+from beamdesign.validation.blind_diagnosis import begin_blind
+from beamdesign.validation.blindcheck_result import confusion, markdown, result_fields, result_text
+from beamdesign.validation.bounds import bootstrap, clopper_pearson
+from beamdesign.validation.case_plan import (
     RIGS,
     SHARES,
     Planned,
@@ -32,9 +34,7 @@ from beamdesign.validation.blind.case_plan import (
     sealed,
     write_seal,
 )
-from beamdesign.validation.blind.diagnosis import begin_blind
-from beamdesign.validation.blind.scoring import Outcome
-from beamdesign.validation.blindcheck_result import confusion, markdown, result_fields, result_text
+from beamdesign.validation.scoring import Outcome
 from beamdesign.validation.truth.effects import LISTED, OUTSIDE, on
 
 # Bounds
@@ -391,7 +391,7 @@ def checked(tmp_path_factory):
     from beamdesign.diagnosis import second_look as looking
     from beamdesign.diagnosis.fitting import search as searching
     from beamdesign.diagnosis.fitting.hypothesis import singles
-    from beamdesign.validation.blind.diagnosis import diagnose_blind, program
+    from beamdesign.validation.blind_diagnosis import diagnose_blind, program
 
     def few(prototype):
         return tuple(each for each in singles(prototype) if str(each) in FEW)
@@ -448,7 +448,7 @@ def test_five_cases_from_drawing_to_scores(checked):
 
 
 def test_what_is_finished_is_not_done_again(checked):
-    from beamdesign.validation.blind.diagnosis import diagnose_blind
+    from beamdesign.validation.blind_diagnosis import diagnose_blind
 
     check, now = checked
     place = check.place("0001")

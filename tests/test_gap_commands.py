@@ -226,7 +226,7 @@ def test_without_out_the_folder_is_named_after_the_data_set(tmp_path: Path, monk
     gains = SLOW_SENSOR.parent / "paper_gains"
     monkeypatch.chdir(tmp_path)
     few = tuple(Hypothesis((name,)) for name in ("sensor_lag", "unequal_piston_areas"))
-    monkeypatch.setattr("beamdesign.diagnosis.gain_diagnosis.singles", lambda prototype: few)
+    monkeypatch.setattr("beamdesign.diagnosis.fitting.search.singles", lambda prototype: few)
     ran = CliRunner().invoke(app, ["gap", "diagnose", str(gains)])
     assert ran.exit_code == 0, ran.output
     names = {path.name for path in (tmp_path / "paper_gains.diagnosis").iterdir()}

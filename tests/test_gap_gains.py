@@ -10,15 +10,16 @@ import pytest
 from gap_sets import TOLERANCE
 
 from beamdesign.controllers import Controller, Lag, Proportional
-from beamdesign.diagnosis import gain_diagnosis
 from beamdesign.diagnosis.data.dataset import Dataset, FrequencyResponse, MeasuredGain, read_dataset
+from beamdesign.diagnosis.diagnosis import Diagnosis
+from beamdesign.diagnosis.fitting import search
 from beamdesign.diagnosis.fitting.evidence import evidence_of, record_evidence
 from beamdesign.diagnosis.fitting.fit import fit
 from beamdesign.diagnosis.fitting.gain_evidence import FREQUENCY_STD, GainEvidence, phase_crossings
 from beamdesign.diagnosis.fitting.hypothesis import NOTHING, Hypothesis, together
 from beamdesign.diagnosis.fitting.linear_evidence import ResponseEvidence, scatter
 from beamdesign.diagnosis.fitting.starts import starts
-from beamdesign.diagnosis.gain_diagnosis import GainDiagnosis, explain_gains
+from beamdesign.diagnosis.gain_diagnosis import explain_gains
 from beamdesign.diagnosis.gain_findings import common_factor, gain_shares, separations
 from beamdesign.diagnosis.judgement import evidence as marginal_likelihood
 from beamdesign.loop import critical_gain, loop
@@ -253,22 +254,22 @@ def rig_with_lag(believed: Prototype, break_Hz: float, seed: int, responses: Seq
 SUSPECTS = ("sensor_lag", "transport_delay", "unequal_piston_areas", "valve_deadband", "parameter:flow_gain")
 
 
-def explained(data: Dataset, among: tuple[str, ...] = SUSPECTS) -> GainDiagnosis:
+def explained(data: Dataset, among: tuple[str, ...] = SUSPECTS) -> Diagnosis[Prototype]:
     """By these causes alone, which is quick."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(gain_diagnosis, "singles", lambda prototype: tuple(Hypothesis((name,)) for name in among))
+        patch.setattr(search, "singles", lambda prototype: tuple(Hypothesis((name,)) for name in among))
         return explain_gains(data)
 
 
 @pytest.fixture(scope="module")
-def found_lag() -> GainDiagnosis:
-    from beamdesign.validation.paper.rig import paper_prototype
+def found_lag() -> Diagnosis[Prototype]:
+    from beamdesign.validation.paper_rig import paper_prototype
 
     believed = paper_prototype().but(tolerance=TOLERANCE)
     return explained(rig_with_lag(believed, 400.0, 1, (0.4, 0.4, 0.4, 0.7, 0.2)))
 
 
-def test_a_lag_is_found_from_gains_and_responses(found_lag: GainDiagnosis):
+def test_a_lag_is_found_from_gains_and_responses(found_lag: Diagnosis[Prototype]):
     assert found_lag.verdict == "effect"
     assert found_lag.chosen == ("sensor_lag",)
     assert found_lag.where.subsystem == "sensor"
@@ -279,7 +280,7 @@ def test_a_lag_is_found_from_gains_and_responses(found_lag: GainDiagnosis):
     assert found_lag.gap.after < 0.04 < 0.1 < found_lag.gap.before
     assert found_lag.gap.closed > 0.9
     assert found_lag.prototype.effects["sensor_lag"]["break_Hz"] == pytest.approx(estimate.value)
-    assert "valve_deadband" in found_lag.silent
+    assert "valve_deadband" in found_lag.findings["silent"]
     assert found_lag.next_experiment is None
 
 
@@ -293,12 +294,12 @@ def test_gains_alone_do_not_tell_one_factor_on_the_loop_from_another(paper: Prot
     (rivals,) = found.classes
     assert set(rivals) == set(factors)
     assert found.chosen == ()
-    assert found.factor.factor == pytest.approx(1.6, rel=0.03)
+    assert found.findings["factor"].factor == pytest.approx(1.6, rel=0.03)
     assert found.next_experiment is not None
     assert found.next_experiment.separation > 1
     assert set(found.next_experiment.separates) == set(factors)
     assert found.next_experiment.settings["kind"] == "frequency_response"  # further gains could not
-    total = found.probability_unknown + sum(p for _, p in found.ranked)
+    total = found.probability_unknown + sum(p for _, p in found.findings["ranked"])
     assert 0.9 < total <= 1 + 1e-9
 
 

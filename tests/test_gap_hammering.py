@@ -21,9 +21,8 @@ from beamdesign.diagnosis.fitting.search import Search
 from beamdesign.diagnosis.fitting.weighting import INDEPENDENT, blurred, weighting
 from beamdesign.diagnosis.judgement import judge
 from beamdesign.diagnosis.second_look import backlash_impacts, loose_joint, refit_backlash_impacts
-from beamdesign.validation.truth.controller import controller_figures
 from beamdesign.validation.truth.nominal import assembled, rig_figures
-from beamdesign.validation.truth.rig import march
+from beamdesign.validation.truth.rig import controller_figures, march
 
 LOOSE = loose_joint(believed())
 PLAY_M, ROD_kg, WORN_M = 60e-6, 0.2, 30e-6

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from beamdesign.bench_prototype import BenchActuator, BenchPrototype, BenchServovalve, read_any_prototype
-from beamdesign.diagnosis.bench.diagnose import BenchDiagnosis, where_of
+from beamdesign.diagnosis.bench_diagnosis import where_of
 from beamdesign.diagnosis.data.dataset import Dataset, read_dataset
 from beamdesign.diagnosis.diagnosis import (
     Cause,
@@ -323,7 +323,7 @@ def test_a_bench_is_presented_like_any_other_rig(tmp_path: Path) -> None:
     causes = (Cause(chosen[0], "servovalve", 0.97, 1.0, {"supply_pressure_Pa": Estimate(4.1e6, 2e4)}),)
     table = {"condition": ("1 V",), "direction": ("extending",), "speed_m_per_s": (0.05,), "predicted_m_per_s": (0.06,)}
     rows = (RecordGap("1 V, displacement_m", True, 0.08, np.nan, 0.02, 0.01),)
-    shown = BenchDiagnosis(
+    shown = Diagnosis(
         "a bench",
         "ambiguous",
         "Orifices. And more.",

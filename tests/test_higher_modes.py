@@ -11,7 +11,7 @@ from beamdesign.plant.linear_reach import exact_compliance, signals, single_comp
 from beamdesign.prototype import Beam, Prototype
 from beamdesign.records import InputError
 from beamdesign.structure.lumped import natural_frequencies
-from beamdesign.validation.paper.rig import INNER_END_MASS_KG, OUTER, lag, proportional
+from beamdesign.validation.paper_rig import INNER_END_MASS_KG, OUTER, lag, proportional
 
 PER_LENGTH = OUTER.tube.mass_per_length(OUTER.material.density_kg_per_m3)
 

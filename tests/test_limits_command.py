@@ -16,7 +16,7 @@ from beamdesign.records import InputError
 from beamdesign.report.canvas import new_figure
 from beamdesign.report.charts import plot_envelope
 from beamdesign.synthesis.operating_limits import envelope
-from beamdesign.validation.paper.rig import INNER_END_MASS_KG, lag
+from beamdesign.validation.paper_rig import INNER_END_MASS_KG, lag
 
 ROOT = Path(__file__).parent.parent
 

@@ -47,8 +47,8 @@ from beamdesign.spelling import LONGEST, in_csv, in_plot, one_line
 from beamdesign.sweep.conclusion import draw
 from beamdesign.sweep.sweep_file import Picture as Drawn
 from beamdesign.sweep.sweep_file import Sweep
-from beamdesign.validation.blind.scoring import Outcome
 from beamdesign.validation.blindcheck_result import markdown
+from beamdesign.validation.scoring import Outcome
 
 PROTOTYPES = Path(__file__).parent.parent / "studies" / "prototypes"
 PLAIN = "rig"

@@ -15,7 +15,7 @@ from beamdesign.sweep.conclusion import conclude, holds, in_words
 from beamdesign.sweep.methods import CUT_SIGMAS, Figure, drawn, from_unit, saltelli, spreading, varied_at
 from beamdesign.sweep.sweep_file import Demand, with_value
 from beamdesign.sweep.sweep_run import plan, run_sweep
-from beamdesign.validation.blind.bounds import clopper_pearson
+from beamdesign.validation.bounds import clopper_pearson
 
 TAME = Path(__file__).parents[1] / "studies" / "prototypes" / "tame_lag.toml"
 

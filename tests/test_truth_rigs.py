@@ -14,15 +14,13 @@ from test_truth import PUBLISHED, constant, drive
 from beamdesign.diagnosis.data.dataset import read_dataset
 from beamdesign.prototype import prototype_from
 from beamdesign.public import state_space
-from beamdesign.validation.truth import laws
+from beamdesign.validation.truth import rates
 from beamdesign.validation.truth.case import Departure, answer, noise_free, recorded, relative_gap, write_case
-from beamdesign.validation.truth.controller import controller_figures
 from beamdesign.validation.truth.drawing import draw_case
 from beamdesign.validation.truth.effects import KINDS
-from beamdesign.validation.truth.noise import Noise
 from beamdesign.validation.truth.nominal import assembled, packed, rig_figures
 from beamdesign.validation.truth.rates import STATES, rates_at
-from beamdesign.validation.truth.rig import SAMPLE_S, march
+from beamdesign.validation.truth.rig import SAMPLE_S, Noise, controller_figures, march
 
 ACTUATOR = {
     "kind": "ball_screw", "lead_m": 0.02, "screw_stiffness_N_per_m": 8e7, "screw_damping_N_s_per_m": 600.0,
@@ -146,10 +144,10 @@ def test_a_held_current_bends_the_beams_by_its_torque_over_the_lead():
 
 
 def test_a_nut_is_free_between_its_flanks_and_is_never_pulled():
-    assert laws.flanks(0.9e-6, 1.0, 2e-6, 8e7, 600.0) == 0.0
-    assert laws.flanks(-3e-6, 0.0, 2e-6, 8e7, 600.0) == pytest.approx(-160.0)
-    assert laws.flanks(1.1e-6, -1.0, 2e-6, 8e7, 600.0) == 0.0
-    assert laws.flanks(1.1e-6, -1.0, 0.0, 8e7, 600.0) == pytest.approx(88.0 - 600.0)
+    assert rates.flanks(0.9e-6, 1.0, 2e-6, 8e7, 600.0) == 0.0
+    assert rates.flanks(-3e-6, 0.0, 2e-6, 8e7, 600.0) == pytest.approx(-160.0)
+    assert rates.flanks(1.1e-6, -1.0, 2e-6, 8e7, 600.0) == 0.0
+    assert rates.flanks(1.1e-6, -1.0, 0.0, 8e7, 600.0) == pytest.approx(88.0 - 600.0)
 
 
 # --- cases

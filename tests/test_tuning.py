@@ -31,7 +31,7 @@ from beamdesign.synthesis.law_search import Found, Start, from_seeds, search
 from beamdesign.synthesis.law_task import Effort, Search
 from beamdesign.synthesis.refinement import LawRefinement
 from beamdesign.synthesis.tuning import Tuning, tune, tune_alike
-from beamdesign.validation.paper.rig import paper_prototype
+from beamdesign.validation.paper_rig import paper_prototype
 
 RANGE_KG = (0.0, 6.8)
 LIMIT_M_PER_N = 5.71e-8

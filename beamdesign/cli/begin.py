@@ -155,7 +155,7 @@ def paper(out: Path, figure: Annotated[int | None, typer.Option(metavar="N")] = 
     """
     if figure is not None:
         return _one_figure(figure, out)
-    from beamdesign.validation.paper.comparison import CHOICES, compare, write_page
+    from beamdesign.validation.paper_comparison import CHOICES, compare, write_page
 
     comparison = compare()
     with progress("drawing") as update, fresh_folder(out) as fresh:
@@ -195,7 +195,7 @@ def paper(out: Path, figure: Annotated[int | None, typer.Option(metavar="N")] = 
 
 
 def _one_figure(number: int, out: Path) -> CommandResult:
-    from beamdesign.validation.paper.figures import NUMBERED
+    from beamdesign.validation.paper_figures import NUMBERED
 
     if number not in NUMBERED:
         refuse("--figure", (str(number), f"not drawn here; there are {min(NUMBERED)} to {max(NUMBERED)}"))

@@ -15,9 +15,9 @@ from beamdesign.time_limit import share
 if TYPE_CHECKING:
     from beamdesign.diagnosis.data.dataset import Dataset
     from beamdesign.diagnosis.diagnosis import Diagnosis
-    from beamdesign.validation.blind.blindcheck import Check
-    from beamdesign.validation.blind.case_plan import Seal
-    from beamdesign.validation.blind.scoring import Outcome
+    from beamdesign.validation.blindcheck import Check
+    from beamdesign.validation.case_plan import Seal
+    from beamdesign.validation.scoring import Outcome
 
 gap = group("Compare a built rig with its model. Where they differ, why, and how far the difference closes.")
 
@@ -57,8 +57,8 @@ def diagnose(
     if kind_of(dataset) != "actuator_bench":
         return _diagnose(dataset, folder, redesign, workers, minutes)
 
-    from beamdesign.diagnosis.bench.data import read_bench_set
-    from beamdesign.diagnosis.bench.diagnose import diagnose_bench
+    from beamdesign.diagnosis.bench_diagnosis import diagnose_bench
+    from beamdesign.diagnosis.data.bench_set import read_bench_set
     from beamdesign.report.gap_folder import write_gap_folder
 
     if redesign:
@@ -275,7 +275,7 @@ def blindcheck(
         rejudge: take the fits of the folder, even those of another version of the program.
         score_only: diagnose no more; score the cases that are finished.
     """
-    from beamdesign.validation.blind.blindcheck import begin_check, diagnose_all, draw_and_seal
+    from beamdesign.validation.blindcheck import begin_check, diagnose_all, draw_and_seal
 
     with resumed(lambda: f": the same command goes on with what is in {out}"):
         with progress("drawing") as update:
@@ -293,9 +293,9 @@ def blindcheck(
 def _score(check: "Check", seal: "Seal", unfinished: bool) -> CommandResult:
     from beamdesign.files import write_whole
     from beamdesign.report.canvas import save
-    from beamdesign.validation.blind.blindcheck import open_all
-    from beamdesign.validation.blind.scoring import outcome
+    from beamdesign.validation.blindcheck import open_all
     from beamdesign.validation.blindcheck_result import blindcheck_picture, markdown, result_fields, result_text
+    from beamdesign.validation.scoring import outcome
 
     answered = open_all(check, unfinished)
     if not answered:
@@ -332,7 +332,6 @@ def _all(digests: Iterable[Any]) -> str:
 
 def echo_result(found: "Sequence[Outcome]") -> None:
     """The scores for people."""
-    from beamdesign.validation.blind.scoring import scores, split
     from beamdesign.validation.blindcheck_result import (
         BASELINE_COLUMNS,
         TARGET_COLUMNS,
@@ -340,6 +339,7 @@ def echo_result(found: "Sequence[Outcome]") -> None:
         confusion,
         target_rows,
     )
+    from beamdesign.validation.scoring import scores, split
 
     large, small = split(found)
     title = f"{len(large)} cases (and {len(small)} with a gap below three floors, apart)"

@@ -3,26 +3,17 @@
 Some records are kept out of every fit, to measure the gap on; what is found is told in a few sentences.
 """
 
-import tomllib
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from functools import cache
 from itertools import combinations
 from math import nan
-from pathlib import Path
 from typing import TypeVar
 
 import numpy as np
 
 from beamdesign.diagnosis.data.dataset import Dataset, TimeRecord
 from beamdesign.diagnosis.diagnosis import (
-    Cause,
     Diagnosis,
-    Gap,
-    Verdict,
-    Where,
-    in_words,
-    listed,
     no_surer,
     unfinished,
     updated_prototype,
@@ -31,14 +22,15 @@ from beamdesign.diagnosis.examination.plausibility import examine
 from beamdesign.diagnosis.experiment import next_experiment
 from beamdesign.diagnosis.fitting.evidence import RecordEvidence, evidence_of, with_output_injection
 from beamdesign.diagnosis.fitting.fit import FitCache
-from beamdesign.diagnosis.fitting.search import Search, refit, search
+from beamdesign.diagnosis.fitting.search import refit, search
 from beamdesign.diagnosis.gain_diagnosis import explain_gains
 from beamdesign.diagnosis.gap_metrics import errors, gap, sizes
-from beamdesign.diagnosis.judgement import THRESHOLDS, Judgement, cause_sets, causes, classes, judge
+from beamdesign.diagnosis.judgement import cause_sets, causes, classes, judge
 from beamdesign.diagnosis.learning import described, learn
 from beamdesign.diagnosis.passing import what_passed
 from beamdesign.diagnosis.second_look import refit_backlash_impacts, second_look
 from beamdesign.diagnosis.separability import indistinguishable
+from beamdesign.diagnosis.verdict import chance, confirmed, decided, sentences, verdict_of
 from beamdesign.diagnosis.where.locate import locate
 from beamdesign.progress import Progress, silent
 from beamdesign.prototype import Prototype
@@ -143,7 +135,7 @@ def _diagnosed(data: Dataset, workers: int, progress: Progress, kept: FitCache |
     examined = examine(data)
     data = examined.data
     if not data.records:
-        figures_only = explain_gains(replace(data, warnings=examined.words), progress)
+        figures_only = explain_gains(replace(data, warnings=examined.words), workers, progress)
         return replace(figures_only, prototype=figures_only.prototype.but(tolerance=stated))
     kept_out = held_out(data.records)
     seen = replace(data, records=tuple(r for k, r in enumerate(data.records) if k not in kept_out))
@@ -212,11 +204,17 @@ def _diagnosed(data: Dataset, workers: int, progress: Progress, kept: FitCache |
         fits = [f for f in (found.null, *found.fits) if f.hypothesis in judged.of]
         fits.sort(key=lambda f: -judged.of[f.hypothesis])
         asked = next_experiment(data, fits, [judged.of[f.hypothesis] for f in fits])
+    following = again is not None and again.oscillates
+    said = (
+        "On records left out of the fits that measure it, the "
+        f"{'error in step' if following else 'prediction error'} falls from {measured.before:.1%} of the signal "
+        f"({measured.tuned:.1%} with tolerances re-tuned) to {measured.after:.1%}; "
+        f"the sensor's noise alone is {measured.noise_floor:.1%}."
+    )
     return Diagnosis(
         data.name,
         verdict,
-        unfinished(left)
-        + sentences(verdict, ranked, chosen, measured, where, again is not None and again.oscillates, not left, rare),
+        unfinished(left) + sentences(verdict, ranked, chosen, said, where, complete=not left, rare=rare),
         ranked,
         chosen,
         judged.unknown,
@@ -251,129 +249,3 @@ def _in_time(part: float, named: str, look: Callable[[], _T]) -> _T | None:
 def _between(low: float, high: float, progress: Progress) -> Progress:
     """Progress of a part of the work, from one share of the whole to another."""
     return lambda share, doing: progress(low + (high - low) * share, doing)
-
-
-LEVEL = 0.02
-"""Share of rigs without a gap that may be said to have one."""
-
-
-@cache
-def null_scores() -> tuple[float, ...]:
-    """Probability of no gap that each of the rigs without one was given, least first."""
-    path = Path(__file__).with_name("nulls.toml")
-    return tuple(sorted(tomllib.loads(path.read_text(encoding="utf-8"))["no_gap"]))
-
-
-def chance(no_gap: float, among: Sequence[float] | None = None) -> float:
-    """How often a rig without a gap looks as much as if it had one: a test whose level holds in finite samples.
-
-    The probability that a diagnosis gives to no gap is ranked among those of rigs without one, drawn and diagnosed by
-    the same program (`studies/benchmarks/null_scores.py`, their scores in `nulls.toml`). If a rig without a gap is
-    drawn like these, every rank is as probable as any other, so that what is returned is at most a level with at most
-    that probability: split conformal prediction (V. Vovk, A. Gammerman and G. Shafer, Algorithmic Learning in a Random
-    World, Springer 2005, section 2.2). As the score is the last that a diagnosis says, nothing has to be corrected for
-    how many causes and places were looked at. Nothing is promised of rigs that are unlike those.
-
-    Args:
-        no_gap: probability that a diagnosis gives to it.
-        among: the same of rigs without a gap; those of `null_scores` if None.
-
-    Returns:
-        probability that a rig without a gap is given so little probability of having none (a conformal p-value).
-    """
-    scores = null_scores() if among is None else among
-    return (1 + sum(score <= no_gap for score in scores)) / (1 + len(scores))
-
-
-def decided(judged: Judgement, found: Search, rare: float) -> Judgement:
-    """Whether there is a gap by how rare it would be without one: if not, tolerances are best, else a cause.
-
-    Args:
-        judged: the probabilities.
-        found: the fits.
-        rare: see `chance`; NaN where it is not known, which decides nothing.
-    """
-    if rare > LEVEL:
-        return replace(judged, best=found.null)
-    if rare <= LEVEL and not judged.best.hypothesis.names:
-        return replace(judged, best=max(found.fits, key=lambda f: judged.of.get(f.hypothesis, 0.0), default=found.null))
-    return judged
-
-
-def verdict_of(judged: Judgement, doubtful: bool = False, rare: float = nan) -> Verdict:
-    """What the probabilities come to.
-
-    Data that are not what they should be allow no confident answer, nor do figures strained to make a cause fit (a
-    resonance that is missing, fitted as a delay).
-
-    Args:
-        judged: the probabilities.
-        doubtful: whether data or conditions held out speak against them.
-        rare: of rigs without a gap, the share that is judged so, see `chance`; there is no gap above `LEVEL`, and below
-            it something is missing even where nothing known explains it. NaN where it is not known.
-    """
-    if judged.unknown > 0.5 and not rare > LEVEL:
-        return "unknown"
-    named = bool(judged.best.hypothesis.names)
-    if doubtful or (named and judged.strained):
-        return "ambiguous" if named else "unknown"
-    if not named:
-        return "unknown" if rare <= LEVEL else "no_gap"
-    sure = judged.of_causes[judged.best.hypothesis.causes]
-    return "effect" if sure >= THRESHOLDS.confident * (1 - judged.unknown) else "ambiguous"
-
-
-def confirmed(measured: Gap) -> bool:
-    """Whether conditions held out do not speak against what is chosen: re-tuned tolerances predict them no better."""
-    return measured.after <= max(THRESHOLDS.worse * measured.tuned, THRESHOLDS.near_noise * measured.noise_floor)
-
-
-def sentences(
-    verdict: Verdict,
-    causes: Sequence[Cause],
-    chosen: Sequence[str],
-    gap: Gap,
-    where: Where,
-    synchronised: bool = False,
-    complete: bool = True,
-    rare: float = nan,
-) -> str:
-    """The verdict for people: what it is, how probable it is without a gap, and how far the gap closes.
-
-    Args:
-        verdict: in a word.
-        causes: most probable first.
-        chosen: names of those that are held responsible.
-        gap: as measured.
-        where: it lies.
-        synchronised: whether errors are those of models that follow the records.
-        complete: whether everything that is known was compared.
-        rare: see `verdict_of`.
-    """
-    errors = (
-        "On records left out of the fits that measure it, the "
-        f"{'error in step' if synchronised else 'prediction error'} falls from "
-        f"{gap.before:.1%} of the signal "
-        f"({gap.tuned:.1%} with tolerances re-tuned) to {gap.after:.1%}; "
-        f"the sensor's noise alone is {gap.noise_floor:.1%}."
-    )
-    words = {c.name: f"{c.name.replace('parameter:', 'a wrong ')} ({c.probability:.0%})" for c in causes}
-    named = listed([words[name] for name in chosen])
-    match verdict:
-        case "no_gap":
-            first = "There is no gap that the tolerances of the prototype would not explain."
-        case "effect":
-            first = f"The gap is caused by {named}."
-        case "ambiguous":
-            others = [words[c.name] for c in causes if c.name not in chosen][:3]
-            rivals = f"; it may as well be {listed(others, 'or')}" if others else ""
-            first = f"The gap is most probably caused by {named}{rivals}."
-        case _:
-            place = f" It lies in the {where.subsystem}." if where.subsystem else ""
-            first = f"Nothing that {'is known here' if complete else 'was compared'} explains the gap.{place}"
-            learnt = [f"{c.like} at the port {in_words(c.name.partition(':')[2])}" for c in causes if c.like]
-            learnt += [words[c.name] for c in causes if c.name in chosen and not c.like] if learnt else []
-            first += f" Learnt from the records: {listed(learnt)}." if learnt else ""
-    if rare <= LEVEL and verdict != "no_gap":
-        first += f" Of rigs without a gap at most {rare:.1%} are judged to be as far from having none."
-    return f"{first} {errors}"

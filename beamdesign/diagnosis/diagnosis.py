@@ -6,7 +6,7 @@ The prototype is the believed one with what a fit has found: figures re-tuned, e
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from math import isfinite, nan, sqrt
-from typing import Any, ClassVar, Generic, Literal, TypeVar
+from typing import TYPE_CHECKING, Any, Generic, Literal, TypeVar
 
 import numpy as np
 
@@ -21,6 +21,9 @@ from beamdesign.prototype import Beam, Prototype
 from beamdesign.records import Record
 from beamdesign.result import Result, finite, picked
 from beamdesign.structure import lumped
+
+if TYPE_CHECKING:
+    from beamdesign.diagnosis.judgement import Judgement
 
 Verdict = Literal["no_gap", "effect", "ambiguous", "unknown"]
 
@@ -230,7 +233,7 @@ _LISTED, _LEAST_PROBABILITY = 12, 1e-6  # sets of causes
 
 @dataclass(frozen=True, repr=False)
 class Diagnosis(Generic[Rig], Result):
-    """The answer, from whatever evidence; kinds of evidence with more to say have a record of their own under it.
+    """The answer, from whatever evidence.
 
     Attributes:
         name: of the data set.
@@ -252,14 +255,12 @@ class Diagnosis(Generic[Rig], Result):
         errors: of the time records as predicted from rest.
         notes: what else has to be said, in words.
         left_out: causes that were not compared for want of time; then the verdict is no surer than ambiguous.
-        chance: that a rig without a gap is judged so, see `beamdesign.diagnosis.diagnose`; NaN where it is not known.
+        chance: that a rig without a gap is judged so, see `beamdesign.diagnosis.verdict`; NaN where it is not known.
+        judged: probabilities of all sets of causes, law by law.
+        measure: what the errors of its gap are, in words.
+        findings: what its kind of evidence tells beside, by the names of its JSON file.
     """
 
-    MEASURE: ClassVar[str] = (
-        "Prediction errors of the displacement over its rms. Records held out of the fits that measure them count; a"
-        " cause is chosen by fits to all."
-    )
-    """What the errors of its gap are."""
     name: str
     verdict: Verdict
     sentences: str
@@ -279,6 +280,12 @@ class Diagnosis(Generic[Rig], Result):
     notes: tuple[str, ...] = ()
     left_out: tuple[str, ...] = ()
     chance: float = nan
+    judged: "Judgement | None" = field(default=None, repr=False)
+    measure: str = (
+        "Prediction errors of the displacement over its rms. Records held out of the fits that measure them count; a"
+        " cause is chosen by fits to all."
+    )
+    findings: Mapping[str, Any] = field(default_factory=dict, repr=False)
 
     @property
     def status(self) -> str:
@@ -301,7 +308,8 @@ class Diagnosis(Generic[Rig], Result):
         if (separability := self.separability) is not None:
             names = "not_told_apart=classes nearly_alike=close not_visible=invisible"
             fields["before_fitting"] = picked(separability, names)
-        return dict(finite(fields | self.own_fields))
+        fields |= {key: one.to_dict() if isinstance(one, Diagnosis) else one for key, one in self.findings.items()}
+        return dict(finite(fields | ({"notes": self.notes} if self.notes else {})))
 
     def rows(self) -> list[tuple[Any, ...]]:
         """The causes, the most probable first: name, subsystem, probability, share of the gap."""
@@ -317,11 +325,6 @@ class Diagnosis(Generic[Rig], Result):
         """What the row of causes that are not listed is called."""
         learnt = any(one.like for one in self.causes)
         return f"none that is known here{', what was learnt included' if learnt else ''}"
-
-    @property
-    def own_fields(self) -> dict[str, Any]:
-        """What its JSON file holds beside the fields of any diagnosis."""
-        return {}
 
 
 def in_words(names: str) -> str:

@@ -4,34 +4,20 @@ How far the gap closes is told in relative errors of each figure as predicted fr
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from math import exp, log, tau
-from typing import Any
 
 import numpy as np
-from scipy.special import expit, logsumexp
+from scipy.special import expit
 
-from beamdesign.diagnosis.data.dataset import Dataset
-from beamdesign.diagnosis.diagnosis import (
-    Diagnosis,
-    Gap,
-    RecordGap,
-    Verdict,
-    Where,
-    in_words,
-    no_surer,
-    unfinished,
-    updated_prototype,
-)
+from beamdesign.diagnosis.data.dataset import Dataset, MeasuredGain
+from beamdesign.diagnosis.diagnosis import Diagnosis, Gap, RecordGap, Where, no_surer, unfinished, updated_prototype
 from beamdesign.diagnosis.fitting.evidence import Figure, figures_of
 from beamdesign.diagnosis.fitting.fit import Fit
 from beamdesign.diagnosis.fitting.gain_evidence import GainEvidence
-from beamdesign.diagnosis.fitting.hypothesis import FREE, NOTHING, Hypothesis, pairs, singles, subsystem
-from beamdesign.diagnosis.fitting.search import Search
-from beamdesign.diagnosis.fitting.starts import fit_from_starts
+from beamdesign.diagnosis.fitting.hypothesis import FREE, NOTHING, Hypothesis, subsystem
+from beamdesign.diagnosis.fitting.search import Search, search
 from beamdesign.diagnosis.gain_findings import (
-    CommonFactor,
-    GainShares,
     another_size,
     factor_of,
     gain_shares,
@@ -42,148 +28,136 @@ from beamdesign.diagnosis.gain_findings import (
 from beamdesign.diagnosis.gap_metrics import gap_of_pieces
 from beamdesign.diagnosis.judgement import LEAST_PROBABILITY, THRESHOLDS, Judgement, cause_sets, causes, judge, odds
 from beamdesign.diagnosis.judgement import evidence as marginal_likelihood
+from beamdesign.diagnosis.verdict import OUTSIDE, sentences, verdict_of
 from beamdesign.progress import Progress, silent
 from beamdesign.prototype import Prototype
 from beamdesign.records import InputError
-from beamdesign.result import picked
-from beamdesign.time_limit import left_out, share, while_time
+from beamdesign.time_limit import left_out, share
 
-OUTSIDE = "unknown"
-"""Stands in a class for something that the library does not hold."""
-_CERTAIN = 50.0  # in the logarithm of odds: more is no more
+_CERTAIN = 30.0  # in the logarithm of odds: more is no more
 
 
-@dataclass(frozen=True)
-class GainDiagnosis(Diagnosis[Prototype]):
-    """A diagnosis from figures of the loop instead of time records; errors of its gap are relative ones.
-
-    Attributes:
-        silent: effects that leave no trace in such data, whatever their size.
-        shares: what the sensor's filter and the piston's smaller side of the published rig would carry of the mean
-            distance, and what is left to one common factor; None without critical gains.
-        factor: one common factor on the model's gains.
-        on_predictions: the same from another starting point, where the data set holds what the designers predicted: the
-            gap between measurement and these predictions, of which the model tells the changes only.
-    """
-
-    MEASURE = "Relative errors of each figure as predicted from all the others."
-
-    silent: tuple[str, ...] = ()
-    shares: GainShares | None = None
-    factor: CommonFactor | None = None
-    on_predictions: "GainDiagnosis | None" = None
-
-    @property
-    def ranked(self) -> tuple[tuple[str, float], ...]:
-        """Hypotheses with 1 % of the probability or more, best first, with that probability; the null among them."""
-        return tuple((str(h), h.probability) for h in self.hypotheses if h.probability >= LEAST_PROBABILITY)
-
-    @property
-    def own_fields(self) -> dict[str, Any]:
-        """Beside those of any diagnosis."""
-        found = picked(self, "notes silent shares factor ranked")
-        if self.on_predictions is not None:
-            found["on_predictions"] = self.on_predictions.to_dict()
-        return found
-
-
-def explain_gains(data: Dataset, progress: Progress = silent) -> GainDiagnosis:
+def explain_gains(data: Dataset, workers: int = 1, progress: Progress = silent) -> Diagnosis[Prototype]:
     """Diagnose from critical gains and frequency responses.
 
-    Nulls first (tolerances alone, one common factor), then every cause, then pairs, weighed by Laplace's marginal
-    likelihood under the same odds as elsewhere. Explanations whose probabilities differ by less than 20 to 1 make a
-    class. Where none is sure, `chosen` holds only what all members of the class share.
+    Explanations whose probabilities differ by less than 20 to 1 make a class. Where none is sure, `chosen` holds only
+    what all members of the class share. Its `findings` are `silent`, the effects that leave no trace in such data,
+    whatever their size; `factor`, one common factor on the model's gains; `shares`, what known causes would carry of
+    the mean distance; `ranked`, hypotheses with 1 % of the probability or more; and where the data set holds what the
+    designers predicted, `on_predictions`, the diagnosis from there: of the gap between measurement and these
+    predictions, of which the model tells the changes only.
 
     Args:
         data: with critical gains or frequency responses; its time records are left aside.
+        workers: processes.
         progress: told the share done and what is being done.
 
     Raises:
         InputError: where it has neither, or where the believed model oscillates at no gain, or where a response was
             taken, whatever its figures within their tolerances.
     """
-    evidence = figures_of(replace(data, records=()))
-    if not evidence:
+    data = replace(data, records=())
+    gains = [piece for piece in figures_of(data) if isinstance(piece, GainEvidence)]
+    if not (gains or data.responses):
         raise InputError(data.folder, [("critical_gain", "missing; the set holds no frequency_response either")])
     if not any(taken.predicted_gain for taken in data.gains):
-        return _explained(data, evidence, progress)
-    moved = tuple(
-        replace(piece, offset=log(foreseen / at.gain))
-        if isinstance(piece, GainEvidence)
-        and (foreseen := piece.measured.predicted_gain) is not None
-        and (at := piece.nominal()) is not None
-        else piece
-        for piece in evidence
-    )
+        return _explained(data, workers, progress)
     with share(0.5):
-        own = _explained(data, evidence, lambda part, words: progress(part / 2, words))
-    other = _explained(data, moved, lambda part, words: progress(0.5 + part / 2, words))
-    gains = [piece for piece in evidence if isinstance(piece, GainEvidence)]
-    more = notes_on_predictions(gains, other.factor, other.sentences)
-    return replace(own, on_predictions=other, notes=(*own.notes, *more))
+        own = _explained(data, workers, lambda part, words: progress(part / 2, words))
+    moved = replace(data, gains=tuple(_from_prediction(piece) for piece in gains))
+    other = _explained(moved, workers, lambda part, words: progress(0.5 + part / 2, words))
+    more = notes_on_predictions(gains, other.findings["factor"], other.sentences)
+    findings = {**own.findings, "on_predictions": other}
+    return replace(own, notes=(*own.notes, *more), findings=findings)
 
 
-def _explained(data: Dataset, evidence: Sequence[Figure], progress: Progress) -> GainDiagnosis:
-    found, silent = search_few(evidence, data.prototype, progress)
-    if found.null.reason:
-        key = "frequency_response" if data.responses else "critical_gain"
-        words = "the believed model oscillates at no gain, or where a response was taken"
-        raise InputError(data.folder, [(key, words)])
-    fits = [f for f in (found.null, *found.fits) if not f.reason]
-    spread = max(1.0, min(f.misfit for f in fits) / found.expected)
-    fits.sort(key=lambda f: -log_posterior(f, spread))
-    logs = np.array([log_posterior(f, spread) for f in fits])
-    known = float(logsumexp(logs))
-    # What the best explanation leaves of a gap speaks for something else as well, as with time records.
-    margin = np.clip(log_outside(evidence, found.null, spread) - known, -_CERTAIN, _CERTAIN)
-    unknown = max(float(expit(margin)), judge(found).unknown)
-    weights = np.exp(logs - known) * (1 - unknown)
-    judged = Judgement({f.hypothesis: float(w) for f, w in zip(fits, weights, strict=True)}, unknown, fits[0])
-    rivals = rivals_of(fits, logs, silent)
-    verdict = no_surer(verdict_of(judged, rivals, silent), left := left_out())
+def _from_prediction(piece: GainEvidence) -> MeasuredGain:
+    """A gain that is as far from the model's as the measured one is from what was predicted."""
+    taken, at = piece.measured, piece.nominal()
+    if taken.predicted_gain is None or at is None:
+        return taken
+    gain = taken.gain * at.gain / taken.predicted_gain
+    return replace(taken, controller=taken.controller.but(gain_A_per_V=gain))
+
+
+def _explained(data: Dataset, workers: int, progress: Progress) -> Diagnosis[Prototype]:
+    evidence = figures_of(data)
+    found = search(data, workers, progress)
+    silent = found.silent  # neither found nor excluded
+    found = replace(found, fits=tuple(f for f in found.fits if not {*silent} & {*f.hypothesis.names}))
+    judged = with_outside(judge(found, few=True), evidence, found)
+    rivals = rivals_of(found, judged)
+    judged = replace(judged, best=rivals[0])
+    left = left_out()
+    verdict = no_surer(verdict_of(judged, few=True), left)
     named = verdict in ("effect", "ambiguous")
     alike = rivals if verdict == "ambiguous" else rivals[: int(named)]
     common = set.intersection(*(set(f.hypothesis.names) for f in alike)) if alike else set()
     chosen = tuple(name for name in rivals[0].hypothesis.names if name in common)  # sure, or what all rivals share
+    fits = (found.null, *found.fits)
     holder = next((f for f in fits if f.hypothesis == Hypothesis(tuple(sorted(chosen)))), found.null)
-    after = rivals[0] if named else found.null
-    listed = tuple(c for c in causes(found, judged) if c.name not in silent)
     names = [str(f.hypothesis) for f in rivals]
-    if unknown > judged.of[judged.best.hypothesis] * exp(-THRESHOLDS.separate):
+    if judged.unknown > judged.of[rivals[0].hypothesis] * exp(-THRESHOLDS.separate):
         names.append(OUTSIDE)
-    classes = (tuple(names),) if named and len(names) > 1 else ()
-    gains = [piece for piece in evidence if isinstance(piece, GainEvidence)]
-    factor, shares = factor_of(gains), gain_shares(gains)
-    gap = figures_of_gap(evidence, found.null, after)
     asked = another_size(data) if verdict in ("ambiguous", "unknown") and not left else None
     if verdict == "ambiguous" and not left:
         asked = next_experiment(data, rivals, [judged.of[f.hypothesis] for f in rivals]) or asked
+    gains = [piece for piece in evidence if isinstance(piece, GainEvidence)]
+    factor, shares = factor_of(gains), gain_shares(gains)
+    gap, where = (
+        figures_of_gap(evidence, found.null, rivals[0] if named else found.null),
+        where_of(alike, evidence, found),
+    )
+    errors = (
+        f"Each figure as predicted from the others is off by {gap.before:.0%} for the believed model, by"
+        f" {gap.tuned:.0%} with tolerances fitted and by {gap.after:.0%} with the best explanation; their own errors"
+        f" are {gap.noise_floor:.0%}."
+    )
+    listed, sets = causes(found, judged), cause_sets(found, judged)
     progress(1.0, "done")
-    return GainDiagnosis(
+    return Diagnosis(
         data.name,
         verdict,
-        unfinished(left) + sentences(verdict, names, chosen, gap, complete=not left),
+        unfinished(left) + sentences(verdict, listed, chosen, errors, where, names, not left),
         listed,
         chosen,
-        unknown,
-        where_of(alike, evidence, found.null),
+        judged.unknown,
+        where,
         gap,
-        classes,
+        (tuple(names),) if named and len(names) > 1 else (),
         asked,
         updated_prototype(data.prototype, holder),
         data.warnings,
         found,
-        hypotheses=cause_sets(found, judged),
-        silent=silent,
-        shares=shares,
-        factor=factor,
+        hypotheses=sets,
         notes=notes_of(silent, shares, factor),
         left_out=left,
+        measure="Relative errors of each figure as predicted from all the others.",
+        findings={
+            "silent": silent,
+            "shares": shares,
+            "factor": factor,
+            "ranked": [(str(one), one.probability) for one in sets if one.probability >= LEAST_PROBABILITY],
+        },
     )
 
 
+def with_outside(judged: Judgement, evidence: Sequence[Figure], found: Search) -> Judgement:
+    """Probabilities with something outside the library as one more explanation, where that is the more probable.
+
+    What the best explanation leaves of a gap speaks for it as well, as with time records.
+    """
+    spread, first = found.spread, max((found.null, *found.fits), key=lambda f: judged.of.get(f.hypothesis, 0.0))
+    known = marginal_likelihood(first, spread) + odds(first.hypothesis)
+    known -= log(judged.of[first.hypothesis] / (1 - judged.unknown))  # of all that are known together
+    margin = np.clip(log_outside(evidence, found.null, spread) - known, -_CERTAIN, _CERTAIN)
+    unknown = max(float(expit(margin)), judged.unknown)
+    of = {h: p * (1 - unknown) / (1 - judged.unknown) for h, p in judged.of.items()}
+    return replace(judged, of=of, unknown=unknown)
+
+
 def log_outside(evidence: Sequence[Figure], null: Fit, spread: float) -> float:
-    """Logarithm of the probability, on the scale of `log_posterior`, that something outside the library is at work.
+    """Logarithm of the marginal likelihood, and the odds, of something outside the library that is at work.
 
     It is taken to change every figure by a factor of its own, of the same spread as that of a plainly wrong figure.
     """
@@ -197,40 +171,30 @@ def log_outside(evidence: Sequence[Figure], null: Fit, spread: float) -> float:
     return -0.5 * (float(r @ np.linalg.solve(covariance, r)) + float(volume)) + THRESHOLDS.effect_odds
 
 
-def rivals_of(ranked: Sequence[Fit], logs: np.ndarray, silent: Sequence[str]) -> list[Fit]:
+def rivals_of(found: Search, judged: Judgement) -> list[Fit]:
     """Hypotheses that the data cannot tell from the best, without those that hold one of the others and are no better.
 
-    An effect that leaves no trace is no rival. The null is one where it comes near enough; a cause is a rival beside it
-    where the data speak for it at all, whatever the odds were before.
+    The null is one where it comes near enough; a cause is a rival beside it where the data speak for it at all,
+    whatever the odds were before.
+
+    Returns:
+        their fits, most probable first.
     """
-    near = [
-        (f, value)
-        for f, value in zip(ranked, logs, strict=True)
-        if value > logs[0] - THRESHOLDS.separate and not set(silent) & set(f.hypothesis.names)
-    ]
+    of = judged.of
+    ranked = sorted((f for f in (found.null, *found.fits) if of.get(f.hypothesis)), key=lambda f: -of[f.hypothesis])
+    near = [f for f in ranked if of[f.hypothesis] > of[ranked[0].hypothesis] * exp(-THRESHOLDS.separate)]
 
-    def spared(simple: Fit, simple_log: float, f: Fit, value: float) -> bool:
+    def spared(simple: Fit, f: Fit) -> bool:
         if simple.hypothesis == NOTHING:
-            return simple_log < value - odds(f.hypothesis)
-        return not set(simple.hypothesis.names) < set(f.hypothesis.names) or simple_log < value
+            return of[NOTHING] < of[f.hypothesis] * exp(-odds(f.hypothesis))
+        return not set(simple.hypothesis.names) < set(f.hypothesis.names) or of[simple.hypothesis] < of[f.hypothesis]
 
-    return [f for f, value in near if all(g is f or spared(g, better, f, value) for g, better in near)]
-
-
-def verdict_of(judged: Judgement, rivals: Sequence[Fit], silent: Sequence[str]) -> Verdict:
-    """What the probabilities come to; an effect that leaves no trace counts as none."""
-    if judged.unknown > 0.5:
-        return "unknown"
-    if sum(p for h, p in judged.of.items() if set(h.names) <= set(silent)) > 0.5:
-        return "no_gap"
-    named = set(rivals[0].hypothesis.names)
-    sure = sum(p for h, p in judged.of.items() if named <= set(h.names)) >= THRESHOLDS.confident_by_gains
-    return "effect" if named and sure else "ambiguous"
+    return [f for f in near if all(g is f or spared(g, f) for g in near)]
 
 
-def where_of(rivals: Sequence[Fit], evidence: Sequence[Figure], null: Fit) -> Where:
+def where_of(rivals: Sequence[Fit], evidence: Sequence[Figure], found: Search) -> Where:
     """The subsystem that all rivals share, and the band of the oscillations or the lines."""
-    at = []
+    at, null = [], found.null
     for piece in evidence:
         if isinstance(piece, GainEvidence):
             onset = piece.predicted(NOTHING.placement(piece.prototype), null.z)
@@ -291,100 +255,3 @@ def figures_of_gap(evidence: Sequence[Figure], null: Fit, after: Fit) -> Gap:
     ]
     records = tuple(RecordGap(piece.name, True, *row) for piece, row in zip(evidence, rows, strict=True))
     return gap_of_pieces(np.array(rows), records, 0, _DRAWS, most=1.0)
-
-
-_SHOWN = 5
-
-
-def sentences(verdict: Verdict, rivals: Sequence[str], chosen: Sequence[str], gap: Gap, complete: bool = True) -> str:
-    """The verdict in two sentences."""
-    errors = (
-        f"Each figure as predicted from the others is off by {gap.before:.0%} for the believed model, by"
-        f" {gap.tuned:.0%} with tolerances fitted and by {gap.after:.0%} with the best explanation; their own errors"
-        f" are {gap.noise_floor:.0%}."
-    )
-    named = [_said(name) for name in rivals]
-    match verdict:
-        case "no_gap":
-            first = "There is no gap that the tolerances of the prototype would not explain."
-        case "effect":
-            first = f"The gap is caused by {_said(' + '.join(chosen))}."
-        case "ambiguous":
-            more = f"; and {len(named) - _SHOWN} more" if len(named) > _SHOWN else ""
-            common = f"All of them hold {_said(' + '.join(chosen))}." if chosen else "No single culprit can be named."
-            first = f"These figures cannot tell apart: {'; '.join(named[:_SHOWN])}{more}. {common}"
-        case _:
-            first = f"Nothing that {'is known here' if complete else 'was compared'} explains these figures."
-    return f"{first} {errors}"
-
-
-def _said(name: str) -> str:
-    return "something unknown" if name == OUTSIDE else in_words(name)
-
-
-_SINGLES = 0.3  # of the work
-_QUICK = 3  # iterations, which show whether a pair is worth settling
-_BEST = 5  # single causes that pairs are made with
-_EXPLAINED = 1.5  # times the misfit of noise: what a single cause leaves at most where it explains the figures
-_HOPEFUL = 4.0  # in the logarithm of the probability
-
-
-def search_few(
-    evidence: Sequence[Figure], prototype: Prototype, progress: Progress = silent
-) -> tuple[Search, tuple[str, ...]]:
-    """Fit tolerances alone, every cause, and pairs of which one is an effect.
-
-    Pairs are tried though a single cause may suffice: with few figures they decide how sure it can be. They are those
-    with one of the most probable single causes, or all where none of these explains the figures. Pairs far from the
-    most probable are left where a few iterations have brought them. Two plainly wrong figures at once are not tried.
-
-    Args:
-        evidence: what is to be explained.
-        prototype: that was believed.
-        progress: told the share done and what is being done.
-
-    Returns:
-        the fits, and the effects that do not show in such data at all; these are in no pair.
-    """
-    progress(0.0, "tolerances")
-    null = fit_from_starts(NOTHING, prototype, evidence, {}, most=1)
-    expected = sum(piece.expected for piece in evidence)
-    if null.reason:
-        return Search(null, (), expected), ()
-    listed = [h for h in singles(prototype) if h.names == h.causes]  # gains tell no two laws of one effect apart
-    alone = {}
-    for k, hypothesis in enumerate(while_time(listed)):
-        alone[hypothesis] = fit_from_starts(hypothesis, prototype, evidence, null.values)
-        progress(_SINGLES * (k + 1) / len(listed), "single causes")
-    silent = tuple(h.names[0] for h, found in alone.items() if h.effects and not found.reason and not _shows(found))
-    visible = tuple(h for h in alone if h.names[0] not in silent)
-    best = sorted((h for h in visible if not alone[h].reason), key=lambda h: -log_posterior(alone[h]))[:_BEST]
-    every = bool(best) and alone[best[0]].misfit > _EXPLAINED * expected
-    tried = [p for p in pairs(visible) if p.effects and (every or any({*h.names} < {*p.names} for h in best))]
-    found = list(alone.values())
-    for k, hypothesis in enumerate(while_time(tried)):
-        parts = (alone[Hypothesis((name,))] for name in hypothesis.names)
-        known = null.values | {name: value for part in parts if not part.reason for name, value in part.values.items()}
-        found.append(fit_from_starts(hypothesis, prototype, evidence, known, most=1, iterations=_QUICK))
-        progress(_SINGLES + (1 - _SINGLES) * (k + 1) / len(tried), "pairs")
-    least = max(log_posterior(f) for f in (null, *found)) - _HOPEFUL
-    for k, hopeful in enumerate(found):
-        if len(hopeful.hypothesis.names) == 2 and log_posterior(hopeful) > least:
-            found[k] = fit_from_starts(hopeful.hypothesis, prototype, evidence, hopeful.values, most=1)
-    return Search(null, tuple(sorted(found, key=lambda f: f.cost)), expected), silent
-
-
-def log_posterior(found: Fit, spread: float = 1.0) -> float:
-    """Logarithm of a fit's probability, up to a constant: Laplace's marginal likelihood and the odds of its causes.
-
-    Args:
-        found: the fit.
-        spread: how much larger the best misfit is than the measurements' errors explain; 1 where these are right.
-    """
-    return marginal_likelihood(found, spread) + odds(found.hypothesis)
-
-
-def _shows(found: Fit) -> bool:
-    """Whether some parameter of the effect has a part in what was measured."""
-    own = [k for k, u in enumerate(found.unknowns) if u.kind == "effect"]
-    return bool(np.any(np.abs(np.array([share.a for share in found.shares])[:, own]) > 0))

@@ -61,9 +61,8 @@ def factor_of(gains: Sequence[GainEvidence]) -> CommonFactor | None:
     model = [piece.nominal() for piece in gains]
     if not model or None in model:
         return None
-    nominal = [at.gain * exp(piece.offset) for at, piece in zip(model, gains, strict=True)]
     taken = [piece.measured for piece in gains]
-    return common_factor([one.gain for one in taken], nominal, [one.relative_std for one in taken])
+    return common_factor([one.gain for one in taken], [at.gain for at in model], [one.relative_std for one in taken])
 
 
 SUSPECTS = ("sensor_lag", "unequal_piston_areas")
@@ -123,7 +122,7 @@ def gain_shares(gains: Sequence[GainEvidence]) -> GainShares | None:
             return None
         logs[frozenset(chosen)] = np.log([at.gain for at in found])
     base, everything = logs[frozenset()], logs[frozenset(SUSPECTS)]
-    measured = np.array([log(piece.measured.gain) - piece.offset for piece in gains])
+    measured = np.array([log(piece.measured.gain) for piece in gains])
     total, carried = float(np.mean(measured - base)), float(np.mean(everything - base))
     shares = []
     for name in SUSPECTS:

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from math import inf, log, sqrt
+from math import log, sqrt
 
 import numpy as np
 from scipy.special import logsumexp
@@ -210,16 +210,20 @@ def odds(hypothesis: Hypothesis) -> float:
     return effects * THRESHOLDS.effect_odds + figures * THRESHOLDS.figure_odds + laws * THRESHOLDS.law_odds
 
 
-def judge(found: Search) -> Judgement:
-    """Weigh all fits of a search."""
+def judge(found: Search, few: bool = False) -> Judgement:
+    """Weigh all fits of a search.
+
+    Args:
+        found: the fits.
+        few: whether these are of the linear loop alone, which has no laws with kinks, and to too few figures to tell
+            that a cause is slight.
+    """
     fits: Sequence[Fit] = [f for f in (found.null, *found.fits) if not f.reason]
-    spread = max(1.0, min(f.misfit for f in fits) / found.expected)
-    by_hypothesis = {f.hypothesis: f for f in fits}
-    plausible = _nested(fits, spread)
+    spread, by_hypothesis = found.spread, {f.hypothesis: f for f in fits}
+    plausible = {f.hypothesis: evidence(f, spread) for f in fits} if few else _nested(fits, spread)
     plain = _plain(fits, plausible)
-    logs = np.array(
-        [plausible[f.hypothesis] + odds(f.hypothesis) - _slight(f, by_hypothesis, found, spread, plain) for f in fits]
-    )
+    slight = [0.0 if few else _slight(f, by_hypothesis, found, spread, plain) for f in fits]
+    logs = np.array([plausible[f.hypothesis] + odds(f.hypothesis) - less for f, less in zip(fits, slight, strict=True)])
     weights = np.exp(logs - logs.max())
     weights /= weights.sum()
     best = fits[_chosen(fits, logs, found.conditions, spread)]
@@ -331,9 +335,8 @@ def cause_sets(found: Search, judged: Judgement) -> tuple[CauseSet, ...]:
 
 def share_of(name: str, holder: Fit, found: Search, fits: dict[Hypothesis, Fit]) -> float:
     """Part of the explainable misfit that goes with a cause: what comes back when it alone is taken away."""
-    rest = holder.hypothesis.without(name)
-    without = fits.get(rest) if rest != NOTHING else found.null
-    left = found.excess(without) if without is not None else inf
+    rest = {*holder.hypothesis.without(name).names}  # some of these, where the others mean nothing by themselves
+    left = min((found.excess(f) for f in fits.values() if {*f.hypothesis.names} <= rest), default=1.0)
     return float(min(1.0, max(0.0, min(left, 1.0) - found.excess(holder))))
 
 
@@ -358,7 +361,8 @@ def deviations(found: Fit, of: Search) -> dict[str, float]:
 def parameters(name: str, holder: Fit, errors: Mapping[str, float]) -> dict[str, Estimate]:
     """Of an effect, or the figures of a wrong one, with their standard errors; SI."""
     if name.startswith(WRONG):
-        keys = [figure for figure, key in RIG_TOLERANCES.items() if key == name.removeprefix(WRONG)]
+        key = name.removeprefix(WRONG)
+        keys = [figure for figure, tolerance in RIG_TOLERANCES.items() if tolerance == key] or [key]
         return {key: Estimate(holder.values[key], errors[key]) for key in keys if key in holder.values}
     prefix = holder.hypothesis.realisation(name) + "."
     return {

@@ -24,7 +24,7 @@ FILES = {
     "scenario": "beamdesign.scenario:Scenario",
     "data set": "beamdesign.diagnosis.data.dataset_index:Index",
     "bench prototype": "beamdesign.bench_prototype:BenchPrototype",
-    "bench data set": "beamdesign.diagnosis.bench.data:_File",
+    "bench data set": "beamdesign.diagnosis.data.bench_set:_File",
 }
 """Kinds of file, each with the record that it is read as."""
 

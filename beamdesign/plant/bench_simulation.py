@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from math import pi
+from operator import attrgetter
 
 import numpy as np
 
@@ -12,7 +13,6 @@ from beamdesign.plant.effects import library
 from beamdesign.plant.equilibrium import Place, substeps_at
 from beamdesign.plant.rigs import BENCH_STATED
 from beamdesign.records import InputError, Problem
-from beamdesign.result import picked
 from beamdesign.scenario import Scenario, inputs_of
 
 BENCH_COLUMNS = ("t_s", "command_V", "displacement_m", "pressure_a_Pa", "pressure_b_Pa")
@@ -39,7 +39,7 @@ def bench_parameters(prototype: BenchPrototype) -> dict[str, float]:
     """Parameters of the bench's assembly in its order, SI: figures of the rig and of its effects."""
     actuator, valve, sensors = prototype.actuator, prototype.servovalve, prototype.sensors
     stop = (actuator.stop_stiffness_N_per_m * actuator.moving_mass_kg) ** 0.5
-    values: dict[str, float] = picked(prototype, BENCH_STATED) | {
+    values: dict[str, float] = {name: attrgetter(place)(prototype) for name, place in BENCH_STATED.items()} | {
         "stop_damping": 2 * _STOP_DAMPING_RATIO * stop,
         "flow_gain": valve.flow_gain_m3_per_s_per_V / valve.amplifier_A_per_V,
         "valve_frequency": 2 * pi * valve.natural_frequency_Hz,

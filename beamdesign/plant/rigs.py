@@ -149,17 +149,28 @@ _BENCH_STATES = (
     "seen_a_Pa",
     "seen_b_Pa",
 )
-BENCH_STATED = """piston_area=actuator.piston_area_m2 stroke=actuator.stroke_m moving_mass=actuator.moving_mass_kg
-    dead_volume=actuator.dead_volume_m3 bulk_modulus=actuator.oil_bulk_modulus_Pa
-    stop_stiffness=actuator.stop_stiffness_N_per_m constant_load=actuator.constant_load_N
-    supply_pressure=actuator.supply_pressure_Pa tank_pressure=actuator.tank_pressure_Pa
-    line_loss=actuator.line_loss_Pa_s2_per_m6 piston_leakage=actuator.piston_leakage_m3_per_s_per_Pa
-    edge_b=servovalve.edge_b_ratio leakage=servovalve.leakage_m3_per_s_per_Pa
-    valve_damping_ratio=servovalve.damping_ratio gain=servovalve.amplifier_A_per_V null=servovalve.null_V
-    sensor_zero=sensors.displacement_zero_m"""
+BENCH_STATED = {
+    "piston_area": "actuator.piston_area_m2",
+    "stroke": "actuator.stroke_m",
+    "moving_mass": "actuator.moving_mass_kg",
+    "dead_volume": "actuator.dead_volume_m3",
+    "bulk_modulus": "actuator.oil_bulk_modulus_Pa",
+    "stop_stiffness": "actuator.stop_stiffness_N_per_m",
+    "constant_load": "actuator.constant_load_N",
+    "supply_pressure": "actuator.supply_pressure_Pa",
+    "tank_pressure": "actuator.tank_pressure_Pa",
+    "line_loss": "actuator.line_loss_Pa_s2_per_m6",
+    "piston_leakage": "actuator.piston_leakage_m3_per_s_per_Pa",
+    "edge_b": "servovalve.edge_b_ratio",
+    "leakage": "servovalve.leakage_m3_per_s_per_Pa",
+    "valve_damping_ratio": "servovalve.damping_ratio",
+    "gain": "servovalve.amplifier_A_per_V",
+    "null": "servovalve.null_V",
+    "sensor_zero": "sensors.displacement_zero_m",
+}
 """Figures of the bench's equations by what its prototype has for them."""
 _BENCH_FIGURES = (
-    *(pair.partition("=")[0] for pair in BENCH_STATED.split()),
+    *BENCH_STATED,
     "stop_damping",  # N s/m
     "flow_gain",  # m3/s/A
     "valve_frequency",  # rad/s

@@ -163,14 +163,23 @@ def fitted_figures(fit: Fit) -> tuple[FittedFigure, ...]:
             continue
         value, error = unknown.value(z), abs(unknown.slope(z)) * float(spread)
         before, after = _shown(unknown.name, unknown.nominal), _shown(unknown.name, value, error)
-        rows.append(FittedFigure(unknown.name.replace("_", " "), before, after, float(z), float(spread)))
+        rows.append(
+            FittedFigure(
+                unknown.name.rpartition(".")[2].removesuffix("_Pa").replace("_", " "),
+                before,
+                after,
+                float(z),
+                float(spread),
+            )
+        )
     return tuple(sorted(rows, key=lambda row: -abs(row.z)))
 
 
 def _shown(name: str, value: float, error: float | None = None) -> str:
     """A figure of the rig in the unit it is read in, with its error."""
-    row = PARAMETERS[name]
-    unit, value, error = row.shown_unit, value / row.factor, None if error is None else error / row.factor
+    row = PARAMETERS.get(name)
+    unit, factor = (row.shown_unit, row.factor) if row is not None else ("Pa", 1.0)  # of a bench's supply
+    value, error = value / factor, None if error is None else error / factor
     if error is None:
         return quantity(value, unit)
     text, words = quantity(value, unit), quantity(error, unit, 2)

@@ -39,7 +39,7 @@ def conclude(laid: Plan, records: Sequence[Row]) -> dict[str, Any]:
 
 def met(sweep: Sweep, records: Sequence[Row]) -> dict[str, Any]:
     """How many rows meet the specification. Rows without a result do not; yields only come from random samples."""
-    from beamdesign.validation.blind.bounds import clopper_pearson
+    from beamdesign.validation.bounds import clopper_pearson
 
     demands = sweep.specification
     each = {name: [holds(demand, row["outputs"].get(name)) for row in records] for name, demand in demands.items()}

@@ -17,10 +17,10 @@ from beamdesign.report.canvas import new_figure
 from beamdesign.report.page import text_template
 from beamdesign.result import picked
 from beamdesign.spelling import in_markdown
-from beamdesign.validation.blind.baselines import NAMES
-from beamdesign.validation.blind.bounds import clopper_pearson
-from beamdesign.validation.blind.case_plan import SHARES
-from beamdesign.validation.blind.scoring import (
+from beamdesign.validation.baselines import NAMES
+from beamdesign.validation.bounds import clopper_pearson
+from beamdesign.validation.case_plan import SHARES
+from beamdesign.validation.scoring import (
     NO_GAP,
     SMALL,
     Bin,

@@ -15,8 +15,8 @@ from beamdesign.structure.lumped import lumped_beam
 from beamdesign.validation.truth.case import Case, Departure, Drive, Run, run_figures, take
 from beamdesign.validation.truth.drawing import linear_critical_gain
 from beamdesign.validation.truth.effects import KINDS, Scales
-from beamdesign.validation.truth.noise import Noise
 from beamdesign.validation.truth.nominal import assembled, draw_true, rig_figures
+from beamdesign.validation.truth.rig import Noise
 
 _GAIN_SHARE = 0.6
 """Of the critical gain of the rig without its effect: records are not taken closer to it, as nobody would."""

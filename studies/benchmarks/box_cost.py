@@ -21,7 +21,7 @@ from beamdesign.proofs.statement import PolynomialFamily
 from beamdesign.proofs.tolerance_box import largest_scaling, tolerance_box
 from beamdesign.proofs.zero_exclusion import PRECISION_BITS, holds, pieces
 from beamdesign.prototype import Payload, Tolerance
-from beamdesign.validation.paper.rig import paper_prototype
+from beamdesign.validation.paper_rig import paper_prototype
 
 RIG = paper_prototype().but(
     name="published rig, lag 1.7/20 Hz at 50 mA/V",

@@ -22,7 +22,7 @@ from closing import Attempt, Closed, close_the_loop
 from opened_cases import opened_case, opened_keys
 
 from beamdesign.records import InputError
-from beamdesign.validation.blind.bounds import clopper_pearson
+from beamdesign.validation.bounds import clopper_pearson
 
 COLUMNS = (
     "case", "truth", "verdict", "tuned for", "safe", "bandwidth, Hz: proved", "true", "peak sensitivity: proved",

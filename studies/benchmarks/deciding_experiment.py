@@ -25,7 +25,7 @@ from beamdesign.diagnosis.diagnose import diagnose
 from beamdesign.diagnosis.experiment import menu
 from beamdesign.records import InputError, parse
 from beamdesign.scenario import Scenario, inputs_of
-from beamdesign.validation.blind.bounds import clopper_pearson
+from beamdesign.validation.bounds import clopper_pearson
 
 _OF = {"load_pressure_Pa": "load_pressure", "inner_displacement_m": "inner"}
 COLUMNS = ("case", "truth", "verdict", "proposed", "bits", "decided", "at random", "decided")

@@ -16,9 +16,10 @@ from tempfile import TemporaryDirectory
 from textwrap import fill
 
 from beamdesign.diagnosis.data.dataset import read_dataset
-from beamdesign.diagnosis.diagnose import LEVEL, chance, diagnose
-from beamdesign.validation.blind.bounds import clopper_pearson
-from beamdesign.validation.blind.case_plan import HISSES, RIGS
+from beamdesign.diagnosis.diagnose import diagnose
+from beamdesign.diagnosis.verdict import LEVEL, chance
+from beamdesign.validation.bounds import clopper_pearson
+from beamdesign.validation.case_plan import HISSES, RIGS
 
 _TAB = "    "
 

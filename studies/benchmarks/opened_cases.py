@@ -14,7 +14,7 @@ from beamdesign.code_digest import folder_digest
 from beamdesign.diagnosis.data.dataset import Dataset, read_dataset
 from beamdesign.diagnosis.diagnosis import Diagnosis
 from beamdesign.records import InputError
-from beamdesign.validation.blind.case_plan import Planned, broken, read_seal
+from beamdesign.validation.case_plan import Planned, broken, read_seal
 from beamdesign.validation.truth.case import Case
 
 _ALIKE = 1e-6  # relative; another machine's arithmetic may differ in the last digits, another rig does not

@@ -26,7 +26,7 @@ from beamdesign.plant.compiled import compiled, half_steps, integrate, integrate
 from beamdesign.plant.effects import library
 from beamdesign.plant.equilibrium import equilibrium, equilibrium_sensitivity, scales, substeps_for
 from beamdesign.prototype import Prototype
-from beamdesign.validation.paper.rig import paper_prototype
+from beamdesign.validation.paper_rig import paper_prototype
 
 SAMPLE_S = 5e-4
 LINES_HZ = np.arange(3, 60, 4.0)

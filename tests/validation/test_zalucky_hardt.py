@@ -17,7 +17,7 @@ from beamdesign.loop import loop
 from beamdesign.polynomial import crossings, exact
 from beamdesign.prototype import COMPLIANCE_LIMIT_M_PER_N
 from beamdesign.quantities import decibels, from_decibels
-from beamdesign.validation.paper.rig import (
+from beamdesign.validation.paper_rig import (
     CASES,
     SMALLER_PISTON_SIDE_M2,
     Case,

@@ -176,12 +176,10 @@ class GainEvidence(LinearEvidence):
 
     Attributes:
         rough: relative error of the linear loop itself, beside that of the measurement.
-        offset: added to the logarithm of the model's gain, where it is to be judged from another starting point.
     """
 
     measured: MeasuredGain
     rough: float = 0.0
-    offset: float = 0.0
     _last: dict[object, Onset | None] = field(default_factory=dict, repr=False, compare=False)
 
     @property
@@ -230,7 +228,7 @@ class GainEvidence(LinearEvidence):
     def misfit(self, at: Onset) -> np.ndarray:
         """(1,) or (2,) measured less predicted."""
         taken = self.measured
-        figures = [log(taken.gain / at.gain) - self.offset]
+        figures = [log(taken.gain / at.gain)]
         if taken.frequency_Hz is not None:
             figures.append(log(tau * taken.frequency_Hz / at.frequency))
         return np.array(figures) / self.units

@@ -198,7 +198,9 @@ def _some_law(prototype: Prototype) -> Controller:
 
 
 WRONG = "parameter:"
-_SUBSYSTEM_OF = {row.tolerance: row.subsystem for row in PARAMETERS.values()}
+_SUBSYSTEM_OF = {row.tolerance: row.subsystem for row in PARAMETERS.values()} | {
+    "line_loss": "oil", "edge_b": "servovalve", "piston_leakage": "actuator", "constant_load": "actuator"
+}  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -206,7 +208,8 @@ class Hypothesis:
     """What is held responsible.
 
     Attributes:
-        names: sorted; of effects, and `parameter:NAME` with the NAME of a `[tolerance]` whose figures are set free.
+        names: sorted; of effects, and `parameter:NAME` with the NAME of a `[tolerance]` whose figures are set free. Of
+            an effect a name may say in brackets the law that is meant: seal_friction (coulomb).
     """
 
     names: tuple[str, ...] = ()
@@ -232,8 +235,8 @@ class Hypothesis:
         return Hypothesis(tuple(name for name in self.names if cause(name) != named))
 
     def realisation(self, named: str) -> str:
-        """The name that stands here for a cause."""
-        return next(name for name in self.names if cause(name) == named)
+        """The name of the library, or of a figure, that stands here for a cause."""
+        return next(name.partition(" (")[0] for name in self.names if cause(name) == named)
 
     def __str__(self) -> str:
         return " + ".join(self.causes) or "tolerances only"
@@ -282,6 +285,7 @@ def pairs(of: tuple[Hypothesis, ...]) -> tuple[Hypothesis, ...]:
 
 def cause(name: str) -> str:
     """What a diagnosis calls an effect of the library or a wrong figure: of several laws for one effect, the effect."""
+    name = name.partition(" (")[0]
     effect = library().get(name)
     return effect.realises or name if effect is not None else name
 

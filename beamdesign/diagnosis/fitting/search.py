@@ -135,6 +135,7 @@ def fitted(task: Task, prototype: Prototype, evidence: Sequence[Evidence]) -> Fi
 
 _BEST_SINGLES = ((0.03, 1), (0.15, 2), (np.inf, 4))
 """How many singles to pair, by the share of the excess misfit that the best of them leaves."""
+_BEST_OF_FEW = 5  # the same of figures alone
 _BEST_PAIRS, _LEADING = 6, 3  # pairs fitted in full: the best at a look, and those among the best singles
 _SMALL = 1.3  # times the misfit of noise alone: what tolerances leave below it is not worth a pair
 _LARGE = 4.0  # times: what is worth every pair
@@ -178,6 +179,18 @@ class Search:
         known = causes()
         return replace(self, fits=tuple(f for f in self.fits if all(name in known for name in f.hypothesis.effects)))
 
+    @property
+    def spread(self) -> float:
+        """How much larger the least misfit is than that of noise; 1 where it is no larger."""
+        return max(1.0, min(f.misfit for f in (self.null, *self.fits)) / self.expected)
+
+    @property
+    def silent(self) -> tuple[str, ...]:
+        """Effects that leave no trace in what was measured, whatever their size."""
+        alone = (f for f in self.fits if f.hypothesis.effects == f.hypothesis.names and len(f.hypothesis.names) == 1)
+        own = ((f, [u.kind == "effect" for u in f.unknowns]) for f in alone if not f.reason)
+        return tuple(sorted(str(f.hypothesis) for f, at in own if not any(np.any(s.a[:, at]) for s in f.shares)))
+
     def excess(self, found: Fit) -> float:
         """Misfit that a fit leaves beyond noise, as a share of what tolerances alone leave."""
         return (found.misfit - self.expected) / max(self.null.misfit - self.expected, 1e-12)
@@ -209,8 +222,11 @@ def search(
         progress(0.0, "tolerances")
         (null,) = fitters.each(Task(NOTHING, {}))
         if null.reason:
-            words = "its loop is unstable with the controllers and masses of the records, so that none can be simulated"
-            raise InputError(data.folder, [("prototype", words)])
+            key = "prototype" if data.records else "frequency_response" if data.responses else "critical_gain"
+            words = "the believed model oscillates at no gain, or where a response was taken"
+            if data.records:
+                words = "its loop is unstable with the controllers and masses of the records, so none can be simulated"
+            raise InputError(data.folder, [(key, words)])
         with share(_SEEKING, within_steps=True):
             found = _searched(fitters, null, progress, worth)
         progress(1.0, "done")
@@ -219,8 +235,10 @@ def search(
 
 def _searched(fitters: Fitters, null: Fit, progress: Progress, worth: float) -> Search:
     """The search beyond tolerances alone; what is not fitted in time is left out."""
-    alone, pieces = list(singles(fitters.data.prototype)), fitters.evidence
-    if is_limited():  # what explains most of a part at a look is compared first
+    alone, pieces, few = list(singles(fitters.data.prototype)), fitters.evidence, not fitters.data.records
+    if few:  # figures of the loop tell no two laws of one effect apart
+        alone = [h for h in alone if h.names == h.causes]
+    elif is_limited():  # what explains most of a part at a look is compared first
         part = (min(range(len(pieces)), key=lambda k: abs(null.shares[k].c - np.median([s.c for s in null.shares]))),)
         progress(0.02, "a look at single causes")
         with share(_LOOKING, within_steps=True):
@@ -232,6 +250,8 @@ def _searched(fitters: Fitters, null: Fit, progress: Progress, worth: float) -> 
     )
     expected, floor = sum(e.expected for e in pieces), sum(e.floor for e in pieces)
     state = Search(null, tuple(_sorted(found)), expected, floor, tuple(e.condition for e in pieces))
+    if few:
+        return replace(state, fits=tuple(_with_pairs(fitters, state, progress)))
     explained = bool(found) and state.excess(state.fits[0]) < _DONE and state.fits[0].misfit < _QUIET * expected
     if found and null.misfit > _SMALL * expected and not explained and state.excess(state.fits[0]) < worth:
         values = {f.hypothesis: f.values for f in reversed(state.fits) if not f.reason}
@@ -280,6 +300,23 @@ def refit(
             return null, null
         begun = fitters.each(Task(best.hypothesis, null.values), Task(best.hypothesis, best.values))
         return null, min(begun, key=lambda f: f.cost)
+
+
+def _with_pairs(fitters: Fitters, state: Search, progress: Progress) -> list[Fit]:
+    """Single causes, and all pairs of an effect with one of the best of these, for figures without a record.
+
+    Pairs are tried though a single cause may suffice: with few figures they decide how sure it can be. Most are left
+    where a few iterations have brought them.
+    """
+    values = {f.hypothesis: f.values for f in state.fits if not f.reason and f.hypothesis.names[0] not in state.silent}
+    best = {name for h in list(values)[:_BEST_OF_FEW] for name in h.names}
+    tried = [pair for pair in pairs(tuple(values)) if pair.effects and best & {*pair.names}]
+    every = tuple(range(len(fitters.evidence)))
+    halves = [(pair, *_halves(pair, values)) for pair in tried]
+    tasks = [Task(pair, state.null.values | worse | better, on=every) for pair, worse, better in halves]
+    quick = fitters(tasks, lambda k: progress(0.55 + 0.35 * k / len(tasks), "pairs"))
+    settled = fitters(Task(f.hypothesis, f.values) for f in _sorted(quick)[:_BEST_PAIRS] if not f.reason)
+    return best_of_each([*state.fits, *quick, *settled])
 
 
 def _promising(state: Search) -> tuple[Hypothesis, ...]:

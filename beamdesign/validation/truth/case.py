@@ -10,11 +10,9 @@ import tomli_w
 
 from beamdesign.files import write_whole
 from beamdesign.result import picked
-from beamdesign.validation.truth.controller import controller_figures
 from beamdesign.validation.truth.effects import KINDS, LISTED, PARAMETERS, Rig, Scales, Shape
-from beamdesign.validation.truth.noise import Noise
 from beamdesign.validation.truth.nominal import FIGURES, assembled, nominal_figures, rig_figures
-from beamdesign.validation.truth.rig import SAMPLE_S, STEP_S, Motion, march
+from beamdesign.validation.truth.rig import SAMPLE_S, STEP_S, Motion, Noise, controller_figures, march
 
 FADE_S = 0.1
 

@@ -19,9 +19,7 @@ from beamdesign.validation.truth.case import (
     relative_gap,
     take,
 )  # fmt: skip
-from beamdesign.validation.truth.controller import controller_figures
 from beamdesign.validation.truth.effects import KINDS, PARAMETERS, Rig, Scales, Shape, on
-from beamdesign.validation.truth.noise import Noise
 from beamdesign.validation.truth.nominal import (
     Table,
     assembled,
@@ -31,7 +29,7 @@ from beamdesign.validation.truth.nominal import (
     tolerance_of,
 )
 from beamdesign.validation.truth.rates import PRESSURE_A, PRESSURE_B, STATES, SUPPLY, rates_at
-from beamdesign.validation.truth.rig import Motion
+from beamdesign.validation.truth.rig import Motion, Noise, controller_figures
 
 
 def jacobian(figures: np.ndarray, modes: np.ndarray) -> np.ndarray:

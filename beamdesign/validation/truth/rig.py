@@ -1,18 +1,23 @@
-"""The true rig on the march through a record, step by step.
+"""The true rig in its loop: the laws of its controllers, its march through a record, and what recording adds.
 
 Kutta's third-order rule at a fixed step. Its region of stability holds the imaginary axis up to 1.73 and the real one
 to -2.51: at 50 us that is 5.5 kHz and 5e4 1/s, against 0.6 kHz of beams on their oil, 3 kHz of the joint's contact and
 the same rate of a seal that slides at 0.25 m/s; memories (bristle, spool friction) are held in their bounds besides.
 Dead time is a line of past samples; play and quantised steps are advanced once a step, not inside one.
+
+A controller is linear, and a matrix made from the table of a data set by code of its own: a law of n states and h
+inputs is (n + 1, n + h), rows of z' = a z + b e, then that of c z + d e.
 """
 
 from dataclasses import dataclass
+from math import pi
 
 import numpy as np
 from numba import njit
+from scipy.signal import lfilter
 
-from beamdesign.validation.truth.laws import played
-from beamdesign.validation.truth.nominal import MODES
+from beamdesign.validation.truth.effects import Shape
+from beamdesign.validation.truth.nominal import HEARD, MODES, Table
 from beamdesign.validation.truth.rates import (
     BRISTLE,
     INNER,
@@ -24,12 +29,67 @@ from beamdesign.validation.truth.rates import (
     TIP,
     commanded_current,
     measured_volts,
+    played,
     rates_into,
     sensor_volts,
 )  # fmt: skip
 
 STEP_S = 50e-6
 SAMPLE_S = 500e-6
+
+
+def lag(pole: float, zero: float) -> np.ndarray:
+    """(2, 2) law (1 + s / zero) / (1 + s / pole), breaks in rad/s; its state is the slow part of what goes in."""
+    return np.array([[-pole, pole], [1 - pole / zero, pole / zero]])
+
+
+def section(zero: float, zero_damping: float, pole: float, pole_damping: float) -> np.ndarray:
+    """(3, 3) law (1 + 2 d s / z + s^2 / z^2) / (1 + 2 e s / p + s^2 / p^2), frequencies in rad/s.
+
+    Its states are what goes in behind the denominator, and the rate of that over p.
+    """
+    r = pole / zero
+    through = [1 - r * r, 2 * r * (zero_damping - r * pole_damping), r * r]
+    return np.array([[0.0, pole, 0.0], [-pole, -2 * pole_damping * pole, pole], through])
+
+
+def behind(first: np.ndarray, then: np.ndarray) -> np.ndarray:
+    """Two laws of one input each, the second fed by the first."""
+    n, m = len(first) - 1, len(then) - 1
+    whole = np.zeros((n + m + 1, n + m + 1))
+    whole[:n, :n], whole[:n, -1] = first[:n, :n], first[:n, n]
+    whole[n:, n:-1] = then[:, :m]
+    whole[n:, :n] += np.outer(then[:, m], first[n, :n])
+    whole[n:, -1] += then[:, m] * first[n, n]
+    return whole
+
+
+def controller_figures(controller: Table) -> Shape:
+    """Gain and law of a controller's table: a cascade of a lag and sections, either of which may lack, or matrices.
+
+    Raises:
+        ValueError: for a table that is neither.
+    """
+    gain = {"gain": controller["gain_A_per_V"]}
+    if controller["kind"] == "observer":
+        a, b, c, d = (np.array(controller[key], dtype=float) for key in "abcd")
+        n = len(a)
+        law = np.zeros((n + 1, n + len(HEARD)))
+        places = [n + HEARD.index(name) for name in controller["sensors"]]
+        law[:n, :n], law[n, :n] = a.reshape(n, n), c
+        law[:n, places], law[n, places] = b.reshape(n, len(places)), d
+        if controller.get("b_command"):
+            law[:n, n + HEARD.index("command_V")] = controller["b_command"]
+        return gain | {"law": law}
+    if controller["kind"] not in ("proportional", "lag", "structured"):
+        raise ValueError(f"the truth has no law of kind {controller['kind']!r}")
+    law = np.ones((1, 1))
+    if "pole_Hz" in controller:
+        law = lag(2 * pi * controller["pole_Hz"], 2 * pi * controller["zero_Hz"])
+    for row in controller.get("section", ()):
+        zero, pole = 2 * pi * row["zero_Hz"], 2 * pi * row["pole_Hz"]
+        law = behind(law, section(zero, row["zero_damping_ratio"], pole, row["pole_damping_ratio"]))
+    return gain | {"law": law}
 
 
 @njit(cache=True, error_model="numpy")
@@ -192,3 +252,44 @@ def march(
     volts_per_m = figures["believed_sensor_gain"][0]
     times = np.arange(out.shape[0]) * SAMPLE_S
     return Motion(times, out[:, 0], out[:, 1] / volts_per_m, out[:, 2], out[:, 3], out[:, 4], bounded)
+
+
+@dataclass(frozen=True)
+class Noise:
+    """What recording adds, one standard deviation each.
+
+    Attributes:
+        displacement_m: of the sensor, inside the loop.
+        quantum_m: step of the recorder.
+        force_N: of the force sensor.
+        current_A: of the current's.
+        drift_m: of the sensor's zero over a record, inside the loop.
+        coloured: share of the sensor's power that has passed a first-order low-pass.
+        break_Hz: of that.
+        outliers: mean number of samples in a record that the recorder spoils, each of one channel.
+    """
+
+    displacement_m: float
+    quantum_m: float
+    force_N: float
+    current_A: float
+    drift_m: float
+    coloured: float = 0.0
+    break_Hz: float = 100.0
+    outliers: float = 0.0
+
+    def of_sensor(self, count: int, rng: np.random.Generator) -> np.ndarray:
+        """(count,) at every sample, m."""
+        white = rng.normal(0, self.displacement_m, count)
+        if not self.coloured:
+            return white
+        memory = float(np.exp(-2 * np.pi * self.break_Hz * SAMPLE_S))
+        drawn = rng.normal(0, self.displacement_m, count)
+        drawn[1:] *= np.sqrt(1 - memory**2)  # the first is as large as all that follow
+        slow = lfilter([1.0], [1.0, -memory], drawn)
+        return np.asarray(np.sqrt(1 - self.coloured) * white + np.sqrt(self.coloured) * slow)
+
+    @property
+    def floor_m(self) -> float:
+        """RMS of what no model can predict of the displacement."""
+        return float(np.sqrt(self.displacement_m**2 + self.quantum_m**2 / 12))

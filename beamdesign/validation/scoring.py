@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from beamdesign.diagnosis.fitting.hypothesis import subsystem
-from beamdesign.validation.blind.bounds import bootstrap, clopper_pearson
+from beamdesign.validation.bounds import bootstrap, clopper_pearson
 
 if TYPE_CHECKING:
-    from beamdesign.validation.blind.blindcheck import Opened
+    from beamdesign.validation.blindcheck import Opened
 
 NO_GAP, UNKNOWN, FAILED = "no_gap", "unknown", "failed"
 _ALIKE = {

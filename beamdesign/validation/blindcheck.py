@@ -21,7 +21,8 @@ from beamdesign.code_digest import code_digest, folder_digest
 from beamdesign.files import write_whole
 from beamdesign.progress import Progress, silent
 from beamdesign.records import InputError
-from beamdesign.validation.blind.case_plan import (
+from beamdesign.validation.blind_diagnosis import Place, begin_blind, diagnose_blind, program
+from beamdesign.validation.case_plan import (
     Planned,
     Seal,
     broken,
@@ -32,9 +33,8 @@ from beamdesign.validation.blind.case_plan import (
     sealed,
     write_seal,
 )
-from beamdesign.validation.blind.diagnosis import Place, begin_blind, diagnose_blind, program
 
-_DRAWN_BY = "beamdesign.validation.blind.case_plan"
+_DRAWN_BY = "beamdesign.validation.case_plan"
 
 
 @dataclass(frozen=True)

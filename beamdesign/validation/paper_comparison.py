@@ -9,9 +9,9 @@ from beamdesign.progress import Progress
 from beamdesign.report.canvas import save
 from beamdesign.report.page import Document, Picture, document_template, parts_from, to_html
 from beamdesign.result import picked
-from beamdesign.validation.paper.claims import Bandwidth, Claim, FigureClaim, bandwidths, claims_and_slips
-from beamdesign.validation.paper.figures import DRAWINGS, Drawing
-from beamdesign.validation.paper.rig import (
+from beamdesign.validation.paper_claims import Bandwidth, Claim, FigureClaim, bandwidths, claims_and_slips
+from beamdesign.validation.paper_figures import DRAWINGS, Drawing
+from beamdesign.validation.paper_rig import (
     INNER_END_MASS_KG,
     VALVE_DAMPING_RATIO,
     VARIATIONS,

@@ -21,7 +21,7 @@ from beamdesign.quantities import decibels, from_decibels
 from beamdesign.result import picked
 from beamdesign.structure import lumped
 from beamdesign.structure.lumped import lumped_beam
-from beamdesign.validation.paper.rig import (
+from beamdesign.validation.paper_rig import (
     FLOW_GAIN_PRESSURE_PA,
     INNER,
     INNER_END_MASS_KG,

@@ -10,7 +10,7 @@ import numpy as np
 from scipy.ndimage import median_filter
 from scipy.stats import median_abs_deviation, theilslopes
 
-from beamdesign.diagnosis.bench.data import BenchRun, BenchSet, held, stretches
+from beamdesign.diagnosis.data.bench_set import BenchRun, BenchSet, held, stretches
 from beamdesign.records import InputError
 
 _MARGIN = 0.1  # of the travel next to either stop is left out
@@ -117,48 +117,55 @@ def _longest(flags: np.ndarray) -> tuple[int, int]:
 
 _ROUNDS = 30
 _SETTLED = 1e-6  # relative: Newton's next step would be of its square
+_LEAST_A = 1e-9  # of a valve that is just not shut
 
 
 def friction(figure: Mapping[str, Any], speed: np.ndarray, sign: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Force against the motion at a speed (both positive), and its slope; the constant load is against extension."""
-    force = figure["coulomb_N"] + figure["viscous"] * speed + sign * figure["constant_load_N"]
-    slope = figure["viscous"] + np.zeros_like(speed)
-    if np.any(figure["breakaway_ratio"] != 1):
-        excess = (figure["breakaway_ratio"] - 1) * np.exp(-((speed / figure["stribeck_m_per_s"]) ** 2))
-        force = force + figure["coulomb_N"] * excess
-        slope = slope - figure["coulomb_N"] * excess * 2 * speed / figure["stribeck_m_per_s"] ** 2
+    coulomb, viscous, ratio, stribeck = (figure.get(f"seal_friction.{name}", none) for name, none in _FRICTIONLESS)
+    force = coulomb + viscous * speed + sign * figure["constant_load"]
+    slope = viscous + np.zeros_like(speed)
+    if np.any(ratio != 1):
+        excess = (ratio - 1) * np.exp(-((speed / stribeck) ** 2))
+        force = force + coulomb * excess
+        slope = slope - coulomb * excess * 2 * speed / stribeck**2
     return force, slope
 
 
-def steady(figure: Mapping[str, Any], volts: np.ndarray, orifices: bool) -> dict[str, np.ndarray]:
+_FRICTIONLESS = (("coulomb_N", 0.0), ("viscous_N_s_per_m", 0.0), ("breakaway_ratio", 1.0), ("stribeck_m_per_s", 1.0))
+
+
+def steady(figure: Mapping[str, Any], volts: np.ndarray) -> dict[str, np.ndarray]:
     """Steady motion at constant commands.
 
-    With orifices, each edge passes q sqrt(2 dp / P_S), q being the flow of the opening at half the supply pressure, the
-    lines lose pressure with the square of the flow, and both flows carry the piston: A_f p_f - A_e p_e = friction, f
-    the side that fills and e the one that empties (Merritt 1967, chapters 5 and 6). A linear valve fills one side, the
-    other empties as the piston drives it; of its pressures only the difference follows, and their sum is taken as
-    supply plus tank, as leakage alike on all edges leaves it.
+    With orifices (`pressure_dependent_flow`), each edge passes q sqrt(2 dp / P_S), q being the flow of the opening at
+    half the supply pressure, the lines lose pressure with the square of the flow, and both flows carry the piston:
+    A_f p_f - A_e p_e = friction, f the side that fills and e the one that empties (Merritt 1967, chapters 5 and 6). A
+    linear valve fills one side, the other empties as the piston drives it; of its pressures only the difference
+    follows, and their sum is taken as supply plus tank, as leakage alike on all edges leaves it.
 
     Args:
-        figure: all of `hypothesis.FIGURES` by name; each a number, or (m, 1) for m sets at once.
-        volts: (N,) commands.
-        orifices: whether flow goes with the root of the pressure drop.
+        figure: parameters of the bench's equations and of the effects at work in them, by name as in
+            `beamdesign.plant.bench_simulation.bench_parameters`; each a number, or (m, 1) for m sets at once.
+        volts: (N,) commands from the null.
 
     Returns:
         (N,) each, or (m, N): `speed`, m/s, positive extending; `pressure_a` and `pressure_b`, Pa.
     """
     sign = np.where(volts < 0, -1.0, 1.0)
-    area, asymmetry = figure["piston_area"], figure["asymmetry"]
+    area, asymmetry = figure["piston_area"], figure.get("unequal_piston_areas.asymmetry", 0.0)
     fills, empties = area * (1 + sign * asymmetry), area * (1 - sign * asymmetry)
-    supply, tank = figure["supply_pressure"], figure["tank_pressure"]
-    flow = figure["flow_gain"] * np.maximum(np.abs(volts) - figure["deadband_V"], 1e-6)
+    own = figure.get("pressure_dependent_flow.supply_pressure_Pa")
+    supply, tank = figure["supply_pressure"] if own is None else own, figure["tank_pressure"]
+    lapped = figure.get("valve_deadband.half_width_A", 0.0)
+    flow = figure["flow_gain"] * np.maximum(np.abs(figure["gain"] * volts) - lapped, _LEAST_A)
     leakage, line = figure["piston_leakage"], figure["line_loss"]
     speed = 0.5 * flow / area
     past = np.zeros_like(speed)  # the piston, from the side that fills
     full = empty = np.full_like(speed, supply / 2)
     for _ in range(_ROUNDS):
         force, slope = friction(figure, speed, sign)
-        if orifices:
+        if own is not None:
             drop = supply / 2 / flow**2 + line  # pressure per flow squared
             filling = supply / 2 / (flow * np.where(sign < 0, figure["edge_b"], 1.0)) ** 2 + line
             into, out = fills * speed + past, empties * speed + past

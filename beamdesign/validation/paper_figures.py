@@ -25,8 +25,8 @@ from beamdesign.prototype import COMPLIANCE_LIMIT_M_PER_N, Prototype
 from beamdesign.quantities import decibels, from_decibels
 from beamdesign.report.canvas import new_figure, note
 from beamdesign.report.figures import plot_compliance, plot_critical_gain, plot_loop_bode, plot_root_locus
-from beamdesign.validation.paper.claims import CM_PER_100_N, Claim, FigureClaim, paper_words
-from beamdesign.validation.paper.rig import (
+from beamdesign.validation.paper_claims import CM_PER_100_N, Claim, FigureClaim, paper_words
+from beamdesign.validation.paper_rig import (
     INNER_END_MASS_KG,
     OUTER_END_MASS_KG,
     at,

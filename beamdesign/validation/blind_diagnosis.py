@@ -26,13 +26,13 @@ from beamdesign.diagnosis.predict import predict, read_inputs
 from beamdesign.files import write_whole
 from beamdesign.prototype import prototype_from
 from beamdesign.records import to_toml
-from beamdesign.validation.blind.baselines import baselines
+from beamdesign.validation.baselines import baselines
 
 TRUTH = "beamdesign.validation.truth"
 _MADE_BY = {
     "fitted_by": "beamdesign.diagnosis.fitting.search",
     "judged_by": "beamdesign.diagnosis.diagnose",
-    "compared_by": "beamdesign.validation.blind.baselines",
+    "compared_by": "beamdesign.validation.baselines",
 }
 """What fits, a diagnosis (fits included) and the baselines come from; keys of what is written down."""
 _LOOK_S = 2.0

@@ -1,1 +1,0 @@
-"""Diagnosis of the actuator on a bench."""

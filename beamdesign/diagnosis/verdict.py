@@ -1,0 +1,146 @@
+"""The verdict of a diagnosis and its words, whatever the evidence: from probabilities, and from how they compare."""
+
+import tomllib
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import cache
+from math import nan
+from pathlib import Path
+
+from beamdesign.diagnosis.diagnosis import Cause, Gap, Verdict, Where, in_words, listed
+from beamdesign.diagnosis.fitting.search import Search
+from beamdesign.diagnosis.judgement import THRESHOLDS, Judgement
+
+LEVEL = 0.02
+"""Share of rigs without a gap that may be said to have one."""
+
+
+@cache
+def null_scores() -> tuple[float, ...]:
+    """Probability of no gap that each of the rigs without one was given, least first."""
+    path = Path(__file__).with_name("nulls.toml")
+    return tuple(sorted(tomllib.loads(path.read_text(encoding="utf-8"))["no_gap"]))
+
+
+def chance(no_gap: float, among: Sequence[float] | None = None) -> float:
+    """How often a rig without a gap looks as much as if it had one: a test whose level holds in finite samples.
+
+    The probability that a diagnosis gives to no gap is ranked among those of rigs without one, drawn and diagnosed by
+    the same program (`studies/benchmarks/null_scores.py`, their scores in `nulls.toml`). If a rig without a gap is
+    drawn like these, every rank is as probable as any other, so that what is returned is at most a level with at most
+    that probability: split conformal prediction (V. Vovk, A. Gammerman and G. Shafer, Algorithmic Learning in a Random
+    World, Springer 2005, section 2.2). As the score is the last that a diagnosis says, nothing has to be corrected for
+    how many causes and places were looked at. Nothing is promised of rigs that are unlike those.
+
+    Args:
+        no_gap: probability that a diagnosis gives to it.
+        among: the same of rigs without a gap; those of `null_scores` if None.
+
+    Returns:
+        probability that a rig without a gap is given so little probability of having none (a conformal p-value).
+    """
+    scores = null_scores() if among is None else among
+    return (1 + sum(score <= no_gap for score in scores)) / (1 + len(scores))
+
+
+def decided(judged: Judgement, found: Search, rare: float) -> Judgement:
+    """Whether there is a gap by how rare it would be without one: if not, tolerances are best, else a cause.
+
+    Args:
+        judged: the probabilities.
+        found: the fits.
+        rare: see `chance`; NaN where it is not known, which decides nothing.
+    """
+    if rare > LEVEL:
+        return replace(judged, best=found.null)
+    if rare <= LEVEL and not judged.best.hypothesis.names:
+        return replace(judged, best=max(found.fits, key=lambda f: judged.of.get(f.hypothesis, 0.0), default=found.null))
+    return judged
+
+
+def verdict_of(judged: Judgement, doubtful: bool = False, rare: float = nan, few: bool = False) -> Verdict:
+    """What the probabilities come to.
+
+    Data that are not what they should be allow no confident answer, nor do figures strained to make a cause fit (a
+    resonance that is missing, fitted as a delay).
+
+    Args:
+        judged: the probabilities.
+        doubtful: whether data or conditions held out speak against them.
+        rare: of rigs without a gap, the share that is judged so, see `chance`; there is no gap above `LEVEL`, and below
+            it something is missing even where nothing known explains it. NaN where it is not known.
+        few: whether there are figures of the loop alone: too few to tell what is at work beside a cause, so that it
+            need only be sure itself, and none has to be more probable than all causes together.
+    """
+    if judged.unknown > 0.5 and not rare > LEVEL:
+        return "unknown"
+    named = judged.best.hypothesis.names
+    if doubtful or (named and judged.strained):
+        return "ambiguous" if named else "unknown"
+    if not named:
+        sure = not few or judged.of[judged.best.hypothesis] > 0.5
+        return "unknown" if rare <= LEVEL else "no_gap" if sure else "ambiguous"
+    if few:
+        sure = sum(p for h, p in judged.of.items() if {*named} <= {*h.names}) >= THRESHOLDS.confident_by_gains
+    else:
+        sure = judged.of_causes[judged.best.hypothesis.causes] >= THRESHOLDS.confident * (1 - judged.unknown)
+    return "effect" if sure else "ambiguous"
+
+
+def confirmed(measured: Gap) -> bool:
+    """Whether conditions held out do not speak against what is chosen: re-tuned tolerances predict them no better."""
+    return measured.after <= max(THRESHOLDS.worse * measured.tuned, THRESHOLDS.near_noise * measured.noise_floor)
+
+
+OUTSIDE = "unknown"
+"""Stands in a class for something that the library does not hold."""
+_SHOWN = 5
+
+
+def sentences(
+    verdict: Verdict,
+    causes: Sequence[Cause],
+    chosen: Sequence[str],
+    errors: str,
+    where: Where,
+    rivals: Sequence[str] = (),
+    complete: bool = True,
+    rare: float = nan,
+) -> str:
+    """The verdict for people: what it is, how probable it is without a gap, and how far the gap closes.
+
+    Args:
+        verdict: in a word.
+        causes: most probable first.
+        chosen: names of those that are held responsible.
+        errors: what the gap was and is, in a sentence.
+        where: it lies.
+        rivals: sets of causes that the data do not tell apart, where those are few enough to be counted up.
+        complete: whether everything that is known was compared.
+        rare: see `verdict_of`.
+    """
+    words = {c.name: f"{c.name.replace('parameter:', 'a wrong ')} ({c.probability:.0%})" for c in causes}
+    named = listed([words[name] for name in chosen])
+    match verdict:
+        case "no_gap":
+            first = "There is no gap that the tolerances of the prototype would not explain."
+        case "effect":
+            first = f"The gap is caused by {named}."
+        case "ambiguous" if rivals:
+            shown = [in_words(f"something {name}" if name == OUTSIDE else name) for name in rivals[:_SHOWN]]
+            more = f"; and {len(rivals) - _SHOWN} more" if len(rivals) > _SHOWN else ""
+            common = f"All of them hold {named}." if chosen else "No single culprit can be named."
+            first = f"These data cannot tell apart: {'; '.join(shown)}{more}. {common}"
+        case "ambiguous":
+            others = [words[c.name] for c in causes if c.name not in chosen][:3]
+            also = f"; it may as well be {listed(others, 'or')}" if others else ""
+            first = f"The gap is most probably caused by {named}{also}."
+        case _:
+            place = f" It lies in the {where.subsystem}." if where.subsystem else ""
+            first = f"Nothing that {'is known here' if complete else 'was compared'} explains the gap.{place}"
+            learnt = [f"{c.like} at the port {in_words(c.name.partition(':')[2])}" for c in causes if c.like]
+            learnt += [words[c.name] for c in causes if c.name in chosen and not c.like] if learnt else []
+            first += f" Learnt from the records: {listed(learnt)}." if learnt else ""
+    if rare <= LEVEL and verdict != "no_gap":
+        first += f" Of rigs without a gap at most {rare:.1%} are judged to be as far from having none."
+    return f"{first} {errors}"

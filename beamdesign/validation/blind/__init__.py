@@ -1,1 +1,0 @@
-"""The blind check: cases sealed, diagnosed, opened and scored."""
