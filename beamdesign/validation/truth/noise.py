@@ -21,6 +21,7 @@ class Noise:
         coloured: share of the sensor's power that has passed a first-order low-pass.
         break_Hz: of that.
         outliers: mean number of samples in a record that the recorder spoils, each of one channel.
+        pressure_Pa: of the recorder, where the load pressure is recorded.
     """
 
     displacement_m: float
@@ -31,6 +32,7 @@ class Noise:
     coloured: float = 0.0
     break_Hz: float = 100.0
     outliers: float = 0.0
+    pressure_Pa: float = 2e3
 
     def of_sensor(self, count: int, rng: np.random.Generator) -> np.ndarray:
         """(count,) at every sample, m."""

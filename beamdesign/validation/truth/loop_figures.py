@@ -1,0 +1,149 @@
+"""What is measured of a true loop beside records: its compliance, sine by sine, and the gain at which it oscillates.
+
+Both are found as on a rig: a force is swept, and the gain is turned up until a push no longer dies away.
+"""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy.signal import detrend
+
+from beamdesign.files import write_whole
+from beamdesign.validation.truth.case import Case, Run, run_figures, step_of
+from beamdesign.validation.truth.effects import Shape
+from beamdesign.validation.truth.nominal import assembled
+from beamdesign.validation.truth.rig import SAMPLE_S, Motion, march
+
+LINES_HZ = np.round(np.geomspace(2.0, 250.0, 30), 2)
+AMPLITUDE_SHARE = 0.5
+"""Of the RMS of a record's force: amplitude of the sines."""
+RESPONSE_STD, GAIN_STD, FREQUENCY_STD = 0.01, 0.03, 0.01
+"""Relative errors of each line (and, in radians, of its phase), of a critical gain and of its frequency."""
+_SETTLE_S, _LISTEN_S, _PERIODS = 1.0, 0.5, 4
+_WATCHED_S, _PUSH_S, _PUSH_SHARE = 1.5, 5e-3, 0.1
+_FADES, _FLOORS = 0.97, 2.0
+_LEAST, _MOST, _STEP, _NEAR = 0.2, 100.0, 1.5, 1.01
+
+
+def loop_figures(case: Case, folder: Path) -> dict[str, list[dict[str, Any]]]:
+    """Measure frequency responses and critical gains of the loops of a case's records.
+
+    Args:
+        case: whose rig.
+        folder: for the files of the responses.
+
+    Returns:
+        tables of dataset.toml: a response of every record with a force of many lines but the smallest of the same loop,
+        a critical gain of every loop that oscillates at any gain.
+
+    Raises:
+        OSError: where a file cannot be written.
+    """
+    rng = np.random.default_rng([case.seed, 4])
+    swept: dict[str, Run] = {}
+    loops = {str(run.setting): run for run in case.runs}
+    for run in sorted(case.runs, key=lambda run: run.drive.size):
+        if run.drive.channel == "disturbance_N" and run.drive.shape == "lines":
+            swept[str(run.setting)] = run
+    responses, gains = [], []
+    for run in swept.values():
+        amplitude = float(f"{AMPLITUDE_SHARE * run.drive.size:.3g}")
+        columns = compliance(case, run, amplitude, rng)
+        if len(columns):
+            file = f"response_{run.name}.csv"
+            rows = (f"{hertz:.2f},{size:.5e},{degrees:.3f}" for hertz, size, degrees in columns.tolist())
+            write_whole(folder / file, "\n".join(("frequency_Hz,magnitude_m_per_N,phase_deg", *rows)) + "\n")
+            responses.append({"file": file, "amplitude_N": amplitude} | run.setting)
+    for run in loops.values():
+        if (found := critical_gain(case, run)) is not None:
+            gain, hertz = (
+                float(f"{value * np.exp(std * rng.normal()):.3g}")
+                for value, std in zip(found, (GAIN_STD, FREQUENCY_STD), strict=True)
+            )
+            law = {key: value for key, value in run.controller.items() if key != "gain_A_per_V"}
+            measured = {"gain_A_per_V": gain, "relative_std": GAIN_STD, "frequency_Hz": hertz}
+            gains.append(run.setting | {"controller": law} | measured)
+    return {"frequency_response": responses, "critical_gain": gains}
+
+
+def compliance(case: Case, run: Run, amplitude_N: float, rng: np.random.Generator) -> np.ndarray:
+    """Displacement that the controller sees over a force of one sine at a time, each begun at rest.
+
+    Args:
+        case: whose rig.
+        run: its loop.
+        amplitude_N: of the force.
+        rng: of the noise of the sensor and of the analyser.
+
+    Returns:
+        (n, 3) frequency in Hz, magnitude in m/N and phase in degrees, of those of `LINES_HZ` that stay in bounds.
+    """
+    figures, rows = run_figures(case, run), []
+    for hertz in LINES_HZ:
+        settle, listen = (max(least, _PERIODS / hertz) for least in (_SETTLE_S, _LISTEN_S))
+        inputs = _still(figures, settle + listen)
+        inputs[:, 0] = amplitude_N * np.sin(2 * np.pi * hertz * _halves(figures, len(inputs)))
+        motion = _marched(figures, inputs)
+        noise = rng.normal(0, case.noise.floor_m, len(motion.times)), rng.normal(0, RESPONSE_STD, 2)
+        if not motion.bounded:
+            continue
+        heard = motion.times >= settle
+        turns = 2j * np.pi * hertz * motion.times[heard]
+        basis = np.column_stack([np.exp(turns).real, np.exp(turns).imag, np.ones(len(turns))])
+        cosine, sine, _ = np.linalg.lstsq(basis, (motion.displacement + noise[0])[heard], rcond=None)[0]
+        response = complex(sine, cosine) / amplitude_N * np.exp(complex(*noise[1]))
+        rows.append((hertz, abs(response), np.degrees(np.angle(response))))
+    return np.array(rows)
+
+
+def critical_gain(case: Case, run: Run) -> tuple[float, float] | None:
+    """The least gain at which a push is not seen to die away, to 1 %, in A/V, and the frequency then, Hz.
+
+    Returns:
+        None where the loop oscillates at a fifth of its gain already, or at no gain up to a hundred times its own.
+    """
+    own = float(run.controller["gain_A_per_V"])
+    low = high = _LEAST * own
+    if (after := _sustained(case, run, low)) is not None:
+        return None
+    while after is None:
+        low, high = high, _STEP * high
+        if high > _MOST * own:
+            return None
+        after = _sustained(case, run, high)
+    while high > _NEAR * low:
+        middle = float(np.sqrt(low * high))
+        found = _sustained(case, run, middle)
+        low, high, after = (middle, high, after) if found is None else (low, middle, found)
+    signs = np.sign(after)
+    turned = np.nonzero(signs[1:] != signs[:-1])[0]
+    if len(turned) < 3:
+        return None  # it has run away, or creeps: no oscillation
+    return float(np.sqrt(low * high)), float((len(turned) - 1) / (2 * SAMPLE_S * (turned[-1] - turned[0])))
+
+
+def _sustained(case: Case, run: Run, gain_A_per_V: float) -> np.ndarray | None:
+    """The last third of what a push leaves, about a straight line, where it is no less than in the one before."""
+    figures = run_figures(case, run) | {"gain": gain_A_per_V}
+    inputs = _still(figures, _WATCHED_S)
+    inputs[_halves(figures, len(inputs)) < _PUSH_S, 0] = _PUSH_SHARE * case.scales.force
+    motion = _marched(figures, inputs)
+    third = len(motion.times) // 3
+    if not motion.bounded:
+        return motion.displacement[np.nonzero(motion.displacement)[0]][-third:]
+    middle, last = (detrend(part) for part in (motion.displacement[third : 2 * third], motion.displacement[-third:]))
+    return last if np.std(last) > max(_FADES * np.std(middle), _FLOORS * case.noise.floor_m) else None
+
+
+def _still(figures: Shape, duration_s: float) -> np.ndarray:
+    """(2 N + 1, 3) no input at every half step."""
+    return np.zeros((2 * round(duration_s / step_of(figures)) + 1, 3))
+
+
+def _halves(figures: Shape, count: int) -> np.ndarray:
+    return np.arange(count) * (step_of(figures) / 2)
+
+
+def _marched(figures: Shape, inputs: np.ndarray) -> Motion:
+    return march(*assembled(figures), inputs, None, step_of(figures))
