@@ -145,6 +145,8 @@ def _diagnosed(place: Place, now: Mapping[str, str], before: dict[str, Any], fit
     same = before.get("compared_by") == now["compared_by"] and before.get("fitted_by") == fitted_by
     if same and "baselines" in before:
         compared = before["baselines"]
+    elif not data.records:
+        compared = {}  # they look at nothing else
     else:
         compared = baselines(data, found.search.listed if found.search else search(data, 1, kept=kept))
     _write_predictions(place, data, found)
