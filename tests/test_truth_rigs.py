@@ -259,6 +259,17 @@ def test_loop_figures_are_those_of_the_exact_loop(monkeypatch, tmp_path):
     )
 
 
+def test_an_effect_that_is_not_there_does_not_stand_out_of_the_figures(monkeypatch):
+    monkeypatch.setattr(loop_figures, "LINES_HZ", np.array([20.0, 50.0]))
+    case = believed_rig({"kind": "lag", "gain_A_per_V": 0.06, "pole_Hz": 1.75, "zero_Hz": 26.0})
+    assert loop_figures.gap_over_errors(case) == 0.0
+    weak, strong = (
+        loop_figures.gap_over_errors(replace(case, departures=(Departure("transport_delay", severity),)))
+        for severity in (0.2, 2.0)
+    )
+    assert 0.3 < weak < 0.3 * strong
+
+
 def test_a_loop_that_oscillates_already_has_no_critical_gain():
     law = {"kind": "proportional", "gain_A_per_V": 0.2}
     case = believed_rig(law)

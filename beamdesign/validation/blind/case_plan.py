@@ -19,7 +19,7 @@ from beamdesign.files import write_whole
 from beamdesign.validation.truth.case import answer, noise_free, write_case
 from beamdesign.validation.truth.drawing import Hiss, Kind, draw_case
 from beamdesign.validation.truth.effects import LISTED, OUTSIDE, PARAMETERS, Rig, on
-from beamdesign.validation.truth.loop_figures import loop_figures
+from beamdesign.validation.truth.loop_figures import gap_over_errors, loop_figures
 
 SHARES: dict[Kind, float] = {
     "null": 0.20, "single": 0.39, "parameter": 0.08, "pair": 0.12, "outside": 0.12, "triple": 0.05, "alone": 0.04,
@@ -157,6 +157,8 @@ def draw(planned: Planned, short: bool, sets: Path, answers: Path) -> str:
         truth = {name: motion.displacement.astype(np.float32) for name, motion in noise_free(case).items()}
         np.savez_compressed(answers / f"{planned.key}.npz", **truth)  # type: ignore[arg-type]
         fields: dict[str, Any] = json.loads(json.dumps(answer(case))) | {"figures": planned.figures}
+        if planned.kind == "alone":
+            fields["figures_over_errors"] = gap_over_errors(case)
         fields["displacements_sha256"] = displacements_digest(truth)
         write_whole(target, canonical(fields).decode() + "\n")
         return ""

@@ -41,7 +41,7 @@ class Outcome:
         rig: which rigs it was drawn from.
         effects: that were in it, the dominant one first; none for a null.
         subsystem: of the dominant one.
-        gap_over_floor: how far the effects stand out of the noise.
+        gap_over_floor: how far the effects stand out of the noise; without records, of the errors of the figures.
         each_over_floor: the least of the effects alone.
         verdict: what was said; `failed` where the diagnosis broke off.
         chosen: causes held responsible.
@@ -115,7 +115,7 @@ def outcome(case: "Opened") -> Outcome:
         "figures": answer.get("figures", False),
         "effects": effects,
         "subsystem": answer["subsystem"],
-        "gap_over_floor": answer["gap_over_floor"],
+        "gap_over_floor": answer.get("figures_over_errors", answer["gap_over_floor"]),
         "each_over_floor": min((gaps[name] for name in effects), default=0.0),
     }
     if "diagnosis" not in found:

@@ -27,44 +27,85 @@ _LEAST, _MOST, _STEP, _NEAR = 0.2, 100.0, 1.5, 1.01
 
 
 def loop_figures(case: Case, folder: Path) -> dict[str, list[dict[str, Any]]]:
-    """Measure frequency responses and critical gains of the loops of a case's records.
+    """Measure frequency responses and critical gains of a case, and write the files of the responses.
 
     Args:
         case: whose rig.
-        folder: for the files of the responses.
+        folder: for the files.
 
     Returns:
-        tables of dataset.toml: a response of every record with a force of many lines but the smallest of the same loop,
-        a critical gain of every loop that oscillates at any gain.
+        tables of dataset.toml.
 
     Raises:
         OSError: where a file cannot be written.
     """
-    rng = np.random.default_rng([case.seed, 4])
-    swept: dict[str, Run] = {}
-    loops = {str(run.setting): run for run in case.runs}
-    for run in sorted(case.runs, key=lambda run: run.drive.size):
-        if run.drive.channel == "disturbance_N" and run.drive.shape == "lines":
-            swept[str(run.setting)] = run
+    swept, raised = measured(case)
     responses, gains = [], []
-    for run in swept.values():
-        amplitude = float(f"{AMPLITUDE_SHARE * run.drive.size:.3g}")
-        columns = compliance(case, run, amplitude, rng)
+    for run, columns in swept:
         if len(columns):
             file = f"response_{run.name}.csv"
             rows = (f"{hertz:.2f},{size:.5e},{degrees:.3f}" for hertz, size, degrees in columns.tolist())
             write_whole(folder / file, "\n".join(("frequency_Hz,magnitude_m_per_N,phase_deg", *rows)) + "\n")
-            responses.append({"file": file, "amplitude_N": amplitude} | run.setting)
-    for run in loops.values():
-        if (found := critical_gain(case, run)) is not None:
-            gain, hertz = (
-                float(f"{value * np.exp(std * rng.normal()):.3g}")
-                for value, std in zip(found, (GAIN_STD, FREQUENCY_STD), strict=True)
-            )
-            law = {key: value for key, value in run.controller.items() if key != "gain_A_per_V"}
-            measured = {"gain_A_per_V": gain, "relative_std": GAIN_STD, "frequency_Hz": hertz}
-            gains.append(run.setting | {"controller": law} | measured)
+            responses.append({"file": file, "amplitude_N": amplitude_of(run)} | run.setting)
+    for run, (gain, hertz) in raised:
+        law = {key: value for key, value in run.controller.items() if key != "gain_A_per_V"}
+        figures = {
+            "gain_A_per_V": float(f"{gain:.3g}"),
+            "relative_std": GAIN_STD,
+            "frequency_Hz": float(f"{hertz:.3g}"),
+        }
+        gains.append(run.setting | {"controller": law} | figures)
     return {"frequency_response": responses, "critical_gain": gains}
+
+
+def gap_over_errors(case: Case) -> float:
+    """How far the effects of a case stand out of its figures, as its gap over the floor says of records.
+
+    Returns:
+        RMS of the logarithms of every magnitude, gain and frequency over the same without the effects, each over its
+        stated error; what was measured in one of the two alone does not count.
+    """
+    (swept, raised), (swept_without, raised_without) = measured(case), measured(case.only())
+    off: list[float] = []
+    for (_, here), (_, there) in zip(swept, swept_without, strict=True):
+        _, k, m = np.intersect1d(here[:, 0], there[:, 0], return_indices=True)
+        off += list(np.log(here[k, 1] / there[m, 1]) / RESPONSE_STD)
+    known = {run.name: figures for run, figures in raised_without}
+    for run, figures in raised:
+        if run.name in known:
+            off += list(np.log(np.divide(figures, known[run.name])) / (GAIN_STD, FREQUENCY_STD))
+    return float(np.sqrt(np.mean(np.square(off)))) if off else 0.0
+
+
+Swept = list[tuple[Run, np.ndarray]]
+Raised = list[tuple[Run, tuple[float, float]]]
+
+
+def measured(case: Case) -> tuple[Swept, Raised]:
+    """Responses, see `compliance`, and critical gains, see `critical_gain`, with their errors.
+
+    Returns:
+        a response of every loop of the records that a force of many lines drives, the largest such force; and gain and
+        frequency of every loop that comes to oscillate.
+    """
+    rng = np.random.default_rng([case.seed, 4])
+    forced, loops = dict[str, Run](), dict[str, Run]()
+    for run in sorted(case.runs, key=lambda run: run.drive.size):
+        loops[str(run.setting)] = run
+        if run.drive.channel == "disturbance_N" and run.drive.shape == "lines":
+            forced[str(run.setting)] = run
+    swept = [(run, compliance(case, run, amplitude_of(run), rng)) for run in forced.values()]
+    raised = []
+    for run in loops.values():
+        errors = np.exp(rng.normal(0, (GAIN_STD, FREQUENCY_STD)))
+        if (found := critical_gain(case, run)) is not None:
+            raised.append((run, (found[0] * errors[0], found[1] * errors[1])))
+    return swept, raised
+
+
+def amplitude_of(run: Run) -> float:
+    """Of the sines of a response of the loop of a record, N."""
+    return float(f"{AMPLITUDE_SHARE * run.drive.size:.3g}")
 
 
 def compliance(case: Case, run: Run, amplitude_N: float, rng: np.random.Generator) -> np.ndarray:
@@ -94,7 +135,7 @@ def compliance(case: Case, run: Run, amplitude_N: float, rng: np.random.Generato
         cosine, sine, _ = np.linalg.lstsq(basis, (motion.displacement + noise[0])[heard], rcond=None)[0]
         response = complex(sine, cosine) / amplitude_N * np.exp(complex(*noise[1]))
         rows.append((hertz, abs(response), np.degrees(np.angle(response))))
-    return np.array(rows)
+    return np.reshape(rows, (-1, 3))
 
 
 def critical_gain(case: Case, run: Run) -> tuple[float, float] | None:
