@@ -24,6 +24,7 @@ _SETTLE_S, _LISTEN_S, _PERIODS = 1.0, 0.5, 4
 _WATCHED_S, _PUSH_S, _PUSH_SHARE = 1.5, 5e-3, 0.1
 _FADES, _FLOORS = 0.97, 2.0
 _LEAST, _MOST, _STEP, _NEAR = 0.2, 100.0, 1.5, 1.01
+_HIGHEST_A_PER_V = 5e3  # nobody turns an amplifier up further
 
 
 def loop_figures(case: Case, folder: Path) -> dict[str, list[dict[str, Any]]]:
@@ -142,7 +143,8 @@ def critical_gain(case: Case, run: Run) -> tuple[float, float] | None:
     """The least gain at which a push is not seen to die away, to 1 %, in A/V, and the frequency then, Hz.
 
     Returns:
-        None where the loop oscillates at a fifth of its gain already, or at no gain up to a hundred times its own.
+        None where the loop oscillates at a fifth of its gain already, or at no gain up to a hundred times its own, or
+        to 5000 A/V.
     """
     own = float(run.controller["gain_A_per_V"])
     low = high = _LEAST * own
@@ -150,7 +152,7 @@ def critical_gain(case: Case, run: Run) -> tuple[float, float] | None:
         return None
     while after is None:
         low, high = high, _STEP * high
-        if high > _MOST * own:
+        if high > min(_MOST * own, _HIGHEST_A_PER_V):
             return None
         after = _sustained(case, run, high)
     while high > _NEAR * low:
