@@ -82,18 +82,22 @@ def test_a_plan_keeps_its_shares_and_deals_effects_evenly():
     cases = plan(200, 3)
     of = {kind: [c for c in cases if c.kind == kind] for kind in SHARES}
     assert {kind: len(rows) for kind, rows in of.items()} == {
-        "null": 40, "single": 90, "parameter": 20, "pair": 24, "outside": 26,
+        "null": 40, "single": 78, "parameter": 16, "pair": 24, "outside": 24, "triple": 10, "alone": 8,
     }  # fmt: skip
     dealt = [sum(c.names == (name,) for c in of["single"]) for name in LISTED]
     assert max(dealt) - min(dealt) <= 1
-    assert min(dealt) >= 7
+    assert min(dealt) >= 6
     for rig in RIGS:
-        assert sum(c.rig == rig for c in of["single"]) == (54 if rig == "lag" else 18)
+        assert sum(c.rig == rig for c in of["single"]) == (39 if rig == "lag" else 13)
         own = {name.removeprefix("parameter:") for c in cases if c.rig == rig for name in c.names}
         assert own == set(on(rig, own))
     assert Counter(c.noise for c in of["null"]) == {"white": 24, "coloured": 8, "outliers": 8}
     assert {c.names[0] for c in of["outside"]} == set(OUTSIDE)
     assert len({c.names for c in of["pair"]}) == 24
+    assert {len(set(c.names)) for c in of["triple"]} == {3}
+    assert {len(c.names) for c in of["alone"]} == {1}
+    assert all(c.figures for c in of["alone"])
+    assert [sum(c.figures for c in of[kind]) for kind in ("null", "triple", "pair")] == [8, 2, pytest.approx(5, abs=1)]
     assert len({c.seed for c in cases}) == 200
     assert plan(200, 3) == cases
     assert [c.names for c in plan(200, 4)] != [c.names for c in cases]
@@ -210,6 +214,16 @@ HAND = (
     said("10", "outside", ("sensor_bracket",), "sensor_lag", verdict="ambiguous", probability={"sensor_lag": 0.6}),
 )  # fmt: skip
 
+THREE = ("sensor_lag", "seal_friction", "transport_delay")
+MORE = (
+    said("11", "triple", THREE, "sensor_lag", chosen=("sensor_lag", "seal_friction")),
+    said("12", "triple", THREE, "seal_friction", chosen=("seal_friction", "sensor_lag", "transport_delay")),
+    said("13", "triple", THREE, "valve_deadband", where="servovalve"),
+    said("14", "alone", ("sensor_lag",), "sensor_lag", verdict="ambiguous", chosen=(), probability={"sensor_lag": 0.5},
+         alternatives=("sensor_lag", "transport_delay"), where="", figures=True),
+    said("15", "alone", ("sensor_lag",), "valve_deadband", where="servovalve", figures=True),
+)  # fmt: skip
+
 
 def test_scores_of_outcomes_made_by_hand():
     found = {s.name: s for s in scoring.scores(HAND)}
@@ -224,6 +238,9 @@ def test_scores_of_outcomes_made_by_hand():
         "exact pair": (1, 2),
         "exact pair, each effect large": (1, 1),
         "one of the pair named first": (2, 2),
+        "dominant of three named first": (0, 0),
+        "one of the three named first": (0, 0),
+        "exactly the three": (0, 0),
         "subsystem right, known causes": (4, 6),
         "subsystem right, outside the library": (2, 3),
         "outside the library, confidently wrong": (1, 3),
@@ -231,6 +248,10 @@ def test_scores_of_outcomes_made_by_hand():
         "outside the library, 80 % closed": (0, 3),
         "true `closed` inside the interval": (1, 2),
         "diagnosis broke off": (0, 11),
+        "without records: gap detected": (0, 0),
+        "without records: effect in the class": (0, 0),
+        "without records: confidently wrong": (0, 0),
+        "without records: subsystem right": (0, 0),
     }
     assert found["mean probability on the truth, singles"].value == pytest.approx(0.9 / 3)
     assert found["error of `closed`, median"].value == pytest.approx((0.02 + 0.30) / 2)
@@ -239,6 +260,30 @@ def test_scores_of_outcomes_made_by_hand():
     assert found["error of the effect's parameter, median"].reached is True
     assert found["gap detected, tolerances cannot imitate it"].reached is False
     assert (found["gap detected"].low, found["gap detected"].high) == clopper_pearson(8, 9)
+
+
+def test_three_effects_and_cases_without_records_have_rows_of_their_own():
+    before, after = ({s.name: s for s in scoring.scores(cases)} for cases in (HAND, (*HAND, *MORE)))
+    changed = {name: (s.count, s.of) for name, s in after.items() if s.count is not None and s.of != before[name].of}
+    assert changed == {
+        "gap detected": (11, 12),
+        "gap detected, tolerances cannot imitate it": (11, 12),
+        "dominant of three named first": (1, 3),
+        "one of the three named first": (2, 3),
+        "exactly the three": (1, 3),
+        "subsystem right, known causes": (6, 9),
+        "diagnosis broke off": (0, 16),
+        "without records: gap detected": (2, 2),
+        "without records: effect in the class": (1, 2),
+        "without records: confidently wrong": (1, 2),
+        "without records: subsystem right": (0, 2),
+    }
+    assert after["dominant of three named first"].reached is False
+    assert scoring.calibration((*HAND, *MORE[3:])) == scoring.calibration(HAND)
+    assert {"sensor_lag + +", "without records: sensor_lag"} <= confusion(MORE).keys()
+    setting = {"records": "", "planned": 16, "seed": 1, "seal": "00"}
+    assert "3 of three effects" in markdown((*HAND, *MORE), setting)
+    assert "2 single effects without records" in markdown((*HAND, *MORE), setting)
 
 
 def test_what_broke_off_counts_as_missed():

@@ -414,6 +414,23 @@ def test_the_controller_equation_agrees_with_an_independent_filter():
     assert commanded_current(record, law, 1180.0) == pytest.approx(reference, abs=2e-4 * np.abs(reference).max())
 
 
+def test_the_controller_equation_holds_where_samples_are_few_to_a_period():
+    """240 Hz sampled at 2 kHz through a law that passes little else; straight between its samples it has lost 5 %."""
+    from scipy.signal import lsim
+
+    from beamdesign.controllers import Observer
+    from beamdesign.diagnosis.data.dataset import TimeRecord
+
+    w, fine = 2 * np.pi * 180, np.arange(0, 20_001) * 2e-5
+    volts = np.sin(2 * np.pi * 240 * fine) * fine
+    law = Observer.of(0.1, ("displacement_m",), [[0.0, w], [-w, -0.6 * w]], [[0.0], [w]], [1.0, 0.0], [0.0])
+    reference = 0.1 * lsim(([[0.0, w], [-w, -0.6 * w]], [[0.0], [w]], [[1.0, 0.0]], [[0.0]]), volts, fine)[1][::25]
+    times = fine[::25]
+    measured = {"displacement_m": 0 * times, "current_A": reference}
+    record = TimeRecord("x", times, np.column_stack([0 * times, volts[::25]]), measured, 0.0, 0.0, law)
+    assert commanded_current(record, law, 1180.0) == pytest.approx(reference, abs=0.01 * np.abs(reference).max())
+
+
 def test_a_delayed_and_weakened_current_is_measured(sound: Recorded, tmp_path: Path):
     late(3, "force")(sound)
     scale("current_A", 0.9, "force")(sound)

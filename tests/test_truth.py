@@ -384,7 +384,7 @@ def test_unknown_names_are_refused():
     with pytest.raises(ValueError, match="no effect 'gremlins'"):
         draw_case(1, "single", names=("gremlins",))
     with pytest.raises(ValueError, match="kind is one of"):
-        draw_case(1, "triple")
+        draw_case(1, "quadruple")
     with pytest.raises(KeyError):
         packed({"gremlins": 1.0})
 

@@ -11,13 +11,26 @@ import numpy as np
 import pytest
 from test_truth import PUBLISHED, constant, drive
 
+from beamdesign import critical_gain
 from beamdesign.diagnosis.data.dataset import read_dataset
+from beamdesign.loop import loop
 from beamdesign.prototype import prototype_from
 from beamdesign.public import state_space
-from beamdesign.validation.truth import rates
-from beamdesign.validation.truth.case import Departure, answer, noise_free, recorded, relative_gap, write_case
+from beamdesign.validation.truth import loop_figures, rates
+from beamdesign.validation.truth.case import (
+    Case,
+    Departure,
+    Drive,
+    Run,
+    answer,
+    noise_free,
+    recorded,
+    relative_gap,
+    take,
+    write_case,
+)
 from beamdesign.validation.truth.drawing import draw_case
-from beamdesign.validation.truth.effects import KINDS
+from beamdesign.validation.truth.effects import KINDS, Scales
 from beamdesign.validation.truth.nominal import assembled, packed, rig_figures
 from beamdesign.validation.truth.rates import STATES, rates_at
 from beamdesign.validation.truth.rig import SAMPLE_S, Noise, controller_figures, march
@@ -191,6 +204,75 @@ def test_effects_of_oil_are_none_of_a_screw():
         draw_case(1, "parameter", names=("parameter:lead",), rig="structured")
     with pytest.raises(ValueError, match="and no 'steam'"):
         draw_case(1, "null", rig="steam")
+
+
+@pytest.fixture(scope="module")
+def observed():
+    return draw_case(109, "null", short=True, rig="observer")
+
+
+def test_an_observer_is_stable_by_the_exact_loop_and_its_sensors_are_recorded(observed, tmp_path):
+    """At the share of the critical gain that every law is drawn for; poles of the law itself lie to the left."""
+    table = observed.runs[0].controller
+    prototype = prototype_from(observed.nominal | {"controller": table})
+    poles = np.linalg.eigvals(np.array(table["a"]))
+    assert len(poles) == 8 + ("filter_Hz" in observed.nominal["sensor"])
+    assert poles.real.max() < 0
+    assert 0.29 < table["gain_A_per_V"] / critical_gain(prototype, 0.0).gain_A_per_V < 0.43
+    write_case(observed, tmp_path)
+    (first, *_) = read_dataset(tmp_path).records
+    assert first.controller.kind == "observer"
+    assert table["sensors"][1] == "load_pressure_Pa"
+    off = first.measured["load_pressure_Pa"] - take(observed, observed.runs[0], noisy=True).load_pressure
+    assert np.std(off) == pytest.approx(2e3, rel=0.2)
+    assert draw_case(109, "null", short=True, rig="observer").runs == observed.runs
+
+
+def believed_rig(law, outer_end_mass_kg=0.0, **recorder):
+    """A case of the published rig as it is believed, with one record of a law."""
+    run = Run("04", Drive("disturbance_N", "lines", 60.0, 200.0, 3), law, outer_end_mass_kg)
+    scales, noise = Scales(rig_figures(PUBLISHED, {}, {}), 900.0, 7.5e-3), Noise(5e-7, 0.0, 0.5, 2e-5, 0.0)
+    return Case(1, "alone", PUBLISHED, {}, {}, (), (), (run,), replace(noise, **recorder), 1.75, scales)
+
+
+def test_loop_figures_are_those_of_the_exact_loop(monkeypatch, tmp_path):
+    """Sines of 30 N and a gain that is raised until a push stays, within the errors that are stated of both."""
+    monkeypatch.setattr(loop_figures, "LINES_HZ", np.array([5.0, 20.0, 45.0, 60.0, 90.0, 200.0]))
+    lag = {"kind": "lag", "gain_A_per_V": 0.06, "pole_Hz": 1.75, "zero_Hz": 26.0}
+    case = believed_rig(lag)
+    prototype = prototype_from(PUBLISHED | {"controller": lag})
+    write_case(case, tmp_path, loop_figures.loop_figures(case, tmp_path))
+    found = read_dataset(tmp_path)
+    assert found.records == ()
+    (response,), (gain,) = found.responses, found.gains
+    assert response.amplitude_N == 30.0
+    exact = loop(prototype).at(0.0).compliance_response(response.frequencies_Hz)
+    off = np.log(response.response / exact)
+    assert 0.002 < np.std(off) < 0.03
+    assert np.abs(off).max() < 0.06
+    told = critical_gain(prototype, 0.0)
+    assert gain.gain == pytest.approx(told.gain_A_per_V, rel=3 * loop_figures.GAIN_STD)
+    assert loop_figures.critical_gain(case, case.runs[0]) == pytest.approx(
+        (told.gain_A_per_V, told.frequency_Hz), rel=0.015
+    )
+
+
+def test_an_effect_that_is_not_there_does_not_stand_out_of_the_figures(monkeypatch):
+    monkeypatch.setattr(loop_figures, "LINES_HZ", np.array([20.0, 50.0]))
+    case = believed_rig({"kind": "lag", "gain_A_per_V": 0.06, "pole_Hz": 1.75, "zero_Hz": 26.0})
+    assert loop_figures.gap_over_errors(case) == 0.0
+    weak, strong = (
+        loop_figures.gap_over_errors(replace(case, departures=(Departure("transport_delay", severity),)))
+        for severity in (0.2, 2.0)
+    )
+    assert 0.3 < weak < 0.3 * strong
+
+
+def test_a_loop_that_oscillates_already_has_no_critical_gain():
+    law = {"kind": "proportional", "gain_A_per_V": 0.2}
+    case = believed_rig(law)
+    assert loop_figures.critical_gain(case, case.runs[0]) is None
+    assert len(loop_figures.compliance(case, case.runs[0], 30.0, np.random.default_rng(0))) == 0
 
 
 def test_coloured_noise_has_its_power_and_its_memory():

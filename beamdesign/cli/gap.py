@@ -257,10 +257,12 @@ def blindcheck(
 ) -> CommandResult:
     """Check the diagnosis blind.
 
-    Cases are drawn from a truth model of its own: nulls, single effects, wrong figures, pairs, and effects that the
-    library does not hold. Their answers are sealed by SHA-256 before the first diagnosis. Each case is diagnosed from
-    its data alone, in a process that cannot open an answer. Then the answers are opened, checked against the seal and
-    scored against the targets and against three baselines: result.json, result.md and result.svg in the folder.
+    Cases are drawn from a truth model of its own: nulls, single effects, wrong figures, two and three effects at once,
+    and effects that the library does not hold. A fifth have frequency responses and critical gains beside their
+    records, a few have these alone. Their answers are sealed by SHA-256 before the first diagnosis. Each case is
+    diagnosed from its data alone, in a process that cannot open an answer. Then the answers are opened, checked against
+    the seal and scored against the targets and against three baselines: result.json, result.md and result.svg in the
+    folder.
 
     A check that was stopped goes on by the same command; what is finished is not done again. After a change of how fits
     are judged, the same command judges anew with the fits that are there.

@@ -145,6 +145,8 @@ def _diagnosed(place: Place, now: Mapping[str, str], before: dict[str, Any], fit
     same = before.get("compared_by") == now["compared_by"] and before.get("fitted_by") == fitted_by
     if same and "baselines" in before:
         compared = before["baselines"]
+    elif not data.records:
+        compared = {}  # they look at nothing else
     else:
         compared = baselines(data, found.search.listed if found.search else search(data, 1, kept=kept))
     _write_predictions(place, data, found)
@@ -160,7 +162,7 @@ def _diagnosed(place: Place, now: Mapping[str, str], before: dict[str, Any], fit
 def _write_predictions(place: Place, data: Dataset, found: Diagnosis) -> None:
     """Displacements of held-out records by the believed, the re-tuned and the diagnosed prototype from the inputs."""
     out = {record.record for record in found.gap.records if record.held_out} or {r.name for r in data.records}
-    given, gain = read_inputs(place.folder)
+    given, gain = read_inputs(place.folder) if data.records else ((), 1.0)
     predicted: dict[str, np.ndarray] = {}
     written = prototype_from(tomllib.loads(to_toml(found.prototype)))  # as whoever reads its file finds it
     tuned = updated_prototype(data.prototype, found.search.null) if found.search else data.prototype

@@ -81,7 +81,7 @@ def result_text(fields: Mapping[str, Any]) -> str:
 def case_fields(o: Outcome) -> dict[str, Any]:
     """One case in short."""
     names = (
-        "case=key kind rig truth=effects gap_over_floor verdict chosen named on_truth no_gap unknown where"
+        "case=key kind rig figures truth=effects gap_over_floor verdict chosen named on_truth no_gap unknown where"
         " where_truly=subsystem closed interval closed_truly left parameter_error seconds baselines"
     )
     return picked(o, names) | ({"failure": o.failure} if o.failure else {})
@@ -134,16 +134,21 @@ def markdown(outcomes: Sequence[Outcome], setting: Mapping[str, Any]) -> str:
 
 OF_RIGS = {
     "gap detected": "gap detected", "false alarms": "false alarms", "single effect named first": "single named first",
-    "exact pair": "exact pair", "subsystem right, known causes": "subsystem",
+    "exact pair": "exact pair", "dominant of three named first": "dominant of three",
+    "subsystem right, known causes": "subsystem",
     "outside the library, confidently wrong": "outside, confidently wrong", "diagnosis broke off": "broke off",
 }  # fmt: skip
 """Scores that are told of each kind of rig, with the heads of their columns."""
+WITH_FIGURES = "records and figures"
+"""Stands for a kind of rig in the row of the cases with frequency responses and critical gains beside the records."""
 
 
 def of_rigs(outcomes: Sequence[Outcome]) -> dict[str, list[Score]]:
-    """Scores of the cases of each kind of rig, where there are several kinds."""
+    """Scores of the cases of each kind of rig, where there are several kinds, and of those with more than records."""
     rigs = sorted({o.rig for o in outcomes})
     found = {rig: scores([o for o in outcomes if o.rig == rig]) for rig in rigs} if len(rigs) > 1 else {}
+    if more := [o for o in outcomes if o.figures and o.kind != "alone"]:
+        found[WITH_FIGURES] = scores(more)
     return {rig: [score for score in every if score.name in OF_RIGS] for rig, every in found.items()}
 
 
@@ -210,7 +215,7 @@ def confusion(outcomes: Sequence[Outcome]) -> dict[str, dict[str, int]]:
 
 
 def _place(label: str) -> tuple[int, str]:
-    order = 0 if label == NO_GAP else 4 if label.startswith("outside") else 3 if label.endswith("+") else 1
+    order = 0 if label == NO_GAP else 4 if ":" in label.removeprefix("parameter:") else 3 if label.endswith("+") else 1
     return (2 if label.startswith("parameter:") and order == 1 else order, label)
 
 
@@ -226,7 +231,7 @@ def draw_confusion(axes: Axes, matrix: Mapping[str, Mapping[str, int]]) -> Axes:
         for j, column in enumerate(columns):
             if counts[i, j]:
                 axes.text(j, i, f"{counts[i, j]:.0f}", ha="center", va="center", fontsize=7)
-            right = column == row or column == row.removesuffix(" +")
+            right = column == row.removeprefix("without records: ").partition(" +")[0]
             if right or (row.startswith("outside: ") and column == "unknown"):
                 axes.plot(
                     (j - 0.5, j + 0.5, j + 0.5, j - 0.5, j - 0.5), (i - 0.5, i - 0.5, i + 0.5, i + 0.5, i - 0.5), "k"

@@ -19,12 +19,17 @@ from beamdesign.files import write_whole
 from beamdesign.validation.truth.case import answer, noise_free, write_case
 from beamdesign.validation.truth.drawing import Hiss, Kind, draw_case
 from beamdesign.validation.truth.effects import LISTED, OUTSIDE, PARAMETERS, Rig, on
+from beamdesign.validation.truth.loop_figures import gap_over_errors, loop_figures
 
-SHARES: dict[Kind, float] = {"null": 0.20, "single": 0.45, "parameter": 0.10, "pair": 0.12, "outside": 0.13}
+SHARES: dict[Kind, float] = {
+    "null": 0.20, "single": 0.39, "parameter": 0.08, "pair": 0.12, "outside": 0.12, "triple": 0.05, "alone": 0.04,
+}  # fmt: skip
 """Of all cases."""
-RIGS: tuple[Rig, ...] = ("lag", "lag", "lag", "structured", "ball_screw")
+RIGS: tuple[Rig, ...] = ("lag", "lag", "lag", "structured", "ball_screw", "observer")
 HISSES: tuple[Hiss, ...] = ("white", "white", "white", "coloured", "outliers")
 """Dealt to the cases of each kind: a fifth of them each."""
+FIGURES = (False, False, False, False, True)
+"""Likewise, whether frequency responses and critical gains are measured beside the records."""
 _SEEDS_PER_PLAN = 100_000
 T = TypeVar("T")
 
@@ -40,6 +45,7 @@ class Planned:
         seed: of its drawing.
         rig: which rigs it is drawn from.
         noise: of its sensor and recorder.
+        figures: whether frequency responses and critical gains are measured as well; of the kind `alone` always.
     """
 
     number: int
@@ -48,6 +54,7 @@ class Planned:
     seed: int
     rig: Rig = "lag"
     noise: Hiss = "white"
+    figures: bool = False
 
     @property
     def key(self) -> str:
@@ -68,21 +75,22 @@ def plan(count: int, seed: int) -> tuple[Planned, ...]:
     if count < 1 or seed < 0:
         raise ValueError("a check needs at least one case and a seed that is not negative")
     random = np.random.default_rng([seed, count])
-    rows: list[tuple[Kind, tuple[str, ...], Rig, Hiss]] = []
+    rows: list[tuple[Kind, tuple[str, ...], Rig, Hiss, bool]] = []
     for kind, number in counts(count).items():
         rigs, hisses = _dealt(RIGS, number, random), _dealt(HISSES, number, random)
+        more = _dealt(FIGURES, number, random)
         able = Counter(names for rig in RIGS for names in _pools(rig)[kind])
         often: Counter[tuple[str, ...]] = Counter()
-        for rig, hiss in zip(rigs, hisses, strict=True):
+        for rig, hiss, figures in zip(rigs, hisses, more, strict=True):
             pool = _pools(rig)[kind]
             mixed = [pool[k] for k in random.permutation(len(pool))]
             names = min(mixed, key=lambda names: (often[names], able[names]))  # first what few rigs can have
             often[names] += 1
-            rows.append((kind, names, rig, hiss))
+            rows.append((kind, names, rig, hiss, figures or kind == "alone"))
     ordered = (rows[index] for index in random.permutation(len(rows)))
     return tuple(
-        Planned(k, kind, names, seed * _SEEDS_PER_PLAN + k, rig, hiss)
-        for k, (kind, names, rig, hiss) in enumerate(ordered)
+        Planned(k, kind, names, seed * _SEEDS_PER_PLAN + k, rig, hiss, figures)
+        for k, (kind, names, rig, hiss, figures) in enumerate(ordered)
     )
 
 
@@ -94,6 +102,8 @@ def _pools(rig: Rig) -> dict[Kind, Sequence[tuple[str, ...]]]:
         "parameter": [(f"parameter:{name}",) for name in on(rig, PARAMETERS)],
         "pair": list(combinations(listed, 2)),
         "outside": [(name,) for name in on(rig, OUTSIDE)],
+        "triple": list(combinations(listed, 3)),
+        "alone": [(name,) for name in listed],
     }
 
 
@@ -141,11 +151,14 @@ def draw(planned: Planned, short: bool, sets: Path, answers: Path) -> str:
         except ValueError as error:
             reason = str(error)
             continue
-        write_case(case, sets / planned.key)
+        folder = sets / planned.key
+        write_case(case, folder, loop_figures(case, folder) if planned.figures else {})
         answers.mkdir(parents=True, exist_ok=True)
         truth = {name: motion.displacement.astype(np.float32) for name, motion in noise_free(case).items()}
         np.savez_compressed(answers / f"{planned.key}.npz", **truth)  # type: ignore[arg-type]
-        fields: dict[str, Any] = json.loads(json.dumps(answer(case)))
+        fields: dict[str, Any] = json.loads(json.dumps(answer(case))) | {"figures": planned.figures}
+        if planned.kind == "alone":
+            fields["figures_over_errors"] = gap_over_errors(case)
         fields["displacements_sha256"] = displacements_digest(truth)
         write_whole(target, canonical(fields).decode() + "\n")
         return ""

@@ -37,11 +37,11 @@ class Outcome:
 
     Attributes:
         key: of the case.
-        kind: null, single, pair, outside or parameter.
+        kind: null, single, pair, outside, parameter, triple or alone.
         rig: which rigs it was drawn from.
         effects: that were in it, the dominant one first; none for a null.
         subsystem: of the dominant one.
-        gap_over_floor: how far the effects stand out of the noise.
+        gap_over_floor: how far the effects stand out of the noise; without records, of the errors of the figures.
         each_over_floor: the least of the effects alone.
         verdict: what was said; `failed` where the diagnosis broke off.
         chosen: causes held responsible.
@@ -60,6 +60,7 @@ class Outcome:
         seconds: of its diagnosis, and of processor time; None where parts were done before.
         baselines: causes chosen by each.
         failure: why the diagnosis broke off, and where; empty where it did not.
+        figures: whether frequency responses and critical gains were measured as well, or alone.
     """
 
     key: str
@@ -86,6 +87,7 @@ class Outcome:
     baselines: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     failure: str = ""
     rig: str = "lag"  # as in checks whose answers name none
+    figures: bool = False
 
     @property
     def on_truth(self) -> list[float]:
@@ -94,12 +96,11 @@ class Outcome:
 
     @property
     def label(self) -> str:
-        """Its row in a table of confusion; two effects go by the dominant one."""
+        """Its row in a table of confusion; several effects go by the dominant one."""
         if self.kind == "null":
             return NO_GAP
-        return {"pair": f"{self.effects[0]} +", "outside": f"outside: {self.effects[0]}"}.get(
-            self.kind, self.effects[0]
-        )
+        before = {"outside": "outside: ", "alone": "without records: "}.get(self.kind, "")
+        return before + self.effects[0] + " +" * (len(self.effects) - 1)
 
 
 def outcome(case: "Opened") -> Outcome:
@@ -111,9 +112,10 @@ def outcome(case: "Opened") -> Outcome:
         "key": case.key,
         "kind": answer["kind"],
         "rig": answer.get("rig", "lag"),
+        "figures": answer.get("figures", False),
         "effects": effects,
         "subsystem": answer["subsystem"],
-        "gap_over_floor": answer["gap_over_floor"],
+        "gap_over_floor": answer.get("figures_over_errors", answer["gap_over_floor"]),
         "each_over_floor": min((gaps[name] for name in effects), default=0.0),
     }
     if "diagnosis" not in found:
@@ -224,11 +226,15 @@ class Bin:
 
 
 def scores(outcomes: Sequence[Outcome]) -> tuple[Score, ...]:
-    """All figures of the diagnosis, over cases whose gaps are all large or all small; nulls belong to both."""
+    """All figures of the diagnosis, over cases whose gaps are all large or all small; nulls belong to both.
+
+    Cases without records have rows of their own and are in no other but that of what broke off.
+    """
+    every, outcomes = outcomes, [o for o in outcomes if o.kind != "alone"]
     with_gap = [o for o in outcomes if o.kind != "null"]
-    kinds = ("null", "single", "parameter", "pair", "outside")
-    nulls, single, figure, pair, outside = (_of(kind, outcomes) for kind in kinds)
-    known = single + figure + pair
+    kinds = ("null", "single", "parameter", "pair", "triple", "outside")
+    nulls, single, figure, pair, triple, outside = (_of(kind, outcomes) for kind in kinds)
+    known, alone = single + figure + pair + triple, _of("alone", every)
     bins, error = calibration(outcomes)
     closed = [o for o in with_gap if o.closed is not None and o.closed_truly is not None]
     plain = [o for o in with_gap if o.left is not None and o.left > IMITATED]
@@ -242,6 +248,9 @@ def scores(outcomes: Sequence[Outcome]) -> tuple[Score, ...]:
         _rate("exact pair", pair, exact, (0.80,), "at least"),
         _rate("exact pair, each effect large", [o for o in pair if o.each_over_floor >= SMALL], exact),
         _rate("one of the pair named first", pair, lambda o: o.named in o.effects),
+        _rate("dominant of three named first", triple, lambda o: o.named == o.effects[0], (0.90,), "at least"),
+        _rate("one of the three named first", triple, lambda o: o.named in o.effects),
+        _rate("exactly the three", triple, exact),
         _rate("subsystem right, known causes", known, lambda o: o.where == o.subsystem, (0.95,), "at least"),
         _rate("subsystem right, outside the library", outside, lambda o: o.where == o.subsystem),
         _mean("mean probability on the truth, singles", single, lambda o: o.on_truth[0], (0.85,), "at least"),
@@ -255,7 +264,11 @@ def scores(outcomes: Sequence[Outcome]) -> tuple[Score, ...]:
         _rate("true `closed` inside the interval", closed, _covered, (0.85, 0.95), "between"),
         _median("seconds per case, median", outcomes, lambda o: o.seconds[0] if o.seconds else None),
         _median("seconds of processor time per case, median", outcomes, lambda o: o.seconds[1] if o.seconds else None),
-        _rate("diagnosis broke off", outcomes, lambda o: o.verdict == FAILED),
+        _rate("diagnosis broke off", every, lambda o: o.verdict == FAILED),
+        _rate("without records: gap detected", alone, _detected),
+        _rate("without records: effect in the class", alone, in_class),
+        _rate("without records: confidently wrong", alone, confidently_wrong),
+        _rate("without records: subsystem right", alone, lambda o: o.where == o.subsystem),
     )
 
 
@@ -268,7 +281,7 @@ def baseline_scores(name: str, outcomes: Sequence[Outcome]) -> tuple[Score, ...]
 
 _OF_NAMES = {
     "gap detected", "false alarms", "single effect named first", "wrong figure named first", "exact pair",
-    "one of the pair named first", "subsystem right, known causes",
+    "one of the pair named first", "dominant of three named first", "subsystem right, known causes",
 }  # fmt: skip
 """Scores of whoever names causes."""
 
@@ -306,7 +319,7 @@ def confidently_wrong(o: Outcome) -> bool:
 
 
 def calibration(outcomes: Sequence[Outcome]) -> tuple[tuple[Bin, ...], float]:
-    """How true stated probabilities are.
+    """How true stated probabilities are, of cases with records.
 
     Statements are: each cause that is listed is at work; there is no gap; it is something outside the library.
 
@@ -318,7 +331,7 @@ def calibration(outcomes: Sequence[Outcome]) -> tuple[tuple[Bin, ...], float]:
     stated = [
         pair
         for o in outcomes
-        if o.verdict != FAILED
+        if o.verdict != FAILED and o.kind != "alone"
         for pair in (
             *((p, name in o.effects) for name, p in o.probability.items()),
             (o.no_gap, o.kind == "null"),

@@ -2,23 +2,26 @@
 
 Each case of a check that `beamdesign gap blindcheck` has scored, whose cause is listed and whose verdict is ambiguous
 or unknown, is diagnosed once more from its kept fits. The record that it asks for is taken on the rig that made the
-others, with its noise, and added to them; so is a random one of the same menu, for comparison. A case is decided where
-the verdict is then `effect` and exactly what was in it is held responsible. Usage, from the root of the project:
+others, with its noise, and added to them; so is a random one of the same menu and length, for comparison. A case is
+decided where the verdict is then `effect` and exactly what was in it is held responsible; where nothing is proposed it
+is not. What is printed is a section of Markdown, its last rows the shares with their 95 % bounds. Usage, from the root
+of the project:
 
-    python studies/benchmarks/deciding_experiment.py RUN_FOLDER [--cases 0002 0009 ...]
+    python studies/benchmarks/deciding_experiment.py RUN_FOLDER [--cases 0002 0009 ...] [--workers 2]
 """
 
 import argparse
 import shutil
 import sys
 import tomllib
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import numpy as np
 import tomli_w
-from opened_cases import OpenedCase, diagnosed, opened_case, opened_keys, true_rig
+from opened_cases import OpenedCase, check_of, diagnosed, opened_case, opened_keys, true_rig
 
 from beamdesign.diagnosis.data.dataset import Dataset, read_dataset
 from beamdesign.diagnosis.diagnose import diagnose
@@ -29,6 +32,11 @@ from beamdesign.validation.bounds import clopper_pearson
 
 _OF = {"load_pressure_Pa": "load_pressure", "inner_displacement_m": "inner"}
 COLUMNS = ("case", "truth", "verdict", "proposed", "bits", "decided", "at random", "decided")
+KNOWN = ("single", "parameter", "pair", "triple")
+"""Kinds of cases with records whose causes are listed."""
+OPEN = ("ambiguous", "unknown")
+TARGET = 0.8
+"""Share to be decided by the experiment that is proposed."""
 
 
 def taken(opened: OpenedCase, scenario: Scenario, added: str, folder: Path) -> Dataset:
@@ -64,46 +72,60 @@ def taken(opened: OpenedCase, scenario: Scenario, added: str, folder: Path) -> D
     return read_dataset(folder)
 
 
-def decides(opened: OpenedCase, scenario: Scenario, added: str = "") -> tuple[bool, str]:
+def decides(opened: OpenedCase, scenario: Scenario, added: str = "", workers: int = 2) -> tuple[bool, str]:
     """Whether a diagnosis with that record names just what was in the case, and what it says."""
     with TemporaryDirectory() as name:
         try:
-            found = diagnose(taken(opened, scenario, added, Path(name) / "set"), 2)
+            found = diagnose(taken(opened, scenario, added, Path(name) / "set"), workers)
         except InputError as error:
             return False, f"refused: {error}"
     right = found.verdict == "effect" and set(found.chosen) == set(opened.answer["effects"])
     return right, " + ".join(found.chosen) or found.verdict
 
 
-def main() -> None:
+def row(values: Sequence[object]) -> None:
+    """Print a row of a table of Markdown."""
+    print(f"| {' | '.join(map(str, values))} |", flush=True)
+
+
+def main(argv: Sequence[str] | None = None) -> None:
     """Print a row for every case, then how many were decided."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("folder", type=Path, help="of a blind check that has been scored")
     parser.add_argument("--cases", nargs="+", metavar="KEY", help="else all that are open and have a listed cause")
-    given = parser.parse_args()
-    open_ = [key for key, verdict in opened_keys(given.folder).items() if verdict in ("ambiguous", "unknown")]
+    parser.add_argument("--workers", type=int, default=2, help="processes")
+    given = parser.parse_args(argv)
+    verdicts, check = opened_keys(given.folder), check_of(given.folder)
+    open_ = [key for key, verdict in verdicts.items() if verdict in OPEN]
     cases = [opened_case(given.folder, key) for key in given.cases or open_]
-    print(f"| {' | '.join(COLUMNS)} |\n| {' | '.join(['---'] * len(COLUMNS))} |", flush=True)
+    cases = [one for one in cases if one.planned.kind in KNOWN]
+    print("## One more experiment on the true rig\n")
+    print(f"{len(cases)} ambiguous or unknown cases with a listed truth, of {len(verdicts)} of `{check}`.\n")
+    row(COLUMNS)
+    row(["---"] * len(COLUMNS))
     random, counts = np.random.default_rng(0), np.zeros(3, dtype=int)
-    for opened in (one for one in cases if one.planned.kind in ("single", "parameter", "pair")):
+    for opened in cases:
         data, found = diagnosed(opened)
-        asked = found.next_experiment
-        if asked is None:
+        if found.verdict not in OPEN:  # as this program judges
             continue
-        plan = parse(Scenario, dict(asked.settings["scenario"]), "next")  # type: ignore[call-overload]
-        options = list(menu(data))
+        asked, options = found.next_experiment, list(menu(data))
         other = options[random.integers(len(options))].scenario
-        right, said = decides(opened, plan, str(asked.settings["added_sensor"]))
-        lucky, told = decides(opened, other)
+        right, said, bits = False, "nothing", ""
+        if asked is not None:
+            plan = parse(Scenario, dict(asked.settings["scenario"]), "next")  # type: ignore[call-overload]
+            right, said = decides(opened, plan, str(asked.settings["added_sensor"]), given.workers)
+            bits = f"{asked.information_bits:.2g}"
+        lucky, told = decides(opened, other, workers=given.workers)
         counts += (1, right, lucky)
         truth, verdict = " + ".join(opened.answer["effects"]), f"{found.verdict}: {' + '.join(found.chosen)}"
-        bits = f"{asked.information_bits:.2g}"
-        print(
-            f"| {opened.planned.key} | {truth} | {verdict} | {said} | {bits} | {right} | {told} | {lucky} |", flush=True
-        )
-    for name, count in zip(("proposed", "at random"), counts[1:], strict=True):
+        row((opened.planned.key, truth, verdict, said, bits, right, told, lucky))
+    print()
+    row(("experiment", "decided", "of", "share", "95 % bounds", "target"))
+    row(["---"] * 6)
+    for name, count, target in zip(("proposed", "at random"), counts[1:], (f"{TARGET:.0%}", ""), strict=True):
         low, high = clopper_pearson(int(count), int(counts[0]))
-        print(f"{name}: {count} of {counts[0]} decided ({low:.0%} to {high:.0%})")
+        share = f"{count / counts[0]:.0%}" if counts[0] else ""
+        row((name, count, counts[0], share, f"{low:.0%} to {high:.0%}", target))
 
 
 if __name__ == "__main__":

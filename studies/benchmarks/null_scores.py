@@ -19,7 +19,7 @@ from beamdesign.diagnosis.data.dataset import read_dataset
 from beamdesign.diagnosis.diagnose import diagnose
 from beamdesign.diagnosis.verdict import LEVEL, chance
 from beamdesign.validation.bounds import clopper_pearson
-from beamdesign.validation.case_plan import HISSES, RIGS
+from beamdesign.validation.case_plan import FIGURES, HISSES, RIGS
 
 _TAB = "    "
 
@@ -28,10 +28,13 @@ def no_gap(seed: int, short: bool) -> float:
     """Probability of no gap that the diagnosis of one rig without a gap comes to."""
     from beamdesign.validation.truth.case import write_case
     from beamdesign.validation.truth.drawing import draw_case
+    from beamdesign.validation.truth.loop_figures import loop_figures
 
-    rig, noise = RIGS[seed % len(RIGS)], HISSES[seed // len(RIGS) % len(HISSES)]
+    rest, rig = divmod(seed, len(RIGS))
+    rest, noise = divmod(rest, len(HISSES))
+    case = draw_case(seed, "null", short=short, rig=RIGS[rig], noise=HISSES[noise])
     with TemporaryDirectory() as folder:
-        write_case(draw_case(seed, "null", short=short, rig=rig, noise=noise), folder)
+        write_case(case, folder, loop_figures(case, Path(folder)) if FIGURES[rest % len(FIGURES)] else {})
         found = diagnose(read_dataset(folder), 1)
     return next((one.probability for one in found.hypotheses if not one.names), 0.0)
 

@@ -48,6 +48,15 @@ def opened_keys(folder: Path) -> dict[str, str]:
     return {row["case"]: row.get("verdict", "") for row in _read(folder / "result.json", "cases")}
 
 
+def check_of(folder: Path) -> str:
+    """The command that made a check.
+
+    Raises:
+        InputError: where the folder holds no check that has been scored.
+    """
+    return str(_read(folder / "result.json", "setting")["command"])
+
+
 def opened_case(folder: Path, key: str) -> OpenedCase:
     """Take up one case of a check.
 
@@ -94,7 +103,8 @@ def true_rig(opened: OpenedCase) -> Case:
         again = json.loads(json.dumps(answer(case)))
     except ValueError as error:
         again = {"(reason)": str(error)}
-    sealed = {name: value for name, value in opened.answer.items() if name != "displacements_sha256"}
+    beside = ("displacements_sha256", "figures", "figures_over_errors")  # are no part of the rig
+    sealed = {name: value for name, value in opened.answer.items() if name not in beside}
     told = {name: value for name, value in again.items() if name in sealed or name == "(reason)"}  # of later versions
     if differs := unlike(sealed, told):
         words = f"this version of the truth model draws another rig: {differs} differs from what was sealed"

@@ -1,8 +1,10 @@
 """One blind case: a believed rig, the rig that is really there, what drives it, and the data set it is written as."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cache
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, Literal
 
 import numpy as np
@@ -120,6 +122,11 @@ class Run:
     outer_end_mass_kg: float = 0.0
     inner_end_mass_kg: float = 0.0
 
+    @property
+    def setting(self) -> dict[str, Any]:
+        """Masses and controller, as an entry of a data set states them."""
+        return picked(self, "outer_end_mass_kg inner_end_mass_kg controller")
+
 
 @dataclass(frozen=True)
 class Case:
@@ -127,7 +134,7 @@ class Case:
 
     Attributes:
         seed: that it was drawn with.
-        kind: null, single, pair, outside or parameter.
+        kind: null, single, pair, outside, parameter, triple, or alone (a single effect, to be found without records).
         nominal: prototype's tables.
         factors: truth over belief of every tolerated figure, wrong figures included.
         habits: figures of the true rig that no prototype states.
@@ -280,7 +287,7 @@ def relative_floor(case: Case, without: dict[str, Motion]) -> float:
     return float(np.sqrt(np.mean([case.noise.floor_m**2 / size for size in sizes])))
 
 
-_ROW = "%.4f,%.2f,%.6f,%.7f,%.4e"
+_ROW = ("%.4f", "%.2f", "%.6f", "%.7f", "%.4e", "%.5e")
 
 
 def recorded(case: Case, run: Run) -> dict[str, np.ndarray]:
@@ -300,29 +307,37 @@ def recorded(case: Case, run: Run) -> dict[str, np.ndarray]:
     for _ in range(rng.poisson(case.noise.outliers) if case.noise.outliers else 0):
         channel = columns[str(rng.choice(["current_A", "displacement_m"]))]
         channel[rng.integers(count)] += rng.choice([-1, 1]) * rng.uniform(0.2, 1.5) * np.std(channel)
+    added = {name for each in case.runs for name in each.controller.get("sensors", ())}
+    for name, wave, noise in (
+        ("load_pressure_Pa", motion.load_pressure, case.noise.pressure_Pa),
+        ("inner_displacement_m", motion.inner, case.noise.floor_m),
+    ):
+        if name in added:
+            columns[name] = wave + rng.normal(0, noise, count)
     return columns
 
 
-def write_case(case: Case, folder: Path | str) -> None:
-    """Write the data set of a case, without its answer.
+def write_case(case: Case, folder: Path | str, more: Mapping[str, Any] = MappingProxyType({})) -> None:
+    """Write the data set of a case, without its answer; of the kind `alone`, without its records.
 
     Args:
         case: drawn.
         folder: made where it is not there.
+        more: further tables of dataset.toml, whose files are there already.
 
     Raises:
         OSError: where it cannot be written.
     """
     folder = Path(folder)
     (folder / "records").mkdir(parents=True, exist_ok=True)
-    index: dict[str, Any] = {"name": f"case-{case.seed}", "prototype": "prototype.toml", "record": []}
-    for run in case.runs:
+    index: dict[str, Any] = {"name": f"case-{case.seed}", "prototype": "prototype.toml", "record": [], **more}
+    for run in case.runs if case.kind != "alone" else ():
         file = f"records/{run.name}.csv"
         columns = recorded(case, run)
-        lines = (_ROW % tuple(line) for line in np.column_stack(list(columns.values())).tolist())
+        form = ",".join((*_ROW, _ROW[-1])[: len(columns)])
+        lines = (form % tuple(line) for line in np.column_stack(list(columns.values())).tolist())
         write_whole(folder / file, "\n".join((",".join(columns), *lines)) + "\n")
-        setting = picked(run, "outer_end_mass_kg inner_end_mass_kg controller")
-        index["record"].append({"file": file} | setting)
+        index["record"].append({"file": file} | run.setting)
     write_whole(folder / "prototype.toml", tomli_w.dumps(case.nominal))
     write_whole(folder / "dataset.toml", tomli_w.dumps(index))
 

@@ -28,14 +28,28 @@ from beamdesign.validation.truth.nominal import (
     rig_figures,
     tolerance_of,
 )
-from beamdesign.validation.truth.rates import PRESSURE_A, PRESSURE_B, STATES, SUPPLY, rates_at
-from beamdesign.validation.truth.rig import Motion, Noise, controller_figures
+from beamdesign.validation.truth.rates import (
+    INNER,
+    PRESSURE_A,
+    PRESSURE_B,
+    STATES,
+    SUPPLY,
+    TIP,
+    measured_volts,
+    rates_at,
+)  # fmt: skip
+from beamdesign.validation.truth.rig import Motion, Noise, controller_figures, observer
 
 
-def jacobian(figures: np.ndarray, modes: np.ndarray) -> np.ndarray:
+def jacobian(figures: np.ndarray, modes: np.ndarray, every: bool = False) -> np.ndarray:
     """(n, n) derivative of the rates by those states that take part, by central differences about rest.
 
     Dead time, play and digital steps are left out.
+
+    Args:
+        figures: of the rig.
+        modes: of its outer beam.
+        every: whether by all states that there may be.
     """
     matrix = np.zeros((STATES, STATES))
     for k in range(STATES):
@@ -44,7 +58,7 @@ def jacobian(figures: np.ndarray, modes: np.ndarray) -> np.ndarray:
         ahead[k], behind[k] = step, -step
         matrix[:, k] = (rates_at(ahead, figures, modes) - rates_at(behind, figures, modes)) / (2 * step)
     used = np.nonzero(matrix.any(axis=1))[0]
-    return matrix[np.ix_(used, used)]
+    return matrix if every else matrix[np.ix_(used, used)]
 
 
 def linear_critical_gain(figures: np.ndarray, modes: np.ndarray) -> float:
@@ -73,7 +87,7 @@ def linear_critical_gain(figures: np.ndarray, modes: np.ndarray) -> float:
     return 0.5 * (low + high)
 
 
-Kind = Literal["null", "single", "pair", "outside", "parameter"]
+Kind = Literal["null", "single", "pair", "outside", "parameter", "triple", "alone"]
 KIND_NAMES = get_args(Kind)
 Hiss = Literal["white", "coloured", "outliers"]
 _VALVE_A, _MOTOR_A = 7.5e-3, 5.0  # RMS of a current in a record, about
@@ -104,6 +118,8 @@ _FULL = (
     ("08_command_second", "command_V", "lines", 0.12, 250.0, "proportional", False),
 )
 _SHORT = (0, 1, 3, 4, 5)
+_WEIGHTS = (1.0, 10.0), (0.02, 0.1), (0.005, 0.05)
+"""Of an observer's design: break of the force in Hz, weight of the current, noise of the sensors; from, to."""
 
 
 def draw_case(
@@ -119,8 +135,8 @@ def draw_case(
 
     Args:
         seed: not negative.
-        kind: null (tolerances and background only), single, pair, outside (an effect the contract does not name) or
-            parameter (a plain wrong figure).
+        kind: null (tolerances and background only), single, pair, triple, outside (an effect the contract does not
+            name), parameter (a plain wrong figure), or alone (a single effect, to be found without records).
         short: five records of 1.75 s instead of eight of 4 s.
         names: effects to put in, none into a null; `parameter:NAME` for a wrong figure.
         rig: actuator and law, see `effects.Rig`.
@@ -198,6 +214,8 @@ def _runs(
     shape: Table = {"kind": "lag", "pole_Hz": pole, "zero_Hz": zero}
     if rig == "structured":
         shape |= {"kind": "structured", "section": [_section(rng) for _ in range(rng.integers(2, 4))]}
+    if rig == "observer":
+        shape = _observer(rest, rng)
     added = _added_mass(rest, shape, payload)
     controllers: dict[tuple[str, bool], dict[str, Any]] = {}
     for kind, loaded in (("lag", False), ("proportional", False), ("lag", True)):
@@ -229,6 +247,31 @@ def _section(rng: np.random.Generator) -> Table:
     damping = np.exp(rng.uniform(np.log([0.15, 0.15]), np.log([1.2, 2.0])))
     figures = {"zero_Hz": zero, "zero_damping_ratio": damping[0], "pole_Hz": pole, "pole_damping_ratio": damping[1]}
     return {name: float(f"{value:.3g}") for name, value in figures.items()}
+
+
+def _observer(rest: Shape, rng: np.random.Generator) -> Table:
+    """An observer law for the believed rig without payload, which hears the displacement, or one sensor more."""
+    record, modes = assembled(rest | {"gain": 1.0})
+    each, idle = np.eye(STATES), assembled(rest | {"gain": 0.0})
+    current, force = rates_at(0 * each[0], record, modes, 1e-3) / 1e-3, rates_at(0 * each[0], record, modes, 0.0, 1.0)
+    a = jacobian(*idle, every=True)
+    # At rest both chambers are alike: their mean pressure is moved by nothing and moves nothing.
+    used = a.any(axis=1) & ~each[PRESSURE_B].astype(bool)
+    whole = each[:, used]
+    whole[PRESSURE_B] = -whole[PRESSURE_A]
+    sensors = {
+        "displacement_m": [measured_volts(state, record[0], 0.0) for state in each],
+        "load_pressure_Pa": each[PRESSURE_A] - each[PRESSURE_B],
+        "inner_displacement_m": each[INNER],
+    }
+    heard = ["displacement_m", *((), ("load_pressure_Pa",), ("inner_displacement_m",))[rng.integers(3)]]
+    seen = np.array([each[TIP], *(sensors[name] for name in heard)]) @ whole
+    hertz, effort, noise = (float(np.exp(rng.uniform(np.log(low), np.log(high)))) for low, high in _WEIGHTS)
+    while True:
+        law = observer((a @ whole)[used], force[used], current[used], seen, hertz, effort, noise)
+        if np.linalg.eigvals(np.array(law["a"])).real.max() < 0:
+            return {"kind": "observer", "sensors": heard} | law
+        effort *= 2  # in the end it is a Kalman filter, which is stable
 
 
 def _added_mass(rest: Shape, shape: Table, payload: float) -> float:

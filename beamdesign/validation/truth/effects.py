@@ -370,8 +370,8 @@ KINDS: dict[str, Kind] = {kind.name: kind for kind in (*_LISTED, *_OUTSIDE, *_OF
 LISTED = tuple(kind.name for kind in _LISTED)
 OUTSIDE = tuple(kind.name for kind in (*_OUTSIDE, *_OF_SCREWS))
 
-Rig = Literal["lag", "structured", "ball_screw"]
-"""A cylinder whose law is a lag, or a lag with sections; a motor with a screw, and a lag."""
+Rig = Literal["lag", "structured", "ball_screw", "observer"]
+"""A cylinder whose law is a lag, a lag with sections, or (`observer`) an observer; a motor with a screw, and a lag."""
 
 _PARAMETERS: dict[str, tuple[tuple[str, ...], str]] = {
     "flow_gain": (("flow_gain",), "servovalve"),

@@ -392,9 +392,9 @@ def rates_into(x, d, f, modes, held, plays, fed_back, command, force, time, shar
 
 
 @njit(cache=True, error_model="numpy")
-def rates_at(x, figures, modes):  # type: ignore[no-untyped-def]
-    """(52,) time derivative of a state with nothing driving the rig and no dead time."""
+def rates_at(x, figures, modes, command=0.0, force=0.0):  # type: ignore[no-untyped-def]
+    """(52,) time derivative of a state without dead time; nothing drives the rig but command (V) and force (N)."""
     f = figures[0]
     d, plays = np.zeros(STATES), np.zeros(PLAYS + 1)
-    rates_into(x, d, f, modes, np.nan, plays, measured_volts(x, f, 0.0), 0.0, 0.0, 0.0, 0.0)
+    rates_into(x, d, f, modes, np.nan, plays, measured_volts(x, f, 0.0), command, force, 0.0, 0.0)
     return d

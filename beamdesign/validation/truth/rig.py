@@ -14,6 +14,7 @@ from math import pi
 
 import numpy as np
 from numba import njit
+from scipy.linalg import block_diag, solve_continuous_are
 from scipy.signal import lfilter
 
 from beamdesign.validation.truth.effects import Shape
@@ -90,6 +91,45 @@ def controller_figures(controller: Table) -> Shape:
         zero, pole = 2 * pi * row["zero_Hz"], 2 * pi * row["pole_Hz"]
         law = behind(law, section(zero, row["zero_damping_ratio"], pole, row["pole_damping_ratio"]))
     return gain | {"law": law}
+
+
+def observer(
+    a: np.ndarray, force: np.ndarray, current: np.ndarray, seen: np.ndarray, hertz: float, effort: float, noise: float
+) -> Table:
+    """Matrices of an observer law of unit gain: the regulator of least variance, which hears minus what is seen.
+
+    It weighs the tip under a force that is white noise behind a low-pass against the current, with noise on every
+    sensor, of all but the first five times as much. Both are told in what one newton does at 10 Hz: to the tip and to
+    each sensor; and to the current, what holds the tip still against it.
+
+    Args:
+        a: (n, n) of the rig without a law.
+        force: (n,) what a newton does to the states' rates.
+        current: (n,) what an ampere does.
+        seen: (1 + p, n) the tip in m, then what each sensor gives.
+        hertz: break of the force's low-pass.
+        effort: weight of the current.
+        noise: of each sensor.
+
+    Raises:
+        numpy.linalg.LinAlgError: where a Riccati equation has no solution.
+    """
+    n, corner = len(a), 2 * pi * hertz
+    at = seen @ np.linalg.solve(20j * pi * np.eye(n) - a, np.column_stack([force, current]))
+    sizes = np.abs(at[:, 0])
+    whole = block_diag(a, -corner)
+    whole[:n, n] = force
+    into, out = np.append(current, 0.0)[:, None], np.column_stack([seen, np.zeros(len(seen))])
+    shaken = np.diag(np.append(np.zeros(n), corner))
+    shaken[:n, :n] = 0.01 * np.outer(force, force)
+    weight = effort * sizes[0] * abs(at[0, 1] / at[0, 0])
+    x = solve_continuous_are(whole, into, np.outer(out[0], out[0]), np.array([[weight**2]]))
+    heard = out[1:]
+    spread = np.diag((noise * sizes[1:] * np.append(1.0, np.full(len(heard) - 1, 5.0))) ** 2)
+    y = solve_continuous_are(whole.T, heard.T, shaken, spread)
+    k, b = (into.T @ x)[0] / weight**2, y @ heard.T @ np.linalg.inv(spread)
+    law = whole - into * k - b @ heard
+    return {"a": law.tolist(), "b": b.tolist(), "c": k.tolist(), "d": [0.0] * len(heard)}
 
 
 @njit(cache=True, error_model="numpy")
@@ -267,6 +307,7 @@ class Noise:
         coloured: share of the sensor's power that has passed a first-order low-pass.
         break_Hz: of that.
         outliers: mean number of samples in a record that the recorder spoils, each of one channel.
+        pressure_Pa: of the recorder, where the load pressure is recorded.
     """
 
     displacement_m: float
@@ -277,6 +318,7 @@ class Noise:
     coloured: float = 0.0
     break_Hz: float = 100.0
     outliers: float = 0.0
+    pressure_Pa: float = 2e3
 
     def of_sensor(self, count: int, rng: np.random.Generator) -> np.ndarray:
         """(count,) at every sample, m."""
