@@ -12,16 +12,7 @@ from beamdesign import records
 from beamdesign.controllers import SENSORS, Sensed
 from beamdesign.parameters import stated_or_typical
 from beamdesign.plant.actuators import Actuator, WithActuator
-from beamdesign.prototype import (
-    Beam,
-    Goal,
-    Payload,
-    Prototype,
-    Sensor,
-    Servovalve,
-    Supply,
-    Tolerance,
-)
+from beamdesign.prototype import Beam, Goal, Payload, Prototype, Sensor, Servovalve, Supply, Tolerance
 from beamdesign.records import Problem, Record, numbers
 from beamdesign.structure.materials import BEAMS, MATERIAL, MaterialByName, WithMaterials
 from beamdesign.structure.section import Tube, stock_tubes

@@ -34,15 +34,7 @@ from beamdesign.proofs.lyapunov import stages_certificate, switching
 from beamdesign.proofs.mass_family import stage_families
 from beamdesign.proofs.tolerance_box import tolerance_box
 from beamdesign.proofs.writer import prototype_table
-from beamdesign.prototype import (
-    Arm,
-    Beam,
-    Payload,
-    Prototype,
-    Sensor,
-    Servovalve,
-    Tolerance,
-)
+from beamdesign.prototype import Arm, Beam, Payload, Prototype, Sensor, Servovalve, Tolerance
 from beamdesign.synthesis.end_stiffness import contact_text, judge
 
 AT_LEAST = 500

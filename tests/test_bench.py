@@ -8,11 +8,7 @@ import pytest
 from scipy.integrate import solve_ivp
 from typer.testing import CliRunner
 
-from beamdesign.bench_prototype import (
-    BenchPrototype,
-    read_any_prototype,
-    read_bench_prototype,
-)
+from beamdesign.bench_prototype import BenchPrototype, read_any_prototype, read_bench_prototype
 from beamdesign.cli import app
 from beamdesign.plant.assembly import assemble
 from beamdesign.plant.bench_simulation import bench_parameters, bench_start, bench_structure, replay, simulate_bench

@@ -32,14 +32,7 @@ from beamdesign.diagnosis.gap_metrics import errors, gap, in_bands
 from beamdesign.diagnosis.redesign import designer_terms, loops_of, payload_range, terms
 from beamdesign.prototype import Payload, Prototype
 from beamdesign.report.gap_folder import bands, diverged, gap_report_html, write_gap_folder, zoom
-from beamdesign.report.gap_tables import (
-    HeatMap,
-    chosen_fit,
-    closed_text,
-    fitted_figures,
-    indicator_table,
-    place,
-)
+from beamdesign.report.gap_tables import HeatMap, chosen_fit, closed_text, fitted_figures, indicator_table, place
 from beamdesign.report.page import Table
 
 SLOW_SENSOR = Path(__file__).parent.parent / "studies" / "gaps" / "slow_sensor"

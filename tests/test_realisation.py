@@ -33,11 +33,7 @@ from beamdesign.build.realisation.c_code import (
 )
 from beamdesign.build.realisation.code import continuous_figures, judge, law_polynomials, sampled_figures
 from beamdesign.build.realisation.law import fixed_point
-from beamdesign.build.realisation.loop import (
-    prove_any_computing_time,
-    prove_sampled,
-    realised_loop,
-)
+from beamdesign.build.realisation.loop import prove_any_computing_time, prove_sampled, realised_loop
 from beamdesign.build.realisation.realise import (
     Realisation,
     full_scales_of,

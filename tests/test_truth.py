@@ -15,12 +15,7 @@ from beamdesign.validation.truth.beams import cantilever_modes, outer_modes
 from beamdesign.validation.truth.case import answer, noise_free, run_figures, take, write_case
 from beamdesign.validation.truth.drawing import draw_case, linear_critical_gain
 from beamdesign.validation.truth.effects import KINDS, LISTED, OUTSIDE, Scales, on
-from beamdesign.validation.truth.nominal import (
-    assembled,
-    nominal_figures,
-    packed,
-    rig_figures,
-)
+from beamdesign.validation.truth.nominal import assembled, nominal_figures, packed, rig_figures
 from beamdesign.validation.truth.rates import STATES
 from beamdesign.validation.truth.rig import STEP_S, controller_figures, march
 

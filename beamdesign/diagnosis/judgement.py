@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from math import log, sqrt
 
 import numpy as np
-from scipy.special import logsumexp
+from scipy.special import logsumexp, softmax
 
 from beamdesign.diagnosis.diagnosis import Cause, CauseSet, Estimate
 from beamdesign.diagnosis.fitting.fit import Fit
@@ -224,14 +224,11 @@ def judge(found: Search, few: bool = False) -> Judgement:
     plain = _plain(fits, plausible)
     slight = [0.0 if few else _slight(f, by_hypothesis, found, spread, plain) for f in fits]
     logs = np.array([plausible[f.hypothesis] + odds(f.hypothesis) - less for f, less in zip(fits, slight, strict=True)])
-    weights = np.exp(logs - logs.max())
-    weights /= weights.sum()
     best = fits[_chosen(fits, logs, found.conditions, spread)]
     # Where all that helps is slight, what it leaves tells whether there is more than a little of everything.
     unknown = _unknown(found, best if best.hypothesis != NOTHING else min(fits, key=lambda f: f.misfit))
-    return Judgement(
-        {f.hypothesis: float(w) * (1 - unknown) for f, w in zip(fits, weights, strict=True)}, unknown, best
-    )
+    weights = (1 - unknown) * softmax(logs)
+    return Judgement({f.hypothesis: float(w) for f, w in zip(fits, weights, strict=True)}, unknown, best)
 
 
 def _plain(fits: Sequence[Fit], plausible: Mapping[Hypothesis, float]) -> tuple[float, float]:

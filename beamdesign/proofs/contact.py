@@ -54,15 +54,12 @@ from beamdesign.proofs.quadratic import (
 )
 from beamdesign.proofs.stability import is_stable_over, stable_ranges, unstable_at
 
-# Passivity, proved or refuted, band by band.
-
-
 _PRECISION_BITS = 128
 _DIGITS = 15
 _S = fmpq_poly([0, 1])
-_SHARES = (fmpq(1, 5), fmpq(2, 5), fmpq(3, 5), fmpq(4, 5))
 
 
+# Passivity, proved or refuted, band by band.
 @dataclass(frozen=True)
 class Band:
     """Frequencies at which the tip gives off work.
@@ -189,7 +186,7 @@ def destabilising_environment(tip: Tip, bands: tuple[Band, ...], outer_end_mass:
     for band in bands:
         low, high = band.low[1], 2 * band.squared_frequency if band.high is None else band.high[0]
         # The band's sample, and some more for which nothing is known beforehand.
-        squares = [band.squared_frequency, *(shortened(low + (high - low) * share, 3) for share in _SHARES)]
+        squares = [band.squared_frequency, *(shortened(low + (high - low) * fmpq(k, 5), 3) for k in range(1, 5))]
         found += [_in_tune(tip, square, outer_end_mass) for square in squares]
     return min((one for one in found if one is not None), key=lambda one: one.mass, default=None)
 

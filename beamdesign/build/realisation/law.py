@@ -18,12 +18,7 @@ from typing import Literal, Protocol, TypeVar
 import numpy as np
 from flint import fmpq, fmpq_mat
 
-from beamdesign.build.realisation.sections import (
-    Channel,
-    DiscreteLaw,
-    Section,
-    discretised,
-)
+from beamdesign.build.realisation.sections import Channel, DiscreteLaw, Section, discretised
 from beamdesign.controllers import Controller
 from beamdesign.polynomial import nearest
 

@@ -15,14 +15,7 @@ from beamdesign.diagnosis.fitting.gain_evidence import GainEvidence
 from beamdesign.diagnosis.fitting.hypothesis import Placement, Unknown
 from beamdesign.diagnosis.fitting.linear_evidence import ResponseEvidence
 from beamdesign.diagnosis.fitting.replay import DISPLACEMENT, Replay, at_the_sensor, in_the_loop, law_of_play
-from beamdesign.diagnosis.fitting.weighting import (
-    SHARE,
-    Weighting,
-    banded,
-    blurred,
-    rising,
-    weighting,
-)
+from beamdesign.diagnosis.fitting.weighting import SHARE, Weighting, banded, blurred, rising, weighting
 from beamdesign.plant.assembly import assemble
 
 Figure = GainEvidence | ResponseEvidence

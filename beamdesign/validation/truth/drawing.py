@@ -20,14 +20,7 @@ from beamdesign.validation.truth.case import (
     take,
 )  # fmt: skip
 from beamdesign.validation.truth.effects import KINDS, PARAMETERS, Rig, Scales, Shape, on
-from beamdesign.validation.truth.nominal import (
-    Table,
-    assembled,
-    draw_nominal,
-    draw_true,
-    rig_figures,
-    tolerance_of,
-)
+from beamdesign.validation.truth.nominal import Table, assembled, draw_nominal, draw_true, rig_figures, tolerance_of
 from beamdesign.validation.truth.rates import (
     INNER,
     PRESSURE_A,
@@ -264,13 +257,13 @@ def _observer(rest: Shape, rng: np.random.Generator) -> Table:
         "load_pressure_Pa": each[PRESSURE_A] - each[PRESSURE_B],
         "inner_displacement_m": each[INNER],
     }
-    heard = ["displacement_m", *((), ("load_pressure_Pa",), ("inner_displacement_m",))[rng.integers(3)]]
-    seen = np.array([each[TIP], *(sensors[name] for name in heard)]) @ whole
+    sensors_read = ["displacement_m", *((), ("load_pressure_Pa",), ("inner_displacement_m",))[rng.integers(3)]]
+    seen = np.array([each[TIP], *(sensors[name] for name in sensors_read)]) @ whole
     hertz, effort, noise = (float(np.exp(rng.uniform(np.log(low), np.log(high)))) for low, high in _WEIGHTS)
     while True:
         law = observer((a @ whole)[used], force[used], current[used], seen, hertz, effort, noise)
         if np.linalg.eigvals(np.array(law["a"])).real.max() < 0:
-            return {"kind": "observer", "sensors": heard} | law
+            return {"kind": "observer", "sensors": sensors_read} | law
         effort *= 2  # in the end it is a Kalman filter, which is stable
 
 

@@ -130,10 +130,10 @@ def compliance(case: Case, run: Run, amplitude_N: float, rng: np.random.Generato
         noise = rng.normal(0, case.noise.floor_m, len(motion.times)), rng.normal(0, RESPONSE_STD, 2)
         if not motion.bounded:
             continue
-        heard = motion.times >= settle
-        turns = 2j * np.pi * hertz * motion.times[heard]
+        settled = motion.times >= settle
+        turns = 2j * np.pi * hertz * motion.times[settled]
         basis = np.column_stack([np.exp(turns).real, np.exp(turns).imag, np.ones(len(turns))])
-        cosine, sine, _ = np.linalg.lstsq(basis, (motion.displacement + noise[0])[heard], rcond=None)[0]
+        cosine, sine, _ = np.linalg.lstsq(basis, (motion.displacement + noise[0])[settled], rcond=None)[0]
         response = complex(sine, cosine) / amplitude_N * np.exp(complex(*noise[1]))
         rows.append((hertz, abs(response), np.degrees(np.angle(response))))
     return np.reshape(rows, (-1, 3))

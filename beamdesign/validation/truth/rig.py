@@ -124,12 +124,12 @@ def observer(
     shaken[:n, :n] = 0.01 * np.outer(force, force)
     weight = effort * sizes[0] * abs(at[0, 1] / at[0, 0])
     x = solve_continuous_are(whole, into, np.outer(out[0], out[0]), np.array([[weight**2]]))
-    heard = out[1:]
-    spread = np.diag((noise * sizes[1:] * np.append(1.0, np.full(len(heard) - 1, 5.0))) ** 2)
-    y = solve_continuous_are(whole.T, heard.T, shaken, spread)
-    k, b = (into.T @ x)[0] / weight**2, y @ heard.T @ np.linalg.inv(spread)
-    law = whole - into * k - b @ heard
-    return {"a": law.tolist(), "b": b.tolist(), "c": k.tolist(), "d": [0.0] * len(heard)}
+    sensed = out[1:]
+    spread = np.diag((noise * sizes[1:] * np.append(1.0, np.full(len(sensed) - 1, 5.0))) ** 2)
+    y = solve_continuous_are(whole.T, sensed.T, shaken, spread)
+    k, b = (into.T @ x)[0] / weight**2, y @ sensed.T @ np.linalg.inv(spread)
+    law = whole - into * k - b @ sensed
+    return {"a": law.tolist(), "b": b.tolist(), "c": k.tolist(), "d": [0.0] * len(sensed)}
 
 
 @njit(cache=True, error_model="numpy")
