@@ -8,8 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 from gap_sets import TOLERANCE
+from honest_certificates import screw
 
-from beamdesign.controllers import Controller, Lag, Proportional
+from beamdesign.controllers import Controller, Lag, Proportional, Structured
+from beamdesign.controllers.cascade import Section
 from beamdesign.diagnosis.data.dataset import Dataset, FrequencyResponse, MeasuredGain, read_dataset
 from beamdesign.diagnosis.diagnosis import Diagnosis
 from beamdesign.diagnosis.fitting import search
@@ -282,6 +284,24 @@ def test_a_lag_is_found_from_gains_and_responses(found_lag: Diagnosis[Prototype]
     assert found_lag.prototype.effects["sensor_lag"]["break_Hz"] == pytest.approx(estimate.value)
     assert "valve_deadband" in found_lag.findings["silent"]
     assert found_lag.next_experiment is None
+
+
+SECTION = Section(zero_Hz=30.0, zero_damping_ratio=0.5, pole_Hz=30.0, pole_damping_ratio=0.6)
+WITH_SECTION = Structured(gain_A_per_V=0.05, pole_Hz=1.7, zero_Hz=20.0, section=(SECTION,))
+
+
+@pytest.mark.parametrize("driven", ["by a valve with sections in its law", "by a motor and a screw"])
+def test_figures_of_any_rig_and_law_are_explained(paper: Prototype, driven: str):
+    """Gains 0.3 times those of the model, and a second payload, so that conditions are compared."""
+    rig = paper.but(controller=WITH_SECTION) if "valve" in driven else screw()
+    law, true = rig.own_controller, rig.but(tolerance=TOLERANCE)
+    settings = [(law, outer, rig.payload.inner_end_mass_kg) for outer in (0.0, 3.0)]
+    gains = [MeasuredGain(law.but(gain_A_per_V=0.3 * exact(true, s)[0]), *s[1:], 0.02) for s in settings]
+    found = explained(Dataset("any", Path(), true, gains=tuple(gains)), ("sensor_lag", "parameter:sensor_gain"))
+    assert found.verdict in ("effect", "ambiguous")
+    assert "parameter:sensor_gain" in {cause.name for cause in found.causes}
+    assert found.findings["factor"].factor == pytest.approx(0.3, rel=0.03)
+    assert (found.findings["shares"] is None) == ("screw" in driven)
 
 
 def test_gains_alone_do_not_tell_one_factor_on_the_loop_from_another(paper: Prototype):

@@ -19,6 +19,7 @@ from beamdesign.diagnosis.fitting.evidence import Figure
 from beamdesign.diagnosis.fitting.fit import Fit, linearised
 from beamdesign.diagnosis.fitting.gain_evidence import FREQUENCY_STD, GainEvidence
 from beamdesign.diagnosis.fitting.linear_evidence import ResponseEvidence
+from beamdesign.plant.assembly import fits
 from beamdesign.plant.effects import library
 
 
@@ -111,9 +112,10 @@ def gain_shares(gains: Sequence[GainEvidence]) -> GainShares | None:
         gains: measured.
 
     Returns:
-        None without gains, or where the model with some of `SUSPECTS` oscillates at no gain.
+        None without gains, of a rig that cannot have them, or where the model with some of `SUSPECTS` oscillates at no
+        gain.
     """
-    if not gains:
+    if not gains or not all(fits(name, gains[0].prototype.rig) for name in SUSPECTS):
         return None
     logs: dict[frozenset[str], np.ndarray] = {}
     for chosen in (some for count in range(len(SUSPECTS) + 1) for some in combinations(SUSPECTS, count)):

@@ -191,9 +191,9 @@ class GainEvidence(LinearEvidence):
     @property
     def condition(self) -> object:
         """Under which it was measured: masses, breaks of the controller, load."""
-        law = self.measured.controller.model_dump(exclude={"gain_A_per_V"})
-        masses = (self.measured.outer_end_mass, self.measured.inner_end_mass)
-        return ("critical gain", *masses, *law.values(), self.load)
+        taken = self.measured
+        law = taken.controller.but(gain_A_per_V=1.0)
+        return ("critical gain", taken.outer_end_mass, taken.inner_end_mass, law, self.load)
 
     @property
     def expected(self) -> float:
