@@ -33,6 +33,8 @@ _PER_EXCESS = 20.0
 """Penalty per unit of log(peak sensitivity) above its limit: many times what that buys in log(bandwidth)."""
 _UNSTABLE = 10.0
 _LEAST_SHARE = 1e-3
+_LOUDEST_A_PER_V = 5e3
+"""Beyond which no gain is plausible, half as large again included."""
 
 
 class Sampled:
@@ -108,8 +110,8 @@ def worth(sampled: Sampled, variables: np.ndarray, low_kg: float, high_kg: float
     def reached(share: float) -> float:
         return guaranteed_bandwidth(at(share), goal.compliance_m_per_N, low_kg, high_kg)
 
-    keeps = kept(1.0)
-    shares = [1.0] if keeps else [_nearest_kept(kept, factor) for factor in (_LEAST_SHARE, 1 / _LEAST_SHARE)]
+    keeps, loudest = kept(1.0), min(1 / _LEAST_SHARE, _LOUDEST_A_PER_V / controller.gain_A_per_V)
+    shares = [1.0] if keeps else [_nearest_kept(kept, factor) for factor in (_LEAST_SHARE, loudest)]
     proved = {reached(share): share for share in shares if share is not None}
     best = max(proved, default=0.0)
     return Worth(
