@@ -11,9 +11,9 @@ from null_scores import main as null_scores_main
 from beamdesign.diagnosis.diagnose import chance, decided, verdict_of
 from beamdesign.diagnosis.fitting.evidence import record_evidence
 from beamdesign.diagnosis.fitting.fit import Fit, Share, fit
-from beamdesign.diagnosis.fitting.hypothesis import NOTHING, Hypothesis
+from beamdesign.diagnosis.fitting.hypothesis import NOTHING, Hypothesis, together
 from beamdesign.diagnosis.fitting.search import Search
-from beamdesign.diagnosis.fitting.starts import resonances, starts
+from beamdesign.diagnosis.fitting.starts import fit_from_starts, resonances, starts
 from beamdesign.diagnosis.judgement import THRESHOLDS, causes, classes, deviations, evidence, held_out_score, judge
 from beamdesign.diagnosis.verdict import LEVEL, null_scores
 
@@ -237,6 +237,22 @@ def test_a_missing_resonance_is_not_called_a_delay():
     assert values["second_beam_mode.frequency_Hz"] == pytest.approx(190.0, rel=0.02)
     blind = replace(search, fits=tuple(f for f in search.fits if "second_beam_mode" not in f.hypothesis.names))
     assert verdict_of(judge(blind)) in ("unknown", "ambiguous")
+
+
+def test_a_resonance_beside_a_limit_shows_in_what_the_limit_leaves():
+    """A mount of 55 Hz: against tolerances alone the records stand out where a current that saturates makes them."""
+    mount = {"frequency_Hz": 55.0, "stiffness_N_per_m": 1e8, "damping_ratio": 0.02}
+    data = measured(believed().but(effects={"mount_compliance": mount, "current_saturation": {"limit_A": 0.006}}))
+    data = only(data, ("command_large", "disturbance_small", "disturbance_large", "payload_disturbance"))
+    pieces, rig = record_evidence(data), data.prototype
+    null = fit_from_starts(NOTHING, rig, pieces, {})
+    limited = fit_from_starts(together("current_saturation"), rig, pieces, null.values)
+    both = together("current_saturation", "mount_compliance")
+    peaks = resonances(pieces, rig, limited.values, both)
+    assert min(abs(peak / 55.0 - 1) for peak in peaks) < 0.05
+    found = fit_from_starts(both, rig, pieces, limited.values, peaks)
+    assert found.values["mount_compliance.frequency_Hz"] == pytest.approx(55.0, rel=0.01)
+    assert found.misfit < 1.2 * sum(piece.expected for piece in pieces) < 0.1 * limited.misfit
 
 
 def test_curvatures_that_swamp_the_priors_break_nothing():

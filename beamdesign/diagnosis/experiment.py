@@ -29,7 +29,8 @@ from beamdesign.spelling import shorter
 
 DURATION_S = 4.0
 SAMPLE_S = 0.5e-3
-_BANDS_HZ = ((1.0, 20.0), (1.0, 80.0), (30.0, 200.0))
+_BANDS_HZ = ((1.0, 20.0), (1.0, 80.0), (30.0, 200.0), (100.0, 400.0))
+"""The last for what differs in the order of its phase only, such as a lag and a delay."""
 _SHARES = (0.1, 1.0, 2.0)
 """Of the largest peak of an input recorded so far."""
 _PAYLOADS = (0.5, 1.5)

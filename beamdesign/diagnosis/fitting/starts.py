@@ -7,6 +7,7 @@ with another resonance than that of the records ends at it.
 """
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from functools import reduce
 from itertools import product
 from types import MappingProxyType
 
@@ -186,12 +187,23 @@ def _moved(base: np.ndarray, at: Sequence[int], to: Sequence[float] | np.ndarray
     return z
 
 
-def resonances(evidence: Sequence[Evidence], prototype: Prototype, known: Mapping[str, float]) -> tuple[float, ...]:
-    """Frequencies (Hz) at which the records stand out most from what the tolerances alone explain.
+def resonances(
+    evidence: Sequence[Evidence], prototype: Prototype, known: Mapping[str, float], hypothesis: Hypothesis = NOTHING
+) -> tuple[float, ...]:
+    """Frequencies (Hz) at which the records stand out most from what a simpler fit explains.
 
-    A narrow resonance is found by no descent that begins beside it, and shows in the residual at once.
+    A narrow resonance is found by no descent that begins beside it, and shows in the residual at once. Beside another
+    cause it shows only in what that one leaves.
+
+    Args:
+        evidence: of which records count.
+        prototype: nominal.
+        known: SI values that the simpler fit has found.
+        hypothesis: of what is to be fitted; those of its effects count that are known whole.
     """
-    placement = NOTHING.placement(prototype)
+    effects = (Hypothesis((name,)) for name in hypothesis.effects)
+    explained = [one for one in effects if all(u.name in known for u in one.unknowns(prototype))]
+    placement = reduce(Hypothesis.__or__, explained, NOTHING).placement(prototype)
     z = np.array([_at(u, known) for u in placement.unknowns])
     frequencies, power = [], []
     for piece in evidence:
