@@ -19,6 +19,7 @@ from beamdesign.controllers import SENSED
 from beamdesign.controllers.observer import block_form, rounded
 from beamdesign.controllers.protocol import Form
 from beamdesign.loop import loop, rig_loop
+from beamdesign.plant.equilibrium import StateSpace
 from beamdesign.plant.members import family
 from beamdesign.proofs.certifying import certify
 from beamdesign.prototype import Prototype, read_prototype
@@ -27,7 +28,6 @@ from beamdesign.synthesis.loop_samples import LIMITED, samples, slacks
 from beamdesign.synthesis.refinement import LawRefinement
 from beamdesign.synthesis.synthesis import (
     GeneralisedPlant,
-    StateSpace,
     Weights,
     hinf,
     least_norm,
@@ -115,7 +115,7 @@ def test_least_norm_of_a_scalar_plant(a: float) -> None:
     loop = closed(scalar(a), hinf(scalar(a)))
     assert least_norm(scalar(a)) == pytest.approx(optimum, rel=1e-5)
     assert loop.stable
-    norm = np.linalg.norm(loop.responses(1j * np.linspace(0, 30, 6001)), 2, axis=(1, 2)).max()
+    norm = np.linalg.norm(loop.at(1j * np.linspace(0, 30, 6001)), 2, axis=(1, 2)).max()
     assert optimum * (1 - 1e-5) <= norm <= 1.06 * optimum
 
 
@@ -129,13 +129,13 @@ def test_residualised_controller_is_within_its_bound() -> None:
     hankel = np.sort(np.sqrt(np.linalg.eigvals(np.matmul(*gramians)).real))[::-1]
     for order in (5, 3):
         reduced = residualised(whole, order)
-        error = np.linalg.norm(whole.responses(s) - reduced.responses(s), 2, axis=(1, 2))
+        error = np.linalg.norm(whole.at(s) - reduced.at(s), 2, axis=(1, 2))
         bound = 2 * hankel[order:].sum()
         assert len(reduced.a) == order
         assert error[0] < 1e-9
         assert bound / 50 < error.max() <= bound
     balanced = residualised(whole, 7)
-    np.testing.assert_allclose(balanced.responses(s), whole.responses(s), rtol=1e-8, atol=1e-10)
+    np.testing.assert_allclose(balanced.at(s), whole.at(s), rtol=1e-8, atol=1e-10)
 
 
 def test_weighted_plant_and_its_controller_in_physical_units(shipped: Prototype) -> None:
@@ -235,7 +235,7 @@ def test_no_limit_is_below_what_is_proved(shipped: Prototype) -> None:
     for mass in masses:
         closed = loop(shipped).at(mass)
         plant = sensed_model(family(shipped).rest.rig, mass, shipped.payload.inner_end_mass_kg)
-        volts = plant.responses(2j * pi * frequency)[:, 1, 0]
+        volts = plant.at(2j * pi * frequency)[:, 1, 0]
         taken = np.abs(effort_response(closed, frequency) * volts)
         least = 0.015 / held_force(plant, shipped.goal, 0.015, frequency)
         assert (taken >= least).all()

@@ -19,13 +19,37 @@ from beamdesign.records import InputError
 
 
 @dataclass(frozen=True)
-class Linearisation:
-    """x' = A x + B u, y = C x + D u about an operating point; names as in the assembly."""
+class StateSpace:
+    """x' = a x + b u, y = c x + d u."""
 
     a: np.ndarray
     b: np.ndarray
     c: np.ndarray
     d: np.ndarray
+
+    @property
+    def stable(self) -> bool:
+        """Whether all poles lie in the open left half plane."""
+        return bool((np.linalg.eigvals(self.a).real < 0).all())
+
+    def at(self, s: np.ndarray) -> np.ndarray:
+        """(n, outputs, inputs) at the complex frequencies s (n,)."""
+        inside = np.linalg.solve(s[:, None, None] * np.eye(len(self.a)) - self.a, self.b[None].astype(complex))
+        return np.asarray(self.c @ inside + self.d)
+
+    def behind(self, first: "StateSpace") -> "StateSpace":
+        """In series: what comes out of the first goes into this."""
+        zero = np.zeros((len(first.a), len(self.a)))
+        return StateSpace(
+            np.block([[first.a, zero], [self.b @ first.c, self.a]]),
+            np.vstack([first.b, self.b @ first.d]),
+            np.hstack([self.d @ first.c, self.c]),
+            self.d @ first.d,
+        )
+
+
+class Linearisation(StateSpace):
+    """A rig about an operating point; names as in the assembly."""
 
 
 @cache

@@ -184,6 +184,7 @@ def balance(rig: FreeRig, guess: Unknown, amplitude: float | None, preload: floa
 HARMONICS = 9
 _NEARBY = 0.999
 _SLOWEST = 1.0  # rad/s
+_SOUGHT_A_PER_V = (1e-4, 10.0)
 
 
 @dataclass(frozen=True)
@@ -228,20 +229,16 @@ class LimitCycle:
     stable: bool
 
 
-def linear_critical_gain(
-    prototype: Prototype, outer_end_mass: float = 0.0, preload: float = 0.0, low: float = 1e-4, high: float = 10.0
-) -> CriticalGain:
+def linear_critical_gain(prototype: Prototype, outer_end_mass: float = 0.0, preload: float = 0.0) -> CriticalGain:
     """Lowest gain (A/V) at which the rig, linearised where it rests under a preload, has a pole on the axis.
 
     Args:
         prototype: rig with its effects; the controller's breaks are kept.
         outer_end_mass: payload, kg.
         preload: constant force on the outer tip, N.
-        low: where the search begins, A/V.
-        high: where it ends.
 
     Raises:
-        ValueError: where there is none in between, as with a deadband, which closes no loop at rest.
+        ValueError: where there is none from 0.1 mA/V to 10 A/V, as with a deadband, which closes no loop at rest.
     """
     rig = FreeRig(prototype, outer_end_mass)
 
@@ -250,6 +247,7 @@ def linear_critical_gain(
         # Friction's memory and a rod free in its play are poles at the origin, which are no oscillation.
         return np.asarray(found[np.abs(found.imag) > _SLOWEST])
 
+    low, high = _SOUGHT_A_PER_V
     grid = np.linspace(np.log(low), np.log(high), 60)
     before = -1.0
     for left, right in pairwise(grid):

@@ -89,8 +89,7 @@ def departure(
 def _linear(prototype: Prototype, frequency: float, outer_end_mass: float) -> float:
     rig = FreeRig(linear_part(prototype), outer_end_mass)
     model = rig.linear(rig.gain)
-    states = np.linalg.solve(2j * np.pi * frequency * np.eye(len(model.a)) - model.a, model.b[:, 0])
-    return float(abs(model.c[DISPLACEMENT] @ states + model.d[DISPLACEMENT, 0]))
+    return float(abs(model.at(np.array([2j * np.pi * frequency]))[0, DISPLACEMENT, 0]))
 
 
 def linear_part(prototype: Prototype) -> Prototype:

@@ -27,37 +27,8 @@ import numpy as np
 from scipy.linalg import block_diag, cholesky, solve_continuous_are, solve_continuous_lyapunov, svd
 
 from beamdesign.controllers import SENSED, Sensed
+from beamdesign.plant.equilibrium import StateSpace
 from beamdesign.plant.linear import SEEN_AS, LinearModel
-
-
-@dataclass(frozen=True)
-class StateSpace:
-    """x' = a x + b u, y = c x + d u."""
-
-    a: np.ndarray
-    b: np.ndarray
-    c: np.ndarray
-    d: np.ndarray
-
-    @property
-    def stable(self) -> bool:
-        """Whether all poles lie in the open left half plane."""
-        return bool((np.linalg.eigvals(self.a).real < 0).all())
-
-    def responses(self, s: np.ndarray) -> np.ndarray:
-        """(n, outputs, inputs) at the complex frequencies s (n,)."""
-        inside = np.linalg.solve(s[:, None, None] * np.eye(len(self.a)) - self.a, self.b[None].astype(complex))
-        return np.asarray(self.c @ inside + self.d)
-
-    def behind(self, first: "StateSpace") -> "StateSpace":
-        """In series: what comes out of the first goes into this."""
-        zero = np.zeros((len(first.a), len(self.a)))
-        return StateSpace(
-            np.block([[first.a, zero], [self.b @ first.c, self.a]]),
-            np.vstack([first.b, self.b @ first.d]),
-            np.hstack([self.d @ first.c, self.c]),
-            self.d @ first.d,
-        )
 
 
 @dataclass(frozen=True)
@@ -215,7 +186,7 @@ def scaled_plant(plant: StateSpace, compliance_m_per_N: float) -> ScaledPlant:
     Raises:
         ValueError: for a plant that is not stable.
     """
-    at = plant.responses(np.array([1j / TIME_UNIT_S]))[0]
+    at = plant.at(np.array([1j / TIME_UNIT_S]))[0]
     current = float(abs(at[0, 0] / at[0, 1]))
     # A sensor's unit is what a newton moves it by while the current holds the tip still.
     held = np.abs(at[1:, 0] - at[1:, 1] * at[0, 0] / at[0, 1])

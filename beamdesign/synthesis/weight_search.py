@@ -17,6 +17,7 @@ import numpy as np
 
 from beamdesign.controllers import KINDS, Controller, Sensed
 from beamdesign.controllers.observer import block_form
+from beamdesign.plant.equilibrium import StateSpace
 from beamdesign.plant.linear import LinearModel
 from beamdesign.progress import Progress, silent
 from beamdesign.prototype import Goal
@@ -25,7 +26,6 @@ from beamdesign.synthesis.law_task import Effort, Search, sampled_masses
 from beamdesign.synthesis.loop_samples import COARSE_HZ, Samples, rig_samples, slacks_of
 from beamdesign.synthesis.synthesis import (
     GeneralisedPlant,
-    StateSpace,
     Weights,
     hinf,
     lqg,
@@ -115,7 +115,7 @@ class WeightSearch:
             return None
         rows = int(points.row.max()) + 1
         s = 2j * pi * points.frequency_Hz[: len(points.frequency_Hz) // rows]
-        left = slacks_of(points, goal, np.tile(law.responses(s)[:, 0].T, (1, rows)), inner)
+        left = slacks_of(points, goal, np.tile(law.at(s)[:, 0].T, (1, rows)), inner)
         if not left.settled or not self._stable(law, inner):
             return Proposal(law, inner, _UNSTABLE, variables)
         aimed = left.compliance[points.frequency_Hz <= AIM_HZ]

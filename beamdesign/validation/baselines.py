@@ -86,20 +86,12 @@ def lasso_path(gram: np.ndarray, slope: np.ndarray) -> Iterator[list[int]]:
 _STRENGTH = {
     "carrier_ripple": ("depth", 1),
     "current_saturation": ("limit_A", -1),
-    "entrained_air": ("air_fraction", 1),
-    "joint_backlash": ("play_m", 1),
     "mount_compliance": ("stiffness_N_per_m", -1),
     "pressure_dependent_flow": ("supply_pressure_Pa", -1),
-    "seal_friction": ("coulomb_N", 1),
     "second_beam_mode": ("compliance_share", 1),
     "sensor_lag": ("break_Hz", -1),
-    "transport_delay": ("delay_s", 1),
-    "unequal_piston_areas": ("asymmetry", 1),
-    "uneven_leakage": ("imbalance", 1),
-    "valve_deadband": ("half_width_A", 1),
-    "valve_hysteresis": ("half_width_A", 1),
 }
-"""The parameter by which an effect grows, and whether it grows with it or against it. Others take their first one."""
+"""The parameter by which an effect grows, and whether with it or against it. All others grow with their first one."""
 _LADDER = (-3.0, -2.0, -1.0, 0.0, 1.0, 2.0)  # prior standard deviations from the default, weak first
 _WEAK = 0.1  # of the default, for a parameter that may be none
 _SEEN = 0.1  # unit of misfit: what changes less is not there

@@ -180,14 +180,17 @@ class Seal:
     Attributes:
         answers: SHA-256 of each answer in its canonical form, by case.
         sets: SHA-256 of the files of each data set, by case.
-        whole: SHA-256 of all of these.
         truth: digest of the program that drew the cases.
     """
 
     answers: Mapping[str, str]
     sets: Mapping[str, str]
-    whole: str
     truth: str
+
+    @property
+    def whole(self) -> str:
+        """SHA-256 of all of these."""
+        return hashlib.sha256(canonical(vars(self))).hexdigest()
 
 
 def canonical(answer: Mapping[str, Any]) -> bytes:
@@ -207,12 +210,7 @@ def sealed(answers: Mapping[str, Mapping[str, Any]], sets: Mapping[str, str], tr
         sets: digest of each case's data, by case.
         truth: digest of the program that drew them.
     """
-    return _whole(_digests(answers), dict(sorted(sets.items())), truth)
-
-
-def _whole(answers: Mapping[str, str], sets: Mapping[str, str], truth: str) -> Seal:
-    content = canonical({"answers": answers, "sets": sets, "truth": truth})
-    return Seal(answers, sets, hashlib.sha256(content).hexdigest(), truth)
+    return Seal(_digests(answers), dict(sorted(sets.items())), truth)
 
 
 def write_seal(seal: Seal, path: Path) -> None:
@@ -234,10 +232,11 @@ def read_seal(path: Path) -> Seal:
     """
     try:
         fields = json.loads(path.read_text(encoding="utf-8"))
-        found = _whole(fields["answers"], fields["sets"], fields["truth"])
+        found = Seal(fields["answers"], fields["sets"], fields["truth"])
+        sound = found.whole == fields["whole"]
     except (KeyError, TypeError, ValueError) as error:
         raise ValueError(f"{path}: no seal: {error}") from error
-    if found.whole != fields["whole"]:
+    if not sound:
         raise ValueError(f"{path}: the digest of the whole is not that of its parts")
     return found
 

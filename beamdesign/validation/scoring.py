@@ -9,26 +9,15 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from beamdesign.diagnosis.fitting.hypothesis import subsystem
+from beamdesign.plant.effects import library
 from beamdesign.validation.bounds import bootstrap, clopper_pearson
 
 if TYPE_CHECKING:
     from beamdesign.validation.blindcheck import Opened
 
 NO_GAP, UNKNOWN, FAILED = "no_gap", "unknown", "failed"
-_ALIKE = {
-    "sensor_lag": "break_Hz",
-    "transport_delay": "delay_s",
-    "unequal_piston_areas": "asymmetry",
-    "pressure_dependent_flow": "supply_pressure_Pa",
-    "seal_friction": "coulomb_N",
-    "valve_deadband": "half_width_A",
-    "valve_hysteresis": "half_width_A",
-    "current_saturation": "limit_A",
-    "second_beam_mode": "frequency_Hz",
-    "mount_compliance": "stiffness_N_per_m",
-    "joint_backlash": "play_m",
-}
-"""The parameter of an effect that means the same in both models. None of entrained air: its law has other exponents."""
+_OTHER_LAW = "entrained_air"
+"""Its law has other exponents in either model; of every other effect the first parameter means the same in both."""
 
 
 @dataclass(frozen=True)
@@ -158,7 +147,8 @@ def _parameter_error(named: str, answer: dict[str, Any], causes: dict[str, Any])
     true, said = answer["parameters"].get(named), causes.get(named, {}).get("parameters", {})
     if true is None or (named == "sensor_lag" and true.get("order") != 1):
         return None
-    key, at = (true["figure"], "value") if "figure" in true else (_ALIKE.get(named, ""),) * 2
+    effect = None if named == _OTHER_LAW else library().get(named)
+    key, at = (true["figure"], "value") if "figure" in true else (effect.parameters[0].name if effect else "",) * 2
     value = true.get(at)
     return abs(said[key]["value"] / value - 1) if value and key in said else None
 

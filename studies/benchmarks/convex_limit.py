@@ -14,8 +14,8 @@ from typing import Any
 
 import numpy as np
 
+from beamdesign.plant.equilibrium import StateSpace
 from beamdesign.prototype import Goal
-from beamdesign.synthesis.synthesis import StateSpace
 
 FREQUENCIES_HZ = np.concatenate(
     [np.geomspace(0.05, 5, 30), np.geomspace(5.1, 120, 260), np.geomspace(122, 1000, 80), np.geomspace(1050, 2e4, 12)]
@@ -100,7 +100,7 @@ def _excess(plant: StateSpace, goal: Goal, grid: np.ndarray, bandwidth_Hz: float
     """Share by which the goal's compliance has to be exceeded up to a frequency, all else being kept."""
     import cvxpy as cp
 
-    response = plant.responses(2j * np.pi * grid)
+    response = plant.at(2j * np.pi * grid)
     open_loop, sensed = np.abs(response[:, 0, 0]), np.abs(response[:, 1, 1])
     functions = _functions(2j * np.pi * grid)
     weights, excess = cp.Variable(functions.shape[1]), cp.Variable()

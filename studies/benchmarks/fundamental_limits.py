@@ -109,7 +109,7 @@ def fundamental_limits(
 
 def allowed_sensitivity(plant: StateSpace, goal: Goal, frequency_Hz: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Most that |S| may be at frequencies within the bandwidth, and beyond it; displacement feedback."""
-    response = plant.responses(2j * np.pi * frequency_Hz)
+    response = plant.at(2j * np.pi * frequency_Hz)
     beyond = np.full(len(frequency_Hz), goal.peak_sensitivity)
     if goal.controller_effort_A_per_V is not None:
         beyond = np.minimum(beyond, 1 + goal.controller_effort_A_per_V * np.abs(response[:, 1, 1]))
@@ -142,7 +142,7 @@ def effort_bound_Hz(plant: StateSpace, goal: Goal) -> float:
     if goal.controller_effort_A_per_V is None:
         return inf
     grid = np.geomspace(_LOWEST_HZ, _HIGHEST_HZ, _POINTS)
-    response = plant.responses(2j * np.pi * grid)
+    response = plant.at(2j * np.pi * grid)
     least = (1 - goal.compliance_m_per_N / np.abs(response[:, 0, 0])) / np.abs(response[:, 1, 1])
     return _first_below_zero(grid, goal.controller_effort_A_per_V - least)
 
@@ -163,7 +163,7 @@ def held_force(plant: StateSpace, goal: Goal, current_A: float, frequency_Hz: np
 
     From x = g F + h i, whatever makes the current: |i| >= (|g| - goal) |F| / |h|.
     """
-    response = plant.responses(2j * np.pi * frequency_Hz)[:, 0]
+    response = plant.at(2j * np.pi * frequency_Hz)[:, 0]
     short = np.abs(response[:, 0]) - goal.compliance_m_per_N
     with np.errstate(divide="ignore"):
         return np.where(short > 0, current_A * np.abs(response[:, 1]) / np.maximum(short, 0.0), inf)
@@ -175,7 +175,7 @@ def least_noise(plant: StateSpace, goal: Goal, noise_V: float, frequency_Hz: np.
     The tip follows the noise by T = 1 - S over the sensor's own response, and |T| >= 1 - |S| where the goal is kept.
     """
     grid = np.unique(np.concatenate([np.geomspace(_LOWEST_HZ, frequency_Hz.max(), 4000), frequency_Hz]))
-    response = plant.responses(2j * np.pi * grid)
+    response = plant.at(2j * np.pi * grid)
     follows = np.maximum(1 - goal.compliance_m_per_N / np.abs(response[:, 0, 0]), 0.0)
     follows *= np.abs(response[:, 0, 1] / response[:, 1, 1])
     power = np.append(0.0, np.cumsum((follows[1:] ** 2 + follows[:-1] ** 2) / 2 * np.diff(grid)))
@@ -190,5 +190,5 @@ def mode_cost(plant: StateSpace, without: StateSpace, from_Hz: float) -> tuple[f
     _, matched = linear_sum_assignment(np.abs(others[:, None] - poles))
     own = poles[np.setdiff1d(np.arange(len(poles)), matched)]
     grid = np.append(PHASE_AT_HZ, np.geomspace(from_Hz, 10 * from_Hz, 2000))
-    ratio = plant.responses(2j * np.pi * grid)[:, 1, 1] / without.responses(2j * np.pi * grid)[:, 1, 1]
+    ratio = plant.at(2j * np.pi * grid)[:, 1, 1] / without.at(2j * np.pi * grid)[:, 1, 1]
     return float(np.abs(own).max() / (2 * pi)), float(np.degrees(np.angle(ratio[0]))), float(np.abs(ratio[1:]).max())
