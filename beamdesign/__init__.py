@@ -33,7 +33,7 @@ where the answer is no. In the order in which one needs them:
 4. `state_space` hands a closed loop to python-control, `simulate` gives records of a scenario, which `read_scenario`
    reads, and `limits` what actuator, sensor and linear model bear. `pictures` draws a loop: Bode with margins, Nyquist,
    root locus, compliance beside that without servo, and what masses and gains are stable.
-5. `spec` (and `specify`, with the range written out) works out what to build and how to accept it; `code` is the
+5. `spec` (also by the name `specify`) works out what to build and how to accept it; `code` is the
    controller as C code for a rate, proved as it is rounded.
 6. `read_dataset` reads what came back from the rig, and `predict` gives what a model would have recorded there;
    `diagnose` tells where the rig differs from its prototype, why, and how far the difference closes.
@@ -56,6 +56,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from beamdesign.build.realisation.code import code as code
+    from beamdesign.build.specification import spec as spec
     from beamdesign.build.specification import specify as specify
     from beamdesign.checker import check as check
     from beamdesign.diagnosis.data.dataset import read_dataset as read_dataset
@@ -70,7 +71,6 @@ if TYPE_CHECKING:
     from beamdesign.public import certify as certify
     from beamdesign.public import pictures as pictures
     from beamdesign.public import predict as predict
-    from beamdesign.public import spec as spec
     from beamdesign.public import state_space as state_space
     from beamdesign.records import InputError as InputError
     from beamdesign.scenario import read_scenario as read_scenario
@@ -84,7 +84,7 @@ if TYPE_CHECKING:
 
 _ROOMS = {
     "build.realisation.code": "code",
-    "build.specification": "specify",
+    "build.specification": "spec specify",
     "checker": "check",
     "diagnosis.data.dataset": "read_dataset",
     "diagnosis.diagnose": "diagnose",
@@ -92,7 +92,7 @@ _ROOMS = {
     "problem": "DesignProblem read_problem",
     "proofs.loop_family": "prove",
     "prototype": "Prototype read_prototype write_prototype",
-    "public": "certify pictures predict spec state_space",
+    "public": "certify pictures predict state_space",
     "records": "InputError",
     "scenario": "read_scenario",
     "simulation": "simulate",

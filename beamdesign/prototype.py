@@ -249,6 +249,18 @@ class Prototype(WithMaterials, WithActuator):
         stated = self.payload.outer_end_mass_kg
         return self.schedule.outer_end_mass_kg if stated is None and self.schedule is not None else stated
 
+    def asked_kg(self, given: object = None) -> tuple[float, float]:
+        """Payloads (least, most) that are asked for, or else its own.
+
+        Raises:
+            InputError: for what is no pair, and where neither says.
+        """
+        found = self.outer_end_mass_kg if given is None else given
+        if not isinstance(found, tuple | list) or len(found) != 2:
+            reason = "missing; give it there or as an argument" if found is None else "expected a pair of masses in kg"
+            raise records.InputError(self.name, [("payload.outer_end_mass_kg", reason)])
+        return float(found[0]), float(found[1])
+
     def stages(self, masses_kg: tuple[float, float]) -> "tuple[InStage, ...]":
         """A prototype for each law of its controller, with those of some payloads that it is for.
 

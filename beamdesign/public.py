@@ -14,7 +14,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from beamdesign.bench_prototype import AnyPrototype
-    from beamdesign.build.specification import Specification
     from beamdesign.diagnosis.predict import Prediction
     from beamdesign.proofs.certificate import Asked, Certificate
     from beamdesign.prototype import Prototype
@@ -43,34 +42,8 @@ def certify(
     """
     from beamdesign.proofs.certifying import certify as prove
 
-    pair = _range(prototype, outer_end_mass_kg if high_kg is None else (outer_end_mass_kg, high_kg))
+    pair = prototype.asked_kg(outer_end_mass_kg if high_kg is None else (outer_end_mass_kg, high_kg))
     return prove(prototype, *pair, claims)
-
-
-def spec(
-    prototype: "Prototype",
-    outer_end_mass_kg: tuple[float, float] | None = None,
-    rate_Hz: float | None = None,
-    load_N: float | None = None,
-    noise_share: float = 0.1,
-    progress: Progress = silent,
-) -> "Specification":
-    """Specify what to build and how to accept it; `write_specification` of `beamdesign.build.folder` writes it.
-
-    Args:
-        prototype: with a controller.
-        outer_end_mass_kg: range of payload to be built for; else the prototype's.
-        rate_Hz: sampling rate; else at least 40 times the crossover.
-        load_N: for the ratings; else the prototype's largest force, else the weight of the largest payload.
-        noise_share: share of the motion that the goal allows, which sensor noise may cause.
-        progress: called with the share done and what is being done.
-
-    Raises:
-        InputError: as `specify`, and without a range.
-    """
-    from beamdesign.build.specification import specify
-
-    return specify(prototype, _range(prototype, outer_end_mass_kg), rate_Hz, load_N, noise_share, progress=progress)
 
 
 def pictures(prototype: "Prototype") -> "dict[str, Figure]":
@@ -86,7 +59,7 @@ def pictures(prototype: "Prototype") -> "dict[str, Figure]":
     from beamdesign.loop import loop
     from beamdesign.report.pictures import loop_pictures
 
-    stages = prototype.stages(_range(prototype, None))
+    stages = prototype.stages(prototype.asked_kg())
     drawn = ((stage, loop_pictures(stage.prototype, loop(stage.prototype))) for stage in stages)
     return {one.name + stage.suffix: one.figure for stage, pictures in drawn for one in pictures}
 
@@ -169,13 +142,3 @@ def predict(prototype: "AnyPrototype | Path | str", dataset: Path | str, progres
     from beamdesign.diagnosis.predict import Prediction, predict_set
 
     return Prediction(predict_set(prototype, dataset, progress))
-
-
-def _range(prototype: "Prototype", given: object) -> tuple[float, float]:
-    from beamdesign.records import InputError
-
-    found = prototype.outer_end_mass_kg if given is None else given
-    if not isinstance(found, tuple | list) or len(found) != 2:
-        reason = "expected a pair of masses in kg" if found is not None else "missing; give it there or as an argument"
-        raise InputError(prototype.name, [("payload.outer_end_mass_kg", reason)])
-    return float(found[0]), float(found[1])

@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING, Any
 
 from beamdesign.prototype import Prototype
 from beamdesign.quantities import tube_text
-from beamdesign.report.drawing import Drawn, drawable, gap_text, tubes_of
-from beamdesign.spelling import in_dxf, one_line
+from beamdesign.report.canvas import svg_element
+from beamdesign.report.drawing import Drawn, gap_text, tubes_of
+from beamdesign.spelling import in_dxf
 
 if TYPE_CHECKING:
     from ezdxf.document import Drawing
@@ -35,15 +36,14 @@ _DRAWN_MM = 210.0
 
 def missing_geometry(prototype: Prototype) -> str:
     """Why there is no drawing, in words; empty where the geometry of both beams is given."""
-    if drawable(prototype):
-        return ""
     lacking = [
         f"{name}_beam.{key}"
         for name in ("outer", "inner")
         for key in ("width_m", "wall_m", "free_length_m", "material")
         if getattr(getattr(prototype, f"{name}_beam"), key) is None
     ]
-    return f"the prototype gives lumped figures only; missing for a drawing: {', '.join(lacking)}"
+    words = f"the prototype gives lumped figures only; missing for a drawing: {', '.join(lacking)}"
+    return words if lacking else ""
 
 
 @contextmanager
@@ -117,8 +117,6 @@ def dxf_text(document: "Drawing") -> str:
 @_reproducible()
 def svg_text(document: "Drawing", description: str) -> str:
     """The same drawing as an SVG element; its lines follow the page's ink."""
-    from xml.sax.saxutils import quoteattr
-
     from ezdxf.addons.drawing import Frontend, RenderContext, layout
     from ezdxf.addons.drawing.config import BackgroundPolicy, ColorPolicy, Configuration
     from ezdxf.addons.drawing.svg import SVGBackend
@@ -129,12 +127,8 @@ def svg_text(document: "Drawing", description: str) -> str:
     )
     Frontend(RenderContext(document), backend, config=config).draw_layout(document.modelspace())
     text = backend.get_string(layout.Page(400, 0, layout.Units.mm), settings=layout.Settings(scale=1 / 5))
-    text = text[text.index("<svg") :]
-    head, rest = text.split(">", 1)
-    head = re.sub(r' (width|height)="[^"]*"', "", head)
-    rest = re.sub(r"\bC(\d+)\b(?=[ \"{])", r"drawing-\1", rest)
-    rest = rest.replace("#000000", "var(--ink, #000)")
-    return f'{head} role="img" aria-label={quoteattr(one_line(description))}>{rest.strip()}'
+    text = re.sub(r"\bC(\d+)\b(?=[ \"{])", r"drawing-\1", text)
+    return svg_element(text.replace("#000000", "var(--ink, #000)"), description)
 
 
 def _box(space: "Modelspace", layer: str, x: tuple[float, float], y: tuple[float, float]) -> None:

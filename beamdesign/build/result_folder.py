@@ -30,20 +30,19 @@ from beamdesign.quantities import (
     stated_peak,
 )
 from beamdesign.records import to_toml
-from beamdesign.report.canvas import inline_svg, readings_json
+from beamdesign.report.canvas import in_page
 from beamdesign.report.charts import TradePoint, read_trade
 from beamdesign.report.page import (
     Block,
     Document,
     Folded,
-    Picture,
     Table,
     document_template,
     parts_from,
     to_html,
     to_markdown,
 )
-from beamdesign.report.pictures import CaptionedFigure, loop_pictures, prototype_picture, trade_picture
+from beamdesign.report.pictures import loop_pictures, prototype_picture, trade_picture
 from beamdesign.structure.lumped import lumped_beam, notes
 from beamdesign.synthesis.checks import Check
 from beamdesign.synthesis.design_run import CERTIFICATE_NAME, DesignRun, certificate_name
@@ -114,7 +113,7 @@ def report_html(run: DesignRun, files: dict[str, str], trade: tuple[TradePoint, 
     shown = [prototype_picture(prototype, load_N), *loop_pictures(prototype, loop(prototype))]
     if trade:
         shown.append(trade_picture(trade, guarantee.bandwidth_Hz, moving_mass_kg))
-    pictures: dict[str, Block] = {picture.name: _inline(picture) for picture in shown}
+    pictures: dict[str, Block] = {one.name: in_page(one.figure, one.name, one.caption, told=True) for one in shown}
     masses = mass_range_text(guarantee.outer_end_mass_kg)
     bandwidth, peak = stated_bandwidth(guarantee.bandwidth_Hz), stated_peak(guarantee.peak_sensitivity)
     verdict = Markup(
@@ -215,15 +214,6 @@ def margin_rows(prototype: Prototype, bounds: tuple[float, float]) -> list[tuple
             )
         )  # fmt: skip
     return rows
-
-
-def _inline(picture: CaptionedFigure) -> Picture:
-    """A figure as it stands in the page, with the values that it tells under the pointer."""
-    # The SVG writer escapes what it is given, so its output is markup.
-    svg = inline_svg(picture.figure, picture.name, picture.caption)
-    if data := readings_json(picture.figure):
-        svg += f'<script type="application/json" class="readings">{data}</script>'
-    return Picture(svg, "", picture.caption, picture.name)
 
 
 def lumped_rows(prototype: Prototype) -> list[tuple[str, str, str, str]]:

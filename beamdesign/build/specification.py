@@ -14,6 +14,7 @@ from beamdesign.build.realisation.loop import SampledVerdict, prove_sampled, rea
 from beamdesign.build.realisation.sections import sensible_rate_Hz, upper_break_Hz
 from beamdesign.build.tolerances import Tolerances, tolerances, why_no_box
 from beamdesign.loop import loop
+from beamdesign.plant.members import STANDARD_GRAVITY
 from beamdesign.progress import Progress, silent
 from beamdesign.proofs.box import box_of, certify_box
 from beamdesign.proofs.certificate import Certificate, Guaranteed
@@ -26,7 +27,6 @@ from beamdesign.records import InputError
 from beamdesign.result import Result, finite
 from beamdesign.synthesis.design_run import DesignRun
 
-STANDARD_GRAVITY = 9.80665
 _REFERENCE_N = 100.0
 _DELAY_BUDGET = 2000
 _TRIES = 3
@@ -163,17 +163,17 @@ class Specification(Result):
 
 def specify(
     prototype: Prototype,
-    masses_kg: tuple[float, float],
+    outer_end_mass_kg: tuple[float, float] | None = None,
     rate_Hz: float | None = None,
     load_N: float | None = None,
     noise_share: float = 0.1,
     progress: Progress = silent,
 ) -> Specification:
-    """Work out the specification of a prototype.
+    """Specify what to build and how to accept it; `write_specification` of `beamdesign.build.folder` writes it.
 
     Args:
         prototype: with a controller.
-        masses_kg: range of outer end mass it is to be built for.
+        outer_end_mass_kg: range of payload to be built for; else the prototype's.
         rate_Hz: sampling rate of the difference equations; chosen where it is None, as the schedule's of several laws.
         load_N: reference load; else the prototype's largest force, else the weight of the largest payload.
         noise_share: share of the motion that the goal allows, which sensor noise may cause.
@@ -181,8 +181,9 @@ def specify(
 
     Raises:
         InputError: for a sampling rate that is too low for its laws, or one that cannot be sampled; for effects for
-            which no linear loop stands; for several laws and one payload, or several laws and effects.
+            which no linear loop stands; for several laws and one payload, or several laws and effects; without a range.
     """
+    masses_kg = prototype.asked_kg(outer_end_mass_kg)
     stages, schedule = prototype.stages(masses_kg), prototype.schedule
     rate_Hz = rate_Hz or (1 / schedule.period_s if schedule else None)
     _refuse_slow(prototype, rate_Hz)
@@ -219,6 +220,18 @@ def specify(
 
     laws = tuple(_realised(one, specified, rate_Hz, partial(of_law, law=k)) for k, one in enumerate(laws))
     return replace(found, laws=laws, sensor=sensor, tolerances=kept, tolerances_reason=unboxed)
+
+
+def spec(
+    prototype: Prototype,
+    outer_end_mass_kg: tuple[float, float] | None = None,
+    rate_Hz: float | None = None,
+    load_N: float | None = None,
+    noise_share: float = 0.1,
+    progress: Progress = silent,
+) -> Specification:
+    """The same by the name of the command; arguments as of `specify`."""
+    return specify(prototype, outer_end_mass_kg, rate_Hz, load_N, noise_share, progress)
 
 
 def specification_of(run: DesignRun) -> Specification:

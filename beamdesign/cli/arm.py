@@ -343,5 +343,4 @@ def certify_switching(
     for line in lines:
         echo(f"  {line}")
     write_certificate(path, stages_certificate(record, found, f"{record.name}\n" + "\n".join(lines)))
-    echo(f"certificate: {path}")
     return CommandResult(switching_fields(found) | {"certificate": path}, found.stable)

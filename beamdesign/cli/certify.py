@@ -102,11 +102,10 @@ def certify(
     def proved(stage: "InStage") -> tuple[dict[str, Any], bool]:
         rig, path = stage.prototype, certificate_file(beside(out, stage), f"{stem}{stage.suffix}.certificate.toml")
         certificate = prove(rig, *stage.outer_end_mass_kg, asked, nonlinear)
-        write_certificate(path, certificate.text)
         bounded = {name for row in certificate.nonlinear if row.bound_m is not None for name in row.effects}
         left = tuple(one for one in near_rest(rig) if one.effect not in bounded)
         _echo(rig, certificate)
-        echo(f"certificate: {path}")
+        write_certificate(path, certificate.text)
         fields = certificate.to_dict() | (_between(rig, certificate, path) if rig.effects else {})
         fields |= {"holds_for": holds_for(rig), "near_rest": left, "certificate": path}
         holds = certificate.holds
@@ -129,7 +128,6 @@ def _between(record: "Prototype", certificate: "Certificate", path: Path) -> dic
         return {"stable_between": verdict and verdict.stable}
     beside = path.with_suffix(".between.toml")
     write_certificate(beside, verdict.certificate)
-    echo(f"certificate of that: {beside}")
     return {"stable_between": verdict.stable, "certificate_between": beside}
 
 
@@ -279,7 +277,6 @@ def certify_box(
         _echo_moving(rows)
         if text := verdict.write(claims):
             write_certificate(path, text)
-            echo(f"certificate: {path}")
         fields = _box_fields(box, verdict, found, alone) | {
             "certificate": path if text else None,
             "guaranteed": figures,

@@ -189,7 +189,7 @@ def certificate_file(out: Path | None, default: str) -> Path:
 
 
 def write_certificate(path: Path, text: str) -> None:
-    """Write a certificate; one of another prototype that stands there gets a name with its digest, which is said.
+    """Write a certificate and say so; one of another prototype there gets a name with its digest, which is said too.
 
     Raises:
         InputError: where something stands there that is no certificate.
@@ -201,6 +201,7 @@ def write_certificate(path: Path, text: str) -> None:
             write_whole(aside, standing)
             echo(f"the certificate of {older.get('name', 'another prototype')} that stood there is now {aside}")
     write_whole(path, text)
+    echo(f"certificate: {path}")
 
 
 def _standing(path: Path) -> bytes:

@@ -7,7 +7,7 @@ from typing import Annotated, Any
 import typer
 
 from beamdesign.cli.command import CommandResult, command, group, resumed
-from beamdesign.cli.output import echo, echo_table, progress, refuse
+from beamdesign.cli.output import default_folder, echo, echo_table, progress, refuse
 from beamdesign.result import picked
 
 CASE_SECONDS = 3600
@@ -44,7 +44,7 @@ def run(
     """
     from beamdesign.sweep.conclusion import draw, in_words
     from beamdesign.sweep.store import in_words as unsound_words
-    from beamdesign.sweep.sweep_run import default_folder, finished, plan, run_sweep
+    from beamdesign.sweep.sweep_run import finished, plan, run_sweep
     from beamdesign.sweep.workers import cluster, processes
 
     if scheduler is not None and workers != 1:
@@ -53,7 +53,7 @@ def run(
         reason = "has no meaning with --scheduler: a case that a cluster computes can be ended only there"
         refuse("study run", ("--case-seconds", reason))
     laid = plan(file, cases)
-    folder = out or default_folder(file)
+    folder = out or default_folder(f"{file.stem}.study")
     going_on = "the same command goes on from there"
     with (
         resumed(lambda: f"; {finished(laid, folder)} of {laid.budget} cases are kept in {folder}: {going_on}"),
@@ -91,10 +91,10 @@ def status(
         out: folder of the results; else NAME.study here.
         cases: as given to `study run`.
     """
-    from beamdesign.sweep.sweep_run import default_folder, plan, sweep_status
+    from beamdesign.sweep.sweep_run import plan, sweep_status
 
-    laid = plan(file, cases)
-    found = sweep_status(laid, out or default_folder(file))
+    laid, folder = plan(file, cases), out or Path(f"{file.stem}.study")
+    found = sweep_status(laid, folder)
     counts = ", ".join(f"{count} {status}" for status, count in found.counts.items()) or "none finished"
     remaining = "an unknown number" if found.remaining is None else str(found.remaining)
     echo(f"{laid.sweep.name}: {counts}; {remaining} to go")
@@ -108,7 +108,7 @@ def status(
         echo(f"  also there: {found.stale} of another version of the code, {found.foreign} of other inputs; not used")
     if found.reasons:
         echo_table("without a result", ("status", "reason", "cases"), found.reasons)
-    fields = {"name": laid.sweep.name, "folder": out or default_folder(file), **found.__dict__}
+    fields = {"name": laid.sweep.name, "folder": folder, **found.__dict__}
     return CommandResult(fields, found.remaining == 0 and not found.impossible)
 
 

@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, get_args
 
 import typer
 
@@ -21,9 +21,6 @@ if TYPE_CHECKING:
     from beamdesign.synthesis.end_stiffness import EndStiffness, Need
     from beamdesign.synthesis.tuning import Tuning
 
-
-KINDS = ("lag", "proportional", "structured", "lqg", "hinf", "scheduled", "compliance")
-"""Of the package itself; a kind that is registered beside them is taken as well where it has seeds."""
 
 _NOMINAL = {"lag": "5 to 20 s", "proportional": "5 s"}
 _USUALLY = {"lag": "10 to 60 s", "proportional": "10 to 60 s", "scheduled": "2 to 10 min"}
@@ -83,6 +80,7 @@ def tune(
         end_stiffness_N_per_m: of a compliant end; `beamdesign stiffness` has more options.
         out: folder for prototype.toml and certificate.toml; else neither is written.
     """
+    from beamdesign.problem import Tuned
     from beamdesign.proofs.lyapunov import CHANGES_NAME, describe, stages_certificate, switching_fields
     from beamdesign.proofs.tolerance_box import between, in_words
     from beamdesign.prototype import read_prototype
@@ -92,7 +90,7 @@ def tune(
 
     record = read_prototype(prototype)
     masses = mass_range(outer_end_mass, record.outer_end_mass_kg, prototype)
-    known = dict.fromkeys((*KINDS, *tuning.tunable()))
+    known = dict.fromkeys((*get_args(Tuned), "compliance", *tuning.tunable()))  # and what is registered with seeds
     if controller not in known:
         refuse("--controller", (controller, f"expected one of {', '.join(known)}"))
     wanted = {

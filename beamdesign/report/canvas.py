@@ -13,6 +13,7 @@ from xml.sax.saxutils import quoteattr
 
 import matplotlib
 import numpy as np
+from markupsafe import escape
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis
 from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -21,6 +22,7 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import NullFormatter, StrMethodFormatter
 
 from beamdesign.files import write_whole
+from beamdesign.report.page import Picture
 from beamdesign.spelling import one_line
 
 STYLES = (
@@ -135,15 +137,19 @@ def inline_svg(figure: Figure, name: str, description: str) -> str:
     buffer = StringIO()
     with matplotlib.rc_context({"svg.hashsalt": name, "svg.fonttype": "none"}):
         figure.savefig(buffer, format="svg", transparent=True, metadata={"Date": None, "Creator": None})
-    text = buffer.getvalue()
-    text = text[text.index("<svg") :]
-    text = re.sub(r"<metadata>.*?</metadata>", "", text, flags=re.DOTALL)
+    text = re.sub(r"<metadata>.*?</metadata>", "", buffer.getvalue(), flags=re.DOTALL)
     text = re.sub(r'\bid="([^"]+)"', rf'id="{name}-\1"', text)
     text = re.sub(r'href="#([^"]+)"', rf'href="#{name}-\1"', text)
     text = re.sub(r"url\(#([^)]+)\)", rf"url(#{name}-\1)", text)
-    text = _GREY.sub(_themed, text)
-    # Sizes come from the page; the view box keeps the proportions.
-    head, rest = text.split(">", 1)
+    return svg_element(_GREY.sub(_themed, text), description)
+
+
+def svg_element(text: str, description: str) -> str:
+    """The `<svg>` element of an SVG file, with a description that is read out instead of it.
+
+    Sizes come from the page, up to a width that the file states in points; the view box keeps the proportions.
+    """
+    head, rest = text[text.index("<svg") :].split(">", 1)
     width = re.search(r'width="([0-9.]+)pt"', head)
     head = re.sub(r' (width|height)="[^"]*"', "", head)
     style = f' style="max-width:{float(width[1]) * 4 / 3:.0f}px"' if width else ""
@@ -157,6 +163,21 @@ def _themed(match: re.Match[str]) -> str:
     if ink == 0:
         return "var(--paper)"
     return f"color-mix(in srgb, var(--ink) {100 * ink:.0f}%, var(--paper))"
+
+
+def in_page(figure: Figure, name: str, caption: str, told: bool = False) -> Picture:
+    """A figure as it stands in a page, over its caption, in which nothing is code.
+
+    Args:
+        figure: to be shown.
+        name: of the picture in links, and before each identifier in it.
+        caption: what it shows.
+        told: whether the page tells its values under the pointer.
+    """
+    svg = inline_svg(figure, name, caption)
+    if told and (data := readings_json(figure)):
+        svg += f'<script type="application/json" class="readings">{data}</script>'
+    return Picture(svg, "", escape(caption), name)
 
 
 _FEWEST_POINTS, _MOST_POINTS = 12, 160

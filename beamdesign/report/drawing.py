@@ -92,11 +92,6 @@ def _mm(length_m: float) -> float:
     return round(1e3 * length_m, 6)
 
 
-def drawable(prototype: Prototype) -> bool:
-    """Whether both beams have the geometry that a drawing needs."""
-    return prototype.outer_beam.has_geometry and prototype.inner_beam.has_geometry
-
-
 def draw_section(prototype: Prototype, axes: "Axes") -> "Axes":
     """Draw both tubes in cross-section, dimensioned in mm.
 

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from markupsafe import Markup, escape
+from markupsafe import escape
 from matplotlib.figure import Figure
 
 from beamdesign.diagnosis.data.dataset import Dataset
@@ -20,7 +20,7 @@ from beamdesign.loop import loop
 from beamdesign.prototype import Prototype
 from beamdesign.quantities import decimal, mass_range_text, stated_bandwidth, stated_peak
 from beamdesign.records import InputError, to_toml
-from beamdesign.report.canvas import finish, inline_svg, new_figure
+from beamdesign.report.canvas import finish, in_page, new_figure
 from beamdesign.report.figures import plot_compliance
 from beamdesign.report.gap_tables import (
     chosen_fit,
@@ -34,7 +34,7 @@ from beamdesign.report.gap_tables import (
     share_text,
     terms_table,
 )
-from beamdesign.report.page import Document, page_template
+from beamdesign.report.page import Document, Picture, page_template
 from beamdesign.result import finite, json_text, picked
 
 NAMES = {"prototype": "prototype.toml", "json": "diagnosis.json", "report": "report.html"}
@@ -145,7 +145,7 @@ def gap_report_html(
         maps=error_maps(seen, conditions) if seen else (),
         witnesses=[(w, indicator_table(w.table)) for w in found.where.witnesses],
         learnt=[_curve(cause, k) for k, cause in enumerate(found.causes) if cause.table],
-        bands=_inline(band_picture(found.gap.bands), "bands", _BANDS) if found.gap.bands else None,
+        bands=in_page(band_picture(found.gap.bands), "bands", _BANDS) if found.gap.bands else None,
         records=[_shown(e, k, e.name in held_out) for k, e in enumerate(seen[:_MOST_PICTURES])],
         left_out=max(0, len(seen) - _MOST_PICTURES),
         fitted=fitted_figures(fit) if fit is not None else (),
@@ -173,7 +173,7 @@ def _key(found: Diagnosis) -> tuple[tuple[str, str], ...]:
     return tuple((name, text) for name, text in rows if text or name not in ("held responsible", "where"))
 
 
-def _shown(of: Errors, position: int, held_out: bool) -> Markup:
+def _shown(of: Errors, position: int, held_out: bool) -> Picture:
     """A picture of a record's errors."""
     state = "held out of the fits that are drawn" if held_out else "seen by them"
     lost = [words for name, words in (("before", "believed"), ("tuned", "re-tuned")) if diverged(of, name)]
@@ -182,10 +182,10 @@ def _shown(of: Errors, position: int, held_out: bool) -> Markup:
         f"{of.name}, {state}{note}. Left: where the believed model is furthest off. Right: rms in bands of the signal"
         " (thick) and of the errors, against the noise of the sensor."
     )
-    return _inline(record_picture(of), f"record{position}", caption)
+    return in_page(record_picture(of), f"record{position}", caption)
 
 
-def _curve(of: Cause, position: int) -> Markup:
+def _curve(of: Cause, position: int) -> Picture:
     """A static law that was learnt, with twice its standard error."""
     (at, x), (of_what, y), (_, std) = of.table.items()
     axes = (figure := new_figure(120.0, 70.0)).subplots()
@@ -193,14 +193,14 @@ def _curve(of: Cause, position: int) -> Markup:
     axes.plot(x, y)
     axes.set_xlabel(at)
     axes.set_ylabel(of_what)
-    return _inline(
+    return in_page(
         figure, f"curve{position}", f"{in_words(of.name)}, like {of.like}: what it adds, within two deviations"
     )
 
 
 def _compliance(
     found: Diagnosis, data: Dataset | None, terms: tuple[LoopTerms, ...], renewed: Redesign | None
-) -> Markup | None:
+) -> Picture | None:
     """At the least payload: the first loop as believed and as diagnosed, and the new one."""
     if data is None or not terms:
         return None
@@ -230,13 +230,7 @@ def _compliance(
         words += f" New: {controller_text(new.controller, new.payload.inner_end_mass_kg)}."
     figure = new_figure(170.0, 92.0)
     plot_compliance(figure.subplots(), loops, data.prototype.goal.compliance_m_per_N)
-    return _inline(figure, "compliance", words)
-
-
-def _inline(figure: Figure, name: str, caption: str) -> Markup:
-    svg = Markup(inline_svg(figure, name, caption))  # its writer escapes what it is given
-    words = Markup("<figcaption>{}</figcaption>").format(caption)
-    return Markup('<figure id="{}">{}{}</figure>').format(f"figure-{name}", svg, words)
+    return in_page(figure, "compliance", words)
 
 
 def _figure(value: float, digits: int = 4) -> str:

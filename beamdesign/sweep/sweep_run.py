@@ -146,11 +146,6 @@ def plan(path: Path, limit: int | None = None) -> Plan:
     return Plan(path, sweep, base, *laid_out(sweep, base, path, limit), limit)
 
 
-def default_folder(path: Path) -> Path:
-    """Where the results of a sweep file go if nothing else is said: NAME.study in the current folder."""
-    return Path(f"{path.stem}.study")
-
-
 def run_sweep(
     laid: Plan,
     folder: Path,
