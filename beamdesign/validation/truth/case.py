@@ -9,6 +9,7 @@ from typing import Any, Literal
 
 import numpy as np
 import tomli_w
+from scipy.interpolate import CubicSpline
 
 from beamdesign.files import write_whole
 from beamdesign.result import picked
@@ -209,7 +210,8 @@ def _driven(drive: Drive, duration_s: float, step_s: float) -> np.ndarray:
     """(N,) a drive at every half step; it starts from nothing."""
     times = fine_times(duration_s, step_s)
     if drive.shape == "given":
-        wave = np.interp(times, SAMPLE_S * np.arange(len(drive.wave)), drive.wave)
+        samples = SAMPLE_S * np.arange(len(drive.wave))
+        wave = CubicSpline(samples, drive.wave)(times)  # straight lines would take an eighth of what is at 400 Hz
     else:
         wave = (_lines if drive.shape == "lines" else _steps)(drive, times, np.random.default_rng(drive.seed))
     wave.flags.writeable = False
