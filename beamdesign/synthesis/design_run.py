@@ -122,8 +122,11 @@ def run_design(
     return replace(found, left_out=tuple(limit.left_out))
 
 
-run = run_design
-"""The same by the name of the command."""
+def run(
+    problem: DesignProblem, progress: Progress | None = None, sigmas: float = SIGMAS, minutes: float | None = None
+) -> DesignRun:
+    """The same by the name of the command; arguments as of `run_design`."""
+    return run_design(problem, progress, sigmas, minutes)
 
 
 _QUICK = ("lag", "proportional")
