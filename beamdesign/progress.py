@@ -5,8 +5,11 @@ While a solver runs, CasADi would end that run and go on as if nothing had been,
 
 import signal
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterator
+from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager
+from multiprocessing import active_children
+from multiprocessing.process import BaseProcess
 from types import FrameType
 from typing import Any
 
@@ -71,3 +74,14 @@ def interruption_waits() -> Iterator[None]:
         signal.signal(signal.SIGINT, heeded)
     if came:
         heeded(*came[0])
+
+
+def end_at_once(pool: ProcessPoolExecutor, others: Collection[BaseProcess]) -> None:
+    """End the processes of a pool without waiting for what they are at; `others` are those that began before it.
+
+    What watches them is waited for: the end of Python would meet it while it closes its pipes.
+    """
+    for child in active_children():
+        if child not in others:
+            child.terminate()
+    pool.shutdown(cancel_futures=True)

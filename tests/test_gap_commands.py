@@ -5,8 +5,11 @@ import shutil
 import signal
 import subprocess
 import sys
+import threading
 import time
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
+from multiprocessing import active_children
 from pathlib import Path
 
 import numpy as np
@@ -21,6 +24,7 @@ from beamdesign.diagnosis.data.dataset import Dataset, read_dataset
 from beamdesign.diagnosis.fitting.fit import Fit, digest, fit_cache
 from beamdesign.diagnosis.fitting.hypothesis import Hypothesis
 from beamdesign.diagnosis.predict import predict_set
+from beamdesign.progress import end_at_once
 
 PUT_IN_HZ = 250.0
 """As `studies/gaps/make_slow_sensor.py` says."""
@@ -219,6 +223,17 @@ def test_interrupted_from_the_keyboard_it_says_how_to_go_on(tmp_path: Path) -> N
     assert not (out / "diagnosis.json").exists()
     assert list(out.glob("fits/*.npz"))
     assert not list(out.glob("fits/*.part"))
+
+
+def test_processes_ended_at_once_leave_nothing_that_watches_them() -> None:
+    """What watched them could write to a closed pipe while Python ends (python/cpython, `_python_exit`)."""
+    before, others = set(threading.enumerate()), active_children()
+    pool = ProcessPoolExecutor(2)
+    waiting = [pool.submit(time.sleep, 600) for _ in range(5)]
+    end_at_once(pool, others)
+    assert set(threading.enumerate()) == before
+    assert active_children() == others
+    assert all(each.done() for each in waiting)
 
 
 def test_without_out_the_folder_is_named_after_the_data_set(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

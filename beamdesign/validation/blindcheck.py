@@ -19,7 +19,7 @@ import numpy as np
 
 from beamdesign.code_digest import code_digest, folder_digest
 from beamdesign.files import write_whole
-from beamdesign.progress import Progress, silent
+from beamdesign.progress import Progress, end_at_once, silent
 from beamdesign.records import InputError
 from beamdesign.validation.blind_diagnosis import Place, begin_blind, diagnose_blind, program
 from beamdesign.validation.case_plan import (
@@ -262,10 +262,7 @@ def _processes(
     try:
         yield pool
     except BaseException:
-        pool.shutdown(wait=False, cancel_futures=True)
-        for child in active_children():
-            if child not in others:
-                child.terminate()
+        end_at_once(pool, others)
         raise
     pool.shutdown()
 

@@ -20,7 +20,7 @@ from beamdesign.diagnosis.fitting.starts import fit_from_starts, resonances
 from beamdesign.plant.assembly import fits
 from beamdesign.plant.effects import causes, library
 from beamdesign.plant.empirical import laws
-from beamdesign.progress import Progress, silent
+from beamdesign.progress import Progress, end_at_once, silent
 from beamdesign.prototype import Prototype
 from beamdesign.records import InputError
 from beamdesign.time_limit import TimeUp, heed, is_limited, leave_out, left_for_steps, share
@@ -49,11 +49,10 @@ class Fitters:
 
     def _close(self, at_once: bool) -> None:
         """End the processes; at once where nobody wants to wait for the fits that are being made."""
-        if self._pool is not None:
-            self._pool.shutdown(wait=not at_once, cancel_futures=True)
-        for child in active_children() if at_once else ():
-            if child not in self._others:
-                child.terminate()
+        if self._pool is not None and at_once:
+            end_at_once(self._pool, self._others)
+        elif self._pool is not None:
+            self._pool.shutdown(cancel_futures=True)
 
     def __call__(self, tasks: Iterable[Task], progress: Callable[[int], None] = lambda k: None) -> list[Fit]:
         """Fits in the order of the tasks; where the time is up in the midst of them, those that are finished."""
