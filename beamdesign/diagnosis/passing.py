@@ -15,6 +15,7 @@ from beamdesign.diagnosis.data.dataset import Dataset, TimeRecord
 from beamdesign.diagnosis.fitting.evidence import RecordEvidence, record_evidence
 from beamdesign.diagnosis.fitting.fit import Fit, FitCache
 from beamdesign.diagnosis.fitting.search import Search, search
+from beamdesign.diagnosis.fitting.weighting import padded
 from beamdesign.diagnosis.judgement import Judgement, judge
 from beamdesign.progress import Progress, silent
 
@@ -117,7 +118,7 @@ def passing(piece: RecordEvidence, best: Fit, small: float = 0.0) -> tuple[tuple
     real, imaginary = residual.reshape(2, -1, len(weight.channels))
     lines = np.zeros((len(weight.kept), len(weight.channels)), dtype=complex)
     lines[weight.kept] = real + 1j * imaginary
-    power = np.sum(np.fft.irfft(lines, len(times), axis=0) ** 2, axis=1)
+    power = np.sum(np.fft.irfft(lines, padded(len(times)), axis=0)[: len(times)] ** 2, axis=1)
     power *= float(residual @ residual) / power.sum()
     width = max(1, round(_SMOOTHED_S / step))
     loud = np.convolve(power, np.ones(width) / width, "same") > _LOUD * small / len(times)

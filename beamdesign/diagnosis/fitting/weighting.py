@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+from scipy.fft import next_fast_len
 from scipy.optimize import nnls
 
 from beamdesign.diagnosis.data.dataset import TimeRecord
@@ -34,7 +35,7 @@ class Weighting:
         noise_std: (C,) white measurement noise of each channel, in its unit.
         noise: (C, F) power of all that counts as noise.
         fade: (N,) taper.
-        kept: (N//2 + 1,) which lines count.
+        kept: which lines count, of a record that zeros fill up to `padded`.
     """
 
     channels: tuple[str, ...]
@@ -60,7 +61,12 @@ class Weighting:
     def lines(self, signals: np.ndarray) -> np.ndarray:
         """(F, C, ...) spectrum of channels (N, C, ...) at the lines that count."""
         faded = signals * self.fade.reshape(-1, *(1,) * (signals.ndim - 1))
-        return np.asarray(np.fft.rfft(faded, axis=0)[self.kept])
+        return np.asarray(np.fft.rfft(faded, padded(len(faded)), axis=0)[self.kept])
+
+
+def padded(count: int) -> int:
+    """A length from `count` up whose transform is quick; that of a prime number of samples takes four times as long."""
+    return int(next_fast_len(count, real=True))
 
 
 def faded(count: int) -> np.ndarray:
@@ -85,12 +91,12 @@ def weighting(record: TimeRecord, channels: tuple[str, ...]) -> Weighting:
         channels: those of `record.measured` that count.
     """
     count = len(record.times)
-    frequencies = np.fft.rfftfreq(count, record.step)
+    frequencies = np.fft.rfftfreq(padded(count), record.step)
     taper = faded(count) * record.counted
     kept = (frequencies > LOWEST_HZ) & (frequencies < HIGHEST_HZ)
     top = frequencies > TOP * frequencies[-1]
     signals = np.column_stack([record.measured[name] for name in channels])
-    power = np.abs(np.fft.rfft(signals * taper[:, None], axis=0)) ** 2
+    power = np.abs(np.fft.rfft(signals * taper[:, None], padded(count), axis=0)) ** 2
     noise = np.array([white(column) for column in power[top].T])
     unit = (noise + SHARE**2 * banded(power, frequencies) + 1e-300)[kept].T
     scale, noise_std = np.sqrt(INDEPENDENT / int(kept.sum()) / unit), np.sqrt(noise / np.sum(record.counted**2))
