@@ -18,8 +18,9 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
-from itertools import pairwise, zip_longest
+from itertools import pairwise, product, zip_longest
 from math import inf, pi
+from operator import itemgetter
 from typing import Any
 
 import numpy as np
@@ -44,6 +45,8 @@ METHOD = "bounded error: Parseval's theorem left of the axis, by zero exclusion"
 MASS = "outer_end_mass"
 _MEMBERS, _HALVINGS = 120, 2
 """Samples of each piece of the outer end mass, and how often the worst of these pieces is halved."""
+_ROUNDS = 2
+"""How often each figure of the slowest sample is put to either end, to find a slower one."""
 _W = np.concatenate([[0.0], np.geomspace(0.5, 1e5, 700)])
 _OF_SLOWEST = 0.15, 0.25, 0.35, 0.5, 0.65, 0.8
 """Decay rates that are tried, over that of the slowest pole of the samples."""
@@ -190,15 +193,23 @@ def _plan(
     statement = plain.over({**box.ranges, **own})
     generator = np.random.default_rng(0)
     shares = generator.choice([0.0, 0.5, 1.0], size=(_MEMBERS, len(statement.varying)), p=(0.45, 0.1, 0.45))
-    slowest = inf
-    for row in shares[:: _MEMBERS // 60]:
-        p = with_number(statement, parameters_at(statement, [exact(float(share)) for share in row]), fmpq(0))
-        slowest = min(slowest, -max(root.real for root in roots(p)))
+    slowest, row = min(((_slowest(statement, row), row) for row in shares[::2]), key=itemgetter(0))
+    for _, k, end in product(range(_ROUNDS), range(len(row)), (0.0, 1.0)):
+        other = np.concatenate([row[:k], [end], row[k + 1 :]])
+        if (found := _slowest(statement, other)) < slowest:
+            slowest, row = found, other
+            shares = np.vstack([shares, row])
     if slowest <= 0:
         raise NotCovered("a member is not stable")
     rates = (float(f"{share * slower * slowest:.2g}") for share in _OF_SLOWEST)
     plans = (_bands(statement, shares, rate, own, lead) for rate in rates)
     return min(plans, key=lambda one: one.per_unit)
+
+
+def _slowest(statement: Statement, shares: np.ndarray) -> float:
+    """Decay rate of the slowest pole of a member."""
+    member = parameters_at(statement, [exact(float(share)) for share in shares])
+    return -max(root.real for root in roots(with_number(statement, member, fmpq(0))))
 
 
 def _bands(
