@@ -8,9 +8,12 @@ import ast
 import hashlib
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 _PACKAGE = "beamdesign"
 _ROOT = Path(__file__).parent
+_BLOCKS = ("body", "orelse", "finalbody", "handlers", "cases")
+"""Where statements hold others."""
 
 
 @cache
@@ -55,7 +58,7 @@ def sources(place: str) -> list[Path]:
         if path is None or path in found or path == _ROOT / "__init__.py":
             continue
         found.add(path)
-        waiting += _imported(path, _tree(path)) if name != module or not function else []
+        waiting += _imported_by(path) if name != module or not function else []
         while "." in (name := name.rpartition(".")[0]):  # a package's __init__ runs before its modules
             waiting.append(name)
     return sorted(found)
@@ -70,6 +73,11 @@ def engines(place: str) -> list[str]:
     own = [node for node in body if isinstance(node, ast.FunctionDef) and node.name == function]
     top = [node for node in body if isinstance(node, ast.Import | ast.ImportFrom)]
     return [name for name in _imported(path, ast.Module([*top, *own], [])) if _file_of(name) is not None]
+
+
+@cache
+def _imported_by(path: Path) -> list[str]:
+    return _imported(path, _tree(path))
 
 
 def _tree(path: Path) -> ast.Module:
@@ -90,14 +98,16 @@ def _file_of(name: str) -> Path | None:
 
 def _imported(path: Path, tree: ast.Module) -> list[str]:
     """Names that a tree of a file's statements imports when it runs, for types alone not among them."""
-    tests = [node for node in ast.walk(tree) if isinstance(node, ast.If)]
-    left_out = {inside for node in tests if ast.unparse(node.test) == "TYPE_CHECKING" for inside in ast.walk(node)}
-    names: list[str] = []
-    for node in set(ast.walk(tree)) - left_out:
+    names, waiting = list[str](), list[Any](tree.body)
+    while waiting:
+        node = waiting.pop()
         if isinstance(node, ast.Import):
             names += [alias.name for alias in node.names]
         elif isinstance(node, ast.ImportFrom) and node.module:
             names += [node.module, *(f"{node.module}.{alias.name}" for alias in node.names)]
+        elif not (isinstance(node, ast.If) and ast.unparse(node.test) == "TYPE_CHECKING"):
+            # of what a statement holds its statements alone: an expression imports nothing
+            waiting += [inner for part in _BLOCKS for inner in getattr(node, part, ())]
     if "importlib" in names:  # modules named at run time, such as the effects: any of those beside it
         folder = ".".join((_PACKAGE, *path.parent.relative_to(_ROOT).parts))
         names += [f"{folder}.{other.stem}" for other in path.parent.glob("*.py")]
