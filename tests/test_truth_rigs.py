@@ -154,6 +154,7 @@ def test_a_held_current_bends_the_beams_by_its_torque_over_the_lead():
     force = 1.2 * 2.0 * 2 * pi / 0.02
     assert held.outer[-1] == pytest.approx(force / 486800, rel=1e-3)
     assert held.inner[-1] == pytest.approx(-force / 157500, rel=1e-3)
+    assert held.screw_force[-1] == pytest.approx(force, rel=1e-3)
 
 
 def test_a_nut_is_free_between_its_flanks_and_is_never_pulled():

@@ -30,7 +30,7 @@ from beamdesign.records import InputError, parse
 from beamdesign.scenario import Scenario, inputs_of
 from beamdesign.validation.bounds import clopper_pearson
 
-_OF = {"load_pressure_Pa": "load_pressure", "inner_displacement_m": "inner"}
+_OF = {"load_pressure_Pa": "load_pressure", "inner_displacement_m": "inner", "screw_force_N": "screw_force"}
 COLUMNS = ("case", "truth", "verdict", "proposed", "bits", "decided", "at random", "decided")
 KNOWN = ("single", "parameter", "pair", "triple")
 """Kinds of cases with records whose causes are listed."""

@@ -124,8 +124,8 @@ _A, _AD = 36, 37  # what swings on a tip
 _ND, _J = 38, 39  # speed of the nut, current of its motor
 _C = 40  # controller
 STATES = _C + LAW_ORDER
-
-TIP, INNER, PRESSURE_A, PRESSURE_B, BRISTLE, SPOOL_FRICTION, SUPPLY = _Q, _XI, _PA, _PB, _Z, _W, _PS
+TIP, INNER, PRESSURE_A, PRESSURE_B, BRISTLE, SPOOL_FRICTION, SUPPLY, NUT = _Q, _XI, _PA, _PB, _Z, _W, _PS, _N
+TIP_SPEED, INNER_SPEED, NUT_SPEED = _QD, _VI, _ND
 _RELAX = (6.0, 60.0, 600.0, 6000.0)
 
 

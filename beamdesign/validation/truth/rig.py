@@ -22,13 +22,18 @@ from beamdesign.validation.truth.nominal import HEARD, MODES, Table
 from beamdesign.validation.truth.rates import (
     BRISTLE,
     INNER,
+    INNER_SPEED,
+    NUT,
+    NUT_SPEED,
     PLAYS,
     PRESSURE_A,
     PRESSURE_B,
     SPOOL_FRICTION,
     STATES,
     TIP,
+    TIP_SPEED,
     commanded_current,
+    flanks,
     measured_volts,
     played,
     rates_into,
@@ -176,7 +181,7 @@ def _march(figures, modes, inputs, lost, step, stride, start):  # type: ignore[n
     """
     f = figures[0]
     steps = lost.shape[0] - 1
-    out = np.zeros((steps // stride + 1, 5))
+    out = np.zeros((steps // stride + 1, 6))
     x, trial = start.copy(), np.zeros(STATES)
     k1, k2, k3 = np.zeros(STATES), np.zeros(STATES), np.zeros(STATES)
     line = np.zeros(steps + 2)
@@ -204,7 +209,11 @@ def _march(figures, modes, inputs, lost, step, stride, start):  # type: ignore[n
             out[row, 1] = fed
             out[row, 2] = x[PRESSURE_A] - x[PRESSURE_B]
             out[row, 3] = x[INNER]
-            out[row, 4] = x[TIP] + x[TIP + 1] + x[TIP + 2] + x[TIP + 3]
+            out[row, 4] = np.sum(x[TIP : TIP + MODES])
+            if f.lead > 0.0:
+                apart = x[NUT] + x[INNER] - out[row, 4]
+                closing = x[NUT_SPEED] + x[INNER_SPEED] - np.sum(x[TIP_SPEED : TIP_SPEED + MODES])
+                out[row, 5] = flanks(apart, closing, f.lost_motion, f.screw_stiffness, f.screw_damping)
             if not abs(x[TIP]) < 0.05:
                 return out, False
         if n == steps:
@@ -237,9 +246,10 @@ class Motion:
         times: (N,) s.
         current: (N,) A.
         displacement: (N,) m, volts that the controller saw over the believed sensor gain.
-        load_pressure: (N,) Pa.
+        load_pressure: (N,) Pa, of a cylinder.
         inner: (N,) m, inner tip.
         outer: (N,) m, outer tip itself.
+        screw_force: (N,) N, of a screw, positive where it drives the tips apart.
         bounded: whether it stayed within 50 mm; what follows a departure is zero.
     """
 
@@ -249,6 +259,7 @@ class Motion:
     load_pressure: np.ndarray
     inner: np.ndarray
     outer: np.ndarray
+    screw_force: np.ndarray
     bounded: bool
 
     @property
@@ -291,7 +302,7 @@ def march(
     )  # fmt: skip
     volts_per_m = figures["believed_sensor_gain"][0]
     times = np.arange(out.shape[0]) * SAMPLE_S
-    return Motion(times, out[:, 0], out[:, 1] / volts_per_m, out[:, 2], out[:, 3], out[:, 4], bounded)
+    return Motion(times, out[:, 0], out[:, 1] / volts_per_m, *out[:, 2:].T, bounded)
 
 
 @dataclass(frozen=True)
