@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from contradictions import MOTIONS, outcome
+from contradictions import MOTIONS, motions, outcome
 from flint import fmpq, fmpq_poly
 from forging import altered, resealed
 from honest_certificates import valid
@@ -175,14 +175,48 @@ def test_an_altered_sector_is_refused(tame: Prototype, key: str, value: object):
 
 def test_what_no_theorem_covers_is_listed(tame: Prototype):
     effects: dict[str, dict[str, float]] = {"entrained_air": {}, "joint_backlash": {}, "sensor_lag": {}}
-    ripple = {"carrier_ripple": {"depth": 0.02, "residual_V": 0.01}}
-    rows = {row.effects: row for row in nonlinear_rows(tame.but(effects=effects | ripple), 0.0, 6.8)}
+    rows = {row.effects: row for row in nonlinear_rows(tame.but(effects=effects), 0.0, 6.8)}
     assert rows["sensor_lag",].method == scope.LINEAR
     assert rows["sensor_lag",].proved
-    for name in ("entrained_air", "joint_backlash", "carrier_ripple"):
+    for name in ("entrained_air", "joint_backlash"):
         assert rows[name,].method == scope.NONE_KNOWN
         assert not rows[name,].proved
-    assert not certify(tame.but(effects=ripple), 2.0, 3.0, nonlinear=True).holds
+    assert not certify(tame.but(effects={"entrained_air": {}}), 2.0, 3.0, nonlinear=True).holds
+
+
+RIPPLING = {"depth": 0.1, "residual_V": 0.05, "frequency_Hz": 90.0}
+
+
+def test_errors_while_a_gain_ripples_are_those_over_what_it_leaves_of_1_m(tame: Prototype):
+    """That share by the peak-to-peak gain of the same loop in floats; and the moving rig strays by less."""
+    rig = tame.but(effects={"carrier_ripple": RIPPLING, "valve_hysteresis": {}})
+    found = certify(rig, 2.0, 3.0, nonlinear=True)
+    rows = [row for row in found.nonlinear if row.method == bounded_error.METHOD]
+    *each, together = rows
+    assert [row.effects for row in rows] == [("carrier_ripple",), ("valve_hysteresis",), tuple(rig.effects)]
+    table = tomllib.loads(found.text)
+    (stated,) = [one for one in table["nonlinear"] if one["kind"] == "deviation"]
+    own = stated_members(table)[stated["loops"][0] - 1]
+    share = max(0.1 * rig.sensor.gain_V_per_m * own.strayed(mass, "volts") for mass in (2.0, 2.5, 3.0))
+    bound = sum(row.bound_m or 0.0 for row in each)
+    assert together.bound_m is not None
+    assert bound / (1 - share) < together.bound_m < 1.05 * bound / (1 - share)
+    assert check(found.text).valid
+
+    signals = (
+        Multisine(amplitude_N=300.0, low_Hz=1.0, high_Hz=60.0, seed=1),
+        Multisine(amplitude_V=0.3, low_Hz=1.0, high_Hz=40.0, seed=2),
+    )
+    quiet = rig.but(effects={"carrier_ripple": RIPPLING | {"residual_V": 0.0}})
+    rippling, moved = (motions(some, signals, 1.5, 2.5)[0] for some in (quiet, rig))
+    assert 0.1 * together.bound_m < abs(moved - rippling).max() <= together.bound_m
+
+
+def test_a_ripple_that_makes_more_than_a_metre_of_one_has_no_bound_with_errors(tame: Prototype):
+    rig = tame.but(effects={"carrier_ripple": RIPPLING | {"depth": 0.5}})
+    rows = [row for row in nonlinear_rows(rig, 2.0, 3.0) if row.method == bounded_error.METHOD]
+    assert [(row.proved, row.bound_m is None) for row in rows] == [(True, False), (False, True)]
+    assert "m of 1 m" in rows[1].covers
 
 
 def test_friction_is_refused_where_pressures_are_heard():

@@ -25,6 +25,7 @@ from beamdesign.proofs.error_over_box import errors_over_box
 from beamdesign.proofs.rig_family import rig_family
 from beamdesign.proofs.scope import members
 from beamdesign.proofs.tolerance_box import tolerance_box
+from beamdesign.prototype import Tolerance
 from beamdesign.scenario import Multisine
 from beamdesign.structure.lumped import figures, with_figures
 
@@ -89,6 +90,23 @@ def test_what_is_behind_a_dead_band_may_have_more_gain():
     largest = nearest(box.ranges["flow_gain"][1])
     assert largest > 1.04 * figures(rig)["flow_gain"]
     assert [nearest(claim.asked.error.size) for claim in claims] == pytest.approx([1e-4 * largest] * len(claims))
+
+
+def test_while_a_gain_ripples_errors_of_a_box_are_of_its_largest_gain():
+    ripple = {"carrier_ripple": {"depth": 0.1, "residual_V": 0.01}}
+    rig = erring({})[0].but(tolerance=Tolerance(sensor_gain=0.02), effects=ripple)
+    box = tolerance_box(rig, 1.0, ["sensor_gain"], (0.0, 2.0))
+    claims, rows = errors_over_box(rig, box)
+    gain = nearest(box.ranges["sensor_gain"][1])
+    assert gain > 1.001 * rig.sensor.gain_V_per_m
+    by_size = sorted(claims, key=lambda claim: claim.asked.limit)  # the largest of each is kept
+    sizes = {nearest(claim.asked.error.size): claim.asked.limit for claim in by_size}
+    assert sorted(sizes) == pytest.approx([0.01, 0.1 * gain])
+    residual, share = (
+        max(c.asked.limit for c in claims if nearest(c.asked.error.size) == one) for one in sorted(sizes)
+    )
+    assert [row.bound_m for row in rows] == pytest.approx([residual, residual / (1 - share)], rel=1e-3)
+    assert valid(certify_box(rig, box, volumes=False).write(claims))
 
 
 def test_without_width_it_is_above_the_integral_and_not_far():

@@ -4,6 +4,10 @@ Friction that slides, hysteresis, a dead band, a residual ripple and quantisatio
 added at one place that never exceeds a size, whatever the motion. Added errors move the tip by no more than their sizes
 times the integrals of the absolute impulse responses from their places; being of one linear loop, these add up.
 
+Where the sensor's gain ripples as well, by no more than a depth d, errors of a sum of bounds B move the tip from what
+the rippling loop does by some y. That y ripples too is one more error in the volts, of d K_s |y|, whose own bound is r
+|y|: so |y| <= B + r |y|, and where r is below one, no more than B / (1 - r) (small gain, section 4.3 there).
+
 Of these integrals upper bounds are found in ball arithmetic, over all masses of a range. What enters a stable linear
 loop as an error e with |e| <= E moves its output by no more than E times the integral of the absolute impulse response
 from there to the output, at any time and however e varies (M. A. Dahleh and I. J. Diaz-Bobillo, Control of Uncertain
@@ -39,6 +43,7 @@ from beamdesign.structure.lumped import figures
 METHOD = "bounded error: integral of the absolute impulse response with its tail, in ball arithmetic"
 RESOLUTION = "sensor_resolution"
 """How the sensor's own `resolution_m` is named, which is no effect."""
+RIPPLE = "carrier_ripple"
 _SLACK = fmpq(103, 100)
 """A bound that is stated over the one that was found, so that another method may prove it again."""
 _DIGITS = 4
@@ -60,12 +65,16 @@ class Error:
             between piston and cylinder.
         size: which it never exceeds, SI.
         words: what it is.
+        gain: figure of the rig that its size grows with, if any.
+        per_m: whether its size is that for every metre that the tip has strayed.
     """
 
     effect: str
     place: str
     size: fmpq
     words: str
+    gain: str = ""
+    per_m: bool = False
 
 
 FORCES = ("stroke", "nut")
@@ -83,17 +92,20 @@ def errors(prototype: Prototype) -> list[Error]:
         elif name == "valve_deadband":
             gain = exact(figures(prototype)["flow_gain"])
             words = "what it takes off the flow is at most that of its half width"
-            found.append(Error(name, "flow", gain * figure["half_width_A"], words))
+            found.append(Error(name, "flow", gain * figure["half_width_A"], words, "flow_gain"))
         elif name == "seal_friction":
             words = "beside its viscous share it is at most the breakaway force"
             place = "stroke" if "piston_area" in figures(prototype) else "nut"
             found.append(Error(name, place, figure["coulomb_N"] * figure["breakaway_ratio"], words))
-        elif name == "carrier_ripple" and figure["depth"] == 0:
-            words = "without a depth it is its residual alone"
+        elif name == RIPPLE and (figure["residual_V"] > 0 or figure["depth"] == 0):
+            words = "but for its depth it is its residual"
             found.append(Error(name, "volts", figure["residual_V"], words))
+    gain, depth = exact(prototype.sensor.gain_V_per_m), exact(own.get(RIPPLE, {}).get("depth", 0.0))
     if (resolution := prototype.sensor.resolution_m) is not None:
-        size = exact(resolution) * exact(prototype.sensor.gain_V_per_m)
-        found.append(Error(RESOLUTION, "volts", size, "what is read is off by at most one step"))
+        size = exact(resolution) * gain * (1 + depth)
+        found.append(Error(RESOLUTION, "volts", size, "what is read is off by at most one step", "sensor_gain"))
+    if found and depth > 0:
+        found.append(Error(RIPPLE, "volts", depth * gain, "", "sensor_gain", per_m=True))
     return found
 
 
@@ -143,7 +155,13 @@ def rows_of(
     found: Sequence[Error], most: Sequence[fmpq], of: str, method: str, statement: dict[str, Any] | None = None
 ) -> Iterator[Row]:
     """A row for each error and its bound in m, and one for all of them together; of what it is proved, in words."""
-    for k, (one, bound) in enumerate(zip(found, most, strict=True)):
+    own, share = list[tuple[Error, fmpq]](), fmpq(0)
+    for one, bound in zip(found, most, strict=True):
+        if one.per_m:
+            share += bound
+        else:
+            own.append((one, bound))
+    for k, (one, bound) in enumerate(own):
         words = (
             f"It is linear plus a bounded error: {one.words}, {nearest(one.size):.4g} {UNITS[one.place]}. So the tip"
             " never strays by more from the response of the linear loop to the same command and load from the same"
@@ -151,9 +169,19 @@ def rows_of(
             " current that saturates, or a gain that changes, at the same time."
         )
         yield Row((one.effect,), method, True, words, nearest(bound), statement if k == 0 else None)
-    if len(found) > 1:
-        names, total = tuple(one.effect for one in found), nearest(sum(most, fmpq(0)))
-        yield Row(names, method, True, "All of these at once: the sum of their bounds.", total)
+    names, total = tuple(dict.fromkeys(one.effect for one in found)), sum((bound for _, bound in own), fmpq(0))
+    if share == 0 and len(own) > 1:
+        yield Row(names, method, True, "All of these at once: the sum of their bounds.", nearest(total))
+    elif 0 < share < 1:
+        words = (
+            "All of these at once while the ripple changes the sensor's gain: so far the tip strays from the response"
+            f" of the loop with that change, {of}; the sum of their bounds over 1 - {nearest(share):.4g}, which is"
+            " what the change makes of 1 m."
+        )
+        yield Row(names, method, True, words, nearest(shortened(total / (1 - share), _DIGITS, up=True)))
+    elif share:
+        words = f"All of these while the ripple changes the sensor's gain: that makes {nearest(share):.4g} m of 1 m."
+        yield Row(names, method, False, words)
 
 
 def _bounds(given: Members, found: Sequence[Error], numbers: Sequence[int]) -> tuple[list[fmpq], int]:

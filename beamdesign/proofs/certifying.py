@@ -354,7 +354,6 @@ _WHY = {
     "joint_backlash_nut": "a flank damps while it touches and never pulls, so that the play is no bounded error",
     "entrained_air": "the oil's stiffness changes with the pressure, which is no gain at one place of the loop",
     "entrained_air_with_stroke": "the oil's stiffness changes with pressure and stroke, which is no gain at one place",
-    "carrier_ripple": "its depth and its residual are covered each without the other",
     "pressure_dependent_flow": "with unequal sides the flows of both ports do not act as one gain",
     "unequal_piston_areas": "with orifices the sides act through both pressures, and not as one characteristic",
 }

@@ -66,6 +66,7 @@ class Changing:
         least: factor.
         most: factor.
         words: what it comes to, and as long as what.
+        drives: whether the effect drives the loop besides, so that it never comes to rest.
     """
 
     effect: str
@@ -73,6 +74,7 @@ class Changing:
     least: fmpq
     most: fmpq
     words: str
+    drives: bool = False
 
     def table(self, kind: str, loops: int, **figures: fmpq) -> dict[str, Any]:
         """As a certificate states it of so many loops, beside further figures."""
@@ -85,9 +87,10 @@ def changing(given: Members) -> list[Changing]:
     """The gains that a prototype's effects change, each at one place of the loop."""
     own, found = effect_parameters_of(given.prototype), []
     ripple = own.get("carrier_ripple")
-    if ripple is not None and ripple["depth"] > 0 and ripple["residual_V"] == 0:
+    if ripple is not None and ripple["depth"] > 0:
         depth = exact(ripple["depth"])
-        found.append(Changing("carrier_ripple", "volts", 1 - depth, 1 + depth, _RIPPLE))
+        drives = ripple["residual_V"] > 0
+        found.append(Changing("carrier_ripple", "volts", 1 - depth, 1 + depth, _RIPPLE, drives))
     orifices = own.get("pressure_dependent_flow")
     if orifices is not None and not own.keys() & {"unequal_piston_areas", "uneven_leakage"}:
         span = given.found.gains["pressure_dependent_flow"]
@@ -293,6 +296,8 @@ def both_rows(given: Members) -> Iterator[Row]:
     """A row for each gain that changes while the current saturates."""
     current = tuple(name for name in IN_THE_CURRENT if name in given.prototype.effects) or IN_THE_CURRENT[:1]
     for change in (*changing(given), *unequal(given)):
+        if change.drives:
+            continue
         static = change.effect == "unequal_piston_areas"
         pairs = [pair(given, member, change) for member in given.found.members]
         known = [one for one in pairs if one is not None]

@@ -27,7 +27,7 @@ import numpy as np
 from flint import arb, ctx, fmpq
 
 from beamdesign.polynomial import bounds, exact, is_hurwitz, nearest, roots, shortened, text
-from beamdesign.proofs.bounded_error import RESOLUTION, SLIDING, Error, errors_in_loop, rows_of
+from beamdesign.proofs.bounded_error import SLIDING, Error, errors_in_loop, rows_of
 from beamdesign.proofs.box import Box
 from beamdesign.proofs.box_claims import BoxClaim
 from beamdesign.proofs.box_member import below, parameters_at, with_number
@@ -115,8 +115,8 @@ def _resized(claim: BoxClaim, size: fmpq) -> BoxClaim:
 
 def _more(prototype: Prototype, box: Box, error: Error) -> fmpq:
     """How much larger an error may be of a member than of the nominal rig: what is behind it has a gain of its own."""
-    gain = {"valve_deadband": "flow_gain", RESOLUTION: "sensor_gain"}.get(error.effect, "")
-    return box.ranges[gain][1] / exact(figures(prototype)[gain]) if gain in box.ranges else fmpq(1)
+    most = box.ranges.get(error.gain)
+    return fmpq(1) if most is None else most[1] / exact(figures(prototype)[error.gain])
 
 
 def _claims(prototype: Prototype, box: Box, error: Error, budget: int, seconds: float) -> list[BoxClaim]:
