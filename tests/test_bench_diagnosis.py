@@ -13,7 +13,7 @@ from beamdesign.diagnosis.data.bench_set import read_bench_set, saturates_at
 from beamdesign.diagnosis.diagnosis import Diagnosis
 from beamdesign.diagnosis.fitting import steady_evidence
 from beamdesign.diagnosis.fitting.hypothesis import Hypothesis, together
-from beamdesign.diagnosis.fitting.steady_evidence import believed, candidates, held_out, moved, size
+from beamdesign.diagnosis.fitting.steady_evidence import candidates, held_out, moved, nominal_causes, size
 from beamdesign.diagnosis.fitting.steady_motion import steady, steady_motions
 from beamdesign.plant.bench_simulation import replay
 from beamdesign.records import InputError
@@ -143,7 +143,8 @@ def test_the_amended_prototype_moves_as_the_bench_does(joint: Diagnosis, tmp_pat
 
 def test_what_is_believed_already_is_no_news(joint: Diagnosis, joint_set: Path):
     data = replace(read_bench_set(joint_set), prototype=joint.prototype)
-    known, figure = believed(joint.prototype), steady_evidence.figures(joint.prototype, believed(joint.prototype))
+    known = nominal_causes(joint.prototype)
+    figure = steady_evidence.figures(joint.prototype, known)
     assert known.causes == joint.chosen
     assert figure["seal_friction.coulomb_N"] == joint.prototype.effects["seal_friction"]["coulomb_N"]
     found = diagnose_bench(data, [each for each in candidates(known) if size(each) <= size(known) + 1])

@@ -31,11 +31,11 @@ from beamdesign.diagnosis.fitting.steady_evidence import (
     ORIFICES,
     STEADY_EFFECTS,
     HeldOut,
-    as_believed,
-    believed,
     candidates,
     held_out,
     moving,
+    nominal_causes,
+    nominal_evidence,
     size,
 )
 from beamdesign.diagnosis.fitting.steady_motion import CHANNELS, Observations, averaged, steady_motions, way_of
@@ -72,14 +72,14 @@ def diagnose_bench(data: BenchSet, among: Sequence[Hypothesis] | None = None) ->
         InputError: for runs that do not move steadily; see `steady_motions`.
     """
     rig, seen = data.prototype, steady_motions(data)
-    known = believed(rig)
+    known = nominal_causes(rig)
     tried = [held_out(rig, hypothesis, seen) for hypothesis in among or candidates(known)]
     return bench_diagnosis(data, seen, tried)
 
 
 def bench_diagnosis(data: BenchSet, seen: Observations, tried: Sequence[HeldOut]) -> Diagnosis[BenchPrototype]:
     """What follows from candidates that were fitted, see `diagnose_bench`."""
-    rig, known = data.prototype, believed(data.prototype)
+    rig, known = data.prototype, nominal_causes(data.prototype)
     weights = probabilities(tried, seen.conditions)
     by_hypothesis = {tried[k].hypothesis: tried[k] for k in np.argsort(-weights, kind="stable")}
     ranked, retuned = tuple(by_hypothesis.values()), by_hypothesis[known]
@@ -92,7 +92,7 @@ def bench_diagnosis(data: BenchSet, seen: Observations, tried: Sequence[HeldOut]
     judged = replace(judged, best=best.fit)
     gap = replace(_gap(rig, retuned, best, seen), records=replayed(data, best))
     found = Search(retuned.left_out, tuple(one.left_out for one in ranked if one is not retuned), gap.noise_floor**2)
-    new = tuple(_told(rig, c, best, found) for c in causes(found, judged) if c.name not in known.causes)
+    new = tuple(_with_values(rig, c, best, found) for c in causes(found, judged) if c.name not in known.causes)
     undecided = [c.name for c in new if 1 - THRESHOLDS.bench_sure < c.probability < THRESHOLDS.bench_sure]
     verdict = _verdict(gap, bool({*likely} - {*known.causes}), bool(undecided), retuned.fit)
     chosen = () if verdict == "no_gap" else tuple(sorted({*likely} - {*known.causes}))
@@ -128,7 +128,7 @@ def bench_diagnosis(data: BenchSet, seen: Observations, tried: Sequence[HeldOut]
     )
 
 
-def _told(rig: BenchPrototype, cause: Cause, best: HeldOut, found: Search) -> Cause:
+def _with_values(rig: BenchPrototype, cause: Cause, best: HeldOut, found: Search) -> Cause:
     """A cause with its share in the chosen fit and the parameters it has there, by the names of the prototype."""
     fit = best.left_out
     if cause.name not in fit.hypothesis.causes:
@@ -165,7 +165,7 @@ def probabilities(tried: Sequence[HeldOut], conditions: Sequence[str]) -> np.nda
 
 
 def _gap(rig: BenchPrototype, retuned: HeldOut, best: HeldOut, seen: Observations) -> Gap:
-    (whole, placement), rows = as_believed(rig, retuned.hypothesis, seen), []
+    (whole, placement), rows = nominal_evidence(rig, retuned.hypothesis, seen), []
     for condition in seen.conditions:
         own = whole.of(condition)
         found = own.predicted(placement, np.zeros(0))

@@ -73,9 +73,8 @@ def what_passed(
         found = search(data, workers, partial(_turn, progress, turn), own)
         judged = judge(found)
         if judged.unknown <= _MOST_UNKNOWN:
-            return (
-                Passing(data, found, judged, _told(data.records, stated), own) if judged.best.hypothesis.names else None
-            )
+            known = Passing(data, found, judged, _warnings(data.records, stated), own)
+            return known if judged.best.hypothesis.names else None
     return None
 
 
@@ -149,7 +148,7 @@ def _gone(record: TimeRecord) -> float:
     return sum(end - begin for begin, end in record.left_out)
 
 
-def _told(records: Sequence[TimeRecord], stated: Sequence[TimeRecord]) -> tuple[str, ...]:
+def _warnings(records: Sequence[TimeRecord], stated: Sequence[TimeRecord]) -> tuple[str, ...]:
     return tuple(
         f"{record.name}: what the rig does from {begin:.3f} to {end:.3f} s fits no cause that explains the rest (did a "
         "chamber run empty, or something knock against the rig?), so that these seconds are left out"

@@ -98,8 +98,7 @@ def errors(prototype: Prototype) -> list[Error]:
             place = "stroke" if "piston_area" in figures(prototype) else "nut"
             found.append(Error(name, place, figure["coulomb_N"] * figure["breakaway_ratio"], words))
         elif name == RIPPLE and (figure["residual_V"] > 0 or figure["depth"] == 0):
-            words = "but for its depth it is its residual"
-            found.append(Error(name, "volts", figure["residual_V"], words))
+            found.append(Error(name, "volts", figure["residual_V"], "but for its depth it is its residual"))
     gain, depth = exact(prototype.sensor.gain_V_per_m), exact(own.get(RIPPLE, {}).get("depth", 0.0))
     if (resolution := prototype.sensor.resolution_m) is not None:
         size = exact(resolution) * gain * (1 + depth)
@@ -155,12 +154,8 @@ def rows_of(
     found: Sequence[Error], most: Sequence[fmpq], of: str, method: str, statement: dict[str, Any] | None = None
 ) -> Iterator[Row]:
     """A row for each error and its bound in m, and one for all of them together; of what it is proved, in words."""
-    own, share = list[tuple[Error, fmpq]](), fmpq(0)
-    for one, bound in zip(found, most, strict=True):
-        if one.per_m:
-            share += bound
-        else:
-            own.append((one, bound))
+    own = list(zip(found, most, strict=True))
+    share = own.pop()[1] if own and own[-1][0].per_m else fmpq(0)
     for k, (one, bound) in enumerate(own):
         words = (
             f"It is linear plus a bounded error: {one.words}, {nearest(one.size):.4g} {UNITS[one.place]}. So the tip"
@@ -169,19 +164,11 @@ def rows_of(
             " current that saturates, or a gain that changes, at the same time."
         )
         yield Row((one.effect,), method, True, words, nearest(bound), statement if k == 0 else None)
-    names, total = tuple(dict.fromkeys(one.effect for one in found)), sum((bound for _, bound in own), fmpq(0))
-    if share == 0 and len(own) > 1:
-        yield Row(names, method, True, "All of these at once: the sum of their bounds.", nearest(total))
-    elif 0 < share < 1:
-        words = (
-            "All of these at once while the ripple changes the sensor's gain: so far the tip strays from the response"
-            f" of the loop with that change, {of}; the sum of their bounds over 1 - {nearest(share):.4g}, which is"
-            " what the change makes of 1 m."
-        )
-        yield Row(names, method, True, words, nearest(shortened(total / (1 - share), _DIGITS, up=True)))
-    elif share:
-        words = f"All of these while the ripple changes the sensor's gain: that makes {nearest(share):.4g} m of 1 m."
-        yield Row(names, method, False, words)
+    if share or len(own) > 1:
+        names, total = tuple(dict.fromkeys(one.effect for one in found)), sum((bound for _, bound in own), fmpq(0))
+        words = "All of these at once: the sum of their bounds"
+        words += f" over 1 - {nearest(share):.4g}, from the response of the loop whose gain ripples" if share else ""
+        yield Row(names, method, share < 1, f"{words}.", nearest(total / (1 - share)) if share < 1 else None)
 
 
 def _bounds(given: Members, found: Sequence[Error], numbers: Sequence[int]) -> tuple[list[fmpq], int]:
@@ -323,13 +310,8 @@ def _exponentials(numerators: Sequence[fmpq_poly], denominator: fmpq_poly) -> tu
             raise ArithmeticError("the loop is not stable, or has poles in the same place")
         if root.imag == 0 or root.imag > 0:
             poles.append(root)
-    twice = [1 if pole.imag == 0 else 2 for pole in poles]
-    below = [acb_poly(slope)(pole) for pole in poles]
-    weights = [
-        [acb_poly(one)(pole) * factor / under for pole, factor, under in zip(poles, twice, below, strict=True)]
-        for one in numerators
-    ]
-    return poles, weights
+    below = [acb_poly(slope)(pole) / (1 if pole.imag == 0 else 2) for pole in poles]
+    return poles, [[acb_poly(one)(p) / under for p, under in zip(poles, below, strict=True)] for one in numerators]
 
 
 def _summed(poles: Sequence[acb], weights: Sequence[Sequence[acb]], close: float) -> tuple[list[arb], list[arb]]:

@@ -165,17 +165,17 @@ def _themed(match: re.Match[str]) -> str:
     return f"color-mix(in srgb, var(--ink) {100 * ink:.0f}%, var(--paper))"
 
 
-def in_page(figure: Figure, name: str, caption: str, told: bool = False) -> Picture:
+def in_page(figure: Figure, name: str, caption: str, hover: bool = False) -> Picture:
     """A figure as it stands in a page, over its caption, in which nothing is code.
 
     Args:
         figure: to be shown.
         name: of the picture in links, and before each identifier in it.
         caption: what it shows.
-        told: whether the page tells its values under the pointer.
+        hover: whether the page tells its values under the pointer.
     """
     svg = inline_svg(figure, name, caption)
-    if told and (data := readings_json(figure)):
+    if hover and (data := readings_json(figure)):
         svg += f'<script type="application/json" class="readings">{data}</script>'
     return Picture(svg, "", escape(caption), name)
 

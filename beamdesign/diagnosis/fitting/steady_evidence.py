@@ -66,7 +66,7 @@ def candidates(known: Hypothesis | None = None) -> tuple[Hypothesis, ...]:
     return (*(each for each in found if held <= {*moved(each), *each.causes}), known | together(FLOW_GAIN))
 
 
-def believed(prototype: BenchPrototype) -> Hypothesis:
+def nominal_causes(prototype: BenchPrototype) -> Hypothesis:
     """Causes that a prototype already holds."""
     effects, at = prototype.effects, bench_parameters(prototype)
     found = [name for name in (ORIFICES, AREAS, DEADBAND) if name in effects]
@@ -111,7 +111,7 @@ def steady_placement(prototype: BenchPrototype, hypothesis: Hypothesis, largest_
         hypothesis: of what is at work.
         largest_V: command from which the largest flow follows.
     """
-    known, at, tolerance = moved(believed(prototype)), figures(prototype, hypothesis), prototype.tolerance
+    known, at, tolerance = moved(nominal_causes(prototype)), figures(prototype, hypothesis), prototype.tolerance
     supply, largest_A = at["supply_pressure"], at["gain"] * largest_V
     flow = at["flow_gain"] * largest_A
     lost, loss = _LOST * flow / supply, _LOST * supply / flow**2
@@ -284,7 +284,9 @@ class HeldOut:
         return replace(self.fit, shares=(replace(share, c=self.total**2),))
 
 
-def as_believed(prototype: BenchPrototype, known: Hypothesis, seen: Observations) -> tuple[SteadyEvidence, Placement]:
+def nominal_evidence(
+    prototype: BenchPrototype, known: Hypothesis, seen: Observations
+) -> tuple[SteadyEvidence, Placement]:
     """Motions in units of their scatter, and a placement that moves nothing of the believed bench."""
     piece = SteadyEvidence(seen, np.array(list(figures(prototype, known).values())), seen.scatter)
     return piece, place(bench_structure(_with_effects(prototype, known)), ())
