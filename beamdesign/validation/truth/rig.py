@@ -302,7 +302,8 @@ def march(
     )  # fmt: skip
     volts_per_m = figures["believed_sensor_gain"][0]
     times = np.arange(out.shape[0]) * SAMPLE_S
-    return Motion(times, out[:, 0], out[:, 1] / volts_per_m, *out[:, 2:].T, bounded)
+    current, fed_back, pressure, inner, outer, force = out.T
+    return Motion(times, current, fed_back / volts_per_m, pressure, inner, outer, force, bounded)
 
 
 @dataclass(frozen=True)
