@@ -13,6 +13,8 @@ where the answer is no. In the order in which one needs them:
 
 2. `size` finds the lightest tubes of a problem, `tune` controller and inner end mass for the largest guaranteed
    bandwidth of a rig, `codesign` all of them together, and `run_design` goes from a problem to a certified prototype.
+   `front` draws co-designs over bandwidths and payloads, `remedies` compares the paper's four for payload, and
+   `stiffness` gives the end of a link a commanded stiffness and says what contact it bears.
 
    >>> found = beamdesign.size(beamdesign.read_problem("studies/prototype.toml"))
    >>> f"{found.beam_mass_kg:.4g} kg, governed by {found.governing}"
@@ -21,7 +23,8 @@ where the answer is no. In the order in which one needs them:
    `run` is `run_design` by the name of the command, and its record has what each step gave.
 
 3. `certify` proves stability and performance for every payload of a range, `check` proves a certificate again from its
-   text alone, and `critical_gain` is where a loop begins to oscillate.
+   text alone, and `critical_gain` is where a loop begins to oscillate. `certify_box` does so of every rig within
+   tolerances at once, `certify_switching` while the payload changes in motion, and `arm` of both planes with torsion.
 
    >>> beamdesign.certify(rig, (2.0, 6.8)).stable
    True
@@ -65,10 +68,13 @@ if TYPE_CHECKING:
     from beamdesign.problem import DesignProblem as DesignProblem
     from beamdesign.problem import read_problem as read_problem
     from beamdesign.proofs.loop_family import prove as prove
+    from beamdesign.proofs.over_box import certify_box as certify_box
     from beamdesign.prototype import Prototype as Prototype
     from beamdesign.prototype import read_prototype as read_prototype
     from beamdesign.prototype import write_prototype as write_prototype
+    from beamdesign.public import arm as arm
     from beamdesign.public import certify as certify
+    from beamdesign.public import certify_switching as certify_switching
     from beamdesign.public import pictures as pictures
     from beamdesign.public import predict as predict
     from beamdesign.public import state_space as state_space
@@ -76,10 +82,13 @@ if TYPE_CHECKING:
     from beamdesign.scenario import read_scenario as read_scenario
     from beamdesign.simulation import simulate as simulate
     from beamdesign.synthesis.codesign import codesign as codesign
+    from beamdesign.synthesis.codesign import front as front
     from beamdesign.synthesis.design_run import run as run
     from beamdesign.synthesis.design_run import run_design as run_design
     from beamdesign.synthesis.operating_limits import limits as limits
+    from beamdesign.synthesis.remedies import remedies as remedies
     from beamdesign.synthesis.sizing import size as size
+    from beamdesign.synthesis.stiffness_search import stiffness as stiffness
     from beamdesign.synthesis.tuning import tune as tune
 
 _ROOMS = {
@@ -91,15 +100,18 @@ _ROOMS = {
     "loop": "critical_gain",
     "problem": "DesignProblem read_problem",
     "proofs.loop_family": "prove",
+    "proofs.over_box": "certify_box",
     "prototype": "Prototype read_prototype write_prototype",
-    "public": "certify pictures predict state_space",
+    "public": "arm certify certify_switching pictures predict state_space",
     "records": "InputError",
     "scenario": "read_scenario",
     "simulation": "simulate",
-    "synthesis.codesign": "codesign",
+    "synthesis.codesign": "codesign front",
     "synthesis.design_run": "run run_design",
     "synthesis.operating_limits": "limits",
+    "synthesis.remedies": "remedies",
     "synthesis.sizing": "size",
+    "synthesis.stiffness_search": "stiffness",
     "synthesis.tuning": "tune",
 }
 """Public names by the module that has them."""

@@ -239,6 +239,22 @@ class Prototype(WithMaterials, WithActuator):
         return self.controller
 
     @property
+    def kept_servo(self) -> Cascade:
+        """The law that a compliant controller is made from: that of its own one, or its controller itself.
+
+        Raises:
+            InputError: where there is none.
+        """
+        if self.compliance is not None:
+            return self.compliance.servo
+        if self.controller is None:
+            raise records.InputError(self.name, [("controller", "missing, so that there is none to keep")])
+        if not isinstance(self.controller, Cascade):
+            words = "cannot be kept without a [compliance] that says what it stands for; give a lag"
+            raise records.InputError(self.name, [("controller.kind", f"{self.controller.kind!r} {words}")])
+        return self.controller
+
+    @property
     def schedule(self) -> Scheduled | None:
         """Its controller where that has several laws."""
         return None if self.controller is None else self.controller.schedule

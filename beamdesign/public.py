@@ -15,7 +15,9 @@ if TYPE_CHECKING:
 
     from beamdesign.bench_prototype import AnyPrototype
     from beamdesign.diagnosis.predict import Prediction
+    from beamdesign.proofs.arm.result import ArmResult
     from beamdesign.proofs.certificate import Asked, Certificate
+    from beamdesign.proofs.lyapunov import Switching
     from beamdesign.prototype import Prototype
 
 LOOP_OUTPUTS = ("displacement_m", "sensor_V", "current_A")
@@ -27,6 +29,7 @@ def certify(
     outer_end_mass_kg: tuple[float, float] | float | None = None,
     high_kg: float | None = None,
     claims: "Sequence[Asked]" = (),
+    nonlinear: bool = False,
 ) -> "Certificate":
     """Decide stability and claims over every mass on the outer tip, and write the proof.
 
@@ -35,6 +38,7 @@ def certify(
         outer_end_mass_kg: range, or its lower end where the upper one follows; else the prototype's payload.
         high_kg: upper end.
         claims: to decide beside what is guaranteed.
+        nonlinear: prove as well what holds while effects move, and while the current saturates.
 
     Raises:
         ValueError: for an empty range, or without a controller.
@@ -43,7 +47,54 @@ def certify(
     from beamdesign.proofs.certifying import certify as prove
 
     pair = prototype.asked_kg(outer_end_mass_kg if high_kg is None else (outer_end_mass_kg, high_kg))
-    return prove(prototype, *pair, claims)
+    return prove(prototype, *pair, claims, nonlinear)
+
+
+def certify_switching(
+    prototype: "Prototype",
+    outer_end_mass_kg: tuple[float, float] | None = None,
+    rate_kg_per_s: float | None = None,
+    progress: Progress = silent,
+) -> "Switching":
+    """Prove stability while the payload changes in motion, and of several laws while these change.
+
+    Args:
+        prototype: with a controller; its schedule says how long a stage stays.
+        outer_end_mass_kg: range of payloads; else the prototype's.
+        rate_kg_per_s: to be proved up to; else the largest is searched for.
+        progress: told the share done and what is being done.
+
+    Raises:
+        ValueError: for stages of different states, a range of one payload, or a rate that is not positive.
+        InputError: without a range, or for effects for which no linear loop stands.
+    """
+    from beamdesign.proofs.lyapunov import switching
+    from beamdesign.proofs.mass_family import stage_families
+
+    families, schedule = stage_families(prototype), prototype.schedule
+    stays = 0.0 if schedule is None else schedule.dwell_s
+    return switching(families, *prototype.asked_kg(outer_end_mass_kg), rate_kg_per_s, stays, progress)
+
+
+def arm(
+    prototype: "Prototype",
+    outer_end_mass_kg: tuple[float, float] | None = None,
+    force_N: tuple[float, float, float] | None = None,
+) -> "ArmResult":
+    """Prove both planes of an arm with torsion, and work out what a steady load leaves.
+
+    Args:
+        prototype: with a controller and without effects; `arm` places its payload and its sensor.
+        outer_end_mass_kg: range of payloads; else the prototype's.
+        force_N: load on the payload's centre in x along the beam, y sideways, z upwards; else the weight of the largest
+            payload and the prototype's largest force, downwards.
+
+    Raises:
+        InputError: where figures are missing, or for effects.
+    """
+    from beamdesign.proofs.arm.result import work_out
+
+    return work_out(prototype, prototype.asked_kg(outer_end_mass_kg), force_N)
 
 
 def pictures(prototype: "Prototype") -> "dict[str, Figure]":

@@ -174,7 +174,7 @@ def _plane(name: Literal["y", "z"], sideways_m: float) -> Honest:
 def _port() -> Honest:
     """Against walls of up to 1 GN/m."""
     rig, masses, wall = _tame(), (0.0, 6.8), Wall((fmpq(0), fmpq(10**9)))
-    return Honest(contact_text(rig, judge(rig, None, masses, wall), masses, wall), rig, 6.8)
+    return Honest(contact_text(rig, judge(rig, None, masses, wall)), rig, 6.8)
 
 
 def _box(gain_A_per_V: float, sigmas: float) -> Honest:

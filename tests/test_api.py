@@ -13,6 +13,7 @@ import pytest
 
 import beamdesign
 from beamdesign import InputError, Prototype
+from beamdesign.cli import PANELS
 
 ROOT = Path(__file__).parent.parent
 HEAVY = {
@@ -59,7 +60,8 @@ def test_the_tour_names_every_public_name_and_its_examples_run(monkeypatch):
     assert done.failed == 0
 
 
-COMMANDS = ("run", "size", "tune", "certify", "check", "simulate", "spec", "code", "diagnose", "predict", "limits")
+GIVING = ("Design", "Prove", "Simulate", "Build")
+COMMANDS = (*(one.__name__ for panel in GIVING for one in PANELS[panel]), "check", "diagnose", "predict")
 
 
 @pytest.mark.parametrize("name", COMMANDS)
@@ -98,6 +100,7 @@ def test_functions_stay_functions_after_their_rooms_are_imported():
 from importlib import import_module
 import pkgutil
 import beamdesign
+from beamdesign.cli import PANELS
 for room in ("synthesis", "proofs", "sweep"):
     package = import_module(f"beamdesign.{room}")
     for module in pkgutil.iter_modules(package.__path__, package.__name__ + "."):
@@ -132,3 +135,36 @@ def test_the_verbs_work_on_a_prototype(tmp_path, paper: Prototype):
     assert not beamdesign.certify(firm, 0.0, 6.8).stable
     with pytest.raises(InputError, match="is a prototype, where a study is expected"):
         beamdesign.read_problem(path)
+
+
+def test_what_is_proved_of_every_rig_is_one_record(tmp_path: Path):
+    """The command writes what the function gives, and its certificate is proved again."""
+    rig = beamdesign.read_prototype(ROOT / "studies" / "prototypes" / "tame_lag.toml")
+    found = beamdesign.certify_box(rig, (0.0, 2.0), sigmas=1.0, only=["outer_stiffness", "flow_gain"])
+    assert found.yes
+    assert found.stable
+    assert found.guaranteed["bandwidth_Hz"] > 3.0
+    assert found.to_dict()["guaranteed"]["outer_end_mass_kg"] == [0.0, 2.0]
+    (tmp_path / "box.toml").write_text(found.text, encoding="utf-8")
+    assert beamdesign.check(tmp_path / "box.toml").valid
+    assert repr(found).startswith("<BoxGuarantee: yes; stable=True")
+    wild = beamdesign.certify_box(rig.but(controller=rig.controller.but(gain_A_per_V=0.5)), (0.0, 2.0), sigmas=1.0)
+    assert not wild.yes
+    assert not wild.claims
+    assert wild.reason
+
+
+def test_an_arm_without_a_load_gets_that_of_its_largest_payload():
+    firm = beamdesign.read_prototype(ROOT / "studies" / "prototypes" / "paper_remedy.toml")
+    found, asked = beamdesign.arm(firm, (2.0, 6.8)), beamdesign.arm(firm, (2.0, 6.8), (0.0, 0.0, -6.8 * 9.80665))
+    assert firm.payload.largest_force_N is None
+    assert found.with_servo.size_m == asked.with_servo.size_m > 0
+
+
+def test_a_stiffness_that_is_not_asked_for_is_judged():
+    rig = beamdesign.read_prototype(ROOT / "studies" / "prototypes" / "tame_lag.toml")
+    found = beamdesign.stiffness(rig)
+    assert found.made is None
+    assert found.to_dict()["static_stiffness_N_per_m"] == found.best.static_N_per_m > 1e8
+    with pytest.raises(InputError, match="the servo|missing|cannot be kept"):
+        beamdesign.stiffness(rig.but(controller=None), 1e6, keep_controller=True)

@@ -391,7 +391,7 @@ def test_an_end_with_a_screw_yields_as_its_parts_say(rig: Prototype, compliant: 
 def test_an_end_with_a_screw_is_proved_and_simulated(rig: Prototype, compliant: Compliance) -> None:
     """The checker, which builds the force of the screw itself, proves loop and contact again; at rest x = F / k."""
     found = judge(rig, compliant, (0.0, 6.8), EVERY_WALL)
-    made = carried_out(rig, found, (0.0, 6.8), EVERY_WALL)
+    made = carried_out(rig, found)
     assert found.stable
     assert made.prototype.controller.senses == ("displacement_m", "screw_force_N")
     for text in (made.certificate.text, made.contact):

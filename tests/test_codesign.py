@@ -13,7 +13,7 @@ from beamdesign.loop import loop
 from beamdesign.problem import read_problem
 from beamdesign.prototype import Prototype, read_prototype, write_prototype
 from beamdesign.synthesis.checks import check_sections
-from beamdesign.synthesis.codesign import codesign, pareto_front
+from beamdesign.synthesis.codesign import codesign, front
 from beamdesign.synthesis.free_search import sizes_of, start_variables
 from beamdesign.synthesis.sections import Sections
 
@@ -41,7 +41,7 @@ def violations(prototype: Prototype, masses: tuple[float, float], bandwidth: flo
 def test_codesign_is_lighter_than_the_published_sections_for_the_same_guarantee() -> None:
     # The published tubes with 4.5 kg inside move 14.65 kg and guarantee 3.8 Hz; a rough search on grids found 9.5 kg.
     problem = read_problem(STUDIES / "codesign.toml")
-    found, other = pareto_front(problem, [3.8, 4.2], [PAYLOAD], sigmas=0.0).designs
+    found, other = front(problem, [3.8, 4.2], [PAYLOAD], sigmas=0.0).designs
     assert found.point is not None
     point = found.point
     assert point.moving_mass_kg < 9.5

@@ -348,7 +348,7 @@ def test_stiffnesses_that_can_be_had_end_where_a_root_crosses(rig: Prototype, br
 
 @pytest.mark.parametrize("name", ["soft", "firm", "brisk"])
 def test_the_certificate_of_contact_is_proved_again(rig: Prototype, judged: dict[str, EndStiffness], name: str) -> None:
-    made = carried_out(rig, judged[name], MASSES_KG, WALL)
+    made = carried_out(rig, judged[name])
     text = made.contact
     outcome = check(text, prototype_table(made.prototype))
     assert outcome.valid, outcome.failed
@@ -408,7 +408,7 @@ MUTATIONS = (
 
 def test_truth_of_contact(rig: Prototype) -> None:
     """What is honest is not false, and true with room to spare; what is false in floats is never valid."""
-    text = contact_text(rig, judge(rig, None, MASSES_KG, WALL), MASSES_KG, WALL)
+    text = contact_text(rig, judge(rig, None, MASSES_KG, WALL))
     honest = tomllib.loads(text)
     assert true(honest) is not False
     roomy = deepcopy(honest)

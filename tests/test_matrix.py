@@ -245,7 +245,7 @@ def gap_redesign(kind: str) -> None:
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(tuning, "tune", tuned)
-        patch.setattr(redesigning, "design", compliant)
+        patch.setattr(redesigning, "stiffness", compliant)
         with pytest.raises(Begun) as caught:
             redesign(believed, PAYLOAD)
     (sought,) = caught.value.args

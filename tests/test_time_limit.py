@@ -16,7 +16,7 @@ from beamdesign.diagnosis.fitting.fit import fit_cache
 from beamdesign.proofs.certificate import Asked
 from beamdesign.proofs.certifying import certify
 from beamdesign.proofs.contact import EVERY_WALL
-from beamdesign.synthesis.codesign import pareto_front
+from beamdesign.synthesis.codesign import front
 from beamdesign.synthesis.remedies import remedies
 from beamdesign.synthesis.stiffness_search import design as stiffness_design
 from beamdesign.time_limit import TimeUp, heed, is_limited, leave_out, left, over, share, while_time, within
@@ -197,10 +197,10 @@ def test_a_study_without_time_is_refused_with_what_was_left(tmp_path: Path):
     ):
         assert found.reason
         assert found.left_out
-    front = pareto_front(problem, (3.0, 4.0), [(0.0, 6.8)], sigmas=0.0, minutes=0.0)
-    assert front.proved == ()
-    assert front.designs[1].reason == "no time was left for it"
-    assert "4 Hz over 0 to 6.8 kg" in front.left_out
+    found = front(problem, (3.0, 4.0), [(0.0, 6.8)], sigmas=0.0, minutes=0.0)
+    assert found.proved == ()
+    assert found.designs[1].reason == "no time was left for it"
+    assert "4 Hz over 0 to 6.8 kg" in found.left_out
 
 
 def test_command_says_how_long_it_takes_and_what_it_left(tmp_path: Path):

@@ -22,7 +22,7 @@ from beamdesign.build.tolerances import LARGEST, SAFETY, why_no_box
 from beamdesign.files import fresh_folder, write_whole
 from beamdesign.polynomial import nearest
 from beamdesign.proofs.certificate import Asked, Certificate, Claim, Guaranteed, implies
-from beamdesign.proofs.lyapunov import CHANGES_NAME, describe, stages_certificate, switching_fields
+from beamdesign.proofs.lyapunov import CHANGES_NAME, describe, stages_certificate
 from beamdesign.proofs.scope import holds_for
 from beamdesign.quantities import (
     at_least,
@@ -186,7 +186,7 @@ def json_fields(spec: Specification) -> dict[str, Any]:
         "tolerances": spec.tolerances,
         "tolerances_reason": spec.tolerances_reason,
         "basis": BASIS,
-        **({} if spec.switching is None else {"switching": switching_fields(spec.switching)}),
+        **({} if spec.switching is None else {"switching": spec.switching.to_dict()}),
         **({} if spec.prototype.schedule is None else {"stages": stages}),
     }
     return {name: _plain(value) for name, value in fields.items()}

@@ -146,14 +146,13 @@ def _three(text: str, option: str, quantity: str) -> "Vector":
 
 def _force(record: "Prototype", text: str | None, payload: float, source: Path) -> "Vector":
     """The load: given, or weight of the largest payload and the prototype's largest force, downwards."""
-    from beamdesign.plant.members import STANDARD_GRAVITY
+    from beamdesign.proofs.arm.result import usual_load_N
 
     if text is None:
-        down = payload * STANDARD_GRAVITY + (record.payload.largest_force_N or 0.0)
-        if down == 0:
+        if not any(load := usual_load_N(record, payload)):
             reason = "missing, and no payload has weight; give --force-N"
             refuse(source, ("payload.largest_force_N", reason))
-        return 0.0, 0.0, -down
+        return load
     if "," in text:
         return _three(text, "--force-N", "SignedForce")
     (down,) = figures_of("--force-N", text, "Force", "a force in N, which acts downwards, or three as X,Y,Z", count=1)
@@ -319,28 +318,25 @@ def certify_switching(
         rate: prove stability up to this rate of change; else find the largest.
         out: file for the certificate; else STEM.stages.toml in this folder.
     """
-    from beamdesign.proofs.mass_family import stage_families
-
     record = with_controller(prototype)
-    try:
-        families = stage_families(record)
-    except ValueError as error:
-        refuse(prototype, ("controller.stage", str(error)))
     low, high = mass_range(outer_end_mass, record.outer_end_mass_kg, prototype)
     if not low < high:
         reason = f"{low:g}:{high:g} holds one mass, which cannot change"
         refuse("certify-switching", ("--outer-end-mass", reason))
-    schedule = record.schedule
     path = certificate_file(out, f"{prototype.stem}.stages.toml")
 
-    from beamdesign.proofs.lyapunov import describe, stages_certificate, switching, switching_fields
+    from beamdesign.proofs.lyapunov import describe, stages_certificate
+    from beamdesign.public import certify_switching as prove
 
-    with progress("Lyapunov functions") as update:
-        found = switching(families, low, high, rate, schedule.dwell_s if schedule else 0.0, update)
+    try:
+        with progress("Lyapunov functions") as update:
+            found = prove(record, (low, high), rate, update)
+    except ValueError as error:
+        refuse(prototype, ("controller.stage", str(error)))
     lines = describe(found)
-    several = f"{len(families)} stages, " if schedule else ""
+    several = f"{len(found.families)} stages, " if record.schedule else ""
     echo(f"{record.name}: {several}outer end mass changing between {low:g} and {high:g} kg")
     for line in lines:
         echo(f"  {line}")
     write_certificate(path, stages_certificate(record, found, f"{record.name}\n" + "\n".join(lines)))
-    return CommandResult(switching_fields(found) | {"certificate": path}, found.stable)
+    return CommandResult(found.to_dict() | {"certificate": path}, found.yes)

@@ -1,6 +1,6 @@
 """`beamdesign certify` and `certify-box`: proofs over payloads and tolerances, and how they are printed."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from math import inf, isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -24,8 +24,8 @@ if TYPE_CHECKING:
     from beamdesign.polynomial import Crossing
     from beamdesign.proofs.absolute_stability import Row
     from beamdesign.proofs.arm.result import PlaneGuaranteed
-    from beamdesign.proofs.box import Box, BoxVerdict
     from beamdesign.proofs.certificate import Certificate, Decided, Guaranteed, Kind
+    from beamdesign.proofs.over_box import BoxGuarantee
     from beamdesign.proofs.tolerance_box import Scaling
     from beamdesign.prototype import Goal, InStage, Prototype
 
@@ -224,65 +224,18 @@ def certify_box(
     record = with_controller(prototype)
     masses = mass_range(outer_end_mass, record.outer_end_mass_kg or (0.0, 0.0), prototype)
 
-    from beamdesign.proofs.absolute_stability import box_rows, slope_over_box
-    from beamdesign.proofs.box import certify_box as prove
-    from beamdesign.proofs.box_claims import best_over_box, guaranteed_fields
-    from beamdesign.proofs.certificate import describe, over_passive
-    from beamdesign.proofs.changing_gain import changing_over_box
-    from beamdesign.proofs.error_over_box import errors_over_box
-    from beamdesign.proofs.scope import members
-    from beamdesign.proofs.tolerance_box import largest_scaling, scaling_of_each, servo_off_over_box, tolerance_box
+    from beamdesign.proofs.over_box import certify_box as prove
 
     def proved(stage: "InStage") -> tuple[dict[str, Any], bool]:
         path = certificate_file(beside(out, stage), f"{prototype.stem}{stage.suffix}.box.toml")
         asked = None if outer_end_mass is None else stage.outer_end_mass_kg
-        delays = (0.0, delay_s) if delay_s else None
-        rig, box = stage.prototype, tolerance_box(stage.prototype, sigmas, only or None, asked, delay_s=delays)
         with progress("branch and bound") as update:
-            update(0.1, f"{len(box.names)} figures")
-            verdict = prove(rig, box, budget, seconds)
-            update(0.3, "performance" if verdict.stable else "")
-            claims = best_over_box(rig, box, budget, seconds) if verdict.stable else ()
-            rows: tuple[Row, ...] = ()
-            if nonlinear and verdict.stable:
-                update(0.5, "with a saturated current")
-                lower = next((claim for claim in claims if claim.asked.kind == "gain_margin"), None)
-                slope, why = slope_over_box(rig, box, budget, seconds, lower)
-                update(0.55, "with errors that are bounded")
-                errors, moved = errors_over_box(rig, box, budget, seconds)
-                moved += changing_over_box(members(rig, *stage.outer_end_mass_kg), box, claims)
-                rows, claims = box_rows(rig, slope, why, moved), (*claims, *([] if slope is None else [slope]), *errors)
-            update(0.6, "scaling the tolerances" if scaling else "")
-            found = largest_scaling(rig, box, budget=budget) if scaling else None
-            alone = scaling_of_each(rig, box, budget=budget) if each and verdict.stable else {}
-        _echo_box(rig, box, verdict, sigmas)
-        if found is not None:
-            echo(f"scaling of the tolerances ({sigmas:g} standard deviations are 1): {found.reason}")
-        if alone:
-            _echo_each(alone, sigmas)
-        for claim in claims:
-            if claim.asked.kind in ("peak_compliance", "deviation"):  # told beside others, in words of their own
-                continue
-            echo(f"  guaranteed for every member: {describe(claim.asked)}")
-        missing = [name.replace("_", " ") for name, value in guaranteed_fields(claims).items() if not value]
-        if verdict.stable and missing:
-            echo(f"  not proved of every member: {', '.join(missing)}")
-        if any(c.asked.kind == "peak_sensitivity" and c.asked.limit > rig.goal.peak_sensitivity for c in claims):
-            echo(f"  the peak sensitivity is beyond the goal of {rig.goal.peak_sensitivity:g}")
-        figures = guaranteed_fields(claims) | {"outer_end_mass_kg": stage.outer_end_mass_kg}
-        if softest := figures["peak_compliance_m_per_N"]:
-            off, _ = servo_off_over_box(rig, box)
-            figures |= {"servo_off_m_per_N": off, "peak_over_passive": (ratio := over_passive(softest, off))}
-            _echo_over_passive(softest, off, ratio, rig.goal, " for every member")
-        _echo_moving(rows)
-        if text := verdict.write(claims):
-            write_certificate(path, text)
-        fields = _box_fields(box, verdict, found, alone) | {
-            "certificate": path if text else None,
-            "guaranteed": figures,
-        }
-        fields |= {"nonlinear": [row.to_dict() for row in rows]} if nonlinear else {}
-        return fields, verdict.stable is True and all(row.proved for row in rows)
+            varying = asked, sigmas, only or (), delay_s, nonlinear, scaling, each
+            found = prove(stage.prototype, *varying, budget, seconds, update)
+        _echo_box(found)
+        if found.text:
+            write_certificate(path, found.text)
+        return found.to_dict() | {"certificate": path if found.text else None}, found.yes
 
     return by_stage(record, masses, proved)
 
@@ -331,14 +284,16 @@ def _hertz(crossing: "Crossing") -> str:
     return f"{crossing.frequency_Hz:.6g}" if crossing.finite else "infinite"
 
 
-def _echo_box(record: "Prototype", box: "Box", verdict: "BoxVerdict", sigmas: float) -> None:
-    """Whether a loop is stable over a box, and where it is not; what the box is."""
+def _echo_box(found: "BoxGuarantee") -> None:
+    """Whether a loop is stable over a box, and where it is not; what the box is, and what is proved beside it."""
     from beamdesign.polynomial import nearest
+    from beamdesign.proofs.certificate import describe
     from beamdesign.proofs.scope import holds_for
     from beamdesign.proofs.tolerance_box import figure_key
 
+    record, box, verdict, sure = found.prototype, found.box, found.verdict, found.guaranteed
     words = {True: "stable", False: "NOT stable", None: "undecided whether stable"}
-    echo(f"{record.name}: {words[verdict.stable]} {holds_for(record, sigmas)}")
+    echo(f"{record.name}: {words[verdict.stable]} {holds_for(record, found.sigmas)}")
     point, last = verdict.unstable_point or {}, ("not stable at",) if verdict.unstable_point else ()
     rows = [
         [key, *(nearest(value) / factor for value in (*ends, point.get(name)) if value is not None)]
@@ -354,9 +309,25 @@ def _echo_box(record: "Prototype", box: "Box", verdict: "BoxVerdict", sigmas: fl
     if record.effects:
         echo("  effects are covered as linear loops at frozen values, not as the nonlinear loop")
     echo(f"method: zero exclusion, {verdict.pieces} pieces proved in ball arithmetic, one member by an exact test")
+    if found.scaling is not None:
+        echo(f"scaling of the tolerances ({found.sigmas:g} standard deviations are 1): {found.scaling.reason}")
+    if found.each:
+        _echo_each(found.each, found.sigmas)
+    for claim in found.claims:
+        if claim.asked.kind not in ("peak_compliance", "deviation"):  # these beside others, in words of their own
+            echo(f"  guaranteed for every member: {describe(claim.asked)}")
+    missing = [name.replace("_", " ") for name, value in sure.items() if not value]
+    if verdict.stable and missing:
+        echo(f"  not proved of every member: {', '.join(missing)}")
+    if (peak := sure["peak_sensitivity"]) and peak > record.goal.peak_sensitivity:
+        echo(f"  the peak sensitivity is beyond the goal of {record.goal.peak_sensitivity:g}")
+    if softest := sure["peak_compliance_m_per_N"]:
+        over = sure["servo_off_m_per_N"], sure["peak_over_passive"]
+        _echo_over_passive(softest, *over, record.goal, " for every member")
+    _echo_moving(found.nonlinear or ())
 
 
-def _echo_each(found: "dict[str, Scaling]", sigmas: float) -> None:
+def _echo_each(found: "Mapping[str, Scaling]", sigmas: float) -> None:
     """How far each figure alone may be off."""
     from beamdesign.proofs.tolerance_box import figure_key
 
@@ -366,31 +337,3 @@ def _echo_each(found: "dict[str, Scaling]", sigmas: float) -> None:
         for name, one in found.items()
     ]
     echo_table(f"standard deviations that one figure may be off, the others up to {sigmas:g} as before", columns, rows)
-
-
-def _box_fields(
-    box: "Box", verdict: "BoxVerdict", scaling: "Scaling | None", each: "dict[str, Scaling]"
-) -> dict[str, Any]:
-    """What a JSON file holds of it."""
-    from beamdesign.polynomial import nearest
-    from beamdesign.proofs.tolerance_box import figure_key, in_units
-
-    def point(of: Any) -> dict[str, float] | None:
-        return of and in_units(of, list(of))
-
-    shares = (None,) * 3 if verdict.volumes is None else [*map(nearest, verdict.volumes)]
-    return {
-        **picked(verdict, "stable reason pieces looked_at"),
-        "box": {
-            key: [nearest(low) / factor, nearest(high) / factor]
-            for name, (low, high) in box.ranges.items()
-            for key, factor in [figure_key(name)]
-        },
-        **dict(zip(("stable_fraction", "unstable_fraction", "undecided_fraction"), shares, strict=True)),
-        "unstable_point": point(verdict.unstable_point),
-        "largest_scaling": scaling
-        and picked(scaling, "proved refuted limit reason") | {"unstable_point": point(scaling.unstable_point)},
-        "scaling_of_each": [
-            {"figure": figure_key(name)[0]} | picked(one, "proved refuted limit") for name, one in each.items()
-        ],
-    }

@@ -252,35 +252,11 @@ def codesign(
     title = f"{problem.name}: lightest design for {bandwidth_Hz:g} Hz, proved for {rigs_in_words(point.proved.sigmas)}"
     echo_table(title, ("figure", "value"), rows)
     return CommandResult(
-        {
-            **paths,
-            **picked(point, "moving_mass_kg beam_mass_kg inner_end_mass_kg governing"),
-            "outer": point.outer.sizes,
-            "inner": point.inner.sizes,
-            "controller": point.proved.controller.model_dump(),
-            "checks": [picked(check, "name value limit utilisation") for check in point.checks],
-            "guaranteed": proved,
-            "attempts": found.attempts,
-            **limit,
-        },
+        paths | found.to_dict() | {"guaranteed": proved} | limit,
         files=paths.values(),
     )
 
 
-def _front_row(design: "Codesign") -> dict[str, Any]:
-    from beamdesign.sweep.answers import point_outputs
-
-    row = {
-        "bandwidth_asked_Hz": design.bandwidth_Hz,
-        "outer_end_mass_low_kg": design.outer_end_mass_kg[0],
-        "outer_end_mass_high_kg": design.outer_end_mass_kg[1],
-        "proved": design.point is not None,
-        "reason": design.reason,
-    }
-    return row if design.point is None else row | point_outputs(design.point)
-
-
-_SHOWN = ("added_mass_kg", "controllers", "reason")
 _FRONT = ("bandwidth_asked_Hz", "outer_end_mass_high_kg", "moving_mass_kg", "inner_end_mass_kg", "reason")
 
 
@@ -307,7 +283,7 @@ def front(
     """
     from beamdesign.report.canvas import new_figure
     from beamdesign.report.charts import TradePoint, plot_trade
-    from beamdesign.synthesis.codesign import pareto_front
+    from beamdesign.synthesis import codesign as room
 
     problem = _read(study, nominal)
     masses = problem.payload.outer_end_mass_kg
@@ -318,8 +294,8 @@ def front(
     ranges = [(min(masses[0], end), end) for end in ends]
     count = len(ranges) * len(bandwidths)
     with in_time(minutes, f"{count:g} to {5 * count:g} min") as limit, progress("front") as update:
-        found = pareto_front(problem, bandwidths, ranges, update, 0.0 if nominal else sigmas)
-    rows = [_front_row(design) for design in found.designs]
+        found = room.front(problem, bandwidths, ranges, update, 0.0 if nominal else sigmas)
+    rows = [design.columns() for design in found.designs]
     figure = new_figure()
     points = [TradePoint(*(row[key] for key in TradePoint._fields)) for row in rows if row["proved"]]
     axes = plot_trade(figure.add_subplot(), points, failed_Hz=[design.bandwidth_Hz for design in found.failed])
@@ -330,8 +306,7 @@ def front(
         [[row.get(name, "-") for name in _FRONT] for row in rows],
     )
     write_drawn(out, "front", figure, rows)
-    efficient = [_front_row(design) for design in found.efficient]
-    return CommandResult({"points": rows, "efficient": efficient} | limit, bool(found.proved))
+    return CommandResult(found.to_dict() | limit, found.yes)
 
 
 @command
@@ -358,7 +333,6 @@ def remedies(
     from beamdesign.quantities import stated_bandwidth
     from beamdesign.report.canvas import new_figure
     from beamdesign.report.charts import plot_remedies
-    from beamdesign.sweep.case import REMEDY
     from beamdesign.synthesis import remedies as room
 
     problem = _read(study, nominal)
@@ -368,18 +342,7 @@ def remedies(
             refuse(study, (name, "the remedies start from given sections: width_m and wall_m are needed"))
     with in_time(minutes, "minutes to half an hour") as limit, progress("remedies") as update:
         found = room.remedies(problem, masses, added_mass_kg, update, 0.0 if nominal else sigmas)
-    rows = [
-        {
-            "remedy": remedy.name,
-            **picked(remedy, REMEDY),
-            "controllers": "; ".join(
-                f"{c.gain_A_per_V:.6g} A/V, {c.pole_Hz:.6g}/{c.zero_Hz:.6g} Hz" for c in remedy.controllers
-            ),
-            "parts_kg": "; ".join(f"{low:g} to {high:g}" for low, high in remedy.parts_kg),
-            "reason": remedy.reason,
-        }
-        for remedy in found
-    ]
+    rows = [one.to_dict() for one in found]
     plot_remedies((figure := new_figure(height_mm=80)).add_subplot(), found)
     echo_table(
         f"{problem.name}: remedies for {masses[0]:g} to {masses[1]:g} kg at the tip, each proved",

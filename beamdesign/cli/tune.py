@@ -11,14 +11,13 @@ from beamdesign.cli.command import CommandResult, Figure, by_stage, command, fig
 from beamdesign.cli.output import echo, echo_table, progress, refuse
 from beamdesign.files import write_set
 from beamdesign.result import picked
-from beamdesign.synthesis import SIGMAS
+from beamdesign.synthesis import RIGS, SIGMAS
 
 if TYPE_CHECKING:
-    from beamdesign.controllers import Cascade, Sensed
+    from beamdesign.controllers import Sensed
     from beamdesign.proofs.certificate import Certificate
-    from beamdesign.proofs.contact import Wall
     from beamdesign.prototype import InStage, Prototype
-    from beamdesign.synthesis.end_stiffness import EndStiffness, Need
+    from beamdesign.synthesis.end_stiffness import EndStiffness
     from beamdesign.synthesis.tuning import Tuning
 
 
@@ -81,7 +80,7 @@ def tune(
         out: folder for prototype.toml and certificate.toml; else neither is written.
     """
     from beamdesign.problem import Tuned
-    from beamdesign.proofs.lyapunov import CHANGES_NAME, describe, stages_certificate, switching_fields
+    from beamdesign.proofs.lyapunov import CHANGES_NAME, describe, stages_certificate
     from beamdesign.proofs.tolerance_box import between, in_words
     from beamdesign.prototype import read_prototype
     from beamdesign.records import to_toml
@@ -146,7 +145,7 @@ def tune(
             echo(f"  {line}")
         summary = "\n".join((f"{record.name}: changes between {len(found.laws)} stages", *lines))
         texts["certificate_switching"] = (CHANGES_NAME, stages_certificate(guaranteed, changes, summary))
-        answer |= {"alone_bandwidth_Hz": found.alone_Hz, "switching": switching_fields(changes)}
+        answer |= {"alone_bandwidth_Hz": found.alone_Hz, "switching": changes.to_dict()}
     elif found.laws:
         echo("  changes between the laws are not covered by any proof: the prototype has effects")
     paths: dict[str, Path] = {} if out is None else write_set(out, texts, ("certificate.*.toml", CHANGES_NAME))
@@ -196,19 +195,14 @@ def _sensors(kind: str, added: list[str]) -> "tuple[Sensed, ...]":
     return tuple(name for name in SENSORS if name == SENSORS[0] or name in added)
 
 
-CONTACTS: dict[str, "Need"] = {"passive": "passive", "wall": "wall", "none": "stable"}
-"""Of the option, and what the design calls it."""
-RIGS = 40
-"""Drawn for a law to suit, and others to count what it does on them."""
-
 _LowToHigh = Annotated[str, typer.Option(metavar="LO:HI")]
 
 
 def _wrong_wishes(
     contact: str, end_stiffness_N_per_m: float | None, keep_controller: bool, **others: Any
 ) -> Iterator[tuple[str, str]]:
-    if contact not in CONTACTS:
-        yield "--contact", f"must be one of {', '.join(CONTACTS)}, is {contact!r}"
+    if contact not in (known := ("passive", "wall", "none")):
+        yield "--contact", f"must be one of {', '.join(known)}, is {contact!r}"
     if end_stiffness_N_per_m is None and keep_controller:
         yield "--keep-controller", "is for --end-stiffness-N-per-m; without it no other controller is made"
 
@@ -247,49 +241,55 @@ def stiffness(
         rigs: rigs drawn from the prototype's tolerances that the law has to suit; 0: nominal alone.
         out: folder for prototype.toml and its certificates; else none is written.
     """
-    from beamdesign.polynomial import exact
-    from beamdesign.proofs.contact import Wall
     from beamdesign.prototype import read_prototype
     from beamdesign.quantities import mass_range_text
+    from beamdesign.records import InputError
+    from beamdesign.synthesis.end_stiffness import CONTACT_NAME, contact_text, in_words
+    from beamdesign.synthesis.stiffness_search import CONTACTS
+    from beamdesign.synthesis.stiffness_search import stiffness as give
 
     record = read_prototype(prototype)
-    stiffest = figures_of("--wall-N-per-m", wall_N_per_m, "WallStiffness", "two figures as LO:HI", ":", 2)
+    low, high = figures_of("--wall-N-per-m", wall_N_per_m, "WallStiffness", "two figures as LO:HI", ":", 2)
     damping = figures_of("--wall-damping-N-s-per-m", wall_damping_N_s_per_m, "Damping", "two figures as LO:HI", ":", 2)
-    wall = Wall((exact(stiffest[0]), exact(stiffest[1])), (exact(damping[0]), exact(damping[1])))
-    servo = _servo(record, prototype) if keep_controller else None
+    wall = (low, high), (damping[0], damping[1])
     masses = mass_range(outer_end_mass, record.outer_end_mass_kg, prototype)
     if end_stiffness_N_per_m is not None:
-        return give_stiffness(record, end_stiffness_N_per_m, masses, wall, CONTACTS[contact], servo, rigs, out, minutes)
-
-    from beamdesign.synthesis.end_stiffness import CONTACT_NAME, contact_text, in_words, judge
+        asked = end_stiffness_N_per_m, masses, wall, contact, keep_controller, rigs, out, minutes
+        try:
+            return give_stiffness(record, *asked)
+        except InputError as error:
+            refuse(prototype, *error.problems)
 
     def judged(stage: "InStage") -> tuple[dict[str, Any], bool]:
         rig, own, _ = stage
         try:
-            found = judge(rig, None, own, wall)
+            found = give(rig, None, own, *wall).best
         except ValueError as error:
             refuse(prototype, ("controller", str(error)))
+        assert found is not None  # it is judged as it is
         rows = [*_kept(found), ("for every outer end mass", mass_range_text(own))]
         echo_table(f"{rig.name}: its end, with the controller as it is", ("figure", "value"), rows)
-        for line in in_words(found, wall):
+        for line in in_words(found):
             echo(line)
-        proof = {"certificate_contact": (CONTACT_NAME, contact_text(rig, found, own, wall))}
+        proof = {"certificate_contact": (CONTACT_NAME, contact_text(rig, found))}
         paths = {} if out is None else write_set(out / stage.suffix[1:], proof)
         for kind, path in paths.items():
             echo(f"{kind}: {path}")
-        met = next((one for one in CONTACTS.values() if found.meets(one)), None)
-        return _fields(found, wall) | {"met": met, "reason": "", **paths}, found.meets(CONTACTS[contact])
+        return found.to_dict() | {"reason": "", **paths}, found.meets(CONTACTS[contact])
 
     return by_stage(record, masses, judged)
+
+
+_ANY_WALL = (0.0, 1e9), (0.0, 0.0)
 
 
 def give_stiffness(
     record: "Prototype",
     end_stiffness: float,
     masses: tuple[float, float],
-    wall: "Wall | None" = None,
-    need: "Need" = "wall",
-    servo: "Cascade | None" = None,
+    wall: tuple[tuple[float, float], tuple[float, float]] = _ANY_WALL,
+    contact: str = "wall",
+    keep_controller: bool = False,
     rigs: int = RIGS,
     out: Path | None = None,
     minutes: float | None = None,
@@ -299,24 +299,22 @@ def give_stiffness(
     The rigs that the law has to suit are drawn from the tolerances.
 
     Raises:
-        InputError: for a stiffness that is none, or effects.
+        InputError: for a stiffness that is none, effects, or no controller to keep.
     """
-    from beamdesign.proofs.contact import EVERY_WALL
     from beamdesign.quantities import mass_range_text, quantity
     from beamdesign.records import to_toml
     from beamdesign.synthesis.design_run import CERTIFICATE_NAME
     from beamdesign.synthesis.end_stiffness import CONTACT_NAME, in_words, softest_N_per_m
-    from beamdesign.synthesis.stiffness_search import carried_out, design, drawn_in_words, drawn_rigs
+    from beamdesign.synthesis.stiffness_search import drawn_in_words, drawn_rigs
+    from beamdesign.synthesis.stiffness_search import stiffness as give
 
-    wall = wall or EVERY_WALL
     with in_time(minutes, "2 to 5 min") as limit, progress("end stiffness") as update:
-        found = design(record, end_stiffness, masses, wall, need, servo, rigs, update)
-    if found.best is None:
+        found = give(record, end_stiffness, masses, *wall, contact, keep_controller, rigs, update)
+    if found.best is None or found.made is None:
         echo(found.reason)
-        return CommandResult({"controller": None, "met": None, "reason": found.reason, **limit}, yes=False)
-    best = found.best
+        return CommandResult(found.to_dict() | limit, yes=False)
+    best, done = found.best, found.made
     assert best.law is not None  # it was searched
-    done = carried_out(record, best, masses, wall)
     softest = softest_N_per_m(record, best.law.servo, best.law.force_filter_Hz, masses)
     rows = [
         *best.law.servo.summary(),
@@ -329,9 +327,9 @@ def give_stiffness(
     echo_table(f"{record.name}: end stiffness {quantity(end_stiffness, 'N/m')}", ("figure", "value"), rows)
     if found.reason:
         echo(f"{found.reason}; the next best is given")
-    for line in in_words(best, wall):
+    for line in in_words(best):
         echo(line)
-    others = drawn_rigs(done.prototype, masses, wall, RIGS)
+    others = drawn_rigs(done.prototype, masses, best.wall, RIGS)
     if others:
         echo(drawn_in_words(others))
     texts = {
@@ -340,8 +338,7 @@ def give_stiffness(
         "certificate_contact": (CONTACT_NAME, done.contact),
     }
     paths = {} if out is None else write_set(out, texts)
-    fields = _fields(best, wall) | picked(found, "met reason") | limit
-    return CommandResult(fields | {"drawn": others, **paths}, files=paths.values())
+    return CommandResult(found.to_dict() | limit | {"drawn": others, **paths}, files=paths.values())
 
 
 def _kept(found: "EndStiffness") -> list[tuple[str, Any]]:
@@ -356,41 +353,3 @@ def _kept(found: "EndStiffness") -> list[tuple[str, Any]]:
         ("command followed at rest, share of it", found.command_at_rest),
         ("guaranteed peak sensitivity", stated_peak(found.peak_sensitivity)),
     ]
-
-
-def _servo(record: "Prototype", source: Path) -> "Cascade":
-    """The prototype's own law, or the one that its compliant controller was made from.
-
-    Raises:
-        InputError: where there is none.
-    """
-    from beamdesign.controllers import Cascade
-
-    if record.compliance is not None:
-        return record.compliance.servo
-    if record.controller is None:
-        refuse(source, ("controller", "missing; write it there, or leave out --keep-controller"))
-    if not isinstance(record.controller, Cascade):
-        words = "cannot be kept without a [compliance] that says what it stands for; give a lag"
-        refuse(source, ("controller.kind", f"{record.controller.kind!r} {words}"))
-    return record.controller
-
-
-_STATED = """end_stiffness_N_per_m static_stiffness_N_per_m=static_N_per_m servo_stiffness_N_per_m=servo_N_per_m
-    stiffness_band_Hz=band_Hz command_bandwidth_Hz=command_Hz command_at_rest peak_sensitivity stable
-    passive=passivity.holds wall_stable=contact.holds stiffest_wall_N_per_m
-    one_sided_wall_N_per_m=unilateral_contact.stiffness_N_per_m"""
-
-
-def _fields(best: "EndStiffness", wall: "Wall") -> dict[str, Any]:
-    environment = "mass_kg=mass stiffness_N_per_m=stiffness damping_N_s_per_m=damping"
-    destabilising, witness = best.destabilising_environment, best.contact.witness
-    return {
-        "servo": None if best.law is None else best.law.servo.model_dump(),
-        "force_filter_Hz": None if best.law is None else best.law.force_filter_Hz,
-        **picked(best, _STATED),
-        "active_bands": [picked(band, "low_Hz high_Hz sample_Hz") for band in best.passivity.bands],
-        "destabilised_by": destabilising and picked(destabilising, environment),
-        "wall_N_per_m": wall.stiffness,
-        "wall_witness": witness and picked(witness, environment),
-    }

@@ -10,14 +10,13 @@ from dataclasses import dataclass, replace
 from beamdesign.controllers import Controller
 from beamdesign.diagnosis.data.dataset import Dataset, FrequencyResponse, MeasuredGain, TimeRecord
 from beamdesign.loop import critical_gain
-from beamdesign.progress import Progress
+from beamdesign.progress import Progress, silent
 from beamdesign.proofs.certificate import Certificate
 from beamdesign.proofs.certifying import certify
-from beamdesign.proofs.contact import EVERY_WALL
 from beamdesign.prototype import Prototype
 from beamdesign.records import InputError
 from beamdesign.synthesis.design_run import certified_laws
-from beamdesign.synthesis.stiffness_search import carried_out, design
+from beamdesign.synthesis.stiffness_search import stiffness
 from beamdesign.synthesis.tuning import tune_alike
 from beamdesign.time_limit import within
 
@@ -226,8 +225,7 @@ def _of_stiffness(
     diagnosed: Prototype, end_stiffness: float, masses_kg: tuple[float, float], progress: Progress | None
 ) -> Redesign:
     """The same on the diagnosed figures alone, stable in the air at least."""
-    found = design(diagnosed, end_stiffness, masses_kg, EVERY_WALL, "stable", progress=progress)
-    if found.best is None:
+    found = stiffness(diagnosed, end_stiffness, masses_kg, contact="none", rigs=0, progress=progress or silent)
+    if (done := found.made) is None:
         return Redesign(masses_kg, reason=found.reason)
-    done = carried_out(diagnosed, found.best, masses_kg, EVERY_WALL)
     return Redesign(masses_kg, done.prototype, ((done.certificate, done.prototype),))

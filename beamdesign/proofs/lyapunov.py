@@ -18,7 +18,7 @@ from beamdesign.proofs.lmi import Course, Status
 from beamdesign.proofs.mass_family import Families, Frozen, frozen
 from beamdesign.proofs.writer import Tables, certificate, stated, texts
 from beamdesign.prototype import Prototype
-from beamdesign.result import picked
+from beamdesign.result import Result, finite, picked
 
 CHANGES_NAME = "stages.certificate.toml"
 """File of the proof of changes between the laws of a controller, beside its prototype."""
@@ -26,8 +26,8 @@ CHANGES_NAME = "stages.certificate.toml"
 JOININGS: tuple[Joining, ...] = ("matched", "from_rest")
 
 
-@dataclass(frozen=True)
-class Switching:
+@dataclass(frozen=True, repr=False)
+class Switching(Result):
     """Everything that was proved, or not, about a mass m(t) that moves within a range, and a stage that changes.
 
     Each claim is about one kind of course of m(t); a course that mixes them, such as sudden changes between ramps, is
@@ -71,6 +71,29 @@ class Switching:
         """Why the answer is no, or not at any time, in words; empty where it is yes."""
         joined = (f"payload {r.joining.replace('_', ' ')}: {r.reason}" for r in self.rates if r.reason)
         return "; ".join(reason for reason in [self.stages.reason, *joined] if reason)
+
+    @property
+    def yes(self) -> bool:
+        """As `stable`."""
+        return self.stable
+
+    def to_dict(self) -> dict[str, Any]:
+        """What is proved while payload and stage change, for a JSON file."""
+        cycle = self.any_change.counterexample
+        turns = "outer_end_mass_kg time_s growth_per_cycle=factor proved"
+        rates = "joining status reason rate_kg_per_s not_proved_at_kg_per_s=refused_kg_per_s"
+        return finite({
+            **picked(self, "stable reason outer_end_mass_kg rate_kg_per_s=wanted_kg_per_s"),
+            "stable_while_the_mass_stays": self.frozen.stable,
+            "at_any_time": self.stages.kind == "any_time",
+            "stage_change": picked(self.stages, "status reason dwell_s"),
+            "any_change": {
+                **picked(self.any_change, "status reason joining proved_up_to_kg"),
+                "counterexample": cycle and {"stages": [k + 1 for k in cycle.stages], **picked(cycle, turns)},
+            },
+            "bounded_rate": [picked(one, rates) | {"unlimited": one.rate_kg_per_s == inf} for one in self.rates],
+            "sudden_change": [picked(one, "joining status reason dwell_s decay_per_s") for one in self.sudden],
+        })  # fmt: skip
 
 
 def switching(
@@ -203,32 +226,6 @@ _WORDS = {
 
 def _head(status: Status) -> str:
     return {"unverified": "UNVERIFIED, so not known to be stable"}.get(status, status.upper())
-
-
-def switching_fields(found: Switching) -> dict[str, Any]:
-    """What is proved while payload and stage change, for a JSON file."""
-    cycle = found.any_change.counterexample
-    turns = "outer_end_mass_kg time_s growth_per_cycle=factor proved"
-    return {
-        **picked(
-            found,
-            "stable reason outer_end_mass_kg rate_kg_per_s=wanted_kg_per_s stable_while_the_mass_stays=frozen.stable",
-        ),
-        "at_any_time": found.stages.kind == "any_time",
-        "stage_change": picked(found.stages, "status reason dwell_s"),
-        "any_change": {
-            **picked(found.any_change, "status reason joining proved_up_to_kg"),
-            "counterexample": cycle and {"stages": [k + 1 for k in cycle.stages], **picked(cycle, turns)},
-        },
-        "bounded_rate": [
-            {
-                **picked(rate, "joining status reason rate_kg_per_s not_proved_at_kg_per_s=refused_kg_per_s"),
-                "unlimited": rate.rate_kg_per_s == inf,
-            }
-            for rate in found.rates
-        ],
-        "sudden_change": [picked(sudden, "joining status reason dwell_s decay_per_s") for sudden in found.sudden],
-    }
 
 
 # The certificate, as tables of texts.

@@ -10,10 +10,6 @@ from beamdesign.records import InputError
 from beamdesign.result import picked
 from beamdesign.sweep.case import (
     ERRORS,
-    POINT,
-    PROVED,
-    REMEDY,
-    SIZED,
     Answer,
     ArmOptions,
     AtMassOptions,
@@ -25,12 +21,11 @@ from beamdesign.sweep.case import (
     TuneOptions,
     of_all,
 )
+from beamdesign.synthesis import REMEDY, SIZED
 
 if TYPE_CHECKING:
     from beamdesign.proofs.certificate import Certificate
     from beamdesign.synthesis.checks import Check
-    from beamdesign.synthesis.codesign import CodesignPoint
-    from beamdesign.synthesis.law_design import Proved
     from beamdesign.synthesis.sizing import Sizing
     from beamdesign.synthesis.tuning import Tuning
 
@@ -40,15 +35,6 @@ def payload_range(record: DesignProblem | Prototype) -> tuple[float, float]:
     masses = record.payload.outer_end_mass_kg
     assert masses is not None  # a problem is validated to have it, and what a task needs is there before it computes
     return masses
-
-
-def proved_outputs(best: "Proved") -> dict[str, Any]:
-    """Columns of a proved loop."""
-    law = best.controller
-    breaks = {} if law.lag is None else picked(law.lag, "pole_Hz zero_Hz")
-    for k, section in enumerate(law.sections, start=1):
-        breaks |= {f"section_{k}_{name}": value for name, value in section.model_dump().items()}
-    return picked(best, PROVED) | breaks
 
 
 def size(problem: DesignProblem, options: Any) -> Answer:
@@ -91,7 +77,7 @@ def run(problem: DesignProblem, options: Any) -> Answer:
     found = run_design(problem, sigmas=0.0)  # figures are varied by the sweep
     outputs, details = sizing_outputs(found.sizing)
     if found.tuning is not None and found.tuning.best is not None:
-        outputs |= proved_outputs(found.tuning.best)
+        outputs |= found.tuning.best.columns()
         outputs["moving_mass_kg"] = found.sizing.beam_mass_kg + found.tuning.best.inner_end_mass_kg
     if found.prototype is not None and found.prototype.guarantee is not None:
         outputs["certificate_sha256"] = found.prototype.guarantee.certificate_sha256
@@ -113,12 +99,7 @@ def codesign(problem: DesignProblem, options: CodesignOptions) -> Answer:
         "attempts": attempts,
         "prototype": point.prototype.model_dump(mode="json", exclude_none=True),
     }
-    return Answer(point_outputs(point), details)
-
-
-def point_outputs(point: "CodesignPoint") -> dict[str, Any]:
-    """Columns of a proved design."""
-    return picked(point, f"{POINT} governing") | proved_outputs(point.proved)
+    return Answer(point.columns(), details)
 
 
 def remedy(problem: DesignProblem, options: RemediesOptions) -> Answer:
@@ -149,7 +130,7 @@ def tune(prototype: Prototype, options: TuneOptions) -> Answer:
     for stage, law in zip(found.stages, found.each, strict=True):
         assert law.best is not None
         details = _effort(law) | {"controller": law.best.controller.model_dump(mode="json")}
-        answers[stage.prototype.name] = Answer(proved_outputs(law.best), details)
+        answers[stage.prototype.name] = Answer(law.best.columns(), details)
     return of_all(answers)
 
 
@@ -271,12 +252,10 @@ def at_mass(prototype: Prototype, options: AtMassOptions) -> Answer:
 
 def arm(prototype: Prototype, options: ArmOptions) -> Answer:
     """Both planes with torsion over the payload range, and the error that a load leaves; "no" where not stable."""
-    from beamdesign.plant.members import STANDARD_GRAVITY
-    from beamdesign.proofs.arm.result import work_out
+    from beamdesign.proofs.arm.result import usual_load_N, work_out
 
     masses = payload_range(prototype)
-    weight = masses[1] * STANDARD_GRAVITY + (prototype.payload.largest_force_N or 0.0)
-    force = weight if options.force_N is None else options.force_N
+    force = -usual_load_N(prototype, masses[1])[2] if options.force_N is None else options.force_N
     found = work_out(prototype, masses, (0.0, 0.0, -force))
     outputs: dict[str, Any] = {"stable": found.stable, "force_N": force, "error_alone_m": found.without.size_m}
     if found.with_servo is not None:

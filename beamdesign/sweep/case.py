@@ -20,6 +20,7 @@ from beamdesign.problem import DesignProblem, Sought, Tuned
 from beamdesign.prototype import Prototype
 from beamdesign.records import InputError, NonNegative, Positive, Problem, Record, numbers
 from beamdesign.result import finite, picked
+from beamdesign.synthesis import POINT, PROVED, REMEDY, SIZED
 
 
 @dataclass(frozen=True)
@@ -165,13 +166,7 @@ def _columns(numbers: str, yes_or_no: str = "", text: str = "", lists: str = "")
 _PRICES = """price_tip_force_kg_per_percent price_safety_strength_kg_per_percent
     price_safety_local_buckling_kg_per_percent price_clearance_assembly_kg_per_mm price_clearance_under_load_kg_per_mm
     price_least_wall_kg_per_mm price_largest_width_kg_per_mm price_width_to_wall_at_most_kg_per_percent"""
-TUBES = "outer_width_m=outer.width_m outer_wall_m=outer.wall_m inner_width_m=inner.width_m inner_wall_m=inner.wall_m"
-SIZED = f"beam_mass_kg {TUBES}"
-POINT = f"moving_mass_kg beam_mass_kg {TUBES}"
-REMEDY = f"bandwidth_Hz peak_sensitivity added_mass_kg inner_end_mass_kg {TUBES}"
-PROVED = "bandwidth_Hz peak_sensitivity inner_end_mass_kg gain_A_per_V=controller.gain_A_per_V"
 ERRORS = "twist_rad about_y_rad about_z_rad"
-"""Columns, each with where it stands in the record that a task's engine gives (see `result.picked`)."""
 _SIZES = f"{SIZED} free_beam_mass_kg price_of_rounding_kg {_PRICES}"
 _LAG = "pole_Hz zero_Hz"
 _SECTIONS = " ".join(

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import product
 from operator import le
+from typing import Any
 
 import numpy as np
 
@@ -17,7 +18,8 @@ from beamdesign.problem import DesignProblem
 from beamdesign.progress import Progress, silent
 from beamdesign.prototype import Payload, Prototype
 from beamdesign.records import InputError
-from beamdesign.synthesis import SIGMAS
+from beamdesign.result import Result, finite, picked
+from beamdesign.synthesis import POINT, SIGMAS
 from beamdesign.synthesis.checks import CheckedPair, check_sections
 from beamdesign.synthesis.free_search import free_optimum, sizes_of, start_variables
 from beamdesign.synthesis.holding import Holding, in_words, working
@@ -57,9 +59,13 @@ class CodesignPoint(CheckedPair):
         """Both beams over their full length and the mass added inside."""
         return self.beam_mass_kg + self.inner_end_mass_kg
 
+    def columns(self) -> dict[str, Any]:
+        """Its columns in a table."""
+        return picked(self, f"{POINT} governing") | self.proved.columns()
 
-@dataclass(frozen=True)
-class Codesign:
+
+@dataclass(frozen=True, repr=False)
+class Codesign(Result):
     """Outcome of `codesign`.
 
     Attributes:
@@ -84,6 +90,36 @@ class Codesign:
     def change(self) -> tuple[str, ...]:
         """What to change where load and weight are not held, each entry enough by itself."""
         return () if self.holding is None else in_words(self.holding.ways)
+
+    @property
+    def prototype(self) -> Prototype | None:
+        """The rig of the design."""
+        return None if self.point is None else self.point.prototype
+
+    def to_dict(self) -> dict[str, Any]:
+        """What a JSON file holds of it."""
+        if self.point is None:
+            return finite(picked(self, "reason change attempts"))
+        point = picked(self.point, "moving_mass_kg beam_mass_kg inner_end_mass_kg governing")
+        return finite({
+            **point,
+            "outer": self.point.outer.sizes,
+            "inner": self.point.inner.sizes,
+            "controller": self.point.proved.controller,
+            "checks": [picked(check, "name value limit utilisation") for check in self.point.checks],
+            "attempts": self.attempts,
+        })  # fmt: skip
+
+    def columns(self) -> dict[str, Any]:
+        """Its row in a table of many."""
+        asked = {
+            "bandwidth_asked_Hz": self.bandwidth_Hz,
+            "outer_end_mass_low_kg": self.outer_end_mass_kg[0],
+            "outer_end_mass_high_kg": self.outer_end_mass_kg[1],
+            "proved": self.point is not None,
+            "reason": self.reason,
+        }
+        return asked | ({} if self.point is None else self.point.columns())
 
 
 def _point(problem: DesignProblem, masses_kg: tuple[float, float], proved: Proved) -> CodesignPoint:
@@ -185,8 +221,8 @@ def sized_search(
     return Search(*given, spread=spread, effort=SIZED_EFFORT, sections=sections)
 
 
-@dataclass(frozen=True)
-class Front:
+@dataclass(frozen=True, repr=False)
+class Front(Result):
     """Co-designs over a grid of requirements.
 
     Attributes:
@@ -218,6 +254,16 @@ class Front:
         beaten = {own for own in every for other in every if other != own and all(map(le, other, own))}
         return tuple(design for own, design in every.items() if own not in beaten)
 
+    @property
+    def reason(self) -> str:
+        """Why there is no proved design at all; empty where there is one."""
+        return "" if self.proved else "; ".join(dict.fromkeys(design.reason for design in self.designs))
+
+    def to_dict(self) -> dict[str, Any]:
+        """What a JSON file holds of it: all points, and the efficient ones."""
+        points, efficient = ([one.columns() for one in some] for some in (self.designs, self.efficient))
+        return finite({"points": points, "efficient": efficient})
+
 
 def _merits(design: Codesign) -> tuple[float, ...]:
     """Moving mass, guaranteed bandwidth turned round, and the range's ends so that less is better in each."""
@@ -236,10 +282,10 @@ def _lightest_answer(asked: Codesign, designs: Sequence[Codesign]) -> Codesign:
     return replace(asked, point=min(points, key=lambda point: point.moving_mass_kg), reason="")
 
 
-def pareto_front(
+def front(
     problem: DesignProblem,
     bandwidths_Hz: Sequence[float],
-    ranges_kg: Sequence[tuple[float, float]],
+    ranges_kg: Sequence[tuple[float, float]] = (),
     progress: Progress | None = None,
     sigmas: float = SIGMAS,
     minutes: float | None = None,
@@ -252,7 +298,7 @@ def pareto_front(
     Args:
         problem: as for `codesign`.
         bandwidths_Hz: needed bandwidths.
-        ranges_kg: ranges of outer end mass.
+        ranges_kg: ranges of outer end mass; else the problem's alone.
         progress: told the share done and what is being done.
         sigmas: as of `beamdesign.synthesis.tuning.tune`.
         minutes: as of `codesign`; points that are not come to are told with that reason.
@@ -260,7 +306,9 @@ def pareto_front(
     report = progress or silent
     bandwidths = sorted(set(bandwidths_Hz))
     solved: dict[tuple[int, int], Codesign] = {}
-    ranges = list(dict.fromkeys(ranges_kg))
+    own = problem.payload.outer_end_mass_kg
+    assert own is not None  # a problem is validated to have it
+    ranges = list(dict.fromkeys(ranges_kg or (own,)))
     colder, total = 0, len(ranges) * len(bandwidths)
     with within(minutes) as limit:
         for i, k in product(range(len(ranges)), range(len(bandwidths))):

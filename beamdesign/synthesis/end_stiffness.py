@@ -46,7 +46,7 @@ from beamdesign.proofs.performance import least_of
 from beamdesign.proofs.stability import StabilityMap, is_stable_over, stable_ranges
 from beamdesign.proofs.writer import certificate, maybe_infinite, stated, texts
 from beamdesign.prototype import Compliance, Prototype
-from beamdesign.result import picked
+from beamdesign.result import Result, finite, picked
 from beamdesign.structure.lumped import figures
 
 
@@ -118,11 +118,20 @@ SOFTEST_N_PER_M = 1.0
 """Stiffness below which nothing is looked at."""
 
 
-@dataclass(frozen=True)
-class EndStiffness:
+_STATED = """end_stiffness_N_per_m static_stiffness_N_per_m=static_N_per_m servo_stiffness_N_per_m=servo_N_per_m
+    stiffness_band_Hz=band_Hz command_bandwidth_Hz=command_Hz command_at_rest peak_sensitivity stable
+    passive=passivity.holds wall_stable=contact.holds stiffest_wall_N_per_m
+    one_sided_wall_N_per_m=unilateral_contact.stiffness_N_per_m"""
+_HELD = "mass_kg=mass stiffness_N_per_m=stiffness damping_N_s_per_m=damping"
+
+
+@dataclass(frozen=True, repr=False)
+class EndStiffness(Result):
     """What is proved of a law for every end mass of a range.
 
     Attributes:
+        outer_end_mass_kg: that range.
+        wall: the walls asked about.
         law: what the controller stands for; None where it is judged as it is.
         end_stiffness_N_per_m: that is commanded; of a controller that commands none, its own static one.
         stable: whether every end mass is stable without a wall.
@@ -139,6 +148,8 @@ class EndStiffness:
         unilateral_contact: one-sided walls that it may touch and leave.
     """
 
+    outer_end_mass_kg: tuple[float, float]
+    wall: Wall
     law: Compliance | None
     end_stiffness_N_per_m: float
     stable: bool
@@ -157,6 +168,30 @@ class EndStiffness:
     def meets(self, need: Need) -> bool:
         """Whether contact is proved to be as asked."""
         return self.stable and {"passive": self.passivity.holds, "wall": self.contact.holds, "stable": True}[need]
+
+    @property
+    def met(self) -> Need | None:
+        """The most that contact is proved to be; None where the free end is not stable."""
+        return next((need for need in NEEDS if self.meets(need)), None)
+
+    @property
+    def reason(self) -> str:
+        """Why the free end is not stable; empty where it is."""
+        return "" if self.stable else "the end is not stable without a wall"
+
+    def to_dict(self) -> dict[str, Any]:
+        """What a JSON file holds of it."""
+        destabilising, witness = self.destabilising_environment, self.contact.witness
+        return finite({
+            "servo": None if self.law is None else self.law.servo.model_dump(),
+            "force_filter_Hz": None if self.law is None else self.law.force_filter_Hz,
+            **picked(self, _STATED),
+            "active_bands": [picked(band, "low_Hz high_Hz sample_Hz") for band in self.passivity.bands],
+            "destabilised_by": destabilising and picked(destabilising, _HELD),
+            "wall_N_per_m": self.wall.stiffness,
+            "wall_witness": witness and picked(witness, _HELD),
+            "met": self.met,
+        })  # fmt: skip
 
 
 def sensed(prototype: Prototype) -> Plant:
@@ -207,6 +242,8 @@ def judge(prototype: Prototype, law: Compliance | None, masses_kg: tuple[float, 
     stiffness = static if law is None else law.end_stiffness_N_per_m
     alone = static if law is None else servo_stiffness(prototype, law.servo)
     return EndStiffness(
+        masses_kg,
+        wall,
         law,
         stiffness,
         stable,
@@ -281,14 +318,15 @@ NOTES = {
 Tables = dict[str, Any]
 
 
-def contact_text(prototype: Prototype, found: EndStiffness, masses_kg: tuple[float, float], wall: Wall) -> str:
+def contact_text(prototype: Prototype, found: EndStiffness) -> str:
     """The certificate of the tip of a prototype with its controller."""
-    title = f"Contact of {prototype.name!r} with every outer end mass from {masses_kg[0]:g} to {masses_kg[1]:g} kg."
-    body = {"outer_end_mass_kg": stated(masses_kg)} | _tables(found, wall)
-    return certificate(KIND, prototype, body, "\n".join([title, *in_words(found, wall)]), notes=NOTES)
+    low, high = found.outer_end_mass_kg
+    title = f"Contact of {prototype.name!r} with every outer end mass from {low:g} to {high:g} kg."
+    body = {"outer_end_mass_kg": stated((low, high))} | _tables(found)
+    return certificate(KIND, prototype, body, "\n".join([title, *in_words(found)]), notes=NOTES)
 
 
-def _tables(found: EndStiffness, wall: Wall) -> Tables:
+def _tables(found: EndStiffness) -> Tables:
     passivity: Tables = {"passive": found.passivity.holds}
     if found.passivity.bands:
         passivity["band"] = [{"outer": _ends(band, 0), "inner": _ends(band, 1)} for band in found.passivity.bands]
@@ -296,8 +334,8 @@ def _tables(found: EndStiffness, wall: Wall) -> Tables:
         passivity["troublemaker"] = _environment(found.destabilising_environment)
     contact: Tables = {
         "stable": found.contact.holds,
-        "stiffness_N_per_m": texts(wall.stiffness),
-        "damping_N_s_per_m": texts(wall.damping),
+        "stiffness_N_per_m": texts(found.wall.stiffness),
+        "damping_N_s_per_m": texts(found.wall.damping),
     }
     if not found.contact.holds and found.contact.witness is not None and found.contact.exact:
         contact["witness"] = _environment(found.contact.witness)
@@ -326,8 +364,9 @@ def _environment(found: Environment) -> Tables:
     }
 
 
-def in_words(found: EndStiffness, wall: Wall) -> list[str]:
+def in_words(found: EndStiffness) -> list[str]:
     """What is proved of the tip, a line each."""
+    wall = found.wall
     least, most = (float(value) for value in wall.stiffness)
     walls = f"walls from {least:g} to {most:g} N/m"
     if wall.damping[1] > 0:
@@ -355,8 +394,6 @@ def in_words(found: EndStiffness, wall: Wall) -> list[str]:
             " letting go."
         )
     if not touched.whole:
-        stiffer = "stiffer" if touched.stiffness_N_per_m > 0 else "any"
-        lines.append(
-            f"Undecided: touching and letting go of {stiffer} walls; `beamdesign simulate` shows what they do."
-        )
+        walls = "stiffer walls" if touched.stiffness_N_per_m > 0 else "any walls"
+        lines.append(f"Undecided: touching and letting go of {walls}; `beamdesign simulate` shows what they do.")
     return lines

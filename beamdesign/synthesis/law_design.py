@@ -23,6 +23,7 @@ from beamdesign.proofs.rectangle import Rectangle
 from beamdesign.proofs.scope import members
 from beamdesign.prototype import Goal, Prototype
 from beamdesign.result import picked
+from beamdesign.synthesis import PROVED
 from beamdesign.synthesis.law_task import Search
 from beamdesign.synthesis.loop_samples import calmer
 from beamdesign.synthesis.rig_spread import BoxTask, Cut, OverBox
@@ -58,6 +59,14 @@ class Proved:
     nominal: tuple[float, float] | None = None
     peak_compliance_m_per_N: float = inf
     servo_off_m_per_N: float = inf
+
+    def columns(self) -> dict[str, Any]:
+        """Its columns in a table, with those of the breaks and sections that its law has."""
+        law = self.controller
+        breaks = {} if law.lag is None else picked(law.lag, "pole_Hz zero_Hz")
+        for k, section in enumerate(law.sections, start=1):
+            breaks |= {f"section_{k}_{name}": value for name, value in section.model_dump().items()}
+        return picked(self, PROVED) | breaks
 
     def over(self, box: OverBox) -> "Proved":
         """What is proved of every rig of a box, beside what is proved of the nominal one."""

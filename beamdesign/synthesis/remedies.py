@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from math import inf
+from typing import Any
 
 import numpy as np
 
@@ -17,8 +18,9 @@ from beamdesign.controllers.cascade import as_lag
 from beamdesign.controllers.protocol import form_of
 from beamdesign.problem import DesignProblem
 from beamdesign.progress import Progress, silent
+from beamdesign.result import Result, finite, picked
 from beamdesign.structure.section import Tube
-from beamdesign.synthesis import SIGMAS
+from beamdesign.synthesis import REMEDY, SIGMAS
 from beamdesign.synthesis.codesign import sized_search
 from beamdesign.synthesis.free_search import sizes_of, start_variables
 from beamdesign.synthesis.law_design import Proved
@@ -40,8 +42,8 @@ SCHEDULE_OVERLAP = 0.25
 """Share of a part by which its proof reaches into both neighbours: what the estimate of the payload may be wrong by."""
 
 
-@dataclass(frozen=True)
-class Remedy:
+@dataclass(frozen=True, repr=False)
+class Remedy(Result):
     """One remedy, optimised and proved.
 
     Attributes:
@@ -72,6 +74,13 @@ class Remedy:
     def controllers(self) -> tuple[Lag, ...]:
         """The lag of each part."""
         return tuple(as_lag(proved.controller) for proved in self.proved)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Its row in a table."""
+        laws = (f"{c.gain_A_per_V:.6g} A/V, {c.pole_Hz:.6g}/{c.zero_Hz:.6g} Hz" for c in self.controllers)
+        parts = (f"{low:g} to {high:g}" for low, high in self.parts_kg)
+        words = {"controllers": "; ".join(laws), "parts_kg": "; ".join(parts), "reason": self.reason}
+        return finite({"remedy": self.name, **picked(self, REMEDY), **words})
 
 
 @dataclass(frozen=True)

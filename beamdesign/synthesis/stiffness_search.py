@@ -8,7 +8,8 @@ does on further rigs drawn from the tolerances is decided rig by rig.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -24,6 +25,8 @@ from beamdesign.proofs.contact import Wall
 from beamdesign.proofs.performance import prove
 from beamdesign.proofs.rectangle import Rectangle
 from beamdesign.prototype import Compliance, Prototype
+from beamdesign.result import Result, picked
+from beamdesign.synthesis import RIGS
 from beamdesign.synthesis.design_run import stating
 from beamdesign.synthesis.end_stiffness import (
     NEEDS,
@@ -56,21 +59,96 @@ _LOWEST, _HIGHEST = np.log10([1e-6, 0.05, 0.05, 0.3]), np.log10([3.0, 2e3, 2e3, 
 """Of gain (A/V), pole, zero and force filter (Hz)."""
 
 
+CONTACTS: dict[str, Need] = {"passive": "passive", "wall": "wall", "none": "stable"}
+"""What contact has to be by the name that a user gives it."""
+
+
 @dataclass(frozen=True)
-class Design:
-    """Outcome of `design`.
+class CompliantPrototype:
+    """What a compliant design comes to.
+
+    Attributes:
+        prototype: with its controller, what that stands for, and its guarantee.
+        certificate: of the loop over the payload.
+        contact: text of the certificate of the tip.
+    """
+
+    prototype: Prototype
+    certificate: Certificate
+    contact: str
+
+
+@dataclass(frozen=True, repr=False)
+class Design(Result):
+    """Outcome of `design` and of `stiffness`.
 
     Attributes:
         best: what was proved of the law found; None where there is none.
         met: what contact is proved to be.
         tried: how many laws were looked at.
         reason: why there is no answer, or why it is less than was hoped for; empty otherwise.
+        made: what it comes to, of `stiffness` where a law was searched and found.
     """
 
     best: EndStiffness | None
     met: Need | None
     tried: int
     reason: str = ""
+    made: CompliantPrototype | None = None
+
+    @property
+    def yes(self) -> bool:
+        """Whether there is a law."""
+        return self.best is not None
+
+    @property
+    def prototype(self) -> Prototype | None:
+        """The rig with its law."""
+        return None if self.made is None else self.made.prototype
+
+    def to_dict(self) -> dict[str, Any]:
+        """What a JSON file holds of it."""
+        found = {"controller": None} if self.best is None else self.best.to_dict()
+        return found | picked(self, "met reason")
+
+
+def stiffness(
+    prototype: Prototype,
+    end_stiffness_N_per_m: float | None = None,
+    outer_end_mass_kg: tuple[float, float] | None = None,
+    wall_N_per_m: tuple[float, float] = (0.0, 1e9),
+    wall_damping_N_s_per_m: tuple[float, float] = (0.0, 0.0),
+    contact: str = "wall",
+    keep_controller: bool = False,
+    rigs: int = RIGS,
+    progress: Progress = silent,
+) -> Design:
+    """Give the end of a link a stiffness, and prove what contact it bears; or judge the controller as it is.
+
+    Args:
+        prototype: the rig; its goal limits the peak sensitivity, and loop gain and effort where it sets them.
+        end_stiffness_N_per_m: static F / x that the end is to have; None to judge the prototype's own controller.
+        outer_end_mass_kg: range of payloads; else the prototype's.
+        wall_N_per_m: stiffness of the walls that it may touch, least and most.
+        wall_damping_N_s_per_m: damping of these walls.
+        contact: the least that contact has to be: "passive", "wall" or "none".
+        keep_controller: keep the prototype's controller, and choose the force filter alone.
+        rigs: drawn from the prototype's tolerances, that the law has to suit as well.
+        progress: told the share done and what is being done.
+
+    Raises:
+        InputError: for effects, without a range of payloads, or without a controller to keep.
+        ValueError: for a controller that cannot be judged, see `judge`.
+        KeyError: for another contact.
+    """
+    need, masses = CONTACTS[contact], prototype.asked_kg(outer_end_mass_kg)
+    wall = Wall(*((exact(low), exact(high)) for low, high in (wall_N_per_m, wall_damping_N_s_per_m)))
+    if end_stiffness_N_per_m is None:
+        judged = judge(prototype, None, masses, wall)
+        return Design(judged, judged.met, 0)
+    servo = prototype.kept_servo if keep_controller else None
+    found = design(prototype, end_stiffness_N_per_m, masses, wall, need, servo, rigs, progress)
+    return found if found.best is None else replace(found, made=carried_out(prototype, found.best))
 
 
 def design(
@@ -115,7 +193,7 @@ def design(
         tried += search.tried
         if law is not None:
             found = judge(prototype, law, masses_kg, wall)
-            return Design(found, next(n for n in NEEDS if found.meets(n)), tried, refused)
+            return Design(found, found.met, tried, refused)
         drawn = f", as it is and on {len(others)} rigs drawn from its tolerances" if others else ""
         refused = f"of {tried} laws that were tried, none that keeps the goal is {_WORDS[one]}{drawn}"
     return Design(None, None, tried, refused + _blurred(prototype, end_stiffness) if others else refused)
@@ -247,30 +325,13 @@ class _Search:
         return True
 
 
-@dataclass(frozen=True)
-class CompliantPrototype:
-    """What a compliant design comes to.
-
-    Attributes:
-        prototype: with its controller, what that stands for, and its guarantee.
-        certificate: of the loop over the payload.
-        contact: text of the certificate of the tip.
-    """
-
-    prototype: Prototype
-    certificate: Certificate
-    contact: str
-
-
-def carried_out(
-    prototype: Prototype, found: EndStiffness, masses_kg: tuple[float, float], wall: Wall
-) -> CompliantPrototype:
+def carried_out(prototype: Prototype, found: EndStiffness) -> CompliantPrototype:
     """Write the controller of a law into its prototype, and the proofs.
 
     Raises:
         ValueError: for a controller that was judged as it is.
     """
-    law = found.law
+    law, masses_kg = found.law, found.outer_end_mass_kg
     if law is None:
         raise ValueError("a controller that was judged as it is has no law to be carried out")
     rig = prototype.but(controller=controller_of(prototype, law), compliance=law, guarantee=None)
@@ -278,7 +339,7 @@ def carried_out(
     proof = certify(rig, *masses_kg, asked)
     bandwidth = 0.0 if proof.guaranteed is None else proof.guaranteed.bandwidth_Hz
     made = stating(rig, proof.text, masses_kg, bandwidth, found.peak_sensitivity)
-    return CompliantPrototype(made, proof, contact_text(rig, found, masses_kg, wall))
+    return CompliantPrototype(made, proof, contact_text(rig, found))
 
 
 @dataclass(frozen=True)

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from scipy.linalg import eigh
 
+from beamdesign.plant.members import STANDARD_GRAVITY
 from beamdesign.polynomial import exact, nearest
 from beamdesign.proofs.arm import (
     PLANES,
@@ -31,7 +32,7 @@ from beamdesign.proofs.quadratic import kept_up_to_Hz
 from beamdesign.proofs.stability import StabilityMap, stable_ranges
 from beamdesign.proofs.writer import certificate, plain, stability_table, stated, texts
 from beamdesign.prototype import Goal, Prototype
-from beamdesign.result import picked
+from beamdesign.result import Result, picked
 from beamdesign.structure.lumped import lumped_beam
 
 KIND = "beamdesign.arm_plane"
@@ -158,8 +159,8 @@ class Frequencies:
     turning_held_Hz: float
 
 
-@dataclass(frozen=True)
-class ArmResult:
+@dataclass(frozen=True, repr=False)
+class ArmResult(Result):
     """What is known of an arm.
 
     Attributes:
@@ -219,13 +220,18 @@ class ArmResult:
         }
 
 
-def work_out(prototype: Prototype, masses: tuple[float, float], force_N: Vector) -> ArmResult:
+def usual_load_N(prototype: Prototype, payload_kg: float) -> Vector:
+    """The weight of a payload and the prototype's largest force, downwards, in x, y, z."""
+    return 0.0, 0.0, -(payload_kg * STANDARD_GRAVITY + (prototype.payload.largest_force_N or 0.0))
+
+
+def work_out(prototype: Prototype, masses: tuple[float, float], force_N: Vector | None = None) -> ArmResult:
     """Prove and work out an arm.
 
     Args:
         prototype: with a controller and without effects.
         masses: range of payloads, kg.
-        force_N: steady load on the payload's centre, in x, y, z.
+        force_N: steady load on the payload's centre, in x, y, z; else that of the largest payload, `usual_load_N`.
 
     Raises:
         InputError: where figures are missing, or for effects.
@@ -243,7 +249,7 @@ def work_out(prototype: Prototype, masses: tuple[float, float], force_N: Vector)
     if stable:
         y, z = (loop.at(0.0).static_compliance() for loop in model.loops)
         closed = y, z
-    goal = prototype.goal.compliance_m_per_N
+    goal, force = prototype.goal.compliance_m_per_N, force_N or usual_load_N(prototype, masses[1])
     tip = tip_compliance(figures)
     servo = None if closed is None else held(tip, closed, sensor_of(prototype)).compliance
     payload, tool = arm.offset_m, arm.tool_m or arm.offset_m
@@ -259,8 +265,8 @@ def work_out(prototype: Prototype, masses: tuple[float, float], force_N: Vector)
             for place, lever in (("tip", (0.0, 0.0, 0.0)), ("payload", payload))
             for with_servo, found in ((False, tip), (True, servo))
         },
-        without=remaining(figures, force_N, payload, tool, None),
-        with_servo=None if closed is None else remaining(figures, force_N, payload, tool, closed, sensor_of(prototype)),
+        without=remaining(figures, force, payload, tool, None),
+        with_servo=None if closed is None else remaining(figures, force, payload, tool, closed, sensor_of(prototype)),
         frequencies=tuple(frequencies(prototype, mass) for mass in dict.fromkeys(masses)),
     )
 

@@ -1,0 +1,169 @@
+"""All that is proved of every rig within tolerances at once: stability, performance, and what is not linear."""
+
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from math import inf
+from typing import Any
+
+from flint import fmpq
+
+from beamdesign.polynomial import nearest
+from beamdesign.progress import Progress, silent
+from beamdesign.proofs.absolute_stability import box_rows, slope_over_box
+from beamdesign.proofs.box import Box, BoxVerdict
+from beamdesign.proofs.box import certify_box as decide
+from beamdesign.proofs.box_claims import BoxClaim, best_over_box, guaranteed_fields
+from beamdesign.proofs.certificate import Row, over_passive
+from beamdesign.proofs.changing_gain import changing_over_box
+from beamdesign.proofs.error_over_box import errors_over_box
+from beamdesign.proofs.scope import members
+from beamdesign.proofs.tolerance_box import (
+    Scaling,
+    figure_key,
+    in_units,
+    largest_scaling,
+    scaling_of_each,
+    servo_off_over_box,
+    tolerance_box,
+)
+from beamdesign.prototype import Prototype
+from beamdesign.result import Result, finite, picked
+
+
+@dataclass(frozen=True, repr=False)
+class BoxGuarantee(Result):
+    """What is proved of every rig of a box.
+
+    Attributes:
+        prototype: with one law.
+        outer_end_mass_kg: payloads.
+        sigmas: standard deviations to either side of every figure.
+        box: the ranges.
+        verdict: on stability.
+        claims: what is proved beside it; none where that is not proved.
+        nonlinear: what is proved of effects while they move; None where it was not asked for.
+        scaling: of all tolerances, the largest that is stable; None where it was not asked for.
+        each: of each figure alone, the others as they are.
+    """
+
+    prototype: Prototype
+    outer_end_mass_kg: tuple[float, float]
+    sigmas: float
+    box: Box
+    verdict: BoxVerdict
+    claims: tuple[BoxClaim, ...]
+    nonlinear: tuple[Row, ...] | None
+    scaling: Scaling | None
+    each: Mapping[str, Scaling]
+
+    @property
+    def stable(self) -> bool | None:
+        """Whether every rig is proved to be stable, or one not to be; None where neither is."""
+        return self.verdict.stable
+
+    @property
+    def yes(self) -> bool:
+        """Whether stability is proved, and all that was asked of what is not linear."""
+        return self.stable is True and all(row.proved for row in self.nonlinear or ())
+
+    @property
+    def reason(self) -> str:
+        """Why stability is not proved; empty where it is."""
+        return self.verdict.reason
+
+    @cached_property
+    def text(self) -> str:
+        """The certificate, which `beamdesign.check` proves again; empty where nothing is decided."""
+        return self.verdict.write(self.claims)
+
+    @cached_property
+    def guaranteed(self) -> dict[str, Any]:
+        """The figures that every rig keeps, by their keys in JSON; None, or false, where none is proved."""
+        found = guaranteed_fields(self.claims) | {"outer_end_mass_kg": self.outer_end_mass_kg}
+        if softest := found["peak_compliance_m_per_N"]:
+            off, _ = servo_off_over_box(self.prototype, self.box)
+            found |= {"servo_off_m_per_N": off, "peak_over_passive": over_passive(softest, off)}
+        return found
+
+    def to_dict(self) -> dict[str, Any]:
+        """What a JSON file holds of it."""
+
+        def point(of: Mapping[str, fmpq] | None) -> dict[str, float] | None:
+            return None if of is None else in_units(of, list(of))
+
+        verdict, scaling = self.verdict, self.scaling
+        shares = (None,) * 3 if verdict.volumes is None else [*map(nearest, verdict.volumes)]
+        return finite({
+            **picked(verdict, "stable reason pieces looked_at"),
+            "box": {
+                key: [nearest(low) / factor, nearest(high) / factor]
+                for name, (low, high) in self.box.ranges.items()
+                for key, factor in [figure_key(name)]
+            },
+            **dict(zip(("stable_fraction", "unstable_fraction", "undecided_fraction"), shares, strict=True)),
+            "unstable_point": point(verdict.unstable_point),
+            "largest_scaling": scaling
+            and picked(scaling, "proved refuted limit reason") | {"unstable_point": point(scaling.unstable_point)},
+            "scaling_of_each": [
+                {"figure": figure_key(name)[0]} | picked(one, "proved refuted limit") for name, one in self.each.items()
+            ],
+            "guaranteed": self.guaranteed,
+            **({} if self.nonlinear is None else {"nonlinear": [row.to_dict() for row in self.nonlinear]}),
+        })  # fmt: skip
+
+
+def certify_box(
+    prototype: Prototype,
+    outer_end_mass_kg: tuple[float, float] | None = None,
+    sigmas: float = 3.0,
+    only: Collection[str] = (),
+    delay_s: float = 0.0,
+    nonlinear: bool = False,
+    scaling: bool = False,
+    each: bool = False,
+    budget: int = 4000,
+    seconds: float = inf,
+    progress: Progress = silent,
+) -> BoxGuarantee:
+    """Prove stability and performance of every rig within tolerances, for every payload, all figures at once.
+
+    Args:
+        prototype: with a controller of one law and its tolerances.
+        outer_end_mass_kg: range of payloads; else the prototype's.
+        sigmas: standard deviations to either side of every figure.
+        only: figures that vary; else all that have a tolerance.
+        delay_s: a pure delay in the loop that may be anything up to this.
+        nonlinear: prove as well that every rig comes to rest while its current saturates, and how far bounded errors
+            move its tip.
+        scaling: find the largest scaling of the tolerances that is stable.
+        each: find it of each figure alone, the others staying as far off as they may be.
+        budget: most pieces of frequency and figures to look at, for each claim.
+        seconds: most time for each search.
+        progress: told the share done and what is being done.
+
+    Raises:
+        ValueError: without a controller.
+        InputError: for a figure that the rig does not have, or that has no tolerance.
+    """
+    delays = (0.0, delay_s) if delay_s else None
+    masses = outer_end_mass_kg or prototype.outer_end_mass_kg or (0.0, 0.0)
+    box = tolerance_box(prototype, sigmas, only or None, outer_end_mass_kg, delay_s=delays)
+    progress(0.1, f"{len(box.names)} figures")
+    verdict = decide(prototype, box, budget, seconds)
+    progress(0.3, "performance" if verdict.stable else "")
+    claims = tuple(best_over_box(prototype, box, budget, seconds)) if verdict.stable else ()
+    rows: tuple[Row, ...] = ()
+    if nonlinear and verdict.stable:
+        progress(0.5, "with a saturated current")
+        lower = next((claim for claim in claims if claim.asked.kind == "gain_margin"), None)
+        slope, why = slope_over_box(prototype, box, budget, seconds, lower)
+        progress(0.55, "with errors that are bounded")
+        errors, moved = errors_over_box(prototype, box, budget, seconds)
+        moved += changing_over_box(members(prototype, *masses), box, claims)
+        rows = box_rows(prototype, slope, why, moved)
+        claims = (*claims, *([] if slope is None else [slope]), *errors)
+    progress(0.6, "scaling the tolerances" if scaling else "")
+    found = largest_scaling(prototype, box, budget=budget) if scaling else None
+    alone = scaling_of_each(prototype, box, budget=budget) if each and verdict.stable else {}
+    return BoxGuarantee(prototype, masses, sigmas, box, verdict, claims, rows if nonlinear else None, found, alone)
