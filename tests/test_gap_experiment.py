@@ -93,3 +93,20 @@ def test_no_bound_is_more_than_the_information_itself():
     exact = entropy - 0.5 * np.log2(2 * np.pi * np.e)
     bound = information(np.array([[0.0, 2.0], [2.0, 0.0]]), (0.5, 0.5))
     assert 0.6 * exact < bound < exact
+
+
+def test_what_the_prototype_itself_does_not_predict_is_not_proposed(slow):
+    """Rivals are stable, being fitted; the prototype, with eight times their flow gain, is not: no fit begins there."""
+    rivals = [fitted(TRUTH, slow), fitted(RIVAL, slow)]
+    assert next_experiment(slow, rivals, (0.5, 0.5)) is not None
+    valve = slow.prototype.servovalve
+    wild = slow.prototype.but(servovalve=valve.but(flow_gain_m3_per_s_per_A=8 * valve.flow_gain_m3_per_s_per_A))
+    moved = []
+    for one in rivals:
+        placed = one.hypothesis.placement(wild)
+        (k,) = [k for k, unknown in enumerate(placed.unknowns) if unknown.name == "flow_gain"]
+        z = one.z.copy()
+        z[k] = -np.log(8) / placed.unknowns[k].spread
+        assert placed.unknowns[k].value(z[k]) == pytest.approx(valve.flow_gain_m3_per_s_per_A, rel=0.01)
+        moved.append(replace(one, z=z))
+    assert next_experiment(replace(slow, prototype=wild), moved, (0.5, 0.5)) is None

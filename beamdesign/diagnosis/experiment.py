@@ -20,6 +20,7 @@ from beamdesign.controllers.protocol import ANY_PAYLOAD
 from beamdesign.diagnosis.data.dataset import Dataset, TimeRecord, without_noise
 from beamdesign.diagnosis.diagnosis import NextExperiment
 from beamdesign.diagnosis.fitting.fit import Fit
+from beamdesign.diagnosis.fitting.hypothesis import NOTHING
 from beamdesign.diagnosis.fitting.replay import Replay
 from beamdesign.diagnosis.fitting.weighting import weighting
 from beamdesign.plant.assembly import RIGS
@@ -36,6 +37,9 @@ _SHARES = (0.1, 1.0, 2.0)
 _PAYLOADS = (0.5, 1.5)
 """Of the largest payload so far."""
 _ANOTHER_PAYLOAD = 1.3  # effort
+_BEYOND, _USUAL_HZ = 1.05, 200.0
+"""Effort of driving the rig harder than any record has, and of driving it above that frequency: it may do there what
+no rival holds, which counts where something milder tells as much."""
 _NOISE = 0.5  # of a signal's rms: what is left without noise, where it is noise
 
 
@@ -69,13 +73,13 @@ def menu(data: Dataset) -> Iterator[Experiment]:
     name = f"{shorter(data.prototype.name)}: next experiment"
     for record, outer, inner, effort in _settings(data):
         law, payload = record.controller, f"a payload of {outer:.3g} kg" if outer > 0 else "no payload"
-        for signal, words in _signals(data):
+        for signal, words, beyond in _signals(data):
             text = f"{words}, {payload}, {law.kind} controller of {law.gain_A_per_V:.3g} A/V"
             row = ScenarioRecord(
                 name="next", input=(signal,), outer_end_mass_kg=outer, inner_end_mass_kg=inner, controller=law
             )
             plan = Scenario(name=name, duration_s=DURATION_S, sample_s=SAMPLE_S, start="rest", record=(row,))
-            yield Experiment(text, plan, effort)
+            yield Experiment(text, plan, effort * _BEYOND**beyond)
 
 
 def _settings(data: Dataset) -> list[tuple[TimeRecord, float, float, float]]:
@@ -95,7 +99,8 @@ def _settings(data: Dataset) -> list[tuple[TimeRecord, float, float, float]]:
     return found
 
 
-def _signals(data: Dataset) -> Iterator[tuple[Input, str]]:
+def _signals(data: Dataset) -> Iterator[tuple[Input, str, int]]:
+    """Input, in words, and in how many ways it goes beyond the records."""
     for column, key, unit, words in ((1, "amplitude_V", "V", "command"), (0, "amplitude_N", "N", "force on the tip")):
         largest = max(_peak(r.inputs[:, column]) for r in data.records)
         if largest <= 0:
@@ -103,12 +108,14 @@ def _signals(data: Dataset) -> Iterator[tuple[Input, str]]:
         for share in _SHARES:
             peak = float(f"{share * largest:.2g}")
             size: dict[str, Any] = {key: peak}
+            harder = int(share > 1)
             for low, high in _BANDS_HZ:
                 text = f"{words}: many lines from {low:g} to {high:g} Hz with a peak of {peak:g} {unit}"
-                yield Multisine(low_Hz=low, high_Hz=high, **size), text
-            yield Sine(frequency_Hz=0.5, fade_s=0.2, **size), f"{words}: slow sine, 0.5 Hz, {peak:g} {unit}"
+                yield Multisine(low_Hz=low, high_Hz=high, **size), text, harder + int(high > _USUAL_HZ)
+            yield Sine(frequency_Hz=0.5, fade_s=0.2, **size), f"{words}: slow sine, 0.5 Hz, {peak:g} {unit}", harder
             if column == 0:
-                yield LoadSteps(rise_s=0.03, **size), f"{words}: load steps of {peak:g} {unit}, both ways"
+                text = f"{words}: load steps of {peak:g} {unit}, both ways"
+                yield LoadSteps(rise_s=0.03, **size), text, harder
 
 
 def _peak(signal: np.ndarray) -> float:
@@ -210,16 +217,21 @@ def separations(data: Dataset, rivals: Sequence[Fit], weights: Sequence[float]) 
 
 
 def _without_retuning(data: Dataset, experiment: Experiment, rivals: Sequence[Fit]) -> np.ndarray | None:
-    """(R, R) differences of rivals with nothing re-tuned; None where one does not predict it."""
-    channels = _channels(data)
+    """(R, R) differences of rivals with nothing re-tuned; None where one, or the prototype itself, does not predict it.
+
+    A record that the prototype does not predict could not be diagnosed: fits begin there.
+    """
+    channels, nothing = _channels(data), NOTHING.placement(data.prototype)
     job, column = _job(data.prototype, experiment.scenario), channels.index("displacement_m")
-    made = [job.simulated(fit.hypothesis.placement(data.prototype), fit.z, channels) for fit in rivals]
+    asked = [(nothing, np.zeros(len(nothing.unknowns)))]
+    asked += [(fit.hypothesis.placement(data.prototype), fit.z) for fit in rivals]
+    made = [job.simulated(placement, z, channels) for placement, z in asked]
     predicted = [y for y in made if y is not None and np.all(np.isfinite(y))]
     reached = max(float(np.abs(r.measured["displacement_m"]).max()) for r in data.records)
     if len(predicted) < len(made) or any(np.abs(y[:, column]).max() > _FURTHEST * reached for y in predicted):
         return None
-    weight = weighting(_as_record(data, job, predicted[0], channels), channels)
-    weighed = np.array([weight(y) for y in predicted])
+    weight = weighting(_as_record(data, job, predicted[1], channels), channels)
+    weighed = np.array([weight(y) for y in predicted[1:]])
     return np.asarray(np.linalg.norm(weighed[:, None] - weighed[None], axis=2))
 
 

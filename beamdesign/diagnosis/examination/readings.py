@@ -279,6 +279,8 @@ _NOISY = 0.4
 _GRAVE = 0.1
 _HOPELESS = 0.5
 _EXPLAINED = 0.25  # of the residual may remain
+_SHORTEST = 0.05
+"""Of a sample: channels are shifted by more, if at all."""
 _SAME_GAIN = 0.02
 _OFFSET = 0.2
 _MOST = 0.6
@@ -357,7 +359,9 @@ def _verdict(
             return contradicts(f": {words}; correct its gain_A_per_V")
         words += ", as in all records: check gain_A_per_V, sensor.gain_V_per_m, the unit of current_A and the amplifier"
         return Caution("amplifier_gain", record.name, words, limits_confidence=True)
-    best, late = refitted(record, gain), min(fit.with_delay, fit.with_lag)
+    times = (fit.with_delay, fit.delay_s), (fit.with_lag, fit.lag_s)
+    late = min((left for left, time in times if abs(time) > _SHORTEST * record.step), default=inf)
+    best = refitted(record, gain)
     if (best_left := missed_by(record, best, gain)) < min(enough, 0.5 * late):
         return obeys(best, "the one that fits best", best_left)
     if late < 0.5 * fit.residual:
