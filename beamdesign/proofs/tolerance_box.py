@@ -64,7 +64,8 @@ def tolerance_box(
     values = rig_values(prototype)
     deviations = {n: getattr(prototype.tolerance, key) for n, key in TOLERANCES.items() if n in values}
     if unknown := sorted((set(spread or {}) | set(names or ())) - set(values)):
-        raise InputError("names", [Problem(name, f"no such figure; there are {', '.join(values)}") for name in unknown])
+        reason = f"no such figure; there are {', '.join(values)}"
+        raise InputError(prototype.name, [Problem(name, reason) for name in unknown])
     deviations |= spread or {}
     part = {name: exact(sigmas) * exact(deviation) for name, deviation in deviations.items()}
     if wide := [name for name, share in part.items() if share >= 1 and values[name] > 0]:
@@ -89,7 +90,7 @@ def tolerance_box(
     chosen = [name for name in values if name in ranges and ranges[name] != (values[name],) * 2]
     if names is not None:
         if fixed := sorted(set(names) - set(chosen)):
-            raise InputError("names", [Problem(name, "has no tolerance and no range") for name in fixed])
+            raise InputError(prototype.name, [Problem(name, "has no tolerance and no range") for name in fixed])
         chosen = [name for name in chosen if name in names or name in rigid]
     nominal = {name: min(max(values[name], ranges[name][0]), ranges[name][1]) for name in chosen}
     return Box({name: ranges[name] for name in chosen}, nominal, frozenset(rigid & set(chosen)))
