@@ -41,8 +41,14 @@ def violations(prototype: Prototype, masses: tuple[float, float], bandwidth: flo
 def test_codesign_is_lighter_than_the_published_sections_for_the_same_guarantee() -> None:
     # The published tubes with 4.5 kg inside move 14.65 kg and guarantee 3.8 Hz; a rough search on grids found 9.5 kg.
     problem = read_problem(STUDIES / "codesign.toml")
-    found, other = front(problem, [3.8, 4.2], [PAYLOAD], sigmas=0.0).designs
+    drawn = front(problem, [3.8, 4.2], [PAYLOAD], sigmas=0.0)
+    found, other = drawn.designs
+    assert drawn.yes
     assert found.point is not None
+    points = drawn.to_dict()["points"]
+    assert [row["bandwidth_asked_Hz"] for row in points if row["proved"]] == [3.8, 4.2]
+    assert points[0]["moving_mass_kg"] == found.to_dict()["moving_mass_kg"] == found.point.moving_mass_kg
+    assert f"moving_mass_kg={found.point.moving_mass_kg:.4g}" in repr(found)
     point = found.point
     assert point.moving_mass_kg < 9.5
     assert check_sections(problem, point.outer, point.inner).feasible

@@ -136,6 +136,8 @@ def test_every_remedy_has_its_share_of_the_time():
         found = remedies(problem, (0.0, 2.0), 4.5, sigmas=0.0)
     assert len(found) == 5
     assert all(one.reason or one.proved for one in found)
+    assert all(one.yes is bool(one.proved) for one in found)
+    assert [one.to_dict()["remedy"] for one in found] == [one.name for one in found]
     assert limit.left_out
 
 
