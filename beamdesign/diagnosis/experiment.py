@@ -37,9 +37,6 @@ _SHARES = (0.1, 1.0, 2.0)
 _PAYLOADS = (0.5, 1.5)
 """Of the largest payload so far."""
 _ANOTHER_PAYLOAD = 1.3  # effort
-_BEYOND, _USUAL_HZ = 1.05, 200.0
-"""Effort of driving the rig harder than any record has, and of driving it above that frequency: it may do there what
-no rival holds, which counts where something milder tells as much."""
 _NOISE = 0.5  # of a signal's rms: what is left without noise, where it is noise
 
 
@@ -73,13 +70,13 @@ def menu(data: Dataset) -> Iterator[Experiment]:
     name = f"{shorter(data.prototype.name)}: next experiment"
     for record, outer, inner, effort in _settings(data):
         law, payload = record.controller, f"a payload of {outer:.3g} kg" if outer > 0 else "no payload"
-        for signal, words, beyond in _signals(data):
+        for signal, words in _signals(data):
             text = f"{words}, {payload}, {law.kind} controller of {law.gain_A_per_V:.3g} A/V"
             row = ScenarioRecord(
                 name="next", input=(signal,), outer_end_mass_kg=outer, inner_end_mass_kg=inner, controller=law
             )
             plan = Scenario(name=name, duration_s=DURATION_S, sample_s=SAMPLE_S, start="rest", record=(row,))
-            yield Experiment(text, plan, effort * _BEYOND**beyond)
+            yield Experiment(text, plan, effort)
 
 
 def _settings(data: Dataset) -> list[tuple[TimeRecord, float, float, float]]:
@@ -99,8 +96,7 @@ def _settings(data: Dataset) -> list[tuple[TimeRecord, float, float, float]]:
     return found
 
 
-def _signals(data: Dataset) -> Iterator[tuple[Input, str, int]]:
-    """Input, in words, and in how many ways it goes beyond the records."""
+def _signals(data: Dataset) -> Iterator[tuple[Input, str]]:
     for column, key, unit, words in ((1, "amplitude_V", "V", "command"), (0, "amplitude_N", "N", "force on the tip")):
         largest = max(_peak(r.inputs[:, column]) for r in data.records)
         if largest <= 0:
@@ -108,14 +104,12 @@ def _signals(data: Dataset) -> Iterator[tuple[Input, str, int]]:
         for share in _SHARES:
             peak = float(f"{share * largest:.2g}")
             size: dict[str, Any] = {key: peak}
-            harder = int(share > 1)
             for low, high in _BANDS_HZ:
                 text = f"{words}: many lines from {low:g} to {high:g} Hz with a peak of {peak:g} {unit}"
-                yield Multisine(low_Hz=low, high_Hz=high, **size), text, harder + int(high > _USUAL_HZ)
-            yield Sine(frequency_Hz=0.5, fade_s=0.2, **size), f"{words}: slow sine, 0.5 Hz, {peak:g} {unit}", harder
+                yield Multisine(low_Hz=low, high_Hz=high, **size), text
+            yield Sine(frequency_Hz=0.5, fade_s=0.2, **size), f"{words}: slow sine, 0.5 Hz, {peak:g} {unit}"
             if column == 0:
-                text = f"{words}: load steps of {peak:g} {unit}, both ways"
-                yield LoadSteps(rise_s=0.03, **size), text, harder
+                yield LoadSteps(rise_s=0.03, **size), f"{words}: load steps of {peak:g} {unit}, both ways"
 
 
 def _peak(signal: np.ndarray) -> float:

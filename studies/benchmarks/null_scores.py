@@ -71,7 +71,7 @@ def main(argv: list[str]) -> int:
         low, high = clopper_pearson(below, len(found))
         print(f"{below} of {len(found)} rigs without a gap below {LEVEL:.0%}, 95 % bounds {low:.1%} to {high:.1%}")
         return 0
-    rows = fill(", ".join(f"{score:.4f}" for score in sorted(found)), 116, initial_indent=_TAB, subsequent_indent=_TAB)
+    rows = fill(", ".join(f"{score:.4g}" for score in sorted(found)), 116, initial_indent=_TAB, subsequent_indent=_TAB)
     (given.folder / "nulls.toml").write_text(f"first_seed = {given.seed}\nno_gap = [\n{rows},\n]\n")
     print(f"{len(found)} scores in {given.folder / 'nulls.toml'}")
     return 0
