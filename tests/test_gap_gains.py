@@ -18,7 +18,7 @@ from beamdesign.diagnosis.fitting import search
 from beamdesign.diagnosis.fitting.evidence import evidence_of, record_evidence
 from beamdesign.diagnosis.fitting.fit import fit
 from beamdesign.diagnosis.fitting.gain_evidence import FREQUENCY_STD, GainEvidence, phase_crossings
-from beamdesign.diagnosis.fitting.hypothesis import NOTHING, Hypothesis, together
+from beamdesign.diagnosis.fitting.hypothesis import NOTHING, Hypothesis, Placement, together
 from beamdesign.diagnosis.fitting.linear_evidence import ResponseEvidence, scatter
 from beamdesign.diagnosis.fitting.starts import starts
 from beamdesign.diagnosis.gain_diagnosis import explain_gains
@@ -26,7 +26,7 @@ from beamdesign.diagnosis.gain_findings import common_factor, gain_shares, separ
 from beamdesign.diagnosis.judgement import evidence as marginal_likelihood
 from beamdesign.loop import critical_gain, loop
 from beamdesign.plant.actuators.servo_cylinder import ServoCylinder
-from beamdesign.plant.harmonic_balance import limit_cycles
+from beamdesign.plant.harmonic_balance import forced_motion, limit_cycles
 from beamdesign.prototype import Beam, Payload, Prototype, Servovalve
 from beamdesign.records import InputError
 
@@ -218,6 +218,60 @@ def test_responses_are_those_of_the_exact_loop(believed: Prototype, setting):
     assert len(amount.residual(placement, nominal)) == len(LINES)
 
 
+HALF_A, FORCE_N = 5e-5, 100.0
+SINES = np.geomspace(3.0, 40.0, 8)  # slower ones depend on where in the band they began
+
+
+@pytest.fixture
+def swept(paper: Prototype) -> ResponseEvidence:
+    """Sines of a rig with a deadband, by harmonic balance: nothing is simulated in it."""
+    law = LAG.but(gain_A_per_V=0.05)
+    rig = paper.but(controller=law, effects={"valve_deadband": {"half_width_A": HALF_A}})
+    seen = np.array([forced_motion(rig, FORCE_N, float(hertz)).phasor_m / FORCE_N for hertz in SINES])
+    taken = FrequencyResponse("swept", SINES, seen, True, FORCE_N, 0.0, 0.0, law)
+    return ResponseEvidence(taken, paper.but(tolerance=TOLERANCE), swept=True)
+
+
+def with_deadband(piece: ResponseEvidence, half_A: float) -> tuple[Placement, np.ndarray]:
+    placement = together("valve_deadband").placement(piece.prototype)
+    z = np.zeros(len(placement.unknowns))
+    z[-1] = placement.unknowns[-1].z(half_A)
+    return placement, z
+
+
+def test_sines_that_meet_a_deadband_are_those_of_harmonic_balance(swept: ResponseEvidence):
+    placement, z = with_deadband(swept, HALF_A)
+    assert np.abs(swept.predicted(placement, z) / swept.measured.response - 1).max() < 0.005
+    linear = replace(swept, swept=False).predicted(placement, z)
+    assert np.abs(np.log(np.abs(linear / swept.measured.response))).max() > 0.3  # by the loop with the valve open
+
+
+def test_sines_far_beyond_a_deadband_are_those_of_the_linear_loop(swept: ResponseEvidence):
+    placement, z = with_deadband(swept, HALF_A / 1000)
+    linear = replace(swept, swept=False).predicted(placement, z)
+    assert np.abs(swept.predicted(placement, z) / linear - 1).max() < 0.005
+
+
+def test_slopes_of_simulated_sines_are_those_of_differences(swept: ResponseEvidence):
+    placement, z = with_deadband(swept, 0.8 * HALF_A)
+    _, slopes = swept.linearised(placement, z)
+    for k, step in ((0, 1e-3), (len(z) - 1, 1e-3)):
+        ends = [swept.residual(placement, z + side * step * np.eye(len(z))[k]) for side in (1, -1)]
+        assert slopes[:, k] == pytest.approx(
+            (ends[0] - ends[1]) / (2 * step), rel=0.05, abs=0.01 * np.ptp(slopes[:, k])
+        )
+
+
+def test_a_deadband_is_found_in_sines(swept: ResponseEvidence):
+    rig, found = swept.prototype, {}
+    for cause in (NOTHING, together("valve_deadband")):
+        placement = cause.placement(rig)
+        found[cause.names] = fit(cause, placement, [swept], np.zeros(len(placement.unknowns)))
+    alone, some = found.values()
+    assert some.cost < 0.05 * alone.cost
+    assert some.values["valve_deadband.half_width_A"] == pytest.approx(HALF_A, rel=0.1)
+
+
 def test_an_unstable_loop_has_no_response(believed: Prototype):
     piece = ResponseEvidence(response(believed, 400.0, SETTINGS[0]), believed)
     placement = NOTHING.placement(believed)
@@ -282,7 +336,7 @@ def test_a_lag_is_found_from_gains_and_responses(found_lag: Diagnosis[Prototype]
     assert found_lag.gap.after < 0.04 < 0.1 < found_lag.gap.before
     assert found_lag.gap.closed > 0.9
     assert found_lag.prototype.effects["sensor_lag"]["break_Hz"] == pytest.approx(estimate.value)
-    assert "valve_deadband" in found_lag.findings["silent"]
+    assert not found_lag.findings["silent"]  # a deadband would show in the responses, whose force is stated
     assert found_lag.next_experiment is None
 
 

@@ -142,8 +142,9 @@ _DIFFERS = 0.1  # of a gain, from which the model is said to be another than the
 def notes_of(silent: Sequence[str], shares: GainShares | None, factor: CommonFactor | None) -> tuple[str, ...]:
     """What else has to be said."""
     said = [
-        "Critical gains and responses are those of the linear loop at small motion beyond deadband, hysteresis, play"
-        " and dry friction; of unequal sides the smaller one governs the gain."
+        "Critical gains are those of the linear loop at small motion beyond deadband, hysteresis, play and dry"
+        " friction, and so are responses, but for what a force of the stated amplitude makes of such laws, play"
+        " excepted; of unequal sides the smaller one governs the gain."
     ]
     if silent:
         said.append(f"Of no consequence here whatever their size, so neither found nor excluded: {', '.join(silent)}.")

@@ -113,10 +113,13 @@ def figures_of(data: Dataset) -> tuple[Figure, ...]:
     """Frequency responses and critical gains of a data set.
 
     They are predicted by a linear loop, which is blind to friction, deadband and the like. Beside records, which these
-    laws are fitted to, they count as no better than that loop is where such laws are at work.
+    laws are fitted to, they count as no better than that loop is where such laws are at work. Without records the sines
+    of a response are simulated where they meet such laws.
     """
-    rough = ROUGH if data.records else 0.0
-    responses = (ResponseEvidence(taken, data.prototype, share=max(SHARE, rough)) for taken in data.responses)
+    rough, alone = (ROUGH, False) if data.records else (0.0, True)
+    responses = (
+        ResponseEvidence(each, data.prototype, share=max(SHARE, rough), swept=alone) for each in data.responses
+    )
     return (*responses, *(GainEvidence(taken, data.prototype, rough=rough) for taken in data.gains))
 
 

@@ -21,6 +21,7 @@ from beamdesign.diagnosis.data.dataset import FrequencyResponse
 from beamdesign.diagnosis.fitting.fit import Evidence
 from beamdesign.diagnosis.fitting.hypothesis import Placement, together
 from beamdesign.diagnosis.fitting.replay import bearing, law_of_play
+from beamdesign.diagnosis.fitting.swept_sine import SweptSine, depends_on_size
 from beamdesign.diagnosis.fitting.weighting import INDEPENDENT, SHARE
 from beamdesign.plant.assembly import INPUTS, OUTPUTS, Assembly, Structure, assemble, parameters_of
 from beamdesign.plant.equilibrium import Linearisation, equilibrium, equilibrium_sensitivity, linearise, scales
@@ -194,16 +195,25 @@ class ResponseEvidence(LinearEvidence):
     measured, the phase difference in radians. Its unit is 2 % (`weighting.SHARE`) and the scatter of the lines about
     their neighbours together, and a response as a whole counts as no more than `weighting.INDEPENDENT` units.
 
-    The response is that of the linear loop of `LinearModel`, to the displacement that the controller sees. The force's
-    amplitude has no part in it: what a saturation, or a friction not yet overcome, does to a response it does not say.
-    Where the two directions of the valve differ a sine meets both alike, so the mean of both loops stands for them.
+    The response is that of the linear loop of `LinearModel`, to the displacement that the controller sees; where the
+    two directions of the valve differ a sine meets both alike, so the mean of both loops stands for them. The force's
+    amplitude has no part in that. Where `swept`, what depends on it is simulated instead, see `SweptSine`.
 
     Attributes:
         share: relative error of a model that counts as one unit.
+        swept: whether laws that are not linear are met by the force at its amplitude.
     """
 
     measured: FrequencyResponse
     share: float = SHARE
+    swept: bool = False
+
+    @cached_property
+    def _sines(self) -> SweptSine:
+        return SweptSine(self.measured, self.prototype)
+
+    def _simulated(self, placement: Placement) -> bool:
+        return self.swept and depends_on_size(placement.under(self.measured.controller.equations).assembly.kinds)
 
     @cached_property
     def _noise(self) -> np.ndarray:
@@ -247,11 +257,16 @@ class ResponseEvidence(LinearEvidence):
 
     def predicted(self, placement: Placement, z: np.ndarray) -> np.ndarray | None:
         """(N,) complex response of the model, m/N; None where its loop is unstable."""
+        if self._simulated(placement):
+            return self._sines.response(placement, z)
         found = self._solved(placement, z)
         return None if found is None else found[0]
 
     def linearised(self, placement: Placement, z: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
         """The residual and its derivative by z."""
+        if self._simulated(placement):
+            swept = self._sines.response_with_slopes(placement, z)
+            return None if swept is None else (self.misfit(swept[0]), -self._weighed(swept[1] / swept[0][:, None]))
         found = self._solved(placement, z)
         if found is None:
             return None
