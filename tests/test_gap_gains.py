@@ -21,6 +21,7 @@ from beamdesign.diagnosis.fitting.gain_evidence import FREQUENCY_STD, GainEviden
 from beamdesign.diagnosis.fitting.hypothesis import NOTHING, Hypothesis, Placement, together
 from beamdesign.diagnosis.fitting.linear_evidence import ResponseEvidence, scatter
 from beamdesign.diagnosis.fitting.starts import starts
+from beamdesign.diagnosis.fitting.swept_sine import SweptSine
 from beamdesign.diagnosis.gain_diagnosis import explain_gains
 from beamdesign.diagnosis.gain_findings import common_factor, gain_shares, separations
 from beamdesign.diagnosis.judgement import evidence as marginal_likelihood
@@ -250,6 +251,26 @@ def test_sines_far_beyond_a_deadband_are_those_of_the_linear_loop(swept: Respons
     placement, z = with_deadband(swept, HALF_A / 1000)
     linear = replace(swept, swept=False).predicted(placement, z)
     assert np.abs(swept.predicted(placement, z) / linear - 1).max() < 0.005
+
+
+def test_many_lines_and_lines_out_of_reach_take_no_more_sines(swept: ResponseEvidence):
+    placement, z = with_deadband(swept, HALF_A)
+    more = np.unique([1e-3, *SINES, *np.geomspace(3.0, 40.0, 300), 1e6])
+    dense = replace(swept.measured, frequencies_Hz=more, response=np.ones(len(more), complex))
+    found = replace(swept, measured=dense).predicted(placement, z)
+    assert len(SweptSine(dense, swept.prototype).lines) <= 40
+    at = np.searchsorted(more, SINES)
+    assert np.abs(found[at] / swept.measured.response - 1).max() < 0.01
+    assert np.all(np.isfinite(found))
+
+
+def test_a_response_whose_force_is_not_stated_is_one_of_small_motion(swept: ResponseEvidence):
+    for force, simulated in ((FORCE_N, True), (None, False)):
+        taken = replace(swept.measured, amplitude_N=force)
+        (piece,) = evidence_of(Dataset("sines", Path(), swept.prototype, (), (taken,), ()))
+        placement, z = with_deadband(swept, HALF_A)
+        off = piece.predicted(placement, z) / replace(swept, swept=False).predicted(placement, z)
+        assert (np.abs(np.log(np.abs(off))).max() > 0.3) == simulated
 
 
 def test_slopes_of_simulated_sines_are_those_of_differences(swept: ResponseEvidence):

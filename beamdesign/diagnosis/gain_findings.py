@@ -221,7 +221,7 @@ def next_experiment(data: Dataset, rivals: Sequence[Fit], weights: Sequence[floa
 
 def another_size(data: Dataset) -> NextExperiment:
     """Where no explanation is at hand: whether it depends on the size of the motion, which such data do not say."""
-    forces = sorted({r.amplitude_N for r in data.responses})
+    forces = sorted({r.amplitude_N for r in data.responses if r.amplitude_N is not None})
     sizes = f"at {forces[0] / 4:.3g} and at {forces[0]:.3g} N" if forces else "at two forces a factor of four apart"
     return NextExperiment(
         f"Record the displacement and the current in time under a multisine force from 1 to 300 Hz {sizes}: a linear"
@@ -300,7 +300,7 @@ def experiments(data: Dataset, assumed: Fit) -> Menu:
         if bare is None:
             continue
         quiet = law.but(gain_A_per_V=float(f"{_OPEN_LOOP_MARGIN * bare.measured.gain:.3g}"))
-        flat = FrequencyResponse("next", _LINES, np.ones(len(_LINES), complex), True, 1.0, 0.0, 0.0, quiet)
+        flat = FrequencyResponse("next", _LINES, np.ones(len(_LINES), complex), True, None, 0.0, 0.0, quiet)
         response = ResponseEvidence(flat, data.prototype).predicted(placement, assumed.z)
         if response is None:
             continue

@@ -97,7 +97,7 @@ class FrequencyResponse:
         frequencies_Hz: (N,) rising.
         response: (N,) complex where the phase was measured, else its magnitude; m/N.
         has_phase: whether it was.
-        amplitude_N: of the force.
+        amplitude_N: of the force; None where it is not stated.
         outer_end_mass: payload, kg.
         inner_end_mass: kg.
         controller: of the loop.
@@ -108,7 +108,7 @@ class FrequencyResponse:
     frequencies_Hz: np.ndarray = field(repr=False)
     response: np.ndarray = field(repr=False)
     has_phase: bool
-    amplitude_N: float
+    amplitude_N: float | None
     outer_end_mass: float
     inner_end_mass: float
     controller: Controller

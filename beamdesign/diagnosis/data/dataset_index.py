@@ -46,7 +46,9 @@ class ResponseEntry(Taken):
         Field(description="CSV file beside dataset.toml: frequency_Hz, magnitude_m_per_N and optionally phase_deg"),
     ]
     controller: SerializeAsAny[Controller] | None = None
-    amplitude_N: Annotated[q.Force, Field(description="amplitude of the force it was taken with")] = 1.0
+    amplitude_N: Annotated[
+        q.Force | None, Field(description="amplitude of the force it was taken with; without it, small motion is meant")
+    ] = None
 
 
 class GainEntry(Taken):

@@ -114,11 +114,14 @@ def figures_of(data: Dataset) -> tuple[Figure, ...]:
 
     They are predicted by a linear loop, which is blind to friction, deadband and the like. Beside records, which these
     laws are fitted to, they count as no better than that loop is where such laws are at work. Without records the sines
-    of a response are simulated where they meet such laws.
+    of a response are simulated where they meet such laws, if their force is stated.
     """
-    rough, alone = (ROUGH, False) if data.records else (0.0, True)
+    rough = ROUGH if data.records else 0.0
     responses = (
-        ResponseEvidence(each, data.prototype, share=max(SHARE, rough), swept=alone) for each in data.responses
+        ResponseEvidence(
+            taken, data.prototype, share=max(SHARE, rough), swept=not rough and taken.amplitude_N is not None
+        )
+        for taken in data.responses
     )
     return (*responses, *(GainEvidence(taken, data.prototype, rough=rough) for taken in data.gains))
 

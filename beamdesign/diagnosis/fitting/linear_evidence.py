@@ -201,7 +201,7 @@ class ResponseEvidence(LinearEvidence):
 
     Attributes:
         share: relative error of a model that counts as one unit.
-        swept: whether laws that are not linear are met by the force at its amplitude.
+        swept: whether laws that are not linear are met by the force at its amplitude, which then has to be stated.
     """
 
     measured: FrequencyResponse
@@ -213,7 +213,8 @@ class ResponseEvidence(LinearEvidence):
         return SweptSine(self.measured, self.prototype)
 
     def _simulated(self, placement: Placement) -> bool:
-        return self.swept and depends_on_size(placement.under(self.measured.controller.equations).assembly.kinds)
+        kinds = placement.under(self.measured.controller.equations).assembly.kinds
+        return self.swept and bool(len(self._sines.lines)) and depends_on_size(kinds)
 
     @cached_property
     def _noise(self) -> np.ndarray:
@@ -257,36 +258,42 @@ class ResponseEvidence(LinearEvidence):
 
     def predicted(self, placement: Placement, z: np.ndarray) -> np.ndarray | None:
         """(N,) complex response of the model, m/N; None where its loop is unstable."""
-        if self._simulated(placement):
-            return self._sines.response(placement, z)
-        found = self._solved(placement, z)
+        found = self._response(placement, z, sloped=False)
         return None if found is None else found[0]
 
     def linearised(self, placement: Placement, z: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
         """The residual and its derivative by z."""
-        if self._simulated(placement):
-            swept = self._sines.response_with_slopes(placement, z)
-            return None if swept is None else (self.misfit(swept[0]), -self._weighed(swept[1] / swept[0][:, None]))
-        found = self._solved(placement, z)
-        if found is None:
-            return None
-        response, right, left = found
-        model = self.model(placement)
-        slopes = [model.slopes(z, x) for x in model.points(model.parameters(z))]
-        columns = []
-        for k in range(len(z)):
-            by = _mean([side[k] for side in slopes])
-            moved = np.einsum("ni,ij,nj->n", left, by.a, right) + left @ by.b[:, _FORCE]
-            columns.append((moved + right @ by.c[_SEEN] + by.d[_SEEN, _FORCE]) / response)
-        relative = np.array(columns).reshape(len(z), len(response)).T
-        return self.misfit(response), -self._weighed(relative)
+        found = self._response(placement, z)
+        return None if found is None else (self.misfit(found[0]), -self._weighed(found[1]))
 
-    def _solved(self, placement: Placement, z: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
-        """Response (N,), states (N, n) per newton and their adjoints (N, n) at every line."""
+    def _response(
+        self, placement: Placement, z: np.ndarray, sloped: bool = True
+    ) -> tuple[np.ndarray, np.ndarray] | None:
+        """Response (N,) and the derivatives of its logarithm by z (N, K), or (N, 0) without slopes.
+
+        Where sines are simulated, it is the linear loop's times what they differ from it by, which is smooth over
+        frequency; by themselves where the linear loop is unstable, as one whose valve opens is not at rest.
+        """
+        linear = self._linear(placement, z, sloped)
+        if not self._simulated(placement):
+            return linear
+        sines, at, between = self._sines.response(placement, z, sloped), self._sines.lines, self._sines.between
+        if sines is None:
+            return None
+        if linear is None:
+            linear = np.ones(len(between), complex), np.zeros((len(between), sines[1].shape[1]))
+        off = sines[0] / linear[0][at]
+        everywhere = between @ off
+        more = between @ (off[:, None] * (sines[1] - linear[1][at])) / everywhere[:, None]
+        return linear[0] * everywhere, linear[1] + more
+
+    def _linear(self, placement: Placement, z: np.ndarray, sloped: bool) -> tuple[np.ndarray, np.ndarray] | None:
+        """See `_response`, of the linear loop: by its states per newton at every line, and their adjoints."""
         model = self.model(placement)
         p = model.parameters(z)
         try:
-            loop = _mean([model.at(p, x) for x in model.points(p)])
+            points = model.points(p)
+            loop = _mean([model.at(p, x) for x in points])
         except ValueError:
             return None
         weight = model.weight
@@ -295,9 +302,18 @@ class ResponseEvidence(LinearEvidence):
         rates = 2j * np.pi * self.measured.frequencies_Hz
         resolvent = rates[:, None, None] * np.eye(len(loop.a)) - loop.a
         right = np.linalg.solve(resolvent, np.tile(loop.b[:, _FORCE, None], (len(rates), 1, 1)))[..., 0]
+        response = right @ loop.c[_SEEN] + loop.d[_SEEN, _FORCE]
+        if not sloped:
+            return response, np.zeros((len(rates), 0))
         seen = np.tile(loop.c[_SEEN, :, None], (len(rates), 1, 1))
         left = np.linalg.solve(resolvent.transpose(0, 2, 1), seen)[..., 0]
-        return right @ loop.c[_SEEN] + loop.d[_SEEN, _FORCE], right, left
+        slopes = [model.slopes(z, x) for x in points]
+        columns = []
+        for k in range(len(z)):
+            by = _mean([side[k] for side in slopes])
+            moved = np.einsum("ni,ij,nj->n", left, by.a, right) + left @ by.b[:, _FORCE]
+            columns.append((moved + right @ by.c[_SEEN] + by.d[_SEEN, _FORCE]) / response)
+        return response, np.array(columns).reshape(len(z), len(response)).T
 
     def misfit(self, predicted: np.ndarray) -> np.ndarray:
         """(N,) or, with phase, (2 N,) measured less predicted, weighed."""

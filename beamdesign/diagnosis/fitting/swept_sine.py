@@ -17,6 +17,7 @@ from beamdesign.diagnosis.fitting.replay import DISPLACEMENT, Replay, law_of_pla
 from beamdesign.plant.assembly import Structure, assemble
 from beamdesign.prototype import Prototype
 
+_LOWEST_HZ, _HIGHEST_HZ, _MOST_LINES = 1.0, 400.0, 40
 _SETTLES_S, _SETTLES_PERIODS, _LISTENS_S = 0.5, 4, 0.05
 _RISES_S = 0.1  # of the force, to its amplitude
 _SAMPLE_S, _LEAST_SAMPLES = 0.5e-3, 16  # of a period
@@ -36,10 +37,10 @@ def depends_on_size(kinds: Structure) -> bool:
 
 @dataclass(frozen=True)
 class SweptSine:
-    """The sines of a frequency response, ready to be simulated with any figures and any effects.
+    """Sines of a frequency response, ready to be simulated with any figures and any effects.
 
     Attributes:
-        measured: the response, whose force has the amplitude stated.
+        measured: the response, with the amplitude of its force.
         prototype: that was believed.
     """
 
@@ -47,12 +48,29 @@ class SweptSine:
     prototype: Prototype
 
     @cached_property
+    def lines(self) -> np.ndarray:
+        """(S,) positions of the lines that are simulated: from 1 to 400 Hz no more than 40, even over ln f."""
+        hertz = self.measured.frequencies_Hz
+        inside = np.flatnonzero((hertz >= _LOWEST_HZ) & (hertz <= _HIGHEST_HZ))
+        if len(inside) <= _MOST_LINES:
+            return inside
+        evenly = np.geomspace(hertz[inside[0]], hertz[inside[-1]], _MOST_LINES)
+        return inside[np.unique(np.searchsorted(hertz[inside], evenly * (1 - 1e-9)))]
+
+    @cached_property
+    def between(self) -> np.ndarray:
+        """(N, S) what gives figures of all lines from those of the simulated ones: straight over ln f, level beyond."""
+        octaves = np.log(self.measured.frequencies_Hz)
+        return np.column_stack([np.interp(octaves, octaves[self.lines], one) for one in np.eye(len(self.lines))])
+
+    @cached_property
     def _sines(self) -> list[tuple[Replay, np.ndarray]]:
-        """Of every line its sine, and what takes the first harmonic of the displacement over the force from it."""
-        return [self._sine(float(hertz)) for hertz in self.measured.frequencies_Hz]
+        """Of every such line its sine, and what takes the first harmonic of the displacement per newton from it."""
+        return [self._sine(float(hertz)) for hertz in self.measured.frequencies_Hz[self.lines]]
 
     def _sine(self, hertz: float) -> tuple[Replay, np.ndarray]:
         taken = self.measured
+        assert taken.amplitude_N is not None
         each = max(_LEAST_SAMPLES, ceil(1 / (hertz * _SAMPLE_S)))
         settles, listens = max(_SETTLES_PERIODS, ceil(_SETTLES_S * hertz)), ceil(_LISTENS_S * hertz)
         times = np.arange((settles + listens) * each + 1) / (each * hertz)
@@ -66,22 +84,20 @@ class SweptSine:
         masses = taken.outer_end_mass, taken.inner_end_mass
         return Replay(TimeRecord(taken.name, times, inputs, still, *masses, taken.controller), self.prototype), listened
 
-    def response(self, placement: Placement, z: np.ndarray) -> np.ndarray | None:
-        """(N,) complex response with the unknowns at z, m/N; None where the simulated loop diverges."""
-        found = np.zeros(len(self._sines), complex)
-        for k, (job, listened) in enumerate(self._sines):
-            moved = job.simulated(placement, z, (DISPLACEMENT,))
-            if moved is None:
-                return None
-            found[k] = listened @ moved[:, 0]
-        return found
+    def response(
+        self, placement: Placement, z: np.ndarray, sloped: bool = True
+    ) -> tuple[np.ndarray, np.ndarray] | None:
+        """Response (S,), m/N, and the derivatives of its logarithm by z (S, K); None where the simulated loop diverges.
 
-    def response_with_slopes(self, placement: Placement, z: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
-        """The response (N,) and its derivatives by z (N, K); None where the simulated loop diverges."""
-        found, slopes = np.zeros(len(self._sines), complex), np.zeros((len(self._sines), len(z)), complex)
+        Without slopes there are no derivatives, and it takes a fraction of the time.
+        """
+        found = np.zeros(len(self.lines), complex)
+        slopes = np.zeros((len(self.lines), len(z) if sloped else 0), complex)
         for k, (job, listened) in enumerate(self._sines):
-            moved = job.simulated_with_slopes(placement, z, (DISPLACEMENT,))
+            moved = job.simulated_with_slopes(placement, z, (DISPLACEMENT,), sloped)
             if moved is None:
                 return None
-            found[k], slopes[k] = listened @ moved[0][:, 0], listened @ moved[1][:, 0]
+            found[k] = listened @ moved[0][:, 0]
+            if sloped:
+                slopes[k] = listened @ moved[1][:, 0] / found[k]
         return found, slopes
