@@ -1,6 +1,7 @@
 """Answers in time: clocks are made here, so that nothing depends on how fast a computer is."""
 
 import json
+import re
 from collections.abc import Callable
 from itertools import count
 from pathlib import Path
@@ -203,6 +204,21 @@ def test_a_study_without_time_is_refused_with_what_was_left(tmp_path: Path):
     assert found.proved == ()
     assert found.designs[1].reason == "no time was left for it"
     assert "4 Hz over 0 to 6.8 kg" in found.left_out
+
+
+def test_figures_without_records_take_their_time_too(tmp_path: Path):
+    args = [
+        "gap",
+        "diagnose",
+        str(STUDIES / "gaps" / "paper_gains"),
+        "--minutes",
+        "0",
+        "--out",
+        str(tmp_path / "found"),
+    ]
+    said = CliRunner().invoke(app, args).stderr
+    least, most = re.match(r"expected time: (\d+) s to (\d+) s;", said).groups()
+    assert 0 < int(least) < int(most)
 
 
 def test_command_says_how_long_it_takes_and_what_it_left(tmp_path: Path):

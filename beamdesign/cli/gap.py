@@ -23,6 +23,10 @@ gap = group("Compare a built rig with its model. Where they differ, why, and how
 
 _DIAGNOSING = 0.6  # of the time, where a controller is to be designed as well
 _SECONDS_PER_SAMPLE = 1.5e-3  # on two processes, where one cause explains all; six times that for a second look
+_SECONDS_PER_FIGURE, _SECONDS_PER_SWEEP = (
+    2.0,
+    10.0,
+)  # likewise, without records; of a response whose sines are simulated
 _WORTH_FIGURES = 0.1  # probability of a cause from which its figures are printed
 
 _Workers = Annotated[int, typer.Option(min=1, max=64)]
@@ -108,8 +112,12 @@ def _diagnose(dataset: Path, folder: Path, renew: bool, workers: int, minutes: f
 
 def _usually(data: "Dataset") -> str:
     """How long a diagnosis takes, from how much has to be simulated."""
-    samples = sum(len(record.times) for record in data.records)
-    return f"{in_words(_SECONDS_PER_SAMPLE * samples)} to {in_words(6 * _SECONDS_PER_SAMPLE * samples)}"
+    if data.records:
+        least = _SECONDS_PER_SAMPLE * sum(len(record.times) for record in data.records)
+    else:
+        sweeps = sum(response.amplitude_N is not None for response in data.responses)
+        least = _SECONDS_PER_FIGURE * (len(data.gains) + len(data.responses)) + _SECONDS_PER_SWEEP * sweeps
+    return f"{in_words(least)} to {in_words(6 * least)}"
 
 
 def echo_diagnosis(found: "Diagnosis") -> None:

@@ -17,6 +17,7 @@ from beamdesign.diagnosis.fitting.fit import Fit
 from beamdesign.diagnosis.fitting.gain_evidence import GainEvidence
 from beamdesign.diagnosis.fitting.hypothesis import FREE, NOTHING, Hypothesis, subsystem
 from beamdesign.diagnosis.fitting.search import Search, search
+from beamdesign.diagnosis.fitting.swept_sine import depends_on_size
 from beamdesign.diagnosis.gain_findings import (
     another_size,
     factor_of,
@@ -193,7 +194,10 @@ def rivals_of(found: Search, judged: Judgement) -> list[Fit]:
 
 
 def where_of(rivals: Sequence[Fit], evidence: Sequence[Figure], found: Search) -> Where:
-    """The subsystem that all rivals share, and the band of the oscillations or the lines."""
+    """The subsystem that all rivals share, and the band of the oscillations or the lines.
+
+    It is linear where every rival is; what one that depends on the size of motion is like, figures do not show.
+    """
     at, null = [], found.null
     for piece in evidence:
         if isinstance(piece, GainEvidence):
@@ -206,7 +210,9 @@ def where_of(rivals: Sequence[Fit], evidence: Sequence[Figure], found: Search) -
         return Where("", band, "", "linear")
     places = {subsystem(name) for f in rivals for name in f.hypothesis.names}
     worst = max(evidence, key=lambda piece: misfit_of(piece, NOTHING, np.zeros(len(null.z))))
-    return Where(places.pop() if len(places) == 1 else "", band, f"most in: {worst.name}", "linear")
+    sized = any(depends_on_size(f.hypothesis.placement(worst.prototype).assembly.kinds) for f in rivals)
+    kind = "" if sized else "linear"
+    return Where(places.pop() if len(places) == 1 else "", band, f"most in: {worst.name}", kind)
 
 
 _DRAWS = 2000
