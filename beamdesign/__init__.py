@@ -39,9 +39,12 @@ where the answer is no. In the order in which one needs them:
 5. `spec` (also by the name `specify`) works out what to build and how to accept it; `code` is the
    controller as C code for a rate, proved as it is rounded.
 6. `read_dataset` reads what came back from the rig, and `predict` gives what a model would have recorded there;
-   `diagnose` tells where the rig differs from its prototype, why, and how far the difference closes.
+   `diagnose` tells where the rig differs from its prototype, why, and how far the difference closes. Files of other
+   programs become a data set by `import_measured`, and `blindcheck` says how often a diagnosis is right.
 7. `write_prototype` writes a rig to its file, which every command takes.
-8. `prove` proves any other loop of one input and one output, given as a system of python-control or over parameters.
+8. `study` carries out a sweep over any key of a file, and nothing is computed twice; `paper` recomputes what Zalucky
+   and Hardt (1984) state.
+9. `prove` proves any other loop of one input and one output, given as a system of python-control or over parameters.
 
    >>> import control
    >>> proved = beamdesign.prove(control.tf([10], [1, 6, 5, 0]))
@@ -63,6 +66,7 @@ if TYPE_CHECKING:
     from beamdesign.build.specification import specify as specify
     from beamdesign.checker import check as check
     from beamdesign.diagnosis.data.dataset import read_dataset as read_dataset
+    from beamdesign.diagnosis.data.importing import import_measured as import_measured
     from beamdesign.diagnosis.diagnose import diagnose as diagnose
     from beamdesign.loop import critical_gain as critical_gain
     from beamdesign.problem import DesignProblem as DesignProblem
@@ -78,6 +82,7 @@ if TYPE_CHECKING:
     from beamdesign.public import pictures as pictures
     from beamdesign.public import predict as predict
     from beamdesign.public import state_space as state_space
+    from beamdesign.public import study as study
     from beamdesign.records import InputError as InputError
     from beamdesign.scenario import read_scenario as read_scenario
     from beamdesign.simulation import simulate as simulate
@@ -90,19 +95,22 @@ if TYPE_CHECKING:
     from beamdesign.synthesis.sizing import size as size
     from beamdesign.synthesis.stiffness_search import stiffness as stiffness
     from beamdesign.synthesis.tuning import tune as tune
+    from beamdesign.validation.blindcheck import blindcheck as blindcheck
+    from beamdesign.validation.paper_comparison import paper as paper
 
 _ROOMS = {
     "build.realisation.code": "code",
     "build.specification": "spec specify",
     "checker": "check",
     "diagnosis.data.dataset": "read_dataset",
+    "diagnosis.data.importing": "import_measured",
     "diagnosis.diagnose": "diagnose",
     "loop": "critical_gain",
     "problem": "DesignProblem read_problem",
     "proofs.loop_family": "prove",
     "proofs.over_box": "certify_box",
     "prototype": "Prototype read_prototype write_prototype",
-    "public": "arm certify certify_switching pictures predict state_space",
+    "public": "arm certify certify_switching pictures predict state_space study",
     "records": "InputError",
     "scenario": "read_scenario",
     "simulation": "simulate",
@@ -113,6 +121,8 @@ _ROOMS = {
     "synthesis.sizing": "size",
     "synthesis.stiffness_search": "stiffness",
     "synthesis.tuning": "tune",
+    "validation.blindcheck": "blindcheck",
+    "validation.paper_comparison": "paper",
 }
 """Public names by the module that has them."""
 _PLACES = {name: f"beamdesign.{room}" for room, names in _ROOMS.items() for name in names.split()}

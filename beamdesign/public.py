@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from beamdesign.proofs.certificate import Asked, Certificate
     from beamdesign.proofs.lyapunov import Switching
     from beamdesign.prototype import Prototype
+    from beamdesign.sweep.sweep_run import SweepRun
 
 LOOP_OUTPUTS = ("displacement_m", "sensor_V", "current_A")
 """Of the open and the closed loop of `state_space`; the plant has the first two. What added sensors read follows."""
@@ -193,3 +194,41 @@ def predict(prototype: "AnyPrototype | Path | str", dataset: Path | str, progres
     from beamdesign.diagnosis.predict import Prediction, predict_set
 
     return Prediction(predict_set(prototype, dataset, progress))
+
+
+def study(
+    source: Path | str,
+    folder: Path | str,
+    workers: int = 1,
+    progress: Progress = silent,
+    *,
+    cases: int | None = None,
+    scheduler: str | None = None,
+    case_seconds: float | None = None,
+    again: bool = False,
+) -> "SweepRun":
+    """Carry out a sweep; one that was interrupted goes on by the same call, and nothing is computed twice.
+
+    A script that is not a notebook has to begin its work under `if __name__ == "__main__":`, since processes are begun.
+
+    Args:
+        source: the sweep's file.
+        folder: of the results; made if need be.
+        workers: processes of this machine.
+        progress: called with the share done and what is being done.
+        cases: no more than so many.
+        scheduler: address of a Dask cluster that computes instead of this machine.
+        case_seconds: after which a case is given up; an hour where None. A cluster gives none up.
+        again: compute rows again that failed.
+
+    Raises:
+        InputError: for what is wrong with the file, where every case is refused, or for results that cannot be read.
+        KeyboardInterrupt: after the finished rows have been written.
+    """
+    from beamdesign.sweep.conclusion import draw
+    from beamdesign.sweep.sweep_run import plan, run_sweep
+    from beamdesign.sweep.workers import CASE_SECONDS, cluster, processes
+
+    laid = plan(Path(source), cases)
+    with processes(workers, case_seconds or CASE_SECONDS) if scheduler is None else cluster(scheduler) as compute:
+        return run_sweep(laid, Path(folder), compute, progress, again, draw)

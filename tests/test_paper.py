@@ -17,14 +17,14 @@ from beamdesign.prototype import Prototype, read_prototype, write_prototype
 from beamdesign.records import InputError
 from beamdesign.structure.lumped import lumped_beam, notes
 from beamdesign.validation.paper_claims import Claim
-from beamdesign.validation.paper_comparison import Comparison, compare
+from beamdesign.validation.paper_comparison import Comparison, paper
 from beamdesign.validation.paper_figures import NUMBERED
 from beamdesign.validation.paper_rig import CASES, gain_cliff, lag, paper_prototype
 
 
 @pytest.fixture(scope="module")
 def comparison() -> Comparison:
-    return compare()
+    return paper()
 
 
 @pytest.fixture(scope="module")

@@ -10,6 +10,7 @@ import tomli_w
 from pyarrow import parquet
 from typer.testing import CliRunner
 
+import beamdesign
 from beamdesign.cli.study import study
 from beamdesign.code_digest import sources
 from beamdesign.problem import DesignProblem, read_problem
@@ -430,13 +431,16 @@ def test_optimiser_finds_the_least_of_a_known_function_and_goes_on_where_it_was(
         optimise={"output": "static_compliance_m_per_N", "generations": 6, "population": 8},
         vary=[{"key": "controller.gain_A_per_V", "low": 0.01, "high": 0.1}],
     )
-    found = run_sweep(plan(path), tmp_path / "out")
+    found = beamdesign.study(path, tmp_path / "out")
     rows = sorted(
         (row["outputs"]["static_compliance_m_per_N"], row["varied"]["controller.gain_A_per_V"]) for row in found.records
     )
     assert rows[0][1] == pytest.approx(0.1, rel=0.02)
-    again = run_sweep(plan(path), tmp_path / "out")
+    again = beamdesign.study(path, tmp_path / "out")
     assert again.computed == 0
+    assert (again.status, len(again.rows())) == ("yes", len(found.records))
+    assert repr(again) == f"<SweepRun: {path.stem}; {len(found.records)} done>"
+    assert again.to_dict()["counts"] == {"done": len(found.records)}
     assert [row["address"] for row in again.records] == [row["address"] for row in found.records]
 
 

@@ -155,13 +155,14 @@ def paper(out: Path, figure: Annotated[int | None, typer.Option(metavar="N")] = 
     """
     if figure is not None:
         return _one_figure(figure, out)
-    from beamdesign.validation.paper_comparison import CHOICES, compare, write_page
+    import beamdesign
+    from beamdesign.validation.paper_comparison import CHOICES, write_page
 
-    comparison = compare()
+    comparison = beamdesign.paper()
     with progress("drawing") as update, fresh_folder(out) as fresh:
         page, figures, checks = write_page(comparison, fresh, update)
         drawn = {"report": page.name, "figures": [path.name for path in figures], "figure_claims": checks}
-        fields = comparison.fields() | drawn
+        fields = comparison.to_dict() | drawn
         write_json(fresh / "paper.json", fields)
 
     echo("Two choices the paper leaves open:")
@@ -183,11 +184,11 @@ def paper(out: Path, figure: Annotated[int | None, typer.Option(metavar="N")] = 
         ["case", "gain, mA/V", "paper", "model"],
         [(row.case, row.gain_mA_per_V, row.paper, row.model) for row in comparison.bandwidths],
     )
-    differing = [claim for claim in comparison.claims if not claim.agrees]
+    differing = [row for row, claim in zip(comparison.rows(), comparison.claims, strict=True) if not claim.agrees]
     echo_table(
         f"{len(differing)} of {len(comparison.claims)} numbers differ",
         ["quantity", "paper", "model", "unit", "verdict"],
-        [(claim.quantity, claim.paper, claim.model, claim.unit, claim.verdict) for claim in differing],
+        differing,
     )
     _echo_checks(checks)
     echo(f"{len(comparison.slips)} slips of the paper, the reasons and the figures: {out / page.name}")

@@ -1,6 +1,6 @@
 """`beamdesign gap`: from records of a built rig back to the model."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -15,8 +15,6 @@ from beamdesign.time_limit import share
 if TYPE_CHECKING:
     from beamdesign.diagnosis.data.dataset import Dataset
     from beamdesign.diagnosis.diagnosis import Diagnosis
-    from beamdesign.validation.blindcheck import Check
-    from beamdesign.validation.case_plan import Seal
     from beamdesign.validation.scoring import Outcome
 
 gap = group("Compare a built rig with its model. Where they differ, why, and how far the difference closes.")
@@ -203,23 +201,12 @@ def import_files(
         inner_end_mass: mass added inside; else the prototype's.
         rest_s: how long everything rests at the beginning; the mean of that time is taken off every channel.
     """
-    from dataclasses import asdict
+    from beamdesign import import_measured
 
-    from beamdesign.diagnosis.data.importing import import_measured
-
-    masses = outer_end_mass or [0.0]
-    found = import_measured(files, prototype, out, column or (), masses, inner_end_mass, rest_s)
-    rows = []
-    for name, taken in found.taken.items():
-        for one in taken:
-            factor = "" if one.factor == 1 else f" x {one.factor:.6g}"
-            offset = f", {one.offset:.4g} taken off" if one.offset else ""
-            source = f"{one.name} [{one.unit}]{factor}{offset}" if one.name else "0"
-            rows.append((name.removeprefix("records/"), one.channel, source, one.words))
-    echo_table("what was taken for what", ("file", "channel", "from", "note"), rows)
+    found = import_measured(files, prototype, out, column or (), outer_end_mass or (0.0,), inner_end_mass, rest_s)
+    echo_table("what was taken for what", ("file", "channel", "from", "note"), found.rows())
     echo(f"next:    beamdesign gap diagnose {out}")
-    columns = {name: [asdict(one) for one in taken] for name, taken in found.taken.items()}
-    return CommandResult({"taken": columns, "files": found.paths}, files=found.paths)
+    return CommandResult(found.to_dict(), files=found.paths)
 
 
 @gap.command()
@@ -285,7 +272,7 @@ def blindcheck(
         rejudge: take the fits of the folder, even those of another version of the program.
         score_only: diagnose no more; score the cases that are finished.
     """
-    from beamdesign.validation.blindcheck import begin_check, diagnose_all, draw_and_seal
+    from beamdesign.validation.blindcheck import begin_check, diagnose_all, draw_and_seal, scored
 
     with resumed(lambda: f": the same command goes on with what is in {out}"):
         with progress("drawing") as update:
@@ -297,47 +284,13 @@ def blindcheck(
         if not score_only:
             with progress("diagnosing", "1 to 5 minutes a case") as update:
                 diagnose_all(check, workers, update, rejudge)
-    return _score(check, seal, score_only)
-
-
-def _score(check: "Check", seal: "Seal", unfinished: bool) -> CommandResult:
-    from beamdesign.files import write_whole
-    from beamdesign.report.canvas import save
-    from beamdesign.validation.blindcheck import open_all
-    from beamdesign.validation.blindcheck_result import blindcheck_picture, markdown, result_fields, result_text
-    from beamdesign.validation.scoring import outcome
-
-    answered = open_all(check, unfinished)
-    if not answered:
-        echo("no case is finished")
-        return CommandResult({"planned": len(check.cases), "scored": 0}, yes=False)
-    found = [outcome(case) for case in answered]
-    length = "short" if check.short else "full"
-    setting = {
-        "records": "Five records of 1.75 s each." if check.short else "Eight records of 4 s each.",
-        "planned": len(check.cases),
-        "scored": len(found),
-        "seed": check.seed,
-        "short": check.short,
-        "seal": seal.whole,
-        "truth": seal.truth,
-        "fitted_by": _all(case.found.get(key) for case in answered for key in ("fitted_by", "added_by")),
-        "judged_by": _all(case.found.get("judged_by") for case in answered),
-        "not_drawn": check.not_drawn,
-        "command": f"beamdesign gap blindcheck --cases {len(check.cases)} --seed {check.seed} --{length}",
-    }
-    fields = result_fields(found, setting)
-    paths = check.folder / "result.json", check.folder / "result.md"
-    write_whole(paths[0], result_text(fields))
-    write_whole(paths[1], markdown(found, setting))
-    drawn = save(blindcheck_picture(found), check.folder / "result", ("svg",))
-    echo_result(found)
-    return CommandResult(fields, files=(*paths, *drawn))
-
-
-def _all(digests: Iterable[Any]) -> str:
-    """One digest, or several where a check was made by several versions of the program."""
-    return ", ".join(sorted({str(digest) for digest in digests if digest}))
+    found = scored(check, score_only)
+    if not found.yes:
+        echo(found.reason)
+        return CommandResult(found.to_dict(), yes=False)
+    files = found.write(check.folder)
+    echo_result(found.outcomes)
+    return CommandResult(found.to_dict(), files=files)
 
 
 def echo_result(found: "Sequence[Outcome]") -> None:

@@ -8,10 +8,6 @@ import typer
 
 from beamdesign.cli.command import CommandResult, command, group, resumed
 from beamdesign.cli.output import default_folder, echo, echo_table, progress, refuse
-from beamdesign.result import picked
-
-CASE_SECONDS = 3600
-"""After which a case is given up, if nothing else is said."""
 
 _SHOWN_REASONS = 5
 _Cases = Annotated[int | None, typer.Option(min=1)]
@@ -24,7 +20,7 @@ def run(
     workers: Annotated[int, typer.Option(min=1, max=256)] = 1,
     scheduler: Annotated[str | None, typer.Option(metavar="ADDRESS")] = None,
     cases: _Cases = None,
-    case_seconds: Annotated[int, typer.Option(min=1, max=1_000_000)] = CASE_SECONDS,
+    case_seconds: Annotated[int | None, typer.Option(min=1, max=1_000_000)] = None,
     again: bool = False,
 ) -> CommandResult:
     """Carry out a sweep.
@@ -39,42 +35,41 @@ def run(
         workers: processes of this machine.
         scheduler: scheduler of a Dask cluster to compute on instead.
         cases: no more cases than so many: spread over a grid, or fewer samples.
-        case_seconds: a case that takes longer is given up, and stays as a failed row.
+        case_seconds: a case that takes longer is given up, and stays as a failed row; else 3600 s.
         again: compute the cases again that failed.
     """
-    from beamdesign.sweep.conclusion import draw, in_words
-    from beamdesign.sweep.store import in_words as unsound_words
-    from beamdesign.sweep.sweep_run import finished, plan, run_sweep
-    from beamdesign.sweep.workers import cluster, processes
+    import beamdesign
+    from beamdesign.sweep.conclusion import in_words
+    from beamdesign.sweep.sweep_run import finished, plan
 
     if scheduler is not None and workers != 1:
         refuse("study run", ("--workers", "has no meaning with --scheduler"))
-    if scheduler is not None and case_seconds != CASE_SECONDS:
+    if scheduler is not None and case_seconds is not None:
         reason = "has no meaning with --scheduler: a case that a cluster computes can be ended only there"
         refuse("study run", ("--case-seconds", reason))
-    laid = plan(file, cases)
     folder = out or default_folder(f"{file.stem}.study")
-    going_on = "the same command goes on from there"
-    with (
-        resumed(lambda: f"; {finished(laid, folder)} of {laid.budget} cases are kept in {folder}: {going_on}"),
-        progress(laid.sweep.name) as update,
-        processes(workers, case_seconds) if scheduler is None else cluster(scheduler) as compute,
-    ):
-        found = run_sweep(laid, folder, compute, update, again, draw)
-    unsound = unsound_words(found.unsound, "computed again")
+
+    def kept() -> str:
+        laid = plan(file, cases)
+        done = f"{finished(laid, folder)} of {laid.budget} cases are kept in {folder}"
+        return f"; {done}: the same command goes on from there"
+
+    with resumed(kept), progress(file.stem) as update:
+        found = beamdesign.study(
+            file, folder, workers, update, cases=cases, scheduler=scheduler, case_seconds=case_seconds, again=again
+        )
+    fields = found.to_dict()
     counts = ", ".join(f"{count} {status}" for status, count in found.counts.items())
-    kept = len(found.records) - found.computed
-    echo(f"{laid.sweep.name}: {len(found.records)} cases: {counts}; {found.computed} computed, {kept} kept from before")
+    before = f"{found.computed} computed, {len(found.records) - found.computed} kept from before"
+    echo(f"{fields['name']}: {fields['cases']} cases: {counts}; {before}")
     amiss = [record for record in found.records if record["status"] in ("refused", "failed")]
     rows = [(_varied(record["varied"]), record["status"], record["reason"]) for record in amiss[:_SHOWN_REASONS]]
     if rows:
         more = f", the first {_SHOWN_REASONS} of {len(amiss)}" if len(amiss) > _SHOWN_REASONS else ""
         echo_table(f"without a result{more}", ("case", "status", "reason"), rows)
-    for line in (*unsound, *in_words(found.conclusion, laid.sweep)):
+    for line in (*fields["unsound"], *in_words(found.conclusion, found.laid.sweep)):
         echo(line)
-    fields = {"name": laid.sweep.name, "cases": len(found.records), "unsound": unsound}
-    fields |= picked(found, "counts computed folder tables files conclusion")
-    return CommandResult(fields, bool(found.counts.get("done")), found.files)
+    return CommandResult(fields, found.yes, found.files)
 
 
 @command

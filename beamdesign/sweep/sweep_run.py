@@ -15,7 +15,7 @@ from beamdesign.columns import csv_text
 from beamdesign.files import fresh_folder, refuse_irreplaceable, settled, write_whole
 from beamdesign.progress import Progress, silent
 from beamdesign.records import InputError, Problem
-from beamdesign.result import json_text
+from beamdesign.result import Result, finite, json_text, picked
 from beamdesign.sweep import store, workers
 from beamdesign.sweep.case import TASKS, Case, in_words
 from beamdesign.sweep.methods import ADAPTIVE, Plan, laid_out
@@ -30,8 +30,8 @@ _SET = (store.INDEX, "table.*", "sensitivity.*", CONCLUSION, "picture.*", "pictu
 """Files that a run writes together, so that they are of one sweep."""
 
 
-@dataclass
-class SweepRun:
+@dataclass(repr=False)
+class SweepRun(Result):
     """A sweep carried out: cases come from the store where it has them, from workers otherwise.
 
     Attributes:
@@ -63,6 +63,25 @@ class SweepRun:
     tables: list[Path] = field(default_factory=list)
     files: list[Path] = field(default_factory=list)
     conclusion: dict[str, Any] = field(default_factory=dict)
+
+    @property
+    def yes(self) -> bool:
+        """Whether any case has a result."""
+        return bool(self.counts.get("done"))
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain values, as `study run --json` writes them; the rows stand in the files of the table."""
+        unsound = store.in_words(self.unsound, "computed again")
+        own = {"name": self.laid.sweep.name, "cases": len(self.records), "unsound": unsound}
+        return finite(own | picked(self, "counts computed folder tables files conclusion"))
+
+    def rows(self) -> list[tuple[Any, ...]]:
+        """The cases: what was varied, how each came out, and its outputs."""
+        return [tuple(row.values()) for row in rows(self.records)]
+
+    def __repr__(self) -> str:
+        counts = ", ".join(f"{count} {status}" for status, count in self.counts.items())
+        return f"<{type(self).__name__}: {self.laid.sweep.name}; {counts}>"
 
     def evaluate(self, cases: Sequence[Case]) -> list[dict[str, Any]]:
         """Records of cases, in their order.

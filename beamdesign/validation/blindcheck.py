@@ -7,13 +7,13 @@ was stopped in any way goes on by the same call; after a change of the judgement
 
 import json
 import os
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import asdict, dataclass
 from multiprocessing import active_children, get_context
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -33,6 +33,9 @@ from beamdesign.validation.case_plan import (
     sealed,
     write_seal,
 )
+
+if TYPE_CHECKING:
+    from beamdesign.validation.blindcheck_result import Scored
 
 _DRAWN_BY = "beamdesign.validation.case_plan"
 
@@ -100,6 +103,37 @@ class Opened:
     found: dict[str, Any]
     closed: float | None
     left: float | None = None
+
+
+def blindcheck(
+    folder: Path | str,
+    cases: int = 200,
+    seed: int = 1,
+    short: bool = False,
+    workers: int = 2,
+    progress: Progress = silent,
+) -> "Scored":
+    """Check the diagnosis blind, or go on with a check: draw cases, seal answers, diagnose, open, score.
+
+    A script that is not a notebook has to begin its work under `if __name__ == "__main__":`, since processes are begun.
+
+    Args:
+        folder: of the check; the result stands there as result.json, result.md and result.svg.
+        cases: how many.
+        seed: of the plan; another one gives other cases.
+        short: whether records are few and short, instead of eight of 4 s each.
+        workers: cases that are diagnosed at the same time.
+        progress: told the share done of drawing, then of diagnosing.
+
+    Raises:
+        InputError: where the folder holds another check, or an answer is not what was sealed.
+    """
+    check = begin_check(Path(folder), cases, seed, short)
+    draw_and_seal(check, workers, progress)
+    diagnose_all(check, workers, progress)
+    found = scored(check)
+    found.write(check.folder)
+    return found
 
 
 def begin_check(folder: Path, count: int, seed: int, short: bool, cases: Sequence[Planned] | None = None) -> Check:
@@ -201,6 +235,34 @@ def open_all(check: Check, unfinished: bool = False) -> tuple[Opened, ...]:
     if problems:
         raise InputError(check.seal, problems)
     return tuple(answered)
+
+
+def scored(check: Check, unfinished: bool = False) -> "Scored":
+    """Open the answers of a check and score them; see `open_all`."""
+    from beamdesign.validation.blindcheck_result import Scored  # which draws
+    from beamdesign.validation.scoring import outcome
+
+    seal, answered = read_seal(check.seal), open_all(check, unfinished)
+    length = "short" if check.short else "full"
+    setting = {
+        "records": "Five records of 1.75 s each." if check.short else "Eight records of 4 s each.",
+        "planned": len(check.cases),
+        "scored": len(answered),
+        "seed": check.seed,
+        "short": check.short,
+        "seal": seal.whole,
+        "truth": seal.truth,
+        "fitted_by": _all(case.found.get(key) for case in answered for key in ("fitted_by", "added_by")),
+        "judged_by": _all(case.found.get("judged_by") for case in answered),
+        "not_drawn": check.not_drawn,
+        "command": f"beamdesign gap blindcheck --cases {len(check.cases)} --seed {check.seed} --{length}",
+    }
+    return Scored(tuple(outcome(case) for case in answered), setting)
+
+
+def _all(digests: Iterable[Any]) -> str:
+    """One digest, or several where a check was made by several versions of the program."""
+    return ", ".join(sorted({str(digest) for digest in digests if digest}))
 
 
 def read_answers(folder: Path, closed: Collection[str] = ()) -> dict[str, dict[str, Any]]:

@@ -3,7 +3,7 @@
 import json
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from functools import partial
 from math import isfinite
 from pathlib import Path
@@ -13,9 +13,10 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from beamdesign.report.canvas import new_figure
+from beamdesign.files import write_whole
+from beamdesign.report.canvas import new_figure, save
 from beamdesign.report.page import text_template
-from beamdesign.result import picked
+from beamdesign.result import Result, picked
 from beamdesign.spelling import in_markdown
 from beamdesign.validation.baselines import NAMES
 from beamdesign.validation.bounds import clopper_pearson
@@ -34,6 +35,39 @@ from beamdesign.validation.scoring import (
 
 TARGET_COLUMNS = ("", "found", "95 % bounds", "of", "target", "reached")
 BASELINE_COLUMNS = ("", "diagnosis", *NAMES)
+
+
+@dataclass(frozen=True, repr=False)
+class Scored(Result):
+    """A blind check whose answers have been opened.
+
+    Attributes:
+        outcomes: of the cases that were diagnosed.
+        setting: what the check was: its cases, seed, seal and programs.
+    """
+
+    outcomes: tuple[Outcome, ...]
+    setting: Mapping[str, Any]
+
+    @property
+    def reason(self) -> str:
+        """Why there is nothing to score."""
+        return "" if self.outcomes else "no case is finished"
+
+    def to_dict(self) -> dict[str, Any]:
+        """Everything that the check has shown, as it stands in result.json."""
+        return result_fields(self.outcomes, self.setting) if self.outcomes else {**self.setting, "scored": 0}
+
+    def rows(self) -> list[tuple[str, ...]]:
+        """Scores beside their targets, of the cases whose gap stands out."""
+        return target_rows(scores(split(self.outcomes)[0])) if self.outcomes else []
+
+    def write(self, folder: Path) -> tuple[Path, ...]:
+        """Write result.json, result.md and result.svg, and tell where."""
+        paths = folder / "result.json", folder / "result.md"
+        write_whole(paths[0], result_text(self.to_dict()))
+        write_whole(paths[1], markdown(self.outcomes, self.setting))
+        return *paths, *save(blindcheck_picture(self.outcomes), folder / "result", ("svg",))
 
 
 def result_fields(outcomes: Sequence[Outcome], setting: Mapping[str, Any]) -> dict[str, Any]:

@@ -3,12 +3,13 @@
 from dataclasses import dataclass
 from itertools import groupby
 from pathlib import Path
+from typing import Any
 
 from beamdesign.files import write_whole
 from beamdesign.progress import Progress
 from beamdesign.report.canvas import save
 from beamdesign.report.page import Document, Picture, document_template, parts_from, to_html
-from beamdesign.result import picked
+from beamdesign.result import Result, finite, picked
 from beamdesign.validation.paper_claims import Bandwidth, Claim, FigureClaim, bandwidths, claims_and_slips
 from beamdesign.validation.paper_figures import DRAWINGS, Drawing
 from beamdesign.validation.paper_rig import (
@@ -31,8 +32,8 @@ CHOICES = (
 _REMEDY_GAIN_MA_PER_V = 150.0
 
 
-@dataclass(frozen=True)
-class Comparison:
+@dataclass(frozen=True, repr=False)
+class Comparison(Result):
     """The paper beside the model.
 
     Attributes:
@@ -50,11 +51,20 @@ class Comparison:
     slips: list[dict[str, str]]
     remedy_crossings: list[tuple[float, float]]
 
-    def fields(self) -> dict[str, object]:
-        """The JSON result."""
+    @property
+    def status(self) -> str:
+        """How many numbers agree."""
+        return f"{sum(claim.agrees for claim in self.claims)} of {len(self.claims)} numbers agree"
+
+    def rows(self) -> list[tuple[str, object, object, str, str]]:
+        """Every number: the paper's, the model's, and why they differ where they do."""
+        return [(claim.quantity, claim.paper, claim.model, claim.unit, claim.verdict) for claim in self.claims]
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain values, as `paper` writes them."""
         bandwidth = "case gain_mA_per_V outer_end_mass_kg inner_end_mass_kg paper model"
         claim = "group quantity unit paper model agrees verdict source note"
-        return {
+        fields = {
             "critical_gains": [row.fields() for row in self.gains],
             "bandwidths_Hz": [picked(row, bandwidth) for row in self.bandwidths],
             "claims": [picked(row, claim) for row in self.claims],
@@ -65,10 +75,11 @@ class Comparison:
                 {"outer_end_mass_kg": mass, "frequency_Hz": frequency} for mass, frequency in self.remedy_crossings
             ],
         }
+        return finite(fields)
 
 
-def compare() -> Comparison:
-    """Recompute everything."""
+def paper() -> Comparison:
+    """Recompute what Zalucky and Hardt (1984) state: critical gains, bandwidths, and every number of their tables."""
     gains, widths = gain_rows(), bandwidths()
     crossings = stable_masses(_REMEDY_GAIN_MA_PER_V, INNER_END_MASS_KG)
     return Comparison(gains, widths, *claims_and_slips(gains, widths), crossings)

@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 from io import StringIO
 from math import pi
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import tomli_w
@@ -19,6 +20,7 @@ from beamdesign.diagnosis.data.measured_files import Column, Measured, Response,
 from beamdesign.files import fresh_folder, write_whole
 from beamdesign.prototype import read_prototype
 from beamdesign.records import InputError, Problem
+from beamdesign.result import Result, finite
 
 UNITS = {
     "s": {"s": 1.0, "sec": 1.0, "ms": 1e-3, "us": 1e-6, "min": 60.0},
@@ -66,14 +68,29 @@ class Taken:
     offset: float = 0.0
     words: str = ""
 
+    def row(self) -> tuple[str, str, str]:
+        """Channel, what it is from, and what was assumed."""
+        factor = "" if self.factor == 1 else f" x {self.factor:.6g}"
+        offset = f", {self.offset:.4g} taken off" if self.offset else ""
+        source = f"{self.name} [{self.unit}]{factor}{offset}" if self.name else "0"
+        return self.channel, source, self.words
 
-@dataclass(frozen=True)
-class Imported:
+
+@dataclass(frozen=True, repr=False)
+class Imported(Result):
     """A data set that was written, and what each of its records was taken from."""
 
     dataset: Dataset
     taken: Mapping[str, tuple[Taken, ...]]
     paths: tuple[Path, ...]
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain values, as `gap import --json` writes them."""
+        return finite({"taken": self.taken, "files": self.paths})
+
+    def rows(self) -> list[tuple[str, str, str, str]]:
+        """File, channel, what it is from, and what was assumed."""
+        return [(name.removeprefix("records/"), *one.row()) for name, of in self.taken.items() for one in of]
 
 
 def asked(texts: Sequence[str]) -> dict[str, tuple[str, str, float]]:
@@ -103,11 +120,11 @@ def asked(texts: Sequence[str]) -> dict[str, tuple[str, str, float]]:
 
 
 def import_measured(
-    files: Sequence[Path],
-    prototype: Path,
-    out: Path,
+    files: Sequence[Path | str],
+    prototype: Path | str,
+    out: Path | str,
     columns: Sequence[str] = (),
-    outer_end_mass_kg: Sequence[float] = (0.0,),
+    outer_end_masses_kg: Sequence[float] = (0.0,),
     inner_end_mass_kg: float | None = None,
     rest_s: float = 0.0,
 ) -> Imported:
@@ -117,25 +134,27 @@ def import_measured(
         files: CSV, MATLAB and universal files.
         prototype: the model that was believed, with its controller.
         out: folder.
-        columns: see `asked`.
-        outer_end_mass_kg: payload of every file, or one for all.
+        columns: that names and units do not tell, each `CHANNEL = NAME [UNIT]`, with a minus sign before NAME to turn
+            it round.
+        outer_end_masses_kg: payload of every file, or one for all.
         inner_end_mass_kg: mass added inside; that of the prototype where None.
         rest_s: how long everything rests at the beginning: the mean of that time is taken off.
 
     Raises:
         InputError: with everything that cannot be told, and how to tell it.
     """
+    prototype, out = Path(prototype), Path(out)
     if (out / "dataset.toml").exists():
         raise InputError(out, [("--out", "holds a data set already, which is not written over; name another folder")])
     model, named = read_prototype(prototype), asked(columns)
-    if len(outer_end_mass_kg) not in (1, len(files)):
-        reason = f"give one for all, or one for each of {len(files)} files; there are {len(outer_end_mass_kg)}"
+    if len(outer_end_masses_kg) not in (1, len(files)):
+        reason = f"give one for all, or one for each of {len(files)} files; there are {len(outer_end_masses_kg)}"
         raise InputError("gap import", [("--outer-end-mass", reason)])
-    masses = list(outer_end_mass_kg) * (len(files) if len(outer_end_mass_kg) == 1 else 1)
+    masses = list(outer_end_masses_kg) * (len(files) if len(outer_end_masses_kg) == 1 else 1)
     inner = model.payload.inner_end_mass_kg if inner_end_mass_kg is None else inner_end_mass_kg
     entries: dict[str, list[dict[str, object]]] = {"record": [], "frequency_response": []}
     taken, tables = dict[str, tuple[Taken, ...]](), dict[str, dict[str, np.ndarray]]()
-    for path, mass in zip(files, masses, strict=True):
+    for path, mass in zip(map(Path, files), masses, strict=True):
         found = read_measured(path)
         at: dict[str, object] = {"outer_end_mass_kg": mass, "inner_end_mass_kg": inner}
         if found.columns:
