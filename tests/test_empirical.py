@@ -84,6 +84,21 @@ def test_a_sum_of_loops_slides_at_its_heights_and_turns_back_as_dahl_says():
     assert force == pytest.approx(400.0 * (0.2 * due[0] + 0.1 * due[1]), abs=0.5)
 
 
+def test_a_sensor_that_sticks_follows_half_the_play_behind_and_stays_at_a_reversal():
+    """The play operator on a triangle (Krasnosel'skii and Pokrovskii, Systems with Hysteresis, 1989, section 2)."""
+    given = {"half_width": 0.1, "held_share": 0.9, "size_V": 2.0}
+    up = np.linspace(0.0, 1.0, 4001)
+    down, step = np.linspace(1.0, 0.0, 4001), 1e-3
+    state, seen = {"followed": 0.0, "left": 0.0}, []
+    for volts in (*up, *down):
+        read, rates = applied("empirical_sensor_play", "sensor_V", float(volts), parameter=given, state=state)
+        # Quicker than the steps: both settle within one of them.
+        state = {key: state[key] + min(step, 1 / 4e3) * rates[key] for key in state}
+        seen.append(read)
+    behind = np.where(up < 0.2, 0.0, up - 0.2), np.minimum(0.8, down + 0.2)
+    np.testing.assert_allclose(seen, 0.1 * np.concatenate([up, down]) + 0.9 * np.concatenate(behind), atol=2e-3)
+
+
 def test_what_swings_on_a_tip_is_an_absorber():
     """Held at the tip it is an oscillator at its own frequency; far below, a mass that goes along."""
     given = {"mass_kg": 0.4, "frequency_Hz": 30.0, "damping_ratio": 0.05}
@@ -149,5 +164,5 @@ def test_a_spring_that_hardens_is_learnt_from_records_of_a_rig_that_has_one(tmp_
 @pytest.mark.parametrize("name", LEARNT)
 def test_the_kind_of_every_learnt_law_is_told(name: str):
     """By its equations, on a rig that has its port: one of a screw's drive too."""
-    kinds = {"curve": "static", "loop": "hysteretic", "droop": "static", "drift": "drifting"}
+    kinds = {"curve": "static", "loop": "hysteretic", "play": "hysteretic", "droop": "static", "drift": "drifting"}
     assert kind_of_effect(name) == kinds.get(name.rpartition("_")[2], "linear")

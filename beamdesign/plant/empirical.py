@@ -13,7 +13,20 @@ from typing import Any
 import casadi as ca
 from flint import fmpq
 
-from beamdesign.plant.effects import TWO_PI, Effect, Elements, Law, Linear, Operation, Parameter, Site, Span, dahl_rate
+from beamdesign.plant.effects import (
+    TWO_PI,
+    Effect,
+    Elements,
+    Law,
+    Linear,
+    Operation,
+    Parameter,
+    Site,
+    Span,
+    dahl_rate,
+    play,
+)
+from beamdesign.plant.effects.valve_hysteresis import MAGNETIC
 
 Signal = Callable[[Any, Site], Any]
 """From the signal of the port itself and the site to a local variable."""
@@ -106,7 +119,7 @@ PLACES = (
     _series("amplifier", "current", "A", "curve", "lag"),
     _series("amplifier", "motor_demand", "A", "curve", "lag", "drift"),
     _series(
-        "sensor", "sensor", "V", "curve", "lag", "resonance", "drift",
+        "sensor", "sensor", "V", "curve", "play", "lag", "resonance", "drift",
         like=("a sensor that flattens at its ends", "a sensor that steepens at its ends", "a sensor that is curved"),
     ),
 )  # fmt: skip
@@ -272,6 +285,24 @@ def _loop(place: Place, kind: str) -> Effect:
     return _effect(place, kind, law, parameters, near, words, states=own, memory=own, scales=read | sized)
 
 
+def _play(place: Place, kind: str) -> Effect:
+    """A share that comes after a play. It differs from the loops of a spring: nothing is felt before it is through."""
+    size, sized = _scale("size", place.size, "size of the port's own signal in the data")
+
+    def law(signal: Any, site: Site) -> Any:
+        own = site.parameter
+        return own["held_share"] * (play(signal, own["half_width"] * own[size.name], site, "left") - signal)
+
+    parameters = (
+        Parameter("half_width", 0.03, 1e-4, 1.0, 1.2, "half the way through the play, over the size"),
+        Parameter("held_share", 0.8, 0.05, 0.98, 0.5, "of the signal that the play holds back"),
+        size,
+    )
+    like = f"a {place.name} that sticks: it follows only after {{half_width:.1%}} of its range"
+    states = ("followed", "left")
+    return _effect(place, kind, law, parameters, MAGNETIC.linear, like, states=states, memory=states[1:], scales=sized)
+
+
 def _lag(place: Place, kind: str) -> Effect:
     """A share that comes late. Of a spring: a part that relaxes (Zener's solid)."""
     argument = place.argument[0]
@@ -388,7 +419,7 @@ def _drift(place: Place, kind: str) -> Effect:
 
 
 _KINDS = {
-    "curve": (_curve, "A static curve"), "loop": (_loop, "Two loops of friction"),
+    "curve": (_curve, "A static curve"), "loop": (_loop, "Two loops of friction"), "play": (_play, "A play"),
     "lag": (_lag, "A share that comes late"), "appendage": (_appendage, "A mass on a spring"),
     "resonance": (_resonance, "A share that passes a resonance"),
     "droop": (_droop, "A loss that follows the signal's size"), "drift": (_drift, "A gain that changes in time"),

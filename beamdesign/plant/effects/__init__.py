@@ -23,6 +23,7 @@ TWO_PI = exact(2 * pi)
 
 QUICKEST = 1e4
 """1/s, of a deflection under friction."""
+_FOLLOWING, _FORGETTING = 4e3, 1e-4  # 1/s, of a play
 
 SUBSYSTEMS = ("structure", "oil", "actuator", "servovalve", "amplifier", "sensor", "controller")
 
@@ -149,6 +150,27 @@ def dahl_rate(speed: Any, deflection: Any) -> Any:
     """
     speed = speed / ca.sqrt(1 + (speed / QUICKEST) ** 2)
     return speed - ca.fabs(speed) * deflection
+
+
+def play(signal: Any, threshold: Any, site: Site, left: str) -> Any:
+    """What a play passes on of a signal: where it has been left, held between its two ends, which move with the signal.
+
+    So without delay while it is pushed. What has been left there follows at a rate that shows only at reversals. It is
+    counted from the signal, followed likewise by the state `followed`, so that whatever rests at any signal is at zero.
+    Left alone, a play forgets slowly: in hours, but it makes of the many oscillations that idle plays would allow the
+    one about zero.
+
+    Args:
+        signal: given to it.
+        threshold: half the way from one end to the other, in the signal's unit.
+        site: of an effect with the state `followed`.
+        left: name of the state of this play.
+    """
+    tracked, before = site.state["followed"], site.state[left]
+    site.rate["followed"] = _FOLLOWING * (signal - tracked)
+    passed = ca.fmin(ca.fmax(tracked + before, signal - threshold), signal + threshold)
+    site.rate[left] = _FOLLOWING * (passed - signal - before) - _FORGETTING * before
+    return passed
 
 
 ElementsOf = Callable[[Mapping[str, fmpq], Mapping[str, fmpq]], Elements]

@@ -5,10 +5,9 @@ As in `seal_friction` the friction settles no faster than a bound.
 
 from typing import Any
 
-import casadi as ca
 import numpy as np
 
-from beamdesign.plant.effects import Effect, Elements, Linear, Parameter, Site, Span, dahl_rate
+from beamdesign.plant.effects import Effect, Elements, Linear, Parameter, Site, Span, dahl_rate, play
 
 
 def _law(signal: Any, site: Site) -> Any:
@@ -52,7 +51,6 @@ EFFECT = Effect(
 )
 
 
-_FOLLOWING, _FORGETTING = 4e3, 1e-4  # 1/s
 _PLAYS = ("play_1", "play_2", "play_3", "play_4")  # in half widths
 _NODES, _WEIGHTS = ((side / 2).tolist() for side in np.polynomial.legendre.leggauss(len(_PLAYS)))
 
@@ -60,16 +58,8 @@ _NODES, _WEIGHTS = ((side / 2).tolist() for side in np.polynomial.legendre.legga
 def _magnetic(signal: Any, site: Site) -> Any:
     width, share = site.parameter["half_width_A"], site.parameter["held_share"]
     largest = 2 / share  # threshold in half widths: the mean of all, times the share, is one
-    current = signal / width
-    tracked = site.state["followed"]
-    site.rate["followed"] = _FOLLOWING * (current - tracked)
-    passed = 0.0
-    for name, node, weight in zip(_PLAYS, _NODES, _WEIGHTS, strict=True):
-        threshold = (node + 0.5) * largest
-        left = site.state[name]
-        play = ca.fmin(ca.fmax(tracked + left, current - threshold), current + threshold)
-        site.rate[name] = _FOLLOWING * (play - current - left) - _FORGETTING * left
-        passed += weight * play
+    plays = zip(_PLAYS, _NODES, _WEIGHTS, strict=True)
+    passed = sum(weight * play(signal / width, (node + 0.5) * largest, site, name) for name, node, weight in plays)
     return (1 - share) * signal + share * width * passed
 
 
@@ -82,13 +72,7 @@ MAGNETIC = Effect(
         in proportion, and the remanence, with the square, up to the largest threshold. Beyond it the loop keeps its
         width. That is what plays do whose thresholds lie evenly between none and the largest; here they are the nodes
         of Gauss and Legendre's quadrature over them. So loops close, and what happened within one is forgotten once it
-        is left (Madelung's rules), neither of which Dahl's law does.
-
-        A play passes on where it has been left, held between its two ends, which move with the current: without delay
-        while it is pushed. What has been left there follows at a rate that shows only at reversals. It is counted from
-        the current, followed likewise, so that iron that has been demagnetised at any current is at zero. Left alone,
-        iron forgets slowly: in hours, but it makes of the many oscillations that idle plays would allow the one about
-        zero.""",
+        is left (Madelung's rules), neither of which Dahl's law does. See `beamdesign.plant.effects.play`.""",
     subsystem="servovalve",
     laws={"spool_A": _magnetic},
     parameters=(
