@@ -5,6 +5,7 @@ from math import pi
 
 import numpy as np
 import pytest
+from slow_sensor import SLOW_SENSOR
 from test_effects import applied
 from test_elements import assert_alike, rig  # noqa: F401
 
@@ -13,13 +14,13 @@ from beamdesign.diagnosis.diagnose import held_out
 from beamdesign.diagnosis.diagnosis import updated_prototype
 from beamdesign.diagnosis.fitting.evidence import evidence_of
 from beamdesign.diagnosis.fitting.fit import fit
-from beamdesign.diagnosis.fitting.hypothesis import NOTHING
+from beamdesign.diagnosis.fitting.hypothesis import NOTHING, Hypothesis
 from beamdesign.diagnosis.fitting.search import Search
 from beamdesign.diagnosis.judgement import causes, judge
-from beamdesign.diagnosis.learning import described, learn
+from beamdesign.diagnosis.learning import described, learn, within_reach
 from beamdesign.diagnosis.where.locate import kind_of_effect
 from beamdesign.plant.assembly import fits
-from beamdesign.plant.empirical import laws
+from beamdesign.plant.empirical import curve, laws
 from beamdesign.plant.members import family
 from beamdesign.prototype import Prototype
 from beamdesign.records import InputError
@@ -159,6 +160,24 @@ def test_a_spring_that_hardens_is_learnt_from_records_of_a_rig_that_has_one(tmp_
     # What a record held out says decides: where none is, nothing is learnt.
     assert learn(data, (), before, judged) is None
     assert learn(data, held_out(data.records), replace(before, null=null), replace(judged, unknown=0.0)) is None
+
+
+@pytest.mark.parametrize("odd_square", [0.5, 16.0])
+def test_a_curve_is_counted_over_no_more_than_the_rig_can_have_moved(odd_square: float):
+    """The same force at every speed; and where it was larger than the port's own, counted from where it is as large."""
+    name, data = "empirical_friction_curve", read_dataset(SLOW_SENSOR)
+    scales = {"reach_m_per_s": 2.0, "size_N": 900.0}
+    data = replace(data, prototype=data.prototype.but(effects={name: scales}))
+    hypothesis, terms = Hypothesis((name,)), TERMS | {"odd_square": odd_square}
+    given = {"oil_stiffness": 1e7} | {f"{name}.{term}": value for term, value in terms.items()}
+    moved, begun = within_reach(data, {hypothesis: given})
+    now, values = moved.prototype.effects[name], begun[hypothesis]
+    found = {term: values[f"{name}.{term}"] for term in terms}
+    for speed in (-1.3, -0.2, 0.1, 0.45):
+        force = scales["size_N"] * curve(terms, speed / scales["reach_m_per_s"])
+        assert now["size_N"] * curve(found, speed / now["reach_m_per_s"]) == pytest.approx(force, rel=1e-12)
+    largest = max(abs(curve(found, side)) for side in (-1.0, 1.0))
+    assert largest == pytest.approx(1.0, abs=0.05) if odd_square > 1 else begun == {hypothesis: given}
 
 
 @pytest.mark.parametrize("name", LEARNT)

@@ -17,6 +17,7 @@ from typer.testing import CliRunner
 from beamdesign.cli import app
 from beamdesign.columns import write_tables
 from beamdesign.controllers import Controller, Observer, Proportional, Scheduled, Section, Stage, Structured
+from beamdesign.diagnosis import diagnose as diagnosing
 from beamdesign.diagnosis import separability
 from beamdesign.diagnosis.data.dataset import Dataset, MeasuredGain, TimeRecord, read_dataset
 from beamdesign.diagnosis.diagnose import diagnose
@@ -33,6 +34,7 @@ from beamdesign.records import InputError
 from beamdesign.report.gap_folder import write_gap_folder
 from beamdesign.scenario import Multisine, Scenario, ScenarioRecord
 from beamdesign.simulation import simulate
+from beamdesign.structure import lumped
 
 SECTION = Section(zero_Hz=45.0, zero_damping_ratio=0.4, pole_Hz=60.0, pole_damping_ratio=0.7)
 STRUCTURED = Structured(gain_A_per_V=0.1, pole_Hz=1.75, zero_Hz=26.0, section=(SECTION, SECTION))  # equal poles
@@ -79,6 +81,19 @@ def test_a_slow_sensor_is_found_whatever_law_was_in_the_loop(law: Controller, mo
     assert found.causes[0].parameters["break_Hz"].value == pytest.approx(250.0, rel=0.1)
     assert found.prototype.controller == law
     assert found.gap.after < 0.2 * found.gap.before
+
+
+def test_figures_that_predict_worse_what_they_have_not_seen_are_not_written(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Friction that no candidate is bends the figures of the fits: the believed ones predict the tip better."""
+    for room in (searching, separability):
+        monkeypatch.setattr(room, "singles", lambda prototype: tuple(Hypothesis((name,)) for name in FEW))
+    for look in ("learn", "second_look", "next_experiment"):
+        monkeypatch.setattr(diagnosing, look, lambda *given: None)
+    found = diagnose(taken(believed().but(effects={"seal_friction": {"coulomb_N": 30.0}}), STRUCTURED), 1)
+    assert (found.verdict, found.chosen) == ("unknown", ())
+    assert found.gap.after == found.gap.before < 0.5 * found.gap.tuned
+    assert found.gap.closed == 0.0
+    assert lumped.figures(found.prototype) == pytest.approx(lumped.figures(believed()), rel=1e-9)
 
 
 def in_stages() -> Prototype:

@@ -21,12 +21,13 @@ from beamdesign.diagnosis.fitting.search import refit, search
 from beamdesign.diagnosis.gain_diagnosis import explain_gains
 from beamdesign.diagnosis.gap_metrics import errors, gap, sizes
 from beamdesign.diagnosis.judgement import cause_sets, causes, classes, judge
-from beamdesign.diagnosis.learning import described, learn
+from beamdesign.diagnosis.learning import EXPLAINED, described, learn
 from beamdesign.diagnosis.passing import what_passed
 from beamdesign.diagnosis.second_look import refit_backlash_impacts, second_look
 from beamdesign.diagnosis.separability import indistinguishable
 from beamdesign.diagnosis.verdict import chance, confirmed, decided, sentences, verdict_of
 from beamdesign.diagnosis.where.locate import locate
+from beamdesign.diagnosis.where.tone import common_tone
 from beamdesign.progress import Progress, silent
 from beamdesign.prototype import Prototype
 from beamdesign.time_limit import TimeUp, leave_out, left_out, over, share, within
@@ -36,7 +37,6 @@ _SECOND, _HELD_OUT = 0.5, 0.7  # of the time that is left, for laws and a second
 _PASSING = 0.4  # the same, for records without what passes
 _PASSES, _LAW = "what passes in a short while", "a law learnt from the records"
 _UNREPEATED = "a joint that hammers in its play, a loop that oscillates by itself"
-_REPEATED = 0.1  # of the excess misfit: a law that leaves less predicts the motion from rest
 
 
 def held_out(records: Sequence[TimeRecord]) -> tuple[int, ...]:
@@ -147,7 +147,7 @@ def _diagnosed(data: Dataset, workers: int, progress: Progress, kept: FitCache |
     plain, update = found.null, _between(0.72, 0.82, progress)
     learnt = _in_time(_SECOND, _LAW, lambda: learn(data, kept_out, found, judged, workers, update, kept))
     # What no model repeats from rest, a law that is learnt does not either: where one does, it is nothing of that kind.
-    if judged.unknown > 0.5 and (learnt is None or learnt.search.excess(learnt.judged.best) > _REPEATED):
+    if judged.unknown > 0.5 and (learnt is None or learnt.search.excess(learnt.judged.best) > EXPLAINED):
         update = _between(0.82, 0.96, progress)
         again = _in_time(_SECOND, _UNREPEATED, lambda: second_look(data, found, workers, update, kept))
     if again is not None:
@@ -184,6 +184,11 @@ def _diagnosed(data: Dataset, workers: int, progress: Progress, kept: FitCache |
     chosen = tuple(c.name for c in ranked if c.name in best.hypothesis.causes)
     from_rest = tuple(errors(piece, tuned, outside, best) for piece in records)
     measured = synchronised = gap(from_rest, kept_out)
+    written, worse = best, not best.hypothesis.names and again is None and measured.after > measured.before
+    if worse:  # figures that predict worse what they have not seen are no better known than those believed
+        written = replace(best, z=np.zeros_like(best.z))
+        from_rest = tuple(errors(piece, tuned, written, written) for piece in records)
+        measured = synchronised = gap(from_rest, kept_out)
     if again is not None:
         # What cannot be predicted from rest neither confirms nor refutes what is chosen: models that follow it do.
         synchronised = gap([errors(with_output_injection(piece), tuned, outside, best) for piece in records], kept_out)
@@ -199,11 +204,13 @@ def _diagnosed(data: Dataset, workers: int, progress: Progress, kept: FitCache |
         fits = [f for f in (found.null, *found.fits) if f.hypothesis in judged.of]
         fits.sort(key=lambda f: -judged.of[f.hypothesis])
         asked = next_experiment(data, fits, [judged.of[f.hypothesis] for f in fits])
-    following = again is not None and again.oscillates
+    following, tone = again is not None and again.oscillates, common_tone(from_rest)
     said = (
         "On records left out of the fits that measure it, the "
-        f"{'error in step' if following else 'prediction error'} falls from {measured.before:.1%} of the signal "
-        f"({measured.tuned:.1%} with tolerances re-tuned) to {measured.after:.1%}; "
+        f"{'error in step' if following else 'prediction error'} "
+        f"{'stays at' if worse else 'falls from'} {measured.before:.1%} of the signal "
+        f"({measured.tuned:.1%} with tolerances re-tuned"
+        f"{', so that the prototype keeps those believed)' if worse else f') to {measured.after:.1%}'}; "
         f"the sensor's noise alone is {measured.noise_floor:.1%}."
     )
     return Diagnosis(
@@ -217,12 +224,13 @@ def _diagnosed(data: Dataset, workers: int, progress: Progress, kept: FitCache |
         measured,
         classes(judged),
         asked,
-        updated_prototype(data.prototype, best).but(tolerance=stated),
+        updated_prototype(data.prototype, written).but(tolerance=stated),
         words,
         found,
         separable,
         cause_sets(found, judged),
         from_rest,
+        notes=() if tone is None else (tone.sentence,),
         left_out=left_out(),
         chance=rare,
     )

@@ -15,17 +15,19 @@ from beamdesign.diagnosis.data.dataset import Dataset
 from beamdesign.diagnosis.diagnosis import Cause
 from beamdesign.diagnosis.fitting.evidence import record_evidence
 from beamdesign.diagnosis.fitting.fit import Fit, FitCache, Task
-from beamdesign.diagnosis.fitting.hypothesis import given, learnable
+from beamdesign.diagnosis.fitting.hypothesis import Hypothesis, given, learnable
 from beamdesign.diagnosis.fitting.search import Fitters, Search, best_of_each, refit
 from beamdesign.diagnosis.gap_metrics import errors
 from beamdesign.diagnosis.judgement import Judgement, held_out_score, judge
 from beamdesign.diagnosis.where.residuals import residuals
 from beamdesign.plant.effects import library
+from beamdesign.plant.empirical import curve, over_reach
 from beamdesign.progress import Progress, silent
 
+EXPLAINED = 0.15
+"""Of the excess misfit: what leaves less explains the gap."""
 _UNLISTED = 0.5  # probability: a listed cause that is more probable than none of them has to be beaten
 _DOUBTED = 0.1  # probability that the cause is not listed, from which laws are learnt
-_EXPLAINED = 0.15  # of the excess misfit: what leaves less explains the gap
 _BETTER = 0.35  # of what the listed cause leaves: what a law has to stay below against it
 _ALIKE = 0.7  # of what the best listed causes leave, however improbable: what a law has to stay below in any case
 _FULL = 5  # laws fitted in full: the best at a look
@@ -80,10 +82,9 @@ def learn(
     """
     contested = judged.unknown <= _UNLISTED
     rival, enough = (judged.best, _BETTER) if contested else (before.null, _WORTH)
-    if not held_out or judged.unknown < _DOUBTED or before.excess(rival) < _EXPLAINED:
+    if not held_out or judged.unknown < _DOUBTED or before.excess(rival) < EXPLAINED:
         return None
-    scaled = with_scales(data, before.null)
-    found = _fitted(scaled, before, workers, progress, _of(kept, scaled))
+    scaled, found = _fitted(with_scales(data, before.null), before, workers, progress, kept)
     laws = replace(before, fits=tuple(best_of_each(found)))
     weighed = judge(laws)
     # Never at the price of a listed cause: one that leaves about as little is no worse an explanation.
@@ -118,21 +119,28 @@ def _of(kept: FitCache | None, data: Dataset) -> FitCache | None:
     return None if kept is None else replace(kept, prototype=data.prototype, part=(*kept.part, scales))
 
 
-def _fitted(data: Dataset, before: Search, workers: int, progress: Progress, kept: FitCache | None) -> list[Fit]:
-    """All laws at a look, the best of them in full; where a listed cause explains a part, beside it as well."""
+def _fitted(
+    data: Dataset, before: Search, workers: int, progress: Progress, kept: FitCache | None
+) -> tuple[Dataset, list[Fit]]:
+    """All laws at a look, the best of them in full; where a listed cause explains a part, beside it as well.
+
+    With the data set that states the scales of these.
+    """
     pieces, null, scaled = len(before.null.shares), before.null.values, data.prototype.effects
     alone = [h for h in learnable(data.prototype) if not library()[h.names[0]].scales or h.names[0] in scaled]
     worst = sorted(range(pieces), key=lambda k: -before.null.shares[k].c)[: max(1, round(_HALF * pieces))]
-    with Fitters(data, workers, kept) as fitters:
+    with Fitters(data, workers, _of(kept, data)) as fitters:
         tasks = [Task(h, null, on=tuple(sorted(worst))) for h in alone]
         looks = fitters(tasks, lambda k: progress(0.5 * k / len(tasks), "laws of each port"))
-        found = {f.hypothesis: f.values for f in sorted(looks, key=lambda f: f.cost) if not f.reason}
-        best = list(found)[:_FULL]
+    ranked = [f for f in sorted(looks, key=lambda f: f.cost) if not f.reason]
+    data, found = within_reach(data, {f.hypothesis: f.values for f in ranked[:_FULL]})
+    with Fitters(data, workers, _of(kept, data)) as fitters:
+        best = list(found)
         full = [Task(h, null, found[h]) for h in best]
         listed = next((f for f in before.fits if len(f.hypothesis.causes) == 1), before.null)
         if before.excess(listed) < _BESIDE:
             full += [Task(listed.hypothesis | h, listed.values, found[h]) for h in best]
-        return fitters(full, lambda k: progress(0.5 + 0.5 * k / len(full), "laws learnt"))
+        return data, fitters(full, lambda k: progress(0.5 + 0.5 * k / len(full), "laws learnt"))
 
 
 def with_scales(data: Dataset, null: Fit) -> Dataset:
@@ -145,6 +153,33 @@ def with_scales(data: Dataset, null: Fit) -> Dataset:
     moved = (law for law in laws if all(signals.get(of, 0.0) > 0 for of in law.scales.values()))
     tables = {law.name: {key: float(f"{signals[of]:.3g}") for key, of in law.scales.items()} for law in moved}
     return replace(data, prototype=data.prototype.but(effects={**data.prototype.effects, **tables}))
+
+
+def within_reach(
+    data: Dataset, begun: Mapping[Hypothesis, dict[str, float]]
+) -> tuple[Dataset, dict[Hypothesis, dict[str, float]]]:
+    """The data set and the values that fits begin with, each curve over no more than the rig can have moved.
+
+    The linear model may move much further than a rig that a curve holds back. Where a curve adds as much as all of its
+    port's own signal there is nothing more for it to hold: what lies beyond was not in the data, and terms of the
+    curve that are counted by it are far from what is expected of them.
+
+    Args:
+        data: whose prototype states the scales.
+        begun: values by hypothesis, each of one law.
+    """
+    effects, moved = dict(data.prototype.effects), dict(begun)
+    places = np.linspace(-1.0, 1.0, 401)
+    for hypothesis, values in begun.items():
+        (name,) = hypothesis.names
+        own = {key.partition(".")[2]: value for key, value in values.items() if key.startswith(name + ".")}
+        if library()[name].table is None:
+            continue
+        full = np.abs(places[[abs(float(curve(own, u))) >= 1 for u in places]])
+        if full.size and (share := float(full.min())) < 1:
+            moved[hypothesis] = {**values, **{f"{name}.{q}": term for q, term in over_reach(own, share).items()}}
+            effects[name] = {q: v * share if q.startswith("reach") else v for q, v in effects[name].items()}
+    return replace(data, prototype=data.prototype.but(effects=effects)), moved
 
 
 def without_idle_terms(data: Dataset, best: Fit) -> Dataset:

@@ -243,6 +243,12 @@ def curve(own: Mapping[str, Any], u: Any) -> Any:
     return own[_ODD] * u * ca.fabs(u) + own[_CUBE] * u**3 + own[_EVEN] * u**2 + own[_SIDED] * ca.fabs(u)
 
 
+def over_reach(own: Mapping[str, float], share: float) -> dict[str, float]:
+    """The terms of the same curve over a share of its reach."""
+    powers = {_ODD: 2, _CUBE: 3, _EVEN: 2, _SIDED: 1}
+    return {term: own[term] * share**power for term, power in powers.items()}
+
+
 def _slopes(own: Mapping[str, float]) -> list[float]:
     """The least and the largest slope of a curve within its reach among others; either side of 0 has a parabola."""
     found = []
