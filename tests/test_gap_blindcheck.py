@@ -6,6 +6,7 @@ candidates: see `FEW`.
 
 import json
 import os
+import shutil
 import subprocess
 from collections import Counter
 from dataclasses import replace
@@ -430,8 +431,8 @@ FEW = ("transport_delay", "unequal_piston_areas", "parameter:flow_gain")
 
 
 @pytest.fixture(scope="module")
-def checked(tmp_path_factory):
-    """Five short cases, drawn, sealed and diagnosed with few candidates."""
+def checked(made_once, tmp_path_factory):
+    """Five short cases, drawn, sealed and diagnosed with few candidates: made once, and copied by who reads them."""
     from beamdesign.diagnosis import diagnose as diagnosing
     from beamdesign.diagnosis import second_look as looking
     from beamdesign.diagnosis.fitting import search as searching
@@ -441,17 +442,19 @@ def checked(tmp_path_factory):
     def few(prototype):
         return tuple(each for each in singles(prototype) if str(each) in FEW)
 
-    folder = tmp_path_factory.mktemp("check")
-    check = blindcheck.begin_check(folder, len(FIVE), 0, True, FIVE)
+    def make(folder):
+        check = blindcheck.begin_check(folder, len(FIVE), 0, True, FIVE)
+        seal = blindcheck.draw_and_seal(check, 1)
+        assert all(diagnose_blind(check.place(key), now) for key in seal.sets)
+
+    now, folder = program(), tmp_path_factory.mktemp("check") / "five"
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(blindcheck, "_processes", _here)
-        seal = blindcheck.draw_and_seal(check, 1)
         patch.setattr(searching, "singles", few)
         patch.setattr(looking, "backlash_impacts", lambda *given: None)  # play is none of the few
         patch.setattr(diagnosing, "next_experiment", lambda *given: None)  # has tests of its own, and takes longest
-        now = program()
-        assert all(diagnose_blind(check.place(key), now) for key in seal.sets)
-        yield check, now
+        shutil.copytree(made_once("five_blind_cases", make), folder)
+        yield blindcheck.begin_check(folder, len(FIVE), 0, True, FIVE), now
 
 
 class _Here:
