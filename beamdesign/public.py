@@ -229,6 +229,6 @@ def study(
     from beamdesign.sweep.sweep_run import plan, run_sweep
     from beamdesign.sweep.workers import CASE_SECONDS, cluster, processes
 
-    laid = plan(Path(source), cases)
-    with processes(workers, case_seconds or CASE_SECONDS) if scheduler is None else cluster(scheduler) as compute:
+    laid, most = plan(Path(source), cases), CASE_SECONDS if case_seconds is None else case_seconds
+    with processes(workers, most) if scheduler is None else cluster(scheduler) as compute:
         return run_sweep(laid, Path(folder), compute, progress, again, draw)

@@ -495,6 +495,19 @@ def test_five_cases_from_drawing_to_scores(checked):
     assert np.median(told) < 0.05
 
 
+def test_a_check_that_is_finished_is_scored_and_written_by_the_public_function(checked, monkeypatch):
+    check, _ = checked
+    monkeypatch.setattr(blindcheck, "plan", lambda count, seed: FIVE)
+    found = blindcheck.blindcheck(check.folder, len(FIVE), 0, short=True, workers=1)
+    assert (found.yes, len(found.outcomes)) == (True, len(FIVE))
+    held = json.loads((check.folder / "result.json").read_text(encoding="utf-8"))
+    assert held == json.loads(json.dumps(found.to_dict()))
+    assert held["setting"]["seal"] == read_seal(check.seal).whole
+    assert [name for name, *_ in found.rows()] == [score["name"] for score in held["scores"]]
+    assert (check.folder / "result.md").is_file()
+    assert (check.folder / "result.svg").is_file()
+
+
 def test_what_is_finished_is_not_done_again(checked):
     from beamdesign.validation.blind_diagnosis import diagnose_blind
 

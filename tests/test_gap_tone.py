@@ -52,6 +52,18 @@ def test_what_is_no_tone_in_common_is_not_told(of):
     assert common_tone(left(of)) is None
 
 
+def test_records_that_are_too_slow_or_too_short_for_a_tone_do_not_have_it():
+    """Sampled at 100 Hz, or for a tenth of a second, beside three that show 180 Hz."""
+    of = left(tones(180.0, *(2e-6,) * 5))
+    slow = Errors("slow", TIMES[::10], *(part[::10] for part in (of[0].measured, *(of[0].after,) * 4)), 0.02)
+    short = Errors("short", TIMES[:100], *(part[:100] for part in (of[1].measured, *(of[1].after,) * 4)), 0.02)
+    found = common_tone([slow, short, *of[2:]])
+    assert found is not None
+    assert (found.count, found.of) == (3, 5)
+    last = common_tone(left(tones(499.9, *(2e-6,) * 5)))  # at half the rate of sampling no tone can be told
+    assert last is None
+
+
 def test_few_records_or_records_driven_alike_cannot_tell():
     hummed = left(tones(50.0, *(2e-6,) * 5))
     assert common_tone(hummed[:2]) is None

@@ -34,10 +34,10 @@ class _Spectrum(NamedTuple):
     beside: np.ndarray
 
     def peak(self, near_Hz: float) -> int:
-        """The highest line that may be of a tone at a frequency."""
-        step = self.frequencies_Hz[1]
-        low, high = (round(near_Hz / step) + side for side in (-1, 2))
-        return low + int(np.argmax(self.amplitude[low:high]))
+        """The highest line that may be of a tone at a frequency; some line without one where the record has none."""
+        line = round(near_Hz / self.frequencies_Hz[1])
+        low = max(0, min(line, len(self.amplitude) - 1) - 1)
+        return low + int(np.argmax(self.amplitude[low : low + 3]))
 
     def contrast(self, line: int) -> float:
         """Its amplitude over that of the lines beside it."""
@@ -113,7 +113,7 @@ def _spectrum(of: Errors) -> _Spectrum | None:
     around = np.lib.stride_tricks.sliding_window_view(np.pad(amplitude, _BESIDE, mode="reflect"), 2 * _BESIDE + 1)
     others = np.delete(around, slice(_BESIDE - _MAIN, _BESIDE + _MAIN + 1), axis=1)
     beside = np.sqrt(np.mean(others**2, axis=1))
-    amplitude[: 2 * _MAIN] = 0.0  # what rests is no tone
+    amplitude[: 2 * _MAIN] = amplitude[-2 * _MAIN :] = 0.0  # what rests is no tone, nor what is not sampled in full
     return _Spectrum(of.name, frequencies, amplitude, np.maximum(beside, 1e-300))
 
 
