@@ -17,17 +17,17 @@ from beamdesign.diagnosis.examination.plausibility import examine
 from beamdesign.diagnosis.experiment import next_experiment
 from beamdesign.diagnosis.fitting.evidence import RecordEvidence, evidence_of, with_output_injection
 from beamdesign.diagnosis.fitting.fit import FitCache
-from beamdesign.diagnosis.fitting.search import refit, search
+from beamdesign.diagnosis.fitting.search import refit
 from beamdesign.diagnosis.gain_diagnosis import explain_gains
 from beamdesign.diagnosis.gap_metrics import errors, gap, sizes
-from beamdesign.diagnosis.judgement import cause_sets, causes, classes, judge
+from beamdesign.diagnosis.judgement import cause_sets, causes, classes
 from beamdesign.diagnosis.learning import EXPLAINED, described, learn
 from beamdesign.diagnosis.passing import what_passed
 from beamdesign.diagnosis.second_look import refit_backlash_impacts, second_look
 from beamdesign.diagnosis.separability import indistinguishable
+from beamdesign.diagnosis.tone import search_without_tones
 from beamdesign.diagnosis.verdict import chance, confirmed, decided, sentences, verdict_of
 from beamdesign.diagnosis.where.locate import locate
-from beamdesign.diagnosis.where.tone import common_tone
 from beamdesign.progress import Progress, silent
 from beamdesign.prototype import Prototype
 from beamdesign.time_limit import TimeUp, leave_out, left_out, over, share, within
@@ -133,17 +133,17 @@ def _diagnosed(data: Dataset, workers: int, progress: Progress, kept: FitCache |
         figures_only = explain_gains(replace(data, warnings=examined.words), workers, progress)
         return replace(figures_only, prototype=figures_only.prototype.but(tolerance=stated))
     kept_out = held_out(data.records)
-    seen = replace(data, records=tuple(r for k, r in enumerate(data.records) if k not in kept_out))
-    found = search(data, workers, _between(0.0, 0.7, progress), kept)
-    judged, words, doubtful = judge(found), examined.words, examined.limits_confidence
-    passed, again = None, None
+    cleared = search_without_tones(data, workers, _between(0.0, 0.7, progress), kept)
+    again = None
+    words, doubtful = (*examined.words, *cleared.words), examined.limits_confidence or cleared.doubtful
+    data, found, judged, kept = cleared.data, cleared.search, cleared.judged, cleared.kept
     if judged.unknown > 0.5:
         update = _between(0.7, 0.72, progress)
         passed = _in_time(_PASSING, _PASSES, lambda: what_passed(data, found, workers, update, kept))
-    if passed is not None:
-        data, found, judged, kept = passed.data, passed.search, passed.judged, passed.kept
-        words = (*words, *passed.words)
-        seen, doubtful = replace(data, records=tuple(r for k, r in enumerate(data.records) if k not in kept_out)), True
+        if passed is not None:
+            data, found, judged, kept = passed.data, passed.search, passed.judged, passed.kept
+            words, doubtful = (*words, *passed.words), True
+    seen = replace(data, records=tuple(r for k, r in enumerate(data.records) if k not in kept_out))
     plain, update = found.null, _between(0.72, 0.82, progress)
     learnt = _in_time(_SECOND, _LAW, lambda: learn(data, kept_out, found, judged, workers, update, kept))
     # What no model repeats from rest, a law that is learnt does not either: where one does, it is nothing of that kind.
@@ -204,7 +204,7 @@ def _diagnosed(data: Dataset, workers: int, progress: Progress, kept: FitCache |
         fits = [f for f in (found.null, *found.fits) if f.hypothesis in judged.of]
         fits.sort(key=lambda f: -judged.of[f.hypothesis])
         asked = next_experiment(data, fits, [judged.of[f.hypothesis] for f in fits])
-    following, tone = again is not None and again.oscillates, common_tone(from_rest)
+    following = again is not None and again.oscillates
     said = (
         "On records left out of the fits that measure it, the "
         f"{'error in step' if following else 'prediction error'} "
@@ -230,7 +230,6 @@ def _diagnosed(data: Dataset, workers: int, progress: Progress, kept: FitCache |
         separable,
         cause_sets(found, judged),
         from_rest,
-        notes=() if tone is None else (tone.sentence,),
         left_out=left_out(),
         chance=rare,
     )

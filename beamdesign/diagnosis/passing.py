@@ -29,15 +29,16 @@ _MOST_UNKNOWN = 0.5
 
 
 @dataclass(frozen=True)
-class Passing:
-    """What the records say without it.
+class Cleared:
+    """What the records say without what no model is of.
 
     Attributes:
-        data: the data set, whose records leave out what passed.
+        data: the data set, whose records are without it.
         search: of all hypotheses.
         judged: its fits, weighed.
         words: what was left out.
         kept: fits to what is left.
+        doubtful: whether what was left out may be of another cause, so that no verdict is sure.
     """
 
     data: Dataset
@@ -45,11 +46,12 @@ class Passing:
     judged: Judgement
     words: tuple[str, ...]
     kept: FitCache | None
+    doubtful: bool = True
 
 
 def what_passed(
     data: Dataset, before: Search, workers: int = 1, progress: Progress = silent, kept: FitCache | None = None
-) -> Passing | None:
+) -> Cleared | None:
     """Search again without what passes in a short while and is all that stands against an explanation.
 
     Args:
@@ -73,7 +75,7 @@ def what_passed(
         found = search(data, workers, partial(_turn, progress, turn), own)
         judged = judge(found)
         if judged.unknown <= _MOST_UNKNOWN:
-            known = Passing(data, found, judged, _warnings(data.records, stated), own)
+            known = Cleared(data, found, judged, _warnings(data.records, stated), own)
             return known if judged.best.hypothesis.names else None
     return None
 

@@ -202,6 +202,7 @@ def search(
     kept: FitCache | None = None,
     synchronised: bool = False,
     worth: float = np.inf,
+    null: Fit | None = None,
 ) -> Search:
     """Fit all hypotheses to a data set.
 
@@ -212,6 +213,7 @@ def search(
         kept: fits of an earlier run, where those of this one are kept as well.
         synchronised: whether models follow the records, see `InjectedRecord`, instead of predicting them from rest.
         worth: share of the excess misfit that the best single cause has to stay below for pairs to be tried.
+        null: tolerances alone, where they are fitted already.
 
     Raises:
         TimeUp: where steps are to be broken off, and not even tolerances alone are fitted in time.
@@ -219,7 +221,7 @@ def search(
     """
     with Fitters(data, workers, kept, synchronised) as fitters:
         progress(0.0, "tolerances")
-        (null,) = fitters.each(Task(NOTHING, {}))
+        null = null or fitters.each(Task(NOTHING, {}))[0]
         if null.reason:
             key = "prototype" if data.records else "frequency_response" if data.responses else "critical_gain"
             words = "the believed model oscillates at no gain, or where a response was taken"

@@ -1,0 +1,284 @@
+"""A tone that records have in common however hard they are driven: hum on a line, a pump, a fan.
+
+No law of the rig makes one, and no fit explains it. It shows in what the best model leaves, as a line as narrow as the
+record allows, at the same frequency and of about the same amplitude in small records and in large ones. It is taken off
+the records, so that what explains the rest is not weighed against it.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from math import ceil, pi, sqrt
+from typing import NamedTuple
+
+import numpy as np
+from scipy.optimize import minimize_scalar
+
+from beamdesign.diagnosis.data.dataset import Dataset, TimeRecord
+from beamdesign.diagnosis.fitting.evidence import RecordEvidence, record_evidence
+from beamdesign.diagnosis.fitting.fit import Fit, FitCache, Task
+from beamdesign.diagnosis.fitting.hypothesis import NOTHING
+from beamdesign.diagnosis.fitting.replay import DISPLACEMENT
+from beamdesign.diagnosis.fitting.search import Fitters, search
+from beamdesign.diagnosis.judgement import judge
+from beamdesign.diagnosis.passing import Cleared
+from beamdesign.progress import Progress, silent
+from beamdesign.quantities import decimal, quantity
+
+_MAIN = 2  # lines to either side that Hann's window makes of one
+_BESIDE = 20  # lines to either side that tell what there is without it
+_CLEAR, _SEEN = 12.0, 4.0  # amplitude over that of the lines beside it: in one record, and in the others
+_ALONE = (
+    0.5  # of the power within a sixth of an octave to either side: a set of tones that drives a rig has others there
+)
+_RECORDS, _SHARE = 3, 0.6  # that have it
+_DRIVEN = 3.0  # largest over smallest rms of records: where it is less, what is driven looks like what is not
+_MAINS_HZ, _OFF = (50.0, 60.0), 0.004  # and how far mains are off
+_MOST = 4  # tones that are looked for, one after another
+
+
+class Left(NamedTuple):
+    """What a model leaves of one record.
+
+    Attributes:
+        name: of the record.
+        times: (N,) s.
+        rms: of the displacement, m.
+        error: (N,) of the displacement, m.
+    """
+
+    name: str
+    times: np.ndarray
+    rms: float
+    error: np.ndarray
+
+
+class _Spectrum(NamedTuple):
+    """Of what a model leaves of one record: lines, amplitude in m, and what stands beside each."""
+
+    name: str
+    frequencies_Hz: np.ndarray
+    amplitude: np.ndarray
+    beside: np.ndarray
+
+    def peak(self, near_Hz: float) -> int:
+        """The highest line that may be of a tone at a frequency; some line without one where the record has none."""
+        line = round(near_Hz / self.frequencies_Hz[1])
+        low = max(0, min(line, len(self.amplitude) - 1) - 1)
+        return low + int(np.argmax(self.amplitude[low : low + 3]))
+
+    def contrast(self, line: int) -> float:
+        """Its amplitude over that of the lines beside it."""
+        return float(self.amplitude[line] / self.beside[line])
+
+
+@dataclass(frozen=True)
+class Tone:
+    """A tone in common.
+
+    Attributes:
+        frequency_Hz: of it.
+        amplitude_m: least and largest, of the displacement.
+        having: names of the records that have it.
+        of: as many.
+    """
+
+    frequency_Hz: float
+    amplitude_m: tuple[float, float]
+    having: tuple[str, ...]
+    of: int
+
+    @property
+    def of_the_mains(self) -> bool:
+        """Whether its frequency is a multiple of that of the mains."""
+        multiples = (self.frequency_Hz / mains for mains in _MAINS_HZ)
+        return any(abs(multiple - round(multiple)) < _OFF * round(multiple) for multiple in multiples)
+
+    @property
+    def sentence(self) -> str:
+        """What was found, and what it may be."""
+        low, high = (quantity(value, "m", 2) for value in self.amplitude_m)
+        what = "hum of the mains, or" if self.of_the_mains else "hum, or"
+        return (
+            f"What is left of {len(self.having)} of {self.of} records stands out at {decimal(self.frequency_Hz)} Hz, by"
+            f" {low} to {high} however hard they are driven: {what} something that runs at that speed, such as a pump; "
+            "record once with nothing moving and with each of them switched off."
+        )
+
+
+def search_without_tones(
+    data: Dataset, workers: int = 1, progress: Progress = silent, kept: FitCache | None = None
+) -> Cleared:
+    """Search for what explains the records without the tones that they have in common.
+
+    These are looked for in what tolerances alone leave, so that pairs of causes are not tried on hum in vain, and where
+    the gap hides them there, in what the best explanation leaves; then all is searched again.
+
+    Args:
+        data: what to explain.
+        workers: processes.
+        progress: told the share done and what is being fitted.
+        kept: fits of an earlier run.
+
+    Returns:
+        the search, with no words where there is no tone. Where other channels have one too, the rig moves by it, so
+        that what is found without it does not explain all of the gap.
+
+    Raises:
+        TimeUp, InputError: as `search`.
+    """
+    with Fitters(data, 1, kept) as fitters:
+        (null,) = fitters.each(Task(NOTHING, {}))
+    cleared = without_tones(data, null, kept)
+    if cleared is None:
+        found = search(data, workers, progress, kept, null=null)
+        cleared = without_tones(data, min((null, *found.fits), key=lambda fit: fit.misfit), kept)
+        if cleared is None:
+            return Cleared(data, found, judge(found), (), kept, doubtful=False)
+    found = search(cleared.data, workers, progress, cleared.kept)
+    return Cleared(cleared.data, found, judge(found), cleared.words, cleared.kept, cleared.doubtful)
+
+
+class WithoutTones(NamedTuple):
+    """A data set without its tones: it, what was taken off, fits to what is left, and whether the loop has heard it."""
+
+    data: Dataset
+    words: tuple[str, ...]
+    kept: FitCache | None
+    doubtful: bool
+
+
+def without_tones(data: Dataset, best: Fit, kept: FitCache | None = None) -> WithoutTones | None:
+    """Take tones in common off the records; None without one.
+
+    What oscillates by itself keeps its amplitude as well, but not its frequency where masses or controllers differ: a
+    tone in records of one loop alone that is not of the mains is left where it is.
+
+    Args:
+        data: records.
+        best: fit whose model leaves the tones.
+        kept: fits of an earlier run to these data.
+    """
+    placement, pieces = best.hypothesis.placement(data.prototype), record_evidence(data)
+    predicted = [piece.predicted(placement, best.z) for piece in pieces]
+    counted = [piece.record.counted[:, None] for piece in pieces]
+    pairs = zip(pieces, predicted, counted, strict=True)
+    left = [share * (piece.measured - of) for piece, of, share in pairs if of is not None]
+    records, doubtful = list(data.records), False
+    words: list[str] = []
+    while len(left) == len(pieces) and len(words) < _MOST:
+        tone = common_tone([_of_displacement(piece, of) for piece, of in zip(pieces, left, strict=True)])
+        if tone is None or not (tone.of_the_mains or _of_several_loops(tone, records)):
+            break
+        hearing = 0
+        for k, piece in enumerate(pieces):
+            if piece.name not in tone.having:  # too small to be seen, and too small to count
+                continue
+            made = _sines(piece, left[k], tone.frequency_Hz)
+            hearing += _in_the_loop(piece, left[k], tone.frequency_Hz)
+            left[k] = left[k] - counted[k] * made
+            own = dict(zip(piece.weight.channels, made.T, strict=True))
+            cleared = {name: values - own.get(name, 0.0) for name, values in records[k].measured.items()}
+            records[k] = replace(records[k], measured=cleared)
+        heard = hearing > len(tone.having) / 2
+        words.append(f"{tone.sentence} {_TAKEN_OFF}{_HEARD if heard else ''}.")
+        doubtful = doubtful or heard
+    if not words:
+        return None
+    kept = kept and replace(kept, part=(*kept.part, *words))
+    return WithoutTones(replace(data, records=tuple(records)), tuple(words), kept, doubtful)
+
+
+_TAKEN_OFF = "It is taken off the records before they are weighed"
+_HEARD = "; but the loop hears it, so that the rig moves by it, which no model here does"
+
+
+def _of_several_loops(tone: Tone, records: Sequence[TimeRecord]) -> bool:
+    loops = [(r.outer_end_mass, r.inner_end_mass, r.controller) for r in records if r.name in tone.having]
+    return any(loop != loops[0] for loop in loops)
+
+
+def _of_displacement(piece: RecordEvidence, left: np.ndarray) -> Left:
+    column = piece.weight.channels.index(DISPLACEMENT)
+    return Left(piece.name, piece.record.times, float(np.std(piece.measured[:, column])), left[:, column])
+
+
+def _sines(piece: RecordEvidence, left: np.ndarray, near_Hz: float) -> np.ndarray:
+    """(N, C) of each channel, the sine at the frequency, within a line of the record, that its displacement has."""
+    times, counted = piece.record.times, piece.record.counted[:, None]
+    displacement = left[:, [piece.weight.channels.index(DISPLACEMENT)]]
+
+    def fitted(frequency: float, signals: np.ndarray) -> np.ndarray:
+        basis = np.column_stack([np.cos(2 * pi * frequency * times), np.sin(2 * pi * frequency * times)])
+        return np.asarray(basis @ np.linalg.lstsq(counted * basis, signals, rcond=None)[0])
+
+    def missed(frequency: float) -> float:
+        return float(np.sum((displacement - counted * fitted(frequency, displacement)) ** 2))
+
+    line = 1 / float(np.ptp(times))
+    found = minimize_scalar(missed, bounds=(near_Hz - line, near_Hz + line), method="bounded")
+    return fitted(float(found.x), left)
+
+
+def _in_the_loop(piece: RecordEvidence, left: np.ndarray, near_Hz: float) -> bool:
+    """Whether a tone stands out in any channel but the displacement."""
+    names = zip(piece.weight.channels, left.T, strict=True)
+    others = (_spectrum(Left(piece.name, piece.record.times, 1.0, of)) for name, of in names if name != DISPLACEMENT)
+    return any(of is not None and of.contrast(of.peak(near_Hz)) > _SEEN for of in others)
+
+
+def common_tone(left: Sequence[Left]) -> Tone | None:
+    """The clearest tone that what is left of most records has in common.
+
+    Args:
+        left: of each time record, by one model.
+
+    Returns:
+        None without one, with fewer than three records, or where all are driven alike.
+    """
+    driven = [of.rms for of in left]
+    if len(left) < _RECORDS or max(driven) < _DRIVEN * min(driven):
+        return None
+    spectra = [spectrum for of in left if (spectrum := _spectrum(of)) is not None]
+    clearest = [(s.contrast(k), s, k) for s in spectra for k in (int(np.argmax(s.amplitude / s.beside)),)]
+    for contrast, spectrum, line in sorted(clearest, key=lambda one: -one[0]):
+        if contrast < _CLEAR:
+            return None
+        frequency = _between_lines(spectrum, line)
+        having = [(s, k) for s in spectra for k in (s.peak(frequency),) if s.contrast(k) > _SEEN and _alone(s, k)]
+        if len(having) < max(_RECORDS, ceil(_SHARE * len(left))):
+            continue
+        sizes = [float(s.amplitude[k]) for s, k in having]
+        named = tuple(s.name for s, _ in having)
+        swings = [rms for of, rms in zip(left, driven, strict=True) if of.name in named]
+        if max(swings) > _DRIVEN * min(swings) and max(sizes) / min(sizes) < sqrt(max(swings) / min(swings)):
+            return Tone(frequency, (min(sizes), max(sizes)), named, len(left))
+    return None
+
+
+def _spectrum(of: Left) -> _Spectrum | None:
+    """Of a record that is long enough and that a model predicts."""
+    if len(of.times) < 8 * _BESIDE or not np.all(np.isfinite(of.error)):
+        return None
+    window = np.hanning(len(of.times))
+    amplitude = 2 * np.abs(np.fft.rfft(of.error * window)) / window.sum()
+    frequencies = np.fft.rfftfreq(len(of.times), float(of.times[1] - of.times[0]))
+    around = np.lib.stride_tricks.sliding_window_view(np.pad(amplitude, _BESIDE, mode="reflect"), 2 * _BESIDE + 1)
+    others = np.delete(around, slice(_BESIDE - _MAIN, _BESIDE + _MAIN + 1), axis=1)
+    beside = np.sqrt(np.mean(others**2, axis=1))
+    amplitude[: 2 * _MAIN] = amplitude[-2 * _MAIN :] = 0.0  # what rests is no tone, nor what is not sampled in full
+    return _Spectrum(of.name, frequencies, amplitude, np.maximum(beside, 1e-300))
+
+
+def _alone(of: _Spectrum, line: int) -> bool:
+    """Whether a line holds most of the power about it, as no resonance that noise drives does."""
+    power, ratio = of.amplitude**2, of.frequencies_Hz / of.frequencies_Hz[line]
+    near = (ratio > 2 ** (-1 / 6)) & (ratio < 2 ** (1 / 6))
+    own = power[line - _MAIN : line + _MAIN + 1].sum()
+    return bool(own > _ALONE * power[near].sum())
+
+
+def _between_lines(of: _Spectrum, line: int) -> float:
+    """Frequency of a tone whose highest line is given, from the two beside it: exact of one under Hann's window."""
+    before, at, after = of.amplitude[line - 1 : line + 2]
+    high, sign = (after, 1) if after > before else (before, -1)
+    return float(of.frequencies_Hz[line] + sign * of.frequencies_Hz[1] * (2 * high - at) / (high + at))
