@@ -17,6 +17,7 @@ import pytest
 from slow_sensor import SLOW_SENSOR, shortened
 from typer.testing import CliRunner
 
+import beamdesign.diagnosis.fitting.fitters as fitters
 import beamdesign.diagnosis.fitting.search as searching
 from beamdesign import InputError, Prototype, read_prototype, write_prototype
 from beamdesign.cli import app
@@ -135,7 +136,7 @@ def test_a_second_run_takes_the_fits_of_the_first(
     def refuse(*_: object) -> None:
         raise AssertionError("made anew")
 
-    monkeypatch.setattr(searching, "fitted", refuse)
+    monkeypatch.setattr(fitters, "fitted", refuse)
     args = ["gap", "diagnose", str(data), "--out", str(tmp_path / "again"), "--workers", "1"]
     ran = CliRunner().invoke(app, args)
     assert ran.exit_code == 0, ran.output
@@ -156,7 +157,7 @@ def test_an_interrupted_search_goes_on_where_it_stopped(
     monkeypatch.setattr(searching, "singles", lambda prototype: few)
     monkeypatch.setattr(searching, "_DONE", 1.0)  # no pairs
     made: list[Hypothesis] = []
-    genuine = searching.fitted
+    genuine = fitters.fitted
 
     def counted(task, *rest):
         if len(made) == stop:
@@ -164,7 +165,7 @@ def test_an_interrupted_search_goes_on_where_it_stopped(
         made.append(task.hypothesis)
         return genuine(task, *rest)
 
-    monkeypatch.setattr(searching, "fitted", counted)
+    monkeypatch.setattr(fitters, "fitted", counted)
     kept = fit_cache(tmp_path / "fits", small)
     stop = 2
     with pytest.raises(KeyboardInterrupt):

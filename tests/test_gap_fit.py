@@ -26,6 +26,7 @@ from beamdesign.diagnosis.fitting.replay import Replay
 from beamdesign.diagnosis.fitting.search import refit, search
 from beamdesign.diagnosis.fitting.starts import starts
 from beamdesign.diagnosis.fitting.weighting import INDEPENDENT, SHARE, weighting
+from beamdesign.diagnosis.judgement import judge
 from beamdesign.plant.assembly import fits
 from beamdesign.plant.effects import causes
 from beamdesign.records import InputError
@@ -329,3 +330,34 @@ def test_rivals_of_a_pairs_causes_take_their_places():
     tasks = searching._rivals(Fit(mode | lag, unknowns, np.zeros(len(unknowns)), 2e3), state)
     assert {task.hypothesis for task in tasks} == {mode | delay, lag | delay}
     assert searching._rivals(Fit(mode | lag, reason="no fit"), state) == []
+
+
+def test_three_causes_at_once_are_found_where_two_leave_much(monkeypatch):
+    """Each as it was put in; pairs of them leave a per cent of the gap and more."""
+    names = ("sensor_lag", "seal_friction", "unequal_piston_areas", "parameter:flow_gain")
+    monkeypatch.setattr(searching, "singles", lambda rig: tuple(map(together, names)))
+    put_in = {
+        "sensor_lag": {"break_Hz": 120.0},
+        "seal_friction": {"coulomb_N": 60.0},
+        "unequal_piston_areas": {"asymmetry": 0.15},
+    }
+    data = measured(believed().but(effects=put_in))
+    found = search(data)
+    judged = judge(found)
+    assert judged.best.hypothesis.causes == tuple(sorted(put_in))
+    assert judged.of_causes[tuple(sorted(put_in))] > 0.9
+    assert judged.unknown < 0.05
+    for name, table in put_in.items():
+        ((key, value),) = table.items()
+        assert judged.best.values[f"{name}.{key}"] == pytest.approx(value, rel=0.1)
+    two = [found.excess(f) for f in found.fits if len(f.hypothesis.causes) == 2]
+    assert min(two) > 0.01 > 5 * found.excess(judged.best)
+
+
+def test_a_third_cause_is_not_tried_where_two_explain_the_gap(monkeypatch):
+    names = ("sensor_lag", "seal_friction", "unequal_piston_areas")
+    monkeypatch.setattr(searching, "singles", lambda rig: tuple(map(together, names)))
+    put_in = {"sensor_lag": {"break_Hz": 120.0}, "seal_friction": {"coulomb_N": 60.0}}
+    found = search(measured(believed().but(effects=put_in)))
+    assert max(len(f.hypothesis.causes) for f in found.fits) == 2
+    assert judge(found).best.hypothesis.names == ("seal_friction", "sensor_lag")

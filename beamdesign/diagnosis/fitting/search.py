@@ -1,136 +1,20 @@
-"""All hypotheses about a gap, fitted: nulls first, every single cause, then pairs.
+"""All hypotheses about a gap, fitted: nulls first, every single cause, then pairs, then three causes at once."""
 
-Fits are made by this process or by several, and those kept that were made before.
-"""
-
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import partial
-from multiprocessing import active_children
-from signal import SIG_IGN, SIGINT, signal
 
 import numpy as np
 
 from beamdesign.diagnosis.data.dataset import Dataset
 from beamdesign.diagnosis.fitting.evidence import evidence_of
-from beamdesign.diagnosis.fitting.fit import Evidence, Fit, FitCache, Task
+from beamdesign.diagnosis.fitting.fit import Fit, FitCache, Task
+from beamdesign.diagnosis.fitting.fitters import Fitters
 from beamdesign.diagnosis.fitting.hypothesis import NOTHING, Hypothesis, cause, pairs, singles
-from beamdesign.diagnosis.fitting.starts import fit_from_starts, resonances
 from beamdesign.plant.assembly import fits
 from beamdesign.plant.effects import causes, library
-from beamdesign.plant.empirical import laws
-from beamdesign.progress import Progress, end_at_once, silent
-from beamdesign.prototype import Prototype
+from beamdesign.progress import Progress, silent
 from beamdesign.records import InputError
-from beamdesign.time_limit import TimeUp, heed, is_limited, leave_out, left_for_steps, share
-
-RESONANT = {law.name for law in laws() if any(q.name == "frequency_Hz" for q in law.parameters)}
-"""Laws to be learnt that resonate."""
-_QUICK = 3  # iterations that show whether a pair is worth fitting
-
-
-class Fitters:
-    """Processes that make fits, or this one where one worker is enough."""
-
-    def __init__(self, data: Dataset, workers: int, kept: FitCache | None = None, synchronised: bool = False):
-        self.data, self.evidence = data, evidence_of(data, synchronised)
-        # The same task to records that are followed is another fit.
-        self._kept = replace(kept, part=(*kept.part, "in step")) if kept is not None and synchronised else kept
-        self._others = active_children()
-        self._begun = partial(ProcessPoolExecutor, workers, initializer=_begin, initargs=(data, synchronised))
-        self._pool = self._begun() if workers > 1 else None
-
-    def __enter__(self) -> "Fitters":
-        return self
-
-    def __exit__(self, *error: object) -> None:
-        self._close(at_once=error[0] is not None)
-
-    def _close(self, at_once: bool) -> None:
-        """End the processes; at once where nobody wants to wait for the fits that are being made."""
-        if self._pool is not None and at_once:
-            end_at_once(self._pool, self._others)
-        elif self._pool is not None:
-            self._pool.shutdown(cancel_futures=True)
-
-    def __call__(self, tasks: Iterable[Task], progress: Callable[[int], None] = lambda k: None) -> list[Fit]:
-        """Fits in the order of the tasks; where the time is up in the midst of them, those that are finished."""
-        given = list(tasks)
-        results = self._results(given, progress)
-        leave_out(*(str(task.hypothesis) for k, task in enumerate(given) if k not in results))
-        return [results[k] for k in range(len(given)) if k in results]
-
-    def finished(self, tasks: Sequence[Task]) -> list[Fit]:
-        """Fits that are finished in time, with no word on the others."""
-        return list(self._results(tasks).values())
-
-    def each(self, *tasks: Task) -> list[Fit]:
-        """Fits in the order of the tasks, all of them.
-
-        Raises:
-            TimeUp: where the time is up in the midst of them.
-        """
-        results = self._results(tasks)
-        if len(results) < len(tasks):
-            raise TimeUp
-        return [results[k] for k in range(len(tasks))]
-
-    def _results(self, given: Sequence[Task], progress: Callable[[int], None] = lambda k: None) -> dict[int, Fit]:
-        """Fits by the positions of their tasks."""
-        results: dict[int, Fit] = {}
-        for k, task in enumerate(given):
-            if self._kept is not None and (before := self._kept.recall(task)) is not None:
-                results[k] = before
-        try:
-            for k, found in self._made({k: task for k, task in enumerate(given) if k not in results}):
-                results[k] = found
-                if self._kept is not None:
-                    self._kept.keep(given[k], found)
-                progress(len(results))
-        except (TimeUp, TimeoutError):
-            self._close(at_once=True)
-            self._pool = self._pool and self._begun()
-        return results
-
-    def _made(self, tasks: dict[int, Task]) -> Iterator[tuple[int, Fit]]:
-        """Fits as they come, each with its position."""
-        if self._pool is None:
-            for k, task in tasks.items():
-                heed()
-                yield k, fitted(task, self.data.prototype, self.evidence)
-            return
-        if tasks:
-            heed()
-        futures = {self._pool.submit(_fitted_here, task): k for k, task in tasks.items()}
-        timeout = left_for_steps()
-        for future in as_completed(futures, timeout if timeout < np.inf else None):
-            yield futures[future], future.result()
-
-
-_here: tuple[Prototype, tuple[Evidence, ...]] | None = None
-
-
-def _begin(data: Dataset, synchronised: bool) -> None:
-    global _here
-    signal(SIGINT, SIG_IGN)  # an interruption is for the process that began it
-    _here = data.prototype, evidence_of(data, synchronised)
-
-
-def _fitted_here(task: Task) -> Fit:
-    assert _here is not None
-    return fitted(task, *_here)
-
-
-def fitted(task: Task, prototype: Prototype, evidence: Sequence[Evidence]) -> Fit:
-    """The best of fits from the most promising starts."""
-    some = [evidence[k] for k in task.on] or evidence
-    # Where no fit has found yet what resonates, a few iterations do not come to a narrow resonance.
-    if task.on and not any(name in RESONANT for name in task.hypothesis.effects):
-        return fit_from_starts(task.hypothesis, prototype, some, task.known, (), 1, task.hints, _QUICK)
-    peaks = resonances(some, prototype, task.known, task.hypothesis)
-    return fit_from_starts(task.hypothesis, prototype, some, task.known, peaks, hints=task.hints)
-
+from beamdesign.time_limit import is_limited, share
 
 _BEST_SINGLES = ((0.03, 1), (0.15, 2), (np.inf, 4))
 """How many singles to pair, by the share of the excess misfit that the best of them leaves."""
@@ -141,6 +25,8 @@ _LARGE = 4.0  # times: what is worth every pair
 _EXPLAINED = 0.5  # of the excess misfit: where no single cause reaches it, every pair of effects is tried
 _TAKEN_APART = 2  # of the best pairs
 _NEARLY = 1.3  # times the cost of a single cause: what explains nearly as much alone
+_PARTLY, _MUCH_LESS = 0.5, 0.4  # of the excess misfit: of pairs, for a third cause to be tried; of what the pair leaves
+_BEST_TRIPLES = 3  # fitted in full
 _HALF = 0.5  # of the evidence, that which the best single cause explains least, tells which pairs are worth fitting
 _SEEKING, _LOOKING = 0.7, 0.3  # of the time that is left, for all fits and for a look at single causes before them
 _DONE, _QUIET = 0.004, 1.15  # of the excess misfit, times the noise: a cause that leaves no more needs no second one
@@ -255,26 +141,62 @@ def _searched(fitters: Fitters, null: Fit, progress: Progress, worth: float) -> 
         return replace(state, fits=tuple(_with_pairs(fitters, state, progress)))
     explained = bool(found) and state.excess(state.fits[0]) < _DONE and state.fits[0].misfit < _QUIET * expected
     if found and null.misfit > _SMALL * expected and not explained and state.excess(state.fits[0]) < worth:
-        values = {f.hypothesis: f.values for f in reversed(state.fits) if not f.reason}
-        tried = _promising(state)
-        shares = state.fits[0].shares  # the half of the evidence that the best single cause leaves most of
-        worst = sorted(range(len(shares)), key=lambda k: -shares[k].c)[: max(1, round(_HALF * len(shares)))]
-        hardest = tuple(sorted(worst))
-        tasks = [Task(h, *_halves(h, values), hardest) for h in tried]
-        quick = fitters(tasks, lambda k: progress(0.55 + 0.35 * k / len(tasks), "pairs"))
-        leading = set(pairs(tuple(f.hypothesis for f in state.fits[:_LEADING])))
-        ranked = [f for f in _sorted(quick) if not f.reason]
-        best = [f for k, f in enumerate(ranked) if k < _BEST_PAIRS or f.hypothesis in leading]
-        final = fitters(Task(f.hypothesis, _halves(f.hypothesis, values)[0], f.values) for f in best)
-        final += fitters(_other_laws(_sorted(final)[:_TAKEN_APART], values, fitters.data.prototype.rig))
-        leading_pair = _sorted(final)[:1]  # none where the time was up before
-        if leading_pair and leading_pair[0].misfit > _QUIET * expected:
-            final += fitters(_rivals(leading_pair[0], state))
-        # The causes of pairs alone, from where the pair has found them: a fit may have stopped short of that.
-        paired = [one for one in final[:_TAKEN_APART] if not one.reason]
-        parts = [Task(Hypothesis((name,)), one.values) for one in paired for name in one.hypothesis.names]
-        found = best_of_each([*found, *fitters(parts), *final])
-    return replace(state, fits=tuple(_sorted(found)))
+        state = replace(state, fits=tuple(_two_at_once(fitters, state, progress)))
+        state = replace(state, fits=tuple(_three_at_once(fitters, state, progress)))
+    return state
+
+
+def _two_at_once(fitters: Fitters, state: Search, progress: Progress) -> list[Fit]:
+    """Single causes and pairs of them: those worth it at a look, the best of these in full."""
+    values = {f.hypothesis: f.values for f in reversed(state.fits) if not f.reason}
+    tried, on = _promising(state), _hardest(state.fits[0])
+    tasks = [Task(h, *_halves(h, values), on) for h in tried]
+    quick = fitters(tasks, lambda k: progress(0.55 + 0.3 * k / len(tasks), "pairs"))
+    leading = set(pairs(tuple(f.hypothesis for f in state.fits[:_LEADING])))
+    ranked = [f for f in _sorted(quick) if not f.reason]
+    best = [f for k, f in enumerate(ranked) if k < _BEST_PAIRS or f.hypothesis in leading]
+    final = fitters(Task(f.hypothesis, _halves(f.hypothesis, values)[0], f.values) for f in best)
+    final += fitters(_other_laws(_sorted(final)[:_TAKEN_APART], values, fitters.data.prototype.rig))
+    leading_pair = _sorted(final)[:1]  # none where the time was up before
+    if leading_pair and leading_pair[0].misfit > _QUIET * state.expected:
+        final += fitters(_rivals(leading_pair[0], state))
+    # The causes of pairs alone, from where the pair has found them: a fit may have stopped short of that.
+    paired = [one for one in final[:_TAKEN_APART] if not one.reason]
+    parts = [Task(Hypothesis((name,)), one.values) for one in paired for name in one.hypothesis.names]
+    return best_of_each([*state.fits, *fitters(parts), *final])
+
+
+def _three_at_once(fitters: Fitters, state: Search, progress: Progress) -> list[Fit]:
+    """The same with one more effect beside the best pairs, where these explain a good part of the gap but not all.
+
+    Only what leaves much less than the pair counts: whatever the library does not hold, three laws imitate better than
+    two.
+    """
+    alone = {f.hypothesis.causes: f for f in reversed(state.fits) if len(f.hypothesis.causes) == 1 and not f.reason}
+    two = [f for f in state.fits if len(f.hypothesis.causes) == 2 and not f.reason]
+    near = [f for f in two if f.cost < _NEARLY * two[0].cost and state.excess(f) < _PARTLY][:_TAKEN_APART]
+    if not near or near[0].misfit < _QUIET * state.expected or state.excess(near[0]) < _DONE:
+        return list(state.fits)
+    tasks = {
+        pair.hypothesis | one.hypothesis: Task(
+            pair.hypothesis | one.hypothesis, pair.values, one.values, _hardest(pair)
+        )
+        for pair in reversed(near)
+        for one in alone.values()
+        if one.hypothesis.effects and not {*one.hypothesis.causes} & {*pair.hypothesis.causes}
+    }
+    looks = fitters(tasks.values(), lambda k: progress(0.85 + 0.1 * k / len(tasks), "three causes at once"))
+    ranked = [f for f in _sorted(looks) if not f.reason][:_BEST_TRIPLES]
+    final = fitters(Task(f.hypothesis, tasks[f.hypothesis].known, f.values) for f in ranked)
+    much = [f for f in _sorted(final) if not f.reason and state.excess(f) < _MUCH_LESS * state.excess(near[0])]
+    parts = [Task(f.hypothesis.without(name), f.values) for f in much[:1] for name in f.hypothesis.causes]
+    return best_of_each([*state.fits, *fitters(parts), *much])
+
+
+def _hardest(one: Fit) -> tuple[int, ...]:
+    """The half of the evidence that a fit leaves most of: tells which of the larger hypotheses are worth fitting."""
+    worst = sorted(range(len(one.shares)), key=lambda k: -one.shares[k].c)
+    return tuple(sorted(worst[: max(1, round(_HALF * len(worst)))]))
 
 
 def refit(

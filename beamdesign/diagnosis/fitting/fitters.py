@@ -1,0 +1,125 @@
+"""Fits made by this process or by several, and those kept that were made before."""
+
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from dataclasses import replace
+from functools import partial
+from multiprocessing import active_children
+from signal import SIG_IGN, SIGINT, signal
+
+import numpy as np
+
+from beamdesign.diagnosis.data.dataset import Dataset
+from beamdesign.diagnosis.fitting.evidence import evidence_of
+from beamdesign.diagnosis.fitting.fit import Evidence, Fit, FitCache, Task
+from beamdesign.diagnosis.fitting.starts import fit_from_starts, resonances
+from beamdesign.plant.empirical import laws
+from beamdesign.progress import end_at_once
+from beamdesign.prototype import Prototype
+from beamdesign.time_limit import TimeUp, heed, leave_out, left_for_steps
+
+RESONANT = {law.name for law in laws() if any(q.name == "frequency_Hz" for q in law.parameters)}
+"""Laws to be learnt that resonate."""
+_QUICK = 3  # iterations that show whether a pair is worth fitting
+
+
+class Fitters:
+    """Processes that make fits, or this one where one worker is enough."""
+
+    def __init__(self, data: Dataset, workers: int, kept: FitCache | None = None, synchronised: bool = False):
+        self.data, self.evidence = data, evidence_of(data, synchronised)
+        # The same task to records that are followed is another fit.
+        self._kept = replace(kept, part=(*kept.part, "in step")) if kept is not None and synchronised else kept
+        self._others = active_children()
+        self._begun = partial(ProcessPoolExecutor, workers, initializer=_begin, initargs=(data, synchronised))
+        self._pool = self._begun() if workers > 1 else None
+
+    def __enter__(self) -> "Fitters":
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self._close(at_once=error[0] is not None)
+
+    def _close(self, at_once: bool) -> None:
+        """End the processes; at once where nobody wants to wait for the fits that are being made."""
+        if self._pool is not None and at_once:
+            end_at_once(self._pool, self._others)
+        elif self._pool is not None:
+            self._pool.shutdown(cancel_futures=True)
+
+    def __call__(self, tasks: Iterable[Task], progress: Callable[[int], None] = lambda k: None) -> list[Fit]:
+        """Fits in the order of the tasks; where the time is up in the midst of them, those that are finished."""
+        given = list(tasks)
+        results = self._results(given, progress)
+        leave_out(*(str(task.hypothesis) for k, task in enumerate(given) if k not in results))
+        return [results[k] for k in range(len(given)) if k in results]
+
+    def finished(self, tasks: Sequence[Task]) -> list[Fit]:
+        """Fits that are finished in time, with no word on the others."""
+        return list(self._results(tasks).values())
+
+    def each(self, *tasks: Task) -> list[Fit]:
+        """Fits in the order of the tasks, all of them.
+
+        Raises:
+            TimeUp: where the time is up in the midst of them.
+        """
+        results = self._results(tasks)
+        if len(results) < len(tasks):
+            raise TimeUp
+        return [results[k] for k in range(len(tasks))]
+
+    def _results(self, given: Sequence[Task], progress: Callable[[int], None] = lambda k: None) -> dict[int, Fit]:
+        """Fits by the positions of their tasks."""
+        results: dict[int, Fit] = {}
+        for k, task in enumerate(given):
+            if self._kept is not None and (before := self._kept.recall(task)) is not None:
+                results[k] = before
+        try:
+            for k, found in self._made({k: task for k, task in enumerate(given) if k not in results}):
+                results[k] = found
+                if self._kept is not None:
+                    self._kept.keep(given[k], found)
+                progress(len(results))
+        except (TimeUp, TimeoutError):
+            self._close(at_once=True)
+            self._pool = self._pool and self._begun()
+        return results
+
+    def _made(self, tasks: dict[int, Task]) -> Iterator[tuple[int, Fit]]:
+        """Fits as they come, each with its position."""
+        if self._pool is None:
+            for k, task in tasks.items():
+                heed()
+                yield k, fitted(task, self.data.prototype, self.evidence)
+            return
+        if tasks:
+            heed()
+        futures = {self._pool.submit(_fitted_here, task): k for k, task in tasks.items()}
+        timeout = left_for_steps()
+        for future in as_completed(futures, timeout if timeout < np.inf else None):
+            yield futures[future], future.result()
+
+
+_here: tuple[Prototype, tuple[Evidence, ...]] | None = None
+
+
+def _begin(data: Dataset, synchronised: bool) -> None:
+    global _here
+    signal(SIGINT, SIG_IGN)  # an interruption is for the process that began it
+    _here = data.prototype, evidence_of(data, synchronised)
+
+
+def _fitted_here(task: Task) -> Fit:
+    assert _here is not None
+    return fitted(task, *_here)
+
+
+def fitted(task: Task, prototype: Prototype, evidence: Sequence[Evidence]) -> Fit:
+    """The best of fits from the most promising starts."""
+    some = [evidence[k] for k in task.on] or evidence
+    # Where no fit has found yet what resonates, a few iterations do not come to a narrow resonance.
+    if task.on and not any(name in RESONANT for name in task.hypothesis.effects):
+        return fit_from_starts(task.hypothesis, prototype, some, task.known, (), 1, task.hints, _QUICK)
+    peaks = resonances(some, prototype, task.known, task.hypothesis)
+    return fit_from_starts(task.hypothesis, prototype, some, task.known, peaks, hints=task.hints)
