@@ -79,6 +79,11 @@ def _limited(limit: TimeLimit) -> Iterator[TimeLimit]:
         _limit.reset(token)
 
 
+def forget() -> None:
+    """Know no limit from here on: in a process that was begun within one, and is broken off by who began it."""
+    _limit.set(TimeLimit())
+
+
 def left() -> float:
     """Time that is left, s; infinite without a limit."""
     limit = _limit.get()

@@ -3,7 +3,9 @@
 import json
 import re
 from collections.abc import Callable
+from concurrent.futures import ProcessPoolExecutor
 from itertools import count
+from multiprocessing import get_context
 from pathlib import Path
 
 import pytest
@@ -13,7 +15,9 @@ from typer.testing import CliRunner
 from beamdesign import InputError, Prototype, check, codesign, diagnose, read_problem, run_design, tune
 from beamdesign.cli import app
 from beamdesign.diagnosis.data.dataset import Dataset
-from beamdesign.diagnosis.fitting.fit import fit_cache
+from beamdesign.diagnosis.fitting import fitters
+from beamdesign.diagnosis.fitting.fit import Task, fit_cache
+from beamdesign.diagnosis.fitting.hypothesis import NOTHING
 from beamdesign.proofs.certificate import Asked
 from beamdesign.proofs.certifying import certify
 from beamdesign.proofs.contact import EVERY_WALL
@@ -77,6 +81,17 @@ def slow() -> Dataset:
     """Two short records of a rig whose sensor lags."""
     rig = believed().but(effects={"sensor_lag": {"break_Hz": 120.0}})
     return only(measured(rig, scenario(0.4)), ("command_small", "disturbance_small"))
+
+
+def test_processes_that_were_begun_within_a_look_outlive_its_time(slow: Dataset):
+    """They are forked where the first fits are asked for, with whatever limit holds there."""
+    begin = {"initializer": fitters._begin, "initargs": (slow, False)}
+    with within(0.0), share(1.0, within_steps=True), ProcessPoolExecutor(1, get_context("fork"), **begin) as pool:
+        found = pool.submit(fitters._fitted_here, Task(NOTHING, {})).result()
+        with pytest.raises(TimeUp):
+            heed()
+    assert found.hypothesis == NOTHING
+    assert not found.reason
 
 
 def test_a_diagnosis_without_time_is_sure_of_nothing(slow: Dataset):

@@ -16,7 +16,7 @@ from beamdesign.diagnosis.fitting.starts import fit_from_starts, resonances
 from beamdesign.plant.empirical import laws
 from beamdesign.progress import end_at_once
 from beamdesign.prototype import Prototype
-from beamdesign.time_limit import TimeUp, heed, leave_out, left_for_steps
+from beamdesign.time_limit import TimeUp, forget, heed, leave_out, left_for_steps
 
 RESONANT = {law.name for law in laws() if any(q.name == "frequency_Hz" for q in law.parameters)}
 """Laws to be learnt that resonate."""
@@ -106,7 +106,8 @@ _here: tuple[Prototype, tuple[Evidence, ...]] | None = None
 
 def _begin(data: Dataset, synchronised: bool) -> None:
     global _here
-    signal(SIGINT, SIG_IGN)  # an interruption is for the process that began it
+    signal(SIGINT, SIG_IGN)  # an interruption is for the process that began it, and so is what time is left for a look
+    forget()
     _here = data.prototype, evidence_of(data, synchronised)
 
 
