@@ -13,6 +13,7 @@ import opened_cases as opened
 import pytest
 from closing import attempt, payloads, promised_gain_factor
 from deciding_experiment import taken
+from one_start import best_start_alone
 from opened_cases import opened_case, opened_keys, true_rig, unlike
 from trial import at_rest, on_trial
 
@@ -114,8 +115,9 @@ def test_a_dead_time_that_nobody_knew_of_is_unsafe_until_the_controller_is_tuned
     """3 ms: both designs are proved for their prototypes, but only one prototype has what is there."""
     case = rig(paper, Departure("transport_delay", 6.0))
     masses = (0.0, 2.0)
-    believed = attempt(case, "believed", redesign(paper, masses))
-    diagnosed = attempt(case, "diagnosed", redesign(paper.but(effects={"transport_delay": {"delay_s": 3e-3}}), masses))
+    with best_start_alone():
+        made = [redesign(one, masses) for one in (paper, paper.but(effects={"transport_delay": {"delay_s": 3e-3}}))]
+    believed, diagnosed = attempt(case, "believed", made[0]), attempt(case, "diagnosed", made[1])
     assert believed.made.prototype is not None
     assert believed.promised_gain_factor > 2
     assert not believed.safe

@@ -435,6 +435,7 @@ def checked(made_once, tmp_path_factory):
     """Five short cases, drawn, sealed and diagnosed with few candidates: made once, and copied by who reads them."""
     from beamdesign.diagnosis import diagnose as diagnosing
     from beamdesign.diagnosis import second_look as looking
+    from beamdesign.diagnosis import separability
     from beamdesign.diagnosis.fitting import search as searching
     from beamdesign.diagnosis.fitting.hypothesis import singles
     from beamdesign.validation.blind_diagnosis import diagnose_blind, program
@@ -450,7 +451,8 @@ def checked(made_once, tmp_path_factory):
     now, folder = program(), tmp_path_factory.mktemp("check") / "five"
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(blindcheck, "_processes", _here)
-        patch.setattr(searching, "singles", few)
+        for room in (searching, separability):
+            patch.setattr(room, "singles", few)
         patch.setattr(looking, "backlash_impacts", lambda *given: None)  # play is none of the few
         patch.setattr(diagnosing, "next_experiment", lambda *given: None)  # has tests of its own, and takes longest
         shutil.copytree(made_once("five_blind_cases", make), folder)

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from flint import fmpq
 from forging import put, resealed, times
+from one_start import best_start_alone
 from test_robust_tuning import FIGURES, corners_and_others, matrices, members
 
 from beamdesign.checker import check
@@ -49,11 +50,14 @@ def servo_off(rig: Prototype, masses_kg: tuple[float, float]) -> Peak:
 
 def softest(rig: Prototype, figures: np.ndarray, gain: float, masses: np.ndarray) -> np.ndarray:
     """Largest |x / F_d| of rigs (rigs, 9) by equations (7) to (18), on a grid close enough for 2e-3."""
+    s = 2j * pi * np.concatenate([np.geomspace(0.05, 15.0, 15), np.geomspace(15.0, 250.0, 700)])
     worst = np.zeros(len(figures))
     for mass in masses:
         a, b = matrices(rig, figures, float(mass), gain)
-        for one in np.concatenate([np.geomspace(0.05, 15.0, 15), np.geomspace(15.0, 250.0, 700)]):
-            worst = np.maximum(worst, np.abs(np.linalg.solve(2j * pi * one * np.eye(8) - a, b)[:, 0, 0]))
+        poles, shapes = np.linalg.eig(a)
+        residues = shapes[:, 0] * np.linalg.solve(shapes, b[:, :, :1])[:, :, 0]
+        response = (residues[:, None] / (s[:, None] - poles[:, None])).sum(axis=2)
+        worst = np.maximum(worst, np.abs(response).max(axis=1))
     return worst
 
 
@@ -181,7 +185,8 @@ def test_over_a_box_worst_is_compared_with_worst(rig: Prototype) -> None:
     """No rig that is drawn from the box is softer than the share asked of the softest with the servo off."""
     share = 0.2
     goal = Goal(peak_over_passive=share)
-    best = tune(rig.but(goal=goal, controller=None), MASSES_KG, sigmas=SIGMAS).best
+    with best_start_alone():
+        best = tune(rig.but(goal=goal, controller=None), MASSES_KG, sigmas=SIGMAS).best
     assert best is not None
     assert best.over_box is not None
     built = rig.but(controller=best.controller, payload=rig.payload.but(inner_end_mass_kg=best.inner_end_mass_kg))
