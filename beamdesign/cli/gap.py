@@ -41,10 +41,10 @@ def diagnose(
 ) -> CommandResult:
     """Diagnose the gap between a prototype and its rig.
 
-    Every cause that is known, alone and in pairs, is fitted to all records with the tolerances of the prototype. The
-    gap is then measured by fits without some of the records, on those. Exit status 0 whatever the verdict is. An
-    interrupted run is taken up where it stopped by the same command: finished fits are kept in the folder `fits` of
-    the results.
+    Every cause that is known, alone, in pairs and, where pairs explain but a part, three at once, is fitted to all
+    records with the tolerances of the prototype. The gap is then measured by fits without some of the records, on
+    those. Exit status 0 whatever the verdict is. An interrupted run is taken up where it stopped by the same command:
+    finished fits are kept in the folder `fits` of the results.
 
     Args:
         dataset: folder with dataset.toml, the prototype believed and CSV files.
