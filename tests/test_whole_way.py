@@ -1,7 +1,7 @@
 """Links of one's own go the whole way: from the edited template to a proof, code, records, a diagnosis and a redesign.
 
-Small: exactly the figures stated, records of half a second, coarse tolerances. What is proved is proved again by the
-stand-alone checker in a process of its own; what is diagnosed was put in.
+Small: exactly the figures stated, records of half a second. What is proved is proved again by the stand-alone checker
+in a process of its own; what is diagnosed was put in.
 """
 
 import json
@@ -18,7 +18,7 @@ import pytest
 from typer.testing import CliRunner
 
 from beamdesign import read_prototype, state_space
-from beamdesign.build import result_folder, tolerances
+from beamdesign.build import result_folder
 from beamdesign.cli import app
 from beamdesign.diagnosis.fitting import search as searching
 from beamdesign.diagnosis.fitting.hypothesis import Hypothesis
@@ -112,12 +112,9 @@ STEEL = of_length(
 def specified(prototype: Path, out: Path, at_rest: tuple[str, float]) -> dict[str, Any]:
     """What there is to build, of the bandwidth that is proved already, and a rating that is statics.
 
-    Rigs with every figure at an end of what is specified for it are stable by python-control, with any payload. What
-    each figure alone may be off, of which less is specified, is sought to a tenth.
+    Rigs with every figure at an end of what is specified for it are stable by python-control, with any payload.
     """
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(tolerances, "_WITHIN", 0.1)
-        typed("spec", prototype, "--out", out)
+    typed("spec", prototype, "--out", out)
     found: dict[str, Any] = json.loads((out / "specification.json").read_text())
     rig = read_prototype(prototype)
     assert rig.guarantee is not None

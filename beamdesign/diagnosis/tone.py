@@ -97,11 +97,11 @@ class Tone:
     @property
     def sentence(self) -> str:
         """What was found, and what it may be."""
-        low, high = (quantity(value, "m", 2) for value in self.amplitude_m)
+        sizes = " to ".join(dict.fromkeys(quantity(value, "m", 2) for value in self.amplitude_m))
         what = "hum of the mains, or" if self.of_the_mains else "hum, or"
         return (
             f"What is left of {len(self.having)} of {self.of} records stands out at {decimal(self.frequency_Hz)} Hz, by"
-            f" {low} to {high} however hard they are driven: {what} something that runs at that speed, such as a pump; "
+            f" {sizes} however hard they are driven: {what} something that runs at that speed, such as a pump; "
             "record once with nothing moving and with each of them switched off."
         )
 
@@ -129,27 +129,18 @@ def search_without_tones(
     """
     with Fitters(data, 1, kept) as fitters:
         (null,) = fitters.each(Task(NOTHING, {}))
-    cleared = without_tones(data, null, kept)
-    if cleared is None:
+    cleared, words, heard = without_tones(data, null)
+    if not words:
         found = search(data, workers, progress, kept, null=null)
-        cleared = without_tones(data, min((null, *found.fits), key=lambda fit: fit.misfit), kept)
-        if cleared is None:
-            return Cleared(data, found, judge(found), (), kept, doubtful=False)
-    found = search(cleared.data, workers, progress, cleared.kept)
-    return Cleared(cleared.data, found, judge(found), cleared.words, cleared.kept, cleared.doubtful)
+        cleared, words, heard = without_tones(data, min((null, *found.fits), key=lambda fit: fit.misfit))
+    if words:
+        kept = kept and replace(kept, part=(*kept.part, *words))
+        found = search(cleared, workers, progress, kept)
+    return Cleared(cleared, found, judge(found), words, kept, doubtful=heard)
 
 
-class WithoutTones(NamedTuple):
-    """A data set without its tones: it, what was taken off, fits to what is left, and whether the loop has heard it."""
-
-    data: Dataset
-    words: tuple[str, ...]
-    kept: FitCache | None
-    doubtful: bool
-
-
-def without_tones(data: Dataset, best: Fit, kept: FitCache | None = None) -> WithoutTones | None:
-    """Take tones in common off the records; None without one.
+def without_tones(data: Dataset, best: Fit) -> tuple[Dataset, tuple[str, ...], bool]:
+    """Take tones in common off the records.
 
     What oscillates by itself keeps its amplitude as well, but not its frequency where masses or controllers differ: a
     tone in records of one loop alone that is not of the mains is left where it is.
@@ -157,14 +148,17 @@ def without_tones(data: Dataset, best: Fit, kept: FitCache | None = None) -> Wit
     Args:
         data: records.
         best: fit whose model leaves the tones.
-        kept: fits of an earlier run to these data.
+
+    Returns:
+        the data set, which is that given where there is no tone; what was taken off, in words; whether the loop hears
+        any of it.
     """
     placement, pieces = best.hypothesis.placement(data.prototype), record_evidence(data)
     predicted = [piece.predicted(placement, best.z) for piece in pieces]
     counted = [piece.record.counted[:, None] for piece in pieces]
     pairs = zip(pieces, predicted, counted, strict=True)
     left = [share * (piece.measured - of) for piece, of, share in pairs if of is not None]
-    records, doubtful = list(data.records), False
+    records, any_heard = list(data.records), False
     words: list[str] = []
     while len(left) == len(pieces) and len(words) < _MOST:
         tone = common_tone([_of_displacement(piece, of) for piece, of in zip(pieces, left, strict=True)])
@@ -182,11 +176,8 @@ def without_tones(data: Dataset, best: Fit, kept: FitCache | None = None) -> Wit
             records[k] = replace(records[k], measured=cleared)
         heard = hearing > len(tone.having) / 2
         words.append(f"{tone.sentence} {_TAKEN_OFF}{_HEARD if heard else ''}.")
-        doubtful = doubtful or heard
-    if not words:
-        return None
-    kept = kept and replace(kept, part=(*kept.part, *words))
-    return WithoutTones(replace(data, records=tuple(records)), tuple(words), kept, doubtful)
+        any_heard = any_heard or heard
+    return replace(data, records=tuple(records)) if words else data, tuple(words), any_heard
 
 
 _TAKEN_OFF = "It is taken off the records before they are weighed"

@@ -106,7 +106,8 @@ _here: tuple[Prototype, tuple[Evidence, ...]] | None = None
 
 def _begin(data: Dataset, synchronised: bool) -> None:
     global _here
-    signal(SIGINT, SIG_IGN)  # an interruption is for the process that began it, and so is what time is left for a look
+    # An interruption and the time that is left are for the process that began this one, and ends it.
+    signal(SIGINT, SIG_IGN)
     forget()
     _here = data.prototype, evidence_of(data, synchronised)
 
