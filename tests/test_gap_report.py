@@ -341,3 +341,10 @@ def test_a_bench_is_presented_like_any_other_rig(tmp_path: Path) -> None:
     text = paths["report"].read_text()
     assert "areas and orifices help only together" in text
     assert "1 V, displacement_m" in text
+
+
+def test_a_place_without_a_band_is_told_without_one() -> None:
+    """The time may be up before the band is looked for."""
+    assert Where("sensor", (100.0, 400.0), "").place == "sensor, 100 to 400 Hz"
+    assert Where("sensor", (0.0, 0.0), "").place == "sensor"
+    assert Where("", (0.0, 0.0), "").place == ""

@@ -135,10 +135,9 @@ def echo_diagnosis(found: "Diagnosis") -> None:
                 echo(f"{cause.name}: {flag}")
     where = found.where
     if where.subsystem:
-        low, high = where.band_Hz
         condition = f", {where.condition}" if where.condition else ""
         kind = f", {where.kind}" if where.kind else ""
-        echo(f"where: {where.subsystem}, {low:g} to {high:g} Hz{kind}{condition}")
+        echo(f"where: {where.place}{kind}{condition}")
     if where.sentence:
         echo(where.sentence)
     _echo_gap(found)

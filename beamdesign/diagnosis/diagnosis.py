@@ -18,6 +18,7 @@ from beamdesign.diagnosis.separability import Separability
 from beamdesign.parameters import PARAMETERS
 from beamdesign.plant.effects import library
 from beamdesign.prototype import Beam, Prototype
+from beamdesign.quantities import decimal
 from beamdesign.records import Record
 from beamdesign.result import Result, finite, picked
 from beamdesign.structure import lumped
@@ -145,7 +146,7 @@ class Where:
 
     Attributes:
         subsystem: one of those of the contract; empty without a gap.
-        band_Hz: where in frequency most of it is.
+        band_Hz: where in frequency most of it is; (0, 0) where that was not found, for want of time or of records.
         condition: under which conditions it shows, in words.
         kind: `linear`, `static`, `hysteretic`, `drifting` or empty.
         witnesses: its indicators, each on its own.
@@ -158,6 +159,12 @@ class Where:
     kind: str = ""
     witnesses: tuple[Indicator, ...] = ()
     sentence: str = ""
+
+    @property
+    def place(self) -> str:
+        """Subsystem and band in words; empty without a subsystem."""
+        low, high = (decimal(value, 3) for value in self.band_Hz)
+        return f"{self.subsystem}, {low} to {high} Hz" if self.subsystem and self.band_Hz[1] > 0 else self.subsystem
 
 
 @dataclass(frozen=True)

@@ -158,12 +158,11 @@ def gap_report_html(
 
 def _key(found: Diagnosis) -> tuple[tuple[str, str], ...]:
     where, gap = found.where, found.gap
-    low, high = (decimal(value, 3) for value in where.band_Hz)
     least, most = (closed_text(value) for value in gap.closed_interval)
     rows = (
         ("verdict", VERDICTS[found.verdict] if not found.left_out else "not everything was compared in the time given"),
         ("held responsible", in_words(", ".join(found.chosen))),
-        ("where", where.subsystem and f"{where.subsystem}, {low} to {high} Hz"),
+        ("where", where.place),
         ("error as believed", share_text(gap.before)),
         ("re-tuned within tolerances", share_text(gap.tuned)),
         ("with the cause" if found.chosen else "with the best model", share_text(gap.after)),
