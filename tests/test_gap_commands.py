@@ -150,6 +150,19 @@ def small(tmp_path: Path) -> Dataset:
     return read_dataset(shortened(tmp_path / "slow_sensor", 401))
 
 
+@pytest.mark.parametrize("explains", [True, False])
+def test_what_does_not_explain_a_quarter_is_fitted_to_the_whole_only_where_nothing_does(
+    explains: bool, small: Dataset, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    others = (Hypothesis(("valve_deadband",)), Hypothesis(("parameter:leakage",)))
+    lag = (Hypothesis(("sensor_lag",)),) if explains else ()
+    monkeypatch.setattr(searching, "singles", lambda prototype: (*others, *lag))
+    found = searching.search(small, 1, worth=0.0)
+    assert {f.hypothesis for f in found.fits} == set(lag or others)
+    assert found.explained is explains
+    assert all(len(f.shares) == len(found.null.shares) for f in found.fits)
+
+
 def test_an_interrupted_search_goes_on_where_it_stopped(
     small: Dataset, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
@@ -173,10 +186,11 @@ def test_an_interrupted_search_goes_on_where_it_stopped(
     assert kept.count == 2
     stop = 100
     resumed = searching.search(small, 1, kept=kept)
-    assert [str(h) for h in made] == ["tolerances only", "sensor_lag", "valve_deadband", "parameter:leakage"]
+    looks = ["sensor_lag", "valve_deadband", "parameter:leakage"]
+    assert [str(h) for h in made] == ["tolerances only", *looks, "sensor_lag"]
     made.clear()
     whole = searching.search(small, 1)
-    assert len(made) == 4
+    assert len(made) == 5
     for one, other in zip((resumed.null, *resumed.fits), (whole.null, *whole.fits), strict=True):
         assert one.hypothesis == other.hypothesis
         assert one.cost == other.cost

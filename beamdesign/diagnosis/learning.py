@@ -17,7 +17,7 @@ from beamdesign.diagnosis.fitting.evidence import record_evidence
 from beamdesign.diagnosis.fitting.fit import Fit, FitCache, Task
 from beamdesign.diagnosis.fitting.fitters import Fitters
 from beamdesign.diagnosis.fitting.hypothesis import Hypothesis, given, learnable
-from beamdesign.diagnosis.fitting.search import Search, best_of_each, refit
+from beamdesign.diagnosis.fitting.search import Search, best_of_each, hardest, refit
 from beamdesign.diagnosis.gap_metrics import errors
 from beamdesign.diagnosis.judgement import Judgement, held_out_score, judge
 from beamdesign.diagnosis.where.residuals import residuals
@@ -33,7 +33,6 @@ _BETTER = 0.35  # of what the listed cause leaves: what a law has to stay below 
 _ALIKE = 0.7  # of what the best listed causes leave, however improbable: what a law has to stay below in any case
 _FULL = 5  # laws fitted in full: the best at a look
 _BESIDE = 0.7  # of the excess misfit: what the best listed cause has to stay below for laws to be learnt beside it
-_HALF = 0.5  # of the evidence, that which tolerances explain least, tells which laws are worth fitting
 _WORTH = 0.6  # of the excess misfit: what a law has to stay below where no listed cause is probable
 _TOLD = 5.0  # in the logarithm of the predictive density of conditions held out one by one: what a law has to gain
 _IDLE = 2.5  # standard errors: terms of a curve below are none
@@ -127,11 +126,10 @@ def _fitted(
 
     With the data set that states the scales of these.
     """
-    pieces, null, scaled = len(before.null.shares), before.null.values, data.prototype.effects
+    null, scaled = before.null.values, data.prototype.effects
     alone = [h for h in learnable(data.prototype) if not library()[h.names[0]].scales or h.names[0] in scaled]
-    worst = sorted(range(pieces), key=lambda k: -before.null.shares[k].c)[: max(1, round(_HALF * pieces))]
     with Fitters(data, workers, _of(kept, data)) as fitters:
-        tasks = [Task(h, null, on=tuple(sorted(worst))) for h in alone]
+        tasks = [Task(h, null, on=hardest(before.null), quick=True) for h in alone]
         looks = fitters(tasks, lambda k: progress(0.5 * k / len(tasks), "laws of each port"))
     ranked = [f for f in sorted(looks, key=lambda f: f.cost) if not f.reason]
     data, found = within_reach(data, {f.hypothesis: f.values for f in ranked[:_FULL]})

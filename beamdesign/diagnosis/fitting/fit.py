@@ -279,13 +279,15 @@ class Task:
         hypothesis: to be fitted.
         known: SI values from a simpler fit.
         hints: SI values of what it lacks, from another.
-        on: positions of the pieces of evidence for a quick look; empty for a fit to all of it.
+        on: positions of the pieces of evidence that it is made to; empty for all of it.
+        quick: whether a few iterations from one start are enough.
     """
 
     hypothesis: Hypothesis
     known: dict[str, float]
     hints: dict[str, float] = field(default_factory=dict)
     on: tuple[int, ...] = ()
+    quick: bool = False
 
 
 @dataclass(frozen=True)

@@ -121,7 +121,7 @@ def fitted(task: Task, prototype: Prototype, evidence: Sequence[Evidence]) -> Fi
     """The best of fits from the most promising starts."""
     some = [evidence[k] for k in task.on] or evidence
     # Where no fit has found yet what resonates, a few iterations do not come to a narrow resonance.
-    if task.on and not any(name in RESONANT for name in task.hypothesis.effects):
+    if task.quick and not any(name in RESONANT for name in task.hypothesis.effects):
         return fit_from_starts(task.hypothesis, prototype, some, task.known, (), 1, task.hints, _QUICK)
     peaks = resonances(some, prototype, task.known, task.hypothesis)
     return fit_from_starts(task.hypothesis, prototype, some, task.known, peaks, hints=task.hints)

@@ -28,6 +28,8 @@ _NEARLY = 1.3  # times the cost of a single cause: what explains nearly as much 
 _PARTLY, _MUCH_LESS = 0.5, 0.4  # of the excess misfit: of pairs, for a third cause to be tried; of what the pair leaves
 _BEST_TRIPLES = 3  # fitted in full
 _HALF = 0.5  # of the evidence, that which the best single cause explains least, tells which pairs are worth fitting
+_QUARTER = 0.25  # of it, that which tolerances explain least, tells which single causes are
+_HOPELESS = 0.5  # of the excess misfit of that quarter: what leaves more of it explains no gap
 _SEEKING, _LOOKING = 0.7, 0.3  # of the time that is left, for all fits and for a look at single causes before them
 _DONE, _QUIET = 0.004, 1.15  # of the excess misfit, times the noise: a cause that leaves no more needs no second one
 
@@ -76,6 +78,11 @@ class Search:
         own = ((f, [u.kind == "effect" for u in f.unknowns]) for f in alone if not f.reason)
         return tuple(sorted(str(f.hypothesis) for f, at in own if not any(np.any(s.a[:, at]) for s in f.shares)))
 
+    @property
+    def explained(self) -> bool:
+        """Whether the best fit beyond tolerances leaves no more than noise does."""
+        return bool(self.fits) and self.excess(self.fits[0]) < _DONE and self.fits[0].misfit < _QUIET * self.expected
+
     def excess(self, found: Fit) -> float:
         """Misfit that a fit leaves beyond noise, as a share of what tolerances alone leave."""
         return (found.misfit - self.expected) / max(self.null.misfit - self.expected, 1e-12)
@@ -123,34 +130,54 @@ def search(
 def _searched(fitters: Fitters, null: Fit, progress: Progress, worth: float) -> Search:
     """The search beyond tolerances alone; what is not fitted in time is left out."""
     alone, pieces, few = list(singles(fitters.data.prototype)), fitters.evidence, not fitters.data.records
+    expected, floor = sum(e.expected for e in pieces), sum(e.floor for e in pieces)
+    state = Search(null, (), expected, floor, tuple(e.condition for e in pieces))
+    gap, large = (null.misfit > many * expected for many in (_SMALL, _LARGE))
+    left: dict[Hypothesis, float] = {}
     if few:  # figures of the loop tell no two laws of one effect apart
         alone = [h for h in alone if h.names == h.causes]
-    elif is_limited():  # what explains most of a part at a look is compared first
-        part = (min(range(len(pieces)), key=lambda k: abs(null.shares[k].c - np.median([s.c for s in null.shares]))),)
-        progress(0.02, "a look at single causes")
-        with share(_LOOKING, within_steps=True):
-            looks = fitters.finished([Task(h, null.values, on=part) for h in alone])
-        ranks = {look.hypothesis: look.cost for look in looks}
-        alone.sort(key=lambda h: ranks.get(h, np.inf))
-    found = fitters(
-        (Task(h, null.values) for h in alone), lambda k: progress(0.05 + 0.5 * k / len(alone), "single causes")
-    )
-    expected, floor = sum(e.expected for e in pieces), sum(e.floor for e in pieces)
-    state = Search(null, tuple(_sorted(found)), expected, floor, tuple(e.condition for e in pieces))
+    elif gap or is_limited():  # what explains most of a part at a look is compared first
+        left = _looked_at(fitters, null, alone, progress)
+        alone.sort(key=lambda h: left.get(h, np.inf))
+    # What a wrong figure gains tells beside a small gap which effects are slight.
+    hopeless = [h for h in alone if gap and (large or h.effects) and left.get(h, 0.0) > _HOPELESS]
+
+    def told(fitted: int) -> None:
+        progress(0.05 + 0.5 * (len(state.fits) + fitted) / len(alone), "single causes")
+
+    for wave in ([h for h in alone if h not in hopeless], hopeless):
+        if not state.explained:
+            found = fitters((Task(h, null.values) for h in wave), told)
+            state = replace(state, fits=tuple(_sorted([*state.fits, *found])))
     if few:
         return replace(state, fits=tuple(_with_pairs(fitters, state, progress)))
-    explained = bool(found) and state.excess(state.fits[0]) < _DONE and state.fits[0].misfit < _QUIET * expected
-    if found and null.misfit > _SMALL * expected and not explained and state.excess(state.fits[0]) < worth:
+    if state.fits and gap and not state.explained and state.excess(state.fits[0]) < worth:
         state = replace(state, fits=tuple(_two_at_once(fitters, state, progress)))
         state = replace(state, fits=tuple(_three_at_once(fitters, state, progress)))
     return state
 
 
+def _looked_at(fitters: Fitters, null: Fit, alone: Sequence[Hypothesis], progress: Progress) -> dict[Hypothesis, float]:
+    """What single causes leave of the quarter of the evidence that tolerances explain least, when fitted to it alone.
+
+    Fitted to everything, none of them leaves less of this quarter.
+
+    Returns:
+        share of the excess misfit; none of causes that were not looked at in time.
+    """
+    part = hardest(null, _QUARTER)
+    noise, most = sum(fitters.evidence[k].expected for k in part), sum(null.shares[k].c for k in part)
+    progress(0.02, "a look at single causes")
+    with share(_LOOKING, within_steps=True):
+        looks = fitters.finished([Task(h, null.values, on=part) for h in alone])
+    return {look.hypothesis: (look.misfit - noise) / max(most - noise, 1e-12) for look in looks}
+
+
 def _two_at_once(fitters: Fitters, state: Search, progress: Progress) -> list[Fit]:
     """Single causes and pairs of them: those worth it at a look, the best of these in full."""
     values = {f.hypothesis: f.values for f in reversed(state.fits) if not f.reason}
-    tried, on = _promising(state), _hardest(state.fits[0])
-    tasks = [Task(h, *_halves(h, values), on) for h in tried]
+    tried, on = _promising(state), hardest(state.fits[0])
+    tasks = [Task(h, *_halves(h, values), on, quick=True) for h in tried]
     quick = fitters(tasks, lambda k: progress(0.55 + 0.3 * k / len(tasks), "pairs"))
     leading = set(pairs(tuple(f.hypothesis for f in state.fits[:_LEADING])))
     ranked = [f for f in _sorted(quick) if not f.reason]
@@ -179,7 +206,7 @@ def _three_at_once(fitters: Fitters, state: Search, progress: Progress) -> list[
         return list(state.fits)
     tasks = {
         pair.hypothesis | one.hypothesis: Task(
-            pair.hypothesis | one.hypothesis, pair.values, one.values, _hardest(pair)
+            pair.hypothesis | one.hypothesis, pair.values, one.values, hardest(pair), quick=True
         )
         for pair in reversed(near)
         for one in alone.values()
@@ -193,10 +220,10 @@ def _three_at_once(fitters: Fitters, state: Search, progress: Progress) -> list[
     return best_of_each([*state.fits, *fitters(parts), *much])
 
 
-def _hardest(one: Fit) -> tuple[int, ...]:
-    """The half of the evidence that a fit leaves most of: tells which of the larger hypotheses are worth fitting."""
+def hardest(one: Fit, part: float = _HALF) -> tuple[int, ...]:
+    """The part of the evidence that a fit leaves most of: tells which of the larger hypotheses are worth fitting."""
     worst = sorted(range(len(one.shares)), key=lambda k: -one.shares[k].c)
-    return tuple(sorted(worst[: max(1, round(_HALF * len(worst)))]))
+    return tuple(sorted(worst[: max(1, round(part * len(worst)))]))
 
 
 def refit(
@@ -234,9 +261,8 @@ def _with_pairs(fitters: Fitters, state: Search, progress: Progress) -> list[Fit
     values = {f.hypothesis: f.values for f in state.fits if not f.reason and f.hypothesis.names[0] not in state.silent}
     best = {name for h in list(values)[:_BEST_OF_FEW] for name in h.names}
     tried = [pair for pair in pairs(tuple(values)) if pair.effects and best & {*pair.names}]
-    every = tuple(range(len(fitters.evidence)))
     halves = [(pair, *_halves(pair, values)) for pair in tried]
-    tasks = [Task(pair, state.null.values | worse | better, on=every) for pair, worse, better in halves]
+    tasks = [Task(pair, state.null.values | worse | better, quick=True) for pair, worse, better in halves]
     quick = fitters(tasks, lambda k: progress(0.55 + 0.35 * k / len(tasks), "pairs"))
     settled = fitters(Task(f.hypothesis, f.values) for f in _sorted(quick)[:_BEST_PAIRS] if not f.reason)
     return best_of_each([*state.fits, *quick, *settled])
