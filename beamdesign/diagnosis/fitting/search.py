@@ -18,7 +18,7 @@ from beamdesign.time_limit import is_limited, share
 
 _BEST_SINGLES = ((0.03, 1), (0.15, 2), (np.inf, 4))
 """How many singles to pair, by the share of the excess misfit that the best of them leaves."""
-_BEST_OF_FEW = 5  # the same of figures alone
+_BEST_OF_FEW = 5  # the same of figures alone, or of what explains little
 _BEST_PAIRS, _LEADING = 6, 3  # pairs fitted in full: the best at a look, and those among the best singles
 _SMALL = 1.3  # times the misfit of noise alone: what tolerances leave below it is not worth a pair
 _LARGE = 4.0  # times: what is worth every pair
@@ -133,22 +133,24 @@ def _searched(fitters: Fitters, null: Fit, progress: Progress, worth: float) -> 
     expected, floor = sum(e.expected for e in pieces), sum(e.floor for e in pieces)
     state = Search(null, (), expected, floor, tuple(e.condition for e in pieces))
     gap, large = (null.misfit > many * expected for many in (_SMALL, _LARGE))
-    left: dict[Hypothesis, float] = {}
+    looks: dict[Hypothesis, tuple[float, Fit]] = {}
     if few:  # figures of the loop tell no two laws of one effect apart
         alone = [h for h in alone if h.names == h.causes]
     elif gap or is_limited():  # what explains most of a part at a look is compared first
-        left = _looked_at(fitters, null, alone, progress)
-        alone.sort(key=lambda h: left.get(h, np.inf))
+        looks = _looked_at(fitters, null, alone, progress)
+        alone.sort(key=lambda h: looks[h][0] if h in looks else np.inf)
     # What a wrong figure gains tells beside a small gap which effects are slight.
-    hopeless = [h for h in alone if gap and (large or h.effects) and left.get(h, 0.0) > _HOPELESS]
+    hopeless = [h for h in alone if gap and (large or h.effects) and h in looks and looks[h][0] > _HOPELESS]
 
     def told(fitted: int) -> None:
         progress(0.05 + 0.5 * (len(state.fits) + fitted) / len(alone), "single causes")
 
-    for wave in ([h for h in alone if h not in hopeless], hopeless):
-        if not state.explained:
-            found = fitters((Task(h, null.values) for h in wave), told)
-            state = replace(state, fits=tuple(_sorted([*state.fits, *found])))
+    found = fitters((Task(h, null.values) for h in alone if h not in hopeless), told)
+    state = replace(state, fits=tuple(_sorted(found)))
+    if hopeless and not state.explained:  # they may still be parts of pairs
+        quick = fitters((Task(h, looks[h][1].values, null.values, quick=True) for h in hopeless), told)
+        best = fitters(Task(f.hypothesis, null.values, f.values) for f in _sorted(quick)[:_BEST_OF_FEW])
+        state = replace(state, fits=tuple(best_of_each([*found, *quick, *best])))
     if few:
         return replace(state, fits=tuple(_with_pairs(fitters, state, progress)))
     if state.fits and gap and not state.explained and state.excess(state.fits[0]) < worth:
@@ -157,20 +159,27 @@ def _searched(fitters: Fitters, null: Fit, progress: Progress, worth: float) -> 
     return state
 
 
-def _looked_at(fitters: Fitters, null: Fit, alone: Sequence[Hypothesis], progress: Progress) -> dict[Hypothesis, float]:
+def _looked_at(
+    fitters: Fitters, null: Fit, alone: Sequence[Hypothesis], progress: Progress
+) -> dict[Hypothesis, tuple[float, Fit]]:
     """What single causes leave of the quarter of the evidence that tolerances explain least, when fitted to it alone.
 
     Fitted to everything, none of them leaves less of this quarter.
 
     Returns:
-        share of the excess misfit; none of causes that were not looked at in time.
+        share of the excess misfit, and the fit; nothing of causes that were not looked at in time.
     """
     part = hardest(null, _QUARTER)
-    noise, most = sum(fitters.evidence[k].expected for k in part), sum(null.shares[k].c for k in part)
     progress(0.02, "a look at single causes")
     with share(_LOOKING, within_steps=True):
         looks = fitters.finished([Task(h, null.values, on=part) for h in alone])
-    return {look.hypothesis: (look.misfit - noise) / max(most - noise, 1e-12) for look in looks}
+    return {look.hypothesis: (_left(look, null, part, fitters), look) for look in looks}
+
+
+def _left(look: Fit, of: Fit, part: Sequence[int], fitters: Fitters) -> float:
+    """Excess misfit of a part of the evidence that a look at it leaves, as a share of what a whole fit leaves there."""
+    noise = sum(fitters.evidence[k].expected for k in part)
+    return (look.misfit - noise) / max(sum(of.shares[k].c for k in part) - noise, 1e-12)
 
 
 def _two_at_once(fitters: Fitters, state: Search, progress: Progress) -> list[Fit]:
@@ -182,7 +191,11 @@ def _two_at_once(fitters: Fitters, state: Search, progress: Progress) -> list[Fi
     leading = set(pairs(tuple(f.hypothesis for f in state.fits[:_LEADING])))
     ranked = [f for f in _sorted(quick) if not f.reason]
     best = [f for k, f in enumerate(ranked) if k < _BEST_PAIRS or f.hypothesis in leading]
-    final = fitters(Task(f.hypothesis, _halves(f.hypothesis, values)[0], f.values) for f in best)
+    final: list[Fit] = []
+    for hopeless in (False, True):  # what explains little of it at a look is no rival of a pair that explains all
+        wave = [f for f in best if (_left(f, state.fits[0], on, fitters) > _HOPELESS) is hopeless]
+        if not replace(state, fits=tuple(_sorted(final))).explained:
+            final += fitters(Task(f.hypothesis, _halves(f.hypothesis, values)[0], f.values) for f in wave)
     final += fitters(_other_laws(_sorted(final)[:_TAKEN_APART], values, fitters.data.prototype.rig))
     leading_pair = _sorted(final)[:1]  # none where the time was up before
     if leading_pair and leading_pair[0].misfit > _QUIET * state.expected:
