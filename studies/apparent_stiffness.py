@@ -14,8 +14,8 @@ from pathlib import Path
 from apparent_stiffness_picture import plot_apparent_stiffness
 from flint import fmpq
 
+from beamdesign import read_prototype
 from beamdesign.proofs.contact import Wall
-from beamdesign.prototype import read_prototype
 from beamdesign.report.canvas import new_figure, save
 from beamdesign.synthesis.stiffness_search import design
 

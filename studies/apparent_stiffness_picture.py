@@ -7,8 +7,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from beamdesign import Prototype
 from beamdesign.loop import close_loop, loop, tip
-from beamdesign.prototype import Prototype
 from beamdesign.quantities import quantity
 from beamdesign.structure.lumped import figures
 from beamdesign.synthesis.end_stiffness import SHARE, EndStiffness, controller_of, sensed

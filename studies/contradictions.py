@@ -18,13 +18,12 @@ from pathlib import Path
 
 import numpy as np
 
+from beamdesign import Prototype, read_prototype, simulate
 from beamdesign.parameters import stated_or_typical
 from beamdesign.proofs.absolute_stability import METHOD as COMES_TO_REST
 from beamdesign.proofs.bounded_error import METHOD as STRAYS
 from beamdesign.proofs.certifying import nonlinear_rows
-from beamdesign.prototype import Prototype, read_prototype
 from beamdesign.scenario import Multisine, Scenario, ScenarioRecord, Step
-from beamdesign.simulation import simulate
 from beamdesign.synthesis import SIGMAS
 from beamdesign.synthesis.rig_spread import rig_spread
 

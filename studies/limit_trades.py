@@ -15,8 +15,7 @@ from pathlib import Path
 from limit_trades_picture import LIMITS, Limit, Trade, plot_limit_trades
 from matplotlib.figure import Figure
 
-from beamdesign.prototype import Prototype, read_prototype
-from beamdesign.synthesis.tuning import tune
+from beamdesign import Prototype, read_prototype, tune
 
 FACTORS = (0.5, 0.7, 1.0, 1.5, 2.5)
 """Of each limit's own value."""

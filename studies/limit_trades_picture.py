@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 from matplotlib.figure import Figure
 
-from beamdesign.prototype import Prototype
+from beamdesign import Prototype
 from beamdesign.report.canvas import STYLES
 
 

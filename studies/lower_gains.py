@@ -16,7 +16,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from tolerance_cost import reached
 
-from beamdesign.prototype import read_prototype
+from beamdesign import read_prototype
 
 SECTIONS = (1, 2, 3)
 WAYS = {"stable at every lower gain": True, "not at every one": False}

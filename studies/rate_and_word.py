@@ -4,11 +4,11 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from math import inf
 
+from beamdesign import Prototype
 from beamdesign.build.realisation.code import LoopFigures, continuous_figures, figures_at, masses_between, worst
 from beamdesign.build.realisation.loop import prove_sampled, realised_loop
 from beamdesign.build.realisation.realise import FULL_SCALE_V, realise
 from beamdesign.loop import loop
-from beamdesign.prototype import Prototype
 
 RATES_HZ = (500.0, 1000.0, 2000.0, 5000.0, 10000.0, 20000.0)
 WORDS: tuple[int | None, ...] = (8, 10, 12, 16, 24, 32, None)

@@ -9,7 +9,7 @@ from pathlib import Path
 from rate_and_word import RATES_HZ, WORDS, RateAndWord, sufficient, trade
 from realisation_picture import plot_rounding, plot_sensitivity
 
-from beamdesign.prototype import Prototype, read_prototype
+from beamdesign import Prototype, read_prototype
 from beamdesign.report.canvas import new_figure, save
 
 ROUNDING_M = 1e-6

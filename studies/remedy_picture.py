@@ -8,8 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
+from beamdesign import Prototype, read_prototype
 from beamdesign.loop import loop
-from beamdesign.prototype import Prototype, read_prototype
 from beamdesign.report.canvas import new_figure, save
 from beamdesign.report.pictures import plot_stable_gains
 

@@ -15,10 +15,10 @@ from pathlib import Path
 
 from matplotlib.figure import Figure
 
+from beamdesign import Prototype, read_prototype, tune
 from beamdesign.parameters import stated_or_typical
-from beamdesign.prototype import Prototype, read_prototype
 from beamdesign.synthesis import SIGMAS
-from beamdesign.synthesis.tuning import limited, tune
+from beamdesign.synthesis.tuning import limited
 
 
 def reached(prototype: Prototype, kind: str, sections: int, sigmas: float) -> float:

@@ -9,8 +9,8 @@ from math import pi, sqrt
 
 import numpy as np
 
+from beamdesign import Prototype
 from beamdesign.controllers import Lag
-from beamdesign.prototype import Prototype
 
 LENGTH_M, SHEAR_PA, DENSITY_KG_PER_M3 = 1.195, 27e9, 2700.0
 

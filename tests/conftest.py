@@ -12,10 +12,10 @@ import pytest
 import slow_sensor
 from hypothesis import settings
 
-from beamdesign import time_limit
+from beamdesign import Prototype, time_limit
 from beamdesign.controllers import Lag
 from beamdesign.plant.actuators.servo_cylinder import ServoCylinder
-from beamdesign.prototype import Beam, Payload, Prototype, Sensor, Servovalve
+from beamdesign.prototype import Beam, Payload, Sensor, Servovalve
 
 gc.set_threshold(50_000, 20, 20)  # proofs hold many small numbers and no circles: to look for these took 3 % of all
 settings.register_profile("as long as it takes", deadline=None)

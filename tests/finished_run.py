@@ -5,12 +5,11 @@ from pathlib import Path
 
 import numpy as np
 
+from beamdesign import read_problem, size
 from beamdesign.controllers import Lag
-from beamdesign.problem import read_problem
 from beamdesign.proofs.certifying import certify
 from beamdesign.synthesis.design_run import DesignRun, certified
 from beamdesign.synthesis.law_design import Proved
-from beamdesign.synthesis.sizing import size
 from beamdesign.synthesis.tuning import Tuning
 
 STUDY = Path(__file__).parent.parent / "studies" / "prototype.toml"

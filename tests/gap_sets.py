@@ -6,11 +6,11 @@ from pathlib import Path
 
 import numpy as np
 
+from beamdesign import Prototype, simulate
 from beamdesign.controllers import Lag, Proportional
 from beamdesign.diagnosis.data.dataset import Dataset, TimeRecord
-from beamdesign.prototype import Prototype, Tolerance
+from beamdesign.prototype import Tolerance
 from beamdesign.scenario import LoadSteps, Measurement, Multisine, Scenario, ScenarioRecord
-from beamdesign.simulation import simulate
 from beamdesign.validation.paper_rig import paper_prototype
 
 TOLERANCE = Tolerance(

@@ -8,8 +8,9 @@ from math import pi, sqrt
 
 import numpy as np
 
+from beamdesign import Prototype
 from beamdesign.controllers import Lag
-from beamdesign.prototype import Beam, Prototype
+from beamdesign.prototype import Beam
 
 YOUNG_PA, DENSITY_KG_PER_M3 = 69e9, 2700.0
 """Of the alloy in the published study."""

@@ -16,7 +16,8 @@ import truth_of_stages
 from flint import fmpq
 from forging import Table, is_number
 
-from beamdesign.checker import Unreadable, check, reading
+from beamdesign import Prototype, check
+from beamdesign.checker import Unreadable, reading
 from beamdesign.checker.prototype import differences
 from beamdesign.checker.rig import Rig
 from beamdesign.controllers import Lag, Observer, Proportional, Scheduled, Section, Stage, Structured
@@ -34,7 +35,7 @@ from beamdesign.proofs.lyapunov import stages_certificate, switching
 from beamdesign.proofs.mass_family import stage_families
 from beamdesign.proofs.tolerance_box import tolerance_box
 from beamdesign.proofs.writer import prototype_table
-from beamdesign.prototype import Arm, Beam, Payload, Prototype, Sensor, Servovalve, Tolerance
+from beamdesign.prototype import Arm, Beam, Payload, Sensor, Servovalve, Tolerance
 from beamdesign.synthesis.end_stiffness import contact_text, judge
 
 AT_LEAST = 500

@@ -9,10 +9,10 @@ from math import exp, inf, log
 
 import numpy as np
 
+from beamdesign import Prototype, simulate
 from beamdesign.loop import CriticalGain
-from beamdesign.prototype import Prototype
 from beamdesign.scenario import Scenario, ScenarioRecord, Step
-from beamdesign.simulation import Oscillation, oscillation, simulate
+from beamdesign.simulation import Oscillation, oscillation
 
 _KEPT = 0.98  # of the amplitude over the time watched: what loses less is said not to die out
 _STILL_M = 1e-9

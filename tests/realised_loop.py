@@ -5,12 +5,12 @@ from typing import Protocol
 
 import numpy as np
 
+from beamdesign import Prototype
 from beamdesign.build.realisation.c_code import to_word
 from beamdesign.build.realisation.realise import Realisation
 from beamdesign.plant.assembly import OUTPUTS, assemble, parameters_of, structure_of
 from beamdesign.plant.compiled import compiled, half_steps
 from beamdesign.plant.equilibrium import equilibrium, substeps_for
-from beamdesign.prototype import Prototype
 
 _ENDLESS_M = 1e3
 

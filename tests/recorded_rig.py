@@ -9,9 +9,10 @@ from typing import Any
 import numpy as np
 import tomli_w
 
-from beamdesign.prototype import Prototype, Tolerance, write_prototype
+from beamdesign import Prototype, simulate, write_prototype
+from beamdesign.prototype import Tolerance
 from beamdesign.scenario import LoadSteps, Measurement, Multisine, Scenario, ScenarioRecord
-from beamdesign.simulation import COLUMNS, simulate
+from beamdesign.simulation import COLUMNS
 
 LAG = {"kind": "lag", "gain_A_per_V": 0.122, "pole_Hz": 1.75, "zero_Hz": 26.0}
 SLOW_LAG = {"kind": "lag", "gain_A_per_V": 0.0804, "pole_Hz": 1.75, "zero_Hz": 26.0}

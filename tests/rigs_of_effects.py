@@ -2,9 +2,9 @@
 
 from honest_certificates import screw
 
+from beamdesign import Prototype
 from beamdesign.controllers import Observer
 from beamdesign.plant.assembly import fits
-from beamdesign.prototype import Prototype
 
 
 def with_effects(rig: Prototype, *names: str) -> Prototype:

@@ -5,8 +5,8 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
+from beamdesign import Prototype
 from beamdesign.plant.members import family
-from beamdesign.prototype import Prototype
 from beamdesign.synthesis.loop_program import sized_slack
 from beamdesign.synthesis.sections import Sections
 

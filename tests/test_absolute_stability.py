@@ -12,7 +12,7 @@ from honest_certificates import valid
 from scipy.integrate import solve_ivp
 from typer.testing import CliRunner
 
-from beamdesign.checker import check
+from beamdesign import Prototype, check, read_prototype
 from beamdesign.cli import app
 from beamdesign.controllers import Lag
 from beamdesign.loop import Loop, loop
@@ -20,7 +20,6 @@ from beamdesign.polynomial import Affine, ratio
 from beamdesign.proofs.absolute_stability import METHOD, absolute_stability, search
 from beamdesign.proofs.certifying import certify, nonlinear_rows
 from beamdesign.proofs.multiplier import Kernel, Multiplier, fits, slack
-from beamdesign.prototype import Prototype, read_prototype
 
 ROOT = Path(__file__).parent.parent
 MASSES = fmpq(0), fmpq(34, 5)

@@ -1,5 +1,6 @@
 """The Python interface: a handful of names, light to import, the verbs as functions on a prototype."""
 
+import ast
 import doctest
 import inspect
 import pkgutil
@@ -51,6 +52,18 @@ def test_every_public_name_is_documented_and_stays_what_it_is(name):
     assert not inspect.ismodule(first)
     assert first.__name__ == name
     assert len(inspect.getdoc(first) or "") > 20
+
+
+def test_tests_and_studies_take_public_names_from_the_package():
+    public = {name: getattr(beamdesign, name) for name in beamdesign.__all__}
+    deeper = []
+    for path in (*(ROOT / "tests").rglob("*.py"), *(ROOT / "studies").rglob("*.py")):
+        for node in ast.parse(path.read_text(encoding="utf-8")).body:
+            if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("beamdesign."):
+                own = vars(import_module(str(node.module)))
+                names = [one.name for one in node.names if one.name in public]
+                deeper += [f"{path.name}: {name}" for name in names if own.get(name) is public[name]]
+    assert deeper == []
 
 
 def test_the_tour_names_every_public_name_and_its_examples_run(monkeypatch):

@@ -23,7 +23,8 @@ from scipy.linalg import eigh
 from truth_of_arm_plane import Plane, true
 from typer.testing import CliRunner
 
-from beamdesign.checker import Unreadable, check
+from beamdesign import InputError, Prototype, check, read_prototype, write_prototype
+from beamdesign.checker import Unreadable
 from beamdesign.cli import app
 from beamdesign.controllers import Lag, Observer
 from beamdesign.loop import LoopAtMass, loop
@@ -42,8 +43,7 @@ from beamdesign.proofs.arm.remaining import (
 from beamdesign.proofs.arm.result import certify_plane, frequencies, work_out
 from beamdesign.proofs.certifying import certify
 from beamdesign.proofs.writer import prototype_table
-from beamdesign.prototype import Arm, Payload, Prototype, read_prototype, write_prototype
-from beamdesign.records import InputError
+from beamdesign.prototype import Arm, Payload
 
 END_INERTIA = 0.01
 OFFSET = (0.08, 0.15, 0.0)

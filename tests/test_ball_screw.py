@@ -7,7 +7,7 @@ import pytest
 from flint import fmpq
 from honest_certificates import screw
 
-from beamdesign import checker
+from beamdesign import InputError, Prototype, checker, simulate, state_space, tune
 from beamdesign.checker.reading import Table
 from beamdesign.checker.rig import Rig
 from beamdesign.checker.stages import StateSpace as Stated
@@ -28,16 +28,13 @@ from beamdesign.proofs.lyapunov import stages_certificate, switching
 from beamdesign.proofs.mass_family import stage_families
 from beamdesign.proofs.tolerance_box import tolerance_box
 from beamdesign.proofs.writer import prototype_table, rig_tables
-from beamdesign.prototype import Compliance, Prototype, prototype_from
-from beamdesign.public import state_space
-from beamdesign.records import InputError, to_toml
+from beamdesign.prototype import Compliance, prototype_from
+from beamdesign.records import to_toml
 from beamdesign.scenario import Sampled, Scenario, ScenarioRecord, Sine, Step
-from beamdesign.simulation import simulate
 from beamdesign.structure.lumped import figures
 from beamdesign.synthesis.end_stiffness import controller_of, judge, sensed, servo_stiffness
 from beamdesign.synthesis.operating_limits import demand, envelope, needs
 from beamdesign.synthesis.stiffness_search import carried_out
-from beamdesign.synthesis.tuning import tune
 from beamdesign.validation.truth import rates
 
 FELT = "screw_force_N"

@@ -8,6 +8,7 @@ import pytest
 from scipy.integrate import solve_ivp
 from typer.testing import CliRunner
 
+from beamdesign import InputError, Prototype, read_prototype, read_scenario, write_prototype
 from beamdesign.bench_prototype import BenchPrototype, read_any_prototype, read_bench_prototype
 from beamdesign.cli import app
 from beamdesign.plant.assembly import assemble
@@ -15,9 +16,7 @@ from beamdesign.plant.bench_simulation import bench_parameters, bench_start, ben
 from beamdesign.plant.effects import causes
 from beamdesign.plant.equilibrium import linearise
 from beamdesign.plant.rigs import BENCH
-from beamdesign.prototype import Prototype, read_prototype, write_prototype
-from beamdesign.records import InputError, parse
-from beamdesign.scenario import read_scenario
+from beamdesign.records import parse
 
 BORE, ROD, STROKE, SUPPLY, TANK = 0.020, 0.014, 0.15, 6e6, 2e5
 CAP, RING = pi / 4 * BORE**2, pi / 4 * (BORE**2 - ROD**2)

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from bench_records import CAP, MEAN, RING, SUPPLY, TANK, ZERO, Truth, steady_motion, write_set
 
+from beamdesign import InputError
 from beamdesign.bench_prototype import read_bench_prototype
 from beamdesign.diagnosis.bench_diagnosis import diagnose_bench, probabilities, updated_prototype
 from beamdesign.diagnosis.data.bench_set import read_bench_set, saturates_at
@@ -16,7 +17,6 @@ from beamdesign.diagnosis.fitting.hypothesis import Hypothesis, together
 from beamdesign.diagnosis.fitting.steady_evidence import candidates, held_out, moved, nominal_causes, size
 from beamdesign.diagnosis.fitting.steady_motion import steady, steady_motions
 from beamdesign.plant.bench_simulation import replay
-from beamdesign.records import InputError
 
 COULOMB_N = 120.0
 SUPPLY_OF_ORIFICES = "pressure_dependent_flow.supply_pressure_Pa"

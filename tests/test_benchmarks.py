@@ -12,10 +12,9 @@ import side_by_side
 from eigenvalue_grid import stable_stretches
 from thin_window import lightly_damped, narrowed, unstable_width
 
+from beamdesign import Prototype, read_prototype, state_space
 from beamdesign.loop import loop
 from beamdesign.polynomial import exact, is_hurwitz
-from beamdesign.prototype import Prototype, read_prototype
-from beamdesign.public import state_space
 
 ROOT = Path(__file__).parent.parent
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from flint import acb, arb, ctx, fmpq, fmpq_poly
 
-from beamdesign.checker import check
+from beamdesign import check
 from beamdesign.loop import loop
 from beamdesign.polynomial import exact, is_hurwitz
 from beamdesign.polynomial import roots as roots_of

@@ -17,7 +17,8 @@ from one_start import best_start_alone
 from test_box_claims import member, slowest
 from typer.testing import CliRunner
 
-from beamdesign.checker import Unreadable, check
+from beamdesign import InputError, Prototype, check, read_prototype, state_space, tune
+from beamdesign.checker import Unreadable
 from beamdesign.cli import app
 from beamdesign.polynomial import nearest, ratio
 from beamdesign.proofs.absolute_stability import Absolute, box_rows, slope_over_box
@@ -28,12 +29,8 @@ from beamdesign.proofs.multiplier import Kernel, Multiplier, fits
 from beamdesign.proofs.rig_family import rig_values
 from beamdesign.proofs.scope import members
 from beamdesign.proofs.tolerance_box import tolerance_box
-from beamdesign.prototype import Prototype, read_prototype
-from beamdesign.public import state_space
-from beamdesign.records import InputError
 from beamdesign.structure.lumped import CHANGEABLE, with_figures
 from beamdesign.synthesis import law_design
-from beamdesign.synthesis.tuning import tune
 
 PROTOTYPES = Path(__file__).parents[1] / "studies" / "prototypes"
 MASSES = (0.0, 6.8)

@@ -17,7 +17,8 @@ from flint import ctx, fmpq, fmpq_poly
 from forging import mutations, resealed
 from truth_of_box import true
 
-from beamdesign.checker import Unreadable, check
+from beamdesign import Prototype, check, read_prototype
+from beamdesign.checker import Unreadable
 from beamdesign.checker.box_loop import sigmas
 from beamdesign.checker.roots import unstable_roots
 from beamdesign.polynomial import exact
@@ -28,7 +29,7 @@ from beamdesign.proofs.statement import PolynomialFamily
 from beamdesign.proofs.tolerance_box import tolerance_box
 from beamdesign.proofs.writer import prototype_table
 from beamdesign.proofs.zero_exclusion import holds, pieces
-from beamdesign.prototype import Payload, Prototype, Tolerance, read_prototype
+from beamdesign.prototype import Payload, Tolerance
 
 CUBIC = PolynomialFamily("cubic", "s**3 + 2*s**2 + s + q", {"q": fmpq(1, 2)})
 

@@ -10,7 +10,7 @@ import pytest
 from flint import fmpq
 from forging import resealed
 
-from beamdesign.checker import check
+from beamdesign import Prototype, check, read_prototype, state_space
 from beamdesign.controllers import Lag
 from beamdesign.parameters import TYPICAL
 from beamdesign.polynomial import exact, nearest
@@ -21,8 +21,6 @@ from beamdesign.proofs.certificate import Asked
 from beamdesign.proofs.certifying import certify
 from beamdesign.proofs.rig_family import rig_values
 from beamdesign.proofs.tolerance_box import tolerance_box
-from beamdesign.prototype import Prototype, read_prototype
-from beamdesign.public import state_space
 from beamdesign.structure.lumped import CHANGEABLE, with_figures
 
 TAME = Path(__file__).parents[1] / "studies" / "prototypes" / "tame_lag.toml"

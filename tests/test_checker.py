@@ -15,8 +15,8 @@ from hypothesis import strategies as st
 from pydantic_core import PydanticUndefined
 
 import beamdesign
-from beamdesign import checker
-from beamdesign.checker import KEYS, Unreadable, check
+from beamdesign import Prototype, check, checker, write_prototype
+from beamdesign.checker import KEYS, Unreadable
 from beamdesign.checker.law import SCHEDULED
 from beamdesign.checker.prototype import DEFAULTS
 from beamdesign.checker.reading import rational
@@ -27,18 +27,7 @@ from beamdesign.polynomial import roots
 from beamdesign.proofs.certificate import Asked
 from beamdesign.proofs.certifying import certify
 from beamdesign.proofs.writer import prototype_table
-from beamdesign.prototype import (
-    COMPLIANCE_LIMIT_M_PER_N,
-    Arm,
-    Beam,
-    Compliance,
-    Goal,
-    Payload,
-    Prototype,
-    Servovalve,
-    Tolerance,
-    write_prototype,
-)
+from beamdesign.prototype import COMPLIANCE_LIMIT_M_PER_N, Arm, Beam, Compliance, Goal, Payload, Servovalve, Tolerance
 
 ASKED = (
     Asked("decay_rate", 3.0),

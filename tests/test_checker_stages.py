@@ -15,7 +15,8 @@ from flint import fmpq, fmpq_mat
 from forging import sealed_text
 from truth_of_stages import true
 
-from beamdesign.checker import Unreadable, Verdict, check
+from beamdesign import Prototype, check, read_prototype
+from beamdesign.checker import Unreadable, Verdict
 from beamdesign.checker.prototype import differences
 from beamdesign.checker.reading import Table
 from beamdesign.checker.rig import Rig
@@ -28,7 +29,7 @@ from beamdesign.proofs.lmi import Answer
 from beamdesign.proofs.lyapunov import Switching, stages_certificate, switching
 from beamdesign.proofs.mass_family import Families, frozen, stage_families
 from beamdesign.proofs.writer import prototype_table, rig_tables
-from beamdesign.prototype import Payload, Prototype, Sensor, read_prototype
+from beamdesign.prototype import Payload, Sensor
 
 STUDIES = Path(__file__).parents[1] / "studies"
 OBSERVER = Observer(

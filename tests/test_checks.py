@@ -6,9 +6,8 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from beamdesign.problem import DesignProblem, read_problem
-from beamdesign.prototype import Beam, Prototype
-from beamdesign.records import InputError
+from beamdesign import DesignProblem, InputError, Prototype, read_problem
+from beamdesign.prototype import Beam
 from beamdesign.structure.section import Tube
 from beamdesign.synthesis.checks import Check, check_sections, checks
 from beamdesign.synthesis.sizing import check_prototype, problem_of

@@ -8,11 +8,10 @@ from typing import Any
 import pytest
 from typer.testing import CliRunner
 
+from beamdesign import InputError, read_prototype
 from beamdesign.cli import app
 from beamdesign.docs import FILES, effects, find, keys, pages, reference_markdown, topics
-from beamdesign.prototype import read_prototype
 from beamdesign.quantities import unit_of
-from beamdesign.records import InputError
 from beamdesign.templates import TEMPLATES
 
 

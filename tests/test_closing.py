@@ -17,10 +17,9 @@ from one_start import best_start_alone
 from opened_cases import opened_case, opened_keys, true_rig, unlike
 from trial import at_rest, on_trial
 
-from beamdesign import InputError, Prototype, critical_gain
+from beamdesign import InputError, Prototype, critical_gain, read_dataset
 from beamdesign.code_digest import folder_digest
 from beamdesign.controllers import Lag
-from beamdesign.diagnosis.data.dataset import read_dataset
 from beamdesign.diagnosis.fitting.hypothesis import NOTHING
 from beamdesign.diagnosis.fitting.replay import Replay
 from beamdesign.diagnosis.redesign import Redesign, redesign

@@ -7,13 +7,10 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from beamdesign.checker import check
+from beamdesign import Prototype, check, codesign, front, read_problem, read_prototype, write_prototype
 from beamdesign.cli import app
 from beamdesign.loop import loop
-from beamdesign.problem import read_problem
-from beamdesign.prototype import Prototype, read_prototype, write_prototype
 from beamdesign.synthesis.checks import check_sections
-from beamdesign.synthesis.codesign import codesign, front
 from beamdesign.synthesis.free_search import sizes_of, start_variables
 from beamdesign.synthesis.sections import Sections
 

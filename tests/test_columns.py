@@ -9,15 +9,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 from recorded_rig import Recorded, recorded
 
-from beamdesign import columns
+from beamdesign import InputError, Prototype, columns, read_dataset, read_scenario
 from beamdesign.columns import LARGEST, read_columns, uniform_times
 from beamdesign.diagnosis.data.bench_set import read_bench_set
-from beamdesign.diagnosis.data.dataset import read_dataset
 from beamdesign.diagnosis.predict import predict_set, read_inputs
-from beamdesign.prototype import Prototype
-from beamdesign.records import InputError
 from beamdesign.report.charts import TradePoint, read_trade
-from beamdesign.scenario import inputs_from_csv, read_scenario
+from beamdesign.scenario import inputs_from_csv
 
 TIMES = np.arange(100) * 1e-3
 SHARED_BENCH = Path(__file__).parents[2] / "shared" / "real" / "servo-cylinder"

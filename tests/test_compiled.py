@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from rigs_of_effects import having
 
+from beamdesign import Prototype, critical_gain
 from beamdesign.controllers import Lag
-from beamdesign.loop import critical_gain
 from beamdesign.plant.assembly import INPUTS, Structure, assemble, fits, parameters_of, structure_of
 from beamdesign.plant.compiled import compiled, integrate
 from beamdesign.plant.component import LAG, PROPORTIONAL
@@ -17,7 +17,6 @@ from beamdesign.plant.effects import causes
 from beamdesign.plant.equilibrium import scales
 from beamdesign.plant.machine_code import Body, MachineCode, machine_code, trace
 from beamdesign.plant.members import paper_model
-from beamdesign.prototype import Prototype
 
 EFFECTS = tuple(sorted(name for name in causes() if fits(name, "twin_beam")))
 GAIN_A_PER_V = 0.06

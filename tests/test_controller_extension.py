@@ -12,20 +12,26 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+from beamdesign import (
+    InputError,
+    Prototype,
+    check,
+    read_prototype,
+    read_scenario,
+    simulate,
+    state_space,
+    write_prototype,
+)
 from beamdesign.build.analogue import circuit_of
 from beamdesign.build.specification import digital_controller
-from beamdesign.checker import check
 from beamdesign.cli import app
 from beamdesign.controllers import KINDS, Break, Cascade, Lag, register
 from beamdesign.controllers.cascade import Factor
 from beamdesign.docs import keys
 from beamdesign.loop import loop
 from beamdesign.proofs.certifying import certify
-from beamdesign.prototype import Prototype, read_prototype, write_prototype
-from beamdesign.public import state_space
-from beamdesign.records import InputError, to_toml
-from beamdesign.scenario import Sampled, ScenarioRecord, read_scenario
-from beamdesign.simulation import simulate
+from beamdesign.records import to_toml
+from beamdesign.scenario import Sampled, ScenarioRecord
 
 SHIPPED = Path(__file__).parent.parent / "studies" / "prototypes" / "paper_remedy.toml"
 SCENARIO = SHIPPED.parent.parent / "scenarios" / "kick.toml"

@@ -8,11 +8,11 @@ import pytest
 import scipy.linalg
 from flint import fmpq, fmpq_mat, fmpq_poly
 
+from beamdesign import Prototype
 from beamdesign.controllers import Lag
 from beamdesign.loop import loop
 from beamdesign.plant.members import paper_model
 from beamdesign.polynomial import Affine, crossings, degree_drop, elimination, roots, shares_axis_root
-from beamdesign.prototype import Prototype
 
 
 def floats(matrix: fmpq_mat) -> np.ndarray:

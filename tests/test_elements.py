@@ -12,6 +12,7 @@ import pytest
 from flint import fmpq, fmpq_mat, fmpq_poly
 from rigs_of_effects import having
 
+from beamdesign import Prototype
 from beamdesign.checker.reading import Table
 from beamdesign.checker.rig import Loop, Rig
 from beamdesign.controllers import SENSED, Observer
@@ -21,7 +22,7 @@ from beamdesign.plant.linear import LinearModel
 from beamdesign.plant.members import family
 from beamdesign.polynomial import exact
 from beamdesign.proofs.writer import rig_tables
-from beamdesign.prototype import Payload, Prototype, Sensor
+from beamdesign.prototype import Payload, Sensor
 
 OUTER, INNER = (0.0, 1.3), 0.7  # kg; everything is affine in the outer end mass
 SHARES = (0.021, 17.0, -3e-9)

@@ -9,7 +9,7 @@ from slow_sensor import SLOW_SENSOR
 from test_effects import applied
 from test_elements import assert_alike, rig  # noqa: F401
 
-from beamdesign.diagnosis.data.dataset import read_dataset
+from beamdesign import InputError, Prototype, read_dataset
 from beamdesign.diagnosis.diagnose import held_out
 from beamdesign.diagnosis.diagnosis import updated_prototype
 from beamdesign.diagnosis.fitting.evidence import evidence_of
@@ -22,8 +22,6 @@ from beamdesign.diagnosis.where.locate import kind_of_effect
 from beamdesign.plant.assembly import fits
 from beamdesign.plant.empirical import curve, laws
 from beamdesign.plant.members import family
-from beamdesign.prototype import Prototype
-from beamdesign.records import InputError
 from beamdesign.validation.truth.case import run_figures, write_case
 from beamdesign.validation.truth.drawing import draw_case
 

@@ -15,7 +15,8 @@ from stated_rig import StatedRig
 from truth_of_contact import Port, true
 from typer.testing import CliRunner
 
-from beamdesign.checker import Unreadable, check
+from beamdesign import InputError, Prototype, check, read_prototype, simulate, state_space, write_prototype
+from beamdesign.checker import Unreadable
 from beamdesign.cli import app
 from beamdesign.controllers import Cascade, Lag, Structured
 from beamdesign.loop import Tip, close_loop, loop, tip
@@ -23,11 +24,9 @@ from beamdesign.polynomial import Affine, exact, is_hurwitz, roots
 from beamdesign.proofs.contact import Wall, absorbed, popov_slack, prove_contact
 from beamdesign.proofs.stability import stable_ranges
 from beamdesign.proofs.writer import prototype_table, rig_tables
-from beamdesign.prototype import Compliance, Prototype, read_prototype, write_prototype
-from beamdesign.public import state_space
-from beamdesign.records import InputError
+from beamdesign.prototype import Compliance
 from beamdesign.scenario import Scenario, ScenarioRecord, Sine, Step, WallAhead
-from beamdesign.simulation import SimulatedRecord, simulate
+from beamdesign.simulation import SimulatedRecord
 from beamdesign.structure.lumped import figures
 from beamdesign.synthesis.end_stiffness import (
     EndStiffness,

@@ -12,7 +12,7 @@ from flint import fmpq, fmpq_poly
 from forging import altered
 from honest_certificates import erring, honest, valid
 
-from beamdesign.checker import check
+from beamdesign import check
 from beamdesign.loop import rig_loop
 from beamdesign.plant.members import family
 from beamdesign.polynomial import exact, nearest

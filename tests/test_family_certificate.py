@@ -11,7 +11,8 @@ from forging import altered, resealed
 from rigs_of_effects import with_effects
 from typer.testing import CliRunner
 
-from beamdesign.checker import Unreadable, check
+from beamdesign import Prototype, check, simulate, tune, write_prototype
+from beamdesign.checker import Unreadable
 from beamdesign.cli import app
 from beamdesign.controllers import Lag, Observer
 from beamdesign.loop import close_loop, rig_loop
@@ -27,10 +28,8 @@ from beamdesign.proofs.rectangle import Rectangle
 from beamdesign.proofs.rig_family import rig_family
 from beamdesign.proofs.tolerance_box import between, in_words, tolerance_box
 from beamdesign.proofs.writer import prototype_table
-from beamdesign.prototype import Payload, Prototype, write_prototype
+from beamdesign.prototype import Payload
 from beamdesign.scenario import Scenario, ScenarioRecord, Step
-from beamdesign.simulation import simulate
-from beamdesign.synthesis.tuning import tune
 
 CLAIMS = (
     Asked("peak_sensitivity", 3.0),

@@ -10,9 +10,8 @@ import pytest
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from beamdesign.loop import LoopAtMass, critical_gain, loop
-from beamdesign.prototype import Prototype, read_prototype
-from beamdesign.public import state_space
+from beamdesign import Prototype, critical_gain, read_prototype, state_space
+from beamdesign.loop import LoopAtMass, loop
 from beamdesign.quantities import decibels, from_decibels
 from beamdesign.report.canvas import STYLES, new_figure, save
 from beamdesign.report.figures import (

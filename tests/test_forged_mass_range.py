@@ -14,10 +14,11 @@ import tomli_w
 from forging import Table, put, resealed, sealed_text, times
 from honest_certificates import Honest, certified, honest, valid
 
-from beamdesign.checker import Unreadable, check
+from beamdesign import check, write_prototype
+from beamdesign.checker import Unreadable
 from beamdesign.controllers import Lag
 from beamdesign.proofs.writer import prototype_table
-from beamdesign.prototype import Arm, Compliance, Goal, Payload, write_prototype
+from beamdesign.prototype import Arm, Compliance, Goal, Payload
 
 
 @pytest.fixture

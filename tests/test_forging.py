@@ -7,7 +7,8 @@ import pytest
 from forging import WAYS, is_number, mutations, places, put, resealed
 from honest_certificates import AT_LEAST, EACH, FORGED, OF_THE_RIG, Honest, figures, honest, is_another, valid
 
-from beamdesign.checker import KINDS, OF_NO_RIG, check
+from beamdesign import check
+from beamdesign.checker import KINDS, OF_NO_RIG
 
 ENOUGH = 20
 """Forgeries of a certificate of which some are valid all the same."""

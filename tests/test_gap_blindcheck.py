@@ -16,8 +16,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from beamdesign import InputError
 from beamdesign.code_digest import code_digest, folder_digest, sources
-from beamdesign.records import InputError
 from beamdesign.validation import blindcheck, scoring
 from beamdesign.validation.baselines import lasso, lasso_path
 from beamdesign.validation.blind_diagnosis import begin_blind

@@ -19,9 +19,9 @@ from typer.testing import CliRunner
 
 import beamdesign.diagnosis.fitting.fitters as fitters
 import beamdesign.diagnosis.fitting.search as searching
-from beamdesign import InputError, Prototype, read_prototype, write_prototype
+from beamdesign import InputError, Prototype, read_dataset, read_prototype, write_prototype
 from beamdesign.cli import app
-from beamdesign.diagnosis.data.dataset import Dataset, read_dataset
+from beamdesign.diagnosis.data.dataset import Dataset
 from beamdesign.diagnosis.fitting.fit import Fit, digest, fit_cache
 from beamdesign.diagnosis.fitting.hypothesis import Hypothesis
 from beamdesign.diagnosis.predict import predict_set

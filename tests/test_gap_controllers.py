@@ -14,13 +14,22 @@ from scipy.interpolate import CubicSpline
 from scipy.signal import lsim
 from typer.testing import CliRunner
 
+from beamdesign import (
+    InputError,
+    Prototype,
+    diagnose,
+    read_dataset,
+    read_prototype,
+    simulate,
+    state_space,
+    write_prototype,
+)
 from beamdesign.cli import app
 from beamdesign.columns import write_tables
 from beamdesign.controllers import Controller, Observer, Proportional, Scheduled, Section, Stage, Structured
 from beamdesign.diagnosis import diagnose as diagnosing
 from beamdesign.diagnosis import separability
-from beamdesign.diagnosis.data.dataset import Dataset, MeasuredGain, TimeRecord, read_dataset
-from beamdesign.diagnosis.diagnose import diagnose
+from beamdesign.diagnosis.data.dataset import Dataset, MeasuredGain, TimeRecord
 from beamdesign.diagnosis.diagnosis import Diagnosis
 from beamdesign.diagnosis.examination.nominal import CHANNELS, commanded_current, controller_fit, nominal_loop
 from beamdesign.diagnosis.experiment import menu
@@ -28,12 +37,9 @@ from beamdesign.diagnosis.fitting import search as searching
 from beamdesign.diagnosis.fitting.evidence import record_evidence
 from beamdesign.diagnosis.fitting.hypothesis import NOTHING, Hypothesis
 from beamdesign.diagnosis.redesign import designer_terms, loops_of, payload_range, redesign
-from beamdesign.prototype import Payload, Prototype, read_prototype, write_prototype
-from beamdesign.public import state_space
-from beamdesign.records import InputError
+from beamdesign.prototype import Payload
 from beamdesign.report.gap_folder import write_gap_folder
 from beamdesign.scenario import Multisine, Scenario, ScenarioRecord
-from beamdesign.simulation import simulate
 from beamdesign.structure import lumped
 
 SECTION = Section(zero_Hz=45.0, zero_damping_ratio=0.4, pole_Hz=60.0, pole_damping_ratio=0.7)

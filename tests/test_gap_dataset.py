@@ -7,14 +7,11 @@ import numpy as np
 import pytest
 from recorded_rig import Recorded, as_csv, recorded
 
+from beamdesign import InputError, Prototype, critical_gain, read_dataset
 from beamdesign.columns import read_columns, uniform_times
 from beamdesign.controllers import Lag
-from beamdesign.diagnosis.data.dataset import read_dataset
 from beamdesign.diagnosis.data.dataset_index import kind_of
 from beamdesign.diagnosis.examination.plausibility import check_responses, examine
-from beamdesign.loop import critical_gain
-from beamdesign.prototype import Prototype
-from beamdesign.records import InputError
 
 HEADER = "t_s,disturbance_N,command_V,current_A,displacement_m"
 

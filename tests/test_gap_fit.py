@@ -7,7 +7,7 @@ import pytest
 from gap_sets import believed, measured, only, scenario
 from rigs_of_effects import having
 
-from beamdesign.diagnosis.data.dataset import read_dataset
+from beamdesign import InputError, read_dataset
 from beamdesign.diagnosis.diagnosis import updated_prototype
 from beamdesign.diagnosis.fitting import search as searching
 from beamdesign.diagnosis.fitting.evidence import evidence_of, record_evidence
@@ -29,7 +29,6 @@ from beamdesign.diagnosis.fitting.weighting import INDEPENDENT, SHARE, weighting
 from beamdesign.diagnosis.judgement import judge
 from beamdesign.plant.assembly import fits
 from beamdesign.plant.effects import causes
-from beamdesign.records import InputError
 from beamdesign.structure.lumped import figures
 from beamdesign.validation.truth.case import answer, write_case
 from beamdesign.validation.truth.drawing import draw_case

@@ -10,9 +10,10 @@ import pytest
 from gap_sets import TOLERANCE
 from honest_certificates import screw
 
+from beamdesign import InputError, Prototype, critical_gain, read_dataset
 from beamdesign.controllers import Controller, Lag, Proportional, Structured
 from beamdesign.controllers.cascade import Section
-from beamdesign.diagnosis.data.dataset import Dataset, FrequencyResponse, MeasuredGain, read_dataset
+from beamdesign.diagnosis.data.dataset import Dataset, FrequencyResponse, MeasuredGain
 from beamdesign.diagnosis.diagnosis import Diagnosis
 from beamdesign.diagnosis.fitting import search
 from beamdesign.diagnosis.fitting.evidence import evidence_of, record_evidence
@@ -25,11 +26,10 @@ from beamdesign.diagnosis.fitting.swept_sine import SweptSine
 from beamdesign.diagnosis.gain_diagnosis import explain_gains
 from beamdesign.diagnosis.gain_findings import another_size, common_factor, gain_shares, separations
 from beamdesign.diagnosis.judgement import evidence as marginal_likelihood
-from beamdesign.loop import critical_gain, loop
+from beamdesign.loop import loop
 from beamdesign.plant.actuators.servo_cylinder import ServoCylinder
 from beamdesign.plant.harmonic_balance import forced_motion, limit_cycles
-from beamdesign.prototype import Beam, Payload, Prototype, Servovalve
-from beamdesign.records import InputError
+from beamdesign.prototype import Beam, Payload, Servovalve
 
 PROPORTIONAL = Proportional(gain_A_per_V=0.01)
 LAG = Lag(gain_A_per_V=0.1, pole_Hz=1.75, zero_Hz=26.0)

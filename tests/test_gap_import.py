@@ -8,10 +8,10 @@ from pyuff import UFF, prepare_58
 from scipy.io import savemat
 from typer.testing import CliRunner
 
+from beamdesign import InputError, import_measured
 from beamdesign.cli import app
 from beamdesign.diagnosis.data.dataset import TimeRecord
-from beamdesign.diagnosis.data.importing import UNITS, Imported, import_measured
-from beamdesign.records import InputError
+from beamdesign.diagnosis.data.importing import UNITS, Imported
 
 RIG = Path(__file__).parent.parent / "studies" / "prototypes" / "tame_lag.toml"
 TIMES = np.arange(400) / 1000

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from gap_sets import believed, measured, scenario
 
+from beamdesign import Prototype
 from beamdesign.diagnosis.diagnosis import Cause
 from beamdesign.diagnosis.fitting.evidence import evidence_of
 from beamdesign.diagnosis.fitting.fit import Fit, fit
@@ -15,7 +16,6 @@ from beamdesign.diagnosis.where.conditions import lines_of, setting
 from beamdesign.diagnosis.where.locate import kind_of_effect, laws_of, locate
 from beamdesign.diagnosis.where.missing import stop
 from beamdesign.diagnosis.where.residuals import residuals
-from beamdesign.prototype import Prototype
 
 
 def tuned(data) -> tuple[Search, Fit, tuple]:

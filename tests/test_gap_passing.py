@@ -8,8 +8,8 @@ import pytest
 from gap_sets import believed, measured, scenario
 from recorded_rig import recorded
 
-from beamdesign.diagnosis.data.dataset import Dataset, read_dataset
-from beamdesign.diagnosis.diagnose import diagnose
+from beamdesign import InputError, Prototype, diagnose, read_dataset
+from beamdesign.diagnosis.data.dataset import Dataset
 from beamdesign.diagnosis.examination.plausibility import examine
 from beamdesign.diagnosis.fitting import search as searching
 from beamdesign.diagnosis.fitting.evidence import record_evidence
@@ -17,8 +17,6 @@ from beamdesign.diagnosis.fitting.hypothesis import NOTHING, Hypothesis
 from beamdesign.diagnosis.fitting.search import search
 from beamdesign.diagnosis.judgement import judge
 from beamdesign.diagnosis.passing import joined, passing, what_passed
-from beamdesign.prototype import Prototype
-from beamdesign.records import InputError
 from beamdesign.scenario import Step
 
 SLOWED, WIDER = Hypothesis(("sensor_lag",)), Hypothesis(("parameter:flow_gain",))

@@ -13,13 +13,13 @@ from gap_sets import believed, measured, scenario
 from recorded_rig import LAG, STRAIGHT, Recorded, recorded
 from scipy.signal import lfilter
 
+from beamdesign import InputError, Prototype, read_dataset
 from beamdesign.controllers import Lag
-from beamdesign.diagnosis.data.dataset import MeasuredGain, read_dataset
+from beamdesign.diagnosis.data.dataset import MeasuredGain
 from beamdesign.diagnosis.examination.nominal import _knee, commanded_current, controller_fit, nominal_loop
 from beamdesign.diagnosis.examination.plausibility import examine
 from beamdesign.diagnosis.examination.readings import contradictions
-from beamdesign.prototype import Prototype, Tolerance
-from beamdesign.records import InputError
+from beamdesign.prototype import Tolerance
 
 SHARED = Path(__file__).parents[2] / "shared" / "rig"
 Spoil = Callable[[Recorded], object]

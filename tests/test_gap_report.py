@@ -10,9 +10,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from beamdesign import Prototype, read_dataset
 from beamdesign.bench_prototype import BenchActuator, BenchPrototype, BenchServovalve, read_any_prototype
 from beamdesign.diagnosis.bench_diagnosis import where_of
-from beamdesign.diagnosis.data.dataset import Dataset, read_dataset
+from beamdesign.diagnosis.data.dataset import Dataset
 from beamdesign.diagnosis.diagnosis import (
     Cause,
     Diagnosis,
@@ -30,7 +31,7 @@ from beamdesign.diagnosis.fitting.hypothesis import Hypothesis
 from beamdesign.diagnosis.fitting.search import Search
 from beamdesign.diagnosis.gap_metrics import errors, gap, in_bands
 from beamdesign.diagnosis.redesign import designer_terms, loops_of, payload_range, terms
-from beamdesign.prototype import Payload, Prototype
+from beamdesign.prototype import Payload
 from beamdesign.report.gap_folder import bands, diverged, gap_report_html, write_gap_folder, zoom
 from beamdesign.report.gap_tables import HeatMap, chosen_fit, closed_text, fitted_figures, indicator_table, place
 from beamdesign.report.page import Table

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from gap_sets import LAG, believed, measured, scenario
 
+from beamdesign import critical_gain
 from beamdesign.diagnosis import second_look as looking
 from beamdesign.diagnosis.data.dataset import Dataset
 from beamdesign.diagnosis.fitting import search as searching
@@ -14,7 +15,6 @@ from beamdesign.diagnosis.fitting.fit import Fit
 from beamdesign.diagnosis.fitting.hypothesis import NOTHING, Hypothesis
 from beamdesign.diagnosis.fitting.search import Search
 from beamdesign.diagnosis.second_look import grows, rings
-from beamdesign.loop import critical_gain
 
 SLOW_Hz = 45.0  # a sensor's break that costs the loop its margin
 SLOWED = Hypothesis(("sensor_lag",))

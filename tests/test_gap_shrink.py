@@ -7,6 +7,7 @@ import pytest
 from gap_sets import believed, measured, only, scenario
 from scipy.signal import lfilter
 
+from beamdesign import simulate
 from beamdesign.diagnosis.diagnose import held_out
 from beamdesign.diagnosis.fitting.evidence import record_evidence
 from beamdesign.diagnosis.fitting.fit import Fit
@@ -15,7 +16,6 @@ from beamdesign.diagnosis.fitting.replay import Replay
 from beamdesign.diagnosis.fitting.weighting import rising, weighting
 from beamdesign.diagnosis.gap_metrics import Errors, gap, sizes
 from beamdesign.scenario import Measurement
-from beamdesign.simulation import simulate
 
 
 @pytest.fixture(scope="module")

@@ -4,12 +4,13 @@ import numpy as np
 import pytest
 from impulse_test import Kick, critical_gain_by_kicks, ringing
 
+from beamdesign import Prototype, critical_gain
 from beamdesign.controllers import Lag, Proportional
-from beamdesign.loop import critical_gain, loop
+from beamdesign.loop import loop
 from beamdesign.plant.assembly import parameters_of, structure_of
 from beamdesign.plant.compiled import integrate
 from beamdesign.plant.harmonic_balance import LimitCycle, NoBalance, forced_motion, limit_cycles, linear_critical_gain
-from beamdesign.prototype import Payload, Prototype
+from beamdesign.prototype import Payload
 
 POINTS = 64  # samples per period
 

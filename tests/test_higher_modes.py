@@ -5,11 +5,11 @@ from math import cos, cosh, pi, sin, sinh
 import numpy as np
 import pytest
 
+from beamdesign import InputError, Prototype, critical_gain
 from beamdesign.controllers import Section, Structured
-from beamdesign.loop import critical_gain, loop
+from beamdesign.loop import loop
 from beamdesign.plant.linear_reach import exact_compliance, signals, single_compliance, single_mode_reach, with_mass
-from beamdesign.prototype import Beam, Prototype
-from beamdesign.records import InputError
+from beamdesign.prototype import Beam
 from beamdesign.structure.lumped import natural_frequencies
 from beamdesign.validation.paper_rig import INNER_END_MASS_KG, OUTER, lag, proportional
 

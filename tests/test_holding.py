@@ -13,13 +13,10 @@ import pytest
 from finished_run import STUDY, finished_run
 from typer.testing import CliRunner
 
+from beamdesign import DesignProblem, Prototype, codesign, read_problem, run_design
 from beamdesign.cli import app
-from beamdesign.problem import DesignProblem, read_problem
-from beamdesign.prototype import Prototype
 from beamdesign.records import parse, to_toml
 from beamdesign.structure.lumped import lumped_beam, weighing_mass
-from beamdesign.synthesis.codesign import codesign
-from beamdesign.synthesis.design_run import run_design
 from beamdesign.synthesis.holding import Change, Demanded, Holding, changed, standing, working
 from beamdesign.synthesis.operating_limits import needs
 

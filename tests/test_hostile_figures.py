@@ -11,20 +11,18 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from typer.testing import CliRunner
 
-from beamdesign import quantities
+from beamdesign import InputError, Prototype, check, critical_gain, quantities, simulate, write_prototype
 from beamdesign.bench_prototype import BenchPrototype
-from beamdesign.checker import Unreadable, check
+from beamdesign.checker import Unreadable
 from beamdesign.cli import app
 from beamdesign.cli.command import Figure
-from beamdesign.loop import critical_gain
 from beamdesign.plant.bench_simulation import simulate_bench
 from beamdesign.plant.equilibrium import MOST_STEPS
 from beamdesign.plant.linear_reach import reach
-from beamdesign.prototype import Beam, Prototype, prototype_from, write_prototype
+from beamdesign.prototype import Beam, prototype_from
 from beamdesign.quantities import Plausible, range_of, unit_of
-from beamdesign.records import InputError, Record, parse
+from beamdesign.records import Record, parse
 from beamdesign.scenario import Scenario
-from beamdesign.simulation import simulate
 
 STUDIES = Path(__file__).parent.parent / "studies"
 LAG = STUDIES / "prototypes" / "published_lag.toml"

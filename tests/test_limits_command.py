@@ -7,12 +7,11 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+from beamdesign import InputError, Prototype, critical_gain, read_prototype, write_prototype
 from beamdesign.cli import app
 from beamdesign.docs import pages
-from beamdesign.loop import critical_gain
 from beamdesign.plant.linear_reach import reach, single_mode_reach, with_published_effects
-from beamdesign.prototype import Prototype, Supply, read_prototype, write_prototype
-from beamdesign.records import InputError
+from beamdesign.prototype import Supply
 from beamdesign.report.canvas import new_figure
 from beamdesign.report.charts import plot_envelope
 from beamdesign.synthesis.operating_limits import envelope

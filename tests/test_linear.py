@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from paper_descriptor import descriptor, leakage_flow, oil_force
 from scipy.linalg import eigh
 
+from beamdesign import InputError, Prototype
 from beamdesign.controllers import SENSED
 from beamdesign.plant.actuators.servo_cylinder import spool_acceleration
 from beamdesign.plant.linear import LinearModel, Plant
@@ -18,8 +19,7 @@ from beamdesign.plant.linearised import evaluate_exactly
 from beamdesign.plant.members import paper_model
 from beamdesign.plant.rigs import FIGURES, beam_force
 from beamdesign.polynomial import exact
-from beamdesign.prototype import Payload, Prototype
-from beamdesign.records import InputError
+from beamdesign.prototype import Payload
 
 MASSES = [(0.0, 0.0), (6.8, 4.5)]
 

@@ -10,16 +10,15 @@ from flint import fmpq, fmpq_mat, fmpq_poly
 from rigs_of_effects import with_effects
 from scipy.optimize import brentq
 
+from beamdesign import InputError, Prototype, critical_gain, state_space
 from beamdesign.controllers import SENSED, Lag, Proportional
-from beamdesign.loop import critical_gain, loop
+from beamdesign.loop import loop
 from beamdesign.plant import linearised
 from beamdesign.plant.assembly import assemble, parameters_of, structure_of
 from beamdesign.plant.effects import Linear, Operation, causes, library
 from beamdesign.plant.equilibrium import equilibrium, linearise
 from beamdesign.plant.members import family, paper_model
-from beamdesign.prototype import Payload, Prototype, Sensor
-from beamdesign.public import state_space
-from beamdesign.records import InputError
+from beamdesign.prototype import Payload, Sensor
 
 LAGS = ("sensor_lag", "sensor_lag_second_order", "transport_delay")
 EXACT = ("mount_compliance", "second_beam_mode", *LAGS, "uneven_leakage")

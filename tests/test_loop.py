@@ -9,13 +9,13 @@ from flint import fmpq, fmpq_poly
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from beamdesign import Prototype, critical_gain, state_space
 from beamdesign.controllers import Lag, Proportional, Section, Structured
 from beamdesign.diagnosis.data.dataset import MeasuredGain
 from beamdesign.diagnosis.fitting.gain_evidence import GainEvidence
 from beamdesign.diagnosis.fitting.hypothesis import NOTHING
-from beamdesign.loop import LoopAtMass, critical_gain, loop
-from beamdesign.prototype import Payload, Prototype
-from beamdesign.public import state_space
+from beamdesign.loop import LoopAtMass, loop
+from beamdesign.prototype import Payload
 
 
 @pytest.fixture(params=["remedy", "lag", "proportional", "filter", "loaded at low gain"])

@@ -13,12 +13,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 from standing_sections import standing
 
+from beamdesign import Prototype
 from beamdesign.controllers import KINDS, Lag, Proportional
 from beamdesign.controllers.protocol import form_of
 from beamdesign.loop import LoopAtMass, loop
 from beamdesign.plant.members import family, paper_model
 from beamdesign.plant.rigs import FIGURES
-from beamdesign.prototype import Payload, Prototype
+from beamdesign.prototype import Payload
 from beamdesign.synthesis.law_search import search
 from beamdesign.synthesis.law_task import Search
 from beamdesign.synthesis.loop_program import sized_slack

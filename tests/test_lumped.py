@@ -6,8 +6,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from beamdesign import Prototype
 from beamdesign.plant.rigs import FIGURES
-from beamdesign.prototype import Beam, Prototype
+from beamdesign.prototype import Beam
 from beamdesign.structure.lumped import figures, fixed_dashpot, lumped_beam, notes
 
 TUBE = {"width_m": 0.14, "wall_m": 0.0023, "free_length_m": 1.195, "material": "6061-T6"}

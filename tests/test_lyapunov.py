@@ -12,7 +12,7 @@ from scipy.integrate import solve_ivp
 from scipy.linalg import expm, solve_continuous_lyapunov
 from typer.testing import CliRunner
 
-from beamdesign.checker import check
+from beamdesign import InputError, Prototype, check, write_prototype
 from beamdesign.cli.arm import certify_switching
 from beamdesign.controllers import Lag, Proportional, SensedLaw
 from beamdesign.loop import loop
@@ -44,8 +44,7 @@ from beamdesign.proofs.mass_family import (
     proved_growth,
     rationals,
 )
-from beamdesign.prototype import Payload, Prototype, Sensor, write_prototype
-from beamdesign.records import InputError
+from beamdesign.prototype import Payload, Sensor
 
 LOW, HIGH = fmpq(0), exact(6.8)
 

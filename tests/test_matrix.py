@@ -21,16 +21,12 @@ from rigs_of_effects import with_effects
 from short_scenario import SCENARIO
 from typer.testing import CliRunner
 
-from beamdesign import checker
+from beamdesign import InputError, checker, read_dataset, read_problem, read_prototype, write_prototype
 from beamdesign.cli import app, output
 from beamdesign.diagnosis import redesign as redesigning
-from beamdesign.diagnosis.data.dataset import read_dataset
 from beamdesign.diagnosis.fitting.hypothesis import cause, singles
 from beamdesign.diagnosis.redesign import redesign
 from beamdesign.plant.effects import causes
-from beamdesign.problem import read_problem
-from beamdesign.prototype import read_prototype, write_prototype
-from beamdesign.records import InputError
 from beamdesign.synthesis import tuning
 
 STUDIES = Path(__file__).parents[1] / "studies"

@@ -23,7 +23,7 @@ from markdown_it import MarkdownIt
 from pydantic import Field, ValidationError
 from typer.testing import CliRunner
 
-from beamdesign import cli
+from beamdesign import InputError, Prototype, cli, read_prototype, write_prototype
 from beamdesign.build.drawing import drawing, dxf_text, svg_text
 from beamdesign.build.folder import document_of
 from beamdesign.build.realisation.c_code import LAW, SELF_TEST, c_files, compiled_self_test, compiler
@@ -37,8 +37,7 @@ from beamdesign.diagnosis.data.dataset_index import TimeEntry, read_index
 from beamdesign.diagnosis.experiment import menu
 from beamdesign.proofs.certifying import certify
 from beamdesign.proofs.writer import certificate
-from beamdesign.prototype import Prototype, read_prototype, write_prototype
-from beamdesign.records import InputError, Longest, Record, parse
+from beamdesign.records import Longest, Record, parse
 from beamdesign.report.canvas import inline_svg
 from beamdesign.report.charts import write_record_page
 from beamdesign.report.page import Document, Items, Paragraph, Part, Picture, Table, to_html, to_markdown

@@ -8,12 +8,12 @@ from typing import Any
 import pytest
 from typer.testing import CliRunner
 
+from beamdesign import Prototype, read_prototype, write_prototype
 from beamdesign.cli import app
 from beamdesign.plant.effects import causes, library
 from beamdesign.proofs.certificate import Asked
 from beamdesign.proofs.certifying import certify
 from beamdesign.proofs.scope import bracketing, holds_for, near_rest, uncovered
-from beamdesign.prototype import Prototype, read_prototype, write_prototype
 from beamdesign.quantities import at_most, decimal, rigs_in_words, stated_bandwidth, stated_peak
 
 TAME = read_prototype(Path(__file__).parents[1] / "studies" / "prototypes" / "tame_lag.toml")

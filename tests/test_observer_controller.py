@@ -13,12 +13,22 @@ from loop_effort import effort_response
 from truth_of_arm_plane import Plane
 from typer.testing import CliRunner
 
+from beamdesign import (
+    InputError,
+    Prototype,
+    check,
+    critical_gain,
+    read_prototype,
+    simulate,
+    state_space,
+    write_prototype,
+)
 from beamdesign.build.realisation.realise import realise
-from beamdesign.checker import Unreadable, check
+from beamdesign.checker import Unreadable
 from beamdesign.checker.roots import stable_on_rectangle
 from beamdesign.cli import app
 from beamdesign.controllers import SENSED, Lag, Observer
-from beamdesign.loop import critical_gain, loop
+from beamdesign.loop import loop
 from beamdesign.plant.linear_reach import signals, single_compliance, with_mass
 from beamdesign.plant.members import family, paper_model
 from beamdesign.polynomial import Affine, exact
@@ -32,11 +42,8 @@ from beamdesign.proofs.rectangle import Rectangle, axis_inside
 from beamdesign.proofs.stability import is_stable_over
 from beamdesign.proofs.tolerance_box import tolerance_box
 from beamdesign.proofs.writer import prototype_table
-from beamdesign.prototype import Arm, Prototype, read_prototype, write_prototype
-from beamdesign.public import state_space
-from beamdesign.records import InputError
+from beamdesign.prototype import Arm
 from beamdesign.scenario import Sampled, Scenario, ScenarioRecord, Step
-from beamdesign.simulation import simulate
 from beamdesign.structure.lumped import figures
 
 MASSES_KG = (0.0, 6.8)

@@ -5,11 +5,11 @@ from math import pi, sqrt
 import numpy as np
 import pytest
 
+from beamdesign import InputError, Prototype, simulate
 from beamdesign.controllers import Lag
-from beamdesign.prototype import Payload, Prototype, Supply, prototype_from
-from beamdesign.records import InputError
+from beamdesign.prototype import Payload, Supply, prototype_from
 from beamdesign.scenario import Scenario, ScenarioRecord, Sine
-from beamdesign.simulation import SimulatedRecord, simulate
+from beamdesign.simulation import SimulatedRecord
 from beamdesign.synthesis.operating_limits import demand, envelope, sensor_reach
 
 

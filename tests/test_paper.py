@@ -10,14 +10,13 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
+from beamdesign import InputError, Prototype, critical_gain, paper, read_prototype, write_prototype
 from beamdesign.cli import app
 from beamdesign.cli.begin import paper as command
-from beamdesign.loop import critical_gain, loop
-from beamdesign.prototype import Prototype, read_prototype, write_prototype
-from beamdesign.records import InputError
+from beamdesign.loop import loop
 from beamdesign.structure.lumped import lumped_beam, notes
 from beamdesign.validation.paper_claims import Claim
-from beamdesign.validation.paper_comparison import Comparison, paper
+from beamdesign.validation.paper_comparison import Comparison
 from beamdesign.validation.paper_figures import NUMBERED
 from beamdesign.validation.paper_rig import CASES, gain_cliff, lag, paper_prototype
 

@@ -4,10 +4,11 @@ from math import pi
 
 import pytest
 
+from beamdesign import Prototype
 from beamdesign.parameters import PARAMETERS, rows_of, with_unit
 from beamdesign.plant.actuators import KINDS
 from beamdesign.plant.effects import SUBSYSTEMS
-from beamdesign.prototype import Prototype, Tolerance
+from beamdesign.prototype import Tolerance
 from beamdesign.structure.lumped import figures
 
 ROWS = [(kind, row) for kind in KINDS.values() for row in rows_of(kind).values()]

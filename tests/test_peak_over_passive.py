@@ -11,7 +11,7 @@ from forging import put, resealed, times
 from one_start import best_start_alone
 from test_robust_tuning import FIGURES, corners_and_others, matrices, members
 
-from beamdesign.checker import check
+from beamdesign import Prototype, check, read_prototype, tune
 from beamdesign.controllers import Lag
 from beamdesign.loop import loop
 from beamdesign.plant.members import family
@@ -22,11 +22,10 @@ from beamdesign.proofs.certifying import certify
 from beamdesign.proofs.performance import Peak, servo_off_of
 from beamdesign.proofs.tolerance_box import servo_off_over_box, tolerance_box
 from beamdesign.proofs.writer import prototype_table
-from beamdesign.prototype import Goal, Prototype, Tolerance, read_prototype
+from beamdesign.prototype import Goal, Tolerance
 from beamdesign.report.figures import passive_curves
 from beamdesign.structure.lumped import beam_of_equal_mass
 from beamdesign.structure.materials import material
-from beamdesign.synthesis.tuning import tune
 
 STUDIES = Path(__file__).parent.parent / "studies" / "prototypes"
 MASSES_KG = (0.0, 1.0)

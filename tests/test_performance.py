@@ -8,6 +8,7 @@ from flint import fmpq, fmpq_poly
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from beamdesign import Prototype
 from beamdesign.checker.roots import Slack
 from beamdesign.controllers import Lag, Proportional
 from beamdesign.loop import Loop, loop
@@ -19,7 +20,7 @@ from beamdesign.proofs.performance import bandwidth as proved_bandwidth
 from beamdesign.proofs.performance import least_limit, prove
 from beamdesign.proofs.quadratic import frequency_below, quadratic_nonnegative, squared_frequency
 from beamdesign.proofs.rectangle import Rectangle, shifted
-from beamdesign.prototype import COMPLIANCE_LIMIT_M_PER_N, Prototype
+from beamdesign.prototype import COMPLIANCE_LIMIT_M_PER_N
 
 quick = settings(max_examples=80)
 MASSES = (0.0, 6.8)

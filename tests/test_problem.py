@@ -8,10 +8,10 @@ from typing import Any
 
 import pytest
 
+from beamdesign import DesignProblem, InputError, read_problem
 from beamdesign.parameters import TYPICAL
-from beamdesign.problem import DesignProblem, read_problem
 from beamdesign.prototype import Tolerance
-from beamdesign.records import InputError, parse, to_toml
+from beamdesign.records import parse, to_toml
 from beamdesign.structure.lumped import figures
 from beamdesign.structure.section import Tube
 

@@ -12,23 +12,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
+from beamdesign import InputError, Prototype, read_prototype, write_prototype
 from beamdesign import quantities as q
 from beamdesign.controllers import Lag, Proportional
 from beamdesign.plant.actuators.servo_cylinder import ServoCylinder
-from beamdesign.prototype import (
-    Beam,
-    Goal,
-    Guarantee,
-    Payload,
-    Prototype,
-    Sensor,
-    Servovalve,
-    Tolerance,
-    prototype_from,
-    read_prototype,
-    write_prototype,
-)
-from beamdesign.records import InputError, to_toml
+from beamdesign.prototype import Beam, Goal, Guarantee, Payload, Sensor, Servovalve, Tolerance, prototype_from
+from beamdesign.records import to_toml
 from beamdesign.structure.materials import material_names
 
 ROOT = Path(__file__).parent.parent

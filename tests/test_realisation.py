@@ -19,6 +19,7 @@ from rate_and_word import sufficient, trade
 from realised_loop import run_closed
 from typer.testing import CliRunner
 
+from beamdesign import InputError, Prototype, read_prototype, simulate, state_space
 from beamdesign.build.realisation.c_code import (
     HEADER,
     LAW,
@@ -51,11 +52,7 @@ from beamdesign.controllers import Lag, Proportional, Section, Structured, Trans
 from beamdesign.loop import loop
 from beamdesign.polynomial import exact, roots
 from beamdesign.proofs.mass_family import floats
-from beamdesign.prototype import Prototype, read_prototype
-from beamdesign.public import state_space
-from beamdesign.records import InputError
 from beamdesign.scenario import Sampled, Scenario, ScenarioRecord, Step
-from beamdesign.simulation import simulate
 
 STUDIES = Path(__file__).parent.parent / "studies"
 TAME = STUDIES / "prototypes" / "tame_lag.toml"

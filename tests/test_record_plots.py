@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+from beamdesign import Prototype, write_prototype
 from beamdesign.cli import app
-from beamdesign.prototype import Prototype, write_prototype
 from beamdesign.report.charts import plot_record
 from beamdesign.simulation import SimulatedRecord
 

@@ -11,18 +11,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import Field, ValidationError
 
-from beamdesign.records import (
-    InputError,
-    NonNegative,
-    Positive,
-    Problem,
-    Record,
-    numbers,
-    parse,
-    read,
-    read_table,
-    to_toml,
-)
+from beamdesign import InputError
+from beamdesign.records import NonNegative, Positive, Problem, Record, numbers, parse, read, read_table, to_toml
 from beamdesign.spelling import fault
 
 

@@ -21,14 +21,13 @@ from hypothesis import strategies as st
 from test_figures import cut_off
 
 import beamdesign
+from beamdesign import Prototype, check, critical_gain, read_prototype, state_space
 from beamdesign.build import result_folder
 from beamdesign.build.acceptance import acceptance
 from beamdesign.build.result_folder import FILES, check_row, price_words, report_html, write_result_folder
-from beamdesign.checker import check
-from beamdesign.loop import critical_gain, loop
+from beamdesign.loop import loop
 from beamdesign.plant.members import paper_model
-from beamdesign.prototype import InStage, Prototype, read_prototype
-from beamdesign.public import state_space
+from beamdesign.prototype import InStage
 from beamdesign.quantities import at_least, at_most, decimal, per_cent, quantity
 from beamdesign.report.canvas import inline_svg, new_figure
 from beamdesign.report.charts import plot_trade, read_trade

@@ -11,15 +11,14 @@ from math import pi
 import numpy as np
 import pytest
 
-from beamdesign.checker import check
+from beamdesign import Prototype, check, state_space
 from beamdesign.controllers import Lag
 from beamdesign.controllers.protocol import form_of
 from beamdesign.diagnosis.redesign import redesign
 from beamdesign.loop import LoopAtMass, loop, rig_loop
 from beamdesign.plant.linear import LinearModel
 from beamdesign.plant.members import family
-from beamdesign.prototype import Goal, Payload, Prototype
-from beamdesign.public import state_space
+from beamdesign.prototype import Goal, Payload
 from beamdesign.synthesis.loop_samples import Samples, Slacks, first_miss, sampled_bandwidth, samples, slacks
 
 LAG = Lag(gain_A_per_V=0.1, pole_Hz=1.3, zero_Hz=38.0)

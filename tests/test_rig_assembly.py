@@ -8,6 +8,7 @@ import pytest
 from flint import fmpq_mat, fmpq_poly
 from scipy.linalg import eigh
 
+from beamdesign import InputError, Prototype
 from beamdesign.controllers import Lag, Proportional
 from beamdesign.loop import loop
 from beamdesign.plant.assembly import INPUTS, OUTPUTS, RIGS, Structure, assemble, fits, parameters_of, structure_of
@@ -17,8 +18,6 @@ from beamdesign.plant.equilibrium import equilibrium, linearise
 from beamdesign.plant.linearised import evaluate_exactly
 from beamdesign.plant.members import paper_model
 from beamdesign.polynomial import exact
-from beamdesign.prototype import Prototype
-from beamdesign.records import InputError
 
 CONTRACT = {
     "sensor_lag", "transport_delay", "unequal_piston_areas", "pressure_dependent_flow", "entrained_air",

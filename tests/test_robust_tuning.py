@@ -17,24 +17,21 @@ from one_start import best_start_alone
 from rig_of_certificate import members as members_of
 from typer.testing import CliRunner
 
+from beamdesign import InputError, Prototype, check, read_problem, read_prototype, run_design, tune, write_prototype
 from beamdesign.build.result_folder import statements
-from beamdesign.checker import check
 from beamdesign.cli import app
 from beamdesign.controllers import Lag
 from beamdesign.parameters import TYPICAL
-from beamdesign.problem import read_problem
 from beamdesign.proofs.box_claims import claim_over_box, worst_over_box
 from beamdesign.proofs.certificate import Asked
 from beamdesign.proofs.certifying import certify
 from beamdesign.proofs.tolerance_box import tolerance_box
-from beamdesign.prototype import Prototype, Tolerance, read_prototype, write_prototype
+from beamdesign.prototype import Tolerance
 from beamdesign.quantities import rigs_in_words
-from beamdesign.records import InputError
 from beamdesign.synthesis import tuning
-from beamdesign.synthesis.design_run import run_design
 from beamdesign.synthesis.law_design import forbidden_shares
 from beamdesign.synthesis.rig_spread import rig_spread
-from beamdesign.synthesis.tuning import LawOptions, Tuning, tune, tune_law
+from beamdesign.synthesis.tuning import LawOptions, Tuning, tune_law
 
 PAPER = Path(__file__).parent.parent / "studies" / "prototypes" / "paper_remedy.toml"
 MASSES_KG = (0.0, 1.0)

@@ -14,7 +14,7 @@ from scipy.linalg import expm
 from scipy.signal import cont2discrete
 from typer.testing import CliRunner
 
-from beamdesign.checker import check
+from beamdesign import InputError, Prototype, check, read_prototype, simulate, tune, write_prototype
 from beamdesign.cli import app
 from beamdesign.controllers import Estimator, Scheduled, Section, Structured
 from beamdesign.controllers.scheduling import (
@@ -39,14 +39,12 @@ from beamdesign.proofs.courses import stage_change, verified_dwell
 from beamdesign.proofs.decrease import holds_at_rate
 from beamdesign.proofs.lyapunov import Switching, describe, switching
 from beamdesign.proofs.mass_family import MassFamily, closed_loop, stage_families, stage_family
-from beamdesign.prototype import Prototype, read_prototype, write_prototype
-from beamdesign.records import InputError
 from beamdesign.scenario import Course, Sampled, Scenario, ScenarioRecord, Step, WallAhead
-from beamdesign.simulation import simulate, simulate_scheduled
+from beamdesign.simulation import simulate_scheduled
 from beamdesign.synthesis import tuning
 from beamdesign.synthesis.law_design import Proved
 from beamdesign.synthesis.rig_spread import rig_spread
-from beamdesign.synthesis.tuning import LawOptions, Tuning, kept_apart, stage_ranges, tune
+from beamdesign.synthesis.tuning import LawOptions, Tuning, kept_apart, stage_ranges
 
 ROOT = Path(__file__).parents[1]
 SHIPPED = ROOT / "studies" / "scheduled" / "prototype.toml"

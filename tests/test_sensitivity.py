@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from rigs_of_effects import having
 
+from beamdesign import Prototype, critical_gain
 from beamdesign.bench_prototype import BenchPrototype
 from beamdesign.controllers import Lag
-from beamdesign.loop import critical_gain
 from beamdesign.plant.assembly import OUTPUTS, Assembly, Structure, assemble, fits, parameters_of, structure_of
 from beamdesign.plant.bench_simulation import bench_parameters, bench_start, bench_structure
 from beamdesign.plant.compiled import integrate, integrate_with_sensitivities
@@ -17,7 +17,6 @@ from beamdesign.plant.component import SAMPLED, Series
 from beamdesign.plant.effects import causes
 from beamdesign.plant.equilibrium import equilibrium, equilibrium_sensitivity, scales
 from beamdesign.plant.members import paper_model
-from beamdesign.prototype import Prototype
 from beamdesign.records import parse
 
 SMOOTH = ("entrained_air", "mount_compliance", "second_beam_mode", "transport_delay")

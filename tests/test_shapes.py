@@ -15,22 +15,21 @@ from hypothesis import given
 from hypothesis import strategies as st
 from shapely import Polygon, affinity
 
+from beamdesign import DesignProblem, InputError, Prototype, check, read_prototype, run_design, size, write_prototype
 from beamdesign.build.drawing import drawing, dxf_text
 from beamdesign.build.ratings import stock_choices
-from beamdesign.checker import Unreadable, check
-from beamdesign.problem import DesignProblem
+from beamdesign.checker import Unreadable
 from beamdesign.proofs.arm import arm_figures
 from beamdesign.proofs.arm.remaining import InnerTravel
 from beamdesign.proofs.arm.result import certify_plane
 from beamdesign.proofs.writer import prototype_table
-from beamdesign.prototype import Arm, Beam, Prototype, prototype_from, read_prototype, write_prototype
+from beamdesign.prototype import Arm, Beam, prototype_from
 from beamdesign.quantities import tube_text
-from beamdesign.records import InputError, parse, read_table, to_toml
+from beamdesign.records import parse, read_table, to_toml
 from beamdesign.structure.lumped import beam_of_equal_mass
 from beamdesign.structure.materials import material
 from beamdesign.structure.section import RectangularTube, RoundTube, Tube, clearances, stock_tubes
-from beamdesign.synthesis.design_run import run_design
-from beamdesign.synthesis.sizing import check_prototype, size
+from beamdesign.synthesis.sizing import check_prototype
 
 STUDY = Path(__file__).parents[1] / "studies" / "prototype.toml"
 

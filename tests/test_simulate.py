@@ -13,18 +13,18 @@ from scipy.integrate import solve_ivp
 from scipy.signal import lsim
 from typer.testing import CliRunner
 
+from beamdesign import InputError, Prototype, critical_gain, read_prototype, read_scenario, simulate, write_prototype
 from beamdesign.cli import app
 from beamdesign.controllers import Lag
-from beamdesign.loop import critical_gain, loop
+from beamdesign.loop import loop
 from beamdesign.plant.assembly import assemble, fits, parameters_of, structure_of
 from beamdesign.plant.compiled import half_steps, integrate
 from beamdesign.plant.effects import causes
 from beamdesign.plant.equilibrium import equilibrium
 from beamdesign.plant.members import paper_model
-from beamdesign.prototype import Prototype, read_prototype, write_prototype
-from beamdesign.records import InputError, parse
-from beamdesign.scenario import Multisine, Sampled, Scenario, ScenarioRecord, Step, inputs_of, read_scenario
-from beamdesign.simulation import COLUMNS, oscillation, simulate
+from beamdesign.records import parse
+from beamdesign.scenario import Multisine, Sampled, Scenario, ScenarioRecord, Step, inputs_of
+from beamdesign.simulation import COLUMNS, oscillation
 
 ROOT = Path(__file__).parent.parent
 

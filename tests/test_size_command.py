@@ -7,10 +7,9 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
+from beamdesign import InputError, read_problem, write_prototype
 from beamdesign.cli.design import size
-from beamdesign.problem import read_problem
-from beamdesign.prototype import Beam, write_prototype
-from beamdesign.records import InputError
+from beamdesign.prototype import Beam
 from beamdesign.structure.section import Tube
 from beamdesign.synthesis.checks import check_sections
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy.optimize import minimize
 
-from beamdesign.problem import DesignProblem, read_problem
+from beamdesign import DesignProblem, read_problem, size
 from beamdesign.structure.materials import BEAMS
 from beamdesign.structure.section import Tube, stock_tubes
 from beamdesign.synthesis.checks import REQUIREMENTS, beam_mass, check_sections, checks
@@ -22,7 +22,7 @@ from beamdesign.synthesis.free_search import (
     solver,
     start_variables,
 )
-from beamdesign.synthesis.sizing import size, stock_optimum
+from beamdesign.synthesis.sizing import stock_optimum
 
 PUBLISHED = Tube(0.140, 0.0023), Tube(0.100, 0.0032)
 

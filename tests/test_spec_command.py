@@ -15,19 +15,24 @@ from ezdxf import recover
 from ezdxf.fonts.fonts import make_font
 from typer.testing import CliRunner
 
+from beamdesign import (
+    InputError,
+    check,
+    read_dataset,
+    read_prototype,
+    read_scenario,
+    simulate,
+    state_space,
+    write_prototype,
+)
 from beamdesign.build import analogue, tolerances
 from beamdesign.build.acceptance import COLUMNS, acceptance_plan, as_specified, write_data_folder
 from beamdesign.build.drawing import LAYERS, drawing, dxf_text, missing_geometry, svg_text
-from beamdesign.checker import check
 from beamdesign.cli import app
 from beamdesign.controllers import Lag, Observer, Scheduled, Stage
-from beamdesign.diagnosis.data.dataset import read_dataset
 from beamdesign.diagnosis.diagnose import held_out
-from beamdesign.prototype import Tolerance, read_prototype, write_prototype
-from beamdesign.public import state_space
-from beamdesign.records import InputError
-from beamdesign.scenario import Measurement, inputs_of, read_scenario
-from beamdesign.simulation import simulate
+from beamdesign.prototype import Tolerance
+from beamdesign.scenario import Measurement, inputs_of
 from beamdesign.structure.lumped import with_figures
 
 PROTOTYPES = Path(__file__).parent.parent / "studies" / "prototypes"

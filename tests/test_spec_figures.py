@@ -8,14 +8,12 @@ import numpy as np
 import pytest
 from scipy.linalg import solve_continuous_lyapunov
 
+from beamdesign import Prototype, check, read_prototype, state_space
 from beamdesign.build.acceptance import acceptance
 from beamdesign.build.ratings import MARGIN, lagging, noise_bandwidth_Hz, ratings, sensor_need, stock_choices
 from beamdesign.build.tolerances import SAFETY, Tolerances, tolerances
-from beamdesign.checker import check
 from beamdesign.controllers import Lag, Scheduled, Stage
 from beamdesign.loop import loop
-from beamdesign.prototype import Prototype, read_prototype
-from beamdesign.public import state_space
 from beamdesign.structure.lumped import CHANGEABLE, with_figures
 from beamdesign.structure.section import Tube
 

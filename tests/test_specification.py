@@ -9,13 +9,14 @@ from finished_run import finished_run
 from hypothesis import given
 from hypothesis import strategies as st
 
+from beamdesign import Prototype
 from beamdesign.build.folder import document_of
 from beamdesign.build.ratings import held_loads, nearest_stock_tube
 from beamdesign.build.result_folder import FILES
 from beamdesign.build.specification import specification_of
 from beamdesign.controllers import Lag, Proportional
 from beamdesign.loop import loop
-from beamdesign.prototype import InStage, Prototype
+from beamdesign.prototype import InStage
 from beamdesign.report.page import to_markdown
 from beamdesign.spelling import in_markdown
 from beamdesign.structure.lumped import lumped_beam

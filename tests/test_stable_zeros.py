@@ -7,10 +7,9 @@ import numpy as np
 import pytest
 from flint import fmpq, fmpq_poly
 
+from beamdesign import InputError, Prototype, read_prototype
 from beamdesign.plant.members import paper_model
 from beamdesign.proofs.rectangle import critical_values, stable_zeros
-from beamdesign.prototype import Prototype, read_prototype
-from beamdesign.records import InputError
 
 REMEDY = Path(__file__).parents[1] / "studies" / "prototypes" / "paper_remedy.toml"
 

@@ -4,10 +4,10 @@ import control
 import numpy as np
 import pytest
 
+from beamdesign import Prototype, state_space
 from beamdesign.controllers import Proportional
 from beamdesign.loop import loop
-from beamdesign.prototype import Payload, Prototype
-from beamdesign.public import state_space
+from beamdesign.prototype import Payload
 
 FREQUENCIES_HZ = np.array([0.01, 0.3, 1.75, 10.0, 26.0, 50.0, 54.5, 131.8, 545.0, 2000.0])
 S = 2j * np.pi * FREQUENCIES_HZ

@@ -7,12 +7,10 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from beamdesign.checker import check
+from beamdesign import DesignProblem, InputError, check, read_prototype, write_prototype
 from beamdesign.controllers import Lag
-from beamdesign.problem import DesignProblem
 from beamdesign.proofs.certifying import certify
-from beamdesign.prototype import read_prototype, write_prototype
-from beamdesign.records import InputError, parse, read_table
+from beamdesign.records import parse, read_table
 from beamdesign.structure.lumped import lumped_beam
 from beamdesign.structure.materials import BEAMS, material, material_names, unknown_material
 from beamdesign.structure.section import SHAPES, Tube, stock_tubes

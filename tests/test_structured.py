@@ -16,7 +16,8 @@ from matplotlib.figure import Figure
 from scipy.signal import sos2zpk, zpk2tf
 from typer.testing import CliRunner
 
-from beamdesign.checker import Unreadable, check
+from beamdesign import InputError, Prototype, check, read_prototype, simulate, tune, write_prototype
+from beamdesign.checker import Unreadable
 from beamdesign.cli import app
 from beamdesign.controllers import Section, Structured
 from beamdesign.loop import loop
@@ -25,14 +26,11 @@ from beamdesign.plant.linear_reach import signals, single_compliance, with_mass
 from beamdesign.plant.members import paper_model
 from beamdesign.proofs.certificate import Asked, Certificate, goal_claims
 from beamdesign.proofs.certifying import certify
-from beamdesign.prototype import Prototype, read_prototype, write_prototype
-from beamdesign.records import InputError
 from beamdesign.scenario import Multisine, Scenario, ScenarioRecord, inputs_of
-from beamdesign.simulation import simulate
 from beamdesign.synthesis.design_run import certified
 from beamdesign.synthesis.loop_samples import samples, slacks
 from beamdesign.synthesis.operating_limits import sensor_reach
-from beamdesign.synthesis.tuning import Tuning, tune
+from beamdesign.synthesis.tuning import Tuning
 
 LAW = Structured(
     gain_A_per_V=0.05,

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 import tomli_w
 
-from beamdesign.records import InputError
+from beamdesign import InputError
 from beamdesign.sweep import store
 from beamdesign.sweep.case import address_of, case, inputs_hold
 from beamdesign.sweep.store import case_of, difference

@@ -11,17 +11,14 @@ from pyarrow import parquet
 from typer.testing import CliRunner
 
 import beamdesign
+from beamdesign import DesignProblem, InputError, Prototype, read_problem, size
 from beamdesign.cli.study import study
 from beamdesign.code_digest import sources
-from beamdesign.problem import DesignProblem, read_problem
-from beamdesign.prototype import Prototype
-from beamdesign.records import InputError
 from beamdesign.sweep import workers
 from beamdesign.sweep.case import case
 from beamdesign.sweep.methods import points
 from beamdesign.sweep.sweep_file import known_keys, read_sweep, with_value, wrong_key
 from beamdesign.sweep.sweep_run import plan, run_sweep
-from beamdesign.synthesis.sizing import size
 
 ROOT = Path(__file__).parents[1]
 PROBLEM = ROOT / "studies" / "prototype.toml"

@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 import tomli_w
 
-from beamdesign.records import InputError
+from beamdesign import InputError
 from beamdesign.sweep import workers
 from beamdesign.sweep.case import Case
 from beamdesign.sweep.conclusion import draw

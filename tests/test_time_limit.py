@@ -12,7 +12,7 @@ import pytest
 from gap_sets import believed, measured, only, scenario
 from typer.testing import CliRunner
 
-from beamdesign import InputError, Prototype, check, codesign, diagnose, read_problem, run_design, tune
+from beamdesign import InputError, Prototype, check, codesign, diagnose, front, read_problem, remedies, run_design, tune
 from beamdesign.cli import app
 from beamdesign.diagnosis.data.dataset import Dataset
 from beamdesign.diagnosis.fitting import fitters
@@ -21,8 +21,6 @@ from beamdesign.diagnosis.fitting.hypothesis import NOTHING
 from beamdesign.proofs.certificate import Asked
 from beamdesign.proofs.certifying import certify
 from beamdesign.proofs.contact import EVERY_WALL
-from beamdesign.synthesis.codesign import front
-from beamdesign.synthesis.remedies import remedies
 from beamdesign.synthesis.stiffness_search import design as stiffness_design
 from beamdesign.time_limit import TimeUp, heed, is_limited, leave_out, left, over, share, while_time, within
 

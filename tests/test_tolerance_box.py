@@ -12,7 +12,7 @@ from flint import ctx, fmpq, fmpq_poly
 from gap_sets import TOLERANCE
 from typer.testing import CliRunner
 
-from beamdesign.checker import check
+from beamdesign import InputError, Prototype, check, write_prototype
 from beamdesign.checker.__main__ import main as prove_again
 from beamdesign.cli import app
 from beamdesign.controllers import Lag, Proportional
@@ -25,8 +25,7 @@ from beamdesign.proofs.rig_family import rig_family
 from beamdesign.proofs.tolerance_box import largest_scaling, tolerance_box
 from beamdesign.proofs.writer import prototype_table
 from beamdesign.proofs.zero_exclusion import Cell, growth
-from beamdesign.prototype import Payload, Prototype, Sensor, write_prototype
-from beamdesign.records import InputError
+from beamdesign.prototype import Payload, Sensor
 
 
 @pytest.fixture

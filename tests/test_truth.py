@@ -9,7 +9,7 @@ from math import pi, sqrt
 import numpy as np
 import pytest
 
-from beamdesign.diagnosis.data.dataset import read_dataset
+from beamdesign import read_dataset
 from beamdesign.validation.truth import rates
 from beamdesign.validation.truth.beams import cantilever_modes, outer_modes
 from beamdesign.validation.truth.case import Drive, answer, inputs_of, noise_free, run_figures, take, write_case

@@ -11,11 +11,9 @@ import numpy as np
 import pytest
 from test_truth import PUBLISHED, constant, drive
 
-from beamdesign import critical_gain
-from beamdesign.diagnosis.data.dataset import read_dataset
+from beamdesign import critical_gain, read_dataset, state_space
 from beamdesign.loop import loop
 from beamdesign.prototype import prototype_from
-from beamdesign.public import state_space
 from beamdesign.validation.truth import loop_figures, rates
 from beamdesign.validation.truth.case import (
     Case,

@@ -11,7 +11,7 @@ import pytest
 from hand_assembled import judge
 from standing_sections import standing
 
-from beamdesign.checker import check
+from beamdesign import Prototype, check, state_space, tune
 from beamdesign.controllers import Lag, Section, Structured
 from beamdesign.controllers.protocol import form_of
 from beamdesign.loop import loop
@@ -23,14 +23,13 @@ from beamdesign.proofs.performance import bandwidth as proved_bandwidth
 from beamdesign.proofs.performance import prove
 from beamdesign.proofs.rectangle import Rectangle
 from beamdesign.proofs.stability import is_stable_over
-from beamdesign.prototype import Payload, Prototype
-from beamdesign.public import state_space
+from beamdesign.prototype import Payload
 from beamdesign.synthesis import tuning
 from beamdesign.synthesis.law_design import LARGEST_BANDWIDTH_HZ, Proved
 from beamdesign.synthesis.law_search import Found, Start, from_seeds, search
 from beamdesign.synthesis.law_task import Effort, Search
 from beamdesign.synthesis.refinement import LawRefinement
-from beamdesign.synthesis.tuning import Tuning, tune, tune_alike
+from beamdesign.synthesis.tuning import Tuning, tune_alike
 from beamdesign.validation.paper_rig import paper_prototype
 
 RANGE_KG = (0.0, 6.8)

@@ -9,7 +9,7 @@ from flint import fmpq
 from forging import altered
 from honest_certificates import valid
 
-from beamdesign.checker import check
+from beamdesign import Prototype, check, read_prototype, simulate
 from beamdesign.controllers import Lag
 from beamdesign.plant.effects import library
 from beamdesign.polynomial import ratio
@@ -17,9 +17,7 @@ from beamdesign.proofs.certifying import certify
 from beamdesign.proofs.changing_gain import BOTH, Changing, Pair, both_rows, pair, search
 from beamdesign.proofs.multiplier import Kernel, Multiplier
 from beamdesign.proofs.scope import members
-from beamdesign.prototype import Prototype, read_prototype
 from beamdesign.scenario import Scenario, ScenarioRecord, Step
-from beamdesign.simulation import simulate
 
 ROOT = Path(__file__).parent.parent
 MASSES = fmpq(0), fmpq(34, 5)

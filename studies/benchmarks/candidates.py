@@ -8,11 +8,11 @@ from margin_sweep import margins, models
 from proofs import always_stable, keeps_peak_sensitivity
 from stopwatch import Cost, timed
 
+from beamdesign import Prototype
 from beamdesign.controllers import Lag, Proportional
 from beamdesign.controllers.protocol import form_of
 from beamdesign.loop import Loop, close_loop
 from beamdesign.plant.members import paper_model
-from beamdesign.prototype import Prototype
 
 LARGEST_INNER_KG = 6.0
 _SWEPT = 2

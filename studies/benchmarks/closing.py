@@ -14,10 +14,10 @@ from delivered import MEASURED_WITHIN
 from opened_cases import diagnosed, opened_case, true_rig
 from trial import Trial, on_trial
 
+from beamdesign import Prototype
 from beamdesign.diagnosis.diagnosis import updated_prototype
 from beamdesign.diagnosis.redesign import Redesign, payload_range, redesign
 from beamdesign.loop import loop
-from beamdesign.prototype import Prototype
 from beamdesign.synthesis.loop_samples import first_miss
 from beamdesign.validation.truth.case import Case
 

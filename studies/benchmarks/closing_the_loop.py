@@ -21,7 +21,7 @@ from pathlib import Path
 from closing import Attempt, Closed, close_the_loop
 from opened_cases import opened_case, opened_keys
 
-from beamdesign.records import InputError
+from beamdesign import InputError
 from beamdesign.validation.bounds import clopper_pearson
 
 COLUMNS = (

@@ -20,12 +20,12 @@ from delivered import delivered, drawn
 from delivered_bandwidth import DEVIATIONS, rig_of
 from matplotlib.figure import Figure
 
+from beamdesign import Prototype, read_prototype, tune
 from beamdesign.proofs.certificate import Asked, goal_claims
 from beamdesign.proofs.certifying import certify
-from beamdesign.prototype import Goal, Prototype, read_prototype
+from beamdesign.prototype import Goal
 from beamdesign.report.canvas import new_figure, save
 from beamdesign.structure.lumped import figures
-from beamdesign.synthesis.tuning import tune
 
 Range = tuple[float, float]
 

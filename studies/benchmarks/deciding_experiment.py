@@ -23,10 +23,10 @@ import numpy as np
 import tomli_w
 from opened_cases import OpenedCase, check_of, diagnosed, opened_case, opened_keys, true_rig
 
-from beamdesign.diagnosis.data.dataset import Dataset, read_dataset
-from beamdesign.diagnosis.diagnose import diagnose
+from beamdesign import InputError, diagnose, read_dataset
+from beamdesign.diagnosis.data.dataset import Dataset
 from beamdesign.diagnosis.experiment import menu
-from beamdesign.records import InputError, parse
+from beamdesign.records import parse
 from beamdesign.scenario import Scenario, inputs_of
 from beamdesign.validation.bounds import clopper_pearson
 

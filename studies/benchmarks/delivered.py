@@ -5,9 +5,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from beamdesign.prototype import Prototype
+from beamdesign import Prototype, simulate
 from beamdesign.scenario import Input, Multisine, Scenario, ScenarioRecord, Step
-from beamdesign.simulation import SimulatedRecord, simulate
+from beamdesign.simulation import SimulatedRecord
 from beamdesign.structure.lumped import with_figures
 from beamdesign.synthesis.loop_samples import first_miss
 

@@ -15,9 +15,10 @@ import numpy as np
 from delivered import Delivered, delivered, drawn
 from scipy.stats import binomtest
 
+from beamdesign import Prototype, read_prototype
 from beamdesign.proofs.certifying import certify
 from beamdesign.proofs.tolerance_box import TOLERANCES
-from beamdesign.prototype import Prototype, Tolerance, read_prototype
+from beamdesign.prototype import Tolerance
 from beamdesign.structure.lumped import CHANGEABLE
 from beamdesign.synthesis.rig_spread import rig_spread
 

@@ -11,9 +11,9 @@ from pathlib import Path
 
 import numpy as np
 
-from beamdesign.prototype import Prototype, read_prototype
+from beamdesign import Prototype, read_prototype, simulate
 from beamdesign.scenario import Scenario, ScenarioRecord, Step, WallAhead
-from beamdesign.simulation import SimulatedRecord, simulate
+from beamdesign.simulation import SimulatedRecord
 from beamdesign.synthesis.rig_spread import rig_spread
 
 EFFECTS: dict[str, dict[str, dict[str, float]]] = {

@@ -17,8 +17,7 @@ from scipy.integrate import solve_ivp
 from scipy.interpolate import CubicSpline
 from stopwatch import timed
 
-from beamdesign.diagnosis.data.dataset import read_dataset
-from beamdesign.diagnosis.diagnose import diagnose
+from beamdesign import diagnose, read_dataset
 from beamdesign.diagnosis.fitting.evidence import RecordEvidence, record_evidence
 from beamdesign.diagnosis.fitting.hypothesis import Hypothesis, Placement
 from beamdesign.diagnosis.fitting.replay import at_rest

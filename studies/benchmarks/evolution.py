@@ -17,13 +17,12 @@ from proofs import always_stable, guaranteed_bandwidth, guaranteed_peak_sensitiv
 from scipy.optimize import OptimizeResult, differential_evolution
 from stopwatch import Cost, timed
 
+from beamdesign import Prototype, tune
 from beamdesign.controllers import Lag, Proportional
 from beamdesign.controllers.protocol import form_of
 from beamdesign.loop import Loop, close_loop
 from beamdesign.plant.members import paper_model
-from beamdesign.prototype import Prototype
 from beamdesign.synthesis.loop_samples import first_miss, samples
-from beamdesign.synthesis.tuning import tune
 
 LARGEST_INNER_KG = 6.0
 SEARCH_FREQUENCIES_HZ = np.geomspace(0.05, 600.0, 300)

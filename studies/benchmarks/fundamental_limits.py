@@ -19,8 +19,9 @@ from math import inf, pi
 
 import numpy as np
 
+from beamdesign import Prototype
 from beamdesign.plant.members import family
-from beamdesign.prototype import Goal, Prototype
+from beamdesign.prototype import Goal
 from beamdesign.synthesis.synthesis import StateSpace, sensed_model
 
 _LOWEST_HZ, _HIGHEST_HZ, _POINTS = 1e-3, 1e6, 12000

@@ -15,8 +15,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from textwrap import fill
 
-from beamdesign.diagnosis.data.dataset import read_dataset
-from beamdesign.diagnosis.diagnose import diagnose
+from beamdesign import diagnose, read_dataset
 from beamdesign.diagnosis.verdict import LEVEL, chance
 from beamdesign.validation.bounds import clopper_pearson
 from beamdesign.validation.case_plan import FIGURES, HISSES, RIGS

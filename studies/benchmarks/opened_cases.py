@@ -10,10 +10,10 @@ from typing import Any
 
 import numpy as np
 
+from beamdesign import InputError, read_dataset
 from beamdesign.code_digest import folder_digest
-from beamdesign.diagnosis.data.dataset import Dataset, read_dataset
+from beamdesign.diagnosis.data.dataset import Dataset
 from beamdesign.diagnosis.diagnosis import Diagnosis
-from beamdesign.records import InputError
 from beamdesign.validation.case_plan import Planned, broken, read_seal
 from beamdesign.validation.truth.case import Case
 

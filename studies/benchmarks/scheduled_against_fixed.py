@@ -15,13 +15,12 @@ import numpy as np
 from delivered import MEASURED_WITHIN, drawn
 from delivered_bandwidth import DEVIATIONS, rig_of
 
+from beamdesign import Prototype, read_prototype, tune
 from beamdesign.controllers import Lag, Scheduled, Stage
-from beamdesign.prototype import Prototype, read_prototype
 from beamdesign.report.canvas import STYLES, new_figure, save
 from beamdesign.report.figures import BESIDE
 from beamdesign.scenario import Course, Multisine, Scenario, ScenarioRecord, inputs_of
 from beamdesign.simulation import SimulatedRecord, simulate_scheduled
-from beamdesign.synthesis.tuning import tune
 
 SCHEDULED = Path(__file__).parents[1] / "scheduled" / "prototype.toml"
 NOISE_V = 0.002

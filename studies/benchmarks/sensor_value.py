@@ -22,8 +22,8 @@ from fundamental_limits import PHASE_AT_HZ, Limits, fundamental_limits
 from sensor_picture import NAMES, payload_text, plot_sensor_value, sensors_text
 from sensor_rows import SETS, SensorRow, certified_row, sensor_rows
 
+from beamdesign import Prototype, read_prototype, write_prototype
 from beamdesign.plant.members import family
-from beamdesign.prototype import Prototype, read_prototype, write_prototype
 from beamdesign.report.canvas import new_figure, save
 from beamdesign.synthesis.synthesis import sensed_model
 

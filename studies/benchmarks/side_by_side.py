@@ -21,8 +21,8 @@ from evolution import compare_tuners
 from thin_window import HIGH_KG, lightly_damped, narrowed
 from whole_range import Rig, compare_performance, compare_ranges, compare_stability
 
+from beamdesign import Prototype, read_prototype
 from beamdesign.controllers import Lag
-from beamdesign.prototype import Prototype, read_prototype
 
 REMEDY = Path(__file__).parent.parent / "prototypes" / "paper_remedy.toml"
 PAYLOADS_KG = (0.0, 6.8)

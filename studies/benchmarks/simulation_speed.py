@@ -20,12 +20,12 @@ import casadi as ca
 import numpy as np
 from scipy.integrate import solve_ivp
 
+from beamdesign import Prototype
 from beamdesign.controllers import Lag
 from beamdesign.plant.assembly import OUTPUTS, Assembly, assemble, parameters_of, structure_of
 from beamdesign.plant.compiled import compiled, half_steps, integrate, integrate_with_sensitivities
 from beamdesign.plant.effects import library
 from beamdesign.plant.equilibrium import equilibrium, equilibrium_sensitivity, scales, substeps_for
-from beamdesign.prototype import Prototype
 from beamdesign.validation.paper_rig import paper_prototype
 
 SAMPLE_S = 5e-4

@@ -7,9 +7,10 @@ which a given width is left is found by bisection on exact crossings; no grid co
 
 from proofs import stability_map
 
+from beamdesign import Prototype
 from beamdesign.controllers import Lag
 from beamdesign.loop import loop
-from beamdesign.prototype import Payload, Prototype
+from beamdesign.prototype import Payload
 
 HIGH_KG = 20.0
 _WIDE, _NONE = 0.015, 0.012  # A/V: gains with a wide unstable range, and with none

@@ -14,9 +14,9 @@ from margin_sweep import Margins, last_within, margins, models, responses
 from proofs import Certificate, always_stable, certify
 from stopwatch import Cost, timed
 
+from beamdesign import Prototype
 from beamdesign.loop import Loop, loop
 from beamdesign.plant.members import paper_model
-from beamdesign.prototype import Prototype
 
 Stretches = list[tuple[float, float]]
 

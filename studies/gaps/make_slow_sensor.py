@@ -11,10 +11,9 @@ from pathlib import Path
 
 import numpy as np
 
+from beamdesign import read_prototype, simulate
 from beamdesign.controllers import Lag
-from beamdesign.prototype import read_prototype
 from beamdesign.scenario import Measurement, Multisine, Scenario, ScenarioRecord, Step
-from beamdesign.simulation import simulate
 
 COLUMNS = ("t_s", "disturbance_N", "command_V", "current_A", "displacement_m")
 DIGITS = ("%.4f", "%.3f", "%.4g", "%.5g", "%.5g")

@@ -11,7 +11,7 @@ from math import pi, sqrt
 import numpy as np
 import pytest
 
-from beamdesign import Prototype, critical_gain
+from beamdesign import Prototype, critical_gain, simulate
 from beamdesign.controllers import Lag, Proportional
 from beamdesign.loop import loop
 from beamdesign.plant.assembly import assemble, parameters_of, structure_of
@@ -19,7 +19,6 @@ from beamdesign.plant.equilibrium import equilibrium
 from beamdesign.plant.harmonic_balance import linear_critical_gain
 from beamdesign.plant.linear_reach import departure, linear_part, reach, with_published_effects
 from beamdesign.scenario import Scenario, ScenarioRecord, Sine
-from beamdesign.simulation import simulate
 
 SUPPLY, AREA = 20e6, 1.13e-4
 FULL = pi * 0.0127**2 / 4

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from beamdesign.diagnosis.data.dataset import read_dataset
+from beamdesign import read_dataset
 from beamdesign.diagnosis.diagnosis import Diagnosis
 from beamdesign.diagnosis.gain_diagnosis import explain_gains
 from beamdesign.validation.paper_rig import CASES, gain_rows
