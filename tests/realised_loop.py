@@ -78,7 +78,7 @@ def run_closed(
         """What the law hears of a row of outputs, without command."""
         sensed = []
         for channel in channels:
-            name = "measured_V" if channel.name == "error" else channel.heard
+            name = "measured_V" if channel.name == "error" else channel.reading
             value = float(outputs[OUTPUTS.index(name)]) if name in OUTPUTS else 0.0
             sensed.append(-value if channel.name == "error" else value)
         return sensed

@@ -131,7 +131,7 @@ def test_neither_of_two_causes_helps_alone(joint: Diagnosis):
 def test_the_amended_prototype_moves_as_the_bench_does(joint: Diagnosis, tmp_path: Path):
     assert set(joint.prototype.effects) == {"pressure_dependent_flow", "unequal_piston_areas", "seal_friction"}
     assert joint.prototype.sensors.displacement_zero_m == pytest.approx(ZERO, abs=1e-4)
-    (shown,) = joint.where.witnesses
+    (shown,) = joint.where.indicators
     assert shown.table["predicted_m_per_s"] == pytest.approx(shown.table["speed_m_per_s"], rel=0.03)
     cap, ring = (np.array(shown.table[f"pressure_{side}_Pa"]) for side in "ab")
     assert shown.table["net_force_N"] == pytest.approx(CAP * cap - RING * ring, rel=1e-6)

@@ -1,4 +1,4 @@
-"""Where a gap lies: witnesses against closed forms, and places of effects that were put in."""
+"""Where a gap lies: indicators against closed forms, and places of effects that were put in."""
 
 from dataclasses import replace
 
@@ -97,9 +97,9 @@ def test_laws_of_the_valve_explain_a_deadband(deadband):
     assert where.kind in ("static", "hysteretic")
     assert "servovalve" in where.sentence
     assert "small amplitude" in where.condition
-    shown = next(w for w in where.witnesses if w.name == "bands and conditions")
+    shown = next(w for w in where.indicators if w.name == "bands and conditions")
     assert len(shown.table["record"]) == len(deadband.records)
-    assert all(0.0 <= w.strength <= 1.0 for w in where.witnesses)
+    assert all(0.0 <= w.strength <= 1.0 for w in where.indicators)
 
 
 def test_fits_decide_where_a_cause_is_known(deadband):
@@ -109,7 +109,7 @@ def test_fits_decide_where_a_cause_is_known(deadband):
     where = locate(search, chosen, evidence[:2], causes)
     assert where.subsystem == "servovalve"
     assert where.kind == "static"
-    assert where.witnesses[0].subsystem == "servovalve"
+    assert where.indicators[0].subsystem == "servovalve"
 
 
 def test_no_gap_has_no_place(deadband):

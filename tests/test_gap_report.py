@@ -265,7 +265,7 @@ def test_figures_beyond_two_tolerances_stand_out(data: Dataset, found: Diagnosis
     assert rows["flow gain"].spread == pytest.approx(0.1)
 
 
-def test_tables_of_witnesses_become_maps_where_their_columns_are_of_one_kind() -> None:
+def test_tables_of_indicators_become_maps_where_their_columns_are_of_one_kind() -> None:
     banded = indicator_table(
         {"record": ("a", "b"), "condition": ("x", "y"), "1-5 Hz": (1.0, 2.0), "5-9 Hz": (4.0, 0.0)}
     )

@@ -209,7 +209,7 @@ def test_diagnosing_a_gap(execute, diagnosed_slow_sensor: Path, tmp_path: Path) 
     assert tuple(word.strip(' "') for word in words[1].split(",")) == ASKED
     said, book = execute("3_diagnosing_a_gap", PROJECT=path(PROJECT), DATA=path(data), FOUND=path(found))
     assert_ran(book, figures=3)
-    assert "lies in the sensor" in said["witnesses"]
+    assert "lies in the sensor" in said["indicators"]
     assert said["causes"].startswith("effect: The gap is caused by sensor_lag")
     put_in_Hz = float(re.search(r'"break_Hz": ([\d.]+)', MAKER)[1])
     value, std = map(float, re.search(r"break_Hz = (\S+) ± (\S+)", said["causes"]).groups())

@@ -702,7 +702,7 @@ def test_code_with_an_added_sensor_in_the_simulators_loop(bits: int | None, tmp_
     continuous = simulate(rig, plan).records[0].column("displacement_m")
     scales = full_scales_of(rig, 2.0)
     r = realise(rig.controller, 1 / period, bits, full_scale_V=2.0, full_scales=scales)
-    assert [channel.heard for channel in r.channels] == ["displacement_m", "load_pressure_Pa", "command_V"]
+    assert [channel.reading for channel in r.channels] == ["displacement_m", "load_pressure_Pa", "command_V"]
     assert max(abs(one.error) for one in r.coefficients.values()) < 2.0 ** -((bits or 24) - 2)
     force, machine = late.column("disturbance_N"), made(tmp_path, r)
     assert machine.self_test() == 0

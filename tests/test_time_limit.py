@@ -133,7 +133,7 @@ def test_a_diagnosis_that_is_called_again_goes_on_and_comes_to_the_same(slow: Da
     assert (placed.verdict, placed.chosen) == ("effect", ("sensor_lag",))
     assert placed.left_out == ("what the records say of the place",)
     assert placed.where.subsystem == "sensor"
-    assert len(placed.where.witnesses) < len(whole.where.witnesses)
+    assert len(placed.where.indicators) < len(whole.where.indicators)
 
 
 def test_a_stiffness_without_time_is_not_said_not_to_be_had(remedy: Prototype):

@@ -149,7 +149,7 @@ class Where:
         band_Hz: where in frequency most of it is; (0, 0) where that was not found, for want of time or of records.
         condition: under which conditions it shows, in words.
         kind: `linear`, `static`, `hysteretic`, `drifting` or empty.
-        witnesses: its indicators, each on its own.
+        indicators: each on its own.
         sentence: that weighs them.
     """
 
@@ -157,7 +157,7 @@ class Where:
     band_Hz: tuple[float, float]
     condition: str
     kind: str = ""
-    witnesses: tuple[Indicator, ...] = ()
+    indicators: tuple[Indicator, ...] = ()
     sentence: str = ""
 
     @property

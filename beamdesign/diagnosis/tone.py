@@ -129,14 +129,14 @@ def search_without_tones(
     """
     with Fitters(data, 1, kept) as fitters:
         (null,) = fitters.each(Task(NOTHING, {}))
-    cleared, words, heard = without_tones(data, null)
+    cleared, words, in_loop = without_tones(data, null)
     if not words:
         found = search(data, workers, progress, kept, null=null)
-        cleared, words, heard = without_tones(data, min((null, *found.fits), key=lambda fit: fit.misfit))
+        cleared, words, in_loop = without_tones(data, min((null, *found.fits), key=lambda fit: fit.misfit))
     if words:
         kept = kept and replace(kept, part=(*kept.part, *words))
         found = search(cleared, workers, progress, kept)
-    return Cleared(cleared, found, judge(found), words, kept, doubtful=heard)
+    return Cleared(cleared, found, judge(found), words, kept, doubtful=in_loop)
 
 
 def without_tones(data: Dataset, best: Fit) -> tuple[Dataset, tuple[str, ...], bool]:
@@ -158,7 +158,7 @@ def without_tones(data: Dataset, best: Fit) -> tuple[Dataset, tuple[str, ...], b
     counted = [piece.record.counted[:, None] for piece in pieces]
     pairs = zip(pieces, predicted, counted, strict=True)
     left = [share * (piece.measured - of) for piece, of, share in pairs if of is not None]
-    records, any_heard = list(data.records), False
+    records, any_in_loop = list(data.records), False
     words: list[str] = []
     while len(left) == len(pieces) and len(words) < _MOST:
         tone = common_tone([_of_displacement(piece, of) for piece, of in zip(pieces, left, strict=True)])
@@ -174,10 +174,10 @@ def without_tones(data: Dataset, best: Fit) -> tuple[Dataset, tuple[str, ...], b
             own = dict(zip(piece.weight.channels, made.T, strict=True))
             cleared = {name: values - own.get(name, 0.0) for name, values in records[k].measured.items()}
             records[k] = replace(records[k], measured=cleared)
-        heard = hearing > len(tone.having) / 2
-        words.append(f"{tone.sentence} {_TAKEN_OFF}{_HEARD if heard else ''}.")
-        any_heard = any_heard or heard
-    return replace(data, records=tuple(records)) if words else data, tuple(words), any_heard
+        in_loop = hearing > len(tone.having) / 2
+        words.append(f"{tone.sentence} {_TAKEN_OFF}{_HEARD if in_loop else ''}.")
+        any_in_loop = any_in_loop or in_loop
+    return replace(data, records=tuple(records)) if words else data, tuple(words), any_in_loop
 
 
 _TAKEN_OFF = "It is taken off the records before they are weighed"

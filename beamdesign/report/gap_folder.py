@@ -143,7 +143,7 @@ def gap_report_html(
         ),
         files=files,
         maps=error_maps(seen, conditions) if seen else (),
-        witnesses=[(w, indicator_table(w.table)) for w in found.where.witnesses],
+        indicators=[(w, indicator_table(w.table)) for w in found.where.indicators],
         learnt=[_curve(cause, k) for k, cause in enumerate(found.causes) if cause.table],
         bands=in_page(band_picture(found.gap.bands), "bands", _BANDS) if found.gap.bands else None,
         records=[_shown(e, k, e.name in held_out) for k, e in enumerate(seen[:_MOST_PICTURES])],

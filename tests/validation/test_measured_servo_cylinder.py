@@ -38,7 +38,7 @@ def test_areas_square_root_flow_and_friction_are_held_responsible_together(found
 
 def test_friction_is_coulombs_rather_than_viscous(found: Diagnosis):
     """Net force at steady speed, by bore and rod: 61 to 69 N extending and 72 to 80 N retracting at any speed."""
-    (shown,) = found.where.witnesses
+    (shown,) = found.where.indicators
     for direction, force in zip(shown.table["direction"], shown.table["net_force_N"], strict=True):
         low, high = (61, 70) if direction == "extending" else (-80, -72)
         assert low < force < high
@@ -51,7 +51,7 @@ def test_emptying_edges_pass_alike_both_ways(found: Diagnosis):
     """Flow over root of pressure drop, where orifices and areas are the whole story."""
     data = read_bench_set(FOLDER)
     tank, actuator = steady_motions(data).tank, data.prototype.actuator
-    table = found.where.witnesses[0].table
+    table = found.where.indicators[0].table
     by_condition: dict[str, list[float]] = {}
     for k, condition in enumerate(table["condition"]):
         side, sign = ("b", -1) if table["direction"][k] == "extending" else ("a", 1)

@@ -258,7 +258,7 @@ class ProvedCode(Result):
         made = self.realisation
         readings = [
             {
-                "heard": one.heard,
+                "reading": one.reading,
                 "unit": one.unit,
                 "full_scale": scale,
                 "places": places,

@@ -218,7 +218,7 @@ def linear_law(law: DiscreteLaw, coefficients: Mapping[str, Coefficient], in_flo
     whole = (*states, *given, *names)
     return LinearLaw(
         states,
-        tuple(channel.heard for channel in law.channels),
+        tuple(channel.reading for channel in law.channels),
         tuple((name, kind, place) for name, (kind, place, _) in forms.roundings.items()),
         matrix(after, states),
         matrix(after, given),

@@ -123,7 +123,7 @@ def realise(
     if word_length is not None and not LEAST_WORD <= word_length <= LARGEST_WORD:
         raise ValueError(f"a word of {word_length} bits; {LEAST_WORD} to {LARGEST_WORD} can be used")
     asked = discretised(controller, rate_Hz)
-    scales = tuple(full_scale_V if one.unit == "V" else full_scales[one.heard] for one in asked.channels)
+    scales = tuple(full_scale_V if one.unit == "V" else full_scales[one.reading] for one in asked.channels)
     at_rest = sum(abs(one.gain) * scale for one, scale in zip(asked.channels, scales, strict=True))
     largest = at_rest if largest_current_A is None else largest_current_A
 

@@ -55,30 +55,30 @@ class Channel:
     """What the law makes of one reading: a gain and sections of unit static gain, in the order in which it passes them.
 
     Attributes:
-        heard: `displacement_m` for the error in V, else what is read, of `beamdesign.controllers.SENSORS`, or
+        reading: `displacement_m` for the error in V, else what is read, of `beamdesign.controllers.SENSORS`, or
             `command_V`.
         gain: A per V, m or Pa of the reading, sign included.
         sections: none for a mere gain.
     """
 
-    heard: str
+    reading: str
     gain: float
     sections: tuple[Section, ...]
 
     @property
     def name(self) -> str:
         """Of the reading, without its unit."""
-        return "error" if self.heard == SENSED[0] else self.heard.rpartition("_")[0]
+        return "error" if self.reading == SENSED[0] else self.reading.rpartition("_")[0]
 
     @property
     def gain_name(self) -> str:
         """Of its coefficient."""
-        return "gain" if self.heard == SENSED[0] else f"gain_{self.name}"
+        return "gain" if self.reading == SENSED[0] else f"gain_{self.name}"
 
     @property
     def unit(self) -> str:
         """Of the reading."""
-        return "V" if self.heard == SENSED[0] else self.heard.rpartition("_")[2]
+        return "V" if self.reading == SENSED[0] else self.reading.rpartition("_")[2]
 
 
 @dataclass(frozen=True)

@@ -142,13 +142,13 @@ def _searched(fitters: Fitters, null: Fit, progress: Progress, worth: float) -> 
     # What a wrong figure gains tells beside a small gap which effects are slight.
     hopeless = [h for h in alone if gap and (large or h.effects) and h in looks and looks[h][0] > _HOPELESS]
 
-    def told(fitted: int) -> None:
+    def counted(fitted: int) -> None:
         progress(0.05 + 0.5 * (len(state.fits) + fitted) / len(alone), "single causes")
 
-    found = fitters((Task(h, null.values) for h in alone if h not in hopeless), told)
+    found = fitters((Task(h, null.values) for h in alone if h not in hopeless), counted)
     state = replace(state, fits=tuple(_sorted(found)))
     if hopeless and not state.explained:  # they may still be parts of pairs
-        quick = fitters((Task(h, looks[h][1].values, null.values, quick=True) for h in hopeless), told)
+        quick = fitters((Task(h, looks[h][1].values, null.values, quick=True) for h in hopeless), counted)
         best = fitters(Task(f.hypothesis, null.values, f.values) for f in _sorted(quick)[:_BEST_OF_FEW])
         state = replace(state, fits=tuple(best_of_each([*found, *quick, *best])))
     if few:
