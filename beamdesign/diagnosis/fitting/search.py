@@ -14,7 +14,7 @@ from beamdesign.plant.assembly import fits
 from beamdesign.plant.effects import causes, library
 from beamdesign.progress import Progress, silent
 from beamdesign.records import InputError
-from beamdesign.time_limit import is_limited, share
+from beamdesign.time_limit import share
 
 _BEST_SINGLES = ((0.03, 1), (0.15, 2), (np.inf, 4))
 """How many singles to pair, by the share of the excess misfit that the best of them leaves."""
@@ -29,7 +29,7 @@ _PARTLY, _MUCH_LESS = 0.5, 0.4  # of the excess misfit: of pairs, for a third ca
 _BEST_TRIPLES = 3  # fitted in full
 _HALF = 0.5  # of the evidence, that which the best single cause explains least, tells which pairs are worth fitting
 _QUARTER = 0.25  # of it, that which tolerances explain least, tells which single causes are
-_HOPELESS = 0.5  # of the excess misfit of that quarter: what leaves more of it explains no gap
+_HOPELESS = 0.5  # of the excess misfit of the part looked at: what leaves more of it explains no gap
 _SEEKING, _LOOKING = 0.7, 0.3  # of the time that is left, for all fits and for a look at single causes before them
 _DONE, _QUIET = 0.004, 1.15  # of the excess misfit, times the noise: a cause that leaves no more needs no second one
 
@@ -136,11 +136,11 @@ def _searched(fitters: Fitters, null: Fit, progress: Progress, worth: float) -> 
     looks: dict[Hypothesis, tuple[float, Fit]] = {}
     if few:  # figures of the loop tell no two laws of one effect apart
         alone = [h for h in alone if h.names == h.causes]
-    elif gap or is_limited():  # what explains most of a part at a look is compared first
+    elif gap:  # what explains most of a part is compared first
         looks = _looked_at(fitters, null, alone, progress)
         alone.sort(key=lambda h: looks[h][0] if h in looks else np.inf)
     # What a wrong figure gains tells beside a small gap which effects are slight.
-    hopeless = [h for h in alone if gap and (large or h.effects) and h in looks and looks[h][0] > _HOPELESS]
+    hopeless = [h for h in alone if (large or h.effects) and h in looks and looks[h][0] > _HOPELESS]
 
     def counted(fitted: int) -> None:
         progress(0.05 + 0.5 * (len(state.fits) + fitted) / len(alone), "single causes")
@@ -164,7 +164,7 @@ def _looked_at(
 ) -> dict[Hypothesis, tuple[float, Fit]]:
     """What single causes leave of the quarter of the evidence that tolerances explain least, when fitted to it alone.
 
-    Fitted to everything, none of them leaves less of this quarter.
+    Fitted to everything they leave no less of this quarter, but for what strain of the figures buys.
 
     Returns:
         share of the excess misfit, and the fit; nothing of causes that were not looked at in time.
