@@ -13,7 +13,7 @@ import numpy as np
 
 from beamdesign.diagnosis.data.dataset import Dataset
 from beamdesign.diagnosis.fitting.fit import Evidence, linearised
-from beamdesign.diagnosis.fitting.hypothesis import NOTHING, Hypothesis, Placement, Unknown, singles
+from beamdesign.diagnosis.fitting.hypothesis import NOTHING, Hypothesis, Placement, Unknown, place, singles
 
 ALIKE = 0.98
 """Cosine between signatures from which two causes are called close."""
@@ -78,20 +78,18 @@ def indistinguishable(
 
 def _signature(evidence: Sequence[Evidence], placement: Placement, base: np.ndarray) -> np.ndarray | None:
     """(M, 1 + Q) change of residuals by a cause at its typical severity, and derivatives by its own parameters."""
-    own = [k for k, u in enumerate(placement.unknowns) if u.kind != "figure"]
+    # Tolerated figures stay as believed, and their derivatives are those without a cause.
+    own = place(placement.assembly.kinds, tuple(u for u in placement.unknowns if u.kind != "figure"))
     for share in _WEAKER:
-        z = np.array([_typical(u, share) for u in placement.unknowns])
-        rows = linearised(evidence, placement, z)
+        rows = linearised(evidence, own, np.array([_typical(u, share) for u in own.unknowns]))
         if rows is not None:
             residual, slopes = (np.concatenate(parts) for parts in zip(*rows, strict=True))
-            return np.column_stack([residual - base, slopes[:, own]])
+            return np.column_stack([residual - base, slopes])
     return None
 
 
 def _typical(unknown: Unknown, share: float) -> float:
     """The z of a share of the typical severity."""
-    if unknown.kind == "figure":
-        return 0.0
     if unknown.kind == "free":
         return unknown.z(unknown.nominal * (1 + share * _WRONG_BY))
     return unknown.z(share * unknown.nominal) if unknown.linear else 0.0
