@@ -50,7 +50,7 @@ def test_linear_rig_in_frequency_is_the_simulated_one(bare):
     for item in at_believed(data):
         expected = item.evidence.predicted(NOTHING.placement(bare), np.zeros(13))
         column = item.channels.index("displacement_m")
-        found = item.nominal()["displacement_m"]
+        found = item.nominal["displacement_m"]
         assert np.std(found - expected[:, column]) < 2e-3 * np.std(expected[:, column])
 
 

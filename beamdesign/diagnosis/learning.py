@@ -146,7 +146,7 @@ def with_scales(data: Dataset, null: Fit) -> Dataset:
     """The data set, its prototype stating the sizes that signals of laws reach in the linear model, where they do."""
     signals: dict[str, float] = {"": max(float(record.times[-1]) for record in data.records)}
     for item in residuals(null, record_evidence(data)):
-        for name, values in item.nominal().items():
+        for name, values in item.nominal.items():
             signals[name] = max(signals.get(name, 0.0), float(np.abs(values).max()))
     laws = (law for h in learnable(data.prototype) if (law := library()[h.names[0]]).scales)
     moved = (law for law in laws if all(signals.get(of, 0.0) > 0 for of in law.scales.values()))

@@ -238,7 +238,7 @@ class Explanation:
 
 def levels(found: Sequence[Residual]) -> dict[str, np.ndarray]:
     """Sizes of local signals, from below what the quietest record reaches to what the largest does."""
-    signals = [item.nominal() for item in found]
+    signals = [item.nominal for item in found]
     rms = {name: [float(np.sqrt(np.mean(s.get(name, _NONE) ** 2))) for s in signals] for name in _LOOPED}
     return {
         name: np.geomspace(0.3 * min(sizes) + 1e-15, 2.0 * max(sizes) + 1e-14, _LEVELS) for name, sizes in rms.items()
@@ -325,7 +325,7 @@ def regression(found: Sequence[Residual], null: Fit, corrected: bool = False) ->
     for item in found:
         heed()
         parts = [-item.evidence.weight(-item.slopes)]
-        signals = item.smoothed() if corrected else item.nominal()
+        signals = item.smoothed() if corrected else item.nominal
         parts += [_columns(item, entry, [t for t in dictionary if t.entry == entry], signals) for entry in used]
         matrix = np.hstack(parts)
         left = item.evidence.weight(item.left)
@@ -351,10 +351,11 @@ def regression(found: Sequence[Residual], null: Fit, corrected: bool = False) ->
 def _columns(item: Residual, entry: str, chosen: Sequence[Term], signals: Mapping[str, np.ndarray]) -> np.ndarray:
     """(M, len(chosen)) what terms at one entry do to the weighed channels."""
     probed = item.probe
+    own = {name: probed.spectrum(signals[name]) for name in {t.signals[0] for t in chosen if t.kind == "linear"}}
     waves = []
     for term in chosen:
         if term.kind == "linear":
-            waves.append(probed.spectrum(signals[term.signals[0]]) * term.law(probed.laplace))
+            waves.append(own[term.signals[0]] * term.law(probed.laplace))
         else:
             waves.append(probed.spectrum(term.law(*(signals[name] for name in term.signals))))
     through = probed.entry(entry, item.channels)

@@ -6,7 +6,7 @@ port where it should act.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cache
+from functools import cache, cached_property
 from typing import Any, NamedTuple
 
 import casadi as ca
@@ -16,6 +16,7 @@ from beamdesign.diagnosis.fitting.evidence import RecordEvidence
 from beamdesign.diagnosis.fitting.fit import Fit
 from beamdesign.diagnosis.fitting.hypothesis import NOTHING, Placement
 from beamdesign.diagnosis.fitting.replay import Replay
+from beamdesign.diagnosis.fitting.weighting import padded
 from beamdesign.plant.assembly import RIGS, Structure, assemble
 from beamdesign.plant.equilibrium import equilibrium
 from beamdesign.time_limit import heed
@@ -76,7 +77,7 @@ def places(rig: str) -> Places:
 
 @dataclass(frozen=True)
 class Probe:
-    """Linear responses of one rig in its loop, on the grid of a record padded to twice its length.
+    """Linear responses of one rig in its loop, on the grid of a record padded to about twice its length.
 
     Attributes:
         count: samples of a record.
@@ -102,18 +103,17 @@ class Probe:
             total += self.response[:, rows, 2 + self.at.probed.index(port)] * (s**order)[:, None]
         return total
 
-    def driven(self, inputs: np.ndarray, signals: Sequence[str] | None = None) -> np.ndarray:
-        """(F, len(signals)) spectra of signals, all where none are named, under the inputs (N, 2) of a record."""
-        rows = self.rows(self.at.signals if signals is None else signals)
-        return np.einsum("fsi,fi->fs", self.response[:, rows, :2], self.spectrum(inputs))
+    def driven(self, inputs: np.ndarray) -> np.ndarray:
+        """(F, S) spectra of all signals under the inputs (N, 2) of a record."""
+        return np.einsum("fsi,fi->fs", self.response[:, :, :2], self.spectrum(inputs))
 
     def spectrum(self, signals: np.ndarray) -> np.ndarray:
-        """Spectra of (N, ...) signals padded with zeros to twice their length."""
-        return np.fft.rfft(signals, 2 * self.count, axis=0)
+        """Spectra of (N, ...) signals padded with zeros to twice their length or more."""
+        return np.fft.rfft(signals, padded(2 * self.count), axis=0)
 
     def signal(self, spectra: np.ndarray) -> np.ndarray:
         """(N, ...) from spectra, the padding cut off."""
-        return np.fft.irfft(spectra, 2 * self.count, axis=0)[: self.count]
+        return np.fft.irfft(spectra, padded(2 * self.count), axis=0)[: self.count]
 
 
 def probe(job: Replay, placement: Placement, z: np.ndarray) -> Probe:
@@ -132,7 +132,7 @@ def probe(job: Replay, placement: Placement, z: np.ndarray) -> Probe:
     at = places(placed.assembly.kinds.rig)
     a, b, c, d = (np.asarray(m) for m in _linear(placed.assembly.kinds)(x, np.zeros(2 + len(at.probed)), parameters))
     count = len(job.record.times)
-    s = 2j * np.pi * np.fft.rfftfreq(2 * count, job.record.step)
+    s = 2j * np.pi * np.fft.rfftfreq(padded(2 * count), job.record.step)
     inner = np.linalg.solve(s[:, None, None] * np.eye(len(a)) - a, b.astype(complex))
     return Probe(count, s, np.asarray(c @ inner + d), at)
 
@@ -199,8 +199,7 @@ class Residual:
         `_DOUBT` squared; the channels carry their noise. So no equation is favoured, and what one lacks does not
         explain itself through variables that were made from it.
         """
-        weight, probed = self.evidence.weight, self.probe
-        nominal = probed.driven(self.evidence.record.inputs)
+        weight, probed, nominal = self.evidence.weight, self.probe, self._driven
         spectra = probed.spectrum(self.left * weight.fade[:, None])
         noise = self.noise**2 * len(self.left)
         gain = np.zeros((len(nominal), len(probed.at.signals), len(self.channels)), dtype=complex)
@@ -216,9 +215,14 @@ class Residual:
         moved = np.einsum("fsc,fc->fs", gain, np.linalg.solve(spread, spectra[:, :, None])[:, :, 0])
         return self._signals(nominal + moved)
 
+    @cached_property
     def nominal(self) -> dict[str, np.ndarray]:
         """(N,) local variables of the nominal model."""
-        return self._signals(self.probe.driven(self.evidence.record.inputs))
+        return self._signals(self._driven)
+
+    @cached_property
+    def _driven(self) -> np.ndarray:
+        return self.probe.driven(self.evidence.record.inputs)
 
     def _signals(self, spectra: np.ndarray) -> dict[str, np.ndarray]:
         probed = self.probe
