@@ -28,7 +28,7 @@ _NEARLY = 1.3  # times the cost of a single cause: what explains nearly as much 
 _PARTLY, _MUCH_LESS = 0.5, 0.4  # of the excess misfit: of pairs, for a third cause to be tried; of what the pair leaves
 _BEST_TRIPLES = 3  # fitted in full
 _HALF = 0.5  # of the evidence, that which the best single cause explains least, tells which pairs are worth fitting
-_QUARTER = 0.25  # of it, that which tolerances explain least, tells which single causes are
+_QUARTER = 0.25  # of the records, those which tolerances explain least, tell which single causes are
 _HOPELESS = 0.5  # of the excess misfit of the part looked at: what leaves more of it explains no gap
 _SEEKING, _LOOKING = 0.7, 0.3  # of the time that is left, for all fits and for a look at single causes before them
 _DONE, _QUIET = 0.004, 1.15  # of the excess misfit, times the noise: a cause that leaves no more needs no second one
@@ -162,14 +162,14 @@ def _searched(fitters: Fitters, null: Fit, progress: Progress, worth: float) -> 
 def _looked_at(
     fitters: Fitters, null: Fit, alone: Sequence[Hypothesis], progress: Progress
 ) -> dict[Hypothesis, tuple[float, Fit]]:
-    """What single causes leave of the quarter of the evidence that tolerances explain least, when fitted to it alone.
+    """What single causes leave of the quarter of the records that tolerances explain least, when fitted to it alone.
 
     Fitted to everything they leave no less of this quarter, but for what strain of the figures buys.
 
     Returns:
         share of the excess misfit, and the fit; nothing of causes that were not looked at in time.
     """
-    part = hardest(null, _QUARTER)
+    part = hardest(null, _QUARTER, len(fitters.data.records))
     progress(0.02, "a look at single causes")
     with share(_LOOKING, within_steps=True):
         looks = fitters.finished([Task(h, null.values, on=part) for h in alone])
@@ -233,9 +233,13 @@ def _three_at_once(fitters: Fitters, state: Search, progress: Progress) -> list[
     return best_of_each([*state.fits, *fitters(parts), *much])
 
 
-def hardest(one: Fit, part: float = _HALF) -> tuple[int, ...]:
-    """The part of the evidence that a fit leaves most of: tells which of the larger hypotheses are worth fitting."""
-    worst = sorted(range(len(one.shares)), key=lambda k: -one.shares[k].c)
+def hardest(one: Fit, part: float = _HALF, first: int | None = None) -> tuple[int, ...]:
+    """The part of all, or of the `first` pieces, that a fit leaves most of: tells which larger hypotheses are worth it.
+
+    Returns:
+        positions of the pieces of evidence, ascending.
+    """
+    worst = sorted(range(len(one.shares))[:first], key=lambda k: -one.shares[k].c)
     return tuple(sorted(worst[: max(1, round(part * len(worst)))]))
 
 
