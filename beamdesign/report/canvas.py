@@ -47,7 +47,7 @@ def styled(curves: Mapping[str, T]) -> list[tuple[str, T, dict[str, Any]]]:
 
 
 def new_figure(
-    width_mm: float = 170.0, height_mm: float = 110.0, layout: Literal["constrained", "none"] = "constrained"
+    width_mm: float = 170.0, height_mm: float = 110.0, layout: Literal["constrained"] | None = "constrained"
 ) -> Figure:
     """An empty figure on an Agg canvas, laid out so that labels do not overlap unless its maker does that."""
     figure = Figure(figsize=(width_mm / 25.4, height_mm / 25.4), layout=layout)

@@ -272,7 +272,7 @@ def zoom(errors: Errors) -> slice:
 
 def record_picture(errors: Errors) -> Figure:
     """A stretch of the displacement beside its predictions, and the spectra of their errors."""
-    figure = new_figure(170.0, 68.0, layout="none")  # there are many, all alike: to lay them out takes half the time
+    figure = new_figure(170.0, 68.0, layout=None)  # there are many, all alike: to lay them out takes half the time
     left, right = figure.subplots(1, 2, width_ratios=(1.25, 1))
     figure.subplots_adjust(left=0.11, right=0.985, bottom=0.17, top=0.9, wspace=0.34)
     part = zoom(errors)
