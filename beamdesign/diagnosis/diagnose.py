@@ -12,7 +12,7 @@ from typing import TypeVar
 import numpy as np
 
 from beamdesign.diagnosis.data.dataset import Dataset, TimeRecord
-from beamdesign.diagnosis.diagnosis import Diagnosis, no_surer, unfinished, updated_prototype
+from beamdesign.diagnosis.diagnosis import Diagnosis, no_surer, notes_on_known, unfinished, updated_prototype
 from beamdesign.diagnosis.examination.plausibility import examine
 from beamdesign.diagnosis.experiment import next_experiment
 from beamdesign.diagnosis.fitting.evidence import RecordEvidence, evidence_of, with_output_injection
@@ -230,6 +230,7 @@ def _diagnosed(data: Dataset, workers: int, progress: Progress, kept: FitCache |
         separable,
         cause_sets(found, judged),
         from_rest,
+        notes=notes_on_known(data.prototype),
         left_out=left_out(),
         chance=rare,
     )

@@ -12,11 +12,18 @@ import numpy as np
 
 from beamdesign.bench_prototype import AnyPrototype
 from beamdesign.diagnosis.fitting.fit import Fit
-from beamdesign.diagnosis.fitting.hypothesis import SUPPLY, Hypothesis, given
+from beamdesign.diagnosis.fitting.hypothesis import (
+    ABSENT,
+    SUPPLY,
+    WRONG,
+    Hypothesis,
+    given,
+    known_effects,
+    left_as_known,
+)
 from beamdesign.diagnosis.fitting.search import Search
 from beamdesign.diagnosis.separability import Separability
 from beamdesign.parameters import PARAMETERS
-from beamdesign.plant.effects import library
 from beamdesign.prototype import Beam, Prototype
 from beamdesign.quantities import decimal
 from beamdesign.records import Record
@@ -336,7 +343,12 @@ class Diagnosis(Generic[Rig], Result):
 
 def in_words(names: str) -> str:
     """Names of causes as sentences have them."""
-    return names.replace("parameter:", "a wrong ").replace("empirical:", "a law at the port ").replace("_", " ")
+    return named(names).replace("empirical:", "a law at the port ").replace("_", " ")
+
+
+def named(cause: str) -> str:
+    """A cause by its name in the library, with words for what is said of a figure or of an effect that is not there."""
+    return cause.replace(WRONG, "a wrong ").replace(ABSENT, "the lack of ")
 
 
 def listed(names: Sequence[str], word: str = "and") -> str:
@@ -356,6 +368,13 @@ def unfinished(left_out: Sequence[str]) -> str:
     return said if left_out else ""
 
 
+def notes_on_known(prototype: Prototype) -> tuple[str, ...]:
+    """What is said of effects that the prototype has already."""
+    if not (names := known_effects(prototype)):
+        return ()
+    return (f"The prototype states {listed(names)} already: named as a cause, it has other figures in the rig.",)
+
+
 def updated_prototype(prototype: Prototype, found: Fit) -> Prototype:
     """Put a fit's figures and effects into a prototype.
 
@@ -368,7 +387,7 @@ def updated_prototype(prototype: Prototype, found: Fit) -> Prototype:
         for part in ("stiffness", "mass"):
             figures[f"{beam}_damping"] *= sqrt(figures[f"{beam}_{part}"] / nominal[f"{beam}_{part}"])
     # What scales laws that were tried and not chosen goes.
-    effects = {name: dict(table) for name, table in prototype.effects.items() if library()[name].nearest is None}
+    effects = {name: dict(prototype.effects[name]) for name in left_as_known(prototype, found.hypothesis)}
     for name in found.hypothesis.effects:
         own = {key.removeprefix(f"{name}."): value for key, value in found.values.items() if key.startswith(f"{name}.")}
         effects[name] = {**given(name, prototype), **own}

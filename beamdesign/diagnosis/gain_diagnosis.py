@@ -11,7 +11,16 @@ import numpy as np
 from scipy.special import expit
 
 from beamdesign.diagnosis.data.dataset import Dataset, MeasuredGain
-from beamdesign.diagnosis.diagnosis import Diagnosis, Gap, RecordGap, Where, no_surer, unfinished, updated_prototype
+from beamdesign.diagnosis.diagnosis import (
+    Diagnosis,
+    Gap,
+    RecordGap,
+    Where,
+    no_surer,
+    notes_on_known,
+    unfinished,
+    updated_prototype,
+)
 from beamdesign.diagnosis.fitting.evidence import Figure, figures_of
 from beamdesign.diagnosis.fitting.fit import Fit
 from beamdesign.diagnosis.fitting.gain_evidence import GainEvidence
@@ -131,7 +140,7 @@ def _explained(data: Dataset, workers: int, progress: Progress) -> Diagnosis[Pro
         data.warnings,
         found,
         hypotheses=sets,
-        notes=notes_of(silent, shares, factor),
+        notes=(*notes_on_known(data.prototype), *notes_of(silent, shares, factor)),
         left_out=left,
         measure="Relative errors of each figure as predicted from all the others.",
         findings={

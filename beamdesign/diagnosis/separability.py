@@ -13,7 +13,16 @@ import numpy as np
 
 from beamdesign.diagnosis.data.dataset import Dataset
 from beamdesign.diagnosis.fitting.fit import Evidence, linearised
-from beamdesign.diagnosis.fitting.hypothesis import NOTHING, Hypothesis, Placement, Unknown, place, singles
+from beamdesign.diagnosis.fitting.hypothesis import (
+    NOTHING,
+    Hypothesis,
+    Placement,
+    Unknown,
+    cause,
+    known_effects,
+    place,
+    singles,
+)
 
 ALIKE = 0.98
 """Cosine between signatures from which two causes are called close."""
@@ -57,7 +66,8 @@ def indistinguishable(
     Args:
         data: with the believed prototype.
         evidence: everything measured; only its conditions and its noise count, not what came out.
-        hypotheses: to be compared; none: all single causes, of those with several laws the usual one.
+        hypotheses: to be compared; none: all single causes but for effects that the prototype has already, of those
+            with several laws the usual one.
 
     Raises:
         ValueError: where the believed prototype itself is unstable under the conditions measured.
@@ -67,7 +77,8 @@ def indistinguishable(
     if rest is None:
         raise ValueError("the believed prototype's loop is unstable under the conditions measured")
     base, tolerances = (np.concatenate(parts) for parts in zip(*rest, strict=True))
-    among = hypotheses or [h for h in singles(data.prototype) if h.names == h.causes]
+    known = {cause(name) for name in known_effects(data.prototype)}
+    among = hypotheses or [h for h in singles(data.prototype) if h.names == h.causes and not known & {*h.causes}]
     tried = {str(h): _signature(evidence, h.placement(data.prototype), base) for h in among}
     found = {name: columns for name, columns in tried.items() if columns is not None}
     matrix = np.hstack([tolerances, *found.values()])
@@ -79,12 +90,13 @@ def indistinguishable(
 def _signature(evidence: Sequence[Evidence], placement: Placement, base: np.ndarray) -> np.ndarray | None:
     """(M, 1 + Q) change of residuals by a cause at its typical severity, and derivatives by its own parameters."""
     # Tolerated figures stay as believed, and their derivatives are those without a cause.
-    own = place(placement.assembly.kinds, tuple(u for u in placement.unknowns if u.kind != "figure"))
+    own = tuple(u for u in placement.unknowns if u.kind != "figure")
+    alone = place(placement.assembly.kinds, own or placement.unknowns)  # what is missing has none of its own
     for share in _WEAKER:
-        rows = linearised(evidence, own, np.array([_typical(u, share) for u in own.unknowns]))
+        rows = linearised(evidence, alone, np.array([_typical(u, share) for u in alone.unknowns]))
         if rows is not None:
             residual, slopes = (np.concatenate(parts) for parts in zip(*rows, strict=True))
-            return np.column_stack([residual - base, slopes])
+            return np.column_stack([residual - base, slopes[:, : len(own)]])
     return None
 
 

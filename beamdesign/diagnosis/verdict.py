@@ -7,7 +7,7 @@ from functools import cache
 from math import nan
 from pathlib import Path
 
-from beamdesign.diagnosis.diagnosis import Cause, Gap, Verdict, Where, in_words, listed
+from beamdesign.diagnosis.diagnosis import Cause, Gap, Verdict, Where, in_words, listed, named
 from beamdesign.diagnosis.fitting.search import Search
 from beamdesign.diagnosis.judgement import THRESHOLDS, Judgement
 
@@ -119,22 +119,22 @@ def sentences(
         complete: whether everything that is known was compared.
         rare: see `verdict_of`.
     """
-    words = {c.name: f"{c.name.replace('parameter:', 'a wrong ')} ({c.probability:.0%})" for c in causes}
-    named = listed([words[name] for name in chosen])
+    words = {c.name: f"{named(c.name)} ({c.probability:.0%})" for c in causes}
+    culprits = listed([words[name] for name in chosen])
     match verdict:
         case "no_gap":
             first = "There is no gap that the tolerances of the prototype would not explain."
         case "effect":
-            first = f"The gap is caused by {named}."
+            first = f"The gap is caused by {culprits}."
         case "ambiguous" if rivals:
             shown = [in_words(f"something {name}" if name == OUTSIDE else name) for name in rivals[:_SHOWN]]
             more = f"; and {len(rivals) - _SHOWN} more" if len(rivals) > _SHOWN else ""
-            common = f"All of them hold {named}." if chosen else "No single culprit can be named."
+            common = f"All of them hold {culprits}." if chosen else "No single culprit can be named."
             first = f"These data cannot tell apart: {'; '.join(shown)}{more}. {common}"
         case "ambiguous":
             others = [words[c.name] for c in causes if c.name not in chosen][:3]
             also = f"; it may as well be {listed(others, 'or')}" if others else ""
-            first = f"The gap is most probably caused by {named}{also}."
+            first = f"The gap is most probably caused by {culprits}{also}."
         case _:
             place = f" It lies in the {where.subsystem}." if where.subsystem else ""
             first = f"Nothing that {'is known here' if complete else 'was compared'} explains the gap.{place}"

@@ -12,7 +12,7 @@ from typing import Any
 import casadi as ca
 
 from beamdesign.bench_prototype import AnyPrototype
-from beamdesign.plant.component import SAMPLED, Law
+from beamdesign.plant.component import SAMPLED, Law, PortLaw
 from beamdesign.plant.effects import Effect, Site, library, problems
 from beamdesign.plant.rigs import MORE_FIGURES, OUTPUTS, RIGS, STATES, WALL_FIGURES
 from beamdesign.prototype import Prototype
@@ -80,8 +80,13 @@ def assemble(kinds: Structure) -> Assembly:
     return join(kinds, tuple(library()[name] for name in kinds.effects))
 
 
-def join(kinds: Structure, effects: Sequence[Effect]) -> Assembly:
+def join(kinds: Structure, effects: Sequence[Effect], outputs: Mapping[str, PortLaw] | None = None) -> Assembly:
     """Join the components of a rig and any effects, such as the linear members of others.
+
+    Args:
+        kinds: what else decides the equations.
+        effects: joined in this order.
+        outputs: what is recorded, where that is something else than of every rig of this kind.
 
     Raises:
         KeyError: for an effect that changes a port that does not exist.
@@ -122,7 +127,8 @@ def join(kinds: Structure, effects: Sequence[Effect]) -> Assembly:
     rate = rig.rates(port, figure, state)
     for effect in effects:
         rate |= {f"{effect.name}.{name}": value for name, value in sites[effect.name].rate.items()}
-    output = [law(port, figure, state) for law in rig.outputs.values()]
+    outputs = rig.outputs if outputs is None else outputs
+    output = [law(port, figure, state) for law in outputs.values()]
     function = ca.Function(
         "rig",
         [time, x, u, p],
@@ -130,7 +136,7 @@ def join(kinds: Structure, effects: Sequence[Effect]) -> Assembly:
         ["t", "x", "u", "p"],
         ["rate", "y"],
     )
-    return Assembly(function, states, parameters, kinds, outputs=tuple(rig.outputs))
+    return Assembly(function, states, parameters, kinds, outputs=tuple(outputs))
 
 
 def _own(effect: str, signals: Mapping[str, Any]) -> dict[str, Any]:

@@ -13,6 +13,7 @@ from beamdesign import records
 from beamdesign.columns import read_columns, uniform_times
 from beamdesign.controllers import Controller
 from beamdesign.diagnosis.data.dataset_index import GainEntry, ResponseEntry, Taken, TimeEntry, index_of, read_index
+from beamdesign.plant.assembly import wrong_effects
 from beamdesign.prototype import Prototype, read_prototype
 from beamdesign.records import InputError, Problem, Record
 
@@ -184,6 +185,8 @@ def read_dataset(folder: str | Path) -> Dataset:
     path = index_of(Path(folder))
     entry, warnings = read_index(path)
     prototype = read_prototype(path.parent / entry.prototype)
+    if wrong := wrong_effects(prototype):
+        raise InputError(path.parent / entry.prototype, wrong)
     rows = [("record", r) for r in entry.record] + [("frequency_response", r) for r in entry.frequency_response]
     lawless = [(kind, row.file) for kind, row in rows if row.controller is None and prototype.controller is None]
     if lawless:

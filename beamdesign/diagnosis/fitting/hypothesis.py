@@ -106,15 +106,32 @@ HEED_SUPPLY = ("entrained_air", "entrained_air_with_stroke")
 """Effects that depend on the chambers' mean pressure, half the supply, which no tolerance vouches for."""
 
 
+def known_effects(prototype: Prototype) -> tuple[str, ...]:
+    """Effects that the prototype has already, sorted: they are at work under every hypothesis.
+
+    Of a law to be learnt it may state the scales alone, by which a diagnosis looks for it.
+    """
+
+    def scaled(name: str, table: Mapping[str, float]) -> bool:
+        scales = library()[name].scales
+        return bool(scales) and set(scales) <= set(table) and not any(table[q] for q in table if q not in scales)
+
+    return tuple(sorted(name for name, table in prototype.effects.items() if not scaled(name, table)))
+
+
 def given(name: str, prototype: Prototype) -> Mapping[str, float]:
     """Parameters of an effect that no fit moves: of a learnt law, its scales and whatever else the prototype states."""
     return prototype.effects.get(name, {}) if library()[name].nearest else {}
 
 
 def of_effects(names: tuple[str, ...], prototype: Prototype) -> tuple[Unknown, ...]:
-    """The parameters of effects of the library, by their names; those of learnt laws that are not `given`."""
+    """The parameters of effects of the library, by their names, about what the prototype states of them, or the usual.
+
+    Of learnt laws those are left out that are `given`.
+    """
     supply = Unknown(SUPPLY, prototype.supply.pressure_Pa, _SUPPLY_SPREAD, False, 1e6, 60e6, "effect")
-    usual = of_drive(prototype)
+    stated = {f"{name}.{key}": value for name in names for key, value in prototype.effects.get(name, {}).items()}
+    usual = of_drive(prototype) | stated
     own = (
         Unknown(place, float(usual.get(place, q.default)), q.spread, q.low <= 0, q.low, q.high, "effect")
         for name in names
@@ -124,11 +141,17 @@ def of_effects(names: tuple[str, ...], prototype: Prototype) -> tuple[Unknown, .
     return (*([supply] if set(names) & set(HEED_SUPPLY) else []), *own)
 
 
-def structure(prototype: Prototype, effects: tuple[str, ...]) -> Structure:
+def left_as_known(prototype: Prototype, hypothesis: "Hypothesis") -> tuple[str, ...]:
+    """Effects of the prototype that a hypothesis has no law for, and does not do without."""
+    own = {cause(name.removeprefix(ABSENT)) for name in hypothesis.names}
+    return tuple(name for name in known_effects(prototype) if cause(name) not in own)
+
+
+def structure(prototype: Prototype, hypothesis: "Hypothesis") -> Structure:
     """What decides the equations under a hypothesis, with a law of the prototype's own: see `Placement.under`."""
-    return Structure(
-        _some_law(prototype).equations, prototype.sensor.filter_Hz is not None, tuple(sorted(effects)), prototype.rig
-    )
+    law, filtered = _some_law(prototype).equations, prototype.sensor.filter_Hz is not None
+    effects = sorted({*hypothesis.effects, *left_as_known(prototype, hypothesis)})
+    return Structure(law, filtered, tuple(effects), prototype.rig)
 
 
 @dataclass(frozen=True)
@@ -197,7 +220,7 @@ def _some_law(prototype: Prototype) -> Controller:
     return prototype.controller.laws[0][0] if prototype.controller else Proportional(gain_A_per_V=1e-3)
 
 
-WRONG = "parameter:"
+WRONG, ABSENT = "parameter:", "without:"
 _SUBSYSTEM_OF = {row.tolerance: row.subsystem for row in PARAMETERS.values()} | {
     "line_loss": "oil", "edge_b": "servovalve", "piston_leakage": "actuator", "constant_load": "actuator"
 }  # fmt: skip
@@ -208,8 +231,9 @@ class Hypothesis:
     """What is held responsible.
 
     Attributes:
-        names: sorted; of effects, and `parameter:NAME` with the NAME of a `[tolerance]` whose figures are set free. Of
-            an effect a name may say in brackets the law that is meant: seal_friction (coulomb).
+        names: sorted; of effects, `parameter:NAME` with the NAME of a `[tolerance]` whose figures are set free, and
+            `without:NAME` of an effect that the prototype has and the rig has not. Of an effect a name may say in
+            brackets the law that is meant: seal_friction (coulomb).
     """
 
     names: tuple[str, ...] = ()
@@ -217,7 +241,7 @@ class Hypothesis:
     @property
     def effects(self) -> tuple[str, ...]:
         """Those that are effects of the library."""
-        return tuple(name for name in self.names if not name.startswith(WRONG))
+        return tuple(name for name in self.names if not name.startswith((WRONG, ABSENT)))
 
     @property
     def figures(self) -> tuple[str, ...]:
@@ -250,7 +274,7 @@ class Hypothesis:
 
     def placement(self, prototype: Prototype) -> Placement:
         """How its unknowns enter the equations."""
-        return place(structure(prototype, self.effects), self.unknowns(prototype))
+        return place(structure(prototype, self), self.unknowns(prototype))
 
 
 NOTHING = Hypothesis()
@@ -262,25 +286,28 @@ def together(*names: str) -> Hypothesis:
 
 
 def singles(prototype: Prototype) -> tuple[Hypothesis, ...]:
-    """Every effect that can be at work in a rig, and every figure that can be wrong, one at a time.
+    """Every effect that can be at work in a rig, or be missing, and every figure that can be wrong, one at a time.
 
     A filter slower than believed is the effect `sensor_lag`, and no figure of its own.
     """
     effects = [Hypothesis((name,)) for name in causes() if fits(name, prototype.rig)]
     keys = dict.fromkeys(RIG_TOLERANCES[u.name] for u in tolerated(prototype, tuple(RIG_TOLERANCES)))
     keys.pop("sensor_filter", None)
-    return (*effects, *(Hypothesis((WRONG + key,)) for key in keys))
+    lacking = (ABSENT + name for name in known_effects(prototype))
+    return (*effects, *(Hypothesis((name,)) for name in (*lacking, *(WRONG + key for key in keys))))
 
 
 def learnable(prototype: Prototype) -> tuple[Hypothesis, ...]:
-    """Every law that data of a rig may teach, one at a time."""
-    laws = (name for name, effect in library().items() if effect.nearest is not None)
+    """Every law that data of a rig may teach, one at a time, but for those that its prototype has already."""
+    known = known_effects(prototype)
+    laws = (name for name, effect in library().items() if effect.nearest is not None and name not in known)
     return tuple(Hypothesis((name,)) for name in laws if fits(name, prototype.rig))
 
 
 def pairs(of: tuple[Hypothesis, ...]) -> tuple[Hypothesis, ...]:
-    """All pairs of different causes."""
-    return tuple(a | b for a, b in combinations(of, 2) if not set(a.causes) & set(b.causes))
+    """All pairs of different causes; an effect and its absence are none."""
+    names = {h: {cause(name.removeprefix(ABSENT)) for name in h.names} for h in of}
+    return tuple(a | b for a, b in combinations(of, 2) if not names[a] & names[b])
 
 
 def cause(name: str) -> str:
@@ -294,4 +321,5 @@ def subsystem(name: str) -> str:
     """Where a cause sits."""
     if name.startswith(WRONG):
         return _SUBSYSTEM_OF[name.removeprefix(WRONG)]
+    name = name.removeprefix(ABSENT)
     return next(effect.subsystem for effect in library().values() if name in (effect.name, effect.realises))

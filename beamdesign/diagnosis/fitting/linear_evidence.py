@@ -172,7 +172,8 @@ class LinearEvidence(Evidence):
         if key not in self._models:
             taken, placement = self.measured, placement.under(self.measured.controller.equations)
             kinds = placement.assembly.kinds
-            rig = self.prototype.but(controller=taken.controller, effects={name: {} for name in kinds.effects})
+            tables = {name: self.prototype.effects.get(name, {}) for name in kinds.effects}
+            rig = self.prototype.but(controller=taken.controller, effects=tables)
             base = np.array(list(parameters_of(rig, taken.outer_end_mass, taken.inner_end_mass).values()))
             kept = tuple(name for name in kinds.effects if name not in LEFT_BEHIND)
             assembly = assemble(Structure(kinds.controller, kinds.filtered, kept, kinds.rig))

@@ -8,7 +8,7 @@ from math import ceil
 import numpy as np
 
 from beamdesign.diagnosis.data.dataset import TimeRecord
-from beamdesign.diagnosis.fitting.hypothesis import NOTHING, Placement, cause, given
+from beamdesign.diagnosis.fitting.hypothesis import NOTHING, Placement, cause
 from beamdesign.diagnosis.fitting.weighting import LOWEST_HZ, Rise, Weighting, blurred, faded
 from beamdesign.plant.assembly import Assembly, Structure, assemble, parameters_of
 from beamdesign.plant.compiled import half_steps, integrate, integrate_with_sensitivities
@@ -43,7 +43,7 @@ class Replay:
         """(P,) parameters with the unknowns at z, in the order of the assembly of `placed`."""
         effects = placement.assembly.kinds.effects
         if effects not in self._nominal:
-            tables = {name: given(name, self.prototype) for name in effects}
+            tables = {name: self.prototype.effects.get(name, {}) for name in effects}
             rig = self.prototype.but(controller=self.record.controller, effects=tables)
             figures = parameters_of(rig, self.record.outer_end_mass, self.record.inner_end_mass)
             self._nominal[effects] = np.array(list(figures.values()))

@@ -12,7 +12,7 @@ import numpy as np
 from beamdesign.diagnosis.diagnosis import Cause, Indicator, Where, in_words, listed
 from beamdesign.diagnosis.examination.nominal import controller_fit
 from beamdesign.diagnosis.fitting.fit import Fit
-from beamdesign.diagnosis.fitting.hypothesis import WRONG, subsystem
+from beamdesign.diagnosis.fitting.hypothesis import ABSENT, WRONG, subsystem
 from beamdesign.diagnosis.fitting.search import Search
 from beamdesign.diagnosis.where.conditions import Setting, setting
 from beamdesign.diagnosis.where.missing import Explanation, explanations, regression
@@ -138,6 +138,7 @@ _TOLD = 0.3  # share that a subsystem's laws must explain for their kind to coun
 
 def kind_of_effect(name: str) -> str:
     """Kind of a cause of the library: by its memory, and by whether its equations are linear in the states."""
+    name = name.removeprefix(ABSENT)
     if name.startswith(WRONG):
         return "linear"
     if library()[name].memory:

@@ -6,7 +6,8 @@ port where it should act.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cache, cached_property
+from functools import cache, cached_property, partial
+from math import inf
 from typing import Any, NamedTuple
 
 import casadi as ca
@@ -17,7 +18,9 @@ from beamdesign.diagnosis.fitting.fit import Fit
 from beamdesign.diagnosis.fitting.hypothesis import NOTHING, Placement
 from beamdesign.diagnosis.fitting.replay import Replay
 from beamdesign.diagnosis.fitting.weighting import padded
-from beamdesign.plant.assembly import RIGS, Structure, assemble
+from beamdesign.plant.assembly import RIGS, Structure, join
+from beamdesign.plant.component import Signals
+from beamdesign.plant.effects import SUBSYSTEMS, Effect, Parameter, Site, library
 from beamdesign.plant.equilibrium import equilibrium
 from beamdesign.time_limit import heed
 
@@ -140,22 +143,25 @@ def probe(job: Replay, placement: Placement, z: np.ndarray) -> Probe:
 @cache
 def _linear(kinds: Structure) -> ca.Function:
     """States, inputs (disturbance, command, probed ports) and parameters to A, B, C, D."""
-    assembly, at = assemble(kinds), places(kinds.rig)
-    x, p = ca.SX.sym("x", len(assembly.states)), ca.SX.sym("p", len(assembly.parameters))
+    at, recorded = places(kinds.rig), RIGS[kinds.rig].outputs
+    let_in = {name: partial(_with_unknown, name) for name in at.probed}
+    sizes = tuple(Parameter(name, 0.0, -inf, inf, 1.0, "what is missing") for name in at.probed)
+    unknown = Effect("unknown", SUBSYSTEMS[0], let_in, sizes, "Sets the rig's equations free.")
+    seen = {name: recorded.get(name) or partial(_signal, name) for name in at.signals}
+    assembly = join(kinds, (*(library()[name] for name in kinds.effects), unknown), seen)
+    x, p = ca.SX.sym("x", len(assembly.states)), ca.SX.sym("p", len(assembly.parameters) - len(at.probed))
     u = ca.SX.sym("u", 2 + len(at.probed))
-    state = dict(zip(assembly.states, ca.vertsplit(x), strict=True))
-    figure = dict(zip(assembly.parameters, ca.vertsplit(p), strict=True))
-    added = dict(zip(at.probed, ca.vertsplit(u)[2:], strict=True))
-    port: dict[str, Any] = state | {"disturbance_N": u[0], "command_V": u[1]}
-    rig = RIGS[kinds.rig].with_law(kinds.controller)
-    for name, law in rig.ports.items():
-        port[name] = law(port, figure, state) + added.get(name, 0.0)
-    rate = rig.rates(port, figure, state)
-    seen: Mapping[str, Any] = port | {name: law(port, figure, state) for name, law in rig.outputs.items()}
-    rates = ca.vertcat(*(rate[name] for name in assembly.states))
-    y = ca.vertcat(*(seen[name] for name in at.signals))
-    matrices = [ca.densify(ca.jacobian(value, of)) for value in (rates, y) for of in (x, u)]
+    found = assembly.function(0.0, x, ca.vertcat(u[:2], 0.0), ca.vertcat(p, u[2:]))
+    matrices = [ca.densify(ca.jacobian(value, of)) for value in found for of in (x, u)]
     return ca.Function("linear", [x, u, p], matrices)
+
+
+def _with_unknown(name: str, signal: Any, site: Site) -> Any:
+    return signal + site.parameter[name]
+
+
+def _signal(name: str, port: Signals, figure: Signals, state: Signals) -> Any:
+    return port[name]
 
 
 _DOUBT = 0.3
