@@ -23,7 +23,7 @@ from beamdesign.diagnosis.gap_metrics import errors, gap, sizes
 from beamdesign.diagnosis.judgement import cause_sets, causes, classes
 from beamdesign.diagnosis.learning import EXPLAINED, described, learn
 from beamdesign.diagnosis.passing import what_passed
-from beamdesign.diagnosis.second_look import refit_backlash_impacts, second_look
+from beamdesign.diagnosis.second_look import refit_backlash_impacts, second_look, without_impacts
 from beamdesign.diagnosis.separability import indistinguishable
 from beamdesign.diagnosis.tone import search_without_tones
 from beamdesign.diagnosis.verdict import chance, confirmed, decided, sentences, verdict_of
@@ -133,9 +133,10 @@ def _diagnosed(data: Dataset, workers: int, progress: Progress, kept: FitCache |
         figures_only = explain_gains(replace(data, warnings=examined.words), workers, progress)
         return replace(figures_only, prototype=figures_only.prototype.but(tolerance=stated))
     kept_out = held_out(data.records)
+    data, anew = without_impacts(data)
     cleared = search_without_tones(data, workers, _between(0.0, 0.7, progress), kept)
     again = None
-    words, doubtful = (*examined.words, *cleared.words), examined.limits_confidence or cleared.doubtful
+    words, doubtful = (*examined.words, *anew, *cleared.words), examined.limits_confidence or cleared.doubtful
     data, found, judged, kept = cleared.data, cleared.search, cleared.judged, cleared.kept
     if judged.unknown > 0.5:
         update = _between(0.7, 0.72, progress)

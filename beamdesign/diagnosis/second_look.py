@@ -17,8 +17,16 @@ import numpy as np
 
 from beamdesign.diagnosis.data.dataset import Dataset
 from beamdesign.diagnosis.fitting.evidence import InjectedRecord, RecordEvidence, evidence_of, record_evidence
-from beamdesign.diagnosis.fitting.fit import Evidence, Fit, FitCache, fit, misfit_at
-from beamdesign.diagnosis.fitting.hypothesis import NOTHING, WRONG, Hypothesis, Placement, singles, together
+from beamdesign.diagnosis.fitting.fit import Evidence, Fit, FitCache, fit, linearised, misfit_at
+from beamdesign.diagnosis.fitting.hypothesis import (
+    NOTHING,
+    WRONG,
+    Hypothesis,
+    Placement,
+    known_effects,
+    singles,
+    together,
+)
 from beamdesign.diagnosis.fitting.replay import DISPLACEMENT, PLAY, Replay, law_of_play
 from beamdesign.diagnosis.fitting.search import Search, best_of_each, search
 from beamdesign.diagnosis.fitting.starts import fit_from_starts, starts
@@ -266,6 +274,8 @@ def rings(piece: RecordEvidence, placement: Placement, z: np.ndarray) -> bool:
     return bool(power[near].sum() > _MOST * power.sum())
 
 
+_REPEATED = 1e3  # units of misfit by which a tolerance moves a sample or a line: with impacts it is without bound
+_ANEW = "By the {} that the prototype states no model repeats these records from rest: it is looked for anew."
 _IMPACTS = (
     "a joint hammers in its play, so that the motion of small records cannot be repeated: fits follow the records, and "
     "prediction errors from rest stay larger than the model is wrong"
@@ -294,6 +304,23 @@ class SecondLook:
     judged: Judgement
     warning: str
     oscillates: bool
+
+
+def without_impacts(data: Dataset) -> tuple[Dataset, tuple[str, ...]]:
+    """The data set, its prototype without a play that it states but by which no record can be repeated from rest.
+
+    Returns:
+        the data set, and a word where the play has been left out: it is looked for anew.
+    """
+    rig = data.prototype
+    if not (play := law_of_play(known_effects(rig))):
+        return data, ()
+    placement = NOTHING.placement(rig)
+    rows = linearised(record_evidence(data), placement, np.zeros(len(placement.unknowns)))
+    if rows is not None and max(float(np.abs(slopes).max()) for _, slopes in rows) < _REPEATED:
+        return data, ()
+    left = {name: table for name, table in rig.effects.items() if name != play}
+    return replace(data, prototype=rig.but(effects=left)), (_ANEW.format(play),)
 
 
 def second_look(

@@ -129,8 +129,8 @@ def search_without_tones(
     """
     with Fitters(data, 1, kept) as fitters:
         (null,) = fitters.each(Task(NOTHING, {}))
-    cleared, words, in_loop = without_tones(data, null)
-    if not words:
+    cleared, words, in_loop = (data, (), False) if null.reason else without_tones(data, null)
+    if not words:  # without a fit of tolerances alone there is no search
         found = search(data, workers, progress, kept, null=null)
         cleared, words, in_loop = without_tones(data, min((null, *found.fits), key=lambda fit: fit.misfit))
     if words:
