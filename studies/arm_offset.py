@@ -17,10 +17,11 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from beamdesign import Prototype, read_prototype
-from beamdesign.proofs.arm import PLANES, arm_figures, arm_of, single_loop
+from beamdesign.proofs.arm import single_loop
 from beamdesign.proofs.arm.remaining import offset_for_goal_m, remaining
 from beamdesign.proofs.arm.result import certify_plane
 from beamdesign.report.canvas import save
+from beamdesign.structure.arm import PLANES, arm_figures, arm_of
 
 FARTHEST_M = 0.3
 

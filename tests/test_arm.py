@@ -29,7 +29,7 @@ from beamdesign.cli import app
 from beamdesign.controllers import Lag, Observer
 from beamdesign.loop import LoopAtMass, loop
 from beamdesign.polynomial import exact as exactly
-from beamdesign.proofs.arm import PlaneLoop, arm_figures, plane_loop
+from beamdesign.proofs.arm import PlaneLoop, plane_loop
 from beamdesign.proofs.arm.both_planes import both_planes, prove_anywhere
 from beamdesign.proofs.arm.remaining import (
     at_point,
@@ -44,6 +44,7 @@ from beamdesign.proofs.arm.result import certify_plane, frequencies, work_out
 from beamdesign.proofs.certifying import certify
 from beamdesign.proofs.writer import prototype_table
 from beamdesign.prototype import Arm, Payload
+from beamdesign.structure.arm import arm_figures
 
 END_INERTIA = 0.01
 OFFSET = (0.08, 0.15, 0.0)

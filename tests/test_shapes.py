@@ -19,13 +19,13 @@ from beamdesign import DesignProblem, InputError, Prototype, check, read_prototy
 from beamdesign.build.drawing import drawing, dxf_text
 from beamdesign.build.ratings import stock_choices
 from beamdesign.checker import Unreadable
-from beamdesign.proofs.arm import arm_figures
 from beamdesign.proofs.arm.remaining import InnerTravel
 from beamdesign.proofs.arm.result import certify_plane
 from beamdesign.proofs.writer import prototype_table
 from beamdesign.prototype import Arm, Beam, prototype_from
 from beamdesign.quantities import tube_text
 from beamdesign.records import parse, read_table, to_toml
+from beamdesign.structure.arm import arm_figures
 from beamdesign.structure.lumped import beam_of_equal_mass
 from beamdesign.structure.materials import material
 from beamdesign.structure.section import RectangularTube, RoundTube, Tube, clearances, stock_tubes

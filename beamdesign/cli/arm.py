@@ -58,8 +58,8 @@ def arm(
         allowed_mm: error that twist may leave; says which tube keeps it.
         out: folder for certificates, tables, picture and prototype.
     """
-    from beamdesign.proofs.arm import arm_of
     from beamdesign.prototype import read_prototype
+    from beamdesign.structure.arm import arm_of
 
     record = read_prototype(prototype)
     given = arm_of(record)
@@ -83,10 +83,10 @@ def _worked_out(
     out: Path | None,
 ) -> tuple[dict[str, Any], bool]:
     """Work out, say and write of one law; what is known of it, and whether both loops are proved stable."""
-    from beamdesign.proofs.arm import sensor_of
     from beamdesign.proofs.arm.both_planes import prove_anywhere
     from beamdesign.proofs.arm.remaining import inner_travel, offset_for_goal_m, twist_remedy
     from beamdesign.proofs.arm.result import work_out
+    from beamdesign.structure.arm import sensor_of
 
     record, masses, _ = stage
     force = _force(record, force_N, masses[1], source)
@@ -165,7 +165,7 @@ _VERDICTS = {True: "stable", False: "NOT stable", None: "UNDECIDED"}
 
 def _echo_figures(record: "Prototype", found: "ArmResult") -> None:
     """Where the payload is, what stands for what, natural frequencies."""
-    from beamdesign.proofs.arm import arm_of, sensor_of
+    from beamdesign.structure.arm import arm_of, sensor_of
 
     def place(point: "Vector") -> str:
         return ", ".join(f"{name} {value:g}" for name, value in zip("xyz", point, strict=True))

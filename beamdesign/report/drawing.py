@@ -301,7 +301,7 @@ def _enlarged(size_m: float, room_m: float) -> float:
 
 def draw_arm_side(axes: "Axes", prototype: Prototype, found: "ArmResult") -> "Axes":
     """The outer beam's axis seen from the side, with the lever to the payload; x along the beam, z upwards."""
-    from beamdesign.proofs.arm import arm_of
+    from beamdesign.structure.arm import arm_of
 
     length, payload = found.figures.length, arm_of(prototype).offset_m
     factor = _enlarged(found.without.size_m, 0.2 * length)
@@ -328,7 +328,7 @@ def draw_arm_side(axes: "Axes", prototype: Prototype, found: "ArmResult") -> "Ax
 
 def draw_end(axes: "Axes", prototype: Prototype, found: "ArmResult") -> "Axes":
     """The tube's end seen from outside, towards the clamp, with the lever to the payload; y to the right, z upwards."""
-    from beamdesign.proofs.arm import arm_of
+    from beamdesign.structure.arm import arm_of
 
     tube = prototype.outer_beam.tube or Tube(0.1, 0.01)
     payload = np.array(arm_of(prototype).offset_m[1:])

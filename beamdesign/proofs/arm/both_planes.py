@@ -31,13 +31,14 @@ from flint import fmpq, fmpq_mat, fmpq_mpoly, fmpq_mpoly_ctx, fmpq_poly, fmpz
 
 from beamdesign.loop import Loop
 from beamdesign.polynomial import at_points, exact, in_variable, nearest, roots, text
-from beamdesign.proofs.arm import PLANES, PlaneFigures, arm_figures, arm_of, plane_figures, sensor_of, single_loop
+from beamdesign.proofs.arm import single_loop
 from beamdesign.proofs.arm.remaining import Vector
 from beamdesign.proofs.box import BoxVerdict, box_of, certify_box
 from beamdesign.proofs.mass_family import floats
 from beamdesign.proofs.statement import PolynomialFamily, written
 from beamdesign.prototype import Prototype
 from beamdesign.records import InputError
+from beamdesign.structure.arm import PLANES, PlaneFigures, arm_figures, arm_of, plane_figures, sensor_of
 
 MASS = "outer_end_mass"
 _S2 = fmpq_poly([0, 0, 1])

@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from beamdesign.proofs.arm import ArmFigures, arm_figures, arm_of
 from beamdesign.prototype import Beam, Prototype
+from beamdesign.structure.arm import ArmFigures, arm_figures, arm_of
 from beamdesign.structure.lumped import lumped_beam
 from beamdesign.structure.section import Tube
 from beamdesign.structure.shapes import FIT_M, gaps

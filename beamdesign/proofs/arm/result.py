@@ -10,18 +10,7 @@ from scipy.linalg import eigh
 
 from beamdesign.plant.members import STANDARD_GRAVITY
 from beamdesign.polynomial import exact, nearest
-from beamdesign.proofs.arm import (
-    PLANES,
-    ArmFigures,
-    Name,
-    PlaneFigures,
-    PlaneLoop,
-    arm_figures,
-    arm_of,
-    in_plane,
-    plane_loop,
-    sensor_of,
-)
+from beamdesign.proofs.arm import PlaneLoop, plane_loop
 from beamdesign.proofs.arm.both_planes import BothPlanes, both_planes, couples_both
 from beamdesign.proofs.arm.remaining import Remaining, Vector, at_point, held, remaining, tip_compliance
 from beamdesign.proofs.box import BoxVerdict
@@ -33,6 +22,7 @@ from beamdesign.proofs.stability import StabilityMap, stable_ranges
 from beamdesign.proofs.writer import certificate, plain, stability_table, stated, texts
 from beamdesign.prototype import Goal, Prototype
 from beamdesign.result import Result, picked
+from beamdesign.structure.arm import PLANES, ArmFigures, Name, PlaneFigures, arm_figures, arm_of, in_plane, sensor_of
 from beamdesign.structure.lumped import lumped_beam
 
 KIND = "beamdesign.arm_plane"
