@@ -141,6 +141,9 @@ class Arm(Record):
     second_controller: SerializeAsAny[Controller] | None = Field(
         None, description="law of the compensator in y; that of [controller] where absent"
     )
+    plane: Literal["y", "z"] | None = Field(
+        None, description="in which it is simulated and diagnosed, [controller] acting there; none: payload on the axis"
+    )
 
 
 def _deviation(of: str) -> Any:

@@ -19,7 +19,7 @@ from beamdesign.prototype import Prototype
 from beamdesign.records import InputError, Problem
 from beamdesign.result import Result
 from beamdesign.scenario import COLUMNS, Course, Sampled, Scenario, ScenarioRecord, course_of, inputs_of
-from beamdesign.structure.lumped import figures as figures_of
+from beamdesign.structure import arm, lumped
 
 
 def sampled_law(controller: Controller, period_s: float) -> SampledLaw:
@@ -153,6 +153,7 @@ def simulate(prototype: Prototype, scenario: Scenario) -> Simulation:
         InputError: where the prototype has no controller or an effect that cannot be, where no equilibrium is found
             from which to start, or for what its controller cannot be put through, as a payload that is to change.
     """
+    prototype = arm.in_plane(prototype)
     runs = [(prototype.but(controller=row.controller or prototype.controller), row) for row in scenario.record]
     if wrong := dict.fromkeys(problem for rig, row in runs for problem in _unfit(rig, scenario, row)):
         raise InputError(scenario.name, list(wrong))
@@ -307,7 +308,7 @@ def simulate_scheduled(
     rows: list[np.ndarray] = []
     changes: list[tuple[float, int]] = []
     pending = list(course.payload_kg[1:])
-    bare = figures_of(plant)["outer_mass"]
+    bare = lumped.figures(plant)["outer_mass"]
     for begin in range(0, count - 1, hop):
         end = min(begin + hop, count - 1)
         now = begin * period
@@ -354,7 +355,7 @@ def _wall_substeps(rig: Prototype, row: ScenarioRecord, times: np.ndarray) -> in
     """Steps per sample with which a bounce of the outer beam's mass alone on the wall keeps its energy to 1e-3."""
     if row.wall is None:
         return 1
-    mass = figures_of(rig)["outer_mass"] + row.outer_end_mass_kg
+    mass = lumped.figures(rig)["outer_mass"] + row.outer_end_mass_kg
     fastest = max((row.wall.stiffness_N_per_m / mass) ** 0.5, row.wall.damping_N_s_per_m / mass)
     needed = (times[1] - times[0]) * _WALL_STEPS_PER_RADIAN * fastest
     reason = f"{mass:g} kg bounces at {fastest / (2 * np.pi):.3g} Hz"

@@ -12,11 +12,12 @@ from typing import TypeVar
 import numpy as np
 
 from beamdesign.diagnosis.data.dataset import Dataset, TimeRecord
-from beamdesign.diagnosis.diagnosis import Diagnosis, no_surer, notes_on_known, unfinished, updated_prototype
+from beamdesign.diagnosis.diagnosis import Diagnosis, no_surer, unfinished, updated_prototype
 from beamdesign.diagnosis.examination.plausibility import examine
 from beamdesign.diagnosis.experiment import next_experiment
 from beamdesign.diagnosis.fitting.evidence import RecordEvidence, evidence_of, with_output_injection
 from beamdesign.diagnosis.fitting.fit import FitCache
+from beamdesign.diagnosis.fitting.hypothesis import notes_on_known
 from beamdesign.diagnosis.fitting.search import refit
 from beamdesign.diagnosis.gain_diagnosis import explain_gains
 from beamdesign.diagnosis.gap_metrics import errors, gap, sizes

@@ -18,7 +18,6 @@ from beamdesign.diagnosis.fitting.hypothesis import (
     WRONG,
     Hypothesis,
     given,
-    known_effects,
     left_as_known,
 )
 from beamdesign.diagnosis.fitting.search import Search
@@ -368,21 +367,14 @@ def unfinished(left_out: Sequence[str]) -> str:
     return said if left_out else ""
 
 
-def notes_on_known(prototype: Prototype) -> tuple[str, ...]:
-    """What is said of effects that the prototype has already."""
-    if not (names := known_effects(prototype)):
-        return ()
-    return (f"The prototype states {listed(names)} already: named as a cause, it has other figures in the rig.",)
-
-
 def updated_prototype(prototype: Prototype, found: Fit) -> Prototype:
     """Put a fit's figures and effects into a prototype.
 
     A proof that stood for the believed figures does not stand for the new ones, so the guarantee is dropped.
     """
-    figures = lumped.figures(prototype) | {u: v for u, v in found.values.items() if "." not in u}
-    # The model's dashpot goes with the root of K M of its beam; so does the fitted one.
     nominal = lumped.figures(prototype)
+    figures = nominal | {u: v for u, v in found.values.items() if "." not in u}
+    # The model's dashpot goes with the root of K M of its beam; so does the fitted one.
     for beam in ("outer", "inner"):
         for part in ("stiffness", "mass"):
             figures[f"{beam}_damping"] *= sqrt(figures[f"{beam}_{part}"] / nominal[f"{beam}_{part}"])
@@ -404,6 +396,5 @@ def updated_prototype(prototype: Prototype, found: Fit) -> Prototype:
 
 def _beam(prototype: Prototype, name: str, figures: Mapping[str, float]) -> Beam:
     stiffness, mass, dashpot = (figures[f"{name}_{part}"] for part in ("stiffness", "mass", "damping"))
-    ratio = dashpot / (2 * sqrt(stiffness * mass))
-    beam: Beam = getattr(prototype, f"{name}_beam")
-    return beam.but(stiffness_N_per_m=stiffness, effective_mass_kg=mass, damping_ratio=ratio)
+    beam, critical = getattr(prototype, f"{name}_beam"), 2 * sqrt(stiffness * mass)
+    return Beam.but(beam, stiffness_N_per_m=stiffness, effective_mass_kg=mass, damping_ratio=dashpot / critical)

@@ -17,14 +17,13 @@ from beamdesign.diagnosis.diagnosis import (
     RecordGap,
     Where,
     no_surer,
-    notes_on_known,
     unfinished,
     updated_prototype,
 )
 from beamdesign.diagnosis.fitting.evidence import Figure, figures_of
 from beamdesign.diagnosis.fitting.fit import Fit
 from beamdesign.diagnosis.fitting.gain_evidence import GainEvidence
-from beamdesign.diagnosis.fitting.hypothesis import FREE, NOTHING, Hypothesis, subsystem
+from beamdesign.diagnosis.fitting.hypothesis import FREE, NOTHING, Hypothesis, notes_on_known, subsystem
 from beamdesign.diagnosis.fitting.search import Search, search
 from beamdesign.diagnosis.fitting.swept_sine import depends_on_size
 from beamdesign.diagnosis.gain_findings import (

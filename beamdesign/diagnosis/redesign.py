@@ -15,12 +15,16 @@ from beamdesign.proofs.certificate import Certificate
 from beamdesign.proofs.certifying import certify
 from beamdesign.prototype import Prototype
 from beamdesign.records import InputError
+from beamdesign.structure.arm import off_axis
 from beamdesign.synthesis.design_run import certified_laws
 from beamdesign.synthesis.stiffness_search import stiffness
 from beamdesign.synthesis.tuning import tune_alike
 from beamdesign.time_limit import within
 
 MOST_LOOPS = 4
+_OFF_AXIS = (
+    "its payload stands off the axis: `beamdesign arm` proves the loops of both planes, for the law that is stated"
+)
 
 
 @dataclass(frozen=True)
@@ -143,6 +147,8 @@ def terms(prototype: Prototype) -> Terms:
     """Prove what a prototype with controller and payload range promises."""
     assert prototype.payload.outer_end_mass_kg is not None
     masses = prototype.payload.outer_end_mass_kg
+    if off_axis(prototype):
+        return Terms(reason=_OFF_AXIS)
     try:
         certificate = certify(prototype, *masses)
     except (InputError, ValueError, ArithmeticError) as error:
@@ -207,6 +213,8 @@ def redesign(
 
 
 def _redesigned(diagnosed: Prototype, outer_end_mass_kg: tuple[float, float], progress: Progress | None) -> Redesign:
+    if off_axis(diagnosed):
+        return Redesign(outer_end_mass_kg, reason=_OFF_AXIS)
     try:
         if diagnosed.compliance is not None:
             return _of_stiffness(diagnosed, diagnosed.compliance.end_stiffness_N_per_m, outer_end_mass_kg, progress)

@@ -14,10 +14,11 @@ import casadi as ca
 from beamdesign.bench_prototype import AnyPrototype
 from beamdesign.plant.component import SAMPLED, Law, PortLaw
 from beamdesign.plant.effects import Effect, Site, library, problems
-from beamdesign.plant.rigs import MORE_FIGURES, OUTPUTS, RIGS, STATES, WALL_FIGURES
+from beamdesign.plant.rigs import MORE_FIGURES, OUTPUTS, RIGS, STATES, TWIST, WALL_FIGURES
 from beamdesign.prototype import Prototype
 from beamdesign.records import InputError, Problem
 from beamdesign.structure import lumped
+from beamdesign.structure.arm import LEVER_FIGURES, lever_figures, off_axis
 
 __all__ = [
     "INPUTS", "MORE_FIGURES", "OUTPUTS", "RIGS", "STATES", "Assembly", "Structure", "assemble",
@@ -40,6 +41,7 @@ class Structure:
         own_share: of the model's own volts that its controller hears; the rest has to come with the command, from a
             record that the model is made to follow.
         wall: whether a wall stands before the outer tip.
+        off_axis: whether the payload stands off the axis of an outer beam that twists, as in one plane of an arm.
     """
 
     controller: Law | None
@@ -48,6 +50,7 @@ class Structure:
     rig: str = "twin_beam"
     own_share: float = 1.0
     wall: bool = False
+    off_axis: bool = False
 
 
 @dataclass(frozen=True)
@@ -97,10 +100,10 @@ def join(kinds: Structure, effects: Sequence[Effect], outputs: Mapping[str, Port
     for effect in effects:
         for name in effect.laws:
             laws[name]
-    states = rig.states + (("filtered_V",) if kinds.filtered else ())
+    states = rig.states + (("filtered_V",) if kinds.filtered else ()) + (TWIST if kinds.off_axis else ())
     states += law.states if law is not None else ()
     states += tuple(f"{effect.name}.{state}" for effect in effects for state in effect.states)
-    parameters = rig.figures
+    parameters = rig.figures + (LEVER_FIGURES if kinds.off_axis else ())
     parameters += tuple(f"{e.name}.{q.name}" for e in effects for q in e.parameters)
     parameters += WALL_FIGURES if kinds.wall else ()
     x, u, p = (ca.SX.sym(name, len(names)) for name, names in (("x", states), ("u", INPUTS), ("p", parameters)))
@@ -158,7 +161,8 @@ def structure_of(prototype: Prototype, sampled: bool = False) -> Structure:
     if law is None or wrong:
         raise InputError(prototype.name, wrong if law is not None else [*wrong, problem_without_controller()])
     filtered, effects = prototype.sensor.filter_Hz is not None, tuple(sorted(prototype.effects))
-    return Structure(SAMPLED if sampled else law.equations, filtered, effects, prototype.rig)
+    own = SAMPLED if sampled else law.equations
+    return Structure(own, filtered, effects, prototype.rig, off_axis=off_axis(prototype))
 
 
 def parameters_of(prototype: Prototype, outer_end_mass: float, inner_end_mass: float) -> dict[str, float]:
@@ -181,7 +185,7 @@ def parameters_of(prototype: Prototype, outer_end_mass: float, inner_end_mass: f
         "pole": 1.0,
         "zero": 1.0,
     }
-    values |= controller.figures()
+    values |= controller.figures() | lever_figures(prototype)
     for name, table in effect_parameters_of(prototype).items():
         values |= {f"{name}.{key}": value for key, value in table.items()}
     return values
@@ -216,7 +220,19 @@ def wrong_effects(prototype: AnyPrototype) -> list[Problem]:
             if rig.actuator is not None:
                 words = f"what a rig with a {rig.actuator.model_fields['kind'].default}"
             found.append(Problem(f"effects.{name}", f"acts on {words} does not have"))
+        elif off_axis(prototype) and _END_MASS in known[name].laws:
+            found.append(Problem(f"effects.{name}", "is worked out for a payload on the axis; [arm] has it beside it"))
     return found
+
+
+_END_MASS = "outer_end_mass_N"
+
+
+def suits(effect: str, prototype: Prototype) -> bool:
+    """Whether a prototype's rig has what an effect acts on, its payload where that has it; true of one unknown."""
+    return fits(effect, prototype.rig) and not (
+        effect in library() and off_axis(prototype) and _END_MASS in library()[effect].laws
+    )
 
 
 def fits(effect: str, rig: str) -> bool:

@@ -12,6 +12,7 @@ from beamdesign.parameters import rows_of
 from beamdesign.plant.actuators import KINDS, Actuator
 from beamdesign.plant.actuators.servo_cylinder import AREAS, CYLINDER, VALVE, port_leakage
 from beamdesign.plant.component import CONTROLLER, SENSOR, SIGN, Component, PortLaw, Rig, Signals, either, low_pass_rate
+from beamdesign.structure.arm import LEVER_FIGURES
 
 
 def beam_force(stiffness: Any, damping: Any, position: Any, velocity: Any) -> Any:
@@ -25,9 +26,37 @@ def _reaction(beam: str, port: Signals, figure: Signals, state: Signals) -> Any:
     return beam_force(figure[f"{beam}_stiffness"], figure[f"{beam}_damping"], bent, rate)
 
 
+TWIST = ("twist_rad", "twist_rad_per_s")
+"""States of an outer beam whose end rolls with a payload off its axis."""
+
+
+def _off_axis(port: Signals, figure: Signals, state: Signals) -> tuple[Any, Any]:
+    """Accelerations of the tip, m/s2, and of its roll, rad/s2, with a payload off the axis.
+
+    The payload moves by kappa u + e phi in the plane and by lambda u along the beam (`beamdesign.proofs.arm`); what
+    holds it in the plane, f = m (kappa u'' + e phi''), is taken off the tip kappa times and off torsion e times.
+    """
+    travel, along, lever, *_, stiffness, damping, inertia = (figure[name] for name in LEVER_FIGURES)
+    mass, (twist, rate) = figure["outer_end_mass"], (state[name] for name in TWIST)
+    driving, twisting = port["outer_force_N"] - port["outer_reaction_N"], stiffness * twist + damping * rate
+    moved = figure["outer_mass"] + mass * along**2
+    held = mass * (travel * driving / moved - lever * twisting / inertia)
+    held /= 1 + mass * (travel**2 / moved + lever**2 / inertia)
+    return (driving - travel * held) / moved, -(twisting + lever * held) / inertia
+
+
+def _sensed(port: Signals, figure: Signals, state: Signals) -> Any:
+    """What the sensor sees of the outer beam's end, m."""
+    if "sensed_lever" not in figure:
+        return port["outer_tip_m"]
+    return figure["sensed_travel"] * port["outer_tip_m"] + figure["sensed_lever"] * state["twist_rad"]
+
+
 def _end_mass(port: Signals, figure: Signals, state: Signals) -> Any:
     """Force that an end mass takes off the tip to be accelerated with the beam's own mass, N."""
     driving = port["outer_force_N"] - port["outer_reaction_N"]
+    if "payload_lever" in figure:
+        return driving - figure["outer_mass"] * _off_axis(port, figure, state)[0]
     return driving * figure["outer_end_mass"] / (figure["outer_mass"] + figure["outer_end_mass"])
 
 
@@ -53,7 +82,8 @@ def _wall(port: Signals, figure: Signals, state: Signals) -> Any:
 def _motion(port: Signals, figure: Signals, state: Signals) -> dict[str, Any]:
     driving = port["outer_force_N"] - port["outer_reaction_N"] - port["outer_end_mass_N"]
     inner_mass = figure["inner_mass"] + figure["inner_end_mass"]
-    return {
+    rolling = (state[TWIST[1]], _off_axis(port, figure, state)[1]) if "payload_lever" in figure else ()
+    return dict(zip(TWIST, rolling, strict=False)) | {
         "outer_m": state["outer_m_per_s"],
         "outer_m_per_s": driving / figure["outer_mass"],
         "inner_m": state["inner_m_per_s"],
@@ -70,7 +100,7 @@ BEAMS = Component(
         "outer_reaction_N": partial(_reaction, "outer"),
         "inner_reaction_N": partial(_reaction, "inner"),
         "mount_force_N": lambda port, figure, state: port["outer_reaction_N"] + port["inner_reaction_N"],
-        "sensed_m": lambda port, figure, state: port["outer_tip_m"],
+        "sensed_m": _sensed,
         "rod_m": lambda port, figure, state: state["inner_m"],
         "stroke_m": lambda port, figure, state: port["outer_tip_m"] - port["rod_m"],
         "rod_m_per_s": lambda port, figure, state: state["inner_m_per_s"],

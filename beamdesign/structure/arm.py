@@ -9,6 +9,7 @@ from typing import Literal
 
 from flint import fmpq, fmpq_poly
 
+from beamdesign.bench_prototype import AnyPrototype
 from beamdesign.polynomial import exact
 from beamdesign.prototype import Arm, Prototype
 from beamdesign.records import InputError, Problem
@@ -173,7 +174,38 @@ def plane_figures(prototype: Prototype, name: Name) -> PlaneFigures:
     )
 
 
-def in_plane(prototype: Prototype, name: Name) -> Prototype:
-    """The prototype as it stands in one plane: in y with the second controller, where there is one."""
-    second = arm_of(prototype).second_controller
-    return prototype.but(controller=second) if name == "y" and second is not None else prototype
+LEVER_FIGURES = (
+    "payload_travel", "payload_along", "payload_lever", "sensed_travel", "sensed_lever",
+    "torsional_stiffness", "torsional_damping", "polar_inertia",
+)  # fmt: skip
+"""Of a payload off the axis in one plane: kappa, lambda, e (m), kappa_s, e_s (m), N m/rad, N m s/rad, kg m2."""
+
+
+def off_axis(prototype: AnyPrototype) -> bool:
+    """Whether the prototype is that of one plane of an arm, its payload or its sensor off the axis."""
+    arm: Arm | None = getattr(prototype, "arm", None)  # a bench has none
+    return arm is not None and arm.plane is not None and (any(arm.offset_m) or any(arm.sensor_m or ()))
+
+
+def lever_figures(prototype: Prototype) -> dict[str, float]:
+    """`LEVER_FIGURES` of its plane; none where everything stands on the axis.
+
+    Raises:
+        InputError: as `arm_figures`, and where offsets to both sides couple this plane with the other.
+    """
+    plane = arm_of(prototype).plane
+    if plane is None or not off_axis(prototype):
+        return {}
+    figures = plane_figures(prototype, plane)
+    if figures.coupled and figures.along != 0:
+        words = "offsets to both sides couple both planes, of which one alone is simulated and diagnosed here"
+        raise InputError(prototype.name, [Problem("arm.offset_m", words)])
+    parts = figures.travel, figures.along, figures.lever, figures.sensed_travel, figures.sensed_lever
+    return dict(zip(LEVER_FIGURES, map(float, (*parts, *figures.twist)), strict=True))
+
+
+def in_plane(prototype: Prototype, name: Name | None = None) -> Prototype:
+    """The prototype in one plane, its own unless one is named: in y with the second controller, where there is one."""
+    arm = arm_of(prototype)
+    there = (name or arm.plane) == "y" and arm.second_controller is not None
+    return prototype.but(controller=arm.second_controller) if there else prototype

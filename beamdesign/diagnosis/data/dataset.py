@@ -16,6 +16,7 @@ from beamdesign.diagnosis.data.dataset_index import GainEntry, ResponseEntry, Ta
 from beamdesign.plant.assembly import wrong_effects
 from beamdesign.prototype import Prototype, read_prototype
 from beamdesign.records import InputError, Problem, Record
+from beamdesign.structure.arm import arm_of, in_plane, lever_figures
 
 INPUTS = ("disturbance_N", "command_V")
 MEASURED = ("current_A", "displacement_m")
@@ -167,6 +168,12 @@ class Dataset:
     warnings: tuple[str, ...] = ()
 
 
+_ON_AXIS = (
+    "the payload counts as on the axis: [arm] states an offset, but not by `plane` in which of its planes the records"
+    " were taken"
+)
+
+
 class _Gained(Record):
     """A controller with the critical gain put in."""
 
@@ -187,6 +194,9 @@ def read_dataset(folder: str | Path) -> Dataset:
     prototype = read_prototype(path.parent / entry.prototype)
     if wrong := wrong_effects(prototype):
         raise InputError(path.parent / entry.prototype, wrong)
+    if not lever_figures(prototype) and any(arm_of(prototype).offset_m):
+        warnings.append(_ON_AXIS)
+    prototype = in_plane(prototype)
     rows = [("record", r) for r in entry.record] + [("frequency_response", r) for r in entry.frequency_response]
     lawless = [(kind, row.file) for kind, row in rows if row.controller is None and prototype.controller is None]
     if lawless:

@@ -17,10 +17,11 @@ import numpy as np
 
 from beamdesign.controllers import Controller, Proportional
 from beamdesign.parameters import PARAMETERS, RIG_TOLERANCES
-from beamdesign.plant.assembly import Assembly, Structure, assemble, fits, of_drive, parameters_of
+from beamdesign.plant.assembly import Assembly, Structure, assemble, of_drive, parameters_of, suits
 from beamdesign.plant.component import Law
 from beamdesign.plant.effects import causes, library
 from beamdesign.prototype import Prototype
+from beamdesign.structure.arm import off_axis
 
 FREE = 0.3
 """Prior standard deviation of the logarithm of a figure that is suspected to be plainly wrong."""
@@ -141,6 +142,12 @@ def of_effects(names: tuple[str, ...], prototype: Prototype) -> tuple[Unknown, .
     return (*([supply] if set(names) & set(HEED_SUPPLY) else []), *own)
 
 
+def notes_on_known(prototype: Prototype) -> tuple[str, ...]:
+    """What is said of effects that the prototype has already."""
+    names = ", ".join(known_effects(prototype))
+    return (f"The prototype states {names} already: named as a cause, it has other figures in the rig.",) * bool(names)
+
+
 def left_as_known(prototype: Prototype, hypothesis: "Hypothesis") -> tuple[str, ...]:
     """Effects of the prototype that a hypothesis has no law for, and does not do without."""
     own = {cause(name.removeprefix(ABSENT)) for name in hypothesis.names}
@@ -151,7 +158,7 @@ def structure(prototype: Prototype, hypothesis: "Hypothesis") -> Structure:
     """What decides the equations under a hypothesis, with a law of the prototype's own: see `Placement.under`."""
     law, filtered = _some_law(prototype).equations, prototype.sensor.filter_Hz is not None
     effects = sorted({*hypothesis.effects, *left_as_known(prototype, hypothesis)})
-    return Structure(law, filtered, tuple(effects), prototype.rig)
+    return Structure(law, filtered, tuple(effects), prototype.rig, off_axis=off_axis(prototype))
 
 
 @dataclass(frozen=True)
@@ -290,7 +297,7 @@ def singles(prototype: Prototype) -> tuple[Hypothesis, ...]:
 
     A filter slower than believed is the effect `sensor_lag`, and no figure of its own.
     """
-    effects = [Hypothesis((name,)) for name in causes() if fits(name, prototype.rig)]
+    effects = [Hypothesis((name,)) for name in causes() if suits(name, prototype)]
     keys = dict.fromkeys(RIG_TOLERANCES[u.name] for u in tolerated(prototype, tuple(RIG_TOLERANCES)))
     keys.pop("sensor_filter", None)
     lacking = (ABSENT + name for name in known_effects(prototype))
@@ -301,7 +308,7 @@ def learnable(prototype: Prototype) -> tuple[Hypothesis, ...]:
     """Every law that data of a rig may teach, one at a time, but for those that its prototype has already."""
     known = known_effects(prototype)
     laws = (name for name, effect in library().items() if effect.nearest is not None and name not in known)
-    return tuple(Hypothesis((name,)) for name in laws if fits(name, prototype.rig))
+    return tuple(Hypothesis((name,)) for name in laws if suits(name, prototype))
 
 
 def pairs(of: tuple[Hypothesis, ...]) -> tuple[Hypothesis, ...]:

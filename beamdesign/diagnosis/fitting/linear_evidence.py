@@ -11,7 +11,7 @@ Where the two directions of the valve differ (unequal sides), there is one such 
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
@@ -23,7 +23,7 @@ from beamdesign.diagnosis.fitting.hypothesis import Placement, together
 from beamdesign.diagnosis.fitting.replay import bearing, law_of_play
 from beamdesign.diagnosis.fitting.swept_sine import SweptSine, depends_on_size
 from beamdesign.diagnosis.fitting.weighting import INDEPENDENT, SHARE
-from beamdesign.plant.assembly import INPUTS, OUTPUTS, Assembly, Structure, assemble, parameters_of
+from beamdesign.plant.assembly import INPUTS, OUTPUTS, Assembly, assemble, parameters_of
 from beamdesign.plant.equilibrium import Linearisation, equilibrium, equilibrium_sensitivity, linearise, scales
 from beamdesign.prototype import Prototype
 
@@ -176,7 +176,7 @@ class LinearEvidence(Evidence):
             rig = self.prototype.but(controller=taken.controller, effects=tables)
             base = np.array(list(parameters_of(rig, taken.outer_end_mass, taken.inner_end_mass).values()))
             kept = tuple(name for name in kinds.effects if name not in LEFT_BEHIND)
-            assembly = assemble(Structure(kinds.controller, kinds.filtered, kept, kinds.rig))
+            assembly = assemble(replace(kinds, effects=kept))
             self._models[key] = LinearModel(placement, base, assembly, self.load)
         return self._models[key]
 

@@ -1,0 +1,119 @@
+"""One plane of an arm, its payload off the axis: simulated, and diagnosed from records."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import tomli_w
+from gap_sets import TOLERANCE, measured, scenario
+
+from beamdesign import InputError, Prototype, diagnose, read_dataset, read_prototype, simulate
+from beamdesign.controllers import Proportional
+from beamdesign.diagnosis import separability
+from beamdesign.diagnosis.data.dataset import Dataset
+from beamdesign.diagnosis.fitting import search as searching
+from beamdesign.diagnosis.fitting.hypothesis import Hypothesis, singles
+from beamdesign.diagnosis.redesign import redesign
+from beamdesign.plant.assembly import assemble, parameters_of, structure_of
+from beamdesign.plant.equilibrium import equilibrium, linearise
+from beamdesign.proofs.arm import plane_loop
+from beamdesign.records import to_toml
+from beamdesign.scenario import Scenario
+
+ARM = Path(__file__).parents[1] / "studies" / "prototypes" / "arm.toml"
+BESIDE, ABOVE, AT_PAYLOAD = (0.05, 0.1, 0.0), (0.05, 0.0, 0.12), (0.05, 0.1, 0.0)
+FEW = ("sensor_lag", "seal_friction", "parameter:sensor_gain")
+
+
+def arm(plane: str | None = "z", **more: object) -> Prototype:
+    """The shipped arm in one of its planes, with tolerances and a gain that a slow sensor leaves stable."""
+    found = read_prototype(ARM)
+    assert found.arm is not None
+    law = found.own_controller.but(gain_A_per_V=0.04)
+    return found.but(tolerance=TOLERANCE, controller=law, arm=found.arm.but(plane=plane, **more))
+
+
+def records(rig: Prototype, believed: Prototype) -> Dataset:
+    """What a rig gives back under two payloads."""
+    plan = scenario(0.6)
+    rows = [row for row in plan.record if row.name not in ("load_steps", "command_small")]
+    masses = (4.0, 6.8, 4.0, 6.8)
+    taken = (
+        row.but(controller=rig.controller, outer_end_mass_kg=mass, inner_end_mass_kg=2.5)
+        for row, mass in zip(rows, masses, strict=True)
+    )
+    return measured(rig, plan.but(record=tuple(taken)), believed)
+
+
+@pytest.mark.parametrize("mass", [0.5, 6.8])
+@pytest.mark.parametrize(
+    ("plane", "offset", "sensor"),
+    [("z", BESIDE, None), ("y", BESIDE, None), ("y", ABOVE, (0.0, 0.0, 0.05)), ("z", BESIDE, AT_PAYLOAD)],
+)
+def test_its_equations_are_those_of_the_exact_loop(
+    plane: str, offset: tuple[float, ...], sensor: tuple[float, ...] | None, mass: float
+) -> None:
+    """Linear compliance of the tip against the loop in exact polynomials, which `test_arm` holds against elements."""
+    rig = arm(plane, offset_m=offset, sensor_m=sensor)
+    exact = plane_loop(rig, rig.arm.plane).at(mass)  # type: ignore[union-attr, arg-type]
+    assembly = assemble(structure_of(rig))
+    parameters = np.array(list(parameters_of(rig, mass, rig.payload.inner_end_mass_kg).values()))
+    found = linearise(assembly, equilibrium(assembly, np.zeros(3), parameters), np.zeros(3), parameters)
+    tip = assembly.outputs.index("outer_displacement_m")
+    for hertz in (1.0, 20.0, 60.0, 150.0):
+        s = 2j * np.pi * hertz
+        moved = found.c[tip] @ np.linalg.solve(s * np.eye(len(found.a)) - found.a, found.b[:, 0])
+        force, loop = (
+            sum(float(c) * s**k for k, c in enumerate(p.coeffs())) for p in (exact.disturbance, exact.characteristic)
+        )
+        assert moved == pytest.approx(force / loop, rel=1e-9)
+
+
+def test_a_payload_off_the_axis_is_no_gap_where_it_is_known_and_one_where_it_is_not(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    for room in (searching, separability):
+        monkeypatch.setattr(room, "singles", lambda prototype: tuple(Hypothesis((name,)) for name in FEW))
+    found = diagnose(records(arm(), arm()), 1)
+    assert found.verdict == "no_gap"
+    assert found.gap.before < 3 * found.gap.noise_floor
+    slow = diagnose(records(arm().but(effects={"sensor_lag": {"break_Hz": 200.0}}), arm()), 1)
+    assert (slow.verdict, slow.chosen) == ("effect", ("sensor_lag",))
+    assert slow.causes[0].parameters["break_Hz"].value == pytest.approx(200.0, rel=0.02)
+    assert slow.prototype.arm == arm().arm
+    assert "beamdesign arm" in redesign(slow.prototype, (0.0, 6.8)).reason
+    on_axis = records(arm(), arm(None))
+    null = searching.search(on_axis).null
+    assert null.error > 0.02**2 * len(on_axis.records)
+
+
+def test_what_is_worked_out_for_the_axis_is_not_looked_for_off_it() -> None:
+    assert Hypothesis(("second_beam_mode",)) in singles(arm(None))
+    assert Hypothesis(("second_beam_mode",)) not in singles(arm())
+    plan = Scenario(name="short", duration_s=0.01, record=scenario().record[:1])
+    with pytest.raises(InputError, match="payload on the axis"):
+        simulate(arm().but(effects={"second_beam_mode": {}}), plan)
+
+
+def test_the_second_controller_acts_in_its_plane() -> None:
+    weak = Proportional(gain_A_per_V=1e-4)
+    rows = tuple(row.but(controller=None) for row in scenario().record[3:4])
+    plan = Scenario(name="short", duration_s=0.3, record=rows)
+    z, y = (simulate(arm(plane, second_controller=weak), plan).records[0].column("current_A") for plane in "zy")
+    assert np.abs(y).max() < 0.05 * np.abs(z).max()
+
+
+def test_a_data_set_says_in_which_plane_it_was_taken(tmp_path: Path) -> None:
+    gain = [{"gain_A_per_V": 0.1}]
+    (tmp_path / "dataset.toml").write_text(tomli_w.dumps({"critical_gain": gain}))
+
+    def read(prototype: Prototype) -> Dataset:
+        (tmp_path / "prototype.toml").write_text(to_toml(prototype))
+        return read_dataset(tmp_path)
+
+    assert not read(arm()).warnings
+    assert "plane" in read(arm(None)).warnings[0]
+    weak = Proportional(gain_A_per_V=1e-4)
+    assert read(arm("y", second_controller=weak)).prototype.controller == weak
+    with pytest.raises(InputError, match="couple both planes"):
+        read(arm(offset_m=(0.0, 0.1, 0.1)))
