@@ -14,8 +14,8 @@ from recorded_rig import LAG, STRAIGHT, Recorded, recorded
 from scipy.signal import lfilter
 
 from beamdesign import InputError, Prototype, read_dataset
-from beamdesign.controllers import Lag
-from beamdesign.diagnosis.data.dataset import MeasuredGain
+from beamdesign.controllers import Lag, Proportional
+from beamdesign.diagnosis.data.dataset import MeasuredGain, TimeRecord
 from beamdesign.diagnosis.examination.nominal import _knee, commanded_current, controller_fit, nominal_loop
 from beamdesign.diagnosis.examination.plausibility import examine
 from beamdesign.diagnosis.examination.readings import contradictions
@@ -451,7 +451,7 @@ def test_a_hundredth_of_a_sample_is_no_shift(samples: float, shifted: bool, soun
     fit = controller_fit(record, 1180.0)
     assert fit is not None
     quiet = {"with_delay": 0.0, "delay_s": samples * record.step, "with_lag": 0.06, "lag_s": 0.0, "with_limit": 0.06}
-    noisy = replace(fit, residual=0.06, noise=0.13, with_gain=0.06, limit_A=None, **quiet)
+    noisy = replace(fit, residual=0.06, noise=0.13, doubt=0.052, with_gain=0.06, limit_A=None, **quiet)
     found = contradictions([record], {record.name: noisy}, data.prototype)
     assert [one.name for one in found] == ["shifted_channels" if shifted else "controller_mismatch"]
     assert [one.left_out for one in found] == [shifted]
@@ -490,3 +490,21 @@ def test_a_prototype_without_tolerances_gets_typical_ones_and_a_word():
     assert any("no [tolerance] is stated" in words for words in found.words)
     assert not found.limits_confidence
     assert examine(data).data.prototype.tolerance == data.prototype.tolerance
+
+
+@pytest.mark.parametrize("count", [1201, 8001])
+def test_noise_alone_contradicts_no_controller_however_short_the_record(count: int) -> None:
+    """White noise of a quarter of the current, whose power so few lines tell no better: three standard deviations."""
+    over, times = [], 5e-4 * np.arange(count)
+    for seed in range(60):
+        random = np.random.default_rng(seed)
+        command = np.convolve(random.standard_normal(count), np.ones(40) / 40, "same")
+        current = 1e-3 * command + 4e-5 * random.standard_normal(count)
+        still = np.zeros(count)
+        measured = {"current_A": current, "displacement_m": still}
+        law = Proportional(gain_A_per_V=1e-3)
+        record = TimeRecord("noisy", times, np.column_stack([still, command]), measured, 0.0, 0.0, law)
+        fit = controller_fit(record, 1180.0)
+        assert fit is not None
+        over.append(fit.residual / fit.doubt)
+    assert 0.3 < max(over) < 1.0

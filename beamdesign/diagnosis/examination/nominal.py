@@ -9,7 +9,7 @@ its own: saturate, lag, have another gain.
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from math import inf, pi
+from math import inf, log, pi, sqrt
 
 import numpy as np
 from scipy.optimize import least_squares, minimize_scalar
@@ -111,6 +111,7 @@ _TRUSTED = 3.0  # by how much saturation must shrink the residual to be believed
 _UNSEEN = 1e-6  # of the largest power of a line
 _BREAKS_HZ = (0.05, 2000.0)
 _LEFT = 0.05  # residual that saturation may leave and be believed
+_SURE = 3.0  # standard deviations of the noise's power
 _SEEN = 0.01  # residual from which it is worth explaining
 
 
@@ -125,6 +126,8 @@ class ControllerFit:
         record: its name.
         residual: of the equation as stated.
         noise: of current and displacement together, white.
+        doubt: what may be left of noise alone, whose power is known no better than the median of as many exponential
+            numbers as it has lines tells their mean.
         gain: current over what the controller would give, best in the mean square; 1 where all is well.
         with_gain: residual once that factor is allowed.
         delay_s: best dead time between the equation's current and the measured one, together with a gain.
@@ -139,6 +142,7 @@ class ControllerFit:
     record: str
     residual: float
     noise: float
+    doubt: float
     gain: float
     with_gain: float
     delay_s: float
@@ -219,7 +223,8 @@ def controller_fit(record: TimeRecord, sensor_gain: float) -> ControllerFit | No
     if residual < max(_TRUSTED * with_limit, _SEEN) or with_limit > max(_LEFT, left):
         limit, with_limit = None, residual
     with_gain, offset = mismatch(current, gain * asked)[0], float(np.mean(current - asked))
-    return ControllerFit(record.name, residual, noise, gain, with_gain, *delay, *lag, limit, with_limit, offset)
+    doubt = noise * sqrt(_SURE / (log(2) * sqrt((1 - TOP) * len(current) / 2)))
+    return ControllerFit(record.name, residual, noise, doubt, gain, with_gain, *delay, *lag, limit, with_limit, offset)
 
 
 def _gain(current: np.ndarray, asked: np.ndarray) -> float:

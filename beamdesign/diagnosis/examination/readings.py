@@ -274,8 +274,6 @@ def _double(view: View) -> Iterator[_Candidate]:
 
 DISOBEDIENT = 0.05
 """Relative residual of the controller's equation from which something must be said."""
-_NOISY = 0.4
-"""The same as a share of the noise, which is known only so well."""
 _GRAVE = 0.1
 _HOPELESS = 0.5
 _EXPLAINED = 0.25  # of the residual may remain
@@ -312,7 +310,7 @@ def contradictions(
 
 
 def _plain(residual: float, fit: ControllerFit) -> bool:
-    return residual > max(DISOBEDIENT, _NOISY * fit.noise)
+    return residual > max(DISOBEDIENT, fit.doubt)
 
 
 def lost_by_recorder(caution: Caution, fits: Mapping[str, ControllerFit]) -> Caution:
