@@ -7,7 +7,7 @@ import pytest
 import tomli_w
 from gap_sets import TOLERANCE, measured, scenario
 
-from beamdesign import InputError, Prototype, diagnose, read_dataset, read_prototype, simulate
+from beamdesign import InputError, Prototype, certify, check, diagnose, read_dataset, read_prototype, simulate
 from beamdesign.controllers import Proportional
 from beamdesign.diagnosis import separability
 from beamdesign.diagnosis.data.dataset import Dataset
@@ -17,8 +17,11 @@ from beamdesign.diagnosis.redesign import redesign
 from beamdesign.plant.assembly import assemble, parameters_of, structure_of
 from beamdesign.plant.equilibrium import equilibrium, linearise
 from beamdesign.proofs.arm import plane_loop
+from beamdesign.proofs.arm.result import certify_plane
+from beamdesign.proofs.writer import prototype_table
 from beamdesign.records import to_toml
 from beamdesign.scenario import Scenario
+from beamdesign.structure.arm import PLANES
 
 ARM = Path(__file__).parents[1] / "studies" / "prototypes" / "arm.toml"
 BESIDE, ABOVE, AT_PAYLOAD = (0.05, 0.1, 0.0), (0.05, 0.0, 0.12), (0.05, 0.1, 0.0)
@@ -117,3 +120,11 @@ def test_a_data_set_says_in_which_plane_it_was_taken(tmp_path: Path) -> None:
     assert read(arm("y", second_controller=weak)).prototype.controller == weak
     with pytest.raises(InputError, match="couple both planes"):
         read(arm(offset_m=(0.0, 0.1, 0.1)))
+
+
+def test_certificates_of_a_prototype_that_states_its_plane_are_checked() -> None:
+    """Of the link on its axis, and of either plane."""
+    rig = arm(tool_m=None)
+    for found in (certify(rig, 0.0, 6.8), *(certify_plane(rig, name, 0.0, 6.8) for name in PLANES)):
+        outcome = check(found.text, prototype_table(rig))
+        assert outcome.valid

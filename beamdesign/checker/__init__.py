@@ -175,7 +175,7 @@ KEYS = {
     ),
     "arm": (
         "offset_m", "tool_m", "sensor_m", "end_polar_inertia_kg_m2", "payload_polar_inertia_kg_m2",
-        "torsional_stiffness_N_m_per_rad", "torsional_damping_ratio", "second_controller",
+        "torsional_stiffness_N_m_per_rad", "torsional_damping_ratio", "second_controller", "plane",
     ),
     "compliance": ("end_stiffness_N_per_m", "force_filter_Hz", "servo"),
     "tolerance": tuple(dict.fromkeys(DEVIATIONS.values())),
@@ -211,6 +211,8 @@ def _figures(table: Table, known: Iterable[str]) -> Iterator[str]:
             _refuse_words(entries[key], table.place_of(key))
         elif key in ("lower_gains", "comes_to_rest"):
             table.flag(key)
+        elif key == "plane":
+            table.word(key, "y", "z")
         elif key not in _LENGTHS:
             table.number(key)
         else:

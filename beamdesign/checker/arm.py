@@ -55,6 +55,8 @@ class Arm:
     def __init__(self, table: Table, rig: Rig) -> None:
         stated, arm = table.table("plane"), table.optional("arm")
         self.name = stated.word("name", "y", "z")
+        if "plane" in arm:  # of its records, whichever this one is
+            arm.word("plane", "y", "z")
         origin = [fmpq(0)] * 3
         points = {key: arm.numbers(key, 3) for key in ("offset_m", "sensor_m", "tool_m") if key in arm}
         self.offset, self.sensor = points.get("offset_m", origin), points.get("sensor_m", origin)
