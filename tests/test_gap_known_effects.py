@@ -9,6 +9,7 @@ from gap_sets import LAG, believed, measured, scenario
 from slow_sensor import shortened
 
 from beamdesign import InputError, Prototype, critical_gain, diagnose, read_dataset
+from beamdesign.diagnosis import diagnose as diagnosing
 from beamdesign.diagnosis import separability
 from beamdesign.diagnosis.data.dataset import Dataset, MeasuredGain
 from beamdesign.diagnosis.diagnosis import updated_prototype
@@ -140,6 +141,18 @@ def test_play_by_which_nothing_repeats_from_rest_is_looked_for_anew() -> None:
     assert "joint_backlash" in said[0]
     data, said = without_impacts(records(LAGS, LAGS))
     assert (data.prototype.effects, said) == (LAGS, ())
+
+
+def test_play_that_is_looked_for_anew_and_not_found_stays_as_it_was_stated(
+    few: None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for look in ("learn", "second_look", "next_experiment"):
+        monkeypatch.setattr(diagnosing, look, lambda *given: None)
+    play = {"joint_backlash": {"play_m": 3e-5}}
+    found = diagnose(records(play, play), 1)
+    assert found.chosen == ()
+    assert found.prototype.effects == play
+    assert any("joint_backlash" in words for words in found.warnings)
 
 
 def test_critical_gains_are_held_against_the_effects_that_are_stated() -> None:

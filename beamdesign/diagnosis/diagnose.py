@@ -18,6 +18,7 @@ from beamdesign.diagnosis.experiment import next_experiment
 from beamdesign.diagnosis.fitting.evidence import RecordEvidence, evidence_of, with_output_injection
 from beamdesign.diagnosis.fitting.fit import FitCache
 from beamdesign.diagnosis.fitting.hypothesis import notes_on_known
+from beamdesign.diagnosis.fitting.replay import PLAY, law_of_play
 from beamdesign.diagnosis.fitting.search import refit
 from beamdesign.diagnosis.gain_diagnosis import explain_gains
 from beamdesign.diagnosis.gap_metrics import errors, gap, sizes
@@ -134,6 +135,7 @@ def _diagnosed(data: Dataset, workers: int, progress: Progress, kept: FitCache |
         figures_only = explain_gains(replace(data, warnings=examined.words), workers, progress)
         return replace(figures_only, prototype=figures_only.prototype.but(tolerance=stated))
     kept_out = held_out(data.records)
+    believed = data.prototype.effects
     data, anew = without_impacts(data)
     cleared = search_without_tones(data, workers, _between(0.0, 0.7, progress), kept)
     again = None
@@ -206,6 +208,9 @@ def _diagnosed(data: Dataset, workers: int, progress: Progress, kept: FitCache |
         fits = [f for f in (found.null, *found.fits) if f.hypothesis in judged.of]
         fits.sort(key=lambda f: -judged.of[f.hypothesis])
         asked = next_experiment(data, fits, [judged.of[f.hypothesis] for f in fits])
+    renewed = updated_prototype(data.prototype, written)
+    if (play := law_of_play(believed)) and anew and PLAY not in best.hypothesis.causes:  # not found, and so not lost
+        renewed = renewed.but(effects={**renewed.effects, play: believed[play]})
     following = again is not None and again.oscillates
     said = (
         "On records left out of the fits that measure it, the "
@@ -226,7 +231,7 @@ def _diagnosed(data: Dataset, workers: int, progress: Progress, kept: FitCache |
         measured,
         classes(judged),
         asked,
-        updated_prototype(data.prototype, written).but(tolerance=stated),
+        renewed.but(tolerance=stated),
         words,
         found,
         separable,
