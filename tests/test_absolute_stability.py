@@ -16,6 +16,7 @@ from beamdesign import Prototype, check, read_prototype
 from beamdesign.cli import app
 from beamdesign.controllers import Lag
 from beamdesign.loop import Loop, loop
+from beamdesign.plant.effects import laws_of
 from beamdesign.polynomial import Affine, ratio
 from beamdesign.proofs.absolute_stability import METHOD, absolute_stability, search
 from beamdesign.proofs.certifying import certify, nonlinear_rows
@@ -139,12 +140,13 @@ def test_a_conditionally_stable_loop_has_none(tame: Prototype):
     assert "itself is not stable" in unstable.reason
 
 
-def test_rows_tell_what_is_covered(tame: Prototype):
+@pytest.mark.parametrize("flow", laws_of("valve_deadband"))
+def test_rows_tell_what_is_covered(tame: Prototype, flow: str):
     (row,) = nonlinear_rows(tame, 0.0, 6.8)
     assert (row.effects, row.method, row.proved, row.bound_m) == (("current_saturation",), METHOD, True, None)
-    rig = tame.but(effects={"valve_deadband": {}, "current_saturation_soft": {}, "sensor_lag": {}})
+    rig = tame.but(effects={flow: {}, "current_saturation_soft": {}, "sensor_lag": {}})
     rows = {row.effects: row.proved for row in nonlinear_rows(rig, 0.0, 6.8) if row.method == METHOD}
-    both = ("current_saturation_soft", "valve_deadband")
+    both = ("current_saturation_soft", flow)
     assert rows == {both[:1]: True, both[1:]: True, both: False}
 
 

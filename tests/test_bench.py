@@ -37,8 +37,8 @@ TABLE = {
 }
 SHARED = {
     "carrier_ripple", "current_saturation", "entrained_air", "pressure_dependent_flow", "seal_friction", "sensor_lag",
-    "transport_delay", "unequal_piston_areas", "uneven_leakage", "valve_deadband", "valve_hysteresis",
-    "valve_hysteresis_magnetic",
+    "transport_delay", "unequal_piston_areas", "uneven_leakage", "valve_deadband", "valve_deadband_rounded",
+    "valve_hysteresis", "valve_hysteresis_magnetic",
 }  # fmt: skip
 JOINT: dict[str, dict[str, float]] = {"unequal_piston_areas": {}, "pressure_dependent_flow": {}}
 

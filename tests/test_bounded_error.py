@@ -16,6 +16,7 @@ from beamdesign import Prototype, check, read_prototype, simulate
 from beamdesign.controllers import Lag
 from beamdesign.loop import rig_loop
 from beamdesign.parameters import TYPICAL
+from beamdesign.plant.effects import laws_of
 from beamdesign.polynomial import Affine, nearest
 from beamdesign.proofs import bounded_error, changing_gain, scope
 from beamdesign.proofs.bounded_error import absolute_integrals, over_masses
@@ -231,7 +232,7 @@ def test_an_unstable_loop_has_no_bound(worn: Prototype):
     assert not any(row.proved for row in rows)
 
 
-@pytest.mark.parametrize("name", ["seal_friction", "valve_hysteresis", "valve_hysteresis_magnetic", "valve_deadband"])
+@pytest.mark.parametrize("name", laws_of("seal_friction", "valve_hysteresis", "valve_deadband"))
 def test_the_moving_rig_strays_by_less(tame: Prototype, name: str):
     """Simulated with an effect and without, under a force and a command of many frequencies."""
     signals = (

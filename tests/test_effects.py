@@ -188,6 +188,56 @@ def test_hysteresis_loop_has_the_stated_width():
     assert found.y[0] / gain == pytest.approx([-half - lag, half + lag], rel=1e-2)
 
 
+@pytest.mark.parametrize(
+    ("sharpness", "steepness", "turned", "expected"),
+    [
+        (1.0, 1.0, 0.0, lambda x: 1 - np.exp(-x)),  # Dahl's law
+        (2.0, 0.7, 0.0, np.tanh),  # from rest z' = 1 - z^2, whatever it does on its return
+        (2.0, 0.5, 0.9, lambda x: 0.9 - x),  # a return no steeper than from rest is straight
+        (1.0, 1.0, 0.9, lambda x: 1.9 * np.exp(-x) - 1),
+        (1.0, 0.75, 0.9, lambda x: 2.9 * np.exp(-x / 2) - 2),
+    ],
+)
+def test_spool_friction_is_the_closed_form_of_bouc_and_wen(sharpness, steepness, turned, expected):
+    """z over the spool's way x, in travels, from rest and, where it has been `turned` about, up to where z is none."""
+    given = {"half_width_A": 1e-4, "travel": 1.0, "sharpness": sharpness, "steepness": steepness}
+    side = -1.0 if turned else 1.0
+
+    def rate(x: float, z: np.ndarray) -> list[float]:
+        _, found = applied(
+            "valve_hysteresis",
+            "spool_A",
+            0.0,
+            parameter=given,
+            figure={"flow_gain": 0.01},
+            state={"friction": z[0]},
+            port={"flow_m3_per_s2": side * 1e-6},  # one travel per second
+        )
+        return [found["friction"]]
+
+    way = np.linspace(0.0, 0.6 if turned else 2.0, 7)
+    found = solve_ivp(rate, (0, way[-1]), [turned], t_eval=way, rtol=1e-9, atol=1e-9).y[0]
+    assert found == pytest.approx(expected(way), abs=1e-3)
+
+
+@pytest.mark.parametrize("ratio", [0.05, 0.2, 0.5])
+def test_rounded_edges_open_gradually(ratio: float):
+    """At null a slope of 1 - 1/sqrt(1 + r^2); at an edge half the clearance; far beyond it, all but the overlap."""
+    overlap = 0.01 * 1e-3
+
+    def metered(flow: float) -> float:
+        given = {"half_width_A": 1e-3, "clearance_ratio": ratio}
+        return applied("valve_deadband_rounded", "metered_m3_per_s", flow, parameter=given, figure={"flow_gain": 0.01})[
+            0
+        ]
+
+    assert metered(1e-9) / 1e-9 == pytest.approx(1 - 1 / sqrt(1 + ratio**2), rel=1e-4)
+    behind = (2 - sqrt(4 + ratio**2)) / 2  # what the other edge still opens, two overlaps away
+    assert metered(overlap) == pytest.approx((ratio / 2 + behind) * overlap, rel=1e-9)
+    assert metered(100 * overlap) == pytest.approx(99 * overlap, rel=1e-3)
+    assert metered(-0.7 * overlap) == -metered(0.7 * overlap)
+
+
 def test_backlash_is_free_within_its_play_and_a_spring_beyond():
     figures = {"play_m": 1e-4, "stiffness_N_per_m": 5e7, "rod_mass_kg": 0.3}
     for apart, expected in ((0.0, 0.0), (4.9e-5, 0.0), (6e-5, 500.0), (-6e-5, -500.0)):

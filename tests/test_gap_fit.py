@@ -285,11 +285,31 @@ def test_pairs_are_tried_with_the_other_laws_of_their_effects():
     unknowns = pair.unknowns(believed())
     alone = Hypothesis(("sensor_lag_second_order",))
     tasks = searching._other_laws([Fit(pair, unknowns, np.zeros(len(unknowns)))], {alone: {"a": 1.0}}, "twin_beam")
-    assert {task.hypothesis: task.hints for task in tasks} == {
-        together("sensor_lag_second_order", "current_saturation"): {"a": 1.0},
-        together("sensor_lag", "current_saturation_soft"): {},
-    }
+    hints = {task.hypothesis: task.hints for task in tasks}
+    later, soft = (
+        together("sensor_lag_second_order", "current_saturation"),
+        together("sensor_lag", "current_saturation_soft"),
+    )
+    assert set(hints) == {later, soft}
+    assert (hints[later]["a"], hints[soft].get("a")) == (1.0, None)  # as the law was found alone
+    limit = next(u.nominal for u in unknowns if u.name == "current_saturation.limit_A")
+    assert hints[soft]["current_saturation_soft.limit_A"] == limit  # and what both laws have, as in the pair
     assert all(task.known["current_saturation.limit_A"] > 0 for task in tasks)
+
+
+def test_another_law_begins_where_the_usual_one_was_found():
+    """What both have in common has one name; of singles whose usual law is not there, nothing is known."""
+    hard, soft = Hypothesis(("current_saturation",)), Hypothesis(("current_saturation_soft",))
+    later, rough = Hypothesis(("sensor_lag_second_order",)), Hypothesis(("valve_deadband",))
+    found = [
+        Fit(h, unknowns, np.zeros(len(unknowns)))
+        for h in (hard, soft, later, rough)
+        for unknowns in (h.unknowns(believed()),)
+    ]
+    (task,) = searching._as_by_the_usual_law(found, found[0])
+    assert task.hypothesis == soft
+    assert task.hints["current_saturation_soft.limit_A"] == found[0].values["current_saturation.limit_A"]
+    assert task.hints["outer_stiffness"] == found[0].values["outer_stiffness"]
 
 
 def test_the_error_of_a_record_is_that_of_its_displacement(lagged):

@@ -13,14 +13,15 @@ from honest_certificates import screw
 from beamdesign import InputError, Prototype, critical_gain, read_dataset
 from beamdesign.controllers import Controller, Lag, Proportional, Structured
 from beamdesign.controllers.cascade import Section
-from beamdesign.diagnosis.data.dataset import Dataset, FrequencyResponse, MeasuredGain
+from beamdesign.diagnosis.data.dataset import Dataset, FrequencyResponse, MeasuredGain, TimeRecord
 from beamdesign.diagnosis.diagnosis import Diagnosis
 from beamdesign.diagnosis.fitting import search
-from beamdesign.diagnosis.fitting.evidence import evidence_of, record_evidence
+from beamdesign.diagnosis.fitting.evidence import evidence_of, figures_of, record_evidence
 from beamdesign.diagnosis.fitting.fit import fit
 from beamdesign.diagnosis.fitting.gain_evidence import FREQUENCY_STD, GainEvidence, phase_crossings
 from beamdesign.diagnosis.fitting.hypothesis import NOTHING, Hypothesis, Placement, together
 from beamdesign.diagnosis.fitting.linear_evidence import ResponseEvidence, scatter
+from beamdesign.diagnosis.fitting.replay import DISPLACEMENT
 from beamdesign.diagnosis.fitting.starts import starts
 from beamdesign.diagnosis.fitting.swept_sine import SweptSine
 from beamdesign.diagnosis.gain_diagnosis import explain_gains
@@ -233,7 +234,7 @@ def balanced(paper: Prototype, force: float) -> FrequencyResponse:
 
 @pytest.fixture
 def swept(paper: Prototype) -> ResponseEvidence:
-    return ResponseEvidence(balanced(paper, FORCE_N), paper.but(tolerance=TOLERANCE), swept=True)
+    return ResponseEvidence(balanced(paper, FORCE_N), paper.but(tolerance=TOLERANCE), swept=40)
 
 
 def with_deadband(piece: ResponseEvidence, half_A: float) -> tuple[Placement, np.ndarray]:
@@ -246,13 +247,13 @@ def with_deadband(piece: ResponseEvidence, half_A: float) -> tuple[Placement, np
 def test_sines_that_meet_a_deadband_are_those_of_harmonic_balance(swept: ResponseEvidence):
     placement, z = with_deadband(swept, HALF_A)
     assert np.abs(swept.predicted(placement, z) / swept.measured.response - 1).max() < 0.005
-    linear = replace(swept, swept=False).predicted(placement, z)
+    linear = replace(swept, swept=0).predicted(placement, z)
     assert np.abs(np.log(np.abs(linear / swept.measured.response))).max() > 0.3  # by the loop with the valve open
 
 
 def test_sines_far_beyond_a_deadband_are_those_of_the_linear_loop(swept: ResponseEvidence):
     placement, z = with_deadband(swept, HALF_A / 1000)
-    linear = replace(swept, swept=False).predicted(placement, z)
+    linear = replace(swept, swept=0).predicted(placement, z)
     assert np.abs(swept.predicted(placement, z) / linear - 1).max() < 0.005
 
 
@@ -261,18 +262,24 @@ def test_many_lines_and_lines_out_of_reach_take_no_more_sines(swept: ResponseEvi
     more = np.unique([1e-3, *SINES, *np.geomspace(3.0, 40.0, 300), 1e6])
     dense = replace(swept.measured, frequencies_Hz=more, response=np.ones(len(more), complex))
     found = replace(swept, measured=dense).predicted(placement, z)
-    assert len(SweptSine(dense, swept.prototype).lines) <= 40
+    assert len(SweptSine(dense, swept.prototype, 40).lines) <= 40
     at = np.searchsorted(more, SINES)
     assert np.abs(found[at] / swept.measured.response - 1).max() < 0.01
     assert np.all(np.isfinite(found))
 
 
-def test_a_response_whose_force_is_not_stated_is_one_of_small_motion(swept: ResponseEvidence):
+@pytest.mark.parametrize("beside", [False, True])
+def test_a_response_whose_force_is_not_stated_is_one_of_small_motion(swept: ResponseEvidence, beside: bool):
+    """Alone and beside a record, the latter at fewer lines, which these few sines are."""
+    times = np.arange(100) / 1000
+    still = TimeRecord("still", times, np.zeros((100, 2)), {DISPLACEMENT: np.zeros(100)}, 0.0, 0.0, LAG)
     for force, simulated in ((FORCE_N, True), (None, False)):
         taken = replace(swept.measured, amplitude_N=force)
-        (piece,) = evidence_of(Dataset("sines", Path(), swept.prototype, (), (taken,), ()))
+        (piece,) = figures_of(Dataset("sines", Path(), swept.prototype, (still,) * beside, (taken,), ()))
+        assert isinstance(piece, ResponseEvidence)
+        assert piece.swept == (0 if force is None else 12 if beside else 40)
         placement, z = with_deadband(swept, HALF_A)
-        off = piece.predicted(placement, z) / replace(swept, swept=False).predicted(placement, z)
+        off = piece.predicted(placement, z) / replace(swept, swept=0).predicted(placement, z)
         assert (np.abs(np.log(np.abs(off))).max() > 0.3) == simulated
 
 

@@ -68,7 +68,7 @@ def test_every_law_without_an_answer_to_small_motion_says_so() -> None:
     said = {name: effect.linear.near_rest for name, effect in causes().items() if effect.linear}
     assert {name for name, claim in said.items() if claim == "stability"} == {"joint_backlash", "joint_backlash_nut"}
     assert {name for name, claim in said.items() if claim == "compliance"} == {
-        "seal_friction", "valve_deadband", "valve_hysteresis", "valve_hysteresis_magnetic",
+        "seal_friction", "valve_deadband", "valve_deadband_rounded", "valve_hysteresis", "valve_hysteresis_magnetic",
     }  # fmt: skip
     assert all(library()[name].linear.laws is not None for name, claim in said.items() if claim)  # type: ignore[union-attr]
 

@@ -13,7 +13,7 @@ import casadi as ca
 
 from beamdesign.bench_prototype import AnyPrototype
 from beamdesign.plant.component import SAMPLED, Law, PortLaw
-from beamdesign.plant.effects import Effect, Site, library, problems
+from beamdesign.plant.effects import Effect, Site, laws_of, library, problems
 from beamdesign.plant.rigs import MORE_FIGURES, OUTPUTS, RIGS, STATES, TWIST, WALL_FIGURES
 from beamdesign.prototype import Prototype
 from beamdesign.records import InputError, Problem
@@ -207,8 +207,7 @@ def effect_parameters_of(prototype: Prototype) -> dict[str, dict[str, float]]:
 def of_drive(prototype: Prototype) -> dict[str, float]:
     """Usual figures of effects, by `EFFECT.PARAMETER`, where a drive with a command of 10 V gives the current."""
     gain = prototype.actuator.drive_gain()
-    names = ("current_saturation", "current_saturation_soft")
-    return {f"{name}.limit_A": 10 * gain for name in names} if gain is not None else {}
+    return {f"{name}.limit_A": 10 * gain for name in laws_of("current_saturation")} if gain is not None else {}
 
 
 def wrong_effects(prototype: AnyPrototype) -> list[Problem]:

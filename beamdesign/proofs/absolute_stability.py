@@ -18,6 +18,7 @@ from flint import fmpq
 from scipy.optimize import linprog
 
 from beamdesign.loop import Loop
+from beamdesign.plant.effects import laws_of
 from beamdesign.polynomial import exact, nearest, ratio, roots, text
 from beamdesign.proofs.box import Box
 from beamdesign.proofs.box_claims import BoxClaim, claim_over_box, over_own_ranges
@@ -31,8 +32,8 @@ from beamdesign.proofs.stability import is_stable_over
 from beamdesign.proofs.statement import Statement
 from beamdesign.prototype import Prototype
 
-IN_THE_CURRENT = ("current_saturation", "current_saturation_soft")
-BEHIND_THE_SPOOL = ("unequal_piston_areas", "valve_deadband")
+IN_THE_CURRENT, DEADBANDS = laws_of("current_saturation"), laws_of("valve_deadband")
+BEHIND_THE_SPOOL = ("unequal_piston_areas", *DEADBANDS)
 """Static characteristics by their place in the loop."""
 NOT_ODD = ("unequal_piston_areas", "uneven_leakage")
 """Effects that are not odd, or keep the valve from its null at rest."""
@@ -132,7 +133,7 @@ def rows_of(
     yield Row(current, METHOD, multiplier is not None, words, None, stated)
     if flow:
         yield Row(flow, METHOD, multiplier is not None, words)
-        if "valve_deadband" in flow and own.intersection(IN_THE_CURRENT):
+        if {*flow}.intersection(DEADBANDS) and own.intersection(IN_THE_CURRENT):
             both = "Both places at once are not covered: the spool's dynamics stand between them."
             yield Row((*current, *flow), METHOD, False, both)
 

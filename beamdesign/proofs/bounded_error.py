@@ -30,6 +30,7 @@ from flint import acb, acb_mat, acb_poly, arb, ctx, fmpq, fmpq_mat, fmpq_poly
 
 from beamdesign.loop import member_loop
 from beamdesign.plant.assembly import effect_parameters_of
+from beamdesign.plant.effects import laws_of
 from beamdesign.plant.linear import DISPLACEMENT, LinearModel
 from beamdesign.plant.members import VertexModel
 from beamdesign.polynomial import Affine, bounds, exact, nearest, shortened, text
@@ -86,10 +87,10 @@ def errors(prototype: Prototype) -> list[Error]:
     own, found = effect_parameters_of(prototype), []
     for name, parameters in own.items():
         figure = {key: exact(value) for key, value in parameters.items()}
-        if name in ("valve_hysteresis", "valve_hysteresis_magnetic"):
+        if name in laws_of("valve_hysteresis"):
             words = "what it takes off the current is at most its half width"
             found.append(Error(name, "current", figure["half_width_A"], words))
-        elif name == "valve_deadband":
+        elif name in laws_of("valve_deadband"):
             gain = exact(figures(prototype)["flow_gain"])
             words = "what it takes off the flow is at most that of its half width"
             found.append(Error(name, "flow", gain * figure["half_width_A"], words, "flow_gain"))

@@ -38,7 +38,7 @@ from beamdesign.loop import Loop, member_loop
 from beamdesign.plant.assembly import effect_parameters_of
 from beamdesign.plant.members import VertexModel
 from beamdesign.polynomial import Affine, exact, inner, nearest, ratio, text
-from beamdesign.proofs.absolute_stability import IN_THE_CURRENT, NORM, Solved, kernels, with_fewer, written
+from beamdesign.proofs.absolute_stability import DEADBANDS, IN_THE_CURRENT, NORM, Solved, kernels, with_fewer, written
 from beamdesign.proofs.box import Box
 from beamdesign.proofs.box_claims import BoxClaim
 from beamdesign.proofs.certificate import Row
@@ -286,7 +286,7 @@ def pair(given: Members, member: VertexModel, change: Changing) -> Pair | None:
 def unequal(given: Members) -> list[Changing]:
     """The sides of a piston as a gain that changes with the direction of the flow."""
     own = given.prototype.effects.keys()
-    if "unequal_piston_areas" not in own or own & {"pressure_dependent_flow", "valve_deadband"}:
+    if "unequal_piston_areas" not in own or own & {"pressure_dependent_flow", *DEADBANDS}:
         return []
     span = given.found.gains["unequal_piston_areas"]
     return [Changing("unequal_piston_areas", "flow", exact(span.low), exact(span.high), "")]

@@ -22,6 +22,7 @@ Figure = GainEvidence | ResponseEvidence
 """What is not a time record."""
 ROUGH = 0.1
 """Relative error of a linear loop that stands for a rig with nonlinear laws."""
+_LINES, _FEW_LINES = 40, 12  # of a response that are simulated: alone, and beside records
 
 
 @dataclass(frozen=True)
@@ -112,14 +113,15 @@ def evidence_of(data: Dataset, synchronised: bool = False) -> tuple[Evidence, ..
 def figures_of(data: Dataset) -> tuple[Figure, ...]:
     """Frequency responses and critical gains of a data set.
 
-    They are predicted by a linear loop, which is blind to friction, deadband and the like. Beside records, which these
-    laws are fitted to, they count as no better than that loop is where such laws are at work. Without records the sines
-    of a response are simulated where they meet such laws, if their force is stated.
+    They are predicted by a linear loop, which is blind to friction, deadband and the like. Where a response meets such
+    laws its sines are simulated, if their force is stated. Beside records, which these laws are fitted to, figures
+    count as no better than a linear loop is where such laws are at work, and fewer sines tell as much.
     """
     rough = ROUGH if data.records else 0.0
+    lines = _FEW_LINES if rough else _LINES
     responses = (
         ResponseEvidence(
-            taken, data.prototype, share=max(SHARE, rough), swept=not rough and taken.amplitude_N is not None
+            taken, data.prototype, share=max(SHARE, rough), swept=0 if taken.amplitude_N is None else lines
         )
         for taken in data.responses
     )

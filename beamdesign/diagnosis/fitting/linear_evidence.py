@@ -19,7 +19,7 @@ import numpy as np
 
 from beamdesign.diagnosis.data.dataset import FrequencyResponse
 from beamdesign.diagnosis.fitting.fit import Evidence
-from beamdesign.diagnosis.fitting.hypothesis import Placement, together
+from beamdesign.diagnosis.fitting.hypothesis import Placement, cause, together
 from beamdesign.diagnosis.fitting.replay import bearing, law_of_play
 from beamdesign.diagnosis.fitting.swept_sine import SweptSine, depends_on_size
 from beamdesign.diagnosis.fitting.weighting import INDEPENDENT, SHARE
@@ -27,8 +27,8 @@ from beamdesign.plant.assembly import INPUTS, OUTPUTS, Assembly, assemble, param
 from beamdesign.plant.equilibrium import Linearisation, equilibrium, equilibrium_sensitivity, linearise, scales
 from beamdesign.prototype import Prototype
 
-LEFT_BEHIND = ("current_saturation", "valve_deadband", "valve_hysteresis", "valve_hysteresis_magnetic")
-"""Effects that have no part in the linear loop."""
+LEFT_BEHIND = ("current_saturation", "valve_deadband", "valve_hysteresis")
+"""Causes that have no part in the linear loop, by whatever law."""
 _OPEN_M3_PER_S = 1e-12
 _STEP = 1e-4  # in prior standard deviations, of central differences
 
@@ -175,7 +175,7 @@ class LinearEvidence(Evidence):
             tables = {name: self.prototype.effects.get(name, {}) for name in kinds.effects}
             rig = self.prototype.but(controller=taken.controller, effects=tables)
             base = np.array(list(parameters_of(rig, taken.outer_end_mass, taken.inner_end_mass).values()))
-            kept = tuple(name for name in kinds.effects if name not in LEFT_BEHIND)
+            kept = tuple(name for name in kinds.effects if cause(name) not in LEFT_BEHIND)
             assembly = assemble(replace(kinds, effects=kept))
             self._models[key] = LinearModel(placement, base, assembly, self.load)
         return self._models[key]
@@ -202,20 +202,20 @@ class ResponseEvidence(LinearEvidence):
 
     Attributes:
         share: relative error of a model that counts as one unit.
-        swept: whether laws that are not linear are met by the force at its amplitude, which then has to be stated.
+        swept: lines at which laws that are not linear meet the force at its amplitude, which then is stated; 0: none.
     """
 
     measured: FrequencyResponse
     share: float = SHARE
-    swept: bool = False
+    swept: int = 0
 
     @cached_property
     def _sines(self) -> SweptSine:
-        return SweptSine(self.measured, self.prototype)
+        return SweptSine(self.measured, self.prototype, self.swept)
 
     def _simulated(self, placement: Placement) -> bool:
         kinds = placement.under(self.measured.controller.equations).assembly.kinds
-        return self.swept and bool(len(self._sines.lines)) and depends_on_size(kinds)
+        return bool(self.swept and len(self._sines.lines)) and depends_on_size(kinds)
 
     @cached_property
     def _noise(self) -> np.ndarray:

@@ -1,6 +1,6 @@
 """All hypotheses about a gap, fitted: nulls first, every single cause, then pairs, then three causes at once."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -147,6 +147,9 @@ def _searched(fitters: Fitters, null: Fit, progress: Progress, worth: float) -> 
 
     found = fitters((Task(h, null.values) for h in alone if h not in hopeless), counted)
     state = replace(state, fits=tuple(_sorted(found)))
+    if not few and gap and not state.explained:
+        found += fitters(_as_by_the_usual_law(found, null))
+        state = replace(state, fits=tuple(best_of_each(found)))
     if hopeless and not state.explained:  # they may still be parts of pairs
         quick = fitters((Task(h, looks[h][1].values, null.values, quick=True) for h in hopeless), counted)
         best = fitters(Task(f.hypothesis, null.values, f.values) for f in _sorted(quick)[:_BEST_OF_FEW])
@@ -316,8 +319,22 @@ def _other_laws(of: Sequence[Fit], values: Mapping[Hypothesis, dict[str, float]]
             for law in library():
                 if law != name and cause(law) == cause(name) and fits(law, rig):
                     pair = one.hypothesis.without(cause(name)) | Hypothesis((law,))
-                    tasks.setdefault(pair, Task(pair, one.values, values.get(Hypothesis((law,)), {})))
+                    hints = values.get(Hypothesis((law,)), {}) | _by_law(one.values, name, law)
+                    tasks.setdefault(pair, Task(pair, one.values, hints))
     return list(tasks.values())
+
+
+def _as_by_the_usual_law(found: Sequence[Fit], null: Fit) -> Iterator[Task]:
+    """Fits of further laws for an effect that begin where its usual law has been found, for what both have."""
+    usual = {f.hypothesis.names: f.values for f in found if not f.reason}
+    for hypothesis in (f.hypothesis for f in found if f.hypothesis.effects):
+        if hypothesis.causes != hypothesis.names and (values := usual.get(hypothesis.causes)):
+            yield Task(hypothesis, null.values, _by_law(values, hypothesis.causes[0], hypothesis.names[0]))
+
+
+def _by_law(values: Mapping[str, float], law: str, other: str) -> dict[str, float]:
+    """Values by the names that they have where another law takes the place of one."""
+    return {f"{other}{name.removeprefix(law)}" if name.startswith(f"{law}.") else name: v for name, v in values.items()}
 
 
 def _rivals(one: Fit, state: Search) -> list[Task]:

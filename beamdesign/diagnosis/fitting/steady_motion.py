@@ -11,6 +11,7 @@ from scipy.ndimage import median_filter
 from scipy.stats import median_abs_deviation, theilslopes
 
 from beamdesign.diagnosis.data.bench_set import BenchRun, BenchSet, held, stretches
+from beamdesign.plant.effects import laws_of
 from beamdesign.records import InputError
 
 _MARGIN = 0.1  # of the travel next to either stop is left out
@@ -157,7 +158,8 @@ def steady(figure: Mapping[str, Any], volts: np.ndarray) -> dict[str, np.ndarray
     fills, empties = area * (1 + sign * asymmetry), area * (1 - sign * asymmetry)
     own = figure.get("pressure_dependent_flow.supply_pressure_Pa")
     supply, tank = figure["supply_pressure"] if own is None else own, figure["tank_pressure"]
-    lapped = figure.get("valve_deadband.half_width_A", 0.0)
+    overlaps = (figure.get(f"{law}.half_width_A") for law in laws_of("valve_deadband"))
+    lapped = next((overlap for overlap in overlaps if overlap is not None), 0.0)
     flow = figure["flow_gain"] * np.maximum(np.abs(figure["gain"] * volts) - lapped, _LEAST_A)
     leakage, line = figure["piston_leakage"], figure["line_loss"]
     speed = 0.5 * flow / area

@@ -17,7 +17,7 @@ from beamdesign.diagnosis.fitting.replay import DISPLACEMENT, Replay, law_of_pla
 from beamdesign.plant.assembly import Structure, assemble
 from beamdesign.prototype import Prototype
 
-_LOWEST_HZ, _HIGHEST_HZ, _MOST_LINES = 1.0, 400.0, 40
+_LOWEST_HZ, _HIGHEST_HZ = 1.0, 400.0
 _SETTLES_S, _SETTLES_PERIODS, _LISTENS_S = 0.5, 4, 0.05
 _RISES_S = 0.1  # of the force, to its amplitude
 _SAMPLE_S, _LEAST_SAMPLES = 0.5e-3, 16  # of a period
@@ -42,19 +42,21 @@ class SweptSine:
     Attributes:
         measured: the response, with the amplitude of its force.
         prototype: that was believed.
+        most: lines that are simulated.
     """
 
     measured: FrequencyResponse
     prototype: Prototype
+    most: int
 
     @cached_property
     def lines(self) -> np.ndarray:
-        """(S,) positions of the lines that are simulated: from 1 to 400 Hz no more than 40, even over ln f."""
+        """(S,) positions of the lines that are simulated: from 1 to 400 Hz no more than `most`, even over ln f."""
         hertz = self.measured.frequencies_Hz
         inside = np.flatnonzero((hertz >= _LOWEST_HZ) & (hertz <= _HIGHEST_HZ))
-        if len(inside) <= _MOST_LINES:
+        if len(inside) <= self.most:
             return inside
-        evenly = np.geomspace(hertz[inside[0]], hertz[inside[-1]], _MOST_LINES)
+        evenly = np.geomspace(hertz[inside[0]], hertz[inside[-1]], self.most)
         return inside[np.unique(np.searchsorted(hertz[inside], evenly * (1 - 1e-9)))]
 
     @cached_property

@@ -235,9 +235,11 @@ class ServoCylinder(Actuator):
 
     def largest_current_A(self, prototype: "WithActuator") -> float | None:
         """The valve's rated current or the amplifier's limit, whichever is less."""
+        from beamdesign.plant.effects import laws_of
+
         limits = (
             valve_of(prototype).rated_current_A,
-            *(_of_effect(prototype, name) for name in ("current_saturation", "current_saturation_soft")),
+            *(_of_effect(prototype, name) for name in laws_of("current_saturation")),
         )
         return min((limit for limit in limits if limit is not None), default=None)
 

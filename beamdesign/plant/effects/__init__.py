@@ -139,16 +139,19 @@ class Elements:
     volts: tuple[tuple[tuple[fmpq, ...], tuple[fmpq, ...]], ...] = ()
 
 
+def bounded(speed: Any) -> Any:
+    """A rate, 1/s, that stays below `QUICKEST`, so that equations are no stiffer; it shows only where it is high."""
+    return speed / ca.sqrt(1 + (speed / QUICKEST) ** 2)
+
+
 def dahl_rate(speed: Any, deflection: Any) -> Any:
     """Rate of a deflection that settles at the direction of motion, as Dahl's friction does, 1/s.
 
-    It settles no faster than `QUICKEST`, which bounds the stiffness of the equations and shows only at higher speeds.
-
     Args:
-        speed: over the travel within which the deflection settles, 1/s.
+        speed: over the travel within which the deflection settles, 1/s; see `bounded`.
         deflection: of it, from -1 to 1.
     """
-    speed = speed / ca.sqrt(1 + (speed / QUICKEST) ** 2)
+    speed = bounded(speed)
     return speed - ca.fabs(speed) * deflection
 
 
@@ -271,6 +274,11 @@ def library() -> dict[str, Effect]:
 def causes() -> dict[str, Effect]:
     """Those that are causes by themselves."""
     return {name: effect for name, effect in library().items() if effect.nearest is None}
+
+
+def laws_of(*realised: str) -> tuple[str, ...]:
+    """Some effects of the library with all further laws of theirs, in its order."""
+    return tuple(name for name, effect in library().items() if name in realised or effect.realises in realised)
 
 
 def register(effect: Effect) -> None:

@@ -1,19 +1,25 @@
-"""Valve hysteresis: Dahl friction on the spool, so that the current has to go back before the spool does.
+"""Valve hysteresis: friction on the spool, so that the current has to go back before the spool does.
 
-As in `seal_friction` the friction settles no faster than a bound.
+Its law is that of Bouc and Wen, of which Dahl's is the case with a sharpness of 1 that unloads as steeply as it can. As
+in `seal_friction` the friction settles no faster than a bound.
 """
 
 from typing import Any
 
+import casadi as ca
 import numpy as np
 
-from beamdesign.plant.effects import Effect, Elements, Linear, Parameter, Site, Span, dahl_rate, play
+from beamdesign.plant.effects import Effect, Elements, Linear, Parameter, Site, Span, bounded, play
+
+_LEAST = 1e-4  # of the friction: below it its size has no kink
 
 
 def _law(signal: Any, site: Site) -> Any:
     width, state = site.parameter["half_width_A"], site.state["friction"]
-    rate = site.port["flow_m3_per_s2"] / (site.figure["flow_gain"] * width * site.parameter["travel"])
-    site.rate["friction"] = dahl_rate(rate, state)
+    rate = bounded(site.port["flow_m3_per_s2"] / (site.figure["flow_gain"] * width * site.parameter["travel"]))
+    size, steepness = ca.sqrt(state**2 + _LEAST**2), site.parameter["steepness"]
+    turned = steepness * ca.fabs(rate) * state / size + (1 - steepness) * rate
+    site.rate["friction"] = rate - size ** site.parameter["sharpness"] * turned
     return signal - width * state
 
 
@@ -31,10 +37,19 @@ EFFECT = Effect(
             0.7,
             "of the spool until its friction has turned about, over the half width; the quicker, the more like play",
         ),
+        Parameter("sharpness", 1.0, 1.0, 3.0, 0.3, "the larger, the straighter the flanks and the sharper their ends"),
+        Parameter(
+            "steepness",
+            1.0,
+            0.5,
+            1.0,
+            0.3,
+            "of the return: at 1 up to twice that from rest, as by Dahl, at 0.5 no steeper",
+        ),
     ),
     states=("friction",),
     memory=("friction",),
-    source="P. R. Dahl, AIAA J. 14 (1976) 1675, here on the spool",
+    source="Y.-K. Wen, J. Eng. Mech. Div. ASCE 102 (1976) 249; P. R. Dahl, AIAA J. 14 (1976) 1675, here on the spool",
     linear=Linear(
         "the friction as a spring on the spool, from none while it slides to its stiffest just after a reversal;"
         " performance while it slides",
