@@ -13,7 +13,7 @@ from beamdesign import InputError, Prototype, read_dataset
 from beamdesign.diagnosis.diagnose import held_out
 from beamdesign.diagnosis.diagnosis import updated_prototype
 from beamdesign.diagnosis.fitting.evidence import evidence_of
-from beamdesign.diagnosis.fitting.fit import fit
+from beamdesign.diagnosis.fitting.fit import Fit, fit
 from beamdesign.diagnosis.fitting.hypothesis import NOTHING, Hypothesis
 from beamdesign.diagnosis.fitting.search import Search
 from beamdesign.diagnosis.judgement import causes, judge
@@ -158,6 +158,33 @@ def test_a_spring_that_hardens_is_learnt_from_records_of_a_rig_that_has_one(tmp_
     # What a record held out says decides: where none is, nothing is learnt.
     assert learn(data, (), before, judged) is None
     assert learn(data, held_out(data.records), replace(before, null=null), replace(judged, unknown=0.0)) is None
+
+
+@pytest.mark.parametrize(("kind", "name"), [("outside", "sensor_gain_drift"), ("parameter", "parameter:sensor_gain")])
+def test_a_gain_that_drifts_is_no_wrong_gain(kind, name, tmp_path):
+    """However sure a wrong gain is among what is listed: it leaves what the drift explains. A wrong one stays wrong."""
+    case = draw_case(4, kind, short=True, names=(name,))
+    write_case(case, tmp_path)
+    data = read_dataset(tmp_path)
+    evidence = evidence_of(data)
+    known: dict[str, Fit] = {}
+    for hypothesis in (NOTHING, Hypothesis(("parameter:sensor_gain",))):
+        placement = hypothesis.placement(data.prototype)
+        known[str(hypothesis)] = fit(hypothesis, placement, evidence, np.zeros(len(placement.unknowns)))
+    null, wrong = known.values()
+    expected, floor = sum(e.expected for e in evidence), sum(e.floor for e in evidence)
+    before = Search(null, (wrong,), expected, floor, tuple(e.condition for e in evidence))
+    judged = replace(judge(before), best=wrong, unknown=0.01)
+    found = learn(data, held_out(data.records), before, judged)
+    if kind == "parameter":
+        assert found is None
+        return
+    assert found is not None
+    assert found.judged.best.hypothesis.names == ("empirical_sensor_drift",)
+    assert found.judged.unknown > 0.5
+    true = run_figures(case, case.runs[0])["sensor_drift"]
+    values = found.judged.best.values
+    assert np.sign(values["empirical_sensor_drift.change_per_s"]) == np.sign(true)
 
 
 @pytest.mark.parametrize("odd_square", [0.5, 16.0])

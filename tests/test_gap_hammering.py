@@ -13,7 +13,7 @@ from scipy.integrate import solve_ivp
 from test_truth import drive
 
 from beamdesign.diagnosis import second_look
-from beamdesign.diagnosis.data.dataset import Dataset, TimeRecord
+from beamdesign.diagnosis.data.dataset import Dataset, MeasuredGain, TimeRecord
 from beamdesign.diagnosis.fitting.evidence import evidence_of, record_evidence, spread, with_output_injection
 from beamdesign.diagnosis.fitting.fit import fit
 from beamdesign.diagnosis.fitting.hypothesis import NOTHING, Hypothesis, together
@@ -128,6 +128,19 @@ def test_play_is_found_where_the_motion_cannot_be_repeated():
     assert loose.values["joint_backlash.play_m"] == pytest.approx(PLAY_M, rel=0.15)
     assert loose.values["joint_backlash.rod_mass_kg"] == pytest.approx(ROD_kg, rel=0.3)
     assert found.excess(loose) < 0.15
+
+
+def test_what_a_linear_loop_says_of_a_joint_that_hammers_does_not_count(monkeypatch):
+    """A gain at which it oscillates in its play, a tenth of what its linear loop bears, stands beside the records."""
+    monkeypatch.setattr(second_look, "singles", lambda prototype: (LOOSE, Hypothesis(("parameter:flow_gain",))))
+    rattles = MeasuredGain(LAG.but(gain_A_per_V=0.1 * LAG.gain_A_per_V), 0.0, 0.0, 0.05, 30.0)
+    data = replace(loose_set(), gains=(rattles,))
+    found = backlash_impacts(data, before(loose_set()))
+    assert found is not None
+    assert found.conditions == tuple(record.condition for record in data.records)
+    best = judge(found).best
+    assert best.hypothesis == LOOSE
+    assert best.values["joint_backlash.play_m"] == pytest.approx(PLAY_M, rel=0.15)
 
 
 def test_play_is_found_beside_another_effect(monkeypatch):

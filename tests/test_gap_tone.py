@@ -9,7 +9,9 @@ from gap_sets import believed, measured
 from beamdesign.diagnosis import tone
 from beamdesign.diagnosis.data.dataset import Dataset
 from beamdesign.diagnosis.fitting import search as searching
+from beamdesign.diagnosis.fitting.evidence import record_evidence
 from beamdesign.diagnosis.fitting.hypothesis import NOTHING, Hypothesis, together
+from beamdesign.diagnosis.fitting.replay import DISPLACEMENT
 from beamdesign.diagnosis.fitting.search import search
 from beamdesign.diagnosis.tone import Left, common_tone, search_without_tones, without_tones
 
@@ -135,6 +137,29 @@ def test_records_without_a_tone_are_left_as_they_are(slow: Dataset, monkeypatch:
     found = search_without_tones(slow)
     assert found.data is slow
     assert (found.words, found.doubtful) == ((), False)
+
+
+def test_a_motion_whose_frequency_wanders_is_no_hum(slow: Dataset, monkeypatch: pytest.MonkeyPatch) -> None:
+    """As that of a loop that oscillates in its play: beside the sine that fits it best there is another."""
+    monkeypatch.setattr(searching, "singles", lambda rig: (Hypothesis(("sensor_lag",)),))
+    best = search(slow, 1).fits[0]
+    swinging = []
+    for k, record in enumerate(slow.records):
+        phase = 2 * np.pi * HUM_Hz * record.times + 1.2 * np.sin(2 * np.pi * record.times / np.ptp(record.times) + k)
+        moved = record.measured["displacement_m"] + HUM_m * np.sin(phase)
+        swinging.append(replace(record, measured=record.measured | {"displacement_m": moved}))
+    wandering = replace(slow, records=tuple(swinging))
+    pieces = record_evidence(wandering)
+    placement = best.hypothesis.placement(slow.prototype)
+    left = [
+        Left(piece.name, piece.record.times, float(np.std(seen)), seen - piece.predicted(placement, best.z)[:, at])
+        for piece in pieces
+        for at in (piece.weight.channels.index(DISPLACEMENT),)
+        for seen in (piece.measured[:, at],)
+    ]
+    assert common_tone(left)
+    assert without_tones(wandering, best) == (wandering, (), False)
+    assert without_tones(hummed(slow, displacement_m=HUM_m), best)[1]
 
 
 def test_a_tone_of_one_loop_may_be_its_own(slow: Dataset, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -30,6 +30,7 @@ EXPLAINED = 0.15
 _UNLISTED = 0.5  # probability: a listed cause that is more probable than none of them has to be beaten
 _DOUBTED = 0.1  # probability that the cause is not listed, from which laws are learnt
 _BETTER = 0.35  # of what the listed cause leaves: what a law has to stay below against it
+_CHANGING = 0.5  # the same of a drift against a wrong figure, which is the same law but for when
 _ALIKE = 0.7  # of what the best listed causes leave, however improbable: what a law has to stay below in any case
 _FULL = 5  # laws fitted in full: the best at a look
 _BESIDE = 0.7  # of the excess misfit: what the best listed cause has to stay below for laws to be learnt beside it
@@ -82,11 +83,16 @@ def learn(
     """
     contested = judged.unknown <= _UNLISTED
     rival, enough = (judged.best, _BETTER) if contested else (before.null, _WORTH)
-    if not held_out or judged.unknown < _DOUBTED or before.excess(rival) < EXPLAINED:
+    # A figure that is believed to be wrong may change while a record lasts, whatever its probability says of the rest.
+    figure, doubted = contested and _is_figure(rival), judged.unknown >= _DOUBTED
+    if not held_out or not (doubted or figure) or before.excess(rival) < EXPLAINED:
         return None
-    scaled, found = _fitted(with_scales(data, before.null), before, workers, progress, kept)
+    scaled = with_scales(data, before.null)
+    alone = [h for h in learnable(scaled.prototype) if _has_scales(h, scaled) and (doubted or _drifts(h))]
+    scaled, found = _fitted(scaled, alone, before, workers, progress, kept)
     laws = replace(before, fits=tuple(best_of_each(found)))
     weighed = judge(laws)
+    enough = _CHANGING if figure and _drifts(weighed.best.hypothesis) else enough
     # Never at the price of a listed cause: one that leaves about as little is no worse an explanation.
     most = min([enough * before.excess(rival), *(_ALIKE * before.excess(fit) for fit in before.fits[:1])])
     if not weighed.best.hypothesis.names or laws.excess(weighed.best) > most:
@@ -113,6 +119,20 @@ def learn(
     return Learning(scaled, everything, Judgement(listed | share, unknown, best), (null, without))
 
 
+def _is_figure(fit: Fit) -> bool:
+    """Whether a wrong figure is all that a fit blames."""
+    return bool(fit.hypothesis.names) and not fit.hypothesis.effects
+
+
+def _drifts(hypothesis: Hypothesis) -> bool:
+    return any(name.endswith("_drift") for name in hypothesis.names)
+
+
+def _has_scales(hypothesis: Hypothesis, data: Dataset) -> bool:
+    (name,) = hypothesis.names
+    return not library()[name].scales or name in data.prototype.effects
+
+
 def _of(kept: FitCache | None, data: Dataset) -> FitCache | None:
     """Where fits of learnt laws are kept, whose unknowns go by the scales that the prototype states."""
     scales = sha256(repr(data.prototype.effects).encode()).hexdigest()[:12]
@@ -120,14 +140,18 @@ def _of(kept: FitCache | None, data: Dataset) -> FitCache | None:
 
 
 def _fitted(
-    data: Dataset, before: Search, workers: int, progress: Progress, kept: FitCache | None
+    data: Dataset,
+    alone: Sequence[Hypothesis],
+    before: Search,
+    workers: int,
+    progress: Progress,
+    kept: FitCache | None,
 ) -> tuple[Dataset, list[Fit]]:
-    """All laws at a look, the best of them in full; where a listed cause explains a part, beside it as well.
+    """Laws at a look, the best of them in full; where a listed cause explains a part, beside it as well.
 
     With the data set that states the scales of these.
     """
-    null, scaled = before.null.values, data.prototype.effects
-    alone = [h for h in learnable(data.prototype) if not library()[h.names[0]].scales or h.names[0] in scaled]
+    null = before.null.values
     with Fitters(data, workers, _of(kept, data)) as fitters:
         tasks = [Task(h, null, on=hardest(before.null), quick=True) for h in alone]
         looks = fitters(tasks, lambda k: progress(0.5 * k / len(tasks), "laws of each port"))

@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from beamdesign.diagnosis.data.dataset import Dataset
-from beamdesign.diagnosis.fitting.evidence import InjectedRecord, RecordEvidence, evidence_of, record_evidence
+from beamdesign.diagnosis.fitting.evidence import InjectedRecord, RecordEvidence, record_evidence, with_output_injection
 from beamdesign.diagnosis.fitting.fit import Evidence, Fit, FitCache, fit, linearised, misfit_at
 from beamdesign.diagnosis.fitting.hypothesis import (
     NOTHING,
@@ -65,7 +65,7 @@ def backlash_impacts(
     Returns:
         None where play explains less than half of what the tolerances, or that other cause, leave.
     """
-    evidence = evidence_of(data, synchronised=True)
+    evidence = [with_output_injection(piece) for piece in record_evidence(data)]
     rig = data.prototype
     progress(0.0, "play, looked for")
     base = beside or before.null
@@ -101,7 +101,7 @@ def backlash_impacts(
         found_all += _pairs(others, rig, seen, loose)
     progress(1.0, "done")
     # Without a floor: the error of a motion that cannot be predicted says nothing of how large a cause is.
-    return Search(null, tuple(best_of_each(found_all)), expected, conditions=before.conditions)
+    return Search(null, tuple(best_of_each(found_all)), expected, conditions=tuple(e.condition for e in evidence))
 
 
 def loose_joint(rig: Prototype) -> Hypothesis:
@@ -135,7 +135,7 @@ def refit_backlash_impacts(data: Dataset, best: Fit) -> Fit:
         best: the fit.
     """
     placement = best.hypothesis.placement(data.prototype)
-    seen = _blurred(evidence_of(data, synchronised=True), placement, best.z)
+    seen = _blurred(map(with_output_injection, record_evidence(data)), placement, best.z)
     again = fit(best.hypothesis, placement, seen, best.z, _LOOK) if seen is not None else best
     return best if again.reason else again
 

@@ -35,6 +35,7 @@ _RECORDS, _SHARE = 3, 0.6  # that have it
 _DRIVEN = 3.0  # largest over smallest rms of records: where it is less, what is driven looks like what is not
 _MAINS_HZ, _OFF = (50.0, 60.0), 0.004  # and how far mains are off
 _MOST = 4  # tones that are looked for, one after another
+_WANDERS = 4  # lines between two tones that are one which wanders
 
 
 class Left(NamedTuple):
@@ -143,7 +144,8 @@ def without_tones(data: Dataset, best: Fit) -> tuple[Dataset, tuple[str, ...], b
     """Take tones in common off the records.
 
     What oscillates by itself keeps its amplitude as well, but not its frequency where masses or controllers differ: a
-    tone in records of one loop alone that is not of the mains is left where it is.
+    tone in records of one loop alone that is not of the mains is left where it is. Of a hum nothing is left once its
+    sine is taken off; where another tone stands beside one, both are of a motion whose frequency wanders, and all stay.
 
     Args:
         data: records.
@@ -160,10 +162,15 @@ def without_tones(data: Dataset, best: Fit) -> tuple[Dataset, tuple[str, ...], b
     left = [share * (piece.measured - of) for piece, of, share in pairs if of is not None]
     records, any_in_loop = list(data.records), False
     words: list[str] = []
+    taken: list[float] = []
     while len(left) == len(pieces) and len(words) < _MOST:
         tone = common_tone([_of_displacement(piece, of) for piece, of in zip(pieces, left, strict=True)])
         if tone is None or not (tone.of_the_mains or _of_several_loops(tone, records)):
             break
+        beside = _WANDERS / min(float(np.ptp(piece.record.times)) for piece in pieces)
+        if any(abs(tone.frequency_Hz - other) < beside for other in taken):
+            return data, (), False
+        taken.append(tone.frequency_Hz)
         hearing = 0
         for k, piece in enumerate(pieces):
             if piece.name not in tone.having:  # too small to be seen, and too small to count

@@ -13,13 +13,15 @@ from beamdesign.diagnosis.data.dataset import Dataset
 from beamdesign.diagnosis.fitting.evidence import evidence_of
 from beamdesign.diagnosis.fitting.fit import Evidence, Fit, FitCache, Task
 from beamdesign.diagnosis.fitting.starts import fit_from_starts, resonances
+from beamdesign.plant.effects import library
 from beamdesign.plant.empirical import laws
 from beamdesign.progress import end_at_once
 from beamdesign.prototype import Prototype
 from beamdesign.time_limit import TimeUp, forget, heed, leave_out, left_for_steps
 
-RESONANT = {law.name for law in laws() if any(q.name == "frequency_Hz" for q in law.parameters)}
-"""Laws to be learnt that resonate."""
+RESONANT = {name for name, law in library().items() if any(q.name == "frequency_Hz" for q in law.parameters)}
+"""Laws that resonate."""
+_LEARNT = {law.name for law in laws()}
 _QUICK = 3  # iterations that show whether a pair is worth fitting
 
 
@@ -121,7 +123,7 @@ def fitted(task: Task, prototype: Prototype, evidence: Sequence[Evidence]) -> Fi
     """The best of fits from the most promising starts."""
     some = [evidence[k] for k in task.on] or evidence
     # Where no fit has found yet what resonates, a few iterations do not come to a narrow resonance.
-    if task.quick and not any(name in RESONANT for name in task.hypothesis.effects):
+    if task.quick and not RESONANT & _LEARNT & {*task.hypothesis.effects}:
         return fit_from_starts(task.hypothesis, prototype, some, task.known, (), 1, task.hints, _QUICK)
     peaks = resonances(some, prototype, task.known, task.hypothesis)
     return fit_from_starts(task.hypothesis, prototype, some, task.known, peaks, hints=task.hints)

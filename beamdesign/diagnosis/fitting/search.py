@@ -8,7 +8,7 @@ import numpy as np
 from beamdesign.diagnosis.data.dataset import Dataset
 from beamdesign.diagnosis.fitting.evidence import evidence_of
 from beamdesign.diagnosis.fitting.fit import Fit, FitCache, Task
-from beamdesign.diagnosis.fitting.fitters import Fitters
+from beamdesign.diagnosis.fitting.fitters import RESONANT, Fitters
 from beamdesign.diagnosis.fitting.hypothesis import NOTHING, Hypothesis, cause, pairs, singles
 from beamdesign.plant.assembly import fits
 from beamdesign.plant.effects import causes, library
@@ -151,7 +151,10 @@ def _searched(fitters: Fitters, null: Fit, progress: Progress, worth: float) -> 
         found += fitters(_as_by_the_usual_law(found, null))
         state = replace(state, fits=tuple(best_of_each(found)))
     if hopeless and not state.explained:  # they may still be parts of pairs
-        quick = fitters((Task(h, looks[h][1].values, null.values, quick=True) for h in hopeless), counted)
+        # A narrow resonance that a look at one record has missed stands out of all of them.
+        again = (Task(h, null.values) for h in hopeless if RESONANT & {*h.effects})
+        looked = (Task(h, looks[h][1].values, null.values, quick=True) for h in hopeless)
+        quick = best_of_each(fitters([*again, *looked], counted))
         best = fitters(Task(f.hypothesis, null.values, f.values) for f in _sorted(quick)[:_BEST_OF_FEW])
         state = replace(state, fits=tuple(best_of_each([*found, *quick, *best])))
     if few:
