@@ -306,7 +306,7 @@ def test_another_law_begins_where_the_usual_one_was_found():
         for h in (hard, soft, later, rough)
         for unknowns in (h.unknowns(believed()),)
     ]
-    (task,) = searching._as_by_the_usual_law(found, found[0])
+    (task,) = searching._as_by_the_usual_law(found, found, found[0])
     assert task.hypothesis == soft
     assert task.hints["current_saturation_soft.limit_A"] == found[0].values["current_saturation.limit_A"]
     assert task.hints["outer_stiffness"] == found[0].values["outer_stiffness"]

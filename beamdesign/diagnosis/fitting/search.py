@@ -31,6 +31,7 @@ _HALF = 0.5  # of the evidence, that which the best single cause explains least,
 _QUARTER = 0.25  # of the records, those which tolerances explain least, tell which single causes are
 _HOPELESS = 0.5  # of the excess misfit of the part looked at: what leaves more of it explains no gap
 _SEEKING, _LOOKING = 0.7, 0.3  # of the time that is left, for all fits and for a look at single causes before them
+_LOOKING_AT_PAIRS = 0.6  # the same, at pairs, before the best of them are fitted in full
 _DONE, _QUIET = 0.004, 1.15  # of the excess misfit, times the noise: a cause that leaves no more needs no second one
 
 
@@ -148,7 +149,7 @@ def _searched(fitters: Fitters, null: Fit, progress: Progress, worth: float) -> 
     found = fitters((Task(h, null.values) for h in alone if h not in hopeless), counted)
     state = replace(state, fits=tuple(_sorted(found)))
     if not few and gap and not state.explained:
-        found += fitters(_as_by_the_usual_law(found, null))
+        found += fitters(_as_by_the_usual_law([f for f in found if state.excess(f) < _HOPELESS], found, null))
         state = replace(state, fits=tuple(best_of_each(found)))
     if hopeless and not state.explained:  # they may still be parts of pairs
         # A narrow resonance that a look at one record has missed stands out of all of them.
@@ -193,7 +194,8 @@ def _two_at_once(fitters: Fitters, state: Search, progress: Progress) -> list[Fi
     values = {f.hypothesis: f.values for f in reversed(state.fits) if not f.reason}
     tried, on = _promising(state), hardest(state.fits[0])
     tasks = [Task(h, *_halves(h, values), on, quick=True) for h in tried]
-    quick = fitters(tasks, lambda k: progress(0.55 + 0.3 * k / len(tasks), "pairs"))
+    with share(_LOOKING_AT_PAIRS, within_steps=True):  # so that the best of those looked at are fitted in any case
+        quick = fitters(tasks, lambda k: progress(0.55 + 0.3 * k / len(tasks), "pairs"))
     leading = set(pairs(tuple(f.hypothesis for f in state.fits[:_LEADING])))
     ranked = [f for f in _sorted(quick) if not f.reason]
     best = [f for k, f in enumerate(ranked) if k < _BEST_PAIRS or f.hypothesis in leading]
@@ -327,11 +329,11 @@ def _other_laws(of: Sequence[Fit], values: Mapping[Hypothesis, dict[str, float]]
     return list(tasks.values())
 
 
-def _as_by_the_usual_law(found: Sequence[Fit], null: Fit) -> Iterator[Task]:
+def _as_by_the_usual_law(usual: Sequence[Fit], found: Sequence[Fit], null: Fit) -> Iterator[Task]:
     """Fits of further laws for an effect that begin where its usual law has been found, for what both have."""
-    usual = {f.hypothesis.names: f.values for f in found if not f.reason}
+    of = {f.hypothesis.names: f.values for f in usual if not f.reason}
     for hypothesis in (f.hypothesis for f in found if f.hypothesis.effects):
-        if hypothesis.causes != hypothesis.names and (values := usual.get(hypothesis.causes)):
+        if hypothesis.causes != hypothesis.names and (values := of.get(hypothesis.causes)):
             yield Task(hypothesis, null.values, _by_law(values, hypothesis.causes[0], hypothesis.names[0]))
 
 
