@@ -147,6 +147,20 @@ def test_a_second_cause_needs_a_share_of_its_own():
     assert major.best.hypothesis.names == (LAG, AREAS)
 
 
+@pytest.mark.parametrize(("left", "names"), [(1.2, (LAG, AREAS)), (7.0, (LAG,))])
+def test_what_explains_all_but_noise_of_the_displacement_is_named_however_large_the_gap(left: float, names):
+    """A hundredth of the gap, twenty times the noise; where six of these are left, it may be another realisation."""
+    floor = 1e-4
+    fits = {(): (100, 2000), (LAG,): (1.9, 20), (AREAS,): (90, 1800), (LAG, AREAS): (1.1, left)}
+
+    def one(causes: tuple[str, ...], misfit: float, error: float) -> Fit:
+        fit = made(causes, misfit * EXPECTED)
+        return replace(fit, shares=tuple(replace(share, error=error * floor) for share in fit.shares))
+
+    judged = judge(replace(found(*(one(c, *of) for c, of in fits.items())), floor=floor))
+    assert judged.best.hypothesis.names == names
+
+
 def test_what_leaves_a_plainly_wrong_figure_strained_explains_something_else():
     """Of little misfit, one cause takes a part and leaves the figure where no rig has it, the other eases it."""
     null, wrong = made((), 1.2 * EXPECTED, flow_gain=4.8), made(("parameter:flow_gain",), 1.2 * EXPECTED, flow_gain=1.0)

@@ -34,6 +34,7 @@ class Thresholds:
         slight: of the misfit of noise alone.
         faint: of the mean square of the sensor's noise.
         minor: of the gap.
+        all_but: times what is left of the displacement's error beyond noise.
         part: of what is left without a cause.
         plain: in cost, about three tolerances.
         as_much: of what a plainly wrong figure gains.
@@ -62,6 +63,7 @@ class Thresholds:
     slight: float = 1.0
     faint: float = 0.75
     minor: float = 0.03
+    all_but: float = 4.0
     part: float = 0.3
     plain: float = 8.0
     as_much: float = 0.8
@@ -278,19 +280,23 @@ def _size(found: Fit, rest: Fit, of: Search) -> float:
     It is large if its removal brings back as much misfit as noise alone leaves, which counts every frequency alike, or
     moves the displacement by about the noise of its sensor, which counts the largest motion. In the same measure it is
     no less than `Thresholds.minor` of the gap and `Thresholds.part` of what is left without it: what the dominant cause
-    leaves because it is another realisation is no second one.
+    leaves because it is another realisation is no second one. Nor is it explained by one so well that the displacement
+    is off by no more than its noise: that is a cause however large the gap is.
     """
 
-    def least(share: float, noise: float, null: float, left: float) -> float:
-        return max(share * noise, THRESHOLDS.minor * (null - noise), THRESHOLDS.part * (left - noise))
+    def least(share: float, noise: float, minor: float, left: float) -> float:
+        return max(share * noise, minor, THRESHOLDS.part * (left - noise))
 
-    misfit = (rest.cost - found.cost) / least(THRESHOLDS.slight, of.expected, of.null.cost, rest.cost)
+    minor = THRESHOLDS.minor * (of.null.cost - of.expected)
+    misfit = (rest.cost - found.cost) / least(THRESHOLDS.slight, of.expected, minor, rest.cost)
     moved = rest.error - found.error
     if of.floor <= 0:
         return misfit
     if moved < -of.floor:  # it improves what hardly moves, and spoils what does
         return 0.0
-    return max(misfit, moved / least(THRESHOLDS.faint, of.floor, of.null.error, rest.error))
+    beyond = max(found.error - of.floor, 0.0)
+    minor = min(THRESHOLDS.minor * (of.null.error - of.floor), THRESHOLDS.all_but * beyond)
+    return max(misfit, moved / least(THRESHOLDS.faint, of.floor, minor, rest.error))
 
 
 def _unknown(found: Search, best: Fit) -> float:
@@ -362,11 +368,8 @@ def parameters(name: str, holder: Fit, errors: Mapping[str, float]) -> dict[str,
         keys = [figure for figure, tolerance in RIG_TOLERANCES.items() if tolerance == key] or [key]
         return {key: Estimate(holder.values[key], errors[key]) for key in keys if key in holder.values}
     prefix = holder.hypothesis.realisation(name) + "."
-    return {
-        key.removeprefix(prefix): Estimate(value, errors[key])
-        for key, value in holder.values.items()
-        if key.startswith(prefix)
-    }
+    own = {key: value for key, value in holder.values.items() if key.startswith(prefix)}
+    return {key.removeprefix(prefix): Estimate(value, errors[key]) for key, value in own.items()}
 
 
 def flags(name: str, holder: Fit) -> list[str]:
@@ -388,12 +391,8 @@ def flags(name: str, holder: Fit) -> list[str]:
 def classes(judged: Judgement) -> tuple[tuple[str, ...], ...]:
     """Sets of names, any of which may be the answer: what differs between hypotheses with 95 % of the probability."""
     ranked = sorted(judged.of.items(), key=lambda item: -item[1])
-    total, kept = 0.0, []
-    for hypothesis, probability in ranked:
-        kept.append(hypothesis)
-        total += probability / max(1e-12, 1 - judged.unknown)
-        if total > 0.95:
-            break
+    sums = np.cumsum([p for _, p in ranked]) / max(1e-12, 1 - judged.unknown)
+    kept = [hypothesis for hypothesis, _ in ranked[: int(np.searchsorted(sums, 0.95, side="right")) + 1]]
     common = set.intersection(*(set(h.causes) for h in kept))
     rivals = sorted({str(Hypothesis(tuple(n for n in h.causes if n not in common))) for h in kept})
     return (tuple(rivals),) if len(rivals) > 1 else ()
