@@ -144,7 +144,7 @@ def _searched(fitters: Fitters, null: Fit, progress: Progress, worth: float) -> 
     hopeless = [h for h in alone if (large or h.effects) and h in looks and looks[h][0] > _HOPELESS]
 
     def counted(fitted: int) -> None:
-        progress(0.05 + 0.5 * (len(state.fits) + fitted) / len(alone), "single causes")
+        progress(0.05 + 0.5 * min(1.0, (len(state.fits) + fitted) / len(alone)), "single causes")
 
     found = fitters((Task(h, null.values) for h in alone if h not in hopeless), counted)
     state = replace(state, fits=tuple(_sorted(found)))
