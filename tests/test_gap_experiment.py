@@ -45,6 +45,12 @@ def test_distance_between_lines_has_its_closed_form():
     assert distance(np.array([0.0, 3.0]), free) == pytest.approx(3.0, rel=1e-12)
 
 
+@pytest.mark.parametrize(("difference", "free"), [(1e200, 1.0), (1.0, 1e200), (np.nan, 1.0), (1.0, np.inf)])
+def test_a_prediction_on_the_way_to_diverge_tells_nothing(difference: float, free: float):
+    """As that of a joint which hammers, by a law that none of its records bears out. No warning either."""
+    assert distance(np.array([difference, 0.0]), np.array([[free], [0.0]])) == 0.0
+
+
 def test_doing_what_is_proposed_separates_the_rivals(rig, slow):
     """Carried out on the rig of one rival, the proposed record leaves the other with a misfit near the promise."""
     rivals = [fitted(TRUTH, slow), fitted(RIVAL, slow)]

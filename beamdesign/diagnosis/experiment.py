@@ -262,7 +262,7 @@ def distance(difference: np.ndarray, free: np.ndarray) -> float:
         difference: (M,) between two predictions.
         free: (M, K) change of it per standard deviation of what may be re-tuned.
     """
-    if not np.all(np.isfinite(free)) or np.abs(free).max(initial=0.0) > _HUGE:  # a prediction on the way to diverge
+    if not all(np.abs(each).max(initial=0.0) <= _HUGE for each in (free, difference)):  # on the way to diverge
         return 0.0
     right = free.T @ difference
     a = free.T @ free + np.eye(free.shape[1])
