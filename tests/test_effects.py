@@ -220,6 +220,21 @@ def test_spool_friction_is_the_closed_form_of_bouc_and_wen(sharpness, steepness,
     assert found == pytest.approx(expected(way), abs=1e-3)
 
 
+@pytest.mark.parametrize("sharpness", [1.0, 1.7, 3.0])
+@pytest.mark.parametrize("steepness", [0.5, 0.8, 1.0])
+def test_spool_friction_stays_within_what_proofs_say_of_it(sharpness: float, steepness: float):
+    """Slopes over the spool's way from 0 to 2, and none outward once it is full: it never exceeds its half width."""
+    given = {"half_width_A": 1e-4, "travel": 1.0, "sharpness": sharpness, "steepness": steepness}
+    for friction in np.linspace(-1.0, 1.0, 41):
+        state, port = {"friction": friction}, {"flow_m3_per_s2": 1e-6}  # one travel per second
+        _, rate = applied(
+            "valve_hysteresis", "spool_A", 0.0, parameter=given, figure={"flow_gain": 0.01}, state=state, port=port
+        )
+        assert -1e-12 <= rate["friction"] <= 2.0
+        if friction == 1.0:
+            assert rate["friction"] == pytest.approx(0.0, abs=1e-12)
+
+
 @pytest.mark.parametrize("ratio", [0.05, 0.2, 0.5])
 def test_rounded_edges_open_gradually(ratio: float):
     """At null a slope of 1 - 1/sqrt(1 + r^2); at an edge half the clearance; far beyond it, all but the overlap."""

@@ -163,11 +163,11 @@ def without_tones(data: Dataset, best: Fit) -> tuple[Dataset, tuple[str, ...], b
     records, any_in_loop = list(data.records), False
     words: list[str] = []
     taken: list[float] = []
+    beside = _WANDERS / min((float(np.ptp(piece.record.times)) for piece in pieces), default=np.inf)
     while len(left) == len(pieces) and len(words) < _MOST:
         tone = common_tone([_of_displacement(piece, of) for piece, of in zip(pieces, left, strict=True)])
         if tone is None or not (tone.of_the_mains or _of_several_loops(tone, records)):
             break
-        beside = _WANDERS / min(float(np.ptp(piece.record.times)) for piece in pieces)
         if any(abs(tone.frequency_Hz - other) < beside for other in taken):
             return data, (), False
         taken.append(tone.frequency_Hz)

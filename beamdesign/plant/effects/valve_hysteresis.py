@@ -11,13 +11,13 @@ import numpy as np
 
 from beamdesign.plant.effects import Effect, Elements, Linear, Parameter, Site, Span, bounded, play
 
-_LEAST = 1e-4  # of the friction: below it its size has no kink
+_LEAST = 1e-4  # of the friction: below it its size has no kink; a size of one is one, so that no slope is beyond 2
 
 
 def _law(signal: Any, site: Site) -> Any:
     width, state = site.parameter["half_width_A"], site.state["friction"]
     rate = bounded(site.port["flow_m3_per_s2"] / (site.figure["flow_gain"] * width * site.parameter["travel"]))
-    size, steepness = ca.sqrt(state**2 + _LEAST**2), site.parameter["steepness"]
+    size, steepness = ca.sqrt((state**2 + _LEAST**2) / (1 + _LEAST**2)), site.parameter["steepness"]
     turned = steepness * ca.fabs(rate) * state / size + (1 - steepness) * rate
     site.rate["friction"] = rate - size ** site.parameter["sharpness"] * turned
     return signal - width * state
