@@ -365,6 +365,18 @@ def test_a_knee_holds_for_any_ratio_of_demand_to_limit(ratio: float):
     assert found[1] == -found[0]
 
 
+def test_a_current_that_is_nearly_always_at_its_limit_still_obeys_its_controller(sound: Recorded, tmp_path: Path):
+    """Where the states of the lag began is to be read off what is not cut off; off all of it, 3 % are missed."""
+    clip("current_A", 0.02, "force")(sound)
+    data = read_dataset(sound.write(tmp_path))
+    record = next(r for r in data.records if r.name == "force")
+    fit = controller_fit(record, data.prototype.sensor.gain_V_per_m)
+    assert fit is not None
+    assert fit.with_gain > 0.4
+    assert fit.limit_A == pytest.approx(np.abs(record.measured["current_A"]).max(), rel=0.01)
+    assert fit.with_limit < 0.01
+
+
 REAL = {
     "sound": {},
     "late sensor": {"sensor_lag": {"break_Hz": 90.0}},

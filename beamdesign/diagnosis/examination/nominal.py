@@ -110,6 +110,7 @@ _TRIED = 4000  # samples
 _TRUSTED = 3.0  # by how much saturation must shrink the residual to be believed
 _UNSEEN = 1e-6  # of the largest power of a line
 _BREAKS_HZ = (0.05, 2000.0)
+_BELOW, _ENOUGH = 0.8, 10  # of the largest current; samples for each state of a controller
 _LEFT = 0.05  # residual that saturation may leave and be believed
 _SURE = 3.0  # standard deviations of the noise's power
 _SEEN = 0.01  # residual from which it is worth explaining
@@ -158,8 +159,8 @@ def commanded_current(record: TimeRecord, controller: Controller, sensor_gain: f
     """(N,) current that a controller makes of a record's command and of what was sensed, A.
 
     Where its states stand at the beginning is not known of a record that was cut out of a longer one: they start where
-    they fit the measured current best, an offset of that apart. None where the record lacks a channel that the
-    controller hears, or where its states run away when they are followed alone.
+    they fit the measured current best, an offset of that apart, over all of it that is not near its largest. None where
+    the record lacks a channel that the controller hears, or where its states run away when they are followed alone.
 
     Args:
         record: measured.
@@ -189,7 +190,10 @@ def commanded_current(record: TimeRecord, controller: Controller, sensor_gain: f
     asked = through + fftconvolve(pulses, sensed - bent, axes=0)[:count].sum(axis=1)
     size = np.abs(fading).max(axis=0)
     columns = np.column_stack([fading / np.where(size > 0, size, 1.0), np.ones(count)])
-    shares = np.linalg.lstsq(columns, record.measured["current_A"] - asked, rcond=1e-6)[0]
+    current = record.measured["current_A"]
+    below = np.abs(current) <= _BELOW * np.abs(current).max()  # what a limit cuts off says nothing of what was asked
+    below |= below.sum() < _ENOUGH * columns.shape[1]
+    shares = np.linalg.lstsq(columns[below], (current - asked)[below], rcond=1e-6)[0]
     return np.asarray(asked + columns[:, :-1] @ shares[:-1])
 
 
