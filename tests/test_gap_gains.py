@@ -7,10 +7,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from gap_sets import TOLERANCE
+from gap_sets import TOLERANCE, measured, scenario
 from honest_certificates import screw
 
-from beamdesign import InputError, Prototype, critical_gain, read_dataset
+from beamdesign import InputError, Prototype, critical_gain, diagnose, read_dataset
 from beamdesign.controllers import Controller, Lag, Proportional, Structured
 from beamdesign.controllers.cascade import Section
 from beamdesign.diagnosis.data.dataset import Dataset, FrequencyResponse, MeasuredGain, TimeRecord
@@ -551,3 +551,21 @@ def test_with_gains_beside_a_record_the_lag_stays_first():
     with_gains = {name: likelihood(name, pieces) for name in names}
     assert max(alone, key=alone.__getitem__) == "sensor_lag"
     assert max(with_gains, key=with_gains.__getitem__) == "sensor_lag"
+
+
+@pytest.mark.parametrize(("share", "verdict"), [(1.0, "effect"), (0.05, "ambiguous")])
+def test_a_gain_far_from_the_believed_one_is_doubted_unless_the_cause_explains_it(
+    share: float, verdict: str, believed: Prototype, monkeypatch: pytest.MonkeyPatch
+):
+    """A sensor of 20 Hz: the lag oscillates at a fifteenth of the gain that is believed, as the exact loop has it."""
+    monkeypatch.setattr(search, "singles", lambda rig: (Hypothesis(("sensor_lag",)), Hypothesis(("seal_friction",))))
+    nominal = believed.but(controller=LAG)
+    slow = critical_gain(filtered(nominal, 20.0)).gain_A_per_V
+    assert slow < 0.07 * critical_gain(nominal).gain_A_per_V
+    plan = scenario(0.5)
+    rows = [row.but(controller=PROPORTIONAL) for row in plan.record if row.name.startswith("command")]
+    rig = nominal.but(effects={"sensor_lag": {"break_Hz": 20.0}})
+    data = measured(rig, plan.but(record=tuple(rows)), nominal)
+    found = diagnose(replace(data, gains=(MeasuredGain(LAG.but(gain_A_per_V=share * slow), 0.0, 0.0, 0.03),)), 1)
+    assert (found.verdict, found.chosen) == (verdict, ("sensor_lag",))
+    assert any("times what is believed: check it and its masses" in words for words in found.warnings)

@@ -13,10 +13,11 @@ import numpy as np
 
 from beamdesign.diagnosis.data.dataset import Dataset, TimeRecord
 from beamdesign.diagnosis.diagnosis import Diagnosis, no_surer, unfinished, updated_prototype
-from beamdesign.diagnosis.examination.plausibility import examine
+from beamdesign.diagnosis.examination.plausibility import GAIN_FAR, examine
 from beamdesign.diagnosis.experiment import next_experiment
 from beamdesign.diagnosis.fitting.evidence import RecordEvidence, evidence_of, with_output_injection
-from beamdesign.diagnosis.fitting.fit import FitCache
+from beamdesign.diagnosis.fitting.fit import Evidence, Fit, FitCache
+from beamdesign.diagnosis.fitting.gain_evidence import GainEvidence
 from beamdesign.diagnosis.fitting.hypothesis import notes_on_known
 from beamdesign.diagnosis.fitting.replay import PLAY, law_of_play
 from beamdesign.diagnosis.fitting.search import refit
@@ -160,12 +161,13 @@ def _diagnosed(data: Dataset, workers: int, progress: Progress, kept: FitCache |
         data, found, judged = learnt.data, learnt.search, learnt.judged
     rare = nan if left_out() else chance(judged.of_causes.get((), 0.0))
     judged = decided(judged, found, rare)
+    evidence = evidence_of(data)
+    doubtful = doubtful or (again is None and any(_far(piece, judged.best) for piece in evidence))
     if not judged.best.hypothesis.names:
         learnt, again = None, None
     confident = verdict_of(judged, doubtful, rare) != "unknown"
     best = judged.best if confident or learnt is not None else found.null
     progress(0.96, "what the data can tell")
-    evidence = evidence_of(data)
     separable = None if over() else indistinguishable(data, evidence)
     progress(0.97, "records held out")
     tuned, outside = plain, best
@@ -241,6 +243,14 @@ def _diagnosed(data: Dataset, workers: int, progress: Progress, kept: FitCache |
         left_out=left_out(),
         chance=rare,
     )
+
+
+def _far(piece: Evidence, best: Fit) -> bool:
+    """Whether it is a critical gain that is far from what the chosen model makes of it."""
+    if not isinstance(piece, GainEvidence):
+        return False
+    at = piece.predicted(best.hypothesis.placement(piece.prototype), best.z)
+    return at is not None and not 1 / GAIN_FAR < piece.measured.gain / at.gain < GAIN_FAR
 
 
 _T = TypeVar("_T")

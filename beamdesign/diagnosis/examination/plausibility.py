@@ -46,7 +46,8 @@ _UNITS = {
 _FAR = np.log(3.0)
 _NEAR = np.log(2.0)
 _FEWEST = 3
-_GAIN_FAR = 10.0
+GAIN_FAR = 10.0
+"""Between a critical gain and what it is held against: a factor that is worth a word."""
 
 
 def check_responses(responses: Sequence[FrequencyResponse], prototype: Prototype) -> None:
@@ -125,6 +126,8 @@ def _phase_error(phases: np.ndarray, expected: np.ndarray) -> float:
 def check_gains(gains: Sequence[MeasuredGain], prototype: Prototype, folder: Path) -> list[Caution]:
     """Compare critical gains with those believed.
 
+    A rig may well be that far off: whether one is, its diagnosis tells.
+
     Raises:
         InputError: where they are in another unit.
     """
@@ -141,11 +144,11 @@ def check_gains(gains: Sequence[MeasuredGain], prototype: Prototype, folder: Pat
         if 0.2 < ratio / 1e3 < 3:
             words = f"entry {k}: {gain.gain:g} is {ratio:.0f} times what is believed: is it in mA/V? Divide by 1000"
             problems.append(Problem("critical_gain.gain_A_per_V", words))
-        elif not 1 / _GAIN_FAR < ratio < _GAIN_FAR:
+        elif not 1 / GAIN_FAR < ratio < GAIN_FAR:
             text = (
                 f"critical gain {k}, {gain.gain:g} A/V, is {ratio:.3g} times what is believed: check it and its masses"
             )
-            warnings.append(Caution("critical_gain", "", text, limits_confidence=True))
+            warnings.append(Caution("critical_gain", "", text))
     if problems:
         raise InputError(folder / "dataset.toml", problems)
     return warnings
