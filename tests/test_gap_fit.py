@@ -9,7 +9,6 @@ from rigs_of_effects import having
 
 from beamdesign import InputError, read_dataset
 from beamdesign.diagnosis.diagnosis import updated_prototype
-from beamdesign.diagnosis.fitting import search as searching
 from beamdesign.diagnosis.fitting.evidence import evidence_of, record_evidence
 from beamdesign.diagnosis.fitting.fit import Fit, Share, fit, fit_cache
 from beamdesign.diagnosis.fitting.hypothesis import (
@@ -26,7 +25,6 @@ from beamdesign.diagnosis.fitting.replay import Replay
 from beamdesign.diagnosis.fitting.search import refit, search
 from beamdesign.diagnosis.fitting.starts import starts
 from beamdesign.diagnosis.fitting.weighting import INDEPENDENT, SHARE, weighting
-from beamdesign.diagnosis.judgement import judge
 from beamdesign.plant.assembly import fits
 from beamdesign.plant.effects import causes
 from beamdesign.structure.lumped import figures
@@ -279,39 +277,6 @@ def test_a_magnets_hysteresis_is_told_from_a_spools(tmp_path):
     assert magnet.values["valve_hysteresis_magnetic.half_width_A"] == pytest.approx(told["half_width_A"], rel=0.1)
 
 
-def test_pairs_are_tried_with_the_other_laws_of_their_effects():
-    """Beside another cause the law may be right that fits worse alone."""
-    pair = together("sensor_lag", "current_saturation")
-    unknowns = pair.unknowns(believed())
-    alone = Hypothesis(("sensor_lag_second_order",))
-    tasks = searching._other_laws([Fit(pair, unknowns, np.zeros(len(unknowns)))], {alone: {"a": 1.0}}, "twin_beam")
-    hints = {task.hypothesis: task.hints for task in tasks}
-    later, soft = (
-        together("sensor_lag_second_order", "current_saturation"),
-        together("sensor_lag", "current_saturation_soft"),
-    )
-    assert set(hints) == {later, soft}
-    assert (hints[later]["a"], hints[soft].get("a")) == (1.0, None)  # as the law was found alone
-    limit = next(u.nominal for u in unknowns if u.name == "current_saturation.limit_A")
-    assert hints[soft]["current_saturation_soft.limit_A"] == limit  # and what both laws have, as in the pair
-    assert all(task.known["current_saturation.limit_A"] > 0 for task in tasks)
-
-
-def test_another_law_begins_where_the_usual_one_was_found():
-    """What both have in common has one name; of singles whose usual law is not there, nothing is known."""
-    hard, soft = Hypothesis(("current_saturation",)), Hypothesis(("current_saturation_soft",))
-    later, rough = Hypothesis(("sensor_lag_second_order",)), Hypothesis(("valve_deadband",))
-    found = [
-        Fit(h, unknowns, np.zeros(len(unknowns)))
-        for h in (hard, soft, later, rough)
-        for unknowns in (h.unknowns(believed()),)
-    ]
-    (task,) = searching._as_by_the_usual_law(found, found, found[0])
-    assert task.hypothesis == soft
-    assert task.hints["current_saturation_soft.limit_A"] == found[0].values["current_saturation.limit_A"]
-    assert task.hints["outer_stiffness"] == found[0].values["outer_stiffness"]
-
-
 def test_the_error_of_a_record_is_that_of_its_displacement(lagged):
     """Parseval: over what is weighed, a displacement off by a factor is off by that factor less one, squared."""
     piece = record_evidence(lagged)[0]
@@ -336,47 +301,3 @@ def test_kept_fits_to_all_records_are_not_taken_for_fits_to_fewer(lagged, tmp_pa
             assert len(one.shares) == len(fewer.records)
             np.testing.assert_array_equal(one.z, other.z)
     assert not np.array_equal(fresh[0].z, found.null.z)
-
-
-def test_rivals_of_a_pairs_causes_take_their_places():
-    """A delay explains nearly as much as a lag, friction far less: the delay alone is tried in the lag's place."""
-    rig = believed()
-    mode, lag, delay, rubs = map(together, ("second_beam_mode", "sensor_lag", "transport_delay", "seal_friction"))
-    costs = {mode: 9e3, lag: 5e3, delay: 6e3, rubs: 4e4}
-    singles = (Fit(h, h.unknowns(rig), np.zeros(len(h.unknowns(rig))), cost) for h, cost in costs.items())
-    state = searching.Search(Fit(NOTHING), tuple(singles), 300.0)
-    unknowns = (mode | lag).unknowns(rig)
-    tasks = searching._rivals(Fit(mode | lag, unknowns, np.zeros(len(unknowns)), 2e3), state)
-    assert {task.hypothesis for task in tasks} == {mode | delay, lag | delay}
-    assert searching._rivals(Fit(mode | lag, reason="no fit"), state) == []
-
-
-def test_three_causes_at_once_are_found_where_two_leave_much(monkeypatch):
-    """Each as it was put in; pairs of them leave a per cent of the gap and more."""
-    put_in = {
-        "sensor_lag": {"break_Hz": 120.0},
-        "seal_friction": {"coulomb_N": 60.0},
-        "unequal_piston_areas": {"asymmetry": 0.15},
-    }
-    monkeypatch.setattr(searching, "singles", lambda rig: tuple(map(together, put_in)))
-    data = measured(believed().but(effects=put_in))
-    found = search(replace(data, records=data.records[:4]))
-    judged = judge(found)
-    assert judged.best.hypothesis.causes == tuple(sorted(put_in))
-    assert judged.of_causes[tuple(sorted(put_in))] > 0.9
-    assert judged.unknown < 0.05
-    for name, table in put_in.items():
-        ((key, value),) = table.items()
-        assert judged.best.values[f"{name}.{key}"] == pytest.approx(value, rel=0.1)
-    two = [found.excess(f) for f in found.fits if len(f.hypothesis.causes) == 2]
-    assert min(two) > 0.01 > 5 * found.excess(judged.best)
-
-
-def test_a_third_cause_is_not_tried_where_two_explain_the_gap(monkeypatch):
-    names = ("sensor_lag", "seal_friction", "unequal_piston_areas")
-    monkeypatch.setattr(searching, "singles", lambda rig: tuple(map(together, names)))
-    put_in = {"sensor_lag": {"break_Hz": 120.0}, "seal_friction": {"coulomb_N": 60.0}}
-    data = measured(believed().but(effects=put_in))
-    found = search(replace(data, records=data.records[:3]))
-    assert max(len(f.hypothesis.causes) for f in found.fits) == 2
-    assert judge(found).best.hypothesis.names == ("seal_friction", "sensor_lag")

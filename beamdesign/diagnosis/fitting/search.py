@@ -25,6 +25,7 @@ _LARGE = 4.0  # times: what is worth every pair
 _EXPLAINED = 0.5  # of the excess misfit: where no single cause reaches it, every pair of effects is tried
 _TAKEN_APART = 2  # of the best pairs
 _NEARLY = 1.3  # times the cost of a single cause: what explains nearly as much alone
+_ABOUT = 2.0  # times the cost of the best pair: those beside which a third cause is tried
 _PARTLY, _MUCH_LESS = 0.5, 0.4  # of the excess misfit: of pairs, for a third cause to be tried; of what the pair leaves
 _BEST_TRIPLES = 3  # fitted in full
 _HALF = 0.5  # of the evidence, that which the best single cause explains least, tells which pairs are worth fitting
@@ -222,8 +223,10 @@ def _three_at_once(fitters: Fitters, state: Search, progress: Progress) -> list[
     """
     alone = {f.hypothesis.causes: f for f in reversed(state.fits) if len(f.hypothesis.causes) == 1 and not f.reason}
     two = [f for f in state.fits if len(f.hypothesis.causes) == 2 and not f.reason]
-    near = [f for f in two if f.cost < _NEARLY * two[0].cost and state.excess(f) < _PARTLY][:_TAKEN_APART]
-    if not near or near[0].misfit < _QUIET * state.expected or state.excess(near[0]) < _DONE:
+    laws = {f.hypothesis.causes: f for f in reversed(two)}  # of each two causes, those that explain most
+    near = [f for f in two if f in laws.values() and f.cost < _ABOUT * two[0].cost and state.excess(f) < _PARTLY]
+    near = near[:_TAKEN_APART]
+    if not near or near[0].misfit < _QUIET * state.expected:
         return list(state.fits)
     tasks = {
         pair.hypothesis | one.hypothesis: Task(
@@ -236,6 +239,11 @@ def _three_at_once(fitters: Fitters, state: Search, progress: Progress) -> list[
     looks = fitters(tasks.values(), lambda k: progress(0.85 + 0.1 * k / len(tasks), "three causes at once"))
     ranked = [f for f in _sorted(looks) if not f.reason][:_BEST_TRIPLES]
     final = fitters(Task(f.hypothesis, tasks[f.hypothesis].known, f.values) for f in ranked)
+    if (best := _sorted(final)[:1]) and best[0].misfit > _QUIET * state.expected:
+        values = {f.hypothesis: f.values for f in state.fits if not f.reason}
+        final += fitters(_other_laws(best, values, fitters.data.prototype.rig))
+    for one in _sorted(final)[:1]:
+        final += fitters(_rivals(one, state))
     much = [f for f in _sorted(final) if not f.reason and state.excess(f) < _MUCH_LESS * state.excess(near[0])]
     parts = [Task(f.hypothesis.without(name), f.values) for f in much[:1] for name in f.hypothesis.causes]
     return best_of_each([*state.fits, *fitters(parts), *much])
