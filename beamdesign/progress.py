@@ -13,6 +13,8 @@ from multiprocessing.process import BaseProcess
 from types import FrameType
 from typing import Any
 
+from beamdesign.time_limit import forget
+
 Progress = Callable[[float, str], None]
 """Called with the share of the work that is done, 0 to 1, and what is being done."""
 
@@ -74,6 +76,12 @@ def interruption_waits() -> Iterator[None]:
         signal.signal(signal.SIGINT, heeded)
     if came:
         heeded(*came[0])
+
+
+def help_another() -> None:
+    """Make this process one that works for another: an interruption and the time that is left are for that one."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    forget()
 
 
 def end_at_once(pool: ProcessPoolExecutor, others: Collection[BaseProcess]) -> None:

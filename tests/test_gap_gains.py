@@ -154,7 +154,9 @@ def test_derivatives_are_those_of_the_prediction(believed: Prototype, names: tup
     z = 0.1 * np.cos(np.arange(len(placement.unknowns)))
     quiet = PROPORTIONAL.but(gain_A_per_V=0.005)
     flat = FrequencyResponse("flat", LINES, np.full(40, 1e-6 + 0j), True, 1.0, 0.0, 0.0, quiet)
-    for piece in (taken(believed, SETTINGS[3], frequency_Hz=100.0), ResponseEvidence(flat, believed)):
+    made = (lambda: taken(believed, SETTINGS[3], frequency_Hz=100.0), lambda: ResponseEvidence(flat, believed))
+    for make in made:
+        piece = make()
         residual, slopes = piece.linearised(placement, z)
         assert residual == pytest.approx(piece.residual(placement, z), abs=1e-12)
         for k in range(len(z)):
@@ -162,6 +164,8 @@ def test_derivatives_are_those_of_the_prediction(believed: Prototype, names: tup
             ends = [piece.residual(placement, z + side * step) for side in (1, -1, 2, -2)]
             slope = (8 * (ends[0] - ends[1]) - (ends[2] - ends[3])) / (12 * 2e-4)
             assert slopes[:, k] == pytest.approx(slope, rel=1e-5, abs=1e-5 * np.abs(slopes).max())
+        elsewhere = piece.residual(placement, z + 0.5)  # whatever it was asked before
+        assert make().residual(placement, z + 0.5) == pytest.approx(elsewhere, rel=1e-9)
 
 
 def test_a_factor_on_the_loop_gain_is_worth_its_own_size(believed: Prototype):

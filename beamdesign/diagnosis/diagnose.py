@@ -3,11 +3,14 @@
 Some records are kept out of every fit, to measure the gap on; what is found is told in a few sentences.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from contextlib import contextmanager, suppress
 from dataclasses import replace
 from itertools import combinations
-from math import nan
-from typing import TypeVar
+from math import inf, nan
+from multiprocessing import active_children
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -31,9 +34,9 @@ from beamdesign.diagnosis.separability import indistinguishable
 from beamdesign.diagnosis.tone import search_without_tones
 from beamdesign.diagnosis.verdict import chance, confirmed, decided, sentences, verdict_of
 from beamdesign.diagnosis.where.locate import locate
-from beamdesign.progress import Progress, silent
+from beamdesign.progress import Progress, end_at_once, help_another, silent
 from beamdesign.prototype import Prototype
-from beamdesign.time_limit import TimeUp, leave_out, left_out, over, share, within
+from beamdesign.time_limit import TimeUp, leave_out, left, left_out, over, share, within
 
 _SHARE = 0.25
 _SECOND, _HELD_OUT = 0.5, 0.7  # of the time that is left, for laws and a second look, and for fits without some records
@@ -167,27 +170,38 @@ def _diagnosed(data: Dataset, workers: int, progress: Progress, kept: FitCache |
         learnt, again = None, None
     confident = verdict_of(judged, doubtful, rare) != "unknown"
     best = judged.best if confident or learnt is not None else found.null
-    progress(0.96, "what the data can tell")
-    separable = None if over() else indistinguishable(data, evidence)
-    progress(0.97, "records held out")
-    tuned, outside = plain, best
-    try:
-        with share(_HELD_OUT, within_steps=True):
-            if learnt is not None:
-                tuned, outside = learnt.refitted
-            elif kept_out and again and not again.oscillates:
-                tuned, outside = refit(seen, plain, workers, kept)[0], refit_backlash_impacts(seen, best)
-            elif kept_out:
-                tuned, outside = refit(seen, best, workers, kept, synchronised=again is not None)
-    except TimeUp:
-        kept_out = ()
-        leave_out("records held out")
     ranked = tuple(described(cause, best, data) for cause in causes(found, judged))
     records = [piece for piece in evidence if isinstance(piece, RecordEvidence)]
     if len(best.hypothesis.causes) > 1:  # the dominant one first
         size = sizes(best, records)
         ranked = tuple(sorted(ranked, key=lambda c: -size.get(c.name, -1.0)))
     chosen = tuple(c.name for c in ranked if c.name in best.hypothesis.causes)
+    gaps = 1 - judged.of_causes.get((), 0.0)  # where it lies is asked of a gap
+    blamed = [replace(c, probability=c.probability / gaps) for c in ranked if c.name in chosen]
+    progress(0.96, "records held out")
+    tuned, outside = plain, best
+    with _beside(workers) as begun:
+        placed = begun(locate, found, best, evidence, blamed, judged.unknown)
+        told = begun(indistinguishable, data, evidence)
+        try:
+            with share(_HELD_OUT, within_steps=True):
+                if learnt is not None:
+                    tuned, outside = learnt.refitted
+                elif kept_out and again and not again.oscillates:
+                    tuned, outside = refit(seen, plain, workers, kept)[0], refit_backlash_impacts(seen, best)
+                elif kept_out:
+                    tuned, outside = refit(seen, best, workers, kept, synchronised=again is not None)
+        except TimeUp:
+            kept_out = ()
+            leave_out("records held out")
+        progress(0.98, "where the gap lies, and what the data can tell")
+        separable = None
+        with suppress(TimeUp):
+            separable = told()
+        try:
+            where = placed()
+        except TimeUp:
+            where = locate(found, best, evidence, blamed, judged.unknown)
     from_rest = tuple(errors(piece, tuned, outside, best) for piece in records)
     measured = synchronised = gap(from_rest, kept_out)
     written, worse = best, not best.hypothesis.names and again is None and measured.after > measured.before
@@ -201,10 +215,6 @@ def _diagnosed(data: Dataset, workers: int, progress: Progress, kept: FitCache |
         measured = synchronised if again.oscillates else measured
     doubtful, left = doubtful or not confirmed(synchronised), left_out()
     verdict = no_surer(verdict_of(judged, doubtful, rare), left)
-    progress(1.0, "where the gap lies")
-    gaps = 1 - judged.of_causes.get((), 0.0)  # where it lies is asked of a gap
-    blamed = [replace(c, probability=c.probability / gaps) for c in ranked if c.name in chosen]
-    where = locate(found, best, evidence, blamed, judged.unknown)
     asked = None
     if verdict in ("ambiguous", "unknown") and not left:
         fits = [f for f in (found.null, *found.fits) if f.hypothesis in judged.of]
@@ -251,6 +261,39 @@ def _far(piece: Evidence, best: Fit) -> bool:
         return False
     at = piece.predicted(best.hypothesis.placement(piece.prototype), best.z)
     return at is not None and not 1 / GAIN_FAR < piece.measured.gain / at.gain < GAIN_FAR
+
+
+@contextmanager
+def _beside(workers: int) -> Iterator[Callable[..., Callable[[], Any]]]:
+    """Begin what does not hang on the fits that are made meanwhile, in a process of its own where there are several.
+
+    Yields:
+        what begins a function with what it is given, and gives what waits for its result, or with one worker calls it;
+        `TimeUp` is raised where no time is left for that.
+    """
+    others = active_children()
+    pool = ProcessPoolExecutor(2, initializer=help_another) if workers > 1 else None
+
+    def begun(function: Callable[..., Any], *given: Any) -> Callable[[], Any]:
+        future = None if pool is None else pool.submit(function, *given)
+
+        def result() -> Any:
+            if over():
+                raise TimeUp
+            if future is None:
+                return function(*given)
+            try:
+                return future.result(left() if left() < inf else None)
+            except TimeoutError:
+                raise TimeUp from None
+
+        return result
+
+    try:
+        yield begun
+    finally:
+        if pool is not None:
+            end_at_once(pool, others)
 
 
 _T = TypeVar("_T")

@@ -5,7 +5,6 @@ from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import replace
 from functools import partial
 from multiprocessing import active_children
-from signal import SIG_IGN, SIGINT, signal
 
 import numpy as np
 
@@ -15,9 +14,9 @@ from beamdesign.diagnosis.fitting.fit import Evidence, Fit, FitCache, Task
 from beamdesign.diagnosis.fitting.starts import fit_from_starts, resonances
 from beamdesign.plant.effects import library
 from beamdesign.plant.empirical import laws
-from beamdesign.progress import end_at_once
+from beamdesign.progress import end_at_once, help_another
 from beamdesign.prototype import Prototype
-from beamdesign.time_limit import TimeUp, forget, heed, leave_out, left_for_steps
+from beamdesign.time_limit import TimeUp, heed, leave_out, left_for_steps
 
 RESONANT = {name for name, law in library().items() if any(q.name == "frequency_Hz" for q in law.parameters)}
 """Laws that resonate."""
@@ -108,9 +107,7 @@ _here: tuple[Prototype, tuple[Evidence, ...]] | None = None
 
 def _begin(data: Dataset, synchronised: bool) -> None:
     global _here
-    # An interruption and the time that is left are for the process that began this one, and ends it.
-    signal(SIGINT, SIG_IGN)
-    forget()
+    help_another()
     _here = data.prototype, evidence_of(data, synchronised)
 
 

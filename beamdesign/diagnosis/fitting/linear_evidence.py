@@ -30,6 +30,7 @@ from beamdesign.prototype import Prototype
 LEFT_BEHIND = ("current_saturation", "valve_deadband", "valve_hysteresis")
 """Causes that have no part in the linear loop, by whatever law."""
 _OPEN_M3_PER_S = 1e-12
+_LEAST = 1e-9  # typical magnitudes of the states, per prior standard deviation
 _STEP = 1e-4  # in prior standard deviations, of central differences
 
 
@@ -71,6 +72,28 @@ class LinearModel:
             p[own.index("gain")] = gain
         return np.asarray(p)
 
+    @cached_property
+    def _still(self) -> bool:
+        """Whether it works at one point whatever the unknowns are, since none of them moves it where it is believed."""
+        if self.load != 0 or law_of_play(self.assembly.kinds.effects):
+            return False
+        z = np.zeros(len(self.placement.unknowns))
+        p = self.parameters(z)
+        try:
+            moved = self._moved(equilibrium(self.assembly, np.zeros(3), p), p, self._by_z(z))
+        except ValueError:
+            return False
+        return bool(np.all(np.abs(moved) <= _LEAST * self.weight[:, None]))
+
+    def _by_z(self, z: np.ndarray) -> np.ndarray:
+        """(P, K) derivatives of the parameters of `assembly` by the unknowns."""
+        names = self.assembly.parameters
+        by_z = self.placement.slopes(self.placement.parameters(self.base, z), z)[self._rows]
+        for still in ("gain", "seal_friction.coulomb_N"):
+            if still in names:
+                by_z[names.index(still)] = 0.0
+        return np.asarray(by_z)
+
     def points(self, p: np.ndarray) -> list[np.ndarray]:
         """Where the rig works: (n,) states, once per direction of the valve where these differ.
 
@@ -81,7 +104,7 @@ class LinearModel:
             ValueError: where it has no equilibrium.
         """
         effects, states = self.assembly.kinds.effects, self.assembly.states
-        if not MOVING & set(effects) and self.load == 0:
+        if self._still:
             if not self._rest:
                 self._rest.append(equilibrium(self.assembly, np.zeros(3), p))
             return list(self._rest)
@@ -109,12 +132,8 @@ class LinearModel:
 
     def slopes(self, z: np.ndarray, x: np.ndarray, gain: float | None = None) -> list[Linearisation]:
         """Derivatives of the linear loop by every unknown, the point moving along, by central differences."""
-        names, here = self.assembly.parameters, self.parameters(z, gain)
-        by_z = self.placement.slopes(self.placement.parameters(self.base, z), z)[self._rows]
-        for still in ("gain", "seal_friction.coulomb_N"):
-            if still in names:
-                by_z[names.index(still)] = 0.0
-        moved = self._moved(x, here, by_z)
+        here, by_z = self.parameters(z, gain), self._by_z(z)
+        moved = np.zeros((len(x), by_z.shape[1])) if self._still else self._moved(x, here, by_z)
         sides = np.array([1.0, -1.0])[:, None, None] * _STEP
         # All at once: one column per unknown and side.
         columns = np.concatenate(list(here[:, None] + sides * by_z), axis=1)
@@ -130,20 +149,11 @@ class LinearModel:
         return [Linearisation(*(part[k] for part in parts)) for k in range(count)]
 
     def _moved(self, x: np.ndarray, p: np.ndarray, by_z: np.ndarray) -> np.ndarray:
-        """(n, K) derivative of the point; it rests at zero whatever z is where no law depends on where."""
-        moved = np.zeros((len(x), by_z.shape[1]))
-        if not MOVING & set(self.assembly.kinds.effects) and self.load == 0:
-            return moved
+        """(n, K) derivative of the point by the unknowns."""
         free = np.nonzero(by_z.any(axis=1))[0]
         names = [self.assembly.parameters[k] for k in free]
         u = np.array([self.load, 0.0, 0.0])
         return equilibrium_sensitivity(self.assembly, x, u, p, names) @ by_z[free]
-
-
-MOVING = {
-    "unequal_piston_areas", "uneven_leakage", "pressure_dependent_flow", "joint_backlash", "joint_backlash_nut"
-}  # fmt: skip
-"""Effects whose parameters move the equilibrium, or whose laws depend on where it is."""
 
 
 @dataclass(frozen=True)
