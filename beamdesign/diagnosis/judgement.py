@@ -258,7 +258,8 @@ def _slight(found: Fit, fits: Mapping[Hypothesis, Fit], of: Search, spread: floa
     """
 
     def cost(without: Hypothesis) -> float:
-        rest = fits.get(without)
+        by_any_law = (f for other, f in fits.items() if other.causes == without.causes)
+        rest = fits.get(without) or min(by_any_law, key=lambda f: f.cost, default=None)
         if rest is None or (gained := rest.cost - found.cost) <= 0:
             return 0.0
         alone, eased = without == NOTHING, rest.strain - found.strain

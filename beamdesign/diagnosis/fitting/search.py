@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import reduce
 
 import numpy as np
 
@@ -242,8 +243,10 @@ def _three_at_once(fitters: Fitters, state: Search, progress: Progress) -> list[
     if (best := _sorted(final)[:1]) and best[0].misfit > _QUIET * state.expected:
         values = {f.hypothesis: f.values for f in state.fits if not f.reason}
         final += fitters(_other_laws(best, values, fitters.data.prototype.rig))
-    for one in _sorted(final)[:1]:
-        final += fitters(_rivals(one, state))
+    for one in _sorted(final)[:1]:  # what stands in the other two's place: a delay for a lag
+        others = (pair for pair in near if not {*pair.hypothesis.causes} <= {*one.hypothesis.causes})
+        rest = reduce(Hypothesis.without, {c for f in near for c in f.hypothesis.causes}, one.hypothesis)
+        final += fitters(Task(f.hypothesis | rest, one.values, f.values) for f in others if rest.names)
     much = [f for f in _sorted(final) if not f.reason and state.excess(f) < _MUCH_LESS * state.excess(near[0])]
     parts = [Task(f.hypothesis.without(name), f.values) for f in much[:1] for name in f.hypothesis.causes]
     return best_of_each([*state.fits, *fitters(parts), *much])
