@@ -194,8 +194,8 @@ def _diagnosed(data: Dataset, workers: int, progress: Progress, kept: FitCache |
         except TimeUp:
             kept_out = ()
             leave_out("records held out")
-        progress(0.98, "where the gap lies, and what the data can tell")
-        separable = None
+        left, separable = left_out(), None  # a verdict is as sure though no time is left to tell the rest
+        progress(0.98, "where the gap lies")
         with suppress(TimeUp):
             separable = told()
         try:
@@ -213,7 +213,7 @@ def _diagnosed(data: Dataset, workers: int, progress: Progress, kept: FitCache |
         # What cannot be predicted from rest neither confirms nor refutes what is chosen: models that follow it do.
         synchronised = gap([errors(with_output_injection(piece), tuned, outside, best) for piece in records], kept_out)
         measured = synchronised if again.oscillates else measured
-    doubtful, left = doubtful or not confirmed(synchronised), left_out()
+    doubtful = doubtful or not confirmed(synchronised)
     verdict = no_surer(verdict_of(judged, doubtful, rare), left)
     asked = None
     if verdict in ("ambiguous", "unknown") and not left:

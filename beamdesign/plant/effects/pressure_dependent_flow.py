@@ -49,7 +49,7 @@ EFFECT = Effect(
         ),
         **either("orifice_{}_m3_per_s", _orifice),
     },
-    parameters=(Parameter("supply_pressure_Pa", 20e6, 2e6, 40e6, 0.3, "20 MPa is the supply of the published rig"),),
+    parameters=(Parameter("supply_pressure_Pa", 20e6, 2e6, 60e6, 0.3, "20 MPa is the supply of the published rig"),),
     source="H. E. Merritt, Hydraulic Control Systems (1967), chapter 5, critical-centre valve",
     linear=Linear(
         "flow gain from that against the largest load to that with it, the valve near null",
