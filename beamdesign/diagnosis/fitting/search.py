@@ -227,7 +227,7 @@ def _three_at_once(fitters: Fitters, state: Search, progress: Progress) -> list[
     laws = {f.hypothesis.causes: f for f in reversed(two)}  # of each two causes, those that explain most
     near = [f for f in two if f in laws.values() and f.cost < _ABOUT * two[0].cost and state.excess(f) < _PARTLY]
     near = near[:_TAKEN_APART]
-    if not near or near[0].misfit < _QUIET * state.expected:
+    if not near or near[0].misfit < _QUIET * state.expected or state.excess(near[0]) < _DONE:
         return list(state.fits)
     tasks = {
         pair.hypothesis | one.hypothesis: Task(
