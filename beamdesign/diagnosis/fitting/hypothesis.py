@@ -19,7 +19,7 @@ from beamdesign.controllers import Controller, Proportional
 from beamdesign.parameters import PARAMETERS, RIG_TOLERANCES
 from beamdesign.plant.assembly import Assembly, Structure, assemble, of_drive, parameters_of, suits
 from beamdesign.plant.component import Law
-from beamdesign.plant.effects import causes, library
+from beamdesign.plant.effects import causes, laws_of, library
 from beamdesign.prototype import Prototype
 from beamdesign.structure.arm import off_axis
 
@@ -103,7 +103,7 @@ def tolerated(prototype: Prototype, free: tuple[str, ...] = ()) -> tuple[Unknown
 
 SUPPLY = "supply_pressure"
 _SUPPLY_SPREAD = 0.6  # of the logarithm
-HEED_SUPPLY = ("entrained_air", "entrained_air_with_stroke")
+HEED_SUPPLY = laws_of("entrained_air")
 """Effects that depend on the chambers' mean pressure, half the supply, which no tolerance vouches for."""
 
 
