@@ -103,8 +103,8 @@ def tolerated(prototype: Prototype, free: tuple[str, ...] = ()) -> tuple[Unknown
 
 SUPPLY = "supply_pressure"
 _SUPPLY_SPREAD = 0.6  # of the logarithm
-HEED_SUPPLY = laws_of("entrained_air")
-"""Effects that depend on the chambers' mean pressure, half the supply, which no tolerance vouches for."""
+AIR = "entrained_air"
+"""Whose laws depend on the chambers' mean pressure, half the supply, which no tolerance vouches for."""
 
 
 def known_effects(prototype: Prototype) -> tuple[str, ...]:
@@ -139,7 +139,7 @@ def of_effects(names: tuple[str, ...], prototype: Prototype) -> tuple[Unknown, .
         for place, q in ((f"{name}.{q.name}", q) for q in library()[name].parameters)
         if q.name not in given(name, prototype)
     )
-    return (*([supply] if set(names) & set(HEED_SUPPLY) else []), *own)
+    return (*([supply] if set(names) & set(laws_of(AIR)) else []), *own)
 
 
 def notes_on_known(prototype: Prototype) -> tuple[str, ...]:

@@ -17,7 +17,8 @@ from scipy.stats import qmc
 
 from beamdesign.diagnosis.fitting.evidence import RecordEvidence
 from beamdesign.diagnosis.fitting.fit import ITERATIONS, Evidence, Fit, fit, misfit_at
-from beamdesign.diagnosis.fitting.hypothesis import HEED_SUPPLY, NOTHING, SUPPLY, Hypothesis, Placement, Unknown
+from beamdesign.diagnosis.fitting.hypothesis import AIR, NOTHING, SUPPLY, Hypothesis, Placement, Unknown
+from beamdesign.plant.effects import laws_of
 from beamdesign.plant.effects.entrained_air import POLYTROPIC, bulk_ratio
 from beamdesign.prototype import Prototype
 
@@ -43,7 +44,7 @@ def softened(
     """
     at = {u.name: k for k, u in enumerate(unknowns)}
     spring = unknowns[at[SPRING]] if SPRING in at else None
-    names = [name for name in HEED_SUPPLY if at.get(f"{name}.air_fraction") in new]
+    names = [name for name in laws_of(AIR) if at.get(f"{name}.air_fraction") in new]
     if spring is None or spring.kind != "figure" or SPRING not in known or len(names) != 1 or at[SUPPLY] not in new:
         return
     target = known[SPRING] / spring.nominal
