@@ -194,7 +194,7 @@ def _diagnosed(data: Dataset, workers: int, progress: Progress, kept: FitCache |
         except TimeUp:
             kept_out = ()
             leave_out("records held out")
-        left, separable = left_out(), None  # a verdict is as sure though no time is left to tell the rest
+        lacking, separable = left_out(), None  # a verdict is as sure though no time is left to tell the rest
         progress(0.98, "where the gap lies")
         with suppress(TimeUp):
             separable = told()
@@ -214,9 +214,9 @@ def _diagnosed(data: Dataset, workers: int, progress: Progress, kept: FitCache |
         synchronised = gap([errors(with_output_injection(piece), tuned, outside, best) for piece in records], kept_out)
         measured = synchronised if again.oscillates else measured
     doubtful = doubtful or not confirmed(synchronised)
-    verdict = no_surer(verdict_of(judged, doubtful, rare), left)
+    verdict = no_surer(verdict_of(judged, doubtful, rare), lacking)
     asked = None
-    if verdict in ("ambiguous", "unknown") and not left:
+    if verdict in ("ambiguous", "unknown") and not lacking:
         fits = [f for f in (found.null, *found.fits) if f.hypothesis in judged.of]
         fits.sort(key=lambda f: -judged.of[f.hypothesis])
         asked = next_experiment(data, fits, [judged.of[f.hypothesis] for f in fits])
@@ -235,7 +235,7 @@ def _diagnosed(data: Dataset, workers: int, progress: Progress, kept: FitCache |
     return Diagnosis(
         data.name,
         verdict,
-        unfinished(left) + sentences(verdict, ranked, chosen, said, where, complete=not left, rare=rare),
+        unfinished(lacking) + sentences(verdict, ranked, chosen, said, where, complete=not lacking, rare=rare),
         ranked,
         chosen,
         judged.unknown,

@@ -224,9 +224,8 @@ def _three_at_once(fitters: Fitters, state: Search, progress: Progress) -> list[
     """
     alone = {f.hypothesis.causes: f for f in reversed(state.fits) if len(f.hypothesis.causes) == 1 and not f.reason}
     two = [f for f in state.fits if len(f.hypothesis.causes) == 2 and not f.reason]
-    laws = {f.hypothesis.causes: f for f in reversed(two)}  # of each two causes, those that explain most
-    near = [f for f in two if f in laws.values() and f.cost < _ABOUT * two[0].cost and state.excess(f) < _PARTLY]
-    near = near[:_TAKEN_APART]
+    best_two = _sorted({f.hypothesis.causes: f for f in reversed(two)}.values())  # each by the laws that explain most
+    near = [f for f in best_two if f.cost < _ABOUT * best_two[0].cost and state.excess(f) < _PARTLY][:_TAKEN_APART]
     if not near or near[0].misfit < _QUIET * state.expected or state.excess(near[0]) < _DONE:
         return list(state.fits)
     tasks = {
