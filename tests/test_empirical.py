@@ -10,12 +10,12 @@ from test_effects import applied
 from test_elements import assert_alike, rig  # noqa: F401
 
 from beamdesign import InputError, Prototype, read_dataset
-from beamdesign.diagnosis.diagnose import held_out
 from beamdesign.diagnosis.diagnosis import updated_prototype
 from beamdesign.diagnosis.fitting.evidence import evidence_of
 from beamdesign.diagnosis.fitting.fit import Fit, fit
 from beamdesign.diagnosis.fitting.hypothesis import NOTHING, Hypothesis
 from beamdesign.diagnosis.fitting.search import Search
+from beamdesign.diagnosis.gap_metrics import held_out
 from beamdesign.diagnosis.judgement import causes, judge
 from beamdesign.diagnosis.learning import described, learn, within_reach
 from beamdesign.diagnosis.where.locate import kind_of_effect

@@ -8,14 +8,13 @@ import pytest
 from gap_sets import believed, measured, only
 from null_scores import main as null_scores_main
 
-from beamdesign.diagnosis.diagnose import chance, decided, verdict_of
 from beamdesign.diagnosis.fitting.evidence import record_evidence
 from beamdesign.diagnosis.fitting.fit import Fit, Share, fit
 from beamdesign.diagnosis.fitting.hypothesis import NOTHING, Hypothesis, together
 from beamdesign.diagnosis.fitting.search import Search
 from beamdesign.diagnosis.fitting.starts import fit_from_starts, resonances, starts
 from beamdesign.diagnosis.judgement import THRESHOLDS, causes, classes, deviations, evidence, held_out_score, judge
-from beamdesign.diagnosis.verdict import LEVEL, null_scores
+from beamdesign.diagnosis.verdict import LEVEL, chance, decided, null_scores, verdict_of
 
 EXPECTED = 300.0
 LAG, AREAS = "sensor_lag", "unequal_piston_areas"

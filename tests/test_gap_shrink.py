@@ -8,13 +8,12 @@ from gap_sets import believed, measured, only, scenario
 from scipy.signal import lfilter
 
 from beamdesign import simulate
-from beamdesign.diagnosis.diagnose import held_out
 from beamdesign.diagnosis.fitting.evidence import record_evidence
 from beamdesign.diagnosis.fitting.fit import Fit
 from beamdesign.diagnosis.fitting.hypothesis import FREE, NOTHING, together
 from beamdesign.diagnosis.fitting.replay import Replay
 from beamdesign.diagnosis.fitting.weighting import rising, weighting
-from beamdesign.diagnosis.gap_metrics import Errors, gap, sizes
+from beamdesign.diagnosis.gap_metrics import Errors, gap, held_out, sizes
 from beamdesign.scenario import Measurement
 
 

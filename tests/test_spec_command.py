@@ -30,7 +30,7 @@ from beamdesign.build.acceptance import COLUMNS, acceptance_plan, as_specified, 
 from beamdesign.build.drawing import LAYERS, drawing, dxf_text, missing_geometry, svg_text
 from beamdesign.cli import app
 from beamdesign.controllers import Lag, Observer, Scheduled, Stage
-from beamdesign.diagnosis.diagnose import held_out
+from beamdesign.diagnosis.gap_metrics import held_out
 from beamdesign.prototype import Tolerance
 from beamdesign.scenario import Measurement, inputs_of
 from beamdesign.structure.lumped import with_figures

@@ -3,33 +3,42 @@
 Some records are kept out of every fit, to measure the gap on; what is found is told in a few sentences.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager, suppress
-from dataclasses import replace
-from itertools import combinations
+from dataclasses import dataclass, replace
+from functools import cached_property
 from math import inf, nan
 from multiprocessing import active_children
 from typing import Any, TypeVar
 
 import numpy as np
 
-from beamdesign.diagnosis.data.dataset import Dataset, TimeRecord
-from beamdesign.diagnosis.diagnosis import Diagnosis, no_surer, unfinished, updated_prototype
-from beamdesign.diagnosis.examination.plausibility import GAIN_FAR, examine
+from beamdesign.diagnosis.data.dataset import Dataset
+from beamdesign.diagnosis.diagnosis import (
+    Cause,
+    Diagnosis,
+    Errors,
+    Gap,
+    NextExperiment,
+    no_surer,
+    unfinished,
+    updated_prototype,
+)
+from beamdesign.diagnosis.examination.plausibility import GAIN_FAR, Examination, examine
 from beamdesign.diagnosis.experiment import next_experiment
 from beamdesign.diagnosis.fitting.evidence import RecordEvidence, evidence_of, with_output_injection
 from beamdesign.diagnosis.fitting.fit import Evidence, Fit, FitCache
 from beamdesign.diagnosis.fitting.gain_evidence import GainEvidence
 from beamdesign.diagnosis.fitting.hypothesis import notes_on_known
 from beamdesign.diagnosis.fitting.replay import PLAY, law_of_play
-from beamdesign.diagnosis.fitting.search import refit
+from beamdesign.diagnosis.fitting.search import Search, refit
 from beamdesign.diagnosis.gain_diagnosis import explain_gains
-from beamdesign.diagnosis.gap_metrics import errors, gap, sizes
-from beamdesign.diagnosis.judgement import cause_sets, causes, classes
-from beamdesign.diagnosis.learning import EXPLAINED, described, learn
+from beamdesign.diagnosis.gap_metrics import errors, gap, held_out, sizes
+from beamdesign.diagnosis.judgement import Judgement, cause_sets, causes, classes
+from beamdesign.diagnosis.learning import EXPLAINED, Learning, described, learn
 from beamdesign.diagnosis.passing import what_passed
-from beamdesign.diagnosis.second_look import refit_backlash_impacts, second_look, without_impacts
+from beamdesign.diagnosis.second_look import SecondLook, refit_backlash_impacts, second_look, without_impacts
 from beamdesign.diagnosis.separability import indistinguishable
 from beamdesign.diagnosis.tone import search_without_tones
 from beamdesign.diagnosis.verdict import chance, confirmed, decided, sentences, verdict_of
@@ -38,70 +47,10 @@ from beamdesign.progress import Progress, end_at_once, help_another, silent
 from beamdesign.prototype import Prototype
 from beamdesign.time_limit import TimeUp, leave_out, left, left_out, over, share, within
 
-_SHARE = 0.25
 _SECOND, _HELD_OUT = 0.5, 0.7  # of the time that is left, for laws and a second look, and for fits without some records
 _PASSING = 0.4  # the same, for records without what passes
 _PASSES, _LAW = "what passes in a short while", "a law learnt from the records"
 _UNREPEATED = "a joint that hammers in its play, a loop that oscillates by itself"
-
-
-def held_out(records: Sequence[TimeRecord]) -> tuple[int, ...]:
-    """Positions of a quarter of the records, rounded, at least one of two.
-
-    Each must be a condition of its own whose parts (payload, excitation and, where it can be, controller) are known to
-    the fits from other records, and smaller than the largest of its kind: to predict it is to combine, not to guess,
-    and what shows only at the largest amplitude (a limit) must be seen by the fits. Among such choices the most
-    different records are taken, and of those the most strongly excited.
-
-    Returns:
-        none where there is one record only, or where no choice leaves the fits such a view.
-    """
-    count = max(1, round(_SHARE * len(records)))
-    if len(records) < 2:
-        return ()
-    for demanding in (True, False):
-        choices = [c for c in combinations(range(len(records)), count) if _known(records, c, demanding)]
-        if choices:
-            return max(choices, key=lambda chosen: _value(records, chosen))
-    return ()
-
-
-def _known(records: Sequence[TimeRecord], chosen: Sequence[int], demanding: bool) -> bool:
-    rest = [r for k, r in enumerate(records) if k not in chosen]
-    if any(r.condition == records[k].condition for k in chosen for r in rest):
-        return False  # a replicate in the fits would give it away
-    for k in chosen:
-        record = records[k]
-        alike = [r for r in rest if r.excitation == record.excitation]
-        largest = max((_swing(r) for r in alike), default=0.0)
-        if not any(_masses(r) == _masses(record) for r in rest) or largest < _swing(record):
-            return False
-        if demanding and not any(r.controller == record.controller for r in rest):
-            return False
-    return True
-
-
-def _value(records: Sequence[TimeRecord], chosen: Sequence[int]) -> tuple[int, float]:
-    different = len({_masses(records[k]) for k in chosen}) + len({records[k].excitation for k in chosen})
-    largest: dict[str, float] = {}
-    for record in records:
-        largest[record.excitation] = max(largest.get(record.excitation, 0.0), _size(record))
-    strength = sum(_size(records[k]) / max(largest[records[k].excitation], 1e-300) for k in chosen)
-    return different, strength
-
-
-def _size(record: TimeRecord) -> float:
-    column = 1 if record.excitation == "command" else 0
-    return float(np.sqrt(np.mean(record.inputs[:, column] ** 2)))
-
-
-def _swing(record: TimeRecord) -> float:
-    """Of the current, A: how hard the valve is driven."""
-    return float(np.abs(record.measured["current_A"]).max())
-
-
-def _masses(record: TimeRecord) -> tuple[float, float]:
-    return record.outer_end_mass, record.inner_end_mass
 
 
 def diagnose(
@@ -132,15 +81,124 @@ def diagnose(
 
 
 def _diagnosed(data: Dataset, workers: int, progress: Progress, kept: FitCache | None) -> Diagnosis[Prototype]:
-    stated = data.prototype.tolerance
     examined = examine(data)
-    data = examined.data
-    if not data.records:
-        figures_only = explain_gains(replace(data, warnings=examined.words), workers, progress)
+    stated, known = data.prototype.tolerance, examined.data.prototype.effects
+    if not examined.data.records:
+        figures_only = explain_gains(replace(examined.data, warnings=examined.words), workers, progress)
         return replace(figures_only, prototype=figures_only.prototype.but(tolerance=stated))
-    kept_out = held_out(data.records)
-    believed = data.prototype.effects
-    data, anew = without_impacts(data)
+    found = _explained(examined, held_out(examined.data.records), workers, progress, kept)
+    best, data = found.best, found.data
+    progress(0.96, "records held out")
+    with _beside(workers) as begun:
+        asked = found.search, best, found.evidence, found.blamed, found.judged.unknown
+        placed, compared = begun(locate, *asked), begun(indistinguishable, data, found.evidence)
+        kept_out, tuned, outside = _without_held_out(found, workers)
+        lacking, separable = left_out(), None  # a verdict is as sure though no time is left to tell the rest
+        progress(0.98, "where the gap lies")
+        with suppress(TimeUp):
+            separable = compared()
+        try:
+            where = placed()
+        except TimeUp:
+            where = locate(*asked)
+    shown = _shown(found, kept_out, tuned, outside)
+    verdict = no_surer(verdict_of(found.judged, found.doubtful or not shown.confirmed, found.chance), lacking)
+    renewed = updated_prototype(data.prototype, shown.written)
+    if (play := law_of_play(known)) and found.hammers and PLAY not in best.hypothesis.causes:  # not found, not lost
+        renewed = renewed.but(effects={**renewed.effects, play: known[play]})
+    chosen = tuple(c.name for c in found.ranked if c.name in best.hypothesis.causes)
+    answer = sentences(verdict, found.ranked, chosen, shown.words, where, complete=not lacking, rare=found.chance)
+    return Diagnosis(
+        data.name,
+        verdict,
+        unfinished(lacking) + answer,
+        found.ranked,
+        chosen,
+        found.judged.unknown,
+        where,
+        shown.gap,
+        classes(found.judged),
+        _asked(found) if verdict in ("ambiguous", "unknown") and not lacking else None,
+        renewed.but(tolerance=stated),
+        found.words,
+        found.search,
+        separable,
+        cause_sets(found.search, found.judged),
+        shown.errors,
+        notes=notes_on_known(data.prototype),
+        left_out=left_out(),
+        chance=found.chance,
+    )
+
+
+@dataclass(frozen=True)
+class _Explained:
+    """What all the records come to.
+
+    Attributes:
+        data: without what is not the rig's doing.
+        held_out: positions of records that are to be predicted.
+        seen: the others, before any law was learnt.
+        evidence: of these data.
+        search: the fits.
+        judged: their probabilities.
+        plain: tolerances alone, before any law was learnt.
+        chance: see `beamdesign.diagnosis.verdict.chance`.
+        doubtful: whether the data allow no confident answer.
+        hammers: whether play that is known of is looked for anew.
+        words: warnings.
+        kept: fits of this run and of an earlier one, where those are kept.
+        learnt: a law that the library does not hold.
+        again: what no model can repeat from rest.
+    """
+
+    data: Dataset
+    held_out: tuple[int, ...]
+    seen: Dataset
+    evidence: tuple[Evidence, ...]
+    search: Search
+    judged: Judgement
+    plain: Fit
+    chance: float
+    doubtful: bool
+    hammers: bool
+    words: tuple[str, ...]
+    kept: FitCache | None
+    learnt: Learning | None
+    again: SecondLook | None
+
+    @cached_property
+    def best(self) -> Fit:
+        """The chosen one; tolerances alone where that would say more than is known."""
+        confident = verdict_of(self.judged, self.doubtful, self.chance) != "unknown"
+        return self.judged.best if confident or self.learnt is not None else self.search.null
+
+    @cached_property
+    def records(self) -> tuple[RecordEvidence, ...]:
+        """The time records among the evidence."""
+        return tuple(piece for piece in self.evidence if isinstance(piece, RecordEvidence))
+
+    @cached_property
+    def ranked(self) -> tuple[Cause, ...]:
+        """All causes that are not out of the question; of several that are chosen the dominant one first."""
+        found = tuple(described(cause, self.best, self.data) for cause in causes(self.search, self.judged))
+        if len(self.best.hypothesis.causes) < 2:
+            return found
+        size = sizes(self.best, self.records)
+        return tuple(sorted(found, key=lambda c: -size.get(c.name, -1.0)))
+
+    @property
+    def blamed(self) -> list[Cause]:
+        """Those chosen, as probable as they are of a gap: where it lies is asked of one."""
+        gaps, chosen = 1 - self.judged.of_causes.get((), 0.0), self.best.hypothesis.causes
+        return [replace(c, probability=c.probability / gaps) for c in self.ranked if c.name in chosen]
+
+
+def _explained(
+    examined: Examination, kept_out: tuple[int, ...], workers: int, progress: Progress, kept: FitCache | None
+) -> _Explained:
+    """Search, and where that explains nothing look further: for what passes, a law to learn, what none can repeat."""
+    data, anew = without_impacts(examined.data)
     cleared = search_without_tones(data, workers, _between(0.0, 0.7, progress), kept)
     again = None
     words, doubtful = (*examined.words, *anew, *cleared.words), examined.limits_confidence or cleared.doubtful
@@ -168,40 +226,51 @@ def _diagnosed(data: Dataset, workers: int, progress: Progress, kept: FitCache |
     doubtful = doubtful or (again is None and any(_far(piece, judged.best) for piece in evidence))
     if not judged.best.hypothesis.names:
         learnt, again = None, None
-    confident = verdict_of(judged, doubtful, rare) != "unknown"
-    best = judged.best if confident or learnt is not None else found.null
-    ranked = tuple(described(cause, best, data) for cause in causes(found, judged))
-    records = [piece for piece in evidence if isinstance(piece, RecordEvidence)]
-    if len(best.hypothesis.causes) > 1:  # the dominant one first
-        size = sizes(best, records)
-        ranked = tuple(sorted(ranked, key=lambda c: -size.get(c.name, -1.0)))
-    chosen = tuple(c.name for c in ranked if c.name in best.hypothesis.causes)
-    gaps = 1 - judged.of_causes.get((), 0.0)  # where it lies is asked of a gap
-    blamed = [replace(c, probability=c.probability / gaps) for c in ranked if c.name in chosen]
-    progress(0.96, "records held out")
-    tuned, outside = plain, best
-    with _beside(workers) as begun:
-        placed = begun(locate, found, best, evidence, blamed, judged.unknown)
-        told = begun(indistinguishable, data, evidence)
-        try:
-            with share(_HELD_OUT, within_steps=True):
-                if learnt is not None:
-                    tuned, outside = learnt.refitted
-                elif kept_out and again and not again.oscillates:
-                    tuned, outside = refit(seen, plain, workers, kept)[0], refit_backlash_impacts(seen, best)
-                elif kept_out:
-                    tuned, outside = refit(seen, best, workers, kept, synchronised=again is not None)
-        except TimeUp:
-            kept_out = ()
-            leave_out("records held out")
-        lacking, separable = left_out(), None  # a verdict is as sure though no time is left to tell the rest
-        progress(0.98, "where the gap lies")
-        with suppress(TimeUp):
-            separable = told()
-        try:
-            where = placed()
-        except TimeUp:
-            where = locate(found, best, evidence, blamed, judged.unknown)
+    return _Explained(
+        data, kept_out, seen, evidence, found, judged, plain, rare, doubtful, bool(anew), words, kept, learnt, again
+    )
+
+
+def _without_held_out(found: _Explained, workers: int) -> tuple[tuple[int, ...], Fit, Fit]:
+    """Tolerances alone and the best fit, without the records held out; the fits to all, and none, where time is up."""
+    best, again, seen = found.best, found.again, found.seen
+    tuned, outside = found.plain, best
+    try:
+        with share(_HELD_OUT, within_steps=True):
+            if found.learnt is not None:
+                tuned, outside = found.learnt.refitted
+            elif found.held_out and again and not again.oscillates:
+                tuned = refit(seen, found.plain, workers, found.kept)[0]
+                outside = refit_backlash_impacts(seen, best)
+            elif found.held_out:
+                tuned, outside = refit(seen, best, workers, found.kept, synchronised=again is not None)
+    except TimeUp:
+        leave_out("records held out")
+        return (), found.plain, best
+    return found.held_out, tuned, outside
+
+
+@dataclass(frozen=True)
+class _Shown:
+    """What predictions of the records come to.
+
+    Attributes:
+        gap: how far it closes.
+        errors: of each record, from rest.
+        written: the fit that the updated prototype is written from.
+        confirmed: whether records held out do not speak against what is chosen.
+        words: how far it closes, in a sentence.
+    """
+
+    gap: Gap
+    errors: tuple[Errors, ...]
+    written: Fit
+    confirmed: bool
+    words: str
+
+
+def _shown(found: _Explained, kept_out: tuple[int, ...], tuned: Fit, outside: Fit) -> _Shown:
+    best, again, records = found.best, found.again, found.records
     from_rest = tuple(errors(piece, tuned, outside, best) for piece in records)
     measured = synchronised = gap(from_rest, kept_out)
     written, worse = best, not best.hypothesis.names and again is None and measured.after > measured.before
@@ -213,18 +282,8 @@ def _diagnosed(data: Dataset, workers: int, progress: Progress, kept: FitCache |
         # What cannot be predicted from rest neither confirms nor refutes what is chosen: models that follow it do.
         synchronised = gap([errors(with_output_injection(piece), tuned, outside, best) for piece in records], kept_out)
         measured = synchronised if again.oscillates else measured
-    doubtful = doubtful or not confirmed(synchronised)
-    verdict = no_surer(verdict_of(judged, doubtful, rare), lacking)
-    asked = None
-    if verdict in ("ambiguous", "unknown") and not lacking:
-        fits = [f for f in (found.null, *found.fits) if f.hypothesis in judged.of]
-        fits.sort(key=lambda f: -judged.of[f.hypothesis])
-        asked = next_experiment(data, fits, [judged.of[f.hypothesis] for f in fits])
-    renewed = updated_prototype(data.prototype, written)
-    if (play := law_of_play(believed)) and anew and PLAY not in best.hypothesis.causes:  # not found, and so not lost
-        renewed = renewed.but(effects={**renewed.effects, play: believed[play]})
     following = again is not None and again.oscillates
-    said = (
+    words = (
         "On records left out of the fits that measure it, the "
         f"{'error in step' if following else 'prediction error'} "
         f"{'stays at' if worse else 'falls from'} {measured.before:.1%} of the signal "
@@ -232,27 +291,15 @@ def _diagnosed(data: Dataset, workers: int, progress: Progress, kept: FitCache |
         f"{', so that the prototype keeps those believed)' if worse else f') to {measured.after:.1%}'}; "
         f"the sensor's noise alone is {measured.noise_floor:.1%}."
     )
-    return Diagnosis(
-        data.name,
-        verdict,
-        unfinished(lacking) + sentences(verdict, ranked, chosen, said, where, complete=not lacking, rare=rare),
-        ranked,
-        chosen,
-        judged.unknown,
-        where,
-        measured,
-        classes(judged),
-        asked,
-        renewed.but(tolerance=stated),
-        words,
-        found,
-        separable,
-        cause_sets(found, judged),
-        from_rest,
-        notes=notes_on_known(data.prototype),
-        left_out=left_out(),
-        chance=rare,
-    )
+    return _Shown(measured, from_rest, written, confirmed(synchronised), words)
+
+
+def _asked(found: _Explained) -> NextExperiment | None:
+    """What to measure next, to tell the most probable fits apart."""
+    of = found.judged.of
+    fits = [f for f in (found.search.null, *found.search.fits) if f.hypothesis in of]
+    fits.sort(key=lambda f: -of[f.hypothesis])
+    return next_experiment(found.data, fits, [of[f.hypothesis] for f in fits])
 
 
 def _far(piece: Evidence, best: Fit) -> bool:

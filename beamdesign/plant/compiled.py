@@ -15,7 +15,7 @@ by some ten per cent at steps at which the record itself is right to 1e-4, and s
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cache
+from functools import lru_cache
 from typing import Any
 
 import casadi as ca
@@ -30,11 +30,12 @@ from beamdesign.plant.equilibrium import places_of
 from beamdesign.plant.machine_code import Body, MachineCode, add_product, machine_code, rows_of, trace
 
 NOT_SAMPLED = np.zeros(6)
+_KEPT = 512  # structures, about 0.7 MB each: more than one diagnosis meets, so that many in a row do not fill a machine
 ERROR, COMMAND = -1, -2
 """Readings of a sampled controller that are not among the outputs: the command less the volts, and the command."""
 
 
-@cache
+@lru_cache(_KEPT)
 def compiled(kinds: Structure, free: tuple[str, ...] = (), outputs: tuple[int, ...] = ()) -> MachineCode:
     """Machine code of a structure's equations: functions `law` (rates of the states) and `output`.
 
