@@ -65,7 +65,9 @@ def text(value: fmpq) -> str:
 
 
 def shortened(value: fmpq, digits: int, up: bool = False) -> fmpq:
-    """A positive rational rounded down, or up, to a decimal of so many significant digits."""
+    """A rational rounded down, or up, to a decimal of so many significant digits; what is not positive as it is."""
+    if value <= 0:
+        return value
     step = fmpq(1)
     while step * 10**digits <= value:
         step *= 10

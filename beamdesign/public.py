@@ -130,8 +130,8 @@ def state_space(
     Where the controller has added sensors, what they read are further outputs of all three, and are fed back in the
     third: `inner_displacement_m`, `load_pressure_Pa`, `screw_force_N`.
 
-    States are named as in `beamdesign.plant.linearised.STATES`, then `filtered_V` where the sensor has a filter, then
-    `EFFECT_STATE` and `mean_pressure_Pa` where there are such, then `controller_1` and so on for a controller with
+    States are named as in `beamdesign.plant.linearised.linear_states`, then `filtered_V` where the sensor has a filter,
+    then `EFFECT_STATE` and `mean_pressure_Pa` where there are such, then `controller_1` and so on for a controller with
     dynamics. A prototype with effects is taken linear at rest.
 
     Args:

@@ -103,7 +103,7 @@ def main() -> None:
     parser.add_argument("--workers", type=int, default=1)
     given = parser.parse_args()
     prototype = read_prototype(given.prototype)
-    prototype = prototype.but(tolerance=stated_or_typical(prototype.tolerance)[0])
+    prototype = prototype.but(tolerance=stated_or_typical(prototype.tolerance, type(prototype.actuator))[0])
     total = Counter[str]()
     with ProcessPoolExecutor(given.workers) as pool:
         for one in pool.map(partial(outcome, prototype), range(given.rigs), chunksize=5):

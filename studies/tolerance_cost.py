@@ -31,7 +31,7 @@ def reached(prototype: Prototype, kind: str, sections: int, sigmas: float) -> fl
 
 def bars(prototype: Prototype, kind: str, sections: int) -> Iterator[tuple[str, float]]:
     """What is varied, in words, and the bandwidth that is then proved, Hz."""
-    whole = prototype.but(tolerance=stated_or_typical(prototype.tolerance)[0])
+    whole = prototype.but(tolerance=stated_or_typical(prototype.tolerance, type(prototype.actuator))[0])
     yield "all tolerances", reached(whole, kind, sections, SIGMAS)
     for name, size in whole.tolerance.model_dump().items():
         if size and not (name == "sensor_filter" and whole.sensor.filter_Hz is None):

@@ -120,6 +120,14 @@ def test_deadband_null_and_constant_load_shift_what_they_should(bench: BenchProt
     assert MEAN * (pressure_a - pressure_b) == pytest.approx(100.0, rel=1e-2)
 
 
+@pytest.mark.parametrize(
+    "name", ["sensor_lag", "empirical_sensor_lag", "empirical_sensor_resonance", "empirical_sensor_play"]
+)
+def test_a_piston_that_stands_is_read_where_it_stands(bench: BenchPrototype, name: str):
+    y = run(bench.but(effects={name: {}}), 0.0, 0.1, start_m=0.1)
+    assert y[:, 2] == pytest.approx(0.1, abs=1e-9)
+
+
 def test_leakage_past_the_piston_slows_it(bench: BenchPrototype):
     """A linear valve against a load: v = (Q - G F/A)/A."""
     leakage, load = 2e-12, 300.0

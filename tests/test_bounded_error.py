@@ -172,6 +172,15 @@ def test_an_altered_sector_is_refused(tame: Prototype, key: str, value: object):
     assert not valid(resealed(table))
 
 
+def test_a_ripple_beside_a_friction_that_is_heard_proves_nothing_by_itself():
+    """Where the controller hears the friction there is no error left that a ripple would make larger."""
+    rig = read_prototype(ROOT / "studies/prototypes/compliant.toml")
+    rows = nonlinear_rows(rig.but(effects={"seal_friction": {}, "carrier_ripple": {}}), 0.0, 1.0)
+    assert [(row.effects, row.proved) for row in rows if row.method == bounded_error.METHOD] == [
+        (("seal_friction",), False)
+    ]
+
+
 def test_what_no_theorem_covers_is_listed(tame: Prototype):
     effects: dict[str, dict[str, float]] = {"entrained_air": {}, "joint_backlash": {}, "sensor_lag": {}}
     rows = {row.effects: row for row in nonlinear_rows(tame.but(effects=effects), 0.0, 6.8)}

@@ -24,7 +24,9 @@ from beamdesign.checker.roots import unstable_roots
 from beamdesign.polynomial import exact
 from beamdesign.polynomial import roots as roots_of
 from beamdesign.proofs.box import box_of, certify_box
+from beamdesign.proofs.box_claims import claim_over_box
 from beamdesign.proofs.branch import Search
+from beamdesign.proofs.certificate import Asked
 from beamdesign.proofs.statement import PolynomialFamily
 from beamdesign.proofs.tolerance_box import tolerance_box
 from beamdesign.proofs.writer import prototype_table
@@ -218,6 +220,21 @@ def test_refutation_is_proved_again_too() -> None:
     assert check(verdict.certificate).valid
     assert not check(rewritten(verdict.certificate, "member", "q", to="1")).valid
     assert not check(rewritten(verdict.certificate, "member", "q", to="4")).valid
+
+
+def test_claims_of_a_box_that_is_not_stable_are_not_proved(rig: Prototype) -> None:
+    """They hold of no member that is not stable, so that a file which states them is not valid."""
+    box = tolerance_box(rig, 1.0)
+    claim = claim_over_box(rig, box, Asked("peak_sensitivity", 4.0))
+    claimed = tomllib.loads(certify_box(rig, box).write([claim]))
+    fast = rig.but(controller=rig.own_controller.but(gain_A_per_V=1.0))
+    verdict = certify_box(fast, tolerance_box(fast, 1.0))
+    assert verdict.stable is False
+    assert check(verdict.certificate).valid
+    forged = tomllib.loads(verdict.certificate) | {"claim": claimed["claim"]}
+    found = check(resealed(forged))
+    assert not found.valid
+    assert any("of a box that is not stable" in line for line in found.failed)
 
 
 def test_a_degree_that_only_seems_lost_refutes_nothing() -> None:

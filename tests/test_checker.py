@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from flint import fmpq, fmpq_poly
+from forging import resealed
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from pydantic_core import PydanticUndefined
@@ -125,6 +126,21 @@ def test_any_change_of_the_text_breaks_the_seal(stable: str) -> None:
 def test_what_cannot_be_read_is_refused(stable: str, damage: Callable[[str], str], reason: str) -> None:
     with pytest.raises(Unreadable, match=reason):
         check(damage(stable))
+
+
+@pytest.mark.parametrize("name", ["x" * 5000, "nowhere.toml"])
+def test_a_file_that_cannot_be_read_is_said_to_be_none(name: str) -> None:
+    with pytest.raises(Unreadable, match="cannot be read"):
+        check(name)
+
+
+def test_a_controller_of_an_unknown_kind_is_said_to_be_one_whatever_is_given(stable: str, remedy: Prototype) -> None:
+    """Its polynomials are then only stated; that a prototype is given with what its effects come to changes nothing."""
+    table = tomllib.loads(stable)
+    table["controller"]["kind"] = "homemade"
+    for beside in (None, prototype_table(remedy, 6.8)):
+        found = check(resealed(table), beside)
+        assert any("'homemade' is not known here" in line for line in found.open)
 
 
 def test_a_certificate_is_of_its_own_prototype_and_of_no_other(remedy: Prototype, tmp_path: Path) -> None:

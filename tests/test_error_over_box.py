@@ -212,3 +212,14 @@ def test_a_peak_sensitivity_is_a_gain_that_may_change(peak: float):
         assert changing_gain.margin_of(given.loops[0], "volts", *ends, given.low, given.high) is not None
     (none,) = changing_gain.changing_over_box(given, box, [])
     assert not none.proved
+
+
+def test_an_error_of_no_size_moves_nothing_and_needs_no_proof():
+    """A resolution and a friction of zero are figures that a prototype may state."""
+    rig, box, _, _ = erring({})
+    none = {"seal_friction": {"coulomb_N": 0.0}, "valve_deadband": {"half_width_A": 0.0}}
+    rig = rig.but(effects=none, sensor=rig.sensor.but(resolution_m=0.0))
+    claims, rows = errors_over_box(rig, box)
+    assert claims == []
+    assert [row.proved for row in rows] == [True] * 4
+    assert {row.bound_m for row in rows} == {0.0}

@@ -4,13 +4,15 @@ from math import pi, sqrt
 
 import numpy as np
 import pytest
+from honest_certificates import screw
 
 from beamdesign import InputError, Prototype, simulate
+from beamdesign.build.acceptance import acceptance_plan
 from beamdesign.controllers import Lag
 from beamdesign.prototype import Payload, Supply, prototype_from
 from beamdesign.scenario import Scenario, ScenarioRecord, Sine
 from beamdesign.simulation import SimulatedRecord
-from beamdesign.synthesis.operating_limits import demand, envelope, sensor_reach
+from beamdesign.synthesis.operating_limits import demand, envelope, limits, sensor_reach
 
 
 @pytest.fixture
@@ -90,15 +92,22 @@ def test_inside_the_envelope_the_tip_is_held_and_outside_the_beams_are_on_their_
     assert (moved[1.5] - moved[1.2]) / (0.3 * limit) > 1 / (486_800.0 + 157_500.0)
 
 
-def test_the_parabola_holds_the_load_locus(rig: Prototype):
-    """At the limit flow and load touch q_max sqrt(1 - p_L/p_S), found by going round the period in time."""
+@pytest.mark.parametrize("preload", [0.0, 1000.0])
+def test_the_parabola_holds_the_load_locus(rig: Prototype, preload: float):
+    """At the limit flow and load touch q_max sqrt(1 - p_L/p_S), found by going round the period in time.
+
+    A load that is held leaks K_pq F / A beside.
+    """
+    still = demand(rig, 0.0, np.array([1e-4]))
+    held, leaked = (preload * float(one[0].real) for one in (still.force, still.of("flow")))
+    assert abs(leaked) == pytest.approx(3.8e-13 * abs(held) / 1.13e-4, rel=1e-3)
     for frequency in (5.0, 20.0, 60.0):
-        force = envelope(rig, frequency_Hz=np.array([frequency])).limits_N["valve flow"][0]
+        force = envelope(rig, preload=preload, frequency_Hz=np.array([frequency])).limits_N["valve flow"][0]
         asked = demand(rig, 0.0, np.array([frequency]))
         turn = np.exp(1j * np.linspace(0, 2 * pi, 5000))
         flow, load = (force * np.real(one[0] * turn) for one in (asked.of("flow"), asked.force))
-        most = 1.13e-2 * 0.015 * np.sqrt(np.maximum(1 - np.sign(flow) * load / (20e6 * 1.13e-4), 0.0))
-        assert np.max(np.abs(flow) - most) == pytest.approx(0.0, abs=1e-3 * 1.13e-2 * 0.015)
+        most = 1.13e-2 * 0.015 * np.sqrt(np.maximum(1 - np.sign(flow) * (load + held) / (20e6 * 1.13e-4), 0.0))
+        assert np.max(np.abs(flow) + abs(leaked) - most) == pytest.approx(0.0, abs=1e-3 * 1.13e-2 * 0.015)
 
 
 def test_stroke_flow_and_power_in_closed_form(rig: Prototype):
@@ -119,7 +128,39 @@ def test_what_is_not_given_is_left_out_and_named(paper: Prototype):
     assert found.missing["current"] == "servovalve.rated_current_A"
     assert set(found.governing) == {"force"}
     assert bare.actuator.largest_current_A(bare.but(effects={"current_saturation": {"limit_A": 0.02}})) == 0.02
-    assert "not stable" in envelope(bare.but(controller=bare.controller.but(gain_A_per_V=1.0))).reason
+    unstable = envelope(bare.but(controller=bare.controller.but(gain_A_per_V=1.0)))
+    assert "not stable" in unstable.reason
+    assert not unstable.stable
+
+
+def test_a_screw_without_ratings_has_no_envelope_and_is_stable():
+    """What needs no rating is told of it all the same, and its acceptance test has a force of its own."""
+    rig = screw()
+    found = limits(rig)
+    assert found.envelope.reason == "the prototype states no limit of its actuator"
+    assert found.yes
+    assert found.to_dict()["stable"]
+    assert found.to_dict()["actuator"]["missing"]["stroke"] == "actuator.stroke_m"
+    assert found.linear_amplitude
+    assert acceptance_plan(rig, (0.0, 6.8)).force_N > 0
+
+
+@pytest.mark.parametrize("name", ["current_saturation", "current_saturation_soft"])
+def test_a_saturated_drive_of_a_screw_takes_no_more_than_its_limit(name: str):
+    """Without a figure of its own that is what 10 V give, as drives are scaled."""
+    rig = screw()
+    rig = rig.but(actuator=rig.actuator.but(peak_current_A=30.0, drive_A_per_V=2.0))
+    assert rig.actuator.largest_current_A(rig) == 30.0
+    assert rig.actuator.largest_current_A(rig.but(effects={name: {"limit_A": 12.0}})) == 12.0
+    assert rig.actuator.largest_current_A(rig.but(effects={name: {}})) == 20.0
+
+
+def test_of_a_rig_that_is_shaken_in_time_what_needs_a_period_is_not_looked_at(rig: Prototype):
+    found = limits(rig.but(effects={"carrier_ripple": {}}))
+    assert "no single period" in str(found.linear_amplitude)
+    assert found.to_dict()["linear_amplitude"] == {"reason": found.linear_amplitude}
+    assert found.linear_rows() == found.cycle_rows() == []
+    assert found.rows()
 
 
 def test_the_papers_resolution_hides_its_static_error(paper: Prototype):

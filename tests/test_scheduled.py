@@ -16,6 +16,7 @@ from typer.testing import CliRunner
 
 from beamdesign import InputError, Prototype, check, read_prototype, simulate, tune, write_prototype
 from beamdesign.cli import app
+from beamdesign.cli.command import of_all
 from beamdesign.controllers import Estimator, Scheduled, Section, Structured
 from beamdesign.controllers.scheduling import (
     CANDIDATES,
@@ -478,6 +479,29 @@ def test_what_is_wrong_with_a_schedule_is_told_at_once(rig: Prototype, tmp_path:
     assert "stiffness" in told
     with pytest.raises(ValueError, match="must begin and end above"):
         Scheduled(stage=schedule_of(rig).stage[::-1], estimator=Estimator())
+
+
+def test_laws_for_a_rig_with_effects_are_each_certified_between_their_members(
+    rig: Prototype, given: list[LawOptions], tmp_path: Path
+) -> None:
+    """Friction that slides or sticks: what is between is asked of each law over its own payloads."""
+    write_prototype(rig.but(controller=None, effects={"seal_friction": {}}), tmp_path / "worn.toml")
+    arguments = ["tune", str(tmp_path / "worn.toml"), "--controller", "scheduled", "--stages", "3", "--nominal"]
+    done = CliRunner().invoke(app, [*arguments, "--out", str(tmp_path / "out")])
+    assert done.exit_code == 0, done.output
+    assert "the prototype has effects" in done.output
+    for stage in (1, 2, 3):
+        between = tmp_path / "out" / f"certificate.stage_{stage}.between.toml"
+        assert check(between).valid
+    assert len(given) == 3
+
+
+def test_the_governing_stage_is_one_of_which_nothing_is_proved() -> None:
+    """A stage without a bandwidth comes before one that has some."""
+    found = [({"guaranteed": {"bandwidth_Hz": each}}, True) for each in (3.1, None)]
+    answer = of_all(read_prototype(SHIPPED), found)
+    assert answer["guaranteed"]["bandwidth_Hz"] is None
+    assert len(answer["stages"]) == 2
 
 
 def test_commands_say_what_they_cannot_do(tmp_path: Path) -> None:

@@ -12,7 +12,7 @@ from beamdesign import InputError, certify, read_prototype
 from beamdesign.prototype import prototype_from
 from beamdesign.structure.lumped import figures
 from beamdesign.sweep.conclusion import conclude, holds, in_words
-from beamdesign.sweep.methods import CUT_SIGMAS, Figure, drawn, from_unit, saltelli, spreading, varied_at
+from beamdesign.sweep.methods import ADAPTIVE, CUT_SIGMAS, Figure, drawn, from_unit, saltelli, spreading, varied_at
 from beamdesign.sweep.sweep_file import Demand, with_value
 from beamdesign.sweep.sweep_run import plan, run_sweep
 from beamdesign.validation.bounds import clopper_pearson
@@ -105,6 +105,20 @@ def test_monte_carlo_tells_yield_with_bounds_and_each_row_is_proved(sweep, tmp_p
     assert proved.guaranteed is not None
     assert row["outputs"]["bandwidth_Hz"] == proved.guaranteed.bandwidth_Hz
     assert len({json.dumps(record["varied"]) for record in found.records}) == 12
+
+
+def test_a_case_without_the_figure_does_not_end_the_search_for_the_worst(sweep):
+    """That a good rig has no such figure, such as a mass at which it is unstable, is no answer of no."""
+    laid = plan(sweep("worst_case", cases=60, spread={"sigmas": 1.0, "output": "bandwidth_Hz", "worst": "least"}))
+    batches = []
+
+    def answers(cases):
+        batches.append(len(cases))
+        figures = [None, *np.linspace(10.0, 20.0, len(cases) - 1)]
+        return [{"status": "done", "outputs": {"bandwidth_Hz": figure}} for figure in figures]
+
+    ADAPTIVE["worst_case"](laid, answers)
+    assert len(batches) > 1
 
 
 def test_worst_case_is_worse_than_every_sample_of_the_box_and_not_called_proved(sweep, tmp_path):

@@ -8,7 +8,7 @@ chosen by the diagnosis.
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from math import pi, sqrt
+from math import isfinite, pi, sqrt
 from pathlib import Path
 
 import numpy as np
@@ -225,7 +225,8 @@ def acceptance_plan(
     """
     masses, words = _payloads(prototype, masses_kg)
     grid = np.geomspace(LOW_HZ, 100.0, 60)
-    force = _two_digits(_SHARE * min(float(envelope(prototype, mass, 0.0, grid).load_N.min()) for mass in masses))
+    borne = min(float(envelope(prototype, mass, 0.0, grid).load_N.min()) for mass in masses)
+    force = _two_digits(_SHARE * (borne if isfinite(borne) else prototype.actuator.strength_N(prototype)))
     command = _COMMAND_M * prototype.sensor.gain_V_per_m
     controller = prototype.controller
     assert controller is not None

@@ -102,8 +102,8 @@ def check(
             results = [sealed(table, text), *(rig.statements() if rig else ()), *room.statements(table, rig)]
             comments = any(line.lstrip().startswith("#") for line in text.splitlines())
             unread = ["lines that begin with #, in which nothing is proved"] if comments else []
-            if rig is not None and (given is None or "effect" not in given):
-                unread += rig.left_open()
+            if rig is not None:
+                unread += rig.left_open(of_effects=given is None or "effect" not in given)
             if "nonlinear" in table:
                 unread.append("that its effects are the characteristics, gains and errors of which it states something")
             if given is not None and rig is None:
@@ -134,9 +134,9 @@ def _given(prototype: Any, table: Table) -> PrototypeTable:
 
 
 def _bytes(path: Path) -> bytes:
-    if path.exists() and not path.is_file():  # a pipe would keep whoever opens it waiting
-        raise Unreadable("is not a regular file")
     try:
+        if path.exists() and not path.is_file():  # a pipe would keep whoever opens it waiting
+            raise Unreadable("is not a regular file")
         with path.open("rb") as file:
             return file.read(LARGEST_BYTES + 1)
     except OSError as error:

@@ -64,6 +64,7 @@ def statements(table: Table, rig: Rig | None) -> Iterator[tuple[bool, str]]:
     found = is_stable(expression, member)
     yield judged(found is stable, f"the member is {'' if stable else 'not '}stable: at {at or 'the only one'}")
     if found is not True or not stable:
+        yield from ((False, f"{claim.words}: of a box that is not stable") for claim in claims)
         return
     count, where = walked(expression, marks)
     if where:

@@ -266,7 +266,7 @@ def statements(table: Table, rig: Rig) -> Statements:
     if (work := len(loops) * (1 + len(claims)) * degree**5) > MOST_WORK:
         raise Unreadable(f"{len(loops)} loops of degree {degree} with {len(claims)} claims are too much work: {work}")
     stated, whole = table.table("stability"), all(_is_stable_over(loop, masses) for loop in loops)
-    if len(loops) == 1 and loops[0].gain[0] == loops[0].gain[1]:
+    if len(loops) == 1 and loops[0].gain == (1, 1):
         yield from stability(stated, Family(*loops[0].at(loops[0].gain[0])), *masses)
     else:
         for part in stated.tables("range"):

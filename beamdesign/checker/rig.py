@@ -252,11 +252,11 @@ class Rig:
             good = self.schedule.follows
             yield good, f"the stages' figures in rad/s {'are' if good else 'are not'} those in Hz"
 
-    def left_open(self) -> Iterator[str]:
-        """What of it is not decided by what it states, in words."""
+    def left_open(self, of_effects: bool = True) -> Iterator[str]:
+        """What of it is not decided by what it states, in words; of its effects only where that is asked."""
         if self.law is not None and self.law.follows is None:
             yield f"that the controller's polynomials follow from its figures: kind {self.law.kind!r} is not known here"
-        if names := ", ".join(effect.name for effect in self.effects):
+        if (names := ", ".join(effect.name for effect in self.effects)) and of_effects:
             yield f"that what is called {names} comes to the elements stated, which are what is proved"
 
     def loops(self) -> Iterator[Loop]:

@@ -230,6 +230,9 @@ def stable_on_rectangle(denominator: Polynomials, numerator: Polynomials, masses
     return sides and (flat or _clear_inside(denominator, numerator, masses, gains))
 
 
+_UNDECIDED = "whether roots cross the axis inside a range of masses and gains is not decided"
+
+
 def _clear_inside(denominator: Polynomials, numerator: Polynomials, masses: Pair, gains: Pair) -> bool:
     """Whether no point inside a rectangle with stable sides has a root on the axis.
 
@@ -237,6 +240,9 @@ def _clear_inside(denominator: Polynomials, numerator: Polynomials, masses: Pair
     equations for g, E = e + e' g = 0 and O = o + o' g = 0 with coefficients affine in m, would be solved by m in
     e o' - o e' = 0 twice at once, else a slightly smaller w^2 would be, too. So w^2 is a root of the discriminant of
     that quadratic in m. Each of these is followed until its m, or the g that goes with it, is seen to be outside.
+
+    Raises:
+        ArithmeticError: where that is not decided; what is not seen to be clear is not refuted either.
     """
     (e, o), (e_m, o_m), (e_g, o_g), (e_mg, o_mg) = (parts(p) for p in (*denominator, *numerator))
     square, straight, constant = (
@@ -246,7 +252,7 @@ def _clear_inside(denominator: Polynomials, numerator: Polynomials, masses: Pair
     )
     discriminant = straight * straight - 4 * square * constant
     if discriminant == 0:
-        return False
+        raise ArithmeticError(_UNDECIDED)
     discriminant = square_free(discriminant)
 
     def outside(x: arb) -> bool:
@@ -270,7 +276,7 @@ def _clear_inside(denominator: Polynomials, numerator: Polynomials, masses: Pair
                 break
             interval = halve(discriminant, interval)
         else:
-            return False
+            raise ArithmeticError(_UNDECIDED)
     return True
 
 

@@ -344,8 +344,9 @@ def of_all(record: "Prototype", found: "list[tuple[dict[str, Any], bool]]") -> d
     """The answer of the stage that governs; of several stages with those of all under `stages`."""
 
     def reached(fields: dict[str, Any]) -> float:
-        guaranteed = fields.get("guaranteed")
-        return guaranteed["bandwidth_Hz"] if isinstance(guaranteed, dict) else getattr(guaranteed, "bandwidth_Hz", 0.0)
+        found = fields.get("guaranteed")
+        found = found["bandwidth_Hz"] if isinstance(found, dict) else getattr(found, "bandwidth_Hz", None)
+        return found or 0.0  # none where it is not proved
 
     answer, _ = min(found, key=lambda one: (one[1], reached(one[0])))
     return answer if record.schedule is None else answer | {"stages": [fields for fields, _ in found]}

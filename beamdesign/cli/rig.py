@@ -336,7 +336,7 @@ def limits(
             echo(f"{own.name}: {found.reason}; a loop that is not stable has no operating limits")
             return found.to_dict(), False
         _echo_limits(found)
-        if out is None:
+        if out is None or found.envelope.reason:
             return found.to_dict() | {"figures": []}, True
 
         from beamdesign.report.canvas import new_figure
@@ -355,11 +355,14 @@ def _echo_limits(found: "OperatingLimits") -> None:
     from beamdesign.plant.linear_reach import with_published_effects
 
     rig, mass = found.prototype, found.outer_end_mass_kg
-    echo_table(
-        f"{rig.name} with {mass:g} kg outside: largest amplitude of a force on the tip",
-        ("frequency, Hz", "force, N", "governed by", "tip moves, um", "supply power, W"),
-        found.rows(),
-    )
+    if found.envelope.reason:
+        echo(f"{rig.name} with {mass:g} kg outside: {found.envelope.reason}")
+    else:
+        echo_table(
+            f"{rig.name} with {mass:g} kg outside: largest amplitude of a force on the tip",
+            ("frequency, Hz", "force, N", "governed by", "tip moves, um", "supply power, W"),
+            found.rows(),
+        )
     for limit, key in found.envelope.missing.items():
         echo(f"{limit}: not looked at, {key} is not given")
     _echo_sensor(found.sensor)
@@ -367,6 +370,9 @@ def _echo_limits(found: "OperatingLimits") -> None:
         echo(f"higher modes: not looked at, {found.modes}")
     else:
         echo_table("One bending mode per beam", ("", ""), found.mode_rows())
+    if isinstance(found.linear_amplitude, str):
+        echo(f"reach of the linear model, limit cycles: not looked at, {found.linear_amplitude}")
+        return
     effects = ", ".join(sorted(with_published_effects(rig).effects))
     echo_table(
         f"Linear amplitude within 10 % up to ({effects})",

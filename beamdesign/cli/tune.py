@@ -126,18 +126,18 @@ def tune(
     guaranteed, each = certified_laws(found)
     texts = {"prototype": ("prototype.toml", to_toml(guaranteed))}
     answers = []
-    for stage, law, (certificate, _) in zip(found.stages, found.each, each, strict=True):
+    for stage, law, (certificate, own) in zip(found.stages, found.each, each, strict=True):
         end = stage.suffix.replace(".", "_")
         texts[f"certificate{end}"] = (f"certificate{stage.suffix}.toml", certificate.text)
         answers.append((_of_law(stage, law, certificate), True))
         if law.best is not None and law.best.over_box is not None:
             texts[f"certificate_box{end}"] = (certificate_name(stage.suffix, box=True), law.best.over_box.certificate)
         if record.effects:
-            verdict = between(guaranteed, *masses)
+            verdict = between(own, *stage.outer_end_mass_kg)
             if words := in_words(verdict):
                 echo(f"  {words}")
             if verdict is not None and verdict.certificate:
-                texts["certificate_between"] = ("certificate.between.toml", verdict.certificate)
+                texts[f"certificate_between{end}"] = (f"certificate{stage.suffix}.between.toml", verdict.certificate)
     answer = of_all(guaranteed, answers) | {"controller": guaranteed.controller and guaranteed.controller.model_dump()}
     if (changes := found.switching) is not None:
         lines = describe(changes)

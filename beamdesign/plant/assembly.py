@@ -12,6 +12,7 @@ from typing import Any
 import casadi as ca
 
 from beamdesign.bench_prototype import AnyPrototype
+from beamdesign.plant.actuators import WithActuator
 from beamdesign.plant.component import SAMPLED, Law, PortLaw
 from beamdesign.plant.effects import Effect, Site, laws_of, library, problems
 from beamdesign.plant.rigs import MORE_FIGURES, OUTPUTS, RIGS, STATES, TWIST, WALL_FIGURES
@@ -204,7 +205,7 @@ def effect_parameters_of(prototype: Prototype) -> dict[str, dict[str, float]]:
     }
 
 
-def of_drive(prototype: Prototype) -> dict[str, float]:
+def of_drive(prototype: WithActuator) -> dict[str, float]:
     """Usual figures of effects, by `EFFECT.PARAMETER`, where a drive with a command of 10 V gives the current."""
     gain = prototype.actuator.drive_gain()
     return {f"{name}.limit_A": 10 * gain for name in laws_of("current_saturation")} if gain is not None else {}

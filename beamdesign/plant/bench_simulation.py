@@ -19,6 +19,11 @@ BENCH_COLUMNS = ("t_s", "command_V", "displacement_m", "pressure_a_Pa", "pressur
 _STEPS_PER_RADIAN = 0.5  # classical Runge-Kutta is stable to 2.78 radians of a decaying pole
 _BOUND = 2.0  # strokes: end stops hold the piston, so that only a failed integration passes this
 _STOP_DAMPING_RATIO = 0.5
+_SENSED = (
+    "filtered_V", "sensor_lag.lagged_V", "sensor_lag_second_order.lagged_V", "transport_delay.smooth_V",
+    "empirical_sensor_lag.late", "empirical_sensor_resonance.seen", "empirical_sensor_play.followed",
+)  # fmt: skip
+"""States that stand at the volts of the sensor while the piston stands."""
 SENSOR_V_PER_M = 50.0
 """Volts of the displacement sensor; effects in volts count on it, nothing else does."""
 
@@ -90,9 +95,7 @@ def bench_start(prototype: BenchPrototype, start_m: float | None = None) -> np.n
     x["pressure_a_Pa"] = x["seen_a_Pa"] = pressure_a
     x["pressure_b_Pa"] = x["seen_b_Pa"] = pressure_b
     volts = (x["piston_m"] + prototype.sensors.displacement_zero_m) * figure["sensor_gain"]
-    for name in ("filtered_V", "sensor_lag.lagged_V", "sensor_lag_second_order.lagged_V", "transport_delay.smooth_V"):
-        if name in x:
-            x[name] = volts
+    x |= {name: volts for name in _SENSED if name in x}
     return np.array(list(x.values()))
 
 

@@ -126,7 +126,8 @@ def errors_in_loop(prototype: Prototype) -> tuple[list[Error], list[Row]]:
         return found, []
     why = "No bound is proved: a controller that hears more than the displacement hears the friction as well."
     refused = [Row((one.effect,), METHOD, False, why) for one in found if one.place in FORCES]
-    return [one for one in found if one.place not in FORCES], refused
+    left = [one for one in found if one.place not in FORCES]
+    return left if any(not one.per_m for one in left) else [], refused
 
 
 def bounded_rows(given: Members) -> Iterator[Row]:
@@ -141,7 +142,7 @@ def bounded_rows(given: Members) -> Iterator[Row]:
     except ArithmeticError as error:
         yield from (Row((one.effect,), METHOD, False, f"No bound is proved: {error}.") for one in found)
         return
-    stated = [shortened(one * _SLACK, _DIGITS, up=True) if one > 0 else one for one in most]
+    stated = [shortened(one * _SLACK, _DIGITS, up=True) for one in most]
     listed = [
         {"place": one.place, "size": text(one.size), "bound_m": text(bound)}
         for one, bound in zip(found, stated, strict=True)

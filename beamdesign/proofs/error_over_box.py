@@ -93,6 +93,9 @@ def errors_over_box(
     claims, most, known = list[BoxClaim](), list[fmpq](), dict[str, list[BoxClaim]]()
     try:
         for one in found:
+            if one.size == 0:  # it moves nothing
+                most.append(one.size)
+                continue
             if one.place not in known:
                 known[one.place] = _claims(prototype, box, one, budget, seconds)
             own = [_resized(claim, one.size) for claim in known[one.place]]

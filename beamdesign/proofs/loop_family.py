@@ -196,7 +196,7 @@ def prove(
             for an unknown name.
     """
     claims = claims or {}
-    if parameters is None and hasattr(loop, "ninputs"):
+    if not parameters and hasattr(loop, "ninputs"):
         return with_claims(proved(open_loop(loop)), claims)
     family = loop_family(loop, parameters or {})
     if not parameters:

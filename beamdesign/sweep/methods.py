@@ -336,8 +336,8 @@ def _worst_case(laid: Plan, evaluate: Evaluate) -> None:
         points = points[: max(0, most - spent)]
         spent += len(points)
         rows = evaluate([case_at(sweep, laid.base, varied_at(figures, point)) for point in points])
-        # The worst is where the answer is no; a case that failed tells nothing, and is passed over.
-        noted = [row["status"] not in ("failed", "refused") for row in rows]
+        # The worst is where the answer is no; a case that failed, or has no such figure, tells nothing.
+        noted = [row["status"] == "no" or row["outputs"].get(output) is not None for row in rows]
         costs = [cost(row, output, sweep.spread.worst == "least") for row in rows]
         return np.where(noted, costs, -NO_RESULT)
 

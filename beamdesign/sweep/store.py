@@ -245,7 +245,7 @@ def case_of(address: str) -> dict[str, Any]:
             rows = read_index(folder)["rows"]
         except InputError as error:
             raise InputError(address, [(f"{error.source}: {key}", reason) for key, reason in error.problems]) from None
-        if name.isdigit() and int(name) < len(rows):
+        if name.isdecimal() and int(name) < len(rows):
             record, why = kept(folder, rows[int(name)]), (name, "this case is not finished; run the study on")
         else:
             found = [one for one in addresses(folder) if one.startswith(name)]

@@ -49,6 +49,7 @@ class Envelope:
         supply_power_W: (N,) mean power drawn there.
         missing: what the prototype does not give, by the limit that is left out.
         reason: why there is no envelope; empty where there is one.
+        stable: whether the loop is, without which nothing has limits.
     """
 
     frequency_Hz: np.ndarray
@@ -57,11 +58,12 @@ class Envelope:
     supply_power_W: np.ndarray
     missing: dict[str, str]
     reason: str = ""
+    stable: bool = True
 
     @property
     def load_N(self) -> np.ndarray:
-        """(N,) the least of all limits."""
-        return np.asarray(np.min(list(self.limits_N.values()), axis=0))
+        """(N,) the least of all limits; infinite without any."""
+        return np.min([np.full(len(self.frequency_Hz), inf), *self.limits_N.values()], axis=0)
 
     @property
     def governing(self) -> tuple[str, ...]:
@@ -164,7 +166,7 @@ def envelope(
     nothing = np.zeros(len(grid))
     if prototype.controller is None or not loop(prototype.but(effects={})).at(outer_end_mass).stable:
         why = "no controller" if prototype.controller is None else f"not stable with {outer_end_mass:g} kg"
-        return Envelope(grid, {}, nothing, nothing, {}, why)
+        return Envelope(grid, {}, nothing, nothing, {}, why, stable=False)
     asked, held = demand(prototype, outer_end_mass, grid), _held(prototype, outer_end_mass, preload)
     actuator = prototype.actuator
     half = None if actuator.stroke_m is None else actuator.stroke_m / 2
@@ -217,7 +219,7 @@ class Limits(Result):
         envelope: largest load of the actuator over frequency.
         sensor: what it hides.
         modes: reach of one bending mode per beam; why it is not looked at, in words, where it cannot be.
-        linear_amplitude: per quantity varied and frequency, up to where the linear model's amplitude holds.
+        linear_amplitude: per quantity varied and frequency, up to where the linear model's amplitude holds; likewise.
         limit_cycles: by amplitude, the gains at which the nonlinear loop oscillates by itself.
     """
 
@@ -227,13 +229,13 @@ class Limits(Result):
     envelope: Envelope
     sensor: SensorReach | None = None
     modes: SingleModeReach | str = ""
-    linear_amplitude: tuple[dict[str, Any], ...] = ()
+    linear_amplitude: tuple[dict[str, Any], ...] | str = ()
     limit_cycles: tuple[dict[str, Any], ...] = ()
 
     @property
     def reason(self) -> str:
         """Why there are none; empty where there are."""
-        return self.envelope.reason
+        return "" if self.envelope.stable else self.envelope.reason
 
     def to_dict(self) -> dict[str, Any]:
         """What `beamdesign limits` writes of them."""
@@ -241,16 +243,17 @@ class Limits(Result):
         if self.reason:
             return finite(fields | {"reason": self.reason})
         shown = "frequency_Hz load_N governing limits_N displacement_m supply_power_W missing"
-        modes = self.modes
+        bears = self.envelope
+        modes, reach = self.modes, self.linear_amplitude
         fields |= {
-            "actuator": picked(self.envelope, shown),
+            "actuator": {"reason": bears.reason, "missing": bears.missing} if bears.reason else picked(bears, shown),
             "sensor": self.sensor,
             "modes": {"reason": modes}
             if isinstance(modes, str)
             else picked(modes, " ".join((*type(modes).__dataclass_fields__, "gain_margin_eaten"))),
-            "linear_amplitude": [
-                {name: value for name, value in row.items() if name != "words"} for row in self.linear_amplitude
-            ],
+            "linear_amplitude": {"reason": reach}
+            if isinstance(reach, str)
+            else [{name: value for name, value in row.items() if name != "words"} for row in reach],
             "limit_cycles": self.limit_cycles,
         }
         return finite(fields)
@@ -282,15 +285,20 @@ class Limits(Result):
 
     def linear_rows(self) -> list[tuple[str, float, float | str, float]]:
         """What is varied, at what frequency in Hz, up to where, and how far off the model is there in per cent."""
-        return [
-            (
-                row["words"],
-                row["frequency_Hz"],
-                row["limit"] if row["reached"] else f"more than {row['limit']:.4g}",
-                100 * row["departure"],
-            )
-            for row in self.linear_amplitude
-        ]
+        found = self.linear_amplitude
+        return (
+            []
+            if isinstance(found, str)
+            else [
+                (
+                    row["words"],
+                    row["frequency_Hz"],
+                    row["limit"] if row["reached"] else f"more than {row['limit']:.4g}",
+                    100 * row["departure"],
+                )
+                for row in found
+            ]
+        )
 
     def cycle_rows(self) -> list[tuple[float, float, float, str]]:
         """Amplitude in um, gain in mA/V, frequency in Hz, and whether the oscillation settles there."""
@@ -319,13 +327,17 @@ def limits(
     """
     mass = outer_end_mass_kg if outer_end_mass_kg is not None else (prototype.outer_end_mass_kg or (0.0, 0.0))[1]
     found = envelope(prototype, mass, preload_N)
-    if found.reason:
+    if not found.stable:
         return Limits(prototype, mass, preload_N, found)
     try:
         modes: SingleModeReach | str = single_mode_reach(prototype, mass)
     except (InputError, ValueError) as error:
         modes = str(error)
-    linear, cycles = _linear(prototype, mass, progress), _cycles(prototype, mass)
+    try:
+        linear: tuple[dict[str, Any], ...] | str = _linear(prototype, mass, progress)
+    except ValueError as error:
+        linear = str(error)
+    cycles = _cycles(prototype, mass)
     return Limits(prototype, mass, preload_N, found, sensor_reach(prototype, mass), modes, linear, cycles)
 
 

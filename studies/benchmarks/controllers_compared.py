@@ -17,7 +17,7 @@ from pathlib import Path
 
 import numpy as np
 from delivered import delivered, drawn
-from delivered_bandwidth import DEVIATIONS, rig_of
+from delivered_bandwidth import deviations_of, rig_of
 from matplotlib.figure import Figure
 
 from beamdesign import Prototype, read_prototype, tune
@@ -88,7 +88,7 @@ def row(design: Design, rigs: int, force_N: float) -> Row:
     measured = []
     for k in range(rigs):
         prototype, masses = design.stages[k // 2 % len(design.stages)]
-        rig = drawn(rig_of(prototype), DEVIATIONS, rigs)[k]
+        rig = drawn(rig_of(prototype), deviations_of(prototype), rigs)[k]
         measured.append(delivered(rig, masses[k % 2], force_N, seed=k))
     reached = np.array([one.bandwidth_Hz for one in measured])
     return Row(design.name, min(proved), tuple(missed), sum(one.stable for one in measured), reached)

@@ -59,7 +59,8 @@ def rig_of(prototype: Prototype) -> Prototype:
 def deviations_of(prototype: Prototype) -> dict[str, float]:
     """Standard deviations by figure: the prototype's own, or those above."""
     if not any(prototype.tolerance.model_dump().values()):
-        return DEVIATIONS
+        absent = () if prototype.sensor.filter_Hz is not None else ("filter_frequency",)
+        return {name: size for name, size in DEVIATIONS.items() if name not in absent}
     return dict(rig_spread(prototype, 0.0, 1.0).deviations)
 
 

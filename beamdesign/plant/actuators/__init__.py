@@ -226,9 +226,17 @@ class Actuator(Kinded):
     def strength_N(self, prototype: "WithActuator") -> float:
         """About the largest force that it gives; 1 kN where the prototype does not say."""
 
-    @abstractmethod
     def largest_current_A(self, prototype: "WithActuator") -> float | None:
-        """Largest current that it takes of a law; None where the prototype does not say."""
+        """Largest current that it takes of a law, by its first rating and by a saturation; None where nothing says."""
+        from beamdesign.plant.assembly import of_drive
+        from beamdesign.plant.effects import laws_of, library
+
+        usual = of_drive(prototype)
+        limits = [attrgetter(rating.place)(prototype) for rating in self.ratings[:1]]
+        for name in prototype.effects.keys() & {*laws_of("current_saturation")}:
+            limit = library()[name].parameters[0]
+            limits.append(prototype.effects[name].get(limit.name, usual.get(f"{name}.{limit.name}", limit.default)))
+        return min((limit for limit in limits if limit is not None), default=None)
 
     def drive_gain(self) -> float | None:
         """Current per volt, A/V, of a drive that has a command as its input; None where a coil is driven."""

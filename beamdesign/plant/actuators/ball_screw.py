@@ -175,10 +175,6 @@ class BallScrew(Actuator):
         current = self.peak_current_A or self.continuous_current_A
         return current * self.torque_constant_N_m_per_A * 2 * pi / self.lead_m if current else 1000.0
 
-    def largest_current_A(self, prototype: "WithActuator") -> float | None:
-        """That of drive and motor: a law asks for no more, beside what speed feedback takes off."""
-        return self.peak_current_A
-
     def drive_gain(self) -> float:
         """As stated, or the largest current that is stated at 10 V, as drives are scaled; 1 A/V where none is."""
         return self.drive_A_per_V or (self.peak_current_A or self.continuous_current_A or 10.0) / 10.0

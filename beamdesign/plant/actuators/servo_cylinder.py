@@ -233,16 +233,6 @@ class ServoCylinder(Actuator):
         """The supply's pressure on the mean area of the piston."""
         return prototype.supply.pressure_Pa * self.piston_area_m2
 
-    def largest_current_A(self, prototype: "WithActuator") -> float | None:
-        """The valve's rated current or the amplifier's limit, whichever is less."""
-        from beamdesign.plant.effects import laws_of
-
-        limits = (
-            valve_of(prototype).rated_current_A,
-            *(_of_effect(prototype, name) for name in laws_of("current_saturation")),
-        )
-        return min((limit for limit in limits if limit is not None), default=None)
-
     def stated(self, prototype: "WithActuator", rating: Rating) -> float | None:
         """The rated current may be bounded by an effect, too."""
         of_current = rating.name == self.ratings[0].name
@@ -361,16 +351,18 @@ def _of_effect(prototype: "WithActuator", name: str) -> float | None:
 
 
 def _within_parabola(asked: Demand, held: Held, largest: float, stall: float) -> "np.ndarray":
-    """Largest F with |q| <= q_max sqrt(1 - sign(q) F_c / stall) at every phase, q and F_c being F times their sines.
+    """Largest F with |q| F + |q_h| <= q_max sqrt(1 - sign(q) (f F + F_h) / stall) at every phase.
 
-    At each phase it is the positive root of q^2 F^2 + q_max^2 (f / stall) F - q_max^2 (1 - held / stall) = 0.
+    q and f are flow and force at the phase per newton, q_h and F_h what is held; at each phase it is the positive root
+    of q^2 F^2 + (2 |q| |q_h| + sign(q) q_max^2 f / stall) F + q_h^2 - q_max^2 (1 - sign(q) F_h / stall) = 0.
     """
     import numpy as np
 
     flow, force = (np.real(one[:, None] * turn(720)) for one in (asked.of("flow"), asked.force))
     sign = np.sign(flow)
-    slope = largest**2 * sign * force / stall
-    rest = largest**2 * (1 - sign * held["force"] / stall)
+    leaked = abs(held["flow"])
+    slope = largest**2 * sign * force / stall + 2 * np.abs(flow) * leaked
+    rest = largest**2 * (1 - sign * held["force"] / stall) - leaked**2
     root = np.sqrt(np.maximum(slope**2 + 4 * flow**2 * rest, 0.0))
     # The stable form of the root, whichever sign the slope has.
     amplitude = 2 * np.maximum(rest, 0.0) / np.maximum(slope + root, 1e-300)
