@@ -13,6 +13,7 @@ from beamdesign.diagnosis import separability
 from beamdesign.diagnosis.data.dataset import Dataset
 from beamdesign.diagnosis.fitting import search as searching
 from beamdesign.diagnosis.fitting.hypothesis import Hypothesis, singles
+from beamdesign.diagnosis.predict import read_inputs
 from beamdesign.diagnosis.redesign import redesign
 from beamdesign.plant.assembly import assemble, parameters_of, structure_of
 from beamdesign.plant.equilibrium import equilibrium, linearise
@@ -117,9 +118,20 @@ def test_a_data_set_says_in_which_plane_it_was_taken(tmp_path: Path) -> None:
     assert not read(arm()).warnings
     assert "plane" in read(arm(None)).warnings[0]
     weak = Proportional(gain_A_per_V=1e-4)
-    assert read(arm("y", second_controller=weak)).prototype.controller == weak
+    turned = read(arm("y", second_controller=weak))
+    assert turned.prototype.controller == weak
+    assert turned.as_stated(turned.prototype) == arm("y", second_controller=weak)
     with pytest.raises(InputError, match="couple both planes"):
         read(arm(offset_m=(0.0, 0.1, 0.1)))
+
+
+def test_inputs_to_predict_by_are_those_of_a_loop_in_its_plane(tmp_path: Path) -> None:
+    weak = Proportional(gain_A_per_V=1e-4)
+    (tmp_path / "prototype.toml").write_text(to_toml(arm("y", second_controller=weak)))
+    (tmp_path / "one.csv").write_text("t_s,disturbance_N,command_V\n" + "".join(f"{k / 1000},0,0\n" for k in range(9)))
+    (tmp_path / "dataset.toml").write_text(tomli_w.dumps({"record": [{"file": "one.csv"}]}))
+    ((taken,), _) = read_inputs(tmp_path)
+    assert taken.controller == weak
 
 
 def test_certificates_of_a_prototype_that_states_its_plane_are_checked() -> None:

@@ -22,10 +22,13 @@ import beamdesign.diagnosis.fitting.search as searching
 from beamdesign import InputError, Prototype, read_dataset, read_prototype, write_prototype
 from beamdesign.cli import app
 from beamdesign.diagnosis.data.dataset import Dataset
+from beamdesign.diagnosis.examination.plausibility import examine
 from beamdesign.diagnosis.fitting.fit import Fit, digest, fit_cache
-from beamdesign.diagnosis.fitting.hypothesis import Hypothesis
+from beamdesign.diagnosis.fitting.fitters import Fitters
+from beamdesign.diagnosis.fitting.hypothesis import NOTHING, Hypothesis
 from beamdesign.diagnosis.predict import predict_set
 from beamdesign.progress import end_at_once
+from beamdesign.prototype import Tolerance
 
 PUT_IN_HZ = 250.0
 """As `studies/gaps/make_slow_sensor.py` says."""
@@ -209,6 +212,22 @@ def test_fits_to_other_data_are_not_taken_and_go(small: Dataset, tmp_path: Path)
     assert digest(moved) != digest(small)
     assert fit_cache(tmp_path / "fits", moved).recall(task) is None
     assert kept.count == 0
+
+
+def test_fits_are_taken_with_the_unknowns_of_the_prototype_that_was_fitted(tmp_path: Path) -> None:
+    """Where it states no tolerance the examination takes usual ones, which what is kept goes by."""
+    data = read_dataset(shortened(tmp_path / "slow_sensor", 801))
+    bare = replace(data, prototype=data.prototype.but(tolerance=Tolerance()))
+    kept, task = fit_cache(tmp_path / "fits", bare), searching.Task(NOTHING, {})
+    examined = examine(bare).data
+    assert len(NOTHING.unknowns(bare.prototype)) == 0
+    found = []
+    for _ in range(2):
+        with Fitters(examined, 1, kept) as fitted:
+            found += fitted([task])
+    assert kept.count == 1
+    assert found[1].values == found[0].values
+    assert len(found[1].values) == len(NOTHING.unknowns(examined.prototype)) > 0
 
 
 def test_a_file_cut_short_is_made_again(small: Dataset, tmp_path: Path) -> None:

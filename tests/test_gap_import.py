@@ -131,6 +131,27 @@ def test_what_cannot_be_told_is_asked_with_what_there_is(tmp_path: Path) -> None
     assert not (tmp_path / "set").exists()
 
 
+def test_names_that_follow_one_another_stay_apart(tmp_path: Path, motion: dict[str, np.ndarray]) -> None:
+    """As `*.csv` gives them: the name made for a second `run` would be that of the first file."""
+    rows = [",".join(motion), *(",".join(f"{x:.9g}" for x in row) for row in np.column_stack(list(motion.values())))]
+    files = [
+        tmp_path / one / f"{name}.csv" for one, name in (("a", "run_2"), ("a", "run"), ("b", "run"), ("a", "run1"))
+    ]
+    for file in files:
+        file.parent.mkdir(exist_ok=True)
+        file.write_text("\n".join(rows), encoding="utf-8")
+    found = import_measured(files, RIG, tmp_path / "set")
+    assert [one.name for one in found.dataset.records] == ["run_2", "run", "run_3", "run1"]
+
+
+def test_numbers_as_fortran_writes_them(tmp_path: Path, motion: dict[str, np.ndarray]) -> None:
+    rows = np.column_stack(list(motion.values()))
+    for mark in "dD":
+        text = "\n".join([",".join(motion), *(",".join(f"{x:.12e}".replace("e", mark) for x in row) for row in rows)])
+        (tmp_path / f"{mark}.csv").write_text(text, encoding="utf-8")
+        same(import_measured([tmp_path / f"{mark}.csv"], RIG, tmp_path / f"set {mark}").dataset.records[0], motion)
+
+
 def test_nothing_is_written_over_and_nothing_half_is_left(tmp_path: Path, motion: dict[str, np.ndarray]) -> None:
     values = np.column_stack(list(motion.values()))
     np.savetxt(tmp_path / "a.csv", values, "%.12g", ",", header=",".join(motion), comments="")

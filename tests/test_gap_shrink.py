@@ -181,6 +181,26 @@ def test_held_out_records_are_known_by_their_parts_and_not_the_hardest_driven(da
         assert all(r.condition != record.condition for r in rest)
 
 
+def test_of_many_records_a_quarter_is_held_out_by_the_same_rules(data):
+    """Fifty, of which no one can look at all 5e10 choices; replicates go together."""
+    many = []
+    for k in range(25):
+        one = data.records[k % len(data.records)]
+        own = replace(one, inputs=one.inputs * 3.0 ** (k // len(data.records)), name=f"{k}")
+        many += [own, replace(own, name=f"{k} again")]
+    chosen = held_out(many)
+    assert 6 <= len(chosen) <= 12
+    conditions = [many[k].condition for k in chosen]
+    rest = [one for k, one in enumerate(many) if k not in chosen]
+    assert not any(one.condition in conditions for one in rest)
+    for one in (many[k] for k in chosen):
+        alike = [other for other in rest if other.excitation == one.excitation]
+        assert (
+            max(np.abs(other.measured["current_A"]).max() for other in alike) >= np.abs(one.measured["current_A"]).max()
+        )
+        assert any(other.outer_end_mass == one.outer_end_mass for other in rest)
+
+
 def test_a_replicate_is_not_held_out(data):
     one = only(data, ("disturbance_large",)).records[0]
     assert held_out((one, replace(one, name="again"))) == ()

@@ -355,9 +355,14 @@ def replayed(data: BenchSet, chosen: HeldOut) -> tuple[RecordGap, ...]:
 
 def simulated(prototype: BenchPrototype, run: BenchRun) -> np.ndarray:
     """A run's record as `prototype` makes it, columns as in `BENCH_COLUMNS`, read by the run's own sensor."""
-    zero, top = float(np.median(run.displacement_m[held(run, -1)])), float(np.max(run.displacement_m))
+    zero, top = _ends(run)
     sensors = prototype.sensors.but(displacement_zero_m=zero, displacement_most_m=top)
     return replay(prototype.but(sensors=sensors), run.times, run.command_V)
+
+
+def _ends(run: BenchRun) -> tuple[float, float]:
+    """What the sensor reads at the retracted stop, and at most."""
+    return float(np.median(run.displacement_m[held(run, -1)])), float(np.max(run.displacement_m))
 
 
 def _rms(prototype: BenchPrototype, squares: Iterable[tuple[str, float]]) -> dict[str, float]:
@@ -372,9 +377,9 @@ def _rms(prototype: BenchPrototype, squares: Iterable[tuple[str, float]]) -> dic
 
 def _missed(prototype: BenchPrototype, runs: Sequence[BenchRun]) -> Iterator[tuple[str, float]]:
     """By channel, what a model misses of each run."""
-    made: dict[bytes, np.ndarray] = {}
+    made: dict[tuple[object, ...], np.ndarray] = {}
     for run in runs:
-        key = run.command_V.tobytes()
+        key = run.command_V.tobytes(), run.times.tobytes(), *_ends(run)
         if key not in made:
             made[key] = simulated(prototype, run)
         for channel, measured in run.channels.items():

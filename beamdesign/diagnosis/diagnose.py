@@ -81,11 +81,10 @@ def diagnose(
 
 
 def _diagnosed(data: Dataset, workers: int, progress: Progress, kept: FitCache | None) -> Diagnosis[Prototype]:
-    examined = examine(data)
-    stated, known = data.prototype.tolerance, examined.data.prototype.effects
+    examined, read = examine(data), data
     if not examined.data.records:
         figures_only = explain_gains(replace(examined.data, warnings=examined.words), workers, progress)
-        return replace(figures_only, prototype=figures_only.prototype.but(tolerance=stated))
+        return replace(figures_only, prototype=read.as_stated(figures_only.prototype))
     found = _explained(examined, held_out(examined.data.records), workers, progress, kept)
     best, data = found.best, found.data
     progress(0.96, "records held out")
@@ -104,6 +103,7 @@ def _diagnosed(data: Dataset, workers: int, progress: Progress, kept: FitCache |
     shown = _shown(found, kept_out, tuned, outside)
     verdict = no_surer(verdict_of(found.judged, found.doubtful or not shown.confirmed, found.chance), lacking)
     renewed = updated_prototype(data.prototype, shown.written)
+    known = examined.data.prototype.effects
     if (play := law_of_play(known)) and found.hammers and PLAY not in best.hypothesis.causes:  # not found, not lost
         renewed = renewed.but(effects={**renewed.effects, play: known[play]})
     chosen = tuple(c.name for c in found.ranked if c.name in best.hypothesis.causes)
@@ -119,7 +119,7 @@ def _diagnosed(data: Dataset, workers: int, progress: Progress, kept: FitCache |
         shown.gap,
         classes(found.judged),
         _asked(found) if verdict in ("ambiguous", "unknown") and not lacking else None,
-        renewed.but(tolerance=stated),
+        read.as_stated(renewed),
         found.words,
         found.search,
         separable,

@@ -136,7 +136,7 @@ def _has_scales(hypothesis: Hypothesis, data: Dataset) -> bool:
 def _of(kept: FitCache | None, data: Dataset) -> FitCache | None:
     """Where fits of learnt laws are kept, whose unknowns go by the scales that the prototype states."""
     scales = sha256(repr(data.prototype.effects).encode()).hexdigest()[:12]
-    return None if kept is None else replace(kept, prototype=data.prototype, part=(*kept.part, scales))
+    return kept and replace(kept, part=(*kept.part, scales))
 
 
 def _fitted(

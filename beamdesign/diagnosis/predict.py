@@ -19,6 +19,7 @@ from beamdesign.progress import Progress, silent
 from beamdesign.prototype import Prototype, read_prototype
 from beamdesign.records import InputError, read_table
 from beamdesign.result import Result
+from beamdesign.structure.arm import in_plane
 
 COLUMNS = ("t_s", "current_A", "displacement_m")
 BENCH_COLUMNS = ("t_s", "displacement_m", "pressure_a_Pa", "pressure_b_Pa")
@@ -88,7 +89,8 @@ def read_inputs(folder: str | Path, rig: Prototype | None = None) -> tuple[tuple
     """
     path = index_of(Path(folder))
     entry, _ = read_index(path)
-    nominal = read_prototype(path.parent / entry.prototype)
+    nominal = in_plane(read_prototype(path.parent / entry.prototype))
+    rig = rig and in_plane(rig)
     found = []
     for row in entry.record:
         times, disturbance, command = _columns(path.parent / row.file, ("t_s", "disturbance_N", "command_V"))

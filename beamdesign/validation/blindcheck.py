@@ -132,7 +132,8 @@ def blindcheck(
     draw_and_seal(check, workers, progress)
     diagnose_all(check, workers, progress)
     found = scored(check)
-    found.write(check.folder)
+    if found.yes:  # else no case could be drawn
+        found.write(check.folder)
     return found
 
 

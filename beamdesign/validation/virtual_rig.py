@@ -14,7 +14,7 @@ from beamdesign.records import InputError
 from beamdesign.structure.lumped import lumped_beam
 from beamdesign.validation.truth.case import Case, Departure, Drive, Run, run_figures, take
 from beamdesign.validation.truth.drawing import linear_critical_gain
-from beamdesign.validation.truth.effects import KINDS, Scales
+from beamdesign.validation.truth.effects import KINDS, Scales, on
 from beamdesign.validation.truth.nominal import assembled, draw_true, rig_figures
 from beamdesign.validation.truth.rig import Noise
 
@@ -67,8 +67,10 @@ def virtual_rig(
         InputError: for an unknown effect.
         RunawayError: where a record of it has no end.
     """
-    if effect not in ("none", *KINDS):
-        raise InputError("options", [("effect", f"no effect {effect!r}; there are none, {', '.join(KINDS)}")])
+    possible = on("ball_screw" if prototype.rig == "ball_screw" else "lag", KINDS)
+    if effect not in ("none", *possible):
+        reason = f"no effect {effect!r} of such a rig; there are none, {', '.join(possible)}"
+        raise InputError("options", [("effect", reason)])
     law = prototype.controller
     assert law is not None
     rng = np.random.default_rng(seed)

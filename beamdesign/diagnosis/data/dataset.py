@@ -157,6 +157,7 @@ class Dataset:
         responses: frequency responses.
         gains: critical gains.
         warnings: what was left aside while reading, in words.
+        stated: the prototype as its file states it, where that is another one: of an arm in y the law of z is its own.
     """
 
     name: str
@@ -166,6 +167,12 @@ class Dataset:
     responses: tuple[FrequencyResponse, ...] = ()
     gains: tuple[MeasuredGain, ...] = ()
     warnings: tuple[str, ...] = ()
+    stated: Prototype | None = None
+
+    def as_stated(self, prototype: Prototype) -> Prototype:
+        """What was found, with the controller and the tolerances that the file of the set states."""
+        stated = self.stated or self.prototype
+        return prototype.but(controller=stated.controller, tolerance=stated.tolerance)
 
 
 _ON_AXIS = (
@@ -196,7 +203,7 @@ def read_dataset(folder: str | Path) -> Dataset:
         raise InputError(path.parent / entry.prototype, wrong)
     if not lever_figures(prototype) and any(arm_of(prototype).offset_m):
         warnings.append(_ON_AXIS)
-    prototype = in_plane(prototype)
+    stated, prototype = prototype, in_plane(prototype)
     rows = [("record", r) for r in entry.record] + [("frequency_response", r) for r in entry.frequency_response]
     lawless = [(kind, row.file) for kind, row in rows if row.controller is None and prototype.controller is None]
     if lawless:
@@ -209,10 +216,10 @@ def read_dataset(folder: str | Path) -> Dataset:
         return _acting(chosen, row, row.file, path)
 
     felt = prototype.actuator.feels[0]
-    taken = tuple(_time_record(path.parent / row.file, row, law(row), felt, warnings) for row in entry.record)
+    taken = tuple(_time_record(path, row, law(row), felt, warnings) for row in entry.record)
     responses = tuple(_response(path.parent / row.file, row, law(row)) for row in entry.frequency_response)
     gains = tuple(_measured_gain(row, prototype, path) for row in entry.critical_gain)
-    return Dataset(entry.name, path.parent, prototype, taken, responses, gains, tuple(warnings))
+    return Dataset(entry.name, path.parent, prototype, taken, responses, gains, tuple(warnings), stated)
 
 
 def _acting(controller: Controller, row: Taken, name: str, path: Path) -> Controller:
@@ -236,7 +243,8 @@ def refuse_missing(path: Path, needed: tuple[str, ...], columns: Mapping[str, np
         raise InputError(path, problems)
 
 
-def _time_record(path: Path, row: TimeEntry, controller: Controller, felt: str, warnings: list[str]) -> TimeRecord:
+def _time_record(index: Path, row: TimeEntry, controller: Controller, felt: str, warnings: list[str]) -> TimeRecord:
+    path = index.parent / row.file
     columns = read_columns(path)
     needed = ("t_s", *INPUTS, *MEASURED)
     refuse_missing(path, needed, columns)
@@ -254,7 +262,7 @@ def _time_record(path: Path, row: TimeEntry, controller: Controller, felt: str, 
     for span in row.left_out_s:
         if not begin <= span[0] < span[1] <= end:
             words = f"of {row.file}: {list(span)} is no span within its {begin:g} to {end:g} s, beginning first"
-            raise InputError(path.parent, [("record.left_out_s", words)])
+            raise InputError(index, [("record.left_out_s", words)])
     return TimeRecord(path.stem, times, inputs, measured, *masses, controller, str(path), row.left_out_s)
 
 

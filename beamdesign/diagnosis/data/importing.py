@@ -8,6 +8,7 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from io import StringIO
+from itertools import count
 from math import pi
 from pathlib import Path
 from typing import Any
@@ -185,8 +186,8 @@ def _csv(table: Mapping[str, np.ndarray]) -> str:
 def _fresh(name: str, known: Mapping[str, object]) -> str:
     """A file name of plain letters that no other record has."""
     plain = re.sub(r"[^A-Za-z0-9_.-]+", "_", name).strip("_.") or "record"
-    same = sum(f"records/{plain}" in other for other in known)
-    return plain if not same else f"{plain}_{same + 1}"
+    names = (plain if k == 1 else f"{plain}_{k}" for k in count(1))
+    return next(name for name in names if f"records/{name}.csv" not in known)
 
 
 def _record(

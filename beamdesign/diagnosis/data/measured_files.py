@@ -111,7 +111,7 @@ def _text(path: Path) -> Measured:
     values = np.empty((len(rows) - first, width))
     for k, row in enumerate(rows[first:]):
         try:
-            values[k] = [float(cell.replace(",", ".").replace("D", "e")) for cell in row]
+            values[k] = [float(cell.replace(",", ".").upper().replace("D", "E")) for cell in row]
         except ValueError as error:
             what = f"row {k + 1} of its numbers has {len(row)} cells of {width}, or one that is no number: {error}"
             raise _refuse(path, what) from error
@@ -190,8 +190,9 @@ def _universal(path: Path) -> Measured:
         elif one["func_type"] == _TIME_RECORD:
             if not columns:
                 columns.append(Column("time", "s", x))
-            if len(x) == len(columns[0].values):
-                columns.append(Column(name, unit, np.asarray(one["data"]).real.astype(float)))
+            if not np.array_equal(x, columns[0].values):
+                raise _refuse(path, f"has {name} at other times than the first record: give each a file of its own")
+            columns.append(Column(name, unit, np.asarray(one["data"]).real.astype(float)))
     if not columns and not responses:
         raise _refuse(path, "holds no time record and no frequency response of a motion (dataset 58)")
     return Measured(path, tuple(columns), tuple(responses))

@@ -29,8 +29,9 @@ class Fitters:
 
     def __init__(self, data: Dataset, workers: int, kept: FitCache | None = None, synchronised: bool = False):
         self.data, self.evidence = data, evidence_of(data, synchronised)
-        # The same task to records that are followed is another fit.
-        self._kept = replace(kept, part=(*kept.part, "in step")) if kept is not None and synchronised else kept
+        # The same task to records that are followed is another fit. Unknowns are those of the prototype that is fitted.
+        part = ("in step",) if synchronised else ()
+        self._kept = kept and replace(kept, prototype=data.prototype, part=(*kept.part, *part))
         self._others = active_children()
         self._begun = partial(ProcessPoolExecutor, workers, initializer=_begin, initargs=(data, synchronised))
         self._pool = self._begun() if workers > 1 else None
