@@ -68,19 +68,19 @@ if TYPE_CHECKING:
     from beamdesign.diagnosis.data.dataset import read_dataset as read_dataset
     from beamdesign.diagnosis.data.importing import import_measured as import_measured
     from beamdesign.diagnosis.diagnose import diagnose as diagnose
+    from beamdesign.diagnosis.predict import predict as predict
     from beamdesign.loop import critical_gain as critical_gain
     from beamdesign.problem import DesignProblem as DesignProblem
     from beamdesign.problem import read_problem as read_problem
+    from beamdesign.proofs.arm.result import arm as arm
+    from beamdesign.proofs.certifying import certify as certify
     from beamdesign.proofs.loop_family import prove as prove
     from beamdesign.proofs.over_box import certify_box as certify_box
     from beamdesign.prototype import Prototype as Prototype
     from beamdesign.prototype import read_prototype as read_prototype
     from beamdesign.prototype import write_prototype as write_prototype
-    from beamdesign.public import arm as arm
-    from beamdesign.public import certify as certify
     from beamdesign.public import certify_switching as certify_switching
     from beamdesign.public import pictures as pictures
-    from beamdesign.public import predict as predict
     from beamdesign.public import state_space as state_space
     from beamdesign.public import study as study
     from beamdesign.records import InputError as InputError
@@ -105,12 +105,15 @@ _ROOMS = {
     "diagnosis.data.dataset": "read_dataset",
     "diagnosis.data.importing": "import_measured",
     "diagnosis.diagnose": "diagnose",
+    "diagnosis.predict": "predict",
     "loop": "critical_gain",
     "problem": "DesignProblem read_problem",
+    "proofs.arm.result": "arm",
+    "proofs.certifying": "certify",
     "proofs.loop_family": "prove",
     "proofs.over_box": "certify_box",
     "prototype": "Prototype read_prototype write_prototype",
-    "public": "arm certify certify_switching pictures predict state_space study",
+    "public": "certify_switching pictures state_space study",
     "records": "InputError",
     "scenario": "read_scenario",
     "simulation": "simulate",

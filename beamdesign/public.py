@@ -3,7 +3,6 @@
 They take records and give records: a range of mass is a pair in kg, or None for what the prototype states.
 """
 
-from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
@@ -13,42 +12,12 @@ if TYPE_CHECKING:
     import control
     from matplotlib.figure import Figure
 
-    from beamdesign.bench_prototype import AnyPrototype
-    from beamdesign.diagnosis.predict import Prediction
-    from beamdesign.proofs.arm.result import ArmResult
-    from beamdesign.proofs.certificate import Asked, Certificate
     from beamdesign.proofs.lyapunov import Switching
     from beamdesign.prototype import Prototype
     from beamdesign.sweep.sweep_run import SweepRun
 
 LOOP_OUTPUTS = ("displacement_m", "sensor_V", "current_A")
 """Of the open and the closed loop of `state_space`; the plant has the first two. What added sensors read follows."""
-
-
-def certify(
-    prototype: "Prototype",
-    outer_end_mass_kg: tuple[float, float] | float | None = None,
-    high_kg: float | None = None,
-    claims: "Sequence[Asked]" = (),
-    nonlinear: bool = False,
-) -> "Certificate":
-    """Decide stability and claims over every mass on the outer tip, and write the proof.
-
-    Args:
-        prototype: with a controller of one law.
-        outer_end_mass_kg: range, or its lower end where the upper one follows; else the prototype's payload.
-        high_kg: upper end.
-        claims: to decide beside what is guaranteed.
-        nonlinear: prove as well what holds while effects move, and while the current saturates.
-
-    Raises:
-        ValueError: for an empty range, or without a controller.
-        InputError: without a range, or for effects for which no linear loop stands.
-    """
-    from beamdesign.proofs.certifying import certify as prove
-
-    pair = prototype.asked_kg(outer_end_mass_kg if high_kg is None else (outer_end_mass_kg, high_kg))
-    return prove(prototype, *pair, claims, nonlinear)
 
 
 def certify_switching(
@@ -75,27 +44,6 @@ def certify_switching(
     families, schedule = stage_families(prototype), prototype.schedule
     stays = 0.0 if schedule is None else schedule.dwell_s
     return switching(families, *prototype.asked_kg(outer_end_mass_kg), rate_kg_per_s, stays, progress)
-
-
-def arm(
-    prototype: "Prototype",
-    outer_end_mass_kg: tuple[float, float] | None = None,
-    force_N: tuple[float, float, float] | None = None,
-) -> "ArmResult":
-    """Prove both planes of an arm with torsion, and work out what a steady load leaves.
-
-    Args:
-        prototype: with a controller and without effects; `arm` places its payload and its sensor.
-        outer_end_mass_kg: range of payloads; else the prototype's.
-        force_N: load on the payload's centre in x along the beam, y sideways, z upwards; else the weight of the largest
-            payload and the prototype's largest force, downwards.
-
-    Raises:
-        InputError: where figures are missing, or for effects.
-    """
-    from beamdesign.proofs.arm.result import work_out
-
-    return work_out(prototype, prototype.asked_kg(outer_end_mass_kg), force_N)
 
 
 def pictures(prototype: "Prototype") -> "dict[str, Figure]":
@@ -178,22 +126,6 @@ def state_space(
         states=[*states, *(f"controller_{i + 1}" for i in range(k))], inputs=["disturbance_N", "command_V"],
         outputs=[*LOOP_OUTPUTS, *added], name=f"{loop}_loop",
     )  # fmt: skip
-
-
-def predict(prototype: "AnyPrototype | Path | str", dataset: Path | str, progress: Progress = silent) -> "Prediction":
-    """Predict the records of a data set from its inputs alone.
-
-    Args:
-        prototype: the model, or its file.
-        dataset: folder of the data set.
-        progress: called with the share done and what is being done.
-
-    Raises:
-        InputError: where either cannot be read, or where they are of different kinds of rig.
-    """
-    from beamdesign.diagnosis.predict import Prediction, predict_set
-
-    return Prediction(predict_set(prototype, dataset, progress))
 
 
 def study(

@@ -5,9 +5,8 @@ from pathlib import Path
 
 import numpy as np
 
-from beamdesign import read_problem, size
+from beamdesign import certify, read_problem, size
 from beamdesign.controllers import Lag
-from beamdesign.proofs.certifying import certify
 from beamdesign.synthesis.design_run import DesignRun, certified
 from beamdesign.synthesis.law_design import Proved
 from beamdesign.synthesis.tuning import Tuning

@@ -16,7 +16,7 @@ import truth_of_stages
 from flint import fmpq
 from forging import Table, is_number
 
-from beamdesign import Prototype, check
+from beamdesign import Prototype, certify, check
 from beamdesign.checker import Unreadable, reading
 from beamdesign.checker.prototype import differences
 from beamdesign.checker.rig import Rig
@@ -28,7 +28,6 @@ from beamdesign.proofs.arm.result import certify_plane
 from beamdesign.proofs.box import Box, certify_box
 from beamdesign.proofs.box_claims import BoxClaim, claim_over_box
 from beamdesign.proofs.certificate import Asked, Row
-from beamdesign.proofs.certifying import certify
 from beamdesign.proofs.contact import Wall
 from beamdesign.proofs.error_over_box import errors_over_box
 from beamdesign.proofs.lyapunov import stages_certificate, switching

@@ -12,14 +12,14 @@ from honest_certificates import valid
 from scipy.integrate import solve_ivp
 from typer.testing import CliRunner
 
-from beamdesign import Prototype, check, read_prototype
+from beamdesign import Prototype, certify, check, read_prototype
 from beamdesign.cli import app
 from beamdesign.controllers import Lag
 from beamdesign.loop import Loop, loop
 from beamdesign.plant.effects import laws_of
 from beamdesign.polynomial import Affine, ratio
 from beamdesign.proofs.absolute_stability import METHOD, absolute_stability, search
-from beamdesign.proofs.certifying import certify, nonlinear_rows
+from beamdesign.proofs.certifying import nonlinear_rows
 from beamdesign.proofs.multiplier import Kernel, Multiplier, fits, slack
 
 ROOT = Path(__file__).parent.parent

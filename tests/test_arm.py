@@ -23,7 +23,7 @@ from scipy.linalg import eigh
 from truth_of_arm_plane import Plane, true
 from typer.testing import CliRunner
 
-from beamdesign import InputError, Prototype, check, read_prototype, write_prototype
+from beamdesign import InputError, Prototype, arm, certify, check, read_prototype, write_prototype
 from beamdesign.checker import Unreadable
 from beamdesign.cli import app
 from beamdesign.controllers import Lag, Observer
@@ -40,8 +40,7 @@ from beamdesign.proofs.arm.remaining import (
     tip_compliance,
     twist_remedy,
 )
-from beamdesign.proofs.arm.result import certify_plane, frequencies, work_out
-from beamdesign.proofs.certifying import certify
+from beamdesign.proofs.arm.result import certify_plane, frequencies
 from beamdesign.proofs.writer import prototype_table
 from beamdesign.prototype import Arm, Payload
 from beamdesign.structure.arm import arm_figures
@@ -453,12 +452,12 @@ def test_a_payload_off_to_both_sides_is_proved_in_ball_arithmetic(link: Prototyp
     verdict = both_planes(rig).prove(0.0, 6.8)
     assert verdict.stable
     assert check(verdict.certificate).valid
-    near = work_out(at(link, 0.0, 0.03, -0.03), (5.0, 6.8), (0.0, 0.0, -100.0))
+    near = arm(at(link, 0.0, 0.03, -0.03), (5.0, 6.8), (0.0, 0.0, -100.0))
     assert near.stable
     assert near.sampled_load_Hz is not None
     response = np.abs(both_planes(at(link, 0.0, 0.03, -0.03)).response(6.8, np.array([0.99 * near.sampled_load_Hz[1]])))
     assert 0.9 * link.goal.compliance_m_per_N < response[0, 2, 2] <= link.goal.compliance_m_per_N
-    far = work_out(at(link, 0.0, 0.5, 0.5), (0.0, 6.8), (0.0, 0.0, -100.0))
+    far = arm(at(link, 0.0, 0.5, 0.5), (0.0, 6.8), (0.0, 0.0, -100.0))
     assert far.stable is False
     assert far.with_servo is None
     assert not all(stable for _, stable in far.sampled_stable)
@@ -526,7 +525,7 @@ def test_the_second_controller_acts_sideways_only(link: Prototype):
     assert plane_loop(rig, "z") == plane_loop(at(link, *OFFSET), "z")
     alone = link.but(controller=second)
     assert plane_loop(rig, "y").loop_denominator == plane_loop(at(alone, *OFFSET), "y").loop_denominator
-    held_still = work_out(rig, (0.0, 6.8), (0.0, -50.0, 0.0)).compliances["tip", True]
+    held_still = arm(rig, (0.0, 6.8), (0.0, -50.0, 0.0)).compliances["tip", True]
     assert held_still is not None
     expected = loop(alone).at(0.0).static_compliance(), loop(link).at(0.0).static_compliance()
     assert np.diag(held_still)[1:3] == pytest.approx(expected)
@@ -754,7 +753,7 @@ def test_a_sweep_tells_what_the_command_tells(link: Prototype):
 
     rig = at(link, 0.0, 0.1, 0.0)
     answer = compute(rig, ArmOptions(force_N=500.0))
-    expected = work_out(rig, (0.0, 6.8), (0.0, 0.0, -500.0))
+    expected = arm(rig, (0.0, 6.8), (0.0, 0.0, -500.0))
     assert expected.with_servo is not None
     sure = [plane.guaranteed for plane in expected.planes]
     assert answer.outputs["error_m"] == expected.with_servo.size_m

@@ -12,7 +12,7 @@ from forging import altered, resealed
 from honest_certificates import valid
 from rig_of_certificate import members as stated_members
 
-from beamdesign import Prototype, check, read_prototype, simulate
+from beamdesign import Prototype, certify, check, read_prototype, simulate
 from beamdesign.controllers import Lag
 from beamdesign.loop import rig_loop
 from beamdesign.parameters import TYPICAL
@@ -20,7 +20,7 @@ from beamdesign.plant.effects import laws_of
 from beamdesign.polynomial import Affine, nearest
 from beamdesign.proofs import bounded_error, changing_gain, scope
 from beamdesign.proofs.bounded_error import absolute_integrals, over_masses
-from beamdesign.proofs.certifying import certify, nonlinear_rows
+from beamdesign.proofs.certifying import nonlinear_rows
 from beamdesign.proofs.scope import members
 from beamdesign.scenario import Multisine, Scenario, ScenarioRecord
 

@@ -10,7 +10,7 @@ import pytest
 from flint import fmpq
 from forging import resealed
 
-from beamdesign import Prototype, check, read_prototype, state_space
+from beamdesign import Prototype, certify, check, read_prototype, state_space
 from beamdesign.controllers import Lag
 from beamdesign.parameters import TYPICAL
 from beamdesign.polynomial import exact, nearest
@@ -18,7 +18,6 @@ from beamdesign.polynomial import text as text_of
 from beamdesign.proofs.box import box_of, certify_box
 from beamdesign.proofs.box_claims import best_over_box, claim_over_box, guaranteed_fields, worst_over_box
 from beamdesign.proofs.certificate import Asked
-from beamdesign.proofs.certifying import certify
 from beamdesign.proofs.rig_family import rig_values
 from beamdesign.proofs.tolerance_box import tolerance_box
 from beamdesign.structure.lumped import CHANGEABLE, with_figures

@@ -11,14 +11,13 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from typer.testing import CliRunner
 
-from beamdesign import InputError, Prototype, check, write_prototype
+from beamdesign import InputError, Prototype, certify, check, write_prototype
 from beamdesign.checker.roots import Family
 from beamdesign.cli.certify import certify as command
 from beamdesign.loop import loop
 from beamdesign.plant.members import paper_model
 from beamdesign.polynomial import Affine, exact, is_hurwitz, roots
 from beamdesign.proofs.certificate import Asked, describe
-from beamdesign.proofs.certifying import certify
 from beamdesign.proofs.stability import StabilityMap, is_stable_over, stable_ranges
 
 quick = settings(max_examples=60)

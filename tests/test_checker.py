@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 from pydantic_core import PydanticUndefined
 
 import beamdesign
-from beamdesign import Prototype, check, checker, write_prototype
+from beamdesign import Prototype, certify, check, checker, write_prototype
 from beamdesign.checker import KEYS, Unreadable
 from beamdesign.checker.law import SCHEDULED
 from beamdesign.checker.prototype import DEFAULTS
@@ -26,7 +26,6 @@ from beamdesign.controllers.scheduled import Estimator, Scheduled
 from beamdesign.plant.actuators.ball_screw import BallScrew
 from beamdesign.polynomial import roots
 from beamdesign.proofs.certificate import Asked
-from beamdesign.proofs.certifying import certify
 from beamdesign.proofs.writer import prototype_table
 from beamdesign.prototype import COMPLIANCE_LIMIT_M_PER_N, Arm, Beam, Compliance, Goal, Payload, Servovalve, Tolerance
 

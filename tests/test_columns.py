@@ -9,10 +9,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from recorded_rig import Recorded, recorded
 
-from beamdesign import InputError, Prototype, columns, read_dataset, read_scenario
+from beamdesign import InputError, Prototype, columns, predict, read_dataset, read_scenario
 from beamdesign.columns import LARGEST, read_columns, uniform_times
 from beamdesign.diagnosis.data.bench_set import read_bench_set
-from beamdesign.diagnosis.predict import predict_set, read_inputs
+from beamdesign.diagnosis.predict import read_inputs
 from beamdesign.report.charts import TradePoint, read_trade
 from beamdesign.scenario import inputs_from_csv
 
@@ -183,16 +183,16 @@ def test_a_prediction_of_times_in_milliseconds_is_refused_and_a_long_one_too(
 ):
     said: list[tuple[float, str]] = []
     folder = sound.write(tmp_path)
-    found = predict_set(tmp_path / "prototype.toml", folder, lambda share, text: said.append((share, text)))
+    found = predict(tmp_path / "prototype.toml", folder, lambda share, text: said.append((share, text))).records
     assert [record.name for record in found] == list(sound.columns)
     assert [share for share, _ in said] == [0, 0.25, 0.5, 0.75]
     assert said[1][1] == "command, 1.2 s"
     monkeypatch.setattr("beamdesign.plant.equilibrium.MOST_STEPS", 10_000)
     with pytest.raises(InputError, match="integration steps"):
-        predict_set(tmp_path / "prototype.toml", folder)
+        predict(tmp_path / "prototype.toml", folder)
     sound.columns["steps"]["t_s"] = 1e3 * sound.columns["steps"]["t_s"]
     with pytest.raises(InputError, match="milliseconds") as caught:
-        predict_set(tmp_path / "prototype.toml", sound.write(tmp_path))
+        predict(tmp_path / "prototype.toml", sound.write(tmp_path))
     assert caught.value.source.endswith("steps.csv")
 
 

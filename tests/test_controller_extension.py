@@ -15,6 +15,7 @@ from typer.testing import CliRunner
 from beamdesign import (
     InputError,
     Prototype,
+    certify,
     check,
     read_prototype,
     read_scenario,
@@ -29,7 +30,6 @@ from beamdesign.controllers import KINDS, Break, Cascade, Lag, register
 from beamdesign.controllers.cascade import Factor
 from beamdesign.docs import keys
 from beamdesign.loop import loop
-from beamdesign.proofs.certifying import certify
 from beamdesign.records import to_toml
 from beamdesign.scenario import Sampled, ScenarioRecord
 

@@ -12,14 +12,13 @@ from flint import fmpq
 from short_scenario import SCENARIO
 from typer.testing import CliRunner
 
-from beamdesign import Prototype, check, read_prototype, write_prototype
+from beamdesign import Prototype, certify, check, read_prototype, write_prototype
 from beamdesign.cli import app
 from beamdesign.diagnosis.fitting.hypothesis import cause, singles
 from beamdesign.docs import effects
 from beamdesign.loop import loop
 from beamdesign.plant.effects import Effect, Elements, Linear, Parameter, Site, library, register
 from beamdesign.plant.members import family
-from beamdesign.proofs.certifying import certify
 from beamdesign.prototype import Payload
 from beamdesign.structure.lumped import figures
 

@@ -6,7 +6,7 @@ import pytest
 from flint import fmpq
 from gap_sets import believed
 
-from beamdesign import Prototype, check
+from beamdesign import Prototype, certify, check
 from beamdesign.diagnosis.fitting.hypothesis import NOTHING, Hypothesis, together
 from beamdesign.diagnosis.fitting.starts import softened, starts
 from beamdesign.loop import close_loop
@@ -16,7 +16,6 @@ from beamdesign.plant.effects.entrained_air import bulk_ratio, chamber_length
 from beamdesign.plant.members import family
 from beamdesign.polynomial import exact
 from beamdesign.proofs.box_member import member as box_member
-from beamdesign.proofs.certifying import certify
 from beamdesign.proofs.rig_family import rig_family
 from beamdesign.structure.lumped import figures
 from beamdesign.validation.truth.nominal import assembled, rig_figures

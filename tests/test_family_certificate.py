@@ -11,7 +11,7 @@ from forging import altered, resealed
 from rigs_of_effects import with_effects
 from typer.testing import CliRunner
 
-from beamdesign import Prototype, check, simulate, tune, write_prototype
+from beamdesign import Prototype, certify, check, simulate, tune, write_prototype
 from beamdesign.checker import Unreadable
 from beamdesign.cli import app
 from beamdesign.controllers import Lag, Observer
@@ -22,7 +22,6 @@ from beamdesign.polynomial import exact
 from beamdesign.proofs.box import certify_box
 from beamdesign.proofs.box_member import member as member_of
 from beamdesign.proofs.certificate import Asked
-from beamdesign.proofs.certifying import certify
 from beamdesign.proofs.performance import bandwidth, least_limit
 from beamdesign.proofs.rectangle import Rectangle
 from beamdesign.proofs.rig_family import rig_family

@@ -19,14 +19,13 @@ from typer.testing import CliRunner
 
 import beamdesign.diagnosis.fitting.fitters as fitters
 import beamdesign.diagnosis.fitting.search as searching
-from beamdesign import InputError, Prototype, read_dataset, read_prototype, write_prototype
+from beamdesign import InputError, Prototype, predict, read_dataset, read_prototype, write_prototype
 from beamdesign.cli import app
 from beamdesign.diagnosis.data.dataset import Dataset
 from beamdesign.diagnosis.examination.plausibility import examine
 from beamdesign.diagnosis.fitting.fit import Fit, digest, fit_cache
 from beamdesign.diagnosis.fitting.fitters import Fitters
 from beamdesign.diagnosis.fitting.hypothesis import NOTHING, Hypothesis
-from beamdesign.diagnosis.predict import predict_set
 from beamdesign.progress import end_at_once
 from beamdesign.prototype import Tolerance
 
@@ -311,8 +310,8 @@ def test_displacements_are_stated_by_the_gain_that_was_believed(tmp_path: Path) 
     index = twice / "dataset.toml"
     index.write_text(index.read_text().replace("gain_A_per_V = 0.06", "gain_A_per_V = 0.12"))
     write_prototype(halved(read_prototype(SLOW_SENSOR / "prototype.toml")), tmp_path / "half.toml")
-    plain = {p.name: p for p in predict_set(SLOW_SENSOR / "prototype.toml", data)}
-    other = {p.name: p for p in predict_set(tmp_path / "half.toml", twice)}
+    plain = {p.name: p for p in predict(SLOW_SENSOR / "prototype.toml", data).records}
+    other = {p.name: p for p in predict(tmp_path / "half.toml", twice).records}
     for name in ("disturbance", "payload_disturbance"):
         one, two = plain[name].samples, other[name].samples
         np.testing.assert_allclose(two[:, 1], one[:, 1], rtol=1e-6, atol=1e-12)
@@ -329,7 +328,7 @@ def test_only_inputs_are_read(tmp_path: Path) -> None:
             spoilt = ([*row[:3], *(row[3:] if j == 0 else ["nan", ""])] for j, row in enumerate(rows))
         path.write_text("\n".join(",".join(row) for row in spoilt) + "\n")
     prototype = SLOW_SENSOR / "prototype.toml"
-    for one, other in zip(predict_set(prototype, whole), predict_set(prototype, bare), strict=True):
+    for one, other in zip(predict(prototype, whole).records, predict(prototype, bare).records, strict=True):
         np.testing.assert_array_equal(one.samples, other.samples)
 
 
@@ -340,7 +339,7 @@ def test_an_input_that_is_not_finite_is_refused(tmp_path: Path) -> None:
     lines[50] = ",".join([*lines[50].split(",")[:2], "nan", *lines[50].split(",")[3:]])
     path.write_text("\n".join(lines) + "\n")
     with pytest.raises(InputError, match="command_V: 1 value is not finite, the first in row 51"):
-        predict_set(SLOW_SENSOR / "prototype.toml", data)
+        predict(SLOW_SENSOR / "prototype.toml", data)
 
 
 def test_a_loop_that_diverges_ends_its_record_and_the_answer_is_no(tmp_path: Path) -> None:

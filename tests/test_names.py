@@ -23,7 +23,7 @@ from markdown_it import MarkdownIt
 from pydantic import Field, ValidationError
 from typer.testing import CliRunner
 
-from beamdesign import InputError, Prototype, cli, read_prototype, write_prototype
+from beamdesign import InputError, Prototype, certify, cli, read_prototype, write_prototype
 from beamdesign.build.drawing import drawing, dxf_text, svg_text
 from beamdesign.build.folder import document_of
 from beamdesign.build.realisation.c_code import LAW, SELF_TEST, c_files, compiled_self_test, compiler
@@ -35,7 +35,6 @@ from beamdesign.controllers import Lag
 from beamdesign.diagnosis.data.dataset import Dataset, TimeRecord
 from beamdesign.diagnosis.data.dataset_index import TimeEntry, read_index
 from beamdesign.diagnosis.experiment import menu
-from beamdesign.proofs.certifying import certify
 from beamdesign.proofs.writer import certificate
 from beamdesign.records import Longest, Record, parse
 from beamdesign.report.canvas import inline_svg

@@ -8,11 +8,10 @@ from typing import Any
 import pytest
 from typer.testing import CliRunner
 
-from beamdesign import Prototype, read_prototype, write_prototype
+from beamdesign import Prototype, certify, read_prototype, write_prototype
 from beamdesign.cli import app
 from beamdesign.plant.effects import causes, library
 from beamdesign.proofs.certificate import Asked
-from beamdesign.proofs.certifying import certify
 from beamdesign.proofs.scope import bracketing, holds_for, near_rest, uncovered
 from beamdesign.quantities import at_most, decimal, rigs_in_words, stated_bandwidth, stated_peak
 

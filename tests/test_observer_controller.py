@@ -16,6 +16,7 @@ from typer.testing import CliRunner
 from beamdesign import (
     InputError,
     Prototype,
+    certify,
     check,
     critical_gain,
     read_prototype,
@@ -36,7 +37,6 @@ from beamdesign.proofs.arm import plane_loop
 from beamdesign.proofs.arm.result import certify_plane
 from beamdesign.proofs.box import certify_box
 from beamdesign.proofs.certificate import Asked, Certificate
-from beamdesign.proofs.certifying import certify
 from beamdesign.proofs.performance import prove
 from beamdesign.proofs.rectangle import Rectangle, axis_inside
 from beamdesign.proofs.stability import is_stable_over

@@ -15,14 +15,13 @@ from scipy.linalg import solve_continuous_lyapunov
 from sensor_picture import payload_text, plot_sensor_value
 from sensor_rows import SensorRow
 
-from beamdesign import Prototype, read_prototype
+from beamdesign import Prototype, certify, read_prototype
 from beamdesign.controllers import SENSED
 from beamdesign.controllers.observer import block_form, rounded
 from beamdesign.controllers.protocol import Form
 from beamdesign.loop import loop, rig_loop
 from beamdesign.plant.equilibrium import StateSpace
 from beamdesign.plant.members import family
-from beamdesign.proofs.certifying import certify
 from beamdesign.synthesis.law_task import Effort, Search
 from beamdesign.synthesis.loop_samples import LIMITED, samples, slacks
 from beamdesign.synthesis.refinement import LawRefinement

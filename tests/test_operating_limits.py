@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 from honest_certificates import screw
 
-from beamdesign import InputError, Prototype, simulate
+from beamdesign import InputError, Prototype, limits, simulate
 from beamdesign.build.acceptance import acceptance_plan
 from beamdesign.controllers import Lag
 from beamdesign.prototype import Payload, Supply, prototype_from
 from beamdesign.scenario import Scenario, ScenarioRecord, Sine
 from beamdesign.simulation import SimulatedRecord
-from beamdesign.synthesis.operating_limits import demand, envelope, limits, sensor_reach
+from beamdesign.synthesis.operating_limits import demand, envelope, sensor_reach
 
 
 @pytest.fixture

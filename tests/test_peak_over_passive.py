@@ -11,14 +11,13 @@ from forging import put, resealed, times
 from one_start import best_start_alone
 from test_robust_tuning import FIGURES, corners_and_others, matrices, members
 
-from beamdesign import Prototype, check, read_prototype, tune
+from beamdesign import Prototype, certify, check, read_prototype, tune
 from beamdesign.controllers import Lag
 from beamdesign.loop import loop
 from beamdesign.plant.members import family
 from beamdesign.polynomial import nearest
 from beamdesign.proofs.box_claims import claim_over_box
 from beamdesign.proofs.certificate import Asked, peak_claim
-from beamdesign.proofs.certifying import certify
 from beamdesign.proofs.performance import Peak, servo_off_of
 from beamdesign.proofs.tolerance_box import servo_off_over_box, tolerance_box
 from beamdesign.proofs.writer import prototype_table

@@ -10,12 +10,11 @@ import pytest
 import typer.main
 
 import beamdesign
-from beamdesign import check, docs, read_prototype
+from beamdesign import certify, check, docs, read_prototype
 from beamdesign.cli import app
 from beamdesign.controllers import KINDS, Lag
 from beamdesign.plant.effects import library
 from beamdesign.proofs.certificate import Asked
-from beamdesign.proofs.certifying import certify
 from beamdesign.prototype import COMPLIANCE_LIMIT_M_PER_N
 
 ROOT = Path(__file__).parent.parent

@@ -17,14 +17,23 @@ from one_start import best_start_alone
 from rig_of_certificate import members as members_of
 from typer.testing import CliRunner
 
-from beamdesign import InputError, Prototype, check, read_problem, read_prototype, run_design, tune, write_prototype
+from beamdesign import (
+    InputError,
+    Prototype,
+    certify,
+    check,
+    read_problem,
+    read_prototype,
+    run_design,
+    tune,
+    write_prototype,
+)
 from beamdesign.build.result_folder import statements
 from beamdesign.cli import app
 from beamdesign.controllers import Lag
 from beamdesign.parameters import TYPICAL
 from beamdesign.proofs.box_claims import claim_over_box, worst_over_box
 from beamdesign.proofs.certificate import Asked
-from beamdesign.proofs.certifying import certify
 from beamdesign.proofs.tolerance_box import tolerance_box
 from beamdesign.prototype import Tolerance
 from beamdesign.quantities import rigs_in_words

@@ -14,7 +14,7 @@ from scipy.linalg import expm
 from scipy.signal import cont2discrete
 from typer.testing import CliRunner
 
-from beamdesign import InputError, Prototype, check, read_prototype, simulate, tune, write_prototype
+from beamdesign import InputError, Prototype, certify, check, read_prototype, simulate, tune, write_prototype
 from beamdesign.cli import app
 from beamdesign.cli.command import of_all
 from beamdesign.controllers import Estimator, Scheduled, Section, Structured
@@ -30,12 +30,11 @@ from beamdesign.controllers.scheduling import (
     plant_step,
 )
 from beamdesign.diagnosis.data.dataset import TimeRecord
-from beamdesign.diagnosis.predict import predict
+from beamdesign.diagnosis.predict import predict_record
 from beamdesign.loop import loop
 from beamdesign.plant.linear import LinearModel
 from beamdesign.plant.members import paper_model, served
 from beamdesign.polynomial import exact
-from beamdesign.proofs.certifying import certify
 from beamdesign.proofs.courses import stage_change, verified_dwell
 from beamdesign.proofs.decrease import holds_at_rate
 from beamdesign.proofs.lyapunov import Switching, describe, switching
@@ -566,7 +565,7 @@ def test_a_record_is_predicted_as_it_is_simulated(rig: Prototype, sample_s: floa
 
     inputs = np.column_stack([force(times), 0 * times])
     given = TimeRecord("a", times, inputs, {}, 6.0, rig.payload.inner_end_mass_kg, rig.controller)
-    found = predict(rig, given, rig.sensor.gain_V_per_m)
+    found = predict_record(rig, given, rig.sensor.gain_V_per_m)
     assert found.reason == ""
     own = np.arange(401) * PERIOD_S
     expected = simulate_scheduled(rig, Course(force(own), ((0.0, 6.0),)), first_stage=2)

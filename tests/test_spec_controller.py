@@ -11,14 +11,13 @@ from flint import fmpq
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from beamdesign import Prototype, check, read_prototype, state_space
+from beamdesign import Prototype, certify, check, read_prototype, state_space
 from beamdesign.build.analogue import analogue_controllers, circuit_of, deviation, with_tolerance
 from beamdesign.build.circuit import DECADE, Circuit, Stage, neighbours, values_between
 from beamdesign.build.realisation.law import DifferenceEquation, difference_equation
 from beamdesign.build.realisation.loop import prove_sampled, realised_loop
 from beamdesign.build.realisation.sections import sensible_rate_Hz, upper_break_Hz
 from beamdesign.controllers import Lag, Observer, Proportional
-from beamdesign.proofs.certifying import certify
 from beamdesign.proofs.mass_family import floats
 
 PUBLISHED = Path(__file__).parent.parent / "studies" / "prototypes" / "published_lag.toml"

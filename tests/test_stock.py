@@ -7,9 +7,8 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from beamdesign import DesignProblem, InputError, check, read_prototype, write_prototype
+from beamdesign import DesignProblem, InputError, certify, check, read_prototype, write_prototype
 from beamdesign.controllers import Lag
-from beamdesign.proofs.certifying import certify
 from beamdesign.records import parse, read_table
 from beamdesign.structure.lumped import lumped_beam
 from beamdesign.structure.materials import BEAMS, material, material_names, unknown_material

@@ -16,7 +16,7 @@ from matplotlib.figure import Figure
 from scipy.signal import sos2zpk, zpk2tf
 from typer.testing import CliRunner
 
-from beamdesign import InputError, Prototype, check, read_prototype, simulate, tune, write_prototype
+from beamdesign import InputError, Prototype, certify, check, read_prototype, simulate, tune, write_prototype
 from beamdesign.checker import Unreadable
 from beamdesign.cli import app
 from beamdesign.controllers import Section, Structured
@@ -25,7 +25,6 @@ from beamdesign.plant.compiled import half_steps
 from beamdesign.plant.linear_reach import signals, single_compliance, with_mass
 from beamdesign.plant.members import paper_model
 from beamdesign.proofs.certificate import Asked, Certificate, goal_claims
-from beamdesign.proofs.certifying import certify
 from beamdesign.scenario import Multisine, Scenario, ScenarioRecord, inputs_of
 from beamdesign.synthesis.design_run import certified
 from beamdesign.synthesis.loop_samples import samples, slacks

@@ -12,14 +12,25 @@ import pytest
 from gap_sets import believed, measured, only, scenario
 from typer.testing import CliRunner
 
-from beamdesign import InputError, Prototype, check, codesign, diagnose, front, read_problem, remedies, run_design, tune
+from beamdesign import (
+    InputError,
+    Prototype,
+    certify,
+    check,
+    codesign,
+    diagnose,
+    front,
+    read_problem,
+    remedies,
+    run_design,
+    tune,
+)
 from beamdesign.cli import app
 from beamdesign.diagnosis.data.dataset import Dataset
 from beamdesign.diagnosis.fitting import fitters
 from beamdesign.diagnosis.fitting.fit import Task, fit_cache
 from beamdesign.diagnosis.fitting.hypothesis import NOTHING
 from beamdesign.proofs.certificate import Asked
-from beamdesign.proofs.certifying import certify
 from beamdesign.proofs.contact import EVERY_WALL
 from beamdesign.synthesis.stiffness_search import design as stiffness_design
 from beamdesign.time_limit import TimeUp, heed, is_limited, leave_out, left, over, share, while_time, within

@@ -11,14 +11,13 @@ import pytest
 from hand_assembled import judge
 from standing_sections import standing
 
-from beamdesign import Prototype, check, state_space, tune
+from beamdesign import Prototype, certify, check, state_space, tune
 from beamdesign.controllers import Lag, Section, Structured
 from beamdesign.controllers.protocol import form_of
 from beamdesign.loop import loop
 from beamdesign.plant.members import family
 from beamdesign.polynomial import exact
 from beamdesign.proofs.certificate import Asked
-from beamdesign.proofs.certifying import certify
 from beamdesign.proofs.performance import bandwidth as proved_bandwidth
 from beamdesign.proofs.performance import prove
 from beamdesign.proofs.rectangle import Rectangle

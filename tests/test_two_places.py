@@ -9,11 +9,10 @@ from flint import fmpq
 from forging import altered
 from honest_certificates import valid
 
-from beamdesign import Prototype, check, read_prototype, simulate
+from beamdesign import Prototype, certify, check, read_prototype, simulate
 from beamdesign.controllers import Lag
 from beamdesign.plant.effects import library
 from beamdesign.polynomial import ratio
-from beamdesign.proofs.certifying import certify
 from beamdesign.proofs.changing_gain import BOTH, Changing, Pair, both_rows, pair, search
 from beamdesign.proofs.multiplier import Kernel, Multiplier
 from beamdesign.proofs.scope import members

@@ -85,7 +85,7 @@ def _worked_out(
     """Work out, say and write of one law; what is known of it, and whether both loops are proved stable."""
     from beamdesign.proofs.arm.both_planes import prove_anywhere
     from beamdesign.proofs.arm.remaining import inner_travel, offset_for_goal_m, twist_remedy
-    from beamdesign.proofs.arm.result import work_out
+    from beamdesign.proofs.arm.result import arm as work_out
     from beamdesign.structure.arm import sensor_of
 
     record, masses, _ = stage

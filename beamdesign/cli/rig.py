@@ -355,14 +355,12 @@ def _echo_limits(found: "OperatingLimits") -> None:
     from beamdesign.plant.linear_reach import with_published_effects
 
     rig, mass = found.prototype, found.outer_end_mass_kg
+    title = f"{rig.name} with {mass:g} kg outside: {found.envelope.reason or 'largest amplitude of a force on the tip'}"
     if found.envelope.reason:
-        echo(f"{rig.name} with {mass:g} kg outside: {found.envelope.reason}")
+        echo(title)
     else:
-        echo_table(
-            f"{rig.name} with {mass:g} kg outside: largest amplitude of a force on the tip",
-            ("frequency, Hz", "force, N", "governed by", "tip moves, um", "supply power, W"),
-            found.rows(),
-        )
+        heads = ("frequency, Hz", "force, N", "governed by", "tip moves, um", "supply power, W")
+        echo_table(title, heads, found.rows())
     for limit, key in found.envelope.missing.items():
         echo(f"{limit}: not looked at, {key} is not given")
     _echo_sensor(found.sensor)
@@ -395,8 +393,6 @@ def _echo_sensor(reach: Any) -> None:
         share = "" if reach.rated_share is None else f", {100 * reach.rated_share:.3g} % of the largest"
         noise = f"{1e6 * reach.noise_m:.3g} um RMS, followed where slow"
         echo(f"  noise {noise}; {1e3 * reach.current_noise_A:.3g} mA{share}")
-    missing = [
-        key for key, value in (("resolution_m", reach.resolution_m), ("noise_V", reach.noise_m)) if value is None
-    ]
-    if missing:
+    stated = {"resolution_m": reach.resolution_m, "noise_V": reach.noise_m}
+    if missing := [key for key, value in stated.items() if value is None]:
         echo(f"  not looked at: {', '.join(f'sensor.{key}' for key in missing)} not given")

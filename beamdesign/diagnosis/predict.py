@@ -1,7 +1,7 @@
 """What a prototype would have recorded under the inputs of a data set; nothing that was measured is looked at."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from math import ceil
 from pathlib import Path
 from typing import Any
@@ -19,6 +19,7 @@ from beamdesign.progress import Progress, silent
 from beamdesign.prototype import Prototype, read_prototype
 from beamdesign.records import InputError, read_table
 from beamdesign.result import Result
+from beamdesign.simulation import SimulatedRecord, simulate_scheduled
 from beamdesign.structure.arm import in_plane
 
 COLUMNS = ("t_s", "current_A", "displacement_m")
@@ -27,28 +28,11 @@ FURTHEST_M = 0.5
 """Displacement of the outer tip at which a loop has diverged."""
 
 
-@dataclass(frozen=True)
-class Predicted:
-    """One record of the model.
-
-    Attributes:
-        name: of the record.
-        columns: names.
-        samples: (M, C); they end where the loop diverged.
-        reason: why they end early, in words; empty where they do not.
-    """
-
-    name: str
-    columns: tuple[str, ...]
-    samples: np.ndarray = field(repr=False)
-    reason: str = ""
-
-
 @dataclass(frozen=True, repr=False)
 class Prediction(Result):
     """All records of a data set as a model has them."""
 
-    records: tuple[Predicted, ...]
+    records: tuple[SimulatedRecord, ...]
 
     @property
     def reasons(self) -> dict[str, str]:
@@ -66,7 +50,7 @@ class Prediction(Result):
 
     def rows(self) -> list[tuple[str, int, float, str]]:
         """Record, number of samples, largest displacement in m, and why it ends early."""
-        peaks = [float(abs(one.samples[:, one.columns.index("displacement_m")]).max()) for one in self.records]
+        peaks = [float(abs(one.column("displacement_m")).max()) for one in self.records]
         return [
             (one.name, len(one.samples), peak, one.reason or "complete")
             for one, peak in zip(self.records, peaks, strict=True)
@@ -104,7 +88,7 @@ def read_inputs(folder: str | Path, rig: Prototype | None = None) -> tuple[tuple
     return tuple(found), nominal.sensor.gain_V_per_m
 
 
-def predict(prototype: Prototype, given: TimeRecord, nominal_sensor_gain: float) -> Predicted:
+def predict_record(prototype: Prototype, given: TimeRecord, nominal_sensor_gain: float) -> SimulatedRecord:
     """Simulate a record from rest.
 
     Args:
@@ -120,10 +104,11 @@ def predict(prototype: Prototype, given: TimeRecord, nominal_sensor_gain: float)
     rig = prototype.but(controller=given.controller)
     moved = _fixed if rig.schedule is None else _stages
     samples = moved(rig, given, nominal_sensor_gain)
-    count = len(samples)
-    at = float(given.times[min(count, len(given.times) - 1)])
+    if len(samples) == len(given.times):
+        return SimulatedRecord(given.name, samples, True, columns=COLUMNS)
+    at = float(given.times[len(samples)])
     reason = f"the model's loop diverges: its outer tip passes {FURTHEST_M:g} m at {at:.4g} s"
-    return Predicted(given.name, COLUMNS, samples, "" if count == len(given.times) else reason)
+    return SimulatedRecord(given.name, samples, False, reason, at, columns=COLUMNS)
 
 
 def _fixed(rig: Prototype, given: TimeRecord, nominal_sensor_gain: float) -> np.ndarray:
@@ -152,7 +137,6 @@ def _stages(rig: Prototype, given: TimeRecord, nominal_sensor_gain: float) -> np
     from scipy.interpolate import CubicSpline
 
     from beamdesign.scenario import Course
-    from beamdesign.simulation import simulate_scheduled
 
     assert rig.schedule is not None
     period, times = rig.schedule.period_s, given.times - given.times[0]
@@ -172,45 +156,41 @@ def _stages(rig: Prototype, given: TimeRecord, nominal_sensor_gain: float) -> np
     return np.column_stack([given.times[: len(seen)], held, sensed])
 
 
-def predict_set(
-    prototype: AnyPrototype | str | Path,
-    folder: str | Path,
-    progress: Progress = silent,
-) -> tuple[Predicted, ...]:
-    """Every record of a data set as a prototype predicts it; a bench by a bench.
+def predict(prototype: AnyPrototype | str | Path, dataset: str | Path, progress: Progress = silent) -> Prediction:
+    """Predict the records of a data set from its inputs alone; a bench's by a bench.
 
     Args:
         prototype: the model, or its file.
-        folder: of the data set.
-        progress: called with the share that is done and with what is being done.
+        dataset: folder of the data set.
+        progress: called with the share done and what is being done.
 
     Raises:
         InputError: where either cannot be read, or where they are of different kinds of rig.
     """
-    if kind_of(folder) == "actuator_bench":
+    if kind_of(dataset) == "actuator_bench":
         rig = read_bench_prototype(prototype) if isinstance(prototype, str | Path) else prototype
         if not isinstance(rig, BenchPrototype):
             raise InputError(rig.name, [("kind", "is a twin beam, and the data set is of a bench")])
-        return tuple(_predict_bench(rig, Path(folder), progress))
+        return Prediction(tuple(_predict_bench(rig, Path(dataset), progress)))
     model = read_prototype(prototype) if isinstance(prototype, str | Path) else prototype
     if isinstance(model, BenchPrototype):
         raise InputError(model.name, [("kind", "is a bench, and the data set is of a twin beam")])
-    inputs, gain = read_inputs(folder, model)
+    inputs, gain = read_inputs(dataset, model)
     found, done, total = [], 0, sum(len(given.times) for given in inputs)
     for given in inputs:
         progress(done / total, f"{given.name}, {given.times[-1] - given.times[0]:.4g} s")
-        found.append(predict(model, given, gain))
+        found.append(predict_record(model, given, gain))
         done += len(given.times)
-    return tuple(found)
+    return Prediction(tuple(found))
 
 
-def _predict_bench(prototype: BenchPrototype, folder: Path, progress: Progress) -> list[Predicted]:
+def _predict_bench(prototype: BenchPrototype, folder: Path, progress: Progress) -> list[SimulatedRecord]:
     from beamdesign.plant.bench_simulation import BENCH_COLUMNS as MADE
     from beamdesign.plant.bench_simulation import replay
 
     path = index_of(folder)
     files = _files(path)
-    found: list[Predicted] = []
+    found: list[SimulatedRecord] = []
     made: dict[bytes, np.ndarray] = {}
     for k, file in enumerate(files):
         progress(k / len(files), file)
@@ -218,7 +198,7 @@ def _predict_bench(prototype: BenchPrototype, folder: Path, progress: Progress) 
         key = command.tobytes() + times.tobytes()
         if key not in made:  # both chambers of a condition come from two runs of one command
             made[key] = replay(prototype, times, command)[:, [MADE.index(name) for name in BENCH_COLUMNS]]
-        found.append(Predicted(Path(file).stem, BENCH_COLUMNS, made[key]))
+        found.append(SimulatedRecord(Path(file).stem, made[key], True, columns=BENCH_COLUMNS))
     return found
 
 

@@ -214,19 +214,31 @@ def stability_over(prototype: Prototype, low_kg: float, high_kg: float) -> Stabi
 
 
 def certify(
-    prototype: Prototype, low_kg: float, high_kg: float, claims: Sequence[Asked] = (), nonlinear: bool = False
+    prototype: Prototype,
+    outer_end_mass_kg: tuple[float, float] | float | None = None,
+    high_kg: float | None = None,
+    claims: Sequence[Asked] = (),
+    nonlinear: bool = False,
 ) -> Certificate:
-    """Decide stability and claims over every outer end mass from `low_kg` to `high_kg`, and write the proof.
+    """Decide stability and claims over every mass on the outer tip, and write the proof.
 
     Where the range is stable, the guaranteed bandwidth (for the goal's compliance) and the guaranteed peak sensitivity
     are worked out and proved as well. Everything is about all linear members of the prototype, of which there is one
     without effects: stability, decay and gain margin at every factor on the gain that the effects allow; the rest at
     those at which the effects are to let the loop perform.
 
+    Args:
+        prototype: with a controller of one law.
+        outer_end_mass_kg: range, or its lower end where the upper one follows; else the prototype's payload.
+        high_kg: upper end.
+        claims: to decide beside what is guaranteed.
+        nonlinear: prove as well what holds while effects move, and while the current saturates.
+
     Raises:
         ValueError: for an empty range, or without a controller.
-        InputError: for effects for which no linear loop stands.
+        InputError: without a range, or for effects for which no linear loop stands.
     """
+    low_kg, high_kg = prototype.asked_kg(outer_end_mass_kg if high_kg is None else (outer_end_mass_kg, high_kg))
     low, high = exact(low_kg), exact(high_kg)
     if low > high:
         raise ValueError(f"empty range: {low_kg} is above {high_kg}")

@@ -252,7 +252,8 @@ def at_mass(prototype: Prototype, options: AtMassOptions) -> Answer:
 
 def arm(prototype: Prototype, options: ArmOptions) -> Answer:
     """Both planes with torsion over the payload range, and the error that a load leaves; "no" where not stable."""
-    from beamdesign.proofs.arm.result import usual_load_N, work_out
+    from beamdesign.proofs.arm.result import arm as work_out
+    from beamdesign.proofs.arm.result import usual_load_N
 
     masses = payload_range(prototype)
     force = -usual_load_N(prototype, masses[1])[2] if options.force_N is None else options.force_N

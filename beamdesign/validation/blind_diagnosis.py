@@ -22,7 +22,7 @@ from beamdesign.diagnosis.diagnose import diagnose
 from beamdesign.diagnosis.diagnosis import Diagnosis, updated_prototype
 from beamdesign.diagnosis.fitting.fit import fit_cache
 from beamdesign.diagnosis.fitting.search import search
-from beamdesign.diagnosis.predict import predict, read_inputs
+from beamdesign.diagnosis.predict import predict_record, read_inputs
 from beamdesign.files import write_whole
 from beamdesign.prototype import prototype_from
 from beamdesign.records import to_toml
@@ -169,10 +169,9 @@ def _write_predictions(place: Place, data: Dataset, found: Diagnosis) -> None:
     for word, rig in (("before", data.prototype), ("tuned", tuned), ("after", written)):
         for record in given:
             if record.name in out:
-                rows = predict(rig, record, gain)
-                column = rows.columns.index("displacement_m")
+                moved = predict_record(rig, record, gain).column("displacement_m")
                 whole = np.full(len(record.times), np.nan)
-                whole[: len(rows.samples)] = rows.samples[:, column]
+                whole[: len(moved)] = moved
                 predicted[f"{record.name}/{word}"] = whole.astype(np.float32)
     file = BytesIO()
     np.savez_compressed(file, **predicted)  # type: ignore[arg-type]

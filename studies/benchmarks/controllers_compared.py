@@ -20,9 +20,8 @@ from delivered import delivered, drawn
 from delivered_bandwidth import deviations_of, rig_of
 from matplotlib.figure import Figure
 
-from beamdesign import Prototype, read_prototype, tune
+from beamdesign import Prototype, certify, read_prototype, tune
 from beamdesign.proofs.certificate import Asked, goal_claims
-from beamdesign.proofs.certifying import certify
 from beamdesign.prototype import Goal
 from beamdesign.report.canvas import new_figure, save
 from beamdesign.structure.lumped import figures

@@ -15,8 +15,7 @@ import numpy as np
 from delivered import Delivered, delivered, drawn
 from scipy.stats import binomtest
 
-from beamdesign import Prototype, read_prototype
-from beamdesign.proofs.certifying import certify
+from beamdesign import Prototype, certify, read_prototype
 from beamdesign.proofs.tolerance_box import TOLERANCES
 from beamdesign.prototype import Tolerance
 from beamdesign.structure.lumped import CHANGEABLE

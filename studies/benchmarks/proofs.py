@@ -2,10 +2,10 @@
 
 from math import inf
 
+from beamdesign import certify
 from beamdesign.loop import Loop
 from beamdesign.polynomial import exact
 from beamdesign.proofs.certificate import Asked, Certificate
-from beamdesign.proofs.certifying import certify
 from beamdesign.proofs.performance import bandwidth, least_limit, prove
 from beamdesign.proofs.rectangle import Rectangle
 from beamdesign.proofs.stability import StabilityMap, is_stable_over, stable_ranges

@@ -15,11 +15,10 @@ from pathlib import Path
 
 from delivered_bandwidth import TOLERANCE, least_share
 
-from beamdesign import Prototype, read_prototype
+from beamdesign import Prototype, certify, read_prototype
 from beamdesign.proofs.box import certify_box
 from beamdesign.proofs.box_claims import best_over_box, guaranteed_fields
 from beamdesign.proofs.certificate import Asked
-from beamdesign.proofs.certifying import certify
 from beamdesign.proofs.tolerance_box import tolerance_box
 from beamdesign.synthesis.rig_spread import rig_spread
 

@@ -3,11 +3,10 @@
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
-from beamdesign import Prototype
+from beamdesign import Prototype, certify
 from beamdesign.controllers import SENSED, Sensed
 from beamdesign.plant.members import family
 from beamdesign.proofs.certificate import Asked, goal_claims
-from beamdesign.proofs.certifying import certify
 from beamdesign.synthesis.law_design import Proved
 from beamdesign.synthesis.law_task import Search
 from beamdesign.synthesis.weight_search import ADDED_SENSORS_EFFORT, EFFORT, search_observer

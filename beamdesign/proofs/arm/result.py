@@ -215,18 +215,22 @@ def usual_load_N(prototype: Prototype, payload_kg: float) -> Vector:
     return 0.0, 0.0, -(payload_kg * STANDARD_GRAVITY + (prototype.payload.largest_force_N or 0.0))
 
 
-def work_out(prototype: Prototype, masses: tuple[float, float], force_N: Vector | None = None) -> ArmResult:
-    """Prove and work out an arm.
+def arm(
+    prototype: Prototype, outer_end_mass_kg: tuple[float, float] | None = None, force_N: Vector | None = None
+) -> ArmResult:
+    """Prove both planes of an arm with torsion, and work out what a steady load leaves.
 
     Args:
-        prototype: with a controller and without effects.
-        masses: range of payloads, kg.
-        force_N: steady load on the payload's centre, in x, y, z; else that of the largest payload, `usual_load_N`.
+        prototype: with a controller and without effects; `arm` places its payload and its sensor.
+        outer_end_mass_kg: range of payloads; else the prototype's.
+        force_N: load on the payload's centre in x along the beam, y sideways, z upwards; else the weight of the largest
+            payload and the prototype's largest force, downwards.
 
     Raises:
         InputError: where figures are missing, or for effects.
     """
-    figures, arm = arm_figures(prototype), arm_of(prototype)
+    masses = prototype.asked_kg(outer_end_mass_kg)
+    figures, link = arm_figures(prototype), arm_of(prototype)
     model = both_planes(prototype)
     both = model.prove(*masses) if couples_both(prototype) else None
     planes = () if both is not None else tuple(certify_plane(prototype, name, *masses) for name in PLANES)
@@ -242,7 +246,7 @@ def work_out(prototype: Prototype, masses: tuple[float, float], force_N: Vector 
     goal, force = prototype.goal.compliance_m_per_N, force_N or usual_load_N(prototype, masses[1])
     tip = tip_compliance(figures)
     servo = None if closed is None else held(tip, closed, sensor_of(prototype)).compliance
-    payload, tool = arm.offset_m, arm.tool_m or arm.offset_m
+    payload, tool = link.offset_m, link.tool_m or link.offset_m
     return ArmResult(
         figures=figures,
         outer_end_mass_kg=masses,
