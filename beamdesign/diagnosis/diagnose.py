@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from math import inf, nan
 from multiprocessing import active_children
 from typing import Any, TypeVar
@@ -32,12 +32,12 @@ from beamdesign.diagnosis.fitting.fit import Evidence, Fit, FitCache
 from beamdesign.diagnosis.fitting.gain_evidence import GainEvidence
 from beamdesign.diagnosis.fitting.hypothesis import notes_on_known
 from beamdesign.diagnosis.fitting.replay import PLAY, law_of_play
-from beamdesign.diagnosis.fitting.search import Search, refit
+from beamdesign.diagnosis.fitting.search import refit
 from beamdesign.diagnosis.gain_diagnosis import explain_gains
 from beamdesign.diagnosis.gap_metrics import errors, gap, held_out, sizes
-from beamdesign.diagnosis.judgement import Judgement, cause_sets, causes, classes
+from beamdesign.diagnosis.judgement import cause_sets, causes, classes
 from beamdesign.diagnosis.learning import EXPLAINED, Learning, described, learn
-from beamdesign.diagnosis.passing import what_passed
+from beamdesign.diagnosis.passing import Look, what_passed
 from beamdesign.diagnosis.second_look import SecondLook, refit_backlash_impacts, second_look, without_impacts
 from beamdesign.diagnosis.separability import indistinguishable
 from beamdesign.diagnosis.tone import search_without_tones
@@ -131,39 +131,27 @@ def _diagnosed(data: Dataset, workers: int, progress: Progress, kept: FitCache |
     )
 
 
-@dataclass(frozen=True)
-class _Explained:
-    """What all the records come to.
+@dataclass(frozen=True, kw_only=True)
+class _Explained(Look):
+    """What all the records come to, with all warnings.
 
     Attributes:
-        data: without what is not the rig's doing.
         held_out: positions of records that are to be predicted.
         seen: the others, before any law was learnt.
         evidence: of these data.
-        search: the fits.
-        judged: their probabilities.
         plain: tolerances alone, before any law was learnt.
         chance: see `beamdesign.diagnosis.verdict.chance`.
-        doubtful: whether the data allow no confident answer.
         hammers: whether play that is known of is looked for anew.
-        words: warnings.
-        kept: fits of this run and of an earlier one, where those are kept.
         learnt: a law that the library does not hold.
         again: what no model can repeat from rest.
     """
 
-    data: Dataset
     held_out: tuple[int, ...]
     seen: Dataset
     evidence: tuple[Evidence, ...]
-    search: Search
-    judged: Judgement
     plain: Fit
     chance: float
-    doubtful: bool
     hammers: bool
-    words: tuple[str, ...]
-    kept: FitCache | None
     learnt: Learning | None
     again: SecondLook | None
 
@@ -199,35 +187,43 @@ def _explained(
 ) -> _Explained:
     """Search, and where that explains nothing look further: for what passes, a law to learn, what none can repeat."""
     data, anew = without_impacts(examined.data)
-    cleared = search_without_tones(data, workers, _between(0.0, 0.7, progress), kept)
-    again = None
-    words, doubtful = (*examined.words, *anew, *cleared.words), examined.limits_confidence or cleared.doubtful
-    data, found, judged, kept = cleared.data, cleared.search, cleared.judged, cleared.kept
-    if judged.unknown > 0.5:
-        update = _between(0.7, 0.72, progress)
-        passed = _in_time(_PASSING, _PASSES, lambda: what_passed(data, found, workers, update, kept))
-        if passed is not None:
-            data, found, judged, kept = passed.data, passed.search, passed.judged, passed.kept
-            words, doubtful = (*words, *passed.words), True
-    seen = replace(data, records=tuple(r for k, r in enumerate(data.records) if k not in kept_out))
-    plain, update = found.null, _between(0.72, 0.82, progress)
-    learnt = _in_time(_SECOND, _LAW, lambda: learn(data, kept_out, found, judged, workers, update, kept))
+    look = search_without_tones(data, workers, _between(0.0, 0.7, progress), kept)
+    doubtful = examined.limits_confidence or look.doubtful
+    look = replace(look, words=(*examined.words, *anew, *look.words), doubtful=doubtful)
+    if look.judged.unknown > 0.5:
+        asked = look.data, look.search, workers, _between(0.7, 0.72, progress), look.kept
+        passed = _in_time(_PASSING, _PASSES, partial(what_passed, *asked))
+        look = look if passed is None else passed.after(look)
+    plain, records = look.search.null, look.data.records
+    seen = replace(look.data, records=tuple(r for k, r in enumerate(records) if k not in kept_out))
+    more = look.search, look.judged, workers, _between(0.72, 0.82, progress), look.kept
+    learnt, again = _in_time(_SECOND, _LAW, partial(learn, look.data, kept_out, *more)), None
     # What no model repeats from rest, a law that is learnt does not either: where one does, it is nothing of that kind.
-    if judged.unknown > 0.5 and (learnt is None or learnt.search.excess(learnt.judged.best) > EXPLAINED):
-        update = _between(0.82, 0.96, progress)
-        again = _in_time(_SECOND, _UNREPEATED, lambda: second_look(data, found, workers, update, kept))
-    if again is not None:
-        found, judged, words, learnt = again.search, again.judged, (*words, again.warning), None
-    elif learnt is not None:
-        data, found, judged = learnt.data, learnt.search, learnt.judged
-    rare = nan if left_out() else chance(judged.of_causes.get((), 0.0))
-    judged = decided(judged, found, rare)
-    evidence = evidence_of(data)
-    doubtful = doubtful or (again is None and any(_far(piece, judged.best) for piece in evidence))
+    if look.judged.unknown > 0.5 and (learnt is None or learnt.search.excess(learnt.judged.best) > EXPLAINED):
+        asked = look.data, look.search, workers, _between(0.82, 0.96, progress), look.kept
+        again = _in_time(_SECOND, _UNREPEATED, partial(second_look, *asked))
+    learnt = learnt if again is None else None
+    look = look if (further := again or learnt) is None else further.after(look)
+    rare = nan if left_out() else chance(look.judged.of_causes.get((), 0.0))
+    judged, evidence = decided(look.judged, look.search, rare), evidence_of(look.data)
+    doubtful = look.doubtful or (again is None and any(_far(piece, judged.best) for piece in evidence))
     if not judged.best.hypothesis.names:
         learnt, again = None, None
     return _Explained(
-        data, kept_out, seen, evidence, found, judged, plain, rare, doubtful, bool(anew), words, kept, learnt, again
+        data=look.data,
+        search=look.search,
+        judged=judged,
+        words=look.words,
+        kept=look.kept,
+        doubtful=doubtful,
+        held_out=kept_out,
+        seen=seen,
+        evidence=evidence,
+        plain=plain,
+        chance=rare,
+        hammers=bool(anew),
+        learnt=learnt,
+        again=again,
     )
 
 

@@ -20,6 +20,7 @@ from beamdesign.diagnosis.fitting.hypothesis import Hypothesis, given, learnable
 from beamdesign.diagnosis.fitting.search import Search, best_of_each, hardest, refit
 from beamdesign.diagnosis.gap_metrics import errors
 from beamdesign.diagnosis.judgement import Judgement, held_out_score, judge
+from beamdesign.diagnosis.passing import Look
 from beamdesign.diagnosis.where.residuals import residuals
 from beamdesign.plant.effects import library
 from beamdesign.plant.empirical import curve, over_reach
@@ -40,20 +41,14 @@ _IDLE = 2.5  # standard errors: terms of a curve below are none
 _STEP = 1e-3  # of a standard error
 
 
-@dataclass(frozen=True)
-class Learning:
-    """What was learnt.
+@dataclass(frozen=True, kw_only=True)
+class Learning(Look):
+    """What was learnt: laws are among the hypotheses, and share the probability that the cause is not listed.
 
     Attributes:
-        data: the data set; its prototype states the scales of the laws.
-        search: of all hypotheses, learnt laws among them.
-        judged: them; laws share the probability that the cause is not listed.
         refitted: tolerances alone and what was learnt, to the records that are not held out.
     """
 
-    data: Dataset
-    search: Search
-    judged: Judgement
     refitted: tuple[Fit, Fit]
 
 
@@ -116,7 +111,8 @@ def learn(
     share = {h: p * unknown / max(1 - weighed.unknown, 1e-9) for h, p in weighed.of.items() if h.names}
     fits = (*before.fits, *(f for f in found if f is not weighed.best), best)
     everything = replace(before, fits=tuple(sorted(fits, key=lambda f: f.cost)))
-    return Learning(scaled, everything, Judgement(listed | share, unknown, best), (null, without))
+    weighed = Judgement(listed | share, unknown, best)
+    return Learning(data=scaled, search=everything, judged=weighed, refitted=(null, without))
 
 
 def _is_figure(fit: Fit) -> bool:

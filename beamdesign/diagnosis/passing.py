@@ -29,29 +29,34 @@ _MOST_UNKNOWN = 0.5
 
 
 @dataclass(frozen=True)
-class Cleared:
-    """What the records say without what no model is of.
+class Look:
+    """What a look at the records comes to.
 
     Attributes:
-        data: the data set, whose records are without it.
+        data: the data set without what no model is of; its prototype states the scales of laws that were learnt.
         search: of all hypotheses.
         judged: its fits, weighed.
-        words: what was left out.
-        kept: fits to what is left.
+        words: what was left out of the records, or why models had to follow them.
+        kept: fits to these data, of an earlier run or of this one.
         doubtful: whether what was left out may be of another cause, so that no verdict is sure.
     """
 
     data: Dataset
     search: Search
     judged: Judgement
-    words: tuple[str, ...]
-    kept: FitCache | None
-    doubtful: bool = True
+    words: tuple[str, ...] = ()
+    kept: FitCache | None = None
+    doubtful: bool = False
+
+    def after(self, other: "Look") -> "Look":
+        """As it goes on from another: its words after those, its fits where it has any, no less doubtful."""
+        words, doubtful = (*other.words, *self.words), self.doubtful or other.doubtful
+        return replace(self, words=words, kept=self.kept or other.kept, doubtful=doubtful)
 
 
 def what_passed(
     data: Dataset, before: Search, workers: int = 1, progress: Progress = silent, kept: FitCache | None = None
-) -> Cleared | None:
+) -> Look | None:
     """Search again without what passes in a short while and is all that stands against an explanation.
 
     Args:
@@ -75,7 +80,7 @@ def what_passed(
         found = search(data, workers, partial(_turn, progress, turn), own)
         judged = judge(found)
         if judged.unknown <= _MOST_UNKNOWN:
-            known = Cleared(data, found, judged, _warnings(data.records, stated), own)
+            known = Look(data, found, judged, _warnings(data.records, stated), own, doubtful=True)
             return known if judged.best.hypothesis.names else None
     return None
 

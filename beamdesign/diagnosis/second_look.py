@@ -30,7 +30,8 @@ from beamdesign.diagnosis.fitting.hypothesis import (
 from beamdesign.diagnosis.fitting.replay import DISPLACEMENT, PLAY, Replay, law_of_play
 from beamdesign.diagnosis.fitting.search import Search, best_of_each, search
 from beamdesign.diagnosis.fitting.starts import fit_from_starts, starts
-from beamdesign.diagnosis.judgement import Judgement, judge
+from beamdesign.diagnosis.judgement import judge
+from beamdesign.diagnosis.passing import Look
 from beamdesign.parameters import RIG_TOLERANCES
 from beamdesign.plant.assembly import fits
 from beamdesign.progress import Progress, silent
@@ -289,20 +290,14 @@ _HELPS = 0.9  # the same: what another effect has to stay below for play to be l
 _MOST_UNKNOWN = 0.5
 
 
-@dataclass(frozen=True)
-class SecondLook:
-    """A search in which models follow the records, and what it comes to.
+@dataclass(frozen=True, kw_only=True)
+class SecondLook(Look):
+    """A search in which models follow the records.
 
     Attributes:
-        search: of all hypotheses.
-        judged: its fits, weighed.
-        warning: why the records had to be followed, in words.
         oscillates: whether because the loop oscillates by itself: errors from rest then grow without bound.
     """
 
-    search: Search
-    judged: Judgement
-    warning: str
     oscillates: bool
 
 
@@ -364,7 +359,7 @@ def _backlash_impacts(data: Dataset, before: Search, progress: Progress) -> Seco
             continue
         judged = judge(found)
         if judged.unknown <= _MOST_UNKNOWN and PLAY in judged.best.hypothesis.causes:
-            return SecondLook(found, judged, _IMPACTS, oscillates=False)
+            return SecondLook(data=data, search=found, judged=judged, words=(_IMPACTS,), oscillates=False)
     return None
 
 
@@ -380,4 +375,5 @@ def _oscillating(data: Dataset, workers: int, progress: Progress, kept: FitCache
     growing = [piece.name for piece in record_evidence(data) if grows(piece, placement, judged.best.z)]
     if not growing:
         return None
-    return SecondLook(found, judged, f"{', '.join(growing)}: {_OSCILLATES}", oscillates=True)
+    words = f"{', '.join(growing)}: {_OSCILLATES}"
+    return SecondLook(data=data, search=found, judged=judged, words=(words,), oscillates=True)

@@ -21,7 +21,7 @@ from beamdesign.diagnosis.fitting.hypothesis import NOTHING
 from beamdesign.diagnosis.fitting.replay import DISPLACEMENT
 from beamdesign.diagnosis.fitting.search import search
 from beamdesign.diagnosis.judgement import judge
-from beamdesign.diagnosis.passing import Cleared
+from beamdesign.diagnosis.passing import Look
 from beamdesign.progress import Progress, silent
 from beamdesign.quantities import decimal, quantity
 
@@ -109,7 +109,7 @@ class Tone:
 
 def search_without_tones(
     data: Dataset, workers: int = 1, progress: Progress = silent, kept: FitCache | None = None
-) -> Cleared:
+) -> Look:
     """Search for what explains the records without the tones that they have in common.
 
     These are looked for in what tolerances alone leave, so that pairs of causes are not tried on hum in vain, and where
@@ -137,7 +137,7 @@ def search_without_tones(
     if words:
         kept = kept and replace(kept, part=(*kept.part, *words))
         found = search(cleared, workers, progress, kept)
-    return Cleared(cleared, found, judge(found), words, kept, doubtful=in_loop)
+    return Look(cleared, found, judge(found), words, kept, doubtful=in_loop)
 
 
 def without_tones(data: Dataset, best: Fit) -> tuple[Dataset, tuple[str, ...], bool]:
