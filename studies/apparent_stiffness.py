@@ -12,15 +12,11 @@ import argparse
 from pathlib import Path
 
 from apparent_stiffness_picture import plot_apparent_stiffness
-from flint import fmpq
 
-from beamdesign import read_prototype
-from beamdesign.proofs.contact import Wall
+from beamdesign import read_prototype, stiffness
 from beamdesign.report.canvas import new_figure, save
-from beamdesign.synthesis.stiffness_search import design
 
 STIFFNESSES_N_PER_M = (1e4, 3e4, 1e5, 2.2e5, 4.5e5, 1e6, 3e6, 1e7, 1e8)
-WALL = Wall((fmpq(0), fmpq(10**9)))
 
 
 def main() -> None:
@@ -35,16 +31,16 @@ def main() -> None:
     if masses is None or prototype.controller is None:
         raise SystemExit("the prototype needs a controller and a payload range")
     found = []
-    for stiffness in STIFFNESSES_N_PER_M:
-        best = design(prototype, stiffness, masses, WALL, rigs=given.rigs).best
+    for asked in STIFFNESSES_N_PER_M:
+        best = stiffness(prototype, asked, masses, rigs=given.rigs).best
         if best is None or best.law is None:
-            print(f"{stiffness:g} N/m: no law found", flush=True)
+            print(f"{asked:g} N/m: no law found", flush=True)
             continue
         found.append(best)
         contact = "passive" if best.passivity.holds else "not passive"
         servo = ", ".join(f"{key} {value}" for key, value in best.law.servo.model_dump().items())
         print(
-            f"{stiffness:g} N/m: within 10 % up to {best.band_Hz:.4g} Hz, command up to {best.command_Hz:.4g} Hz,"
+            f"{asked:g} N/m: within 10 % up to {best.band_Hz:.4g} Hz, command up to {best.command_Hz:.4g} Hz,"
             f" {contact}, lasting contact up to {best.stiffest_wall_N_per_m:.4g} N/m, one-sided walls up to"
             f" {best.unilateral_contact.stiffness_N_per_m:.4g} N/m; {servo},"
             f" force filter {best.law.force_filter_Hz:g} Hz",

@@ -4,6 +4,7 @@ import json
 import re
 import tomllib
 from copy import deepcopy
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +17,7 @@ from truth_of_contact import Port, true
 from typer.testing import CliRunner
 
 from beamdesign import InputError, Prototype, check, read_prototype, simulate, state_space, write_prototype
+from beamdesign import stiffness as give
 from beamdesign.checker import Unreadable
 from beamdesign.cli import app
 from beamdesign.controllers import Cascade, Lag, Structured
@@ -42,7 +44,7 @@ from beamdesign.synthesis.end_stiffness import (
     stable_compliances,
 )
 from beamdesign.synthesis.rig_spread import rig_spread
-from beamdesign.synthesis.stiffness_search import SEED_OF_RIGS, carried_out, design, drawn_rigs
+from beamdesign.synthesis.stiffness_search import SEED_OF_RIGS, carried_out, drawn_rigs
 
 PROTOTYPES = Path(__file__).parent.parent / "studies/prototypes"
 MASSES_KG = (0.0, 6.8)
@@ -605,11 +607,13 @@ def test_the_search_finds_a_passive_law(rig: Prototype, tmp_path: Path) -> None:
 def test_a_law_that_suits_drawn_rigs_gives_up_band_for_it(rig: Prototype) -> None:
     """The force filter alone is chosen; tolerances of nothing at all ask for nothing more."""
     assert isinstance(SOFT.servo, Lag)
-    free, suited = (design(rig, 3e5, MASSES_KG, WALL, "passive", SOFT.servo, rigs=count).best for count in (0, 6))
+    kept = partial(give, contact="passive", keep_controller=True)
+    rig = rig.but(controller=SOFT.servo)
+    free, suited = (kept(rig, 3e5, MASSES_KG, rigs=count).best for count in (0, 6))
     assert free is not None
     assert suited is None or suited.band_Hz <= free.band_Hz * 1.02
     exactly = rig.but(tolerance={"flow_gain": 1e-9})
-    same = design(exactly, 3e5, MASSES_KG, WALL, "passive", SOFT.servo, rigs=2).best
+    same = kept(exactly, 3e5, MASSES_KG, rigs=2).best
     assert same is not None
     assert same.band_Hz == pytest.approx(free.band_Hz, rel=1e-3)
 
@@ -617,7 +621,8 @@ def test_a_law_that_suits_drawn_rigs_gives_up_band_for_it(rig: Prototype) -> Non
 def test_a_law_for_drawn_rigs_is_stable_on_each_of_them(rig: Prototype) -> None:
     """By python-control's eigenvalues; the law was chosen for rigs that are half as far off again."""
     spread = rig_spread(rig, MASSES_KG[1], 1.0)
-    found = design(rig, 3e5, MASSES_KG, WALL, "stable", SOFT.servo, rigs=6).best
+    servo = rig.but(controller=SOFT.servo)
+    found = give(servo, 3e5, MASSES_KG, contact="none", keep_controller=True, rigs=6).best
     assert found is not None
     assert found.law is not None
     for z in spread.drawn(6, SEED_OF_RIGS):
@@ -626,7 +631,8 @@ def test_a_law_for_drawn_rigs_is_stable_on_each_of_them(rig: Prototype) -> None:
 
 
 def test_an_end_softer_than_its_beam_is_known_is_refused_with_the_reason(rig: Prototype) -> None:
-    found = design(rig, 1e4, MASSES_KG, WALL, "passive", SOFT.servo, rigs=10)
+    servo = rig.but(controller=SOFT.servo)
+    found = give(servo, 1e4, MASSES_KG, contact="passive", keep_controller=True, rigs=10)
     assert found.best is None
     assert "rigs drawn from its tolerances; the outer beam is known to 1.46e+04 N/m" in found.reason
 

@@ -23,6 +23,7 @@ from beamdesign import (
     read_problem,
     remedies,
     run_design,
+    stiffness,
     tune,
 )
 from beamdesign.cli import app
@@ -31,8 +32,6 @@ from beamdesign.diagnosis.fitting import fitters
 from beamdesign.diagnosis.fitting.fit import Task, fit_cache
 from beamdesign.diagnosis.fitting.hypothesis import NOTHING
 from beamdesign.proofs.certificate import Asked
-from beamdesign.proofs.contact import EVERY_WALL
-from beamdesign.synthesis.stiffness_search import design as stiffness_design
 from beamdesign.time_limit import TimeUp, heed, is_limited, leave_out, left, over, share, while_time, within
 
 STUDIES = Path(__file__).parents[1] / "studies"
@@ -149,7 +148,7 @@ def test_a_diagnosis_that_is_called_again_goes_on_and_comes_to_the_same(slow: Da
 
 def test_a_stiffness_without_time_is_not_said_not_to_be_had(remedy: Prototype):
     with within(0.0) as limit:
-        found = stiffness_design(remedy, 1e6, (0.0, 2.0), EVERY_WALL)
+        found = stiffness(remedy, 1e6, (0.0, 2.0), rigs=0)
     assert (found.best, found.tried) == (None, 0)
     assert limit.left_out == ["further laws"]
 

@@ -229,10 +229,6 @@ class Wall:
     damping: Ends = _NO_DAMPING
 
 
-EVERY_WALL = Wall((fmpq(0), fmpq(10**9)))
-"""Where nothing is said of the walls."""
-
-
 @dataclass(frozen=True)
 class Contact:
     """Whether the loop is stable against every wall of a range with every end mass of a range.

@@ -8,7 +8,7 @@ does on further rigs drawn from the tolerances is decided rig by rig.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -131,7 +131,7 @@ def stiffness(
         outer_end_mass_kg: range of payloads; else the prototype's.
         wall_N_per_m: stiffness of the walls that it may touch, least and most.
         wall_damping_N_s_per_m: damping of these walls.
-        contact: the least that contact has to be: "passive", "wall" or "none".
+        contact: the least that contact has to be: "passive", "wall" or "none"; more is taken where it can be had.
         keep_controller: keep the prototype's controller, and choose the force filter alone.
         rigs: drawn from the prototype's tolerances, that the law has to suit as well.
         progress: told the share done and what is being done.
@@ -147,56 +147,26 @@ def stiffness(
         judged = judge(prototype, None, masses, wall)
         return Design(judged, judged.met, 0)
     servo = prototype.kept_servo if keep_controller else None
-    found = design(prototype, end_stiffness_N_per_m, masses, wall, need, servo, rigs, progress)
-    return found if found.best is None else replace(found, made=carried_out(prototype, found.best))
-
-
-def design(
-    prototype: Prototype,
-    end_stiffness: float,
-    masses_kg: tuple[float, float],
-    wall: Wall,
-    need: Need = "wall",
-    servo: Cascade | None = None,
-    rigs: int = 0,
-    progress: Progress | None = None,
-) -> Design:
-    """Find the law with the widest band of the commanded stiffness.
-
-    Args:
-        prototype: the rig; its goal limits the peak sensitivity, and loop gain and effort where it sets them.
-        end_stiffness: static F / x, N/m.
-        masses_kg: range of mass on the outer tip.
-        wall: the walls that it may touch.
-        need: the least that contact has to be; more, in the order of `NEEDS`, is taken where it can be had.
-        servo: to be kept, so that the force filter alone is chosen; None to search a lag as well.
-        rigs: how many, drawn from the prototype's tolerances, have to be as asked as well; none without tolerances.
-        progress: told the share done and what is being done.
-
-    Raises:
-        InputError: for a prototype with effects.
-    """
-    report = progress or silent
-    others = plants_drawn(prototype, masses_kg[1], rigs, SEED_OF_RIGS, _REACH) if rigs else []
-    if servo is not None and (most := servo_stiffness(prototype, servo)) < end_stiffness:
-        reason = f"the servo alone holds {most:.4g} N/m, less than {end_stiffness:.4g} N/m; it needs more gain"
+    others = plants_drawn(prototype, masses[1], rigs, SEED_OF_RIGS, _REACH) if rigs else []
+    if servo is not None and (most := servo_stiffness(prototype, servo)) < end_stiffness_N_per_m:
+        reason = f"the servo alone holds {most:.4g} N/m, less than {end_stiffness_N_per_m:.4g} N/m; it needs more gain"
         return Design(None, None, 0, reason)
     needs, tried, refused = NEEDS[: NEEDS.index(need) + 1], 0, ""
     for k, one in enumerate(needs):
-        search = _Search(prototype, others, end_stiffness, masses_kg, wall, one, servo)
+        search = _Search(prototype, others, end_stiffness_N_per_m, masses, wall, one, servo)
 
         def through(share: float, k: int = k, one: Need = one) -> None:
-            report((k + share) / len(needs), f"laws that are {_WORDS[one]}")
+            progress((k + share) / len(needs), f"laws that are {_WORDS[one]}")
 
         with share(1 / (len(needs) - k)):
             law = search.best(through)
         tried += search.tried
         if law is not None:
-            found = judge(prototype, law, masses_kg, wall)
-            return Design(found, found.met, tried, refused)
+            found = judge(prototype, law, masses, wall)
+            return Design(found, found.met, tried, refused, carried_out(prototype, found))
         drawn = f", as it is and on {len(others)} rigs drawn from its tolerances" if others else ""
         refused = f"of {tried} laws that were tried, none that keeps the goal is {_WORDS[one]}{drawn}"
-    return Design(None, None, tried, refused + _blurred(prototype, end_stiffness) if others else refused)
+    return Design(None, None, tried, refused + _blurred(prototype, end_stiffness_N_per_m) if others else refused)
 
 
 def _blurred(prototype: Prototype, end_stiffness: float) -> str:
