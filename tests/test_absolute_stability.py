@@ -88,7 +88,7 @@ def test_the_exact_slack_is_that_of_the_responses(tame: Prototype):
         denominator = found.loop_denominator.at(m)
         parts = [sum(z * (-1) ** (k // 2) * fmpq(w) ** k for k, z in enumerate(denominator.coeffs()) if k % 2 == odd)
                  for odd in (0, 1)]  # fmt: skip
-        size = float((parts[0] ** 2 + parts[1] ** 2) * multiplier.parts[2](x))
+        size = float((parts[0] ** 2 + parts[1] ** 2) * multiplier.below(x))
         assert float((a * m + b) * m + c) / size == pytest.approx(real - float(MARGIN), rel=1e-9)
 
 

@@ -35,8 +35,8 @@ from beamdesign.loop import loop
 from beamdesign.plant.linear import LinearModel
 from beamdesign.plant.members import paper_model, served
 from beamdesign.polynomial import exact
-from beamdesign.proofs.courses import stage_change, verified_dwell
-from beamdesign.proofs.decrease import holds_at_rate
+from beamdesign.proofs.courses import stage_change
+from beamdesign.proofs.decrease import changes_of_stage, dwell_suffices, grows_at_most, holds_at_rate
 from beamdesign.proofs.lyapunov import Switching, describe, switching
 from beamdesign.proofs.mass_family import MassFamily, closed_loop, stage_families, stage_family
 from beamdesign.scenario import Course, Sampled, Scenario, ScenarioRecord, Step, WallAhead
@@ -250,9 +250,15 @@ def test_two_stable_systems_that_switching_destabilises_are_proved_for_a_long_dw
     for spent in (dwell, 1.3 * dwell, 2.1 * dwell):
         assert max(abs(np.linalg.eigvals(expm(two * spent) @ expm(one * dwell)))) < 1
     # A shorter dwell, or half of the growth, is not what the functions prove.
-    again = verified_dwell(switched(*BRANICKY), found.functions, fmpq(0), fmpq(1), found.decay_per_s)
-    assert (again.dwell_s, again.factor) == (found.dwell_s, found.factor)
-    assert verified_dwell(switched(*BRANICKY), found.functions, fmpq(0), fmpq(1), 4 * found.decay_per_s).kind == "none"
+    changes = changes_of_stage(found.functions, fmpq(0), fmpq(1))
+    assert grows_at_most(changes, found.factor).holds
+    assert not grows_at_most(changes, found.factor / 2).holds
+    assert dwell_suffices(found.dwell_s, found.factor, found.decay_per_s)
+    assert not dwell_suffices(found.dwell_s / 2, found.factor, found.decay_per_s)
+    for faster, falls in ((1, True), (4, False)):
+        each = zip(switched(*BRANICKY), found.functions, strict=True)
+        asked = fmpq(0), fmpq(1), fmpq(0), "matched", faster * found.decay_per_s
+        assert all(holds_at_rate([family], function, *asked).holds for family, function in each) is falls
 
 
 def test_a_schedule_waits_as_long_as_is_proved_to_be_enough(rig: Prototype, proved: Switching) -> None:

@@ -97,7 +97,7 @@ def test_the_exact_slack_is_that_of_the_matrix(tame: Prototype, place: str):
         d = found.denominator.at(fmpq(mass))
         parts = [sum(z * (-1) ** (k // 2) * fmpq(w) ** k for k, z in enumerate(d.coeffs()) if k % 2 == odd)
                  for odd in (0, 1)]  # fmt: skip
-        below = float((parts[0] ** 2 + parts[1] ** 2) * multiplier.parts[2](x) ** 2)
+        below = float((parts[0] ** 2 + parts[1] ** 2) * multiplier.below(x) ** 2)
         assert float((a * mass + b) * mass + c) / below == pytest.approx(room, rel=1e-8)
 
 

@@ -397,4 +397,4 @@ def _best(grid: Grid, orders: Sequence[int], odd: bool) -> tuple[Multiplier, flo
             found.append((multiplier, float((multiplier.response(grid.w) * grid.turned).real.min())))
     enough = _GOOD * max((least for _, least in found), default=0.0)
     good = [one for one in found if one[1] >= max(enough, _LEAST_REAL)]
-    return min(good, key=lambda one: one[0].parts[2].degree(), default=None)
+    return min(good, key=lambda one: one[0].below.degree(), default=None)

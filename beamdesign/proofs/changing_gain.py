@@ -216,9 +216,9 @@ class Pair:
 
     def slack(self, multiplier: Multiplier, weight: fmpq, margin: fmpq) -> Coefficients:
         """What is not negative where the matrix is positive definite, as a quadratic in the mass."""
-        (even, odd), below = multiplier.in_s, multiplier.parts[2]
+        below = multiplier.below
         # D is the product of the denominators of F and H, of which one alone is over the mass
-        left = _product(self.onto[0], _conjugate(self.by[1])) * (self.share * (even + odd))
+        left = _product(self.onto[0], _conjugate(self.by[1])) * (self.share * multiplier.above)
         right = _product(_conjugate(self.by[0]), self.onto[1]) * (-weight * below(-_S * _S))
         off = left + right
         own = slack(multiplier, self.closed, self.denominator, margin)

@@ -238,14 +238,12 @@ class Contact:
         reason: in words, why not; empty where it is.
         witness: end mass and wall at which it is not stable; None where it holds.
         exact: whether these figures refute it themselves, or only stand next to a root on the axis at irrational ones.
-        frequency_Hz: of the oscillation there.
     """
 
     holds: bool
     reason: str = ""
     witness: Environment | None = None
     exact: bool = True
-    frequency_Hz: float | None = None
 
 
 def _edges(sides: tuple[Ends, Ends, Ends]) -> Iterator[tuple[int, list[fmpq]]]:
@@ -271,7 +269,7 @@ def prove_contact(tip: Tip, masses: Ends, wall: Wall) -> Contact:
         if (there := unstable_at(family, *sides[varies])) is not None:
             corner[varies] = there.value
             found = Environment(corner[2], corner[0], corner[1])
-            return Contact(False, _words(found), found, there.exact, there.frequency_Hz)
+            return Contact(False, _words(found), found, there.exact)
     return Contact(True)
 
 

@@ -19,6 +19,7 @@ Morse, 1999). All stages act on the same states, none of which jumps at a change
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
+from functools import partial
 from itertools import combinations, product
 from math import log
 
@@ -35,7 +36,6 @@ from beamdesign.proofs.decrease import (
     changes_of_stage,
     dwell_suffices,
     grows_at_most,
-    holds_at_rate,
 )
 from beamdesign.proofs.lmi import (
     NONE_FOUND,
@@ -53,7 +53,7 @@ from beamdesign.proofs.lmi import (
     solve_one_each,
     sought_with,
 )
-from beamdesign.proofs.mass_family import Families, at, floats, growing_cycle, modal_coordinates, rationals
+from beamdesign.proofs.mass_family import Families, at, floats, growing_cycle, modal_coordinates
 
 FIRST_STEP, LEAST_STEP = 1 / 8, 1 / 256
 """Steps by which a range of masses grows, as shares of it."""
@@ -222,14 +222,8 @@ def stage_change(families: Families, low: fmpq, high: fmpq) -> tuple[Course, np.
     if cycle is not None:
         sure = "proved" if cycle.proved else "shown numerically only"
         words = f"stages {cycle.stages[0] + 1} and {cycle.stages[1] + 1} in turn make the motion grow ({sure})"
-
-    def verify(asked: Sought, answers: Sequence[Answer]) -> Course:
-        if not all(np.all(np.isfinite(answer.coefficients)) for answer in answers):
-            return Course("undecided", NONE_FOUND)
-        functions = tuple(tuple(rationals(p) for p in answer.coefficients) for answer in answers)
-        return verified_dwell(families, functions, low, high, asked.decay)
-
-    each = _shortest_dwell(families, Sought(low, high, 1), len(families), coordinates, verify, TURNS)
+    changes = partial(changes_of_stage, low=low, high=high)
+    each = _shortest_dwell(families, Sought(low, high, 1), len(families), coordinates, changes, TURNS)
     found = common if each.dwell_s is None else each
     return replace(found, reason=words, counterexample=cycle), coordinates
 
@@ -261,18 +255,11 @@ def sudden_change(families: Families, low: fmpq, high: fmpq, joining: Joining, c
         coordinates: (n, n), to begin in.
     """
 
-    def verify(asked: Sought, answers: Sequence[Answer]) -> Course:
-        coefficients, wrong = checked(families, asked, answers[0].coefficients)
-        if not wrong:
-            changes = changes_of_payload(families[0], coefficients, low, high, joining)
-            found = _enough(changes, (coefficients,), asked.decay)
-            if found.status == "proved":
-                return found
-            wrong = found.reason
-        return refused(answers[0], wrong, joining) if answers[0].claims else Course("undecided", NONE_FOUND)
+    def changes(functions: Sequence[Coefficients]) -> list[Change]:
+        return changes_of_payload(families[0], functions[0], low, high, joining)
 
     # The second time in the coordinates of the first answer.
-    found = _shortest_dwell(families, Sought(low, high, 1, joining=joining), 1, coordinates, verify, 2)
+    found = _shortest_dwell(families, Sought(low, high, 1, joining=joining), 1, coordinates, changes, 2)
     return replace(found, joining=joining)
 
 
@@ -281,12 +268,12 @@ def _shortest_dwell(
     sought: Sought,
     count: int,
     coordinates: np.ndarray,
-    verify: Callable[[Sought, Sequence[Answer]], Course],
+    changes: Callable[[Sequence[Coefficients]], Sequence[Change]],
     turns: int,
 ) -> Course:
     """The shortest dwell over a few decay rates and, for each, turns in the coordinates of the last answer.
 
-    It is with so many functions, whose answers are verified exactly.
+    It is with so many functions, of which follow the changes that join them; answers are verified exactly.
     """
     best, slowest = Course("undecided", NONE_FOUND), slowest_decay(families, sought.low, sought.high)
     for share in DECAY_SHARES:
@@ -295,7 +282,7 @@ def _shortest_dwell(
             answers = solve_one_each(families, asked, inner, count)
             if not all(answer.coefficients for answer in answers):
                 break
-            found = verify(asked, answers)
+            found = _verified(families, asked, answers, changes)
             if found.dwell_s is None:
                 better = best.dwell_s is None and found.status == "unverified"
             else:
@@ -307,20 +294,23 @@ def _shortest_dwell(
     return best
 
 
-def verified_dwell(families: Families, functions: Sequence[Coefficients], low: fmpq, high: fmpq, decay: fmpq) -> Course:
-    """Average time between changes of stage that functions of each stage prove to be enough, and the growth at one.
-
-    Args:
-        families: the loop with each stage.
-        functions: coefficients of P_i(m), affine in m, for each.
-        low: least payload, kg.
-        high: largest payload, kg.
-        decay: 1/s.
-    """
-    for family, function in zip(families, functions, strict=True):
-        if not holds_at_rate([family], function, low, high, ZERO, "matched", decay).holds:
-            return Course("undecided", NONE_FOUND)
-    return _enough(changes_of_stage(functions, low, high), functions, decay)
+def _verified(
+    families: Families,
+    asked: Sought,
+    answers: Sequence[Answer],
+    changes: Callable[[Sequence[Coefficients]], Sequence[Change]],
+) -> Course:
+    """What answers, one for all families or one for each, prove of the time between changes; the check is exact."""
+    own = [families] if len(answers) == 1 else [[family] for family in families]
+    found = [checked(some, asked, answer.coefficients) for some, answer in zip(own, answers, strict=True)]
+    wrong = next((words for _, words in found if words), "")
+    if not wrong:
+        functions = [function for function, _ in found]
+        course = _enough(changes(functions), functions, asked.decay)
+        if course.status == "proved":
+            return course
+        wrong = course.reason
+    return refused(answers[0], wrong, asked.joining) if answers[0].claims else Course("undecided", NONE_FOUND)
 
 
 def _enough(changes: Sequence[Change], functions: Sequence[Coefficients], decay: fmpq) -> Course:

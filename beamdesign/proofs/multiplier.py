@@ -33,18 +33,19 @@ import ast
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from math import prod
 from typing import Any
 
 import numpy as np
 from flint import fmpq, fmpq_poly
 
-from beamdesign.polynomial import Affine, even_odd, inner, is_hurwitz, nearest, text, turned
+from beamdesign.polynomial import Affine, inner, is_hurwitz, nearest, text
 from beamdesign.proofs.quadratic import Coefficients, less, over_mass, quadratic_nonnegative
 from beamdesign.proofs.read_once import Expression
 from beamdesign.proofs.statement import UNKNOWN, Statement
 from beamdesign.proofs.value_set import with_unknown
 
-_X = fmpq_poly([0, 1])
+_S = fmpq_poly([0, 1])
 _ONE = fmpq_poly([1])
 _NONE, _UNIT = fmpq(0), fmpq(1)
 
@@ -69,14 +70,9 @@ class Kernel:
         return np.asarray((self.rate / (self.rate + sign * 1j * w)) ** self.order)
 
     @property
-    def below(self) -> fmpq_poly:
-        """a^2 + x."""
-        return fmpq_poly([self.rate**2, 1])
-
-    @property
-    def above(self) -> tuple[fmpq_poly, fmpq_poly]:
-        """Real part, and imaginary part over w, of the numerator over (a^2 + x)^k."""
-        return even_odd(fmpq_poly([self.rate**2, -self.rate if self.causal else self.rate]) ** self.order)
+    def factor(self) -> fmpq_poly:
+        """A + s, or a - s."""
+        return fmpq_poly([self.rate, 1 if self.causal else -1])
 
 
 @dataclass(frozen=True)
@@ -102,27 +98,19 @@ class Multiplier:
         return any(coefficient < 0 for coefficient, _ in self.terms)
 
     @cached_property
-    def parts(self) -> tuple[fmpq_poly, fmpq_poly, fmpq_poly]:
-        """A, B and Q in x = w^2: M(jw) = (A + j w B) / Q, Q being positive."""
+    def below(self) -> fmpq_poly:
+        """Q in x = w^2, which is positive."""
         orders: dict[int, int] = {}
         for _, kernel in self.terms:
             orders[kernel.rate] = max(orders.get(kernel.rate, 0), kernel.order)
-        below = _ONE
-        for rate, order in orders.items():
-            below *= fmpq_poly([rate**2, 1]) ** order
-        real, imaginary = below, below * self.popov_s
-        for coefficient, kernel in self.terms:
-            rest = coefficient * (below / kernel.below**kernel.order)
-            even, odd = kernel.above
-            real, imaginary = real - rest * even, imaginary - rest * odd
-        return real, imaginary, below
+        return prod((fmpq_poly([rate**2, 1]) ** order for rate, order in orders.items()), start=_ONE)
 
-    @property
-    def in_s(self) -> tuple[fmpq_poly, fmpq_poly]:
-        """A and s B in s, with x = -s^2."""
-        s = fmpq_poly([0, 1])
-        even, odd = (part(-s * s) for part in self.parts[:2])
-        return even, s * odd
+    @cached_property
+    def above(self) -> fmpq_poly:
+        """A + s B in s, where M(jw) = (A + j w B) / Q with A and B in x = w^2."""
+        whole = self.below(-_S * _S)
+        kernels = (c * k.rate**k.order * (whole / k.factor**k.order) for c, k in self.terms)
+        return whole * (1 + self.popov_s * _S) - sum(kernels, 0 * whole)
 
     def response(self, w: np.ndarray) -> np.ndarray:
         """Its values at angular frequencies (rad/s), complex, of their shape."""
@@ -158,15 +146,12 @@ def is_proper(above: Affine, below: Affine, low: fmpq, high: fmpq) -> bool:
 
 def slack(multiplier: Multiplier, closed: Affine, denominator: Affine, margin: fmpq) -> Coefficients:
     """(Re[M p / D] - margin) |D|^2 Q at jw as a quadratic a m^2 + b m + c in the mass, with D the denominator."""
-    real, imaginary, below = multiplier.parts
-
-    def one(above: fmpq_poly, under: fmpq_poly) -> fmpq_poly:
-        return real * inner(above, under) - _X * imaginary * turned(above, under)
 
     def size(left: fmpq_poly, right: fmpq_poly) -> fmpq_poly:
-        return margin * below * inner(left, right)
+        return margin * multiplier.below * inner(left, right)
 
-    return less(_UNIT, over_mass(one, closed, denominator), over_mass(size, denominator, denominator))
+    turned = closed * multiplier.above
+    return less(_UNIT, over_mass(inner, turned, denominator), over_mass(size, denominator, denominator))
 
 
 def fits(multiplier: Multiplier, closed: Affine, denominator: Affine, low: fmpq, high: fmpq, margin: fmpq) -> bool:
@@ -182,8 +167,8 @@ _LEAVES = "multiplier_even", "multiplier_plain", "multiplier_turned"
 
 def weights(multiplier: Multiplier) -> tuple[fmpq_poly, fmpq_poly, fmpq_poly]:
     """2 A, A + s B and A - s B in s."""
-    even, odd = multiplier.in_s
-    return 2 * even, even + odd, even - odd
+    whole, mirrored = multiplier.above, multiplier.above(-_S)
+    return whole + mirrored, whole, mirrored
 
 
 def weighed(form: Expression, multiplier: Multiplier) -> Expression:

@@ -299,12 +299,10 @@ class StableZeros:
     Attributes:
         low_Hz: rounded inwards.
         high_Hz: rounded inwards.
-        sample_Hz: the frequency in between that was settled by a proof over the whole range of masses.
     """
 
     low_Hz: float
     high_Hz: float
-    sample_Hz: float
 
 
 def stable_zeros(
@@ -341,7 +339,7 @@ def stable_zeros(
             # A last digit inwards, for the division and pi.
             least = rounded_up(1 / end) / (2 * pi) * (1 + 1e-12)
             most = rounded_down(1 / start) / (2 * pi) * (1 - 1e-12)
-            found.append(StableZeros(least, most, nearest(1 / sample) / (2 * pi)))
+            found.append(StableZeros(least, most))
     return found[::-1]
 
 
