@@ -6,13 +6,21 @@ import numpy as np
 import pytest
 from gap_sets import believed, measured, scenario
 
-from beamdesign.diagnosis.experiment import distance, information, next_experiment
+from beamdesign.diagnosis.experiment import (
+    Experiment,
+    _Foreseen,
+    _grown,
+    _joined,
+    distance,
+    information,
+    next_experiment,
+)
 from beamdesign.diagnosis.fitting.evidence import evidence_of
 from beamdesign.diagnosis.fitting.fit import fit
 from beamdesign.diagnosis.fitting.hypothesis import together
 from beamdesign.diagnosis.fitting.starts import starts
 from beamdesign.records import parse
-from beamdesign.scenario import Measurement, Scenario
+from beamdesign.scenario import Measurement, Scenario, ScenarioRecord, Sine
 
 TRUTH, RIVAL = "sensor_lag", "transport_delay"
 
@@ -61,7 +69,7 @@ def test_doing_what_is_proposed_separates_the_rivals(rig, slow):
     assert proposed.separation > np.sqrt(max(before, 0.0)) + 2.0  # more than all that was measured so far
     assert "units of misfit" in proposed.text
     assert 0.8 < proposed.information_bits <= 1.0
-    assert list(proposed.series) == [
+    assert list(proposed.series["next"]) == [
         "t_s",
         "disturbance_N",
         "command_V",
@@ -75,6 +83,36 @@ def test_doing_what_is_proposed_separates_the_rivals(rig, slow):
     both = replace(slow, records=slow.records + measured(rig, plan).records)
     after = fitted(RIVAL, both, rivals[1].values).cost - fitted(TRUTH, both, rivals[0].values).cost
     assert after - before > 0.5 * proposed.separation**2
+
+
+def foreseen(*separations: float) -> list[_Foreseen]:
+    """Records by which two rivals differ by so many units each, with nothing to re-tune."""
+    row = ScenarioRecord(name="next", input=(Sine(amplitude_V=0.1, frequency_Hz=1.0),))
+    found = []
+    for k, one in enumerate(separations):
+        plan = Scenario(name="next", duration_s=1.0, sample_s=1e-3, record=(row,))
+        values = [np.zeros(1), np.array([one])]
+        found.append(_Foreseen(Experiment((f"record {k}",), plan), values, [np.zeros((1, 0))] * 2))
+    return found
+
+
+def test_records_are_added_until_they_tell_nearly_all():
+    """Separations of several records add up as squares; the largest come first."""
+    found = _grown(foreseen(1.0, 2.0, 1.5, 0.0), (0.5, 0.5))
+    assert found.texts == ("record 1", "record 2", "record 0")
+    assert found.between[0, 1] == pytest.approx(np.sqrt(1.0 + 4.0 + 2.25))
+    assert [row.name for row in found.scenario.record] == ["next", "next_2", "next_3"]
+    assert found.text.startswith("3 records of 4 s: (1) record 1; (2) record 2;")
+    assert _grown(foreseen(9.0, 9.0), (0.5, 0.5)).texts == ("record 0",)
+    assert len(_grown(foreseen(*[0.8] * 6), (0.5, 0.5)).texts) == 4
+
+
+def test_figures_are_retuned_to_all_records_at_once():
+    """What one record leaves open another one settles: 3 along a direction of each, free by k in both alike."""
+    first, second = foreseen(3.0, 0.0)
+    free = [np.full((1, 1), 2.0), np.full((1, 1), 2.0)]
+    both = _joined([first._replace(free=free), second._replace(free=free)])
+    assert both.between[0, 1] == pytest.approx(np.sqrt(9.0 - 36.0 / 9.0))
 
 
 def test_one_rival_alone_needs_no_experiment(slow):

@@ -181,11 +181,11 @@ class NextExperiment:
         text: in words, ready to be done.
         separates: names of the causes it tells apart.
         separation: expected misfit between their predictions in units of misfit (square root), at the experiment.
-        settings: input, amplitude, band, payload, added sensor: for a scenario file.
+        settings: input, amplitude, band, payload, added sensor: for a scenario file; of several records the first's.
         information_bits: least that it is expected to tell about which of the causes it is; NaN where only the
             separation was worked out.
-        series: (N,) of a record to be taken: times, inputs to be played, and the displacement that each cause predicts,
-            by the names of their columns.
+        series: (N,) of every record to be taken by its name: times, inputs to be played, and the displacement that
+            each cause predicts, by the names of their columns.
     """
 
     text: str
@@ -193,7 +193,7 @@ class NextExperiment:
     separation: float
     settings: Mapping[str, object] = field(default_factory=dict)
     information_bits: float = nan
-    series: Mapping[str, np.ndarray] = field(default_factory=dict, repr=False)
+    series: Mapping[str, Mapping[str, np.ndarray]] = field(default_factory=dict, repr=False)
 
 
 @dataclass(frozen=True)

@@ -1,18 +1,20 @@
 """What to measure next: of all that can be done with the rig, what would separate the rival causes best.
 
 Each rival predicts each experiment with its fitted figures. If one is true, the other will re-tune, within what the
-data so far leave open; what then remains of the difference, in units of misfit of one record, is the separation: its
-square is by how much the cost of the wrong one will rise over that of the right one. Of all separations, and of how
-probable each rival is, follows how much an experiment is expected to tell about which of them it is.
+data so far leave open; what then remains of the difference, in units of misfit, is the separation: its square is by how
+much the cost of the wrong one will rise over that of the right one. Of all separations, and of how probable each rival
+is, follows how much an experiment is expected to tell about which of them it is.
 
-The experiments stay within about what the rig's records have already asked of it.
+An experiment is a record or a few, one after another, as many as tell most of what is open: a fit counts every record
+alike, so that a longer one tells no more than two short ones tell. They stay within about what the rig's records have
+already asked of it.
 """
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import combinations
 from math import inf
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -45,28 +47,44 @@ class Experiment:
     """Something that could be measured.
 
     Attributes:
-        text: in words.
-        scenario: of one record, which simulates or prescribes it.
+        texts: each record in words.
+        scenario: which simulates or prescribes them.
         effort: against an experiment on the rig as it stands.
         added: channel of an added sensor; empty for none.
         between: (R, R) by how much it separates rivals, units of misfit (square root), the lesser of both cases; empty
             where that is not worked out.
     """
 
-    text: str
+    texts: tuple[str, ...]
     scenario: Scenario
     effort: float = 1.0
     added: str = ""
     between: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)), repr=False)
 
     @property
+    def text(self) -> str:
+        """In words."""
+        if len(self.texts) == 1:
+            return self.texts[0]
+        numbered = (f"({k}) {one}" for k, one in enumerate(self.texts, start=1))
+        return f"{len(self.texts)} records of {DURATION_S:g} s: {'; '.join(numbered)}"
+
+    @property
     def least(self) -> float:
         """Between the first rival and the one closest to it."""
         return float(self.between[0, 1:].min())
 
+    def worth(self, weights: Sequence[float]) -> tuple[float, float]:
+        """By which experiments are compared: information for the effort, then the least separation.
+
+        Where several tell all but a hundredth of a bit, the one counts that leaves most room for what no rival is
+        quite.
+        """
+        return round(information(self.between, weights) / self.effort, 2), self.least / self.effort
+
 
 def menu(data: Dataset) -> Iterator[Experiment]:
-    """All experiments: each signal at each setting of controller and masses, and at payloads not yet measured."""
+    """All records: each signal at each setting of controller and masses, and at payloads not yet measured."""
     name = f"{shorter(data.prototype.name)}: next experiment"
     for record, outer, inner, effort in _settings(data):
         law, payload = record.controller, f"a payload of {outer:.3g} kg" if outer > 0 else "no payload"
@@ -76,7 +94,7 @@ def menu(data: Dataset) -> Iterator[Experiment]:
                 name="next", input=(signal,), outer_end_mass_kg=outer, inner_end_mass_kg=inner, controller=law
             )
             plan = Scenario(name=name, duration_s=DURATION_S, sample_s=SAMPLE_S, start="rest", record=(row,))
-            yield Experiment(text, plan, effort)
+            yield Experiment((text,), plan, effort)
 
 
 def _settings(data: Dataset) -> list[tuple[TimeRecord, float, float, float]]:
@@ -121,6 +139,7 @@ def _peak(signal: np.ndarray) -> float:
 
 _RIVALS = 4
 _CLOSER_LOOK = 8
+_RECORDS, _ENOUGH = 4, 0.95  # of one experiment, and what they need not tell more than, of what is open
 _LEAST_WEIGHT = 0.01  # a rival is never so improbable that telling it apart is worth nothing
 _ANOTHER_SENSOR = 1.6  # effort
 _FURTHEST = 3.0  # times the largest displacement recorded so far
@@ -166,7 +185,7 @@ def next_experiment(data: Dataset, rivals: Sequence[Fit], weights: Sequence[floa
     if len(first) < 2 or not data.records:
         return None
     among, weights = zip(*list(first.values())[:_RIVALS], strict=True)
-    ranked = separations(data, among, weights)
+    ranked = experiments(data, among, weights)
     if not ranked:
         return None
     best = ranked[0]
@@ -175,13 +194,13 @@ def next_experiment(data: Dataset, rivals: Sequence[Fit], weights: Sequence[floa
     also = f", with a sensor for the {ADDED[best.added]} added" if best.added else ""
     text = f"{best.text}{also}. Expected separation of {names[0]} from "
     text += " and ".join(f"{name} {best.between[0, k]:.1f}" for k, name in enumerate(names) if k > 0)
-    text += " units of misfit per record of 4 s, figures re-tuned"
+    text += " units of misfit, figures re-tuned"
     if best.added and plain:
         text += f"; without the added sensor {plain[0].least:.1f} ({plain[0].text})"
     if best.least < 2.0:
         text += "; none of the experiments tried separates them clearly"
     plan = best.scenario.model_dump(mode="json", exclude_none=True)
-    (row,) = plan["record"]
+    row = plan["record"][0]
     settings = row["input"][0] | {key: row[key] for key in ("outer_end_mass_kg", "inner_end_mass_kg")}
     settings |= {"added_sensor": best.added, "scenario": plan}
     decided, open_ = information(best.between, weights), information(np.where(np.eye(len(among)), 0.0, inf), weights)
@@ -189,25 +208,79 @@ def next_experiment(data: Dataset, rivals: Sequence[Fit], weights: Sequence[floa
     return NextExperiment(text + ".", names, best.least, settings, decided, _series(data, best, among))
 
 
-def _series(data: Dataset, experiment: Experiment, rivals: Sequence[Fit]) -> dict[str, np.ndarray]:
-    """Columns of the record to be taken: what to play, and what each rival predicts of it."""
-    job = _job(data.prototype, experiment.scenario)
-    columns = {"t_s": job.record.times, "disturbance_N": job.record.inputs[:, 0], "command_V": job.record.inputs[:, 1]}
-    for fit in rivals:
-        predicted = job.simulated(fit.hypothesis.placement(data.prototype), fit.z, ("displacement_m",))
-        if predicted is not None:
-            columns[f"displacement_m if {fit.hypothesis}"] = predicted[:, 0]
-    return columns
+def _series(data: Dataset, experiment: Experiment, rivals: Sequence[Fit]) -> dict[str, dict[str, np.ndarray]]:
+    """Columns of every record to be taken: what to play, and what each rival predicts of it."""
+    series = {}
+    for job in _jobs(data.prototype, experiment.scenario):
+        inputs = job.record.inputs
+        columns = {"t_s": job.record.times, "disturbance_N": inputs[:, 0], "command_V": inputs[:, 1]}
+        for fit in rivals:
+            predicted = job.simulated(fit.hypothesis.placement(data.prototype), fit.z, ("displacement_m",))
+            if predicted is not None:
+                columns[f"displacement_m if {fit.hypothesis}"] = predicted[:, 0]
+        series[job.record.name] = columns
+    return series
 
 
-def separations(data: Dataset, rivals: Sequence[Fit], weights: Sequence[float]) -> list[Experiment]:
-    """All experiments that every rival predicts, best first; those that promise most are looked at with re-tuning."""
+def experiments(data: Dataset, rivals: Sequence[Fit], weights: Sequence[float]) -> list[Experiment]:
+    """With the channels recorded so far and with one more each, best first.
+
+    Records that promise most are looked at with re-tuning. To the best of them others are added, as long as that tells
+    more and they do not tell nearly all.
+    """
     looks = ((_without_retuning(data, one, rivals), one) for one in menu(data))
     quick = [(information(between, weights) / one.effort, one) for between, one in looks if between is not None]
     quick.sort(key=lambda look: -look[0])
-    results = (found for _, one in quick[:_CLOSER_LOOK] for found in _closely(data, one, rivals))
-    # Where several tell all but a hundredth of a bit, the one that leaves most room for what no rival is quite.
-    return sorted(results, key=lambda s: (-round(information(s.between, weights) / s.effort, 2), -s.least / s.effort))
+    seen: dict[str, list[_Foreseen]] = {}
+    for _, one in quick[:_CLOSER_LOOK]:
+        for found in _closely(data, one, rivals):
+            seen.setdefault(found.experiment.added, []).append(found)
+    grown = (_grown(records, weights) for records in seen.values())
+    return sorted(grown, key=lambda one: one.worth(weights), reverse=True)
+
+
+class _Foreseen(NamedTuple):
+    """One record as every rival predicts it, weighed by its noise, and what each may still re-tune of that."""
+
+    experiment: Experiment
+    values: list[np.ndarray]
+    free: list[np.ndarray]
+
+
+def _grown(records: Sequence[_Foreseen], weights: Sequence[float]) -> Experiment:
+    """The best record, and whatever others tell more beside it."""
+    every = information(np.where(np.eye(len(weights)), 0.0, inf), weights)
+    best, chosen = None, list[_Foreseen]()
+    while len(chosen) < min(_RECORDS, len(records)):
+        left = [one for one in records if all(one is not other for other in chosen)]
+        wider = [(_joined([*chosen, one]), one) for one in left]
+        found, further = max(wider, key=lambda each: each[0].worth(weights))
+        if best is not None and found.worth(weights)[0] <= best.worth(weights)[0]:
+            break
+        best = found
+        chosen.append(further)
+        if information(best.between, weights) >= _ENOUGH * every:
+            break
+    assert best is not None  # there is a record
+    return best
+
+
+def _joined(records: Sequence[_Foreseen]) -> Experiment:
+    """Records one after another as one experiment, figures re-tuned to all of them at once."""
+    first, rivals = records[0].experiment, range(len(records[0].values))
+    values = [np.concatenate([one.values[k] for one in records]) for k in rivals]
+    free = [np.concatenate([one.free[k] for one in records]) for k in rivals]
+    between = np.full((len(values), len(values)), inf)
+    np.fill_diagonal(between, 0.0)
+    for i, j in combinations(rivals, 2):
+        between[i, j] = between[j, i] = min(distance(values[i] - values[j], free[k]) for k in (i, j))
+    rows = tuple(
+        one.experiment.scenario.record[0].but(name="next" if k == 1 else f"next_{k}")
+        for k, one in enumerate(records, start=1)
+    )
+    texts = tuple(text for one in records for text in one.experiment.texts)
+    effort = max(one.experiment.effort for one in records)
+    return replace(first, texts=texts, scenario=first.scenario.but(record=rows), effort=effort, between=between)
 
 
 def _without_retuning(data: Dataset, experiment: Experiment, rivals: Sequence[Fit]) -> np.ndarray | None:
@@ -216,7 +289,7 @@ def _without_retuning(data: Dataset, experiment: Experiment, rivals: Sequence[Fi
     A record that the prototype does not predict could not be diagnosed: fits begin there.
     """
     channels, nothing = _channels(data), NOTHING.placement(data.prototype)
-    job, column = _job(data.prototype, experiment.scenario), channels.index("displacement_m")
+    (job,), column = _jobs(data.prototype, experiment.scenario), channels.index("displacement_m")
     asked = [(nothing, np.zeros(len(nothing.unknowns)))]
     asked += [(fit.hypothesis.placement(data.prototype), fit.z) for fit in rivals]
     made = [job.simulated(placement, z, channels) for placement, z in asked]
@@ -229,12 +302,12 @@ def _without_retuning(data: Dataset, experiment: Experiment, rivals: Sequence[Fi
     return np.asarray(np.linalg.norm(weighed[:, None] - weighed[None], axis=2))
 
 
-def _closely(data: Dataset, experiment: Experiment, rivals: Sequence[Fit]) -> Iterator[Experiment]:
-    """With what the rivals may still re-tune taken out: with the channels recorded so far, and one more."""
+def _closely(data: Dataset, experiment: Experiment, rivals: Sequence[Fit]) -> Iterator[_Foreseen]:
+    """With what the rivals may still re-tune: with the channels recorded so far, and one more."""
     recorded = _channels(data)
     others = [c for c in ADDED if c not in recorded and c in RIGS[data.prototype.rig].outputs]
     every = (*recorded, *others)
-    made, job = [], _job(data.prototype, experiment.scenario)
+    made, (job,) = [], _jobs(data.prototype, experiment.scenario)
     for fit in rivals:
         found = job.simulated_with_slopes(fit.hypothesis.placement(data.prototype), fit.z, every)
         if found is None:
@@ -245,14 +318,9 @@ def _closely(data: Dataset, experiment: Experiment, rivals: Sequence[Fit]) -> It
         channels = (*recorded, added) if added else recorded
         at = [every.index(c) for c in channels]
         weight = weighting(_as_record(data, job, made[0][0][:, at], channels), channels)
-        open_ = [weight(dy[:, at]) @ root for (_, dy), root in zip(made, covariances, strict=True)]
-        between = np.full((len(rivals), len(rivals)), inf)
-        np.fill_diagonal(between, 0.0)
-        for i, j in combinations(range(len(rivals)), 2):
-            difference = weight(made[i][0][:, at] - made[j][0][:, at])
-            between[i, j] = between[j, i] = min(distance(difference, open_[k]) for k in (i, j))
+        free = [weight(dy[:, at]) @ root for (_, dy), root in zip(made, covariances, strict=True)]
         effort = experiment.effort * (_ANOTHER_SENSOR if added else 1.0)
-        yield replace(experiment, effort=effort, added=added, between=between)
+        yield _Foreseen(replace(experiment, effort=effort, added=added), [weight(y[:, at]) for y, _ in made], free)
 
 
 def distance(difference: np.ndarray, free: np.ndarray) -> float:
@@ -278,11 +346,11 @@ def _channels(data: Dataset) -> tuple[str, ...]:
     return tuple(c for c in first if all(c in record.measured for record in data.records))
 
 
-def _job(prototype: Prototype, plan: Scenario) -> Replay:
-    (row,) = plan.record
-    assert row.controller is not None  # the menu names it
-    masses = row.outer_end_mass_kg or 0.0, row.inner_end_mass_kg or 0.0
-    return Replay(TimeRecord("next", plan.times, inputs_of(row, plan), {}, *masses, row.controller), prototype)
+def _jobs(prototype: Prototype, plan: Scenario) -> Iterator[Replay]:
+    for row in plan.record:
+        assert row.controller is not None  # the menu names it
+        masses = row.outer_end_mass_kg or 0.0, row.inner_end_mass_kg or 0.0
+        yield Replay(TimeRecord(row.name, plan.times, inputs_of(row, plan), {}, *masses, row.controller), prototype)
 
 
 def _as_record(data: Dataset, job: Replay, predicted: np.ndarray, channels: tuple[str, ...]) -> TimeRecord:

@@ -38,7 +38,7 @@ from beamdesign.report.page import Document, Picture, page_template
 from beamdesign.result import finite, json_text, picked
 
 NAMES = {"prototype": "prototype.toml", "json": "diagnosis.json", "report": "report.html"}
-REDESIGNED, NEXT = "redesigned/prototype.toml", "next_experiment.csv"
+REDESIGNED, NEXT = "redesigned/prototype.toml", "next_experiment*.csv"
 
 
 def write_gap_folder(
@@ -67,9 +67,13 @@ def write_gap_folder(
             assert stage.guarantee is not None  # what was proved
             kind = "certificate" if len(renewed.proofs) == 1 else f"certificate_stage_{k}"
             names[kind], texts[kind] = f"redesigned/{stage.guarantee.certificate}", certificate.text
-    if found.next_experiment is not None and (series := found.next_experiment.series):
-        rows = (",".join(f"{value:.7g}" for value in row) for row in zip(*series.values(), strict=True))
-        names["next"], texts["next"] = NEXT, "\n".join((",".join(series), *rows)) + "\n"
+    series = found.next_experiment.series if found.next_experiment is not None else {}
+    for name, columns in series.items():
+        rows = (",".join(f"{value:.7g}" for value in row) for row in zip(*columns.values(), strict=True))
+        names[name], texts[name] = (
+            NEXT.replace("*", name.removeprefix("next")),
+            "\n".join((",".join(columns), *rows)) + "\n",
+        )
     fields = found.to_dict()
     own = "inner_end_mass_kg outer_end_mass_kg believed=nominal diagnosed"
     promised = [{"controller": loop.controller.model_dump()} | finite(picked(loop, own)) for loop in terms]

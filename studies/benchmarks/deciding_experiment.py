@@ -1,8 +1,8 @@
 """The experiment that a diagnosis proposes, taken on the true rig of a blind case, and whether it decides.
 
 Each case of a check that `beamdesign gap blindcheck` has scored, whose cause is listed and whose verdict is ambiguous
-or unknown, is diagnosed once more from its kept fits. The record that it asks for is taken on the rig that made the
-others, with its noise, and added to them; so is a random one of the same menu and length, for comparison. A case is
+or unknown, is diagnosed once more from its kept fits. The records that it asks for are taken on the rig that made the
+others, with its noise, and added to them; so are as many random ones of the same menu, for comparison. A case is
 decided where the verdict is then `effect` and exactly what was in it is held responsible; where nothing is proposed it
 is not. What is printed is a section of Markdown, its last rows the shares with their 95 % bounds. Usage, from the root
 of the project:
@@ -25,13 +25,13 @@ from opened_cases import OpenedCase, check_of, diagnosed, opened_case, opened_ke
 
 from beamdesign import InputError, diagnose, read_dataset
 from beamdesign.diagnosis.data.dataset import Dataset
-from beamdesign.diagnosis.experiment import menu
+from beamdesign.diagnosis.experiment import Experiment, menu
 from beamdesign.records import parse
 from beamdesign.scenario import Scenario, inputs_of
 from beamdesign.validation.bounds import clopper_pearson
 
 _OF = {"load_pressure_Pa": "load_pressure", "inner_displacement_m": "inner", "screw_force_N": "screw_force"}
-COLUMNS = ("case", "truth", "verdict", "proposed", "bits", "decided", "at random", "decided")
+COLUMNS = ("case", "truth", "verdict", "records", "proposed", "bits", "decided", "at random", "decided")
 KNOWN = ("single", "parameter", "pair", "triple")
 """Kinds of cases with records whose causes are listed."""
 OPEN = ("ambiguous", "unknown")
@@ -40,40 +40,48 @@ TARGET = 0.8
 
 
 def taken(opened: OpenedCase, scenario: Scenario, added: str, folder: Path) -> Dataset:
-    """The data set of a case with one more record of its rig, written to a folder.
+    """The data set of a case with further records of its rig, written to a folder.
 
     Args:
         opened: the case.
-        scenario: of one record.
-        added: channel of a sensor that is added for it; empty for none.
+        scenario: of these records.
+        added: channel of a sensor that is added for them; empty for none.
         folder: to be made.
     """
     from beamdesign.validation.truth.case import Drive, Run, recorded, take
 
-    case, (row,) = true_rig(opened), scenario.record
-    inputs = inputs_of(row, scenario)
-    column = int(np.abs(inputs[:, 1]).max() > 0)
-    drive = Drive(("disturbance_N", "command_V")[column], "given", 0.0, 0.0, 97, tuple(inputs[:, column].tolist()))  # type: ignore[arg-type]
-    assert row.controller is not None  # a proposal names it
-    table = row.controller.model_dump(mode="json", exclude_none=True)
-    outer, inner = row.outer_end_mass_kg or 0.0, row.inner_end_mass_kg or 0.0
-    run = Run("next", drive, table, outer, inner)
-    case = replace(case, runs=(run,), duration_s=scenario.duration_s)
-    columns = recorded(case, run)
-    if added:
-        columns[added] = getattr(take(case, run, noisy=True), _OF[added])
     shutil.copytree(opened.folder / "sets" / opened.planned.key, folder)
-    rows = np.column_stack(list(columns.values()))
-    np.savetxt(folder / "records" / "next.csv", rows, "%.9g", ",", header=",".join(columns), comments="")
     index = tomllib.loads((folder / "dataset.toml").read_text(encoding="utf-8"))
-    masses = {"outer_end_mass_kg": outer, "inner_end_mass_kg": inner}
-    index["record"].append({"file": "records/next.csv", "controller": table} | masses)
+    for k, row in enumerate(scenario.record):
+        inputs = inputs_of(row, scenario)
+        column = int(np.abs(inputs[:, 1]).max() > 0)
+        played = tuple(inputs[:, column].tolist())
+        drive = Drive(("disturbance_N", "command_V")[column], "given", 0.0, 0.0, 97 + k, played)  # type: ignore[arg-type]
+        assert row.controller is not None  # a proposal names it
+        table = row.controller.model_dump(mode="json", exclude_none=True)
+        outer, inner = row.outer_end_mass_kg or 0.0, row.inner_end_mass_kg or 0.0
+        run = Run(row.name, drive, table, outer, inner)
+        case = replace(true_rig(opened), runs=(run,), duration_s=scenario.duration_s)
+        columns = recorded(case, run)
+        if added:
+            columns[added] = getattr(take(case, run, noisy=True), _OF[added])
+        rows, file = np.column_stack(list(columns.values())), f"records/{row.name}.csv"
+        np.savetxt(folder / file, rows, "%.9g", ",", header=",".join(columns), comments="")
+        masses = {"outer_end_mass_kg": outer, "inner_end_mass_kg": inner}
+        index["record"].append({"file": file, "controller": table} | masses)
     (folder / "dataset.toml").write_text(tomli_w.dumps(index), encoding="utf-8")
     return read_dataset(folder)
 
 
+def drawn(options: Sequence[Experiment], count: int, random: np.random.Generator) -> Scenario:
+    """So many different records of a menu."""
+    chosen = [options[k].scenario for k in random.choice(len(options), count, replace=False)]
+    rows = (one.record[0].but(name=f"next_{k}") for k, one in enumerate(chosen, start=1))
+    return chosen[0].but(record=tuple(rows))
+
+
 def decides(opened: OpenedCase, scenario: Scenario, added: str = "", workers: int = 2) -> tuple[bool, str]:
-    """Whether a diagnosis with that record names just what was in the case, and what it says."""
+    """Whether a diagnosis with these records names just what was in the case, and what it says."""
     with TemporaryDirectory() as name:
         try:
             found = diagnose(taken(opened, scenario, added, Path(name) / "set"), workers)
@@ -99,7 +107,7 @@ def main(argv: Sequence[str] | None = None) -> None:
     open_ = [key for key, verdict in verdicts.items() if verdict in OPEN]
     cases = [opened_case(given.folder, key) for key in given.cases or open_]
     cases = [one for one in cases if one.planned.kind in KNOWN]
-    print("## One more experiment on the true rig\n")
+    print("## Another experiment on the true rig\n")
     print(f"{len(cases)} ambiguous or unknown cases with a listed truth, of {len(verdicts)} of `{check}`.\n")
     row(COLUMNS)
     row(["---"] * len(COLUMNS))
@@ -108,17 +116,15 @@ def main(argv: Sequence[str] | None = None) -> None:
         data, found = diagnosed(opened)
         if found.verdict not in OPEN:  # as this program judges
             continue
-        asked, options = found.next_experiment, list(menu(data))
-        other = options[random.integers(len(options))].scenario
-        right, said, bits = False, "nothing", ""
+        asked, right, said, bits, count = found.next_experiment, False, "nothing", "", 1
         if asked is not None:
             plan = parse(Scenario, dict(asked.settings["scenario"]), "next")  # type: ignore[call-overload]
             right, said = decides(opened, plan, str(asked.settings["added_sensor"]), given.workers)
-            bits = f"{asked.information_bits:.2g}"
-        lucky, told = decides(opened, other, workers=given.workers)
+            bits, count = f"{asked.information_bits:.2g}", len(plan.record)
+        lucky, told = decides(opened, drawn(list(menu(data)), count, random), workers=given.workers)
         counts += (1, right, lucky)
         truth, verdict = " + ".join(opened.answer["effects"]), f"{found.verdict}: {' + '.join(found.chosen)}"
-        row((opened.planned.key, truth, verdict, said, bits, right, told, lucky))
+        row((opened.planned.key, truth, verdict, count, said, bits, right, told, lucky))
     print()
     row(("experiment", "decided", "of", "share", "95 % bounds", "target"))
     row(["---"] * 6)
