@@ -229,6 +229,16 @@ def test_fits_are_taken_with_the_unknowns_of_the_prototype_that_was_fitted(tmp_p
     assert len(found[1].values) == len(NOTHING.unknowns(examined.prototype)) > 0
 
 
+def test_a_fit_with_other_unknowns_is_made_again(small: Dataset, tmp_path: Path) -> None:
+    """As one of a program whose law had fewer parameters, where its fits are taken up by name."""
+    kept = fit_cache(tmp_path / "fits", small)
+    task = searching.Task(Hypothesis(("sensor_lag",)), {})
+    unknowns = task.hypothesis.unknowns(small.prototype)
+    for z, taken in ((np.zeros(len(unknowns)), True), (np.zeros(len(unknowns) - 1), False)):
+        kept.keep(task, Fit(task.hypothesis, unknowns, z))
+        assert (kept.recall(task) is not None) is taken
+
+
 def test_a_file_cut_short_is_made_again(small: Dataset, tmp_path: Path) -> None:
     kept = fit_cache(tmp_path / "fits", small)
     task = searching.Task(Hypothesis(("sensor_lag",)), {})

@@ -320,6 +320,8 @@ class FitCache:
                 parts = zip(held["c"], held["g"], held["a"], held["error"], strict=True)
                 shares = tuple(Share(float(c), g, a, float(error)) for c, g, a, error in parts)
                 unknowns, reason = job.hypothesis.unknowns(self.prototype), str(held["reason"])
+                if not reason and len(held["z"]) != len(unknowns):  # of a law that had other parameters then
+                    return None
                 return Fit(job.hypothesis, unknowns, held["z"], float(held["cost"]), shares, reason)
         except (OSError, ValueError, KeyError, EOFError, BadZipFile):
             return None
