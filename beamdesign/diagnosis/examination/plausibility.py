@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from beamdesign.diagnosis.data.dataset import Dataset, FrequencyResponse, MeasuredGain, TimeRecord
-from beamdesign.diagnosis.examination.nominal import controller_fit, nominal_loop
+from beamdesign.diagnosis.examination.nominal import ControllerFit, controller_fit, nominal_loop
 from beamdesign.diagnosis.examination.readings import (
     Reading,
     as_it_stands,
@@ -217,7 +217,7 @@ def examine(data: Dataset) -> Examination:
     warnings += _misread(seen(), data)
     warnings += first(suitability, seen(), prototype)
     warnings += twins(usable())
-    fits = {r.name: fit for r in seen() if (fit := controller_fit(r, gain)) is not None}
+    fits = {r.name: fit for r in usable() if (fit := _controller_fit(r, gain)) is not None}
     warnings = [lost_by_recorder(caution, fits) for caution in warnings]
     stuck = {caution.record for caution in warnings if caution.name == "stuck"}
     warnings += contradictions([r for r in seen() if r.name in fits.keys() - stuck], fits, prototype)
@@ -234,6 +234,13 @@ def examine(data: Dataset) -> Examination:
         text = f"{gone} of {len(data.records)} records had to be left out; what remains cannot bear a confident answer"
         warnings.append(Caution("few_records", "", text, limits_confidence=True))
     return Examination(replace(data, records=records), tuple(warnings))
+
+
+def _controller_fit(record: TimeRecord, gain: float) -> ControllerFit | None:
+    """Of a record of which a span does not count the better one, whichever channel is spoilt there."""
+    either = (record, where_it_counts(record)) if record.left_out else (record,)
+    fits = (controller_fit(one, gain) for one in either)
+    return min((fit for fit in fits if fit is not None), key=lambda fit: fit.residual, default=None)
 
 
 def _misread(records: Sequence[TimeRecord], data: Dataset) -> list[Caution]:
