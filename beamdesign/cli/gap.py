@@ -3,6 +3,7 @@
 from collections.abc import Iterable, Sequence
 from math import isfinite
 from pathlib import Path
+from shlex import quote
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
@@ -56,7 +57,9 @@ def diagnose(
     from beamdesign.diagnosis.data.dataset_index import index_of, kind_of
     from beamdesign.report.gap_folder import NAMES
 
-    folder = out or default_folder(f"{index_of(dataset).resolve().parent.name}.diagnosis")
+    index = index_of(dataset).resolve()
+    other = "" if index.name == "dataset.toml" else f".{index.stem}"
+    folder = out or default_folder(f"{index.parent.name}{other}.diagnosis")
     _spare(_read_of(index_of(dataset)), folder, NAMES.values())
     if kind_of(dataset) != "actuator_bench":
         return _diagnose(dataset, folder, redesign, workers, minutes)
@@ -124,7 +127,8 @@ def _diagnose(dataset: Path, folder: Path, renew: bool, workers: int, minutes: f
         echo(f"no new controller: {renewed.reason}")
     if renewed is None:
         low, high = payload_range(data)
-        echo(f"to tune on what was found: beamdesign tune {paths['prototype']} --outer-end-mass {low:g}:{high:g}")
+        written = quote(str(paths["prototype"]))
+        echo(f"to tune on what was found: beamdesign tune {written} --outer-end-mass {low:g}:{high:g}")
     return CommandResult(fields, files=paths.values())
 
 
@@ -224,7 +228,7 @@ def import_files(
 
     found = import_measured(files, prototype, out, column or (), outer_end_mass or (0.0,), inner_end_mass, rest_s)
     echo_table("what was taken for what", ("file", "channel", "from", "note"), found.rows())
-    echo(f"next:    beamdesign gap diagnose {out}")
+    echo(f"next:    beamdesign gap diagnose {quote(str(out))}")
     return CommandResult(found.to_dict(), files=found.paths)
 
 

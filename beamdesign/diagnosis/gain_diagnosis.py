@@ -40,6 +40,7 @@ from beamdesign.diagnosis.judgement import evidence as marginal_likelihood
 from beamdesign.diagnosis.verdict import OUTSIDE, sentences, verdict_of
 from beamdesign.progress import Progress, silent
 from beamdesign.prototype import Prototype
+from beamdesign.quantities import LawGain, range_of
 from beamdesign.records import InputError
 from beamdesign.time_limit import left_out, share
 
@@ -90,6 +91,8 @@ def _from_prediction(piece: GainEvidence) -> MeasuredGain:
     if taken.predicted_gain is None or at is None:
         return taken
     gain = taken.gain * at.gain / taken.predicted_gain
+    if gain not in range_of(LawGain):  # whatever was predicted, it was not that
+        return taken
     return replace(taken, controller=taken.controller.but(gain_A_per_V=gain))
 
 

@@ -172,7 +172,9 @@ def import_measured(
     if there := [name for name, held in made.items() if (out / name).exists() and (out / name).read_bytes() != held]:
         reason = f"holds {', '.join(there)} already, which is not written over; name another folder"
         raise InputError(out, [("--out", reason)])
-    index = {"name": out.name, "prototype": "prototype.toml"} | {key: rows for key, rows in entries.items() if rows}
+    index = {"name": out.resolve().name, "prototype": "prototype.toml"} | {
+        key: rows for key, rows in entries.items() if rows
+    }
     with fresh_folder(out) as fresh:
         (fresh / "records").mkdir(exist_ok=True)
         for name, table in tables.items():
