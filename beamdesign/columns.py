@@ -160,7 +160,7 @@ def _bad_cells(names: list[str], body: str, used: Sequence[str]) -> list[Problem
         for name, cell in zip(names, cells, strict=True):
             # What Python takes for a number and a table does not: 1_000.
             if name in used and (_number(cell) is None or "_" in cell):
-                shown = repr(next(csv.reader([cell]), [cell])[0].strip()[:_SHOWN]) if cell.strip() else "empty"
+                shown = repr(cell.strip().strip('"')[:_SHOWN]) if cell.strip() else "empty"
                 return [Problem(name, f"row {row} is not a number: {shown}")]
     return [Problem("(file)", "cannot be read as numbers")]
 
@@ -234,6 +234,7 @@ def write_tables(tables: Mapping[str, tuple[tuple[str, ...], np.ndarray]], folde
     paths = [folder / f"{name}.csv" for name in tables]
     for (columns, table), path in zip(tables.values(), paths, strict=True):
         text = StringIO()
-        np.savetxt(text, table, fmt="%.9g", delimiter=",", header=",".join(columns), comments="")
+        formats = ["%.15g" if name == "t_s" else "%.9g" for name in columns]  # times may count from 1970
+        np.savetxt(text, table, fmt=formats, delimiter=",", header=",".join(columns), comments="")
         write_whole(path, text.getvalue())
     return paths

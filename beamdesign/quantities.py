@@ -319,7 +319,8 @@ def further_rows(found: Mapping[str, Any]) -> list[tuple[str, str]]:
     lower, nominal = found["lower_gains"], found["nominal"]
     rows = []
     if isfinite(ratio := found["peak_over_passive"]):
-        words = f"at most {found['peak_compliance_m_per_N']:.4g} m/N, {ratio:.4g} times that with the servo off"
+        most, over = (decimal(value, 4, ROUND_CEILING) for value in (found["peak_compliance_m_per_N"], ratio))
+        words = f"at most {most} m/N, {over} times that with the servo off"
         rows.append(("largest compliance at any frequency", words))
     rows += [("at lower gains", "stable at every one" if lower is True else start_up(lower))]
     if found["comes_to_rest"]:

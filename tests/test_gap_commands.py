@@ -288,7 +288,7 @@ def test_without_out_the_folder_is_named_after_the_data_set(tmp_path: Path, monk
     ran = CliRunner().invoke(app, ["gap", "diagnose", str(gains)])
     assert ran.exit_code == 0, ran.output
     names = {path.name for path in (tmp_path / "paper_gains.diagnosis").iterdir()}
-    assert names == {"prototype.toml", "diagnosis.json", "report.html"}
+    assert names == {"prototype.toml", "diagnosis.json", "report.html", "fits"}
 
 
 @pytest.mark.parametrize(

@@ -126,7 +126,8 @@ def test_what_cannot_be_told_is_asked_with_what_there_is(tmp_path: Path) -> None
         imported(tmp_path / "a.csv")
     told = {problem.key: problem.reason for problem in refused.value.problems}
     assert "'force A' or 'force B'" in told["disturbance_N"]
-    assert set(told) == {"disturbance_N", "current_A", "displacement_m"}
+    assert set(told) == {"disturbance_N", "command_V", "current_A", "displacement_m"}
+    assert "may be 'signal', by its unit" in told["command_V"]
     assert "signal [V]" in told["current_A"]
     assert not (tmp_path / "set").exists()
 

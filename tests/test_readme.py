@@ -3,6 +3,7 @@
 import ast
 import re
 import shlex
+from decimal import ROUND_FLOOR, Decimal
 from pathlib import Path
 
 import click
@@ -188,4 +189,5 @@ def test_there_is_a_proved_loop_with_the_stated_figures_of_the_tuned_one() -> No
     assert proved.holds
     assert proved.guaranteed is not None
     assert proved.guaranteed.peak_over_passive <= 1
-    assert stated.groups() == (f"{inner:.1f}", f"{proved.guaranteed.bandwidth_Hz:.1f}")
+    proved_Hz = Decimal(proved.guaranteed.bandwidth_Hz).quantize(Decimal("0.1"), ROUND_FLOOR)
+    assert stated.groups() == (f"{inner:.1f}", str(proved_Hz))

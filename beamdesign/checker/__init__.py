@@ -36,6 +36,13 @@ KINDS = {
     "beamdesign.stages": "stages",
 }
 """Kinds of certificates, and the file of this package that proves what each states."""
+_BOXES = ("beamdesign.box", "beamdesign.expression_box")
+_OF_KINDS = {
+    "plane": ("beamdesign.arm_plane",),
+    "range": _BOXES,
+    "outer_end_mass_kg": tuple(kind for kind in KINDS if kind not in _BOXES),
+}
+"""Tables that the comparison with a prototype reads, and the kinds that state them."""
 OF_NO_RIG = ("beamdesign.expression_box",)
 PRECISION_BITS = 256
 
@@ -69,7 +76,12 @@ class Verdict:
     def lines(self) -> Iterator[str]:
         """All of it, a line for each."""
         words = {"about": self.about, "proved": self.proved, "not looked at": self.open, "NOT PROVED": self.failed}
-        return (f"{heading}: {line}" for heading, lines in words.items() for line in lines)
+        return (f"{heading}: {_one_line(line)}" for heading, lines in words.items() for line in lines)
+
+
+def _one_line(words: str) -> str:
+    """Words of a file as one line that can be printed, whatever they hold."""
+    return "".join(c if c.isprintable() else repr(c)[1:-1] for c in words)
 
 
 def check(
@@ -94,6 +106,8 @@ def check(
     if (version := table.take("version")) != VERSION:
         remedy = "; make the certificate again" if version == 1 else ""
         raise Unreadable(f"format {str(version)[:20]} is not read here, only format {VERSION}{remedy}")
+    if strange := [key for key, kinds in _OF_KINDS.items() if key in table and kind not in kinds]:
+        raise Unreadable(f"not known in a certificate of this kind: {', '.join(strange)}")
     room = import_module(f"{__name__}.{KINDS[kind]}")
     try:
         with ctx.workprec(PRECISION_BITS):

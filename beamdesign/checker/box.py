@@ -133,7 +133,8 @@ class Claim:
             self.expression = Expression(stated, table, Circle(*circle))
         self.marks = [mark for line in stated.words("tree") for mark in line.split()]
         self.limit, self.whole = limit, whole
-        masses = f" with {MASS} {words_of(self.expression.ranges[MASS])}" if MASS in self.expression.own.keys else ""
+        own = (n for n in sorted(self.expression.own.keys) if n != "controller_gain")
+        masses = " and".join(f" with {n} {words_of(self.expression.ranges[n])}" for n in own)
         self.of_masses = masses
 
     def _covers(self, rig: Rig) -> bool:

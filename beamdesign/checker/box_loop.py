@@ -55,6 +55,14 @@ def of_rig(table: Table, expression: Expression, rig: Rig) -> Iterator[tuple[boo
         elif ends[0] < ends[1] or name in needed:
             share = f"{_share(name, ends, own, deviations)}{_of_span(name, rig, spans)}"
             yield True, f"{'for every' if ends[0] < ends[1] else 'with'} {name} {words_of(ends)}{share}"
+    made = {name: rig.effects[k].spans[key].ends for name, (k, key) in spans.items()} | {"effect_gain": rig.gain()}
+    for name in needed & made.keys():
+        low, high = expression.ranges[name]
+        if not low <= made[name][0] <= made[name][1] <= high:
+            yield (
+                False,
+                f"{name}: {words_of((low, high))} leaves out some of {span(made[name])} that effects make of it",
+            )
     proved = alike(expression, characteristic(expression, rig))
     yield proved, f"the expression is {'' if proved else 'NOT '}the characteristic polynomial of this rig's loop"
 
@@ -68,19 +76,22 @@ def figures(rig: Rig) -> dict[str, fmpq]:
     if "gain_A_per_V" in rig.law.figures:
         found["controller_gain"] = rational(rig.law.figures["gain_A_per_V"], "controller.gain_A_per_V")
     above, below = rig.law.of_displacement
-    if len(rig.law.numerators) == 1 and above.degree() == below.degree() == 1:
+    of_gain = above[0] == found.get("controller_gain", fmpq(0)) * below[0] != 0  # what _parts builds of them
+    if len(rig.law.numerators) == 1 and above.degree() == below.degree() == 1 and of_gain:
         found |= {"controller_zero": above[0] / above[1], "controller_pole": below[0] / below[1]}
     return found
 
 
 def spans_of(rig: Rig) -> dict[str, tuple[int, str]]:
     """Spans of effects by their names in a box: which effect's, and which."""
-    return {
-        f"{effect.name}_{name}": (k, name)
-        for k, effect in enumerate(rig.effects)
-        for name, span in effect.spans.items()
-        if span.ends[0] < span.ends[1]
-    }
+    found: dict[str, tuple[int, str]] = {}
+    for k, effect in enumerate(rig.effects):
+        for name, made in effect.spans.items():
+            called = f"{effect.name}_{name}"
+            if called in found or called in {*figures(rig), "effect_gain", "outer_end_mass", "delay"}:
+                raise Unreadable(f"{called[:60]} stands for more than one thing in a box")
+            found |= {called: (k, name)} if made.ends[0] < made.ends[1] else {}
+    return found
 
 
 def characteristic(

@@ -108,8 +108,8 @@ class Expression:
         known, own = {"s", *late, *leaves}, {UNKNOWN} if circle else set()
         if clash := sorted(
             {*late} & {*leaves}
-            | {"s"} & {*late, *leaves, *self.variables}
-            | {*late} & {*self.variables}
+            | {"s"} & {*late, *leaves, *self.variables, *self.ranges}
+            | {*late} & {*self.variables, *self.ranges, *self.groups}
             | own & {*late, *leaves, *self.ranges, *self.groups}
         ):
             raise Unreadable(f"these names stand for more than one thing: {', '.join(clash)[:200]}")

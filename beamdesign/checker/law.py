@@ -80,6 +80,8 @@ class Law:
         """(12): the current I = C(s) (-sensed), as a row over the states; C in observer form, from place `first` on."""
         if any(one.degree() > self.order for one in self.numerators.values()):
             raise Unreadable("the controller differentiates: its numerator is of higher degree than its denominator")
+        if strange := [name for name in self.numerators if name not in sensed]:
+            raise Unreadable(f"this rig does not show {', '.join(strange)}")
         n, k, lead = len(rows), self.order, self.denominator[self.order]
         current = [fmpq(int(k > 0 and j == n - 1)) for j in range(n)]
         for i in range(k):

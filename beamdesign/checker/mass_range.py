@@ -308,7 +308,12 @@ def _is_stable_over(loop: Loop, masses: Pair, s: fmpq_poly = S, times: Pair = ON
 
 def _slack(loop: Loop, bound: Bound, gain: fmpq) -> Slack:
     numerator = gain * loop.loop_numerator[0], gain * loop.loop_numerator[1]
-    return Slack(bound.limit, *magnitudes(bound.kind, loop.loop_denominator, numerator, loop.disturbance, loop.law))
+    return Slack(
+        bound.limit,
+        *magnitudes(
+            bound.kind, loop.loop_denominator, numerator, loop.disturbance + (gain - 1) * loop.crossed, loop.law
+        ),
+    )
 
 
 def _keeps(loop: Loop, bound: Bound, masses: Pair) -> bool:
@@ -322,7 +327,7 @@ def _keeps(loop: Loop, bound: Bound, masses: Pair) -> bool:
     if bound.kind == "loop_gain" or gains[0] == gains[1]:
         return True
     denominator, numerator = loop.loop_denominator, loop.loop_numerator
-    if numerator[1] != 0:
+    if numerator[1] != 0 or (bound.kind.endswith("compliance") and loop.crossed != 0):
         raise Unreadable("mass and gain multiply each other, so that sides do not decide what is to be performed")
     for mass in {*masses}:
         at = denominator[0] + mass * denominator[1]

@@ -293,7 +293,7 @@ def _figures(prototype: Mapping[str, Any], alloys: Mapping[str, Table]) -> dict[
 
 def _actuator(prototype: Mapping[str, Any]) -> str:
     kind = _table(prototype, "actuator").get("kind", "servo_cylinder")
-    if kind not in ACTUATORS:
+    if not isinstance(kind, str) or kind not in ACTUATORS:
         raise Unreadable(f"actuator.kind of the prototype is not known here: {str(kind)[:60]!r}")
     return str(kind)
 
@@ -304,7 +304,7 @@ def _lumped(prototype: Mapping[str, Any], name: str, alloys: Mapping[str, Table]
     if stiffness is not None and mass is not None:
         return _ball(prototype, name, "stiffness_N_per_m"), _ball(prototype, name, "effective_mass_kg")
     material = _of(prototype, name, "material")
-    if material not in alloys:
+    if not isinstance(material, str) or material not in alloys:
         raise Unreadable(f"the certificate states no [material.{material}], of which the prototype's {name} is")
     length, end = (_ball(prototype, name, key) for key in ("free_length_m", "end_mass_kg"))
     keys = ("width_m", "wall_m", "corner_radius_m", *(["depth_m"] if "depth_m" in _table(prototype, name) else []))

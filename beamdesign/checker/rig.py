@@ -189,6 +189,7 @@ class Loop:
     loop_denominator: Polynomials
     loop_numerator: Polynomials
     disturbance: fmpq_poly
+    crossed: fmpq_poly
     displacement: Polynomials
     law: Polynomials
     gain: Pair
@@ -262,6 +263,8 @@ class Rig:
     def loops(self) -> Iterator[Loop]:
         """The loop of every combination of the ends of all spans."""
         places = [(k, name, span) for k, effect in enumerate(self.effects) for name, span in effect.spans.items()]
+        if any(not {*span.performing} <= {*span.ends} for _, _, span in places):
+            raise Unreadable("what is to perform must be ends of a span: nothing between them is looked at")
         ends = [sorted(set(span.ends)) for _, _, span in places]
         if (count := prod(map(len, ends))) > MOST_MEMBERS:
             raise Unreadable(f"the spans of effects have {count} combinations, more than {MOST_MEMBERS}")
@@ -316,6 +319,7 @@ class Rig:
             (bare.determinant * around, (loaded.determinant - bare.determinant) * around),
             (fed, heavier - fed),
             bare.moved * around + inside,
+            inside,
             (own[0], own[1] - own[0]),
             law.of_displacement,
             self.gain(),

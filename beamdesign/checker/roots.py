@@ -230,9 +230,6 @@ def stable_on_rectangle(denominator: Polynomials, numerator: Polynomials, masses
     return sides and (flat or _clear_inside(denominator, numerator, masses, gains))
 
 
-_UNDECIDED = "whether roots cross the axis inside a range of masses and gains is not decided"
-
-
 def _clear_inside(denominator: Polynomials, numerator: Polynomials, masses: Pair, gains: Pair) -> bool:
     """Whether no point inside a rectangle with stable sides has a root on the axis.
 
@@ -242,7 +239,7 @@ def _clear_inside(denominator: Polynomials, numerator: Polynomials, masses: Pair
     that quadratic in m. Each of these is followed until its m, or the g that goes with it, is seen to be outside.
 
     Raises:
-        ArithmeticError: where that is not decided; what is not seen to be clear is not refuted either.
+        ArithmeticError: where that is not decided, as both equations depend on mass and gain in one way.
     """
     (e, o), (e_m, o_m), (e_g, o_g), (e_mg, o_mg) = (parts(p) for p in (*denominator, *numerator))
     square, straight, constant = (
@@ -252,32 +249,48 @@ def _clear_inside(denominator: Polynomials, numerator: Polynomials, masses: Pair
     )
     discriminant = straight * straight - 4 * square * constant
     if discriminant == 0:
-        raise ArithmeticError(_UNDECIDED)
+        raise ArithmeticError("whether roots cross the axis inside a range of masses and gains is not decided")
     discriminant = square_free(discriminant)
 
-    def outside(x: arb) -> bool:
+    most = max(map(abs, masses))
+
+    def place(x: arb) -> bool | None:
+        """Whether the point of a root is inside (True), or is none of the rectangle (False); None for neither."""
         two, one, none = (arb_poly(p)(x) for p in (square, straight, constant))
+        if abs(two) * most * most + abs(one) * most < abs(none):
+            return False  # no mass of the range solves it
         if two.contains(0) and one.contains(0):
-            return False
+            return None
         mass = -one / (2 * two) if not two.contains(0) else -2 * none / one
         if _apart(mass, masses):
-            return True
+            return False
+        sure = None
         for constants in ((e, e_m, e_g, e_mg), (o, o_m, o_g, o_mg)):
             free, by_mass, by_gain, by_both = (arb_poly(p)(x) for p in constants)
             below = by_gain + by_both * mass
-            if not below.contains(0) and _apart(-(free + by_mass * mass) / below, gains):
-                return True
-        return False
+            if below.contains(0):
+                continue
+            gain = -(free + by_mass * mass) / below
+            if _apart(gain, gains):
+                return False
+            sure = sure or (_within(mass, masses) and _within(gain, gains)) or None
+        return sure
 
     for found in isolate(discriminant, fmpq(0), bound(discriminant)):
         interval = found
         for _ in range(400):
-            if outside(around(interval)):
+            if (there := place(around(interval))) is not None:
                 break
             interval = halve(discriminant, interval)
-        else:
-            return False  # it stays inside however finely it is looked at
+        if there is None:
+            raise ArithmeticError("whether roots cross the axis inside a range of masses and gains is not decided")
+        if there:
+            return False
     return True
+
+
+def _within(ball: arb, ends: Pair) -> bool:
+    return bool(ball > arb(ends[0])) and bool(ball < arb(ends[1]))
 
 
 def _apart(ball: arb, ends: Pair) -> bool:

@@ -1,8 +1,9 @@
 """`beamdesign gap`: from records of a built rig back to the model."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from math import isfinite
 from pathlib import Path
+from shlex import quote
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
@@ -54,8 +55,12 @@ def diagnose(
         minutes: most time for an answer, the best of what was compared until then; else 2. The same command goes on.
     """
     from beamdesign.diagnosis.data.dataset_index import index_of, kind_of
+    from beamdesign.report.gap_folder import NAMES
 
-    folder = out or default_folder(f"{index_of(dataset).resolve().parent.name}.diagnosis")
+    index = index_of(dataset).resolve()
+    other = "" if index.name == "dataset.toml" else f".{index.stem}"
+    folder = out or default_folder(f"{index.parent.name}{other}.diagnosis")
+    _spare(_read_of(index_of(dataset)), folder, NAMES.values())
     if kind_of(dataset) != "actuator_bench":
         return _diagnose(dataset, folder, redesign, workers, minutes)
 
@@ -71,6 +76,24 @@ def diagnose(
     echo_diagnosis(found)
     paths, fields = write_gap_folder(folder, found)
     return CommandResult(fields, files=paths.values())
+
+
+def _read_of(index: Path) -> list[Path]:
+    """Files that a dataset.toml names, whatever else is wrong with it, and itself."""
+    from beamdesign.records import read_table
+
+    table = read_table(index)
+    lists = (found for key in ("record", "frequency_response") if isinstance(found := table.get(key), list))
+    rows = [row for found in lists for row in found]
+    named = [table.get("prototype", "prototype.toml"), *(row.get("file") for row in rows if isinstance(row, dict))]
+    return [index, *(index.parent / name for name in named if isinstance(name, str))]
+
+
+def _spare(read: Iterable[Path], folder: Path, names: Iterable[str]) -> None:
+    """Refuse a folder in which what is to be written would take the place of what is read."""
+    kept = {path.resolve() for path in read}
+    if hit := [name for name in names if (folder / name).resolve() in kept]:
+        refuse("--out", (str(folder), f"would be written over {', '.join(hit)}, which is read; name another folder"))
 
 
 def _diagnose(dataset: Path, folder: Path, renew: bool, workers: int, minutes: float | None) -> CommandResult:
@@ -104,7 +127,8 @@ def _diagnose(dataset: Path, folder: Path, renew: bool, workers: int, minutes: f
         echo(f"no new controller: {renewed.reason}")
     if renewed is None:
         low, high = payload_range(data)
-        echo(f"to tune on what was found: beamdesign tune {paths['prototype']} --outer-end-mass {low:g}:{high:g}")
+        written = quote(str(paths["prototype"]))
+        echo(f"to tune on what was found: beamdesign tune {written} --outer-end-mass {low:g}:{high:g}")
     return CommandResult(fields, files=paths.values())
 
 
@@ -204,7 +228,7 @@ def import_files(
 
     found = import_measured(files, prototype, out, column or (), outer_end_mass or (0.0,), inner_end_mass, rest_s)
     echo_table("what was taken for what", ("file", "channel", "from", "note"), found.rows())
-    echo(f"next:    beamdesign gap diagnose {out}")
+    echo(f"next:    beamdesign gap diagnose {quote(str(out))}")
     return CommandResult(found.to_dict(), files=found.paths)
 
 
@@ -224,7 +248,10 @@ def predict(prototype: Path, dataset: Path, out: Path) -> CommandResult:
     """
     from beamdesign import predict as predicted
     from beamdesign.columns import write_tables
+    from beamdesign.diagnosis.data.dataset_index import index_of
 
+    measured = _read_of(index_of(dataset))
+    _spare([*measured, prototype], out, [path.with_suffix(".csv").name for path in measured])
     with progress("simulating") as update:
         found = predicted(prototype, dataset, update)
     with fresh_folder(out) as fresh:

@@ -83,7 +83,7 @@ def diagnose(
 def _diagnosed(data: Dataset, workers: int, progress: Progress, kept: FitCache | None) -> Diagnosis[Prototype]:
     examined, read = examine(data), data
     if not examined.data.records:
-        figures_only = explain_gains(replace(examined.data, warnings=examined.words), workers, progress)
+        figures_only = explain_gains(replace(examined.data, warnings=examined.words), workers, progress, kept)
         return replace(figures_only, prototype=read.as_stated(figures_only.prototype))
     found = _explained(examined, held_out(examined.data.records), workers, progress, kept)
     best, data = found.best, found.data
@@ -280,7 +280,7 @@ def _shown(found: _Explained, kept_out: tuple[int, ...], tuned: Fit, outside: Fi
         measured = synchronised if again.oscillates else measured
     following = again is not None and again.oscillates
     words = (
-        "On records left out of the fits that measure it, the "
+        f"On {'records left out of the fits that measure it' if kept_out else 'the records fitted, all of them'}, the "
         f"{'error in step' if following else 'prediction error'} "
         f"{'stays at' if worse else 'falls from'} {measured.before:.1%} of the signal "
         f"({measured.tuned:.1%} with tolerances re-tuned"

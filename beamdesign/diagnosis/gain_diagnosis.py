@@ -21,7 +21,7 @@ from beamdesign.diagnosis.diagnosis import (
     updated_prototype,
 )
 from beamdesign.diagnosis.fitting.evidence import Figure, figures_of
-from beamdesign.diagnosis.fitting.fit import Fit
+from beamdesign.diagnosis.fitting.fit import Fit, FitCache
 from beamdesign.diagnosis.fitting.gain_evidence import GainEvidence
 from beamdesign.diagnosis.fitting.hypothesis import FREE, NOTHING, Hypothesis, notes_on_known, subsystem
 from beamdesign.diagnosis.fitting.search import Search, search
@@ -40,13 +40,16 @@ from beamdesign.diagnosis.judgement import evidence as marginal_likelihood
 from beamdesign.diagnosis.verdict import OUTSIDE, sentences, verdict_of
 from beamdesign.progress import Progress, silent
 from beamdesign.prototype import Prototype
+from beamdesign.quantities import LawGain, range_of
 from beamdesign.records import InputError
 from beamdesign.time_limit import left_out, share
 
 _CERTAIN = 30.0  # in the logarithm of odds: more is no more
 
 
-def explain_gains(data: Dataset, workers: int = 1, progress: Progress = silent) -> Diagnosis[Prototype]:
+def explain_gains(
+    data: Dataset, workers: int = 1, progress: Progress = silent, kept: FitCache | None = None
+) -> Diagnosis[Prototype]:
     """Diagnose from critical gains and frequency responses.
 
     Explanations whose probabilities differ by less than 20 to 1 make a class. Where none is sure, `chosen` holds only
@@ -60,6 +63,7 @@ def explain_gains(data: Dataset, workers: int = 1, progress: Progress = silent) 
         data: with critical gains or frequency responses; its time records are left aside.
         workers: processes.
         progress: told the share done and what is being done.
+        kept: fits of an earlier run, where those of this one are kept as well.
 
     Raises:
         InputError: where it has neither, or where the believed model oscillates at no gain, or where a response was
@@ -70,11 +74,12 @@ def explain_gains(data: Dataset, workers: int = 1, progress: Progress = silent) 
     if not (gains or data.responses):
         raise InputError(data.folder, [("critical_gain", "missing; the set holds no frequency_response either")])
     if not any(taken.predicted_gain for taken in data.gains):
-        return _explained(data, workers, progress)
+        return _explained(data, workers, progress, kept)
     with share(0.5):
-        own = _explained(data, workers, lambda part, words: progress(part / 2, words))
+        own = _explained(data, workers, lambda part, words: progress(part / 2, words), kept)
     moved = replace(data, gains=tuple(_from_prediction(piece) for piece in gains))
-    other = _explained(moved, workers, lambda part, words: progress(0.5 + part / 2, words))
+    there = kept and replace(kept, part=("from what was predicted",))
+    other = _explained(moved, workers, lambda part, words: progress(0.5 + part / 2, words), there)
     more = notes_on_predictions(gains, other.findings["factor"], other.sentences)
     findings = {**own.findings, "on_predictions": other}
     return replace(own, notes=(*own.notes, *more), findings=findings)
@@ -86,12 +91,14 @@ def _from_prediction(piece: GainEvidence) -> MeasuredGain:
     if taken.predicted_gain is None or at is None:
         return taken
     gain = taken.gain * at.gain / taken.predicted_gain
+    if gain not in range_of(LawGain):  # whatever was predicted, it was not that
+        return taken
     return replace(taken, controller=taken.controller.but(gain_A_per_V=gain))
 
 
-def _explained(data: Dataset, workers: int, progress: Progress) -> Diagnosis[Prototype]:
+def _explained(data: Dataset, workers: int, progress: Progress, kept: FitCache | None) -> Diagnosis[Prototype]:
     evidence = figures_of(data)
-    found = search(data, workers, progress)
+    found = search(data, workers, progress, kept)
     silent = found.silent  # neither found nor excluded
     found = replace(found, fits=tuple(f for f in found.fits if not {*silent} & {*f.hypothesis.names}))
     judged = with_outside(judge(found, few=True), evidence, found)

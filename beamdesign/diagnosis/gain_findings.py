@@ -21,6 +21,7 @@ from beamdesign.diagnosis.fitting.gain_evidence import FREQUENCY_STD, GainEviden
 from beamdesign.diagnosis.fitting.linear_evidence import ResponseEvidence
 from beamdesign.plant.assembly import fits
 from beamdesign.plant.effects import library
+from beamdesign.quantities import LawGain, range_of
 
 
 @dataclass(frozen=True)
@@ -259,7 +260,7 @@ def experiments(data: Dataset, assumed: Fit) -> Menu:
     def taken(gain: MeasuredGain, load: float = 0.0) -> GainEvidence | None:
         piece = GainEvidence(gain, data.prototype, load)
         at = piece.predicted(placement, assumed.z)
-        if at is None:
+        if at is None or at.gain not in range_of(LawGain):
             return None
         law = gain.controller.but(gain_A_per_V=at.gain)
         return replace(piece, measured=replace(gain, controller=law, frequency_Hz=at.frequency / tau))

@@ -302,7 +302,8 @@ def _size(found: Fit, rest: Fit, of: Search) -> float:
 
 def _unknown(found: Search, best: Fit) -> float:
     """Probability of an unknown cause: the best known one leaves much in units of misfit, and much of the gap."""
-    much = 1 / (1 + (THRESHOLDS.much * found.expected / best.misfit) ** THRESHOLDS.steep)
+    misfit = max(best.misfit, 1e-9 * found.expected)  # a figure that was copied from the model is off by nothing
+    much = 1 / (1 + (THRESHOLDS.much * found.expected / misfit) ** THRESHOLDS.steep)
     left = max(found.excess(best), 1e-6)
     return much / (1 + (THRESHOLDS.not_explained / left) ** THRESHOLDS.steep)
 

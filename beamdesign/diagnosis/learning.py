@@ -164,7 +164,7 @@ def _fitted(
 
 def with_scales(data: Dataset, null: Fit) -> Dataset:
     """The data set, its prototype stating the sizes that signals of laws reach in the linear model, where they do."""
-    signals: dict[str, float] = {"": max(float(record.times[-1]) for record in data.records)}
+    signals: dict[str, float] = {"": max(float(record.since_start[-1]) for record in data.records)}
     for item in residuals(null, record_evidence(data)):
         for name, values in item.nominal.items():
             signals[name] = max(signals.get(name, 0.0), float(np.abs(values).max()))

@@ -12,6 +12,7 @@ from beamdesign.bench_prototype import AnyPrototype, BenchPrototype, read_bench_
 from beamdesign.columns import read_columns, uniform_times
 from beamdesign.diagnosis.data.dataset import TimeRecord
 from beamdesign.diagnosis.data.dataset_index import index_of, kind_of, read_index, wrong_files
+from beamdesign.plant.actuators import not_felt
 from beamdesign.plant.assembly import OUTPUTS, assemble, parameters_of, problem_without_controller, structure_of
 from beamdesign.plant.compiled import half_steps, integrate
 from beamdesign.plant.equilibrium import equilibrium, substeps_for
@@ -101,6 +102,8 @@ def predict_record(prototype: Prototype, given: TimeRecord, nominal_sensor_gain:
         InputError: for effects that cannot be, where there is no equilibrium to start from, or
             where the record takes too many steps; see `beamdesign.plant.compiled`.
     """
+    if wrong := list(not_felt(type(prototype.actuator), given.controller.senses, "controller")):
+        raise InputError(prototype.name, wrong)
     rig = prototype.but(controller=given.controller)
     moved = _fixed if rig.schedule is None else _stages
     samples = moved(rig, given, nominal_sensor_gain)
@@ -124,7 +127,7 @@ def _fixed(rig: Prototype, given: TimeRecord, nominal_sensor_gain: float) -> np.
         raise InputError(rig.name, [("(figures)", str(error))]) from error
     substeps = substeps_for(assembly, parameters, given.times)
     inputs = half_steps(given.cleaned.inputs, substeps)
-    y, _ = integrate(kinds, given.times, inputs, start, parameters, substeps, FURTHEST_M)
+    y, _ = integrate(kinds, given.since_start, inputs, start, parameters, substeps, FURTHEST_M)
     columns = [OUTPUTS.index(name) for name in COLUMNS[1:]]
     return np.column_stack([given.times[: len(y)], y[:, columns]])
 

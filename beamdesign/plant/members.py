@@ -4,12 +4,13 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import product
 from math import prod
+from types import MappingProxyType
 
 import numpy as np
 from flint import fmpq
 
 from beamdesign.plant.assembly import effect_parameters_of, wrong_effects
-from beamdesign.plant.effects import Operation, Span, library
+from beamdesign.plant.effects import Operation, Span, Spans, library
 from beamdesign.plant.linear import LinearModel
 from beamdesign.polynomial import exact, nearest, rounded_down, rounded_up
 from beamdesign.prototype import Prototype
@@ -107,12 +108,17 @@ def served(
     return (*own, *stretched)
 
 
-def family(prototype: Prototype, largest_outer_end_mass: float | None = None) -> LinearFamily:
-    """The linear members of a prototype.
+def family(
+    prototype: Prototype,
+    largest_outer_end_mass: float | None = None,
+    varying: Mapping[str, tuple[fmpq, fmpq]] = MappingProxyType({}),
+) -> LinearFamily:
+    """The linear members of a prototype; of spans of effects all that any rig within ranges of its figures has.
 
     Args:
         prototype: with or without effects.
         largest_outer_end_mass: kg, whose weight is the load where an effect depends on it; else that of the payload.
+        varying: ranges of figures of the rig, in which spans are looked at.
 
     Raises:
         InputError: where an effect or a figure of it is unknown or out of bounds, or no linear loop can stand for it.
@@ -126,6 +132,9 @@ def family(prototype: Prototype, largest_outer_end_mass: float | None = None) ->
     supply = own.get("pressure_dependent_flow", {}).get("supply_pressure_Pa", prototype.supply.pressure_Pa)
     lumped, filtered = figures(prototype), prototype.sensor.filter_Hz is not None
     operation = Operation(lumped, load, supply)
+    # Spans go one way with each figure that they see, so that the corners of their ranges have the extremes.
+    seen = {name: {*map(nearest, varying[name])} for name in _OF_OPERATION if name in varying}
+    corners = [Operation(lumped | dict(zip(seen, at, strict=True)), load, supply) for at in product(*seen.values())]
     spans: dict[str, dict[str, Span]] = {}
     gains: dict[str, Span] = {}
     linears = {name: linear for name in own if (linear := library()[name].linear) is not None}
@@ -134,8 +143,8 @@ def family(prototype: Prototype, largest_outer_end_mass: float | None = None) ->
             wrong.append(Problem(f"effects.{name}", "no linear loop stands for this effect, so that nothing is proved"))
             continue
         try:
-            spans[name] = {key: span(parameters, operation) for key, span in linear.figures.items()}
-            gains |= {name: linear.gain(parameters, operation)} if linear.gain else {}
+            spans[name] = {key: _over(span, parameters, operation, corners) for key, span in linear.figures.items()}
+            gains |= {name: _over(linear.gain, parameters, operation, corners)} if linear.gain else {}
         except ValueError as error:
             wrong.append(Problem(f"effects.{name}", str(error)))
     if wrong:
@@ -166,6 +175,17 @@ def family(prototype: Prototype, largest_outer_end_mass: float | None = None) ->
     named = {f"{name}.{key}": span for name, key, span in places}
     with_load = any(linear.with_load for linear in linears.values())
     return LinearFamily(tuple(members), rest, named, load, with_load, gains)
+
+
+_OF_OPERATION = ("piston_area", "oil_stiffness", "outer_stiffness", "inner_stiffness")
+"""Figures of the rig on which spans of effects depend."""
+
+
+def _over(span: Spans, parameters: Mapping[str, float], nominal: Operation, corners: Sequence[Operation]) -> Span:
+    """What a span comes to over several rigs, with the rest of the nominal one."""
+    own, each = span(parameters, nominal), [span(parameters, at) for at in corners]
+    least, most = (min(one.performing[0] for one in each), max(one.performing[1] for one in each))
+    return Span(min(one.low for one in each), max(one.high for one in each), own.rest, (least, most))
 
 
 def paper_model(prototype: Prototype) -> LinearModel:

@@ -151,6 +151,9 @@ _ENOUGH = 1e-4
 """Once a member refutes a box, its volumes are worked out until this share of it is open."""
 
 
+Dashpot = Callable[[Mapping[str, fmpq]], Interval]
+
+
 @dataclass(frozen=True)
 class Box:
     """Closed ranges of some parameters.
@@ -159,11 +162,13 @@ class Box:
         ranges: ends by parameter, exact; those of a rig are the `rig_values`, SI, frequencies in rad/s.
         nominal: where scaling starts from, inside each range but not always in its middle.
         rigid: names whose ranges are asked for as they are, so that scaling leaves them alone.
+        dashpots: what gives the range of each, from the factors on the deviations of the figures behind it, by name.
     """
 
     ranges: Mapping[str, Interval]
     nominal: Mapping[str, fmpq]
     rigid: frozenset[str] = frozenset()
+    dashpots: Mapping[str, Dashpot] = field(default_factory=dict)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -178,6 +183,8 @@ class Box:
             if name not in self.rigid
             for middle in [self.nominal[name]]
         }
+        own = {name: fmpq(1) if name in self.rigid else factor for name in self.ranges}
+        drawn |= {name: of(own) for name, of in self.dashpots.items()}  # which are not linear in these
         return replace(self, ranges={**self.ranges, **drawn})
 
 

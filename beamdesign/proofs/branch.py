@@ -25,6 +25,8 @@ _TRIED = 3
 """In how many variables it is tried to cut a piece: those along which p moves farthest."""
 _NARROWEST_SHARE = 2.0**-40
 _NARROWEST_BAND = 1e-10
+_LEAST_BAND = 1e-200
+"""rad/s; below it there is no decimal between two floats."""
 """A piece as narrow as this, in a variable or relatively in frequency, is left undecided."""
 
 _LEADING_RATIO = 100
@@ -136,7 +138,7 @@ class Search:
 
     def _cut(self, node: _Node, near: float) -> None:
         """Cut in frequency, at a short decimal near the one given."""
-        if node.w2 - node.w1 < _NARROWEST_BAND * node.w2:
+        if node.w2 - node.w1 < max(_NARROWEST_BAND * node.w2, _LEAST_BAND):
             return
         digits = 3
         while not node.w1 < (w := float(f"{near:.{digits}g}")) < node.w2:

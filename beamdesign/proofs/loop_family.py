@@ -332,6 +332,8 @@ def _in_words(found: StabilityMap, name: str) -> str:
 
 def _keeps(family: LoopFamily, over: Loop | None, limit: float, verdict: BoxVerdict) -> tuple[bool | None, str]:
     """Whether every member keeps a peak sensitivity, all of them being stable; and why not."""
+    if limit <= 0:
+        return False, f"no loop has a peak sensitivity of {limit:g}"
     if over is not None:
         (ends,) = family.ranges.values()
         held = keeps(PEAK, over, number(limit), ends)

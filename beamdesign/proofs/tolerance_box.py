@@ -2,6 +2,7 @@
 
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
+from functools import partial
 from math import inf, pi
 
 from flint import arb, fmpq
@@ -10,12 +11,12 @@ from beamdesign.controllers import Proportional
 from beamdesign.parameters import PARAMETERS, TOLERANCES, with_unit
 from beamdesign.plant.members import family
 from beamdesign.polynomial import bounds, exact, nearest, shortened
-from beamdesign.proofs.box import Box, BoxVerdict, certify_box, unstable_member
+from beamdesign.proofs.box import Box, BoxVerdict, Dashpot, certify_box, unstable_member
 from beamdesign.proofs.box_member import Worst, worst_of
 from beamdesign.proofs.certificate import Asked
 from beamdesign.proofs.performance import rounded_below, servo_off_of
 from beamdesign.proofs.rig_family import effect_spans, performing_spans, rig_family, rig_values
-from beamdesign.proofs.statement import PolynomialFamily
+from beamdesign.proofs.statement import Interval, PolynomialFamily
 from beamdesign.prototype import Prototype
 from beamdesign.records import InputError, Problem
 
@@ -72,10 +73,16 @@ def tolerance_box(
         reason = "{:g} standard deviations of {:g} reach zero"
         raise InputError("tolerance", [Problem(n, reason.format(sigmas, deviations[n])) for n in wide])
     ranges = {name: (values[name] * (1 - share), values[name] * (1 + share)) for name, share in part.items()}
+    dashpots: dict[str, Dashpot] = {}
+
+    def drawn(factors: Mapping[str, fmpq], beam: str) -> Interval:
+        names = [f"{beam}_{figure}" for figure in ("stiffness", "mass", "damping")]
+        return _dashpot(values[names[2]], *(part[name] * factors.get(name, fmpq(1)) for name in names))
+
     for beam in ("outer", "inner"):
         if f"{beam}_damping" in values and f"{beam}_damping" not in (spread or {}):
-            shares = [part[f"{beam}_{figure}"] for figure in ("stiffness", "mass", "damping")]
-            ranges[f"{beam}_damping"] = _dashpot(values[f"{beam}_damping"], *shares)
+            dashpots[f"{beam}_damping"] = partial(drawn, beam=beam)
+            ranges[f"{beam}_damping"] = drawn({}, beam)
     payload = prototype.payload.outer_end_mass_kg if outer_end_mass is None else outer_end_mass
     rigid = set()
     for name, pair in (("outer_end_mass", payload), ("delay", delay_s)):
@@ -83,7 +90,8 @@ def tolerance_box(
             share = part.get(name, fmpq(0))
             ranges[name] = (exact(pair[0]) * (1 - share), exact(pair[1]) * (1 + share))
             rigid.add(name)
-    spans = effect_spans(family(prototype, None if payload is None else payload[1]))
+    heaviest = None if payload is None else nearest(ranges["outer_end_mass"][1])
+    spans = effect_spans(family(prototype, heaviest, ranges))
     ranges |= spans
     rigid |= set(spans)
     # One payload is a range too, where it is another than the expression has by itself.
@@ -93,7 +101,8 @@ def tolerance_box(
             raise InputError(prototype.name, [Problem(name, "has no tolerance and no range") for name in fixed])
         chosen = [name for name in chosen if name in names or name in rigid]
     nominal = {name: min(max(values[name], ranges[name][0]), ranges[name][1]) for name in chosen}
-    return Box({name: ranges[name] for name in chosen}, nominal, frozenset(rigid & set(chosen)))
+    kept = {name: of for name, of in dashpots.items() if name in chosen}
+    return Box({name: ranges[name] for name in chosen}, nominal, frozenset(rigid & set(chosen)), kept)
 
 
 def _dashpot(value: fmpq, stiffness: fmpq, mass: fmpq, ratio: fmpq) -> tuple[fmpq, fmpq]:

@@ -52,7 +52,7 @@ def rig_tables(
     if prototype.controller is not None:
         tables["controller"] = controller_table(prototype)
     if prototype.effects:
-        tables["effect"] = effect_tables(prototype, family(prototype, largest_outer_end_mass), varying)
+        tables["effect"] = effect_tables(prototype, family(prototype, largest_outer_end_mass, varying), varying)
     for name in _WHOLE:
         if (record := getattr(prototype, name)) is not None:
             tables[name] = stated(plain(record))
@@ -76,7 +76,7 @@ def prototype_table(
     arguments are those of `rig_tables`.
     """
     found = plain(prototype) | {"effects": effect_parameters_of(prototype), "material": _alloys(prototype)}
-    return found | {"effect": effect_tables(prototype, family(prototype, largest_outer_end_mass), varying)}
+    return found | {"effect": effect_tables(prototype, family(prototype, largest_outer_end_mass, varying), varying)}
 
 
 def stated(value: Any) -> Any:

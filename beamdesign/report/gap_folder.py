@@ -39,6 +39,7 @@ from beamdesign.result import finite, json_text, picked
 
 NAMES = {"prototype": "prototype.toml", "json": "diagnosis.json", "report": "report.html"}
 REDESIGNED, NEXT = "redesigned/prototype.toml", "next_experiment*.csv"
+_RETIRING = NEXT.replace("*", ""), NEXT.replace("*", "_[0-9]"), REDESIGNED, "redesigned/certificate*.toml"
 
 
 def write_gap_folder(
@@ -82,7 +83,7 @@ def write_gap_folder(
     fields |= {kind: str(folder / name) for kind, name in names.items() if kind != "json"}
     texts |= {"json": json_text(fields), "report": gap_report_html(found, names, data, terms, renewed)}
     files = {kind: (name, texts[kind]) for kind, name in names.items()}
-    paths = write_set(folder, files, (NEXT, REDESIGNED, "redesigned/*certificate.toml"))
+    paths = write_set(folder, files, _RETIRING)
     return paths, fields
 
 

@@ -13,6 +13,7 @@ from beamdesign import records
 from beamdesign.columns import read_columns, uniform_times
 from beamdesign.controllers import Controller
 from beamdesign.diagnosis.data.dataset_index import GainEntry, ResponseEntry, Taken, TimeEntry, index_of, read_index
+from beamdesign.plant.actuators import not_felt
 from beamdesign.plant.assembly import wrong_effects
 from beamdesign.prototype import Prototype, read_prototype
 from beamdesign.records import InputError, Problem, Record
@@ -54,6 +55,11 @@ class TimeRecord:
     def step(self) -> float:
         """Sampling interval, s."""
         return float(self.times[-1] - self.times[0]) / (len(self.times) - 1)
+
+    @cached_property
+    def since_start(self) -> np.ndarray:
+        """(N,) s, from its first sample: a drift begins with the record."""
+        return self.times - self.times[0]
 
     @cached_property
     def counted(self) -> np.ndarray:
@@ -213,6 +219,8 @@ def read_dataset(folder: str | Path) -> Dataset:
     def law(row: TimeEntry | ResponseEntry) -> Controller:
         chosen = row.controller or prototype.controller
         assert chosen is not None  # checked above
+        if wrong := list(not_felt(type(prototype.actuator), chosen.senses, f"controller of {row.file}")):
+            raise InputError(path, wrong)
         return _acting(chosen, row, row.file, path)
 
     felt = prototype.actuator.feels[0]
@@ -263,6 +271,9 @@ def _time_record(index: Path, row: TimeEntry, controller: Controller, felt: str,
         if not begin <= span[0] < span[1] <= end:
             words = f"of {row.file}: {list(span)} is no span within its {begin:g} to {end:g} s, beginning first"
             raise InputError(index, [("record.left_out_s", words)])
+    if 2 * sum(last - first for first, last in row.left_out_s) > end - begin:
+        words = f"of {row.file}: leaves out more than half of it; give the rest as a record of its own"
+        raise InputError(index, [("record.left_out_s", words)])
     return TimeRecord(path.stem, times, inputs, measured, *masses, controller, str(path), row.left_out_s)
 
 

@@ -38,7 +38,7 @@ _PER_FORCE = {"m": 1.0, "mm": 1e-3, "um": 1e-6, "in": 0.0254}
 CHANNELS = {
     "t_s": ("s", r"^t$|time|^zeit|^t[_ ]?s"),
     "disturbance_N": ("N", r"disturb|(?<!screw_)force|load(?!.*pres)|kraft|hammer|^f(_?d)?$"),
-    "command_V": ("V", r"command|\bcmd|reference|^ref|setpoint|set point|demand|soll"),
+    "command_V": ("V", r"command|(?<![a-z])cmd|reference|^ref|setpoint|set point|demand|soll"),
     "current_A": ("A", r"current|strom|^i(_?sv)?$|valve"),
     "inner_displacement_m": ("m", r"inner"),
     "displacement_m": ("m", r"displ|tip|deflection|position|^x(_?m)?$|weg|lvdt|outer"),
@@ -47,6 +47,8 @@ CHANNELS = {
 }
 """Columns of a record: their unit, and what their names look like elsewhere."""
 _NEEDED = ("t_s", "current_A", "displacement_m")
+_NOTHING = "0"
+"""Instead of a column: an input that there was none of."""
 
 
 @dataclass(frozen=True)
@@ -166,7 +168,13 @@ def import_measured(
             name = f"records/{_fresh(f'{path.stem}_{response.name}', tables)}.csv"
             tables[name], taken[name] = _compliance(response, path)
             entries["frequency_response"].append(at | {"file": name})
-    index = {"name": out.name, "prototype": "prototype.toml"} | {key: rows for key, rows in entries.items() if rows}
+    made = {"prototype.toml": prototype.read_bytes()} | dict.fromkeys(tables, b"")
+    if there := [name for name, held in made.items() if (out / name).exists() and (out / name).read_bytes() != held]:
+        reason = f"holds {', '.join(there)} already, which is not written over; name another folder"
+        raise InputError(out, [("--out", reason)])
+    index = {"name": out.resolve().name, "prototype": "prototype.toml"} | {
+        key: rows for key, rows in entries.items() if rows
+    }
     with fresh_folder(out) as fresh:
         (fresh / "records").mkdir(exist_ok=True)
         for name, table in tables.items():
@@ -197,6 +205,8 @@ def _record(
     left = {column.name: column for column in found.columns}
     chosen: dict[str, Column] = {}
     for channel, (name, unit, _) in named.items():
+        if channel in INPUTS and name == _NOTHING and name not in left:
+            continue
         if name not in left:
             wrong.append(Problem(channel, f"there is no column {name!r}; {_there(found)}"))
         else:
@@ -212,6 +222,11 @@ def _record(
                 f"may be {' or '.join(repr(one.name) for one in alike)}" if alike else "is not told by any name or unit"
             )
             wrong.append(Problem(channel, f"{which}: name it, --column '{channel} = NAME [UNIT]'; {_there(found)}"))
+    for channel in (one for one in INPUTS if one not in chosen and one not in named):
+        if perhaps := [repr(one.name) for one in free if one.unit and _unit_of(one.unit) == CHANNELS[channel][0]]:
+            which = f"may be {' or '.join(perhaps)}, by its unit"
+            none = f"or say that there is none, --column '{channel} = {_NOTHING}'"
+            wrong.append(Problem(channel, f"{which}: name it, --column '{channel} = NAME [UNIT]', {none}"))
     for channel, column in chosen.items():
         said = column.unit or (CHANNELS[channel][0] if column.name == channel else "")  # the name ends in it
         factor, words = _factor(channel, said, sensor_V_per_m)

@@ -98,7 +98,10 @@ def _text(path: Path) -> Measured:
     mark = max(";\t,", key=lambda one: sum(one in line for line in lines[-50:]))
     if not any(mark in line for line in lines[-50:]):
         raise _refuse(path, "has no columns: no comma, semicolon or tab parts its last rows")
-    rows = list(csv.reader(StringIO("\n".join(lines)), delimiter=mark))
+    try:
+        rows = list(csv.reader(StringIO("\n".join(lines)), delimiter=mark))
+    except csv.Error as error:
+        raise _refuse(path, f"is no table: {error}") from error
     first = next((k for k, row in enumerate(rows) if len(row) > 1 and all(map(_NUMBER.match, row))), None)
     if first is None or len(rows) - first < _FEWEST:
         raise _refuse(path, "holds no rows of numbers below its column names")
@@ -137,8 +140,8 @@ def _matlab(path: Path) -> Measured:
         found = loadmat(path, squeeze_me=True, simplify_cells=True)
     except NotImplementedError as error:
         raise _refuse(path, "is a MATLAB file of version 7.3: save it with `save(name, ..., '-v7')`") from error
-    except ValueError as error:
-        raise _refuse(path, f"is no MATLAB file: {error}") from error
+    except Exception as error:  # whatever the reader raises of a file that is cut or damaged
+        raise _refuse(path, f"is no MATLAB file that can be read: {error}") from error
     arrays = dict(_arrays(found))
     lengths = [len(one) for one in arrays.values()]
     if not lengths:

@@ -22,6 +22,7 @@ from beamdesign.plant.component import HEARD, state_space
 from beamdesign.plant.equilibrium import Linearisation
 from beamdesign.plant.members import paper_model
 from beamdesign.prototype import Prototype
+from beamdesign.quantities import LawGain, range_of
 
 CHANNELS = ("current_A", "displacement_m", "load_pressure_Pa", "inner_displacement_m")
 
@@ -110,6 +111,7 @@ _TRIED = 4000  # samples
 _TRUSTED = 3.0  # by how much saturation must shrink the residual to be believed
 _UNSEEN = 1e-6  # of the largest power of a line
 _BREAKS_HZ = (0.05, 2000.0)
+_GAINS = np.log([1.001 * range_of(LawGain).low, 0.999 * range_of(LawGain).high])
 _BELOW, _ENOUGH = 0.8, 10  # of the largest current; samples for each state of a controller
 _LEFT = 0.05  # residual that saturation may leave and be believed
 _SURE = 3.0  # standard deviations of the noise's power
@@ -216,9 +218,9 @@ def controller_fit(record: TimeRecord, sensor_gain: float) -> ControllerFit | No
         record: measured.
         sensor_gain: believed, V/m.
     """
-    current = record.measured["current_A"]
     if (asked := commanded_current(record, record.controller, sensor_gain)) is None:
         return None
+    current = asked + record.counted * (record.measured["current_A"] - asked)  # what does not count is as it should be
     residual, noise = mismatch(current, asked)
     gain = _gain(current, asked)
     delay = _shifted(current, asked, record.step, lambda w, t: np.exp(-1j * w * t), both_ways=True)
@@ -319,7 +321,7 @@ def refitted(record: TimeRecord, sensor_gain: float) -> Controller:
     size = float(np.std(current)) or 1.0
 
     def lag(z: np.ndarray) -> Lag:
-        gain = np.exp(np.clip(z[0], -16, 12))
+        gain = np.exp(np.clip(z[0], *_GAINS))
         pole, zero = np.exp(np.clip(z[1:], *np.log(_BREAKS_HZ)))
         return Lag(gain_A_per_V=float(gain), pole_Hz=float(pole), zero_Hz=float(zero))
 

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from beamdesign.diagnosis.data.dataset import Dataset, FrequencyResponse, MeasuredGain, TimeRecord
-from beamdesign.diagnosis.examination.nominal import controller_fit, nominal_loop
+from beamdesign.diagnosis.examination.nominal import ControllerFit, controller_fit, nominal_loop
 from beamdesign.diagnosis.examination.readings import (
     Reading,
     as_it_stands,
@@ -34,7 +34,9 @@ from beamdesign.diagnosis.examination.sound_records import (
     signals,
     suitability,
     twins,
+    where_it_counts,
 )
+from beamdesign.diagnosis.fitting.hypothesis import tolerated
 from beamdesign.loop import critical_gain
 from beamdesign.parameters import stated_or_typical
 from beamdesign.prototype import Prototype
@@ -192,6 +194,9 @@ def examine(data: Dataset) -> Examination:
     """
     tolerance, text = stated_or_typical(data.prototype.tolerance, type(data.prototype.actuator))
     prototype = data.prototype.but(tolerance=tolerance)
+    if not tolerated(prototype):  # of figures alone that this rig does not have
+        tolerance, text = stated_or_typical(type(tolerance)(), type(data.prototype.actuator))
+        prototype = prototype.but(tolerance=tolerance)
     data, gain = replace(data, prototype=prototype), prototype.sensor.gain_V_per_m
     warnings = [Caution("tolerances", "", text)] if text else []
 
@@ -199,23 +204,26 @@ def examine(data: Dataset) -> Examination:
         out = {caution.record for caution in warnings if caution.left_out}
         return tuple(record for record in data.records if record.name not in out)
 
+    def seen() -> tuple[TimeRecord, ...]:
+        return tuple(map(where_it_counts, usable()))
+
     # Each check sees what those before it have left.
     warnings += signals(usable())
-    warnings += first(law, usable(), prototype)
+    warnings += first(law, seen(), prototype)
     named = {caution.record for caution in warnings}
     mended = [(record, []) if record.name in named else bridged(record) for record in data.records]
     data = replace(data, records=tuple(record for record, _ in mended))
     warnings += [caution for _, found in mended for caution in found]
-    warnings += _misread(usable(), data)
-    warnings += first(suitability, usable(), prototype)
+    warnings += _misread(seen(), data)
+    warnings += first(suitability, seen(), prototype)
     warnings += twins(usable())
-    fits = {r.name: fit for r in usable() if (fit := controller_fit(r, gain)) is not None}
+    fits = {r.name: fit for r in usable() if (fit := _controller_fit(r, gain)) is not None}
     warnings = [lost_by_recorder(caution, fits) for caution in warnings]
     stuck = {caution.record for caution in warnings if caution.name == "stuck"}
-    warnings += contradictions([r for r in usable() if r.name in fits.keys() - stuck], fits, prototype)
+    warnings += contradictions([r for r in seen() if r.name in fits.keys() - stuck], fits, prototype)
     pairs = list(dict.fromkeys((r.outer_end_mass, r.inner_end_mass) for r in usable()))
-    warnings += first(partial(masses, pairs=pairs), usable(), prototype)
-    warnings += first(remarks, usable(), prototype)
+    warnings += first(partial(masses, pairs=pairs), seen(), prototype)
+    warnings += first(remarks, seen(), prototype)
     check_responses(data.responses, prototype)
     warnings += check_gains(data.gains, prototype, data.folder)
     records = usable()
@@ -226,6 +234,13 @@ def examine(data: Dataset) -> Examination:
         text = f"{gone} of {len(data.records)} records had to be left out; what remains cannot bear a confident answer"
         warnings.append(Caution("few_records", "", text, limits_confidence=True))
     return Examination(replace(data, records=records), tuple(warnings))
+
+
+def _controller_fit(record: TimeRecord, gain: float) -> ControllerFit | None:
+    """Of a record of which a span does not count the better one, whichever channel is spoilt there."""
+    either = (record, where_it_counts(record)) if record.left_out else (record,)
+    fits = (controller_fit(one, gain) for one in either)
+    return min((fit for fit in fits if fit is not None), key=lambda fit: fit.residual, default=None)
 
 
 def _misread(records: Sequence[TimeRecord], data: Dataset) -> list[Caution]:

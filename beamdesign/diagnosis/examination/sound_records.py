@@ -230,10 +230,10 @@ def said(record: TimeRecord, name: str, text: str) -> Caution:
 
 def signals(records: Sequence[TimeRecord]) -> list[Caution]:
     """What the signals show on their own."""
-    return [said(record, name, text) for record in records for name, text in _of_signals(_where_it_counts(record))]
+    return [said(record, name, text) for record in records for name, text in _of_signals(where_it_counts(record))]
 
 
-def _where_it_counts(record: TimeRecord) -> TimeRecord:
+def where_it_counts(record: TimeRecord) -> TimeRecord:
     """A record with straight lines across the spans that do not count: what is spoilt there spoils nothing."""
     there = record.counted > 0
     if there.all() or not there.any():

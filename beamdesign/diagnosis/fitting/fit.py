@@ -4,6 +4,7 @@ Fits are kept on disk as they are made, so that a diagnosis that was interrupted
 """
 
 import hashlib
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from io import BytesIO
@@ -370,8 +371,9 @@ def fit_cache(folder: Path, data: Dataset, fitted_by: str = "") -> FitCache:
     """
     seen = digest(data) + (fitted_by or np.__version__ + code_digest(_FITTED_BY))
     found = FitCache(folder, data.prototype, hashlib.sha256(seen.encode()).hexdigest()[:_KEY])
+    digits = f"[0-9a-f]{{{_KEY}}}"
     for stale in folder.glob("*-*.npz"):
-        if not stale.name.startswith(found.key):
+        if re.fullmatch(rf"{digits}-{digits}\.npz", stale.name) and not stale.name.startswith(found.key):
             stale.unlink()
     return found
 

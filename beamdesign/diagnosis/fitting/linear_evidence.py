@@ -194,7 +194,7 @@ class LinearEvidence(Evidence):
 _FORCE, _SEEN = INPUTS.index("disturbance_N"), OUTPUTS.index("displacement_m")
 _STABLE = 1e-6  # rad/s
 _NEIGHBOURS = 4
-_LARGEST_NOISE = 0.5
+_LARGEST_NOISE, _UNTOLD, _DIGITS = 0.5, SHARE, 1e-4
 _QUARTER, _MEDIAN = 0.3186, 0.6745  # quantiles of the size of a standard normal deviate
 
 
@@ -342,13 +342,13 @@ def scatter(measured: FrequencyResponse) -> np.ndarray:
 
     The median over the lines around, so that a single odd line does not count. A resonance bends over more lines than
     these, so it is no more than either a noise that is everywhere the same share, read off the quarter of the lines
-    that stand off least, or one that is everywhere the same displacement, read off the highest fifth. Zero for fewer
-    than five lines.
+    that stand off least, or one that is everywhere the same displacement, read off the highest fifth. Of fewer than
+    five lines, which do not tell, it is `_UNTOLD`; it is never less than `_DIGITS`.
     """
     size, place = np.abs(measured.response), np.log(measured.frequencies_Hz)
     magnitude, count = np.log(size), len(place)
     if count < 5:
-        return np.zeros(count)
+        return np.full(count, _UNTOLD)
     share = (place[1:-1] - place[:-2]) / (place[2:] - place[:-2])
     off = magnitude[1:-1] - (1 - share) * magnitude[:-2] - share * magnitude[2:]
     single = np.abs(off) / np.sqrt(1 + share**2 + (1 - share) ** 2)
@@ -356,7 +356,8 @@ def scatter(measured: FrequencyResponse) -> np.ndarray:
     relative = float(np.quantile(single, 0.25)) / _QUARTER
     last = max(1, count // 5)
     absolute = float(np.median((single * size[1:-1])[-last:])) / _MEDIAN / size
-    return np.minimum(np.minimum(np.array(around) / _MEDIAN, np.maximum(relative, absolute)), _LARGEST_NOISE)
+    found = np.minimum(np.minimum(np.array(around) / _MEDIAN, np.maximum(relative, absolute)), _LARGEST_NOISE)
+    return np.maximum(found, _DIGITS)
 
 
 def _mean(loops: list[Linearisation]) -> Linearisation:

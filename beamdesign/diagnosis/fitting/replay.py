@@ -85,7 +85,7 @@ class Replay:
         # Steps are counted anew only for another structure, or where the unknowns have gone a long way.
         key = (placement.assembly.kinds, placement.unknowns, tuple(np.round(z).astype(int)))
         parameters, placement = self.parameters(placement, z), self.placed(placement)
-        assembly, times = placement.assembly, self.record.times
+        assembly, times = placement.assembly, self.record.since_start
         columns = [assembly.outputs.index(name) for name in channels]
         try:
             start = at_rest(placement, parameters)
@@ -117,7 +117,7 @@ class Replay:
     def _enough(self, placement: Placement, parameters: np.ndarray, rest: np.ndarray) -> int:
         """Integration steps per sample, as at rest; of a law that is steep elsewhere, until more change little."""
         count = _steps(self.record.step, placement, parameters, rest)
-        assembly, times = placement.assembly, self.record.times
+        assembly, times = placement.assembly, self.record.since_start
         effects = assembly.kinds.effects
         if not set(effects) & _STEEP or law_of_play(effects):
             return count

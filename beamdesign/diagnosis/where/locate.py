@@ -206,6 +206,9 @@ def locate(
     shown = [indicator for _, indicator in votes]
     scores = {name: sum(_WEIGHTS[of.name] * by.get(name, 0.0) for by, of in votes) for name in SUBSYSTEMS}
     place = max(scores, key=lambda name: scores[name])
+    if scores[place] <= 0:
+        band, condition = ((0.0, 0.0), "") if seen is None else (seen.band_Hz, seen.condition)
+        return Where("", band, condition, "", tuple(shown), "Nothing says yet where the gap lies.")
     known = causes and (unknown <= 0.5 or causes[0].like) and shown[0].subsystem == place
     kind = kind_of_effect(chosen.hypothesis.realisation(causes[0].name)) if known else ""
     band, condition = (0.0, 0.0), ""
