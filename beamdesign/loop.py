@@ -45,6 +45,7 @@ class Loop:
             law's own `b_command`, over command volts; C is what the controller makes of that sensor. Of the same
             denominator as S; None where it is not known.
         added: the part of `loop_numerator` that comes from added sensors, all but the displacement's; zero without any.
+        crossed: the part of `disturbance` that goes through the feedback, as it does with added sensors.
     """
 
     loop_denominator: Affine
@@ -52,6 +53,7 @@ class Loop:
     disturbance: fmpq_poly
     effort_numerator: Affine | None = None
     added: Affine = field(default_factory=lambda: Affine(fmpq_poly([0]), fmpq_poly([0])))
+    crossed: fmpq_poly = field(default_factory=lambda: fmpq_poly([0]))
 
     @cached_property
     def characteristic(self) -> Affine:
@@ -65,12 +67,21 @@ class Loop:
 
     @property
     def gain_and_mass_apart(self) -> bool:
-        """Whether a factor on the gain and the mass do not multiply each other: `loop_numerator` is free of m."""
-        return self.loop_numerator.slope.is_zero()
+        """Whether a factor on the gain and the mass do not multiply each other: `loop_numerator` is free of m.
+
+        As m acts by a force on the tip, so is `disturbance` of the gain then.
+        """
+        return self.loop_numerator.slope.is_zero() and self.crossed.is_zero()
 
     def scaled(self, factor: fmpq) -> "Loop":
         """The loop with its gain times a factor, on the valve or its flow and not on the controller."""
-        return replace(self, loop_numerator=self.loop_numerator * factor, added=self.added * factor)
+        return replace(
+            self,
+            loop_numerator=self.loop_numerator * factor,
+            disturbance=self.disturbance + self.crossed * (factor - 1),
+            added=self.added * factor,
+            crossed=self.crossed * factor,
+        )
 
     def at(self, outer_end_mass: float) -> "LoopAtMass":
         """The loop at one outer end mass, kg."""
@@ -89,13 +100,15 @@ def close_loop(plant: Plant, controller: Controller) -> Loop:
     if law.sensors != plant.sensors:
         raise ValueError(f"the plant has the sensors {plant.sensors}, the controller {law.sensors}")
     own, *others = (control * above for control, above in zip(plant.control, law.numerators, strict=True))
-    crossed = (part * above for part, above in zip(plant.crossed, law.numerators, strict=True))
+    through = (part * above for part, above in zip(plant.crossed, law.numerators, strict=True))
+    crossed = sum(through, fmpq_poly([0]))
     return Loop(
         loop_denominator=plant.denominator * law.denominator,
         loop_numerator=sum(others, own),
-        disturbance=sum(crossed, plant.disturbance * law.denominator),
+        disturbance=plant.disturbance * law.denominator + crossed,
         effort_numerator=plant.denominator * law.numerators[0],
         added=sum(others, own * fmpq(0)),
+        crossed=crossed,
     )
 
 

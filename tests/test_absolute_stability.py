@@ -9,6 +9,7 @@ import pytest
 from flint import fmpq, fmpq_poly
 from forging import altered, resealed
 from honest_certificates import valid
+from rigs_of_effects import with_effects
 from scipy.integrate import solve_ivp
 from typer.testing import CliRunner
 
@@ -198,6 +199,17 @@ def test_an_altered_statement_is_refused(written: str, key: str, value: object):
 def test_an_altered_kernel_is_refused(written: str, key: str, value: object):
     place = ("nonlinear", 0, "term", 0, key)
     assert not valid(altered(written, place, value))
+
+
+def test_a_statement_of_some_loops_alone_says_so(tame: Prototype):
+    """Of a prototype with effects there are several, and each is numbered."""
+    text = certify(with_effects(tame, "current_saturation", "entrained_air"), 0.0, 6.8, nonlinear=True).text
+    table = tomllib.loads(text)
+    loops = table["nonlinear"][0]["loops"]
+    assert len(loops) > 1
+    assert not any("alone" in line for line in check(text).proved)
+    table["nonlinear"][0]["loops"] = loops[1:]
+    assert any(f"of loops {loops[1]} of {len(loops)} alone" in line for line in check(resealed(table)).proved)
 
 
 def test_another_loop_needs_another_multiplier(tame: Prototype, fast: Prototype, written: str):

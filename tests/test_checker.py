@@ -6,6 +6,7 @@ import sys
 import tomllib
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -16,19 +17,31 @@ from hypothesis import strategies as st
 from pydantic_core import PydanticUndefined
 
 import beamdesign
-from beamdesign import Prototype, certify, check, checker, write_prototype
+from beamdesign import Prototype, certify, certify_box, check, checker, read_prototype, write_prototype
 from beamdesign.checker import KEYS, Unreadable
 from beamdesign.checker.law import SCHEDULED
 from beamdesign.checker.prototype import DEFAULTS
-from beamdesign.checker.reading import rational
+from beamdesign.checker.reading import rational, short, span
 from beamdesign.checker.roots import _hurwitz_matrix, bound, halve, is_hurwitz, isolate
 from beamdesign.controllers.scheduled import Estimator, Scheduled
 from beamdesign.plant.actuators.ball_screw import BallScrew
 from beamdesign.polynomial import roots
 from beamdesign.proofs.certificate import Asked
 from beamdesign.proofs.writer import prototype_table
-from beamdesign.prototype import COMPLIANCE_LIMIT_M_PER_N, Arm, Beam, Compliance, Goal, Payload, Servovalve, Tolerance
+from beamdesign.prototype import (
+    COMPLIANCE_LIMIT_M_PER_N,
+    Arm,
+    Beam,
+    Compliance,
+    Goal,
+    Guarantee,
+    Payload,
+    Servovalve,
+    Tolerance,
+)
+from beamdesign.synthesis.design_run import stating
 
+TAME = Path(__file__).parents[1] / "studies" / "prototypes" / "tame_lag.toml"
 ASKED = (
     Asked("decay_rate", 3.0),
     Asked("gain_margin", 1.05),
@@ -73,7 +86,7 @@ def test_every_kind_of_loop_is_built_anew(remedy: Prototype, kind: str, filter_H
 def test_every_statement_is_repeated_with_its_number(stable: str, unstable: str) -> None:
     said = check(unstable).proved
     assert "unstable from 0 to 1.968442 kg" in said
-    assert "stable from 1.968442 to 17.79211 kg" in said
+    assert "stable from 1.968443 to 17.79211 kg" in said
     assert "stable: no" in said
     said = check(stable).proved
     assert "stays stable up to 17.79211 kg" in said
@@ -193,6 +206,58 @@ def test_a_guarantee_rests_on_its_own_file(remedy: Prototype, tmp_path: Path) ->
     assert check(path, table | {"guarantee": {"certificate": "other.toml", "certificate_sha256": "0" * 64}}).valid
 
 
+def test_a_guarantee_states_no_more_than_its_file_proves(remedy: Prototype) -> None:
+    found = certify(remedy, 3.0, 5.0)
+    sure = found.guaranteed
+    assert sure is not None
+
+    def failed(**stated: Any) -> tuple[str, ...]:
+        own = stating(remedy, found.text, (3.0, 5.0), sure.bandwidth_Hz, sure.peak_sensitivity).guarantee
+        return check(found.text, prototype_table(remedy) | {"guarantee": own.model_dump(mode="json") | stated}).failed
+
+    assert failed() == ()
+    assert failed(outer_end_mass_kg=[3.5, 4.5], bandwidth_Hz=0.9 * sure.bandwidth_Hz, peak_sensitivity=99.0) == ()
+    for stated, words in (
+        ({"bandwidth_Hz": 1.001 * sure.bandwidth_Hz}, "a bandwidth beyond"),
+        ({"peak_sensitivity": 0.999 * sure.peak_sensitivity}, "a peak sensitivity below"),
+        ({"outer_end_mass_kg": [2.999, 5.0]}, "payloads beyond"),
+        ({"sigmas": 0.1}, "standard deviations, of which the certificate is not"),
+    ):
+        assert [words in line for line in failed(**stated)] == [True], stated
+
+
+def test_a_guarantee_of_a_box_states_no_more_standard_deviations_than_it_has() -> None:
+    own = read_prototype(TAME).but(guarantee=None)
+    found = certify_box(own, (0.0, 6.8), sigmas=1.0)
+    sure = found.guaranteed
+
+    def failed(sigmas: float, masses: tuple[float, float] = (0.0, 6.8)) -> tuple[str, ...]:
+        stated = stating(own, found.text, masses, sure["bandwidth_Hz"], sure["peak_sensitivity"], sigmas=sigmas)
+        return check(found.text, prototype_table(own) | {"guarantee": stated.guarantee.model_dump(mode="json")}).failed
+
+    assert failed(1.0) == failed(0.5) == ()
+    assert len(failed(1.001)) == len({*found.box.names} - {"outer_end_mass"}) == 13
+    assert failed(1.0, (0.0, 6.9)) == ("the prototype's [guarantee] states payloads beyond those of the certificate",)
+
+
+def test_words_of_what_is_proved_are_rounded_to_the_safe_side() -> None:
+    limit, third = fmpq(20000001, 10000000), fmpq(1, 3)
+    assert (short(limit, up=True), short(limit, up=False), short(limit)) == ("2.000001", "2", "2")
+    assert (short(third, up=True), short(-third, up=True), short(fmpq(34, 5), up=True)) == (
+        "0.3333334",
+        "-0.3333333",
+        "6.8",
+    )
+    assert span((third, 2 * third)) == "0.3333334 to 0.6666666"
+    narrow = [float(end) for end in span((limit, limit + fmpq(1, 10**9))).split(" to ")]
+    assert narrow == pytest.approx([2.0000001, 2.000000101], rel=1e-15)
+
+
+def test_a_path_with_a_nul_is_unreadable() -> None:
+    with pytest.raises(Unreadable, match="NUL"):
+        check(Path("a\0b.toml"))
+
+
 def test_a_file_does_not_say_what_its_effects_come_to(remedy: Prototype, tmp_path: Path) -> None:
     """Only a caller who has worked out the elements may say so; a file that does is told what was not looked at."""
     rig = remedy.but(effects={"sensor_lag": {"break_Hz": 900.0}})
@@ -210,6 +275,7 @@ def test_it_knows_the_keys_and_defaults_of_a_prototype() -> None:
         "servovalve": Servovalve,
         "payload": Payload,
         "goal": Goal,
+        "guarantee": Guarantee,
         "arm": Arm,
         "actuator": BallScrew,
     }

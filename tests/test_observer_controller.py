@@ -26,10 +26,10 @@ from beamdesign import (
 )
 from beamdesign.build.realisation.realise import realise
 from beamdesign.checker import Unreadable
-from beamdesign.checker.roots import stable_on_rectangle
+from beamdesign.checker.rectangle import stable_on_rectangle
 from beamdesign.cli import app
 from beamdesign.controllers import SENSED, Lag, Observer
-from beamdesign.loop import loop
+from beamdesign.loop import loop, tip
 from beamdesign.plant.linear_reach import signals, single_compliance, with_mass
 from beamdesign.plant.members import family, paper_model
 from beamdesign.polynomial import Affine, exact
@@ -314,6 +314,16 @@ def test_an_island_of_instability_inside_stable_sides_is_found() -> None:
             assert found.decided
             assert (found.mass - 1) ** 2 + (found.factor - 1) ** 2 == pytest.approx(float(e))
             assert (2 * pi * found.frequency_Hz) ** 2 == pytest.approx(1 + found.mass + found.factor)
+
+
+def test_a_loop_of_half_its_gain_is_that_of_half_the_gain(bare: Prototype, rig: Prototype) -> None:
+    """The compliance, too: with added sensors a part of its numerator goes through the feedback."""
+    half, scaled = loop(rig.but(controller=rig.controller.but(gain_A_per_V=LAW.gain_A_per_V / 2))), loop(rig)
+    scaled = scaled.scaled(fmpq(1, 2))
+    for name in ("loop_denominator", "loop_numerator", "disturbance", "added", "crossed"):
+        assert getattr(scaled, name) == getattr(half, name), name
+    assert tip(scaled).moved == half.disturbance
+    assert not scaled.crossed.is_zero()
 
 
 def test_gain_margin_where_mass_and_gain_multiply(rig: Prototype, proved: Certificate) -> None:

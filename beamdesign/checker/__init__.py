@@ -11,7 +11,6 @@ by another method than the prover's, boxes and Lyapunov functions by the same me
 import tomllib
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
-from hashlib import sha256
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -19,6 +18,7 @@ from typing import Any
 from flint import ctx
 
 from beamdesign.checker.box_loop import DEVIATIONS
+from beamdesign.checker.guarantee import rests_on
 from beamdesign.checker.prototype import ALLOY, differences, left_open
 from beamdesign.checker.reading import LARGEST_BYTES, Table, Unreadable, rational, read, sealed, short, span
 from beamdesign.checker.rig import Effect, Rig
@@ -125,7 +125,7 @@ def check(
             elif given is not None and rig is not None:
                 others = [(False, f"not of this prototype: {line}") for line in differences(table, rig, given)]
                 results += others or [(True, "it is of this prototype")]
-                results += _named(given, data, source)
+                results += rests_on(given, data, source, table, rig)
                 unread += left_open(table, rig, given)
             words = tuple(about(table, rig))
             table.done()
@@ -148,6 +148,8 @@ def _given(prototype: Any, table: Table) -> PrototypeTable:
 
 
 def _bytes(path: Path) -> bytes:
+    if "\0" in str(path):
+        raise Unreadable("no path holds a NUL")
     try:
         if path.exists() and not path.is_file():  # a pipe would keep whoever opens it waiting
             raise Unreadable("is not a regular file")
@@ -164,18 +166,6 @@ def _toml(path: Path) -> PrototypeTable:
         raise Unreadable(f"the prototype is not valid TOML: {str(error)[:200]}") from error
     # No file says what its effects come to: only a caller who works them out may.
     return {key: value for key, value in table.items() if key != "effect"}
-
-
-def _named(prototype: PrototypeTable, data: bytes, source: str | Path) -> list[tuple[bool, str]]:
-    """Whether the guarantee that a prototype states rests on this certificate, where it says so."""
-    guarantee = prototype.get("guarantee")
-    if not isinstance(guarantee, dict):
-        return []
-    if guarantee.get("certificate_sha256") == sha256(data).hexdigest():
-        return [(True, "the prototype's [guarantee] rests on this very file")]
-    if isinstance(source, Path) and guarantee.get("certificate") == source.name:
-        return [(False, "the prototype's [guarantee] rests on a file of this name with another content (sha256)")]
-    return []
 
 
 # What a certificate is about, in words: its rig, its controller, its effects with their sizes, and what is asked.

@@ -21,7 +21,7 @@ from beamdesign.checker.box_loop import (
 )
 from beamdesign.checker.expressions import Circle, Expression
 from beamdesign.checker.nonlinear import UNITS, Multiplier
-from beamdesign.checker.reading import Table, Unreadable, judged, short
+from beamdesign.checker.reading import Table, Unreadable, judged, short, span
 from beamdesign.checker.rig import Rig
 from beamdesign.checker.roots import ZERO, Pair, ends, is_hurwitz, unstable_roots
 from beamdesign.checker.zero_exclusion import PRECISION_BITS, walked
@@ -51,7 +51,7 @@ def statements(table: Table, rig: Rig | None) -> Iterator[tuple[bool, str]]:
     ]
     if rig is None:
         for name, (low, high) in expression.ranges.items():
-            yield True, f"{name} from {short(low)} to {short(high)}"
+            yield True, f"{name} from {span((low, high))}"
     else:
         yield from of_rig(table, expression, rig)
     inside = member.keys() == expression.ranges.keys() and all(
@@ -112,12 +112,12 @@ class Claim:
         if self.kind == "compliance" and "bandwidth_Hz" in stated:
             bandwidth = stated.at_least("bandwidth_Hz", 0, above=True)
         self.until = None if bandwidth is None else bandwidth * _OVER_TURN
-        above = "at every frequency" if bandwidth is None else f"up to {short(bandwidth)} Hz"
+        above = "at every frequency" if bandwidth is None else f"up to {short(bandwidth, up=False)} Hz"
         self.since = fmpq(0)
         if self.kind == "loop_gain":
             start = stated.at_least("from_Hz", 0)
-            self.since, above = start * _UNDER_TURN, f"from {short(start)} Hz up"
-        self.words, self.multiplier = CLAIMS[self.kind].format(short(limit), above), None
+            self.since, above = start * _UNDER_TURN, f"from {short(start, up=True)} Hz up"
+        self.words, self.multiplier = CLAIMS[self.kind].format(short(limit, up=True), above), None
         if self.kind == "slope":
             self.multiplier = Multiplier(stated)
             if limit != 1 or self.multiplier.popov:
@@ -259,7 +259,8 @@ class Deviation:
         self.marks = [[mark for line in one.words("tree") for mark in line.split()] for one in bands]
         own = (f" with {name} {words_of(self.expression.ranges[name])}" for name in sorted(self.expression.own.keys))
         self.words = (
-            f"an error of at most {short(self.size)} {UNITS[self.place]} moves the tip by at most {short(self.bound)} m"
+            f"an error of at most {short(self.size, up=False)} {UNITS[self.place]} moves the tip by at most"
+            f" {short(self.bound, up=True)} m"
             f" for every member of the box{' and'.join(own)}"
         )
 

@@ -12,7 +12,7 @@ from typing import Any
 from flint import fmpq, fmpq_mpoly, fmpq_mpoly_ctx, fmpq_poly
 
 from beamdesign.checker.expressions import MOST_PRODUCTS, UNKNOWN, Expression
-from beamdesign.checker.law import SENSED
+from beamdesign.checker.law import SENSED, decimal
 from beamdesign.checker.mechanics import Elements, Number, electronics, mechanics, strayed
 from beamdesign.checker.reading import Table, Unreadable, rational, short, span
 from beamdesign.checker.rig import MOST_MEMBERS, ONCE, Rig, without_unit
@@ -48,7 +48,7 @@ def of_rig(table: Table, expression: Expression, rig: Rig) -> Iterator[tuple[boo
         raise Unreadable(f"not figures of this rig, or left out of its box: {', '.join(wrong)[:300]}")
     if expression.delay not in (None, "delay") or any(expression.ranges[name][0] < 0 for name in left):
         raise Unreadable("the delay and the outer end mass must not be negative")
-    deviations = _deviations(table, own)
+    deviations = deviations_of(table, own)
     for name, ends in expression.ranges.items():
         if name in own and not ends[0] <= own[name] <= ends[1]:
             yield False, f"{name}: the rig's own, {short(own[name])}, is not within {words_of(ends)}"
@@ -280,11 +280,11 @@ def _share(name: str, ends: Pair, own: Mapping[str, fmpq], deviations: Mapping[s
     """A range as parts of the rig's own figure, and in standard deviations where these are stated."""
     if name not in own or own[name] == 0:
         return ""
-    low, high = (float(short(100 * (end / own[name] - 1))) for end in ends)
+    low, high = (float(short(100 * (end / own[name] - 1), up, 4)) for end, up in zip(ends, (True, False), strict=True))
     words = f", {low:+.4g} % to {high:+.4g} % of the rig's {short(own[name])}"
     if any(deviations.get(name, ())):
-        count = float(short(sigmas(ends, own[name], *deviations[name])))
-        words += f", {count:.4g} standard deviation{'' if count == 1 else 's'}"
+        count = sigmas(ends, own[name], *deviations[name])
+        words += f", {count} standard deviation{'' if count == '1' else 's'}"
     return words
 
 
@@ -298,7 +298,7 @@ def _of_span(name: str, rig: Rig, spans: Mapping[str, tuple[int, str]]) -> str:
     return f", of {words_of(rig.effects[k].spans[key].ends)} that the effect makes of it"
 
 
-def _deviations(table: Table, own: Mapping[str, fmpq]) -> dict[str, list[fmpq]]:
+def deviations_of(table: Table, own: Mapping[str, fmpq]) -> dict[str, list[fmpq]]:
     """Relative standard deviations behind each figure: its own, and for a dashpot those of stiffness and mass."""
     entries = Table(table.optional("tolerance").whole_of_it(), "tolerance")
     stated = {key: entries.at_least(key, 0) for key in entries.keys}
@@ -308,17 +308,21 @@ def _deviations(table: Table, own: Mapping[str, fmpq]) -> dict[str, list[fmpq]]:
     return found
 
 
-def sigmas(ends: Pair, figure: fmpq, own: fmpq, stiffness: fmpq = fmpq(0), mass: fmpq = fmpq(0)) -> fmpq:  # noqa: B008
-    """How many standard deviations to either side a range holds, rounded down.
+def sigmas(ends: Pair, figure: fmpq, *deviations: fmpq) -> str:
+    """How many standard deviations to either side a range holds, to four digits, rounded down."""
+    least, most = fmpq(0), 1 / max(deviations)
+    for _ in range(_HALVINGS):
+        middle = (least + most) / 2
+        least, most = (middle, most) if holds(ends, figure, middle, *deviations) else (least, middle)
+    near = short(most, digits=4)  # a whole number is never met by halves
+    return near if holds(ends, figure, decimal(float(near)), *deviations) else short(least, up=False, digits=4)
+
+
+def holds(ends: Pair, figure: fmpq, n: fmpq, *deviations: fmpq) -> bool:
+    """Whether a range holds so many standard deviations to either side, n times the largest being below one.
 
     Of a dashpot 2 zeta sqrt(K M), with those of zeta, K and M all at once.
     """
-    least, most = fmpq(0), 1 / max(own, stiffness, mass)
-    for _ in range(_HALVINGS):
-        n = (least + most) / 2
-        squares = [figure**2 * (1 + e * own) ** 2 * (1 + e * stiffness) * (1 + e * mass) for e in (-n, n)]
-        if ends[0] ** 2 <= squares[0] and squares[1] <= ends[1] ** 2:
-            least = n
-        else:
-            most = n
-    return least
+    own, *behind = deviations
+    squares = [figure**2 * (1 + e * own) ** 2 * prod(1 + e * one for one in behind) for e in (-n, n)]
+    return ends[0] ** 2 <= squares[0] and squares[1] <= ends[1] ** 2

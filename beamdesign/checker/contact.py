@@ -12,7 +12,7 @@ from itertools import pairwise, product
 from flint import fmpq, fmpq_poly
 
 from beamdesign.checker.mass_range import Statements, up_to
-from beamdesign.checker.reading import Table, Unreadable, judged, rational, short
+from beamdesign.checker.reading import Table, Unreadable, judged, rational, short, span
 from beamdesign.checker.rig import Rig
 from beamdesign.checker.roots import ZERO, Family, Pair, S, Slack, bound, inner, parts, pieces
 
@@ -124,7 +124,7 @@ def _end(value: fmpq | None) -> str:
 
 def _contact(table: Table, port: Port, masses: Pair) -> Statements:
     walls = [table.range(name, least=0) for name in FIGURES[:2]]
-    words = ", ".join(f"{short(low)} to {short(high)}" for low, high in walls)
+    words = ", ".join(map(span, walls))
     holds = port.stable_on((*walls, masses))
     words = f"stable with every end mass against every wall of {words} (N/m, N s/m)"
     yield judged(holds, words, table.flag("stable"))
@@ -154,7 +154,7 @@ def _one_sided(table: Table, port: Port, stable: bool, masses: Pair) -> tuple[bo
     if stiffness == 0:
         return True, "of no one-sided wall is it claimed that the loop comes to rest before it"
     proved = stable and Popov(port, stiffness * STIFFER, multiplier).nonnegative(*masses, None)
-    return judged(proved, f"comes to rest before every one-sided wall up to {short(stiffness)} N/m")
+    return judged(proved, f"comes to rest before every one-sided wall up to {short(stiffness, up=False)} N/m")
 
 
 def _stiffness(table: Table, port: Port, masses: Pair) -> tuple[bool, str]:
@@ -164,5 +164,5 @@ def _stiffness(table: Table, port: Port, masses: Pair) -> tuple[bool, str]:
     if until == 0:
         return True, f"no band is claimed of an end stiffness of {short(stiffness)} N/m"
     slack = Slack(share * stiffness, (port.moved, ZERO), (port.bare - stiffness * port.moved, S * S * port.moved))
-    words = f"end stiffness {short(stiffness)} N/m within {short(share)} of it {band}"
+    words = f"end stiffness {short(stiffness)} N/m within {short(share, up=True)} of it {band}"
     return judged(slack.nonnegative(*masses, until), words)

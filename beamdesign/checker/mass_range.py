@@ -12,6 +12,7 @@ from flint import arb, arb_poly, fmpq, fmpq_poly
 
 from beamdesign.checker.nonlinear import nonlinear
 from beamdesign.checker.reading import MOST_WORK, Table, Unreadable, judged, rational, short, span
+from beamdesign.checker.rectangle import stable_on_rectangle
 from beamdesign.checker.rig import ONCE, Loop, Rig
 from beamdesign.checker.roots import (
     NONE,
@@ -31,7 +32,6 @@ from beamdesign.checker.roots import (
     plus,
     square_free,
     squared,
-    stable_on_rectangle,
 )
 
 # What is stated of stability: ranges, crossings between them, and how far they reach.
@@ -66,7 +66,7 @@ def stability(table: Table, family: Family, low: fmpq, high: fmpq) -> Statements
             far = rational(stated, key) if stated != "infinite" or not upwards else _reach(family, high)
             a, b = (high, far) if upwards else (far, low)
             proved = 0 <= a <= b and family.is_stable_over(a, b)
-            end = stated if stated == "infinite" else short(far)
+            end = stated if stated == "infinite" else short(far, up=not upwards)
             yield judged(proved, f"stays stable {'up' if upwards else 'down'} to {end} kg")
 
 
@@ -209,10 +209,10 @@ class Bound:
             unit, (self.until, band) = " m/N", up_to(claim)
         elif kind == "loop_gain":
             hertz = claim.at_least("from_Hz", 0)
-            self.start, band = max(squared(hertz)[0], NONE), f"from {short(hertz)} Hz up"
+            self.start, band = max(squared(hertz)[0], NONE), f"from {short(hertz, up=True)} Hz up"
         elif kind == "controller_effort":
             unit = " A/V"
-        self.words = f"{kind.replace('_', ' ')} at most {short(self.limit)}{unit} {band}".rstrip()
+        self.words = f"{kind.replace('_', ' ')} at most {short(self.limit, up=True)}{unit} {band}".rstrip()
 
     def covers(self, square: fmpq) -> bool:
         """Whether it says something of a w^2."""
@@ -224,7 +224,7 @@ def up_to(table: Table) -> tuple[fmpq | None, str]:
     if table.take("bandwidth_Hz") == "infinite":
         return None, "at every frequency"
     hertz = table.at_least("bandwidth_Hz", 0)
-    return squared(hertz)[1], f"up to {short(hertz)} Hz"
+    return squared(hertz)[1], f"up to {short(hertz, up=False)} Hz"
 
 
 def magnitudes(
@@ -373,11 +373,11 @@ def _claim(claim: Table, loops: Sequence[Loop], whole: bool, masses: Pair) -> tu
     else:
         limit = claim.at_least("limit", 0, above=kind == "decay_rate")
         if kind == "decay_rate":
-            words = f"every pole decays faster than {short(limit)} 1/s"
+            words = f"every pole decays faster than {short(limit, up=False)} 1/s"
             truth = all(_is_stable_over(loop, masses, S - limit) for loop in loops)
             at_witness = at_witness and unstable(S - limit)
         else:
-            words = f"stable with the gain times every number from 1 to {short(limit)}"
+            words = f"stable with the gain times every number from 1 to {short(limit, up=limit < 1)}"
             times = min(limit, fmpq(1)), max(limit, fmpq(1))
             truth = all(_is_stable_over(loop, masses, times=times) for loop in loops)
             at_witness = at_witness and unstable(least=times[0], most=times[1])

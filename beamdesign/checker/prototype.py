@@ -91,6 +91,7 @@ DEFAULTS: dict[str, dict[str, Any]] = {
     "servovalve": {"damping_ratio": 0.5},
     "actuator": {"rotor_friction_N_m_s_per_rad": 0.0, "screw_damping_N_s_per_m": 0.0},
     "payload": {"inner_end_mass_kg": 0.0},
+    "guarantee": {"sigmas": 0.0},
     "goal": {
         "compliance_m_per_N": 5.71e-8,
         "peak_sensitivity": 2.0,
@@ -143,19 +144,19 @@ def differences(table: Table, rig: Rig, prototype: Mapping[str, Any]) -> Iterato
             yield f"{name} is {'none' if stated is None else short(stated)}, that of the prototype {there}"
     yield from _laws(table, rig, prototype)
     yield from _plane(table, prototype)
-    given = _table(prototype, "effects")
+    given = table_of(prototype, "effects")
     stated_effects = {effect.name: effect.parameters for effect in rig.effects}
     if stated_effects.keys() != given.keys():
         yield f"its effects are {', '.join(stated_effects) or 'none'}, the prototype's {', '.join(given) or 'none'}"
     for name in stated_effects.keys() & given.keys():
-        for key, value in _table(given, name).items():
+        for key, value in table_of(given, name).items():
             if stated_effects[name].get(key) != _number(value, f"effects.{name}.{key}"):
                 yield f"effects.{name}.{key} is not that of the prototype, {value}"
     yield from _alloys(materials.whole_of_it(), prototype)
     if "effect" in prototype and prototype["effect"] != (table.entries("effect") if "effect" in table else []):
         yield "the elements stated are not those that stand for its effects"
     for name in TABLES:
-        stated_table, given_table = _full(table.optional(name).whole_of_it()), _full(_table(prototype, name))
+        stated_table, given_table = _full(table.optional(name).whole_of_it()), _full(table_of(prototype, name))
         if name in prototype or name in ("payload", "goal"):
             given_table = DEFAULTS.get(name, {}) | given_table
         if name == "goal":  # of which some certificates say nothing
@@ -169,15 +170,15 @@ def differences(table: Table, rig: Rig, prototype: Mapping[str, Any]) -> Iterato
             given_table = {key: value for key, value in given_table.items() if value and stated_table}
         if not same(stated_table, given_table):
             yield f"[{name}] is not that of the prototype"
-    if rig.inner_end_mass != _number(_of(prototype, "payload", "inner_end_mass_kg"), "payload.inner_end_mass_kg"):
+    if rig.inner_end_mass != number_of(prototype, "payload", "inner_end_mass_kg"):
         yield "inner_end_mass_kg is not that of the prototype"
 
 
 def _alloys(stated: Mapping[str, Any], prototype: Mapping[str, Any]) -> Iterator[str]:
     """Where a certificate's materials are others than a prototype's, which has all or, in its file, its own alone."""
-    given = _table(prototype, "material")
+    given = table_of(prototype, "material")
     for name, figures in stated.items():
-        own = {key: value for key, value in _table(given, name).items() if key in figures}
+        own = {key: value for key, value in table_of(given, name).items() if key in figures}
         if not figures.keys() <= {*ALLOY} or not same({key: figures[key] for key in own}, own):
             yield f"[material.{name}] is another than that of the prototype"
     if "effect" in prototype and not same(dict(stated), given):  # worked out by whoever asks: complete
@@ -186,31 +187,31 @@ def _alloys(stated: Mapping[str, Any], prototype: Mapping[str, Any]) -> Iterator
 
 def left_open(table: Table, rig: Rig, prototype: Mapping[str, Any]) -> Iterator[str]:
     """What cannot be told from the prototype's table alone, and what it asks for beyond what is proved, in words."""
-    payload, box = _table(prototype, "payload"), table.optional("range").whole_of_it()
+    payload, box = table_of(prototype, "payload"), table.optional("range").whole_of_it()
     at, key = (Table(box), "outer_end_mass") if box else (table, "outer_end_mass_kg")
     if "outer_end_mass_kg" in payload and key in at:
-        (low, high), (least, most) = at.range(key), _masses(payload)
+        (low, high), (least, most) = at.range(key), masses_of(payload)
         if not low <= least <= most <= high:
             yield f"the prototype's payloads, {short(least)} to {short(most)} kg, are not all within those proved"
-    own, every = _table(prototype, "material"), table.optional("material").whole_of_it()
-    if names := [name for name, figures in every.items() if not figures.keys() <= _table(own, name).keys()]:
+    own, every = table_of(prototype, "material"), table.optional("material").whole_of_it()
+    if names := [name for name, figures in every.items() if not figures.keys() <= table_of(own, name).keys()]:
         yield f"that {', '.join(names)} is as [material] states"
-    given = _table(prototype, "effects")
+    given = table_of(prototype, "effects")
     for effect in rig.effects:
-        if unstated := sorted(effect.parameters.keys() - _table(given, effect.name).keys()):
+        if unstated := sorted(effect.parameters.keys() - table_of(given, effect.name).keys()):
             yield f"the prototype does not state {', '.join(unstated)} of {effect.name}, which has a usual value"
 
 
 def _within(stages: Sequence[Mapping[str, Any]], stated: Mapping[str, Any]) -> Any:
     """Payloads of a single law, as stated, where they are some of those of a stage with that law; else the stage's."""
     own = stated.get("outer_end_mass_kg")
-    for least, most in map(_masses, stages):
+    for least, most in map(masses_of, stages):
         if isinstance(own, list) and len(own) == 2 and least <= rational(own[0]) <= rational(own[1]) <= most:
             return [float(int(v.p) / int(v.q)) for v in map(rational, own)]
     return stages[0]["outer_end_mass_kg"]
 
 
-def _masses(table: Mapping[str, Any]) -> Pair:
+def masses_of(table: Mapping[str, Any]) -> Pair:
     """The payloads of a prototype or of a stage of its controller."""
     found = table.get("outer_end_mass_kg")
     if not isinstance(found, list) or len(found) != 2:
@@ -220,7 +221,7 @@ def _masses(table: Mapping[str, Any]) -> Pair:
 
 def _own_stages(rig: Rig, prototype: Mapping[str, Any]) -> list[dict[str, Any]]:
     """The stages of a prototype whose law is the one of the certificate, each as it would stand by itself."""
-    stages = _full(_table(prototype, "controller")).get("stage", [])
+    stages = _full(table_of(prototype, "controller")).get("stage", [])
     if not isinstance(stages, list) or not all(isinstance(stage, dict) for stage in stages):
         raise Unreadable("controller.stage of the prototype must be a list of tables")
 
@@ -247,14 +248,14 @@ def _plane(table: Table, prototype: Mapping[str, Any]) -> Iterator[str]:
 
 def _laws(table: Table, rig: Rig, prototype: Mapping[str, Any]) -> Iterator[str]:
     """That the controller is the prototype's, or one of several that take turns or act in one plane."""
-    given = _full(_table(prototype, "controller"))
+    given = _full(table_of(prototype, "controller"))
     if "plane" in table and table.table("plane").whole_of_it()["name"] == "y":
-        given = _full(_table(_table(prototype, "arm"), "second_controller")) or given
+        given = _full(table_of(table_of(prototype, "arm"), "second_controller")) or given
     if rig.law is not None and not same(_full(rig.law.figures), given) and not _own_stages(rig, prototype):
         yield "[controller] is not that of the prototype"
     if rig.schedule is not None:
         whole = SCHEDULED | given
-        whole["estimator"] = {**SCHEDULED["estimator"], **_table(whole, "estimator")}
+        whole["estimator"] = {**SCHEDULED["estimator"], **table_of(whole, "estimator")}
         if not same(_full(rig.schedule.figures), whole):
             yield "[controller] with its stages is not that of the prototype"
 
@@ -292,7 +293,7 @@ def _figures(prototype: Mapping[str, Any], alloys: Mapping[str, Table]) -> dict[
 
 
 def _actuator(prototype: Mapping[str, Any]) -> str:
-    kind = _table(prototype, "actuator").get("kind", "servo_cylinder")
+    kind = table_of(prototype, "actuator").get("kind", "servo_cylinder")
     if not isinstance(kind, str) or kind not in ACTUATORS:
         raise Unreadable(f"actuator.kind of the prototype is not known here: {str(kind)[:60]!r}")
     return str(kind)
@@ -307,8 +308,8 @@ def _lumped(prototype: Mapping[str, Any], name: str, alloys: Mapping[str, Table]
     if not isinstance(material, str) or material not in alloys:
         raise Unreadable(f"the certificate states no [material.{material}], of which the prototype's {name} is")
     length, end = (_ball(prototype, name, key) for key in ("free_length_m", "end_mass_kg"))
-    keys = ("width_m", "wall_m", "corner_radius_m", *(["depth_m"] if "depth_m" in _table(prototype, name) else []))
-    sizes = (_number(_of(prototype, name, key), f"{name}.{key}") for key in keys)
+    keys = ("width_m", "wall_m", "corner_radius_m", *(["depth_m"] if "depth_m" in table_of(prototype, name) else []))
+    sizes = (number_of(prototype, name, key) for key in keys)
     alloy, tube = alloys[material], Section(str(_of(prototype, name, "shape")), *sizes)
     from_section = 3 * arb(alloy.number("youngs_modulus_Pa")) * tube.second_moment / length**3
     moving = end + arb(MODE_MASS_FRACTION * alloy.number("density_kg_per_m3")) * tube.area * length
@@ -318,7 +319,8 @@ def _lumped(prototype: Mapping[str, Any], name: str, alloys: Mapping[str, Table]
     )
 
 
-def _table(entries: Mapping[str, Any], name: str) -> Mapping[str, Any]:
+def table_of(entries: Mapping[str, Any], name: str) -> Mapping[str, Any]:
+    """A table of a prototype, empty where it is left out."""
     value = entries.get(name, {})
     if not isinstance(value, dict):
         raise Unreadable(f"{name} of the prototype must be a table")
@@ -327,11 +329,16 @@ def _table(entries: Mapping[str, Any], name: str) -> Mapping[str, Any]:
 
 def _of(prototype: Mapping[str, Any], name: str, key: str) -> Any:
     """An entry of a prototype, or what it has where it is left out."""
-    return _table(prototype, name).get(key, DEFAULTS.get("beam" if name.endswith("_beam") else name, {}).get(key))
+    return table_of(prototype, name).get(key, DEFAULTS.get("beam" if name.endswith("_beam") else name, {}).get(key))
+
+
+def number_of(prototype: Mapping[str, Any], name: str, key: str) -> fmpq:
+    """A figure of a prototype, or what it has where it is left out."""
+    return _number(_of(prototype, name, key), f"{name}.{key}")
 
 
 def _ball(prototype: Mapping[str, Any], name: str, key: str) -> arb:
-    return arb(_number(_of(prototype, name, key), f"{name}.{key}"))
+    return arb(number_of(prototype, name, key))
 
 
 def _number(value: Any, place: str) -> fmpq:

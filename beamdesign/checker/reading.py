@@ -4,6 +4,7 @@ import hashlib
 import re
 import tomllib
 from collections.abc import Sequence
+from decimal import ROUND_CEILING, ROUND_FLOOR, Context, Decimal
 from typing import Any
 
 from flint import fmpq, fmpq_poly
@@ -175,6 +176,10 @@ class Table:
         for inner in self._inner:
             inner.done()
 
+    def again(self) -> "Table":
+        """The same entries, of which none has been taken."""
+        return Table(self._entries, self.place)
+
     def whole_of_it(self) -> Any:
         """All entries as they stand, for comparison."""
         self._left.clear()
@@ -230,11 +235,15 @@ def judged(found: bool, words: str, stated: bool = True) -> tuple[bool, str]:
     return True, words if stated else f"refuted: {words}"
 
 
-def short(value: fmpq) -> str:
-    """A number with few digits, for words."""
-    return f"{int(value.p) / int(value.q):.7g}"
+def short(value: fmpq, up: bool | None = None, digits: int = 7) -> str:
+    """A number with few digits, for words: no less than it, or no more, where only that was proved."""
+    if up is None:
+        return f"{int(value.p) / int(value.q):.{digits}g}"
+    towards = Context(prec=digits, rounding=ROUND_CEILING if up else ROUND_FLOOR)
+    return f"{float(towards.divide(Decimal(int(value.p)), Decimal(int(value.q)))):.{digits}g}"
 
 
 def span(pair: Pair, between: str = " to ") -> str:
-    """A range, likewise."""
-    return between.join(map(short, pair))
+    """A range, likewise, no wider than it is."""
+    low, high = short(pair[0], up=True), short(pair[1], up=False)
+    return between.join((low, high) if float(low) <= float(high) else (f"{int(x.p) / int(x.q):.17g}" for x in pair))

@@ -299,7 +299,7 @@ def _payload_rate(loops: Sequence[StateSpace], claim: Table, masses: Pair) -> Cl
     function, rate = Function(claim, loops[0].order), claim.at_least("rate_kg_per_s", 0, above=True)
     joins, from_rest = _joining(claim)
     cases = [(rate, False), (-rate, False)] + [(rate, True)] * from_rest
-    return f"|dm/dt| up to {short(rate)} kg/s, {joins}", _fall(loops, [function], masses, NONE, cases)
+    return f"|dm/dt| up to {short(rate, up=False)} kg/s, {joins}", _fall(loops, [function], masses, NONE, cases)
 
 
 def _payload_jumps(loops: Sequence[StateSpace], claim: Table, masses: Pair) -> Claimed:
@@ -341,7 +341,7 @@ def _dwell(
         and _fall(loops, functions, masses, decay)
         and all(positive(before * factor - after) for before, after in changes)
     )
-    return f"every {short(dwell)} s on average", proved
+    return f"every {short(dwell, up=True)} s on average", proved
 
 
 def _after(p: fmpq_mat, share: fmpq) -> fmpq_mat:

@@ -52,8 +52,9 @@ def certify(
     over its own payloads. All of it holds for exactly the
     figures of the prototype.
     Exit status 0 if the loop is stable over the whole range and every claim that was made holds, 1 otherwise; 1 also
-    where an effect lets small motion follow none of the members: within the play of a joint nothing is proved, and
-    within a dead band, friction or hysteresis no compliance. --linear asks of the members alone.
+    where the loop is refuted at a value between the ends of what members freeze, and where an effect lets small motion
+    follow none of them: within the play of a joint nothing is proved, and within a dead band, friction or hysteresis no
+    compliance. --linear asks of the members alone.
 
     Args:
         prototype: the prototype.toml to certify.
@@ -106,10 +107,14 @@ def certify(
         left = tuple(one for one in near_rest(rig) if one.effect not in bounded)
         _echo(rig, certificate)
         write_certificate(path, certificate.text)
-        fields = certificate.to_dict() | (_between(rig, certificate, path) if rig.effects else {})
+        between = _between(rig, certificate, path) if rig.effects else {}
+        fields = certificate.to_dict() | between
         fields |= {"holds_for": holds_for(rig), "near_rest": left, "certificate": path}
         holds = certificate.holds
-        if holds and not linear and (reason := uncovered(left, asked)):
+        reason = uncovered(left, asked)
+        if between.get("stable_between") is False:
+            reason = reason or "not stable at every value between the ends of the frozen figures"
+        if holds and not linear and reason:
             echo(f"{rig.name}: {reason}; --linear asks of linear members alone")
             holds, fields = False, fields | {"reason": reason}
         return fields, holds

@@ -99,8 +99,9 @@ def prove(rectangle: Rectangle, asked: Asked) -> Claim:
         found = _decays_slowly(side, limit) if kind == "decay_rate" else _exceeded(side, asked, limit)
         if found is not None:
             return _refuted(held, side, found)
-    if kind == "decay_rate" and rectangle.inside(limit) is not None:
-        return replace(held, holds=False, reason="a pole decays no faster between the ends of masses and gains")
+    if kind == "decay_rate" and (inside := rectangle.inside(limit)) is not None:
+        words = "a pole decays no faster" if inside.decided else _OPEN
+        return replace(held, holds=False, reason=f"{words} between the ends of masses and gains")
     return held
 
 
@@ -144,6 +145,9 @@ def _refuted(held: Claim, side: Side, found: Unstable) -> Claim:
     return replace(held, holds=False, reason=reason, witness=witness)
 
 
+_OPEN = "not decided"
+
+
 def _gain_margin(rectangle: Rectangle, limit: fmpq, held: Claim) -> Claim:
     """Whether a rectangle stays stable with its gain times every number between one and a limit."""
     alone = rectangle.least == rectangle.most
@@ -159,11 +163,11 @@ def _gain_margin(rectangle: Rectangle, limit: fmpq, held: Claim) -> Claim:
             return replace(held, holds=False, reason=f"unstable with the gain times some number up to this{side.where}")
     if (found := wide.inside()) is None:
         return held
+    if not found.decided:
+        return replace(held, holds=False, reason=f"{_OPEN} between the ends")
     if not alone:
         reason = "unstable with the gain times some number up to this between the ends"
         return replace(held, holds=False, reason=reason)
-    if not found.decided:
-        return replace(held, holds=False, reason="not decided between the ends")
     return _upset(held, Witness(exact(found.mass), None, exact(found.factor), found.frequency_Hz, exact=False))
 
 
