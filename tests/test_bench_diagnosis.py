@@ -17,6 +17,7 @@ from beamdesign.diagnosis.fitting.hypothesis import Hypothesis, together
 from beamdesign.diagnosis.fitting.steady_evidence import candidates, held_out, moved, nominal_causes, size
 from beamdesign.diagnosis.fitting.steady_motion import steady, steady_motions
 from beamdesign.plant.bench_simulation import replay
+from beamdesign.time_limit import within
 
 COULOMB_N = 120.0
 SUPPLY_OF_ORIFICES = "pressure_dependent_flow.supply_pressure_Pa"
@@ -139,6 +140,18 @@ def test_the_amended_prototype_moves_as_the_bench_does(joint: Diagnosis, tmp_pat
     assert len(rows) == 3
     for row in rows:
         assert row.after < 0.02
+
+
+@pytest.mark.parametrize("minutes", [0.0, 0.05])
+def test_an_answer_that_lacks_candidates_says_so_and_is_no_surer(joint_set: Path, minutes: float):
+    with within(minutes):
+        found = diagnose_bench(read_bench_set(joint_set))
+    assert found.left_out
+    assert found.verdict in ("ambiguous", "unknown")
+    assert found.next_experiment is None
+    assert found.sentences.startswith("Not everything was compared")
+    assert found.search is not None
+    assert minutes == 0.0 or len(found.search.fits) > 3
 
 
 def test_what_is_believed_already_is_no_news(joint: Diagnosis, joint_set: Path):

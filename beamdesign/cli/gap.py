@@ -71,9 +71,10 @@ def diagnose(
     if redesign:
         refuse("--redesign", (str(dataset), "a bench has no controller to design"))
     data = read_bench_set(dataset)
-    with progress("diagnosing"):
-        found = diagnose_bench(data)
-    echo_diagnosis(found)
+    with in_time(minutes, "half a minute to 2 min"):
+        with progress("diagnosing"):
+            found = diagnose_bench(data)
+        echo_diagnosis(found)
     paths, fields = write_gap_folder(folder, found)
     return CommandResult(fields, files=paths.values())
 

@@ -20,6 +20,8 @@ from beamdesign.diagnosis.diagnosis import (
     RecordGap,
     Verdict,
     Where,
+    no_surer,
+    unfinished,
 )
 from beamdesign.diagnosis.fitting.fit import Fit
 from beamdesign.diagnosis.fitting.hypothesis import Hypothesis, together
@@ -53,6 +55,7 @@ from beamdesign.diagnosis.judgement import (
 from beamdesign.diagnosis.verdict import sentences
 from beamdesign.plant.bench_simulation import BENCH_COLUMNS, BENCH_STATED, replay
 from beamdesign.plant.effects import library
+from beamdesign.time_limit import left_out, while_time
 
 _DRAWS = 4000
 
@@ -73,47 +76,47 @@ def diagnose_bench(data: BenchSet, among: Sequence[Hypothesis] | None = None) ->
     """
     rig, seen = data.prototype, steady_motions(data)
     known = nominal_causes(rig)
-    tried = [held_out(rig, hypothesis, seen) for hypothesis in among or candidates(known)]
-    return bench_diagnosis(data, seen, tried)
+    order = sorted(among or candidates(known), key=lambda one: (one != known, size(one)))  # the least first
+    return bench_diagnosis(data, seen, [held_out(rig, one, seen) for one in while_time(order, least=1)])
 
 
 def bench_diagnosis(data: BenchSet, seen: Observations, tried: Sequence[HeldOut]) -> Diagnosis[BenchPrototype]:
     """What follows from candidates that were fitted, see `diagnose_bench`."""
-    rig, known = data.prototype, nominal_causes(data.prototype)
-    weights = probabilities(tried, seen.conditions)
+    rig, known, weights = data.prototype, nominal_causes(data.prototype), probabilities(tried, seen.conditions)
     by_hypothesis = {tried[k].hypothesis: tried[k] for k in np.argsort(-weights, kind="stable")}
     ranked, retuned = tuple(by_hypothesis.values()), by_hypothesis[known]
     judged = Judgement({h: float(weights[tried.index(one)]) for h, one in by_hypothesis.items()}, nan, retuned.fit)
     # The median probability model predicts best where candidates are all combinations (Barbieri and Berger, Annals of
     # Statistics 32 (2004) 870): all causes that are more likely at work than not.
-    every = {name for names in judged.of_causes for name in names}
-    likely = tuple(sorted(name for name in every if judged.cause(name) > THRESHOLDS.bench_likely))
-    best = next(one for one in ranked if one.hypothesis.causes == likely)
-    judged = replace(judged, best=best.fit)
+    every = sorted({name for names in judged.of_causes for name in names})
+    likely = tuple(name for name in every if judged.cause(name) > THRESHOLDS.bench_likely)
+    best = next((one for one in ranked if one.hypothesis.causes == likely), ranked[0])  # the first where time was up
+    judged, lacking = replace(judged, best=best.fit), left_out()
     gap = replace(_gap(rig, retuned, best, seen), records=replayed(data, best))
     found = Search(retuned.left_out, tuple(one.left_out for one in ranked if one is not retuned), gap.noise_floor**2)
     new = tuple(_with_values(rig, c, best, found) for c in causes(found, judged) if c.name not in known.causes)
     undecided = [c.name for c in new if 1 - THRESHOLDS.bench_sure < c.probability < THRESHOLDS.bench_sure]
-    verdict = _verdict(gap, bool({*likely} - {*known.causes}), bool(undecided), retuned.fit)
-    chosen = () if verdict == "no_gap" else tuple(sorted({*likely} - {*known.causes}))
+    named = tuple(sorted({*best.hypothesis.causes} - {*known.causes}))
+    verdict = no_surer(_verdict(gap, bool(named), bool(undecided), retuned.fit), lacking)
+    chosen = () if verdict == "no_gap" else named
     where = where_of(motion_table(rig, seen, best), rig.actuator.stroke_m, new, chosen)
-    errors = f"Held-out error {gap.before:.3f} before, {gap.after:.3f} after, {gap.noise_floor:.3f} of it noise."
+    words = f"Held-out error {gap.before:.3f} before, {gap.after:.3f} after, {gap.noise_floor:.3f} of it noise."
     zero = float(np.median([m.rest_m for m in seen.motions if m.direction < 0]))
     readings = {"displacement_zero_m": zero, "displacement_most_m": saturates_at(data)}
     notes = notes_on(ranked, judged, best, undecided, known) if chosen else ()
-    left = [name for name in rig.effects if name not in STEADY_EFFECTS]
-    still = (f"not looked at, having no part in steady motion: {', '.join(left)}",) if left else ()
+    idle = ", ".join(name for name in rig.effects if name not in STEADY_EFFECTS)
+    still = (f"not looked at, having no part in steady motion: {idle}",) if idle else ()
     return Diagnosis(
         data.name,
         verdict,
-        sentences(verdict, new, chosen, errors, where),
+        unfinished(lacking) + sentences(verdict, new, chosen, words, where, complete=not lacking),
         new,
         chosen,
         nan,
         where,
         gap,
         (),
-        _next_experiment(rig, ranked, judged, seen) if verdict in ("ambiguous", "unknown") else None,
+        _next_experiment(rig, ranked, judged, seen) if verdict in ("ambiguous", "unknown") and not lacking else None,
         updated_prototype(rig, best.fit, **readings) if chosen else rig,
         data.warnings,
         found,
@@ -125,6 +128,7 @@ def bench_diagnosis(data: BenchSet, seen: Observations, tried: Sequence[HeldOut]
             " predicted from the others. By condition: errors of the simulated records over the stroke or the supply"
             " pressure."
         ),
+        left_out=lacking,
     )
 
 
@@ -264,7 +268,8 @@ def _greedy(ranked: Sequence[HeldOut], best: HeldOut, known: Hypothesis) -> Iter
         yield f"one cause at a time ends at {path[-1]} with a held-out error of {error[path[-1]]:.3f}"
     if known.names:
         return
-    none, areas, root, both = (error[together(*names)] for names in ((), (AREAS,), (ORIFICES,), (AREAS, ORIFICES)))
+    sets = (together(*names) for names in ((), (AREAS,), (ORIFICES,), (AREAS, ORIFICES)))
+    none, areas, root, both = (error.get(one, nan) for one in sets)
     if both < none <= 1.02 * min(areas, root):
         yield (
             f"areas and square-root flow help only together: held-out error {none:.3f} without, "
