@@ -21,6 +21,7 @@ from beamdesign.diagnosis.fitting.hypothesis import together
 from beamdesign.diagnosis.fitting.starts import starts
 from beamdesign.records import parse
 from beamdesign.scenario import Measurement, Scenario, ScenarioRecord, Sine
+from beamdesign.time_limit import left_out, within
 
 TRUTH, RIVAL = "sensor_lag", "transport_delay"
 
@@ -143,6 +144,9 @@ def test_what_the_prototype_itself_does_not_predict_is_not_proposed(slow):
     """Rivals are stable, being fitted; the prototype, with eight times their flow gain, is not: no fit begins there."""
     rivals = [fitted(TRUTH, slow), fitted(RIVAL, slow)]
     assert next_experiment(slow, rivals, (0.5, 0.5)) is not None
+    with within(0.0):
+        assert next_experiment(slow, rivals, (0.5, 0.5)) is None
+        assert left_out() == ("what to measure next",)
     valve = slow.prototype.servovalve
     wild = slow.prototype.but(servovalve=valve.but(flow_gain_m3_per_s_per_A=8 * valve.flow_gain_m3_per_s_per_A))
     moved = []

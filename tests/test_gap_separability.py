@@ -9,6 +9,7 @@ from gap_sets import believed, measured, scenario
 from beamdesign.diagnosis.fitting.evidence import evidence_of
 from beamdesign.diagnosis.fitting.hypothesis import together
 from beamdesign.diagnosis.separability import _judged, indistinguishable
+from beamdesign.time_limit import TimeUp, share, within
 
 
 @pytest.fixture(scope="module")
@@ -73,3 +74,8 @@ def test_a_cause_that_makes_the_model_unstable_is_left_out():
     records = tuple(replace(r, controller=hot) for r in data.records[:1])
     found = of(replace(data, records=records), "transport_delay", "valve_deadband")
     assert found.names == ("valve_deadband",)
+
+
+def test_no_more_is_told_than_there_is_time_for(sound):
+    with within(0.0), share(1.0, within_steps=True), pytest.raises(TimeUp):
+        of(sound, "sensor_lag")

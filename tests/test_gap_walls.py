@@ -162,6 +162,21 @@ def test_a_law_that_hears_what_another_actuator_feels_is_refused(tmp_path: Path)
             ask()
 
 
+def test_a_further_sensor_that_is_not_connected_is_left_aside(tmp_path: Path):
+    data = shortened(tmp_path / "slow_sensor", 401)
+    for path in (data / "records").glob("*.csv"):
+        head, *rows = path.read_text().splitlines()
+        dead = path.stem == "command"
+        lines = (f"{row},{0.0 if dead else k % 7}" for k, row in enumerate(rows))
+        path.write_text("\n".join([f"{head},inner_displacement_m", *lines]))
+    read = read_dataset(data)
+    assert [w for w in read.warnings if "left aside" in w] == [
+        "command.csv: inner_displacement_m never changes (is the sensor connected?) and was left aside"
+    ]
+    held = {record.name: "inner_displacement_m" in record.measured for record in read.records}
+    assert held == {name: name != "command" for name in held}
+
+
 def test_files_of_the_user_stay_beside_kept_fits(tmp_path: Path):
     mine, stale = tmp_path / "fits" / "my-spectra.npz", tmp_path / "fits" / f"{'0' * 16}-{'1' * 16}.npz"
     mine.parent.mkdir()

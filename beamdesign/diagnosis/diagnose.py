@@ -324,7 +324,8 @@ def _beside(workers: int) -> Iterator[Callable[..., Callable[[], Any]]]:
             if over():
                 raise TimeUp
             if future is None:
-                return function(*given)
+                with share(1.0, within_steps=True):
+                    return function(*given)
             try:
                 return future.result(left() if left() < inf else None)
             except TimeoutError:

@@ -29,6 +29,7 @@ from beamdesign.plant.assembly import RIGS
 from beamdesign.prototype import Prototype
 from beamdesign.scenario import Input, LoadSteps, Multisine, Scenario, ScenarioRecord, Sine, inputs_of
 from beamdesign.spelling import shorter
+from beamdesign.time_limit import while_time
 
 DURATION_S = 4.0
 SAMPLE_S = 0.5e-3
@@ -228,15 +229,19 @@ def experiments(data: Dataset, rivals: Sequence[Fit], weights: Sequence[float]) 
     Records that promise most are looked at with re-tuning. To the best of them others are added, as long as that tells
     more and they do not tell nearly all.
     """
-    looks = ((_without_retuning(data, one, rivals), one) for one in menu(data))
+    looks = ((_without_retuning(data, one, rivals), one) for one in while_time(menu(data), _next))
     quick = [(information(between, weights) / one.effort, one) for between, one in looks if between is not None]
     quick.sort(key=lambda look: -look[0])
     seen: dict[str, list[_Foreseen]] = {}
-    for _, one in quick[:_CLOSER_LOOK]:
+    for _, one in while_time(quick[:_CLOSER_LOOK], _next):
         for found in _closely(data, one, rivals):
             seen.setdefault(found.experiment.added, []).append(found)
     grown = (_grown(records, weights) for records in seen.values())
     return sorted(grown, key=lambda one: one.worth(weights), reverse=True)
+
+
+def _next(_: object) -> str:
+    return "what to measure next"
 
 
 class _Foreseen(NamedTuple):

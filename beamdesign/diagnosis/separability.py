@@ -23,6 +23,7 @@ from beamdesign.diagnosis.fitting.hypothesis import (
     place,
     singles,
 )
+from beamdesign.time_limit import heed
 
 ALIKE = 0.98
 """Cosine between signatures from which two causes are called close."""
@@ -71,6 +72,7 @@ def indistinguishable(
 
     Raises:
         ValueError: where the believed prototype itself is unstable under the conditions measured.
+        TimeUp: see `beamdesign.time_limit.heed`.
     """
     nothing = NOTHING.placement(data.prototype)
     rest = linearised(evidence, nothing, np.zeros(len(nothing.unknowns)))
@@ -93,6 +95,7 @@ def _signature(evidence: Sequence[Evidence], placement: Placement, base: np.ndar
     own = tuple(u for u in placement.unknowns if u.kind != "figure")
     alone = place(placement.assembly.kinds, own or placement.unknowns)  # what is missing has none of its own
     for share in _WEAKER:
+        heed()
         rows = linearised(evidence, alone, np.array([_typical(u, share) for u in alone.unknowns]))
         if rows is not None:
             residual, slopes = (np.concatenate(parts) for parts in zip(*rows, strict=True))

@@ -263,7 +263,9 @@ def _time_record(index: Path, row: TimeEntry, controller: Controller, felt: str,
         for name in columns
         if name not in (*needed, *more)
     ]
-    measured = {name: columns[name] for name in (*MEASURED, *more) if name in columns}
+    dead = [name for name in more if name in columns and not np.ptp(columns[name]) > 0]
+    warnings += [f"{path.name}: {name} never changes (is the sensor connected?) and was left aside" for name in dead]
+    measured = {name: columns[name] for name in (*MEASURED, *more) if name in columns and name not in dead}
     inputs = np.column_stack([columns[name] for name in INPUTS])
     masses = (row.outer_end_mass_kg, row.inner_end_mass_kg)
     begin, end = times[0], times[-1]
