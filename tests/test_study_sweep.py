@@ -14,8 +14,9 @@ import beamdesign
 from beamdesign import DesignProblem, InputError, Prototype, read_problem, size
 from beamdesign.cli.study import study
 from beamdesign.code_digest import sources
+from beamdesign.docs import pages
 from beamdesign.sweep import workers
-from beamdesign.sweep.case import case
+from beamdesign.sweep.case import TASKS, case
 from beamdesign.sweep.methods import points
 from beamdesign.sweep.sweep_file import known_keys, read_sweep, with_value, wrong_key
 from beamdesign.sweep.sweep_run import plan, run_sweep
@@ -84,6 +85,18 @@ def test_every_leaf_of_both_kinds_of_file_is_a_key():
 )
 def test_wrong_keys_are_told_with_the_nearest(key, words):
     assert words in wrong_key(key, known_keys(Prototype))
+
+
+def test_every_task_has_its_options_on_the_page():
+    rows = [line.split("|")[1:4] for line in pages()["studies"].splitlines() if line.startswith("| `")]
+    for name, task in TASKS.items():
+        (own,) = [row for row in rows if f"`{name}`" in row[0] and row[1].strip() in ("study", "prototype")]
+        assert own[1].strip() == ("study" if task.record is DesignProblem else "prototype"), name
+        for key, field in task.options.model_fields.items():
+            told = own[2].partition(f"`{key}` (")[2].partition(")")[0]
+            default = None if field.is_required() else field.default
+            words = "needed" if field.is_required() else "none" if default == () else str(default).removesuffix(".0")
+            assert words in told or (default is None and f"`{key}`" in own[2]), key
 
 
 def test_value_is_put_under_a_key_and_the_document_left_alone():
