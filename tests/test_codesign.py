@@ -14,6 +14,8 @@ from beamdesign.synthesis.checks import check_sections
 from beamdesign.synthesis.free_search import sizes_of, start_variables
 from beamdesign.synthesis.sections import Sections
 
+pytestmark = pytest.mark.long
+
 STUDIES = Path(__file__).parent.parent / "studies"
 PAYLOAD = (0.0, 6.8)
 

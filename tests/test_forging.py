@@ -10,6 +10,8 @@ from honest_certificates import AT_LEAST, EACH, FORGED, OF_THE_RIG, Honest, figu
 from beamdesign import check
 from beamdesign.checker import KINDS, OF_NO_RIG
 
+pytestmark = pytest.mark.long
+
 ENOUGH = 20
 """Forgeries of a certificate of which some are valid all the same."""
 

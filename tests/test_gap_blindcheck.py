@@ -1,5 +1,7 @@
 """The blind check: seals, plan, bounds, scores of hand-made outcomes, baselines, and a check of its own in small.
 
+pytestmark = pytest.mark.long
+
 A check of whole cases takes minutes of processor time. So the one here has short cases, diagnosed with few
 candidates: see `FEW`.
 """

@@ -33,6 +33,8 @@ from beamdesign.plant.actuators.servo_cylinder import ServoCylinder
 from beamdesign.plant.harmonic_balance import forced_motion, limit_cycles
 from beamdesign.prototype import Beam, Payload, Servovalve
 
+pytestmark = pytest.mark.long
+
 PROPORTIONAL = Proportional(gain_A_per_V=0.01)
 LAG = Lag(gain_A_per_V=0.1, pole_Hz=1.75, zero_Hz=26.0)
 SETTINGS: tuple[tuple[Controller, float, float], ...] = (

@@ -24,6 +24,8 @@ from beamdesign.diagnosis.second_look import backlash_impacts, loose_joint, refi
 from beamdesign.validation.truth.nominal import assembled, rig_figures
 from beamdesign.validation.truth.rig import controller_figures, march
 
+pytestmark = pytest.mark.long
+
 LOOSE = loose_joint(believed())
 PLAY_M, ROD_kg, WORN_M = 60e-6, 0.2, 30e-6
 NOISE_M = 3e-7

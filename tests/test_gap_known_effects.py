@@ -29,6 +29,8 @@ from beamdesign.diagnosis.learning import with_scales
 from beamdesign.diagnosis.second_look import without_impacts
 from beamdesign.diagnosis.where.residuals import residuals
 
+pytestmark = pytest.mark.long
+
 QUIET = LAG.but(gain_A_per_V=0.06)
 LAGS: dict[str, Any] = {"sensor_lag": {"break_Hz": 250.0}}
 FRICTION: dict[str, Any] = {"seal_friction": {"coulomb_N": 30.0}}

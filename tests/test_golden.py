@@ -6,6 +6,8 @@ from typing import Any
 import golden
 import pytest
 
+pytestmark = pytest.mark.long
+
 
 @pytest.mark.parametrize("name", golden.GOLDEN)
 def test_figures_of_a_command_are_those_kept(name: str, tmp_path: Path) -> None:

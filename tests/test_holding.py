@@ -20,6 +20,8 @@ from beamdesign.structure.lumped import lumped_beam, weighing_mass
 from beamdesign.synthesis.holding import Change, Demanded, Holding, changed, standing, working
 from beamdesign.synthesis.operating_limits import needs
 
+pytestmark = pytest.mark.long
+
 G = 9.80665
 PAYLOAD = (0.0, 6.8)
 

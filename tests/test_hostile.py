@@ -12,6 +12,8 @@ import hostile
 import pytest
 from hostile_inputs import COMMANDS, Answer, ask, command_of, faults, laid_out, make, mutant, stock_in, tree
 
+pytestmark = pytest.mark.long
+
 QUICK = [command for command in COMMANDS if command.quick]
 SEEDS = list(islice((seed for seed in count(1) if command_of(seed).quick), 300))
 AT_A_TIME = 10

@@ -29,6 +29,8 @@ from beamdesign.diagnosis.redesign import redesign
 from beamdesign.plant.effects import causes
 from beamdesign.synthesis import tuning
 
+pytestmark = pytest.mark.long
+
 STUDIES = Path(__file__).parents[1] / "studies"
 PAYLOAD = (2.0, 2.2)
 

@@ -18,6 +18,8 @@ from beamdesign.sweep.case import kept
 from beamdesign.sweep.store import keep
 from beamdesign.sweep.sweep_run import plan, run_sweep
 
+pytestmark = pytest.mark.long
+
 PROJECT = Path(__file__).resolve().parents[1]
 NOTEBOOKS = {path.stem: path for path in sorted((PROJECT / "notebooks").glob("*.ipynb"))}
 MAKER = (PROJECT / "studies" / "gaps" / "make_slow_sensor.py").read_text(encoding="utf-8")

@@ -42,6 +42,8 @@ from beamdesign.synthesis.law_design import forbidden_shares
 from beamdesign.synthesis.rig_spread import rig_spread
 from beamdesign.synthesis.tuning import LawOptions, Tuning, tune_law
 
+pytestmark = pytest.mark.long
+
 PAPER = Path(__file__).parent.parent / "studies" / "prototypes" / "paper_remedy.toml"
 MASSES_KG = (0.0, 1.0)
 SIGMAS = 2.0

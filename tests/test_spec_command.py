@@ -35,6 +35,8 @@ from beamdesign.prototype import Tolerance
 from beamdesign.scenario import Measurement, inputs_of
 from beamdesign.structure.lumped import with_figures
 
+pytestmark = pytest.mark.long
+
 PROTOTYPES = Path(__file__).parent.parent / "studies" / "prototypes"
 
 

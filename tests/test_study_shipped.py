@@ -15,6 +15,8 @@ from beamdesign.sweep.sweep_file import read_sweep
 from beamdesign.sweep.workers import compute
 from beamdesign.synthesis.checks import REQUIREMENTS
 
+pytestmark = pytest.mark.long
+
 ROOT = Path(__file__).parents[1] / "studies"
 SWEEPS = {path.stem: path for path in sorted((ROOT / "sweeps").glob("*.toml"))}
 

@@ -20,6 +20,8 @@ from beamdesign.sweep.case import Case
 from beamdesign.sweep.conclusion import draw
 from beamdesign.sweep.sweep_run import plan, run_sweep
 
+pytestmark = pytest.mark.long
+
 ROOT = Path(__file__).parents[1]
 FORCES = [500.0 + 100.0 * k for k in range(6)]
 

@@ -31,6 +31,8 @@ from beamdesign.synthesis.refinement import LawRefinement
 from beamdesign.synthesis.tuning import Tuning, tune_alike
 from beamdesign.validation.paper_rig import paper_prototype
 
+pytestmark = pytest.mark.long
+
 RANGE_KG = (0.0, 6.8)
 LIMIT_M_PER_N = 5.71e-8
 

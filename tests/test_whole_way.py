@@ -1,5 +1,7 @@
 """Links of one's own go the whole way: from the edited template to a proof, code, records, a diagnosis and a redesign.
 
+pytestmark = pytest.mark.long
+
 Small: exactly the figures stated, records of half a second. What is proved is proved again by the stand-alone checker
 in a process of its own; what is diagnosed was put in.
 """
@@ -18,7 +20,7 @@ import pytest
 from typer.testing import CliRunner
 
 from beamdesign import read_prototype, state_space
-from beamdesign.build import result_folder
+from beamdesign.build import analogue, result_folder
 from beamdesign.cli import app
 from beamdesign.diagnosis.fitting import search as searching
 from beamdesign.diagnosis.fitting.hypothesis import Hypothesis
@@ -171,7 +173,9 @@ def built_and_diagnosed(prototype: Path, folder: Path, lag_Hz: float, current_st
 
 
 def test_an_aluminium_link_with_a_cylinder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """With few causes to choose from and no pictures; the page below has all of both."""
+    """With few causes to choose from, few parts and no pictures; the page below has all of them."""
+    monkeypatch.setattr(analogue, "SERIES", (("E96", "E6"),))
+    monkeypatch.setattr(analogue, "RESISTORS", (0.01,))
     few = tuple(
         Hypothesis((name,)) for name in ("sensor_lag", "transport_delay", "valve_deadband", "parameter:flow_gain")
     )

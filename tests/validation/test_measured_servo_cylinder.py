@@ -19,7 +19,7 @@ from beamdesign.diagnosis.judgement import THRESHOLDS
 
 SHARED = Path(os.environ.get("BEAMDESIGN_SHARED", Path(__file__).resolve().parents[3] / "shared"))
 FOLDER = SHARED / "real" / "servo-cylinder"
-pytestmark = pytest.mark.skipif(not FOLDER.exists(), reason="the measured records are not here")
+pytestmark = [pytest.mark.long, pytest.mark.skipif(not FOLDER.exists(), reason="the measured records are not here")]
 
 
 @pytest.fixture(scope="module")

@@ -17,6 +17,8 @@ from beamdesign.diagnosis.diagnosis import Diagnosis
 from beamdesign.diagnosis.gain_diagnosis import explain_gains
 from beamdesign.validation.paper_rig import CASES, gain_rows
 
+pytestmark = pytest.mark.long
+
 FOLDER = Path(__file__).parents[2] / "studies" / "gaps" / "paper_gains"
 
 
