@@ -326,6 +326,24 @@ def test_a_delay_that_is_asked_for_is_beside_that_of_the_effect(tame: Prototype)
     assert certify_box(late, box).stable
 
 
+def test_certify_says_no_where_a_value_between_the_ends_is_refuted(tame: Prototype, tmp_path: Path):
+    """An inner beam that a cable holds: stable free of it and with all of it, and not in between."""
+    rig = tame.but(
+        controller=Lag(gain_A_per_V=0.028, pole_Hz=1.52, zero_Hz=50.7),
+        payload=tame.payload.but(inner_end_mass_kg=4.02),
+        effects={"empirical_inner_reaction_loop": {"size_N": 10480.0}},
+    )
+    assert certify(rig, 2.07, 2.07).holds
+    write_prototype(rig, tmp_path / "p.toml")
+    words = ["certify", str(tmp_path / "p.toml"), "--outer-end-mass", "2.07:2.07", "--json", str(tmp_path / "c.json")]
+    words += ["--out", str(tmp_path / "c.toml")]
+    assert CliRunner().invoke(app, words).exit_code == 1
+    fields = json.loads((tmp_path / "c.json").read_text())
+    assert fields["stable_between"] is False
+    assert "between the ends" in fields["reason"]
+    assert CliRunner().invoke(app, [*words, "--linear"]).exit_code == 0
+
+
 def test_certify_writes_what_holds_between_beside(tame: Prototype, tmp_path: Path):
     write_prototype(with_effects(tame, "entrained_air"), tmp_path / "p.toml")
     runner = CliRunner()
