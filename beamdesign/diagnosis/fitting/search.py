@@ -33,7 +33,7 @@ _HALF = 0.5  # of the evidence, that which the best single cause explains least,
 _QUARTER = 0.25  # of the records, those which tolerances explain least, tell which single causes are
 _HOPELESS = 0.5  # of the excess misfit of the part looked at: what leaves more of it explains no gap
 _SEEKING, _LOOKING = 0.7, 0.3  # of the time that is left, for all fits and for a look at single causes before them
-_LOOKING_AT_PAIRS = 0.6  # the same, at pairs, before the best of them are fitted in full
+_LOOKING_AGAIN, _LOOKING_AT_PAIRS = 0.3, 0.6  # the same, at those of little hope, and at pairs before the best of them
 _DONE, _QUIET = 0.004, 1.15  # of the excess misfit, times the noise: a cause that leaves no more needs no second one
 
 
@@ -157,7 +157,8 @@ def _searched(fitters: Fitters, null: Fit, progress: Progress, worth: float) -> 
         # A narrow resonance that a look at one record has missed stands out of all of them.
         again = (Task(h, null.values) for h in hopeless if RESONANT & {*h.effects})
         looked = (Task(h, looks[h][1].values, null.values, quick=True) for h in hopeless)
-        quick = best_of_each(fitters([*again, *looked], counted))
+        with share(_LOOKING_AGAIN, within_steps=True):
+            quick = best_of_each(fitters([*again, *looked], counted))
         best = fitters(Task(f.hypothesis, null.values, f.values) for f in _sorted(quick)[:_BEST_OF_FEW])
         state = replace(state, fits=tuple(best_of_each([*found, *quick, *best])))
     if few:
@@ -311,8 +312,11 @@ def _promising(state: Search) -> tuple[Hypothesis, ...]:
     """
     left = state.excess(state.fits[0])
     count = next(n for bound, n in _BEST_SINGLES if left <= bound)
-    alone = list({f.hypothesis.causes: f.hypothesis for f in reversed(state.fits)}.values())
-    best = [f.hypothesis for f in state.fits if f.hypothesis in alone and not f.reason][:count]
+    first: dict[tuple[str, ...], Fit] = {}
+    for one in state.fits:  # the best first, so that what is most promising is looked at before the time is up
+        first.setdefault(one.hypothesis.causes, one)
+    alone = [one.hypothesis for one in first.values()]
+    best = [one.hypothesis for one in first.values() if not one.reason][:count]
     tried = dict.fromkeys(best[0] | other for other in alone if other.causes != best[0].causes)
     tried |= dict.fromkeys(one | other for one in best[1:] for other in alone if other.effects)
     if left > 1 - _EXPLAINED and state.null.misfit > _LARGE * state.expected:
