@@ -23,6 +23,7 @@ from beamdesign.checker.prototype import ALLOY, differences, left_open
 from beamdesign.checker.reading import LARGEST_BYTES, Table, Unreadable, rational, read, sealed, short, span
 from beamdesign.checker.rig import Effect, Rig
 from beamdesign.checker.roots import Pair
+from beamdesign.checker.work import allowed
 
 __all__ = ["KINDS", "VERSION", "Unreadable", "Verdict", "check"]
 
@@ -110,7 +111,7 @@ def check(
         raise Unreadable(f"not known in a certificate of this kind: {', '.join(strange)}")
     room = import_module(f"{__name__}.{KINDS[kind]}")
     try:
-        with ctx.workprec(PRECISION_BITS):
+        with ctx.workprec(PRECISION_BITS), allowed(len(data)):
             rig = None if kind in OF_NO_RIG else Rig(table)
             given = None if prototype is None else _given(prototype, table)
             results = [sealed(table, text), *(rig.statements() if rig else ()), *room.statements(table, rig)]

@@ -15,8 +15,9 @@ from beamdesign.checker.expressions import MOST_PRODUCTS, UNKNOWN, Expression
 from beamdesign.checker.law import SENSED, decimal
 from beamdesign.checker.mechanics import Elements, Number, electronics, mechanics, strayed
 from beamdesign.checker.reading import Table, Unreadable, rational, short, span
-from beamdesign.checker.rig import MOST_MEMBERS, ONCE, Rig, without_unit
+from beamdesign.checker.rig import MOST_MEMBERS, ONCE, Rig, refuse_size, without_unit
 from beamdesign.checker.roots import Pair, is_hurwitz
+from beamdesign.checker.work import spend, times
 
 # That the expression is the polynomial of the rig.
 
@@ -157,23 +158,24 @@ def _parts(expression: Expression, rig: Rig, claim: str, place: str = "") -> tup
 
     figure = {key: value[without_unit(key)] for key in rig.figures}
     elements = _elements(rig, expression, value)
+    refuse_size(elements, law)
     if {"controller_zero", "controller_pole"} & expression.ranges.keys():
         zero, pole, gain = (value[f"controller_{name}"] for name in ("zero", "pole", "gain"))
         numerators = {SENSED[0]: ring([gain * pole * zero, gain * pole])}
         denominator = ring([zero * pole, zero])
     else:
-        times = value["controller_gain"] / own["controller_gain"] if "controller_gain" in expression.ranges else fmpq(1)
-        numerators = {name: times * ring(one.coeffs()) for name, one in law.numerators.items()}
+        share = value["controller_gain"] / own["controller_gain"] if "controller_gain" in expression.ranges else fmpq(1)
+        numerators = {name: share * ring(one.coeffs()) for name, one in law.numerators.items()}
         denominator = ring(law.denominator.coeffs())
     masses = value["outer_end_mass"], value["inner_end_mass"]
     disturbed = claim.endswith("compliance")
     at = mechanics(figure, elements, masses, list(numerators), ring, disturbed, bool(place))
     around, back = electronics(figure, elements, numerators, denominator, ring)
     factor = value.get("effect_gain", fmpq(1)) * variable.get(expression.transport, fmpq(1))
-    forward = at.determinant * around
-    loop = factor * sum((by * at.sensed[name] for name, by in back.items()), none)
+    forward = times(at.determinant, around)
+    loop = factor * sum((times(by, at.sensed[name]) for name, by in back.items()), none)
     if place:
-        own = factor * back[SENSED[0]] * at.sensed[SENSED[0]]
+        own = factor * times(back[SENSED[0]], at.sensed[SENSED[0]])
         known = strayed(figure, elements, at.strayed, around, own, len(numerators) == 1, ring)
         if place not in known:
             raise Unreadable("what such an error does to the tip is not known of this rig")
@@ -181,9 +183,10 @@ def _parts(expression: Expression, rig: Rig, claim: str, place: str = "") -> tup
     elif claim in ("", "gain_margin", "peak_sensitivity", "loop_gain", "slope"):
         above = loop
     elif claim == "controller_effort":
-        above = at.determinant * numerators[SENSED[0]] * (around / denominator)
+        above = times(at.determinant, numerators[SENSED[0]] * (around / denominator))
     else:
-        above = at.moved * around + factor * sum((by * at.crossed[name] for name, by in back.items()), none)
+        crossed = sum((times(by, at.crossed[name]) for name, by in back.items()), none)
+        above = times(at.moved, around) + factor * crossed
     return forward, loop, unknown * above
 
 
@@ -238,8 +241,10 @@ def alike(expression: Expression, loop: fmpq_mpoly) -> bool:
     whole = expression.over_all()
     names = list(whole.context().names())
     many = [len(expression.groups[n][1]) if expression.groups.get(n, ("",))[0] == "sum" else 1 for n in names]
-    if sum(prod(m ** int(e) for m, e in zip(many, powers, strict=True)) for powers in whole.monoms()) > MOST_PRODUCTS:
+    count = sum(prod(m ** int(e) for m, e in zip(many, powers, strict=True)) for powers in whole.monoms())
+    if count > MOST_PRODUCTS:
         raise Unreadable("the expression has too many terms over the parameters of its groups")
+    spend(5 * len(names) * (count + len(loop)))
     # What enters by its reciprocal: p times its highest power.
     turned = {
         k: max(powers[k] for powers in whole.monoms())

@@ -17,10 +17,11 @@ from flint import fmpq, fmpq_mpoly, fmpq_mpoly_ctx, fmpq_poly
 
 from beamdesign.checker.reading import HIGHEST_DEGREE, LONGEST_LIST, Table, Unreadable
 from beamdesign.checker.roots import NONE, ZERO, Pair, S
+from beamdesign.checker.work import spend, times
 
 LONGEST_EXPRESSION = 100_000
 """Characters."""
-MOST_TERMS, MOST_PRODUCTS = 2_000, 1_000_000
+MOST_TERMS, MOST_PRODUCTS = 2_000, 100_000
 """Terms of a leaf, power of a name, and terms of p over its parameters, all before anything is multiplied out."""
 _OPERATORS: dict[type[ast.operator], Callable[[Any, Any], Any]] = {ast.Add: add, ast.Sub: sub, ast.Mult: mul}
 _NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]{0,500}", re.ASCII)
@@ -195,6 +196,8 @@ class Expression:
                     return below(left) ** power
             raise Unreadable(f"cannot be divided by: {ast.unparse(node)[:100]}")
 
+        terms, powers = _size(tree)
+        spend(20 * terms * (1 + max(powers.values(), default=0)))
         return above(tree)
 
     def _terms(self, polynomial: fmpq_mpoly) -> list[Term]:
@@ -227,7 +230,7 @@ class Expression:
                 return leaves[node.name]
             return self.context.gen(self._names.index(self.transport if node.kind == "delay" else UNKNOWN))
 
-        return self.body.folded(at, sum, prod)
+        return self.body.folded(at, sum, partial(reduce, times))
 
     @cached_property
     def degree(self) -> int:

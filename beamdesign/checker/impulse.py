@@ -11,8 +11,8 @@ from typing import Any
 
 from flint import acb, acb_mat, acb_poly, arb, ctx, fmpq, fmpq_poly
 
-from beamdesign.checker.reading import Unreadable
 from beamdesign.checker.roots import Pair, Polynomials, ends
+from beamdesign.checker.work import Unreadable, of_roots, spend
 
 MOST_PIECES = 2000
 MOST_STEPS = 4_000_000
@@ -64,6 +64,7 @@ class _Response:
         self._straight = [abs(arb(one[degree] / denominator[degree])) for one in numerators]
         slope = acb_poly(denominator.derivative())
         self._poles, places = list[acb](), list[acb]()
+        spend(of_roots(denominator))
         roots: list[Any] = denominator.complex_roots()
         for root, count in roots:
             if count > 1 or not root.real < 0:
@@ -104,6 +105,7 @@ class _Response:
                 step /= 2
                 if step < SHORTEST:
                     raise Unreadable("the responses are too fast to be summed up")
+            spend(100 + 30 * count + AT_ONCE * (len(sums) * (5 + count / 2) + count))
             turned = [(p * arb(step)).exp() for p in poles]
             for _ in range(AT_ONCE):
                 values = shown * acb_mat(count, 1, now)

@@ -11,6 +11,7 @@ from flint import arb, arb_poly, fmpq, fmpq_mat, fmpq_poly
 
 from beamdesign.checker.reading import HIGHEST_DEGREE, Table, Unreadable, rational
 from beamdesign.checker.roots import Pair
+from beamdesign.checker.work import of_determinant, spend
 
 SENSED = ("displacement_m", "inner_displacement_m", "load_pressure_Pa", "screw_force_N")
 FLOAT_ROUNDING = fmpq(1, 10**14)
@@ -247,6 +248,7 @@ def _observer(law: Law, table: Table) -> bool:
     if not fits or sensors != list(law.numerators):
         raise Unreadable(f"{table.place}: the matrices do not fit each other or the sensors")
     motion, shown = fmpq_mat(n, n, [value for row in a for value in row]), fmpq_mat(1, n, c)
+    spend((1 + 2 * p) * of_determinant(motion))
     below = motion.charpoly()
     columns = (fmpq_mat(n, 1, [row[j] for row in b]) for j in range(p))
     above = [(motion - column * shown).charpoly() - below for column in columns]

@@ -11,7 +11,7 @@ from itertools import pairwise
 from flint import arb, arb_poly, fmpq, fmpq_poly
 
 from beamdesign.checker.nonlinear import nonlinear
-from beamdesign.checker.reading import MOST_WORK, Table, Unreadable, judged, rational, short, span
+from beamdesign.checker.reading import Table, Unreadable, judged, rational, short, span
 from beamdesign.checker.rectangle import stable_on_rectangle
 from beamdesign.checker.rig import ONCE, Loop, Rig
 from beamdesign.checker.roots import (
@@ -262,9 +262,6 @@ def statements(table: Table, rig: Rig) -> Statements:
     if not any(loop.performing for loop in loops):
         raise Unreadable("no combination of the ends of the spans is to perform")
     claims = table.tables("claim")
-    degree = max(p.degree() for loop in loops for p in loop.closed)
-    if (work := len(loops) * (1 + len(claims)) * degree**5) > MOST_WORK:
-        raise Unreadable(f"{len(loops)} loops of degree {degree} with {len(claims)} claims are too much work: {work}")
     stated, whole = table.table("stability"), all(_is_stable_over(loop, masses) for loop in loops)
     if len(loops) == 1 and loops[0].gain == (1, 1):
         yield from stability(stated, Family(*loops[0].at(loops[0].gain[0])), *masses)

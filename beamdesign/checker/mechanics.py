@@ -12,7 +12,7 @@ from typing import Any
 from flint import fmpq
 
 from beamdesign.checker.law import SENSED
-from beamdesign.checker.reading import Unreadable
+from beamdesign.checker.work import Unreadable, of_products, spend, times
 
 MOST_COORDINATES = 24
 MOST_TERMS = 20_000
@@ -159,6 +159,7 @@ def mechanics(
 
     for moved_by, impedance in network:
         for row, share in moved_by.items():
+            spend(5 * len(moved_by))
             for column, weight in moved_by.items():
                 add(row, column, share * weight * impedance)
     stroke, tip = motion({"tip": one, "rod": -one}), points["tip"]
@@ -232,6 +233,7 @@ def determinant(matrix: Sequence[Sequence[Polynomial]], ring: Ring) -> Polynomia
     """Determinant of a matrix of polynomials, by elimination without fractions (Bareiss, 1968)."""
     rows, before, sign = [list(row) for row in matrix], ring([1]), 1
     for k in range(len(rows) - 1):
+        spend(of_products(rows[k][k:], [entry for row in rows[k + 1 :] for entry in row[k:]]) / (len(rows) - k))
         pivot = next((i for i in range(k, len(rows)) if rows[i][k] != 0), None)
         if pivot is None:
             return ring([])
@@ -265,7 +267,7 @@ def filters(figure: Mapping[str, Number], elements: Elements, ring: Ring) -> tup
     if "filter_frequency_rad_per_s" in figure:
         above, below = ring([figure["filter_frequency_rad_per_s"]]), ring([figure["filter_frequency_rad_per_s"], 1])
     for over, under in elements.volts:
-        above, below = above * ring(over), below * ring(under)
+        above, below = times(above, ring(over)), times(below, ring(under))
     return above, below
 
 
@@ -287,10 +289,10 @@ def electronics(
     """
     gain, spool = drive(figure, elements, ring)
     above, lags = filters(figure, elements, ring)
-    forward = gain * figure["sensor_gain_V_per_m"] * numerators[SENSED[0]] * above
+    forward = gain * figure["sensor_gain_V_per_m"] * times(numerators[SENSED[0]], above)
     # What added sensors read passes none of the lags of the displacement's volts.
-    back = {name: gain * numerators[name] * lags for name in SENSED[1:] if name in numerators}
-    return spool * denominator * lags, {SENSED[0]: forward} | back
+    back = {name: gain * times(numerators[name], lags) for name in SENSED[1:] if name in numerators}
+    return times(spool * denominator, lags), {SENSED[0]: forward} | back
 
 
 def strayed(

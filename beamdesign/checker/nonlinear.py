@@ -28,6 +28,7 @@ from beamdesign.checker.impulse import MOST_PIECES, integrals
 from beamdesign.checker.reading import Table, Unreadable, judged, short, span
 from beamdesign.checker.rig import ONCE, Loop
 from beamdesign.checker.roots import NONE, ONE, ZERO, Family, Pair, Polynomials, S, bound, inner, pieces, plus
+from beamdesign.checker.work import height, spend
 
 MOST_STATEMENTS = 16
 HIGHEST_ORDER = 16
@@ -83,6 +84,7 @@ class Multiplier:
             largest[key] = max(order, largest.get(key, 0))
         if sum(largest.values()) > MOST_ORDERS:
             raise Unreadable(f"{table.place}: its kernels are of order {MOST_ORDERS} or more together")
+        spend(len(terms) * sum(largest.values()) ** 3 * max((height(rate) for rate, _ in largest), default=0) / 1_000)
         self.below = ONE
         for (rate, causal), order in largest.items():
             self.below *= _factor(rate, causal) ** order

@@ -10,6 +10,7 @@ from typing import Any
 from flint import fmpq, fmpq_poly
 
 from beamdesign.checker.roots import Pair
+from beamdesign.checker.work import Unreadable
 
 LARGEST_BYTES = 8_000_000
 DEEPEST = 32
@@ -19,17 +20,11 @@ LONGEST_LIST = 64
 """Entries of a list: coefficients of a polynomial, entries of a row of a matrix, ranges, claims."""
 HIGHEST_DEGREE = 60
 """Of the polynomials of a loop, and of its controller."""
-MOST_WORK = 10**10
-"""Loops times statements about each times the fifth power of their degree, which is how time grows with it."""
 LONGEST_WORDS = 20_000
 """Characters of a text that is no number, and entries of a list of such."""
 
 _NUMBER = re.compile(r"-?[0-9]+(\.[0-9]+)?|-?[0-9]+/[0-9]*[1-9][0-9]*", re.ASCII)
 _SEAL = re.compile(r'^sha256 = "([0-9a-f]{64})"\n', re.MULTILINE)
-
-
-class Unreadable(ValueError):
-    """The text is not a certificate of this format."""
 
 
 def rational(text: Any, place: str = "an entry", longest: int = LONGEST_FIGURE) -> fmpq:

@@ -304,7 +304,7 @@ class Rig:
         law = self.law
         if law is None:
             raise Unreadable("[controller] is not one law")
-        _refuse_size(elements, law)
+        refuse_size(elements, law)
         signals = list(law.numerators)
         bare, loaded = (
             mechanics(self.figures, elements, (mass, self.inner_end_mass), signals, fmpq_poly, erring=mass == 0)
@@ -330,7 +330,7 @@ class Rig:
         )
 
 
-def _refuse_size(elements: Elements, law: Law) -> None:
+def refuse_size(elements: Elements, law: Law) -> None:
     """Refuse a loop of a high degree before anything is multiplied out."""
     moving = {name for motion, _ in elements.impedances for name in motion}
     moving |= {name for weights in elements.points.values() for name in weights}

@@ -15,6 +15,8 @@ from typing import Any
 
 from flint import acb, arb, arb_poly, fmpq, fmpq_mat, fmpq_poly, fmpz, fmpz_poly
 
+from beamdesign.checker.work import of_common_divisor, of_determinant, of_quotients, of_roots, of_signs, spend
+
 S = fmpq_poly([0, 1])
 ONE, ZERO = fmpq_poly([1]), fmpq_poly([0])
 Pair = tuple[fmpq, fmpq]
@@ -31,6 +33,7 @@ def plus(one: Polynomials, other: Polynomials, times: fmpq | int = 1) -> Polynom
 
 def _sign_changes(polynomial: fmpq_poly, low: fmpq, high: fmpq) -> int:
     """An upper bound on the number of roots in the open interval, which is exact where it is 0 or 1."""
+    spend(of_signs(polynomial, low, high))
     moved = polynomial(fmpq_poly([low, high - low])).numer().coeffs()  # onto (0, 1), then onto the positive numbers
     moved += [fmpz(0)] * (polynomial.degree() + 1 - len(moved))
     signs = [value > 0 for value in fmpz_poly(moved[::-1])(fmpz_poly([1, 1])).coeffs() if value != 0]
@@ -54,6 +57,7 @@ def halve(polynomial: fmpq_poly, interval: Pair) -> Pair:
     """A shorter interval around the same root."""
     low, high = interval
     middle = (low + high) / 2
+    spend(of_signs(polynomial, low, high))
     value = polynomial(middle)
     if low == high or value == 0:
         return middle, middle
@@ -74,6 +78,7 @@ def bound(polynomial: fmpq_poly) -> fmpq:
 
 def square_free(polynomial: fmpq_poly) -> fmpq_poly:
     """A polynomial with the same roots, each once."""
+    spend(of_common_divisor(polynomial))
     return polynomial / polynomial.gcd(polynomial.derivative())
 
 
@@ -97,6 +102,7 @@ def pieces(polynomials: Sequence[fmpq_poly], low: fmpq, high: fmpq) -> tuple[lis
             continue
         rest = square_free(polynomial)
         for other in basis:
+            spend(of_common_divisor(max(rest, other, key=lambda one: one.degree())))
             rest = rest / rest.gcd(other)
         for end in (low, high):  # a root at an end cuts nothing
             if rest(end) == 0:
@@ -169,6 +175,7 @@ def is_hurwitz(polynomial: fmpq_poly) -> bool:
     degree = polynomial.degree()
     if degree < 0:
         return False
+    spend(of_quotients(polynomial))
 
     def part(parity: int) -> fmpq_poly:
         return fmpq_poly([c if (degree - i) % 2 == parity else 0 for i, c in enumerate(coefficients)])
@@ -181,6 +188,12 @@ def is_hurwitz(polynomial: fmpq_poly) -> bool:
     return True
 
 
+def determinant_of(matrix: fmpq_mat) -> fmpq:
+    """Of a matrix whose size is counted as work."""
+    spend(of_determinant(matrix))
+    return matrix.det()
+
+
 class Family:
     """p0 + m p1 with the polynomials in m that vanish wherever stability can change."""
 
@@ -190,7 +203,7 @@ class Family:
         # Orlando: the last but one determinant vanishes where two roots add up to zero. It is a polynomial in m of
         # at most this degree, and found by interpolation.
         masses = map(fmpq, range(max(self.degree, 1)))
-        determinant = interpolated(lambda m: _hurwitz_matrix(self.at(m), self.degree).det(), masses)
+        determinant = interpolated(lambda m: determinant_of(_hurwitz_matrix(self.at(m), self.degree)), masses)
         self.critical = [determinant, *(fmpq_poly([p0[k], p1[k]]) for k in (0, self.degree))]
 
     def at(self, mass: fmpq) -> fmpq_poly:
@@ -228,6 +241,7 @@ def unstable_roots(plain: fmpq_poly, late: fmpq_poly, delay: fmpq) -> int | None
     None where a root is on the axis, or too near to it to be told from one.
     """
     count = 0
+    spend(of_roots(plain + late))
     roots: list[Any] = (plain + late).complex_roots()
     for root, multiplicity in roots:
         if root.real.contains(0):

@@ -32,7 +32,8 @@ from beamdesign.checker.law import SENSED, VELOCITY, Law, Row, Stage
 from beamdesign.checker.mass_range import Statements
 from beamdesign.checker.reading import Table, Unreadable, short, span
 from beamdesign.checker.rig import Rig
-from beamdesign.checker.roots import NONE, Pair, interpolated, is_hurwitz, pieces
+from beamdesign.checker.roots import NONE, Pair, determinant_of, interpolated, is_hurwitz, pieces
+from beamdesign.checker.work import of_determinant, spend
 
 # The closed loop of a rig without effects as x' = A(m) x.
 #
@@ -160,6 +161,7 @@ def bounded(matrix: fmpq_mat) -> fmpq_mat:
 
 def positive(matrix: fmpq_mat) -> bool:
     """Whether a symmetric matrix M is positive definite: as all roots of det(sI + M) are real, its signs decide."""
+    spend(of_determinant(matrix))
     return all(value > 0 for value in (-matrix).charpoly().coeffs())
 
 
@@ -169,7 +171,7 @@ def positive_between(value: Callable[[fmpq], fmpq_mat], degree: int, low: fmpq, 
         return False
     count = degree * value(low).nrows() + 1
     points = (low + (high - low) * fmpq(k, count) for k in range(count))
-    determinant = interpolated(lambda mass: value(mass).det(), points)
+    determinant = interpolated(lambda mass: determinant_of(value(mass)), points)
     return bool(determinant(high) != 0) and pieces([determinant], low, high)[1] == 0
 
 

@@ -23,14 +23,13 @@ from flint import acb, arb, arb_poly, ctx, fmpq, fmpq_poly
 from beamdesign.checker.expressions import Expression, Node, Term, degrees
 from beamdesign.checker.reading import Unreadable, rational, short
 from beamdesign.checker.roots import NONE, ONE, ZERO, Pair, parts
+from beamdesign.checker.work import height, spend
 
 PRECISION_BITS = 96
 TANGENTS = 6
 """Around the arc of exp(-jwT)."""
 MOST_POINTS = 200_000
 """Control points of p on one piece."""
-MOST_WORK = 200_000_000
-"""Control points of p on all pieces."""
 
 T = TypeVar("T")
 Control = tuple[arb_poly, arb_poly]
@@ -80,6 +79,7 @@ class Frame:
         """Control points of a part of p, for every choice of what is enumerated in it."""
         if id(node) not in self._known:
             self._known[id(node)] = self._points(node)
+            spend(20 + sum(map(len, self._known[id(node)].values())))
         return self._known[id(node)]
 
     def _points(self, node: Node) -> dict[Choice, list[acb]]:
@@ -179,6 +179,9 @@ class Cell:
     def _grid(self, terms: Sequence[Term], powers: Mapping[str, int]) -> list[Control]:
         """Even and odd part, on the axis, of the polynomial in s at each control point."""
         found = []
+        long = max((height(end) * powers[name] ** 2 for name in powers for end in self.values[name]), default=0)
+        each = sum(5 + (5 + long / 2_000) * len(own) for _, _, own in terms)
+        spend(each * prod(1 + degree for degree in powers.values()))
         for index in product(*(range(degree + 1) for degree in powers.values())):
             at = dict(zip(powers, index, strict=True))
             coefficients = [fmpq(0)] * (1 + max((term.degree for term in terms), default=0))
@@ -216,6 +219,7 @@ class Cell:
                 both = zip_longest(plain, more, fillvalue=(fmpq(0), fmpq(0)))
                 plain, late = [(a[0] + b[0], a[1] + b[1]) for a, b in both], late + later
                 continue
+            spend(10 * len(plain) * len(more))
             total = [(fmpq(0), fmpq(0))] * (len(plain) + len(more) - 1 if plain and more else 0)
             for (i, a), (j, b) in product(enumerate(plain), enumerate(more)):
                 low, high = _times(a, b)
@@ -314,9 +318,8 @@ def walked(
     Raises:
         Unreadable: where the tree ends too soon or too late, cuts outside of its pieces or is too much work.
     """
-    points = control_points(expression)
-    if points > MOST_POINTS or points * len(marks) > MOST_WORK:
-        raise Unreadable(f"{points} control points on each of {len(marks)} pieces are more than is looked at")
+    if (points := control_points(expression)) > MOST_POINTS:
+        raise Unreadable(f"p has {points} control points on a piece, more than {MOST_POINTS}")
     whole = Cell(expression, expression.enters)
     plain, late = whole.coefficients(expression.body)
     waits = expression.delay is not None and expression.variables[expression.delay][1] > 0

@@ -1,0 +1,117 @@
+"""Small certificates that ask for hours of work are refused before it is done, and honest ones are far from that."""
+
+import tomllib
+from collections.abc import Callable
+from random import Random
+from typing import Any
+
+import pytest
+from forging import resealed
+from honest_certificates import EACH, honest
+
+from beamdesign import check
+from beamdesign.checker import Unreadable, work
+
+Table = dict[str, Any]
+SHARE = 8
+"""Of what is done for a file, all that honest certificates come to: one over this."""
+
+
+def of(kind: str, name: str) -> Table:
+    return tomllib.loads(honest(f"beamdesign.{kind}", name).text)
+
+
+def long_law(kind: str, name: str, degree: int = 30, digits: int = 60) -> Table:
+    """A controller of a high degree with long figures."""
+    random, table = Random(4), of(kind, name)
+    first, *rest = ([str(random.randrange(10**digits)) for _ in range(degree + 1)] for _ in range(4))
+    quotients = [f"{p}/{q}1" for p, q in zip(first, rest[0], strict=True)]
+    law = {"sensors": ["displacement_m"], "numerators": [rest[1][:degree]], "denominator": quotients}
+    return table | {"controller": {"kind": "homemade", "law": law}}
+
+
+def coordinates() -> Table:
+    """An effect with eighteen coordinates more, of which the tip and the rod move with all."""
+    names = [f"c{k}" for k in range(18)]
+    resists = ["1000*outer_stiffness", "1", "1*inner_mass + 1*outer_mass"]
+    ring = [
+        {"motion": {one: "1", other: "1"}, "resists": resists}
+        for one, other in zip(names, [*names[1:], names[0]], strict=True)
+    ]
+    points = {key: {at: f"1/{k + 3}" for k, at in enumerate(names)} for key in ("tip", "rod")}
+    effect = {"name": "e", "parameters": {}, "elements": {"points": points, "impedance": ring}}
+    return of("mass_range", "effects") | {"effect": [effect]}
+
+
+def claims() -> Table:
+    """Sixty-four claims about as many loops."""
+    table, spans = of("mass_range", "effects"), {"a": {"ends": ["0", "1"], "performing": ["0", "1"]}}
+    elements = {"impedance": [{"motion": {"slide": "1"}, "resists": ["1*a", "1*a"]}]}
+    table["effect"] += [{"name": f"e{k}", "parameters": {}, "span": spans, "elements": elements} for k in range(5)]
+    return table | {"claim": [{"kind": "decay_rate", "limit": f"1/{k}", "holds": True} for k in range(1000, 1064)]}
+
+
+def pieces() -> Table:
+    """Integrals of responses on two thousand pieces, of several loops, several times."""
+    table = of("mass_range", "moving")
+    one = next(one for one in table["nonlinear"] if one["kind"] == "deviation") | {"pieces": 2000}
+    return table | {"nonlinear": [one] * 8}
+
+
+def grid() -> Table:
+    """A leaf of more than a thousand terms on a grid of hundreds of points, in a tree that cuts again and again."""
+    names = "abcdef"
+    leaf = "*".join(f"({x}**2+{x}+1)" for x in names) + "*(1+s)"
+    return {
+        "kind": "beamdesign.expression_box", "version": 2, "name": "grid", "stable": True, "sha256": "", "p": "l",
+        "range": {x: ["1", "2"] for x in names}, "member": dict.fromkeys(names, "1"), "leaf": {"l": leaf},
+        "bound": [["l"]], "tree": ["w=1", *(9 * [*names]), *(60 * ["1,0"])],
+    }  # fmt: skip
+
+
+def matrices() -> Table:
+    """An observer of sixty states."""
+    table, n = of("mass_range", "sensors"), 60
+    table["controller"] |= {
+        "a": [[f"1/{10**9 + 7 * i + j * j}" for j in range(n)] for i in range(n)],
+        "b": [["1", "1/3"]] * n,
+        "c": ["1"] * n,
+    }
+    return table
+
+
+MADE: dict[str, Callable[[], Table]] = {
+    "long law": lambda: long_law("mass_range", "stable"),
+    "long law at walls": lambda: long_law("contact", "walls"),
+    "long law of an arm": lambda: long_law("arm_plane", "twisted"),
+    "high degree": lambda: long_law("mass_range", "stable", 50, 3),
+    "coordinates": coordinates,
+    "claims": claims,
+    "pieces": pieces,
+    "grid": grid,
+    "matrices": matrices,
+}
+
+
+@pytest.mark.parametrize("name", MADE)
+def test_what_asks_for_more_work_than_is_done_is_refused_before(name: str, monkeypatch: pytest.MonkeyPatch):
+    """With a share of what is allowed, so that this takes seconds."""
+    monkeypatch.setattr(work, "OF_ANY", work.OF_ANY // SHARE)
+    monkeypatch.setattr(work, "PER_BYTE", work.PER_BYTE // SHARE)
+    with pytest.raises(Unreadable, match="more work than is done"):
+        check(resealed(MADE[name]()))
+
+
+@pytest.mark.parametrize(("kind", "name"), EACH)
+def test_honest_certificates_ask_for_a_share_of_what_is_done(kind: str, name: str, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(work, "OF_ANY", work.OF_ANY // SHARE)
+    monkeypatch.setattr(work, "PER_BYTE", work.PER_BYTE // SHARE)
+    assert check(honest(kind, name).text).valid
+
+
+def test_filters_beside_a_box_are_of_a_low_degree_before_anything_is_multiplied_out():
+    table = of("box", "performing")
+    volts = [{"numerator": ["1", "1*outer_mass"], "denominator": ["1", "1*inner_mass", "1"]}] * 40
+    table["effect"] = [{"name": "e", "parameters": {}, "elements": {"volts": volts}}]
+    with pytest.raises(Unreadable, match="has degree 81, more than 60"):
+        check(resealed(table))
