@@ -261,3 +261,12 @@ def test_the_command_says_what_is_proved(tmp_path: Path, name: str, status: int)
     assert CliRunner().invoke(app, ["certify", "--replay", str(certificate)]).exit_code == 0
     refused = CliRunner().invoke(app, ["certify", "--replay", str(certificate), "--nonlinear"])
     assert refused.exit_code != 0
+
+
+@pytest.mark.parametrize(("stiffness", "gain"), [(1e10, 0.05), (1e9, 0.0005)])
+def test_a_loop_that_hardly_feeds_back_needs_no_kernel(tame: Prototype, stiffness: float, gain: float) -> None:
+    beam = tame.outer_beam.but(stiffness_N_per_m=stiffness)
+    rig = tame.but(outer_beam=beam, controller=tame.controller.but(gain_A_per_V=gain))
+    found = certify(rig, 0.0, 6.8, nonlinear=True)
+    assert [row.proved for row in found.nonlinear] == [True]
+    assert check(found.text).valid

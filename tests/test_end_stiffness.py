@@ -12,6 +12,7 @@ import pytest
 import tomli_w
 from flint import fmpq
 from forging import sealed_text
+from honest_certificates import screw
 from stated_rig import StatedRig
 from truth_of_contact import Port, true
 from typer.testing import CliRunner
@@ -45,6 +46,7 @@ from beamdesign.synthesis.end_stiffness import (
 )
 from beamdesign.synthesis.rig_spread import rig_spread
 from beamdesign.synthesis.stiffness_search import SEED_OF_RIGS, carried_out, drawn_rigs
+from beamdesign.time_limit import within
 
 PROTOTYPES = Path(__file__).parent.parent / "studies/prototypes"
 MASSES_KG = (0.0, 6.8)
@@ -676,3 +678,14 @@ def test_the_shipped_compliant_rig_is_what_its_compliance_says() -> None:
     assert rig.compliance is not None
     assert rig.controller == controller_of(rig, rig.compliance)
     assert judge(rig, rig.compliance, MASSES_KG, WALL).meets("passive")
+
+
+def test_a_screw_is_given_an_end_stiffness_too() -> None:
+    """Its gains are hundreds of amperes per volt."""
+    with within(0.1):
+        found = give(screw(), 3e5, (0.0, 2.0), contact="none", rigs=0)
+    assert found.prototype is not None
+    assert found.prototype.compliance is not None
+    assert found.prototype.compliance.servo.gain_A_per_V > 3.0
+    assert found.made is not None
+    assert check(found.made.contact).valid

@@ -229,7 +229,7 @@ class Grid:
 
     def _best(self, allowed: Sequence[Kernel], odd: bool) -> Solved | None:
         """Coefficients, Popov's one and the least real part on the whole grid."""
-        columns = np.array([kernel.response(self.w) for kernel in allowed])
+        columns = np.array([kernel.response(self.w) for kernel in allowed]).reshape(len(allowed), len(self.w))
         shape = self.turned.shape
         first = np.linspace(0, shape[1] - 1, _FIRST).astype(int)
         chosen = {(r, c) for r in {0, shape[0] // 2, shape[0] - 1} for c in first}

@@ -57,6 +57,8 @@ _SERVO_OVER_BEAM = 10.0
 
 _LOWEST, _HIGHEST = np.log10([1e-6, 0.05, 0.05, 0.3]), np.log10([3.0, 2e3, 2e3, 2e3])
 """Of gain (A/V), pole, zero and force filter (Hz)."""
+_GAINS = 3.0
+"""Powers of ten over which gains are sought at the least."""
 
 
 CONTACTS: dict[str, Need] = {"passive": "passive", "wall": "wall", "none": "stable"}
@@ -214,7 +216,7 @@ class _Search:
 
     def best(self, progress: Callable[[float], None]) -> Compliance | None:
         """The admitted law with the largest score; None where none is."""
-        lowest, highest = (_LOWEST[3:], _HIGHEST[3:]) if self.servo else (_LOWEST.copy(), _HIGHEST)
+        lowest, highest = (_LOWEST[3:], _HIGHEST[3:]) if self.servo else (_LOWEST.copy(), _HIGHEST.copy())
         if self.servo:
             progress(0.0)
             point = self._local_search(0, lowest, highest, _KEPT_STARTS, _KEPT_STEPS)[1]
@@ -222,6 +224,8 @@ class _Search:
         beam = paper_model(self.prototype).figures["outer_stiffness"]
         least = max(1.05 * self.end_stiffness, _SERVO_OVER_BEAM * beam)
         lowest[0] = np.log10(max(least_gain(self.prototype, least), 10 ** lowest[0]))
+        # What a drive needs of current is its own affair, and may be more: a screw's, or that of a small piston.
+        highest[0] = max(highest[0], lowest[0] + _GAINS)
         found: list[tuple[float, np.ndarray | None]] = []
         for k in range(_ROUNDS):
             progress(k / (_ROUNDS + 1))
