@@ -11,7 +11,7 @@ from forging import put, resealed, times
 from one_start import best_start_alone
 from test_robust_tuning import FIGURES, corners_and_others, matrices, members
 
-from beamdesign import Prototype, certify, check, read_prototype, tune
+from beamdesign import Prototype, certify, certify_box, check, read_prototype, tune
 from beamdesign.controllers import Lag
 from beamdesign.loop import loop
 from beamdesign.plant.members import family
@@ -239,3 +239,21 @@ def test_what_is_drawn_beside_a_loop_is_at_rest_one_over_its_stiffness() -> None
     )
     bare = one.but(outer_beam=one.outer_beam.but(width_m=None, wall_m=None))
     assert set(passive_curves(bare, 6.8)) == {"servo off"}
+
+
+def test_a_rig_that_nothing_damps_has_no_largest_compliance_with_the_servo_off() -> None:
+    """Then a loop that damps it is within every multiple of that."""
+    one = read_prototype(STUDIES / "tame_lag.toml").but(guarantee=None)
+    assert one.servovalve is not None
+    undamped = one.but(
+        outer_beam=one.outer_beam.but(damping_ratio=0.0),
+        inner_beam=one.inner_beam.but(damping_ratio=0.0),
+        servovalve=one.servovalve.but(leakage_m3_per_s_per_Pa=0.0),
+    )
+    alone = certify(undamped, 0.0, 6.8).guaranteed
+    assert alone is not None
+    assert (alone.servo_off_m_per_N, alone.peak_over_passive) == (inf, 0.0)
+    found = certify_box(undamped, (0.0, 6.8), sigmas=0.0)
+    assert found.guaranteed["peak_over_passive"] == 0.0
+    assert found.to_dict()["guaranteed"]["servo_off_m_per_N"] is None
+    assert check(found.text).valid

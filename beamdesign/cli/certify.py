@@ -278,10 +278,10 @@ def _echo_over_passive(peak_m_per_N: float, servo_off_m_per_N: float, ratio: flo
     """The largest compliance at any frequency beside that with the servo off, and the goal."""
     met = "within" if ratio <= goal.peak_over_passive else "beyond"
     limit = f", {met} the goal of {goal.peak_over_passive:g}" if isfinite(goal.peak_over_passive) else ""
-    echo(
-        f"  guaranteed{of}: |x/F_d| at most {peak_m_per_N:.5g} m/N at every frequency, {ratio:.4g} times the"
-        f" {servo_off_m_per_N:.5g} m/N with the servo off{limit}"
-    )
+    passive = f"{ratio:.4g} times the {servo_off_m_per_N:.5g} m/N with the servo off{limit}"
+    if servo_off_m_per_N == inf:
+        passive = "which nothing bounds with the servo off"
+    echo(f"  guaranteed{of}: |x/F_d| at most {peak_m_per_N:.5g} m/N at every frequency, {passive}")
 
 
 def _hertz(crossing: "Crossing") -> str:

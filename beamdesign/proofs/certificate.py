@@ -321,7 +321,9 @@ def peak_claim(goal: Goal, servo_off_m_per_N: float) -> tuple[Asked, ...]:
 
 
 def over_passive(peak_m_per_N: float, servo_off_m_per_N: float) -> float:
-    """How many times the largest compliance with the servo off one is; infinite where either is."""
+    """How many times the largest compliance with the servo off one is; none of it where that alone is infinite."""
+    if peak_m_per_N < inf == servo_off_m_per_N:
+        return 0.0
     if not (peak_m_per_N < inf and 0 < servo_off_m_per_N < inf):
         return inf
     return nearest(exact(peak_m_per_N) / exact(servo_off_m_per_N))  # no more than a goal whose limit is kept

@@ -279,6 +279,8 @@ def servo_off_over_box(prototype: Prototype, box: Box) -> tuple[float, Worst]:
     low, high = map(nearest, payloads)
     found = family(idle, high)
     about = servo_off_of(found.members, prototype.payload.inner_end_mass_kg, (low, high))
+    if about.compliance_m_per_N == inf:  # nothing damps it
+        return inf, Worst(inf, {**box.nominal, "outer_end_mass": payloads[0]}, about.frequency_Hz)
     shape = rig_family(idle, claim=Asked("compliance", about.compliance_m_per_N), delayed=False, varying=box.ranges)
     ranges = {**box.ranges, **performing_spans(found)}
     kept = {name: ends for name, ends in ranges.items() if name in shape.values and name in box.ranges}
