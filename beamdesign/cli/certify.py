@@ -321,7 +321,7 @@ def _echo_box(found: "BoxGuarantee") -> None:
     for claim in found.claims:
         if claim.asked.kind not in ("peak_compliance", "deviation"):  # these beside others, in words of their own
             echo(f"  guaranteed for every member: {describe(claim.asked)}")
-    missing = [name.replace("_", " ") for name, value in sure.items() if not value]
+    missing = [name.replace("_", " ") for name, value in sure.items() if value is None or value is False]
     if verdict.stable and missing:
         echo(f"  not proved of every member: {', '.join(missing)}")
     if (peak := sure["peak_sensitivity"]) and peak > record.goal.peak_sensitivity:
