@@ -689,3 +689,21 @@ def test_a_screw_is_given_an_end_stiffness_too() -> None:
     assert found.prototype.compliance.servo.gain_A_per_V > 3.0
     assert found.made is not None
     assert check(found.made.contact).valid
+
+
+@pytest.mark.parametrize(
+    ("part", "figures"),
+    [("goal", {"compliance_m_per_N": 1.0}), ("tolerance", {"leakage": 0.4999, "beam_damping_ratio": 0.4999})],
+)
+def test_wide_goals_and_wide_tolerances_make_no_figure_that_no_rig_has(part: str, figures: dict[str, float]) -> None:
+    """A compliance that is kept at every frequency, and rigs so far off that nothing would be left of a figure."""
+    rig = read_prototype(PROTOTYPES / "tame_lag.toml").but(guarantee=None)
+    rig = rig.but(**{part: getattr(rig, part).but(**figures)})
+    with within(0.05):
+        found = give(rig, 3e5, (0.0, 2.0), contact="none", rigs=20)
+    if part == "goal":
+        assert found.prototype is not None
+        assert found.prototype.guarantee is not None
+        assert found.prototype.guarantee.bandwidth_Hz == 1e5
+    drawn = rig_spread(rig, 2.0, 1.0).drawn(500, 1, 1.5) if part == "tolerance" else []
+    assert all(rig_spread(rig, 2.0, 1.0).rig(z).outer_beam.damping_ratio > 0 for z in drawn)

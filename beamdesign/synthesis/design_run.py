@@ -12,6 +12,7 @@ from beamdesign.proofs.certificate import LOWER_GAINS, Asked, Certificate, goal_
 from beamdesign.proofs.certifying import certify
 from beamdesign.proofs.lyapunov import describe, stages_certificate
 from beamdesign.prototype import Guarantee, Prototype
+from beamdesign.quantities import Frequency, range_of
 from beamdesign.result import Result
 from beamdesign.synthesis import SIGMAS
 from beamdesign.synthesis.holding import Holding, Way, carried, easier, in_words, standing, working
@@ -234,7 +235,7 @@ def stating(
 ) -> Prototype:
     """A prototype that states what the text of a certificate, which will stand beside it, guarantees of it."""
     guarantee = Guarantee(
-        bandwidth_Hz=bandwidth_Hz,
+        bandwidth_Hz=min(bandwidth_Hz, range_of(Frequency).high),  # no file states an infinite one
         peak_sensitivity=peak_sensitivity,
         outer_end_mass_kg=masses_kg,
         certificate=str(name),

@@ -28,6 +28,8 @@ from beamdesign.synthesis import SIGMAS
 from beamdesign.time_limit import left
 
 _CUT = 4.0
+_LEFT = 0.1
+"""Of a figure with a wide tolerance, what a rig that is drawn has at the least."""
 _DIGITS = 3
 """To which a deviation is rounded: a thousandth of a standard deviation."""
 
@@ -81,10 +83,11 @@ class RigSpread:
         """Linear members that a law has to serve of the prototype with its figures off by (d,)."""
         return served(self.rig(z), self.largest_outer_kg, self.stage)
 
-    def drawn(self, count: int, seed: int) -> list[np.ndarray]:
-        """Deviations (d,) of rigs drawn at random: normal, cut off at four."""
+    def drawn(self, count: int, seed: int, reach: float = 1.0) -> list[np.ndarray]:
+        """Deviations (d,) of rigs drawn at random: normal, cut off at four, times a reach; of no figure all is gone."""
         normal = np.random.default_rng(seed).standard_normal((count, len(self.deviations)))
-        return list(np.round(np.clip(normal, -_CUT, _CUT), _DIGITS))
+        least = (_LEFT - 1) / np.array([*self.deviations.values()])
+        return list(np.round(np.maximum(reach * np.clip(normal, -_CUT, _CUT), least), _DIGITS))
 
 
 def rig_spread(prototype: Prototype, largest_outer_kg: float, sigmas: float = SIGMAS) -> RigSpread:

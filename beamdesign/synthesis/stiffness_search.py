@@ -187,7 +187,7 @@ def plants_drawn(prototype: Prototype, largest_kg: float, count: int, seed: int,
     if not any(prototype.tolerance.model_dump().values()):
         return []
     spread = rig_spread(prototype, largest_kg, 1.0)
-    return [sensed(spread.rig(reach * z)) for z in spread.drawn(count, seed)]
+    return [sensed(spread.rig(z)) for z in spread.drawn(count, seed, reach)]
 
 
 _WORDS: dict[Need, str] = {
