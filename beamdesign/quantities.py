@@ -271,6 +271,13 @@ def stated_bandwidth(value: float) -> str:
     return at_least(value, "Hz", 7)
 
 
+def compliance_kept(limit_m_per_N: float, bandwidth_Hz: float) -> str:
+    """How far a force moves the tip, by the bandwidth (Hz) that is guaranteed with a limit; none is zero."""
+    if bandwidth_Hz <= 0:
+        return f"gives way by more than {quantity(limit_m_per_N, 'm/N')} even to a steady force"
+    return f"gives way by no more than {quantity(limit_m_per_N, 'm/N')} up to {stated_bandwidth(bandwidth_Hz)}"
+
+
 def stated_peak(value: float) -> str:
     """A guaranteed bound of a magnitude without a unit, likewise: never less than was proved."""
     return at_most(value, "1", 7)

@@ -169,12 +169,11 @@ def _unfit(rig: Prototype, scenario: Scenario, row: ScenarioRecord) -> Iterator[
             yield Problem(f"record.{row.name}.payload_change", "is for a scheduled controller")
         return
     period = schedule.period_s
+    is_to_be = f"must be the period of the scheduled controller, {period:g}"
     if abs(scenario.sample_s - period) > 1e-9:
-        words = f"must be the period of the scheduled controller, {period:g}, is {scenario.sample_s:g}"
-        yield Problem("sample_s", words)
+        yield Problem("sample_s", f"{is_to_be}, is {scenario.sample_s:g}")
     if scenario.sampled not in (None, Sampled(period_s=period)):
-        words = f"must be as the scheduled controller is: every {period:g} s, without delay and quantisation"
-        yield Problem("sampled", words)
+        yield Problem("sampled", f"{is_to_be}, without delay and quantisation")
     if row.wall is not None:
         yield Problem(f"record.{row.name}.wall", "is not for a scheduled controller")
 
@@ -197,8 +196,7 @@ def _fixed(rig: Prototype, scenario: Scenario, row: ScenarioRecord, position: in
     """Simulate a record, at a position in its scenario, of a rig whose controller has one law."""
     walled, sampled = row.wall is not None, scenario.sampled
     kinds = replace(structure_of(rig, sampled is not None), wall=walled)
-    inner = row.inner_end_mass_kg
-    inner = rig.payload.inner_end_mass_kg if inner is None else inner
+    inner = rig.payload.inner_end_mass_kg if row.inner_end_mass_kg is None else row.inner_end_mass_kg
     wall = () if row.wall is None else row.wall.model_dump().values()  # in the order of `plant.rigs.WALL_FIGURES`
     parameters = np.array([*parameters_of(rig, row.outer_end_mass_kg, inner).values(), *wall])
 
@@ -208,7 +206,7 @@ def _fixed(rig: Prototype, scenario: Scenario, row: ScenarioRecord, position: in
     try:
         y, start = _at_rest(continuous, assemble(kinds).states, before, parameters)
     except ValueError as error:
-        raise InputError(rig.name, [(f"record.{row.name}", str(error))]) from error
+        raise InputError(scenario.name, [(f"record.{row.name}", str(error))]) from error
     substeps = max(substeps_for(continuous, parameters, times), _wall_substeps(rig, row, times))
     inputs[:, 0] += row.preload_N
 
@@ -243,7 +241,7 @@ def _staged(rig: Prototype, scenario: Scenario, row: ScenarioRecord, position: i
     try:
         found = simulate_scheduled(rig, course, built, noise_V=noise, seed=seed, limit_m=limit)
     except ValueError as error:
-        raise InputError(rig.name, [(f"record.{row.name}", str(error))]) from error
+        raise InputError(scenario.name, [(f"record.{row.name}", str(error))]) from error
     return replace(found, name=row.name, samples=scenario.measurement.of(found.samples, position))
 
 
@@ -276,17 +274,20 @@ def simulate_scheduled(
         limit_m: displacement at which the loop has diverged.
 
     Raises:
-        InputError: for effects that cannot be.
+        InputError: for effects that cannot be, and for a period that is too long for a law.
         ValueError: where there is no equilibrium to start from.
     """
     schedule = rig.schedule
     assert schedule is not None  # the caller has seen that there are several laws
     laws = [stage.law for stage in schedule.stage]
+    try:
+        sampled = [sampled_law(law, schedule.period_s) for law in laws]
+    except ValueError as slow:
+        raise InputError(rig.name, [("controller.period_s", str(slow))]) from slow
     plant = (built or rig).but(controller=laws[0])
     inner, period = plant.payload.inner_end_mass_kg, schedule.period_s
     kinds, continuous = structure_of(plant, True), assemble(structure_of(plant))
     states = assemble(kinds).states
-    velocity = states.index("outer_m_per_s")
 
     def figures(mass: float) -> np.ndarray:
         return np.array(list(parameters_of(plant, mass, inner).values()))
@@ -315,9 +316,9 @@ def simulate_scheduled(
         while pending and pending[0][0] <= now + 1e-12:
             new = pending.pop(0)[1]
             if course.joining == "from_rest" and new > mass:
-                state[velocity] *= (bare + mass) / (bare + new)
+                state[states.index("outer_m_per_s")] *= (bare + mass) / (bare + new)
             mass = new
-        law = sampled_law(laws[stage], period)
+        law = sampled[stage]
         z = law.after(np.array([error]), current)
         y, state = integrate(
             kinds,
@@ -338,8 +339,7 @@ def simulate_scheduled(
             error = value
         estimate = estimator.advance(volts, y[:, OUTPUTS.index("current_A")]) if whole else estimator.estimate
         noted = (mass, stage + 1, estimate.outer_end_mass_kg, estimate.std_kg)
-        times = np.arange(begin, begin + len(y)) * period
-        given = (times, course.force_N[here], command[here])
+        given = (np.arange(begin, begin + len(y)) * period, course.force_N[here], command[here])
         rows.append(np.column_stack([*given, y[:, :4], volts, np.tile(noted, (len(y), 1))]))
         if not whole:
             record = diverged(rig.name, np.vstack(rows), limit_m, period)

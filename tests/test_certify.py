@@ -14,6 +14,7 @@ from typer.testing import CliRunner
 from beamdesign import InputError, Prototype, certify, check, write_prototype
 from beamdesign.checker.roots import Family
 from beamdesign.cli.certify import certify as command
+from beamdesign.controllers import Proportional
 from beamdesign.loop import loop
 from beamdesign.plant.members import paper_model
 from beamdesign.polynomial import Affine, exact, is_hurwitz, roots
@@ -299,6 +300,15 @@ def test_command_lists_both_crossings(run, rig, tmp_path):
     assert fields["certificate"] == "rig.certificate.toml"
     assert check(tmp_path / "rig.certificate.toml").valid
     assert "NOT stable" in output
+
+
+def test_command_promises_no_compliance_that_even_a_steady_force_exceeds(run, tmp_path, remedy):
+    soft = remedy.but(controller=Proportional(gain_A_per_V=1e-4), payload=remedy.payload.but(outer_end_mass_kg=(2, 2)))
+    write_prototype(soft, tmp_path / "rig.toml")
+    _, output, fields = run(tmp_path / "rig.toml")
+    assert fields["guaranteed"]["bandwidth_Hz"] == 0
+    assert "no bandwidth: even a steady force moves the tip by more than 5.71e-08 m/N" in output
+    assert "up to 0 Hz" not in output
 
 
 def test_command_uses_the_payload_of_the_prototype_and_names_the_next_crossing(run, rig):

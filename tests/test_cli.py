@@ -328,6 +328,38 @@ def test_what_does_not_fit_is_told_with_what_to_do(arguments: list[str], told: s
     assert told in str(done.exception)
 
 
+@pytest.mark.parametrize(
+    ("arguments", "told"),
+    [
+        ("code {lqg} --rate-Hz 3000", "{lqg}: controller: a rate of 3000 Hz"),
+        ("simulate {fast} --scenario {kick}", "{fast}: controller.period_s: a rate of 2000 Hz"),
+        ("simulate {scheduled} --scenario {bench}", "{bench}: record.thrown.start_m: is for an actuator bench"),
+        ("simulate {scheduled} --scenario {quick}", "{quick}: sample_s: must be the period"),
+        ("arm {lumped}", "{lumped}: arm.end_polar_inertia_kg_m2: missing"),
+    ],
+)
+def test_what_a_record_is_refused_for_is_told_of_its_file(arguments: str, told: str, tmp_path: Path) -> None:
+    kick = (ROOT / "studies" / "scenarios" / "kick.toml").read_text(encoding="utf-8")
+    made = {
+        "bench": kick.replace('name = "with_payload"', 'name = "thrown"\nstart_m = 0.01'),
+        "quick": kick.replace("duration_s", "sample_s = 1e-4\nduration_s"),
+        "lumped": "\n".join(
+            line for line in RIG.read_text(encoding="utf-8").splitlines() if not line.startswith("width")
+        ),
+    }
+    for name, text in made.items():
+        (tmp_path / f"{name}.toml").write_text(text, encoding="utf-8")
+    paths = {name: tmp_path / f"{name}.toml" for name in made}
+    paths |= {
+        "kick": ROOT / "studies/scenarios/kick.toml",
+        "scheduled": ROOT / "studies/scheduled/prototype.toml",
+        "fast": ROOT / "studies/scheduled/structured.toml",
+        "lqg": ROOT / "studies/prototypes/lqg.toml",
+    }
+    typed = [*arguments.format(**paths).split(), "--out", str(tmp_path / "out")]
+    assert told.format(**paths) in str(CliRunner().invoke(app, typed).exception)
+
+
 def test_a_misspelt_command_or_option_is_guessed() -> None:
     assert "'tune'" in CliRunner().invoke(app, ["tun"]).stderr
     assert "--outer-end-mass" in CliRunner().invoke(app, ["tune", str(RIG), "--outer-end-mas", "0:1"]).stderr

@@ -91,8 +91,18 @@ def test_a_study_states_its_own_load(run):
         run(STUDY, "--tip-force-N", 1000)
 
 
+def test_prototype_is_checked_for_the_load_that_it_was_designed_for(run, tmp_path):
+    rig = read_problem(STUDY).prototype(*PUBLISHED)
+    write_prototype(rig.but(payload=rig.payload.but(largest_force_N=300.0)), tmp_path / "prototype.toml")
+    _, output, fields = run(tmp_path / "prototype.toml")
+    assert "300 N (payload.largest_force_N)" in output
+    assert fields["assumed"]["load"] == {"tip_force_N": 300.0}
+    assert run(tmp_path / "prototype.toml", "--tip-force-N", 500)[2]["assumed"]["load"] == {"tip_force_N": 500.0}
+
+
 def test_prototype_is_checked_for_the_default_load_and_says_so(run, tmp_path):
-    write_prototype(read_problem(STUDY).prototype(*PUBLISHED), tmp_path / "prototype.toml")
+    rig = read_problem(STUDY).prototype(*PUBLISHED)
+    write_prototype(rig.but(payload=rig.payload.but(largest_force_N=None)), tmp_path / "prototype.toml")
     status, output, fields = run(tmp_path / "prototype.toml")
     assert status == 0
     assert "2000 N (default)" in output

@@ -9,6 +9,7 @@ import pytest
 from scipy.linalg import solve_continuous_lyapunov
 
 from beamdesign import Prototype, check, read_prototype, state_space
+from beamdesign.build import ratings as room
 from beamdesign.build.acceptance import acceptance
 from beamdesign.build.ratings import MARGIN, lagging, noise_bandwidth_Hz, ratings, sensor_need, stock_choices
 from beamdesign.build.tolerances import SAFETY, Tolerances, tolerances
@@ -108,6 +109,17 @@ def test_the_sensor_may_be_as_slow_as_is_said(rig: Prototype) -> None:
         assert np.abs(1 / (1 + opened)).max() <= need.peak_sensitivity * (1 + 1e-9)
     assert need.resolution_m == pytest.approx(0.1 * 5.71e-8 * 100.0)
     assert need.noise_density_m_per_rtHz * sqrt(need.noise_bandwidth_Hz) == pytest.approx(need.resolution_m)
+
+
+def test_the_sensor_that_performs_is_no_slower_than_it_is_stable_from_on(
+    rig: Prototype, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Between a slow sensor that does and one from which on all do, some may not."""
+    monkeypatch.setattr(room, "_proved_above", lambda prototype, masses, break_Hz: break_Hz > 5000.0)
+    need = sensor_need(rig, (0.0, 0.0), 100.0, 0.1)
+    assert need.stable_from_Hz is not None
+    assert need.performs_from_Hz is not None
+    assert need.performs_from_Hz >= need.stable_from_Hz > 5000.0
 
 
 def test_a_filtered_sensor_gets_its_lag_beside_the_filter(rig: Prototype) -> None:

@@ -2,6 +2,7 @@
 
 import re
 from math import pi
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -9,14 +10,15 @@ from finished_run import finished_run
 from hypothesis import given
 from hypothesis import strategies as st
 
-from beamdesign import Prototype
-from beamdesign.build.folder import document_of
+from beamdesign import Prototype, certify, read_prototype
+from beamdesign.build.folder import document_of, proved_statements
 from beamdesign.build.ratings import held_loads, nearest_stock_tube
 from beamdesign.build.result_folder import FILES
 from beamdesign.build.specification import specification_of
 from beamdesign.controllers import Lag, Proportional
 from beamdesign.loop import loop
 from beamdesign.prototype import InStage
+from beamdesign.quantities import compliance_kept
 from beamdesign.report.page import to_markdown
 from beamdesign.spelling import in_markdown
 from beamdesign.structure.lumped import lumped_beam
@@ -169,3 +171,11 @@ def test_proportional_control_has_its_gain_alone(run: DesignRun, prototype: Prot
 def test_nothing_is_specified_without_a_result(run: DesignRun) -> None:
     with pytest.raises(ValueError, match="nothing fits"):
         specification_of(DesignRun(run.problem, run.sizing, None, None, None, "nothing fits"))
+
+
+def test_an_end_that_is_meant_to_yield_is_promised_no_bandwidth() -> None:
+    soft = read_prototype(Path(__file__).parent.parent / "studies" / "prototypes" / "compliant.toml")
+    found = certify(soft, 6.8, 6.8)
+    assert {one.foundation for one in proved_statements(found, soft.goal.compliance_m_per_N)} == {"proved"}
+    assert compliance_kept(5.71e-8, 0.0) == "gives way by more than 57.1 nm/N even to a steady force"
+    assert compliance_kept(5.71e-8, 2.5) == "gives way by no more than 57.1 nm/N up to 2.5 Hz"

@@ -291,7 +291,8 @@ def sensor_need(
             stable = _least(stands, breaks)
         while stable is not None and not _proved_above(prototype, masses_kg, stable):
             stable = None if 1.1 * stable >= breaks[1] else 1.1 * stable
-        performs = _least(lambda f: _kept(reaches(f), nominal), breaks)
+        # never slower than it is stable from on: below that, what one break keeps a faster one may lose
+        performs = _least(lambda f: _kept(reaches(f), nominal), (stable or breaks[0], breaks[1]))
         reached = None if performs is None else reaches(performs)
     motion = prototype.goal.compliance_m_per_N * load_N
     band = max(noise_bandwidth_Hz(stage.prototype, mass) for stage in stages for mass in stage.looked_at_kg)

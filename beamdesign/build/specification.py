@@ -271,7 +271,7 @@ def _refuse_slow(prototype: Prototype, rate_Hz: float | None) -> None:
     except ValueError as error:
         raise InputError(prototype.name, [("controller", str(error))]) from error
     if rate_Hz is not None and rate_Hz <= 2 * upper:
-        reason = f"{rate_Hz:g} Hz is not more than twice the controller's upper break, {upper:g} Hz"
+        reason = f"{rate_Hz:g} Hz is not more than twice the controller's upper break, {upper:g} Hz; give more"
         raise InputError("--sampling-rate-Hz", [("rate", reason)])
 
 

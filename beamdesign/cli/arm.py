@@ -205,9 +205,12 @@ def _echo_proof(record: "Prototype", found: "ArmResult") -> None:
         echo_stability(f"plane {plane.name}, {with_what}", plane, f"for {rigs_in_words(0.0)}")
         if (sure := plane.guaranteed) is None:
             continue
-        echo(f"  guaranteed at the tip: at most {limit} up to {stated_bandwidth(sure.tip_bandwidth_Hz)}")
+        if sure.tip_bandwidth_Hz > 0:
+            echo(f"  guaranteed at the tip: at most {limit} up to {stated_bandwidth(sure.tip_bandwidth_Hz)}")
+        else:
+            echo(f"  at the tip even a steady force moves it by more than {limit}, the goal")
         if sure.load_bandwidth_Hz > 0:
-            echo(f"  guaranteed at the payload: the same up to {stated_bandwidth(sure.load_bandwidth_Hz)}")
+            echo(f"  guaranteed at the payload: at most {limit} up to {stated_bandwidth(sure.load_bandwidth_Hz)}")
         else:
             static = f"{sure.load_static_m_per_N:.4g} m/N"
             echo(f"  at the payload even a steady force moves it by {static}, beyond the goal")

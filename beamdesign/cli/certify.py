@@ -148,7 +148,10 @@ def _echo(record: "Prototype", certificate: "Certificate") -> None:
     if certificate.guaranteed is not None:
         found, goal = certificate.guaranteed, record.goal
         limit = goal.compliance_m_per_N
-        echo(f"  guaranteed: |x/F_d| at most {limit:.4g} m/N up to {stated_bandwidth(found.bandwidth_Hz)}")
+        if found.bandwidth_Hz > 0:
+            echo(f"  guaranteed: |x/F_d| at most {limit:.4g} m/N up to {stated_bandwidth(found.bandwidth_Hz)}")
+        else:
+            echo(f"  no bandwidth: even a steady force moves the tip by more than {limit:.4g} m/N")
         echo_against_goal(found, goal)
         if isfinite(found.peak_over_passive):
             _echo_over_passive(found.peak_compliance_m_per_N, found.servo_off_m_per_N, found.peak_over_passive, goal)

@@ -88,7 +88,8 @@ def command(
         wrong += problems(**given) if problems else ()
         if wrong:
             refuse(work.__name__.replace("_", "-"), *wrong)
-        result = work(**given)
+        with _told_by_file([given[name] for name in ("prototype", "study", "scenario") if given.get(name)]):
+            result = work(**given)
         for path in result.files:
             echo(str(path))
         write_json(json, result.fields)
@@ -101,6 +102,26 @@ def command(
     carried_out.__annotations__ = hints | {"json": _JsonOption, "return": None}
     carried_out.__doc__ = about
     return carried_out
+
+
+@contextmanager
+def _told_by_file(files: Iterable[Path]) -> Iterator[None]:
+    """Say what is wrong with a record, which bears the name that it has in its file, of the file itself."""
+    try:
+        yield
+    except Exception as error:
+        from beamdesign.records import InputError, read_table
+
+        if not isinstance(error, InputError) or error.source in map(str, files):
+            raise
+        for path in files:
+            try:
+                name = str(read_table(path)["name"])
+            except (InputError, KeyError):  # not yet come to
+                continue
+            if error.source.partition(", stage ")[0] == name:
+                raise InputError(f"{path}{error.source.removeprefix(name)}", error.problems) from error
+        raise
 
 
 def _described(work: Callable[..., Any]) -> tuple[str, dict[str, str]]:

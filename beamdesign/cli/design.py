@@ -133,7 +133,7 @@ def size(
 
     Args:
         study: a study file or a prototype.toml.
-        tip_force_N: load to check a prototype for; 2000 by default.
+        tip_force_N: load to check a prototype for; else its largest force, or 2000 where it states none.
     """
     from beamdesign.records import read_table
 
@@ -169,14 +169,16 @@ def _checked(path: Path, tip_force_N: float | None) -> CommandResult:
     from beamdesign.synthesis.sizing import check_prototype
 
     prototype = read_prototype(path)
-    force = DEFAULT_TIP_FORCE_N if tip_force_N is None else tip_force_N
+    stated, force, said = prototype.payload.largest_force_N, tip_force_N, "--tip-force-N"
+    if force is None:
+        force, said = (stated, "payload.largest_force_N") if stated else (DEFAULT_TIP_FORCE_N, "default")
     pair = check_prototype(prototype, force, str(path))
     echo(
         f"{prototype.name}: sections checked for a tip force of {force:g} N "
-        f"({'default' if tip_force_N is None else '--tip-force-N'}), with default safety factors "
+        f"({said}), with default safety factors "
         f"({Safety().strength:g} strength, {Safety().local_buckling:g} local buckling) and gaps "
         f"({1e3 * Clearance().assembly_m:g} mm at assembly, {1e3 * Clearance().under_load_m:g} mm under load): "
-        "a prototype states none of these"
+        "a prototype states neither factors nor gaps"
     )
     echo_checks("checks", map(check_fields, pair.checks))
     echo(f"both beams weigh {pair.beam_mass_kg:.4g} kg; governed by {pair.governing}")

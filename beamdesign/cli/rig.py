@@ -72,8 +72,6 @@ def code(
         any_computing_time: prove it for every computing time up to one period as well, which takes a minute.
         compile_here: compile it with the system's C compiler and run its self-test.
     """
-    from beamdesign.records import InputError
-
     record = with_controller(prototype)
     assert record.controller is not None
     masses = mass_range(outer_end_mass, record.payload.outer_end_mass_kg or (0.0, 0.0), prototype)
@@ -85,12 +83,9 @@ def code(
         refuse("--compile", ("(compiler)", "neither cc, gcc nor clang is on the path; set CC or leave it"))
     bits = None if in_floats else word_length or 32
     with progress("realising") as update:
-        try:
-            found = realised(
-                record, rate_Hz, masses, bits, full_scale_V, largest_current_A, any_computing_time, progress=update
-            )
-        except InputError as error:
-            refuse(prototype, *error.problems)
+        found = realised(
+            record, rate_Hz, masses, bits, full_scale_V, largest_current_A, any_computing_time, progress=update
+        )
     folder = out or default_folder(f"{prototype.resolve().stem}.code")
     if found.reason:
         echo(f"{record.name}: {found.reason}")
@@ -208,7 +203,6 @@ def simulate(
     from beamdesign.bench_prototype import BenchPrototype, read_any_prototype
     from beamdesign.plant.assembly import problem_without_controller, wrong_effects
     from beamdesign.plant.effects import library
-    from beamdesign.records import Problem
     from beamdesign.scenario import read_scenario
 
     rig = read_any_prototype(prototype)
@@ -216,11 +210,8 @@ def simulate(
         return _simulate_bench(rig, prototype, scenario, out, plots)
     wrong = wrong_effects(rig)
     plan = read_scenario(scenario)
-    wrong += [
-        Problem(f"record.{row.name}.start_m", "is for an actuator bench")
-        for row in plan.record
-        if row.start_m is not None
-    ]
+    if of_bench := [row.name for row in plan.record if row.start_m is not None]:
+        refuse(scenario, *((f"record.{name}.start_m", "is for an actuator bench") for name in of_bench))
     if rig.controller is None and any(row.controller is None for row in plan.record):
         wrong.append(problem_without_controller())
     if wrong:

@@ -139,9 +139,8 @@ def discretised(controller: Controller | TransferFunction, rate_Hz: float) -> Di
         gain, factors = factored(law)
         highest = highest_Hz(factors)
         if 2 * highest >= rate_Hz:
-            raise ValueError(
-                f"a rate of {rate_Hz:g} Hz is not more than twice the controller's upper break, {highest:.6g} Hz"
-            )
+            words = f"a rate of {rate_Hz:g} Hz is not more than twice the controller's upper break, {highest:.6g} Hz"
+            raise ValueError(f"{words}; sample more often")
         sections = (_section(own, partners, rate_Hz) for own, partners in factors)
         channels.append(Channel(sensed, gain, tuple(sections)))
     return DiscreteLaw(rate_Hz, tuple(channels))
