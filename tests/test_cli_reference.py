@@ -181,6 +181,20 @@ def test_a_key_is_explained_with_every_place_it_may_stand(tmp_path: Path) -> Non
     assert "equations (13) and (14)" in invoke("explain", "leakage_m3_per_s_per_Pa")
 
 
+@pytest.mark.parametrize(
+    ("asked", "meant"),
+    [
+        ("material.my alloy.density_kg_per_m3", "density_kg_per_m3"),
+        ("controller.section[0].zero_Hz", "controller.section.zero_Hz"),
+        ("payload.outer_end_mass_kg[1]", "payload.outer_end_mass_kg"),
+        ("material.NAME", "material"),
+        ("[[controller.section]]", "controller.section"),
+    ],
+)
+def test_a_key_is_explained_as_it_stands_in_a_file(asked: str, meant: str) -> None:
+    assert invoke("explain", asked).splitlines()[0] == invoke("explain", meant).splitlines()[0]
+
+
 def test_every_effect_is_explained_with_its_figures() -> None:
     for effect in effects():
         said = invoke("explain", effect.name)

@@ -95,7 +95,7 @@ def explain(
         return CommandResult(everything | {"topics": topics()})
     if reference:
         refuse("explain", ("--reference", "prints all keys; leave KEY away"))
-    wanted = key.strip("[]")
+    wanted = docs.plain(key)
     effect = effect_named(wanted)
     some = [] if effect else list(find(wanted))
     every = effects() if wanted == "effects" else (effect,) if effect else ()

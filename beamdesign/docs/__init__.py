@@ -8,13 +8,12 @@ from functools import cache
 from importlib import import_module
 from operator import attrgetter
 from pathlib import Path
-from types import NoneType, UnionType
-from typing import Annotated, Any, Literal, Union, get_args, get_origin
+from typing import Annotated, Any, get_origin
 
 from pydantic.fields import FieldInfo
-from pydantic_core import PydanticUndefined
 
-from beamdesign.quantities import Plausible, unit_of
+from beamdesign.docs.fields import bounds_of, default_of, described, first_sentence, kind_of, numeric
+from beamdesign.quantities import unit_of
 from beamdesign.records import Record, nested_records, of_own_names
 
 FILES = {
@@ -135,7 +134,7 @@ def _entry(name: str) -> EffectEntry:
     parameters = tuple(
         Key(
             f"effects.{name}.{q.name}", "prototype", q.meaning, "a number", unit_of(q.name) or "1",
-            f"from {q.low:g} to {q.high:g}", f"{q.default:g}", _first_sentence(words), effect.source,
+            f"from {q.low:g} to {q.high:g}", f"{q.default:g}", first_sentence(words), effect.source,
         )
         for q in effect.parameters
     )  # fmt: skip
@@ -144,10 +143,20 @@ def _entry(name: str) -> EffectEntry:
     return EffectEntry(name, *own, *in_proofs, rigs, parameters)
 
 
+def plain(word: str) -> str:
+    """A key without the brackets of tables and of entries."""
+    return re.sub(r"\[\d+\]", "", word).strip("[]")
+
+
 def find(word: str) -> tuple[Key, ...]:
-    """The keys that a word names: a whole path, the end of one, or a table, which gives the keys in it as well."""
-    known, word = keys(), word.strip("[]")
-    exact = [key for key in known if key.path == word or key.path.endswith("." + word)]
+    """The keys that a word names: a whole path, the end of one, or a table, which gives the keys in it as well.
+
+    An entry of a list, as `controller.section[0]`, goes by its list, and a table under a name of its own by NAME.
+    """
+    known, word = keys(), plain(word)
+    of_own = {re.escape(key.path.partition(".NAME.")[0]) for key in known if ".NAME." in key.path}
+    named = re.sub(rf"^({'|'.join(of_own)})\.[^.]+", r"\1.NAME", word).removesuffix(".NAME")
+    exact = [key for key in known if key.path in (word, named) or key.path.endswith("." + word)]
     tables = {key.path for key in exact if key.is_table}
     inside = [key for key in known if key.path.rpartition(".")[0].removesuffix(".NAME") in tables and key not in exact]
     return (*exact, *inside)
@@ -157,7 +166,7 @@ def effect_named(word: str) -> EffectEntry | None:
     """The effect of that name, also given as `effects.NAME`; laws to be learnt among them."""
     from beamdesign.plant.effects import library
 
-    name = word.strip("[]").removeprefix("effects.")
+    name = plain(word).removeprefix("effects.")
     return _entry(name) if name in library() else None
 
 
@@ -169,20 +178,20 @@ def words(beside: str = "") -> tuple[str, ...]:
 
 def nearest(word: str) -> tuple[str, ...]:
     """Up to three known words that look like one that is not known, best first; paths where it has a dot."""
-    word = word.strip("[]")
+    word = plain(word)
     close = difflib.get_close_matches(word, words(word), n=3, cutoff=0.5)
     return tuple(close or difflib.get_close_matches(word.rpartition(".")[2], words(), n=3, cutoff=0.5))
 
 
 def _walk(record: type[Record], file: str, prefix: str = "") -> Iterator[Key]:
-    table, source = _described(record)
+    table, source = described(record)
     for name, field in ((name, one) for name, one in record.model_fields.items() if not one.exclude):
         path = f"{prefix}{name}"
         nested = nested_records(Annotated[field.annotation, *field.metadata] if field.metadata else field.annotation)
         if not nested:
             yield Key(
-                path, file, field.description or "", _kind(field.annotation),
-                (unit_of(name) or "1") if _numeric(field.annotation) else "", _bounds(field), _default(field), table,
+                path, file, field.description or "", kind_of(field.annotation),
+                (unit_of(name) or "1") if numeric(field.annotation) else "", bounds_of(field), default_of(field), table,
                 source,
             )  # fmt: skip
             continue
@@ -195,7 +204,7 @@ def _walk(record: type[Record], file: str, prefix: str = "") -> Iterator[Key]:
 
 
 def _table(path: str, file: str, field: FieldInfo, nested: list[type[Record]], source: str) -> Key:
-    meaning = field.description or "; or ".join(_described(each)[0] for each in nested)
+    meaning = field.description or "; or ".join(described(each)[0] for each in nested)
     default = "needed" if field.is_required() else "may be left out"
     kind = "a list of tables" if get_origin(field.annotation) is tuple else "a table"
     if of_own_names(field.annotation):
@@ -216,89 +225,6 @@ def _merged(tagged: list[tuple[str, Key]], kinds: int, usual: str) -> Iterator[K
         if key.name == "kind" and kinds > 1:
             facts |= {"kind": "one of " + ", ".join(f'"{tag}"' for tag in tags), "default": usual or "needed"}
         yield replace(key, **facts)
-
-
-def _described(record: type[Record]) -> tuple[str, str]:
-    """What a record is in its first sentence, and the `Source:` that its docstring states."""
-    source = re.search(r"Source: (.*?)(?:\n\s*\n|$)", text := record.__doc__ or "", flags=re.DOTALL)
-    return _first_sentence(text), " ".join(source[1].split()).rstrip(".") if source else ""
-
-
-def _first_sentence(text: str) -> str:
-    return " ".join(text.split("\n\n")[0].split()).rstrip(".")
-
-
-def _kind(annotation: Any) -> str:
-    origin, parts = get_origin(annotation), get_args(annotation)
-    if origin is Annotated:
-        return _kind(parts[0])
-    if origin in (Union, UnionType):
-        return " or ".join(_kind(part) for part in parts if part is not NoneType)
-    if origin is Literal:
-        return ("one of " if len(parts) > 1 else "") + ", ".join(f'"{part}"' for part in parts)
-    if origin is tuple and Ellipsis in parts:
-        each = _kind(parts[0])
-        if each.startswith(("one of ", "a list of ")):
-            return f"a list, each {each}"
-        return f"a list of {each.removeprefix('a ')}s"
-    if origin is tuple:
-        return f"a list of {len(parts)} {_kind(parts[0]).removeprefix('a ')}s"
-    if origin is dict or annotation is dict:
-        return "a table"
-    if isinstance(annotation, type) and issubclass(annotation, str | Record):
-        return "text"
-    return {float: "a number", int: "a whole number", bool: "true or false"}.get(annotation, "a value")
-
-
-def _numeric(annotation: Any) -> bool:
-    inside = () if get_origin(annotation) is dict else get_args(annotation)
-    return annotation is float or any(map(_numeric, inside))
-
-
-def _limits(annotation: Any) -> Iterator[Any]:
-    """What a type's annotations demand, at any depth."""
-    for part in get_args(annotation):
-        if isinstance(part, FieldInfo):
-            yield from part.metadata
-        elif hasattr(part, "__dataclass_fields__") and not isinstance(part, type):
-            yield part
-        else:
-            yield from _limits(part)
-
-
-def _bounds(field: FieldInfo) -> str:
-    limits = (*field.metadata, *_limits(field.annotation))
-    if plausible := [limit for limit in limits if isinstance(limit, Plausible)]:
-        return f"from {plausible[0]}"
-
-    def narrowest(sign: int, *sides: tuple[str, str]) -> list[str]:
-        """Of the limits on one side; of equal ones the strict."""
-        stated = ((getattr(limit, side, None), k, word) for limit in limits for k, (side, word) in enumerate(sides))
-        found = [(sign * float(value), k, f"{word} {value:g}") for value, k, word in stated if value is not None]
-        return [max(found)[2]] if found else []
-
-    low, high = narrowest(1, ("ge", "at least"), ("gt", "above")), narrowest(-1, ("le", "at most"), ("lt", "below"))
-    return ", ".join(low + high)
-
-
-def _default(field: FieldInfo) -> str:
-    if field.is_required():
-        return "needed"
-    if field.default_factory_takes_validated_data:
-        return "from the others"
-    value = field.get_default(call_default_factory=True)
-    return "none" if value in (PydanticUndefined, None, (), {}) else shown(value)
-
-
-def shown(value: Any) -> str:
-    """A value as it would stand in TOML."""
-    if isinstance(value, str):
-        return f'"{value}"'
-    if isinstance(value, bool):
-        return str(value).lower()
-    if isinstance(value, tuple | list):
-        return "[" + ", ".join(shown(item) for item in value) + "]"
-    return f"{value:g}" if isinstance(value, float) else str(value)
 
 
 def places(alike: Iterable[Key]) -> str:
