@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 from honest_certificates import screw
 
-from beamdesign import InputError, Prototype, limits, simulate
+from beamdesign import InputError, Prototype, certify, code, limits, simulate
 from beamdesign.build.acceptance import acceptance_plan
 from beamdesign.controllers import Lag
 from beamdesign.prototype import Payload, Supply, prototype_from
 from beamdesign.scenario import Scenario, ScenarioRecord, Sine
 from beamdesign.simulation import SimulatedRecord
-from beamdesign.synthesis.operating_limits import demand, envelope, sensor_reach
+from beamdesign.synthesis.operating_limits import Limits, demand, envelope, sensor_reach
 
 
 @pytest.fixture
@@ -187,3 +187,16 @@ def test_new_figures_are_optional_and_checked(paper: Prototype):
     with pytest.raises(InputError) as told:
         prototype_from(table | wrong)
     assert {problem.key for problem in told.value.problems} >= {"supply.pressure_MPa", "actuator.stroke_m"}
+
+
+def test_a_loop_that_a_slow_sensor_makes_unstable_has_no_limits(rig: Prototype) -> None:
+    tame = rig.but(
+        controller=Lag(gain_A_per_V=0.05, pole_Hz=1.7, zero_Hz=20.0), payload=rig.payload.but(inner_end_mass_kg=2.5)
+    )
+    slow, quick = (tame.but(effects={"sensor_lag": {"break_Hz": f}}) for f in (25.0, 1000.0))
+    assert not certify(slow, 0.0, 0.0).stable
+    assert limits(slow, 0.0).reason == "not stable with 0 kg"
+    assert Limits(quick, 0.0, 0.0, envelope(quick)).to_dict()["left_aside"] == ["sensor_lag"]
+    refused = code(slow, 10_000.0, (0.0, 0.0))
+    assert refused.reason.startswith("with the continuous law the loop is not stable: ")
+    assert not code(quick, 10_000.0, (0.0, 0.0)).reason

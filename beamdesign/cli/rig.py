@@ -353,7 +353,9 @@ def _echo_limits(found: "OperatingLimits") -> None:
         heads = ("frequency, Hz", "force, N", "governed by", "tip moves, um", "supply power, W")
         echo_table(title, heads, found.rows())
     for limit, key in found.envelope.missing.items():
-        echo(f"{limit}: not looked at, {key} is not given")
+        echo(f"{limit}: not looked at, {key} not given")
+    if found.left_aside:
+        echo(f"forces above and modes below are worked out without {', '.join(found.left_aside)}")
     _echo_sensor(found.sensor)
     if isinstance(found.modes, str):
         echo(f"higher modes: not looked at, {found.modes}")
@@ -364,11 +366,14 @@ def _echo_limits(found: "OperatingLimits") -> None:
         return
     effects = ", ".join(sorted(with_published_effects(rig).effects))
     echo_table(
-        f"Linear amplitude within 10 % up to ({effects})",
+        f"Linear amplitude within 10 % up to ({effects or 'no effects'})",
         ("varied", "at, Hz", "limit", "off there, %"),
         found.linear_rows(),
     )
     assert rig.controller is not None
+    if not found.limit_cycles:
+        echo("limit cycles: none found by harmonic balance")
+        return
     echo_table(
         f"Limit cycles by harmonic balance; the prototype's gain is {1e3 * rig.controller.gain_A_per_V:.4g} mA/V",
         ("amplitude, um", "gain, mA/V", "frequency, Hz", "settles there"),

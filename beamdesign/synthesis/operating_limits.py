@@ -20,6 +20,7 @@ from beamdesign.plant.harmonic_balance import limit_cycles
 from beamdesign.plant.linear_reach import (
     SingleModeReach,
     Varied,
+    linear_part,
     reach,
     signals,
     single_compliance,
@@ -164,7 +165,7 @@ def envelope(
     """
     grid = np.geomspace(0.1, 200.0, 161) if frequency_Hz is None else np.asarray(frequency_Hz, dtype=float)
     nothing = np.zeros(len(grid))
-    if prototype.controller is None or not loop(prototype.but(effects={})).at(outer_end_mass).stable:
+    if prototype.controller is None or not loop(linear_part(prototype)).at(outer_end_mass).stable:
         why = "no controller" if prototype.controller is None else f"not stable with {outer_end_mass:g} kg"
         return Envelope(grid, {}, nothing, nothing, {}, why, stable=False)
     asked, held = demand(prototype, outer_end_mass, grid), _held(prototype, outer_end_mass, preload)
@@ -190,7 +191,7 @@ def sensor_reach(prototype: Prototype, outer_end_mass: float = 0.0) -> SensorRea
     Raises:
         ValueError: without a controller.
     """
-    error = abs(loop(prototype.but(effects={})).at(outer_end_mass).static_compliance())
+    error = abs(loop(linear_part(prototype)).at(outer_end_mass).static_compliance())
     sensor = prototype.sensor
     hidden = None if sensor.resolution_m is None else (sensor.resolution_m / error if error > 0 else inf)
     if sensor.noise_V is None:
@@ -233,6 +234,11 @@ class Limits(Result):
     limit_cycles: tuple[dict[str, Any], ...] = ()
 
     @property
+    def left_aside(self) -> tuple[str, ...]:
+        """Linear effects that the loop is judged with, but envelope and modes are worked out without."""
+        return tuple(linear_part(self.prototype).effects)
+
+    @property
     def reason(self) -> str:
         """Why there are none; empty where there are."""
         return "" if self.envelope.stable else self.envelope.reason
@@ -247,6 +253,7 @@ class Limits(Result):
         modes, reach = self.modes, self.linear_amplitude
         fields |= {
             "actuator": {"reason": bears.reason, "missing": bears.missing} if bears.reason else picked(bears, shown),
+            "left_aside": self.left_aside,
             "sensor": self.sensor,
             "modes": {"reason": modes}
             if isinstance(modes, str)

@@ -36,8 +36,10 @@ from beamdesign.build.realisation.realise import (
 )
 from beamdesign.files import write_set
 from beamdesign.loop import LoopAtMass, loop
+from beamdesign.plant.linear_reach import linear_part
 from beamdesign.polynomial import exact
 from beamdesign.progress import Progress, silent
+from beamdesign.proofs.certifying import stability_over
 from beamdesign.prototype import Prototype
 from beamdesign.records import InputError
 from beamdesign.result import Result, finite, picked
@@ -192,6 +194,7 @@ class ProvedCode(Result):
         at_once, late: stability over the range, proved or refuted; None where it was not asked.
         masses: figures at the masses looked at.
         not_judged: why nothing is said about the loop; empty where something is.
+        unstable: why the loop of the continuous law is not stable, where that of the realised one is not judged.
         any_time: stability for every computing time up to one period, where that was asked.
     """
 
@@ -204,6 +207,7 @@ class ProvedCode(Result):
     masses: tuple[AtMass, ...] = ()
     not_judged: str = ""
     any_time: SampledVerdict | None = None
+    unstable: str = ""
 
     @property
     def proved(self) -> bool | None:
@@ -215,6 +219,8 @@ class ProvedCode(Result):
     @property
     def reason(self) -> str:
         """Why there is no code; empty where there is."""
+        if self.unstable:
+            return f"with the continuous law the loop is not stable: {self.unstable}; no code is written"
         if self.proved or self.not_judged:
             return ""
         verdicts = (
@@ -363,7 +369,8 @@ def judge(
     if prototype.effects:
         reason = f"the sampled loop is not worked out for a prototype with effects ({', '.join(prototype.effects)})"
         errors = law_errors(prototype.controller, realisation, realisation.rate_Hz / 40)
-        return ProvedCode(prototype, masses_kg, realisation, errors, not_judged=reason)
+        found = stability_over(linear_part(prototype), *masses_kg)
+        return ProvedCode(prototype, masses_kg, realisation, errors, not_judged=reason, unstable=found.reason)
     figures = tuple(figures_at(prototype, realisation, mass) for mass in masses_between(masses_kg, looked_at))
     crossover = max(at.continuous.crossover_Hz for at in figures) or realisation.rate_Hz / 40
     at_once, late = (prove_sampled(realised_loop(prototype, realisation, late), *masses_kg) for late in (False, True))
