@@ -1,6 +1,7 @@
 """The specification: its figures are those of the record, in the units a workshop reads."""
 
 import re
+from dataclasses import replace
 from math import pi
 from pathlib import Path
 
@@ -179,3 +180,10 @@ def test_an_end_that_is_meant_to_yield_is_promised_no_bandwidth() -> None:
     assert {one.foundation for one in proved_statements(found, soft.goal.compliance_m_per_N)} == {"proved"}
     assert compliance_kept(5.71e-8, 0.0) == "gives way by more than 57.1 nm/N even to a steady force"
     assert compliance_kept(5.71e-8, 2.5) == "gives way by no more than 57.1 nm/N up to 2.5 Hz"
+
+
+def test_a_rating_that_is_stated_and_less_than_needed_is_told(run: DesignRun, prototype: Prototype) -> None:
+    weak = prototype.but(actuator=prototype.actuator.but(stroke_m=1e-3))
+    needed, stated, _ = rows(markdown(replace(run, prototype=weak)))["stroke from end to end, × 1.25"]
+    assert (number(needed) > 1, stated) == (True, "1 mm, less than needed")
+    assert rows(markdown(run))["stroke from end to end, × 1.25"][1] == "–"

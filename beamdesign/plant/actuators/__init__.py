@@ -138,6 +138,11 @@ class Row(NamedTuple):
         """Whether it is computed or given."""
         return "computed" if self.key else "given"
 
+    @property
+    def short(self) -> bool:
+        """Whether the prototype states less than is needed."""
+        return self.stated is not None and self.stated < self.needed
+
 
 Change = tuple[str, float, bool]
 """Key of a prototype, its figure, and whether that is the least or else the most."""
