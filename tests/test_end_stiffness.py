@@ -17,7 +17,7 @@ from stated_rig import StatedRig
 from truth_of_contact import Port, true
 from typer.testing import CliRunner
 
-from beamdesign import InputError, Prototype, check, read_prototype, simulate, state_space, write_prototype
+from beamdesign import InputError, Prototype, certify, check, read_prototype, simulate, state_space, write_prototype
 from beamdesign import stiffness as give
 from beamdesign.checker import Unreadable
 from beamdesign.cli import app
@@ -707,3 +707,19 @@ def test_wide_goals_and_wide_tolerances_make_no_figure_that_no_rig_has(part: str
         assert found.prototype.guarantee.bandwidth_Hz == 1e5
     drawn = rig_spread(rig, 2.0, 1.0).drawn(500, 1, 1.5) if part == "tolerance" else []
     assert all(rig_spread(rig, 2.0, 1.0).rig(z).outer_beam.damping_ratio > 0 for z in drawn)
+
+
+def test_a_peak_sensitivity_that_is_the_goal_is_told_as_certify_tells_it() -> None:
+    stage = read_prototype(PROTOTYPES.parent / "scheduled" / "prototype.toml").stages((0.0, 6.8))[2]
+    found = judge(stage.prototype, None, stage.outer_end_mass_kg, Wall((fmpq(0), fmpq(0))))
+    proved = certify(stage.prototype, *stage.outer_end_mass_kg).guaranteed
+    assert proved is not None
+    assert found.peak_sensitivity == proved.peak_sensitivity == stage.prototype.goal.peak_sensitivity
+
+
+def test_no_wall_is_none_to_come_to_rest_at(rig: Prototype, tmp_path: Path) -> None:
+    found = judge(rig, None, MASSES_KG, Wall((fmpq(0), fmpq(0)))).unilateral_contact
+    assert (found.stiffness_N_per_m, found.whole) == (0.0, False)
+    write_prototype(rig, tmp_path / "rig.toml")
+    refused = CliRunner().invoke(app, ["stiffness", str(tmp_path / "rig.toml"), "--wall-N-per-m", "0:0"])
+    assert "--wall-N-per-m: 0:0: is no wall; give a stiffest one" in str(refused.exception)

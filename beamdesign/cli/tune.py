@@ -250,6 +250,8 @@ def stiffness(
 
     record = read_prototype(prototype)
     low, high = figures_of("--wall-N-per-m", wall_N_per_m, "WallStiffness", "two figures as LO:HI", ":", 2)
+    if high == 0:
+        refuse("--wall-N-per-m", (wall_N_per_m, "is no wall; give a stiffest one, or --contact none"))
     damping = figures_of("--wall-damping-N-s-per-m", wall_damping_N_s_per_m, "Damping", "two figures as LO:HI", ":", 2)
     wall = (low, high), (damping[0], damping[1])
     masses = mass_range(outer_end_mass, record.outer_end_mass_kg, prototype)

@@ -343,7 +343,7 @@ def popov_slack(tip: Tip, stiffness: fmpq, multiplier: fmpq) -> Coefficients:
 
 def unilateral_contact(tip: Tip, masses: tuple[fmpq, fmpq], stiffness: fmpq) -> UnilateralContact:
     """Find the stiffest one-sided wall, up to the one given (N/m), that is proved for every end mass (kg)."""
-    if not is_stable_over(tip.over_mass, *masses):
+    if stiffness == 0 or not is_stable_over(tip.over_mass, *masses):
         return UnilateralContact(0.0, 0.0, False)
 
     def proves(wall: fmpq, multiplier: float) -> bool:
