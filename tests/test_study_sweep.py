@@ -5,21 +5,24 @@ import json
 from contextlib import nullcontext
 from pathlib import Path
 
+import numpy as np
 import pytest
 import tomli_w
 from pyarrow import parquet
 from typer.testing import CliRunner
 
 import beamdesign
-from beamdesign import DesignProblem, InputError, Prototype, read_problem, size
+from beamdesign import DesignProblem, InputError, Prototype, read_problem, read_prototype, size, write_prototype
 from beamdesign.cli.study import study
 from beamdesign.code_digest import sources
 from beamdesign.docs import pages
+from beamdesign.prototype import Payload
 from beamdesign.sweep import workers
 from beamdesign.sweep.case import TASKS, case
 from beamdesign.sweep.methods import points
 from beamdesign.sweep.sweep_file import known_keys, read_sweep, with_value, wrong_key
 from beamdesign.sweep.sweep_run import plan, run_sweep
+from beamdesign.synthesis.operating_limits import envelope
 
 ROOT = Path(__file__).parents[1]
 PROBLEM = ROOT / "studies" / "prototype.toml"
@@ -468,3 +471,27 @@ def test_commands_say_what_does_not_hold(sweep, command, tmp_path):
     _, output, fields = command("run", path, "--out", folder)
     assert f"2 {said} and are computed again" in output
     assert (fields["computed"], len(fields["unsound"])) == (2, 1)
+
+
+def test_a_key_that_changes_nothing_is_told(sweep, command, tmp_path):
+    """A measured stiffness stands before the material of its tube."""
+    vary = [
+        {"key": "outer_beam.material", "values": ["6061-T6", "S355J2H"]},
+        {"key": "payload.inner_end_mass_kg", "values": [4.0, 4.5]},
+    ]
+    path = sweep(vary=vary, options={"outer_end_mass_kg": 3.0})
+    status, output, fields = command("run", path, "--out", tmp_path / "out")
+    assert status == 0
+    assert fields["conclusion"]["idle_keys"] == ["outer_beam.material"]
+    assert "outer_beam.material changes no result; a measured figure may stand before it" in output
+
+
+def test_limits_are_those_of_the_command_where_no_mass_is_asked_of(sweep, command, tmp_path):
+    rig = read_prototype(REMEDY).but(payload=Payload(outer_end_mass_kg=(3.0, 6.8), inner_end_mass_kg=4.5))
+    write_prototype(rig, tmp_path / "rig.toml")
+    path = sweep(task="limits", base=tmp_path / "rig.toml", vary=[{"key": "sensor.gain_V_per_m", "values": [1180.0]}])
+    assert command("run", path, "--out", tmp_path / "out")[0] == 0
+    (row,) = command("show", tmp_path / "out")[2]["rows"]
+    at = envelope(rig, 6.8, frequency_Hz=np.array([10.0]))
+    assert row["load_at_10_Hz_N"] == pytest.approx(at.load_N[0])
+    assert row["load_at_10_Hz_N"] != pytest.approx(envelope(rig, 0.0, frequency_Hz=np.array([10.0])).load_N[0])

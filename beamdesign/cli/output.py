@@ -119,7 +119,7 @@ def note(text: str) -> None:
 def echo_table(
     title: str, columns: Sequence[str], rows: Iterable[Sequence[Any]], wrap: bool = True, every: bool = True
 ) -> list[str]:
-    """Print a table; floats get four significant digits, or six in lines that are not wrapped. Styles go to terminals.
+    """Print a table; floats get four significant digits, seven in lines that are not wrapped. Styles go to terminals.
 
     Args:
         title: above it.
@@ -138,7 +138,7 @@ def echo_table(
 
     if _hushed.is_set():
         return []
-    digits, kept = 4 if wrap else 6, len(columns)
+    digits, kept = 4 if wrap else 7, len(columns)
     texts = [[f"{v:.{digits}g}" if isinstance(v, float) else "" if v is None else str(v) for v in row] for row in rows]
     plain = "NO_COLOR" in os.environ or not sys.stdout.isatty()
     width, room = None if wrap else _WIDEST, shutil.get_terminal_size().columns

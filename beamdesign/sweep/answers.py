@@ -15,6 +15,7 @@ from beamdesign.sweep.case import (
     AtMassOptions,
     CertifyOptions,
     CodesignOptions,
+    LimitsOptions,
     RangeOptions,
     RemediesOptions,
     SimToRealOptions,
@@ -271,21 +272,23 @@ def arm(prototype: Prototype, options: ArmOptions) -> Answer:
     return Answer(outputs, {"notes": list(found.figures.notes)}, found.reason)
 
 
-def limits(prototype: Prototype, options: AtMassOptions) -> Answer:
+def limits(prototype: Prototype, options: LimitsOptions) -> Answer:
     """Largest force on the tip at 1, 10 and 100 Hz with one mass there, what governs it, and the static error."""
     import numpy as np
 
     from beamdesign.synthesis.operating_limits import envelope, sensor_reach
 
-    shown_Hz = np.array([1.0, 10.0, 100.0])
-    found = envelope(prototype, options.outer_end_mass_kg, frequency_Hz=shown_Hz)
+    shown_Hz, mass = np.array([1.0, 10.0, 100.0]), options.outer_end_mass_kg
+    if mass is None:
+        mass = (prototype.outer_end_mass_kg or (0.0, 0.0))[1]
+    found = envelope(prototype, mass, frequency_Hz=shown_Hz)
     outputs: dict[str, Any] = {}
     for k, frequency in enumerate(shown_Hz if not found.reason else ()):
         outputs[f"load_at_{frequency:g}_Hz_N"] = float(found.load_N[k])
         outputs[f"governing_at_{frequency:g}_Hz"] = found.governing[k]
         outputs[f"displacement_at_{frequency:g}_Hz_m"] = float(found.displacement_m[k])
     if not found.reason:
-        outputs["static_error_m_per_N"] = sensor_reach(prototype, options.outer_end_mass_kg).static_error_m_per_N
+        outputs["static_error_m_per_N"] = sensor_reach(prototype, mass).static_error_m_per_N
     return Answer(outputs, {"missing": found.missing}, found.reason)
 
 

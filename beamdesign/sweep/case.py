@@ -100,6 +100,14 @@ class AtMassOptions(Record):
     outer_end_mass_kg: NonNegative = 0.0
 
 
+class LimitsOptions(Record):
+    """Options of `limits`."""
+
+    outer_end_mass_kg: NonNegative | None = Field(
+        None, description="on the outer tip; the prototype's largest payload by default"
+    )
+
+
 class SimToRealOptions(Record):
     """Options of `sim_to_real`."""
 
@@ -205,7 +213,7 @@ _ROWS = (
         _columns("force_N error_alone_m error_m error_by_tip_m error_by_turning_m error_by_twist_m"
             f" {ERRORS} torsion_tip_held_Hz peak_sensitivity tip_bandwidth_Hz load_bandwidth_Hz", "stable"),
         (_LAW, _RANGE)),
-    Task("limits", Prototype, AtMassOptions,
+    Task("limits", Prototype, LimitsOptions,
         _columns(f"{_FORCES} static_error_m_per_N",
             text="governing_at_1_Hz governing_at_10_Hz governing_at_100_Hz"), (_LAW,)),
 )  # fmt: skip

@@ -16,6 +16,7 @@ from matplotlib.figure import Figure
 from beamdesign.report.canvas import STYLES, Place, finish, new_figure, save
 from beamdesign.report.charts import plot_stable_bands
 from beamdesign.spelling import in_plot
+from beamdesign.sweep.idle import idle_keys
 from beamdesign.sweep.methods import NO_RESULT, Plan, cost, figures_of
 from beamdesign.sweep.sweep_file import PICTURES, Demand, Picture, Sweep, value_at
 
@@ -34,6 +35,8 @@ def conclude(laid: Plan, records: Sequence[Row]) -> dict[str, Any]:
         found["worst"] = _worst(sweep, records)
     if sweep.study.method == "sensitivity":
         found["sensitivity"] = sensitivity(laid, records)
+    if idle := idle_keys(records):
+        found["idle_keys"] = idle
     return found
 
 
@@ -118,7 +121,7 @@ _INDICES = {"first_order": "S1", "first_order_half_width": "S1_conf", "total": "
 
 def in_words(found: Mapping[str, Any], sweep: Sweep) -> list[str]:
     """The conclusions as sentences."""
-    said = []
+    said = [f"{key} changes no result; a measured figure may stand before it" for key in found.get("idle_keys", ())]
     if (asked := found.get("specification")) is not None:
         line = f"specification met by {asked['met']} of {asked['of']} cases"
         if "yield" in asked:
