@@ -162,6 +162,14 @@ def test_a_box_without_width_has_what_the_other_prover_finds(rig: Prototype):
     assert found["peak_sensitivity"] >= exactly.peak_sensitivity * (1 - 1e-4)
 
 
+def test_a_box_with_a_member_that_gives_way_at_rest_has_no_bandwidth(rig: Prototype):
+    """Of a valve's dead band that member has no gain."""
+    dead = rig.but(effects={"valve_deadband": {}})
+    found = guaranteed_fields(best_over_box(dead, tolerance_box(dead, 0.0, None, (0.0, 0.0))))
+    assert found["bandwidth_Hz"] is None
+    assert found["peak_sensitivity"] < 2
+
+
 def test_a_delay_counts(rig: Prototype):
     """With any delay up to 0.2 ms the proved peak is above that without, and no delayed loop exceeds it."""
     box = tolerance_box(rig, 0.0, None, (0.0, 0.0), delay_s=(0.0, 2e-4))

@@ -13,6 +13,7 @@ from typer.testing import CliRunner
 
 from beamdesign import InputError, Prototype, certify, check, write_prototype
 from beamdesign.checker.roots import Family
+from beamdesign.cli.certify import _echo_over_passive
 from beamdesign.cli.certify import certify as command
 from beamdesign.controllers import Proportional
 from beamdesign.loop import loop
@@ -20,6 +21,7 @@ from beamdesign.plant.members import paper_model
 from beamdesign.polynomial import Affine, exact, is_hurwitz, roots
 from beamdesign.proofs.certificate import Asked, describe
 from beamdesign.proofs.stability import StabilityMap, is_stable_over, stable_ranges
+from beamdesign.prototype import Goal
 
 quick = settings(max_examples=60)
 
@@ -309,6 +311,11 @@ def test_command_promises_no_compliance_that_even_a_steady_force_exceeds(run, tm
     assert fields["guaranteed"]["bandwidth_Hz"] == 0
     assert "no bandwidth: even a steady force moves the tip by more than 5.71e-08 m/N" in output
     assert "up to 0 Hz" not in output
+
+
+def test_a_share_that_is_beyond_its_goal_is_not_rounded_to_it(capsys: pytest.CaptureFixture[str]):
+    _echo_over_passive(3.91e-05, 2.49e-05, 1.5702, Goal(peak_over_passive=1.57))
+    assert "1.571 times the 2.49e-05 m/N with the servo off, beyond the goal of 1.57" in capsys.readouterr().out
 
 
 def test_command_uses_the_payload_of_the_prototype_and_names_the_next_crossing(run, rig):

@@ -34,7 +34,6 @@ from beamdesign.prototype import (
     Beam,
     Compliance,
     Goal,
-    Guarantee,
     Payload,
     Servovalve,
     Tolerance,
@@ -275,7 +274,6 @@ def test_it_knows_the_keys_and_defaults_of_a_prototype() -> None:
         "servovalve": Servovalve,
         "payload": Payload,
         "goal": Goal,
-        "guarantee": Guarantee,
         "arm": Arm,
         "actuator": BallScrew,
     }

@@ -43,14 +43,15 @@ def _beyond(prototype: Mapping[str, Any], table: Table, rig: Rig) -> Iterator[st
     guarantee, compliance = prototype["guarantee"], number_of(prototype, "goal", "compliance_m_per_N")
     box = table.optional("range")
     bandwidth, peak, count = (
-        number_of(prototype, "guarantee", key) for key in ("bandwidth_Hz", "peak_sensitivity", "sigmas")
+        number_of(prototype, "guarantee", key) if key in guarantee else fmpq(0)
+        for key in ("bandwidth_Hz", "peak_sensitivity", "sigmas")
     )
-    low, high = masses_of(guarantee)
     asked, key = (box, "outer_end_mass") if box.keys else (table, "outer_end_mass_kg")
     spread = deviations_of(table, figures(rig)) if box.keys else {}
     tolerated = "outer_end_mass" in table_of(prototype, "tolerance")
     share = count * number_of(prototype, "tolerance", "outer_end_mass") if tolerated else fmpq(0)
-    asked_masses = low * (1 - share), high * (1 + share)
+    low, high = masses_of(guarantee) if "outer_end_mass_kg" in guarantee else asked.range(key)
+    asked_masses = (low * (1 - share), high * (1 + share)) if "outer_end_mass_kg" in guarantee else (low, high)
     if count and (not box.keys or ("tolerance" not in table and any(table_of(prototype, "tolerance").values()))):
         yield "standard deviations, of which the certificate is not"
     for name, deviations in spread.items():
@@ -63,7 +64,7 @@ def _beyond(prototype: Mapping[str, Any], table: Table, rig: Rig) -> Iterator[st
     claims = [one for one in table.tables("claim") if _is_about(one, key, asked_masses)]
     if bandwidth and not any(_reaches(one, compliance, bandwidth) for one in claims):
         yield "a bandwidth beyond that of the certificate"
-    if not any(one.take("kind") == "peak_sensitivity" and one.number("limit") <= peak for one in claims):
+    if peak and not any(one.take("kind") == "peak_sensitivity" and one.number("limit") <= peak for one in claims):
         yield "a peak sensitivity below that of the certificate"
 
 

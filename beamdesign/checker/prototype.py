@@ -91,7 +91,6 @@ DEFAULTS: dict[str, dict[str, Any]] = {
     "servovalve": {"damping_ratio": 0.5},
     "actuator": {"rotor_friction_N_m_s_per_rad": 0.0, "screw_damping_N_s_per_m": 0.0},
     "payload": {"inner_end_mass_kg": 0.0},
-    "guarantee": {"sigmas": 0.0},
     "goal": {
         "compliance_m_per_N": 5.71e-8,
         "peak_sensitivity": 2.0,

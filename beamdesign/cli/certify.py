@@ -279,9 +279,11 @@ def echo_against_goal(found: "Guaranteed | PlaneGuaranteed", goal: "Goal") -> No
 
 def _echo_over_passive(peak_m_per_N: float, servo_off_m_per_N: float, ratio: float, goal: "Goal", of: str = "") -> None:
     """The largest compliance at any frequency beside that with the servo off, and the goal."""
+    from beamdesign.quantities import at_most
+
     met = "within" if ratio <= goal.peak_over_passive else "beyond"
     limit = f", {met} the goal of {goal.peak_over_passive:g}" if isfinite(goal.peak_over_passive) else ""
-    passive = f"{ratio:.4g} times the {servo_off_m_per_N:.5g} m/N with the servo off{limit}"
+    passive = f"{at_most(ratio, '1')} times the {servo_off_m_per_N:.5g} m/N with the servo off{limit}"
     if servo_off_m_per_N == inf:
         passive = "which nothing bounds with the servo off"
     echo(f"  guaranteed{of}: |x/F_d| at most {peak_m_per_N:.5g} m/N at every frequency, {passive}")
@@ -324,9 +326,10 @@ def _echo_box(found: "BoxGuarantee") -> None:
     for claim in found.claims:
         if claim.asked.kind not in ("peak_compliance", "deviation"):  # these beside others, in words of their own
             echo(f"  guaranteed for every member: {describe(claim.asked)}")
-    missing = [name.replace("_", " ") for name, value in sure.items() if value is None or value is False]
+    lacking = (name for name, value in sure.items() if value is None or value is False)
+    missing = [name.partition("_Hz")[0].partition("_m_per")[0] for name in lacking]
     if verdict.stable and missing:
-        echo(f"  not proved of every member: {', '.join(missing)}")
+        echo(f"  not proved of every member: {', '.join(missing).replace('_', ' ')}")
     if (peak := sure["peak_sensitivity"]) and peak > record.goal.peak_sensitivity:
         echo(f"  the peak sensitivity is beyond the goal of {record.goal.peak_sensitivity:g}")
     if softest := sure["peak_compliance_m_per_N"]:

@@ -307,6 +307,8 @@ def _highest(prototype: Prototype, box: Box, asked: Asked) -> Asked | None:
         if not len(over):
             break
         highest = float(w[0, max(over[0] - 1, 0)]) / (2 * pi)
+        if highest == 0:  # the worst member gives way too far however slow the force
+            break
     return replace(asked, bandwidth_Hz=highest) if highest > 0 else None
 
 

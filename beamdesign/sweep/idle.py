@@ -11,7 +11,7 @@ def idle_keys(records: Sequence[Mapping[str, Any]]) -> list[str]:
     Args:
         records: of all cases, with what was varied, how each came out and its outputs.
     """
-    finished = [record for record in records if record["status"] == "done"]
+    finished = [record for record in records if record["status"] == "done" and record.get("varied")]
     varied = dict.fromkeys(key for record in finished for key in record["varied"])
     return [key for key in varied if _idle(key, finished)]
 
