@@ -2,19 +2,22 @@
 
 import json
 import re
+from dataclasses import replace
 from pathlib import Path
 from xml.etree import ElementTree
 
 import numpy as np
 import pytest
+from honest_certificates import screw
 from typer.testing import CliRunner
 
-from beamdesign import Prototype, write_prototype
+from beamdesign import Prototype, read_prototype, write_prototype
 from beamdesign.cli import app
 from beamdesign.report.charts import plot_record
 from beamdesign.simulation import SimulatedRecord
 
-KICK = str(Path(__file__).parent.parent / "studies" / "scenarios" / "kick.toml")
+STUDIES = Path(__file__).parent.parent / "studies"
+KICK = str(STUDIES / "scenarios" / "kick.toml")
 
 
 def record(**changes) -> SimulatedRecord:
@@ -87,3 +90,40 @@ def test_command_draws_every_record_and_a_page_that_needs_nothing_else(tmp_path:
     again = CliRunner().invoke(app, [*arguments[:-1], str(tmp_path / "bare"), "--no-plots"])
     assert again.exit_code == 1
     assert sorted(path.name for path in (tmp_path / "bare").iterdir()) == ["with_payload.csv", "without_payload.csv"]
+
+
+@pytest.mark.parametrize(
+    ("source", "limit_A"), [("prototypes/tame_lag.toml", 0.01), ("ball_screw", 30.0)], ids=["valve", "drive"]
+)
+def test_the_limit_that_is_drawn_is_that_of_the_rig_however_it_saturates(
+    source: str, limit_A: float, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    """A drive's usual limit is what it gives at 10 V."""
+    rig = screw() if source == "ball_screw" else read_prototype(STUDIES / source)
+    if source == "ball_screw":
+        rig = rig.but(actuator=rig.actuator.but(peak_current_A=30.0))
+    write_prototype(rig.but(effects={"current_saturation_soft": {}}), tmp_path / "p.toml")
+    drawn: dict[str, tuple[float, str]] = {}
+
+    def noted(*given):
+        drawn.update(given[-1])
+        return {"records": given[2]}
+
+    monkeypatch.setattr("beamdesign.cli.rig.write_folder", noted)
+    kick = Path(KICK).read_text(encoding="utf-8").replace("duration_s = 3.0", "duration_s = 0.1")
+    (tmp_path / "s.toml").write_text(kick, encoding="utf-8")
+    CliRunner().invoke(
+        app, ["simulate", str(tmp_path / "p.toml"), "--scenario", str(tmp_path / "s.toml"), "--out", "o"]
+    )
+    assert drawn["current_A"] == (limit_A, "amplifier's limit")
+
+
+def test_stages_have_whole_numbers():
+    one = record()
+    staged = replace(
+        one,
+        columns=(*one.columns[:-1], "stage"),
+        samples=np.column_stack([one.samples[:, :-1], one.samples[:, 0] * 0 + 1]),
+    )
+    (panel,) = [axes for axes in plot_record(staged, {}).axes if axes.get_ylabel() == "stage, no."]
+    assert all(tick == round(tick) for tick in panel.get_yticks())

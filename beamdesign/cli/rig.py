@@ -201,8 +201,8 @@ def simulate(
     """
     from beamdesign import simulation as engine
     from beamdesign.bench_prototype import BenchPrototype, read_any_prototype
-    from beamdesign.plant.assembly import problem_without_controller, wrong_effects
-    from beamdesign.plant.effects import library
+    from beamdesign.plant.assembly import effect_parameters_of, problem_without_controller, wrong_effects
+    from beamdesign.plant.effects import laws_of
     from beamdesign.scenario import read_scenario
 
     rig = read_any_prototype(prototype)
@@ -235,9 +235,9 @@ def simulate(
         "displacement_m": (plan.displacement_limit_m, "limit"),
         "load_pressure_Pa": (rig.supply.pressure_Pa, "supply"),
     }
-    if (given := rig.effects.get("current_saturation")) is not None:
-        limit_A = library()["current_saturation"].parameters[0]
-        limits["current_A"] = (given.get(limit_A.name, limit_A.default), "amplifier's limit")
+    for name, own in effect_parameters_of(rig).items():
+        if name in laws_of("current_saturation"):
+            limits["current_A"] = (own["limit_A"], "amplifier's limit")
     files = write_folder(rig, plan, found.records, out, limits if plots else None)
     each = [_fields(record, path) for record, path in zip(found.records, files["records"], strict=True)]
     return CommandResult({"stable": found.stable, "effects": list(rig.effects), **files, "each": each}, found.stable)
@@ -253,7 +253,7 @@ def _simulate_bench(rig: Any, source: Path, scenario: Path, out: Path, plots: bo
         refuse(source, *wrong)
     plan = read_scenario(scenario)
     found = simulate_bench(rig, plan)
-    rows = [(name, *(float(peak) for peak in table[:, 2:].max(axis=0))) for name, table in found.items()]
+    rows = [(name, *map(float, abs(table[:, 2:]).max(axis=0))) for name, table in found.items()]
     echo_table(f"{rig.name}: {plan.name}", ("record", *(f"peak {column}" for column in BENCH_COLUMNS[2:])), rows)
     records = [SimulatedRecord(name, table, True, columns=BENCH_COLUMNS) for name, table in found.items()]
     files = write_folder(rig, plan, records, out, {} if plots else None)

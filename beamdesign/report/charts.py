@@ -21,6 +21,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import PathPatch
 from matplotlib.path import Path as Outline
 from matplotlib.text import Text
+from matplotlib.ticker import MaxNLocator
 
 from beamdesign.files import LARGEST_TABLE, read_bytes, write_whole
 from beamdesign.quantities import at_least, quantity
@@ -296,6 +297,8 @@ def _draw(axes: Axes, panel: _Panel, record: "SimulatedRecord", limits: Limits) 
         axes.axvline(record.diverged_at_s, color="0.45", linewidth=1.2, linestyle=":", label=end)
         drawn = drawn or end is not None
     axes.margins(x=0)
+    if panel.label == "stage":
+        axes.yaxis.set_major_locator(MaxNLocator(integer=True, min_n_ticks=1))
     finish(axes, y=f"{panel.label}, {unit}", legend="upper left" if drawn else None)
 
 
