@@ -110,7 +110,7 @@ class Scheduled(Controller):
 
     def lacks(self, need: Need) -> str:
         """That it is no law by itself."""
-        return f"holds {len(self.stage)} laws, each for a part of the payloads; give one of them"
+        return f"holds {len(self.stage)} laws, each for a part of the payloads; make one of them the [controller]; `beamdesign spec` takes each"
 
     def _refused(self, *given: Any) -> NoReturn:
         refuse(self, "one sensor", "what takes one law", "prototype")
