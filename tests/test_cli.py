@@ -335,6 +335,7 @@ def test_what_does_not_fit_is_told_with_what_to_do(arguments: list[str], told: s
         ("simulate {fast} --scenario {kick}", "{fast}: controller.period_s: a rate of 2000 Hz"),
         ("simulate {scheduled} --scenario {bench}", "{bench}: record.thrown.start_m: is for an actuator bench"),
         ("simulate {scheduled} --scenario {quick}", "{quick}: sample_s: must be the period"),
+        ("code {scheduled} --rate-Hz 5000", "{scheduled}: controller.kind: 'scheduled' is not for what takes one law"),
         ("arm {lumped}", "{lumped}: arm.end_polar_inertia_kg_m2: missing"),
     ],
 )

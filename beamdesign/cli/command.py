@@ -88,7 +88,7 @@ def command(
         wrong += problems(**given) if problems else ()
         if wrong:
             refuse(work.__name__.replace("_", "-"), *wrong)
-        with _told_by_file([given[name] for name in ("prototype", "study", "scenario") if given.get(name)]):
+        with _told_by_file({name: given[name] for name in ("prototype", "study", "scenario") if given.get(name)}):
             result = work(**given)
         for path in result.files:
             echo(str(path))
@@ -105,22 +105,23 @@ def command(
 
 
 @contextmanager
-def _told_by_file(files: Iterable[Path]) -> Iterator[None]:
-    """Say what is wrong with a record, which bears the name that it has in its file, of the file itself."""
+def _told_by_file(files: Mapping[str, Path]) -> Iterator[None]:
+    """Say what is wrong with a record, by the name that stands in its file or the option's, of the file itself."""
     try:
         yield
     except Exception as error:
         from beamdesign.records import InputError, read_table
 
-        if not isinstance(error, InputError) or error.source in map(str, files):
+        if not isinstance(error, InputError) or error.source in map(str, files.values()):
             raise
-        for path in files:
+        record = error.source.partition(", stage ")[0]
+        for option, path in files.items():
             try:
-                name = str(read_table(path)["name"])
-            except (InputError, KeyError):  # not yet come to
+                name = str(read_table(path).get("name"))
+            except InputError:  # not yet come to
                 continue
-            if error.source.partition(", stage ")[0] == name:
-                raise InputError(f"{path}{error.source.removeprefix(name)}", error.problems) from error
+            if record in (name, option):
+                raise InputError(f"{path}{error.source.removeprefix(record)}", error.problems) from error
         raise
 
 

@@ -110,7 +110,8 @@ class Scheduled(Controller):
 
     def lacks(self, need: Need) -> str:
         """That it is no law by itself."""
-        return f"holds {len(self.stage)} laws, each for a part of the payloads; make one of them the [controller]; `beamdesign spec` takes each"
+        words = "each for a part of the payloads; make one of them the [controller]; `beamdesign spec` takes each"
+        return f"holds {len(self.stage)} laws, {words}"
 
     def _refused(self, *given: Any) -> NoReturn:
         refuse(self, "one sensor", "what takes one law", "prototype")
