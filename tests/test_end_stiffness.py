@@ -730,3 +730,10 @@ def test_no_wall_is_none_to_come_to_rest_at(rig: Prototype, tmp_path: Path) -> N
     write_prototype(rig, tmp_path / "rig.toml")
     refused = CliRunner().invoke(app, ["stiffness", str(tmp_path / "rig.toml"), "--wall-N-per-m", "0:0"])
     assert "--wall-N-per-m: 0:0: is no wall; give a stiffest one" in str(refused.exception)
+
+
+def test_a_tolerance_that_leads_out_of_what_is_plausible_is_refused_in_words() -> None:
+    rig = read_prototype(PROTOTYPES / "tame_lag.toml").but(guarantee=None)
+    rig = rig.but(sensor=rig.sensor.but(filter_Hz=1e5), tolerance=rig.tolerance.but(sensor_filter=1e-4))
+    with pytest.raises(InputError, match=r"tolerance: sensor.filter_Hz: 1000\d\d of a rig that is off"):
+        give(rig, 3e5, (0.0, 2.0), contact="none", rigs=20)

@@ -14,8 +14,11 @@ from dataclasses import dataclass, field
 from math import cos, exp, pi, sin, sqrt
 from typing import Any, Literal
 
+from pydantic import ValidationError
+
 from beamdesign.parameters import PARAMETERS, rows_of
 from beamdesign.prototype import Beam, Prototype
+from beamdesign.records import InputError, Problem
 from beamdesign.structure.materials import Material
 from beamdesign.structure.section import Quantity, Tube
 
@@ -292,6 +295,7 @@ def with_figures(prototype: Prototype, factors: Mapping[str, float]) -> Prototyp
 
     Raises:
         KeyError: for a name that is not in `CHANGEABLE`.
+        InputError: where a figure is plausible no more.
     """
     if unknown := sorted(set(factors) - set(CHANGEABLE)):
         raise KeyError(f"cannot change {', '.join(unknown)}")
@@ -299,25 +303,41 @@ def with_figures(prototype: Prototype, factors: Mapping[str, float]) -> Prototyp
     for name in ("outer", "inner"):
         changed[f"{name}_beam"] = _beam(
             getattr(prototype, f"{name}_beam"),
+            f"{name}_beam",
             *(factors.get(f"{name}_{figure}", 1.0) for figure in ("stiffness", "mass", "damping")),
         )
     for name, place in _PARTS.items():
         if name in factors:
             part, key = place.split(".")
             record = changed.get(part, getattr(prototype, part))
-            changed[part] = record.but(**{key: _short(getattr(record, key) * factors[name])})
+            changed[part] = _off(record, part, **{key: _short(getattr(record, key) * factors[name])})
     return prototype.but(**changed)
 
 
-def _beam(record: Beam, stiffness: float, mass: float, damping: float) -> Beam:
+def _off(record: Any, place: str, **figures: float) -> Any:
+    """A record with figures that are off."""
+    try:
+        return record.but(**figures)
+    except ValidationError as error:
+        keys = sorted({str(line["loc"][0]) for line in error.errors()} & figures.keys())
+        reason = "{:g} of a rig that is off by its tolerances is outside the plausible range: let it vary less"
+        raise InputError(
+            "tolerance", [Problem(f"{place}.{key}", reason.format(figures[key])) for key in keys]
+        ) from None
+
+
+def _beam(record: Beam, place: str, stiffness: float, mass: float, damping: float) -> Beam:
     if stiffness == mass == damping == 1.0:
         return record
     found = lumped_beam(record)
-    return record.but(
+    beam: Beam = _off(
+        record,
+        place,
         stiffness_N_per_m=_short(found.stiffness * stiffness),
         effective_mass_kg=_short(found.mass * mass),
         damping_ratio=_short(record.damping_ratio * damping / sqrt(stiffness * mass)),
     )
+    return beam
 
 
 def _short(value: float) -> float:
