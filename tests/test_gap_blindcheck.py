@@ -1,7 +1,5 @@
 """The blind check: seals, plan, bounds, scores of hand-made outcomes, baselines, and a check of its own in small.
 
-pytestmark = pytest.mark.long
-
 A check of whole cases takes minutes of processor time. So the one here has short cases, diagnosed with few
 candidates: see `FEW`.
 """
@@ -39,6 +37,8 @@ from beamdesign.validation.case_plan import (
 )
 from beamdesign.validation.scoring import Outcome
 from beamdesign.validation.truth.effects import LISTED, OUTSIDE, on
+
+pytestmark = pytest.mark.long
 
 # Bounds
 

@@ -1,7 +1,5 @@
 """Links of one's own go the whole way: from the edited template to a proof, code, records, a diagnosis and a redesign.
 
-pytestmark = pytest.mark.long
-
 Small: exactly the figures stated, records of half a second. What is proved is proved again by the stand-alone checker
 in a process of its own; what is diagnosed was put in.
 """
@@ -27,6 +25,8 @@ from beamdesign.diagnosis.fitting.hypothesis import Hypothesis
 from beamdesign.report import gap_folder
 from beamdesign.report.page import Picture
 from beamdesign.structure.lumped import CHANGEABLE, with_figures
+
+pytestmark = pytest.mark.long
 
 ROOT = Path(__file__).parent.parent
 PAGE = (ROOT / "beamdesign" / "docs" / "own_link.md").read_text(encoding="utf-8")

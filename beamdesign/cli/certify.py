@@ -298,7 +298,7 @@ def _echo_box(found: "BoxGuarantee") -> None:
     """Whether a loop is stable over a box, and where it is not; what the box is, and what is proved beside it."""
     from beamdesign.polynomial import nearest
     from beamdesign.proofs.certificate import describe
-    from beamdesign.proofs.scope import holds_for
+    from beamdesign.proofs.scope import bracketing, holds_for
     from beamdesign.proofs.tolerance_box import figure_key
 
     record, box, verdict, sure = found.prototype, found.box, found.verdict, found.guaranteed
@@ -317,7 +317,8 @@ def _echo_box(found: "BoxGuarantee") -> None:
             stable, unstable, undecided = map(nearest, verdict.volumes)
             echo(f"  share of the box proved stable {stable:.6g}, not stable {unstable:.3g}, undecided {undecided:.3g}")
     if record.effects:
-        echo("  effects are covered as linear loops at frozen values, not as the nonlinear loop")
+        frozen = "covered as linear loops at frozen values, not as the nonlinear loop"
+        echo(f"  effects are {frozen if bracketing(record) else 'linear, and parts of every loop'}")
     echo(f"method: zero exclusion, {verdict.pieces} pieces proved in ball arithmetic, one member by an exact test")
     if found.scaling is not None:
         echo(f"scaling of the tolerances ({found.sigmas:g} standard deviations are 1): {found.scaling.reason}")
