@@ -252,6 +252,14 @@ def test_words_of_what_is_proved_are_rounded_to_the_safe_side() -> None:
     assert narrow == pytest.approx([2.0000001, 2.000000101], rel=1e-15)
 
 
+def test_limits_of_what_is_refuted_are_rounded_the_other_way(remedy: Prototype) -> None:
+    """What is refuted up to 50.00000004 is not refuted at 50: more digits would be wrong the other way."""
+    asked = [Asked("decay_rate", 3.00000004), Asked("decay_rate", 50.00000004)]
+    said = check(certify(remedy, 3.0, 5.0, asked).text).proved
+    assert "every pole decays faster than 3 1/s" in said
+    assert "refuted: every pole decays faster than 50.00001 1/s" in said
+
+
 def test_a_path_with_a_nul_is_unreadable() -> None:
     with pytest.raises(Unreadable, match="NUL"):
         check(Path("a\0b.toml"))

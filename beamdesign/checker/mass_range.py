@@ -203,28 +203,28 @@ class Bound:
     """
 
     def __init__(self, claim: Table, kind: str):
-        self.kind, self.limit = kind, claim.at_least("limit", 0, above=True)
+        self.kind, self.limit, holds = kind, claim.at_least("limit", 0, above=True), claim.flag("holds")
         self.start, self.until, unit, band = NONE, None, "", ""
         if kind.endswith("compliance"):
-            unit, (self.until, band) = " m/N", up_to(claim)
+            unit, (self.until, band) = " m/N", up_to(claim, holds)
         elif kind == "loop_gain":
             hertz = claim.at_least("from_Hz", 0)
-            self.start, band = max(squared(hertz)[0], NONE), f"from {short(hertz, up=True)} Hz up"
+            self.start, band = max(squared(hertz)[0], NONE), f"from {short(hertz, up=holds)} Hz up"
         elif kind == "controller_effort":
             unit = " A/V"
-        self.words = f"{kind.replace('_', ' ')} at most {short(self.limit, up=True)}{unit} {band}".rstrip()
+        self.words = f"{kind.replace('_', ' ')} at most {short(self.limit, up=holds)}{unit} {band}".rstrip()
 
     def covers(self, square: fmpq) -> bool:
         """Whether it says something of a w^2."""
         return self.start <= square and (self.until is None or square <= self.until)
 
 
-def up_to(table: Table) -> tuple[fmpq | None, str]:
-    """The largest w^2 of a bandwidth, None where it has no end, and it in words."""
+def up_to(table: Table, holds: bool = True) -> tuple[fmpq | None, str]:
+    """The largest w^2 of a bandwidth, None where it has no end, and it in words, of what holds or does not."""
     if table.take("bandwidth_Hz") == "infinite":
         return None, "at every frequency"
     hertz = table.at_least("bandwidth_Hz", 0)
-    return squared(hertz)[1], f"up to {short(hertz, up=False)} Hz"
+    return squared(hertz)[1], f"up to {short(hertz, up=not holds)} Hz"
 
 
 def magnitudes(
@@ -370,11 +370,11 @@ def _claim(claim: Table, loops: Sequence[Loop], whole: bool, masses: Pair) -> tu
     else:
         limit = claim.at_least("limit", 0, above=kind == "decay_rate")
         if kind == "decay_rate":
-            words = f"every pole decays faster than {short(limit, up=False)} 1/s"
+            words = f"every pole decays faster than {short(limit, up=not holds)} 1/s"
             truth = all(_is_stable_over(loop, masses, S - limit) for loop in loops)
             at_witness = at_witness and unstable(S - limit)
         else:
-            words = f"stable with the gain times every number from 1 to {short(limit, up=limit < 1)}"
+            words = f"stable with the gain times every number from 1 to {short(limit, up=(limit < 1) is holds)}"
             times = min(limit, fmpq(1)), max(limit, fmpq(1))
             truth = all(_is_stable_over(loop, masses, times=times) for loop in loops)
             at_witness = at_witness and unstable(least=times[0], most=times[1])
