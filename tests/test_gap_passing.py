@@ -59,6 +59,19 @@ def test_a_knock_that_nobody_recorded_does_not_hide_the_cause(few: None, slow_an
     assert begin < KNOCK_s < KNOCK_s + LASTS_s < end < KNOCK_s + 0.25
 
 
+def test_a_wrong_cause_that_spreads_the_knock_over_all_records_does_not_hide_it(
+    few: None, slow_and_knocked: Dataset
+) -> None:
+    """It may leave less in all than the right one, whose knock alone is not explained."""
+    found = search(slow_and_knocked, 1)
+    right, wrong = (next(fit for fit in found.fits if fit.hypothesis == each) for each in (SLOWED, WIDER))
+    spread = replace(wrong, shares=tuple(replace(share, c=0.3 * right.misfit) for share in wrong.shares))
+    again = what_passed(slow_and_knocked, replace(found, fits=(spread, right)))
+    assert spread.misfit < right.misfit
+    assert again is not None
+    assert again.judged.best.hypothesis == SLOWED
+
+
 def test_a_span_that_was_stated_is_not_told_as_found(few: None, slow_and_knocked: Dataset) -> None:
     """Nor counted against what may pass: half a record may be said not to count."""
     records = [

@@ -5,7 +5,7 @@ a second of it may outweigh all that the records say besides, and no law that ex
 is left of the records then decides, never a confident verdict: what passed may be of another cause.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -71,11 +71,10 @@ def what_passed(
     """
     found, stated = before, data.records
     for turn in range(_ROUNDS):
-        best = min((found.null, *found.fits), key=lambda fit: fit.misfit)
-        shorter = without_what_passes(data, best, stated)
-        if shorter is None:
+        shorter = (without_what_passes(data, best, stated) for best in _candidates(found))
+        if (left := next((one for one in shorter if one is not None), None)) is None:
             return None
-        data = shorter
+        data = left
         own = kept and replace(kept, part=(*kept.part, *(f"{r.name} without {r.left_out}" for r in data.records)))
         found = search(data, workers, partial(_turn, progress, turn), own)
         judged = judge(found)
@@ -83,6 +82,16 @@ def what_passed(
             known = Look(data, found, judged, _warnings(data.records, stated), own, doubtful=True)
             return known if judged.best.hypothesis.names else None
     return None
+
+
+def _candidates(found: Search) -> Iterator[Fit]:
+    """The fit that explains most, and the one that explains most beside its own worst piece of evidence.
+
+    What does not belong to the cause may well be imitated best by a wrong one, which spreads it over all records.
+    """
+    fits = (found.null, *found.fits)
+    yield min(fits, key=lambda fit: fit.misfit)
+    yield min(fits, key=lambda fit: fit.misfit - max((share.c for share in fit.shares), default=0.0))
 
 
 def without_what_passes(data: Dataset, best: Fit, stated: Sequence[TimeRecord]) -> Dataset | None:
