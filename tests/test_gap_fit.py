@@ -11,6 +11,7 @@ from beamdesign import InputError, read_dataset
 from beamdesign.diagnosis.diagnosis import updated_prototype
 from beamdesign.diagnosis.fitting.evidence import evidence_of, record_evidence
 from beamdesign.diagnosis.fitting.fit import Fit, Share, fit, fit_cache
+from beamdesign.diagnosis.fitting.fitters import refit
 from beamdesign.diagnosis.fitting.hypothesis import (
     NOTHING,
     Hypothesis,
@@ -22,7 +23,7 @@ from beamdesign.diagnosis.fitting.hypothesis import (
     tolerated,
 )
 from beamdesign.diagnosis.fitting.replay import Replay
-from beamdesign.diagnosis.fitting.search import refit, search
+from beamdesign.diagnosis.fitting.search import search
 from beamdesign.diagnosis.fitting.starts import starts
 from beamdesign.diagnosis.fitting.weighting import INDEPENDENT, SHARE, weighting
 from beamdesign.plant.assembly import fits

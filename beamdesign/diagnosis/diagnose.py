@@ -29,10 +29,10 @@ from beamdesign.diagnosis.examination.plausibility import GAIN_FAR, Examination,
 from beamdesign.diagnosis.experiment import next_experiment
 from beamdesign.diagnosis.fitting.evidence import RecordEvidence, evidence_of, with_output_injection
 from beamdesign.diagnosis.fitting.fit import Evidence, Fit, FitCache
+from beamdesign.diagnosis.fitting.fitters import refit
 from beamdesign.diagnosis.fitting.gain_evidence import GainEvidence
 from beamdesign.diagnosis.fitting.hypothesis import notes_on_known
 from beamdesign.diagnosis.fitting.replay import PLAY, law_of_play
-from beamdesign.diagnosis.fitting.search import refit
 from beamdesign.diagnosis.gain_diagnosis import explain_gains
 from beamdesign.diagnosis.gap_metrics import errors, gap, held_out, sizes
 from beamdesign.diagnosis.judgement import cause_sets, causes, classes

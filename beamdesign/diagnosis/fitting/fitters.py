@@ -11,6 +11,7 @@ import numpy as np
 from beamdesign.diagnosis.data.dataset import Dataset
 from beamdesign.diagnosis.fitting.evidence import evidence_of
 from beamdesign.diagnosis.fitting.fit import Evidence, Fit, FitCache, Task
+from beamdesign.diagnosis.fitting.hypothesis import NOTHING
 from beamdesign.diagnosis.fitting.starts import fit_from_starts, resonances
 from beamdesign.plant.effects import library
 from beamdesign.plant.empirical import laws
@@ -25,10 +26,17 @@ _QUICK = 3  # iterations that show whether a pair is worth fitting
 
 
 class Fitters:
-    """Processes that make fits, or this one where one worker is enough."""
+    """Processes that make fits, or this one where one worker is enough.
+
+    Attributes:
+        data: to be fitted.
+        evidence: of them.
+        late: tasks that there was no time for; those still there at the end are said to be left out.
+    """
 
     def __init__(self, data: Dataset, workers: int, kept: FitCache | None = None, synchronised: bool = False):
         self.data, self.evidence = data, evidence_of(data, synchronised)
+        self.late: list[Task] = []
         # The same task to records that are followed is another fit. Unknowns are those of the prototype that is fitted.
         part = ("in step",) if synchronised else ()
         self._kept = kept and replace(kept, prototype=data.prototype, part=(*kept.part, *part))
@@ -40,6 +48,7 @@ class Fitters:
         return self
 
     def __exit__(self, *error: object) -> None:
+        leave_out(*(str(task.hypothesis) for task in self.late))
         self._close(at_once=error[0] is not None)
 
     def _close(self, at_once: bool) -> None:
@@ -53,7 +62,7 @@ class Fitters:
         """Fits in the order of the tasks; where the time is up in the midst of them, those that are finished."""
         given = list(tasks)
         results = self._results(given, progress)
-        leave_out(*(str(task.hypothesis) for k, task in enumerate(given) if k not in results))
+        self.late += [task for k, task in enumerate(given) if k not in results]
         return [results[k] for k in range(len(given)) if k in results]
 
     def finished(self, tasks: Sequence[Task]) -> list[Fit]:
@@ -125,3 +134,29 @@ def fitted(task: Task, prototype: Prototype, evidence: Sequence[Evidence]) -> Fi
         return fit_from_starts(task.hypothesis, prototype, some, task.known, (), 1, task.hints, _QUICK)
     peaks = resonances(some, prototype, task.known, task.hypothesis)
     return fit_from_starts(task.hypothesis, prototype, some, task.known, peaks, hints=task.hints)
+
+
+def refit(
+    data: Dataset, best: Fit, workers: int = 1, kept: FitCache | None = None, synchronised: bool = False
+) -> tuple[Fit, Fit]:
+    """Tolerances alone, and the hypothesis of a fit, fitted again to fewer data.
+
+    Args:
+        data: what is left of those that the fit was made to.
+        best: the fit; another one begins with its figures, so that it ends at the same optimum where there are several.
+        workers: processes.
+        kept: fits of an earlier run.
+        synchronised: whether models follow the records.
+
+    Raises:
+        TimeUp: where steps are to be broken off, and the time is up.
+    """
+    # The same task to fewer data is another fit, and must not be taken from those to all of them.
+    if kept is not None:
+        kept = replace(kept, part=(*kept.part, *(piece.name for piece in evidence_of(data))))
+    with Fitters(data, workers, kept, synchronised) as fitters:
+        (null,) = fitters.each(Task(NOTHING, {}))
+        if best.hypothesis == NOTHING:
+            return null, null
+        begun = fitters.each(Task(best.hypothesis, null.values), Task(best.hypothesis, best.values))
+        return null, min(begun, key=lambda f: f.cost)

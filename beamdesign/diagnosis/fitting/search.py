@@ -7,7 +7,6 @@ from functools import reduce
 import numpy as np
 
 from beamdesign.diagnosis.data.dataset import Dataset
-from beamdesign.diagnosis.fitting.evidence import evidence_of
 from beamdesign.diagnosis.fitting.fit import Fit, FitCache, Task
 from beamdesign.diagnosis.fitting.fitters import RESONANT, Fitters
 from beamdesign.diagnosis.fitting.hypothesis import NOTHING, Hypothesis, cause, pairs, singles
@@ -34,6 +33,7 @@ _QUARTER = 0.25  # of the records, those which tolerances explain least, tell wh
 _HOPELESS = 0.5  # of the excess misfit of the part looked at: what leaves more of it explains no gap
 _SEEKING, _LOOKING = 0.7, 0.3  # of the time that is left, for all fits and for a look at single causes before them
 _LOOKING_AGAIN, _LOOKING_AT_PAIRS = 0.3, 0.6  # the same, at those of little hope, and at pairs before the best of them
+_CLOSED, _COMPARING = 0.15, 0.6  # of the excess misfit that the best leaves; of the time left, for what was left out
 _DONE, _QUIET = 0.004, 1.15  # of the excess misfit, times the noise: a cause that leaves no more needs no second one
 
 
@@ -126,6 +126,9 @@ def search(
             raise InputError(data.folder, [(key, words)])
         with share(_SEEKING, within_steps=True):
             found = _searched(fitters, null, progress, worth)
+        if fitters.late and found.fits and found.excess(found.fits[0]) < _CLOSED:  # so that no law has to be learnt
+            with share(_COMPARING, within_steps=True):
+                found = _made_up_for(fitters, found)
         progress(1.0, "done")
         return found
 
@@ -167,6 +170,18 @@ def _searched(fitters: Fitters, null: Fit, progress: Progress, worth: float) -> 
         state = replace(state, fits=tuple(_two_at_once(fitters, state, progress)))
         state = replace(state, fits=tuple(_three_at_once(fitters, state, progress)))
     return state
+
+
+def _made_up_for(fitters: Fitters, state: Search) -> Search:
+    """The search with what there was no time for before; in full where a look at a part of the evidence is worth it."""
+    late, fitters.late = fitters.late, []
+    single = next(f for f in state.fits if len(f.hypothesis.causes) == 1)
+    on = {task.hypothesis: task.on for task in late if task.on}
+    made = _sorted(fitters(late))
+    worth = [f for f in made if f.hypothesis in on and _left(f, single, on[f.hypothesis], fitters) < _HOPELESS]
+    full = fitters(Task(f.hypothesis, single.values, f.values) for f in worth[:_BEST_PAIRS])
+    whole = [f for f in made if f.hypothesis not in on]
+    return replace(state, fits=tuple(best_of_each([*state.fits, *whole, *full])))
 
 
 def _looked_at(
@@ -260,32 +275,6 @@ def hardest(one: Fit, part: float = _HALF, first: int | None = None) -> tuple[in
     """
     worst = sorted(range(len(one.shares))[:first], key=lambda k: -one.shares[k].c)
     return tuple(sorted(worst[: max(1, round(part * len(worst)))]))
-
-
-def refit(
-    data: Dataset, best: Fit, workers: int = 1, kept: FitCache | None = None, synchronised: bool = False
-) -> tuple[Fit, Fit]:
-    """Tolerances alone, and the hypothesis of a fit, fitted again to fewer data.
-
-    Args:
-        data: what is left of those that the fit was made to.
-        best: the fit; another one begins with its figures, so that it ends at the same optimum where there are several.
-        workers: processes.
-        kept: fits of an earlier run.
-        synchronised: whether models follow the records.
-
-    Raises:
-        TimeUp: where steps are to be broken off, and the time is up.
-    """
-    # The same task to fewer data is another fit, and must not be taken from those to all of them.
-    if kept is not None:
-        kept = replace(kept, part=(*kept.part, *(piece.name for piece in evidence_of(data))))
-    with Fitters(data, workers, kept, synchronised) as fitters:
-        (null,) = fitters.each(Task(NOTHING, {}))
-        if best.hypothesis == NOTHING:
-            return null, null
-        begun = fitters.each(Task(best.hypothesis, null.values), Task(best.hypothesis, best.values))
-        return null, min(begun, key=lambda f: f.cost)
 
 
 def _with_pairs(fitters: Fitters, state: Search, progress: Progress) -> list[Fit]:
