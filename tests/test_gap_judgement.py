@@ -8,13 +8,23 @@ import pytest
 from gap_sets import believed, measured, only
 from null_scores import main as null_scores_main
 
+from beamdesign.diagnosis.diagnosis import Where
 from beamdesign.diagnosis.fitting.evidence import record_evidence
 from beamdesign.diagnosis.fitting.fit import Fit, Share, fit
 from beamdesign.diagnosis.fitting.hypothesis import NOTHING, Hypothesis, together
 from beamdesign.diagnosis.fitting.search import Search
 from beamdesign.diagnosis.fitting.starts import fit_from_starts, resonances, starts
-from beamdesign.diagnosis.judgement import THRESHOLDS, causes, classes, deviations, evidence, held_out_score, judge
-from beamdesign.diagnosis.verdict import LEVEL, chance, decided, null_scores, verdict_of
+from beamdesign.diagnosis.judgement import (
+    THRESHOLDS,
+    Judgement,
+    causes,
+    classes,
+    deviations,
+    evidence,
+    held_out_score,
+    judge,
+)
+from beamdesign.diagnosis.verdict import LEVEL, chance, decided, null_scores, sentences, verdict_of
 
 EXPECTED = 300.0
 LAG, AREAS = "sensor_lag", "unequal_piston_areas"
@@ -126,6 +136,22 @@ def test_one_cause_that_explains_all():
     assert judged.best.hypothesis.names == (LAG,)
     assert verdict_of(judged) == "effect"
     assert verdict_of(judged, doubtful=True) == "ambiguous"
+
+
+def test_a_cause_that_may_as_well_be_something_unknown_is_no_sure_one():
+    lag = made((LAG,), 1.1 * EXPECTED)
+    for unknown, verdict in ((0.1, "effect"), (0.35, "ambiguous"), (0.6, "unknown")):
+        judged = Judgement({lag.hypothesis: 0.98 * (1 - unknown), NOTHING: 0.02 * (1 - unknown)}, unknown, lag)
+        assert verdict_of(judged) == verdict
+    told = sentences(
+        "ambiguous",
+        causes(found(made((), 20 * EXPECTED), lag), judged),
+        (LAG,),
+        "",
+        Where("", (0.0, 0.0), ""),
+        unknown=0.35,
+    )
+    assert "something that is not known here (35%)" in told
 
 
 def test_two_causes_that_explain_it_alike_are_ambiguous_and_a_class():

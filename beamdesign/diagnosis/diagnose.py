@@ -107,7 +107,8 @@ def _diagnosed(data: Dataset, workers: int, progress: Progress, kept: FitCache |
     if (play := law_of_play(known)) and found.hammers and PLAY not in best.hypothesis.causes:  # not found, not lost
         renewed = renewed.but(effects={**renewed.effects, play: known[play]})
     chosen = tuple(c.name for c in found.ranked if c.name in best.hypothesis.causes)
-    answer = sentences(verdict, found.ranked, chosen, shown.words, where, complete=not lacking, rare=found.chance)
+    ranked, judged = found.ranked, found.judged
+    answer = sentences(verdict, ranked, chosen, shown.words, where, (), not lacking, found.chance, judged.unknown)
     return Diagnosis(
         data.name,
         verdict,

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from beamdesign.diagnosis.diagnosis import Cause, Gap, Verdict, Where, in_words, listed, named
 from beamdesign.diagnosis.fitting.search import Search
-from beamdesign.diagnosis.judgement import THRESHOLDS, Judgement
+from beamdesign.diagnosis.judgement import LEAST_PROBABILITY, THRESHOLDS, Judgement
 
 LEVEL = 0.02
 """Share of rigs without a gap that may be said to have one."""
@@ -83,7 +83,7 @@ def verdict_of(judged: Judgement, doubtful: bool = False, rare: float = nan, few
     if few:
         sure = sum(p for h, p in judged.of.items() if {*named} <= {*h.names}) >= THRESHOLDS.confident_by_gains
     else:
-        sure = judged.of_causes[judged.best.hypothesis.causes] >= THRESHOLDS.confident * (1 - judged.unknown)
+        sure = judged.of_causes[judged.best.hypothesis.causes] >= THRESHOLDS.confident
     return "effect" if sure else "ambiguous"
 
 
@@ -106,6 +106,7 @@ def sentences(
     rivals: Sequence[str] = (),
     complete: bool = True,
     rare: float = nan,
+    unknown: float = 0.0,
 ) -> str:
     """The verdict for people: what it is, how probable it is without a gap, and how far the gap closes.
 
@@ -118,6 +119,7 @@ def sentences(
         rivals: sets of causes that the data do not tell apart, where those are few enough to be counted up.
         complete: whether everything that is known was compared.
         rare: see `verdict_of`.
+        unknown: probability that the cause is none that is known.
     """
     words = {c.name: f"{named(c.name)} ({c.probability:.0%})" for c in causes}
     culprits = listed([words[name] for name in chosen])
@@ -133,6 +135,7 @@ def sentences(
             first = f"These data cannot tell apart: {'; '.join(shown)}{more}. {common}"
         case "ambiguous":
             others = [words[c.name] for c in causes if c.name not in chosen][:3]
+            others += [f"something that is not known here ({unknown:.0%})"] if unknown >= LEAST_PROBABILITY else []
             also = f"; it may as well be {listed(others, 'or')}" if others else ""
             first = f"The gap is most probably caused by {culprits}{also}."
         case _:
