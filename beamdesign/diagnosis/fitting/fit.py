@@ -280,7 +280,7 @@ class Task:
         hypothesis: to be fitted.
         known: SI values from a simpler fit.
         hints: SI values of what it lacks, from another.
-        on: positions of the pieces of evidence that it is made to; empty for all of it.
+        on: positions of the pieces of evidence that it is made to, the one that tells most first; empty for all of it.
         quick: whether a few iterations from one start are enough.
     """
 

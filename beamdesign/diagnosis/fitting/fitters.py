@@ -131,7 +131,7 @@ def fitted(task: Task, prototype: Prototype, evidence: Sequence[Evidence]) -> Fi
     some = [evidence[k] for k in task.on] or evidence
     # Where no fit has found yet what resonates, a few iterations do not come to a narrow resonance.
     if task.quick and not RESONANT & _LEARNT & {*task.hypothesis.effects}:
-        return fit_from_starts(task.hypothesis, prototype, some, task.known, (), 1, task.hints, _QUICK)
+        return fit_from_starts(task.hypothesis, prototype, some, task.known, (), 1, task.hints, _QUICK, bool(task.on))
     peaks = resonances(some, prototype, task.known, task.hypothesis)
     return fit_from_starts(task.hypothesis, prototype, some, task.known, peaks, hints=task.hints)
 

@@ -271,10 +271,10 @@ def hardest(one: Fit, part: float = _HALF, first: int | None = None) -> tuple[in
     """The part of all, or of the `first` pieces, that a fit leaves most of: tells which larger hypotheses are worth it.
 
     Returns:
-        positions of the pieces of evidence, ascending.
+        positions of the pieces of evidence, that which it leaves most of first.
     """
     worst = sorted(range(len(one.shares))[:first], key=lambda k: -one.shares[k].c)
-    return tuple(sorted(worst[: max(1, round(part * len(worst)))]))
+    return tuple(worst[: max(1, round(part * len(worst)))])
 
 
 def _with_pairs(fitters: Fitters, state: Search, progress: Progress) -> list[Fit]:

@@ -75,6 +75,7 @@ _DRAWS, _FEW, _WIDTH = 16, 8, 2.2  # of several new unknowns, or for a single st
 _ONE_DRAWS, _ONE_WIDTH = 20, 2.5  # of one alone, which a fit follows but slowly past the kinks of its law
 _PEAKS, _APART = 3, 1.2  # resonances that are looked for, and the least ratio of two of them
 _STRENGTHS = (-1.0, 1.0, 3.0, 5.0)  # in prior standard deviations of what a resonance's frequency comes with
+_SIFTED = 3  # of the starts of a look, by the piece of evidence that a simpler fit leaves most of
 _SIZES = (0.1, 0.3, 1.0, 4.0, 15.0)  # the last ones where the linear model moves much further than the rig
 _WEAK = 0.1  # of the default
 _NEARLY_KNOWN = 0.2  # spread of the logarithm
@@ -87,6 +88,7 @@ def starts(
     peaks: Sequence[float] = (),
     most: int = 2,
     hints: Mapping[str, float] = MappingProxyType({}),
+    sifted: bool = False,
 ) -> list[np.ndarray]:
     """The most promising starts, best first.
 
@@ -97,6 +99,7 @@ def starts(
         peaks: frequencies (Hz) at which an effect with a resonance may have it.
         most: how many at most; where air is new, one more that keeps the oil as soft.
         hints: SI values that another fit has found, of the new unknowns or of all; more starts that may do.
+        sifted: whether the first piece of evidence tells which few of them are compared by all of it.
 
     A simpler fit has bent the tolerated figures to stand for what it lacked; where that is there, they need not be. So
     where there is room for two starts, one of them begins with these figures as believed.
@@ -113,7 +116,10 @@ def starts(
     for base in (bent, straight):
         trials = _trials(unknowns, base, new, hints, _DRAWS if most > 1 else _FEW)
         trials += _resonant(unknowns, base, new, peaks)
-        families.append(_best(placement, evidence, (np.clip(trial, low, high) for trial in trials), most))
+        inside: Iterable[np.ndarray] = (np.clip(trial, low, high) for trial in trials)
+        if sifted:
+            inside = [z for _, z in _best(placement, evidence[:1], inside, _SIFTED)]
+        families.append(_best(placement, evidence, inside, most))
     firsts = sorted((family[0] for family in families if family), key=lambda pair: pair[0])
     others = sorted((pair for family in families for pair in family[1:]), key=lambda pair: pair[0])
     found = [z for _, z in [*firsts, *others][:most]]
@@ -130,10 +136,11 @@ def fit_from_starts(
     most: int = 2,
     hints: Mapping[str, float] = MappingProxyType({}),
     iterations: int = ITERATIONS,
+    sifted: bool = False,
 ) -> Fit:
     """The best of fits from the most promising `starts`."""
     placement = hypothesis.placement(prototype)
-    begun = starts(placement, known, evidence, peaks, most, hints)
+    begun = starts(placement, known, evidence, peaks, most, hints, sifted)
     if not begun:
         reason = "the model's loop is unstable wherever a fit was begun"
         return Fit(hypothesis, placement.unknowns, reason=reason)
