@@ -12,6 +12,7 @@ from beamdesign.diagnosis.data.dataset import Dataset
 from beamdesign.diagnosis.fitting import search as searching
 from beamdesign.diagnosis.fitting.evidence import record_evidence
 from beamdesign.diagnosis.fitting.fit import Fit
+from beamdesign.diagnosis.fitting.fitters import refit
 from beamdesign.diagnosis.fitting.hypothesis import NOTHING, Hypothesis
 from beamdesign.diagnosis.fitting.search import Search
 from beamdesign.diagnosis.second_look import grows, rings
@@ -89,7 +90,7 @@ def test_what_makes_a_loop_oscillate_is_found_in_step(unstable):
     assert found.judged.unknown < 0.05
     assert "command_small, command_large: the rig's loop oscillates by itself" in found.words[0]
     assert found.oscillates
-    _, again = searching.refit(unstable, best, synchronised=True)
+    _, again = refit(unstable, best, synchronised=True)
     assert again.values["sensor_lag.break_Hz"] == pytest.approx(SLOW_Hz, rel=0.02)
 
 
