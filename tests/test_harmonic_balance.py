@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from honest_certificates import screw
 from impulse_test import Kick, critical_gain_by_kicks, ringing
 
 from beamdesign import Prototype, critical_gain
@@ -9,7 +10,15 @@ from beamdesign.controllers import Lag, Proportional
 from beamdesign.loop import loop
 from beamdesign.plant.assembly import parameters_of, structure_of
 from beamdesign.plant.compiled import integrate
-from beamdesign.plant.harmonic_balance import LimitCycle, NoBalance, forced_motion, limit_cycles, linear_critical_gain
+from beamdesign.plant.harmonic_balance import (
+    FreeRig,
+    LimitCycle,
+    NoBalance,
+    forced_motion,
+    limit_cycles,
+    linear_critical_gain,
+)
+from beamdesign.plant.linear_reach import reach
 from beamdesign.prototype import Payload
 
 POINTS = 64  # samples per period
@@ -171,3 +180,18 @@ def test_forced_motion_of_the_linear_rig_is_its_compliance(rig: Prototype, frequ
     found = forced_motion(rig, 100.0, frequency, 2.0, preload=500.0, harmonics=2)
     assert found.phasor_m / 100.0 == pytest.approx(compliance, rel=1e-8)
     assert found.mean_m == pytest.approx(500.0 * loop(rig).at(2.0).static_compliance(), rel=1e-6)
+
+
+@pytest.mark.parametrize("share", [1.0, 0.06])
+def test_the_reach_of_a_linear_rig_with_a_saturated_drive_is_a_share_of_its_limit(
+    share: float, monkeypatch: pytest.MonkeyPatch
+):
+    """Nothing else being off, forces are to each other as the limits; the corners of the law cost few evaluations."""
+    counted, along = [], FreeRig.along
+    monkeypatch.setattr(FreeRig, "along", lambda *given: counted.append(1) or along(*given))
+    stiff = screw().but(controller=Lag(gain_A_per_V=4313.0, pole_Hz=1.2, zero_Hz=18.0))
+    stiff = stiff.but(actuator=stiff.actuator.but(peak_current_A=30.0))
+    found = reach(stiff.but(effects={"current_saturation": {"limit_A": 5.0 * share}}), "force", 50.0, 6.8)
+    assert found.limit == pytest.approx(15.82 * share, rel=2e-3)
+    assert found.departure == pytest.approx(0.1, rel=2e-2)
+    assert len(counted) < 2000

@@ -31,7 +31,7 @@ from beamdesign.plant.equilibrium import Linearisation, equilibrium, linearise, 
 from beamdesign.prototype import Prototype
 
 DISPLACEMENT = OUTPUTS.index("displacement_m")
-_MOST_STEPS, _TOLERANCE = 40, 1e-8
+_MOST_STEPS, _TOLERANCE, _LEAST_SHARE = 40, 1e-8, 0.03
 _POINTS = 16  # per harmonic: corners of the laws are met to 1/points^2
 
 
@@ -163,7 +163,7 @@ def balance(rig: FreeRig, guess: Unknown, amplitude: float | None, preload: floa
             change = np.linalg.solve(matrix, -value)
         except np.linalg.LinAlgError:
             break
-        norm, share = np.linalg.norm(value), 1.0
+        norm, share, whole = np.linalg.norm(value), 1.0, False
         while True:
             part = share * change
             trial = c + weight[:, None] * part[: n * size].reshape(n, size)
@@ -171,9 +171,11 @@ def balance(rig: FreeRig, guess: Unknown, amplitude: float | None, preload: floa
             turn = omega * (1 + np.clip(part[-2], -0.2, 0.2)) if free else omega
             step = gain * float(np.exp(np.clip(part[-1], -0.5, 0.5))) if free else gain
             value, parts = residual(trial, turn, step)
-            if np.linalg.norm(value) < (1 - 0.1 * share) * norm or share < 1e-3 or norm < _TOLERANCE:
+            if np.linalg.norm(value) < (1 - 0.1 * share) * norm or whole or norm < _TOLERANCE:
                 break
-            share /= 2
+            # Shares shrink at the corners of a law, from one to the next of which a whole step leads all the same.
+            whole = share < _LEAST_SHARE
+            share = 1.0 if whole else share / 2
         c, omega, gain = trial, turn, step
         largest = max(1.0, np.abs(c / weight[:, None]).max())
         if np.linalg.norm(value) < _TOLERANCE and np.abs(part).max() < 1e-6 * largest:

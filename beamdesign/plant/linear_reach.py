@@ -33,6 +33,7 @@ Varied = Literal["load", "force", "air"]
 PUBLISHED_EFFECTS = ("pressure_dependent_flow", "unequal_piston_areas")
 """What the paper's nonlinear simulations had beside air in the oil."""
 _GRID = 16
+_BELOW = 4.0 ** -np.arange(1, 7)  # shares of the first point that are tried where the model is off there
 _SMALL_N = 1.0
 SHARE = 0.1
 """Of the amplitude, by which the linear model may be off."""
@@ -47,7 +48,8 @@ class Reach:
         varied: `load`, constant, N, either way, under a small vibration; `force`, amplitude, N, about no load; or
             `air`, volume share of free air, under a small vibration.
         frequency_Hz: of the vibration.
-        limit: up to which the amplitude is off by no more than `SHARE`; the largest asked where `departure` is less.
+        limit: up to which the amplitude is off by no more than `SHARE`; the largest asked where `departure` is less;
+            zero where it is off by more at all that was tried.
         departure: of the amplitude there, relative to the linear model's; -1 or infinite where there is no balance.
     """
 
@@ -122,7 +124,8 @@ def reach(
     """The load, force or air fraction up to which the linear model's amplitude is off by no more than `SHARE`.
 
     The quantity is raised on a grid until that is passed, and the passage is narrowed by bisection: a passage that
-    goes back between two points of the grid is not seen.
+    goes back between two points of the grid is not seen. Where it is passed at the first point already, a part of that
+    is sought at which it is not.
 
     Args:
         prototype: rig with a controller and its effects.
@@ -151,12 +154,17 @@ def reach(
     for value in grid:
         found = at(float(value))
         if abs(found) > SHARE:
+            before = _below(at, float(value)) if before is None else before
             if before is None:
                 return Reach(varied, frequency, 0.0, found)
             limit = _narrowed(at, before, float(value))
             return Reach(varied, frequency, limit * scale, at(limit))
         before = float(value)
     return Reach(varied, frequency, high * scale, found)
+
+
+def _below(at: Callable[[float], float], first: float) -> float | None:
+    return next((first * share for share in map(float, _BELOW) if abs(at(first * share)) <= SHARE), None)
 
 
 def _narrowed(at: Callable[[float], float], low: float, high: float) -> float:
