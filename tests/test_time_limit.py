@@ -16,11 +16,13 @@ from beamdesign import (
     InputError,
     Prototype,
     certify,
+    certify_box,
     check,
     codesign,
     diagnose,
     front,
     read_problem,
+    read_prototype,
     remedies,
     run_design,
     stiffness,
@@ -278,3 +280,30 @@ def test_command_says_how_long_it_takes_and_what_it_left(tmp_path: Path):
     assert "left out: " in said.stdout
     refused = CliRunner().invoke(app, [*args[:-4], "--minutes", "nan"])
     assert isinstance(refused.exception, InputError)
+
+
+@pytest.mark.parametrize(
+    ("up", "proved", "left_out"),
+    [
+        (1, [], ("stability of the whole box",)),
+        (2, [], ("gain margin", "compliance", "peak compliance", "peak sensitivity", "some figures alone")),
+        (3, ["gain_margin", "compliance", "peak_compliance", "peak_sensitivity"], ("some figures alone",)),
+    ],
+)
+def test_a_box_has_one_limit_for_all_its_searches_and_keeps_what_they_proved(
+    up: int, proved: list[str], left_out: tuple[str, ...]
+):
+    """The time is up as a step of the whole is begun with, and what was proved before it is checked."""
+    rig, now, steps = read_prototype(STUDIES / "prototypes" / "tame_lag.toml"), [0.0], count(1)
+
+    def report(share_done: float, text: str) -> None:
+        if next(steps) == up:
+            now[0] = 100.0
+
+    with within(None, lambda: now[0]):
+        given = {"sigmas": 1.0, "only": ["outer_stiffness", "flow_gain"], "each": True}
+        found = certify_box(rig, (0.0, 2.0), seconds=60.0, progress=report, **given)
+    assert [claim.asked.kind for claim in found.claims] == proved
+    assert found.left_out == left_out
+    assert found.to_dict()["complete"] is False
+    assert (check(found.text).valid if found.text else found.stable is None) is True

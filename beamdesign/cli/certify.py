@@ -19,6 +19,7 @@ from beamdesign.cli.command import (
 )
 from beamdesign.cli.output import certificate_file, echo, echo_table, progress, refuse, write_certificate
 from beamdesign.result import picked
+from beamdesign.time_limit import within
 
 if TYPE_CHECKING:
     from beamdesign.polynomial import Crossing
@@ -223,7 +224,8 @@ def certify_box(
         scaling: find the largest scaling of the tolerances that is stable.
         each: find it of each figure alone, the others staying as far off as they may be.
         budget: most pieces of frequency and parameters to look at, for each claim.
-        seconds: most time for each search.
+        seconds: most time for all that is searched together; what was found until then is proved all the same, what is
+            left out is told, and a step that was begun is brought to its end.
         nonlinear: also prove that every member comes to rest while the current saturates, and with the static
             characteristics among its effects, and how far friction, hysteresis, dead band, ripple and resolution move
             its tip; the answer is no where something is not proved.
@@ -245,7 +247,8 @@ def certify_box(
             write_certificate(path, found.text)
         return found.to_dict() | {"certificate": path if found.text else None}, found.yes
 
-    return by_stage(record, masses, proved)
+    with within(seconds / 60):
+        return by_stage(record, masses, proved)
 
 
 def echo_stability(name: str, found: "Decided", holds_for: str) -> None:
@@ -337,6 +340,8 @@ def _echo_box(found: "BoxGuarantee") -> None:
         over = sure["servo_off_m_per_N"], sure["peak_over_passive"]
         _echo_over_passive(softest, *over, record.goal, " for every member")
     _echo_moving(found.nonlinear or ())
+    if found.left_out:
+        echo(f"  left out for want of time: {', '.join(found.left_out)}; more --seconds leave less out")
 
 
 def _echo_each(found: "Mapping[str, Scaling]", sigmas: float) -> None:

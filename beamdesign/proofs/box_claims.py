@@ -46,6 +46,7 @@ from beamdesign.proofs.value_set import with_unknown
 from beamdesign.proofs.writer import Tables, texts
 from beamdesign.proofs.zero_exclusion import PRECISION_BITS, Piece, holds, pieces
 from beamdesign.prototype import Prototype
+from beamdesign.time_limit import leave_out, over, while_time
 
 _TURNS, _SETTLED, _SAMPLES = 8, 1e-4, 4001
 _LOOKS, _OPEN = (0.03, 0.08, 0.2), 300
@@ -225,35 +226,44 @@ def over_own_ranges(prototype: Prototype, box: Box, asked: Asked) -> Statement:
     return family.over({**box.ranges, **own_ranges(prototype, family, box, asked)})
 
 
-def best_over_box(prototype: Prototype, box: Box, budget: int = 4000, seconds: float = inf) -> tuple[BoxClaim, ...]:
+def best_over_box(prototype: Prototype, box: Box, budget: int = 4000) -> tuple[BoxClaim, ...]:
     """The best bandwidth, peak compliance and peak sensitivity proved of every member, and stability at lower gains.
 
     The worst member that a search finds shows what cannot be proved; what is a little looser is tried, ever more so,
-    until it is proved. A claim for which that fails is left out.
+    until it is proved. A claim for which that fails is left out, as is one for which there is no time.
 
     Args:
         prototype: with a controller of one law; its goal says what compliance the bandwidth is for.
         box: ranges of its parameters.
         budget: most pieces to look at in each try.
-        seconds: most time for each try.
     """
     goal = prototype.goal
-    lower = claim_over_box(prototype, box, LOWER_GAINS, budget, seconds)
+    lower = claim_over_box(prototype, box, LOWER_GAINS, budget)
     claims = [lower] if lower.holds else []
+    if lower.holds is None and over():
+        leave_out(_named(LOWER_GAINS))
     asked = Asked("peak_compliance", goal.compliance_m_per_N), Asked("peak_sensitivity", goal.peak_sensitivity)
-    for one in (Asked("compliance", goal.compliance_m_per_N), *asked):
+    for one in while_time((Asked("compliance", goal.compliance_m_per_N), *asked), _named):
         with suppress(NotCovered):
             best = _least(prototype, box, one) if one.kind != "compliance" else _highest(prototype, box, one)
-            claims += [] if best is None else _proved(prototype, box, best, budget, seconds)
+            claims += [] if best is None else _proved(prototype, box, best, budget)
     return tuple(claims)
 
 
-def _proved(prototype: Prototype, box: Box, best: Asked, budget: int, seconds: float) -> list[BoxClaim]:
+def _named(asked: Asked) -> str:
+    """What is asked, in words."""
+    return asked.kind.replace("_", " ")
+
+
+def _proved(prototype: Prototype, box: Box, best: Asked, budget: int) -> list[BoxClaim]:
     """One claim, as near to the best as it is proved; none where it is not."""
     for factor in _RELAXATIONS:
-        claim = claim_over_box(prototype, box, relaxed(best, factor), budget, seconds)
+        claim = claim_over_box(prototype, box, relaxed(best, factor), budget)
         if claim.holds:
             return [claim]
+        if over():
+            leave_out(_named(best))
+            break
     return []
 
 

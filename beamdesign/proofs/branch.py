@@ -13,6 +13,7 @@ from beamdesign.polynomial import exact, nearest, text
 from beamdesign.proofs.statement import Node, Statement
 from beamdesign.proofs.value_set import Pieces, hulls, pieces, support, with_unknown
 from beamdesign.proofs.zero_exclusion import ARC_PARTS, Cell, coefficients, dominated
+from beamdesign.time_limit import left_for_steps
 
 TURN = 192
 """Directions of separating lines: multiples of a full turn over this."""
@@ -93,10 +94,13 @@ class Search:
 
         Args:
             budget: most pieces to look at, over all runs.
-            seconds: most time.
+            seconds: most time, beside what is left for a step.
             enough: open volume at which to stop.
         """
-        limit, at_once = monotonic() + seconds, max(1, min(256, _POINTS_AT_ONCE // (2 * self._width)))
+        limit, at_once = (
+            monotonic() + min(seconds, left_for_steps()),
+            max(1, min(256, _POINTS_AT_ONCE // (2 * self._width))),
+        )
         while self._queue and self.looked_at < budget and monotonic() < limit and self.open_volume >= enough:
             batch: list[_Node] = []
             while self._queue and len(batch) < at_once and self.looked_at < budget:

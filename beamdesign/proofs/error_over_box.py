@@ -19,7 +19,7 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import pairwise, product, zip_longest
-from math import inf, pi
+from math import pi
 from operator import itemgetter
 from typing import Any
 
@@ -40,6 +40,7 @@ from beamdesign.proofs.value_set import with_unknown
 from beamdesign.proofs.zero_exclusion import PRECISION_BITS, holds, pieces
 from beamdesign.prototype import Prototype
 from beamdesign.structure.lumped import figures
+from beamdesign.time_limit import leave_out, over
 
 METHOD = "bounded error: Parseval's theorem left of the axis, by zero exclusion"
 MASS = "outer_end_mass"
@@ -74,16 +75,13 @@ class Plan:
     lead: Lead
 
 
-def errors_over_box(
-    prototype: Prototype, box: Box, budget: int = 20_000, seconds: float = inf
-) -> tuple[list[BoxClaim], list[Row]]:
+def errors_over_box(prototype: Prototype, box: Box, budget: int = 20_000) -> tuple[list[BoxClaim], list[Row]]:
     """Prove how far the tip of every member strays from its linear response, for each error that is bounded.
 
     Args:
         prototype: with a controller of one law.
         box: ranges of its parameters; the others keep their values.
         budget: most pieces to look at in one band.
-        seconds: most time for one band.
 
     Returns:
         Claims, one for each error and piece of the outer end mass, and rows for each effect and for all together.
@@ -97,7 +95,10 @@ def errors_over_box(
                 most.append(one.size)
                 continue
             if one.place not in known:
-                known[one.place] = _claims(prototype, box, one, budget, seconds)
+                if over():
+                    leave_out("errors that are bounded")
+                    raise NotCovered("no time was left for it")
+                known[one.place] = _claims(prototype, box, one, budget)
             own = [_resized(claim, one.size) for claim in known[one.place]]
             claims, most = [*claims, *own], [*most, max(exact(claim.asked.limit) for claim in own)]
     except ValueError as error:
@@ -122,7 +123,7 @@ def _more(prototype: Prototype, box: Box, error: Error) -> fmpq:
     return fmpq(1) if most is None else most[1] / exact(figures(prototype)[error.gain])
 
 
-def _claims(prototype: Prototype, box: Box, error: Error, budget: int, seconds: float) -> list[BoxClaim]:
+def _claims(prototype: Prototype, box: Box, error: Error, budget: int) -> list[BoxClaim]:
     """The claims of one error, one for each piece of the outer end mass.
 
     Raises:
@@ -143,8 +144,8 @@ def _claims(prototype: Prototype, box: Box, error: Error, budget: int, seconds: 
     def proved(one: Plan) -> BoxClaim:
         for slower in _SLOWER:
             with suppress(NotCovered):
-                return _proved(family, box, one if slower == 1.0 else plan(one.own, slower), error, budget, seconds)
-        return _proved(family, box, plan(one.own, _SLOWER[-1] / 2), error, budget, seconds)
+                return _proved(family, box, one if slower == 1.0 else plan(one.own, slower), error, budget)
+        return _proved(family, box, plan(one.own, _SLOWER[-1] / 2), error, budget)
 
     plan, own = partial(_plan, family(fmpq(0), fmpq(0)), box, lead), _sliding(box, prototype)
     plans = [plan(own)]
@@ -253,7 +254,7 @@ def _per_unit(decay: fmpq, edges: Sequence[fmpq], limits: Sequence[fmpq]) -> fmp
 
 
 def _proved(
-    family: Callable[[fmpq, fmpq], PolynomialFamily], box: Box, plan: Plan, error: Error, budget: int, seconds: float
+    family: Callable[[fmpq, fmpq], PolynomialFamily], box: Box, plan: Plan, error: Error, budget: int
 ) -> BoxClaim:
     """One piece, proved band by band.
 
@@ -274,7 +275,7 @@ def _proved(
                 circles = {UNKNOWN: Circle(fmpq(0), 1 / limit)}
                 statement = replace(whole, circles=circles, since=since, until=until).over(ranges)
                 search = Search(statement)
-                search.run(min(budget, most), seconds)
+                search.run(min(budget, most))
                 every = list(pieces(statement, search.tree))
                 if below(statement, member, since * since) and all(map(holds, every)):
                     break

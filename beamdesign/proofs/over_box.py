@@ -29,6 +29,7 @@ from beamdesign.proofs.tolerance_box import (
 )
 from beamdesign.prototype import Prototype
 from beamdesign.result import Result, finite, picked
+from beamdesign.time_limit import leave_out, over, share, within
 
 
 @dataclass(frozen=True, repr=False)
@@ -45,6 +46,7 @@ class BoxGuarantee(Result):
         nonlinear: what is proved of effects while they move; None where it was not asked for.
         scaling: of all tolerances, the largest that is stable; None where it was not asked for.
         each: of each figure alone, the others as they are.
+        left_out: what was not looked for to the end for want of time, in words.
     """
 
     prototype: Prototype
@@ -56,6 +58,7 @@ class BoxGuarantee(Result):
     nonlinear: tuple[Row, ...] | None
     scaling: Scaling | None
     each: Mapping[str, Scaling]
+    left_out: tuple[str, ...] = ()
 
     @property
     def stable(self) -> bool | None:
@@ -110,6 +113,8 @@ class BoxGuarantee(Result):
             ],
             "guaranteed": self.guaranteed,
             **({} if self.nonlinear is None else {"nonlinear": [row.to_dict() for row in self.nonlinear]}),
+            "complete": not self.left_out,
+            "left_out": self.left_out,
         })  # fmt: skip
 
 
@@ -139,7 +144,8 @@ def certify_box(
         scaling: find the largest scaling of the tolerances that is stable.
         each: find it of each figure alone, the others staying as far off as they may be.
         budget: most pieces of frequency and figures to look at, for each claim.
-        seconds: most time for each search.
+        seconds: most time for all searches together; what they found until then is proved all the same, and a step
+            that was begun is brought to its end.
         progress: told the share done and what is being done.
 
     Raises:
@@ -149,21 +155,38 @@ def certify_box(
     delays = (0.0, delay_s) if delay_s else None
     masses = outer_end_mass_kg or prototype.outer_end_mass_kg or (0.0, 0.0)
     box = tolerance_box(prototype, sigmas, only or None, outer_end_mass_kg, delay_s=delays)
-    progress(0.1, f"{len(box.names)} figures")
-    verdict = decide(prototype, box, budget, seconds)
-    progress(0.3, "performance" if verdict.stable else "")
-    claims = tuple(best_over_box(prototype, box, budget, seconds)) if verdict.stable else ()
-    rows: tuple[Row, ...] = ()
-    if nonlinear and verdict.stable:
-        progress(0.5, "with a saturated current")
-        lower = next((claim for claim in claims if claim.asked.kind == "gain_margin"), None)
-        slope, why = slope_over_box(prototype, box, budget, seconds, lower)
-        progress(0.55, "with errors that are bounded")
-        errors, moved = errors_over_box(prototype, box, budget, seconds)
-        moved += changing_over_box(members(prototype, *masses), box, claims)
-        rows = box_rows(prototype, slope, why, moved)
-        claims = (*claims, *([] if slope is None else [slope]), *errors)
-    progress(0.6, "scaling the tolerances" if scaling else "")
-    found = largest_scaling(prototype, box, budget=budget) if scaling else None
-    alone = scaling_of_each(prototype, box, budget=budget) if each and verdict.stable else {}
-    return BoxGuarantee(prototype, masses, sigmas, box, verdict, claims, rows if nonlinear else None, found, alone)
+    with within(seconds / 60) as limit, share(1.0, within_steps=True):
+        progress(0.1, f"{len(box.names)} figures")
+        verdict = decide(prototype, box, budget)
+        if verdict.stable is None and over():
+            leave_out("stability of the whole box")
+        progress(0.3, "performance" if verdict.stable else "")
+        claims = best_over_box(prototype, box, budget) if verdict.stable else ()
+        rows: tuple[Row, ...] = ()
+        if nonlinear and verdict.stable:
+            progress(0.5, "with a saturated current")
+            lower = next((claim for claim in claims if claim.asked.kind == "gain_margin"), None)
+            slope, why = _slope(prototype, box, budget, lower)
+            progress(0.55, "with errors that are bounded")
+            errors, moved = errors_over_box(prototype, box, budget)
+            moved += changing_over_box(members(prototype, *masses), box, claims)
+            rows = box_rows(prototype, slope, why, moved)
+            claims = (*claims, *([] if slope is None else [slope]), *errors)
+        progress(0.6, "scaling the tolerances" if scaling else "")
+        if scaling and over():
+            leave_out("scaling the tolerances")
+        found = largest_scaling(prototype, box, budget=budget) if scaling and not over() else None
+        alone = scaling_of_each(prototype, box, budget=budget) if each and verdict.stable else {}
+    moving = rows if nonlinear else None
+    left_out = tuple(limit.left_out)
+    return BoxGuarantee(prototype, masses, sigmas, box, verdict, claims, moving, found, alone, left_out)
+
+
+def _slope(prototype: Prototype, box: Box, budget: int, lower: BoxClaim | None) -> tuple[BoxClaim | None, str]:
+    """What `slope_over_box` finds, as far as there is time for it."""
+    if not over():
+        slope, why = slope_over_box(prototype, box, budget, lower=lower)
+        if slope is not None or not over():
+            return slope, why
+    leave_out("rest with a saturated current")
+    return None, "No time was left to prove it."

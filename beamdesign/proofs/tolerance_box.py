@@ -19,6 +19,7 @@ from beamdesign.proofs.rig_family import effect_spans, performing_spans, rig_fam
 from beamdesign.proofs.statement import Interval, PolynomialFamily
 from beamdesign.prototype import Prototype
 from beamdesign.records import InputError, Problem
+from beamdesign.time_limit import over, while_time
 
 _OF_LOOP = {
     "controller_gain": ("A/V", 1.0),
@@ -170,7 +171,7 @@ def largest_scaling(
     refuted, point, searched = _least_refuted(family, box, limit, within / 4)
     proved, verdict, above = fmpq(0), None, limit if refuted is None else refuted
     factor = limit if refuted is None else _short(refuted * (1 - exact(within)))
-    for _ in range(_TRIES):
+    for _ in while_time(range(_TRIES), lambda _: "the scaling as near as was asked"):
         if not above * (1 - exact(1.001 * within)) > proved or factor <= 0:
             break
         found = certify_box(family, box.scaled(factor), budget, volumes=False, searched=factor <= searched)
@@ -204,8 +205,7 @@ def scaling_of_each(
     """
     found = {
         name: largest_scaling(subject, replace(box, rigid=frozenset({*box.names} - {name})), within, budget, 4.0)
-        for name in box.names
-        if name not in box.rigid
+        for name in while_time([name for name in box.names if name not in box.rigid], lambda _: "some figures alone")
     }
     return dict(sorted(found.items(), key=lambda pair: (pair[1].proved, pair[1].refuted or inf)))
 
@@ -231,7 +231,7 @@ def _least_refuted(
     low, high, point = fmpq(0), limit, found(limit)
     if point is None:
         return None, None, limit
-    while high - low > exact(within) * high and high > limit / 1000:
+    while high - low > exact(within) * high and high > limit / 1000 and not over():
         middle = _short((low + high) / 2)
         if (nearer := found(middle)) is not None:
             high, point = middle, nearer
