@@ -8,17 +8,20 @@ import numpy as np
 import pytest
 from scipy.linalg import solve_continuous_lyapunov
 
-from beamdesign import Prototype, check, read_prototype, state_space
+from beamdesign import Prototype, check, read_problem, read_prototype, state_space
 from beamdesign.build import ratings as room
 from beamdesign.build.acceptance import acceptance
 from beamdesign.build.ratings import MARGIN, lagging, noise_bandwidth_Hz, ratings, sensor_need, stock_choices
 from beamdesign.build.tolerances import SAFETY, Tolerances, tolerances
 from beamdesign.controllers import Lag, Scheduled, Stage
 from beamdesign.loop import loop
-from beamdesign.structure.lumped import CHANGEABLE, with_figures
+from beamdesign.structure.lumped import CHANGEABLE, weighing_mass, with_figures
 from beamdesign.structure.section import Tube
+from beamdesign.synthesis.holding import working
+from beamdesign.synthesis.operating_limits import needs
 
-PUBLISHED = Path(__file__).parent.parent / "studies" / "prototypes" / "published_lag.toml"
+STUDIES = Path(__file__).parent.parent / "studies"
+PUBLISHED = STUDIES / "prototypes" / "published_lag.toml"
 MASSES = (0.0, 6.8)
 
 
@@ -45,25 +48,49 @@ def damped(rig: Prototype, mass: float) -> bool:
 def test_ratings_of_a_slow_load_are_statics(rig: Prototype) -> None:
     """Held slowly, the inner beam takes all of the load but K_o x of the outer one, 0.25 % at this gain.
 
-    Stroke F/K, pressure F/A, flow A w F (1/K + 1/K_c), leakage K_pq F/A.
+    Stroke F/K, pressure F/A, F being load and weight; flow A w F (1/K + 1/K_c) of half the load, leakage K_pq F/A.
     """
     need = ratings(rig, (0.0, 0.0), 1000.0, 0.05)
-    area, stiffness, oil = 1.13e-4, 157500.0, 1.3e7
-    assert need.needed["cylinder_force_N"] == pytest.approx(1000.0, rel=4e-3)
-    assert need.needed["load_pressure_Pa"] == pytest.approx(1000.0 / area, rel=4e-3)
-    assert need.needed["supply_pressure_Pa"] == pytest.approx(1.5 * 1000.0 / area, rel=4e-3)
-    assert need.needed["stroke_m"] == pytest.approx(2 * MARGIN * 1000.0 / stiffness, rel=4e-3)
-    moved = area * 2 * pi * 0.05 * 1000.0 * (1 / stiffness + 1 / oil)
-    leaked = 3.8e-13 * 1000.0 / area
-    assert need.needed["flow_m3_per_s"] == pytest.approx(sqrt(moved**2 + leaked**2), rel=1e-2)
+    area, stiffness, oil, gravity = 1.13e-4, 157500.0, 1.3e7, 9.80665
+    assert need.weight_N == pytest.approx(gravity * weighing_mass(rig.outer_beam))
+    force, inside = 1000.0 + need.weight_N, gravity * (weighing_mass(rig.inner_beam) + 1.9)
+    assert need.needed["rest_pressure_Pa"] == pytest.approx(force / area)
+    assert need.needed["cylinder_force_N"] == pytest.approx(force, rel=4e-3)
+    assert need.needed["load_pressure_Pa"] == pytest.approx(force / area, rel=4e-3)
+    assert need.needed["supply_pressure_Pa"] == pytest.approx(1.5 * force / area, rel=4e-3)
+    assert need.needed["rest_stroke_m"] == pytest.approx(force / stiffness)
+    assert need.needed["stroke_m"] == pytest.approx(2 * MARGIN * (force + inside) / stiffness, rel=4e-3)
+    moved = area * 2 * pi * 0.05 * 500.0 * (1 / stiffness + 1 / oil)
+    held, leaked = (3.8e-13 * newton / area for newton in (500.0 + need.weight_N, 500.0))
+    assert need.needed["flow_m3_per_s"] == pytest.approx(held + sqrt(moved**2 + leaked**2), rel=1e-2)
     assert "stroke_m" not in need.stated
+
+
+def test_a_specification_rates_what_the_design_run_asked() -> None:
+    """One load and one weight, up to one bandwidth: the figures of `run` and of `spec` are the same but for margins."""
+    problem = read_problem(STUDIES / "ball_screw.toml")
+    rig = read_prototype(PUBLISHED).but(
+        actuator=problem.actuator, servovalve=None, controller=Lag(gain_A_per_V=800.0, pole_Hz=1.2, zero_Hz=18.0)
+    )
+    held, rated = working(problem, rig, MASSES, 3.0), ratings(rig, MASSES, problem.load.tip_force_N, 3.0)
+    asked = {limit.name: limit.needed for limit in held.limits}
+    assert rated.weight_N == held.weight_N
+    assert rated.needed["rest_current_A"] == pytest.approx(asked["continuous current at rest"])
+    assert rated.needed["peak_current_A"] == pytest.approx(MARGIN * asked["peak current"])
+    assert rated.needed["continuous_current_A"] == pytest.approx(MARGIN * asked["continuous current"])
+    assert rated.needed["largest_speed_rad_per_s"] == pytest.approx(MARGIN * asked["rotor speed"])
+    assert rated.needed["stroke_m"] == pytest.approx(MARGIN * asked["stroke"])
 
 
 def test_ratings_grow_with_the_load(rig: Prototype) -> None:
     small, large = (ratings(rig, MASSES, load, 5.0) for load in (100.0, 1000.0))
-    assert large.needed["flow_m3_per_s"] == pytest.approx(10 * small.needed["flow_m3_per_s"])
-    # Through an orifice under load pressure more than in proportion.
-    assert large.needed["no_load_flow_m3_per_s"] > 10 * small.needed["no_load_flow_m3_per_s"]
+    weight = needs(rig, MASSES, 0.0, 5.0, small.weight_N)
+    flow, no_load = (
+        [one.needed[name] - weight[name] for one in (small, large)]
+        for name in ("flow_m3_per_s", "no_load_flow_m3_per_s")
+    )
+    assert flow[1] == pytest.approx(10 * flow[0])
+    assert no_load[1] > 10 * no_load[0]  # through an orifice under load pressure more than in proportion
     assert np.isinf(
         ratings(rig, (0.0, 0.0), 3000.0, 5.0).needed["no_load_flow_m3_per_s"]
     )  # 3 kN are more than 20 MPa hold

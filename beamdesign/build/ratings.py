@@ -22,7 +22,7 @@ from beamdesign.structure import lumped
 from beamdesign.structure.lumped import lumped_beam
 from beamdesign.structure.section import Tube, stock_tubes
 from beamdesign.structure.shapes import gaps
-from beamdesign.synthesis.operating_limits import Envelope, envelope, needs
+from beamdesign.synthesis.operating_limits import Envelope, envelope, needs_to_carry, weight_N
 
 
 class TubeToMake(NamedTuple):
@@ -159,16 +159,18 @@ SHOWN_HZ = np.array([0.1, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0])
 
 @dataclass(frozen=True)
 class Ratings:
-    """Ratings for a sinusoidal force on the tip of one amplitude, at any frequency up to a bandwidth.
+    """Ratings for a force on the tip that is put on and taken off up to a bandwidth, beside the weight of the link.
 
     Attributes:
-        load_N: amplitude of the force.
+        load_N: the force.
+        weight_N: of the largest payload and of the outer beam, at the tip.
         up_to_Hz: bandwidth.
         rows: of the actuator, margins included, its stroke from end to end among them.
         envelope: largest amplitude over frequency that the prototype's own ratings allow, with the largest payload.
     """
 
     load_N: float
+    weight_N: float
     up_to_Hz: float
     rows: tuple[Row, ...]
     envelope: Envelope
@@ -185,7 +187,7 @@ class Ratings:
 
     def to_dict(self) -> dict[str, Any]:
         """As a JSON file has it."""
-        return picked(self, "load_N up_to_Hz envelope") | self.needed | {"given": self.stated}
+        return picked(self, "load_N weight_N up_to_Hz envelope") | self.needed | {"given": self.stated}
 
 
 def ratings(prototype: Prototype, masses_kg: tuple[float, float], load_N: float, up_to_Hz: float) -> Ratings:
@@ -194,21 +196,18 @@ def ratings(prototype: Prototype, masses_kg: tuple[float, float], load_N: float,
     Args:
         prototype: with a controller whose loop is stable at these masses.
         masses_kg: range of outer end mass.
-        load_N: amplitude of the force on the tip.
+        load_N: force on the tip that is put on and taken off, beside the weight.
         up_to_Hz: highest frequency of it.
     """
-    need, stages, actuator = (
-        needs(prototype, masses_kg, load_N, up_to_Hz),
-        prototype.stages(masses_kg),
-        prototype.actuator,
-    )
-    inner = lumped_beam(prototype.inner_beam).stiffness
+    need = needs_to_carry(prototype, masses_kg, load_N, up_to_Hz)
+    stages, actuator, weight = prototype.stages(masses_kg), prototype.actuator, weight_N(prototype, masses_kg[1])
+    at_rest = (load_N + weight) / lumped_beam(prototype.inner_beam).stiffness
     rows = (
-        *actuator.rows(prototype, need, load_N),
-        Row("stroke to either side that holds the load, at least", load_N / inner, None, "m", "rest_stroke_m"),
+        *actuator.rows(prototype, need, load_N + weight),
+        Row("stroke to either side that holds load and weight, at least", at_rest, None, "m", "rest_stroke_m"),
         Row(f"stroke from end to end, × {MARGIN:g}", 2 * MARGIN * need["stroke_m"], actuator.stroke_m, "m", "stroke_m"),
     )
-    return Ratings(load_N, up_to_Hz, rows, envelope(stages[-1].prototype, masses_kg[1], 0.0, SHOWN_HZ))
+    return Ratings(load_N, weight, up_to_Hz, rows, envelope(stages[-1].prototype, masses_kg[1], 0.0, SHOWN_HZ))
 
 
 KEPT = 0.05

@@ -253,13 +253,15 @@ def specification_of(run: DesignRun) -> Specification:
 
 def _with_ratings(found: Specification) -> Specification:
     """With what follows from the proofs of its laws at once: guarantee, stock sizes and ratings."""
-    reached = guaranteed_by_all(found.prototype.stages(found.masses_kg))
+    reached, stated = guaranteed_by_all(found.prototype.stages(found.masses_kg)), found.prototype.guarantee
     assert reached is not None
+    # Of a prototype that is promised for every rig within its tolerances the promise is rated, as `run` does.
+    up_to_Hz = reached.bandwidth_Hz if stated is None else min(stated.bandwidth_Hz, reached.bandwidth_Hz)
     return replace(
         found,
         guaranteed=reached,
         stock=stock_choices(found.prototype, found.masses_kg),
-        ratings=ratings(found.prototype, found.masses_kg, found.load_N, reached.bandwidth_Hz),
+        ratings=ratings(found.prototype, found.masses_kg, found.load_N, up_to_Hz),
     )
 
 

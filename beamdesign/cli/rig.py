@@ -154,7 +154,8 @@ def spec(
         prototype: the prototype.toml, with a controller.
         out: folder for the specification; else NAME.specification here.
         sampling_rate_Hz: of the difference equation; else at least 40 times the crossover.
-        load_N: load for the ratings; else the prototype's largest force or payload's weight.
+        load_N: load for the ratings, beside the weight of payload and link; else the prototype's largest force or
+            payload's weight.
         noise_share: share of the motion that the goal allows, which sensor noise may cause.
     """
     record = with_controller(prototype)

@@ -32,8 +32,8 @@ from beamdesign.problem import DesignProblem
 from beamdesign.prototype import Prototype
 from beamdesign.quantities import at_least, at_most
 from beamdesign.result import finite, picked
-from beamdesign.structure.lumped import lumped_beam, weighing_mass
-from beamdesign.synthesis.operating_limits import demand, needs
+from beamdesign.structure.lumped import lumped_beam
+from beamdesign.synthesis.operating_limits import demand, needs_to_carry, weight_N
 from beamdesign.synthesis.sizing import size
 
 _PER_LOAD = 4 / 3
@@ -175,9 +175,9 @@ def standing(problem: DesignProblem, prototype: Prototype, masses_kg: tuple[floa
         masses_kg: payloads (least, most).
     """
     load, payload = problem.load.tip_force_N, STANDARD_GRAVITY * masses_kg[1]
-    link = STANDARD_GRAVITY * weighing_mass(prototype.outer_beam)
-    weight, held = payload + link, _held(prototype, load + payload + link)
-    stall = held.available * (load + payload + link) / held.needed
+    weight = weight_N(prototype, masses_kg[1])
+    link, held = weight - payload, _held(prototype, load + weight)
+    stall = held.available * (load + weight) / held.needed
     # Sections for a larger load weigh more, but not by more than it is larger.
     designed = load if weight <= load else _up(payload + link * weight / load)
     force = _swelled(prototype, problem, designed) + payload + link * designed / load
@@ -208,17 +208,13 @@ def working(problem: DesignProblem, prototype: Prototype, masses_kg: tuple[float
     """
     still, least = standing(problem, prototype, masses_kg), problem.load.least_bandwidth_Hz
     load = still.load_N
-    # Half of a load that comes and goes is constant, half of it alternates.
-    need = needs(prototype, masses_kg, load / 2, up_to_Hz, still.weight_N + load / 2)
-    inner, actuator = lumped_beam(prototype.inner_beam), prototype.actuator
-    inside = weighing_mass(prototype.inner_beam) + prototype.payload.inner_end_mass_kg
-    reach = need["stroke_m"] + STANDARD_GRAVITY * inside / inner.stiffness
+    need, actuator = needs_to_carry(prototype, masses_kg, load, up_to_Hz), prototype.actuator
     limits = list(still.limits)
     missing = dict(still.missing)
     every = [
         (one.name, one.place, need[one.need], actuator.stated(prototype, one), one.unit) for one in actuator.ratings
     ]
-    every.insert(1, ("stroke", "actuator.stroke_m", 2 * reach, actuator.stroke_m, "m"))
+    every.insert(1, ("stroke", "actuator.stroke_m", 2 * need["stroke_m"], actuator.stroke_m, "m"))
     for name, key, needed, available, unit in every:
         if available is None:
             missing[name] = key

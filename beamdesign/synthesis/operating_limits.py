@@ -28,6 +28,7 @@ from beamdesign.plant.linear_reach import (
     with_mass,
     with_published_effects,
 )
+from beamdesign.plant.members import STANDARD_GRAVITY
 from beamdesign.progress import Progress, silent
 from beamdesign.prototype import Prototype
 from beamdesign.records import InputError
@@ -150,6 +151,25 @@ def needs(
             } | stage.prototype.actuator.takes(stage.prototype, asked, load_N, held)
             found = {key: max(value, found.get(key, 0.0)) for key, value in taken.items()}
     return found
+
+
+def weight_N(prototype: Prototype, payload_kg: float) -> float:
+    """Weight of a payload and of the outer beam at the tip of a link that lies level, N."""
+    return STANDARD_GRAVITY * (payload_kg + lumped.weighing_mass(prototype.outer_beam))
+
+
+def needs_to_carry(
+    prototype: Prototype, masses_kg: tuple[float, float], load_N: float, up_to_Hz: float
+) -> dict[str, float]:
+    """What a load takes that is put on and taken off up to a frequency, beside the weight of payload and link.
+
+    Half of such a load is constant, half of it alternates. The stroke is that of the inner beam under its own weight
+    too. Arguments and figures are those of `needs`.
+    """
+    weight, inner = weight_N(prototype, masses_kg[1]), lumped.lumped_beam(prototype.inner_beam)
+    need = needs(prototype, masses_kg, load_N / 2, up_to_Hz, weight + load_N / 2)
+    inside = lumped.weighing_mass(prototype.inner_beam) + prototype.payload.inner_end_mass_kg
+    return need | {"stroke_m": need["stroke_m"] + STANDARD_GRAVITY * inside / inner.stiffness}
 
 
 def envelope(

@@ -273,7 +273,7 @@ class Actuator(Kinded):
 
     @abstractmethod
     def rows(self, prototype: "WithActuator", need: Mapping[str, float], load_N: float) -> tuple[Row, ...]:
-        """Figures of a specification, for what `takes` says of a load, margins included."""
+        """Figures of a specification: what `takes` says, margins included, and what holds a load still."""
 
     @abstractmethod
     def power_W(self, prototype: "WithActuator", asked: Demand, load_N: "np.ndarray") -> "np.ndarray":

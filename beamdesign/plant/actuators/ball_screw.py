@@ -238,7 +238,10 @@ class BallScrew(Actuator):
             Row("the same at the nut, J / h²", at_nut, None, "kg", "inertia_at_the_nut_kg"),
             Row("speed feedback k_w", self.speed_feedback_A_s_per_rad, None, "A s/rad"),
             Row("break of the current loop", self.current_loop_Hz, None, "Hz"),
-            Row("motor current that holds the load at rest", still, self.continuous_current_A, "A", "rest_current_A"),
+            Row(
+                "motor current that holds load and weight at rest", still, self.continuous_current_A, "A",
+                "rest_current_A",
+            ),
             Row(f"peak current{least}", MARGIN * need["peak_current_A"], self.peak_current_A, "A", "peak_current_A"),
             Row(
                 f"continuous current (RMS){least}", MARGIN * need["effective_current_A"], self.continuous_current_A,

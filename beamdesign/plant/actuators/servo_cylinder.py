@@ -306,7 +306,7 @@ class ServoCylinder(Actuator):
             Row("piston area, mean of both sides", area, None, "m2"),
             Row("bore, as a full circle", (4 * area / pi) ** 0.5, None, "m"),
             Row(
-                "load pressure that holds the load at rest, F/A", load_N / area, supply.pressure_Pa, "Pa",
+                "load pressure that holds load and weight at rest, F/A", load_N / area, supply.pressure_Pa, "Pa",
                 "rest_pressure_Pa",
             ),
             Row("oil spring K_c", self.oil_stiffness_N_per_m, None, "N/m"),
