@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, Self
 
 import numpy as np
 from pydantic import Field, SerializeAsAny
@@ -183,7 +183,9 @@ class Scenario(Record):
 
     name: str = Field(description="what the scenario is called in tables")
     duration_s: q.Duration = Field(description="length of every record")
-    sample_s: q.SamplePeriod = Field(0.5e-3, description="from row to row of the records")
+    sample_s: q.SamplePeriod = Field(
+        0.5e-3, description="from row to row of the records; else the period of a scheduled controller"
+    )
     start: Literal["rest", "loaded"] = Field(
         "loaded", description="rest: before the preload comes on; loaded: at rest under it"
     )
@@ -207,6 +209,10 @@ class Scenario(Record):
         pair = numbers(table, "sample_s", "sampled.period_s") or ()
         if pair and pair[0] > 0 and abs(pair[1] / pair[0] - round(pair[1] / pair[0])) > 1e-9:
             yield Problem("sampled.period_s", f"must be a whole multiple of sample_s, {pair[0]:g}, is {pair[1]:g}")
+
+    def every(self, period_s: float | None) -> Self:
+        """With a period from row to row where it states none; None: as it is."""
+        return self if period_s is None or "sample_s" in self.model_fields_set else self.but(sample_s=period_s)
 
     @property
     def times(self) -> np.ndarray:
@@ -239,7 +245,7 @@ def read_scenario(path: str | Path) -> Scenario:
         rows.append(row.but(input=tuple(signals)))
     if wrong:
         raise InputError(path, wrong)
-    return scenario.but(record=tuple(rows))
+    return scenario.model_copy(update={"record": tuple(rows)})  # which keeps what is stated apart from what is usual
 
 
 def inputs_of(row: ScenarioRecord, scenario: Scenario) -> np.ndarray:

@@ -154,6 +154,7 @@ def simulate(prototype: Prototype, scenario: Scenario) -> Simulation:
             from which to start, or for what its controller cannot be put through, as a payload that is to change.
     """
     prototype = arm.in_plane(prototype)
+    scenario = scenario.every(None if prototype.schedule is None else prototype.schedule.period_s)
     runs = [(prototype.but(controller=row.controller or prototype.controller), row) for row in scenario.record]
     if wrong := dict.fromkeys(problem for rig, row in runs for problem in _unfit(rig, scenario, row)):
         raise InputError(scenario.name, list(wrong))
@@ -391,10 +392,9 @@ def _judged(
 
 def diverged(name: str, samples: np.ndarray, limit_m: float, sample_s: float) -> SimulatedRecord:
     """A record whose samples (M, 7 or more) end where the tip passed a limit."""
-    found = None
+    found, at = None, len(samples) * sample_s
     if len(samples) > 8:
         found = oscillation(samples[:, 0], samples[:, COLUMNS.index("displacement_m")], turns=20)
-    at = len(samples) * sample_s
     how = "" if found is None else f", oscillating at {found.frequency_Hz:.4g} Hz"
     reason = f"the outer tip passed {limit_m:g} m at {at:.4g} s{how}"
     return SimulatedRecord(name, samples, False, reason, at, found)

@@ -344,6 +344,9 @@ def test_what_a_record_is_refused_for_is_told_of_its_file(arguments: str, told: 
     made = {
         "bench": kick.replace('name = "with_payload"', 'name = "thrown"\nstart_m = 0.01'),
         "quick": kick.replace("duration_s", "sample_s = 1e-4\nduration_s"),
+        "fast": (ROOT / "studies/scheduled/structured.toml")
+        .read_text(encoding="utf-8")
+        .replace("0.0002\n", "0.0005\n"),
         "lumped": "\n".join(
             line for line in RIG.read_text(encoding="utf-8").splitlines() if not line.startswith("width")
         ),
@@ -354,7 +357,6 @@ def test_what_a_record_is_refused_for_is_told_of_its_file(arguments: str, told: 
     paths |= {
         "kick": ROOT / "studies/scenarios/kick.toml",
         "scheduled": ROOT / "studies/scheduled/prototype.toml",
-        "fast": ROOT / "studies/scheduled/structured.toml",
         "lqg": ROOT / "studies/prototypes/lqg.toml",
     }
     typed = [*arguments.format(**paths).split(), "--out", str(tmp_path / "out")]

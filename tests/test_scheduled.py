@@ -14,7 +14,17 @@ from scipy.linalg import expm
 from scipy.signal import cont2discrete
 from typer.testing import CliRunner
 
-from beamdesign import InputError, Prototype, certify, check, read_prototype, simulate, tune, write_prototype
+from beamdesign import (
+    InputError,
+    Prototype,
+    certify,
+    check,
+    read_prototype,
+    read_scenario,
+    simulate,
+    tune,
+    write_prototype,
+)
 from beamdesign.cli import app
 from beamdesign.cli.command import of_all
 from beamdesign.controllers import Estimator, Scheduled, Section, Structured
@@ -44,7 +54,7 @@ from beamdesign.simulation import simulate_scheduled
 from beamdesign.synthesis import tuning
 from beamdesign.synthesis.law_design import Proved
 from beamdesign.synthesis.rig_spread import rig_spread
-from beamdesign.synthesis.tuning import LawOptions, Tuning, kept_apart, stage_ranges
+from beamdesign.synthesis.tuning import LawOptions, Tuning, kept_apart, sampling_period_s, stage_ranges
 
 ROOT = Path(__file__).parents[1]
 SHIPPED = ROOT / "studies" / "scheduled" / "prototype.toml"
@@ -621,6 +631,17 @@ def test_simulate_takes_a_schedule_and_no_other_a_payload_that_changes(tmp_path:
     plan.write_text(GRIPPING.replace("duration_s", "sample_s = 0.001\nduration_s"), encoding="utf-8")
     refused = CliRunner().invoke(app, ["simulate", str(SHIPPED), *common])
     assert "must be the period of the scheduled controller, 0.0005, is 0.001" in str(refused.exception)
+
+
+@pytest.mark.parametrize(("name", "period_s"), [("prototype", 0.5e-3), ("structured", 0.2e-3)])
+def test_shipped_schedules_are_sampled_as_their_laws_ask(name: str, period_s: float, tmp_path: Path) -> None:
+    """A quarter of the highest break's period at most; a scenario that states no period takes theirs."""
+    rig, plan = read_prototype(SHIPPED.parent / f"{name}.toml"), tmp_path / "kick.toml"
+    assert schedule_of(rig).period_s == sampling_period_s(schedule_of(rig).stage) == period_s
+    plan.write_text('name = "kick"\nduration_s = 0.05\n[[record]]\nname = "one"\ninput = []\n', encoding="utf-8")
+    (record,) = simulate(rig, read_scenario(plan)).records
+    assert record.stable
+    assert np.diff(record.column("t_s")) == pytest.approx(period_s)
 
 
 def test_certify_switching_takes_a_schedule(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

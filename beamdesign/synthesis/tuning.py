@@ -20,7 +20,7 @@ would take hours for.
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from math import ceil, prod
+from math import ceil, pi, prod
 
 import numpy as np
 
@@ -28,7 +28,7 @@ from beamdesign.controllers import KINDS, SENSED, Estimator, Scheduled, Sensed, 
 from beamdesign.parameters import stated_or_typical
 from beamdesign.plant.actuators import not_felt
 from beamdesign.plant.members import served
-from beamdesign.polynomial import nearest
+from beamdesign.polynomial import nearest, roots
 from beamdesign.progress import Progress, silent
 from beamdesign.proofs.certifying import gain_and_mass
 from beamdesign.proofs.lyapunov import Switching, switching
@@ -54,6 +54,8 @@ SMALLEST_BANDWIDTH_HZ = 1e-3
 """Below this a loop does not hold its load still, and is no answer."""
 NEARLY = 0.98
 """Share of the largest bandwidth of the worst stage that counts as nearly as much."""
+_PERIODS_S = (5e-4, 2e-4, 1e-4, 5e-5, 2e-5, 1e-5)
+"""Of sampling, the first of them being the usual one."""
 
 
 @dataclass(frozen=True, repr=False)
@@ -303,7 +305,8 @@ def _tune_stages(
     if least(best) == 0:
         reason = "no mass inside was found with which every stage can be proved" + " in the time given" * over()
         return Tuning(prototype, whole_kg, reason=reason, alone_Hz=alone_Hz)
-    schedule, inside = Scheduled(stage=tuple(map(_stage, best)), estimator=figures), best[0].prototype.payload
+    laws, inside = tuple(map(_stage, best)), best[0].prototype.payload
+    schedule = Scheduled(stage=laws, estimator=figures, period_s=sampling_period_s(laws))
     payload = prototype.payload.but(outer_end_mass_kg=whole_kg, inner_end_mass_kg=inside.inner_end_mass_kg)
     rig = prototype.but(controller=schedule, payload=payload, guarantee=None)
     whole = Tuning(rig, whole_kg, min(best, key=_hertz).best, laws=tuple(best), alone_Hz=alone_Hz)
@@ -316,6 +319,14 @@ def _tune_stages(
     rig = kept_apart(rig, proved)
     assert rig.schedule is not None
     return replace(whole, prototype=rig, switching=replace(proved, dwell_s=rig.schedule.dwell_s))
+
+
+def sampling_period_s(stages: Sequence[Stage]) -> float:
+    """The longest usual period that is at most a quarter of that of the highest break of any law."""
+    laws = [stage.law.sensed_law() for stage in stages]
+    breaks = [abs(root) for law in laws for part in (law.denominator, *law.numerators) for root in roots(part)]
+    longest = pi / 2 / max(breaks)
+    return next((period for period in _PERIODS_S if period <= longest), _PERIODS_S[-1])
 
 
 def kept_apart(rig: Prototype, found: Switching) -> Prototype:
