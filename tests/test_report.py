@@ -9,6 +9,7 @@ import xml.etree.ElementTree as ElementTree
 from decimal import Decimal
 from html import unescape
 from html.parser import HTMLParser
+from itertools import pairwise
 from math import inf, pi
 from pathlib import Path
 
@@ -16,6 +17,7 @@ import control
 import numpy as np
 import pytest
 from finished_run import STUDY, finished_run
+from honest_certificates import screw
 from hypothesis import given
 from hypothesis import strategies as st
 from test_figures import cut_off
@@ -31,7 +33,7 @@ from beamdesign.prototype import InStage
 from beamdesign.quantities import at_least, at_most, decimal, per_cent, quantity
 from beamdesign.report.canvas import inline_svg, new_figure
 from beamdesign.report.charts import plot_trade, read_trade
-from beamdesign.report.drawing import draw_section, draw_side
+from beamdesign.report.drawing import draw_end, draw_section, draw_side
 from beamdesign.report.figures import shade_compliance
 from beamdesign.report.pictures import loop_pictures, plot_stable_gains, prototype_picture, stable_gains, wider_map
 from beamdesign.structure.lumped import lumped_beam
@@ -536,3 +538,21 @@ def test_the_picture_of_the_readme_is_drawn_from_prototypes(remedy: Prototype, r
     picture = runpy.run_path(str(script))["draw"](remedy, designed(run), tmp_path / "picture.svg")
     words = {text.strip() for text in ElementTree.parse(picture).getroot().itertext() if text.strip()}
     assert {"gain 150 mA/V", "stable", "outer end mass, kg"} <= words
+
+
+def test_the_labels_of_an_axis_do_not_touch() -> None:
+    """A tip that sinks far makes the view of its end tall; two panels of a locus share one width."""
+    tame = read_prototype(Path(__file__).parent.parent / "studies" / "prototypes" / "tame_lag.toml")
+    soft = tame.but(controller=tame.controller.but(gain_A_per_V=0.02))
+    end = new_figure(220.0, 150.0)
+    draw_end(end.subplots(2, 2)[0, 1], soft, beamdesign.arm(soft, (2.0, 6.8)))
+    fast = screw()
+    fast = fast.but(actuator=fast.actuator.but(rotor_inertia_kg_m2=1e-4))
+    (locus,) = [one for one in loop_pictures(fast, loop(fast)) if one.name == "locus"]
+    for figure in (end, locus.figure):
+        figure.canvas.draw()
+        for axes in figure.axes:
+            low, high = axes.get_xlim()
+            ticks = zip(axes.get_xticks(), axes.get_xticklabels(), strict=True)
+            boxes = [label.get_window_extent() for at, label in ticks if low <= at <= high and label.get_text()]
+            assert all(right.x0 - left.x1 > 3 for left, right in pairwise(boxes))

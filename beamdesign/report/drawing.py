@@ -347,7 +347,7 @@ def draw_end(axes: "Axes", prototype: Prototype, found: "ArmResult") -> "Axes":
         there = turn @ payload + moved
         axes.plot(*np.array([moved, there]).T, color=colour, linewidth=0.9)
         axes.plot(*there, marker="o", color=colour, markersize=5)
-    axes.set_aspect("equal")
+    axes.set_aspect("equal", adjustable="datalim")  # a narrow box would leave no room for its labels
     axes.set_title(f"the end seen from outside, {factor:g} times", fontsize=9)
     axes.set(xlabel="y, m", ylabel="z, m")
     axes.margins(0.15)
@@ -365,7 +365,7 @@ def draw_remaining(axes: "Axes", cases: "dict[str, Remaining | None]") -> "Axes"
         places = np.arange(len(names)) + 0.4 * (k - 0.5)
         axes.bar(places, np.maximum(sizes, 1e-9), width=0.38, color=_COLOURS[k], label=case_name)
         for place, size in zip(places, sizes, strict=True):
-            axes.text(place, max(size, 1e-4), f"{size:.2g}", ha="center", va="bottom", fontsize=7)
+            axes.text(place, max(size, 1e-4), f"{size:.2g}", ha="center", va="bottom", fontsize=6)
     axes.set_yscale("log")
     most = max(1e3 * case.size_m for case in cases.values() if case is not None)
     axes.set_ylim(1e-4, 5 * max(most, 1e-3))

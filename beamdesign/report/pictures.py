@@ -12,7 +12,7 @@ from math import asin, degrees, inf, isfinite
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import LogLocator, NullLocator
+from matplotlib.ticker import LogLocator, MaxNLocator, NullLocator
 
 from beamdesign.loop import Loop, LoopAtMass
 from beamdesign.polynomial import exact, is_hurwitz, nearest
@@ -192,6 +192,7 @@ def _draw_locus(axes: Axes, loop: Loop, mass_kg: float, reach: float) -> None:
     factors = [*np.geomspace(1e-3, LOCUS_GAIN, 41).tolist()]
     plot_root_locus(axes, loop.at(mass_kg), factors, {"this gain": 1.0})
     axes.set(xlim=(-0.7 * reach, 0.25 * reach), ylim=(-0.04 * reach, reach))
+    axes.xaxis.set_major_locator(MaxNLocator(4))  # two panels share the width
     axes.set_title(f"{decimal(mass_kg)} kg outside", fontsize=9)
 
 
