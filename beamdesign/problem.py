@@ -15,6 +15,7 @@ from beamdesign.plant.actuators import Actuator, WithActuator
 from beamdesign.prototype import Beam, Goal, Payload, Prototype, Sensor, Servovalve, Supply, Tolerance
 from beamdesign.records import Problem, Record, numbers
 from beamdesign.structure.materials import BEAMS, MATERIAL, MaterialByName, WithMaterials
+from beamdesign.structure.requirements import Clearance, Safety, SizedFor, Sizes
 from beamdesign.structure.section import Tube, stock_tubes
 from beamdesign.structure.shapes import Shaped, beams_that_do_not_fit, tube_of
 
@@ -56,40 +57,12 @@ class BeamProblem(Shaped):
         return tube.at(width, wall)
 
 
-_SIZES = {"least_wall_m": 0.002, "largest_width_m": 0.2}
-
-
-class Sections(Record):
+class Sections(Sizes):
     """How the tubes are chosen, and what limits them."""
 
     choose: Literal["free", "stock", "fixed"] = Field(
         "stock", description="free sizes, stock sizes, or the sections given"
     )
-    least_wall_m: q.Wall = Field(_SIZES["least_wall_m"], description="thinnest wall that may be used")
-    largest_width_m: q.Width = Field(_SIZES["largest_width_m"], description="widest tube that may be used")
-    width_to_wall_at_most: q.Slenderness | None = Field(
-        None, description="limit of b / t, beside the check of local buckling"
-    )
-
-    @classmethod
-    def relations(cls, table: Mapping[str, Any]) -> Iterator[Problem]:
-        """The thinnest wall fits into the widest tube."""
-        if (pair := numbers({**_SIZES, **table}, *_SIZES)) and pair[0] >= pair[1] / 2 > 0:
-            yield Problem("least_wall_m", f"{pair[0]} is not less than half of largest_width_m, {pair[1] / 2}")
-
-
-class Clearance(Record):
-    """Gap between the inner beam and the outer one's inside, per side."""
-
-    assembly_m: q.Gap = Field(0.005, description="least gap before any load")
-    under_load_m: q.Gap = Field(0.003, description="least gap left when the inner beam carries the load")
-
-
-class Safety(Record):
-    """Factors on the load against each failure."""
-
-    strength: q.SafetyFactor = Field(2.0, description="factor against yield in bending")
-    local_buckling: q.SafetyFactor = Field(1.5, description="factor against bending resistance of thin walls")
 
 
 Tuned = Literal["lag", "proportional", "structured", "lqg", "hinf", "scheduled"]
@@ -192,7 +165,8 @@ class DesignProblem(WithMaterials, WithActuator):
 
         Its tolerances are the study's, typical ones where that states none.
 
-        Its largest force is the load that it is designed for, where the payload states no other.
+        Its largest force is the load that it is designed for, where the payload states no other; and it says what else
+        its sections were chosen to keep.
         """
         force = self.load.tip_force_N if self.payload.largest_force_N is None else self.payload.largest_force_N
         same = ("name", "actuator", "servovalve", "sensor", "supply", "goal")
@@ -201,6 +175,9 @@ class DesignProblem(WithMaterials, WithActuator):
             outer_beam=_with_section(self.outer_beam, outer),
             inner_beam=_with_section(self.inner_beam, inner),
             payload=self.payload.but(largest_force_N=force),
+            sized_for=SizedFor(
+                **self.sections.model_dump(exclude={"choose"}), **dict(self.clearance), **dict(self.safety)
+            ),
             tolerance=stated_or_typical(self.tolerance, type(self.actuator))[0],
         )
 

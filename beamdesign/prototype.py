@@ -17,6 +17,7 @@ from beamdesign.plant.actuators.servo_cylinder import Servovalve, Supply
 from beamdesign.records import FileName, NonNegative, Positive, Problem, Record, numbers
 from beamdesign.spelling import shorter
 from beamdesign.structure.materials import MATERIAL, Material, MaterialByName, WithMaterials
+from beamdesign.structure.requirements import SizedFor
 from beamdesign.structure.section import Tube
 from beamdesign.structure.shapes import Shaped, beams_that_do_not_fit
 
@@ -223,6 +224,7 @@ class Prototype(WithMaterials, WithActuator):
     payload: Payload = Payload()
     arm: Arm | None = None
     goal: Goal = Goal()
+    sized_for: SizedFor | None = None
     tolerance: Tolerance = Tolerance()
     guarantee: Guarantee | None = None
     effects: dict[str, dict[str, FiniteFloat]] = Field(

@@ -100,6 +100,25 @@ def test_prototype_is_checked_for_the_load_that_it_was_designed_for(run, tmp_pat
     assert run(tmp_path / "prototype.toml", "--tip-force-N", 500)[2]["assumed"]["load"] == {"tip_force_N": 500.0}
 
 
+def test_prototype_is_checked_for_what_its_study_asked_for(run, tmp_path):
+    """Sizes, gaps and factors go with the prototype; of one that states none the usual ones are told."""
+    study = read_problem(STUDY)
+    asked = {
+        "sections": {"least_wall_m": 0.001, "largest_width_m": 0.15, "width_to_wall_at_most": 80.0},
+        "clearance": {"assembly_m": 0.004, "under_load_m": 0.0025},
+        "safety": {"strength": 3.0, "local_buckling": 1.7},
+    }
+    own = study.but(**asked | {"sections": study.sections.but(**asked["sections"])})
+    write_prototype(own.prototype(*PUBLISHED), tmp_path / "prototype.toml")
+    _, output, fields = run(tmp_path / "prototype.toml")
+    assert "that are those of its study" in output
+    assert {name: fields["assumed"][name] for name in asked} == asked
+    write_prototype(own.prototype(*PUBLISHED).but(sized_for=None), tmp_path / "prototype.toml")
+    _, output, fields = run(tmp_path / "prototype.toml")
+    assert "that are the usual ones, as it states none" in output
+    assert fields["assumed"]["safety"] == {"strength": 2.0, "local_buckling": 1.5}
+
+
 def test_prototype_is_checked_for_the_default_load_and_says_so(run, tmp_path):
     rig = read_problem(STUDY).prototype(*PUBLISHED)
     write_prototype(rig.but(payload=rig.payload.but(largest_force_N=None)), tmp_path / "prototype.toml")

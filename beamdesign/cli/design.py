@@ -163,22 +163,22 @@ def size(
 
 
 def _checked(path: Path, tip_force_N: float | None) -> CommandResult:
-    from beamdesign.problem import Clearance, Safety, Sections
     from beamdesign.prototype import read_prototype
     from beamdesign.sweep.answers import check_fields
-    from beamdesign.synthesis.sizing import check_prototype
+    from beamdesign.synthesis.sizing import check_prototype, problem_of
 
     prototype = read_prototype(path)
     stated, force, said = prototype.payload.largest_force_N, tip_force_N, "--tip-force-N"
     if force is None:
         force, said = (stated, "payload.largest_force_N") if stated else (DEFAULT_TIP_FORCE_N, "default")
     pair = check_prototype(prototype, force, str(path))
+    asked = problem_of(prototype, force, str(path))
+    whose = "those of its study" if prototype.sized_for else "the usual ones, as it states none"
     echo(
-        f"{prototype.name}: sections checked for a tip force of {force:g} N "
-        f"({said}), with default safety factors "
-        f"({Safety().strength:g} strength, {Safety().local_buckling:g} local buckling) and gaps "
-        f"({1e3 * Clearance().assembly_m:g} mm at assembly, {1e3 * Clearance().under_load_m:g} mm under load): "
-        "a prototype states neither factors nor gaps"
+        f"{prototype.name}: sections checked for a tip force of {force:g} N ({said}), with safety factors "
+        f"({asked.safety.strength:g} strength, {asked.safety.local_buckling:g} local buckling) and gaps "
+        f"({1e3 * asked.clearance.assembly_m:g} mm at assembly, {1e3 * asked.clearance.under_load_m:g} mm under load) "
+        f"that are {whose}"
     )
     echo_checks("checks", map(check_fields, pair.checks))
     echo(f"both beams weigh {pair.beam_mass_kg:.4g} kg; governed by {pair.governing}")
@@ -186,9 +186,9 @@ def _checked(path: Path, tip_force_N: float | None) -> CommandResult:
         echo(f"fails: {'; '.join(check.name for check in pair.failing)}")
     assumed = {
         "load": {"tip_force_N": force},
-        "clearance": Clearance().model_dump(),
-        "safety": Safety().model_dump(),
-        "sections": Sections().model_dump(exclude={"choose"}),
+        "clearance": asked.clearance.model_dump(),
+        "safety": asked.safety.model_dump(),
+        "sections": asked.sections.model_dump(exclude={"choose"}),
     }
     return CommandResult(pair.to_dict() | picked(pair, "governing feasible") | {"assumed": assumed}, pair.feasible)
 

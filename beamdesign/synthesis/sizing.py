@@ -15,6 +15,7 @@ from beamdesign.progress import Progress, silent
 from beamdesign.prototype import Beam, Payload, Prototype
 from beamdesign.records import InputError, Problem
 from beamdesign.result import Result, finite, picked
+from beamdesign.structure.requirements import Clearance, Safety, SizedFor, Sizes
 from beamdesign.structure.section import Tube, as_arrays, clearances, stock_tubes
 from beamdesign.synthesis.checks import (
     REQUIREMENTS,
@@ -319,7 +320,9 @@ def _nothing_fits(
 
 
 def problem_of(prototype: Prototype, tip_force_N: float, source: str = "prototype") -> DesignProblem:
-    """The design problem whose fixed sections are a prototype's, with the default clearances and safety factors.
+    """The design problem whose fixed sections are a prototype's, with what it says that they were chosen to keep.
+
+    Where it does not say, with the usual limits of sizes, clearances and safety factors.
 
     Args:
         prototype: its beams must give their geometry, lengths included.
@@ -338,10 +341,14 @@ def problem_of(prototype: Prototype, tip_force_N: float, source: str = "prototyp
     ]
     if missing:
         raise InputError(source, missing)
+    asked = dict(prototype.sized_for or SizedFor())
+    sizes, gaps, factors = ({name: asked[name] for name in of.model_fields} for of in (Sizes, Clearance, Safety))
     return DesignProblem(
         name=prototype.name,
         load=Load(tip_force_N=tip_force_N),
-        sections=Sections(choose="fixed"),
+        sections=Sections(choose="fixed", **sizes),
+        clearance=Clearance(**gaps),
+        safety=Safety(**factors),
         outer_beam=_asked_of(prototype.outer_beam),
         inner_beam=_asked_of(prototype.inner_beam),
         actuator=prototype.actuator,
@@ -360,7 +367,7 @@ def _asked_of(beam: Beam) -> BeamProblem:
 
 
 def check_prototype(prototype: Prototype, tip_force_N: float, source: str = "prototype") -> CheckedPair:
-    """Check a prototype's own sections, corner radii included, with default clearances and safety factors.
+    """Check a prototype's own sections, corner radii included, for what they are to keep: see `problem_of`.
 
     Args:
         prototype: its beams must give their geometry.
