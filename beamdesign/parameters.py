@@ -63,9 +63,19 @@ TYPICAL = typical_of(KINDS["servo_cylinder"])
 
 
 def stated_or_typical(tolerance: Tolerance, actuator: type[Actuator]) -> tuple[Tolerance, str]:
-    """Tolerances as they are where any figure has one, else typical ones of the actuator's rig and a word on it."""
-    if any(value for key, value in tolerance.model_dump().items() if not key.endswith("_end_mass")):
-        return tolerance, ""
+    """Tolerances as they are where any figure has one, else typical ones of the actuator's rig and a word on it.
+
+    A word too on those of another actuator, beside which its own are taken as exact.
+    """
+    stated = [key for key, value in tolerance.model_dump().items() if value and not key.endswith("_end_mass")]
+    if stated:
+        own = {row.tolerance: getattr(tolerance, row.tolerance) for row in actuator.parameters}
+        others = [key for key in stated if key not in {row.tolerance for row in rows_of(actuator).values()}]
+        exact = ", ".join(key for key, value in own.items() if not value) or "none"
+        words = (
+            f"[tolerance] states {', '.join(others)} of another actuator; taken as exact of its own figures: {exact}"
+        )
+        return tolerance, words if others else ""
     typical = typical_of(actuator)
     taken = ", ".join(f"{key} {value:.2g}" for key, value in typical.model_dump().items() if value)
     return typical, f"no [tolerance] is stated for any figure; typical ones are taken ({taken}): better state your own"

@@ -31,7 +31,8 @@ from beamdesign import (
 from beamdesign.build.result_folder import statements
 from beamdesign.cli import app
 from beamdesign.controllers import Lag
-from beamdesign.parameters import TYPICAL
+from beamdesign.parameters import TYPICAL, stated_or_typical
+from beamdesign.plant.actuators import KINDS
 from beamdesign.proofs.box_claims import claim_over_box, worst_over_box
 from beamdesign.proofs.certificate import Asked
 from beamdesign.proofs.tolerance_box import tolerance_box
@@ -331,6 +332,16 @@ def test_without_tolerances_typical_ones_are_taken_and_said(asked: list[LawOptio
     assert one.spread.sigmas == 2.0
     assert one.spread.deviations["flow_gain"] == TYPICAL.flow_gain
     assert one.spread.prototype.tolerance == TYPICAL
+
+
+def test_tolerances_of_another_actuator_are_told() -> None:
+    """As where a screw was put in the place of a cylinder, but its tolerances were not."""
+    left = Tolerance(stiffness=0.03, oil_stiffness=0.15, lead=0.001)
+    kept, words = stated_or_typical(left, KINDS["ball_screw"])
+    assert kept == left
+    assert "states oil_stiffness of another actuator" in words
+    assert "its own figures: screw_stiffness, screw_damping, torque_constant" in words
+    assert stated_or_typical(left.but(oil_stiffness=0.0), KINDS["ball_screw"])[1] == ""
 
 
 def test_stated_tolerances_are_taken_as_they_are(asked: list[LawOptions], rig: Prototype) -> None:
