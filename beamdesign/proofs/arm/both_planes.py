@@ -12,19 +12,14 @@ rank two: the three w lie in a plane, since there is a motion of the end that le
 Stability over the mass is proved by zero exclusion in ball arithmetic, as for boxes of tolerances; all else is worked
 out at single masses.
 
-With the payload's place as parameters, the polynomial depends on the
-offset a_x along the beam and, by symmetry, on the squares a_y^2 and a_z^2 of those to the sides; with
-kappa = 1 + 3 a_x / 2L, c = 3 / 2L and the matrix A of the payload's inertia,
-
-    A_yy = kappa^2 + c^2 a_y^2,    A_zz = kappa^2 + c^2 a_z^2,    A_tt = a_y^2 + a_z^2,
-    A_yy A_zz - A_yz^2 = kappa^4 + kappa^2 c^2 A_tt,
-    A_yy A_tt - A_yt^2 = kappa^2 a_y^2 + c^2 a_y^2 A_tt,    and the same in z.
-
-Proved by zero exclusion in ball arithmetic. Where a_z is zero throughout, the planes part and each is proved by itself.
+With the payload's place as parameters it is the same determinant, with kappa = 1 + 3 a_x / 2L and lambda = 3 a / 2L. It
+depends on the offset a_x along the beam and, by symmetry, on the squares a_y^2 and a_z^2 of those to the sides. Where
+a_z is zero throughout, the planes part and each is proved by itself.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from typing import Any
 
 import numpy as np
 from flint import fmpq, fmpq_mat, fmpq_mpoly, fmpq_mpoly_ctx, fmpq_poly, fmpz
@@ -41,7 +36,6 @@ from beamdesign.records import InputError
 from beamdesign.structure.arm import PLANES, PlaneFigures, arm_figures, arm_of, plane_figures, sensor_of
 
 MASS = "outer_end_mass"
-_S2 = fmpq_poly([0, 0, 1])
 BUDGET = 20_000
 """Most pieces to look at."""
 
@@ -79,31 +73,28 @@ class BothPlanes:
         y, z, zero = self.y, self.z, fmpq(0)
         return fmpq_mat(2, 3, [y.sensed_travel, zero, y.sensed_lever, zero, z.sensed_travel, z.sensed_lever])
 
-    @cached_property
-    def powers(self) -> tuple[fmpq_poly, ...]:
-        """The characteristic polynomial: coefficients of m^0, m^1, m^2, polynomials in s."""
-        none, single, double = (self._determinant(fmpq(m)) for m in range(3))
-        squared = (double - 2 * single + none) * fmpq(1, 2)
-        return none, single - none - squared, squared
+    def equilibrium(self, mass: Any, s: Any, motions: Sequence[Sequence[Any]] = ()) -> list[list[Any]]:
+        """Of u_y, u_z and phi with a payload (kg); the first two rows times the denominators of their loops, (3, 3).
 
-    def _determinant(self, mass: fmpq) -> fmpq_poly:
-        """Of the equilibrium of u_y, u_z and phi; the first two rows times the denominators of their loops."""
-        motions, sensed = self.motions, self.sensed
-        inertia = motions.transpose() * motions
-        scales = [*(loop.disturbance for loop in self.loops), fmpq_poly([1])]
-        rows = [[mass * inertia[i, j] * _S2 * scales[i] for j in range(3)] for i in range(3)]
+        Args:
+            mass: the payload, a number or a polynomial in parameters.
+            s: the variable, of polynomials in it alone or in parameters too.
+            motions: of the payload's centre in the place of its own, likewise.
+        """
+        motions = motions or self.motions.tolist()
+        sensed, scales = self.sensed, [*(in_variable(loop.disturbance, s) for loop in self.loops), 1]
+        rows = [[mass * sum(w[i] * w[j] for w in motions) * s**2 * scales[i] for j in range(3)] for i in range(3)]
         for i, loop in enumerate(self.loops):
-            rows[i][i] += loop.cut.constant
+            rows[i][i] += in_variable(loop.cut.constant, s)
             for j in range(3):
-                rows[i][j] += sensed[i, j] * (loop.loop_numerator.constant - loop.added.constant)
-        rows[2][2] += self.y.twist
-        (a, b, c), (d, e, f), (g, h, k) = rows
-        return a * (e * k - f * h) - b * (d * k - f * g) + c * (d * h - e * g)
+                rows[i][j] += sensed[i, j] * in_variable(loop.loop_numerator.constant - loop.added.constant, s)
+        rows[2][2] += in_variable(self.y.twist, s)
+        return rows
 
     def at(self, payload: float) -> fmpq_poly:
         """The characteristic polynomial at one payload, kg."""
-        mass = exact(payload)
-        return sum((mass**k * power for k, power in enumerate(self.powers)), fmpq_poly([0]))
+        found: fmpq_poly = _determinant(self.equilibrium(exact(payload), fmpq_poly([0, 1])))
+        return found
 
     def poles(self, payload: float) -> np.ndarray:
         """Closed-loop poles at one payload, rad/s."""
@@ -143,9 +134,14 @@ class BothPlanes:
     def prove(self, low_kg: float, high_kg: float) -> BoxVerdict:
         """Prove or refute stability for every payload of a range, in ball arithmetic; may stay undecided."""
         s, mass = fmpq_mpoly_ctx.get(["s", MASS], "lex").gens()
-        whole = sum((mass**k * in_variable(power, s) for k, power in enumerate(self.powers)), 0 * s)
-        family = PolynomialFamily(f"{self.name}, both planes", written(whole), {MASS: exact(low_kg)}, positive=(MASS,))
+        whole = written(_determinant(self.equilibrium(mass, s)))
+        family = PolynomialFamily(f"{self.name}, both planes", whole, {MASS: exact(low_kg)}, positive=(MASS,))
         return certify_box(family, box_of({MASS: (low_kg, high_kg)}), BUDGET, volumes=False)
+
+
+def _determinant(rows: Sequence[Sequence[Any]]) -> Any:
+    (a, b, c), (d, e, f), (g, h, k) = rows
+    return a * (e * k - f * h) - b * (d * k - f * g) + c * (d * h - e * g)
 
 
 def both_planes(prototype: Prototype) -> BothPlanes:
@@ -219,23 +215,15 @@ def _squared(low: fmpq, high: fmpq) -> tuple[fmpq, fmpq]:
 
 def _characteristic(prototype: Prototype, level: bool) -> dict[str, fmpq_mpoly]:
     """In s and the parameters, of both planes or, for a payload at z = 0, of each."""
-    model, length = both_planes(prototype), exact(arm_figures(prototype).length)
+    model, turning = both_planes(prototype), fmpq(3, 2) / exact(arm_figures(prototype).length)
     context = fmpq_mpoly_ctx.get(["s", *NAMES], "lex")
-    s, mass, along, sideways, upwards = context.gens()
-    t = in_variable(model.y.twist, s)
-    (p_y, q_y), (p_z, q_z) = (
-        (in_variable(loop.characteristic.constant, s), s**2 * in_variable(loop.disturbance, s)) for loop in model.loops
-    )
-    travel = (1 + along * (fmpq(3, 2) / length)) ** 2
-    c = fmpq(9, 4) / length**2
-    in_y, in_z = travel + c * sideways, travel + c * upwards
-    if level:
-        turned = travel * q_z * t + sideways * p_z * s**2
-        return {"y": p_y + mass * in_y * q_y, "z": p_z * t + mass * turned}
-    twist = sideways + upwards
-    # The principal minors of order two, as in the docstring on top.
-    both = travel**2 + c * travel * twist
-    y_twist, z_twist = (travel * side + c * side * twist for side in (sideways, upwards))
-    first = in_y * q_y * p_z * t + in_z * p_y * q_z * t + twist * p_y * p_z * s**2
-    second = both * q_y * q_z * t + y_twist * q_y * p_z * s**2 + z_twist * p_y * q_z * s**2
-    return {"both": p_y * p_z * t + mass * first + mass**2 * second}
+    s, mass, x, y, z = context.gens()  # the last two stand for a_y and a_z at first
+    travel, none = 1 + turning * x, 0 * x
+    z = none if level else z
+    rows = model.equilibrium(mass, s, [[-turning * y, -turning * z, none], [travel, none, -z], [none, travel, y]])
+    of_z = rows[1][1] * rows[2][2] - rows[1][2] * rows[2][1]
+    found = {"y": rows[0][0], "z": of_z} if level else {"both": _determinant(rows)}
+    return {
+        name: context.from_dict({(*powers[:3], *(k // 2 for k in powers[3:])): c for powers, c in whole.terms()})
+        for name, whole in found.items()
+    }
