@@ -84,8 +84,11 @@ def test_hulls_hold_the_members(rig):
                 for name, (low, high) in cell.values.items():
                     value = low + (high - low) * fmpq(int(rng.integers(0, 9)), 8)
                     point[name] = 1 / value if name in statement.reciprocal else value
-                plain, late = statement.split(partial(statement.leaf_at, point=point), none, none + 1)
-                one = Quasipolynomial(plain, late, point["delay"])
+                plain, whole = (
+                    statement.value(partial(statement.leaf_at, point=point), none + late, none + late)
+                    for late in (0, 1)
+                )
+                one = Quasipolynomial(plain, whole - plain, point["delay"])
                 direction = tuple(int(x) for x in rng.integers(-100, 100, 2))
                 size = np.hypot(*direction)
                 least = [float(frame.least(direction).mid()) for frame in frames]

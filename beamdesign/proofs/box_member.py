@@ -5,15 +5,14 @@ from dataclasses import dataclass
 from functools import lru_cache, partial
 from itertools import pairwise
 from math import pi, prod
-from operator import add, mul
 from typing import NamedTuple
 
 import numpy as np
 from flint import acb, arb, fmpq, fmpq_poly
 
 from beamdesign.polynomial import even_odd, is_hurwitz, nearest, squared_magnitude
-from beamdesign.proofs.statement import UNKNOWN, Node, Point, Statement
-from beamdesign.proofs.value_set import delays, values, with_unknown
+from beamdesign.proofs.statement import UNKNOWN, Point, Statement
+from beamdesign.proofs.value_set import delays, plain_and_whole, with_unknown
 from beamdesign.proofs.zero_exclusion import unit
 
 
@@ -44,14 +43,8 @@ def _values(statement: Statement, parameters: Point) -> dict[str, fmpq]:
 
 def with_number(statement: Statement, parameters: Point, unknown: fmpq, late: int = 1) -> fmpq_poly:
     """P of a member with numbers for the unknown and for exp(-s T); one for this leaves the delay out."""
-    values = _values(statement, parameters)
-
-    def one(node: Node) -> fmpq_poly:
-        if node.kind == "leaf":
-            return statement.leaf_at(node.name, values)
-        return fmpq_poly([unknown if node.kind == "circle" else late])
-
-    return statement.body.fold(one, add, mul)
+    leaf = partial(statement.leaf_at, point=_values(statement, parameters))
+    return statement.value(leaf, fmpq_poly([late]), fmpq_poly([unknown]))
 
 
 def below(statement: Statement, point: Point, square: fmpq) -> bool:
@@ -210,9 +203,9 @@ def undamping(statement: Statement, shares: np.ndarray) -> np.ndarray:
     step = np.maximum(delay, 1e-3 / scale) / (2 * _PADE) if order else np.ones(len(shares))
     degree = n + order
     s = scale * np.exp(2j * np.pi * np.arange(degree + 1) / (degree + 1))[None, :]
-    plain, late = values(statement, shares, s)
+    plain, whole = plain_and_whole(statement, shares, s)
     half = s * step[:, None]
-    coefficients = np.fft.fft(plain * (1 + half) ** order + late * (1 - half) ** order, axis=1).real
+    coefficients = np.fft.fft(plain * (1 + half) ** order + (whole - plain) * (1 - half) ** order, axis=1).real
     lead = np.abs(coefficients[:, -1]) / (scale * step) ** order
     lost = lead < 1e-13 * np.abs(coefficients).max(axis=1)
     coefficients[lost, -1] = 1.0
@@ -229,10 +222,9 @@ def _frequency(statement: Statement, k: int, n: int) -> float:
     """Geometric mean of the root's sizes in the middle of the box, to scale the polynomial."""
     radius = 1.0
     s = radius * np.exp(2j * np.pi * np.arange(n + 1) / (n + 1))[None, :]
-    plain, late = values(statement, np.full((1, k), 0.5), s)
-    at_rest = abs(np.fft.fft(plain + late, axis=1).real[0, 0])
-    far = 1e6 * s
-    leading = abs(np.mean(sum(values(statement, np.full((1, k), 0.5), far)) / far**n))
+    middle, far = np.full((1, k), 0.5), 1e6 * s
+    at_rest = abs(np.fft.fft(plain_and_whole(statement, middle, s)[1], axis=1).real[0, 0])
+    leading = abs(np.mean(plain_and_whole(statement, middle, far)[1] / far**n))
     return float((at_rest / (n + 1) / leading) ** (1 / n)) if at_rest > 0 and leading > 0 else 1.0
 
 

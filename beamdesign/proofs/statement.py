@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from functools import reduce
 from operator import add, itemgetter, mul, or_, sub, truediv
 from textwrap import wrap
-from typing import Any, NamedTuple, TypeVar
+from typing import NamedTuple, TypeVar
 
 from flint import Ordering, fmpq, fmpq_mpoly, fmpq_mpoly_ctx, fmpq_poly
 
@@ -327,16 +327,10 @@ class Statement:
         """P as a sum, of one part at least."""
         return self.body.parts if self.body.kind == "sum" else (self.body,)
 
-    def split(self, leaf: Callable[[str], T], none: T, unit: T) -> tuple[T, T]:
-        """P without delay and unknowns, and what these multiply, from what each leaf is."""
-
-        def add(a: tuple[Any, Any], b: tuple[Any, Any]) -> tuple[Any, Any]:
-            return a[0] + b[0], a[1] + b[1]
-
-        def multiply(a: tuple[Any, Any], b: tuple[Any, Any]) -> tuple[Any, Any]:
-            return a[0] * b[0], a[0] * b[1] + a[1] * b[0] + a[1] * b[1]
-
-        return self.body.fold(lambda one: (leaf(one.name), none) if one.kind == "leaf" else (none, unit), add, multiply)
+    def value(self, leaf: Callable[[str], T], late: T, unknown: T) -> T:
+        """P from what each leaf is, exp(-s T) and the unknown."""
+        of_kind = {"delay": late, "circle": unknown}
+        return self.body.fold(lambda one: leaf(one.name) if one.kind == "leaf" else of_kind[one.kind], add, mul)
 
     def _check_affine(self) -> None:
         """Neither a pack of bound leaves nor the delay nor an unknown may have a degree above one."""
@@ -354,8 +348,8 @@ class Statement:
         def leaf(name: str) -> fmpq_poly:
             return sum((fmpq_poly([0] * term.degree + [1]) for term in self.leaves[name]), fmpq_poly([]))
 
-        plain, late = self.split(leaf, fmpq_poly([]), fmpq_poly([1]))
-        return plain.degree(), late.degree()
+        plain, whole = (self.value(leaf, *(fmpq_poly([late]),) * 2) for late in (0, 1))
+        return plain.degree(), (whole - plain).degree()
 
 
 _NONE = (_ZERO, _ZERO)

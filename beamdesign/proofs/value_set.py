@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 from functools import lru_cache
 from itertools import accumulate, repeat
 from math import prod
-from operator import add, mul
+from operator import mul
 
 import numpy as np
 from flint import fmpq
@@ -101,10 +101,16 @@ def support(summands: Sequence[Hull], directions: np.ndarray) -> np.ndarray:
     return np.asarray(total).min(axis=2)
 
 
-def values(statement: Statement, shares: np.ndarray, s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Plain and delayed part of p, each (B, N), of members at shares (B, k) of the ranges, at complex s (B or 1, N)."""
-    none = np.zeros((len(shares), s.shape[1]), dtype=complex)
-    return statement.split(_leaves(statement, shares, s), none, none + 1)
+_NONE_AND_ONE = np.array([0.0, 1.0])[:, None, None]
+
+
+def plain_and_whole(statement: Statement, shares: np.ndarray, s: np.ndarray) -> np.ndarray:
+    """P with 0 and with 1 for exp(-s T) and the unknown, (2, B, N).
+
+    Of members at shares (B, k) of the ranges, at complex s (B or 1, N).
+    """
+    found = statement.value(_leaves(statement, shares, s), _NONE_AND_ONE, _NONE_AND_ONE)
+    return np.broadcast_to(found, (2, len(shares), s.shape[1]))
 
 
 def with_unknown(statement: Statement, shares: np.ndarray, w: np.ndarray) -> np.ndarray:
@@ -112,15 +118,10 @@ def with_unknown(statement: Statement, shares: np.ndarray, w: np.ndarray) -> np.
 
     Of members at shares (B, k) of the ranges, at frequencies (B or 1, N).
     """
-    s = 1j * w
-    leaf, unknown = _leaves(statement, shares, s), np.array([0.0, 1.0])[:, None, None]
-
-    def one(node: Node) -> np.ndarray:
-        if node.kind == "leaf":
-            return leaf(node.name)
-        return np.exp(-s * delays(statement, shares)[:, None]) if node.kind == "delay" else unknown
-
-    return np.broadcast_to(statement.body.fold(one, add, mul), (2, len(shares), s.shape[1]))
+    s, delay = 1j * w, delays(statement, shares)
+    late = np.exp(-s * delay[:, None]) if delay.any() else np.ones((1, 1))
+    found = statement.value(_leaves(statement, shares, s), late, _NONE_AND_ONE)
+    return np.broadcast_to(found, (2, len(shares), s.shape[1]))
 
 
 def _leaves(statement: Statement, shares: np.ndarray, s: np.ndarray) -> Callable[[str], np.ndarray]:
