@@ -79,18 +79,16 @@ def _unstable_gain(rectangle: Rectangle) -> str:
 
     A gain between them is a characteristic of slope 0 to 1 itself, so that then no multiplier exists.
     """
-    side = rectangle.unstable_side()
-    inside = rectangle.inside() if side is None else None
-    if side is None and inside is None:
-        return ""
-    if side is not None and side.mass is None:
-        return "The linear loop itself is not stable at every mass."
-    if side is not None and side.mass is not None:
-        mass, crossed = nearest(side.mass), 1.0
+    if (side := rectangle.unstable_side()) is not None:
+        if side.mass is None:
+            return "The linear loop itself is not stable at every mass."
+        mass = nearest(side.mass)
         factors = [one.value for one in rectangle.loop.at(mass).gain_crossings()]
         crossed = max((factor for factor in factors if 0 < factor < 1), default=1.0)
         where = f" below {crossed:.4g} times its own with an outer end mass of {mass:g} kg"
-    elif inside is not None and inside.decided:
+    elif (inside := rectangle.inside()) is None:
+        return ""
+    elif inside.decided:
         where = f" about {inside.factor:.4g} times its own with an outer end mass of {inside.mass:.6g} kg"
     else:
         return "Whether the loop is stable at every lower gain could not be decided."

@@ -3,7 +3,7 @@
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from math import inf
+from math import inf, prod
 
 from flint import arb, ctx, fmpq, fmpq_poly
 
@@ -114,7 +114,8 @@ def _cells(dividers: Sequence[fmpq_poly], x_low: fmpq, x_high: fmpq | None) -> I
     while (roots := _inner_roots(dividers, x_low, x_high, precision)) is None:
         precision *= 2
         if precision == 256:  # common roots of two dividers would never be told apart
-            dividers = _coprime(dividers)
+            whole = prod(dividers, start=fmpq_poly([1]))
+            dividers = [whole / whole.gcd(whole.derivative())]
     edges = [(x_low, x_low), *roots]
     for i, (below, start) in enumerate(edges):
         end = edges[i + 1][0] if i + 1 < len(edges) else x_high
@@ -149,18 +150,6 @@ def _inside(divider: fmpq_poly, root: arb, x_low: fmpq, x_high: fmpq | None) -> 
             # One root per enclosure: if the end is a root at all, it is this one.
             return False if divider(end) == 0 else None
     return True
-
-
-def _coprime(polynomials: Sequence[fmpq_poly]) -> list[fmpq_poly]:
-    """Square-free polynomials without common roots that together have the same roots."""
-    basis: list[fmpq_poly] = []
-    for polynomial in polynomials:
-        rest = polynomial / polynomial.gcd(polynomial.derivative())
-        for other in basis:
-            rest = rest / rest.gcd(other)
-        if rest.degree() > 0:
-            basis.append(rest)
-    return basis
 
 
 def kept_up_to_Hz(slack: Coefficients, low: fmpq, high: fmpq) -> float:

@@ -21,10 +21,7 @@ from beamdesign.prototype import Prototype
 from beamdesign.records import InputError, Problem
 from beamdesign.time_limit import over, while_time
 
-_OF_LOOP = {
-    "controller_gain": ("A/V", 1.0),
-    "delay": ("s", 1.0),
-}
+_OF_LOOP = {"controller_gain": ("A/V", 1.0), "delay": ("s", 1.0)}
 """Unit of further figures of the loop, and what to divide their values by; frequencies are shown in Hz."""
 
 
@@ -123,8 +120,8 @@ def in_units(point: Mapping[str, fmpq], names: Collection[str]) -> dict[str, flo
 # Scaling: the largest that is proved stable, and the least that is refuted.
 
 
-_TRIES = 10
-"""Most factors to try to prove."""
+_TRIES, _DIGITS = 10, 6
+"""Most factors to try to prove, and to how many digits a factor is rounded down."""
 
 
 @dataclass(frozen=True)
@@ -170,7 +167,7 @@ def largest_scaling(
     limit = _limit(family, box, most)
     refuted, point, searched = _least_refuted(family, box, limit, within / 4)
     proved, verdict, above = fmpq(0), None, limit if refuted is None else refuted
-    factor = limit if refuted is None else _short(refuted * (1 - exact(within)))
+    factor = limit if refuted is None else shortened(refuted * (1 - exact(within)), _DIGITS)
     for _ in while_time(range(_TRIES), lambda _: "the scaling as near as was asked"):
         if not above * (1 - exact(1.001 * within)) > proved or factor <= 0:
             break
@@ -183,7 +180,7 @@ def largest_scaling(
                 refuted, point = factor, found.unstable_point
         if proved == limit:
             break
-        factor = _short((proved + above) / 2)
+        factor = shortened((proved + above) / 2, _DIGITS)
     known = None if refuted is None else nearest(refuted)
     reason = _bracket(proved, above, refuted, limit)
     return Scaling(nearest(proved), known, nearest(limit), verdict, point, reason)
@@ -217,7 +214,7 @@ def _limit(family: PolynomialFamily, box: Box, most: float) -> fmpq:
         middle = box.nominal[name]
         if name in family.positive and name not in box.rigid and low < middle and middle > 0:
             limit = min(limit, middle / (middle - low) * fmpq(999, 1000))
-    return _short(limit)
+    return shortened(limit, _DIGITS)
 
 
 def _least_refuted(
@@ -232,17 +229,12 @@ def _least_refuted(
     if point is None:
         return None, None, limit
     while high - low > exact(within) * high and high > limit / 1000 and not over():
-        middle = _short((low + high) / 2)
+        middle = shortened((low + high) / 2, _DIGITS)
         if (nearer := found(middle)) is not None:
             high, point = middle, nearer
         else:
             low = middle
     return high, point, low
-
-
-def _short(factor: fmpq) -> fmpq:
-    """A factor rounded down to six digits."""
-    return shortened(factor, 6) if factor > 0 else factor
 
 
 def _bracket(proved: fmpq, above: fmpq, refuted: fmpq | None, limit: fmpq) -> str:
