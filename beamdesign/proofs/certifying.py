@@ -116,7 +116,7 @@ def common_ranges(parts: Sequence[Rectangle], low: fmpq, high: fmpq) -> Stabilit
     reason = in_words(filled, crossings).replace("unstable from", "not every loop is stable from")
     if not common:
         reason = "no range of masses was found over which every loop is stable"
-    return StabilityMap(low, high, crossings, tuple(filled), below, above, reason)
+    return StabilityMap(low, high, tuple(zip(crossings, strict=True)), tuple(filled), below, above, reason)
 
 
 def _both(one: Range, two: Range) -> Range | None:

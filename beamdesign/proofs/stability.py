@@ -60,7 +60,7 @@ class StabilityMap:
     Attributes:
         low: least mass asked about.
         high: largest mass asked about.
-        crossings: all crossings inside the closed range, ascending.
+        groups: all crossings inside the closed range, ascending, those at one mass together.
         ranges: the ranges between them; they and the crossings together make up [low, high].
         below: the nearest crossing below `low`, if any.
         above: the nearest crossing above `high`, if any.
@@ -69,16 +69,21 @@ class StabilityMap:
 
     low: fmpq
     high: fmpq
-    crossings: tuple[Crossing, ...]
+    groups: tuple[tuple[Crossing, ...], ...]
     ranges: tuple[Range, ...]
     below: Crossing | None
     above: Crossing | None
     reason: str
 
     @property
+    def crossings(self) -> tuple[Crossing, ...]:
+        """All crossings inside the closed range, ascending."""
+        return tuple(chain(*self.groups))
+
+    @property
     def stable(self) -> bool:
         """Whether every mass of the closed range is stable."""
-        return not self.crossings and all(part.stable for part in self.ranges)
+        return not self.groups and all(part.stable for part in self.ranges)
 
     @property
     def stable_ranges(self) -> list[tuple[float, float]]:
@@ -119,12 +124,8 @@ def stable_ranges(family: Affine, low: fmpq, high: fmpq, precision_bits: int = 6
     inside = [group for group in groups if _place(group[0], low, high) == 0]
     below = [group[-1] for group in groups if _place(group[0], low, high) < 0]
     above = [group[0] for group in groups if _place(group[0], low, high) > 0]
-    parts = _split(family, low, high, inside)
-    listed = tuple(crossing for group in inside for crossing in group)
-    reason = in_words(parts, listed)
-    return StabilityMap(
-        low, high, listed, tuple(parts), below[-1] if below else None, above[0] if above else None, reason
-    )
+    parts, beside = _split(family, low, high, inside), (below[-1] if below else None, above[0] if above else None)
+    return StabilityMap(low, high, tuple(map(tuple, inside)), tuple(parts), *beside, in_words(parts, [*chain(*inside)]))
 
 
 def _split(family: Affine, low: fmpq, high: fmpq, inside: Sequence[Sequence[Crossing]]) -> list[Range]:

@@ -233,8 +233,7 @@ STABILITY_DIGITS = 12
 
 def stability_table(stability: StabilityMap) -> Tables:
     """Ranges, each settled at its sample, and the crossings between them, as decimal enclosures."""
-    groups = _groups(stability)
-    enclosures = _mass_enclosures(groups, stability)
+    groups, enclosures = stability.groups, _mass_enclosures(stability)
     starts = {id(group[0]): pair for group, pair in zip(groups, enclosures, strict=True)}
     ranges = []
     for part in stability.ranges:
@@ -276,24 +275,13 @@ def _beyond(stability: StabilityMap) -> Tables:
     return found
 
 
-def _groups(stability: StabilityMap) -> list[list[Crossing]]:
-    """The crossings by mass; the ranges name the first of each group."""
-    firsts = {id(part.opens_at) for part in stability.ranges} | {id(part.closes_at) for part in stability.ranges}
-    groups: list[list[Crossing]] = []
-    for crossing in stability.crossings:
-        if not groups or id(crossing) in firsts:
-            groups.append([])
-        groups[-1].append(crossing)
-    return groups
-
-
-def _mass_enclosures(groups: Sequence[Sequence[Crossing]], stability: StabilityMap) -> list[tuple[fmpq, fmpq]]:
-    """Short decimals around each group, with as many digits as it takes to keep them and the samples apart."""
+def _mass_enclosures(stability: StabilityMap) -> list[tuple[fmpq, fmpq]]:
+    """Short decimals around each group of crossings, with as many digits as keep them and the samples apart."""
     digits = STABILITY_DIGITS
     samples = [part.sample for part in stability.ranges]
     while True:
         found = []
-        for group in groups:
+        for group in stability.groups:
             pairs = [_enclosure(crossing, digits) for crossing in group]
             found.append((min(pair[0] for pair in pairs), max(pair[1] for pair in pairs)))
         apart = all(before[1] < after[0] for before, after in pairwise(found))
