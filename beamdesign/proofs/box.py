@@ -4,7 +4,7 @@ from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from math import inf, pi
-from typing import NamedTuple, Protocol
+from typing import TYPE_CHECKING, NamedTuple
 
 from flint import ctx, fmpq
 
@@ -13,9 +13,12 @@ from beamdesign.proofs.box_member import member, parameters_at, stable_at, unsta
 from beamdesign.proofs.branch import Search
 from beamdesign.proofs.rig_family import rig_family
 from beamdesign.proofs.statement import Interval, PolynomialFamily, Statement
-from beamdesign.proofs.writer import Tables, certificate, plain, stated, texts
+from beamdesign.proofs.writer import certificate, plain, stated, texts
 from beamdesign.proofs.zero_exclusion import PRECISION_BITS, Piece, holds, pieces
 from beamdesign.prototype import Prototype
+
+if TYPE_CHECKING:
+    from beamdesign.proofs.box_claims import BoxClaim
 
 # Volumes.
 
@@ -98,20 +101,13 @@ _NOTES = {
 }
 
 
-class Stated(Protocol):
-    """What is proved beside stability."""
-
-    def table(self) -> Tables:
-        """As a certificate states it."""
-
-
 def box_certificate(
     subject: Prototype | PolynomialFamily,
     family: PolynomialFamily,
     statement: Statement,
     member: Mapping[str, fmpq],
     tree: Sequence[str] | None,
-    claims: Sequence[Stated] = (),
+    claims: "Sequence[BoxClaim]" = (),
 ) -> str:
     """Write the certificate.
 
@@ -234,7 +230,7 @@ class BoxVerdict:
     box: Box
     pieces: int
     looked_at: int
-    write: Callable[[Sequence[Stated]], str] = field(repr=False, compare=False)
+    write: "Callable[[Sequence[BoxClaim]], str]" = field(default=lambda claims: "", repr=False, compare=False)
 
     @cached_property
     def certificate(self) -> str:
@@ -273,9 +269,7 @@ def certify_box(
     family = rig_family(subject, varying=box.ranges) if isinstance(subject, Prototype) else subject
     statement = family.over(box.ranges)
     nominal = {**family.values, **box.nominal}
-
     writer = partial(box_certificate, subject, family, statement)
-
     with ctx.workprec(PRECISION_BITS):
         point = nominal if stable_at(statement, nominal) is False else None
         if point is None and not searched:
@@ -287,7 +281,7 @@ def certify_box(
         except ValueError as error:
             if not isinstance(subject, Prototype):
                 raise
-            return BoxVerdict(None, f"not covered: {error}", None, None, box, 0, 0, _nothing)
+            return BoxVerdict(None, f"not covered: {error}", None, None, box, 0, 0)
         if point is None:
             search.run(budget, seconds)
         else:
@@ -304,19 +298,12 @@ def certify_box(
         if point is None and witness is None and unsettled:
             middles = [[nearest(sum(p.cell.shares[n], fmpq(0)) / 2) for n in statement.varying] for p in unsettled]
             witness = unstable_member(statement, middles)
-        write: Callable[[Sequence[Stated]], str] = _nothing
-        point = point or witness
+        point, known = point or witness, (box, proved, search.looked_at)
         if point is not None:
-            stable, reason, write = False, _of(statement, point, box), partial(writer, point, None)
-        elif not unsettled and stable_at(statement, nominal):
-            stable, reason, write = True, "", partial(writer, nominal, tree)
-        else:
-            stable, reason = None, _where(unsettled, shares, search.looked_at)
-    return BoxVerdict(stable, reason, shares, point, box, proved, search.looked_at, write)
-
-
-def _nothing(claims: Sequence[Stated]) -> str:
-    return ""
+            return BoxVerdict(False, _of(statement, point, box), shares, point, *known, partial(writer, point, None))
+        if not unsettled and stable_at(statement, nominal):
+            return BoxVerdict(True, "", shares, None, *known, partial(writer, nominal, tree))
+    return BoxVerdict(None, _where(unsettled, shares, search.looked_at), shares, None, *known)
 
 
 def _of(statement: Statement, point: Mapping[str, fmpq], box: Box) -> str:

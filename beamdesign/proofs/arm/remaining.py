@@ -54,35 +54,26 @@ def at_point(compliance: np.ndarray, lever: tuple[float, float, float]) -> np.nd
     return there.T @ compliance @ there
 
 
-@dataclass(frozen=True)
-class Held:
-    """The tip with both servos.
-
-    Attributes:
-        compliance: (6, 6) at the tip.
-        actuators: forces (2, 6) of the actuators in y and z on the outer tip per force and moment on it.
-    """
-
-    compliance: np.ndarray
-    actuators: np.ndarray
-
-
 def held(
     compliance: np.ndarray, closed: tuple[float, float], sensor: tuple[float, float, float] = (0.0, 0.0, 0.0)
-) -> Held:
+) -> tuple[np.ndarray, np.ndarray]:
     """Add the servos in y and z: forces on the tip against the displacement that they measure.
 
     Args:
         compliance: (6, 6) of the tip without servos.
         closed: static compliance x / F_d of the loop in y and z that is closed at the tip, m/N; zero holds it still.
         sensor: where they measure, from the tip, m. Anywhere else the compliance is no longer symmetric.
+
+    Returns:
+        compliance (6, 6) at the tip, and forces (2, 6) of the actuators in y and z on the outer tip per force and
+        moment on it.
     """
     own = np.array([compliance[i, i] for i in _ACTUATED])
     spring = np.array(closed) * own / (own - np.array(closed))  # the servo's own compliance, beside the beam's
     chosen = compliance[:, list(_ACTUATED)]
     measured = carried(sensor).T[list(_ACTUATED)]
     actuators = -np.linalg.solve(measured @ chosen + np.diag(spring), measured @ compliance)
-    return Held(compliance + chosen @ actuators, actuators)
+    return compliance + chosen @ actuators, actuators
 
 
 # The error that remains.
@@ -152,8 +143,8 @@ def remaining(
     load = carried(payload) @ np.array([*force_N, 0.0, 0.0, 0.0])
     compliance, actuators = tip_compliance(figures), np.zeros(2)
     if closed is not None:
-        servo = held(compliance, closed, sensor)
-        compliance, actuators = servo.compliance, servo.actuators @ load
+        compliance, per_load = held(compliance, closed, sensor)
+        actuators = per_load @ load
     motion = compliance @ load
     tip, turn = motion[:3], motion[3:]
     twist = np.array([turn[0], 0.0, 0.0])

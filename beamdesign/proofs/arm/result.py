@@ -245,7 +245,7 @@ def arm(
         closed = y, z
     goal, force = prototype.goal.compliance_m_per_N, force_N or usual_load_N(prototype, masses[1])
     tip = tip_compliance(figures)
-    servo = None if closed is None else held(tip, closed, sensor_of(prototype)).compliance
+    servo = None if closed is None else held(tip, closed, sensor_of(prototype))[0]
     payload, tool = link.offset_m, link.tool_m or link.offset_m
     return ArmResult(
         figures=figures,
