@@ -38,9 +38,9 @@ from beamdesign.proofs.box_member import (
 )
 from beamdesign.proofs.branch import Search
 from beamdesign.proofs.certificate import LOWER_GAINS, Asked
-from beamdesign.proofs.multiplier import angle_ratios, largest_gains, presupposed
+from beamdesign.proofs.multiplier import angle_ratios, presupposed
 from beamdesign.proofs.read_once import NotCovered
-from beamdesign.proofs.rig_family import performing_spans, rig_family
+from beamdesign.proofs.rig_family import FACTOR, performing_spans, rig_family
 from beamdesign.proofs.statement import UNKNOWN, Interval, PolynomialFamily, Statement
 from beamdesign.proofs.value_set import with_unknown
 from beamdesign.proofs.writer import Tables, texts
@@ -204,7 +204,7 @@ def own_ranges(prototype: Prototype, family: PolynomialFamily, box: Box, asked: 
         ValueError: for a gain margin that is not a share of the gain.
     """
     if asked.kind == "slope":
-        return largest_gains(box.ranges)
+        return {name: (box.ranges[name][1],) * 2 for name in (FACTOR, "controller_gain") if name in box.ranges}
     if asked.kind != "gain_margin":
         spans = performing_spans(
             linear_family(prototype, nearest(box.ranges.get("outer_end_mass", _NONE)[1]), box.ranges)

@@ -30,7 +30,6 @@ What a gain does that is less than the largest, a characteristic of a lower slop
 """
 
 import ast
-from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from math import prod
@@ -228,8 +227,3 @@ def angle_ratios(
     """1 - Re z / |z| (B, N) of z = M (1 + L), above one where the first multiplier does not fit; members as above."""
     z = multiplier.response(w) * closed_over_denominator(stated, statement, shares, w)
     return np.asarray(1 - z.real / np.abs(z))
-
-
-def largest_gains(ranges: Mapping[str, tuple[fmpq, fmpq]]) -> dict[str, tuple[fmpq, fmpq]]:
-    """Of the gains that a box may have a range of, their largest values alone."""
-    return {name: (ranges[name][1],) * 2 for name in ("effect_gain", "controller_gain") if name in ranges}
