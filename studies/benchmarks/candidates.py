@@ -5,7 +5,6 @@ from comparison import Comparison, Method
 from effort import Effort
 from eigenvalue_grid import closed_loops, growth, matrices
 from margin_sweep import margins, models
-from proofs import always_stable, keeps_peak_sensitivity
 from stopwatch import Cost, timed
 
 from beamdesign import Prototype
@@ -13,6 +12,10 @@ from beamdesign.controllers import Lag, Proportional
 from beamdesign.controllers.protocol import form_of
 from beamdesign.loop import Loop, close_loop
 from beamdesign.plant.members import paper_model
+from beamdesign.polynomial import exact
+from beamdesign.proofs.certificate import Asked
+from beamdesign.proofs.performance import prove
+from beamdesign.proofs.rectangle import Rectangle
 
 LARGEST_INNER_KG = 6.0
 _SWEPT = 2
@@ -63,9 +66,10 @@ def compare_candidates(
         return [bool(margins(models(grid, *one, masses)).read_stable.all()) for one in candidates[:_SWEPT]]
 
     built, loops = timed(closed, 3, warm=False)
-    decided, proved = timed(lambda: [always_stable(found, *masses_kg) for found in loops], 3)
-    stable = [found for found, yes in zip(loops, proved, strict=True) if yes]
-    full, kept = timed(lambda: [keeps_peak_sensitivity(found, limit, *masses_kg) for found in stable], 1, warm=False)
+    ranges, asked = [Rectangle(found, *map(exact, masses_kg)) for found in loops], Asked("peak_sensitivity", limit)
+    decided, proved = timed(lambda: [found.stable for found in ranges], 3)
+    stable = [found for found, yes in zip(ranges, proved, strict=True) if yes]
+    full, kept = timed(lambda: [prove(found, asked).holds for found in stable], 1, warm=False)
     read, seen = timed(sampled, 1, warm=False)
     margin_cost, _ = timed(swept, 1, warm=False)
     wrong = sum(one != other for one, other in zip(seen, proved, strict=True))

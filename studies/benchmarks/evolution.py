@@ -7,21 +7,24 @@ limit, and a larger one for loops with an eigenvalue to the right of the axis at
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from math import log, pi, tanh
+from math import inf, log, pi, tanh
 
 import numpy as np
 from comparison import Comparison, Method
 from effort import Effort
 from eigenvalue_grid import closed_loops, growth, matrices
-from proofs import always_stable, guaranteed_bandwidth, guaranteed_peak_sensitivity, keeps_peak_sensitivity
 from scipy.optimize import OptimizeResult, differential_evolution
 from stopwatch import Cost, timed
 
 from beamdesign import Prototype, tune
 from beamdesign.controllers import Lag, Proportional
 from beamdesign.controllers.protocol import form_of
-from beamdesign.loop import Loop, close_loop
+from beamdesign.loop import close_loop
 from beamdesign.plant.members import paper_model
+from beamdesign.polynomial import exact
+from beamdesign.proofs.certificate import Asked
+from beamdesign.proofs.performance import bandwidth, least_limit, prove
+from beamdesign.proofs.rectangle import Rectangle
 from beamdesign.synthesis.loop_samples import first_miss, samples
 
 LARGEST_INNER_KG = 6.0
@@ -100,23 +103,24 @@ def worth(sampled: Sampled, variables: np.ndarray, low_kg: float, high_kg: float
     controller, inner = sampled.record(variables)
     plant, goal = sampled.rig.plant(inner), sampled.goal
 
-    def at(share: float) -> Loop:
-        return close_loop(plant, controller.but(gain_A_per_V=controller.gain_A_per_V * share))
+    def at(share: float) -> Rectangle:
+        closed = close_loop(plant, controller.but(gain_A_per_V=controller.gain_A_per_V * share))
+        return Rectangle(closed, exact(low_kg), exact(high_kg))
 
     def kept(share: float) -> bool:
-        return keeps_peak_sensitivity(at(share), goal.peak_sensitivity, low_kg, high_kg)
+        return prove(at(share), Asked("peak_sensitivity", goal.peak_sensitivity)).holds
 
     def reached(share: float) -> float:
-        return guaranteed_bandwidth(at(share), goal.compliance_m_per_N, low_kg, high_kg)
+        return bandwidth([at(share)], goal.compliance_m_per_N) if at(share).stable else 0.0
 
     keeps, loudest = kept(1.0), min(1 / _LEAST_SHARE, _LOUDEST_A_PER_V / controller.gain_A_per_V)
     shares = [1.0] if keeps else [_nearest_kept(kept, factor) for factor in (_LEAST_SHARE, loudest)]
     proved = {reached(share): share for share in shares if share is not None}
     best = max(proved, default=0.0)
     return Worth(
-        always_stable(at(1.0), low_kg, high_kg),
+        at(1.0).stable,
         reached(1.0),
-        guaranteed_peak_sensitivity(at(1.0), low_kg, high_kg),
+        least_limit([at(1.0)], "peak_sensitivity") if at(1.0).stable else inf,
         keeps,
         proved.get(best, 0.0),
         best,

@@ -5,11 +5,11 @@ range of outer end masses between two stable ones, which shrinks to nothing as t
 which a given width is left is found by bisection on exact crossings; no grid could find it.
 """
 
-from proofs import stability_map
-
 from beamdesign import Prototype
 from beamdesign.controllers import Lag
 from beamdesign.loop import loop
+from beamdesign.polynomial import exact
+from beamdesign.proofs.stability import stable_ranges
 from beamdesign.prototype import Payload
 
 HIGH_KG = 20.0
@@ -30,7 +30,7 @@ def lightly_damped(paper_remedy: Prototype, gain_A_per_V: float) -> Prototype:
 
 def unstable_width(prototype: Prototype) -> float:
     """Distance in kg between the two stable ranges; 0 where all masses are stable."""
-    found = stability_map(loop(prototype), 0.0, HIGH_KG)
+    found = stable_ranges(loop(prototype).characteristic, exact(0.0), exact(HIGH_KG))
     if found.stable:
         return 0.0
     (_, closes), (opens, _) = found.stable_ranges

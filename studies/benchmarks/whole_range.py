@@ -11,12 +11,14 @@ from comparison import Comparison, Method
 from effort import Effort
 from eigenvalue_grid import closed_loops, growth, matrices, stable_stretches
 from margin_sweep import Margins, last_within, margins, models, responses
-from proofs import Certificate, always_stable, certify
 from stopwatch import Cost, timed
 
-from beamdesign import Prototype
+from beamdesign import Prototype, certify
 from beamdesign.loop import Loop, loop
 from beamdesign.plant.members import paper_model
+from beamdesign.polynomial import exact
+from beamdesign.proofs.certificate import Certificate
+from beamdesign.proofs.stability import is_stable_over
 
 Stretches = list[tuple[float, float]]
 
@@ -134,7 +136,8 @@ def disagreement(closed: Loop, masses_kg: np.ndarray, found: Margins) -> float:
 
 def compare_stability(rig: Rig, effort: Effort, row: str, question: str) -> Comparison:
     """Yes or no: the check inside the tuner against both grids."""
-    proof, answer = timed(lambda: always_stable(loop(rig.prototype), 0.0, rig.high_kg), 3 * effort.repeats)
+    ends = exact(0.0), exact(rig.high_kg)
+    proof, answer = timed(lambda: is_stable_over(loop(rig.prototype).characteristic, *ends), 3 * effort.repeats)
     sweep, found = timed(rig.margins, effort.sweeps, warm=False)
     dense, fastest = timed(rig.growth, effort.repeats)
     between = "whatever happens between its points"
