@@ -325,10 +325,7 @@ def _enough(changes: Sequence[Change], functions: Sequence[Coefficients], decay:
 
 def least_factor(pairs: Iterable[tuple[np.ndarray, np.ndarray]]) -> fmpq:
     """A little more than the largest ratio of V after and before a change, from pairs of P after and P before."""
-    largest = 1.0
-    for after, before in pairs:
-        scale = 1 / np.sqrt(np.diag(before))
-        inverse = np.linalg.inv(np.linalg.cholesky(before * np.outer(scale, scale)))
-        ratio = inverse @ (after * np.outer(scale, scale)) @ inverse.T
-        largest = max(largest, float(np.linalg.eigvalsh((ratio + ratio.T) / 2)[-1]))
+    from scipy.linalg import eigh
+
+    largest = max(1.0, *(float(eigh(after, before, eigvals_only=True)[-1]) for after, before in pairs))
     return shortened(exact(largest * (1 + 1e-5)), 6, up=True)

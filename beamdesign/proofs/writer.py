@@ -18,7 +18,7 @@ from beamdesign.parameters import PARAMETERS, rows_of
 from beamdesign.plant.assembly import effect_parameters_of
 from beamdesign.plant.effects import Elements, Span, library
 from beamdesign.plant.members import LinearFamily, family
-from beamdesign.polynomial import Crossing, bounds, exact, simple_between, text
+from beamdesign.polynomial import Crossing, bounds, exact, shortened, simple_between, text
 from beamdesign.proofs.stability import StabilityMap
 from beamdesign.prototype import Prototype
 from beamdesign.records import InputError, Record
@@ -299,16 +299,10 @@ def _enclosure(crossing: Crossing, digits: int = STABILITY_DIGITS) -> tuple[fmpq
 
 
 def _decimals(low: fmpq, high: fmpq, digits: int) -> tuple[fmpq, fmpq]:
-    """Decimals around a narrow interval, to so many digits of its larger end."""
-    if low == high and text(low).find("/") < 0:
+    """Decimals of so many digits around a narrow interval; what is a decimal itself as it is."""
+    if low == high and "/" not in text(low):
         return low, high
-    step = fmpq(1)
-    size = max(abs(low), abs(high))
-    while step * 10**digits < size:
-        step *= 10
-    while step * 10 ** (digits - 1) > size:
-        step /= 10
-    return (low / step).floor() * step, (high / step).ceil() * step
+    return shortened(low, digits), shortened(high, digits, up=True)
 
 
 def _frequencies(square: tuple[fmpq, fmpq]) -> tuple[fmpq, fmpq]:
