@@ -90,28 +90,10 @@ def in_context(written: str, context: fmpq_mpoly_ctx, called: Mapping[str, str])
     Raises:
         ValueError: for what is none, or another name.
     """
-    found = _expanded(_InContext(called).visit(_parsed(written)), context)
+    found = _expanded(_parsed(written), context, called)
     if not found.denominator.is_constant():
         raise ValueError(f"{written!r}: only numbers can be divided by")
     return found.numerator / found.denominator.coeffs()[0]
-
-
-class _InContext(ast.NodeTransformer):
-    """Names as those of a context, decimals as quotients of whole numbers."""
-
-    def __init__(self, called: Mapping[str, str]) -> None:
-        self.called = called
-
-    def visit_Constant(self, node: ast.Constant) -> ast.expr:
-        if not isinstance(node.value, float):
-            return node
-        value = exact(node.value)
-        return ast.BinOp(ast.Constant(int(value.p)), ast.Div(), ast.Constant(int(value.q)))
-
-    def visit_Name(self, node: ast.Name) -> ast.expr:
-        if node.id not in self.called:
-            raise ValueError(f"nothing is called {node.id!r} here")
-        return ast.Name(self.called[node.id])
 
 
 def _parsed(written: str) -> ast.expr:
@@ -121,20 +103,25 @@ def _parsed(written: str) -> ast.expr:
         raise ValueError(f"not an expression: {written!r}") from error
 
 
-def _expanded(node: ast.expr, context: fmpq_mpoly_ctx) -> Quotient:
-    """A polynomial over a single term without s."""
+def _expanded(node: ast.expr, context: fmpq_mpoly_ctx, called: Mapping[str, str] | None = None) -> Quotient:
+    """A polynomial over a single term without s; decimals may stand in it where names are called something else."""
     match node:
         case ast.Constant(value=int(value)):
             return Quotient(context.constant(value), context.constant(1))
+        case ast.Constant(value=float(value)) if called is not None:
+            return Quotient(context.constant(exact(value)), context.constant(1))
         case ast.Name(id=name):
-            return Quotient(context.gen(context.variable_to_index(name)), context.constant(1))
+            if called is not None and name not in called:
+                raise ValueError(f"nothing is called {name!r} here")
+            own = name if called is None else called[name]
+            return Quotient(context.gen(context.variable_to_index(own)), context.constant(1))
         case ast.UnaryOp(op=ast.USub(), operand=inner):
-            return -_expanded(inner, context)
+            return -_expanded(inner, context, called)
         case ast.BinOp(left=left, op=ast.Pow(), right=ast.Constant(value=int(power))) if 0 <= power <= 99:
-            base = _expanded(left, context)
+            base = _expanded(left, context, called)
             return Quotient(base.numerator**power, base.denominator**power)
         case ast.BinOp(left=left, op=ast.Add() | ast.Sub() | ast.Mult() | ast.Div() as operation, right=right):
-            a, b = _expanded(left, context), _expanded(right, context)
+            a, b = _expanded(left, context, called), _expanded(right, context, called)
             if isinstance(operation, ast.Div) and (len(b.numerator) != 1 or b.numerator.derivative("s") != 0):
                 raise ValueError("only a single term without s can be divided by")
             return _OPERATORS[type(operation)](a, b)
