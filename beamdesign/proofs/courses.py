@@ -17,7 +17,7 @@ Morse, 1999). All stages act on the same states, none of which jumps at a change
 - *Refutation.* Two stages in turn, at one payload, under which the motion grows; proved by ball arithmetic.
 """
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 from itertools import combinations, product
@@ -315,17 +315,12 @@ def _verified(
 
 def _enough(changes: Sequence[Change], functions: Sequence[Coefficients], decay: fmpq) -> Course:
     """The time between changes that is enough for functions that fall at a rate between them; the check is exact."""
-    factor = least_factor((floats(after), floats(before)) for before, after in changes)
+    from scipy.linalg import eigh
+
+    growths = (float(eigh(floats(after), floats(before), eigvals_only=True)[-1]) for before, after in changes)
+    factor = shortened(exact(max([1.0, *growths]) * (1 + 1e-5)), 6, up=True)  # a little more than the largest
     across = grows_at_most(changes, factor)
     dwell = shortened(exact(log(nearest(factor)) / (2 * nearest(decay)) * (1 + 1e-6)), 4, up=True)
     if not across.holds or not dwell_suffices(dwell, factor, decay):
         return Course("undecided", across.reason or NONE_FOUND)
     return Course("proved", functions=tuple(functions), dwell_s=dwell, factor=factor, decay_per_s=decay)
-
-
-def least_factor(pairs: Iterable[tuple[np.ndarray, np.ndarray]]) -> fmpq:
-    """A little more than the largest ratio of V after and before a change, from pairs of P after and P before."""
-    from scipy.linalg import eigh
-
-    largest = max(1.0, *(float(eigh(after, before, eigvals_only=True)[-1]) for after, before in pairs))
-    return shortened(exact(largest * (1 + 1e-5)), 6, up=True)
