@@ -286,6 +286,13 @@ def test_a_root_that_stays_on_an_end_of_the_range():
     assert quadratic_nonnegative(q(1), q(-1, 1), q(0), ZERO, ONE, ONE, None).holds
 
 
+def test_a_root_next_to_a_double_one_at_the_end_is_not_taken_for_it():
+    beside = 1 + fmpq(1, 10**25)
+    found = quadratic_nonnegative(q(0), q(0), q(-1, 1) ** 2 * q(-beside, 1), ZERO, ZERO, ONE, None)
+    assert not found.holds
+    assert ONE < found.witness[1] < beside
+
+
 def test_a_curvature_that_vanishes_sends_no_root_through_the_range():
     """x m^2 + (x - 2) m + 3: at x = 0 a root comes in from infinity."""
     assert quadratic_nonnegative(q(0, 1), q(-2, 1), q(3), ZERO, ONE, ZERO, fmpq(4)).holds

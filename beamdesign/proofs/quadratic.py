@@ -129,8 +129,8 @@ def _inner_roots(
     found = []
     with ctx.workprec(precision):
         for divider in dividers:
-            for root, _ in real_roots(divider, precision):
-                place = _inside(divider, root, x_low, x_high)
+            for root, count in real_roots(divider, precision):
+                place = _inside(divider, root, count, x_low, x_high)
                 if place is None:
                     return None
                 if place:
@@ -140,15 +140,16 @@ def _inner_roots(
     return found if apart else None
 
 
-def _inside(divider: fmpq_poly, root: arb, x_low: fmpq, x_high: fmpq | None) -> bool | None:
+def _inside(divider: fmpq_poly, root: arb, count: int, x_low: fmpq, x_high: fmpq | None) -> bool | None:
     """Whether a root lies strictly inside the interval; None where its enclosure does not tell."""
     least, most = bounds(root)
     if most < x_low or (x_high is not None and least > x_high):
         return False
     for end in (x_low, x_high):
         if end is not None and least <= end <= most:
-            # One root per enclosure: if the end is a root at all, it is this one.
-            return False if divider(end) == 0 else None
+            # Enclosures of roots of one multiplicity are apart: an end that is a root as often as this one is this one.
+            moved = divider(fmpq_poly([end, 1]))
+            return False if not any(moved.coeffs()[:count]) and moved[count] != 0 else None
     return True
 
 
