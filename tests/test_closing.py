@@ -11,7 +11,7 @@ from math import pi
 import numpy as np
 import opened_cases as opened
 import pytest
-from closing import attempt, payloads, promised_gain_factor
+from closing_the_loop import attempt, payloads, promised_gain_factor
 from deciding_experiment import taken
 from one_start import best_start_alone
 from opened_cases import opened_case, opened_keys, true_rig, unlike

@@ -12,8 +12,7 @@ from loop_effort import effort_response
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 from scipy.linalg import solve_continuous_lyapunov
-from sensor_picture import payload_text, plot_sensor_value
-from sensor_rows import SensorRow
+from sensor_value import SensorRow, payload_text, plot_sensor_value
 
 from beamdesign import Prototype, certify, read_prototype
 from beamdesign.controllers import SENSED

@@ -15,7 +15,7 @@ from compiled_controller import CompiledController, in_volts_and_amperes
 from flint import fmpq, fmpq_poly
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
-from rate_and_word import sufficient, trade
+from realisation_trade import sufficient, trade
 from realised_loop import run_closed
 from typer.testing import CliRunner
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from delivered import MEASURED_WITHIN, delivered, drawn
 from forging import altered
-from limit_trades_picture import LIMITS, Trade, plot_limit_trades
+from limit_trades import LIMITS, Trade, plot_limit_trades
 from loop_effort import effort_response
 from matplotlib.figure import Figure
 from scipy.signal import sos2zpk, zpk2tf

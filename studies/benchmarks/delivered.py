@@ -67,7 +67,8 @@ def delivered(prototype: Prototype, outer_end_mass: float, amplitude_N: float, s
         moved = moved - record("noise", long, *noise).column("displacement_m")
     if answer.diverged_at_s is not None:
         return Delivered(False, 0.0, current, answer.reason)
-    frequency, compliance = _response(answer.column("disturbance_N"), moved)
+    rate = 1 / Scenario.model_fields["sample_s"].default
+    frequency, compliance = response(answer.column("disturbance_N"), moved, rate, _SEGMENT_S, _HIGHEST_HZ)
     limit = (1 + MEASURED_WITHIN) * prototype.goal.compliance_m_per_N
     reached = min(first_miss(frequency, np.log(limit / compliance)), float(frequency[-1]))
     return Delivered(True, reached, current)
@@ -81,15 +82,16 @@ def _noise(prototype: Prototype, seed: int) -> tuple[Multisine, ...]:
     return (Multisine(amplitude_V=3.5 * level, low_Hz=1.0, high_Hz=_NOISE_HZ, seed=seed + 1000),)
 
 
-def _response(force: np.ndarray, displacement: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def response(
+    force: np.ndarray, displacement: np.ndarray, rate: float, segment_s: float, highest_Hz: float
+) -> tuple[np.ndarray, np.ndarray]:
     """Magnitude of displacement over force, by cross and power spectra over half overlapping segments (Welch)."""
     from scipy.signal import csd, welch
 
-    rate = 1 / Scenario.model_fields["sample_s"].default
-    length = round(_SEGMENT_S * rate)
+    length = round(segment_s * rate)
     frequency, across = csd(force, displacement, rate, "hann", length, detrend=False)
     _, own = welch(force, rate, "hann", length, detrend=False)
-    band = (frequency >= _LOWEST_HZ + 1) & (frequency <= _HIGHEST_HZ)
+    band = (frequency >= _LOWEST_HZ + 1) & (frequency <= highest_Hz)
     return frequency[band], np.abs(across[band]) / own[band]
 
 

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from delivered import MEASURED_WITHIN, drawn
+from delivered import MEASURED_WITHIN, drawn, response
 from delivered_bandwidth import DEVIATIONS, rig_of
 
 from beamdesign import Prototype, read_prototype, tune
@@ -150,14 +150,9 @@ def stepped(rig: Prototype, one: Prototype, payload: float, height_N: float, ada
 
 def _bandwidth(force: np.ndarray, moved: np.ndarray, rig: Prototype) -> float:
     """Up to which the measured compliance keeps to the goal, Hz."""
-    from scipy.signal import csd, welch
-
-    rate = 1 / schedule_of(rig).period_s
-    frequency, across = csd(force, moved, rate, "hann", round(2 * rate), detrend=False)
-    _, own = welch(force, rate, "hann", round(2 * rate), detrend=False)
-    band = (frequency >= 2) & (frequency <= 90)
-    over = np.nonzero(np.abs(across[band]) / own[band] > (1 + MEASURED_WITHIN) * rig.goal.compliance_m_per_N)[0]
-    return float(frequency[band][over[0] - 1]) if len(over) and over[0] else 0.0
+    frequency, compliance = response(force, moved, 1 / schedule_of(rig).period_s, 2.0, 90.0)
+    over = np.nonzero(compliance > (1 + MEASURED_WITHIN) * rig.goal.compliance_m_per_N)[0]
+    return float(frequency[over[0] - 1]) if len(over) and over[0] else 0.0
 
 
 def gripped(rig: Prototype, one: Prototype, height_N: float, adaptive: bool) -> SimulatedRecord:

@@ -13,21 +13,169 @@ better stays.
 """
 
 import argparse
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from convex_limit import convex_limit
 from fundamental_limits import PHASE_AT_HZ, Limits, fundamental_limits
-from sensor_picture import NAMES, payload_text, plot_sensor_value, sensors_text
-from sensor_rows import SETS, SensorRow, certified_row, sensor_rows
+from matplotlib.figure import Figure
 
-from beamdesign import Prototype, read_prototype, write_prototype
+from beamdesign import Prototype, certify, read_prototype, write_prototype
+from beamdesign.controllers import SENSED, Sensed
 from beamdesign.plant.members import family
+from beamdesign.proofs.certificate import Asked, goal_claims
 from beamdesign.report.canvas import new_figure, save
+from beamdesign.synthesis.law_design import Proved
+from beamdesign.synthesis.law_task import Search
 from beamdesign.synthesis.synthesis import sensed_model
+from beamdesign.synthesis.weight_search import ADDED_SENSORS_EFFORT, EFFORT, search_observer
 
 LARGEST_INNER_KG = 6.0
+SETS: tuple[tuple[Sensed, ...], ...] = (SENSED[:1], SENSED[:2], (SENSED[0], SENSED[2]), SENSED)
+"""The displacement alone, with the inner tip's displacement, with the load pressure, with both."""
+NAMES = {
+    "displacement_m": "displacement",
+    "inner_displacement_m": "inner tip",
+    "load_pressure_Pa": "pressure",
+}
+_GREYS = ("0.2", "0.55", "0.8")
+
+
+@dataclass(frozen=True)
+class SensorRow:
+    """What one set of sensors reaches.
+
+    Attributes:
+        sensors: what the controller reads.
+        outer_end_mass_kg: range of the payload.
+        bandwidth_Hz: proved, within all limits of the goal; 0 where nothing was.
+        prototype: with the controller; None where nothing was proved.
+        reason: why not, empty where it was.
+    """
+
+    sensors: tuple[Sensed, ...]
+    outer_end_mass_kg: tuple[float, float]
+    bandwidth_Hz: float
+    prototype: Prototype | None = None
+    reason: str = ""
+
+
+def certified_row(prototype: Prototype) -> SensorRow:
+    """The row of a prototype with an observer, whose limits and bandwidth are proved here.
+
+    Raises:
+        ValueError: for a prototype without an observer, or without a range of payloads.
+    """
+    law, masses = prototype.controller, prototype.payload.outer_end_mass_kg
+    if law is None or masses is None:
+        raise ValueError(f"{prototype.name} has no controller, or no payload range")
+    limits = (Asked("peak_sensitivity", prototype.goal.peak_sensitivity), *goal_claims(prototype.goal))
+    found = certify(prototype, *masses, claims=limits)
+    if not found.holds or found.guaranteed is None:
+        return SensorRow(law.senses, masses, 0.0, None, found.reason)
+    return SensorRow(law.senses, masses, found.guaranteed.bandwidth_Hz, prototype)
+
+
+def sensor_rows(
+    prototype: Prototype,
+    outer_end_mass_kg: tuple[float, float],
+    kind: str | None = None,
+    sets: Sequence[tuple[Sensed, ...]] = SETS,
+    largest_inner_end_mass_kg: float = 6.0,
+    told: Callable[[float, str], None] = lambda share, text: None,
+    starts: Sequence[Prototype] = (),
+) -> Iterator[SensorRow]:
+    """Tune for each set of sensors in turn, from what the smaller sets reached.
+
+    Args:
+        prototype: the rig; its controller, where it is structured or an observer, is a start.
+        outer_end_mass_kg: range of the guarantee.
+        kind: of synthesis, to start from that as well; None for the starts alone.
+        sets: of sensors, each after those that it contains.
+        largest_inner_end_mass_kg: kg.
+        told: the share done and what is being done, for each set anew.
+        starts: prototypes whose controllers are further starts.
+    """
+    members = family(prototype, outer_end_mass_kg[1]).members
+    reached: list[Proved] = []
+    own = [(law, one.payload.inner_end_mass_kg) for one in (prototype, *starts) if (law := one.controller) is not None]
+    for sensors in sets:
+        grown = [
+            (proved.controller, proved.inner_end_mass_kg)
+            for proved in sorted(reached, key=lambda proved: -proved.bandwidth_Hz)
+            if set(proved.controller.senses) <= set(sensors)
+        ]
+        first = [(one, inner) for one, inner in own if set(one.senses) == set(sensors)]
+        inside, effort = (0.0, largest_inner_end_mass_kg), EFFORT if len(sensors) == 1 else ADDED_SENSORS_EFFORT
+        task = Search(members, prototype.goal, outer_end_mass_kg, inside, tuple(sensors), effort=effort)
+        found = search_observer(task, kind, [*grown[:2], *first], told)
+        if found.proved is None:
+            yield SensorRow(sensors, outer_end_mass_kg, 0.0, None, found.reason)
+            continue
+        reached.append(found.proved)
+        payload = prototype.payload.but(
+            outer_end_mass_kg=outer_end_mass_kg, inner_end_mass_kg=found.proved.inner_end_mass_kg
+        )
+        tuned = prototype.but(controller=found.proved.controller, payload=payload, guarantee=None)
+        yield SensorRow(sensors, outer_end_mass_kg, found.proved.bandwidth_Hz, tuned)
+
+
+def sensors_text(sensors: Sequence[str]) -> str:
+    """The sensors of a row, the displacement in front of the added ones."""
+    return " + ".join(NAMES[name] for name in sensors)
+
+
+def payload_text(masses_kg: tuple[float, float]) -> str:
+    """A payload that is known, or the range of one that is not."""
+    low, high = masses_kg
+    return f"{low:g} kg, known" if low == high else f"{low:g} to {high:g} kg"
+
+
+def plot_sensor_value(
+    figure: Figure, rows: Sequence[SensorRow], bounds_Hz: Sequence[tuple[float, float]], limits: Limits
+) -> Figure:
+    """Draw bandwidths by sensors and payload, and the force that the rated current holds.
+
+    Args:
+        figure: drawn on.
+        rows: payload by payload, each with the same sets of sensors in the same order.
+        bounds_Hz: of displacement feedback for each payload: Bode's, and what any order reaches on samples.
+        limits: whose force is drawn.
+    """
+    bars, force = figure.subplots(1, 2, width_ratios=(1.7, 1.0))
+    payloads = list(dict.fromkeys(row.outer_end_mass_kg for row in rows))
+    sets = list(dict.fromkeys(row.sensors for row in rows))
+    width = 0.8 / len(payloads)
+    for k, (payload, bound, grey) in enumerate(zip(payloads, bounds_Hz, _GREYS, strict=False)):
+        own = [row for row in rows if row.outer_end_mass_kg == payload]
+        places = [sets.index(row.sensors) + (k - (len(payloads) - 1) / 2) * width for row in own]
+        drawn = bars.bar(places, [row.bandwidth_Hz for row in own], width, color=grey, label=payload_text(payload))
+        # Within the bars, where no bound's line runs through a figure.
+        bars.bar_label(drawn, fmt="%.1f", fontsize=7, label_type="center", color="white" if k == 0 else "black")
+        left = places[0] - width / 2
+        for height, style in zip(bound, ("-", ":"), strict=True):
+            bars.plot([left, left + width], [height, height], color="black", linestyle=style, linewidth=2.0)
+    bars.plot([], [], color="black", linewidth=2.0, label="Bode's bound, displacement alone")
+    bars.plot([], [], color="black", linestyle=":", linewidth=2.0, label="any order, on samples, payload known")
+    bars.set_xticks(range(len(sets)), [sensors_text(one).replace(" + ", "\n+ ") for one in sets], fontsize=7)
+    bars.set_ylabel("bandwidth, Hz; bars are proved")
+    bars.set_ylim(0, 1.35 * max(*(bound[0] for bound in bounds_Hz), *(row.bandwidth_Hz for row in rows)))
+    bars.legend(fontsize=7, loc="upper right", ncols=2)
+    if limits.force_N is not None:
+        shown = np.where(np.isfinite(limits.force_N), limits.force_N, np.nan)
+        for mass, line, style in zip(limits.outer_end_mass_kg, shown, ("-", "--", ":"), strict=False):
+            force.loglog(limits.frequency_Hz, line, color="black", linestyle=style, label=f"{mass:g} kg")
+        force.axhline(limits.stall_N, color="0.45", linewidth=0.9, label="stall")
+        force.set_xlabel("frequency, Hz")
+        force.set_ylabel("force that rated current holds, N")
+        force.set_xlim(1.0, 100.0)
+        force.set_ylim(10.0, 1e5)
+        force.grid(True, color="0.85")
+        force.legend(fontsize=7)
+    return figure
 
 
 def file_of(folder: Path, row: SensorRow) -> Path:
