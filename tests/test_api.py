@@ -183,7 +183,7 @@ def test_an_arm_without_a_load_gets_that_of_its_largest_payload():
 def test_a_stiffness_that_is_not_asked_for_is_judged():
     rig = beamdesign.read_prototype(ROOT / "studies" / "prototypes" / "tame_lag.toml")
     found = beamdesign.stiffness(rig)
-    assert found.made is None
+    assert found.prototype is None
     assert found.to_dict()["static_stiffness_N_per_m"] == found.best.static_N_per_m > 1e8
     with pytest.raises(InputError, match="missing, so that there is none to keep"):
         beamdesign.stiffness(rig.but(controller=None), 1e6, keep_controller=True)

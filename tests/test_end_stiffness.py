@@ -694,8 +694,7 @@ def test_a_screw_is_given_an_end_stiffness_too() -> None:
     assert found.prototype is not None
     assert found.prototype.compliance is not None
     assert found.prototype.compliance.servo.gain_A_per_V > 3.0
-    assert found.made is not None
-    assert check(found.made.contact).valid
+    assert check(found.contact).valid
 
 
 @pytest.mark.usefixtures("short")

@@ -312,10 +312,10 @@ def give_stiffness(
 
     with in_time(minutes, "2 to 5 min") as limit, progress("end stiffness") as update:
         found = give(record, end_stiffness, masses, *wall, contact, keep_controller, rigs, update)
-    if found.best is None or found.made is None:
+    best = found.best
+    if best is None or found.prototype is None or found.certificate is None:
         echo(found.reason)
         return CommandResult(found.to_dict() | limit, yes=False)
-    best, done = found.best, found.made
     assert best.law is not None  # it was searched
     softest = softest_N_per_m(record, best.law.servo, best.law.force_filter_Hz, masses)
     rows = [
@@ -331,13 +331,13 @@ def give_stiffness(
         echo(f"{found.reason}; the next best is given")
     for line in in_words(best):
         echo(line)
-    others = drawn_rigs(done.prototype, masses, best.wall, RIGS)
+    others = drawn_rigs(found.prototype, masses, best.wall, RIGS)
     if others:
         echo(drawn_in_words(others))
     texts = {
-        "prototype": ("prototype.toml", to_toml(done.prototype)),
-        "certificate": (CERTIFICATE_NAME, done.certificate.text),
-        "certificate_contact": (CONTACT_NAME, done.contact),
+        "prototype": ("prototype.toml", to_toml(found.prototype)),
+        "certificate": (CERTIFICATE_NAME, found.certificate.text),
+        "certificate_contact": (CONTACT_NAME, found.contact),
     }
     paths = {} if out is None else write_set(out, texts)
     return CommandResult(found.to_dict() | limit | {"drawn": others, **paths}, files=paths.values())

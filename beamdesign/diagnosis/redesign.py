@@ -234,6 +234,6 @@ def _of_stiffness(
 ) -> Redesign:
     """The same on the diagnosed figures alone, stable in the air at least."""
     found = stiffness(diagnosed, end_stiffness, masses_kg, contact="none", rigs=0, progress=progress or silent)
-    if (done := found.made) is None:
+    if found.prototype is None or found.certificate is None:
         return Redesign(masses_kg, reason=found.reason)
-    return Redesign(masses_kg, done.prototype, ((done.certificate, done.prototype),))
+    return Redesign(masses_kg, found.prototype, ((found.certificate, found.prototype),))

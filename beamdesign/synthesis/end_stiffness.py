@@ -357,11 +357,7 @@ def _ends(band: Band, which: int) -> list[str]:
 
 
 def _environment(found: Environment) -> Tables:
-    return {
-        "mass_kg": text(found.mass),
-        "stiffness_N_per_m": text(found.stiffness),
-        "damping_N_s_per_m": text(found.damping),
-    }
+    return {key: text(value) for key, value in picked(found, _HELD).items()}
 
 
 def in_words(found: EndStiffness) -> list[str]:

@@ -8,7 +8,7 @@ does on further rigs drawn from the tolerances is decided rig by rig.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -65,21 +65,6 @@ CONTACTS: dict[str, Need] = {"passive": "passive", "wall": "wall", "none": "stab
 """What contact has to be by the name that a user gives it."""
 
 
-@dataclass(frozen=True)
-class CompliantPrototype:
-    """What a compliant design comes to.
-
-    Attributes:
-        prototype: with its controller, what that stands for, and its guarantee.
-        certificate: of the loop over the payload.
-        contact: text of the certificate of the tip.
-    """
-
-    prototype: Prototype
-    certificate: Certificate
-    contact: str
-
-
 @dataclass(frozen=True, repr=False)
 class Design(Result):
     """Outcome of `design` and of `stiffness`.
@@ -89,24 +74,23 @@ class Design(Result):
         met: what contact is proved to be.
         tried: how many laws were looked at.
         reason: why there is no answer, or why it is less than was hoped for; empty otherwise.
-        made: what it comes to, of `stiffness` where a law was searched and found.
+        prototype: with the controller of a law that was searched and found, what that stands for, and its guarantee.
+        certificate: of its loop over the payload.
+        contact: text of the certificate of its tip.
     """
 
     best: EndStiffness | None
     met: Need | None
     tried: int
     reason: str = ""
-    made: CompliantPrototype | None = None
+    prototype: Prototype | None = None
+    certificate: Certificate | None = None
+    contact: str = ""
 
     @property
     def yes(self) -> bool:
         """Whether there is a law."""
         return self.best is not None
-
-    @property
-    def prototype(self) -> Prototype | None:
-        """The rig with its law."""
-        return None if self.made is None else self.made.prototype
 
     def to_dict(self) -> dict[str, Any]:
         """What a JSON file holds of it."""
@@ -165,7 +149,7 @@ def stiffness(
         tried += search.tried
         if law is not None:
             found = judge(prototype, law, masses, wall)
-            return Design(found, found.met, tried, refused, carried_out(prototype, found))
+            return replace(carried_out(prototype, found), tried=tried, reason=refused)
         drawn = f", as it is and on {len(others)} rigs drawn from its tolerances" if others else ""
         refused = f"of {tried} laws that were tried, none that keeps the goal is {_WORDS[one]}{drawn}"
     return Design(None, None, tried, refused + _blurred(prototype, end_stiffness_N_per_m) if others else refused)
@@ -299,7 +283,7 @@ class _Search:
         return True
 
 
-def carried_out(prototype: Prototype, found: EndStiffness) -> CompliantPrototype:
+def carried_out(prototype: Prototype, found: EndStiffness) -> Design:
     """Write the controller of a law into its prototype, and the proofs.
 
     Raises:
@@ -313,7 +297,7 @@ def carried_out(prototype: Prototype, found: EndStiffness) -> CompliantPrototype
     proof = certify(rig, *masses_kg, asked)
     bandwidth = 0.0 if proof.guaranteed is None else proof.guaranteed.bandwidth_Hz
     made = stating(rig, proof.text, masses_kg, bandwidth, found.peak_sensitivity)
-    return CompliantPrototype(made, proof, contact_text(rig, found))
+    return Design(found, found.met, 0, "", made, proof, contact_text(rig, found))
 
 
 @dataclass(frozen=True)
