@@ -105,12 +105,13 @@ def codesign(problem: DesignProblem, options: CodesignOptions) -> Answer:
 
 def remedy(problem: DesignProblem, options: RemediesOptions) -> Answer:
     """One of the paper's remedies for payload, optimised from the given sections and proved."""
-    from beamdesign.synthesis.remedies import one_remedy
+    from beamdesign.synthesis.remedies import remedies
 
     if missing := [name for name in ("outer_beam", "inner_beam") if getattr(problem, name).width_m is None]:
         reason = "the remedies start from given sections: width_m and wall_m are needed"
         raise InputError(problem.name, [(name, reason) for name in missing])
-    found = one_remedy(problem, options.remedy, payload_range(problem), options.added_mass_kg, sigmas=0.0)
+    asked = payload_range(problem), options.added_mass_kg
+    (found,) = remedies(problem, *asked, sigmas=0.0, numbers=(options.remedy,))
     laws = {name: [getattr(law, name) for law in found.controllers] for name in ("gain_A_per_V", "pole_Hz", "zero_Hz")}
     outputs = {"remedy": found.name, **picked(found, REMEDY), **laws}
     return Answer(outputs, {"parts_kg": [list(part) for part in found.parts_kg]}, found.reason)

@@ -16,8 +16,8 @@ from matplotlib.figure import Figure
 from beamdesign.report.canvas import STYLES, Place, finish, new_figure, save
 from beamdesign.report.charts import plot_stable_bands
 from beamdesign.spelling import in_plot
-from beamdesign.sweep.idle import idle_keys
 from beamdesign.sweep.methods import NO_RESULT, Plan, cost, figures_of
+from beamdesign.sweep.store import idle_keys
 from beamdesign.sweep.sweep_file import PICTURES, Demand, Picture, Sweep, value_at
 
 Row = Mapping[str, Any]

@@ -104,8 +104,8 @@ SCHEDULED = _Freedom("lag scheduled on the payload")
 
 
 def _remedy(
-    problem: DesignProblem,
     freedom: _Freedom,
+    problem: DesignProblem,
     masses_kg: tuple[float, float],
     added_mass_kg: float,
     sigmas: float,
@@ -162,7 +162,7 @@ def _scheduled(problem: DesignProblem, masses_kg: tuple[float, float], near: Seq
     found = []
     for k, part in enumerate(parts):
         with share(1 / (len(parts) - k)):
-            found.append(_remedy(problem, SCHEDULED, part, 0.0, sigmas, near))
+            found.append(_remedy(SCHEDULED, problem, part, 0.0, sigmas, near))
     failed = [
         f"{low:g} to {high:g} kg: {one.reason}" for (low, high), one in zip(parts, found, strict=True) if one.reason
     ]
@@ -182,11 +182,12 @@ def remedies(
     added_mass_kg: float,
     progress: Progress | None = None,
     sigmas: float = SIGMAS,
+    numbers: Sequence[int] | None = None,
 ) -> tuple[Remedy, ...]:
     """Optimise each remedy from the problem's given sections, for the same payload range, limits and proof.
 
-    The scheduled lag is proved for every constant payload of each part; what happens while the payload changes is not
-    part of this proof.
+    The scheduled lag, which starts from the one with more phase, is proved for every constant payload of each part;
+    what happens while the payload changes is not part of this proof.
 
     Args:
         problem: its given sections, limits and hydraulics.
@@ -194,33 +195,18 @@ def remedies(
         added_mass_kg: most moving mass that a remedy may add.
         progress: told the share done and what is being done.
         sigmas: as of `beamdesign.synthesis.tuning.tune`.
-
-    Returns:
-        The untouched loop first, then the four remedies in the paper's order.
+        numbers: which of them, ascending: 0 the untouched loop, 1 to 4 the remedies in the paper's order; else all.
     """
-    report = progress or silent
-    found = []
-    for k, freedom in enumerate(FREEDOMS):
-        report(k / (len(FREEDOMS) + 1), freedom.name)
-        with share(1 / (len(FREEDOMS) + 1 - k)):
-            found.append(_remedy(problem, freedom, outer_end_mass_kg, added_mass_kg, sigmas))
-    report(len(FREEDOMS) / (len(FREEDOMS) + 1), SCHEDULED.name)
-    return (*found, _scheduled(problem, outer_end_mass_kg, found[-1].proved, sigmas))
-
-
-def one_remedy(
-    problem: DesignProblem,
-    number: int,
-    outer_end_mass_kg: tuple[float, float],
-    added_mass_kg: float,
-    sigmas: float = SIGMAS,
-) -> Remedy:
-    """One entry of `remedies`, by its place there; the scheduled lag starts from the one with more phase.
-
-    Raises:
-        IndexError: where there is no such remedy.
-    """
-    if number == len(FREEDOMS):
-        near = _remedy(problem, FREEDOMS[-1], outer_end_mass_kg, added_mass_kg, sigmas)
-        return _scheduled(problem, outer_end_mass_kg, near.proved, sigmas)
-    return _remedy(problem, FREEDOMS[number], outer_end_mass_kg, added_mass_kg, sigmas)
+    report, asked = progress or silent, (problem, outer_end_mass_kg, added_mass_kg, sigmas)
+    every = (*FREEDOMS, SCHEDULED)
+    chosen = every if numbers is None else [every[number] for number in numbers]
+    found: list[Remedy] = []
+    for k, freedom in enumerate(chosen):
+        report(k / len(chosen), freedom.name)
+        with share(1 / (len(chosen) - k)):
+            if freedom is SCHEDULED:
+                begun = [one for one in found if one.name == FREEDOMS[-1].name] or [_remedy(FREEDOMS[-1], *asked)]
+                found.append(_scheduled(problem, outer_end_mass_kg, begun[0].proved, sigmas))
+            else:
+                found.append(_remedy(freedom, *asked))
+    return tuple(found)
