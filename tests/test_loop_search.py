@@ -23,7 +23,7 @@ from beamdesign.prototype import Payload
 from beamdesign.synthesis.law_search import search
 from beamdesign.synthesis.law_task import Search
 from beamdesign.synthesis.loop_program import sized_slack
-from beamdesign.synthesis.loop_samples import FINE_HZ, first_miss, samples
+from beamdesign.synthesis.loop_samples import FINE_HZ, Design, first_miss, samples
 
 FREQUENCIES_HZ = np.geomspace(0.1, 400.0, 40)
 LAG = Lag(gain_A_per_V=0.12, pole_Hz=1.3, zero_Hz=38.0)
@@ -94,8 +94,8 @@ def test_best_gain_is_that_of_a_sweep(paper: Prototype, kind, shape, inner):
     gain_alone = replace(form, lower=np.append(form.lower[0], breaks), upper=np.append(form.upper[0], breaks))
     members, goal = family(paper).members, paper.goal.but(peak_over_passive=inf)
     task = Search(members, goal, (0.0, 6.8), (inner, inner), sections=standing(paper))
-    seeds = [np.array([*np.log([gain, *shape]), inner]) for gain in np.geomspace(3e-3, 0.3, 7)]
-    best = search(task, [(gain_alone, seed) for seed in seeds if task.settled(gain_alone, seed)]).proved
+    seeds = [Design(gain_alone, np.array([*np.log([gain, *shape]), inner])) for gain in np.geomspace(3e-3, 0.3, 7)]
+    best = search(task, [seed for seed in seeds if task.settled(seed)]).proved
     assert best is not None
     unit = [loaded(paper, KINDS[kind].of([1.0, *shape]), inner, float(mass)) for mass in masses]
     returned = np.array([member.loop_response(frequency) for member in unit])

@@ -25,8 +25,9 @@ from beamdesign.proofs.stability import is_stable_over
 from beamdesign.prototype import Payload
 from beamdesign.synthesis import tuning
 from beamdesign.synthesis.law_design import LARGEST_BANDWIDTH_HZ, Proved
-from beamdesign.synthesis.law_search import Found, Start, from_seeds, search
+from beamdesign.synthesis.law_search import Found, from_seeds, search
 from beamdesign.synthesis.law_task import Effort, Search
+from beamdesign.synthesis.loop_samples import Design
 from beamdesign.synthesis.refinement import LawRefinement
 from beamdesign.synthesis.tuning import Tuning, tune_alike
 from beamdesign.validation.paper_rig import paper_prototype
@@ -117,7 +118,7 @@ def test_the_published_breaks_reach_three_point_eight_hertz(rig: Prototype, lag:
     form, breaks = form_of("lag"), np.log([1.75, 26.0])
     gain_alone = replace(form, lower=np.append(form.lower[0], breaks), upper=np.append(form.upper[0], breaks))
     task = Search(family(rig).members, rig.goal, RANGE_KG, (4.5, 4.5))
-    best = search(task, [(gain_alone, np.append(np.log([0.02, 1.75, 26.0]), 4.5))]).proved
+    best = search(task, [Design(gain_alone, np.append(np.log([0.02, 1.75, 26.0]), 4.5))]).proved
     assert best is not None
     published = rig.but(controller=best.controller, payload=Payload(inner_end_mass_kg=4.5))
     closed = loop(published)
@@ -265,7 +266,7 @@ def task(rig: Prototype) -> Search:
 
 
 def test_starts_are_stable_and_distant(rig: Prototype, task: Search):
-    starts = [variables for _, variables in from_seeds(task, Lag.seeds())]
+    starts = [one.variables for one in from_seeds(task, Lag.seeds())]
     assert len(starts) == 2
     for start in starts:
         gain, pole, zero = np.exp(start[:3])
@@ -279,7 +280,7 @@ def near(task: Search, lag: Tuning, **other: object) -> Found:
     """What is found from the tuned law with sections that are otherwise."""
     assert lag.best is not None
     sections = standing(paper_prototype(), **other)
-    return search(replace(task, sections=sections), [(form_of("lag"), lag.best.variables)])
+    return search(replace(task, sections=sections), [Design(form_of("lag"), lag.best.variables)])
 
 
 def test_sizes_that_are_no_tubes_are_passed_over(task: Search, lag: Tuning):
@@ -325,15 +326,15 @@ def test_refinement_from_its_own_end_holds(task: Search, lag: Tuning):
 def test_what_is_not_found_near_a_law_is_sought_anew(monkeypatch: pytest.MonkeyPatch) -> None:
     section = Section(zero_Hz=120.0, zero_damping_ratio=0.5, pole_Hz=150.0, pole_damping_ratio=0.6)
     law = Structured(gain_A_per_V=0.02, pole_Hz=1.75, zero_Hz=26.0, section=(section,))
-    begun: list[tuple[list[Start], int]] = []
+    begun: list[tuple[list[Design], int]] = []
 
-    def nothing(task: Search, starts: list[Start], growths: int, told: object) -> Found:
+    def nothing(task: Search, starts: list[Design], growths: int, told: object) -> Found:
         begun.append((starts, growths))
         return Found(None, (), 1, "stuck")
 
     monkeypatch.setattr(tuning, "search", nothing)
     assert tune_alike(paper_prototype().but(controller=law), (0.0, 1.0)).reason.find("stuck") > 0
     ((own, none), (seeds, growths)) = begun
-    assert [form.record(variables[:-1]) for form, variables in own] == [law]
+    assert [one.law for one in own] == [law]
     assert none == 0 < growths
-    assert all(not form.record(variables[:-1]).sections for form, variables in seeds)
+    assert all(not one.law.sections for one in seeds)

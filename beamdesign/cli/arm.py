@@ -59,7 +59,7 @@ def arm(
         out: folder for certificates, tables, picture and prototype.
     """
     from beamdesign.prototype import read_prototype
-    from beamdesign.structure.arm import arm_of
+    from beamdesign.structure.arm import arm_of, sensor_of
 
     record = read_prototype(prototype)
     given = arm_of(record)
@@ -71,72 +71,60 @@ def arm(
     within = None if within_m is None else _three(within_m, "--within-m", "Distance")
     masses = mass_range(outer_end_mass, record.outer_end_mass_kg, prototype)
 
-    return by_stage(record, masses, lambda stage: _worked_out(stage, prototype, force_N, within, allowed_mm, out))
-
-
-def _worked_out(
-    stage: "InStage",
-    source: Path,
-    force_N: str | None,
-    within: "Vector | None",
-    allowed_mm: float | None,
-    out: Path | None,
-) -> tuple[dict[str, Any], bool]:
-    """Work out, say and write of one law; what is known of it, and whether both loops are proved stable."""
     from beamdesign.proofs.arm.both_planes import prove_anywhere
     from beamdesign.proofs.arm.remaining import inner_travel, offset_for_goal_m, twist_remedy
     from beamdesign.proofs.arm.result import arm as work_out
-    from beamdesign.structure.arm import sensor_of
 
-    record, masses, _ = stage
-    force = _force(record, force_N, masses[1], source)
-    found = work_out(record, masses, force)
-    _echo_figures(record, found)
-    _echo_proof(record, found)
-    places = {} if within is None else prove_anywhere(record, masses, within)
-    for name, verdict in places.items():
-        planes = "both planes" if name == "both" else f"plane {name}"
-        echo(f"{planes}, for every payload and every place of its centre asked for: {_VERDICTS[verdict.stable]}")
-        if verdict.reason:
-            echo(f"  {verdict.reason}")
-    _echo_compliance(found)
-    _echo_remaining(found, force)
-    travel = None if found.with_servo is None else inner_travel(record, found.with_servo)
-    if travel is not None:
-        gap = "" if travel.gap_m is None else f", of a gap of {1e3 * travel.gap_m:.4g} mm"
-        y, z = (1e3 * value + 0.0 for value in travel.travel_m)
-        touches = ": the tubes TOUCH" if travel.touches else ""
-        echo(f"the inner tip gives way by {y:.4g} mm in y, {z:.4g} mm in z{gap}{touches}")
-    most = offset_for_goal_m(record)
-    goal = record.goal.compliance_m_per_N
-    if any(sensor_of(record)):
-        echo("the servos hold the point that they measure, twist or not; how the end turns, they do not see")
-    else:
-        echo(
-            f"twist alone moves the payload by the goal's {goal:.4g} m/N at {most:.4g} m off the axis, and servos that"
-        )
-        echo("  measure at the tip do nothing about it; --sensor-m proves and works out others")
-    remedy = None
-    if allowed_mm is not None:
-        remedy = twist_remedy(record, force, allowed_mm * 1e-3, masses[1])
-        _echo_remedy(remedy)
-    files: dict[str, Any] = {}
-    if out is not None:
-        folder = out / stage.suffix[1:]
-        with fresh_folder(folder, ("certificate_*.toml",)) as fresh:
-            written = _written(record, found, force, places, fresh)
-        files = settled(written, fresh, folder)
-        echo(f"folder: {folder}")
-    fields = found.to_dict() | {
-        "force_N": force,
-        "offset_for_goal_m": most,
-        "twist_remedy": remedy,
-        "inner_travel": travel,
-        "within_m": within,
-        "anywhere": {name: picked(verdict, "stable reason") for name, verdict in places.items()},
-    }
-    yes = found.stable is True and all(verdict.stable is True for verdict in places.values())
-    return fields | {"files": files}, yes
+    def worked_out(stage: "InStage") -> tuple[dict[str, Any], bool]:
+        own, payloads, _ = stage
+        force = _force(own, force_N, payloads[1], prototype)
+        found = work_out(own, payloads, force)
+        _echo_figures(own, found)
+        _echo_proof(own, found)
+        places = {} if within is None else prove_anywhere(own, payloads, within)
+        for name, verdict in places.items():
+            planes = "both planes" if name == "both" else f"plane {name}"
+            echo(f"{planes}, for every payload and every place of its centre asked for: {_VERDICTS[verdict.stable]}")
+            if verdict.reason:
+                echo(f"  {verdict.reason}")
+        _echo_compliance(found)
+        _echo_remaining(found, force)
+        travel = None if found.with_servo is None else inner_travel(own, found.with_servo)
+        if travel is not None:
+            gap = "" if travel.gap_m is None else f", of a gap of {1e3 * travel.gap_m:.4g} mm"
+            y, z = (1e3 * value + 0.0 for value in travel.travel_m)
+            touches = ": the tubes TOUCH" if travel.touches else ""
+            echo(f"the inner tip gives way by {y:.4g} mm in y, {z:.4g} mm in z{gap}{touches}")
+        most = offset_for_goal_m(own)
+        if any(sensor_of(own)):
+            echo("the servos hold the point that they measure, twist or not; how the end turns, they do not see")
+        else:
+            goal = f"the goal's {own.goal.compliance_m_per_N:.4g} m/N"
+            echo(f"twist alone moves the payload by {goal} at {most:.4g} m off the axis, and servos that")
+            echo("  measure at the tip do nothing about it; --sensor-m proves and works out others")
+        remedy = None
+        if allowed_mm is not None:
+            remedy = twist_remedy(own, force, allowed_mm * 1e-3, payloads[1])
+            _echo_remedy(remedy)
+        files: dict[str, Any] = {}
+        if out is not None:
+            folder = out / stage.suffix[1:]
+            with fresh_folder(folder, ("certificate_*.toml",)) as fresh:
+                written = _written(own, found, force, places, fresh)
+            files = settled(written, fresh, folder)
+            echo(f"folder: {folder}")
+        fields = found.to_dict() | {
+            "force_N": force,
+            "offset_for_goal_m": most,
+            "twist_remedy": remedy,
+            "inner_travel": travel,
+            "within_m": within,
+            "anywhere": {name: picked(verdict, "stable reason") for name, verdict in places.items()},
+        }
+        yes = found.stable is True and all(verdict.stable is True for verdict in places.values())
+        return fields | {"files": files}, yes
+
+    return by_stage(record, masses, worked_out)
 
 
 def _three(text: str, option: str, quantity: str) -> "Vector":

@@ -259,6 +259,7 @@ def codesign(
     )
 
 
+_REMEDY = ("remedy", "bandwidth_Hz", "added_mass_kg", "controllers", "reason")
 _FRONT = ("bandwidth_asked_Hz", "outer_end_mass_high_kg", "moving_mass_kg", "inner_end_mass_kg", "reason")
 
 
@@ -345,20 +346,12 @@ def remedies(
     with in_time(minutes, "minutes to half an hour") as limit, progress("remedies") as update:
         found = room.remedies(problem, masses, added_mass_kg, update, 0.0 if nominal else sigmas)
     rows = [one.to_dict() for one in found]
+    shown = [row | {"bandwidth_Hz": stated_bandwidth(row["bandwidth_Hz"])} for row in rows]
     plot_remedies((figure := new_figure(height_mm=80)).add_subplot(), found)
     echo_table(
         f"{problem.name}: remedies for {masses[0]:g} to {masses[1]:g} kg at the tip, each proved",
         ("remedy", "bandwidth", "added mass, kg", "lag", "reason"),
-        [
-            (
-                row["remedy"],
-                stated_bandwidth(row["bandwidth_Hz"]),
-                row["added_mass_kg"],
-                row["controllers"],
-                row["reason"],
-            )
-            for row in rows
-        ],
+        [[row[name] for name in _REMEDY] for row in shown],
     )
     write_drawn(out, "remedies", figure, rows)
     return CommandResult({"remedies": rows, "outer_end_mass_kg": masses, "added_mass_kg": added_mass_kg, **limit})

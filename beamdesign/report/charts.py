@@ -348,14 +348,8 @@ def write_record_page(
         picture = Picture(svg, f"{record.name}.svg", escape(verdict))
         pictures.append(Part(record.name, (picture,)))
         largest = {name: float(np.abs(record.column(name)).max()) for name in _TOLD if name in record.columns}
-        rows.append(
-            (
-                escape(record.name),
-                escape(verdict),
-                quantity(largest["displacement_m"], "m"),
-                f"{1e3 * largest['current_A']:.4g} mA" if "current_A" in largest else "",
-            )
-        )
+        current = f"{1e3 * largest['current_A']:.4g} mA" if "current_A" in largest else ""
+        rows.append((escape(record.name), escape(verdict), quantity(largest["displacement_m"], "m"), current))
     heads = ("record", "verdict", "largest displacement", "largest current")
     parts = [Part("Records", (Table(heads, tuple(rows), numbers=(2, 3)),))]
     if effects:

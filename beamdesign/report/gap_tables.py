@@ -163,15 +163,8 @@ def fitted_figures(fit: Fit) -> tuple[FittedFigure, ...]:
             continue
         value, error = unknown.value(z), abs(unknown.slope(z)) * float(spread)
         before, after = _shown(unknown.name, unknown.nominal), _shown(unknown.name, value, error)
-        rows.append(
-            FittedFigure(
-                unknown.name.rpartition(".")[2].removesuffix("_Pa").replace("_", " "),
-                before,
-                after,
-                float(z),
-                float(spread),
-            )
-        )
+        name = unknown.name.rpartition(".")[2].removesuffix("_Pa").replace("_", " ")
+        rows.append(FittedFigure(name, before, after, float(z), float(spread)))
     return tuple(sorted(rows, key=lambda row: -abs(row.z)))
 
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from decimal import ROUND_FLOOR
 from itertools import pairwise
 from math import asin, degrees, inf, isfinite
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -34,6 +35,9 @@ from beamdesign.report.figures import (
 
 FAMILY = 41
 """Masses of the range whose compliances are shaded."""
+
+_STABLE = "0.72"
+"""Grey of what is stable."""
 
 LOCUS_GAIN = 10.0
 """Largest gain of the root locus over that of the design."""
@@ -196,9 +200,6 @@ def _draw_locus(axes: Axes, loop: Loop, mass_kg: float, reach: float) -> None:
     axes.set_title(f"{decimal(mass_kg)} kg outside", fontsize=9)
 
 
-_STABLE, _UNSTABLE = "0.72", "white"
-
-
 def wider_map(loop: Loop, low: float, high: float) -> StabilityMap:
     """What is stable from no mass to well beyond a range: up to the first crossing above it, or three times its end."""
     inside = stable_ranges(loop.characteristic, exact(low), exact(high))
@@ -218,26 +219,12 @@ def plot_stable_ranges(axes: Axes, maps: Mapping[str, StabilityMap], asked_kg: t
     for row, found in enumerate(maps.values()):
         for part in found.ranges:
             low, high = nearest(part.low), nearest(part.high)
-            axes.barh(
-                -row,
-                high - low,
-                left=low,
-                height=0.5,
-                color=_STABLE if part.stable else _UNSTABLE,
-                edgecolor="black",
-                linewidth=0.6,
-                hatch=None if part.stable else "////",
-            )
+            words, colour, hatch = ("stable", _STABLE, None) if part.stable else ("unstable", "white", "////")
+            edge: dict[str, Any] = {"edgecolor": "black", "linewidth": 0.6, "hatch": hatch}
+            axes.barh(-row, high - low, left=low, height=0.5, color=colour, **edge)
             if high - low > 0.12 * (nearest(found.high) - nearest(found.low)):
-                axes.text(
-                    (low + high) / 2,
-                    -row,
-                    "stable" if part.stable else "unstable",
-                    ha="center",
-                    va="center",
-                    fontsize=8,
-                    bbox={"facecolor": _STABLE if part.stable else _UNSTABLE, "edgecolor": "none", "pad": 1.5},
-                )
+                box = {"facecolor": colour, "edgecolor": "none", "pad": 1.5}
+                axes.text((low + high) / 2, -row, words, ha="center", va="center", fontsize=8, bbox=box)
         for crossing in found.crossings:
             if not crossing.finite:
                 continue

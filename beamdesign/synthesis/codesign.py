@@ -21,13 +21,14 @@ from beamdesign.records import InputError
 from beamdesign.result import Result, finite, picked
 from beamdesign.synthesis import POINT, SIGMAS
 from beamdesign.synthesis.checks import CheckedPair, check_sections
-from beamdesign.synthesis.free_search import free_optimum, sizes_of, start_variables
+from beamdesign.synthesis.free_search import free_optimum, sizes_of, start_variables, tubes
 from beamdesign.synthesis.holding import Holding, in_words, working
 from beamdesign.synthesis.law_design import Proved
-from beamdesign.synthesis.law_search import Found, Start, from_seeds, search
+from beamdesign.synthesis.law_search import Found, from_seeds, search
 from beamdesign.synthesis.law_task import Effort, Search
+from beamdesign.synthesis.loop_samples import Design
 from beamdesign.synthesis.rig_spread import rig_spread
-from beamdesign.synthesis.sections import Sections, rounded_tubes
+from beamdesign.synthesis.sections import Sections
 from beamdesign.time_limit import leave_out, over, within
 
 SIZED_EFFORT = Effort(rounds=10, starts=2, candidates=2, proofs=20)
@@ -125,7 +126,7 @@ class Codesign(Result):
 def _point(problem: DesignProblem, masses_kg: tuple[float, float], proved: Proved) -> CodesignPoint:
     """The finished design of a proved loop, whose sections have no structural flaw."""
     variables = proved.variables[form_of(proved.controller.kind).size + 1 :]
-    pair = check_sections(problem, *rounded_tubes(problem, variables))
+    pair = check_sections(problem, *tubes(problem, variables, rounded=True))
     payload = Payload(outer_end_mass_kg=masses_kg, inner_end_mass_kg=proved.inner_end_mass_kg)
     prototype = problem.prototype(pair.outer, pair.inner).but(controller=proved.controller, payload=payload)
     return CodesignPoint(**vars(pair), prototype=prototype, proved=proved)
@@ -154,33 +155,21 @@ def codesign(
     Raises:
         InputError: for a kind of controller that is not tuned from a seed of its own.
     """
-    with within(minutes) as limit:
-        found = _codesigned(problem, outer_end_mass_kg, bandwidth_Hz, near, progress or silent, sigmas)
-    return replace(found, left_out=tuple(limit.left_out))
-
-
-def _codesigned(
-    problem: DesignProblem,
-    outer_end_mass_kg: tuple[float, float],
-    bandwidth_Hz: float,
-    near: Sequence[CodesignPoint],
-    report: Progress,
-    sigmas: float,
-) -> Codesign:
-    kind = problem.controller.kind
+    kind, report = problem.controller.kind, progress or silent
     if kind not in KINDS or not any(seed.kind == kind for seed in KINDS[kind].seeds()):
         reason = f"{kind!r} is not for sections and controller together, which are sought with few figures; give a lag"
         raise InputError(problem.name, [("controller.kind", reason)])
-    report(0.0, "lightest sections")
-    inner_kg = (0.0, problem.controller.largest_inner_end_mass_kg)
-    begun = [Sections(problem, start_variables(problem, one), bandwidth_Hz) for one in _start_sizes(problem)]
-    tasks = [sized_search(problem, sections, outer_end_mass_kg, inner_kg, sigmas) for sections in begun]
-    nothing = "" if tasks else "no sections pass the structural checks; `beamdesign size` says which to relax"
-    form = form_of(kind)
-    starts: list[Start] = [(form, point.proved.variables) for point in near] or [
-        start for task in tasks for start in from_seeds(task, KINDS[kind].seeds())
-    ]
-    found = search(tasks[0], starts, report=report) if tasks else Found(None, (), 0, nothing)
+    with within(minutes) as limit:
+        report(0.0, "lightest sections")
+        inner_kg = (0.0, problem.controller.largest_inner_end_mass_kg)
+        begun = [Sections(problem, start_variables(problem, one), bandwidth_Hz) for one in _start_sizes(problem)]
+        tasks = [sized_search(problem, sections, outer_end_mass_kg, inner_kg, sigmas) for sections in begun]
+        nothing = "" if tasks else "no sections pass the structural checks; `beamdesign size` says which to relax"
+        starts = [Design(form_of(kind), point.proved.variables) for point in near] or [
+            start for task in tasks for start in from_seeds(task, KINDS[kind].seeds())
+        ]
+        found = search(tasks[0], starts, report=report) if tasks else Found(None, (), 0, nothing)
+        more = "; no time was left for more" * over()
     attempts = tuple(
         one.reason if one.proved is None else _point(problem, outer_end_mass_kg, one.proved).moving_mass_kg
         for one in found.tried
@@ -190,13 +179,11 @@ def _codesigned(
         reason = f"no start led to a proved design for {bandwidth_Hz:g} Hz over {low:g} to {high:g} kg: " + (
             "; ".join(dict.fromkeys(one.reason for one in found.tried)) or found.reason
         )
-        reason += "; no time was left for more" * over()
-        return Codesign(bandwidth_Hz, outer_end_mass_kg, None, attempts, reason)
+        return Codesign(bandwidth_Hz, outer_end_mass_kg, None, attempts, reason + more, left_out=tuple(limit.left_out))
     point = _point(problem, outer_end_mass_kg, found.proved)
     held = working(problem, point.prototype, outer_end_mass_kg, point.proved.bandwidth_Hz)
-    return Codesign(
-        bandwidth_Hz, outer_end_mass_kg, None if held.reason else point, attempts, held.reason, holding=held
-    )
+    answer = bandwidth_Hz, outer_end_mass_kg, None if held.reason else point, attempts, held.reason
+    return Codesign(*answer, holding=held, left_out=tuple(limit.left_out))
 
 
 def _start_sizes(problem: DesignProblem) -> list[np.ndarray]:

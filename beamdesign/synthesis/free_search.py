@@ -285,9 +285,13 @@ class FreeOptimum:
     starts_agreeing: int
 
 
-def tubes(problem: DesignProblem, variables: np.ndarray) -> tuple[Tube, Tube]:
-    """Outer and inner tube of program variables."""
-    return pair_of(problem, (variables[:4] * SIZE_UNITS).tolist())
+_ROUND = 7  # decimals of a size in m
+
+
+def tubes(problem: DesignProblem, variables: np.ndarray, rounded: bool = False) -> tuple[Tube, Tube]:
+    """Outer and inner tube of program variables, as they are or rounded as they will be written down."""
+    sizes = (variables[:4] * SIZE_UNITS).tolist()
+    return pair_of(problem, [round(size, _ROUND) for size in sizes] if rounded else sizes)
 
 
 def free_optimum(problem: DesignProblem, known: Sequence[tuple[Tube, Tube]] = ()) -> FreeOptimum | None:

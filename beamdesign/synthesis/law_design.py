@@ -12,7 +12,7 @@ import numpy as np
 from flint import fmpq, fmpq_poly
 
 from beamdesign.controllers import Controller
-from beamdesign.controllers.protocol import UNIT, Form
+from beamdesign.controllers.protocol import UNIT
 from beamdesign.loop import member_loop, rig_loop
 from beamdesign.plant.members import VertexModel, family
 from beamdesign.polynomial import exact, nearest
@@ -25,7 +25,7 @@ from beamdesign.prototype import Goal, Prototype
 from beamdesign.result import picked
 from beamdesign.synthesis import PROVED
 from beamdesign.synthesis.law_task import Search
-from beamdesign.synthesis.loop_samples import calmer
+from beamdesign.synthesis.loop_samples import Design, calmer
 from beamdesign.synthesis.rig_spread import BoxTask, Cut, OverBox
 from beamdesign.time_limit import over
 
@@ -213,30 +213,6 @@ _KNOWN = 0.98
 """Share of the largest compliance with the servo off of a box that is enough on samples."""
 
 
-@dataclass(frozen=True)
-class Design:
-    """A form, variables with the mass inside and what sections there are, and their value on samples."""
-
-    form: Form
-    variables: np.ndarray
-    value: float
-
-    @property
-    def law(self) -> Controller:
-        """Its controller."""
-        return self.form.record(self.variables[: self.form.size])
-
-    @property
-    def inner_end_mass(self) -> float:
-        """Mass inside, kg, rounded."""
-        return round(float(self.variables[self.form.size]), 6)
-
-    @property
-    def chosen(self) -> np.ndarray:
-        """Its sections."""
-        return self.variables[self.form.size + 1 :]
-
-
 def unknown(task: Search, design: Design) -> list[Cut]:
     """The rig of the box with the largest compliance with the servo off, where the samples know none like it.
 
@@ -252,8 +228,7 @@ def unknown(task: Search, design: Design) -> list[Cut]:
 
 def touches(task: Search, design: Design) -> bool:
     """Whether a compliance that is kept with little to spare far below the bandwidth costs most of it."""
-    reached = task.reached(design.form, design.variables)
-    return task.reached(design.form, design.variables, ROOM) < ENOUGH * reached
+    return task.reached(design, ROOM) < ENOUGH * task.reached(design)
 
 
 def whole(task: Search, design: Design, loops: LoopSet) -> tuple[Proved | None, str, list[Cut]]:
@@ -268,7 +243,7 @@ def whole(task: Search, design: Design, loops: LoopSet) -> tuple[Proved | None, 
     found = Proved(*figures, peak_compliance_m_per_N=softest, servo_off_m_per_N=loops.servo_off_m_per_N)
     if task.spread is None:
         return found, "", []
-    over, reason, cuts = over_box(task, design).proof(task.reached(design.form, design.variables, ROOM))
+    over, reason, cuts = over_box(task, design).proof(task.reached(design, ROOM))
     return (None, reason, cuts) if over is None else (found.over(over), "", [])
 
 
@@ -291,9 +266,7 @@ def rests(task: Search, design: Design, found: Proved) -> tuple[Proved | None, s
 
 def value_of(task: Search, design: Design) -> float:
     """What a design is worth on samples; of a box anew, as it was found before the worst rigs were known."""
-    if task.spread is None:
-        return design.value
-    return task.value(design.form, design.variables, task.reached(design.form, design.variables))
+    return design.value if task.spread is None else task.value(design, task.reached(design))
 
 
 def over_box(task: Search, design: Design) -> BoxTask:
@@ -308,7 +281,7 @@ def over_box(task: Search, design: Design) -> BoxTask:
 
 def in_box(task: Search, design: Design, missed: float = -ROOM / 2) -> list[tuple[str, float, Cut]]:
     """Rigs of the box that miss a limit by more than so much, or keep it by less than a proof needs."""
-    return over_box(task, design).worst(task.reached(design.form, design.variables, ROOM), missed)
+    return over_box(task, design).worst(task.reached(design, ROOM), missed)
 
 
 def no_answer(kind: str, goal: Goal, masses_kg: tuple[float, float], failure: str) -> str:

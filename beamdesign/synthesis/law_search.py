@@ -21,7 +21,6 @@ from beamdesign.progress import Progress, silent
 from beamdesign.synthesis.law_design import (
     ENOUGH,
     ROOM,
-    Design,
     Proved,
     in_box,
     loop_set,
@@ -32,7 +31,7 @@ from beamdesign.synthesis.law_design import (
     whole,
 )
 from beamdesign.synthesis.law_task import Search
-from beamdesign.synthesis.loop_samples import LARGEST_AT_LOWER_GAINS, calmer
+from beamdesign.synthesis.loop_samples import LARGEST_AT_LOWER_GAINS, Design, calmer
 from beamdesign.synthesis.refinement import TOUCH, WORTH
 from beamdesign.time_limit import is_limited, leave_out, over, share, while_time
 
@@ -103,14 +102,10 @@ class Found:
         """What is proved is worth this; nothing 0."""
         if self.proved is None or self.form is None:
             return 0.0
-        return task.value(self.form, self.proved.variables, self.proved.bandwidth_Hz)
+        return task.value(Design(self.form, self.proved.variables), self.proved.bandwidth_Hz)
 
 
-Start = tuple[Form, np.ndarray]
-"""A form and variables (v,) of it, then the mass inside (kg) and the sections where these are chosen as well."""
-
-
-def search(task: Search, starts: Sequence[Start], growths: int = 0, report: Progress = silent) -> Found:
+def search(task: Search, starts: Sequence[Design], growths: int = 0, report: Progress = silent) -> Found:
     """Find the largest guaranteed bandwidth.
 
     Where the goal asks for a loop that comes to rest while its current saturates, and that is not proved of what comes
@@ -131,20 +126,20 @@ def search(task: Search, starts: Sequence[Start], growths: int = 0, report: Prog
             leave_out("whether it comes to rest while its current saturates")
             return found
         report(0.97, "where the current saturates")
-        rested, why = rests(task, Design(found.form, found.proved.variables, 0.0), found.proved)
+        rested, why = rests(task, Design(found.form, found.proved.variables), found.proved)
         if rested is not None or not task.goal.comes_to_rest:
             return replace(found, proved=rested or found.proved)
         reason = f"that it comes to rest while the current saturates is not proved: {why}"
     return replace(found, proved=None, reason=reason)
 
 
-def _search(task: Search, starts: Sequence[Start], growths: int, report: Progress) -> Found:
+def _search(task: Search, starts: Sequence[Design], growths: int, report: Progress) -> Found:
     """The largest bandwidth within the limits."""
     effort, pool, part = task.effort, [], 0.65 / (1 + growths)
     with share(_SEEKING):
-        for k, (form, variables) in enumerate(while_time(starts, lambda _: "some starts", least=1)):
+        for k, start in enumerate(while_time(starts, lambda _: "some starts", least=1)):
             report(0.2 * k / len(starts), f"start {k + 1} of {len(starts)}")
-            pool.append(Design(form, *task.coarsely_searched(form, variables)))
+            pool.append(task.coarsely_searched(start))
         pool = _refined(task, _best(pool)[: effort.starts], _part(report, 0.2, part))
         task, pool = _hardened(task, pool)
     smaller = Found(None, (), 0, "no start led to a stable loop within the limits on the samples")
@@ -156,7 +151,7 @@ def _search(task: Search, starts: Sequence[Start], growths: int, report: Progres
             break
         with share(_SEEKING):
             more = [
-                Design(form, np.append(variables, design.variables[design.form.size :]), 0.0)
+                Design(form, np.append(variables, design.variables[design.form.size :]))
                 for design in pool[: effort.starts]
                 for law in design.law.grown()
                 if (sought_from := law.form()) is not None
@@ -165,7 +160,7 @@ def _search(task: Search, starts: Sequence[Start], growths: int, report: Progres
             grown = _refined(task, more, _part(report, 0.2 + (growth + 1) * part, part))
             before, (task, pool) = pool, _hardened(task, grown)
         if task.spread is not None:  # what the worst rigs cost what has grown may be more than it has gained
-            kept = [*pool, *(one for one in before if task.settled(one.form, one.variables))]
+            kept = [*pool, *(one for one in before if task.settled(one))]
             pool = _best([replace(one, value=value_of(task, one)) for one in kept])
     return _best_proved(task, pool[: effort.candidates], report, smaller, int(smaller.proved is None))
 
@@ -184,8 +179,7 @@ def _best_proved(task: Search, designs: Sequence[Design], report: Progress, best
             continue
         words = _in_words(task, rough)
         report(0.85, f"refining {words} for good")
-        further = task.refinement(rough.form)(rough.variables, *_spare(task), 3 * task.effort.rounds, _FURTHER)
-        design = Design(rough.form, *further)
+        design = task.refined(rough, *_spare(task), rounds=3 * task.effort.rounds, reach=_FURTHER)
         report(0.9, f"proving what came of {words}")
         found = _proved(task, design, reached)
         tried.append(found)
@@ -199,7 +193,7 @@ def _in_words(task: Search, design: Design) -> str:
     return f"{1 / design.value:.3g} kg" if task.needed_Hz and design.value else f"{design.value:.3g} Hz"
 
 
-def from_seeds(task: Search, seeds: Sequence[Controller]) -> list[Start]:
+def from_seeds(task: Search, seeds: Sequence[Controller]) -> list[Design]:
     """Seeds of a kind with little and with much mass inside, their gains lowered until the loops are stable.
 
     Where they are so by far, as with a motor, whose current is of another order than a valve's, the gain is the best.
@@ -210,15 +204,13 @@ def from_seeds(task: Search, seeds: Sequence[Controller]) -> list[Start]:
         for inner in sorted({least, least + 0.3 * (most - least)}):
             if (sought_from := seed.form()) is None:
                 continue
-            form, variables = sought_from[0], np.concatenate([sought_from[1], [inner], sections])
-            while not task.settled(form, variables):
-                if variables[0] <= form.lower[0]:
-                    break
-                variables[0] -= 0.5
-            if form.gain_first and task.settled(form, np.append(variables[0] + _FAR, variables[1:])):
-                louder = [np.append(gain, variables[1:]) for gain in np.arange(variables[0], form.upper[0], 0.5)]
-                variables = max(louder, key=lambda one: task.worth(task.points, form, one))
-            found.append((form, variables))
+            design = Design(sought_from[0], np.concatenate([sought_from[1], [inner], sections]))
+            while not task.settled(design) and design.variables[0] > design.form.lower[0]:
+                design = design.louder(-0.5)
+            if design.form.gain_first and task.settled(design.louder(_FAR)):
+                steps = np.arange(0.0, design.form.upper[0] - design.variables[0], 0.5)
+                design = max(map(design.louder, steps), key=lambda one: task.worth(task.points, one))
+            found.append(design)
     return found
 
 
@@ -231,7 +223,7 @@ def _refined(task: Search, designs: Sequence[Design], report: Progress) -> list[
         found = []
         for design in going:
             report(done / count, f"refining {done + 1} of {count}")
-            found.append(Design(design.form, *task.refinement(design.form)(design.variables, rounds=rounds)))
+            found.append(task.refined(design, rounds=rounds))
             done += 1
         going = _best(found)[: task.effort.refined]
     return going
@@ -247,14 +239,12 @@ def _hardened(task: Search, designs: Sequence[Design]) -> tuple[Search, list[Des
         cuts += [cut for one in pool[:1] for cut in unknown(task, one)]
         for nearer in _NEARER:  # a law whose gain cannot be lowered meets rigs that are less far off first
             harder = task.with_cuts(cut._replace(z=tuple(nearer * one for one in cut.z)) for cut in cuts)
-            if all(harder.settled(one.form, calmed(harder, one)) for one in pool):
+            if all(harder.settled(calmed(harder, one)) for one in pool):
                 break
         if len(harder.cuts) == len(task.cuts):
             break
         task = harder
-        rounds = 2 * _FIRST_ROUNDS
-        found = [task.refinement(one.form)(_mended(task, one), *_spare(task), rounds) for one in pool]
-        pool = [Design(one.form, *refined) for one, refined in zip(pool, found, strict=True)]
+        pool = [task.refined(_mended(task, one), *_spare(task), rounds=2 * _FIRST_ROUNDS) for one in pool]
     return task, _best(pool)
 
 
@@ -263,20 +253,17 @@ def _spare(task: Search) -> tuple[float, float]:
     return (0.0, TOUCH) if task.spread is None else (ROOM, ROOM + 2 * TOUCH)
 
 
-def calmed(task: Search, design: Design) -> np.ndarray:
-    """Variables of a design whose gain, where it has one, is lowered until the loops of all rigs are stable."""
-    variables = design.variables.copy()
-    while design.form.gain_first and not task.settled(design.form, variables) and variables[0] > design.form.lower[0]:
-        variables[0] -= 0.2
-    return variables
+def calmed(task: Search, design: Design) -> Design:
+    """A design whose gain, where it has one, is lowered until the loops of all rigs are stable."""
+    while design.form.gain_first and not task.settled(design) and design.variables[0] > design.form.lower[0]:
+        design = design.louder(-0.2)
+    return design
 
 
-def _mended(task: Search, design: Design) -> np.ndarray:
-    """Variables from which a refinement finds its way: from far outside of the limits no small step keeps them all."""
-    variables = calmed(task, design)
-    if task.violation(design.form, variables) > _VIOLATION:
-        variables, _ = task.coarsely_searched(design.form, variables)
-    return variables
+def _mended(task: Search, design: Design) -> Design:
+    """From where a refinement finds its way: from far outside of the limits no small step keeps them all."""
+    design = calmed(task, design)
+    return task.coarsely_searched(design) if task.violation(design) > _VIOLATION else design
 
 
 def _best(found: Sequence[Design]) -> list[Design]:
@@ -334,7 +321,7 @@ def _proved(task: Search, design: Design, sampled: tuple[float, ...]) -> Found:
                 if (
                     task.sections is not None and claim.kind == "peak_sensitivity"
                 ):  # of which the witness need not be near the worst peak
-                    refinement = task.with_peak(refinement, *task.worst_peak(design.form, design.variables))
+                    refinement = task.with_peak(refinement, *task.worst_peak(design))
                 excess *= 1 / 3 if task.sections is None else excess < _SMALL
             inside += excess
         elif task.spread is not None and (missed := in_box(task, design)):
@@ -345,7 +332,7 @@ def _proved(task: Search, design: Design, sampled: tuple[float, ...]) -> Found:
             inside += 0.0 if joined else min(excess + ROOM / 2, _MISSED)  # what a proof needs is wanting
             task = harder
             refinement = task.refinement(design.form)
-            design = replace(design, variables=calmed(task, design))
+            design = calmed(task, design)
         elif task.spread is not None and stiffer < _STIFFEST and touches(task, design):
             stiffer *= 3  # between the points where it is enforced, where little of the bandwidth would be proved
         else:
@@ -359,7 +346,7 @@ def _proved(task: Search, design: Design, sampled: tuple[float, ...]) -> Found:
                     task, joined = task.with_cuts(cuts), True
                     refinement = task.refinement(design.form)
             else:
-                refuted, value = False, task.value(design.form, design.variables, found.bandwidth_Hz)
+                refuted, value = False, task.value(design, found.bandwidth_Hz)
                 if flaw := task.sections.refused(inner, chosen, found.bandwidth_Hz) if task.sections else "":
                     reason = flaw
                 elif best is None or value > highest:
@@ -383,10 +370,10 @@ def _proved(task: Search, design: Design, sampled: tuple[float, ...]) -> Found:
                 refinement, mended = task.refinement(design.form), _mended(task, design)
             elif task.sections is None and refinement is not task.refinement(design.form):
                 # What was kept to spare of peaks that are seen by now is no longer wanted.
-                mended, inside = task.coarsely_searched(design.form, design.variables, refinement.points)[0], _SPARE
+                mended, inside = task.coarsely_searched(design, refinement.points), _SPARE
             else:
                 break
-            variables, left = refinement(mended, 0.0 if joined else inside, rounds=_FIRST_ROUNDS)
+            variables, left = refinement(mended.variables, 0.0 if joined else inside, rounds=_FIRST_ROUNDS)
             if not joined and np.array_equal(variables, design.variables):
                 break
             design = replace(design, variables=variables, value=left)

@@ -27,6 +27,7 @@ from beamdesign.synthesis.loop_samples import (
     FINE_HZ,
     MODES_HZ,
     OTHERS,
+    Design,
     Samples,
     Slacks,
     ends,
@@ -179,20 +180,28 @@ class Search:
         every = {cut[:2]: cut for cut in (*cuts, *self.cuts)}
         return replace(self, cuts=tuple(every.values()))
 
-    def reached(self, form: Form, variables: np.ndarray, spare: float = 0.0) -> float:
-        """Bandwidth (Hz) of a law on the samples, with so much of the compliance (logarithm) to spare."""
-        points = self.points_with(variables[form.size + 1 :]) or self.points
-        return sampled_bandwidth(points, slacks(points, self.goal, form, variables, slopes=False).compliance - spare)
+    def reached(self, design: Design, spare: float = 0.0) -> float:
+        """Bandwidth (Hz) of a design on the samples, with so much of the compliance (logarithm) to spare."""
+        points = self.points_with(design.chosen) or self.points
+        return sampled_bandwidth(points, self._left(points, design).compliance - spare)
 
-    def violation(self, form: Form, variables: np.ndarray) -> float:
-        """By how much (logarithm) a law misses limits other than the compliance; infinite where a loop is unstable."""
-        points = self.points_with(variables[form.size + 1 :])
-        left = None if points is None else slacks(points, self.goal, form, variables, slopes=False)
+    def _left(self, points: Samples, design: Design) -> Slacks:
+        return slacks(points, self.goal, design.form, design.variables, slopes=False)
+
+    def violation(self, design: Design) -> float:
+        """By how much (logarithm) a design misses limits but the compliance; infinite where a loop is unstable."""
+        points = self.points_with(design.chosen)
+        left = None if points is None else self._left(points, design)
         return left.violation() if left is not None and left.settled else inf
 
-    def settled(self, form: Form, variables: np.ndarray) -> bool:
-        """Whether the loops of a law with a mass inside (kg) are stable as far as the samples tell."""
-        return self.violation(form, variables) < inf
+    def settled(self, design: Design) -> bool:
+        """Whether the loops of a design are stable as far as the samples tell."""
+        return self.violation(design) < inf
+
+    def refined(self, design: Design, *spare: float, rounds: int, reach: float = 0.5) -> Design:
+        """A design after a refinement, see `LawRefinement`; what is to spare is `inside` and `stiffer` there."""
+        refine = self.refinement(design.form)
+        return Design(design.form, *refine(design.variables, *spare, rounds=rounds, reach=reach))
 
     def refinement(self, form: Form) -> LawRefinement:
         """The refinement of laws of a form, built once."""
@@ -223,10 +232,10 @@ class Search:
         """The same for every row of samples of a rig of one member."""
         return np.array([*[self._factors(None)] * len(masses), *map(self._factors, self.cuts)])
 
-    def worst_peak(self, form: Form, variables: np.ndarray) -> tuple[float, float]:
+    def worst_peak(self, design: Design) -> tuple[float, float]:
         """Frequency (Hz) and outer end mass (kg) of the largest sensitivity on samples close together."""
-        points = self.sampled(_CLOSE_HZ, self._masses, variables[form.size + 1 :])
-        k = int(slacks(points, self.goal, form, variables, slopes=False).sensitivity.argmin())
+        points = self.sampled(_CLOSE_HZ, self._masses, design.chosen)
+        k = int(self._left(points, design).sensitivity.argmin())
         return float(points.frequency_Hz[k]), float(points.outer_end_mass[k])
 
     def with_peak(
@@ -249,21 +258,18 @@ class Search:
         points = joined(refinement.points, self._start)
         return replace(refinement, points=points, resampled=before and resampled, factors=factors)
 
-    def coarsely_searched(
-        self, form: Form, variables: np.ndarray, points: Samples | None = None
-    ) -> tuple[np.ndarray, float]:
-        """Variables and sampled value after a coarse search of the law, or of the start where that is better.
+    def coarsely_searched(self, start: Design, points: Samples | None = None) -> Design:
+        """What a coarse search of the law leads to, or the start where that is better.
 
         Args:
-            form: of the law.
-            variables: to begin with.
+            start: to begin with.
             points: that are looked at; None for those of the task.
         """
-        own, chosen = np.split(variables, [form.size + 1])
+        own, chosen = np.split(start.variables, [start.form.size + 1])
         if (points := points or self.points_with(chosen)) is None:
-            return variables, 0.0
-        both = (variables, np.append(self._coarsely(points, form, own), chosen))
-        return max(((one, self.worth(points, form, one)) for one in both), key=lambda pair: pair[1])
+            return replace(start, value=0.0)
+        found = replace(start, variables=np.append(self._coarsely(points, start.form, own), chosen))
+        return max((replace(one, value=self.worth(points, one)) for one in (start, found)), key=lambda one: one.value)
 
     def _coarsely(self, points: Samples, form: Form, start: np.ndarray) -> np.ndarray:
         """Variables (v,) that a coarse search leads to; its start, within its bounds, where no loop is stable.
@@ -309,22 +315,22 @@ class Search:
             aim = _aim(points, now)
         return here
 
-    def worth(self, points: Samples, form: Form, variables: np.ndarray) -> float:
+    def worth(self, points: Samples, design: Design) -> float:
         """Sampled value, made less by what violates the limits; 0 of a loop that is not stable."""
-        left = slacks(points, self.goal, form, variables, slopes=False)
+        left = self._left(points, design)
         if not left.settled:
             return 0.0
         reached = sampled_bandwidth(points, left.compliance + NEARLY / 2)
-        return self.value(form, variables, reached) / (1 + 10 * left.violation())
+        return self.value(design, reached) / (1 + 10 * left.violation())
 
     @property
     def needed_Hz(self) -> float:
         """Bandwidth that is to be had with the least moving mass; 0 where the largest bandwidth is sought."""
         return 0.0 if self.sections is None else self.sections.needed_Hz or 0.0
 
-    def value(self, form: Form, variables: np.ndarray, bandwidth_Hz: float) -> float:
-        """What a loop of a bandwidth is worth: that, or what its sections say."""
-        return self.refinement(form).value(variables, bandwidth_Hz)
+    def value(self, design: Design, bandwidth_Hz: float) -> float:
+        """What a design of a bandwidth is worth: that, or what its sections say."""
+        return self.refinement(design.form).value(design.variables, bandwidth_Hz)
 
 
 def sampled_masses(masses_kg: tuple[float, float], count: int = 3) -> list[float]:

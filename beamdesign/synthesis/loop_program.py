@@ -269,17 +269,11 @@ def sampled_program(
     plain, _ = ca.hessian(plain + ca.dot(weights[-1], rest) + ca.dot(along, y[moving]), x)
     own = ca.Function("own", [x, parameters, along, lam_f, lam_g], [plain])
     bent = ca.triu(to_x.T @ ca.triu2symm(bent) @ to_x + own(x, parameters, pull, lam_f, lam_g))
-    constraints = ca.vertcat(*found, rest)
+    constraints, jacobian = ca.vertcat(*found, rest), ca.vertcat(*slopes, ca.jacobian(rest, x))
+    given = {"x": x, "p": parameters}
+    weighted = given | {"lam_f": lam_f, "lam_g": lam_g}
     derivatives = {
-        "jac_g": ca.Function(
-            "jac_g",
-            [x, parameters],
-            [constraints, ca.vertcat(*slopes, ca.jacobian(rest, x))],
-            ["x", "p"],
-            ["g", "jac_g_x"],
-        ),
-        "hess_lag": ca.Function(
-            "hess_lag", [x, parameters, lam_f, lam_g], [bent], ["x", "p", "lam_f", "lam_g"], ["triu_hess_gamma_x_x"]
-        ),
+        "jac_g": ca.Function("jac_g", [*given.values()], [constraints, jacobian], [*given], ["g", "jac_g_x"]),
+        "hess_lag": ca.Function("hess_lag", [*weighted.values()], [bent], [*weighted], ["triu_hess_gamma_x_x"]),
     }
-    return {"x": x, "p": parameters, "f": objective, "g": constraints}, derivatives
+    return given | {"f": objective, "g": constraints}, derivatives

@@ -4,7 +4,7 @@ The variables are those of a law's form, then the inner end mass in kg. Everythi
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import reduce
 from math import inf, log, pi
 
@@ -12,7 +12,7 @@ import numpy as np
 from flint import fmpq_poly
 from pydantic import Field
 
-from beamdesign.controllers import SENSED, Sensed
+from beamdesign.controllers import SENSED, Controller, Sensed
 from beamdesign.controllers.protocol import Form
 from beamdesign.plant.linear import BilinearPlant, LinearModel, PairOver
 from beamdesign.plant.members import VertexModel
@@ -206,6 +206,34 @@ def rig_samples(
         for rig, factor, performs in ends(members)
     ]
     return reduce(Samples.joined, parts)
+
+
+@dataclass(frozen=True)
+class Design:
+    """A form of law, variables of it with the mass inside and what sections there are, and their value on samples."""
+
+    form: Form
+    variables: np.ndarray
+    value: float = 0.0
+
+    @property
+    def law(self) -> Controller:
+        """Its controller."""
+        return self.form.record(self.variables[: self.form.size])
+
+    @property
+    def inner_end_mass(self) -> float:
+        """Mass inside, kg, rounded."""
+        return round(float(self.variables[self.form.size]), 6)
+
+    @property
+    def chosen(self) -> np.ndarray:
+        """Its sections."""
+        return self.variables[self.form.size + 1 :]
+
+    def louder(self, by: float) -> "Design":
+        """With its first variable, which is the logarithm of a gain, larger by so much."""
+        return replace(self, variables=np.append(self.variables[0] + by, self.variables[1:]))
 
 
 @dataclass(frozen=True)

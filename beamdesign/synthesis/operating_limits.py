@@ -269,18 +269,15 @@ class Limits(Result):
         if self.reason:
             return finite(fields | {"reason": self.reason})
         shown = "frequency_Hz load_N governing limits_N displacement_m supply_power_W missing"
-        bears = self.envelope
-        modes, reach = self.modes, self.linear_amplitude
+        bears, modes, reach = self.envelope, self.modes, self.linear_amplitude
+        figures = " ".join((*SingleModeReach.__dataclass_fields__, "gain_margin_eaten"))
+        rows = [] if isinstance(reach, str) else [{k: row[k] for k in row if k != "words"} for row in reach]
         fields |= {
             "actuator": {"reason": bears.reason, "missing": bears.missing} if bears.reason else picked(bears, shown),
             "left_aside": self.left_aside,
             "sensor": self.sensor,
-            "modes": {"reason": modes}
-            if isinstance(modes, str)
-            else picked(modes, " ".join((*type(modes).__dataclass_fields__, "gain_margin_eaten"))),
-            "linear_amplitude": {"reason": reach}
-            if isinstance(reach, str)
-            else [{name: value for name, value in row.items() if name != "words"} for row in reach],
+            "modes": {"reason": modes} if isinstance(modes, str) else picked(modes, figures),
+            "linear_amplitude": {"reason": reach} if isinstance(reach, str) else rows,
             "limit_cycles": self.limit_cycles,
         }
         return finite(fields)
@@ -312,20 +309,11 @@ class Limits(Result):
 
     def linear_rows(self) -> list[tuple[str, float, float | str, float]]:
         """What is varied, at what frequency in Hz, up to where, and how far off the model is there in per cent."""
-        found = self.linear_amplitude
-        return (
-            []
-            if isinstance(found, str)
-            else [
-                (
-                    row["words"],
-                    row["frequency_Hz"],
-                    row["limit"] if row["reached"] else f"more than {row['limit']:.4g}",
-                    100 * row["departure"],
-                )
-                for row in found
-            ]
-        )
+        rows = []
+        for row in () if isinstance(self.linear_amplitude, str) else self.linear_amplitude:
+            limit = row["limit"] if row["reached"] else f"more than {row['limit']:.4g}"
+            rows.append((row["words"], row["frequency_Hz"], limit, 100 * row["departure"]))
+        return rows
 
     def cycle_rows(self) -> list[tuple[float, float, float, str]]:
         """Amplitude in um, gain in mA/V, frequency in Hz, and whether the oscillation settles there."""

@@ -22,10 +22,11 @@ from beamdesign.result import Result, finite, picked
 from beamdesign.structure.section import Tube
 from beamdesign.synthesis import REMEDY, SIGMAS
 from beamdesign.synthesis.codesign import sized_search
-from beamdesign.synthesis.free_search import sizes_of, start_variables
+from beamdesign.synthesis.free_search import sizes_of, start_variables, tubes
 from beamdesign.synthesis.law_design import Proved
 from beamdesign.synthesis.law_search import from_seeds, search
-from beamdesign.synthesis.sections import Sections, rounded_tubes, section_mass
+from beamdesign.synthesis.loop_samples import Design
+from beamdesign.synthesis.sections import Sections, section_mass
 from beamdesign.synthesis.tuning import SMALLEST_BANDWIDTH_HZ
 from beamdesign.time_limit import share
 
@@ -130,19 +131,19 @@ def _remedy(
         sizes[free] *= larger[: len(free)]
         sections = Sections(problem, sizes, largest_mass_kg=most, free=free)
         task = sized_search(problem, sections, masses_kg, inner_kg, sigmas)
-        starts += [variables for _, variables in from_seeds(task, seeds)]
-    found = search(task, [(form, one) for one in starts])
+        starts += [one.variables for one in from_seeds(task, seeds)]
+    found = search(task, [Design(form, one) for one in starts])
     proved = found.proved
     if proved is None or proved.bandwidth_Hz < SMALLEST_BANDWIDTH_HZ:
         reason = found.reason or f"guarantees no bandwidth above {SMALLEST_BANDWIDTH_HZ:g} Hz"
-        return Remedy(freedom.name, 0.0, 0.0, inf, *rounded_tubes(problem, given), 0.0, (), (masses_kg,), reason)
+        return Remedy(freedom.name, 0.0, 0.0, inf, *tubes(problem, given, rounded=True), 0.0, (), (masses_kg,), reason)
     sizes = proved.variables[-len(given) :]
     return Remedy(
         freedom.name,
         section_mass(problem, sizes) - section_mass(problem, given) + proved.inner_end_mass_kg,
         proved.bandwidth_Hz,
         proved.peak_sensitivity,
-        *rounded_tubes(problem, sizes),
+        *tubes(problem, sizes, rounded=True),
         proved.inner_end_mass_kg,
         (proved,),
         (masses_kg,),

@@ -15,7 +15,6 @@ from beamdesign.proofs.certificate import Kind
 from beamdesign.prototype import Prototype
 from beamdesign.quantities import stated_bandwidth
 from beamdesign.structure.lumped import beam_figures, fixed_dashpot, servo_figures
-from beamdesign.structure.section import Tube
 from beamdesign.synthesis.checks import beam_mass, check_sections
 from beamdesign.synthesis.free_search import SIZE_UNITS, THICKEST_SHARE, pair_of, sizing_program, tubes
 from beamdesign.synthesis.loop_program import sized_slack
@@ -25,8 +24,6 @@ ROUNDED_SLACK = 1e-4
 
 _ROUNDED_MASS_KG = 5e-4
 """By how much rounding the sizes may add to the mass."""
-
-_ROUND = 7  # decimals of a size in m
 
 MASS_PER_MISSING_BANDWIDTH = 100.0
 """Exact penalty, kg per unit of log(bandwidth): far above what bandwidth costs, so that it is met where it can be."""
@@ -85,7 +82,7 @@ class Sections:
             ValueError: where they are the sizes of no tubes, or of an inner one that does not go into the outer one.
         """
         try:
-            return self.problem.prototype(*(rounded_tubes if rounded else tubes)(self.problem, chosen))
+            return self.problem.prototype(*tubes(self.problem, chosen, rounded))
         except ValidationError:
             raise ValueError("these sizes are no pair of tubes") from None
 
@@ -114,7 +111,7 @@ class Sections:
         mass, most = section_mass(self.problem, chosen) + inner, self.largest_mass_kg
         if most is not None and mass > most:
             return f"moves {mass:.6g} kg, more than {most:.6g} kg"
-        missed = check_sections(self.problem, *rounded_tubes(self.problem, chosen)).failing
+        missed = check_sections(self.problem, *tubes(self.problem, chosen, rounded=True)).failing
         return "the refined sections miss: " + ", ".join(check.name for check in missed) if missed else ""
 
     def value(self, inner: float, chosen: np.ndarray, bandwidth_Hz: float) -> float:
@@ -140,11 +137,6 @@ class Sections:
         return self.flaw(inner, chosen)
 
 
-def rounded_tubes(problem: DesignProblem, section_variables: np.ndarray) -> tuple[Tube, Tube]:
-    """Rounded tubes, as they will be written down."""
-    return pair_of(problem, [round(float(size), _ROUND) for size in section_variables[:4] * SIZE_UNITS])
-
-
 def section_mass(problem: DesignProblem, sections: np.ndarray) -> float:
-    """Mass of both beams, kg."""
-    return float(beam_mass(problem, *rounded_tubes(problem, sections)))
+    """Mass of both beams, rounded, kg."""
+    return float(beam_mass(problem, *tubes(problem, sections, rounded=True)))

@@ -40,6 +40,7 @@ from beamdesign.synthesis import SIGMAS
 from beamdesign.synthesis.law_design import Proved, no_answer
 from beamdesign.synthesis.law_search import Found, from_seeds, search
 from beamdesign.synthesis.law_task import Search
+from beamdesign.synthesis.loop_samples import Design
 from beamdesign.synthesis.rig_spread import RigSpread, rig_spread
 from beamdesign.synthesis.weight_search import ADDED_SENSORS_EFFORT, EFFORT, SYNTHESES, limited, search_observer
 from beamdesign.time_limit import is_limited, over, while_time, within
@@ -203,18 +204,18 @@ def tune_law(prototype: Prototype, masses_kg: tuple[float, float], asked: LawOpt
         raise InputError(prototype.name, gain_and_mass(prototype, masses_kg[1]))
     given = (members, prototype.goal, masses_kg, asked.inner_kg)
     sought_from = own.form() if own is not None and own.sought["kind"] == kind else None
-    start = None if sought_from is None else (sought_from[0], np.append(sought_from[1], inner))
+    start = None if sought_from is None else Design(sought_from[0], np.append(sought_from[1], inner))
     if kind in SYNTHESES:
         effort = EFFORT if len(asked.sensors) == 1 else ADDED_SENSORS_EFFORT
         task = Search(*given, asked.sensors, spread, effort)
-        alone = asked.near and start is not None and start[0].sensors == task.sensors and task.settled(*start)
+        alone = asked.near and start is not None and start.form.sensors == task.sensors and task.settled(start)
         seeds = [(own, inner)] if own is not None and set(own.senses) <= set(asked.sensors) else []
         found = search_observer(task, None if alone else kind, seeds, report)
     else:
-        task = Search(*given, start[0].sensors if start else SENSED[:1], spread)
+        task = Search(*given, start.form.sensors if start else SENSED[:1], spread)
         starts, alone = from_seeds(task, KINDS[kind].seeds()), False
         growths = asked.sections if KINDS[kind].grows else 0
-        if start is not None and (asked.near or not starts) and task.settled(*start):
+        if start is not None and (asked.near or not starts) and task.settled(start):
             alone = growths > 0
             starts, growths = [start, *([] if growths else starts)], 0
         none = f"a {kind} controller is tuned from one of its kind with a stable loop, and the prototype has none"

@@ -23,7 +23,7 @@ from beamdesign.progress import Progress, silent
 from beamdesign.prototype import Goal
 from beamdesign.synthesis.law_search import Found, search
 from beamdesign.synthesis.law_task import Effort, Search, sampled_masses
-from beamdesign.synthesis.loop_samples import COARSE_HZ, Samples, rig_samples, slacks_of
+from beamdesign.synthesis.loop_samples import COARSE_HZ, Design, Samples, rig_samples, slacks_of
 from beamdesign.synthesis.synthesis import (
     GeneralisedPlant,
     Weights,
@@ -213,7 +213,7 @@ def search_observer(task: Search, kind: str | None, starts: Sequence[Given] = ()
         laws += [(one.law, one.inner_end_mass) for one in found[: task.effort.synthesised]]
     worth = _worth(task.points)
     proposed = [
-        (form[0], np.append(form[1], inner))
+        Design(form[0], np.append(form[1], inner))
         for law, inner in laws
         if len(law.a) <= 2 * task.effort.blocks
         and (form := block_form(task.sensors, law.a, law.b, law.c, law.d, task.effort.blocks, worth)) is not None
