@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import side_by_side
 from eigenvalue_grid import stable_stretches
-from thin_window import lightly_damped, narrowed, unstable_width
+from side_by_side import lightly_damped, narrowed, unstable_width
 
 from beamdesign import Prototype, read_prototype, state_space
 from beamdesign.loop import loop

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 import tomli_w
-from delivered import delivered, drawn
+from delivered_bandwidth import delivered, drawn
 from forging import resealed
 from one_start import best_start_alone
 from rig_of_certificate import members as members_of

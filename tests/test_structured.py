@@ -8,7 +8,7 @@ from pathlib import Path
 import control
 import numpy as np
 import pytest
-from delivered import MEASURED_WITHIN, delivered, drawn
+from delivered_bandwidth import MEASURED_WITHIN, delivered, drawn
 from forging import altered
 from limit_trades import LIMITS, Trade, plot_limit_trades
 from loop_effort import effort_response

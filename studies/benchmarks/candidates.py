@@ -1,11 +1,9 @@
 """How many candidates a second are proved inside the tuner, beside a grid of eigenvalues for each of them."""
 
 import numpy as np
-from comparison import Comparison, Method
-from effort import Effort
+from comparison import Comparison, Cost, Effort, Method, timed
 from eigenvalue_grid import closed_loops, growth, matrices
 from margin_sweep import margins, models
-from stopwatch import Cost, timed
 
 from beamdesign import Prototype
 from beamdesign.controllers import Lag, Proportional

@@ -21,7 +21,7 @@ from math import inf
 from pathlib import Path
 
 import numpy as np
-from delivered import MEASURED_WITHIN
+from delivered_bandwidth import MEASURED_WITHIN
 from opened_cases import diagnosed, opened_case, opened_keys, true_rig
 from trial import Trial, on_trial
 

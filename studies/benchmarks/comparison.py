@@ -1,15 +1,78 @@
-"""One question put to several methods, and the table in which they stand side by side."""
+"""One question put to several methods: how much work that takes, what it costs, and the table side by side."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass, field
+from statistics import median
 from textwrap import wrap
-from typing import Any
+from time import perf_counter, process_time
+from typing import Any, TypeVar
 
-from stopwatch import Cost
+Result = TypeVar("Result")
 
 _WIDTH = 118
 _HEAD = ("", "wall", "CPU", "wall ratio", "CPU ratio")
 _CELLS = "{:<56}{:>12}{:>12}{:>13}{:>12}"
+
+
+@dataclass(frozen=True)
+class Effort:
+    """Sizes of the grids and numbers of repeats.
+
+    Attributes:
+        repeats: of everything that takes milliseconds.
+        sweeps: repeats of the margin sweep; what takes seconds is done once.
+        sweep: outer end masses of the margin sweep.
+        grid: outer end masses of the eigenvalue grid.
+        kind: controller kind that is tuned.
+        seeds: of the evolutionary search, one run each.
+        generations: at most so many of that search.
+        candidates: random ones from the tuner's box.
+    """
+
+    repeats: int = 15
+    sweeps: int = 3
+    sweep: int = 200
+    grid: int = 2000
+    kind: str = "lag"
+    seeds: tuple[int, ...] = (0, 1, 2)
+    generations: int = 1000
+    candidates: int = 1000
+
+
+QUICK = Effort(repeats=3, sweeps=1, sweep=50, kind="proportional", seeds=(0,), generations=40, candidates=60)
+"""Enough to see every row, and what each method misses."""
+
+
+@dataclass(frozen=True)
+class Cost:
+    """Medians over repeats of one piece of work.
+
+    Attributes:
+        wall_s: elapsed.
+        cpu_s: of this process, over all its threads; the fairer one where other work shares the machine.
+    """
+
+    wall_s: float
+    cpu_s: float
+
+    def __truediv__(self, parts: float) -> "Cost":
+        return Cost(self.wall_s / parts, self.cpu_s / parts)
+
+    def __add__(self, other: "Cost") -> "Cost":
+        return Cost(self.wall_s + other.wall_s, self.cpu_s + other.cpu_s)
+
+
+def timed(work: Callable[[], Result], repeats: int, warm: bool = True) -> tuple[Cost, Result]:
+    """Do the work `repeats` times, after once in vain where caches are to be warm; median cost and last result."""
+    if warm:
+        work()
+    walls, cpus = [], []
+    for _ in range(repeats):
+        wall, cpu = perf_counter(), process_time()
+        result = work()
+        walls.append(perf_counter() - wall)
+        cpus.append(process_time() - cpu)
+    return Cost(median(walls), median(cpus)), result
 
 
 @dataclass(frozen=True)

@@ -16,8 +16,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from delivered import delivered, drawn
-from delivered_bandwidth import deviations_of, rig_of
+from delivered_bandwidth import delivered, deviations_of, drawn, rig_of
 from matplotlib.figure import Figure
 
 from beamdesign import Prototype, certify, read_prototype, tune

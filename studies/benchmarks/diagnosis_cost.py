@@ -13,9 +13,9 @@ from pathlib import Path
 
 import casadi as ca
 import numpy as np
+from comparison import timed
 from scipy.integrate import solve_ivp
 from scipy.interpolate import CubicSpline
-from stopwatch import timed
 
 from beamdesign import diagnose, read_dataset
 from beamdesign.diagnosis.fitting.evidence import RecordEvidence, record_evidence

@@ -10,11 +10,9 @@ from dataclasses import dataclass
 from math import inf, log, pi, tanh
 
 import numpy as np
-from comparison import Comparison, Method
-from effort import Effort
+from comparison import Comparison, Cost, Effort, Method, timed
 from eigenvalue_grid import closed_loops, growth, matrices
 from scipy.optimize import OptimizeResult, differential_evolution
-from stopwatch import Cost, timed
 
 from beamdesign import Prototype, tune
 from beamdesign.controllers import Lag, Proportional

@@ -12,8 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from delivered import MEASURED_WITHIN, drawn, response
-from delivered_bandwidth import DEVIATIONS, rig_of
+from delivered_bandwidth import DEVIATIONS, MEASURED_WITHIN, drawn, response, rig_of
 
 from beamdesign import Prototype, read_prototype, tune
 from beamdesign.controllers import Lag, Scheduled, Stage

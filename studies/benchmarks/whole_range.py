@@ -7,11 +7,9 @@ its answer is counted, and rather too much of the proofs.
 from itertools import pairwise
 
 import numpy as np
-from comparison import Comparison, Method
-from effort import Effort
+from comparison import Comparison, Cost, Effort, Method, timed
 from eigenvalue_grid import closed_loops, growth, matrices, stable_stretches
 from margin_sweep import Margins, last_within, margins, models, responses
-from stopwatch import Cost, timed
 
 from beamdesign import Prototype, certify
 from beamdesign.loop import Loop, loop
