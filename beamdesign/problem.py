@@ -160,6 +160,11 @@ class DesignProblem(WithMaterials, WithActuator):
         outer, inner = self.outer_beam.tube, self.inner_beam.tube
         return None if outer is None or inner is None else (outer, inner)
 
+    def asked_kg(self) -> tuple[float, float]:
+        """Its payloads (least, most)."""
+        assert self.payload.outer_end_mass_kg is not None  # without them it is no problem
+        return self.payload.outer_end_mass_kg
+
     def prototype(self, outer: Tube, inner: Tube) -> Prototype:
         """The prototype with the given sections and no controller yet.
 

@@ -43,8 +43,7 @@ QUIET = 0.02
 def drawn(prototype: Prototype, number: int) -> tuple[Prototype, float, bool]:
     """A rig with effects, its payload (kg), and whether its current saturates: the rig of a number, always the same."""
     random = np.random.default_rng((1984, number))
-    masses = prototype.payload.outer_end_mass_kg
-    assert masses is not None  # it was asked for
+    masses = prototype.asked_kg()
     spread = rig_spread(prototype, masses[1], SIGMAS)
     shares = random.uniform(-1, 1, len(spread.deviations))
     z = SIGMAS * (np.sign(shares) if number % 3 == 0 else shares)

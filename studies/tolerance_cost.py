@@ -23,8 +23,7 @@ from beamdesign.synthesis.tuning import limited
 
 def reached(prototype: Prototype, kind: str, sections: int, sigmas: float) -> float:
     """Bandwidth that is proved of a prototype tuned over its payload, Hz; zero where nothing is."""
-    masses = prototype.payload.outer_end_mass_kg
-    assert masses is not None  # it was asked for
+    masses = prototype.asked_kg()
     found = tune(prototype.but(controller=None), masses, kind, sections=sections, sigmas=sigmas)
     return 0.0 if found.best is None else found.best.bandwidth_Hz
 

@@ -162,8 +162,7 @@ def _echo_figures(record: "Prototype", found: "ArmResult") -> None:
     echo(f"{record.name}: payload's centre at {centre} m from the tip (x along the beam, y sideways, z upwards)")
     if any(sensor := sensor_of(record)):
         echo(f"  servos measure at {place(sensor)} m from the tip")
-    for note in found.figures.notes:
-        echo(f"  {note}")
+    echo(*found.figures.notes, before="  ")
     rows = [
         (f"{at.outer_end_mass_kg:g}", *at.modes_Hz, at.torsion_held_Hz, at.turning_held_Hz) for at in found.frequencies
     ]
@@ -327,7 +326,6 @@ def certify_switching(
     lines = describe(found)
     several = f"{len(found.families)} stages, " if record.schedule else ""
     echo(f"{record.name}: {several}outer end mass changing between {low:g} and {high:g} kg")
-    for line in lines:
-        echo(f"  {line}")
+    echo(*lines, before="  ")
     write_certificate(path, stages_certificate(record, found, f"{record.name}\n" + "\n".join(lines)))
     return CommandResult(found.to_dict() | {"certificate": path}, found.yes)

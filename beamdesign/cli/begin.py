@@ -58,11 +58,9 @@ def new(
     paths = start(template, out)
     it = target(template, out)
     following = [step.format(it=shlex.quote(str(it)), name=shlex.quote(it.stem)) for step in TEMPLATES[template].next]
-    for path in paths:
-        echo(f"written: {path}")
+    echo(*map(str, paths), before="written: ")
     echo(f"next:    {following[0]}")
-    for step in following[1:]:
-        echo(f"         {step}")
+    echo(*following[1:], before="         ")
     return CommandResult({"template": template, "files": paths, "next": following})
 
 

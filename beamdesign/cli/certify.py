@@ -162,8 +162,7 @@ def _echo(record: "Prototype", certificate: "Certificate") -> None:
             echo(f"    {claim.reason}")
     _echo_moving(certificate.nonlinear)
     echo(f"method: {certificate.method}")
-    for line in certificate.scope:
-        echo(f"  {line}")
+    echo(*certificate.scope, before="  ")
     if record.arm is not None and (any(record.arm.offset_m) or any(record.arm.sensor_m or ())):
         echo(
             "  payload and sensor on the beam's axis at the tip; with the offsets of [arm] and torsion: beamdesign arm"
@@ -187,9 +186,7 @@ def _replay(path: Path, record: "Prototype | None") -> CommandResult:
         verdict = check(path, None if record is None else lambda *of: prototype_table(record, *of))
     except Unreadable as error:
         refuse(path, ("(certificate)", str(error)))
-    for words in verdict.lines():
-        echo(words)
-    echo(f"{path}: {'valid' if verdict.valid else 'NOT valid'}")
+    echo(*verdict.lines(), f"{path}: {'valid' if verdict.valid else 'NOT valid'}")
     return CommandResult(picked(verdict, "valid reasons=failed checked=proved not_checked=open about"), verdict.valid)
 
 

@@ -90,8 +90,7 @@ def command(
             refuse(work.__name__.replace("_", "-"), *wrong)
         with _told_by_file({name: given[name] for name in ("prototype", "study", "scenario") if given.get(name)}):
             result = work(**given)
-        for path in result.files:
-            echo(str(path))
+        echo(*map(str, result.files))
         write_json(json, result.fields)
         if not result.yes:
             raise typer.Exit(1)
@@ -333,8 +332,7 @@ def write_drawn(out: Path, name: str, figure: Any, rows: Sequence[dict[str, Any]
             write_whole(path, csv_text(rows))
         files += save(figure, fresh / name)
     files = settled(files, fresh, out)
-    for path in files:
-        echo(str(path))
+    echo(*map(str, files))
     return files
 
 

@@ -112,8 +112,7 @@ def _read(study: Path, nominal: bool) -> "DesignProblem":
 def _no_design(found: "DesignRun | Codesign", absent: str, stated: str, more: dict[str, Any]) -> CommandResult:
     """Say why there is no design, and what to change so that there is one; `absent` names fields that are null."""
     echo(f"no design: {found.reason}")
-    for way in found.change:
-        echo(f"  change: {way}")
+    echo(*found.change, before="  change: ")
     return CommandResult(dict.fromkeys(absent.split()) | picked(found, stated) | more, yes=False)
 
 
@@ -289,8 +288,7 @@ def front(
     from beamdesign.synthesis import codesign as room
 
     problem = _read(study, nominal)
-    masses = problem.payload.outer_end_mass_kg
-    assert masses is not None  # validated
+    masses = problem.asked_kg()
     expected = "positive figures separated by commas, such as 3,5,8"
     bandwidths = figures_of("--bandwidths-Hz", bandwidths_Hz, "Bandwidth", expected)
     ends = (masses[1],) if payloads_kg is None else figures_of("--payloads-kg", payloads_kg, "Mass", expected)

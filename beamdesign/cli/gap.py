@@ -55,7 +55,7 @@ def diagnose(
         minutes: most time for an answer, the best of what was compared until then; else 2. The same command goes on.
     """
     from beamdesign.diagnosis.data.dataset_index import index_of, kind_of
-    from beamdesign.report.gap_folder import NAMES
+    from beamdesign.report.gap_folder import NAMES, write_gap_folder
 
     index = index_of(dataset).resolve()
     other = "" if index.name == "dataset.toml" else f".{index.stem}"
@@ -66,7 +66,6 @@ def diagnose(
 
     from beamdesign.diagnosis.bench_diagnosis import diagnose_bench
     from beamdesign.diagnosis.data.bench_set import read_bench_set
-    from beamdesign.report.gap_folder import write_gap_folder
 
     if redesign:
         refuse("--redesign", (str(dataset), "a bench has no controller to design"))
@@ -147,8 +146,7 @@ def echo_diagnosis(found: "Diagnosis") -> None:
     """The answer for people."""
     echo(f"{found.name}: {found.verdict.replace('_', ' ')}")
     echo(found.sentences)
-    for words in found.warnings:
-        echo(f"warning: {words}")
+    echo(*found.warnings, before="warning: ")
     echo("")
     if found.causes:
         echo_table("causes", ("cause", "subsystem", "probability", "share of the gap"), found.rows())
@@ -156,8 +154,7 @@ def echo_diagnosis(found: "Diagnosis") -> None:
         if cause.name in found.chosen or cause.probability > _WORTH_FIGURES:
             for key, q in cause.parameters.items():
                 echo(f"{cause.name}: {key} = {q.value:.4g} ± {q.std:.2g}")
-            for flag in (f"like {cause.like}",) * bool(cause.like) + cause.flags:
-                echo(f"{cause.name}: {flag}")
+            echo(*[f"like {cause.like}"] * bool(cause.like), *cause.flags, before=f"{cause.name}: ")
     where = found.where
     if where.subsystem:
         condition = f", {where.condition}" if where.condition else ""
@@ -166,8 +163,7 @@ def echo_diagnosis(found: "Diagnosis") -> None:
     if where.sentence:
         echo(where.sentence)
     _echo_gap(found)
-    for words in found.notes:
-        echo(words)
+    echo(*found.notes)
     separability = found.separability
     for alike in separability.classes if separability is not None else ():
         echo(f"known before any fit: these data cannot tell apart {', '.join(alike)}")

@@ -96,9 +96,10 @@ def shown(text: str) -> str:
     return "\n".join(map(one_line, text.split("\n")))
 
 
-def echo(text: str) -> None:
-    """Print a line for people. Where nobody reads on (`| head`), the work goes on without a word."""
-    _echo(shown(text))
+def echo(*lines: str, before: str = "") -> None:
+    """Print lines for people, `before` each the same. Where nobody reads on (`| head`), work goes on without a word."""
+    for line in lines:
+        _echo(shown(before + line))
 
 
 def _echo(text: str) -> None:

@@ -67,8 +67,7 @@ def run(
     if rows:
         more = f", the first {_SHOWN_REASONS} of {len(amiss)}" if len(amiss) > _SHOWN_REASONS else ""
         echo_table(f"without a result{more}", ("case", "status", "reason"), rows)
-    for line in (*fields["unsound"], *in_words(found.conclusion, found.laid.sweep)):
-        echo(line)
+    echo(*fields["unsound"], *in_words(found.conclusion, found.laid.sweep))
     return CommandResult(fields, found.yes, found.files)
 
 
@@ -95,8 +94,7 @@ def status(
     echo(f"{laid.sweep.name}: {counts}; {remaining} to go")
     if found.impossible:
         echo("  every case is refused: `study run` does not begin with them")
-    for line in found.unsound:
-        echo(f"  {line}")
+    echo(*found.unsound, before="  ")
     if found.seconds_left is not None:
         echo(f"  about {found.seconds_left:.0f} s of computing are left, divided by the number of workers")
     if found.stale or found.foreign:
@@ -130,8 +128,7 @@ def show(
     name = read_index(folder)["name"]
     kept = rows_of(folder)
     table, unsound = rows(kept.records), in_words(kept.unsound)
-    for line in unsound:
-        echo(line)
+    echo(*unsound)
     if not table:
         echo(f"{name}: no case is finished")
         return CommandResult({"name": name, "columns": [], "rows": [], "unsound": unsound}, yes=False)
@@ -164,8 +161,7 @@ def diff(
     from beamdesign.sweep.store import difference, relative
 
     found = difference(first, second)
-    for line in found.unsound:
-        echo(line)
+    echo(*found.unsound)
     code = "; another version of the code computed the second" if found.code_changed else ""
     if found.same:
         echo(f"no difference in {len(found.cases)} cases{code}")
@@ -225,13 +221,11 @@ def why(case: Annotated[str, typer.Argument()]) -> CommandResult:
         echo(f"binding: {'; '.join(found['binding']) or 'none'}")
     if found["requirements"]:
         echo(f"active at the lightest free sizes: {'; '.join(found['requirements'])}")
-    for sentence in price_words(found["shadow_prices"]) if found["shadow_prices"] else ():
-        echo(f"  {sentence}")
+    echo(*price_words(found["shadow_prices"] or {}), before="  ")
     for item in found["relaxations"]:
         echo(f"  enough alone: {item['key']} from {item['asked']:g} to {item['enough']:.6g}")
     for name in ("scope", "failures", "attempts"):
-        for line in details.get(name, ()):
-            echo(f"  {line}")
+        echo(*details.get(name, ()), before="  ")
     for claim in details.get("claims", ()):
         echo(f"  {'proved' if claim['holds'] else 'REFUTED'}: {claim['claim']} {claim['reason']}".rstrip())
     if "traceback" in details:

@@ -141,8 +141,7 @@ def tune(
     answer = of_all(guaranteed, answers) | {"controller": guaranteed.controller and guaranteed.controller.model_dump()}
     if (changes := found.switching) is not None:
         lines = describe(changes)
-        for line in (*lines, *(["changes are proved of exactly the figures stated"] if within else [])):
-            echo(f"  {line}")
+        echo(*lines, *(["changes are proved of exactly the figures stated"] if within else []), before="  ")
         summary = "\n".join((f"{record.name}: changes between {len(found.laws)} stages", *lines))
         texts["certificate_switching"] = (CHANGES_NAME, stages_certificate(guaranteed, changes, summary))
         answer |= {"alone_bandwidth_Hz": found.alone_Hz, "switching": changes.to_dict()}
@@ -169,8 +168,7 @@ def _of_law(stage: "InStage", law: "Tuning", certificate: "Certificate") -> dict
     ]
     echo_table(f"{stage.prototype.name}: tuned {best.controller.kind} controller", ("figure", "value"), rows)
     echo(f"proved {holds_for(stage.prototype, best.sigmas)}; {law.certificates} stability certificates on the way")
-    for line in certificate.scope:
-        echo(f"  {line}")
+    echo(*certificate.scope, before="  ")
     return {
         "controller": best.controller.model_dump(),
         "inner_end_mass_kg": best.inner_end_mass_kg,
@@ -271,8 +269,7 @@ def stiffness(
         assert found is not None  # it is judged as it is
         rows = [*_kept(found), ("for every outer end mass", mass_range_text(own))]
         echo_table(f"{rig.name}: its end, with the controller as it is", ("figure", "value"), rows)
-        for line in in_words(found):
-            echo(line)
+        echo(*in_words(found))
         proof = {"certificate_contact": (CONTACT_NAME, contact_text(rig, found))}
         paths = {} if out is None else write_set(out / stage.suffix[1:], proof)
         for kind, path in paths.items():
@@ -329,8 +326,7 @@ def give_stiffness(
     echo_table(f"{record.name}: end stiffness {quantity(end_stiffness, 'N/m')}", ("figure", "value"), rows)
     if found.reason:
         echo(f"{found.reason}; the next best is given")
-    for line in in_words(best):
-        echo(line)
+    echo(*in_words(best))
     others = drawn_rigs(found.prototype, masses, best.wall, RIGS)
     if others:
         echo(drawn_in_words(others))

@@ -31,13 +31,6 @@ if TYPE_CHECKING:
     from beamdesign.synthesis.tuning import Tuning
 
 
-def payload_range(record: DesignProblem | Prototype) -> tuple[float, float]:
-    """The range of outer end mass that a record states, kg."""
-    masses = record.payload.outer_end_mass_kg
-    assert masses is not None  # a problem is validated to have it, and what a task needs is there before it computes
-    return masses
-
-
 def size(problem: DesignProblem, options: Any) -> Answer:
     """Sections of least mass of one problem."""
     from beamdesign.synthesis.sizing import size as find_sections
@@ -90,7 +83,7 @@ def codesign(problem: DesignProblem, options: CodesignOptions) -> Answer:
     """Lightest proved design of one problem: sections, end mass and controller together."""
     from beamdesign.synthesis.codesign import codesign as find_design
 
-    found = find_design(problem, payload_range(problem), options.bandwidth_Hz, sigmas=0.0)
+    found = find_design(problem, problem.asked_kg(), options.bandwidth_Hz, sigmas=0.0)
     attempts = [attempt if isinstance(attempt, str) else f"{attempt:.6g} kg" for attempt in found.attempts]
     point = found.point
     if point is None:
@@ -110,7 +103,7 @@ def remedy(problem: DesignProblem, options: RemediesOptions) -> Answer:
     if missing := [name for name in ("outer_beam", "inner_beam") if getattr(problem, name).width_m is None]:
         reason = "the remedies start from given sections: width_m and wall_m are needed"
         raise InputError(problem.name, [(name, reason) for name in missing])
-    asked = payload_range(problem), options.added_mass_kg
+    asked = problem.asked_kg(), options.added_mass_kg
     (found,) = remedies(problem, *asked, sigmas=0.0, numbers=(options.remedy,))
     laws = {name: [getattr(law, name) for law in found.controllers] for name in ("gain_A_per_V", "pole_Hz", "zero_Hz")}
     outputs = {"remedy": found.name, **picked(found, REMEDY), **laws}
@@ -125,7 +118,7 @@ def tune(prototype: Prototype, options: TuneOptions) -> Answer:
     from beamdesign.synthesis import tuning
 
     kind, rig = options.controller, prototype.but(goal=tuning.limited(prototype.goal, options.controller))
-    found = tuning.tune(rig, payload_range(prototype), kind, sigmas=0.0, **options.sought)
+    found = tuning.tune(rig, prototype.asked_kg(), kind, sigmas=0.0, **options.sought)
     if found.reason:
         return Answer({}, _effort(found), found.reason)
     answers = {}
@@ -150,7 +143,7 @@ def certify(prototype: Prototype, options: CertifyOptions) -> Answer:
         asked.append(Asked("compliance", prototype.goal.compliance_m_per_N, options.bandwidth_Hz))
     if options.peak_sensitivity is not None:
         asked.append(Asked("peak_sensitivity", options.peak_sensitivity))
-    found = prove(prototype, *payload_range(prototype), asked)
+    found = prove(prototype, *prototype.asked_kg(), asked)
     below, above = found.stability.below, found.stability.above
     low, high = found.outer_end_mass_kg
     covered = sum(most - least for least, most in found.stable_ranges_kg)
@@ -203,7 +196,7 @@ def robust(prototype: Prototype, options: RangeOptions) -> Answer:
     """
     from beamdesign.proofs.certifying import certify as prove
 
-    found = prove(prototype, *payload_range(prototype))
+    found = prove(prototype, *prototype.asked_kg())
     around = prove(prototype, options.from_kg, options.to_kg)
     low, high = max(around.stable_ranges_kg, key=lambda ends: ends[1] - ends[0], default=(0.0, 0.0))
     longest = {"stable_from_kg": low, "stable_to_kg": high, "stable_width_kg": high - low}
@@ -220,7 +213,7 @@ def lag_breaks(prototype: Prototype, options: Any) -> Answer:
     law = prototype.controller
     if law is None or law.lacks("lag") or (lag := law.lag) is None:
         raise InputError(prototype.name, [("controller", "must be a lag")])
-    low, high = payload_range(prototype)
+    low, high = prototype.asked_kg()
     found = stable_zeros(prototype, lag.pole_Hz, law.gain_A_per_V, (low, high))
     outputs = {
         "stable_zero_from_Hz": [part.low_Hz for part in found],
@@ -257,7 +250,7 @@ def arm(prototype: Prototype, options: ArmOptions) -> Answer:
     from beamdesign.proofs.arm.result import arm as work_out
     from beamdesign.proofs.arm.result import usual_load_N
 
-    masses = payload_range(prototype)
+    masses = prototype.asked_kg()
     force = -usual_load_N(prototype, masses[1])[2] if options.force_N is None else options.force_N
     found = work_out(prototype, masses, (0.0, 0.0, -force))
     outputs: dict[str, Any] = {"stable": found.stable, "force_N": force, "error_alone_m": found.without.size_m}
@@ -306,7 +299,7 @@ def sim_to_real(prototype: Prototype, options: SimToRealOptions) -> Answer:
     from beamdesign.validation.truth.case import write_case
     from beamdesign.validation.virtual_rig import LINEAR, RunawayError, gain_margin, runs, virtual_rig
 
-    masses = payload_range(prototype)
+    masses = prototype.asked_kg()
     designed = designed_for(prototype, masses)
     if designed.best is None:
         return Answer({}, reason=designed.reason)

@@ -293,9 +293,7 @@ def front(
     report = progress or silent
     bandwidths = sorted(set(bandwidths_Hz))
     solved: dict[tuple[int, int], Codesign] = {}
-    own = problem.payload.outer_end_mass_kg
-    assert own is not None  # a problem is validated to have it
-    ranges = list(dict.fromkeys(ranges_kg or (own,)))
+    ranges = list(dict.fromkeys(ranges_kg or (problem.asked_kg(),)))
     colder, total = 0, len(ranges) * len(bandwidths)
     with within(minutes) as limit:
         for i, k in product(range(len(ranges)), range(len(bandwidths))):

@@ -140,8 +140,7 @@ def _designed(problem: DesignProblem, report: Progress, sigmas: float) -> Design
     if not sizing.feasible:
         return DesignRun(problem, sizing, None, None, None, sizing.reason)
     rig = problem.prototype(sizing.outer, sizing.inner)
-    masses = problem.payload.outer_end_mass_kg
-    assert masses is not None  # a DesignProblem is validated to have the range
+    masses = problem.asked_kg()
     held = standing(problem, rig, masses)
     if held.reason:
         return DesignRun(problem, sizing, None, None, None, held.reason, holding=held)

@@ -238,7 +238,7 @@ def in_words(ways: Sequence[Way]) -> tuple[str, ...]:
 
 def easier(problem: DesignProblem) -> tuple[Way, ...]:
     """What makes any design easier, to begin with: half of the largest payload, ten times the compliance."""
-    largest = (problem.payload.outer_end_mass_kg or (0.0, 0.0))[1]
+    largest = problem.asked_kg()[1]
     given = (Change(_PAYLOAD, largest, False), Change(_COMPLIANCE, problem.goal.compliance_m_per_N))
     return tuple((change,) for one in given for change in _milder(one, problem))
 
@@ -249,7 +249,7 @@ def _milder(change: Change, problem: DesignProblem) -> tuple[Change, ...]:
     if factor is None:
         return ()
     value = (_up if change.at_least else _down)(factor * change.value)
-    least = (problem.payload.outer_end_mass_kg or (0.0, 0.0))[0] if change.key == _PAYLOAD else 0.0
+    least = problem.asked_kg()[0] if change.key == _PAYLOAD else 0.0
     return (change._replace(value=value),) if 0 < value >= least and value in q.range_of(_KEYS[change.key][2]) else ()
 
 

@@ -199,12 +199,11 @@ def from_seeds(task: Search, seeds: Sequence[Controller]) -> list[Design]:
     Where they are so by far, as with a motor, whose current is of another order than a valve's, the gain is the best.
     """
     (least, most), found = task.inner_kg, []
-    sections = np.zeros(0) if task.sections is None else task.sections.start
     for seed in seeds:
         for inner in sorted({least, least + 0.3 * (most - least)}):
             if (sought_from := seed.form()) is None:
                 continue
-            design = Design(sought_from[0], np.concatenate([sought_from[1], [inner], sections]))
+            design = Design(sought_from[0], np.concatenate([sought_from[1], [inner], task.start]))
             while not task.settled(design) and design.variables[0] > design.form.lower[0]:
                 design = design.louder(-0.5)
             if design.form.gain_first and task.settled(design.louder(_FAR)):

@@ -35,7 +35,7 @@ from beamdesign.synthesis.loop_samples import (
     sampled_bandwidth,
     slacks,
 )
-from beamdesign.synthesis.refinement import NEARLY, LawRefinement
+from beamdesign.synthesis.refinement import NEARLY, TOUCH, LawRefinement
 from beamdesign.synthesis.rig_spread import Cut, RigSpread
 from beamdesign.synthesis.sections import Sections
 from beamdesign.time_limit import over
@@ -111,7 +111,7 @@ class Search:
     @cached_property
     def points(self) -> Samples:
         """Of all loops."""
-        return self.sampled(self.frequency_Hz, self._masses, self._start)
+        return self.sampled(self.frequency_Hz, self._masses, self.start)
 
     @property
     def _masses(self) -> list[float]:
@@ -126,7 +126,7 @@ class Search:
         return np.union1d(frequencies, MODES_HZ) if with_effects else frequencies
 
     @property
-    def _start(self) -> np.ndarray:
+    def start(self) -> np.ndarray:
         """Sections to begin with, none where they stand."""
         return np.zeros(0) if self.sections is None else self.sections.start
 
@@ -198,16 +198,17 @@ class Search:
         """Whether the loops of a design are stable as far as the samples tell."""
         return self.violation(design) < inf
 
-    def refined(self, design: Design, *spare: float, rounds: int, reach: float = 0.5) -> Design:
-        """A design after a refinement, see `LawRefinement`; what is to spare is `inside` and `stiffer` there."""
-        refine = self.refinement(design.form)
-        return Design(design.form, *refine(design.variables, *spare, rounds=rounds, reach=reach))
+    def refined(
+        self, design: Design, inside: float = 0.0, stiffer: float = TOUCH, rounds: int = 20, reach: float = 0.5
+    ) -> Design:
+        """A design after its refinement, see `LawRefinement`."""
+        return Design(design.form, *self.refinement(design.form)(design.variables, inside, stiffer, rounds, reach))
 
     def refinement(self, form: Form) -> LawRefinement:
         """The refinement of laws of a form, built once."""
         if form not in self._refinements:
-            nominal = self.members_with(self._start), sampled_masses(self.masses_kg), None
-            off = ((self.members_with(self._start, z=np.array(c.z)), [c.outer_end_mass_kg], c) for c in self.cuts)
+            nominal = self.members_with(self.start), sampled_masses(self.masses_kg), None
+            off = ((self.members_with(self.start, z=np.array(c.z)), [c.outer_end_mass_kg], c) for c in self.cuts)
             listed = [
                 (rig.polynomials(self.sensors), factor, masses, cut is None, self._factors(cut))
                 for members, masses, cut in (nominal, *off)
@@ -255,7 +256,7 @@ class Search:
             return None if points is None else joined(points, chosen)
 
         before, factors = refinement.resampled, np.vstack([refinement.factors, self._row_factors(masses)])
-        points = joined(refinement.points, self._start)
+        points = joined(refinement.points, self.start)
         return replace(refinement, points=points, resampled=before and resampled, factors=factors)
 
     def coarsely_searched(self, start: Design, points: Samples | None = None) -> Design:
