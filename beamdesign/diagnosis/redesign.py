@@ -97,12 +97,8 @@ def designer_terms(data: Dataset, diagnosed: Prototype, new: Sequence[Prototype]
     own = 0 if data.prototype.controller is None else len(data.prototype.controller.laws)
 
     def compared(law: Controller, inner: float, masses: tuple[float, float], tuned: bool = False) -> LoopTerms:
-        def with_it(prototype: Prototype) -> Prototype:
-            # What else the payload says (such as a largest force) stays.
-            payload = prototype.payload.but(outer_end_mass_kg=masses, inner_end_mass_kg=inner)
-            return prototype.but(controller=law, payload=payload, guarantee=None)
-
-        return LoopTerms(law, inner, masses, terms(with_it(data.prototype)), terms(with_it(diagnosed)), tuned)
+        believed, found = (terms(rig.with_law(law, masses, inner)) for rig in (data.prototype, diagnosed))
+        return LoopTerms(law, inner, masses, believed, found, tuned)
 
     return (
         *(compared(*each) for each in loops_of(data)[: max(MOST_LOOPS, own)]),

@@ -211,11 +211,7 @@ def _compliance(
     first = terms[0]
     mass = first.outer_end_mass_kg[0]
     prototypes: dict[str, Prototype] = {
-        name: prototype.but(
-            controller=first.controller,
-            payload=prototype.payload.but(inner_end_mass_kg=first.inner_end_mass_kg),
-            guarantee=None,
-        )
+        name: prototype.with_law(first.controller, prototype.payload.outer_end_mass_kg, first.inner_end_mass_kg)
         for name, prototype in (("as believed", data.prototype), ("as diagnosed", found.prototype))
     }
     if renewed is not None and renewed.proofs:

@@ -273,9 +273,8 @@ def over_box(task: Search, design: Design) -> BoxTask:
     """A design as what is to hold over the whole box."""
     assert task.spread is not None
     rig = task.prototype_with(design.chosen, rounded=True)
-    payload = rig.payload.but(outer_end_mass_kg=task.masses_kg, inner_end_mass_kg=design.inner_end_mass)
     whole = task.masses_kg if task.spread.stage is None else task.spread.stage[1]
-    built = rig.but(controller=design.law, payload=payload, goal=calmer(task.goal), guarantee=None)
+    built = rig.with_law(design.law, task.masses_kg, design.inner_end_mass).but(goal=calmer(task.goal))
     return BoxTask(built, task.spread, task.masses_kg, whole)
 
 

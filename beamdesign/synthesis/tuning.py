@@ -226,16 +226,8 @@ def tune_law(prototype: Prototype, masses_kg: tuple[float, float], asked: LawOpt
     if best is None or best.bandwidth_Hz < SMALLEST_BANDWIDTH_HZ:
         why = no_answer(kind, prototype.goal, masses_kg, found.reason)
         return Tuning(prototype, masses_kg, None, found.sampled, found.certificates, why)
-    return Tuning(tuned(prototype, best, masses_kg), masses_kg, best, found.sampled, found.certificates)
-
-
-def tuned(prototype: Prototype, best: Proved, masses_kg: tuple[float, float]) -> Prototype:
-    """The prototype with controller, inner end mass and range of a proved loop."""
-    return prototype.but(
-        controller=best.controller,
-        payload=prototype.payload.but(outer_end_mass_kg=masses_kg, inner_end_mass_kg=best.inner_end_mass_kg),
-        guarantee=None,
-    )
+    rig = prototype.with_law(best.controller, masses_kg, best.inner_end_mass_kg)
+    return Tuning(rig, masses_kg, best, found.sampled, found.certificates)
 
 
 def tune_alike(
@@ -308,8 +300,7 @@ def _tune_stages(
         return Tuning(prototype, whole_kg, reason=reason, alone_Hz=alone_Hz)
     laws, inside = tuple(map(_stage, best)), best[0].prototype.payload
     schedule = Scheduled(stage=laws, estimator=figures, period_s=sampling_period_s(laws))
-    payload = prototype.payload.but(outer_end_mass_kg=whole_kg, inner_end_mass_kg=inside.inner_end_mass_kg)
-    rig = prototype.but(controller=schedule, payload=payload, guarantee=None)
+    rig = prototype.with_law(schedule, whole_kg, inside.inner_end_mass_kg)
     whole = Tuning(rig, whole_kg, min(best, key=_hertz).best, laws=tuple(best), alone_Hz=alone_Hz)
     if rig.effects:  # of which no states are known in which laws could change
         return whole

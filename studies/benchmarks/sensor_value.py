@@ -116,10 +116,7 @@ def sensor_rows(
             yield SensorRow(sensors, outer_end_mass_kg, 0.0, None, found.reason)
             continue
         reached.append(found.proved)
-        payload = prototype.payload.but(
-            outer_end_mass_kg=outer_end_mass_kg, inner_end_mass_kg=found.proved.inner_end_mass_kg
-        )
-        tuned = prototype.but(controller=found.proved.controller, payload=payload, guarantee=None)
+        tuned = prototype.with_law(found.proved.controller, outer_end_mass_kg, found.proved.inner_end_mass_kg)
         yield SensorRow(sensors, outer_end_mass_kg, found.proved.bandwidth_Hz, tuned)
 
 
