@@ -225,7 +225,7 @@ def why(case: Annotated[str, typer.Argument()]) -> CommandResult:
     for item in found["relaxations"]:
         echo(f"  enough alone: {item['key']} from {item['asked']:g} to {item['enough']:.6g}")
     for name in ("scope", "failures", "attempts"):
-        echo(*details.get(name, ()), before="  ")
+        echo(*map(str, details.get(name, ())), before="  ")
     for claim in details.get("claims", ()):
         echo(f"  {'proved' if claim['holds'] else 'REFUTED'}: {claim['claim']} {claim['reason']}".rstrip())
     if "traceback" in details:
