@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 import side_by_side
-from eigenvalue_grid import stable_stretches
+from grids import stable_stretches
 from side_by_side import lightly_damped, narrowed, unstable_width
 
 from beamdesign import Prototype, read_prototype, state_space

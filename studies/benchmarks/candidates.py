@@ -2,8 +2,7 @@
 
 import numpy as np
 from comparison import Comparison, Cost, Effort, Method, timed
-from eigenvalue_grid import closed_loops, growth, matrices
-from margin_sweep import margins, models
+from grids import closed_loops, growth, margins, matrices, models
 
 from beamdesign import Prototype
 from beamdesign.controllers import Lag, Proportional

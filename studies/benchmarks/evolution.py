@@ -11,7 +11,7 @@ from math import inf, log, pi, tanh
 
 import numpy as np
 from comparison import Comparison, Cost, Effort, Method, timed
-from eigenvalue_grid import closed_loops, growth, matrices
+from grids import closed_loops, growth, matrices
 from scipy.optimize import OptimizeResult, differential_evolution
 
 from beamdesign import Prototype, tune

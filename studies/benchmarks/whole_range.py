@@ -8,8 +8,7 @@ from itertools import pairwise
 
 import numpy as np
 from comparison import Comparison, Cost, Effort, Method, timed
-from eigenvalue_grid import closed_loops, growth, matrices, stable_stretches
-from margin_sweep import Margins, last_within, margins, models, responses
+from grids import Margins, closed_loops, growth, last_within, margins, matrices, models, responses, stable_stretches
 
 from beamdesign import Prototype, certify
 from beamdesign.loop import Loop, loop
