@@ -120,6 +120,14 @@ class Parameter:
     typical: float = 0.0
     words: str = ""
 
+    @classmethod
+    def of(
+        cls, table: str, name: str, symbol: str, unit: str, typical: float, words: str, subsystem: str = ""
+    ) -> "Parameter":
+        """One of one name in a table and in `[tolerance]`; its subsystem is that table, unless another is said."""
+        key = with_unit(name, {"rad/s": "Hz", "m/rad": "m"}.get(unit, unit))
+        return cls(name, symbol, unit, f"{table}.{key}", name, subsystem or table, typical, words)
+
     @property
     def _per_turn(self) -> tuple[str, float]:
         """Unit and factor where the prototype counts in turns, and the model in radians."""
@@ -341,6 +349,6 @@ CONTROLLER = Component(
         "error_V": lambda port, figure, state: port["command_V"] - port["measured_V"],
         "demanded_A": lambda port, figure, state: figure["gain"] * port["error_V"],
         "current_A": lambda port, figure, state: port["demanded_A"],
-    },
+    }
 )
 """From command and measurement to current; `Rig.with_law` puts another law into it."""

@@ -90,11 +90,8 @@ class Limit(NamedTuple):
         assert self.most is not None  # else there is no limit
         if self.reached is not None:
             return self.reached(asked, held, self.most)
-        left = (
-            np.sqrt(2 * max(self.most**2 - held[self.of] ** 2, 0.0))
-            if self.effective
-            else self.most - abs(held[self.of])
-        )
+        still = held[self.of]
+        left = np.sqrt(2 * max(self.most**2 - still**2, 0.0)) if self.effective else self.most - abs(still)
         return np.asarray(max(left, 0.0) / np.abs(asked.of(self.of)))
 
 
@@ -233,14 +230,10 @@ class Actuator(Kinded):
 
     def largest_current_A(self, prototype: "WithActuator") -> float | None:
         """Largest current that it takes of a law, by its first rating and by a saturation; None where nothing says."""
-        from beamdesign.plant.assembly import of_drive
-        from beamdesign.plant.effects import laws_of, library
+        from beamdesign.plant.effects import laws_of
 
-        usual = of_drive(prototype)
         limits = [attrgetter(rating.place)(prototype) for rating in self.ratings[:1]]
-        for name in prototype.effects.keys() & {*laws_of("current_saturation")}:
-            limit = library()[name].parameters[0]
-            limits.append(prototype.effects[name].get(limit.name, usual.get(f"{name}.{limit.name}", limit.default)))
+        limits += [of_effect(prototype, name) for name in laws_of("current_saturation")]
         return min((limit for limit in limits if limit is not None), default=None)
 
     def drive_gain(self) -> float | None:
@@ -278,6 +271,16 @@ class Actuator(Kinded):
     @abstractmethod
     def power_W(self, prototype: "WithActuator", asked: Demand, load_N: "np.ndarray") -> "np.ndarray":
         """(N,) mean power that its supply gives for a force of an amplitude (N,), where what comes back is lost."""
+
+
+def of_effect(prototype: "WithActuator", name: str) -> float | None:
+    """The first parameter of an effect; None where the prototype has no such effect."""
+    from beamdesign.plant.assembly import of_drive
+    from beamdesign.plant.effects import library
+
+    parameter, given = library()[name].parameters[0], prototype.effects.get(name)
+    usual = of_drive(prototype).get(f"{name}.{parameter.name}", parameter.default)
+    return None if given is None else given.get(parameter.name, usual)
 
 
 for found in sorted((item.name for item in iter_modules(__path__)), key=lambda name: (name != "servo_cylinder", name)):

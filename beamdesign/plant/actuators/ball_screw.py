@@ -91,37 +91,19 @@ class BallScrew(Actuator):
     largest_speed_rad_per_s: q.RotorSpeed | None = Field(None, description="of the rotor, under load")
     dynamic_load_N: q.Force | None = Field(None, description="C_a of the screw: 10^6 turns with 90 % reliability")
 
-    parameters = (
-        Parameter(
-            "screw_stiffness", "K_s", "N/m", "actuator.screw_stiffness_N_per_m", "screw_stiffness", "actuator", 0.15,
-            "the axial stiffness of the screw",
-        ),
-        Parameter(
-            "screw_damping", "c_s", "N s/m", "actuator.screw_damping_N_s_per_m", "screw_damping", "actuator", 0.3,
-            "the axial damping of the screw",
-        ),
-        Parameter("lead", "h", "m/rad", "actuator.lead_m", "lead", "actuator", 0.0, "the lead of the screw"),
-        Parameter(
-            "torque_constant", "K_t", "N m/A", "actuator.torque_constant_N_m_per_A", "torque_constant", "actuator",
-            0.05, "the torque constant of the motor",
-        ),
-        Parameter(
-            "rotor_inertia", "J", "kg m2", "actuator.rotor_inertia_kg_m2", "rotor_inertia", "actuator", 0.05,
-            "the inertia of rotor and screw",
-        ),
-        Parameter(
-            "rotor_friction", "b", "N m s/rad", "actuator.rotor_friction_N_m_s_per_rad", "rotor_friction", "actuator",
-            0.3, "the viscous friction of rotor and screw",
-        ),
-        Parameter(
-            "speed_feedback", "k_w", "A s/rad", "actuator.speed_feedback_A_s_per_rad", "speed_feedback", "amplifier",
-            0.0, "the speed feedback of the drive",
-        ),
-        Parameter(
-            "current_loop", "w_c", "rad/s", "actuator.current_loop_Hz", "current_loop", "amplifier", 0.1,
-            "the break frequency of the current loop",
-        ),
-    )  # fmt: skip
+    parameters = tuple(
+        Parameter.of("actuator", *row)
+        for row in (
+            ("screw_stiffness", "K_s", "N/m", 0.15, "the axial stiffness of the screw"),
+            ("screw_damping", "c_s", "N s/m", 0.3, "the axial damping of the screw"),
+            ("lead", "h", "m/rad", 0.0, "the lead of the screw"),
+            ("torque_constant", "K_t", "N m/A", 0.05, "the torque constant of the motor"),
+            ("rotor_inertia", "J", "kg m2", 0.05, "the inertia of rotor and screw"),
+            ("rotor_friction", "b", "N m s/rad", 0.3, "the viscous friction of rotor and screw"),
+            ("speed_feedback", "k_w", "A s/rad", 0.0, "the speed feedback of the drive", "amplifier"),
+            ("current_loop", "w_c", "rad/s", 0.1, "the break frequency of the current loop", "amplifier"),
+        )
+    )
     felt_by, components = (FORCE,), (SCREW,)
     states = ("travel_m", "travel_m_per_s", "motor_A")
     feels = "screw_force_N", lambda port, figure, state: port["actuator_force_N"]
@@ -220,10 +202,7 @@ class BallScrew(Actuator):
         _, needed, most, *_ = self.holding(prototype, force_N)
         share = needed / (most or needed)
         torque = share * self.torque_constant_N_m_per_A
-        return (
-            ("actuator.continuous_current_A", needed, True),
-            ("actuator.torque_constant_N_m_per_A", torque, True),
-        )
+        return (("actuator.continuous_current_A", needed, True), ("actuator.torque_constant_N_m_per_A", torque, True))
 
     def rows(self, prototype: "WithActuator", need: Mapping[str, float], load_N: float) -> tuple[Row, ...]:
         """See `Actuator`. The life of the screw is (C_a / F)^3 million turns, ISO 3408-5:2006, F its largest force."""

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, Literal
 from pydantic import Field
 
 from beamdesign import quantities as q
-from beamdesign.plant.actuators import MARGIN, Actuator, Change, Demand, Held, Limit, Rating, Row, turn
+from beamdesign.plant.actuators import MARGIN, Actuator, Change, Demand, Held, Limit, Rating, Row, of_effect, turn
 from beamdesign.plant.component import Component, Parameter, Signals, either
 from beamdesign.records import Record
 
@@ -151,21 +151,10 @@ class ServoCylinder(Actuator):
     oil_stiffness_N_per_m: q.Stiffness = Field(description="K_c, oil spring between piston and outer beam")
 
     parameters = (
-        Parameter(
-            "oil_stiffness", "K_c", "N/m", "actuator.oil_stiffness_N_per_m", "oil_stiffness", "oil", 0.15,
-            "the oil spring",
-        ),
-        Parameter(
-            "piston_area", "A", "m2", "actuator.piston_area_m2", "piston_area", "actuator", 0.005, "the piston area"
-        ),
-        Parameter(
-            "flow_gain", "K_q", "m3/s/A", "servovalve.flow_gain_m3_per_s_per_A", "flow_gain", "servovalve", 0.05,
-            "the flow gain of the valve",
-        ),
-        Parameter(
-            "leakage", "K_pq", "m3/s/Pa", "servovalve.leakage_m3_per_s_per_Pa", "leakage", "servovalve", 0.3,
-            "the leakage of the valve",
-        ),
+        Parameter.of("actuator", "oil_stiffness", "K_c", "N/m", 0.15, "the oil spring", "oil"),
+        Parameter.of("actuator", "piston_area", "A", "m2", 0.005, "the piston area"),
+        Parameter.of("servovalve", "flow_gain", "K_q", "m3/s/A", 0.05, "the flow gain of the valve"),
+        Parameter.of("servovalve", "leakage", "K_pq", "m3/s/Pa", 0.3, "the leakage of the valve"),
         Parameter(
             "valve_frequency", "ω_n", "rad/s", "servovalve.natural_frequency_Hz", "valve_natural_frequency",
             "servovalve", 0.05, "the valve's natural frequency",
@@ -227,7 +216,7 @@ class ServoCylinder(Actuator):
 
     def smaller_side(self, prototype: "WithActuator") -> float:
         """Area of the smaller side of the piston, m2; the mean area where no `unequal_piston_areas` are given."""
-        return self.piston_area_m2 * (1 - abs(_of_effect(prototype, "unequal_piston_areas") or 0.0))
+        return self.piston_area_m2 * (1 - abs(of_effect(prototype, "unequal_piston_areas") or 0.0))
 
     def strength_N(self, prototype: "WithActuator") -> float:
         """The supply's pressure on the mean area of the piston."""
@@ -340,14 +329,6 @@ def valve_of(prototype: "WithActuator") -> Servovalve:
     """The valve of a hydraulic rig."""
     assert prototype.servovalve is not None  # a record is validated to have one with this actuator
     return prototype.servovalve
-
-
-def _of_effect(prototype: "WithActuator", name: str) -> float | None:
-    """The first parameter of an effect; None where the prototype has no such effect."""
-    from beamdesign.plant.effects import library
-
-    parameter, given = library()[name].parameters[0], prototype.effects.get(name)
-    return None if given is None else given.get(parameter.name, parameter.default)
 
 
 def _within_parabola(asked: Demand, held: Held, largest: float, stall: float) -> "np.ndarray":
