@@ -15,15 +15,7 @@ from beamdesign.controllers import Controller
 from beamdesign.records import FileName, InputError, Problem, Record, numbers
 
 CHANNELS = ("disturbance_N", "command_V")
-COLUMNS = (
-    "t_s",
-    "disturbance_N",
-    "command_V",
-    "current_A",
-    "displacement_m",
-    "load_pressure_Pa",
-    "inner_displacement_m",
-)
+COLUMNS = ("t_s", *CHANNELS, "current_A", "displacement_m", "load_pressure_Pa", "inner_displacement_m")
 """Of a record."""
 
 

@@ -102,20 +102,12 @@ def _certified(
 ) -> AnalogueController:
     realised, wanted = circuit.law, asked.transfer_function()
     static = wanted.numerator(0) / wanted.denominator(0)
-    errors = {
-        "gain_A_per_V": nearest(circuit.gain_A_per_V / static - 1),
-        "response": deviation(circuit, asked),
-    }
+    errors = {"gain_A_per_V": nearest(circuit.gain_A_per_V / static - 1), "response": deviation(circuit, asked)}
     certificate = certify(prototype.but(controller=realised), *masses_kg)
     capacitors = CAPACITORS if circuit.has_capacitors else CAPACITORS[:1]
     verdicts = tuple(with_tolerance(prototype, masses_kg, circuit, r, c) for r in RESISTORS for c in capacitors)
     return AnalogueController(
-        circuit,
-        realised,
-        errors,
-        certificate.stable,
-        *performance(certificate.guaranteed),
-        verdicts,
+        circuit, realised, errors, certificate.stable, *performance(certificate.guaranteed), verdicts
     )
 
 
@@ -264,11 +256,7 @@ def _first(
 
 
 def _breaks(
-    short_s: float,
-    long_s: float,
-    resistors: Series,
-    capacitors: Series,
-    farads: tuple[float, float] = _CAPACITORS_F,
+    short_s: float, long_s: float, resistors: Series, capacitors: Series, farads: tuple[float, float] = _CAPACITORS_F
 ) -> list[tuple[float, dict[str, float], float]]:
     """The best of R with R2 and C so that R2 C and (R + R2) C are these times, and the larger relative error."""
     low, high = _RESISTORS_OHM

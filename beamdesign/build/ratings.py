@@ -259,12 +259,7 @@ def lagging(prototype: Prototype, break_Hz: float) -> Prototype:
     return prototype.but(effects={**prototype.effects, "sensor_lag": {"break_Hz": break_Hz}}, guarantee=None)
 
 
-def sensor_need(
-    prototype: Prototype,
-    masses_kg: tuple[float, float],
-    load_N: float,
-    share: float,
-) -> SensorNeed:
+def sensor_need(prototype: Prototype, masses_kg: tuple[float, float], load_N: float, share: float) -> SensorNeed:
     """Requirements on the sensor of a prototype whose loop is proved stable over the range.
 
     Args:

@@ -32,16 +32,7 @@ from beamdesign.quantities import (
 from beamdesign.records import to_toml
 from beamdesign.report.canvas import in_page
 from beamdesign.report.charts import TradePoint, read_trade
-from beamdesign.report.page import (
-    Block,
-    Document,
-    Folded,
-    Table,
-    document_template,
-    parts_from,
-    to_html,
-    to_markdown,
-)
+from beamdesign.report.page import Block, Document, Folded, Table, document_template, parts_from, to_html, to_markdown
 from beamdesign.report.pictures import loop_pictures, prototype_picture, trade_picture
 from beamdesign.structure.lumped import lumped_beam, notes
 from beamdesign.synthesis.checks import Check

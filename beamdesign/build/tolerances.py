@@ -104,11 +104,7 @@ def toleranced_figures(prototype: Prototype) -> tuple[str, ...]:
     )
 
 
-def tolerances(
-    prototype: Prototype,
-    masses_kg: tuple[float, float],
-    progress: Progress = silent,
-) -> Tolerances:
+def tolerances(prototype: Prototype, masses_kg: tuple[float, float], progress: Progress = silent) -> Tolerances:
     """Prove tolerances of a prototype whose nominal loop is proved stable for every outer end mass of a range.
 
     With several laws the tolerances are those that the loop bears with each of them, over the payloads that it is for.

@@ -16,26 +16,9 @@ from beamdesign.controllers.protocol import (
 from beamdesign.controllers.scheduled import Estimator, Scheduled, Stage
 
 __all__ = [
-    "KINDS",
-    "SENSED",
-    "SENSORS",
-    "Break",
-    "Cascade",
-    "Controller",
-    "Estimator",
-    "Lag",
-    "Observer",
-    "Proportional",
-    "Scheduled",
-    "Section",
-    "Sensed",
-    "SensedLaw",
-    "Stage",
-    "Structured",
-    "TransferFunction",
-    "refuse",
-    "register",
-]
+    "KINDS", "SENSED", "SENSORS", "Break", "Cascade", "Controller", "Estimator", "Lag", "Observer", "Proportional",
+    "Scheduled", "Section", "Sensed", "SensedLaw", "Stage", "Structured", "TransferFunction", "refuse", "register",
+]  # fmt: skip
 
 for kind in (Proportional, Lag, Structured, Observer, Scheduled):
     register(kind)

@@ -116,10 +116,7 @@ class Section(Record, Factor):
         "zero_Hz": (2.0, 2000.0),
         "zero_damping_ratio": (0.05, 5.0),
         "pole_Hz": (2.0, 1000.0),
-        "pole_damping_ratio": (
-            0.1,
-            5.0,
-        ),  # one less damped would ring in the controller itself, and move with its parts
+        "pole_damping_ratio": (0.1, 5.0),  # one less damped would ring in the controller, and move with its parts
     }
 
     @staticmethod

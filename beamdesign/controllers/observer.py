@@ -189,7 +189,8 @@ class Observer(Controller):
     @classmethod
     def relations(cls, table: Mapping[str, Any]) -> Iterator[Problem]:
         """The sensors are what can be sensed so, and the matrices fit each other."""
-        sensors, a, b, c, d = (_entries(table.get(key)) for key in ("sensors", "a", "b", "c", "d"))
+        given = (_entries(table.get(key)) for key in ("sensors", "a", "b", "c", "d", "b_command"))
+        sensors, a, b, c, d, commanded = given
         if sensors is not None:
             if not sensors or sensors[0] != SENSED[0]:
                 yield Problem("sensors", f"must begin with {SENSED[0]!r}, whose volts close the loop")
@@ -199,20 +200,15 @@ class Observer(Controller):
             if len(a) > LARGEST_ORDER:
                 yield Problem("a", f"is of order {len(a)}; at most {LARGEST_ORDER} can be")
             yield from _widths("a", a, len(a), "to be square")
-            if b is not None and len(b) != len(a):
-                yield Problem("b", f"must have a row for each of the {len(a)} of a, has {len(b)}")
-            commanded = _entries(table.get("b_command"))
-            if commanded and len(commanded) != len(a):
-                yield Problem("b_command", f"must have an entry for each of the {len(a)} of a, has {len(commanded)}")
-            if c is not None and len(c) != len(a):
-                yield Problem("c", f"must have an entry for each of the {len(a)} rows of a, has {len(c)}")
+            yield from _counted("b", b, "a row", len(a), "of a")
+            yield from _counted("b_command", commanded or None, "an entry", len(a), "of a")
+            yield from _counted("c", c, "an entry", len(a), "rows of a")
         if sensors:
-            if len(sensors) == 1 and _entries(table.get("b_command")):
+            if len(sensors) == 1 and commanded:
                 yield Problem("b_command", "has no meaning without an added sensor; leave it out")
             if b is not None:
                 yield from _widths("b", b, len(sensors), "one per sensor")
-            if d is not None and len(d) != len(sensors):
-                yield Problem("d", f"must have an entry for each of the {len(sensors)} sensors, has {len(d)}")
+            yield from _counted("d", d, "an entry", len(sensors), "sensors")
 
 
 def _listed(row: Sequence[float]) -> str:
@@ -222,6 +218,11 @@ def _listed(row: Sequence[float]) -> str:
 def _entries(value: Any) -> Sequence[Any] | None:
     """What stands in brackets, None for what does not."""
     return value if isinstance(value, list | tuple) else None
+
+
+def _counted(key: str, entries: Sequence[Any] | None, what: str, count: int, of: str) -> Iterator[Problem]:
+    if entries is not None and len(entries) != count:
+        yield Problem(key, f"must have {what} for each of the {count} {of}, has {len(entries)}")
 
 
 def _widths(key: str, matrix: Sequence[Any], width: int, why: str) -> Iterator[Problem]:

@@ -257,19 +257,7 @@ def _call(typing: Any, address: Any, t: Any, x: Any, u: Any, c: Any, out: Any) -
 _evaluate: Any = intrinsic(_call)
 
 
-def _steps(
-    law: Any,
-    output: Any,
-    times: Any,
-    inputs: Any,
-    x: Any,
-    checked: Any,
-    c: Any,
-    substeps: Any,
-    bound: Any,
-    digital: Any,
-    y_out: Any,
-) -> Any:
+def _steps(law, output, times, inputs, x, checked, c, substeps, bound, digital, y_out):  # type: ignore[no-untyped-def]
     """Classical Runge-Kutta over a record; gives the number of samples that stayed finite and within `bound`.
 
     Args:

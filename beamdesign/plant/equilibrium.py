@@ -142,18 +142,14 @@ def not_held(assembly: Assembly) -> np.ndarray:
 
 def scales(assembly: Assembly) -> np.ndarray:
     """Typical magnitude of each state."""
-    sizes = {
-        "_Pa": 1e6,
-        "_m3_per_s": 1e-5,
-        "_m3_per_s2": 1e-2,
-        "_m": 1e-4,
-        "_m_per_s": 1e-2,
-        "_rad": 1e-3,
-        "_rad_per_s": 0.1,
-    }
     return np.array(
-        [next((size for end, size in sizes.items() if name.endswith(end)), 1.0) for name in assembly.states]
+        [next((size for end, size in _SIZES.items() if name.endswith(end)), 1.0) for name in assembly.states]
     )
+
+
+_SIZES = {
+    "_Pa": 1e6, "_m3_per_s": 1e-5, "_m3_per_s2": 1e-2, "_m": 1e-4, "_m_per_s": 1e-2, "_rad": 1e-3, "_rad_per_s": 0.1,
+}  # fmt: skip
 
 
 LONGEST_STEP_S = 1e-4

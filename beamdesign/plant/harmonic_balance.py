@@ -263,10 +263,7 @@ def linear_critical_gain(prototype: Prototype, outer_end_mass: float = 0.0, prel
 
 
 def limit_cycles(
-    prototype: Prototype,
-    amplitudes: Sequence[float],
-    outer_end_mass: float = 0.0,
-    harmonics: int = HARMONICS,
+    prototype: Prototype, amplitudes: Sequence[float], outer_end_mass: float = 0.0, harmonics: int = HARMONICS
 ) -> tuple[LimitCycle, ...]:
     """Gains at which the loop oscillates with given amplitudes, each found from the one before.
 

@@ -115,12 +115,7 @@ def with_published_effects(prototype: Prototype) -> Prototype:
     )
 
 
-def reach(
-    prototype: Prototype,
-    varied: Varied,
-    frequency: float,
-    outer_end_mass: float = 0.0,
-) -> Reach:
+def reach(prototype: Prototype, varied: Varied, frequency: float, outer_end_mass: float = 0.0) -> Reach:
     """The load, force or air fraction up to which the linear model's amplitude is off by no more than `SHARE`.
 
     The quantity is raised on a grid until that is passed, and the passage is narrowed by bisection: a passage that

@@ -88,14 +88,8 @@ def linear_effect(effect: Effect) -> Effect | None:
     if not effect.linear.laws:
         return None
     figures = tuple(Parameter(name, 0.0, 0.0, 0.0, 0.0, "of a linear member") for name in effect.linear.figures)
-    return replace(
-        effect,
-        laws=effect.linear.laws,
-        states=effect.linear.states,
-        parameters=effect.parameters + figures,
-        memory=(),
-        linear=None,
-    )
+    laws, states, parameters = effect.linear.laws, effect.linear.states, effect.parameters + figures
+    return replace(effect, laws=laws, states=states, parameters=parameters, memory=(), linear=None)
 
 
 @cache

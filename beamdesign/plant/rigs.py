@@ -168,17 +168,9 @@ FIGURES = figures_of("twin_beam")
 
 
 _BENCH_STATES = (
-    "piston_m",
-    "piston_m_per_s",
-    "pressure_a_Pa",
-    "pressure_b_Pa",
-    "flow_m3_per_s",
-    "flow_m3_per_s2",
-    "sag_Pa",
-    "back_Pa",
-    "seen_a_Pa",
-    "seen_b_Pa",
-)
+    "piston_m", "piston_m_per_s", "pressure_a_Pa", "pressure_b_Pa", "flow_m3_per_s", "flow_m3_per_s2",
+    "sag_Pa", "back_Pa", "seen_a_Pa", "seen_b_Pa",
+)  # fmt: skip
 BENCH_STATED = {
     "piston_area": "actuator.piston_area_m2",
     "stroke": "actuator.stroke_m",

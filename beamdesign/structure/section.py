@@ -222,10 +222,7 @@ class Tube:
         return (about_middle - area_left * axis**2) / (self.depth_m / 2 - axis)
 
     def bending_resistance(
-        self,
-        proof_strength: float,
-        constants: tuple[float, float],
-        factors: tuple[Quantity, Quantity] | None = None,
+        self, proof_strength: float, constants: tuple[float, float], factors: tuple[Quantity, Quantity] | None = None
     ) -> Quantity:
         """Design bending resistance M_c,Rd = W_eff f_o / gamma_M1, clause 6.2.5.1(2).
 

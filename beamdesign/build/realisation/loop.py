@@ -336,10 +336,7 @@ def _positive_definite(matrix: arb_mat) -> bool:
 
 
 def prove_any_computing_time(
-    loop: RealisedLoop,
-    low_kg: float,
-    high_kg: float,
-    progress: Progress = silent,
+    loop: RealisedLoop, low_kg: float, high_kg: float, progress: Progress = silent
 ) -> SampledVerdict:
     """Prove stability for every outer end mass of a closed range and every computing time up to one period.
 

@@ -305,9 +305,8 @@ def problems(tables: Mapping[str, Mapping[str, float]]) -> list[Problem]:
             if key not in parameters:
                 found.append(Problem(where, "unknown parameter" + _suggestion(key, list(parameters))))
             elif not parameters[key].low <= value <= parameters[key].high:
-                found.append(
-                    Problem(where, f"must be from {parameters[key].low:g} to {parameters[key].high:g}, is {value:g}")
-                )
+                bounds = f"{parameters[key].low:g} to {parameters[key].high:g}"
+                found.append(Problem(where, f"must be from {bounds}, is {value:g}"))
     return found
 
 

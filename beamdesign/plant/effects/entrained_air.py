@@ -116,23 +116,14 @@ WITH_STROKE = Effect(
         the chambers and which at the edges of the valve, to supply and tank. Only the latter holds the mean pressure,
         and with air that matters too.""",
     subsystem="oil",
-    laws={
-        **_LAWS,
-        **either("volume_ratio_{}", _volume),
-        **either("leakage_{}_m3_per_s", _leakage),
-    },
+    laws={**_LAWS, **either("volume_ratio_{}", _volume), **either("leakage_{}_m3_per_s", _leakage)},
     parameters=(
         *AIR,
         Parameter(
             "polytropic_exponent", 1.2, 1.0, 1.4, 0.1, "1 for bubbles that keep their temperature, 1.4 without heat"
         ),
         Parameter(
-            "leakage_between_share",
-            0.5,
-            0.0,
-            1.0,
-            0.29,
-            "of the leakage, what passes from one chamber to the other",
+            "leakage_between_share", 0.5, 0.0, 1.0, 0.29, "of the leakage, what passes from one chamber to the other"
         ),
     ),
     source="Merritt, Hydraulic Control Systems (1967), chapters 2 and 6: oil and air; volumes of the chambers",

@@ -116,13 +116,7 @@ _WEIGHTS = (1.0, 10.0), (0.02, 0.1), (0.005, 0.05)
 
 
 def draw_case(
-    seed: int,
-    kind: Kind,
-    *,
-    short: bool = False,
-    names: tuple[str, ...] = (),
-    rig: Rig = "lag",
-    noise: Hiss = "white",
+    seed: int, kind: Kind, *, short: bool = False, names: tuple[str, ...] = (), rig: Rig = "lag", noise: Hiss = "white"
 ) -> Case:
     """Draw one case; the same arguments give the same case.
 

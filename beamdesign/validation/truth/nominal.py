@@ -258,10 +258,7 @@ def draw_nominal(rng: np.random.Generator, name: str, screw: bool = False) -> Ta
             }
             for beam, stiffness, mass in (("outer", 486800, 3.9), ("inner", 157500, 1.6))
         },
-        "actuator": {
-            "piston_area_m2": about(1.13e-4 * size, 1.2),
-            "oil_stiffness_N_per_m": about(1.3e7 * size, 1.3),
-        },
+        "actuator": {"piston_area_m2": about(1.13e-4 * size, 1.2), "oil_stiffness_N_per_m": about(1.3e7 * size, 1.3)},
         "servovalve": {
             "flow_gain_m3_per_s_per_A": about(0.0113 * size, 1.3),
             "leakage_m3_per_s_per_Pa": about(3.8e-13 * size, 1.4),
