@@ -43,6 +43,11 @@ class Component:
     laws: Mapping[str, PortLaw] = field(hash=False)
     rates: PortLaw = nothing
 
+    @classmethod
+    def of(cls, rates: PortLaw = nothing, /, **laws: PortLaw) -> "Component":
+        """The component with these laws, each by the name of its port."""
+        return cls(laws, rates)
+
     def but(self, **laws: PortLaw) -> "Component":
         """The same component with other laws at some of its ports."""
         if unknown := set(laws) - set(self.laws):
@@ -335,20 +340,16 @@ def _filtered(port: Signals, figure: Signals, state: Signals) -> dict[str, Any]:
     return {"filtered_V": low_pass_rate(figure["filter_frequency"], port["sensor_V"], state["filtered_V"])}
 
 
-SENSOR = Component(
-    {
-        "sensor_V": lambda port, figure, state: figure["sensor_gain"] * port["sensed_m"],
-        "measured_V": lambda port, figure, state: state.get("filtered_V", port["sensor_V"]),
-    },
+SENSOR = Component.of(
     _filtered,
+    sensor_V=lambda port, figure, state: figure["sensor_gain"] * port["sensed_m"],
+    measured_V=lambda port, figure, state: state.get("filtered_V", port["sensor_V"]),
 )
 """From the sensed displacement to volts."""
 
-CONTROLLER = Component(
-    {
-        "error_V": lambda port, figure, state: port["command_V"] - port["measured_V"],
-        "demanded_A": lambda port, figure, state: figure["gain"] * port["error_V"],
-        "current_A": lambda port, figure, state: port["demanded_A"],
-    }
+CONTROLLER = Component.of(
+    error_V=lambda port, figure, state: port["command_V"] - port["measured_V"],
+    demanded_A=lambda port, figure, state: figure["gain"] * port["error_V"],
+    current_A=lambda port, figure, state: port["demanded_A"],
 )
 """From command and measurement to current; `Rig.with_law` puts another law into it."""

@@ -91,32 +91,28 @@ def _motion(port: Signals, figure: Signals, state: Signals) -> dict[str, Any]:
     }
 
 
-BEAMS = Component(
-    {
-        "outer_tip_m": lambda port, figure, state: state["outer_m"],
-        "outer_tip_m_per_s": lambda port, figure, state: state["outer_m_per_s"],
-        "mount_m": lambda port, figure, state: 0.0,
-        "mount_m_per_s": lambda port, figure, state: 0.0,
-        "outer_reaction_N": partial(_reaction, "outer"),
-        "inner_reaction_N": partial(_reaction, "inner"),
-        "mount_force_N": lambda port, figure, state: port["outer_reaction_N"] + port["inner_reaction_N"],
-        "sensed_m": _sensed,
-        "rod_m": lambda port, figure, state: state["inner_m"],
-        "stroke_m": lambda port, figure, state: port["outer_tip_m"] - port["rod_m"],
-        "rod_m_per_s": lambda port, figure, state: state["inner_m_per_s"],
-        "stroke_m_per_s": lambda port, figure, state: port["outer_tip_m_per_s"] - port["rod_m_per_s"],
-    }
+BEAMS = Component.of(
+    outer_tip_m=lambda port, figure, state: state["outer_m"],
+    outer_tip_m_per_s=lambda port, figure, state: state["outer_m_per_s"],
+    mount_m=lambda port, figure, state: 0.0,
+    mount_m_per_s=lambda port, figure, state: 0.0,
+    outer_reaction_N=partial(_reaction, "outer"),
+    inner_reaction_N=partial(_reaction, "inner"),
+    mount_force_N=lambda port, figure, state: port["outer_reaction_N"] + port["inner_reaction_N"],
+    sensed_m=_sensed,
+    rod_m=lambda port, figure, state: state["inner_m"],
+    stroke_m=lambda port, figure, state: port["outer_tip_m"] - port["rod_m"],
+    rod_m_per_s=lambda port, figure, state: state["inner_m_per_s"],
+    stroke_m_per_s=lambda port, figure, state: port["outer_tip_m_per_s"] - port["rod_m_per_s"],
 )
 """Where the tips and their mount are, and what the beams hold against that."""
 
-TIPS = Component(
-    {
-        "inner_force_N": lambda port, figure, state: -port["actuator_force_N"],
-        "wall_N": _wall,
-        "outer_force_N": lambda port, figure, state: port["actuator_force_N"] + port["disturbance_N"] - port["wall_N"],
-        "outer_end_mass_N": _end_mass,
-    },
+TIPS = Component.of(
     _motion,
+    inner_force_N=lambda port, figure, state: -port["actuator_force_N"],
+    wall_N=_wall,
+    outer_force_N=lambda port, figure, state: port["actuator_force_N"] + port["disturbance_N"] - port["wall_N"],
+    outer_end_mass_N=_end_mass,
 )
 """Forces that move the tips."""
 
@@ -261,19 +257,15 @@ _BENCH_OUTPUTS: dict[str, PortLaw] = {
 
 RIGS["actuator_bench"] = BENCH = Rig(
     (
-        Component(
-            {
-                "stroke_m": lambda port, figure, state: state["piston_m"],
-                "stroke_m_per_s": lambda port, figure, state: state["piston_m_per_s"],
-                "sensed_m": lambda port, figure, state: state["piston_m"] + figure["sensor_zero"],
-            }
+        Component.of(
+            stroke_m=lambda port, figure, state: state["piston_m"],
+            stroke_m_per_s=lambda port, figure, state: state["piston_m_per_s"],
+            sensed_m=lambda port, figure, state: state["piston_m"] + figure["sensor_zero"],
         ),
         SENSOR,
-        Component(  # an amplifier that gives a current for every command, whatever is measured
-            {
-                "demanded_A": lambda port, figure, state: figure["gain"] * (port["command_V"] - figure["null"]),
-                "current_A": lambda port, figure, state: port["demanded_A"],
-            }
+        Component.of(  # an amplifier that gives a current for every command, whatever is measured
+            demanded_A=lambda port, figure, state: figure["gain"] * (port["command_V"] - figure["null"]),
+            current_A=lambda port, figure, state: port["demanded_A"],
         ),
         AREAS,
         VALVE.but(

@@ -43,28 +43,24 @@ def _motion(port: Signals, figure: Signals, state: Signals) -> dict[str, Any]:
     }
 
 
-FORCE = Component(
-    {
-        "stretch_m": lambda port, figure, state: state["travel_m"] - port["stroke_m"],
-        "stretch_m_per_s": lambda port, figure, state: state["travel_m_per_s"] - port["stroke_m_per_s"],
-        "thread_N": lambda port, figure, state: (
-            figure["screw_stiffness"] * port["stretch_m"] + figure["screw_damping"] * port["stretch_m_per_s"]
-        ),
-        "actuator_force_N": lambda port, figure, state: port["thread_N"],
-    }
+FORCE = Component.of(
+    stretch_m=lambda port, figure, state: state["travel_m"] - port["stroke_m"],
+    stretch_m_per_s=lambda port, figure, state: state["travel_m_per_s"] - port["stroke_m_per_s"],
+    thread_N=lambda port, figure, state: (
+        figure["screw_stiffness"] * port["stretch_m"] + figure["screw_damping"] * port["stretch_m_per_s"]
+    ),
+    actuator_force_N=lambda port, figure, state: port["thread_N"],
 )
 """What stretches the screw, where a load cell on the nut would feel it."""
 
-SCREW = Component(
-    {
-        "motor_demand_A": lambda port, figure, state: (
-            port["current_A"] - figure["speed_feedback"] * state["travel_m_per_s"] / figure["lead"]
-        ),
-        "sliding_m": lambda port, figure, state: state["travel_m"],
-        "sliding_m_per_s": lambda port, figure, state: state["travel_m_per_s"],
-        "friction_N": lambda port, figure, state: 0.0,
-    },
+SCREW = Component.of(
     _motion,
+    motor_demand_A=lambda port, figure, state: (
+        port["current_A"] - figure["speed_feedback"] * state["travel_m_per_s"] / figure["lead"]
+    ),
+    sliding_m=lambda port, figure, state: state["travel_m"],
+    sliding_m_per_s=lambda port, figure, state: state["travel_m_per_s"],
+    friction_N=lambda port, figure, state: 0.0,
 )
 """From the law's current to the travel of the nut."""
 

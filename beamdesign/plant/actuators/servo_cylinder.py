@@ -77,38 +77,34 @@ AREAS = Component(either("area_{}_m2", lambda side, port, figure, state: figure[
 VOLUMES = Component(either("volume_ratio_{}", lambda side, port, figure, state: 1.0))
 """Volume of either chamber over that at mid-stroke, which the linear rig has at every stroke."""
 
-VALVE = Component(
-    {
-        "spool_A": lambda port, figure, state: port["current_A"],
-        # what the opening would pass with half the supply pressure across each edge
-        "metered_m3_per_s": lambda port, figure, state: state["flow_m3_per_s"],
-        "supply_pressure_Pa": lambda port, figure, state: figure["supply_pressure"],
-        "tank_pressure_Pa": lambda port, figure, state: 0.0,
-        # 1 where somebody has adjusted the null so that the rig rests without load
-        "null_adjusted": lambda port, figure, state: 1.0,
-        # the same for the edges that are then open at either port
-        **either("opening_{}_m3_per_s", _metered),
-        # what a valve lets through either port that heeds no pressure
-        **either("linear_{}_m3_per_s", _metered),
-        # into chamber a, out of chamber b
-        **either("orifice_{}_m3_per_s", lambda side, port, figure, state: port[f"linear_{side}_m3_per_s"]),
-        **either("leakage_{}_m3_per_s", _leakage),
-    },
+VALVE = Component.of(
     _spool,
+    spool_A=lambda port, figure, state: port["current_A"],
+    # what the opening would pass with half the supply pressure across each edge
+    metered_m3_per_s=lambda port, figure, state: state["flow_m3_per_s"],
+    supply_pressure_Pa=lambda port, figure, state: figure["supply_pressure"],
+    tank_pressure_Pa=lambda port, figure, state: 0.0,
+    # 1 where somebody has adjusted the null so that the rig rests without load
+    null_adjusted=lambda port, figure, state: 1.0,
+    # the same for the edges that are then open at either port
+    **either("opening_{}_m3_per_s", _metered),
+    # what a valve lets through either port that heeds no pressure
+    **either("linear_{}_m3_per_s", _metered),
+    # into chamber a, out of chamber b
+    **either("orifice_{}_m3_per_s", lambda side, port, figure, state: port[f"linear_{side}_m3_per_s"]),
+    **either("leakage_{}_m3_per_s", _leakage),
 )
 """From current to the flows through both ports."""
 
-CYLINDER = Component(
-    {
-        **either("bulk_ratio_{}", lambda side, port, figure, state: 1.0),
-        **either("chamber_{}_Pa_per_m3", _mid_stroke),
-        "pressure_force_N": _pressure_force,
-        "sliding_m": lambda port, figure, state: port["stroke_m"],
-        "sliding_m_per_s": lambda port, figure, state: port["stroke_m_per_s"],
-        "friction_N": lambda port, figure, state: 0.0,
-        "actuator_force_N": lambda port, figure, state: port["pressure_force_N"] - port["friction_N"],
-    },
+CYLINDER = Component.of(
     _chambers,
+    **either("bulk_ratio_{}", lambda side, port, figure, state: 1.0),
+    **either("chamber_{}_Pa_per_m3", _mid_stroke),
+    pressure_force_N=_pressure_force,
+    sliding_m=lambda port, figure, state: port["stroke_m"],
+    sliding_m_per_s=lambda port, figure, state: port["stroke_m_per_s"],
+    friction_N=lambda port, figure, state: 0.0,
+    actuator_force_N=lambda port, figure, state: port["pressure_force_N"] - port["friction_N"],
 )
 """From flows and the speed of the stroke to the force between piston and cylinder."""
 
