@@ -9,6 +9,7 @@ from pydantic import Field, FiniteFloat
 
 from beamdesign import quantities as q
 from beamdesign import records
+from beamdesign.plant.actuators import deviation
 from beamdesign.prototype import Prototype
 from beamdesign.records import InputError, Problem, Record, numbers
 
@@ -86,9 +87,9 @@ class BenchSensors(Record):
 class BenchTolerance(Record):
     """One relative standard deviation per figure: what the builder can vouch for."""
 
-    flow_gain: q.RelativeStd = Field(0.0, description="relative standard deviation of the flow gain of the valve")
-    piston_area: q.RelativeStd = Field(0.0, description="relative standard deviation of the piston area")
-    supply_pressure: q.RelativeStd = Field(0.0, description="relative standard deviation of the supply pressure")
+    flow_gain: q.RelativeStd = deviation("the flow gain of the valve")
+    piston_area: q.RelativeStd = deviation("the piston area")
+    supply_pressure: q.RelativeStd = deviation("the supply pressure")
 
 
 class BenchPrototype(Record):

@@ -12,7 +12,7 @@ from beamdesign import quantities as q
 from beamdesign import records
 from beamdesign.controllers import Cascade, Controller, Scheduled
 from beamdesign.files import read_bytes, write_whole
-from beamdesign.plant.actuators import Actuator, ActuatorTolerance, WithActuator
+from beamdesign.plant.actuators import Actuator, ActuatorTolerance, WithActuator, deviation
 from beamdesign.plant.actuators.servo_cylinder import Servovalve, Supply
 from beamdesign.records import FileName, NonNegative, Positive, Problem, Record, numbers
 from beamdesign.spelling import shorter
@@ -147,20 +147,16 @@ class Arm(Record):
     )
 
 
-def _deviation(of: str) -> Any:
-    return Field(0.0, description=f"relative standard deviation of {of}")
-
-
 class Tolerance(ActuatorTolerance):
     """One relative standard deviation per figure: what the builder can vouch for."""
 
-    stiffness: q.RelativeStd = _deviation("the tip stiffness of either beam")
-    effective_mass: q.RelativeStd = _deviation("the effective mass of either beam")
-    beam_damping_ratio: q.RelativeStd = _deviation("the damping ratio of either beam")
-    sensor_gain: q.RelativeStd = _deviation("the gain of the sensor")
-    sensor_filter: q.RelativeStd = _deviation("the break frequency of the sensor's filter")
-    outer_end_mass: q.RelativeStd = _deviation("the outer end mass")
-    inner_end_mass: q.RelativeStd = _deviation("the inner end mass")
+    stiffness: q.RelativeStd = deviation("the tip stiffness of either beam")
+    effective_mass: q.RelativeStd = deviation("the effective mass of either beam")
+    beam_damping_ratio: q.RelativeStd = deviation("the damping ratio of either beam")
+    sensor_gain: q.RelativeStd = deviation("the gain of the sensor")
+    sensor_filter: q.RelativeStd = deviation("the break frequency of the sensor's filter")
+    outer_end_mass: q.RelativeStd = deviation("the outer end mass")
+    inner_end_mass: q.RelativeStd = deviation("the inner end mass")
 
 
 class Goal(Record):

@@ -289,6 +289,11 @@ for found in sorted((item.name for item in iter_modules(__path__)), key=lambda n
 _OF = {row.tolerance: row.words for kind in KINDS.values() for row in kind.parameters}
 
 
+def deviation(of: str) -> Any:
+    """A field of `[tolerance]`."""
+    return Field(0.0, description=f"relative standard deviation of {of}")
+
+
 class _WithoutZeros(Record):
     """What of an actuator is not stated is not written: it may be another actuator's."""
 
@@ -306,14 +311,8 @@ if TYPE_CHECKING:
     class ActuatorTolerance(_WithoutZeros):
         """One relative standard deviation per figure of any actuator."""
 else:
-    ActuatorTolerance = create_model(
-        "ActuatorTolerance",
-        __base__=_WithoutZeros,
-        **{
-            key: (q.RelativeStd, Field(0.0, description=f"relative standard deviation of {words}"))
-            for key, words in _OF.items()
-        },
-    )
+    _FIELDS = {key: (q.RelativeStd, deviation(words)) for key, words in _OF.items()}
+    ActuatorTolerance = create_model("ActuatorTolerance", __base__=_WithoutZeros, **_FIELDS)
 
 
 def not_felt(actuator: type[Actuator], sensors: Iterable[str], key: str) -> Iterator[Problem]:
