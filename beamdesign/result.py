@@ -6,6 +6,7 @@ And results as JSON: plain values, and no figure that is not finite.
 import json
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import fields, is_dataclass
+from functools import partial
 from html import escape
 from math import isfinite
 from operator import attrgetter
@@ -93,23 +94,29 @@ def json_text(fields: Mapping[str, Any]) -> str:
     return json.dumps(finite(fields), indent=2, allow_nan=False) + "\n"
 
 
-def finite(value: Any) -> Any:
+def finite(value: Any, digits: int | None = None) -> Any:
     """Records, arrays, rationals and their figures as dictionaries, lists and numbers of Python; else as text.
 
     JSON has no infinity, so that figures that are not finite become None.
+
+    Args:
+        value: any of these.
+        digits: significant ones that a float keeps; all where None.
     """
+    inside = partial(finite, digits=digits)
     if is_dataclass(value) and not isinstance(value, type):
-        return {field.name: finite(getattr(value, field.name)) for field in fields(value)}
+        return {field.name: inside(getattr(value, field.name)) for field in fields(value)}
     if hasattr(value, "model_dump"):
-        return finite(value.model_dump(mode="json", exclude_none=True))
+        return inside(value.model_dump(mode="json", exclude_none=True))
     if isinstance(value, Mapping):
-        return {str(name): finite(item) for name, item in value.items()}
+        return {str(name): inside(item) for name, item in value.items()}
     if isinstance(value, list | tuple):
-        return [finite(item) for item in value]
+        return [inside(item) for item in value]
     if isinstance(value, float):
-        return float(value) if isfinite(value) else None
+        shown = value if digits is None else f"{value:.{digits}g}"
+        return float(shown) if isfinite(value) else None
     if isinstance(value, str | int) or value is None:
         return value
     if hasattr(value, "q"):  # a rational of python-flint: the float nearest to it
         return int(value.p) / int(value.q)
-    return finite(value.tolist()) if hasattr(value, "tolist") else str(value)
+    return inside(value.tolist()) if hasattr(value, "tolist") else str(value)

@@ -16,7 +16,7 @@ from matplotlib.figure import Figure
 from beamdesign.files import write_whole
 from beamdesign.report.canvas import new_figure, save
 from beamdesign.report.page import text_template
-from beamdesign.result import Result, picked
+from beamdesign.result import Result, finite, picked
 from beamdesign.spelling import in_markdown
 from beamdesign.validation.baselines import NAMES
 from beamdesign.validation.bounds import clopper_pearson
@@ -98,7 +98,7 @@ def result_fields(outcomes: Sequence[Outcome], setting: Mapping[str, Any]) -> di
         "reliability": [asdict(b) for b in bins],
         "cases": [case_fields(o) for o in outcomes],
     }
-    return {key: _rounded(value) for key, value in fields.items()}
+    return dict(finite(fields, digits=4))
 
 
 def result_text(fields: Mapping[str, Any]) -> str:
@@ -123,17 +123,6 @@ def case_fields(o: Outcome) -> dict[str, Any]:
         " where_truly=subsystem closed interval closed_truly left parameter_error seconds baselines"
     )
     return picked(o, names) | ({"failure": o.failure} if o.failure else {})
-
-
-def _rounded(value: Any) -> Any:
-    """Four digits; figures that are not finite become null, as JSON has none."""
-    if isinstance(value, float):
-        return float(f"{value:.4g}") if isfinite(value) else None
-    if isinstance(value, list | tuple):
-        return [_rounded(item) for item in value]
-    if isinstance(value, Mapping):
-        return {key: _rounded(item) for key, item in value.items()}
-    return value
 
 
 def markdown(outcomes: Sequence[Outcome], setting: Mapping[str, Any]) -> str:
