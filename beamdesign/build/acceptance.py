@@ -118,19 +118,12 @@ def acceptance(
         onset = [one for one in (_onset(member, mass) for member in members) if one is not None]
         progress((at + 0.7) / len(masses_kg), "gain that all rigs bear")
         gain = _band([one.gain_A_per_V for one in onset]) if len(onset) == len(members) else None
-        here = loops[0].at(mass)
-        found.append(
-            AcceptanceAtMass(
-                mass,
-                here.bandwidth_Hz(prototype.goal.compliance_m_per_N),
-                here.peak_sensitivity(),
-                abs(here.static_compliance()),
-                {float(f): _band(table[:, k]) for k, f in enumerate(grid)},
-                gain,
-                None if gain is None else _band([one.frequency_Hz for one in onset]),
-                _proved_gain(prototype, mass, spread, gain.low) if gain and spread else None,
-            )
-        )
+        hertz = None if gain is None else _band([one.frequency_Hz for one in onset])
+        proved = _proved_gain(prototype, mass, spread, gain.low) if gain and spread else None
+        here, compliance = loops[0].at(mass), {float(f): _band(table[:, k]) for k, f in enumerate(grid)}
+        bandwidth = here.bandwidth_Hz(prototype.goal.compliance_m_per_N)
+        nominal = bandwidth, here.peak_sensitivity(), abs(here.static_compliance())
+        found.append(AcceptanceAtMass(mass, *nominal, compliance, gain, hertz, proved))
     return tuple(found)
 
 
@@ -228,40 +221,25 @@ def acceptance_plan(
     borne = min(float(envelope(prototype, mass, 0.0, grid).load_N.min()) for mass in masses)
     force = _two_digits(_SHARE * (borne if isfinite(borne) else prototype.actuator.strength_N(prototype)))
     command = _COMMAND_M * prototype.sensor.gain_V_per_m
-    controller = prototype.controller
-    assert controller is not None
+    law, inner = prototype.controller, prototype.payload.inner_end_mass_kg
+    assert law is not None
     if (rated := prototype.actuator.largest_current_A(prototype)) is not None:
-        command = min(command, _OF_RATED * rated / controller.gain_A_per_V)
+        command = min(command, _OF_RATED * rated / law.gain_A_per_V)
     command, small = _two_digits(command), _two_digits(force / _SMALLER)
-    drives: list[tuple[str, float, Input]] = [
-        (
-            f"{load}_{name}",
-            mass,
-            Multisine(amplitude_N=newtons, amplitude_V=volts, low_Hz=LOW_HZ, high_Hz=HIGH_HZ, seed=10 * k + number),
-        )
-        for k, (load, mass) in enumerate(zip(("light", "heavy"), masses, strict=False))
-        for number, (name, newtons, volts) in enumerate(
-            (("force", force, None), ("small_force", small, None), ("command", None, command)), 1
-        )
-    ]
+    drives = (("force", force, None), ("small_force", small, None), ("command", None, command))
+    signals: list[tuple[str, float, Input]] = []
+    for k, (load, mass) in enumerate(zip(("light", "heavy"), masses, strict=False)):
+        for seed, (name, newtons, volts) in enumerate(drives, 10 * k + 1):
+            tones = Multisine(amplitude_N=newtons, amplitude_V=volts, low_Hz=LOW_HZ, high_Hz=HIGH_HZ, seed=seed)
+            signals.append((f"{load}_{name}", mass, tones))
     steps = LoadSteps(amplitude_N=_two_digits(force / 2), dwell_s=_two_digits(duration_s / 5), rise_s=0.03)
+    signals.append(("load_steps", masses[-1], steps))
     rows = tuple(
-        ScenarioRecord(
-            name=name,
-            input=(signal,),
-            outer_end_mass_kg=mass,
-            inner_end_mass_kg=prototype.payload.inner_end_mass_kg,
-            controller=controller,
-        )
-        for name, mass, signal in (*drives, ("load_steps", masses[-1], steps))
+        ScenarioRecord(name=name, input=(signal,), outer_end_mass_kg=mass, inner_end_mass_kg=inner, controller=law)
+        for name, mass, signal in signals
     )
-    scenario = Scenario(
-        name=f"acceptance of {shorter(prototype.name)}",
-        duration_s=duration_s,
-        sample_s=SAMPLE_S,
-        start="rest",
-        record=rows,
-    )
+    title = f"acceptance of {shorter(prototype.name)}"
+    scenario = Scenario(name=title, duration_s=duration_s, sample_s=SAMPLE_S, start="rest", record=rows)
     return AcceptancePlan(scenario, force, command, masses, words)
 
 

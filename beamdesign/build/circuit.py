@@ -233,18 +233,15 @@ class Circuit:
     def corners(self, resistors: float, capacitor: float) -> Iterator["Circuit"]:
         """Combinations of all parts at the ends of their tolerances: each, or some drawn where they are many."""
         parts, n = self.parts, len(self.parts)
+        within = [capacitor if ".C" in name else resistors for name in parts]
         if 2**n <= _MOST_CORNERS * 2:
             sides: Any = product((-1, 1), repeat=n)
         else:
             drawn = random.Random(0)
             sides = [[drawn.choice((-1, 1)) for _ in range(n)] for _ in range(_MOST_CORNERS)]
         for ends in sides:
-            yield self.made_of(
-                {
-                    name: value * (1 + side * (capacitor if ".C" in name else resistors))
-                    for (name, value), side in zip(parts.items(), ends, strict=True)
-                }
-            )
+            at = (value * (1 + side * by) for value, side, by in zip(parts.values(), ends, within, strict=True))
+            yield self.made_of(dict(zip(parts, at, strict=True)))
 
     def gain_span(self, resistors: float, capacitor: float) -> tuple[fmpq, fmpq]:
         """What the size of the gain can be with all parts within their tolerances."""

@@ -18,15 +18,9 @@ if TYPE_CHECKING:
     from ezdxf.layouts import Modelspace
 
 LAYERS = {
-    "OUTER_TUBE": (5, 50),
-    "INNER_TUBE": (3, 50),
-    "BASE": (8, 35),
-    "HATCH": (8, 13),
-    "JOINT": (1, 35),
-    "CENTRE": (1, 18),
-    "DIMENSIONS": (7, 18),
-    "TEXT": (7, 25),
-}
+    "OUTER_TUBE": (5, 50), "INNER_TUBE": (3, 50), "BASE": (8, 35), "HATCH": (8, 13), "JOINT": (1, 35),
+    "CENTRE": (1, 18), "DIMENSIONS": (7, 18), "TEXT": (7, 25),
+}  # fmt: skip
 """Layer, its colour index and its line weight in hundredths of a millimetre."""
 
 _STYLE = "BEAMDESIGN"
@@ -152,15 +146,9 @@ def _dimension(
     text_at: tuple[float, float] | None = None,
 ) -> None:
     """A dimension that measures from `start` to `end`, its line through `at`; `text_at` places its text, horizontal."""
+    beside = {} if text_at is None else {"dimtad": 0, "dimtih": 1, "dimtoh": 1}
     made = space.add_linear_dim(
-        base=at,
-        p1=start,
-        p2=end,
-        angle=angle,
-        text=text,
-        dimstyle=_STYLE,
-        override={} if text_at is None else {"dimtad": 0, "dimtih": 1, "dimtoh": 1},
-        dxfattribs={"layer": "DIMENSIONS"},
+        at, start, end, angle=angle, text=text, dimstyle=_STYLE, override=beside, dxfattribs={"layer": "DIMENSIONS"}
     )
     if text_at is not None:
         made.set_location(text_at)

@@ -251,50 +251,44 @@ def parts_of(spec: Specification, svg: str) -> tuple[Part, ...]:
 def _template() -> Template:
     own = (
         optional, tube_text, nearest, repr, zip, describe, holds_for, missing_geometry, lumped_beam, notes, held_loads,
-        why_no_box, bare_frequencies_Hz,
+        why_no_box, bare_frequencies_Hz, circuit_name, part_names, part_value, component_reasons,
     )  # fmt: skip
+    figures = {
+        "inf": inf, "pi": pi, "margin": MARGIN, "kept": KEPT, "largest": LARGEST, "safety": SAFETY,
+        "measured_within": MEASURED_WITHIN, "changes_name": CHANGES_NAME,
+    }  # fmt: skip
     return document_template(
         Path(__file__).with_name("specification.j2"),
         *own,
+        **figures,
         q=quantity,
         d=decimal,
         floor=partial(optional, rounding=ROUND_FLOOR),
         ceiling=partial(optional, rounding=ROUND_CEILING),
         masses=masses_text,
-        inf=inf,
-        pi=pi,
         sha256=lambda text: hashlib.sha256(text.encode()).hexdigest(),
         answer={True: "proved", False: "refuted", None: "undecided"},
         stage=lambda law: f", stage {law.stage.number}" if law.stage.number else "",
         guaranteed=lambda law: proved_statements(law.certificate, law.stage.prototype.goal.compliance_m_per_N),
-        changes_name=CHANGES_NAME,
         materials=lambda rig: list(
             {beam.material.name: beam.material for beam in (rig.outer_beam, rig.inner_beam)}.values()
         ),
-        margin=MARGIN,
-        kept=KEPT,
-        circuit_name=_name,
-        part_names=_part_names,
-        part_value=_part_value,
-        component_reasons=_component_reasons,
-        largest=LARGEST,
-        safety=SAFETY,
-        measured_within=MEASURED_WITHIN,
     )
 
 
-def _name(one: AnalogueController) -> str:
+def circuit_name(one: AnalogueController) -> str:
+    """The series that its parts are of."""
     capacitors = f", C of {one.circuit.capacitors}" if one.circuit.has_capacitors else ""
     return f"R of {one.circuit.resistors}{capacitors}"
 
 
-def _part_names(found: tuple[AnalogueController, ...]) -> list[str]:
+def part_names(found: tuple[AnalogueController, ...]) -> list[str]:
     """Of all parts, stage by stage, what stands in no stage last."""
     names = {name for one in found for name in one.circuit.parts}
     return sorted(names, key=lambda n: (not n[0].isdigit(), n.partition(".")[0], n))
 
 
-def _part_value(name: str, value: float | None) -> str:
+def part_value(name: str, value: float | None) -> str:
     """A part's value as it is printed on it."""
     if value is None:
         return "left out"
@@ -303,10 +297,10 @@ def _part_value(name: str, value: float | None) -> str:
     return f"{decimal(value)} Ω" if value < 1e3 else f"{decimal(value / 1e3)} kΩ"
 
 
-def _component_reasons(found: tuple[AnalogueController, ...]) -> list[str]:
+def component_reasons(found: tuple[AnalogueController, ...]) -> list[str]:
     """Why components within their tolerances are not proved, each reason once."""
     reasons = (
-        f"{_name(one)}, {100 * at.resistors:g} % / {100 * at.capacitor:g} %: {at.verdict}, {at.reason}."
+        f"{circuit_name(one)}, {100 * at.resistors:g} % / {100 * at.capacitor:g} %: {at.verdict}, {at.reason}."
         for one in found
         for at in one.tolerances
         if at.reason

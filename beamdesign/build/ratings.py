@@ -199,15 +199,16 @@ def ratings(prototype: Prototype, masses_kg: tuple[float, float], load_N: float,
         load_N: force on the tip that is put on and taken off, beside the weight.
         up_to_Hz: highest frequency of it.
     """
-    need = needs_to_carry(prototype, masses_kg, load_N, up_to_Hz)
-    stages, actuator, weight = prototype.stages(masses_kg), prototype.actuator, weight_N(prototype, masses_kg[1])
+    need, actuator = needs_to_carry(prototype, masses_kg, load_N, up_to_Hz), prototype.actuator
+    weight = weight_N(prototype, masses_kg[1])
     at_rest = (load_N + weight) / lumped_beam(prototype.inner_beam).stiffness
     rows = (
         *actuator.rows(prototype, need, load_N + weight),
         Row("stroke to either side that holds load and weight, at least", at_rest, None, "m", "rest_stroke_m"),
         Row(f"stroke from end to end, × {MARGIN:g}", 2 * MARGIN * need["stroke_m"], actuator.stroke_m, "m", "stroke_m"),
     )
-    return Ratings(load_N, weight, up_to_Hz, rows, envelope(stages[-1].prototype, masses_kg[1], 0.0, SHOWN_HZ))
+    heaviest = prototype.stages(masses_kg)[-1].prototype
+    return Ratings(load_N, weight, up_to_Hz, rows, envelope(heaviest, masses_kg[1], 0.0, SHOWN_HZ))
 
 
 KEPT = 0.05

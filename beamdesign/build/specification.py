@@ -140,10 +140,8 @@ class Specification(Result):
                 words = f"{name}circuit of {one.circuit.resistors}, {one.circuit.capacitors}"
                 rows.append((words, "; ".join(verdicts), ""))
             assert law.digital is not None
-            late = law.digital.one_period_late
-            basis = (
-                "not worked out" if late is None else {True: "proved", False: "refuted", None: "undecided"}[late.stable]
-            )
+            late, answers = law.digital.one_period_late, {True: "proved", False: "refuted", None: "undecided"}
+            basis = "not worked out" if late is None else answers[late.stable]
             rows.append((f"{name}code at, current one period late", f"{law.digital.equation.rate_Hz:g} Hz", basis))
         rows += [
             ("sensor bandwidth, at least", optional(sensor.stable_from_Hz, "Hz", ROUND_CEILING), "proved"),
@@ -257,12 +255,9 @@ def _with_ratings(found: Specification) -> Specification:
     assert reached is not None
     # Of a prototype that is promised for every rig within its tolerances the promise is rated, as `run` does.
     up_to_Hz = reached.bandwidth_Hz if stated is None else min(stated.bandwidth_Hz, reached.bandwidth_Hz)
-    return replace(
-        found,
-        guaranteed=reached,
-        stock=stock_choices(found.prototype, found.masses_kg),
-        ratings=ratings(found.prototype, found.masses_kg, found.load_N, up_to_Hz),
-    )
+    stock = stock_choices(found.prototype, found.masses_kg)
+    needed = ratings(found.prototype, found.masses_kg, found.load_N, up_to_Hz)
+    return replace(found, guaranteed=reached, stock=stock, ratings=needed)
 
 
 def _refuse_slow(prototype: Prototype, rate_Hz: float | None) -> None:
@@ -291,12 +286,8 @@ def _realised(
     progress(0.2, "difference equation")
     digital = digital_controller(prototype, masses_kg, law.stage.looked_at_kg, rate_Hz)
     plan = acceptance_plan(prototype, masses_kg)
-    expected = acceptance(
-        prototype,
-        tuple(sorted({*law.stage.looked_at_kg, *plan.masses_kg})),
-        specified,
-        lambda share, text: progress(0.4 + 0.6 * share, text),
-    )
+    looked_at = tuple(sorted({*law.stage.looked_at_kg, *plan.masses_kg}))
+    expected = acceptance(prototype, looked_at, specified, lambda share, text: progress(0.4 + 0.6 * share, text))
     return replace(law, analogue=analogue, analogue_reason=why, digital=digital, acceptance=expected, plan=plan)
 
 

@@ -151,25 +151,9 @@ def tolerances(prototype: Prototype, masses_kg: tuple[float, float], progress: P
                 for stage in stages
                 for side in (-1, 1)
             )
-        refuted = alone[name].refuted
-        rows.append(
-            FigureTolerance(
-                name,
-                alone[name].proved * _UNIT,
-                None if refuted is None else refuted * _UNIT,
-                share,
-                specified,
-                *performance(ends),
-            )
-        )
-    return Tolerances(
-        tuple(sorted(rows, key=lambda row: row.alone)),
-        equal.proved * _UNIT,
-        None if equal.refuted is None else equal.refuted * _UNIT,
-        stated,
-        shared.certificates,
-        equal.certificates,
-    )
+        rows.append(FigureTolerance(name, *alone[name].times(_UNIT), share, specified, *performance(ends)))
+    figures = tuple(sorted(rows, key=lambda row: row.alone))
+    return Tolerances(figures, *equal.times(_UNIT), stated, shared.certificates, equal.certificates)
 
 
 class _Borne(NamedTuple):
@@ -184,6 +168,10 @@ class _Borne(NamedTuple):
     @property
     def refuted(self) -> float | None:
         return min((one.refuted for one in self.each if one.refuted is not None), default=None)
+
+    def times(self, unit: float) -> tuple[float, float | None]:
+        """What is proved and what is refuted of a box of tolerances of this size."""
+        return self.proved * unit, None if self.refuted is None else self.refuted * unit
 
     @property
     def certificates(self) -> tuple[str, ...]:

@@ -263,13 +263,7 @@ class ProvedCode(Result):
         """What `beamdesign code` writes of it."""
         made = self.realisation
         readings = [
-            {
-                "reading": one.reading,
-                "unit": one.unit,
-                "full_scale": scale,
-                "places": places,
-                "sections": len(one.sections),
-            }
+            picked(one, "reading unit") | {"full_scale": scale, "places": places, "sections": len(one.sections)}
             for one, scale, places in zip(made.channels, made.full_scales, made.places, strict=True)
         ]
         asked = "asked integer places error"
