@@ -153,11 +153,9 @@ def _texts(value: Any, place: Place, annotation: Any) -> Iterator[tuple[Place, s
 def _line_errors(error: ValidationError) -> list[InitErrorDetails]:
     lines = []
     for item in error.errors(include_url=False):
-        kind = (
-            PydanticCustomError("said", "{reason}", {"reason": _reason(item)})
-            if item["type"] != "extra_forbidden"
-            else item["type"]
-        )
+        kind: Any = item["type"]
+        if kind != "extra_forbidden":
+            kind = PydanticCustomError("said", "{reason}", {"reason": _reason(item)})
         lines.append(InitErrorDetails(type=kind, loc=item["loc"], input=item["input"]))
     return lines
 
@@ -376,10 +374,8 @@ def _beyond_size(table: dict[str, Any]) -> Iterator[Problem]:
         elif isinstance(value, dict):
             waiting += [(f"{key}.{name}" if key else name, item, depth + 1) for name, item in value.items()]
         elif isinstance(value, int) and abs(value) > _LARGEST_INTEGER:
-            yield Problem(
-                key,
-                f"must be at most {_LARGEST_INTEGER:.0e} in size, is a whole number of {len(str(abs(value)))} digits",
-            )
+            size = f"is a whole number of {len(str(abs(value)))} digits"
+            yield Problem(key, f"must be at most {_LARGEST_INTEGER:.0e} in size, {size}")
 
 
 def read(record: type[R], path: str | Path) -> R:

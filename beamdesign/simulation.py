@@ -321,16 +321,9 @@ def simulate_scheduled(
             mass = new
         law = sampled[stage]
         z = law.after(np.array([error]), current)
-        y, state = integrate(
-            kinds,
-            np.arange(begin, end + 1) * period,
-            inputs[2 * substeps * begin : 2 * substeps * end + 1],
-            state,
-            figures(mass),
-            substeps,
-            limit_m,
-            law.packed(substeps, 0, 0.0, z, current),
-        )
+        when, given = np.arange(begin, end + 1) * period, inputs[2 * substeps * begin : 2 * substeps * end + 1]
+        digital = law.packed(substeps, 0, 0.0, z, current)
+        y, state = integrate(kinds, when, given, state, figures(mass), substeps, limit_m, digital)
         whole = len(y) == end - begin + 1
         y = y[: end - begin]  # the last sample is the first of what follows
         here = slice(begin, begin + len(y))
@@ -340,8 +333,8 @@ def simulate_scheduled(
             error = value
         estimate = estimator.advance(volts, y[:, OUTPUTS.index("current_A")]) if whole else estimator.estimate
         noted = (mass, stage + 1, estimate.outer_end_mass_kg, estimate.std_kg)
-        given = (np.arange(begin, begin + len(y)) * period, course.force_N[here], command[here])
-        rows.append(np.column_stack([*given, y[:, :4], volts, np.tile(noted, (len(y), 1))]))
+        done = (np.arange(begin, begin + len(y)) * period, course.force_N[here], command[here])
+        rows.append(np.column_stack([*done, y[:, :4], volts, np.tile(noted, (len(y), 1))]))
         if not whole:
             record = diverged(rig.name, np.vstack(rows), limit_m, period)
             return replace(record, columns=STAGED, changes=tuple(changes))

@@ -193,10 +193,7 @@ class Cascade(Controller):
         for k, section in enumerate(self.sections, start=1):
             zero, pole = (
                 f"{quantity(frequency, 'Hz', 7)}, damping ratio {decimal(damping, 6)}"
-                for frequency, damping in (
-                    (section.zero_Hz, section.zero_damping_ratio),
-                    (section.pole_Hz, section.pole_damping_ratio),
-                )
+                for frequency, damping in (section.stated[:2], section.stated[2:])
             )
             rows += [(f"zeros of section {k}", zero, "numerator"), (f"poles of section {k}", pole, "denominator")]
         return rows

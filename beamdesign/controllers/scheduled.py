@@ -128,14 +128,11 @@ class Scheduled(Controller):
 
     def summary(self) -> list[tuple[str, str]]:
         """The law of every stage in one row."""
-        return [
-            (
-                f"stage {k}, {low:g} to {high:g} kg",
-                f"{law.gain_A_per_V:g} A/V, {law.words(6)}"
-                + (f", {len(law.sections)} sections" if law.sections else ""),
-            )
-            for k, (law, (low, high)) in enumerate(self.laws, start=1)
-        ]
+        rows = []
+        for k, (law, (low, high)) in enumerate(self.laws, start=1):
+            more = f", {len(law.sections)} sections" if law.sections else ""
+            rows.append((f"stage {k}, {low:g} to {high:g} kg", f"{law.gain_A_per_V:g} A/V, {law.words(6)}{more}"))
+        return rows
 
     def rows(self) -> list[Row]:
         """The figures of every stage, one after the other."""

@@ -133,13 +133,8 @@ def join(kinds: Structure, effects: Sequence[Effect], outputs: Mapping[str, Port
         rate |= {f"{effect.name}.{name}": value for name, value in sites[effect.name].rate.items()}
     outputs = rig.outputs if outputs is None else outputs
     output = [law(port, figure, state) for law in outputs.values()]
-    function = ca.Function(
-        "rig",
-        [time, x, u, p],
-        [ca.vertcat(*(rate[name] for name in states)), ca.vertcat(*output)],
-        ["t", "x", "u", "p"],
-        ["rate", "y"],
-    )
+    found = [ca.vertcat(*(rate[name] for name in states)), ca.vertcat(*output)]
+    function = ca.Function("rig", [time, x, u, p], found, ["t", "x", "u", "p"], ["rate", "y"])
     return Assembly(function, states, parameters, kinds, outputs=tuple(outputs))
 
 

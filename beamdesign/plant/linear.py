@@ -78,14 +78,9 @@ class BilinearPlant:
         def free(pair: PairOver) -> fmpq_poly:
             return pair[0] + inner * pair[1]
 
-        return Plant(
-            self.sensors,
-            Affine(*map(free, self.denominator)),
-            tuple(Affine(*map(free, one)) for one in self.control),
-            free(self.displaced),
-            free(self.disturbance),
-            tuple(map(free, self.crossed)),
-        )
+        denominator, *control = (Affine(*map(free, one)) for one in (self.denominator, *self.control))
+        moved = free(self.displaced), free(self.disturbance), tuple(map(free, self.crossed))
+        return Plant(self.sensors, denominator, tuple(control), *moved)
 
     def stretched(self, offset_kg: float, factor: float) -> "BilinearPlant":
         """The plant whose payload m is that of this one at `offset_kg` + `factor` m."""
@@ -242,17 +237,11 @@ class LinearModel:
             shared *= divmod(entry, entry.gcd(shared))[0]
         masses = [one, variable["inner_end_mass"], variable["outer_end_mass"]]
         masses.append(masses[1] * masses[2])
-        parts = [
-            sum(
-                (
-                    mass * variable["s"] ** power * entry.numerator * divmod(shared, entry.denominator)[0]
-                    for mass, row in zip(masses, rows[4 * k : 4 * k + 4], strict=True)
-                    for power, entry in enumerate(row)
-                ),
-                0 * one,
-            )
-            for k in range(len(wanted))
-        ]
+        parts = [0 * one for _ in wanted]
+        for k, row in enumerate(rows):
+            for power, term in enumerate(row):
+                above = term.numerator * divmod(shared, term.denominator)[0]
+                parts[k // 4] += masses[k % 4] * variable["s"] ** power * above
         common = reduce(lambda a, b: a.gcd(b), parts)
         if common.degrees()[0] == 0 or "mean_pressure_Pa" in self.states:  # which these may neither drive nor show
             parts = [divmod(part, common)[0] for part in parts]

@@ -301,11 +301,9 @@ def with_figures(prototype: Prototype, factors: Mapping[str, float]) -> Prototyp
         raise KeyError(f"cannot change {', '.join(unknown)}")
     changed: dict[str, Any] = {"guarantee": None}
     for name in ("outer", "inner"):
-        changed[f"{name}_beam"] = _beam(
-            getattr(prototype, f"{name}_beam"),
-            f"{name}_beam",
-            *(factors.get(f"{name}_{figure}", 1.0) for figure in ("stiffness", "mass", "damping")),
-        )
+        place = f"{name}_beam"
+        own = (factors.get(f"{name}_{figure}", 1.0) for figure in ("stiffness", "mass", "damping"))
+        changed[place] = _beam(getattr(prototype, place), place, *own)
     for name, place in _PARTS.items():
         if name in factors:
             part, key = place.split(".")
@@ -330,13 +328,9 @@ def _beam(record: Beam, place: str, stiffness: float, mass: float, damping: floa
     if stiffness == mass == damping == 1.0:
         return record
     found = lumped_beam(record)
-    beam: Beam = _off(
-        record,
-        place,
-        stiffness_N_per_m=_short(found.stiffness * stiffness),
-        effective_mass_kg=_short(found.mass * mass),
-        damping_ratio=_short(record.damping_ratio * damping / sqrt(stiffness * mass)),
-    )
+    damped = _short(record.damping_ratio * damping / sqrt(stiffness * mass))
+    stiff, heavy = _short(found.stiffness * stiffness), _short(found.mass * mass)
+    beam: Beam = _off(record, place, stiffness_N_per_m=stiff, effective_mass_kg=heavy, damping_ratio=damped)
     return beam
 
 

@@ -78,12 +78,8 @@ class Check:
 
     def place(self, key: str) -> Place:
         """Where the files of one case are, for who diagnoses it."""
-        return Place(
-            self.sets / key,
-            self.folder / "found" / f"{key}.json",
-            self.folder / "predictions" / f"{key}.npz",
-            self.folder / "fits" / key,
-        )
+        found, predicted = self.folder / "found" / f"{key}.json", self.folder / "predictions" / f"{key}.npz"
+        return Place(self.sets / key, found, predicted, self.folder / "fits" / key)
 
 
 @dataclass(frozen=True)

@@ -163,20 +163,11 @@ def claims_and_slips(gains: list[GainRow], widths: list[Bandwidth]) -> tuple[lis
     in our words, what it is `read_as` here, and the figures that decide it, recomputed, `check`.
     """
     stated, known = paper_words(), figures(gains, widths)
-    claims = [
-        Claim(
-            group,
-            quantity.format(**known),
-            unit,
-            known[paper] if isinstance(paper, str) else paper,
-            known[model],
-            source,
-            digit,
-            note.format(**known),
-        )
-        for group, rows in stated["claims"].items()
-        for quantity, unit, paper, model, source, digit, note in rows
-    ]
+    claims = []
+    for group, rows in stated["claims"].items():
+        for quantity, unit, paper, model, source, digit, note in rows:
+            words, printed = quantity.format(**known), known[paper] if isinstance(paper, str) else paper
+            claims.append(Claim(group, words, unit, printed, known[model], source, digit, note.format(**known)))
     return claims, [{key: words.format(**known) for key, words in slip.items()} for slip in stated["slips"]]
 
 

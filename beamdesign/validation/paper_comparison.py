@@ -124,14 +124,9 @@ def document_of(comparison: Comparison, drawings: list[Drawing]) -> Document:
     )
     pictures = {one.name: Picture("", one.name, f"Paper: {one.claim} Model: {one.caption}") for one in drawings}
     parts = parts_from(
-        template,
-        pictures,
-        comparison=comparison,
-        drawings=drawings,
-        choices=CHOICES,
-        variations=VARIATIONS,
+        template, pictures, comparison=comparison, drawings=drawings, choices=CHOICES, variations=VARIATIONS,
         remedy_gain=_REMEDY_GAIN_MA_PER_V,
-    )
+    )  # fmt: skip
     return Document("Zalucky and Hardt (1984)", "Paper recomputed", verdict, (), parts, subject="")
 
 

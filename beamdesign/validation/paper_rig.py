@@ -209,17 +209,12 @@ class GainRow:
 
 def gain_rows() -> list[GainRow]:
     """All four cases, with the stated choices and with each variation of them."""
-    return [
-        GainRow(
-            case,
-            critical_gain(case.prototype, case.outer_end_mass_kg),
-            {
-                key: critical_gain_mA_per_V(change(case.prototype, case.outer_end_mass_kg), case.outer_end_mass_kg)
-                for key, (_, change) in VARIATIONS.items()
-            },
-        )
-        for case in CASES
-    ]
+    rows = []
+    for case in CASES:
+        rig, mass = case.prototype, case.outer_end_mass_kg
+        varied = {key: critical_gain_mA_per_V(change(rig, mass), mass) for key, (_, change) in VARIATIONS.items()}
+        rows.append(GainRow(case, critical_gain(rig, mass), varied))
+    return rows
 
 
 def at(prototype: Prototype, outer_end_mass_kg: float = 0.0) -> LoopAtMass:

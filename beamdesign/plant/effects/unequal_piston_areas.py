@@ -52,11 +52,7 @@ EFFECT = Effect(
     },
     parameters=(
         Parameter(
-            "asymmetry",
-            0.121,
-            -0.5,
-            0.5,
-            0.12,
+            "asymmetry", 0.121, -0.5, 0.5, 0.12,
             "(A_a - A_b)/(A_a + A_b); 0.121 is a bore of 12.7 mm with the published mean area of 1.13 cm2",
         ),
     ),
@@ -68,4 +64,4 @@ EFFECT = Effect(
         gain=_gain,
         elements=lambda own, figure: Elements(asymmetry=own["asymmetry"]),
     ),
-)
+)  # fmt: skip

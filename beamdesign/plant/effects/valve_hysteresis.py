@@ -30,20 +30,12 @@ EFFECT = Effect(
     parameters=(
         Parameter("half_width_A", 0.1e-3, 1e-6, 5e-3, 0.8, "half the width of the loop of flow over current"),
         Parameter(
-            "travel",
-            1.0,
-            0.15,
-            5.0,
-            0.7,
+            "travel", 1.0, 0.15, 5.0, 0.7,
             "of the spool until its friction has turned about, over the half width; the quicker, the more like play",
         ),
         Parameter("sharpness", 1.0, 1.0, 3.0, 0.3, "the larger, the straighter the flanks and the sharper their ends"),
         Parameter(
-            "steepness",
-            1.0,
-            0.5,
-            1.0,
-            0.3,
+            "steepness", 1.0, 0.5, 1.0, 0.3,
             "of the return: at 1 up to twice that from rest, as by Dahl, at 0.5 no steeper",
         ),
     ),
@@ -63,7 +55,7 @@ EFFECT = Effect(
         figures={"spring": lambda own, at: Span(0.0, 2 / own["travel"], 1 / own["travel"], (0.0, 0.0))},
         elements=lambda own, figure: Elements(spool=own["spring"]),
     ),
-)
+)  # fmt: skip
 
 
 _PLAYS = ("play_1", "play_2", "play_3", "play_4")  # in half widths
@@ -93,11 +85,7 @@ MAGNETIC = Effect(
     parameters=(
         Parameter("half_width_A", 0.1e-3, 1e-6, 5e-3, 0.8, "half the width of a large loop of flow over current"),
         Parameter(
-            "held_share",
-            0.5,
-            0.05,
-            0.98,
-            0.5,
+            "held_share", 0.5, 0.05, 0.98, 0.5,
             "of small currents: one less the initial over the largest slope; catalogues do not give it",
         ),
     ),
@@ -113,4 +101,4 @@ MAGNETIC = Effect(
         near_rest="compliance",
     ),
     realises="valve_hysteresis",
-)
+)  # fmt: skip

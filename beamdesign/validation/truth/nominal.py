@@ -168,17 +168,10 @@ def packed(given: Mapping[str, Any]) -> np.ndarray:
 Table = dict[str, Any]
 
 TOLERANCE = {
-    "stiffness": 0.03,
-    "effective_mass": 0.02,
-    "beam_damping_ratio": 0.2,
-    "oil_stiffness": 0.1,
-    "piston_area": 0.005,
-    "flow_gain": 0.05,
-    "leakage": 0.2,
-    "valve_natural_frequency": 0.05,
-    "valve_damping_ratio": 0.1,
+    "stiffness": 0.03, "effective_mass": 0.02, "beam_damping_ratio": 0.2, "oil_stiffness": 0.1, "piston_area": 0.005,
+    "flow_gain": 0.05, "leakage": 0.2, "valve_natural_frequency": 0.05, "valve_damping_ratio": 0.1,
     "sensor_gain": 0.005,
-}
+}  # fmt: skip
 """What a builder can vouch for, relative."""
 _SHARED = ("stiffness", "effective_mass", "beam_damping_ratio", "sensor_gain", "sensor_filter")
 _OF_SCREWS = {
