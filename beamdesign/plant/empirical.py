@@ -17,6 +17,8 @@ from beamdesign.plant.effects import (
     TWO_PI,
     Effect,
     Elements,
+    Exact,
+    Figures,
     Law,
     Linear,
     Operation,
@@ -43,7 +45,7 @@ def laws() -> tuple[Effect, ...]:
     return tuple(_KINDS[kind][0](place, kind) for place in PLACES for kind in place.laws)
 
 
-Like = str | Callable[[Mapping[str, float]], str]
+Like = str | Callable[[Figures], str]
 """What a law is like with its parameters, in words: a template that takes them, or a function."""
 
 
@@ -76,7 +78,7 @@ def _scale(name: str, of: tuple[str, str], words: str) -> tuple[Parameter, dict[
 
 
 def _slope(
-    place: Place, words: str, leaves_out: str, span: Callable[[Mapping[str, float]], Span], of: Signal | None = None
+    place: Place, words: str, leaves_out: str, span: Callable[[Figures], Span], of: Signal | None = None
 ) -> Linear | None:
     """What stands for a law by its slopes: springs or dashpots from the least to the largest, or factors on the gain.
 
@@ -91,7 +93,7 @@ def _slope(
         return None
     if place.motion is None or of is None:
 
-        def gain(own: Mapping[str, float], at: Operation) -> Span:
+        def gain(own: Figures, at: Operation) -> Span:
             found = span(own)
             if found.low <= -1:
                 raise ValueError("it takes all of the loop's gain within its reach")
@@ -123,16 +125,16 @@ def _curve(place: Place, kind: str) -> Effect:
         u = ca.fmin(ca.fmax(argument(signal, site) / site.parameter[reach.name], -_FURTHEST), _FURTHEST)
         return site.parameter[size.name] * curve(site.parameter, u)
 
-    def slopes(own: Mapping[str, float]) -> Span:
+    def slopes(own: Figures) -> Span:
         return _between(*(slope * own[size.name] / own[reach.name] for slope in _slopes(own)))
 
-    def nearest(own: Mapping[str, float]) -> str:
+    def nearest(own: Figures) -> str:
         odd, even = own[_ODD] + own[_CUBE], own[_EVEN] + own[_SIDED]
         return place.like[2 if abs(even) > abs(odd) else int(odd > 0)]
 
     terms = (Parameter(term, 0.0, -30.0, 30.0, 0.3, f"of the size, times {u}") for term, u in _TERMS.items())
 
-    def table(own: Mapping[str, float]) -> Mapping[str, tuple[float, ...]]:
+    def table(own: Figures) -> Mapping[str, tuple[float, ...]]:
         places = [k / _POINTS for k in range(-_POINTS, _POINTS + 1)]
         added = tuple(float(own[size.name] * curve(own, u)) for u in places)
         return {of[1]: tuple(own[reach.name] * u for u in places), f"added_{place.size[0]}": added}
@@ -147,13 +149,13 @@ def curve(own: Mapping[str, Any], u: Any) -> Any:
     return own[_ODD] * u * ca.fabs(u) + own[_CUBE] * u**3 + own[_EVEN] * u**2 + own[_SIDED] * ca.fabs(u)
 
 
-def over_reach(own: Mapping[str, float], share: float) -> dict[str, float]:
+def over_reach(own: Figures, share: float) -> dict[str, float]:
     """The terms of the same curve over a share of its reach."""
     powers = {_ODD: 2, _CUBE: 3, _EVEN: 2, _SIDED: 1}
     return {term: own[term] * share**power for term, power in powers.items()}
 
 
-def _slopes(own: Mapping[str, float]) -> list[float]:
+def _slopes(own: Figures) -> list[float]:
     """The least and the largest slope of a curve within its reach among others; either side of 0 has a parabola."""
     found = []
     for side in (1, -1):
@@ -177,7 +179,7 @@ def _loop(place: Place, kind: str) -> Effect:
             added += own[name] * site.state[name]
         return own[size.name] * added
 
-    def slopes(own: Mapping[str, float]) -> Span:
+    def slopes(own: Figures) -> Span:
         """At most twice that at rest, where deflections are turned back from full."""
         slope = sum(own[name] / width for name, width in _WIDTHS.items()) * own[size.name] / own[reach.name]
         return Span(0.0, 2 * slope, slope, (0.0, 0.0))
@@ -223,7 +225,7 @@ def _lag(place: Place, kind: str) -> Effect:
         of = site.figure[place.stiffness] if place.stiffness else -1
         return of * site.parameter["share"] * (value - late)
 
-    def elements(own: Mapping[str, fmpq], figure: Mapping[str, fmpq]) -> Elements:
+    def elements(own: Exact, figure: Exact) -> Elements:
         w, share = TWO_PI * own["break_Hz"], own["share"]
         if place.motion is None:
             return Elements(volts=(((w, 1 - share), (w, fmpq(1))),))
@@ -256,7 +258,7 @@ def _appendage(place: Place, kind: str) -> Effect:
         site.rate["at_m"], site.rate["at_m_per_s"] = state["at_m_per_s"], pull
         return own["mass_kg"] * pull
 
-    def elements(own: Mapping[str, fmpq], figure: Mapping[str, fmpq]) -> Elements:
+    def elements(own: Exact, figure: Exact) -> Elements:
         w, mass, swings = TWO_PI * own["frequency_Hz"], own["mass_kg"], {"appendage": fmpq(1)}
         tied = (mass * w**2, 2 * own["damping_ratio"] * w * mass)
         return Elements((({**motion, "appendage": fmpq(-1)}, tied), (swings, (fmpq(0), fmpq(0), mass))))
@@ -281,7 +283,7 @@ def _resonance(place: Place, kind: str) -> Effect:
         site.rate["seen_per_s"] = w**2 * apart - 2 * own["damping_ratio"] * w * state["seen_per_s"]
         return -own["share"] * apart
 
-    def elements(own: Mapping[str, fmpq], figure: Mapping[str, fmpq]) -> Elements:
+    def elements(own: Exact, figure: Exact) -> Elements:
         w, kept = TWO_PI * own["frequency_Hz"], 1 - own["share"]
         below = (w**2, 2 * own["damping_ratio"] * w, fmpq(1))
         return Elements(volts=(((w**2, kept * below[1], kept), below),))

@@ -129,12 +129,7 @@ def markdown(outcomes: Sequence[Outcome], setting: Mapping[str, Any]) -> str:
     """The same as a page for people, from the template beside this module."""
     large, small = split(outcomes)
     given = {
-        "outcomes": outcomes,
-        "setting": setting,
         "kinds": {kind: sum(o.kind == kind for o in outcomes) for kind in SHARES},
-        "least": SMALL,
-        "large": large,
-        "small": small,
         "small_rows": [row[:4] for row in target_rows([score for score in scores(small) if score.of])],
         "rig_rows": [
             (rig, *(f"{s.count} of {s.of}" if s.count is not None else _figure(s, s.value) for s in found))
@@ -142,21 +137,19 @@ def markdown(outcomes: Sequence[Outcome], setting: Mapping[str, Any]) -> str:
         ],
         "rig_columns": ("", *OF_RIGS.values()),
         "bins": calibration(large)[0],
-        "scores": scores,
-        "confusion": confusion,
-        "columns_of": _columns_of,
         "target_columns": TARGET_COLUMNS,
-        "target_rows": target_rows,
         "baseline_columns": BASELINE_COLUMNS,
-        "baseline_rows": baseline_rows,
     }
+    own = (scores, confusion, columns_of, target_rows, baseline_rows)
     template = text_template(
         Path(__file__).with_name("blindcheck.md.j2"),
+        *own,
         md=lambda cell: in_markdown(str(cell)),
         ruled=lambda column: "---",
         flowed=lambda text: " ".join(text.split()),
     )
-    return template.render(given).rstrip() + "\n"
+    found = template.render(given, outcomes=outcomes, setting=setting, least=SMALL, large=large, small=small)
+    return found.rstrip() + "\n"
 
 
 OF_RIGS = {
@@ -217,7 +210,7 @@ def _target(score: Score) -> str:
     return f"{score.sense} {' and '.join(shown)}"
 
 
-def _columns_of(found: Mapping[str, Mapping[str, int]]) -> list[str]:
+def columns_of(found: Mapping[str, Mapping[str, int]]) -> list[str]:
     """Of a matrix of confusion: wrong figures stand last."""
     return sorted({name for row in found.values() for name in row}, key=lambda n: (n.startswith("parameter:"), n))
 

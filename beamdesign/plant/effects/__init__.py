@@ -176,10 +176,14 @@ def play(signal: Any, threshold: Any, site: Site, left: str) -> Any:
     return passed
 
 
-ElementsOf = Callable[[Mapping[str, fmpq], Mapping[str, fmpq]], Elements]
+Figures = Mapping[str, float]
+Exact = Mapping[str, fmpq]
+"""Figures by name, in floats or in rationals."""
+
+ElementsOf = Callable[[Exact, Exact], Elements]
 """From an effect's parameters with its frozen figures, and figures of the rig, to the elements of a linear member."""
 
-Spans = Callable[[Mapping[str, float], Operation], Span]
+Spans = Callable[[Figures, Operation], Span]
 """From the effect's own parameters and the operation to a span."""
 
 
@@ -243,9 +247,9 @@ class Effect:
     linear: Linear | None = None
     meaning: str = ""
     realises: str = ""
-    nearest: Callable[[Mapping[str, float]], str] | None = field(default=None, hash=False)
+    nearest: Callable[[Figures], str] | None = field(default=None, hash=False)
     scales: Mapping[str, str] = field(default_factory=dict, hash=False)
-    table: Callable[[Mapping[str, float]], Mapping[str, tuple[float, ...]]] | None = field(default=None, hash=False)
+    table: Callable[[Figures], Mapping[str, tuple[float, ...]]] | None = field(default=None, hash=False)
 
     def __post_init__(self) -> None:
         if self.subsystem not in SUBSYSTEMS:

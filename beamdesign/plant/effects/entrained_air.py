@@ -1,12 +1,11 @@
 """Entrained air: free air in the oil, which gives way more the lower the pressure."""
 
-from collections.abc import Mapping
 from typing import Any
 
 import casadi as ca
 
-from beamdesign.plant.component import SIGN, either
-from beamdesign.plant.effects import Effect, Elements, Linear, Operation, Parameter, Site, Span, Spans
+from beamdesign.plant.component import SIGN, Signals, either
+from beamdesign.plant.effects import Effect, Elements, Figures, Linear, Operation, Parameter, Site, Span, Spans
 
 _ATMOSPHERE_PA = 101_325.0
 POLYTROPIC = 1.4
@@ -27,12 +26,12 @@ def bulk_ratio(pressure: Any, air: Any, modulus: Any, exponent: Any = POLYTROPIC
     return (1 - air + shrunk) / (1 - air + shrunk * modulus / (exponent * absolute))
 
 
-def _of(pressure: Any, own: Mapping[str, Any]) -> Any:
+def _of(pressure: Any, own: Signals) -> Any:
     exponent = own.get("polytropic_exponent", POLYTROPIC)
     return bulk_ratio(pressure, own["air_fraction"], own["oil_bulk_modulus_Pa"], exponent)
 
 
-def _stiffness(own: Mapping[str, float], at: Operation, most: float = 1.0) -> Span:
+def _stiffness(own: Figures, at: Operation, most: float = 1.0) -> Span:
     difference = at.load_N / at.figure["piston_area"]
     return Span(float(_of((at.supply_Pa - difference) / 2, own)), most, float(_of(at.supply_Pa / 2, own)))
 
@@ -76,7 +75,7 @@ EFFECT = Effect(
 _MOST = 0.9  # of the length of a chamber: no stroke empties it
 
 
-def chamber_length(modulus: Any, figure: Mapping[str, Any]) -> Any:
+def chamber_length(modulus: Any, figure: Signals) -> Any:
     """Volume of either chamber at mid-stroke over its area, m: both in parallel are the oil spring 2 beta A / L."""
     return 2 * modulus * figure["piston_area"] / figure["oil_stiffness"]
 
@@ -92,7 +91,7 @@ def _leakage(side: str, signal: Any, site: Site) -> Any:
     return (1 - share) * signal + share * site.figure["leakage"] * SIGN[side] * between
 
 
-def _stiffness_with_stroke(own: Mapping[str, float], at: Operation) -> Span:
+def _stiffness_with_stroke(own: Figures, at: Operation) -> Span:
     """Of both chambers in parallel, (r_a/(1 + x) + r_b/(1 - x))/2 with x the stroke over the length.
 
     With each ratio r from that at the lowest pressure to 1, it is from the former to 1/(1 - x^2). A steady load bends

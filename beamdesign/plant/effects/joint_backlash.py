@@ -3,13 +3,12 @@
 The rod is a mass between the oil and the joint; the joint bears on either side of its play like a damped spring.
 """
 
-from collections.abc import Mapping
 from typing import Any
 
 import casadi as ca
 from flint import fmpq
 
-from beamdesign.plant.effects import Effect, Elements, Law, Linear, Parameter, Site, Span
+from beamdesign.plant.effects import Effect, Elements, Exact, Law, Linear, Parameter, Site, Span
 
 
 def _force(signal: Any, site: Site) -> Any:
@@ -52,7 +51,7 @@ def _bearing(signal: Any, site: Site) -> Any:
     )
 
 
-def _elements(own: Mapping[str, fmpq], figure: Mapping[str, fmpq]) -> Elements:
+def _elements(own: Exact, figure: Exact) -> Elements:
     joint = tuple(own["share"] * own[key] for key in ("stiffness_N_per_m", "damping_N_s_per_m"))
     counted = own["counted_share"] * own["rod_mass_kg"]
     one, none = fmpq(1), fmpq(0)

@@ -4,13 +4,12 @@ Motion of the mount is counted at the tips (a clamp that turns by an angle moves
 The sensor's reference may stand on the ground or turn with the mount.
 """
 
-from collections.abc import Mapping
 from math import pi
 from typing import Any
 
 from flint import fmpq
 
-from beamdesign.plant.effects import TWO_PI, Effect, Elements, Linear, Parameter, Site
+from beamdesign.plant.effects import TWO_PI, Effect, Elements, Exact, Linear, Parameter, Site
 
 
 def _motion(signal: Any, site: Site) -> Any:
@@ -25,7 +24,7 @@ def _motion(signal: Any, site: Site) -> Any:
     return signal
 
 
-def _elements(own: Mapping[str, fmpq], figure: Mapping[str, fmpq]) -> Elements:
+def _elements(own: Exact, figure: Exact) -> Elements:
     stiffness, frequency = own["stiffness_N_per_m"], TWO_PI * own["frequency_Hz"]
     resists = stiffness, 2 * own["damping_ratio"] * stiffness / frequency, stiffness / frequency**2
     mount = {"mount": fmpq(1)}

@@ -4,14 +4,13 @@ With the chambers at half the supply pressure it is the linear valve, so that it
 alone counts, not what a valve that heeds no pressure would pass through either port.
 """
 
-from collections.abc import Mapping
 from math import sqrt
 from typing import Any
 
 import casadi as ca
 
 from beamdesign.plant.component import SIGN, either
-from beamdesign.plant.effects import Effect, Linear, Operation, Parameter, Site, Span
+from beamdesign.plant.effects import Effect, Figures, Linear, Operation, Parameter, Site, Span
 
 _SMOOTH = 1e-3  # of the supply pressure: below this drop the root goes over to a straight line
 
@@ -29,7 +28,7 @@ def _orifice(side: str, signal: Any, site: Site) -> Any:
     return SIGN[side] * (flow * _root(drop / site.parameter["supply_pressure_Pa"]) / float(_root(0.5)))
 
 
-def _gain(own: Mapping[str, float], at: Operation) -> Span:
+def _gain(own: Figures, at: Operation) -> Span:
     """Root of the pressure drop over that at no load, at the largest load either way."""
     share = at.load_N / (at.figure["piston_area"] * own["supply_pressure_Pa"])
     if share >= 1:

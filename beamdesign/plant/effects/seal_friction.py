@@ -5,14 +5,13 @@ motion. It settles no faster than `beamdesign.plant.effects.QUICKEST`, which bou
 shows only at speeds above that rate times the presliding distance.
 """
 
-from collections.abc import Mapping
 from math import e, sqrt
 from typing import Any
 
 import casadi as ca
 from flint import fmpq
 
-from beamdesign.plant.effects import Effect, Elements, Linear, Operation, Parameter, Site, Span, dahl_rate
+from beamdesign.plant.effects import Effect, Elements, Figures, Linear, Operation, Parameter, Site, Span, dahl_rate
 
 
 def _law(signal: Any, site: Site) -> Any:
@@ -23,13 +22,13 @@ def _law(signal: Any, site: Site) -> Any:
     return signal + figure["coulomb_N"] * (1 + excess) * deflection + figure["viscous_N_s_per_m"] * speed
 
 
-def _spring(own: Mapping[str, float], at: Operation) -> Span:
+def _spring(own: Figures, at: Operation) -> Span:
     """Slope of friction over stroke: at most twice that at rest, where the deflection is turned back from full."""
     slope = own["coulomb_N"] * own["breakaway_ratio"] / own["presliding_m"]
     return Span(0.0, 2 * slope, slope, (0.0, 0.0))
 
 
-def _dashpot(own: Mapping[str, float], at: Operation) -> Span:
+def _dashpot(own: Figures, at: Operation) -> Span:
     """Slope of friction over speed: least where exp(-v^2/vs^2) falls most steeply."""
     fall = own["coulomb_N"] * (own["breakaway_ratio"] - 1) * sqrt(2 / e) / own["stribeck_m_per_s"]
     return Span(own["viscous_N_s_per_m"] - fall, own["viscous_N_s_per_m"], own["viscous_N_s_per_m"])

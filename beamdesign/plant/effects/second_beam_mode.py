@@ -3,13 +3,12 @@
 The tip moves by the sum of both modes, the forces and the end mass at the tip act on both.
 """
 
-from collections.abc import Mapping
 from math import pi
 from typing import Any
 
 from flint import fmpq
 
-from beamdesign.plant.effects import TWO_PI, Effect, Elements, Linear, Parameter, Site
+from beamdesign.plant.effects import TWO_PI, Effect, Elements, Exact, Linear, Parameter, Site
 
 
 def _end_mass(signal: Any, site: Site) -> Any:
@@ -29,7 +28,7 @@ def _end_mass(signal: Any, site: Site) -> Any:
     return carried
 
 
-def _elements(own: Mapping[str, fmpq], figure: Mapping[str, fmpq]) -> Elements:
+def _elements(own: Exact, figure: Exact) -> Elements:
     stiffness, frequency = figure["outer_stiffness"] / own["compliance_share"], TWO_PI * own["frequency_Hz"]
     resists = stiffness, 2 * own["damping_ratio"] * stiffness / frequency, stiffness / frequency**2
     second = {"second": fmpq(1)}

@@ -1,12 +1,11 @@
 """Sensor lag: a first-order low-pass between the displacement and the volts the controller gets."""
 
-from collections.abc import Mapping
 from math import pi
 from typing import Any
 
 from flint import fmpq
 
-from beamdesign.plant.effects import TWO_PI, Effect, Elements, Linear, Parameter, Site
+from beamdesign.plant.effects import TWO_PI, Effect, Elements, Exact, Linear, Parameter, Site
 
 
 def _law(signal: Any, site: Site) -> Any:
@@ -14,7 +13,7 @@ def _law(signal: Any, site: Site) -> Any:
     return site.state["lagged_V"]
 
 
-def _elements(own: Mapping[str, fmpq], figure: Mapping[str, fmpq]) -> Elements:
+def _elements(own: Exact, figure: Exact) -> Elements:
     rate = TWO_PI * own["break_Hz"]
     return Elements(volts=(((rate,), (rate, fmpq(1))),))
 
@@ -43,7 +42,7 @@ def _second_order(signal: Any, site: Site) -> Any:
     return site.state["lagged_V"]
 
 
-def _second_order_elements(own: Mapping[str, fmpq], figure: Mapping[str, fmpq]) -> Elements:
+def _second_order_elements(own: Exact, figure: Exact) -> Elements:
     ratio = own["damping_ratio"]
     natural = 2 * TWO_PI * ratio * own["break_Hz"]
     return Elements(volts=(((natural**2,), (natural**2, 2 * ratio * natural, fmpq(1))),))

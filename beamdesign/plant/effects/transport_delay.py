@@ -3,12 +3,11 @@
 Its gain is one at every frequency; its phase differs from that of the delay T by about (w T)^5 / 720.
 """
 
-from collections.abc import Mapping
 from typing import Any
 
 from flint import fmpq
 
-from beamdesign.plant.effects import Effect, Elements, Linear, Parameter, Site
+from beamdesign.plant.effects import Effect, Elements, Exact, Linear, Parameter, Site
 
 
 def _law(signal: Any, site: Site) -> Any:
@@ -18,7 +17,7 @@ def _law(signal: Any, site: Site) -> Any:
     return signal - delay * rate
 
 
-def _elements(own: Mapping[str, fmpq], figure: Mapping[str, fmpq]) -> Elements:
+def _elements(own: Exact, figure: Exact) -> Elements:
     delay = own["delay_s"]
     return Elements(volts=(((fmpq(12), -6 * delay, delay**2), (fmpq(12), 6 * delay, delay**2)),))
 

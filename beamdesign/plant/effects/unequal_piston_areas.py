@@ -10,13 +10,12 @@ At half the supply in both chambers such a cylinder would push. Where a rig's nu
 load, the leakage of the closed valve holds the pressures at which the two sides balance.
 """
 
-from collections.abc import Mapping
 from typing import Any
 
 import casadi as ca
 
 from beamdesign.plant.component import SIGN, either
-from beamdesign.plant.effects import Effect, Elements, Linear, Operation, Parameter, Site, Span
+from beamdesign.plant.effects import Effect, Elements, Figures, Linear, Operation, Parameter, Site, Span
 
 
 def _share(side: str, signal: Any, site: Site) -> Any:
@@ -37,7 +36,7 @@ def _null(side: str, signal: Any, site: Site) -> Any:
     return signal + SIGN[side] * (leakage * site.port["supply_pressure_Pa"] * site.parameter["asymmetry"])
 
 
-def _gain(own: Mapping[str, float], at: Operation) -> Span:
+def _gain(own: Figures, at: Operation) -> Span:
     size = abs(own["asymmetry"])
     return Span(1 / (1 + size), 1 / (1 - size), 1 / (1 - size))
 

@@ -1,13 +1,12 @@
 """Valve deadband: an overlapped spool meters nothing until it has crossed the overlap."""
 
-from collections.abc import Mapping
 from dataclasses import replace
 from math import hypot
 from typing import Any
 
 import casadi as ca
 
-from beamdesign.plant.effects import Effect, Linear, Operation, Parameter, Site, Span
+from beamdesign.plant.effects import Effect, Figures, Linear, Operation, Parameter, Site, Span
 
 
 def _law(signal: Any, site: Site) -> Any:
@@ -42,7 +41,7 @@ def _rounded(signal: Any, site: Site) -> Any:
     return signal + (before - past) / 2
 
 
-def _at_rest(own: Mapping[str, float], at: Operation) -> Span:
+def _at_rest(own: Figures, at: Operation) -> Span:
     """Slope at null, where it is least, to that far beyond the overlap."""
     least = 1 - 1 / hypot(1, own["clearance_ratio"])
     return Span(least, 1.0, least, (1.0, 1.0))
