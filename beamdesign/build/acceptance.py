@@ -155,8 +155,7 @@ def _proved_gain(prototype: Prototype, mass: float, spread: Mapping[str, float],
     if why_no_box(prototype):
         return None
     values = rig_values(prototype)
-    own = prototype.controller
-    assert own is not None
+    own = prototype.own_controller
     ranges = {
         name: (values[name] * (1 - exact(part)), values[name] * (1 + exact(part)))
         for name, part in spread.items()
@@ -221,8 +220,7 @@ def acceptance_plan(
     borne = min(float(envelope(prototype, mass, 0.0, grid).load_N.min()) for mass in masses)
     force = _two_digits(_SHARE * (borne if isfinite(borne) else prototype.actuator.strength_N(prototype)))
     command = _COMMAND_M * prototype.sensor.gain_V_per_m
-    law, inner = prototype.controller, prototype.payload.inner_end_mass_kg
-    assert law is not None
+    law, inner = prototype.own_controller, prototype.payload.inner_end_mass_kg
     if (rated := prototype.actuator.largest_current_A(prototype)) is not None:
         command = min(command, _OF_RATED * rated / law.gain_A_per_V)
     command, small = _two_digits(command), _two_digits(force / _SMALLER)
@@ -288,15 +286,14 @@ def write_data_folder(prototype: Prototype, plan: AcceptancePlan, folder: Path) 
 
 def dataset_text(prototype: Prototype, plan: AcceptancePlan) -> str:
     """dataset.toml of the records to be taken; critical gains are prepared as comments."""
-    controller = prototype.controller
-    assert controller is not None
+    law = prototype.own_controller.model_dump()
     table = {
         "name": plan.scenario.name,
         "prototype": "prototype.toml",
         "record": [
             {"file": f"records/{row.name}.csv"}
             | picked(row, "outer_end_mass_kg inner_end_mass_kg")
-            | {"controller": controller.model_dump()}
+            | {"controller": law}
             for row in plan.scenario.record
         ],
     }

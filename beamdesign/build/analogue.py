@@ -84,9 +84,7 @@ def analogue_controllers(
     Raises:
         ValueError: for a controller that no circuit gives; see `circuit_of`.
     """
-    asked = prototype.controller
-    if asked is None:
-        raise ValueError("the prototype has no [controller]")
+    asked = prototype.own_controller
     found: dict[tuple[float, ...], AnalogueController] = {}
     for k, (resistors, capacitors) in enumerate(SERIES):
         progress(k / len(SERIES), f"analogue controller, {resistors}")

@@ -219,40 +219,32 @@ def _across(space: "Modelspace", outer: Drawn, inner: Drawn, scale: float) -> No
 
 def _rounded(space: "Modelspace", layer: str, x: float, half: float, high: float, radius: float) -> None:
     """A rectangle about (x, 0), its corners rounded by arcs of a polyline (bulge = tan 22.5 deg), or a circle."""
-    if radius <= 0:
-        return _box(space, layer, (x - half, x + half), (-high, high))
     a, b, bulge = half - radius, high - radius, 0.41421356237309503
-    if max(a, b) < 1e-9 * radius:
-        space.add_circle((x, 0), radius, dxfattribs={"layer": layer})
-        return None
     points = [
         (x + half, -b, 0.0), (x + half, b, bulge), (x + a, high, 0.0), (x - a, high, bulge),
         (x - half, b, 0.0), (x - half, -b, bulge), (x - a, -high, 0.0), (x + a, -high, bulge),
     ]  # fmt: skip
-    space.add_lwpolyline(points, format="xyb", close=True, dxfattribs={"layer": layer})
-    return None
+    if radius <= 0:
+        _box(space, layer, (x - half, x + half), (-high, high))
+    elif max(a, b) < 1e-9 * radius:
+        space.add_circle((x, 0), radius, dxfattribs={"layer": layer})
+    else:
+        space.add_lwpolyline(points, format="xyb", close=True, dxfattribs={"layer": layer})
 
 
 def _words(space: "Modelspace", prototype: Prototype, outer: Drawn, inner: Drawn, scale: float) -> None:
-    load = prototype.payload
-    sizes = [tube_text(one.tube) for one in (prototype.outer_beam, prototype.inner_beam) if one.tube is not None]
-    added = f", {load.inner_end_mass_kg:g} kg to be added" if load.inner_end_mass_kg else ""
-    lines = [
-        prototype.name,
-        f"Outer tube: {sizes[0]}, {prototype.outer_beam.material};"
-        f" {prototype.outer_beam.end_mass_kg:g} kg fixed to the tip",
-        f"Inner tube: {sizes[1]}, {prototype.inner_beam.material};"
-        f" {prototype.inner_beam.end_mass_kg:g} kg fixed to the tip{added}",
-        f"Gap per side at assembly {gap_text(outer, inner)}. Tips in one plane. Tip joint and clamps are symbols."
-        " Dimensions in mm.",
-    ]
+    lines, load_kg = [prototype.name], prototype.payload.inner_end_mass_kg
+    added = f", {load_kg:g} kg to be added" if load_kg else ""
+    for name, beam, more in (("Outer", prototype.outer_beam, ""), ("Inner", prototype.inner_beam, added)):
+        assert beam.tube is not None  # else there is no drawing
+        tube = f"{name} tube: {tube_text(beam.tube)}, {beam.material}"
+        lines.append(f"{tube}; {beam.end_mass_kg:g} kg fixed to the tip{more}")
+    symbols = "Tips in one plane. Tip joint and clamps are symbols. Dimensions in mm."
+    lines.append(f"Gap per side at assembly {gap_text(outer, inner)}. {symbols}")
     top = outer.depth / 2 * 1.5 + 44 * scale
     for k, line in enumerate(lines):
-        space.add_text(
-            in_dxf(line),
-            height=(4.0 if k == 0 else 3.0) * scale,
-            dxfattribs={"layer": "TEXT", "insert": (min(outer.back, inner.back), top - 5.5 * k * scale)},
-        )
+        place = {"layer": "TEXT", "insert": (min(outer.back, inner.back), top - 5.5 * k * scale)}
+        space.add_text(in_dxf(line), height=(4.0 if k == 0 else 3.0) * scale, dxfattribs=place)
     for text, at in (("Lengthwise section", outer.back / 2), ("Cross-section", outer.width / 2 + 60 * scale)):
         entity: Any = space.add_text(text, height=3.0 * scale, dxfattribs={"layer": "TEXT"})
         from ezdxf.enums import TextEntityAlignment

@@ -13,7 +13,7 @@ from jinja2 import Template
 from markupsafe import Markup
 
 from beamdesign.build.acceptance import acceptance
-from beamdesign.build.folder import Statement, claimed, document_of, proved_statements
+from beamdesign.build.folder import Foundation, Statement, claimed, document_of, proved_statements
 from beamdesign.build.specification import specification_of
 from beamdesign.files import write_set
 from beamdesign.loop import loop
@@ -194,16 +194,15 @@ def margin_rows(prototype: Prototype, bounds: tuple[float, float]) -> list[tuple
     rows: list[tuple[str, ...]] = []
     for mass in InStage(prototype, bounds).looked_at_kg:
         found = closed.at(mass).margins()
-        up = f"{decimal(found.gain_up)} = {decimal(20 * log10(found.gain_up), 3)} dB"
-        rows.append(
-            (
-                quantity(mass, "kg"),
-                *((quantity(found.crossover_Hz, "Hz"), f"{decimal(found.phase_deg)}°", quantity(found.phase_Hz, "Hz"))
-                if found.crossover_Hz else ("–", "∞", "–")),
-                *((up, quantity(found.critical_frequency_Hz, "Hz")) if isfinite(found.gain_up) else ("∞", "–")),
-                f"{decimal(found.gain_down)} times" if found.gain_down else "none",
-            )
-        )  # fmt: skip
+        crossing, up = ("–", "∞", "–"), ("∞", "–")
+        if found.crossover_Hz:
+            phase = f"{decimal(found.phase_deg)}°", quantity(found.phase_Hz, "Hz")
+            crossing = quantity(found.crossover_Hz, "Hz"), *phase
+        if isfinite(found.gain_up):
+            factor = f"{decimal(found.gain_up)} = {decimal(20 * log10(found.gain_up), 3)} dB"
+            up = factor, quantity(found.critical_frequency_Hz, "Hz")
+        down = f"{decimal(found.gain_down)} times" if found.gain_down else "none"
+        rows.append((quantity(mass, "kg"), *crossing, *up, down))
     return rows
 
 
@@ -213,30 +212,24 @@ def lumped_rows(prototype: Prototype) -> list[tuple[str, str, str, str]]:
     for name, letter, record in (("outer", "m", prototype.outer_beam), ("inner", "f", prototype.inner_beam)):
         found = lumped_beam(record)
         measured = "measured; it replaces what the geometry gives" if record.has_geometry else "measured"
-        stiff, heavy = (
-            f"geometry, {equation}" if given is None else measured
-            for given, equation in (
-                (record.stiffness_N_per_m, "equation (3) on the free length"),
-                (record.effective_mass_kg, "equation (5)"),
-            )
-        )
+        stiff = "geometry, equation (3) on the free length" if record.stiffness_N_per_m is None else measured
+        heavy = "geometry, equation (5)" if record.effective_mass_kg is None else measured
         damped = f"2 ζ √(K M) of the bare beam, ζ = {record.damping_ratio:g}; it stays as end mass is added"
         rows += [
             (f"{name} tip stiffness", f"K_{letter}", quantity(found.stiffness, "N/m"), stiff),
             (f"{name} effective mass", f"M_{letter}", quantity(found.mass, "kg"), heavy),
             (f"{name} dashpot", f"b_{letter}", quantity(found.damping, "N s/m"), damped),
         ]
-    return rows + [
-        (
-            row.words.removeprefix("the "), row.symbol,
-            quantity(value, row.shown_unit) if (value := row.stated(prototype)) else "none", "given",
-        )
-        for row in rows_of(type(prototype.actuator)).values()
-        if row.words
-    ]  # fmt: skip
+    for row in rows_of(type(prototype.actuator)).values():
+        if row.words:
+            value = row.stated(prototype)
+            text = quantity(value, row.shown_unit) if value else "none"
+            rows.append((row.words.removeprefix("the "), row.symbol, text, "given"))
+    return rows
 
 
 _BOX = "zero exclusion by branch and bound, each piece in ball arithmetic"
+_VERIFIED: Foundation = "verified numerically"
 
 
 def statements(run: DesignRun) -> Iterator[Statement]:
@@ -251,47 +244,26 @@ def statements(run: DesignRun) -> Iterator[Statement]:
         for one in proved_statements(run.certificate, run.problem.goal.compliance_m_per_N):
             yield one._replace(claim=f"{one.claim}, of {rigs_in_words(0.0)}")
     sizing = run.sizing
-    yield Statement(
-        f"the chosen sections pass all {len(sizing.checks)} structural checks",
-        "verified numerically" if sizing.feasible else "refuted",
-        "closed formulas in floating point",
-    )
+    claim, passes = f"the chosen sections pass all {len(sizing.checks)} structural checks", sizing.feasible
+    yield Statement(claim, _VERIFIED if passes else "refuted", "closed formulas in floating point")
     if run.holding:
         unasked = f"; not asked for want of figures: {', '.join(run.holding.missing)}" if run.holding.missing else ""
-        yield Statement(
-            f"the actuator holds {run.holding.held}, the link level",
-            "refuted" if run.holding.missed else "verified numerically",
-            f"closed formulas, the root law of orifices, and the linear loop on a grid of frequencies{unasked}",
-        )
+        how = f"closed formulas, the root law of orifices, and the linear loop on a grid of frequencies{unasked}"
+        claim, fails = f"the actuator holds {run.holding.held}, the link level", bool(run.holding.missed)
+        yield Statement(claim, "refuted" if fails else _VERIFIED, how)
     if sizing.stock:
-        yield Statement(
-            "no lighter pair of the stock list passes",
-            "verified numerically",
-            f"all {sizing.stock.pairs} pairs were checked",
-        )
-    if sizing.free:
-        free = sizing.free
-        yield Statement(
-            "the free optimum fulfils the first-order conditions",
-            "verified numerically",
-            f"residual {free.kkt_residual:.1e}, from the gradients and not from the solver",
-        )
-        yield Statement(
-            "no lighter pair of free sizes exists",
-            "sampled",
-            f"{free.starts_agreeing} of {free.starts} local searches ended at the same mass",
-        )
-    yield Statement(
-        "critical gains, margins and bandwidths at single masses",
-        "verified numerically",
-        "roots of polynomials with error bounds at those masses, nothing swept in frequency",
-    )
-    if run.tuning and run.tuning.best:
-        yield Statement(
-            "no other controller of this kind guarantees more",
-            "sampled",
-            f"best of {len(run.tuning.starts)} local searches from a coarse one; that it is the best is not proved",
-        )
+        how = f"all {sizing.stock.pairs} pairs were checked"
+        yield Statement("no lighter pair of the stock list passes", _VERIFIED, how)
+    if free := sizing.free:
+        how = f"residual {free.kkt_residual:.1e}, from the gradients and not from the solver"
+        yield Statement("the free optimum fulfils the first-order conditions", _VERIFIED, how)
+        how = f"{free.starts_agreeing} of {free.starts} local searches ended at the same mass"
+        yield Statement("no lighter pair of free sizes exists", "sampled", how)
+    how = "roots of polynomials with error bounds at those masses, nothing swept in frequency"
+    yield Statement("critical gains, margins and bandwidths at single masses", _VERIFIED, how)
+    if run.tuning and best:
+        how = f"best of {len(run.tuning.starts)} local searches from a coarse one; that it is the best is not proved"
+        yield Statement("no other controller of this kind guarantees more", "sampled", how)
     yield Statement("the curves between the points drawn", "sampled", "grids of frequencies and masses")
 
 

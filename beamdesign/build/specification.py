@@ -262,9 +262,8 @@ def _with_ratings(found: Specification) -> Specification:
 
 def _refuse_slow(prototype: Prototype, rate_Hz: float | None) -> None:
     """Refuse a sampling rate that is too low for a law."""
-    assert prototype.controller is not None
     try:
-        upper = max(upper_break_Hz(law) for law, _ in prototype.controller.laws)
+        upper = max(upper_break_Hz(law) for law, _ in prototype.own_controller.laws)
     except ValueError as error:
         raise InputError(prototype.name, [("controller", str(error))]) from error
     if rate_Hz is not None and rate_Hz <= 2 * upper:
@@ -295,9 +294,7 @@ def digital_controller(
     prototype: Prototype, masses_kg: tuple[float, float], looked_at: tuple[float, ...], rate_Hz: float | None
 ) -> DigitalController:
     """The difference equation; where no rate is asked for, it is raised until the sampled-data loop is proved."""
-    assert prototype.controller is not None
-    controller = prototype.controller
-    closed = loop(prototype)
+    controller, closed = prototype.own_controller, loop(prototype)
     crossover = max(max(closed.at(mass).crossovers_Hz(), default=0.0) for mass in looked_at)
     rate = rate_Hz or sensible_rate_Hz(crossover, upper_break_Hz(controller))
     for _ in range(1 if rate_Hz else _TRIES):

@@ -154,11 +154,8 @@ class Scheduled(Controller):
                 if not (one[0] < two[0] and one[1] < two[1]):
                     yield Problem("stage", f"stage {k + 1} must begin and end above stage {k}")
                 elif one[1] - two[0] < 2 * band * (1 - 1e-9):
-                    yield Problem(
-                        "stage",
-                        f"stages {k} and {k + 1} overlap by {one[1] - two[0]:.4g} kg; twice the estimator's band_kg,"
-                        f" {2 * band:.4g} kg, is needed",
-                    )
+                    needed = f"twice the estimator's band_kg, {2 * band:.4g} kg, is needed"
+                    yield Problem("stage", f"stages {k} and {k + 1} overlap by {one[1] - two[0]:.4g} kg; {needed}")
         counts = {len(_field(stage, "section") or ()) for stage in stages} if isinstance(stages, tuple) else set()
         if len(counts) > 1:
             yield Problem("stage", "all stages must have the same number of sections")

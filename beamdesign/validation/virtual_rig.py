@@ -71,10 +71,8 @@ def virtual_rig(
     if effect not in ("none", *possible):
         reason = f"no effect {effect!r} of such a rig; there are none, {', '.join(possible)}"
         raise InputError("options", [("effect", reason)])
-    law = prototype.controller
-    assert law is not None
+    law, nominal = prototype.own_controller, nominal_table(prototype)
     rng = np.random.default_rng(seed)
-    nominal = nominal_table(prototype)
     factors = draw_true(nominal, rng)
     figures = rig_figures(nominal, factors, _HABITS)
     scales = Scales(figures, 900.0, 7.5e-3)
@@ -102,10 +100,8 @@ def virtual_rig(
 
 def runs(case: Case, design: Prototype, masses_kg: tuple[float, float]) -> bool:
     """Whether the virtual rig, simulated under a disturbance with a design's loop, stays bounded at both payloads."""
-    law = design.controller
-    assert law is not None
     drive = Drive("disturbance_N", "lines", 150.0, 200.0, case.seed + 999)
-    inner = design.payload.inner_end_mass_kg
+    law, inner = design.own_controller, design.payload.inner_end_mass_kg
     return all(take(case, Run("", drive, law.model_dump(), mass, inner)).bounded for mass in masses_kg)
 
 
@@ -118,7 +114,6 @@ def critical_gain(case: Case, law: Controller, outer_end_mass_kg: float, inner_e
 
 def gain_margin(case: Case, design: Prototype, masses_kg: tuple[float, float]) -> float:
     """Least critical gain of the virtual rig at both ends of the payload, over a design's gain; 1 is the brink."""
-    law = design.controller
-    assert law is not None
-    gains = [critical_gain(case, law, mass, design.payload.inner_end_mass_kg) for mass in masses_kg]
+    law, inner = design.own_controller, design.payload.inner_end_mass_kg
+    gains = [critical_gain(case, law, mass, inner) for mass in masses_kg]
     return min(gains) / law.gain_A_per_V

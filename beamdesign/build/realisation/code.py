@@ -358,15 +358,14 @@ def judge(
     Raises:
         ValueError: for a prototype without a controller.
     """
-    if prototype.controller is None:
-        raise ValueError("the prototype has no [controller]")
+    controller = prototype.own_controller
     if prototype.effects:
         reason = f"the sampled loop is not worked out for a prototype with effects ({', '.join(prototype.effects)})"
-        errors = law_errors(prototype.controller, realisation, realisation.rate_Hz / 40)
+        errors = law_errors(controller, realisation, realisation.rate_Hz / 40)
         found = stability_over(linear_part(prototype), *masses_kg)
         return ProvedCode(prototype, masses_kg, realisation, errors, not_judged=reason, unstable=found.reason)
     figures = tuple(figures_at(prototype, realisation, mass) for mass in masses_between(masses_kg, looked_at))
     crossover = max(at.continuous.crossover_Hz for at in figures) or realisation.rate_Hz / 40
     at_once, late = (prove_sampled(realised_loop(prototype, realisation, late), *masses_kg) for late in (False, True))
-    errors = law_errors(prototype.controller, realisation, crossover)
+    errors = law_errors(controller, realisation, crossover)
     return ProvedCode(prototype, masses_kg, realisation, errors, at_once, late, figures)

@@ -50,12 +50,8 @@ def loop_figures(case: Case, folder: Path) -> dict[str, list[dict[str, Any]]]:
             responses.append({"file": file, "amplitude_N": amplitude_of(run)} | run.setting)
     for run, (gain, hertz) in raised:
         law = {key: value for key, value in run.controller.items() if key != "gain_A_per_V"}
-        figures = {
-            "gain_A_per_V": float(f"{gain:.3g}"),
-            "relative_std": GAIN_STD,
-            "frequency_Hz": float(f"{hertz:.3g}"),
-        }
-        gains.append(run.setting | {"controller": law} | figures)
+        at = {"gain_A_per_V": float(f"{gain:.3g}"), "relative_std": GAIN_STD, "frequency_Hz": float(f"{hertz:.3g}")}
+        gains.append(run.setting | {"controller": law} | at)
     return {"frequency_response": responses, "critical_gain": gains}
 
 
