@@ -69,7 +69,7 @@ def engines(place: str) -> list[str]:
     module, _, function = place.partition(":")
     path = _file_of(module)
     assert path is not None
-    body = _tree(path).body
+    body = ast.parse(path.read_bytes()).body
     own = [node for node in body if isinstance(node, ast.FunctionDef) and node.name == function]
     top = [node for node in body if isinstance(node, ast.Import | ast.ImportFrom)]
     return [name for name in _imported(path, ast.Module([*top, *own], [])) if _file_of(name) is not None]
@@ -77,11 +77,7 @@ def engines(place: str) -> list[str]:
 
 @cache
 def _imported_by(path: Path) -> list[str]:
-    return _imported(path, _tree(path))
-
-
-def _tree(path: Path) -> ast.Module:
-    return ast.parse(path.read_bytes())
+    return _imported(path, ast.parse(path.read_bytes()))
 
 
 def _file_of(name: str) -> Path | None:

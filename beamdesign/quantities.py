@@ -298,6 +298,11 @@ def mass_range_text(bounds: tuple[float, float]) -> str:
     return f"{bounds[0]:g} to {bounds[1]:g} kg"
 
 
+def masses_text(bounds: tuple[float, float]) -> str:
+    """The same, or the one mass that it holds."""
+    return f"{bounds[0]:g} kg" if bounds[0] == bounds[1] else mass_range_text(bounds)
+
+
 def guaranteed_rows(
     found: Any, bounds: tuple[float, float], further: Sequence[tuple[str, str]] = ()
 ) -> list[tuple[str, str]]:

@@ -28,7 +28,7 @@ from beamdesign.quantities import (
     at_least,
     compliance_kept,
     decimal,
-    mass_range_text,
+    masses_text,
     quantity,
     rigs_in_words,
     stated_bandwidth,
@@ -229,11 +229,6 @@ def _plain(value: Any) -> Any:
 def optional(value: float | None, unit: str, rounding: str = ROUND_HALF_EVEN) -> str:
     """A quantity, or a dash where there is none; what is proved is to be rounded to the safe side."""
     return "–" if value is None else quantity(value, unit, rounding=rounding)
-
-
-def masses_text(bounds: tuple[float, float]) -> str:
-    """A range of masses, or the one mass that it holds."""
-    return f"{bounds[0]:g} kg" if bounds[0] == bounds[1] else mass_range_text(bounds)
 
 
 def parts_of(spec: Specification, svg: str) -> tuple[Part, ...]:

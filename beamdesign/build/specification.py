@@ -22,7 +22,7 @@ from beamdesign.proofs.certifying import certify, guaranteed_by_all
 from beamdesign.proofs.lyapunov import Switching, switching
 from beamdesign.proofs.mass_family import stage_families
 from beamdesign.prototype import InStage, Prototype
-from beamdesign.quantities import decimal, stated_bandwidth, stated_peak
+from beamdesign.quantities import decimal, masses_text, stated_bandwidth, stated_peak
 from beamdesign.records import InputError
 from beamdesign.result import Result, finite
 from beamdesign.synthesis.design_run import DesignRun
@@ -123,7 +123,7 @@ class Specification(Result):
 
     def rows(self) -> list[tuple[str, str, str]]:
         """Figure, value, and what it rests on."""
-        from beamdesign.build.folder import masses_text, optional
+        from beamdesign.build.folder import optional
 
         guaranteed, tolerances, sensor = self.guaranteed, self.tolerances, self.sensor
         if guaranteed is None or sensor is None:

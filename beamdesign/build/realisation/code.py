@@ -41,6 +41,7 @@ from beamdesign.polynomial import exact
 from beamdesign.progress import Progress, silent
 from beamdesign.proofs.certifying import stability_over
 from beamdesign.prototype import Prototype
+from beamdesign.quantities import masses_text
 from beamdesign.records import InputError
 from beamdesign.result import Result, finite, picked
 
@@ -281,8 +282,7 @@ class ProvedCode(Result):
         """Lines on the loop for the head of the header."""
         if self.not_judged:
             return (f"Its loop is not proved: {self.not_judged}.",)
-        low, high = self.outer_end_mass_kg
-        where = f"{low:g} to {high:g} kg" if low < high else f"{low:g} kg"
+        where = masses_text(self.outer_end_mass_kg)
         if not self.proved:
             return (f"Its loop is not proved for {where} on the outer tip.",)
         when = "at its sample or one whole period later" if self.any_time is None else "at any time within a period"
