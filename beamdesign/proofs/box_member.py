@@ -174,6 +174,7 @@ def ascend(
     if near:
         given = np.array(near)[generator.permutation(len(near))[: population // 2]]
         shares[-len(given) :] = given
+    score_of = _once_each(score_of)
     score = score_of(shares)
     yield shares, score
     for turn in range(rounds if k else 0):
@@ -192,6 +193,20 @@ def ascend(
             yield shares, score
         if np.all(score - before < 1e-4):
             return
+
+
+def _once_each(score_of: Callable[[np.ndarray], np.ndarray]) -> Callable[[np.ndarray], np.ndarray]:
+    """The same scores, each member's worked out once: many of a population are tried at the same corners again."""
+    known: dict[bytes, float] = {}
+
+    def score(shares: np.ndarray) -> np.ndarray:
+        keys = [row.tobytes() for row in shares]
+        new = {key: place for place, key in enumerate(keys) if key not in known}
+        if new:
+            known.update(zip(new, score_of(shares[[*new.values()]]).tolist(), strict=True))
+        return np.array([known[key] for key in keys])
+
+    return score
 
 
 def undamping(statement: Statement, shares: np.ndarray) -> np.ndarray:
