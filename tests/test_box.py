@@ -14,10 +14,10 @@ from beamdesign.polynomial import exact, is_hurwitz
 from beamdesign.polynomial import roots as roots_of
 from beamdesign.proofs.box import box_of, certify_box
 from beamdesign.proofs.box_member import Quasipolynomial, unstable_roots
+from beamdesign.proofs.frames import balls
 from beamdesign.proofs.stability import stable_ranges
 from beamdesign.proofs.statement import PolynomialFamily
 from beamdesign.proofs.tolerance_box import largest_scaling, scaling_of_each
-from beamdesign.proofs.zero_exclusion import balls
 
 
 def family(p: str, **values: float) -> PolynomialFamily:
@@ -261,5 +261,5 @@ def test_balls_hold_what_they_stand_for():
         assert arb(x * x + y * y).sqrt() <= found.largest
     for direction in ((1, 0), (-37, 999)):
         least = min(direction[0] * x + direction[1] * y for x, y in exact_ones)
-        assert as_it_is(found.along(direction)) <= least
+        assert as_it_is(found.along(*direction)) <= least
     assert found.radius.max() < 1e-3 * found.size.max()

@@ -30,7 +30,7 @@ from beamdesign.proofs.certificate import Asked
 from beamdesign.proofs.statement import PolynomialFamily
 from beamdesign.proofs.tolerance_box import tolerance_box
 from beamdesign.proofs.writer import prototype_table
-from beamdesign.proofs.zero_exclusion import holds, pieces
+from beamdesign.proofs.zero_exclusion import held, pieces
 from beamdesign.prototype import Payload, Tolerance
 
 CUBIC = PolynomialFamily("cubic", "s**3 + 2*s**2 + s + q", {"q": fmpq(1, 2)})
@@ -252,7 +252,7 @@ def test_search_marks_what_is_open() -> None:
     assert "?" in search.tree
     undecided = [piece for piece in pieces(statement, search.tree) if piece.direction == "?"]
     assert undecided
-    assert not any(holds(piece) for piece in undecided)
+    assert not any(held(undecided))
     crossing = fmpq(1, 2)  # q = 2 is in the middle of the range, its root pair at w = 1
     assert any(
         piece.cell.shares["q"][0] <= crossing <= piece.cell.shares["q"][1] and piece.w1 <= 1 <= piece.w2

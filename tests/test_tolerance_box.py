@@ -21,10 +21,10 @@ from beamdesign.polynomial import exact, is_hurwitz, squared_magnitude
 from beamdesign.polynomial import roots as roots_of
 from beamdesign.proofs.box import box_of, certify_box
 from beamdesign.proofs.box_member import Quasipolynomial, member
+from beamdesign.proofs.frames import Between, Cell, Frames, growth
 from beamdesign.proofs.rig_family import rig_family
 from beamdesign.proofs.tolerance_box import largest_scaling, tolerance_box
 from beamdesign.proofs.writer import prototype_table
-from beamdesign.proofs.zero_exclusion import Cell, growth
 from beamdesign.prototype import Payload, Sensor
 
 
@@ -77,8 +77,9 @@ def test_hulls_hold_the_members(rig):
     cell, none = Cell(statement, corner), fmpq_poly([0])
     with ctx.workprec(96):
         for w1, w2 in ((fmpq(300), fmpq(310)), (fmpq(2000), fmpq(2300))):
-            frames = cell.frame(w1), cell.frame(w2)
-            bend = float(sum(growth(frames, node)[2] for node in statement.body.parts).mid())
+            frames, both = Frames(statement, [(cell, w1), (cell, w2)]), np.array([0, 1])
+            between = Between(frames, both[:1], both[1:], np.array([float((w2 - w1).p) ** 2 / 8]))
+            bend = sum(growth(between, node)[2].item() for node in statement.body.parts)
             for _ in range(20):
                 point = {}
                 for name, (low, high) in cell.values.items():
@@ -91,7 +92,7 @@ def test_hulls_hold_the_members(rig):
                 one = Quasipolynomial(plain, whole - plain, point["delay"])
                 direction = tuple(int(x) for x in rng.integers(-100, 100, 2))
                 size = np.hypot(*direction)
-                least = [float(frame.least(direction).mid()) for frame in frames]
+                least = frames.least(both, np.array([direction, direction]).T).tolist()
                 for w, allowed in (
                     (w1, least[0]),
                     (w2, least[1]),

@@ -14,7 +14,7 @@ from beamdesign.proofs.branch import Search
 from beamdesign.proofs.rig_family import rig_family
 from beamdesign.proofs.statement import Interval, PolynomialFamily, Statement
 from beamdesign.proofs.writer import certificate, plain, stated, texts
-from beamdesign.proofs.zero_exclusion import PRECISION_BITS, Piece, holds, pieces
+from beamdesign.proofs.zero_exclusion import PRECISION_BITS, Piece, held, pieces
 from beamdesign.prototype import Prototype
 
 if TYPE_CHECKING:
@@ -288,12 +288,10 @@ def certify_box(
             search.run(budget // 4, seconds, _ENOUGH)
         tree = search.tree
         given_up = not volumes and "?" in tree  # undecided as it is: what else there is need not be proved
-        proved, unsettled = 0, []
-        for piece in pieces(statement, tree):
-            if piece.direction == "?" if given_up else not holds(piece):
-                unsettled.append(piece)
-            else:
-                proved += not given_up
+        every = list(pieces(statement, tree))
+        settled = [piece.direction != "?" for piece in every] if given_up else held(every)
+        proved = 0 if given_up else sum(settled)
+        unsettled = [piece for piece, sure in zip(every, settled, strict=True) if not sure]
         shares, witness = (None, None) if given_up else volumes_of(statement, unsettled)
         if point is None and witness is None and unsettled:
             middles = [[nearest(sum(p.cell.shares[n], fmpq(0)) / 2) for n in statement.varying] for p in unsettled]

@@ -44,7 +44,7 @@ from beamdesign.proofs.rig_family import FACTOR, performing_spans, rig_family
 from beamdesign.proofs.statement import UNKNOWN, Interval, PolynomialFamily, Statement
 from beamdesign.proofs.value_set import with_unknown
 from beamdesign.proofs.writer import Tables, texts
-from beamdesign.proofs.zero_exclusion import PRECISION_BITS, Piece, holds, pieces
+from beamdesign.proofs.zero_exclusion import PRECISION_BITS, Piece, held, pieces
 from beamdesign.prototype import Prototype
 from beamdesign.time_limit import leave_out, over, while_time
 
@@ -166,7 +166,7 @@ def claim_of_family(
         search.run(budget, seconds * (1 - sum(_LOOKS)))
         every = list(pieces(statement, search.tree))
         settled = [piece.direction != "?" for piece in every]
-        proved = [holds(piece) for piece in every] if all(settled) else []
+        proved = held(every) if all(settled) else []
     found = BoxClaim(asked, family, True, "", None, None, sum(proved), search.looked_at, search.tree, own)
     settled = proved or settled
     if not all(settled):

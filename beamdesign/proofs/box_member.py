@@ -11,9 +11,9 @@ import numpy as np
 from flint import acb, arb, fmpq, fmpq_poly
 
 from beamdesign.polynomial import even_odd, is_hurwitz, nearest, squared_magnitude
+from beamdesign.proofs.frames import unit
 from beamdesign.proofs.statement import UNKNOWN, Point, Statement
 from beamdesign.proofs.value_set import delays, plain_and_whole, with_unknown
-from beamdesign.proofs.zero_exclusion import unit
 
 
 class Undecided(ArithmeticError):

@@ -10,9 +10,10 @@ import numpy as np
 from flint import fmpq
 
 from beamdesign.polynomial import exact, nearest, text
+from beamdesign.proofs.frames import ARC_PARTS, Cell
 from beamdesign.proofs.statement import Node, Statement
 from beamdesign.proofs.value_set import Pieces, hulls, pieces, support, with_unknown
-from beamdesign.proofs.zero_exclusion import ARC_PARTS, Cell, coefficients, dominated
+from beamdesign.proofs.zero_exclusion import coefficients, dominated
 from beamdesign.time_limit import left_for_steps
 
 TURN = 192

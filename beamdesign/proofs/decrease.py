@@ -31,8 +31,8 @@ from typing import Any, Literal
 
 from flint import arb, ctx, fmpq, fmpq_mat, fmpz
 
+from beamdesign.proofs.frames import control_value
 from beamdesign.proofs.mass_family import Families, MassFamily
-from beamdesign.proofs.zero_exclusion import control_value
 
 # Definiteness of symmetric rational matrices, and of matrix polynomials on an interval, decided exactly.
 

@@ -37,7 +37,7 @@ from beamdesign.proofs.read_once import NotCovered
 from beamdesign.proofs.rig_family import FACTOR, rig_family
 from beamdesign.proofs.statement import UNKNOWN, Circle, Interval, PolynomialFamily, Statement, wrapped
 from beamdesign.proofs.value_set import with_unknown
-from beamdesign.proofs.zero_exclusion import PRECISION_BITS, holds, pieces
+from beamdesign.proofs.zero_exclusion import PRECISION_BITS, held, pieces
 from beamdesign.prototype import Prototype
 from beamdesign.structure.lumped import figures
 from beamdesign.time_limit import leave_out, over
@@ -276,8 +276,8 @@ def _proved(
                 statement = replace(whole, circles=circles, since=since, until=until).over(ranges)
                 search = Search(statement)
                 search.run(min(budget, most))
-                every = list(pieces(statement, search.tree))
-                if below(statement, member, since * since) and all(map(holds, every)):
+                settled = "?" not in search.tree and below(statement, member, since * since)
+                if settled and all(held([*pieces(statement, search.tree)])):
                     break
             else:
                 where = f"from {nearest(since) / (2 * pi):.4g} Hz up"

@@ -1,6 +1,6 @@
 """Hulls of the value set p(jw, q) over many pieces at once, in floats: the search that comes before the proof.
 
-Same construction as in `zero_exclusion`, which proves in ball arithmetic what is found here; nothing here is a proof.
+Same construction as in `frames`, which proves with bounds of every error what is found here; nothing here is a proof.
 Arrays of points are (2, B, C, V): both ends of a frequency interval, B pieces, C control points of what is bound and V
 points whose convex hull holds the value.
 """
@@ -16,8 +16,8 @@ import numpy as np
 from flint import fmpq
 
 from beamdesign.polynomial import nearest
+from beamdesign.proofs.frames import ARC_PARTS, control_value
 from beamdesign.proofs.statement import Node, Statement, Term
-from beamdesign.proofs.zero_exclusion import ARC_PARTS, control_value
 
 _TURN = (1.0, 1j, -1.0, -1j)
 

@@ -19,7 +19,7 @@ from beamdesign.proofs.branch import Search, control_points
 from beamdesign.proofs.rig_family import rig_family
 from beamdesign.proofs.statement import PolynomialFamily
 from beamdesign.proofs.tolerance_box import largest_scaling, tolerance_box
-from beamdesign.proofs.zero_exclusion import PRECISION_BITS, holds, pieces
+from beamdesign.proofs.zero_exclusion import PRECISION_BITS, held, pieces
 from beamdesign.prototype import Payload, Tolerance
 from beamdesign.validation.paper_rig import paper_prototype
 
@@ -85,7 +85,7 @@ def measured(family: PolynomialFamily, box: Box) -> tuple[str, float]:
     search.run(BUDGET)
     searched = perf_counter()
     with ctx.workprec(PRECISION_BITS):
-        found = [holds(piece) for piece in pieces(statement, search.tree)]
+        found = held([*pieces(statement, search.tree)])
     proved = perf_counter()
     outcome = "proved" if all(found) else "open"
     row = (

@@ -1,0 +1,349 @@
+"""Points whose convex hull holds p(jw, q) over a cell of the box, and how far p strays between two frequencies.
+
+Coefficients are exact rationals over their cell. From there on all is in floats that carry a bound of their error, for
+many frames and pieces of a tree at once: arrays have the frames (F, ...) or the pieces (P, ...) on their first axis.
+"""
+
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property, reduce
+from itertools import product
+from math import comb
+from operator import add, mul
+from typing import Any, NamedTuple
+
+import numpy as np
+from flint import acb, arb, fmpq
+
+from beamdesign.polynomial import nearest
+from beamdesign.proofs.statement import Interval, Node, Statement, Term
+
+ARC_PARTS = 6
+"""Tangents around the arc of exp(-jwT)."""
+
+_UNIT, UP, _LEAST = 2.0**-53, 1 + 2.0**-48, 1e-290
+"""Relative error of one rounding, what outweighs a dozen of them, and what outweighs underflow."""
+_TINY = 1e-300
+"""What outweighs underflow in a power of w."""
+
+
+class Cell:
+    """A sub-box: of each varying variable the share [start, end] of its range."""
+
+    def __init__(self, statement: Statement, shares: Mapping[str, Interval], half_of: "tuple[Cell, str] | None" = None):
+        self.statement, self.shares, self._half_of = statement, dict(shares), half_of
+        self.values = dict(statement.inner)
+        for name, (start, end) in self.shares.items():
+            low, high = statement.inner[name]
+            self.values[name] = (low + (high - low) * start, low + (high - low) * end)
+        self._known: dict[tuple[str, Any], np.ndarray] = {}
+
+    def half(self, name: str, upper: bool) -> "Cell":
+        """The lower or the upper half in one variable."""
+        start, end = self.shares[name]
+        middle = (start + end) / 2
+        shares = self.shares | {name: (middle, end) if upper else (start, middle)}
+        return Cell(self.statement, shares, (self, name))
+
+    def known(self, key: tuple[str, Any], names: Collection[str], make: Callable[[], np.ndarray]) -> np.ndarray:
+        """What depends on the ranges of some variables alone, made once for all cells that have these in common."""
+        cell = self
+        while cell._half_of is not None and cell._half_of[1] not in names:
+            cell = cell._half_of[0]
+        if key not in cell._known:
+            cell._known[key] = make()
+        return cell._known[key]
+
+    def grid(self, key: tuple[str, int], terms: Sequence[Term], degrees: Mapping[str, int]) -> np.ndarray:
+        """Control points of some terms (N, n + 1): of each the coefficients by power of s, rounded to the nearest."""
+
+        def at(corner: Mapping[str, int]) -> Iterator[tuple[int, fmpq]]:
+            for c, degree, powers in terms:
+                for name, power in powers.items():
+                    c = c * control_value(*self.values[name], abs(power), degrees.get(name, 0), corner.get(name, 0))
+                yield degree, c
+
+        def made() -> np.ndarray:
+            indices = product(*(range(degree + 1) for degree in degrees.values()))
+            return np.array([_by_degree(at(dict(zip(degrees, index, strict=True)))) for index in indices])
+
+        return self.known(key, degrees, made)
+
+    def sizes(self, name: str) -> np.ndarray:
+        """Bounds of the sizes of a leaf's coefficients by power of s (n + 1,)."""
+        leaf = self.statement.leaves[name]
+
+        def most() -> Iterator[tuple[int, fmpq]]:
+            for c, degree, powers in leaf:
+                for variable, power in powers.items():
+                    c = c * max(map(abs, self.values[variable])) ** abs(power)
+                yield degree, abs(c)
+
+        return self.known(
+            (name, "sizes"), {one for term in leaf for one in term.powers}, lambda: UP * _by_degree(most())
+        )
+
+
+def _by_degree(terms: Iterable[tuple[int, fmpq]]) -> np.ndarray:
+    """Sums by degree (n + 1,), rounded to the nearest."""
+    total: dict[int, fmpq] = {}
+    for degree, c in terms:
+        total[degree] = total.get(degree, fmpq(0)) + c
+    return np.array([nearest(total.get(degree, fmpq(0))) for degree in range(max(total, default=0) + 1)])
+
+
+def control_value(low: Any, high: Any, power: int, degree: int, i: int) -> Any:
+    """Bernstein coefficient i of x^power on [low, high] raised to a degree, of rationals or arrays; x^power for 0."""
+    if degree == 0:
+        return low**power
+    terms = (comb(i, j) * comb(degree - i, power - j) * high**j * low ** (power - j) for j in range(power + 1))
+    return sum(terms, 0 * low) / comb(degree, power)
+
+
+@dataclass(frozen=True)
+class Balls:
+    """Complex numbers in floats, each no farther from its middle than its radius, which is rounded up.
+
+    Arrays (F, C1, ..., CN, V): frames, an axis for every pack that is enumerated, of length one where nothing depends
+    on it, and V points. Sums and products of floats as bounded by S. M. Rump, BIT 39 (1999) 534; that of complex ones
+    errs by less than 4 u |a b| (R. Brent, C. Percival, P. Zimmermann, Math. Comp. 76 (2007) 1469).
+    """
+
+    middle: np.ndarray
+    radius: np.ndarray
+
+    def __add__(self, other: "Balls") -> "Balls":
+        """Of every point of either."""
+        return self._joined(other, np.add, lambda a, b, r, t: r + t + _UNIT * (a + b))
+
+    def __mul__(self, other: "Balls") -> "Balls":
+        """Of every point of either."""
+        return self._joined(other, np.multiply, lambda a, b, r, t: a * t + (b + t) * r + 4 * _UNIT * a * b)
+
+    def _joined(self, other: "Balls", combined: np.ufunc, strayed: Callable[..., np.ndarray]) -> "Balls":
+        sides = [part[..., :, None] for part in (self.middle, self.size, self.radius)]
+        others = [part[..., None, :] for part in (other.middle, other.size, other.radius)]
+        middle = combined(sides[0], others[0])
+        radius = UP * strayed(sides[1], others[1], sides[2], others[2]) + _LEAST
+        return Balls(*(part.reshape(*part.shape[:-2], -1) for part in (middle, radius)))
+
+    def shaped(self, shape: Sequence[int]) -> "Balls":
+        """The same in another shape."""
+        return Balls(self.middle.reshape(shape), self.radius.reshape(shape))
+
+    @cached_property
+    def size(self) -> np.ndarray:
+        """Upper bounds of the sizes of the middles."""
+        return np.asarray(UP * np.abs(self.middle))
+
+    @cached_property
+    def largest(self) -> np.ndarray:
+        """Upper bounds (F, C1, ..., CN) of the size of any of the V points."""
+        return np.asarray((UP * (self.size + self.radius)).max(axis=-1))
+
+    @cached_property
+    def _blur(self) -> np.ndarray:
+        return np.asarray(UP * (self.radius + 4 * _UNIT * self.size))
+
+    def along(self, x: np.ndarray | int, y: np.ndarray | int, which: Any = ...) -> np.ndarray:
+        """Lower bounds (F, C1, ..., CN) of the real part of the points times the conjugate of a direction x + j y.
+
+        Of some frames only where `which` says so, each by the direction of its own then.
+        """
+        middle = self.middle[which]
+        strayed = (np.abs(x) + np.abs(y)) * self._blur[which]
+        return np.asarray((x * middle.real + y * middle.imag - UP * strayed - _LEAST).min(axis=-1))
+
+
+def balls(points: Sequence[acb]) -> Balls:
+    """Points (V,) as they are."""
+    middle = [complex(point) for point in points]
+    radius = [float(abs(point - acb(at)).upper()) for point, at in zip(points, middle, strict=True)]
+    return Balls(np.array(middle), UP * np.array(radius) + _LEAST)
+
+
+class Frames:
+    """Points whose convex hull holds each part of p, each frame over a cell at one exact frequency, rad/s."""
+
+    def __init__(self, statement: Statement, places: Sequence[tuple[Cell, fmpq]]):
+        self.statement, self.places = statement, places
+        numbers: dict[Cell, int] = {}
+        self._cell = [numbers.setdefault(cell, len(numbers)) for cell, _ in places]
+        self._cells = [*numbers]
+        most = max(2, *(term.degree for leaf in statement.leaves.values() for term in leaf))
+        w = np.array([nearest(one) for _, one in places])
+        self._powers = np.cumprod(np.stack([np.ones(len(w)), *([w] * most)], axis=1), axis=1)
+        self._known: dict[int, Balls] = {}
+        self._enumerated = {
+            name: self._along(one, k) for k, pack in enumerate(statement.bound) for name, one in self._pack(pack)
+        }
+
+    def points(self, node: Node) -> Balls:
+        """Points whose hull holds a part of p, for each choice of control points of the packs on which it depends."""
+        if id(node) not in self._known:
+            self._known[id(node)] = self._found(node)
+        return self._known[id(node)]
+
+    def largest(self, node: Node) -> np.ndarray:
+        """Upper bounds (F,) of the size of a part of p."""
+        return self.points(node).largest.reshape(len(self.places), -1).max(axis=1)
+
+    def least(self, which: np.ndarray, directions: np.ndarray) -> np.ndarray:
+        """Lower bounds (P,) over some frames of the real part of p times the conjugates of directions (2, P)."""
+        x, y = directions.reshape(2, -1, *[1] * (len(self.statement.bound) + 1))
+        along = [self.points(node).along(x, y, which) for node in self.statement.summands]
+        strayed = 2 * len(along) * _UNIT * reduce(add, map(np.abs, along))
+        return np.asarray((reduce(add, along) - UP * strayed).reshape(len(which), -1).min(axis=1))
+
+    def steepness(self, name: str, which: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Bounds (P,) of the first and second derivative of a leaf in w, up to the frequencies of some frames."""
+        sizes = np.stack([cell.sizes(name) for cell in self._cells])[np.array(self._cell)[which]]
+        n = np.arange(sizes.shape[1])
+        up = 1 + 4 * (len(n) + 2) * _UNIT
+        first = up * (sizes * n * self._powers[which][:, np.maximum(n - 1, 0)]).sum(axis=1)
+        second = up * (sizes * n * (n - 1) * self._powers[which][:, np.maximum(n - 2, 0)]).sum(axis=1)
+        return first + _LEAST, second + _LEAST
+
+    @property
+    def width(self) -> int:
+        """Points of all summands of one frame."""
+        return sum(self.points(node).middle[0].size for node in self.statement.summands)
+
+    def _along(self, found: Balls, axis: int | None = None) -> Balls:
+        """Points (F, V) along the axis of a pack, or of none."""
+        shape = [len(self.places), *[1] * (len(self.statement.bound) + 1)]
+        shape[-1 if axis is None else axis + 1] = found.middle.shape[1]
+        return found.shaped(shape)
+
+    def _found(self, node: Node) -> Balls:
+        if node.kind == "leaf":
+            return self._enumerated[node.name] if node.packs else self._along(self._leaf(node.name))
+        if node.kind == "delay":
+            return self._along(self._late(node.name))
+        if node.kind == "circle":
+            return self._along(self._circle(node.name))
+        return reduce(add if node.kind == "sum" else mul, map(self.points, node.parts))
+
+    def _values(self, key: tuple[str, int], terms: Sequence[Term], degrees: Mapping[str, int]) -> Balls:
+        """Control points (F, N) of some terms.
+
+        A term c w^k has at most 2 k + 1 roundings, those of c and w among them, and a sum of n + 1 terms at most n.
+        """
+        grids = np.stack([cell.grid(key, terms, degrees) for cell in self._cells])[self._cell]
+        n = grids.shape[2] - 1
+        each = grids * self._powers[:, None, : n + 1]
+        turned = each * np.array([1.0, 1.0, -1.0, -1.0])[np.arange(n + 1) % 4]
+        strayed = (3 * n + 4) * _UNIT * np.abs(each).sum(axis=2) + _TINY * np.abs(grids).sum(axis=2)
+        return Balls(turned[..., ::2].sum(axis=2) + 1j * turned[..., 1::2].sum(axis=2), UP * strayed + _LEAST)
+
+    def _leaf(self, name: str) -> Balls:
+        """An interval along either axis, and control points of what lies along neither."""
+        points: list[Balls] = []
+        along: dict[int, list[Balls]] = {0: [], 1: []}
+        for i, (axis, degrees, terms) in enumerate(self.statement.components[name]):
+            found = self._values((name, i), terms, degrees)
+            if axis == 2 or found.middle.shape[1] == 1:
+                points.append(found)
+            else:
+                along[axis].append(_ends(found, axis))
+        edges = [reduce(_one_by_one, ends) for ends in along.values() if ends]
+        return reduce(add, [*points, *edges])
+
+    def _pack(self, pack: Sequence[str]) -> Iterator[tuple[str, Balls]]:
+        if len(pack) == 1:
+            yield pack[0], self._leaf(pack[0])
+            return
+        degrees = self.statement.pack_degrees(pack)
+        for name in pack:
+            yield name, self._values((name, -1), self.statement.leaves[name], degrees)
+
+    def _late(self, name: str) -> Balls:
+        """The delay: an arc, or one point of each frame where it does not vary."""
+        if name not in self.statement.varying and self.statement.inner[name][0] == 0:
+            return Balls(np.ones((len(self.places), 1), dtype=complex), np.zeros((len(self.places), 1)))
+        points = []
+        for cell, w in self.places:
+            least, most = cell.values[name]
+            if name in self.statement.varying:
+                points += arc(arb(w * least), arb(w * (most - least)))
+            else:
+                points.append(unit(arb(w * least)))
+        return balls(points).shaped((len(self.places), -1))
+
+    def _circle(self, name: str) -> Balls:
+        """The arc of a circle that the unknown may be on."""
+        centre, radius = map(arb, self.statement.circles[name])
+        points = []
+        for cell in self._cells:
+            low, high = cell.values[name]
+            points += [centre + radius * point for point in arc(_turn() * arb(low), _turn() * arb(high - low))]
+        found = balls(points).shaped((len(self._cells), -1))
+        return Balls(found.middle[self._cell], found.radius[self._cell])
+
+
+def _ends(found: Balls, axis: int) -> Balls:
+    """The least and the largest of points (F, N) along the real (0) or the imaginary (1) axis."""
+    along, turn = (found.middle.imag, 1j) if axis else (found.middle.real, 1.0)
+    ends = np.stack([along.min(axis=1), along.max(axis=1)], axis=1)
+    return Balls(turn * ends, np.repeat(found.radius.max(axis=1, keepdims=True), 2, axis=1))
+
+
+def _one_by_one(left: Balls, right: Balls) -> Balls:
+    """Sums of points that belong together."""
+    radius = left.radius + right.radius + _UNIT * (left.size + right.size)
+    return Balls(left.middle + right.middle, UP * radius + _LEAST)
+
+
+def arc(start: arb, sweep: arb) -> list[acb]:
+    """The ends of the arc exp(-j angle) over some angles, and the corners of tangents around it."""
+    sweep = sweep if sweep < _turn() else _turn()
+    shrink = (sweep / (2 * ARC_PARTS)).cos()
+    corners = [unit(start + sweep * (2 * i + 1) / (2 * ARC_PARTS)) / shrink for i in range(ARC_PARTS)]
+    return [unit(start), *corners, unit(start + sweep)]
+
+
+def _turn() -> arb:
+    return 2 * arb.pi()
+
+
+def unit(angle: arb) -> acb:
+    """exp(-j angle)."""
+    return acb(angle.cos(), -angle.sin())
+
+
+class Between(NamedTuple):
+    """Pieces, each of one cell between two frequencies: the numbers (P,) of their frames.
+
+    `sag` (P,) is an eighth of the squared step, rounded up: times a second derivative it is how far a curve strays from
+    its chord.
+    """
+
+    frames: Frames
+    first: np.ndarray
+    last: np.ndarray
+    sag: np.ndarray
+
+
+def growth(between: Between, node: Node) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Bounds (P,) of |f|, |df/dw| and |d2f/dw2| of a part of p on pieces, over their cells."""
+    frames, first, last, sag = between
+    statement, none = frames.statement, np.zeros(len(first))
+    if node.kind == "delay":
+        most = np.array([UP * nearest(frames.places[k][0].values[node.name][1]) for k in last])
+        return none + 1, most, UP * most * most
+    if node.kind == "circle":
+        return none + UP * nearest(sum(statement.circles[node.name], fmpq(0))), none, none
+    if node.kind == "product":
+        size, slope, bend = none + 1, none, none
+        for part in node.parts:
+            f, df, ddf = growth(between, part)
+            bend = UP * (bend * f + 2 * slope * df + size * ddf)
+            slope, size = UP * (slope * f + size * df), UP * (size * f)
+        return size, slope, bend
+    if node.kind == "leaf":
+        slope, bend = frames.steepness(node.name, last)
+    else:
+        _, slopes, bends = zip(*(growth(between, part) for part in node.parts), strict=True)
+        slope, bend = (reduce(lambda a, b: UP * (a + b), parts) for parts in (slopes, bends))
+    largest = frames.largest(node)
+    return UP * (np.maximum(largest[first], largest[last]) + UP * bend * sag), slope, bend
