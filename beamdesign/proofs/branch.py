@@ -12,7 +12,7 @@ from flint import fmpq
 from beamdesign.polynomial import exact, nearest, text
 from beamdesign.proofs.frames import ARC_PARTS, Cell
 from beamdesign.proofs.statement import Node, Statement
-from beamdesign.proofs.value_set import Pieces, hulls, pieces, support, with_unknown
+from beamdesign.proofs.value_set import Pieces, as_rows, hulls, pieces, support, with_unknown
 from beamdesign.proofs.zero_exclusion import coefficients, dominated
 from beamdesign.time_limit import left_for_steps
 
@@ -243,8 +243,8 @@ def _best_lines(statement: Statement, where: Pieces) -> tuple[np.ndarray, np.nda
     summands = hulls(statement, where)
     stray = where.stray(np.sum([hull.bend for hull in summands], axis=0))
     blur = _CLEAR * np.sum([np.abs(hull.points).max(axis=(2, 3)) for hull in summands], axis=0)
-    count = len(stray)
-    rows = np.arange(count)[:, None]
+    points, count = as_rows(summands), len(stray)
+    rows = np.arange(count)
     # Per piece three searches: the line that is best for both ends, and one for each end alone.
     indices = np.broadcast_to(np.arange(0, TURN, TURN // 12), (3, count, 12))
     best = np.zeros((3, count), dtype=int)
@@ -252,11 +252,11 @@ def _best_lines(statement: Statement, where: Pieces) -> tuple[np.ndarray, np.nda
     step = TURN // 24
     while True:
         tried = np.concatenate(list(indices), axis=1) if step < TURN // 24 else indices[0]
-        found = support(summands, _UNITS[tried]) - blur[..., None]
+        found = support(points, _UNITS[tried]) - blur[..., None]
         scores = np.stack([found.min(axis=0), found[0], found[1]])
         choice = scores.argmax(axis=2)
         score = np.take_along_axis(scores, choice[..., None], axis=2)[..., 0]
-        best = np.where(score > value, tried[rows[:, 0], choice], best)
+        best = np.where(score > value, tried[rows, choice], best)
         value = np.maximum(value, score)
         if step == 0:
             break

@@ -91,13 +91,22 @@ def hulls(statement: Statement, where: Pieces) -> list[Hull]:
     return [node.fold(one, add, multiply) for node in statement.summands]
 
 
-def support(summands: Sequence[Hull], directions: np.ndarray) -> np.ndarray:
+def as_rows(summands: Sequence[Hull]) -> list[np.ndarray]:
+    """The points of hulls as real numbers side by side, (V, 2, B, C, 2): what `support` takes."""
+    rows = (np.ascontiguousarray(np.moveaxis(hull.points, 3, 0)) for hull in summands)
+    return [one.view(float).reshape(*one.shape, 2) for one in rows]
+
+
+def support(rows: Sequence[np.ndarray], directions: np.ndarray) -> np.ndarray:
     """Least real part of conj(u) p over each hull: (2, B, M) for unit directions u (B, M)."""
     u = np.stack([directions.real, directions.imag], axis=-2)
     total: np.ndarray | float = 0.0
-    for hull in summands:  # the points first: a minimum over a first axis is that of whole rows
-        points = np.ascontiguousarray(np.moveaxis(hull.points, 3, 0))
-        total = total + (points.view(float).reshape(*points.shape, 2) @ u).min(axis=0)
+    for points in rows:
+        least = points[0] @ u
+        along = np.empty_like(least)
+        for one in points[1:]:  # point by point, as all of them at once are too many to be kept near the processor
+            np.minimum(least, np.matmul(one, u, out=along), out=least)
+        total = total + least
     return np.asarray(total).min(axis=2)
 
 
