@@ -7,13 +7,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from beamdesign.build.tolerances import performance, why_no_box
+from beamdesign.build.tolerances import Performance, performance, performance_by_all, why_no_box
 from beamdesign.loop import loop
 from beamdesign.plant.actuators import MARGIN, Row
 from beamdesign.plant.effects import library
 from beamdesign.proofs.box import box_of, certify_box
-from beamdesign.proofs.certificate import Guaranteed
-from beamdesign.proofs.certifying import guaranteed_by_all, stability_over
+from beamdesign.proofs.certifying import stability_over
 from beamdesign.proofs.rig_family import rig_family
 from beamdesign.prototype import Beam, InStage, Prototype
 from beamdesign.quantities import tube_text
@@ -138,7 +137,7 @@ def _choice(prototype: Prototype, name: str, masses_kg: tuple[float, float]) -> 
     )
     stable = reached = None
     if not same and after > 0:
-        reached = guaranteed_by_all(prototype.but(**{f"{name}_beam": other}, guarantee=None).stages(masses_kg))
+        reached = performance_by_all(prototype.but(**{f"{name}_beam": other}, guarantee=None).stages(masses_kg))
         stable = reached is not None
     found, exchanged = lumped_beam(record), lumped_beam(other)
     return StockChoice(
@@ -270,10 +269,10 @@ def sensor_need(prototype: Prototype, masses_kg: tuple[float, float], load_N: fl
         share: of that motion that noise may cause.
     """
     stages = prototype.stages(masses_kg)
-    nominal = guaranteed_by_all(stages)
+    nominal = performance_by_all(stages)
 
-    def reaches(break_Hz: float) -> Guaranteed | None:
-        return guaranteed_by_all(lagging(prototype, break_Hz).stages(masses_kg))
+    def reaches(break_Hz: float) -> Performance | None:
+        return performance_by_all(lagging(prototype, break_Hz).stages(masses_kg))
 
     def stands(break_Hz: float) -> bool:
         lagged = lagging(prototype, break_Hz).stages(masses_kg)
@@ -332,7 +331,7 @@ def _proved_above(prototype: Prototype, masses_kg: tuple[float, float], break_Hz
     return all(map(proved, lagging(prototype, break_Hz).stages(masses_kg)))
 
 
-def _kept(found: Guaranteed | None, nominal: Guaranteed) -> bool:
+def _kept(found: Performance | None, nominal: Performance) -> bool:
     if found is None:
         return False
     return (
