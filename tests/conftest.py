@@ -4,18 +4,22 @@ import gc
 import os
 import shutil
 from collections.abc import Callable, Iterator
+from contextlib import nullcontext
 from fcntl import LOCK_EX, flock
+from functools import cache
 from math import inf
 from pathlib import Path
 
 import pytest
 import slow_sensor
 from hypothesis import settings
+from typer import testing
 
 from beamdesign import Prototype, time_limit
 from beamdesign.controllers import Lag
 from beamdesign.plant.actuators.servo_cylinder import ServoCylinder
 from beamdesign.prototype import Beam, Payload, Sensor, Servovalve
+from beamdesign.sweep import workers
 
 gc.set_threshold(50_000, 20, 20)  # proofs hold many small numbers and no circles: to look for these took 3 % of all
 settings.register_profile("as long as it takes", deadline=None)
@@ -44,6 +48,20 @@ def no_time_limit() -> Iterator[None]:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(time_limit, "MINUTES", inf)
         yield
+
+
+@pytest.fixture(scope="session", autouse=True)
+def commands_once() -> Iterator[None]:
+    """The program's commands are made from their functions once for all that are run, as they are in a process."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(testing, "_get_command", cache(testing._get_command))
+        yield
+
+
+@pytest.fixture
+def computed_here(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Sweeps are computed in this process: one of their own would first load the program again."""
+    monkeypatch.setattr(workers, "processes", lambda count, case_seconds: nullcontext(workers.here))
 
 
 @pytest.fixture

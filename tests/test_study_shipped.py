@@ -34,7 +34,7 @@ def assert_declared(record):
 
 
 @pytest.fixture
-def rows(tmp_path):
+def rows(tmp_path, computed_here):
     """Runs a shipped sweep with no more cases than so many, and gives its rows and folder."""
 
     def run(name, cases, status=0):
