@@ -52,10 +52,15 @@ class Hull:
 
 def pieces(statement: Statement, start: np.ndarray, end: np.ndarray, w: np.ndarray) -> Pieces:
     """Pieces from shares (B, k) of the ranges and frequencies (2, B)."""
-    ends = [statement.inner[name] for name in statement.varying]
-    low = np.array([nearest(a) for a, _ in ends])
-    width = np.array([nearest(b - a) for a, b in ends])
+    low, width = _ranges(statement)
     return Pieces(low + width * start, low + width * end, w)
+
+
+@lru_cache(maxsize=64)
+def _ranges(statement: Statement) -> tuple[np.ndarray, np.ndarray]:
+    """Least values (k,) of the varying variables as they enter, and how wide their ranges are."""
+    ends = [statement.inner[name] for name in statement.varying]
+    return np.array([nearest(a) for a, _ in ends]), np.array([nearest(b - a) for a, b in ends])
 
 
 def hulls(statement: Statement, where: Pieces) -> list[Hull]:
@@ -134,8 +139,12 @@ def with_unknown(statement: Statement, shares: np.ndarray, w: np.ndarray) -> np.
 
 
 def _leaves(statement: Statement, shares: np.ndarray, s: np.ndarray) -> Callable[[str], np.ndarray]:
-    """Leaves (B, N) by name, of members at shares (B, k) of the ranges, at complex s (B or 1, N)."""
-    at = pieces(statement, shares, shares, np.zeros((2, len(shares)))).low
+    """Leaves (B, N) by name, of members at shares (B, k) of the ranges, at complex s (B or 1, N).
+
+    One in which nothing varies is (1, N) where s is, and one without s is (B or 1, 1).
+    """
+    low, width = _ranges(statement)
+    at = np.ascontiguousarray((low + width * shares).T)
     terms, found = _terms(statement), dict[str, np.ndarray]()
     most = max(degree for table in terms.values() for degree, _, _ in table)
     powers = np.stack(list(accumulate(repeat(s, most), mul, initial=np.ones_like(s))))
@@ -143,11 +152,14 @@ def _leaves(statement: Statement, shares: np.ndarray, s: np.ndarray) -> Callable
     def leaf(name: str) -> np.ndarray:
         if name not in found:
             table = terms[name]
-            rows = np.zeros((len(shares), 1 + max(degree for degree, _, _ in table)))
+            fixed = len(s) == 1 and not any(columns for _, _, columns in table)
+            rows = np.zeros((1 if fixed else len(shares), 1 + max(degree for degree, _, _ in table)))
             for degree, value, columns in table:
-                rows[:, degree] += prod((at[:, k] ** power for k, power in columns), start=value)
+                rows[:, degree] += prod((at[k] if power == 1 else at[k] ** power for k, power in columns), start=value)
             some = powers[: rows.shape[1]]
-            if len(s) == 1:  # of real numbers side by side: a product with complex ones takes thrice as long
+            if len(some) == 1:
+                found[name] = rows
+            elif len(s) == 1:  # of real numbers side by side: a product with complex ones takes thrice as long
                 found[name] = (rows @ some[:, 0].view(float)).view(complex)
             else:
                 found[name] = np.einsum("bd,dbn->bn", rows, some)
