@@ -7,7 +7,7 @@ import ast
 from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import reduce
+from functools import lru_cache, reduce
 from operator import add, itemgetter, mul, or_, sub, truediv
 from textwrap import wrap
 from typing import NamedTuple, TypeVar
@@ -60,6 +60,7 @@ class Node(NamedTuple):
         return reduce(add if self.kind == "sum" else multiply, (part.fold(one, add, multiply) for part in self.parts))
 
 
+@lru_cache(maxsize=1024)  # a family is looked at over many boxes
 def polynomial(written: str) -> tuple[Term, ...]:
     """Expand a polynomial in s and in parameters or their reciprocals: + - * / ** of names and whole numbers."""
     tree = _parsed(written)
