@@ -10,11 +10,11 @@ from flint import acb, arb, ctx, fmpq, fmpq_poly
 
 from beamdesign import check
 from beamdesign.loop import loop
-from beamdesign.polynomial import exact, is_hurwitz
+from beamdesign.polynomial import even_odd, exact, is_hurwitz, squared_magnitude
 from beamdesign.polynomial import roots as roots_of
 from beamdesign.proofs.box import box_of, certify_box
 from beamdesign.proofs.box_member import Quasipolynomial, unstable_roots
-from beamdesign.proofs.frames import balls
+from beamdesign.proofs.frames import Cell, Frames, balls
 from beamdesign.proofs.stability import stable_ranges
 from beamdesign.proofs.statement import PolynomialFamily
 from beamdesign.proofs.tolerance_box import largest_scaling, scaling_of_each
@@ -263,3 +263,28 @@ def test_balls_hold_what_they_stand_for():
         least = min(direction[0] * x + direction[1] * y for x, y in exact_ones)
         assert as_it_is(found.along(*direction)) <= least
     assert found.radius.max() < 1e-3 * found.size.max()
+
+
+def test_leaves_lie_within_their_bounds_where_their_terms_cancel():
+    """Values and derivatives against exact rationals, at and near roots that lie on the axis."""
+
+    def as_it_is(value: np.ndarray) -> fmpq:
+        return fmpq(*value.item().as_integer_ratio())
+
+    leaves = {"on_axis": "(s**2 + q)**4", "beside": "(s**2 + 2*s/1000 + q)**2*(s + 10)**3"}
+    free = PolynomialFamily("f", "on_axis*beside", {"q": fmpq(1)}, leaves)
+    wide = free.over({"q": (fmpq(999_999, 10**6), fmpq(1_000_001, 10**6))})
+    w = [fmpq(0), fmpq(2, 3), fmpq(1), fmpq(10**9 + 1, 10**9), fmpq(31_415, 10)]
+    over_cell = Frames(wide, [(Cell(wide, {"q": (fmpq(0), fmpq(1))}), one) for one in w])
+    for q in (fmpq(999_999, 10**6), fmpq(1), fmpq(1_000_001, 10**6)):
+        fixed = free.over({"q": (q, q)})
+        here = Frames(fixed, [(Cell(fixed, {}), one) for one in w])
+        for node in fixed.body.parts:
+            leaf, found = fixed.leaf_at(node.name, {"q": q}), here.points(node)
+            even, odd = even_odd(leaf)
+            slopes = over_cell.steepness(node.name, np.arange(len(w)))
+            for k, one in enumerate(w):
+                away = as_it_is(found.middle[k].real) - even(one**2), as_it_is(found.middle[k].imag) - one * odd(one**2)
+                assert away[0] ** 2 + away[1] ** 2 <= as_it_is(found.radius[k]) ** 2
+                for derivative, most in zip((leaf.derivative(), leaf.derivative().derivative()), slopes, strict=True):
+                    assert squared_magnitude(derivative)(one**2) <= as_it_is(most[k]) ** 2
