@@ -172,6 +172,14 @@ def test_orifices_that_all_but_stall_are_integrated_in_as_many_steps_as_they_nee
     assert loud is None or np.linalg.norm(loud - found[1]) > 0.1 * np.linalg.norm(found[1])
 
 
+def test_what_another_law_has_found_to_be_none_begins_at_the_least_that_a_law_takes():
+    """One law of a cause may have none of what goes by its logarithm in another: a fit begins at its bound."""
+    rig = believed()
+    for unknown in (u for single in singles(rig) for u in single.unknowns(rig) if u.kind == "effect"):
+        begun = np.clip(unknown.z(0.0), *unknown.bounds)
+        assert unknown.value(begun) == pytest.approx(max(unknown.low, 0.0), rel=1e-9, abs=1e-12), unknown.name
+
+
 def test_bounds_hold():
     """An effect that the evidence would like negative stays at zero, and the other unknowns are solved for that."""
     placement = Hypothesis(("valve_deadband",)).placement(believed())

@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cache, cached_property
 from itertools import combinations
-from math import exp, isclose, log
+from math import exp, inf, isclose, log
 from typing import Self
 
 import numpy as np
@@ -69,8 +69,10 @@ class Unknown:
         return self.spread if self.linear else self.spread * self.value(z)
 
     def z(self, value: float) -> float:
-        """The z of a value."""
-        return (value - self.nominal) / self.spread if self.linear else log(value / self.nominal) / self.spread
+        """The z of a value; without bound for none of what has a logarithm, as another law may have found it."""
+        if self.linear:
+            return (value - self.nominal) / self.spread
+        return log(value / self.nominal) / self.spread if value > 0 else -inf
 
     @property
     def bounds(self) -> tuple[float, float]:
