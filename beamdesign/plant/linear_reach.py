@@ -119,8 +119,8 @@ def reach(prototype: Prototype, varied: Varied, frequency: float, outer_end_mass
     """The load, force or air fraction up to which the linear model's amplitude is off by no more than `SHARE`.
 
     The quantity is raised on a grid until that is passed, and the passage is narrowed by bisection: a passage that
-    goes back between two points of the grid is not seen. Where it is passed at the first point already, a part of that
-    is sought at which it is not.
+    goes back between two points of the grid is not seen. Where a load or force passes it at the first point already, a
+    part of that is sought at which it does not.
 
     Args:
         prototype: rig with a controller and its effects.
@@ -149,7 +149,8 @@ def reach(prototype: Prototype, varied: Varied, frequency: float, outer_end_mass
     for value in grid:
         found = at(float(value))
         if abs(found) > SHARE:
-            before = _below(at, float(value)) if before is None else before
+            if before is None and varied != "air":  # of which no law takes less than the first
+                before = _below(at, float(value))
             if before is None:
                 return Reach(varied, frequency, 0.0, found)
             limit = _narrowed(at, before, float(value))
