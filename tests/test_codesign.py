@@ -50,6 +50,7 @@ def test_codesign_is_lighter_than_the_published_sections_for_the_same_guarantee(
     assert f"moving_mass_kg={found.point.moving_mass_kg:.4g}" in repr(found)
     point = found.point
     assert point.moving_mass_kg < 9.5
+    assert point.prototype.payload.largest_force_N == problem.load.tip_force_N  # which `spec` rates by
     assert check_sections(problem, point.outer, point.inner).feasible
     assert point.proved.bandwidth_Hz >= 3.8
     assert violations(point.prototype, PAYLOAD, 3.8, 2.0) == []

@@ -16,7 +16,7 @@ from beamdesign.controllers.protocol import form_of
 from beamdesign.plant.members import family
 from beamdesign.problem import DesignProblem
 from beamdesign.progress import Progress, silent
-from beamdesign.prototype import Payload, Prototype
+from beamdesign.prototype import Prototype
 from beamdesign.records import InputError
 from beamdesign.result import Result, finite, picked
 from beamdesign.synthesis import POINT, SIGMAS
@@ -127,8 +127,8 @@ def _point(problem: DesignProblem, masses_kg: tuple[float, float], proved: Prove
     """The finished design of a proved loop, whose sections have no structural flaw."""
     variables = proved.variables[form_of(proved.controller.kind).size + 1 :]
     pair = check_sections(problem, *tubes(problem, variables, rounded=True))
-    payload = Payload(outer_end_mass_kg=masses_kg, inner_end_mass_kg=proved.inner_end_mass_kg)
-    prototype = problem.prototype(pair.outer, pair.inner).but(controller=proved.controller, payload=payload)
+    bare = problem.prototype(pair.outer, pair.inner)
+    prototype = bare.with_law(proved.controller, masses_kg, proved.inner_end_mass_kg)
     return CodesignPoint(**vars(pair), prototype=prototype, proved=proved)
 
 
