@@ -1,6 +1,7 @@
 """Starting from templates and explaining keys: every template runs as it stands, every key is what the reader takes."""
 
 import json
+import re
 import tomllib
 from pathlib import Path
 from typing import Any
@@ -10,7 +11,18 @@ from typer.testing import CliRunner
 
 from beamdesign import InputError, read_prototype
 from beamdesign.cli import app
-from beamdesign.docs import FILES, effects, find, keys, pages, reference_markdown, topics
+from beamdesign.docs import (
+    FILES,
+    effects,
+    find,
+    keys,
+    pages,
+    reference_markdown,
+    topics,
+    value_lines,
+    with_value,
+    words,
+)
 from beamdesign.quantities import unit_of
 from beamdesign.templates import TEMPLATES
 
@@ -193,6 +205,24 @@ def test_a_key_is_explained_with_every_place_it_may_stand(tmp_path: Path) -> Non
 )
 def test_a_key_is_explained_as_it_stands_in_a_file(asked: str, meant: str) -> None:
     assert invoke("explain", asked).splitlines()[0] == invoke("explain", meant).splitlines()[0]
+
+
+def test_a_value_is_explained_with_the_figures_that_it_brings() -> None:
+    said = invoke("explain", "lag")
+    for part in ('kind = "lag"', "(1 + s / zero) / (1 + s / pole)", "gain_A_per_V, pole_Hz, zero_Hz", "(study)"):
+        assert part in said
+    assert "section" not in said  # of a structured law
+    assert "rotor_inertia_kg_m2" in invoke("explain", "ball_screw")
+    assert invoke("explain", "compliance").startswith("[compliance]")  # a key before a value
+
+
+def test_every_value_that_a_key_names_can_be_asked_for() -> None:
+    named = {value for key in keys() for value in re.findall(r'"(\w+)"', key.kind)}
+    assert {"hinf", "servo_cylinder", "stock", "sobol", "bars"} <= named <= set(words())
+    for value in named:
+        places = [key.path.rpartition(".")[2] for key in with_value(value)]
+        said = [line for line in value_lines(value, with_value(value)) if line.endswith(f' = "{value}"')]
+        assert {line.partition(" ")[0] for line in said} == set(places)
 
 
 def test_every_effect_is_explained_with_its_figures() -> None:

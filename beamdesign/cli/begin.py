@@ -68,14 +68,14 @@ def new(
 def explain(
     key: Annotated[str | None, typer.Argument(autocompletion=words)] = None, reference: bool = False
 ) -> CommandResult:
-    """Explain a key, a table or an effect of any file, or a topic.
+    """Explain a key, a value, a table or an effect of any file, or a topic.
 
     Meaning, unit, bounds, default, and the files it may stand in, from the records that the files are read as. Of a
     topic its page, in Markdown; where a topic has the name of a key, the page follows what is told of the key.
 
     Args:
-        key: a key, a table or an effect, such as width_m, servovalve or sensor_lag, or a topic such as proofs; without
-            it all are listed.
+        key: a key, a value, a table or an effect, such as width_m, lag, servovalve or sensor_lag, or a topic such as
+            proofs; without it all are listed.
         reference: print all keys as Markdown.
     """
     from dataclasses import asdict
@@ -97,8 +97,8 @@ def explain(
     effect = effect_named(wanted)
     some = [] if effect else list(find(wanted))
     every = effects() if wanted == "effects" else (effect,) if effect else ()
-    text = pages().get(wanted)
-    if not some and not every and text is None:
+    text, valued = pages().get(wanted), docs.with_value(wanted)
+    if not (some or every or valued or text):
         close = nearest(wanted)
         hint = f"did you mean {' or '.join(close)}?" if close else "`beamdesign explain` lists all"
         refuse("explain", (key or "''", f"unknown key; {hint}"))
@@ -110,10 +110,12 @@ def explain(
             echo("\n" + "\n".join(material_lines()))
         for one in every:
             echo(f"\n{one.name} ({one.subsystem})\n  {one.meaning}")
+    if valued:
+        echo(*([""] if some or every else []), *docs.value_lines(wanted, valued))
     if text is not None:
-        echo(f"\n{text}".rstrip() if some else text.rstrip())
-    found = {"keys": [asdict(each) for each in some], "effects": [asdict(e) for e in every if e], "page": text}
-    return CommandResult({"key": key} | found)
+        echo(f"\n{text}".rstrip() if some or valued else text.rstrip())
+    told = {"keys": [asdict(each) for each in (*some, *valued)], "effects": [asdict(e) for e in every if e]}
+    return CommandResult({"key": key, **told, "page": text})
 
 
 def _list() -> None:

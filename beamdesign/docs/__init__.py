@@ -55,6 +55,7 @@ class Key:
         source: of the definition; empty where there is none beside the meaning.
         only_for: kinds of the table that have it; empty where all do.
         is_table: whether it is a table (or a list of them) rather than a figure.
+        values: of what has values by name, each with what it means; empty where nothing tells more than the name.
     """
 
     path: str
@@ -68,6 +69,7 @@ class Key:
     source: str = ""
     only_for: tuple[str, ...] = ()
     is_table: bool = False
+    values: tuple[tuple[str, str], ...] = ()
 
     @property
     def name(self) -> str:
@@ -162,6 +164,11 @@ def find(word: str) -> tuple[Key, ...]:
     return (*exact, *inside)
 
 
+def with_value(word: str) -> tuple[Key, ...]:
+    """The keys that a word is a value of, as "lag" of a controller's kind."""
+    return tuple(key for key in keys() if f'"{word}"' in key.kind)
+
+
 def effect_named(word: str) -> EffectEntry | None:
     """The effect of that name, also given as `effects.NAME`; laws to be learnt among them."""
     from beamdesign.plant.effects import library
@@ -171,8 +178,9 @@ def effect_named(word: str) -> EffectEntry | None:
 
 
 def words(beside: str = "") -> tuple[str, ...]:
-    """All that can be asked for, each once: keys, tables, effects and topics by name; beside a dot, paths."""
+    """All that can be asked for, each once: keys, tables, values, effects, topics by name; beside a dot, paths."""
     names = {key.name for key in keys()} | {effect.name for effect in effects()} | set(topics())
+    names |= {value for key in keys() for value in re.findall(r'"(\w+)"', key.kind)}
     return tuple(sorted({key.path for key in keys()} if "." in beside else names))
 
 
@@ -224,6 +232,7 @@ def _merged(tagged: list[tuple[str, Key]], kinds: int, usual: str) -> Iterator[K
         facts: dict[str, Any] = {"only_for": tags if len(tags) < kinds else key.only_for}
         if key.name == "kind" and kinds > 1:
             facts |= {"kind": "one of " + ", ".join(f'"{tag}"' for tag in tags), "default": usual or "needed"}
+            facts["values"] = tuple((tag, one.table) for tag, one in alike)
         yield replace(key, **facts)
 
 
@@ -267,6 +276,25 @@ def key_lines(group: list[Key]) -> Iterator[str]:
     yield f"  stands:  {places(group)}"
     if key.source:
         yield f"  source:  {key.source}"
+
+
+def value_lines(value: str, found: Iterable[Key]) -> Iterator[str]:
+    """What there is to say of one value of some keys, the figures that it brings included."""
+
+    def told(key: Key) -> tuple[str, str, str, str]:
+        table = key.path.rpartition(".")[0]
+        beside = [k for k in keys() if (k.file, k.path.rpartition(".")[0]) == (key.file, table) and value in k.only_for]
+        return key.name, key.meaning, dict(key.values).get(value, ""), ", ".join(k.name for k in beside)
+
+    for k, ((name, meaning, means, brings), group) in enumerate(_gathered(found, told).items()):
+        yield from [""] * (k > 0)
+        yield f'{name} = "{value}"'
+        yield f"  {meaning}"
+        if means:
+            yield f"  means:   {means}"
+        if brings:
+            yield f"  with:    {brings}"
+        yield f"  stands:  {places(group)}"
 
 
 def effect_lines(effect: EffectEntry) -> Iterator[str]:
