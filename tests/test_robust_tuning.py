@@ -46,6 +46,7 @@ from beamdesign.synthesis.tuning import LawOptions, Tuning, tune_law
 pytestmark = pytest.mark.long
 
 PAPER = Path(__file__).parent.parent / "studies" / "prototypes" / "paper_remedy.toml"
+STUDY = PAPER.parents[1] / "prototype.toml"
 MASSES_KG = (0.0, 1.0)
 SIGMAS = 2.0
 LOWER_GAINS = np.geomspace(0.003, 0.97, 10)
@@ -332,6 +333,20 @@ def test_without_tolerances_typical_ones_are_taken_and_said(asked: list[LawOptio
     assert one.spread.sigmas == 2.0
     assert one.spread.deviations["flow_gain"] == TYPICAL.flow_gain
     assert one.spread.prototype.tolerance == TYPICAL
+
+
+@pytest.mark.parametrize(("options", "counts"), [([], True), (["--sigmas", "0"], False), (["--nominal"], False)])
+def test_typical_tolerances_are_told_only_where_they_count(
+    options: list[str], counts: bool, asked: list[LawOptions], tmp_path: Path
+) -> None:
+    table = tomllib.loads(STUDY.read_text())
+    table.pop("tolerance", None)
+    (tmp_path / "study.toml").write_text(tomli_w.dumps(table))
+    run = ["run", str(tmp_path / "study.toml"), "--out", str(tmp_path / "out"), *options]
+    done = CliRunner().invoke(app, run)
+    assert done.exit_code == 1, done.output
+    assert ("typical ones are taken" in " ".join(done.output.split())) == counts
+    assert all((one.spread is not None) == counts for one in asked)
 
 
 def test_tolerances_of_another_actuator_are_told() -> None:

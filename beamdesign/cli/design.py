@@ -53,10 +53,10 @@ def run(
     from beamdesign.quantities import further_rows, guaranteed_rows, rigs_in_words, tube_text
     from beamdesign.synthesis.design_run import run_design
 
-    problem = _read(study, nominal)
+    problem, within = _read(study, sigmas, nominal)
     with in_time(minutes, "10 to 60 s for a lag, minutes for other kinds") as limit, progress("designing") as update:
         with share(_DESIGNING):
-            result = run_design(problem, update, 0.0 if nominal else sigmas)
+            result = run_design(problem, update, within)
         if result.prototype is not None:
             update(0.95, "drawing the report")
             folder = write_result_folder(result, out)
@@ -98,15 +98,16 @@ def run(
     )
 
 
-def _read(study: Path, nominal: bool) -> "DesignProblem":
-    """The study, with a word where tolerances count and it states none."""
+def _read(study: Path, sigmas: float, nominal: bool) -> tuple["DesignProblem", float]:
+    """The study, with a word where tolerances count and it states none, and the standard deviations that count."""
     from beamdesign.parameters import stated_or_typical
     from beamdesign.problem import read_problem
 
     problem = read_problem(study)
-    if not nominal and (words := stated_or_typical(problem.tolerance, type(problem.actuator))[1]):
+    within = 0.0 if nominal else sigmas
+    if within and (words := stated_or_typical(problem.tolerance, type(problem.actuator))[1]):
         echo(words)
-    return problem
+    return problem, within
 
 
 def _no_design(found: "DesignRun | Codesign", absent: str, stated: str, more: dict[str, Any]) -> CommandResult:
@@ -219,10 +220,10 @@ def codesign(
     from beamdesign.synthesis import codesign as room
     from beamdesign.synthesis.design_run import CERTIFICATE_NAME, certificate_name, certified
 
-    problem = _read(study, nominal)
+    problem, within = _read(study, sigmas, nominal)
     masses = mass_range(outer_end_mass, problem.payload.outer_end_mass_kg, study)
     with in_time(minutes, "1 to 5 min") as limit, progress("co-design") as update:
-        found = room.codesign(problem, masses, bandwidth_Hz, progress=update, sigmas=0.0 if nominal else sigmas)
+        found = room.codesign(problem, masses, bandwidth_Hz, progress=update, sigmas=within)
     point = found.point
     if point is None:
         absent = "prototype moving_mass_kg beam_mass_kg inner_end_mass_kg guaranteed"
@@ -287,7 +288,7 @@ def front(
     from beamdesign.report.charts import TradePoint, plot_trade
     from beamdesign.synthesis import codesign as room
 
-    problem = _read(study, nominal)
+    problem, within = _read(study, sigmas, nominal)
     masses = problem.asked_kg()
     expected = "positive figures separated by commas, such as 3,5,8"
     bandwidths = figures_of("--bandwidths-Hz", bandwidths_Hz, "Bandwidth", expected)
@@ -295,7 +296,7 @@ def front(
     ranges = [(min(masses[0], end), end) for end in ends]
     count = len(ranges) * len(bandwidths)
     with in_time(minutes, f"{count:g} to {5 * count:g} min") as limit, progress("front") as update:
-        found = room.front(problem, bandwidths, ranges, update, 0.0 if nominal else sigmas)
+        found = room.front(problem, bandwidths, ranges, update, within)
     rows = [design.columns() for design in found.designs]
     figure = new_figure()
     points = [TradePoint(*(row[key] for key in TradePoint._fields)) for row in rows if row["proved"]]
@@ -336,13 +337,13 @@ def remedies(
     from beamdesign.report.charts import plot_remedies
     from beamdesign.synthesis import remedies as room
 
-    problem = _read(study, nominal)
+    problem, within = _read(study, sigmas, nominal)
     masses = mass_range(outer_end_mass, problem.payload.outer_end_mass_kg, study)
     for name, beam in (("outer_beam", problem.outer_beam), ("inner_beam", problem.inner_beam)):
         if beam.width_m is None:
             refuse(study, (name, "the remedies start from given sections: width_m and wall_m are needed"))
     with in_time(minutes, "minutes to half an hour") as limit, progress("remedies") as update:
-        found = room.remedies(problem, masses, added_mass_kg, update, 0.0 if nominal else sigmas)
+        found = room.remedies(problem, masses, added_mass_kg, update, within)
     rows = [one.to_dict() for one in found]
     shown = [row | {"bandwidth_Hz": stated_bandwidth(row["bandwidth_Hz"])} for row in rows]
     plot_remedies((figure := new_figure(height_mm=80)).add_subplot(), found)
