@@ -66,6 +66,14 @@ def test_ratings_of_a_slow_load_are_statics(rig: Prototype) -> None:
     assert "stroke_m" not in need.stated
 
 
+def test_the_envelope_of_a_specification_is_what_the_weight_leaves(rig: Prototype) -> None:
+    """Held slowly, load and weight together are the force that the piston can hold, whatever the payload."""
+    for mass in (0.0, 6.8):
+        need = ratings(rig, (0.0, mass), 500.0, 3.0)
+        assert need.envelope.governing[0] == "force"
+        assert need.envelope.load_N[0] + need.weight_N == pytest.approx(rig.actuator.strength_N(rig), rel=4e-3)
+
+
 def test_a_specification_rates_what_the_design_run_asked() -> None:
     """One load and one weight, up to one bandwidth: the figures of `run` and of `spec` are the same but for margins."""
     problem = read_problem(STUDIES / "ball_screw.toml")

@@ -165,7 +165,8 @@ class Ratings:
         weight_N: of the largest payload and of the outer beam, at the tip.
         up_to_Hz: bandwidth.
         rows: of the actuator, margins included, its stroke from end to end among them.
-        envelope: largest amplitude over frequency that the prototype's own ratings allow, with the largest payload.
+        envelope: largest amplitude over frequency that the prototype's own ratings allow beside the weight, with the
+            largest payload.
     """
 
     load_N: float
@@ -207,7 +208,7 @@ def ratings(prototype: Prototype, masses_kg: tuple[float, float], load_N: float,
         Row(f"stroke from end to end, × {MARGIN:g}", 2 * MARGIN * need["stroke_m"], actuator.stroke_m, "m", "stroke_m"),
     )
     heaviest = prototype.stages(masses_kg)[-1].prototype
-    return Ratings(load_N, weight, up_to_Hz, rows, envelope(heaviest, masses_kg[1], 0.0, SHOWN_HZ))
+    return Ratings(load_N, weight, up_to_Hz, rows, envelope(heaviest, masses_kg[1], weight, SHOWN_HZ))
 
 
 KEPT = 0.05
