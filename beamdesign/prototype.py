@@ -279,9 +279,12 @@ class Prototype(WithMaterials, WithActuator):
         return float(found[0]), float(found[1])
 
     def with_law(self, law: Controller, outer_kg: tuple[float, float] | None, inner_kg: float) -> "Prototype":
-        """With another law, payloads (kg) and mass inside (kg), and no guarantee; what else its payload says stays."""
+        """With another law, payloads (kg) and mass inside (kg); what else its payload says stays.
+
+        There is no guarantee then, nor what the law that it had stood for.
+        """
         payload = self.payload.but(outer_end_mass_kg=outer_kg, inner_end_mass_kg=inner_kg)
-        return self.but(controller=law, payload=payload, guarantee=None)
+        return self.but(controller=law, payload=payload, compliance=None, guarantee=None)
 
     def stages(self, masses_kg: tuple[float, float]) -> "tuple[InStage, ...]":
         """A prototype for each law of its controller, with those of some payloads that it is for.

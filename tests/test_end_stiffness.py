@@ -571,6 +571,22 @@ def test_the_command_designs_proves_and_writes(tmp_path: Path) -> None:
         assert again.valid, again.failed
 
 
+def test_a_prototype_says_what_its_own_law_stands_for_and_for_which_payloads(rig: Prototype) -> None:
+    """Another law stands for no stiffness; and one that does is written with the payloads that it is proved for."""
+    assert isinstance(rig.controller, Lag)
+    given = give(rig.but(payload=rig.payload.but(outer_end_mass_kg=None)), 1e6, (0.0, 2.0), contact="none",
+                 keep_controller=True, rigs=0)  # fmt: skip
+    soft = given.prototype
+    assert soft is not None
+    assert soft.guarantee is not None
+    assert soft.payload.outer_end_mass_kg == soft.guarantee.outer_end_mass_kg == (0.0, 2.0)
+    assert soft.payload.inner_end_mass_kg == rig.payload.inner_end_mass_kg
+    faster = rig.controller.but(gain_A_per_V=0.06)
+    again = soft.with_law(faster, (0.0, 2.0), 2.5)
+    assert again.compliance is None
+    assert again.kept_servo == faster
+
+
 def test_a_servo_is_judged_as_it_is(rig: Prototype, tmp_path: Path) -> None:
     """Stiff by lagging: it gives off work at low frequency, where nothing but a load of many kilograms moves it."""
     answer, source = tmp_path / "answer.json", str(PROTOTYPES / "tame_lag.toml")

@@ -292,7 +292,8 @@ def carried_out(prototype: Prototype, found: EndStiffness) -> Design:
     law, masses_kg = found.law, found.outer_end_mass_kg
     if law is None:
         raise ValueError("a controller that was judged as it is has no law to be carried out")
-    rig = prototype.but(controller=controller_of(prototype, law), compliance=law, guarantee=None)
+    inside = prototype.payload.inner_end_mass_kg
+    rig = prototype.with_law(controller_of(prototype, law), masses_kg, inside).but(compliance=law)
     asked = (Asked("peak_sensitivity", found.peak_sensitivity), *goal_claims(prototype.goal))
     proof = certify(rig, *masses_kg, asked)
     bandwidth = 0.0 if proof.guaranteed is None else proof.guaranteed.bandwidth_Hz
