@@ -123,6 +123,16 @@ def test_prototype_is_checked_with_its_corner_radii(problem):
     assert stress > reference
 
 
+def test_a_rounded_tube_in_a_round_one_is_checked_though_a_sharp_one_would_not_go_in(problem):
+    """Between them is the round one's radius less that to the corner: half the flat times root two, and the radius."""
+    rig = prototype_of(problem)
+    rounded = rig.inner_beam.but(width_m=0.068, wall_m=0.003, corner_radius_m=0.012)
+    around = rig.outer_beam.but(shape="round", width_m=0.1, wall_m=0.003)
+    pair = check_prototype(rig.but(outer_beam=around, inner_beam=rounded), 100.0)
+    (gap,) = (check.value for check in pair.checks if check.name == "clearance at assembly")
+    assert gap == pytest.approx(0.047 - ((0.034 - 0.012) * 2**0.5 + 0.012))
+
+
 def test_prototype_without_geometry_names_every_missing_key(problem):
     lumped = prototype_of(problem).but(
         outer_beam=Beam(stiffness_N_per_m=486_800.0, effective_mass_kg=3.9, material="6061-T6", width_m=0.14)

@@ -213,6 +213,7 @@ def beam(**changes: Any) -> dict[str, Any]:
         ({"shape": "round", "corner_radius_m": 0.01}, "corner_radius_m", "no corners"),
         ({"shape": "rectangle", "depth_m": 0.005}, "wall_m", "half the depth"),
         ({"shape": "rectangle", "depth_m": 0.04, "corner_radius_m": 0.03}, "corner_radius_m", "half the depth"),
+        ({"shape": "rectangle", "width_m": 0.01, "wall_m": 0.002, "depth_m": 0.2}, "depth_m", "20 times the width"),
         ({"shape": "circle"}, "shape", "must be 'square', 'rectangle' or 'round'"),
     ],
 )

@@ -6,6 +6,7 @@ from typing import Any, Literal
 
 from pydantic import Field, model_serializer
 
+from beamdesign.quantities import DepthOverWidth, range_of
 from beamdesign.records import Problem, Record, numbers
 from beamdesign.structure.section import SHAPES, RectangularTube, RoundTube, Tube, clearances
 
@@ -14,6 +15,8 @@ FIT_M = 1e-9
 
 LENGTHS_APART = 10.0
 """Largest ratio of the free lengths of beams that move side by side; beyond, one is in another unit."""
+
+_RATIOS = range_of(DepthOverWidth)
 
 DEPTHS = ("depth_m", "depth_over_width")
 """Keys of what only a rectangle has: of a tube that stands, and of one still to be sized."""
@@ -46,6 +49,9 @@ class Shaped(Record):
         tube = tube_of(table)
         if shape == "rectangle" and tube is not None and tube.wall_m >= tube.depth_m / 2 > 0:
             yield Problem("wall_m", f"{tube.wall_m} is not less than half the depth, {tube.depth_m / 2:.6g}")
+        elif depth == "depth_m" and shape == "rectangle" and tube is not None and tube.depth_over_width not in _RATIOS:
+            words = f"is {tube.depth_over_width:.4g} times the width, outside the plausible range {_RATIOS}"
+            yield Problem(depth, words)
         if (pair := numbers(table, "corner_radius_m", "wall_m")) and 0 < pair[0] < pair[1]:
             yield Problem("corner_radius_m", f"outside radius {pair[0]} is less than the wall, {pair[1]}")
         for key in ("width_m", "depth_m"):

@@ -35,7 +35,8 @@ from beamdesign.synthesis.checks import (
 )
 from beamdesign.synthesis.free_search import FreeOptimum, free_optimum, relax_free
 
-_GEOMETRY = ("width_m", "wall_m", "length_m", "free_length_m", "material")
+_ASKED = ("length_m", "free_length_m", "material")
+_GEOMETRY = ("width_m", "wall_m", *_ASKED)
 
 
 @dataclass(frozen=True)
@@ -320,9 +321,10 @@ def _nothing_fits(
 
 
 def problem_of(prototype: Prototype, tip_force_N: float, source: str = "prototype") -> DesignProblem:
-    """The design problem whose fixed sections are a prototype's, with what it says that they were chosen to keep.
+    """The design problem that a prototype's sections are to meet, with what it says that they were chosen to keep.
 
-    Where it does not say, with the usual limits of sizes, clearances and safety factors.
+    Where it does not say, with the usual limits of sizes, clearances and safety factors. The sections themselves are
+    not in it, for those of a problem have sharp corners.
 
     Args:
         prototype: its beams must give their geometry, lengths included.
@@ -361,7 +363,7 @@ def problem_of(prototype: Prototype, tip_force_N: float, source: str = "prototyp
 
 
 def _asked_of(beam: Beam) -> BeamProblem:
-    same = {key: getattr(beam, key) for key in (*_GEOMETRY, "shape", "end_mass_kg", "damping_ratio")}
+    same = {key: getattr(beam, key) for key in (*_ASKED, "shape", "end_mass_kg", "damping_ratio")}
     ratio = beam.tube.depth_over_width if beam.tube is not None and beam.shape == "rectangle" else None
     return BeamProblem.model_validate(same | {"depth_over_width": ratio})
 
