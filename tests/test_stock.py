@@ -106,6 +106,25 @@ def of_own(**figures):
     return table | {"material": {"mine": OWN | figures}}
 
 
+@pytest.mark.parametrize(
+    ("figures", "key", "words"),
+    [
+        # C1 / x - C2 / x^2 is largest at x = 2 C2 / C1, where it is C1^2 / (4 C2): here 0.5, and just 1
+        ({"local_buckling": [10.0, 50.0], "buckling_class": "A"}, "material.mine.local_buckling", "C1^2 / 4, 25"),
+        ({"local_buckling": [10.0, 25.0]}, "", ""),
+        ({"name": "yours"}, "material.mine.name", "leave it out"),
+    ],
+)
+def test_an_own_material_that_cannot_be_is_refused_by_its_key(figures, key, words):
+    if not key:
+        assert parse(DesignProblem, of_own(**figures), "study.toml").outer_beam.material.buckling_constants == (10, 25)
+        return
+    with pytest.raises(InputError) as refused:
+        parse(DesignProblem, of_own(**figures), "study.toml")
+    assert [problem.key for problem in refused.value.problems] == [key]
+    assert words in str(refused.value)
+
+
 def test_own_materials_go_from_the_study_into_the_prototype_and_back(tmp_path):
     problem = parse(DesignProblem, of_own(), "study.toml")
     assert problem.outer_beam.material.shear_modulus_Pa == pytest.approx(200e9 / 2.6)

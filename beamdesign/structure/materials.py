@@ -14,7 +14,7 @@ from pydantic import BeforeValidator, Field, PlainSerializer, ValidationError
 from pydantic_core import PydanticCustomError
 
 from beamdesign import quantities as q
-from beamdesign.records import ByName, InputError, Problem, Record, parse, read_table
+from beamdesign.records import ByName, InputError, Problem, Record, numbers, parse, read_table
 from beamdesign.structure.section import LOCAL_BUCKLING_CONSTANTS, elastic_buckling_constants
 
 _DATA = Path(__file__).with_name("materials.toml")
@@ -52,6 +52,17 @@ class Material(Record):
         " where neither these nor a class is given, those of a plate of its modulus",
     )
     source: str | None = Field(None, description="where its figures come from")
+
+    @classmethod
+    def relations(cls, table: Mapping[str, Any]) -> Iterator[Problem]:
+        """The local buckling factor reaches 1: its largest value is C1^2 / (4 C2)."""
+        given = table.get("local_buckling")
+        if not isinstance(given, tuple) or len(given) != 2:
+            return
+        pair = numbers({"C1": given[0], "C2": given[1]}, "C1", "C2")
+        if pair and pair[1] > pair[0] ** 2 / 4 > 0:
+            words = f"C2 is at most C1^2 / 4, {pair[0] ** 2 / 4:.4g}, or no wall however thick would count whole"
+            yield Problem("local_buckling", words)
 
     @property
     def buckling_constants(self) -> tuple[float, float]:
@@ -155,11 +166,14 @@ class WithMaterials(Record):
 
     @classmethod
     def relations(cls, table: Mapping[str, Any]) -> Iterator[Problem]:
-        """Own materials have names of their own."""
+        """Own materials have names of their own, those of their tables."""
         yield from super().relations(table)
-        for name in table.get("material") or {}:
+        own = table.get("material") or {}
+        for name, one in own.items() if isinstance(own, Mapping) else ():
             if name in _known():
                 yield Problem(f"material.{name}", "is a material that is known here; give yours another name")
+            if isinstance(one, Mapping) and one.get("name", name) != name:
+                yield Problem(f"material.{name}.name", "is another than that of its table; leave it out")
 
 
 def _sound(given: Any) -> Any:
