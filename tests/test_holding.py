@@ -130,6 +130,31 @@ def test_too_little_of_the_hydraulics_is_refused_and_what_is_asked_for_is_enough
     assert not working(*stated(**enough), PAYLOAD, 4.0).reason
 
 
+@pytest.mark.parametrize("share", [1.0, 10.0])
+def test_what_is_missed_standing_and_working_has_changes_that_are_enough_for_both(share: float) -> None:
+    """At a load beyond the supply's no current is enough: more pressure or area alone is, and each is told once.
+
+    Less load is told where it leaves enough of the rated current, and only there.
+    """
+    problem, rig = stated(**STATED)
+    least = of(working(problem, rig, PAYLOAD, 3.0), "rated current").needed
+    problem, rig = stated(**STATED | {"servovalve": {"rated_current_A": share * least}})
+    problem = problem.but(load=problem.load.but(tip_force_N=2150.0))
+    held = working(problem, rig, PAYLOAD, 3.0)
+    assert {limit.name for limit in held.missed} == {"supply pressure", "rated current"}
+    assert of(held, "rated current").needed == np.inf
+    told = {change.key: change for (change,) in held.ways}
+    assert len(told) == len(held.ways)
+    assert {"actuator.piston_area_m2", "supply.pressure_Pa"} <= told.keys()
+    pressure = told["supply.pressure_Pa"].value
+    strong = working(problem, rig.but(supply=rig.supply.but(pressure_Pa=pressure)), PAYLOAD, 3.0)
+    assert of(strong, "rated current").needed < np.inf
+    # With 2090 N beside its weight the supply's pressure is just enough, and the current needed more than with 2000 N.
+    assert ("load.tip_force_N" in told) == (share > 1.0)
+    if share > 1.0:
+        assert not working(changed(problem, (told["load.tip_force_N"],)), rig, PAYLOAD, 3.0).missed
+
+
 def test_a_bandwidth_that_is_of_no_use_is_no_design() -> None:
     problem, rig = stated()
     held = working(problem, rig, PAYLOAD, 0.05)

@@ -131,9 +131,10 @@ class Holding:
     def ways(self) -> tuple[Way, ...]:
         """What to change, each way enough by itself, of figures that a study may state; empty where all is met."""
         every = all(limit.ways for limit in self.missed) and self.missed
-        joined = (sum(way, ()) for way in product(*(limit.ways for limit in self.limits if limit.ways)))
-        ways = (*self.instead, *(joined if every else ()))
-        return tuple(way for way in ways if all(one.value in q.range_of(_KEYS[one.key][2]) for one in way))
+        joined = (_strictest(sum(way, ())) for way in product(*(limit.ways for limit in self.limits if limit.ways)))
+        ways = dict.fromkeys((*self.instead, *(joined if every else ())))
+        stated = [way for way in ways if all(one.value in q.range_of(_KEYS[one.key][2]) for one in way)]
+        return tuple(way for way in stated if not any(set(other) < set(way) for other in stated))
 
     @property
     def reason(self) -> str:
@@ -228,7 +229,15 @@ def working(problem: DesignProblem, prototype: Prototype, masses_kg: tuple[float
     if not bandwidth.met:
         bandwidth = bandwidth._replace(ways=_slower(prototype, masses_kg, up_to_Hz, least))
     limits.append(bandwidth)
-    return Holding(load, still.weight_N, tuple(limits), missing, still.instead)
+
+    def enough(change: Change) -> bool:
+        """Whether less of the payload or of the load, which is no matter of the loop, is enough for all limits."""
+        if change.key == _PAYLOAD:
+            return not working(problem, prototype, (masses_kg[0], change.value), up_to_Hz).missed
+        return not working(changed(problem, (change,)), prototype, masses_kg, up_to_Hz).missed
+
+    instead = tuple((change,) for (change,) in still.instead if enough(change))
+    return Holding(load, still.weight_N, tuple(limits), missing, instead)
 
 
 def in_words(ways: Sequence[Way]) -> tuple[str, ...]:
@@ -280,6 +289,16 @@ def carried(problem: DesignProblem, ways: Sequence[Way], leads: Callable[[Design
             if len(way) > 1 or not (tried := _milder(tried[0], problem)):
                 break
     return tuple(found)
+
+
+def _strictest(changes: Way) -> Way:
+    """Of several changes of one key the one that asks for most."""
+    found: dict[str, Change] = {}
+    for change in changes:
+        other = found.setdefault(change.key, change)
+        if (change.value > other.value) == change.at_least:
+            found[change.key] = change
+    return tuple(found.values())
 
 
 def _held(prototype: Prototype, force_N: float) -> Demanded:
