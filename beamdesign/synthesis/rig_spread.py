@@ -101,22 +101,24 @@ def rig_spread(prototype: Prototype, largest_outer_kg: float, sigmas: float = SI
     """
     if not sigmas > 0:
         raise ValueError("robust against nothing: sigmas must be positive")
-    lacks = PARAMETERS.keys() - rows_of(type(prototype.actuator)).keys()
-    lacks |= {"filter_frequency"} if prototype.sensor.filter_Hz is None else set()
-    every = {name: getattr(prototype.tolerance, TOLERANCES[name]) for name in CHANGEABLE if name in TOLERANCES}
-    for beam in ("outer", "inner"):  # a dashpot 2 zeta sqrt(K M) is off where K and M are
-        own, stiffness, mass = (every[f"{beam}_{figure}"] for figure in ("damping", "stiffness", "mass"))
-        every[f"{beam}_damping"] = own or (stiffness + mass) / 2
-    deviations = {
-        name: size for name, size in every.items() if size and name not in lacks and not name.endswith("end_mass")
-    }
-    if not deviations:
+    if not (deviations := deviations_of(prototype)):
         raise InputError("tolerance", [Problem("tolerance", "no figure has a tolerance: nothing to be robust against")])
     if wide := [name for name, size in deviations.items() if sigmas * size >= 1]:
         reason = "{:g} standard deviations of {:g} reach zero"
         problems = [Problem(TOLERANCES[name], reason.format(sigmas, deviations[name])) for name in wide]
         raise InputError("tolerance", problems)
     return RigSpread(prototype, largest_outer_kg, deviations, sigmas)
+
+
+def deviations_of(prototype: Prototype) -> dict[str, float]:
+    """Relative standard deviation of every figure of a rig that varies, but of end masses."""
+    lacks = PARAMETERS.keys() - rows_of(type(prototype.actuator)).keys()
+    lacks |= {"filter_frequency"} if prototype.sensor.filter_Hz is None else set()
+    every = {name: getattr(prototype.tolerance, TOLERANCES[name]) for name in CHANGEABLE if name in TOLERANCES}
+    for beam in ("outer", "inner"):  # a dashpot 2 zeta sqrt(K M) is off where K and M are
+        own, stiffness, mass = (every[f"{beam}_{figure}"] for figure in ("damping", "stiffness", "mass"))
+        every[f"{beam}_damping"] = own or (stiffness + mass) / 2
+    return {name: size for name, size in every.items() if size and name not in lacks and not name.endswith("end_mass")}
 
 
 BUDGET, SECONDS = 20_000, 120.0

@@ -41,7 +41,7 @@ from beamdesign.synthesis.end_stiffness import (
     sensed,
     servo_stiffness,
 )
-from beamdesign.synthesis.rig_spread import rig_spread
+from beamdesign.synthesis.rig_spread import deviations_of, rig_spread
 from beamdesign.time_limit import leave_out, over, share
 
 _SEARCH_HZ = np.geomspace(1e-2, 1e3, 400)
@@ -167,8 +167,8 @@ def _blurred(prototype: Prototype, end_stiffness: float) -> str:
 
 
 def plants_drawn(prototype: Prototype, largest_kg: float, count: int, seed: int, reach: float = 1.0) -> list[Plant]:
-    """Plants of rigs drawn so many times as far off as the tolerances say; none where there are none."""
-    if not any(prototype.tolerance.model_dump().values()):
+    """Plants of rigs drawn so many times as far off as the tolerances say; none where no figure of a rig has one."""
+    if not deviations_of(prototype):
         return []
     spread = rig_spread(prototype, largest_kg, 1.0)
     return [sensed(spread.rig(z)) for z in spread.drawn(count, seed, reach)]
