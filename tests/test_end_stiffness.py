@@ -672,6 +672,9 @@ def test_drawn_rigs_are_as_stiff_as_a_wrong_beam_lets_them(rig: Prototype) -> No
         assert drawn_rigs(exact_rig, MASSES_KG, WALL, 8) == ()
 
 
+COMPLIANCE = ("--controller", "compliance", "--end-stiffness-N-per-m", "1e5")
+
+
 def test_what_cannot_be_is_said_with_its_reason(tmp_path: Path) -> None:
     source = str(PROTOTYPES / "tame_lag.toml")
     stiff = ["stiffness", source, "--end-stiffness-N-per-m", "1e9", "--keep-controller"]
@@ -681,6 +684,11 @@ def test_what_cannot_be_is_said_with_its_reason(tmp_path: Path) -> None:
     for more, words in (
         (["--controller", "compliance"], "needs --end-stiffness-N-per-m"),
         (["--end-stiffness-N-per-m", "1e5"], "is for --controller compliance"),
+        ([*COMPLIANCE, "--nominal"], "--nominal: is not heeded with --controller compliance"),
+        ([*COMPLIANCE, "--comes-to-rest", "--sigmas", "3"], "--comes-to-rest: is not heeded"),
+        ([*COMPLIANCE, "--no-lower-gains"], "--lower-gains: is not heeded"),
+        ([*COMPLIANCE, "--sections", "2"], "--sections: is for --controller structured"),
+        (["--stages", "4"], "--stages: is for --controller scheduled; a lag one is one law"),
     ):
         assert words in str(CliRunner().invoke(app, ["tune", source, *more]).exception)
     wrong = CliRunner().invoke(

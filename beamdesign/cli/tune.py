@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from functools import partial
+from inspect import signature
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, get_args
 
@@ -26,7 +27,30 @@ _USUALLY = {"lag": "10 to 60 s", "proportional": "10 to 60 s", "scheduled": "2 t
 """How long it takes, of exactly the figures stated and of every rig within tolerances."""
 
 
-@command
+_NOT_OF_STIFFNESS = (
+    "largest_inner_end_mass_kg", "peak_over_passive", "sigmas", "nominal", "lower_gains", "comes_to_rest",
+)  # fmt: skip
+"""Options that the search for an end stiffness does not heed."""
+
+
+def _unheeded(controller: str, sections: int, stages: int, **given: Any) -> Iterator[tuple[str, str]]:
+    """Options that ask for something other than usual, which the kind of controller does not heed."""
+    from beamdesign.controllers import KINDS
+
+    usual = {name: option.default for name, option in signature(tune).parameters.items()}
+    if sections != usual["sections"] and not (controller in KINDS and KINDS[controller].grows):
+        yield "--sections", f"is for --controller structured; a {controller} one does not grow"
+    if stages != usual["stages"] and controller != "scheduled":
+        yield "--stages", f"is for --controller scheduled; a {controller} one is one law"
+    for name in _NOT_OF_STIFFNESS if controller == "compliance" else ():
+        if given[name] != usual[name]:
+            yield (
+                f"--{name.replace('_', '-')}",
+                "is not heeded with --controller compliance; see `beamdesign stiffness`",
+            )
+
+
+@partial(command, problems=_unheeded)
 def tune(
     prototype: Path,
     outer_end_mass: str | None = None,
