@@ -356,7 +356,7 @@ def problem_of(prototype: Prototype, tip_force_N: float, source: str = "prototyp
         actuator=prototype.actuator,
         servovalve=prototype.servovalve,
         sensor=prototype.sensor,
-        payload=prototype.payload if prototype.payload.outer_end_mass_kg else Payload(outer_end_mass_kg=(0.0, 0.0)),
+        payload=Payload(outer_end_mass_kg=prototype.payload.outer_end_mass_kg or (0.0, 0.0)),
         goal=prototype.goal,
         tolerance=prototype.tolerance,
     )
