@@ -24,7 +24,7 @@ from beamdesign.proofs.rectangle import Rectangle
 from beamdesign.proofs.stability import is_stable_over
 from beamdesign.prototype import Payload
 from beamdesign.synthesis import tuning
-from beamdesign.synthesis.law_design import LARGEST_BANDWIDTH_HZ, Proved
+from beamdesign.synthesis.law_design import LARGEST_BANDWIDTH_HZ, Proved, no_answer
 from beamdesign.synthesis.law_search import Found, from_seeds, search
 from beamdesign.synthesis.law_task import Effort, Search
 from beamdesign.synthesis.loop_samples import Design
@@ -211,6 +211,17 @@ def test_a_goal_out_of_reach_is_a_no_with_its_reason(rig: Prototype, change, wor
     found = tune(asked, RANGE_KG, sigmas=0.0)
     refused(found, asked)
     assert words in found.reason
+
+
+def test_what_is_said_to_allow_an_answer_is_what_was_asked_and_can_be_less(rig: Prototype):
+    """One payload is no range, and without a limit beside the servo off there is none to be larger."""
+    alone = no_answer("lag", rig.goal.but(peak_over_passive=inf), (3.0, 3.0), "why")
+    assert "for outer end masses of 3 kg" in alone
+    for words in ("narrower range", "peak_over_passive", "tolerances"):
+        assert words not in alone
+    every = no_answer("lag", rig.goal, RANGE_KG, "why", sigmas=2.0)
+    for words in ("narrower range", "peak_over_passive", "tighter tolerances"):
+        assert words in every
 
 
 def test_a_range_out_of_reach_is_a_no(rig: Prototype):

@@ -22,6 +22,7 @@ from beamdesign.proofs.performance import bandwidth, least_limit, prove, servo_o
 from beamdesign.proofs.rectangle import Rectangle
 from beamdesign.proofs.scope import members
 from beamdesign.prototype import Goal, Prototype
+from beamdesign.quantities import masses_text
 from beamdesign.result import picked
 from beamdesign.synthesis import PROVED
 from beamdesign.synthesis.law_task import Search
@@ -283,15 +284,21 @@ def in_box(task: Search, design: Design, missed: float = -ROOM / 2) -> list[tupl
     return over_box(task, design).worst(task.reached(design, ROOM), missed)
 
 
-def no_answer(kind: str, goal: Goal, masses_kg: tuple[float, float], failure: str) -> str:
-    """Why there is no design, and what may allow one."""
+def no_answer(kind: str, goal: Goal, masses_kg: tuple[float, float], failure: str, sigmas: float = 0.0) -> str:
+    """Why there is no design, and what may allow one: of what was asked only that which can be asked less of."""
     if over():
         return f"no {kind} controller was proved in the time given ({failure}); more time may find one"
     ratio = goal.peak_over_passive
     softer = f" and {ratio:g} times its largest with the servo off at any" if ratio < inf else ""
+    easier = [
+        *(["a narrower range"] if masses_kg[0] < masses_kg[1] else []),
+        *(["tighter tolerances or fewer standard deviations of them"] if sigmas else []),
+        "a larger peak sensitivity",
+        f"a larger compliance{' or peak_over_passive' if ratio < inf else ''}",
+    ]
     return (
         f"no {kind} controller was found that is proved stable with peak sensitivity at most"
-        f" {goal.peak_sensitivity:g} for outer end masses of {masses_kg[0]:g} to {masses_kg[1]:g} kg, and keeps"
-        f" {goal.compliance_m_per_N:g} m/N up to any useful frequency{softer} ({failure}); a narrower range,"
-        " a larger peak sensitivity, a larger compliance or peak_over_passive, or more inner end mass may allow one"
+        f" {goal.peak_sensitivity:g} for outer end masses of {masses_text(masses_kg)}, and keeps"
+        f" {goal.compliance_m_per_N:g} m/N up to any useful frequency{softer} ({failure});"
+        f" {', '.join(easier)}, or more inner end mass may allow one"
     )

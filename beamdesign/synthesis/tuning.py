@@ -34,6 +34,7 @@ from beamdesign.proofs.certifying import gain_and_mass
 from beamdesign.proofs.lyapunov import Switching, switching
 from beamdesign.proofs.mass_family import stage_families
 from beamdesign.prototype import InStage, Prototype
+from beamdesign.quantities import stated_bandwidth
 from beamdesign.records import InputError, Problem
 from beamdesign.result import Result
 from beamdesign.synthesis import SIGMAS
@@ -224,7 +225,8 @@ def tune_law(prototype: Prototype, masses_kg: tuple[float, float], asked: LawOpt
     if best is None and alone and not over():
         return tune_law(prototype.but(controller=None), masses_kg, replace(asked, near=False), report)
     if best is None or best.bandwidth_Hz < SMALLEST_BANDWIDTH_HZ:
-        why = no_answer(kind, prototype.goal, masses_kg, found.reason)
+        failure = found.reason if best is None else f"guarantees {stated_bandwidth(best.bandwidth_Hz)}"
+        why = no_answer(kind, prototype.goal, masses_kg, failure, 0.0 if spread is None else spread.sigmas)
         return Tuning(prototype, masses_kg, None, found.sampled, found.certificates, why)
     rig = prototype.with_law(best.controller, masses_kg, best.inner_end_mass_kg)
     return Tuning(rig, masses_kg, best, found.sampled, found.certificates)
