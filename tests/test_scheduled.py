@@ -49,12 +49,13 @@ from beamdesign.proofs.courses import stage_change
 from beamdesign.proofs.decrease import changes_of_stage, dwell_suffices, grows_at_most, holds_at_rate
 from beamdesign.proofs.lyapunov import Switching, describe, switching
 from beamdesign.proofs.mass_family import MassFamily, closed_loop, stage_families, stage_family
+from beamdesign.prototype import Goal
 from beamdesign.scenario import Course, Sampled, Scenario, ScenarioRecord, Step, WallAhead
 from beamdesign.simulation import simulate_scheduled
 from beamdesign.synthesis import tuning
 from beamdesign.synthesis.law_design import Proved
 from beamdesign.synthesis.rig_spread import rig_spread
-from beamdesign.synthesis.tuning import LawOptions, Tuning, kept_apart, sampling_period_s, stage_ranges
+from beamdesign.synthesis.tuning import LawOptions, Tuning, kept_apart, limited, sampling_period_s, stage_ranges
 
 ROOT = Path(__file__).parents[1]
 SHIPPED = ROOT / "studies" / "scheduled" / "prototype.toml"
@@ -509,6 +510,20 @@ def test_laws_for_a_rig_with_effects_are_each_certified_between_their_members(
         between = tmp_path / "out" / f"certificate.stage_{stage}.between.toml"
         assert check(between).valid
     assert len(given) == 3
+
+
+def test_structured_stages_are_held_to_what_a_valve_bears_as_one_structured_law_is() -> None:
+    """Stages are structured where the prototype's own laws are, by itself or in its stages; lags keep it by form."""
+    quick = read_prototype(ROOT / "studies/scheduled/structured.toml").controller
+    fixed = read_prototype(ROOT / "studies/prototypes/structured.toml").controller
+    slow = read_prototype(SHIPPED).controller
+    held = {"loop_gain": 0.25, "controller_effort_A_per_V": 0.06}
+    for kind, own, expected in (
+        ("structured", None, held), ("scheduled", quick, held), ("scheduled", fixed, held),
+        ("scheduled", slow, {}), ("scheduled", None, {}), ("lag", quick, {}),
+    ):  # fmt: skip
+        found = limited(Goal(), kind, own)
+        assert {name: value for name in held if (value := getattr(found, name)) is not None} == expected
 
 
 def test_the_governing_stage_is_one_of_which_nothing_is_proved() -> None:

@@ -129,7 +129,7 @@ def tune(
         "loop_gain_from_Hz": loop_gain_from_Hz,
         "controller_effort_A_per_V": controller_effort_A_per_V,
     }
-    record = record.but(goal=tuning.limited(goal, controller, given))
+    record = record.but(goal=tuning.limited(goal, controller, record.controller, given))
     if controller != "compliance" and end_stiffness_N_per_m is not None:
         refuse("--end-stiffness-N-per-m", (f"{end_stiffness_N_per_m:g}", "is for --controller compliance"))
     if controller == "compliance":

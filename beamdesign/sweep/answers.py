@@ -117,7 +117,8 @@ def tune(prototype: Prototype, options: TuneOptions) -> Answer:
     """
     from beamdesign.synthesis import tuning
 
-    kind, rig = options.controller, prototype.but(goal=tuning.limited(prototype.goal, options.controller))
+    kind, own = options.controller, prototype.controller
+    rig = prototype.but(goal=tuning.limited(prototype.goal, kind, own))
     found = tuning.tune(rig, prototype.asked_kg(), kind, sigmas=0.0, **options.sought)
     if found.reason:
         return Answer({}, _effort(found), found.reason)

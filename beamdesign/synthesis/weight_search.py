@@ -260,16 +260,24 @@ VALVE_LIMITS = {"loop_gain": 0.25, "controller_effort_A_per_V": 0.06}
 """What the published valve bears, where neither a goal nor who asks says otherwise."""
 
 
-def limited(goal: Goal, kind: str, given: Mapping[str, float | None] = MappingProxyType({})) -> Goal:
+def limited(
+    goal: Goal,
+    kind: str,
+    own: Controller | None = None,
+    given: Mapping[str, float | None] = MappingProxyType({}),
+) -> Goal:
     """A goal with the limits that a valve sets to laws of high order; a lag and less keeps them by its form.
 
     Args:
         goal: its own limits stand.
         kind: of the controller that is sought, as `tune` has it.
+        own: the prototype's controller, whose laws say of what order the stages of a scheduled one are.
         given: limits that stand before those of the goal, by name; infinite for none, None for nothing said.
     """
     high_order = kind in SYNTHESES or (kind in KINDS and KINDS[kind].grows)
-    own = VALVE_LIMITS if high_order else {}
-    changes = {name: value for name, value in own.items() if getattr(goal, name) is None}
+    if kind == "scheduled" and own is not None:
+        high_order = any(law.sections for law, _ in own.laws)
+    usual = VALVE_LIMITS if high_order else {}
+    changes = {name: value for name, value in usual.items() if getattr(goal, name) is None}
     changes |= {name: value for name, value in given.items() if value is not None}
     return goal.but(**{name: None if value == inf else value for name, value in changes.items()})
