@@ -68,7 +68,7 @@ def main() -> None:
     prototype = read_prototype(given.prototype)
     if prototype.payload.outer_end_mass_kg is None:
         raise SystemExit("the prototype needs a payload range")
-    prototype = prototype.but(goal=limited(prototype.goal, given.controller))
+    prototype = limited(prototype, given.controller)
     found = []
     for words, bandwidth in bars(prototype, given.controller, given.sections):
         found.append((words, bandwidth))

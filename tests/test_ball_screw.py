@@ -28,13 +28,14 @@ from beamdesign.proofs.lyapunov import stages_certificate, switching
 from beamdesign.proofs.mass_family import stage_families
 from beamdesign.proofs.tolerance_box import tolerance_box
 from beamdesign.proofs.writer import prototype_table, rig_tables
-from beamdesign.prototype import Compliance, prototype_from
+from beamdesign.prototype import Compliance, Goal, prototype_from
 from beamdesign.records import to_toml
 from beamdesign.scenario import Sampled, Scenario, ScenarioRecord, Sine, Step
 from beamdesign.structure.lumped import figures
 from beamdesign.synthesis.end_stiffness import controller_of, judge, sensed, servo_stiffness
 from beamdesign.synthesis.operating_limits import demand, envelope, needs
 from beamdesign.synthesis.stiffness_search import carried_out
+from beamdesign.synthesis.tuning import limited
 from beamdesign.validation.truth import rates
 
 FELT = "screw_force_N"
@@ -348,6 +349,19 @@ def test_a_law_hears_what_there_is_to_feel(rig: Prototype, paper: Prototype) -> 
         tune(rig, (0.0, 2.0), "lqg", sensors=("displacement_m", "load_pressure_Pa"))
     with pytest.raises(InputError, match="it has load_pressure_Pa"):
         tune(paper, (0.0, 2.0), "lqg", sensors=("displacement_m", "screw_force_N"))
+
+
+def test_laws_of_high_order_are_not_held_to_the_current_of_a_valve(rig: Prototype, paper: Prototype) -> None:
+    """The least that the rig's own lag asks of the motor, at high frequency, is far above what a valve bears."""
+    assert isinstance(rig.controller, Lag)
+    least = rig.controller.gain_A_per_V * min(1.0, rig.controller.pole_Hz / rig.controller.zero_Hz)
+    assert least > 10 * 0.06
+    for kind in ("structured", "lqg", "hinf"):
+        assert limited(rig.but(goal=Goal()), kind).goal.loop_gain == 0.25
+        assert limited(rig.but(goal=Goal()), kind).goal.controller_effort_A_per_V is None
+        assert limited(paper.but(goal=Goal()), kind).goal.controller_effort_A_per_V == 0.06
+    stated = rig.but(goal=rig.goal.but(controller_effort_A_per_V=9.0))
+    assert limited(stated, "structured").goal.controller_effort_A_per_V == 9.0
 
 
 @pytest.fixture

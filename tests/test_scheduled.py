@@ -514,15 +514,15 @@ def test_laws_for_a_rig_with_effects_are_each_certified_between_their_members(
 
 def test_structured_stages_are_held_to_what_a_valve_bears_as_one_structured_law_is() -> None:
     """Stages are structured where the prototype's own laws are, by itself or in its stages; lags keep it by form."""
+    bare = read_prototype(SHIPPED).but(goal=Goal())
     quick = read_prototype(ROOT / "studies/scheduled/structured.toml").controller
     fixed = read_prototype(ROOT / "studies/prototypes/structured.toml").controller
-    slow = read_prototype(SHIPPED).controller
     held = {"loop_gain": 0.25, "controller_effort_A_per_V": 0.06}
     for kind, own, expected in (
         ("structured", None, held), ("scheduled", quick, held), ("scheduled", fixed, held),
-        ("scheduled", slow, {}), ("scheduled", None, {}), ("lag", quick, {}),
+        ("scheduled", bare.controller, {}), ("scheduled", None, {}), ("lag", quick, {}),
     ):  # fmt: skip
-        found = limited(Goal(), kind, own)
+        found = limited(bare.but(controller=own), kind).goal
         assert {name: value for name in held if (value := getattr(found, name)) is not None} == expected
 
 

@@ -97,7 +97,8 @@ def tune(
             load_pressure_Pa of a cylinder or screw_force_N; repeatable.
         loop_gain: limit of |L| from --loop-gain-from-Hz up; `inf` for none. Else the goal's, or 0.25 but for lags.
         loop_gain_from_Hz: from where on it holds; else the goal's, 250 Hz.
-        controller_effort_A_per_V: limit of |C/(1+L)|; `inf` for none. Else the goal's, or 0.06 but for lags.
+        controller_effort_A_per_V: limit of |C/(1+L)|; `inf` for none. Else the goal's, or of a servovalve 0.06 but for
+            lags.
         lower_gains: whether the loop is to be stable at every lower gain; else as the prototype's goal has it.
         comes_to_rest: limit it to loops proved to come to rest from every state while the current saturates.
         end_stiffness_N_per_m: of a compliant end; `beamdesign stiffness` has more options.
@@ -129,7 +130,7 @@ def tune(
         "loop_gain_from_Hz": loop_gain_from_Hz,
         "controller_effort_A_per_V": controller_effort_A_per_V,
     }
-    record = record.but(goal=tuning.limited(goal, controller, record.controller, given))
+    record = tuning.limited(record.but(goal=goal), controller, given)
     if controller != "compliance" and end_stiffness_N_per_m is not None:
         refuse("--end-stiffness-N-per-m", (f"{end_stiffness_N_per_m:g}", "is for --controller compliance"))
     if controller == "compliance":

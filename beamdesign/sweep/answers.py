@@ -117,8 +117,7 @@ def tune(prototype: Prototype, options: TuneOptions) -> Answer:
     """
     from beamdesign.synthesis import tuning
 
-    kind, own = options.controller, prototype.controller
-    rig = prototype.but(goal=tuning.limited(prototype.goal, kind, own))
+    kind, rig = options.controller, tuning.limited(prototype, options.controller)
     found = tuning.tune(rig, prototype.asked_kg(), kind, sigmas=0.0, **options.sought)
     if found.reason:
         return Answer({}, _effort(found), found.reason)

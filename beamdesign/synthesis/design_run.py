@@ -146,7 +146,7 @@ def _designed(problem: DesignProblem, report: Progress, sigmas: float) -> Design
         return DesignRun(problem, sizing, None, None, None, held.reason, holding=held)
     sought = problem.controller
     tuned = tune(
-        rig.but(goal=limited(rig.goal, sought.kind)),
+        limited(rig, sought.kind),
         masses,
         sought.kind,
         progress=lambda fraction, text: report(0.2 + 0.6 * fraction, text),

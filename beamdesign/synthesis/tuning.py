@@ -245,8 +245,7 @@ def tune_alike(
     asked = {"kind": "lag"} if prototype.controller is None else prototype.controller.sought
     if (kind := asked["kind"]) not in (*KINDS, *SYNTHESES):
         raise InputError(prototype.name, [("controller.kind", f"{kind!r} has no form that is tuned; give a lag")])
-    rig = prototype.but(goal=limited(prototype.goal, kind, prototype.controller))
-    return tune(rig, outer_end_mass_kg, progress=progress, sigmas=0.0, near=True, **asked)
+    return tune(limited(prototype, kind), outer_end_mass_kg, progress=progress, sigmas=0.0, near=True, **asked)
 
 
 def _tune_stages(

@@ -20,7 +20,7 @@ from beamdesign.controllers.observer import block_form
 from beamdesign.plant.equilibrium import StateSpace
 from beamdesign.plant.linear import LinearModel
 from beamdesign.progress import Progress, silent
-from beamdesign.prototype import Goal
+from beamdesign.prototype import Prototype
 from beamdesign.synthesis.law_search import Found, search
 from beamdesign.synthesis.law_task import Effort, Search, sampled_masses
 from beamdesign.synthesis.loop_samples import COARSE_HZ, Design, Samples, rig_samples, slacks_of
@@ -256,28 +256,26 @@ def _matrices(law: Controller, sensors: tuple[Sensed, ...]) -> tuple[np.ndarray,
     return a, b, c[None], d
 
 
-VALVE_LIMITS = {"loop_gain": 0.25, "controller_effort_A_per_V": 0.06}
-"""What the published valve bears, where neither a goal nor who asks says otherwise."""
+LARGEST_LOOP_GAIN = 0.25
+"""From `goal.loop_gain_from_Hz` up, where neither a goal nor who asks says otherwise."""
+VALVE_EFFORT_A_PER_V = 0.06
+"""What the published valve bears, likewise; a motor's current is of another order."""
 
 
-def limited(
-    goal: Goal,
-    kind: str,
-    own: Controller | None = None,
-    given: Mapping[str, float | None] = MappingProxyType({}),
-) -> Goal:
-    """A goal with the limits that a valve sets to laws of high order; a lag and less keeps them by its form.
+def limited(rig: Prototype, kind: str, given: Mapping[str, float | None] = MappingProxyType({})) -> Prototype:
+    """A rig whose goal has the limits that laws of high order need; a lag and less keeps them by its form.
 
     Args:
-        goal: its own limits stand.
+        rig: its goal's own limits stand. The laws of its controller say of what order a schedule's stages are.
         kind: of the controller that is sought, as `tune` has it.
-        own: the prototype's controller, whose laws say of what order the stages of a scheduled one are.
         given: limits that stand before those of the goal, by name; infinite for none, None for nothing said.
     """
     high_order = kind in SYNTHESES or (kind in KINDS and KINDS[kind].grows)
-    if kind == "scheduled" and own is not None:
-        high_order = any(law.sections for law, _ in own.laws)
-    usual = VALVE_LIMITS if high_order else {}
-    changes = {name: value for name, value in usual.items() if getattr(goal, name) is None}
+    if kind == "scheduled" and rig.controller is not None:
+        high_order = any(law.sections for law, _ in rig.controller.laws)
+    usual = {"loop_gain": LARGEST_LOOP_GAIN} if high_order else {}
+    if high_order and rig.servovalve is not None:
+        usual["controller_effort_A_per_V"] = VALVE_EFFORT_A_PER_V
+    changes = {name: value for name, value in usual.items() if getattr(rig.goal, name) is None}
     changes |= {name: value for name, value in given.items() if value is not None}
-    return goal.but(**{name: None if value == inf else value for name, value in changes.items()})
+    return rig.but(goal=rig.goal.but(**{name: None if value == inf else value for name, value in changes.items()}))
