@@ -368,7 +368,7 @@ def test_stated_tolerances_are_taken_as_they_are(asked: list[LawOptions], rig: P
 
 
 def test_tolerances_that_are_missing_or_reach_zero_are_refused(rig: Prototype) -> None:
-    with pytest.raises(InputError, match="no figure has a tolerance"):
+    with pytest.raises(InputError, match="no figure of the rig has one: state some"):
         rig_spread(rig.but(tolerance=Tolerance()), MASSES_KG[1])
     with pytest.raises(InputError, match=r"10 standard deviations of 0\.15 reach zero"):
         tune(rig, MASSES_KG, sigmas=10.0)

@@ -60,7 +60,10 @@ class DesignRun(Result):
 
     @property
     def change(self) -> tuple[str, ...]:
-        """What to change in the study, in words, each entry enough by itself."""
+        """What to change in the study, in words, each entry enough by itself.
+
+        Where no sections pass their checks, enough for some that do; what else they ask is asked of these.
+        """
         eased = () if self.sizing.feasible else self.sizing.relaxations
         free = (
             ['sections.choose = "free"']

@@ -102,7 +102,11 @@ def rig_spread(prototype: Prototype, largest_outer_kg: float, sigmas: float = SI
     if not sigmas > 0:
         raise ValueError("robust against nothing: sigmas must be positive")
     if not (deviations := deviations_of(prototype)):
-        raise InputError("tolerance", [Problem("tolerance", "no figure has a tolerance: nothing to be robust against")])
+        reason = (
+            "no figure of the rig has one: state some of its own, leave them all out for typical ones, or ask for"
+            " exactly the figures stated (--nominal)"
+        )
+        raise InputError("tolerance", [Problem("tolerance", reason)])
     if wide := [name for name, size in deviations.items() if sigmas * size >= 1]:
         reason = "{:g} standard deviations of {:g} reach zero"
         problems = [Problem(TOLERANCES[name], reason.format(sigmas, deviations[name])) for name in wide]
