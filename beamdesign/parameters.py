@@ -65,7 +65,8 @@ TYPICAL = typical_of(KINDS["servo_cylinder"])
 def stated_or_typical(tolerance: Tolerance, actuator: type[Actuator]) -> tuple[Tolerance, str]:
     """Tolerances as they are where any figure has one, else typical ones of the actuator's rig and a word on it.
 
-    A word too on those of another actuator, beside which its own are taken as exact.
+    Those of end masses are as they are stated either way. A word too on those of another actuator, beside which its
+    own are taken as exact.
     """
     stated = [key for key, value in tolerance.model_dump().items() if value and not key.endswith("_end_mass")]
     if stated:
@@ -78,4 +79,5 @@ def stated_or_typical(tolerance: Tolerance, actuator: type[Actuator]) -> tuple[T
         return tolerance, words if others else ""
     typical = typical_of(actuator)
     taken = ", ".join(f"{key} {value:.2g}" for key, value in typical.model_dump().items() if value)
+    typical = typical.but(outer_end_mass=tolerance.outer_end_mass, inner_end_mass=tolerance.inner_end_mass)
     return typical, f"no [tolerance] is stated for any figure; typical ones are taken ({taken}): better state your own"

@@ -359,6 +359,14 @@ def test_tolerances_of_another_actuator_are_told() -> None:
     assert stated_or_typical(left.but(oil_stiffness=0.0), KINDS["ball_screw"])[1] == ""
 
 
+def test_typical_tolerances_leave_those_of_end_masses_as_they_are_stated() -> None:
+    """What is gripped may be 5 % off what is said; the range of payloads is wider by as much."""
+    taken, words = stated_or_typical(Tolerance(outer_end_mass=0.05), KINDS["servo_cylinder"])
+    assert taken == TYPICAL.but(outer_end_mass=0.05)
+    assert "typical ones are taken" in words
+    assert "outer_end_mass" not in words
+
+
 def test_stated_tolerances_are_taken_as_they_are(asked: list[LawOptions], rig: Prototype) -> None:
     found = tune(rig.but(tolerance=Tolerance(oil_stiffness=0.1)), MASSES_KG, sigmas=1.5)
     assert found.caution == ""
