@@ -129,10 +129,7 @@ class DesignProblem(WithMaterials, WithActuator):
 
     @classmethod
     def relations(cls, table: Mapping[str, Any]) -> Iterator[Problem]:
-        """Given sections fit, fixed ones are given, an actuator has its tables, and there is a payload range.
-
-        The mass inside is none of its figures, as it is found with the controller.
-        """
+        """Given sections fit, fixed ones are given, an actuator has its tables, and there is a payload range."""
         yield from super().relations(table)
         yield from beams_that_do_not_fit(table)
         sections, payload = table.get("sections"), table.get("payload")
@@ -151,9 +148,6 @@ class DesignProblem(WithMaterials, WithActuator):
                     yield Problem(name, "sections.choose is 'fixed', so width_m and wall_m are needed")
         if isinstance(payload, Mapping) and payload.get("outer_end_mass_kg") is None:
             yield Problem("payload.outer_end_mass_kg", "missing: the range [least, most] of mass on the outer tip")
-        if (inside := numbers(table, "payload.inner_end_mass_kg")) and inside[0] > 0:
-            words = "is found with the controller; controller.largest_inner_end_mass_kg says how much it may be"
-            yield Problem("payload.inner_end_mass_kg", words)
 
     @property
     def beams(self) -> tuple[BeamProblem, BeamProblem]:

@@ -119,11 +119,6 @@ def test_the_prototype_of_a_study_has_its_sections_and_hydraulics():
         ),
         ({"payload": None}, "payload", "missing"),
         (
-            {"payload__inner_end_mass_kg": 2.0},
-            "payload.inner_end_mass_kg",
-            "is found with the controller; controller.largest_inner_end_mass_kg says how much it may be",
-        ),
-        (
             {"controller__kind": "pid"},
             "controller.kind",
             "must be 'lag', 'proportional', 'structured', 'lqg', 'hinf' or 'scheduled', is 'pid'",

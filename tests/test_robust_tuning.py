@@ -349,6 +349,16 @@ def test_typical_tolerances_are_told_only_where_they_count(
     assert all((one.spread is not None) == counts for one in asked)
 
 
+def test_a_mass_inside_that_a_study_states_is_told_to_be_found(asked: list[LawOptions], tmp_path: Path) -> None:
+    table = tomllib.loads(STUDY.read_text())
+    table["payload"]["inner_end_mass_kg"] = 3.5
+    (tmp_path / "study.toml").write_text(tomli_w.dumps(table))
+    done = CliRunner().invoke(app, ["run", str(tmp_path / "study.toml"), "--out", str(tmp_path / "out")])
+    assert done.exit_code == 1, done.output
+    assert "payload.inner_end_mass_kg = 3.5 is not taken" in " ".join(done.output.split())
+    assert all(one.inner_kg == (0.0, 6.0) for one in asked)
+
+
 def test_tolerances_of_another_actuator_are_told() -> None:
     """As where a screw was put in the place of a cylinder, but its tolerances were not."""
     left = Tolerance(stiffness=0.03, oil_stiffness=0.15, lead=0.001)

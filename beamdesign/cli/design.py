@@ -99,7 +99,7 @@ def run(
 
 
 def _read(study: Path, sigmas: float, nominal: bool) -> tuple["DesignProblem", float]:
-    """The study, with a word where tolerances count and it states none, and the standard deviations that count."""
+    """The study, with a word on what of it is taken otherwise than stated, and the standard deviations that count."""
     from beamdesign.parameters import stated_or_typical
     from beamdesign.problem import read_problem
 
@@ -107,6 +107,9 @@ def _read(study: Path, sigmas: float, nominal: bool) -> tuple["DesignProblem", f
     within = 0.0 if nominal else sigmas
     if within and (words := stated_or_typical(problem.tolerance, type(problem.actuator))[1]):
         echo(words)
+    if inside := problem.payload.inner_end_mass_kg:
+        found = "the mass inside is found with the controller, up to controller.largest_inner_end_mass_kg"
+        echo(f"payload.inner_end_mass_kg = {inside:g} is not taken: {found}")
     return problem, within
 
 
