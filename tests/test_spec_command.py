@@ -319,6 +319,10 @@ def test_tolerances_that_are_stated_stay(folder: Path) -> None:
     taken = as_specified(rig, {"outer_stiffness": 0.01, "inner_stiffness": 0.03, "controller_gain": 0.1}).tolerance
     assert taken.stiffness == pytest.approx(0.03 / np.sqrt(3), rel=0.05)
     assert taken.oil_stiffness == 0
+    weighed = rig.but(tolerance=rig.tolerance.but(outer_end_mass=0.01))
+    taken = as_specified(weighed, {"oil_stiffness": 0.1}).tolerance
+    assert taken.oil_stiffness == pytest.approx(0.1 / np.sqrt(3), rel=0.05)
+    assert taken.outer_end_mass == 0.01
 
 
 def test_a_drawing_is_the_same_bytes_in_every_process() -> None:
