@@ -17,12 +17,14 @@ from beamdesign.controllers import Lag
 from beamdesign.loop import rig_loop
 from beamdesign.parameters import TYPICAL
 from beamdesign.plant.effects import laws_of
-from beamdesign.polynomial import Affine, nearest
+from beamdesign.plant.members import family
+from beamdesign.polynomial import Affine, exact, nearest
 from beamdesign.proofs import bounded_error, changing_gain, scope
 from beamdesign.proofs.bounded_error import absolute_integrals, over_masses
 from beamdesign.proofs.certifying import nonlinear_rows
 from beamdesign.proofs.scope import members
 from beamdesign.scenario import Multisine, Scenario, ScenarioRecord
+from beamdesign.structure.lumped import figures
 
 ROOT = Path(__file__).parent.parent
 HALVES = fmpq(1, 2), fmpq(3, 2)
@@ -179,6 +181,21 @@ def test_a_ripple_beside_a_friction_that_is_heard_proves_nothing_by_itself():
     assert [(row.effects, row.proved) for row in rows if row.method == bounded_error.METHOD] == [
         (("seal_friction",), False)
     ]
+
+
+@pytest.mark.parametrize("effect", ["joint_backlash", "mount_compliance", "second_beam_mode", "uneven_leakage"])
+def test_friction_that_slides_draws_at_the_rod(tame: Prototype, effect: str):
+    """As the oil does: with a load pressure p of Q p = q - A v - (A / K) A p', p + F / A in its place makes q of F."""
+    rig = tame.but(effects={effect: {}, "seal_friction": {}})
+    figure = {name: exact(value) for name, value in figures(rig).items()}
+    area, oil, leakage = (figure[name] for name in ("piston_area", "oil_stiffness", "leakage"))
+    found = family(rig).members
+    sliding = [member for member in found if bounded_error.slides(member, found)]
+    assert len(sliding) == (2 if effect == "joint_backlash" else 1)
+    for member in sliding:
+        known = bounded_error.numerators(rig, member.rig, {"stroke"})
+        worth = known["flow"] * fmpq_poly([leakage / area, area / oil])
+        assert known["stroke"] == worth
 
 
 def test_what_no_theorem_covers_is_listed(tame: Prototype):

@@ -46,7 +46,8 @@ def test_the_bound_of_one_exponential_is_its_integral(rate: float):
 def test_every_place_is_where_the_exact_prover_has_it(place: str):
     """Which takes it from matrices, and of friction from a determinant."""
     rig, box, _, _ = erring({})
-    own = family(rig, 2.0).members[0].rig
+    members = family(rig.but(effects={"seal_friction": {}} if place == "stroke" else {}), 2.0).members
+    own = next(one.rig for one in members if bounded_error.slides(one, members))
     closed = rig_loop(own, rig.payload.inner_end_mass_kg, rig.controller).characteristic.at(fmpq(1))
     known = bounded_error.numerators(rig, own, {place})[place]
     decay, figure = fmpq(41, 10), {name: (exact(value),) * 2 for name, value in figures(rig).items()}
@@ -71,6 +72,28 @@ def test_a_force_is_worth_no_more_flow_than_its_lead_says(decay: float):
     sizes = [abs(q / a + a * (1j * w - decay) / k) for q, a, k in product(*ends.values())]
     assert (np.max(sizes, axis=0) <= abs(r + t * 1j * w) * (1 + 1e-12)).all()
     assert (np.max(sizes, axis=0) >= 0.6 * abs(r + t * 1j * w)).all()
+
+
+@pytest.mark.parametrize("effects", [{"entrained_air": {}}, {"unequal_piston_areas": {}}])
+def test_of_other_oil_and_sides_a_force_is_not_worth_that_flow(effects: dict[str, dict[str, float]]):
+    """So nothing is proved of friction beside them, and what is proved of a hysteresis can be proved again."""
+    rig = erring({})[0].but(effects={**effects, "seal_friction": {}, "valve_hysteresis": {}})
+    box = tolerance_box(rig, 0.0, None, (1.0, 1.2))
+    claims, rows = errors_over_box(rig, box)
+    assert {row.effects: row.proved for row in rows} == {("seal_friction",): False, ("valve_hysteresis",): True}
+    assert "not worth a flow" in rows[0].covers
+    assert valid(certify_box(rig, box, volumes=False).write(claims))
+
+
+def test_of_a_sensor_that_rides_on_the_mount_nothing_is_proved():
+    """As of exact figures: it is the tip's own motion that is bounded."""
+    rig = erring({})[0].but(effects={"mount_compliance": {"sensor_share": 1.0}})
+    rig = rig.but(sensor=rig.sensor.but(resolution_m=1e-6))
+    claims, rows = errors_over_box(rig, tolerance_box(rig, 0.0, None, (1.0, 1.2)))
+    exactly = [*bounded_error.bounded_rows(members(rig, 1.0, 1.2))]
+    assert claims == []
+    assert [row.proved for row in rows] == [row.proved for row in exactly] == [False]
+    assert all("rides on the mount" in row.covers for row in (*rows, *exactly))
 
 
 @pytest.mark.parametrize("share", [fmpq(1), fmpq(99, 100)])

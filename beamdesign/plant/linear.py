@@ -174,11 +174,6 @@ class LinearModel:
             mass[i, i] += 1
         return mass, a, b, c
 
-    @property
-    def exact_push(self) -> fmpq_mat:
-        """P (n, 2) of E x' = A x + B u + P f, f being forces on the outer and on the inner tip, N."""
-        return self._exact_parts[0]
-
     def over_outer_mass(self, inner_end_mass: fmpq) -> tuple[fmpq_mat, fmpq_mat, fmpq_mat, int, fmpq]:
         """A, B, C in rationals with the forces on the outer tip in the row of its velocity; its place, and its mass.
 

@@ -22,7 +22,7 @@ whose own absolute integral k, times |m - M| below one, raises the bound by the 
 """
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import ceil, frexp, sqrt
 from typing import Any
 
@@ -248,13 +248,14 @@ def erring(place: str, current: Any, volts: Any, figure: Mapping[str, Any], s: A
 def _stroke(rig: LinearModel, inner_end_mass: fmpq, denominator: fmpq_poly) -> fmpq_poly:
     """Numerator over the plant's denominator from a force between piston and cylinder to the tip, which it draws back.
 
-    c adj(sI - A) b = det(sI - A + b c) - det(sI - A).
+    A spring of friction shows what it acts on. c adj(sI - A) b = det(sI - A + b c) - det(sI - A).
     """
     mass, a, _, c = rig.exact_matrices(fmpq(0), inner_end_mass)
-    n, push, inverse = mass.nrows(), rig.exact_push, mass.inv()
-    pulled = inverse * fmpq_mat(n, 1, [push[i, 0] - push[i, 1] for i in range(n)])
-    tip = fmpq_mat(1, n, [c[0, j] for j in range(n)])
-    own = inverse * a
+    friction, n, place = rig.effects["seal_friction"], mass.nrows(), rig.states.index("displacement_m")
+    tables = ({**rig.effects, "seal_friction": {**friction, "spring_N_per_m": spring}} for spring in (0.0, 1.0))
+    free, held = (replace(rig, effects=table).exact_matrices(fmpq(0), inner_end_mass)[1] for table in tables)
+    pulled = mass.inv() * fmpq_mat(n, 1, [free[i, place] - held[i, place] for i in range(n)])
+    own, tip = mass.inv() * a, fmpq_mat(1, n, [c[0, j] for j in range(n)])
     below = own.charpoly()
     above = ((own - pulled * tip).charpoly() - below) * denominator
     if not (above % below).is_zero():
@@ -375,8 +376,7 @@ def over_masses(numerators: Sequence[fmpq_poly], closed: Affine, low: fmpq, high
         ArithmeticError: as `absolute_integrals`, or where too many pieces would be needed.
     """
     ends = [absolute_integrals([closed.slope], closed.at(mass))[0] for mass in (low, (low + high) / 2, high)]
-    half = (high - low) / 2
-    pieces = max(1, ceil(nearest(max(ends) * half) / _RAISED))
+    pieces = max(1, ceil(nearest(max(ends) * (high - low) / 2) / _RAISED))
     while pieces <= MOST_PIECES:
         found = _with_pieces(numerators, closed, low, high, pieces)
         if found is not None:

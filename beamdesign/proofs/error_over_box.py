@@ -24,10 +24,11 @@ from operator import itemgetter
 from typing import Any
 
 import numpy as np
-from flint import arb, ctx, fmpq
+from flint import arb, ctx, fmpq, fmpq_poly
 
+from beamdesign.plant.members import family as linear_family
 from beamdesign.polynomial import bounds, exact, is_hurwitz, nearest, roots, shortened, text
-from beamdesign.proofs.bounded_error import SLIDING, Error, errors_in_loop, rows_of
+from beamdesign.proofs.bounded_error import SLIDING, Error, errors_in_loop, numerators, rows_of, slides
 from beamdesign.proofs.box import Box
 from beamdesign.proofs.box_claims import BoxClaim
 from beamdesign.proofs.box_member import below, parameters_at, with_number
@@ -58,6 +59,10 @@ _RELAXATIONS = {1.15: 60, 1.3: 100, 1.6: 600, 2.5: 2_000}
 _SLOWER = (1.0, 0.6, 0.35)
 """Shares of the decay rate of the slowest pole of the samples that are tried in turn: a member may be slower."""
 _DIGITS = 4
+_NO_FLOW = (
+    "No bound is proved over the box: a force between piston and cylinder is not worth a flow of the rig's own oil and"
+    " piston, as effects change these; `certify --nonlinear` says what is proved of the nominal figures."
+)
 Lead = tuple[fmpq, fmpq]
 """See `Weighed`."""
 _NO_LEAD, _NONE = (fmpq(1), fmpq(0)), (fmpq(0), fmpq(0))
@@ -87,6 +92,10 @@ def errors_over_box(prototype: Prototype, box: Box, budget: int = 20_000) -> tup
         Claims, one for each error and piece of the outer end mass, and rows for each effect and for all together.
     """
     found, rows = errors_in_loop(prototype)
+    if any(one.place == "stroke" for one in found) and not worth_a_flow(prototype):
+        rows += [Row((one.effect,), METHOD, False, _NO_FLOW) for one in found if one.place == "stroke"]
+        found = [one for one in found if one.place != "stroke"]
+        found = found if any(not one.per_m for one in found) else []
     found = [replace(one, size=one.size * _more(prototype, box, one)) for one in found]
     claims, most, known = list[BoxClaim](), list[fmpq](), dict[str, list[BoxClaim]]()
     try:
@@ -131,6 +140,8 @@ def _claims(prototype: Prototype, box: Box, error: Error, budget: int) -> list[B
     """
     if "delay" in box.ranges:
         raise NotCovered("a delay is not covered")
+    if any(member.rig.sensor_rides for member in linear_family(prototype).members):
+        raise NotCovered("the sensor rides on the mount, so that it does not see the tip alone")
 
     figure = {**{name: (exact(value),) * 2 for name, value in figures(prototype).items()}, **box.ranges}
 
@@ -157,6 +168,20 @@ def _claims(prototype: Prototype, box: Box, error: Error, budget: int) -> list[B
         middle = (low + high) / 2
         plans += [plan({**own, MASS: ends}) for ends in ((low, middle), (middle, high))]
     return [*map(proved, plans)]
+
+
+def worth_a_flow(prototype: Prototype) -> bool:
+    """Whether a force between piston and cylinder that slides moves the tip as the flow Q / A + A s / K times it does.
+
+    It does not where effects change the oil, or make the sides of the piston unequal.
+    """
+    area, oil, leakage = (exact(figures(prototype)[name]) for name in ("piston_area", "oil_stiffness", "leakage"))
+    flow = fmpq_poly([leakage * oil, area**2])
+    members = linear_family(prototype).members
+    with suppress(ArithmeticError):  # where no numerator is known at all
+        known = (numerators(prototype, one.rig, {"stroke"}) for one in members if slides(one, members))
+        return all(one["stroke"] * area * oil == one["flow"] * flow for one in known)
+    return False
 
 
 def leading(figure: Mapping[str, Interval], decay: fmpq) -> Lead:
