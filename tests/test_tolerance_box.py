@@ -17,6 +17,7 @@ from beamdesign.checker.__main__ import main as prove_again
 from beamdesign.cli import app
 from beamdesign.controllers import Lag, Proportional
 from beamdesign.loop import loop
+from beamdesign.plant.members import STANDARD_GRAVITY
 from beamdesign.polynomial import exact, is_hurwitz, squared_magnitude
 from beamdesign.polynomial import roots as roots_of
 from beamdesign.proofs.box import box_of, certify_box
@@ -25,7 +26,7 @@ from beamdesign.proofs.frames import Between, Cell, Frames, growth
 from beamdesign.proofs.rig_family import rig_family
 from beamdesign.proofs.tolerance_box import largest_scaling, tolerance_box
 from beamdesign.proofs.writer import prototype_table
-from beamdesign.prototype import Payload, Sensor
+from beamdesign.prototype import Payload, Sensor, Tolerance
 
 
 @pytest.fixture
@@ -122,6 +123,23 @@ def test_largest_scaling_of_the_rigs_tolerances(rig):
     point = found.unstable_point
     one = member(rig_family(rig).over({}), point)
     assert not is_hurwitz(one.plain + one.late)
+
+
+def test_effects_span_what_they_do_of_the_rigs_of_a_scaled_box(rig):
+    """A smaller piston has more of the supply taken by a load, and more flow with it: up to all, where none is left."""
+    loaded = rig.but(
+        effects={"pressure_dependent_flow": {"supply_pressure_Pa": 1.4e7}},
+        tolerance=Tolerance(piston_area=0.05),
+        controller=rig.controller.but(gain_A_per_V=0.08),
+        payload=Payload(inner_end_mass_kg=2.5, outer_end_mass_kg=(0.0, 1.0), largest_force_N=1000.0),
+    )
+    found = largest_scaling(loaded, tolerance_box(loaded, 1.0))
+    assert found.verdict.stable
+    assert 1.5 < found.proved < found.limit < 10
+    assert found.verdict.box.ranges == tolerance_box(loaded, found.proved).ranges
+    area = found.verdict.box.ranges["piston_area"][0]
+    share = (1000 + STANDARD_GRAVITY) / (float(area) * 1.4e7)
+    assert float(found.verdict.box.ranges["effect_gain"][1]) == pytest.approx(sqrt(1 + share))
 
 
 def test_tolerance_box(rig):

@@ -148,6 +148,7 @@ _ENOUGH = 1e-4
 
 
 Dashpot = Callable[[Mapping[str, fmpq]], Interval]
+Spans = Callable[[Mapping[str, Interval]], Mapping[str, Interval]]
 
 
 @dataclass(frozen=True)
@@ -159,12 +160,14 @@ class Box:
         nominal: where scaling starts from, inside each range but not always in its middle.
         rigid: names whose ranges are asked for as they are, so that scaling leaves them alone.
         dashpots: what gives the range of each, from the factors on the deviations of the figures behind it, by name.
+        spans: what gives the ranges of what effects freeze, from those of all else.
     """
 
     ranges: Mapping[str, Interval]
     nominal: Mapping[str, fmpq]
     rigid: frozenset[str] = frozenset()
     dashpots: Mapping[str, Dashpot] = field(default_factory=dict)
+    spans: Spans = field(default=lambda ranges: {}, repr=False, compare=False)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -172,7 +175,11 @@ class Box:
         return tuple(self.ranges)
 
     def scaled(self, factor: fmpq) -> "Box":
-        """Every range that is not rigid, drawn in or out from its nominal value."""
+        """Every range that is not rigid, drawn in or out from its nominal value, and what effects span then.
+
+        Raises:
+            InputError: where rigs of such ranges leave nothing that could stand for an effect.
+        """
         drawn = {
             name: (middle + factor * (low - middle), middle + factor * (high - middle))
             for name, (low, high) in self.ranges.items()
@@ -181,7 +188,9 @@ class Box:
         }
         own = {name: fmpq(1) if name in self.rigid else factor for name in self.ranges}
         drawn |= {name: of(own) for name, of in self.dashpots.items()}  # which are not linear in these
-        return replace(self, ranges={**self.ranges, **drawn})
+        ranges = {**self.ranges, **drawn}
+        spans = {name: ends for name, ends in self.spans(ranges).items() if name in ranges}
+        return replace(self, ranges={**ranges, **spans})
 
 
 def box_of(

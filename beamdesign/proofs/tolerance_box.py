@@ -46,7 +46,8 @@ def tolerance_box(
 
     A dashpot b = 2 zeta sqrt(K M) is a parameter of its own and spans all that its beam's damping ratio, stiffness and
     mass give within their tolerances. End masses and delay are ranges that are asked for: they do not scale with the
-    tolerances, but a tolerance of an end mass widens its range. Nor do the spans of frozen figures of effects.
+    tolerances, but a tolerance of an end mass widens its range. Spans of frozen figures of effects are those of all
+    rigs within the ranges, of scaled ones too.
 
     Args:
         prototype: with a controller; its `tolerance` holds relative standard deviations.
@@ -89,7 +90,12 @@ def tolerance_box(
             ranges[name] = (exact(pair[0]) * (1 - share), exact(pair[1]) * (1 + share))
             rigid.add(name)
     heaviest = None if payload is None else nearest(ranges["outer_end_mass"][1])
-    spans = effect_spans(family(prototype, heaviest, ranges))
+    own = dict(ranges)
+
+    def spanned(drawn: Mapping[str, Interval]) -> Mapping[str, Interval]:
+        return effect_spans(family(prototype, heaviest, {**own, **drawn}))
+
+    spans = spanned(ranges)
     ranges |= spans
     rigid |= set(spans)
     # One payload is a range too, where it is another than the expression has by itself.
@@ -100,7 +106,7 @@ def tolerance_box(
         chosen = [name for name in chosen if name in names or name in rigid]
     nominal = {name: min(max(values[name], ranges[name][0]), ranges[name][1]) for name in chosen}
     kept = {name: of for name, of in dashpots.items() if name in chosen}
-    return Box({name: ranges[name] for name in chosen}, nominal, frozenset(rigid & set(chosen)), kept)
+    return Box({name: ranges[name] for name in chosen}, nominal, frozenset(rigid & set(chosen)), kept, spanned)
 
 
 def _dashpot(value: fmpq, stiffness: fmpq, mass: fmpq, ratio: fmpq) -> tuple[fmpq, fmpq]:
@@ -131,7 +137,8 @@ class Scaling:
     Attributes:
         proved: largest factor at which the whole box was proved stable; 0 if none was.
         refuted: least factor at which a member of the box was proved not to be stable; None where none was found.
-        limit: factor beyond which a figure would reach zero; nothing above it was asked.
+        limit: factor beyond which a figure would reach zero, or about which no linear loop stands for an effect any
+            more; nothing above it was asked.
         verdict: that of the box scaled by `proved`, with its certificate; None if `proved` is 0.
         unstable_point: the member that refutes at `refuted`.
         reason: in words, what is known between the two factors.
@@ -208,12 +215,22 @@ def scaling_of_each(
 
 
 def _limit(family: PolynomialFamily, box: Box, most: float) -> fmpq:
-    """The largest factor to try: beyond it a figure that is positive would reach zero."""
+    """The largest factor to try, beyond which a positive figure would reach zero, or nothing stand for an effect."""
+
+    def stands(factor: fmpq) -> bool:
+        try:
+            box.scaled(factor)
+        except InputError:
+            return False
+        return True
+
     limit = exact(most)
     for name, (low, _) in box.ranges.items():
         middle = box.nominal[name]
         if name in family.positive and name not in box.rigid and low < middle and middle > 0:
             limit = min(limit, middle / (middle - low) * fmpq(999, 1000))
+    while not stands(limit):
+        limit *= fmpq(9, 10)
     return shortened(limit, _DIGITS)
 
 
