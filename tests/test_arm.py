@@ -678,6 +678,22 @@ def test_a_certificate_is_of_the_arm_that_it_was_made_for_and_of_no_other(link: 
     assert not check(certify_plane(given, "z", 0.0, 6.8).text, prototype_table(bare)).valid
 
 
+@pytest.mark.parametrize("beam", ["outer_beam", "inner_beam"])
+def test_across_a_rectangular_tube_a_plane_is_that_of_no_prototype(link: Prototype, beam: str):
+    """Measured figures, which win over the section, are those of the plane z."""
+    table = prototype_table(link)
+    text = certify_plane(link, "y", 0.0, 6.8).text
+    assert check(text, table).valid
+    table[beam] = {**table[beam], "shape": "rectangle", "depth_m": 0.2}
+    assert "rectangular tube" in " ".join(check(text, table).failed)
+
+
+def test_a_section_that_is_no_table_cannot_be_read(link: Prototype):
+    honest = tomllib.loads(certify_plane(link, "y", 0.0, 6.8).text)
+    with pytest.raises(Unreadable, match=r"plane\.section"):
+        check(tomli_w.dumps(changed(honest, ("plane", "section"), "x")), prototype_table(link))
+
+
 def test_a_lag_written_as_an_observer_is_the_lag(link: Prototype):
     rate, share = 2 * pi * 1.7, 1.7 / 20.0
     same = Observer.of(0.05, ("displacement_m",), [[-rate]], [[rate]], [1 - share], [share])

@@ -19,7 +19,7 @@ from truth_of_box import true
 
 from beamdesign import Prototype, check, read_prototype
 from beamdesign.checker import Unreadable
-from beamdesign.checker.box_loop import sigmas
+from beamdesign.checker.box_loop import holds, sigmas
 from beamdesign.checker.roots import unstable_roots
 from beamdesign.polynomial import exact
 from beamdesign.polynomial import roots as roots_of
@@ -381,6 +381,7 @@ def test_sigmas_of_a_range() -> None:
         assert float(found) == pytest.approx(n, rel=1e-3)
         assert float(found) <= n
     assert sigmas((fmpq(97), fmpq(102)), fmpq(100), exact(0.01)) == "2"
+    assert not holds((fmpq(20), fmpq(220)), fmpq(100), fmpq(2), exact(0.6))  # which are from less than nothing up
     assert sigmas((fmpq(97), fmpq(102) - fmpq(1, 10**6)), fmpq(100), exact(0.01)) == "1.999"
 
 

@@ -324,10 +324,12 @@ def sigmas(ends: Pair, figure: fmpq, *deviations: fmpq) -> str:
 
 
 def holds(ends: Pair, figure: fmpq, n: fmpq, *deviations: fmpq) -> bool:
-    """Whether a range holds so many standard deviations to either side, n times the largest being below one.
+    """Whether a range holds so many standard deviations to either side; none does where they would reach zero.
 
     Of a dashpot 2 zeta sqrt(K M), with those of zeta, K and M all at once.
     """
     own, *behind = deviations
+    if not all(n * one < 1 for one in deviations):
+        return False
     squares = [figure**2 * (1 + e * own) ** 2 * prod(1 + e * one for one in behind) for e in (-n, n)]
     return ends[0] ** 2 <= squares[0] and squares[1] <= ends[1] ** 2

@@ -235,12 +235,16 @@ def _plane(table: Table, prototype: Mapping[str, Any]) -> Iterator[str]:
     """That a plane of an arm is that of the prototype's outer beam; torsion is proved to follow from its section."""
     if "plane" not in table:
         return
-    stated, keys = table.table("plane").whole_of_it(), ("shape", "width_m", "wall_m", "material", "corner_radius_m")
+    plane, keys = table.table("plane"), ("shape", "width_m", "wall_m", "material", "corner_radius_m")
+    own, stated = plane.optional("section").whole_of_it(), plane.whole_of_it()
+    shapes = [_of(prototype, beam, "shape") for beam in ("outer_beam", "inner_beam")]
+    if stated["name"] == "y" and "rectangle" in shapes:
+        yield "a rectangular tube of the prototype's is of other figures in this plane"
     if not same(stated["free_length_m"], _of(prototype, "outer_beam", "free_length_m")):
         yield "the length of its outer beam is not that of the prototype's"
     given = {key: _of(prototype, "outer_beam", key) for key in keys}
     whole = {} if None in given.values() else given
-    section = {"shape": "square", **stated["section"]} if "section" in stated else {}
+    section = {"shape": "square", **own} if own else {}
     if "torsion" in stated and not same(section, whole):
         yield "the section of its outer beam is not that of the prototype's"
 
