@@ -3,7 +3,7 @@
 import tomllib
 from dataclasses import replace
 from itertools import product
-from math import hypot
+from math import hypot, sqrt
 
 import numpy as np
 import pytest
@@ -14,7 +14,7 @@ from honest_certificates import erring, honest, valid
 
 from beamdesign import check
 from beamdesign.loop import rig_loop
-from beamdesign.plant.members import family
+from beamdesign.plant.members import STANDARD_GRAVITY, family
 from beamdesign.polynomial import exact, nearest
 from beamdesign.proofs import bounded_error, changing_gain, error_over_box
 from beamdesign.proofs.box import certify_box
@@ -235,6 +235,19 @@ def test_a_peak_sensitivity_is_a_gain_that_may_change(peak: float):
         assert changing_gain.margin_of(given.loops[0], "volts", *ends, given.low, given.high) is not None
     (none,) = changing_gain.changing_over_box(given, box, [])
     assert not none.proved
+
+
+def test_a_gain_that_changes_does_so_as_of_any_rig_of_the_box():
+    """Orifices pass on what the load leaves of the supply, and the smallest piston takes most of it."""
+    rig = erring({})[0].but(
+        effects={"pressure_dependent_flow": {"supply_pressure_Pa": 1.4e7}}, tolerance=Tolerance(piston_area=0.1)
+    )
+    rig = rig.but(payload=rig.payload.but(largest_force_N=200.0))
+    box = tolerance_box(rig, 1.0, ["piston_area"], (0.0, 2.0))
+    claim = replace(claim_over_box(rig, box, Asked("peak_sensitivity", 1.3)), holds=True)
+    (row,) = changing_gain.changing_over_box(members(rig, 0.0, 2.0), box, [claim])
+    share = (200 + 2 * STANDARD_GRAVITY) / (0.9 * rig.actuator.piston_area_m2 * 1.4e7)
+    assert f"between {sqrt(1 - share):.4g} and {sqrt(1 + share):.4g}" in row.covers
 
 
 def test_an_error_of_no_size_moves_nothing_and_needs_no_proof():

@@ -26,7 +26,7 @@ of a piston are; then it may be seen from any equilibrium, else from rest withou
 """
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import product
 from typing import Any
 
@@ -36,7 +36,7 @@ from scipy.optimize import linprog
 
 from beamdesign.loop import Loop, member_loop
 from beamdesign.plant.assembly import effect_parameters_of
-from beamdesign.plant.members import VertexModel
+from beamdesign.plant.members import VertexModel, family
 from beamdesign.polynomial import Affine, exact, inner, nearest, ratio, text
 from beamdesign.proofs.absolute_stability import DEADBANDS, IN_THE_CURRENT, NORM, Solved, kernels, with_fewer, written
 from beamdesign.proofs.box import Box
@@ -89,8 +89,7 @@ def changing(given: Members) -> list[Changing]:
     ripple = own.get("carrier_ripple")
     if ripple is not None and ripple["depth"] > 0:
         depth = exact(ripple["depth"])
-        drives = ripple["residual_V"] > 0
-        found.append(Changing("carrier_ripple", "volts", 1 - depth, 1 + depth, _RIPPLE, drives))
+        found.append(Changing("carrier_ripple", "volts", 1 - depth, 1 + depth, _RIPPLE, ripple["residual_V"] > 0))
     orifices = own.get("pressure_dependent_flow")
     if orifices is not None and not own.keys() & {"unequal_piston_areas", "uneven_leakage"}:
         span = given.found.gains["pressure_dependent_flow"]
@@ -154,10 +153,12 @@ def changing_over_box(given: Members, box: Box, claims: Iterable[BoxClaim]) -> I
     """A row for each gain that changes, of every member of a box, from what is claimed of it.
 
     Args:
-        given: the prototype with its payloads.
+        given: the prototype with its payloads, whose gains count as they are of any member.
         box: the ranges.
         claims: what is proved of every member.
     """
+    heaviest = nearest(box.ranges.get("outer_end_mass", (given.low, given.high))[1])
+    given = replace(given, found=family(given.prototype, heaviest, box.ranges))
     found = next((one for one in claims if one.holds and one.asked.kind == "peak_sensitivity"), None)
     gain = {**box.ranges, **(found.own if found else {})}.get(FACTOR, (fmpq(1), fmpq(1)))
     for one in changing(given):
