@@ -9,33 +9,16 @@ from math import ceil, log
 
 import numpy as np
 
-from beamdesign.controllers import SENSED, Controller
 from beamdesign.controllers.scheduling import PayloadEstimator, next_stage
-from beamdesign.plant.actuators import KINDS
 from beamdesign.plant.assembly import OUTPUTS, Assembly, Structure, assemble, parameters_of, structure_of
-from beamdesign.plant.compiled import COMMAND, ERROR, NOT_SAMPLED, SampledLaw, half_steps, integrate
+from beamdesign.plant.compiled import NOT_SAMPLED, half_steps, integrate
 from beamdesign.plant.equilibrium import equilibrium, refuse_too_many, substeps_for
 from beamdesign.prototype import Prototype
 from beamdesign.records import InputError, Problem
 from beamdesign.result import Result
+from beamdesign.sampling import sampled_law, sampled_stage
 from beamdesign.scenario import COLUMNS, Course, Sampled, Scenario, ScenarioRecord, course_of, inputs_of
 from beamdesign.structure import arm, lumped
-
-
-def sampled_law(controller: Controller, period_s: float) -> SampledLaw:
-    """The difference equation of a controller at a period.
-
-    Raises:
-        ValueError: where it has none; see `beamdesign.build.realisation.law.difference_equation`.
-    """
-    from beamdesign.build.realisation.law import difference_equation
-    from beamdesign.proofs.mass_family import floats
-
-    law = difference_equation(controller, 1 / period_s).linear
-    places = {SENSED[0]: ERROR, "command_V": COMMAND}
-    places |= {kind.feels[0]: OUTPUTS.index("load_pressure_Pa") for kind in KINDS.values()}
-    sensed = tuple(places[name] if name in places else OUTPUTS.index(name) for name in law.sensed)
-    return SampledLaw(np.block([[floats(law.a), floats(law.b)], [floats(law.c), floats(law.d)]]), sensed)
 
 
 @dataclass(frozen=True)
@@ -280,12 +263,11 @@ def simulate_scheduled(
     """
     schedule = rig.schedule
     assert schedule is not None  # the caller has seen that there are several laws
-    laws = [stage.law for stage in schedule.stage]
     try:
-        sampled = [sampled_law(law, schedule.period_s) for law in laws]
+        sampled = [sampled_stage(stage, schedule.period_s) for stage in schedule.stage]
     except ValueError as slow:
         raise InputError(rig.name, [("controller.period_s", str(slow))]) from slow
-    plant = (built or rig).but(controller=laws[0])
+    plant = (built or rig).but(controller=schedule.stage[0].law)
     inner, period = plant.payload.inner_end_mass_kg, schedule.period_s
     kinds, continuous = structure_of(plant, True), assemble(structure_of(plant))
     states = assemble(kinds).states
@@ -302,7 +284,8 @@ def simulate_scheduled(
     inputs[:: 2 * substeps, 1] = command - noise  # read at the samples of the law alone
     before, mass = course.force_N[0] if course.before_N is None else course.before_N, course.payload_kg[0][1]
     y, state = _at_rest(continuous, states, before, figures(mass))
-    error, current = -float(y[-1]), laws[first_stage].gain_A_per_V * -float(y[-1])
+    z = sampled[first_stage].whole.at_rest(np.array([-y[-1]]))
+    passed = np.tile(sampled[first_stage].step(z, -float(y[-1]))[1], (2, 1))  # nothing has moved before
 
     hop = round(schedule.estimator.update_s / period)
     estimator = PayloadEstimator(rig, schedule)
@@ -320,17 +303,16 @@ def simulate_scheduled(
                 state[states.index("outer_m_per_s")] *= (bare + mass) / (bare + new)
             mass = new
         law = sampled[stage]
-        z = law.after(np.array([error]), current)
         when, given = np.arange(begin, end + 1) * period, inputs[2 * substeps * begin : 2 * substeps * end + 1]
-        digital = law.packed(substeps, 0, 0.0, z, current)
+        digital = law.whole.packed(substeps, 0, 0.0, z, passed[-1, -1])
         y, state = integrate(kinds, when, given, state, figures(mass), substeps, limit_m, digital)
         whole = len(y) == end - begin + 1
         y = y[: end - begin]  # the last sample is the first of what follows
         here = slice(begin, begin + len(y))
         volts = y[:, OUTPUTS.index("measured_V")] + noise[here]
         for value in command[here] - volts:
-            z, current = law.step(z, np.array([value]))
-            error = value
+            z, signals = law.step(z, value)
+            passed = np.vstack([passed[1:], signals])
         estimate = estimator.advance(volts, y[:, OUTPUTS.index("current_A")]) if whole else estimator.estimate
         noted = (mass, stage + 1, estimate.outer_end_mass_kg, estimate.std_kg)
         done = (np.arange(begin, begin + len(y)) * period, course.force_N[here], command[here])
@@ -342,6 +324,7 @@ def simulate_scheduled(
         if chosen != stage:
             stage, changed = chosen, end * period
             changes.append((end * period, stage + 1))
+            z = sampled[stage].after(passed)
     return SimulatedRecord(rig.name, np.vstack(rows), True, columns=STAGED, changes=tuple(changes))
 
 

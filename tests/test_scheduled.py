@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 import tomli_w
 from flint import fmpq, fmpq_mat
+from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 from scipy.signal import cont2discrete
 from typer.testing import CliRunner
@@ -27,7 +28,7 @@ from beamdesign import (
 )
 from beamdesign.cli import app
 from beamdesign.cli.command import of_all
-from beamdesign.controllers import Estimator, Scheduled, Section, Structured
+from beamdesign.controllers import Estimator, Scheduled, Section, Stage, Structured
 from beamdesign.controllers.scheduling import (
     CANDIDATES,
     FREE,
@@ -50,6 +51,7 @@ from beamdesign.proofs.decrease import changes_of_stage, dwell_suffices, grows_a
 from beamdesign.proofs.lyapunov import Switching, describe, switching
 from beamdesign.proofs.mass_family import MassFamily, closed_loop, stage_families, stage_family
 from beamdesign.prototype import Goal
+from beamdesign.sampling import sampled_stage
 from beamdesign.scenario import Course, Sampled, Scenario, ScenarioRecord, Step, WallAhead
 from beamdesign.simulation import simulate_scheduled
 from beamdesign.synthesis import tuning
@@ -431,18 +433,56 @@ def test_ranges_overlap() -> None:
 # In time.
 
 
-def test_a_stage_that_stays_is_the_sampled_lag(rig: Prototype) -> None:
-    count = 401
+@pytest.mark.parametrize("name", ["prototype", "structured"])
+def test_a_stage_that_stays_is_its_sampled_law(name: str) -> None:
+    rig = read_prototype(SHIPPED.with_name(f"{name}.toml"))
+    period_s, count = schedule_of(rig).period_s, round(0.2 / schedule_of(rig).period_s) + 1
     course = Course(
-        20 * (0.5 - 0.5 * np.cos(np.pi * np.clip((np.arange(count) * PERIOD_S - 0.02) / 0.01, 0, 1))), ((0.0, 2.0),)
+        20 * (0.5 - 0.5 * np.cos(np.pi * np.clip((np.arange(count) * period_s - 0.02) / 0.01, 0, 1))), ((0.0, 2.0),)
     )
     found = simulate_scheduled(rig, course, first_stage=1, adaptive=False)
     row = ScenarioRecord(name="a", input=(Step(amplitude_N=20.0, at_s=0.02, rise_s=0.01),), outer_end_mass_kg=2.0)
-    plan = Scenario(name="a", duration_s=0.2, record=(row,), sampled=Sampled(period_s=PERIOD_S))
+    plan = Scenario(name="a", duration_s=0.2, sample_s=period_s, record=(row,), sampled=Sampled(period_s=period_s))
     usual = simulate(rig.stages((0.0, 6.8))[1][0], plan).records[0]
     assert found.stable
     expected = usual.column("displacement_m")[: len(found.samples)]
     assert np.abs(found.column("displacement_m") - expected).max() < 1e-6 * np.abs(expected).max()
+
+
+def test_a_stage_goes_on_from_what_the_one_before_gave() -> None:
+    """Beside the equations of `beamdesign.proofs.mass_family`, whose states a change of stage leaves as they are."""
+    one, other, _ = schedule_of(read_prototype(SHIPPED.with_name("structured.toml"))).stage
+    other = other.but(gain_A_per_V=2 * other.gain_A_per_V)
+    period_s, turn, changed_s = 1e-5, 2 * np.pi * 30.0, 0.0423
+
+    def rates(t: float, x: np.ndarray, stage: Stage) -> list[float]:
+        signal, slope, bent = 1 - np.cos(turn * t), turn * np.sin(turn * t), turn**2 * np.cos(turn * t)
+        found = []
+        for section, (u, v) in zip(stage.section, x[:-1].reshape(-1, 2), strict=True):
+            z, p = 2 * np.pi * section.zero_Hz, 2 * np.pi * section.pole_Hz
+            raised = signal + 2 * section.zero_damping_ratio * slope / z + bent / z**2 - u
+            bent = p**2 * raised - 2 * section.pole_damping_ratio * p * v
+            found += [v, bent]
+            signal, slope = u, v
+        upper, lower = 2 * np.pi * stage.zero_Hz, 2 * np.pi * stage.pole_Hz
+        return [*found, lower * (stage.gain_A_per_V * signal - x[-1]) + stage.gain_A_per_V * lower / upper * slope]
+
+    whole = np.arange(round(0.06 / period_s) + 1) * period_s
+    at = round(changed_s / period_s)
+    ways = {"method": "DOP853", "rtol": 1e-9, "atol": 1e-12}
+    before = solve_ivp(rates, (0, whole[at]), np.zeros(7), args=(one,), t_eval=whole[: at + 1], **ways).y
+    after = solve_ivp(rates, (whole[at], whole[-1]), before[:, -1], args=(other,), t_eval=whole[at:], **ways).y
+    expected = np.append(before[-1], after[-1, 1:])
+
+    laws, found, passed = [sampled_stage(stage, period_s) for stage in (one, other)], [], np.zeros((2, 5))
+    state = np.zeros(laws[0].whole.order)
+    for k, t in enumerate(whole):
+        if k == at + 1:
+            state = laws[1].after(passed)
+        state, signals = laws[k > at].step(state, float(1 - np.cos(turn * t)))
+        passed = np.vstack([passed[1:], signals])
+        found.append(signals[-1])
+    assert np.abs(np.array(found) - expected).max() < 5e-3 * np.abs(expected).max()
 
 
 def test_a_record_starts_at_rest_or_under_its_preload(rig: Prototype) -> None:

@@ -14,7 +14,6 @@ by some ten per cent at steps at which the record itself is right to 1e-4, and s
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
 
@@ -24,15 +23,14 @@ from llvmlite import ir
 from numba import njit, types
 from numba.extending import intrinsic
 
-from beamdesign.plant.assembly import OUTPUTS, Structure, assemble
+from beamdesign.plant.assembly import Structure, assemble
 from beamdesign.plant.component import SAMPLED
 from beamdesign.plant.equilibrium import places_of
 from beamdesign.plant.machine_code import Body, MachineCode, add_product, machine_code, rows_of, trace
+from beamdesign.sampling import COMMAND, ERROR
 
 NOT_SAMPLED = np.zeros(6)
 _KEPT = 512  # structures, about 0.7 MB each: more than one diagnosis meets, so that many in a row do not fill a machine
-ERROR, COMMAND = -1, -2
-"""Readings of a sampled controller that are not among the outputs: the command less the volts, and the command."""
 
 
 @lru_cache(_KEPT)
@@ -88,56 +86,6 @@ def half_steps(samples: np.ndarray, substeps: int) -> np.ndarray:
     return np.vstack([fine, samples[-1:]])
 
 
-@dataclass(frozen=True)
-class SampledLaw:
-    """z+ = A z + B e, i = C z + D e at every sample: the difference equation that a specification states.
-
-    Attributes:
-        matrix: (n + 1, n + k), A and B above C and D.
-        sensed: what each of the k readings is: `ERROR`, `COMMAND` or a place among the rig's outputs.
-    """
-
-    matrix: np.ndarray
-    sensed: tuple[int, ...]
-
-    def step(self, state: np.ndarray, readings: np.ndarray) -> tuple[np.ndarray, float]:
-        """State (n,) after, and current (A) of, one sample."""
-        after = self.matrix @ np.concatenate([state, readings])
-        return after[:-1], float(after[-1])
-
-    def readings(self, outputs: np.ndarray) -> np.ndarray:
-        """(k,) what it hears of a row of the rig's outputs, without command."""
-        known = {ERROR: -outputs[OUTPUTS.index("measured_V")], COMMAND: 0.0}
-        return np.array([known[place] if place < 0 else outputs[place] for place in self.sensed])
-
-    def at_rest(self, readings: np.ndarray) -> np.ndarray:
-        """State (n,) under constant readings."""
-        n = len(self.matrix) - 1
-        return np.asarray(np.linalg.solve(np.eye(n) - self.matrix[:n, :n], self.matrix[:n, n:] @ readings))
-
-    def after(self, readings: np.ndarray, current: float) -> np.ndarray:
-        """State (n,) after a sample of these readings that gave this current: of first order at most there is one."""
-        n = len(self.matrix) - 1
-        own, through = self.matrix[n, :n], self.matrix[n, n:]
-        before = np.linalg.pinv(own.reshape(1, n)) @ np.array([current - through @ readings])
-        return self.step(before, readings)[0]
-
-    def packed(
-        self, period_steps: int, delay_periods: int, least_volt: float, state: np.ndarray, current: float
-    ) -> np.ndarray:
-        """As `integrate` takes it.
-
-        Args:
-            period_steps: integration steps per period.
-            delay_periods: whole periods between reading a sample and giving its current.
-            least_volt: step of the converter that reads the sensor, V; 0 for none.
-            state: (n,) at the first sample.
-            current: before the record, A.
-        """
-        head = [period_steps, delay_periods, least_volt, current, len(self.matrix) - 1, len(self.sensed), *self.sensed]
-        return np.concatenate([head, self.matrix.ravel(), state])
-
-
 def integrate(
     kinds: Structure,
     times: np.ndarray,
@@ -158,7 +106,7 @@ def integrate(
         parameters: in the order of the assembly.
         substeps: steps per sample interval.
         bound: of the fifth output, the displacement of the outer tip (m), at which the record ends.
-        digital: the sampled controller, see `SampledLaw`.
+        digital: the sampled controller, see `beamdesign.sampling`.
 
     Returns:
         (M, 6) outputs as in `Assembly.outputs`; M < N where the rig passed the bound, or left the numbers, after M

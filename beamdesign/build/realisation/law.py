@@ -19,7 +19,7 @@ import numpy as np
 from flint import fmpq, fmpq_mat
 
 from beamdesign.build.realisation.sections import Channel, DiscreteLaw, Section, discretised
-from beamdesign.controllers import Controller
+from beamdesign.controllers import Controller, TransferFunction
 from beamdesign.polynomial import nearest
 
 V = TypeVar("V")
@@ -370,11 +370,11 @@ class _Lines(Arithmetic[str]):
         self.statements.append(f"{state} = {state} + {coefficient}*{value}")
 
 
-def difference_equation(controller: Controller, rate_Hz: float) -> DifferenceEquation:
+def difference_equation(controller: Controller | TransferFunction, rate_Hz: float) -> DifferenceEquation:
     """Tustin's rule with each break prewarped: poles and zeros lie at their own frequencies, the static gain is kept.
 
     Args:
-        controller: continuous law.
+        controller: continuous law, or a transfer function from error (V) to current (A).
         rate_Hz: more than twice the upper break.
 
     Raises:
