@@ -208,6 +208,16 @@ def test_when_nothing_moves_nothing_is_learnt(rig: Prototype) -> None:
     assert found.std_kg > schedule_of(rig).estimator.largest_std_kg
 
 
+def test_the_payload_of_a_beam_that_is_light_beside_it_is_found(rig: Prototype) -> None:
+    """Candidates a tenth of the range below none would take more off the tip than is there."""
+    light = rig.but(outer_beam=rig.outer_beam.but(effective_mass_kg=0.5))
+    times = np.arange(500) * PERIOD_S
+    course = Course(20 * (0.5 - 0.5 * np.cos(np.pi * np.clip((times - 0.02) / 0.01, 0, 1))), ((0.0, 3.0),))
+    found = simulate_scheduled(light, course, first_stage=1, noise_V=1e-4)
+    assert found.stable
+    assert found.column("estimate_kg")[-1] == pytest.approx(3.0, abs=schedule_of(light).estimator.band_kg)
+
+
 # The switch.
 
 

@@ -114,8 +114,9 @@ class PayloadEstimator:
     def __init__(self, prototype: Prototype, schedule: Scheduled):
         (low, high), self._figures = schedule.outer_end_mass_kg, schedule.estimator
         beyond = MARGIN * (high - low)
-        self._masses = np.linspace(low - beyond, high + beyond, CANDIDATES)
         rig, inner = paper_model(prototype.but(effects={})), prototype.payload.inner_end_mass_kg
+        least = max(low - beyond, -rig.figures["outer_mass"] / 2)  # half the beam's own mass is always left
+        self._masses = np.linspace(least, high + beyond, CANDIDATES)
         steps = [plant_step(rig, float(mass), inner, schedule.period_s) for mass in self._masses]
         transitions, inputs = np.array([step.transition for step in steps]), np.array([step.input for step in steps])
         self._step = PlantStep(transitions, inputs, steps[0].output)  # of all candidates, which come first
