@@ -23,6 +23,7 @@ import numpy as np
 from beamdesign.loop import critical_gain
 from beamdesign.plant.assembly import Structure, assemble, fits
 from beamdesign.plant.component import PROPORTIONAL
+from beamdesign.plant.effects import laws_of
 from beamdesign.plant.harmonic_balance import DISPLACEMENT, FreeRig, forced_motion
 from beamdesign.prototype import Beam, Prototype
 from beamdesign.records import InputError
@@ -123,7 +124,7 @@ def reach(prototype: Prototype, varied: Varied, frequency: float, outer_end_mass
     part of that is sought at which it does not.
 
     Args:
-        prototype: rig with a controller and its effects.
+        prototype: rig with a controller and its effects; air is raised in the law that it has of it, else in the first.
         varied: what is raised.
         frequency: of the vibration, Hz.
         outer_end_mass: payload, kg.
@@ -134,8 +135,11 @@ def reach(prototype: Prototype, varied: Varied, frequency: float, outer_end_mass
     def off(there: Prototype, force: float, load: float = 0.0) -> float:
         return departure(there, force, frequency, outer_end_mass, load, linear)
 
+    law = next((name for name in laws_of("entrained_air") if name in prototype.effects), "entrained_air")
+
     def airy(fraction: float) -> Prototype:
-        return prototype.but(effects=prototype.effects | {"entrained_air": {"air_fraction": fraction}})
+        own = prototype.effects.get(law, {}) | {"air_fraction": fraction}
+        return prototype.but(effects=prototype.effects | {law: own})
 
     ways: dict[Varied, tuple[float, float, Callable[[float], float]]] = {
         "load": (1e-2, 1.0, lambda at: max((off(prototype, _SMALL_N, way * at * stall) for way in (1, -1)), key=abs)),

@@ -156,3 +156,11 @@ def test_air_spoils_the_amplitude_near_crossover_and_not_at_the_frequencies_of_t
     assert abs(slow.departure) < 0.05
     assert 0.01 < fast.limit < 0.3
     assert abs(fast.departure) == pytest.approx(0.1, abs=1e-3)
+
+
+@pytest.mark.parametrize("law", ["entrained_air", "entrained_air_with_stroke"])
+def test_air_is_raised_in_the_law_that_the_rig_has_of_it(rig: Prototype, law: str):
+    stated = {law: {"oil_bulk_modulus_Pa": 0.8e9}}
+    found = reach(rig.but(effects=stated), "air", 50.0)
+    most = rig.but(effects={law: stated[law] | {"air_fraction": found.limit}})
+    assert found.departure == pytest.approx(departure(most, 1.0, 50.0), rel=1e-6)
