@@ -147,7 +147,9 @@ def simulate(prototype: Prototype, scenario: Scenario) -> Simulation:
 
 
 def _unfit(rig: Prototype, scenario: Scenario, row: ScenarioRecord) -> Iterator[Problem]:
-    """What of a record its controller cannot be put through."""
+    """What of a record its rig and its controller cannot be put through."""
+    if row.start_m is not None:
+        yield Problem(f"record.{row.name}.start_m", "is for an actuator bench")
     if (schedule := rig.schedule) is None:
         if row.payload_change is not None:
             yield Problem(f"record.{row.name}.payload_change", "is for a scheduled controller")

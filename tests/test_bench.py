@@ -305,6 +305,8 @@ def test_command_writes_records(tmp_path: Path, bench: BenchPrototype):
         ("start_m = 0.02", "start_m = 0.3"),
         ("amplitude_V = 4.0", "amplitude_N = 4.0"),
         ("sample_s = 0.001", 'sample_s = 0.001\nsampled = { period_s = 0.002 }'),
+        ("start_m = 0.02", "wall = { at_m = 0.1, stiffness_N_per_m = 1e6 }"),
+        ("start_m = 0.02", "payload_change = { at_s = 0.1, outer_end_mass_kg = 1.0 }"),
     ],
 )  # fmt: skip
 def test_what_a_bench_cannot_do_is_told(tmp_path: Path, bench: BenchPrototype, asked: str, key: str):

@@ -235,6 +235,13 @@ def test_scenario_problems_are_told_together(tmp_path: Path):
     assert "record" not in reasons
 
 
+def test_where_a_piston_starts_is_for_a_bench(lag: Prototype):
+    row = ScenarioRecord(name="a", start_m=0.01)
+    with pytest.raises(InputError) as told:
+        simulate(lag, Scenario(name="s", duration_s=0.1, record=(row,)))
+    assert [problem.key for problem in told.value.problems] == ["record.a.start_m"]
+
+
 def test_csv_inputs_are_checked_and_replayed(tmp_path: Path, lag: Prototype):
     plan = scenario(Step(amplitude_N=100.0))
     first = simulate(lag, plan).records[0]

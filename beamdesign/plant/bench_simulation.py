@@ -163,6 +163,8 @@ def simulate_bench(prototype: BenchPrototype, scenario: Scenario) -> dict[str, n
             wrong.append(Problem(f"record.{row.name}.controller", "a bench has no controller"))
         if row.outer_end_mass_kg or row.inner_end_mass_kg:
             wrong.append(Problem(f"record.{row.name}", "a bench has no beams and no end masses"))
+        given_too = (key for key in ("wall", "payload_change") if getattr(row, key) is not None)
+        wrong.extend(Problem(f"record.{row.name}.{key}", "is for a twin beam") for key in given_too)
         commands[row.name] = given[:, 1]
     if wrong:
         raise InputError(scenario.name, wrong)
