@@ -16,7 +16,9 @@ from beamdesign.loop import loop
 from beamdesign.plant import linearised
 from beamdesign.plant.assembly import assemble, parameters_of, structure_of
 from beamdesign.plant.effects import Linear, Operation, causes, library
+from beamdesign.plant.effects.entrained_air import bulk_ratio
 from beamdesign.plant.equilibrium import equilibrium, linearise
+from beamdesign.plant.harmonic_balance import linear_critical_gain
 from beamdesign.plant.members import family, paper_model
 from beamdesign.prototype import Payload, Sensor
 
@@ -159,6 +161,45 @@ def test_gains_of_the_members_bracket_the_effect(lag: Prototype):
     gain = family(carrying).members[0].gain
     share = 20.0 * 9.80665 / 1.13e-4 / 20e6
     assert (gain.low, gain.high) == pytest.approx((np.sqrt(1 - share), np.sqrt(1 + share)))
+
+
+@pytest.mark.parametrize("load", [0.0, 300.0, 1000.0, 1700.0])
+def test_with_orifices_on_unequal_sides_the_members_have_the_gain_of_either_side(lag: Prototype, load: float):
+    """Speed goes with sqrt(p_S A_side -+ load), least where the smaller side pushes against the load."""
+    carrying = with_effects(lag, "pressure_dependent_flow", "unequal_piston_areas").but(
+        payload=Payload(largest_force_N=load)
+    )
+    gain, share = family(carrying).members[0].gain, load / 1.13e-4 / 20e6
+    least, most = np.sqrt(1 - 0.121 - share), np.sqrt(1 + 0.121 + share)
+    assert 0.98 * least < gain.low <= least
+    assert most <= gain.high * (1 + 1e-12) < 1.02 * most
+    if load:
+        return
+    proportional = carrying.but(controller=Proportional(gain_A_per_V=1.0))
+    at_rest = min(crossing.value for crossing in loop(proportional).at(0.0).gain_crossings() if crossing.value > 0)
+    one, other = (linear_critical_gain(proportional, preload=way).gain_A_per_V for way in (1.0, -1.0))
+    assert at_rest == pytest.approx((one + other) / 2, rel=0.015)
+
+
+@pytest.mark.parametrize("orifices", [(), ("pressure_dependent_flow",)])
+@pytest.mark.parametrize("asymmetry", [0.3, -0.121])
+def test_air_is_softest_at_the_lowest_pressure_that_a_chamber_has_under_the_load(
+    lag: Prototype, orifices: tuple[str, ...], asymmetry: float
+):
+    law, load = "entrained_air", 900.0
+    rig = with_effects(lag, law, *orifices, "unequal_piston_areas").but(payload=Payload(largest_force_N=load))
+    rig = rig.but(effects=rig.effects | {"unequal_piston_areas": {"asymmetry": asymmetry}})
+    assembly = assemble(structure_of(rig))
+    parameters = np.array(list(parameters_of(rig, 0.0, 0.0).values()))
+    lowest = min(
+        equilibrium(assembly, np.array([way * load, 0.0, 0.0]), parameters)[assembly.states.index(name)]
+        for way in (1, -1)
+        for name in ("pressure_a_Pa", "pressure_b_Pa")
+    )
+    own = {q.name: q.default for q in library()[law].parameters}
+    softest = float(bulk_ratio(lowest, own["air_fraction"], own["oil_bulk_modulus_Pa"]))
+    span = family(rig).spans[f"{law}.stiffness_factor"]
+    assert 0.9 * softest < span.low <= softest * (1 + 1e-3)
 
 
 def test_the_spring_of_presliding_is_the_steepest_slope_of_the_friction(lag: Prototype):

@@ -131,10 +131,11 @@ def family(
     own = effect_parameters_of(prototype)
     supply = own.get("pressure_dependent_flow", {}).get("supply_pressure_Pa", prototype.supply.pressure_Pa)
     lumped, filtered = figures(prototype), prototype.sensor.filter_Hz is not None
-    operation = Operation(lumped, load, supply)
+    sides = own.get("unequal_piston_areas", {}).get("asymmetry", 0.0)
+    operation = Operation(lumped, load, supply, sides, "pressure_dependent_flow" in own)
     # Spans go one way with each figure that they see, so that the corners of their ranges have the extremes.
     seen = {name: {*map(nearest, varying[name])} for name in _OF_OPERATION if name in varying}
-    corners = [Operation(lumped | dict(zip(seen, at, strict=True)), load, supply) for at in product(*seen.values())]
+    corners = [replace(operation, figure=lumped | dict(zip(seen, at, strict=True))) for at in product(*seen.values())]
     spans: dict[str, dict[str, Span]] = {}
     gains: dict[str, Span] = {}
     linears = {name: linear for name in own if (linear := library()[name].linear) is not None}

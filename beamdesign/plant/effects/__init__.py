@@ -82,11 +82,26 @@ class Operation:
         figure: lumped figures of the rig by name, as in `beamdesign.parameters.PARAMETERS`.
         load_N: largest steady force that the cylinder carries.
         supply_Pa: supply pressure.
+        asymmetry: of the piston's sides, (A_a - A_b) / (A_a + A_b).
+        orifices: whether the flows of the valve's ports go with the pressures there.
     """
 
     figure: Mapping[str, float]
     load_N: float
     supply_Pa: float
+    asymmetry: float = 0.0
+    orifices: bool = False
+
+    @property
+    def difference_Pa(self) -> float:
+        """Of the supply pressure less this, half is the lowest pressure of a chamber at rest under the load.
+
+        Without load unequal sides balance at pressures that differ by the asymmetry times the supply. A load adds its
+        own difference: with orifices, which feed both chambers alike, the load pressure; else, the flow being that of
+        the side that fills, up to (1 + a) / (1 + a^2) times it for the larger side, a being the size of the asymmetry.
+        """
+        size, load = abs(self.asymmetry), self.load_N / self.figure["piston_area"]
+        return load * (1.0 if self.orifices else (1 + size) / (1 + size**2)) + size * self.supply_Pa
 
 
 @dataclass(frozen=True)

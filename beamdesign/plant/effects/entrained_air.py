@@ -32,8 +32,7 @@ def _of(pressure: Any, own: Signals) -> Any:
 
 
 def _stiffness(own: Figures, at: Operation, most: float = 1.0) -> Span:
-    difference = at.load_N / at.figure["piston_area"]
-    return Span(float(_of((at.supply_Pa - difference) / 2, own)), most, float(_of(at.supply_Pa / 2, own)))
+    return Span(float(_of((at.supply_Pa - at.difference_Pa) / 2, own)), most, float(_of(at.supply_Pa / 2, own)))
 
 
 def soft_oil(covers: str, leaves_out: str, stiffness: Spans) -> Linear:

@@ -29,8 +29,8 @@ def _orifice(side: str, signal: Any, site: Site) -> Any:
 
 
 def _gain(own: Figures, at: Operation) -> Span:
-    """Root of the pressure drop over that at no load, at the largest load either way."""
-    share = at.load_N / (at.figure["piston_area"] * own["supply_pressure_Pa"])
+    """Root of the pressure drop over that at half the supply, at the largest load either way."""
+    share = at.difference_Pa / own["supply_pressure_Pa"]
     if share >= 1:
         raise ValueError(
             f"a load of {at.load_N:g} N takes all of the supply pressure, so that the valve passes nothing"

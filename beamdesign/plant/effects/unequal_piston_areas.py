@@ -37,7 +37,12 @@ def _null(side: str, signal: Any, site: Site) -> Any:
 
 
 def _gain(own: Figures, at: Operation) -> Span:
+    """Over the flow of the mean area, which each side takes in the share of its own, as the linear member has it."""
     size = abs(own["asymmetry"])
+    if (
+        at.orifices
+    ):  # feed both sides alike: as much force at once, and at rest less, by the mean pressure that gives way
+        return Span(1 / (1 + size**2), 1.0, 1.0)
     return Span(1 / (1 + size), 1 / (1 - size), 1 / (1 - size))
 
 
@@ -57,7 +62,8 @@ EFFECT = Effect(
     ),
     source="Zalucky and Hardt (1984), Appendix and experimental results: the smaller side governs",
     linear=Linear(
-        "flow gain from that of the larger side to that of the smaller one",
+        "flow gain from that of the larger side to that of the smaller one; with orifices that of the mean area, down"
+        " to what leakage leaves of it at rest",
         "the change of sides within one motion",
         laws={**either("area_{}_m2", _share), **either("linear_{}_m3_per_s", _share)},
         gain=_gain,
