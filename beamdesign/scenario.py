@@ -6,7 +6,8 @@ from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
 import numpy as np
-from pydantic import Field, SerializeAsAny
+from pydantic import Field, SerializeAsAny, ValidationError, model_validator
+from pydantic_core import InitErrorDetails, PydanticCustomError
 
 from beamdesign import quantities as q
 from beamdesign import records
@@ -202,9 +203,32 @@ class Scenario(Record):
         if pair and pair[0] > 0 and abs(pair[1] / pair[0] - round(pair[1] / pair[0])) > 1e-9:
             yield Problem("sampled.period_s", f"must be a whole multiple of sample_s, {pair[0]:g}, is {pair[1]:g}")
 
-    def every(self, period_s: float | None) -> Self:
-        """With a period from row to row where it states none; None: as it is."""
-        return self if period_s is None or "sample_s" in self.model_fields_set else self.but(sample_s=period_s)
+    @model_validator(mode="after")
+    def _bands_hold_lines(self) -> Self:
+        lines, lasts = [], len(self.times) > 1  # else that is told
+        for i, row in enumerate(self.record if lasts else ()):
+            for signal in row.input:
+                if isinstance(signal, Multisine) and not len(_lines(signal, self.times)):
+                    band = (
+                        f"no multiple of {1 / self.times[-1]:g} Hz, one over the duration, lies from {signal.low_Hz:g}"
+                    )
+                    reason = f"{band} to {signal.high_Hz:g} Hz: the multisine would be nothing"
+                    kind = PydanticCustomError("relation", "{reason}", {"reason": reason})
+                    lines.append(InitErrorDetails(type=kind, loc=("record", i, "input"), input=signal))
+        if lines:
+            raise ValidationError.from_exception_data("Scenario", lines)
+        return self
+
+    def every(self, period_s: float | None) -> "Scenario":
+        """With a period from row to row where it states none; None: as it is.
+
+        Raises:
+            InputError: where it does not go together with that period.
+        """
+        if period_s is None or "sample_s" in self.model_fields_set:
+            return self
+        fields = {name: getattr(self, name) for name in type(self).model_fields}
+        return records.parse(Scenario, fields | {"sample_s": period_s}, self.name)
 
     @property
     def times(self) -> np.ndarray:
@@ -286,6 +310,12 @@ def _rise(times: np.ndarray, at: float, length: float) -> np.ndarray:
     return 0.5 - 0.5 * np.cos(np.pi * np.clip((times - at) / length, 0.0, 1.0))
 
 
+def _lines(signal: Multisine, times: np.ndarray) -> np.ndarray:
+    """Its lines, as multiples of one over the length of the record."""
+    base = 1 / times[-1]
+    return np.arange(np.ceil(signal.low_Hz / base), np.floor(signal.high_Hz / base) + 1).astype(int)
+
+
 def _shape(signal: Step | Sine | Multisine | LoadSteps, times: np.ndarray) -> np.ndarray:
     """A signal of amplitude one."""
     match signal:
@@ -301,8 +331,7 @@ def _shape(signal: Step | Sine | Multisine | LoadSteps, times: np.ndarray) -> np
         case Sine():
             wave = np.sin(2 * np.pi * signal.frequency_Hz * times)
         case Multisine():
-            base = 1 / times[-1]
-            lines = np.arange(np.ceil(signal.low_Hz / base), np.floor(signal.high_Hz / base) + 1).astype(int)
+            lines = _lines(signal, times)
             phases = np.random.default_rng(signal.seed).uniform(0, 2 * np.pi, len(lines))
             spectrum = np.zeros(len(times) - 1, dtype=complex)  # of one period, which is the record's length
             np.add.at(spectrum, lines % len(spectrum), np.exp(1j * phases))

@@ -584,6 +584,13 @@ def test_the_governing_stage_is_one_of_which_nothing_is_proved() -> None:
     assert len(answer["stages"]) == 2
 
 
+def test_a_record_that_is_too_short_for_the_period_of_a_schedule_is_told(rig: Prototype) -> None:
+    slow = rig.but(controller=schedule_of(rig).but(period_s=1e-3))
+    with pytest.raises(InputError) as told:
+        simulate(slow, Scenario(name="short", duration_s=0.006, record=(ScenarioRecord(name="a"),)))
+    assert [problem.key for problem in told.value.problems] == ["duration_s"]
+
+
 def test_commands_say_what_they_cannot_do(tmp_path: Path) -> None:
     remedy = str(ROOT / "studies/prototypes/paper_remedy.toml")
     for arguments, told in (

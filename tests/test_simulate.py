@@ -242,6 +242,31 @@ def test_where_a_piston_starts_is_for_a_bench(lag: Prototype):
     assert [problem.key for problem in told.value.problems] == ["record.a.start_m"]
 
 
+def test_a_band_between_two_lines_of_a_record_is_told(tmp_path: Path):
+    """Lines are multiples of 1/duration: without one the record would be of a rig that nothing drives."""
+    path, text = (
+        tmp_path / "s.toml",
+        """
+        name = "s"
+        duration_s = 0.4
+        [[record]]
+        name = "a"
+        [[record]]
+        name = "b"
+        input = [{ kind = "multisine", amplitude_N = 5.0, low_Hz = 3.0, high_Hz = 4.5 }]
+        """,
+    )
+    path.write_text(text)
+    with pytest.raises(InputError) as told:
+        read_scenario(path)
+    (problem,) = told.value.problems
+    assert problem.key.startswith("record")
+    assert "2.5 Hz" in problem.reason
+    path.write_text(text.replace("4.5", "5.0"))
+    plan = read_scenario(path)
+    assert np.abs(inputs_of(plan.record[1], plan)).max() == pytest.approx(5.0)
+
+
 def test_csv_inputs_are_checked_and_replayed(tmp_path: Path, lag: Prototype):
     plan = scenario(Step(amplitude_N=100.0))
     first = simulate(lag, plan).records[0]
