@@ -231,6 +231,17 @@ def test_all_problems_of_effects_are_told_together(lag: Prototype):
         loop(heavy)
 
 
+@pytest.mark.parametrize("share", [0.5, 0.8])
+def test_a_beam_cannot_hold_more_of_the_rod_than_it_weighs(lag: Prototype, share: float):
+    light = lag.but(inner_beam=lag.inner_beam.but(effective_mass_kg=0.3), payload=Payload(inner_end_mass_kg=2.0))
+    rig = light.but(effects={"joint_backlash": {"rod_mass_kg": 0.6, "counted_share": share}})
+    for ask in (loop, structure_of):
+        with pytest.raises(InputError, match="must be less") as told:
+            ask(rig)
+        assert [problem.key for problem in told.value.problems] == ["effects.joint_backlash"]
+        ask(rig.but(effects={"joint_backlash": {"rod_mass_kg": 0.6, "counted_share": 0.49}}))
+
+
 def test_laws_that_are_not_linear_are_found_out(monkeypatch: pytest.MonkeyPatch):
     effect = library()["seal_friction"]
     claimed = replace(effect, linear=Linear("its own laws"))

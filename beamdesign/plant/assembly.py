@@ -207,7 +207,7 @@ def of_drive(prototype: WithActuator) -> dict[str, float]:
 
 
 def wrong_effects(prototype: AnyPrototype) -> list[Problem]:
-    """What is wrong with a prototype's effects: unknown, out of bounds, or on what its rig does not have."""
+    """What is wrong with a prototype's effects: unknown, out of bounds, on what it does not have, impossible there."""
     found, known, rig = problems(prototype.effects), library(), RIGS[prototype.rig]
     for name in filter(known.__contains__, prototype.effects):
         if missing := [port for port in known[name].laws if port not in rig.ports]:
@@ -217,6 +217,10 @@ def wrong_effects(prototype: AnyPrototype) -> list[Problem]:
             found.append(Problem(f"effects.{name}", f"acts on {words} does not have"))
         elif off_axis(prototype) and _END_MASS in known[name].laws:
             found.append(Problem(f"effects.{name}", "is worked out for a payload on the axis; [arm] has it beside it"))
+        elif isinstance(prototype, Prototype):
+            own = {q.name: prototype.effects[name].get(q.name, q.default) for q in known[name].parameters}
+            if reason := known[name].impossible(own, lumped.figures(prototype)):
+                found.append(Problem(f"effects.{name}", reason))
     return found
 
 

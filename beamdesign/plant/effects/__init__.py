@@ -250,6 +250,7 @@ class Effect:
         scales: parameters that a diagnosis takes from the data, and the signal that each is the size of; empty for the
             length of the records.
         table: of a static law, what it adds over its local variable, by names with units; None of others.
+        impossible: why its parameters cannot be of a rig with these figures, in words; empty where they can.
     """
 
     name: str
@@ -265,6 +266,7 @@ class Effect:
     nearest: Callable[[Figures], str] | None = field(default=None, hash=False)
     scales: Mapping[str, str] = field(default_factory=dict, hash=False)
     table: Callable[[Figures], Mapping[str, tuple[float, ...]]] | None = field(default=None, hash=False)
+    impossible: Callable[[Figures, Figures], str] = field(default=lambda own, figure: "", hash=False)
 
     def __post_init__(self) -> None:
         if self.subsystem not in SUBSYSTEMS:

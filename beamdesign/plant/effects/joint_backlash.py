@@ -8,7 +8,7 @@ from typing import Any
 import casadi as ca
 from flint import fmpq
 
-from beamdesign.plant.effects import Effect, Elements, Exact, Law, Linear, Parameter, Site, Span
+from beamdesign.plant.effects import Effect, Elements, Exact, Figures, Law, Linear, Parameter, Site, Span
 
 
 def _force(signal: Any, site: Site) -> Any:
@@ -35,6 +35,12 @@ def _carried(signal: Any, force: Any, site: Site) -> Any:
     mass, reaction = figure["inner_mass"] + figure["inner_end_mass"], site.port["inner_reaction_N"]
     counted = own["counted_share"] * own["rod_mass_kg"]
     return force + (force - reaction) * counted / (mass - counted)
+
+
+def _impossible(own: Figures, figure: Figures) -> str:
+    counted, mass = own["counted_share"] * own["rod_mass_kg"], figure["inner_mass"]
+    words = f"counts {counted:g} kg of the rod in the inner beam's effective mass, which is {mass:g} kg in all"
+    return f"{words}: counted_share times rod_mass_kg must be less" if counted >= mass else ""
 
 
 _INDENTATION_M = 1e-6
@@ -92,6 +98,7 @@ EFFECT = Effect(
         elements=_elements,
         near_rest="stability",
     ),
+    impossible=_impossible,
 )
 
 
