@@ -18,7 +18,7 @@ from beamdesign.plant.harmonic_balance import (
     limit_cycles,
     linear_critical_gain,
 )
-from beamdesign.plant.linear_reach import reach
+from beamdesign.plant.linear_reach import reach, with_published_effects
 from beamdesign.prototype import Payload
 
 POINTS = 64  # samples per period
@@ -180,6 +180,20 @@ def test_forced_motion_of_the_linear_rig_is_its_compliance(rig: Prototype, frequ
     found = forced_motion(rig, 100.0, frequency, 2.0, preload=500.0, harmonics=2)
     assert found.phasor_m / 100.0 == pytest.approx(compliance, rel=1e-8)
     assert found.mean_m == pytest.approx(500.0 * loop(rig).at(2.0).static_compliance(), rel=1e-6)
+
+
+def test_a_rig_in_which_nothing_leaks_moves_as_one_in_which_next_to_nothing_does(rig: Prototype):
+    """The mean pressure of its chambers is then whatever it was, and no part of the motion."""
+    found = []
+    for leakage in (0.0, 1e-18):
+        tight = rig.but(servovalve=rig.servovalve.but(leakage_m3_per_s_per_Pa=leakage))
+        compliance = loop(tight).at(2.0).compliance_response(np.array([10.0]))[0]
+        for harmonics in (1, 5):
+            assert forced_motion(tight, 100.0, 10.0, 2.0, harmonics=harmonics).phasor_m == pytest.approx(
+                100.0 * compliance, rel=1e-6
+            )
+        found.append(reach(with_published_effects(tight), "force", 10.0).limit)
+    assert found[0] == pytest.approx(found[1], rel=1e-3)
 
 
 @pytest.mark.parametrize("share", [1.0, 0.06])

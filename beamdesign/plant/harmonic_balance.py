@@ -27,7 +27,7 @@ from scipy.optimize import brentq
 
 from beamdesign.loop import CriticalGain
 from beamdesign.plant.assembly import OUTPUTS, Structure, assemble, parameters_of, structure_of
-from beamdesign.plant.equilibrium import Linearisation, equilibrium, linearise, scales
+from beamdesign.plant.equilibrium import Linearisation, equilibrium, linearise, newton_step, scales
 from beamdesign.prototype import Prototype
 
 DISPLACEMENT = OUTPUTS.index("displacement_m")
@@ -159,10 +159,7 @@ def balance(rig: FreeRig, guess: Unknown, amplitude: float | None, preload: floa
             bottom = np.stack([(row[:, None] * y_by_x).T @ forward for row in back[1:3]])
             bottom = (bottom * weight[None, :, None] / scale_y).reshape(2, n * size)
             matrix = np.block([[matrix, turned[:, None], raised[:, None]], [bottom, np.zeros((2, 2))]])
-        try:
-            change = np.linalg.solve(matrix, -value)
-        except np.linalg.LinAlgError:
-            break
+        change = newton_step(matrix, value)
         norm, share, whole = np.linalg.norm(value), 1.0, False
         while True:
             part = share * change
