@@ -119,6 +119,77 @@ def test_universal_files_of_time_and_of_frequency(tmp_path: Path, motion: dict[s
     assert abs(response.response) == pytest.approx(abs(compliance), rel=1e-3)
 
 
+def test_a_motion_over_a_motion_is_no_compliance(tmp_path: Path) -> None:
+    """A transmissibility, whose denominator is an acceleration (data type 12), without labels of units."""
+    place = {"binary": 0, "rsp_node": 1, "rsp_dir": 3, "ref_node": 1, "ref_dir": 3, "abscissa_spacing": 1}
+    kinds = {"ord_data_type": 6, "ordinate_spec_data_type": 12, "orddenom_spec_data_type": 12}
+    values = {"data": np.ones(50, complex), "x": np.linspace(1.0, 50.0, 50), "num_pts": 50}
+    one = prepare_58(**place | kinds | values, func_type=4, id1="over", abscissa_min=1.0, abscissa_inc=1.0)
+    UFF(str(tmp_path / "run.uff")).write_sets(one, "overwrite")
+    with pytest.raises(InputError, match="no frequency response of a motion to a force"):
+        imported(tmp_path / "run.uff")
+
+
+def table(path: Path, head: str, columns: list[np.ndarray], end: str = "") -> Path:
+    """A file of columns under a head, with something at the end of every row."""
+    rows = (",".join(f"{x:.12g}" for x in row) + end for row in np.column_stack(columns))
+    path.write_text("\n".join([head, *rows]) + "\n", encoding="utf-8")
+    return path
+
+
+HEAD = "time [s],force [N],cmd [V],current [A],tip [m]"
+
+
+@pytest.mark.parametrize("head", [HEAD, HEAD + ","])
+def test_rows_that_end_with_a_separator(tmp_path: Path, motion: dict[str, np.ndarray], head: str) -> None:
+    same(taken(table(tmp_path / "a.csv", head, list(motion.values()), end=",")), motion)
+
+
+def test_of_columns_of_one_name_that_in_the_unit_stated_is_meant(tmp_path: Path, motion: dict[str, np.ndarray]) -> None:
+    *others, tip = motion.values()
+    head = HEAD.replace("tip [m]", "tip [mm],tip [V]")
+    path = table(tmp_path / "a.csv", head, [*others, 1e3 * tip, 50.0 * tip])
+    same(taken(path, "displacement_m = tip [mm]"), motion)
+    with pytest.raises(InputError, match="there are 2 columns 'tip': name one with its own unit"):
+        import_measured([path], RIG, tmp_path / "other", ["displacement_m = tip"])
+
+
+@pytest.mark.parametrize("name", ["Screw force", "spindle_force", "Spindelkraft"])
+def test_the_force_of_a_screw_is_no_disturbance(tmp_path: Path, motion: dict[str, np.ndarray], name: str) -> None:
+    found = imported(table(tmp_path / "a.csv", HEAD.replace("force", name), list(motion.values())))
+    (rows,) = found.taken.values()
+    assert {one.channel: one.name for one in rows if one.channel.endswith("_N")} == {
+        "screw_force_N": name,
+        "disturbance_N": "",
+    }
+
+
+def test_what_is_refused_names_the_file_that_was_given(tmp_path: Path, motion: dict[str, np.ndarray]) -> None:
+    motion["displacement_m"][7] = np.nan
+    path = table(tmp_path / "a.csv", "a line before\n" + HEAD, list(motion.values()))
+    with pytest.raises(
+        InputError, match=r"a\.csv: displacement_m: 'tip' has 1 values that are not finite: .* number 8 of"
+    ):
+        imported(path)
+    motion["displacement_m"][7] = 0.0
+    motion["t_s"] = np.roll(motion["t_s"], 1)
+    with pytest.raises(InputError) as refused:
+        imported(table(tmp_path / "a.csv", HEAD, list(motion.values())))
+    assert refused.value.source == f"{tmp_path / 'a.csv'}, as records/a.csv"
+    motion["t_s"] = TIMES
+    with pytest.raises(InputError) as refused:
+        imported(table(tmp_path / "a.csv", HEAD, list(motion.values())), outer_end_masses_kg=[-1.0])
+    assert refused.value.source == str(tmp_path / "set" / "dataset.toml")
+
+
+@pytest.mark.parametrize("rest_s", [5.0, float("nan")])
+def test_what_rests_for_longer_than_it_was_recorded_is_refused(
+    tmp_path: Path, motion: dict[str, np.ndarray], rest_s: float
+) -> None:
+    with pytest.raises(InputError, match="--rest-s"):
+        imported(table(tmp_path / "a.csv", HEAD, list(motion.values())), rest_s=rest_s)
+
+
 def test_what_cannot_be_told_is_asked_with_what_there_is(tmp_path: Path) -> None:
     head = "t,force A [N],force B [N],signal [V]\n"
     (tmp_path / "a.csv").write_text(head + "\n".join(f"{0.001 * k},1,2,3" for k in range(10)))

@@ -37,7 +37,7 @@ _PER_FORCE = {"m": 1.0, "mm": 1e-3, "um": 1e-6, "in": 0.0254}
 
 CHANNELS = {
     "t_s": ("s", r"^t$|time|^zeit|^t[_ ]?s"),
-    "disturbance_N": ("N", r"disturb|(?<!screw_)force|load(?!.*pres)|kraft|hammer|^f(_?d)?$"),
+    "disturbance_N": ("N", r"disturb|force|load(?!.*pres)|kraft|hammer|^f(_?d)?$"),
     "command_V": ("V", r"command|(?<![a-z])cmd|reference|^ref|setpoint|set point|demand|soll"),
     "current_A": ("A", r"current|strom|^i(_?sv)?$|valve"),
     "inner_displacement_m": ("m", r"inner"),
@@ -46,6 +46,8 @@ CHANNELS = {
     "screw_force_N": ("N", r"screw|spindle|spindel"),
 }
 """Columns of a record: their unit, and what their names look like elsewhere."""
+_ANOTHERS = {"disturbance_N": CHANNELS["screw_force_N"][1], "displacement_m": CHANNELS["inner_displacement_m"][1]}
+"""By channel what is in the name of another one whose name looks alike."""
 _NEEDED = ("t_s", "current_A", "displacement_m")
 _NOTHING = "0"
 """Instead of a column: an input that there was none of."""
@@ -156,17 +158,19 @@ def import_measured(
     masses = list(outer_end_masses_kg) * (len(files) if len(outer_end_masses_kg) == 1 else 1)
     inner = model.payload.inner_end_mass_kg if inner_end_mass_kg is None else inner_end_mass_kg
     entries: dict[str, list[dict[str, object]]] = {"record": [], "frequency_response": []}
-    taken, tables = dict[str, tuple[Taken, ...]](), dict[str, dict[str, np.ndarray]]()
+    taken, tables, sources = dict[str, tuple[Taken, ...]](), dict[str, dict[str, np.ndarray]](), dict[str, Path]()
     for path, mass in zip(map(Path, files), masses, strict=True):
         found = read_measured(path)
         at: dict[str, object] = {"outer_end_mass_kg": mass, "inner_end_mass_kg": inner}
         if found.columns:
             name = f"records/{_fresh(path.stem, tables)}.csv"
             tables[name], taken[name] = _record(found, named, model.sensor.gain_V_per_m, rest_s)
+            sources[name] = path
             entries["record"].append(at | {"file": name})
         for response in found.responses:
             name = f"records/{_fresh(f'{path.stem}_{response.name}', tables)}.csv"
             tables[name], taken[name] = _compliance(response, path)
+            sources[name] = path
             entries["frequency_response"].append(at | {"file": name})
     made = {"prototype.toml": prototype.read_bytes()} | dict.fromkeys(tables, b"")
     if there := [name for name, held in made.items() if (out / name).exists() and (out / name).read_bytes() != held]:
@@ -181,7 +185,12 @@ def import_measured(
             write_whole(fresh / name, _csv(table))
         write_whole(fresh / "prototype.toml", prototype.read_text(encoding="utf-8"))
         write_whole(fresh / "dataset.toml", tomli_w.dumps(index))
-        read_dataset(fresh)  # what it refuses leaves nothing behind
+        try:
+            read_dataset(fresh)
+        except InputError as error:  # which leaves nothing behind, so that what was given is named
+            given = {str(fresh / name): f"{path}, as {name}" for name, path in sources.items()}
+            source = given.get(error.source, error.source.replace(str(fresh), str(out)))
+            raise InputError(source, error.problems) from error
     return Imported(read_dataset(out), taken, tuple(out / n for n in ("dataset.toml", "prototype.toml", *tables)))
 
 
@@ -202,16 +211,19 @@ def _record(
     found: Measured, named: Mapping[str, tuple[str, str, float]], sensor_V_per_m: float, rest_s: float
 ) -> tuple[dict[str, np.ndarray], tuple[Taken, ...]]:
     table, taken, wrong = dict[str, np.ndarray](), list[Taken](), list[Problem]()
-    left = {column.name: column for column in found.columns}
     chosen: dict[str, Column] = {}
+    free = list(found.columns)
     for channel, (name, unit, _) in named.items():
-        if channel in INPUTS and name == _NOTHING and name not in left:
+        meant = _called(name, unit, found)
+        if channel in INPUTS and name == _NOTHING and not meant:
             continue
-        if name not in left:
-            wrong.append(Problem(channel, f"there is no column {name!r}; {_there(found)}"))
+        if len(meant) == 1:
+            chosen[channel] = replace(meant[0], unit=unit or meant[0].unit)
+            free = [column for column in free if column is not meant[0]]
         else:
-            chosen[channel] = replace(left[name], unit=unit or left[name].unit)
-    free = [column for column in found.columns if column.name not in {one.name for one in chosen.values()}]
+            are = f"are {len(meant)} columns" if meant else "is no column"
+            which = ": name one with its own unit, as NAME [UNIT]" if meant else ""
+            wrong.append(Problem(channel, f"there {are} {name!r}{which}; {_there(found)}"))
     for channel in (one for one in CHANNELS if one not in named):
         alike = _alike(channel, free)
         if len(alike) == 1:
@@ -235,10 +247,17 @@ def _record(
             continue
         sign = named[channel][2] if channel in named else 1.0
         table[channel] = sign * factor * column.values
+        if lost := np.flatnonzero(~np.isfinite(column.values)).tolist():
+            first = f"the first is number {lost[0] + 1} of {len(column.values)}"
+            wrong.append(Problem(channel, f"{column.name!r} has {len(lost)} values that are not finite: {first}"))
         taken.append(Taken(channel, column.name, column.unit or CHANNELS[channel][0], sign * factor, 0.0, words))
     if wrong:
         raise InputError(found.path, wrong)
     table["t_s"] = table["t_s"] - table["t_s"][0]
+    length = float(np.ptp(table["t_s"]))
+    if rest_s and not rest_s < length:
+        reason = f"{rest_s:g} s is no part of a record of {length:g} s; give how long everything rests at first"
+        raise InputError(found.path, [("--rest-s", reason)])
     resting = table["t_s"] < rest_s
     for k, one in enumerate(taken):
         if one.channel != "t_s" and resting.any():
@@ -251,6 +270,12 @@ def _record(
     return {channel: table[channel] for channel in CHANNELS if channel in table}, tuple(taken)
 
 
+def _called(name: str, unit: str, found: Measured) -> list[Column]:
+    """The columns of a name; of several those that are in the unit stated."""
+    alike = [column for column in found.columns if column.name == name]
+    return alike if len(alike) == 1 else [column for column in alike if unit in ("", column.unit)] or alike
+
+
 def _alike(channel: str, columns: Sequence[Column]) -> list[Column]:
     """Columns that may be a channel: by name and unit; else, where no name tells, by a unit that only one has."""
     unit, pattern = CHANNELS[channel]
@@ -259,8 +284,8 @@ def _alike(channel: str, columns: Sequence[Column]) -> list[Column]:
     by_name = [one for one in fits if one.name == channel] or [
         one for one in fits if re.search(pattern, one.name.rpartition(".")[2], re.IGNORECASE)
     ]
-    if channel == "displacement_m":
-        by_name = [one for one in by_name if not re.search("inner", one.name, re.IGNORECASE)]
+    if anothers := _ANOTHERS.get(channel):
+        by_name = [one for one in by_name if not re.search(anothers, one.name, re.IGNORECASE)]
     if by_name or channel not in _NEEDED:
         return by_name
     return [one for one in fits if one.unit and _unit_of(one.unit) == unit]

@@ -102,6 +102,8 @@ def _text(path: Path) -> Measured:
         rows = list(csv.reader(StringIO("\n".join(lines)), delimiter=mark))
     except csv.Error as error:
         raise _refuse(path, f"is no table: {error}") from error
+    if not rows[-1][-1].strip():  # its rows end with a separator, that of the names perhaps not
+        rows = [row if row[-1].strip() else row[:-1] for row in rows]
     first = next((k for k, row in enumerate(rows) if len(row) > 1 and all(map(_NUMBER.match, row))), None)
     if first is None or len(rows) - first < _FEWEST:
         raise _refuse(path, "holds no rows of numbers below its column names")
@@ -188,7 +190,8 @@ def _universal(path: Path) -> Measured:
         name += "" if name not in {c.name for c in columns} | {r.name for r in responses} else f" ({k + 1})"
         labels = (str(one.get(f"{part}_axis_units_lab") or "").strip() for part in ("ordinate", "orddenom"))
         unit, x = "/".join(label for label in labels if label.upper() not in ("", "NONE")), np.asarray(one["x"], float)
-        if one["func_type"] == _FREQUENCY_RESPONSE and (answer := _ANSWERS.get(one.get("ordinate_spec_data_type", 0))):
+        answer, over = _ANSWERS.get(one.get("ordinate_spec_data_type", 0)), one.get("orddenom_spec_data_type")
+        if one["func_type"] == _FREQUENCY_RESPONSE and answer and over not in _ANSWERS:
             responses.append(Response(name, x, np.asarray(one["data"]), answer, unit))
         elif one["func_type"] == _TIME_RECORD:
             if not columns:
@@ -197,5 +200,5 @@ def _universal(path: Path) -> Measured:
                 raise _refuse(path, f"has {name} at other times than the first record: give each a file of its own")
             columns.append(Column(name, unit, np.asarray(one["data"]).real.astype(float)))
     if not columns and not responses:
-        raise _refuse(path, "holds no time record and no frequency response of a motion (dataset 58)")
+        raise _refuse(path, "holds no time record and no frequency response of a motion to a force (dataset 58)")
     return Measured(path, tuple(columns), tuple(responses))
