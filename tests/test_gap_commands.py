@@ -291,18 +291,28 @@ def test_without_out_the_folder_is_named_after_the_data_set(tmp_path: Path, monk
     assert names == {"prototype.toml", "diagnosis.json", "report.html", "fits"}
 
 
+def named(folder: Path, prototype: str) -> None:
+    """Have a data set name the file of its prototype so."""
+    index = folder / "dataset.toml"
+    lines = [line for line in index.read_text().splitlines() if not line.startswith("prototype")]
+    index.write_text("\n".join([f'prototype = "{prototype}"', *lines]))
+
+
 @pytest.mark.parametrize(
     ("spoil", "said"),
     [
         (lambda folder: (folder / "dataset.toml").unlink(), "dataset.toml"),
         (lambda folder: (folder / "records" / "command.csv").unlink(), "no file records/command.csv"),
         (lambda folder: (folder / "prototype.toml").write_text("name = 1\n"), "prototype.toml"),
+        (lambda folder: named(folder, ""), "prototype: no regular file ''"),
+        (lambda folder: named(folder, "a\\u0000b"), "prototype"),
     ],
 )
-def test_bad_input_is_refused(spoil, said: str, tmp_path: Path) -> None:
+def test_bad_input_is_refused(spoil, said: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     data = shortened(tmp_path / "slow_sensor", 101)
     spoil(data)
-    for words in (["diagnose", str(data)], ["predict", str(SLOW_SENSOR / "prototype.toml"), str(data)]):
+    monkeypatch.chdir(data)
+    for words in (["diagnose", "."], ["predict", str(SLOW_SENSOR / "prototype.toml"), "."]):
         found = CliRunner().invoke(app, ["gap", *words, "--out", str(tmp_path / "out")])
         assert isinstance(found.exception, InputError)
         assert said in str(found.exception)

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Sequence
 from math import isfinite
+from os.path import isfile
 from pathlib import Path
 from shlex import quote
 from typing import TYPE_CHECKING, Annotated, Any
@@ -79,14 +80,15 @@ def diagnose(
 
 
 def _read_of(index: Path) -> list[Path]:
-    """Files that a dataset.toml names, whatever else is wrong with it, and itself."""
+    """Files that a dataset.toml names and that are there, whatever else is wrong with it, and itself."""
     from beamdesign.records import read_table
 
     table = read_table(index)
     lists = (found for key in ("record", "frequency_response") if isinstance(found := table.get(key), list))
     rows = [row for found in lists for row in found]
     named = [table.get("prototype", "prototype.toml"), *(row.get("file") for row in rows if isinstance(row, dict))]
-    return [index, *(index.parent / name for name in named if isinstance(name, str))]
+    files = (index.parent / name for name in named if isinstance(name, str))
+    return [index, *filter(isfile, files)]  # which bears names that no file can have
 
 
 def _spare(read: Iterable[Path], folder: Path, names: Iterable[str]) -> None:
