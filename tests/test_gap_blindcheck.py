@@ -15,11 +15,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from gap_sets import believed, measured, only
 
 from beamdesign import InputError
 from beamdesign.code_digest import code_digest, folder_digest, sources
+from beamdesign.diagnosis.fitting.fit import Task
+from beamdesign.diagnosis.fitting.fitters import Fitters
+from beamdesign.diagnosis.fitting.hypothesis import NOTHING
+from beamdesign.diagnosis.fitting.search import Search
 from beamdesign.validation import blindcheck, scoring
-from beamdesign.validation.baselines import lasso, lasso_path
+from beamdesign.validation.baselines import baselines, lasso, lasso_path
 from beamdesign.validation.blind_diagnosis import begin_blind
 from beamdesign.validation.blindcheck_result import confusion, markdown, result_fields, result_text
 from beamdesign.validation.bounds import bootstrap, clopper_pearson
@@ -171,17 +176,20 @@ def test_whoever_diagnoses_cannot_open_an_answer(tmp_path):
     answers.mkdir()
     (answers / "0000.json").write_text("{}")
     (tmp_path / "other").write_text("free")
-    with blindcheck._processes(1, begin_blind, (str(answers), os.getpid())) as pool:
+    check = blindcheck.begin_check(tmp_path, 1, 0, True)
+    with blindcheck._processes(1, begin_blind, (check.telling, os.getpid())) as pool:
         assert pool.submit(Path.read_text, tmp_path / "other").result() == "free"
         with pytest.raises(PermissionError, match="sealed"):
             pool.submit(Path.read_text, answers / "0000.json").result()
+        with pytest.raises(PermissionError, match="sealed"):  # which names the effects of every case
+            pool.submit(Path.read_text, check.plan).result()
         (tmp_path / "detour").symlink_to(answers)
         with pytest.raises(PermissionError, match="sealed"):
             pool.submit(Path.read_text, tmp_path / "detour" / "0000.json").result()
         with pytest.raises(ImportError):
             pool.submit(import_module, "beamdesign.validation.truth").result()
     with pytest.raises(RuntimeError, match="knows the truth model"):
-        begin_blind(str(answers), 0)  # this process does
+        begin_blind(check.telling, 0)  # this process does
 
 
 # Scores of outcomes made by hand
@@ -338,6 +346,23 @@ def test_small_gaps_are_scored_apart_and_nulls_with_the_large():
     large, apart = scoring.split((*HAND[:2], small, HAND[3]))
     assert apart == (small,)
     assert large == (*HAND[:2], HAND[3])
+
+
+def test_baselines_see_the_records_as_the_fits_do():
+    """A recorder spoils three samples, which the diagnosis bridges: what is named is what is named without them."""
+    lagging = believed().but(effects={"sensor_lag": {"break_Hz": 250.0}})
+    data = only(measured(lagging), ["command_large", "disturbance_large"])
+    with Fitters(data, 1) as fitters:
+        found = Search(fitters.each(Task(NOTHING, {}))[0], (), 1.0)
+    spoilt = []
+    for record in data.records:
+        moved = record.measured["displacement_m"].copy()
+        moved[[400, 900, 1500]] += 0.9 * np.abs(moved).max()
+        spoilt.append(replace(record, measured={**record.measured, "displacement_m": moved}))
+    named = baselines(data, found)
+    assert named["largest score"]["chosen"] == ["sensor_lag"]
+    assert baselines(replace(data, records=tuple(spoilt)), found) == named
+    assert baselines(replace(data, records=()), found) == {}
 
 
 def test_baselines_are_scored_on_what_they_name():

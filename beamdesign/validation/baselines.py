@@ -6,8 +6,9 @@ the dimension of a model, 1978): forward selection by a white-noise likelihood o
 (R. Tibshirani, Regression shrinkage and selection via the lasso, 1996): the residual of the tuned model as a sparse sum
 of what weak effects would change.
 
-They see the records that the fits of the diagnosis have seen, and take the null fit from it; greedy BIC takes all its
-fitted models from there, since fits of its own would be the same fits. None of the three gives a probability.
+They see the records that the fits of the diagnosis have seen, without those left out and with single spoilt samples
+bridged, and take the null fit from it; greedy BIC takes all its fitted models from there, since fits of its own would
+be the same fits. None of the three gives a probability.
 
 The sparse regression looks linearly at the residual, by columns that say what each cause would change if there were a
 little of it, and finds its sum by coordinate descent on a Gram matrix.
@@ -22,6 +23,7 @@ import numpy as np
 from scipy.stats import chi2
 
 from beamdesign.diagnosis.data.dataset import Dataset
+from beamdesign.diagnosis.examination.plausibility import examine
 from beamdesign.diagnosis.fitting.evidence import RecordEvidence, record_evidence
 from beamdesign.diagnosis.fitting.fit import Fit, linearised
 from beamdesign.diagnosis.fitting.hypothesis import NOTHING, WRONG, Hypothesis, Unknown
@@ -183,7 +185,7 @@ def _rungs(unknown: Unknown, sign: int) -> list[float]:
 
 NAMES = ("largest score", "greedy BIC", "sparse regression")
 _LEVEL = 0.01  # of the test that something is there at all, shared by all causes (Bonferroni)
-_MOST = 2  # causes that greedy BIC may name: the search fits no three together
+_MOST = 2  # causes that greedy BIC may name: the search fits three together beside the best pair alone
 _WORTH = 0.1  # of what a sparse sum explains: terms below it are not named
 
 
@@ -191,12 +193,19 @@ def baselines(data: Dataset, found: Search) -> dict[str, dict[str, Any]]:
     """What each would name.
 
     Args:
-        data: the records.
+        data: the records, as read.
         found: those fits.
 
     Returns:
-        by name of the way: `chosen`, causes in order, none where it finds no gap.
+        by name of the way: `chosen`, causes in order, none where it finds no gap; empty without a sound record, as they
+        look at nothing else.
+
+    Raises:
+        InputError: see `examine`.
     """
+    data = examine(data).data
+    if not data.records:
+        return {}
     evidence = record_evidence(data)
     terms = dictionary(data.prototype, evidence, found.null)
     return {

@@ -5,7 +5,7 @@ import os
 import sys
 import time
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from io import BytesIO
 from pathlib import Path
@@ -60,10 +60,14 @@ class Place:
     fits: Path
 
 
-def begin_blind(answers: str, parent: int) -> None:
-    """Make this process one that diagnoses: the truth model cannot be imported, nor any file of the answers opened.
+def begin_blind(sealed: Sequence[str], parent: int) -> None:
+    """Make this process one that diagnoses: the truth model cannot be imported, nor what tells an answer opened.
 
     It ends with the process that began it.
+
+    Args:
+        sealed: files, and folders with all that is in them.
+        parent: number of that process; 0 to go on without it.
 
     Raises:
         RuntimeError: where the truth model has been imported already.
@@ -71,11 +75,11 @@ def begin_blind(answers: str, parent: int) -> None:
     if any(name == TRUTH or name.startswith(TRUTH + ".") for name in sys.modules):
         raise RuntimeError("a process that knows the truth model diagnoses no blind case")
     sys.modules[TRUTH] = None  # type: ignore[assignment]
-    forbidden = os.path.realpath(answers) + os.sep
+    forbidden = tuple(os.path.realpath(one) + os.sep for one in sealed)
 
     def guard(event: str, given: tuple[Any, ...]) -> None:
         named = event == "open" and isinstance(given[0], str | os.PathLike)
-        if named and os.path.realpath(given[0]).startswith(forbidden):
+        if named and f"{os.path.realpath(given[0])}{os.sep}".startswith(forbidden):
             raise PermissionError(f"{given[0]}: sealed")
 
     sys.addaudithook(guard)
@@ -145,8 +149,6 @@ def _diagnosed(place: Place, now: Mapping[str, str], before: dict[str, Any], fit
     same = before.get("compared_by") == now["compared_by"] and before.get("fitted_by") == fitted_by
     if same and "baselines" in before:
         compared = before["baselines"]
-    elif not data.records:
-        compared = {}  # they look at nothing else
     else:
         compared = baselines(data, found.search.listed if found.search else search(data, 1, kept=kept))
     _write_predictions(place, data, found)

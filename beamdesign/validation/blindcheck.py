@@ -62,6 +62,16 @@ class Check:
         return self.folder / "answers"
 
     @property
+    def plan(self) -> Path:
+        """File with what every case was to be."""
+        return self.folder / "plan.json"
+
+    @property
+    def telling(self) -> tuple[str, ...]:
+        """What tells an answer: closed to whoever diagnoses."""
+        return str(self.answers), str(self.plan)
+
+    @property
     def sets(self) -> Path:
         """Folder of the data sets."""
         return self.folder / "sets"
@@ -149,13 +159,14 @@ def begin_check(folder: Path, count: int, seed: int, short: bool, cases: Sequenc
     planned = tuple(plan(count, seed) if cases is None else cases)
     rows = [asdict(c) | {"names": list(c.names)} for c in planned]
     fields = {"seed": seed, "short": short, "cases": rows}
-    path = folder / "plan.json"
+    check = Check(folder, planned, short, seed)
+    path = check.plan
     if path.is_file():
         if json.loads(path.read_text(encoding="utf-8")) != fields:
             raise InputError(path, [("(plan)", "the folder holds another check; name another folder")])
     else:
         write_whole(path, json.dumps(fields, indent=1) + "\n")
-    return Check(folder, planned, short, seed)
+    return check
 
 
 def draw_and_seal(check: Check, workers: int = 2, progress: Progress = silent) -> Seal:
@@ -191,7 +202,7 @@ def diagnose_all(check: Check, workers: int = 2, progress: Progress = silent, re
     """
     now = program()
     jobs = {key: (diagnose_blind, check.place(key), now, rejudge) for key in read_seal(check.seal).sets}
-    pool = _processes(min(workers, len(jobs)), begin_blind, (str(check.answers), os.getpid()))
+    pool = _processes(min(workers, len(jobs)), begin_blind, (check.telling, os.getpid()))
     for _ in _done(jobs, pool, progress, "diagnosing"):
         pass
 
