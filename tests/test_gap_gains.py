@@ -1,5 +1,6 @@
 """Critical gains and frequency responses as evidence: against exact loops, closed forms and made-up rigs."""
 
+import re
 from collections.abc import Sequence
 from dataclasses import replace
 from math import log, pi, tau
@@ -26,7 +27,7 @@ from beamdesign.diagnosis.fitting.starts import starts
 from beamdesign.diagnosis.fitting.swept_sine import SweptSine
 from beamdesign.diagnosis.fitting.weighting import SHARE
 from beamdesign.diagnosis.gain_diagnosis import explain_gains
-from beamdesign.diagnosis.gain_findings import another_size, common_factor, gain_shares, separations
+from beamdesign.diagnosis.gain_findings import another_size, common_factor, experiments, gain_shares, separations
 from beamdesign.diagnosis.judgement import evidence as marginal_likelihood
 from beamdesign.loop import loop
 from beamdesign.plant.actuators.servo_cylinder import ServoCylinder
@@ -393,6 +394,9 @@ SECTION = Section(zero_Hz=30.0, zero_damping_ratio=0.5, pole_Hz=30.0, pole_dampi
 WITH_SECTION = Structured(gain_A_per_V=0.05, pole_Hz=1.7, zero_Hz=20.0, section=(SECTION,))
 
 
+SIDES = re.compile("piston|unequal|[Ff]low gain")
+
+
 @pytest.mark.parametrize("driven", ["by a valve with sections in its law", "by a motor and a screw"])
 def test_figures_of_any_rig_and_law_are_explained(paper: Prototype, driven: str):
     """Gains 0.3 times those of the model, and a second payload, so that conditions are compared."""
@@ -405,6 +409,10 @@ def test_figures_of_any_rig_and_law_are_explained(paper: Prototype, driven: str)
     assert "parameter:sensor_gain" in {cause.name for cause in found.causes}
     assert found.findings["factor"].factor == pytest.approx(0.3, rel=0.03)
     assert (found.findings["shares"] is None) == ("screw" in driven)
+    assert found.search is not None
+    menu = experiments(Dataset("any", Path(), true, gains=tuple(gains)), found.search.null)
+    of_a_cylinder = [text for text in (*found.notes, *(asked.text for asked, _, _ in menu)) if SIDES.search(text)]
+    assert bool(of_a_cylinder) == ("valve" in driven)
 
 
 def test_gains_alone_do_not_tell_one_factor_on_the_loop_from_another(paper: Prototype):

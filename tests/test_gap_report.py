@@ -29,6 +29,7 @@ from beamdesign.diagnosis.fitting.evidence import record_evidence
 from beamdesign.diagnosis.fitting.fit import Fit, Share
 from beamdesign.diagnosis.fitting.hypothesis import Hypothesis
 from beamdesign.diagnosis.fitting.search import Search
+from beamdesign.diagnosis.gain_findings import another_size
 from beamdesign.diagnosis.gap_metrics import errors, gap, in_bands
 from beamdesign.diagnosis.redesign import designer_terms, loops_of, payload_range, terms
 from beamdesign.prototype import Payload
@@ -177,6 +178,17 @@ def test_without_records_or_fits_there_is_still_a_page(found: Diagnosis) -> None
     text = gap_report_html(replace(bare, causes=(), classes=(), next_experiment=None), {"json": "d.json"})
     assert "no further measurement" in text
     assert "<figure" not in text
+
+
+def test_an_experiment_for_no_rivals_is_said_to_tell_none_apart(found: Diagnosis, data: Dataset) -> None:
+    """Where nothing explains critical gains or responses, the size of the motion is to be varied."""
+    asked = another_size(data)
+    text = gap_report_html(replace(found, next_experiment=asked), {"json": "d.json"})
+    assert asked.text in text
+    assert "It tells apart" not in text
+    both = replace(asked, separates=("sensor_lag", "transport_delay"), separation=3.0)
+    text = gap_report_html(replace(found, next_experiment=both), {"json": "d.json"})
+    assert "It tells apart sensor lag, transport delay; expected separation 3 standard deviations." in text
 
 
 def test_fields_are_plain(found: Diagnosis) -> None:

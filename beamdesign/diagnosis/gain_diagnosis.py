@@ -146,7 +146,7 @@ def _explained(data: Dataset, workers: int, progress: Progress, kept: FitCache |
         data.warnings,
         found,
         hypotheses=sets,
-        notes=(*notes_on_known(data.prototype), *notes_of(silent, shares, factor)),
+        notes=(*notes_on_known(data.prototype), *notes_of(silent, shares, factor, data.prototype.rig)),
         left_out=left,
         measure="Relative errors of each figure as predicted from all the others.",
         findings={

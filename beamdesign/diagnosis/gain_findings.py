@@ -67,7 +67,8 @@ def factor_of(gains: Sequence[GainEvidence]) -> CommonFactor | None:
     return common_factor([one.gain for one in taken], [at.gain for at in model], [one.relative_std for one in taken])
 
 
-SUSPECTS = ("sensor_lag", "unequal_piston_areas")
+AREAS = "unequal_piston_areas"
+SUSPECTS = ("sensor_lag", AREAS)
 """What Zalucky and Hardt (1984) had in their rig and not in their model: the sensor's filter, the smaller side."""
 
 
@@ -140,12 +141,15 @@ def gain_shares(gains: Sequence[GainEvidence]) -> GainShares | None:
 _DIFFERS = 0.1  # of a gain, from which the model is said to be another than the designers'
 
 
-def notes_of(silent: Sequence[str], shares: GainShares | None, factor: CommonFactor | None) -> tuple[str, ...]:
-    """What else has to be said."""
+def notes_of(
+    silent: Sequence[str], shares: GainShares | None, factor: CommonFactor | None, rig: str
+) -> tuple[str, ...]:
+    """What else has to be said of a kind of rig."""
+    cylinder = fits(AREAS, rig)
     said = [
         "Critical gains are those of the linear loop at small motion beyond deadband, hysteresis, play and dry"
         " friction, and so are responses, but for what a force of the stated amplitude makes of such laws, play"
-        " excepted; of unequal sides the smaller one governs the gain."
+        f" excepted{'; of unequal sides the smaller one governs the gain' if cylinder else ''}."
     ]
     if silent:
         said.append(f"Of no consequence here whatever their size, so neither found nor excluded: {', '.join(silent)}.")
@@ -153,7 +157,8 @@ def notes_of(silent: Sequence[str], shares: GainShares | None, factor: CommonFac
         said.append(
             f"One common factor of {factor.factor:.2f} +- {factor.std:.2f} on the model's gains takes away"
             f" {factor.explained:.0%} of the mean square distance ({factor.before:.0%} to {factor.left:.0%})."
-            " Flow gain, sensor gain and piston area all act as such a factor."
+            f" {'Flow gain, sensor gain and piston area all act' if cylinder else 'The sensor gain acts'} as such a"
+            " factor."
         )
     if shares is not None:
         parts = ", ".join(
@@ -289,14 +294,15 @@ def experiments(data: Dataset, assumed: Fit) -> Menu:
                 {"controller": _without_gain(law), "outer_end_mass_kg": masses[0], "inner_end_mass_kg": masses[1]},
                 [one],
             )
-        load = float(f"{_LOAD_SHARE * data.prototype.actuator.strength_N(data.prototype):.1g}")
-        loaded = MeasuredGain(law, 0.0, 0.0, std)
-        yield from gains(
-            f"Measure the critical gain under {_words(law)} with a constant load of {load:g} N on the tip, pushing and"
-            " pulling: unequal sides of the piston give two gains, anything else one.",
-            {"controller": _without_gain(law), "load_N": [load, -load]},
-            [taken(loaded, load), taken(loaded, -load)],
-        )
+        if fits(AREAS, data.prototype.rig):
+            load = float(f"{_LOAD_SHARE * data.prototype.actuator.strength_N(data.prototype):.1g}")
+            loaded = MeasuredGain(law, 0.0, 0.0, std)
+            yield from gains(
+                f"Measure the critical gain under {_words(law)} with a constant load of {load:g} N on the tip, pushing"
+                " and pulling: unequal sides of the piston give two gains, anything else one.",
+                {"controller": _without_gain(law), "load_N": [load, -load]},
+                [taken(loaded, load), taken(loaded, -load)],
+            )
         bare = taken(MeasuredGain(law, 0.0, 0.0, std))
         if bare is None:
             continue
