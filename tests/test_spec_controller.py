@@ -17,7 +17,7 @@ from beamdesign.build.circuit import DECADE, Circuit, Stage, neighbours, values_
 from beamdesign.build.realisation.law import DifferenceEquation, difference_equation
 from beamdesign.build.realisation.loop import prove_sampled, realised_loop
 from beamdesign.build.realisation.sections import sensible_rate_Hz, upper_break_Hz
-from beamdesign.controllers import Lag, Observer, Proportional
+from beamdesign.controllers import Lag, Observer, Proportional, Section, Structured
 from beamdesign.proofs.mass_family import floats
 
 PUBLISHED = Path(__file__).parent.parent / "studies" / "prototypes" / "published_lag.toml"
@@ -256,6 +256,31 @@ def test_components_that_make_the_loop_unstable_refute(rig: Prototype) -> None:
     worst = [state_space(near.but(controller=c.law)).poles().real.max() for c in circuit.corners(0.05, 0.1)]
     assert len(worst) == 2**5
     assert max(worst) > 0
+
+
+def test_a_notch_whose_damping_cancels_is_not_proved_as_undamped(rig: Prototype) -> None:
+    """Its zeros lie on the axis by parts that cancel; with others within two per cent they leave it to the right."""
+    notch = Section(zero_Hz=60.0, zero_damping_ratio=1e-4, pole_Hz=60.0, pole_damping_ratio=0.7)
+    law = Structured(gain_A_per_V=0.036, pole_Hz=1.7, zero_Hz=20.0, section=(notch,))
+    notched = rig.but(controller=law, payload=rig.payload.but(inner_end_mass_kg=2.5))
+    circuit = circuit_of(law, "E24", "E6")
+    assert circuit.stages[1].exact.n1 == 0
+    sides = dict.fromkeys(("2.R1", "2.R6"), 1.02) | {f"2.R{k}": 0.98 for k in (2, 3, 4, 5, 7, 8)}
+    off = circuit.made_of({name: value * sides.get(name, 1.0) for name, value in circuit.parts.items()})
+    assert state_space(notched.but(controller=off.law), 1.0).poles().real.max() > 0
+    assert with_tolerance(notched, (1.0, 1.0), circuit, 0.02, 1e-5).verdict != "proved"
+
+
+def test_a_notch_is_proved_whose_zeros_may_lie_on_either_side(rig: Prototype, tmp_path: Path) -> None:
+    notch = Section(zero_Hz=130.0, zero_damping_ratio=0.02, pole_Hz=130.0, pole_damping_ratio=0.7)
+    law = Structured(gain_A_per_V=0.01, pole_Hz=1.7, zero_Hz=20.0, section=(notch,))
+    circuit = circuit_of(law, "E96", "E6")
+    low, high = circuit.stages[1].spans(0.05, 0.1).n1
+    assert low < 0 < high
+    found = with_tolerance(rig.but(controller=law), (0.0, 6.8), circuit, 0.05, 0.1)
+    assert found.verdict == "proved"
+    (tmp_path / "box.toml").write_text(found.certificate)
+    assert check(tmp_path / "box.toml").valid
 
 
 def test_a_structured_law_keeps_its_bandwidth_as_a_circuit() -> None:

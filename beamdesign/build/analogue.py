@@ -141,9 +141,11 @@ def _spanned(
     ranges: dict[str, tuple[float | fmpq, float | fmpq]] = {"controller_gain": circuit.gain_span(resistors, capacitor)}
     nominal = []
     for k, stage in enumerate(circuit.stages, 1):
-        nominal.append({name: value for name, value in stage.exact._asdict().items() if name[1:] in "12" and value})
         spans = stage.spans(resistors, capacitor)._asdict()
-        ranges |= {f"stage_{k}_{name}": spans[name] for name in nominal[-1]}
+        # One that cancels in the nominal parts, as that of an undamped notch, does not within their tolerances.
+        there = [name for name, span in spans.items() if name[1:] in "12" and any(span)]
+        nominal.append({name: getattr(stage.exact, name) for name in there})
+        ranges |= {f"stage_{k}_{name}": spans[name] for name in there}
     return rig_family(prototype.but(controller=circuit.law), nominal), ranges
 
 

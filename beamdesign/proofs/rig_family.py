@@ -103,9 +103,10 @@ def rig_family(
     values |= {
         name: exact(found.rest.rig.effects[(at := key.partition("."))[0]][at[2]]) for key, name in further.items()
     }
+    shaping = {f"stage_{k}_{name}": value for k, one in enumerate(stages, 1) for name, value in one.items()}
     if stages:
         values = {name: value for name, value in values.items() if name not in ("controller_zero", "controller_pole")}
-        values |= {f"stage_{k}_{name}": value for k, one in enumerate(stages, 1) for name, value in one.items()}
+        values |= shaping
     context = fmpq_mpoly_ctx.get(["s", TRANSPORT, UNKNOWN, *values], "lex")
     variable = dict(zip(context.names(), context.gens(), strict=True))
     s, zero = variable["s"], context.constant(0)
@@ -146,7 +147,7 @@ def rig_family(
         form = weighed(form, claim.multiplier)
     if error is not None:
         form = _moved(form if error.place == "volts" else _apart(form), error.decay)
-    positive = [name for name in values if name not in _frozen(found)]
+    positive = [name for name in values if name not in _frozen(found) and name not in shaping]
     delays = {TRANSPORT: "delay"} if delayed else {}
     return PolynomialFamily(
         prototype.name, form.p, values, form.leaves, form.bound, delays, form.groups, positive, circles, since, until
