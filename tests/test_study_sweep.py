@@ -19,14 +19,16 @@ from beamdesign.docs import pages
 from beamdesign.prototype import Payload
 from beamdesign.sweep import workers
 from beamdesign.sweep.case import TASKS, case
-from beamdesign.sweep.methods import points
-from beamdesign.sweep.sweep_file import known_keys, read_sweep, with_value, wrong_key
+from beamdesign.sweep.conclusion import words as label_of
+from beamdesign.sweep.methods import at, points
+from beamdesign.sweep.sweep_file import Vary, known_keys, read_sweep, with_value, wrong_key
 from beamdesign.sweep.sweep_run import plan, run_sweep
 from beamdesign.synthesis.operating_limits import envelope
 
 ROOT = Path(__file__).parents[1]
 PROBLEM = ROOT / "studies" / "prototype.toml"
 REMEDY = ROOT / "studies" / "prototypes" / "paper_remedy.toml"
+SCHEDULED = ROOT / "studies" / "scheduled" / "prototype.toml"
 
 
 @pytest.fixture
@@ -338,11 +340,42 @@ def test_values_of_any_kind_among_good_ones_are_refused_and_the_rest_is_drawn(sw
 
 
 def test_picture_without_data_says_so(sweep, command, tmp_path):
-    asked = {"kind": "lines", "x": "options.outer_end_mass_kg", "y": "bandwidth_Hz"}
+    asked = {"kind": "lines", "x": "options.outer_end_mass_kg", "y": "bandwidth_Hz", "title": "$\\frac$"}
     path = sweep(vary=[MASSES | {"values": [0.0, 20.0]}], picture=[asked])
     status, _, fields = command("run", path, "--out", tmp_path / "out")
     assert (status, fields["counts"]) == (1, {"no": 2})
     assert "no case has bandwidth_Hz" in (tmp_path / "out" / "picture.svg").read_text(encoding="utf-8")
+
+
+def test_limits_of_a_schedule_are_those_with_its_largest_payload():
+    rig = read_prototype(SCHEDULED)
+    document = __import__("tomllib").loads(SCHEDULED.read_text(encoding="utf-8"))
+    found = workers.compute(case("limits", document, {}, {}))["outputs"]
+    (heaviest,) = rig.stages((6.8, 6.8))
+    expected = envelope(heaviest.prototype, 6.8, frequency_Hz=np.array([1.0, 10.0, 100.0])).load_N
+    assert [found[f"load_at_{frequency}_Hz_N"] for frequency in (1, 10, 100)] == pytest.approx(expected)
+
+
+@pytest.mark.parametrize(
+    ("column", "label"),
+    [
+        ("critical_gain_A_per_V", "critical gain, A/V"),
+        ("outer_beam.material.density_kg_per_m3", "density, kg/m3"),
+        ("screw_damping_N_s_per_m", "screw damping, N s/m"),
+        ("load_at_1_Hz_N", "load at 1 Hz, N"),
+        ("governing_at_1_Hz", "governing at 1 Hz"),
+        ("twist_rad", "twist, rad"),
+        ("valve_deadband.rate_per_s", "rate, 1/s"),
+        ("peak_sensitivity", "peak sensitivity"),
+    ],
+)
+def test_a_label_has_the_whole_unit(column, label):
+    assert label_of(column) == label
+
+
+def test_a_key_goes_along_as_a_multiple_of_the_varied_one():
+    vary = Vary.model_validate({"key": "a", "values": (3.0,), "along": {"b": {"times": 2.0}, "c": {"times": 0.0}}})
+    assert at(vary, 3.0, 0) == {"a": 3.0, "b": 6.0, "c": 0.0}
 
 
 def test_defaults_written_out_are_the_same_inputs_and_code_is_part_of_the_address(monkeypatch):

@@ -189,7 +189,7 @@ def draw(sweep: Sweep, records: Sequence[Row], conclusion: Mapping[str, Any], fo
         names = [str(getattr(asked, role)) for role in PICTURES[asked.kind][0]]
         if lacking := [name for name in names if all(value_of(row, name) is None for row in records)]:
             figure = new_figure(height_mm=60)
-            axes = figure.add_subplot(title=asked.title)
+            axes = figure.add_subplot(title=in_plot(asked.title))
             axes.set_axis_off()
             axes.text(0.5, 0.5, f"no case has {', '.join(lacking)}", ha="center", transform=axes.transAxes)
         else:
@@ -236,9 +236,8 @@ def _limit(line: Callable[..., Any], asked: Picture, words: str = "limit {:g}") 
         line(asked.limit, color="black", linestyle=(0, (1, 1)), linewidth=1.0, label=words.format(asked.limit))
 
 
-_UNIT = re.compile(
-    r"(?P<stem>.+)_(?P<unit>(kg|Hz|mm|m[23]?|N|Pa|V|A|s|W|deg)(_per_(kg|Hz|mm|m[23]?|N|Pa|V|A|s|percent))*)"
-)
+_PLAIN = r"(kg_m2|N_m_s|N_m|N_s|A_s|kg|Hz|mm|m[23]?|N|Pa|V|A|s|W|rad|deg|percent)"
+_UNIT = re.compile(rf"(?P<stem>.+?)(?<!\d)_(?P<unit>{_PLAIN}(_per_{_PLAIN})*|per_{_PLAIN})")  # at_1_Hz is a place
 
 
 def words(name: str) -> str:
@@ -247,7 +246,8 @@ def words(name: str) -> str:
     parts = _UNIT.fullmatch(last)
     if parts is None:
         return last.replace("_", " ")
-    return f"{parts['stem'].replace('_', ' ')}, {parts['unit'].replace('_per_', '/')}"
+    unit = parts["unit"].replace("_per_", "/").replace("per_", "1/").replace("_", " ")
+    return f"{parts['stem'].replace('_', ' ')}, {unit}"
 
 
 def _text(value: Any) -> str:

@@ -75,8 +75,10 @@ def at(vary: Vary, value: Any, number: int | None = None) -> dict[str, Any]:
     """Values of a varied key and of those that go along; `number` is that of a listed value."""
     found = {vary.key: value}
     for key, other in vary.along.items():
-        listed = other.values
-        found[key] = _rounded(float(value) * (other.times or 1.0)) if listed is None else listed[number or 0]
+        if other.times is not None:
+            found[key] = _rounded(float(value) * other.times)
+        elif other.values is not None:
+            found[key] = other.values[number or 0]
     return found
 
 

@@ -56,9 +56,11 @@ def compute(found: Case) -> dict[str, Any]:
         module, _, name = task.place.partition(":")
         work = cast("Callable[[Any, Any], Answer]", getattr(import_module(module), name))
         if isinstance(record, Prototype) and record.schedule is not None and "controller" in task.needs:
-            mass = getattr(options, "outer_end_mass_kg", None)  # of tasks at one mass
-            range_kg = record.outer_end_mass_kg if mass is None else (mass, mass)
+            range_kg = record.outer_end_mass_kg
             assert range_kg is not None  # laws have their payloads
+            if hasattr(options, "outer_end_mass_kg"):  # a task at one mass, the largest where none is asked for
+                mass = range_kg[1] if options.outer_end_mass_kg is None else options.outer_end_mass_kg
+                range_kg = mass, mass
             answer = of_all({one.prototype.name: work(one.prototype, options) for one in record.stages(range_kg)})
         else:
             answer = work(record, options)
