@@ -1,5 +1,6 @@
 """Kept results: what is edited, swapped, foreign or unreadable is told and computed again, and never crashes."""
 
+import csv
 import json
 import os
 import random
@@ -8,9 +9,11 @@ from pathlib import Path
 
 import pytest
 import tomli_w
+from typer.testing import CliRunner
 
 from beamdesign import InputError
-from beamdesign.sweep import store
+from beamdesign.cli.study import study
+from beamdesign.sweep import store, workers
 from beamdesign.sweep.case import address_of, case, inputs_hold
 from beamdesign.sweep.store import case_of, difference
 from beamdesign.sweep.sweep_run import plan, run_sweep, sweep_status
@@ -22,10 +25,10 @@ COUNT = 4
 @pytest.fixture
 def laid(tmp_path):
     """A sweep of quick cases."""
-    study = {"task": "stable_masses", "base": str(ROOT / "studies" / "prototypes" / "paper_remedy.toml")}
+    work = {"task": "stable_masses", "base": str(ROOT / "studies" / "prototypes" / "paper_remedy.toml")}
     vary = [{"key": "payload.inner_end_mass_kg", "values": [float(k) for k in range(COUNT)]}]
     path = tmp_path / "sweep.toml"
-    path.write_text(tomli_w.dumps({"name": "sweep", "study": study, "vary": vary}), encoding="utf-8")
+    path.write_text(tomli_w.dumps({"name": "sweep", "study": work, "vary": vary}), encoding="utf-8")
     return plan(path)
 
 
@@ -185,6 +188,21 @@ def test_folder_of_a_first_run_that_is_under_way_shows_what_it_has(laid, folder)
     file_of(folder, laid).unlink()
     assert len(store.rows_of(folder).records) == COUNT - 1
     assert case_of(str(folder / "0"))["status"] == "done"
+
+
+def test_rows_of_a_run_that_is_interrupted_have_the_numbers_by_which_they_are_found(laid, tmp_path):
+    def last_first(cases):
+        yield COUNT - 1, workers.compute(cases[COUNT - 1])
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        run_sweep(laid, tmp_path / "out", last_first)
+    (row,) = csv.DictReader((tmp_path / "out" / "table.csv").read_text(encoding="utf-8").splitlines())
+    shown = CliRunner().invoke(study, ["show", str(tmp_path / "out"), "--json", str(tmp_path / "shown.json")])
+    assert shown.exit_code == 0, shown.output
+    (told,) = json.loads((tmp_path / "shown.json").read_text())["rows"]
+    for one in (row, told):
+        assert case_of(str(tmp_path / "out" / str(one["case"])))["address"].startswith(one["address"])
 
 
 def test_what_no_file_can_replace_is_refused_before_anything_is_computed(laid, tmp_path):

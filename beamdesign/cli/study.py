@@ -125,9 +125,9 @@ def show(
     from beamdesign.sweep.store import in_words, read_index, rows_of
     from beamdesign.sweep.sweep_run import chosen, ordered, rows, worth_showing
 
-    name = read_index(folder)["name"]
-    kept = rows_of(folder)
-    table, unsound = rows(kept.records), in_words(kept.unsound)
+    index = read_index(folder)
+    name, kept = index["name"], rows_of(folder)
+    table, unsound = rows(kept.records, index["rows"]), in_words(kept.unsound)
     echo(*unsound)
     if not table:
         echo(f"{name}: no case is finished")

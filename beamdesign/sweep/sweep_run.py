@@ -138,7 +138,7 @@ class SweepRun(Result):
         self.conclusion = conclude(laid, self.records) if complete else {}
         with fresh_folder(self.folder, _SET) as fresh:
             store.write_index(fresh, laid.sweep.name, laid.sweep.study.method, order, complete)
-            tables = write_columns(fresh, rows(self.records), "table")
+            tables = write_columns(fresh, rows(self.records, order), "table")
             files = list(tables)
             if "sensitivity" in self.conclusion:
                 files += write_columns(fresh, self.conclusion["sensitivity"], "sensitivity")
@@ -300,12 +300,16 @@ def finished(laid: Plan, folder: Path) -> int:
 _DIGITS = 12  # of an address that people are shown
 
 
-def rows(records: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
-    """Flat rows: number and address, the varied keys, status, outputs, reason; every row has every column."""
+def rows(records: Sequence[dict[str, Any]], order: Sequence[str] = ()) -> list[dict[str, Any]]:
+    """Flat rows: number and address, the varied keys, status, outputs, reason; every row has every column.
+
+    Numbers are those of places in `order`, addresses of which some may be without a record, or else consecutive.
+    """
     varied = list(dict.fromkeys(key for record in records for key in record["varied"]))
     outputs = list(dict.fromkeys(key for record in records for key in record["outputs"]))
-    found = []
-    for number, record in enumerate(records):
+    there, found = {record["address"] for record in records}, []
+    numbers = [place for place, address in enumerate(order) if address in there] if order else range(len(records))
+    for number, record in zip(numbers, records, strict=True):
         row: dict[str, Any] = {"case": number, "address": record["address"][:_DIGITS]}
         row |= {key: cell(record["varied"].get(key)) for key in varied}
         row["status"] = record["status"]
