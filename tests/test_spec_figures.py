@@ -10,7 +10,8 @@ from scipy.linalg import solve_continuous_lyapunov
 
 from beamdesign import Prototype, check, read_problem, read_prototype, state_space
 from beamdesign.build import ratings as room
-from beamdesign.build.acceptance import acceptance
+from beamdesign.build.acceptance import Band, acceptance
+from beamdesign.build.folder import limits
 from beamdesign.build.ratings import MARGIN, lagging, noise_bandwidth_Hz, ratings, sensor_need, stock_choices
 from beamdesign.build.tolerances import SAFETY, Tolerances, tolerances
 from beamdesign.controllers import Lag, Scheduled, Stage
@@ -243,6 +244,12 @@ def test_bands_hold_what_rigs_within_the_tolerances_do(rig: Prototype, kept: Tol
         factors = {name: 1 + random.choice((-1, 1)) * kept.specified[name] for name in names}
         factors["controller_gain"] = found.critical_gain_proved_A_per_V / own.gain_A_per_V
         assert damped(with_figures(rig, factors), 3.4)
+
+
+def test_limits_stand_in_the_unit_of_what_is_expected() -> None:
+    """Gains of 1 A/V and more are read in A/V, smaller ones in mA/V."""
+    assert limits(Band(0.98, 0.975, 0.99), "A/V") == "980 mA/V (926 to 1040)"
+    assert limits(Band(1.02, 1.0, 1.03), "A/V") == "1.02 A/V (0.95 to 1.08)"
 
 
 def test_a_stock_tube_changes_stiffness_as_its_second_moment(rig: Prototype) -> None:

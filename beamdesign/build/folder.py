@@ -13,7 +13,7 @@ from typing import Any, Literal, NamedTuple
 
 from jinja2 import Template
 
-from beamdesign.build.acceptance import MEASURED_WITHIN, as_specified, bare_frequencies_Hz, write_data_folder
+from beamdesign.build.acceptance import MEASURED_WITHIN, Band, as_specified, bare_frequencies_Hz, write_data_folder
 from beamdesign.build.analogue import AnalogueController
 from beamdesign.build.drawing import drawing, dxf_text, missing_geometry, svg_text
 from beamdesign.build.ratings import KEPT, MARGIN, held_loads
@@ -30,6 +30,7 @@ from beamdesign.quantities import (
     decimal,
     masses_text,
     quantity,
+    read_in,
     rigs_in_words,
     stated_bandwidth,
     stated_peak,
@@ -246,7 +247,7 @@ def parts_of(spec: Specification, svg: str) -> tuple[Part, ...]:
 def _template() -> Template:
     own = (
         optional, tube_text, nearest, repr, zip, describe, holds_for, missing_geometry, lumped_beam, notes, held_loads,
-        why_no_box, bare_frequencies_Hz, circuit_name, part_names, part_value, component_reasons,
+        why_no_box, bare_frequencies_Hz, circuit_name, part_names, part_value, limits, component_reasons,
     )  # fmt: skip
     figures = {
         "inf": inf, "pi": pi, "margin": MARGIN, "kept": KEPT, "largest": LARGEST, "safety": SAFETY,
@@ -290,6 +291,15 @@ def part_value(name: str, value: float | None) -> str:
     if ".C" in name:
         return f"{decimal(value * 1e9)} nF"
     return f"{decimal(value)} Ω" if value < 1e3 else f"{decimal(value / 1e3)} kΩ"
+
+
+def limits(band: Band | None, unit: str, without: str = "–") -> str:
+    """What is expected of a measurement, and in brackets the limits between which it passes, in the same unit."""
+    if band is None or band.low == band.high:
+        return without if band is None else quantity(band.nominal, unit)
+    shown, factor = read_in(band.nominal, unit)
+    nominal, low, high = (decimal(factor * value, 3) for value in (band.nominal, *band.limits))
+    return f"{nominal} {shown} ({low} to {high})"
 
 
 def component_reasons(found: tuple[AnalogueController, ...]) -> list[str]:
