@@ -312,6 +312,20 @@ def test_the_folder_filled_in_is_diagnosed(folder: Path, tmp_path: Path, monkeyp
     assert diagnosis["effects"][0]["parameters"]["break_Hz"]["value"] == pytest.approx(300.0, rel=0.05)
 
 
+def test_what_was_measured_keeps_the_law_that_it_was_measured_with(tmp_path: Path) -> None:
+    rig = read_prototype(PROTOTYPES / "tame_lag.toml")
+    faster = rig.but(controller=Lag(gain_A_per_V=0.055, pole_Hz=1.7, zero_Hz=20.0))
+    gain = "\n[[critical_gain]]\nouter_end_mass_kg = 0.0\ngain_A_per_V = 0.3\nrelative_std = 0.03\n"
+    for name, measured in (("dataset.toml", gain), ("records/light_force.csv", "0,0,0,0,0\n"), ("nothing", "")):
+        data = tmp_path / name.partition("/")[0]
+        write_data_folder(rig, acceptance_plan(rig, (0.0, 6.8), duration_s=0.5), data)
+        with (data / name).open("a") as file:
+            file.write(measured)
+        before = (data / "dataset.toml").read_text()
+        write_data_folder(faster, acceptance_plan(faster, (0.0, 6.8), duration_s=0.5), data)
+        assert ((data / "dataset.toml").read_text() == before) == bool(measured)
+
+
 def test_tolerances_that_are_stated_stay(folder: Path) -> None:
     rig = read_prototype(folder / "prototype.toml")
     stated = rig.but(tolerance=rig.tolerance.but(stiffness=0.02))

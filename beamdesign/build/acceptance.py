@@ -262,7 +262,9 @@ def as_specified(prototype: Prototype, specified: Mapping[str, float]) -> Protot
 
 
 def write_data_folder(prototype: Prototype, plan: AcceptancePlan, folder: Path) -> None:
-    """Write the folder to fill in; records that already hold rows are left as they are.
+    """Write the folder to fill in; what was measured already is left as it is.
+
+    That is records that hold rows, and where there are such or critical gains the index, which says by which law.
 
     Args:
         prototype: see `as_specified`.
@@ -274,15 +276,20 @@ def write_data_folder(prototype: Prototype, plan: AcceptancePlan, folder: Path) 
     """
     write_prototype(prototype, folder / "prototype.toml")
     write_whole(folder / "scenario.toml", to_toml(plan.scenario))
-    write_whole(folder / "dataset.toml", dataset_text(prototype, plan))
+    index = folder / "dataset.toml"
+    measured = index.exists() and "\n[[critical_gain]]" in index.read_text("utf-8")  # without the mark of a comment
     for row in plan.scenario.record:
         signal, record = (folder / kind / f"{row.name}.csv" for kind in ("excitation", "records"))
         table = np.column_stack([plan.scenario.times, inputs_of(row, plan.scenario)])
         lines = [",".join(("t_s", *CHANNELS)), *(f"{t:.4f},{force:.5g},{volts:.5g}" for t, force, volts in table)]
         write_whole(signal, "\n".join(lines) + "\n")
-        if not (record.exists() and len(record.read_text().splitlines()) > 1):
-            added = () if row.controller is None else row.controller.added
-            write_whole(record, ",".join((*COLUMNS, *added)) + "\n")
+        if record.exists() and len(record.read_text().splitlines()) > 1:
+            measured = True
+            continue
+        added = () if row.controller is None else row.controller.added
+        write_whole(record, ",".join((*COLUMNS, *added)) + "\n")
+    if not (measured and index.exists()):
+        write_whole(index, dataset_text(prototype, plan))
 
 
 def dataset_text(prototype: Prototype, plan: AcceptancePlan) -> str:
