@@ -17,11 +17,12 @@ from beamdesign.cli.study import study
 from beamdesign.code_digest import sources
 from beamdesign.docs import pages
 from beamdesign.prototype import Payload
-from beamdesign.sweep import workers
+from beamdesign.report.canvas import new_figure
+from beamdesign.sweep import conclusion, workers
 from beamdesign.sweep.case import TASKS, case
 from beamdesign.sweep.conclusion import words as label_of
 from beamdesign.sweep.methods import at, points
-from beamdesign.sweep.sweep_file import Vary, known_keys, read_sweep, with_value, wrong_key
+from beamdesign.sweep.sweep_file import Picture, Vary, known_keys, read_sweep, with_value, wrong_key
 from beamdesign.sweep.sweep_run import plan, run_sweep
 from beamdesign.synthesis.operating_limits import envelope
 
@@ -354,6 +355,26 @@ def test_limits_of_a_schedule_are_those_with_its_largest_payload():
     (heaviest,) = rig.stages((6.8, 6.8))
     expected = envelope(heaviest.prototype, 6.8, frequency_Hz=np.array([1.0, 10.0, 100.0])).load_N
     assert [found[f"load_at_{frequency}_Hz_N"] for frequency in (1, 10, 100)] == pytest.approx(expected)
+
+
+def test_bars_of_every_sign_lie_within_the_frame_and_what_has_no_figure_says_so(tmp_path):
+    asked = Picture(kind="bars", x="key", y="figure")
+    outputs = [
+        ({"figure": -2.0}, "done"),
+        ({"figure": 1.0}, "done"),
+        ({"figure": None}, "done"),
+        ({"figure": 3.0}, "no"),
+    ]
+    records = [
+        {"outputs": one, "varied": {"key": k}, "document": {}, "options": {}, "status": status}
+        for k, (one, status) in enumerate(outputs)
+    ]
+    figure = new_figure()
+    conclusion._bars(figure, asked, records, "key", "figure")
+    (axes,) = figure.axes
+    low, high = axes.get_xlim()
+    assert all(low <= bar.get_x() + bar.get_width() <= high for bar in axes.patches)
+    assert [text.get_text() for text in axes.texts] == ["-2", "1", "no answer", "no answer"]
 
 
 @pytest.mark.parametrize(

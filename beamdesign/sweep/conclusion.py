@@ -283,11 +283,12 @@ def _bars(figure: Figure, asked: Picture, records: Sequence[Row], x: str, y: str
     heights = [_number(row, y) or 0.0 for row in records]
     axes = figure.add_subplot()
     bars = axes.barh(range(len(names)), heights, color="0.7", edgecolor="black")
-    labels = [f"{h:.4g}" if row["status"] == "done" else "no answer" for h, row in zip(heights, records, strict=True)]
+    told = [row["status"] == "done" and _number(row, y) is not None for row in records]
+    labels = [f"{height:.4g}" if one else "no answer" for height, one in zip(heights, told, strict=True)]
     axes.bar_label(bars, labels, padding=4)
     axes.set_yticks(range(len(names)), names)
     axes.invert_yaxis()
-    axes.set_xlim(0, max([*heights, 1e-12]) * 1.2)
+    axes.set_xlim(1.2 * min([*heights, 0.0]), 1.2 * max([*heights, 1e-12]))
     _limit(axes.axvline, asked)
     _finish(axes, asked, y, x, legend=None)
     axes.set(ylabel="", title="")
