@@ -12,8 +12,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from beamdesign import Prototype, certify, check, read_prototype, state_space
-from beamdesign.build.analogue import analogue_controllers, circuit_of, deviation, with_tolerance
+from beamdesign.build.analogue import (
+    SERIES,
+    AnalogueController,
+    analogue_controllers,
+    circuit_of,
+    deviation,
+    with_tolerance,
+)
 from beamdesign.build.circuit import DECADE, Circuit, Stage, neighbours, values_between
+from beamdesign.build.folder import schematics
 from beamdesign.build.realisation.law import DifferenceEquation, difference_equation
 from beamdesign.build.realisation.loop import prove_sampled, realised_loop
 from beamdesign.build.realisation.sections import sensible_rate_Hz, upper_break_Hz
@@ -281,6 +289,23 @@ def test_a_notch_is_proved_whose_zeros_may_lie_on_either_side(rig: Prototype, tm
     assert found.verdict == "proved"
     (tmp_path / "box.toml").write_text(found.certificate)
     assert check(tmp_path / "box.toml").valid
+
+
+def test_every_schematic_is_described_where_circuits_differ_in_it() -> None:
+    """A factor whose zeros and poles are damped nearly alike takes R4 from the input or from it inverted."""
+    more = Section(
+        zero_Hz=59.8054810, zero_damping_ratio=0.412237796, pole_Hz=34.8354548, pole_damping_ratio=0.706737713
+    )
+    law = Structured(gain_A_per_V=0.0198998757, pole_Hz=2.0, zero_Hz=20.0, section=(more,))
+
+    def described(law: Structured | Lag) -> list[tuple[str, list[tuple[str, ...]]]]:
+        made = (circuit_of(law, *series) for series in SERIES)
+        found = schematics(tuple(AnalogueController(one, law, {}, True, None, None, ()) for one in made))
+        return [(names, [stage.turned for stage in circuit.stages]) for names, circuit in found]
+
+    other = "R of E96, C of E6; R of E96, C of E12"
+    assert described(law) == [("R of E24, C of E6", [(), ()]), (other, [(), ("R4",)])]
+    assert described(Lag(gain_A_per_V=0.05, pole_Hz=1.7, zero_Hz=20.0)) == [("", [()])]
 
 
 def test_a_structured_law_keeps_its_bandwidth_as_a_circuit() -> None:

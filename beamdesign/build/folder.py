@@ -15,6 +15,7 @@ from jinja2 import Template
 
 from beamdesign.build.acceptance import MEASURED_WITHIN, Band, as_specified, bare_frequencies_Hz, write_data_folder
 from beamdesign.build.analogue import AnalogueController
+from beamdesign.build.circuit import Circuit
 from beamdesign.build.drawing import drawing, dxf_text, missing_geometry, svg_text
 from beamdesign.build.ratings import KEPT, MARGIN, held_loads
 from beamdesign.build.specification import LawSpecification, Specification
@@ -247,7 +248,7 @@ def parts_of(spec: Specification, svg: str) -> tuple[Part, ...]:
 def _template() -> Template:
     own = (
         optional, tube_text, nearest, repr, zip, describe, holds_for, missing_geometry, lumped_beam, notes, held_loads,
-        why_no_box, bare_frequencies_Hz, circuit_name, part_names, part_value, limits, component_reasons,
+        why_no_box, bare_frequencies_Hz, circuit_name, schematics, part_names, part_value, limits, component_reasons,
     )  # fmt: skip
     figures = {
         "inf": inf, "pi": pi, "margin": MARGIN, "kept": KEPT, "largest": LARGEST, "safety": SAFETY,
@@ -276,6 +277,16 @@ def circuit_name(one: AnalogueController) -> str:
     """The series that its parts are of."""
     capacitors = f", C of {one.circuit.capacitors}" if one.circuit.has_capacitors else ""
     return f"R of {one.circuit.resistors}{capacitors}"
+
+
+def schematics(found: tuple[AnalogueController, ...]) -> list[tuple[str, Circuit]]:
+    """A circuit of each schematic that there is, with the names of those that have it; no names where all have one."""
+    alike: dict[object, list[AnalogueController]] = {}
+    for one in found:
+        layout = [(stage.kind, stage.turned) for stage in one.circuit.stages]
+        alike.setdefault((*layout, one.circuit.inverted), []).append(one)
+    several = len(alike) > 1
+    return [("; ".join(map(circuit_name, those)) if several else "", those[0].circuit) for those in alike.values()]
 
 
 def part_names(found: tuple[AnalogueController, ...]) -> list[str]:
