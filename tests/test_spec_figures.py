@@ -10,7 +10,7 @@ from scipy.linalg import solve_continuous_lyapunov
 
 from beamdesign import Prototype, check, read_problem, read_prototype, state_space
 from beamdesign.build import ratings as room
-from beamdesign.build.acceptance import Band, acceptance
+from beamdesign.build.acceptance import Band, acceptance, bare_modes
 from beamdesign.build.folder import limits
 from beamdesign.build.ratings import MARGIN, lagging, noise_bandwidth_Hz, ratings, sensor_need, stock_choices
 from beamdesign.build.tolerances import SAFETY, Tolerances, tolerances
@@ -244,6 +244,18 @@ def test_bands_hold_what_rigs_within_the_tolerances_do(rig: Prototype, kept: Tol
         factors = {name: 1 + random.choice((-1, 1)) * kept.specified[name] for name in names}
         factors["controller_gain"] = found.critical_gain_proved_A_per_V / own.gain_A_per_V
         assert damped(with_figures(rig, factors), 3.4)
+
+
+def test_a_beam_that_is_tapped_rings_as_its_mass_on_spring_and_dashpot() -> None:
+    """By the roots of M s^2 + b s + K, the dashpot staying as mass is added to the inner tip."""
+    rig = read_prototype(PUBLISHED)
+    loaded = rig.but(payload=rig.payload.but(inner_end_mass_kg=2.5))
+    published = ((486800.0, 3.9, 0.0), (157500.0, 1.6, 2.5))
+    for mode, (stiffness, mass, added_kg) in zip(bare_modes(loaded), published, strict=True):
+        dashpot = 2 * 0.05 * np.sqrt(stiffness * mass)
+        root = np.roots([mass + added_kg, dashpot, stiffness])[0]
+        assert mode.frequency_Hz == pytest.approx(abs(root) / (2 * np.pi))
+        assert mode.damping_ratio == pytest.approx(-root.real / abs(root))
 
 
 def test_limits_stand_in_the_unit_of_what_is_expected() -> None:

@@ -10,6 +10,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from math import isfinite, pi, sqrt
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import tomli_w
@@ -84,11 +85,21 @@ class AcceptanceAtMass:
     critical_gain_proved_A_per_V: float | None
 
 
-def bare_frequencies_Hz(prototype: Prototype) -> tuple[float, float]:
-    """Undamped frequencies of the beams by themselves: outer with its module alone, inner with its added mass too."""
-    outer, inner = lumped_beam(prototype.outer_beam), lumped_beam(prototype.inner_beam)
-    loaded = inner.mass + prototype.payload.inner_end_mass_kg
-    return sqrt(outer.stiffness / outer.mass) / (2 * pi), sqrt(inner.stiffness / loaded) / (2 * pi)
+class Mode(NamedTuple):
+    """Of a beam by itself: undamped frequency, and damping ratio, which falls as mass is added to a fixed dashpot."""
+
+    frequency_Hz: float
+    damping_ratio: float
+
+
+def bare_modes(prototype: Prototype) -> tuple[Mode, Mode]:
+    """Of the beams by themselves: outer with its module alone, inner with its added mass too."""
+    found = []
+    for record, added_kg in ((prototype.outer_beam, 0.0), (prototype.inner_beam, prototype.payload.inner_end_mass_kg)):
+        beam = lumped_beam(record)
+        natural = sqrt(beam.stiffness / (beam.mass + added_kg))
+        found.append(Mode(natural / (2 * pi), beam.damping * natural / (2 * beam.stiffness)))
+    return found[0], found[1]
 
 
 def acceptance(

@@ -13,7 +13,7 @@ from typing import Any, Literal, NamedTuple
 
 from jinja2 import Template
 
-from beamdesign.build.acceptance import MEASURED_WITHIN, Band, as_specified, bare_frequencies_Hz, write_data_folder
+from beamdesign.build.acceptance import MEASURED_WITHIN, Band, as_specified, bare_modes, write_data_folder
 from beamdesign.build.analogue import AnalogueController
 from beamdesign.build.circuit import Circuit
 from beamdesign.build.drawing import drawing, dxf_text, missing_geometry, svg_text
@@ -248,7 +248,7 @@ def parts_of(spec: Specification, svg: str) -> tuple[Part, ...]:
 def _template() -> Template:
     own = (
         optional, tube_text, nearest, repr, zip, describe, holds_for, missing_geometry, lumped_beam, notes, held_loads,
-        why_no_box, bare_frequencies_Hz, circuit_name, schematics, part_names, part_value, limits, component_reasons,
+        why_no_box, bare_modes, circuit_name, schematics, part_names, part_value, limits, component_reasons,
     )  # fmt: skip
     figures = {
         "inf": inf, "pi": pi, "margin": MARGIN, "kept": KEPT, "largest": LARGEST, "safety": SAFETY,
