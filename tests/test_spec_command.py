@@ -222,6 +222,7 @@ def test_what_is_unstable_is_not_specified(tmp_path: Path) -> None:
     assert "not certifiable from 0 to 6.8 kg: unstable from 0 to 1.968" in ran.output
     fields = json.loads((tmp_path / "spec.json").read_text())
     assert fields["certifiable"] is False
+    assert fields["drawing"] == fields["reason"]  # there is none
     assert fields["stable_ranges_kg"][0] == pytest.approx([1.968442, 6.8], abs=1e-5)
     assert "Nothing is specified" in (tmp_path / "specification.md").read_text()
     assert not (tmp_path / "acceptance").exists()

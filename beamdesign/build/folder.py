@@ -181,7 +181,7 @@ def json_fields(spec: Specification) -> dict[str, Any]:
         "guaranteed": _reached(spec.guaranteed),
         "load_N": spec.load_N,
         "sections": spec.stock,
-        "drawing": missing_geometry(spec.prototype) or "drawing.dxf",
+        "drawing": spec.reason or missing_geometry(spec.prototype) or "drawing.dxf",
         "ratings": spec.ratings and spec.ratings.to_dict(),
         "sensor": spec.sensor,
         "controller": spec.prototype.controller,
