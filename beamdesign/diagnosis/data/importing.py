@@ -17,22 +17,13 @@ import numpy as np
 import tomli_w
 
 from beamdesign.diagnosis.data.dataset import INPUTS, Dataset, read_dataset
-from beamdesign.diagnosis.data.measured_files import Column, Measured, Response, read_measured
+from beamdesign.diagnosis.data.measured_files import SPELT, UNITS, Column, Measured, Response, read_measured, unit_of
 from beamdesign.files import fresh_folder, write_whole
 from beamdesign.prototype import read_prototype
+from beamdesign.quantities import MassOrNone, range_of
 from beamdesign.records import InputError, Problem
 from beamdesign.result import Result, finite
 
-UNITS = {
-    "s": {"s": 1.0, "sec": 1.0, "ms": 1e-3, "us": 1e-6, "min": 60.0},
-    "N": {"N": 1.0, "kN": 1e3, "mN": 1e-3, "lbf": 4.4482216152605, "kgf": 9.80665},
-    "V": {"V": 1.0, "mV": 1e-3, "volt": 1.0, "volts": 1.0},
-    "A": {"A": 1.0, "mA": 1e-3, "uA": 1e-6},
-    "m": {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "in": 0.0254, "mil": 2.54e-5},
-    "Pa": {"Pa": 1.0, "kPa": 1e3, "MPa": 1e6, "bar": 1e5, "psi": 6894.757293168},
-}
-"""By SI unit what others are in it."""
-_SPELT = str.maketrans({"µ": "u", "μ": "u"})
 _PER_FORCE = {"m": 1.0, "mm": 1e-3, "um": 1e-6, "in": 0.0254}
 
 CHANNELS = {
@@ -117,6 +108,8 @@ def asked(texts: Sequence[str]) -> dict[str, tuple[str, str, float]]:
             )
         elif channel not in CHANNELS:
             wrong.append(Problem("--column", f"{channel!r} is no channel; there are {', '.join(CHANNELS)}"))
+        elif channel in found:
+            wrong.append(Problem("--column", f"{channel!r} is named twice; name one column of it"))
         else:
             found[channel] = match[2], (match[3] or "").strip(), -1.0 if match[1] else 1.0
     if wrong:
@@ -143,7 +136,8 @@ def import_measured(
             it round.
         outer_end_masses_kg: payload of every file, or one for all.
         inner_end_mass_kg: mass added inside; that of the prototype where None.
-        rest_s: how long everything rests at the beginning: the mean of that time is taken off.
+        rest_s: how long everything rests at the beginning: the mean of that time is taken off. Every record goes on
+            after it.
 
     Raises:
         InputError: with everything that cannot be told, and how to tell it.
@@ -157,6 +151,11 @@ def import_measured(
         raise InputError("gap import", [("--outer-end-mass", reason)])
     masses = list(outer_end_masses_kg) * (len(files) if len(outer_end_masses_kg) == 1 else 1)
     inner = model.payload.inner_end_mass_kg if inner_end_mass_kg is None else inner_end_mass_kg
+    plausible, given = range_of(MassOrNone), (("--outer-end-mass", masses), ("--inner-end-mass", [inner]))
+    if wrong := [
+        (option, plausible.refusal(mass, "_kg")) for option, some in given for mass in some if mass not in plausible
+    ]:
+        raise InputError("gap import", wrong)
     entries: dict[str, list[dict[str, object]]] = {"record": [], "frequency_response": []}
     taken, tables, sources = dict[str, tuple[Taken, ...]](), dict[str, dict[str, np.ndarray]](), dict[str, Path]()
     for path, mass in zip(map(Path, files), masses, strict=True):
@@ -235,7 +234,7 @@ def _record(
             )
             wrong.append(Problem(channel, f"{which}: name it, --column '{channel} = NAME [UNIT]'; {_there(found)}"))
     for channel in (one for one in INPUTS if one not in chosen and one not in named):
-        if perhaps := [repr(one.name) for one in free if one.unit and _unit_of(one.unit) == CHANNELS[channel][0]]:
+        if perhaps := [repr(one.name) for one in free if one.unit and unit_of(one.unit) == CHANNELS[channel][0]]:
             which = f"may be {' or '.join(perhaps)}, by its unit"
             none = f"or say that there is none, --column '{channel} = {_NOTHING}'"
             wrong.append(Problem(channel, f"{which}: name it, --column '{channel} = NAME [UNIT]', {none}"))
@@ -254,9 +253,8 @@ def _record(
     if wrong:
         raise InputError(found.path, wrong)
     table["t_s"] = table["t_s"] - table["t_s"][0]
-    length = float(np.ptp(table["t_s"]))
-    if rest_s and not rest_s < length:
-        reason = f"{rest_s:g} s is no part of a record of {length:g} s; give how long everything rests at first"
+    if not 0 <= rest_s < table["t_s"][-1]:
+        reason = f"is {rest_s:g} s; it is to end before the record does, at {table['t_s'][-1]:g} s"
         raise InputError(found.path, [("--rest-s", reason)])
     resting = table["t_s"] < rest_s
     for k, one in enumerate(taken):
@@ -280,7 +278,7 @@ def _alike(channel: str, columns: Sequence[Column]) -> list[Column]:
     """Columns that may be a channel: by name and unit; else, where no name tells, by a unit that only one has."""
     unit, pattern = CHANNELS[channel]
     known = ("", unit, "V") if channel == "displacement_m" else ("", unit)  # the volts of its sensor too
-    fits = [one for one in columns if (_unit_of(one.unit) if one.unit else "") in known]
+    fits = [one for one in columns if (unit_of(one.unit) if one.unit else "") in known]
     by_name = [one for one in fits if one.name == channel] or [
         one for one in fits if re.search(pattern, one.name.rpartition(".")[2], re.IGNORECASE)
     ]
@@ -288,12 +286,7 @@ def _alike(channel: str, columns: Sequence[Column]) -> list[Column]:
         by_name = [one for one in by_name if not re.search(anothers, one.name, re.IGNORECASE)]
     if by_name or channel not in _NEEDED:
         return by_name
-    return [one for one in fits if one.unit and _unit_of(one.unit) == unit]
-
-
-def _unit_of(text: str) -> str:
-    """The SI unit of what a unit measures; empty where it is not known."""
-    return next((unit for unit, others in UNITS.items() if text.translate(_SPELT) in others), "")
+    return [one for one in fits if one.unit and unit_of(one.unit) == unit]
 
 
 def _factor(channel: str, unit: str, sensor_V_per_m: float) -> tuple[float | None, str]:
@@ -301,10 +294,10 @@ def _factor(channel: str, unit: str, sensor_V_per_m: float) -> tuple[float | Non
     own = CHANNELS[channel][0]
     if not unit:
         return 1.0, f"no unit stated: taken as {own}"
-    if (measures := _unit_of(unit)) == own:
-        return UNITS[own][unit.translate(_SPELT)], ""
+    if (measures := unit_of(unit)) == own:
+        return UNITS[own][unit.translate(SPELT)], ""
     if channel == "displacement_m" and measures == "V":
-        return UNITS["V"][unit.translate(_SPELT)] / sensor_V_per_m, f"volts over the believed {sensor_V_per_m:g} V/m"
+        return UNITS["V"][unit.translate(SPELT)] / sensor_V_per_m, f"volts over the believed {sensor_V_per_m:g} V/m"
     return None, f"{channel} is measured in {', '.join(UNITS[own])}; state the unit, --column '{channel} = NAME [UNIT]'"
 
 
@@ -317,7 +310,7 @@ def _compliance(found: Response, path: Path) -> tuple[dict[str, np.ndarray], tup
     """Magnitude and phase of the compliance: a velocity is divided by j w, an acceleration by -w^2."""
     above = found.frequency_Hz > 0
     s = 2j * pi * found.frequency_Hz[above]
-    answer, _, force = (part.strip() for part in found.unit.translate(_SPELT).partition("/"))
+    answer, _, force = (part.strip() for part in found.unit.translate(SPELT).partition("/"))
     length = re.sub(r"/?s(\^?2|²)?$", "", answer)
     scale = _PER_FORCE.get(length or "m")
     newton = UNITS["N"].get(re.sub(r".*/", "", force) or "N")

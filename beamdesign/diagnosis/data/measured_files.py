@@ -18,7 +18,25 @@ from beamdesign.records import InputError
 
 _FEWEST, _LONGEST_UNIT = 3, 6
 _IN_NAME = re.compile(r"^(?P<name>.*?)\s*(?:[\[(]\s*(?P<unit>[^\])]*)[\])]|[,;:]\s+(?P<after>\S+))\s*$")
+_IN_WORDS = re.compile(r"^(?P<name>.+?)\s+in\s+(?P<unit>\S+)\s*$")
 _NUMBER = re.compile(r"^\s*[-+]?(\d+([.,]\d*)?|[.,]\d+)([eEdD][-+]?\d+)?\s*$|^\s*[-+]?(nan|inf)\s*$", re.IGNORECASE)
+
+UNITS = {
+    "s": {"s": 1.0, "sec": 1.0, "ms": 1e-3, "us": 1e-6, "min": 60.0},
+    "N": {"N": 1.0, "kN": 1e3, "mN": 1e-3, "lbf": 4.4482216152605, "kgf": 9.80665},
+    "V": {"V": 1.0, "mV": 1e-3, "volt": 1.0, "volts": 1.0},
+    "A": {"A": 1.0, "mA": 1e-3, "uA": 1e-6},
+    "m": {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "in": 0.0254, "mil": 2.54e-5},
+    "Pa": {"Pa": 1.0, "kPa": 1e3, "MPa": 1e6, "bar": 1e5, "psi": 6894.757293168},
+}
+"""By SI unit what others are in it."""
+SPELT = str.maketrans({"µ": "u", "μ": "u"})
+"""Of letters in units, those that `UNITS` has in their place."""
+
+
+def unit_of(text: str) -> str:
+    """The SI unit of what a unit measures; empty where it is not known."""
+    return next((unit for unit, others in UNITS.items() if text.translate(SPELT) in others), "")
 
 
 @dataclass(frozen=True)
@@ -125,10 +143,12 @@ def _text(path: Path) -> Measured:
 
 
 def _column(name: str, unit: str, values: np.ndarray) -> Column:
-    """A column whose name may hold its unit, as in `Force [N]`, `Force (N)` or `Force, N`."""
+    """A column whose name may hold its unit, as in `Force [N]`, `Force (N)`, `Force, N` or `Force in N`."""
     name = name.strip().strip("\"'")
     if not unit and (found := _IN_NAME.match(name)):
         name, unit = found["name"], (found["unit"] or found["after"] or "").strip()
+    elif not unit and (found := _IN_WORDS.match(name)) and unit_of(found["unit"]):  # and not `Force in z`
+        name, unit = found["name"], found["unit"]
     return Column(name, unit, values)
 
 
