@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from beamdesign import Prototype, certify, read_prototype
 from beamdesign.build.folder import document_of, proved_statements
-from beamdesign.build.ratings import held_loads, nearest_stock_tube
+from beamdesign.build.ratings import SensorNeed, held_loads, nearest_stock_tube
 from beamdesign.build.result_folder import FILES
 from beamdesign.build.specification import specification_of
 from beamdesign.controllers import Lag, Proportional
@@ -183,6 +183,24 @@ def test_an_end_that_is_meant_to_yield_is_promised_no_bandwidth() -> None:
     assert {one.foundation for one in proved_statements(found, soft.goal.compliance_m_per_N)} == {"proved"}
     assert compliance_kept(5.71e-8, 0.0) == "gives way by more than 57.1 nm/N even to a steady force"
     assert compliance_kept(5.71e-8, 2.5) == "gives way by no more than 57.1 nm/N up to 2.5 Hz"
+
+
+def test_a_sensor_of_which_nothing_is_proved_is_promised_nothing(run: DesignRun) -> None:
+    spec = specification_of(run)
+    good = SensorNeed(30.0, 2000.0, 300.0, 4.6, 2.1, 1e-4, 0.1, 1e-5, 100.0, 1e-6, 1e-5, None, None)
+    none = replace(
+        good, stable_from_Hz=None, performs_from_Hz=None, bandwidth_Hz=None, peak_sensitivity=None, noise_m=None
+    )
+    told, refused = (" ".join(to_markdown(document_of(replace(spec, sensor=need))).split()) for need in (good, none))
+    for promise in ("At the second bandwidth", "Stability from that bandwidth is proved"):
+        assert promise in told
+        assert promise not in refused
+    for refusal in (
+        "From no first-order break up to 2000 Hz on is stability proved.",
+        "With no first-order break up to 2000 Hz were loop bandwidth and peak sensitivity proved within 5 %",
+    ):
+        assert refusal in refused
+        assert refusal not in told
 
 
 def test_a_rating_that_is_stated_and_less_than_needed_is_told(run: DesignRun, prototype: Prototype) -> None:
