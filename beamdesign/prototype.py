@@ -270,13 +270,17 @@ class Prototype(WithMaterials, WithActuator):
         """Payloads (least, most) that are asked for, or else its own.
 
         Raises:
-            InputError: for what is no pair, and where neither says.
+            InputError: for what is no pair of plausible masses, and where neither says.
         """
         found = self.outer_end_mass_kg if given is None else given
         if not isinstance(found, tuple | list) or len(found) != 2:
             reason = "missing; give it there or as an argument" if found is None else "expected a pair of masses in kg"
             raise records.InputError(self.name, [("payload.outer_end_mass_kg", reason)])
-        return float(found[0]), float(found[1])
+        low, high, plausible = float(found[0]), float(found[1]), q.range_of(q.MassOrNone)
+        if wrong := [mass for mass in (low, high) if mass not in plausible]:
+            reasons = [plausible.refusal(f"{mass:g}", "outer_end_mass_kg") for mass in wrong]
+            raise records.InputError(self.name, [("payload.outer_end_mass_kg", reason) for reason in reasons])
+        return low, high
 
     def with_law(self, law: Controller, outer_kg: tuple[float, float] | None, inner_kg: float) -> "Prototype":
         """With another law, payloads (kg) and mass inside (kg); what else its payload says stays.

@@ -103,6 +103,18 @@ def test_a_range_is_a_pair_or_what_the_prototype_states(paper: Prototype):
         beamdesign.certify(firm, 2.0)
 
 
+@pytest.mark.parametrize("mass", [-1.0, float("nan"), float("inf"), 1e9])
+def test_a_payload_that_no_file_may_state_is_refused(mass: float):
+    """As by every command, rather than proved or told of as a number that an engine cannot read."""
+    refusal = rf"payload\.outer_end_mass_kg: is {mass:g}, outside the plausible range .* kg".replace("+", r"\+")
+    firm = beamdesign.read_prototype(ROOT / "studies" / "prototypes" / "paper_remedy.toml")
+    for ask in (beamdesign.certify, beamdesign.spec, beamdesign.certify_switching):
+        with pytest.raises(InputError, match=refusal):
+            ask(firm, (mass, 6.8))
+    with pytest.raises(InputError, match=refusal):
+        beamdesign.limits(firm, mass)
+
+
 def test_public_names_are_listed_once_and_in_order():
     assert sorted(set(beamdesign.__all__)) == list(beamdesign.__all__) == dir(beamdesign)
 

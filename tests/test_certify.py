@@ -178,12 +178,6 @@ def test_a_sliver_of_instability_that_a_grid_steps_over():
     assert ranges_of(p(-1 - fmpq(1, 10**20), 0, 0, 1), slope, fmpq(3, 5), 3).stable
 
 
-def test_no_certificate_is_of_a_mass_below_zero(paper):
-    """Which its check would not read."""
-    with pytest.raises(ValueError, match="must not be negative, is -1"):
-        certify(paper.but(controller=Proportional(gain_A_per_V=0.01)), -1.0, 1.0)
-
-
 def test_an_empty_range_is_an_error():
     with pytest.raises(ValueError, match="empty range"):
         stable_ranges(Affine(p(1, 1), p(1)), fmpq(1), fmpq(0))

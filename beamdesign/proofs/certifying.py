@@ -235,15 +235,13 @@ def certify(
         nonlinear: prove as well what holds while effects move, and while the current saturates.
 
     Raises:
-        ValueError: for an empty range, a mass below zero, or without a controller.
-        InputError: without a range, or for effects for which no linear loop stands.
+        ValueError: for an empty range, or without a controller.
+        InputError: without a range, for masses that are not plausible, or for effects for which no linear loop stands.
     """
     low_kg, high_kg = prototype.asked_kg(outer_end_mass_kg if high_kg is None else (outer_end_mass_kg, high_kg))
     low, high = exact(low_kg), exact(high_kg)
     if low > high:
         raise ValueError(f"empty range: {low_kg} is above {high_kg}")
-    if low < 0:
-        raise ValueError(f"an end mass must not be negative, is {low_kg}")
     found = family(prototype, high_kg)
     proved = rectangles(prototype, found, low, high)
     stability = common_ranges([part.stable for part in proved], low, high)

@@ -338,9 +338,10 @@ def limits(
         progress: called with the share done and what is being done.
 
     Raises:
-        InputError: for effects that cannot be, or without a controller.
+        InputError: for effects that cannot be, for a mass that is not plausible, or without a controller.
     """
     mass = outer_end_mass_kg if outer_end_mass_kg is not None else (prototype.outer_end_mass_kg or (0.0, 0.0))[1]
+    prototype.asked_kg((mass, mass))
     found = envelope(prototype, mass, preload_N)
     if not found.stable:
         return Limits(prototype, mass, preload_N, found)
