@@ -215,10 +215,6 @@ def test_what_is_refused_names_the_file_that_was_given(tmp_path: Path, motion: d
     with pytest.raises(InputError) as refused:
         imported(table(tmp_path / "a.csv", HEAD, list(motion.values())))
     assert refused.value.source == f"{tmp_path / 'a.csv'}, as records/a.csv"
-    motion["t_s"] = TIMES
-    with pytest.raises(InputError) as refused:
-        imported(table(tmp_path / "a.csv", HEAD, list(motion.values())), outer_end_masses_kg=[-1.0])
-    assert refused.value.source == str(tmp_path / "set" / "dataset.toml")
 
 
 def test_what_cannot_be_told_is_asked_with_what_there_is(tmp_path: Path) -> None:

@@ -253,8 +253,9 @@ def _record(
     if wrong:
         raise InputError(found.path, wrong)
     table["t_s"] = table["t_s"] - table["t_s"][0]
-    if not 0 <= rest_s < table["t_s"][-1]:
-        reason = f"is {rest_s:g} s; it is to end before the record does, at {table['t_s'][-1]:g} s"
+    length = float(np.ptp(table["t_s"]))
+    if rest_s and not 0 < rest_s < length:
+        reason = f"is {rest_s:g} s; it is to end before the record does, at {length:g} s"
         raise InputError(found.path, [("--rest-s", reason)])
     resting = table["t_s"] < rest_s
     for k, one in enumerate(taken):
