@@ -302,6 +302,23 @@ def test_anti_windup_leaves_the_limit_sooner(bits: int | None) -> None:
     assert winding > 200
 
 
+def falling() -> TransferFunction:
+    """Minus the law of a lag."""
+    law = Lag(gain_A_per_V=0.05, pole_Hz=1.7, zero_Hz=20.0).transfer_function()
+    return TransferFunction(-law.numerator, law.denominator)
+
+
+@pytest.mark.parametrize("bits", [16, None])
+def test_a_law_of_negative_gain_is_the_mirror_of_that_of_the_positive(bits: int | None) -> None:
+    """At the limit too, where its lag does not move further either."""
+    kind = FixedPoint if bits else Float32
+    rising = Lag(gain_A_per_V=0.05, pole_Hz=1.7, zero_Hz=20.0)
+    one, other = (kind(realise(law, 2000.0, bits, largest_current_A=0.02)) for law in (rising, falling()))
+    volts = [8.0] * 500 + [-0.5] * 500
+    words = [to_word(one.realisation, v) for v in volts] if bits else volts
+    assert [one.step(w) for w in words] == [-other.step(w) for w in words]
+
+
 # The loop as realised
 
 
@@ -449,7 +466,7 @@ def hard_words(r: Realisation, count: int = 4000) -> list[float]:
 @needs_compiler
 @pytest.mark.parametrize("bits", WORDS)
 def test_c_is_the_emulation_to_the_last_bit(bits: int | None, tmp_path: Path) -> None:
-    for number, law in enumerate((rich(), Proportional(gain_A_per_V=0.01))):
+    for number, law in enumerate((rich(), Proportional(gain_A_per_V=0.01), falling())):
         r = realise(law, 2000.0, bits, largest_current_A=0.08)
         (folder := tmp_path / f"{number}").mkdir()
         machine, emulated = made(folder, r), FixedPoint(r) if bits else Float32(r)

@@ -55,9 +55,9 @@ class _Machine(Arithmetic[V]):
         """The current of one sample, the error first: all as words, or in A from V, m and Pa where in floats."""
         return one_period(self.realisation.channels, [self.signal("", reading) for reading in readings], self)
 
-    def _pushes(self, value: Any, held: bool) -> bool:
+    def _pushes(self, value: Any, held: int) -> bool:
         """Whether a held state would drive a limited current further."""
-        return held and bool(self.limited * value > 0)
+        return bool(held * self.limited * value > 0)
 
 
 class FixedPoint(_Machine[int]):
@@ -92,7 +92,7 @@ class FixedPoint(_Machine[int]):
         self.limited = (product > most) - (product < -most)
         return max(-most, min(most, product))
 
-    def advance(self, state: str, coefficient: str, value: int, held: bool) -> None:  # noqa: D102
+    def advance(self, state: str, coefficient: str, value: int, held: int) -> None:  # noqa: D102
         if self._pushes(value, held):
             return
         integer, places = self._given[coefficient]
@@ -129,7 +129,7 @@ class Float32(_Machine[np.float32]):
         self.limited = int(product > self._largest) - int(product < -self._largest)
         return product if self.limited == 0 else np.float32(self.limited) * self._largest
 
-    def advance(self, state: str, coefficient: str, value: np.float32, held: bool) -> None:  # noqa: D102
+    def advance(self, state: str, coefficient: str, value: np.float32, held: int) -> None:  # noqa: D102
         if not self._pushes(value, held):
             self.states[state] = self.states[state] + self._given[coefficient] * value
 
@@ -268,7 +268,7 @@ class _Lines(Arithmetic[str]):
         ]
         return product
 
-    def advance(self, state: str, coefficient: str, value: str, held: bool) -> None:
+    def advance(self, state: str, coefficient: str, value: str, held: int) -> None:
         if self._title_of_advances:
             self.written += ["", f"/* {self._title_of_advances} */"]
             self._title_of_advances = ""
@@ -278,7 +278,8 @@ class _Lines(Arithmetic[str]):
             statements, product = [f"const float {step} = {product};"], step
         statements.append(f"state->{state} = {self._limited(f'state->{state} + {product}', 'STATE_MOST')};")
         if held:
-            pushing = f"(state->limited > 0 && {value} > 0) || (state->limited < 0 && {value} < 0)"
+            up, down = "><" if held > 0 else "<>"
+            pushing = f"(state->limited > 0 && {value} {up} 0) || (state->limited < 0 && {value} {down} 0)"
             statements = [f"if (!({pushing})) {{", *(f"    {line}" for line in statements), "}"]
         self.written += statements
 

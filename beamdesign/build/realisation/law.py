@@ -52,8 +52,11 @@ class Arithmetic(Protocol[V]):
     def current(self, terms: Sequence[tuple[str, V]]) -> V:
         """The sum of gains, by name, times words, limited to the largest current."""
 
-    def advance(self, state: str, coefficient: str, value: V, held: bool) -> None:
-        """Add a coefficient times a word to a state; `held`: not while that drives a limited current further."""
+    def advance(self, state: str, coefficient: str, value: V, held: int) -> None:
+        """Add a coefficient times a word to a state; not while that drives a limited current further.
+
+        It does so by the sign `held`, 1 or -1; where that is 0 the state is always advanced.
+        """
 
 
 def one_period(channels: Sequence[Channel], readings: Sequence[V], arithmetic: Arithmetic[V]) -> V:
@@ -73,7 +76,7 @@ def one_period(channels: Sequence[Channel], readings: Sequence[V], arithmetic: A
             if section.order == 1:
                 d = arithmetic.signal(f"d{number}", missing)
                 value = arithmetic.add(x, arithmetic.multiply(f"direct{number}", d))
-                held = place == 0 and channel.gain > 0 and section.direct < 1
+                held = (1 if channel.gain > 0 else -1) if place == 0 and section.direct < 1 else 0
                 advances.append((place, f"x{number}", f"follow{number}", d, held))
             else:
                 w = arithmetic.read(f"w{number}")
@@ -81,8 +84,8 @@ def one_period(channels: Sequence[Channel], readings: Sequence[V], arithmetic: A
                 d = arithmetic.signal(f"d{number}", missing)
                 value = arithmetic.add(x, arithmetic.multiply(f"slope{number}", w))
                 value = arithmetic.add(value, arithmetic.multiply(f"direct{number}", d))
-                advances.append((place, f"x{number}", f"follow{number}", w, False))
-                advances.append((place, f"w{number}", f"follow{number}", d, False))
+                advances.append((place, f"x{number}", f"follow{number}", w, 0))
+                advances.append((place, f"w{number}", f"follow{number}", d, 0))
             value = arithmetic.signal(f"y{number}", value)
         terms.append((channel.gain_name, value))
     current = arithmetic.current(terms)
@@ -280,7 +283,7 @@ class _Forms(Arithmetic[Form]):
             total = product if k == 0 else self._each(_sum(total, product), "sum")
         return total
 
-    def advance(self, state: str, coefficient: str, value: Form, held: bool) -> None:
+    def advance(self, state: str, coefficient: str, value: Form, held: int) -> None:
         step = _times(self.coefficients[coefficient].value, value)
         before: Form = {state: fmpq(1)}
         if self.in_floats:
@@ -366,7 +369,7 @@ class _Lines(Arithmetic[str]):
         self.statements.append(f"i = {' + '.join(f'{gain}*{value}' for gain, value in terms)}")
         return "i"
 
-    def advance(self, state: str, coefficient: str, value: str, held: bool) -> None:
+    def advance(self, state: str, coefficient: str, value: str, held: int) -> None:
         self.statements.append(f"{state} = {state} + {coefficient}*{value}")
 
 
