@@ -276,17 +276,13 @@ class Prototype(WithMaterials, WithActuator):
         if not isinstance(found, tuple | list) or len(found) != 2:
             reason = "missing; give it there or as an argument" if found is None else "expected a pair of masses in kg"
             raise records.InputError(self.name, [("payload.outer_end_mass_kg", reason)])
-        low, high, plausible = float(found[0]), float(found[1]), q.range_of(q.MassOrNone)
-        if wrong := [mass for mass in (low, high) if mass not in plausible]:
-            reasons = [plausible.refusal(f"{mass:g}", "outer_end_mass_kg") for mass in wrong]
-            raise records.InputError(self.name, [("payload.outer_end_mass_kg", reason) for reason in reasons])
-        return low, high
+        pair, plausible = (float(found[0]), float(found[1])), q.range_of(q.MassOrNone)
+        if wrong := [plausible.refusal(f"{mass:g}", "outer_end_mass_kg") for mass in pair if mass not in plausible]:
+            raise records.InputError(self.name, [("payload.outer_end_mass_kg", reason) for reason in wrong])
+        return pair
 
     def with_law(self, law: Controller, outer_kg: tuple[float, float] | None, inner_kg: float) -> "Prototype":
-        """With another law, payloads (kg) and mass inside (kg); what else its payload says stays.
-
-        There is no guarantee then, nor what the law that it had stood for.
-        """
+        """With another law, payloads (kg) and mass inside (kg) in its payload; without guarantee and `[compliance]`."""
         payload = self.payload.but(outer_end_mass_kg=outer_kg, inner_end_mass_kg=inner_kg)
         return self.but(controller=law, payload=payload, compliance=None, guarantee=None)
 

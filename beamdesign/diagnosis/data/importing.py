@@ -151,9 +151,9 @@ def import_measured(
         raise InputError("gap import", [("--outer-end-mass", reason)])
     masses = list(outer_end_masses_kg) * (len(files) if len(outer_end_masses_kg) == 1 else 1)
     inner = model.payload.inner_end_mass_kg if inner_end_mass_kg is None else inner_end_mass_kg
-    plausible, given = range_of(MassOrNone), (("--outer-end-mass", masses), ("--inner-end-mass", [inner]))
+    plausible, stated = range_of(MassOrNone), (("--outer-end-mass", masses), ("--inner-end-mass", [inner]))
     if wrong := [
-        (option, plausible.refusal(mass, "_kg")) for option, some in given for mass in some if mass not in plausible
+        (option, plausible.refusal(mass, "_kg")) for option, some in stated for mass in some if mass not in plausible
     ]:
         raise InputError("gap import", wrong)
     entries: dict[str, list[dict[str, object]]] = {"record": [], "frequency_response": []}
