@@ -25,7 +25,7 @@ from beamdesign.diagnosis.fitting.hypothesis import NOTHING
 from beamdesign.diagnosis.fitting.search import Search
 from beamdesign.validation import blindcheck, scoring
 from beamdesign.validation.baselines import baselines, lasso, lasso_path
-from beamdesign.validation.blind_diagnosis import begin_blind
+from beamdesign.validation.blind_diagnosis import Place, begin_blind, diagnose_blind, program
 from beamdesign.validation.blindcheck_result import confusion, markdown, result_fields, result_text
 from beamdesign.validation.bounds import bootstrap, clopper_pearson
 from beamdesign.validation.case_plan import (
@@ -465,7 +465,6 @@ def checked(made_once, tmp_path_factory):
     from beamdesign.diagnosis import separability
     from beamdesign.diagnosis.fitting import search as searching
     from beamdesign.diagnosis.fitting.hypothesis import singles
-    from beamdesign.validation.blind_diagnosis import diagnose_blind, program
 
     def few(prototype):
         return tuple(each for each in singles(prototype) if str(each) in FEW)
@@ -538,8 +537,6 @@ def test_a_check_that_is_finished_is_scored_and_written_by_the_public_function(c
 
 
 def test_what_is_finished_is_not_done_again(checked):
-    from beamdesign.validation.blind_diagnosis import diagnose_blind
-
     check, now = checked
     place = check.place("0001")
     before = place.result.stat().st_mtime_ns
@@ -589,3 +586,13 @@ def test_an_answer_that_was_changed_is_not_scored(checked):
     finally:
         path.write_text(held)
     assert os.path.exists(check.seal)
+
+
+def test_a_case_that_breaks_off_names_no_folder_of_who_ran_it(tmp_path: Path) -> None:
+    (tmp_path / "set").mkdir()
+    (tmp_path / "set" / "dataset.toml").write_text("name = 1\n")
+    place = Place(tmp_path / "set", tmp_path / "found.json", tmp_path / "predictions.npz", tmp_path / "fits")
+    assert diagnose_blind(place, program())
+    failed = json.loads(place.result.read_text())["failed"]
+    assert failed.startswith("InputError: dataset.toml: ")
+    assert str(tmp_path) not in failed

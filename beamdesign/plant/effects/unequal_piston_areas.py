@@ -39,9 +39,7 @@ def _null(side: str, signal: Any, site: Site) -> Any:
 def _gain(own: Figures, at: Operation) -> Span:
     """Over the flow of the mean area, which each side takes in the share of its own, as the linear member has it."""
     size = abs(own["asymmetry"])
-    if (
-        at.orifices
-    ):  # feed both sides alike: as much force at once, and at rest less, by the mean pressure that gives way
+    if at.orifices:  # feed both sides alike: as much force at once, less at rest, where the mean pressure gives way
         return Span(1 / (1 + size**2), 1.0, 1.0)
     return Span(1 / (1 + size), 1 / (1 - size), 1 / (1 - size))
 
