@@ -37,7 +37,11 @@ def study(**changes: Any) -> DesignProblem:
 
 LOADED = {"load__tip_force_N": 4000.0}
 HEAVY = {"load__tip_force_N": 12000.0}
-LADEN = {"load__tip_force_N": 800.0, "payload__outer_end_mass_kg": [0.0, 200.0]}
+LADEN = {
+    "load__tip_force_N": 800.0,
+    "payload__outer_end_mass_kg": [0.0, 200.0],
+    "clearance__under_load_m": 0.05,
+}
 STATED = {
     "servovalve": {"rated_current_A": 0.05},
     "supply": {"flow_m3_per_s": 2e-4},
@@ -105,6 +109,40 @@ def test_flow_goes_with_the_root_of_the_pressure_that_is_left() -> None:
     assert still["force_N"] == pytest.approx(1500.0, rel=1e-2)
     assert still["stroke_m"] == pytest.approx(1500.0 / inner, rel=2e-2)
     assert needs(rig, (2.0, 2.0), 800.0, 3.0, 1500.0)["current_A"] == np.inf  # beyond the stall load there is no flow
+
+
+def test_the_tubes_do_not_touch_under_load_and_weight() -> None:
+    """Statics: the inner beam gives way by load and all weight over its stiffness; the tubes are concentric before."""
+    problem, rig = stated()
+    outer, inner = rig.outer_beam, rig.inner_beam
+    assert outer.width_m is not None
+    assert outer.wall_m is not None
+    assert inner.width_m is not None
+    gap = (outer.width_m - 2 * outer.wall_m - inner.width_m) / 2
+    weight = G * (6.8 + weighing_mass(outer) + weighing_mass(inner) + rig.payload.inner_end_mass_kg)
+    closing = gap * lumped_beam(inner).stiffness - weight
+    for share, met in ((1 - 1e-9, True), (1 + 1e-9, False)):
+        asked = problem.but(load=problem.load.but(tip_force_N=share * closing))
+        still = of(standing(asked, rig, PAYLOAD), "gap between the tubes")
+        assert (still.available, still.met) == (pytest.approx(gap), met)
+        assert [change.key for way in still.ways for change in way] == ["clearance.under_load_m"] * (not met)
+    # Up to the bandwidth the inner tip moves by nearly the same: the outer one is not held quite still.
+    for share, met in ((0.96, True), (1.04, False)):
+        asked = problem.but(load=problem.load.but(tip_force_N=share * closing))
+        moved = of(working(asked, rig, PAYLOAD, 0.2), "gap between the tubes")
+        assert moved.needed == pytest.approx((share * closing + weight) / lumped_beam(inner).stiffness, rel=2e-2)
+        assert moved.met is met
+
+
+def test_a_payload_that_closes_the_gap_is_refused_and_more_gap_is_enough() -> None:
+    """The sections of a study leave the gap that it asks for under its load; the weight beside it takes more."""
+    problem = study(load__tip_force_N=800.0, payload__outer_end_mass_kg=[0.0, 30.0])
+    found = run_design(problem, sigmas=0.0)
+    assert found.holding is not None
+    assert [limit.name for limit in found.holding.missed] == ["gap between the tubes"]
+    ways = [way for way in found.ways if any(change.key == "clearance.under_load_m" for change in way)]
+    assert ways
+    assert all(run_design(changed(problem, way), sigmas=0.0).prototype is not None for way in found.ways)
 
 
 def test_what_is_not_stated_is_not_asked_but_named() -> None:
@@ -203,7 +241,8 @@ def test_a_change_that_no_study_may_state_is_not_proposed() -> None:
     """A supply of more than 100 MPa is refused where it is read; sections that cannot be had are no answer."""
     _, rig = stated()
     heavy = standing(study(**HEAVY), rig, PAYLOAD)
-    assert {change.key for way in heavy.ways for change in way} == {"load.tip_force_N", "actuator.piston_area_m2"}
+    keys = {"load.tip_force_N", "actuator.piston_area_m2", "clearance.under_load_m"}
+    assert {change.key for way in heavy.ways for change in way} == keys
     laden = standing(study(**LADEN), rig, (0.0, 5000.0))
     assert {change.key for way in laden.ways for change in way} == {"payload.outer_end_mass_kg"}
 

@@ -105,10 +105,13 @@ def run_design(
     """
     report = progress or silent
 
-    def leads(other: DesignProblem) -> bool:
+    def lacking(other: DesignProblem) -> Way | None:
         if over():
             leave_out("whether every change leads to a design")
-        return not over() and _designed(other, silent, sigmas).yes
+            return None
+        tried = _designed(other, silent, sigmas)
+        ways = () if tried.holding is None else tried.holding.ways
+        return () if tried.yes else next((way for way in ways if len(way) == 1), None)
 
     with within(minutes) as limit:
         found = _designed(problem, report, sigmas)
@@ -117,7 +120,8 @@ def run_design(
             if problem.controller.kind in _QUICK:
                 report(0.5, "what to change")
                 likely = ways or easier(problem)
-                if not (ways := carried(problem, likely, leads)) and over():
+                ways = carried(problem, ways, lacking) or carried(problem, easier(problem), lacking)
+                if not ways and over():
                     words = (
                         f"{found.reason}; what may help, not tried for want of time: {' or '.join(in_words(likely))}"
                     )

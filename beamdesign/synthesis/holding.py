@@ -7,7 +7,8 @@ middle of its stroke without it. A beam weighs at its tip by its end mass and 3/
 (`beamdesign.structure.lumped.weighing_mass`).
 
 - Structure: its sections are chosen for the load of the study, which must not be less than the weight. Their checks,
-  that of the gap between the tubes among them, are of that load alone (`beamdesign.synthesis.checks`).
+  that of the gap left between the tubes among them, are of that load alone (`beamdesign.synthesis.checks`).
+- Gap: load and weight together must not make the tubes touch, held still and up to the bandwidth.
 - Actuator: load and weight, held still (`Actuator.holding`): pressure of the supply, or current of the motor.
 - Its stroke and what else it has to be rated for (`Actuator.ratings`): up to the bandwidth.
 - Bandwidth: at least the one up to which the study wants its load held still.
@@ -33,7 +34,8 @@ from beamdesign.prototype import Prototype
 from beamdesign.quantities import at_least, at_most
 from beamdesign.result import finite, picked
 from beamdesign.structure.lumped import lumped_beam
-from beamdesign.synthesis.operating_limits import demand, needs_to_carry, weight_N
+from beamdesign.structure.shapes import gaps
+from beamdesign.synthesis.operating_limits import demand, inner_sag_m, needs_to_carry, weight_N
 from beamdesign.synthesis.sizing import size
 
 _PER_LOAD = 4 / 3
@@ -41,6 +43,8 @@ _PER_LOAD = 4 / 3
 _POINTS = 60
 _TRIES = 4
 _PAYLOAD, _COMPLIANCE = "payload.outer_end_mass_kg", "goal.compliance_m_per_N"
+_LOAD, _LEFT = "load.tip_force_N", "clearance.under_load_m"
+_GAP = "gap between the tubes"
 
 
 class Change(NamedTuple):
@@ -53,9 +57,8 @@ class Change(NamedTuple):
     def __str__(self) -> str:
         """In words, in the unit that it is read in and as it is to be written."""
         name, unit, _ = _KEYS[self.key]
-        bound = at_least if self.at_least else at_most
         side = "least" if self.at_least else "most"
-        return f"{name} of at {side} {bound(self.value, unit)} ({self.key} = {self.value:g})"
+        return f"{name} of at {side} {q.quantity(self.value, unit)} ({self.key} = {self.value:g})"
 
 
 Way = tuple[Change, ...]
@@ -63,7 +66,8 @@ Way = tuple[Change, ...]
 
 _KEYS = {
     _PAYLOAD: ("a payload", "kg", q.MassOrNone),
-    "load.tip_force_N": ("a load", "N", q.Force),
+    _LOAD: ("a load", "N", q.Force),
+    _LEFT: ("a gap left under load", "m", q.Gap),
     "actuator.piston_area_m2": ("a piston area", "m2", q.PistonArea),
     "actuator.torque_constant_N_m_per_A": ("a torque constant", "N m/A", q.TorqueConstant),
     "actuator.stroke_m": ("a stroke", "m", q.Stroke),
@@ -183,19 +187,25 @@ def standing(problem: DesignProblem, prototype: Prototype, masses_kg: tuple[floa
     designed = load if weight <= load else _up(payload + link * weight / load)
     force = _swelled(prototype, problem, designed) + payload + link * designed / load
     structure = Demanded("load in the choice of its sections", weight, load, "N")
-    if not structure.met and size(problem.but(load=problem.load.but(tip_force_N=designed))).feasible:
-        structure = structure._replace(ways=((Change("load.tip_force_N", designed),),))
+    gap = _closing(prototype, load + weight)
+    if not structure.met:
+        structure = structure._replace(ways=_heavier(problem, Change(_LOAD, designed), masses_kg[1]))
+    if not gap.met:
+        gap = gap._replace(ways=structure.ways or ((_wider(problem, gap),),))
     if not held.met or (force > stall and not structure.met):
         held = held._replace(ways=_stronger(prototype, force))
     swelled, instead = _swelled(prototype, problem, load), []
-    payloads = Change(_PAYLOAD, _down((min(load, stall - swelled) - link) / STANDARD_GRAVITY), False)
-    less = Change("load.tip_force_N", _down((stall - weight) * load / swelled), False)
-    if payloads.value >= masses_kg[0] and not (structure.met and held.met):
+    apart = (gap.available / MARGIN - gap.needed) * lumped_beam(prototype.inner_beam).stiffness + weight
+    payloads = Change(_PAYLOAD, _down((min(load, stall - swelled, apart) - link) / STANDARD_GRAVITY), False)
+    less = Change(_LOAD, _down((stall - weight) * load / swelled), False)
+    every = (structure, held, gap)
+    if payloads.value >= masses_kg[0] and not all(limit.met for limit in every):
         instead.append((payloads,))
     if less.value >= weight and not held.met:
         instead.append((less,))
-    missing = {held.name: prototype.actuator.holding(prototype, 1.0)[4]} if held.available == inf else {}
-    return Holding(load, weight, (structure, held)[: 2 - len(missing)], missing, tuple(instead))
+    keys = (prototype.actuator.holding(prototype, 1.0)[4], "width_m and wall_m of both beams")
+    missing = {one.name: key for one, key in zip((held, gap), keys, strict=True) if one.available == inf}
+    return Holding(load, weight, tuple(one for one in every if one.name not in missing), missing, tuple(instead))
 
 
 def working(problem: DesignProblem, prototype: Prototype, masses_kg: tuple[float, float], up_to_Hz: float) -> Holding:
@@ -210,8 +220,7 @@ def working(problem: DesignProblem, prototype: Prototype, masses_kg: tuple[float
     still, least = standing(problem, prototype, masses_kg), problem.load.least_bandwidth_Hz
     load = still.load_N
     need, actuator = needs_to_carry(prototype, masses_kg, load, up_to_Hz), prototype.actuator
-    limits = list(still.limits)
-    missing = dict(still.missing)
+    limits, missing = [one for one in still.limits if one.name != _GAP], dict(still.missing)
     every = [
         (one.name, one.place, need[one.need], actuator.stated(prototype, one), one.unit) for one in actuator.ratings
     ]
@@ -225,6 +234,8 @@ def working(problem: DesignProblem, prototype: Prototype, masses_kg: tuple[float
         if not isfinite(needed):  # the actuator stalls while the load moves
             ways = _stronger(prototype, MARGIN * need["force_N"])
         limits.append(limit if limit.met else limit._replace(ways=ways))
+    moved = [one._replace(needed=need["stroke_m"]) for one in still.limits if one.name == _GAP]
+    limits += [one if one.met else one._replace(ways=one.ways or ((_wider(problem, one),),)) for one in moved]
     bandwidth = Demanded("guaranteed bandwidth", least, up_to_Hz, "Hz")
     if not bandwidth.met:
         bandwidth = bandwidth._replace(ways=_slower(prototype, masses_kg, up_to_Hz, least))
@@ -271,20 +282,26 @@ def changed(problem: DesignProblem, way: Way) -> DesignProblem:
     return DesignProblem.model_validate(table)
 
 
-def carried(problem: DesignProblem, ways: Sequence[Way], leads: Callable[[DesignProblem], bool]) -> tuple[Way, ...]:
-    """Those ways that lead to a design; a payload is halved, a compliance made ten times as large until it does.
+def carried(
+    problem: DesignProblem, ways: Sequence[Way], lacking: Callable[[DesignProblem], Way | None]
+) -> tuple[Way, ...]:
+    """Those ways that lead to a design, with what else their studies need.
+
+    A payload is halved, a compliance made ten times as large until one does.
 
     Args:
         problem: without a design.
         ways: to try.
-        leads: whether a study has a design.
+        lacking: what a study needs besides to have a design: nothing where it has one; None where that is not known.
     """
     found: list[Way] = []
     for way in ways:
         tried = way
         for _ in range(_TRIES):
-            if leads(changed(problem, tried)):
-                found.append(tried)
+            needed = lacking(changed(problem, tried))
+            whole = (*tried, *(needed or ()))
+            if needed == () or (needed and lacking(changed(problem, whole)) == ()):
+                found.append(whole)
                 break
             if len(way) > 1 or not (tried := _milder(tried[0], problem)):
                 break
@@ -305,6 +322,34 @@ def _held(prototype: Prototype, force_N: float) -> Demanded:
     """What holding a force still takes; where the prototype does not say what there is, enough."""
     name, needed, available, unit, _ = prototype.actuator.holding(prototype, force_N)
     return Demanded(name, needed, inf if available is None else available, unit)
+
+
+def _closing(prototype: Prototype, force_N: float) -> Demanded:
+    """What a force held still and its own weight move the inner beam, of the gap in their direction, m."""
+    play = gaps(prototype.outer_beam, prototype.inner_beam)
+    needed = force_N / lumped_beam(prototype.inner_beam).stiffness + inner_sag_m(prototype)
+    return Demanded(_GAP, needed, inf if play is None else play[0], "m")
+
+
+def _wider(problem: DesignProblem, gap: Demanded) -> Change:
+    """What a study has to ask of the gap that is left under its load, so that load and weight leave one too."""
+    return Change(_LEFT, _up(problem.clearance.under_load_m + MARGIN * gap.needed - gap.available))
+
+
+def _heavier(problem: DesignProblem, load: Change, payload_kg: float) -> tuple[Way, ...]:
+    """A larger load, and what of the gap its sections need besides not to touch; none where there are no sections."""
+    way: Way = (load,)
+    for _ in range(_TRIES):
+        study = changed(problem, way)
+        sized = size(study)
+        if not sized.feasible:
+            break
+        rig = study.prototype(sized.outer, sized.inner)
+        gap = _closing(rig, load.value + weight_N(rig, payload_kg))
+        if MARGIN * gap.needed <= gap.available:
+            return (way,)
+        way = (load, _wider(study, gap))
+    return ()
 
 
 def _swelled(prototype: Prototype, problem: DesignProblem, load_N: float) -> float:

@@ -158,6 +158,12 @@ def weight_N(prototype: Prototype, payload_kg: float) -> float:
     return STANDARD_GRAVITY * (payload_kg + lumped.weighing_mass(prototype.outer_beam))
 
 
+def inner_sag_m(prototype: Prototype) -> float:
+    """Way of the inner tip under the inner beam's own weight and that of its end mass, link level, m."""
+    inside = lumped.weighing_mass(prototype.inner_beam) + prototype.payload.inner_end_mass_kg
+    return STANDARD_GRAVITY * inside / lumped.lumped_beam(prototype.inner_beam).stiffness
+
+
 def needs_to_carry(
     prototype: Prototype, masses_kg: tuple[float, float], load_N: float, up_to_Hz: float
 ) -> dict[str, float]:
@@ -166,10 +172,8 @@ def needs_to_carry(
     Half of such a load is constant, half of it alternates. The stroke is that of the inner beam under its own weight
     too. Arguments and figures are those of `needs`.
     """
-    weight, inner = weight_N(prototype, masses_kg[1]), lumped.lumped_beam(prototype.inner_beam)
-    need = needs(prototype, masses_kg, load_N / 2, up_to_Hz, weight + load_N / 2)
-    inside = lumped.weighing_mass(prototype.inner_beam) + prototype.payload.inner_end_mass_kg
-    return need | {"stroke_m": need["stroke_m"] + STANDARD_GRAVITY * inside / inner.stiffness}
+    need = needs(prototype, masses_kg, load_N / 2, up_to_Hz, weight_N(prototype, masses_kg[1]) + load_N / 2)
+    return need | {"stroke_m": need["stroke_m"] + inner_sag_m(prototype)}
 
 
 def envelope(
