@@ -1,4 +1,4 @@
-"""Where a gap lies: several indicators that look in different ways, and a sentence that weighs them.
+"""Where a gap lies: what the fits say, what the laws of each equation say, and a sentence that weighs both.
 
 A gap is told to be linear, static, hysteretic or drifting.
 """
@@ -10,14 +10,12 @@ import casadi as ca
 import numpy as np
 
 from beamdesign.diagnosis.diagnosis import Cause, Indicator, Where, in_words, listed
-from beamdesign.diagnosis.examination.nominal import controller_fit
 from beamdesign.diagnosis.fitting.fit import Fit
-from beamdesign.diagnosis.fitting.hypothesis import ABSENT, WRONG, subsystem
+from beamdesign.diagnosis.fitting.hypothesis import ABSENT, WRONG
 from beamdesign.diagnosis.fitting.search import Search
 from beamdesign.diagnosis.where.conditions import Setting, setting
 from beamdesign.diagnosis.where.missing import Explanation, explanations, regression
 from beamdesign.diagnosis.where.residuals import Residual, residuals
-from beamdesign.parameters import RIG_TOLERANCES
 from beamdesign.plant.assembly import RIGS, Structure, assemble, fits
 from beamdesign.plant.component import LAG
 from beamdesign.plant.effects import SUBSYSTEMS, library
@@ -37,13 +35,9 @@ def vote(name: str, by: Mapping[str, float], text: str, table: Mapping[str, tupl
     return by, Indicator(name, favourite, min(1.0, max(0.0, most - second)), text, table or {})
 
 
-_FITS, _CONTROLLER, _LAWS = "the fits", "the controller's equation", "the laws of each equation"
-_FIGURES = "the tolerated figures"
-_WEIGHTS = {_FITS: 4.0, _CONTROLLER: 2.0, _LAWS: 1.5, _FIGURES: 0.8}
-_SEEN = 0.03  # residual of the controller's equation that is worth a word
-_STRAINED = 3.0  # tolerances
+_FITS, _LAWS = "the fits", "the laws of each equation"
+_WEIGHTS = {_FITS: 4.0, _LAWS: 1.5}
 _FIRST = 1.05  # what the first place counts for more, where two share alike
-_TUNED_AWAY = 4.0  # times the misfit of noise: what tolerances leave beyond it, they do not explain
 
 
 def about_fits(chosen: Fit, causes: Sequence[Cause], unknown: float) -> Vote:
@@ -58,33 +52,6 @@ def about_fits(chosen: Fit, causes: Sequence[Cause], unknown: float) -> Vote:
     named = in_words(", ".join(chosen.hypothesis.causes)) or "no cause of the library"
     text = f"The fits hold {named} responsible; a cause outside the library has a probability of {unknown:.0%}."
     return vote(_FITS, votes, text)
-
-
-def about_controller(found: Sequence[Residual]) -> Vote:
-    """Measured current against K C(s) (command - F x): the one equation that the channels can check alone."""
-    held = [controller_fit(i.evidence.record, i.evidence.job.prototype.sensor.gain_V_per_m) for i in found]
-    fits = [fit for fit in held if fit is not None]
-    if not fits:
-        text = "No record holds all that its controller hears, so that its equation says nothing."
-        return vote(_CONTROLLER, {}, text)
-    # What is left of a quiet record, once its noise is taken out, is known no better than about half that noise.
-    worst = max(fits, key=lambda f: f.residual if f.residual > f.noise else 0.0)
-    columns = ("record", "residual", "gain", "delay_s", "limit_A")
-    table = {name: tuple(getattr(f, name) for f in fits) for name in columns}
-    if worst.residual < max(_SEEN, worst.noise):
-        text = "Every record obeys its controller's equation."
-        return vote(_CONTROLLER, {}, text, table)
-    if worst.limit_A is not None:
-        place, why = "amplifier", f"the current saturates at {worst.limit_A * 1e3:.3g} mA"
-    elif worst.with_delay < 0.5 * worst.with_gain:
-        place, why = "controller", f"the current comes {worst.delay_s * 1e3:.2g} ms late"
-    elif worst.with_gain < 0.5 * worst.residual:
-        place, why = "amplifier", f"the current is {worst.gain:.3g} times what the controller asks for"
-    else:
-        place, why = "controller", "no gain, delay or limit explains it"
-    strength = float(np.clip(worst.residual / 0.1, 0.0, 1.0))
-    text = f"Record {worst.record} misses its controller's equation by {worst.residual:.1%} of the current: {why}."
-    return vote(_CONTROLLER, {place: strength}, text, table)
 
 
 def about_equations(laws: Sequence[Explanation]) -> Vote:
@@ -106,29 +73,6 @@ def about_equations(laws: Sequence[Explanation]) -> Vote:
     table = {name: tuple(getattr(e, name) for e in laws) for name in ("subsystem", "share")}
     table["terms"] = tuple(", ".join(e.terms) for e in laws)
     return vote(_LAWS, votes, text, table)
-
-
-def about_figures(null: Fit, expected: float) -> Vote:
-    """Which tolerated figure had to move furthest when only tolerances were fitted.
-
-    It counts where tolerances alone explain most: then a figure that moved too far did the work.
-
-    Args:
-        null: that fit.
-        expected: misfit that noise alone leaves.
-    """
-    if not len(null.z):
-        return vote(_FIGURES, {}, "No tolerated figure could be fitted.")
-    moved = {u.name: float(z) for u, z in zip(null.unknowns, null.z, strict=True)}
-    furthest = max(moved, key=lambda name: abs(moved[name]))
-    text = f"Fitted alone, {furthest} moves furthest: {moved[furthest]:+.1f} tolerances."
-    table: dict[str, tuple[object, ...]] = {"figure": tuple(moved), "tolerances": tuple(moved.values())}
-    if abs(moved[furthest]) < _STRAINED:
-        return vote(_FIGURES, {}, text, table)
-    place = subsystem(WRONG + RIG_TOLERANCES[furthest])
-    strength = float(np.clip((abs(moved[furthest]) - _STRAINED) / _STRAINED, 0.0, 1.0))
-    strength *= float(np.clip((_TUNED_AWAY - null.misfit / expected) / (_TUNED_AWAY - 1), 0.0, 1.0))
-    return vote(_FIGURES, {place: strength}, text, table)
 
 
 _DRIFT = 0.5  # of the residual's power
@@ -197,12 +141,10 @@ def locate(
         with share(1.0, within_steps=True):
             if found := residuals(search.null, evidence):
                 seen = setting(found)
-                votes.append(about_controller(found))
                 laws = laws_of(found, search.null)
                 votes.append(about_equations(laws))
     except TimeUp:
         leave_out("what the records say of the place")
-    votes.append(about_figures(search.null, search.expected))
     shown = [indicator for _, indicator in votes]
     scores = {name: sum(_WEIGHTS[of.name] * by.get(name, 0.0) for by, of in votes) for name in SUBSYSTEMS}
     place = max(scores, key=lambda name: scores[name])
