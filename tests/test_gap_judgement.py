@@ -154,6 +154,18 @@ def test_a_cause_that_may_as_well_be_something_unknown_is_no_sure_one():
     assert "something that is not known here (35%)" in told
 
 
+@pytest.mark.parametrize(
+    ("of_lag", "words"), [(0.27, "predicts best what was held out"), (0.6, "most probably caused")]
+)
+def test_what_held_out_conditions_choose_is_not_called_most_probable_where_it_is_not(of_lag: float, words: str):
+    lag, areas = made((LAG,), 1.1 * EXPECTED), made((AREAS,), 1.1 * EXPECTED)
+    judged = Judgement({lag.hypothesis: of_lag, areas.hypothesis: 0.97 - of_lag, NOTHING: 0.03}, 0.0, lag)
+    listed = causes(found(made((), 20 * EXPECTED), lag, areas), judged)
+    told = sentences("ambiguous", listed, (LAG,), "", Where("", (0.0, 0.0), ""))
+    assert words in told
+    assert f"it may as well be {AREAS.replace('_', ' ')} ({0.97 - of_lag:.0%})" in told.replace("_", " ")
+
+
 def test_two_causes_that_explain_it_alike_are_ambiguous_and_a_class():
     search = found(made((), 20 * EXPECTED), made((LAG,), 1.1 * EXPECTED), made(("transport_delay",), 1.1 * EXPECTED))
     judged = judge(search)

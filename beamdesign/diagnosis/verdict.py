@@ -137,7 +137,11 @@ def sentences(
             others = [words[c.name] for c in causes if c.name not in chosen][:3]
             others += [f"something that is not known here ({unknown:.0%})"] if unknown >= LEAST_PROBABILITY else []
             also = f"; it may as well be {listed(others, 'or')}" if others else ""
+            probable = {c.name: c.probability for c in causes}
             first = f"The gap is most probably caused by {culprits}{also}."
+            if max(probable.values()) > max((probable[name] for name in chosen), default=1.0):
+                predicts = "predicts" if len(chosen) == 1 else "predict"
+                first = f"Of what is nearly as probable, {culprits} {predicts} best what was held out{also}."
         case _:
             place = f" It lies in the {where.subsystem}." if where.subsystem else ""
             first = f"Nothing that {'is known here' if complete else 'was compared'} explains the gap.{place}"
