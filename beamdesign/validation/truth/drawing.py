@@ -320,18 +320,18 @@ def _with_effects(case: Case, names: tuple[str, ...], rng: np.random.Generator, 
         notes.append("the background is more than that over the whole records")
         return None
     gaps = case.gaps | {"floor": floor}
-    if not found:
-        noisy = {run.name: take(case, run, noisy=True) for run in case.runs}
-        return replace(case, gaps=gaps) if np.isfinite(relative_gap(noisy, without)) else None
     for departure in found:
         gaps[departure.name] = relative_gap(noise_free(case.only(departure)), without) if len(found) > 1 else 0.0
     found.sort(key=lambda d: -gaps[d.name])
-    whole = case.only(*found)
-    gaps["all"] = relative_gap(noise_free(whole), without)
+    whole = case.only(*found) if found else case
+    quiet = noise_free(whole) if found else without
+    if found:
+        gaps["all"] = relative_gap(quiet, without)
     if len(found) == 1:
         gaps[found[0].name] = gaps["all"]
-    if not all(np.isfinite(value) for value in gaps.values()):
-        notes.append(f"{', '.join(names)}: not stable over the whole records")
+    noisy = {run.name: take(whole, run, noisy=True) for run in whole.runs}
+    if not all(np.isfinite(value) for value in (*gaps.values(), relative_gap(noisy, quiet))):
+        notes.append(f"{', '.join(names) or 'no effect'}: not stable over the whole records")
         return None
     return replace(whole, gaps=gaps)
 
