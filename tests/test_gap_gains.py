@@ -14,6 +14,7 @@ from honest_certificates import screw
 from beamdesign import InputError, Prototype, critical_gain, diagnose, read_dataset
 from beamdesign.controllers import Controller, Lag, Proportional, Structured
 from beamdesign.controllers.cascade import Section
+from beamdesign.diagnosis import gain_diagnosis
 from beamdesign.diagnosis.data.dataset import Dataset, FrequencyResponse, MeasuredGain, TimeRecord
 from beamdesign.diagnosis.diagnosis import Diagnosis
 from beamdesign.diagnosis.fitting import search
@@ -28,6 +29,7 @@ from beamdesign.diagnosis.fitting.swept_sine import SweptSine
 from beamdesign.diagnosis.fitting.weighting import SHARE
 from beamdesign.diagnosis.gain_diagnosis import explain_gains
 from beamdesign.diagnosis.gain_findings import another_size, common_factor, experiments, gain_shares, separations
+from beamdesign.diagnosis.judgement import Judgement
 from beamdesign.diagnosis.judgement import evidence as marginal_likelihood
 from beamdesign.loop import loop
 from beamdesign.plant.actuators.servo_cylinder import ServoCylinder
@@ -388,6 +390,27 @@ def test_a_lag_is_found_from_gains_and_responses(found_lag: Diagnosis[Prototype]
     assert found_lag.prototype.effects["sensor_lag"]["break_Hz"] == pytest.approx(estimate.value)
     assert "valve_deadband" in found_lag.findings["silent"]  # the force of the responses is not stated
     assert found_lag.next_experiment is None
+
+
+@pytest.mark.parametrize(("alone", "verdict"), [(0.06, "ambiguous"), (0.01, "effect")])
+def test_a_cause_beside_another_is_not_sure_where_that_alone_is_not_told_apart(
+    believed: Prototype, monkeypatch: pytest.MonkeyPatch, alone: float, verdict: str
+):
+    both, lag = together("sensor_lag", "parameter:flow_gain"), together("sensor_lag")
+    data = rig_with_lag(believed.but(servovalve=believed.servovalve.but(flow_gain_m3_per_s_per_A=0.014)), 400.0, 1)
+    monkeypatch.setattr(search, "singles", lambda prototype: (lag, together("parameter:flow_gain"), both))
+
+    def judged(found: search.Search, few: bool) -> Judgement:
+        best = next(f for f in found.fits if f.hypothesis == both)
+        return Judgement({both: 0.98 - alone, lag: alone, NOTHING: 0.02}, 0.0, best)
+
+    monkeypatch.setattr(gain_diagnosis, "judge", judged)
+    monkeypatch.setattr(gain_diagnosis, "with_outside", lambda judged, evidence, found: judged)
+    found = explain_gains(data)
+    assert found.verdict == verdict
+    assert set(found.chosen) == ({"sensor_lag"} if verdict == "ambiguous" else set(both.names))
+    # What all rivals hold has a place, whatever lies beside it in some of them.
+    assert found.where.subsystem == ("sensor" if verdict == "ambiguous" else "")
 
 
 SECTION = Section(zero_Hz=30.0, zero_damping_ratio=0.5, pole_Hz=30.0, pole_damping_ratio=0.6)

@@ -229,7 +229,7 @@ class CauseSet:
         names: of the causes; none where only tolerated figures were moved.
         probability: of these and no others.
         share_left: misfit that they leave beyond noise, as a share of what tolerances alone leave; NaN where it was not
-            worked out.
+            worked out, or where these leave nothing.
     """
 
     names: tuple[str, ...]

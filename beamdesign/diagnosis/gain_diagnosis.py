@@ -105,7 +105,9 @@ def _explained(data: Dataset, workers: int, progress: Progress, kept: FitCache |
     rivals = rivals_of(found, judged)
     judged = replace(judged, best=rivals[0])
     left = left_out()
-    verdict = no_surer(verdict_of(judged, few=True), left)
+    # A cause beside another is not sure where that alone is not told apart from both.
+    partly = any(f.hypothesis.names and {*f.hypothesis.names} < {*rivals[0].hypothesis.names} for f in rivals)
+    verdict = no_surer(verdict_of(judged, partly, few=True), left)
     named = verdict in ("effect", "ambiguous")
     alike = rivals if verdict == "ambiguous" else rivals[: int(named)]
     common = set.intersection(*(set(f.hypothesis.names) for f in alike)) if alike else set()
@@ -122,7 +124,7 @@ def _explained(data: Dataset, workers: int, progress: Progress, kept: FitCache |
     factor, shares = factor_of(gains), gain_shares(gains)
     gap, where = (
         figures_of_gap(evidence, found.null, rivals[0] if named else found.null),
-        where_of(alike, evidence, found),
+        where_of(chosen, alike, evidence, found),
     )
     errors = (
         f"Each figure as predicted from the others is off by {gap.before:.0%} for the believed model, by"
@@ -208,8 +210,8 @@ def rivals_of(found: Search, judged: Judgement) -> list[Fit]:
     return [f for f in near if all(g is f or spared(g, f) for g in near)]
 
 
-def where_of(rivals: Sequence[Fit], evidence: Sequence[Figure], found: Search) -> Where:
-    """The subsystem that all rivals share, and the band of the oscillations or the lines.
+def where_of(chosen: Sequence[str], rivals: Sequence[Fit], evidence: Sequence[Figure], found: Search) -> Where:
+    """The subsystem of what all rivals hold, or that all of theirs share, and the band of oscillations or lines.
 
     It is linear where every rival is; what one that depends on the size of motion is like, figures do not show.
     """
@@ -223,7 +225,7 @@ def where_of(rivals: Sequence[Fit], evidence: Sequence[Figure], found: Search) -
     band = (float(f"{min(at):.3g}"), float(f"{max(at):.3g}")) if at else (0.0, 0.0)
     if not rivals:
         return Where("", band, "", "linear")
-    places = {subsystem(name) for f in rivals for name in f.hypothesis.names}
+    places = {subsystem(name) for name in chosen or (name for f in rivals for name in f.hypothesis.names)}
     worst = max(evidence, key=lambda piece: misfit_of(piece, NOTHING, np.zeros(len(null.z))))
     sized = any(depends_on_size(f.hypothesis.placement(worst.prototype).assembly.kinds) for f in rivals)
     kind = "" if sized else "linear"

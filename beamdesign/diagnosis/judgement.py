@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from math import log, sqrt
+from math import log, nan, sqrt
 
 import numpy as np
 from scipy.special import logsumexp, softmax
@@ -333,9 +333,9 @@ def causes(found: Search, judged: Judgement) -> tuple[Cause, ...]:
 
 
 def cause_sets(found: Search, judged: Judgement) -> tuple[CauseSet, ...]:
-    """All sets of causes, most probable first."""
-    sets = judged.of_causes.items()
-    return tuple(CauseSet(names, p, found.excess(found.best_of(names))) for names, p in sets)
+    """All sets of causes, most probable first; of what is left where tolerances leave no more than noise, no share."""
+    sets, left = judged.of_causes.items(), found.null.misfit > found.expected
+    return tuple(CauseSet(names, p, found.excess(found.best_of(names)) if left else nan) for names, p in sets)
 
 
 def share_of(name: str, holder: Fit, found: Search, fits: dict[Hypothesis, Fit]) -> float:
