@@ -154,6 +154,15 @@ def test_a_cause_that_may_as_well_be_something_unknown_is_no_sure_one():
     assert "something that is not known here (35%)" in told
 
 
+@pytest.mark.parametrize(("unknown", "words"), [(0.1, "bear no answer"), (0.9, "Nothing that is known here")])
+def test_data_that_bear_no_answer_are_not_said_to_hold_an_unknown_cause(unknown: float, words: str):
+    null = made((), 1.1 * EXPECTED)
+    judged = Judgement({NOTHING: 1 - unknown}, unknown, null)
+    assert verdict_of(judged, doubtful=True) == "unknown"
+    told = sentences("unknown", causes(found(null), judged), (), "", Where("", (0.0, 0.0), ""), unknown=unknown)
+    assert words in told
+
+
 @pytest.mark.parametrize(
     ("of_lag", "words"), [(0.27, "predicts best what was held out"), (0.6, "most probably caused")]
 )

@@ -106,7 +106,7 @@ def sentences(
     rivals: Sequence[str] = (),
     complete: bool = True,
     rare: float = nan,
-    unknown: float = 0.0,
+    unknown: float = nan,
 ) -> str:
     """The verdict for people: what it is, how probable it is without a gap, and how far the gap closes.
 
@@ -119,7 +119,7 @@ def sentences(
         rivals: sets of causes that the data do not tell apart, where those are few enough to be counted up.
         complete: whether everything that is known was compared.
         rare: see `verdict_of`.
-        unknown: probability that the cause is none that is known.
+        unknown: probability that the cause is none that is known; NaN where that is told otherwise.
     """
     words = {c.name: f"{named(c.name)} ({c.probability:.0%})" for c in causes}
     culprits = listed([words[name] for name in chosen])
@@ -142,6 +142,8 @@ def sentences(
             if max(probable.values()) > max((probable[name] for name in chosen), default=1.0):
                 predicts = "predicts" if len(chosen) == 1 else "predict"
                 first = f"Of what is nearly as probable, {culprits} {predicts} best what was held out{also}."
+        case _ if unknown <= 0.5 and not rare <= LEVEL:
+            first = "These data bear no answer (see the warnings); as far as they go, tolerances explain them."
         case _:
             place = f" It lies in the {where.subsystem}." if where.subsystem else ""
             first = f"Nothing that {'is known here' if complete else 'was compared'} explains the gap.{place}"
