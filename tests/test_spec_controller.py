@@ -25,6 +25,7 @@ from beamdesign.build.folder import schematics
 from beamdesign.build.realisation.law import DifferenceEquation, difference_equation
 from beamdesign.build.realisation.loop import prove_sampled, realised_loop
 from beamdesign.build.realisation.sections import sensible_rate_Hz, upper_break_Hz
+from beamdesign.build.specification import digital_controller
 from beamdesign.controllers import Lag, Observer, Proportional, Section, Structured
 from beamdesign.proofs.mass_family import floats
 
@@ -250,6 +251,18 @@ def test_the_circuit_is_proved_with_its_tolerances(rig: Prototype, tmp_path: Pat
     text = found[0].tolerances[-1].certificate
     (tmp_path / "box.toml").write_text(text)
     assert check(tmp_path / "box.toml").valid
+
+
+@pytest.mark.parametrize("effect", ["pressure_dependent_flow", "entrained_air", "unequal_piston_areas"])
+def test_proofs_of_circuit_and_delay_are_over_all_that_effects_span(rig: Prototype, effect: str) -> None:
+    """A checker that derives what the effects span takes the proofs, which at one frozen value it does not."""
+    built = rig.but(effects={effect: {}})
+    parts = with_tolerance(built, (0.0, 6.8), circuit_of(built.controller, "E96", "E6"), 0.01, 0.05)
+    delay = digital_controller(built, (0.0, 6.8), (0.0, 6.8), 5000.0)
+    assert parts.verdict == "proved"
+    assert delay.delay_stable
+    assert check(parts.certificate).valid
+    assert check(delay.delay_certificate).valid
 
 
 def test_components_that_make_the_loop_unstable_refute(rig: Prototype) -> None:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.linalg import solve_continuous_lyapunov
 
-from beamdesign import Prototype, check, read_problem, read_prototype, state_space
+from beamdesign import Prototype, check, read_problem, read_prototype, spec, state_space
 from beamdesign.build import ratings as room
 from beamdesign.build.acceptance import Band, acceptance, bare_modes
 from beamdesign.build.folder import limits
@@ -16,6 +16,7 @@ from beamdesign.build.ratings import MARGIN, lagging, noise_bandwidth_Hz, rating
 from beamdesign.build.tolerances import SAFETY, Tolerances, tolerances
 from beamdesign.controllers import Lag, Scheduled, Stage
 from beamdesign.loop import loop
+from beamdesign.prototype import Guarantee
 from beamdesign.structure.lumped import CHANGEABLE, weighing_mass, with_figures
 from beamdesign.structure.section import Tube
 from beamdesign.synthesis.holding import working
@@ -244,6 +245,22 @@ def test_bands_hold_what_rigs_within_the_tolerances_do(rig: Prototype, kept: Tol
         factors = {name: 1 + random.choice((-1, 1)) * kept.specified[name] for name in names}
         factors["controller_gain"] = found.critical_gain_proved_A_per_V / own.gain_A_per_V
         assert damped(with_figures(rig, factors), 3.4)
+
+
+@pytest.mark.long
+def test_effects_heed_the_weight_of_the_payloads_that_are_asked_for(rig: Prototype) -> None:
+    """The prototype states none, and a guarantee that does not cover those asked for is not specified."""
+    guarantee = Guarantee(
+        bandwidth_Hz=1.0, peak_sensitivity=2.0, outer_end_mass_kg=(0.0, 1.0), certificate="a.toml",
+        certificate_sha256="0" * 64, sigmas=2.0,
+    )  # fmt: skip
+    stated = rig.but(payload=rig.payload.but(outer_end_mass_kg=None), effects={"pressure_dependent_flow": {}})
+    found = spec(stated.but(guarantee=guarantee), (0.0, 6.8), rate_Hz=5000.0)
+    digital = found.laws[0].digital
+    assert digital is not None
+    assert check(digital.delay_certificate).valid
+    assert found.prototype.payload.outer_end_mass_kg == (0.0, 6.8)
+    assert found.prototype.guarantee is None
 
 
 def test_a_beam_that_is_tapped_rings_as_its_mass_on_spring_and_dashpot() -> None:

@@ -21,9 +21,10 @@ from beamdesign.loop import CriticalGain, critical_gain, loop
 from beamdesign.parameters import RIG_TOLERANCES
 from beamdesign.polynomial import exact
 from beamdesign.progress import Progress, silent
-from beamdesign.proofs.box import box_of, certify_box
+from beamdesign.proofs.box import certify_box
 from beamdesign.proofs.certifying import stability_over
 from beamdesign.proofs.rig_family import rig_values
+from beamdesign.proofs.tolerance_box import box_with_effects
 from beamdesign.prototype import Prototype, write_prototype
 from beamdesign.records import to_toml
 from beamdesign.result import picked
@@ -166,7 +167,7 @@ def _proved_gain(prototype: Prototype, mass: float, spread: Mapping[str, float],
     if why_no_box(prototype):
         return None
     values = rig_values(prototype)
-    own = prototype.own_controller
+    own, rig = prototype.own_controller, prototype.but(payload=prototype.payload.but(outer_end_mass_kg=(mass, mass)))
     ranges = {
         name: (values[name] * (1 - exact(part)), values[name] * (1 + exact(part)))
         for name, part in spread.items()
@@ -176,11 +177,12 @@ def _proved_gain(prototype: Prototype, mass: float, spread: Mapping[str, float],
         gain = float(f"{back_off * sampled:.4g}")
         if gain <= own.gain_A_per_V:
             return None
-        box = box_of(
+        box = box_with_effects(
+            rig,
             {**ranges, "outer_end_mass": (mass, mass), "controller_gain": (own.gain_A_per_V, gain)},
             {"controller_gain": own.gain_A_per_V},
         )
-        if certify_box(prototype, box, _BUDGET, volumes=False).stable:
+        if certify_box(rig, box, _BUDGET, volumes=False).stable:
             return gain
     return None
 

@@ -12,12 +12,13 @@ from beamdesign.build.circuit import Circuit, Kind, Ratio, Series, Stage, neighb
 from beamdesign.build.realisation.sections import Factor, apart, factored
 from beamdesign.build.tolerances import performance
 from beamdesign.controllers import Controller
-from beamdesign.polynomial import exact, nearest
+from beamdesign.polynomial import nearest
 from beamdesign.progress import Progress, silent
-from beamdesign.proofs.box import box_of, certify_box
+from beamdesign.proofs.box import certify_box
 from beamdesign.proofs.certifying import certify, stability_over
 from beamdesign.proofs.rig_family import rig_family
 from beamdesign.proofs.statement import PolynomialFamily
+from beamdesign.proofs.tolerance_box import box_with_effects
 from beamdesign.prototype import Prototype
 
 SERIES: tuple[tuple[Series, Series], ...] = (("E24", "E6"), ("E96", "E6"), ("E96", "E12"))
@@ -118,7 +119,7 @@ def with_tolerance(
         return ComponentTolerance(resistors, capacitor, verdict, reason, certificate)
 
     family, ranges = _spanned(prototype, circuit, resistors, capacitor)
-    box = box_of(ranges | {"outer_end_mass": (exact(masses_kg[0]), exact(masses_kg[1]))})
+    box = box_with_effects(prototype, ranges | {"outer_end_mass": masses_kg})
     verdict = certify_box(family, box, _BUDGET, volumes=False)
     if verdict.stable:  # with it every corner
         return found("proved", certificate=verdict.certificate)

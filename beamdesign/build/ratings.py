@@ -11,9 +11,10 @@ from beamdesign.build.tolerances import Performance, performance, performance_by
 from beamdesign.loop import loop
 from beamdesign.plant.actuators import MARGIN, Row
 from beamdesign.plant.effects import library
-from beamdesign.proofs.box import box_of, certify_box
+from beamdesign.proofs.box import certify_box
 from beamdesign.proofs.certifying import stability_over
 from beamdesign.proofs.rig_family import rig_family
+from beamdesign.proofs.tolerance_box import box_with_effects
 from beamdesign.prototype import Beam, InStage, Prototype
 from beamdesign.quantities import tube_text
 from beamdesign.result import picked
@@ -326,7 +327,7 @@ def _proved_above(prototype: Prototype, masses_kg: tuple[float, float], break_Hz
     ends = (factor * break_Hz, factor * _breaks_Hz(prototype)[1])
 
     def proved(stage: InStage) -> bool:
-        box = box_of({"outer_end_mass": stage.outer_end_mass_kg, name: ends})
+        box = box_with_effects(stage.prototype, {"outer_end_mass": stage.outer_end_mass_kg, name: ends})
         return certify_box(rig_family(stage.prototype, varied=varied), box, _BUDGET, volumes=False).stable is True
 
     return all(map(proved, lagging(prototype, break_Hz).stages(masses_kg)))

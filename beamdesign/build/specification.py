@@ -16,11 +16,12 @@ from beamdesign.build.tolerances import Tolerances, tolerances, why_no_box
 from beamdesign.loop import loop
 from beamdesign.plant.members import STANDARD_GRAVITY
 from beamdesign.progress import Progress, silent
-from beamdesign.proofs.box import box_of, certify_box
+from beamdesign.proofs.box import certify_box
 from beamdesign.proofs.certificate import Certificate, Guaranteed
 from beamdesign.proofs.certifying import certify, guaranteed_by_all
 from beamdesign.proofs.lyapunov import Switching, switching
 from beamdesign.proofs.mass_family import stage_families
+from beamdesign.proofs.tolerance_box import box_with_effects
 from beamdesign.prototype import InStage, Prototype
 from beamdesign.quantities import decimal, masses_text, stated_bandwidth, stated_peak
 from beamdesign.records import InputError
@@ -182,6 +183,7 @@ def specify(
             which no linear loop stands; for several laws and one payload, or several laws and effects; without a range.
     """
     masses_kg = prototype.asked_kg(outer_end_mass_kg)
+    prototype = _for_payloads(prototype, masses_kg)
     stages, schedule = prototype.stages(masses_kg), prototype.schedule
     rate_Hz = rate_Hz or (1 / schedule.period_s if schedule else None)
     _refuse_slow(prototype, rate_Hz)
@@ -218,6 +220,22 @@ def specify(
 
     laws = tuple(_realised(one, specified, rate_Hz, partial(of_law, law=k)) for k, one in enumerate(laws))
     return replace(found, laws=laws, sensor=sensor, tolerances=kept, tolerances_reason=unboxed)
+
+
+def _for_payloads(prototype: Prototype, masses_kg: tuple[float, float]) -> Prototype:
+    """With these payloads in the place of its own, whose weight some effects heed, and a guarantee that covers them.
+
+    Raises:
+        InputError: where some of them are for no law.
+    """
+    if masses_kg == (prototype.outer_end_mass_kg or (0.0, 0.0)):
+        return prototype
+    prototype.stages(masses_kg)
+    payload, stated = prototype.payload.but(outer_end_mass_kg=masses_kg), prototype.guarantee
+    if stated is not None:
+        low, high = stated.outer_end_mass_kg
+        stated = stated if low <= masses_kg[0] and masses_kg[1] <= high else None
+    return prototype.but(payload=payload, guarantee=stated)
 
 
 def spec(
@@ -310,7 +328,7 @@ def digital_controller(
     reason = "" if verdicts else "not worked out for a prototype with effects"
     stable, proof = None, ""
     if not why_no_box(prototype):
-        box = box_of({"outer_end_mass": masses_kg, "delay": (0.0, delay)})
+        box = box_with_effects(prototype, {"outer_end_mass": masses_kg, "delay": (0.0, delay)})
         verdict = certify_box(prototype, box, _DELAY_BUDGET, volumes=False)
         stable, proof = verdict.stable, verdict.certificate if verdict.stable else ""
     return DigitalController(equation, crossover, at_once, late, delay, stable, proof, reason)

@@ -11,7 +11,7 @@ from beamdesign.controllers import Proportional
 from beamdesign.parameters import PARAMETERS, TOLERANCES, with_unit
 from beamdesign.plant.members import family
 from beamdesign.polynomial import bounds, exact, nearest, shortened
-from beamdesign.proofs.box import Box, BoxVerdict, Dashpot, certify_box, unstable_member
+from beamdesign.proofs.box import Box, BoxVerdict, Dashpot, box_of, certify_box, unstable_member
 from beamdesign.proofs.box_member import Worst, worst_of
 from beamdesign.proofs.certificate import Asked
 from beamdesign.proofs.performance import rounded_below, servo_off_of
@@ -107,6 +107,28 @@ def tolerance_box(
     nominal = {name: min(max(values[name], ranges[name][0]), ranges[name][1]) for name in chosen}
     kept = {name: of for name, of in dashpots.items() if name in chosen}
     return Box({name: ranges[name] for name in chosen}, nominal, frozenset(rigid & set(chosen)), kept, spanned)
+
+
+def box_with_effects(
+    prototype: Prototype,
+    ranges: Mapping[str, tuple[float | fmpq, float | fmpq]],
+    nominal: Mapping[str, float | fmpq] | None = None,
+) -> Box:
+    """A box from ranges by name, "outer_end_mass" among them, and the spans that effects have of all rigs in it.
+
+    Args:
+        prototype: whose effects they are.
+        ranges: as of `box_of`.
+        nominal: likewise.
+
+    Raises:
+        InputError: for effects for which no linear loop stands.
+        ValueError: as of `box_of`.
+    """
+    box, values = box_of(ranges, nominal), rig_values(prototype)
+    spans = effect_spans(family(prototype, nearest(box.ranges["outer_end_mass"][1]), box.ranges))
+    rest = {name: min(max(values[name], low), high) for name, (low, high) in spans.items()}
+    return replace(box, ranges={**box.ranges, **spans}, nominal={**box.nominal, **rest})
 
 
 def _dashpot(value: fmpq, stiffness: fmpq, mass: fmpq, ratio: fmpq) -> tuple[fmpq, fmpq]:
