@@ -50,7 +50,8 @@ def damped(rig: Prototype, mass: float) -> bool:
 def test_ratings_of_a_slow_load_are_statics(rig: Prototype) -> None:
     """Held slowly, the inner beam takes all of the load but K_o x of the outer one, 0.25 % at this gain.
 
-    Stroke F/K, pressure F/A, F being load and weight; flow A w F (1/K + 1/K_c) of half the load, leakage K_pq F/A.
+    Stroke F/K and what the inner beam sags by itself, pressure F/A, F being load and weight; flow A w F (1/K + 1/K_c)
+    of half the load, leakage K_pq F/A.
     """
     need = ratings(rig, (0.0, 0.0), 1000.0, 0.05)
     area, stiffness, oil, gravity = 1.13e-4, 157500.0, 1.3e7, 9.80665
@@ -60,12 +61,14 @@ def test_ratings_of_a_slow_load_are_statics(rig: Prototype) -> None:
     assert need.needed["cylinder_force_N"] == pytest.approx(force, rel=4e-3)
     assert need.needed["load_pressure_Pa"] == pytest.approx(force / area, rel=4e-3)
     assert need.needed["supply_pressure_Pa"] == pytest.approx(1.5 * force / area, rel=4e-3)
-    assert need.needed["rest_stroke_m"] == pytest.approx(force / stiffness)
+    assert need.needed["rest_stroke_m"] == pytest.approx((force + inside) / stiffness)
     assert need.needed["stroke_m"] == pytest.approx(2 * MARGIN * (force + inside) / stiffness, rel=4e-3)
     moved = area * 2 * pi * 0.05 * 500.0 * (1 / stiffness + 1 / oil)
     held, leaked = (3.8e-13 * newton / area for newton in (500.0 + need.weight_N, 500.0))
     assert need.needed["flow_m3_per_s"] == pytest.approx(held + sqrt(moved**2 + leaked**2), rel=1e-2)
     assert "stroke_m" not in need.stated
+    uneven = ratings(rig.but(effects={"unequal_piston_areas": {"asymmetry": 0.1}}), (0.0, 0.0), 1000.0, 0.05)
+    assert uneven.needed["rest_pressure_Pa"] == pytest.approx(force / (0.9 * area))
 
 
 def test_the_envelope_of_a_specification_is_what_the_weight_leaves(rig: Prototype) -> None:

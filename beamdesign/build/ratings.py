@@ -22,7 +22,7 @@ from beamdesign.structure import lumped
 from beamdesign.structure.lumped import lumped_beam
 from beamdesign.structure.section import Tube, stock_tubes
 from beamdesign.structure.shapes import gaps
-from beamdesign.synthesis.operating_limits import Envelope, envelope, needs_to_carry, weight_N
+from beamdesign.synthesis.operating_limits import Envelope, envelope, needs_to_carry, own_sag_m, weight_N
 
 
 class TubeToMake(NamedTuple):
@@ -202,7 +202,7 @@ def ratings(prototype: Prototype, masses_kg: tuple[float, float], load_N: float,
     """
     need, actuator = needs_to_carry(prototype, masses_kg, load_N, up_to_Hz), prototype.actuator
     weight = weight_N(prototype, masses_kg[1])
-    at_rest = (load_N + weight) / lumped_beam(prototype.inner_beam).stiffness
+    at_rest = (load_N + weight) / lumped_beam(prototype.inner_beam).stiffness + own_sag_m(prototype)
     rows = (
         *actuator.rows(prototype, need, load_N + weight),
         Row("stroke to either side that holds load and weight, at least", at_rest, None, "m", "rest_stroke_m"),

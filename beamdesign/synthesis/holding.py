@@ -35,7 +35,7 @@ from beamdesign.quantities import at_least, at_most
 from beamdesign.result import finite, picked
 from beamdesign.structure.lumped import lumped_beam
 from beamdesign.structure.shapes import gaps
-from beamdesign.synthesis.operating_limits import demand, inner_sag_m, needs_to_carry, weight_N
+from beamdesign.synthesis.operating_limits import demand, own_sag_m, needs_to_carry, weight_N
 from beamdesign.synthesis.sizing import size
 
 _PER_LOAD = 4 / 3
@@ -327,7 +327,7 @@ def _held(prototype: Prototype, force_N: float) -> Demanded:
 def _closing(prototype: Prototype, force_N: float) -> Demanded:
     """What a force held still and its own weight move the inner beam, of the gap in their direction, m."""
     play = gaps(prototype.outer_beam, prototype.inner_beam)
-    needed = force_N / lumped_beam(prototype.inner_beam).stiffness + inner_sag_m(prototype)
+    needed = force_N / lumped_beam(prototype.inner_beam).stiffness + own_sag_m(prototype)
     return Demanded(_GAP, needed, inf if play is None else play[0], "m")
 
 

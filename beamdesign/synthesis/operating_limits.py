@@ -158,10 +158,11 @@ def weight_N(prototype: Prototype, payload_kg: float) -> float:
     return STANDARD_GRAVITY * (payload_kg + lumped.weighing_mass(prototype.outer_beam))
 
 
-def inner_sag_m(prototype: Prototype) -> float:
-    """Way of the inner tip under the inner beam's own weight and that of its end mass, link level, m."""
-    inside = lumped.weighing_mass(prototype.inner_beam) + prototype.payload.inner_end_mass_kg
-    return STANDARD_GRAVITY * inside / lumped.lumped_beam(prototype.inner_beam).stiffness
+def own_sag_m(prototype: Prototype) -> float:
+    """What its own weight and that of its added mass bend the inner beam of a link by that lies level, m."""
+    inner = lumped.lumped_beam(prototype.inner_beam)
+    mass = lumped.weighing_mass(prototype.inner_beam) + prototype.payload.inner_end_mass_kg
+    return STANDARD_GRAVITY * mass / inner.stiffness
 
 
 def needs_to_carry(
@@ -173,7 +174,7 @@ def needs_to_carry(
     too. Arguments and figures are those of `needs`.
     """
     need = needs(prototype, masses_kg, load_N / 2, up_to_Hz, weight_N(prototype, masses_kg[1]) + load_N / 2)
-    return need | {"stroke_m": need["stroke_m"] + inner_sag_m(prototype)}
+    return need | {"stroke_m": need["stroke_m"] + own_sag_m(prototype)}
 
 
 def envelope(

@@ -285,13 +285,14 @@ class ServoCylinder(Actuator):
     def rows(self, prototype: "WithActuator", need: Mapping[str, float], load_N: float) -> tuple[Row, ...]:
         """See `Actuator`."""
         area, valve, supply = self.piston_area_m2, valve_of(prototype), prototype.supply
-        pressure = need["force_N"] / self.smaller_side(prototype)
+        side = self.smaller_side(prototype)
+        pressure = need["force_N"] / side
         least = f", × {MARGIN:g}"
         return (
             Row("piston area, mean of both sides", area, None, "m2"),
             Row("bore, as a full circle", (4 * area / pi) ** 0.5, None, "m"),
             Row(
-                "load pressure that holds load and weight at rest, F/A", load_N / area, supply.pressure_Pa, "Pa",
+                "load pressure that holds load and weight at rest, F/A", load_N / side, supply.pressure_Pa, "Pa",
                 "rest_pressure_Pa",
             ),
             Row("oil spring K_c", self.oil_stiffness_N_per_m, None, "N/m"),
