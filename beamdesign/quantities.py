@@ -363,10 +363,12 @@ def rigs_in_words(sigmas: float) -> str:
 
 
 def tube_text(tube: "Tube") -> str:
-    """A tube by its outside sizes, first that across the load, and its wall, to a hundredth of a millimetre."""
+    """A tube by its outside sizes, first that across the load, wall and corners, to a hundredth of a millimetre."""
     sizes = [tube.width_m, *([] if tube.shape == "round" else [tube.depth_m]), tube.wall_m]
-    words = " × ".join(f"{1e3 * size:.2f}".rstrip("0").rstrip(".") for size in sizes)
-    return f"{'Ø ' if tube.shape == 'round' else ''}{words} mm"
+    *words, radius = (f"{1e3 * size:.2f}".rstrip("0").rstrip(".") for size in (*sizes, tube.corner_radius_m))
+    if tube.shape == "round":
+        return f"Ø {' × '.join(words)} mm"
+    return f"{' × '.join(words)} mm" + (f", corners R {radius} mm" if tube.corner_radius_m else "")
 
 
 INCH_M = 0.0254

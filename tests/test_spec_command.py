@@ -182,6 +182,7 @@ def test_rounded_corners_keep_the_width() -> None:
     rig = read_prototype(PROTOTYPES / "published_lag.toml")
     rig = rig.but(outer_beam=rig.outer_beam.but(corner_radius_m=0.008))
     space = drawing(rig).modelspace()
+    assert any("140 × 140 × 2.3 mm, corners R 8 mm" in one.dxf.text for one in space.query("TEXT"))
     rounded = [line for line in space.query('LWPOLYLINE[layer=="OUTER_TUBE"]') if len(line) == 8]
     assert len(rounded) == 2
     points = np.array(rounded[0].get_points("xyb"))
@@ -191,6 +192,18 @@ def test_rounded_corners_keep_the_width() -> None:
         if points[k, 2]:
             radius = chord * (1 + points[k, 2] ** 2) / (4 * points[k, 2])
             assert radius == pytest.approx(8.0)
+
+
+def test_a_drawing_tells_the_gap_at_corners_in_a_round_tube_from_that_at_the_middle_of_a_side() -> None:
+    """In a bore of 154 mm a square of 100 mm has (154 - 100) / 2 at its sides, and 77 - 50 sqrt(2) at its corners."""
+    rig = read_prototype(PROTOTYPES / "published_lag.toml")
+    round_tube = rig.outer_beam.but(shape="round", width_m=0.16, wall_m=0.003)
+    space = drawing(rig.but(outer_beam=round_tube, inner_beam=rig.inner_beam.but(wall_m=0.003))).modelspace()
+    (side,) = [one for one in space.query("DIMENSION") if one.dxf.text.startswith("gap")]
+    assert side.dxf.text == "gap at mid-side <>"
+    assert side.get_measurement() == pytest.approx(27.0)
+    (note,) = [one.dxf.text for one in space.query("TEXT") if "Gap" in one.dxf.text]
+    assert f"Gap per side at assembly {77 - 50 * 2**0.5:.4g} at the corners." in note
 
 
 def test_lumped_figures_give_no_drawing(paper, tmp_path: Path) -> None:

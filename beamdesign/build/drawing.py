@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from beamdesign.prototype import Prototype
 from beamdesign.quantities import tube_text
 from beamdesign.report.canvas import svg_element
-from beamdesign.report.drawing import Drawn, gap_text, tubes_of
+from beamdesign.report.drawing import Drawn, at_corners, gap_text, tubes_of
 from beamdesign.spelling import in_dxf
 
 if TYPE_CHECKING:
@@ -213,8 +213,10 @@ def _across(space: "Modelspace", outer: Drawn, inner: Drawn, scale: float) -> No
     _dimension(space, (right - outer.wall, at_outer), (right, at_outer), (0, top), text="outer wall <>", text_at=aside)
     _dimension(space, (left, at_inner), (left + inner.wall, at_inner), (0, top + step), text="inner wall <>")
     beside = right + 1.5 * step
-    words = (beside + 13 * scale, (inner.depth / 2 + high - outer.wall) / 2)
-    _dimension(space, (x, inner.depth / 2), (x, high - outer.wall), (beside, 0), 90, "gap <>", words)
+    # Beside corners in a round tube it is another than the gap that counts, which a note states.
+    name, room = ("gap at mid-side", 24 * scale) if at_corners(outer, inner) else ("gap", 13 * scale)
+    words = (beside + room, (inner.depth / 2 + high - outer.wall) / 2)
+    _dimension(space, (x, inner.depth / 2), (x, high - outer.wall), (beside, 0), 90, f"{name} <>", words)
 
 
 def _rounded(space: "Modelspace", layer: str, x: float, half: float, high: float, radius: float) -> None:
