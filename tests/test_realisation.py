@@ -52,6 +52,7 @@ from beamdesign.controllers import Lag, Proportional, Section, Structured, Trans
 from beamdesign.loop import loop
 from beamdesign.polynomial import exact, roots
 from beamdesign.proofs.mass_family import floats
+from beamdesign.prototype import Arm
 from beamdesign.scenario import Sampled, Scenario, ScenarioRecord, Step
 
 STUDIES = Path(__file__).parent.parent / "studies"
@@ -392,6 +393,14 @@ def test_the_loop_is_proved_as_realised(rig: Prototype) -> None:
     slow = judge(rig, realise(rig.controller, 250.0, 16), (0.0, 0.0), 1)
     assert slow.proved is False
     assert slow.masses[0].rounding is None
+
+
+def test_the_code_of_an_arm_says_where_payload_and_sensor_are_in_its_proof(rig: Prototype) -> None:
+    made = realise(rig.controller, 10000.0, 16)
+    aside, sighted = Arm(offset_m=(0.0, 0.1, 0.0)), Arm(sensor_m=(0.1, 0.0, 0.0))
+    for arm, told in ((None, False), (Arm(), False), (aside, True), (sighted, True)):
+        notes = judge(rig.but(arm=arm), made, (0.0, 6.8), 1).notes()
+        assert any("on the beam's axis at the tip" in line for line in notes) is told
 
 
 def test_any_computing_time_against_a_hundredth_of_the_period(rig: Prototype) -> None:

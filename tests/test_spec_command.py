@@ -31,7 +31,7 @@ from beamdesign.build.drawing import LAYERS, drawing, dxf_text, missing_geometry
 from beamdesign.cli import app
 from beamdesign.controllers import Lag, Observer, Scheduled, Stage
 from beamdesign.diagnosis.gap_metrics import held_out
-from beamdesign.prototype import Tolerance
+from beamdesign.prototype import Arm, Tolerance
 from beamdesign.scenario import Measurement, inputs_of
 from beamdesign.structure.lumped import with_figures
 
@@ -351,6 +351,19 @@ def test_tolerances_that_are_stated_stay(folder: Path) -> None:
     taken = as_specified(weighed, {"oil_stiffness": 0.1}).tolerance
     assert taken.oil_stiffness == pytest.approx(0.1 / np.sqrt(3), rel=0.05)
     assert taken.outer_end_mass == 0.01
+
+
+def test_an_arm_is_accepted_with_its_payload_on_the_axis_as_is_expected_of_it() -> None:
+    """In its plane a payload 0.1 m beyond the tip would move the tip by other than what is expected."""
+    rig = read_prototype(PROTOTYPES / "tame_lag.toml").but(arm=Arm(offset_m=(0.1, 0.0, 0.0), plane="z"))
+    plan = acceptance_plan(rig, (0.0, 6.8), duration_s=0.5)
+    heavy = plan.scenario.but(record=tuple(row for row in plan.scenario.record if row.name == "heavy_force"))
+    of_axis, taken, aside = (
+        simulate(one, heavy).records[0].column("displacement_m")
+        for one in (rig.but(arm=None), as_specified(rig, {}), rig)
+    )
+    np.testing.assert_allclose(taken, of_axis, rtol=1e-9, atol=1e-15)
+    assert np.abs(aside - of_axis).max() > 0.02 * np.abs(of_axis).max()
 
 
 def test_a_drawing_is_the_same_bytes_in_every_process() -> None:

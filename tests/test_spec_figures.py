@@ -282,6 +282,8 @@ def test_limits_stand_in_the_unit_of_what_is_expected() -> None:
     """Gains of 1 A/V and more are read in A/V, smaller ones in mA/V."""
     assert limits(Band(0.98, 0.975, 0.99), "A/V") == "980 mA/V (926 to 1040)"
     assert limits(Band(1.02, 1.0, 1.03), "A/V") == "1.02 A/V (0.95 to 1.08)"
+    # Where no tolerance is specified, those of the measurement.
+    assert limits(Band(1.02, 1.02, 1.02), "A/V") == "1.02 A/V (0.969 to 1.07)"
 
 
 def test_a_stock_tube_changes_stiffness_as_its_second_moment(rig: Prototype) -> None:

@@ -18,7 +18,7 @@ from beamdesign.build.result_folder import FILES
 from beamdesign.build.specification import specification_of
 from beamdesign.controllers import Lag, Proportional
 from beamdesign.loop import loop
-from beamdesign.prototype import InStage
+from beamdesign.prototype import Arm, InStage
 from beamdesign.quantities import compliance_kept
 from beamdesign.report.page import to_markdown
 from beamdesign.spelling import in_markdown
@@ -201,6 +201,27 @@ def test_a_sensor_of_which_nothing_is_proved_is_promised_nothing(run: DesignRun)
     ):
         assert refusal in refused
         assert refusal not in told
+
+
+def test_a_bandwidth_is_stated_alike_where_it_is_guaranteed_and_rated(text: str) -> None:
+    """To the digits of the guarantee, none of them rounded up."""
+    guaranteed = rows(text)["guaranteed bandwidth (proved)"][0]
+    assert f"up to the guaranteed bandwidth of {guaranteed}, beside" in " ".join(text.split())
+
+
+def test_what_is_worked_out_without_effects_or_offsets_says_so(run: DesignRun, prototype: Prototype) -> None:
+    lagging = prototype.but(effects={"sensor_lag": {"break_Hz": 2000.0}})
+    aside = prototype.but(arm=Arm(offset_m=(0.1, 0.0, 0.0)))
+    texts = [
+        " ".join(markdown(replace(run, prototype=one)).replace("\\", "").split()) for one in (prototype, lagging, aside)
+    ]
+    for words, told in (
+        ("worked out without sensor_lag; the loop", [False, True, False]),
+        ("linear loop that stands at rest for sensor_lag", [False, True, False]),
+        ("The linear model has no friction, dead band, saturation or air", [True, False, True]),
+        ("loops with payload and sensor on the beam's axis", [False, False, True]),
+    ):
+        assert [words in text for text in texts] == told
 
 
 def test_a_rating_that_is_stated_and_less_than_needed_is_told(run: DesignRun, prototype: Prototype) -> None:

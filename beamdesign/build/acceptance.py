@@ -257,6 +257,8 @@ def acceptance_plan(
 def as_specified(prototype: Prototype, specified: Mapping[str, float]) -> Prototype:
     """The prototype as the diagnosis should take it: with standard deviations that it states, or else as specified.
 
+    Of an arm it is in no plane: what is expected is of a payload on the axis.
+
     What it states of end masses stays either way, and alone says nothing of the rig. A figure anywhere within its
     specified tolerance, no value more likely than another, has a standard deviation of the tolerance over the root of
     three; of the figures that share one key of `[tolerance]` the loosest counts.
@@ -265,6 +267,8 @@ def as_specified(prototype: Prototype, specified: Mapping[str, float]) -> Protot
         prototype: as specified.
         specified: relative tolerances by figure, named as in `beamdesign.proofs.rig_family.rig_values`.
     """
+    if prototype.arm is not None:
+        prototype = prototype.but(arm=prototype.arm.but(plane=None))
     if any(getattr(prototype.tolerance, key) for key in RIG_TOLERANCES.values()):
         return prototype.but(guarantee=None)
     deviations: dict[str, float] = {}

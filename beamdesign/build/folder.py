@@ -21,6 +21,7 @@ from beamdesign.build.ratings import KEPT, MARGIN, held_loads
 from beamdesign.build.specification import LawSpecification, Specification
 from beamdesign.build.tolerances import LARGEST, SAFETY, why_no_box
 from beamdesign.files import fresh_folder, write_whole
+from beamdesign.plant.linear_reach import linear_part
 from beamdesign.polynomial import nearest
 from beamdesign.proofs.certificate import Asked, Certificate, Claim, Guaranteed, as_claims, implies
 from beamdesign.proofs.lyapunov import CHANGES_NAME, describe, stages_certificate
@@ -50,6 +51,7 @@ from beamdesign.report.page import (
     to_markdown,
 )
 from beamdesign.result import json_text, picked
+from beamdesign.structure.arm import left_aside
 from beamdesign.structure.lumped import lumped_beam, notes
 from beamdesign.structure.section import Tube
 
@@ -248,7 +250,8 @@ def parts_of(spec: Specification, svg: str) -> tuple[Part, ...]:
 def _template() -> Template:
     own = (
         optional, tube_text, nearest, repr, zip, describe, holds_for, missing_geometry, lumped_beam, notes, held_loads,
-        why_no_box, bare_modes, circuit_name, schematics, part_names, part_value, limits, component_reasons,
+        why_no_box, bare_modes, circuit_name, schematics, part_names, part_value, limits, nominal, component_reasons,
+        stated_bandwidth, linear_part, left_aside,
     )  # fmt: skip
     figures = {
         "inf": inf, "pi": pi, "margin": MARGIN, "kept": KEPT, "largest": LARGEST, "safety": SAFETY,
@@ -306,11 +309,16 @@ def part_value(name: str, value: float | None) -> str:
 
 def limits(band: Band | None, unit: str, without: str = "–") -> str:
     """What is expected of a measurement, and in brackets the limits between which it passes, in the same unit."""
-    if band is None or band.low == band.high:
-        return without if band is None else quantity(band.nominal, unit)
+    if band is None:
+        return without
     shown, factor = read_in(band.nominal, unit)
     nominal, low, high = (decimal(factor * value, 3) for value in (band.nominal, *band.limits))
     return f"{nominal} {shown} ({low} to {high})"
+
+
+def nominal(band: Band | None, unit: str, without: str = "–") -> str:
+    """What is expected of a measurement that has no limits."""
+    return without if band is None else quantity(band.nominal, unit)
 
 
 def component_reasons(found: tuple[AnalogueController, ...]) -> list[str]:

@@ -141,6 +141,7 @@ def _echo(record: "Prototype", certificate: "Certificate") -> None:
     from beamdesign.proofs.certificate import describe
     from beamdesign.proofs.scope import holds_for
     from beamdesign.quantities import stated_bandwidth
+    from beamdesign.structure.arm import left_aside
 
     echo_stability(record.name, certificate, holds_for(record))
     for side, crossing in certificate.next_crossings.items():
@@ -163,10 +164,8 @@ def _echo(record: "Prototype", certificate: "Certificate") -> None:
     _echo_moving(certificate.nonlinear)
     echo(f"method: {certificate.method}")
     echo(*certificate.scope, before="  ")
-    if record.arm is not None and (any(record.arm.offset_m) or any(record.arm.sensor_m or ())):
-        echo(
-            "  payload and sensor on the beam's axis at the tip; with the offsets of [arm] and torsion: beamdesign arm"
-        )
+    if words := left_aside(record):
+        echo(f"  {words}")
 
 
 def _echo_moving(rows: "Sequence[Row]") -> None:

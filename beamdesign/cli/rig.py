@@ -112,6 +112,8 @@ def _compiles(folder: Path) -> bool:
 
 
 def _echo_code(code: "ProvedCode") -> None:
+    from beamdesign.structure.arm import left_aside
+
     made, masses = code.realisation, code.outer_end_mass_kg
     words = "floats of 32 bits" if made.word_length is None else f"words of {made.word_length} bits"
     echo_table(f"{code.prototype.name} at {made.rate_Hz:g} Hz in {words}: the law alone", ("", "computed"), code.rows())
@@ -120,6 +122,8 @@ def _echo_code(code: "ProvedCode") -> None:
         return
     when = "at once or one period late" if code.any_time is None else "after any computing time up to one period"
     echo(f"proved: stable for {masses[0]:g} to {masses[1]:g} kg, the current held, put out {when}")
+    if words := left_aside(code.prototype):
+        echo(f"  {words}")
     title = f"Worst of {len(code.masses)} masses, computed"
     echo_table(title, ("", "continuous", "as realised, at once", "one period late"), code.loop_rows())
     effects = [at.rounding for at in code.masses if at.rounding is not None]

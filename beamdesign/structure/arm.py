@@ -187,6 +187,13 @@ def off_axis(prototype: AnyPrototype) -> bool:
     return arm is not None and arm.plane is not None and (any(arm.offset_m) or any(arm.sensor_m or ()))
 
 
+def left_aside(prototype: Prototype) -> str:
+    """What a proof of one loop leaves aside of an arm, in words; empty where it has no offsets."""
+    arm = arm_of(prototype)
+    words = "payload and sensor on the beam's axis at the tip; with the offsets of [arm] and torsion: beamdesign arm"
+    return words if any(arm.offset_m) or any(arm.sensor_m or ()) else ""
+
+
 def lever_figures(prototype: Prototype) -> dict[str, float]:
     """`LEVER_FIGURES` of its plane; none where everything stands on the axis.
 

@@ -44,6 +44,7 @@ from beamdesign.prototype import Prototype
 from beamdesign.quantities import masses_text
 from beamdesign.records import InputError
 from beamdesign.result import Result, finite, picked
+from beamdesign.structure.arm import left_aside
 
 _BITS = 256
 _KEPT_BITS = 80
@@ -289,6 +290,7 @@ class ProvedCode(Result):
         return (
             f"Proved stable for {where} on the outer tip, with these coefficients, the current held, put out",
             f"{when}. Roundings and limits are no part of that proof.",
+            *([f"It is proved with {words}."] if (words := left_aside(self.prototype)) else ()),
         )
 
     def write(self, folder: Path) -> list[Path]:
