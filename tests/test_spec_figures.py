@@ -14,7 +14,7 @@ from beamdesign.build.acceptance import Band, acceptance, bare_modes
 from beamdesign.build.folder import limits
 from beamdesign.build.ratings import MARGIN, lagging, noise_bandwidth_Hz, ratings, sensor_need, stock_choices
 from beamdesign.build.tolerances import SAFETY, Tolerances, tolerances
-from beamdesign.controllers import Lag, Scheduled, Stage
+from beamdesign.controllers import Lag, Observer, Scheduled, Stage
 from beamdesign.loop import loop
 from beamdesign.prototype import Guarantee
 from beamdesign.structure.lumped import CHANGEABLE, weighing_mass, with_figures
@@ -116,6 +116,24 @@ def test_the_noise_bandwidth_is_the_h2_norm(rig: Prototype) -> None:
         a, b, c = closed.A, closed.B, closed.C * 1180.0
         expected = 0.5 * (c @ solve_continuous_lyapunov(a, -b @ b.T) @ c.T).item()
         assert noise_bandwidth_Hz(rig, mass) == pytest.approx(expected, rel=1e-3)
+
+
+@pytest.mark.parametrize("felt", [0.0, 2e-10])
+def test_noise_of_the_displacement_sensor_goes_its_own_way_through_a_law_that_hears_more(
+    rig: Prototype, felt: float
+) -> None:
+    """The same with a part of the load pressure in the current, A/Pa, which quietens the loop."""
+    pole, zero = -2 * pi * 1.7, -2 * pi * 20.0
+    law = Observer.of(
+        0.05, ("displacement_m", "load_pressure_Pa"),
+        [[pole]], [[-pole * (1 - pole / zero), 0.0]], [1.0], [pole / zero, felt / 0.05],
+    )  # fmt: skip
+    both = rig.but(controller=law)
+    closed = state_space(both, 1.0)["displacement_m", "command_V"]
+    a, b, c = closed.A, closed.B, closed.C * 1180.0
+    expected = 0.5 * (c @ solve_continuous_lyapunov(a, -b @ b.T) @ c.T).item()
+    assert damped(both, 1.0)
+    assert noise_bandwidth_Hz(both, 1.0) == pytest.approx(expected, rel=1e-3)
 
 
 def test_a_schedule_of_one_law_asks_of_sensor_and_actuator_what_that_law_does(rig: Prototype) -> None:

@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from beamdesign.build.tolerances import Performance, performance, performance_by_all, why_no_box
+from beamdesign.controllers import Observer
 from beamdesign.loop import loop
 from beamdesign.plant.actuators import MARGIN, Row
 from beamdesign.plant.effects import library
@@ -302,12 +303,13 @@ def sensor_need(prototype: Prototype, masses_kg: tuple[float, float], load_N: fl
 
 
 def noise_bandwidth_Hz(prototype: Prototype, outer_end_mass: float) -> float:
-    """Integral of |T|^2 over frequency, Hz, with T from sensor noise (as displacement) to tip motion, L / (1 + L).
+    """Integral of |T|^2 over frequency, Hz, with T from sensor noise (as displacement) to tip motion, L_1 / (1 + L).
 
-    By quadrature on a grid that is refined around the poles. The tip moves by L / (1 + L) of the noise where the sensor
-    has no filter; with one it moves by a little more near the filter's break.
+    L_1 is the part of the loop L by way of the displacement sensor: all of it but for a law that hears more. By
+    quadrature on a grid that is refined around the poles. The tip moves by T times the noise where the sensor has no
+    filter; with one it moves by a little more near the filter's break.
     """
-    here = loop(prototype).at(outer_end_mass)
+    here, law = loop(prototype).at(outer_end_mass), prototype.own_controller
     poles = here.poles()
     parts = [np.geomspace(1e-4, 1e5, 4000)]
     for pole in poles:
@@ -315,7 +317,13 @@ def noise_bandwidth_Hz(prototype: Prototype, outer_end_mass: float) -> float:
         parts.append(centre + width * np.linspace(-30, 30, 601))
     grid = np.unique(np.concatenate(parts))
     grid = grid[grid > 0]
-    transmitted = np.abs(1 - here.sensitivity_response(grid)) ** 2
+    through = 1 - here.sensitivity_response(grid)
+    if law.added:
+        a, b, c, d, _ = law.state_space()
+        gain, sensor = law.gain_A_per_V, law.senses[:1]
+        alone = prototype.but(controller=Observer.of(gain, sensor, a, b[:, :1], c / gain, d[:1] / gain))
+        through = loop(alone).at(outer_end_mass).loop_response(grid) * here.sensitivity_response(grid)
+    transmitted = np.abs(through) ** 2
     return float(np.trapezoid(transmitted, grid) + transmitted[0] * grid[0])
 
 
