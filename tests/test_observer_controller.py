@@ -502,6 +502,10 @@ def test_a_report_lists_every_entry() -> None:
     assert rows["sensors"] == "displacement_m, inner_displacement_m, load_pressure_Pa"
     assert [float(value) for value in rows["b, row 2"].split(", ")] == [0.0, 30.0, 1e-6]
     assert [float(value) for value in rows["d"].split(", ")] == list(LAW.d)
+    assert "b_command" not in rows
+    commanded = LAW.but(b_command=tuple(float(k) for k in range(LAW.order)))
+    rows = {name: value for name, value, _ in commanded.rows()}
+    assert [float(value) for value in rows["b_command"].split(", ")] == list(commanded.b_command)
 
 
 def test_the_command_writes_a_certificate_that_replays(rig: Prototype, tmp_path: Path) -> None:

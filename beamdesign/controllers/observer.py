@@ -126,6 +126,8 @@ class Observer(Controller):
         for name, matrix in (("a", self.a), ("b", self.b)):
             for i, row in enumerate(matrix, start=1):
                 rows.append((f"{name}, row {i}", _listed(row), "z' = a z + b e, in SI"))
+        if self.b_command:
+            rows.append(("b_command", _listed(self.b_command), "what command_V adds to z', beside its part of e"))
         if self.c:
             rows.append(("c", _listed(self.c), "current = gain (c z + d e)"))
         return [*rows, ("d", _listed(self.d), "the same")]
