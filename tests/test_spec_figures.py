@@ -268,6 +268,18 @@ def test_bands_hold_what_rigs_within_the_tolerances_do(rig: Prototype, kept: Tol
         assert damped(with_figures(rig, factors), 3.4)
 
 
+def test_limits_of_a_rig_with_friction_hold_its_compliance_while_it_slides(rig: Prototype) -> None:
+    """Then it is, between its stops, the rig without friction, by python-control; at rest the seal is a spring."""
+    (found,) = acceptance(rig.but(effects={"seal_friction": {}}), (3.4,))
+    closed = state_space(rig, 3.4)["displacement_m", "disturbance_N"]
+    for frequency, band in found.compliance_m_per_N.items():
+        sliding = abs(control.evalfr(closed, 2j * pi * frequency))
+        assert band.limits[0] < sliding < band.limits[1]
+    slow = found.compliance_m_per_N[1.0]
+    assert slow.nominal > 5 * slow.low
+    assert slow.high == slow.nominal
+
+
 @pytest.mark.long
 def test_effects_heed_the_weight_of_the_payloads_that_are_asked_for(rig: Prototype) -> None:
     """The prototype states none, and a guarantee that does not cover those asked for is not specified."""

@@ -17,8 +17,9 @@ import tomli_w
 
 from beamdesign.build.tolerances import why_no_box
 from beamdesign.files import write_whole
-from beamdesign.loop import CriticalGain, critical_gain, loop
+from beamdesign.loop import CriticalGain, Loop, critical_gain, loop, member_loop
 from beamdesign.parameters import RIG_TOLERANCES
+from beamdesign.plant.members import family
 from beamdesign.polynomial import exact
 from beamdesign.progress import Progress, silent
 from beamdesign.proofs.box import certify_box
@@ -111,8 +112,9 @@ def acceptance(
 ) -> tuple[AcceptanceAtMass, ...]:
     """Expected measurements at some outer end masses.
 
-    Bands are the extremes of members drawn from the box of tolerances, most figures at an end: sampled, not proved.
-    That all rigs of the box are stable up to a gain is proved by zero exclusion.
+    Bands are the extremes of members drawn from the box of tolerances, most figures at an end: sampled, not proved. Of
+    effects they hold the compliances of all linear loops of which performance is proved, beside that at rest. That all
+    rigs of the box are stable up to a gain is proved by zero exclusion.
 
     Args:
         prototype: with a controller.
@@ -122,7 +124,7 @@ def acceptance(
     """
     spread = {name: part for name, part in (tolerances or {}).items() if name in CHANGEABLE and part > 0}
     members = [prototype, *_drawn(prototype, spread)]
-    loops = [loop(member) for member in members]
+    loops = [one for member in members for one in _loops(member)]
     grid, found = np.array(FREQUENCIES_HZ), []
     for at, mass in enumerate(masses_kg):
         progress(at / len(masses_kg), "members within the tolerances")
@@ -137,6 +139,15 @@ def acceptance(
         nominal = bandwidth, here.peak_sensitivity(), abs(here.static_compliance())
         found.append(AcceptanceAtMass(mass, *nominal, compliance, gain, hertz, proved))
     return tuple(found)
+
+
+def _loops(member: Prototype) -> list[Loop]:
+    """That at rest, and of a rig with effects those that are to perform, with the ends of the factors on their gain."""
+    found, loops = family(member), [loop(member)]
+    for one in found.members if member.effects else ():
+        ends = () if one.performance is None else {one.performance.low, one.performance.high}
+        loops += [member_loop(member, one).scaled(exact(factor)) for factor in sorted(ends)]
+    return loops
 
 
 def _onset(member: Prototype, mass: float) -> CriticalGain | None:
