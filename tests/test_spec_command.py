@@ -221,6 +221,11 @@ def test_a_tube_of_unknown_cut_length_is_not_dimensioned_there() -> None:
     assert measured == sorted([1500, 305, 1195, 1365, 140, 100, 2.3, 3.2, 17.7])
 
 
+def test_a_rig_with_the_geometry_of_one_beam_is_not_called_lumped(paper) -> None:
+    half = read_prototype(PROTOTYPES / "tame_lag.toml").but(inner_beam=paper.inner_beam)
+    assert missing_geometry(half).startswith("the prototype gives the geometry of one beam only; missing")
+
+
 def test_one_prototype_gives_the_same_bytes_of_its_drawing() -> None:
     published = read_prototype(PROTOTYPES / "published_lag.toml")
     one, other = (drawing(published) for _ in range(2))

@@ -79,6 +79,16 @@ def test_the_envelope_of_a_specification_is_what_the_weight_leaves(rig: Prototyp
         assert need.envelope.load_N[0] + need.weight_N == pytest.approx(rig.actuator.strength_N(rig), rel=4e-3)
 
 
+def test_the_sag_of_the_inner_beam_takes_of_the_stroke_that_is_left(rig: Prototype) -> None:
+    """Held slowly, load and weight bend the inner beam by the rest of half a stroke of 5 mm, by hand."""
+    gravity, stiffness = 9.80665, 157500.0
+    short = rig.but(actuator=rig.actuator.but(stroke_m=0.005))
+    need = ratings(short, (0.0, 0.0), 100.0, 3.0)
+    sag = gravity * (weighing_mass(rig.inner_beam) + 1.9) / stiffness
+    assert need.envelope.governing[0] == "stroke"
+    assert need.envelope.load_N[0] == pytest.approx((0.0025 - sag) * stiffness - need.weight_N, rel=6e-3)
+
+
 def test_a_specification_rates_what_the_design_run_asked() -> None:
     """One load and one weight, up to one bandwidth: the figures of `run` and of `spec` are the same but for margins."""
     problem = read_problem(STUDIES / "ball_screw.toml")

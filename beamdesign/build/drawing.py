@@ -10,8 +10,9 @@ from typing import TYPE_CHECKING, Any
 from beamdesign.prototype import Prototype
 from beamdesign.quantities import tube_text
 from beamdesign.report.canvas import svg_element
-from beamdesign.report.drawing import Drawn, at_corners, gap_text, tubes_of
+from beamdesign.report.drawing import Drawn, gap_text, tubes_of
 from beamdesign.spelling import in_dxf
+from beamdesign.structure.section import at_corners
 
 if TYPE_CHECKING:
     from ezdxf.document import Drawing
@@ -36,7 +37,9 @@ def missing_geometry(prototype: Prototype) -> str:
         for key in ("width_m", "wall_m", "free_length_m", "material")
         if getattr(getattr(prototype, f"{name}_beam"), key) is None
     ]
-    words = f"the prototype gives lumped figures only; missing for a drawing: {', '.join(lacking)}"
+    one = prototype.outer_beam.has_geometry or prototype.inner_beam.has_geometry
+    given = "the geometry of one beam" if one else "lumped figures"
+    words = f"the prototype gives {given} only; missing for a drawing: {', '.join(lacking)}"
     return words if lacking else ""
 
 
@@ -214,7 +217,9 @@ def _across(space: "Modelspace", outer: Drawn, inner: Drawn, scale: float) -> No
     _dimension(space, (left, at_inner), (left + inner.wall, at_inner), (0, top + step), text="inner wall <>")
     beside = right + 1.5 * step
     # Beside corners in a round tube it is another than the gap that counts, which a note states.
-    name, room = ("gap at mid-side", 24 * scale) if at_corners(outer, inner) else ("gap", 13 * scale)
+    name, room = "gap", 13 * scale
+    if at_corners(outer.section, inner.section):
+        name, room = "gap at mid-side", 24 * scale
     words = (beside + room, (inner.depth / 2 + high - outer.wall) / 2)
     _dimension(space, (x, inner.depth / 2), (x, high - outer.wall), (beside, 0), 90, f"{name} <>", words)
 

@@ -15,11 +15,17 @@ from beamdesign.plant.linear import LinearModel
 from beamdesign.polynomial import exact, nearest, rounded_down, rounded_up
 from beamdesign.prototype import Prototype
 from beamdesign.records import InputError, Problem
-from beamdesign.structure.lumped import figures
+from beamdesign.structure.lumped import figures, lumped_beam, weighing_mass
 
 STANDARD_GRAVITY = 9.80665
 """m/s2; the load that a prototype is taken to carry is the weight of its largest outer end mass and the payload's
 force."""
+
+
+def own_sag_m(prototype: Prototype) -> float:
+    """What its own weight and that of its added mass bend the inner beam of a link by that lies level, m."""
+    mass = weighing_mass(prototype.inner_beam) + prototype.payload.inner_end_mass_kg
+    return STANDARD_GRAVITY * mass / lumped_beam(prototype.inner_beam).stiffness
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ from beamdesign.report.canvas import LIMIT, STYLES, finish, new_figure, note
 from beamdesign.spelling import in_plot
 from beamdesign.structure import lumped
 from beamdesign.structure.lumped import lumped_beam
-from beamdesign.structure.section import Tube, clearances
+from beamdesign.structure.section import Tube, at_corners, clearances
 from beamdesign.structure.shapes import tube_of
 
 if TYPE_CHECKING:
@@ -81,15 +81,10 @@ def _tube(record: Beam) -> Drawn:
     return Drawn(section, _mm(record.free_length_m), None if record.length_m is None else _mm(record.length_m))
 
 
-def at_corners(outer: Drawn, inner: Drawn) -> bool:
-    """Whether the gap is at the corners of the inner tube: they come nearest to a round one around it."""
-    return outer.section.shape == "round" and inner.section.shape != "round"
-
-
 def gap_text(outer: Drawn, inner: Drawn) -> str:
     """Gap per side, mm, in words; both where it is another along the load than across it."""
     along, *across = clearances(outer.section, inner.section)
-    if at_corners(outer, inner):
+    if at_corners(outer.section, inner.section):
         return f"{along:.4g} at the corners"
     return f"{along:.4g}" if not across else f"{along:.4g} along the load, {across[0]:.4g} across"
 
@@ -120,7 +115,7 @@ def draw_section(prototype: Prototype, axes: "Axes") -> "Axes":
     for x in (-reach, reach):
         axes.plot([x, x], [edge, low - 2.6 * step], color=_LINE, linewidth=0.4, linestyle=":")
     along, *across = clearances(outer.section, inner.section)
-    where = " at corners" if at_corners(outer, inner) else ""
+    where = " at corners" if at_corners(outer.section, inner.section) else ""
     lines = [f"outer wall {outer.wall:.3g}", f"inner wall {inner.wall:.3g}", f"gap {along:.3g}{where}"]
     top, row, bottom = 0.34 * reach, 0.34 * reach, low - 4 * step
     if across:

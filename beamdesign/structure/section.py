@@ -310,6 +310,11 @@ def _corners_second_moment(side: Quantity, radius: Quantity) -> Quantity:
     )  # fmt: skip
 
 
+def at_corners(outer: Tube, inner: Tube) -> bool:
+    """Whether the gap is at the corners of the inner tube: they come nearest to a round one around it."""
+    return outer.shape == "round" and inner.shape != "round"
+
+
 def clearances(outer: Tube, inner: Tube) -> tuple[Quantity, ...]:
     """Gaps between the inner tube, centred, and the inside of the outer one, m; negative where it does not fit.
 
@@ -319,7 +324,7 @@ def clearances(outer: Tube, inner: Tube) -> tuple[Quantity, ...]:
         most. Corners of the outer tube's inside count as sharp.
     """
     across = (outer.width_m - 2 * outer.wall_m - inner.width_m) / 2
-    if outer.shape == "round" and inner.shape != "round":
+    if at_corners(outer, inner):
         radius = inner.corner_radius_m
         corner = ((inner.width_m / 2 - radius) ** 2 + (inner.depth_m / 2 - radius) ** 2) ** 0.5 + radius
         return (outer.width_m / 2 - outer.wall_m - corner,)

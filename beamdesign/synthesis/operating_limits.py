@@ -28,7 +28,7 @@ from beamdesign.plant.linear_reach import (
     with_mass,
     with_published_effects,
 )
-from beamdesign.plant.members import STANDARD_GRAVITY
+from beamdesign.plant.members import STANDARD_GRAVITY, own_sag_m
 from beamdesign.progress import Progress, silent
 from beamdesign.prototype import Prototype
 from beamdesign.records import InputError
@@ -158,13 +158,6 @@ def weight_N(prototype: Prototype, payload_kg: float) -> float:
     return STANDARD_GRAVITY * (payload_kg + lumped.weighing_mass(prototype.outer_beam))
 
 
-def own_sag_m(prototype: Prototype) -> float:
-    """What its own weight and that of its added mass bend the inner beam of a link by that lies level, m."""
-    inner = lumped.lumped_beam(prototype.inner_beam)
-    mass = lumped.weighing_mass(prototype.inner_beam) + prototype.payload.inner_end_mass_kg
-    return STANDARD_GRAVITY * mass / inner.stiffness
-
-
 def needs_to_carry(
     prototype: Prototype, masses_kg: tuple[float, float], load_N: float, up_to_Hz: float
 ) -> dict[str, float]:
@@ -178,7 +171,11 @@ def needs_to_carry(
 
 
 def envelope(
-    prototype: Prototype, outer_end_mass: float = 0.0, preload: float = 0.0, frequency_Hz: np.ndarray | None = None
+    prototype: Prototype,
+    outer_end_mass: float = 0.0,
+    preload: float = 0.0,
+    frequency_Hz: np.ndarray | None = None,
+    sag_m: float = 0.0,
 ) -> Envelope:
     """Largest amplitude of a sinusoidal force on the tip that every limit of the actuator allows.
 
@@ -187,6 +184,7 @@ def envelope(
         outer_end_mass: payload, kg.
         preload: constant force on the tip, N.
         frequency_Hz: (N,); 0.1 to 200 Hz by default.
+        sag_m: stroke and clearance that are used up beside what the force takes, as by `own_sag_m`.
     """
     grid = np.geomspace(0.1, 200.0, 161) if frequency_Hz is None else np.asarray(frequency_Hz, dtype=float)
     nothing = np.zeros(len(grid))
@@ -194,6 +192,7 @@ def envelope(
         why = "no controller" if prototype.controller is None else f"not stable with {outer_end_mass:g} kg"
         return Envelope(grid, {}, nothing, nothing, {}, why, stable=False)
     asked, held = demand(prototype, outer_end_mass, grid), _held(prototype, outer_end_mass, preload)
+    held["stroke"] = abs(held["stroke"]) + sag_m
     actuator = prototype.actuator
     half = None if actuator.stroke_m is None else actuator.stroke_m / 2
     play = gaps(prototype.outer_beam, prototype.inner_beam)  # per side, that along the load first
