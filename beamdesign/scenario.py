@@ -108,9 +108,9 @@ class Measurement(Record):
     disturbance_std_N: q.ForceOrNone = Field(0.0, description="standard deviation of the noise on the force channel")
     current_std_A: q.Noise = Field(0.0, description="standard deviation of the noise on the current channel")
     displacement_std_m: q.Resolution = Field(
-        0.0, description="standard deviation of the noise on the displacement channels"
+        0.0, description="standard deviation of the noise on the displacement of the outer tip"
     )
-    displacement_step_m: q.Resolution = Field(0.0, description="resolution; 0 for none")
+    displacement_step_m: q.Resolution = Field(0.0, description="resolution of the same; 0 for none")
 
     def of(self, samples: np.ndarray, position: int) -> np.ndarray:
         """Samples (N, 7 or more) as the instruments give them; a seed and a position give the same noise."""
