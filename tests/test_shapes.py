@@ -445,6 +445,14 @@ def test_an_arm_is_round_and_not_a_rectangle(design: tuple[Prototype, str]):
     assert not check(text, prototype_table(square)).valid
 
 
+def test_free_rectangles_keep_their_limits_in_the_file_of_their_prototype():
+    """The lightest tubes are at their limits, which the depth that the file states keeps as their ratio does."""
+    problem = study("rectangle", "free", sized=False)
+    found = size(problem)
+    rig = prototype_from(tomllib.loads(to_toml(problem.prototype(found.outer, found.inner))))
+    assert check_prototype(rig, problem.load.tip_force_N).failing == ()
+
+
 def test_a_prototype_in_a_file_says_its_shape():
     """The stiffness that the geometry gives, by 3 pi E (D^4 - d^4) / 64 L^3."""
     problem = study("round", "fixed")

@@ -254,7 +254,7 @@ class RectangularTube(Tube):
 
     @property
     def sizes(self) -> dict[str, Quantity]:  # noqa: D102
-        return super().sizes | {"depth_m": round(float(self.depth_m), 9)}
+        return super().sizes | {"depth_m": float(f"{self.depth_m:.12g}")}
 
     @property
     def millimetres(self) -> str:  # noqa: D102
