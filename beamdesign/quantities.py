@@ -12,7 +12,7 @@ from decimal import ROUND_CEILING, ROUND_FLOOR, ROUND_HALF_EVEN, Decimal
 from math import inf, isfinite, pi
 from typing import TYPE_CHECKING, Annotated, Any
 
-from pydantic import FiniteFloat, GetCoreSchemaHandler, GetJsonSchemaHandler
+from pydantic import BeforeValidator, FiniteFloat, GetCoreSchemaHandler, GetJsonSchemaHandler
 from pydantic_core import CoreSchema, PydanticCustomError, core_schema
 
 if TYPE_CHECKING:
@@ -157,7 +157,8 @@ PositiveStd = Annotated[FiniteFloat, Plausible(1e-6, 1.0)]
 Unexplained = Annotated[FiniteFloat, Plausible(1e-6, 0.99, or_zero=True)]
 Level = Annotated[FiniteFloat, Plausible(-100.0, 100.0)]
 PeakSensitivity = Annotated[FiniteFloat, Plausible(1.00001, 1e3)]
-PeakOverPassive = Annotated[float, Plausible(0.01, inf)]
+PeakOverPassive = Annotated[float, BeforeValidator(lambda limit: inf if limit is None else limit), Plausible(0.01, inf)]
+"""No limit is infinite; JSON, which has no such number, states none."""
 LoopGain = Annotated[FiniteFloat, Plausible(1e-6, 1e6)]
 SafetyFactor = Annotated[FiniteFloat, Plausible(1.0, 1e3)]
 MatrixEntry = Annotated[FiniteFloat, Plausible(-1e30, 1e30)]

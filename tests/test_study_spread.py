@@ -148,6 +148,11 @@ def test_scheme_of_saltelli_has_its_size():
     assert len(saltelli(3, 1, 0)) == 2 * 5
 
 
+def test_too_few_cases_for_any_index_are_refused(sweep):
+    with pytest.raises(InputError, match="29 are too few: the indices of 13 figures take 30"):
+        plan(sweep("sensitivity", 60, spread={"outputs": ["bandwidth_Hz"]}), 29)
+
+
 def test_without_its_extra_a_sensitivity_is_refused(sweep, monkeypatch):
     monkeypatch.setitem(sys.modules, "SALib.sample", None)
     with pytest.raises(InputError, match=r"study\.method: .*beamdesign\[sensitivity\]"):

@@ -136,6 +136,14 @@ def test_all_that_is_wrong_with_a_file_is_told_at_once(sweep):
         ({"key": "payload.inner_end_mass_kg", "low": 0.0, "high": 1.0, "spacing": "logarithmic"}, "greater than 0"),
         ({"key": "sensor.noise_V", "values": [2.0], "along": {"sensor.filter_Hz": {"values": [1.0, 2.0]}}},
          "holds 2 values, expected 1"),
+        ({"key": "goal.lower_gains", "values": [True], "along": {"sensor.noise_V": {"times": 2.0}}},
+         "times is for numbers, and True is none"),
+        ({"key": "payload.outer_end_mass_kg", "values": [[0.0, 2.0]], "along": {"sensor.noise_V": {"times": 2.0}}},
+         "times is for numbers, and .* is none"),
+        ({"key": "payload.outer_end_mass_kg[1]", "values": [3.0],
+          "along": {"payload.outer_end_mass_kg": {"values": [[0.0, 2.0]]}}}, r"kg\[1\] is part of .*kg, which is"),
+        ({"key": "payload", "values": [{}], "along": {"payload.inner_end_mass_kg": {"values": [1.0]}}},
+         "kg is part of payload, which is varied"),
     ],
 )  # fmt: skip
 def test_axes_are_checked(sweep, vary, words):
@@ -327,6 +335,19 @@ def test_figures_that_are_not_finite_are_refused_and_not_left_out(sweep, command
     assert fields["counts"]["refused"] == 1
 
 
+def test_a_limit_that_is_infinite_is_none_in_what_is_kept_and_no_limit_in_what_is_computed(sweep, command, tmp_path):
+    base = tmp_path / "base.toml"
+    base.write_text(REMEDY.read_text(encoding="utf-8") + "\n[goal]\npeak_over_passive = inf\n", encoding="utf-8")
+    at_5_kg = {"base": base, "options": {"outer_end_mass_kg": 5.0}}
+    path = sweep(vary=[{"key": "goal.peak_over_passive", "values": [1.0, float("inf")]}], **at_5_kg)
+    _, _, fields = command("run", path, "--out", tmp_path / "varied")
+    assert fields["counts"] == {"done": 2}
+    path = sweep(**at_5_kg)
+    for counts in ({"computed": 1, "unsound": []}, {"computed": 0, "unsound": []}):
+        _, _, fields = command("run", path, "--out", tmp_path / "out")
+        assert {name: fields[name] for name in counts} == counts
+
+
 def test_values_of_any_kind_among_good_ones_are_refused_and_the_rest_is_drawn(sweep, command, tmp_path):
     odd = [0.5, [], "a", True, {"b": 1.0}, 5.0]
     for kind, y in (("lines", "own_zero_stable"), ("bars", "own_zero_stable"), ("lag_breaks", "controller.zero_Hz")):
@@ -509,6 +530,16 @@ def test_optimiser_finds_the_least_of_a_known_function_and_goes_on_where_it_was(
     assert repr(again) == f"<SweepRun: {path.stem}; {len(found.records)} done>"
     assert again.to_dict()["counts"] == {"done": len(found.records)}
     assert [row["address"] for row in again.records] == [row["address"] for row in found.records]
+
+
+def test_an_optimiser_heeds_a_limit_below_its_population_and_is_told_what_cannot_be_put_in(sweep, command, tmp_path):
+    asked = {"optimise": {"output": "static_compliance_m_per_N", "population": 8}, "work": {"method": "optimise"}}
+    gain = {"key": "controller.gain_A_per_V", "low": 0.01, "high": 0.1}
+    _, _, fields = command("run", sweep(vary=[gain], **asked), "--out", tmp_path / "out", "--cases", 3)
+    assert fields["cases"] == 3
+    entry = {"key": "arm.sensor_m[0]", "low": 0.0, "high": 0.1}
+    with pytest.raises(InputError, match="give the whole list"):
+        plan(sweep(vary=[entry], **asked))
 
 
 def test_commands_say_what_does_not_hold(sweep, command, tmp_path):

@@ -233,24 +233,30 @@ def laid_out(sweep: Sweep, base: Mapping[str, Any], path: Path, limit: int | Non
         InputError: where a value cannot be put in, the base has nothing that spreads, or SALib is not installed and
             is needed.
     """
-    if sweep.study.method in ("grid", *SAMPLED):
+    asked = sweep.optimise if sweep.study.method == "optimise" else None
+    if asked is not None or sweep.study.method in ("grid", *SAMPLED):
+        # Of an optimiser one case, for a value that cannot be put in there can be nowhere.
+        known = points(sweep, limit) if asked is None else [varied_in(sweep, [0.0] * len(sweep.vary))]
         try:
-            every = [case_at(sweep, base, values) for values in points(sweep, limit)]
+            every = {one.address: one for values in known for one in [case_at(sweep, base, values)]}
         except ValueError as error:
             raise InputError(path, [Problem("vary", str(error))]) from None
-        known = tuple({one.address: one for one in every}.values())
-        return known, len(known)
-    if sweep.study.method == "optimise":
-        assert sweep.optimise is not None
-        return (), _generations(sweep, limit) * sweep.optimise.population
+        if asked is None:
+            return tuple(every.values()), len(every)
+        most = _generations(sweep, limit) * asked.population
+        return (), most if limit is None else min(most, limit)
     figures = figures_of(sweep, base, path)
     if sweep.study.method == "worst_case":
         return (), limit or (1 + len(figures)) * sweep.spread.rounds
+    most = limit or sweep.study.cases
     if sweep.study.method == "tolerance":
-        sigmas = drawn(figures, limit or sweep.study.cases, sweep.study.seed)
+        sigmas = drawn(figures, most, sweep.study.seed)
     else:
+        if most < (least := 2 * (len(figures) + 2)):
+            words = f"{most} are too few: the indices of {len(figures)} figures take {least} at least"
+            raise InputError(path, [Problem("study.cases", words)])
         try:
-            sigmas = saltelli(len(figures), limit or sweep.study.cases, sweep.study.seed)
+            sigmas = saltelli(len(figures), most, sweep.study.seed)
         except ModuleNotFoundError:
             words = "SALib is not installed: pip install 'beamdesign[sensitivity]'"
             raise InputError(path, [("study.method", words)]) from None
@@ -291,7 +297,7 @@ def _optimise(laid: Plan, evaluate: Evaluate) -> None:
     dimensions, generations = len(sweep.vary), _generations(sweep, laid.limit)
     start = qmc.LatinHypercube(dimensions, rng=sweep.study.seed).random(asked.population)
     if generations == 1:
-        costs(start)
+        costs(start[: laid.budget])
         return
     differential_evolution(
         lambda columns: costs(np.atleast_2d(columns.T)),

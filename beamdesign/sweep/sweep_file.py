@@ -3,6 +3,7 @@
 import difflib
 import re
 from collections.abc import Iterator, Mapping
+from itertools import permutations
 from pathlib import Path
 from typing import Any, Literal, get_args
 
@@ -66,8 +67,12 @@ class Vary(Record):
         elif ends != (None, None):
             yield Problem("", "give either values, or low and high")
         own, along = table.get("values"), table.get("along")
+        given = own if isinstance(own, tuple) else ()
+        odd = [one for one in given if isinstance(one, bool) or not isinstance(one, int | float)]
         for name, other in along.items() if isinstance(along, Mapping) else ():
-            listed = other.get("values") if isinstance(other, Mapping) else None
+            listed, times = (other.get(key) if isinstance(other, Mapping) else None for key in ("values", "times"))
+            if odd and times is not None:
+                yield Problem(f"along.{name}", f"times is for numbers, and {odd[0]!r} is none; give values")
             if isinstance(listed, tuple) and (not isinstance(own, tuple) or len(own) != len(listed)):
                 wanted = f"{len(own)} values" if isinstance(own, tuple) else "times: there are no values to go along"
                 yield Problem(f"along.{name}", f"holds {len(listed)} values, expected {wanted}")
@@ -177,6 +182,9 @@ def _problems(sweep: Sweep) -> Iterator[Problem]:
             seen.add(key)
         if method == "optimise" and vary.values is not None:
             yield Problem(f"vary {number}: {vary.key}", "an optimiser needs low and high, not values")
+    for key, whole in permutations(seen, 2):
+        if key.startswith((f"{whole}.", f"{whole}[")):
+            yield Problem("vary", f"{key} is part of {whole}, which is varied too; leave one of them out")
     for name in sweep.options:
         if reason := wrong_key(f"options.{name}", known):
             yield Problem(f"options.{name}", reason.replace("options.", ""))
