@@ -532,6 +532,29 @@ def test_optimiser_finds_the_least_of_a_known_function_and_goes_on_where_it_was(
     assert [row["address"] for row in again.records] == [row["address"] for row in found.records]
 
 
+@pytest.mark.parametrize("method", ["optimise", "worst_case"])
+def test_status_of_a_search_is_that_of_its_file_and_not_of_what_was_searched_before(sweep, command, tmp_path, method):
+    figure, base = {"output": "static_compliance_m_per_N"}, tmp_path / "base.toml"
+    tolerance = "\n[tolerance]\nsensor_gain = 0.005\n"
+    base.write_text(REMEDY.read_text(encoding="utf-8") + tolerance, encoding="utf-8")
+    own = {
+        "optimise": {
+            "optimise": figure | {"generations": 1, "population": 5},
+            "vary": [{"key": "controller.gain_A_per_V", "low": 0.01, "high": 0.1}],
+        },
+        "worst_case": {"spread": figure | {"worst": "largest"}},
+    }[method]
+    path = sweep(work={"method": method}, base=base, options={"outer_end_mass_kg": 5.0}, **own)
+    folder = tmp_path / "out"
+    run = command("run", path, "--out", folder)[2]
+    status, _, fields = command("status", path, "--out", folder)
+    assert (status, fields["remaining"], fields["counts"]) == (0, 0, run["counts"])
+    path.write_text(path.read_text(encoding="utf-8").replace("= 5.0", "= 6.0"), encoding="utf-8")
+    status, output, fields = command("status", path, "--out", folder)
+    assert (status, fields["remaining"], fields["counts"], fields["foreign"]) == (1, None, {}, run["cases"])
+    assert "an unknown number to go" in output
+
+
 def test_an_optimiser_heeds_a_limit_below_its_population_and_is_told_what_cannot_be_put_in(sweep, command, tmp_path):
     asked = {"optimise": {"output": "static_compliance_m_per_N", "population": 8}, "work": {"method": "optimise"}}
     gain = {"key": "controller.gain_A_per_V", "low": 0.01, "high": 0.1}

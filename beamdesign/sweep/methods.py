@@ -373,3 +373,23 @@ def _worst_case(laid: Plan, evaluate: Evaluate) -> None:
 
 ADAPTIVE = {"optimise": _optimise, "worst_case": _worst_case}
 """Methods whose cases follow from the results of earlier ones: deterministic, so that they resume from the store."""
+
+
+def followed(laid: Plan, known: Mapping[str, dict[str, Any]]) -> tuple[list[str], bool]:
+    """Follow an adaptive method as far as results lead: the addresses of those it asks for, and whether that is all.
+
+    Args:
+        laid: the sweep as planned.
+        known: records by address.
+    """
+    met: dict[str, None] = {}
+
+    def evaluate(cases: Sequence[Case]) -> list[dict[str, Any]]:
+        met.update(dict.fromkeys(one.address for one in cases if one.address in known))
+        return [known[one.address] for one in cases]
+
+    try:
+        ADAPTIVE[laid.sweep.study.method](laid, evaluate)
+    except KeyError:  # of a case that has no result yet
+        return list(met), False
+    return list(met), True
