@@ -139,7 +139,7 @@ def sampled_stage(stage: Stage, period_s: float) -> SampledCascade:
         ValueError: as of `sampled_law`.
     """
     sampled_law(stage.law, period_s)  # which says of the whole law why a period is too long
-    lag = Break(stage.pole_Hz, stage.zero_Hz).exact()
-    lag = TransferFunction(lag.numerator * exact(stage.gain_A_per_V), lag.denominator)
+    breaks = Break(stage.pole_Hz, stage.zero_Hz).exact()
+    lag = TransferFunction(breaks.numerator * exact(stage.gain_A_per_V), breaks.denominator)
     parts = [*(section.exact() for section in stage.section), lag]
     return SampledCascade(tuple(sampled_law(part, period_s) for part in parts))

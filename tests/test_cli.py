@@ -321,6 +321,8 @@ def test_what_is_no_file_is_told_by_every_command(command: str, tmp_path: Path) 
         (["certify", str(RIG), "--outer-end-mass", "6.8"], "expected two masses in kg as LO:HI, such as 0:6.8"),
         (["tune", str(RIG), "--outer-end-mass", "6.8:0"], "6.8 is above 0"),
         (["tune", str(RIG), "--controller", "pid"], "expected one of lag, proportional"),
+        (["tune", str(RIG), "--nominal", "--sigmas", "3"], "--sigmas: has no meaning with --nominal"),
+        (["run", str(STUDY), "--nominal", "--sigmas", "1", "--out", "x"], "--sigmas: has no meaning with --nominal"),
     ],
 )
 def test_what_does_not_fit_is_told_with_what_to_do(arguments: list[str], told: str) -> None:

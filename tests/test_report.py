@@ -346,6 +346,8 @@ def test_what_is_not_proved_is_not_called_proved(page: Page) -> None:
     assert foundations["no lighter pair of free sizes exists"] == "sampled"
     assert foundations["no other controller of this kind guarantees more"] == "sampled"
     assert foundations["no lighter pair of the stock list passes"] == "verified numerically"
+    (how,) = (row[2] for row in page.rows if row[0] == "no other controller of this kind guarantees more")
+    assert how == "a local search from a coarse one; that it is the best is not proved"
 
 
 def test_names_are_escaped(run: DesignRun, html: str, page: Page) -> None:

@@ -262,7 +262,9 @@ def statements(run: DesignRun) -> Iterator[Statement]:
     how = "roots of polynomials with error bounds at those masses, nothing swept in frequency"
     yield Statement("critical gains, margins and bandwidths at single masses", _VERIFIED, how)
     if run.tuning and best:
-        how = f"best of {len(run.tuning.starts)} local searches from a coarse one; that it is the best is not proved"
+        count = len(run.tuning.starts)
+        searches = f"the best of {count} local searches" if count > 1 else "a local search"
+        how = f"{searches} from a coarse one; that it is the best is not proved"
         yield Statement("no other controller of this kind guarantees more", "sampled", how)
     yield Statement("the curves between the points drawn", "sampled", "grids of frequencies and masses")
 

@@ -76,6 +76,7 @@ def command(
     hints = {name: _marked(name, hint, helps.get(name)) for name, hint in hints.items()}
     marks = {name: hint.__metadata__[0] for name, hint in hints.items()}
     figures = {name: mark for name, mark in marks.items() if isinstance(mark, Figure)}
+    usual = {name: each.default for name, each in inspect.signature(work).parameters.items()}
 
     @wraps(work)
     def carried_out(json: Path | None = None, **given: Any) -> None:
@@ -86,6 +87,8 @@ def command(
             for problem in implausible(_option(name), given[name], mark.quantity)
         ]
         wrong += problems(**given) if problems else ()
+        if given.get("nominal") and given["sigmas"] not in (0.0, usual["sigmas"]):
+            wrong.append(("--sigmas", "has no meaning with --nominal, which guarantees for exactly the figures stated"))
         if wrong:
             refuse(work.__name__.replace("_", "-"), *wrong)
         with _told_by_file({name: given[name] for name in ("prototype", "study", "scenario") if given.get(name)}):
