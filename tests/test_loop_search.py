@@ -19,11 +19,12 @@ from beamdesign.controllers.protocol import form_of
 from beamdesign.loop import LoopAtMass, loop
 from beamdesign.plant.members import family, paper_model
 from beamdesign.plant.rigs import FIGURES
-from beamdesign.prototype import Payload
+from beamdesign.prototype import Payload, Tolerance
 from beamdesign.synthesis.law_search import search
 from beamdesign.synthesis.law_task import Search
-from beamdesign.synthesis.loop_program import sized_slack
+from beamdesign.synthesis.loop_program import Block, sized_slack
 from beamdesign.synthesis.loop_samples import FINE_HZ, Design, first_miss, samples
+from beamdesign.synthesis.rig_spread import Cut, rig_spread
 
 FREQUENCIES_HZ = np.geomspace(0.1, 400.0, 40)
 LAG = Lag(gain_A_per_V=0.12, pole_Hz=1.3, zero_Hz=38.0)
@@ -171,3 +172,36 @@ def test_sections_that_are_as_they_were_lead_to_the_same_loop(paper: Prototype):
     found = [task.refinement(form_of("lag"))(np.array(start)) for task in (plain, sized)]
     assert found[0][1] == pytest.approx(found[1][1], rel=2e-3)
     np.testing.assert_allclose(found[0][0], found[1][0], atol=0.1)
+
+
+def test_a_rig_whose_mass_inside_is_off_is_sampled_and_refined_with_that_mass(paper: Prototype):
+    """Samples, and points of the program in symbols, against the exact loop of a rig with that mass."""
+    rig = paper.but(tolerance=Tolerance(inner_end_mass=0.2, flow_gain=0.1))
+    spread = rig_spread(rig, 6.8, 2.0)
+    assert spread.deviations == {"flow_gain": 0.1, "inner_end_mass": 0.2}
+    own = {"flow_gain": 1.1, "inner_end_mass": 1.4}
+    task = Search(family(rig).members, rig.goal, (0.0, 6.8), (0.0, 6.0), spread=spread).with_cuts(
+        [Cut(tuple(spread.off(own)), 3.0, 20.0)]
+    )
+    points = task.points
+    at = points.row == points.row.max()
+    _, control, disturbance, _ = (part[..., at] for part in points.at(2.0))
+    valve = rig.servovalve
+    assert valve is not None
+    faster = rig.but(servovalve=valve.but(flow_gain_m3_per_s_per_A=1.1 * valve.flow_gain_m3_per_s_per_A))
+    exact = loaded(faster, Proportional(gain_A_per_V=1.0), 1.4 * 2.0, 3.0)
+    frequency = points.frequency_Hz[at]
+    np.testing.assert_allclose(control[0], exact.loop_response(frequency), rtol=1e-8)
+    opened = exact.compliance_response(frequency) * (1 + exact.loop_response(frequency))
+    np.testing.assert_allclose(disturbance, opened, rtol=1e-8)
+
+    form, logarithms = Proportional(gain_A_per_V=1.0).form()
+    table, figures = form.coefficients(logarithms)[0], list(paper_model(rig).figures.values())
+    sized = replace(task, sections=standing(rig)).refinement(form)
+    factors = sized.factors[-1]
+    given = ca.DM(np.array([np.full(5, 20.0), np.full(5, 3.0), *np.repeat(factors[:, None], 5, 1)]))
+    block = Block(sized_slack(table.shape, "peak_sensitivity", False, "twin_beam"), given, ca.MX(0))
+    shared = ca.vertcat(ca.vec(table), 2.0, figures, 0.0)
+    value, *_ = block.functions(shared.shape[0], table.numel(), [0])
+    expected = -np.log(np.abs(exact.sensitivity_response(np.array([20.0]))[0]))
+    np.testing.assert_allclose(flat(value(shared, given)), expected, atol=1e-9)

@@ -421,6 +421,24 @@ def test_a_stage_performs_over_its_own_payloads_and_is_stable_with_all(rig: Prot
     assert {"gain_margin", "peak_sensitivity", "compliance"} <= set(kinds)
 
 
+def test_a_mass_inside_that_is_not_known_exactly_is_designed_for(rig: Prototype) -> None:
+    """A tenth to either side: proved over the box, and so are rigs at its ends by themselves."""
+    uncertain = rig.but(tolerance=rig.tolerance.but(inner_end_mass=0.05))
+    with best_start_alone():
+        found = tune(uncertain, MASSES_KG)
+    assert found.best is not None, found.reason
+    assert found.best.over_box is not None
+    assert check(found.best.over_box.certificate).valid
+    inner = found.prototype.payload.inner_end_mass_kg
+    assert inner > 0
+    for share in (0.9, 1.1):
+        off = found.prototype.but(payload=found.prototype.payload.but(inner_end_mass_kg=share * inner))
+        reached = certify(off, *MASSES_KG).guaranteed
+        assert reached is not None
+        assert reached.bandwidth_Hz >= found.best.bandwidth_Hz
+        assert reached.peak_sensitivity <= found.best.peak_sensitivity
+
+
 # The search for the worst rigs.
 
 

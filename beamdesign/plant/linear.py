@@ -95,6 +95,17 @@ class BilinearPlant:
             self.sensors, moved(self.denominator), control, self.displaced, self.disturbance, self.crossed
         )
 
+    def weighing(self, factor: float) -> "BilinearPlant":
+        """The plant whose inner end mass n is that of this one at `factor` n."""
+        by = exact(factor)
+
+        def free(pair: PairOver) -> PairOver:
+            return pair[0], by * pair[1]
+
+        denominator, *control = ((free(own), free(slope)) for own, slope in (self.denominator, *self.control))
+        moved = free(self.displaced), free(self.disturbance), tuple(map(free, self.crossed))
+        return BilinearPlant(self.sensors, denominator, tuple(control), *moved)
+
 
 @dataclass(frozen=True)
 class LinearModel:
@@ -106,6 +117,7 @@ class LinearModel:
         effects: parameters and frozen figures of each effect that adds to the equations.
         stretch: kg and a factor: the model at the outer end mass m has the polynomials of its figures at
             kg + factor m. Its matrices are not stretched.
+        weighing: factor on the inner end mass in its polynomials, and not in its matrices.
         rig: of two beams, one of `beamdesign.plant.assembly.RIGS`.
     """
 
@@ -113,6 +125,7 @@ class LinearModel:
     filtered: bool
     effects: Mapping[str, Mapping[str, float]]
     stretch: tuple[float, float] = (0.0, 1.0)
+    weighing: float = 1.0
     rig: str = "twin_beam"
     _known: dict[tuple[str, ...], BilinearPlant] = field(default_factory=dict, init=False, repr=False, compare=False)
 
@@ -199,6 +212,7 @@ class LinearModel:
         """The plant over both end masses as these sensors see it, to a common factor that is free of the masses."""
         if (sensors := tuple(sensors)) not in self._known:
             found = self._derived(sensors)
+            found = found if self.weighing == 1.0 else found.weighing(self.weighing)
             self._known[sensors] = found if self.stretch == (0.0, 1.0) else found.stretched(*self.stretch)
         return self._known[sensors]
 

@@ -222,8 +222,8 @@ class Search:
         return self._refinements[form]
 
     def _factors(self, cut: Cut | None) -> np.ndarray:
-        """(d,) what the lumped figures of a rig are multiplied by."""
-        names = figures_of(self.members[0].rig.rig)[:-2]
+        """(15,) what the mass inside and the lumped figures of a rig are multiplied by."""
+        names = ("inner_end_mass", *figures_of(self.members[0].rig.rig)[:-2])
         if cut is None or self.spread is None:
             return np.ones(len(names))
         off = self.spread.factors(np.array(cut.z))

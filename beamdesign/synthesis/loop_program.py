@@ -205,7 +205,7 @@ class Block:
     Attributes:
         slack: as of `point`, or as of `stiffness_of`.
         given: (rows, n) what each point has of its own: the data, or frequency (Hz), outer end mass (kg) and factors on
-            the figures.
+            the mass inside and on the figures.
         limit: what is added to all of them.
         more: what is added to each, (n,).
         of_bandwidth: whether instead of frequencies there are shares of the bandwidth.
@@ -227,7 +227,7 @@ class Block:
             slack = self.slack(law, inner, figures, own)
         else:
             frequency = own[0] * ca.exp(beta) if self.of_bandwidth else own[0]
-            slack = self.slack(law, inner, figures * own[2:], own[1], frequency)
+            slack = self.slack(law, inner * own[2], figures * own[3:], own[1], frequency)
         curvature, slope = ca.hessian(slack, y[moving])
         n, outputs = self.given.shape[1], [weight * slope, weight * ca.triu(curvature)]
         curved = ca.Function("curved", [y, own, weight], outputs, ONCE).map("curves", "serial", n, [0], [0, 1])

@@ -84,10 +84,10 @@ class LawRefinement:
         form: of the law.
         inner_kg: least and most mass inside.
         plants: the plants and factors on their gain that are to perform, with outer end masses (kg), whether they
-            are of the nominal rig, and (14,) factors on the lumped figures.
+            are of the nominal rig, and (15,) factors on the mass inside and on the lumped figures.
         sections: that may be chosen as well; the rigs are then that with them and, as `factors` says, what is off it.
         nominal_rows: how many rows of samples are of the nominal rig; of the others only the worst points are enforced.
-        factors: (rows of samples, 14) on the lumped figures.
+        factors: (rows of samples, 15) on the mass inside and on the lumped figures.
         resampled: section variables to the samples with them, None where there is no such rig.
     """
 
@@ -272,16 +272,19 @@ class LawRefinement:
                 return stiffness_of(table.shape, plant, factor)
             return sized.slack(table.shape, "compliance")
 
-        def off(k: int, count: int) -> np.ndarray:
-            return np.ones((0, count)) if sized is None else np.repeat(self.plants[k][4][:, None], count, 1)
+        def off(k: int, count: int) -> np.ndarray:  # a plant that stands is off already
+            factors = np.ones(1) if sized is None else self.plants[k][4]
+            return np.repeat(factors[:, None], count, 1)
 
         limit_of = {kind: ca.MX(log(limit)) for kind, limit in limits.items()}
         if "peak_compliance" in limits:
             k, mass = self._softest()
             idle = ca.DM.zeros(*table.shape)
             idle[-1, 0] = 1
-            lumped = figures * ca.DM(off(k, 1))
-            without = -stiffness(*self.plants[k][:2])(ca.vec(idle), inner, lumped, mass, ca.exp(resonance))
+            factors = off(k, 1)
+            lumped = figures * ca.DM(factors[1:])
+            idling = ca.vec(idle), factors[0, 0] * inner, lumped, mass, ca.exp(resonance)
+            without = -stiffness(*self.plants[k][:2])(*idling)
             limit_of["peak_compliance"] += without + apart  # what the samples have more or less of it
             servo_off = ca.Function("servo_off", [variables], [without])
         for kind, size in zip(_WORST, sizes, strict=True):

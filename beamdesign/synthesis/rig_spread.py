@@ -80,8 +80,13 @@ class RigSpread:
         return np.round([(factors.get(name, 1.0) - 1) / size for name, size in self.deviations.items()], _DIGITS)
 
     def members(self, z: np.ndarray) -> tuple[VertexModel, ...]:
-        """Linear members that a law has to serve of the prototype with its figures off by (d,)."""
-        return served(self.rig(z), self.largest_outer_kg, self.stage)
+        """Linear members that a law has to serve of the prototype with its figures off by (d,).
+
+        Their inner end mass is a variable of the search, to which the mass of the rig that is off is in proportion.
+        """
+        inside = self.factors(z).get("inner_end_mass", 1.0)
+        off = served(self.rig(z), self.largest_outer_kg, self.stage)
+        return tuple(replace(one, rig=replace(one.rig, weighing=inside)) for one in off)
 
     def drawn(self, count: int, seed: int, reach: float = 1.0) -> list[np.ndarray]:
         """Deviations (d,) of rigs drawn at random: normal, cut off at four, times a reach; of no figure all is gone."""
@@ -93,7 +98,7 @@ class RigSpread:
 def rig_spread(prototype: Prototype, largest_outer_kg: float, sigmas: float = SIGMAS) -> RigSpread:
     """The rigs within so many standard deviations of the prototype's `[tolerance]`.
 
-    Tolerances of end masses are left out: the outer one is a range of its own, the inner one is weighed.
+    That of the outer end mass is left out, which is a range of its own.
 
     Raises:
         InputError: where no figure has a tolerance, or one could reach zero.
@@ -115,14 +120,14 @@ def rig_spread(prototype: Prototype, largest_outer_kg: float, sigmas: float = SI
 
 
 def deviations_of(prototype: Prototype) -> dict[str, float]:
-    """Relative standard deviation of every figure of a rig that varies, but of end masses."""
+    """Relative standard deviation of every figure of a rig that varies, but of the outer end mass."""
     lacks = PARAMETERS.keys() - rows_of(type(prototype.actuator)).keys()
     lacks |= {"filter_frequency"} if prototype.sensor.filter_Hz is None else set()
     every = {name: getattr(prototype.tolerance, TOLERANCES[name]) for name in CHANGEABLE if name in TOLERANCES}
     for beam in ("outer", "inner"):  # a dashpot 2 zeta sqrt(K M) is off where K and M are
         own, stiffness, mass = (every[f"{beam}_{figure}"] for figure in ("damping", "stiffness", "mass"))
         every[f"{beam}_damping"] = own or (stiffness + mass) / 2
-    return {name: size for name, size in every.items() if size and name not in lacks and not name.endswith("end_mass")}
+    return {name: size for name, size in every.items() if size and name not in lacks}
 
 
 BUDGET, SECONDS = 20_000, 120.0
