@@ -2,6 +2,7 @@
 
 import csv
 import json
+import tomllib
 from contextlib import nullcontext
 from pathlib import Path
 
@@ -72,7 +73,7 @@ MASSES = {"key": "options.outer_end_mass_kg", "values": [0.0, 2.0, 10.0, 20.0]}
 def test_every_leaf_of_both_kinds_of_file_is_a_key():
     for record, path in ((DesignProblem, PROBLEM), (Prototype, REMEDY)):
         known = known_keys(record)
-        table = __import__("tomllib").loads(path.read_text(encoding="utf-8"))
+        table = tomllib.loads(path.read_text(encoding="utf-8"))
         for key in (f"{name}.{leaf}" for name, part in table.items() if isinstance(part, dict) for leaf in part):
             assert wrong_key(key, known) == ""
     assert wrong_key("controller.zero_Hz", known) == wrong_key("effects.sensor_lag.break_Hz", known) == ""
@@ -369,9 +370,22 @@ def test_picture_without_data_says_so(sweep, command, tmp_path):
     assert "no case has bandwidth_Hz" in (tmp_path / "out" / "picture.svg").read_text(encoding="utf-8")
 
 
+@pytest.mark.parametrize(
+    ("task", "options", "output", "worst"),
+    [("arm", {}, "error_m", max), ("limits", {"outer_end_mass_kg": 2.3}, "load_at_1_Hz_N", min),
+     ("at_mass", {"outer_end_mass_kg": 2.3}, "bandwidth_Hz", min)],
+)  # fmt: skip
+def test_of_a_schedule_the_worst_law_answers(task, options, output, worst):
+    """The load of an arm is the weight of a law's largest payload; 2.3 kg are for two laws."""
+    record = workers.compute(case(task, tomllib.loads(SCHEDULED.read_text(encoding="utf-8")), options, {}))
+    each = [outputs[output] for outputs in record["details"]["stages"].values()]
+    assert len(set(each)) > 1
+    assert record["outputs"][output] == worst(each)
+
+
 def test_limits_of_a_schedule_are_those_with_its_largest_payload():
     rig = read_prototype(SCHEDULED)
-    document = __import__("tomllib").loads(SCHEDULED.read_text(encoding="utf-8"))
+    document = tomllib.loads(SCHEDULED.read_text(encoding="utf-8"))
     found = workers.compute(case("limits", document, {}, {}))["outputs"]
     (heaviest,) = rig.stages((6.8, 6.8))
     expected = envelope(heaviest.prototype, 6.8, frequency_Hz=np.array([1.0, 10.0, 100.0])).load_N
@@ -421,7 +435,7 @@ def test_a_key_goes_along_as_a_multiple_of_the_varied_one():
 
 
 def test_defaults_written_out_are_the_same_inputs_and_code_is_part_of_the_address(monkeypatch):
-    table = __import__("tomllib").loads(REMEDY.read_text(encoding="utf-8"))
+    table = tomllib.loads(REMEDY.read_text(encoding="utf-8"))
     spelt = table | {"supply": {"pressure_Pa": 20e6}}
     given, same = (case("at_mass", document, {}, {}) for document in (table, spelt))
     assert given.address == same.address

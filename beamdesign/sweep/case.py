@@ -38,12 +38,14 @@ class Answer:
     reason: str = ""
 
 
-def of_all(answers: Mapping[str, Answer]) -> Answer:
+def of_all(answers: Mapping[str, Answer], governs: str = "bandwidth_Hz") -> Answer:
     """The answer of the law that governs, with the outputs of all by their names in the details.
 
-    That is the first whose answer is no, else the one of the least bandwidth. The only one stays as it is.
+    That is the first whose answer is no, else the one of the least of an output, or of the largest behind a minus. The
+    only one stays as it is.
     """
-    worst = min(answers.values(), key=lambda one: (not one.reason, one.outputs.get("bandwidth_Hz") or 0.0))
+    output, sign = governs.removeprefix("-"), -1.0 if governs[0] == "-" else 1.0
+    worst = min(answers.values(), key=lambda one: (not one.reason, sign * (one.outputs.get(output) or 0.0)))
     if len(answers) == 1:
         return worst
     return replace(worst, details=worst.details | {"stages": {name: one.outputs for name, one in answers.items()}})
@@ -145,6 +147,7 @@ class Task:
         options: its options.
         columns: every output that it can give, with what it holds; a case may lack some, or hold none there.
         needs: keys of `NEEDED` that it does not do without.
+        governs: by which output one of several laws governs, see `of_all`.
     """
 
     name: str
@@ -152,6 +155,7 @@ class Task:
     options: type[Record]
     columns: Mapping[str, Kind]
     needs: tuple[str, ...] = ()
+    governs: str = "bandwidth_Hz"
 
     @property
     def place(self) -> str:
@@ -212,10 +216,10 @@ _ROWS = (
     Task("arm", Prototype, ArmOptions,
         _columns("force_N error_alone_m error_m error_by_tip_m error_by_turning_m error_by_twist_m"
             f" {ERRORS} torsion_tip_held_Hz peak_sensitivity tip_bandwidth_Hz load_bandwidth_Hz", "stable"),
-        (_LAW, _RANGE)),
+        (_LAW, _RANGE), "-error_m"),
     Task("limits", Prototype, LimitsOptions,
         _columns(f"{_FORCES} static_error_m_per_N",
-            text="governing_at_1_Hz governing_at_10_Hz governing_at_100_Hz"), (_LAW,)),
+            text="governing_at_1_Hz governing_at_10_Hz governing_at_100_Hz"), (_LAW,), "load_at_1_Hz_N"),
 )  # fmt: skip
 TASKS = {row.name: row for row in _ROWS}
 

@@ -61,7 +61,8 @@ def compute(found: Case) -> dict[str, Any]:
             if hasattr(options, "outer_end_mass_kg"):  # a task at one mass, the largest where none is asked for
                 mass = range_kg[1] if options.outer_end_mass_kg is None else options.outer_end_mass_kg
                 range_kg = mass, mass
-            answer = of_all({one.prototype.name: work(one.prototype, options) for one in record.stages(range_kg)})
+            each = {one.prototype.name: work(one.prototype, options) for one in record.stages(range_kg)}
+            answer = of_all(each, task.governs)
         else:
             answer = work(record, options)
         outputs, details, reason = answer.outputs, answer.details, answer.reason
