@@ -92,3 +92,18 @@ def test_tune_command_writes_the_contracts_fields(paper: Prototype, tmp_path: Pa
     assert written.guarantee is not None
     assert written.guarantee.bandwidth_Hz == pytest.approx(fields["guaranteed"]["bandwidth_Hz"], rel=1e-3)
     assert check(out / "certificate.toml").valid
+
+
+@pytest.mark.parametrize("command", [["codesign", "--bandwidth-Hz", "3"], ["front", "--bandwidths-Hz", "3"]])
+@pytest.mark.parametrize("choose", ["stock", "free"])
+def test_sections_of_other_than_free_sizes_are_told_not_to_be_sought(
+    command: list[str], choose: str, tmp_path: Path
+) -> None:
+    """Before anything is worked out: a regulator is refused."""
+    given = (STUDIES / "prototype.toml").read_text(encoding="utf-8")
+    given = given.replace('choose = "stock"', f'choose = "{choose}"').replace('kind = "lag"', 'kind = "lqg"')
+    (tmp_path / "study.toml").write_text(given, encoding="utf-8")
+    asked = [command[0], str(tmp_path / "study.toml"), *command[1:], "--out", str(tmp_path / "out")]
+    done = CliRunner().invoke(app, asked)
+    assert "is not for sections and controller together" in str(done.exception)
+    assert ("sections.choose = 'stock' is not taken" in " ".join(done.output.split())) == (choose == "stock")

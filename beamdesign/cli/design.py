@@ -98,8 +98,11 @@ def run(
     )
 
 
-def _read(study: Path, sigmas: float, nominal: bool) -> tuple["DesignProblem", float]:
-    """The study, with a word on what of it is taken otherwise than stated, and the standard deviations that count."""
+def _read(study: Path, sigmas: float, nominal: bool, free: bool = False) -> tuple["DesignProblem", float]:
+    """The study, with a word on what of it is taken otherwise than stated, and the standard deviations that count.
+
+    Sections of free sizes are sought whatever it says where `free` is set.
+    """
     from beamdesign.parameters import stated_or_typical
     from beamdesign.problem import read_problem
 
@@ -110,6 +113,9 @@ def _read(study: Path, sigmas: float, nominal: bool) -> tuple["DesignProblem", f
     if inside := problem.payload.inner_end_mass_kg:
         found = "the mass inside is found with the controller, up to controller.largest_inner_end_mass_kg"
         echo(f"payload.inner_end_mass_kg = {inside:g} is not taken: {found}")
+    choose = problem.sections.choose
+    if free and choose != "free" and "choose" in problem.sections.model_fields_set:
+        echo(f"sections.choose = {choose!r} is not taken: both sections are sought in free sizes")
     return problem, within
 
 
@@ -223,7 +229,7 @@ def codesign(
     from beamdesign.synthesis import codesign as room
     from beamdesign.synthesis.design_run import CERTIFICATE_NAME, certificate_name, certified
 
-    problem, within = _read(study, sigmas, nominal)
+    problem, within = _read(study, sigmas, nominal, free=True)
     masses = mass_range(outer_end_mass, problem.payload.outer_end_mass_kg, study)
     with in_time(minutes, "1 to 5 min") as limit, progress("co-design") as update:
         found = room.codesign(problem, masses, bandwidth_Hz, progress=update, sigmas=within)
@@ -291,7 +297,7 @@ def front(
     from beamdesign.report.charts import TradePoint, plot_trade
     from beamdesign.synthesis import codesign as room
 
-    problem, within = _read(study, sigmas, nominal)
+    problem, within = _read(study, sigmas, nominal, free=True)
     masses = problem.asked_kg()
     expected = "positive figures separated by commas, such as 3,5,8"
     bandwidths = figures_of("--bandwidths-Hz", bandwidths_Hz, "Bandwidth", expected)
