@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from beamdesign import DesignProblem, InputError, Prototype, read_problem
+from beamdesign.build.ratings import held_loads
 from beamdesign.prototype import Beam
 from beamdesign.structure.section import Tube
 from beamdesign.synthesis.checks import Check, check_sections, checks
@@ -121,6 +122,17 @@ def test_prototype_is_checked_with_its_corner_radii(problem):
         for one in (pair, check_prototype(sharp, 2000.0))
     )
     assert stress > reference
+
+
+def test_a_prototype_bends_by_its_measured_stiffness_as_its_specification_says(problem):
+    """An inner tube of two thirds of its computed stiffness touches the outer one: 17.7 mm less 2000 N over that."""
+    sharp = prototype_of(problem)
+    rig = sharp.but(inner_beam=sharp.inner_beam.but(stiffness_N_per_m=105e3, effective_mass_kg=1.6))
+    pair = check_prototype(rig, 2000.0)
+    on, off = (check for check in pair.checks if "under load" in check.name)
+    assert on.value == pytest.approx(0.0177 - 2000 / 105e3)
+    assert not on.satisfied
+    assert [on.value, off.value] == [held.gap_left_m for held in held_loads(rig, 2000.0)]
 
 
 def test_a_rounded_tube_in_a_round_one_is_checked_though_a_sharp_one_would_not_go_in(problem):

@@ -139,6 +139,7 @@ def checks(
     inner: Tube,
     asked: Requirements | None = None,
     factors: Factors | None = None,
+    measured: tuple[float, float] | None = None,
 ) -> list[Check]:
     """Every structural check of a pair of tubes.
 
@@ -148,6 +149,7 @@ def checks(
         inner: the inner tube.
         asked: other figures than the problem's, perhaps symbols.
         factors: local buckling factors (flange, web) of outer and inner tube, where they are variables on their own.
+        measured: tip stiffness of outer and inner tube, N/m, where it is not to follow from their sections.
 
     Returns:
         Checks, always the same ones in the same order for the same problem.
@@ -171,18 +173,21 @@ def checks(
             if alloy.buckling_class is None:  # EN 1993-1-1, 5.5.2(9): of the stress under load in place of the strength
                 limit = limit * (resistance / (asked.local_buckling * moment))
             found.append(Check(f"{name} diameter to wall, class 3", tube.width_m / tube.wall_m, limit, "1"))
-    return found + _fit(problem, asked, outer, inner)
+    if measured is None:
+        measured = _stiffness(problem.outer_beam, outer), _stiffness(problem.inner_beam, inner)
+    return found + _fit(problem, asked, outer, inner, measured)
 
 
-def _fit(problem: DesignProblem, asked: Requirements, outer: Tube, inner: Tube) -> list[Check]:
+def _stiffness(of: BeamProblem, tube: Tube) -> Quantity:
+    return lumped.tip_stiffness(of.material.youngs_modulus_Pa * tube.second_moment, of.free_length_m)
+
+
+def _fit(
+    problem: DesignProblem, asked: Requirements, outer: Tube, inner: Tube, stiffness: tuple[Quantity, Quantity]
+) -> list[Check]:
     """Clearances, walls and widths."""
     gaps = clearances(outer, inner)
-
-    def under_load(of: BeamProblem, tube: Tube) -> Quantity:
-        rigidity = of.material.youngs_modulus_Pa * tube.second_moment
-        return lumped.clearance_under_load(gaps[0], asked.tip_force_N, lumped.tip_stiffness(rigidity, of.free_length_m))
-
-    gap_on, gap_off = under_load(problem.inner_beam, inner), under_load(problem.outer_beam, outer)
+    gap_off, gap_on = (lumped.clearance_under_load(gaps[0], asked.tip_force_N, one) for one in stiffness)
     of_outer, of_inner = (one.material for one in problem.beams)
     found = [
         Check("clearance at assembly", gaps[0], asked.assembly_m, "m", at_least=True),
@@ -255,7 +260,13 @@ class CheckedPair:
         return max(self.checks, key=lambda check: check.utilisation).name
 
 
-def check_sections(problem: DesignProblem, outer: Tube, inner: Tube, asked: Requirements | None = None) -> CheckedPair:
+def check_sections(
+    problem: DesignProblem,
+    outer: Tube,
+    inner: Tube,
+    asked: Requirements | None = None,
+    measured: tuple[float, float] | None = None,
+) -> CheckedPair:
     """Check a given pair of tubes.
 
     Args:
@@ -263,8 +274,9 @@ def check_sections(problem: DesignProblem, outer: Tube, inner: Tube, asked: Requ
         outer: the outer tube, m.
         inner: the inner tube, m.
         asked: other figures than the problem's.
+        measured: as of `checks`.
     """
-    found = checks(problem, outer, inner, asked)
+    found = checks(problem, outer, inner, asked, measured=measured)
     return CheckedPair(
         outer=outer,
         inner=inner,

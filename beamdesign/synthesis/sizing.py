@@ -15,6 +15,7 @@ from beamdesign.progress import Progress, silent
 from beamdesign.prototype import Beam, Payload, Prototype
 from beamdesign.records import InputError, Problem
 from beamdesign.result import Result, finite, picked
+from beamdesign.structure.lumped import lumped_beam
 from beamdesign.structure.requirements import Clearance, Safety, SizedFor, Sizes
 from beamdesign.structure.section import Tube, as_arrays, clearances, stock_tubes
 from beamdesign.synthesis.checks import (
@@ -371,6 +372,8 @@ def _asked_of(beam: Beam) -> BeamProblem:
 def check_prototype(prototype: Prototype, tip_force_N: float, source: str = "prototype") -> CheckedPair:
     """Check a prototype's own sections, corner radii included, for what they are to keep: see `problem_of`.
 
+    Where a stiffness is measured the tubes bend as that says.
+
     Args:
         prototype: its beams must give their geometry.
         tip_force_N: the load to check for, N.
@@ -383,4 +386,5 @@ def check_prototype(prototype: Prototype, tip_force_N: float, source: str = "pro
     outer, inner = prototype.outer_beam.tube, prototype.inner_beam.tube
     assert outer is not None  # problem_of has refused such a prototype
     assert inner is not None
-    return check_sections(problem, outer, inner)
+    measured = lumped_beam(prototype.outer_beam).stiffness, lumped_beam(prototype.inner_beam).stiffness
+    return check_sections(problem, outer, inner, measured=measured)
