@@ -33,6 +33,7 @@ from beamdesign.cli import app
 from beamdesign.controllers import Lag
 from beamdesign.parameters import TYPICAL, stated_or_typical
 from beamdesign.plant.actuators import KINDS
+from beamdesign.polynomial import nearest
 from beamdesign.proofs.box_claims import claim_over_box, worst_over_box
 from beamdesign.proofs.certificate import Asked
 from beamdesign.proofs.tolerance_box import tolerance_box
@@ -437,6 +438,17 @@ def test_a_mass_inside_that_is_not_known_exactly_is_designed_for(rig: Prototype)
         assert reached is not None
         assert reached.bandwidth_Hz >= found.best.bandwidth_Hz
         assert reached.peak_sensitivity <= found.best.peak_sensitivity
+
+
+def test_rigs_of_the_search_carry_as_much_as_those_that_are_proved() -> None:
+    """A heavier payload than was asked for, within its tolerance, changes the gain of an effect of the load."""
+    record = read_prototype(PAPER).but(effects={"pressure_dependent_flow": {}}, tolerance=Tolerance(outer_end_mass=0.1))
+    rig = record.but(tolerance=record.tolerance.but(flow_gain=0.05))
+    box = tolerance_box(rig, SIGMAS, None, MASSES_KG)
+    (member,) = rig_spread(rig, MASSES_KG[1], SIGMAS).members(np.zeros(1))
+    assert (member.gain.low, member.gain.high) == pytest.approx(
+        [float(nearest(end)) for end in box.ranges["effect_gain"]]
+    )
 
 
 # The search for the worst rigs.

@@ -98,7 +98,7 @@ class RigSpread:
 def rig_spread(prototype: Prototype, largest_outer_kg: float, sigmas: float = SIGMAS) -> RigSpread:
     """The rigs within so many standard deviations of the prototype's `[tolerance]`.
 
-    That of the outer end mass is left out, which is a range of its own.
+    That of the outer end mass, which is a range of its own, counts in the load of effects alone.
 
     Raises:
         InputError: where no figure has a tolerance, or one could reach zero.
@@ -116,7 +116,8 @@ def rig_spread(prototype: Prototype, largest_outer_kg: float, sigmas: float = SI
         reason = "{:g} standard deviations of {:g} reach zero"
         problems = [Problem(TOLERANCES[name], reason.format(sigmas, deviations[name])) for name in wide]
         raise InputError("tolerance", problems)
-    return RigSpread(prototype, largest_outer_kg, deviations, sigmas)
+    heaviest_kg = largest_outer_kg * (1 + sigmas * prototype.tolerance.outer_end_mass)
+    return RigSpread(prototype, heaviest_kg, deviations, sigmas)
 
 
 def deviations_of(prototype: Prototype) -> dict[str, float]:
