@@ -12,7 +12,7 @@ from pydantic import Field, FiniteFloat
 from beamdesign import records
 from beamdesign.prototype import Prototype
 from beamdesign.quantities import RelativeStd
-from beamdesign.records import FileName, InputError, Positive, Problem, Record, nested_records
+from beamdesign.records import ByName, FileName, InputError, Positive, Problem, Record, nested_records, of_own_names
 from beamdesign.sweep.case import TASKS, Kind, Task
 
 SAMPLED = ("latin_hypercube", "sobol")
@@ -239,8 +239,14 @@ def _no_column(key: str, name: str, task: Task, kinds: tuple[Kind, ...]) -> Iter
 _STEP = re.compile(r"(?P<key>[^\[\]]+)(?:\[(?P<entry>\d+)\])?\Z")
 
 
+OWN_NAME = "NAME"
+"""In the place of one, as in material.NAME.density_kg_per_m3."""
+
+
 def known_keys(record: type[Record]) -> dict[str, int]:
     """Every dotted key of a record type, tables included, with how many entries its list has (0 for no list).
+
+    A name of one's own stands as `OWN_NAME`.
 
     The keys of effects are those of the effect library.
     """
@@ -257,8 +263,10 @@ def known_keys(record: type[Record]) -> dict[str, int]:
 def _walk(record: type[Record], before: str) -> Iterator[tuple[str, int]]:
     for name, field in record.model_fields.items():
         yield before + name, _entries(field.annotation)
-        for nested in nested_records(field.annotation):
-            yield from _walk(nested, f"{before}{name}.")
+        nested = [] if any(isinstance(mark, ByName) for mark in field.metadata) else nested_records(field.annotation)
+        inside = f"{before}{name}.{OWN_NAME}" if nested and of_own_names(field.annotation) else before + name
+        for one in nested:
+            yield from _walk(one, f"{inside}.")
 
 
 def _entries(annotation: Any) -> int:
@@ -274,6 +282,9 @@ def wrong_key(key: str, known: Mapping[str, int]) -> str:
     if parts is None:
         return "not a key; write table.key, or table.key[0] for one entry of a list"
     name, entry = parts["key"], parts["entry"]
+    steps = name.split(".")
+    own = (".".join([*steps[:k], OWN_NAME, *steps[k + 1 :]]) for k in range(1, len(steps)))
+    name = next((one for one in own if one in known), name)
     if name not in known:
         ends: dict[str, list[str]] = {}
         for there in known:
