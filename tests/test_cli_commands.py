@@ -116,6 +116,16 @@ def test_remedies_are_compared_on_the_template(tmp_path: Path, monkeypatch: pyte
     assert {path.name for path in out.iterdir()} == {"remedies.csv", "remedies.png", "remedies.svg"}
 
 
+def test_remedies_of_which_none_is_proved_are_a_no(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (study,) = start("codesign", tmp_path / "link.toml")
+    tube = Tube(0.14, 0.0023)
+    failed = Remedy("stiffer outer beam", 0.0, 0.0, 2.0, tube, tube, 0.0, (), (PAYLOAD,), "no gain")
+    proved = replace(failed, name="more phase from the controller", bandwidth_Hz=3.0, reason="")
+    for found, status in (((failed, failed), 1), ((failed, proved), 0)):
+        monkeypatch.setattr(remedies, "remedies", lambda *_, given=found: given)
+        call(tmp_path, "remedies", str(study), "--out", str(tmp_path / "out"), status=status)
+
+
 def test_remedies_without_given_sections_are_refused(tmp_path: Path) -> None:
     (study,) = start("study", tmp_path / "link.toml")
     done = CliRunner().invoke(app, ["remedies", str(study), "--out", str(tmp_path / "out")])

@@ -333,7 +333,8 @@ def remedies(
     """Compare the paper's four remedies for payload.
 
     They are a stiffer outer beam, a heavier or softer inner beam, more phase, and a lag scheduled on the
-    payload. Each is optimised for the same payload range and limits, and proved in the same way.
+    payload. Each is optimised for the same payload range and limits, and proved in the same way. Exit status 1 if
+    none of them is proved.
 
     Args:
         study: the study file; its given sections are the ones to remedy.
@@ -362,4 +363,5 @@ def remedies(
         [[row[name] for name in _REMEDY] for row in shown],
     )
     write_drawn(out, "remedies", figure, rows)
-    return CommandResult({"remedies": rows, "outer_end_mass_kg": masses, "added_mass_kg": added_mass_kg, **limit})
+    fields = {"remedies": rows, "outer_end_mass_kg": masses, "added_mass_kg": added_mass_kg, **limit}
+    return CommandResult(fields, yes=not all(one.reason for one in found))
