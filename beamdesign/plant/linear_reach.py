@@ -97,9 +97,8 @@ def _linear(prototype: Prototype, frequency: float, outer_end_mass: float) -> fl
 
 def linear_part(prototype: Prototype) -> Prototype:
     """The rig with those of its effects alone whose laws are linear, such as a sensor's lag."""
-    return prototype.but(
-        effects={name: table for name, table in prototype.effects.items() if _is_linear(name, prototype.rig)}
-    )
+    linear = {name: table for name, table in prototype.effects.items() if _is_linear(name, prototype.rig)}
+    return prototype if linear == prototype.effects else prototype.but(effects=linear)
 
 
 @cache
