@@ -10,6 +10,7 @@ from pydantic_core import InitErrorDetails, PydanticCustomError
 
 from beamdesign import quantities as q
 from beamdesign import records
+from beamdesign.asked import checked_range_kg
 from beamdesign.controllers import Cascade, Controller, Scheduled
 from beamdesign.files import read_bytes, write_whole
 from beamdesign.plant.actuators import Actuator, ActuatorTolerance, WithActuator, deviation
@@ -271,15 +272,9 @@ class Prototype(WithMaterials, WithActuator):
 
         Raises:
             InputError: for what is no pair of plausible masses, and where neither says.
+            ValueError: for an empty range.
         """
-        found = self.outer_end_mass_kg if given is None else given
-        if not isinstance(found, tuple | list) or len(found) != 2:
-            reason = "missing; give it there or as an argument" if found is None else "expected a pair of masses in kg"
-            raise records.InputError(self.name, [("payload.outer_end_mass_kg", reason)])
-        pair, plausible = (float(found[0]), float(found[1])), q.range_of(q.MassOrNone)
-        if wrong := [plausible.refusal(f"{mass:g}", "outer_end_mass_kg") for mass in pair if mass not in plausible]:
-            raise records.InputError(self.name, [("payload.outer_end_mass_kg", reason) for reason in wrong])
-        return pair
+        return checked_range_kg(self.name, self.outer_end_mass_kg if given is None else given)
 
     def with_law(self, law: Controller, outer_kg: tuple[float, float] | None, inner_kg: float) -> "Prototype":
         """With another law, payloads (kg) and mass inside (kg) in its payload; without guarantee and `[compliance]`."""

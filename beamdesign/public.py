@@ -88,18 +88,21 @@ def state_space(
         loop: which of the three.
 
     Raises:
+        InputError: for a mass that is not plausible.
         ValueError: for a loop where the prototype has no controller, or a name that is none of the three.
     """
     import control
     import numpy as np
 
+    from beamdesign.asked import checked_mass_kg
     from beamdesign.plant.linear import SEEN_AS
     from beamdesign.plant.members import family
 
     if loop not in ("closed", "open", "plant"):
         raise ValueError(f"loop is 'closed', 'open' or 'plant', not {loop!r}")
-    member = family(prototype, outer_end_mass_kg).rest
-    a, b, c = member.rig.matrices(outer_end_mass_kg, prototype.payload.inner_end_mass_kg)
+    mass = checked_mass_kg(prototype.name, outer_end_mass_kg)
+    member = family(prototype, mass).rest
+    a, b, c = member.rig.matrices(mass, prototype.payload.inner_end_mass_kg)
     b = b * [1.0, member.gain.high]
     added = prototype.controller.added if prototype.controller is not None else ()
     c = c[[0, 1, *(SEEN_AS[name] for name in added)]]

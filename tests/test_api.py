@@ -3,13 +3,16 @@
 import ast
 import doctest
 import inspect
+import math
 import pkgutil
 import subprocess
 import sys
+from functools import partial
 from importlib import import_module
 from pathlib import Path
 
 import control
+import numpy as np
 import pytest
 
 import beamdesign
@@ -18,6 +21,7 @@ from beamdesign.cli import PANELS
 from beamdesign.cli.gap import gap
 
 ROOT = Path(__file__).parent.parent
+STUDY = beamdesign.read_problem(ROOT / "studies" / "prototype.toml")
 HEAVY = {
     "casadi", "control", "cvxpy", "flint", "jinja2", "matplotlib", "numpy", "pydantic", "rich", "scipy", "tomli_w",
     "typer",
@@ -108,11 +112,59 @@ def test_a_payload_that_no_file_may_state_is_refused(mass: float):
     """As by every command, rather than proved or told of as a number that an engine cannot read."""
     refusal = rf"payload\.outer_end_mass_kg: is {mass:g}, outside the plausible range .* kg".replace("+", r"\+")
     firm = beamdesign.read_prototype(ROOT / "studies" / "prototypes" / "paper_remedy.toml")
-    for ask in (beamdesign.certify, beamdesign.spec, beamdesign.certify_switching):
+    for ask in OF_PAYLOADS:
         with pytest.raises(InputError, match=refusal):
-            ask(firm, (mass, 6.8))
-    with pytest.raises(InputError, match=refusal):
-        beamdesign.limits(firm, mass)
+            ask(firm, outer_end_mass_kg=(mass, 6.8))
+    for ask in OF_A_PAYLOAD:
+        with pytest.raises(InputError, match=refusal):
+            ask(firm, mass)
+
+
+OF_A_PAYLOAD = (beamdesign.limits, beamdesign.critical_gain, beamdesign.state_space)
+OF_PAYLOADS = (
+    beamdesign.certify, beamdesign.certify_box, beamdesign.certify_switching, beamdesign.arm, beamdesign.spec,
+    beamdesign.tune, partial(beamdesign.code, rate_Hz=2e4), partial(beamdesign.stiffness, rigs=0),
+    lambda _, outer_end_mass_kg: beamdesign.codesign(STUDY, outer_end_mass_kg, 3.0),
+    lambda _, outer_end_mass_kg: beamdesign.front(STUDY, [3.0], [outer_end_mass_kg]),
+    lambda _, outer_end_mass_kg: beamdesign.remedies(STUDY, outer_end_mass_kg, 4.5),
+)  # fmt: skip
+"""Functions of a range of payloads, of which each would decide something else for what is no range."""
+
+
+@pytest.mark.parametrize("ask", OF_PAYLOADS)
+def test_what_is_no_range_of_payloads_is_refused(ask):
+    """Neither turned round, nor read as a range of what it begins with."""
+    firm = beamdesign.read_prototype(ROOT / "studies" / "prototypes" / "tame_lag.toml")
+    with pytest.raises(ValueError, match="empty range: 3 is above 2"):
+        ask(firm, outer_end_mass_kg=(3.0, 2.0))
+    for pair in ((1.0, 2.0, 3.0), (), 3.0, {1.0: 2.0}):
+        with pytest.raises(InputError, match="expected a pair of masses in kg"):
+            ask(firm, outer_end_mass_kg=pair)
+    for pair in ("23", ("2", "3"), (None, 3.0)):
+        with pytest.raises(InputError, match="expected a number"):
+            ask(firm, outer_end_mass_kg=pair)
+
+
+def test_a_range_of_payloads_may_be_an_array():
+    firm = beamdesign.read_prototype(ROOT / "studies" / "prototypes" / "tame_lag.toml")
+    for pair in (np.array([2, 3]), [np.float32(2.0), np.int64(3)]):
+        assert beamdesign.certify(firm, pair).outer_end_mass_kg == (2.0, 3.0)
+        assert beamdesign.code(firm, 2e4, pair).outer_end_mass_kg == (2.0, 3.0)
+        assert beamdesign.arm(firm, pair, np.array([0.0, 0.0, -50.0])).outer_end_mass_kg == (2.0, 3.0)
+
+
+def test_figures_that_no_option_may_state_are_refused_by_functions_too():
+    """Rather than answered with what is not a number, or passed over."""
+    firm = beamdesign.read_prototype(ROOT / "studies" / "prototypes" / "tame_lag.toml")
+    for key, ask in (
+        ("preload_N", lambda: beamdesign.limits(firm, 2.0, math.nan)),
+        ("force_N", lambda: beamdesign.arm(firm, (0.0, 1.0), (0.0, 0.0, math.nan))),
+        ("rate_Hz", lambda: beamdesign.code(firm, math.inf)),
+        ("largest_current_A", lambda: beamdesign.code(firm, 2e4, largest_current_A=0.0)),
+        ("full_scale_V", lambda: beamdesign.code(firm, 2e4, full_scale_V=-10.0)),
+    ):
+        with pytest.raises(InputError, match=f"{key}: is .*, outside the plausible range"):
+            ask()
 
 
 def test_public_names_are_listed_once_and_in_order():

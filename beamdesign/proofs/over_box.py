@@ -149,12 +149,13 @@ def certify_box(
         progress: told the share done and what is being done.
 
     Raises:
-        ValueError: without a controller.
-        InputError: for a figure that the rig does not have, or that has no tolerance.
+        ValueError: without a controller, or for an empty range.
+        InputError: for masses that are not plausible, a figure that the rig does not have, or that has no tolerance.
     """
     delays = (0.0, delay_s) if delay_s else None
-    masses = outer_end_mass_kg or prototype.outer_end_mass_kg or (0.0, 0.0)
-    box = tolerance_box(prototype, sigmas, only or None, outer_end_mass_kg, delay_s=delays)
+    asked = None if outer_end_mass_kg is None else prototype.asked_kg(outer_end_mass_kg)
+    masses = asked or prototype.outer_end_mass_kg or (0.0, 0.0)
+    box = tolerance_box(prototype, sigmas, only or None, asked, delay_s=delays)
     with within(seconds / 60) as limit, share(1.0, within_steps=True):
         progress(0.1, f"{len(box.names)} figures")
         verdict = decide(prototype, box, budget)

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from beamdesign.asked import checked_range_kg
 from beamdesign.controllers import KINDS
 from beamdesign.controllers.protocol import form_of
 from beamdesign.plant.members import family
@@ -153,8 +154,10 @@ def codesign(
         minutes: after about which the best that was proved until then is the answer.
 
     Raises:
-        InputError: for a kind of controller that is not tuned from a seed of its own.
+        InputError: for a kind of controller that is not tuned from a seed of its own, or masses that are not plausible.
+        ValueError: for an empty range.
     """
+    outer_end_mass_kg = checked_range_kg(problem.name, outer_end_mass_kg)
     kind, report = problem.controller.kind, progress or silent
     if kind not in KINDS or not any(seed.kind == kind for seed in KINDS[kind].seeds()):
         reason = f"{kind!r} is not for sections and controller together, which are sought with few figures; give a lag"
@@ -293,7 +296,8 @@ def front(
     report = progress or silent
     bandwidths = sorted(set(bandwidths_Hz))
     solved: dict[tuple[int, int], Codesign] = {}
-    ranges = list(dict.fromkeys(ranges_kg or (problem.asked_kg(),)))
+    asked = [checked_range_kg(problem.name, one) for one in ranges_kg] or [problem.asked_kg()]
+    ranges = list(dict.fromkeys(asked))
     colder, total = 0, len(ranges) * len(bandwidths)
     with within(minutes) as limit:
         for i, k in product(range(len(ranges)), range(len(bandwidths))):

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from beamdesign.asked import checked, checked_mass_kg
 from beamdesign.loop import loop
 from beamdesign.plant.actuators import Demand, Limit
 from beamdesign.plant.assembly import fits
@@ -31,6 +32,7 @@ from beamdesign.plant.linear_reach import (
 from beamdesign.plant.members import STANDARD_GRAVITY, own_sag_m
 from beamdesign.progress import Progress, silent
 from beamdesign.prototype import Prototype
+from beamdesign.quantities import SignedForce
 from beamdesign.records import InputError
 from beamdesign.result import Result, finite, picked
 from beamdesign.structure import lumped
@@ -342,10 +344,11 @@ def limits(
         progress: called with the share done and what is being done.
 
     Raises:
-        InputError: for effects that cannot be, for a mass that is not plausible, or without a controller.
+        InputError: for effects that cannot be, for figures that are not plausible, or without a controller.
     """
-    mass = outer_end_mass_kg if outer_end_mass_kg is not None else (prototype.outer_end_mass_kg or (0.0, 0.0))[1]
-    prototype.asked_kg((mass, mass))
+    most = (prototype.outer_end_mass_kg or (0.0, 0.0))[1]
+    mass = checked_mass_kg(prototype.name, most if outer_end_mass_kg is None else outer_end_mass_kg)
+    checked(prototype.name, "preload_N", SignedForce, preload_N)
     found = envelope(prototype, mass, preload_N)
     if not found.stable:
         return Limits(prototype, mass, preload_N, found)

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from beamdesign.asked import checked_range_kg
 from beamdesign.controllers import Lag
 from beamdesign.controllers.cascade import as_lag
 from beamdesign.controllers.protocol import form_of
@@ -197,7 +198,12 @@ def remedies(
         progress: told the share done and what is being done.
         sigmas: as of `beamdesign.synthesis.tuning.tune`.
         numbers: which of them, ascending: 0 the untouched loop, 1 to 4 the remedies in the paper's order; else all.
+
+    Raises:
+        InputError: for masses that are not plausible.
+        ValueError: for an empty range.
     """
+    outer_end_mass_kg = checked_range_kg(problem.name, outer_end_mass_kg)
     report, asked = progress or silent, (problem, outer_end_mass_kg, added_mass_kg, sigmas)
     every = (*FREEDOMS, SCHEDULED)
     chosen = every if numbers is None else [every[number] for number in numbers]

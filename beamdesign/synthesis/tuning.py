@@ -166,11 +166,12 @@ def tune(
         has no effects.
 
     Raises:
-        InputError: for effects for which no linear loop stands, or which together allow no proof; where so many stages
-            do not fit into the range, and for structured stages without a filter before them whose changes are to be
-            proved.
-        ValueError: for a kind that is none of these.
+        InputError: for masses that are not plausible; for effects for which no linear loop stands, or which together
+            allow no proof; where so many stages do not fit into the range, and for structured stages without a filter
+            before them whose changes are to be proved.
+        ValueError: for a kind that is none of these, or an empty range.
     """
+    outer_end_mass_kg = prototype.asked_kg(outer_end_mass_kg)
     if kind not in (*KINDS, *SYNTHESES):
         raise ValueError(f"no tuning of kind {kind!r}")
     wrong = list(not_felt(type(prototype.actuator), sensors, "controller"))

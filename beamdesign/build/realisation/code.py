@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from flint import ctx, fmpq, fmpq_mat, fmpq_poly
 
+from beamdesign.asked import checked
 from beamdesign.build.realisation.c_code import c_files
 from beamdesign.build.realisation.law import LinearLaw
 from beamdesign.build.realisation.loop import (
@@ -41,7 +42,7 @@ from beamdesign.polynomial import exact
 from beamdesign.progress import Progress, silent
 from beamdesign.proofs.certifying import stability_over
 from beamdesign.prototype import Prototype
-from beamdesign.quantities import masses_text
+from beamdesign.quantities import FullScale, LargestCurrent, SamplingRate, masses_text
 from beamdesign.records import InputError
 from beamdesign.result import Result, finite, picked
 from beamdesign.structure.arm import left_aside
@@ -329,12 +330,19 @@ def code(
         progress: called with the share done and what is being done.
 
     Raises:
-        InputError: without a controller, or for one that cannot be realised so.
+        InputError: without a controller, for one that cannot be realised so, or for figures that are not plausible.
+        ValueError: for an empty range.
     """
     if prototype.controller is None:
         raise InputError(prototype.name, [("controller", "missing")])
-    masses = outer_end_mass_kg or prototype.payload.outer_end_mass_kg or (0.0, 0.0)
-    limit = largest_current_A or prototype.actuator.largest_current_A(prototype)
+    checked(prototype.name, "rate_Hz", SamplingRate, rate_Hz)
+    checked(prototype.name, "full_scale_V", FullScale, full_scale_V)
+    if largest_current_A is None:
+        limit = prototype.actuator.largest_current_A(prototype)
+    else:
+        (limit,) = checked(prototype.name, "largest_current_A", LargestCurrent, largest_current_A)
+    own = prototype.payload.outer_end_mass_kg or (0.0, 0.0)
+    masses = prototype.asked_kg(own if outer_end_mass_kg is None else outer_end_mass_kg)
     try:
         scales = full_scales_of(prototype, full_scale_V)
         made = realise(prototype.controller, rate_Hz, word_length, full_scale_V, limit, full_scales=scales)

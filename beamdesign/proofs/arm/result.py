@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from scipy.linalg import eigh
 
+from beamdesign.asked import checked
 from beamdesign.plant.members import STANDARD_GRAVITY
 from beamdesign.polynomial import exact, nearest
 from beamdesign.proofs.arm import PlaneLoop, plane_loop
@@ -21,7 +22,8 @@ from beamdesign.proofs.quadratic import kept_up_to_Hz
 from beamdesign.proofs.stability import StabilityMap, stable_ranges
 from beamdesign.proofs.writer import certificate, plain, stability_table, stated, texts
 from beamdesign.prototype import Goal, Prototype
-from beamdesign.result import Result, picked
+from beamdesign.quantities import SignedForce
+from beamdesign.result import Result, finite, picked
 from beamdesign.structure.arm import PLANES, ArmFigures, Name, PlaneFigures, arm_figures, arm_of, in_plane, sensor_of
 from beamdesign.structure.lumped import lumped_beam
 
@@ -193,7 +195,7 @@ class ArmResult(Result):
     def to_dict(self) -> dict[str, Any]:
         """What a JSON file holds of it."""
         planes = "plane=name coupled_with_torsion=coupled stable guaranteed stable_ranges_kg=stability.stable_ranges"
-        return {
+        return finite({
             **picked(self, "stable reason outer_end_mass_kg figures sampled_stable sampled_load_Hz frequencies"),
             "planes": [
                 picked(plane, planes)
@@ -207,7 +209,7 @@ class ArmResult(Result):
             },
             "without_servo": self.without.to_dict(),
             "with_servo": None if self.with_servo is None else self.with_servo.to_dict(),
-        }
+        })  # fmt: skip
 
 
 def usual_load_N(prototype: Prototype, payload_kg: float) -> Vector:
@@ -227,7 +229,8 @@ def arm(
             payload and the prototype's largest force, downwards.
 
     Raises:
-        InputError: where figures are missing, or for effects.
+        InputError: where figures are missing or not plausible, or for effects.
+        ValueError: for an empty range, or a load that is not of three figures.
     """
     masses = prototype.asked_kg(outer_end_mass_kg)
     figures, link = arm_figures(prototype), arm_of(prototype)
@@ -243,7 +246,9 @@ def arm(
     if stable:
         y, z = (loop.at(0.0).static_compliance() for loop in model.loops)
         closed = y, z
-    goal, force = prototype.goal.compliance_m_per_N, force_N or usual_load_N(prototype, masses[1])
+    load = usual_load_N(prototype, masses[1]) if force_N is None else force_N
+    x, y, z = checked(prototype.name, "force_N", SignedForce, *load)
+    goal, force = prototype.goal.compliance_m_per_N, (x, y, z)
     tip = tip_compliance(figures)
     servo = None if closed is None else held(tip, closed, sensor_of(prototype))[0]
     payload, tool = link.offset_m, link.tool_m or link.offset_m

@@ -1,0 +1,65 @@
+"""Figures that a caller of a function asks for, checked as those of a file are."""
+
+from collections.abc import Iterable
+from numbers import Real
+from typing import Any
+
+from beamdesign.quantities import MassOrNone, range_of
+from beamdesign.records import InputError
+
+MASS = "payload.outer_end_mass_kg"
+"""What a message calls a mass on the outer tip."""
+
+
+def checked(name: str, key: str, quantity: Any, *given: object) -> tuple[float, ...]:
+    """Figures of one quantity as floats.
+
+    Args:
+        name: of the rig or the study, for the message.
+        key: what the message calls them, ending with their unit.
+        quantity: of `beamdesign.quantities`.
+        given: numbers of Python or of numpy.
+
+    Raises:
+        InputError: for what is no number, or not plausible.
+    """
+    plausible, wrong = range_of(quantity), []
+    for figure in given:
+        if not isinstance(figure, Real):
+            wrong.append(f"expected a number, is {figure!r}")
+        elif figure not in plausible:
+            wrong.append(plausible.refusal(f"{figure:g}", key.rpartition(".")[2]))
+    if wrong:
+        raise InputError(name, [(key, reason) for reason in dict.fromkeys(wrong)])
+    return tuple(map(float, given))  # type: ignore[arg-type]
+
+
+def checked_range_kg(name: str, given: object) -> tuple[float, float]:
+    """Masses (least, most) on the outer tip.
+
+    Args:
+        name: of the rig or the study, for the message.
+        given: two numbers in kg, as a tuple, a list or an array; None where nobody says.
+
+    Raises:
+        InputError: for what is no pair of plausible masses, and for None.
+        ValueError: for an empty range.
+    """
+    if given is None:
+        raise InputError(name, [(MASS, "missing; give it there or as an argument")])
+    pair = tuple(given) if isinstance(given, Iterable) and getattr(given, "ndim", 1) else ()
+    if len(pair) != 2:
+        raise InputError(name, [(MASS, "expected a pair of masses in kg")])
+    low, high = checked(name, MASS, MassOrNone, *pair)
+    if low > high:
+        raise ValueError(f"empty range: {low:g} is above {high:g}")
+    return low, high
+
+
+def checked_mass_kg(name: str, given: object) -> float:
+    """One mass on the outer tip, kg.
+
+    Raises:
+        InputError: for what is no plausible mass.
+    """
+    return checked(name, MASS, MassOrNone, given)[0]
