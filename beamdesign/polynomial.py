@@ -13,6 +13,10 @@ from math import inf, isfinite, nextafter, pi, sqrt
 import numpy as np
 from flint import acb, arb, arb_poly, ctx, fmpq, fmpq_mpoly, fmpq_poly, fmpz, fmpz_poly
 
+from beamdesign.exact_copies import let_be_copied
+
+let_be_copied()
+
 
 @lru_cache(1 << 14)
 def exact(value: float) -> fmpq:

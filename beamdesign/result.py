@@ -58,7 +58,8 @@ class Result:
         return f"<{type(self).__name__}: {words}>"
 
     def _repr_html_(self) -> str:
-        cells = ("".join(f"<td>{escape(shown(cell))}</td>" for cell in row) for row in self.rows())
+        texts = (("" if cell is None else shown(cell) for cell in row) for row in self.rows())
+        cells = ("".join(f"<td>{escape(text)}</td>" for text in row) for row in texts)
         reason = str(getattr(self, "reason", ""))
         heading = f"{type(self).__name__}: {self.status}" + (f": {reason}" if reason else "")
         return f"<p>{escape(heading)}</p><table>{''.join(f'<tr>{row}</tr>' for row in cells)}</table>"
@@ -97,7 +98,8 @@ def json_text(fields: Mapping[str, Any]) -> str:
 def finite(value: Any, digits: int | None = None) -> Any:
     """Records, arrays, rationals and their figures as dictionaries, lists and numbers of Python; else as text.
 
-    JSON has no infinity, so that figures that are not finite become None.
+    JSON has no infinity, so that figures that are not finite become None. What a record neither shows nor compares is
+    of its making, and left out.
 
     Args:
         value: any of these.
@@ -105,7 +107,8 @@ def finite(value: Any, digits: int | None = None) -> Any:
     """
     inside = partial(finite, digits=digits)
     if is_dataclass(value) and not isinstance(value, type):
-        return {field.name: inside(getattr(value, field.name)) for field in fields(value)}
+        stated = (field.name for field in fields(value) if field.repr or field.compare)
+        return {name: inside(getattr(value, name)) for name in stated}
     if hasattr(value, "model_dump"):
         return inside(value.model_dump(mode="json", exclude_none=True))
     if isinstance(value, Mapping):

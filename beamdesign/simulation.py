@@ -124,6 +124,23 @@ class Simulation(Result):
         """Whether every record is."""
         return all(record.stable for record in self.records)
 
+    @property
+    def reason(self) -> str:
+        """Which records are not, and why; empty where every record is."""
+        return "; ".join(f"{record.name}: {record.reason}" for record in self.records if not record.stable)
+
+    def rows(self) -> list[tuple[str, str, float, float | None]]:
+        """Record, whether it is stable, largest displacement in m, and frequency in Hz of what does not die out."""
+        return [
+            (
+                record.name,
+                "yes" if record.stable else "no",
+                float(abs(record.column("displacement_m")).max()),
+                None if record.oscillation is None else record.oscillation.frequency_Hz,
+            )
+            for record in self.records
+        ]
+
 
 def simulate(prototype: Prototype, scenario: Scenario) -> Simulation:
     """Simulate the records of a scenario.

@@ -1,9 +1,20 @@
 """What a public function gives shows itself: a short text, a table for a notebook, plain values for a file."""
 
+import copy
 import json
-from dataclasses import dataclass
+import pickle
+from dataclasses import dataclass, field
+from functools import cache
+from pathlib import Path
+from typing import Any
 
+import pytest
+from flint import arb, fmpq, fmpq_mat, fmpq_mpoly_ctx, fmpq_poly, fmpz, fmpz_poly
+
+import beamdesign
 from beamdesign.result import Result
+
+ROOT = Path(__file__).parent.parent
 
 
 @dataclass(frozen=True, repr=False)
@@ -28,3 +39,76 @@ def test_rows_and_page_and_file_hold_the_same_figures():
     assert json.loads(json.dumps(found.to_dict(), allow_nan=False))["parts"] == {"tube_kg": 1.23456, "rest_kg": None}
     assert found.rows() == [("mass_kg", 2.0), ("parts.tube_kg", 1.23456)]
     assert "<td>parts.tube_kg</td><td>1.235</td>" in found._repr_html_()
+
+
+@dataclass(frozen=True, repr=False)
+class Made(Result):
+    mass_kg: float
+    series: tuple[float, ...] = field(default=(1.0,), repr=False)
+    write: Any = field(default=print, repr=False, compare=False)
+
+
+def test_what_makes_a_record_is_none_of_its_values():
+    assert Made(2.0).to_dict() == {"mass_kg": 2.0, "series": [1.0]}
+
+
+@cache
+def rig(name: str) -> beamdesign.Prototype:
+    return beamdesign.read_prototype(ROOT / "studies" / "prototypes" / f"{name}.toml")
+
+
+RESULTS = {
+    "certify": lambda: beamdesign.certify(rig("tame_lag")),
+    "certify_not_stable": lambda: beamdesign.certify(rig("paper_remedy")),
+    "certify_box": lambda: beamdesign.certify_box(rig("tame_lag"), (2.0, 3.0), 2.0, ["sensor_gain", "outer_damping"]),
+    "certify_switching": lambda: beamdesign.certify_switching(rig("tame_lag"), (2.0, 3.0), 0.5),
+    "arm": lambda: beamdesign.arm(rig("arm")),
+    "code": lambda: beamdesign.code(rig("tame_lag"), 2e4),
+    "stiffness": lambda: beamdesign.stiffness(rig("compliant")),
+    "size": lambda: beamdesign.size(beamdesign.read_problem(ROOT / "studies" / "prototype.toml")),
+    "prove": lambda: beamdesign.prove(("k", "s**2 + s + 1"), {"k": (1, 2)}),
+    "simulate": lambda: beamdesign.simulate(
+        rig("paper_remedy"), beamdesign.read_scenario(ROOT / "studies" / "scenarios" / "kick.toml")
+    ),
+}
+
+
+@pytest.mark.parametrize("name", RESULTS)
+def test_a_result_is_plain_in_a_file_and_whole_in_a_copy_and_in_another_process(name: str):
+    """A result comes back from a process only pickled, and an exact number has to be that number there."""
+    found = RESULTS[name]()
+    values = found.to_dict()
+    assert json.loads(json.dumps(values, allow_nan=False))
+    assert found.rows()
+    assert " at 0x" not in json.dumps(values)
+    for again in (pickle.loads(pickle.dumps(found)), copy.deepcopy(found)):
+        assert (again.status, again.rows(), again.to_dict()) == (found.status, found.rows(), values)
+        assert getattr(again, "text", "") == getattr(found, "text", "")
+
+
+def test_exact_numbers_are_the_same_in_a_copy():
+    x, y = fmpq_mpoly_ctx.get(["x", "y"], "degrevlex").gens()
+    third = fmpq(1, 3)
+    exact = [fmpz(7), third, fmpz_poly([1, 2]), fmpq_poly([third, 2]), fmpq_mat(1, 2, [third, 2]), third * x * y + 2]
+    for number in exact:
+        assert pickle.loads(pickle.dumps(number)) == copy.deepcopy(number) == number
+    for ball in (arb("3.9"), arb(third), arb(0), arb("1 +/- 0.25"), arb("1e-400")):
+        again = pickle.loads(pickle.dumps(ball))
+        assert again.mid().fmpq() == ball.mid().fmpq()
+        assert ball.rad().fmpq() <= again.rad().fmpq() <= ball.rad().fmpq() * (1 + fmpq(1, 2**29))
+    assert not pickle.loads(pickle.dumps(arb("inf"))).is_finite()
+
+
+def test_a_loop_that_diverges_is_a_no_as_of_the_command():
+    found = RESULTS["simulate"]()
+    assert (found.stable, found.yes, found.status) == (False, False, "no")
+    assert found.reason.startswith("without_payload: the outer tip passed 0.02 m")
+    assert [row[1] for row in found.rows()] == ["yes", "no"]
+
+
+@pytest.mark.parametrize(("contact", "yes"), [("none", True), ("passive", False)])
+def test_a_controller_judged_as_it_is_answers_as_the_command(contact: str, yes: bool):
+    """Which exits with 1 where contact is not what it has to be."""
+    found = beamdesign.stiffness(rig("tame_lag"), contact=contact)
+    assert (found.yes, bool(found.reason)) == (yes, not yes)
+    assert not beamdesign.stiffness(rig("paper_remedy"), contact="none").yes

@@ -222,12 +222,8 @@ def simulate(
     if wrong:
         refuse(prototype, *wrong)
     found = engine.simulate(rig, plan)
-    rows = []
-    for record in found.records:
-        at = record.oscillation
-        peak = float(abs(record.column("displacement_m")).max())
-        rows.append((record.name, "yes" if record.stable else "no", peak, "" if at is None else at.frequency_Hz))
-    echo_table(f"{rig.name}: {plan.name}", ("record", "stable", "peak displacement_m", "oscillation_Hz"), rows)
+    heads = ("record", "stable", "peak displacement_m", "oscillation_Hz")
+    echo_table(f"{rig.name}: {plan.name}", heads, found.rows())
     for record in found.records:
         if not record.stable:
             echo(f"{record.name}: {record.reason}")

@@ -268,7 +268,6 @@ def stiffness(
     from beamdesign.quantities import mass_range_text
     from beamdesign.records import InputError
     from beamdesign.synthesis.end_stiffness import CONTACT_NAME, contact_text, in_words
-    from beamdesign.synthesis.stiffness_search import CONTACTS
     from beamdesign.synthesis.stiffness_search import stiffness as give
 
     record = read_prototype(prototype)
@@ -288,9 +287,10 @@ def stiffness(
     def judged(stage: "InStage") -> tuple[dict[str, Any], bool]:
         rig, own, _ = stage
         try:
-            found = give(rig, None, own, *wall).best
+            answer = give(rig, None, own, *wall, contact)
         except ValueError as error:
             refuse(prototype, ("controller", str(error)))
+        found = answer.best
         assert found is not None  # it is judged as it is
         rows = [*_kept(found), ("for every outer end mass", mass_range_text(own))]
         echo_table(f"{rig.name}: its end, with the controller as it is", ("figure", "value"), rows)
@@ -299,7 +299,7 @@ def stiffness(
         paths = {} if out is None else write_set(out / stage.suffix[1:], proof)
         for kind, path in paths.items():
             echo(f"{kind}: {path}")
-        return found.to_dict() | {"reason": "", **paths}, found.meets(CONTACTS[contact])
+        return found.to_dict() | {"reason": "", **paths}, answer.yes
 
     return by_stage(record, masses, judged)
 

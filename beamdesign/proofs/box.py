@@ -151,6 +151,16 @@ Dashpot = Callable[[Mapping[str, fmpq]], Interval]
 Spans = Callable[[Mapping[str, Interval]], Mapping[str, Interval]]
 
 
+def _no_spans(ranges: Mapping[str, Interval]) -> Mapping[str, Interval]:
+    """Of a family without effects; a function with a name, so that boxes can be pickled."""
+    return {}
+
+
+def _no_text(claims: "Sequence[BoxClaim]") -> str:
+    """The certificate where nothing is decided."""
+    return ""
+
+
 @dataclass(frozen=True)
 class Box:
     """Closed ranges of some parameters.
@@ -167,7 +177,7 @@ class Box:
     nominal: Mapping[str, fmpq]
     rigid: frozenset[str] = frozenset()
     dashpots: Mapping[str, Dashpot] = field(default_factory=dict)
-    spans: Spans = field(default=lambda ranges: {}, repr=False, compare=False)
+    spans: Spans = field(default=_no_spans, repr=False, compare=False)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -239,7 +249,7 @@ class BoxVerdict:
     box: Box
     pieces: int
     looked_at: int
-    write: "Callable[[Sequence[BoxClaim]], str]" = field(default=lambda claims: "", repr=False, compare=False)
+    write: "Callable[[Sequence[BoxClaim]], str]" = field(default=_no_text, repr=False, compare=False)
 
     @cached_property
     def certificate(self) -> str:

@@ -74,14 +74,10 @@ def tolerance_box(
     ranges = {name: (values[name] * (1 - share), values[name] * (1 + share)) for name, share in part.items()}
     dashpots: dict[str, Dashpot] = {}
 
-    def drawn(factors: Mapping[str, fmpq], beam: str) -> Interval:
-        names = [f"{beam}_{figure}" for figure in ("stiffness", "mass", "damping")]
-        return _dashpot(values[names[2]], *(part[name] * factors.get(name, fmpq(1)) for name in names))
-
     for beam in ("outer", "inner"):
         if f"{beam}_damping" in values and f"{beam}_damping" not in (spread or {}):
-            dashpots[f"{beam}_damping"] = partial(drawn, beam=beam)
-            ranges[f"{beam}_damping"] = drawn({}, beam)
+            dashpots[f"{beam}_damping"] = partial(_drawn, values, part, beam)
+            ranges[f"{beam}_damping"] = _drawn(values, part, beam, {})
     payload = prototype.payload.outer_end_mass_kg if outer_end_mass is None else outer_end_mass
     rigid = set()
     for name, pair in (("outer_end_mass", payload), ("delay", delay_s)):
@@ -90,11 +86,7 @@ def tolerance_box(
             ranges[name] = (exact(pair[0]) * (1 - share), exact(pair[1]) * (1 + share))
             rigid.add(name)
     heaviest = None if payload is None else nearest(ranges["outer_end_mass"][1])
-    own = dict(ranges)
-
-    def spanned(drawn: Mapping[str, Interval]) -> Mapping[str, Interval]:
-        return effect_spans(family(prototype, heaviest, {**own, **drawn}))
-
+    spanned = partial(_spanned, prototype, heaviest, dict(ranges))
     spans = spanned(ranges)
     ranges |= spans
     rigid |= set(spans)
@@ -129,6 +121,19 @@ def box_with_effects(
     spans = effect_spans(family(prototype, nearest(box.ranges["outer_end_mass"][1]), box.ranges))
     rest = {name: min(max(values[name], low), high) for name, (low, high) in spans.items()}
     return replace(box, ranges={**box.ranges, **spans}, nominal={**box.nominal, **rest})
+
+
+def _spanned(
+    prototype: Prototype, heaviest: float | None, own: Mapping[str, Interval], drawn: Mapping[str, Interval]
+) -> Mapping[str, Interval]:
+    """Ranges of what effects freeze, of rigs whose other figures are within ranges."""
+    return effect_spans(family(prototype, heaviest, {**own, **drawn}))
+
+
+def _drawn(values: Mapping[str, fmpq], part: Mapping[str, fmpq], beam: str, factors: Mapping[str, fmpq]) -> Interval:
+    """Range of a beam's dashpot with factors on the deviations of the figures behind it."""
+    names = [f"{beam}_{figure}" for figure in ("stiffness", "mass", "damping")]
+    return _dashpot(values[names[2]], *(part[name] * factors.get(name, fmpq(1)) for name in names))
 
 
 def _dashpot(value: fmpq, stiffness: fmpq, mass: fmpq, ratio: fmpq) -> tuple[fmpq, fmpq]:

@@ -77,6 +77,7 @@ class Design(Result):
         prototype: with the controller of a law that was searched and found, what that stands for, and its guarantee.
         certificate: of its loop over the payload.
         contact: text of the certificate of its tip.
+        asked: the least that contact was to be.
     """
 
     best: EndStiffness | None
@@ -86,11 +87,12 @@ class Design(Result):
     prototype: Prototype | None = None
     certificate: Certificate | None = None
     contact: str = ""
+    asked: Need = "stable"
 
     @property
     def yes(self) -> bool:
-        """Whether there is a law."""
-        return self.best is not None
+        """Whether there is a law with which contact is what it was to be."""
+        return self.best is not None and self.best.meets(self.asked)
 
     def to_dict(self) -> dict[str, Any]:
         """What a JSON file holds of it."""
@@ -131,7 +133,7 @@ def stiffness(
     wall = Wall(*((exact(low), exact(high)) for low, high in (wall_N_per_m, wall_damping_N_s_per_m)))
     if end_stiffness_N_per_m is None:
         judged = judge(prototype, None, masses, wall)
-        return Design(judged, judged.met, 0)
+        return Design(judged, judged.met, 0, "" if judged.meets(need) else f"not {_WORDS[need]}", asked=need)
     servo = prototype.kept_servo if keep_controller else None
     others = plants_drawn(prototype, masses[1], rigs, SEED_OF_RIGS, _REACH) if rigs else []
     if servo is not None and (most := servo_stiffness(prototype, servo)) < end_stiffness_N_per_m:
@@ -149,7 +151,7 @@ def stiffness(
         tried += search.tried
         if law is not None:
             found = judge(prototype, law, masses, wall)
-            return replace(carried_out(prototype, found), tried=tried, reason=refused)
+            return replace(carried_out(prototype, found), tried=tried, reason=refused, asked=need)
         drawn = f", as it is and on {len(others)} rigs drawn from its tolerances" if others else ""
         refused = f"of {tried} laws that were tried, none that keeps the goal is {_WORDS[one]}{drawn}"
     return Design(None, None, tried, refused + _blurred(prototype, end_stiffness_N_per_m) if others else refused)
