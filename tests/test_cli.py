@@ -18,6 +18,7 @@ import pytest
 import typer.main
 from typer.testing import CliRunner
 
+from beamdesign import InputError
 from beamdesign.cli import HEADINGS, app, main, output
 from beamdesign.progress import interruption_waits
 
@@ -376,6 +377,35 @@ def test_json_to_standard_output_is_all_that_stands_there(tmp_path: Path) -> Non
     assert fields["stable"] is False
     assert found.exit_code == 1
     assert os.listdir(tmp_path) == ["c.toml"]
+
+
+def test_json_takes_the_place_of_no_other_file_of_the_command(tmp_path: Path) -> None:
+    rig, out = tmp_path / "rig.toml", tmp_path / "c.toml"
+    rig.write_bytes(RIG.read_bytes())
+    (tmp_path / "link.toml").symlink_to(rig)
+    for target in ("rig.toml", "link.toml", "c.toml"):
+        asked = ["certify", str(rig), "--out", str(out), "--json", str(tmp_path / target)]
+        found = CliRunner().invoke(app, asked)
+        assert isinstance(found.exception, InputError)
+        assert f"--json: {tmp_path / target} is another file of this command" in str(found.exception)
+    table = tmp_path / "table.csv"
+    table.write_text("t_s,disturbance_N\n")
+    asked = ["gap", "import", str(table), "--prototype", str(rig), "--out", str(tmp_path / "set"), "--json", str(table)]
+    assert isinstance(CliRunner().invoke(app, asked).exception, InputError)
+    assert (rig.read_bytes(), table.read_text()) == (RIG.read_bytes(), "t_s,disturbance_N\n")
+    assert not out.exists()
+
+
+@pytest.mark.skipif(os.name != "posix", reason="pipes of POSIX")
+def test_where_nobody_reads_on_the_answer_is_the_same(tmp_path: Path) -> None:
+    """Status 1 would be the answer no."""
+    for more in ([], ["--json", "-"]):
+        reading, writing = os.pipe()
+        os.close(reading)
+        command = [sys.executable, "-m", "beamdesign", "explain", "--reference", *more]
+        done = subprocess.run(command, stdout=writing, stderr=subprocess.PIPE, check=False, cwd=ROOT)
+        os.close(writing)
+        assert (done.returncode, done.stderr) == (0, b"")
 
 
 def test_the_version_is_told() -> None:

@@ -247,6 +247,20 @@ def test_command(rig, tmp_path: Path):
     assert prove_again([str(out), str(path)]) == 0
 
 
+def test_where_nothing_scales_nothing_is_said_to_be_proved_up_to_a_factor(rig, tmp_path: Path):
+    """Payload and delay are rigid: a box of these alone is itself at every factor."""
+    path, table = tmp_path / "rig.toml", tmp_path / "result.json"
+    write_prototype(rig.but(tolerance=Tolerance(outer_end_mass=0.01)), path)
+    asked = ["certify-box", str(path), "--scaling", "--each", "--out", str(tmp_path / "c.toml"), "--json", str(table)]
+    done = CliRunner().invoke(app, [*asked, "--delay-s", "1e-5"])
+    assert done.exit_code == 0, done.output
+    assert "nothing scales" in done.output
+    assert "proved up to" not in done.output
+    found = json.loads(table.read_text())
+    assert set(found["box"]) == {"outer_end_mass_kg", "delay_s"}
+    assert (found["stable"], found["largest_scaling"], found["scaling_of_each"]) == (True, None, [])
+
+
 @pytest.mark.parametrize(
     ("arguments", "key"),
     [

@@ -239,6 +239,10 @@ def certify_box(
             varying = asked, sigmas, only or (), delay_s, nonlinear, scaling, each
             found = prove(stage.prototype, *varying, budget, seconds, update)
         _echo_box(found)
+        if (scaling or each) and not found.scales:
+            echo(
+                "scaling of the tolerances: nothing scales, as payload and delay stay as asked and nothing else varies"
+            )
         if found.text:
             write_certificate(path, found.text)
         return found.to_dict() | {"certificate": path if found.text else None}, found.yes

@@ -15,6 +15,7 @@ from dataclasses import dataclass
 from functools import wraps
 from itertools import chain, islice
 from math import inf
+from os.path import realpath
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, get_args, get_origin, get_type_hints
 
@@ -89,6 +90,8 @@ def command(
         wrong += problems(**given) if problems else ()
         if given.get("nominal") and given["sigmas"] not in (0.0, usual["sigmas"]):
             wrong.append(("--sigmas", "has no meaning with --nominal, which guarantees for exactly the figures stated"))
+        if json is not None and realpath(json) in set(_real_paths(given.values())):
+            wrong.append(("--json", f"{json} is another file of this command, which it would take the place of"))
         if wrong:
             refuse(work.__name__.replace("_", "-"), *wrong)
         with _told_by_file({name: given[name] for name in ("prototype", "study", "scenario") if given.get(name)}):
@@ -104,6 +107,12 @@ def command(
     carried_out.__annotations__ = hints | {"json": _JsonOption, "return": None}
     carried_out.__doc__ = about
     return carried_out
+
+
+def _real_paths(given: Iterable[Any]) -> Iterator[str]:
+    """Paths among values of options, as they are whatever links lead there."""
+    for value in given:
+        yield from (realpath(one) for one in (value if isinstance(value, list) else [value]) if isinstance(one, Path))
 
 
 @contextmanager

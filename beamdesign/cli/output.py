@@ -103,8 +103,11 @@ def echo(*lines: str, before: str = "") -> None:
 
 
 def _echo(text: str) -> None:
-    if _hushed.is_set():
-        return
+    if not _hushed.is_set():
+        _print(text)
+
+
+def _print(text: str) -> None:
     try:
         print(text, flush=True)
     except BrokenPipeError:
@@ -167,8 +170,7 @@ _WIDEST = 10_000  # characters of a line that is not wrapped
 def write_json(path: Path | None, fields: Mapping[str, Any]) -> None:
     """Write fields as JSON, whole or not at all, or to standard output; nothing without a path."""
     if path == STANDARD_OUTPUT:
-        sys.stdout.write(json_text(fields))
-        sys.stdout.flush()
+        _print(json_text(fields).rstrip())
     elif path is not None:
         write_whole(path, json_text(fields))
 

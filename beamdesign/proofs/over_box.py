@@ -44,7 +44,7 @@ class BoxGuarantee(Result):
         verdict: on stability.
         claims: what is proved beside it; none where that is not proved.
         nonlinear: what is proved of effects while they move; None where it was not asked for.
-        scaling: of all tolerances, the largest that is stable; None where it was not asked for.
+        scaling: of all tolerances, the largest that is stable; None where it was not asked for, or nothing `scales`.
         each: of each figure alone, the others as they are.
         left_out: what was not looked for to the end for want of time, in words.
     """
@@ -59,6 +59,11 @@ class BoxGuarantee(Result):
     scaling: Scaling | None
     each: Mapping[str, Scaling]
     left_out: tuple[str, ...] = ()
+
+    @property
+    def scales(self) -> bool:
+        """Whether any range comes from a tolerance: those of payload and delay are kept as they are asked for."""
+        return not self.box.rigid.issuperset(self.box.names)
 
     @property
     def stable(self) -> bool | None:
@@ -174,6 +179,7 @@ def certify_box(
             rows = box_rows(prototype, slope, why, moved)
             claims = (*claims, *([] if slope is None else [slope]), *errors)
         progress(0.6, "scaling the tolerances" if scaling else "")
+        scaling = scaling and not box.rigid.issuperset(box.names)
         if scaling and over():
             leave_out("scaling the tolerances")
         found = largest_scaling(prototype, box, budget=budget) if scaling and not over() else None
