@@ -264,6 +264,11 @@ def read_scenario(path: str | Path) -> Scenario:
     return scenario.model_copy(update={"record": tuple(rows)})  # which keeps what is stated apart from what is usual
 
 
+def files_of(scenario: Scenario) -> list[Path]:
+    """CSV files that its inputs are read from."""
+    return [Path(signal.file) for row in scenario.record for signal in row.input if isinstance(signal, FromCsv)]
+
+
 def inputs_of(row: ScenarioRecord, scenario: Scenario) -> np.ndarray:
     """(N, 2) disturbance (N, without the preload) and command (V) of a record at its sample times."""
     times = scenario.times

@@ -379,6 +379,16 @@ def test_json_to_standard_output_is_all_that_stands_there(tmp_path: Path) -> Non
     assert os.listdir(tmp_path) == ["c.toml"]
 
 
+@pytest.mark.parametrize("asked", [["run"], ["codesign", "--bandwidth-Hz", "3"]])
+def test_no_result_takes_the_place_of_the_study(tmp_path: Path, asked: list[str]) -> None:
+    """Which may be called as the result is, as the shipped one."""
+    (tmp_path / "prototype.toml").write_bytes(STUDY.read_bytes())
+    found = CliRunner().invoke(app, [*asked, str(tmp_path / "prototype.toml"), "--out", str(tmp_path)])
+    assert isinstance(found.exception, InputError)
+    assert "would be written over prototype.toml, which is read" in str(found.exception)
+    assert (tmp_path / "prototype.toml").read_bytes() == STUDY.read_bytes()
+
+
 def test_json_takes_the_place_of_no_other_file_of_the_command(tmp_path: Path) -> None:
     rig, out = tmp_path / "rig.toml", tmp_path / "c.toml"
     rig.write_bytes(RIG.read_bytes())

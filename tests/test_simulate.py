@@ -282,6 +282,21 @@ def test_csv_inputs_are_checked_and_replayed(tmp_path: Path, lag: Prototype):
         read_scenario(tmp_path / "s.toml")
 
 
+def test_no_record_takes_the_place_of_an_input_that_is_read(tmp_path: Path):
+    """A record is named by the scenario as its input may be, and both may stand in one folder."""
+    held = "t_s,disturbance_N\n" + "".join(f"{0.005 * k:.3f},{10 * (k > 4)}\n" for k in range(21))
+    (tmp_path / "push.csv").write_text(held)
+    entry = '[[record]]\nname = "push"\ninput = [{ kind = "csv", file = "push.csv" }]\n'
+    (tmp_path / "s.toml").write_text(f'name = "s"\nduration_s = 0.1\nsample_s = 0.005\n{entry}')
+    rig = str(ROOT / "studies/prototypes/tame_lag.toml")
+    arguments = ["simulate", rig, "--scenario", str(tmp_path / "s.toml"), "--no-plots", "--out"]
+    ran = CliRunner().invoke(app, [*arguments, str(tmp_path)])
+    assert isinstance(ran.exception, InputError)
+    assert "would be written over push.csv, which is read" in str(ran.exception)
+    assert (tmp_path / "push.csv").read_text() == held
+    assert CliRunner().invoke(app, [*arguments, str(tmp_path / "out")]).exit_code == 0
+
+
 def test_command_writes_records_and_answers_with_its_status(tmp_path: Path):
     arguments = ["simulate", str(ROOT / "studies/prototypes/paper_remedy.toml"), "--out", str(tmp_path / "out")]
     arguments += ["--scenario", str(ROOT / "studies/scenarios/kick.toml"), "--json", str(tmp_path / "a.json")]

@@ -15,7 +15,7 @@ from beamdesign.cli.command import (
     toml_files,
     write_drawn,
 )
-from beamdesign.cli.output import default_folder, echo, echo_table, progress, refuse
+from beamdesign.cli.output import default_folder, echo, echo_table, progress, refuse, spare
 from beamdesign.cli.study import echo_checks
 from beamdesign.files import write_set
 from beamdesign.result import picked
@@ -54,6 +54,7 @@ def run(
     from beamdesign.synthesis.design_run import run_design
 
     problem, within = _read(study, sigmas, nominal)
+    spare([study], out, ["prototype.toml"])
     with in_time(minutes, "10 to 60 s for a lag, minutes for other kinds") as limit, progress("designing") as update:
         with share(_DESIGNING):
             result = run_design(problem, update, within)
@@ -231,6 +232,8 @@ def codesign(
 
     problem, within = _read(study, sigmas, nominal, free=True)
     masses = mass_range(outer_end_mass, problem.payload.outer_end_mass_kg, study)
+    folder = out or default_folder(f"{study.stem}-codesign")
+    spare([study], folder, ["prototype.toml"])
     with in_time(minutes, "1 to 5 min") as limit, progress("co-design") as update:
         found = room.codesign(problem, masses, bandwidth_Hz, progress=update, sigmas=within)
     point = found.point
@@ -238,7 +241,7 @@ def codesign(
         absent = "prototype moving_mass_kg beam_mass_kg inner_end_mass_kg guaranteed"
         return _no_design(found, absent, "reason change attempts", limit)
     certificate, guaranteed = certified(point.prototype, point.proved, masses)
-    folder, over_box = out or default_folder(f"{study.stem}-codesign"), point.proved.over_box
+    over_box = point.proved.over_box
     proved = point.proved.guaranteed(guaranteed, masses)
     paths = write_set(
         folder,

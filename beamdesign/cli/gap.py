@@ -1,6 +1,6 @@
 """`beamdesign gap`: from records of a built rig back to the model."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from math import isfinite
 from os.path import isfile
 from pathlib import Path
@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from beamdesign.cli.command import CommandResult, command, group, in_time, resumed
-from beamdesign.cli.output import default_folder, echo, echo_table, in_words, progress, refuse
+from beamdesign.cli.output import default_folder, echo, echo_table, in_words, progress, refuse, spare
 from beamdesign.files import fresh_folder, settled
 from beamdesign.time_limit import share
 
@@ -61,7 +61,7 @@ def diagnose(
     index = index_of(dataset).resolve()
     other = "" if index.name == "dataset.toml" else f".{index.stem}"
     folder = out or default_folder(f"{index.parent.name}{other}.diagnosis")
-    _spare(_read_of(index_of(dataset)), folder, NAMES.values())
+    spare(_read_of(index_of(dataset)), folder, NAMES.values())
     if kind_of(dataset) != "actuator_bench":
         return _diagnose(dataset, folder, redesign, workers, minutes)
 
@@ -89,13 +89,6 @@ def _read_of(index: Path) -> list[Path]:
     named = [table.get("prototype", "prototype.toml"), *(row.get("file") for row in rows if isinstance(row, dict))]
     files = (index.parent / name for name in named if isinstance(name, str))
     return [index, *filter(isfile, files)]  # which bears names that no file can have
-
-
-def _spare(read: Iterable[Path], folder: Path, names: Iterable[str]) -> None:
-    """Refuse a folder in which what is to be written would take the place of what is read."""
-    kept = {path.resolve() for path in read}
-    if hit := [name for name in names if (folder / name).resolve() in kept]:
-        refuse("--out", (str(folder), f"would be written over {', '.join(hit)}, which is read; name another folder"))
 
 
 def _diagnose(dataset: Path, folder: Path, renew: bool, workers: int, minutes: float | None) -> CommandResult:
@@ -250,7 +243,7 @@ def predict(prototype: Path, dataset: Path, out: Path) -> CommandResult:
     from beamdesign.diagnosis.data.dataset_index import index_of
 
     measured = _read_of(index_of(dataset))
-    _spare([*measured, prototype], out, [path.with_suffix(".csv").name for path in measured])
+    spare([*measured, prototype], out, [path.with_suffix(".csv").name for path in measured])
     with progress("simulating") as update:
         found = predicted(prototype, dataset, update)
     with fresh_folder(out) as fresh:

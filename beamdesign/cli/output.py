@@ -71,6 +71,17 @@ def _need_folder(option: str, path: Path, folder: Path) -> Path:
     return path
 
 
+def spare(read: Iterable[Path], folder: Path, names: Iterable[str]) -> None:
+    """Refuse a folder in which what is to be written would take the place of what is read.
+
+    Raises:
+        InputError: naming what would be lost.
+    """
+    kept = set(map(os.path.realpath, read))
+    if hit := [name for name in names if os.path.realpath(folder / name) in kept]:
+        refuse("--out", (str(folder), f"would be written over {', '.join(hit)}, which is read; name another folder"))
+
+
 def refuse(source: str | Path, *problems: tuple[str, str]) -> NoReturn:
     """Raise an `InputError` with what is wrong, key and reason each; its room is loaded only for that."""
     from beamdesign.records import InputError

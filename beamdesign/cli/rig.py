@@ -22,7 +22,7 @@ from beamdesign.cli.command import (
     with_controller,
     write_drawn,
 )
-from beamdesign.cli.output import default_folder, echo, echo_table, progress, refuse
+from beamdesign.cli.output import default_folder, echo, echo_table, progress, refuse, spare
 from beamdesign.files import fresh_folder, settled
 from beamdesign.result import picked
 
@@ -208,13 +208,14 @@ def simulate(
     from beamdesign.bench_prototype import BenchPrototype, read_any_prototype
     from beamdesign.plant.assembly import effect_parameters_of, problem_without_controller, wrong_effects
     from beamdesign.plant.effects import laws_of
-    from beamdesign.scenario import read_scenario
+    from beamdesign.scenario import files_of, read_scenario
 
     rig = read_any_prototype(prototype)
     if isinstance(rig, BenchPrototype):
         return _simulate_bench(rig, prototype, scenario, out, plots)
     wrong = wrong_effects(rig)
     plan = read_scenario(scenario)
+    spare(files_of(plan), out, [f"{row.name}.csv" for row in plan.record])
     if of_bench := [row.name for row in plan.record if row.start_m is not None]:
         refuse(scenario, *((f"record.{name}.start_m", "is for an actuator bench") for name in of_bench))
     if rig.controller is None and any(row.controller is None for row in plan.record):
@@ -247,12 +248,13 @@ def simulate(
 def _simulate_bench(rig: Any, source: Path, scenario: Path, out: Path, plots: bool) -> CommandResult:
     from beamdesign.plant.assembly import wrong_effects
     from beamdesign.plant.bench_simulation import BENCH_COLUMNS, simulate_bench
-    from beamdesign.scenario import read_scenario
+    from beamdesign.scenario import files_of, read_scenario
     from beamdesign.simulation import SimulatedRecord
 
     if wrong := wrong_effects(rig):
         refuse(source, *wrong)
     plan = read_scenario(scenario)
+    spare(files_of(plan), out, [f"{row.name}.csv" for row in plan.record])
     found = simulate_bench(rig, plan)
     rows = [(name, *map(float, abs(table[:, 2:]).max(axis=0))) for name, table in found.items()]
     echo_table(f"{rig.name}: {plan.name}", ("record", *(f"peak {column}" for column in BENCH_COLUMNS[2:])), rows)
