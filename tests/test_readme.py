@@ -5,6 +5,7 @@ import re
 import shlex
 from decimal import ROUND_FLOOR, Decimal
 from pathlib import Path
+from typing import Any
 
 import click
 import pytest
@@ -14,7 +15,7 @@ import beamdesign
 from beamdesign import certify, check, docs, read_prototype
 from beamdesign.cli import app
 from beamdesign.controllers import KINDS, Lag
-from beamdesign.plant.effects import library
+from beamdesign.plant.effects import library, register
 from beamdesign.proofs.certificate import Asked
 from beamdesign.prototype import COMPLIANCE_LIMIT_M_PER_N
 
@@ -136,7 +137,9 @@ def test_what_is_added_by_the_examples_is_used_by_a_proof() -> None:
     effect, controller = python_blocks(PAGES["adding.md"])
     effects, kinds = set(library()), set(KINDS)
     try:
-        exec(compile(effect, "adding.md", "exec", dont_inherit=True), {})
+        held: dict[str, Any] = {}
+        exec(compile(effect, "adding.md", "exec", dont_inherit=True), held)
+        register(held["EFFECT"])
         exec(compile(controller, "adding.md", "exec", dont_inherit=True), {"__name__": "adding"})
         (added,), (kind,) = set(library()) - effects, set(KINDS) - kinds
         rig = read_prototype(REMEDY)
