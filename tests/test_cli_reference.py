@@ -24,6 +24,7 @@ from beamdesign.docs import (
     words,
 )
 from beamdesign.quantities import unit_of
+from beamdesign.structure.materials import material_names
 from beamdesign.templates import TEMPLATES
 
 
@@ -223,6 +224,15 @@ def test_every_value_that_a_key_names_can_be_asked_for() -> None:
         places = [key.path.rpartition(".")[2] for key in with_value(value)]
         said = [line for line in value_lines(value, with_value(value)) if line.endswith(f' = "{value}"')]
         assert {line.partition(" ")[0] for line in said} == set(places)
+
+
+def test_every_material_is_explained_by_its_name() -> None:
+    every = invoke("explain", "material").splitlines()
+    for name in material_names():
+        said = invoke("explain", name).splitlines()
+        assert said[0] == "material"
+        assert [line for line in every if line.split()[:1] == [name]] == said[-1:]
+    assert "6061-T6" in words()
 
 
 def test_every_effect_is_explained_with_its_figures() -> None:

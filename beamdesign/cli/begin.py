@@ -82,7 +82,7 @@ def explain(
 
     from beamdesign import docs
     from beamdesign.docs import effect_named, effects, find, keys, nearest, pages, topics
-    from beamdesign.structure.materials import material_lines
+    from beamdesign.structure.materials import material_lines, material_names
 
     if key is None:
         everything = {"keys": [asdict(each) for each in keys()], "effects": [asdict(e) for e in effects()]}
@@ -95,7 +95,8 @@ def explain(
         refuse("explain", ("--reference", "prints all keys; leave KEY away"))
     wanted = docs.plain(key)
     effect = effect_named(wanted)
-    some = [] if effect else list(find(wanted))
+    materials = [name for name in material_names() if wanted in (name, "material")]
+    some = [] if effect else list(find("outer_beam.material" if wanted in materials else wanted))
     every = effects() if wanted == "effects" else (effect,) if effect else ()
     text, valued = pages().get(wanted), docs.with_value(wanted)
     if not (some or every or valued or text):
@@ -106,8 +107,8 @@ def explain(
         echo("\n".join(docs.effect_lines(effect)))
     elif some:
         echo("\n\n".join("\n".join(docs.key_lines(group)) for group in docs.alike(some)))
-        if wanted == "material":
-            echo("\n" + "\n".join(material_lines()))
+        if materials:
+            echo("", "known materials:", *material_lines(materials))
         for one in every:
             echo(f"\n{one.name} ({one.subsystem})\n  {one.meaning}")
     if valued:

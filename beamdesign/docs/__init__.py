@@ -15,6 +15,7 @@ from pydantic.fields import FieldInfo
 from beamdesign.docs.fields import bounds_of, default_of, described, first_sentence, kind_of, numeric
 from beamdesign.quantities import unit_of
 from beamdesign.records import Record, nested_records, of_own_names
+from beamdesign.structure.materials import material_names
 
 FILES = {
     "prototype": "beamdesign.prototype:Prototype",
@@ -180,7 +181,7 @@ def effect_named(word: str) -> EffectEntry | None:
 def words(beside: str = "") -> tuple[str, ...]:
     """All that can be asked for, each once: keys, tables, values, effects, topics by name; beside a dot, paths."""
     names = {key.name for key in keys()} | {effect.name for effect in effects()} | set(topics())
-    names |= {value for key in keys() for value in re.findall(r'"(\w+)"', key.kind)}
+    names |= {value for key in keys() for value in re.findall(r'"(\w+)"', key.kind)} | set(material_names())
     return tuple(sorted({key.path for key in keys()} if "." in beside else names))
 
 

@@ -4,7 +4,7 @@ A beam's record holds its material. In a file it stands by its name: of one that
 `[material.NAME]` of that file.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import suppress
 from functools import cache
 from pathlib import Path
@@ -183,10 +183,9 @@ def _sound(given: Any) -> Any:
     return next(iter(_known().values()))
 
 
-def material_lines() -> Iterator[str]:
-    """The materials that are known, a line for each with its figures."""
-    yield "known materials:"
-    for one in map(material, material_names()):
+def material_lines(names: Iterable[str]) -> Iterator[str]:
+    """A line for each of some materials that are known, with its figures."""
+    for one in map(material, names):
         figures = (one.youngs_modulus_Pa / 1e9, one.shear_modulus_Pa / 1e9, one.proof_strength_Pa / 1e6)
         moduli = "E {:.4g} GPa, G {:.4g} GPa, strength {:.4g} MPa".format(*figures)
         yield f"  {one.name:<21} {moduli}, {one.density_kg_per_m3:g} kg/m3; {one.strength_source}"
