@@ -162,9 +162,23 @@ def test_figures_that_no_option_may_state_are_refused_by_functions_too():
         ("rate_Hz", lambda: beamdesign.code(firm, math.inf)),
         ("largest_current_A", lambda: beamdesign.code(firm, 2e4, largest_current_A=0.0)),
         ("full_scale_V", lambda: beamdesign.code(firm, 2e4, full_scale_V=-10.0)),
+        ("load_N", lambda: beamdesign.spec(firm, load_N=math.nan)),
+        ("noise_share", lambda: beamdesign.spec(firm, noise_share=-1.0)),
+        ("sigmas", lambda: beamdesign.certify_box(firm, sigmas=math.nan)),
+        ("delay_s", lambda: beamdesign.certify_box(firm, delay_s=-1e-3)),
+        ("sigmas", lambda: beamdesign.tune(firm, (0.0, 1.0), sigmas=-2.0)),
+        ("largest_inner_end_mass_kg", lambda: beamdesign.tune(firm, (0.0, 1.0), largest_inner_end_mass_kg=-1.0)),
+        ("end_stiffness_N_per_m", lambda: beamdesign.stiffness(firm, math.nan)),
+        ("bandwidth_Hz", lambda: beamdesign.codesign(STUDY, (0.0, 1.0), math.nan)),
+        ("bandwidth_Hz", lambda: beamdesign.front(STUDY, [-3.0])),
+        ("added_mass_kg", lambda: beamdesign.remedies(STUDY, (0.0, 1.0), math.nan)),
     ):
         with pytest.raises(InputError, match=f"{key}: is .*, outside the plausible range"):
             ask()
+    with pytest.raises(InputError, match="a lag controller reads the displacement alone"):
+        beamdesign.tune(firm, (0.0, 1.0), sensors=("displacement_m", "inner_displacement_m"))
+    with pytest.raises(InputError, match="no bandwidth"):
+        beamdesign.front(STUDY, [])
 
 
 def test_public_names_are_listed_once_and_in_order():

@@ -6,6 +6,7 @@ from decimal import ROUND_CEILING, ROUND_FLOOR
 from functools import partial
 from typing import Any
 
+from beamdesign.asked import checked
 from beamdesign.build.acceptance import AcceptanceAtMass, AcceptancePlan, acceptance, acceptance_plan
 from beamdesign.build.analogue import AnalogueController, analogue_controllers
 from beamdesign.build.ratings import Ratings, SensorNeed, StockChoice, ratings, sensor_need, stock_choices
@@ -23,7 +24,7 @@ from beamdesign.proofs.lyapunov import Switching, switching
 from beamdesign.proofs.mass_family import stage_families
 from beamdesign.proofs.tolerance_box import box_with_effects
 from beamdesign.prototype import InStage, Prototype
-from beamdesign.quantities import decimal, masses_text, stated_bandwidth, stated_peak
+from beamdesign.quantities import Force, SamplingRate, Share, decimal, masses_text, stated_bandwidth, stated_peak
 from beamdesign.records import InputError
 from beamdesign.result import Result, finite
 from beamdesign.synthesis.design_run import DesignRun
@@ -180,8 +181,13 @@ def specify(
 
     Raises:
         InputError: for a sampling rate that is too low for its laws, or one that cannot be sampled; for effects for
-            which no linear loop stands; for several laws and one payload, or several laws and effects; without a range.
+            which no linear loop stands; for several laws and one payload, or several laws and effects; without a range;
+            for figures that are not plausible.
+        ValueError: for an empty range.
     """
+    for key, quantity, given in (("rate_Hz", SamplingRate, rate_Hz), ("load_N", Force, load_N)):
+        checked(prototype.name, key, quantity, *([] if given is None else [given]))
+    checked(prototype.name, "noise_share", Share, noise_share)
     masses_kg = prototype.asked_kg(outer_end_mass_kg)
     prototype = _for_payloads(prototype, masses_kg)
     stages, schedule = prototype.stages(masses_kg), prototype.schedule

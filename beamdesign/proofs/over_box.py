@@ -8,6 +8,7 @@ from typing import Any
 
 from flint import fmpq
 
+from beamdesign.asked import checked
 from beamdesign.polynomial import nearest
 from beamdesign.progress import Progress, silent
 from beamdesign.proofs.absolute_stability import box_rows, slope_over_box
@@ -28,6 +29,7 @@ from beamdesign.proofs.tolerance_box import (
     tolerance_box,
 )
 from beamdesign.prototype import Prototype
+from beamdesign.quantities import Delay, Sigmas
 from beamdesign.result import Result, finite, picked
 from beamdesign.time_limit import leave_out, over, share, within
 
@@ -155,8 +157,10 @@ def certify_box(
 
     Raises:
         ValueError: without a controller, or for an empty range.
-        InputError: for masses that are not plausible, a figure that the rig does not have, or that has no tolerance.
+        InputError: for figures that are not plausible, a figure that the rig does not have, or that has no tolerance.
     """
+    checked(prototype.name, "sigmas", Sigmas, sigmas)
+    checked(prototype.name, "delay_s", Delay, delay_s)
     delays = (0.0, delay_s) if delay_s else None
     asked = None if outer_end_mass_kg is None else prototype.asked_kg(outer_end_mass_kg)
     masses = asked or prototype.outer_end_mass_kg or (0.0, 0.0)

@@ -11,13 +11,14 @@ from typing import Any
 
 import numpy as np
 
-from beamdesign.asked import checked_range_kg
+from beamdesign.asked import checked, checked_range_kg
 from beamdesign.controllers import KINDS
 from beamdesign.controllers.protocol import form_of
 from beamdesign.plant.members import family
 from beamdesign.problem import DesignProblem
 from beamdesign.progress import Progress, silent
 from beamdesign.prototype import Prototype
+from beamdesign.quantities import Bandwidth, Sigmas
 from beamdesign.records import InputError
 from beamdesign.result import Result, finite, picked
 from beamdesign.synthesis import POINT, SIGMAS
@@ -154,10 +155,13 @@ def codesign(
         minutes: after about which the best that was proved until then is the answer.
 
     Raises:
-        InputError: for a kind of controller that is not tuned from a seed of its own, or masses that are not plausible.
+        InputError: for a kind of controller that is not tuned from a seed of its own, or for figures that are not
+            plausible.
         ValueError: for an empty range.
     """
     outer_end_mass_kg = checked_range_kg(problem.name, outer_end_mass_kg)
+    checked(problem.name, "bandwidth_Hz", Bandwidth, bandwidth_Hz)
+    checked(problem.name, "sigmas", Sigmas, sigmas)
     kind, report = problem.controller.kind, progress or silent
     if kind not in KINDS or not any(seed.kind == kind for seed in KINDS[kind].seeds()):
         reason = f"{kind!r} is not for sections and controller together, which are sought with few figures; give a lag"
@@ -292,7 +296,13 @@ def front(
         progress: told the share done and what is being done.
         sigmas: as of `beamdesign.synthesis.tuning.tune`.
         minutes: as of `codesign`; points that are not come to are told with that reason.
+
+    Raises:
+        InputError: as `codesign`, and without a bandwidth.
+        ValueError: for an empty range.
     """
+    if len(bandwidths_Hz) == 0:
+        raise InputError(problem.name, [("bandwidths_Hz", "holds no bandwidth, so that there is no front")])
     report = progress or silent
     bandwidths = sorted(set(bandwidths_Hz))
     solved: dict[tuple[int, int], Codesign] = {}

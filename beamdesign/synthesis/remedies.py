@@ -13,12 +13,13 @@ from typing import Any
 
 import numpy as np
 
-from beamdesign.asked import checked_range_kg
+from beamdesign.asked import checked, checked_range_kg
 from beamdesign.controllers import Lag
 from beamdesign.controllers.cascade import as_lag
 from beamdesign.controllers.protocol import form_of
 from beamdesign.problem import DesignProblem
 from beamdesign.progress import Progress, silent
+from beamdesign.quantities import MassOrNone, Sigmas
 from beamdesign.result import Result, finite, picked
 from beamdesign.structure.section import Tube
 from beamdesign.synthesis import REMEDY, SIGMAS
@@ -200,10 +201,12 @@ def remedies(
         numbers: which of them, ascending: 0 the untouched loop, 1 to 4 the remedies in the paper's order; else all.
 
     Raises:
-        InputError: for masses that are not plausible.
+        InputError: for figures that are not plausible.
         ValueError: for an empty range.
     """
     outer_end_mass_kg = checked_range_kg(problem.name, outer_end_mass_kg)
+    checked(problem.name, "added_mass_kg", MassOrNone, added_mass_kg)
+    checked(problem.name, "sigmas", Sigmas, sigmas)
     report, asked = progress or silent, (problem, outer_end_mass_kg, added_mass_kg, sigmas)
     every = (*FREEDOMS, SCHEDULED)
     chosen = every if numbers is None else [every[number] for number in numbers]

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from beamdesign.asked import checked
 from beamdesign.controllers import Cascade, Lag, Observer
 from beamdesign.loop import Loop, close_loop, tip
 from beamdesign.plant.linear import Plant
@@ -25,6 +26,7 @@ from beamdesign.proofs.contact import Wall
 from beamdesign.proofs.performance import prove
 from beamdesign.proofs.rectangle import Rectangle
 from beamdesign.prototype import Compliance, Prototype
+from beamdesign.quantities import Stiffness
 from beamdesign.result import Result, picked
 from beamdesign.synthesis import RIGS
 from beamdesign.synthesis.design_run import stating
@@ -125,8 +127,9 @@ def stiffness(
         progress: told the share done and what is being done.
 
     Raises:
-        InputError: for effects, without a range of payloads, or without a controller to keep.
-        ValueError: for a controller that cannot be judged, see `judge`.
+        InputError: for effects, without a range of payloads, without a controller to keep, or for figures that are not
+            plausible.
+        ValueError: for a controller that cannot be judged, see `judge`, or an empty range.
         KeyError: for another contact.
     """
     need, masses = CONTACTS[contact], prototype.asked_kg(outer_end_mass_kg)
@@ -134,6 +137,7 @@ def stiffness(
     if end_stiffness_N_per_m is None:
         judged = judge(prototype, None, masses, wall)
         return Design(judged, judged.met, 0, "" if judged.meets(need) else f"not {_WORDS[need]}", asked=need)
+    checked(prototype.name, "end_stiffness_N_per_m", Stiffness, end_stiffness_N_per_m)
     servo = prototype.kept_servo if keep_controller else None
     others = plants_drawn(prototype, masses[1], rigs, SEED_OF_RIGS, _REACH) if rigs else []
     if servo is not None and (most := servo_stiffness(prototype, servo)) < end_stiffness_N_per_m:

@@ -24,6 +24,7 @@ from math import ceil, pi, prod
 
 import numpy as np
 
+from beamdesign.asked import checked
 from beamdesign.controllers import KINDS, SENSED, Estimator, Scheduled, Sensed, Stage
 from beamdesign.parameters import stated_or_typical
 from beamdesign.plant.actuators import not_felt
@@ -34,7 +35,7 @@ from beamdesign.proofs.certifying import gain_and_mass
 from beamdesign.proofs.lyapunov import Switching, switching
 from beamdesign.proofs.mass_family import stage_families
 from beamdesign.prototype import InStage, Prototype
-from beamdesign.quantities import stated_bandwidth
+from beamdesign.quantities import MassOrNone, Sigmas, stated_bandwidth
 from beamdesign.records import InputError, Problem
 from beamdesign.result import Result
 from beamdesign.synthesis import SIGMAS
@@ -166,15 +167,19 @@ def tune(
         has no effects.
 
     Raises:
-        InputError: for masses that are not plausible; for effects for which no linear loop stands, or which together
+        InputError: for figures that are not plausible; for effects for which no linear loop stands, or which together
             allow no proof; where so many stages do not fit into the range, and for structured stages without a filter
             before them whose changes are to be proved.
         ValueError: for a kind that is none of these, or an empty range.
     """
     outer_end_mass_kg = prototype.asked_kg(outer_end_mass_kg)
+    checked(prototype.name, "largest_inner_end_mass_kg", MassOrNone, largest_inner_end_mass_kg)
+    checked(prototype.name, "sigmas", Sigmas, sigmas)
     if kind not in (*KINDS, *SYNTHESES):
         raise ValueError(f"no tuning of kind {kind!r}")
     wrong = list(not_felt(type(prototype.actuator), sensors, "controller"))
+    if len(sensors) > 1 and kind not in SYNTHESES:
+        wrong.append(Problem("sensors", f"a {kind} controller reads the displacement alone; ask for lqg or hinf"))
     if prototype.goal.comes_to_rest and not prototype.goal.lower_gains:
         reason = "asks for lower_gains, which are what a saturated current comes to"
         wrong.append(Problem("goal.comes_to_rest", reason))
