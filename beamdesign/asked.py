@@ -23,15 +23,17 @@ def checked(name: str, key: str, quantity: Any, *given: object) -> tuple[float, 
     Raises:
         InputError: for what is no number, or not plausible.
     """
-    plausible, wrong = range_of(quantity), []
+    plausible, found, wrong = range_of(quantity), list[float](), list[str]()
     for figure in given:
         if not isinstance(figure, Real):
             wrong.append(f"expected a number, is {figure!r}")
-        elif figure not in plausible:
-            wrong.append(plausible.refusal(f"{figure:g}", key.rpartition(".")[2]))
+        elif (value := float(figure)) not in plausible:
+            wrong.append(plausible.refusal(f"{value:g}", key.rpartition(".")[2]))
+        else:
+            found.append(value)
     if wrong:
         raise InputError(name, [(key, reason) for reason in dict.fromkeys(wrong)])
-    return tuple(map(float, given))  # type: ignore[arg-type]
+    return tuple(found)
 
 
 def checked_range_kg(name: str, given: object) -> tuple[float, float]:
@@ -47,7 +49,8 @@ def checked_range_kg(name: str, given: object) -> tuple[float, float]:
     """
     if given is None:
         raise InputError(name, [(MASS, "missing; give it there or as an argument")])
-    pair = tuple(given) if isinstance(given, Iterable) and getattr(given, "ndim", 1) else ()
+    number = getattr(given, "ndim", 1) == 0  # numpy has arrays of no dimension, which are none to go through
+    pair = tuple(given) if isinstance(given, Iterable) and not number else ()
     if len(pair) != 2:
         raise InputError(name, [(MASS, "expected a pair of masses in kg")])
     low, high = checked(name, MASS, MassOrNone, *pair)
