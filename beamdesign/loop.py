@@ -28,6 +28,7 @@ from beamdesign.polynomial import (
     squared_magnitude,
 )
 from beamdesign.prototype import COMPLIANCE_LIMIT_M_PER_N, Prototype
+from beamdesign.result import Result
 
 
 @dataclass(frozen=True)
@@ -290,7 +291,7 @@ class LoopAtMass:
 
 
 @dataclass(frozen=True)
-class CriticalGain:
+class CriticalGain(Result):
     """The gain at which a loop begins to oscillate as its gain is raised."""
 
     gain_A_per_V: float

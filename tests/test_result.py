@@ -58,6 +58,7 @@ def rig(name: str) -> beamdesign.Prototype:
 
 
 RESULTS = {
+    "critical_gain": lambda: beamdesign.critical_gain(rig("tame_lag"), 2.0),
     "certify": lambda: beamdesign.certify(rig("tame_lag")),
     "certify_not_stable": lambda: beamdesign.certify(rig("paper_remedy")),
     "certify_box": lambda: beamdesign.certify_box(rig("tame_lag"), (2.0, 3.0), 2.0, ["sensor_gain", "outer_damping"]),
