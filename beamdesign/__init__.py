@@ -52,8 +52,8 @@ where the answer is no. In the order in which one needs them:
    ((3.0, 3.0), '25.3898 deg')
 
 What the engines give is a `beamdesign.result.Result` (of `remedies` one each; the verdict of `check` stands alone, as
-its checker does): `status` is the answer in a word, `rows()` its table, `to_dict()` its plain values, of most functions the
-fields that the command of that name writes with `--json`, but for its files; a notebook shows it as a table.
+its checker does): `status` is the answer in a word, `rows()` its table, `to_dict()` its plain values, of most functions
+the fields that the command of that name writes with `--json`, but for its files; a notebook shows it as a table.
 
 Importing this package loads none of their engines; each comes with the first use of its name.
 """
