@@ -262,7 +262,7 @@ def test_backlash_is_free_within_its_play_and_a_spring_beyond():
             -40.0,
             parameter=figures,
             state={"rod_m": apart, "rod_m_per_s": 0.0},
-            port={"inner_m": 0.0, "inner_m_per_s": 0.0, "inner_reaction_N": 25.0},
+            port={"inner_m": 0.0, "inner_m_per_s": 0.0, "inner_reaction_N": 25.0, "actuator_force_N": 40.0},
             figure={"inner_mass": 1.6, "inner_end_mass": 0.4},
         )
         assert force == pytest.approx(expected, abs=1e-6)
@@ -273,7 +273,7 @@ def test_backlash_is_free_within_its_play_and_a_spring_beyond():
         0.0,
         parameter=figures,
         state={"rod_m": 5.1e-5, "rod_m_per_s": -1.0},
-        port={"inner_m": 0.0, "inner_m_per_s": 0.0, "inner_reaction_N": 25.0},
+        port={"inner_m": 0.0, "inner_m_per_s": 0.0, "inner_reaction_N": 25.0, "actuator_force_N": 0.0},
         figure={"inner_mass": 1.6, "inner_end_mass": 0.4},
     )
     assert parting == 0.0  # a joint that parts does not pull
@@ -288,7 +288,7 @@ def test_a_rod_that_was_weighed_with_the_inner_beam_is_not_counted_twice(counted
         -40.0,
         parameter={"play_m": 1e-4, "stiffness_N_per_m": 5e7, "rod_mass_kg": 0.3, "counted_share": counted},
         state={"rod_m": 6e-5, "rod_m_per_s": 0.0},
-        port={"inner_m": 0.0, "inner_m_per_s": 0.0, "inner_reaction_N": 25.0},
+        port={"inner_m": 0.0, "inner_m_per_s": 0.0, "inner_reaction_N": 25.0, "actuator_force_N": 40.0},
         figure={"inner_mass": 1.6, "inner_end_mass": 0.4},
     )
     acceleration = (force - 25.0) / 2.0  # as the rig works it out

@@ -5,6 +5,7 @@ from math import pi
 
 import numpy as np
 import pytest
+from rigs_of_effects import having
 from slow_sensor import SLOW_SENSOR
 from test_effects import applied
 from test_elements import assert_alike, rig  # noqa: F401
@@ -40,6 +41,27 @@ def test_elements_of_a_learnt_law_are_what_it_comes_to(rig: Prototype, name: str
     """What a certificate states of it, polynomial by polynomial in rationals; beside a mount, which moves the base."""
     assert_alike(rig.but(effects={name: some(name)}))
     assert_alike(rig.but(effects={name: some(name), "mount_compliance": {}}))
+
+
+@pytest.mark.parametrize(
+    "names",
+    [
+        ("empirical_inner_reaction_lag", "empirical_outer_reaction_lag"),
+        ("empirical_inner_force_appendage", "empirical_outer_force_appendage"),
+        ("empirical_inner_force_appendage", "joint_backlash"),
+    ],
+    ids="-".join,
+)
+def test_laws_at_both_beams_and_behind_a_joint_move_by_themselves(rig: Prototype, names: tuple[str, str]):  # noqa: F811
+    """What swings on one tip is not what swings on the other, and pushes that tip and not the rod before its joint."""
+    assert_alike(rig.but(effects={name: {} for name in names}))
+
+
+def test_no_gain_stands_for_what_a_drive_does_to_its_own_speed_feedback(rig: Prototype):  # noqa: F811
+    for kind in ("curve", "drift", "lag"):
+        name = f"empirical_motor_demand_{kind}"
+        with pytest.raises(InputError, match="no linear loop stands for this effect"):
+            family(having(rig, name).but(effects={name: {}}))
 
 
 def test_what_no_loop_stands_for_is_refused_by_proofs_in_words(rig: Prototype):  # noqa: F811

@@ -89,7 +89,8 @@ def _slope(
         span: slopes, of what is added over what it is a function of.
         of: that, where the place has a motion.
     """
-    if len(place.ports) > 1:  # nothing that proofs are made of leaks
+    # Nothing that proofs are made of leaks; and the motor's demand has the drive's own speed feedback in it.
+    if len(place.ports) > 1 or place.name == "motor_demand":
         return None
     if place.motion is None or of is None:
 
@@ -230,7 +231,8 @@ def _lag(place: Place, kind: str) -> Effect:
         if place.motion is None:
             return Elements(volts=(((w, 1 - share), (w, fmpq(1))),))
         spring = figure[place.stiffness] * share
-        return Elements((({**place.motion, "late": fmpq(-1)}, (spring,)), ({"late": fmpq(1)}, (fmpq(0), spring / w))))
+        late = f"{place.name}_late"
+        return Elements((({**place.motion, late: fmpq(-1)}, (spring,)), ({late: fmpq(1)}, (fmpq(0), spring / w))))
 
     # A lag of what goes to the valve is none of what all sensors of a law say, which is all that elements know.
     linear = Linear("as it is", elements=elements) if place.name == "sensor" or place.motion is not None else None
@@ -259,9 +261,9 @@ def _appendage(place: Place, kind: str) -> Effect:
         return own["mass_kg"] * pull
 
     def elements(own: Exact, figure: Exact) -> Elements:
-        w, mass, swings = TWO_PI * own["frequency_Hz"], own["mass_kg"], {"appendage": fmpq(1)}
+        w, mass, swings = TWO_PI * own["frequency_Hz"], own["mass_kg"], f"{place.name}_appendage"
         tied = (mass * w**2, 2 * own["damping_ratio"] * w * mass)
-        return Elements((({**motion, "appendage": fmpq(-1)}, tied), (swings, (fmpq(0), fmpq(0), mass))))
+        return Elements((({**motion, swings: fmpq(-1)}, tied), ({swings: fmpq(1)}, (fmpq(0), fmpq(0), mass))))
 
     motion = place.motion
     parameters = (

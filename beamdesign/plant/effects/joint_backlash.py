@@ -24,14 +24,16 @@ def _force(signal: Any, site: Site) -> Any:
 
 
 def _carried(signal: Any, force: Any, site: Site) -> Any:
-    """Move the rod between the oil's force and the joint's; gives what moves the inner tip.
+    """Move the rod between the actuator's force and the joint's; gives what moves the inner tip.
 
-    Whoever weighed the inner beam with the rod on it has counted the rod's mass already. That share of it is taken off
-    the inner mass again, by the force that gives a lighter tip its acceleration.
+    What else pushes that tip does not push the rod. Whoever weighed the inner beam with the rod on it has counted the
+    rod's mass already. That share of it is taken off the inner mass again, by the force that gives a lighter tip its
+    acceleration.
     """
-    own, figure = site.parameter, site.figure
+    own, figure, driving = site.parameter, site.figure, -site.port["actuator_force_N"]
     site.rate["rod_m"] = site.state["rod_m_per_s"]
-    site.rate["rod_m_per_s"] = (signal - force) / own["rod_mass_kg"]
+    site.rate["rod_m_per_s"] = (driving - force) / own["rod_mass_kg"]
+    force += signal - driving
     mass, reaction = figure["inner_mass"] + figure["inner_end_mass"], site.port["inner_reaction_N"]
     counted = own["counted_share"] * own["rod_mass_kg"]
     return force + (force - reaction) * counted / (mass - counted)
