@@ -12,8 +12,8 @@ from forging import altered, resealed
 from honest_certificates import valid
 from rig_of_certificate import members as stated_members
 
-from beamdesign import Prototype, certify, check, read_prototype, simulate
-from beamdesign.controllers import Lag
+from beamdesign import Prototype, certify, check, read_prototype, simulate, state_space
+from beamdesign.controllers import Lag, Observer
 from beamdesign.loop import rig_loop
 from beamdesign.parameters import TYPICAL
 from beamdesign.plant.effects import laws_of
@@ -23,6 +23,7 @@ from beamdesign.proofs import bounded_error, changing_gain, scope
 from beamdesign.proofs.bounded_error import absolute_integrals, over_masses
 from beamdesign.proofs.certifying import nonlinear_rows
 from beamdesign.proofs.scope import members
+from beamdesign.prototype import Payload
 from beamdesign.scenario import Multisine, Scenario, ScenarioRecord
 from beamdesign.structure.lumped import figures
 
@@ -172,6 +173,28 @@ def test_an_altered_sector_is_refused(tame: Prototype, key: str, value: object):
     assert valid(resealed(table))
     sector[key] = value
     assert not valid(resealed(table))
+
+
+def test_a_ripple_of_one_sensor_beside_another_is_none_of_the_whole_loop():
+    """Stable with both 20 % up or down; with the displacement's alone 20 % up, a pole lies in the right half plane."""
+    rig = read_prototype(ROOT / "studies/prototypes/tame_lag.toml")
+    pole, zero, gain = 2 * np.pi * 1.75, 2 * np.pi * 26.0, 0.25
+    law = Observer(
+        gain_A_per_V=1.0, sensors=("displacement_m", "load_pressure_Pa"), a=((-pole,),),
+        b=((gain * pole * (1 - pole / zero), 0.0),), c=(1.0,), d=(gain * pole / zero, 1.6e-10),
+    )  # fmt: skip
+    rig = rig.but(controller=law, payload=Payload(inner_end_mass_kg=4.5, outer_end_mass_kg=(6.5, 6.8)))
+    louder = rig.but(sensor=rig.sensor.but(gain_V_per_m=1.2 * rig.sensor.gain_V_per_m))
+    for mass in (6.5, 6.8):
+        assert np.linalg.eigvals(state_space(rig, mass).A).real.max() < 0
+        assert np.linalg.eigvals(state_space(louder, mass).A).real.max() > 1.0
+    found = certify(rig.but(effects={"carrier_ripple": {"depth": 0.2}}), nonlinear=True)
+    assert not found.stable
+    assert not found.holds
+    held = certify(rig.but(effects={"carrier_ripple": {"depth": 0.01}}), nonlinear=True)
+    assert held.stable
+    assert [row.proved for row in held.nonlinear if row.effects == ("carrier_ripple",)] == [False]
+    assert check(held.text).valid
 
 
 def test_a_ripple_beside_a_friction_that_is_heard_proves_nothing_by_itself():

@@ -20,9 +20,11 @@ from beamdesign.diagnosis.gap_metrics import held_out
 from beamdesign.diagnosis.judgement import causes, judge
 from beamdesign.diagnosis.learning import described, learn, within_reach
 from beamdesign.diagnosis.where.locate import kind_of_effect
+from beamdesign.loop import loop, member_loop
 from beamdesign.plant.assembly import fits
 from beamdesign.plant.empirical import curve, laws
 from beamdesign.plant.members import family
+from beamdesign.polynomial import exact
 from beamdesign.validation.truth.case import run_figures, write_case
 from beamdesign.validation.truth.drawing import draw_case
 
@@ -62,6 +64,19 @@ def test_no_gain_stands_for_what_a_drive_does_to_its_own_speed_feedback(rig: Pro
         name = f"empirical_motor_demand_{kind}"
         with pytest.raises(InputError, match="no linear loop stands for this effect"):
             family(having(rig, name).but(effects={name: {}}))
+
+
+@pytest.mark.parametrize("name", ["empirical_sensor_curve", "empirical_sensor_drift", "empirical_sensor_play"])
+def test_a_gain_of_the_sensor_is_one_of_the_displacement_alone(rig: Prototype, name: str):  # noqa: F811
+    """Beside other sensors: a member is the rig whose sensor gives as many volts per metre."""
+    found = family(rig.but(effects={name: some(name)})).members
+    ends = [member.frozen[name]["factor"] for member in found]
+    assert len(set(ends)) == 2
+    for member, factor in zip(found, ends, strict=True):
+        assert (member.gain.low, member.gain.high) == (1.0, 1.0)
+        volts = float(exact(rig.sensor.gain_V_per_m) * exact(factor))
+        expected = loop(rig.but(sensor=rig.sensor.but(gain_V_per_m=volts))).at(1.3)
+        np.testing.assert_allclose(member_loop(rig, member).at(1.3).poles(), expected.poles(), rtol=1e-9)
 
 
 def test_what_no_loop_stands_for_is_refused_by_proofs_in_words(rig: Prototype):  # noqa: F811

@@ -19,7 +19,7 @@ from flint import fmpq
 from beamdesign.plant.actuators import Actuator
 from beamdesign.plant.assembly import INPUTS, RIGS, Assembly, Structure, join
 from beamdesign.plant.component import SAMPLED
-from beamdesign.plant.effects import Effect, Parameter, library
+from beamdesign.plant.effects import Effect, Parameter, in_volts, library
 from beamdesign.plant.machine_code import trace
 from beamdesign.polynomial import exact
 
@@ -73,10 +73,10 @@ class LinearAssembly:
     parameters: tuple[str, ...]
 
 
-def linear_effect(effect: Effect) -> Effect | None:
+def linear_effect(effect: Effect) -> Effect:
     """An effect with its linear laws, which see the figures of its spans as further parameters.
 
-    None where nothing of it is left: where it is but a factor on the gain.
+    One that is but a factor on the gain has it on the sensor's volts.
 
     Raises:
         ValueError: where the effect has no linear member.
@@ -85,11 +85,11 @@ def linear_effect(effect: Effect) -> Effect | None:
         raise ValueError(f"{effect.name} has no linear member")
     if effect.linear.laws is None:
         return effect
-    if not effect.linear.laws:
-        return None
-    figures = tuple(Parameter(name, 0.0, 0.0, 0.0, 0.0, "of a linear member") for name in effect.linear.figures)
-    laws, states, parameters = effect.linear.laws, effect.linear.states, effect.parameters + figures
-    return replace(effect, laws=laws, states=states, parameters=parameters, memory=(), linear=None)
+    linear = effect.linear if effect.linear.laws else in_volts(effect.linear)
+    assert linear.laws is not None  # those of a factor
+    figures = tuple(Parameter(name, 0.0, 0.0, 0.0, 0.0, "of a linear member") for name in linear.figures)
+    parameters = effect.parameters + figures
+    return replace(effect, laws=linear.laws, states=linear.states, parameters=parameters, memory=(), linear=None)
 
 
 @cache
@@ -105,7 +105,7 @@ def linear_assembly(filtered: bool, names: tuple[str, ...], rig: str = "twin_bea
         ValueError: where an effect has no linear member, or one whose laws are not linear after all.
         ArithmeticError: where an end mass acts otherwise than by the acceleration of its tip.
     """
-    members = [member for name in names if (member := linear_effect(library()[name])) is not None]
+    members = [linear_effect(library()[name]) for name in names]
     joined = join(Structure(SAMPLED, filtered, tuple(member.name for member in members), rig), members)
     t, x, u, p = joined.function.sx_in()
     rate, y = joined.function(t, x, u, p)

@@ -10,7 +10,7 @@ import numpy as np
 from flint import fmpq
 
 from beamdesign.plant.assembly import effect_parameters_of, wrong_effects
-from beamdesign.plant.effects import Operation, Span, Spans, library
+from beamdesign.plant.effects import Linear, Operation, Span, Spans, library
 from beamdesign.plant.linear import LinearModel
 from beamdesign.polynomial import exact, nearest, rounded_down, rounded_up
 from beamdesign.prototype import Prototype
@@ -144,7 +144,7 @@ def family(
     corners = [replace(operation, figure=lumped | dict(zip(seen, at, strict=True))) for at in product(*seen.values())]
     spans: dict[str, dict[str, Span]] = {}
     gains: dict[str, Span] = {}
-    linears = {name: linear for name in own if (linear := library()[name].linear) is not None}
+    linears = {name: linear for name in own if (linear := linear_of(prototype, name)) is not None}
     for name, parameters in own.items():
         if (linear := linears.get(name)) is None:
             wrong.append(Problem(f"effects.{name}", "no linear loop stands for this effect, so that nothing is proved"))
@@ -182,6 +182,11 @@ def family(
     named = {f"{name}.{key}": span for name, key, span in places}
     with_load = any(linear.with_load for linear in linears.values())
     return LinearFamily(tuple(members), rest, named, load, with_load, gains)
+
+
+def linear_of(prototype: Prototype, name: str) -> Linear | None:
+    """What stands for an effect in the proofs of a prototype, with what its controller hears."""
+    return library()[name].beside(() if prototype.controller is None else prototype.controller.senses)
 
 
 _OF_OPERATION = ("piston_area", "oil_stiffness", "outer_stiffness", "inner_stiffness")

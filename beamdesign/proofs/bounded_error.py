@@ -126,8 +126,8 @@ def errors_in_loop(prototype: Prototype) -> tuple[list[Error], list[Row]]:
         return found, []
     why = "No bound is proved: a controller that hears more than the displacement hears the friction as well."
     refused = [Row((one.effect,), METHOD, False, why) for one in found if one.place in FORCES]
-    left = [one for one in found if one.place not in FORCES]
-    return left if any(not one.per_m for one in left) else [], refused
+    deep = {one.effect for one in found if one.per_m}  # which is frozen beside what else is heard
+    return [one for one in found if one.place not in FORCES and one.effect not in deep], refused
 
 
 def bounded_rows(given: Members) -> Iterator[Row]:

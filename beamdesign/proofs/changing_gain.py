@@ -87,7 +87,7 @@ def changing(given: Members) -> list[Changing]:
     """The gains that a prototype's effects change, each at one place of the loop."""
     own, found = effect_parameters_of(given.prototype), []
     ripple = own.get("carrier_ripple")
-    if ripple is not None and ripple["depth"] > 0:
+    if ripple is not None and ripple["depth"] > 0 and "carrier_ripple" in given.found.gains:  # else it is frozen
         depth = exact(ripple["depth"])
         found.append(Changing("carrier_ripple", "volts", 1 - depth, 1 + depth, _RIPPLE, ripple["residual_V"] > 0))
     orifices = own.get("pressure_dependent_flow")

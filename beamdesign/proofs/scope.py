@@ -13,7 +13,7 @@ from flint import fmpq
 
 from beamdesign.loop import Loop, at_most
 from beamdesign.plant.effects import library
-from beamdesign.plant.members import LinearFamily, family
+from beamdesign.plant.members import LinearFamily, family, linear_of
 from beamdesign.polynomial import exact
 from beamdesign.proofs.certificate import Asked
 from beamdesign.prototype import Prototype
@@ -74,7 +74,7 @@ def covered(prototype: Prototype, found: LinearFamily, nonlinear: bool = False) 
     """
     lines = []
     for name in sorted(prototype.effects):
-        linear = library()[name].linear
+        linear = linear_of(prototype, name)
         assert linear is not None  # the family exists
         out = f"; not covered: {linear.leaves_out}" if linear.leaves_out else ""
         lines.append(f"{name}: {linear.covers}{out}.")

@@ -16,8 +16,8 @@ from flint.utils.flint_exceptions import DomainError
 
 from beamdesign.parameters import PARAMETERS, rows_of
 from beamdesign.plant.assembly import effect_parameters_of
-from beamdesign.plant.effects import Elements, Span, library
-from beamdesign.plant.members import LinearFamily, family
+from beamdesign.plant.effects import Elements, Span
+from beamdesign.plant.members import LinearFamily, family, linear_of
 from beamdesign.polynomial import Crossing, bounds, exact, shortened, simple_between, text
 from beamdesign.proofs.stability import StabilityMap
 from beamdesign.prototype import Prototype
@@ -179,7 +179,7 @@ def _elements(
 
     They are taken with a variable for each of these that varies, so that it is seen whether they are affine.
     """
-    linear = library()[name].linear
+    linear = linear_of(prototype, name)
     assert linear is not None  # it has members
     figure = {key: exact(value) for key, value in figures(prototype).items()}
     ends = {key: (exact(span.low), exact(span.high)) for key, span in spans.items()}

@@ -4,8 +4,8 @@ Every file of this folder holds one, some with further laws of it; and there are
 """
 
 import difflib
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cache
 from importlib import import_module
 from math import pi
@@ -134,8 +134,9 @@ Weights = Mapping[str, fmpq]
 class Elements:
     """Of what a linear member is made beside the rig's own parts, with its numbers, exact.
 
-    The rig's coordinates are "first" (its outer beam's mode) and "inner"; any other name is one more. Those of several
-    effects add up: impedances, points and polynomials one after the other, factors by multiplication.
+    The rig's coordinates are "first" (its outer beam's mode) and "inner"; any other name is one more, and the same one
+    for all effects that give it. Those of several effects add up: impedances, points and polynomials one after the
+    other, factors by multiplication.
 
     Attributes:
         impedances: motion, and spring (N/m), dashpot (N s/m) and mass (kg) that resist it.
@@ -230,6 +231,19 @@ class Linear:
     near_rest: Literal["", "compliance", "stability"] = ""
 
 
+def in_volts(linear: Linear) -> Linear:
+    """The same with its factor on the gain frozen, and on the sensor's volts alone."""
+    assert linear.gain is not None  # else there is no such factor
+    return replace(
+        linear,
+        covers=f"{linear.covers}; here at either end, and on the volts alone, beside which the controller hears more",
+        laws={"sensor_V": lambda signal, site: signal * site.parameter["factor"]},
+        figures={"factor": linear.gain},
+        gain=None,
+        elements=lambda own, figure: Elements(volts=(((own["factor"],), (fmpq(1),)),)),
+    )
+
+
 @dataclass(frozen=True)
 class Effect:
     """One departure from the linear rig.
@@ -271,6 +285,16 @@ class Effect:
     def __post_init__(self) -> None:
         if self.subsystem not in SUBSYSTEMS:
             raise ValueError(f"{self.name}: no subsystem {self.subsystem}")
+
+    def beside(self, sensors: Sequence[str]) -> Linear | None:
+        """What stands for it in proofs with a law that hears these.
+
+        A factor on the sensor's volts is one on the loop's gain only where the law hears nothing else.
+        """
+        linear = self.linear
+        if linear is None or linear.gain is None or self.subsystem != "sensor" or len(sensors) < 2:
+            return linear
+        return in_volts(linear)
 
 
 @cache
