@@ -10,7 +10,8 @@ from slow_sensor import SLOW_SENSOR
 from test_effects import applied
 from test_elements import assert_alike, rig  # noqa: F401
 
-from beamdesign import InputError, Prototype, read_dataset
+from beamdesign import InputError, Prototype, certify, check, read_dataset
+from beamdesign.controllers import Lag
 from beamdesign.diagnosis.diagnosis import updated_prototype
 from beamdesign.diagnosis.fitting.evidence import evidence_of
 from beamdesign.diagnosis.fitting.fit import Fit, fit
@@ -25,6 +26,9 @@ from beamdesign.plant.assembly import fits
 from beamdesign.plant.empirical import curve, laws
 from beamdesign.plant.members import family
 from beamdesign.polynomial import exact
+from beamdesign.proofs.box import certify_box
+from beamdesign.proofs.tolerance_box import tolerance_box
+from beamdesign.prototype import Tolerance
 from beamdesign.validation.truth.case import run_figures, write_case
 from beamdesign.validation.truth.drawing import draw_case
 
@@ -57,6 +61,18 @@ def test_elements_of_a_learnt_law_are_what_it_comes_to(rig: Prototype, name: str
 def test_laws_at_both_beams_and_behind_a_joint_move_by_themselves(rig: Prototype, names: tuple[str, str]):  # noqa: F811
     """What swings on one tip is not what swings on the other, and pushes that tip and not the rod before its joint."""
     assert_alike(rig.but(effects={name: {} for name in names}))
+
+
+def test_a_beam_that_stiffens_late_is_proved_again(rig: Prototype):  # noqa: F811
+    """Its elements have a negative spring: their determinant is the rig's, times a negative number."""
+    law = Lag(gain_A_per_V=0.05, pole_Hz=1.75, zero_Hz=26.0)
+    late = rig.but(controller=law, effects={"empirical_inner_reaction_lag": {"share": -0.2, "break_Hz": 60.0}})
+    found = certify(late, 2.0, 2.5)
+    assert found.stable
+    assert check(found.text).valid
+    box = certify_box(late, tolerance_box(late.but(tolerance=Tolerance(flow_gain=0.02)), 1.0, None, (2.0, 2.1)))
+    assert box.stable
+    assert check(box.certificate).valid
 
 
 def test_no_gain_stands_for_what_a_drive_does_to_its_own_speed_feedback(rig: Prototype):  # noqa: F811

@@ -18,9 +18,9 @@ from scipy.signal import cont2discrete, fftconvolve
 from beamdesign.controllers import Controller, Lag
 from beamdesign.diagnosis.data.dataset import FrequencyResponse, MeasuredGain, TimeRecord
 from beamdesign.diagnosis.fitting.weighting import TOP, faded, white
+from beamdesign.plant.assembly import assemble, parameters_of, structure_of
 from beamdesign.plant.component import HEARD, state_space
-from beamdesign.plant.equilibrium import Linearisation
-from beamdesign.plant.members import paper_model
+from beamdesign.plant.equilibrium import Linearisation, linearise
 from beamdesign.prototype import Prototype
 from beamdesign.quantities import LawGain, range_of
 
@@ -69,29 +69,19 @@ class NominalLoop(Linearisation):
 
 
 def nominal_loop(prototype: Prototype, taken: TimeRecord | FrequencyResponse | MeasuredGain) -> NominalLoop:
-    """Close the loop around a prototype's linear plant, its effects left out.
+    """The loop of a prototype's own equations about rest, its effects left out.
 
     Args:
         prototype: believed.
         taken: with the controller and the end masses.
     """
-    controller = taken.controller
-    plant = paper_model(prototype.but(effects={}))
-    a, b, c = plant.matrices(taken.outer_end_mass, taken.inner_end_mass)
-    force, current, volts = b[:, 0], b[:, 1], c[1]
-    own, entering, leaving, straight = state_space(controller.equations, controller.figures())
-    # What the law hears: error = command - volts, command, inner tip, and what one actuator or the other feels.
-    sensed, commanded = np.vstack([-volts, 0 * volts, c[2], c[3], c[3]]), np.array([1.0, 1.0, 0.0, 0.0, 0.0])
-    closed = np.block(
-        [[a + np.outer(current, straight @ sensed), np.outer(current, leaving)], [entering @ sensed, own]]
-    )
-    driven = np.zeros((len(closed), 2))
-    driven[: len(a), 0] = force
-    driven[:, 1] = np.concatenate([current * (straight @ commanded), entering @ commanded])
-    seen, through = np.zeros((4, len(closed))), np.zeros((4, 2))
-    seen[0], through[0, 1] = np.concatenate([straight @ sensed, leaving]), straight @ commanded
-    seen[1:, : len(a)] = volts / prototype.sensor.gain_V_per_m, c[3], c[2]
-    return NominalLoop(closed, driven, seen, through)
+    rig = prototype.but(effects={}, controller=taken.controller)
+    assembly = assemble(structure_of(rig))
+    parameters = np.array(list(parameters_of(rig, taken.outer_end_mass, taken.inner_end_mass).values()))
+    of = linearise(assembly, np.zeros(len(assembly.states)), np.zeros(3), parameters)
+    felt = {"load_pressure_Pa": prototype.actuator.feels[0]}
+    seen, driven = [assembly.outputs.index(felt.get(name, name)) for name in CHANNELS], slice(2)
+    return NominalLoop(of.a, of.b[:, driven], of.c[seen], of.d[seen, driven])
 
 
 def expected(record: TimeRecord, prototype: Prototype) -> Mapping[str, np.ndarray] | None:
