@@ -142,6 +142,18 @@ def test_effects_span_what_they_do_of_the_rigs_of_a_scaled_box(rig):
     assert float(found.verdict.box.ranges["effect_gain"][1]) == pytest.approx(sqrt(1 + share))
 
 
+def test_a_box_spans_what_effects_do_under_the_payload_that_is_asked_for(rig):
+    """Orifices span a gain under a load alone, which a rig without a payload of its own has none of."""
+    bare = rig.but(payload=Payload(inner_end_mass_kg=4.5), effects={"pressure_dependent_flow": {}})
+    box, loaded = (tolerance_box(one, 1.0, ["flow_gain"], (0.0, 6.8)) for one in (bare, rig.but(effects=bare.effects)))
+    assert box.ranges == loaded.ranges
+    low, high = box.ranges["effect_gain"]
+    assert low < 1 < high
+    found = certify_box(bare, box)
+    assert found.stable
+    assert check(found.certificate).valid
+
+
 def test_tolerance_box(rig):
     box = tolerance_box(rig, 2.0, names=["flow_gain", "valve_frequency"], delay_s=(0.0, 1e-4))
     assert box.names == ("flow_gain", "valve_frequency", "outer_end_mass", "delay")

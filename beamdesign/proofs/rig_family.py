@@ -2,7 +2,7 @@
 
 import ast
 import re
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from itertools import chain
 from math import inf, pi
 
@@ -10,7 +10,7 @@ from flint import fmpq, fmpq_mpoly, fmpq_mpoly_ctx
 
 from beamdesign.plant.linear import TIP
 from beamdesign.plant.members import LinearFamily, family
-from beamdesign.polynomial import exact, in_variable
+from beamdesign.polynomial import exact, in_variable, nearest
 from beamdesign.proofs.bounded_error import erring
 from beamdesign.proofs.certificate import Asked
 from beamdesign.proofs.multiplier import weighed
@@ -44,17 +44,21 @@ def _frozen(found: LinearFamily) -> dict[str, str]:
     return {key.replace(".", "_"): key for key, span in found.spans.items() if span.low < span.high}
 
 
-def rig_values(prototype: Prototype) -> dict[str, fmpq]:
+def rig_values(prototype: Prototype, largest_outer_end_mass: float | None = None) -> dict[str, fmpq]:
     """The parameters of a prototype's characteristic polynomial, SI, frequencies in rad/s.
 
     These are its figures, unless they are zero, both end masses, gain and a lag's breaks, a pure delay, the frozen
     figures of its effects, and the factor that they put on the gain.
 
+    Args:
+        prototype: with a controller.
+        largest_outer_end_mass: kg, as of `family`, which says what of its effects is spanned.
+
     Raises:
         ValueError: without a controller.
         InputError: for effects for which no linear loop stands.
     """
-    controller, found = prototype.own_controller, family(prototype)
+    controller, found = prototype.own_controller, family(prototype, largest_outer_end_mass)
     values = {name: exact(value) for name, value in figures(prototype).items() if value != 0}
     values |= {"outer_end_mass": fmpq(0), "inner_end_mass": exact(prototype.payload.inner_end_mass_kg)}
     values |= {"controller_gain": exact(controller.gain_A_per_V), "delay": fmpq(0)}
@@ -72,7 +76,7 @@ def rig_family(
     varied: Sequence[str] = (),
     claim: Asked | None = None,
     delayed: bool = True,
-    varying: Collection[str] | None = None,
+    varying: Mapping[str, Interval] | None = None,
 ) -> PolynomialFamily:
     """The characteristic polynomial of a prototype's loop over all parameters in `rig_values`.
 
@@ -88,14 +92,15 @@ def rig_family(
         varied: figures of its effects that become parameters, such as sensor_lag.break_Hz, as sensor_lag_break_Hz.
         claim: of a magnitude; what it comes to is a polynomial too, see `claimed`.
         delayed: whether there may be a delay.
-        varying: parameters that a box has ranges of, where it is known: what of the actuator is chosen, such as the
-            lead of a screw, and does not vary is a number then.
+        varying: ranges of a box, where it is known: what of the actuator is chosen, such as the lead of a screw, and
+            does not vary is a number then, and effects are those under the largest outer end mass.
 
     Raises:
         ValueError: without a controller.
         InputError: for effects for which no linear loop stands.
     """
-    values, found = rig_values(prototype), family(prototype)
+    heaviest = nearest(varying["outer_end_mass"][1]) if varying and "outer_end_mass" in varying else None
+    values, found = rig_values(prototype, heaviest), family(prototype, heaviest)
     if varying is not None:
         chosen = {row.name for row in prototype.actuator.parameters if not row.typical and row.name not in varying}
         values = {name: value for name, value in values.items() if name not in chosen}

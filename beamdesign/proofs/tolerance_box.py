@@ -61,7 +61,8 @@ def tolerance_box(
         InputError: for a figure without tolerance or that the rig does not have, or a range that reaches zero.
         ValueError: without a controller.
     """
-    values = rig_values(prototype)
+    payload = prototype.payload.outer_end_mass_kg if outer_end_mass is None else outer_end_mass
+    values = rig_values(prototype, None if payload is None else payload[1])
     deviations = {n: getattr(prototype.tolerance, key) for n, key in TOLERANCES.items() if n in values}
     if unknown := sorted((set(spread or {}) | set(names or ())) - set(values)):
         reason = f"no such figure; there are {', '.join(values)}"
@@ -78,7 +79,6 @@ def tolerance_box(
         if f"{beam}_damping" in values and f"{beam}_damping" not in (spread or {}):
             dashpots[f"{beam}_damping"] = partial(_drawn, values, part, beam)
             ranges[f"{beam}_damping"] = _drawn(values, part, beam, {})
-    payload = prototype.payload.outer_end_mass_kg if outer_end_mass is None else outer_end_mass
     rigid = set()
     for name, pair in (("outer_end_mass", payload), ("delay", delay_s)):
         if pair is not None:
@@ -117,8 +117,9 @@ def box_with_effects(
         InputError: for effects for which no linear loop stands.
         ValueError: as of `box_of`.
     """
-    box, values = box_of(ranges, nominal), rig_values(prototype)
-    spans = effect_spans(family(prototype, nearest(box.ranges["outer_end_mass"][1]), box.ranges))
+    box = box_of(ranges, nominal)
+    heaviest = nearest(box.ranges["outer_end_mass"][1])
+    values, spans = rig_values(prototype, heaviest), effect_spans(family(prototype, heaviest, box.ranges))
     rest = {name: min(max(values[name], low), high) for name, (low, high) in spans.items()}
     return replace(box, ranges={**box.ranges, **spans}, nominal={**box.nominal, **rest})
 
