@@ -279,6 +279,16 @@ def test_components_that_make_the_loop_unstable_refute(rig: Prototype) -> None:
     assert max(worst) > 0
 
 
+def test_components_are_proved_with_every_loop_that_stands_for_an_effect(rig: Prototype) -> None:
+    """A joint that bears softly lets the loop oscillate at a gain one per cent up, one that bears wholly does not."""
+    law = Lag(gain_A_per_V=0.1109, pole_Hz=1.75, zero_Hz=26.0)
+    near = rig.but(controller=law, payload=rig.payload.but(inner_end_mass_kg=2.5), effects={"joint_backlash": {}})
+    circuit = circuit_of(law, "E24", "E6")
+    assert certify(near.but(controller=circuit.law), 0.0, 6.8).stable
+    assert with_tolerance(near, (0.0, 6.8), circuit, 0.01, 0.05).verdict == "refuted"
+    assert with_tolerance(near.but(effects={}), (0.0, 6.8), circuit, 0.01, 0.05).verdict == "proved"
+
+
 def test_a_notch_whose_damping_cancels_is_not_proved_as_undamped(rig: Prototype) -> None:
     """Its zeros lie on the axis by parts that cancel; with others within two per cent they leave it to the right."""
     notch = Section(zero_Hz=60.0, zero_damping_ratio=1e-4, pole_Hz=60.0, pole_damping_ratio=0.7)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.linalg import solve_continuous_lyapunov
 
-from beamdesign import Prototype, check, read_problem, read_prototype, spec, state_space
+from beamdesign import Prototype, certify, check, read_problem, read_prototype, spec, state_space
 from beamdesign.build import ratings as room
 from beamdesign.build.acceptance import Band, acceptance, bare_modes
 from beamdesign.build.folder import limits
@@ -188,6 +188,15 @@ def test_the_sensor_that_performs_is_no_slower_than_it_is_stable_from_on(
     assert need.stable_from_Hz is not None
     assert need.performs_from_Hz is not None
     assert need.performs_from_Hz >= need.stable_from_Hz > 5000.0
+
+
+def test_every_break_of_the_sensor_is_proved_of_every_loop_that_stands_for_an_effect(rig: Prototype) -> None:
+    law = Lag(gain_A_per_V=0.116, pole_Hz=1.75, zero_Hz=26.0)
+    wholly = rig.but(controller=law, payload=rig.payload.but(inner_end_mass_kg=2.5))
+    softly = wholly.but(effects={"joint_backlash": {}})
+    assert not certify(softly, *MASSES).stable
+    assert room._proved_above(wholly, MASSES, 5000.0)
+    assert not room._proved_above(softly, MASSES, 5000.0)
 
 
 def test_a_filtered_sensor_gets_its_lag_beside_the_filter(rig: Prototype) -> None:

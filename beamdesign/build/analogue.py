@@ -14,7 +14,7 @@ from beamdesign.build.tolerances import performance
 from beamdesign.controllers import Controller
 from beamdesign.polynomial import nearest
 from beamdesign.progress import Progress, silent
-from beamdesign.proofs.box import certify_box
+from beamdesign.proofs.box import Box, certify_box
 from beamdesign.proofs.certifying import certify, stability_over
 from beamdesign.proofs.rig_family import rig_family
 from beamdesign.proofs.statement import PolynomialFamily
@@ -118,8 +118,7 @@ def with_tolerance(
     def found(verdict: Verdict, reason: str = "", certificate: str = "") -> ComponentTolerance:
         return ComponentTolerance(resistors, capacitor, verdict, reason, certificate)
 
-    family, ranges = _spanned(prototype, circuit, resistors, capacitor)
-    box = box_with_effects(prototype, ranges | {"outer_end_mass": masses_kg})
+    family, box = _spanned(prototype, masses_kg, circuit, resistors, capacitor)
     verdict = certify_box(family, box, _BUDGET, volumes=False)
     if verdict.stable:  # with it every corner
         return found("proved", certificate=verdict.certificate)
@@ -136,9 +135,12 @@ def with_tolerance(
 
 
 def _spanned(
-    prototype: Prototype, circuit: Circuit, resistors: float, capacitor: float
-) -> tuple[PolynomialFamily, dict[str, tuple[float | fmpq, float | fmpq]]]:
-    """The loop over gain and coefficients of every stage, s and s^2, and what these can be within the tolerances."""
+    prototype: Prototype, masses_kg: tuple[float, float], circuit: Circuit, resistors: float, capacitor: float
+) -> tuple[PolynomialFamily, Box]:
+    """The loop over gain and coefficients of every stage, s and s^2, and what these can be within the tolerances.
+
+    With the payloads, and all that effects span.
+    """
     ranges: dict[str, tuple[float | fmpq, float | fmpq]] = {"controller_gain": circuit.gain_span(resistors, capacitor)}
     nominal = []
     for k, stage in enumerate(circuit.stages, 1):
@@ -147,7 +149,8 @@ def _spanned(
         there = [name for name, span in spans.items() if name[1:] in "12" and any(span)]
         nominal.append({name: getattr(stage.exact, name) for name in there})
         ranges |= {f"stage_{k}_{name}": spans[name] for name in there}
-    return rig_family(prototype.but(controller=circuit.law), nominal), ranges
+    box = box_with_effects(prototype, ranges | {"outer_end_mass": masses_kg})
+    return rig_family(prototype.but(controller=circuit.law), nominal, varying=box.ranges), box
 
 
 _CAPACITORS_F = (4.7e-8, 4.7e-6)

@@ -338,7 +338,8 @@ def _proved_above(prototype: Prototype, masses_kg: tuple[float, float], break_Hz
 
     def proved(stage: InStage) -> bool:
         box = box_with_effects(stage.prototype, {"outer_end_mass": stage.outer_end_mass_kg, name: ends})
-        return certify_box(rig_family(stage.prototype, varied=varied), box, _BUDGET, volumes=False).stable is True
+        family = rig_family(stage.prototype, varied=varied, varying=box.ranges)
+        return certify_box(family, box, _BUDGET, volumes=False).stable is True
 
     return all(map(proved, lagging(prototype, break_Hz).stages(masses_kg)))
 
