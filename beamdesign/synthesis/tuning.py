@@ -204,7 +204,7 @@ def tune_law(prototype: Prototype, masses_kg: tuple[float, float], asked: LawOpt
     """Tune one law over a range of payloads (kg); arguments and errors as of `tune`."""
     kind, own, inner = asked.kind, prototype.controller, prototype.payload.inner_end_mass_kg
     stage = None if asked.stable_kg is None else (masses_kg, asked.stable_kg)
-    members = served(prototype, (asked.stable_kg or masses_kg)[1], stage)
+    members = served(prototype.but(controller=None), (asked.stable_kg or masses_kg)[1], stage)  # whatever law it has
     spread = asked.spread and replace(asked.spread, stage=stage)
     riding = [member.performance for member in members if member.rig.sensor_rides and member.performance is not None]
     if any(inside.low < inside.high for inside in riding):  # the gain varies while the end mass shows in the feedback
