@@ -72,6 +72,12 @@ def test_every_law_without_an_answer_to_small_motion_says_so() -> None:
     assert all(library()[name].linear.laws is not None for name, claim in said.items() if claim)  # type: ignore[union-attr]
 
 
+@pytest.mark.parametrize("loops", [{"narrow": 0.0}, {"wide": 0.0}, {"narrow": 0.0, "wide": 0.0}], ids=str)
+def test_friction_of_either_loop_holds_small_motion(loops: dict[str, float]) -> None:
+    left = near_rest(rig().but(effects={"empirical_friction_loop": loops}))
+    assert [one.claim for one in left] == ["compliance"] * (len(loops) == 1)
+
+
 def test_only_what_is_asked_for_stands_in_the_way_of_a_yes() -> None:
     both = rig("joint_backlash", "valve_deadband")
     assert [one.effect for one in near_rest(both)] == ["joint_backlash", "valve_deadband"]

@@ -147,9 +147,11 @@ def near_rest(prototype: Prototype) -> tuple[NearRest, ...]:
     """What nothing is proved of while motion is small against the effects of a prototype, all of the library."""
     found = []
     for name, given in sorted(prototype.effects.items()):
-        size, linear = library()[name].parameters[0], library()[name].linear
-        # The first figure of each of these effects is its size; without any there is no such effect.
-        if linear is not None and linear.near_rest and given.get(size.name, size.default) > 0:
+        effect, linear = library()[name], library()[name].linear
+        # The first figure of each of these effects is its size, or each of its loops has one; without any it is none.
+        sizes = [one for one in effect.parameters if one.name in effect.memory] or effect.parameters[:1]
+        there = any(given.get(size.name, size.default) > 0 for size in sizes)
+        if linear is not None and linear.near_rest and there:
             found.append(NearRest(name, linear.near_rest, linear.leaves_out))
     return tuple(found)
 
