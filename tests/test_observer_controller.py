@@ -1,7 +1,7 @@
 """Controllers of several sensors: from their record to what is proved, replayed and simulated of them."""
 
 import tomllib
-from math import pi
+from math import inf, pi
 from pathlib import Path
 
 import control
@@ -29,7 +29,7 @@ from beamdesign.checker import Unreadable
 from beamdesign.checker.rectangle import stable_on_rectangle
 from beamdesign.cli import app
 from beamdesign.controllers import SENSED, Lag, Observer
-from beamdesign.loop import loop, tip
+from beamdesign.loop import Loop, loop, tip
 from beamdesign.plant.linear_reach import signals, single_compliance, with_mass
 from beamdesign.plant.members import family, paper_model
 from beamdesign.polynomial import Affine, exact
@@ -42,9 +42,10 @@ from beamdesign.proofs.rectangle import Rectangle, axis_inside
 from beamdesign.proofs.stability import is_stable_over
 from beamdesign.proofs.tolerance_box import tolerance_box
 from beamdesign.proofs.writer import prototype_table
-from beamdesign.prototype import Arm
+from beamdesign.prototype import Arm, Goal
 from beamdesign.scenario import Sampled, Scenario, ScenarioRecord, Step
 from beamdesign.structure.lumped import figures
+from beamdesign.synthesis.law_design import LoopSet
 
 MASSES_KG = (0.0, 6.8)
 FREQUENCIES_HZ = np.geomspace(0.1, 600.0, 300)
@@ -308,6 +309,8 @@ def test_an_island_of_instability_inside_stable_sides_is_found() -> None:
         families += [Affine(denominator.at(end), numerator.at(end)) for end in ends]
         assert all(is_stable_over(family, *ends) for family in families)
         assert (found is not None) is island
+        within = Rectangle(Loop(denominator, numerator, poly([1])), *ends, *ends)
+        assert LoopSet([within], [within], inf).unstable(Goal(lower_gains=False)) is island
         pairs = ((one.constant, one.slope) for one in (denominator, numerator))
         assert stable_on_rectangle(*pairs, ends, ends) is not island
         if found is not None:

@@ -161,9 +161,7 @@ class LoopSet:
 
     def unstable(self, goal: Goal) -> bool:
         """Whether some member is not stable throughout, at lower gains where the goal wants it: exact."""
-        if goal.lower_gains:  # masses and gains both vary then, and the sides alone do not decide
-            return not all(one.widened(fmpq(0)).stable for one in self.stable)
-        return any(one.unstable_side() is not None for one in self.stable)
+        return not all((one.widened(fmpq(0)) if goal.lower_gains else one).stable for one in self.stable)
 
     def refuted(self, goal: Goal) -> list[Claim]:
         """The goal's limits but that of the bandwidth that are refuted, of one member each."""
