@@ -379,14 +379,23 @@ def test_json_to_standard_output_is_all_that_stands_there(tmp_path: Path) -> Non
     assert os.listdir(tmp_path) == ["c.toml"]
 
 
-@pytest.mark.parametrize("asked", [["run"], ["codesign", "--bandwidth-Hz", "3"]])
-def test_no_result_takes_the_place_of_the_study(tmp_path: Path, asked: list[str]) -> None:
-    """Which may be called as the result is, as the shipped one."""
-    (tmp_path / "prototype.toml").write_bytes(STUDY.read_bytes())
+@pytest.mark.parametrize(
+    ("read", "asked"),
+    [
+        (STUDY, ["run"]),
+        (STUDY, ["codesign", "--bandwidth-Hz", "3"]),
+        (RIG, ["tune"]),
+        (RIG, ["stiffness"]),
+        (RIG, ["arm"]),
+    ],
+)
+def test_no_result_takes_the_place_of_what_it_comes_from(tmp_path: Path, read: Path, asked: list[str]) -> None:
+    """Which may be called as the result is, as the shipped study."""
+    (tmp_path / "prototype.toml").write_bytes(read.read_bytes())
     found = CliRunner().invoke(app, [*asked, str(tmp_path / "prototype.toml"), "--out", str(tmp_path)])
     assert isinstance(found.exception, InputError)
     assert "would be written over prototype.toml, which is read" in str(found.exception)
-    assert (tmp_path / "prototype.toml").read_bytes() == STUDY.read_bytes()
+    assert (tmp_path / "prototype.toml").read_bytes() == read.read_bytes()
 
 
 def test_json_takes_the_place_of_no_other_file_of_the_command(tmp_path: Path) -> None:

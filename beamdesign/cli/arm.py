@@ -17,7 +17,7 @@ from beamdesign.cli.command import (
     mass_range,
     with_controller,
 )
-from beamdesign.cli.output import certificate_file, echo, echo_table, progress, refuse, write_certificate
+from beamdesign.cli.output import certificate_file, echo, echo_table, progress, refuse, spare, write_certificate
 from beamdesign.files import fresh_folder, settled, write_whole
 from beamdesign.result import picked
 
@@ -62,6 +62,7 @@ def arm(
     from beamdesign.structure.arm import arm_of, sensor_of
 
     record = read_prototype(prototype)
+    spare([prototype], out, ["prototype.toml"])
     given = arm_of(record)
     if offset_m is not None:
         given = given.but(offset_m=_three(offset_m, "--offset-m", "Position"))

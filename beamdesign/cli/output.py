@@ -71,14 +71,14 @@ def _need_folder(option: str, path: Path, folder: Path) -> Path:
     return path
 
 
-def spare(read: Iterable[Path], folder: Path, names: Iterable[str]) -> None:
-    """Refuse a folder in which what is to be written would take the place of what is read.
+def spare(read: Iterable[Path], folder: Path | None, names: Iterable[str]) -> None:
+    """Refuse a folder, if there is one, in which what is to be written would take the place of what is read.
 
     Raises:
         InputError: naming what would be lost.
     """
     kept = set(map(os.path.realpath, read))
-    if hit := [name for name in names if os.path.realpath(folder / name) in kept]:
+    if folder is not None and (hit := [name for name in names if os.path.realpath(folder / name) in kept]):
         refuse("--out", (str(folder), f"would be written over {', '.join(hit)}, which is read; name another folder"))
 
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, get_args
 import typer
 
 from beamdesign.cli.command import CommandResult, Figure, by_stage, command, figures_of, in_time, mass_range, of_all
-from beamdesign.cli.output import echo, echo_table, progress, refuse
+from beamdesign.cli.output import echo, echo_table, progress, refuse, spare
 from beamdesign.files import write_set
 from beamdesign.result import picked
 from beamdesign.synthesis import RIGS, SIGMAS
@@ -113,6 +113,7 @@ def tune(
     from beamdesign.synthesis.design_run import certificate_name, certified_laws
 
     record = read_prototype(prototype)
+    spare([prototype], out, ["prototype.toml"])
     masses = mass_range(outer_end_mass, record.outer_end_mass_kg, prototype)
     known = dict.fromkeys((*get_args(Tuned), "compliance", *tuning.tunable()))  # and what is registered with seeds
     if controller not in known:
@@ -271,6 +272,7 @@ def stiffness(
     from beamdesign.synthesis.stiffness_search import stiffness as give
 
     record = read_prototype(prototype)
+    spare([prototype], out, ["prototype.toml"])
     low, high = figures_of("--wall-N-per-m", wall_N_per_m, "WallStiffness", "two figures as LO:HI", ":", 2)
     if high == 0:
         refuse("--wall-N-per-m", (wall_N_per_m, "is no wall; give a stiffest one, or --contact none"))
