@@ -1,7 +1,7 @@
 """The loop of a rig over a box of its figures, and whether an expression is its polynomial.
 
 The loop is built from the rig, its controller and its effects, with a variable for whatever varies, and compared with
-the expression multiplied out: they may differ by a positive number, and by powers of what is positive.
+the expression multiplied out: they may differ by a number, and by powers of what is positive.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -223,7 +223,7 @@ def _elements(rig: Rig, expression: Expression, value: Mapping[str, Number]) -> 
 
 
 def alike(expression: Expression, loop: fmpq_mpoly) -> bool:
-    """Whether the expression is a polynomial, times a positive number and powers of what is positive."""
+    """Whether the expression is a polynomial, times a number and powers of what is positive."""
     context = loop.context()
     variable = dict(zip(context.names(), context.gens(), strict=True))
     parameter = {name: variable.get(name, low) for name, (low, _) in expression.ranges.items()}
@@ -260,7 +260,7 @@ def alike(expression: Expression, loop: fmpq_mpoly) -> bool:
         return False
     stated, loop = (_without_powers(p, expression.ranges) for p in (stated, loop))
     ratio = loop.leading_coefficient() / stated.leading_coefficient()
-    return bool(ratio > 0 and stated * ratio == loop)
+    return bool(stated * ratio == loop)
 
 
 def _without_powers(polynomial: fmpq_mpoly, ranges: Mapping[str, Pair]) -> fmpq_mpoly:

@@ -278,7 +278,7 @@ def statements(table: Table, rig: Rig) -> Statements:
 
 
 def _same(stated: Sequence[Table], loops: Sequence[Loop]) -> bool:
-    """Whether the polynomials stated are those of the loops, of each but for one common positive factor.
+    """Whether the polynomials stated are those of the loops, of each but for one common factor.
 
     Whoever wrote them has them from the effects' laws, and not from the elements.
     """
@@ -291,7 +291,7 @@ def _proportional(stated: Sequence[fmpq_poly], loop: Loop) -> bool:
     own = (*loop.closed, *loop.loop_numerator, loop.disturbance)
     lead = own[1].degree()
     factor = stated[1][lead] / own[1][lead]
-    return factor > 0 and all(one * factor == other for one, other in zip(own, stated, strict=True))
+    return factor != 0 and all(one * factor == other for one, other in zip(own, stated, strict=True))
 
 
 # Of one loop, over the rectangle of masses and gains.
