@@ -8,6 +8,7 @@ from gap_sets import believed, measured, only, scenario
 from rigs_of_effects import having
 
 from beamdesign import InputError, read_dataset
+from beamdesign.diagnosis.data.dataset import FrequencyResponse
 from beamdesign.diagnosis.diagnosis import updated_prototype
 from beamdesign.diagnosis.fitting.evidence import evidence_of, record_evidence
 from beamdesign.diagnosis.fitting.fit import Fit, Share, fit, fit_cache
@@ -229,6 +230,16 @@ def test_a_believed_loop_that_is_unstable_is_refused(lagged):
     wild = lagged.prototype.but(servovalve=valve.but(flow_gain_m3_per_s_per_A=8 * valve.flow_gain_m3_per_s_per_A))
     with pytest.raises(InputError, match="prototype: its loop is unstable with the controllers and masses"):
         search(replace(lagged, prototype=wild))
+
+
+def test_what_the_believed_loop_does_not_predict_is_named_beside_records_that_it_does(lagged):
+    lines = np.geomspace(2.0, 200.0, 20)
+    wild = lagged.records[0].controller.but(gain_A_per_V=5.0)
+    taken = FrequencyResponse("sweep", lines, np.full(20, 1e-6 + 0j), False, None, 0.0, 0.0, wild)
+    with pytest.raises(InputError) as refused:
+        search(replace(lagged, responses=(taken,)))
+    assert [problem.key for problem in refused.value.problems] == ["frequency_response"]
+    assert "sweep" in refused.value.problems[0].reason
 
 
 def test_amended_prototype_simulates_as_the_fit_does(lagged):

@@ -7,13 +7,13 @@ from functools import reduce
 import numpy as np
 
 from beamdesign.diagnosis.data.dataset import Dataset
-from beamdesign.diagnosis.fitting.fit import Fit, FitCache, Task
+from beamdesign.diagnosis.fitting.fit import Evidence, Fit, FitCache, Task, linearised
 from beamdesign.diagnosis.fitting.fitters import RESONANT, Fitters
 from beamdesign.diagnosis.fitting.hypothesis import NOTHING, Hypothesis, cause, pairs, singles
 from beamdesign.plant.assembly import fits
 from beamdesign.plant.effects import causes, library
 from beamdesign.progress import Progress, silent
-from beamdesign.records import InputError
+from beamdesign.records import InputError, Problem
 from beamdesign.time_limit import share
 
 _BEST_SINGLES = ((0.03, 1), (0.15, 2), (np.inf, 4))
@@ -113,17 +113,14 @@ def search(
 
     Raises:
         TimeUp: where steps are to be broken off, and not even tolerances alone are fitted in time.
-        InputError: where the believed prototype's own loop is unstable as the records were taken.
+        InputError: naming what the believed prototype does not predict: records and responses with which its own loop
+            is unstable, critical gains where it oscillates at none.
     """
     with Fitters(data, workers, kept, synchronised) as fitters:
         progress(0.0, "tolerances")
         null = null or fitters.each(Task(NOTHING, {}))[0]
         if null.reason:
-            key = "prototype" if data.records else "frequency_response" if data.responses else "critical_gain"
-            words = "the believed model oscillates at no gain, or where a response was taken"
-            if data.records:
-                words = "its loop is unstable with the controllers and masses of the records, so none can be simulated"
-            raise InputError(data.folder, [(key, words)])
+            raise InputError(data.folder, _unpredicted(data, fitters.evidence))
         with share(_SEEKING, within_steps=True):
             found = _searched(fitters, null, progress, worth)
         if fitters.late and found.fits and found.excess(found.fits[0]) < _CLOSED:  # so that no law has to be learnt
@@ -131,6 +128,18 @@ def search(
                 found = _made_up_for(fitters, found)
         progress(1.0, "done")
         return found
+
+
+def _unpredicted(data: Dataset, evidence: Sequence[Evidence]) -> list[Problem]:
+    """What keeps the believed model from predicting pieces of evidence, so that no fit begins."""
+    placement = NOTHING.placement(data.prototype)
+    z = np.zeros(len(placement.unknowns))
+    of_records = ("prototype", "its loop is unstable with the controllers and masses of {}")
+    of_responses = ("frequency_response", "the believed loop is unstable where a response was taken: {}")
+    of_gains = ("critical_gain", "the believed loop oscillates at no gain: {}")
+    words = [of_records] * len(data.records) + [of_responses] * len(data.responses) + [of_gains] * len(data.gains)
+    lost = ((one, of) for one, of in zip(evidence, words, strict=True) if linearised([one], placement, z) is None)
+    return [Problem(key, text.format(one.name)) for one, (key, text) in lost]
 
 
 def _searched(fitters: Fitters, null: Fit, progress: Progress, worth: float) -> Search:
