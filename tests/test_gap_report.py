@@ -17,7 +17,6 @@ from beamdesign.diagnosis.data.dataset import Dataset
 from beamdesign.diagnosis.diagnosis import (
     Cause,
     Diagnosis,
-    Errors,
     Estimate,
     Gap,
     Indicator,
@@ -31,9 +30,10 @@ from beamdesign.diagnosis.fitting.hypothesis import Hypothesis
 from beamdesign.diagnosis.fitting.search import Search
 from beamdesign.diagnosis.gain_findings import another_size
 from beamdesign.diagnosis.gap_metrics import errors, gap, in_bands
+from beamdesign.diagnosis.prediction_errors import Errors
 from beamdesign.diagnosis.redesign import designer_terms, loops_of, payload_range, terms
 from beamdesign.prototype import Payload
-from beamdesign.report.gap_folder import bands, diverged, gap_report_html, write_gap_folder, zoom
+from beamdesign.report.gap_folder import bands, gap_report_html, record_picture, write_gap_folder, zoom
 from beamdesign.report.gap_tables import HeatMap, chosen_fit, closed_text, fitted_figures, indicator_table, place
 from beamdesign.report.page import Table
 
@@ -212,7 +212,9 @@ def tones(*parts: tuple[float, float], count: int = 4000, step: float = 5e-4) ->
     """Errors made of sines: (amplitude, frequency)."""
     times = step * np.arange(count)
     wave = np.sum([a * np.sin(2 * pi * f * times) for a, f in parts], axis=0)
-    return Errors("tones", times, np.sin(2 * pi * 5 * times), wave, 0.5 * wave, 0.1 * wave, 0.1 * wave, 1e-3)
+    return Errors(
+        "tones", times, np.sin(2 * pi * 5 * times), np.ones(count), wave, 0.5 * wave, 0.1 * wave, 0.1 * wave, 1e-3
+    )
 
 
 def test_bands_hold_the_power_of_their_sines() -> None:
@@ -235,7 +237,7 @@ def test_bands_are_no_finer_than_the_spectrum() -> None:
 def test_the_zoom_is_where_the_error_is() -> None:
     times = 5e-4 * np.arange(4000)
     burst = np.where((times > 1.2) & (times < 1.3), np.sin(2 * pi * 80 * times), 0.0)
-    part = zoom(Errors("burst", times, np.sin(2 * pi * 5 * times), burst, burst, burst, burst, 1e-3))
+    part = zoom(Errors("burst", times, np.sin(2 * pi * 5 * times), np.ones(4000), burst, burst, burst, burst, 1e-3))
     assert times[part.start] >= 1.19
     assert times[part.stop - 1] <= 1.31
 
@@ -243,8 +245,25 @@ def test_the_zoom_is_where_the_error_is() -> None:
 def test_a_model_that_gave_nothing_is_told_from_one_that_is_wrong() -> None:
     made = tones((1.0, 10.0))
     nothing = replace(made, before=made.measured / np.std(made.measured))
-    assert diverged(nothing, "before")
-    assert not diverged(nothing, "tuned")
+    assert nothing.diverged("before")
+    assert not nothing.diverged("tuned")
+
+
+def test_predictions_are_drawn_as_they_are_where_a_span_does_not_count(data: Dataset) -> None:
+    """Errors are none in the span and weighed elsewhere; what a model predicts is not."""
+    record = data.records[0]
+    begin, end = record.times[[800, 1200]]
+    knocked = record.measured["displacement_m"] + 0.02 * ((record.times > begin) & (record.times < end))
+    taken = replace(record, measured={**record.measured, "displacement_m": knocked}, left_out=((begin, end),))
+    (piece,) = record_evidence(replace(data, records=(taken,)))
+    null = fit_at(data.prototype)
+    predicted = piece.predicted(null.hypothesis.placement(data.prototype), null.z)
+    assert predicted is not None
+    drawn = record_picture(made := errors(piece, null, null, null)).axes[0].lines[1]
+    shown = np.searchsorted(taken.times, np.asarray(drawn.get_xdata()) - 1e-9)
+    displacement = predicted[shown, piece.weight.channels.index("displacement_m")]
+    assert 1e-6 * np.asarray(drawn.get_ydata()) == pytest.approx(displacement, abs=1e-12)
+    assert replace(made, before=made.counted * taken.measured["displacement_m"] / made.rms).diverged("before")
 
 
 def test_a_share_that_is_not_the_whole_is_not_called_so() -> None:

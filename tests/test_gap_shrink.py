@@ -13,7 +13,9 @@ from beamdesign.diagnosis.fitting.fit import Fit
 from beamdesign.diagnosis.fitting.hypothesis import FREE, NOTHING, together
 from beamdesign.diagnosis.fitting.replay import Replay
 from beamdesign.diagnosis.fitting.weighting import rising, weighting
-from beamdesign.diagnosis.gap_metrics import Errors, gap, held_out, sizes
+from beamdesign.diagnosis.gap_metrics import errors as prediction_errors
+from beamdesign.diagnosis.gap_metrics import gap, held_out, sizes
+from beamdesign.diagnosis.prediction_errors import Errors
 from beamdesign.scenario import Measurement
 
 
@@ -30,7 +32,7 @@ def errors(
     times = np.arange(8000) * 5e-4
     signals = [size * random.standard_normal(8000) for size in (before, tuned, after)]
     signals.append(signals[-1] if written is None else signals[-1] * written / after)
-    return Errors(name, times, np.sin(times), *signals, noise)
+    return Errors(name, times, np.sin(times), np.ones(8000), *signals, noise)
 
 
 def test_closed_is_the_share_of_what_can_be_explained():
@@ -132,6 +134,21 @@ def test_noise_of_any_colour_is_the_floor(data):
     assert sum(left) == pytest.approx(sum(piece.expected for piece in pieces), rel=0.2)
     whites = [replace(piece, weight=weighting(piece.record, piece.weight.channels)) for piece in pieces]
     assert sum(np.sum(piece.residual(placement, still) ** 2) for piece in whites) > 2 * sum(p.expected for p in whites)
+
+
+def test_noise_is_that_of_the_samples_that_count(data):
+    """White noise of known size: what half of a record says of it is what the whole does."""
+    record, std = data.records[0], 2e-5
+    noisy = record.measured["displacement_m"] + std * np.random.default_rng(7).standard_normal(len(record.times))
+    middle = float(record.times[len(record.times) // 2])
+    spans = (), ((float(record.times[0]), middle),)
+    for left_out in spans:
+        taken = replace(record, measured={**record.measured, "displacement_m": noisy}, left_out=left_out)
+        (piece,) = record_evidence(replace(data, records=(taken,)))
+        placement = NOTHING.placement(data.prototype)
+        nothing = Fit(NOTHING, placement.unknowns, np.zeros(len(placement.unknowns)))
+        found = prediction_errors(piece, nothing, nothing, nothing)
+        assert found.noise * found.rms == pytest.approx(std, rel=0.06)
 
 
 def test_the_size_of_a_cause_is_what_it_changes_alone(data):

@@ -18,7 +18,6 @@ from beamdesign.diagnosis.data.dataset import Dataset
 from beamdesign.diagnosis.diagnosis import (
     Cause,
     Diagnosis,
-    Errors,
     Gap,
     NextExperiment,
     no_surer,
@@ -38,6 +37,7 @@ from beamdesign.diagnosis.gap_metrics import errors, gap, held_out, sizes
 from beamdesign.diagnosis.judgement import cause_sets, causes, classes
 from beamdesign.diagnosis.learning import EXPLAINED, Learning, described, learn
 from beamdesign.diagnosis.passing import Look, what_passed
+from beamdesign.diagnosis.prediction_errors import Errors
 from beamdesign.diagnosis.second_look import SecondLook, refit_backlash_impacts, second_look, without_impacts
 from beamdesign.diagnosis.separability import indistinguishable
 from beamdesign.diagnosis.tone import search_without_tones

@@ -21,6 +21,7 @@ from beamdesign.diagnosis.fitting.hypothesis import (
     left_as_known,
 )
 from beamdesign.diagnosis.fitting.search import Search
+from beamdesign.diagnosis.prediction_errors import Errors
 from beamdesign.diagnosis.separability import Separability
 from beamdesign.parameters import PARAMETERS
 from beamdesign.prototype import Beam, Prototype
@@ -194,31 +195,6 @@ class NextExperiment:
     settings: Mapping[str, object] = field(default_factory=dict)
     information_bits: float = nan
     series: Mapping[str, Mapping[str, np.ndarray]] = field(default_factory=dict, repr=False)
-
-
-@dataclass(frozen=True)
-class Errors:
-    """Displacement errors of three models on one record, over the rms of what was measured.
-
-    Attributes:
-        name: of the record.
-        times: (N,) s.
-        measured: (N,) m.
-        before: (N,) error of the believed prototype.
-        tuned: (N,) with the tolerated figures fitted.
-        after: (N,) with the chosen causes, by a fit without the held-out records.
-        written: (N,) with the chosen causes, by the fit to all records, as the written prototype has it.
-        noise: noise of the sensor over the rms.
-    """
-
-    name: str
-    times: np.ndarray = field(repr=False)
-    measured: np.ndarray = field(repr=False)
-    before: np.ndarray = field(repr=False)
-    tuned: np.ndarray = field(repr=False)
-    after: np.ndarray = field(repr=False)
-    written: np.ndarray = field(repr=False)
-    noise: float
 
 
 @dataclass(frozen=True)

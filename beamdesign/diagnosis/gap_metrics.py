@@ -8,10 +8,11 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from beamdesign.diagnosis.data.dataset import TimeRecord
-from beamdesign.diagnosis.diagnosis import BandGap, Errors, Gap, RecordGap
+from beamdesign.diagnosis.diagnosis import BandGap, Gap, RecordGap
 from beamdesign.diagnosis.fitting.evidence import RecordEvidence
 from beamdesign.diagnosis.fitting.fit import Fit
 from beamdesign.diagnosis.fitting.hypothesis import NOTHING, Hypothesis, Placement
+from beamdesign.diagnosis.prediction_errors import Errors
 
 CHANNEL = "displacement_m"
 BANDS_HZ = (0.2, 5.0, 15.0, 40.0, 80.0, 150.0, 300.0, 1000.0)
@@ -145,9 +146,10 @@ def errors(piece: RecordEvidence, null: Fit, chosen: Fit, written: Fit) -> Error
     before, tuned = error(plain, np.zeros(len(null.z))), error(plain, null.z)
     after, whole = (error(fit.hypothesis.placement(prototype), fit.z) for fit in (chosen, written))
     white = float(piece.weight.noise_std[column]) ** 2
-    more = np.sum(piece.weight.noise[column] / len(measured) - white) * 2 / len(measured)  # by Parseval
+    power = piece.weight.noise[column] / np.sum(piece.record.counted**2)
+    more = np.sum(power - white) * 2 / len(measured)  # by Parseval
     noise = float(np.sqrt(white + more)) / rms
-    return Errors(piece.name, piece.record.times, measured, before, tuned, after, whole, noise)
+    return Errors(piece.name, piece.record.times, measured, counted, before, tuned, after, whole, noise)
 
 
 def sizes(found: Fit, records: Sequence[RecordEvidence]) -> dict[str, float]:

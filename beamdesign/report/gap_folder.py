@@ -12,8 +12,9 @@ from markupsafe import escape
 from matplotlib.figure import Figure
 
 from beamdesign.diagnosis.data.dataset import Dataset
-from beamdesign.diagnosis.diagnosis import BandGap, Cause, Diagnosis, Errors, in_words
+from beamdesign.diagnosis.diagnosis import BandGap, Cause, Diagnosis, in_words
 from beamdesign.diagnosis.gap_metrics import in_bands
+from beamdesign.diagnosis.prediction_errors import Errors
 from beamdesign.diagnosis.redesign import LoopTerms, Redesign, payload_range
 from beamdesign.files import write_set
 from beamdesign.loop import loop
@@ -180,7 +181,7 @@ def _key(found: Diagnosis) -> tuple[tuple[str, str], ...]:
 def _shown(of: Errors, position: int, held_out: bool) -> Picture:
     """A picture of a record's errors."""
     state = "held out of the fits that are drawn" if held_out else "seen by them"
-    lost = [words for name, words in (("before", "believed"), ("tuned", "re-tuned")) if diverged(of, name)]
+    lost = [words for name, words in (("before", "believed"), ("tuned", "re-tuned")) if of.diverged(name)]
     note = f"; the {' and the '.join(lost)} model diverges" if lost else ""
     caption = (
         f"{of.name}, {state}{note}. Left: where the believed model is furthest off. Right: rms in bands of the signal"
@@ -279,22 +280,19 @@ def record_picture(errors: Errors) -> Figure:
     part = zoom(errors)
     every = max(1, (part.stop - part.start) // _MOST_POINTS)
     shown = slice(part.start, part.stop, every)
-    rms = float(np.std(errors.measured))
-    factor, unit = (1e3, "mm") if np.abs(errors.measured).max() >= 1e-3 else (1e6, "μm")
+    moved = errors.counted * errors.measured
+    factor, unit = (1e3, "mm") if np.abs(moved).max() >= 1e-3 else (1e6, "μm")
     times = errors.times[shown]
     left.plot(times, factor * errors.measured[shown], color="black", linewidth=1.8, label="measured")
     for name in MODELS:
-        error = getattr(errors, name)
-        if diverged(errors, name):
+        if errors.diverged(name):
             left.plot([], [], linewidth=1.2, label=f"{WORDS[name]}: diverges", **LINES[name])
             continue
-        left.plot(
-            times, factor * (errors.measured - rms * error)[shown], linewidth=1.2, label=WORDS[name], **LINES[name]
-        )
+        left.plot(times, factor * errors.predicted(name)[shown], linewidth=1.2, label=WORDS[name], **LINES[name])
     finish(left, "time, s", f"displacement, {unit}", legend=None).margins(x=0)
     edges = bands(errors)
     centres = np.sqrt(edges[:-1] * edges[1:])
-    right.loglog(centres, _LEAST + in_bands(errors, errors.measured / rms, edges), color="black", linewidth=1.8)
+    right.loglog(centres, _LEAST + in_bands(errors, moved / errors.rms, edges), color="black", linewidth=1.8)
     for name in MODELS:
         right.loglog(centres, _LEAST + in_bands(errors, getattr(errors, name), edges), linewidth=1.2, **LINES[name])
     half = 0.5 / float(errors.times[1] - errors.times[0])
@@ -305,11 +303,6 @@ def record_picture(errors: Errors) -> Figure:
     right.set_ylim(bottom=max(0.2 * float(noise.min()), 1e-7))
     figure.legend(fontsize=7.5, loc="upper center", ncols=5, frameon=False)
     return figure
-
-
-def diverged(errors: Errors, name: str) -> bool:
-    """Whether a model gave no prediction, which counts as an error of the whole signal."""
-    return bool(np.allclose(getattr(errors, name) * np.std(errors.measured), errors.measured, rtol=1e-9, atol=0.0))
 
 
 def bands(errors: Errors) -> np.ndarray:

@@ -10,9 +10,10 @@ from markupsafe import escape
 
 from beamdesign.controllers import Controller
 from beamdesign.diagnosis.data.dataset import TimeRecord
-from beamdesign.diagnosis.diagnosis import Diagnosis, Errors
+from beamdesign.diagnosis.diagnosis import Diagnosis
 from beamdesign.diagnosis.fitting.fit import Fit
 from beamdesign.diagnosis.gap_metrics import BANDS_HZ, in_bands
+from beamdesign.diagnosis.prediction_errors import Errors
 from beamdesign.diagnosis.redesign import LoopTerms, Terms
 from beamdesign.parameters import PARAMETERS
 from beamdesign.quantities import decimal, mass_range_text, quantity, stated_bandwidth, stated_peak
