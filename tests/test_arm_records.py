@@ -11,6 +11,8 @@ from beamdesign import InputError, Prototype, certify, check, diagnose, read_dat
 from beamdesign.controllers import Proportional
 from beamdesign.diagnosis import separability
 from beamdesign.diagnosis.data.dataset import Dataset
+from beamdesign.diagnosis.examination.nominal import nominal_loop
+from beamdesign.diagnosis.examination.plausibility import examine
 from beamdesign.diagnosis.fitting import search as searching
 from beamdesign.diagnosis.fitting.hypothesis import Hypothesis, singles
 from beamdesign.diagnosis.predict import read_inputs
@@ -89,6 +91,21 @@ def test_a_payload_off_the_axis_is_no_gap_where_it_is_known_and_one_where_it_is_
     on_axis = records(arm(), arm(None))
     null = searching.search(on_axis).null
     assert null.error > 0.02**2 * len(on_axis.records)
+
+
+def test_records_are_examined_by_the_loop_of_their_plane() -> None:
+    """Its compliance against the loop in exact polynomials, which a payload far along the beam makes another."""
+    rig = arm(offset_m=(0.3, 0.0, 0.0)).but(controller=Proportional(gain_A_per_V=4e-4))
+    plan = scenario(0.5)
+    rows = [row for row in plan.record if row.name.startswith("disturbance")]
+    placed = zip(rows, (2.0, 3.8), strict=True)
+    taken = (row.but(controller=rig.controller, outer_end_mass_kg=m, inner_end_mass_kg=2.5) for row, m in placed)
+    data = measured(rig, plan.but(record=tuple(taken)), rig)
+    assert not examine(data).words
+    at = np.geomspace(1.0, 150.0, 20)
+    own = rig.but(payload=rig.payload.but(inner_end_mass_kg=2.5))
+    exact = plane_loop(own, "z").at(3.8).compliance_response(at)
+    np.testing.assert_allclose(nominal_loop(rig, data.records[1]).responses(at)[:, 1, 0], exact, rtol=1e-8)
 
 
 def test_what_is_worked_out_for_the_axis_is_not_looked_for_off_it() -> None:
