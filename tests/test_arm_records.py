@@ -10,10 +10,11 @@ from gap_sets import TOLERANCE, measured, scenario
 from beamdesign import InputError, Prototype, certify, check, diagnose, read_dataset, read_prototype, simulate
 from beamdesign.controllers import Proportional
 from beamdesign.diagnosis import separability
-from beamdesign.diagnosis.data.dataset import Dataset
+from beamdesign.diagnosis.data.dataset import Dataset, MeasuredGain
 from beamdesign.diagnosis.examination.nominal import nominal_loop
-from beamdesign.diagnosis.examination.plausibility import examine
+from beamdesign.diagnosis.examination.plausibility import check_gains, examine
 from beamdesign.diagnosis.fitting import search as searching
+from beamdesign.diagnosis.fitting.gain_evidence import GainEvidence
 from beamdesign.diagnosis.fitting.hypothesis import Hypothesis, singles
 from beamdesign.diagnosis.predict import read_inputs
 from beamdesign.diagnosis.redesign import redesign
@@ -106,6 +107,17 @@ def test_records_are_examined_by_the_loop_of_their_plane() -> None:
     own = rig.but(payload=rig.payload.but(inner_end_mass_kg=2.5))
     exact = plane_loop(own, "z").at(3.8).compliance_response(at)
     np.testing.assert_allclose(nominal_loop(rig, data.records[1]).responses(at)[:, 1, 0], exact, rtol=1e-8)
+
+
+def test_a_critical_gain_is_held_against_the_loop_of_its_plane() -> None:
+    """That of the loop in exact polynomials, which on the axis is fourteen times as large."""
+    law = Proportional(gain_A_per_V=1.0)
+    rig = arm(offset_m=(0.3, 0.0, 0.0)).but(controller=law)
+    unit = plane_loop(rig.but(payload=rig.payload.but(inner_end_mass_kg=2.5)), "z").at(6.8)
+    gain = next(one.value for one in unit.gain_crossings() if one.value > 0)
+    found = MeasuredGain(law.but(gain_A_per_V=gain), 6.8, 2.5, 0.03)
+    assert not check_gains([found], rig, Path())
+    assert GainEvidence(found, rig).nominal().gain == pytest.approx(gain, rel=1e-6)
 
 
 def test_what_is_worked_out_for_the_axis_is_not_looked_for_off_it() -> None:

@@ -36,8 +36,8 @@ from beamdesign.diagnosis.examination.sound_records import (
     twins,
     where_it_counts,
 )
+from beamdesign.diagnosis.fitting.gain_evidence import GainEvidence
 from beamdesign.diagnosis.fitting.hypothesis import tolerated
-from beamdesign.loop import critical_gain
 from beamdesign.parameters import stated_or_typical
 from beamdesign.prototype import Prototype
 from beamdesign.records import InputError, Problem
@@ -135,14 +135,9 @@ def check_gains(gains: Sequence[MeasuredGain], prototype: Prototype, folder: Pat
     """
     problems, warnings = [], []
     for k, gain in enumerate(gains, start=1):
-        law = gain.controller.but(gain_A_per_V=gain.raised_from or gain.gain)
-        rig = prototype.but(effects={}, controller=law)
-        rig = rig.but(payload=rig.payload.but(inner_end_mass_kg=gain.inner_end_mass))
-        try:
-            nominal = critical_gain(rig, gain.outer_end_mass, from_own=True).gain_A_per_V
-        except (ArithmeticError, ValueError):
+        if (believed := GainEvidence(gain, prototype).nominal()) is None:
             continue
-        ratio = gain.gain / nominal
+        ratio = gain.gain / believed.gain
         if 0.2 < ratio / 1e3 < 3:
             words = f"entry {k}: {gain.gain:g} is {ratio:.0f} times what is believed: is it in mA/V? Divide by 1000"
             problems.append(Problem("critical_gain.gain_A_per_V", words))
