@@ -32,7 +32,7 @@ from beamdesign.diagnosis.gain_findings import another_size
 from beamdesign.diagnosis.gap_metrics import errors, gap, in_bands
 from beamdesign.diagnosis.prediction_errors import Errors
 from beamdesign.diagnosis.redesign import designer_terms, loops_of, payload_range, terms
-from beamdesign.prototype import Payload
+from beamdesign.prototype import Arm, Payload
 from beamdesign.report.gap_folder import bands, gap_report_html, record_picture, write_gap_folder, zoom
 from beamdesign.report.gap_tables import HeatMap, chosen_fit, closed_text, fitted_figures, indicator_table, place
 from beamdesign.report.page import Table
@@ -380,3 +380,14 @@ def test_a_place_without_a_band_is_told_without_one() -> None:
     assert Where("sensor", (100.0, 400.0), "").place == "sensor, 100 to 400 Hz"
     assert Where("sensor", (0.0, 0.0), "").place == "sensor"
     assert Where("", (0.0, 0.0), "").place == ""
+
+
+def test_of_a_payload_off_the_axis_no_loop_on_it_is_drawn_or_tuned(data: Dataset, found: Diagnosis) -> None:
+    rig = data.prototype.but(arm=Arm(plane="z", offset_m=(0.3, 0.0, 0.0)))
+    off, beside = replace(data, prototype=rig), replace(found, prototype=rig)
+    loops = designer_terms(off, rig)
+    text = gap_report_html(beside, {"prototype": "prototype.toml", "json": "d.json"}, off, loops)
+    assert "Compliance with" not in text
+    assert "beamdesign tune" not in text
+    assert "beamdesign arm prototype.toml" in text
+    assert "Compliance with" in gap_report_html(found, {"prototype": "prototype.toml", "json": "d.json"}, data, loops)

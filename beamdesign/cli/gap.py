@@ -98,6 +98,7 @@ def _diagnose(dataset: Path, folder: Path, renew: bool, workers: int, minutes: f
     from beamdesign.diagnosis.redesign import designer_terms, payload_range, redesign
     from beamdesign.report.gap_folder import write_gap_folder
     from beamdesign.report.gap_tables import controller_text, terms_table
+    from beamdesign.structure.arm import off_axis
 
     data = read_dataset(dataset)
     kept = fit_cache(folder / "fits", data)
@@ -123,7 +124,10 @@ def _diagnose(dataset: Path, folder: Path, renew: bool, workers: int, minutes: f
     if renewed is None:
         low, high = payload_range(data)
         written = quote(str(paths["prototype"]))
-        echo(f"to tune on what was found: beamdesign tune {written} --outer-end-mass {low:g}:{high:g}")
+        if off_axis(data.prototype):
+            echo(f"loops of both planes: beamdesign arm {written}")
+        else:
+            echo(f"to tune on what was found: beamdesign tune {written} --outer-end-mass {low:g}:{high:g}")
     return CommandResult(fields, files=paths.values())
 
 

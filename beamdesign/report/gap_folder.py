@@ -37,6 +37,7 @@ from beamdesign.report.gap_tables import (
 )
 from beamdesign.report.page import Document, Picture, page_template
 from beamdesign.result import finite, json_text, picked
+from beamdesign.structure.arm import off_axis
 
 NAMES = {"prototype": "prototype.toml", "json": "diagnosis.json", "report": "report.html"}
 REDESIGNED, NEXT = "redesigned/prototype.toml", "next_experiment*.csv"
@@ -157,7 +158,7 @@ def gap_report_html(
         fitted=fitted_figures(fit) if fit is not None else (),
         loops=terms,
         compliance=_compliance(found, data, terms, renewed),
-        payloads=None if data is None else payload_range(data),
+        payloads=None if data is None or off_axis(data.prototype) else payload_range(data),
         renewed=renewed,
     )  # fmt: skip
 
@@ -207,7 +208,7 @@ def _compliance(
     found: Diagnosis, data: Dataset | None, terms: tuple[LoopTerms, ...], renewed: Redesign | None
 ) -> Picture | None:
     """At the least payload: the first loop as believed and as diagnosed, and the new one."""
-    if data is None or not terms:
+    if data is None or not terms or off_axis(found.prototype):  # of which the loop here is none
         return None
     first = terms[0]
     mass = first.outer_end_mass_kg[0]
