@@ -203,6 +203,20 @@ def test_the_force_of_a_screw_is_no_disturbance(tmp_path: Path, motion: dict[str
     }
 
 
+def test_of_two_chambers_neither_need_be_the_load_pressure(tmp_path: Path, motion: dict[str, np.ndarray]) -> None:
+    """What is not recorded is said not to be; what has to be there cannot be said away."""
+    both = motion | {"pressure A [bar]": 50 + TIMES, "pressure B [bar]": 50 - TIMES}
+    table = np.column_stack(list(both.values()))
+    np.savetxt(tmp_path / "a.csv", table, "%.12g", ",", header=",".join(both), comments="")
+    with pytest.raises(InputError, match=r"load_pressure_Pa: may be .* --column 'load_pressure_Pa = 0'"):
+        imported(tmp_path / "a.csv")
+    with pytest.raises(InputError, match="current_A: there is no column '0'"):
+        imported(tmp_path / "a.csv", "current_A = 0", "load_pressure_Pa = 0")
+    record = taken(tmp_path / "a.csv", "load_pressure_Pa = 0")
+    same(record, motion)
+    assert "load_pressure_Pa" not in record.measured
+
+
 def test_what_is_refused_names_the_file_that_was_given(tmp_path: Path, motion: dict[str, np.ndarray]) -> None:
     motion["displacement_m"][7] = np.nan
     path = table(tmp_path / "a.csv", "a line before\n" + HEAD, list(motion.values()))

@@ -215,7 +215,7 @@ def import_files(
         prototype: the model that was believed, with the controller that acted.
         out: folder for dataset.toml, prototype.toml and records.
         column: name a column, with its unit, and a minus sign before NAME to turn it round, such as
-            'current_A = -i_valve [mA]'; again for each.
+            'current_A = -i_valve [mA]', or 0 instead of NAME where there is none; again for each.
         outer_end_mass: payload while they were taken; once, or once for each file.
         inner_end_mass: mass added inside; else the prototype's.
         rest_s: how long everything rests at the beginning; the mean of that time is taken off every channel.

@@ -41,7 +41,7 @@ _ANOTHERS = {"disturbance_N": CHANNELS["screw_force_N"][1], "displacement_m": CH
 """By channel what is in the name of another one whose name looks alike."""
 _NEEDED = ("t_s", "current_A", "displacement_m")
 _NOTHING = "0"
-"""Instead of a column: an input that there was none of."""
+"""Instead of a column: an input that there was none of, or a channel that was not recorded."""
 
 
 @dataclass(frozen=True)
@@ -214,7 +214,7 @@ def _record(
     free = list(found.columns)
     for channel, (name, unit, _) in named.items():
         meant = _called(name, unit, found)
-        if channel in INPUTS and name == _NOTHING and not meant:
+        if channel not in _NEEDED and name == _NOTHING and not meant:
             continue
         if len(meant) == 1:
             chosen[channel] = replace(meant[0], unit=unit or meant[0].unit)
@@ -232,7 +232,9 @@ def _record(
             which = (
                 f"may be {' or '.join(repr(one.name) for one in alike)}" if alike else "is not told by any name or unit"
             )
-            wrong.append(Problem(channel, f"{which}: name it, --column '{channel} = NAME [UNIT]'; {_there(found)}"))
+            none = "" if channel in _NEEDED else f", or say that there is none, --column '{channel} = {_NOTHING}'"
+            how = f"name it, --column '{channel} = NAME [UNIT]'{none}"
+            wrong.append(Problem(channel, f"{which}: {how}; {_there(found)}"))
     for channel in (one for one in INPUTS if one not in chosen and one not in named):
         if perhaps := [repr(one.name) for one in free if one.unit and unit_of(one.unit) == CHANNELS[channel][0]]:
             which = f"may be {' or '.join(perhaps)}, by its unit"
