@@ -1,5 +1,6 @@
 """Hold-out and the closed share of a gap, against sums made by hand."""
 
+import tracemalloc
 from dataclasses import replace
 
 import numpy as np
@@ -87,6 +88,17 @@ def test_the_loop_feeds_its_sensors_noise_back(data):
     power = [np.sum(np.abs(np.fft.rfft(signal))[band] ** 2) for signal in (read, noise)]
     assert power[0] / power[1] == pytest.approx(np.mean(found[band] ** 2), rel=0.15)
     assert power[0] > 1.2 * power[1]
+
+
+def test_the_lines_of_a_long_record_take_memory_by_their_number_alone(data):
+    """Not by the square of the number of states as well, which a record of a million samples has no room for."""
+    (piece,) = record_evidence(replace(data, records=data.records[:1]))
+    placement, lines = NOTHING.placement(data.prototype), np.linspace(1.0, 5000.0, 50_000)
+    tracemalloc.start()
+    piece.job.noise_response(placement, np.zeros(len(placement.unknowns)), ("displacement_m",), lines)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < 50 * 16 * len(lines)
 
 
 @pytest.mark.parametrize("coloured", [0.0, 0.5, 0.9])

@@ -6,13 +6,14 @@ from functools import cache
 from math import ceil
 
 import numpy as np
+from scipy.linalg import schur
 
 from beamdesign.diagnosis.data.dataset import TimeRecord
 from beamdesign.diagnosis.fitting.hypothesis import NOTHING, Placement, cause
 from beamdesign.diagnosis.fitting.weighting import LOWEST_HZ, Rise, Weighting, blurred, faded
 from beamdesign.plant.assembly import Assembly, Structure, assemble, parameters_of
 from beamdesign.plant.compiled import half_steps, integrate, integrate_with_sensitivities
-from beamdesign.plant.equilibrium import equilibrium, equilibrium_sensitivity, linearise
+from beamdesign.plant.equilibrium import equilibrium, equilibrium_sensitivity, linearise, scales
 from beamdesign.prototype import Prototype
 
 FURTHEST_M = 0.5
@@ -60,7 +61,8 @@ class Replay:
         """(F, C) what channels read of a sine of 1 m of noise at the displacement's sensor, which the loop feeds back.
 
         By the linear loop at rest, no more than `_LOUDEST`, as a believed loop may be next to unstable; without a loop
-        where the rig has no equilibrium.
+        where the rig has no equilibrium. The loop is made triangular once, as a long record has a million frequencies
+        (A. J. Laub, IEEE Trans. Autom. Control 26 (1981) 407, who takes Hessenberg's form).
         """
         placed, parameters = self.placed(placement), self.parameters(placement, z)
         read = np.array([[complex(name == DISPLACEMENT) for name in channels]] * len(frequencies_Hz))
@@ -69,8 +71,13 @@ class Replay:
         except ValueError:
             return read
         rows = [placed.assembly.outputs.index(name) for name in channels]
-        whole = 2j * np.pi * frequencies_Hz[:, None, None] * np.eye(len(loop.a)) - loop.a
-        moved = np.linalg.solve(whole, loop.b[:, [1]].astype(complex))[:, :, 0] @ loop.c[rows].T + loop.d[rows, 1]
+        weight = scales(placed.assembly)
+        triangular, basis = schur(loop.a / weight[:, None] * weight, output="complex")
+        driven, s = basis.conj().T @ (loop.b[:, 1] / weight), 2j * np.pi * frequencies_Hz
+        state = np.zeros((len(weight), len(s)), complex)
+        for k in reversed(range(len(weight))):
+            state[k] = (driven[k] + triangular[k, k + 1 :] @ state[k + 1 :]) / (s - triangular[k, k])
+        moved = state.T @ (loop.c[rows] * weight @ basis).T + loop.d[rows, 1]
         # noise at the sensor is a command with the other sign
         found = read - self.prototype.sensor.gain_V_per_m * moved
         return np.asarray(found * np.minimum(1.0, _LOUDEST / np.abs(found[:, channels.index(DISPLACEMENT)]))[:, None])
