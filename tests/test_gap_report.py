@@ -23,6 +23,7 @@ from beamdesign.diagnosis.diagnosis import (
     NextExperiment,
     RecordGap,
     Where,
+    updated_prototype,
 )
 from beamdesign.diagnosis.fitting.evidence import record_evidence
 from beamdesign.diagnosis.fitting.fit import Fit, Share
@@ -34,7 +35,7 @@ from beamdesign.diagnosis.prediction_errors import Errors
 from beamdesign.diagnosis.redesign import designer_terms, loops_of, payload_range, terms
 from beamdesign.prototype import Arm, Payload
 from beamdesign.report.gap_folder import bands, gap_report_html, record_picture, write_gap_folder, zoom
-from beamdesign.report.gap_tables import HeatMap, chosen_fit, closed_text, fitted_figures, indicator_table, place
+from beamdesign.report.gap_tables import HeatMap, closed_text, fitted_figures, indicator_table, place
 from beamdesign.report.page import Table
 
 SLOW_SENSOR = Path(__file__).parent.parent / "studies" / "gaps" / "slow_sensor"
@@ -88,6 +89,7 @@ def found(data: Dataset) -> Diagnosis:
         data.prototype.but(effects={"sensor_lag": {"break_Hz": 250.0}}),
         ("01: is clipped",),
         search,
+        written=chosen,
     )
 
 
@@ -285,7 +287,8 @@ def test_shades_rise_with_the_logarithm() -> None:
 
 def test_figures_beyond_two_tolerances_stand_out(data: Dataset, found: Diagnosis) -> None:
     """A flow gain three tolerances off."""
-    text = gap_report_html(replace(found, chosen=()), {"prototype": "p.toml"})
+    assert found.search is not None
+    text = gap_report_html(replace(found, chosen=(), written=found.search.null), {"prototype": "p.toml"})
     assert re.findall(r'class="name">([^<]*)</td>(?:(?!</tr>).)*, beyond</td>', text) == ["flow gain"]
     rows = {row.name: row for row in fitted_figures(fit_at(data.prototype, flow_gain=-3.0, oil_stiffness=1.9))}
     assert place(rows["flow gain"].z) == pytest.approx(0.2)
@@ -327,13 +330,17 @@ def test_loops_of_a_set_begin_with_the_prototypes_own(data: Dataset) -> None:
     assert payload_range(data) == (0.0, 6.8)
 
 
-def test_the_figures_shown_are_those_of_the_prototype_written(found: Diagnosis) -> None:
-    assert found.search is not None
-    held = chosen_fit(found)
-    assert held is not None
-    assert held.hypothesis.names == found.chosen
-    assert chosen_fit(replace(found, chosen=())) is found.search.null
-    assert chosen_fit(replace(found, search=None)) is None
+def test_the_figures_shown_are_those_of_the_prototype_written(data: Dataset, found: Diagnosis) -> None:
+    """Not those of another law of the same effect, which with more parameters misses less and yet was not chosen."""
+    null, law = fit_at(data.prototype), fit_at(data.prototype, "valve_deadband", flow_gain=-2.5)
+    other = replace(fit_at(data.prototype, "valve_deadband_rounded", oil_stiffness=2.5), cost=9.0)
+    both = replace(found, chosen=("valve_deadband",), search=Search(null, (other, law), 8.0), written=law)
+    text = gap_report_html(both, {"prototype": "p.toml"})
+    assert re.findall(r'class="name">([^<]*)</td>(?:(?!</tr>).)*, beyond</td>', text) == ["flow gain"]
+    shown = {row.name: row.fitted.partition(" ")[0] for row in fitted_figures(law)}
+    valve = updated_prototype(data.prototype, law).servovalve
+    assert float(shown["flow gain"]) == pytest.approx(1e3 * valve.flow_gain_m3_per_s_per_A, rel=1e-3)
+    assert "Fitted figures" not in gap_report_html(replace(found, written=None), {"prototype": "p.toml"})
 
 
 def test_a_bench_is_presented_like_any_other_rig(tmp_path: Path) -> None:

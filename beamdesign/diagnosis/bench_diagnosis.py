@@ -123,6 +123,7 @@ def bench_diagnosis(data: BenchSet, seen: Observations, tried: Sequence[HeldOut]
         hypotheses=cause_sets(found, judged),
         notes=(*notes, *still),
         judged=judged,
+        written=best.fit if chosen else retuned.fit,
         measure=(
             "Together: relative errors of steady speed and of chamber pressures over the supply, each condition"
             " predicted from the others. By condition: errors of the simulated records over the stroke or the supply"
@@ -217,8 +218,7 @@ def _next_experiment(
     return NextExperiment(text, names, separation, {"command_V": command_V, "channel": channel})
 
 
-_CLOSE = 0.8  # correlation from which two figures are told as one
-_FEW = 5
+_CLOSE, _FEW = 0.8, 5  # correlation from which two figures are told as one; conditions
 
 
 def notes_on(

@@ -129,6 +129,7 @@ def _diagnosed(data: Dataset, workers: int, progress: Progress, kept: FitCache |
         notes=notes_on_known(data.prototype),
         left_out=left_out(),
         chance=found.chance,
+        written=shown.written,
     )
 
 

@@ -248,6 +248,7 @@ class Diagnosis(Generic[Rig], Result):
         judged: probabilities of all sets of causes, law by law.
         measure: what the errors of its gap are, in words.
         findings: what its kind of evidence tells beside, by the names of its JSON file.
+        written: the fit that the prototype is written from; of a bench without a cause, that of tolerances alone.
     """
 
     name: str
@@ -275,6 +276,7 @@ class Diagnosis(Generic[Rig], Result):
         " cause is chosen by fits to all."
     )
     findings: Mapping[str, Any] = field(default_factory=dict, repr=False)
+    written: Fit | None = field(default=None, repr=False)
 
     @property
     def status(self) -> str:

@@ -150,6 +150,7 @@ def _explained(data: Dataset, workers: int, progress: Progress, kept: FitCache |
         hypotheses=sets,
         notes=(*notes_on_known(data.prototype), *notes_of(silent, shares, factor, data.prototype.rig)),
         left_out=left,
+        written=holder,
         measure="Relative errors of each figure as predicted from all the others.",
         findings={
             "silent": silent,

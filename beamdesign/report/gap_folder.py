@@ -24,7 +24,6 @@ from beamdesign.records import InputError, to_toml
 from beamdesign.report.canvas import finish, in_page, new_figure, plain_numbers
 from beamdesign.report.figures import plot_compliance
 from beamdesign.report.gap_tables import (
-    chosen_fit,
     closed_text,
     condition_text,
     controller_text,
@@ -129,7 +128,6 @@ def gap_report_html(
         terms: what the loops promise before and after.
         renewed: a controller tuned on the diagnosed prototype, where that was asked for.
     """
-    fit = chosen_fit(found)
     held_out = {record.record for record in found.gap.records if record.held_out}
     seen = [] if data is None else sorted(found.errors, key=lambda e: e.name not in held_out)
     conditions = {} if data is None else {r.name: condition_text(r) for r in data.records}
@@ -155,7 +153,7 @@ def gap_report_html(
         bands=in_page(band_picture(found.gap.bands), "bands", _BANDS) if found.gap.bands else None,
         records=[_shown(e, k, e.name in held_out) for k, e in enumerate(seen[:_MOST_PICTURES])],
         left_out=max(0, len(seen) - _MOST_PICTURES),
-        fitted=fitted_figures(fit) if fit is not None else (),
+        fitted=() if found.written is None else fitted_figures(found.written),
         loops=terms,
         compliance=_compliance(found, data, terms, renewed),
         payloads=None if data is None or off_axis(data.prototype) else payload_range(data),

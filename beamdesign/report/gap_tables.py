@@ -10,7 +10,6 @@ from markupsafe import escape
 
 from beamdesign.controllers import Controller
 from beamdesign.diagnosis.data.dataset import TimeRecord
-from beamdesign.diagnosis.diagnosis import Diagnosis
 from beamdesign.diagnosis.fitting.fit import Fit
 from beamdesign.diagnosis.gap_metrics import BANDS_HZ, in_bands
 from beamdesign.diagnosis.prediction_errors import Errors
@@ -142,15 +141,6 @@ class FittedFigure(NamedTuple):
     fitted: str
     z: float
     spread: float
-
-
-def chosen_fit(found: Diagnosis) -> Fit | None:
-    """The fit behind the written prototype."""
-    if found.search is None:
-        return None
-    names = tuple(sorted(found.chosen))
-    fits = [found.search.null, *found.search.fits]  # the latter best first
-    return next((fit for fit in fits if fit.hypothesis.causes == names and not fit.reason), found.search.null)
 
 
 def fitted_figures(fit: Fit) -> tuple[FittedFigure, ...]:
