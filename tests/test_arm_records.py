@@ -1,5 +1,6 @@
 """One plane of an arm, its payload off the axis: simulated, and diagnosed from records."""
 
+import tomllib
 from pathlib import Path
 
 import numpy as np
@@ -11,11 +12,13 @@ from beamdesign import InputError, Prototype, certify, check, diagnose, read_dat
 from beamdesign.controllers import Proportional
 from beamdesign.diagnosis import separability
 from beamdesign.diagnosis.data.dataset import Dataset, MeasuredGain
+from beamdesign.diagnosis.diagnosis import updated_prototype
 from beamdesign.diagnosis.examination.nominal import nominal_loop
 from beamdesign.diagnosis.examination.plausibility import check_gains, examine
 from beamdesign.diagnosis.fitting import search as searching
+from beamdesign.diagnosis.fitting.fit import Fit, Share
 from beamdesign.diagnosis.fitting.gain_evidence import GainEvidence
-from beamdesign.diagnosis.fitting.hypothesis import Hypothesis, singles
+from beamdesign.diagnosis.fitting.hypothesis import NOTHING, Hypothesis, Placement, singles
 from beamdesign.diagnosis.predict import read_inputs
 from beamdesign.diagnosis.redesign import redesign
 from beamdesign.plant.assembly import assemble, parameters_of, structure_of
@@ -23,6 +26,7 @@ from beamdesign.plant.equilibrium import equilibrium, linearise
 from beamdesign.proofs.arm import plane_loop
 from beamdesign.proofs.arm.result import certify_plane
 from beamdesign.proofs.writer import prototype_table
+from beamdesign.prototype import prototype_from
 from beamdesign.records import to_toml
 from beamdesign.scenario import Scenario
 from beamdesign.structure.arm import PLANES
@@ -87,11 +91,28 @@ def test_a_payload_off_the_axis_is_no_gap_where_it_is_known_and_one_where_it_is_
     slow = diagnose(records(arm().but(effects={"sensor_lag": {"break_Hz": 200.0}}), arm()), 1)
     assert (slow.verdict, slow.chosen) == ("effect", ("sensor_lag",))
     assert slow.causes[0].parameters["break_Hz"].value == pytest.approx(200.0, rel=0.02)
-    assert slow.prototype.arm == arm().arm
+    assert slow.prototype.arm == arm().arm.but(torsional_damping_ratio=arm().outer_beam.damping_ratio)
     assert "beamdesign arm" in redesign(slow.prototype, (0.0, 6.8)).reason
     on_axis = records(arm(), arm(None))
     null = searching.search(on_axis).null
     assert null.error > 0.02**2 * len(on_axis.records)
+
+
+def test_a_prototype_is_written_with_the_torsion_that_it_was_fitted_with() -> None:
+    """No fit moves the dashpot of torsion; a beam's fitted damping ratio is that of its bending."""
+    rig = arm(offset_m=(0.05, 0.3, 0.0))
+    placement = NOTHING.placement(rig)
+    z = np.linspace(-1.5, 1.5, len(placement.unknowns))
+    written = updated_prototype(rig, Fit(NOTHING, placement.unknowns, z, 0.0, (Share(0.0, z, np.eye(len(z))),)))
+    of_fit = dict(zip(placement.assembly.parameters, figures_at(placement, rig, z), strict=True))
+    of_file = parameters_of(prototype_from(tomllib.loads(to_toml(written))), 3.0, 2.0)
+    assert of_file.pop("believed_sensor_gain") != of_fit.pop("believed_sensor_gain")  # which a set states
+    assert of_file == pytest.approx(of_fit, rel=1e-9)
+
+
+def figures_at(placement: Placement, rig: Prototype, z: np.ndarray) -> list[float]:
+    """Parameters of a rig with 3 kg outside and 2 kg inside, with the unknowns of a placement at z."""
+    return placement.parameters(np.array(list(parameters_of(rig, 3.0, 2.0).values())), z).tolist()
 
 
 def test_records_are_examined_by_the_loop_of_their_plane() -> None:
