@@ -150,3 +150,20 @@ def test_what_is_spoilt_within_a_span_that_is_not_to_count_spoils_nothing(paper:
     kept = examine(read_dataset(sound.write(tmp_path)))
     assert "steps" in {record.name for record in kept.data.records}
     assert not kept.limits_confidence, kept.words
+
+
+def test_many_spoilt_samples_within_a_span_that_is_not_to_count_limit_no_verdict(
+    paper: Prototype, tmp_path: Path
+) -> None:
+    """They are bridged wherever they are; of more than a hundredth of the samples that count it is told."""
+    sound = recorded(paper)
+    moved, times = sound.columns["force"]["displacement_m"].copy(), sound.columns["force"]["t_s"]
+    sound_motion = moved.copy()
+    moved[300:420:8] += 1e-3
+    sound.columns["force"]["displacement_m"] = moved
+    assert examine(read_dataset(sound.write(tmp_path))).limits_confidence
+    sound.entry("force")["left_out_s"] = [[float(times[295]), float(times[425])]]
+    kept = examine(read_dataset(sound.write(tmp_path)))
+    assert not kept.limits_confidence, kept.words
+    (force,) = (record for record in kept.data.records if record.name == "force")
+    assert force.measured["displacement_m"] == pytest.approx(sound_motion, abs=1e-4)

@@ -117,8 +117,12 @@ def bridged(record: TimeRecord) -> tuple[TimeRecord, list[Caution]]:
         measured[name] = measured[name].copy()
         for k in own:
             measured[name][k] -= float(_BLIP @ measured[name][k - 2 : k + 3]) / float(_BLIP.max())
-        text = f"{name} has {len(own)} single samples that are spoilt, first at {record.times[own[0]]:.4g} s: bridged"
-        found.append(Caution("spoilt", record.name, text, limits_confidence=len(own) > _OFTEN * len(record.times)))
+        own = own[record.counted[own] > 0]  # of spans that do not count nothing is to be said
+        if len(own):
+            text = (
+                f"{name} has {len(own)} single samples that are spoilt, first at {record.times[own[0]]:.4g} s: bridged"
+            )
+            found.append(Caution("spoilt", record.name, text, limits_confidence=len(own) > _OFTEN * len(record.times)))
     return replace(record, measured=measured), found
 
 
