@@ -8,10 +8,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import tomli_w
 from gap_sets import TOLERANCE, measured, scenario
 from honest_certificates import screw
 
-from beamdesign import InputError, Prototype, critical_gain, diagnose, read_dataset
+from beamdesign import InputError, Prototype, critical_gain, diagnose, read_dataset, write_prototype
 from beamdesign.controllers import Controller, Lag, Proportional, Structured
 from beamdesign.controllers.cascade import Section
 from beamdesign.diagnosis import gain_diagnosis
@@ -436,6 +437,32 @@ def test_figures_of_any_rig_and_law_are_explained(paper: Prototype, driven: str)
     menu = experiments(Dataset("any", Path(), true, gains=tuple(gains)), found.search.null)
     of_a_cylinder = [text for text in (*found.notes, *(asked.text for asked, _, _ in menu)) if SIDES.search(text)]
     assert bool(of_a_cylinder) == ("valve" in driven)
+
+
+def test_gains_under_a_load_are_read_as_they_are_proposed(believed: Prototype, tmp_path: Path):
+    """Pushed and pulled alike but for unequal sides; what has been measured is proposed no more."""
+    law, bare = {"kind": "lag", "pole_Hz": 1.75, "zero_Hz": 26.0}, Dataset("bare", Path(), believed)
+    one = MeasuredGain(LAG.but(gain_A_per_V=0.2), 0.0, 0.0, 0.03)
+    null = fit(NOTHING, NOTHING.placement(believed), [], np.zeros(len(NOTHING.placement(believed).unknowns)))
+
+    def proposed(data: Dataset) -> list[dict[str, object]]:
+        return [asked.settings for asked, _, _ in experiments(data, null) if "load_N" in asked.settings]
+
+    (settings,) = proposed(replace(bare, gains=(one,)))
+    rows = [{"controller": settings["controller"], "gain_A_per_V": 0.2, "load_N": load} for load in settings["load_N"]]
+    (tmp_path / "dataset.toml").write_text(tomli_w.dumps({"critical_gain": rows}))
+    write_prototype(believed, tmp_path / "prototype.toml")
+    data = read_dataset(tmp_path)
+    assert not data.warnings
+    assert not proposed(data)
+    pieces = [piece for piece in figures_of(data) if isinstance(piece, GainEvidence)]
+    assert [piece.load for piece in pieces] == settings["load_N"]
+    assert len({piece.name for piece in pieces}) == 2
+    pushed, pulled = (piece.nominal().gain for piece in pieces)
+    assert pushed == pytest.approx(pulled, rel=1e-6)
+    pushed, pulled = (piece.nominal("unequal_piston_areas").gain for piece in pieces)
+    assert max(pushed, pulled) > 1.1 * min(pushed, pulled)
+    assert law.items() <= settings["controller"].items()
 
 
 def test_gains_alone_do_not_tell_one_factor_on_the_loop_from_another(paper: Prototype):

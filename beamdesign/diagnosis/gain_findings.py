@@ -262,8 +262,8 @@ def experiments(data: Dataset, assumed: Fit) -> Menu:
     """What could be measured next on a rig of which gains or responses are known, with figures of an assumed answer."""
     placement = assumed.hypothesis.placement(data.prototype)
 
-    def taken(gain: MeasuredGain, load: float = 0.0) -> GainEvidence | None:
-        piece = GainEvidence(gain, data.prototype, load)
+    def taken(gain: MeasuredGain) -> GainEvidence | None:
+        piece = GainEvidence(gain, data.prototype)
         at = piece.predicted(placement, assumed.z)
         if at is None or at.gain not in range_of(LawGain):
             return None
@@ -285,7 +285,8 @@ def experiments(data: Dataset, assumed: Fit) -> Menu:
             [taken(g) for g in without_frequency],
         )
     for law in _laws(data):
-        known = {(g.outer_end_mass, g.inner_end_mass) for g in data.gains if _same(g.controller, law)}
+        own = [g for g in data.gains if _same(g.controller, law)]
+        known = {(g.outer_end_mass, g.inner_end_mass) for g in own if not g.load_N}
         for masses in sorted(_masses(data) - known):
             one = taken(MeasuredGain(law, *masses, std))
             where = f"with {masses[0]:g} kg outside and {masses[1]:g} kg inside under {_words(law)}"
@@ -296,13 +297,14 @@ def experiments(data: Dataset, assumed: Fit) -> Menu:
             )
         if fits(AREAS, data.prototype.rig):
             load = float(f"{_LOAD_SHARE * data.prototype.actuator.strength_N(data.prototype):.1g}")
-            loaded = MeasuredGain(law, 0.0, 0.0, std)
-            yield from gains(
-                f"Measure the critical gain under {_words(law)} with a constant load of {load:g} N on the tip, pushing"
-                " and pulling: unequal sides of the piston give two gains, anything else one.",
-                {"controller": _without_gain(law), "load_N": [load, -load]},
-                [taken(loaded, load), taken(loaded, -load)],
-            )
+            both = [MeasuredGain(law, 0.0, 0.0, std, load_N=sign * load) for sign in (1, -1)]
+            if not {load, -load} <= {g.load_N for g in own}:
+                yield from gains(
+                    f"Measure the critical gain under {_words(law)} with a constant load of {load:g} N on the tip,"
+                    " pushing and pulling: unequal sides of the piston give two gains, anything else one.",
+                    {"controller": _without_gain(law), "load_N": [load, -load]},
+                    [taken(one) for one in both],
+                )
         bare = taken(MeasuredGain(law, 0.0, 0.0, std))
         if bare is None:
             continue

@@ -135,6 +135,7 @@ class MeasuredGain:
         frequency_Hz: of the oscillation, where it was noted.
         predicted_gain: that its designers predicted with a model of their own, where they said so, A/V.
         raised_from: gain that the law has in the prototype, below which its loop need not be stable, A/V; 0 of others.
+        load_N: constant force on the outer tip.
     """
 
     controller: Controller
@@ -144,6 +145,7 @@ class MeasuredGain:
     frequency_Hz: float | None = None
     predicted_gain: float | None = None
     raised_from: float = 0.0
+    load_N: float = 0.0
 
     @property
     def gain(self) -> float:
@@ -308,8 +310,8 @@ def _measured_gain(row: GainEntry, prototype: Prototype, path: Path) -> Measured
         given = dict(row.controller or {"kind": "proportional"})
     table = {"controller": given | {"gain_A_per_V": row.gain_A_per_V}}
     found = records.parse(_Gained, table, path).controller
-    masses = (row.outer_end_mass_kg, row.inner_end_mass_kg)
-    return MeasuredGain(found, *masses, row.relative_std, row.frequency_Hz, row.predicted_gain_A_per_V, least)
+    masses, noted = (row.outer_end_mass_kg, row.inner_end_mass_kg), (row.relative_std, row.frequency_Hz)
+    return MeasuredGain(found, *masses, *noted, row.predicted_gain_A_per_V, least, row.load_N)
 
 
 _TOP = 0.8  # of the Nyquist frequency: nothing is driven above

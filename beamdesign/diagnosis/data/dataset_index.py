@@ -61,6 +61,7 @@ class GainEntry(Taken):
     gain_A_per_V: Annotated[q.LawGain, Field(description="gain at which sustained oscillation set in")]
     relative_std: Annotated[q.PositiveStd, Field(description="relative standard deviation of that gain")] = 0.03
     frequency_Hz: Annotated[q.Frequency | None, Field(description="frequency of the oscillation")] = None
+    load_N: Annotated[q.SignedForce, Field(description="constant force on the outer tip while it was taken")] = 0.0
     predicted_gain_A_per_V: Annotated[q.LawGain | None, Field(description="what its builders had predicted")] = None
 
 

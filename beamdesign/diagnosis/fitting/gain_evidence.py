@@ -186,7 +186,13 @@ class GainEvidence(LinearEvidence):
     def name(self) -> str:
         """In words."""
         masses = f"{self.measured.outer_end_mass:g} kg outer, {self.measured.inner_end_mass:g} kg inner"
-        return f"critical gain, {self.measured.controller.words()}, {masses}"
+        load = f", {self.load:g} N on the tip" if self.load else ""
+        return f"critical gain, {self.measured.controller.words()}, {masses}{load}"
+
+    @property
+    def load(self) -> float:
+        """Constant force on the outer tip, N."""
+        return self.measured.load_N
 
     @property
     def condition(self) -> object:

@@ -163,13 +163,16 @@ class LinearEvidence(Evidence):
     Attributes:
         measured: the figure or figures, with controller and end masses.
         prototype: that was believed.
-        load: constant force on the outer tip under which it was measured, N.
     """
 
     measured: Any
     prototype: Prototype
-    load: float = 0.0
     _models: dict[object, LinearModel] = field(default_factory=dict, repr=False, compare=False, kw_only=True)
+
+    @property
+    def load(self) -> float:
+        """Constant force on the outer tip under which it was measured, N."""
+        return 0.0
 
     def nominal(self, *effects: str) -> Any:
         """What the model makes of it with every figure as believed, and effects at their usual sizes; None: nothing."""
