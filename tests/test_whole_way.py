@@ -254,9 +254,9 @@ def test_a_refusal_names_what_to_change(name: str, tmp_path: Path) -> None:
     ("actuator", "figures"),
     [
         ("cylinder", of_length(2.5, material='"CFRP-0-60-45-40"', tip_force_N=100.0, end_mass_kg=(2.1, 0.12),
-                               outer_end_mass_kg="[0.0, 0.4]", shape="round")),
+                               under_load_m=0.01, outer_end_mass_kg="[0.0, 0.4]", shape="round")),
         ("screw", of_length(2.5, material='"S355J2H"', tip_force_N=5000.0, end_mass_kg=(7.0, 1.1),
-                            outer_end_mass_kg="[0.0, 20.0]", screw=True)),
+                            under_load_m=0.014, outer_end_mass_kg="[0.0, 20.0]", screw=True)),
     ],
     ids=["carbon, cylinder, 3 m, 100 N", "steel, screw, 3 m, 5 kN"],
 )  # fmt: skip
