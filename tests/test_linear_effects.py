@@ -10,7 +10,7 @@ from flint import fmpq, fmpq_mat, fmpq_poly
 from rigs_of_effects import with_effects
 from scipy.optimize import brentq
 
-from beamdesign import InputError, Prototype, critical_gain, state_space
+from beamdesign import InputError, Prototype, certify, certify_box, check, critical_gain, state_space
 from beamdesign.controllers import SENSED, Lag, Proportional
 from beamdesign.loop import loop
 from beamdesign.plant import linearised
@@ -261,6 +261,20 @@ def test_an_end_mass_that_acts_by_more_than_its_acceleration_is_found_out(monkey
     monkeypatch.setattr(linearised, "library", lambda: {"seal_friction": claimed})
     with pytest.raises(ArithmeticError, match="acceleration"):
         linearised.linear_assembly.__wrapped__(False, ("seal_friction",))
+
+
+def test_more_members_than_a_certificate_states_are_refused_before_they_are_proved(lag: Prototype):
+    """The ends of six spans are taken by prover and checker alike, those of seven by neither."""
+    names = ("entrained_air", "joint_backlash", "valve_hysteresis", "seal_friction", "empirical_outer_reaction_loop")
+    rig = with_effects(lag, *names)
+    rig = rig.but(effects={**rig.effects, "seal_friction": {"breakaway_ratio": 1.2}})
+    assert len(family(rig, 2.0).members) == 64
+    assert check(certify(rig, 1.0, 2.0).text).valid
+    more = rig.but(effects={**rig.effects, "empirical_inner_reaction_loop": {}})
+    for proved in (certify, certify_box):
+        with pytest.raises(InputError, match="128 combinations, more than the 64 that are proved; leave out"):
+            proved(more, (1.0, 2.0))
+    assert len(state_space(more, 2.0).poles()) > len(state_space(lag, 2.0).poles())
 
 
 def test_a_filter_and_a_lag_are_two_poles(lag: Prototype):

@@ -39,6 +39,9 @@ class Interval:
 ONE = Interval(1.0, 1.0)
 
 
+MOST_MEMBERS = 64
+"""That a certificate states and its checker takes: twice what all effects with a law of their own come to."""
+
 BEYOND = 0.03
 """Share of all payloads by which a law that is for some of them is stable beyond the heaviest."""
 
@@ -88,6 +91,18 @@ class LinearFamily:
     gains: Mapping[str, Span] = field(default_factory=dict)
 
 
+def refuse_many(prototype: Prototype, found: LinearFamily) -> None:
+    """Refuse, before anything is proved, more linear members than a certificate states.
+
+    Raises:
+        InputError: for more than `MOST_MEMBERS`.
+    """
+    if (count := len(found.members)) > MOST_MEMBERS:
+        spanned = [key for key, span in found.spans.items() if span.low < span.high]
+        words = f"freeze {', '.join(spanned)}, whose ends have {count} combinations, more than the {MOST_MEMBERS}"
+        raise InputError(prototype.name, [Problem("effects", f"{words} that are proved; leave out what matters least")])
+
+
 def served(
     prototype: Prototype, largest_kg: float, stage: tuple[tuple[float, float], tuple[float, float]] | None = None
 ) -> tuple[VertexModel, ...]:
@@ -102,9 +117,11 @@ def served(
         stage: payloads (least, most) of the law, and all payloads; None where these are the same.
 
     Raises:
-        InputError: as of `family`.
+        InputError: as of `family`, and for more members than are proved.
     """
-    own = family(prototype, largest_kg).members
+    found = family(prototype, largest_kg)
+    refuse_many(prototype, found)
+    own = found.members
     if stage is None:
         return own
     (low, high), (least, most) = stage

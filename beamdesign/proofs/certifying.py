@@ -9,7 +9,7 @@ from typing import Any
 from flint import fmpq
 
 from beamdesign.loop import Loop, member_loop
-from beamdesign.plant.members import LinearFamily, VertexModel, family
+from beamdesign.plant.members import LinearFamily, VertexModel, family, refuse_many
 from beamdesign.polynomial import exact, nearest, shortened, simple_between, text
 from beamdesign.proofs.absolute_stability import static_rows
 from beamdesign.proofs.bounded_error import bounded_rows
@@ -56,7 +56,12 @@ class Proved:
 
 
 def rectangles(prototype: Prototype, found: LinearFamily, low: fmpq, high: fmpq) -> list[Proved]:
-    """Each member's loop over masses and factors on the gain."""
+    """Each member's loop over masses and factors on the gain.
+
+    Raises:
+        InputError: for more members than are proved, or where mass and a gain that varies multiply each other.
+    """
+    refuse_many(prototype, found)
     found_loops = []
     for member in found.members:
         loop = member_loop(prototype, member)
