@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 import tomli_w
 from flint import fmpq, fmpq_mat
+from honest_certificates import screw
 from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 from scipy.signal import cont2discrete
@@ -19,6 +20,7 @@ from beamdesign import (
     InputError,
     Prototype,
     certify,
+    certify_switching,
     check,
     read_prototype,
     read_scenario,
@@ -50,7 +52,7 @@ from beamdesign.proofs.courses import stage_change
 from beamdesign.proofs.decrease import changes_of_stage, dwell_suffices, grows_at_most, holds_at_rate
 from beamdesign.proofs.lyapunov import Switching, describe, switching
 from beamdesign.proofs.mass_family import MassFamily, closed_loop, stage_families, stage_family
-from beamdesign.prototype import Goal
+from beamdesign.prototype import Goal, Payload
 from beamdesign.sampling import sampled_stage
 from beamdesign.scenario import Course, Sampled, Scenario, ScenarioRecord, Step, WallAhead
 from beamdesign.simulation import simulate_scheduled
@@ -714,6 +716,22 @@ def test_shipped_schedules_are_sampled_as_their_laws_ask(name: str, period_s: fl
     (record,) = simulate(rig, read_scenario(plan)).records
     assert record.stable
     assert np.diff(record.column("t_s")) == pytest.approx(period_s)
+
+
+def test_a_rate_is_left_open_where_the_stage_may_not_change_at_any_time() -> None:
+    """Of a screw whose second law has fifteen times the gain of the first."""
+    stages = (
+        Stage(outer_end_mass_kg=masses, gain_A_per_V=gain, pole_Hz=1.2, zero_Hz=18.0)
+        for masses, gain in (((0.0, 2.0), 600.0), ((1.0, 3.0), 9000.0))
+    )
+    payload = Payload(inner_end_mass_kg=2.0, outer_end_mass_kg=(0.0, 3.0))
+    rig = screw().but(controller=Scheduled(stage=tuple(stages), dwell_s=1.0), payload=payload)
+    asked, unasked = certify_switching(rig, rate_kg_per_s=1.0), certify_switching(rig)
+    assert asked.stages.kind == unasked.stages.kind == "dwell"
+    assert (asked.yes, unasked.yes) == (False, True)
+    for found, told in ((asked, True), (unasked, False)):
+        assert any("|dm/dt| up to 1 kg/s" in line for line in describe(found)) is told
+        assert ("|dm/dt| up to 1 kg/s" in found.reason) is told
 
 
 def test_certify_switching_takes_a_schedule(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -70,7 +70,15 @@ class Switching(Result):
     def reason(self) -> str:
         """Why the answer is no, or not at any time, in words; empty where it is yes."""
         joined = (f"payload {r.joining.replace('_', ' ')}: {r.reason}" for r in self.rates if r.reason)
-        return "; ".join(reason for reason in [self.stages.reason, *joined] if reason)
+        return "; ".join(reason for reason in [self.stages.reason, self.rate_left_open, *joined] if reason)
+
+    @property
+    def rate_left_open(self) -> str:
+        """Why nothing is said of a rate that was asked for, in words; empty where something is."""
+        if self.wanted_kg_per_s is None or self.rates:
+            return ""
+        rate = f"|dm/dt| up to {self.wanted_kg_per_s:g} kg/s"
+        return f"{rate}: a payload that changes is looked at only where the stage may change at any time"
 
     @property
     def yes(self) -> bool:
@@ -192,9 +200,9 @@ def _of_stages(stages: Course, dwell_s: float) -> list[str]:
 
 
 def _of_payload(found: Switching) -> list[str]:
-    """Changes of the payload in words; of nothing that needs changes of stage at any time where they are not proved."""
+    """Changes of the payload in words; where the stage may not change at any time, that a rate is left open."""
     if found.stages.kind != "any_time":
-        return []
+        return [] if found.wanted_kg_per_s is None else [f"UNDECIDED: {found.rate_left_open}"]
     common, wanted = found.any_change, found.wanted_kg_per_s
     matched = "however fast the mass changes, payload joining and leaving with the tip's velocity"
     lines = [_line(common, f"stable {matched}", matched)]
