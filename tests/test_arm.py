@@ -763,6 +763,21 @@ def test_the_command_proves_writes_and_says_no(link: Prototype, tmp_path: Path):
     assert "plane z, for every payload and every place of its centre asked for: NOT stable" in anywhere.output
 
 
+@pytest.mark.parametrize("command", [("certify",), ("certify-box",), ("certify-switching", "--rate", "1")])
+def test_proofs_of_one_loop_say_what_they_leave_aside_of_an_arm(
+    link: Prototype, tmp_path: Path, command: tuple[str, ...]
+):
+    """At 0.5 m to the side the plane z is not stable with torsion, as the command above finds."""
+    path = tmp_path / "link.toml"
+    for offset, told in ((0.5, True), (0.0, False)):
+        write_prototype(at(link, 0.0, offset, 0.0), path)
+        written = tmp_path / "certificate.toml"
+        asked = [*command, str(path), "--outer-end-mass", "2:2.5", "--out", str(written)]
+        done = CliRunner().invoke(app, asked)
+        assert done.exit_code == 0, done.output
+        assert ("payload and sensor on the beam's axis at the tip" in done.output) is told
+
+
 def test_a_sweep_tells_what_the_command_tells(link: Prototype):
     from beamdesign.sweep.answers import arm as compute
     from beamdesign.sweep.case import ArmOptions

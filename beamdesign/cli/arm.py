@@ -318,6 +318,7 @@ def certify_switching(
 
     from beamdesign.proofs.lyapunov import describe, stages_certificate
     from beamdesign.public import certify_switching as prove
+    from beamdesign.structure.arm import left_aside
 
     try:
         with progress("Lyapunov functions") as update:
@@ -325,6 +326,8 @@ def certify_switching(
     except ValueError as error:
         refuse(prototype, ("controller.stage", str(error)))
     lines = describe(found)
+    if aside := left_aside(record):
+        lines.append(aside)
     several = f"{len(found.families)} stages, " if record.schedule else ""
     echo(f"{record.name}: {several}outer end mass changing between {low:g} and {high:g} kg")
     echo(*lines, before="  ")

@@ -303,6 +303,7 @@ def _echo_box(found: "BoxGuarantee") -> None:
     from beamdesign.proofs.certificate import describe
     from beamdesign.proofs.scope import bracketing, holds_for
     from beamdesign.proofs.tolerance_box import figure_key
+    from beamdesign.structure.arm import left_aside
 
     record, box, verdict, sure = found.prototype, found.box, found.verdict, found.guaranteed
     words = {True: "stable", False: "NOT stable", None: "undecided whether stable"}
@@ -340,6 +341,8 @@ def _echo_box(found: "BoxGuarantee") -> None:
         over = sure["servo_off_m_per_N"], sure["peak_over_passive"]
         _echo_over_passive(softest, *over, record.goal, " for every member")
     _echo_moving(found.nonlinear or ())
+    if words := left_aside(record):
+        echo(f"  {words}")
     if found.left_out:
         echo(f"  left out for want of time: {', '.join(found.left_out)}; more --seconds leave less out")
 
