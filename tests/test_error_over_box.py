@@ -187,6 +187,17 @@ def test_the_last_band_has_no_end():
     assert not valid(altered(text, (*CLAIM, "band"), bands[:-1]))
 
 
+def test_a_depth_is_no_error_of_its_own_where_no_bound_is_proved():
+    """Of the hysteresis none is: over a box with a delay, and of a loop that is not stable."""
+    rig, _, _, _ = erring({})
+    rig = rig.but(effects={"valve_hysteresis": {}, "carrier_ripple": {"depth": 0.02}})
+    _, over_box = errors_over_box(rig, tolerance_box(rig, 0.0, None, (0.0, 1.0), delay_s=(0.0, 1e-4)))
+    law = rig.own_controller
+    unstable = rig.but(controller=law.but(gain_A_per_V=30 * law.gain_A_per_V))
+    for rows in (over_box, [*bounded_error.bounded_rows(members(unstable, 0.0, 1.0))]):
+        assert [(row.effects, row.proved) for row in rows] == [(("valve_hysteresis",), False)]
+
+
 def test_a_delay_is_not_covered():
     rig = erring({})[0].but(effects={"valve_hysteresis": {}})
     claims, rows = errors_over_box(rig, tolerance_box(rig, 0.0, None, (0.0, 1.0), delay_s=(0.0, 1e-4)))

@@ -139,8 +139,8 @@ def bounded_rows(given: Members) -> Iterator[Row]:
     numbers = [k for k, member in enumerate(given.found.members, start=1) if slides(member, given.found.members)]
     try:
         most, pieces = _bounds(given, found, numbers)
-    except ArithmeticError as error:
-        yield from (Row((one.effect,), METHOD, False, f"No bound is proved: {error}.") for one in found)
+    except ArithmeticError as why:
+        yield from (Row((one.effect,), METHOD, False, f"No bound is proved: {why}.") for one in found if not one.per_m)
         return
     stated = [shortened(one * _SLACK, _DIGITS, up=True) for one in most]
     listed = [

@@ -112,7 +112,7 @@ def errors_over_box(prototype: Prototype, box: Box, budget: int = 20_000) -> tup
             claims, most = [*claims, *own], [*most, max(exact(claim.asked.limit) for claim in own)]
     except ValueError as error:
         reason = f"No bound is proved over the box: {error}."
-        return [], [*rows, *(Row((one.effect,), METHOD, False, reason) for one in found)]
+        return [], [*rows, *(Row((one.effect,), METHOD, False, reason) for one in found if not one.per_m)]
     return claims, [*rows, *rows_of(found, most, "for every member of the box and every payload that stays", METHOD)]
 
 
