@@ -341,8 +341,8 @@ def _echo_box(found: "BoxGuarantee") -> None:
         over = sure["servo_off_m_per_N"], sure["peak_over_passive"]
         _echo_over_passive(softest, *over, record.goal, " for every member")
     _echo_moving(found.nonlinear or ())
-    if words := left_aside(record):
-        echo(f"  {words}")
+    if aside := left_aside(record):
+        echo(f"  {aside}")
     if found.left_out:
         echo(f"  left out for want of time: {', '.join(found.left_out)}; more --seconds leave less out")
 
