@@ -10,6 +10,7 @@ import pytest
 from finished_run import finished_run
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy.linalg import block_diag, eigh
 
 from beamdesign import Prototype, certify, read_prototype
 from beamdesign.build.folder import document_of, proved_statements
@@ -229,3 +230,71 @@ def test_a_rating_that_is_stated_and_less_than_needed_is_told(run: DesignRun, pr
     needed, stated, _ = rows(markdown(replace(run, prototype=weak)))["stroke from end to end, × 1.25"]
     assert (number(needed) > 1, stated) == (True, "1 mm, less than needed")
     assert rows(markdown(run))["stroke from end to end, × 1.25"][1] == "–"
+
+
+def least_damped(rig: Prototype, payload_kg: float, gain_A_per_V: float, elements: int = 12) -> float:
+    """Largest real part of the poles of the loop with beams of finite elements (Euler and Bernoulli), 1/s.
+
+    A beam has its damping ratio in every mode that it has with its end mass, without payload.
+    """
+    matrices, tips = [], []
+    for beam, added in ((rig.outer_beam, payload_kg), (rig.inner_beam, rig.payload.inner_end_mass_kg)):
+        alloy, tube, length = beam.geometry
+        step, size = length / elements, 2 * elements + 2
+        part = np.array([[12, 6, -12, 6], [6, 4, -6, 2], [-12, -6, 12, -6], [6, 2, -6, 4]], dtype=float)
+        moved = np.array([[156, 22, 54, -13], [22, 4, 13, -3], [54, 13, 156, -22], [-13, -3, -22, 4]], dtype=float)
+        turns = np.diag([1.0, step, 1.0, step])
+        stiffness, mass = np.zeros((size, size)), np.zeros((size, size))
+        for at in range(0, size - 2, 2):
+            here = slice(at, at + 4)
+            stiffness[here, here] += lumped_beam(beam).stiffness * length**3 / 3 / step**3 * turns @ part @ turns
+            mass[here, here] += tube.mass_per_length(alloy.density_kg_per_m3) * step / 420 * turns @ moved @ turns
+        stiffness, mass = stiffness[2:, 2:], mass[2:, 2:]
+        mass[-2, -2] += beam.end_mass_kg
+        squares, modes = eigh(stiffness, mass)
+        damping = mass @ modes @ np.diag(2 * beam.damping_ratio * np.sqrt(squares)) @ modes.T @ mass
+        mass[-2, -2] += added
+        matrices.append((stiffness, damping, mass))
+        tips.append(np.eye(2 * elements)[-2])
+    stiffness, damping, mass = (block_diag(*pair) for pair in zip(*matrices, strict=True))
+    apart, outer = np.concatenate([tips[0], -tips[1]]), np.concatenate([tips[0], 0 * tips[1]])
+    count, law, valve = len(mass), rig.controller, rig.servovalve
+    area, oil, w = rig.actuator.piston_area_m2, rig.actuator.oil_stiffness_N_per_m, 2 * pi * valve.natural_frequency_Hz
+    lag, lead = 2 * pi * law.pole_Hz, 2 * pi * law.zero_Hz
+    # displacements, their rates, the cylinder's end, flow and its rate, the lag's state
+    a = np.zeros((2 * count + 4, 2 * count + 4))
+    force, error = np.zeros(len(a)), np.zeros(len(a))
+    force[:count], force[2 * count] = -oil * apart, oil
+    error[:count] = -rig.sensor.gain_V_per_m * outer
+    current = gain_A_per_V * lag / lead * error
+    current[-1] = gain_A_per_V * (1 - lag / lead)
+    a[:count, count : 2 * count] = np.eye(count)
+    a[count : 2 * count, :count], a[count : 2 * count, count : 2 * count] = (
+        -np.linalg.solve(mass, stiffness), -np.linalg.solve(mass, damping),
+    )  # fmt: skip
+    a[count : 2 * count] += np.outer(np.linalg.solve(mass, apart), force)
+    a[2 * count] = -valve.leakage_m3_per_s_per_Pa / area**2 * force
+    a[2 * count, 2 * count + 1] += 1 / area
+    a[2 * count + 1, 2 * count + 2] = 1.0
+    a[2 * count + 2] = w**2 * valve.flow_gain_m3_per_s_per_A * current
+    a[2 * count + 2, 2 * count + 1] -= w**2
+    a[2 * count + 2, 2 * count + 2] -= 2 * valve.damping_ratio * w
+    a[-1] = lag * error
+    a[-1, -1] -= lag
+    return float(np.linalg.eigvals(a).real.max())
+
+
+def test_where_all_modes_oscillate_below_the_limits_it_is_told(run: DesignRun, prototype: Prototype) -> None:
+    """Of beams so long that their second modes come near; by finite elements."""
+    long = prototype
+    for name in ("outer_beam", "inner_beam"):
+        beam = getattr(prototype, name)
+        longer = beam.but(length_m=1.6 * beam.length_m, free_length_m=1.6 * beam.free_length_m)
+        long = long.but(**{name: longer})
+    told = [" ".join(markdown(replace(run, prototype=one)).split()) for one in (prototype, long)]
+    assert ["With all modes of both a rig as specified" in text for text in told] == [False, True]
+    found = re.findall(r"with ([\d.]+) kg from [\d.]+ mA/V down to ([\d.]+) mA/V", told[1])
+    assert [float(mass) for mass, _ in found] == pytest.approx([0.0, 3.4, 6.8])
+    for mass, gain in found:
+        below, above = (least_damped(long, float(mass), share * 1e-3 * float(gain)) for share in (0.99, 1.01))
+        assert below < 0 < above

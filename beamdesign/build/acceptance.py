@@ -19,6 +19,7 @@ from beamdesign.build.tolerances import why_no_box
 from beamdesign.files import write_whole
 from beamdesign.loop import CriticalGain, Loop, critical_gain, loop, member_loop
 from beamdesign.parameters import RIG_TOLERANCES
+from beamdesign.plant.linear_reach import SingleModeReach, single_mode_reach
 from beamdesign.plant.members import family
 from beamdesign.polynomial import exact
 from beamdesign.progress import Progress, silent
@@ -27,7 +28,7 @@ from beamdesign.proofs.certifying import stability_over
 from beamdesign.proofs.rig_family import rig_values
 from beamdesign.proofs.tolerance_box import box_with_effects
 from beamdesign.prototype import Prototype, write_prototype
-from beamdesign.records import to_toml
+from beamdesign.records import InputError, to_toml
 from beamdesign.result import picked
 from beamdesign.scenario import CHANNELS, Input, LoadSteps, Multisine, Scenario, ScenarioRecord, inputs_of
 from beamdesign.spelling import shorter
@@ -75,6 +76,8 @@ class AcceptanceAtMass:
         oscillation_Hz: band of its frequency.
         critical_gain_proved_A_per_V: up to this gain every rig within the tolerances is proved stable; None where no
             gain above the specified one was proved, or there are no tolerances.
+        modes: what all bending modes of both beams make of the critical gain, without effects; None where the prototype
+            gives no geometry, or no gain sets in oscillation.
     """
 
     outer_end_mass_kg: float
@@ -85,6 +88,12 @@ class AcceptanceAtMass:
     critical_gain_A_per_V: Band | None
     oscillation_Hz: Band | None
     critical_gain_proved_A_per_V: float | None
+    modes: SingleModeReach | None
+
+    @property
+    def lost_to_modes(self) -> bool:
+        """Whether all modes leave less of the critical gain than the measurement of it could miss."""
+        return self.modes is not None and self.modes.gain_margin_eaten > MEASURED_WITHIN
 
 
 class Mode(NamedTuple):
@@ -137,8 +146,15 @@ def acceptance(
         here, compliance = loops[0].at(mass), {float(f): _band(table[:, k]) for k, f in enumerate(grid)}
         bandwidth = here.bandwidth_Hz(prototype.goal.compliance_m_per_N)
         nominal = bandwidth, here.peak_sensitivity(), abs(here.static_compliance())
-        found.append(AcceptanceAtMass(mass, *nominal, compliance, gain, hertz, proved))
+        found.append(AcceptanceAtMass(mass, *nominal, compliance, gain, hertz, proved, _all_modes(prototype, mass)))
     return tuple(found)
+
+
+def _all_modes(prototype: Prototype, mass: float) -> SingleModeReach | None:
+    try:
+        return single_mode_reach(prototype, mass)
+    except (InputError, ValueError):  # no geometry, or no gain that sets in oscillation
+        return None
 
 
 def _loops(member: Prototype) -> list[Loop]:
