@@ -107,6 +107,15 @@ class ControllerKind(Sought):
 
     kind: Tuned = Field("lag", description="law that the tuner works with")
 
+    @classmethod
+    def relations(cls, table: Mapping[str, Any]) -> Iterator[Problem]:
+        """Nothing is asked for that the kind does not heed."""
+        yield from super().relations(table)
+        kind = table.get("kind", "lag")
+        for name, of in (("sections", "structured"), ("stages", "scheduled")):
+            if kind != of and table.get(name, usual := cls.model_fields[name].default) != usual:
+                yield Problem(name, f"is for kind = {of!r}, and the kind is {kind!r}; leave it out or change the kind")
+
 
 class DesignProblem(WithMaterials, WithActuator):
     """A study file: load, beams to size, hydraulics, and the guarantees asked for."""

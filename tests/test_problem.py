@@ -128,6 +128,16 @@ def test_the_prototype_of_a_study_has_its_sections_and_hydraulics():
             "controller.gain_A_per_V",
             "unknown key; known here are largest_inner_end_mass_kg, sections, stages, added_sensors, kind",
         ),
+        (
+            {"controller__sections": 2},
+            "controller.sections",
+            "is for kind = 'structured', and the kind is 'lag'; leave it out or change the kind",
+        ),
+        (
+            {"controller__kind": "lqg", "controller__stages": 4},
+            "controller.stages",
+            "is for kind = 'scheduled', and the kind is 'lqg'; leave it out or change the kind",
+        ),
         ({"goal__peak_sensitivity": 1}, "goal.peak_sensitivity", "is 1, outside the plausible range 1.00001 to 1000"),
         ({"actuator__oil_stiffness_N_per_m": False}, "actuator.oil_stiffness_N_per_m", "must be a number, is False"),
         ({"name": ""}, "name", "must not be empty"),
