@@ -190,6 +190,23 @@ def test_grid_is_the_product_in_a_stable_order_and_a_limit_spreads_over_it(sweep
     assert points(read, 2) == [found[0], found[-1]]
 
 
+def test_a_range_of_whole_numbers_holds_each_of_them_alike(sweep):
+    axis = {"key": "options.sections", "low": 1, "high": 3, "count": 3}
+    asked = {"task": "tune", "vary": [axis], "options": {"controller": "structured"}}
+    laid = plan(sweep(**asked))
+    assert [(one.varied, one.problems) for one in laid.cases] == [({"options.sections": k}, ()) for k in (1, 2, 3)]
+    sampled = read_sweep(sweep(work={"method": "latin_hypercube", "cases": 30}, **asked))
+    assert sorted(p["options.sections"] for p in points(sampled)) == [1] * 10 + [2] * 10 + [3] * 10
+    growing = read_sweep(
+        sweep(
+            task="run",
+            base=PROBLEM,
+            vary=[{"key": "controller.stages", "low": 2, "high": 8, "count": 3, "spacing": "logarithmic"}],
+        )
+    )
+    assert points(growing) == [{"controller.stages": k} for k in (2, 4, 8)]
+
+
 def test_latin_hypercube_has_one_sample_per_stratum_and_sobol_balances_halves(sweep):
     axis = {"key": "payload.inner_end_mass_kg", "low": 0.0, "high": 8.0}
     latin = read_sweep(sweep(work={"method": "latin_hypercube", "cases": 8}, vary=[axis]))

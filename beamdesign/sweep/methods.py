@@ -54,7 +54,7 @@ def points(sweep: Sweep, cases: int | None = None) -> list[dict[str, Any]]:
     if sweep.study.method in SAMPLED:
         return [varied_in(sweep, row) for row in _unit(sweep, cases or sweep.study.cases)]
     axes = (
-        [scaled(vary, k / (vary.count - 1)) for k in range(vary.count)]
+        [scaled(vary, k / (vary.count - 1), sweep.is_whole(vary.key)) for k in range(vary.count)]
         if vary.values is None
         else [at(vary, value, number) for number, value in enumerate(vary.values)]
         for vary in sweep.vary
@@ -87,18 +87,22 @@ def _rounded(value: float) -> float:
     return float(f"{value:.12g}")
 
 
-def scaled(vary: Vary, share: float) -> dict[str, Any]:
-    """Values at a share, 0 to 1, of an axis: between its ends, or one of its listed values."""
+def scaled(vary: Vary, share: float, whole: bool = False) -> dict[str, Any]:
+    """Values at a share, 0 to 1, of an axis: between its ends, or one of its listed values.
+
+    Where its key takes whole numbers it is one of those.
+    """
     if vary.values is not None:
         number = min(int(share * len(vary.values)), len(vary.values) - 1)
         return at(vary, vary.values[number], number)
     assert vary.low is not None
     assert vary.high is not None
+    high = vary.high + 1 if whole else vary.high  # the last whole number has as large a share as the others
     if vary.spacing == "logarithmic":
-        value = vary.low * (vary.high / vary.low) ** share
+        value = vary.low * (high / vary.low) ** share
     else:
-        value = vary.low + share * (vary.high - vary.low)
-    return at(vary, _rounded(value))
+        value = vary.low + share * (high - vary.low)
+    return at(vary, min(floor(value), floor(vary.high)) if whole else _rounded(value))
 
 
 def _unit(sweep: Sweep, cases: int) -> np.ndarray:
@@ -314,7 +318,8 @@ def _optimise(laid: Plan, evaluate: Evaluate) -> None:
 
 def varied_in(sweep: Sweep, shares: Sequence[float]) -> dict[str, Any]:
     """Varied values at shares, 0 to 1, of the axes of a sweep."""
-    return merged([scaled(vary, float(share)) for vary, share in zip(sweep.vary, shares, strict=True)])
+    pairs = zip(sweep.vary, shares, strict=True)
+    return merged([scaled(vary, float(share), sweep.is_whole(vary.key)) for vary, share in pairs])
 
 
 NO_RESULT = 1e30

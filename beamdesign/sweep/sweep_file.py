@@ -152,6 +152,11 @@ class Sweep(Record):
     specification: dict[str, Demand] = Field(default_factory=dict)
     picture: tuple[Picture, ...] = ()
 
+    def is_whole(self, key: str) -> bool:
+        """Whether a key that can be varied takes whole numbers alone."""
+        task, option = TASKS[self.study.task], key.removeprefix("options.")
+        return dict(_walk(task.record if option == key else task.options, "")).get(option) is int
+
 
 def read_sweep(path: str | Path) -> Sweep:
     """Read a sweep file and check task, method and every key that it varies.
@@ -250,7 +255,7 @@ def known_keys(record: type[Record]) -> dict[str, int]:
 
     The keys of effects are those of the effect library.
     """
-    found = dict(_walk(record, ""))
+    found = {key: _entries(annotation) for key, annotation in _walk(record, "")}
     if "effects" in record.model_fields:
         from beamdesign.plant.effects import library
 
@@ -260,9 +265,9 @@ def known_keys(record: type[Record]) -> dict[str, int]:
     return found
 
 
-def _walk(record: type[Record], before: str) -> Iterator[tuple[str, int]]:
+def _walk(record: type[Record], before: str) -> Iterator[tuple[str, Any]]:
     for name, field in record.model_fields.items():
-        yield before + name, _entries(field.annotation)
+        yield before + name, field.annotation
         nested = [] if any(isinstance(mark, ByName) for mark in field.metadata) else nested_records(field.annotation)
         inside = f"{before}{name}.{OWN_NAME}" if nested and of_own_names(field.annotation) else before + name
         for one in nested:
