@@ -1,14 +1,46 @@
-"""Figures that a caller of a function asks for, checked as those of a file are."""
+"""Records and figures that a caller of a function gives, checked as those of a file are."""
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
+from functools import wraps
+from inspect import signature
 from numbers import Real
-from typing import Any
+from typing import Any, ParamSpec, TypeVar
 
 from beamdesign.quantities import MassOrNone, range_of
 from beamdesign.records import InputError
 
 MASS = "payload.outer_end_mass_kg"
 """What a message calls a mass on the outer tip."""
+
+READERS = {"Prototype": "read_prototype", "DesignProblem": "read_problem", "Dataset": "read_dataset"}
+"""Public function that reads a record, by the name of the record's class."""
+
+Given = ParamSpec("Given")
+Found = TypeVar("Found")
+
+
+def takes(kind: str) -> Callable[[Callable[Given, Found]], Callable[Given, Found]]:
+    """Have a function refuse what is no record of a kind as its first argument, such as a path, and say what reads one.
+
+    Args:
+        kind: a key of `READERS`.
+    """
+
+    def refusing(function: Callable[Given, Found]) -> Callable[Given, Found]:
+        first = next(iter(signature(function).parameters))
+
+        @wraps(function)
+        def called(*args: Given.args, **named: Given.kwargs) -> Found:
+            for given in (*args[:1], *(named[name] for name in named if name == first)):
+                if kind not in (one.__name__ for one in type(given).__mro__):
+                    reads = f"beamdesign.{READERS[kind]} reads one from its file"
+                    reason = f"expected a {kind}, is of type {type(given).__name__}; {reads}"
+                    raise InputError(function.__name__, [(first, reason)])
+            return function(*args, **named)
+
+        return called
+
+    return refusing
 
 
 def checked(name: str, key: str, quantity: Any, *given: object) -> tuple[float, ...]:

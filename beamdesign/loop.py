@@ -12,7 +12,7 @@ from math import atan2, degrees, inf, pi, sqrt
 import numpy as np
 from flint import fmpq, fmpq_poly
 
-from beamdesign.asked import checked_mass_kg
+from beamdesign.asked import checked_mass_kg, takes
 from beamdesign.controllers import Controller
 from beamdesign.plant.linear import LinearModel, Plant
 from beamdesign.plant.members import VertexModel, family
@@ -298,6 +298,7 @@ class CriticalGain(Result):
     frequency_Hz: float
 
 
+@takes("Prototype")
 def critical_gain(prototype: Prototype, outer_end_mass: float = 0.0, from_own: bool = False) -> CriticalGain:
     """Critical gain of a prototype at one outer end mass (kg): exact, not swept.
 

@@ -6,6 +6,7 @@ They take records and give records: a range of mass is a pair in kg, or None for
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
+from beamdesign.asked import takes
 from beamdesign.progress import Progress, silent
 
 if TYPE_CHECKING:
@@ -20,6 +21,7 @@ LOOP_OUTPUTS = ("displacement_m", "sensor_V", "current_A")
 """Of the open and the closed loop of `state_space`; the plant has the first two. What added sensors read follows."""
 
 
+@takes("Prototype")
 def certify_switching(
     prototype: "Prototype",
     outer_end_mass_kg: tuple[float, float] | None = None,
@@ -46,6 +48,7 @@ def certify_switching(
     return switching(families, *prototype.asked_kg(outer_end_mass_kg), rate_kg_per_s, stays, progress)
 
 
+@takes("Prototype")
 def pictures(prototype: "Prototype") -> "dict[str, Figure]":
     """The pictures of a closed loop that the report of a run has, by name; of a result with a rig: `.pictures()`.
 
@@ -64,6 +67,7 @@ def pictures(prototype: "Prototype") -> "dict[str, Figure]":
     return {one.name + stage.suffix: one.figure for stage, pictures in drawn for one in pictures}
 
 
+@takes("Prototype")
 def state_space(
     prototype: "Prototype", outer_end_mass_kg: float = 0.0, loop: Literal["closed", "open", "plant"] = "closed"
 ) -> "control.StateSpace":

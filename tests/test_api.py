@@ -58,6 +58,27 @@ def test_every_public_name_is_documented_and_stays_what_it_is(name):
     assert len(inspect.getdoc(first) or "") > 20
 
 
+ON_RECORDS = {
+    name: first
+    for name in beamdesign.__all__
+    if inspect.isfunction(getattr(beamdesign, name))
+    and (first := next(iter(inspect.signature(getattr(beamdesign, name)).parameters.values()), None)) is not None
+    and first.name in ("prototype", "problem", "data")
+    and name not in ("predict", "write_prototype")  # the one reads a path itself, the other writes any record
+}
+
+
+@pytest.mark.parametrize("name", ON_RECORDS)
+@pytest.mark.parametrize("given", ["rig.toml", Path("rig.toml"), {}, None])
+def test_what_is_no_record_is_refused_with_what_reads_one(name, given):
+    first = ON_RECORDS[name]
+    function, more = getattr(beamdesign, name), len(inspect.signature(getattr(beamdesign, name)).parameters) * [None]
+    reader = {"prototype": "read_prototype", "problem": "read_problem", "data": "read_dataset"}[first.name]
+    for refused in (partial(function, given, *more[1:]), partial(function, **{first.name: given})):
+        with pytest.raises(InputError, match=f"is of type {type(given).__name__}; beamdesign.{reader} reads one"):
+            refused()
+
+
 def test_tests_and_studies_take_public_names_from_the_package():
     public = {name: getattr(beamdesign, name) for name in beamdesign.__all__}
     deeper = []

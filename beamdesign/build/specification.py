@@ -6,7 +6,7 @@ from decimal import ROUND_CEILING, ROUND_FLOOR
 from functools import partial
 from typing import Any
 
-from beamdesign.asked import checked
+from beamdesign.asked import checked, takes
 from beamdesign.build.acceptance import AcceptanceAtMass, AcceptancePlan, acceptance, acceptance_plan
 from beamdesign.build.analogue import AnalogueController, analogue_controllers
 from beamdesign.build.ratings import Ratings, SensorNeed, StockChoice, ratings, sensor_need, stock_choices
@@ -161,6 +161,7 @@ class Specification(Result):
         return rows
 
 
+@takes("Prototype")
 def specify(
     prototype: Prototype,
     outer_end_mass_kg: tuple[float, float] | None = None,
@@ -244,6 +245,7 @@ def _for_payloads(prototype: Prototype, masses_kg: tuple[float, float]) -> Proto
     return prototype.but(payload=payload, guarantee=stated)
 
 
+@takes("Prototype")
 def spec(
     prototype: Prototype,
     outer_end_mass_kg: tuple[float, float] | None = None,

@@ -14,6 +14,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
+from beamdesign.asked import takes
 from beamdesign.diagnosis.data.dataset import Dataset
 from beamdesign.diagnosis.diagnosis import (
     Cause,
@@ -53,6 +54,7 @@ _PASSES, _LAW = "what passes in a short while", "a law learnt from the records"
 _UNREPEATED = "a joint that hammers in its play, a loop that oscillates by itself"
 
 
+@takes("Dataset")
 def diagnose(
     data: Dataset,
     workers: int = 2,

@@ -8,6 +8,7 @@ from typing import Any
 
 from flint import fmpq
 
+from beamdesign.asked import takes
 from beamdesign.loop import Loop, member_loop
 from beamdesign.plant.members import LinearFamily, VertexModel, family, refuse_many
 from beamdesign.polynomial import exact, nearest, shortened, simple_between, text
@@ -218,6 +219,7 @@ def stability_over(prototype: Prototype, low_kg: float, high_kg: float) -> Stabi
     )
 
 
+@takes("Prototype")
 def certify(
     prototype: Prototype,
     outer_end_mass_kg: tuple[float, float] | float | None = None,

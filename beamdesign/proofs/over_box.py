@@ -8,7 +8,7 @@ from typing import Any
 
 from flint import fmpq
 
-from beamdesign.asked import checked
+from beamdesign.asked import checked, takes
 from beamdesign.polynomial import nearest
 from beamdesign.progress import Progress, silent
 from beamdesign.proofs.absolute_stability import box_rows, slope_over_box
@@ -125,6 +125,7 @@ class BoxGuarantee(Result):
         })  # fmt: skip
 
 
+@takes("Prototype")
 def certify_box(
     prototype: Prototype,
     outer_end_mass_kg: tuple[float, float] | None = None,

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from beamdesign.asked import checked, checked_range_kg
+from beamdesign.asked import checked, checked_range_kg, takes
 from beamdesign.controllers import KINDS
 from beamdesign.controllers.protocol import form_of
 from beamdesign.plant.members import family
@@ -134,6 +134,7 @@ def _point(problem: DesignProblem, masses_kg: tuple[float, float], proved: Prove
     return CodesignPoint(**vars(pair), prototype=prototype, proved=proved)
 
 
+@takes("DesignProblem")
 def codesign(
     problem: DesignProblem,
     outer_end_mass_kg: tuple[float, float],
@@ -276,6 +277,7 @@ def _lightest_answer(asked: Codesign, designs: Sequence[Codesign]) -> Codesign:
     return replace(asked, point=min(points, key=lambda point: point.moving_mass_kg), reason="")
 
 
+@takes("DesignProblem")
 def front(
     problem: DesignProblem,
     bandwidths_Hz: Sequence[float],

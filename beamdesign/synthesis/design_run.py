@@ -6,6 +6,7 @@ from math import inf
 from pathlib import Path
 from typing import Any
 
+from beamdesign.asked import takes
 from beamdesign.problem import DesignProblem
 from beamdesign.progress import Progress, silent
 from beamdesign.proofs.certificate import LOWER_GAINS, Asked, Certificate, goal_claims
@@ -89,6 +90,7 @@ class DesignRun(Result):
         return sorted(found, key=lambda one: float(one["bandwidth_Hz"]))
 
 
+@takes("DesignProblem")
 def run_design(
     problem: DesignProblem,
     progress: Progress | None = None,
@@ -130,6 +132,7 @@ def run_design(
     return replace(found, left_out=tuple(limit.left_out))
 
 
+@takes("DesignProblem")
 def run(
     problem: DesignProblem, progress: Progress | None = None, sigmas: float = SIGMAS, minutes: float | None = None
 ) -> DesignRun:

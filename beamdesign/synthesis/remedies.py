@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from beamdesign.asked import checked, checked_range_kg
+from beamdesign.asked import checked, checked_range_kg, takes
 from beamdesign.controllers import Lag
 from beamdesign.controllers.cascade import as_lag
 from beamdesign.controllers.protocol import form_of
@@ -179,6 +179,7 @@ def _scheduled(problem: DesignProblem, masses_kg: tuple[float, float], near: Seq
     )
 
 
+@takes("DesignProblem")
 def remedies(
     problem: DesignProblem,
     outer_end_mass_kg: tuple[float, float],

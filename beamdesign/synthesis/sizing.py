@@ -10,6 +10,7 @@ from typing import Any, Literal
 
 import numpy as np
 
+from beamdesign.asked import takes
 from beamdesign.problem import BeamProblem, DesignProblem, Load, Sections
 from beamdesign.progress import Progress, silent
 from beamdesign.prototype import Beam, Payload, Prototype
@@ -255,6 +256,7 @@ class Sizing(Result):
         return self.free.shadow_prices if self.free else {}
 
 
+@takes("DesignProblem")
 def size(problem: DesignProblem, progress: Progress | None = None) -> Sizing:
     """Choose the sections of both beams as the problem says: free, stock, or fixed to those given.
 

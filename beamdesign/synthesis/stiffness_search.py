@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from beamdesign.asked import checked
+from beamdesign.asked import checked, takes
 from beamdesign.controllers import Cascade, Lag, Observer
 from beamdesign.loop import Loop, close_loop, tip
 from beamdesign.plant.linear import Plant
@@ -102,6 +102,7 @@ class Design(Result):
         return found | picked(self, "met reason")
 
 
+@takes("Prototype")
 def stiffness(
     prototype: Prototype,
     end_stiffness_N_per_m: float | None = None,

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from flint import ctx, fmpq, fmpq_mat, fmpq_poly
 
-from beamdesign.asked import checked
+from beamdesign.asked import checked, takes
 from beamdesign.build.realisation.c_code import c_files
 from beamdesign.build.realisation.law import LinearLaw
 from beamdesign.build.realisation.loop import (
@@ -307,6 +307,7 @@ class ProvedCode(Result):
 _PUT_OUT = ("continuous", "at_once", "late")
 
 
+@takes("Prototype")
 def code(
     prototype: Prototype,
     rate_Hz: float,

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from scipy.linalg import eigh
 
-from beamdesign.asked import checked
+from beamdesign.asked import checked, takes
 from beamdesign.plant.members import STANDARD_GRAVITY
 from beamdesign.polynomial import exact, nearest
 from beamdesign.proofs.arm import PlaneLoop, plane_loop
@@ -217,6 +217,7 @@ def usual_load_N(prototype: Prototype, payload_kg: float) -> Vector:
     return 0.0, 0.0, -(payload_kg * STANDARD_GRAVITY + (prototype.payload.largest_force_N or 0.0))
 
 
+@takes("Prototype")
 def arm(
     prototype: Prototype, outer_end_mass_kg: tuple[float, float] | None = None, force_N: Vector | None = None
 ) -> ArmResult:
