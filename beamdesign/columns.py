@@ -53,7 +53,9 @@ def read_columns(path: Path, only: Sequence[str] = ()) -> dict[str, np.ndarray]:
     header, _, body = text.partition("\n")
     names = _names(path, header)
     if not body.strip():
-        raise InputError(path, [("(file)", "holds no rows below the column names")])
+        raise InputError(
+            path, [("(file)", "holds no rows below the column names; fill it in, or leave out what names it")]
+        )
     if "\0" in body:
         raise InputError(path, [("(file)", "is not text: it holds zero bytes")])
     used = [name for name in names if not only or name in only]

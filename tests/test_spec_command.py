@@ -265,7 +265,10 @@ def test_bad_input_is_named(given: tuple[str, str], said: str, tmp_path: Path) -
 def test_an_empty_data_set_says_that_records_are_missing(folder: Path) -> None:
     ran = CliRunner().invoke(app, ["gap", "diagnose", str(folder / "acceptance")])
     assert isinstance(ran.exception, InputError)
-    assert "light_force.csv: (file): holds no rows below the column names" in str(ran.exception)
+    assert (
+        "light_force.csv: (file): holds no rows below the column names; fill it in, or leave out what names it"
+        in str(ran.exception)
+    )
 
 
 def test_excitations_are_those_of_the_plan(folder: Path) -> None:
