@@ -41,7 +41,6 @@ from beamdesign.records import InputError, Problem
 
 # Members over end masses and factors on the gain; what all have in common, in words.
 
-
 _STEPS, _HALVINGS = 64, 24
 """Where a gain between its ends is unstable, a range of masses gives way by this share of itself at a time; how often
 the last of these steps is halved."""
