@@ -82,3 +82,18 @@ def test_open_parameters_stand_for_the_record(law):
 def test_rounded_parameters_are_short_and_near():
     record = form_of("lag").record(np.log([0.1438141592, 1.138087654, 37.54341234]))
     assert record == Lag(gain_A_per_V=0.143814, pole_Hz=1.13809, zero_Hz=37.5434)
+
+
+@pytest.mark.parametrize(
+    "law", [Lag(gain_A_per_V=0.1, pole_Hz=1.75, zero_Hz=26.0), Lag(gain_A_per_V=0.01, pole_Hz=12.3, zero_Hz=0.6)]
+)
+def test_what_its_breaks_are_said_to_do_is_what_its_response_does(law: Lag):
+    meanings = {name: (value, meaning) for name, value, meaning in law.rows()}
+    low, high = sorted(("pole", "zero"), key=lambda name: getattr(law, f"{name}_Hz"))
+    between, far = np.abs(response(law, np.array([np.sqrt(law.pole_Hz * law.zero_Hz), 1e6])))
+    assert ("rises" if between > law.gain_A_per_V else "falls") in meanings[low][1]
+    assert "level" in meanings[high][1]
+    value, share = meanings[f"gain above the {high}"]
+    assert float(value.split()[0]) == pytest.approx(1e3 * far, rel=1e-3)
+    ratio = float(share.split()[0].removeprefix("1/"))
+    assert (1 / ratio if share.startswith("1/") else ratio) == pytest.approx(far / law.gain_A_per_V, rel=5e-3)

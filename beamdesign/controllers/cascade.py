@@ -181,14 +181,22 @@ class Cascade(Controller):
         breaks = [factor for factor in self.factors if isinstance(factor, Break)]
         for n, one in enumerate(breaks, start=1):
             which = f" {n}" if n > 1 else ""
+            level = "from here up it stays level again"
+            falls = ("from here up the gain falls", level)
+            at_pole, at_zero = falls if one.pole_Hz <= one.zero_Hz else (level, "from here up the gain rises")
             rows += [
-                (f"pole{which}", quantity(one.pole_Hz, "Hz", 7), "from here up the gain falls"),
-                (f"zero{which}", quantity(one.zero_Hz, "Hz", 7), "from here up it stays level again"),
+                (f"pole{which}", quantity(one.pole_Hz, "Hz", 7), at_pole),
+                (f"zero{which}", quantity(one.zero_Hz, "Hz", 7), at_zero),
             ]
         if breaks:
             drop = prod(one.pole_Hz / one.zero_Hz for one in breaks)
-            above = "gain above the zero" + (", before the sections" if self.sections else "")
-            share = f"1/{decimal(1 / drop, 3)} of the static gain"
+            above = f"gain above the {'zero' if drop <= 1 else 'pole'}"
+            above += ", before the sections" if self.sections else ""
+            share = (
+                f"1/{decimal(1 / drop, 3)} of the static gain"
+                if drop <= 1
+                else f"{decimal(drop, 3)} times the static gain"
+            )
             rows.append((above, quantity(self.gain_A_per_V * drop, "A/V"), share))
         for k, section in enumerate(self.sections, start=1):
             zero, pole = (
