@@ -13,7 +13,7 @@ from typer.testing import CliRunner
 
 from beamdesign import Prototype, read_prototype, write_prototype
 from beamdesign.cli import app
-from beamdesign.report.charts import plot_record
+from beamdesign.report.charts import plot_record, write_record_page
 from beamdesign.simulation import SimulatedRecord
 
 STUDIES = Path(__file__).parent.parent / "studies"
@@ -127,3 +127,29 @@ def test_stages_have_whole_numbers():
     )
     (panel,) = [axes for axes in plot_record(staged, {}).axes if axes.get_ylabel() == "stage, no."]
     assert all(tick == round(tick) for tick in panel.get_yticks())
+
+
+def test_a_legend_covers_no_curve():
+    figure = plot_record(record(), {"current_A": (0.01, "amplifier's limit")})
+    figure.canvas.draw()
+    (axes,) = [one for one in figure.axes if one.get_legend()]
+    legend = axes.get_legend().get_window_extent()
+    assert legend.y0 >= axes.bbox.y1 - 1
+    assert not any(legend.overlaps(one.get_tightbbox()) for one in figure.axes if one is not axes)
+
+
+def test_the_page_of_records_states_currents_in_their_unit_and_only_where_there_are_some(tmp_path: Path):
+    times = np.linspace(0.0, 1.0, 50)
+    wave = np.sin(20 * times)
+    columns = {"t_s": times, "displacement_m": 1e-4 * wave, "current_A": 13.5 * wave}
+    for names, told in ((tuple(columns), True), (("t_s", "displacement_m"), False)):
+        samples = np.column_stack([columns[name] for name in names])
+        one = SimulatedRecord("records", samples, columns=names, stable=True)
+        page, _ = write_record_page("rig", "scenario", {}, [one], {}, tmp_path)
+        text = page.read_text(encoding="utf-8")
+        assert ("largest current" in text) is told
+        largest = float(np.abs(columns["current_A"]).max())
+        assert (f"{largest:.4g} A</td>" in text) is told
+    # The record is called as the table of all is: each has a link of its own.
+    links, parts = (re.findall(pattern, text) for pattern in (r'<a href="#([^"]*)"', r'<section id="([^"]*)"'))
+    assert links == parts == ["records", "records-2"]

@@ -284,22 +284,24 @@ def _draw(axes: Axes, panel: _Panel, record: "SimulatedRecord", limits: Limits) 
     for (name, label), style in zip(shown, STYLES, strict=False):
         line = axes.plot(*_envelope(record.column("t_s"), factor * record.column(name)), linewidth=0.9, label=label)[0]
         line.set(**style)
-    drawn = len(shown) > 1
+    named = len(shown) > 1
     for name, _ in shown:
         if name in limits and peak > 0.2 * limits[name][0]:
             limit, words = limits[name]
             for sign in (1, -1):
-                named = f"{words} {factor * limit:g} {unit}" if sign > 0 else None
-                axes.axhline(sign * factor * limit, **LIMIT, label=named)
-            drawn = True
+                label = f"{words} {factor * limit:g} {unit}" if sign > 0 else None
+                axes.axhline(sign * factor * limit, **LIMIT, label=label)
+            named = True
     if record.diverged_at_s is not None:
         end = "diverged" if panel.label == "displacement" else None
         axes.axvline(record.diverged_at_s, color="0.45", linewidth=1.2, linestyle=":", label=end)
-        drawn = drawn or end is not None
+        named = named or end is not None
     axes.margins(x=0)
     if panel.label == "stage":
         axes.yaxis.set_major_locator(MaxNLocator(integer=True, min_n_ticks=1))
-    finish(axes, y=f"{panel.label}, {unit}", legend="upper left" if drawn else None)
+    finish(axes, y=f"{panel.label}, {unit}", legend=None)
+    if named:  # above the panel, so that it covers no curve
+        axes.legend(fontsize=8, loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=4, frameon=False, borderaxespad=0.0)
 
 
 def _envelope(times: np.ndarray, signal: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -348,9 +350,9 @@ def write_record_page(
         picture = Picture(svg, f"{record.name}.svg", escape(verdict))
         pictures.append(Part(record.name, (picture,)))
         largest = {name: float(np.abs(record.column(name)).max()) for name in _TOLD if name in record.columns}
-        current = f"{1e3 * largest['current_A']:.4g} mA" if "current_A" in largest else ""
-        rows.append((escape(record.name), escape(verdict), quantity(largest["displacement_m"], "m"), current))
-    heads = ("record", "verdict", "largest displacement", "largest current")
+        current = (quantity(largest["current_A"], "A"),) if "current_A" in largest else ()
+        rows.append((escape(record.name), escape(verdict), quantity(largest["displacement_m"], "m"), *current))
+    heads = ("record", "verdict", "largest displacement", "largest current")[: max(map(len, rows), default=4)]
     parts = [Part("Records", (Table(heads, tuple(rows), numbers=(2, 3)),))]
     if effects:
         given = (

@@ -128,11 +128,6 @@ class Part:
     title: str
     blocks: tuple[Block, ...]
 
-    @property
-    def anchor(self) -> str:
-        """Name of the section in links."""
-        return re.sub(r"[^a-z0-9]+", "-", self.title.lower()).strip("-")
-
 
 @dataclass(frozen=True)
 class Document:
@@ -151,6 +146,16 @@ class Document:
     def about(self) -> str:
         """What a page calls it above its title."""
         return f"{self.kind}{self.subject}"
+
+    @property
+    def anchored(self) -> dict[str, Part]:
+        """The sections by their names in links; of titles that would share one, later ones have a number behind it."""
+        found: dict[str, Part] = {}
+        for part in self.parts:
+            name = re.sub(r"[^a-z0-9]+", "-", part.title.lower()).strip("-")
+            names = (name, *(f"{name}-{count}" for count in range(2, len(self.parts) + 2)))
+            found[next(one for one in names if one not in found)] = part
+        return found
 
     @property
     def described(self) -> bool:
