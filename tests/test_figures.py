@@ -248,3 +248,17 @@ def test_nothing_touches_pyplot():
         "import sys, beamdesign.report.figures, beamdesign.report.canvas; sys.exit('matplotlib.pyplot' in sys.modules)"
     )
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+
+
+def test_a_logarithmic_scale_within_a_decade_has_numbers(remedy: Prototype):
+    axes = new_figure().add_subplot()
+    plot_critical_gain(axes, [0.0, 3.0, 6.0], {"one": [0.2, 0.4, 0.8]})
+    axes.figure.draw_without_rendering()
+    low, high = axes.get_ylim()
+    labels = [
+        label.get_text()
+        for minor in (False, True)
+        for label in axes.yaxis.get_ticklabels(minor=minor)
+        if low <= label.get_position()[1] <= high and label.get_text()
+    ]
+    assert len(labels) > 1

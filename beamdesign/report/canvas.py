@@ -19,7 +19,7 @@ from matplotlib.axis import Axis
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from matplotlib.ticker import NullFormatter, StrMethodFormatter
+from matplotlib.ticker import LogFormatter, StrMethodFormatter
 
 from beamdesign.files import write_whole
 from beamdesign.report.page import Picture
@@ -78,10 +78,10 @@ def finish(axes: Axes, x: str | None = None, y: str | None = None, legend: Place
 
 
 def plain_numbers(*scales: Axis) -> None:
-    """Label logarithmic scales with plain numbers, at their major ticks alone."""
+    """Label logarithmic scales with plain numbers: at their major ticks, and within a decade at others too."""
     for scale in scales:
         scale.set_major_formatter(StrMethodFormatter("{x:g}"))
-        scale.set_minor_formatter(NullFormatter())
+        scale.set_minor_formatter(LogFormatter())
 
 
 def note(
