@@ -176,8 +176,8 @@ class Goal(Record):
     )
     peak_over_passive: q.PeakOverPassive = Field(
         1.0,
-        description="limit of the largest |x / F_d| at any frequency, over the largest with the servo off (no current"
-        " in the valve) for the same payloads and, within tolerances, the same rigs; inf: no limit",
+        description="limit of the largest |x / F_d| at any frequency, over the largest with the servo off (it asks"
+        " for no current) for the same payloads and, within tolerances, the same rigs; inf: no limit",
     )
     loop_gain: q.LoopGain | None = Field(
         None, description="limit of |L| from loop_gain_from_Hz up, where the model leaves out modes; none: no limit"

@@ -161,6 +161,7 @@ def test_it_says_what_the_diagnosis_says(page: str, found: Diagnosis) -> None:
     assert "flow_gain is odd" in text
     assert "sensor lag, or transport delay" in text
     assert "Excite it at 300 Hz." in text
+    assert ">15 to 40 Hz</th>" in page
     assert "01: is clipped" in text
     for record in found.gap.records:
         assert record.record in text

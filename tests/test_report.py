@@ -12,6 +12,7 @@ from html.parser import HTMLParser
 from itertools import pairwise
 from math import inf, pi
 from pathlib import Path
+from types import SimpleNamespace
 
 import control
 import numpy as np
@@ -29,13 +30,21 @@ from beamdesign.build.acceptance import acceptance
 from beamdesign.build.result_folder import FILES, check_row, price_words, report_html, write_result_folder
 from beamdesign.loop import loop
 from beamdesign.plant.members import paper_model
+from beamdesign.polynomial import exact
 from beamdesign.prototype import InStage
 from beamdesign.quantities import at_least, at_most, decimal, per_cent, quantity
 from beamdesign.report.canvas import inline_svg, new_figure
 from beamdesign.report.charts import plot_trade, read_trade
 from beamdesign.report.drawing import draw_end, draw_section, draw_side
 from beamdesign.report.figures import shade_compliance
-from beamdesign.report.pictures import loop_pictures, plot_stable_gains, prototype_picture, stable_gains, wider_map
+from beamdesign.report.pictures import (
+    loop_pictures,
+    plot_stable_gains,
+    plot_stable_ranges,
+    prototype_picture,
+    stable_gains,
+    wider_map,
+)
 from beamdesign.structure.lumped import lumped_beam
 from beamdesign.synthesis.design_run import DesignRun
 
@@ -240,6 +249,47 @@ def test_root_locus_passes_the_axis_at_the_critical_gain_that_the_loop_states(ru
             crossings += [np.interp(0.0, x[k : k + 2], y[k : k + 2]) for k in over]
         stated = critical_gain(prototype, mass).frequency_Hz
         assert any(abs(crossing / stated - 1) < 0.01 for crossing in crossings), (mass, crossings, stated)
+
+
+def test_poles_and_locus_show_the_oscillation_at_which_the_loop_is_lost() -> None:
+    """With a ball screw, whose fastest poles are far off, where ten times the gain loses the loop with no payload."""
+    rig = screw()
+    stiff = rig.but(controller=rig.controller.but(gain_A_per_V=rig.controller.gain_A_per_V / 6))
+    fastest = max(abs(pole) for pole in loop(stiff).at(0.0).poles()) / (2 * pi)
+    lost = [stated.frequency_Hz for mass in (0.0, 6.8) if (stated := critical_gain(stiff, mass)) is not None]
+    found = {one.name: one for one in loop_pictures(stiff, loop(stiff))}
+    for axes in found["locus"].figure.axes:
+        assert max(lost) < axes.get_ylim()[1] < 1.5 * max(lost) < fastest
+    (axes,) = found["poles"].figure.axes
+    drawn = np.concatenate([np.hypot(line.get_xdata(), line.get_ydata()) for line in axes.lines[:3]])
+    assert drawn.max() < 1.5 * max(lost)
+    assert not any("valve" in one.caption for one in found.values())
+
+
+def test_pictures_of_one_payload_show_it_once() -> None:
+    tame = read_prototype(Path(__file__).parent.parent / "studies" / "prototypes" / "tame_lag.toml")
+    one = tame.but(payload=tame.payload.but(outer_end_mass_kg=(3.4, 3.4)))
+    found = {picture.name: picture for picture in loop_pictures(one, loop(one))}
+    assert [axes.get_title() for axes in found["locus"].figure.axes] == ["3.4 kg outside"]
+    for name in ("poles", "compliance"):
+        legend = found[name].figure.axes[0].get_legend()
+        texts = [text.get_text() for text in legend.get_texts()]
+        assert sum("3.4 kg" in text for text in texts) == 1, texts
+    assert not any("3.4 to 3.4" in picture.caption for picture in found.values())
+
+
+def test_notes_at_neighbouring_ends_of_stability_do_not_overlap() -> None:
+    crossings = [SimpleNamespace(value=at, frequency_Hz=36.71, finite=True) for at in (4.5678, 5.0123, 9.0)]
+    parts = [(0.0, 4.5678, True), (4.5678, 5.0123, False), (5.0123, 9.0, True), (9.0, 11.0, False)]
+    ranges = [SimpleNamespace(low=exact(low), high=exact(high), stable=stable) for low, high, stable in parts]
+    axes = (figure := new_figure(150, 48)).subplots()
+    plot_stable_ranges(
+        axes, {"": SimpleNamespace(ranges=ranges, crossings=crossings, low=exact(0.0), high=exact(11.0))}, (0.0, 4.0)
+    )
+    figure.canvas.draw()
+    boxes = [text.get_window_extent() for text in axes.texts if "Hz" in text.get_text()]
+    assert len(boxes) == 3
+    assert all(right.x0 > left.x1 for left, right in pairwise(boxes))
 
 
 def test_a_front_beside_the_result_is_shown(run: DesignRun, tmp_path: Path) -> None:

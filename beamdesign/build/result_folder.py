@@ -22,7 +22,7 @@ from beamdesign.proofs.lyapunov import CHANGES_NAME
 from beamdesign.prototype import InStage, Prototype
 from beamdesign.quantities import (
     decimal,
-    mass_range_text,
+    masses_text,
     per_cent,
     quantity,
     rigs_in_words,
@@ -105,10 +105,10 @@ def report_html(run: DesignRun, files: dict[str, str], trade: tuple[TradePoint, 
     if trade:
         shown.append(trade_picture(trade, guarantee.bandwidth_Hz, moving_mass_kg))
     pictures: dict[str, Block] = {one.name: in_page(one.figure, one.name, one.caption, hover=True) for one in shown}
-    masses = mass_range_text(guarantee.outer_end_mass_kg)
+    masses = masses_text(guarantee.outer_end_mass_kg)
     bandwidth, peak = stated_bandwidth(guarantee.bandwidth_Hz), stated_peak(guarantee.peak_sensitivity)
     verdict = Markup(
-        "For {}: with every mass from {} on its outer tip the rig is <strong>{}</strong>, gives way"
+        "For {}: with every mass of {} on its outer tip the rig is <strong>{}</strong>, gives way"
         " by no more than {} up to"
         " <strong>{}</strong>, and keeps its peak sensitivity at {} or below; it carries {} with beams of {}."
     ).format(
@@ -248,7 +248,7 @@ def statements(run: DesignRun) -> Iterator[Statement]:
     yield Statement(claim, _VERIFIED if passes else "refuted", "closed formulas in floating point")
     if run.holding:
         unasked = f"; not asked for want of figures: {', '.join(run.holding.missing)}" if run.holding.missing else ""
-        how = f"closed formulas, the root law of orifices, and the linear loop on a grid of frequencies{unasked}"
+        how = f"closed formulas and the linear loop on a grid of frequencies{unasked}"
         claim, fails = f"the actuator holds {run.holding.held}, the link level", bool(run.holding.missed)
         yield Statement(claim, "refuted" if fails else _VERIFIED, how)
     if sizing.stock:

@@ -324,7 +324,7 @@ def _floats(polynomial: fmpq_poly, degree: int) -> np.ndarray:
     return np.array([nearest(polynomial[power]) for power in range(degree, -1, -1)])
 
 
-# The largest compliance with the servo off: no current in the valve, oil spring and leakage as they are.
+# The largest compliance with the servo off: it asks for no current, and the actuator gives as it then does.
 #
 # The closed loop's compliance is this times the sensitivity. It is what the servo is to better, so that limits of the
 # closed loop's compliance are multiples of it. All of it is found by numerics and rounded down: no figure is above what

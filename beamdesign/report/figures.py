@@ -87,8 +87,9 @@ def plot_compliance(
 def passive_curves(prototype: Prototype, outer_end_mass: float) -> dict[str, LoopAtMass]:
     """What compliances a rig has without its servo, by label, at an outer end mass (kg); for `plot_compliance`.
 
-    That of the rig with the valve shut, at rest where it has effects; and, where it states sections, that of one tube
-    of the outer one's outside that weighs as much as both, with the same end mass: 1 / (K - M w^2 + j b w).
+    That of the rig whose actuator is asked for no current, at rest where it has effects; and, where it states sections,
+    that of one tube of the outer one's outside that weighs as much as both, with the same end mass:
+    1 / (K - M w^2 + j b w).
     """
     plant = family(prototype).rest.rig.plant(prototype.payload.inner_end_mass_kg)
     mass, none = exact(outer_end_mass), fmpq_poly([0])

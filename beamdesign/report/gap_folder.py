@@ -19,7 +19,7 @@ from beamdesign.diagnosis.redesign import LoopTerms, Redesign, payload_range
 from beamdesign.files import write_set
 from beamdesign.loop import loop
 from beamdesign.prototype import Prototype
-from beamdesign.quantities import decimal, mass_range_text, stated_bandwidth, stated_peak
+from beamdesign.quantities import decimal, masses_text, stated_bandwidth, stated_peak
 from beamdesign.records import InputError, to_toml
 from beamdesign.report.canvas import finish, in_page, new_figure, plain_numbers
 from beamdesign.report.figures import plot_compliance
@@ -133,7 +133,7 @@ def gap_report_html(
     conditions = {} if data is None else {r.name: condition_text(r) for r in data.records}
     own = (decimal, stated_bandwidth, stated_peak, in_words, place, controller_text, terms_table)
     template = page_template(
-        "gap_report.html", *own, share=share_text, figure=_figure, closed=closed_text, mass_range=mass_range_text
+        "gap_report.html", *own, share=share_text, figure=_figure, closed=closed_text, masses=masses_text
     )
     return template.render(
         found=found,

@@ -15,7 +15,7 @@ from beamdesign.diagnosis.gap_metrics import BANDS_HZ, in_bands
 from beamdesign.diagnosis.prediction_errors import Errors
 from beamdesign.diagnosis.redesign import LoopTerms, Terms
 from beamdesign.parameters import PARAMETERS
-from beamdesign.quantities import decimal, mass_range_text, quantity, stated_bandwidth, stated_peak
+from beamdesign.quantities import decimal, masses_text, quantity, stated_bandwidth, stated_peak
 from beamdesign.report.page import Table
 
 _FAINTEST, _STRONGEST = 1e-3, 1.0  # errors over the rms of the signal that are drawn as none and as full
@@ -184,7 +184,7 @@ def controller_text(controller: Controller, inner_end_mass_kg: float) -> str:
 
 def terms_table(loop: LoopTerms) -> Table:
     """What is promised: figure, as believed, as diagnosed."""
-    masses = mass_range_text(loop.outer_end_mass_kg)
+    masses = masses_text(loop.outer_end_mass_kg)
     ends = tuple(dict.fromkeys(loop.outer_end_mass_kg))
     names = ["proved stable outside", *(f"guaranteed {name}, {masses}" for name in ("bandwidth", "peak sensitivity"))]
     names += [f"critical gain at {mass:g} kg" for mass in ends]

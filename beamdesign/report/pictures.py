@@ -19,7 +19,7 @@ from beamdesign.loop import Loop, LoopAtMass
 from beamdesign.polynomial import exact, is_hurwitz, nearest
 from beamdesign.proofs.stability import StabilityMap, stable_ranges
 from beamdesign.prototype import InStage, Prototype
-from beamdesign.quantities import decimal, mass_range_text, quantity, read_in, rigs_in_words, stated_bandwidth
+from beamdesign.quantities import decimal, masses_text, quantity, read_in, rigs_in_words, stated_bandwidth
 from beamdesign.report.canvas import LIMIT, finish, new_figure, note
 from beamdesign.report.charts import TradePoint, plot_stable_bands, plot_trade
 from beamdesign.report.drawing import draw_section, draw_side
@@ -82,7 +82,8 @@ def loop_pictures(prototype: Prototype, loop: Loop) -> list[CaptionedFigure]:
     bounds, controller = prototype.payload.outer_end_mass_kg, prototype.controller
     if bounds is None or controller is None:
         raise ValueError("the pictures need [controller] and payload.outer_end_mass_kg")
-    goal, span = prototype.goal, mass_range_text(bounds)
+    goal, span = prototype.goal, masses_text(bounds)
+    ends = tuple(dict.fromkeys(bounds))
     curves = {f"{decimal(mass)} kg": loop.at(mass) for mass in InStage(prototype, bounds).looked_at_kg}
 
     pictures: list[CaptionedFigure] = []
@@ -98,19 +99,21 @@ def loop_pictures(prototype: Prototype, loop: Loop) -> list[CaptionedFigure]:
     promised = guarantee.bandwidth_Hz if guarantee and guarantee.outer_end_mass_kg == bounds else None
     caption = (
         "Closed-loop compliance, displacement of the outer tip per disturbance force on it, for masses on the outer"
-        f" tip; dots where each curve first passes the limit. Shaded: between the least and the largest at {FAMILY}"
-        " masses of the range, drawn and not proved. In colour, with the largest mass: the same rig with its servo off,"
-        " no current in the valve; and, where sections are stated, one tube of the outer one's width, material and"
-        " length that weighs as much as both tubes together."
+        " tip; dots where each curve first passes the limit. In colour, with the largest mass: the same rig with its"
+        " servo off, which asks for no current; and, where sections are stated, one tube of the outer one's width,"
+        " material and length that weighs as much as both tubes together."
     )
     if promised is not None:
         caption += (
             f" The thick line is proved: for every mass of {span} no curve passes above it, up to"
             f" {stated_bandwidth(promised)}."
         )
+    if len(ends) > 1:
+        caption += f" Shaded: between the least and the largest at {FAMILY} masses of the range, drawn and not proved."
     (axes,) = framed("compliance", 105, caption)
-    family = [loop.at(float(mass)) for mass in np.linspace(*bounds, FAMILY)]
-    shade_compliance(axes, family, f"{FAMILY} masses of {span}")
+    if len(ends) > 1:
+        family = [loop.at(float(mass)) for mass in np.linspace(*bounds, FAMILY)]
+        shade_compliance(axes, family, f"{FAMILY} masses of {span}")
     plot_compliance(axes, curves, goal.compliance_m_per_N, beside=passive_curves(prototype, bounds[1]))
     axes.legend(fontsize=8, loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2, frameon=False)
     if promised is not None:
@@ -139,22 +142,23 @@ def loop_pictures(prototype: Prototype, loop: Loop) -> list[CaptionedFigure]:
     plot_nyquist(axes, curves, peak)
     axes.legend(fontsize=8, loc="upper left", bbox_to_anchor=(1.01, 1.0), frameon=False)
 
-    caption = f"Closed-loop poles as the outer end mass goes from {span}: computed at the dots."
-    plot_pole_paths(framed("poles", 90, caption)[0], loop, *bounds)
+    reach = max(_locus_reach(loop.at(mass)) for mass in ends)
+    faster = f"poles faster than {decimal(reach, 3)} Hz"
+    goes = f"as the outer end mass goes from {span}: computed at the dots" if len(ends) > 1 else f"with {span} outside"
+    plot_pole_paths(framed("poles", 90, f"Closed-loop poles {goes}; {faster} are left out.")[0], loop, *bounds, reach)
 
-    reach = max(_locus_reach(loop.at(mass)) for mass in bounds)
     caption = (
         f"Root locus: closed-loop poles as the gain goes from none to {LOCUS_GAIN:g} times this design's, with"
-        f" {bounds[0]:g} kg and {bounds[1]:g} kg on the outer tip. Squares: at this design's gain of"
-        f" {quantity(controller.gain_A_per_V, 'A/V')}. Left of the dashed line is stable; poles faster than"
-        f" {decimal(reach, 3)} Hz lie outside."
+        f" {' and '.join(f'{mass:g} kg' for mass in ends)} on the outer tip. Squares: at this design's gain of"
+        f" {quantity(controller.gain_A_per_V, 'A/V')}. Left of the dashed line is stable; {faster} lie outside."
     )
-    left, right = framed("locus", 88, caption, columns=2)
-    for panel, mass in ((left, bounds[0]), (right, bounds[1])):
+    panels = framed("locus", 88, caption, columns=len(ends))
+    for panel, mass in zip(panels, ends, strict=True):
         _draw_locus(panel, loop, mass, reach)
-    right.set_ylabel("")
-    if (legend := right.get_legend()) is not None:  # it says what the left one does
-        legend.remove()
+    for panel in panels[1:]:
+        panel.set_ylabel("")
+        if (legend := panel.get_legend()) is not None:  # it says what the first one does
+            legend.remove()
 
     wide = wider_map(loop, *bounds)
     caption = (
@@ -185,10 +189,14 @@ def trade_picture(points: tuple[TradePoint, ...], bandwidth_Hz: float, moving_ma
 
 
 def _locus_reach(loop: LoopAtMass) -> float:
-    """Somewhat beyond the fastest oscillation at which the loop is lost within the gains drawn, Hz."""
-    lost = [c.frequency_Hz for c in loop.gain_crossings() if 0 < c.value < LOCUS_GAIN]
-    slow = [abs(pole.imag) / (2 * np.pi) for pole in loop.poles()]
-    return 1.35 * max(lost or [1.0, *slow])
+    """Somewhat beyond the fastest oscillation at which the loop is lost within the gains drawn, Hz.
+
+    Where none of them loses it, beyond the oscillation at the least gain that does; where no gain does, beyond all.
+    """
+    crossings = [c for c in loop.gain_crossings() if 0 < c.value < inf]
+    lost = [c for c in crossings if c.value < LOCUS_GAIN] or crossings[:1]
+    oscillations = [c.frequency_Hz for c in lost] or [abs(pole.imag) / (2 * np.pi) for pole in loop.poles()]
+    return 1.35 * max([1.0, *oscillations])
 
 
 def _draw_locus(axes: Axes, loop: Loop, mass_kg: float, reach: float) -> None:
@@ -225,12 +233,15 @@ def plot_stable_ranges(axes: Axes, maps: Mapping[str, StabilityMap], asked_kg: t
             if high - low > 0.12 * (nearest(found.high) - nearest(found.low)):
                 box = {"facecolor": colour, "edgecolor": "none", "pad": 1.5}
                 axes.text((low + high) / 2, -row, words, ha="center", va="center", fontsize=8, bbox=box)
-        for crossing in found.crossings:
-            if not crossing.finite:
-                continue
+        crossings = [crossing for crossing in found.crossings if crossing.finite]
+        places = [-inf, *(crossing.value for crossing in crossings), inf]
+        near = 0.13 * nearest(found.high)
+        for before, crossing, after in zip(places, crossings, places[2:], strict=False):
             axes.plot([crossing.value] * 2, [-row - 0.25, -row + 0.33], color="black", linewidth=1.2)
             words = f"{crossing.value:.4g} kg\n{crossing.frequency_Hz:.3g} Hz"
-            note(axes, words, (crossing.value, -row + 0.33), (0, 1), va="bottom")
+            crowded = crossing.value - before < near, after - crossing.value < near
+            aside = {(True, False): "left", (False, True): "right"}.get(crowded, "center")  # two stand back to back
+            note(axes, words, (crossing.value, -row + 0.33), (0, 1), aside, va="bottom")
         axes.plot(asked_kg, [-row - 0.34] * 2, "|-", color="black", linewidth=1.6, markersize=7)
     note(axes, "range asked for", (sum(asked_kg) / 2, -len(maps) + 1 - 0.34), (0, -3), va="top")
     end = max(nearest(found.high) for found in maps.values())
@@ -310,22 +321,26 @@ def plot_stable_gains(
     return axes
 
 
-def plot_pole_paths(axes: Axes, loop: Loop, low_kg: float, high_kg: float, count: int = 41) -> Axes:
+def plot_pole_paths(
+    axes: Axes, loop: Loop, low_kg: float, high_kg: float, reach_Hz: float = inf, count: int = 41
+) -> Axes:
     """Closed-loop poles in the upper half plane as the outer end mass goes through its range.
 
     Args:
         axes: drawn on, in Hz.
         loop: the closed loop.
         low_kg: least mass, marked by circles.
-        high_kg: largest mass, marked by squares.
+        high_kg: largest mass, marked by squares; may be the same.
+        reach_Hz: distance from the origin up to which poles are drawn.
         count: masses at which poles are computed.
     """
     paths = [loop.at(mass).poles() / (2 * np.pi) for mass in np.linspace(low_kg, high_kg, count)]
     track = np.concatenate(paths)
-    track = track[track.imag >= 0]
+    track = track[(track.imag >= 0) & (np.abs(track) <= reach_Hz)]
     axes.plot(track.real, track.imag, ".", color="0.45", markersize=2.5)
-    for poles, mass, marker in ((paths[0], low_kg, "o"), (paths[-1], high_kg, "s")):
-        upper = poles[poles.imag >= 0]
+    ends = {low_kg: (paths[0], "o")} | ({high_kg: (paths[-1], "s")} if high_kg > low_kg else {})
+    for mass, (poles, marker) in ends.items():
+        upper = poles[(poles.imag >= 0) & (np.abs(poles) <= reach_Hz)]
         (marks,) = axes.plot(upper.real, upper.imag, marker, color="black", label=f"{mass:g} kg")
         marks.set(markersize=5, fillstyle="none")
     axes.axvline(0.0, **LIMIT)
