@@ -9,7 +9,7 @@ import xml.etree.ElementTree as ElementTree
 from decimal import Decimal
 from html import unescape
 from html.parser import HTMLParser
-from itertools import pairwise
+from itertools import combinations, pairwise
 from math import inf, pi
 from pathlib import Path
 from types import SimpleNamespace
@@ -564,6 +564,26 @@ def test_drawings_are_to_scale(run: DesignRun) -> None:
     at_tip = inner_top[inner_top[:, 0] == 0.0][:, 1].max()
     sag = 1e3 * force / lumped_beam(inner).stiffness
     assert at_tip == pytest.approx(1e3 * inner.width_m / 2 - sag)
+
+
+@pytest.mark.parametrize("factor", [0.25, 1.0, 5.0, 30.0])
+def test_words_of_a_stubby_and_of_a_slender_link_neither_touch_nor_leave_the_picture(factor: float) -> None:
+    tame = read_prototype(Path(__file__).parent.parent / "studies" / "prototypes" / "tame_lag.toml")
+    lengths = ("length_m", "free_length_m")
+    own = dict.fromkeys(("stiffness_N_per_m", "effective_mass_kg"))
+    beams = {
+        name: (beam := getattr(tame, name)).but(**{key: factor * getattr(beam, key) for key in lengths}, **own)
+        for name in ("outer_beam", "inner_beam")
+    }
+    figure = prototype_picture(tame.but(**beams), 12345.0).figure
+    assert cut_off(figure) == []
+    page = figure.bbox
+    for axes in figure.axes[1:]:
+        words = [text for text in (*axes.texts, axes.title) if text.get_text()]
+        assert any(text.get_text() == "12345 N" for text in words)
+        boxes = [text.get_window_extent() for text in words]
+        assert all(page.x0 <= box.x0 and box.x1 <= page.x1 for box in boxes)
+        assert not any(one.overlaps(other) for one, other in combinations(boxes, 2))
 
 
 def test_a_beam_without_geometry_cannot_be_drawn(paper: Prototype) -> None:

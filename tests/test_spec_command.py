@@ -164,6 +164,7 @@ def test_no_line_of_the_drawing_runs_through_a_dimension(clamped: float) -> None
     )
     drawn = [entity for one in drawing(rig).modelspace().query("DIMENSION") for entity in one.virtual_entities()]
     lines = [(one.dxf.start, one.dxf.end) for one in drawn if one.dxftype() == "LINE"]
+    lines += [(one.dxf.start, one.dxf.end) for one in drawing(rig).modelspace().query('LINE[layer=="CENTRE"]')]
     upright = [(start.x, *sorted((start.y, end.y))) for start, end in lines if abs(start.x - end.x) < 1e-6]
     words = [one for one in drawn if one.dxftype() == "MTEXT"]
     assert (len(words), {one.dxf.attachment_point for one in words}) == (11, {5})  # each about its middle

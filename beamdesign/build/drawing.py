@@ -123,7 +123,8 @@ def svg_text(document: "Drawing", description: str) -> str:
         background_policy=BackgroundPolicy.OFF, color_policy=ColorPolicy.BLACK, lineweight_scaling=0.5
     )
     Frontend(RenderContext(document), backend, config=config).draw_layout(document.modelspace())
-    text = backend.get_string(layout.Page(400, 0, layout.Units.mm), settings=layout.Settings(scale=1 / 5))
+    page = layout.Page(400, 0, layout.Units.mm, layout.Margins.all(4))
+    text = backend.get_string(page, settings=layout.Settings(scale=1 / 5))
     text = re.sub(r"\bC(\d+)\b(?=[ \"{])", r"drawing-\1", text)
     return svg_element(text.replace("#000000", "var(--ink, #000)"), description)
 
@@ -202,7 +203,7 @@ def _across(space: "Modelspace", outer: Drawn, inner: Drawn, scale: float) -> No
     for layer, tube in (("OUTER_TUBE", outer), ("INNER_TUBE", inner)):
         for outline in tube.outlines:
             _rounded(space, layer, x, *outline)
-    for along in ((x - half - 6 * scale, 0, x + half + 6 * scale, 0), (x, -high - 6 * scale, x, high + 6 * scale)):
+    for along in ((x - half - 6 * scale, 0, x + half + 6 * scale, 0), (x, -high - 4 * scale, x, high + 6 * scale)):
         space.add_line(along[:2], along[2:], dxfattribs={"layer": "CENTRE"})
     for tube, drop in ((outer, 2 * step), (inner, step)):
         side, ring = tube.width / 2, tube.section.shape == "round"

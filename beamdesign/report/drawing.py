@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from beamdesign.prototype import Beam, Prototype
+from beamdesign.quantities import decimal
 from beamdesign.report.canvas import LIMIT, STYLES, finish, new_figure, note
 from beamdesign.spelling import in_plot
 from beamdesign.structure import lumped
@@ -163,19 +164,20 @@ def draw_side(prototype: Prototype, tip_force_N: float, axes: "Axes", servo_on: 
                 axes.plot(
                     [tube.back, 0], [side * tube.depth / 2] * 2, color=_LINE, linewidth=0.5, linestyle=(0, (6, 4))
                 )
-    _clamps(axes, outer, inner)
-    _load(axes, outer.depth / 2 - (0 if servo_on else deflection), outer.depth, tip_force_N)
+    back = min(outer.back, inner.back)
+    room = max(outer.depth, -back / 11)  # for a dimension and its words, of a slender link too
+    _clamps(axes, outer, inner, room)
+    _load(axes, outer.depth / 2 - (0 if servo_on else deflection), room, tip_force_N)
     gap = clearances(outer.section, inner.section)[0]
     which, left = ("inner", "straight") if servo_on else ("outer", "unloaded")
     other = "outer" if servo_on else "inner"
     axes.set_title(
-        f"Servo {'on' if servo_on else 'off'}: {which} tip down by {deflection:.3g} mm, {other} beam {left};"
-        f" gap left {gap - deflection:.3g} of {gap:.3g} mm",
+        f"Servo {'on' if servo_on else 'off'}: {which} tip down by {deflection:.3g} mm, {other} beam {left};\n"
+        f"gap left {gap - deflection:.3g} of {gap:.3g} mm",
         fontsize=9,
-        loc="left",
     )
-    back = min(outer.back, inner.back)
-    axes.set(xlim=(1.04 * back, -0.1 * back), ylim=(-1.48 * outer.depth, 1.35 * outer.depth), aspect="equal")
+    low, high = -0.72 * outer.depth - 0.82 * room, 0.5 * outer.depth + 0.85 * room
+    axes.set(xlim=(1.04 * back, -0.1 * back), ylim=(low, high), aspect="equal")
     axes.set_axis_off()
     return axes
 
@@ -205,7 +207,7 @@ def _dimension(axes: "Axes", start: tuple[float, float], end: tuple[float, float
     note(axes, text, middle, (0, -2 if below else 2), va="top" if below else "bottom")
 
 
-def _clamps(axes: "Axes", outer: Drawn, inner: Drawn) -> None:
+def _clamps(axes: "Axes", outer: Drawn, inner: Drawn, room: float) -> None:
     """The base around the clamped part of the outer tube, the plug that holds the inner one, and the free lengths."""
     from matplotlib.patches import Rectangle
 
@@ -219,17 +221,17 @@ def _clamps(axes: "Axes", outer: Drawn, inner: Drawn) -> None:
     for x, length, y, height in blocks:
         axes.add_patch(Rectangle((x, y), length, height, facecolor=_BASE, edgecolor=_LINE, linewidth=0.4, hatch="////"))
     low = -outer.depth / 2 - thick
-    for tube, drop in ((outer, 0.28), (inner, 0.68)):
-        y = low - drop * outer.depth
-        _dimension(axes, (-tube.free, y), (0, y), f"{tube.free:.4g}", below=False)
-    axes.plot([0, 0], [low - 0.73 * outer.depth, -outer.depth / 2], color=_LINE, linewidth=0.4, linestyle=":")
+    for tube, drop in ((outer, 0.38), (inner, 0.74)):
+        y = low - drop * room
+        _dimension(axes, (-tube.free, y), (0, y), decimal(tube.free), below=False)
+    axes.plot([0, 0], [low - 0.79 * room, -outer.depth / 2], color=_LINE, linewidth=0.4, linestyle=":")
 
 
-def _load(axes: "Axes", tip: float, width: float, force: float) -> None:
+def _load(axes: "Axes", tip: float, room: float, force: float) -> None:
     axes.annotate(
-        f"{force:.4g} N",
+        f"{decimal(force)} N",
         (0, tip),
-        xytext=(0, tip + 0.55 * width),
+        xytext=(0, tip + 0.55 * room),
         arrowprops={"arrowstyle": "-|>", "color": _LINE, "linewidth": 1.2, "shrinkB": 0},
         ha="center",
         fontsize=8,
