@@ -14,6 +14,7 @@ from beamdesign import Prototype, critical_gain, read_prototype, state_space
 from beamdesign.loop import LoopAtMass, loop
 from beamdesign.quantities import decibels, from_decibels
 from beamdesign.report.canvas import STYLES, new_figure, save
+from beamdesign.report.charts import TradePoint, plot_trade
 from beamdesign.report.figures import (
     frequency_grid,
     plot_compliance,
@@ -211,7 +212,7 @@ def test_gains_of_motors_are_drawn_in_amperes():
 
 
 def test_styles_differ_in_grey():
-    assert len({tuple(style.values()) for style in STYLES}) == len(STYLES)
+    assert len({tuple(style.values()) for style in STYLES}) == len(STYLES) == 8
     assert {style["color"] for style in STYLES} <= {"black", "0.45"}
 
 
@@ -262,3 +263,10 @@ def test_a_logarithmic_scale_within_a_decade_has_numbers(remedy: Prototype):
         if low <= label.get_position()[1] <= high and label.get_text()
     ]
     assert len(labels) > 1
+
+
+def test_a_front_without_a_proved_design_has_no_scale_of_masses():
+    axes = plot_trade(new_figure().add_subplot(), [], failed_Hz=[10.0, 12.0])
+    assert list(axes.get_yticks()) == []
+    axes = plot_trade(new_figure().add_subplot(), [TradePoint(6.8, 3.0, 9.0)], failed_Hz=[10.0])
+    assert len(axes.get_yticks()) > 0

@@ -31,8 +31,11 @@ STYLES = (
     {"color": "black", "linestyle": "--"},
     {"color": "0.45", "linestyle": ":"},
     {"color": "black", "linestyle": "-."},
+    {"color": "0.45", "linestyle": "--"},
+    {"color": "black", "linestyle": ":"},
+    {"color": "0.45", "linestyle": "-."},
 )
-"""Line styles that stay apart in grey print, in order of use."""
+"""Line styles that stay apart in grey print, in order of use; after eight they begin again."""
 
 LIMIT: dict[str, Any] = {"color": "black", "linewidth": 0.8, "linestyle": (0, (8, 3))}
 """Line style of a limit or a boundary."""

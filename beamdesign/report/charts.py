@@ -37,7 +37,6 @@ if TYPE_CHECKING:
 
 FRONT_NAME = "front.csv"
 """Of the table that `beamdesign front` writes."""
-_STYLES = (*STYLES, {"color": "0.45", "linestyle": "--"})
 
 
 def plot_envelope(axes: Axes, envelope: "Envelope", asked_N: float | None = None) -> Axes:
@@ -52,7 +51,7 @@ def plot_envelope(axes: Axes, envelope: "Envelope", asked_N: float | None = None
     top = 6 * float(max(least.max(), asked_N or 0.0))
     bottom = 0.5 * float(max(least.min(), 1e-3 * top))
     axes.fill_between(frequency, bottom, least, color="0.9", linewidth=0)
-    for (name, limit), style in zip(envelope.limits_N.items(), cycle(_STYLES), strict=False):
+    for (name, limit), style in zip(envelope.limits_N.items(), cycle(STYLES), strict=False):
         line = axes.loglog(frequency, np.minimum(limit, 10 * top), label=name, linewidth=1.1)[0]
         line.set(**style)
     axes.loglog(frequency, least, color="black", linewidth=2.4, label="envelope")
@@ -124,6 +123,8 @@ def plot_trade(
         axes.plot([own[0]], [own[1]], "s", color="black", markersize=8, fillstyle="none", label="this design")
     if failed_Hz:
         axes.plot(failed_Hz, [0.97] * len(failed_Hz), "kx", transform=axes.get_xaxis_transform())
+    if not points and own is None:
+        axes.set_yticks([])  # there is no mass to tell
     return finish(axes, "guaranteed bandwidth, Hz", "moving mass, kg")
 
 
