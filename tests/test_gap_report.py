@@ -4,7 +4,7 @@ import json
 import re
 from dataclasses import replace
 from html.parser import HTMLParser
-from math import pi, sqrt
+from math import nan, pi, sqrt
 from pathlib import Path
 
 import numpy as np
@@ -399,3 +399,15 @@ def test_of_a_payload_off_the_axis_no_loop_on_it_is_drawn_or_tuned(data: Dataset
     assert "beamdesign tune" not in text
     assert "beamdesign arm prototype.toml" in text
     assert "Compliance with" in gap_report_html(found, {"prototype": "prototype.toml", "json": "d.json"}, data, loops)
+
+
+def test_what_is_proved_of_a_prototype_that_leaves_the_gap_is_no_promise(
+    data: Dataset, found: Diagnosis, page: str
+) -> None:
+    assert "no promise" not in page
+    left = replace(found, verdict="unknown", gap=replace(found.gap, closed=0.43))
+    loops = designer_terms(data, found.prototype)
+    text = gap_report_html(left, {"prototype": "prototype.toml", "json": "d.json"}, data, loops)
+    assert "leaves 57% of the gap: what is proved of it is no promise of the rig" in text
+    assert "leaves the gap:" in replace(left, gap=replace(found.gap, closed=nan)).reserve
+    assert not replace(left, gap=replace(found.gap, closed=0.9)).reserve

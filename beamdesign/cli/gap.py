@@ -119,6 +119,8 @@ def _diagnose(dataset: Path, folder: Path, renew: bool, workers: int, minutes: f
         title = ("new: " if loop.new else "") + controller_text(loop.controller, loop.inner_end_mass_kg)
         promised = terms_table(loop)
         echo_table(title, promised.heads, promised.rows)
+    if found.reserve:
+        echo(found.reserve)
     if renewed is not None and renewed.reason:
         echo(f"no new controller: {renewed.reason}")
     if renewed is None:

@@ -219,6 +219,7 @@ class CauseSet:
 
 Rig = TypeVar("Rig", bound=AnyPrototype)
 _LISTED, _LEAST_PROBABILITY = 12, 1e-6  # sets of causes
+_MOST_OF_IT = 0.8  # of the gap
 
 
 @dataclass(frozen=True, repr=False)
@@ -283,6 +284,14 @@ class Diagnosis(Generic[Rig], Result):
     def status(self) -> str:
         """The verdict."""
         return self.verdict
+
+    @property
+    def reserve(self) -> str:
+        """Why what is proved of its prototype is no promise of the rig, in words; empty where the gap is explained."""
+        if self.verdict != "unknown" or self.gap.closed >= _MOST_OF_IT:
+            return ""
+        left = f"{1 - max(self.gap.closed, 0.0):.0%} of the gap" if self.gap.closed == self.gap.closed else "the gap"
+        return f"The prototype that is written leaves {left}: what is proved of it is no promise of the rig."
 
     def to_dict(self) -> dict[str, Any]:
         """Everything it says as plain fields for programs: names and units of its JSON file.
