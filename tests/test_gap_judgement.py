@@ -17,6 +17,7 @@ from beamdesign.diagnosis.fitting.starts import fit_from_starts, resonances, sta
 from beamdesign.diagnosis.judgement import (
     THRESHOLDS,
     Judgement,
+    cause_sets,
     causes,
     classes,
     deviations,
@@ -152,6 +153,15 @@ def test_a_cause_that_may_as_well_be_something_unknown_is_no_sure_one():
         unknown=0.35,
     )
     assert "something that is not known here (35%)" in told
+
+
+def test_where_tolerances_leave_nothing_no_cause_has_a_share_of_the_gap():
+    search = found(made((), 0.95 * EXPECTED), made((LAG,), 0.9 * EXPECTED))
+    judged = judge(search)
+    assert [cause.share for cause in causes(search, judged)] in ([], [0.0])
+    assert all(one.share_left != one.share_left for one in cause_sets(search, judged))
+    much = found(made((), 20 * EXPECTED), made((LAG,), 1.1 * EXPECTED))
+    assert causes(much, judge(much))[0].share > 0.9
 
 
 @pytest.mark.parametrize(("unknown", "words"), [(0.1, "bear no answer"), (0.9, "Nothing that is known here")])

@@ -339,10 +339,10 @@ def cause_sets(found: Search, judged: Judgement) -> tuple[CauseSet, ...]:
 
 
 def share_of(name: str, holder: Fit, found: Search, fits: dict[Hypothesis, Fit]) -> float:
-    """Part of the explainable misfit that goes with a cause: what comes back when it alone is taken away."""
+    """Part of the explainable misfit that comes back when one cause is taken away; 0 where tolerances leave none."""
     rest = {*holder.hypothesis.without(name).names}  # some of these, where the others mean nothing by themselves
     left = min((found.excess(f) for f in fits.values() if {*f.hypothesis.names} <= rest), default=1.0)
-    return float(min(1.0, max(0.0, min(left, 1.0) - found.excess(holder))))
+    return float(min(1.0, max(0.0, min(left, 1.0) - found.excess(holder)))) * (found.null.misfit > found.expected)
 
 
 def deviations(found: Fit, of: Search) -> dict[str, float]:
