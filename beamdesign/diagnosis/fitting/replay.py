@@ -6,14 +6,13 @@ from functools import cache
 from math import ceil
 
 import numpy as np
-from scipy.linalg import schur
 
 from beamdesign.diagnosis.data.dataset import TimeRecord
 from beamdesign.diagnosis.fitting.hypothesis import NOTHING, Placement, cause
 from beamdesign.diagnosis.fitting.weighting import LOWEST_HZ, Rise, Weighting, blurred, faded
 from beamdesign.plant.assembly import Assembly, Structure, assemble, parameters_of
 from beamdesign.plant.compiled import half_steps, integrate, integrate_with_sensitivities
-from beamdesign.plant.equilibrium import equilibrium, equilibrium_sensitivity, linearise, scales
+from beamdesign.plant.equilibrium import equilibrium, equilibrium_sensitivity, linearise
 from beamdesign.prototype import Prototype
 
 FURTHEST_M = 0.5
@@ -61,8 +60,7 @@ class Replay:
         """(F, C) what channels read of a sine of 1 m of noise at the displacement's sensor, which the loop feeds back.
 
         By the linear loop at rest, no more than `_LOUDEST`, as a believed loop may be next to unstable; without a loop
-        where the rig has no equilibrium. The loop is made triangular once, as a long record has a million frequencies
-        (A. J. Laub, IEEE Trans. Autom. Control 26 (1981) 407, who takes Hessenberg's form).
+        where the rig has no equilibrium.
         """
         placed, parameters = self.placed(placement), self.parameters(placement, z)
         read = np.array([[complex(name == DISPLACEMENT) for name in channels]] * len(frequencies_Hz))
@@ -71,15 +69,12 @@ class Replay:
         except ValueError:
             return read
         rows = [placed.assembly.outputs.index(name) for name in channels]
-        weight = scales(placed.assembly)
-        triangular, basis = schur(loop.a / weight[:, None] * weight, output="complex")
-        driven, s = basis.conj().T @ (loop.b[:, 1] / weight), 2j * np.pi * frequencies_Hz
-        state = np.zeros((len(weight), len(s)), complex)
-        for k in reversed(range(len(weight))):
-            state[k] = (driven[k] + triangular[k, k + 1 :] @ state[k + 1 :]) / (s - triangular[k, k])
-        moved = state.T @ (loop.c[rows] * weight @ basis).T + loop.d[rows, 1]
+        moved, unit, driven = [], np.eye(len(loop.a)), loop.b[:, [1]].astype(complex)
+        for part in np.array_split(2j * np.pi * frequencies_Hz, len(frequencies_Hz) // _AT_ONCE + 1):
+            state = np.linalg.solve(part[:, None, None] * unit - loop.a, driven)[:, :, 0]
+            moved.append(state @ loop.c[rows].T + loop.d[rows, 1])
         # noise at the sensor is a command with the other sign
-        found = read - self.prototype.sensor.gain_V_per_m * moved
+        found = read - self.prototype.sensor.gain_V_per_m * np.concatenate(moved)
         return np.asarray(found * np.minimum(1.0, _LOUDEST / np.abs(found[:, channels.index(DISPLACEMENT)]))[:, None])
 
     def simulated_with_slopes(
@@ -213,6 +208,7 @@ _BEARING_M, _BRIEFLY, _FOLLOWING = 2e-6, 0.45, 0.75  # shares: how much the pole
 
 DISPLACEMENT = "displacement_m"
 _LOUDEST = 10.0
+_AT_ONCE = 4096  # frequencies: a long record has a million, each with a matrix of its own
 
 
 def at_the_sensor(job: Replay) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
