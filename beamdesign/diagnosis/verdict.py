@@ -139,11 +139,13 @@ def sentences(
             also = f"; it may as well be {listed(others, 'or')}" if others else ""
             probable = {c.name: c.probability for c in causes}
             first = f"The gap is most probably caused by {culprits}{also}."
-            if max(probable.values()) > max((probable[name] for name in chosen), default=1.0):
+            if max(probable.values(), default=0.0) > max((probable[name] for name in chosen), default=1.0):
                 predicts = "predicts" if len(chosen) == 1 else "predict"
                 first = f"Of what is nearly as probable, {culprits} {predicts} best what was held out{also}."
         case _ if unknown <= 0.5 and not rare <= LEVEL:
-            first = "These data bear no answer (see the warnings); as far as they go, tolerances explain them."
+            first = "What was compared leaves no gap that the tolerances of the prototype would not explain."
+            if complete:
+                first = "These data bear no answer (see the warnings); as far as they go, tolerances explain them."
         case _:
             place = f" It lies in the {where.subsystem}." if where.subsystem else ""
             first = f"Nothing that {'is known here' if complete else 'was compared'} explains the gap.{place}"
