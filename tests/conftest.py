@@ -65,6 +65,15 @@ def computed_here(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.fixture
+def one_start() -> Iterator[None]:
+    """Searches for a law and for sections go on with their best start alone."""
+    from one_start import best_start_alone
+
+    with best_start_alone():
+        yield
+
+
+@pytest.fixture
 def paper() -> Prototype:
     """The appendix of Zalucky and Hardt (1984) in SI, without a controller; valve damping 0.5 as the README states."""
     return Prototype(

@@ -60,6 +60,7 @@ def test_run_that_finds_no_design_says_why_and_leaves_no_folder(tmp_path: Path) 
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.usefixtures("one_start")
 def test_codesign_and_front_of_the_template_are_proved_and_agree(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -99,6 +100,7 @@ def test_codesign_and_front_of_the_template_are_proved_and_agree(
     assert str(out / "front.csv") in said
 
 
+@pytest.mark.usefixtures("one_start")
 def test_remedies_are_compared_on_the_template(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(remedies, "SCHEDULE_PARTS", 2)
     monkeypatch.setattr(remedies, "FREEDOMS", (remedies.UNTOUCHED, remedies.FREEDOMS[3]))

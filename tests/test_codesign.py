@@ -37,6 +37,7 @@ def violations(prototype: Prototype, masses: tuple[float, float], bandwidth: flo
     return found
 
 
+@pytest.mark.usefixtures("one_start")
 def test_codesign_is_lighter_than_the_published_sections_for_the_same_guarantee() -> None:
     # The published tubes with 4.5 kg inside move 14.65 kg and guarantee 3.8 Hz; a rough search on grids found 9.5 kg.
     problem = read_problem(STUDIES / "codesign.toml")

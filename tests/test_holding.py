@@ -134,6 +134,7 @@ def test_the_tubes_do_not_touch_under_load_and_weight() -> None:
         assert moved.met is met
 
 
+@pytest.mark.usefixtures("one_start")
 def test_a_payload_that_closes_the_gap_is_refused_and_more_gap_is_enough() -> None:
     """The sections of a study leave the gap that it asks for under its load; the weight beside it takes more."""
     problem = study(load__tip_force_N=800.0, payload__outer_end_mass_kg=[0.0, 30.0])
@@ -204,6 +205,7 @@ def test_a_bandwidth_that_is_of_no_use_is_no_design() -> None:
 
 
 @pytest.mark.parametrize("changes", [LOADED, LADEN], ids=["loaded", "laden"])
+@pytest.mark.usefixtures("one_start")
 def test_what_cannot_be_held_is_not_certified_and_each_change_is_true(
     changes: dict[str, Any], tmp_path: Path, tried: Callable[[int], int]
 ) -> None:
@@ -227,6 +229,7 @@ def test_what_cannot_be_held_is_not_certified_and_each_change_is_true(
         assert run_design(changed(problem, way), sigmas=0.0).prototype is not None
 
 
+@pytest.mark.usefixtures("one_start")
 def test_codesign_asks_the_same_of_what_it_finds() -> None:
     problem = read_problem(STUDY.with_name("codesign.toml"))
     found = codesign(problem.but(load=problem.load.but(tip_force_N=2300.0)), PAYLOAD, 3.0, sigmas=0.0)

@@ -469,6 +469,7 @@ def test_the_worst_rig_is_found_at_a_resonance_as_sharp_as_it_is_far_from_the_ot
     assert refuted.frequency_Hz == pytest.approx(worst.frequency_Hz, rel=1e-3)
 
 
+@pytest.mark.usefixtures("one_start")
 def test_the_shipped_study_is_designed_for_every_rig_within_its_tolerances() -> None:
     found = run_design(read_problem(PAPER.parent.parent / "prototype.toml"))
     assert found.prototype is not None, found.reason

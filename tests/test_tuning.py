@@ -206,6 +206,7 @@ def refused(found: Tuning, given: Prototype) -> None:
     ("change", "words"),
     [({"peak_sensitivity": 1.0001}, "at most 1.0001"), ({"compliance_m_per_N": 1e-13}, "1e-13 m/N")],
 )
+@pytest.mark.usefixtures("one_start")
 def test_a_goal_out_of_reach_is_a_no_with_its_reason(rig: Prototype, change, words):
     asked = rig.but(goal=rig.goal.but(**change))
     found = tune(asked, RANGE_KG, sigmas=0.0)
