@@ -480,7 +480,8 @@ def checked(made_once, tmp_path_factory):
         for room in (searching, separability):
             patch.setattr(room, "singles", few)
         patch.setattr(looking, "backlash_impacts", lambda *given: None)  # play is none of the few
-        patch.setattr(diagnosing, "next_experiment", lambda *given: None)  # has tests of its own, and takes longest
+        for longest in ("next_experiment", "learn"):  # have tests of their own
+            patch.setattr(diagnosing, longest, lambda *given: None)
         shutil.copytree(made_once("five_blind_cases", make), folder)
         yield blindcheck.begin_check(folder, len(FIVE), 0, True, FIVE), now
 
