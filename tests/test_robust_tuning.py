@@ -56,7 +56,7 @@ SEEN_HZ = np.concatenate([np.geomspace(0.05, 15.0, 60), np.geomspace(15.0, 60.0,
 
 @pytest.fixture(scope="module")
 def rig() -> Prototype:
-    """The published rig with tolerances of some per cent, its loop gain limited as a valve asks for."""
+    """The published rig with tolerances of some per cent, that of the mass inside too; its loop gain is limited."""
     record = read_prototype(PAPER)
     tolerance = Tolerance(
         stiffness=0.02,
@@ -65,6 +65,7 @@ def rig() -> Prototype:
         oil_stiffness=0.1,
         flow_gain=0.05,
         valve_natural_frequency=0.05,
+        inner_end_mass=0.05,
     )
     return record.but(tolerance=tolerance, goal=record.goal.but(loop_gain=0.25), controller=None)
 
@@ -104,11 +105,22 @@ class Seen:
     compliance: np.ndarray
 
 
-FIGURES = ("outer K", "outer M", "outer b", "inner K", "inner M", "inner b", "oil", "flow gain", "valve frequency")
+FIGURES = (
+    "outer K",
+    "outer M",
+    "outer b",
+    "inner K",
+    "inner M",
+    "inner b",
+    "oil",
+    "flow gain",
+    "valve frequency",
+    "end mass",
+)
 
 
 def members(rig: Prototype, shares: np.ndarray) -> np.ndarray:
-    """(rigs, 9) figures at shares (rigs, 9) of their ranges; a dashpot's range is that of 2 zeta sqrt(K M)."""
+    """(rigs, 10) figures at shares (rigs, 10) of their ranges; a dashpot's range is that of 2 zeta sqrt(K M)."""
     off, valve = rig.tolerance, rig.servovalve
 
     def ends(value: float, deviation: float) -> tuple[float, float]:
@@ -126,18 +138,19 @@ def members(rig: Prototype, shares: np.ndarray) -> np.ndarray:
     rows.append(ends(rig.actuator.oil_stiffness_N_per_m, off.oil_stiffness))
     rows.append(ends(valve.flow_gain_m3_per_s_per_A, off.flow_gain))
     rows.append(ends(2 * pi * valve.natural_frequency_Hz, off.valve_natural_frequency))
+    rows.append(ends(rig.payload.inner_end_mass_kg, off.inner_end_mass))
     low, high = np.array(rows).T
     return np.asarray(low + (high - low) * shares)
 
 
 def matrices(rig: Prototype, figures: np.ndarray, added_kg: float, gain: float = 1.0) -> tuple[np.ndarray, np.ndarray]:
     """A (rigs, 8, 8) and B (rigs, 8, 2) of the closed loop, its gain times a factor; inputs are force and command."""
-    stiffness, mass, damping, inner_stiffness, inner_mass, inner_damping, oil, flow, w = figures.T
+    stiffness, mass, damping, inner_stiffness, inner_mass, inner_damping, oil, flow, w, end_mass = figures.T
     law, valve, area = rig.controller, rig.servovalve, rig.actuator.piston_area_m2
     assert isinstance(law, Lag)
     x, v, c, z, u, q, r, h = range(8)  # tip, its speed, cylinder, rod, its speed, flow, its rate, controller
     a, b = np.zeros((len(w), 8, 8)), np.zeros((len(w), 8, 2))
-    total, moved = mass + added_kg, inner_mass + rig.payload.inner_end_mass_kg
+    total, moved = mass + added_kg, inner_mass + end_mass
     a[:, x, v] = a[:, z, u] = a[:, q, r] = a[:, c, u] = 1.0
     a[:, v, x], a[:, v, v], a[:, v, c] = -(stiffness + oil) / total, -damping / total, oil / total
     b[:, v, 0] = 1 / total
@@ -183,6 +196,7 @@ def test_every_rig_that_is_looked_at_keeps_what_is_guaranteed(robust: dict[str, 
     guaranteed, rigs = robust["guaranteed"], corners_and_others(built)
     masses = np.linspace(*MASSES_KG, 5)
     found = seen(built, rigs, masses, guaranteed["bandwidth_Hz"])
+    assert built.payload.inner_end_mass_kg > 0  # a tenth to either side
     assert found.slowest.max() < 0
     assert found.peak.max() <= guaranteed["peak_sensitivity"] <= built.goal.peak_sensitivity
     assert found.compliance.max() <= built.goal.compliance_m_per_N
@@ -208,7 +222,7 @@ def test_a_nominal_design_fails_on_some_corner(rig: Prototype, nominal: Tuning, 
 
 
 def _stated(rig: Prototype) -> np.ndarray:
-    """(1, 9) exactly the figures of a rig."""
+    """(1, 10) exactly the figures of a rig."""
     return members(rig.but(tolerance=Tolerance()), np.full((1, len(FIGURES)), 0.5))
 
 
@@ -256,7 +270,8 @@ def test_a_claim_over_less_of_the_box_is_refused(robust: dict[str, Any]) -> None
     text = (robust["folder"] / "certificate.box.toml").read_text()
     table = tomllib.loads(text)
     kinds = [claim["kind"] for claim in table["claim"]]
-    assert set(kinds) == {"gain_margin", "peak_sensitivity", "peak_compliance", "compliance", "loop_gain"}
+    others = {"gain_margin", "peak_sensitivity", "peak_compliance", "compliance", "loop_gain"}
+    assert others <= set(kinds) <= {*others, "slope"}  # which is left out where its proof takes too long
     margin, loop_gain = kinds.index("gain_margin"), kinds.index("loop_gain")
     assert (table["claim"][margin]["limit"], table["claim"][loop_gain]["limit"]) == ("0", "0.25")
     low, high = table["claim"][margin]["range"]["controller_gain"]
@@ -420,24 +435,6 @@ def test_a_stage_performs_over_its_own_payloads_and_is_stable_with_all(rig: Prot
     kinds = [claim.kind for claim in found.best.over_box.claims]
     assert len(about) == len(kinds) >= 5  # with `slope` where that is proved in its time
     assert {"gain_margin", "peak_sensitivity", "compliance"} <= set(kinds)
-
-
-def test_a_mass_inside_that_is_not_known_exactly_is_designed_for(rig: Prototype) -> None:
-    """A tenth to either side: proved over the box, and so are rigs at its ends by themselves."""
-    uncertain = rig.but(tolerance=rig.tolerance.but(inner_end_mass=0.05))
-    with best_start_alone():
-        found = tune(uncertain, MASSES_KG)
-    assert found.best is not None, found.reason
-    assert found.best.over_box is not None
-    assert check(found.best.over_box.certificate).valid
-    inner = found.prototype.payload.inner_end_mass_kg
-    assert inner > 0
-    for share in (0.9, 1.1):
-        off = found.prototype.but(payload=found.prototype.payload.but(inner_end_mass_kg=share * inner))
-        reached = certify(off, *MASSES_KG).guaranteed
-        assert reached is not None
-        assert reached.bandwidth_Hz >= found.best.bandwidth_Hz
-        assert reached.peak_sensitivity <= found.best.peak_sensitivity
 
 
 def test_rigs_of_the_search_carry_as_much_as_those_that_are_proved() -> None:
