@@ -372,7 +372,7 @@ class _Response:
                 step /= 2
                 if step < SHORTEST:
                     raise Unreadable("the responses are too fast to be summed up")
-            spend(100 + 30 * count + AT_ONCE * (len(sums) * (5 + count / 2) + count))
+            spend(50 + 15 * count + AT_ONCE * (len(sums) * (5 + count / 2) + count) / 2)
             turned = [(p * arb(step)).exp() for p in poles]
             for _ in range(AT_ONCE):
                 values = shown * acb_mat(count, 1, now)
