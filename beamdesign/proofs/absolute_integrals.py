@@ -56,8 +56,7 @@ class Cells:
         """
         if count > self.left:
             raise ArithmeticError(
-                "the loop rings too fast and for too long to be summed up at so many payloads; ask for fewer, or of"
-                " `certify-box --nonlinear`, whose method is another"
+                "the loop rings too fast and for too long to be summed up over these payloads; ask for a narrower range"
             )
 
 
