@@ -12,7 +12,7 @@ from math import atan2, degrees, inf, pi, sqrt
 import numpy as np
 from flint import fmpq, fmpq_poly
 
-from beamdesign.asked import checked_mass_kg, takes
+from beamdesign.arguments import checked_mass_kg, takes
 from beamdesign.controllers import Controller
 from beamdesign.plant.linear import LinearModel, Plant
 from beamdesign.plant.members import VertexModel, family

@@ -10,7 +10,7 @@ from pydantic_core import InitErrorDetails, PydanticCustomError
 
 from beamdesign import quantities as q
 from beamdesign import records
-from beamdesign.asked import checked_range_kg
+from beamdesign.arguments import checked_range_kg
 from beamdesign.controllers import Cascade, Controller, Scheduled
 from beamdesign.files import read_bytes, write_whole
 from beamdesign.plant.actuators import Actuator, ActuatorTolerance, WithActuator, deviation

@@ -6,7 +6,7 @@ They take records and give records: a range of mass is a pair in kg, or None for
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
-from beamdesign.asked import takes
+from beamdesign.arguments import takes
 from beamdesign.progress import Progress, silent
 
 if TYPE_CHECKING:
@@ -98,7 +98,7 @@ def state_space(
     import control
     import numpy as np
 
-    from beamdesign.asked import checked_mass_kg
+    from beamdesign.arguments import checked_mass_kg
     from beamdesign.plant.linear import SEEN_AS
     from beamdesign.plant.members import family
 

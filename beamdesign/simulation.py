@@ -9,7 +9,7 @@ from math import ceil, log
 
 import numpy as np
 
-from beamdesign.asked import takes
+from beamdesign.arguments import takes
 from beamdesign.controllers.scheduling import PayloadEstimator, next_stage
 from beamdesign.plant.assembly import OUTPUTS, Assembly, Structure, assemble, parameters_of, structure_of
 from beamdesign.plant.compiled import NOT_SAMPLED, half_steps, integrate

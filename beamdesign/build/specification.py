@@ -6,7 +6,7 @@ from decimal import ROUND_CEILING, ROUND_FLOOR
 from functools import partial
 from typing import Any
 
-from beamdesign.asked import checked, takes
+from beamdesign.arguments import checked, takes
 from beamdesign.build.acceptance import AcceptanceAtMass, AcceptancePlan, acceptance, acceptance_plan
 from beamdesign.build.analogue import AnalogueController, analogue_controllers
 from beamdesign.build.ratings import Ratings, SensorNeed, StockChoice, ratings, sensor_need, stock_choices

@@ -213,9 +213,10 @@ def resumed(words: Callable[[], str]) -> Iterator[None]:
 def implausible(option: str, value: float, quantity: str) -> list[tuple[str, str]]:
     """Why the figure of an option is refused; nothing where it lies in the range of its quantity."""
     from beamdesign import quantities
+    from beamdesign.arguments import why_implausible
 
-    plausible = quantities.range_of(getattr(quantities, quantity))
-    return [] if value in plausible else [(option, plausible.refusal(f"{value:g}", option.replace("-", "_")))]
+    reason = why_implausible(getattr(quantities, quantity), value, option.replace("-", "_"))
+    return [(option, reason)] if reason else []
 
 
 _DEPTH = 3

@@ -14,7 +14,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from beamdesign.asked import takes
+from beamdesign.arguments import takes
 from beamdesign.diagnosis.data.dataset import Dataset
 from beamdesign.diagnosis.diagnosis import (
     Cause,

@@ -8,7 +8,7 @@ from typing import Any
 
 from flint import fmpq
 
-from beamdesign.asked import takes
+from beamdesign.arguments import takes
 from beamdesign.loop import Loop, member_loop
 from beamdesign.plant.members import LinearFamily, VertexModel, family, refuse_many
 from beamdesign.polynomial import exact, nearest, shortened, simple_between, text

@@ -8,7 +8,7 @@ from typing import Any
 
 from flint import fmpq
 
-from beamdesign.asked import checked, takes
+from beamdesign.arguments import checked, takes
 from beamdesign.polynomial import nearest
 from beamdesign.progress import Progress, silent
 from beamdesign.proofs.absolute_stability import box_rows, slope_over_box

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from beamdesign.asked import checked, checked_range_kg, takes
+from beamdesign.arguments import checked, checked_range_kg, takes
 from beamdesign.controllers import KINDS
 from beamdesign.controllers.protocol import form_of
 from beamdesign.plant.members import family

@@ -6,7 +6,7 @@ from math import inf
 from pathlib import Path
 from typing import Any
 
-from beamdesign.asked import takes
+from beamdesign.arguments import takes
 from beamdesign.problem import DesignProblem
 from beamdesign.progress import Progress, silent
 from beamdesign.proofs.certificate import LOWER_GAINS, Asked, Certificate, goal_claims

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from beamdesign.asked import checked, checked_mass_kg, takes
+from beamdesign.arguments import checked, checked_mass_kg, takes
 from beamdesign.loop import loop
 from beamdesign.plant.actuators import Demand, Limit
 from beamdesign.plant.assembly import fits

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from beamdesign.asked import checked, checked_range_kg, takes
+from beamdesign.arguments import checked, checked_range_kg, takes
 from beamdesign.controllers import Lag
 from beamdesign.controllers.cascade import as_lag
 from beamdesign.controllers.protocol import form_of

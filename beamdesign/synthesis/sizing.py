@@ -10,7 +10,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from beamdesign.asked import takes
+from beamdesign.arguments import takes
 from beamdesign.problem import BeamProblem, DesignProblem, Load, Sections
 from beamdesign.progress import Progress, silent
 from beamdesign.prototype import Beam, Payload, Prototype

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from beamdesign.asked import checked, takes
+from beamdesign.arguments import checked, takes
 from beamdesign.controllers import Cascade, Lag, Observer
 from beamdesign.loop import Loop, close_loop, tip
 from beamdesign.plant.linear import Plant

@@ -24,7 +24,7 @@ from math import ceil, pi, prod
 
 import numpy as np
 
-from beamdesign.asked import checked, takes
+from beamdesign.arguments import checked, takes
 from beamdesign.controllers import KINDS, SENSED, Estimator, Scheduled, Sensed, Stage
 from beamdesign.parameters import stated_or_typical
 from beamdesign.plant.actuators import not_felt

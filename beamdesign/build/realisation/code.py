@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from flint import ctx, fmpq, fmpq_mat, fmpq_poly
 
-from beamdesign.asked import checked, takes
+from beamdesign.arguments import checked, takes
 from beamdesign.build.realisation.c_code import c_files
 from beamdesign.build.realisation.law import LinearLaw
 from beamdesign.build.realisation.loop import (

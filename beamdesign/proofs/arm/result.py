@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from scipy.linalg import eigh
 
-from beamdesign.asked import checked, takes
+from beamdesign.arguments import checked, takes
 from beamdesign.plant.members import STANDARD_GRAVITY
 from beamdesign.polynomial import exact, nearest
 from beamdesign.proofs.arm import PlaneLoop, plane_loop

@@ -43,6 +43,18 @@ def takes(kind: str) -> Callable[[Callable[Given, Found]], Callable[Given, Found
     return refusing
 
 
+def why_implausible(quantity: Any, value: float, key: str) -> str:
+    """Why a figure is refused, in words; empty where it lies in the range of its quantity.
+
+    Args:
+        quantity: of `beamdesign.quantities`.
+        value: the figure.
+        key: what the message calls it, ending with its unit.
+    """
+    plausible = range_of(quantity)
+    return "" if value in plausible else plausible.refusal(f"{value:g}", key)
+
+
 def checked(name: str, key: str, quantity: Any, *given: object) -> tuple[float, ...]:
     """Figures of one quantity as floats.
 
@@ -55,14 +67,14 @@ def checked(name: str, key: str, quantity: Any, *given: object) -> tuple[float, 
     Raises:
         InputError: for what is no number, or not plausible.
     """
-    plausible, found, wrong = range_of(quantity), list[float](), list[str]()
+    found, wrong = list[float](), list[str]()
     for figure in given:
         if not isinstance(figure, Real):
             wrong.append(f"expected a number, is {figure!r}")
-        elif (value := float(figure)) not in plausible:
-            wrong.append(plausible.refusal(f"{value:g}", key.rpartition(".")[2]))
+        elif reason := why_implausible(quantity, float(figure), key.rpartition(".")[2]):
+            wrong.append(reason)
         else:
-            found.append(value)
+            found.append(float(figure))
     if wrong:
         raise InputError(name, [(key, reason) for reason in dict.fromkeys(wrong)])
     return tuple(found)
