@@ -168,6 +168,9 @@ class Margins:
     crossover_Hz: float
 
 
+_ABOUT = np.linspace(-2.0, 2.0, 17)  # half-widths of a resonance at which it is looked at: its peak within 1 %
+
+
 @dataclass(frozen=True)
 class LoopAtMass:
     """The loop at one outer end mass, exact; see `Loop` for the polynomials."""
@@ -226,6 +229,13 @@ class LoopAtMass:
     def sensitivity_response(self, frequency_Hz: np.ndarray) -> np.ndarray:
         """S = 1 / (1 + L) at the given frequencies, complex."""
         return _ratio(self.loop_denominator, self.characteristic, frequency_Hz)
+
+    def grid_Hz(self, low_Hz: float, high_Hz: float, points: int) -> np.ndarray:
+        """So many frequencies at equal ratios, ends included, and some about each resonance, however sharp it is."""
+        poles = self.poles() / (2 * pi)
+        about = (np.abs(poles.imag)[:, None] + np.abs(poles.real)[:, None] * _ABOUT).ravel()
+        inside = about[(low_Hz < about) & (about < high_Hz)]
+        return np.unique(np.concatenate([np.geomspace(low_Hz, high_Hz, points), inside]))
 
     def static_compliance(self) -> float:
         """Closed-loop x / F_d at zero frequency, m/N."""

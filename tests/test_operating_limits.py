@@ -12,7 +12,8 @@ from beamdesign.controllers import Lag
 from beamdesign.prototype import Payload, Supply, prototype_from
 from beamdesign.scenario import Scenario, ScenarioRecord, Sine
 from beamdesign.simulation import SimulatedRecord
-from beamdesign.synthesis.operating_limits import Limits, demand, envelope, sensor_reach
+from beamdesign.structure.lumped import weighing_mass
+from beamdesign.synthesis.operating_limits import Limits, demand, envelope, needs, sensor_reach
 
 
 @pytest.fixture
@@ -111,14 +112,32 @@ def test_the_parabola_holds_the_load_locus(rig: Prototype, preload: float):
 
 
 def test_stroke_flow_and_power_in_closed_form(rig: Prototype):
-    """Slowly, the inner beam alone takes the load: stroke F/K_f, flow A w F/K_f; half of 30 mm and 0.12 l/s."""
+    """Slowly, the inner beam alone takes the load: stroke F/K_f, flow A w F/K_f; half of 30 mm and 0.12 l/s.
+
+    Of the stroke the inner beam's own sag is taken: its weight and that of a mass on its tip are a load on it too.
+    """
     limits = envelope(rig, frequency_Hz=np.array([0.5]))
-    assert limits.limits_N["stroke"][0] == pytest.approx(0.015 * 157_500.0, rel=5e-3)
+    heavy = rig.but(payload=Payload(inner_end_mass_kg=4.5))
+    at = np.array([0.05])
+    own, less = (envelope(one, kg, 0.0, at).limits_N["stroke"][0] for one, kg in ((rig, 0.0), (heavy, 6.8)))
+    assert own - less == pytest.approx(9.80665 * 4.5, rel=2e-3)
+    assert own == pytest.approx(0.015 * 157_500.0 - 9.80665 * weighing_mass(rig.inner_beam), rel=5e-3)
     leak = 3.8e-13 / 1.13e-4
     moved = sqrt((1.13e-4 * pi * (1 / 157_500.0 + 1 / 1.3e7)) ** 2 + leak**2)
     assert limits.limits_N["supply flow"][0] == pytest.approx(1.2e-4 / moved, rel=5e-3)
     assert limits.supply_power_W[0] == pytest.approx(20e6 * 2 / pi * limits.load_N[0] * moved, rel=5e-3)
     assert limits.missing == {"clearance": "width_m and wall_m of both beams"}
+
+
+def test_no_resonance_falls_between_the_frequencies_looked_at(rig: Prototype):
+    """The least force, against 20,000 frequencies about the resonance of a beam that hardly damps."""
+    bare = rig.but(inner_beam=rig.inner_beam.but(damping_ratio=1e-3), outer_beam=rig.outer_beam.but(damping_ratio=1e-3))
+    soft = bare.but(controller=rig.own_controller.but(gain_A_per_V=1e-4))
+    found = envelope(soft)
+    fine = envelope(soft, frequency_Hz=np.linspace(20.0, 100.0, 20_000))
+    assert found.load_N.min() == pytest.approx(fine.load_N.min(), rel=0.01)
+    highest, dense = needs(soft, (0.0, 0.0), 100.0, 100.0), demand(soft, 0.0, np.linspace(20.0, 100.0, 20_000))
+    assert highest["force_N"] == pytest.approx(100.0 * np.abs(dense.force).max(), rel=0.01)
 
 
 def test_what_is_not_given_is_left_out_and_named(paper: Prototype):

@@ -33,7 +33,7 @@ from beamdesign.result import picked
 from beamdesign.scenario import CHANNELS, Input, LoadSteps, Multisine, Scenario, ScenarioRecord, inputs_of
 from beamdesign.spelling import shorter
 from beamdesign.structure.lumped import CHANGEABLE, lumped_beam, with_figures
-from beamdesign.synthesis.operating_limits import envelope
+from beamdesign.synthesis.operating_limits import envelope, grid_Hz
 
 MEASURED_WITHIN = 0.05
 """Relative error allowed to the measurement of a compliance or a critical gain, beyond the bands."""
@@ -256,8 +256,8 @@ def acceptance_plan(
         duration_s: of each record.
     """
     masses, words = _payloads(prototype, masses_kg)
-    grid = np.geomspace(LOW_HZ, 100.0, 60)
-    borne = min(float(envelope(prototype, mass, 0.0, grid).load_N.min()) for mass in masses)
+    looked_at = ((mass, grid_Hz(prototype, mass, LOW_HZ, 100.0, 60)) for mass in masses)
+    borne = min(float(envelope(prototype, mass, 0.0, grid).load_N.min()) for mass, grid in looked_at)
     force = _two_digits(_SHARE * (borne if isfinite(borne) else prototype.actuator.strength_N(prototype)))
     command = _COMMAND_M * prototype.sensor.gain_V_per_m
     law, inner = prototype.own_controller, prototype.payload.inner_end_mass_kg

@@ -12,7 +12,7 @@ from beamdesign.controllers import Observer
 from beamdesign.loop import loop
 from beamdesign.plant.actuators import MARGIN, Row
 from beamdesign.plant.effects import library
-from beamdesign.plant.members import own_sag_m
+from beamdesign.plant.members import own_sag_m, weight_N
 from beamdesign.proofs.box import certify_box
 from beamdesign.proofs.certifying import stability_over
 from beamdesign.proofs.rig_family import rig_family
@@ -24,7 +24,7 @@ from beamdesign.structure import lumped
 from beamdesign.structure.lumped import lumped_beam
 from beamdesign.structure.section import Tube, stock_tubes
 from beamdesign.structure.shapes import gaps
-from beamdesign.synthesis.operating_limits import Envelope, envelope, needs_to_carry, weight_N
+from beamdesign.synthesis.operating_limits import Envelope, envelope, needs_to_carry
 
 
 class TubeToMake(NamedTuple):
@@ -211,7 +211,7 @@ def ratings(prototype: Prototype, masses_kg: tuple[float, float], load_N: float,
         Row(f"stroke from end to end, × {MARGIN:g}", 2 * MARGIN * need["stroke_m"], actuator.stroke_m, "m", "stroke_m"),
     )
     heaviest = prototype.stages(masses_kg)[-1].prototype
-    left = envelope(heaviest, masses_kg[1], weight, SHOWN_HZ, own_sag_m(prototype))
+    left = envelope(heaviest, masses_kg[1], weight, SHOWN_HZ)
     return Ratings(load_N, weight, up_to_Hz, rows, left)
 
 

@@ -28,6 +28,11 @@ def own_sag_m(prototype: Prototype) -> float:
     return STANDARD_GRAVITY * mass / lumped_beam(prototype.inner_beam).stiffness
 
 
+def weight_N(prototype: Prototype, payload_kg: float) -> float:
+    """Weight of a payload and of the outer beam at the tip of a link that lies level, N."""
+    return STANDARD_GRAVITY * (payload_kg + weighing_mass(prototype.outer_beam))
+
+
 @dataclass(frozen=True)
 class Interval:
     """Closed interval of factors on the loop gain."""

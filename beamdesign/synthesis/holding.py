@@ -28,14 +28,14 @@ import numpy as np
 
 from beamdesign import quantities as q
 from beamdesign.plant.actuators import KINDS, MARGIN
-from beamdesign.plant.members import STANDARD_GRAVITY, own_sag_m
+from beamdesign.plant.members import STANDARD_GRAVITY, own_sag_m, weight_N
 from beamdesign.problem import DesignProblem
 from beamdesign.prototype import Prototype
 from beamdesign.quantities import at_least, at_most
 from beamdesign.result import finite, picked
 from beamdesign.structure.lumped import lumped_beam
 from beamdesign.structure.shapes import gaps
-from beamdesign.synthesis.operating_limits import demand, needs_to_carry, weight_N
+from beamdesign.synthesis.operating_limits import demand, needs_to_carry
 from beamdesign.synthesis.sizing import size
 
 _PER_LOAD = 4 / 3

@@ -29,7 +29,7 @@ from beamdesign.plant.linear_reach import (
     with_mass,
     with_published_effects,
 )
-from beamdesign.plant.members import STANDARD_GRAVITY, own_sag_m
+from beamdesign.plant.members import own_sag_m, weight_N
 from beamdesign.progress import Progress, silent
 from beamdesign.prototype import Prototype
 from beamdesign.quantities import SignedForce
@@ -120,6 +120,11 @@ def demand(prototype: Prototype, outer_end_mass: float, frequency_Hz: np.ndarray
     return Demand(np.asarray(frequency_Hz), x, force, stroke, current, actuator.signals(figure, s, force, stroke))
 
 
+def grid_Hz(prototype: Prototype, outer_end_mass: float, low_Hz: float, high_Hz: float, points: int) -> np.ndarray:
+    """Frequencies for `demand`, which is without effects; see `LoopAtMass.grid_Hz`."""
+    return loop(prototype.but(effects={})).at(outer_end_mass).grid_Hz(low_Hz, high_Hz, points)
+
+
 def _held(prototype: Prototype, outer_end_mass: float, force_N: float) -> dict[str, float]:
     """What a constant force on the tip takes of all that is demanded."""
     still = demand(prototype, outer_end_mass, np.array([_STATIC_HZ]))
@@ -142,10 +147,10 @@ def needs(
     Returns:
         force_N of the actuator, stroke_m from its middle, and what it takes beside these (`Actuator.takes`).
     """
-    grid = np.geomspace(_LOWEST_HZ, max(up_to_Hz, 2 * _LOWEST_HZ), _POINTS)
     found: dict[str, float] = {}
     for stage in prototype.stages(masses_kg):
         for mass in stage.looked_at_kg:
+            grid = grid_Hz(stage.prototype, mass, _LOWEST_HZ, max(up_to_Hz, 2 * _LOWEST_HZ), _POINTS)
             asked, held = demand(stage.prototype, mass, grid), _held(stage.prototype, mass, constant_N)
             taken = {
                 key: abs(held[name]) + load_N * float(np.abs(asked.of(name)).max())
@@ -153,11 +158,6 @@ def needs(
             } | stage.prototype.actuator.takes(stage.prototype, asked, load_N, held)
             found = {key: max(value, found.get(key, 0.0)) for key, value in taken.items()}
     return found
-
-
-def weight_N(prototype: Prototype, payload_kg: float) -> float:
-    """Weight of a payload and of the outer beam at the tip of a link that lies level, N."""
-    return STANDARD_GRAVITY * (payload_kg + lumped.weighing_mass(prototype.outer_beam))
 
 
 def needs_to_carry(
@@ -177,24 +177,25 @@ def envelope(
     outer_end_mass: float = 0.0,
     preload: float = 0.0,
     frequency_Hz: np.ndarray | None = None,
-    sag_m: float = 0.0,
 ) -> Envelope:
     """Largest amplitude of a sinusoidal force on the tip that every limit of the actuator allows.
+
+    Of stroke and clearance is left what the inner beam does not sag by itself, as of a link that lies level.
 
     Args:
         prototype: rig with a controller; its actuator heeds some of its effects.
         outer_end_mass: payload, kg.
         preload: constant force on the tip, N.
-        frequency_Hz: (N,); 0.1 to 200 Hz by default.
-        sag_m: stroke and clearance that are used up beside what the force takes, as by `own_sag_m`.
+        frequency_Hz: (N,); by default 0.1 to 200 Hz with every resonance between.
     """
-    grid = np.geomspace(0.1, 200.0, 161) if frequency_Hz is None else np.asarray(frequency_Hz, dtype=float)
-    nothing = np.zeros(len(grid))
+    grid = np.asarray([] if frequency_Hz is None else frequency_Hz, dtype=float)
     if prototype.controller is None or not loop(linear_part(prototype)).at(outer_end_mass).stable:
         why = "no controller" if prototype.controller is None else f"not stable with {outer_end_mass:g} kg"
-        return Envelope(grid, {}, nothing, nothing, {}, why, stable=False)
+        return Envelope(grid, {}, np.zeros(len(grid)), np.zeros(len(grid)), {}, why, stable=False)
+    if frequency_Hz is None:
+        grid = grid_Hz(prototype, outer_end_mass, 0.1, 200.0, 161)
     asked, held = demand(prototype, outer_end_mass, grid), _held(prototype, outer_end_mass, preload)
-    held["stroke"] = abs(held["stroke"]) + sag_m
+    held["stroke"] = abs(held["stroke"]) + own_sag_m(prototype)
     actuator = prototype.actuator
     half = None if actuator.stroke_m is None else actuator.stroke_m / 2
     play = gaps(prototype.outer_beam, prototype.inner_beam)  # per side, that along the load first
@@ -206,7 +207,9 @@ def envelope(
     missing = {limit.name: limit.place for limit in every if limit.most is None}
     limits = {limit.name: limit.amplitude(asked, held) for limit in every if limit.most is not None}
     if not limits:
-        return Envelope(grid, {}, nothing, nothing, missing, "the prototype states no limit of its actuator")
+        return Envelope(
+            grid, {}, np.zeros(len(grid)), np.zeros(len(grid)), missing, "the prototype states no limit of its actuator"
+        )
     load = np.min(list(limits.values()), axis=0)
     return Envelope(grid, limits, load * np.abs(asked.displacement), actuator.power_W(prototype, asked, load), missing)
 
