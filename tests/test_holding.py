@@ -14,6 +14,7 @@ from finished_run import STUDY, finished_run
 from typer.testing import CliRunner
 
 from beamdesign import DesignProblem, Prototype, codesign, read_problem, run_design
+from beamdesign.build.result_folder import statements
 from beamdesign.cli import app
 from beamdesign.records import parse, to_toml
 from beamdesign.structure.lumped import lumped_beam, weighing_mass
@@ -141,6 +142,8 @@ def test_a_payload_that_closes_the_gap_is_refused_and_more_gap_is_enough() -> No
     found = run_design(problem, sigmas=0.0)
     assert found.holding is not None
     assert [limit.name for limit in found.holding.missed] == ["gap between the tubes"]
+    (touching,) = (one for one in statements(found) if "the tubes do not touch" in one.claim)
+    assert touching.foundation == "refuted"
     ways = [way for way in found.ways if any(change.key == "clearance.under_load_m" for change in way)]
     assert ways
     assert all(run_design(changed(problem, way), sigmas=0.0).prototype is not None for way in found.ways)

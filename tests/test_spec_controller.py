@@ -274,6 +274,8 @@ def test_components_that_make_the_loop_unstable_refute(rig: Prototype) -> None:
     found = with_tolerance(near, (0.0, 0.0), circuit, 0.05, 0.1)
     assert found.verdict == "refuted"
     assert "no mass of the range is stable" in found.reason
+    assert all(words in found.reason for words in ("1.R1 ", " kΩ, ", " nF, "))
+    assert "e+" not in found.reason
     worst = [state_space(near.but(controller=c.law)).poles().real.max() for c in circuit.corners(0.05, 0.1)]
     assert len(worst) == 2**5
     assert max(worst) > 0

@@ -8,7 +8,7 @@ from typing import Literal
 import numpy as np
 from flint import fmpq
 
-from beamdesign.build.circuit import Circuit, Kind, Ratio, Series, Stage, neighbours, values_between
+from beamdesign.build.circuit import Circuit, Kind, Ratio, Series, Stage, neighbours, part_value, values_between
 from beamdesign.build.realisation.sections import Factor, apart, factored
 from beamdesign.build.tolerances import performance
 from beamdesign.controllers import Controller
@@ -125,8 +125,8 @@ def with_tolerance(
     for corner in circuit.corners(resistors, capacitor):
         at_corner = stability_over(prototype.but(controller=corner.law), *masses_kg)
         if not at_corner.stable:
-            shown = ", ".join(f"{name} {value:.4g}" for name, value in corner.parts.items())
-            return found("refuted", f"with {shown} (SI): {at_corner.reason}")
+            shown = ", ".join(f"{name} {part_value(name, value)}" for name, value in corner.parts.items())
+            return found("refuted", f"with {shown}: {at_corner.reason}")
     return found(
         "not proved",
         "no combination that was looked at of components at the ends of their tolerances is unstable, but the box of"

@@ -38,6 +38,7 @@ from flint import fmpq
 
 from beamdesign.controllers import Observer
 from beamdesign.polynomial import exact, nearest
+from beamdesign.quantities import decimal
 
 Series = Literal["E6", "E12", "E24", "E96"]
 
@@ -249,3 +250,12 @@ class Circuit:
         spans = [stage.spans(resistors, capacitor).gain for stage in self.stages]
         low, high = (prod((span[end] for span in spans), start=fmpq(1)) for end in (0, 1))
         return low / (sense * (1 + r)), high / (sense * (1 - r))
+
+
+def part_value(name: str, value: float | None) -> str:
+    """A part's value as it is printed on it."""
+    if value is None:
+        return "left out"
+    if ".C" in name:
+        return f"{decimal(value * 1e9)} nF"
+    return f"{decimal(value)} Ω" if value < 1e3 else f"{decimal(value / 1e3)} kΩ"

@@ -15,7 +15,7 @@ from jinja2 import Template
 
 from beamdesign.build.acceptance import MEASURED_WITHIN, Band, as_specified, bare_modes, write_data_folder
 from beamdesign.build.analogue import AnalogueController
-from beamdesign.build.circuit import Circuit
+from beamdesign.build.circuit import Circuit, part_value
 from beamdesign.build.drawing import drawing, dxf_text, missing_geometry, svg_text
 from beamdesign.build.ratings import KEPT, MARGIN, held_loads
 from beamdesign.build.specification import LawSpecification, Specification
@@ -296,15 +296,6 @@ def part_names(found: tuple[AnalogueController, ...]) -> list[str]:
     """Of all parts, stage by stage, what stands in no stage last."""
     names = {name for one in found for name in one.circuit.parts}
     return sorted(names, key=lambda n: (not n[0].isdigit(), n.partition(".")[0], n))
-
-
-def part_value(name: str, value: float | None) -> str:
-    """A part's value as it is printed on it."""
-    if value is None:
-        return "left out"
-    if ".C" in name:
-        return f"{decimal(value * 1e9)} nF"
-    return f"{decimal(value)} Ω" if value < 1e3 else f"{decimal(value / 1e3)} kΩ"
 
 
 def limits(band: Band | None, unit: str, without: str = "–") -> str:

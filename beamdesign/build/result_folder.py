@@ -249,8 +249,8 @@ def statements(run: DesignRun) -> Iterator[Statement]:
     if run.holding:
         unasked = f"; not asked for want of figures: {', '.join(run.holding.missing)}" if run.holding.missing else ""
         how = f"closed formulas and the linear loop on a grid of frequencies{unasked}"
-        claim, fails = f"the actuator holds {run.holding.held}, the link level", bool(run.holding.missed)
-        yield Statement(claim, "refuted" if fails else _VERIFIED, how)
+        claim = f"the actuator holds {run.holding.held}, the link level, and the tubes do not touch"
+        yield Statement(claim, "refuted" if run.holding.missed else _VERIFIED, how)
     if sizing.stock:
         how = f"all {sizing.stock.pairs} pairs were checked"
         yield Statement("no lighter pair of the stock list passes", _VERIFIED, how)
