@@ -99,6 +99,7 @@ def test_laws_of_the_valve_explain_a_deadband(deadband):
     assert "small amplitude" in where.condition
     shown = next(w for w in where.indicators if w.name == "bands and conditions")
     assert len(shown.table["record"]) == len(deadband.records)
+    assert "the misfit as fits weigh it" in shown.text
     assert all(0.0 <= w.strength <= 1.0 for w in where.indicators)
 
 

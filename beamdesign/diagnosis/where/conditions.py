@@ -67,7 +67,7 @@ class Setting:
         distortion: share of the residual's power away from the lines of the input, median over records; nan where no
             record has lines.
         slow: share of the residual's power below 1 Hz that no input drives there.
-        indicator: what kind of gap it is, with a map of relative errors by record, condition and band; it names no
+        indicator: what kind of gap it is, with a map of the weighted misfit by record, condition and band; it names no
             subsystem.
     """
 
@@ -108,7 +108,8 @@ def setting(found: Sequence[Residual]) -> Setting:
     condition = _words(_ratios(found, relative))
     text = f"Most of the misfit is between {band[0]:g} and {band[1]:g} Hz; the relative error is {condition}; "
     text += "" if isnan(distortion) else f"{distortion:.0%} of it lies away from the lines of the input; "
-    text += f"it differs by {asymmetry:.0%} between the two directions."
+    text += f"it differs by {asymmetry:.0%} between the two directions. "
+    text += "Figures by record and band are the misfit as fits weigh it, a sum of squares, noise included."
     indicator = Indicator("bands and conditions", "", 0.0, text, table)
     return Setting(band, condition, distortion, slowness, indicator)
 
