@@ -12,35 +12,47 @@ from beamdesign.records import InputError
 MASS = "payload.outer_end_mass_kg"
 """What a message calls a mass on the outer tip."""
 
-READERS = {"Prototype": "read_prototype", "DesignProblem": "read_problem", "Dataset": "read_dataset"}
+READERS = {
+    "Prototype": "read_prototype",
+    "DesignProblem": "read_problem",
+    "Dataset": "read_dataset",
+    "Scenario": "read_scenario",
+}
 """Public function that reads a record, by the name of the record's class."""
 
 Given = ParamSpec("Given")
 Found = TypeVar("Found")
 
 
-def takes(kind: str) -> Callable[[Callable[Given, Found]], Callable[Given, Found]]:
-    """Have a function refuse what is no record of a kind as its first argument, such as a path, and say what reads one.
+def takes(*kinds: str) -> Callable[[Callable[Given, Found]], Callable[Given, Found]]:
+    """Have a function refuse first arguments of other kinds, such as a path for a record, and say what reads one.
 
     Args:
-        kind: a key of `READERS`.
+        kinds: of each of its first arguments the name of a class, or of several with blanks between them.
     """
 
     def refusing(function: Callable[Given, Found]) -> Callable[Given, Found]:
-        first = next(iter(signature(function).parameters))
+        expected = dict(zip(signature(function).parameters, kinds, strict=False))
 
         @wraps(function)
         def called(*args: Given.args, **named: Given.kwargs) -> Found:
-            for given in (*args[:1], *(named[name] for name in named if name == first)):
-                if kind not in (one.__name__ for one in type(given).__mro__):
-                    reads = f"beamdesign.{READERS[kind]} reads one from its file"
-                    reason = f"expected a {kind}, is of type {type(given).__name__}; {reads}"
-                    raise InputError(function.__name__, [(first, reason)])
+            given = dict(zip(expected, args, strict=False)) | {key: named[key] for key in expected if key in named}
+            if wrong := [(key, why) for key, one in given.items() if (why := _of_another_kind(one, expected[key]))]:
+                raise InputError(function.__name__, wrong)
             return function(*args, **named)
 
         return called
 
     return refusing
+
+
+def _of_another_kind(given: object, kinds: str) -> str:
+    """That something is of none of some kinds, in words; empty where it is of one."""
+    if {one.__name__ for one in type(given).__mro__} & {*kinds.split()}:
+        return ""
+    first = kinds.split()[0]
+    reads = f"; beamdesign.{READERS[first]} reads one from its file" if first in READERS else ""
+    return f"expected a {first}, is of type {type(given).__name__}{reads}"
 
 
 def why_implausible(quantity: Any, value: float, key: str) -> str:

@@ -316,14 +316,14 @@ def critical_gain(prototype: Prototype, outer_end_mass: float = 0.0, from_own: b
     stable there, which it need not be at every lower one. With effects it is the least of all linear members.
 
     Raises:
-        InputError: for a mass that is not plausible.
+        InputError: for a mass that is not plausible, or a controller of several laws.
         ValueError: without a controller, or where the loop oscillates at no gain, at every one or at every low one.
     """
     mass = checked_mass_kg(prototype.name, outer_end_mass)
+    own = prototype.own_controller.gain_A_per_V
     unit = prototype.but(controller=prototype.own_controller.but(gain_A_per_V=1.0))
     members = family(prototype, mass).members
-    own = prototype.own_controller.gain_A_per_V if from_own else 0.0
-    found = [_critical_gain(at_most(unit, member).at(mass), own) for member in members]
+    found = [_critical_gain(at_most(unit, member).at(mass), own if from_own else 0.0) for member in members]
     return min(found, key=lambda critical: critical.gain_A_per_V)
 
 

@@ -19,8 +19,19 @@ if TYPE_CHECKING:
 class Result:
     """Base of the frozen records that public functions give.
 
-    A record of this kind may have a field or a property `reason`: why the answer is no.
+    A record of this kind may have a field or a property `reason`: why the answer is no. Two are equal where they are of
+    one kind and all their figures are, arrays and enclosures among them.
     """
+
+    def __init_subclass__(cls) -> None:
+        # Those that a dataclass makes ask arrays and enclosures of numbers for a truth that they do not have.
+        cls.__eq__, cls.__hash__ = Result.__eq__, Result.__hash__  # type: ignore[method-assign]
+
+    def __eq__(self, other: object) -> bool:
+        return self is other or (type(self) is type(other) and _plain(self) == _plain(other))
+
+    def __hash__(self) -> int:
+        return hash((type(self), json_text(_plain(self))))
 
     @property
     def yes(self) -> bool:
@@ -63,6 +74,11 @@ class Result:
         reason = str(getattr(self, "reason", ""))
         heading = f"{type(self).__name__}: {self.status}" + (f": {reason}" if reason else "")
         return f"<p>{escape(heading)}</p><table>{''.join(f'<tr>{row}</tr>' for row in cells)}</table>"
+
+
+def _plain(found: Any) -> dict[str, Any]:
+    """The fields of a record that it compares, as plain values."""
+    return {field.name: finite(getattr(found, field.name)) for field in fields(found) if field.compare}
 
 
 def _figures(fields: Mapping[str, Any], inside: str = "") -> Iterator[tuple[str, Any]]:

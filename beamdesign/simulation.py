@@ -143,7 +143,7 @@ class Simulation(Result):
         ]
 
 
-@takes("Prototype")
+@takes("Prototype", "Scenario")
 def simulate(prototype: Prototype, scenario: Scenario) -> Simulation:
     """Simulate the records of a scenario.
 

@@ -19,6 +19,7 @@ import beamdesign
 from beamdesign import InputError, Prototype
 from beamdesign.cli import PANELS
 from beamdesign.cli.gap import gap
+from beamdesign.synthesis.operating_limits import Limits, envelope
 
 ROOT = Path(__file__).parent.parent
 STUDY = beamdesign.read_problem(ROOT / "studies" / "prototype.toml")
@@ -128,6 +129,22 @@ def test_a_range_is_a_pair_or_what_the_prototype_states(paper: Prototype):
         beamdesign.certify(firm, 2.0)
 
 
+def bearing(rig: Prototype) -> Limits:
+    return Limits(rig, 3.0, 0.0, envelope(rig, 3.0))
+
+
+def test_results_of_one_rig_are_equal_and_of_another_are_not():
+    """Whatever they hold: crossings enclosed in balls, arrays, records."""
+    firm = beamdesign.read_prototype(ROOT / "studies" / "prototypes" / "paper_remedy.toml")
+    for ask in (partial(beamdesign.certify, outer_end_mass_kg=(0.0, 20.0)), bearing):
+        one, again = ask(firm), ask(firm)
+        assert one is not again
+        assert one == again
+        assert {one: "found"}[again] == "found"
+        assert ask(firm.but(name="other")) != one
+        assert one != firm
+
+
 @pytest.mark.parametrize("mass", [-1.0, float("nan"), float("inf"), 1e9])
 def test_a_payload_that_no_file_may_state_is_refused(mass: float):
     """As by every command, rather than proved or told of as a number that an engine cannot read."""
@@ -139,6 +156,17 @@ def test_a_payload_that_no_file_may_state_is_refused(mass: float):
     for ask in OF_A_PAYLOAD:
         with pytest.raises(InputError, match=refusal):
             ask(firm, mass)
+
+
+@pytest.mark.parametrize("given", [{}, None, STUDY])
+def test_what_is_neither_a_record_nor_its_path_is_refused(given):
+    firm, data = ROOT / "studies" / "prototypes" / "paper_remedy.toml", ROOT / "studies" / "gaps" / "slow_sensor"
+    with pytest.raises(InputError, match=r"a Prototype, is of type .*; beamdesign\.read_prototype reads one"):
+        beamdesign.predict(given, data)
+    with pytest.raises(InputError, match="dataset: expected a Path, is of type"):
+        beamdesign.predict(firm, dataset=given)
+    with pytest.raises(InputError, match=r"scenario: expected a Scenario, is of type .*read_scenario"):
+        beamdesign.simulate(beamdesign.read_prototype(firm), given)
 
 
 OF_A_PAYLOAD = (beamdesign.limits, beamdesign.critical_gain, beamdesign.state_space)

@@ -22,6 +22,7 @@ from beamdesign import (
     certify,
     certify_switching,
     check,
+    critical_gain,
     read_prototype,
     read_scenario,
     simulate,
@@ -604,6 +605,12 @@ def test_commands_say_what_they_cannot_do(tmp_path: Path) -> None:
         assert told in str(done.exception)
 
 
+@pytest.mark.parametrize("stages", [0, 1, 13])
+def test_so_many_laws_as_no_schedule_has_are_refused_before_any_is_tuned(rig: Prototype, stages: int) -> None:
+    with pytest.raises(InputError, match=rf"stages: must be 2 to 12, is {stages}"):
+        tune(rig, (0.0, 6.8), "scheduled", stages=stages)
+
+
 def test_every_law_is_certified_over_its_own_payloads(tmp_path: Path) -> None:
     out, answer = tmp_path / "c.toml", tmp_path / "answer.json"
     arguments = ["certify", str(SHIPPED), "--outer-end-mass", "1:4.5", "--out", str(out), "--json", str(answer)]
@@ -640,7 +647,8 @@ def test_a_payload_that_no_law_is_for_is_refused(rig: Prototype, tmp_path: Path)
 
 def test_what_one_law_has_is_refused_of_several(rig: Prototype) -> None:
     assert rig.controller is not None
-    for ask in (lambda law: law.gain_A_per_V, lambda law: law.sensed_law(), lambda law: law.equations):
+    own = (lambda law: law.gain_A_per_V, lambda law: law.sensed_law(), lambda law: law.equations)
+    for ask in (*own, lambda law: critical_gain(rig.but(controller=law), 3.0)):
         with pytest.raises(InputError) as caught:
             ask(rig.controller)
         assert [problem.key for problem in caught.value.problems] == ["controller.kind"]

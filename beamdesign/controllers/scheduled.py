@@ -12,6 +12,9 @@ from beamdesign.controllers.cascade import Lag, Section, Structured
 from beamdesign.controllers.protocol import Controller, Laws, Need, Row, refuse
 from beamdesign.records import Problem, Record, numbers
 
+STAGES = 2, 12
+"""Fewest and most laws of a scheduled controller."""
+
 
 class Stage(Record):
     """One law of a scheduled controller: a lag, or one with second-order sections, and the payloads that it is for."""
@@ -68,7 +71,7 @@ class Scheduled(Controller):
     period_s: q.SamplePeriod = Field(0.5e-3, description="from sample to sample of the law and the estimator")
     dwell_s: q.Duration = Field(0.1, description="least time between two changes of stage")
     stage: tuple[Stage, ...] = Field(
-        min_length=2, max_length=12, description="from the lightest payloads to the heaviest"
+        min_length=STAGES[0], max_length=STAGES[1], description="from the lightest payloads to the heaviest"
     )
     estimator: Estimator = Estimator()
 

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from beamdesign.arguments import takes
 from beamdesign.bench_prototype import AnyPrototype, BenchPrototype, read_bench_prototype
 from beamdesign.columns import read_columns, uniform_times
 from beamdesign.diagnosis.data.dataset import TimeRecord
@@ -159,6 +160,7 @@ def _stages(rig: Prototype, given: TimeRecord, nominal_sensor_gain: float) -> np
     return np.column_stack([given.times[: len(seen)], held, sensed])
 
 
+@takes("Prototype BenchPrototype str Path", "Path str")
 def predict(prototype: AnyPrototype | str | Path, dataset: str | Path, progress: Progress = silent) -> Prediction:
     """Predict the records of a data set from its inputs alone; a bench's by a bench.
 
@@ -168,7 +170,7 @@ def predict(prototype: AnyPrototype | str | Path, dataset: str | Path, progress:
         progress: called with the share done and what is being done.
 
     Raises:
-        InputError: where either cannot be read, or where they are of different kinds of rig.
+        InputError: where either cannot be read or is none, or where they are of different kinds of rig.
     """
     if kind_of(dataset) == "actuator_bench":
         rig = read_bench_prototype(prototype) if isinstance(prototype, str | Path) else prototype

@@ -26,6 +26,7 @@ import numpy as np
 
 from beamdesign.arguments import checked, takes
 from beamdesign.controllers import KINDS, SENSED, Estimator, Scheduled, Sensed, Stage
+from beamdesign.controllers.scheduled import STAGES
 from beamdesign.parameters import stated_or_typical
 from beamdesign.plant.actuators import not_felt
 from beamdesign.plant.members import served
@@ -351,6 +352,11 @@ def _ranges(
     prototype: Prototype, whole_kg: tuple[float, float], stages: int, overlap_kg: float
 ) -> list[tuple[float, float]]:
     """Payloads of the stages; what stands against them, all at once."""
+    if not STAGES[0] <= stages <= STAGES[1]:
+        reason = (
+            f"must be {STAGES[0]} to {STAGES[1]}, is {stages}; one law for all payloads is of another kind: ask for it"
+        )
+        raise InputError(f"{prototype.name}: scheduled", [("stages", reason)])
     problems, width = [], (whole_kg[1] - whole_kg[0]) / stages
     if not whole_kg[0] < whole_kg[1]:
         reason = f"{whole_kg[0]:g}:{whole_kg[1]:g} holds one payload, which needs no stages"

@@ -118,7 +118,7 @@ def asked(texts: Sequence[str]) -> dict[str, tuple[str, str, float]]:
 
 
 def import_measured(
-    files: Sequence[Path | str],
+    files: Sequence[Path | str] | Path | str,
     prototype: Path | str,
     out: Path | str,
     columns: Sequence[str] = (),
@@ -129,7 +129,7 @@ def import_measured(
     """Write a data set of measured files: records/NAME.csv, dataset.toml and the prototype.
 
     Args:
-        files: CSV, MATLAB and universal files.
+        files: CSV, MATLAB and universal files, or one.
         prototype: the model that was believed, with its controller.
         out: folder.
         columns: that names and units do not tell, each `CHANNEL = NAME [UNIT]`, with a minus sign before NAME to turn
@@ -143,6 +143,7 @@ def import_measured(
         InputError: with everything that cannot be told, and how to tell it.
     """
     prototype, out = Path(prototype), Path(out)
+    files = [files] if isinstance(files, Path | str) else files
     if (out / "dataset.toml").exists():
         raise InputError(out, [("--out", "holds a data set already, which is not written over; name another folder")])
     model, named = read_prototype(prototype), asked(columns)
