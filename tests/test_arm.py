@@ -518,6 +518,15 @@ def test_the_inner_tip_gives_way_until_the_tubes_touch(link: Prototype):
     assert inner_travel(link.but(inner_beam=inner.but(width_m=0.115)), case).touches
 
 
+@pytest.mark.parametrize("key", ["controller", "arm.second_controller"])
+def test_several_laws_are_refused_by_the_key_at_which_they_stand(link: Prototype, key: str):
+    several = read_prototype(Path(__file__).parent.parent / "studies" / "scheduled" / "prototype.toml").controller
+    there = {"controller": several} if key == "controller" else {"arm": link.arm.but(second_controller=several)}
+    with pytest.raises(InputError) as told:
+        arm(link.but(**there), (0.0, 1.0))
+    assert [problem.key for problem in told.value.problems] == [f"{key}.kind"]
+
+
 def test_the_second_controller_acts_sideways_only(link: Prototype):
     assert link.arm is not None
     second = Lag(gain_A_per_V=0.02, pole_Hz=1.7, zero_Hz=20.0)

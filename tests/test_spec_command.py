@@ -17,21 +17,25 @@ from typer.testing import CliRunner
 
 from beamdesign import (
     InputError,
+    Prototype,
     check,
     read_dataset,
     read_prototype,
     read_scenario,
     simulate,
+    specify,
     state_space,
     write_prototype,
 )
 from beamdesign.build import analogue, tolerances
 from beamdesign.build.acceptance import COLUMNS, acceptance_plan, as_specified, write_data_folder
 from beamdesign.build.drawing import LAYERS, drawing, dxf_text, missing_geometry, svg_text
+from beamdesign.build.folder import document_of
 from beamdesign.cli import app
 from beamdesign.controllers import Lag, Observer, Scheduled, Stage
 from beamdesign.diagnosis.gap_metrics import held_out
 from beamdesign.prototype import Arm, Tolerance
+from beamdesign.report.page import to_markdown
 from beamdesign.scenario import Measurement, inputs_of
 from beamdesign.structure.lumped import with_figures
 
@@ -393,19 +397,35 @@ def test_a_drawing_is_the_same_bytes_in_every_process() -> None:
 GAINS = (0.05, 0.04)
 
 
-@pytest.fixture(scope="module")
-def stages(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The specification of two laws, with one series of components and one figure that has a tolerance."""
-    place = tmp_path_factory.mktemp("stages")
+def two_laws() -> Prototype:
     rig = read_prototype(PROTOTYPES / "tame_lag.toml")
     payload = rig.payload.but(outer_end_mass_kg=(1.0, 3.0))
     both = tuple(
         Stage(outer_end_mass_kg=masses, gain_A_per_V=gain, pole_Hz=1.7, zero_Hz=20.0)
         for gain, masses in zip(GAINS, ((1.0, 2.6), (1.7, 3.0)), strict=True)
     )
-    write_prototype(
-        rig.but(controller=Scheduled(stage=both), payload=payload, tolerance=Tolerance()), place / "rig.toml"
-    )
+    return rig.but(controller=Scheduled(stage=both), payload=payload, tolerance=Tolerance())
+
+
+def test_a_schedule_with_effects_is_specified_and_says_that_changes_are_not_proved(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(analogue, "SERIES", ())
+    monkeypatch.setattr(tolerances, "toleranced_figures", lambda prototype: ("flow_gain",))
+    found = specify(two_laws().but(effects={"sensor_lag": {"break_Hz": 900.0}}), (1.0, 1.5))
+    assert found.yes
+    assert found.switching is None
+    assert ("changes between the laws", "not covered by any proof", "the prototype has effects") in found.rows()
+    text = to_markdown(document_of(found))
+    assert "No proof covers changes of stage" in text
+    assert "is proved of changes" not in text
+
+
+@pytest.fixture(scope="module")
+def stages(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The specification of two laws, with one series of components and one figure that has a tolerance."""
+    place = tmp_path_factory.mktemp("stages")
+    write_prototype(two_laws(), place / "rig.toml")
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(analogue, "SERIES", (("E96", "E6"),))
         patch.setattr(analogue, "RESISTORS", (0.01,))

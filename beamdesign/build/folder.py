@@ -94,7 +94,7 @@ def document_of(spec: Specification, svg: str = "") -> Document:
         f"{holds_for(spec.prototype).capitalize()}: with every mass of {masses_kg} on its outer tip the rig is proved"
         f" stable, {compliance_kept(spec.prototype.goal.compliance_m_per_N, reached.bandwidth_Hz)} and"
         f" keeps its peak sensitivity at {stated_peak(reached.peak_sensitivity)} or below, by the linear model"
-        f"{', while the law acts that is for that mass' if spec.switching else ''}."
+        f"{', while the law acts that is for that mass' if spec.prototype.schedule else ''}."
     )
     stated, wider = spec.prototype.guarantee, []
     if stated is not None and stated.sigmas:

@@ -94,7 +94,7 @@ class Specification(Result):
         load_N: reference load of the ratings.
         load_words: where it comes from.
         laws: of the controller, each over its own payloads.
-        switching: what is proved of changes between them; None for one law.
+        switching: what is proved of changes between them; None for one law, and with effects, of which nothing is.
         guaranteed: the worst that is proved with any of the laws over its own payloads.
         stock: nearest stock sizes; None where a beam has no geometry.
         tolerances_reason: why no tolerances are proved, in words; empty where they are.
@@ -145,6 +145,8 @@ class Specification(Result):
             late, answers = law.digital.one_period_late, {True: "proved", False: "refuted", None: "undecided"}
             basis = "not worked out" if late is None else answers[late.stable]
             rows.append((f"{name}code at, current one period late", f"{law.digital.equation.rate_Hz:g} Hz", basis))
+        if self.prototype.schedule is not None and self.switching is None:
+            rows.append(("changes between the laws", "not covered by any proof", "the prototype has effects"))
         rows += [
             ("sensor bandwidth, at least", optional(sensor.stable_from_Hz, "Hz", ROUND_CEILING), "proved"),
             ("sensor resolution, at most", f"{decimal(1e6 * sensor.resolution_m)} µm", "computed"),
@@ -182,8 +184,8 @@ def specify(
 
     Raises:
         InputError: for a sampling rate that is too low for its laws, or one that cannot be sampled; for effects for
-            which no linear loop stands; for several laws and one payload, or several laws and effects; without a range;
-            for figures that are not plausible.
+            which no linear loop stands; for several laws and one payload; without a range; for figures that are not
+            plausible.
         ValueError: for an empty range.
     """
     for key, quantity, given in (("rate_Hz", SamplingRate, rate_Hz), ("load_N", Force, load_N)):
@@ -203,10 +205,10 @@ def specify(
             low, high = one.stage.outer_end_mass_kg
             reason = f"not certifiable from {low:g} to {high:g} kg: {one.certificate.reason}"
             return replace(found, reason=reason)
-    if schedule is not None:
-        if not masses_kg[0] < masses_kg[1]:
-            reason = f"{masses_kg[0]:g} kg is one payload, which is not for a scheduled controller; give one law"
-            raise InputError(prototype.name, [("payload.outer_end_mass_kg", reason)])
+    if schedule is not None and not masses_kg[0] < masses_kg[1]:
+        reason = f"{masses_kg[0]:g} kg is one payload, which is not for a scheduled controller; give one law"
+        raise InputError(prototype.name, [("payload.outer_end_mass_kg", reason)])
+    if schedule is not None and not prototype.effects:  # with which no proof covers changes, as the document says
         progress(0.01, "changes of stage")
         switched = switching(stage_families(prototype), *masses_kg, dwell_s=schedule.dwell_s)
         found = replace(found, switching=switched)

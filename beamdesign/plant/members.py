@@ -228,7 +228,7 @@ def paper_model(prototype: Prototype) -> LinearModel:
     Raises:
         InputError: where the prototype carries effects, which these equations do not have.
     """
-    why = "equations (7) to (18) have no such effect, and this works with them alone; remove it"
+    why = "is not taken: this is worked out of the rig without effects alone, equations (7) to (18); remove it"
     if prototype.effects:
         raise InputError(prototype.name, [(f"effects.{name}", why) for name in prototype.effects])
     return family(prototype).rest.rig

@@ -46,7 +46,7 @@ from beamdesign.loop import Loop, LoopAtMass, loop
 from beamdesign.polynomial import Affine, exact
 from beamdesign.prototype import Prototype
 from beamdesign.records import InputError
-from beamdesign.structure.arm import Name, PlaneFigures, in_plane, plane_figures
+from beamdesign.structure.arm import Name, PlaneFigures, arm_of, in_plane, plane_figures
 
 _S2 = fmpq_poly([0, 0, 1])
 
@@ -90,11 +90,17 @@ def single_loop(prototype: Prototype, name: Name) -> Loop:
     """The loop of one plane without offset: that of the prototype, for y with the second controller if there is one.
 
     Raises:
-        InputError: for a prototype with effects, or without a controller.
+        InputError: for a prototype with effects, without a controller, or with one of several laws.
     """
     wrong = [(f"effects.{key}", "the arm is worked out without effects; remove it") for key in prototype.effects]
+    laws = {"controller": prototype.controller, "arm.second_controller": arm_of(prototype).second_controller}
     if prototype.controller is None:
         wrong.append(("controller", "missing; the arm's loops are closed"))
+    wrong += [
+        (f"{key}.kind", f"{law.kind!r} has {len(law.laws)} laws, and nothing says which of them acts; give one of them")
+        for key, law in laws.items()
+        if law is not None and law.schedule is not None
+    ]
     if wrong:
         raise InputError(prototype.name, wrong)
     return loop(in_plane(prototype, name))
