@@ -1,5 +1,6 @@
 """Data as people have them: CSV dialects, MATLAB and universal files become the same data set as our own CSV."""
 
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -8,7 +9,7 @@ from pyuff import UFF, prepare_58
 from scipy.io import savemat
 from typer.testing import CliRunner
 
-from beamdesign import InputError, import_measured
+from beamdesign import InputError, import_measured, read_prototype
 from beamdesign.cli import app
 from beamdesign.diagnosis.data.dataset import TimeRecord
 from beamdesign.diagnosis.data.importing import Imported
@@ -84,6 +85,28 @@ def test_units_in_the_words_of_names(tmp_path: Path, motion: dict[str, np.ndarra
     same(found.dataset.records[0], motion)
     (rows_taken,) = found.taken.values()
     assert {one.name for one in rows_taken} == {"Zeit", "Kraft in z", "Sollwert", "Strom", "Weg"}
+
+
+SCHEDULED = RIG.parent.parent / "scheduled" / "prototype.toml"
+
+
+def test_the_stage_that_acted_is_stated_where_two_may_have(tmp_path: Path, motion: dict[str, np.ndarray]) -> None:
+    """2.2 kg are for the first law and for the second, 0.5 kg for the first alone."""
+    files = [tmp_path / "a.csv", tmp_path / "b.csv"]
+    for file in files:
+        np.savetxt(file, np.column_stack(list(motion.values())), "%.12g", ",", header=",".join(motion), comments="")
+    both = partial(import_measured, files, SCHEDULED, tmp_path / "set", outer_end_masses_kg=[0.5, 2.2])
+    for stages, words in (
+        ((), r"--stage: of .*b\.csv: 2 of the 3 laws of 'scheduled' are for 2\.2 kg; give the number"),
+        ((4,), "--stage: there is no 4; stages are 1 to 3"),
+        ((1, 2, 3), "--stage: give one for all, or one for each of 2 files; there are 3"),
+    ):
+        with pytest.raises(InputError, match=words):
+            both(stages=stages)
+    with pytest.raises(InputError, match=r"--stage: .* has no scheduled controller"):
+        import_measured(files, RIG, tmp_path / "set", stages=[1])
+    laws = read_prototype(SCHEDULED).schedule.laws
+    assert [one.controller for one in both(stages=[1, 2]).dataset.records] == [laws[0][0], laws[1][0]]
 
 
 @pytest.mark.parametrize(

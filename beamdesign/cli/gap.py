@@ -206,6 +206,7 @@ def import_files(
     outer_end_mass: Annotated[list[float] | None, typer.Option(metavar="KG")] = None,
     inner_end_mass: Annotated[float | None, typer.Option(metavar="KG")] = None,
     rest_s: Annotated[float, typer.Option(metavar="SECONDS", min=0.0)] = 0.0,
+    stage: Annotated[list[int] | None, typer.Option(metavar="N")] = None,
 ) -> CommandResult:
     """Make a data set of CSV, MATLAB and universal files.
 
@@ -221,10 +222,13 @@ def import_files(
         outer_end_mass: payload while they were taken; once, or once for each file.
         inner_end_mass: mass added inside; else the prototype's.
         rest_s: how long everything rests at the beginning; the mean of that time is taken off every channel.
+        stage: of a scheduled controller the stage that acted, from 1; once, or once for each file. Needed where a
+            payload lies in the ranges of two.
     """
     from beamdesign import import_measured
 
-    found = import_measured(files, prototype, out, column or (), outer_end_mass or (0.0,), inner_end_mass, rest_s)
+    masses = outer_end_mass or (0.0,)
+    found = import_measured(files, prototype, out, column or (), masses, inner_end_mass, rest_s, stage or ())
     echo_table("what was taken for what", ("file", "channel", "from", "note"), found.rows())
     echo(f"next:    beamdesign gap diagnose {quote(str(out))}")
     return CommandResult(found.to_dict(), files=found.paths)

@@ -16,13 +16,15 @@ from typing import Any
 import numpy as np
 import tomli_w
 
+from beamdesign.controllers import Controller
 from beamdesign.diagnosis.data.dataset import INPUTS, Dataset, read_dataset
 from beamdesign.diagnosis.data.measured_files import SPELT, UNITS, Column, Measured, Response, read_measured, unit_of
 from beamdesign.files import fresh_folder, write_whole
-from beamdesign.prototype import read_prototype
+from beamdesign.prototype import Prototype, read_prototype
 from beamdesign.quantities import MassOrNone, range_of
 from beamdesign.records import InputError, Problem
 from beamdesign.result import Result, finite
+from beamdesign.structure.arm import in_plane
 
 _PER_FORCE = {"m": 1.0, "mm": 1e-3, "um": 1e-6, "in": 0.0254}
 
@@ -125,6 +127,7 @@ def import_measured(
     outer_end_masses_kg: Sequence[float] = (0.0,),
     inner_end_mass_kg: float | None = None,
     rest_s: float = 0.0,
+    stages: Sequence[int] = (),
 ) -> Imported:
     """Write a data set of measured files: records/NAME.csv, dataset.toml and the prototype.
 
@@ -138,6 +141,8 @@ def import_measured(
         inner_end_mass_kg: mass added inside; that of the prototype where None.
         rest_s: how long everything rests at the beginning: the mean of that time is taken off. Every record goes on
             after it.
+        stages: of a scheduled controller the number, from 1, of the stage that acted: of every file, or one for all;
+            not needed where a payload lies in the range of one stage alone.
 
     Raises:
         InputError: with everything that cannot be told, and how to tell it.
@@ -157,11 +162,13 @@ def import_measured(
         (option, plausible.refusal(mass, "_kg")) for option, some in stated for mass in some if mass not in plausible
     ]:
         raise InputError("gap import", wrong)
+    laws = _acted(model, files, masses, stages)
     entries: dict[str, list[dict[str, object]]] = {"record": [], "frequency_response": []}
     taken, tables, sources = dict[str, tuple[Taken, ...]](), dict[str, dict[str, np.ndarray]](), dict[str, Path]()
-    for path, mass in zip(map(Path, files), masses, strict=True):
+    for path, mass, law in zip(map(Path, files), masses, laws, strict=True):
         found = read_measured(path)
         at: dict[str, object] = {"outer_end_mass_kg": mass, "inner_end_mass_kg": inner}
+        at |= {} if law is None else {"controller": law.model_dump(mode="json", exclude_none=True)}
         if found.columns:
             name = f"records/{_fresh(path.stem, tables)}.csv"
             tables[name], taken[name] = _record(found, named, model.sensor.gain_V_per_m, rest_s)
@@ -192,6 +199,36 @@ def import_measured(
             source = given.get(error.source, error.source.replace(str(fresh), str(out)))
             raise InputError(source, error.problems) from error
     return Imported(read_dataset(out), taken, tuple(out / n for n in ("dataset.toml", "prototype.toml", *tables)))
+
+
+def _acted(
+    model: Prototype, files: Sequence[Path | str], masses_kg: Sequence[float], stages: Sequence[int]
+) -> list[Controller | None]:
+    """The law that acted in each file, where the stage is given; else None, by which it is told from the payload.
+
+    Raises:
+        InputError: where that cannot be told, and for stages that there are not.
+    """
+    schedule = in_plane(model).schedule
+    if schedule is None:
+        if stages:
+            raise InputError("gap import", [("--stage", f"{model.name} has no scheduled controller")])
+        return [None] * len(files)
+    if len(stages) not in (0, 1, len(files)):
+        reason = f"give one for all, or one for each of {len(files)} files; there are {len(stages)}"
+        raise InputError("gap import", [("--stage", reason)])
+    laws, wrong = [law for law, _ in schedule.laws], list[Problem]()
+    if none := sorted({stage for stage in stages if not 1 <= stage <= len(laws)}):
+        wrong.append(Problem("--stage", f"there is no {', '.join(map(str, none))}; stages are 1 to {len(laws)}"))
+    for path, mass in () if stages else zip(files, masses_kg, strict=True):
+        try:
+            schedule.law_for(mass)
+        except ValueError as error:
+            wrong.append(Problem("--stage", f"of {path}: {error}; give the number of the stage that acted"))
+    if wrong:
+        raise InputError("gap import", wrong)
+    each = [laws[stage - 1] for stage in stages] or [None]
+    return each * (len(files) if len(each) == 1 else 1)
 
 
 def _csv(table: Mapping[str, np.ndarray]) -> str:
