@@ -6,6 +6,7 @@ import os
 import pty
 import re
 import select
+import shutil
 import signal
 import subprocess
 import sys
@@ -413,6 +414,28 @@ def test_json_takes_the_place_of_no_other_file_of_the_command(tmp_path: Path) ->
     assert isinstance(CliRunner().invoke(app, asked).exception, InputError)
     assert (rig.read_bytes(), table.read_text()) == (RIG.read_bytes(), "t_s,disturbance_N\n")
     assert not out.exists()
+
+
+def test_json_takes_the_place_of_no_file_that_an_input_names(tmp_path: Path) -> None:
+    """A data set's records and prototype, what that rests on, and the forces of a scenario."""
+    shutil.copytree(ROOT / "studies" / "gaps" / "slow_sensor", tmp_path / "set")
+    record = next(path for path in (tmp_path / "set").rglob("*.csv"))
+    proof = tmp_path / "set" / "certificate.toml"
+    rig = tmp_path / "set" / "prototype.toml"
+    rig.write_text(rig.read_text() + f'[material.proof]\nsource = "{proof.name}"\n')
+    scenario, force = tmp_path / "scenario.toml", tmp_path / "force.csv"
+    scenario.write_text('name = "a"\n[[record]]\nname = "b"\n[[record.input]]\nkind = "csv"\nfile = "force.csv"\n')
+    for path in (proof, force):
+        path.write_text("kept")
+    diagnosing, simulating = (
+        ["gap", "diagnose", str(tmp_path / "set")],
+        ["simulate", str(rig), "--scenario", str(scenario)],
+    )
+    for asked, named in ((diagnosing, record), (diagnosing, rig), (diagnosing, proof), (simulating, force)):
+        before = named.read_bytes()
+        found = CliRunner().invoke(app, [*asked, "--out", str(tmp_path / "out"), "--json", str(named)])
+        assert f"--json: {named} is another file of this command" in str(found.exception)
+        assert named.read_bytes() == before
 
 
 @pytest.mark.skipif(os.name != "posix", reason="pipes of POSIX")

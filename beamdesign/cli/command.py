@@ -23,7 +23,16 @@ import typer
 from typer.models import ArgumentInfo, OptionInfo
 
 from beamdesign import time_limit
-from beamdesign.cli.output import echo, file_to_write, folder_to_write, json_target, note, refuse, write_json
+from beamdesign.cli.output import (
+    echo,
+    file_to_write,
+    folder_to_write,
+    json_target,
+    named_files,
+    note,
+    refuse,
+    write_json,
+)
 from beamdesign.files import fresh_folder, settled, write_whole
 
 if TYPE_CHECKING:
@@ -110,9 +119,10 @@ def command(
 
 
 def _real_paths(given: Iterable[Any]) -> Iterator[str]:
-    """Paths among values of options, as they are whatever links lead there."""
+    """Paths among values of options and the files that these name, as they are whatever links lead there."""
     for value in given:
-        yield from (realpath(one) for one in (value if isinstance(value, list) else [value]) if isinstance(one, Path))
+        paths = [one for one in (value if isinstance(value, list) else [value]) if isinstance(one, Path)]
+        yield from (realpath(file) for path in paths for file in (path, *named_files(path)))
 
 
 @contextmanager

@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from math import isfinite
-from os.path import isfile
 from pathlib import Path
 from shlex import quote
 from typing import TYPE_CHECKING, Annotated, Any
@@ -10,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from beamdesign.cli.command import CommandResult, command, group, in_time, resumed
-from beamdesign.cli.output import default_folder, echo, echo_table, in_words, progress, refuse, spare
+from beamdesign.cli.output import default_folder, echo, echo_table, in_words, named_files, progress, refuse, spare
 from beamdesign.files import fresh_folder, settled
 from beamdesign.time_limit import share
 
@@ -61,7 +60,7 @@ def diagnose(
     index = index_of(dataset).resolve()
     other = "" if index.name == "dataset.toml" else f".{index.stem}"
     folder = out or default_folder(f"{index.parent.name}{other}.diagnosis")
-    spare(_read_of(index_of(dataset)), folder, NAMES.values())
+    spare(named_files(index_of(dataset)), folder, NAMES.values())
     if kind_of(dataset) != "actuator_bench":
         return _diagnose(dataset, folder, redesign, workers, minutes)
 
@@ -77,18 +76,6 @@ def diagnose(
         echo_diagnosis(found)
     paths, fields = write_gap_folder(folder, found)
     return CommandResult(fields, files=paths.values())
-
-
-def _read_of(index: Path) -> list[Path]:
-    """Files that a dataset.toml names and that are there, whatever else is wrong with it, and itself."""
-    from beamdesign.records import read_table
-
-    table = read_table(index)
-    lists = (found for key in ("record", "frequency_response") if isinstance(found := table.get(key), list))
-    rows = [row for found in lists for row in found]
-    named = [table.get("prototype", "prototype.toml"), *(row.get("file") for row in rows if isinstance(row, dict))]
-    files = (index.parent / name for name in named if isinstance(name, str))
-    return [index, *filter(isfile, files)]  # which bears names that no file can have
 
 
 def _diagnose(dataset: Path, folder: Path, renew: bool, workers: int, minutes: float | None) -> CommandResult:
@@ -252,7 +239,7 @@ def predict(prototype: Path, dataset: Path, out: Path) -> CommandResult:
     from beamdesign.columns import write_tables
     from beamdesign.diagnosis.data.dataset_index import index_of
 
-    measured = _read_of(index_of(dataset))
+    measured = named_files(index_of(dataset))
     spare([*measured, prototype], out, [path.with_suffix(".csv").name for path in measured])
     with progress("simulating") as update:
         found = predicted(prototype, dataset, update)

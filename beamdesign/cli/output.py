@@ -13,7 +13,7 @@ import threading
 import time
 import tomllib
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import AbstractContextManager, contextmanager, nullcontext
+from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -80,6 +80,31 @@ def spare(read: Iterable[Path], folder: Path | None, names: Iterable[str]) -> No
     kept = set(map(os.path.realpath, read))
     if folder is not None and (hit := [name for name in names if os.path.realpath(folder / name) in kept]):
         refuse("--out", (str(folder), f"would be written over {', '.join(hit)}, which is read; name another folder"))
+
+
+def named_files(path: Path) -> list[Path]:
+    """A file, or the dataset.toml of a folder, with all files that it names and that are there, and what these name."""
+    found, ahead = list[Path](), [path / "dataset.toml" if path.is_dir() else path]
+    while ahead:
+        one = ahead.pop()
+        if one in found or not os.path.isfile(one):  # which takes names that no file can have
+            continue
+        found.append(one)
+        if one.suffix == ".toml":
+            with suppress(OSError, ValueError, RecursionError):  # what is wrong with it is told where it is read
+                table = tomllib.loads(read_bytes(one).decode())
+                certificate = str(table.get("kind", "")).startswith("beamdesign.")  # which names none
+                ahead += [one.parent / text for text in (() if certificate else _texts(table))]
+    return found
+
+
+def _texts(value: Any) -> Iterator[str]:
+    """All words in tables and lists of a TOML file."""
+    if isinstance(value, str):
+        yield value
+    elif isinstance(value, dict | list):
+        for one in value.values() if isinstance(value, dict) else value:
+            yield from _texts(one)
 
 
 def refuse(source: str | Path, *problems: tuple[str, str]) -> NoReturn:
