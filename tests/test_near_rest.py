@@ -84,11 +84,28 @@ def test_only_what_is_asked_for_stands_in_the_way_of_a_yes() -> None:
     assert not near_rest(
         rig().but(effects={"joint_backlash": {"play_m": 0.0}, "valve_deadband": {"half_width_A": 0.0}})
     )
-    dead = near_rest(rig("valve_deadband"))
-    assert not uncovered(dead, [PEAK])
-    assert uncovered(dead, [PEAK, COMPLIANCE])
-    assert uncovered(near_rest(rig("joint_backlash")), [])
+    assert not uncovered(rig("valve_deadband"), (), [PEAK])
+    assert uncovered(rig("valve_deadband"), (), [PEAK, COMPLIANCE])
+    assert uncovered(rig("joint_backlash"), (), [])
     assert holds_for(rig()) == f"for {rigs_in_words(0.0)}"
+
+
+@pytest.mark.parametrize(
+    ("effect", "claims", "moving", "yes"),
+    [
+        ("valve_deadband", [PEAK], False, True),
+        ("valve_deadband", [COMPLIANCE], False, False),
+        ("valve_deadband", [COMPLIANCE], True, True),  # by how far the tip strays
+        ("joint_backlash", [], False, False),
+    ],
+)
+def test_the_answer_of_the_function_is_that_of_the_command(
+    effect: str, claims: list[Asked], moving: bool, yes: bool
+) -> None:
+    found = certify(rig(effect), 0.0, 1.0, claims, moving)
+    assert found.holds  # of the linear members
+    assert (found.yes, found.status) == (yes, "yes" if yes else "no")
+    assert ("not proved of small motion" in found.reason) is not yes
 
 
 def test_a_design_up_to_its_goal_is_not_told_to_be_beyond_it(tmp_path: Path) -> None:

@@ -1,6 +1,7 @@
 """`beamdesign certify` and `certify-box`: proofs over payloads and tolerances, and how they are printed."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from math import inf, isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -99,25 +100,24 @@ def certify(
     masses, stem = mass_range(outer_end_mass, record.outer_end_mass_kg, prototype), prototype.stem
 
     from beamdesign.proofs.certifying import certify as prove
-    from beamdesign.proofs.scope import holds_for, near_rest, uncovered
+    from beamdesign.proofs.scope import holds_for, near_rest
 
     def proved(stage: "InStage") -> tuple[dict[str, Any], bool]:
         rig, path = stage.prototype, certificate_file(beside(out, stage), f"{stem}{stage.suffix}.certificate.toml")
         certificate = prove(rig, *stage.outer_end_mass_kg, asked, nonlinear)
-        bounded = {name for row in certificate.nonlinear if row.bound_m is not None for name in row.effects}
-        left = tuple(one for one in near_rest(rig) if one.effect not in bounded)
+        if linear:
+            certificate = replace(certificate, small_motion="")
         _echo(rig, certificate)
         write_certificate(path, certificate.text)
         between = _between(rig, certificate, path) if rig.effects else {}
         fields = certificate.to_dict() | between
-        fields |= {"holds_for": holds_for(rig), "near_rest": left, "certificate": path}
-        holds = certificate.holds
-        reason = uncovered(left, asked)
-        if between.get("stable_between") is False:
-            reason = reason or "not stable at every value between the ends of the frozen figures"
-        if holds and not linear and reason:
+        fields |= {"holds_for": holds_for(rig), "near_rest": near_rest(rig, certificate.nonlinear), "certificate": path}
+        holds, reason = certificate.yes, certificate.small_motion
+        if between.get("stable_between") is False and not linear:
+            holds, reason = False, reason or "not stable at every value between the ends of the frozen figures"
+        if certificate.holds and not holds:
             echo(f"{rig.name}: {reason}; --linear asks of linear members alone")
-            holds, fields = False, fields | {"reason": reason}
+            fields |= {"reason": reason}
         return fields, holds
 
     return by_stage(record, masses, proved)

@@ -239,6 +239,7 @@ class Certificate(Decided):
         method: how it was proved, in words.
         scope: for a prototype with effects, per effect what is covered and what is not, in words.
         nonlinear: where that was asked for, what is proved of effects while they move.
+        small_motion: what is proved of linear members and not of small motion about rest, in words; empty where all is.
     """
 
     claims: tuple[Claim, ...]
@@ -246,10 +247,11 @@ class Certificate(Decided):
     method: str = METHOD
     scope: tuple[str, ...] = ()
     nonlinear: tuple[Row, ...] = ()
+    small_motion: str = ""
 
     @property
     def holds(self) -> bool:
-        """Whether the range is stable and every claim that was asked holds."""
+        """Whether the range is stable and every claim that was asked holds, of the linear members."""
         return self.stable and all(claim.holds for claim in self.claims) and all(row.proved for row in self.nonlinear)
 
     @property
@@ -265,8 +267,8 @@ class Certificate(Decided):
 
     @property
     def yes(self) -> bool:
-        """Whether all that was asked holds."""
-        return self.holds
+        """Whether all that was asked holds, of small motion too."""
+        return self.holds and not self.small_motion
 
     def to_dict(self) -> dict[str, Any]:
         """What `beamdesign certify` writes of it, without the text of the proof."""
@@ -296,7 +298,7 @@ class Certificate(Decided):
         """In words, why the answer is no; empty where it is yes."""
         refused = [f"{describe(claim)}: {claim.reason}" for claim in self.claims if not claim.holds]
         refused += [row.line() for row in self.nonlinear if not row.proved]
-        return "; ".join([self.stability.reason, *refused] if self.stability.reason else refused)
+        return "; ".join(words for words in (self.stability.reason, *refused, self.small_motion) if words)
 
 
 def goal_claims(goal: Goal) -> tuple[Asked, ...]:

@@ -33,13 +33,11 @@ from beamdesign.proofs.certificate import (
 from beamdesign.proofs.changing_gain import both_rows, changing_rows
 from beamdesign.proofs.performance import bandwidth, least_limit, prove, servo_off_of
 from beamdesign.proofs.rectangle import Rectangle
-from beamdesign.proofs.scope import LINEAR, NONE_KNOWN, Members, covered, is_linear, members, scope
+from beamdesign.proofs.scope import LINEAR, NONE_KNOWN, Members, covered, is_linear, members, scope, uncovered
 from beamdesign.proofs.stability import Range, StabilityMap, in_words, is_stable_over, stable_ranges
 from beamdesign.proofs.writer import STABILITY_DIGITS, Tables, certificate, stability_table, texts
 from beamdesign.prototype import Goal, InStage, Prototype
 from beamdesign.records import InputError, Problem
-
-# Members over end masses and factors on the gain; what all have in common, in words.
 
 _STEPS, _HALVINGS = 64, 24
 """Where a gain between its ends is unstable, a range of masses gives way by this share of itself at a time; how often
@@ -231,7 +229,7 @@ def certify(
     Where the range is stable, the guaranteed bandwidth (for the goal's compliance) and the guaranteed peak sensitivity
     are worked out and proved as well. Everything is about all linear members of the prototype, of which there is one
     without effects: stability, decay and gain margin at every factor on the gain that the effects allow; the rest at
-    those at which the effects are to let the loop perform.
+    those at which the effects are to let the loop perform. `small_motion` tells what small motion does not keep of it.
 
     Args:
         prototype: with a controller of one law.
@@ -270,7 +268,8 @@ def certify(
     written_text = certificate(KIND, prototype, body, summary, high_kg)
     method = f"{METHOD}; {scope(prototype, found)}" if prototype.effects else METHOD
     about = tuple(covered(prototype, found, nonlinear)) if prototype.effects else ()
-    return Certificate((low_kg, high_kg), stability, written_text, tuple(decided), guaranteed, method, about, rows)
+    more = method, about, rows, uncovered(prototype, rows, claims)
+    return Certificate((low_kg, high_kg), stability, written_text, tuple(decided), guaranteed, *more)
 
 
 def guaranteed_by_all(stages: Iterable[InStage]) -> Guaranteed | None:

@@ -15,7 +15,7 @@ from beamdesign.loop import Loop, at_most
 from beamdesign.plant.effects import library
 from beamdesign.plant.members import LinearFamily, family, linear_of
 from beamdesign.polynomial import exact
-from beamdesign.proofs.certificate import Asked
+from beamdesign.proofs.certificate import Asked, Row
 from beamdesign.prototype import Prototype
 from beamdesign.quantities import rigs_in_words
 
@@ -143,10 +143,16 @@ class NearRest:
     words: str
 
 
-def near_rest(prototype: Prototype) -> tuple[NearRest, ...]:
-    """What nothing is proved of while motion is small against the effects of a prototype, all of the library."""
+def near_rest(prototype: Prototype, moving: Sequence[Row] = ()) -> tuple[NearRest, ...]:
+    """What nothing is proved of while motion is small against the effects of a prototype, all of the library.
+
+    Args:
+        prototype: with or without effects.
+        moving: what is proved of effects while they move; how far the tip strays says it of small motion too.
+    """
+    bounded = {name for row in moving if row.bound_m is not None for name in row.effects}
     found = []
-    for name, given in sorted(prototype.effects.items()):
+    for name, given in sorted((name, given) for name, given in prototype.effects.items() if name not in bounded):
         effect, linear = library()[name], library()[name].linear
         # The first figure of each of these effects is its size, or each of its loops has one; without any it is none.
         sizes = [one for one in effect.parameters if one.name in effect.memory] or effect.parameters[:1]
@@ -156,12 +162,12 @@ def near_rest(prototype: Prototype) -> tuple[NearRest, ...]:
     return tuple(found)
 
 
-def uncovered(left: Sequence[NearRest], asked: Sequence[Asked]) -> str:
+def uncovered(prototype: Prototype, moving: Sequence[Row], asked: Sequence[Asked]) -> str:
     """Why an answer cannot be yes: claims that were asked for and small motion does not keep; empty where it can.
 
-    Stability is always asked for; a compliance where it is among the claims.
+    Stability is always asked for; a compliance where it is among the claims. Arguments are as of `near_rest`.
     """
-    compliance = any(one.kind.endswith("compliance") for one in asked)
+    left, compliance = near_rest(prototype, moving), any(one.kind.endswith("compliance") for one in asked)
     words = [f"{one.claim} ({one.effect}: {one.words})" for one in left if compliance or one.claim == "stability"]
     return f"not proved of small motion: {'; '.join(words)}" if words else ""
 
