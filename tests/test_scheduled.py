@@ -550,6 +550,25 @@ def test_what_is_wrong_with_a_schedule_is_told_at_once(rig: Prototype, tmp_path:
         Scheduled(stage=schedule_of(rig).stage[::-1], estimator=Estimator())
 
 
+@pytest.mark.parametrize(
+    ("figures", "key"),
+    [
+        ({"update_s": 0.16}, "update_s"),  # more than a window
+        ({"window_s": 5e-3, "update_s": 1e-3}, "period_s"),  # of ten samples, which any payload explains
+        ({"update_s": 4e-4}, "period_s"),  # without a sample
+    ],
+)
+def test_an_estimator_that_has_too_few_samples_is_refused(rig: Prototype, figures: dict[str, float], key: str) -> None:
+    """As it stands in a file, and as it is made."""
+    with pytest.raises(ValueError, match=rf"{key}\n.*must be at most"):
+        schedule_of(rig).but(estimator=Estimator(**figures))
+    table = schedule_of(rig).model_dump() | {"estimator": figures}
+    with pytest.raises(ValueError, match=rf"{key}\n.*must be at most"):
+        Scheduled(**table)
+    enough = Estimator(update_s=4e-4)
+    assert sampling_period_s(schedule_of(rig).stage, enough) <= enough.longest_period_s
+
+
 def test_laws_for_a_rig_with_effects_are_each_certified_between_their_members(
     rig: Prototype, given: list[LawOptions], tmp_path: Path
 ) -> None:
@@ -719,7 +738,7 @@ def test_simulate_takes_a_schedule_and_no_other_a_payload_that_changes(tmp_path:
 def test_shipped_schedules_are_sampled_as_their_laws_ask(name: str, period_s: float, tmp_path: Path) -> None:
     """A quarter of the highest break's period at most; a scenario that states no period takes theirs."""
     rig, plan = read_prototype(SHIPPED.parent / f"{name}.toml"), tmp_path / "kick.toml"
-    assert schedule_of(rig).period_s == sampling_period_s(schedule_of(rig).stage) == period_s
+    assert schedule_of(rig).period_s == sampling_period_s(schedule_of(rig).stage, Estimator()) == period_s
     plan.write_text('name = "kick"\nduration_s = 0.05\n[[record]]\nname = "one"\ninput = []\n', encoding="utf-8")
     (record,) = simulate(rig, read_scenario(plan)).records
     assert record.stable

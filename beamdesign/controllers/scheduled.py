@@ -16,6 +16,10 @@ STAGES = 2, 12
 """Fewest and most laws of a scheduled controller."""
 
 
+FREE = 10
+"""Figures that a free response takes in an estimate of the payload: at most so many degrees of freedom of a window."""
+
+
 class Stage(Record):
     """One law of a scheduled controller: a lag, or one with second-order sections, and the payloads that it is for."""
 
@@ -59,6 +63,29 @@ class Estimator(Record):
         0.15, description="excitation threshold: estimates less certain than this change nothing"
     )
     band_kg: q.Mass = Field(0.4, description="error of the estimate that the stages' overlaps leave room for")
+
+    @property
+    def longest_period_s(self) -> float:
+        """Longest time between samples with which it tells anything."""
+        return longest_period_s(self.update_s, self.window_s)
+
+    @classmethod
+    def relations(cls, table: Mapping[str, Any]) -> Iterator[Problem]:
+        """What is new since the last estimate is a part of a window."""
+        found = numbers({**_USUAL, **table}, "update_s", "window_s")
+        if found and found[0] > found[1]:
+            yield Problem("update_s", f"must be at most window_s, {found[1]:g} s; is {found[0]:g}")
+
+
+def longest_period_s(update_s: float, window_s: float) -> float:
+    """Longest time between samples with which a payload is estimated.
+
+    An update has a sample at least, and a window more than a free response explains by itself.
+    """
+    return min(update_s, window_s / (FREE + 1))
+
+
+_USUAL = {name: field.default for name, field in Estimator.model_fields.items()}
 
 
 class Scheduled(Controller):
@@ -147,11 +174,16 @@ class Scheduled(Controller):
 
     @classmethod
     def relations(cls, table: Mapping[str, Any]) -> Iterator[Problem]:
-        """Stages ascend and overlap by twice the estimator's band; all have as many sections."""
-        stages = table.get("stage")
+        """Stages ascend and overlap by twice the estimator's band; all have as many sections; samples are enough."""
+        stages, given = table.get("stage"), table.get("estimator", {})
+        own = {name: usual if (one := _field(given, name)) is None else one for name, usual in _USUAL.items()}
+        period = {"period_s": table.get("period_s", cls.model_fields["period_s"].default)}
+        found = numbers(own | period, "period_s", "update_s", "window_s")
+        if found and found[0] > (most := longest_period_s(*found[1:])) * (1 + 1e-9):
+            reason = f"an estimate takes a sample between updates and more than {FREE} of them in a window"
+            yield Problem("period_s", f"must be at most {most:.4g} s, since {reason}; is {found[0]:g}")
         ranges = [_field(stage, "outer_end_mass_kg") for stage in stages] if isinstance(stages, tuple) else []
-        band = _field(table.get("estimator", Estimator()), "band_kg")
-        band = band if isinstance(band, float) else Estimator().band_kg
+        band = own["band_kg"] if isinstance(own["band_kg"], float) else Estimator().band_kg
         if all(isinstance(r, tuple) and len(r) == 2 and numbers({"a": r[0], "b": r[1]}, "a", "b") for r in ranges):
             for k, (one, two) in enumerate(pairwise(ranges), start=1):
                 if not (one[0] < two[0] and one[1] < two[1]):

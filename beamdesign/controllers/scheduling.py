@@ -30,6 +30,7 @@ from math import exp, inf, sqrt
 import numpy as np
 
 from beamdesign.controllers import Scheduled
+from beamdesign.controllers.scheduled import FREE
 from beamdesign.plant.linear import LinearModel
 from beamdesign.plant.members import paper_model
 from beamdesign.prototype import Prototype
@@ -39,8 +40,6 @@ MARGIN = 0.1
 """Share of the payload's range by which candidates go beyond either end, so that the end can be told from beyond."""
 CONTRADICTION = 4.0
 """Standard deviations by which a window's estimate may be off what was added up, before that is dropped."""
-FREE = 10
-"""Figures that a candidate's free response takes: at most so many degrees of freedom of a window."""
 _NOISE_ROOM = 1.3
 """Factor on the noise that a window without movement of the force may leave."""
 _TYPICAL = {"_m3_per_s": 1e-6, "_m3_per_s2": 1e-3, "_m_per_s": 1e-3, "_m": 1e-5, "_V": 1e-2, "_A": 1.0}

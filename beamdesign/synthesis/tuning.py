@@ -308,7 +308,7 @@ def _tune_stages(
         reason = "no mass inside was found with which every stage can be proved" + " in the time given" * over()
         return Tuning(prototype, whole_kg, reason=reason, alone_Hz=alone_Hz)
     laws, inside = tuple(map(_stage, best)), best[0].prototype.payload
-    schedule = Scheduled(stage=laws, estimator=figures, period_s=sampling_period_s(laws))
+    schedule = Scheduled(stage=laws, estimator=figures, period_s=sampling_period_s(laws, figures))
     rig = prototype.with_law(schedule, whole_kg, inside.inner_end_mass_kg)
     whole = Tuning(rig, whole_kg, min(best, key=_hertz).best, laws=tuple(best), alone_Hz=alone_Hz)
     if rig.effects:  # of which no states are known in which laws could change
@@ -322,11 +322,11 @@ def _tune_stages(
     return replace(whole, prototype=rig, switching=replace(proved, dwell_s=rig.schedule.dwell_s))
 
 
-def sampling_period_s(stages: Sequence[Stage]) -> float:
-    """The longest usual period that is at most a quarter of that of the highest break of any law."""
+def sampling_period_s(stages: Sequence[Stage], estimator: Estimator) -> float:
+    """The longest usual period of at most a quarter of that of the highest break of any law, enough for an estimate."""
     laws = [stage.law.sensed_law() for stage in stages]
     breaks = [abs(root) for law in laws for part in (law.denominator, *law.numerators) for root in roots(part)]
-    longest = pi / 2 / max(breaks)
+    longest = min(pi / 2 / max(breaks), estimator.longest_period_s)
     return next((period for period in _PERIODS_S if period <= longest), _PERIODS_S[-1])
 
 
