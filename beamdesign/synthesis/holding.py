@@ -35,7 +35,7 @@ from beamdesign.quantities import at_least, at_most
 from beamdesign.result import finite, picked
 from beamdesign.structure.lumped import lumped_beam
 from beamdesign.structure.shapes import gaps
-from beamdesign.synthesis.operating_limits import demand, needs_to_carry
+from beamdesign.synthesis.operating_limits import demand, grid_Hz, needs_to_carry
 from beamdesign.synthesis.sizing import size
 
 _PER_LOAD = 4 / 3
@@ -372,9 +372,8 @@ def _stronger(prototype: Prototype, force_N: float) -> tuple[Way, ...]:
 
 def _slower(prototype: Prototype, masses_kg: tuple[float, float], up_to_Hz: float, least_Hz: float) -> tuple[Way, ...]:
     """The compliance that the same loop keeps up to the least bandwidth, or a bandwidth that it has."""
-    grid = np.geomspace(least_Hz / 1e3, least_Hz, _POINTS)
     places = [(stage.prototype, mass) for stage in prototype.stages(masses_kg) for mass in stage.looked_at_kg]
-    asked = [demand(law, mass, grid) for law, mass in places]
+    asked = [demand(law, mass, grid_Hz(law, mass, least_Hz / 1e3, least_Hz, _POINTS)) for law, mass in places]
     compliance = _up(MARGIN * max(float(np.abs(one.displacement).max()) for one in asked))
     had = Change("load.least_bandwidth_Hz", _down(up_to_Hz), False)
     return (Change(_COMPLIANCE, compliance),), (had,)

@@ -227,8 +227,8 @@ def _acted(
             wrong.append(Problem("--stage", f"of {path}: {error}; give the number of the stage that acted"))
     if wrong:
         raise InputError("gap import", wrong)
-    each = [laws[stage - 1] for stage in stages] or [None]
-    return each * (len(files) if len(each) == 1 else 1)
+    each: list[Controller | None] = [laws[stage - 1] for stage in stages]
+    return each if len(each) > 1 else (each or [None]) * len(files)
 
 
 def _csv(table: Mapping[str, np.ndarray]) -> str:
