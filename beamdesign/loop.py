@@ -129,6 +129,21 @@ def loop(prototype: Prototype) -> Loop:
     return at_most(prototype, family(prototype).rest)
 
 
+def performing_loop(prototype: Prototype) -> Loop:
+    """The closed loop of a prototype of which its bandwidth and peak sensitivity are claimed.
+
+    That at rest where claims about performance hold for it, else that of the first member for which they do, as of
+    friction while it slides.
+
+    Raises:
+        ValueError: where the prototype has no controller.
+        InputError: where no linear loop stands for one of its effects.
+    """
+    found = family(prototype)
+    performing = (one for one in (found.rest, *found.members) if one.performance is not None)
+    return at_most(prototype, next(performing, found.rest))
+
+
 def at_most(prototype: Prototype, member: VertexModel) -> Loop:
     """The loop of a member at the largest of its gains.
 

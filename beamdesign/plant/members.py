@@ -81,7 +81,8 @@ class LinearFamily:
 
     Attributes:
         members: at all ends of the spans of its effects.
-        rest: the loop with everything at rest; its gain interval is a single factor.
+        rest: the loop with everything at rest; its gain interval is a single factor, and it has no performance where
+            claims about that are of other members, as of friction while it slides.
         spans: of the frozen figures, by EFFECT.FIGURE.
         load_N: largest steady force for which the spans are.
         depends_on_load: whether the spans would differ for another.
@@ -189,18 +190,21 @@ def family(
     whole = _outwards([(span.low, span.high) for span in spanned])
     performing = _outwards([span.performing for span in spanned])
     places = [(name, key, span) for name, table in spans.items() for key, span in table.items()]
-    members = []
-    for ends in product(*(sorted({span.low, span.high}) for _, _, span in places)):
+
+    def member(values: Sequence[float], gain: Interval, performance: Interval) -> VertexModel:
         frozen: dict[str, dict[str, float]] = {}
-        for (name, key, _), value in zip(places, ends, strict=True):
+        for (name, key, _), value in zip(places, values, strict=True):
             frozen.setdefault(name, {})[key] = value
         performs = all(
-            span.performing[0] <= value <= span.performing[1] for (_, _, span), value in zip(places, ends, strict=True)
+            span.performing[0] <= value <= span.performing[1]
+            for (_, _, span), value in zip(places, values, strict=True)
         )
-        members.append(VertexModel(rig(frozen), whole, performing if performs else None, frozen))
-    at_rest = {name: {key: span.rest for key, span in table.items()} for name, table in spans.items()}
+        return VertexModel(rig(frozen), gain, performance if performs else None, frozen)
+
+    corner_values = product(*(sorted({span.low, span.high}) for _, _, span in places))
+    members = [member(ends, whole, performing) for ends in corner_values]
     factor = float(np.prod([span.rest for span in spanned]))
-    rest = VertexModel(rig(at_rest), Interval(factor, factor), Interval(factor, factor), at_rest)
+    rest = member([span.rest for _, _, span in places], Interval(factor, factor), Interval(factor, factor))
     named = {f"{name}.{key}": span for name, key, span in places}
     with_load = any(linear.with_load for linear in linears.values())
     return LinearFamily(tuple(members), rest, named, load, with_load, gains)

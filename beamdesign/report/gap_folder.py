@@ -17,7 +17,8 @@ from beamdesign.diagnosis.gap_metrics import in_bands
 from beamdesign.diagnosis.prediction_errors import Errors
 from beamdesign.diagnosis.redesign import LoopTerms, Redesign, payload_range
 from beamdesign.files import write_set
-from beamdesign.loop import loop
+from beamdesign.loop import performing_loop
+from beamdesign.proofs.scope import near_rest
 from beamdesign.prototype import Prototype
 from beamdesign.quantities import decimal, masses_text, stated_bandwidth, stated_peak
 from beamdesign.records import InputError, to_toml
@@ -217,13 +218,15 @@ def _compliance(
     if renewed is not None and renewed.proofs:
         prototypes["new controller, as diagnosed"] = renewed.proofs[0][1]
     try:
-        loops = {name: loop(prototype).at(mass) for name, prototype in prototypes.items()}
+        loops = {name: performing_loop(prototype).at(mass) for name, prototype in prototypes.items()}
     except (InputError, ValueError):
         return None
     words = (
         f"Compliance with {mass:g} kg outside, of the linear loop:"
         f" {controller_text(first.controller, first.inner_end_mass_kg)}."
     )
+    if small := sorted({one.effect for prototype in prototypes.values() for one in near_rest(prototype)}):
+        words += f" Small motion need not follow it: {in_words(', '.join(small))}."
     if renewed is not None and renewed.proofs:
         new = renewed.proofs[0][1]
         assert new.controller is not None  # what was proved
