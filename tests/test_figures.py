@@ -11,6 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from beamdesign import Prototype, critical_gain, read_prototype, state_space
+from beamdesign.diagnosis.diagnosis import BandGap
 from beamdesign.loop import LoopAtMass, loop
 from beamdesign.quantities import decibels, from_decibels
 from beamdesign.report.canvas import STYLES, new_figure, save
@@ -26,6 +27,7 @@ from beamdesign.report.figures import (
     plot_sensitivity,
     root_branches,
 )
+from beamdesign.report.gap_folder import band_picture
 from beamdesign.validation.paper_figures import DRAWINGS
 
 
@@ -263,6 +265,14 @@ def test_a_logarithmic_scale_within_a_decade_has_numbers(remedy: Prototype):
         if low <= label.get_position()[1] <= high and label.get_text()
     ]
     assert len(labels) > 1
+
+
+def test_a_scale_with_one_decade_in_it_has_further_numbers_of_the_same_kind():
+    bands = [BandGap(0.2, 5.0, 0.011, 0.009, 0.006, 0.007), BandGap(5.0, 15.0, 0.06, 0.04, 0.009, 0.01)]
+    (axes,) = band_picture(bands).axes
+    axes.figure.draw_without_rendering()
+    labels = [label.get_text() for label in axes.yaxis.get_ticklabels(minor=True) if label.get_text()]
+    assert {"0.02", "0.04"} <= set(labels)
 
 
 def test_a_front_without_a_proved_design_has_no_scale_of_masses():

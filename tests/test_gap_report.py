@@ -15,6 +15,7 @@ from beamdesign.bench_prototype import BenchActuator, BenchPrototype, BenchServo
 from beamdesign.diagnosis.bench_diagnosis import where_of
 from beamdesign.diagnosis.data.dataset import Dataset
 from beamdesign.diagnosis.diagnosis import (
+    CauseSet,
     Cause,
     Diagnosis,
     Estimate,
@@ -181,6 +182,17 @@ def test_without_records_or_fits_there_is_still_a_page(found: Diagnosis) -> None
     text = gap_report_html(replace(bare, causes=(), classes=(), next_experiment=None), {"json": "d.json"})
     assert "no further measurement" in text
     assert "<figure" not in text
+
+
+def test_several_sets_of_causes_are_told_to_remain_only_where_there_are(found: Diagnosis) -> None:
+    one = CauseSet(("sensor_lag",), 1.0, 0.01)
+    alone = replace(
+        found, classes=(), hypotheses=(one, CauseSet(("transport_delay",), 0.0, 0.5)), left_out=("friction",)
+    )
+    words = "Several sets of causes remain"
+    assert words not in gap_report_html(alone, {"json": "d.json"})
+    two = replace(alone, hypotheses=(one, CauseSet(("transport_delay",), 0.3, 0.5)))
+    assert words in gap_report_html(two, {"json": "d.json"})
 
 
 def test_an_experiment_for_no_rivals_is_said_to_tell_none_apart(found: Diagnosis, data: Dataset) -> None:

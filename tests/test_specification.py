@@ -17,6 +17,7 @@ from beamdesign.build.folder import document_of, proved_statements
 from beamdesign.build.ratings import SensorNeed, held_loads, nearest_stock_tube
 from beamdesign.build.result_folder import FILES
 from beamdesign.build.specification import specification_of
+from beamdesign.build.tolerances import LARGEST, FigureTolerance, Tolerances
 from beamdesign.controllers import Lag, Proportional
 from beamdesign.loop import loop
 from beamdesign.prototype import Arm, InStage
@@ -52,6 +53,18 @@ def rows(text: str) -> dict[str, list[str]]:
     """Cells of every table row by its first cell."""
     found = [re.split(r"(?<!\\)\|", line)[1:-1] for line in text.splitlines() if line.startswith("|")]
     return {cells[0].strip(): [cell.strip(" *") for cell in cells[1:]] for cells in found}
+
+
+def test_no_figure_is_called_the_tightest_where_none_has_a_limit(run: DesignRun) -> None:
+    need = SensorNeed(30.0, 2000.0, 300.0, 4.6, 2.1, 1e-4, 0.1, 1e-5, 100.0, 1e-6, 1e-5, None, None)
+    wide = FigureTolerance("outer_stiffness", LARGEST, None, 0.1, 0.05, None, None)
+    for figure, words in (
+        (wide, "each figure alone"),
+        (replace(wide, alone=0.2, alone_refuted=0.21), "tightest figure alone: outer_stiffness"),
+    ):
+        found = Tolerances((figure,), 0.1, None, None, (), ())
+        told = replace(specification_of(run), laws=(), sensor=need, tolerances=found).rows()
+        assert (words, f"± {100 * figure.alone:g} %", "proved") in told
 
 
 def number(cell: str) -> float:

@@ -80,11 +80,21 @@ def finish(axes: Axes, x: str | None = None, y: str | None = None, legend: Place
     return axes
 
 
+class _PlainNumbers(LogFormatter):
+    """Chooses the ticks that have a label as its base does, and writes them without an exponent."""
+
+    def __call__(self, x: float, pos: int | None = None) -> str:
+        return f"{x:g}" if super().__call__(x, pos) else ""
+
+
 def plain_numbers(*scales: Axis) -> None:
-    """Label logarithmic scales with plain numbers: at their major ticks, and within a decade at others too."""
+    """Label logarithmic scales with plain numbers: at their major ticks, and within two decades at others too.
+
+    Of less than two decades there may be one major tick alone, from which nothing can be read.
+    """
     for scale in scales:
         scale.set_major_formatter(StrMethodFormatter("{x:g}"))
-        scale.set_minor_formatter(LogFormatter())
+        scale.set_minor_formatter(_PlainNumbers(minor_thresholds=(2, 0.5)))
 
 
 def note(

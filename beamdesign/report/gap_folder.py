@@ -327,7 +327,8 @@ def band_picture(rows: Sequence[BandGap]) -> Figure:
         axes.stairs(np.maximum(values, 1e-9), edges, baseline=None, linewidth=1.6, label=WORDS[name], **LINES[name])
     axes.set(xscale="log", yscale="log", xlim=(edges[0], edges[-1]))
     axes.set_xticks(edges, [f"{edge:g}" for edge in edges])
-    axes.minorticks_off()
+    axes.xaxis.minorticks_off()
+    plain_numbers(axes.yaxis)
     finish(axes, "frequency, Hz", "error over the signal's rms", legend=None)
     figure.legend(fontsize=7.5, loc="outside upper center", ncols=4, frameon=False)
     return figure
