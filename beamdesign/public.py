@@ -54,7 +54,7 @@ def pictures(prototype: "Prototype") -> "dict[str, Figure]":
 
     compliance, sensitivity, loop (Bode diagram with margins), nyquist, poles, locus, ranges, gains; of several laws
     those of each, with the suffix of its stage. As numbers: `beamdesign.loop.performing_loop(prototype).at(mass)`, of a
-    prototype with effects a linear loop of which bandwidth and peak sensitivity are claimed: at rest, if they are of it.
+    prototype with effects a linear loop of which bandwidth and peak sensitivity are claimed, at rest where they are.
 
     Raises:
         ValueError: without a controller.

@@ -15,8 +15,8 @@ from beamdesign.bench_prototype import BenchActuator, BenchPrototype, BenchServo
 from beamdesign.diagnosis.bench_diagnosis import where_of
 from beamdesign.diagnosis.data.dataset import Dataset
 from beamdesign.diagnosis.diagnosis import (
-    CauseSet,
     Cause,
+    CauseSet,
     Diagnosis,
     Estimate,
     Gap,
