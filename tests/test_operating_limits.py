@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from honest_certificates import screw
 
-from beamdesign import InputError, Prototype, certify, code, limits, simulate
+from beamdesign import InputError, Prototype, certify, code, critical_gain, limits, simulate
 from beamdesign.build.acceptance import acceptance_plan
 from beamdesign.controllers import Lag
 from beamdesign.prototype import Payload, Supply, prototype_from
@@ -162,6 +162,20 @@ def test_a_screw_without_ratings_has_no_envelope_and_is_stable():
     assert found.to_dict()["actuator"]["missing"]["stroke"] == "actuator.stroke_m"
     assert found.linear_amplitude
     assert acceptance_plan(rig, (0.0, 6.8)).force_N > 0
+
+
+def test_limit_cycles_of_a_screw_are_sought_at_its_gains_and_a_linear_loop_has_none():
+    """Small ones begin at the critical gain of the exact polynomial, hundreds of A/V and more."""
+    rig = screw()
+    exact = critical_gain(rig, 6.8)
+    assert exact.gain_A_per_V > 10.0
+    assert limits(rig).cycle_rows() == []
+    found = limits(rig.but(effects={"current_saturation": {"limit_A": 30.0}}))
+    amplitude_um, gain, frequency_Hz, settles = found.cycle_rows()[0]
+    assert amplitude_um == 1.0
+    assert gain == pytest.approx(exact.gain_A_per_V, rel=1e-6)  # in A/V, as the screw's own
+    assert frequency_Hz == pytest.approx(exact.frequency_Hz, rel=1e-6)
+    assert settles == "no"  # nor does it go away: the current is far from its limit
 
 
 @pytest.mark.parametrize("name", ["current_saturation", "current_saturation_soft"])

@@ -347,13 +347,14 @@ def limits(
 
 def _echo_limits(found: "OperatingLimits") -> None:
     from beamdesign.plant.linear_reach import with_published_effects
+    from beamdesign.quantities import read_in
 
     rig, mass = found.prototype, found.outer_end_mass_kg
     title = f"{rig.name} with {mass:g} kg outside: {found.envelope.reason or 'largest amplitude of a force on the tip'}"
     if found.envelope.reason:
         echo(title)
     else:
-        heads = ("frequency, Hz", "force, N", "governed by", "tip moves, um", "supply power, W")
+        heads = ("frequency, Hz", "force, N", "governed by", "tip moves, um", "mean power, W")
         echo_table(title, heads, found.rows())
     for limit, key in found.envelope.missing.items():
         echo(f"{limit}: not looked at, {key} not given")
@@ -373,13 +374,14 @@ def _echo_limits(found: "OperatingLimits") -> None:
         ("varied", "at, Hz", "limit", "off there, %"),
         found.linear_rows(),
     )
-    assert rig.controller is not None
     if not found.limit_cycles:
         echo("limit cycles: none found by harmonic balance")
         return
+    own = rig.own_controller.gain_A_per_V
+    unit, factor = read_in(own, "A/V")
     echo_table(
-        f"Limit cycles by harmonic balance; the prototype's gain is {1e3 * rig.controller.gain_A_per_V:.4g} mA/V",
-        ("amplitude, um", "gain, mA/V", "frequency, Hz", "settles there"),
+        f"Limit cycles by harmonic balance; the prototype's gain is {factor * own:.4g} {unit}",
+        ("amplitude, um", f"gain, {unit}", "frequency, Hz", "settles there"),
         found.cycle_rows(),
     )
 

@@ -182,8 +182,9 @@ def balance(rig: FreeRig, guess: Unknown, amplitude: float | None, preload: floa
 
 HARMONICS = 9
 _NEARBY = 0.999
+_FLAT = 1e-8  # more than rounding makes of a loop that is linear up to an amplitude
 _SLOWEST = 1.0  # rad/s
-_SOUGHT_A_PER_V = (1e-4, 10.0)
+_SOUGHT_A_PER_V, _AWAY = (1e-4, 10.0), 1e3
 
 
 @dataclass(frozen=True)
@@ -237,7 +238,8 @@ def linear_critical_gain(prototype: Prototype, outer_end_mass: float = 0.0, prel
         preload: constant force on the outer tip, N.
 
     Raises:
-        ValueError: where there is none from 0.1 mA/V to 10 A/V, as with a deadband, which closes no loop at rest.
+        ValueError: where there is none from 0.1 mA/V to 10 A/V, nor within a factor of 1000 of the prototype's own, as
+            with a deadband, which closes no loop at rest.
     """
     rig = FreeRig(prototype, outer_end_mass)
 
@@ -246,8 +248,9 @@ def linear_critical_gain(prototype: Prototype, outer_end_mass: float = 0.0, prel
         # Friction's memory and a rod free in its play are poles at the origin, which are no oscillation.
         return np.asarray(found[np.abs(found.imag) > _SLOWEST])
 
-    low, high = _SOUGHT_A_PER_V
-    grid = np.linspace(np.log(low), np.log(high), 60)
+    own = prototype.own_controller.gain_A_per_V  # that of a motor may be hundreds of A/V
+    low, high = min(_SOUGHT_A_PER_V[0], own / _AWAY), max(_SOUGHT_A_PER_V[1], own * _AWAY)
+    grid = np.linspace(np.log(low), np.log(high), round(12 * np.log10(high / low)))
     before = -1.0
     for left, right in pairwise(grid):
         after = float(poles(right).real.max())
@@ -296,7 +299,7 @@ def limit_cycles(
         c, omega, gain = unknown
         beyond = _continued(rig, unknown, at, amplitude * _NEARBY)[2]
         steepness = float(np.log(beyond / gain) / np.log(_NEARBY))
-        stable = steepness > 0 and _settles(rig, c, omega, gain)
+        stable = steepness > _FLAT and _settles(rig, c, omega, gain)
         found.append(LimitCycle(gain, _motion(rig, c, omega, gain), steepness, stable))
     return tuple(found)
 

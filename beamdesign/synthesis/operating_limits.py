@@ -32,7 +32,7 @@ from beamdesign.plant.linear_reach import (
 from beamdesign.plant.members import own_sag_m, weight_N
 from beamdesign.progress import Progress, silent
 from beamdesign.prototype import Prototype
-from beamdesign.quantities import SignedForce
+from beamdesign.quantities import SignedForce, read_in
 from beamdesign.records import InputError
 from beamdesign.result import Result, finite, picked
 from beamdesign.structure import lumped
@@ -292,7 +292,7 @@ class Limits(Result):
         return finite(fields)
 
     def rows(self) -> list[tuple[Any, ...]]:
-        """Over frequency in Hz: largest force, N; what governs it; how far the tip moves, um; supply power, W."""
+        """Over frequency in Hz: largest force, N; what governs it; how far the tip moves, um; mean power, W."""
         found = self.envelope
         if found.reason:
             return []
@@ -305,14 +305,15 @@ class Limits(Result):
         found = self.modes
         if isinstance(found, str):
             return []
+        unit, factor = read_in(self.prototype.own_controller.gain_A_per_V, "A/V")
         return [
             ("outer beam's tip compliance within 10 % up to, Hz", found.outer_Hz),
             ("inner beam's", found.inner_Hz),
             ("closed-loop compliance within 10 % up to, Hz", found.closed_loop_Hz),
             ("second mode, outer beam, Hz", found.outer_modes_Hz[1]),
             ("second mode, inner beam, Hz", found.inner_modes_Hz[1]),
-            ("critical gain with one mode per beam, mA/V", 1e3 * found.critical_gain_A_per_V),
-            ("with all modes, mA/V", 1e3 * found.critical_gain_all_A_per_V),
+            (f"critical gain with one mode per beam, {unit}", factor * found.critical_gain_A_per_V),
+            (f"with all modes, {unit}", factor * found.critical_gain_all_A_per_V),
             ("of the critical gain taken by them, %", 100 * found.gain_margin_eaten),
         ]
 
@@ -325,9 +326,15 @@ class Limits(Result):
         return rows
 
     def cycle_rows(self) -> list[tuple[float, float, float, str]]:
-        """Amplitude in um, gain in mA/V, frequency in Hz, and whether the oscillation settles there."""
+        """Amplitude in um, gain in the unit of the prototype's, frequency in Hz, and whether it settles there."""
+        factor = read_in(self.prototype.own_controller.gain_A_per_V, "A/V")[1]
         return [
-            (1e6 * row["amplitude_m"], 1e3 * row["gain_A_per_V"], row["frequency_Hz"], "yes" if row["stable"] else "no")
+            (
+                1e6 * row["amplitude_m"],
+                factor * row["gain_A_per_V"],
+                row["frequency_Hz"],
+                "yes" if row["stable"] else "no",
+            )
             for row in self.limit_cycles
         ]
 
@@ -390,7 +397,7 @@ def _linear(rig: Prototype, mass: float, progress: Progress) -> tuple[dict[str, 
 
 def _cycles(rig: Prototype, mass: float) -> tuple[dict[str, Any], ...]:
     real, rows = with_published_effects(rig), []
-    for amplitude in AMPLITUDES_M:
+    for amplitude in AMPLITUDES_M if real.effects != linear_part(real).effects else ():  # a linear loop has none
         try:
             (cycle,) = limit_cycles(real, [amplitude], mass)
         except ValueError:  # there is none of that amplitude, or harmonic balance does not cover an effect
