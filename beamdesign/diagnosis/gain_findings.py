@@ -21,7 +21,7 @@ from beamdesign.diagnosis.fitting.gain_evidence import FREQUENCY_STD, GainEviden
 from beamdesign.diagnosis.fitting.linear_evidence import ResponseEvidence
 from beamdesign.plant.assembly import fits
 from beamdesign.plant.effects import library
-from beamdesign.quantities import LawGain, range_of
+from beamdesign.quantities import LawGain, quantity, range_of
 
 
 @dataclass(frozen=True)
@@ -185,8 +185,8 @@ def notes_on_predictions(gains: Sequence[GainEvidence], factor: CommonFactor | N
         foreseen, at = piece.measured.predicted_gain, piece.nominal()
         if foreseen is not None and at is not None and abs(at.gain / foreseen - 1) > _DIFFERS:
             said.append(
-                f"{piece.name}: the believed model gives {1e3 * at.gain:.3g} mA/V where the designers predicted"
-                f" {1e3 * foreseen:.3g}, so that its gap holds what their models differ in."
+                f"{piece.name}: the believed model gives {quantity(at.gain, 'A/V', 3)} where the designers"
+                f" predicted {quantity(foreseen, 'A/V', 3)}, so that its gap holds what their models differ in."
             )
     return tuple(said)
 
@@ -316,7 +316,7 @@ def experiments(data: Dataset, assumed: Fit) -> Menu:
         piece = ResponseEvidence(replace(flat, response=response), data.prototype)
         text = (
             f"Measure the frequency response of the tip to a force, with phase, from 1 to 300 Hz under {_words(law)} at"
-            f" {1e3 * quiet.gain_A_per_V:.3g} mA/V (half its critical gain)."
+            f" {quantity(quiet.gain_A_per_V, 'A/V', 3)} (half its critical gain)."
         )
         given = {"kind": "frequency_response", "controller": quiet.model_dump()}
         yield NextExperiment(text, (), 0.0, given), (piece,), 3.0
