@@ -5,6 +5,7 @@ import os
 import re
 import subprocess
 import sys
+from decimal import Decimal
 from html.parser import HTMLParser
 from pathlib import Path
 
@@ -351,6 +352,18 @@ def test_what_was_measured_keeps_the_law_that_it_was_measured_with(tmp_path: Pat
         before = (data / "dataset.toml").read_text()
         write_data_folder(faster, acceptance_plan(faster, (0.0, 6.8), duration_s=0.5), data)
         assert ((data / "dataset.toml").read_text() == before) == bool(measured)
+
+
+def test_a_specified_tolerance_is_told_as_it_is_and_on_one_line_of_the_page(folder: Path) -> None:
+    """0.0068 is 0.68 %, though a hundredth of it in floats is less; the page breaks nothing between sign and unit."""
+    figures = json.loads((folder / "specification.json").read_text())["tolerances"]["figures"]
+    lines = (folder / "specification.md").read_text().splitlines()
+    page = (folder / "specification.html").read_text()
+    rows = [line.split(" | ") for line in lines if " | ± " in line]
+    for one, row in zip(figures, rows, strict=True):
+        percent = f"{Decimal(repr(one['specified'])) * 100:f}".rstrip("0").rstrip(".")
+        assert row[4] == f"± {percent} %"
+        assert f"±\u00a0{percent}\u00a0%" in page
 
 
 def test_tolerances_that_are_stated_stay(folder: Path) -> None:
