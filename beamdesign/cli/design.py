@@ -361,7 +361,7 @@ def remedies(
     shown = [row | {"bandwidth_Hz": stated_bandwidth(row["bandwidth_Hz"])} for row in rows]
     plot_remedies((figure := new_figure(height_mm=80)).add_subplot(), found)
     echo_table(
-        f"{problem.name}: remedies for {masses[0]:g} to {masses[1]:g} kg at the tip, each proved",
+        f"{problem.name}: what is proved with each remedy, {masses[0]:g} to {masses[1]:g} kg at the tip",
         ("remedy", "bandwidth", "added mass, kg", "lag", "reason"),
         [[row[name] for name in _REMEDY] for row in shown],
     )
