@@ -328,13 +328,9 @@ class Limits(Result):
     def cycle_rows(self) -> list[tuple[float, float, float, str]]:
         """Amplitude in um, gain in the unit of the prototype's, frequency in Hz, and whether it settles there."""
         factor = read_in(self.prototype.own_controller.gain_A_per_V, "A/V")[1]
+        settles = {True: "yes", False: "no"}
         return [
-            (
-                1e6 * row["amplitude_m"],
-                factor * row["gain_A_per_V"],
-                row["frequency_Hz"],
-                "yes" if row["stable"] else "no",
-            )
+            (1e6 * row["amplitude_m"], factor * row["gain_A_per_V"], row["frequency_Hz"], settles[row["stable"]])
             for row in self.limit_cycles
         ]
 
