@@ -19,7 +19,7 @@ import pytest
 import typer.main
 from typer.testing import CliRunner
 
-from beamdesign import InputError
+from beamdesign import InputError, check
 from beamdesign.cli import HEADINGS, app, main, output
 from beamdesign.progress import interruption_waits
 
@@ -436,6 +436,14 @@ def test_json_takes_the_place_of_no_file_that_an_input_names(tmp_path: Path) -> 
         found = CliRunner().invoke(app, [*asked, "--out", str(tmp_path / "out"), "--json", str(named)])
         assert f"--json: {named} is another file of this command" in str(found.exception)
         assert named.read_bytes() == before
+
+
+def test_json_takes_the_place_of_nothing_that_the_command_has_written(tmp_path: Path, monkeypatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "rig.toml").write_bytes(RIG.read_bytes())
+    found = CliRunner().invoke(app, ["certify", "rig.toml", "--json", "rig.certificate.toml"])
+    assert "--json: rig.certificate.toml is another file of this command" in str(found.exception)
+    assert check(tmp_path / "rig.certificate.toml").valid
 
 
 @pytest.mark.skipif(os.name != "posix", reason="pipes of POSIX")

@@ -15,7 +15,6 @@ from dataclasses import dataclass
 from functools import wraps
 from itertools import chain, islice
 from math import inf
-from os.path import realpath
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, get_args, get_origin, get_type_hints
 
@@ -24,11 +23,11 @@ from typer.models import ArgumentInfo, OptionInfo
 
 from beamdesign import time_limit
 from beamdesign.cli.output import (
+    another_file,
     echo,
     file_to_write,
     folder_to_write,
     json_target,
-    named_files,
     note,
     refuse,
     write_json,
@@ -99,13 +98,14 @@ def command(
         wrong += problems(**given) if problems else ()
         if given.get("nominal") and given["sigmas"] not in (0.0, usual["sigmas"]):
             wrong.append(("--sigmas", "has no meaning with --nominal, which guarantees for exactly the figures stated"))
-        if json is not None and realpath(json) in set(_real_paths(given.values())):
-            wrong.append(("--json", f"{json} is another file of this command, which it would take the place of"))
+        wrong += another_file(json, given.values())
         if wrong:
             refuse(work.__name__.replace("_", "-"), *wrong)
         with _told_by_file({name: given[name] for name in ("prototype", "study", "scenario") if given.get(name)}):
             result = work(**given)
         echo(*map(str, result.files))
+        if wrong := another_file(json, [*result.files, result.fields]):
+            refuse(work.__name__.replace("_", "-"), *wrong)
         write_json(json, result.fields)
         if not result.yes:
             raise typer.Exit(1)
@@ -116,13 +116,6 @@ def command(
     carried_out.__annotations__ = hints | {"json": _JsonOption, "return": None}
     carried_out.__doc__ = about
     return carried_out
-
-
-def _real_paths(given: Iterable[Any]) -> Iterator[str]:
-    """Paths among values of options and the files that these name, as they are whatever links lead there."""
-    for value in given:
-        paths = [one for one in (value if isinstance(value, list) else [value]) if isinstance(one, Path)]
-        yield from (realpath(file) for path in paths for file in (path, *named_files(path)))
 
 
 @contextmanager

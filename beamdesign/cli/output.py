@@ -82,6 +82,24 @@ def spare(read: Iterable[Path], folder: Path | None, names: Iterable[str]) -> No
         refuse("--out", (str(folder), f"would be written over {', '.join(hit)}, which is read; name another folder"))
 
 
+def another_file(json: Path | None, values: Iterable[Any]) -> list[tuple[str, str]]:
+    """That the file of --json is one among some values, or one that these name: the problem, or none."""
+    if json is None or os.path.realpath(json) not in {
+        os.path.realpath(file) for path in _paths(list(values)) for file in (path, *named_files(path))
+    }:
+        return []
+    return [("--json", f"{json} is another file of this command, which it would take the place of")]
+
+
+def _paths(value: Any) -> Iterator[Path]:
+    """All paths in tables and lists."""
+    if isinstance(value, Path):
+        yield value
+    elif isinstance(value, Mapping | list | tuple):
+        for one in value.values() if isinstance(value, Mapping) else value:
+            yield from _paths(one)
+
+
 def named_files(path: Path) -> list[Path]:
     """A file, or the dataset.toml of a folder, with all files that it names and that are there, and what these name."""
     found, ahead = list[Path](), [path / "dataset.toml" if path.is_dir() else path]
