@@ -23,7 +23,7 @@ from beamdesign.sweep import conclusion, workers
 from beamdesign.sweep.case import TASKS, case
 from beamdesign.sweep.conclusion import words as label_of
 from beamdesign.sweep.methods import at, points
-from beamdesign.sweep.sweep_file import Picture, Vary, known_keys, read_sweep, with_value, wrong_key
+from beamdesign.sweep.sweep_file import Picture, Vary, known_keys, read_sweep, value_at, with_value, wrong_key
 from beamdesign.sweep.sweep_run import plan, run_sweep
 from beamdesign.synthesis.operating_limits import envelope
 
@@ -130,6 +130,26 @@ def test_value_is_put_under_a_key_and_the_document_left_alone():
     assert changed["payload"]["outer_end_mass_kg"] == [0.0, 9.0]
     assert document["payload"]["outer_end_mass_kg"] == [0.0, 6.8]
     assert with_value({}, "effects.sensor_lag.break_Hz", 300.0) == {"effects": {"sensor_lag": {"break_Hz": 300.0}}}
+
+
+def test_figures_of_tables_in_lists_are_varied():
+    """A section of a structured law, a stage of a schedule; a list whose entry is not named is no table."""
+    known = known_keys(Prototype)
+    document = {"controller": {"stage": [{"gain_A_per_V": 0.1}, {"gain_A_per_V": 0.2, "section": [{"zero_Hz": 1.0}]}]}}
+    for key in ("controller.stage[1].section[0].zero_Hz", "controller.stage[0].gain_A_per_V"):
+        assert wrong_key(key, known) == ""
+        assert value_at(with_value(document, key, 9.0), key) == 9.0
+        assert value_at(document, key) in (1.0, 0.1)
+    assert (
+        with_value(document, "controller.stage[0].gain_A_per_V", 9.0)["controller"]["stage"][1]
+        == (document["controller"]["stage"][1])
+    )
+    for key, words in (
+        ("controller.stage.gain_A_per_V", r"stage is not a table, but a list; write stage\[0\]"),
+        ("controller.stage[2].gain_A_per_V", "there is no list to change one entry of"),
+    ):
+        with pytest.raises(ValueError, match=words):
+            with_value(document, key, 9.0)
 
 
 def test_all_that_is_wrong_with_a_file_is_told_at_once(sweep):

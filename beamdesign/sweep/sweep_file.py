@@ -2,7 +2,7 @@
 
 import difflib
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from itertools import permutations
 from pathlib import Path
 from typing import Any, Literal, get_args
@@ -241,7 +241,13 @@ def _no_column(key: str, name: str, task: Task, kinds: tuple[Kind, ...]) -> Iter
         yield Problem(key, f"{name} {holds}; {choice}")
 
 
-_STEP = re.compile(r"(?P<key>[^\[\]]+)(?:\[(?P<entry>\d+)\])?\Z")
+_STEP = r"[^\[\].]+(?:\[\d+\])?"
+_KEY = re.compile(rf"{_STEP}(?:\.{_STEP})*\Z")
+
+
+def steps_of(key: str) -> list[str | int]:
+    """Names of a dotted key and numbers of entries of lists, in their order."""
+    return [int(entry) if entry else name for entry, name in re.findall(r"\[(\d+)\]|([^\[\].]+)", key)]
 
 
 OWN_NAME = "NAME"
@@ -283,11 +289,10 @@ def _entries(annotation: Any) -> int:
 
 def wrong_key(key: str, known: Mapping[str, int]) -> str:
     """Why a key cannot be varied, with the nearest that can; empty where it can."""
-    parts = _STEP.match(key)
-    if parts is None:
+    if _KEY.match(key) is None:
         return "not a key; write table.key, or table.key[0] for one entry of a list"
-    name, entry = parts["key"], parts["entry"]
-    steps = name.split(".")
+    entry, steps = steps_of(key)[-1], [step for step in steps_of(key) if isinstance(step, str)]
+    name = ".".join(steps)
     own = (".".join([*steps[:k], OWN_NAME, *steps[k + 1 :]]) for k in range(1, len(steps)))
     name = next((one for one in own if one in known), name)
     if name not in known:
@@ -298,7 +303,7 @@ def wrong_key(key: str, known: Mapping[str, int]) -> str:
         last = difflib.get_close_matches(name.rpartition(".")[2], ends, n=2, cutoff=0.75)
         near = list(dict.fromkeys([*near, *(there for end in last for there in ends[end])]))[:4]
         return "unknown key; " + (f"nearest are {', '.join(near)}" if near else "none is near it")
-    if entry is not None and int(entry) >= known[name]:
+    if isinstance(entry, int) and entry >= known[name]:
         return f"{name} has {known[name]} entries, counted from 0" if known[name] else f"{name} is not a list"
     return ""
 
@@ -311,37 +316,33 @@ def with_value(document: Mapping[str, Any], key: str, value: Any) -> dict[str, A
     Raises:
         ValueError: where an entry of a list is meant and there is no such list yet, or no table on the way.
     """
-    changed = dict(document)
-    parts = _STEP.match(key)
-    assert parts is not None  # checked by `wrong_key`
-    *way, last = parts["key"].split(".")
-    table = changed
-    for step in way:
-        below = table.get(step, {})
-        if not isinstance(below, Mapping):
-            raise ValueError(f"{key}: {step} is not a table")
-        table[step] = dict(below)
-        table = table[step]
-    if parts["entry"] is None:
-        table[last] = value
-        return changed
-    listed = table.get(last)
-    if not isinstance(listed, list | tuple) or len(listed) <= int(parts["entry"]):
-        raise ValueError(f"{key}: there is no list to change one entry of; give the whole list")
-    entries = list(listed)
-    entries[int(parts["entry"])] = value
-    table[last] = entries
+    changed = _with(document, steps_of(key), value, key)
+    assert isinstance(changed, dict)  # a key begins with a name
     return changed
+
+
+def _with(held: Any, steps: Sequence[str | int], value: Any, key: str) -> Any:
+    """A table or a list with a value put where steps lead from there."""
+    if not steps:
+        return value
+    step, rest = steps[0], steps[1:]
+    if isinstance(step, int):
+        if not isinstance(held, list | tuple) or len(held) <= step:
+            raise ValueError(f"{key}: there is no list to change one entry of; give the whole list")
+        return [*held[:step], _with(held[step], rest, value, key), *held[step + 1 :]]
+    below = held.get(step, {})
+    if rest and isinstance(rest[0], str) and not isinstance(below, Mapping):
+        listed = f", but a list; write {step}[0] for the first of them" if isinstance(below, list | tuple) else ""
+        raise ValueError(f"{key}: {step} is not a table{listed}")
+    return {**held, step: _with(below, rest, value, key)}
 
 
 def value_at(document: Mapping[str, Any], key: str) -> Any:
     """The value under a dotted key, None where there is none."""
-    parts = _STEP.match(key)
-    assert parts is not None
     value: Any = document
-    for step in parts["key"].split("."):
-        value = value.get(step) if isinstance(value, Mapping) else None
-    if parts["entry"] is not None:
-        entry = int(parts["entry"])
-        value = value[entry] if isinstance(value, list | tuple) and entry < len(value) else None
+    for step in steps_of(key):
+        if isinstance(step, int):
+            value = value[step] if isinstance(value, list | tuple) and step < len(value) else None
+        else:
+            value = value.get(step) if isinstance(value, Mapping) else None
     return value
