@@ -18,7 +18,7 @@ from beamdesign.cli import app
 from beamdesign.controllers import Lag
 from beamdesign.loop import loop
 from beamdesign.plant.assembly import assemble, fits, parameters_of, structure_of
-from beamdesign.plant.compiled import half_steps, integrate
+from beamdesign.plant.compiled import half_steps, integrate, measured_half_steps
 from beamdesign.plant.effects import causes
 from beamdesign.plant.equilibrium import equilibrium
 from beamdesign.plant.members import paper_model
@@ -107,6 +107,20 @@ def test_inputs_are_interpolated_by_cubics():
     fine = np.arange(2 * 3 * 8 + 1) * 0.1 / 6
     cubic = partial(np.polyval, [1.0, -2.0, 0.3, 5.0])
     np.testing.assert_allclose(half_steps(cubic(t)[:, None], 3)[:, 0], cubic(fine), atol=1e-12)
+
+
+def test_measured_inputs_that_are_sampled_coarsely_are_taken_as_band_limited():
+    """Lines of 7 and 190 Hz at 500 Hz, in closed form; cubics lose more than a tenth of the latter."""
+    t, fine = np.arange(501) * 2e-3, np.arange(4 * 500 + 1) * 5e-4
+
+    def wave(times: np.ndarray) -> np.ndarray:
+        return (np.sin(2 * pi * 7 * times) + np.sin(2 * pi * 190 * times + 0.3))[:, None]
+
+    middle = slice(200, -200)
+    np.testing.assert_allclose(measured_half_steps(wave(t), 2e-3, 2)[middle], wave(fine)[middle], atol=0.02)
+    assert np.abs(half_steps(wave(t), 2) - wave(fine))[middle].max() > 0.1
+    np.testing.assert_allclose(measured_half_steps(wave(t), 2e-3, 2)[::4], wave(t), atol=1e-12)
+    np.testing.assert_array_equal(measured_half_steps(wave(t), 5e-4, 3), half_steps(wave(t), 3))
 
 
 @pytest.mark.parametrize("high_Hz", [80.0, 1500.0])

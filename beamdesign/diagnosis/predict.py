@@ -15,7 +15,7 @@ from beamdesign.diagnosis.data.dataset import TimeRecord
 from beamdesign.diagnosis.data.dataset_index import index_of, kind_of, read_index, wrong_files
 from beamdesign.plant.actuators import not_felt
 from beamdesign.plant.assembly import OUTPUTS, assemble, parameters_of, problem_without_controller, structure_of
-from beamdesign.plant.compiled import half_steps, integrate
+from beamdesign.plant.compiled import integrate, measured_half_steps
 from beamdesign.plant.equilibrium import equilibrium, substeps_for
 from beamdesign.progress import Progress, silent
 from beamdesign.prototype import Prototype, read_prototype
@@ -127,7 +127,7 @@ def _fixed(rig: Prototype, given: TimeRecord, nominal_sensor_gain: float) -> np.
     except ValueError as error:
         raise InputError(rig.name, [("(figures)", str(error))]) from error
     substeps = substeps_for(assembly, parameters, given.times)
-    inputs = half_steps(given.cleaned.inputs, substeps)
+    inputs = measured_half_steps(given.cleaned.inputs, given.step, substeps)
     y, _ = integrate(kinds, given.since_start, inputs, start, parameters, substeps, FURTHEST_M)
     columns = [OUTPUTS.index(name) for name in COLUMNS[1:]]
     return np.column_stack([given.times[: len(y)], y[:, columns]])

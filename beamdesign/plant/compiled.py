@@ -86,6 +86,36 @@ def half_steps(samples: np.ndarray, substeps: int) -> np.ndarray:
     return np.vstack([fine, samples[-1:]])
 
 
+FINE_S = 0.5e-3
+"""Interval up to which cubics tell a measured input between its samples."""
+
+
+def measured_half_steps(samples: np.ndarray, step_s: float, substeps: int) -> np.ndarray:
+    """What was measured of inputs, interpolated to every half integration step.
+
+    Midway between samples, cubics through four neighbours lose 2 % of what lies at 0.15 of the sampling rate, which is
+    300 Hz at `FINE_S`, and 22 % at twice that. So inputs that were sampled more coarsely are taken as band-limited: a
+    straight line from end to end, and sines that begin and end at it.
+
+    Args:
+        samples: (N, m), N at least 4.
+        step_s: sampling interval.
+        substeps: steps per sample interval.
+
+    Returns:
+        (2 substeps (N - 1) + 1, m), the samples themselves among them.
+    """
+    if step_s <= (1 + 1e-6) * FINE_S:
+        return half_steps(samples, substeps)
+    count, parts = len(samples) - 1, 2 * substeps
+    ends = samples[[0, -1]]
+    line = np.linspace(ends[0], ends[1], count + 1)
+    beyond = samples - line
+    periodic = np.vstack([beyond, -beyond[-2:0:-1]])
+    fine = parts * np.fft.irfft(np.fft.rfft(periodic, axis=0), 2 * count * parts, axis=0)[: count * parts + 1]
+    return np.asarray(fine + np.linspace(ends[0], ends[1], count * parts + 1))
+
+
 def integrate(
     kinds: Structure,
     times: np.ndarray,

@@ -11,7 +11,7 @@ from beamdesign.diagnosis.data.dataset import TimeRecord
 from beamdesign.diagnosis.fitting.hypothesis import NOTHING, Placement, cause
 from beamdesign.diagnosis.fitting.weighting import LOWEST_HZ, Rise, Weighting, blurred, faded
 from beamdesign.plant.assembly import Assembly, Structure, assemble, parameters_of
-from beamdesign.plant.compiled import half_steps, integrate, integrate_with_sensitivities
+from beamdesign.plant.compiled import integrate, integrate_with_sensitivities, measured_half_steps
 from beamdesign.plant.equilibrium import equilibrium, equilibrium_sensitivity, linearise
 from beamdesign.prototype import Prototype
 
@@ -113,7 +113,7 @@ class Replay:
     def _driven(self, substeps: int) -> np.ndarray:
         """(2 substeps (N - 1) + 1, m) the record's inputs at every half step."""
         if substeps not in self._inputs:
-            self._inputs[substeps] = half_steps(self.record.inputs, substeps)
+            self._inputs[substeps] = measured_half_steps(self.record.inputs, self.record.step, substeps)
         return self._inputs[substeps]
 
     def _enough(self, placement: Placement, parameters: np.ndarray, rest: np.ndarray) -> int:
