@@ -234,6 +234,17 @@ def other_run(data: Recorded) -> None:
     data.columns["force"]["current_A"] = data.columns["force"]["current_A"][::-1].copy()
 
 
+def begun_at_its_place(data: Recorded) -> None:
+    """Cut where it passes the place at which it rests."""
+    about = np.convolve(data.columns["force"]["displacement_m"], np.ones(3), "valid")
+    cut("force", 200 + int(np.argmin(np.abs(about[200:600]))), 1201)(data)
+
+
+def load_cell_hum(data: Recorded) -> None:
+    columns = data.columns["command"]
+    columns["disturbance_N"] = columns["disturbance_N"] + 40 * np.sin(2 * np.pi * 50 * columns["t_s"])
+
+
 def put(column: str, name: str, row: int | slice, value: float) -> Spoil:
     def spoil(data: Recorded) -> None:
         values = data.columns[name][column].copy()
@@ -287,6 +298,18 @@ NAMED: dict[str, tuple[Spoil, str, str, str, bool, bool]] = {
     "one far command": (put("command_V", "command", 300, 1e5), "outlier", "command", "command_V (1e+05)", True, True),
     "one far force": (put("disturbance_N", "force", 300, 1e6), "force", "force", "9.996e+05 N at 0.3 s", True, True),
     "a constant far force": (put("disturbance_N", "force", slice(None), 1e6), "force", "force", "zero", True, True),
+    "begun in motion, at its place of rest": (
+        begun_at_its_place, "not_at_rest", "force", "in its first", False, True,
+    ),
+    "hum of the load cell": (load_cell_hum, "unfelt_force", "command", "of 28.3 N rms would move the tip", False, True),
+    "an offset of the load cell": (
+        put("disturbance_N", "command", slice(None), 150.0), "unfelt_force", "command", "150 N", False, True,
+    ),
+    "a force with spoilt samples": (
+        put("disturbance_N", "force", slice(300, 1000, 150), 6000.0),
+        "unfelt_force", "force", "5 single samples that the rig does not feel, first at 0.3 s", False, True,
+    ),
+    "a force cut off": (clip("disturbance_N", 0.5, "force"), "clipped", "force", "is cut off", True, True),
     "a force 50 times too large": (scale("disturbance_N", 50, "force"), "force", "force", "units of both", True, True),
     "a current a million times too small": (
         scale("current_A", 1e-6), "amplifier_gain", "force", "1e-06 times what the stated controller", False, True,

@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from beamdesign.diagnosis.data.dataset import Dataset, FrequencyResponse, MeasuredGain, TimeRecord
+from beamdesign.diagnosis.examination.force_channel import force_channel
 from beamdesign.diagnosis.examination.nominal import ControllerFit, controller_fit, nominal_loop
 from beamdesign.diagnosis.examination.readings import (
     Reading,
@@ -211,6 +212,7 @@ def examine(data: Dataset) -> Examination:
     warnings += [caution for _, found in mended for caution in found]
     warnings += _misread(seen(), data)
     warnings += first(suitability, seen(), prototype)
+    warnings += [caution for record in seen() for caution in force_channel(record, prototype)]
     warnings += twins(usable())
     fits = {r.name: fit for r in usable() if (fit := _controller_fit(r, gain)) is not None}
     warnings = [lost_by_recorder(caution, fits) for caution in warnings]

@@ -215,6 +215,7 @@ _LEAST_SHARE = 0.02
 _LEAST_SIGNAL = 3.0  # over its noise
 _RESTLESS = 8.0  # in standard deviations of the noise
 _MOVED = 0.1  # of the rms
+_SET_OFF_S, _ENDS = 3e-3, 3  # in which a drive moves a rig at rest but little; samples
 _NOTHING = 1e-30  # in any unit
 _STIFFER = 30.0  # than believed no rig is
 _MISFIT = 0.6  # of the displacement
@@ -345,8 +346,18 @@ def remarks(record: TimeRecord, prototype: Prototype) -> Iterator[Finding]:
     moved = record.measured["displacement_m"]
     noise, size = max(noise_std(moved), finest_step(moved)), float(np.std(moved))
     start = float(np.mean(moved[:3]))
+    most = max(_RESTLESS * noise, _MOVED * size)
     text = f"does not start at rest without load: displacement_m begins at {start:.3g} m (rms {size:.2g} m)"
-    yield "not_at_rest", abs(start) > max(_RESTLESS * noise, _MOVED * size), text
+    yield "not_at_rest", abs(start) > most, text
+    loop = nominal_loop(prototype, record)
+    count = max(2 * _ENDS, round(_SET_OFF_S / record.step))
+    made = loop.driven(record.inputs, record.step)[:, 1].sum(axis=1) if loop.stable else moved
+    gone, by_drive = (float(np.mean(y[count - _ENDS : count]) - np.mean(y[:_ENDS])) for y in (moved, made))
+    text = (
+        f"does not start at rest: displacement_m goes {gone:.3g} m in its first {count} samples, its inputs make less"
+    )
+    brief = count * record.step <= 4 * _SET_OFF_S
+    yield "not_at_rest", brief and abs(gone) > max(most, 2 * abs(by_drive)), text
 
 
 def twins(records: Sequence[TimeRecord]) -> list[Caution]:
