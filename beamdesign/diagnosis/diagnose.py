@@ -41,6 +41,7 @@ from beamdesign.diagnosis.passing import Look, what_passed
 from beamdesign.diagnosis.prediction_errors import Errors
 from beamdesign.diagnosis.second_look import SecondLook, refit_backlash_impacts, second_look, without_impacts
 from beamdesign.diagnosis.separability import indistinguishable
+from beamdesign.diagnosis.skewed_channels import channels_in_time
 from beamdesign.diagnosis.tone import search_without_tones
 from beamdesign.diagnosis.verdict import chance, confirmed, decided, sentences, verdict_of
 from beamdesign.diagnosis.where.locate import locate
@@ -51,6 +52,7 @@ from beamdesign.time_limit import TimeUp, leave_out, left, left_out, over, share
 _SECOND, _HELD_OUT = 0.5, 0.7  # of the time that is left, for laws and a second look, and for fits without some records
 _PASSING = 0.4  # the same, for records without what passes
 _PASSES, _LAW = "what passes in a short while", "a law learnt from the records"
+_SKEWED = "channels that do not belong to one instant"
 _UNREPEATED = "a joint that hammers in its play, a loop that oscillates by itself"
 
 
@@ -194,8 +196,10 @@ def _explained(
     look = search_without_tones(data, workers, _between(0.0, 0.7, progress), kept)
     doubtful = examined.limits_confidence or look.doubtful
     look = replace(look, words=(*examined.words, *anew, *look.words), doubtful=doubtful)
+    in_time = _in_time(_PASSING, _SKEWED, partial(channels_in_time, look, workers, _between(0.7, 0.71, progress)))
+    look = look if in_time is None else in_time
     if look.judged.unknown > 0.5:
-        asked = look.data, look.search, workers, _between(0.7, 0.72, progress), look.kept
+        asked = look.data, look.search, workers, _between(0.71, 0.72, progress), look.kept
         passed = _in_time(_PASSING, _PASSES, partial(what_passed, *asked))
         look = look if passed is None else passed.after(look)
     plain, records = look.search.null, look.data.records

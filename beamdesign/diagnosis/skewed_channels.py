@@ -1,0 +1,193 @@
+"""Channels whose values stand beside their time: found beside what explains the records, and put where they belong.
+
+A converter that reads its channels one after another, a filter or a recorder of its own for one of them, put a force or
+a displacement a fraction of a sample, or some samples, before or after the command and the current of the same instant.
+No law of the rig does that, but by the force alone a sensor that lags looks alike. Records driven by the command tell
+the two apart: they know nothing of the force. A displacement that is late contradicts the controller's equation, and is
+told by that once it makes a twentieth of the current; here it is told of less. One that is early is not told here: an
+amplifier that lags looks alike in all channels.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from beamdesign.diagnosis.data.dataset import INPUTS, Dataset, TimeRecord
+from beamdesign.diagnosis.fitting.evidence import RecordEvidence, evidence_of
+from beamdesign.diagnosis.fitting.fit import Evidence, Fit, Fitted, fit
+from beamdesign.diagnosis.fitting.hypothesis import Placement, Unknown
+from beamdesign.diagnosis.fitting.replay import DISPLACEMENT
+from beamdesign.diagnosis.passing import Look
+from beamdesign.diagnosis.tone import search_without_tones
+from beamdesign.progress import Progress, silent
+
+_FORCE = INPUTS[0]
+_LONGEST_S = 0.02
+_STEP_S = 1e-5  # to either side, for derivatives
+_SMALL = 1.3  # times the misfit of noise alone: what tolerances leave below it is no gap
+_CLEAR = 10.0  # in cost, over the spread of what it leaves: by how much it has to explain more than any cause listed
+_LEAVES = 0.8  # of the excess misfit of that cause
+_SURE = 4.0  # standard errors by which a channel is late, to be taken for it
+
+
+@dataclass(frozen=True)
+class _Skewed:
+    """The unknowns of a hypothesis, and by how much the values of channels stand late.
+
+    Attributes:
+        placement: of the hypothesis.
+        late: the last unknowns, named after the force and the displacement.
+    """
+
+    placement: Placement
+    late: tuple[Unknown, Unknown]
+
+    @property
+    def unknowns(self) -> tuple[Unknown, ...]:
+        """In the order of z."""
+        return (*self.placement.unknowns, *self.late)
+
+
+@dataclass(frozen=True)
+class _Piece(Fitted):
+    """A piece of evidence whose channels may be late; what is no time record does not depend on it."""
+
+    taken: Evidence
+
+    def _acting(self, force_late_s: float) -> Evidence:
+        if not isinstance(self.taken, RecordEvidence):
+            return self.taken
+        job = self.taken.job
+        return replace(self.taken, job=replace(job, record=in_time(job.record, {_FORCE: force_late_s}), _inputs={}))
+
+    def predicted(self, placement: _Skewed, z: np.ndarray) -> Any:
+        """What the model makes of it."""
+        force_late_s, late_s = (unknown.value(of) for unknown, of in zip(placement.late, z[-2:], strict=True))
+        found = self._acting(force_late_s).predicted(placement.placement, z[:-2])
+        if found is None or not isinstance(self.taken, RecordEvidence):
+            return found
+        column, found = self.taken.weight.channels.index(DISPLACEMENT), found.copy()
+        found[:, column] = _moved(found[:, column], -late_s / self.taken.record.step)
+        return found
+
+    def misfit(self, predicted: Any) -> np.ndarray:
+        """(M,) measured less predicted, weighed."""
+        return self.taken.misfit(predicted)
+
+    def error(self, residual: np.ndarray) -> float:
+        """Of the displacement."""
+        return self.taken.error(residual)
+
+    def linearised(self, placement: _Skewed, z: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
+        """The residual and its derivative by z; the rig's part of it is that of a displacement in time."""
+        here = self.residual(placement, z)
+        slopes = self._acting(placement.late[0].value(z[-2])).linearised(placement.placement, z[:-2])
+        if here is None or slopes is None:
+            return None
+        columns = [slopes[1]]
+        for k, unknown in enumerate(placement.late, start=len(z) - 2):
+            step = _STEP_S / unknown.spread
+            ends = [self.residual(placement, np.where(np.arange(len(z)) == k, z + by, z)) for by in (step, -step)]
+            if ends[0] is None or ends[1] is None:
+                return None
+            columns.append((ends[0] - ends[1])[:, None] / (2 * step))
+        return here, np.column_stack(columns)
+
+
+def in_time(record: TimeRecord, late_s: dict[str, float]) -> TimeRecord:
+    """A record with channels put where they belong.
+
+    Args:
+        record: as read.
+        late_s: how late the values of each stand, by its name: the force or what was measured; negative where early.
+    """
+    force, measured = record.inputs[:, 0], dict(record.measured)
+    for name, by_s in late_s.items():
+        if name == _FORCE:
+            force = _moved(force, by_s / record.step)
+        else:
+            measured[name] = _moved(measured[name], by_s / record.step)
+    return replace(record, inputs=np.column_stack([force, record.inputs[:, 1]]), measured=measured)
+
+
+def _moved(signal: np.ndarray, by: float) -> np.ndarray:
+    """A signal as it is some samples later, as band-limited between them: so its noise stays as large as it is.
+
+    Beyond its ends it goes on as its point reflection about them.
+    """
+    line = np.linspace(signal[0], signal[-1], len(signal))
+    beyond = signal - line
+    periodic = np.concatenate([beyond, -beyond[-2:0:-1]])
+    turned = np.fft.rfft(periodic) * np.exp(2j * np.pi * np.fft.rfftfreq(len(periodic)) * by)
+    slope = (signal[-1] - signal[0]) / (len(signal) - 1)
+    return np.asarray(line + slope * by + np.fft.irfft(turned, len(periodic))[: len(signal)])
+
+
+def fitted_skewed(found: Fit, evidence: Sequence[Evidence], data: Dataset) -> Fit:
+    """The hypothesis of a fit, fitted again with how late force and displacement stand as its last unknowns, s.
+
+    Args:
+        found: where it begins.
+        evidence: of the data.
+        data: that it was fitted to.
+    """
+    spread = max(record.step for record in data.records)
+    force = Unknown(_FORCE, 0.0, spread, True, -_LONGEST_S, _LONGEST_S, "effect")
+    skewed = _Skewed(found.hypothesis.placement(data.prototype), (force, replace(force, name=DISPLACEMENT, low=0.0)))
+    return fit(found.hypothesis, skewed, [_Piece(piece) for piece in evidence], np.append(found.z, [0.0, 0.0]))
+
+
+def late_channels(look: Look) -> dict[str, float]:
+    """How late (s) values of channels stand, where that explains much more than any cause that is listed; else none.
+
+    That is looked for beside tolerances alone, the best single cause, and each cause of what explains most.
+
+    Args:
+        look: the search of all hypotheses.
+    """
+    found, data = look.search, look.data
+    if found.null.misfit <= _SMALL * found.expected:
+        return {}
+    evidence, rival = evidence_of(data), min((found.null, *found.fits), key=lambda f: f.cost)
+    alone = [f for f in found.fits if len(f.hypothesis.causes) == 1 and not f.reason]
+    beside = (found.null, *alone[:1], *(f for f in alone[1:] if {*f.hypothesis.names} & {*rival.hypothesis.names}))
+    best = min((fitted_skewed(one, evidence, data) for one in beside), key=lambda f: f.cost)
+    clear = _CLEAR * max(1.0, best.misfit / found.expected)
+    if best.reason or best.cost > rival.cost - clear or found.excess(best) > _LEAVES * found.excess(rival):
+        return {}
+    errors = best.standard_errors
+    return {name: best.values[name] for name in (_FORCE, DISPLACEMENT) if abs(best.values[name]) > _SURE * errors[name]}
+
+
+def channels_in_time(look: Look, workers: int = 1, progress: Progress = silent) -> Look | None:
+    """Search again with the channels that `late_channels` finds put where they belong.
+
+    What is found then is never sure: a soft link between load cell and rig delays a force as well.
+
+    Args:
+        look: the first search.
+        workers: processes.
+        progress: told the share done and what is being fitted.
+
+    Returns:
+        None where there are no such channels.
+    """
+    if not (late_s := late_channels(look)):
+        return None
+    data = replace(look.data, records=tuple(in_time(record, late_s) for record in look.data.records))
+    words = tuple(_words(name, by) for name, by in late_s.items())
+    kept = look.kept and replace(look.kept, part=(*look.kept.part, *words))
+    again = search_without_tones(data, workers, progress, kept)
+    return replace(again, words=(*words, *again.words), doubtful=True).after(look)
+
+
+def _words(name: str, late_s: float) -> str:
+    by, side = f"{1e3 * abs(late_s):.2g} ms", "after" if late_s > 0 else "before"
+    return (
+        f"values of {name} stand {by} {side} those of command_V and current_A of the same instant, by what is left of "
+        "the records otherwise (does a converter read one channel after another, or has it a filter or a recorder of "
+        "its own?): they are put back by that here. Record all channels at one instant, or shift this one, and "
+        "diagnose again"
+    )
