@@ -107,8 +107,11 @@ def test_further_columns_are_held_against_the_believed_loop(sound: Recorded, tmp
     for name, columns in sound.columns.items():
         columns.update(sound.more[name])
     assert examine(read_dataset(sound.write(tmp_path))).words == ()
+    scale("load_pressure_Pa", -1.0)(sound)
+    with pytest.raises(InputError, match=r"load_pressure_Pa: .*its sign is the other way round"):
+        examine(read_dataset(sound.write(tmp_path)))
     scale("inner_displacement_m", 1e3)(sound)
-    scale("load_pressure_Pa", 1e-5)(sound)
+    scale("load_pressure_Pa", -1e-5)(sound)
     with pytest.raises(InputError) as caught:
         examine(read_dataset(sound.write(tmp_path)))
     said = {problem.key: problem.reason for problem in caught.value.problems}

@@ -156,14 +156,16 @@ def as_it_stands(record: TimeRecord, prototype: Prototype) -> bool:
 
 
 def other_units(record: TimeRecord, prototype: Prototype) -> tuple[Reading, ...]:
-    """Units in which the further columns of a record are, where not in their own."""
+    """Units in which the further columns of a record are, where not in their own, and signs that are not theirs."""
     more = [name for name in _UNITS if name not in COLUMNS and name in record.measured]
     shares = expected(record, prototype) if more else None
     found: list[Reading] = []
     if shares is None:
         return ()
     for name in more:
-        scale = _likeness(record.measured[name], shares[name].sum(axis=1)).scale
+        scale, alike = _likeness(record.measured[name], shares[name].sum(axis=1))
+        if abs(scale) < _FAR and alike < -_ALIKE:
+            found.append(Reading(name, "its sign is the other way round"))
         if not _FAR_MORE < abs(scale) < np.inf:
             continue
         unit, factor = min(_UNITS[name].items(), key=lambda item: abs(scale - log(item[1])))
