@@ -119,29 +119,21 @@ def rig_loop(rig: LinearModel, inner_end_mass: float, controller: Controller) ->
     return close_loop(rig.plant(inner_end_mass, controller.sensed_law().sensors), controller)
 
 
-def loop(prototype: Prototype) -> Loop:
+def loop(prototype: Prototype, performing: bool = False) -> Loop:
     """The closed loop of a prototype with its controller and inner end mass; with effects, that of its member at rest.
 
-    Raises:
-        ValueError: where the prototype has no controller.
-        InputError: where no linear loop stands for one of its effects.
-    """
-    return at_most(prototype, family(prototype).rest)
-
-
-def performing_loop(prototype: Prototype) -> Loop:
-    """The closed loop of a prototype of which its bandwidth and peak sensitivity are claimed.
-
-    That at rest where claims about performance hold for it, else that of the first member for which they do, as of
-    friction while it slides.
+    Args:
+        prototype: with a controller.
+        performing: of the first member, that at rest before the others, of which bandwidth and peak sensitivity are
+            claimed: of friction, while it slides.
 
     Raises:
         ValueError: where the prototype has no controller.
         InputError: where no linear loop stands for one of its effects.
     """
     found = family(prototype)
-    performing = (one for one in (found.rest, *found.members) if one.performance is not None)
-    return at_most(prototype, next(performing, found.rest))
+    claimed = (one for one in (found.rest, *found.members) if one.performance is not None or not performing)
+    return at_most(prototype, next(claimed, found.rest))
 
 
 def at_most(prototype: Prototype, member: VertexModel) -> Loop:

@@ -53,18 +53,18 @@ def pictures(prototype: "Prototype") -> "dict[str, Figure]":
     """The pictures of a closed loop that the report of a run has, by name; of a result with a rig: `.pictures()`.
 
     compliance, sensitivity, loop (Bode diagram with margins), nyquist, poles, locus, ranges, gains; of several laws
-    those of each, with the suffix of its stage. As numbers: `beamdesign.loop.performing_loop(prototype).at(mass)`, of a
+    those of each, with the suffix of its stage. As numbers: `beamdesign.loop.loop(prototype, True).at(mass)`, of a
     prototype with effects a linear loop of which bandwidth and peak sensitivity are claimed, at rest where they are.
 
     Raises:
         ValueError: without a controller.
         InputError: without a range of outer end masses.
     """
-    from beamdesign.loop import performing_loop
+    from beamdesign.loop import loop
     from beamdesign.report.pictures import loop_pictures
 
     stages = prototype.stages(prototype.asked_kg())
-    drawn = ((stage, loop_pictures(stage.prototype, performing_loop(stage.prototype))) for stage in stages)
+    drawn = ((stage, loop_pictures(stage.prototype, loop(stage.prototype, performing=True))) for stage in stages)
     return {one.name + stage.suffix: one.figure for stage, pictures in drawn for one in pictures}
 
 

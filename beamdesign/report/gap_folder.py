@@ -17,7 +17,7 @@ from beamdesign.diagnosis.gap_metrics import in_bands
 from beamdesign.diagnosis.prediction_errors import Errors
 from beamdesign.diagnosis.redesign import LoopTerms, Redesign, payload_range
 from beamdesign.files import write_set
-from beamdesign.loop import performing_loop
+from beamdesign.loop import loop
 from beamdesign.proofs.scope import near_rest
 from beamdesign.prototype import Prototype
 from beamdesign.quantities import decimal, masses_text, stated_bandwidth, stated_peak
@@ -218,7 +218,7 @@ def _compliance(
     if renewed is not None and renewed.proofs:
         prototypes["new controller, as diagnosed"] = renewed.proofs[0][1]
     try:
-        loops = {name: performing_loop(prototype).at(mass) for name, prototype in prototypes.items()}
+        loops = {name: loop(prototype, performing=True).at(mass) for name, prototype in prototypes.items()}
     except (InputError, ValueError):
         return None
     words = (

@@ -191,7 +191,7 @@ def envelope(
     grid = np.asarray([] if frequency_Hz is None else frequency_Hz, dtype=float)
     if prototype.controller is None or not loop(linear_part(prototype)).at(outer_end_mass).stable:
         why = "no controller" if prototype.controller is None else f"not stable with {outer_end_mass:g} kg"
-        return Envelope(grid, {}, np.zeros(len(grid)), np.zeros(len(grid)), {}, why, stable=False)
+        return Envelope(grid, {}, 0 * grid, 0 * grid, {}, why, stable=False)
     if frequency_Hz is None:
         grid = grid_Hz(prototype, outer_end_mass, 0.1, 200.0, 161)
     asked, held = demand(prototype, outer_end_mass, grid), _held(prototype, outer_end_mass, preload)
@@ -207,9 +207,7 @@ def envelope(
     missing = {limit.name: limit.place for limit in every if limit.most is None}
     limits = {limit.name: limit.amplitude(asked, held) for limit in every if limit.most is not None}
     if not limits:
-        return Envelope(
-            grid, {}, np.zeros(len(grid)), np.zeros(len(grid)), missing, "the prototype states no limit of its actuator"
-        )
+        return Envelope(grid, {}, 0 * grid, 0 * grid, missing, "the prototype states no limit of its actuator")
     load = np.min(list(limits.values()), axis=0)
     return Envelope(grid, limits, load * np.abs(asked.displacement), actuator.power_W(prototype, asked, load), missing)
 
@@ -328,9 +326,8 @@ class Limits(Result):
     def cycle_rows(self) -> list[tuple[float, float, float, str]]:
         """Amplitude in um, gain in the unit of the prototype's, frequency in Hz, and whether it settles there."""
         factor = read_in(self.prototype.own_controller.gain_A_per_V, "A/V")[1]
-        settles = {True: "yes", False: "no"}
         return [
-            (1e6 * row["amplitude_m"], factor * row["gain_A_per_V"], row["frequency_Hz"], settles[row["stable"]])
+            (1e6 * row["amplitude_m"], factor * row["gain_A_per_V"], row["frequency_Hz"], "yes" * row["stable"] or "no")
             for row in self.limit_cycles
         ]
 
