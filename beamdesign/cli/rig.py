@@ -169,7 +169,7 @@ def spec(
     from beamdesign.build.specification import specify
 
     folder = out or default_folder(f"{prototype.resolve().stem}.specification")
-    with progress("specifying", "5 to 60 s") as update:
+    with progress("specifying", "5 to 60 s, minutes for several laws or with effects") as update:
         found = specify(record, masses, sampling_rate_Hz, load_N, noise_share, progress=update)
         update(1.0, "writing")
         paths = write_specification(found, folder)
