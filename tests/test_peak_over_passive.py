@@ -47,7 +47,7 @@ def servo_off(rig: Prototype, masses_kg: tuple[float, float]) -> Peak:
 
 
 def softest(rig: Prototype, figures: np.ndarray, gain: float, masses: np.ndarray) -> np.ndarray:
-    """Largest |x / F_d| of rigs (rigs, 9) by equations (7) to (18), on a grid close enough for 2e-3."""
+    """Largest |x / F_d| of rigs (rigs, 10) by equations (7) to (18), on a grid close enough for 2e-3."""
     s = 2j * pi * np.concatenate([np.geomspace(0.05, 15.0, 15), np.geomspace(15.0, 250.0, 700)])
     worst = np.zeros(len(figures))
     for mass in masses:
@@ -96,7 +96,7 @@ def test_the_worst_rig_of_a_box_is_one_of_its_rigs_and_none_that_is_drawn_is_wor
     assert drawn.max() <= found * 1.002
     names = ("outer_stiffness", "outer_mass", "outer_damping", "inner_stiffness", "inner_mass", "inner_damping",
              "oil_stiffness", "flow_gain", "valve_frequency")  # fmt: skip
-    one = np.array([[nearest(worst.parameters[name]) for name in names]])
+    one = np.array([[*(nearest(worst.parameters[name]) for name in names), rig.payload.inner_end_mass_kg]])
     itself = softest(rig, one, 0.0, np.array([nearest(worst.parameters["outer_end_mass"])]))
     assert itself[0] == pytest.approx(found, rel=2e-3)
     assert found > 1.2 * servo_off(rig, MASSES_KG).compliance_m_per_N
@@ -171,12 +171,12 @@ def _stated(rig: Prototype) -> np.ndarray:
 
 def _closed(rig: Prototype, law: object, inner_kg: float) -> float:
     built = rig.but(controller=law, payload=rig.payload.but(inner_end_mass_kg=inner_kg))
-    return float(softest(built, _stated(rig), 1.0, np.linspace(*MASSES_KG, 5))[0])
+    return float(softest(built, _stated(built), 1.0, np.linspace(*MASSES_KG, 5))[0])
 
 
 def _idle(rig: Prototype, inner_kg: float) -> float:
     built = rig.but(payload=rig.payload.but(inner_end_mass_kg=inner_kg))
-    return float(softest(built, _stated(rig), 0.0, np.linspace(*MASSES_KG, 5))[0])
+    return float(softest(built, _stated(built), 0.0, np.linspace(*MASSES_KG, 5))[0])
 
 
 def test_over_a_box_worst_is_compared_with_worst(rig: Prototype) -> None:

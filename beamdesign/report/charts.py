@@ -143,7 +143,7 @@ def plot_remedies(axes: Axes, remedies: Sequence["Remedy"]) -> Axes:
     axes.invert_yaxis()
     axes.set_xlabel("guaranteed bandwidth, Hz")
     low, high = remedies[0].parts_kg[0]
-    axes.set_title(f"What is proved with each remedy, {low:g} to {high:g} kg at the tip")
+    axes.set_title(f"Proved of each remedy, {low:g} to {high:g} kg at the tip")
     axes.set_xlim(0, _end_beyond(axes, heights, written))
     return axes
 
