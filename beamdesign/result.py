@@ -4,7 +4,7 @@ And results as JSON: plain values, and no figure that is not finite.
 """
 
 import json
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import fields, is_dataclass
 from functools import partial
 from html import escape
@@ -31,7 +31,8 @@ class Result:
         return self is other or (type(self) is type(other) and _plain(self) == _plain(other))
 
     def __hash__(self) -> int:
-        return hash((type(self), json_text(_plain(self))))
+        # Of numbers and words alone: those that are equal, as 1 and 1.0, have one hash in Python, but not one text.
+        return hash((type(self), *(value for value in _plain(self).values() if not isinstance(value, dict | list))))
 
     @property
     def yes(self) -> bool:
@@ -77,8 +78,8 @@ class Result:
 
 
 def _plain(found: Any) -> dict[str, Any]:
-    """The fields of a record that it compares, as plain values."""
-    return {field.name: finite(getattr(found, field.name)) for field in fields(found) if field.compare}
+    """The fields of a record that it compares, as plain values; what is not finite as text, so that it differs."""
+    return {field.name: finite(getattr(found, field.name), beyond=str) for field in fields(found) if field.compare}
 
 
 def _figures(fields: Mapping[str, Any], inside: str = "") -> Iterator[tuple[str, Any]]:
@@ -111,7 +112,7 @@ def json_text(fields: Mapping[str, Any]) -> str:
     return json.dumps(finite(fields), indent=2, allow_nan=False) + "\n"
 
 
-def finite(value: Any, digits: int | None = None) -> Any:
+def finite(value: Any, digits: int | None = None, beyond: Callable[[float], Any] = lambda figure: None) -> Any:
     """Records, arrays, rationals and their figures as dictionaries, lists and numbers of Python; else as text.
 
     JSON has no infinity, so that figures that are not finite become None. What a record neither shows nor compares is
@@ -120,8 +121,9 @@ def finite(value: Any, digits: int | None = None) -> Any:
     Args:
         value: any of these.
         digits: significant ones that a float keeps; all where None.
+        beyond: gives what stands for a figure that is not finite.
     """
-    inside = partial(finite, digits=digits)
+    inside = partial(finite, digits=digits, beyond=beyond)
     if is_dataclass(value) and not isinstance(value, type):
         stated = (field.name for field in fields(value) if field.repr or field.compare)
         return {name: inside(getattr(value, name)) for name in stated}
@@ -133,7 +135,7 @@ def finite(value: Any, digits: int | None = None) -> Any:
         return [inside(item) for item in value]
     if isinstance(value, float):
         shown = value if digits is None else f"{value:.{digits}g}"
-        return float(shown) if isfinite(value) else None
+        return float(shown) if isfinite(value) else beyond(value)
     if isinstance(value, str | int) or value is None:
         return value
     if hasattr(value, "q"):  # a rational of python-flint: the float nearest to it

@@ -41,6 +41,14 @@ def test_rows_and_page_and_file_hold_the_same_figures():
     assert "<td>parts.tube_kg</td><td>1.235</td>" in found._repr_html_()
 
 
+def test_equal_figures_have_one_hash_and_figures_that_are_not_finite_differ():
+    for one, other in ((Weighed(2, {}), Weighed(2.0, {})), (Weighed(0.0, {}), Weighed(-0.0, {}))):
+        assert one == other
+        assert hash(one) == hash(other)
+    endless = [Weighed(figure, {}) for figure in (float("inf"), -float("inf"), float("nan"), None)]  # type: ignore[arg-type]
+    assert len({*endless, Weighed(float("inf"), {}), Weighed(float("nan"), {})}) == len(endless)
+
+
 @dataclass(frozen=True, repr=False)
 class Made(Result):
     mass_kg: float
