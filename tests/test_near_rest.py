@@ -57,7 +57,7 @@ def test_what_small_motion_does_not_keep_is_no_yes(
     assert ("linear members only" in headline) == bracketing(rig(effect))
 
 
-@pytest.mark.parametrize("effect", ["seal_friction", "valve_hysteresis"])
+@pytest.mark.parametrize("effect", ["seal_friction", "valve_hysteresis", "valve_deadband_rounded"])
 def test_the_loop_that_is_drawn_keeps_what_is_proved_of_a_rig_that_does_not_at_rest(effect: str) -> None:
     own = rig(effect)
     proved = certify(own, 0.0, 6.8).guaranteed

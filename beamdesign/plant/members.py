@@ -82,7 +82,7 @@ class LinearFamily:
     Attributes:
         members: at all ends of the spans of its effects.
         rest: the loop with everything at rest; its gain interval is a single factor, and it has no performance where
-            claims about that are of other members, as of friction while it slides.
+            claims about that are of others, as of friction while it slides, or of flows well beyond a dead band.
         spans: of the frozen figures, by EFFECT.FIGURE.
         load_N: largest steady force for which the spans are.
         depends_on_load: whether the spans would differ for another.
@@ -191,7 +191,7 @@ def family(
     performing = _outwards([span.performing for span in spanned])
     places = [(name, key, span) for name, table in spans.items() for key, span in table.items()]
 
-    def member(values: Sequence[float], gain: Interval, performance: Interval) -> VertexModel:
+    def member(values: Sequence[float], gain: Interval, performance: Interval | None) -> VertexModel:
         frozen: dict[str, dict[str, float]] = {}
         for (name, key, _), value in zip(places, values, strict=True):
             frozen.setdefault(name, {})[key] = value
@@ -204,7 +204,9 @@ def family(
     corner_values = product(*(sorted({span.low, span.high}) for _, _, span in places))
     members = [member(ends, whole, performing) for ends in corner_values]
     factor = float(np.prod([span.rest for span in spanned]))
-    rest = member([span.rest for _, _, span in places], Interval(factor, factor), Interval(factor, factor))
+    still = Interval(factor, factor)
+    performs_still = all(span.performing[0] <= span.rest <= span.performing[1] for span in spanned)
+    rest = member([span.rest for _, _, span in places], still, still if performs_still else None)
     named = {f"{name}.{key}": span for name, key, span in places}
     with_load = any(linear.with_load for linear in linears.values())
     return LinearFamily(tuple(members), rest, named, load, with_load, gains)
