@@ -179,6 +179,22 @@ def test_the_sensor_may_be_as_slow_as_is_said(rig: Prototype) -> None:
     assert need.noise_density_m_per_rtHz * sqrt(need.noise_bandwidth_Hz) == pytest.approx(need.resolution_m)
 
 
+@pytest.mark.parametrize("filter_Hz", [None, 400.0])
+@pytest.mark.parametrize("effects", [{}, {"sensor_lag": {"break_Hz": 150.0}}])
+@pytest.mark.parametrize("law", ["tame_lag", "structured", "lqg"])
+def test_a_lag_is_asked_for_beside_filter_and_lag_that_are_there(
+    law: str, effects: dict[str, dict[str, float]], filter_Hz: float | None
+) -> None:
+    own = read_prototype(STUDIES / "prototypes" / f"{law}.toml")
+    sensor = own.sensor.but(filter_Hz=filter_Hz or own.sensor.filter_Hz)
+    own, hertz = own.but(sensor=sensor, effects=effects, guarantee=None), np.geomspace(1.0, 1e3, 7)
+    before, after = loop(own).at(3.0), loop(lagging(own, 300.0)).at(3.0)
+    through = before.loop_response(hertz) / (1 + 1j * hertz / 300.0)
+    assert after.loop_response(hertz) == pytest.approx(through)
+    open_compliance = before.compliance_response(hertz) * (1 + before.loop_response(hertz))
+    assert after.compliance_response(hertz) == pytest.approx(open_compliance / (1 + through))
+
+
 def test_the_sensor_that_performs_is_no_slower_than_it_is_stable_from_on(
     rig: Prototype, monkeypatch: pytest.MonkeyPatch
 ) -> None:

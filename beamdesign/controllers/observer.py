@@ -189,6 +189,21 @@ class Observer(Controller):
         )
 
     @classmethod
+    def behind_lag(cls, law: Controller, break_Hz: float) -> Self:
+        """A law that hears the displacement through a first-order lag; what it makes of the command is left out.
+
+        Raises:
+            ValueError: for a law that is of the largest order already.
+        """
+        import numpy as np
+
+        a, b, c, d, _ = law.state_space()
+        rate, gain, others = 2 * pi * break_Hz, law.gain_A_per_V, b * (np.arange(b.shape[1]) > 0)
+        heard = np.vstack([rate * np.eye(1, b.shape[1]), others])
+        lagged = np.block([[-rate, np.zeros((1, len(a)))], [b[:, :1], a]])
+        return cls.of(gain, law.senses, lagged, heard, [d[0] / gain, *c / gain], [0.0, *d[1:] / gain])
+
+    @classmethod
     def relations(cls, table: Mapping[str, Any]) -> Iterator[Problem]:
         """The sensors are what can be sensed so, and the matrices fit each other."""
         given = (_entries(table.get(key)) for key in ("sensors", "a", "b", "c", "d", "b_command"))
