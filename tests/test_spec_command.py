@@ -434,6 +434,24 @@ def test_a_schedule_with_effects_is_specified_and_says_that_changes_are_not_prov
     assert "is proved of changes" not in text
 
 
+def test_a_schedule_whose_period_is_too_long_for_a_law_is_a_no_that_names_a_shorter_one() -> None:
+    """At 500 Hz with a period's delay both laws go unstable, which is found before anything takes long."""
+    rig = two_laws()
+    assert rig.schedule is not None
+    slow = specify(rig.but(controller=rig.schedule.but(period_s=2e-3)), (1.0, 3.0))
+    assert not slow.yes
+    assert "the code of stage 1, sampled at 500 Hz with its current one period late, is not stable" in slow.reason
+    assert "as every 0.0002 s (controller.period_s)" in slow.reason
+    assert slow.rows() == []
+
+
+def test_an_inner_beam_that_sags_through_the_whole_stroke_is_told() -> None:
+    rig = read_prototype(PROTOTYPES / "tame_lag.toml")
+    short = rig.but(actuator=rig.actuator.but(stroke_m=1e-4))
+    with pytest.raises(InputError, match=r"inner_beam: sags by .* mm by itself, which leaves no stroke"):
+        acceptance_plan(short, (0.0, 6.8))
+
+
 @pytest.fixture(scope="module")
 def stages(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The specification of two laws, with one series of components and one figure that has a tolerance."""

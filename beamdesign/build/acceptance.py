@@ -20,7 +20,7 @@ from beamdesign.files import write_whole
 from beamdesign.loop import CriticalGain, Loop, critical_gain, loop, member_loop
 from beamdesign.parameters import RIG_TOLERANCES
 from beamdesign.plant.linear_reach import SingleModeReach, single_mode_reach
-from beamdesign.plant.members import family
+from beamdesign.plant.members import family, own_sag_m
 from beamdesign.polynomial import exact
 from beamdesign.progress import Progress, silent
 from beamdesign.proofs.box import certify_box
@@ -254,10 +254,16 @@ def acceptance_plan(
         prototype: with a controller whose loop is stable over the range.
         masses_kg: range of outer end mass that is certified.
         duration_s: of each record.
+
+    Raises:
+        InputError: where the inner beam sags so far by itself that no force can be borne.
     """
     masses, words = _payloads(prototype, masses_kg)
     looked_at = ((mass, grid_Hz(prototype, mass, LOW_HZ, 100.0, 60)) for mass in masses)
     borne = min(float(envelope(prototype, mass, 0.0, grid).load_N.min()) for mass, grid in looked_at)
+    if borne == 0:
+        sag = f"sags by {1e3 * own_sag_m(prototype):.3g} mm by itself, which leaves no stroke or gap for any force"
+        raise InputError(prototype.name, [("inner_beam", f"{sag}; give more of either, or a stiffer beam")])
     force = _two_digits(_SHARE * (borne if isfinite(borne) else prototype.actuator.strength_N(prototype)))
     command = _COMMAND_M * prototype.sensor.gain_V_per_m
     law, inner = prototype.own_controller, prototype.payload.inner_end_mass_kg

@@ -151,8 +151,8 @@ def spec(
     Sections, drawing (DXF and SVG), ratings, sensor, the controller as a circuit and as code, each proved again as it
     is realised; tolerances that keep the proof; an acceptance test with limits, and the data set folder to fill in for
     `beamdesign gap diagnose`. Of a scheduled controller circuit, code and acceptance test of each law over its own
-    payloads, and the rule by which they change. Exit status 1 if the loop is not stable over the range, with the
-    reason.
+    payloads, and the rule by which they change. Exit status 1 if the loop is not stable over the range, or a law of a
+    schedule as it samples, with the reason.
 
     Args:
         prototype: the prototype.toml, with a controller.
