@@ -438,6 +438,15 @@ def test_json_takes_the_place_of_no_file_that_an_input_names(tmp_path: Path) -> 
         assert named.read_bytes() == before
 
 
+def test_files_that_name_each_other_are_found_once(tmp_path: Path) -> None:
+    """By each of two ways there are as many longer ones as one likes."""
+    for name, other in (("a", "b"), ("b", "a")):
+        (tmp_path / name).mkdir()
+        ways = [f"../{other}/rig.toml", f"../../{tmp_path.name}/{other}/rig.toml"]
+        (tmp_path / name / "rig.toml").write_text(f"names = {ways}")
+    assert len(output.named_files(tmp_path / "a" / "rig.toml")) == 2
+
+
 def test_json_takes_the_place_of_nothing_that_the_command_has_written(tmp_path: Path, monkeypatch) -> None:
     monkeypatch.chdir(tmp_path)
     (tmp_path / "rig.toml").write_bytes(RIG.read_bytes())

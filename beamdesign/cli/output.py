@@ -102,18 +102,19 @@ def _paths(value: Any) -> Iterator[Path]:
 
 def named_files(path: Path) -> list[Path]:
     """A file, or the dataset.toml of a folder, with all files that it names and that are there, and what these name."""
-    found, ahead = list[Path](), [path / "dataset.toml" if path.is_dir() else path]
+    found, ahead = dict[str, Path](), [path / "dataset.toml" if path.is_dir() else path]
     while ahead:
         one = ahead.pop()
-        if one in found or not os.path.isfile(one):  # which takes names that no file can have
+        # `isfile` takes names that no file can have; files that name each other would go on with ever longer paths.
+        if not os.path.isfile(one) or (place := os.path.realpath(one)) in found:
             continue
-        found.append(one)
+        found[place] = one
         if one.suffix == ".toml":
             with suppress(OSError, ValueError, RecursionError):  # what is wrong with it is told where it is read
                 table = tomllib.loads(read_bytes(one).decode())
                 certificate = str(table.get("kind", "")).startswith("beamdesign.")  # which names none
                 ahead += [one.parent / text for text in (() if certificate else _texts(table))]
-    return found
+    return list(found.values())
 
 
 def _texts(value: Any) -> Iterator[str]:
