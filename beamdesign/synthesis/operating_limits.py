@@ -327,8 +327,8 @@ class Limits(Result):
         """Amplitude in um, gain in the unit of the prototype's, frequency in Hz, and whether it settles there."""
         factor = read_in(self.prototype.own_controller.gain_A_per_V, "A/V")[1]
         return [
-            (1e6 * row["amplitude_m"], factor * row["gain_A_per_V"], row["frequency_Hz"], "yes" * row["stable"] or "no")
-            for row in self.limit_cycles
+            (1e6 * at["amplitude_m"], factor * at["gain_A_per_V"], at["frequency_Hz"], "yes" if at["stable"] else "no")
+            for at in self.limit_cycles
         ]
 
 
