@@ -16,10 +16,12 @@ from scipy.signal import lfilter
 from beamdesign import InputError, Prototype, read_dataset
 from beamdesign.controllers import Lag, Proportional
 from beamdesign.diagnosis.data.dataset import MeasuredGain, TimeRecord
+from beamdesign.diagnosis.examination.force_channel import force_channel
 from beamdesign.diagnosis.examination.nominal import _knee, commanded_current, controller_fit, nominal_loop
 from beamdesign.diagnosis.examination.plausibility import examine
 from beamdesign.diagnosis.examination.readings import contradictions
 from beamdesign.prototype import Tolerance
+from beamdesign.structure.lumped import figures
 
 SHARED = Path(__file__).parents[2] / "shared" / "rig"
 Spoil = Callable[[Recorded], object]
@@ -424,6 +426,33 @@ def test_what_a_rig_does_is_not_called_bad_data(kind: str, paper: Prototype, tmp
     assert None not in held
     if kind == "saturation":
         assert any(f.limit_A is not None and abs(f.limit_A - 0.012) < 2e-4 for f in held)
+
+
+def test_a_force_is_felt_by_a_rig_that_resonates_elsewhere():
+    """A sine where the believed beam rings, on one that is 30 % heavier: it moves as far, a quarter period late."""
+    light = believed()
+    rig = light.but(
+        controller=Proportional(gain_A_per_V=0.004),
+        outer_beam=light.outer_beam.but(damping_ratio=0.008),
+        inner_beam=light.inner_beam.but(damping_ratio=0.008),
+    )
+    times = 5e-4 * np.arange(2000)
+    inputs = np.column_stack([100 * np.sin(2 * np.pi * 54 * times), 0.01 * np.sin(2 * np.pi * 11 * times)])
+    none = {name: np.zeros(len(times)) for name in ("current_A", "displacement_m")}
+    record = TimeRecord("r", times, inputs, none, 0.0, 0.0, rig.controller)
+    heavier = nominal_loop(rig, replace(record, outer_end_mass=0.3 * figures(rig)["outer_mass"]))
+    moved = heavier.driven(inputs, record.step)[:, 1].sum(axis=1)
+    moved += 1e-3 * np.std(moved) * np.random.default_rng(0).standard_normal(len(moved))
+    assert force_channel(replace(record, measured=none | {"displacement_m": moved}), rig) == []
+
+
+def test_a_force_that_only_pushes_is_not_cut_off():
+    """It rests at exactly zero half of the time."""
+    times = 5e-4 * np.arange(2000)
+    force = 100 * np.sin(2 * np.pi * 20 * times) + 30 * np.sin(2 * np.pi * 46 * times)
+    inputs = np.column_stack([np.maximum(force, 0.0), 0.0 * times])
+    record = TimeRecord("r", times, inputs, {"displacement_m": times}, 0.0, 0.0, believed().controller)
+    assert force_channel(record, believed()) == []
 
 
 @pytest.mark.skipif(not SHARED.is_dir(), reason="needs the recorded sets")

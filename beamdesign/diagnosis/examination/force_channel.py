@@ -16,7 +16,7 @@ from beamdesign.prototype import Prototype
 _FELT = 0.3  # of what it would do in the believed rig: what moves less was no force
 _SEEN = 4.0  # times the noise of the displacement: what would be seen
 _COUNTS = 0.05  # of the rms of the displacement: what is worth a word
-_STANDS_OUT = 0.5  # of the rms of what else is not as believed
+_STANDS_OUT = 2.0  # of the rms of what else is not as believed: a force leaves as much in a rig that rings elsewhere
 _THERE = 0.1  # of the largest motion that it would make: where that is, it is looked for
 _PLATEAU, _MANY = 4, 12  # equal samples in a row, and altogether
 _NOISY = 0.5  # of the finest step: noise that carries every sample to another one
@@ -82,6 +82,6 @@ def _cut_off(force: np.ndarray) -> int:
     noise = min(rough, noise_std(force))
     if noise <= max(_NOISY * finest_step(force), _NOISE * float(np.std(force))):
         return 0
-    ends = (float(force.min()), float(force.max()))
+    ends = {float(force.min()), float(force.max())} - {0.0}  # where nothing pushes nothing is cut off
     count = sum(length for first, length in equal_runs(force, _PLATEAU) if force[first] in ends)
     return count if count >= _MANY else 0
