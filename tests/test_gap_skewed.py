@@ -5,17 +5,24 @@ may be taken a fifth of a sample beside the others without any interpolation.
 """
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 from gap_sets import believed, measured, scenario
 
 from beamdesign import Prototype, diagnose
+from beamdesign.diagnosis import skewed_channels
 from beamdesign.diagnosis.data.dataset import Dataset, TimeRecord
 from beamdesign.diagnosis.fitting import search as searching
-from beamdesign.diagnosis.fitting.hypothesis import Hypothesis
-from beamdesign.diagnosis.skewed_channels import in_time, late_channels
+from beamdesign.diagnosis.fitting.fit import Fit, FitCache
+from beamdesign.diagnosis.fitting.hypothesis import NOTHING, Hypothesis
+from beamdesign.diagnosis.fitting.search import Search
+from beamdesign.diagnosis.judgement import Judgement
+from beamdesign.diagnosis.passing import Look
+from beamdesign.diagnosis.skewed_channels import channels_in_time, in_time, late_channels
 from beamdesign.diagnosis.tone import search_without_tones
+from beamdesign.time_limit import TimeUp, leave_out, within
 
 FINE, TAKEN = 1e-4, 5
 SLOWED, RUBBING = Hypothesis(("sensor_lag",)), Hypothesis(("seal_friction",))
@@ -38,7 +45,7 @@ def recorded(rig: Prototype, force_late: int = 0, displacement_late: int = 0) ->
 
 def taken(record: TimeRecord, force_late: int, displacement_late: int) -> TimeRecord:
     count = (len(record.times) - 1) // TAKEN
-    at = TAKEN * np.arange(1, count)
+    at = TAKEN * np.arange(8, count)
     channels = {"current_A": 0, "displacement_m": displacement_late}
     kept = {name: record.measured[name][at - late] for name, late in channels.items()}
     inputs = np.column_stack([record.inputs[at - force_late, 0], record.inputs[at, 1]])
@@ -71,23 +78,68 @@ def test_a_cause_beside_a_skewed_force_is_found_and_said_not_to_be_sure(monkeypa
     assert cause.parameters["coulomb_N"].value == pytest.approx(60.0, rel=0.1)
 
 
+TIMES = 5e-4 * np.arange(400)
+
+
+def wave(late_s: float) -> np.ndarray:
+    return np.sin(2 * np.pi * 40 * (TIMES - late_s)) ** 2
+
+
+def taken_late(late_s: float) -> TimeRecord:
+    inputs = np.column_stack([wave(late_s), wave(0.0)])
+    return TimeRecord("r", TIMES, inputs, {"displacement_m": wave(late_s)}, 0.0, 0.0, believed().controller)
+
+
 def test_a_channel_is_put_back_where_it_belongs():
     """A sine taken 0.3 ms late, in closed form."""
-    times = 5e-4 * np.arange(400)
-
-    def wave(late_s: float) -> np.ndarray:
-        return np.sin(2 * np.pi * 40 * (times - late_s)) ** 2
-
-    record = TimeRecord(
-        "r",
-        times,
-        np.column_stack([wave(3e-4), wave(0.0)]),
-        {"displacement_m": wave(3e-4)},
-        0.0,
-        0.0,
-        believed().controller,
-    )
+    record = taken_late(3e-4)
     back = in_time(record, {"disturbance_N": 3e-4, "displacement_m": 3e-4})
     inside = slice(5, -5)
     for found in (back.inputs[inside, 0], back.inputs[inside, 1], back.measured["displacement_m"][inside]):
         np.testing.assert_allclose(found, wave(0.0)[inside], atol=1e-3)
+
+
+def test_what_is_spoilt_where_a_record_does_not_count_reaches_no_sample_that_counts():
+    record = replace(taken_late(3e-4), left_out=((0.08, 0.12),))
+    record.measured["displacement_m"][200] = 1e4
+    back = in_time(record, {"displacement_m": 3e-4}).measured["displacement_m"]
+    beside = (np.abs(TIMES - 0.1) > 0.03) & (np.abs(TIMES - 0.1) < 0.095)
+    np.testing.assert_allclose(back[beside], wave(0.0)[beside], atol=0.01)
+
+
+def test_a_force_that_is_late_by_several_samples_is_told_with_by_how_much(slowed_only: None):
+    """Figures strained to stand for it are further away than a usual fit goes."""
+    found = late_channels(search_without_tones(recorded(believed(), 30)))
+    assert found == {"disturbance_N": pytest.approx(30 * FINE, abs=0.1 * FINE)}
+
+
+@pytest.fixture
+def looked(tmp_path: Path) -> Look:
+    null = Fit(NOTHING, cost=1.0)
+    data = Dataset("d", tmp_path, believed(), (taken_late(0.0),))
+    return Look(
+        data, Search(null, (), 1.0), Judgement({NOTHING: 1.0}, 0.0, null), kept=FitCache(tmp_path, believed(), "key")
+    )
+
+
+def test_fits_are_kept_by_exactly_how_late_channels_were(looked: Look, monkeypatch: pytest.MonkeyPatch):
+    """Both are 0.2 ms in words."""
+    parts = set()
+
+    def searched(data: Dataset, workers: int, progress: object, kept: FitCache) -> Look:
+        parts.add(kept.part)
+        return looked
+
+    monkeypatch.setattr(skewed_channels, "search_without_tones", searched)
+    for late_s in (2.01e-4, 2.04e-4):
+        monkeypatch.setattr(skewed_channels, "late_channels", lambda look, by=late_s: {"disturbance_N": by})
+        channels_in_time(looked)
+    assert len(parts) == 2
+
+
+def test_channels_are_not_moved_by_what_little_there_was_time_to_compare(looked: Look, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(skewed_channels, "late_channels", lambda look: {"disturbance_N": 2e-4})
+    with within(1.0):
+        leave_out("sensor_lag")
+        with pytest.raises(TimeUp):
+            channels_in_time(looked)

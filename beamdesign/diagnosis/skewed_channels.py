@@ -10,25 +10,34 @@ amplifier that lags looks alike in all channels.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
+from math import sqrt
 from typing import Any
 
 import numpy as np
 
 from beamdesign.diagnosis.data.dataset import INPUTS, Dataset, TimeRecord
+from beamdesign.diagnosis.examination.sound_records import where_it_counts
 from beamdesign.diagnosis.fitting.evidence import RecordEvidence, evidence_of
-from beamdesign.diagnosis.fitting.fit import Evidence, Fit, Fitted, fit
+from beamdesign.diagnosis.fitting.fit import ITERATIONS, Evidence, Fit, Fitted, fit, misfit_at
 from beamdesign.diagnosis.fitting.hypothesis import Placement, Unknown
 from beamdesign.diagnosis.fitting.replay import DISPLACEMENT
 from beamdesign.diagnosis.passing import Look
 from beamdesign.diagnosis.tone import search_without_tones
+from beamdesign.plant.compiled import beyond_line
 from beamdesign.progress import Progress, silent
+from beamdesign.time_limit import TimeUp, left_out
 
 _FORCE = INPUTS[0]
-_LONGEST_S = 0.02
+_LONGEST_S = 0.02  # what a fit would bring beyond is nothing of a recorder
+_STARTS_S = 2e-3 * np.arange(-9, 10)  # of a force: a fit from zero comes no further than half a period
+_ITERATIONS = 3 * ITERATIONS  # figures that were strained to stand for what is late have a long way back
+_USUAL_S = 1e-3  # or a sample where that is longer: the prior's spread
 _STEP_S = 1e-5  # to either side, for derivatives
 _SMALL = 1.3  # times the misfit of noise alone: what tolerances leave below it is no gap
 _CLEAR = 10.0  # in cost, over the spread of what it leaves: by how much it has to explain more than any cause listed
 _LEAVES = 0.8  # of the excess misfit of that cause
+_EXPLAINS = 0.5  # of the excess misfit of tolerances alone: what leaves more explains no gap
 _SURE = 4.0  # standard errors by which a channel is late, to be taken for it
 
 
@@ -82,8 +91,10 @@ class _Piece(Fitted):
 
     def linearised(self, placement: _Skewed, z: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
         """The residual and its derivative by z; the rig's part of it is that of a displacement in time."""
-        here = self.residual(placement, z)
         slopes = self._acting(placement.late[0].value(z[-2])).linearised(placement.placement, z[:-2])
+        if slopes is not None and not isinstance(self.taken, RecordEvidence):
+            return slopes[0], np.pad(slopes[1], ((0, 0), (0, len(placement.late))))
+        here = self.residual(placement, z)
         if here is None or slopes is None:
             return None
         columns = [slopes[1]]
@@ -102,13 +113,17 @@ def in_time(record: TimeRecord, late_s: dict[str, float]) -> TimeRecord:
     Args:
         record: as read.
         late_s: how late the values of each stand, by its name: the force or what was measured; negative where early.
+
+    Returns:
+        the record; what was measured late goes straight across the spans that do not count, so that what is spoilt
+        there reaches no sample that counts.
     """
-    force, measured = record.inputs[:, 0], dict(record.measured)
+    force, measured, across = record.inputs[:, 0], dict(record.measured), where_it_counts(record).measured
     for name, by_s in late_s.items():
         if name == _FORCE:
             force = _moved(force, by_s / record.step)
         else:
-            measured[name] = _moved(measured[name], by_s / record.step)
+            measured[name] = _moved(across[name], by_s / record.step)
     return replace(record, inputs=np.column_stack([force, record.inputs[:, 1]]), measured=measured)
 
 
@@ -117,12 +132,10 @@ def _moved(signal: np.ndarray, by: float) -> np.ndarray:
 
     Beyond its ends it goes on as its point reflection about them.
     """
-    line = np.linspace(signal[0], signal[-1], len(signal))
-    beyond = signal - line
-    periodic = np.concatenate([beyond, -beyond[-2:0:-1]])
-    turned = np.fft.rfft(periodic) * np.exp(2j * np.pi * np.fft.rfftfreq(len(periodic)) * by)
-    slope = (signal[-1] - signal[0]) / (len(signal) - 1)
-    return np.asarray(line + slope * by + np.fft.irfft(turned, len(periodic))[: len(signal)])
+    count = len(signal) - 1
+    turned = beyond_line(signal[:, None])[:, 0] * np.exp(2j * np.pi * np.fft.rfftfreq(2 * count) * by)
+    line = signal[0] + (signal[-1] - signal[0]) / count * (np.arange(count + 1) + by)
+    return np.asarray(line + np.fft.irfft(turned, 2 * count)[: count + 1])
 
 
 def fitted_skewed(found: Fit, evidence: Sequence[Evidence], data: Dataset) -> Fit:
@@ -133,10 +146,13 @@ def fitted_skewed(found: Fit, evidence: Sequence[Evidence], data: Dataset) -> Fi
         evidence: of the data.
         data: that it was fitted to.
     """
-    spread = max(record.step for record in data.records)
+    spread = max(_USUAL_S, *(record.step for record in data.records))
     force = Unknown(_FORCE, 0.0, spread, True, -_LONGEST_S, _LONGEST_S, "effect")
     skewed = _Skewed(found.hypothesis.placement(data.prototype), (force, replace(force, name=DISPLACEMENT, low=0.0)))
-    return fit(found.hypothesis, skewed, [_Piece(piece) for piece in evidence], np.append(found.z, [0.0, 0.0]))
+    pieces = [_Piece(piece) for piece in evidence]
+    starts = (np.append(found.z, [force.z(late_s), 0.0]) for late_s in _STARTS_S)
+    start = min(starts, key=partial(misfit_at, pieces, skewed))
+    return fit(found.hypothesis, skewed, pieces, start, _ITERATIONS)
 
 
 def late_channels(look: Look) -> dict[str, float]:
@@ -148,17 +164,22 @@ def late_channels(look: Look) -> dict[str, float]:
         look: the search of all hypotheses.
     """
     found, data = look.search, look.data
-    if found.null.misfit <= _SMALL * found.expected:
+    if found.null.misfit <= _SMALL * found.expected or found.explained:
         return {}
     evidence, rival = evidence_of(data), min((found.null, *found.fits), key=lambda f: f.cost)
     alone = [f for f in found.fits if len(f.hypothesis.causes) == 1 and not f.reason]
     beside = (found.null, *alone[:1], *(f for f in alone[1:] if {*f.hypothesis.names} & {*rival.hypothesis.names}))
     best = min((fitted_skewed(one, evidence, data) for one in beside), key=lambda f: f.cost)
-    clear = _CLEAR * max(1.0, best.misfit / found.expected)
-    if best.reason or best.cost > rival.cost - clear or found.excess(best) > _LEAVES * found.excess(rival):
+    spread = max(1.0, best.misfit / found.expected)
+    if best.reason or best.cost > rival.cost - _CLEAR * spread:
+        return {}
+    if found.excess(best) > min(_EXPLAINS, _LEAVES * found.excess(rival)):
+        return {}
+    late_s = {name: best.values[name] for name in (_FORCE, DISPLACEMENT)}
+    if max(map(abs, late_s.values())) >= _LONGEST_S:
         return {}
     errors = best.standard_errors
-    return {name: best.values[name] for name in (_FORCE, DISPLACEMENT) if abs(best.values[name]) > _SURE * errors[name]}
+    return {name: by for name, by in late_s.items() if abs(by) > _SURE * sqrt(spread) * errors[name]}
 
 
 def channels_in_time(look: Look, workers: int = 1, progress: Progress = silent) -> Look | None:
@@ -173,12 +194,17 @@ def channels_in_time(look: Look, workers: int = 1, progress: Progress = silent) 
 
     Returns:
         None where there are no such channels.
+
+    Raises:
+        TimeUp: where there are, by what there was time to compare them with.
     """
     if not (late_s := late_channels(look)):
         return None
+    if left_out():  # what was not compared may explain as much
+        raise TimeUp
     data = replace(look.data, records=tuple(in_time(record, late_s) for record in look.data.records))
     words = tuple(_words(name, by) for name, by in late_s.items())
-    kept = look.kept and replace(look.kept, part=(*look.kept.part, *words))
+    kept = look.kept and replace(look.kept, part=(*look.kept.part, repr(late_s)))
     again = search_without_tones(data, workers, progress, kept)
     return replace(again, words=(*words, *again.words), doubtful=True).after(look)
 

@@ -108,12 +108,23 @@ def measured_half_steps(samples: np.ndarray, step_s: float, substeps: int) -> np
     if step_s <= (1 + 1e-6) * FINE_S:
         return half_steps(samples, substeps)
     count, parts = len(samples) - 1, 2 * substeps
-    ends = samples[[0, -1]]
-    line = np.linspace(ends[0], ends[1], count + 1)
-    beyond = samples - line
-    periodic = np.vstack([beyond, -beyond[-2:0:-1]])
-    fine = parts * np.fft.irfft(np.fft.rfft(periodic, axis=0), 2 * count * parts, axis=0)[: count * parts + 1]
-    return np.asarray(fine + np.linspace(ends[0], ends[1], count * parts + 1))
+    fine = np.linspace(samples[0], samples[-1], count * parts + 1)
+    for column, spectrum in enumerate(beyond_line(samples).T):
+        fine[:, column] += parts * np.fft.irfft(spectrum, 2 * count * parts)[: len(fine)]
+    return fine
+
+
+def beyond_line(samples: np.ndarray) -> np.ndarray:
+    """Spectrum of samples less the straight line from end to end, continued as its point reflection about its ends.
+
+    Args:
+        samples: (N, m).
+
+    Returns:
+        (N, m), of the 2 (N - 1) samples of a period, as `numpy.fft.rfft` gives it.
+    """
+    beyond = samples - np.linspace(samples[0], samples[-1], len(samples))
+    return np.asarray(np.fft.rfft(np.concatenate([beyond, -beyond[-2:0:-1]]), axis=0))
 
 
 def integrate(
