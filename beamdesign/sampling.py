@@ -64,11 +64,11 @@ class SampledLaw:
     def before(self, other: "SampledLaw") -> "SampledLaw":
         """In series with another that has one reading: what this one gives. This one's states come first."""
         n, m, k = self.order, other.order, len(self.sensed)
-        heard = np.zeros((m + 1, n + m + k))  # the other's states and reading
-        heard[:m, n : n + m] = np.eye(m)
-        heard[m] = np.insert(self.matrix[n], n, np.zeros(m))
+        inputs = np.zeros((m + 1, n + m + k))  # the other's states and reading
+        inputs[:m, n : n + m] = np.eye(m)
+        inputs[m] = np.insert(self.matrix[n], n, np.zeros(m))
         own = np.insert(self.matrix[:n], [n] * m, 0.0, axis=1)
-        return SampledLaw(np.vstack([own, other.matrix @ heard]), self.sensed)
+        return SampledLaw(np.vstack([own, other.matrix @ inputs]), self.sensed)
 
     def packed(
         self, period_steps: int, delay_periods: int, least_volt: float, state: np.ndarray, current: float

@@ -115,8 +115,8 @@ def explain(
         echo(*([""] if some or every else []), *docs.value_lines(wanted, valued))
     if text is not None:
         echo(f"\n{text}".rstrip() if some or valued else text.rstrip())
-    told = {"keys": [asdict(each) for each in (*some, *valued)], "effects": [asdict(e) for e in every if e]}
-    return CommandResult({"key": key, **told, "page": text})
+    fields = {"keys": [asdict(each) for each in (*some, *valued)], "effects": [asdict(e) for e in every if e]}
+    return CommandResult({"key": key, **fields, "page": text})
 
 
 def _list() -> None:

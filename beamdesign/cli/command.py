@@ -101,7 +101,7 @@ def command(
         wrong += another_file(json, given.values())
         if wrong:
             refuse(work.__name__.replace("_", "-"), *wrong)
-        with _told_by_file({name: given[name] for name in ("prototype", "study", "scenario") if given.get(name)}):
+        with _errors_by_file({name: given[name] for name in ("prototype", "study", "scenario") if given.get(name)}):
             result = work(**given)
         echo(*map(str, result.files))
         if wrong := another_file(json, [*result.files, result.fields]):
@@ -119,7 +119,7 @@ def command(
 
 
 @contextmanager
-def _told_by_file(files: Mapping[str, Path]) -> Iterator[None]:
+def _errors_by_file(files: Mapping[str, Path]) -> Iterator[None]:
     """Say what is wrong with a record, by the name that stands in its file or the option's, of the file itself."""
     try:
         yield

@@ -199,9 +199,9 @@ class Observer(Controller):
 
         a, b, c, d, _ = law.state_space()
         rate, gain, others = 2 * pi * break_Hz, law.gain_A_per_V, b * (np.arange(b.shape[1]) > 0)
-        heard = np.vstack([rate * np.eye(1, b.shape[1]), others])
+        inputs = np.vstack([rate * np.eye(1, b.shape[1]), others])
         lagged = np.block([[-rate, np.zeros((1, len(a)))], [b[:, :1], a]])
-        return cls.of(gain, law.senses, lagged, heard, [d[0] / gain, *c / gain], [0.0, *d[1:] / gain])
+        return cls.of(gain, law.senses, lagged, inputs, [d[0] / gain, *c / gain], [0.0, *d[1:] / gain])
 
     @classmethod
     def relations(cls, table: Mapping[str, Any]) -> Iterator[Problem]:

@@ -97,8 +97,8 @@ def designer_terms(data: Dataset, diagnosed: Prototype, new: Sequence[Prototype]
     own = 0 if data.prototype.controller is None else len(data.prototype.controller.laws)
 
     def compared(law: Controller, inner: float, masses: tuple[float, float], tuned: bool = False) -> LoopTerms:
-        believed, found = (terms(rig.with_law(law, masses, inner)) for rig in (data.prototype, diagnosed))
-        return LoopTerms(law, inner, masses, believed, found, tuned)
+        nominal, found = (terms(rig.with_law(law, masses, inner)) for rig in (data.prototype, diagnosed))
+        return LoopTerms(law, inner, masses, nominal, found, tuned)
 
     return (
         *(compared(*each) for each in loops_of(data)[: max(MOST_LOOPS, own)]),

@@ -282,12 +282,12 @@ def key_lines(group: list[Key]) -> Iterator[str]:
 def value_lines(value: str, found: Iterable[Key]) -> Iterator[str]:
     """What there is to say of one value of some keys, the figures that it brings included."""
 
-    def told(key: Key) -> tuple[str, str, str, str]:
+    def shown(key: Key) -> tuple[str, str, str, str]:
         table = key.path.rpartition(".")[0]
         beside = [k for k in keys() if (k.file, k.path.rpartition(".")[0]) == (key.file, table) and value in k.only_for]
         return key.name, key.meaning, dict(key.values).get(value, ""), ", ".join(k.name for k in beside)
 
-    for k, ((name, meaning, means, brings), group) in enumerate(_gathered(found, told).items()):
+    for k, ((name, meaning, means, brings), group) in enumerate(_gathered(found, shown).items()):
         yield from [""] * (k > 0)
         yield f'{name} = "{value}"'
         yield f"  {meaning}"

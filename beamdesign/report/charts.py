@@ -290,8 +290,8 @@ def _draw(axes: Axes, panel: _Panel, record: "SimulatedRecord", limits: Limits) 
         if name in limits and peak > 0.2 * limits[name][0]:
             limit, words = limits[name]
             for sign in (1, -1):
-                told = f"{words} {factor * limit:g} {unit}" if sign > 0 else None
-                axes.axhline(sign * factor * limit, **LIMIT, label=told)
+                text = f"{words} {factor * limit:g} {unit}" if sign > 0 else None
+                axes.axhline(sign * factor * limit, **LIMIT, label=text)
             named = True
     if record.diverged_at_s is not None:
         end = "diverged" if panel.label == "displacement" else None

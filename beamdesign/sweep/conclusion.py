@@ -283,8 +283,8 @@ def _bars(figure: Figure, asked: Picture, records: Sequence[Row], x: str, y: str
     heights = [_number(row, y) or 0.0 for row in records]
     axes = figure.add_subplot()
     bars = axes.barh(range(len(names)), heights, color="0.7", edgecolor="black")
-    told = [row["status"] == "done" and _number(row, y) is not None for row in records]
-    labels = [f"{height:.4g}" if one else "no answer" for height, one in zip(heights, told, strict=True)]
+    answered = [row["status"] == "done" and _number(row, y) is not None for row in records]
+    labels = [f"{height:.4g}" if one else "no answer" for height, one in zip(heights, answered, strict=True)]
     axes.bar_label(bars, labels, padding=4)
     axes.set_yticks(range(len(names)), names)
     axes.invert_yaxis()

@@ -380,7 +380,7 @@ ADAPTIVE = {"optimise": _optimise, "worst_case": _worst_case}
 """Methods whose cases follow from the results of earlier ones: deterministic, so that they resume from the store."""
 
 
-def followed(laid: Plan, known: Mapping[str, dict[str, Any]]) -> tuple[list[str], bool]:
+def reached(laid: Plan, known: Mapping[str, dict[str, Any]]) -> tuple[list[str], bool]:
     """Follow an adaptive method as far as results lead: the addresses of those it asks for, and whether that is all.
 
     Args:

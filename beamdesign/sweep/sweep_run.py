@@ -18,7 +18,7 @@ from beamdesign.records import InputError, Problem
 from beamdesign.result import Result, finite, json_text, picked
 from beamdesign.sweep import store, workers
 from beamdesign.sweep.case import TASKS, Case, in_words
-from beamdesign.sweep.methods import ADAPTIVE, Plan, followed, laid_out
+from beamdesign.sweep.methods import ADAPTIVE, Plan, laid_out, reached
 from beamdesign.sweep.sweep_file import Sweep, read_sweep
 
 Draw = Callable[[Sweep, Sequence[dict[str, Any]], Mapping[str, Any], Path], list[Path]]
@@ -265,7 +265,7 @@ def sweep_status(laid: Plan, folder: Path) -> SweepStatus:
     current = {record["address"]: record for record in everything.records if record["code_sha256"] == code}
     addresses, complete = list(cases), True
     if laid.sweep.study.method in ADAPTIVE:
-        addresses, complete = followed(laid, current)
+        addresses, complete = reached(laid, current)
     rows = [current[address] for address in addresses if address in current]
     refused = [one for address, one in cases.items() if one.problems and address not in current]
     remaining = len(addresses) - len(rows) - len(refused) if complete else None

@@ -136,9 +136,9 @@ def check_gains(gains: Sequence[MeasuredGain], prototype: Prototype, folder: Pat
     """
     problems, warnings = [], []
     for k, gain in enumerate(gains, start=1):
-        if (believed := GainEvidence(gain, prototype).nominal()) is None:
+        if (nominal := GainEvidence(gain, prototype).nominal()) is None:
             continue
-        ratio = gain.gain / believed.gain
+        ratio = gain.gain / nominal.gain
         if 0.2 < ratio / 1e3 < 3:
             words = f"entry {k}: {gain.gain:g} is {ratio:.0f} times what is believed: is it in mA/V? Divide by 1000"
             problems.append(Problem("critical_gain.gain_A_per_V", words))
