@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from beamdesign.diagnosis.data.dataset import without_noise
+from beamdesign.diagnosis.data.input_noise import without_noise
 
 NOISE = 0.5
 LEVELS = (0.0, 400.0, 900.0, 30.0, 0.0, -400.0, 2.0, 0.0)

@@ -19,7 +19,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from beamdesign.controllers.protocol import ANY_PAYLOAD
-from beamdesign.diagnosis.data.dataset import Dataset, TimeRecord, without_noise
+from beamdesign.diagnosis.data.dataset import Dataset, TimeRecord
+from beamdesign.diagnosis.data.input_noise import without_noise
 from beamdesign.diagnosis.diagnosis import NextExperiment
 from beamdesign.diagnosis.fitting.fit import Fit
 from beamdesign.diagnosis.fitting.hypothesis import NOTHING

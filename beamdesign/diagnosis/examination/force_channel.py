@@ -8,7 +8,8 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from beamdesign.diagnosis.data.dataset import TimeRecord, without_noise
+from beamdesign.diagnosis.data.dataset import TimeRecord
+from beamdesign.diagnosis.data.input_noise import without_noise
 from beamdesign.diagnosis.examination.nominal import nominal_loop
 from beamdesign.diagnosis.examination.sound_records import Caution, blips, equal_runs, finest_step, noise_std
 from beamdesign.prototype import Prototype
