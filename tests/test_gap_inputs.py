@@ -1,9 +1,15 @@
 """Recorded inputs without the noise of their instruments."""
 
+import gap_sets
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 
-from beamdesign.diagnosis.data.input_noise import without_noise
+from beamdesign.diagnosis.data.dataset import TimeRecord
+from beamdesign.diagnosis.data.input_noise import denoised, is_answered, without_noise
+from beamdesign.diagnosis.fitting.evidence import record_evidence
+from beamdesign.diagnosis.fitting.hypothesis import NOTHING
+from beamdesign.scenario import FromCsv, Measurement
 
 NOISE = 0.5
 LEVELS = (0.0, 400.0, 900.0, 30.0, 0.0, -400.0, 2.0, 0.0)
@@ -49,3 +55,92 @@ def test_many_lines_are_not_taken_for_held_stretches():
     for size in (1.0, 30.0):  # twice the noise, and far beyond it
         drive = size * wave / np.std(wave)
         assert np.std(without_noise(noisy(drive)) - drive) < 0.75 * NOISE
+
+
+def pulse(length: int) -> np.ndarray:
+    """A hammer's half sine."""
+    signal = np.zeros(4000)
+    signal[400 : 400 + length] = 500 * np.sin(np.pi * np.arange(1, length + 1) / (length + 1))
+    return signal
+
+
+def switched(held: int) -> np.ndarray:
+    """A random binary sequence, each value held for some samples."""
+    return 500.0 * np.sign(np.repeat(np.random.default_rng(1).standard_normal(4000 // held), held))
+
+
+HELD = {"hammer": pulse(5), "soft hammer": pulse(20), "binary": switched(2), "slow binary": switched(8)}
+WHITE = {"sample": pulse(1), "binary": switched(1), "noise": 300 * np.random.default_rng(2).standard_normal(4000)}
+
+
+@pytest.mark.parametrize("force", HELD.values(), ids=HELD)
+def test_what_a_generator_holds_exactly_has_no_noise(force):
+    np.testing.assert_array_equal(without_noise(force), force)
+
+
+@pytest.mark.parametrize("force", WHITE.values(), ids=WHITE)
+def test_white_noise_that_moves_a_rig_is_a_force(force):
+    """A single sample and a binary sequence have a white spectrum as well."""
+    random = np.random.default_rng(3)
+    resonance, noise = lambda given: lfilter([1e-7], [1, -1.9, 0.95], given), 1e-7 * random.standard_normal(4000)
+    assert is_answered(force, resonance(force) + noise)
+    assert is_answered(force, np.roll(resonance(force), 9) + noise)
+    for other in (noise, resonance(noise * 1e9), resonance(100 * random.standard_normal(4000))):
+        assert not is_answered(force, other)
+    taken = TimeRecord(
+        "", np.arange(4000.0), np.stack([force, 0 * force], 1), {"displacement_m": resonance(force)}, 0, 0, None
+    )
+    np.testing.assert_array_equal(taken.cleaned.inputs[:, 0], force)
+    assert taken.excitation == "disturbance"
+
+
+def test_steps_in_coarse_digits_are_rid_of_their_flicker():
+    drive = 100 * np.sin(0.01 * np.arange(4000))
+    digits = 5 * np.round((drive + 1.5 * np.random.default_rng(1).standard_normal(4000)) / 5)
+    assert np.std(without_noise(digits) - drive) < 0.4 * np.std(digits - drive)
+
+
+@pytest.mark.parametrize("size", [1.0, 10.0])
+@pytest.mark.parametrize("name", ["disturbance_small", "load_steps"])
+def test_what_noise_leaves_in_a_force_is_known(name, size):
+    (row,) = gap_sets.only(gap_sets.measured(gap_sets.believed()), [name]).records
+    force, random = row.cleaned.inputs[:, 0], np.random.default_rng(7)
+    off, told = [], []
+    for _ in range(10):
+        found, left = denoised(force + size * random.standard_normal(len(force)))
+        off.append(np.mean((found - force) ** 2))
+        told.append(np.mean(left))
+    assert 0.4 < np.mean(told) / np.mean(off) < 1.3  # steps are a little flatter where noise was taken out before
+
+
+@pytest.mark.parametrize("noise_N", [0.0, 10.0])
+def test_noise_of_a_load_cell_is_noise_of_the_evidence(noise_N):
+    """At the figures of the rig the misfit is that of noise, whatever the load cell adds."""
+    plan = gap_sets.scenario().but(
+        measurement=Measurement(seed=3, disturbance_std_N=noise_N, current_std_A=2e-5, displacement_std_m=5e-7)
+    )
+    data = gap_sets.measured(gap_sets.believed(), plan)
+    for piece in record_evidence(data):
+        placement = NOTHING.placement(data.prototype)
+        at_truth = piece.residual(placement, np.zeros(len(placement.unknowns)))
+        assert 0.6 < at_truth @ at_truth / piece.expected < 1.6
+
+
+@pytest.mark.parametrize("force", WHITE.values(), ids=WHITE)
+def test_a_rig_that_a_hammer_or_white_noise_drives_is_followed(force, tmp_path):
+    plan = gap_sets.scenario()
+    np.savetxt(
+        tmp_path / "force.csv",
+        np.stack([5e-4 * np.arange(2001), force[:2001]], 1),
+        "%.9g",
+        ",",
+        header="t_s,disturbance_N",
+        comments="",
+    )
+    row = plan.record[2].but(input=(FromCsv(file=str(tmp_path / "force.csv")),))
+    data = gap_sets.measured(gap_sets.believed(), plan.but(record=(row,)))
+    (piece,) = record_evidence(data)
+    placement = NOTHING.placement(data.prototype)
+    at_truth = piece.residual(placement, np.zeros(len(placement.unknowns)))
+    assert at_truth @ at_truth < 1.6 * piece.expected
+    assert np.sqrt(piece.error(at_truth)) < 0.05

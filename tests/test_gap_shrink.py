@@ -82,7 +82,7 @@ def test_the_loop_feeds_its_sensors_noise_back(data):
     )
     read = noise + moved[:, 0]
     lines = np.fft.rfftfreq(len(noise), piece.record.step)
-    found = np.abs(piece.job.noise_response(placement, still, ("displacement_m",), lines)[:, 0])
+    found = np.abs(piece.job.noise_response(placement, still, ("displacement_m",), lines)[0][:, 0])
     assert np.std(read) / np.std(noise) == pytest.approx(np.sqrt(np.mean(found**2)), rel=0.01)
     band = (lines > 10) & (lines < 80)  # in which this loop is lively
     power = [np.sum(np.abs(np.fft.rfft(signal))[band] ** 2) for signal in (read, noise)]

@@ -118,7 +118,7 @@ def _settings(data: Dataset) -> list[tuple[TimeRecord, float, float, float]]:
 
 def _signals(data: Dataset) -> Iterator[tuple[Input, str]]:
     for column, key, unit, words in ((1, "amplitude_V", "V", "command"), (0, "amplitude_N", "N", "force on the tip")):
-        largest = max(_peak(r.inputs[:, column]) for r in data.records)
+        largest = max(_peak(r, column) for r in data.records)
         if largest <= 0:
             continue
         for share in _SHARES:
@@ -132,11 +132,11 @@ def _signals(data: Dataset) -> Iterator[tuple[Input, str]]:
                 yield LoadSteps(rise_s=0.03, **size), f"{words}: load steps of {peak:g} {unit}, both ways"
 
 
-def _peak(signal: np.ndarray) -> float:
+def _peak(record: TimeRecord, column: int) -> float:
     """Largest value of an input; 0 where it is the noise of its sensor."""
-    if float(np.std(without_noise(signal))) <= _NOISE * float(np.std(signal)):
-        return 0.0
-    return float(np.abs(signal).max())
+    signal = record.inputs[:, column]
+    still = without_noise(signal) if column else record.denoised[0]
+    return float(np.abs(signal).max()) if np.std(still) > _NOISE * np.std(signal) else 0.0
 
 
 _RIVALS = 4

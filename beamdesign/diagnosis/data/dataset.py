@@ -12,7 +12,7 @@ from beamdesign import records
 from beamdesign.columns import read_columns, uniform_times
 from beamdesign.controllers import Controller
 from beamdesign.diagnosis.data.dataset_index import GainEntry, ResponseEntry, Taken, TimeEntry, index_of, read_index
-from beamdesign.diagnosis.data.input_noise import without_noise
+from beamdesign.diagnosis.data.input_noise import denoised, is_answered
 from beamdesign.plant.actuators import not_felt
 from beamdesign.plant.assembly import wrong_effects
 from beamdesign.prototype import Prototype, read_prototype
@@ -73,16 +73,27 @@ class TimeRecord:
     @cached_property
     def excitation(self) -> str:
         """Which input drives it: `command`, `disturbance`, `both` or `none`; a force sensor's noise drives nothing."""
-        forced = bool(np.any(without_noise(self.inputs[:, 0])))
+        forced = bool(np.any(self.denoised[0]))
         return {(1, 1): "both", (1, 0): "disturbance", (0, 1): "command", (0, 0): "none"}[
             forced, bool(np.std(self.inputs[:, 1]) > 0)
         ]
 
+    @cached_property
+    def denoised(self) -> tuple[np.ndarray, np.ndarray]:
+        """(N,) the force as it acted, and (N,) what its sensor's noise leaves in it, see `input_noise.denoised`.
+
+        White noise that the displacement answers is no sensor's, but a force.
+        """
+        force = self.inputs[:, 0]
+        found, left = denoised(force)
+        if not found.any() and is_answered(force, self.measured["displacement_m"]):
+            return force, np.zeros(len(force))
+        return found, left
+
     @property
     def cleaned(self) -> "TimeRecord":
         """The record with its force as it acted, without the noise of the sensor that recorded it."""
-        force = without_noise(self.inputs[:, 0])
-        return replace(self, inputs=np.column_stack([force, self.inputs[:, 1]]))
+        return replace(self, inputs=np.column_stack([self.denoised[0], self.inputs[:, 1]]))
 
     @cached_property
     def condition(self) -> tuple[Any, ...]:

@@ -13,29 +13,87 @@ _LONGER = 1.3  # times, from one stretch to the next that is tried
 _ALL = 1.15  # times the noise's power: what may be taken away as noise
 
 
+_REPEATED = 0.3  # of the samples are exactly as the one before: noise that is no coarser than its digits repeats fewer
+_DIGITS, _MOSTLY = 4, 0.9  # of the finest step: what coarse digits reach beyond; how many changes are of one step
+_ANSWERED = 6.0  # standard deviations of what chance makes of a correlation with white noise
+
+
 def without_noise(signal: np.ndarray) -> np.ndarray:
     """A recorded input as far as it stands out of white noise, that of the instrument which recorded it.
 
     A force sensor's noise is no force: fed into a model it shakes the simulated rig where the real one was still. An
     input of many lines is told from noise by its spectrum, one of steps by the stretches over which it is held;
-    whichever leaves less noise is taken.
+    whichever leaves less noise is taken. One that is held exactly, as a generator holds it, has none.
 
     Args:
         signal: (N,) uniform samples.
     """
+    return _without_noise(signal)[0]
+
+
+def denoised(signal: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """A recorded input without noise, and how far it is off for all that.
+
+    What noise leaves where the input drives is what taking it out leaves of as much noise that is added anew, about
+    every line of the spectrum: a parametric bootstrap (B. Efron and R. J. Tibshirani, An Introduction to the Bootstrap,
+    1993, section 6.5).
+
+    Args:
+        signal: (N,) uniform samples.
+
+    Returns:
+        (N,) what `without_noise` gives; and (N,) mean square of its error per sample, by frequency from 0 to that of
+        Nyquist.
+    """
+    found, noise = _without_noise(signal)
+    if not noise > 0 or not found.any():
+        return found, np.zeros(len(signal))
+    again, _ = _without_noise(found + np.sqrt(noise) * np.random.default_rng(0).standard_normal(len(signal)))
+    return found, _about(dct(again - found, norm="ortho") ** 2)
+
+
+def _without_noise(signal: np.ndarray) -> tuple[np.ndarray, float]:
+    """The input, and the power of the noise that was taken out."""
     lines = dct(signal, norm="ortho")  # of the record and its mirror image, which has no step where it ends
     # The power of white noise by the top fifth of the spectrum, and by second differences, of which steps have few.
     top = float(np.median(lines[int(_TOP * len(lines)) :] ** 2)) / _MEDIAN_OF_SQUARE
     rough = float(np.median(np.diff(signal, 2) ** 2)) / _MEDIAN_OF_SQUARE / 6
     noise = min(top, rough) if rough > 0 else top
     if noise <= 0:
-        return signal
+        return signal, 0.0
     gains = _wiener(lines**2, noise)
+    if np.mean(np.diff(signal) == 0) > _REPEATED and gains.any() and not _coarse(signal):
+        return signal, 0.0
     if rough > 0:  # else its digits are too coarse to tell, or it has none and is held exactly
         held, left = _held(signal, noise)
         if left < np.mean(gains**2) and np.var(signal - held) < _ALL * noise:
-            return held
-    return np.asarray(idct(lines * gains, norm="ortho"))
+            return held, noise
+    return np.asarray(idct(lines * gains, norm="ortho")), noise
+
+
+def is_answered(signal: np.ndarray, motion: np.ndarray) -> bool:
+    """Whether a motion follows from an input that looks like white noise, so that it drove a rig and is no noise.
+
+    Of N samples the correlation of white noise with what it has nothing to do with has a standard deviation of
+    1/sqrt(N), whatever that is and however much later it comes.
+
+    Args:
+        signal: (N,) input.
+        motion: (N,) measured at the same time.
+    """
+    count = 2 * len(signal)
+    given, seen = (np.fft.rfft(each - each.mean(), count) for each in (signal, motion))
+    later = np.fft.irfft(np.conj(given) * seen, count)[: len(signal) // 2]
+    size = len(signal) * float(np.std(signal)) * float(np.std(motion))
+    return bool(size > 0 and np.abs(later).max() > _ANSWERED / np.sqrt(len(signal)) * size)
+
+
+def _coarse(signal: np.ndarray) -> bool:
+    """Whether samples change by one digit of the recorder and little else."""
+    changes = np.abs(np.diff(signal))
+    changes = changes[changes > 0]
+    finest = float(changes.min(initial=np.inf))
+    return bool(np.ptp(signal) > _DIGITS * finest and np.mean(changes < 1.5 * finest) > _MOSTLY)
 
 
 def _wiener(power: np.ndarray, noise: float) -> np.ndarray:
@@ -44,12 +102,17 @@ def _wiener(power: np.ndarray, noise: float) -> np.ndarray:
     The signal's power is what a third of an octave about a line has beyond `_MARGIN` times that of the noise
     (N. Wiener, Extrapolation, Interpolation, and Smoothing of Stationary Time Series, 1949).
     """
+    driven = np.maximum(_about(power) - _MARGIN * noise, 0.0)
+    return np.asarray(driven / (driven + noise))
+
+
+def _about(power: np.ndarray) -> np.ndarray:
+    """(N,) mean over a third of an octave about every line, and over no fewer than `_LEAST_LINES` to either side."""
     total = np.concatenate([[0.0], np.cumsum(power)])
     at = np.arange(len(power))
     low = np.maximum(np.minimum((at / _HALF_BAND).astype(int), at - _LEAST_LINES), 0)
     high = np.minimum(np.maximum((at * _HALF_BAND).astype(int), at + _LEAST_LINES) + 1, len(power))
-    driven = np.maximum((total[high] - total[low]) / (high - low) - _MARGIN * noise, 0.0)
-    return np.asarray(driven / (driven + noise))
+    return np.asarray((total[high] - total[low]) / (high - low))
 
 
 def _held(signal: np.ndarray, noise: float) -> tuple[np.ndarray, float]:

@@ -9,7 +9,6 @@ from collections.abc import Iterator
 import numpy as np
 
 from beamdesign.diagnosis.data.dataset import TimeRecord
-from beamdesign.diagnosis.data.input_noise import without_noise
 from beamdesign.diagnosis.examination.nominal import nominal_loop
 from beamdesign.diagnosis.examination.sound_records import Caution, blips, equal_runs, finest_step, noise_std
 from beamdesign.prototype import Prototype
@@ -44,7 +43,7 @@ def _found(record: TimeRecord, prototype: Prototype) -> Iterator[tuple[str, str]
     if samples := _cut_off(force):
         yield "clipped", f"is cut off, {samples} samples long: widen the recorder's range, or drive less"
         return
-    still = without_noise(force)
+    still = record.denoised[0]
     if np.ptp(command) > 0 and (size := _unfelt(record, prototype, still)):
         text = f"of {_rms(still):.3g} N rms would move the tip by {size:.2g} m rms, and does not"
         yield "unfelt_force", f"{text}: hum, an offset or a drift of the load cell; set it to zero where nothing pushes"

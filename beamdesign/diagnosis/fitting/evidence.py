@@ -133,10 +133,11 @@ def record_evidence(data: Dataset) -> tuple[RecordEvidence, ...]:
     jobs = [Replay(taken.cleaned, data.prototype) for taken in data.records]
     rise = rising(filter(None, map(at_the_sensor, jobs)))
     found = []
-    for job in jobs:
+    for taken, job in zip(data.records, jobs, strict=True):
         channels = tuple(job.record.measured)
         measured = np.column_stack([job.record.measured[name] for name in channels])
-        found.append(RecordEvidence(job, in_the_loop(weighting(job.record, channels), job, rise), measured))
+        weight = in_the_loop(weighting(job.record, channels), job, rise, taken.denoised[1])
+        found.append(RecordEvidence(job, weight, measured))
     return tuple(found)
 
 

@@ -56,26 +56,31 @@ class Replay:
 
     def noise_response(
         self, placement: Placement, z: np.ndarray, channels: tuple[str, ...], frequencies_Hz: np.ndarray
-    ) -> np.ndarray:
-        """(F, C) what channels read of a sine of 1 m of noise at the displacement's sensor, which the loop feeds back.
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """What channels read of a sine of noise at the displacement's sensor, which the loop feeds back, and of force.
 
-        By the linear loop at rest, no more than `_LOUDEST`, as a believed loop may be next to unstable; without a loop
-        where the rig has no equilibrium.
+        By the linear loop at rest; without a loop where the rig has no equilibrium.
+
+        Returns:
+            (F, C) each: of 1 m at the sensor, no more than `_LOUDEST`, as a believed loop may be next to unstable; and
+            of 1 N that is recorded beside the force, and of which the believed loop, but not the rig, is driven.
         """
         placed, parameters = self.placed(placement), self.parameters(placement, z)
         read = np.array([[complex(name == DISPLACEMENT) for name in channels]] * len(frequencies_Hz))
         try:
             loop = linearise(placed.assembly, at_rest(placed, parameters), np.zeros(3), parameters)
         except ValueError:
-            return read
+            return read, np.zeros_like(read)
         rows = [placed.assembly.outputs.index(name) for name in channels]
-        moved, unit, driven = [], np.eye(len(loop.a)), loop.b[:, [1]].astype(complex)
+        moved, unit, driven = [], np.eye(len(loop.a)), loop.b[:, :2].astype(complex)
         for part in np.array_split(2j * np.pi * frequencies_Hz, len(frequencies_Hz) // _AT_ONCE + 1):
-            state = np.linalg.solve(part[:, None, None] * unit - loop.a, driven)[:, :, 0]
-            moved.append(state @ loop.c[rows].T + loop.d[rows, 1])
+            state = np.linalg.solve(part[:, None, None] * unit - loop.a, driven)
+            moved.append(loop.c[rows] @ state + loop.d[rows, :2])
+        forced, commanded = np.moveaxis(np.concatenate(moved), 2, 0)
         # noise at the sensor is a command with the other sign
-        found = read - self.prototype.sensor.gain_V_per_m * np.concatenate(moved)
-        return np.asarray(found * np.minimum(1.0, _LOUDEST / np.abs(found[:, channels.index(DISPLACEMENT)]))[:, None])
+        found = read - self.prototype.sensor.gain_V_per_m * commanded
+        loud = np.minimum(1.0, _LOUDEST / np.abs(found[:, channels.index(DISPLACEMENT)]))
+        return found * loud[:, None], forced
 
     def simulated_with_slopes(
         self, placement: Placement, z: np.ndarray, channels: tuple[str, ...], sloped: bool = True
@@ -221,27 +226,34 @@ def at_the_sensor(job: Replay) -> tuple[np.ndarray, np.ndarray, np.ndarray] | No
     frequencies, taper = np.fft.rfftfreq(count, record.step), faded(count) * record.counted
     kept = frequencies > LOWEST_HZ
     power = np.abs(np.fft.rfft(moved * taper[:, None], axis=0)[kept]) ** 2 / np.sum(record.counted**2)
-    own = power / _noise_power(job, (DISPLACEMENT,), frequencies[kept])
+    own = power / _noise_power(job, (DISPLACEMENT,), frequencies[kept])[0]
     return frequencies[kept], own[:, 0], own[:, 1]
 
 
-def _noise_power(job: Replay, channels: tuple[str, ...], frequencies_Hz: np.ndarray) -> np.ndarray:
-    """(F, C) power that channels have of the sensor's noise in the believed loop, over that noise's own."""
+def _noise_power(job: Replay, channels: tuple[str, ...], frequencies_Hz: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(F, C) each: power that channels have of the sensor's noise and of the force's, over that noise's own."""
     placement = NOTHING.placement(job.prototype)
-    return np.abs(job.noise_response(placement, np.zeros(len(placement.unknowns)), channels, frequencies_Hz)) ** 2
+    sensor, force = job.noise_response(placement, np.zeros(len(placement.unknowns)), channels, frequencies_Hz)
+    return np.abs(sensor) ** 2, np.abs(force) ** 2
 
 
-def in_the_loop(weight: Weighting, job: Replay, rise: Rise | None = None) -> Weighting:
-    """A weighing that counts as noise what the believed loop makes of its sensor's noise, beyond what the top shows.
+def in_the_loop(weight: Weighting, job: Replay, rise: Rise | None, force_noise: np.ndarray) -> Weighting:
+    """A weighing that counts as noise what the believed loop makes of noise at its sensor and in the force recorded.
 
     Args:
         weight: by white noise.
         job: of the record.
-        rise: of the noise's power per sample beyond white noise, by frequency.
+        rise: of the sensor's noise, its power per sample beyond white noise, by frequency.
+        force_noise: (N,) that is left in the force, its power per sample (N^2), from 0 to the frequency of Nyquist.
     """
-    lines = np.append(weight.frequencies_Hz, 0.5 / job.record.step)  # the last one: where noise was read off
-    power = _noise_power(job, weight.channels, lines)
+    highest = 0.5 / job.record.step
+    lines = np.append(weight.frequencies_Hz, highest)  # the last one: where noise was read off
+    power, of_force = _noise_power(job, weight.channels, lines)
     count = float(np.sum(job.record.counted**2))
     white = weight.noise_std[weight.channels.index(DISPLACEMENT)] ** 2 * count
-    more = white * np.maximum(power[:-1] - power[-1], 0.0)
-    return blurred(weight, more if rise is None else more + count * rise(weight.frequencies_Hz)[:, None] * power[:-1])
+    more = white * np.maximum(power[:-1] - power[-1], 0.0)  # beyond what the top shows
+    if rise is not None:
+        more += count * rise(weight.frequencies_Hz)[:, None] * power[:-1]
+    left = np.interp(weight.frequencies_Hz, np.linspace(0, highest, len(force_noise)), force_noise)
+    # No more than was measured: a believed loop may be next to unstable.
+    return blurred(weight, more + np.minimum(count * left[:, None] * of_force[:-1], weight.measured.T))

@@ -47,6 +47,12 @@ class Weighting:
     kept: np.ndarray = field(repr=False)
 
     @property
+    def measured(self) -> np.ndarray:
+        """(C, F) mean power of what was measured about every line."""
+        unit = INDEPENDENT / len(self.frequencies_Hz) / self.scale**2
+        return np.asarray((unit - self.noise) / SHARE**2)
+
+    @property
     def expected(self) -> float:
         """Misfit that noise alone leaves behind."""
         return float(np.sum(self.scale**2 * self.noise))
