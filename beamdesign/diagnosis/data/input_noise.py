@@ -11,8 +11,6 @@ _MARGIN = 2.5  # a smoothed spectrum of nothing but noise goes no higher
 _APART = 3.0  # standard deviations by which means over a shorter and a longer stretch may differ
 _LONGER = 1.3  # times, from one stretch to the next that is tried
 _ALL = 1.15  # times the noise's power: what may be taken away as noise
-
-
 _REPEATED = 0.3  # of the samples are exactly as the one before: noise that is no coarser than its digits repeats fewer
 _DIGITS, _MOSTLY = 4, 0.9  # of the finest step: what coarse digits reach beyond; how many changes are of one step
 _ANSWERED = 6.0  # standard deviations of what chance makes of a correlation with white noise
