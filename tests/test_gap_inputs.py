@@ -1,5 +1,7 @@
 """Recorded inputs without the noise of their instruments."""
 
+from dataclasses import replace
+
 import gap_sets
 import numpy as np
 import pytest
@@ -91,6 +93,9 @@ def test_white_noise_that_moves_a_rig_is_a_force(force):
         "", np.arange(4000.0), np.stack([force, 0 * force], 1), {"displacement_m": resonance(force)}, 0, 0, None
     )
     np.testing.assert_array_equal(taken.cleaned.inputs[:, 0], force)
+    np.testing.assert_array_equal(replace(taken, measured={}).cleaned.inputs[:, 0], force)
+    driven = replace(taken, measured={}, inputs=np.stack([force, noise], 1))
+    assert driven.excitation == "command"
     assert taken.excitation == "disturbance"
 
 

@@ -82,13 +82,14 @@ class TimeRecord:
     def denoised(self) -> tuple[np.ndarray, np.ndarray]:
         """(N,) the force as it acted, and (N,) what its sensor's noise leaves in it, see `input_noise.denoised`.
 
-        White noise that the displacement answers is no sensor's, but a force.
+        White noise that the displacement answers is no sensor's, but a force; so it is where no displacement is at
+        hand and nothing else drives.
         """
-        force = self.inputs[:, 0]
-        found, left = denoised(force)
-        if not found.any() and is_answered(force, self.measured["displacement_m"]):
-            return force, np.zeros(len(force))
-        return found, left
+        force, command = self.inputs.T
+        moved, (found, left) = self.measured.get("displacement_m"), denoised(force)
+        if found.any() or not (np.ptp(command) == 0 if moved is None else is_answered(force, moved)):
+            return found, left
+        return force, np.zeros(len(force))
 
     @property
     def cleaned(self) -> "TimeRecord":
