@@ -1,4 +1,4 @@
-"""CSV files: those of numbers read fast, and when something is wrong say where; tables written."""
+"""CSV files: those of numbers read, and where something is wrong said where; tables written."""
 
 import csv
 from collections.abc import Mapping, Sequence
@@ -26,7 +26,6 @@ _TIMES = {"milliseconds": 1e-3, "microseconds": 1e-6, "minutes": 60.0, "days, as
 _OFF_PLACE = 0.26  # of a sample interval; times are written with few digits
 _FEWEST = 3
 _SHOWN = 24
-_LARGE = 500_000  # characters, from which a faster parser is worth its loading
 
 
 def read_columns(path: Path, only: Sequence[str] = ()) -> dict[str, np.ndarray]:
@@ -59,33 +58,14 @@ def read_columns(path: Path, only: Sequence[str] = ()) -> dict[str, np.ndarray]:
     if "\0" in body:
         raise InputError(path, [("(file)", "is not text: it holds zero bytes")])
     used = [name for name in names if not only or name in only]
-    columns = _fast(text, names, used) if len(body) > _LARGE and used else None
-    if columns is None:
-        columns = _careful(path, body, names, used)
+    columns = _numbers(path, body, names, used)
     if wrong := [problem for name in used for problem in _impossible(name, columns[name], body)]:
         raise InputError(path, wrong)
     return columns
 
 
-def _fast(text: str, names: list[str], used: list[str]) -> dict[str, np.ndarray] | None:
-    """The columns of a large file; None where anything is odd."""
-    import pyarrow
-    from pyarrow import csv as arrow
-
-    try:
-        table = arrow.read_csv(
-            BytesIO(text.encode()),
-            arrow.ReadOptions(column_names=names, skip_rows=1, use_threads=False),
-            arrow.ParseOptions(quote_char=False),
-            arrow.ConvertOptions(column_types=dict.fromkeys(used, "float64"), include_columns=used, null_values=[]),
-        )
-    except pyarrow.ArrowInvalid:
-        return None
-    return {name: table[name].to_numpy() for name in used}
-
-
-def _careful(path: Path, body: str, names: list[str], used: list[str]) -> dict[str, np.ndarray]:
-    """The same of any file, with row and column of what cannot be read."""
+def _numbers(path: Path, body: str, names: list[str], used: list[str]) -> dict[str, np.ndarray]:
+    """The columns that count, with row and column of what cannot be read."""
     if not used:
         return {}
     picked = None if used == names else [names.index(name) for name in used]

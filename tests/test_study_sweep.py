@@ -2,6 +2,7 @@
 
 import csv
 import json
+import sys
 import tomllib
 from contextlib import nullcontext
 from pathlib import Path
@@ -267,6 +268,16 @@ def test_rows_are_those_of_the_loop_and_both_tables_agree(sweep, command, tmp_pa
     assert list(table[0]) == list(rows[0])
     assert float(rows[1]["bandwidth_Hz"]) == table[1]["bandwidth_Hz"]
     assert "20 kg" in table[3]["reason"]
+
+
+def test_without_pyarrow_a_sweep_has_its_table_as_csv_alone(sweep, command, tmp_path, monkeypatch):
+    command("run", sweep(task="size", base=PROBLEM), "--out", tmp_path / "out")
+    table = (tmp_path / "out" / "table.csv").read_bytes()
+    monkeypatch.setitem(sys.modules, "pyarrow", None)
+    status, output, _ = command("run", tmp_path / "sweep.toml", "--out", tmp_path / "out")
+    assert (status, (tmp_path / "out" / "table.csv").read_bytes()) == (0, table)
+    assert "pip install 'beamdesign[parquet]'" in output
+    assert not (tmp_path / "out" / "table.parquet").exists()  # an older one would be of another run
 
 
 def test_result_of_size_is_that_of_size(sweep, command, tmp_path):

@@ -68,6 +68,8 @@ def run(
         more = f", the first {_SHOWN_REASONS} of {len(amiss)}" if len(amiss) > _SHOWN_REASONS else ""
         echo_table(f"without a result{more}", ("case", "status", "reason"), rows)
     echo(*fields["unsound"], *in_words(found.conclusion, found.laid.sweep))
+    if not any(path.suffix == ".parquet" for path in found.files):
+        echo("for table.parquet beside table.csv: pip install 'beamdesign[parquet]'")
     return CommandResult(fields, found.yes, found.files)
 
 

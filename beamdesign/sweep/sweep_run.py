@@ -327,12 +327,15 @@ def cell(value: Any) -> Any:
 
 
 def write_columns(folder: Path, table: Sequence[dict[str, Any]], name: str) -> list[Path]:
-    """Write flat rows as NAME.csv and NAME.parquet; a cell that a row lacks is empty."""
-    import pyarrow as pa
-    from pyarrow import parquet
-
-    paths = [folder / f"{name}.csv", folder / f"{name}.parquet"]
+    """Write flat rows as NAME.csv, and as NAME.parquet where pyarrow is installed; a cell that a row lacks is empty."""
+    paths = [folder / f"{name}.csv"]
     write_whole(paths[0], csv_text(table, "\n") if table else "case\n")
+    try:
+        import pyarrow as pa
+        from pyarrow import parquet
+    except ModuleNotFoundError:
+        return paths
+    paths.append(folder / f"{name}.parquet")
     columns = dict.fromkeys(column for row in table for column in row)
     arrays = {column: _column([row.get(column) for row in table]) for column in columns}
     content = pa.BufferOutputStream()
