@@ -76,14 +76,21 @@ def taken(rig: Prototype, law: Controller, channels: tuple[str, ...] = PRESSURE)
     )
 
 
-@pytest.mark.parametrize("law", [STRUCTURED, SENSORS], ids=lambda law: law.kind)
-def test_a_slow_sensor_is_found_whatever_law_was_in_the_loop(law: Controller, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(
+    ("law", "channels"),
+    [(STRUCTURED, PRESSURE), (SENSORS, PRESSURE), (LAG, ("displacement_m",))],
+    ids=["structured", "observer", "no current"],
+)
+def test_a_slow_sensor_is_found_whatever_law_was_in_the_loop(
+    law: Controller, channels: tuple[str, ...], monkeypatch: pytest.MonkeyPatch
+) -> None:
     for room in (searching, separability):
         monkeypatch.setattr(room, "singles", lambda prototype: tuple(Hypothesis((name,)) for name in FEW))
     rig = believed().but(effects={"sensor_lag": {"break_Hz": 250.0}})
-    found = diagnose(taken(rig, law), 1)
+    found = diagnose(taken(rig, law, channels), 1)
     assert found.verdict == "effect"
     assert found.chosen == ("sensor_lag",)
+    assert any("current was not recorded" in words for words in found.warnings) == ("current_A" not in channels)
     assert found.causes[0].parameters["break_Hz"].value == pytest.approx(250.0, rel=0.1)
     assert found.prototype.controller == law
     assert found.gap.after < 0.2 * found.gap.before

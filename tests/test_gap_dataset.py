@@ -114,6 +114,21 @@ def test_a_spoiled_file_is_refused_with_row_and_reason(kind: str, sound: Recorde
     assert words in error.problems[0].reason
 
 
+def test_a_record_without_current_is_read_where_that_is_said(sound: Recorded, tmp_path: Path):
+    del sound.columns["force"]["current_A"]
+    with pytest.raises(InputError, match="current_recorded = false"):
+        read_dataset(sound.write(tmp_path))
+    for name in ("force", "command"):  # of the latter it is there, and not to count
+        sound.entry(name)["current_recorded"] = False
+    data = read_dataset(sound.write(tmp_path))
+    assert [list(one.measured) for one in data.records[:2]] == [["displacement_m"]] * 2
+    assert data.warnings == ("command.csv: current_A is not to count (current_recorded = false) and was left aside",)
+    examined = examine(data)
+    assert [one.record for one in examined.warnings if one.name == "no_current"] == ["force", "command"]
+    assert len(examined.data.records) == len(data.records)
+    assert not examined.limits_confidence
+
+
 @pytest.mark.parametrize(
     "spell",
     [

@@ -75,6 +75,15 @@ def test_units_in_the_names_signs_and_volts_of_the_sensor(tmp_path: Path, motion
     same(taken(tmp_path / "a.csv", "current_A = -i_valve [mA]"), motion | {"command_V": 0 * TIMES})
 
 
+def test_a_current_that_nobody_recorded(tmp_path: Path, motion: dict[str, np.ndarray]) -> None:
+    del motion["current_A"]
+    path = tmp_path / "a.csv"
+    np.savetxt(path, np.stack(list(motion.values()), 1), "%.12g", ",", header=",".join(motion), comments="")
+    with pytest.raises(InputError, match="say that there is none, --column 'current_A = 0'"):
+        taken(path)
+    assert list(taken(path, "current_A = 0").measured) == ["displacement_m"]
+
+
 def test_units_in_the_words_of_names(tmp_path: Path, motion: dict[str, np.ndarray]) -> None:
     """A direction in such words is a part of the name."""
     names = {"Zeit in ms": 1e3, "Kraft in z": 1.0, "Sollwert in V": 1.0, "Strom in mA": 1e3, "Weg in µm": 1e6}
@@ -233,8 +242,8 @@ def test_of_two_chambers_neither_need_be_the_load_pressure(tmp_path: Path, motio
     np.savetxt(tmp_path / "a.csv", table, "%.12g", ",", header=",".join(both), comments="")
     with pytest.raises(InputError, match=r"load_pressure_Pa: may be .* --column 'load_pressure_Pa = 0'"):
         imported(tmp_path / "a.csv")
-    with pytest.raises(InputError, match="current_A: there is no column '0'"):
-        imported(tmp_path / "a.csv", "current_A = 0", "load_pressure_Pa = 0")
+    with pytest.raises(InputError, match="displacement_m: there is no column '0'"):
+        imported(tmp_path / "a.csv", "displacement_m = 0", "load_pressure_Pa = 0")
     record = taken(tmp_path / "a.csv", "load_pressure_Pa = 0")
     same(record, motion)
     assert "load_pressure_Pa" not in record.measured

@@ -61,7 +61,7 @@ class _Taken(NamedTuple):
         excitation: by what it was driven.
         controller: that acted.
         size: rms of what drove it.
-        swing: of the current, A: how hard the valve is driven.
+        swing: of the current, A: how hard the valve is driven; of the displacement, m, where that was not recorded.
     """
 
     condition: object
@@ -74,7 +74,8 @@ class _Taken(NamedTuple):
 
 def _taken(record: TimeRecord) -> _Taken:
     size = float(np.sqrt(np.mean(record.inputs[:, 1 if record.excitation == "command" else 0] ** 2)))
-    swing, masses = float(np.abs(record.measured["current_A"]).max()), (record.outer_end_mass, record.inner_end_mass)
+    driven = record.measured.get("current_A", record.measured["displacement_m"])
+    swing, masses = float(np.abs(driven).max()), (record.outer_end_mass, record.inner_end_mass)
     return _Taken(record.condition, masses, record.excitation, record.controller, size, swing)
 
 

@@ -32,7 +32,7 @@ class TimeRecord:
         name: file name without its ending.
         times: (N,) s, uniform.
         inputs: (N, 2) columns as in `INPUTS`.
-        measured: (N,) each, by channel: `current_A`, `displacement_m`, and what the actuator feels and
+        measured: (N,) each, by channel: `displacement_m`, and `current_A`, what the actuator feels and
             `inner_displacement_m` where these were recorded.
         outer_end_mass: payload, kg.
         inner_end_mass: kg, added to the inner tip.
@@ -253,6 +253,9 @@ def _acting(controller: Controller, row: Taken, name: str, path: Path) -> Contro
         raise InputError(path, [("outer_end_mass_kg", reason)]) from error
 
 
+_UNRECORDED = {"current_A": "; if it was not recorded, state current_recorded = false of the record"}
+
+
 def refuse_missing(path: Path, needed: tuple[str, ...], columns: Mapping[str, np.ndarray]) -> None:
     """Refuse a file without a column it needs; one of the same quantity in another unit is pointed at."""
     problems = []
@@ -260,7 +263,7 @@ def refuse_missing(path: Path, needed: tuple[str, ...], columns: Mapping[str, np
         stem, _, unit = name.partition("_")
         alike = [other for other in columns if other.partition("_")[0].lower() == stem and other not in needed]
         there = f"{alike[0]}: give it in {unit}, as {name}" if alike else ", ".join(columns)
-        problems.append(Problem(name, f"column missing; the file has {there}"))
+        problems.append(Problem(name, f"column missing; the file has {there}{_UNRECORDED.get(name, '')}"))
     if problems:
         raise InputError(path, problems)
 
@@ -268,7 +271,9 @@ def refuse_missing(path: Path, needed: tuple[str, ...], columns: Mapping[str, np
 def _time_record(index: Path, row: TimeEntry, controller: Controller, felt: str, warnings: list[str]) -> TimeRecord:
     path = index.parent / row.file
     columns = read_columns(path)
-    needed = ("t_s", *INPUTS, *MEASURED)
+    if not row.current_recorded and columns.pop("current_A", None) is not None:
+        warnings.append(f"{path.name}: current_A is not to count (current_recorded = false) and was left aside")
+    needed = ("t_s", *INPUTS, *MEASURED[0 if row.current_recorded else 1 :])
     refuse_missing(path, needed, columns)
     times = uniform_times(path, columns["t_s"])
     more = felt, "inner_displacement_m"

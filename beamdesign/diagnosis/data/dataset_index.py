@@ -32,6 +32,9 @@ class TimeEntry(Taken):
         Field(description="CSV file beside dataset.toml: t_s, disturbance_N, command_V, current_A, displacement_m"),
     ]
     controller: SerializeAsAny[Controller] | None = None
+    current_recorded: Annotated[
+        bool, Field(description="whether it has the current; without, its controller's equation cannot be checked")
+    ] = True
     left_out_s: Annotated[
         tuple[tuple[float, float], ...],
         Field(description="spans of time, each from its beginning to its end, that are not to count"),

@@ -41,7 +41,9 @@ CHANNELS = {
 """Columns of a record: their unit, and what their names look like elsewhere."""
 _ANOTHERS = {"disturbance_N": CHANNELS["screw_force_N"][1], "displacement_m": CHANNELS["inner_displacement_m"][1]}
 """By channel what is in the name of another one whose name looks alike."""
-_NEEDED = ("t_s", "current_A", "displacement_m")
+_NEEDED = ("t_s", "displacement_m")
+_ASKED = (*_NEEDED, "current_A")
+"""Channels that no record is without unless that is said."""
 _NOTHING = "0"
 """Instead of a column: an input that there was none of, or a channel that was not recorded."""
 
@@ -173,7 +175,8 @@ def import_measured(
             name = f"records/{_fresh(path.stem, tables)}.csv"
             tables[name], taken[name] = _record(found, named, model.sensor.gain_V_per_m, rest_s)
             sources[name] = path
-            entries["record"].append(at | {"file": name})
+            recorded = {} if "current_A" in tables[name] else {"current_recorded": False}
+            entries["record"].append(at | {"file": name} | recorded)
         for response in found.responses:
             name = f"records/{_fresh(f'{path.stem}_{response.name}', tables)}.csv"
             tables[name], taken[name] = _compliance(response, path)
@@ -266,7 +269,7 @@ def _record(
         if len(alike) == 1:
             chosen[channel] = alike[0]
             free.remove(alike[0])
-        elif alike or channel in _NEEDED:
+        elif alike or channel in _ASKED:
             which = (
                 f"may be {' or '.join(repr(one.name) for one in alike)}" if alike else "is not told by any name or unit"
             )
@@ -325,7 +328,7 @@ def _alike(channel: str, columns: Sequence[Column]) -> list[Column]:
     ]
     if anothers := _ANOTHERS.get(channel):
         by_name = [one for one in by_name if not re.search(anothers, one.name, re.IGNORECASE)]
-    if by_name or channel not in _NEEDED:
+    if by_name or channel not in _ASKED:
         return by_name
     return [one for one in fits if one.unit and unit_of(one.unit) == unit]
 

@@ -152,14 +152,15 @@ def commanded_current(record: TimeRecord, controller: Controller, sensor_gain: f
 
     Where its states stand at the beginning is not known of a record that was cut out of a longer one: they start where
     they fit the measured current best, an offset of that apart, over all of it that is not near its largest. None where
-    the record lacks a channel that the controller hears, or where its states run away when they are followed alone.
+    the record lacks the current or a channel that the controller hears, or where its states run away when they are
+    followed alone.
 
     Args:
         record: measured.
         controller: any.
         sensor_gain: believed, V/m.
     """
-    if any(name not in record.measured for name in controller.senses):
+    if any(name not in record.measured for name in ("current_A", *controller.senses)):
         return None
     command, count = record.inputs[:, 1], len(record.times)
     given = {"error_V": command - sensor_gain * record.measured["displacement_m"], "command_V": command}

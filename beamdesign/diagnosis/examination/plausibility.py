@@ -195,6 +195,8 @@ def examine(data: Dataset) -> Examination:
         prototype = prototype.but(tolerance=tolerance)
     data, gain = replace(data, prototype=prototype), prototype.sensor.gain_V_per_m
     warnings = [Caution("tolerances", "", text)] if text else []
+    unchecked = "its current was not recorded: nothing tells whether it obeys the controller that is stated"
+    warnings += [Caution("no_current", r.name, unchecked) for r in data.records if "current_A" not in r.measured]
 
     def usable() -> tuple[TimeRecord, ...]:
         out = {caution.record for caution in warnings if caution.left_out}

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from beamdesign.controllers import Controller
-from beamdesign.diagnosis.data.dataset import TimeRecord
+from beamdesign.diagnosis.data.dataset import INPUTS, MEASURED, TimeRecord
 from beamdesign.diagnosis.examination.nominal import (
     ControllerFit,
     commanded_current,
@@ -26,7 +26,7 @@ from beamdesign.diagnosis.examination.nominal import (
 from beamdesign.diagnosis.examination.sound_records import Caution
 from beamdesign.prototype import Prototype
 
-COLUMNS = ("disturbance_N", "command_V", "current_A", "displacement_m")
+COLUMNS = (*INPUTS, *MEASURED)
 _FORCES = {"kN": 1e-3, "lbf": 1 / 4.4482216, "kgf": 1 / 9.80665}
 _UNITS: dict[str, dict[str, float]] = {
     "disturbance_N": _FORCES,
@@ -59,14 +59,19 @@ class View:
 
     def column(self, name: str) -> np.ndarray:
         """(N,) one of `COLUMNS`."""
-        if name in COLUMNS[:2]:
-            return self.record.inputs[:, COLUMNS.index(name)]
+        if name in INPUTS:
+            return self.record.inputs[:, INPUTS.index(name)]
         return self.record.measured[name]
+
+    @property
+    def columns(self) -> list[str]:
+        """Those of `COLUMNS` that there are."""
+        return [name for name in COLUMNS if name in (*INPUTS, *self.record.measured)]
 
     @property
     def driven(self) -> list[str]:
         """Columns that hold more than one value."""
-        return [name for name in COLUMNS if np.any(self.column(name) != self.column(name)[0])]
+        return [name for name in self.columns if np.ptp(self.column(name)) > 0]
 
     def of(self, **changes: Any) -> "View":
         """The same with other fields of the record."""
@@ -74,14 +79,9 @@ class View:
 
     def having(self, **columns: np.ndarray) -> "View":
         """The same with some columns replaced."""
-        inputs = self.record.inputs.copy()
-        measured = dict(self.record.measured)
-        for name, values in columns.items():
-            if name in COLUMNS[:2]:
-                inputs[:, COLUMNS.index(name)] = values
-            else:
-                measured[name] = values
-        return self.of(inputs=inputs, measured=measured)
+        inputs = np.column_stack([columns.get(name, self.column(name)) for name in INPUTS])
+        others = {name: values for name, values in columns.items() if name not in INPUTS}
+        return self.of(inputs=inputs, measured={**self.record.measured, **others})
 
 
 @dataclass(frozen=True)
@@ -139,14 +139,12 @@ def _equation(view: View) -> _Likeness:
     return _Likeness(0.0, 1.0) if asked is None else _likeness(view.record.measured["current_A"], asked)
 
 
-def _loop(view: View) -> tuple[_Likeness, _Likeness] | None:
+def _loop(view: View) -> tuple[_Likeness, ...] | None:
     shares = expected(view.record, view.prototype)
     if shares is None:
         return None
-    return (
-        _likeness(view.record.measured["displacement_m"], shares["displacement_m"].sum(axis=1)),
-        _likeness(view.record.measured["current_A"], shares["current_A"].sum(axis=1)),
-    )
+    seen = ((name, view.record.measured[name]) for name in reversed(MEASURED) if name in view.record.measured)
+    return tuple(_likeness(values, shares[name].sum(axis=1)) for name, values in seen)
 
 
 def as_it_stands(record: TimeRecord, prototype: Prototype) -> bool:
@@ -237,7 +235,7 @@ def _single(view: View) -> Iterator[_Candidate]:
         yield Reading(name, "its sign is the other way round"), _scaled(view, {name: -1.0})
     words = "values are the sensor's volts, by their scale: divide by sensor.gain_V_per_m"
     yield Reading("displacement_m", words), _scaled(view, {"displacement_m": view.prototype.sensor.gain_V_per_m})
-    for a, b in combinations(COLUMNS, 2):
+    for a, b in combinations(view.columns, 2):
         if a in driven or b in driven:
             swapped = {a: view.column(b), b: view.column(a)}
             yield Reading(a, f"it and {b} stand in each other's place"), view.having(**swapped)

@@ -9,7 +9,7 @@ from hashlib import sha256
 
 import numpy as np
 
-from beamdesign.diagnosis.data.dataset import TimeRecord
+from beamdesign.diagnosis.data.dataset import MEASURED, TimeRecord
 from beamdesign.diagnosis.examination.nominal import commanded_current, described, mismatch, nominal_loop
 from beamdesign.diagnosis.fitting.weighting import TOP, white
 from beamdesign.prototype import Prototype
@@ -281,9 +281,9 @@ def _symmetric(current: np.ndarray, side: str) -> bool:
 
 def law(record: TimeRecord, prototype: Prototype) -> Iterator[Finding]:
     """Whether its current has a sample that is none of its controller's making."""
-    current, command = record.measured["current_A"], record.inputs[:, 1]
     if (asked := commanded_current(record, record.controller, prototype.sensor.gain_V_per_m)) is None:
         return
+    current, command = record.measured["current_A"], record.inputs[:, 1]
     for at in (outlier(current), outlier(command)):
         if at is not None:
             text = (
@@ -364,8 +364,8 @@ def twins(records: Sequence[TimeRecord]) -> list[Caution]:
     """Records that hold the same measurement twice."""
     found, first = [], dict[bytes, TimeRecord]()
     for record in records:
-        channels = (record.measured[name].tobytes() for name in ("current_A", "displacement_m"))
-        other = first.setdefault(sha256(b"".join(channels)).digest(), record)
+        channels = b"".join(record.measured[name].tobytes() for name in MEASURED if name in record.measured)
+        other = first.setdefault(sha256(channels).digest(), record)
         if other is not record:
             setting = (record.outer_end_mass, record.inner_end_mass, record.controller)
             same = setting == (other.outer_end_mass, other.inner_end_mass, other.controller)
