@@ -1,7 +1,8 @@
 """CSV files: those of numbers read, and where something is wrong said where; tables written."""
 
 import csv
-from collections.abc import Mapping, Sequence
+import re
+from collections.abc import Callable, Mapping, Sequence
 from io import BytesIO, StringIO, TextIOWrapper
 from pathlib import Path
 from typing import Any
@@ -28,7 +29,11 @@ _FEWEST = 3
 _SHOWN = 24
 
 
-def read_columns(path: Path, only: Sequence[str] = ()) -> dict[str, np.ndarray]:
+Spared = Callable[[str, Mapping[str, np.ndarray]], np.ndarray]
+"""Of a column's name and all columns (N,): where its cells are not to count."""
+
+
+def read_columns(path: Path, only: Sequence[str] = (), spared: Spared | None = None) -> dict[str, np.ndarray]:
     """Read a CSV file of numbers with one line of column names.
 
     Names may stand in quotes; a byte order mark and any line ends are understood.
@@ -36,6 +41,7 @@ def read_columns(path: Path, only: Sequence[str] = ()) -> dict[str, np.ndarray]:
     Args:
         path: of the file.
         only: the columns that count, as far as they are there, whatever stands in the others; all where empty.
+        spared: tells where cells may be empty or no plausible number; what is no number there is NaN.
 
     Raises:
         InputError: naming file, column and row where something is not a finite number or beyond `LARGEST`, or where
@@ -58,10 +64,17 @@ def read_columns(path: Path, only: Sequence[str] = ()) -> dict[str, np.ndarray]:
     if "\0" in body:
         raise InputError(path, [("(file)", "is not text: it holds zero bytes")])
     used = [name for name in names if not only or name in only]
-    columns = _numbers(path, body, names, used)
-    if wrong := [problem for name in used for problem in _impossible(name, columns[name], body)]:
+    columns = _numbers(path, _EMPTY.sub("nan", body) if spared else body, names, used)
+    wrong = []
+    for name in used:
+        counts = ~spared(name, columns) if spared else np.ones(len(columns[name]), dtype=bool)
+        wrong += _impossible(name, columns[name], counts, body)
+    if wrong:
         raise InputError(path, wrong)
     return columns
+
+
+_EMPTY = re.compile(r"(?<=,)(?=[ \t]*(,|\r?$))", re.MULTILINE)
 
 
 def _numbers(path: Path, body: str, names: list[str], used: list[str]) -> dict[str, np.ndarray]:
@@ -78,9 +91,9 @@ def _numbers(path: Path, body: str, names: list[str], used: list[str]) -> dict[s
     return {name: values[:, k].copy() for k, name in enumerate(used)}
 
 
-def _impossible(name: str, values: np.ndarray, body: str) -> list[Problem]:
-    """What is wrong with the figures of a column, whatever the rig."""
-    bad = np.nonzero(~np.isfinite(values))[0]
+def _impossible(name: str, values: np.ndarray, counts: np.ndarray, body: str) -> list[Problem]:
+    """What is wrong with the figures of a column where they count, whatever the rig."""
+    bad = np.nonzero(counts & ~np.isfinite(values))[0]
     if len(bad):
         count = "1 value is" if len(bad) == 1 else f"{len(bad)} values are"
         return [Problem(name, f"{count} not finite, the first in row {_row_of(body, int(bad[0]))}")]
@@ -88,7 +101,7 @@ def _impossible(name: str, values: np.ndarray, body: str) -> list[Problem]:
     if unit is None:
         return []
     largest, finer = LARGEST[unit]
-    beyond = np.nonzero(np.abs(values) > largest * finer)[0]
+    beyond = np.nonzero(counts & (np.abs(values) > largest * finer))[0]
     if not len(beyond):
         return []
     others = "" if len(beyond) == 1 else f", as are {len(beyond) - 1} more beyond what is possible"

@@ -129,6 +129,27 @@ def test_a_record_without_current_is_read_where_that_is_said(sound: Recorded, tm
     assert not examined.limits_confidence
 
 
+@pytest.mark.parametrize("lost", ["", " ", "nan", "-inf", "1e300"])
+def test_what_does_not_count_may_be_lost(lost: str, sound: Recorded, tmp_path: Path):
+    sound.entry("force")["left_out_s"] = [[0.1, 0.11]]  # of samples every millisecond from row 2 on
+    folder = sound.write(tmp_path)
+
+    def spoil(row: int, column: str) -> None:
+        change = in_row(
+            row, lambda cells: [lost if name == column else c for name, c in zip(names, cells, strict=True)]
+        )
+        (folder / "records" / "force.csv").write_text(change(force_text(sound)))
+
+    names = HEADER.split(",")
+    for column in ("current_A", "displacement_m"):
+        spoil(108, column)
+        assert np.isfinite(read_dataset(folder).records[0].measured[column]).all()
+    for row, column in ((108, "disturbance_N"), (108, "t_s"), (120, "displacement_m")):
+        spoil(row, column)
+        with pytest.raises(InputError, match=f"row {row}"):
+            read_dataset(folder)
+
+
 @pytest.mark.parametrize(
     "spell",
     [

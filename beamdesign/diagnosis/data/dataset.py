@@ -270,12 +270,22 @@ def refuse_missing(path: Path, needed: tuple[str, ...], columns: Mapping[str, np
 
 def _time_record(index: Path, row: TimeEntry, controller: Controller, felt: str, warnings: list[str]) -> TimeRecord:
     path = index.parent / row.file
-    columns = read_columns(path)
+
+    def spared(name: str, columns: Mapping[str, np.ndarray]) -> np.ndarray:
+        """Within spans that do not count anything may stand, but what drives the rig and when."""
+        times = columns.get("t_s", np.zeros(0))
+        within = [(begin <= times) & (times <= end) for begin, end in row.left_out_s]
+        return np.any([*within, np.zeros(len(columns[name]), dtype=bool)], axis=0) & (name not in ("t_s", *INPUTS))
+
+    columns = read_columns(path, spared=spared if row.left_out_s else None)
     if not row.current_recorded and columns.pop("current_A", None) is not None:
         warnings.append(f"{path.name}: current_A is not to count (current_recorded = false) and was left aside")
     needed = ("t_s", *INPUTS, *MEASURED[0 if row.current_recorded else 1 :])
     refuse_missing(path, needed, columns)
     times = uniform_times(path, columns["t_s"])
+    for name, values in columns.items():
+        there = np.isfinite(values)  # everywhere but where it does not count
+        columns[name] = values if there.all() else np.interp(times, times[there], values[there])
     more = felt, "inner_displacement_m"
     warnings += [
         f"{path.name}: column {name} is not known here and was left aside"
