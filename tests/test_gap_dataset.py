@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 from recorded_rig import Recorded, as_csv, recorded
 
-from beamdesign import InputError, Prototype, critical_gain, read_dataset
+from beamdesign import InputError, Prototype, critical_gain, predict, read_dataset
 from beamdesign.columns import read_columns, uniform_times
 from beamdesign.controllers import Lag
-from beamdesign.diagnosis.data.dataset_index import kind_of
+from beamdesign.diagnosis.data.dataset_index import OFF, kind_of
 from beamdesign.diagnosis.examination.plausibility import check_responses, examine
 
 HEADER = "t_s,disturbance_N,command_V,current_A,displacement_m"
@@ -127,6 +127,22 @@ def test_a_record_without_current_is_read_where_that_is_said(sound: Recorded, tm
     assert [one.record for one in examined.warnings if one.name == "no_current"] == ["force", "command"]
     assert len(examined.data.records) == len(data.records)
     assert not examined.limits_confidence
+
+
+def test_a_record_taken_with_the_servo_off_needs_neither_law_nor_current(sound: Recorded, tmp_path: Path):
+    sound.prototype = sound.prototype.but(controller=None)
+    for name, columns in sound.columns.items():
+        columns["current_A"] = np.zeros_like(columns["t_s"])
+        sound.entry(name)["servo_off"] = True
+    with pytest.raises(InputError, match="stands beside a controller"):
+        read_dataset(sound.write(tmp_path))
+    for name in sound.columns:
+        sound.entry(name).pop("controller", None)
+    data = read_dataset(sound.write(tmp_path))
+    assert {one.controller for one in data.records} == {OFF}
+    assert data.warnings == ()
+    assert {one.name for one in examine(data).warnings} <= {"tolerances"}
+    assert len(predict(sound.prototype, tmp_path).records) == len(data.records)
 
 
 @pytest.mark.parametrize("lost", ["", " ", "nan", "-inf", "1e300"])

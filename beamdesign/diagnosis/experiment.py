@@ -20,6 +20,7 @@ import numpy as np
 
 from beamdesign.controllers.protocol import ANY_PAYLOAD
 from beamdesign.diagnosis.data.dataset import Dataset, TimeRecord
+from beamdesign.diagnosis.data.dataset_index import OFF
 from beamdesign.diagnosis.data.input_noise import without_noise
 from beamdesign.diagnosis.diagnosis import NextExperiment
 from beamdesign.diagnosis.fitting.fit import Fit
@@ -91,7 +92,8 @@ def menu(data: Dataset) -> Iterator[Experiment]:
     for record, outer, inner, effort in _settings(data):
         law, payload = record.controller, f"a payload of {outer:.3g} kg" if outer > 0 else "no payload"
         for signal, words in _signals(data):
-            text = f"{words}, {payload}, {law.kind} controller of {law.gain_A_per_V:.3g} A/V"
+            acting = "servo off" if law == OFF else f"{law.kind} controller of {law.gain_A_per_V:.3g} A/V"
+            text = f"{words}, {payload}, {acting}"
             row = ScenarioRecord(
                 name="next", input=(signal,), outer_end_mass_kg=outer, inner_end_mass_kg=inner, controller=law
             )

@@ -80,7 +80,7 @@ def read_inputs(folder: str | Path, rig: Prototype | None = None) -> tuple[tuple
     found = []
     for row in entry.record:
         times, disturbance, command = _columns(path.parent / row.file, ("t_s", "disturbance_N", "command_V"))
-        controller = row.controller or nominal.controller or (rig or nominal).controller
+        controller = row.law or nominal.controller or (rig or nominal).controller
         if controller is None:
             raise InputError((rig or nominal).name, [problem_without_controller()])
         inputs, masses = np.column_stack([disturbance, command]), (row.outer_end_mass_kg, row.inner_end_mass_kg)

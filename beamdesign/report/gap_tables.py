@@ -10,6 +10,7 @@ from markupsafe import escape
 
 from beamdesign.controllers import Controller
 from beamdesign.diagnosis.data.dataset import TimeRecord
+from beamdesign.diagnosis.data.dataset_index import OFF
 from beamdesign.diagnosis.fitting.fit import Fit
 from beamdesign.diagnosis.gap_metrics import BANDS_HZ, in_bands
 from beamdesign.diagnosis.prediction_errors import Errors
@@ -66,7 +67,8 @@ def closed_text(value: float) -> str:
 def condition_text(record: TimeRecord) -> str:
     """What the rig was asked to do, in a few words."""
     masses = f"{record.outer_end_mass:.3g} kg outside, {record.inner_end_mass:.3g} inside"
-    return f"{record.excitation}, {masses}, {quantity(record.controller.gain_A_per_V, 'A/V', 3)}"
+    law = "servo off" if record.controller == OFF else quantity(record.controller.gain_A_per_V, "A/V", 3)
+    return f"{record.excitation}, {masses}, {law}"
 
 
 def error_maps(all_errors: Sequence[Errors], conditions: Mapping[str, str]) -> tuple[HeatMap, ...]:

@@ -225,13 +225,13 @@ def read_dataset(folder: str | Path) -> Dataset:
         warnings.append(_ON_AXIS)
     stated, prototype = prototype, in_plane(prototype)
     rows = [("record", r) for r in entry.record] + [("frequency_response", r) for r in entry.frequency_response]
-    lawless = [(kind, row.file) for kind, row in rows if row.controller is None and prototype.controller is None]
+    lawless = [(kind, row.file) for kind, row in rows if row.law is None and prototype.controller is None]
     if lawless:
         words = "missing for {}, and the prototype has none"
         raise InputError(path, [(f"{kind}.controller", words.format(file)) for kind, file in lawless])
 
     def law(row: TimeEntry | ResponseEntry) -> Controller:
-        chosen = row.controller or prototype.controller
+        chosen = row.law or prototype.controller
         assert chosen is not None  # checked above
         if wrong := list(not_felt(type(prototype.actuator), chosen.senses, f"controller of {row.file}")):
             raise InputError(path, wrong)
@@ -278,9 +278,10 @@ def _time_record(index: Path, row: TimeEntry, controller: Controller, felt: str,
         return np.any([*within, np.zeros(len(columns[name]), dtype=bool)], axis=0) & (name not in ("t_s", *INPUTS))
 
     columns = read_columns(path, spared=spared if row.left_out_s else None)
-    if not row.current_recorded and columns.pop("current_A", None) is not None:
+    recorded = row.current_recorded and not row.servo_off
+    if not recorded and columns.pop("current_A", None) is not None and not row.servo_off:
         warnings.append(f"{path.name}: current_A is not to count (current_recorded = false) and was left aside")
-    needed = ("t_s", *INPUTS, *MEASURED[0 if row.current_recorded else 1 :])
+    needed = ("t_s", *INPUTS, *MEASURED[0 if recorded else 1 :])
     refuse_missing(path, needed, columns)
     times = uniform_times(path, columns["t_s"])
     for name, values in columns.items():

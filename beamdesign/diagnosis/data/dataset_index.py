@@ -2,7 +2,7 @@
 
 import difflib
 import os
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -10,7 +10,8 @@ from pydantic import Field, SerializeAsAny
 
 from beamdesign import quantities as q
 from beamdesign import records
-from beamdesign.controllers import Controller
+from beamdesign.controllers import Controller, Proportional
+from beamdesign.quantities import range_of
 from beamdesign.records import FileName, InputError, Problem, Record
 
 _TOLD = 20  # entries whose files are wrong that are spelt out
@@ -24,14 +25,37 @@ class Taken(Record):
     inner_end_mass_kg: Annotated[q.MassOrNone, Field(description="mass on the inner tip while it was taken")] = 0.0
 
 
-class TimeEntry(Taken):
+OFF = Proportional(gain_A_per_V=range_of(q.LawGain).low)
+"""What acts with the servo off: a law that asks for as good as no current."""
+
+
+class Looped(Taken):
+    """What was taken in a loop, or with the servo off."""
+
+    controller: SerializeAsAny[Controller] | None = None
+    servo_off: Annotated[bool, Field(description="whether the valve or motor got no current while it was taken")] = (
+        False
+    )
+
+    @classmethod
+    def relations(cls, table: Mapping[str, Any]) -> Iterator[Problem]:
+        """With the servo off no law acts."""
+        if table.get("servo_off") and table.get("controller") is not None:
+            yield Problem("servo_off", "stands beside a controller, of which none acts then: leave one of them out")
+
+    @property
+    def law(self) -> Controller | None:
+        """That acted, as far as the entry says; `OFF` with the servo off."""
+        return OFF if self.servo_off else self.controller
+
+
+class TimeEntry(Looped):
     """A time record."""
 
     file: Annotated[
         FileName,
         Field(description="CSV file beside dataset.toml: t_s, disturbance_N, command_V, current_A, displacement_m"),
     ]
-    controller: SerializeAsAny[Controller] | None = None
     current_recorded: Annotated[
         bool, Field(description="whether it has the current; without, its controller's equation cannot be checked")
     ] = True
@@ -41,14 +65,13 @@ class TimeEntry(Taken):
     ] = ()
 
 
-class ResponseEntry(Taken):
+class ResponseEntry(Looped):
     """A frequency response."""
 
     file: Annotated[
         FileName,
         Field(description="CSV file beside dataset.toml: frequency_Hz, magnitude_m_per_N and optionally phase_deg"),
     ]
-    controller: SerializeAsAny[Controller] | None = None
     amplitude_N: Annotated[
         q.Force | None, Field(description="amplitude of the force it was taken with; without it, small motion is meant")
     ] = None

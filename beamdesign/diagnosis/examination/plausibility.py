@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from beamdesign.diagnosis.data.dataset import Dataset, FrequencyResponse, MeasuredGain, TimeRecord
+from beamdesign.diagnosis.data.dataset_index import OFF
 from beamdesign.diagnosis.examination.force_channel import force_channel
 from beamdesign.diagnosis.examination.nominal import ControllerFit, controller_fit, nominal_loop
 from beamdesign.diagnosis.examination.readings import (
@@ -196,7 +197,11 @@ def examine(data: Dataset) -> Examination:
     data, gain = replace(data, prototype=prototype), prototype.sensor.gain_V_per_m
     warnings = [Caution("tolerances", "", text)] if text else []
     unchecked = "its current was not recorded: nothing tells whether it obeys the controller that is stated"
-    warnings += [Caution("no_current", r.name, unchecked) for r in data.records if "current_A" not in r.measured]
+    warnings += [
+        Caution("no_current", r.name, unchecked)
+        for r in data.records
+        if "current_A" not in r.measured and r.controller != OFF
+    ]
 
     def usable() -> tuple[TimeRecord, ...]:
         out = {caution.record for caution in warnings if caution.left_out}

@@ -25,6 +25,7 @@ from beamdesign.diagnosis.examination.nominal import (
 )
 from beamdesign.diagnosis.examination.sound_records import Caution
 from beamdesign.prototype import Prototype
+from beamdesign.quantities import LawGain, range_of
 
 COLUMNS = (*INPUTS, *MEASURED)
 _FORCES = {"kN": 1e-3, "lbf": 1 / 4.4482216, "kgf": 1 / 9.80665}
@@ -248,7 +249,7 @@ def _of_settings(view: View) -> Iterator[_Candidate]:
     for unit, factor in _TIMES.items():
         words = f"times are in {unit}, by the speed of the motion: {_factor_words(factor)}"
         yield Reading("t_s", words), view.of(times=record.times / factor)
-    if (gain := record.controller.gain_A_per_V / 1e3) > 0:  # the least floats have no thousandth
+    if (gain := record.controller.gain_A_per_V / 1e3) in range_of(LawGain):
         words = "the gain is in mA/V, by its scale: divide by 1000"
         law = record.controller.but(gain_A_per_V=gain)
         yield Reading("controller.gain_A_per_V", words), view.of(controller=law)
