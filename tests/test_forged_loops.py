@@ -5,20 +5,24 @@ from fractions import Fraction
 
 import pytest
 from flint import fmpq
-from forging import resealed, spelled
-from honest_certificates import honest
+from forging import resealed, spelled, times
+from honest_certificates import Honest, honest
 
 from beamdesign import Prototype, certify, check
 from beamdesign.checker import Unreadable
 from beamdesign.checker.reading import read
 from beamdesign.checker.rig import Rig
 from beamdesign.checker.roots import Family
-from beamdesign.controllers import Lag
+from beamdesign.controllers import Lag, Scheduled, Stage
 from beamdesign.plant.members import family
 from beamdesign.polynomial import exact, nearest
+from beamdesign.proofs.box import certify_box
+from beamdesign.proofs.box_claims import claim_over_box
+from beamdesign.proofs.certificate import Asked
 from beamdesign.proofs.tolerance_box import tolerance_box
 from beamdesign.proofs.writer import prototype_table
 from beamdesign.prototype import Arm, Tolerance
+from beamdesign.synthesis.design_run import stating
 
 MASSES = (0.0, 6.8)
 
@@ -72,6 +76,53 @@ def test_two_spans_of_one_name_do_not_pass_for_one():
     table["range"]["x_y_z"], table["member"]["x_y_z"] = ["0", "1"], "0"
     assert not all(is_stable(resealed(table)))
     assert refused(resealed(table))
+
+
+def test_a_box_has_no_gain_of_effects_that_it_does_not_state():
+    """Eight times the gain, which is not stable, beside a factor of an eighth that nothing puts on it."""
+    made = honest("beamdesign.box", "stable")
+    table = made.table
+    law, gain = table["controller"]["law"], times(table["controller"]["gain_A_per_V"], 8)
+    law["numerators"] = [[times(c, 8) for c in row] for row in law["numerators"]]
+    table["controller"]["gain_A_per_V"], table["member"]["controller_gain"] = gain, gain
+    table["range"] |= {"controller_gain": [gain, gain], "effect_gain": ["1/8", "1/8"]}
+    table["member"]["effect_gain"] = "1/8"
+    (group,) = (one for one in table["group"] if "controller_gain" in one["members"])
+    group["members"].append("effect_gain")
+    assert not any(is_stable(resealed(table)))
+    assert refused(resealed(table))
+
+
+def guaranteeing(prototype: Prototype, text: str, masses: tuple[float, float], sigmas: float) -> dict[str, object]:
+    """The table of a prototype that states a guarantee which rests on a certificate."""
+    peak = float(next(Fraction(one["limit"]) for one in tomllib.loads(text)["claim"] if "sensitivity" in one["kind"]))
+    return prototype_table(stating(prototype, text, masses, 0.0, peak, sigmas=sigmas), masses[1])
+
+
+def test_a_box_without_deviations_is_of_no_standard_deviation():
+    """Of exactly the figures, and beside them an empty [tolerance]."""
+    made: Honest = honest("beamdesign.box", "performing")
+    assert check(made.text, guaranteeing(made.prototype, made.text, (0.0, 2.0), 1.0)).valid
+    box = tolerance_box(made.prototype, 0.0, None, (0.0, 2.0))
+    claim = claim_over_box(made.prototype, box, Asked("peak_sensitivity", 2.5))
+    table = tomllib.loads(certify_box(made.prototype, box, volumes=False).write([claim])) | {"tolerance": {}}
+    assert refused(resealed(table), guaranteeing(made.prototype, resealed(table), (0.0, 2.0), 1.0))
+    assert check(resealed(table), guaranteeing(made.prototype, resealed(table), (0.0, 2.0), 0.0)).valid
+
+
+def test_one_law_proves_nothing_of_several():
+    """Of two laws the second is not stable."""
+    lag = {"pole_Hz": 1.7, "zero_Hz": 20.0}
+    stages = (
+        Stage(outer_end_mass_kg=(0, 6), gain_A_per_V=0.05, **lag),
+        Stage(outer_end_mass_kg=(5, 6.8), gain_A_per_V=0.5, **lag),
+    )
+    rig = tame().but(controller=Scheduled(stage=stages))
+    first, second = rig.stages(MASSES)
+    text = certify(first.prototype, *MASSES, [Asked("peak_sensitivity", 2.0)]).text
+    assert not certify(second.prototype, *second.outer_end_mass_kg).stable
+    assert check(text, prototype_table(rig, 6.8)).valid
+    assert refused(text, guaranteeing(rig, text, MASSES, 0.0))
 
 
 def test_a_plane_turns_no_controller_where_a_certificate_has_none():

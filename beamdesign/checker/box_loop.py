@@ -43,9 +43,7 @@ def of_rig(table: Table, expression: Expression, rig: Rig) -> Iterator[tuple[boo
     own, spans = figures(rig), spans_of(rig)
     left = ("outer_end_mass", "delay") if expression.delay else ("outer_end_mass",)
     needed = {*left, *spans, *(("effect_gain",) if rig.gain() != ONCE else ())}
-    if wrong := sorted(
-        expression.ranges.keys() - own.keys() - needed - {"effect_gain"} | needed - expression.ranges.keys()
-    ):
+    if wrong := sorted(expression.ranges.keys() - own.keys() - needed | needed - expression.ranges.keys()):
         raise Unreadable(f"not figures of this rig, or left out of its box: {', '.join(wrong)[:300]}")
     if expression.delay not in (None, "delay") or any(expression.ranges[name][0] < 0 for name in left):
         raise Unreadable("the delay and the outer end mass must not be negative")
