@@ -249,7 +249,10 @@ def quantity(value: float, unit: str, digits: int = 4, rounding: str = ROUND_HAL
         KeyError: for a unit that has no everyday form here.
     """
     shown, factor = read_in(value, unit)
-    return f"{decimal(value * factor, digits, rounding)} {shown}".rstrip()
+    exact = Decimal(repr(float(value))) * Decimal(
+        repr(factor)
+    )  # so that 6e-8 times 1e9 is 60, whichever way is rounded
+    return f"{decimal(float(exact), digits, rounding)} {shown}".rstrip()
 
 
 def read_in(value: float, unit: str) -> tuple[str, float]:
@@ -275,8 +278,8 @@ def stated_bandwidth(value: float) -> str:
 def compliance_kept(limit_m_per_N: float, bandwidth_Hz: float) -> str:
     """How far a force moves the tip, by the bandwidth (Hz) that is guaranteed with a limit; none is zero."""
     if bandwidth_Hz <= 0:
-        return f"gives way by more than {quantity(limit_m_per_N, 'm/N')} even to a steady force"
-    return f"gives way by no more than {quantity(limit_m_per_N, 'm/N')} up to {stated_bandwidth(bandwidth_Hz)}"
+        return f"gives way by more than {quantity(limit_m_per_N, 'm/N', 7)} even to a steady force"
+    return f"gives way by no more than {quantity(limit_m_per_N, 'm/N', 7)} up to {stated_bandwidth(bandwidth_Hz)}"
 
 
 def stated_peak(value: float) -> str:

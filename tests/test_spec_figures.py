@@ -1,5 +1,6 @@
 """Ratings, sensor, tolerances and acceptance bands of a specification, each against something that is not our code."""
 
+import re
 from math import pi, sqrt
 from pathlib import Path
 
@@ -11,11 +12,12 @@ from scipy.linalg import solve_continuous_lyapunov
 from beamdesign import Prototype, certify, check, read_problem, read_prototype, spec, state_space
 from beamdesign.build import ratings as room
 from beamdesign.build.acceptance import Band, acceptance, bare_modes
-from beamdesign.build.folder import limits
+from beamdesign.build.folder import claimed, limits
 from beamdesign.build.ratings import MARGIN, lagging, noise_bandwidth_Hz, ratings, sensor_need, stock_choices
 from beamdesign.build.tolerances import SAFETY, Tolerances, tolerances
 from beamdesign.controllers import Lag, Observer, Scheduled, Stage
 from beamdesign.loop import loop
+from beamdesign.proofs.certificate import Asked
 from beamdesign.prototype import Guarantee
 from beamdesign.structure.lumped import CHANGEABLE, weighing_mass, with_figures
 from beamdesign.structure.section import Tube
@@ -45,6 +47,26 @@ def kept(rig: Prototype) -> Tolerances:
 def damped(rig: Prototype, mass: float) -> bool:
     """Whether the loop is stable, by python-control's eigenvalues."""
     return max(state_space(rig, mass).poles().real) < 0
+
+
+@pytest.mark.parametrize("holds", [True, False])
+@pytest.mark.parametrize(
+    ("asked", "unit", "largest"),
+    [
+        (Asked("peak_compliance", 4.3281e-6), 1e-9, True),
+        (Asked("compliance", 5.71234567e-8, 3.14159265), 1e-9, True),
+        (Asked("controller_effort", 0.0123412345), 1e-3, True),
+        (Asked("peak_sensitivity", 1.912344444), 1.0, True),
+        (Asked("loop_gain", 0.2512344444, from_Hz=250.0), 1.0, True),
+        (Asked("decay_rate", 3.123456789), 1.0, False),
+    ],
+)
+def test_a_claim_says_no_more_than_was_decided(asked: Asked, unit: float, largest: bool, holds: bool) -> None:
+    """A bound that holds is told no smaller than it is, one that is refuted no larger."""
+    words = claimed(asked.decided(MASSES, holds)).claim
+    told = unit * float(re.search(r"(?:at most |exp\(-)([0-9.]+)", words)[1])
+    assert told == pytest.approx(asked.limit, rel=1e-6)
+    assert told >= asked.limit * (1 - 1e-12) if largest is holds else told <= asked.limit * (1 + 1e-12)
 
 
 def test_ratings_of_a_slow_load_are_statics(rig: Prototype) -> None:

@@ -28,6 +28,7 @@ from beamdesign.proofs.lyapunov import CHANGES_NAME, describe, stages_certificat
 from beamdesign.proofs.scope import holds_for
 from beamdesign.quantities import (
     at_least,
+    at_most,
     compliance_kept,
     decimal,
     masses_text,
@@ -66,6 +67,8 @@ BASIS = {
     "acceptance": "nominal computed, bands sampled, critical_gain_proved_A_per_V proved",
 }
 """How the figures of each table are founded."""
+_DIGITS = 7
+"""Of the figures of a claim, as of a bandwidth that is guaranteed."""
 JSON_NAME = "specification.json"
 _RETIRING = (
     "certificate*.toml", "*tolerances*.toml", "delay*.toml", CHANGES_NAME, "drawing.dxf", "drawing.svg",
@@ -360,31 +363,34 @@ def proved_statements(certificate: Certificate, compliance_m_per_N: float) -> li
 
 
 def claimed(claim: Claim) -> Statement:
-    """A claim of a certificate, decided."""
+    """A claim of a certificate, decided; its figures are rounded so that what is said of them follows from it."""
     masses = masses_text(claim.outer_end_mass_kg)
+    up, down = (at_most, at_least) if claim.holds else (at_least, at_most)
+
+    def most(unit: str = "1") -> str:
+        return up(claim.limit, unit, _DIGITS)
+
     match claim.kind:
         case "compliance":
-            words = (
-                f"|x/F_d| at most {quantity(claim.limit, 'm/N')} at every frequency up to"
-                f" {at_least(claim.bandwidth_Hz, 'Hz', 7)}"
-            )
+            words = f"|x/F_d| at most {most('m/N')} at every frequency up to {down(claim.bandwidth_Hz, 'Hz', _DIGITS)}"
         case "peak_compliance":
-            words = f"|x/F_d| at most {quantity(claim.limit, 'm/N')} at every frequency"
+            words = f"|x/F_d| at most {most('m/N')} at every frequency"
         case "peak_sensitivity":
-            words = f"|1/(1+L)| at most {decimal(claim.limit, 6)} at every frequency"
+            words = f"|1/(1+L)| at most {most()} at every frequency"
         case "loop_gain":
-            words = f"|L| at most {decimal(claim.limit, 6)} from {decimal(claim.from_Hz, 6)} Hz up"
+            words = f"|L| at most {most()} from {up(claim.from_Hz, 'Hz', _DIGITS)} up"
         case "controller_effort":
-            words = f"|C/(1+L)| at most {quantity(claim.limit, 'A/V')} at every frequency"
+            words = f"|C/(1+L)| at most {most('A/V')} at every frequency"
         case "decay_rate":
-            words = f"every motion dies out at least as fast as exp(-{decimal(claim.limit, 6)} t / s)"
+            words = f"every motion dies out at least as fast as exp(-{down(claim.limit, '1', _DIGITS)} t / s)"
         case "slope":
             where = "without command and load" if claim.for_odd_only else "under any constant command and load"
             words = f"comes to rest from every state while the current saturates, {where}"
         case "gain_margin" if claim.limit == 0:
             words = "stable at every lower gain too"
         case "gain_margin":
-            words = f"stable with the gain times every factor from 1 to {decimal(claim.limit, 6)}"
+            nearer = down if claim.limit > 1 else up
+            words = f"stable with the gain times every factor from 1 to {nearer(claim.limit, '1', _DIGITS)}"
     how = "polynomial inequality in mass and frequency decided by exact root isolation"
     if not claim.holds:
         how = claim.reason
