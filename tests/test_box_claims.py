@@ -20,7 +20,9 @@ from beamdesign.proofs.box_claims import best_over_box, claim_over_box, guarante
 from beamdesign.proofs.certificate import Asked
 from beamdesign.proofs.rig_family import rig_values
 from beamdesign.proofs.tolerance_box import tolerance_box
+from beamdesign.prototype import Tolerance
 from beamdesign.structure.lumped import CHANGEABLE, with_figures
+from beamdesign.synthesis.rig_spread import BoxTask, rig_spread
 
 TAME = Path(__file__).parents[1] / "studies" / "prototypes" / "tame_lag.toml"
 MASSES = (0.0, 6.8)
@@ -207,6 +209,23 @@ def test_the_checker_proves_claims_again_and_no_tighter_ones(rig: Prototype, pro
             else:
                 continue
             assert not check(resealed(forged)).valid, (claim.asked.kind, key)
+
+
+def test_what_a_law_of_several_is_claimed_to_do_is_checked_with_what_effects_span_under_all_payloads(rig: Prototype):
+    """Orifices span more of the gain under the payloads that it only has to be stable with than under its own."""
+    effects = {"pressure_dependent_flow": {"supply_pressure_Pa": 6e6}}
+    tolerance = Tolerance(flow_gain=0.03)
+    law = rig.own_controller.but(gain_A_per_V=0.03)
+    one = rig.but(effects=effects, tolerance=tolerance, controller=law, goal=rig.goal.but(peak_sensitivity=2.5))
+    task = BoxTask(one, rig_spread(one, 3.0, 1.0), (0.0, 1.0), (0.0, 3.0))
+    found, reason, _ = task.proof(1.0)
+    assert found is not None, reason
+    resting, reason = task.at_rest(found)
+    assert resting is not None, reason
+    verdict = check(resting.certificate)
+    assert verdict.valid, verdict.failed
+    for claim in tomllib.loads(resting.certificate)["claim"]:
+        assert claim["range"]["outer_end_mass"] == ["0", "1"]
 
 
 def test_of_an_unstable_box_nothing_is_claimed(rig: Prototype):

@@ -171,6 +171,7 @@ class Box:
         rigid: names whose ranges are asked for as they are, so that scaling leaves them alone.
         dashpots: what gives the range of each, from the factors on the deviations of the figures behind it, by name.
         spans: what gives the ranges of what effects freeze, from those of all else.
+        performing: ranges over which more than stability is asked, in the place of these: payloads of a law of several.
     """
 
     ranges: Mapping[str, Interval]
@@ -178,6 +179,7 @@ class Box:
     rigid: frozenset[str] = frozenset()
     dashpots: Mapping[str, Dashpot] = field(default_factory=dict)
     spans: Spans = field(default=_no_spans, repr=False, compare=False)
+    performing: Mapping[str, Interval] = field(default_factory=dict)
 
     @property
     def names(self) -> tuple[str, ...]:

@@ -197,23 +197,24 @@ def _share(left: Sequence[Piece]) -> str:
 def own_ranges(prototype: Prototype, family: PolynomialFamily, box: Box, asked: Asked) -> dict[str, Interval]:
     """Ranges over which a claim is looked at in the place of those of the box.
 
-    For a gain margin the gain also times the shares claimed; for a magnitude what effects span, as far as they ask for
-    more than stability; for a slope the largest gains.
+    All that the box has for more than stability; for a gain margin the gain also times the shares claimed; for a
+    magnitude what effects span, as far as they ask for more than stability; for a slope the largest gains.
 
     Raises:
         ValueError: for a gain margin that is not a share of the gain.
     """
+    own = dict(box.performing)
     if asked.kind == "slope":
-        return {name: (box.ranges[name][1],) * 2 for name in (FACTOR, "controller_gain") if name in box.ranges}
+        return own | {name: (box.ranges[name][1],) * 2 for name in (FACTOR, "controller_gain") if name in box.ranges}
     if asked.kind != "gain_margin":
         spans = performing_spans(
             linear_family(prototype, nearest(box.ranges.get("outer_end_mass", _NONE)[1]), box.ranges)
         )
-        return {name: pair for name, pair in spans.items() if name in box.ranges and pair != box.ranges[name]}
+        return own | {name: pair for name, pair in spans.items() if name in box.ranges and pair != box.ranges[name]}
     if not 0 <= asked.limit <= 1:
         raise ValueError(f"over a box gains are lower ones, not up to {asked.limit:g} times the gain")
     low, high = box.ranges.get("controller_gain", (family.values["controller_gain"],) * 2)
-    return {"controller_gain": (low * exact(asked.limit), high)}
+    return own | {"controller_gain": (low * exact(asked.limit), high)}
 
 
 def over_own_ranges(prototype: Prototype, box: Box, asked: Asked) -> Statement:

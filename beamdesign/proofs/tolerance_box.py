@@ -312,14 +312,15 @@ def servo_off_over_box(prototype: Prototype, box: Box) -> tuple[float, Worst]:
         box: ranges of its figures; those of the controller do not count.
     """
     idle = prototype.but(controller=Proportional(gain_A_per_V=1.0))
-    payloads = box.ranges.get("outer_end_mass", (fmpq(0), fmpq(0)))
+    asked = {**box.ranges, **box.performing}
+    payloads = asked.get("outer_end_mass", (fmpq(0), fmpq(0)))
     low, high = map(nearest, payloads)
     found = family(idle, high)
     about = servo_off_of(found.members, prototype.payload.inner_end_mass_kg, (low, high))
     if about.compliance_m_per_N == inf:  # nothing damps it
         return inf, Worst(inf, {**box.nominal, "outer_end_mass": payloads[0]}, about.frequency_Hz)
     shape = rig_family(idle, claim=Asked("compliance", about.compliance_m_per_N), delayed=False, varying=box.ranges)
-    ranges = {**box.ranges, **performing_spans(found)}
+    ranges = {**asked, **performing_spans(found)}
     kept = {name: ends for name, ends in ranges.items() if name in shape.values and name in box.ranges}
     since, until = (exact(2 * pi * about.frequency_Hz * share) for share in _ABOUT)
     near = replace(shape, since=since, until=until)

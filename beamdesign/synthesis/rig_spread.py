@@ -192,11 +192,15 @@ class BoxTask:
 
     @cached_property
     def box(self) -> Box:
-        """Of tolerances and payloads over which it is to perform."""
-        return self._box(self.masses_kg)
-
-    def _box(self, masses_kg: tuple[float, float]) -> Box:
-        return tolerance_box(self.prototype, self.spread.sigmas, None, masses_kg)
+        """Of tolerances and of payloads over which it is to be stable, with those over which it is to perform."""
+        whole, own = (
+            tolerance_box(self.prototype, self.spread.sigmas, None, masses_kg)
+            for masses_kg in (self.stable_kg, self.masses_kg)
+        )
+        if self.masses_kg == self.stable_kg:
+            return whole
+        low, high = map(exact, self.masses_kg)
+        return replace(whole, performing={"outer_end_mass": own.ranges.get("outer_end_mass", (low, high))})
 
     def worst(self, bandwidth_Hz: float, missed: float = 0.0) -> list[tuple[str, float, Cut]]:
         """Rigs that miss a limit by more than so much (logarithm): of what, by how much, and which."""
@@ -245,7 +249,7 @@ class BoxTask:
 
         Or why that is not proved, and the rig that refutes it where one was found.
         """
-        verdict = certify_box(self.prototype, self._box(self.stable_kg), BUDGET, min(SECONDS, left()), volumes=False)
+        verdict = certify_box(self.prototype, self.box, BUDGET, min(SECONDS, left()), volumes=False)
         if not verdict.stable:
             return None, verdict.reason, []
         claims = []
@@ -260,15 +264,9 @@ class BoxTask:
                 refuted = claim.holds is False and claim.witness is not None and asked.kind != "gain_margin"
                 worst = Worst(inf, dict(claim.witness or {}), claim.frequency_Hz or 0.0)
                 return None, reason, [self._cut(worst)] if refuted else []
-            claims.append(self._over_own_masses(claim))
+            claims.append(claim)
         found, off = (self.spread.sigmas, tuple(claims), verdict.write), self.servo_off_m_per_N
         return OverBox(*found, off, self._tightest(bandwidth_Hz)), "", []
-
-    def _over_own_masses(self, claim: BoxClaim) -> BoxClaim:
-        """A claim that says over which payloads it is, where the law is to be stable over others too."""
-        low, high = map(exact, self.masses_kg)
-        own = {"outer_end_mass": self.box.ranges.get("outer_end_mass", (low, high))}
-        return claim if self.masses_kg == self.stable_kg else replace(claim, own={**claim.own, **own})
 
     def at_rest(self, proved: OverBox) -> tuple[OverBox | None, str]:
         """With the proof that every rig comes to rest while its current saturates, or why there is none."""
@@ -277,7 +275,7 @@ class BoxTask:
         claim, reason = slope_over_box(self.prototype, self.box, budget, seconds, lower, may_be_odd=False)
         if claim is None:
             return None, reason
-        return replace(proved, found=(*proved.found, self._over_own_masses(claim))), ""
+        return replace(proved, found=(*proved.found, claim)), ""
 
     def _tightest(self, bandwidth_Hz: float) -> tuple[dict[str, Any], ...]:
         margins: dict[str, float] = {}
