@@ -2,6 +2,7 @@
 
 import tomllib
 from fractions import Fraction
+from typing import Any
 
 import pytest
 from flint import fmpq
@@ -44,9 +45,8 @@ def is_stable(text: str) -> list[bool]:
     return [Family(*one.closed).is_stable(fmpq(0)) for one in Rig(table).loops()]
 
 
-def test_a_law_of_order_one_that_is_no_lag_is_not_proved_as_one():
+def with_another_law(table: dict[str, Any]) -> None:
     """An observer of a hundred times the static gain that `gain_A_per_V` names: its loop is not stable."""
-    table = tomllib.loads(honest("beamdesign.box", "stable").text)
     pole, zero = (Fraction(table["range"][f"controller_{name}"][0]) for name in ("pole", "zero"))
     gain, static = Fraction("0.05"), Fraction(100)
     d = static * pole / zero
@@ -60,6 +60,25 @@ def test_a_law_of_order_one_that_is_no_lag_is_not_proved_as_one():
         "kind": "observer", "gain_A_per_V": "0.05", "sensors": ["displacement_m"], "a": [[spelled(-pole)]],
         "b": [[spelled(cb)]], "c": ["1"], "d": [spelled(d)], "law": law,
     }  # fmt: skip
+    assert not any(is_stable(resealed(table)))
+
+
+def test_a_law_of_order_one_that_is_no_lag_is_not_proved_as_one():
+    table = tomllib.loads(honest("beamdesign.box", "stable").text)
+    with_another_law(table)
+    assert refused(resealed(table))
+
+
+def test_spans_of_effects_are_no_figures_of_a_law():
+    """An effect called `controller` whose spans would stand for the breaks of a lag, which the law is not."""
+    table = tomllib.loads(honest("beamdesign.box", "stable").text)
+    with_another_law(table)
+    spans = {}
+    for name in ("zero", "pole"):
+        figure = table["range"][f"controller_{name}"][0]
+        ends = [figure, times(figure, "1.000000000001")]
+        spans[name], table["range"][f"controller_{name}"] = {"ends": ends}, ends
+    table["effect"] = [{"name": "controller", "parameters": {}, "span": spans, "elements": {}}]
     assert not any(is_stable(resealed(table)))
     assert refused(resealed(table))
 

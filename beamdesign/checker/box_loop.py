@@ -35,6 +35,8 @@ DEVIATIONS = {
     "filter_frequency": "sensor_filter", "outer_end_mass": "outer_end_mass", "inner_end_mass": "inner_end_mass",
 }  # fmt: skip
 """The entry of [tolerance] for each figure."""
+_OF_ANY_LOOP = "controller_gain", "controller_zero", "controller_pole", "effect_gain", "outer_end_mass", "delay"
+"""What varies in a box beside the figures of its rig, or would if its law had it."""
 _HALVINGS = 40
 
 
@@ -87,7 +89,7 @@ def spans_of(rig: Rig) -> dict[str, tuple[int, str]]:
     for k, effect in enumerate(rig.effects):
         for name, made in effect.spans.items():
             called = f"{effect.name}_{name}"
-            if called in found or called in {*figures(rig), "effect_gain", "outer_end_mass", "delay"}:
+            if called in found or called in {*figures(rig), *_OF_ANY_LOOP}:
                 raise Unreadable(f"{called[:60]} stands for more than one thing in a box")
             found |= {called: (k, name)} if made.ends[0] < made.ends[1] else {}
     return found
