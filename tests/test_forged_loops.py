@@ -97,6 +97,16 @@ def test_two_spans_of_one_name_do_not_pass_for_one():
     assert refused(resealed(table))
 
 
+@pytest.mark.parametrize("figure", ["screw_stiffness", "filter_frequency"])
+@pytest.mark.parametrize("made", [("beamdesign.mass_range", "effects"), ("beamdesign.box", "stable")])
+def test_what_resists_is_times_no_figure_that_the_rig_does_not_have(made: tuple[str, str], figure: str):
+    table = tomllib.loads(honest(*made).text)
+    spring = {"impedance": [{"motion": {"first": "1"}, "resists": [f"1*{figure}"]}]}
+    table.setdefault("effect", []).append({"name": "x", "parameters": {}, "elements": spring})
+    with pytest.raises(Unreadable, match=figure):
+        check(resealed(table))
+
+
 def test_a_box_has_no_gain_of_effects_that_it_does_not_state():
     """Eight times the gain, which is not stable, beside a factor of an eighth that nothing puts on it."""
     made = honest("beamdesign.box", "stable")

@@ -59,12 +59,6 @@ def without_unit(name: str) -> str:
     return _UNIT.sub("", name)
 
 
-NAMES = {
-    without_unit(name) for names in (FIGURES, *OF_ACTUATOR.values(), ("filter_frequency_rad_per_s",)) for name in names
-}
-"""Of figures that impedances and filters of effects may be times, without unit."""
-
-
 class Entry:
     """A number of an element, or a sum of numbers and of numbers times spans of its effect or figures of the rig."""
 
@@ -102,7 +96,8 @@ class Effect:
         spans: by name.
     """
 
-    def __init__(self, table: Table) -> None:
+    def __init__(self, table: Table, figures: Collection[str]) -> None:
+        self._figures = figures  # of the rig, without units, which impedances and filters may be times
         self.name = table.word("name")
         given = table.table("parameters")
         self.parameters = {key: given.number(key) for key in given.keys}
@@ -133,7 +128,7 @@ class Effect:
         return Entry(table.take(key), table.place_of(key), self.spans)
 
     def _list(self, table: Table, key: str) -> list[Entry]:
-        return [Entry(text, table.place_of(key), {*self.spans, *NAMES}) for text in table.entries(key)]
+        return [Entry(text, table.place_of(key), {*self.spans, *self._figures}) for text in table.entries(key)]
 
     def _weights(self, table: Table) -> dict[str, Entry]:
         if wrong := [name for name in table.keys if name.startswith("oil") or not _NAME.fullmatch(name)]:
@@ -240,7 +235,8 @@ class Rig:
         scheduled = controller is not None and "stage" in controller
         self.schedule = Schedule(controller) if controller is not None and scheduled else None
         self.law = Law(controller) if controller is not None and not scheduled else None
-        self.effects = [Effect(one) for one in table.tables("effect")]
+        own = {*map(without_unit, names)}
+        self.effects = [Effect(one, own) for one in table.tables("effect")]
         if len({effect.name for effect in self.effects}) < len(self.effects):
             raise Unreadable("an effect stands there twice")
 
