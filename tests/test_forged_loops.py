@@ -107,6 +107,16 @@ def test_what_resists_is_times_no_figure_that_the_rig_does_not_have(made: tuple[
         check(resealed(table))
 
 
+@pytest.mark.parametrize("point", ["rod", "sensed", "slide"])
+@pytest.mark.parametrize("made", [("beamdesign.mass_range", "stable"), ("beamdesign.box", "stable")])
+def test_no_point_rides_on_what_nothing_resists(made: tuple[str, str], point: str):
+    """Such a coordinate has no equation."""
+    table = tomllib.loads(honest(*made).text)
+    table["effect"] = [{"name": "x", "parameters": {}, "elements": {"points": {point: {"q": "1"}}}}]
+    with pytest.raises(Unreadable, match="no motion of q"):
+        check(resealed(table))
+
+
 def test_a_box_has_no_gain_of_effects_that_it_does_not_state():
     """Eight times the gain, which is not stable, beside a factor of an eighth that nothing puts on it."""
     made = honest("beamdesign.box", "stable")
