@@ -595,6 +595,8 @@ def test_a_servo_is_judged_as_it_is(rig: Prototype, tmp_path: Path) -> None:
     assert done.exit_code == 1, done.output
     assert "Refuted: passive at the tip; work comes out of the tip below 30.53 Hz" in done.output
     said = json.loads(answer.read_text())
+    assert said["reason"] == "the end is not passive at the tip"
+    assert said["reason"] in done.output
     assert said["static_stiffness_N_per_m"] == pytest.approx(servo_stiffness(rig, rig.controller), rel=1e-9)  # type: ignore[arg-type]
     other = said["destabilised_by"]
     carried = rig.but(payload=rig.payload.but(outer_end_mass_kg=None))

@@ -297,11 +297,13 @@ def stiffness(
         rows = [*_kept(found), ("for every outer end mass", mass_range_text(own))]
         echo_table(f"{rig.name}: its end, with the controller as it is", ("figure", "value"), rows)
         echo(*in_words(found))
+        if answer.reason:
+            echo(answer.reason)
         proof = {"certificate_contact": (CONTACT_NAME, contact_text(rig, found))}
         paths = {} if out is None else write_set(out / stage.suffix[1:], proof)
         for kind, path in paths.items():
             echo(f"{kind}: {path}")
-        return found.to_dict() | {"reason": "", **paths}, answer.yes
+        return answer.to_dict() | paths, answer.yes
 
     return by_stage(record, masses, judged)
 

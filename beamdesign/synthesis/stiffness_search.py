@@ -137,7 +137,8 @@ def stiffness(
     wall = Wall(*((exact(low), exact(high)) for low, high in (wall_N_per_m, wall_damping_N_s_per_m)))
     if end_stiffness_N_per_m is None:
         judged = judge(prototype, None, masses, wall)
-        return Design(judged, judged.met, 0, "" if judged.meets(need) else f"not {_WORDS[need]}", asked=need)
+        refused = "" if judged.meets(need) else judged.reason or f"the end is not {_WORDS[need]}"
+        return Design(judged, judged.met, 0, refused, asked=need)
     checked(prototype.name, "end_stiffness_N_per_m", Stiffness, end_stiffness_N_per_m)
     servo = prototype.kept_servo if keep_controller else None
     others = plants_drawn(prototype, masses[1], rigs, SEED_OF_RIGS, _REACH) if rigs else []
