@@ -150,9 +150,15 @@ def _texts(value: Any, place: Place, annotation: Any) -> Iterator[tuple[Place, s
                 yield from _texts(item, inside, annotation)
 
 
+def _errors(error: ValidationError) -> list[Any]:
+    """All errors, but that a list is too short which holds enough entries, of which some are wrong."""
+    errors = error.errors(include_url=False)
+    return [e for e in errors if e["type"] != "too_short" or len(e["input"]) < e["ctx"]["min_length"]]
+
+
 def _line_errors(error: ValidationError) -> list[InitErrorDetails]:
     lines = []
-    for item in error.errors(include_url=False):
+    for item in _errors(error):
         kind: Any = item["type"]
         if kind != "extra_forbidden":
             kind = PydanticCustomError("said", "{reason}", {"reason": _reason(item)})
@@ -291,6 +297,8 @@ def _reason(item: Any) -> str:
             return str(item["msg"])
         case "finite_number":
             return f"must be a finite number, is {_shown(given)}"
+        case "too_short":
+            return f"must hold at least {context['min_length']} entries, holds {context['actual_length']}"
         case "too_long":
             return f"must hold {context['max_length']} entries, holds {context['actual_length']}"
         case "string_too_short":
@@ -307,7 +315,7 @@ def _reason(item: Any) -> str:
 
 def _problems(error: ValidationError, record: type[Record]) -> list[Problem]:
     problems = []
-    for item in error.errors(include_url=False):
+    for item in _errors(error):
         written, _ = _walk(record, item["loc"])
         if item["type"] == "extra_forbidden":
             _, known = _walk(record, item["loc"][:-1])

@@ -36,6 +36,7 @@ class Mount(Record):
     range_kg: tuple[NonNegative, NonNegative] | None = None
     part: Annotated[Spring | Damper, Field(discriminator="kind")] | None = None
     parts: tuple[Spring, ...] = ()
+    pair: tuple[Spring, ...] | None = Field(None, min_length=2)
 
     @classmethod
     def relations(cls, table: Mapping[str, Any]) -> Iterator[Problem]:
@@ -124,6 +125,9 @@ def test_a_copy_with_changes_is_checked():
             "must be 'soft' or 'hard', is 'wet'",
         ),
         ({"parts": [{"stiffness_N_per_m": 0.0}]}, "parts.stiffness_N_per_m", "entry 1: must be greater than 0, is 0.0"),
+        ({"pair": [{"stiffness_N_per_m": 1.0}]}, "pair", "must hold at least 2 entries, holds 1"),
+        # Of enough entries one is wrong: that is all that is.
+        ({"pair": [{"stiffness_N_per_m": 1.0}, {}]}, "pair.stiffness_N_per_m", "entry 2: missing"),
     ],
 )
 def test_one_wrong_value(changes, key, reason):
@@ -136,7 +140,7 @@ def test_one_wrong_value(changes, key, reason):
         ({"widht_m": 1.0}, "widht_m", "unknown key; did you mean width_m?"),
         ({"width_mm": 1.0}, "width_mm", "wrong unit mm: give width_m, in m"),
         ({"range_g": [0.0, 1.0]}, "range_g", "wrong unit g: give range_kg, in kg"),
-        ({"payload": 1}, "payload", "unknown key; known here are name, width_m, wall_m, range_kg, part, parts"),
+        ({"payload": 1}, "payload", "unknown key; known here are name, width_m, wall_m, range_kg, part, parts, pair"),
         (
             {"part": {"kind": "spring", "stiffness_N_per_m": 1.0, "stiffness_N_per_cm": 1.0}},
             "part.stiffness_N_per_cm",
