@@ -109,7 +109,7 @@ def test_the_limit_that_is_drawn_is_that_of_the_rig_however_it_saturates(
         drawn.update(given[-1])
         return {"records": given[2]}
 
-    monkeypatch.setattr("beamdesign.cli.rig.write_folder", noted)
+    monkeypatch.setattr("beamdesign.cli.simulation.write_folder", noted)
     kick = Path(KICK).read_text(encoding="utf-8").replace("duration_s = 3.0", "duration_s = 0.1")
     (tmp_path / "s.toml").write_text(kick, encoding="utf-8")
     CliRunner().invoke(

@@ -20,7 +20,8 @@ from beamdesign.cli.command import INTERRUPTED, group
 from beamdesign.cli.design import codesign, front, remedies, run, size
 from beamdesign.cli.gap import gap
 from beamdesign.cli.output import echo, hush, reporting, shown, speak
-from beamdesign.cli.rig import code, limits, simulate, spec
+from beamdesign.cli.rig import code, limits, spec
+from beamdesign.cli.simulation import simulate
 from beamdesign.cli.study import study
 from beamdesign.cli.tune import stiffness, tune
 from beamdesign.progress import remembered

@@ -1,0 +1,132 @@
+"""`beamdesign simulate`: time records of a prototype or a bench, with their pictures."""
+
+from collections.abc import Sequence
+from math import isfinite
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from beamdesign.cli.command import CommandResult, command, toml_files
+from beamdesign.cli.output import echo, echo_table, progress, refuse, spare
+from beamdesign.files import fresh_folder, settled
+from beamdesign.result import picked
+
+if TYPE_CHECKING:
+    from beamdesign.report.charts import Limits
+    from beamdesign.simulation import SimulatedRecord
+
+
+@command
+def simulate(
+    prototype: Path,
+    scenario: Annotated[Path, typer.Option(autocompletion=toml_files)],
+    out: Path,
+    plots: Annotated[bool, typer.Option("--plots/--no-plots")] = True,
+) -> CommandResult:
+    """Simulate time records of a prototype.
+
+    A twin beam moves with its controller in the loop, an actuator bench without. A scheduled controller is sampled,
+    and estimates its payload, which may change during a record.
+
+    A loop that diverges is an answer: it is told when and at what frequency, its record ends there, and the exit status
+    is 1.
+
+    Args:
+        prototype: the prototype.toml to simulate, with the effects it names.
+        scenario: what is done to it: a scenario file.
+        out: folder for one CSV file and one picture per record, and records.html.
+        plots: whether to draw the records.
+    """
+    from beamdesign import simulation as engine
+    from beamdesign.bench_prototype import BenchPrototype, read_any_prototype
+    from beamdesign.plant.assembly import effect_parameters_of, problem_without_controller, wrong_effects
+    from beamdesign.plant.effects import laws_of
+    from beamdesign.scenario import files_of, read_scenario
+
+    rig = read_any_prototype(prototype)
+    if isinstance(rig, BenchPrototype):
+        return _simulate_bench(rig, prototype, scenario, out, plots)
+    wrong = wrong_effects(rig)
+    plan = read_scenario(scenario)
+    spare(files_of(plan), out, [f"{row.name}.csv" for row in plan.record])
+    if of_bench := [row.name for row in plan.record if row.start_m is not None]:
+        refuse(scenario, *((f"record.{name}.start_m", "is for an actuator bench") for name in of_bench))
+    if rig.controller is None and any(row.controller is None for row in plan.record):
+        wrong.append(problem_without_controller())
+    if wrong:
+        refuse(prototype, *wrong)
+    found = engine.simulate(rig, plan)
+    heads = ("record", "stable", "peak displacement_m", "oscillation_Hz")
+    echo_table(f"{rig.name}: {plan.name}", heads, found.rows())
+    for record in found.records:
+        if not record.stable:
+            echo(f"{record.name}: {record.reason}")
+        if "stage" in record.columns:
+            stages = " -> ".join(["1", *(str(stage) for _, stage in record.changes)])
+            mass, std = (float(record.column(name)[-1]) for name in ("estimate_kg", "estimate_std_kg"))
+            known = f"{mass:.3g} kg, give or take {std:.2g}" if isfinite(std) else "nothing"
+            echo(f"{record.name}: stages {stages}; of the payload it knows {known}")
+    limits = {
+        "displacement_m": (plan.displacement_limit_m, "limit"),
+        "load_pressure_Pa": (rig.supply.pressure_Pa, "supply"),
+    }
+    for name, own in effect_parameters_of(rig).items():
+        if name in laws_of("current_saturation"):
+            limits["current_A"] = (own["limit_A"], "amplifier's limit")
+    files = write_folder(rig, plan, found.records, out, limits if plots else None)
+    each = [_fields(record, path) for record, path in zip(found.records, files["records"], strict=True)]
+    return CommandResult({"stable": found.stable, "effects": list(rig.effects), **files, "each": each}, found.stable)
+
+
+def _simulate_bench(rig: Any, source: Path, scenario: Path, out: Path, plots: bool) -> CommandResult:
+    from beamdesign.plant.assembly import wrong_effects
+    from beamdesign.plant.bench_simulation import BENCH_COLUMNS, simulate_bench
+    from beamdesign.scenario import files_of, read_scenario
+    from beamdesign.simulation import SimulatedRecord
+
+    if wrong := wrong_effects(rig):
+        refuse(source, *wrong)
+    plan = read_scenario(scenario)
+    spare(files_of(plan), out, [f"{row.name}.csv" for row in plan.record])
+    found = simulate_bench(rig, plan)
+    rows = [(name, *map(float, abs(table[:, 2:]).max(axis=0))) for name, table in found.items()]
+    echo_table(f"{rig.name}: {plan.name}", ("record", *(f"peak {column}" for column in BENCH_COLUMNS[2:])), rows)
+    records = [SimulatedRecord(name, table, True, columns=BENCH_COLUMNS) for name, table in found.items()]
+    files = write_folder(rig, plan, records, out, {} if plots else None)
+    # An open loop between end stops stays within bounds; a record that failed is an error, not an answer.
+    return CommandResult({"stable": True, "effects": list(rig.effects), **files})
+
+
+def _fields(record: Any, path: Path) -> dict[str, Any]:
+    at = record.oscillation
+    changes = {"changes": [{"at_s": when, "stage": stage} for when, stage in record.changes]}
+    return {
+        "record": path,
+        **picked(record, "name stable reason diverged_at_s"),
+        "oscillation_Hz": None if at is None else at.frequency_Hz,
+        "oscillation_growth_per_s": None if at is None else at.growth_per_s,
+        **(changes if "stage" in record.columns else {}),
+    }
+
+
+def write_folder(
+    rig: Any, plan: Any, records: "Sequence[SimulatedRecord]", out: Path, limits: "Limits | None"
+) -> dict[str, Any]:
+    """Write records, and where limits are given their pictures and page, as one set; files for the answer."""
+    from beamdesign.columns import write_tables
+
+    with fresh_folder(out) as fresh:
+        tables = {record.name: (record.columns, record.samples) for record in records}
+        files: dict[str, Any] = {"records": write_tables(tables, fresh)}
+        if limits is not None:
+            from beamdesign.report.charts import write_record_page
+
+            with progress("drawing"):
+                page, figures = write_record_page(rig.name, plan.name, rig.effects, records, limits, fresh)
+            files |= {"report": page, "figures": figures}
+    files = settled(files, fresh, out)
+    echo(f"records: {len(files['records'])} files in {out}")
+    if limits is not None:
+        echo(f"pictures: {files['report']}")
+    return files
