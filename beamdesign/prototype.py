@@ -144,7 +144,8 @@ class Arm(Record):
         None, description="law of the compensator in y; that of [controller] where absent"
     )
     plane: Literal["y", "z"] | None = Field(
-        None, description="in which it is simulated and diagnosed, [controller] acting there; none: payload on the axis"
+        None,
+        description="in which it is simulated and diagnosed, with the law that acts there; none: payload on the axis",
     )
 
 

@@ -787,6 +787,20 @@ def test_proofs_of_one_loop_say_what_they_leave_aside_of_an_arm(
         assert ("payload and sensor on the beam's axis at the tip" in done.output) is told
 
 
+def test_motions_and_contacts_of_one_loop_say_what_they_leave_aside_of_an_arm(link: Prototype, tmp_path: Path):
+    """Its offsets and the law across; simulated in one of its planes nothing is left aside."""
+    path, scenario = tmp_path / "link.toml", tmp_path / "scenario.toml"
+    scenario.write_text('name = "rest"\nduration_s = 0.01\n[[record]]\nname = "rest"\nouter_end_mass_kg = 2.0\n')
+    across = link.arm.but(offset_m=(0.0, 0.1, 0.0), second_controller=Lag(gain_A_per_V=0.04, pole_Hz=1.7, zero_Hz=20.0))
+    moved = ["simulate", str(path), "--scenario", str(scenario), "--out", str(tmp_path / "out"), "--no-plots"]
+    for command, plane, told in ((moved, None, True), (moved, "y", False), (["stiffness", str(path)], "y", True)):
+        write_prototype(link.but(arm=across.but(plane=plane)), path)
+        done = CliRunner().invoke(app, command)
+        assert done.exit_code == 0, done.output
+        for words in ("payload and sensor on the beam's axis at the tip", "and not that of [arm.second_controller]"):
+            assert (words in done.output) is told
+
+
 def test_a_sweep_tells_what_the_command_tells(link: Prototype):
     from beamdesign.sweep.answers import arm as compute
     from beamdesign.sweep.case import ArmOptions

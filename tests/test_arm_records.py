@@ -21,8 +21,11 @@ from beamdesign.diagnosis.fitting.gain_evidence import GainEvidence
 from beamdesign.diagnosis.fitting.hypothesis import NOTHING, Hypothesis, Placement, singles
 from beamdesign.diagnosis.predict import read_inputs
 from beamdesign.diagnosis.redesign import redesign
+from beamdesign.loop import critical_gain
 from beamdesign.plant.assembly import assemble, parameters_of, structure_of
 from beamdesign.plant.equilibrium import equilibrium, linearise
+from beamdesign.plant.harmonic_balance import limit_cycles
+from beamdesign.plant.linear_reach import with_published_effects
 from beamdesign.proofs.arm import plane_loop
 from beamdesign.proofs.arm.result import certify_plane
 from beamdesign.proofs.writer import prototype_table
@@ -155,6 +158,15 @@ def test_the_second_controller_acts_in_its_plane() -> None:
     plan = Scenario(name="short", duration_s=0.3, record=rows)
     z, y = (simulate(arm(plane, second_controller=weak), plan).records[0].column("current_A") for plane in "zy")
     assert np.abs(y).max() < 0.05 * np.abs(z).max()
+
+
+def test_limits_of_a_rig_are_of_its_loop_on_the_axis_throughout() -> None:
+    """Its critical gain is, and so are what harmonic balance finds: limit cycles, and how far that loop is linear."""
+    beside = with_published_effects(arm("z"))
+    straight = with_published_effects(arm("z").but(arm=None))
+    (cycle,), (expected,) = (limit_cycles(rig, [1e-6], 6.8) for rig in (beside, straight))
+    assert cycle.gain_A_per_V == pytest.approx(expected.gain_A_per_V, rel=1e-9)
+    assert cycle.gain_A_per_V == pytest.approx(critical_gain(arm("z"), 6.8).gain_A_per_V, rel=0.05)
 
 
 def test_a_data_set_says_in_which_plane_it_was_taken(tmp_path: Path) -> None:

@@ -226,6 +226,7 @@ def limits(
 def _echo_limits(found: "OperatingLimits") -> None:
     from beamdesign.plant.linear_reach import with_published_effects
     from beamdesign.quantities import read_in
+    from beamdesign.structure.arm import left_aside
 
     rig, mass = found.prototype, found.outer_end_mass_kg
     title = f"{rig.name} with {mass:g} kg outside: {found.envelope.reason or 'largest amplitude of a force on the tip'}"
@@ -238,6 +239,8 @@ def _echo_limits(found: "OperatingLimits") -> None:
         echo(f"{limit}: not looked at, {key} not given")
     if found.left_aside:
         echo(f"forces above and modes below are worked out without {', '.join(found.left_aside)}")
+    if words := left_aside(rig):
+        echo(f"of a loop with {words}")
     _echo_sensor(found.sensor)
     if isinstance(found.modes, str):
         echo(f"higher modes: not looked at, {found.modes}")

@@ -43,6 +43,7 @@ def simulate(
     from beamdesign.plant.assembly import effect_parameters_of, problem_without_controller, wrong_effects
     from beamdesign.plant.effects import laws_of
     from beamdesign.scenario import files_of, read_scenario
+    from beamdesign.structure.arm import arm_of, left_aside
 
     rig = read_any_prototype(prototype)
     if isinstance(rig, BenchPrototype):
@@ -59,6 +60,8 @@ def simulate(
     found = engine.simulate(rig, plan)
     heads = ("record", "stable", "peak displacement_m", "oscillation_Hz")
     echo_table(f"{rig.name}: {plan.name}", heads, found.rows())
+    if arm_of(rig).plane is None and (words := left_aside(rig)):
+        echo(f"simulated with {words}, or state arm.plane to simulate that plane")
     for record in found.records:
         if not record.stable:
             echo(f"{record.name}: {record.reason}")

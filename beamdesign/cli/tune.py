@@ -195,6 +195,7 @@ def _of_law(stage: "InStage", law: "Tuning", certificate: "Certificate") -> dict
     echo_table(f"{stage.prototype.name}: tuned {best.controller.kind} controller", ("figure", "value"), rows)
     echo(f"proved {holds_for(stage.prototype, best.sigmas)}; {law.certificates} stability certificates on the way")
     echo(*certificate.scope, before="  ")
+    _echo_aside(stage.prototype)
     return {
         "controller": best.controller.model_dump(),
         "inner_end_mass_kg": best.inner_end_mass_kg,
@@ -206,6 +207,14 @@ def _of_law(stage: "InStage", law: "Tuning", certificate: "Certificate") -> dict
         "starts_bandwidth_Hz": law.starts,
         "stability_certificates": law.certificates,
     }
+
+
+def _echo_aside(prototype: "Prototype") -> None:
+    """Tell where [arm] has more than the loop that is worked on."""
+    from beamdesign.structure.arm import left_aside
+
+    if words := left_aside(prototype):
+        echo(f"  {words}")
 
 
 def _sensors(kind: str, added: list[str]) -> "tuple[Sensed, ...]":
@@ -297,6 +306,7 @@ def stiffness(
         rows = [*_kept(found), ("for every outer end mass", mass_range_text(own))]
         echo_table(f"{rig.name}: its end, with the controller as it is", ("figure", "value"), rows)
         echo(*in_words(found))
+        _echo_aside(rig)
         if answer.reason:
             echo(answer.reason)
         proof = {"certificate_contact": (CONTACT_NAME, contact_text(rig, found))}
@@ -356,6 +366,7 @@ def give_stiffness(
     if found.reason:
         echo(f"{found.reason}; the next best is given")
     echo(*in_words(best))
+    _echo_aside(record)
     others = drawn_rigs(found.prototype, masses, best.wall, RIGS)
     if others:
         echo(drawn_in_words(others))

@@ -109,9 +109,9 @@ def _is_linear(effect: str, rig: str) -> bool:
 
 
 def with_published_effects(prototype: Prototype) -> Prototype:
-    """The rig with the paper's nonlinear factors but air, beside the effects it has."""
+    """The rig with the paper's nonlinear factors but air, beside the effects it has, on its axis as `loop` has it."""
     return prototype.but(
-        effects={name: {} for name in PUBLISHED_EFFECTS if fits(name, prototype.rig)} | prototype.effects
+        arm=None, effects={name: {} for name in PUBLISHED_EFFECTS if fits(name, prototype.rig)} | prototype.effects
     )
 
 

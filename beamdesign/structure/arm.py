@@ -188,10 +188,13 @@ def off_axis(prototype: AnyPrototype) -> bool:
 
 
 def left_aside(prototype: Prototype) -> str:
-    """What a proof of one loop leaves aside of an arm, in words; empty where it has no offsets."""
-    arm = arm_of(prototype)
-    words = "payload and sensor on the beam's axis at the tip; with the offsets of [arm] and torsion: beamdesign arm"
-    return words if any(arm.offset_m) or any(arm.sensor_m or ()) else ""
+    """What work on one loop leaves aside of an arm, in words; empty where that is the arm's loop in either plane."""
+    arm, words = arm_of(prototype), []
+    if any(arm.offset_m) or any(arm.sensor_m or ()):
+        words.append("payload and sensor on the beam's axis at the tip")
+    if arm.second_controller is not None:
+        words.append("the law of [controller], and not that of [arm.second_controller]")
+    return f"{' and '.join(words)}; with all of [arm] and torsion: beamdesign arm" if words else ""
 
 
 def lever_figures(prototype: Prototype) -> dict[str, float]:
