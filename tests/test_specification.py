@@ -115,12 +115,18 @@ def test_guarantees_are_stated_with_their_certificate(text: str, prototype: Prot
 def test_deflections_are_force_over_stiffness(text: str, run: DesignRun, prototype: Prototype) -> None:
     force, table = run.problem.load.tip_force_N, rows(text)
     inner, outer = (lumped_beam(beam) for beam in (prototype.inner_beam, prototype.outer_beam))
-    on, off = (cells for name, cells in table.items() if name.startswith("servo o"))
+    on, off = (cells for name, cells in table.items() if name.startswith(("servo on: ", "servo off: ")))
     assert number(on[0]) == pytest.approx(1e3 * force / inner.stiffness, rel=1e-3)
     assert number(off[0]) == pytest.approx(1e3 * force / outer.stiffness, rel=1e-3)
     for load in held_loads(prototype, force):  # the published pair leaves 17.7 mm each side at assembly
         assert load.deflection_m + load.gap_left_m == pytest.approx(0.0177)
     assert number(on[1]) == pytest.approx(17.7 - number(on[0]), abs=2e-2)
+    # With weight: that of payload and outer beam bends the inner one as the load does, and its own 3/8 m g at the tip.
+    heavy, light = (weighing_mass(beam) for beam in (prototype.outer_beam, prototype.inner_beam))
+    weight = 9.80665 * (6.8 + heavy + light + prototype.payload.inner_end_mass_kg)
+    (weighed,) = (cells for name, cells in table.items() if name.startswith("servo on, beside the weight"))
+    assert number(weighed[0]) == pytest.approx(1e3 * (force + weight) / inner.stiffness, rel=1e-3)
+    assert number(weighed[1]) == pytest.approx(17.7 - number(weighed[0]), abs=2e-2)
 
 
 def test_load_pressure_is_the_papers(text: str, prototype: Prototype) -> None:
