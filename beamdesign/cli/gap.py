@@ -152,11 +152,12 @@ def echo_diagnosis(found: "Diagnosis") -> None:
         echo(where.sentence)
     _echo_gap(found)
     echo(*found.notes)
+    known = "known before any fit, of causes of their usual size: these data cannot"
     separability = found.separability
     for alike in separability.classes if separability is not None else ():
-        echo(f"known before any fit: these data cannot tell apart {', '.join(alike)}")
+        echo(f"{known} tell apart {', '.join(alike)}")
     if separability is not None and separability.invisible:
-        echo(f"known before any fit: these data cannot show {', '.join(separability.invisible)}")
+        echo(f"{known} show {', '.join(separability.invisible)}")
     for rivals in found.classes:
         echo(f"these data cannot tell apart: {'; '.join(rivals)}")
     if found.next_experiment is not None:
