@@ -13,6 +13,7 @@ from beamdesign.diagnosis.experiment import (
     _joined,
     distance,
     information,
+    menu,
     next_experiment,
 )
 from beamdesign.diagnosis.fitting.evidence import evidence_of
@@ -84,6 +85,17 @@ def test_doing_what_is_proposed_separates_the_rivals(rig, slow):
     both = replace(slow, records=slow.records + measured(rig, plan).records)
     after = fitted(RIVAL, both, rivals[1].values).cost - fitted(TRUTH, both, rivals[0].values).cost
     assert after - before > 0.5 * proposed.separation**2
+
+
+def test_a_record_to_take_is_told_with_its_loop_and_what_is_beyond_the_rig(slow):
+    """Of the same law and payload with another mass inside a loop need not be stable."""
+    light = slow.prototype.but(payload=slow.prototype.payload.but(outer_end_mass_kg=(0.0, 5.0)))
+    for one in menu(replace(slow, prototype=light)):
+        (row,) = one.scenario.record
+        law, outer = row.controller, row.outer_end_mass_kg
+        loop = f"lag {law.pole_Hz:.4g}/{law.zero_Hz:.4g} Hz at {1e3 * law.gain_A_per_V:.4g} mA/V"
+        assert one.text.endswith(f"{loop}, {row.inner_end_mass_kg:.3g} kg inside")
+        assert ("more than the 5 kg that the prototype is stated for" in one.text) is (outer > 5.0)
 
 
 def foreseen(*separations: float) -> list[_Foreseen]:

@@ -81,10 +81,11 @@ def diagnose(
 def _diagnose(dataset: Path, folder: Path, renew: bool, workers: int, minutes: float | None) -> CommandResult:
     from beamdesign.diagnosis.data.dataset import read_dataset
     from beamdesign.diagnosis.diagnose import diagnose as engine
+    from beamdesign.diagnosis.diagnosis import controller_text
     from beamdesign.diagnosis.fitting.fit import fit_cache
     from beamdesign.diagnosis.redesign import designer_terms, payload_range, redesign
     from beamdesign.report.gap_folder import write_gap_folder
-    from beamdesign.report.gap_tables import controller_text, terms_table
+    from beamdesign.report.gap_tables import terms_table
     from beamdesign.structure.arm import off_axis
 
     data = read_dataset(dataset)

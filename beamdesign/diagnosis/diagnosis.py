@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, Generic, Literal, TypeVar
 import numpy as np
 
 from beamdesign.bench_prototype import AnyPrototype
+from beamdesign.controllers import Controller
 from beamdesign.diagnosis.fitting.fit import Fit
 from beamdesign.diagnosis.fitting.hypothesis import (
     ABSENT,
@@ -25,7 +26,7 @@ from beamdesign.diagnosis.prediction_errors import Errors
 from beamdesign.diagnosis.separability import Separability
 from beamdesign.parameters import PARAMETERS
 from beamdesign.prototype import Beam, Prototype
-from beamdesign.quantities import decimal
+from beamdesign.quantities import decimal, quantity
 from beamdesign.records import Record
 from beamdesign.result import Result, finite, picked
 from beamdesign.structure import lumped
@@ -341,6 +342,12 @@ def named(cause: str) -> str:
 def listed(names: Sequence[str], word: str = "and") -> str:
     """Names in a sentence, with a word before the last of several."""
     return f"{', '.join(names[:-1])} {word} {names[-1]}" if len(names) > 1 else "".join(names)
+
+
+def controller_text(controller: Controller, inner_end_mass_kg: float) -> str:
+    """A controller in one line, with what mass its inner tip has."""
+    gain = quantity(controller.gain_A_per_V, "A/V")
+    return f"{controller.words(4)} at {gain}, {inner_end_mass_kg:.3g} kg inside"
 
 
 def no_surer(verdict: Verdict, left_out: Sequence[str]) -> Verdict:

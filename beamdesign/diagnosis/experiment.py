@@ -22,7 +22,7 @@ from beamdesign.controllers.protocol import ANY_PAYLOAD
 from beamdesign.diagnosis.data.dataset import Dataset, TimeRecord
 from beamdesign.diagnosis.data.dataset_index import OFF
 from beamdesign.diagnosis.data.input_noise import without_noise
-from beamdesign.diagnosis.diagnosis import NextExperiment
+from beamdesign.diagnosis.diagnosis import NextExperiment, controller_text
 from beamdesign.diagnosis.fitting.fit import Fit
 from beamdesign.diagnosis.fitting.hypothesis import NOTHING
 from beamdesign.diagnosis.fitting.replay import Replay
@@ -89,11 +89,13 @@ class Experiment:
 def menu(data: Dataset) -> Iterator[Experiment]:
     """All records: each signal at each setting of controller and masses, and at payloads not yet measured."""
     name = f"{shorter(data.prototype.name)}: next experiment"
+    stated = data.prototype.outer_end_mass_kg or ANY_PAYLOAD
     for record, outer, inner, effort in _settings(data):
         law, payload = record.controller, f"a payload of {outer:.3g} kg" if outer > 0 else "no payload"
+        beyond = f" (more than the {stated[1]:g} kg that the prototype is stated for)" if outer > stated[1] else ""
         for signal, words in _signals(data):
-            acting = "servo off" if law == OFF else f"{law.kind} controller of {law.gain_A_per_V:.3g} A/V"
-            text = f"{words}, {payload}, {acting}"
+            acting = "servo off" if law == OFF else controller_text(law, inner)
+            text = f"{words}, {payload}{beyond}, {acting}"
             row = ScenarioRecord(
                 name="next", input=(signal,), outer_end_mass_kg=outer, inner_end_mass_kg=inner, controller=law
             )

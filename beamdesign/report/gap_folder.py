@@ -12,7 +12,7 @@ from markupsafe import escape
 from matplotlib.figure import Figure
 
 from beamdesign.diagnosis.data.dataset import Dataset
-from beamdesign.diagnosis.diagnosis import BandGap, Cause, Diagnosis, in_words
+from beamdesign.diagnosis.diagnosis import BandGap, Cause, Diagnosis, controller_text, in_words
 from beamdesign.diagnosis.gap_metrics import in_bands
 from beamdesign.diagnosis.prediction_errors import Errors
 from beamdesign.diagnosis.redesign import LoopTerms, Redesign, payload_range
@@ -27,7 +27,6 @@ from beamdesign.report.figures import plot_compliance
 from beamdesign.report.gap_tables import (
     closed_text,
     condition_text,
-    controller_text,
     error_maps,
     fitted_figures,
     indicator_table,

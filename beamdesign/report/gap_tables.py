@@ -8,7 +8,6 @@ from typing import NamedTuple
 import numpy as np
 from markupsafe import escape
 
-from beamdesign.controllers import Controller
 from beamdesign.diagnosis.data.dataset import TimeRecord
 from beamdesign.diagnosis.data.dataset_index import OFF
 from beamdesign.diagnosis.fitting.fit import Fit
@@ -176,12 +175,6 @@ def _shown(name: str, value: float, error: float | None = None) -> str:
 def place(z: float) -> float:
     """Of a move on a scale from 0 to 1, its middle where nothing moved."""
     return 0.5 + 0.5 * min(1.0, max(-1.0, z / _WIDEST_Z))
-
-
-def controller_text(controller: Controller, inner_end_mass_kg: float) -> str:
-    """A controller in one line."""
-    gain = quantity(controller.gain_A_per_V, "A/V")
-    return f"{controller.words(4)} at {gain}, {inner_end_mass_kg:.3g} kg inside"
 
 
 def terms_table(loop: LoopTerms) -> Table:
