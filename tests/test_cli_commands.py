@@ -16,7 +16,7 @@ from beamdesign import check, read_problem, read_prototype
 from beamdesign.cli import app
 from beamdesign.controllers import Lag
 from beamdesign.report.canvas import new_figure
-from beamdesign.report.charts import plot_remedies
+from beamdesign.report.charts import plot_remedies, read_trade
 from beamdesign.structure.section import Tube
 from beamdesign.synthesis import codesign as front_room
 from beamdesign.synthesis import remedies
@@ -98,6 +98,8 @@ def test_codesign_and_front_of_the_template_are_proved_and_agree(
     assert [row["bandwidth_asked_Hz"] for row in front["efficient"]] == [3.8]
     assert {path.name for path in out.iterdir()} == {"front.csv", "front.png", "front.svg"}
     assert str(out / "front.csv") in said
+    assert "proved for exactly these figures" in said
+    assert [point.sigmas for point in read_trade(out)] == [0.0]
 
 
 @pytest.mark.usefixtures("one_start")
@@ -125,7 +127,9 @@ def test_remedies_of_which_none_is_proved_are_a_no(tmp_path: Path, monkeypatch: 
     proved = replace(failed, name="more phase from the controller", bandwidth_Hz=3.0, reason="")
     for found, status in (((failed, failed), 1), ((failed, proved), 0)):
         monkeypatch.setattr(remedies, "remedies", lambda *_, given=found: given)
-        call(tmp_path, "remedies", str(study), "--out", str(tmp_path / "out"), status=status)
+        fields, said = call(tmp_path, "remedies", str(study), "--out", str(tmp_path / "out"), status=status)
+        assert fields["sigmas"] == 2.0
+        assert "for every rig within 2 standard deviations" in " ".join(said.split())
 
 
 def test_remedies_without_given_sections_are_refused(tmp_path: Path) -> None:

@@ -34,7 +34,7 @@ from beamdesign.polynomial import exact
 from beamdesign.prototype import InStage
 from beamdesign.quantities import at_least, at_most, decimal, per_cent, quantity
 from beamdesign.report.canvas import inline_svg, new_figure
-from beamdesign.report.charts import plot_trade, read_trade
+from beamdesign.report.charts import TradePoint, plot_trade, read_trade
 from beamdesign.report.drawing import draw_end, draw_section, draw_side
 from beamdesign.report.figures import shade_compliance
 from beamdesign.report.pictures import (
@@ -43,6 +43,7 @@ from beamdesign.report.pictures import (
     plot_stable_ranges,
     prototype_picture,
     stable_gains,
+    trade_picture,
     wider_map,
 )
 from beamdesign.structure.lumped import lumped_beam
@@ -300,13 +301,17 @@ def test_a_front_beside_the_result_is_shown(run: DesignRun, tmp_path: Path) -> N
         "6.8,9.0,,False",
     ]
     (tmp_path / "front.csv").write_text("\n".join(rows) + "\n", encoding="utf-8")
-    assert read_trade(tmp_path) == ((6.8, 3.0, 9.0), (6.8, 4.0, 9.4))
+    assert read_trade(tmp_path) == (TradePoint(6.8, 3.0, 9.0), TradePoint(6.8, 4.0, 9.4))
     assert read_trade(tmp_path / "none") == ()
     axes = plot_trade(new_figure().subplots(), read_trade(tmp_path), (3.5, 9.8))
     assert [list(line.get_xdata()) for line in axes.lines] == [[3.0, 4.0], [3.5]]
     page = report_html(run, FILES, read_trade(tmp_path))
     assert "Trade curves" in page
     assert 'id="figure-trade"' in page
+    # Of a front it is told for which rigs it is proved, and of the design where that is for others.
+    caption = trade_picture((TradePoint(6.8, 3.0, 9.0, 2.0),), run.prototype.guarantee, 9.8).caption
+    assert "proved for every rig within 2 standard deviations" in caption
+    assert "this design for exactly these figures" in caption
 
 
 WATCH = """<script>

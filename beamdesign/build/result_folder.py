@@ -103,7 +103,7 @@ def report_html(run: DesignRun, files: dict[str, str], trade: tuple[TradePoint, 
     load_N, moving_mass_kg = run.problem.load.tip_force_N, sizing.beam_mass_kg + added_kg
     shown = [prototype_picture(prototype, load_N), *loop_pictures(prototype, loop(prototype))]
     if trade:
-        shown.append(trade_picture(trade, guarantee.bandwidth_Hz, moving_mass_kg))
+        shown.append(trade_picture(trade, guarantee, moving_mass_kg))
     pictures: dict[str, Block] = {one.name: in_page(one.figure, one.name, one.caption, hover=True) for one in shown}
     masses = masses_text(guarantee.outer_end_mass_kg)
     bandwidth, peak = stated_bandwidth(guarantee.bandwidth_Hz), stated_peak(guarantee.peak_sensitivity)

@@ -296,6 +296,7 @@ def front(
         bandwidths_Hz: bandwidths to guarantee.
         payloads_kg: upper ends of the payload range; else the study's.
     """
+    from beamdesign.quantities import rigs_in_words
     from beamdesign.report.canvas import new_figure
     from beamdesign.report.charts import TradePoint, plot_trade
     from beamdesign.synthesis import codesign as room
@@ -309,18 +310,18 @@ def front(
     count = len(ranges) * len(bandwidths)
     with in_time(minutes, f"{count:g} to {5 * count:g} min") as limit, progress("front") as update:
         found = room.front(problem, bandwidths, ranges, update, within)
-    rows = [design.columns() for design in found.designs]
-    figure = new_figure()
+    rows = [design.columns() | {"sigmas": within} for design in found.designs]
+    figure, rigs = new_figure(), rigs_in_words(within)
     points = [TradePoint(*(row[key] for key in TradePoint._fields)) for row in rows if row["proved"]]
     axes = plot_trade(figure.add_subplot(), points, failed_Hz=[design.bandwidth_Hz for design in found.failed])
-    axes.set_title("Lightest proved designs; x: no proved design found")
+    axes.set_title(f"Lightest designs, x: no proved design found;\nproved for {rigs}", fontsize=10)
     echo_table(
-        f"{problem.name}: lightest proved designs",
+        f"{problem.name}: lightest designs, proved for {rigs}",
         ("bandwidth, Hz", "payload to, kg", "moving mass, kg", "inner end mass, kg", "reason"),
         [[row.get(name, "-") for name in _FRONT] for row in rows],
     )
     write_drawn(out, "front", figure, rows)
-    return CommandResult(found.to_dict() | limit, found.yes)
+    return CommandResult(found.to_dict() | {"sigmas": within} | limit, found.yes)
 
 
 @command
@@ -345,7 +346,7 @@ def remedies(
         outer_end_mass: range of mass on the outer tip, kg; else the study's.
         added_mass_kg: most moving mass that a remedy may add.
     """
-    from beamdesign.quantities import stated_bandwidth
+    from beamdesign.quantities import rigs_in_words, stated_bandwidth
     from beamdesign.report.canvas import new_figure
     from beamdesign.report.charts import plot_remedies
     from beamdesign.synthesis import remedies as room
@@ -359,12 +360,13 @@ def remedies(
         found = room.remedies(problem, masses, added_mass_kg, update, within)
     rows = [one.to_dict() for one in found]
     shown = [row | {"bandwidth_Hz": stated_bandwidth(row["bandwidth_Hz"])} for row in rows]
-    plot_remedies((figure := new_figure(height_mm=80)).add_subplot(), found)
+    axes, rigs = plot_remedies((figure := new_figure(height_mm=80)).add_subplot(), found), rigs_in_words(within)
+    axes.set_title(f"{axes.get_title()},\nfor {rigs}", fontsize=10)
     echo_table(
-        f"{problem.name}: what is proved with each remedy, {masses[0]:g} to {masses[1]:g} kg at the tip",
+        f"{problem.name}: what is proved with each remedy, {masses[0]:g} to {masses[1]:g} kg at the tip, for {rigs}",
         ("remedy", "bandwidth", "added mass, kg", "lag", "reason"),
         [[row[name] for name in _REMEDY] for row in shown],
     )
     write_drawn(out, "remedies", figure, rows)
-    fields = {"remedies": rows, "outer_end_mass_kg": masses, "added_mass_kg": added_mass_kg, **limit}
+    fields = {"remedies": rows, "outer_end_mass_kg": masses, "added_mass_kg": added_mass_kg, "sigmas": within, **limit}
     return CommandResult(fields, yes=not all(one.reason for one in found))

@@ -84,11 +84,12 @@ def _name_stretches(axes: Axes, envelope: "Envelope", bottom: float) -> None:
 
 
 class TradePoint(NamedTuple):
-    """A proved design of a front."""
+    """A proved design of a front: its figures, and of rigs how many standard deviations off; None where not told."""
 
     outer_end_mass_high_kg: float
     bandwidth_Hz: float
     moving_mass_kg: float
+    sigmas: float | None = None
 
 
 def read_trade(folder: Path) -> tuple[TradePoint, ...]:
@@ -96,10 +97,14 @@ def read_trade(folder: Path) -> tuple[TradePoint, ...]:
     try:
         text = read_bytes(folder / FRONT_NAME, LARGEST_TABLE).decode()
         rows = [row for row in csv.DictReader(StringIO(text, newline="")) if row.get("proved") == "True"]
-        points = tuple(TradePoint(*(float(row[key]) for key in TradePoint._fields)) for row in rows)
+        given = [{key: float(row[key]) for key in _TRADED if key in row or key != "sigmas"} for row in rows]
+        points = tuple(TradePoint(**figures) for figures in given)
     except (OSError, KeyError, ValueError, TypeError, csv.Error):  # TypeError: a row that ends early
         return ()
-    return points if all(isfinite(figure) for point in points for figure in point) else ()
+    return points if all(isfinite(figure) for point in given for figure in point.values()) else ()
+
+
+_TRADED = TradePoint._fields
 
 
 def plot_trade(
@@ -114,7 +119,7 @@ def plot_trade(
         failed_Hz: bandwidths at which no design was proved; a cross on the upper edge marks each.
     """
     curves = {
-        f"up to {payload:g} kg at the tip": sorted(p[1:] for p in points if p.outer_end_mass_high_kg == payload)
+        f"up to {payload:g} kg at the tip": sorted(p[1:3] for p in points if p.outer_end_mass_high_kg == payload)
         for payload in sorted({point.outer_end_mass_high_kg for point in points})
     }
     for label, curve, style in styled(curves):

@@ -18,7 +18,7 @@ from matplotlib.ticker import LogLocator, MaxNLocator, NullLocator
 from beamdesign.loop import Loop, LoopAtMass
 from beamdesign.polynomial import exact, is_hurwitz, nearest
 from beamdesign.proofs.stability import StabilityMap, stable_ranges
-from beamdesign.prototype import InStage, Prototype
+from beamdesign.prototype import Guarantee, InStage, Prototype
 from beamdesign.quantities import decimal, masses_text, quantity, read_in, rigs_in_words, stated_bandwidth
 from beamdesign.report.canvas import LIMIT, finish, new_figure, note
 from beamdesign.report.charts import TradePoint, plot_stable_bands, plot_trade
@@ -176,15 +176,18 @@ def loop_pictures(prototype: Prototype, loop: Loop) -> list[CaptionedFigure]:
     return pictures
 
 
-def trade_picture(points: tuple[TradePoint, ...], bandwidth_Hz: float, moving_mass_kg: float) -> CaptionedFigure:
+def trade_picture(points: tuple[TradePoint, ...], guarantee: Guarantee, moving_mass_kg: float) -> CaptionedFigure:
     """Proved designs of a front beside this one."""
     figure = new_figure(150, 85)
-    plot_trade(figure.subplots(), points, (bandwidth_Hz, moving_mass_kg))
+    plot_trade(figure.subplots(), points, (guarantee.bandwidth_Hz, moving_mass_kg))
+    of = {point.sigmas for point in points}
+    rigs = "" if None in of else f" for {' or '.join(rigs_in_words(sigmas) for sigmas in sorted(of))}"
+    other = "" if of <= {guarantee.sigmas, None} else f", this design for {rigs_in_words(guarantee.sigmas)}"
     return CaptionedFigure(
         "trade",
         figure,
         "Lightest proved designs over the bandwidth they guarantee, sections, end mass and controller chosen together;"
-        " points are proved, the lines between them are not.",
+        f" points are proved{rigs}{other}, the lines between them are not.",
     )
 
 
