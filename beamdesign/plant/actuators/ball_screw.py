@@ -210,7 +210,7 @@ class BallScrew(Actuator):
             Row("axial damping of these c_s", self.screw_damping_N_s_per_m, None, "N s/m"),
             Row("torque constant K_t", torque, None, "N m/A"),
             Row("inertia of rotor, coupling and screw J", self.rotor_inertia_kg_m2, None, "kg m2"),
-            Row("the same at the nut, J / h²", at_nut, None, "kg", "inertia_at_the_nut_kg"),
+            Row("inertia at the nut, J / h²", at_nut, None, "kg", "inertia_at_the_nut_kg"),
             Row("speed feedback k_w", self.speed_feedback_A_s_per_rad, None, "A s/rad"),
             Row("break of the current loop", self.current_loop_Hz, None, "Hz"),
             Row(
