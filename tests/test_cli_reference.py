@@ -65,6 +65,16 @@ def test_nothing_is_overwritten(started: dict[str, Path]) -> None:
         assert {f: f.read_bytes() for f in before} == before
 
 
+def test_no_result_is_proposed_to_be_written_over_a_data_set_among_results(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A diagnosis into the folder that it reads is refused."""
+    monkeypatch.chdir(tmp_path)
+    said = invoke("new", "dataset", "--out", "results/rig1")
+    read, out = re.findall(r"next:    beamdesign gap diagnose (\S+) --out (\S+)", said)[0]
+    assert (read, out) == ("results/rig1", "results/rig1_diagnosis")
+
+
 def test_templates_are_listed_and_a_misspelt_one_is_guessed(tmp_path: Path) -> None:
     answer = tmp_path / "list.json"
     listed = invoke("new", "--list", "--json", str(answer))

@@ -77,7 +77,7 @@ TEMPLATES = {
     "dataset": Template(
         "a folder for what came back from a rig, with the model that was believed",
         (("dataset.toml", "dataset.toml"), ("prototype.toml", "rig.toml")),
-        ("beamdesign gap diagnose {it} --out results/{name}",),
+        ("beamdesign gap diagnose {it} --out results/{name}_diagnosis",),
     ),
 }
 """By name, in the order in which a newcomer meets them."""
