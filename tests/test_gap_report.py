@@ -184,6 +184,14 @@ def test_without_records_or_fits_there_is_still_a_page(found: Diagnosis) -> None
     assert "<figure" not in text
 
 
+def test_figures_have_units_and_what_was_left_out_has_words(found: Diagnosis) -> None:
+    pairs = tuple(f"sensor_lag + parameter:flow_gain {k}" for k in range(20))
+    page = gap_report_html(replace(found, next_experiment=None, left_out=pairs), {"json": "d.json"})
+    assert "outer_stiffness_N_per_m = 5" in page
+    assert "break_Hz = 250" in page
+    assert "sensor lag + a wrong flow gain 11 and 8 more" in page
+
+
 def test_several_sets_of_causes_are_told_to_remain_only_where_there_are(found: Diagnosis) -> None:
     one = CauseSet(("sensor_lag",), 1.0, 0.01)
     alone = replace(

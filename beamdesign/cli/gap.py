@@ -133,6 +133,8 @@ def _usually(data: "Dataset") -> str:
 
 def echo_diagnosis(found: "Diagnosis") -> None:
     """The answer for people."""
+    from beamdesign.report.gap_tables import figure_name
+
     echo(f"{found.name}: {found.verdict.replace('_', ' ')}")
     echo(found.sentences)
     echo(*found.warnings, before="warning: ")
@@ -142,7 +144,7 @@ def echo_diagnosis(found: "Diagnosis") -> None:
     for cause in found.causes:
         if cause.name in found.chosen or cause.probability > _WORTH_FIGURES:
             for key, q in cause.parameters.items():
-                echo(f"{cause.name}: {key} = {q.value:.4g} ± {q.std:.2g}")
+                echo(f"{cause.name}: {figure_name(key)} = {q.value:.4g} ± {q.std:.2g}")
             echo(*[f"like {cause.like}"] * bool(cause.like), *cause.flags, before=f"{cause.name}: ")
     where = found.where
     if where.subsystem:

@@ -28,6 +28,7 @@ from beamdesign.report.gap_tables import (
     closed_text,
     condition_text,
     error_maps,
+    figure_name,
     fitted_figures,
     indicator_table,
     place,
@@ -131,7 +132,7 @@ def gap_report_html(
     held_out = {record.record for record in found.gap.records if record.held_out}
     seen = [] if data is None else sorted(found.errors, key=lambda e: e.name not in held_out)
     conditions = {} if data is None else {r.name: condition_text(r) for r in data.records}
-    own = (decimal, stated_bandwidth, stated_peak, in_words, place, controller_text, terms_table)
+    own = (decimal, stated_bandwidth, stated_peak, in_words, place, controller_text, figure_name, terms_table)
     template = page_template(
         "gap_report.html", *own, share=share_text, figure=_figure, closed=closed_text, masses=masses_text
     )

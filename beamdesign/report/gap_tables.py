@@ -172,6 +172,11 @@ def _shown(name: str, value: float, error: float | None = None) -> str:
     return f"{number} ± {words.partition(' ')[0]} {shown}".rstrip()
 
 
+def figure_name(key: str) -> str:
+    """A figure of a cause with its unit, as those of effects have theirs: that of the model."""
+    return PARAMETERS[key].key if key in PARAMETERS else key
+
+
 def place(z: float) -> float:
     """Of a move on a scale from 0 to 1, its middle where nothing moved."""
     return 0.5 + 0.5 * min(1.0, max(-1.0, z / _WIDEST_Z))
