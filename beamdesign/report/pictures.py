@@ -180,9 +180,9 @@ def trade_picture(points: tuple[TradePoint, ...], guarantee: Guarantee, moving_m
     """Proved designs of a front beside this one."""
     figure = new_figure(150, 85)
     plot_trade(figure.subplots(), points, (guarantee.bandwidth_Hz, moving_mass_kg))
-    of = {point.sigmas for point in points}
-    rigs = "" if None in of else f" for {' or '.join(rigs_in_words(sigmas) for sigmas in sorted(of))}"
-    other = "" if of <= {guarantee.sigmas, None} else f", this design for {rigs_in_words(guarantee.sigmas)}"
+    of = {point.sigmas for point in points if point.sigmas is not None}
+    rigs = f" for {' or '.join(rigs_in_words(sigmas) for sigmas in sorted(of))}" if of else ""
+    other = "" if of <= {guarantee.sigmas} else f", this design for {rigs_in_words(guarantee.sigmas)}"
     return CaptionedFigure(
         "trade",
         figure,
