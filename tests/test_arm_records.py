@@ -8,7 +8,17 @@ import pytest
 import tomli_w
 from gap_sets import TOLERANCE, measured, scenario
 
-from beamdesign import InputError, Prototype, certify, check, diagnose, read_dataset, read_prototype, simulate
+from beamdesign import (
+    InputError,
+    Prototype,
+    certify,
+    check,
+    critical_gain,
+    diagnose,
+    read_dataset,
+    read_prototype,
+    simulate,
+)
 from beamdesign.controllers import Proportional
 from beamdesign.diagnosis import separability
 from beamdesign.diagnosis.data.dataset import Dataset, MeasuredGain
@@ -21,7 +31,6 @@ from beamdesign.diagnosis.fitting.gain_evidence import GainEvidence
 from beamdesign.diagnosis.fitting.hypothesis import NOTHING, Hypothesis, Placement, singles
 from beamdesign.diagnosis.predict import read_inputs
 from beamdesign.diagnosis.redesign import redesign
-from beamdesign.loop import critical_gain
 from beamdesign.plant.assembly import assemble, parameters_of, structure_of
 from beamdesign.plant.equilibrium import equilibrium, linearise
 from beamdesign.plant.harmonic_balance import limit_cycles
