@@ -249,9 +249,8 @@ def quantity(value: float, unit: str, digits: int = 4, rounding: str = ROUND_HAL
         KeyError: for a unit that has no everyday form here.
     """
     shown, factor = read_in(value, unit)
-    exact = Decimal(repr(float(value))) * Decimal(
-        repr(factor)
-    )  # so that 6e-8 times 1e9 is 60, whichever way is rounded
+    # In decimals 6e-8 times 1e9 is 60, whichever way is rounded.
+    exact = Decimal(repr(float(value))) * Decimal(repr(factor))
     return f"{decimal(float(exact), digits, rounding)} {shown}".rstrip()
 
 

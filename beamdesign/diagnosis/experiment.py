@@ -94,7 +94,7 @@ def menu(data: Dataset) -> Iterator[Experiment]:
         law, payload = record.controller, f"a payload of {outer:.3g} kg" if outer > 0 else "no payload"
         beyond = f" (more than the {stated[1]:g} kg that the prototype is stated for)" if outer > stated[1] else ""
         for signal, words in _signals(data):
-            acting = "servo off" if law == OFF else controller_text(law, inner)
+            acting = f"servo off, {inner:.3g} kg inside" if law == OFF else controller_text(law, inner)
             text = f"{words}, {payload}{beyond}, {acting}"
             row = ScenarioRecord(
                 name="next", input=(signal,), outer_end_mass_kg=outer, inner_end_mass_kg=inner, controller=law
