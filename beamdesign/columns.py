@@ -15,7 +15,7 @@ from beamdesign.spelling import fault, in_csv
 
 LARGEST = {
     "s": (1e10, 1e6), "N": (1e7, 1.0), "V": (1e3, 1e3), "A": (100.0, 1e6), "m": (10.0, 1e6), "Pa": (1e9, 1.0),
-    "Hz": (1e6, 1.0), "m_per_N": (1.0, 1e6), "deg": (1e6, 1.0),
+    "Hz": (1e6, 1.0), "m_per_N": (1.0, 1e6), "m_per_V": (10.0, 1e6), "deg": (1e6, 1.0),
 }  # fmt: skip
 """By unit of a column: what no rig goes beyond (times may count from 1970), and how much larger it may be written.
 

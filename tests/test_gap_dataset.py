@@ -315,6 +315,23 @@ def same(values: np.ndarray) -> np.ndarray:
     return values
 
 
+def test_a_response_to_a_command_has_a_column_of_its_own(sound: Recorded, responding: Callable[..., Path]):
+    def with_column(name: str, **entry: object) -> Path:
+        sound.files["r.csv"] = sound.files["r.csv"].replace("magnitude_m_per_N", name)
+        sound.index["frequency_response"][0] |= entry
+        return sound.write(folder)
+
+    folder = responding(same, same)
+    (taken,) = read_dataset(with_column("magnitude_m_per_V", amplitude_V=0.2)).responses
+    assert (taken.driven_by, taken.amplitude) == (1, 0.2)
+    assert "is stated for a file of magnitude_m_per_V" in str(
+        refusal(with_column("magnitude_m_per_V", amplitude_N=9.0))
+    )
+    both = sound.files["r.csv"].replace("phase_deg", "magnitude_m_per_N")
+    sound.files["r.csv"] = both
+    assert "stands beside magnitude_m_per_V" in str(refusal(sound.write(folder)))
+
+
 @pytest.mark.parametrize(
     ("magnitude", "phase", "key", "words"),
     [

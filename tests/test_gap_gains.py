@@ -231,6 +231,30 @@ def test_responses_are_those_of_the_exact_loop(believed: Prototype, setting):
     assert len(amount.residual(placement, nominal)) == len(LINES)
 
 
+def under_command(prototype: Prototype, break_Hz: float, setting: tuple[Controller, float, float]) -> FrequencyResponse:
+    """What the sensor shows of a command: L / (1 + L) over its gain, L with the filter in it."""
+    law, outer, inner = setting
+    rig = filtered(prototype, break_Hz).but(controller=law, payload=Payload(inner_end_mass_kg=inner))
+    found = loop(rig).at(outer).loop_response(LINES)
+    seen = found / (1 + found) / prototype.sensor.gain_V_per_m
+    return FrequencyResponse("command", LINES, seen, True, None, outer, inner, law, driven_by=1)
+
+
+@pytest.mark.parametrize("setting", [SETTINGS[0], (LAG, 6.8, 4.4)])
+def test_responses_to_a_command_are_those_of_the_exact_loop(believed: Prototype, setting):
+    piece = ResponseEvidence(under_command(believed, 400.0, setting), believed)
+    placement = together("sensor_lag").placement(believed)
+    assert np.abs(piece.residual(placement, np.zeros(len(placement.unknowns)))).max() < 1e-6
+
+
+def test_a_slow_sensor_is_found_in_responses_to_a_command(believed: Prototype):
+    data = Dataset(
+        "commanded", Path(), believed, (), tuple(under_command(believed, 150.0, each) for each in SETTINGS[:2]), ()
+    )
+    found = diagnose(data, 1)
+    assert (found.verdict, found.chosen) == ("effect", ("sensor_lag",))
+
+
 HALF_A, FORCE_N = 5e-5, 100.0
 SINES = np.geomspace(3.0, 40.0, 8)  # slower ones depend on where in the band they began
 
@@ -262,10 +286,12 @@ def test_sines_that_meet_a_deadband_are_those_of_harmonic_balance(swept: Respons
     assert np.abs(np.log(np.abs(linear / swept.measured.response))).max() > 0.3  # by the loop with the valve open
 
 
-def test_sines_far_beyond_a_deadband_are_those_of_the_linear_loop(swept: ResponseEvidence):
-    placement, z = with_deadband(swept, HALF_A / 1000)
-    linear = replace(swept, swept=0).predicted(placement, z)
-    assert np.abs(swept.predicted(placement, z) / linear - 1).max() < 0.005
+@pytest.mark.parametrize(("driven_by", "amplitude"), [(0, FORCE_N), (1, 0.3)])
+def test_sines_far_beyond_a_deadband_are_those_of_the_linear_loop(swept: ResponseEvidence, driven_by, amplitude):
+    piece = replace(swept, measured=replace(swept.measured, driven_by=driven_by, amplitude=amplitude))
+    placement, z = with_deadband(piece, HALF_A / 1000)
+    linear = replace(piece, swept=0).predicted(placement, z)
+    assert np.abs(piece.predicted(placement, z) / linear - 1).max() < 0.005
 
 
 def test_many_lines_and_lines_out_of_reach_take_no_more_sines(swept: ResponseEvidence):
@@ -285,7 +311,7 @@ def test_a_response_whose_force_is_not_stated_is_one_of_small_motion(swept: Resp
     times = np.arange(100) / 1000
     still = TimeRecord("still", times, np.zeros((100, 2)), {DISPLACEMENT: np.zeros(100)}, 0.0, 0.0, LAG)
     for force, simulated in ((FORCE_N, True), (None, False)):
-        taken = replace(swept.measured, amplitude_N=force)
+        taken = replace(swept.measured, amplitude=force)
         (piece,) = figures_of(Dataset("sines", Path(), swept.prototype, (still,) * beside, (taken,), ()))
         assert isinstance(piece, ResponseEvidence)
         assert piece.swept == (0 if force is None else 12 if beside else 40)
@@ -515,7 +541,7 @@ def test_a_response_that_no_linear_cause_explains_is_said_to_be_unknown(believed
     assert found.verdict == "unknown"
     assert found.chosen == ()
     assert "a factor of four" in found.next_experiment.text
-    known = tuple(replace(curve, amplitude_N=20.0) for curve in rippled)
+    known = tuple(replace(curve, amplitude=20.0) for curve in rippled)
     assert "at 5 and at 20 N" in another_size(replace(sound, responses=known)).text
 
 

@@ -244,7 +244,7 @@ def test_loop_figures_are_those_of_the_exact_loop(monkeypatch, tmp_path):
     found = read_dataset(tmp_path)
     assert found.records == ()
     (response,), (gain,) = found.responses, found.gains
-    assert response.amplitude_N == 30.0
+    assert response.amplitude == 30.0
     exact = loop(prototype).at(0.0).compliance_response(response.frequencies_Hz)
     off = np.log(response.response / exact)
     assert 0.002 < np.std(off) < 0.03

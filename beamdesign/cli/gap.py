@@ -126,7 +126,7 @@ def _usually(data: "Dataset") -> str:
     if data.records:
         least = _SECONDS_PER_SAMPLE * sum(len(record.times) for record in data.records)
     else:
-        sweeps = sum(response.amplitude_N is not None for response in data.responses)
+        sweeps = sum(response.amplitude is not None for response in data.responses)
         least = _SECONDS_PER_FIGURE * (len(data.gains) + len(data.responses)) + _SECONDS_PER_SWEEP * sweeps
     return f"{in_words(least)} to {in_words(6 * least)}"
 

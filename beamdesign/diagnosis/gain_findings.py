@@ -13,6 +13,7 @@ import numpy as np
 
 from beamdesign.controllers import Controller
 from beamdesign.diagnosis.data.dataset import Dataset, FrequencyResponse, MeasuredGain
+from beamdesign.diagnosis.data.dataset_index import OFF
 from beamdesign.diagnosis.diagnosis import NextExperiment
 from beamdesign.diagnosis.experiment import distance, information
 from beamdesign.diagnosis.fitting.evidence import Figure
@@ -227,7 +228,7 @@ def next_experiment(data: Dataset, rivals: Sequence[Fit], weights: Sequence[floa
 
 def another_size(data: Dataset) -> NextExperiment:
     """Where no explanation is at hand: whether it depends on the size of the motion, which such data do not say."""
-    forces = sorted({r.amplitude_N for r in data.responses if r.amplitude_N is not None})
+    forces = sorted({r.amplitude for r in data.responses if r.amplitude is not None and not r.driven_by})
     sizes = f"at {forces[0] / 4:.3g} and at {forces[0]:.3g} N" if forces else "at two forces a factor of four apart"
     return NextExperiment(
         f"Record the displacement and the current in time under a multisine force from 1 to 300 Hz {sizes}: a linear"
@@ -324,7 +325,7 @@ def experiments(data: Dataset, assumed: Fit) -> Menu:
 
 def _laws(data: Dataset) -> list[Controller]:
     found: dict[Controller, Controller] = {}
-    for law in [g.controller for g in data.gains] + [r.controller for r in data.responses]:
+    for law in [g.controller for g in data.gains] + [r.controller for r in data.responses if r.controller != OFF]:
         found.setdefault(law.but(gain_A_per_V=1.0), law)
     return list(found.values())
 

@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 
 from beamdesign.controllers import Controller
 from beamdesign.diagnosis.data.dataset import Dataset, FrequencyResponse, MeasuredGain, TimeRecord
+from beamdesign.diagnosis.data.dataset_index import OFF
 from beamdesign.loop import critical_gain
 from beamdesign.progress import Progress, silent
 from beamdesign.proofs.certificate import Certificate
@@ -130,7 +131,7 @@ def loops_of(data: Dataset) -> list[tuple[Controller, float, tuple[float, float]
         if law is not None:
             uses[law, data.prototype.payload.inner_end_mass_kg] = 10**6
     recorded: list[TimeRecord | FrequencyResponse] = [*data.records, *data.responses]
-    for taken in recorded:
+    for taken in (one for one in recorded if one.controller != OFF):
         key = (taken.controller, taken.inner_end_mass)
         uses[key] = uses.get(key, 0) + 1
     if not uses:

@@ -21,6 +21,8 @@ from beamdesign.structure.arm import arm_of, in_plane, lever_figures
 
 INPUTS = ("disturbance_N", "command_V")
 MEASURED = ("current_A", "displacement_m")
+MAGNITUDES = ("magnitude_m_per_N", "magnitude_m_per_V")
+"""Of a frequency response, by which of `INPUTS` drove it."""
 _EDGE_S = 5e-3
 
 
@@ -110,29 +112,36 @@ class TimeRecord:
 
 @dataclass(frozen=True)
 class FrequencyResponse:
-    """Closed-loop compliance |x/F_d| of the outer tip, measured at lines.
+    """Displacement over the force on the outer tip (compliance) or over the command, of the loop, measured at lines.
 
     Attributes:
         name: file name without its ending.
         frequencies_Hz: (N,) rising.
-        response: (N,) complex where the phase was measured, else its magnitude; m/N.
+        response: (N,) complex where the phase was measured, else its magnitude; m/N or m/V.
         has_phase: whether it was.
-        amplitude_N: of the force; None where it is not stated.
+        amplitude: of what drove it, N or V; None where it is not stated.
         outer_end_mass: payload, kg.
         inner_end_mass: kg.
         controller: of the loop.
         source: file it was read from.
+        driven_by: column of `INPUTS`.
     """
 
     name: str
     frequencies_Hz: np.ndarray = field(repr=False)
     response: np.ndarray = field(repr=False)
     has_phase: bool
-    amplitude_N: float | None
+    amplitude: float | None
     outer_end_mass: float
     inner_end_mass: float
     controller: Controller
     source: str = ""
+    driven_by: int = 0
+
+    @property
+    def column(self) -> str:
+        """Of the file, with its magnitude."""
+        return MAGNITUDES[self.driven_by]
 
 
 @dataclass(frozen=True)
@@ -311,22 +320,34 @@ def _time_record(index: Path, row: TimeEntry, controller: Controller, felt: str,
 
 def _response(path: Path, row: ResponseEntry, controller: Controller) -> FrequencyResponse:
     columns = read_columns(path)
-    refuse_missing(path, ("frequency_Hz", "magnitude_m_per_N"), columns)
-    frequencies, magnitude = columns["frequency_Hz"], columns["magnitude_m_per_N"]
+    driven_by = int(MAGNITUDES[1] in columns)
+    column, other = MAGNITUDES[driven_by], MAGNITUDES[1 - driven_by]
+    refuse_missing(path, ("frequency_Hz", column), columns)
+    frequencies, magnitude = columns["frequency_Hz"], columns[column]
     wrong = []
+    if other in columns:
+        wrong.append(Problem(other, f"stands beside {column}: give each response a file of its own"))
+    if (row.amplitude_V, row.amplitude_N)[driven_by] is not None:
+        key = ("amplitude_V", "amplitude_N")[driven_by]
+        wrong.append(Problem(key, f"is stated for a file of {column}: it is driven by the other input"))
+    if driven_by and row.servo_off:
+        wrong.append(Problem("servo_off", "with the servo off a command moves nothing"))
     if np.any(np.diff(frequencies) <= 0) or frequencies[0] <= 0:
         wrong.append(Problem("frequency_Hz", "must be positive and rise from row to row"))
     if np.all(magnitude < 0):
-        wrong.append(Problem("magnitude_m_per_N", "all are negative: give the ratio in m/N, not decibels"))
+        wrong.append(
+            Problem(column, f"all are negative: give the ratio in {column[10:].replace('_per_', '/')}, not decibels")
+        )
     elif np.any(magnitude <= 0):
         first = int(np.argmax(magnitude <= 0))
-        wrong.append(Problem("magnitude_m_per_N", f"must be positive, is {magnitude[first]:g} in row {first + 2}"))
+        wrong.append(Problem(column, f"must be positive, is {magnitude[first]:g} in row {first + 2}"))
     if wrong:
         raise InputError(path, wrong)
     phase = columns.get("phase_deg")
     response = magnitude if phase is None else magnitude * np.exp(1j * np.deg2rad(phase))
-    taken = (row.amplitude_N, row.outer_end_mass_kg, row.inner_end_mass_kg, controller, str(path))
-    return FrequencyResponse(path.stem, frequencies, response, phase is not None, *taken)
+    amplitude, masses = (row.amplitude_N, row.amplitude_V)[driven_by], (row.outer_end_mass_kg, row.inner_end_mass_kg)
+    taken = (phase is not None, amplitude, *masses, controller, str(path), driven_by)
+    return FrequencyResponse(path.stem, frequencies, response, *taken)
 
 
 def _measured_gain(row: GainEntry, prototype: Prototype, path: Path) -> MeasuredGain:

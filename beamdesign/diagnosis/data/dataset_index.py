@@ -70,11 +70,15 @@ class ResponseEntry(Looped):
 
     file: Annotated[
         FileName,
-        Field(description="CSV file beside dataset.toml: frequency_Hz, magnitude_m_per_N and optionally phase_deg"),
+        Field(
+            description="CSV file beside dataset.toml: frequency_Hz, magnitude_m_per_N (under a force) or"
+            " magnitude_m_per_V (under a command), and optionally phase_deg"
+        ),
     ]
     amplitude_N: Annotated[
         q.Force | None, Field(description="amplitude of the force it was taken with; without it, small motion is meant")
     ] = None
+    amplitude_V: Annotated[q.Voltage | None, Field(description="the same of a command")] = None
 
 
 class GainEntry(Taken):

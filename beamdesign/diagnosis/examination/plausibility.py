@@ -44,9 +44,11 @@ from beamdesign.parameters import stated_or_typical
 from beamdesign.prototype import Prototype
 from beamdesign.records import InputError, Problem
 
-_UNITS = {
-    "mm/N": 1e3, "um/N": 1e6, "in/lbf": 4.4482216 / 0.0254, "mm/kN": 1e6, "m/kN": 1e3, "m/lbf": 4.4482216,
-}  # fmt: skip
+_UNITS = (
+    {"mm/N": 1e3, "um/N": 1e6, "in/lbf": 4.4482216 / 0.0254, "mm/kN": 1e6, "m/kN": 1e3, "m/lbf": 4.4482216},
+    {"mm/V": 1e3, "um/V": 1e6},
+)
+"""Of a response under a force and under a command."""
 _FAR = np.log(3.0)
 _NEAR = np.log(2.0)
 _FEWEST = 3
@@ -69,7 +71,7 @@ def check_responses(responses: Sequence[FrequencyResponse], prototype: Prototype
 def _nominal(response: FrequencyResponse, prototype: Prototype, frequencies: np.ndarray) -> np.ndarray | None:
     with np.errstate(over="raise", invalid="raise", divide="raise"):
         loop = nominal_loop(prototype, response)
-    return loop.responses(frequencies)[:, 1, 0] if loop.stable else None
+    return loop.responses(frequencies)[:, 1, response.driven_by] if loop.stable else None
 
 
 def _problems(response: FrequencyResponse, prototype: Prototype) -> list[Problem]:
@@ -86,9 +88,10 @@ def _problems(response: FrequencyResponse, prototype: Prototype) -> list[Problem
     measured = np.abs(response.response)
     level, shape = _level_and_shape(measured, nominal)
     if abs(level) > _FAR:
-        for unit, factor in _UNITS.items():
+        more = {"V/V, over the sensor's gain": prototype.sensor.gain_V_per_m} if response.driven_by else {}
+        for unit, factor in (_UNITS[response.driven_by] | more).items():
             if abs(level - np.log(factor)) < min(_NEAR, 0.3 * np.log(factor)) and shape < _NEAR:
-                return [Problem("magnitude_m_per_N", f"values are in {unit}, by their scale: divide by {factor:g}")]
+                return [Problem(response.column, f"values are in {unit}, by their scale: divide by {factor:g}")]
     problems = []
     slower_level, slower_shape = _level_and_shape(measured, slower)
     if max(shape, abs(level)) > 0.4 and max(slower_shape, abs(slower_level)) < 0.5 * max(shape, abs(level)):

@@ -120,9 +120,7 @@ def figures_of(data: Dataset) -> tuple[Figure, ...]:
     rough = ROUGH if data.records else 0.0
     lines = _FEW_LINES if rough else _LINES
     responses = (
-        ResponseEvidence(
-            taken, data.prototype, share=max(SHARE, rough), swept=0 if taken.amplitude_N is None else lines
-        )
+        ResponseEvidence(taken, data.prototype, share=max(SHARE, rough), swept=0 if taken.amplitude is None else lines)
         for taken in data.responses
     )
     return (*responses, *(GainEvidence(taken, data.prototype, rough=rough) for taken in data.gains))

@@ -23,7 +23,7 @@ from beamdesign.diagnosis.fitting.hypothesis import Placement, cause, together
 from beamdesign.diagnosis.fitting.replay import bearing, law_of_play
 from beamdesign.diagnosis.fitting.swept_sine import SweptSine, depends_on_size
 from beamdesign.diagnosis.fitting.weighting import INDEPENDENT, SHARE
-from beamdesign.plant.assembly import INPUTS, OUTPUTS, Assembly, assemble, parameters_of
+from beamdesign.plant.assembly import OUTPUTS, Assembly, assemble, parameters_of
 from beamdesign.plant.equilibrium import Linearisation, equilibrium, equilibrium_sensitivity, linearise, scales
 from beamdesign.prototype import Prototype
 
@@ -194,7 +194,7 @@ class LinearEvidence(Evidence):
         return self._models[key]
 
 
-_FORCE, _SEEN = INPUTS.index("disturbance_N"), OUTPUTS.index("displacement_m")
+_SEEN = OUTPUTS.index("displacement_m")
 _STABLE = 1e-6  # rad/s
 _NEIGHBOURS = 4
 _LARGEST_NOISE, _UNTOLD, _DIGITS = 0.5, SHARE, 1e-4
@@ -210,12 +210,12 @@ class ResponseEvidence(LinearEvidence):
     their neighbours together, and a response as a whole counts as no more than `weighting.INDEPENDENT` units.
 
     The response is that of the linear loop of `LinearModel`, to the displacement that the controller sees; where the
-    two directions of the valve differ a sine meets both alike, so the mean of both loops stands for them. The force's
+    two directions of the valve differ a sine meets both alike, so the mean of both loops stands for them. The sine's
     amplitude has no part in that. Where `swept`, what depends on it is simulated instead, see `SweptSine`.
 
     Attributes:
         share: relative error of a model that counts as one unit.
-        swept: lines at which laws that are not linear meet the force at its amplitude, which then is stated; 0: none.
+        swept: lines at which laws that are not linear meet the sine at its amplitude, which then is stated; 0: none.
     """
 
     measured: FrequencyResponse
@@ -261,9 +261,10 @@ class ResponseEvidence(LinearEvidence):
 
     @property
     def condition(self) -> object:
-        """Under which it was taken: masses, controller, amplitude."""
+        """Under which it was taken: masses, controller, input, amplitude."""
         taken = self.measured
-        return ("response", taken.outer_end_mass, taken.inner_end_mass, taken.controller, taken.amplitude_N)
+        masses = taken.outer_end_mass, taken.inner_end_mass
+        return ("response", *masses, taken.controller, taken.driven_by, taken.amplitude)
 
     @property
     def units(self) -> np.ndarray:
@@ -271,7 +272,7 @@ class ResponseEvidence(LinearEvidence):
         return np.tile(self._unit / self._scale, 2 if self.measured.has_phase else 1)
 
     def predicted(self, placement: Placement, z: np.ndarray) -> np.ndarray | None:
-        """(N,) complex response of the model, m/N; None where its loop is unstable."""
+        """(N,) complex response of the model, in the unit of the measured one; None where its loop is unstable."""
         found = self._response(placement, z, sloped=False)
         return None if found is None else found[0]
 
@@ -302,8 +303,8 @@ class ResponseEvidence(LinearEvidence):
         return linear[0] * everywhere, linear[1] + more
 
     def _linear(self, placement: Placement, z: np.ndarray, sloped: bool) -> tuple[np.ndarray, np.ndarray] | None:
-        """See `_response`, of the linear loop: by its states per newton at every line, and their adjoints."""
-        model = self.model(placement)
+        """See `_response`, of the linear loop: by its states per unit of input at every line, and their adjoints."""
+        model, given = self.model(placement), self.measured.driven_by
         p = model.parameters(z)
         try:
             points = model.points(p)
@@ -315,8 +316,8 @@ class ResponseEvidence(LinearEvidence):
             return None
         rates = 2j * np.pi * self.measured.frequencies_Hz
         resolvent = rates[:, None, None] * np.eye(len(loop.a)) - loop.a
-        right = np.linalg.solve(resolvent, np.tile(loop.b[:, _FORCE, None], (len(rates), 1, 1)))[..., 0]
-        response = right @ loop.c[_SEEN] + loop.d[_SEEN, _FORCE]
+        right = np.linalg.solve(resolvent, np.tile(loop.b[:, given, None], (len(rates), 1, 1)))[..., 0]
+        response = right @ loop.c[_SEEN] + loop.d[_SEEN, given]
         if not sloped:
             return response, np.zeros((len(rates), 0))
         seen = np.tile(loop.c[_SEEN, :, None], (len(rates), 1, 1))
@@ -325,8 +326,8 @@ class ResponseEvidence(LinearEvidence):
         columns = []
         for k in range(len(z)):
             by = _mean([side[k] for side in slopes])
-            moved = np.einsum("ni,ij,nj->n", left, by.a, right) + left @ by.b[:, _FORCE]
-            columns.append((moved + right @ by.c[_SEEN] + by.d[_SEEN, _FORCE]) / response)
+            moved = np.einsum("ni,ij,nj->n", left, by.a, right) + left @ by.b[:, given]
+            columns.append((moved + right @ by.c[_SEEN] + by.d[_SEEN, given]) / response)
         return response, np.array(columns).reshape(len(z), len(response)).T
 
     def misfit(self, predicted: np.ndarray) -> np.ndarray:

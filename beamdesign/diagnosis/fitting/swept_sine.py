@@ -1,6 +1,6 @@
 """A frequency response as it is measured: one sine after the other, simulated until it repeats itself.
 
-What a deadband, a hysteresis, friction or a limit makes of a sine depends on its force, and no linear loop says it. The
+What a deadband, a hysteresis, friction or a limit makes of a sine depends on its size, and no linear loop says it. The
 nonlinear rig does, and its derivatives with it; of the motion the first harmonic is taken, as an analyser does (A. Gelb
 and W. E. Vander Velde, Multiple-Input Describing Functions and Nonlinear System Design, 1968, section 2.2).
 """
@@ -19,7 +19,7 @@ from beamdesign.prototype import Prototype
 
 _LOWEST_HZ, _HIGHEST_HZ = 1.0, 400.0
 _SETTLES_S, _SETTLES_PERIODS, _LISTENS_S = 0.5, 4, 0.05
-_RISES_S = 0.1  # of the force, to its amplitude
+_RISES_S = 0.1  # of the input, to its amplitude
 _SAMPLE_S, _LEAST_SAMPLES = 0.5e-3, 16  # of a period
 
 
@@ -40,7 +40,7 @@ class SweptSine:
     """Sines of a frequency response, ready to be simulated with any figures and any effects.
 
     Attributes:
-        measured: the response, with the amplitude of its force.
+        measured: the response, with the amplitude of its input.
         prototype: that was believed.
         most: lines that are simulated.
     """
@@ -67,21 +67,21 @@ class SweptSine:
 
     @cached_property
     def _sines(self) -> list[tuple[Replay, np.ndarray]]:
-        """Of every such line its sine, and what takes the first harmonic of the displacement per newton from it."""
+        """Of every such line its sine, and what takes the displacement's first harmonic, over the input, from it."""
         return [self._sine(float(hertz)) for hertz in self.measured.frequencies_Hz[self.lines]]
 
     def _sine(self, hertz: float) -> tuple[Replay, np.ndarray]:
         taken = self.measured
-        assert taken.amplitude_N is not None
+        assert taken.amplitude is not None
         each = max(_LEAST_SAMPLES, ceil(1 / (hertz * _SAMPLE_S)))
         settles, listens = max(_SETTLES_PERIODS, ceil(_SETTLES_S * hertz)), ceil(_LISTENS_S * hertz)
         times = np.arange((settles + listens) * each + 1) / (each * hertz)
         turns, rises = 2 * np.pi * hertz * times, np.minimum(times / _RISES_S, 1.0)
         inputs = np.zeros((len(times), 2))
-        inputs[:, 0] = taken.amplitude_N * np.sin(turns) * (0.5 - 0.5 * np.cos(np.pi * rises))
+        inputs[:, taken.driven_by] = taken.amplitude * np.sin(turns) * (0.5 - 0.5 * np.cos(np.pi * rises))
         listened = np.zeros(len(times), complex)
         window = slice(settles * each, -1)
-        listened[window] = 2j * np.exp(-1j * turns[window]) / (listens * each * taken.amplitude_N)
+        listened[window] = 2j * np.exp(-1j * turns[window]) / (listens * each * taken.amplitude)
         still = {DISPLACEMENT: np.zeros(len(times))}
         masses = taken.outer_end_mass, taken.inner_end_mass
         return Replay(TimeRecord(taken.name, times, inputs, still, *masses, taken.controller), self.prototype), listened
@@ -89,7 +89,7 @@ class SweptSine:
     def response(
         self, placement: Placement, z: np.ndarray, sloped: bool = True
     ) -> tuple[np.ndarray, np.ndarray] | None:
-        """Response (S,), m/N, and the derivatives of its logarithm by z (S, K); None where the simulated loop diverges.
+        """Response (S,) and the derivatives of its logarithm by z (S, K); None where the simulated loop diverges.
 
         Without slopes there are no derivatives, and it takes a fraction of the time.
         """
