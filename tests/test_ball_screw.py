@@ -133,6 +133,7 @@ def test_what_a_held_load_takes_is_statics(rig: Prototype) -> None:
     moving = needs(rig, (0.0, 0.0), 1000.0, 0.05)
     assert moving["speed_rad_per_s"] == pytest.approx(2 * pi * 0.05 * 1000.0 / inner / h, rel=1e-2)
     assert moving["effective_current_A"] == pytest.approx(moving["peak_current_A"] / sqrt(2))
+    assert taken["drive_command_V"] == pytest.approx(taken["peak_current_A"] / rig.actuator.drive_gain(), rel=5e-3)
 
 
 @pytest.mark.parametrize(("frequency", "mass"), [(4.0, 0.0), (15.0, 6.8)])
@@ -167,7 +168,8 @@ def test_each_rating_limits_the_load(rig: Prototype) -> None:
 def test_the_dynamic_load_rating_is_no_limit_of_the_force(rig: Prototype) -> None:
     """8 kN under 2 kN: 4^3 = 64 million turns by ISO 3408-5; a force above the rating only shortens that."""
     rated = rig.actuator.but(dynamic_load_N=8e3)
-    need = dict.fromkeys(("peak_current_A", "effective_current_A", "speed_rad_per_s", "shaft_power_W"), 1.0)
+    taken = "peak_current_A", "effective_current_A", "speed_rad_per_s", "shaft_power_W", "drive_command_V"
+    need = dict.fromkeys(taken, 1.0)
     rows = {row.name: row for row in rated.rows(rig, need | {"force_N": 2e3}, 2e3)}
     force, rating = rows["largest axial force on the screw"], rows["dynamic load rating of the screw C_a"]
     assert (force.needed, force.stated, force.basis) == (2e3, None, "computed")

@@ -65,6 +65,10 @@ SCREW = Component.of(
 """From the law's current to the travel of the nut."""
 
 
+_COMMAND_V = 10.0
+"""The largest command that drives take, as they are built."""
+
+
 class BallScrew(Actuator):
     """A motor with current loop and speed feedback that turns a ball screw between the beam tips."""
 
@@ -155,7 +159,7 @@ class BallScrew(Actuator):
 
     def drive_gain(self) -> float:
         """As stated, or the largest current that is stated at 10 V, as drives are scaled; 1 A/V where none is."""
-        return self.drive_A_per_V or (self.peak_current_A or self.continuous_current_A or 10.0) / 10.0
+        return self.drive_A_per_V or (self.peak_current_A or self.continuous_current_A or 10.0) / _COMMAND_V
 
     def limits(self, prototype: "WithActuator") -> tuple[Limit, ...]:
         """Largest current and what the motor bears for good, and the rotor's speed."""
@@ -166,7 +170,10 @@ class BallScrew(Actuator):
         )
 
     def takes(self, prototype: "WithActuator", asked: Demand, load_N: float, held: Held) -> dict[str, float]:
-        """Current at its peak and in the mean square, speed, and power of the shaft at its peak."""
+        """Current at its peak and in the mean square, speed, power of the shaft at its peak, and the drive's command.
+
+        The command is the law's current, of which the drive takes its feedback of the speed.
+        """
         import numpy as np
 
         current, speed = (load_N * np.abs(asked.of(name)) for name in ("motor_current", "speed"))
@@ -178,6 +185,7 @@ class BallScrew(Actuator):
             "effective_current_A": sqrt(still**2 + float(current.max()) ** 2 / 2),
             "speed_rad_per_s": float(speed.max()),
             "shaft_power_W": float(power.max()),
+            "drive_command_V": (still + load_N * float(np.abs(asked.current).max())) / self.drive_gain(),
         }
 
     def power_W(self, prototype: "WithActuator", asked: Demand, load_N: "np.ndarray") -> "np.ndarray":
@@ -221,6 +229,11 @@ class BallScrew(Actuator):
             Row(
                 f"continuous current (RMS){least}", MARGIN * need["effective_current_A"], self.continuous_current_A,
                 "A", "continuous_current_A",
+            ),
+            Row("current of the drive per volt of its command", self.drive_gain(), None, "A/V"),
+            Row(
+                f"command of the drive, its feedback of the speed included{least}", MARGIN * need["drive_command_V"],
+                _COMMAND_V, "V", "drive_command_V",
             ),
             Row(f"peak torque{least}", MARGIN * torque * need["peak_current_A"], None, "N m", "peak_torque_N_m"),
             Row(
