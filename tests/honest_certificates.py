@@ -1,13 +1,15 @@
 """Certificates as they were written, of every kind that is forged, and what tells whether one is valid, and of what."""
 
 import tomllib
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import cache, partial
 from typing import Any, Literal
 
 import numpy as np
+import pytest
 import truth_of_arm_plane
 import truth_of_box
 import truth_of_contact
@@ -17,7 +19,7 @@ from flint import fmpq
 from forging import Table, is_number
 
 from beamdesign import Prototype, certify, check
-from beamdesign.checker import Unreadable, reading
+from beamdesign.checker import Unreadable, reading, work
 from beamdesign.checker.prototype import differences
 from beamdesign.checker.rig import Rig
 from beamdesign.controllers import Lag, Observer, Proportional, Scheduled, Section, Stage, Structured
@@ -39,6 +41,8 @@ from beamdesign.synthesis.end_stiffness import contact_text, judge
 
 AT_LEAST = 500
 """Mutations for every kind of certificate, shared out among those of a kind."""
+SHARE = 8
+"""Of the work that is done for a file, all that honest certificates come to: one over this."""
 CLAIMS = ("decay_rate", 3.0), ("gain_margin", 1.05)
 OF_THE_RIG = ("rig", "controller", "effect", "payload", "goal", "arm", "compliance", "material", "plane")
 
@@ -294,6 +298,15 @@ EACH = [(kind, name) for kind, (_, made) in FORGED.items() for name in made]
 def honest(kind: str, name: str) -> Honest:
     """One of the certificates."""
     return FORGED[kind][1][name][0]()
+
+
+@contextmanager
+def share_of_work() -> Iterator[None]:
+    """Certificates may ask for no more than a share of what is done, so that to refuse one takes seconds."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(work, "OF_ANY", work.OF_ANY // SHARE)
+        patch.setattr(work, "PER_BYTE", work.PER_BYTE // SHARE)
+        yield
 
 
 def valid(text: str, prototype: Any = None) -> bool:

@@ -1,4 +1,4 @@
-"""Small certificates that ask for hours of work are refused before it is done, and honest ones are far from that."""
+"""Small certificates that ask for hours of work are refused before it is done; `test_forging.py` has honest ones."""
 
 import tomllib
 from collections.abc import Callable
@@ -7,14 +7,12 @@ from typing import Any
 
 import pytest
 from forging import resealed
-from honest_certificates import EACH, honest
+from honest_certificates import honest, share_of_work
 
 from beamdesign import check
-from beamdesign.checker import Unreadable, work
+from beamdesign.checker import Unreadable
 
 Table = dict[str, Any]
-SHARE = 8
-"""Of what is done for a file, all that honest certificates come to: one over this."""
 
 
 def of(kind: str, name: str) -> Table:
@@ -94,19 +92,9 @@ MADE: dict[str, Callable[[], Table]] = {
 
 
 @pytest.mark.parametrize("name", MADE)
-def test_what_asks_for_more_work_than_is_done_is_refused_before(name: str, monkeypatch: pytest.MonkeyPatch):
-    """With a share of what is allowed, so that this takes seconds."""
-    monkeypatch.setattr(work, "OF_ANY", work.OF_ANY // SHARE)
-    monkeypatch.setattr(work, "PER_BYTE", work.PER_BYTE // SHARE)
-    with pytest.raises(Unreadable, match="more work than is done"):
+def test_what_asks_for_more_work_than_is_done_is_refused_before(name: str):
+    with share_of_work(), pytest.raises(Unreadable, match="more work than is done"):
         check(resealed(MADE[name]()))
-
-
-@pytest.mark.parametrize(("kind", "name"), EACH)
-def test_honest_certificates_ask_for_a_share_of_what_is_done(kind: str, name: str, monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(work, "OF_ANY", work.OF_ANY // SHARE)
-    monkeypatch.setattr(work, "PER_BYTE", work.PER_BYTE // SHARE)
-    assert check(honest(kind, name).text).valid
 
 
 def test_filters_beside_a_box_are_of_a_low_degree_before_anything_is_multiplied_out():
