@@ -288,11 +288,13 @@ def test_a_claim_over_less_of_the_box_is_refused(robust: dict[str, Any]) -> None
     ]
     for k, ranges in forgeries:
         forged = tomllib.loads(text)
-        forged["claim"][k]["range"] = ranges
+        forged["claim"] = [forged["claim"][k] | {"range": ranges}]  # what is claimed beside it is proved again elsewhere
         (failed,) = check(resealed(forged)).failed
         assert "over ranges of its own that are not those of what is claimed" in failed
     without = tomllib.loads(text)
-    del without["claim"][margin]["range"]
+    without["claim"] = [without["claim"][margin]]
+    assert check(resealed(without)).valid
+    del without["claim"][0]["range"]
     assert not check(resealed(without)).valid
 
 
@@ -486,8 +488,9 @@ def test_the_shipped_study_is_designed_for_every_rig_within_its_tolerances() -> 
 
 def test_a_design_for_one_payload_is_proved_with_that_payload(rig: Prototype) -> None:
     """With 3 kg on the tip, not without any: the compliance of the worst rig at 3 kg bounds the bandwidth."""
+    few = Tolerance(stiffness=0.02, oil_stiffness=0.1, flow_gain=0.05)
     with best_start_alone():
-        found = tune(rig.but(goal=rig.goal.but(comes_to_rest=True)), (3.0, 3.0)).best
+        found = tune(rig.but(goal=rig.goal.but(comes_to_rest=True), tolerance=few), (3.0, 3.0)).best
     assert found is not None
     box = tomllib.loads(found.over_box.certificate)
     assert box["range"]["outer_end_mass"] == ["3", "3"]

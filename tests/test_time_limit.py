@@ -29,11 +29,12 @@ from beamdesign import (
     tune,
 )
 from beamdesign.cli import app
+from beamdesign.diagnosis import separability
 from beamdesign.diagnosis.data.dataset import Dataset
 from beamdesign.diagnosis.fitting import fitters
 from beamdesign.diagnosis.fitting import search as searching
 from beamdesign.diagnosis.fitting.fit import Task, fit_cache
-from beamdesign.diagnosis.fitting.hypothesis import NOTHING, Hypothesis
+from beamdesign.diagnosis.fitting.hypothesis import NOTHING, Hypothesis, singles
 from beamdesign.diagnosis.fitting.search import Search
 from beamdesign.proofs.certificate import Asked
 from beamdesign.time_limit import TimeUp, heed, is_limited, leave_out, left, over, share, while_time, within
@@ -88,6 +89,12 @@ def test_only_who_may_be_broken_off_is():
         heed()
 
 
+FEW = (
+    "sensor_lag", "transport_delay", "mount_compliance", "entrained_air", "valve_deadband", "parameter:flow_gain",
+    "parameter:sensor_gain", "parameter:stiffness",
+)  # fmt: skip
+
+
 @pytest.fixture(scope="module")
 def slow() -> Dataset:
     """Two short records of a rig whose sensor lags."""
@@ -117,11 +124,18 @@ def test_a_diagnosis_without_time_is_sure_of_nothing(slow: Dataset):
     assert "is known here" not in found.sentences
 
 
-def test_a_diagnosis_that_is_called_again_goes_on_and_comes_to_the_same(slow: Dataset, tmp_path: Path):
-    """The verdict is no surer than what was compared, though the right cause is there long before the others."""
+def test_a_diagnosis_that_is_called_again_goes_on_and_comes_to_the_same(
+    slow: Dataset, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    """The verdict is no surer than what was compared, though the right cause is there long before the others.
+
+    Of few causes, so that it takes less time; and of less time by as much.
+    """
+    for room in (searching, separability):
+        monkeypatch.setattr(room, "singles", lambda prototype: tuple(h for h in singles(prototype) if str(h) in FEW))
     kept, verdicts, compared = fit_cache(tmp_path, slow), [], [0]
     for _ in range(60):
-        with within(1.0, ticking(1 / 60)):
+        with within(1.0, ticking(1 / 25)):
             found = diagnose(slow, workers=1, kept=kept)
         assert found.search is not None
         verdicts.append((found.verdict, found.chosen))

@@ -203,13 +203,16 @@ def refused(found: Tuning, given: Prototype) -> None:
 
 
 @pytest.mark.parametrize(
-    ("change", "words"),
-    [({"peak_sensitivity": 1.0001}, "at most 1.0001"), ({"compliance_m_per_N": 1e-13}, "1e-13 m/N")],
+    ("change", "masses", "words"),
+    [
+        ({"peak_sensitivity": 1.0001}, (3.0, 3.0), "at most 1.0001"),
+        ({"compliance_m_per_N": 1e-13}, RANGE_KG, "1e-13 m/N"),
+    ],
 )
 @pytest.mark.usefixtures("one_start")
-def test_a_goal_out_of_reach_is_a_no_with_its_reason(rig: Prototype, change, words):
+def test_a_goal_out_of_reach_is_a_no_with_its_reason(rig: Prototype, change, masses, words):
     asked = rig.but(goal=rig.goal.but(**change))
-    found = tune(asked, RANGE_KG, sigmas=0.0)
+    found = tune(asked, masses, sigmas=0.0)
     refused(found, asked)
     assert words in found.reason
 
