@@ -1,7 +1,7 @@
 """The blind check: seals, plan, bounds, scores of hand-made outcomes, baselines, and a check of its own in small.
 
-A check of whole cases takes minutes of processor time. So the one here has short cases, diagnosed with few
-candidates: see `FEW`.
+A check of whole cases takes minutes of processor time. So the one here has cases of few and short records, diagnosed
+with few candidates: see `FEW`.
 """
 
 import json
@@ -35,12 +35,14 @@ from beamdesign.validation.case_plan import (
     broken,
     canonical,
     counts,
+    draw,
     plan,
     read_seal,
     sealed,
     write_seal,
 )
 from beamdesign.validation.scoring import Outcome
+from beamdesign.validation.truth import drawing
 from beamdesign.validation.truth.effects import LISTED, OUTSIDE, on
 
 pytestmark = pytest.mark.long
@@ -459,7 +461,7 @@ FEW = ("transport_delay", "unequal_piston_areas", "parameter:flow_gain")
 
 @pytest.fixture(scope="module")
 def checked(made_once, tmp_path_factory):
-    """Five short cases, drawn, sealed and diagnosed with few candidates: made once, and copied by who reads them."""
+    """Five cases, drawn, sealed and diagnosed with few candidates: made once, and copied by who reads them."""
     from beamdesign.diagnosis import diagnose as diagnosing
     from beamdesign.diagnosis import second_look as looking
     from beamdesign.diagnosis import separability
@@ -477,6 +479,7 @@ def checked(made_once, tmp_path_factory):
     now, folder = program(), tmp_path_factory.mktemp("check") / "five"
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(blindcheck, "_processes", _here)
+        patch.setattr(blindcheck, "draw", _drawn)
         for room in (searching, separability):
             patch.setattr(room, "singles", few)
         patch.setattr(looking, "backlash_impacts", lambda *given: None)  # play is none of the few
@@ -484,6 +487,14 @@ def checked(made_once, tmp_path_factory):
             patch.setattr(diagnosing, longest, lambda *given: None)
         shutil.copytree(made_once("five_blind_cases", make), folder)
         yield blindcheck.begin_check(folder, len(FIVE), 0, True, FIVE), now
+
+
+def _drawn(planned, *given):
+    """Three short records, with and without payload and by both inputs; five where a figure is too little wrong."""
+    with pytest.MonkeyPatch.context() as patch:
+        if planned.kind != "parameter":
+            patch.setattr(drawing, "_SHORT", (1, 3, 5))
+        return draw(planned, *given)
 
 
 class _Here:

@@ -235,7 +235,7 @@ def test_what_cannot_be_held_is_not_certified_and_each_change_is_true(
 @pytest.mark.usefixtures("one_start")
 def test_codesign_asks_the_same_of_what_it_finds() -> None:
     problem = read_problem(STUDY.with_name("codesign.toml"))
-    found = codesign(problem.but(load=problem.load.but(tip_force_N=2300.0)), PAYLOAD, 3.0, sigmas=0.0)
+    found = codesign(problem.but(load=problem.load.but(tip_force_N=2300.0)), (6.8, 6.8), 3.0, sigmas=0.0)
     assert found.point is None
     assert found.holding is not None
     assert [limit.name for limit in found.holding.missed] == ["supply pressure"]

@@ -288,7 +288,9 @@ def test_a_claim_over_less_of_the_box_is_refused(robust: dict[str, Any]) -> None
     ]
     for k, ranges in forgeries:
         forged = tomllib.loads(text)
-        forged["claim"] = [forged["claim"][k] | {"range": ranges}]  # what is claimed beside it is proved again elsewhere
+        forged["claim"] = [
+            forged["claim"][k] | {"range": ranges}
+        ]  # what is claimed beside it is proved again elsewhere
         (failed,) = check(resealed(forged)).failed
         assert "over ranges of its own that are not those of what is claimed" in failed
     without = tomllib.loads(text)
