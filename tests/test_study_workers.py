@@ -11,10 +11,13 @@ import time
 from multiprocessing import active_children
 from pathlib import Path
 
+import distributed
 import pytest
 import tomli_w
+from typer.testing import CliRunner
 
 from beamdesign import InputError
+from beamdesign.cli.study import study
 from beamdesign.sweep import workers
 from beamdesign.sweep.case import Case
 from beamdesign.sweep.conclusion import draw
@@ -91,11 +94,10 @@ def ends(group, within_s=20.0):
 
 
 def fields_of(path, folder, *options):
-    """What a whole run reports."""
-    subprocess.run(
-        [*command("run", path, "--out", folder, *options), "--json", str(folder / "fields.json")], check=True,
-        capture_output=True,
-    )  # fmt: skip
+    """What a whole run reports, by the same command in this process."""
+    words = ["run", path, "--out", folder, *options, "--json", folder / "fields.json"]
+    done = CliRunner().invoke(study, [str(word) for word in words])
+    assert done.exit_code == 0, done.output
     return json.loads((folder / "fields.json").read_text(encoding="utf-8"))
 
 
@@ -172,10 +174,8 @@ def test_case_that_kills_its_worker_is_a_failed_row_and_the_others_are_computed(
 
 
 def test_cluster_computes_the_same_with_a_worker_killed_on_the_way(sweep, tmp_path, expected):
-    from distributed import LocalCluster
-
     killed = []
-    with LocalCluster(
+    with distributed.LocalCluster(
         n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None, host="127.0.0.1"
     ) as there:
 
@@ -191,7 +191,9 @@ def test_cluster_computes_the_same_with_a_worker_killed_on_the_way(sweep, tmp_pa
     assert (tmp_path / "out" / "table.csv").read_text(encoding="utf-8") == expected
 
 
-def test_scheduler_that_does_not_answer_is_bad_input():
+def test_scheduler_that_does_not_answer_is_bad_input(monkeypatch):
+    client = distributed.Client
+    monkeypatch.setattr(distributed, "Client", lambda address, timeout, **given: client(address, timeout=0.2, **given))
     with pytest.raises(InputError, match="no scheduler answers"), workers.cluster("tcp://127.0.0.1:1"):
         pass
 
@@ -346,7 +348,7 @@ def test_two_runs_into_one_folder_keep_all_results_and_one_set(asked, tmp_path):
     for path in (first, second):
         out = tmp_path / path.stem
         shutil.copytree(folder / "cases", out / "cases")
-        subprocess.run(command("run", path, "--out", out), check=True, capture_output=True)
+        run_sweep(plan(path), out, draw=draw)
         alone.append(the_set(out))
     assert left in alone
     assert [path.name for path in tmp_path.iterdir() if path.name.startswith(".")] == []
