@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from gap_sets import LAG, believed, measured, only, scenario
 from honest_certificates import screw
-from scipy.integrate import solve_ivp
+from scipy.integrate import odeint
 from test_truth import drive
 
 from beamdesign.diagnosis import second_look
@@ -51,19 +51,20 @@ def _hand_written(
     w_n, gain, leak = 2 * pi * valve.natural_frequency_Hz, valve.flow_gain_m3_per_s_per_A, valve.leakage_m3_per_s_per_Pa
     volts = rig.sensor.gain_V_per_m
     pole, zero = 2 * pi * LAG.pole_Hz, 2 * pi * LAG.zero_Hz
-    step = times[1]
+    step = float(times[1])
+    volts_at, hiss_at, newtons_at = command.tolist(), noise.tolist(), force.tolist()  # quicker to read than arrays
 
-    def between(t: float, of: np.ndarray) -> float:
+    def between(t: float, of: list[float]) -> float:
         k = min(int(t / step), len(of) - 2)
-        return float(of[k] + (of[k + 1] - of[k]) * (t / step - k))
+        return of[k] + (of[k + 1] - of[k]) * (t / step - k)
 
-    def current(t: float, x: np.ndarray) -> tuple[float, float]:
+    def current(t: float, x: list[float]) -> tuple[float, float]:
         seen = x[10] if slow_s > 0 else x[0]
-        error = between(t, command) - volts * (seen + between(t, noise))
+        error = between(t, volts_at) - volts * (seen + between(t, hiss_at))
         return LAG.gain_A_per_V * (x[9] + (error - x[9]) * pole / zero), error
 
-    def rates(t: float, x: np.ndarray) -> list[float]:
-        tip, tip_v, inner, inner_v, rod, rod_v, push, flow, flow_v, slow, seen = x
+    def rates(t: float, states: np.ndarray) -> list[float]:
+        tip, tip_v, inner, inner_v, rod, rod_v, push, flow, flow_v, slow, seen = x = states.tolist()
         amps, error = current(t, x)
         apart, closing = rod - inner, rod_v - inner_v
         depth, side = abs(apart) - PLAY_M / 2, copysign(1.0, apart)
@@ -72,7 +73,7 @@ def _hand_written(
         )
         return [
             tip_v,
-            (between(t, force) + push - k_m * tip - b_m * tip_v) / m_m,
+            (between(t, newtons_at) + push - k_m * tip - b_m * tip_v) / m_m,
             inner_v,
             (pressed - k_f * inner - b_f * inner_v) / m_f,
             rod_v,
@@ -84,9 +85,9 @@ def _hand_written(
             (tip - seen) / slow_s if slow_s > 0 else 0.0,
         ]
 
-    found = solve_ivp(rates, (0, times[-1]), np.zeros(11), t_eval=times, rtol=1e-6, atol=1e-12, max_step=2e-4)
-    amps = np.array([current(t, x)[0] for t, x in zip(found.t, found.y.T, strict=True)])
-    return amps, found.y[10 if slow_s > 0 else 0] + noise
+    found = odeint(rates, np.zeros(11), times, rtol=1e-6, atol=1e-12, hmax=2e-4, tfirst=True)
+    amps = np.array([current(t, x)[0] for t, x in zip(times.tolist(), found.tolist(), strict=True)])
+    return amps, found[:, 10 if slow_s > 0 else 0] + noise
 
 
 @cache

@@ -21,7 +21,7 @@ from beamdesign import read_prototype, state_space
 from beamdesign.build import analogue, result_folder
 from beamdesign.cli import app
 from beamdesign.diagnosis.fitting import search as searching
-from beamdesign.diagnosis.fitting.hypothesis import Hypothesis
+from beamdesign.diagnosis.fitting.hypothesis import singles
 from beamdesign.report import gap_folder
 from beamdesign.report.page import Picture
 from beamdesign.structure.lumped import CHANGEABLE, with_figures
@@ -173,14 +173,18 @@ def built_and_diagnosed(prototype: Path, folder: Path, lag_Hz: float, current_st
     assert_lag(answer(*words, folder=folder), prototype, lag_Hz)
 
 
-def test_an_aluminium_link_with_a_cylinder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """With few causes to choose from, few parts and no pictures; the page below has all of them."""
+@pytest.fixture
+def few(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Few causes to choose from and few parts; `test_notebooks.py` has all causes, `test_spec_command.py` all parts."""
     monkeypatch.setattr(analogue, "SERIES", (("E96", "E6"),))
     monkeypatch.setattr(analogue, "RESISTORS", (0.01,))
-    few = tuple(
-        Hypothesis((name,)) for name in ("sensor_lag", "transport_delay", "valve_deadband", "parameter:flow_gain")
-    )
-    monkeypatch.setattr(searching, "singles", lambda rig: few)
+    causes = ("sensor_lag", "transport_delay", "valve_deadband", "parameter:flow_gain", "parameter:torque_constant")
+    monkeypatch.setattr(searching, "singles", lambda rig: tuple(h for h in singles(rig) if str(h) in causes))
+
+
+@pytest.mark.usefixtures("few")
+def test_an_aluminium_link_with_a_cylinder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Without pictures, which the page below has."""
     for pages in (result_folder, gap_folder):
         monkeypatch.setattr(pages, "in_page", lambda figure, name, caption, **given: Picture("", "", caption, name))
     link, prototype = study(tmp_path, **ALUMINIUM), tmp_path / "out/prototype.toml"
@@ -274,6 +278,7 @@ def test_a_corner_is_proved(actuator: str, figures: dict[str, Any], tmp_path: Pa
         assert given.max() <= rig.goal.compliance_m_per_N * (1 + 1e-6)
 
 
+@pytest.mark.usefixtures("few")
 def test_the_commands_of_the_page_lead_to_what_it_says(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The gripper arm of `own_link`, of carbon tubes, in order; of exactly its figures, records of half a second."""
     monkeypatch.chdir(tmp_path)
