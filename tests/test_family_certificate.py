@@ -226,6 +226,7 @@ def test_what_is_no_rig_is_refused(tame: Prototype, place: tuple[str | int, ...]
 
 
 @pytest.mark.parametrize("names", [("unequal_piston_areas", "sensor_lag"), ("second_beam_mode",), ("seal_friction",)])
+@pytest.mark.usefixtures("one_start")
 def test_a_tuned_loop_is_proved_and_survives_on_the_nonlinear_rig(paper: Prototype, names: tuple[str, ...]):
     """Steps of force and command in the time domain, at both ends of the payload and between."""
     found = tune(with_effects(paper, *names), (0.0, 6.8), sigmas=0.0)

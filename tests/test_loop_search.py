@@ -21,7 +21,7 @@ from beamdesign.plant.members import family, paper_model
 from beamdesign.plant.rigs import FIGURES
 from beamdesign.prototype import Payload, Tolerance
 from beamdesign.synthesis.law_search import search
-from beamdesign.synthesis.law_task import Search
+from beamdesign.synthesis.law_task import Effort, Search
 from beamdesign.synthesis.loop_program import Block, sized_slack
 from beamdesign.synthesis.loop_samples import FINE_HZ, Design, first_miss, samples
 from beamdesign.synthesis.rig_spread import Cut, rig_spread
@@ -94,7 +94,8 @@ def test_best_gain_is_that_of_a_sweep(paper: Prototype, kind, shape, inner):
     form, breaks = form_of(kind), np.log(shape)
     gain_alone = replace(form, lower=np.append(form.lower[0], breaks), upper=np.append(form.upper[0], breaks))
     members, goal = family(paper).members, paper.goal.but(peak_over_passive=inf)
-    task = Search(members, goal, (0.0, 6.8), (inner, inner), sections=standing(paper))
+    alone = Effort(starts=1, candidates=1)
+    task = Search(members, goal, (0.0, 6.8), (inner, inner), effort=alone, sections=standing(paper))
     seeds = [Design(gain_alone, np.array([*np.log([gain, *shape]), inner])) for gain in np.geomspace(3e-3, 0.3, 7)]
     best = search(task, [seed for seed in seeds if task.settled(seed)]).proved
     assert best is not None

@@ -131,6 +131,7 @@ def test_the_published_breaks_reach_three_point_eight_hertz(rig: Prototype, lag:
     assert lag.best.bandwidth_Hz > 1.3 * bandwidth
 
 
+@pytest.mark.usefixtures("one_start")
 def test_proportional_control_is_as_good_as_a_grid_finds_it(rig: Prototype):
     """Gain and inner end mass are all there is: a grid over both, by equations assembled by hand, finds no more."""
     found = tune(rig, RANGE_KG, "proportional", sigmas=0.0)
@@ -150,6 +151,7 @@ def test_proportional_control_is_as_good_as_a_grid_finds_it(rig: Prototype):
             assert judged.slowest > 0 or judged.peak > 2.0 or bandwidth < 1.04 * found.best.bandwidth_Hz
 
 
+@pytest.mark.usefixtures("one_start")
 def test_one_mass_is_easier_than_a_range_that_holds_it(rig: Prototype, lag: Tuning):
     found = tune(rig, (3.0, 3.0), sigmas=0.0)
     assert found.best is not None
@@ -158,6 +160,7 @@ def test_one_mass_is_easier_than_a_range_that_holds_it(rig: Prototype, lag: Tuni
     assert found.best.bandwidth_Hz > lag.best.bandwidth_Hz
 
 
+@pytest.mark.usefixtures("one_start")
 def test_a_sensor_filter_is_part_of_the_loop(rig: Prototype, lag: Tuning):
     filtered = rig.but(sensor=rig.sensor.but(filter_Hz=400.0))
     found = tune(filtered, RANGE_KG, sigmas=0.0)
@@ -167,6 +170,7 @@ def test_a_sensor_filter_is_part_of_the_loop(rig: Prototype, lag: Tuning):
     assert found.best.bandwidth_Hz < lag.best.bandwidth_Hz
 
 
+@pytest.mark.usefixtures("one_start")
 def test_without_mass_inside_none_is_added(rig: Prototype):
     """Then the least servo action makes the resonance sharper than it is without, so that this has to be allowed."""
     assert tune(rig, (0.0, 3.0), largest_inner_end_mass_kg=0.0, sigmas=0.0).best is None
@@ -187,6 +191,7 @@ def test_a_limit_that_is_all_but_none_is_kept(rig: Prototype):
     assert judged.compliance.max() <= LIMIT_M_PER_N * (1 + 1e-6)
 
 
+@pytest.mark.usefixtures("one_start")
 def test_a_rig_stiff_enough_by_itself_is_guaranteed_a_finite_bandwidth(rig: Prototype):
     found = tune(rig.but(goal=rig.goal.but(compliance_m_per_N=1.0, peak_over_passive=inf)), RANGE_KG, sigmas=0.0)
     assert found.best is not None
