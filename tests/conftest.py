@@ -74,6 +74,17 @@ def one_start() -> Iterator[None]:
 
 
 @pytest.fixture
+def no_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Reports have captions alone, where nobody looks at the pictures that take as long to draw as what they show."""
+    from beamdesign.build import result_folder
+    from beamdesign.report import gap_folder
+    from beamdesign.report.page import Picture
+
+    for pages in (result_folder, gap_folder):
+        monkeypatch.setattr(pages, "in_page", lambda figure, name, caption, **given: Picture("", "", caption, name))
+
+
+@pytest.fixture
 def paper() -> Prototype:
     """The appendix of Zalucky and Hardt (1984) in SI, without a controller; valve damping 0.5 as the README states."""
     return Prototype(

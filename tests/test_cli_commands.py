@@ -65,13 +65,12 @@ def test_codesign_and_front_of_the_template_are_proved_and_agree(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     (study,) = start("codesign", tmp_path / "link.toml")
-    fields, _ = call(
-        tmp_path, "codesign", str(study), "--nominal", "--bandwidth-Hz", "3.8", "--out", str(tmp_path / "one")
-    )
+    asked = ["--nominal", "--outer-end-mass", "0:1", "--bandwidth-Hz", "3.8", "--out", str(tmp_path / "one")]
+    fields, _ = call(tmp_path, "codesign", str(study), *asked)
     assert {"prototype", "moving_mass_kg", "beam_mass_kg", "inner_end_mass_kg", "guaranteed"} <= set(fields)
     assert fields["guaranteed"]["bandwidth_Hz"] >= 3.8
     assert fields["moving_mass_kg"] == pytest.approx(fields["beam_mass_kg"] + fields["inner_end_mass_kg"])
-    assert violations(read_prototype(fields["prototype"]), PAYLOAD, 3.8, 2.0) == []
+    assert violations(read_prototype(fields["prototype"]), (0.0, 1.0), 3.8, 2.0) == []
     # The published tubes with 4.5 kg inside move 14.65 kg for that bandwidth.
     assert fields["moving_mass_kg"] < 14.65
 
@@ -108,13 +107,15 @@ def test_remedies_are_compared_on_the_template(tmp_path: Path, monkeypatch: pyte
     monkeypatch.setattr(remedies, "FREEDOMS", (remedies.UNTOUCHED, remedies.FREEDOMS[3]))
     (study,) = start("codesign", tmp_path / "link.toml")
     # Without its end mass the rig is softer at its resonance than with the servo off.
-    study.write_text(study.read_text().replace("peak_over_passive = 1.0", "peak_over_passive = inf"))
+    text = study.read_text().replace("peak_over_passive = 1.0", "peak_over_passive = inf")
+    assert "outer_end_mass_kg = [0.0, 6.8]" in text
+    study.write_text(text.replace("outer_end_mass_kg = [0.0, 6.8]", "outer_end_mass_kg = [0.0, 1.0]"))
     out = tmp_path / "out"
     fields, _ = call(tmp_path, "remedies", str(study), "--nominal", "--out", str(out))
     untouched, phase, scheduled = fields["remedies"]
-    # Without its end mass the paper's breaks meet a peak sensitivity of 2 with hardly any gain.
-    assert untouched["bandwidth_Hz"] == pytest.approx(0.817, rel=0.01)
-    assert phase["bandwidth_Hz"] > 0.5
+    # Of a range within that of the template, for which `test_study_shipped.py` finds 0.817 Hz.
+    assert untouched["bandwidth_Hz"] > 0.81
+    assert phase["bandwidth_Hz"] > untouched["bandwidth_Hz"]
     assert scheduled["bandwidth_Hz"] >= phase["bandwidth_Hz"]  # what is proved of the whole range holds on its parts
     assert len(scheduled["controllers"].split("; ")) == 2
     assert {path.name for path in out.iterdir()} == {"remedies.csv", "remedies.png", "remedies.svg"}

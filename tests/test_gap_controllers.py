@@ -100,7 +100,7 @@ def test_figures_that_predict_worse_what_they_have_not_seen_are_not_written(monk
     """Friction that no candidate is bends the figures of the fits: the believed ones predict the tip better."""
     for room in (searching, separability):
         monkeypatch.setattr(room, "singles", lambda prototype: tuple(Hypothesis((name,)) for name in FEW))
-    for look in ("channels_in_time", "what_passed", "learn", "second_look", "next_experiment"):
+    for look in ("learn", "second_look", "next_experiment"):
         monkeypatch.setattr(diagnosing, look, lambda *given: None)
     found = diagnose(taken(believed().but(effects={"seal_friction": {"coulomb_N": 30.0}}), STRUCTURED), 1)
     assert (found.verdict, found.chosen) == ("unknown", ())
@@ -182,7 +182,6 @@ def test_no_experiment_takes_a_stage_beyond_its_payloads(staged: tuple[Dataset, 
     assert proposed == {(light, 0.0), (heavy, 6.8), (heavy, 3.4)}  # neither 10.2 kg nor a light law at 3.4 kg
 
 
-@pytest.mark.usefixtures("one_start")
 def test_every_stage_is_tuned_and_proved_anew(staged: tuple[Dataset, Diagnosis], tmp_path: Path) -> None:
     """With the slow sensor, by the matrices of the rig and by what checks certificates."""
     data, found = staged

@@ -148,6 +148,7 @@ def test_play_by_which_nothing_repeats_from_rest_is_looked_for_anew() -> None:
 def test_play_that_is_looked_for_anew_and_not_found_stays_as_it_was_stated(
     few: None, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    monkeypatch.setattr(searching, "singles", lambda prototype: tuple(Hypothesis((name,)) for name in FEW[2:]))
     for look in ("channels_in_time", "what_passed", "learn", "second_look", "next_experiment"):
         monkeypatch.setattr(diagnosing, look, lambda *given: None)
     play = {"joint_backlash": {"play_m": 3e-5}}

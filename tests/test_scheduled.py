@@ -415,6 +415,7 @@ def test_stages_are_tuned_for_the_same_tolerances_and_their_changes_proved(
     assert found.switching.stages is proved.stages
 
 
+@pytest.mark.usefixtures("no_pictures")
 def test_a_study_is_carried_to_several_laws(rig: Prototype, given: list[LawOptions], tmp_path: Path) -> None:
     study = tomllib.loads((ROOT / "studies/prototype.toml").read_text(encoding="utf-8"))
     study["controller"] = {"kind": "scheduled", "stages": 2}

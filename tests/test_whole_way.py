@@ -18,12 +18,10 @@ import pytest
 from typer.testing import CliRunner
 
 from beamdesign import read_prototype, state_space
-from beamdesign.build import analogue, result_folder
+from beamdesign.build import analogue
 from beamdesign.cli import app
 from beamdesign.diagnosis.fitting import search as searching
 from beamdesign.diagnosis.fitting.hypothesis import singles
-from beamdesign.report import gap_folder
-from beamdesign.report.page import Picture
 from beamdesign.structure.lumped import CHANGEABLE, with_figures
 
 pytestmark = pytest.mark.long
@@ -182,11 +180,9 @@ def few(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(searching, "singles", lambda rig: tuple(h for h in singles(rig) if str(h) in causes))
 
 
-@pytest.mark.usefixtures("few")
-def test_an_aluminium_link_with_a_cylinder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.usefixtures("few", "no_pictures")
+def test_an_aluminium_link_with_a_cylinder(tmp_path: Path) -> None:
     """Without pictures, which the page below has."""
-    for pages in (result_folder, gap_folder):
-        monkeypatch.setattr(pages, "in_page", lambda figure, name, caption, **given: Picture("", "", caption, name))
     link, prototype = study(tmp_path, **ALUMINIUM), tmp_path / "out/prototype.toml"
     found = answer("run", link, "--out", tmp_path / "out", "--nominal", folder=tmp_path)
     assert found["guaranteed"]["bandwidth_Hz"] > 1.0
@@ -199,6 +195,7 @@ def test_an_aluminium_link_with_a_cylinder(tmp_path: Path, monkeypatch: pytest.M
     built_and_diagnosed(prototype, tmp_path, 100.0, 1e-5)
 
 
+@pytest.mark.usefixtures("no_pictures")
 def test_a_steel_link_with_a_screw(tmp_path: Path) -> None:
     """Its loop contracts little from sample to sample; python-control has its poles within the unit circle.
 
@@ -264,6 +261,7 @@ def test_a_refusal_names_what_to_change(name: str, tmp_path: Path) -> None:
     ],
     ids=["carbon, cylinder, 3 m, 100 N", "steel, screw, 3 m, 5 kN"],
 )  # fmt: skip
+@pytest.mark.usefixtures("no_pictures")
 def test_a_corner_is_proved(actuator: str, figures: dict[str, Any], tmp_path: Path) -> None:
     """Stiffer at its tip than with the servo off as far as its bandwidth reaches, by python-control and statics."""
     prototype = tmp_path / "out/prototype.toml"
