@@ -282,6 +282,7 @@ def test_what_a_good_rig_delivers_is_what_its_linear_loop_promises(tuned: Tuning
     assert delivered(weak, 0.0, 300.0).bandwidth_Hz < 0.5 * found.bandwidth_Hz
 
 
+@pytest.mark.usefixtures("one_start")
 def test_the_command_tunes_within_limits_and_says_which(rig: Prototype, tmp_path: Path) -> None:
     bare = rig.but(goal=type(rig.goal)(), controller=None)
     write_prototype(bare, tmp_path / "bare.toml")
