@@ -483,8 +483,8 @@ def checked(made_once, tmp_path_factory):
         for room in (searching, separability):
             patch.setattr(room, "singles", few)
         patch.setattr(looking, "backlash_impacts", lambda *given: None)  # play is none of the few
-        for longest in ("next_experiment", "learn"):  # have tests of their own
-            patch.setattr(diagnosing, longest, lambda *given: None)
+        for longer in ("channels_in_time", "what_passed", "learn", "next_experiment"):  # have tests of their own
+            patch.setattr(diagnosing, longer, lambda *given: None)
         shutil.copytree(made_once("five_blind_cases", make), folder)
         yield blindcheck.begin_check(folder, len(FIVE), 0, True, FIVE), now
 

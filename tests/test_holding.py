@@ -3,7 +3,7 @@
 import json
 import re
 import tomllib
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from math import sqrt
 from pathlib import Path
 from typing import Any
@@ -16,9 +16,15 @@ from typer.testing import CliRunner
 from beamdesign import DesignProblem, Prototype, codesign, read_problem, run_design
 from beamdesign.build.result_folder import statements
 from beamdesign.cli import app
+from beamdesign.controllers import Lag
 from beamdesign.records import parse, to_toml
 from beamdesign.structure.lumped import lumped_beam, weighing_mass
+from beamdesign.synthesis import codesign as sized
 from beamdesign.synthesis.holding import Change, Demanded, Holding, changed, standing, working
+from beamdesign.synthesis.law_design import Proved
+from beamdesign.synthesis.law_search import Found
+from beamdesign.synthesis.law_task import Search
+from beamdesign.synthesis.loop_samples import Design
 from beamdesign.synthesis.operating_limits import needs
 
 pytestmark = pytest.mark.long
@@ -232,15 +238,20 @@ def test_what_cannot_be_held_is_not_certified_and_each_change_is_true(
         assert run_design(changed(problem, way), sigmas=0.0).prototype is not None
 
 
-@pytest.mark.usefixtures("one_start")
-def test_codesign_asks_the_same_of_what_it_finds() -> None:
+def test_codesign_asks_the_same_of_what_it_finds(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As if its search had found what it starts from."""
+
+    def at_once(task: Search, starts: Sequence[Design], report: object) -> Found:
+        law = Lag(gain_A_per_V=0.03, pole_Hz=1.75, zero_Hz=26.0)
+        return Found(Proved(law, 1.0, 3.0, 2.0, starts[0].variables), (3.0,), 1)
+
+    monkeypatch.setattr(sized, "search", at_once)
     problem = read_problem(STUDY.with_name("codesign.toml"))
-    found = codesign(problem.but(load=problem.load.but(tip_force_N=2300.0)), (6.8, 6.8), 3.0, sigmas=0.0)
-    assert found.point is None
-    assert found.holding is not None
-    assert [limit.name for limit in found.holding.missed] == ["supply pressure"]
-    assert found.change
-    assert found.reason
+    for force_N, missed in ((2000.0, []), (2300.0, ["supply pressure"])):
+        found = codesign(problem.but(load=problem.load.but(tip_force_N=force_N)), PAYLOAD, 3.0, sigmas=0.0)
+        assert found.holding is not None
+        assert [limit.name for limit in found.holding.missed] == missed
+        assert (found.point is None) == bool(found.change) == bool(found.reason) == bool(missed)
 
 
 def test_a_change_that_no_study_may_state_is_not_proposed() -> None:
