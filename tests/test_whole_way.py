@@ -18,7 +18,7 @@ import pytest
 from typer.testing import CliRunner
 
 from beamdesign import read_prototype, state_space
-from beamdesign.build import analogue
+from beamdesign.build import analogue, tolerances
 from beamdesign.cli import app
 from beamdesign.diagnosis.fitting import search as searching
 from beamdesign.diagnosis.fitting.hypothesis import singles
@@ -173,7 +173,12 @@ def built_and_diagnosed(prototype: Path, folder: Path, lag_Hz: float, current_st
 
 @pytest.fixture
 def few(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Few causes to choose from and few parts; `test_notebooks.py` has all causes, `test_spec_command.py` all parts."""
+    """Few causes and parts to choose from, and tolerances not sought to the last per cent.
+
+    `test_notebooks.py` has all causes, `test_spec_command.py` all parts and tolerances as near as they are specified.
+    """
+    monkeypatch.setattr(tolerances, "_WITHIN", 0.2)
+    monkeypatch.setattr(tolerances, "_COARSE", 0.2)
     monkeypatch.setattr(analogue, "SERIES", (("E96", "E6"),))
     monkeypatch.setattr(analogue, "RESISTORS", (0.01,))
     causes = ("sensor_lag", "transport_delay", "valve_deadband", "parameter:flow_gain", "parameter:torque_constant")
