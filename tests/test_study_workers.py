@@ -11,7 +11,6 @@ import time
 from multiprocessing import active_children
 from pathlib import Path
 
-import distributed
 import pytest
 import tomli_w
 from typer.testing import CliRunner
@@ -174,8 +173,10 @@ def test_case_that_kills_its_worker_is_a_failed_row_and_the_others_are_computed(
 
 
 def test_cluster_computes_the_same_with_a_worker_killed_on_the_way(sweep, tmp_path, expected):
+    from distributed import LocalCluster
+
     killed = []
-    with distributed.LocalCluster(
+    with LocalCluster(
         n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None, host="127.0.0.1"
     ) as there:
 
@@ -192,6 +193,8 @@ def test_cluster_computes_the_same_with_a_worker_killed_on_the_way(sweep, tmp_pa
 
 
 def test_scheduler_that_does_not_answer_is_bad_input(monkeypatch):
+    import distributed
+
     client = distributed.Client
     monkeypatch.setattr(distributed, "Client", lambda address, timeout, **given: client(address, timeout=0.2, **given))
     with pytest.raises(InputError, match="no scheduler answers"), workers.cluster("tcp://127.0.0.1:1"):
