@@ -73,6 +73,7 @@ def test_sizes_of_no_pair_of_tubes_make_no_rig(rounded: bool) -> None:
         sections.prototype(wider, rounded)
 
 
+@pytest.mark.usefixtures("one_start")
 def test_impossible_bandwidth_is_refused_with_a_reason() -> None:
     found = codesign(read_problem(STUDIES / "codesign.toml"), (0.0, 0.0), 400.0, sigmas=0.0)
     assert found.point is None

@@ -175,7 +175,7 @@ def built_and_diagnosed(prototype: Path, folder: Path, lag_Hz: float, current_st
 def few(monkeypatch: pytest.MonkeyPatch) -> None:
     """Few causes and parts to choose from, and tolerances not sought to the last per cent.
 
-    `test_notebooks.py` has all causes, `test_spec_command.py` all parts and tolerances as near as they are specified.
+    `test_notebooks.py` has all causes, `test_spec_command.py` all parts, `golden` tolerances to the last per cent.
     """
     monkeypatch.setattr(tolerances, "_WITHIN", 0.2)
     monkeypatch.setattr(tolerances, "_COARSE", 0.2)
