@@ -39,11 +39,12 @@ LARGEST_FILE_BYTES = 2**30
 ENOUGH = 1000
 """Status of a command that had examined its inputs and gone on to its work, and was ended there."""
 
+_RIG, _TAME, _SET = "studies/prototypes/paper_remedy.toml", "studies/prototypes/tame_lag.toml", "studies/gaps"
 MADE = {
     "made/mass_range.toml": "certify studies/prototypes/structured.toml --out made/mass_range.toml --bandwidth-Hz 3",
     "made/members.toml": "certify made/sticky.toml --out made/members.toml",
-    "made/box.toml": "certify-box studies/prototypes/tame_lag.toml --sigmas 0.5 --only flow_gain --out made/box.toml",
-    "made/switching.toml": "certify-switching studies/prototypes/tame_lag.toml --outer-end-mass 3:3.4 --out made/switching.toml",
+    "made/box.toml": f"certify-box {_TAME} --sigmas 0.5 --only flow_gain --out made/box.toml",
+    "made/switching.toml": f"certify-switching {_TAME} --outer-end-mass 3:3.4 --out made/switching.toml",
     "made/stages.toml": "certify-switching studies/scheduled/prototype.toml --out made/stages.toml",
     "made/contact": "stiffness studies/prototypes/compliant.toml --out made/contact",
     "made/plane": "arm studies/prototypes/arm.toml --out made/plane",
@@ -72,7 +73,6 @@ class Command:
         return [word for word in words if word.startswith(("studies/", "made/"))]
 
 
-_RIG, _TAME, _SET = "studies/prototypes/paper_remedy.toml", "studies/prototypes/tame_lag.toml", "studies/gaps"
 _PROOF = "--out out/proof.toml"
 COMMANDS = [
     Command("size studies/prototype.toml", share=2),
