@@ -247,7 +247,9 @@ def test_responses_to_a_command_are_those_of_the_exact_loop(believed: Prototype,
     assert np.abs(piece.residual(placement, np.zeros(len(placement.unknowns)))).max() < 1e-6
 
 
-def test_a_slow_sensor_is_found_in_responses_to_a_command(believed: Prototype):
+def test_a_slow_sensor_is_found_in_responses_to_a_command(believed: Prototype, monkeypatch: pytest.MonkeyPatch):
+    few = tuple(Hypothesis((name,)) for name in ("sensor_lag", "transport_delay", "parameter:flow_gain"))
+    monkeypatch.setattr(search, "singles", lambda prototype: few)
     data = Dataset(
         "commanded", Path(), believed, (), tuple(under_command(believed, 150.0, each) for each in SETTINGS[:2]), ()
     )

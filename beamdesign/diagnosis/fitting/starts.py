@@ -73,7 +73,7 @@ def softened(
 
 _DRAWS, _FEW, _WIDTH = 16, 8, 2.2  # of several new unknowns, or for a single start; in prior standard deviations
 _ONE_DRAWS, _ONE_WIDTH = 20, 2.5  # of one alone, which a fit follows but slowly past the kinks of its law
-_PEAKS, _APART = 3, 1.2  # resonances that are looked for, and the least ratio of two of them
+_PEAKS, _APART = 4, 1.2  # resonances that are looked for, and the least ratio of two of them
 _STRENGTHS = (-1.0, 1.0, 3.0, 5.0)  # in prior standard deviations of what a resonance's frequency comes with
 _SIFTED = 3  # of the starts of a look, by the piece of evidence that a simpler fit leaves most of
 _SIZES = (0.1, 0.3, 1.0, 4.0, 15.0)  # the last ones where the linear model moves much further than the rig
