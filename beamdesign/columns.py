@@ -74,7 +74,7 @@ def read_columns(path: Path, only: Sequence[str] = (), spared: Spared | None = N
     return columns
 
 
-_EMPTY = re.compile(r"(?<=,)(?=[ \t]*(,|\r?$))", re.MULTILINE)
+_EMPTY = re.compile(r"(?<=,)(?=[ \t]*(?:,|\r?$))|^(?=[ \t]*,)", re.MULTILINE)
 
 
 def _numbers(path: Path, body: str, names: list[str], used: list[str]) -> dict[str, np.ndarray]:

@@ -279,8 +279,8 @@ def stated_bandwidth(value: float) -> str:
 def compliance_kept(limit_m_per_N: float, bandwidth_Hz: float) -> str:
     """How far a force moves the tip, by the bandwidth (Hz) that is guaranteed with a limit; none is zero."""
     if bandwidth_Hz <= 0:
-        return f"gives way by more than {quantity(limit_m_per_N, 'm/N', 7)} even to a steady force"
-    return f"gives way by no more than {quantity(limit_m_per_N, 'm/N', 7)} up to {stated_bandwidth(bandwidth_Hz)}"
+        return f"gives way by more than {at_least(limit_m_per_N, 'm/N', 7)} even to a steady force"
+    return f"gives way by no more than {at_most(limit_m_per_N, 'm/N', 7)} up to {stated_bandwidth(bandwidth_Hz)}"
 
 
 def stated_peak(value: float) -> str:

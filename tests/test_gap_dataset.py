@@ -125,6 +125,9 @@ def test_a_record_without_current_is_read_where_that_is_said(sound: Recorded, tm
     assert data.warnings == ("command.csv: current_A is not to count (current_recorded = false) and was left aside",)
     examined = examine(data)
     assert [one.record for one in examined.warnings if one.name == "no_current"] == ["force", "command"]
+    sound.columns["force"]["displacement_m"] = np.array(sound.columns["force"]["displacement_m"])
+    sound.columns["force"]["displacement_m"][500] += 1e-3  # mended as where there is a current
+    assert "spoilt" in [one.name for one in examine(read_dataset(sound.write(tmp_path))).warnings]
     assert len(examined.data.records) == len(data.records)
     assert not examined.limits_confidence
 
@@ -140,9 +143,35 @@ def test_a_record_taken_with_the_servo_off_needs_neither_law_nor_current(sound: 
         sound.entry(name).pop("controller", None)
     data = read_dataset(sound.write(tmp_path))
     assert {one.controller for one in data.records} == {OFF}
-    assert data.warnings == ()
+    assert data.warnings == ("command.csv: command_V moves nothing (servo_off = true) and was left aside",)
+    assert data.records[1].excitation == "none"
     assert {one.name for one in examine(data).warnings} <= {"tolerances"}
     assert len(predict(sound.prototype, tmp_path).records) == len(data.records)
+
+
+@pytest.mark.parametrize("spans", [[[0.0, 1.2]], [[0.3, 0.2]], [[5.0, 6.0]]])
+def test_spans_that_are_none_are_told_before_what_stands_in_them(
+    spans: list[list[float]], sound: Recorded, tmp_path: Path
+):
+    sound.entry("force")["left_out_s"] = spans
+    sound.columns["force"]["displacement_m"] = np.full(1201, np.nan)
+    assert [one.key for one in refusal(sound.write(tmp_path)).problems] == ["record.left_out_s"]
+
+
+def test_without_times_a_file_with_spans_is_refused_by_its_column(sound: Recorded, tmp_path: Path):
+    sound.entry("force")["left_out_s"] = [[0.1, 0.11]]
+    sound.columns["force"]["time_s"] = sound.columns["force"].pop("t_s")
+    assert [one.key for one in refusal(sound.write(tmp_path)).problems] == ["t_s"]
+
+
+def test_an_empty_first_cell_may_stand_where_nothing_counts(sound: Recorded, tmp_path: Path):
+    sound.entry("force")["left_out_s"] = [[0.1, 0.11]]
+    columns = sound.columns["force"]
+    sound.columns["force"] = {"displacement_m": columns.pop("displacement_m"), **columns}
+    folder = sound.write(tmp_path)
+    file = folder / "records" / "force.csv"
+    file.write_text(in_row(108, lambda cells: ["", *cells[1:]])(file.read_text()) + "\n\n")
+    assert np.isfinite(read_dataset(folder).records[0].measured["displacement_m"]).all()
 
 
 @pytest.mark.parametrize("lost", ["", " ", "nan", "-inf", "1e300"])
@@ -328,8 +357,14 @@ def test_a_response_to_a_command_has_a_column_of_its_own(sound: Recorded, respon
         refusal(with_column("magnitude_m_per_V", amplitude_N=9.0))
     )
     both = sound.files["r.csv"].replace("phase_deg", "magnitude_m_per_N")
-    sound.files["r.csv"] = both
+    single, sound.files["r.csv"] = sound.files["r.csv"], both
     assert "stands beside magnitude_m_per_V" in str(refusal(sound.write(folder)))
+    sound.files["r.csv"] = single
+    entry = sound.index["frequency_response"][0]
+    del entry["controller"], entry["amplitude_N"]
+    assert "with the servo off a command moves nothing" in str(
+        refusal(with_column("magnitude_m_per_V", servo_off=True))
+    )
 
 
 @pytest.mark.parametrize(

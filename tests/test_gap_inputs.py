@@ -99,6 +99,27 @@ def test_white_noise_that_moves_a_rig_is_a_force(force):
     assert taken.excitation == "disturbance"
 
 
+@pytest.mark.parametrize("beside", [40.0 * np.ones(4000), 20 * np.sin(0.3 * np.arange(4000))], ids=["offset", "hum"])
+def test_a_white_force_stays_one_beside_what_stands_out(beside):
+    """Also where a spoilt sample would drown the correlation, in a span that does not count."""
+    force = WHITE["noise"] + beside
+    moved = lfilter([1e-7], [1, -1.9, 0.95], WHITE["noise"])
+    taken = TimeRecord("", np.arange(4000.0), np.stack([force, 0 * force], 1), {"displacement_m": moved}, 0, 0, None)
+    np.testing.assert_array_equal(taken.cleaned.inputs[:, 0], force)
+    spoilt = np.where(np.abs(np.arange(4000) - 700) < 20, 1.0, moved)
+    left_out = replace(taken, measured={"displacement_m": spoilt}, left_out=((675.0, 725.0),))
+    np.testing.assert_array_equal(left_out.cleaned.inputs[:, 0], force)
+
+
+def test_a_noisy_force_after_zeros_or_in_pairs_is_not_held_exactly():
+    random, drive = np.random.default_rng(1), 20 * np.sin(0.05 * np.arange(4000))
+    still, noise = np.arange(4000) < 1600, 2 * random.standard_normal(4000)
+    padded, off = np.where(still, 0.0, drive + noise), np.where(still, 0.0, noise)
+    assert np.std(without_noise(padded) - padded + off) < 0.85 * np.std(off)
+    pairs = np.repeat((drive + 3 * random.standard_normal(4000))[::2], 2)
+    assert not np.array_equal(without_noise(pairs), pairs)
+
+
 def test_steps_in_coarse_digits_are_rid_of_their_flicker():
     drive = 100 * np.sin(0.01 * np.arange(4000))
     digits = 5 * np.round((drive + 1.5 * np.random.default_rng(1).standard_normal(4000)) / 5)

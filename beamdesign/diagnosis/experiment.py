@@ -93,7 +93,7 @@ def menu(data: Dataset) -> Iterator[Experiment]:
     for record, outer, inner, effort in _settings(data):
         law, payload = record.controller, f"a payload of {outer:.3g} kg" if outer > 0 else "no payload"
         beyond = f" (more than the {stated[1]:g} kg that the prototype is stated for)" if outer > stated[1] else ""
-        for signal, words in _signals(data):
+        for signal, words in _signals(data, commanded=law != OFF):
             acting = f"servo off, {inner:.3g} kg inside" if law == OFF else controller_text(law, inner)
             text = f"{words}, {payload}{beyond}, {acting}"
             row = ScenarioRecord(
@@ -120,8 +120,9 @@ def _settings(data: Dataset) -> list[tuple[TimeRecord, float, float, float]]:
     return found
 
 
-def _signals(data: Dataset) -> Iterator[tuple[Input, str]]:
-    for column, key, unit, words in ((1, "amplitude_V", "V", "command"), (0, "amplitude_N", "N", "force on the tip")):
+def _signals(data: Dataset, commanded: bool) -> Iterator[tuple[Input, str]]:
+    channels = ((1, "amplitude_V", "V", "command"), (0, "amplitude_N", "N", "force on the tip"))
+    for column, key, unit, words in channels[0 if commanded else 1 :]:
         largest = max(_peak(r, column) for r in data.records)
         if largest <= 0:
             continue

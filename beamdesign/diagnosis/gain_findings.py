@@ -149,7 +149,7 @@ def notes_of(
     cylinder = fits(AREAS, rig)
     said = [
         "Critical gains are those of the linear loop at small motion beyond deadband, hysteresis, play and dry"
-        " friction, and so are responses, but for what a force of the stated amplitude makes of such laws, play"
+        " friction, and so are responses, but for what a sine of the stated amplitude makes of such laws, play"
         f" excepted{'; of unequal sides the smaller one governs the gain' if cylinder else ''}."
     ]
     if silent:

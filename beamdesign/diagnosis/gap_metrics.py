@@ -39,7 +39,8 @@ def held_out(records: Sequence[TimeRecord]) -> tuple[int, ...]:
     count = max(1, round(_SHARE * len(records)))
     if len(records) < 2:
         return ()
-    taken = [_taken(record) for record in records]
+    driven = "current_A" if all("current_A" in record.measured for record in records) else CHANNEL
+    taken = [_taken(record, driven) for record in records]
     for demanding in (True, False):
         able = [k for k in range(len(taken)) if _known(taken, (k,), demanding)]
         if comb(len(able), count) > _MOST_CHOICES:
@@ -61,7 +62,7 @@ class _Taken(NamedTuple):
         excitation: by what it was driven.
         controller: that acted.
         size: rms of what drove it.
-        swing: of the current, A: how hard the valve is driven; of the displacement, m, where that was not recorded.
+        swing: of the current, A: how hard the valve is driven; of the displacement, m, where not all have it.
     """
 
     condition: object
@@ -72,10 +73,9 @@ class _Taken(NamedTuple):
     swing: float
 
 
-def _taken(record: TimeRecord) -> _Taken:
+def _taken(record: TimeRecord, driven: str) -> _Taken:
     size = float(np.sqrt(np.mean(record.inputs[:, 1 if record.excitation == "command" else 0] ** 2)))
-    driven = record.measured.get("current_A", record.measured["displacement_m"])
-    swing, masses = float(np.abs(driven).max()), (record.outer_end_mass, record.inner_end_mass)
+    swing, masses = float(np.abs(record.measured[driven]).max()), (record.outer_end_mass, record.inner_end_mass)
     return _Taken(record.condition, masses, record.excitation, record.controller, size, swing)
 
 

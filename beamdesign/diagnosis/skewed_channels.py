@@ -212,7 +212,7 @@ def channels_in_time(look: Look, workers: int = 1, progress: Progress = silent) 
 def _words(name: str, late_s: float) -> str:
     by, side = f"{1e3 * abs(late_s):.2g} ms", "after" if late_s > 0 else "before"
     return (
-        f"values of {name} stand {by} {side} those of command_V and current_A of the same instant, by what is left of "
+        f"values of {name} stand {by} {side} those of command and current of the same instant, by what is left of "
         "the records otherwise (does a converter read one channel after another, or has it a filter or a recorder of "
         "its own?): they are put back by that here. Record all channels at one instant, or shift this one, and "
         "diagnose again"

@@ -84,14 +84,19 @@ class TimeRecord:
     def denoised(self) -> tuple[np.ndarray, np.ndarray]:
         """(N,) the force as it acted, and (N,) what its sensor's noise leaves in it, see `input_noise.denoised`.
 
-        White noise that the displacement answers is no sensor's, but a force; so it is where no displacement is at
-        hand and nothing else drives.
+        White noise that the displacement answers is no sensor's, but a force: of which most looks like noise, all is
+        kept then; so it is where no displacement is at hand and nothing else drives.
         """
         force, command = self.inputs.T
         moved, (found, left) = self.measured.get("displacement_m"), denoised(force)
-        if found.any() or not (np.ptp(command) == 0 if moved is None else is_answered(force, moved)):
-            return found, left
-        return force, np.zeros(len(force))
+        if moved is None:
+            answered = np.ptp(command) == 0
+        else:
+            there = self.counted > 0
+            answered = is_answered(force - found, np.interp(self.times, self.times[there], moved[there]))
+        if answered and np.var(force - found) > np.var(found):
+            return force, np.zeros(len(force))
+        return found, left
 
     @property
     def cleaned(self) -> "TimeRecord":
@@ -282,14 +287,20 @@ def _time_record(index: Path, row: TimeEntry, controller: Controller, felt: str,
 
     def spared(name: str, columns: Mapping[str, np.ndarray]) -> np.ndarray:
         """Within spans that do not count anything may stand, but what drives the rig and when."""
-        times = columns.get("t_s", np.zeros(0))
-        within = [(begin <= times) & (times <= end) for begin, end in row.left_out_s]
-        return np.any([*within, np.zeros(len(columns[name]), dtype=bool)], axis=0) & (name not in ("t_s", *INPUTS))
+        if name in ("t_s", *INPUTS) or "t_s" not in columns:
+            return np.zeros(len(columns[name]), dtype=bool)
+        times = columns["t_s"]
+        _refuse_spans(index, row, times)
+        return np.any([(begin <= times) & (times <= end) for begin, end in row.left_out_s], axis=0)
 
     columns = read_columns(path, spared=spared if row.left_out_s else None)
     recorded = row.current_recorded and not row.servo_off
-    if not recorded and columns.pop("current_A", None) is not None and not row.servo_off:
-        warnings.append(f"{path.name}: current_A is not to count (current_recorded = false) and was left aside")
+    why = "servo_off = true" if row.servo_off else "current_recorded = false"
+    if not recorded and np.any(columns.pop("current_A", np.zeros(1))):
+        warnings.append(f"{path.name}: current_A is not to count ({why}) and was left aside")
+    if row.servo_off and np.any(columns.get("command_V", np.zeros(1))):
+        warnings.append(f"{path.name}: command_V moves nothing ({why}) and was left aside")
+        columns["command_V"] = np.zeros(len(columns["command_V"]))
     needed = ("t_s", *INPUTS, *MEASURED[0 if recorded else 1 :])
     refuse_missing(path, needed, columns)
     times = uniform_times(path, columns["t_s"])
@@ -307,6 +318,10 @@ def _time_record(index: Path, row: TimeEntry, controller: Controller, felt: str,
     measured = {name: columns[name] for name in (*MEASURED, *more) if name in columns and name not in dead}
     inputs = np.column_stack([columns[name] for name in INPUTS])
     masses = (row.outer_end_mass_kg, row.inner_end_mass_kg)
+    return TimeRecord(path.stem, times, inputs, measured, *masses, controller, str(path), row.left_out_s)
+
+
+def _refuse_spans(index: Path, row: TimeEntry, times: np.ndarray) -> None:
     begin, end = times[0], times[-1]
     for span in row.left_out_s:
         if not begin <= span[0] < span[1] <= end:
@@ -315,7 +330,6 @@ def _time_record(index: Path, row: TimeEntry, controller: Controller, felt: str,
     if 2 * sum(last - first for first, last in row.left_out_s) > end - begin:
         words = f"of {row.file}: leaves out more than half of it; give the rest as a record of its own"
         raise InputError(index, [("record.left_out_s", words)])
-    return TimeRecord(path.stem, times, inputs, measured, *masses, controller, str(path), row.left_out_s)
 
 
 def _response(path: Path, row: ResponseEntry, controller: Controller) -> FrequencyResponse:

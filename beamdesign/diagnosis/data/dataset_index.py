@@ -33,9 +33,9 @@ class Looped(Taken):
     """What was taken in a loop, or with the servo off."""
 
     controller: SerializeAsAny[Controller] | None = None
-    servo_off: Annotated[bool, Field(description="whether the valve or motor got no current while it was taken")] = (
-        False
-    )
+    servo_off: Annotated[
+        bool, Field(description="whether no current was asked for: valve shut, or drive of a motor without command")
+    ] = False
 
     @classmethod
     def relations(cls, table: Mapping[str, Any]) -> Iterator[Problem]:

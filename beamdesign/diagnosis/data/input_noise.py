@@ -11,7 +11,7 @@ _MARGIN = 2.5  # a smoothed spectrum of nothing but noise goes no higher
 _APART = 3.0  # standard deviations by which means over a shorter and a longer stretch may differ
 _LONGER = 1.3  # times, from one stretch to the next that is tried
 _ALL = 1.15  # times the noise's power: what may be taken away as noise
-_REPEATED = 0.3  # of the samples are exactly as the one before: noise that is no coarser than its digits repeats fewer
+_REPEATED = 0.6  # of the samples: of pairs half are exactly as the one before, of noise in sound digits fewer
 _DIGITS, _MOSTLY = 4, 0.9  # of the finest step: what coarse digits reach beyond; how many changes are of one step
 _ANSWERED = 6.0  # standard deviations of what chance makes of a correlation with white noise
 
@@ -60,7 +60,7 @@ def _without_noise(signal: np.ndarray) -> tuple[np.ndarray, float]:
     if noise <= 0:
         return signal, 0.0
     gains = _wiener(lines**2, noise)
-    if np.mean(np.diff(signal) == 0) > _REPEATED and gains.any() and not _coarse(signal):
+    if _repeated(signal) > _REPEATED and gains.any() and not _coarse(signal):
         return signal, 0.0
     if rough > 0:  # else its digits are too coarse to tell, or it has none and is held exactly
         held, left = _held(signal, noise)
@@ -84,6 +84,13 @@ def is_answered(signal: np.ndarray, motion: np.ndarray) -> bool:
     later = np.fft.irfft(np.conj(given) * seen, count)[: len(signal) // 2]
     size = len(signal) * float(np.std(signal)) * float(np.std(motion))
     return bool(size > 0 and np.abs(later).max() > _ANSWERED / np.sqrt(len(signal)) * size)
+
+
+def _repeated(signal: np.ndarray) -> float:
+    """Share of the samples that are exactly as the one before, the longest run of them left out: nothing acts there."""
+    changes = np.flatnonzero(np.diff(signal, prepend=np.inf, append=np.inf) != 0)
+    runs = np.diff(changes)
+    return 1 - (len(runs) - 1) / max(len(signal) - int(runs.max()), 1)
 
 
 def _coarse(signal: np.ndarray) -> bool:

@@ -199,12 +199,6 @@ def examine(data: Dataset) -> Examination:
         prototype = prototype.but(tolerance=tolerance)
     data, gain = replace(data, prototype=prototype), prototype.sensor.gain_V_per_m
     warnings = [Caution("tolerances", "", text)] if text else []
-    unchecked = "its current was not recorded: nothing tells whether it obeys the controller that is stated"
-    warnings += [
-        Caution("no_current", r.name, unchecked)
-        for r in data.records
-        if "current_A" not in r.measured and r.controller != OFF
-    ]
 
     def usable() -> tuple[TimeRecord, ...]:
         out = {caution.record for caution in warnings if caution.left_out}
@@ -220,6 +214,12 @@ def examine(data: Dataset) -> Examination:
     mended = [(record, []) if record.name in named else bridged(record) for record in data.records]
     data = replace(data, records=tuple(record for record, _ in mended))
     warnings += [caution for _, found in mended for caution in found]
+    unchecked = "its current was not recorded: nothing tells whether it obeys the controller that is stated"
+    warnings += [
+        Caution("no_current", r.name, unchecked)
+        for r in data.records
+        if "current_A" not in r.measured and r.controller != OFF
+    ]
     warnings += _misread(seen(), data)
     warnings += first(suitability, seen(), prototype)
     warnings += [caution for record in seen() for caution in force_channel(record, prototype)]

@@ -114,7 +114,7 @@ def figures_of(data: Dataset) -> tuple[Figure, ...]:
     """Frequency responses and critical gains of a data set.
 
     They are predicted by a linear loop, which is blind to friction, deadband and the like. Where a response meets such
-    laws its sines are simulated, if their force is stated. Beside records, which these laws are fitted to, figures
+    laws its sines are simulated, if their amplitude is stated. Beside records, which these laws are fitted to, figures
     count as no better than a linear loop is where such laws are at work, and fewer sines tell as much.
     """
     rough = ROUGH if data.records else 0.0
@@ -213,7 +213,7 @@ def _secant(unknown: Unknown, z: float, step: float) -> tuple[float, float]:
 
 
 def with_output_injection(taken: RecordEvidence) -> InjectedRecord:
-    """A record as one that a model follows."""
+    """A record as one that a model follows; with the servo off there is no loop to follow it in."""
     record, rig = taken.record, taken.job.prototype
     inputs = record.inputs.copy()
     inputs[:, 1] -= (1 - OWN_SHARE) * rig.sensor.gain_V_per_m * record.measured["displacement_m"]
