@@ -73,7 +73,7 @@ def test_a_cause_beside_a_skewed_force_is_found_and_said_not_to_be_sure(monkeypa
     monkeypatch.setattr(searching, "singles", lambda rig: (SLOWED, RUBBING))
     found = diagnose(recorded(believed().but(effects=FRICTION), -2), workers=1)
     assert (found.verdict, found.chosen) == ("ambiguous", ("seal_friction",))
-    assert any("values of disturbance_N stand 0.2 ms before those of command_V" in said for said in found.warnings)
+    assert any("values of disturbance_N stand 0.2 ms before those of command" in said for said in found.warnings)
     (cause,) = (cause for cause in found.causes if cause.name == "seal_friction")
     assert cause.parameters["coulomb_N"].value == pytest.approx(60.0, rel=0.1)
 
