@@ -172,6 +172,17 @@ def test_a_prediction_of_times_in_milliseconds_is_refused_and_a_long_one_too(
     assert caught.value.source.endswith("steps.csv")
 
 
+def test_a_force_that_a_prediction_takes_for_noise_is_told(sound: Recorded, tmp_path: Path):
+    command = sound.columns["command"]
+    command["disturbance_N"] = 3.0 * np.random.default_rng(1).standard_normal(len(command["t_s"]))
+    folder = sound.write(tmp_path)
+    found = predict(folder / "prototype.toml", folder)
+    assert found.noise_N == {"command": pytest.approx(3.0, rel=0.1)}
+    told = {name: words for name, *_, words in found.rows()}
+    assert told["command"] == f"complete; {found.noise_N['command']:.3g} N rms taken for noise of the load cell"
+    assert all(words == "complete" for name, words in told.items() if name != "command")
+
+
 def test_records_that_would_be_told_apart_by_nothing_are_refused(sound: Recorded, tmp_path: Path):
     folder = sound.write(tmp_path)
     (tmp_path / "more").mkdir()

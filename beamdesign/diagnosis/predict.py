@@ -1,7 +1,7 @@
 """What a prototype would have recorded under the inputs of a data set; nothing that was measured is looked at."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from math import ceil
 from pathlib import Path
 from typing import Any
@@ -32,9 +32,16 @@ FURTHEST_M = 0.5
 
 @dataclass(frozen=True, repr=False)
 class Prediction(Result):
-    """All records of a data set as a model has them."""
+    """All records of a data set as a model has them.
+
+    Attributes:
+        records: simulated.
+        noise_N: by the names of records, the root mean square of a force beside a command that looks like nothing but
+            noise of its sensor, and is none for the model.
+    """
 
     records: tuple[SimulatedRecord, ...]
+    noise_N: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def reasons(self) -> dict[str, str]:
@@ -48,13 +55,14 @@ class Prediction(Result):
 
     def to_dict(self) -> dict[str, Any]:
         """What `beamdesign gap predict` writes, beside the records' files."""
-        return {"complete": self.yes, "reasons": self.reasons}
+        return {"complete": self.yes, "reasons": self.reasons, "noise_N": dict(self.noise_N)}
 
     def rows(self) -> list[tuple[str, int, float, str]]:
-        """Record, number of samples, largest displacement in m, and why it ends early."""
+        """Record, number of samples, largest displacement in m, why it ends early, and what is no force for it."""
         peaks = [float(abs(one.column("displacement_m")).max()) for one in self.records]
+        noise = {name: f"; {rms:.3g} N rms taken for noise of the load cell" for name, rms in self.noise_N.items()}
         return [
-            (one.name, len(one.samples), peak, one.reason or "complete")
+            (one.name, len(one.samples), peak, (one.reason or "complete") + noise.get(one.name, ""))
             for one, peak in zip(self.records, peaks, strict=True)
         ]
 
@@ -186,7 +194,8 @@ def predict(prototype: AnyPrototype | str | Path, dataset: str | Path, progress:
         progress(done / total, f"{given.name}, {given.times[-1] - given.times[0]:.4g} s")
         found.append(predict_record(model, given, gain))
         done += len(given.times)
-    return Prediction(tuple(found))
+    noise = {one.name: float(np.std(one.inputs[:, 0])) for one in inputs if not np.any(one.denoised[0])}
+    return Prediction(tuple(found), {name: rms for name, rms in noise.items() if rms > 0})
 
 
 def _predict_bench(prototype: BenchPrototype, folder: Path, progress: Progress) -> list[SimulatedRecord]:
