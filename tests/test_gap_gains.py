@@ -18,7 +18,7 @@ from beamdesign.controllers.cascade import Section
 from beamdesign.diagnosis import gain_diagnosis
 from beamdesign.diagnosis.data.dataset import Dataset, FrequencyResponse, MeasuredGain, TimeRecord
 from beamdesign.diagnosis.diagnosis import Diagnosis
-from beamdesign.diagnosis.fitting import search
+from beamdesign.diagnosis.fitting import search, swept_sine
 from beamdesign.diagnosis.fitting.evidence import evidence_of, figures_of, record_evidence
 from beamdesign.diagnosis.fitting.fit import fit
 from beamdesign.diagnosis.fitting.gain_evidence import FREQUENCY_STD, GainEvidence, phase_crossings
@@ -294,6 +294,28 @@ def test_sines_far_beyond_a_deadband_are_those_of_the_linear_loop(swept: Respons
     placement, z = with_deadband(piece, HALF_A / 1000)
     linear = replace(piece, swept=0).predicted(placement, z)
     assert np.abs(piece.predicted(placement, z) / linear - 1).max() < 0.005
+
+
+@pytest.mark.parametrize(("amplitude", "most_off"), [(1.0, 2e-3), (FORCE_N, 0.05)])
+def test_sines_beside_a_resonance_of_little_damping_have_settled(
+    paper: Prototype, monkeypatch: pytest.MonkeyPatch, amplitude: float, most_off: float
+):
+    """Of little amplitude they are those of the linear loop; of more, those that twelve times as long settle.
+
+    Half a per cent below its critical gain a loop rings for seconds: from rest they would be off by three quarters.
+    """
+    rig, oscillating = paper.but(tolerance=TOLERANCE), critical_gain(paper.but(controller=LAG), 6.8)
+    law = LAG.but(gain_A_per_V=0.995 * oscillating.gain_A_per_V)
+    hertz = oscillating.frequency_Hz * np.array([0.9, 0.97, 1.1])
+    taken = FrequencyResponse("ringing", hertz, np.ones(3, complex), True, amplitude, 6.8, 0.0, law)
+    name, given = ("entrained_air", 0.1) if amplitude == 1.0 else ("valve_hysteresis", 0.0)
+    placement = together(name).placement(rig)
+    z = np.full(len(placement.unknowns), given) * [u.kind == "effect" for u in placement.unknowns]
+    found = ResponseEvidence(taken, rig, swept=40).predicted(placement, z)
+    if amplitude > 1.0:
+        monkeypatch.setattr(swept_sine, "_SETTLES_S", 6.0)
+    settled = ResponseEvidence(taken, rig, swept=0 if amplitude == 1.0 else 40).predicted(placement, z)
+    assert np.abs(found / settled - 1).max() < most_off
 
 
 def test_many_lines_and_lines_out_of_reach_take_no_more_sines(swept: ResponseEvidence):

@@ -64,12 +64,16 @@ class LinearModel:
 
     def parameters(self, z: np.ndarray, gain: float | None = None) -> np.ndarray:
         """Parameters of `assembly` at z, with another controller gain (A/V) where one is given."""
-        p = self.placement.parameters(self.base, z)[self._rows]
-        own = self.assembly.parameters
-        if "seal_friction.coulomb_N" in own:
-            p[own.index("seal_friction.coulomb_N")] = 0.0
+        p = self._own(self.placement.parameters(self.base, z))
         if gain is not None:
-            p[own.index("gain")] = gain
+            p[self.assembly.parameters.index("gain")] = gain
+        return p
+
+    def _own(self, p: np.ndarray) -> np.ndarray:
+        """Parameters of `assembly`, from those in the placement's order; likewise of several side by side."""
+        p, names = p[self._rows], self.assembly.parameters
+        if "seal_friction.coulomb_N" in names:
+            p[names.index("seal_friction.coulomb_N")] = 0.0
         return np.asarray(p)
 
     @cached_property
@@ -129,6 +133,26 @@ class LinearModel:
         columns = np.repeat(p[:, None], count, axis=1)
         columns[self.assembly.parameters.index("gain")] = gains
         return np.split(self.at(columns, np.repeat(x[:, None], count, axis=1)).a, count, axis=1)
+
+    def turning(self, parameters: np.ndarray, given: int, hertz: np.ndarray) -> np.ndarray:
+        """Steady motions of the states per unit of a sine of an input, complex (F, M, n) at F frequencies.
+
+        Args:
+            parameters: (P, M) in the placement's order, side by side and all next to the first.
+            given: which input.
+            hertz: (F,) frequencies.
+
+        Raises:
+            ValueError: where there is no equilibrium.
+        """
+        own = self._own(parameters)
+        x = self.points(own[:, 0])[0]
+        states, count = len(x), own.shape[1]
+        loops = self.at(own, np.repeat(x[:, None], count, axis=1))
+        a = loops.a.reshape(states, count, states).transpose(1, 0, 2)
+        b = loops.b.reshape(states, count, -1)[:, :, given].T
+        rates = 2j * np.pi * hertz[:, None, None, None]
+        return np.asarray(np.linalg.solve(rates * np.eye(states) - a, b[..., None] + 0j * rates)[..., 0])
 
     def slopes(self, z: np.ndarray, x: np.ndarray, gain: float | None = None) -> list[Linearisation]:
         """Derivatives of the linear loop by every unknown, the point moving along, by central differences."""
@@ -292,7 +316,8 @@ class ResponseEvidence(LinearEvidence):
         linear = self._linear(placement, z, sloped)
         if not self._simulated(placement):
             return linear
-        sines, at, between = self._sines.response(placement, z, sloped), self._sines.lines, self._sines.between
+        model = None if linear is None else self.model(placement)
+        sines, at, between = self._sines.response(placement, z, model, sloped), self._sines.lines, self._sines.between
         if sines is None:
             return None
         if linear is None:

@@ -19,6 +19,9 @@ FURTHEST_M = 0.5
 _RADIANS = 1.2  # of the fastest pole, per integration step: Runge-Kutta of fourth order is stable to 2.7
 _LONGEST_S = 0.25e-3
 
+Begun = tuple[np.ndarray, np.ndarray]
+"""How a motion begins beyond rest: states (n,), and their derivatives (n, P) by the parameters that unknowns move."""
+
 
 @dataclass(frozen=True)
 class Replay:
@@ -83,11 +86,16 @@ class Replay:
         return found * loud[:, None], forced
 
     def simulated_with_slopes(
-        self, placement: Placement, z: np.ndarray, channels: tuple[str, ...], sloped: bool = True
+        self,
+        placement: Placement,
+        z: np.ndarray,
+        channels: tuple[str, ...],
+        sloped: bool = True,
+        begun: Begun | None = None,
     ) -> tuple[np.ndarray, np.ndarray] | None:
         """Channels (N, C) and their derivatives by z (N, C, K); None where the simulated loop diverges.
 
-        Without slopes there are no derivatives, and it takes a fraction of the time.
+        Without slopes there are no derivatives, and it takes a fraction of the time. It starts at rest, or as begun.
         """
         # Steps are counted anew only for another structure, or where the unknowns have gone a long way.
         key = (placement.assembly.kinds, placement.unknowns, tuple(np.round(z).astype(int)))
@@ -95,18 +103,20 @@ class Replay:
         assembly, times = placement.assembly, self.record.since_start
         columns = [assembly.outputs.index(name) for name in channels]
         try:
-            start = at_rest(placement, parameters)
+            rest = at_rest(placement, parameters)
         except ValueError:
             return None
         if key not in self._substeps:
-            self._substeps[key] = self._enough(placement, parameters, start)
+            self._substeps[key] = self._enough(placement, parameters, rest)
         substeps = self._substeps[key]
         inputs = self._driven(substeps)
+        start = rest if begun is None else rest + begun[0]
         if not sloped:
             y, _ = integrate(assembly.kinds, times, inputs, start, parameters, substeps, FURTHEST_M)
             return (y[:, columns], np.zeros(0)) if len(y) == len(times) else None
         names = tuple(assembly.parameters[k] for k in placement.moved)
-        moved = equilibrium_sensitivity(assembly, start, np.zeros(3), parameters, names)
+        moved = equilibrium_sensitivity(assembly, rest, np.zeros(3), parameters, names)
+        moved = moved if begun is None else moved + begun[1]
         y, dy = integrate_with_sensitivities(
             assembly.kinds, times, inputs, start, moved, parameters, names, substeps, FURTHEST_M, columns
         )

@@ -8,18 +8,22 @@ and W. E. Vander Velde, Multiple-Input Describing Functions and Nonlinear System
 from dataclasses import dataclass
 from functools import cache, cached_property
 from math import ceil
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from beamdesign.diagnosis.data.dataset import FrequencyResponse, TimeRecord
 from beamdesign.diagnosis.fitting.hypothesis import Placement
-from beamdesign.diagnosis.fitting.replay import DISPLACEMENT, Replay, law_of_play
+from beamdesign.diagnosis.fitting.replay import DISPLACEMENT, Begun, Replay, law_of_play
 from beamdesign.plant.assembly import Structure, assemble
 from beamdesign.prototype import Prototype
 
+if TYPE_CHECKING:
+    from beamdesign.diagnosis.fitting.linear_evidence import LinearModel
+
 _LOWEST_HZ, _HIGHEST_HZ = 1.0, 400.0
 _SETTLES_S, _SETTLES_PERIODS, _LISTENS_S = 0.5, 4, 0.05
-_RISES_S = 0.1  # of the input, to its amplitude
+_STEP = 1e-4  # in prior standard deviations, of central differences
 _SAMPLE_S, _LEAST_SAMPLES = 0.5e-3, 16  # of a period
 
 
@@ -76,9 +80,9 @@ class SweptSine:
         each = max(_LEAST_SAMPLES, ceil(1 / (hertz * _SAMPLE_S)))
         settles, listens = max(_SETTLES_PERIODS, ceil(_SETTLES_S * hertz)), ceil(_LISTENS_S * hertz)
         times = np.arange((settles + listens) * each + 1) / (each * hertz)
-        turns, rises = 2 * np.pi * hertz * times, np.minimum(times / _RISES_S, 1.0)
+        turns = 2 * np.pi * hertz * times
         inputs = np.zeros((len(times), 2))
-        inputs[:, taken.driven_by] = taken.amplitude * np.sin(turns) * (0.5 - 0.5 * np.cos(np.pi * rises))
+        inputs[:, taken.driven_by] = taken.amplitude * np.sin(turns)
         listened = np.zeros(len(times), complex)
         window = slice(settles * each, -1)
         listened[window] = 2j * np.exp(-1j * turns[window]) / (listens * each * taken.amplitude)
@@ -87,19 +91,43 @@ class SweptSine:
         return Replay(TimeRecord(taken.name, times, inputs, still, *masses, taken.controller), self.prototype), listened
 
     def response(
-        self, placement: Placement, z: np.ndarray, sloped: bool = True
+        self, placement: Placement, z: np.ndarray, linear: "LinearModel | None", sloped: bool = True
     ) -> tuple[np.ndarray, np.ndarray] | None:
         """Response (S,) and the derivatives of its logarithm by z (S, K); None where the simulated loop diverges.
 
-        Without slopes there are no derivatives, and it takes a fraction of the time.
+        Each sine begins as the linear loop would go on for ever, so that what has to settle is what the laws that are
+        not linear change: beside a resonance of little damping a motion from rest takes seconds to.
+
+        Args:
+            placement: of the unknowns.
+            z: their values.
+            linear: the loop; None where it is not stable, and sines begin at rest.
+            sloped: without slopes there are no derivatives, and it takes a fraction of the time.
         """
         found = np.zeros(len(self.lines), complex)
         slopes = np.zeros((len(self.lines), len(z) if sloped else 0), complex)
+        begun = [None] * len(self.lines) if linear is None else self._begun(placement, z, linear, sloped)
         for k, (job, listened) in enumerate(self._sines):
-            moved = job.simulated_with_slopes(placement, z, (DISPLACEMENT,), sloped)
+            moved = job.simulated_with_slopes(placement, z, (DISPLACEMENT,), sloped, begun[k])
             if moved is None:
                 return None
             found[k] = listened @ moved[0][:, 0]
             if sloped:
                 slopes[k] = listened @ moved[1][:, 0] / found[k]
         return found, slopes
+
+    def _begun(self, placement: Placement, z: np.ndarray, linear: "LinearModel", sloped: bool) -> list[Begun | None]:
+        """Of every sine how it begins."""
+        job, _ = self._sines[0]
+        p, placed = job.parameters(placement, z), job.placed(placement)
+        moved = list(placed.moved) if sloped else []
+        step = _STEP * np.abs(placed.slopes(p, z)[moved]).max(axis=1, initial=0.0)
+        nudged = np.zeros((len(p), len(moved)))
+        nudged[moved, range(len(moved))] = step
+        beside = np.column_stack([p, p[:, None] + nudged, p[:, None] - nudged])
+        hertz = self.measured.frequencies_Hz[self.lines]
+        states = np.zeros((len(hertz), beside.shape[1], len(placed.assembly.states)))
+        places = [placed.assembly.states.index(name) for name in linear.assembly.states]
+        states[:, :, places] = self.measured.amplitude * linear.turning(beside, self.measured.driven_by, hertz).imag
+        by = (states[:, 1 : len(moved) + 1] - states[:, len(moved) + 1 :]) / (2 * step[:, None])
+        return list(zip(states[:, 0], by.transpose(0, 2, 1), strict=True))
