@@ -129,62 +129,34 @@ def extremes(joining: Joining) -> tuple[tuple[int, int], ...]:
     return ((1, 0), (-1, 0)) if joining == "matched" else ((1, 0), (-1, 0), (1, 1))
 
 
-@dataclass(frozen=True)
-class Terms:
-    """One coefficient P_k of P(m) under the maps the inequality needs; rational matrices or (batches of) arrays.
-
-    Attributes:
-        value: P_k.
-        fixed: fixed' P_k + P_k fixed.
-        inertial: inertial' P_k + P_k inertial.
-        velocity: D P_k + P_k D.
-    """
-
-    value: Any
-    fixed: Any
-    inertial: Any
-    velocity: Any
-
-
-def decrease(terms: Sequence[Terms], bare_mass: Any, decay: Any, rate: Any, resting: int) -> list[Any]:
+def decrease(
+    loop: Any, coefficients: Iterable[Any], decay: Any, rate: Any, resting: int, times: Callable[[Any, Any], Any] = mul
+) -> list[Any]:
     """Coefficients in m, ascending, of -W (dV/dt + 2 decay V); see the head of this file.
 
     Args:
-        terms: one per coefficient of P(m), ascending.
-        bare_mass: M_m, kg.
+        loop: a `MassFamily`, or what has its `fixed`, `inertial`, `pick` and `bare_mass` in floats.
+        coefficients: P_k of P(m), ascending; rational matrices or (batches of) arrays.
         decay: 1/s.
         rate: dm/dt, kg/s, signed.
         resting: theta, 1 where the payload joins from rest.
+        times: what multiplies matrices.
     """
-    zero = terms[0].value * (decay * 0)
-    total = [zero] * (len(terms) + 1)
-    for k, term in enumerate(terms):
-        constant = term.fixed + term.value * (2 * decay)
-        total[k + 1] = total[k + 1] - constant
-        total[k] = total[k] - constant * bare_mass - term.inertial - term.value * (rate * k)
-        if resting:
-            total[k] = total[k] + term.velocity * rate
-        if k:
-            total[k - 1] = total[k - 1] - term.value * (rate * k * bare_mass)
-    return total
-
-
-def terms_of(
-    coefficients: Iterable[Any], fixed: Any, inertial: Any, pick: Any, times: Callable[[Any, Any], Any] = mul
-) -> list[Terms]:
-    """`Terms` of each coefficient P_k, from A(m) = fixed + inertial / W, D and what multiplies matrices."""
 
     def both(left: Any, p: Any) -> Any:
         return times(left.transpose(), p) + times(p, left)
 
-    return [Terms(p, both(fixed, p), both(inertial, p), both(pick, p)) for p in coefficients]
-
-
-def exact_terms(family: MassFamily, coefficients: Sequence[fmpq_mat]) -> list[Terms]:
-    """`Terms` of each coefficient in rationals."""
-    pick = fmpq_mat(family.order, family.order)
-    pick[family.velocity, family.velocity] = fmpq(1)
-    return terms_of(coefficients, family.fixed, family.inertial, pick)
+    coefficients = [*coefficients]
+    total = [coefficients[0] * (decay * 0)] * (len(coefficients) + 1)
+    for k, p in enumerate(coefficients):
+        constant = both(loop.fixed, p) + p * (2 * decay)
+        total[k + 1] = total[k + 1] - constant
+        total[k] = total[k] - constant * loop.bare_mass - both(loop.inertial, p) - p * (rate * k)
+        if resting:
+            total[k] = total[k] + both(loop.pick, p) * rate
+        if k:
+            total[k - 1] = total[k - 1] - p * (rate * k * loop.bare_mass)
+    return total
 
 
 def holds_at_rate(
@@ -213,9 +185,8 @@ def holds_at_rate(
     if not positive.holds:
         return Definite(False, f"P(m) is not positive definite: {positive.reason}")
     for k, family in enumerate(families, start=1):
-        terms = exact_terms(family, coefficients)
         for sign, resting in extremes(joining) if rate else ((0, 0),):
-            answer = positive_on(decrease(terms, family.bare_mass, decay, sign * rate, resting), low, high)
+            answer = positive_on(decrease(family, coefficients, decay, sign * rate, resting), low, high)
             if not answer.holds:
                 stage = f" with stage {k}" if len(families) > 1 else ""
                 return Definite(False, f"V does not decrease{stage} {answer.reason}")

@@ -15,7 +15,7 @@ import numpy as np
 from flint import fmpq, fmpq_mat
 
 from beamdesign.polynomial import exact
-from beamdesign.proofs.decrease import ZERO, Joining, bernstein, decrease, extremes, holds_at_rate, terms_of
+from beamdesign.proofs.decrease import ZERO, Joining, bernstein, decrease, extremes, holds_at_rate
 from beamdesign.proofs.mass_family import Cycle, Families, MassFamily, at, floats, modal_coordinates, rationals
 
 SOLVERS = ("CLARABEL", "SCS")
@@ -132,7 +132,9 @@ def solve_one_each(families: Families, sought: Sought, coordinates: np.ndarray, 
     first, identity = scaled[0], np.eye(families[0].order)
     own = first.basis(sought.degree)
     size, constraints, bases = len(own), [], []
-    share = 1.0 if sought.joining == "matched" else float((first.bare + first.low) / (first.bare + first.high))
+    share = (
+        1.0 if sought.joining == "matched" else float((first.bare_mass + first.low) / (first.bare_mass + first.high))
+    )
     # Of a common function both, though of matched payload they agree: a solver then keeps further from the bound.
     jumps = [identity] if count > 1 else [identity, identity - (1 - share) * first.pick]
     for k in range(count):
@@ -163,7 +165,7 @@ class Scaled:
         middle = (sought.low + sought.high) / 2
         self.unit = float(family.bare_mass + middle)
         self.pace = pace
-        self.bare = float(family.bare_mass) / self.unit
+        self.bare_mass = float(family.bare_mass) / self.unit
         self.low, self.high = float(sought.low) / self.unit, float(sought.high) / self.unit
         self.fixed = coordinates @ floats(family.fixed) @ inverse / self.pace
         self.inertial = coordinates @ floats(family.inertial) @ inverse / self.pace / self.unit
@@ -179,9 +181,9 @@ class Scaled:
 
     def decrease(self, basis: np.ndarray, sought: Sought, sign: int, resting: int) -> list[np.ndarray]:
         """Bernstein coefficients of -W (dV/dt + 2 decay V) for each member of the basis, (count, n, n) each."""
-        terms = terms_of(np.moveaxis(basis, 1, 0), self.fixed, self.inertial, self.pick, matmul)
         rate, decay = sign * float(sought.rate) / self.unit / self.pace, float(sought.decay) / self.pace
-        return bernstein(decrease(terms, self.bare, decay, rate, resting), self.low, self.high)
+        found = decrease(self, np.moveaxis(basis, 1, 0), decay, rate, resting, matmul)
+        return bernstein(found, self.low, self.high)
 
     def in_si(self, inner: np.ndarray) -> tuple[np.ndarray, ...]:
         """Coefficients of P(m) in SI from those in scaled mass and coordinates."""

@@ -56,6 +56,13 @@ class MassFamily:
         """Number n of states."""
         return self.fixed.nrows()
 
+    @property
+    def pick(self) -> fmpq_mat:
+        """E e', (n, n), which picks out the velocity."""
+        found = fmpq_mat(self.order, self.order)
+        found[self.velocity, self.velocity] = fmpq(1)
+        return found
+
     def at(self, outer_end_mass: fmpq) -> fmpq_mat:
         """A(m), (n, n)."""
         return self.fixed + self.inertial * (1 / (self.bare_mass + outer_end_mass))
