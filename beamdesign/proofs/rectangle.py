@@ -292,23 +292,12 @@ LARGEST_HZ = 1e5
 _BITS = 128
 
 
-@dataclass(frozen=True)
-class StableZeros:
-    """Zero frequencies between two neighbouring critical ones, proved stable for every mass.
-
-    Attributes:
-        low_Hz: rounded inwards.
-        high_Hz: rounded inwards.
-    """
-
-    low_Hz: float
-    high_Hz: float
-
-
 def stable_zeros(
     prototype: Prototype, pole_Hz: float, gain_A_per_V: float, outer_end_mass_kg: tuple[float, float]
-) -> list[StableZeros]:
-    """All stable intervals of the lag's zero frequency at a pole and a gain, ascending.
+) -> list[tuple[float, float]]:
+    """All intervals of the lag's zero frequency, Hz, in which every mass is stable at a pole and a gain, ascending.
+
+    They lie between neighbouring critical frequencies, their ends rounded inwards.
 
     Args:
         prototype: the rig and its inner end mass; its own controller does not matter.
@@ -339,7 +328,7 @@ def stable_zeros(
             # A last digit inwards, for the division and pi.
             least = rounded_up(1 / end) / (2 * pi) * (1 + 1e-12)
             most = rounded_down(1 / start) / (2 * pi) * (1 - 1e-12)
-            found.append(StableZeros(least, most))
+            found.append((least, most))
     return found[::-1]
 
 

@@ -216,9 +216,9 @@ def lag_breaks(prototype: Prototype, options: Any) -> Answer:
     low, high = prototype.asked_kg()
     found = stable_zeros(prototype, lag.pole_Hz, law.gain_A_per_V, (low, high))
     outputs = {
-        "stable_zero_from_Hz": [part.low_Hz for part in found],
-        "stable_zero_to_Hz": [part.high_Hz for part in found],
-        "own_zero_stable": any(part.low_Hz <= lag.zero_Hz <= part.high_Hz for part in found),
+        "stable_zero_from_Hz": [least for least, _ in found],
+        "stable_zero_to_Hz": [most for _, most in found],
+        "own_zero_stable": any(least <= lag.zero_Hz <= most for least, most in found),
     }
     return Answer(outputs, reason="" if found else f"no zero is stable for every mass from {low:g} to {high:g} kg")
 
