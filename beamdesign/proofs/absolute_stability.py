@@ -7,7 +7,6 @@ factor, which the loop is taken with, that is a characteristic of slope 0 to 1 a
 """
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
 from functools import partial
 from itertools import product
 from math import inf
@@ -45,33 +44,19 @@ _ZERO, _ONE = fmpq(0), fmpq(1)
 # Static characteristics.
 
 
-@dataclass(frozen=True)
-class Absolute:
-    """What came of the search for a multiplier.
-
-    Attributes:
-        multiplier: None where there is none.
-        margin: proved lower bound of Re[M (1 + L)].
-        reason: in words, why there is none.
-    """
-
-    multiplier: Multiplier | None
-    margin: fmpq = _ZERO
-    reason: str = ""
+Found = tuple[Multiplier, fmpq]
+"""A multiplier, and a proved lower bound of Re[M (1 + L)]."""
 
 
-def absolute_stability(loops: Sequence[Loop], low: fmpq, high: fmpq) -> Absolute:
-    """Seek and prove one multiplier for loops at every mass (kg) from `low` to `high`, or say why there is none."""
+def absolute_stability(loops: Sequence[Loop], low: fmpq, high: fmpq) -> tuple[Found | None, str]:
+    """Seek and prove one multiplier for loops at every mass (kg) from `low` to `high`; or say why there is none."""
     for loop in loops:
         if not is_stable_over(loop.loop_denominator, low, high):
-            reason = "The open loop is not stable at every mass, which the theorem presupposes."
-            return Absolute(None, reason=reason)
+            return None, "The open loop is not stable at every mass, which the theorem presupposes."
         if reason := _unstable_gain(Rectangle(loop, low, high, _ZERO, _ONE)):
-            return Absolute(None, reason=reason)
+            return None, reason
     found = search(loops, low, high)
-    if found is None:
-        return Absolute(None, reason="No multiplier was found; that does not say that the loop oscillates.")
-    return Absolute(*found)
+    return found, "" if found else "No multiplier was found; that does not say that the loop oscillates."
 
 
 def _unstable_gain(rectangle: Rectangle) -> str:
@@ -100,10 +85,11 @@ def _unstable_gain(rectangle: Rectangle) -> str:
 
 def static_rows(given: Members) -> Iterator[Row]:
     """A row for the characteristics at either place of the loop, and for both places at once."""
-    found = absolute_stability(given.loops, given.low, given.high)
-    statement = {"kind": "slope", "loops": list(range(1, len(given.loops) + 1)), "margin": text(found.margin)}
+    found, reason = absolute_stability(given.loops, given.low, given.high)
+    multiplier, margin = found or (None, _ZERO)
+    statement = {"kind": "slope", "loops": list(range(1, len(given.loops) + 1)), "margin": text(margin)}
     of = f"for every payload that stays{given.frozen(len(given.loops), given.found.gains)}"
-    yield from rows_of(given.prototype, found.multiplier, found.reason, of, statement)
+    yield from rows_of(given.prototype, multiplier, reason, of, statement)
 
 
 def rows_of(
@@ -169,7 +155,7 @@ Solved = tuple[np.ndarray, float, float]
 """Coefficients of kernels, Popov's one, and what else a program gives: here the least real part."""
 
 
-def search(loops: Sequence[Loop], low: fmpq, high: fmpq) -> tuple[Multiplier, fmpq] | None:
+def search(loops: Sequence[Loop], low: fmpq, high: fmpq) -> Found | None:
     """A multiplier that is proved to fit every loop at every mass (kg) from `low` to `high`, with a margin of its own.
 
     Those that need no odd characteristic are sought first. None where none is found.

@@ -120,8 +120,8 @@ def _rests(prototype: Prototype, masses_kg: tuple[float, float]) -> bool:
     if not prototype.goal.lower_gains:
         return False
     given = members(prototype, *masses_kg)
-    found = absolute_stability(given.loops, given.low, given.high).multiplier
-    return found is not None and not found.for_odd_only
+    found, _ = absolute_stability(given.loops, given.low, given.high)
+    return found is not None and not found[0].for_odd_only
 
 
 _SHARES_OF_GAIN = np.geomspace(1e-3, 1.0, 300)
@@ -257,10 +257,10 @@ def rests(task: Search, design: Design, found: Proved) -> tuple[Proved | None, s
         return found, ""
     members = task.members_with(design.chosen, rounded=True)
     each = loop_set(members, found.controller, found.inner_end_mass_kg, task.masses_kg).stable
-    proof = absolute_stability([one.loop.scaled(one.most) for one in each], *map(exact, task.masses_kg))
-    if proof.multiplier is not None and proof.multiplier.for_odd_only:
+    proof, reason = absolute_stability([one.loop.scaled(one.most) for one in each], *map(exact, task.masses_kg))
+    if proof is not None and proof[0].for_odd_only:
         return None, f"the multiplier that was found is {FOR_ODD} alone"
-    return (None, proof.reason) if proof.multiplier is None else (found, "")
+    return (None, reason) if proof is None else (found, "")
 
 
 def value_of(task: Search, design: Design) -> float:
