@@ -6,10 +6,9 @@ Of its kinds the factors are at most a lag, which gives a loop its gain at low f
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cache, reduce
+from functools import cache
 from itertools import chain
 from math import pi, prod
-from operator import mul
 from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self
 
 from pydantic import Field
@@ -206,19 +205,16 @@ class Cascade(Controller):
             rows += [(f"zeros of section {k}", zero, "numerator"), (f"poles of section {k}", pole, "denominator")]
         return rows
 
-    def transfer_function(self) -> TransferFunction:
+    def sensed_law(self) -> SensedLaw:
         """K_sa C(s), exact."""
         from flint import fmpq_poly
 
         from beamdesign.polynomial import exact
 
-        whole = TransferFunction(fmpq_poly([exact(self.gain_A_per_V)]), fmpq_poly([1]))
-        return reduce(mul, (factor.exact() for factor in self.factors), whole)
-
-    def sensed_law(self) -> SensedLaw:
-        """The same as a law of sensors."""
-        law = self.transfer_function()
-        return SensedLaw(self.senses, (law.numerator,), law.denominator)
+        factors = [factor.exact() for factor in self.factors]
+        numerator = prod((one.numerator for one in factors), start=fmpq_poly([exact(self.gain_A_per_V)]))
+        denominator = prod((one.denominator for one in factors), start=fmpq_poly([1]))
+        return SensedLaw(self.senses, (numerator,), denominator)
 
     def form(self) -> "tuple[Form, np.ndarray]":
         """Logarithms of its gain and of the figures of each factor, as its fields have them."""

@@ -56,9 +56,6 @@ class TransferFunction:
     numerator: "fmpq_poly"
     denominator: "fmpq_poly"
 
-    def __mul__(self, other: "TransferFunction") -> "TransferFunction":
-        return TransferFunction(self.numerator * other.numerator, self.denominator * other.denominator)
-
 
 @dataclass(frozen=True)
 class SensedLaw:

@@ -18,7 +18,7 @@ a_z is zero throughout, the planes part and each is proved by itself.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -112,22 +112,17 @@ class BothPlanes:
             (N, 4, 3), m/N and rad/N, complex.
         """
         s = 2j * np.pi * np.asarray(frequency_Hz, dtype=float)
-        motions, sensed = floats(self.motions), floats(self.sensed)
-        stiffness = np.zeros((len(s), 3, 3), dtype=complex)
-        force = np.zeros((len(s), 3, 3), dtype=complex) + motions.T
-        for i, (loop, plane) in enumerate(zip(self.loops, (self.y, self.z), strict=True)):
-            # What the tip gives way by is the slope in its mass, but for s^2: with no current, of the loop cut open.
-            passive = loop.cut if servo else loop.loop_denominator
-            scale = at_points(fmpq_poly(passive.slope.coeffs()[2:]), s)
-            stiffness[:, i, i] = at_points(passive.constant, s) / scale
-            if servo:
-                fed = at_points(loop.loop_numerator.constant - loop.added.constant, s) / scale
-                stiffness[:, i, :] += fed[:, None] * sensed[i]
-                force[:, i, 1 + i] -= fed * nearest(plane.sensed_residual)
-        stiffness[:, 2, 2] = at_points(self.y.twist, s)
-        stiffness += payload * (s**2)[:, None, None] * (motions.T @ motions)
+        y, z = self.loops if servo else (loop.scaled(fmpq(0)) for loop in self.loops)
+        rows = replace(self, loops=(y, z)).equilibrium(exact(payload), fmpq_poly([0, 1]))
+        stiffness = np.array([[at_points(entry, s) for entry in row] for row in rows])
+        motions = floats(self.motions)
+        force = np.multiply.outer(motions.T, np.ones_like(s))
+        for i, (loop, plane) in enumerate(((y, self.y), (z, self.z))):
+            force[i] *= at_points(loop.disturbance, s)  # as its row of the stiffness is
+            fed = at_points(loop.loop_numerator.constant - loop.added.constant, s)
+            force[i, 1 + i] -= fed * nearest(plane.sensed_residual)
         there = np.vstack([motions, [0.0, 0.0, 1.0]])
-        moved = there @ np.linalg.solve(stiffness, force)
+        moved = there @ np.linalg.solve(np.moveaxis(stiffness, 2, 0), np.moveaxis(force, 2, 0))
         moved[:, (1, 2), (1, 2)] += nearest(self.z.residual)
         return moved
 
