@@ -116,27 +116,22 @@ def close_with(rig: LinearModel, inner_end_mass: fmpq, law: SensedLaw) -> MassFa
     n, k = a.nrows(), law.denominator.degree()
     if any(numerator.degree() > k for numerator in law.numerators):
         raise ValueError("the controller differentiates: its numerator is of higher degree than its denominator")
-    lead, fixed = law.denominator[k], fmpq_mat(n + k, n + k)
+    lead = law.denominator[k]
     through = [numerator[k] / lead for numerator in law.numerators]
     rests = [(one - law.denominator * share) / lead for one, share in zip(law.numerators, through, strict=True)]
     seen = [SEEN_AS[sensor] for sensor in law.sensors]
 
-    def fed(shares: Sequence[fmpq], j: int) -> fmpq:
-        """Of the rig's state j, by shares of what the sensors see: errors are their negatives."""
-        return -sum((share * c[sensor, j] for share, sensor in zip(shares, seen, strict=True)), fmpq(0))
+    def fed(shares: Sequence[fmpq]) -> Row:
+        """Of the rig's states, by shares of what the sensors see: errors are their negatives."""
+        own = [[-share * c[sensor, j] for j in range(n)] for share, sensor in zip(shares, seen, strict=True)]
+        return [sum(column, fmpq(0)) for column in zip(*own, strict=True)]
 
-    for i in range(n):
-        for j in range(n):
-            fixed[i, j] = a[i, j] + b[i, 1] * fed(through, j)
-        if k:
-            fixed[i, n + k - 1] = b[i, 1]
+    last, straight = _unit(k, k - 1), fed(through)
+    rows = [[a[i, j] + b[i, 1] * straight[j] for j in range(n)] + [b[i, 1] * one for one in last] for i in range(n)]
     for i in range(k):
-        for j in range(n):
-            fixed[n + i, j] = fed([rest[i] for rest in rests], j)
-        fixed[n + i, n + k - 1] = -law.denominator[i] / lead
-        if i:
-            fixed[n + i, n + i - 1] += 1
-    return _family(fixed, velocity, bare_mass, (*rig.states, *(f"controller_{i + 1}" for i in range(k))))
+        own = [one - law.denominator[i] / lead * end for one, end in zip(_unit(k, i - 1), last, strict=True)]
+        rows.append(fed([rest[i] for rest in rests]) + own)
+    return _family(fmpq_mat(rows), velocity, bare_mass, (*rig.states, *(f"controller_{i + 1}" for i in range(k))))
 
 
 def _family(matrix: fmpq_mat, velocity: int, bare_mass: fmpq, states: tuple[str, ...]) -> MassFamily:
