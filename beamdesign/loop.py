@@ -30,6 +30,8 @@ from beamdesign.polynomial import (
 from beamdesign.prototype import COMPLIANCE_LIMIT_M_PER_N, Prototype
 from beamdesign.result import Result
 
+_NONE = fmpq(0)
+
 
 @dataclass(frozen=True)
 class Loop:
@@ -84,6 +86,10 @@ class Loop:
             added=self.added * factor,
             crossed=self.crossed * factor,
         )
+
+    def against(self, mass: fmpq = _NONE, stiffness: fmpq = _NONE, damping: fmpq = _NONE) -> fmpq_poly:
+        """The characteristic polynomial with an end mass (kg) against a spring (N/m) and a dashpot (N s/m)."""
+        return self.characteristic.at(mass) + fmpq_poly([stiffness, damping]) * self.disturbance
 
     def at(self, outer_end_mass: float) -> "LoopAtMass":
         """The loop at one outer end mass, kg."""
@@ -248,6 +254,14 @@ class LoopAtMass:
         """Closed-loop x / F_d at zero frequency, m/N."""
         return float(self.disturbance(0) / self.characteristic(0))
 
+    def static_stiffness(self) -> float:
+        """F / x at zero frequency, N/m; infinite for a servo that integrates."""
+        return inf if self.disturbance[0] == 0 else float(self.characteristic[0] / self.disturbance[0])
+
+    def stiffness_response(self, frequency_Hz: np.ndarray) -> np.ndarray:
+        """F / x in N/m at the given frequencies, complex, the end mass included."""
+        return _ratio(self.characteristic, self.disturbance, frequency_Hz)
+
     def peak_sensitivity(self) -> float:
         """Largest |S| over all frequencies; infinite for an unstable loop.
 
@@ -352,49 +366,3 @@ def _critical_gain(unit: LoopAtMass, own: float) -> CriticalGain:
 def _ratio(numerator: fmpq_poly, denominator: fmpq_poly, frequency_Hz: np.ndarray) -> np.ndarray:
     s = 2j * pi * np.asarray(frequency_Hz, dtype=float)
     return np.asarray(at_points(numerator, s) / at_points(denominator, s))
-
-
-_S = fmpq_poly([0, 1])
-_NONE = fmpq(0)
-
-
-@dataclass(frozen=True)
-class Tip:
-    """The tip of a closed loop, exact.
-
-    Attributes:
-        bare: p0, the characteristic polynomial in s with nothing fixed to the tip.
-        moved: n, numerator of the compliance x / F = n / p0.
-    """
-
-    bare: fmpq_poly
-    moved: fmpq_poly
-
-    @cached_property
-    def over_mass(self) -> Affine:
-        """The characteristic polynomial over the end mass, free of any wall."""
-        return Affine(self.bare, _S * _S * self.moved)
-
-    def against(self, mass: fmpq = _NONE, stiffness: fmpq = _NONE, damping: fmpq = _NONE) -> fmpq_poly:
-        """The characteristic polynomial with an end mass (kg) against a spring (N/m) and a dashpot (N s/m)."""
-        return self.bare + fmpq_poly([stiffness, damping, mass]) * self.moved
-
-    def static_stiffness(self) -> float:
-        """F / x at zero frequency, N/m; infinite for a servo that integrates."""
-        return inf if self.moved[0] == 0 else float(self.bare[0] / self.moved[0])
-
-    def stiffness_response(self, frequency_Hz: np.ndarray, outer_end_mass: float = 0.0) -> np.ndarray:
-        """F / x in N/m at the given frequencies (N,), complex, the end mass (kg) included."""
-        return _ratio(self.against(exact(outer_end_mass)), self.moved, frequency_Hz)
-
-
-def tip(loop: Loop) -> Tip:
-    """The tip of a closed loop.
-
-    Raises:
-        ValueError: where an end mass does not act on the tip that the force acts on.
-    """
-    family = loop.characteristic
-    if family.slope != _S * _S * loop.disturbance:
-        raise ValueError("the end mass of this loop does not move with the tip that the force acts on")
-    return Tip(family.constant, loop.disturbance)

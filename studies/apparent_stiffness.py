@@ -18,7 +18,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from beamdesign import Prototype, read_prototype, stiffness
-from beamdesign.loop import close_loop, loop, tip
+from beamdesign.loop import close_loop, loop
 from beamdesign.quantities import quantity
 from beamdesign.report.canvas import new_figure, save
 from beamdesign.structure.lumped import figures
@@ -44,7 +44,7 @@ def plot_apparent_stiffness(figure: Figure, prototype: Prototype, found: Sequenc
 
 def _curves(axes: Axes, prototype: Prototype, found: Sequence[EndStiffness]) -> None:
     given, s = figures(prototype), 2j * pi * FREQUENCIES_HZ
-    servo = np.abs(tip(loop(prototype)).stiffness_response(FREQUENCIES_HZ))
+    servo = np.abs(loop(prototype).at(0.0).stiffness_response(FREQUENCIES_HZ))
     beam = np.abs(given["outer_mass"] * s**2 + given["outer_damping"] * s + given["outer_stiffness"])
     axes.loglog(FREQUENCIES_HZ, servo, color="0.55", linestyle="--", label="servo alone, its own lag")
     axes.loglog(FREQUENCIES_HZ, beam, color="0.55", linestyle=":", linewidth=2.0, label="outer beam alone")
@@ -52,7 +52,7 @@ def _curves(axes: Axes, prototype: Prototype, found: Sequence[EndStiffness]) -> 
         if one.law is None:  # judged as it is: the servo
             continue
         closed = close_loop(sensed(prototype), controller_of(prototype, one.law))
-        curve = np.abs(tip(closed).stiffness_response(FREQUENCIES_HZ))
+        curve = np.abs(closed.at(0.0).stiffness_response(FREQUENCIES_HZ))
         axes.loglog(FREQUENCIES_HZ, curve, color="black", linewidth=1.0)
         end = np.interp(one.band_Hz, FREQUENCIES_HZ, curve)
         axes.plot(one.band_Hz, end, marker="o", color="black", markerfacecolor=_fill(one), markersize=5)

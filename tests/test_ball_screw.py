@@ -12,7 +12,7 @@ from beamdesign.checker.reading import Table
 from beamdesign.checker.rig import Rig
 from beamdesign.checker.stages import StateSpace as Stated
 from beamdesign.controllers import Lag
-from beamdesign.loop import close_loop, tip
+from beamdesign.loop import close_loop
 from beamdesign.parameters import typical_of
 from beamdesign.plant.actuators.servo_cylinder import Servovalve, Supply
 from beamdesign.plant.assembly import assemble, fits, parameters_of, structure_of
@@ -385,8 +385,8 @@ def test_an_end_with_a_screw_yields_as_its_parts_say(rig: Prototype, compliant: 
     h, volts = a.lead_m / (2 * pi), rig.sensor.gain_V_per_m
     alone = f["outer_stiffness"] + a.torque_constant_N_m_per_A / h * servo.gain_A_per_V * volts
     assert servo_stiffness(rig, servo) == pytest.approx(alone, rel=1e-12)
-    port = tip(close_loop(sensed(rig), controller_of(rig, compliant)))
-    assert port.static_stiffness() == pytest.approx(compliant.end_stiffness_N_per_m, rel=1e-12)
+    closed_end = close_loop(sensed(rig), controller_of(rig, compliant)).at(mass)
+    assert closed_end.static_stiffness() == pytest.approx(compliant.end_stiffness_N_per_m, rel=1e-12)
 
     rows, into, at_tip = matrices(rig, mass)
     stretch = np.array([-1.0, 1.0, 1.0])  # nut's travel and inner tip less tip
@@ -399,7 +399,7 @@ def test_an_end_with_a_screw_yields_as_its_parts_say(rig: Prototype, compliant: 
         heard = -seen * at_tip + behind * (f["outer_stiffness"] * seen / volts * at_tip - force)
         closed = 1j * w * np.eye(7) - rows - np.outer(into[:, 1], law * heard)
         yields = np.linalg.solve(closed, into[:, 0])[0]
-        assert port.stiffness_response(np.array([w / (2 * pi)]), mass)[0] == pytest.approx(1 / yields, rel=1e-7)
+        assert closed_end.stiffness_response(np.array([w / (2 * pi)]))[0] == pytest.approx(1 / yields, rel=1e-7)
 
 
 def test_an_end_with_a_screw_is_proved_and_simulated(rig: Prototype, compliant: Compliance) -> None:

@@ -29,7 +29,7 @@ from math import inf, pi, sqrt
 
 from flint import ctx, fmpq, fmpq_poly
 
-from beamdesign.loop import Tip
+from beamdesign.loop import Loop
 from beamdesign.polynomial import (
     Affine,
     bounds,
@@ -115,24 +115,24 @@ class Environment:
     damping: fmpq
 
 
-def absorbed(tip: Tip) -> fmpq_poly:
+def absorbed(loop: Loop) -> fmpq_poly:
     """Im(p conj n) / w at jw as a polynomial in x = w^2: not negative where the tip takes work in."""
-    return turned(tip.bare, tip.moved)
+    return turned(loop.characteristic.constant, loop.disturbance)
 
 
-def passivity(tip: Tip, low: fmpq, high: fmpq) -> Passivity:
+def passivity(loop: Loop, low: fmpq, high: fmpq) -> Passivity:
     """Decide whether the tip is stable and passive with every end mass (kg) from `low` to `high`."""
-    bands = active_bands(tip)
+    bands = active_bands(loop)
     words = [f"work comes out of the tip {in_words(bands)}"] if bands else []
-    stability = stable_ranges(tip.over_mass, low, high)
+    stability = stable_ranges(loop.characteristic, low, high)
     if not stability.stable:
         words.insert(0, f"the loop is not stable for all of these masses: {stability.reason}")
     return Passivity(not words, bands, "; ".join(words))
 
 
-def active_bands(tip: Tip) -> tuple[Band, ...]:
+def active_bands(loop: Loop) -> tuple[Band, ...]:
     """The bands in which the tip gives off work, decided exactly; a frequency where it only touches zero is none."""
-    value = absorbed(tip)
+    value = absorbed(loop)
     if value.is_zero():
         return ()
     with ctx.workprec(_PRECISION_BITS):
@@ -168,14 +168,14 @@ def in_words(bands: tuple[Band, ...]) -> str:
     return " and ".join(one(band) for band in bands)
 
 
-def destabilising_environment(tip: Tip, bands: tuple[Band, ...], outer_end_mass: fmpq) -> Environment | None:
+def destabilising_environment(loop: Loop, bands: tuple[Band, ...], outer_end_mass: fmpq) -> Environment | None:
     """A passive environment that makes a stable loop grow, proved by an exact Routh test.
 
     At jw inside a band p / n = R - j w r with r > 0. A mass M on a spring M w^2 - R is in tune there, and with a
     dashpot of r / 2 its slow envelope grows at about r / 4 M: M is doubled until the linear loop is not stable.
 
     Args:
-        tip: of the loop.
+        loop: whose tip it is fixed to.
         bands: its active bands.
         outer_end_mass: what the tip carries beside the environment, kg.
 
@@ -187,22 +187,23 @@ def destabilising_environment(tip: Tip, bands: tuple[Band, ...], outer_end_mass:
         low, high = band.low[1], 2 * band.squared_frequency if band.high is None else band.high[0]
         # The band's sample, and some more for which nothing is known beforehand.
         squares = [band.squared_frequency, *(shortened(low + (high - low) * fmpq(k, 5), 3) for k in range(1, 5))]
-        found += [_in_tune(tip, square, outer_end_mass) for square in squares]
+        found += [_in_tune(loop, square, outer_end_mass) for square in squares]
     return min((one for one in found if one is not None), key=lambda one: one.mass, default=None)
 
 
-def _in_tune(tip: Tip, square: fmpq, outer_end_mass: fmpq) -> Environment | None:
-    p, below = tip.against(outer_end_mass), squared_magnitude(tip.moved)(square)
-    if below == 0 or (given := -turned(p, tip.moved)(square) / below / 2) <= 0:
+def _in_tune(loop: Loop, square: fmpq, outer_end_mass: fmpq) -> Environment | None:
+    p, n = loop.against(outer_end_mass), loop.disturbance
+    below = squared_magnitude(n)(square)
+    if below == 0 or (given := -turned(p, n)(square) / below / 2) <= 0:
         return None
-    elastic = inner(p, tip.moved)(square) / below  # R = Re(p / n)
+    elastic = inner(p, n)(square) / below  # R = Re(p / n)
     damping = shortened(given, 3)  # r / 2
     mass = shortened(max(abs(elastic) / square, fmpq(1, 100)), 3, up=True)
     for _ in range(20):
         stiffness = mass * square - elastic
         if stiffness > 0:
             found = Environment(mass, shortened(stiffness, 4), damping)
-            polynomial = tip.against(outer_end_mass + mass, found.stiffness, damping)
+            polynomial = loop.against(outer_end_mass + mass, found.stiffness, damping)
             if not is_hurwitz(polynomial) and max(root.real for root in roots(polynomial)) > 0:
                 return found
         mass *= 2
@@ -254,7 +255,7 @@ def _edges(sides: tuple[Ends, Ends, Ends]) -> Iterator[tuple[int, list[fmpq]]]:
             yield varies, [*rest[:varies], fmpq(0), *rest[varies:]]
 
 
-def prove_contact(tip: Tip, masses: Ends, wall: Wall) -> Contact:
+def prove_contact(loop: Loop, masses: Ends, wall: Wall) -> Contact:
     """Decide whether the loop is stable for every end mass, wall stiffness and wall damping of a box.
 
     Raises:
@@ -264,8 +265,9 @@ def prove_contact(tip: Tip, masses: Ends, wall: Wall) -> Contact:
     for name, (low, high) in zip(("stiffness", "damping", "mass"), sides, strict=True):
         if not 0 <= low <= high:
             raise ValueError(f"{name} must range from zero or more upwards, is {nearest(low)} to {nearest(high)}")
+    p, n = loop.characteristic.constant, loop.disturbance
     for varies, corner in _edges(sides):
-        family = Affine(tip.bare + fmpq_poly(corner) * tip.moved, _S**varies * tip.moved)
+        family = Affine(p + fmpq_poly(corner) * n, _S**varies * n)
         if (there := unstable_at(family, *sides[varies])) is not None:
             corner[varies] = there.value
             found = Environment(corner[2], corner[0], corner[1])
@@ -280,14 +282,14 @@ def _words(found: Environment) -> str:
     return f"not stable {wall} and with an outer end mass of {nearest(found.mass):.6g} kg"
 
 
-def stiffest_wall(tip: Tip, masses: Ends, wall: Wall) -> float:
+def stiffest_wall(loop: Loop, masses: Ends, wall: Wall) -> float:
     """Largest wall stiffness (N/m) up to which every wall is proved to be stable with every mass, to four digits down.
 
     0 where even the softest is not; the range's own upper end where all of them are.
     """
 
     def proves(high: fmpq) -> bool:
-        return prove_contact(tip, masses, Wall((wall.stiffness[0], high), wall.damping)).holds
+        return prove_contact(loop, masses, Wall((wall.stiffness[0], high), wall.damping)).holds
 
     low, high = wall.stiffness
     if proves(high):
@@ -334,20 +336,20 @@ class UnilateralContact:
     whole: bool
 
 
-def popov_slack(tip: Tip, stiffness: fmpq, multiplier: fmpq) -> Coefficients:
+def popov_slack(loop: Loop, stiffness: fmpq, multiplier: fmpq) -> Coefficients:
     """|p|^2 / k + Re(n conj p) + q w Im(p conj n) as a quadratic a m^2 + b m + c in the mass, polynomials in w^2."""
-    p, n = tip.over_mass, Affine(-tip.moved, _NONE)
+    p, n = loop.characteristic, Affine(-loop.disturbance, _NONE)
     a, b, c = less(1 / stiffness, over_mass(inner, p, p), over_mass(inner, n, p))
-    return a, b, c + multiplier * _S * absorbed(tip)
+    return a, b, c + multiplier * _S * absorbed(loop)
 
 
-def unilateral_contact(tip: Tip, masses: tuple[fmpq, fmpq], stiffness: fmpq) -> UnilateralContact:
+def unilateral_contact(loop: Loop, masses: tuple[fmpq, fmpq], stiffness: fmpq) -> UnilateralContact:
     """Find the stiffest one-sided wall, up to the one given (N/m), that is proved for every end mass (kg)."""
-    if stiffness == 0 or not is_stable_over(tip.over_mass, *masses):
+    if stiffness == 0 or not is_stable_over(loop.characteristic, *masses):
         return UnilateralContact(0.0, 0.0, False)
 
     def proves(wall: fmpq, multiplier: float) -> bool:
-        slack = popov_slack(tip, wall * _STRICTLY, exact(multiplier))
+        slack = popov_slack(loop, wall * _STRICTLY, exact(multiplier))
         return quadratic_nonnegative(*slack, *masses, fmpq(0), None).holds
 
     for multiplier in MULTIPLIERS_S:
@@ -371,24 +373,25 @@ _NONE = fmpq_poly([0])
 _ROOT_OF_TWO = fmpq(14142, 10000)
 
 
-def guaranteed_stiffness_band(tip: Tip, stiffness: fmpq, share: fmpq, low: fmpq, high: fmpq) -> float:
+def guaranteed_stiffness_band(loop: Loop, stiffness: fmpq, share: fmpq, low: fmpq, high: fmpq) -> float:
     """Frequency (Hz) up to which |F/x / k - 1| is proved to be at most `share` with every end mass from low to high.
 
     Rounded down; 0 where it is not even at rest, infinite where it is at every frequency. It says nothing about
     stability.
     """
     # (share k |n|)^2 - |p - k n|^2 is not negative where F / x = p / n is within that share of the stiffness k.
-    error = Affine(tip.bare - stiffness * tip.moved, _S * _S * tip.moved)
-    return kept_up_to_Hz(magnitude_slack(share * stiffness, Affine(tip.moved, _NONE), error), low, high)
+    p, n = loop.characteristic, loop.disturbance
+    error = Affine(p.constant - stiffness * n, p.slope)
+    return kept_up_to_Hz(magnitude_slack(share * stiffness, Affine(n, _NONE), error), low, high)
 
 
-def guaranteed_command_band(tip: Tip, commanded: fmpq_poly, low: fmpq, high: fmpq) -> float:
+def guaranteed_command_band(loop: Loop, commanded: fmpq_poly, low: fmpq, high: fmpq) -> float:
     """Frequency (Hz) up to which the end follows its command with at least 1 / sqrt(2) of it, for every end mass.
 
     Args:
-        tip: of the loop.
+        loop: closed.
         commanded: numerator of x F / command over p, of static gain one; free of the mass.
         low: least end mass, kg.
         high: largest.
     """
-    return kept_up_to_Hz(magnitude_slack(_ROOT_OF_TWO, Affine(commanded, _NONE), tip.over_mass), low, high)
+    return kept_up_to_Hz(magnitude_slack(_ROOT_OF_TWO, Affine(commanded, _NONE), loop.characteristic), low, high)

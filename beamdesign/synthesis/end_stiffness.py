@@ -22,7 +22,7 @@ import numpy as np
 from flint import fmpq
 
 from beamdesign.controllers import SENSORS, Cascade, Observer, Sensed
-from beamdesign.loop import Tip, close_loop, tip
+from beamdesign.loop import Loop, close_loop
 from beamdesign.plant.linear import Plant
 from beamdesign.plant.members import paper_model
 from beamdesign.polynomial import Affine, exact, nearest, text
@@ -203,13 +203,13 @@ def sensed(prototype: Prototype) -> Plant:
     return paper_model(prototype).plant(prototype.payload.inner_end_mass_kg, sensors(prototype))
 
 
-def in_contact(port: Tip, masses: tuple[fmpq, fmpq], wall: Wall, need: Need) -> bool:
+def in_contact(closed: Loop, masses: tuple[fmpq, fmpq], wall: Wall, need: Need) -> bool:
     """Whether contact is proved to be as asked of the tip of a closed loop with every end mass (kg)."""
-    if not is_stable_over(port.over_mass, *masses):
+    if not is_stable_over(closed.characteristic, *masses):
         return False
     if need == "passive":
-        return not active_bands(port)
-    return need != "wall" or prove_contact(port, masses, wall).holds
+        return not active_bands(closed)
+    return need != "wall" or prove_contact(closed, masses, wall).holds
 
 
 def judge(prototype: Prototype, law: Compliance | None, masses_kg: tuple[float, float], wall: Wall) -> EndStiffness:
@@ -230,14 +230,13 @@ def judge(prototype: Prototype, law: Compliance | None, masses_kg: tuple[float, 
     if controller is None:
         raise ValueError("the prototype has no [controller]")
     plant = paper_model(prototype).plant(prototype.payload.inner_end_mass_kg, controller.sensed_law().sensors)
-    closed = close_loop(plant, controller)
-    port, low, high = tip(closed), exact(masses_kg[0]), exact(masses_kg[1])
-    static = port.static_stiffness()
+    closed, low, high = close_loop(plant, controller), exact(masses_kg[0]), exact(masses_kg[1])
+    static = closed.at(0.0).static_stiffness()
     if static == inf:
         raise ValueError("no force moves the end at rest: without leakage the servo integrates")
-    stable = is_stable_over(port.over_mass, low, high)
-    passive = passivity(port, low, high)
-    contact = prove_contact(port, (low, high), wall)
+    stable = is_stable_over(closed.characteristic, low, high)
+    passive = passivity(closed, low, high)
+    contact = prove_contact(closed, (low, high), wall)
     commanded = plant.displaced * controller.command_numerator() * exact(prototype.sensor.gain_V_per_m)
     stiffness = static if law is None else law.end_stiffness_N_per_m
     alone = static if law is None else servo_stiffness(prototype, law.servo)
@@ -249,15 +248,15 @@ def judge(prototype: Prototype, law: Compliance | None, masses_kg: tuple[float, 
         stable,
         static,
         alone,
-        guaranteed_stiffness_band(port, exact(stiffness), exact(SHARE), low, high),
-        nearest(commanded(fmpq(0)) / port.bare(fmpq(0))),
-        guaranteed_command_band(port, commanded, low, high) if stable else 0.0,
+        guaranteed_stiffness_band(closed, exact(stiffness), exact(SHARE), low, high),
+        nearest(commanded(fmpq(0)) / closed.characteristic.constant(fmpq(0))),
+        guaranteed_command_band(closed, commanded, low, high) if stable else 0.0,
         least_of("peak_sensitivity", closed, (low, high), goal=prototype.goal.peak_sensitivity) if stable else inf,
         passive,
-        destabilising_environment(port, passive.bands, low) if stable else None,
+        destabilising_environment(closed, passive.bands, low) if stable else None,
         contact,
-        nearest(wall.stiffness[1]) if contact.holds else stiffest_wall(port, (low, high), wall),
-        unilateral_contact(port, (low, high), wall.stiffness[1]),
+        nearest(wall.stiffness[1]) if contact.holds else stiffest_wall(closed, (low, high), wall),
+        unilateral_contact(closed, (low, high), wall.stiffness[1]),
     )
 
 
@@ -279,7 +278,7 @@ def over_compliance(prototype: Prototype, servo: Cascade, force_filter_Hz: float
     law = Compliance(end_stiffness_N_per_m=stiffness, force_filter_Hz=force_filter_Hz, servo=servo)
     plant, controller = sensed(prototype), controller_of(prototype, law)
     deaf = controller.but(b=(*controller.b[:-1], (0.0,) * len(controller.sensors)))  # it hears of no force
-    with_force, without = (tip(close_loop(plant, one)).against(mass) for one in (controller, deaf))
+    with_force, without = (close_loop(plant, one).against(mass) for one in (controller, deaf))
     return Affine(without, (with_force - without) / exact(commanded_compliance(prototype, law)))
 
 

@@ -15,7 +15,7 @@ import numpy as np
 
 from beamdesign.arguments import checked, takes
 from beamdesign.controllers import Cascade, Lag, Observer
-from beamdesign.loop import Loop, close_loop, tip
+from beamdesign.loop import Loop, close_loop
 from beamdesign.plant.linear import Plant
 from beamdesign.plant.members import paper_model
 from beamdesign.polynomial import exact
@@ -264,9 +264,9 @@ class _Search:
 
     def _band(self, closed: Loop) -> float:
         """First sampled frequency at which the stiffness is off by more than `SHARE`, interpolated, Hz."""
-        port, reached = tip(closed), np.inf
+        reached = np.inf
         for mass in self.masses_kg:
-            error = np.abs(port.stiffness_response(_SEARCH_HZ, mass) / self.end_stiffness - 1)
+            error = np.abs(closed.at(mass).stiffness_response(_SEARCH_HZ) / self.end_stiffness - 1)
             k = int(np.argmax(error > SHARE))
             if not error[k] > SHARE:
                 continue
@@ -279,13 +279,13 @@ class _Search:
         """Whether stability, contact and the goal's limits are proved."""
         goal = self.prototype.goal
         asked = (Asked("peak_sensitivity", goal.peak_sensitivity), *goal_claims(goal))
-        touches = in_contact(tip(closed), self.masses, self.wall, self.need)
+        touches = in_contact(closed, self.masses, self.wall, self.need)
         return touches and all(prove(Rectangle(closed, *self.masses), one).holds for one in asked)
 
     def _on_others(self, controller: Observer) -> bool:
         """The same on the drawn rigs; one that refuses is asked first the next time."""
         for k, plant in enumerate(self.others):
-            if not in_contact(tip(close_loop(plant, controller)), self.masses, self.wall, self.need):
+            if not in_contact(close_loop(plant, controller), self.masses, self.wall, self.need):
                 self.others.insert(0, self.others.pop(k))
                 return False
         return True
@@ -336,10 +336,11 @@ def drawn_rigs(prototype: Prototype, masses_kg: tuple[float, float], wall: Wall,
         count: how many.
     """
     law, masses = prototype.own_controller, (exact(masses_kg[0]), exact(masses_kg[1]))
-    ports = [tip(close_loop(plant, law)) for plant in plants_drawn(prototype, masses_kg[1], count, seed=1)]
+    drawn = [close_loop(plant, law) for plant in plants_drawn(prototype, masses_kg[1], count, seed=1)]
     needs: tuple[Need, ...] = ("stable", "passive", "wall")
     return tuple(
-        DrawnRig(port.static_stiffness(), *(in_contact(port, masses, wall, need) for need in needs)) for port in ports
+        DrawnRig(one.at(0.0).static_stiffness(), *(in_contact(one, masses, wall, need) for need in needs))
+        for one in drawn
     )
 
 
