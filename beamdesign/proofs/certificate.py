@@ -26,9 +26,6 @@ Kind = Literal[
 """A compliance is claimed up to a bandwidth, the peak compliance at every frequency. Of an arm the compliances are two,
 of the tip and of the payload's centre."""
 
-INEQUALITIES: tuple[Kind, ...] = ("compliance", "peak_compliance", "peak_sensitivity", "loop_gain", "controller_effort")
-"""Claims about magnitudes, as opposed to those about poles."""
-
 _WORDS = {
     "compliance": ("compliance |x/F_d| at most", " m/N"),
     "peak_compliance": ("compliance |x/F_d| at most", " m/N"),

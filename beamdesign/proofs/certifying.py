@@ -15,7 +15,6 @@ from beamdesign.polynomial import exact, nearest, shortened, simple_between, tex
 from beamdesign.proofs.absolute_stability import static_rows
 from beamdesign.proofs.bounded_error import bounded_rows
 from beamdesign.proofs.certificate import (
-    INEQUALITIES,
     METHOD,
     Asked,
     Certificate,
@@ -31,7 +30,7 @@ from beamdesign.proofs.certificate import (
     peak_claim,
 )
 from beamdesign.proofs.changing_gain import both_rows, changing_rows
-from beamdesign.proofs.performance import bandwidth, least_limit, prove, servo_off_of
+from beamdesign.proofs.performance import MAGNITUDES, bandwidth, least_limit, prove, servo_off_of
 from beamdesign.proofs.rectangle import Rectangle
 from beamdesign.proofs.scope import LINEAR, NONE_KNOWN, Members, covered, is_linear, members, scope, uncovered
 from beamdesign.proofs.stability import Range, StabilityMap, in_words, is_stable_over, stable_ranges
@@ -294,7 +293,7 @@ def guaranteed_by_all(stages: Iterable[InStage]) -> Guaranteed | None:
 
 def _decide(proved: Sequence[Proved], asked: Asked) -> Claim:
     """A claim about every member: the first that refutes it, or that it holds."""
-    performance = asked.kind in INEQUALITIES
+    performance = asked.kind in MAGNITUDES  # as opposed to a claim about poles
     alone = len(proved) == 1 and proved[0].stable.least == proved[0].stable.most  # so that the proof says where
     for part in proved:
         if performance and not alone and not part.stable.stable:

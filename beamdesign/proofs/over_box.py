@@ -22,7 +22,6 @@ from beamdesign.proofs.scope import members
 from beamdesign.proofs.tolerance_box import (
     Scaling,
     figure_key,
-    in_units,
     largest_scaling,
     scaling_of_each,
     servo_off_over_box,
@@ -100,7 +99,8 @@ class BoxGuarantee(Result):
         """What a JSON file holds of it."""
 
         def point(of: Mapping[str, fmpq] | None) -> dict[str, float] | None:
-            return None if of is None else in_units(of, list(of))
+            units = ((*figure_key(name), value) for name, value in (of or {}).items())
+            return None if of is None else {key: nearest(value) / factor for key, factor, value in units}
 
         verdict, scaling = self.verdict, self.scaling
         shares = (None,) * 3 if verdict.volumes is None else [*map(nearest, verdict.volumes)]

@@ -146,11 +146,6 @@ def _dashpot(value: fmpq, stiffness: fmpq, mass: fmpq, ratio: fmpq) -> tuple[fmp
     return shortened(low, 8), shortened(high, 8, up=True)
 
 
-def in_units(point: Mapping[str, fmpq], names: Collection[str]) -> dict[str, float]:
-    """Figures under their keys with units, as floats."""
-    return {key: nearest(point[n]) / factor for n in names for key, factor in [figure_key(n)]}
-
-
 # Scaling: the largest that is proved stable, and the least that is refuted.
 
 
