@@ -7,9 +7,10 @@ stable is stable against every passive environment that takes up some energy, a 
 J. Control 48, 1988); against one that is not, `destabilising_environment` finds masses, springs and dashpots that it
 oscillates with.
 
-The characteristic polynomial p0 + (m s^2 + b s + k) n is affine in m, b and k together and of constant degree, so that
-it is stable on the whole box if it is on its edges (edge theorem of Bartlett, Hollot and Huang, 1988). This is the
-linear loop in lasting contact; touching and letting go is what follows.
+The characteristic polynomial p0 + (m s^2 + b s + k) n of a rig without effects, whose end mass moves with the tip that
+the force acts on, is affine in m, b and k together and of constant degree, so that it is stable on the whole box if it
+is on its edges (edge theorem of Bartlett, Hollot and Huang, 1988). This is the linear loop in lasting contact; touching
+and letting go is what follows.
 
 Touching and letting go: a spring that presses on one side only, at any distance and under any constant load, has a
 slope between 0 and k. The loop with it comes to rest from anywhere if it is stable without it and, for some time q of
