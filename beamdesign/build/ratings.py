@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from beamdesign.build.tolerances import Performance, performance, performance_by_all, why_no_box
+from beamdesign.build.tolerances import performance, why_no_box
 from beamdesign.controllers import Observer
 from beamdesign.loop import loop
 from beamdesign.plant.actuators import MARGIN, Row
@@ -15,7 +15,8 @@ from beamdesign.plant.assembly import effect_parameters_of
 from beamdesign.plant.effects import library
 from beamdesign.plant.members import own_sag_m, weight_N
 from beamdesign.proofs.box import certify_box
-from beamdesign.proofs.certifying import stability_over
+from beamdesign.proofs.certificate import Guaranteed
+from beamdesign.proofs.certifying import guaranteed_by_all, stability_over
 from beamdesign.proofs.rig_family import rig_family
 from beamdesign.proofs.tolerance_box import box_with_effects
 from beamdesign.prototype import Beam, InStage, Prototype
@@ -141,7 +142,7 @@ def _choice(prototype: Prototype, name: str, masses_kg: tuple[float, float]) -> 
     )
     stable = reached = None
     if not same and after > 0:
-        reached = performance_by_all(prototype.but(**{f"{name}_beam": other}, guarantee=None).stages(masses_kg))
+        reached = guaranteed_by_all(prototype.but(**{f"{name}_beam": other}, guarantee=None).stages(masses_kg))
         stable = reached is not None
     found, exchanged = lumped_beam(record), lumped_beam(other)
     return StockChoice(
@@ -291,10 +292,10 @@ def sensor_need(prototype: Prototype, masses_kg: tuple[float, float], load_N: fl
     except ValueError:  # a law of the largest order has no room for a lag: nothing is proved with one
         nominal = None
     else:
-        nominal = performance_by_all(stages)
+        nominal = guaranteed_by_all(stages)
 
-    def reaches(break_Hz: float) -> Performance | None:
-        return performance_by_all(_lagging_stages(prototype, masses_kg, break_Hz))
+    def reaches(break_Hz: float) -> Guaranteed | None:
+        return guaranteed_by_all(_lagging_stages(prototype, masses_kg, break_Hz))
 
     def stands(break_Hz: float) -> bool:
         lagged = _lagging_stages(prototype, masses_kg, break_Hz)
@@ -360,7 +361,7 @@ def _proved_above(prototype: Prototype, masses_kg: tuple[float, float], break_Hz
     return all(map(proved, _lagging_stages(prototype, masses_kg, break_Hz)))
 
 
-def _kept(found: Performance | None, nominal: Performance) -> bool:
+def _kept(found: Guaranteed | None, nominal: Guaranteed) -> bool:
     if found is None:
         return False
     return (

@@ -1,19 +1,17 @@
 """Tolerances that keep the proof of stability: each figure alone, and all of them at once."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from decimal import ROUND_FLOOR
 from typing import NamedTuple
 
 from beamdesign.plant.members import family
-from beamdesign.polynomial import exact
 from beamdesign.progress import Progress, silent
 from beamdesign.proofs.certificate import Guaranteed
-from beamdesign.proofs.certifying import common_ranges, rectangles
-from beamdesign.proofs.performance import bandwidth, least_limit
+from beamdesign.proofs.certifying import guaranteed_by_all
 from beamdesign.proofs.rig_family import effect_spans, rig_family, rig_values
 from beamdesign.proofs.tolerance_box import Scaling, largest_scaling, tolerance_box
-from beamdesign.prototype import InStage, Prototype
+from beamdesign.prototype import Prototype
 from beamdesign.quantities import decimal
 from beamdesign.records import InputError
 from beamdesign.structure.lumped import CHANGEABLE, with_figures
@@ -91,29 +89,7 @@ def why_no_box(prototype: Prototype) -> str:
     return ""
 
 
-class Performance(NamedTuple):
-    """What is proved of loops over payloads: the least bandwidth and the largest peak sensitivity of any."""
-
-    bandwidth_Hz: float
-    peak_sensitivity: float
-
-
-def performance_by_all(stages: Iterable[InStage]) -> Performance | None:
-    """What is proved with each law over its own payloads, as `certify` finds it; None where a loop is not stable."""
-    found: list[Performance] = []
-    for prototype, (low_kg, high_kg), _ in stages:
-        low, high = exact(low_kg), exact(high_kg)
-        proved = rectangles(prototype, family(prototype, high_kg), low, high)
-        if not common_ranges([part.stable for part in proved], low, high).stable:
-            return None
-        performing = [part.performing for part in proved if part.performing is not None]
-        goal = prototype.goal
-        peak = least_limit(performing, "peak_sensitivity", goal=goal.peak_sensitivity)
-        found.append(Performance(bandwidth(performing, goal.compliance_m_per_N), peak))
-    return Performance(min(one.bandwidth_Hz for one in found), max(one.peak_sensitivity for one in found))
-
-
-def performance(reached: Guaranteed | Performance | None) -> tuple[float | None, float | None]:
+def performance(reached: Guaranteed | None) -> tuple[float | None, float | None]:
     """Bandwidth and peak sensitivity that are proved."""
     return (None, None) if reached is None else (reached.bandwidth_Hz, reached.peak_sensitivity)
 
@@ -170,7 +146,7 @@ def tolerances(prototype: Prototype, masses_kg: tuple[float, float], progress: P
         specified = float(decimal(share / SAFETY, 2, ROUND_FLOOR)) if share > 0 else 0.0  # as a workshop can be given
         ends = None
         if name in CHANGEABLE:
-            ends = performance_by_all(
+            ends = guaranteed_by_all(
                 stage._replace(prototype=with_figures(stage.prototype, {name: 1 + side * specified}))
                 for stage in stages
                 for side in (-1, 1)
