@@ -1,7 +1,7 @@
 """Analogue controllers of the preferred values that come nearest to a law, proved again as they are realised."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from math import inf, log, prod, sqrt
 from typing import Literal
 
@@ -45,7 +45,7 @@ class ComponentTolerance:
     capacitor: float
     verdict: Verdict
     reason: str
-    certificate: str
+    certificate: str = field(repr=False, compare=False)
 
 
 @dataclass(frozen=True)

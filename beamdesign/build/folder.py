@@ -4,7 +4,6 @@ The words of the document stand in the template `specification.j2`.
 """
 
 import hashlib
-from dataclasses import fields, is_dataclass
 from decimal import ROUND_CEILING, ROUND_FLOOR, ROUND_HALF_EVEN
 from functools import cache, partial
 from math import inf, pi
@@ -51,10 +50,9 @@ from beamdesign.report.page import (
     to_html,
     to_markdown,
 )
-from beamdesign.result import json_text, picked
+from beamdesign.result import finite, json_text, picked
 from beamdesign.structure.arm import left_aside
 from beamdesign.structure.lumped import lumped_beam, notes
-from beamdesign.structure.section import Tube
 
 BASIS = {
     "guaranteed": "proved",
@@ -176,6 +174,7 @@ def json_fields(spec: Specification) -> dict[str, Any]:
     """
     stages = [_of_law(law) for law in spec.laws]
     governs = min(stages, key=lambda one: 0.0 if one["guaranteed"] is None else one["guaranteed"]["bandwidth_Hz"])
+    sections = None if spec.stock is None else [finite(one) | {"stock": one.stock.sizes} for one in spec.stock]
     fields = {
         "name": spec.prototype.name,
         "certifiable": not spec.reason,
@@ -185,7 +184,7 @@ def json_fields(spec: Specification) -> dict[str, Any]:
         "stable_ranges_kg": [list(pair) for pair in _stable_ranges_kg(spec)],
         "guaranteed": _reached(spec.guaranteed),
         "load_N": spec.load_N,
-        "sections": spec.stock,
+        "sections": sections,
         "drawing": spec.reason or missing_geometry(spec.prototype) or "drawing.dxf",
         "ratings": spec.ratings and spec.ratings.to_dict(),
         "sensor": spec.sensor,
@@ -196,7 +195,7 @@ def json_fields(spec: Specification) -> dict[str, Any]:
         **({} if spec.switching is None else {"switching": spec.switching.to_dict()}),
         **({} if spec.prototype.schedule is None else {"stages": stages}),
     }
-    return {name: _plain(value) for name, value in fields.items()}
+    return finite(fields)
 
 
 def _of_law(law: LawSpecification) -> dict[str, Any]:
@@ -215,22 +214,6 @@ def _reached(found: Guaranteed | None) -> dict[str, Any] | None:
 
 def _stable_ranges_kg(spec: Specification) -> list[tuple[float, float]]:
     return [pair for law in spec.laws for pair in law.certificate.stable_ranges_kg]
-
-
-_TEXTS = {"certificate", "certificates", "certificates_equal", "delay_certificate"}
-
-
-def _plain(value: Any) -> Any:
-    """Tables of what its writer does not make tables of, and dataclasses without the texts of proofs."""
-    if isinstance(value, Tube):
-        return value.sizes
-    if hasattr(value, "_asdict"):
-        return _plain(value._asdict())
-    if is_dataclass(value) and not isinstance(value, type):
-        return {f.name: _plain(getattr(value, f.name)) for f in fields(value) if f.name not in _TEXTS}
-    if isinstance(value, dict):
-        return {key: _plain(item) for key, item in value.items()}
-    return [_plain(item) for item in value] if isinstance(value, list | tuple) else value
 
 
 def optional(value: float | None, unit: str, rounding: str = ROUND_HALF_EVEN) -> str:

@@ -29,7 +29,8 @@ from beamdesign.structure.shapes import gaps
 from beamdesign.synthesis.operating_limits import Envelope, envelope, needs_to_carry
 
 
-class TubeToMake(NamedTuple):
+@dataclass(frozen=True)
+class TubeToMake:
     """One tube as the workshop sees it; lengths in m, masses in kg."""
 
     name: str

@@ -26,7 +26,7 @@ from beamdesign.proofs.tolerance_box import box_with_effects
 from beamdesign.prototype import InStage, Prototype
 from beamdesign.quantities import Force, SamplingRate, Share, decimal, masses_text, stated_bandwidth, stated_peak
 from beamdesign.records import InputError
-from beamdesign.result import Result, finite
+from beamdesign.result import Result
 from beamdesign.synthesis.design_run import DesignRun
 
 _REFERENCE_N = 100.0
@@ -56,7 +56,7 @@ class DigitalController:
     one_period_late: SampledVerdict | None
     delay_s: float
     delay_stable: bool | None
-    delay_certificate: str = field(repr=False)
+    delay_certificate: str = field(repr=False, compare=False)
     reason: str = ""
 
 
@@ -121,7 +121,7 @@ class Specification(Result):
         """What `beamdesign spec` writes of it."""
         from beamdesign.build.folder import json_fields
 
-        return finite(json_fields(self))
+        return json_fields(self)
 
     def rows(self) -> list[tuple[str, str, str]]:
         """Figure, value, and what it rests on."""

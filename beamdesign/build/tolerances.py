@@ -1,7 +1,7 @@
 """Tolerances that keep the proof of stability: each figure alone, and all of them at once."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from decimal import ROUND_FLOOR
 from typing import NamedTuple
 
@@ -71,8 +71,8 @@ class Tolerances:
     equal: float
     equal_refuted: float | None
     stated_sigmas: float | None
-    certificates: tuple[str, ...]
-    certificates_equal: tuple[str, ...]
+    certificates: tuple[str, ...] = field(repr=False, compare=False)
+    certificates_equal: tuple[str, ...] = field(repr=False, compare=False)
 
     @property
     def specified(self) -> dict[str, float]:
