@@ -156,7 +156,7 @@ def test_shadow_prices_are_those_of_resolved_problems(problem, optimum, variant)
 
     assert least_mass(program.figures) == pytest.approx(free.pair.beam_mass_kg, rel=1e-9)
     for place, (name, figure) in enumerate(zip(program.names, program.figures, strict=True)):
-        _, _, label, share = REQUIREMENTS[name]
+        label, share = REQUIREMENTS[name].price, REQUIREMENTS[name].share
         unit = 0.001 if share is None else share * figure
         step = np.zeros(len(program.figures))
         step[place] = 0.01 * unit

@@ -84,7 +84,7 @@ def test_tasks_that_no_shipped_sweep_uses_declare_their_outputs_too(task, option
 
 
 def test_prices_are_declared():
-    labels = {f"price_{label}" for _, _, label, _ in REQUIREMENTS.values()}
+    labels = {f"price_{one.price}" for one in REQUIREMENTS.values()}
     assert {name for name in TASKS["size"].columns if name.startswith("price_")} == labels | {"price_of_rounding_kg"}
 
 

@@ -35,7 +35,7 @@ from beamdesign.report.charts import TradePoint, read_trade
 from beamdesign.report.page import Block, Document, Folded, Table, document_template, parts_from, to_html, to_markdown
 from beamdesign.report.pictures import loop_pictures, prototype_picture, trade_picture
 from beamdesign.structure.lumped import lumped_beam, notes
-from beamdesign.synthesis.checks import Check
+from beamdesign.synthesis.checks import REQUIREMENTS, Check
 from beamdesign.synthesis.design_run import CERTIFICATE_NAME, DesignRun, certificate_name
 from beamdesign.synthesis.sizing import Sizing
 
@@ -269,19 +269,6 @@ def statements(run: DesignRun) -> Iterator[Statement]:
     yield Statement("the curves between the points drawn", "sampled", "grids of frequencies and masses")
 
 
-_REQUIREMENTS = {
-    "tip_force": "tip force",
-    "safety_strength": "safety factor on strength",
-    "safety_local_buckling": "safety factor on local buckling",
-    "clearance_assembly": "clearance at assembly",
-    "clearance_under_load": "clearance under load",
-    "least_wall": "least wall",
-    "largest_width": "largest width",
-    "width_to_wall_at_most": "largest width to wall",
-}
-_STEPS = {"percent": ("1 % more", 1.0), "mm": ("0.1 mm more", 0.1)}
-"""Small enough that a slope is a fair account of the change: in words, and in the price's unit."""
-
 NEGLIGIBLE_KG = 1e-6
 """Prices below this are called none."""
 
@@ -292,19 +279,14 @@ def price_words(prices: dict[str, float]) -> list[str]:
     Args:
         prices: kg per unit, by names such as "tip_force_kg_per_percent".
     """
-    dear = sorted((name for name in prices if abs(prices[name]) > NEGLIGIBLE_KG), key=lambda name: -abs(prices[name]))
+    asked = {one.price: one for one in REQUIREMENTS.values() if one.price in prices}
+    dear = sorted((name for name in asked if abs(prices[name]) > NEGLIGIBLE_KG), key=lambda name: -abs(prices[name]))
     said = []
-    for name in dear:
-        requirement, unit = _split(name)
-        step, share = _STEPS.get(unit, (f"one {unit} more", 1.0))
+    for name in dear:  # of changes so small that a slope is a fair account of them
+        step, share = ("0.1 mm more", 0.1) if asked[name].share is None else ("1 % more", 1.0)
         effect = f"{'costs' if prices[name] > 0 else 'saves'} {decimal(abs(prices[name]) * share, 3)} kg"
-        said.append(f"{step[:1].upper()}{step[1:]} {requirement} {effect} of beam mass.")
-    free = [_split(name)[0] for name in prices if name not in dear]
+        said.append(f"{step} {asked[name].words} {effect} of beam mass.")
+    free = [one.words for name, one in asked.items() if name not in dear]
     if free:
         said.append(f"A little more or less of these changes nothing: {', '.join(free)}.")
     return said
-
-
-def _split(name: str) -> tuple[str, str]:
-    requirement, _, unit = name.partition("_kg_per_")
-    return _REQUIREMENTS.get(requirement, requirement.replace("_", " ")), unit

@@ -46,31 +46,40 @@ Factors = tuple[tuple[Quantity, Quantity], tuple[Quantity, Quantity]]
 
 
 class Requirement(NamedTuple):
-    """Of one of them where it stands in a study file, how far it may be eased, and what its shadow price is called.
+    """Of one of them where it stands in a study file, how far it may be eased, and how its shadow price is told.
 
     Attributes:
         key: in the study file.
         easiest: no load at all, factors of 1, no gap, walls of 0.1 mm, tubes of 2 m.
-        price: name of the shadow price.
+        name: what the names of its shadow price begin with.
+        words: what it is called.
         share: of the requirement that makes the price's unit; None for 1 mm.
     """
 
     key: str
     easiest: float
-    price: str
-    share: float | None
+    name: str
+    words: str
+    share: float | None = None
+
+    @property
+    def price(self) -> str:
+        """Name of the shadow price."""
+        return f"{self.name}_kg_per_{'mm' if self.share is None else 'percent'}"
 
 
 REQUIREMENTS = {
-    "tip_force_N": Requirement("load.tip_force_N", 1e-3, "tip_force_kg_per_percent", 0.01),
-    "strength": Requirement("safety.strength", 1.0, "safety_strength_kg_per_percent", 0.01),
-    "local_buckling": Requirement("safety.local_buckling", 1.0, "safety_local_buckling_kg_per_percent", 0.01),
-    "assembly_m": Requirement("clearance.assembly_m", 0.0, "clearance_assembly_kg_per_mm", None),
-    "under_load_m": Requirement("clearance.under_load_m", 0.0, "clearance_under_load_kg_per_mm", None),
-    "least_wall_m": Requirement("sections.least_wall_m", 1e-4, "least_wall_kg_per_mm", None),
-    "largest_width_m": Requirement("sections.largest_width_m", 2.0, "largest_width_kg_per_mm", None),
+    "tip_force_N": Requirement("load.tip_force_N", 1e-3, "tip_force", "tip force", 0.01),
+    "strength": Requirement("safety.strength", 1.0, "safety_strength", "safety factor on strength", 0.01),
+    "local_buckling": Requirement(
+        "safety.local_buckling", 1.0, "safety_local_buckling", "safety factor on local buckling", 0.01
+    ),
+    "assembly_m": Requirement("clearance.assembly_m", 0.0, "clearance_assembly", "clearance at assembly"),
+    "under_load_m": Requirement("clearance.under_load_m", 0.0, "clearance_under_load", "clearance under load"),
+    "least_wall_m": Requirement("sections.least_wall_m", 1e-4, "least_wall", "least wall"),
+    "largest_width_m": Requirement("sections.largest_width_m", 2.0, "largest_width", "largest width"),
     "width_to_wall_at_most": Requirement(
-        "sections.width_to_wall_at_most", 1000.0, "width_to_wall_at_most_kg_per_percent", 0.01
+        "sections.width_to_wall_at_most", 1000.0, "width_to_wall_at_most", "largest width to wall", 0.01
     ),
 }
 """Every one of `Requirements`, in its order."""
