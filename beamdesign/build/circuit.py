@@ -28,7 +28,7 @@ import random
 from bisect import bisect_left
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
-from functools import cache
+from functools import cache, reduce
 from itertools import product
 from math import floor, log10, prod
 from typing import Any, Literal, NamedTuple
@@ -37,6 +37,7 @@ import numpy as np
 from flint import fmpq
 
 from beamdesign.controllers import Observer
+from beamdesign.plant.equilibrium import StateSpace
 from beamdesign.polynomial import exact, nearest
 from beamdesign.quantities import decimal
 
@@ -95,16 +96,17 @@ class Ratio(NamedTuple):
         """Of its denominator."""
         return 2 if self.d2 else 1 if self.d1 else 0
 
-    def matrices(self) -> tuple[Any, Any, Any, float]:
-        """State space of it over its gain, in floats: a (n, n), b (n,), c (n,) and d."""
+    def state_space(self) -> StateSpace:
+        """Of it over its gain, in floats."""
         if self.order == 0:
-            return np.zeros((0, 0)), np.zeros(0), np.zeros(0), 1.0
+            return StateSpace(np.zeros((0, 0)), np.zeros((0, 1)), np.zeros((1, 0)), np.ones((1, 1)))
         if self.order == 1:
             pole, through = 1 / self.d1, self.n1 / self.d1
-            return np.array([[-pole]]), np.array([pole]), np.array([1 - through]), through
+            return StateSpace(*(np.array([[one]]) for one in (-pole, pole, 1 - through, through)))
         natural, through = self.d2**-0.5, self.n2 / self.d2
-        a = np.array([[0.0, natural], [-natural, -self.d1 / self.d2]])
-        return a, np.array([0.0, natural]), np.array([1 - through, natural * (self.n1 - self.d1 * through)]), through
+        a, b = np.array([[0.0, natural], [-natural, -self.d1 / self.d2]]), np.array([[0.0], [natural]])
+        c = np.array([[1 - through, natural * (self.n1 - self.d1 * through)]])
+        return StateSpace(a, b, c, np.array([[through]]))
 
 
 @dataclass(frozen=True)
@@ -214,14 +216,10 @@ class Circuit:
     @property
     def law(self) -> Observer:
         """What the parts realise, as a prototype writes it; the size of its gain is that at rest."""
-        a, b, c, d = np.zeros((0, 0)), np.zeros(0), np.zeros(0), 1.0
-        for stage in self.stages:
-            a_next, b_next, c_next, d_next = Ratio(*(nearest(fmpq(one)) for one in stage.exact)).matrices()
-            a = np.block([[a, np.zeros((len(b), len(b_next)))], [np.outer(b_next, c), a_next]])
-            b, c, d = np.concatenate([b, b_next * d]), np.concatenate([d_next * c, c_next]), d * d_next
-        sign = -1.0 if self.falling else 1.0
+        each = (Ratio(*(nearest(fmpq(one)) for one in stage.exact)).state_space() for stage in self.stages)
+        whole, sign = reduce(lambda before, stage: stage.behind(before), each), -1.0 if self.falling else 1.0
         gain = abs(nearest(self.gain_A_per_V))
-        return Observer.of(gain, ("displacement_m",), a, b.reshape(-1, 1), sign * c, [sign * d])
+        return Observer.of(gain, ("displacement_m",), whole.a, whole.b, sign * whole.c[0], sign * whole.d[0])
 
     def made_of(self, parts: Mapping[str, float]) -> "Circuit":
         """The same circuit of other parts, named as in `parts`."""
