@@ -222,12 +222,10 @@ class Front(Result):
 
     Attributes:
         designs: one per payload range and bandwidth, bandwidths within ranges; those without a point carry the reason.
-        colder: how many points fresh samples solved where the solved neighbours had led to no proof.
         left_out: what was not tried for want of time, in words.
     """
 
     designs: tuple[Codesign, ...]
-    colder: int
     left_out: tuple[str, ...] = ()
 
     @property
@@ -310,7 +308,7 @@ def front(
     solved: dict[tuple[int, int], Codesign] = {}
     asked = [checked_range_kg(problem.name, one) for one in ranges_kg] or [problem.asked_kg()]
     ranges = list(dict.fromkeys(asked))
-    colder, total = 0, len(ranges) * len(bandwidths)
+    total = len(ranges) * len(bandwidths)
     with within(minutes) as limit:
         for i, k in product(range(len(ranges)), range(len(bandwidths))):
             masses, bandwidth = ranges[i], bandwidths[k]
@@ -325,9 +323,8 @@ def front(
             design = codesign(problem, masses, bandwidth, near, sigmas=sigmas)
             if near and design.point is None and not over():
                 fresh = codesign(problem, masses, bandwidth, sigmas=sigmas)
-                colder += fresh.point is not None
                 reason = fresh.reason and f"{design.reason}; and from fresh samples: {fresh.reason}"
                 design = replace(fresh, reason=reason)
             solved[i, k] = design
     designs = tuple(solved.values())
-    return Front(tuple(_lightest_answer(design, designs) for design in designs), colder, tuple(limit.left_out))
+    return Front(tuple(_lightest_answer(design, designs) for design in designs), tuple(limit.left_out))

@@ -73,11 +73,9 @@ def commanded_compliance(prototype: Prototype, law: Compliance) -> float:
     """1 / k_c, m/N: by how much the command has to move per newton for the end to have its static stiffness.
 
     Raises:
-        ValueError: where the servo alone is not as stiff as that, or nothing is.
+        ValueError: where the servo alone is not as stiff as that.
     """
     alone = 1 / servo_stiffness(prototype, law.servo)
-    if law.end_stiffness_N_per_m <= 0:
-        raise ValueError(f"a stiffness must be greater than 0, is {law.end_stiffness_N_per_m:g} N/m")
     if law.end_stiffness_N_per_m * alone > 1:
         raise ValueError(f"the servo alone holds {1 / alone:.4g} N/m, less than {law.end_stiffness_N_per_m:.4g} N/m")
     return (1 / law.end_stiffness_N_per_m - alone) / (1 - figures(prototype)["outer_stiffness"] * alone)
@@ -226,9 +224,7 @@ def judge(prototype: Prototype, law: Compliance | None, masses_kg: tuple[float, 
             integrates, so that no force moves the end at rest.
         InputError: for a prototype with effects.
     """
-    controller = prototype.controller if law is None else controller_of(prototype, law)
-    if controller is None:
-        raise ValueError("the prototype has no [controller]")
+    controller = prototype.own_controller if law is None else controller_of(prototype, law)
     plant = paper_model(prototype).plant(prototype.payload.inner_end_mass_kg, controller.sensed_law().sensors)
     closed, low, high = close_loop(plant, controller), exact(masses_kg[0]), exact(masses_kg[1])
     static = closed.at(0.0).static_stiffness()

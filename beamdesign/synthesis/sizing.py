@@ -280,8 +280,7 @@ def size(problem: DesignProblem, progress: Progress | None = None) -> Sizing:
     choose = problem.sections.choose
     relaxations: tuple[Relaxation, ...] = ()
     if choose == "fixed":
-        if given is None:
-            raise ValueError("sections.choose is 'fixed' but no sections are given")
+        assert given is not None  # else it is no problem
         chosen, governing = given, given.governing
         reason = f"the given sections pass every check; governed by {governing}"
         if not given.feasible:
