@@ -5,19 +5,15 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from beamdesign.build.realisation.c_code import FixedPoint, Float32, compiled, to_word
+from beamdesign.build.realisation.c_code import Machine, compiled, to_word
 from beamdesign.build.realisation.realise import Realisation
 
 
 def in_volts_and_amperes(realisation: Realisation, *readings: Sequence[float]) -> list[float]:
     """Currents (A) of series of readings (V, m, Pa), the errors first, from rest."""
-    if realisation.word_length is None:
-        float_machine = Float32(realisation)
-        return [float(float_machine.step(*sample)) for sample in zip(*readings, strict=True)]
-    machine = FixedPoint(realisation)
-    unit = 2.0**-realisation.current_places
+    machine, unit = Machine(realisation), 2.0**-realisation.current_places
     return [
-        machine.step(*(to_word(realisation, value, k) for k, value in enumerate(sample))) * unit
+        float(machine.step(*(to_word(realisation, value, k) for k, value in enumerate(sample)))) * unit
         for sample in zip(*readings, strict=True)
     ]
 

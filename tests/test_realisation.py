@@ -24,8 +24,7 @@ from beamdesign.build.realisation.c_code import (
     HEADER,
     LAW,
     SELF_TEST,
-    FixedPoint,
-    Float32,
+    Machine,
     c_files,
     compiler,
     shifted,
@@ -190,7 +189,7 @@ def test_poles_stay_where_the_direct_form_loses_them() -> None:
 @pytest.mark.parametrize("bits", [12, 16, 24])
 def test_a_lag_has_no_dead_band(bits: int) -> None:
     """Its static gain is one: the state becomes the error itself, be that one unit of a word."""
-    machine = FixedPoint(realise(Lag(gain_A_per_V=0.05, pole_Hz=1.7, zero_Hz=20.0), 2000.0, bits))
+    machine = Machine(realise(Lag(gain_A_per_V=0.05, pole_Hz=1.7, zero_Hz=20.0), 2000.0, bits))
     r = machine.realisation
     for error in (3, -5, 1, 0):
         for _ in range(6000):
@@ -203,7 +202,7 @@ def test_a_lag_has_no_dead_band(bits: int) -> None:
 def test_limit_cycles_of_the_law_alone_stay_within_the_bound(bits: int) -> None:
     """Second-order sections may hunt by a few units under a constant error, and on the average do not err."""
     r = realise(rich(), 2000.0, bits)
-    machine, linear = FixedPoint(r), r.linear
+    machine, linear = Machine(r), r.linear
     bound = (l1_norms(floats(linear.a), floats(linear.f), floats(linear.c), floats(linear.g)) @ half_steps(r))[0]
     for error in (3, -5, 0):
         currents = [machine.step(error) for _ in range(9000)][6000:]
@@ -238,7 +237,7 @@ def test_within_full_scale_no_word_overflows_and_one_place_more_would() -> None:
     a, b, rows = floats(linear.a), floats(linear.b)[:, 0], floats(linear.signals)
     most, seen = 2**15 - 1, 0
 
-    class Watching(FixedPoint):
+    class Watching(Machine):
         def signal(self, name: str, value: int) -> int:
             nonlocal seen
             seen = max(seen, abs(value))
@@ -288,17 +287,17 @@ def test_anti_windup_leaves_the_limit_sooner(bits: int | None) -> None:
     law = Lag(gain_A_per_V=0.05, pole_Hz=1.7, zero_Hz=20.0)
     r = realise(law, 2000.0, bits, largest_current_A=0.02)
 
-    class Winding(FixedPoint if bits else Float32):
+    class Winding(Machine):
         def advance(self, state, coefficient, value, held):
             super().advance(state, coefficient, value, False)
 
     def samples_at_limit(machine) -> int:
         volts = [8.0] * 2000 + [-0.5] * 3000
-        words = [to_word(r, v) for v in volts] if bits else volts
+        words = [to_word(r, v) for v in volts]
         at_limit = [machine.step(w) and machine.limited for w in words]
         return int(np.count_nonzero(np.array(at_limit[2000:]) > 0))
 
-    holding, winding = (samples_at_limit(kind(r)) for kind in ((FixedPoint if bits else Float32), Winding))
+    holding, winding = (samples_at_limit(kind(r)) for kind in (Machine, Winding))
     assert holding == 0
     assert winding > 200
 
@@ -312,11 +311,10 @@ def falling() -> TransferFunction:
 @pytest.mark.parametrize("bits", [16, None])
 def test_a_law_of_negative_gain_is_the_mirror_of_that_of_the_positive(bits: int | None) -> None:
     """At the limit too, where its lag does not move further either."""
-    kind = FixedPoint if bits else Float32
     rising = Lag(gain_A_per_V=0.05, pole_Hz=1.7, zero_Hz=20.0)
-    one, other = (kind(realise(law, 2000.0, bits, largest_current_A=0.02)) for law in (rising, falling()))
+    one, other = (Machine(realise(law, 2000.0, bits, largest_current_A=0.02)) for law in (rising, falling()))
     volts = [8.0] * 500 + [-0.5] * 500
-    words = [to_word(one.realisation, v) for v in volts] if bits else volts
+    words = [to_word(one.realisation, v) for v in volts]
     assert [one.step(w) for w in words] == [-other.step(w) for w in words]
 
 
@@ -445,7 +443,7 @@ def test_the_emulation_gives_the_recorded_currents() -> None:
     assert r.sections[0].follow == pytest.approx(follow, rel=1e-9)
     assert r.sections[0].direct == pytest.approx(direct, rel=1e-9)
     assert (r.signal_places, r.current_places) == (2, 4)
-    machine = FixedPoint(r)
+    machine = Machine(r)
     # e = 40 is 10 V, a current of 1 A is 16: d = e - x, y = x + d / 2, i = 2 y, x += d / 4, halves away from zero
     # x: 0, 10, 17.5, 23, 27.25; as words 0, 10, 18, 23; d: 40, 30, 22, 17; y: 20, 25, 29, 32
     assert [machine.step(e) for e in (40, 40, 40, 40)] == [40, 50, 58, 64]
@@ -478,7 +476,7 @@ def test_c_is_the_emulation_to_the_last_bit(bits: int | None, tmp_path: Path) ->
     for number, law in enumerate((rich(), Proportional(gain_A_per_V=0.01), falling())):
         r = realise(law, 2000.0, bits, largest_current_A=0.08)
         (folder := tmp_path / f"{number}").mkdir()
-        machine, emulated = made(folder, r), FixedPoint(r) if bits else Float32(r)
+        machine, emulated = made(folder, r), Machine(r)
         assert machine.self_test() == 0
         limited = 0
         for error in hard_words(r):
@@ -577,7 +575,7 @@ def test_the_compiled_controller_in_the_simulators_loop(bits: int | None, rig: P
     force, there = theirs.column("disturbance_N"), theirs.column("displacement_m")
     r = realise(rig.controller, 1 / period, bits, full_scale_V=2.0)
     in_c = run_closed(rig, r, made(tmp_path, r), force, mass)
-    emulated = run_closed(rig, r, FixedPoint(r) if bits else Float32(r), force, mass)
+    emulated = run_closed(rig, r, Machine(r), force, mass)
     assert np.array_equal(in_c.displacement_m, emulated.displacement_m)
     assert np.array_equal(in_c.current_A, emulated.current_A)
 
@@ -615,7 +613,7 @@ def test_a_structured_controller_is_coded_proved_and_run(rig: Prototype, tmp_pat
     assert found.masses[0].late.peak_sensitivity == pytest.approx(found.masses[0].continuous.peak_sensitivity, rel=0.15)
     force = np.where(np.arange(4000) < 200, 0.0, 300.0)
     in_c = run_closed(filtered, r, made(tmp_path, r), force, 2.0)
-    assert np.array_equal(in_c.displacement_m, run_closed(filtered, r, FixedPoint(r), force, 2.0).displacement_m)
+    assert np.array_equal(in_c.displacement_m, run_closed(filtered, r, Machine(r), force, 2.0).displacement_m)
     unrounded = run_closed(filtered, in_floats_of_64_bits(r), ExactLaw(r), force, 2.0)
     bound = found.masses[0].rounding
     assert bound is not None
@@ -733,7 +731,7 @@ def test_code_with_an_added_sensor_in_the_simulators_loop(bits: int | None, tmp_
     force, machine = late.column("disturbance_N"), made(tmp_path, r)
     assert machine.self_test() == 0
     in_c = run_closed(rig, r, machine, force, mass)
-    emulated = run_closed(rig, r, FixedPoint(r) if bits else Float32(r), force, mass)
+    emulated = run_closed(rig, r, Machine(r), force, mass)
     assert np.array_equal(in_c.displacement_m, emulated.displacement_m)
     assert np.array_equal(in_c.current_A, emulated.current_A)
     largest, there = np.abs(continuous).max(), late.column("displacement_m")

@@ -11,7 +11,7 @@ import shutil
 import subprocess
 from collections.abc import Sequence
 from functools import cache, reduce
-from math import ceil, floor, pi, sin
+from math import ceil, floor, inf, pi, sin
 from operator import add
 from pathlib import Path
 from typing import Any
@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 from jinja2 import Template
 
-from beamdesign.build.realisation.law import Arithmetic, V, one_period
+from beamdesign.build.realisation.law import Arithmetic, one_period
 from beamdesign.build.realisation.realise import Realisation
 from beamdesign.report.page import text_template
 from beamdesign.spelling import in_c
@@ -29,113 +29,78 @@ VECTORS = 96
 HEADER, LAW, SELF_TEST = "controller.h", "controller.c", "controller_self_test.c"
 
 
-def shifted(value: int, places: int) -> int:
-    """Drop binary places, rounding to the nearest and halves away from zero, so that no sign is favoured."""
+def shifted(value: Any, places: int) -> Any:
+    """Drop binary places, rounding to the nearest and halves away from zero, so that no sign is favoured.
+
+    A float has none to drop.
+    """
+    if not places:
+        return value
     half = (1 << places) >> 1
     return (value + half) >> places if value >= 0 else -((half - value) >> places)
 
 
-class _Machine(Arithmetic[V]):
-    """The controller step by step, equal to the C code to the last bit.
+class Machine(Arithmetic[Any]):
+    """The controller step by step, equal to the C code to the last bit: in integers, or in floats of 32 bits.
+
+    States in fixed point have `state_extra` binary places more than the words. Of floats no number has places, no limit
+    but that of the current is reached, and every operation rounds once, to the nearest.
 
     Attributes:
         states: by name.
         limited: whether the last current was at its limit: -1, 0 or 1.
     """
 
-    states: dict[str, V]
+    states: dict[str, Any]
 
     def __init__(self, realisation: Realisation):
-        if (realisation.word_length is None) != isinstance(self, Float32):
-            raise ValueError(f"a realisation in {'floats' if realisation.word_length is None else 'fixed point'}")
-        self.realisation = realisation
-        self.limited = 0
+        self.realisation, self.limited = realisation, 0
+        bits, coefficients = realisation.word_length, realisation.coefficients.items()
+        self._number: Any = np.float32 if bits is None else int
+        self._most = inf if bits is None else 2 ** (bits - 1) - 1
+        self._largest = self._number(realisation.largest_current_A if bits is None else realisation.current_limit)
+        given = {name: one.asked if one.integer is None else one.integer for name, one in coefficients}
+        self._given = {name: (self._number(given[name]), one.places) for name, one in coefficients}
+        self._extra, self._shifts = realisation.state_extra, realisation.current_shifts
+        self.reset(*(0 for _ in realisation.channels))
 
-    def step(self, *readings: Any) -> V:
+    def reset(self, *readings: float) -> None:
+        """At rest under constant readings, so that the first current is that of the static gains."""
+        given = [self.signal("", reading) * 2**self._extra for reading in readings]
+        places = self.realisation.state_channels
+        self.states = {n: given[k] if n[0] == "x" else self._number(0) for n, k in places.items()}
+
+    def step(self, *readings: float) -> Any:
         """The current of one sample, the error first: all as words, or in A from V, m and Pa where in floats."""
         return one_period(self.realisation.channels, [self.signal("", reading) for reading in readings], self)
 
-    def _pushes(self, value: Any, held: int) -> bool:
-        """Whether a held state would drive a limited current further."""
-        return bool(held * self.limited * value > 0)
-
-
-class FixedPoint(_Machine[int]):
-    """The fixed-point controller; its states have `state_extra` binary places more than the words."""
-
-    def __init__(self, realisation: Realisation):
-        super().__init__(realisation)
-        self._given = {name: (one.integer or 0, one.places) for name, one in realisation.coefficients.items()}
-        self._most = 2 ** ((realisation.word_length or 1) - 1) - 1
-        self._extra = realisation.state_extra
-        self._shifts = realisation.current_shifts
-        self.reset(*(0 for _ in realisation.channels))
-
-    def reset(self, *readings: int) -> None:
-        """At rest under constant readings, so that the first current is that of the static gains."""
-        given = [self.signal("", reading) << self._extra for reading in readings]
-        self.states = {n: given[k] if n[0] == "x" else 0 for n, k in self.realisation.state_channels.items()}
-
-    def read(self, state: str) -> int:  # noqa: D102
+    def read(self, state: str) -> Any:  # noqa: D102
         return shifted(self.states[state], self._extra)
 
-    def multiply(self, coefficient: str, value: int) -> int:  # noqa: D102
-        integer, places = self._given[coefficient]
-        return shifted(integer * value, places)
+    def multiply(self, coefficient: str, value: Any) -> Any:  # noqa: D102
+        factor, places = self._given[coefficient]
+        return shifted(factor * value, places)
 
-    def signal(self, name: str, value: int) -> int:  # noqa: D102
-        return max(-self._most, min(self._most, value))
+    def signal(self, name: str, value: Any) -> Any:  # noqa: D102
+        return max(-self._most, min(self._most, self._number(value)))
 
-    def current(self, terms: Sequence[tuple[str, int]]) -> int:  # noqa: D102
-        product = sum(shifted(self._given[gain][0] * value, self._shifts[gain]) for gain, value in terms)
-        most = self.realisation.current_limit
-        self.limited = (product > most) - (product < -most)
-        return max(-most, min(most, product))
+    def current(self, terms: Sequence[tuple[str, Any]]) -> Any:  # noqa: D102
+        current = reduce(add, (shifted(self._given[gain][0] * value, self._shifts[gain]) for gain, value in terms))
+        self.limited = int(current > self._largest) - int(current < -self._largest)
+        return max(-self._largest, min(self._largest, current))
 
-    def advance(self, state: str, coefficient: str, value: int, held: int) -> None:  # noqa: D102
-        if self._pushes(value, held):
+    def advance(self, state: str, coefficient: str, value: Any, held: int) -> None:  # noqa: D102
+        if held * self.limited * value > 0:  # it would drive a limited current further
             return
-        integer, places = self._given[coefficient]
-        most = self._most << self._extra
-        after = self.states[state] + shifted(integer * value, places - self._extra)
+        factor, places = self._given[coefficient]
+        after, most = self.states[state] + shifted(factor * value, places - self._extra), self._most * 2**self._extra
         self.states[state] = max(-most, min(most, after))
 
 
-class Float32(_Machine[np.float32]):
-    """The controller in floats of 32 bits; every operation rounds once, to the nearest."""
-
-    def __init__(self, realisation: Realisation):
-        super().__init__(realisation)
-        self._given = {name: np.float32(one.asked) for name, one in realisation.coefficients.items()}
-        self._largest = np.float32(realisation.largest_current_A)
-        self.reset(*(0.0 for _ in realisation.channels))
-
-    def reset(self, *readings: float) -> None:
-        """At rest under constant readings (V, m, Pa)."""
-        places = self.realisation.state_channels
-        self.states = {n: np.float32(readings[k] if n[0] == "x" else 0) for n, k in places.items()}
-
-    def read(self, state: str) -> np.float32:  # noqa: D102
-        return self.states[state]
-
-    def multiply(self, coefficient: str, value: np.float32) -> np.float32:  # noqa: D102
-        return self._given[coefficient] * value
-
-    def signal(self, name: str, value: float | np.float32) -> np.float32:  # noqa: D102
-        return np.float32(value)
-
-    def current(self, terms: Sequence[tuple[str, np.float32]]) -> np.float32:  # noqa: D102
-        product = reduce(add, (self._given[gain] * value for gain, value in terms))
-        self.limited = int(product > self._largest) - int(product < -self._largest)
-        return product if self.limited == 0 else np.float32(self.limited) * self._largest
-
-    def advance(self, state: str, coefficient: str, value: np.float32, held: int) -> None:  # noqa: D102
-        if not self._pushes(value, held):
-            self.states[state] = self.states[state] + self._given[coefficient] * value
-
-
-def to_word(realisation: Realisation, reading: float, channel: int = 0) -> int:
-    """A reading (V, m, Pa) as a word: the nearest, halves away from zero."""
+def to_word(realisation: Realisation, reading: float, channel: int = 0) -> float:
+    """A reading (V, m, Pa) as the machine takes it: the nearest word, halves away from zero, or the nearest float."""
+    if realisation.word_length is None:
+        return float(np.float32(reading))
     scaled = reading * 2.0 ** realisation.places[channel]
     return floor(scaled + 0.5) if scaled >= 0 else ceil(scaled - 0.5)
 
@@ -150,9 +115,8 @@ def vectors(realisation: Realisation) -> dict[str, list[float]]:
     given: list[list[float]] = []
     for place, scale in enumerate(realisation.full_scales):
         values = [_test_error((k + 11 * place) % VECTORS) * scale for k in range(VECTORS)]
-        single = realisation.word_length is None
-        given.append([float(np.float32(v)) if single else to_word(realisation, v, place) for v in values])
-    machine: FixedPoint | Float32 = (Float32 if realisation.word_length is None else FixedPoint)(realisation)
+        given.append([to_word(realisation, value, place) for value in values])
+    machine = Machine(realisation)
     currents = [float(machine.step(*sample)) for sample in zip(*given, strict=True)]
     return dict(zip((*(f"{one.name}s" for one in realisation.channels), "currents"), (*given, currents), strict=True))
 
