@@ -12,7 +12,7 @@ from pathlib import Path
 from matplotlib.axes import Axes
 
 from beamdesign import Prototype, read_prototype
-from beamdesign.build.realisation.code import LoopFigures, continuous_figures, figures_at, masses_between, worst
+from beamdesign.build.realisation.code import LoopFigures, figures_at, loop_figures, masses_between, worst
 from beamdesign.build.realisation.loop import prove_sampled, realised_loop
 from beamdesign.build.realisation.realise import FULL_SCALE_V, realise
 from beamdesign.loop import loop
@@ -86,7 +86,7 @@ def trade(
         raise ValueError("the prototype has no [controller]")
     rows = []
     masses = masses_between(masses_kg, looked_at)
-    design = worst([continuous_figures(loop(prototype).at(mass)) for mass in masses])
+    design = worst([loop_figures(loop(prototype).at(mass)) for mass in masses])
     for rate in rates_Hz:
         for word in words:
             progress(rate, word or 0)

@@ -26,7 +26,7 @@ from typer.testing import CliRunner
 from beamdesign import InputError, Prototype, certify, cli, read_prototype, write_prototype
 from beamdesign.build.drawing import drawing, dxf_text, svg_text
 from beamdesign.build.folder import document_of
-from beamdesign.build.realisation.c_code import LAW, SELF_TEST, c_files, compiled_self_test, compiler
+from beamdesign.build.realisation.c_code import LAW, PROGRAM, SELF_TEST, c_files, compiled, compiler
 from beamdesign.build.realisation.realise import Realisation, realise
 from beamdesign.build.specification import specification_of
 from beamdesign.cli.output import display, echo, echo_table
@@ -190,7 +190,7 @@ def test_no_name_runs_code(rig: Prototype, realised: Realisation, line_goes_on: 
     assert not (tmp_path / "out").exists()
     for file, text in c_files(realised, name).items():
         (tmp_path / file).write_text(text)
-    assert subprocess.run([compiled_self_test(tmp_path, tmp_path)], check=False).returncode == 0
+    assert subprocess.run([compiled(tmp_path, tmp_path / "self_test", PROGRAM)], check=False).returncode == 0
     assert not ran.exists()
 
 

@@ -31,7 +31,7 @@ from beamdesign.build.realisation.c_code import (
     to_word,
     vectors,
 )
-from beamdesign.build.realisation.code import continuous_figures, judge, law_polynomials, sampled_figures
+from beamdesign.build.realisation.code import judge, law_polynomials, loop_figures, sampled_figures
 from beamdesign.build.realisation.law import fixed_point
 from beamdesign.build.realisation.loop import prove_any_computing_time, prove_sampled, realised_loop
 from beamdesign.build.realisation.realise import (
@@ -365,7 +365,7 @@ def test_margins_against_a_sweep_and_against_scaled_gains(rig: Prototype) -> Non
 
 
 def test_fast_and_long_enough_the_margins_are_the_continuous_ones(rig: Prototype) -> None:
-    design = continuous_figures(loop(rig).at(2.0))
+    design = loop_figures(loop(rig).at(2.0))
     found = sampled_figures(realised_loop(rig, realise(rig.controller, 1e6, 32)), 2.0)
     assert found.peak_sensitivity == pytest.approx(design.peak_sensitivity, rel=2e-3)
     assert found.gain_up == pytest.approx(design.gain_up, rel=5e-3)

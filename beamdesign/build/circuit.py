@@ -131,12 +131,9 @@ class Stage:
     def of(self, parts: Mapping[str, Any]) -> Ratio:
         """What other parts in the same places would realise: floats, arrays or rationals."""
         if self.kind != "biquad":
-            gain, first, shunt = parts["Rf"] / parts["R1"], parts["R1"], parts.get("R2", 0)
-            if self.kind == "amplifier":
-                return Ratio(gain)
-            short = shunt * parts["C"]
-            long = ((parts["Rf"] if self.kind == "lag" else first) + shunt) * parts["C"]
-            return Ratio(gain, short, 0, long, 0) if self.kind == "lag" else Ratio(gain, long, 0, short, 0)
+            gain, shunt, farad = parts["Rf"] / parts["R1"], parts.get("R2", 0), parts.get("C", 0)
+            short, long = shunt * farad, (parts["R1" if self.kind == "lead" else "Rf"] + shunt) * farad
+            return Ratio(gain, long, 0, short, 0) if self.kind == "lead" else Ratio(gain, short, 0, long, 0)
 
         def conductance(name: str) -> Any:
             if name not in parts:

@@ -26,7 +26,7 @@ from beamdesign.structure import lumped
 from beamdesign.structure.lumped import lumped_beam
 from beamdesign.structure.section import Tube, stock_tubes
 from beamdesign.structure.shapes import gaps
-from beamdesign.synthesis.operating_limits import Envelope, envelope, needs_to_carry
+from beamdesign.synthesis.operating_limits import SHOWN_HZ, Envelope, envelope, needs_to_carry
 
 
 @dataclass(frozen=True)
@@ -159,9 +159,6 @@ def _gaps(outer: Beam, inner: Beam) -> tuple[float, ...]:
     return found
 
 
-SHOWN_HZ = np.array([0.1, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0])
-
-
 @dataclass(frozen=True)
 class Ratings:
     """Ratings for a force on the tip that is put on and taken off up to a bandwidth, beside the weight of the link.
@@ -214,7 +211,7 @@ def ratings(prototype: Prototype, masses_kg: tuple[float, float], load_N: float,
         Row(f"stroke from end to end, × {MARGIN:g}", 2 * MARGIN * need["stroke_m"], actuator.stroke_m, "m", "stroke_m"),
     )
     heaviest = prototype.stages(masses_kg)[-1].prototype
-    left = envelope(heaviest, masses_kg[1], weight, SHOWN_HZ)
+    left = envelope(heaviest, masses_kg[1], weight, np.array(SHOWN_HZ))
     return Ratings(load_N, weight, up_to_Hz, rows, left)
 
 

@@ -95,10 +95,10 @@ def _compiles(folder: Path) -> bool:
     import subprocess
     from tempfile import TemporaryDirectory
 
-    from beamdesign.build.realisation.c_code import compiled_self_test
+    from beamdesign.build.realisation.c_code import PROGRAM, compiled
 
     with TemporaryDirectory() as scratch:
-        program = compiled_self_test(folder, Path(scratch))
+        program = compiled(folder, Path(scratch) / "controller_self_test", PROGRAM)
         passed = subprocess.run([str(program)], check=False).returncode == 0
     echo("compiled; the self-test passes to the last bit" if passed else "compiled, but THE SELF-TEST FAILS here")
     return passed

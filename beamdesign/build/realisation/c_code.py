@@ -248,6 +248,8 @@ class _Lines(Arithmetic[str]):
         self.written += statements
 
 
+PROGRAM = "-DCONTROLLER_SELF_TEST_MAIN"
+"""Flag for a program whose exit status is 0 where the self-test passes."""
 FLAGS = ("-std=c99", "-pedantic", "-Wall", "-Wextra", "-Werror", "-O2", "-ffp-contract=off")
 
 
@@ -257,17 +259,12 @@ def compiler() -> str | None:
     return next((found for name in names if (found := shutil.which(name))), None)
 
 
-def compiled_self_test(folder: Path, into: Path) -> Path:
-    """Compile the program whose exit status is 0 where the self-test of the files of a folder passes.
+def compiled(folder: Path, target: Path, *more: str) -> Path:
+    """Compile the files of a folder to a target with further flags.
 
     Raises:
         ValueError: without a compiler, or where it finds fault with the files, in its own words.
     """
-    return compiled(folder, into / "controller_self_test", "-DCONTROLLER_SELF_TEST_MAIN")
-
-
-def compiled(folder: Path, target: Path, *more: str) -> Path:
-    """Compile the files of a folder to a target with further flags; errors as of `compiled_self_test`."""
     program = compiler()
     if program is None:
         raise ValueError("no C compiler found: neither cc, gcc nor clang is on the path")

@@ -68,18 +68,14 @@ class LoopFigures:
     crossover_Hz: float
 
 
-def continuous_figures(loop: LoopAtMass) -> LoopFigures:
-    """Of a continuous loop at one mass."""
-    return _figures(loop, lambda frequency_Hz: frequency_Hz)
-
-
 def sampled_figures(loop: RealisedLoop, mass_kg: float) -> LoopFigures:
     """Of the sampled-data loop at one outer end mass, at its sample times."""
     rate = loop.rate_Hz
-    return _figures(image(loop, mass_kg), lambda frequency_Hz: rate / pi * atan(pi * frequency_Hz / rate))
+    return loop_figures(image(loop, mass_kg), lambda frequency_Hz: rate / pi * atan(pi * frequency_Hz / rate))
 
 
-def _figures(at: LoopAtMass, true_Hz: Callable[[float], float]) -> LoopFigures:
+def loop_figures(at: LoopAtMass, true_Hz: Callable[[float], float] = float) -> LoopFigures:
+    """Of a loop at one mass, whose frequencies (Hz) may stand for others."""
     crossover = true_Hz(max(at.crossovers_Hz(), default=0.0))
     if not at.stable:
         return LoopFigures(inf, 0.0, 0.0, crossover)
@@ -172,7 +168,7 @@ def figures_at(prototype: Prototype, realisation: Realisation, mass_kg: float) -
         rounding: RoundingEffect | None = rounding_effect(loops[1], mass_kg, half_steps(realisation))
     except ValueError:
         rounding = None
-    return AtMass(mass_kg, continuous_figures(loop(prototype).at(mass_kg)), at_once, late, rounding)
+    return AtMass(mass_kg, loop_figures(loop(prototype).at(mass_kg)), at_once, late, rounding)
 
 
 def worst(figures: Sequence[LoopFigures]) -> LoopFigures:

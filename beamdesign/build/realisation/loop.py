@@ -366,4 +366,4 @@ def prove_any_computing_time(
 
 def middle(balls: arb_mat) -> np.ndarray:
     """Midpoints in floats."""
-    return np.array([[float(balls[i, j].mid()) for j in range(balls.ncols())] for i in range(balls.nrows())])
+    return np.array(balls.mid().tolist(), dtype=float)
