@@ -360,10 +360,9 @@ def _proved_above(prototype: Prototype, masses_kg: tuple[float, float], break_Hz
 
 
 def _kept(found: Guaranteed | None, nominal: Guaranteed) -> bool:
-    if found is None:
-        return False
     return (
-        found.bandwidth_Hz >= (1 - KEPT) * nominal.bandwidth_Hz
+        found is not None
+        and found.bandwidth_Hz >= (1 - KEPT) * nominal.bandwidth_Hz
         and found.peak_sensitivity <= (1 + KEPT) * nominal.peak_sensitivity
     )
 

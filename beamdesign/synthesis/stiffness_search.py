@@ -43,6 +43,7 @@ from beamdesign.synthesis.end_stiffness import (
     sensed,
     servo_stiffness,
 )
+from beamdesign.synthesis.loop_samples import first_miss
 from beamdesign.synthesis.rig_spread import deviations_of, rig_spread
 from beamdesign.time_limit import leave_out, over, share
 
@@ -264,16 +265,8 @@ class _Search:
 
     def _band(self, closed: Loop) -> float:
         """First sampled frequency at which the stiffness is off by more than `SHARE`, interpolated, Hz."""
-        reached = np.inf
-        for mass in self.masses_kg:
-            error = np.abs(closed.at(mass).stiffness_response(_SEARCH_HZ) / self.end_stiffness - 1)
-            k = int(np.argmax(error > SHARE))
-            if not error[k] > SHARE:
-                continue
-            if k == 0:
-                return 0.0
-            reached = min(reached, np.interp(SHARE, error[k - 1 : k + 1], _SEARCH_HZ[k - 1 : k + 1]))
-        return float(reached)
+        found = [closed.at(mass).stiffness_response(_SEARCH_HZ) / self.end_stiffness for mass in self.masses_kg]
+        return min(first_miss(_SEARCH_HZ, SHARE - np.abs(ratio - 1)) for ratio in found)
 
     def _admitted(self, closed: Loop) -> bool:
         """Whether stability, contact and the goal's limits are proved."""
