@@ -263,7 +263,7 @@ class RectangularTube(Tube):
 
 @dataclass(frozen=True)
 class RoundTube(Tube):
-    """A round tube: a square one whose corners have half its width, in closed forms of its own."""
+    """A round tube: a square one whose corners have half its width, twisted exactly."""
 
     corner_radius_m: Quantity = field(init=False)
     shape: ClassVar[str] = "round"
@@ -275,15 +275,6 @@ class RoundTube(Tube):
     @property
     def millimetres(self) -> str:  # noqa: D102
         return f"round {super().millimetres}"
-
-    @property
-    def area(self) -> Quantity:  # noqa: D102
-        return pi * self.wall_m * (self.width_m - self.wall_m)
-
-    @property
-    def second_moment(self) -> Quantity:
-        """Of the ring, pi / 64 (D^4 - d^4), m4."""
-        return self.area * (self.width_m**2 + (self.width_m - 2 * self.wall_m) ** 2) / 16
 
     @property
     def torsion_constant(self) -> Quantity:
