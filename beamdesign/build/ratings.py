@@ -14,6 +14,7 @@ from beamdesign.plant.actuators import MARGIN, Row
 from beamdesign.plant.assembly import effect_parameters_of
 from beamdesign.plant.effects import library
 from beamdesign.plant.members import own_sag_m, weight_N
+from beamdesign.polynomial import at_points, exact
 from beamdesign.proofs.box import certify_box
 from beamdesign.proofs.certificate import Guaranteed
 from beamdesign.proofs.certifying import guaranteed_by_all, stability_over
@@ -326,21 +327,16 @@ def noise_bandwidth_Hz(prototype: Prototype, outer_end_mass: float) -> float:
     quadrature on a grid that is refined around the poles. The tip moves by T times the noise where the sensor has no
     filter; with one it moves by a little more near the filter's break.
     """
-    here, law = loop(prototype).at(outer_end_mass), prototype.own_controller
-    poles = here.poles()
+    closed = loop(prototype)
+    here = closed.at(outer_end_mass)
     parts = [np.geomspace(1e-4, 1e5, 4000)]
-    for pole in poles:
+    for pole in here.poles():
         centre, width = abs(pole.imag) / (2 * pi), max(abs(pole.real) / (2 * pi), 1e-6)
         parts.append(centre + width * np.linspace(-30, 30, 601))
     grid = np.unique(np.concatenate(parts))
     grid = grid[grid > 0]
-    through = 1 - here.sensitivity_response(grid)
-    if law.added:
-        a, b, c, d, _ = law.state_space()
-        gain, sensor = law.gain_A_per_V, law.senses[:1]
-        alone = prototype.but(controller=Observer.of(gain, sensor, a, b[:, :1], c / gain, d[:1] / gain))
-        through = loop(alone).at(outer_end_mass).loop_response(grid) * here.sensitivity_response(grid)
-    transmitted = np.abs(through) ** 2
+    s, cut = 2j * pi * grid, closed.cut.at(exact(outer_end_mass))  # 1 + L - L_1, over what 1 + L has below
+    transmitted = np.abs(1 - at_points(cut, s) / at_points(here.characteristic, s)) ** 2
     return float(np.trapezoid(transmitted, grid) + transmitted[0] * grid[0])
 
 
