@@ -10,7 +10,7 @@ import numpy as np
 
 from beamdesign.diagnosis.data.dataset import TimeRecord
 from beamdesign.diagnosis.examination.nominal import nominal_loop
-from beamdesign.diagnosis.examination.sound_records import Caution, blips, equal_runs, finest_step, noise_std
+from beamdesign.diagnosis.examination.sound_records import Finding, blips, equal_runs, finest_step, noise_std, rms
 from beamdesign.prototype import Prototype
 
 _FELT = 0.3  # of what it would do in the believed rig: what moves less was no force
@@ -23,37 +23,25 @@ _NOISY = 0.5  # of the finest step: noise that carries every sample to another o
 _NOISE = 1e-4  # of the rms of the force: less is no noise of a load cell
 
 
-def force_channel(record: TimeRecord, prototype: Prototype) -> list[Caution]:
-    """What is to be said about the force of a record.
-
-    Args:
-        record: usable.
-        prototype: believed.
-    """
-    return [
-        Caution(name, record.name, f"disturbance_N {text}", name == "clipped", limits_confidence=True)
-        for name, text in _found(record, prototype)
-    ]
-
-
-def _found(record: TimeRecord, prototype: Prototype) -> Iterator[tuple[str, str]]:
+def force_channel(record: TimeRecord, prototype: Prototype) -> Iterator[Finding]:
+    """What is to be said about the force of a usable record."""
     force, command = record.inputs.T
     if not np.ptp(force) > 0:
         return
     if samples := _cut_off(force):
-        yield "clipped", f"is cut off, {samples} samples long: widen the recorder's range, or drive less"
+        yield "clipped", f"disturbance_N is cut off, {samples} samples long: widen the recorder's range, or drive less"
         return
     still = record.denoised[0]
     if np.ptp(command) > 0 and (size := _unfelt(record, prototype, still)):
-        text = f"of {_rms(still):.3g} N rms would move the tip by {size:.2g} m rms, and does not"
+        text = f"disturbance_N of {rms(still):.3g} N rms would move the tip by {size:.2g} m rms, and does not"
         yield "unfelt_force", f"{text}: hum, an offset or a drift of the load cell; set it to zero where nothing pushes"
         return
     at = blips(force)
     spikes = np.zeros_like(force)
     spikes[at] = force[at] - (force[at - 1] + force[at + 1]) / 2
     if len(at) and _unfelt(record, prototype, spikes):
-        text = f"has {len(at)} single samples that the rig does not feel, first at {record.times[at[0]]:.4g} s"
-        yield "unfelt_force", f"{text}: they are spoilt, put them between their neighbours"
+        text = f"{len(at)} single samples that the rig does not feel, first at {record.times[at[0]]:.4g} s"
+        yield "unfelt_force", f"disturbance_N has {text}: they are spoilt, put them between their neighbours"
 
 
 def _unfelt(record: TimeRecord, prototype: Prototype, part: np.ndarray) -> float:
@@ -67,13 +55,9 @@ def _unfelt(record: TimeRecord, prototype: Prototype, part: np.ndarray) -> float
     there = np.abs(made) > _THERE * np.abs(made).max()
     if not there.any():
         return 0.0
-    size, around, whole = (_rms(signal[there]) for signal in (made, left, moved))
+    size, around, whole = (rms(signal[there]) for signal in (made, left, moved))
     felt = float(made[there] @ left[there]) / float(made[there] @ made[there])
     return size if size > max(_SEEN * noise_std(moved), _COUNTS * whole, _STANDS_OUT * around) and felt < _FELT else 0.0
-
-
-def _rms(signal: np.ndarray) -> float:
-    return float(np.sqrt(np.mean(signal**2)))
 
 
 def _cut_off(force: np.ndarray) -> int:

@@ -116,7 +116,6 @@ class ControllerFit:
     was taken out.
 
     Attributes:
-        record: its name.
         residual: of the equation as stated.
         noise: of current and displacement together, white.
         doubt: what may be left of noise alone, whose power is known no better than the median of as many exponential
@@ -132,7 +131,6 @@ class ControllerFit:
         offset_A: mean of the residual.
     """
 
-    record: str
     residual: float
     noise: float
     doubt: float
@@ -221,7 +219,7 @@ def controller_fit(record: TimeRecord, sensor_gain: float) -> ControllerFit | No
         limit, with_limit = None, residual
     with_gain, offset = mismatch(current, gain * asked)[0], float(np.mean(current - asked))
     doubt = noise * sqrt(_SURE / (log(2) * sqrt((1 - TOP) * len(current) / 2)))
-    return ControllerFit(record.name, residual, noise, doubt, gain, with_gain, *delay, *lag, limit, with_limit, offset)
+    return ControllerFit(residual, noise, doubt, gain, with_gain, *delay, *lag, limit, with_limit, offset)
 
 
 def _gain(current: np.ndarray, asked: np.ndarray) -> float:

@@ -29,7 +29,7 @@ from beamdesign.diagnosis.examination.sound_records import (
     LOW_HZ,
     Caution,
     bridged,
-    first,
+    cautions,
     law,
     masses,
     remarks,
@@ -208,8 +208,8 @@ def examine(data: Dataset) -> Examination:
         return tuple(map(where_it_counts, usable()))
 
     # Each check sees what those before it have left.
-    warnings += signals(usable())
-    warnings += first(law, seen(), prototype)
+    warnings += cautions(signals, usable(), prototype)
+    warnings += cautions(law, seen(), prototype, most=1)
     named = {caution.record for caution in warnings}
     mended = [(record, []) if record.name in named else bridged(record) for record in data.records]
     data = replace(data, records=tuple(record for record, _ in mended))
@@ -221,16 +221,16 @@ def examine(data: Dataset) -> Examination:
         if "current_A" not in r.measured and r.controller != OFF
     ]
     warnings += _misread(seen(), data)
-    warnings += first(suitability, seen(), prototype)
-    warnings += [caution for record in seen() for caution in force_channel(record, prototype)]
+    warnings += cautions(suitability, seen(), prototype, most=1)
+    warnings += cautions(force_channel, seen(), prototype)
     warnings += twins(usable())
     fits = {r.name: fit for r in usable() if (fit := _controller_fit(r, gain)) is not None}
     warnings = [lost_by_recorder(caution, fits) for caution in warnings]
     stuck = {caution.record for caution in warnings if caution.name == "stuck"}
     warnings += contradictions([r for r in seen() if r.name in fits.keys() - stuck], fits, prototype)
     pairs = list(dict.fromkeys((r.outer_end_mass, r.inner_end_mass) for r in usable()))
-    warnings += first(partial(masses, pairs=pairs), seen(), prototype)
-    warnings += first(remarks, seen(), prototype)
+    warnings += cautions(partial(masses, pairs=pairs), seen(), prototype, most=1)
+    warnings += cautions(remarks, seen(), prototype, most=1)
     check_responses(data.responses, prototype)
     warnings += check_gains(data.gains, prototype, data.folder)
     records = usable()

@@ -23,7 +23,7 @@ from beamdesign.diagnosis.examination.nominal import (
     missed_by,
     refitted,
 )
-from beamdesign.diagnosis.examination.sound_records import Caution
+from beamdesign.diagnosis.examination.sound_records import Caution, rms
 from beamdesign.prototype import Prototype
 from beamdesign.quantities import LawGain, range_of
 
@@ -128,7 +128,7 @@ class _Likeness(NamedTuple):
 
 def _likeness(measured: np.ndarray, predicted: np.ndarray) -> _Likeness:
     a, b = measured - measured.mean(), predicted - predicted.mean()
-    size_a, size_b = float(np.sqrt(np.mean(a**2))), float(np.sqrt(np.mean(b**2)))
+    size_a, size_b = rms(a), rms(b)
     if not (size_a > 0 and size_b > 0 and np.isfinite(size_b)):
         return _Likeness(np.inf, 0.0)
     return _Likeness(log(size_a / size_b), float(np.mean(a * b)) / (size_a * size_b))

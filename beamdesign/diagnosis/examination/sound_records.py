@@ -3,9 +3,10 @@
 What a recorder does to a signal is seen in the signal alone: clipping, outliers, sticking, coarse steps, noise.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from hashlib import sha256
+from itertools import islice
 
 import numpy as np
 
@@ -60,6 +61,11 @@ def finest_step(signal: np.ndarray) -> float:
     span = float(values[-1] - values[0])
     real = steps[steps > 1e-9 * span]
     return float(real.min()) if len(real) else 0.0
+
+
+def rms(signal: np.ndarray) -> float:
+    """Root mean square."""
+    return float(np.sqrt(np.mean(signal**2)))
 
 
 def noise_std(signal: np.ndarray) -> float:
@@ -199,10 +205,10 @@ def holes(signal: np.ndarray) -> int:
     return int(np.sum((signal[1:-1] == 0) & far & (bend > _SPIKE * usual) & (usual > 0)))
 
 
-Finding = tuple[str, bool, str]
-"""Name of a caution, whether there is cause for it, and its words."""
+Finding = tuple[str, str]
+"""Name of a caution, and its words."""
 Check = Callable[[TimeRecord, Prototype], Iterator[Finding]]
-_LEFT_IN = ("stuck", "not_at_rest")
+_LEFT_IN = ("stuck", "not_at_rest", "unfelt_force")
 _HARMLESS = ("short", "no_content")  # to the confidence in the other records
 
 LOW_HZ, HIGH_HZ = 0.5, 300.0
@@ -222,20 +228,15 @@ _MISFIT = 0.6  # of the displacement
 _HEAVIEST = 50.0  # times the outer beam's own mass
 
 
-def first(check: Check, records: Sequence[TimeRecord], prototype: Prototype) -> list[Caution]:
-    """The first finding of a check that has cause, of every record."""
-    found = ((record, next((f for f in check(record, prototype) if f[1]), None)) for record in records)
-    return [said(record, finding[0], finding[2]) for record, finding in found if finding is not None]
-
-
-def said(record: TimeRecord, name: str, text: str) -> Caution:
-    """A caution about a record, which decides by its name whether the record is left out."""
-    return Caution(name, record.name, text, name not in _LEFT_IN, name not in _HARMLESS)
-
-
-def signals(records: Sequence[TimeRecord]) -> list[Caution]:
-    """What the signals show on their own."""
-    return [said(record, name, text) for record in records for name, text in _of_signals(where_it_counts(record))]
+def cautions(
+    check: Check, records: Iterable[TimeRecord], prototype: Prototype, most: int | None = None
+) -> list[Caution]:
+    """What a check finds of every record, no more than so many of each; by its name whether the record is left out."""
+    return [
+        Caution(name, record.name, text, name not in _LEFT_IN, name not in _HARMLESS)
+        for record in records
+        for name, text in islice(check(record, prototype), most)
+    ]
 
 
 def where_it_counts(record: TimeRecord) -> TimeRecord:
@@ -247,7 +248,9 @@ def where_it_counts(record: TimeRecord) -> TimeRecord:
     return replace(record, measured=across)
 
 
-def _of_signals(record: TimeRecord) -> Iterator[tuple[str, str]]:
+def signals(record: TimeRecord, _: Prototype) -> Iterator[Finding]:
+    """What its signals show on their own, where they count."""
+    record = where_it_counts(record)
     if len(record.times) < _FEWEST_SAMPLES:
         yield "short", f"only {len(record.times)} samples: record at least {_FEWEST_SAMPLES}"
         return
@@ -285,60 +288,57 @@ def law(record: TimeRecord, prototype: Prototype) -> Iterator[Finding]:
         return
     current, command = record.measured["current_A"], record.inputs[:, 1]
     for at in (outlier(current), outlier(command)):
-        if at is not None:
+        if at is not None and abs(current[at] - asked[at]) > 0.5 * max(abs(current[at]), abs(asked[at])):
             text = (
                 f"current_A is {current[at]:.4g} at {record.times[at]:.4g} s, where its controller "
                 f"({described(record.controller)}) makes {asked[at]:.4g} of command_V ({command[at]:.4g}) and "
                 "displacement_m: a sample is spoilt"
             )
-            yield "outlier", abs(current[at] - asked[at]) > 0.5 * max(abs(current[at]), abs(asked[at])), text
+            yield "outlier", text
 
 
 def suitability(record: TimeRecord, prototype: Prototype) -> Iterator[Finding]:
     """Whether it is long and fine enough and excited where it matters, for the loop as believed."""
     of, loop, moved = figures(prototype), nominal_loop(prototype, record), record.measured["displacement_m"]
     heaviest = max(record.outer_end_mass, record.inner_end_mass)
-    text = f"an end mass of {heaviest:g} kg on a beam of {of['outer_mass']:.3g} kg is not credible (is it in grams?)"
-    yield "units", heaviest > _HEAVIEST * of["outer_mass"], text
+    if heaviest > _HEAVIEST * of["outer_mass"]:
+        masses = f"an end mass of {heaviest:g} kg on a beam of {of['outer_mass']:.3g} kg"
+        yield "units", f"{masses} is not credible (is it in grams?)"
 
     length, slowest = float(record.times[-1] - record.times[0]), loop.slowest_Hz
-    least = max(_SHORTEST_S, _PERIODS / slowest)
-    needed = f"{_PERIODS} periods of the slowest mode, and at least {_SHORTEST_S:g} s"
-    yield "short", length < least, f"too short: {length:.3g} s, but {least:.2g} s are needed ({needed})"
-    text = (
-        f"sampled too coarsely: {1 / record.step:.4g} Hz, for a mode at {slowest:.3g} Hz at least "
-        f"{_SAMPLES_PER_PERIOD * slowest:.3g} Hz is needed (are the times in seconds?)"
-    )
-    yield "coarse_sampling", 1 / record.step < _SAMPLES_PER_PERIOD * slowest, text
+    if length < (least := max(_SHORTEST_S, _PERIODS / slowest)):
+        needed = f"{_PERIODS} periods of the slowest mode, and at least {_SHORTEST_S:g} s"
+        yield "short", f"too short: {length:.3g} s, but {least:.2g} s are needed ({needed})"
+    if 1 / record.step < _SAMPLES_PER_PERIOD * slowest:
+        needed = f"for a mode at {slowest:.3g} Hz at least {_SAMPLES_PER_PERIOD * slowest:.3g} Hz is needed"
+        yield "coarse_sampling", f"sampled too coarsely: {1 / record.step:.4g} Hz, {needed} (are the times in seconds?)"
 
     # A rig may stand still where it is commanded to move, but it cannot help bending under a force.
-    force, rms = record.inputs[:, 0], _rms(moved)
-    if loop.stable and _rms(force) >= rms * of["outer_stiffness"]:
-        bent = _rms(loop.driven(record.inputs, record.step)[:, 1, 0])
+    force, size = record.inputs[:, 0], rms(moved)
+    if loop.stable and rms(force) >= size * of["outer_stiffness"]:
+        bent = rms(loop.driven(record.inputs, record.step)[:, 1, 0])
         at = int(np.argmax(np.abs(force)))
         text = (
-            f"disturbance_N would move the believed rig by {bent:.2g} m rms, but displacement_m is {rms:.2g} m: check "
+            f"disturbance_N would move the believed rig by {bent:.2g} m rms, but displacement_m is {size:.2g} m: check "
             "the units of both, and zero and outliers of the force "
             f"(it reaches {force[at]:.4g} N at {record.times[at]:.4g} s)"
         )
-        yield "force", bent >= _STIFFER * rms, text
+        if bent >= _STIFFER * size:
+            yield "force", text
 
     band = f"between {LOW_HZ:g} and {HIGH_HZ:g} Hz"
-    constant = not np.any(np.ptp(record.inputs, axis=0) > 0)
-    yield "no_content", constant, f"both inputs are constant: excite the rig {band}"
+    if not np.any(np.ptp(record.inputs, axis=0) > 0):
+        yield "no_content", f"both inputs are constant: excite the rig {band}"
     # What each input would move the tip by, if slowly.
     given = record.inputs / np.array([of["outer_stiffness"], prototype.sensor.gain_V_per_m])
     share = share_in_band(given, record.step)
-    answer = share_in_band(moved[:, None], record.step)
-    text = f"only {share:.1%} of the inputs' power lies {band}, and little of the motion: excite the rig there"
-    yield "no_content", share < _LEAST_SHARE and answer < 10 * _LEAST_SHARE, text
+    if share < _LEAST_SHARE and share_in_band(moved[:, None], record.step) < 10 * _LEAST_SHARE:
+        lies = f"only {share:.1%} of the inputs' power lies {band}, and little of the motion"
+        yield "no_content", f"{lies}: excite the rig there"
     size, noise = float(np.std(moved)), max(noise_std(moved), finest_step(moved) / np.sqrt(12))
-    text = f"displacement_m is {size:.2g} m rms with a noise of {noise:.2g} m: nothing is to be seen, drive harder"
-    yield "no_content", size < _LEAST_SIGNAL * noise, text
-
-
-def _rms(signal: np.ndarray) -> float:
-    return float(np.sqrt(np.mean(signal**2)))
+    if size < _LEAST_SIGNAL * noise:
+        seen = f"displacement_m is {size:.2g} m rms with a noise of {noise:.2g} m"
+        yield "no_content", f"{seen}: nothing is to be seen, drive harder"
 
 
 def remarks(record: TimeRecord, prototype: Prototype) -> Iterator[Finding]:
@@ -347,17 +347,16 @@ def remarks(record: TimeRecord, prototype: Prototype) -> Iterator[Finding]:
     noise, size = max(noise_std(moved), finest_step(moved)), float(np.std(moved))
     start = float(np.mean(moved[:3]))
     most = max(_RESTLESS * noise, _MOVED * size)
-    text = f"does not start at rest without load: displacement_m begins at {start:.3g} m (rms {size:.2g} m)"
-    yield "not_at_rest", abs(start) > most, text
+    if abs(start) > most:
+        begins = f"displacement_m begins at {start:.3g} m (rms {size:.2g} m)"
+        yield "not_at_rest", f"does not start at rest without load: {begins}"
     loop = nominal_loop(prototype, record)
     count = max(2 * _ENDS, round(_SET_OFF_S / record.step))
     made = loop.driven(record.inputs, record.step)[:, 1].sum(axis=1) if loop.stable else moved
     gone, by_drive = (float(np.mean(y[count - _ENDS : count]) - np.mean(y[:_ENDS])) for y in (moved, made))
-    text = (
-        f"does not start at rest: displacement_m goes {gone:.3g} m in its first {count} samples, its inputs make less"
-    )
-    brief = count * record.step <= 4 * _SET_OFF_S
-    yield "not_at_rest", brief and abs(gone) > max(most, 2 * abs(by_drive)), text
+    if count * record.step <= 4 * _SET_OFF_S and abs(gone) > max(most, 2 * abs(by_drive)):
+        goes = f"displacement_m goes {gone:.3g} m in its first {count} samples, its inputs make less"
+        yield "not_at_rest", f"does not start at rest: {goes}"
 
 
 def twins(records: Sequence[TimeRecord]) -> list[Caution]:
@@ -380,11 +379,10 @@ def masses(record: TimeRecord, prototype: Prototype, pairs: Sequence[tuple[float
     own = _misfit(record, prototype, record.outer_end_mass, record.inner_end_mass)
     if len(pairs) > 1 and own >= _MISFIT:
         best, (outer, inner) = min((_misfit(record, prototype, *pair), pair) for pair in pairs)
-        text = (
-            f"does not fit its end masses ({record.outer_end_mass:g} and {record.inner_end_mass:g} kg), but those "
-            f"of another record ({outer:g} and {inner:g} kg): correct dataset.toml"
-        )
-        yield "masses", best < min(0.4 * own, 0.35), text
+        if best < min(0.4 * own, 0.35):
+            stated = f"its end masses ({record.outer_end_mass:g} and {record.inner_end_mass:g} kg)"
+            others = f"those of another record ({outer:g} and {inner:g} kg)"
+            yield "masses", f"does not fit {stated}, but {others}: correct dataset.toml"
 
 
 def _misfit(record: TimeRecord, prototype: Prototype, outer: float, inner: float) -> float:
