@@ -24,6 +24,7 @@ from beamdesign.parameters import RIG_TOLERANCES
 from beamdesign.time_limit import heed
 
 Law = Callable[..., np.ndarray]
+Levels = Callable[[str], np.ndarray]
 
 
 @dataclass(frozen=True)
@@ -47,11 +48,11 @@ class Term:
     kind: str = "static"
 
 
-def terms(levels: Mapping[str, np.ndarray], at: Places) -> tuple[Term, ...]:
+def terms(levels: Levels, at: Places) -> tuple[Term, ...]:
     """All terms that a rig has.
 
     Args:
-        levels: by signal, sizes at which laws of one scale are tried, in its unit.
+        levels: of a signal by its name, the sizes at which laws of one scale are tried, in its unit.
         at: where there may be terms, and the signals that there are.
     """
     known = {*at.signals, "pressure_rate_Pa_per_s", "stroke_m"}
@@ -60,7 +61,7 @@ def terms(levels: Mapping[str, np.ndarray], at: Places) -> tuple[Term, ...]:
     return tuple(one for one in _terms(levels) if one.entry in at.entries and known.issuperset(one.signals))
 
 
-def _terms(levels: Mapping[str, np.ndarray]) -> tuple[Term, ...]:
+def _terms(levels: Levels) -> tuple[Term, ...]:
     sensor, late, amplifier = ("sensor", "sensor"), ("controller", "sensor"), ("amplifier", "amplifier")
     volts, asked = ("sensor_V",), ("demanded_A",)
     spool, valve = ("servovalve", "spool"), ("servovalve", "oil continuity")
@@ -69,7 +70,7 @@ def _terms(levels: Mapping[str, np.ndarray]) -> tuple[Term, ...]:
     speed, rate = ("stroke_m_per_s",), ("pressure_rate_Pa_per_s",)
     drive, turned = ("amplifier", "drive"), ("motor_demand_A",)
     mount, joint, force = ("structure", "mount"), ("structure", "joint"), ("actuator_force_N",)
-    middle = levels["stroke_m_per_s"][2]
+    middle = levels("stroke_m_per_s")[2]
     return (
         *_each("sensor lags, {:.0f} Hz", sensor, volts, (30, 60, 120, 250, 500, 1000), _low_pass, "linear"),
         Term("sensor bends, V|V|", *sensor, volts, lambda v: v * np.abs(v)),
@@ -78,16 +79,16 @@ def _terms(levels: Mapping[str, np.ndarray]) -> tuple[Term, ...]:
         Term("sensor differs by sign, |V|", *sensor, volts, np.abs),
         *_loops("sensor", sensor, volts, levels),
         *_each("signal comes {:g} ms late", late, volts, (0.3, 0.6, 1.2, 2.4, 4.8), _late, "linear"),
-        *_each("current cut at {:.2g}", amplifier, asked, levels["demanded_A"], _cut),
+        *_each("current cut at {:.2g}", amplifier, asked, levels("demanded_A"), _cut),
         *_each("amplifier lags, {:.0f} Hz", amplifier, asked, (50, 100, 200, 400, 800), _low_pass, "linear"),
         Term("gain of the amplifier", *amplifier, asked, np.ones_like, "linear"),
         Term("amplifier bends, i^3", *amplifier, asked, lambda i: i**3),
         Term("amplifier differs by sign", *amplifier, asked, np.abs),
         *_each("spool lags, {:.0f} Hz", spool, current, (50, 100, 200, 400, 800), _low_pass, "linear"),
         *_loops("spool", spool, current, levels),
-        *_each("motor's current cut at {:.2g}", drive, turned, levels["motor_demand_A"], _cut),
+        *_each("motor's current cut at {:.2g}", drive, turned, levels("motor_demand_A"), _cut),
         *_each("drive lags, {:.0f} Hz", drive, turned, (50, 100, 200, 400, 800), _low_pass, "linear"),
-        *_each("flow cut at {:.2g}", valve, flow, levels["metered_m3_per_s"], _cut),
+        *_each("flow cut at {:.2g}", valve, flow, levels("metered_m3_per_s"), _cut),
         Term("flow bends, Q|Q|", *valve, flow, lambda q: q * np.abs(q)),
         Term("flow bends, Q^3", *valve, flow, lambda q: q**3),
         Term("flow goes with pressure, |Q| p", *valve, flow + pressure, lambda q, p: np.abs(q) * p),
@@ -97,7 +98,7 @@ def _terms(levels: Mapping[str, np.ndarray]) -> tuple[Term, ...]:
         Term("leakage bends, p^2", *valve, pressure, lambda p: p**2),
         *_each("supply droops over {:g} s", valve, flow, (0.02, 0.1, 0.5), _droop),
         *_loops("seal", seal, ("stroke_m",), levels),
-        *_each("friction turns over within {:.2g} m/s", seal, speed, levels["stroke_m_per_s"], _slide),
+        *_each("friction turns over within {:.2g} m/s", seal, speed, levels("stroke_m_per_s"), _slide),
         Term("friction goes with pressure", *seal, speed + pressure, lambda v, p: _slide(middle, v) * np.abs(p)),
         Term("friction, speed squared", *seal, speed, lambda v: v * np.abs(v)),
         Term("viscous friction", *seal, speed, np.ones_like, "linear"),
@@ -112,12 +113,12 @@ def _terms(levels: Mapping[str, np.ndarray]) -> tuple[Term, ...]:
         *_beam("outer", levels),
         *_beam("inner", levels),
         *_resonances("mount", mount, ("mount_force_N",), 0),
-        *_each("force in the joint cut at {:.2g}", joint, force, levels["actuator_force_N"], _cut),
+        *_each("force in the joint cut at {:.2g}", joint, force, levels("actuator_force_N"), _cut),
         Term("joint gives way", *joint, force, np.ones_like, "linear"),
     )
 
 
-def _beam(name: str, levels: Mapping[str, np.ndarray]) -> Iterable[Term]:
+def _beam(name: str, levels: Levels) -> Iterable[Term]:
     of, tip, beam = ("structure", f"{name} beam"), (f"{name}_m",), f"{name} beam"
     yield from _resonances(beam, of, tip, 2)
     yield Term(f"{beam} bends, x^3", *of, tip, lambda x: x**3)
@@ -133,8 +134,8 @@ def _each(
     return [Term(words.format(scale), *of, signals, partial(law, scale), kind) for scale in scales]
 
 
-def _loops(words: str, of: tuple[str, str], signals: tuple[str], levels: Mapping[str, np.ndarray]) -> list[Term]:
-    return _each(f"loop in {words} of half width {{:.2g}}", of, signals, levels[signals[0]], stop, "hysteretic")
+def _loops(words: str, of: tuple[str, str], signals: tuple[str], levels: Levels) -> list[Term]:
+    return _each(f"loop in {words} of half width {{:.2g}}", of, signals, levels(signals[0]), stop, "hysteretic")
 
 
 def _resonances(words: str, of: tuple[str, str], signals: tuple[str], order: int) -> list[Term]:
@@ -203,18 +204,6 @@ def _compiled() -> Callable[[np.ndarray, float], np.ndarray]:
         return njit(_stop)
 
 
-_LOOPED = (
-    "sensor_V",
-    "current_A",
-    "demanded_A",
-    "motor_demand_A",
-    "metered_m3_per_s",
-    "stroke_m",
-    "stroke_m_per_s",
-    "outer_m",
-    "inner_m",
-    "actuator_force_N",
-)
 _LEVELS, _NONE = 6, np.zeros(1)
 _RIDGE = 1e-6  # of a column's own size
 
@@ -236,13 +225,10 @@ class Explanation:
     kinds: tuple[str, ...]
 
 
-def levels(found: Sequence[Residual]) -> dict[str, np.ndarray]:
-    """Sizes of local signals, from below what the quietest record reaches to what the largest does."""
-    signals = [item.nominal for item in found]
-    rms = {name: [float(np.sqrt(np.mean(s.get(name, _NONE) ** 2))) for s in signals] for name in _LOOPED}
-    return {
-        name: np.geomspace(0.3 * min(sizes) + 1e-15, 2.0 * max(sizes) + 1e-14, _LEVELS) for name, sizes in rms.items()
-    }
+def levels(found: Sequence[Residual], name: str) -> np.ndarray:
+    """Sizes of a local signal, from below what the quietest record reaches to what the largest does."""
+    sizes = [float(np.sqrt(np.mean(item.nominal.get(name, _NONE) ** 2))) for item in found]
+    return np.geomspace(0.3 * min(sizes) + 1e-15, 2.0 * max(sizes) + 1e-14, _LEVELS)
 
 
 @dataclass(frozen=True)
@@ -317,9 +303,7 @@ def regression(found: Sequence[Residual], null: Fit, corrected: bool = False) ->
         null: that fit.
         corrected: whether local variables are smoothed by the record, or those of the nominal model.
     """
-    dictionary = terms(levels(found), found[0].probe.at)
-    order = sorted(range(len(dictionary)), key=lambda k: dictionary[k].entry)
-    dictionary = tuple(dictionary[k] for k in order)
+    dictionary = sorted(terms(partial(levels, found), found[0].probe.at), key=lambda term: term.entry)
     used = sorted({term.entry for term in dictionary})
     grams, rights, lefts, expected = [], [], [], 0.0
     for item in found:
