@@ -196,13 +196,10 @@ class Placement:
         """Of each unknown the parameters that it moves, with their powers."""
         return [[(int(k), float(column[k])) for k in np.flatnonzero(column)] for column in self.rows.T]
 
-    def slopes(self, p: np.ndarray, z: np.ndarray) -> np.ndarray:
-        """(P, K) derivative of the parameters by z."""
-        columns = [
-            self.rows[:, k] * (unknown.spread if unknown.linear else unknown.spread * p)
-            for k, unknown in enumerate(self.unknowns)
-        ]
-        return np.column_stack(columns) if columns else np.zeros((len(p), 0))
+    def slopes(self, p: np.ndarray) -> np.ndarray:
+        """(P, K) derivative of the parameters by z, where they are p."""
+        spread, linear = (np.array([getattr(u, name) for u in self.unknowns]) for name in ("spread", "linear"))
+        return self.rows * np.where(linear, spread, spread * p[:, None])
 
     def under(self, law: Law | None) -> "Placement":
         """The same unknowns in the equations with another law, such as that of one record."""

@@ -92,7 +92,7 @@ class LinearModel:
     def _by_z(self, z: np.ndarray) -> np.ndarray:
         """(P, K) derivatives of the parameters of `assembly` by the unknowns."""
         names = self.assembly.parameters
-        by_z = self.placement.slopes(self.placement.parameters(self.base, z), z)[self._rows]
+        by_z = self.placement.slopes(self.placement.parameters(self.base, z))[self._rows]
         for still in ("gain", "seal_friction.coulomb_N"):
             if still in names:
                 by_z[names.index(still)] = 0.0

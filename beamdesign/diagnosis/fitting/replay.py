@@ -57,23 +57,23 @@ class Replay:
         found = self.simulated_with_slopes(placement, z, channels, sloped=False)
         return None if found is None else found[0]
 
-    def noise_response(
-        self, placement: Placement, z: np.ndarray, channels: tuple[str, ...], frequencies_Hz: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """What channels read of a sine of noise at the displacement's sensor, which the loop feeds back, and of force.
+    def noise_power(self, channels: tuple[str, ...], frequencies_Hz: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Power that channels read of noise at the displacement's sensor, which the loop feeds back, and of force.
 
-        By the linear loop at rest; without a loop where the rig has no equilibrium.
+        By the linear loop of the believed rig at rest; without a loop where it has no equilibrium.
 
         Returns:
-            (F, C) each: of 1 m at the sensor, no more than `_LOUDEST`, as a believed loop may be next to unstable; and
-            of 1 N that is recorded beside the force, and of which the believed loop, but not the rig, is driven.
+            (F, C) each: of a sine of 1 m at the sensor, no more than `_LOUDEST` squared, as a believed loop may be next
+            to unstable; and of 1 N that is recorded beside the force, of which the believed loop, but not the rig, is
+            driven.
         """
-        placed, parameters = self.placed(placement), self.parameters(placement, z)
+        placement = NOTHING.placement(self.prototype)
+        placed, parameters = self.placed(placement), self.parameters(placement, np.zeros(len(placement.unknowns)))
         read = np.array([[complex(name == DISPLACEMENT) for name in channels]] * len(frequencies_Hz))
         try:
             loop = linearise(placed.assembly, at_rest(placed, parameters), np.zeros(3), parameters)
         except ValueError:
-            return read, np.zeros_like(read)
+            return np.abs(read) ** 2, np.zeros(read.shape)
         rows = [placed.assembly.outputs.index(name) for name in channels]
         moved, unit, driven = [], np.eye(len(loop.a)), loop.b[:, :2].astype(complex)
         for part in np.array_split(2j * np.pi * frequencies_Hz, len(frequencies_Hz) // _AT_ONCE + 1):
@@ -83,7 +83,7 @@ class Replay:
         # noise at the sensor is a command with the other sign
         found = read - self.prototype.sensor.gain_V_per_m * commanded
         loud = np.minimum(1.0, _LOUDEST / np.abs(found[:, channels.index(DISPLACEMENT)]))
-        return found * loud[:, None], forced
+        return np.abs(found * loud[:, None]) ** 2, np.abs(forced) ** 2
 
     def simulated_with_slopes(
         self,
@@ -122,7 +122,7 @@ class Replay:
         )
         if len(y) < len(times) or not np.all(np.isfinite(dy)):
             return None
-        slopes = placement.slopes(parameters, z)[list(placement.moved)]
+        slopes = placement.slopes(parameters)[list(placement.moved)]
         return y[:, columns], (dy.reshape(-1, len(names)) @ slopes).reshape(*dy.shape[:2], -1)
 
     def _driven(self, substeps: int) -> np.ndarray:
@@ -236,15 +236,8 @@ def at_the_sensor(job: Replay) -> tuple[np.ndarray, np.ndarray, np.ndarray] | No
     frequencies, taper = np.fft.rfftfreq(count, record.step), faded(count) * record.counted
     kept = frequencies > LOWEST_HZ
     power = np.abs(np.fft.rfft(moved * taper[:, None], axis=0)[kept]) ** 2 / np.sum(record.counted**2)
-    own = power / _noise_power(job, (DISPLACEMENT,), frequencies[kept])[0]
+    own = power / job.noise_power((DISPLACEMENT,), frequencies[kept])[0]
     return frequencies[kept], own[:, 0], own[:, 1]
-
-
-def _noise_power(job: Replay, channels: tuple[str, ...], frequencies_Hz: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(F, C) each: power that channels have of the sensor's noise and of the force's, over that noise's own."""
-    placement = NOTHING.placement(job.prototype)
-    sensor, force = job.noise_response(placement, np.zeros(len(placement.unknowns)), channels, frequencies_Hz)
-    return np.abs(sensor) ** 2, np.abs(force) ** 2
 
 
 def in_the_loop(weight: Weighting, job: Replay, rise: Rise | None, force_noise: np.ndarray) -> Weighting:
@@ -258,7 +251,7 @@ def in_the_loop(weight: Weighting, job: Replay, rise: Rise | None, force_noise: 
     """
     highest = 0.5 / job.record.step
     lines = np.append(weight.frequencies_Hz, highest)  # the last one: where noise was read off
-    power, of_force = _noise_power(job, weight.channels, lines)
+    power, of_force = job.noise_power(weight.channels, lines)
     count = float(np.sum(job.record.counted**2))
     white = weight.noise_std[weight.channels.index(DISPLACEMENT)] ** 2 * count
     more = white * np.maximum(power[:-1] - power[-1], 0.0)  # beyond what the top shows

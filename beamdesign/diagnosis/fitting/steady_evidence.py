@@ -177,7 +177,7 @@ class SteadyEvidence(Fitted):
     def beside(self, placement: Placement, z: np.ndarray, step: np.ndarray) -> dict[str, np.ndarray]:
         """(K + 1, n) the same, at z and a step (K,) beside it in each direction."""
         p = placement.parameters(self.base, z)
-        return self._errors(placement, np.column_stack([p, p[:, None] + step * placement.slopes(p, z)]))
+        return self._errors(placement, np.column_stack([p, p[:, None] + step * placement.slopes(p)]))
 
     def _errors(self, placement: Placement, columns: np.ndarray) -> dict[str, np.ndarray]:
         """(m, n) for m columns of parameters."""

@@ -121,7 +121,7 @@ class SweptSine:
         job, _ = self._sines[0]
         p, placed = job.parameters(placement, z), job.placed(placement)
         moved = list(placed.moved) if sloped else []
-        step = _STEP * np.abs(placed.slopes(p, z)[moved]).max(axis=1, initial=0.0)
+        step = _STEP * np.abs(placed.slopes(p)[moved]).max(axis=1, initial=0.0)
         nudged = np.zeros((len(p), len(moved)))
         nudged[moved, range(len(moved))] = step
         beside = np.column_stack([p, p[:, None] + nudged, p[:, None] - nudged])
