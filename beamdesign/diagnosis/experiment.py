@@ -107,8 +107,8 @@ def _settings(data: Dataset) -> list[tuple[TimeRecord, float, float, float]]:
     """Record whose controller is used, payload, inner end mass, effort."""
     seen: dict[object, TimeRecord] = {}
     for r in data.records:
-        seen.setdefault((r.controller, r.outer_end_mass, r.inner_end_mass), r)
-    found = [(r, r.outer_end_mass, r.inner_end_mass, 1.0) for r in seen.values()]
+        seen.setdefault((r.controller, r.masses), r)
+    found = [(r, *r.masses, 1.0) for r in seen.values()]
     heaviest = max(data.records, key=lambda r: r.outer_end_mass)
     laws = () if data.prototype.controller is None else data.prototype.controller.laws
     ranges = [masses for law, masses in laws if law == heaviest.controller] or [ANY_PAYLOAD]

@@ -40,7 +40,7 @@ def held_out(records: Sequence[TimeRecord]) -> tuple[int, ...]:
     if len(records) < 2:
         return ()
     driven = "current_A" if all("current_A" in record.measured for record in records) else CHANNEL
-    taken = [_taken(record, driven) for record in records]
+    taken = [_Taken(record, float(np.abs(record.measured[driven]).max())) for record in records]
     for demanding in (True, False):
         able = [k for k in range(len(taken)) if _known(taken, (k,), demanding)]
         if comb(len(able), count) > _MOST_CHOICES:
@@ -54,36 +54,17 @@ def held_out(records: Sequence[TimeRecord]) -> tuple[int, ...]:
 
 
 class _Taken(NamedTuple):
-    """What decides whether a record may be held out.
+    """A record, and how hard its valve was driven: the largest current, A; displacement, m, where not all have it."""
 
-    Attributes:
-        condition: all that was set.
-        masses: kg, outside and inside.
-        excitation: by what it was driven.
-        controller: that acted.
-        size: rms of what drove it.
-        swing: of the current, A: how hard the valve is driven; of the displacement, m, where not all have it.
-    """
-
-    condition: object
-    masses: tuple[float, float]
-    excitation: str
-    controller: object
-    size: float
+    record: TimeRecord
     swing: float
-
-
-def _taken(record: TimeRecord, driven: str) -> _Taken:
-    size = float(np.sqrt(np.mean(record.inputs[:, 1 if record.excitation == "command" else 0] ** 2)))
-    swing, masses = float(np.abs(record.measured[driven]).max()), (record.outer_end_mass, record.inner_end_mass)
-    return _Taken(record.condition, masses, record.excitation, record.controller, size, swing)
 
 
 def _one_by_one(taken: Sequence[_Taken], able: Sequence[int], count: int, demanding: bool) -> tuple[int, ...]:
     """Of more choices than can be looked at a good one: one after another the condition whose records add most."""
     groups: dict[object, list[int]] = {}
     for k in able:
-        groups.setdefault(taken[k].condition, []).append(k)
+        groups.setdefault(taken[k].record.condition, []).append(k)
     left = [group for group in groups.values() if _unrepeated(taken, group)]
     chosen: tuple[int, ...] = ()
     while True:
@@ -96,30 +77,30 @@ def _one_by_one(taken: Sequence[_Taken], able: Sequence[int], count: int, demand
 
 def _unrepeated(taken: Sequence[_Taken], chosen: Sequence[int]) -> bool:
     """Whether no replicate in the fits gives a record away."""
-    conditions = [taken[k].condition for k in chosen]
-    return not any(one.condition in conditions for k, one in enumerate(taken) if k not in chosen)
+    conditions = [taken[k].record.condition for k in chosen]
+    return not any(one.record.condition in conditions for k, one in enumerate(taken) if k not in chosen)
 
 
 def _known(taken: Sequence[_Taken], chosen: Sequence[int], demanding: bool) -> bool:
     """Whether the other records know the parts of those chosen."""
     rest = [one for k, one in enumerate(taken) if k not in chosen]
-    for one in (taken[k] for k in chosen):
-        largest = max((other.swing for other in rest if other.excitation == one.excitation), default=0.0)
-        if largest < one.swing or not any(other.masses == one.masses for other in rest):
+    for own, swing in (taken[k] for k in chosen):
+        largest = max((other.swing for other in rest if other.record.excitation == own.excitation), default=0.0)
+        if largest < swing or not any(other.record.masses == own.masses for other in rest):
             return False
-        if demanding and not any(other.controller == one.controller for other in rest):
+        if demanding and not any(other.record.controller == own.controller for other in rest):
             return False
     return True
 
 
 def _value(taken: Sequence[_Taken], chosen: Sequence[int]) -> tuple[int, float]:
     """How different those chosen are, and how strongly they are excited."""
-    picked = [taken[k] for k in chosen]
+    picked = [taken[k].record for k in chosen]
     different = len({one.masses for one in picked}) + len({one.excitation for one in picked})
     largest: dict[str, float] = {}
-    for one in taken:
-        largest[one.excitation] = max(largest.get(one.excitation, 0.0), one.size)
-    return different, sum(one.size / max(largest[one.excitation], 1e-300) for one in picked)
+    for one, _ in taken:
+        largest[one.excitation] = max(largest.get(one.excitation, 0.0), one.drive)
+    return different, sum(one.drive / max(largest[one.excitation], 1e-300) for one in picked)
 
 
 def errors(piece: RecordEvidence, null: Fit, chosen: Fit, written: Fit) -> Errors:
@@ -237,19 +218,14 @@ def _interval(counted: Sequence[Errors], floor: float) -> tuple[float, float]:
     The interval spans that of the fits without the held-out records and that of the fit to all: the prototype that is
     written is of the second, does better on anything new than the first, and no better than on what it has seen.
     """
-    random = np.random.default_rng(0)
-    powers = []
+    random, totals = np.random.default_rng(0), np.zeros((_DRAWS, 3))
     for e in counted:
         length = max(1, round(_BLOCK_S / (e.times[1] - e.times[0])))
         count = max(1, len(e.times) // length)
-        whole = slice(0, count * length)
-        signals = (e.before, e.after, e.written)
-        powers.append([np.mean(signal[whole].reshape(count, length) ** 2, axis=1) for signal in signals])
-    totals = np.zeros((_DRAWS, 3))
-    for blocks in powers:
-        drawn = random.integers(0, len(blocks[0]), (_DRAWS, len(blocks[0])))
-        for column, power in enumerate(blocks):
-            totals[:, column] += power[drawn].mean(axis=1) / len(powers)
+        drawn = random.integers(0, count, (_DRAWS, count))
+        for column, signal in enumerate((e.before, e.after, e.written)):
+            power = np.mean(signal[: count * length].reshape(count, length) ** 2, axis=1)
+            totals[:, column] += power[drawn].mean(axis=1) / len(counted)
     ends = []
     for left in (1, 2):
         # What is left is noise as far as the floor may be higher than it was read off the record.

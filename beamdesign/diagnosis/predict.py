@@ -127,7 +127,7 @@ def _fixed(rig: Prototype, given: TimeRecord, nominal_sensor_gain: float) -> np.
     """(M, 3) as `COLUMNS`, with one law."""
     kinds = structure_of(rig)
     assembly = assemble(kinds)
-    values = parameters_of(rig, given.outer_end_mass, given.inner_end_mass)
+    values = parameters_of(rig, *given.masses)
     values["believed_sensor_gain"] = nominal_sensor_gain
     parameters = np.array(list(values.values()))
     try:

@@ -192,7 +192,7 @@ _HEARD = "; but the loop hears it, so that the rig moves by it, which no model h
 
 
 def _of_several_loops(tone: Tone, records: Sequence[TimeRecord]) -> bool:
-    loops = [(r.outer_end_mass, r.inner_end_mass, r.controller) for r in records if r.name in tone.having]
+    loops = [(r.masses, r.controller) for r in records if r.name in tone.having]
     return any(loop != loops[0] for loop in loops)
 
 

@@ -103,16 +103,24 @@ class TimeRecord:
         """The record with its force as it acted, without the noise of the sensor that recorded it."""
         return replace(self, inputs=np.column_stack([self.denoised[0], self.inputs[:, 1]]))
 
+    @property
+    def masses(self) -> tuple[float, float]:
+        """On the outer and on the inner tip, kg."""
+        return self.outer_end_mass, self.inner_end_mass
+
+    @cached_property
+    def drive(self) -> float:
+        """Root mean square of the command where that drives it, V, else of the force, N."""
+        return float(np.sqrt(np.mean(self.inputs[:, 1 if self.excitation == "command" else 0] ** 2)))
+
     @cached_property
     def condition(self) -> tuple[Any, ...]:
         """What the rig was asked to do, apart from the run of the input: masses, controller, excitation, its size.
 
         Sizes count as one condition within a factor of two.
         """
-        column = 1 if self.excitation == "command" else 0
-        rms = float(np.sqrt(np.mean(self.inputs[:, column] ** 2)))
-        size = round(float(np.log2(rms))) if rms > 0 else None
-        return (self.outer_end_mass, self.inner_end_mass, self.controller, self.excitation, size)
+        size = round(float(np.log2(self.drive))) if self.drive > 0 else None
+        return (*self.masses, self.controller, self.excitation, size)
 
 
 @dataclass(frozen=True)

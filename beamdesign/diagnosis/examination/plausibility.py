@@ -228,7 +228,7 @@ def examine(data: Dataset) -> Examination:
     warnings = [lost_by_recorder(caution, fits) for caution in warnings]
     stuck = {caution.record for caution in warnings if caution.name == "stuck"}
     warnings += contradictions([r for r in seen() if r.name in fits.keys() - stuck], fits, prototype)
-    pairs = list(dict.fromkeys((r.outer_end_mass, r.inner_end_mass) for r in usable()))
+    pairs = list(dict.fromkeys(r.masses for r in usable()))
     warnings += cautions(partial(masses, pairs=pairs), seen(), prototype, most=1)
     warnings += cautions(remarks, seen(), prototype, most=1)
     check_responses(data.responses, prototype)

@@ -257,7 +257,7 @@ def _of_settings(view: View) -> Iterator[_Candidate]:
         sensor = prototype.sensor.but(gain_V_per_m=prototype.sensor.gain_V_per_m / factor)
         reading = Reading("sensor.gain_V_per_m", f"the prototype's gain is in {unit}, by its scale")
         yield reading, replace(view, prototype=prototype.but(sensor=sensor))
-    if max(record.outer_end_mass, record.inner_end_mass) > 100:
+    if max(record.masses) > 100:
         masses = {"outer_end_mass": record.outer_end_mass / 1e3, "inner_end_mass": record.inner_end_mass / 1e3}
         reading = Reading("outer_end_mass_kg, inner_end_mass_kg", "the masses are in grams, by their scale")
         yield reading, view.of(**masses)

@@ -300,7 +300,7 @@ def law(record: TimeRecord, prototype: Prototype) -> Iterator[Finding]:
 def suitability(record: TimeRecord, prototype: Prototype) -> Iterator[Finding]:
     """Whether it is long and fine enough and excited where it matters, for the loop as believed."""
     of, loop, moved = figures(prototype), nominal_loop(prototype, record), record.measured["displacement_m"]
-    heaviest = max(record.outer_end_mass, record.inner_end_mass)
+    heaviest = max(record.masses)
     if heaviest > _HEAVIEST * of["outer_mass"]:
         masses = f"an end mass of {heaviest:g} kg on a beam of {of['outer_mass']:.3g} kg"
         yield "units", f"{masses} is not credible (is it in grams?)"
@@ -366,8 +366,7 @@ def twins(records: Sequence[TimeRecord]) -> list[Caution]:
         channels = b"".join(record.measured[name].tobytes() for name in MEASURED if name in record.measured)
         other = first.setdefault(sha256(channels).digest(), record)
         if other is not record:
-            setting = (record.outer_end_mass, record.inner_end_mass, record.controller)
-            same = setting == (other.outer_end_mass, other.inner_end_mass, other.controller)
+            same = (record.masses, record.controller) == (other.masses, other.controller)
             more = "" if same else ", though masses or controller are said to differ: one of them is not what it says"
             text = f"holds the same measurement as {other.name}{more}"
             found.append(Caution("duplicate", record.name, text, left_out=True, limits_confidence=not same))
@@ -376,7 +375,7 @@ def twins(records: Sequence[TimeRecord]) -> list[Caution]:
 
 def masses(record: TimeRecord, prototype: Prototype, pairs: Sequence[tuple[float, float]]) -> Iterator[Finding]:
     """Whether it fits the believed loop badly with its own end masses, and well with those of another record."""
-    own = _misfit(record, prototype, record.outer_end_mass, record.inner_end_mass)
+    own = _misfit(record, prototype, *record.masses)
     if len(pairs) > 1 and own >= _MISFIT:
         best, (outer, inner) = min((_misfit(record, prototype, *pair), pair) for pair in pairs)
         if best < min(0.4 * own, 0.35):

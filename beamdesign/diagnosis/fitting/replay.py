@@ -48,7 +48,7 @@ class Replay:
         if effects not in self._nominal:
             tables = {name: self.prototype.effects.get(name, {}) for name in effects}
             rig = self.prototype.but(controller=self.record.controller, effects=tables)
-            figures = parameters_of(rig, self.record.outer_end_mass, self.record.inner_end_mass)
+            figures = parameters_of(rig, *self.record.masses)
             self._nominal[effects] = np.array(list(figures.values()))
         return self.placed(placement).parameters(self._nominal[effects], z)
 

@@ -265,7 +265,7 @@ def residuals(null: Fit, evidence: Sequence[object]) -> tuple[Residual, ...]:
         predicted, slopes = made
         channels = tuple("inner_m" if c == "inner_displacement_m" else c for c in piece.weight.channels)
         taken = piece.record
-        key = (taken.outer_end_mass, taken.inner_end_mass, taken.controller, len(taken.times), taken.step)
+        key = (taken.masses, taken.controller, len(taken.times), taken.step)
         if key not in probes:
             probes[key] = probe(piece.job, placement, null.z)
         found.append(Residual(piece, probes[key], channels, piece.measured - predicted, slopes))
