@@ -8,7 +8,7 @@ import pytest
 from scipy.signal import lfilter
 
 from beamdesign.diagnosis.data.dataset import TimeRecord
-from beamdesign.diagnosis.data.input_noise import denoised, is_answered, without_noise
+from beamdesign.diagnosis.data.input_noise import denoised, is_answered
 from beamdesign.diagnosis.fitting.evidence import record_evidence
 from beamdesign.diagnosis.fitting.hypothesis import NOTHING
 from beamdesign.scenario import FromCsv, Measurement
@@ -19,6 +19,10 @@ LEVELS = (0.0, 400.0, 900.0, 30.0, 0.0, -400.0, 2.0, 0.0)
 
 def noisy(signal: np.ndarray) -> np.ndarray:
     return signal + NOISE * np.random.default_rng(5).standard_normal(len(signal))
+
+
+def without_noise(signal: np.ndarray) -> np.ndarray:
+    return denoised(signal)[0]
 
 
 def test_noise_of_a_force_sensor_is_no_force():

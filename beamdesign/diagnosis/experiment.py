@@ -21,7 +21,7 @@ import numpy as np
 from beamdesign.controllers.protocol import ANY_PAYLOAD
 from beamdesign.diagnosis.data.dataset import Dataset, TimeRecord
 from beamdesign.diagnosis.data.dataset_index import OFF
-from beamdesign.diagnosis.data.input_noise import without_noise
+from beamdesign.diagnosis.data.input_noise import denoised
 from beamdesign.diagnosis.diagnosis import NextExperiment, controller_text
 from beamdesign.diagnosis.fitting.fit import Fit
 from beamdesign.diagnosis.fitting.hypothesis import NOTHING
@@ -140,7 +140,7 @@ def _signals(data: Dataset, commanded: bool) -> Iterator[tuple[Input, str]]:
 def _peak(record: TimeRecord, column: int) -> float:
     """Largest value of an input; 0 where it is the noise of its sensor."""
     signal = record.inputs[:, column]
-    still = without_noise(signal) if column else record.denoised[0]
+    still = denoised(signal)[0] if column else record.denoised[0]
     return float(np.abs(signal).max()) if np.std(still) > _NOISE * np.std(signal) else 0.0
 
 

@@ -16,21 +16,13 @@ _DIGITS, _MOSTLY = 4, 0.9  # of the finest step: what coarse digits reach beyond
 _ANSWERED = 6.0  # standard deviations of what chance makes of a correlation with white noise
 
 
-def without_noise(signal: np.ndarray) -> np.ndarray:
-    """A recorded input as far as it stands out of white noise, that of the instrument which recorded it.
-
-    A force sensor's noise is no force: fed into a model it shakes the simulated rig where the real one was still. An
-    input of many lines is told from noise by its spectrum, one of steps by the stretches over which it is held;
-    whichever leaves less noise is taken. One that is held exactly, as a generator holds it, has none.
-
-    Args:
-        signal: (N,) uniform samples.
-    """
-    return _without_noise(signal)[0]
-
-
 def denoised(signal: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """A recorded input without noise, and how far it is off for all that.
+    """A recorded input as far as it stands out of white noise, and how far it is off for all that.
+
+    The noise is that of the instrument which recorded it. A force sensor's noise is no force: fed into a model it
+    shakes the simulated rig where the real one was still. An input of many lines is told from noise by its spectrum,
+    one of steps by the stretches over which it is held; whichever leaves less noise is taken. One that is held exactly,
+    as a generator holds it, has none.
 
     What noise leaves where the input drives is what taking it out leaves of as much noise that is added anew, about
     every line of the spectrum: a parametric bootstrap (B. Efron and R. J. Tibshirani, An Introduction to the Bootstrap,
@@ -40,8 +32,7 @@ def denoised(signal: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         signal: (N,) uniform samples.
 
     Returns:
-        (N,) what `without_noise` gives; and (N,) mean square of its error per sample, by frequency from 0 to that of
-        Nyquist.
+        (N,) the input; and (N,) mean square of its error per sample, by frequency from 0 to that of Nyquist.
     """
     found, noise = _without_noise(signal)
     if not noise > 0 or not found.any():
