@@ -44,8 +44,8 @@ def cantilever_modes(
 
 
 def outer_modes(
-    stiffness: float, mass: float, damping: float, joint_softness: float, joint_mass: float, tip_share: float,
-    damping_ratio: float, count: int,
+    stiffness: float, mass: float, damping: float, softness: float = 0.0, joint_mass: float = 0.0,
+    tip_share: float = 0.0, zeta: float = 0.01, count: float = 1,
 ) -> np.ndarray:  # fmt: skip
     """(3, n) stiffness, mass and damping of an outer beam whose first mode at the tip has the figures given.
 
@@ -56,19 +56,19 @@ def outer_modes(
         stiffness: of the first mode, N/m.
         mass: of the first mode, kg.
         damping: of the first mode, N s/m.
-        joint_softness: rigidity of the tube over that at the joint, less one.
+        softness: rigidity of the tube over that at the joint, less one.
         joint_mass: over the mass of the tube.
         tip_share: mass fixed to the tip over that of the tube.
-        damping_ratio: of the higher modes.
+        zeta: damping ratio of the higher modes.
         count: how many modes at most.
     """
     elements = 16
     rigidity = np.ones(elements)
-    rigidity[9:11] = 1 / (1 + joint_softness)
-    found = cantilever_modes(rigidity, np.ones(elements), 1.0, {10: joint_mass, elements: tip_share}, count)
+    rigidity[9:11] = 1 / (1 + softness)
+    found = cantilever_modes(rigidity, np.ones(elements), 1.0, {10: joint_mass, elements: tip_share}, int(count))
     first = np.sqrt(stiffness / mass)
     _, own_k, own_m = found[:, found[0] / found[0, 0] * first < HIGHEST_RATE]
     scaled_k, scaled_m = own_k * stiffness / own_k[0], own_m * mass / own_m[0]
-    losses = 2 * damping_ratio * np.sqrt(scaled_k * scaled_m)
+    losses = 2 * zeta * np.sqrt(scaled_k * scaled_m)
     losses[0] = damping
     return np.array([scaled_k, scaled_m, losses])

@@ -3,6 +3,8 @@
 Both are found as on a rig: a force is swept, and the gain is turned up until a push no longer dies away.
 """
 
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -118,11 +120,13 @@ def compliance(case: Case, run: Run, amplitude_N: float, rng: np.random.Generato
         (n, 3) frequency in Hz, magnitude in m/N and phase in degrees, of those of `LINES_HZ` that stay in bounds.
     """
     figures, rows = run_figures(case, run), []
+
+    def push(hertz: float, times: np.ndarray) -> np.ndarray:
+        return np.asarray(amplitude_N * np.sin(2 * np.pi * hertz * times))
+
     for hertz in LINES_HZ:
         settle, listen = (max(least, _PERIODS / hertz) for least in (_SETTLE_S, _LISTEN_S))
-        inputs = _still(figures, settle + listen)
-        inputs[:, 0] = amplitude_N * np.sin(2 * np.pi * hertz * _halves(figures, len(inputs)))
-        motion = _marched(figures, inputs)
+        motion = _pushed(figures, settle + listen, partial(push, hertz))
         noise = rng.normal(0, case.noise.floor_m, len(motion.times)), rng.normal(0, RESPONSE_STD, 2)
         if not motion.bounded:
             continue
@@ -165,9 +169,7 @@ def critical_gain(case: Case, run: Run) -> tuple[float, float] | None:
 def _sustained(case: Case, run: Run, gain_A_per_V: float) -> np.ndarray | None:
     """The last third of what a push leaves, about a straight line, where it is no less than in the one before."""
     figures = run_figures(case, run) | {"gain": gain_A_per_V}
-    inputs = _still(figures, _WATCHED_S)
-    inputs[_halves(figures, len(inputs)) < _PUSH_S, 0] = _PUSH_SHARE * case.scales.force
-    motion = _marched(figures, inputs)
+    motion = _pushed(figures, _WATCHED_S, lambda t: _PUSH_SHARE * case.scales.force * (t < _PUSH_S))
     third = len(motion.times) // 3
     if not motion.bounded:
         return motion.displacement[np.nonzero(motion.displacement)[0]][-third:]
@@ -175,14 +177,9 @@ def _sustained(case: Case, run: Run, gain_A_per_V: float) -> np.ndarray | None:
     return last if np.std(last) > max(_FADES * np.std(middle), _FLOORS * case.noise.floor_m) else None
 
 
-def _still(figures: Shape, duration_s: float) -> np.ndarray:
-    """(2 N + 1, 3) no input at every half step."""
-    return np.zeros((2 * round(duration_s / step_of(figures)) + 1, 3))
-
-
-def _halves(figures: Shape, count: int) -> np.ndarray:
-    return np.arange(count) * (step_of(figures) / 2)
-
-
-def _marched(figures: Shape, inputs: np.ndarray) -> Motion:
-    return march(*assembled(figures), inputs, None, step_of(figures))
+def _pushed(figures: Shape, duration_s: float, force: Callable[[np.ndarray], np.ndarray]) -> Motion:
+    """The rig under a force alone, given over the times of all half steps, s."""
+    step = step_of(figures)
+    inputs = np.zeros((2 * round(duration_s / step) + 1, 3))
+    inputs[:, 0] = force(np.arange(len(inputs)) * (step / 2))
+    return march(*assembled(figures), inputs, None, step)

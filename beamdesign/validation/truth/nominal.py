@@ -343,8 +343,4 @@ def rig_figures(table: Table, factors: Shape, habits: Shape) -> Shape:
 def assembled(figures: Shape) -> tuple[np.ndarray, np.ndarray]:
     """The record that the equations read and the (3, n) modes of the outer beam, from flat figures."""
     own = {key.removeprefix("modes."): value for key, value in figures.items() if key.startswith("modes.")}
-    modes = outer_modes(
-        own["stiffness"], own["mass"], own["damping"], own.get("softness", 0.0), own.get("joint_mass", 0.0),
-        own.get("tip_share", 0.0), own.get("zeta", 0.01), int(own.get("count", 1)),
-    )  # fmt: skip
-    return packed({key: value for key, value in figures.items() if not key.startswith("modes.")}), modes
+    return packed({key: value for key, value in figures.items() if not key.startswith("modes.")}), outer_modes(**own)
