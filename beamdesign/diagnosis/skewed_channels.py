@@ -42,28 +42,18 @@ _SURE = 4.0  # standard errors by which a channel is late, to be taken for it
 
 
 @dataclass(frozen=True)
-class _Skewed:
-    """The unknowns of a hypothesis, and by how much the values of channels stand late.
+class _Piece(Fitted):
+    """A piece of evidence whose channels may be late; what is no time record does not depend on it.
+
+    How late force and displacement stand, s, are the last unknowns.
 
     Attributes:
-        placement: of the hypothesis.
-        late: the last unknowns, named after the force and the displacement.
+        taken: as measured.
+        within: the other unknowns, in the equations.
     """
 
-    placement: Placement
-    late: tuple[Unknown, Unknown]
-
-    @property
-    def unknowns(self) -> tuple[Unknown, ...]:
-        """In the order of z."""
-        return (*self.placement.unknowns, *self.late)
-
-
-@dataclass(frozen=True)
-class _Piece(Fitted):
-    """A piece of evidence whose channels may be late; what is no time record does not depend on it."""
-
     taken: Evidence
+    within: Placement
 
     def _acting(self, force_late_s: float) -> Evidence:
         if not isinstance(self.taken, RecordEvidence):
@@ -71,10 +61,10 @@ class _Piece(Fitted):
         job = self.taken.job
         return replace(self.taken, job=replace(job, record=in_time(job.record, {_FORCE: force_late_s}), _inputs={}))
 
-    def predicted(self, placement: _Skewed, z: np.ndarray) -> Any:
+    def predicted(self, placement: Placement, z: np.ndarray) -> Any:
         """What the model makes of it."""
-        force_late_s, late_s = (unknown.value(of) for unknown, of in zip(placement.late, z[-2:], strict=True))
-        found = self._acting(force_late_s).predicted(placement.placement, z[:-2])
+        force_late_s, late_s = (unknown.value(of) for unknown, of in zip(placement.unknowns[-2:], z[-2:], strict=True))
+        found = self._acting(force_late_s).predicted(self.within, z[:-2])
         if found is None or not isinstance(self.taken, RecordEvidence):
             return found
         column, found = self.taken.weight.channels.index(DISPLACEMENT), found.copy()
@@ -89,16 +79,16 @@ class _Piece(Fitted):
         """Of the displacement."""
         return self.taken.error(residual)
 
-    def linearised(self, placement: _Skewed, z: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
+    def linearised(self, placement: Placement, z: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
         """The residual and its derivative by z; the rig's part of it is that of a displacement in time."""
-        slopes = self._acting(placement.late[0].value(z[-2])).linearised(placement.placement, z[:-2])
+        slopes = self._acting(placement.unknowns[-2].value(z[-2])).linearised(self.within, z[:-2])
         if slopes is not None and not isinstance(self.taken, RecordEvidence):
-            return slopes[0], np.pad(slopes[1], ((0, 0), (0, len(placement.late))))
+            return slopes[0], np.pad(slopes[1], ((0, 0), (0, 2)))
         here = self.residual(placement, z)
         if here is None or slopes is None:
             return None
         columns = [slopes[1]]
-        for k, unknown in enumerate(placement.late, start=len(z) - 2):
+        for k, unknown in enumerate(placement.unknowns[-2:], start=len(z) - 2):
             step = _STEP_S / unknown.spread
             ends = [self.residual(placement, np.where(np.arange(len(z)) == k, z + by, z)) for by in (step, -step)]
             if ends[0] is None or ends[1] is None:
@@ -148,8 +138,10 @@ def fitted_skewed(found: Fit, evidence: Sequence[Evidence], data: Dataset) -> Fi
     """
     spread = max(_USUAL_S, *(record.step for record in data.records))
     force = Unknown(_FORCE, 0.0, spread, True, -_LONGEST_S, _LONGEST_S, "effect")
-    skewed = _Skewed(found.hypothesis.placement(data.prototype), (force, replace(force, name=DISPLACEMENT, low=0.0)))
-    pieces = [_Piece(piece) for piece in evidence]
+    within = found.hypothesis.placement(data.prototype)
+    unknowns = (*within.unknowns, force, replace(force, name=DISPLACEMENT, low=0.0))
+    skewed = replace(within, unknowns=unknowns, rows=np.pad(within.rows, ((0, 0), (0, 2))))  # which moves no figure
+    pieces = [_Piece(piece, within) for piece in evidence]
     starts = (np.append(found.z, [force.z(late_s), 0.0]) for late_s in _STARTS_S)
     start = min(starts, key=partial(misfit_at, pieces, skewed))
     return fit(found.hypothesis, skewed, pieces, start, _ITERATIONS)

@@ -16,7 +16,7 @@ import numpy as np
 
 from beamdesign.code_digest import code_digest
 from beamdesign.diagnosis.data.dataset import Dataset
-from beamdesign.diagnosis.fitting.hypothesis import Hypothesis, Unknown
+from beamdesign.diagnosis.fitting.hypothesis import Hypothesis, Placement, Unknown
 from beamdesign.files import read_bytes, write_whole
 from beamdesign.prototype import Prototype
 from beamdesign.time_limit import heed
@@ -28,19 +28,10 @@ _HUGE = 1e9
 _LEAST_DAMPING, _MOST_DAMPING = 1e-6, 1e4
 
 
-class Moved(Protocol):
-    """How a hypothesis enters a model; a fit knows of it the numbers that it may move."""
-
-    @property
-    def unknowns(self) -> tuple[Unknown, ...]:
-        """In the order of z."""
-        ...
-
-
 class Fitted(Protocol):
-    """What a fit brings down, in units of misfit; its `placement` is that of a hypothesis in its kind of model."""
+    """What a fit brings down, in units of misfit."""
 
-    def predicted(self, placement: Any, z: np.ndarray) -> Any:
+    def predicted(self, placement: Placement, z: np.ndarray) -> Any:
         """What the model makes of it; None where it cannot say (its loop diverges)."""
         ...
 
@@ -48,11 +39,11 @@ class Fitted(Protocol):
         """(M,) measured less predicted, weighed."""
         ...
 
-    def linearised(self, placement: Any, z: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
+    def linearised(self, placement: Placement, z: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
         """The residual, and (M, K) its derivative by z."""
         ...
 
-    def residual(self, placement: Any, z: np.ndarray) -> np.ndarray | None:
+    def residual(self, placement: Placement, z: np.ndarray) -> np.ndarray | None:
         """(M,) measured less predicted, weighed; None where the model cannot say."""
         found = self.predicted(placement, z)
         return None if found is None else self.misfit(found)
@@ -159,7 +150,7 @@ class Fit:
 
 def fit(
     hypothesis: Hypothesis,
-    placement: Moved,
+    placement: Placement,
     evidence: Sequence[Fitted],
     start: np.ndarray,
     iterations: int = ITERATIONS,
@@ -230,7 +221,7 @@ def _step(
 
 
 def linearised(
-    evidence: Sequence[Fitted], placement: Moved, z: np.ndarray
+    evidence: Sequence[Fitted], placement: Placement, z: np.ndarray
 ) -> list[tuple[np.ndarray, np.ndarray]] | None:
     """Residual (M,) and derivative (M, K) of every piece; None where the model cannot say, or is about to diverge."""
     rows = []
@@ -243,7 +234,7 @@ def linearised(
     return rows
 
 
-def _shares(evidence: Sequence[Fitted], placement: Moved, z: np.ndarray) -> list[Share] | None:
+def _shares(evidence: Sequence[Fitted], placement: Placement, z: np.ndarray) -> list[Share] | None:
     rows = linearised(evidence, placement, z)
     if rows is None:
         return None
@@ -254,7 +245,7 @@ def _cost(shares: Sequence[Share], z: np.ndarray) -> float:
     return float(sum(s.c for s in shares) + z @ z)
 
 
-def misfit_at(evidence: Sequence[Fitted], placement: Moved, z: np.ndarray, enough: float = np.inf) -> float:
+def misfit_at(evidence: Sequence[Fitted], placement: Placement, z: np.ndarray, enough: float = np.inf) -> float:
     """Cost at z without a fit, or infinity as soon as it is known to be more than enough."""
     total = float(z @ z)
     for piece in evidence:
