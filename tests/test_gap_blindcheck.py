@@ -394,10 +394,10 @@ def test_closed_against_exact_records():
     predicted = {"a/before": 0.5 * wave, "a/tuned": 0.7 * wave, "a/after": 0.9 * wave}
     found = blindcheck.squares({"a": wave}, predicted)
     assert found == pytest.approx({"before": 0.5**2, "tuned": 0.3**2, "after": 0.1**2})
-    assert blindcheck.closed_by(found) == pytest.approx(1 - 0.1**2 / 0.5**2)
+    assert scoring.closed_by(found) == pytest.approx(1 - 0.1**2 / 0.5**2)
     predicted["a/after"] = np.full(2000, np.nan)  # a loop that diverges explains nothing
-    assert blindcheck.closed_by(blindcheck.squares({"a": wave}, predicted)) == pytest.approx(1 - 1 / 0.5**2)
-    assert blindcheck.closed_by({}) is None
+    assert scoring.closed_by(blindcheck.squares({"a": wave}, predicted)) == pytest.approx(1 - 1 / 0.5**2)
+    assert scoring.closed_by({}) is None
 
 
 def test_a_gap_that_tolerances_imitate_need_not_be_detected():
@@ -516,7 +516,7 @@ def _here(*_):
 
 def test_five_cases_from_drawing_to_scores(checked):
     check, _ = checked
-    found = [scoring.outcome(case) for case in blindcheck.open_all(check)]
+    found = blindcheck.open_all(check)
     assert [(o.kind, set(o.effects)) for o in found] == [(c.kind, set(c.names)) for c in FIVE]
     assert [o.key for o in found if o.verdict == "failed"] == []
     matrix = confusion(found)

@@ -33,6 +33,7 @@ from beamdesign.validation.case_plan import (
     sealed,
     write_seal,
 )
+from beamdesign.validation.scoring import Outcome, outcome
 
 if TYPE_CHECKING:
     from beamdesign.validation.blindcheck_result import Scored
@@ -90,25 +91,6 @@ class Check:
         """Where the files of one case are, for who diagnoses it."""
         found, predicted = self.folder / "found" / f"{key}.json", self.folder / "predictions" / f"{key}.npz"
         return Place(self.sets / key, found, predicted, self.folder / "fits" / key)
-
-
-@dataclass(frozen=True)
-class Opened:
-    """One case with its answer.
-
-    Attributes:
-        key: of the case.
-        answer: what was in it.
-        found: what was written down about it; `failed` instead of `diagnosis` where there is none.
-        closed: share of the gap that the diagnosed prototype closes against the noise-free rig; None where unknown.
-        left: rms error of the believed prototype with its tolerances re-tuned against it, over the floor; likewise.
-    """
-
-    key: str
-    answer: dict[str, Any]
-    found: dict[str, Any]
-    closed: float | None
-    left: float | None = None
 
 
 def blindcheck(
@@ -207,8 +189,8 @@ def diagnose_all(check: Check, workers: int = 2, progress: Progress = silent, re
         pass
 
 
-def open_all(check: Check, unfinished: bool = False) -> tuple[Opened, ...]:
-    """Open the answers of a check that has been diagnosed.
+def open_all(check: Check, unfinished: bool = False) -> tuple[Outcome, ...]:
+    """Open the answers of a check that has been diagnosed, and put them beside what was said.
 
     Args:
         check: diagnosed.
@@ -236,21 +218,18 @@ def open_all(check: Check, unfinished: bool = False) -> tuple[Opened, ...]:
         if found["set_sha256"] != seal.sets[key]:
             problems.append((key, "what was diagnosed are not the data that were sealed"))
         elif key in answers:
-            squares = _squares(check, key, answers[key], found, problems)
-            floor = answers[key].get("relative_floor", 0.0)
-            left = float(np.sqrt(squares["tuned"]) / floor) if "tuned" in squares and floor > 0 else None
-            answered.append(Opened(key, answers[key], found, closed_by(squares), left))
+            answered.append((key, answers[key], found, _squares(check, key, answers[key], found, problems)))
     if problems:
         raise InputError(check.seal, problems)
-    return tuple(answered)
+    return tuple(outcome(*case) for case in answered)
 
 
 def scored(check: Check, unfinished: bool = False) -> "Scored":
     """Open the answers of a check and score them; see `open_all`."""
     from beamdesign.validation.blindcheck_result import Scored  # which draws
-    from beamdesign.validation.scoring import outcome
 
     seal, answered = read_seal(check.seal), open_all(check, unfinished)
+    made = [json.loads(check.place(case.key).result.read_text(encoding="utf-8")) for case in answered]
     length = "short" if check.short else "full"
     setting = {
         "records": "Five records of 1.75 s each." if check.short else "Eight records of 4 s each.",
@@ -260,12 +239,12 @@ def scored(check: Check, unfinished: bool = False) -> "Scored":
         "short": check.short,
         "seal": seal.whole,
         "truth": seal.truth,
-        "fitted_by": _all(case.found.get(key) for case in answered for key in ("fitted_by", "added_by")),
-        "judged_by": _all(case.found.get("judged_by") for case in answered),
+        "fitted_by": _all(found.get(key) for found in made for key in ("fitted_by", "added_by")),
+        "judged_by": _all(found.get("judged_by") for found in made),
         "not_drawn": check.not_drawn,
         "command": f"beamdesign gap blindcheck --cases {len(check.cases)} --seed {check.seed} --{length}",
     }
-    return Scored(tuple(outcome(case) for case in answered), setting)
+    return Scored(answered, setting)
 
 
 def _all(digests: Iterable[Any]) -> str:
@@ -313,11 +292,6 @@ def squares(truth: dict[str, np.ndarray], predicted: dict[str, np.ndarray]) -> d
         error = exact - given if np.all(np.isfinite(given)) else exact
         found.setdefault(word, []).append(float(np.mean(error**2) / np.var(exact)))
     return {word: float(np.mean(each)) for word, each in found.items()}
-
-
-def closed_by(errors: Mapping[str, float]) -> float | None:
-    """1 - after^2 / before^2 of `squares`; None where there is nothing to close."""
-    return 1 - errors["after"] / errors["before"] if errors.get("before", 0.0) > 0 else None
 
 
 @contextmanager

@@ -4,16 +4,13 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from math import inf
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 import numpy as np
 
 from beamdesign.diagnosis.fitting.hypothesis import subsystem
 from beamdesign.plant.effects import library
 from beamdesign.validation.bounds import bootstrap, clopper_pearson
-
-if TYPE_CHECKING:
-    from beamdesign.validation.blindcheck import Opened
 
 NO_GAP, UNKNOWN, FAILED = "no_gap", "unknown", "failed"
 _OTHER_LAW = "entrained_air"
@@ -92,13 +89,24 @@ class Outcome:
         return before + self.effects[0] + " +" * (len(self.effects) - 1)
 
 
-def outcome(case: "Opened") -> Outcome:
-    """Put what was said beside what is true."""
-    answer, found = case.answer, case.found
+def closed_by(errors: Mapping[str, float]) -> float | None:
+    """1 - after^2 / before^2 of `squares`; None where there is nothing to close."""
+    return 1 - errors["after"] / errors["before"] if errors.get("before", 0.0) > 0 else None
+
+
+def outcome(key: str, answer: dict[str, Any], found: dict[str, Any], errors: Mapping[str, float]) -> Outcome:
+    """Put what was said beside what is true.
+
+    Args:
+        key: of the case.
+        answer: what was in it.
+        found: what was written down about it; `failed` instead of `diagnosis` where there is none.
+        errors: against the noise-free rig, see `beamdesign.validation.blindcheck.squares`.
+    """
     effects = tuple(name for name in answer["effects"] if name != NO_GAP)
     gaps = answer["gaps_over_floor"]
     base = {
-        "key": case.key,
+        "key": key,
         "kind": answer["kind"],
         "rig": answer.get("rig", "lag"),
         "figures": answer.get("figures", False),
@@ -119,7 +127,7 @@ def outcome(case: "Opened") -> Outcome:
     unknown = said["probability_unknown"]
     named = verdict if verdict in (NO_GAP, UNKNOWN) else next(iter((*said["chosen"], *causes)), UNKNOWN)
     comparable = (verdict != UNKNOWN or bool(said["chosen"])) and gap["closed"] is not None
-    time = found.get("time")
+    time, floor = found.get("time"), answer.get("relative_floor", 0.0)
     return Outcome(
         **base,
         verdict=verdict,
@@ -135,8 +143,8 @@ def outcome(case: "Opened") -> Outcome:
         ),
         closed=gap["closed"] if comparable else None,
         interval=tuple(gap["closed_interval"]) if comparable else None,
-        closed_truly=case.closed,
-        left=case.left,
+        closed_truly=closed_by(errors),
+        left=float(np.sqrt(errors["tuned"]) / floor) if "tuned" in errors and floor > 0 else None,
         parameter_error=_parameter_error(named, answer, causes),
         seconds=(time["seconds"], time["cpu_seconds"]) if time else None,
         baselines={name: tuple(way["chosen"]) for name, way in found["baselines"].items()},
