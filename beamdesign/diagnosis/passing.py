@@ -12,6 +12,7 @@ from functools import partial
 import numpy as np
 
 from beamdesign.diagnosis.data.dataset import Dataset, TimeRecord
+from beamdesign.diagnosis.examination.sound_records import equal_runs
 from beamdesign.diagnosis.fitting.evidence import RecordEvidence, record_evidence
 from beamdesign.diagnosis.fitting.fit import Fit, FitCache
 from beamdesign.diagnosis.fitting.search import Search, search
@@ -137,7 +138,7 @@ def passing(piece: RecordEvidence, best: Fit, small: float = 0.0) -> tuple[tuple
     power *= float(residual @ residual) / power.sum()
     width = max(1, round(_SMOOTHED_S / step))
     loud = np.convolve(power, np.ones(width) / width, "same") > _LOUD * small / len(times)
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], loud, [False]]).astype(int))).reshape(-1, 2)
+    edges = [(first, first + count) for first, count in equal_runs(loud, 1) if loud[first]]
     spans = joined([(max(times[a] - _BEFORE_S, times[0]), min(times[b - 1] + _AFTER_S, times[-1])) for a, b in edges])
     inside = np.any([(times >= begin) & (times <= end) for begin, end in spans], axis=0) if spans else loud
     if float(power[~inside].sum()) > small or np.mean(inside) > _OF_RECORD:

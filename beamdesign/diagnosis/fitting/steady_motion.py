@@ -1,16 +1,17 @@
 """Steady motion of a bench: found in its runs, predicted in closed form for any set of causes, and the difference."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import astuple, dataclass, fields, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise, product
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.ndimage import median_filter
 from scipy.stats import median_abs_deviation, theilslopes
 
 from beamdesign.diagnosis.data.bench_set import BenchRun, BenchSet, held, stretches
+from beamdesign.diagnosis.examination.sound_records import equal_runs
 from beamdesign.plant.effects import laws_of
 from beamdesign.records import InputError
 
@@ -22,8 +23,7 @@ _STRAIGHT = 0.03  # a part whose speed differs by less counts as equal whatever 
 _MOST_POINTS = 400
 
 
-@dataclass(frozen=True)
-class SteadyMotion:
+class SteadyMotion(NamedTuple):
     """Steady motion in one direction of one run, and where it ended.
 
     Attributes:
@@ -82,10 +82,10 @@ def steady_motion(run: BenchRun, direction: int) -> SteadyMotion:
     speeds = np.array([_slope(run, part) for part in parts])
     pressures = np.array([float(np.median(run.pressure_Pa[part])) for part in parts])
     alike = _like_later_half(speeds) & _like_later_half(pressures)
-    first, last = _longest(alike)
-    if last - first < _LEAST_BINS:
+    first, count = max((run for run in equal_runs(alike, 1) if alike[run[0]]), key=lambda run: run[1], default=(0, 0))
+    if count < _LEAST_BINS:
         raise InputError(run.name, [("displacement_m", f"no steady speed {way_of(direction)} at {volts:g} V")])
-    part = slice(edges[first], edges[last])
+    part = slice(edges[first], edges[first + count])
     stop = held(run, direction)
     settled = (run.pressure_Pa[part], run.pressure_Pa[stop], run.displacement_m[stop])
     pressure, stall, rest = (float(np.median(values)) for values in settled)
@@ -107,13 +107,6 @@ def _like_later_half(values: np.ndarray) -> np.ndarray:
     middle = float(np.median(later))
     spread = max(float(median_abs_deviation(later, scale="normal")), _STRAIGHT / _WITHIN * abs(middle))
     return np.asarray(np.abs(values - middle) <= _WITHIN * spread)
-
-
-def _longest(flags: np.ndarray) -> tuple[int, int]:
-    """First and one past the last of the longest row of flags."""
-    rows = np.flatnonzero(np.diff([0, *flags.astype(int), 0])).reshape(-1, 2)
-    first, last = max(rows.tolist(), key=lambda row: row[1] - row[0], default=(0, 0))
-    return first, last
 
 
 _ROUNDS = 30
@@ -223,8 +216,7 @@ class Observations:
     @cached_property
     def rows(self) -> Any:
         """(N,) record array, one column per attribute of `SteadyMotion`."""
-        names = [f.name for f in fields(SteadyMotion)]
-        return np.rec.fromrecords([astuple(m) for m in self.motions], names=names)  # type: ignore[call-overload]
+        return np.rec.fromrecords(self.motions, names=SteadyMotion._fields)  # type: ignore[call-overload]
 
     @property
     def volts(self) -> np.ndarray:
