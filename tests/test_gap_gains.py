@@ -506,7 +506,7 @@ def test_gains_under_a_load_are_read_as_they_are_proposed(believed: Prototype, t
     assert not data.warnings
     assert not proposed(data)
     pieces = [piece for piece in figures_of(data) if isinstance(piece, GainEvidence)]
-    assert [piece.load for piece in pieces] == settings["load_N"]
+    assert [piece.measured.load_N for piece in pieces] == settings["load_N"]
     assert len({piece.name for piece in pieces}) == 2
     pushed, pulled = (piece.nominal().gain for piece in pieces)
     assert pushed == pytest.approx(pulled, rel=1e-6)

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -150,6 +150,7 @@ class FrequencyResponse:
     controller: Controller
     source: str = ""
     driven_by: int = 0
+    load_N: ClassVar[float] = 0.0  # none stands on the tip beside what drives it
 
     @property
     def column(self) -> str:

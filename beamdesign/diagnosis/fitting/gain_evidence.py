@@ -185,21 +185,17 @@ class GainEvidence(LinearEvidence):
     @property
     def name(self) -> str:
         """In words."""
-        masses = f"{self.measured.outer_end_mass:g} kg outer, {self.measured.inner_end_mass:g} kg inner"
-        load = f", {self.load:g} N on the tip" if self.load else ""
-        return f"critical gain, {self.measured.controller.words()}, {masses}{load}"
-
-    @property
-    def load(self) -> float:
-        """Constant force on the outer tip, N."""
-        return self.measured.load_N
+        taken = self.measured
+        load = f", {taken.load_N:g} N on the tip" if taken.load_N else ""
+        masses = f"{taken.outer_end_mass:g} kg outer, {taken.inner_end_mass:g} kg inner"
+        return f"critical gain, {taken.controller.words()}, {masses}{load}"
 
     @property
     def condition(self) -> object:
         """Under which it was measured: masses, breaks of the controller, load."""
         taken = self.measured
         law = taken.controller.but(gain_A_per_V=1.0)
-        return ("critical gain", taken.outer_end_mass, taken.inner_end_mass, law, self.load)
+        return ("critical gain", taken.outer_end_mass, taken.inner_end_mass, law, taken.load_N)
 
     @property
     def expected(self) -> float:

@@ -193,11 +193,6 @@ class LinearEvidence(Evidence):
     prototype: Prototype
     _models: dict[object, LinearModel] = field(default_factory=dict, repr=False, compare=False, kw_only=True)
 
-    @property
-    def load(self) -> float:
-        """Constant force on the outer tip under which it was measured, N."""
-        return 0.0
-
     def nominal(self, *effects: str) -> Any:
         """What the model makes of it with every figure as believed, and effects at their usual sizes; None: nothing."""
         placement = together(*effects).placement(self.prototype)
@@ -214,7 +209,7 @@ class LinearEvidence(Evidence):
             base = np.array(list(parameters_of(rig, taken.outer_end_mass, taken.inner_end_mass).values()))
             kept = tuple(name for name in kinds.effects if cause(name) not in LEFT_BEHIND)
             assembly = assemble(replace(kinds, effects=kept))
-            self._models[key] = LinearModel(placement, base, assembly, self.load)
+            self._models[key] = LinearModel(placement, base, assembly, taken.load_N)
         return self._models[key]
 
 
