@@ -138,5 +138,5 @@ def test_a_record_in_which_nothing_happens_does_no_harm(deadband):
     )
     found = at_believed(replace(deadband, records=(first, still)))
     assert all(np.all(np.isfinite(y)) for item in found for y in item.smoothed().values())
-    shown = setting(found).indicator
+    (shown,) = setting(found).indicators
     assert shown.table["relative_error"][1] == 0.0

@@ -1,13 +1,12 @@
 """Under which conditions, at which frequencies and in which direction a gap shows."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from itertools import pairwise
 from math import isnan
 
 import numpy as np
 
-from beamdesign.diagnosis.diagnosis import Indicator
+from beamdesign.diagnosis.diagnosis import Indicator, Where
 from beamdesign.diagnosis.where.residuals import Residual
 
 BANDS_HZ = (0.2, 2.0, 5.0, 10.0, 20.0, 35.0, 60.0, 100.0, 200.0, 400.0)
@@ -18,6 +17,8 @@ _DENSE = 0.7
 _SLOW_HZ = 1.0
 _TWICE = 2.0
 _LITTLE = 0.1  # of the power
+_DRIFT = 0.5  # of the residual's power
+_BENT = 0.3  # of the residual's power away from the lines of the input
 
 
 def lines_of(
@@ -57,29 +58,14 @@ def lines_of(
     return level(held), level(free)
 
 
-@dataclass(frozen=True)
-class Setting:
-    """Where a gap shows.
+def setting(found: Sequence[Residual]) -> Where:
+    """Look at the residuals of all records by frequency, size, payload, input and direction.
 
-    Attributes:
-        band_Hz: in which most of the misfit lies.
-        condition: in words.
-        distortion: share of the residual's power away from the lines of the input, median over records; nan where no
-            record has lines.
-        slow: share of the residual's power below 1 Hz that no input drives there.
-        indicator: what kind of gap it is, with a map of the weighted misfit by record, condition and band; it names no
-            subsystem.
+    Returns:
+        band, condition and kind, the place open; and what tells them, with a map of the weighted misfit by record,
+        condition and band. A gap drifts of which most is slower than 1 Hz and than any input; else it is static or
+        linear by how much of it lies away from the lines of the input, where any record has lines.
     """
-
-    band_Hz: tuple[float, float]
-    condition: str
-    distortion: float
-    slow: float
-    indicator: Indicator
-
-
-def setting(found: Sequence[Residual]) -> Setting:
-    """Look at the residuals of all records by frequency, size, payload, input and direction."""
     units, noise = (np.array(parts) for parts in zip(*map(_by_band, found), strict=True))
     band = _narrowest(np.maximum(units - noise, 0.0).sum(0))
     relative = [_relative(item) for item in found]
@@ -111,7 +97,11 @@ def setting(found: Sequence[Residual]) -> Setting:
     text += f"it differs by {asymmetry:.0%} between the two directions. "
     text += "Figures by record and band are the misfit as fits weigh it, a sum of squares, noise included."
     indicator = Indicator("bands and conditions", "", 0.0, text, table)
-    return Setting(band, condition, distortion, slowness, indicator)
+    if slowness > _DRIFT:
+        kind = "drifting"
+    else:
+        kind = "" if isnan(distortion) else "static" if distortion > _BENT else "linear"
+    return Where("", band, condition, kind, (indicator,))
 
 
 def words_of(item: Residual) -> str:

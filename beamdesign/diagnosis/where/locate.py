@@ -13,7 +13,7 @@ from beamdesign.diagnosis.diagnosis import Cause, Indicator, Where, in_words, li
 from beamdesign.diagnosis.fitting.fit import Fit
 from beamdesign.diagnosis.fitting.hypothesis import ABSENT, WRONG
 from beamdesign.diagnosis.fitting.search import Search
-from beamdesign.diagnosis.where.conditions import Setting, setting
+from beamdesign.diagnosis.where.conditions import setting
 from beamdesign.diagnosis.where.missing import Explanation, explanations, regression
 from beamdesign.diagnosis.where.residuals import Residual, residuals
 from beamdesign.plant.assembly import RIGS, Structure, assemble, fits
@@ -75,8 +75,6 @@ def about_equations(laws: Sequence[Explanation]) -> Vote:
     return vote(_LAWS, votes, text, table)
 
 
-_DRIFT = 0.5  # of the residual's power
-_BENT = 0.3  # of the residual's power away from the lines of the input
 _TOLD = 0.3  # share that a subsystem's laws must explain for their kind to count
 
 
@@ -97,15 +95,11 @@ def kind_of_effect(name: str) -> str:
     return "static" if bent else "linear"
 
 
-def kind_of_residual(seen: Setting, laws: Sequence[Explanation]) -> str:
-    """Kind of a gap whose cause is not known: by its slowness, by the laws that explain most, by its distortion."""
-    if seen.slow > _DRIFT:
-        return "drifting"
-    if laws and laws[0].share > _TOLD and laws[0].kinds:
+def kind_of_residual(seen: Where, laws: Sequence[Explanation]) -> str:
+    """Kind of a gap whose cause is not known: that of the laws that explain most, unless it drifts or none tells."""
+    if seen.kind != "drifting" and laws and laws[0].share > _TOLD and laws[0].kinds:
         return laws[0].kinds[0]
-    if seen.distortion == seen.distortion:
-        return "static" if seen.distortion > _BENT else "linear"
-    return ""
+    return seen.kind
 
 
 _ALIKE = 0.05  # shares
@@ -136,7 +130,7 @@ def locate(
         return NO_GAP
     votes = [about_fits(chosen, causes, unknown)]
     laws: tuple[Explanation, ...] = ()
-    seen: Setting | None = None
+    seen = Where("", (0.0, 0.0), "")
     try:
         with share(1.0, within_steps=True):
             if found := residuals(search.null, evidence):
@@ -149,16 +143,12 @@ def locate(
     scores = {name: sum(_WEIGHTS[of.name] * by.get(name, 0.0) for by, of in votes) for name in SUBSYSTEMS}
     place = max(scores, key=lambda name: scores[name])
     if scores[place] <= 0:
-        band, condition = ((0.0, 0.0), "") if seen is None else (seen.band_Hz, seen.condition)
-        return Where("", band, condition, "", tuple(shown), "Nothing says yet where the gap lies.")
-    known = causes and (unknown <= 0.5 or causes[0].like) and shown[0].subsystem == place
-    kind = kind_of_effect(chosen.hypothesis.realisation(causes[0].name)) if known else ""
-    band, condition = (0.0, 0.0), ""
-    if seen is not None:
-        kind = kind or kind_of_residual(seen, laws)
-        shown.append(seen.indicator)
-        band, condition = seen.band_Hz, seen.condition
-    return Where(place, band, condition, kind, tuple(shown), _sentence(place, scores, shown, band, kind))
+        return replace(seen, kind="", indicators=tuple(shown), sentence="Nothing says yet where the gap lies.")
+    kind = kind_of_residual(seen, laws)
+    if causes and (unknown <= 0.5 or causes[0].like) and shown[0].subsystem == place:
+        kind = kind_of_effect(chosen.hypothesis.realisation(causes[0].name))
+    sentence = _sentence(place, scores, shown, seen.band_Hz, kind)
+    return replace(seen, subsystem=place, kind=kind, indicators=(*shown, *seen.indicators), sentence=sentence)
 
 
 def laws_of(found: Sequence[Residual], null: Fit) -> tuple[Explanation, ...]:
