@@ -334,10 +334,10 @@ def test_nothing_that_proves_imports_it_and_it_imports_nothing_that_proves() -> 
         imported = set(re.findall(r"^(?:from|import) ([\w.]+)", path.read_text(), re.MULTILINE))
         outside = {name for name in imported if name.split(".")[0] not in sys.stdlib_module_names}
         assert all(name.startswith(("beamdesign.checker", "flint")) for name in outside), path.name
-    others = [path for path in home.parent.rglob("*.py") if home not in path.parents]
+    others = [path for kind in ("*.py", "*.pyi") for path in home.parent.rglob(kind) if home not in path.parents]
     imports = re.compile(r"^\s*(from|import) beamdesign\.checker", re.MULTILINE)
     using = {path.relative_to(home.parent).as_posix() for path in others if imports.search(path.read_text())}
-    assert using == {"__init__.py", "cli/certify.py"}
+    assert using == {"__init__.pyi", "cli/certify.py"}
 
 
 # Its own root isolation and Routh test.
