@@ -158,6 +158,8 @@ def simulate(prototype: Prototype, scenario: Scenario) -> Simulation:
     prototype = arm.in_plane(prototype)
     scenario = scenario.every(None if prototype.schedule is None else prototype.schedule.period_s)
     runs = [(prototype.but(controller=row.controller or prototype.controller), row) for row in scenario.record]
+    for rig, _ in runs:
+        structure_of(rig, True)  # which refuses effects that cannot be, and a rig without a controller
     if wrong := dict.fromkeys(problem for rig, row in runs for problem in _unfit(rig, scenario, row)):
         raise InputError(scenario.name, list(wrong))
     felt = {"load_pressure_Pa": prototype.actuator.feels[0]}

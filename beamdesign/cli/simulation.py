@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from beamdesign.cli.command import CommandResult, command, toml_files
-from beamdesign.cli.output import echo, echo_table, progress, refuse, spare
+from beamdesign.cli.output import echo, echo_table, progress, spare
 from beamdesign.files import fresh_folder, settled
 from beamdesign.result import picked
 
@@ -38,26 +38,18 @@ def simulate(
         out: folder for one CSV file and one picture per record, and records.html.
         plots: whether to draw the records.
     """
-    from beamdesign import simulation as engine
     from beamdesign.bench_prototype import BenchPrototype, read_any_prototype
-    from beamdesign.plant.assembly import effect_parameters_of, problem_without_controller, wrong_effects
+    from beamdesign.plant.assembly import effect_parameters_of
     from beamdesign.plant.effects import laws_of
     from beamdesign.scenario import files_of, read_scenario
+    from beamdesign.simulation import simulate as simulated
     from beamdesign.structure.arm import arm_of, left_aside
 
-    rig = read_any_prototype(prototype)
-    if isinstance(rig, BenchPrototype):
-        return _simulate_bench(rig, prototype, scenario, out, plots)
-    wrong = wrong_effects(rig)
-    plan = read_scenario(scenario)
+    rig, plan = read_any_prototype(prototype), read_scenario(scenario)
     spare(files_of(plan), out, [f"{row.name}.csv" for row in plan.record])
-    if of_bench := [row.name for row in plan.record if row.start_m is not None]:
-        refuse(scenario, *((f"record.{name}.start_m", "is for an actuator bench") for name in of_bench))
-    if rig.controller is None and any(row.controller is None for row in plan.record):
-        wrong.append(problem_without_controller())
-    if wrong:
-        refuse(prototype, *wrong)
-    found = engine.simulate(rig, plan)
+    if isinstance(rig, BenchPrototype):
+        return _simulate_bench(rig, plan, out, plots)
+    found = simulated(rig, plan)
     heads = ("record", "stable", "peak displacement_m", "oscillation_Hz")
     echo_table(f"{rig.name}: {plan.name}", heads, found.rows())
     if arm_of(rig).plane is None and (words := left_aside(rig)):
@@ -82,16 +74,10 @@ def simulate(
     return CommandResult({"stable": found.stable, "effects": list(rig.effects), **files, "each": each}, found.stable)
 
 
-def _simulate_bench(rig: Any, source: Path, scenario: Path, out: Path, plots: bool) -> CommandResult:
-    from beamdesign.plant.assembly import wrong_effects
+def _simulate_bench(rig: Any, plan: Any, out: Path, plots: bool) -> CommandResult:
     from beamdesign.plant.bench_simulation import BENCH_COLUMNS, simulate_bench
-    from beamdesign.scenario import files_of, read_scenario
     from beamdesign.simulation import SimulatedRecord
 
-    if wrong := wrong_effects(rig):
-        refuse(source, *wrong)
-    plan = read_scenario(scenario)
-    spare(files_of(plan), out, [f"{row.name}.csv" for row in plan.record])
     found = simulate_bench(rig, plan)
     rows = [(name, *map(float, abs(table[:, 2:]).max(axis=0))) for name, table in found.items()]
     echo_table(f"{rig.name}: {plan.name}", ("record", *(f"peak {column}" for column in BENCH_COLUMNS[2:])), rows)

@@ -147,8 +147,9 @@ def simulate_bench(prototype: BenchPrototype, scenario: Scenario) -> dict[str, n
         by record, (N, 5) columns as in `BENCH_COLUMNS`.
 
     Raises:
-        InputError: for what the scenario asks and a bench does not have.
+        InputError: for effects that cannot be, and for what the scenario asks and a bench does not have.
     """
+    bench_structure(prototype)  # which refuses these
     wrong: list[Problem] = []
     if scenario.sampled is not None:
         wrong.append(Problem("sampled", "a bench has no controller"))
