@@ -451,6 +451,17 @@ def test_a_schedule_whose_period_is_too_long_for_a_law_is_a_no_that_names_a_shor
     assert slow.rows() == []
 
 
+def test_the_payloads_of_a_schedule_are_those_of_its_laws_where_the_prototype_states_none(tmp_path: Path) -> None:
+    rig = two_laws()
+    assert rig.schedule is not None
+    slow = rig.schedule.but(period_s=2e-3)  # which is a no before anything takes long
+    write_prototype(rig.but(controller=slow, payload=rig.payload.but(outer_end_mass_kg=None)), tmp_path / "rig.toml")
+    ran = spec(tmp_path / "rig.toml", "--out", tmp_path / "out")
+    assert ran.exit_code == 1
+    assert "stage 1, sampled at 500 Hz" in ran.output
+    assert json.loads((tmp_path / "out" / "specification.json").read_text())["outer_end_mass_kg"] == [1.0, 3.0]
+
+
 def test_an_inner_beam_that_sags_through_the_whole_stroke_is_told() -> None:
     rig = read_prototype(PROTOTYPES / "tame_lag.toml")
     short = rig.but(actuator=rig.actuator.but(stroke_m=1e-4))

@@ -67,7 +67,7 @@ def code(
     """
     record = with_controller(prototype)
     assert record.controller is not None
-    masses = mass_range(outer_end_mass, record.payload.outer_end_mass_kg or (0.0, 0.0), prototype)
+    masses = mass_range(outer_end_mass, record.outer_end_mass_kg or (0.0, 0.0), prototype)
 
     from beamdesign.build.realisation.c_code import compiler
     from beamdesign.build.realisation.code import code as realised
@@ -85,7 +85,7 @@ def code(
         return CommandResult(found.to_dict() | {"files": []}, yes=False)
     paths = found.write(folder)
     _echo_code(found)
-    if record.payload.outer_end_mass_kg is None and outer_end_mass is None:
+    if record.outer_end_mass_kg is None and outer_end_mass is None:
         echo("the prototype states no payload: proved without any; --outer-end-mass LO:HI asks for a range")
     return CommandResult(found.to_dict() | {"files": paths}, not compile_here or _compiles(folder), paths)
 
@@ -156,7 +156,7 @@ def spec(
         noise_share: share of the motion that the goal allows, which sensor noise may cause.
     """
     record = with_controller(prototype)
-    masses = mass_range(outer_end_mass, record.payload.outer_end_mass_kg or (0.0, 0.0), prototype)
+    masses = mass_range(outer_end_mass, record.outer_end_mass_kg or (0.0, 0.0), prototype)
 
     from beamdesign.build.folder import write_specification
     from beamdesign.build.specification import specify
@@ -171,7 +171,7 @@ def spec(
         echo(f"{record.name}: {found.reason}")
         return CommandResult(fields, yes=False)
     echo_table(f"{record.name}: specification", ("figure", "value", "basis"), found.rows())
-    if record.payload.outer_end_mass_kg is None and outer_end_mass is None:
+    if record.outer_end_mass_kg is None and outer_end_mass is None:
         echo("the prototype states no payload: specified without any; --outer-end-mass LO:HI asks for a range")
     return CommandResult(fields, files=paths.values())
 
