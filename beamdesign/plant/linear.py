@@ -82,30 +82,6 @@ class BilinearPlant:
         moved = free(self.displaced), free(self.disturbance), tuple(map(free, self.crossed))
         return Plant(self.sensors, denominator, tuple(control), *moved)
 
-    def stretched(self, offset_kg: float, factor: float) -> "BilinearPlant":
-        """The plant whose payload m is that of this one at `offset_kg` + `factor` m."""
-        offset, by = exact(offset_kg), exact(factor)
-
-        def moved(rows: tuple[PairOver, PairOver]) -> tuple[PairOver, PairOver]:
-            (c0, c1), (s0, s1) = rows
-            return (c0 + offset * s0, c1 + offset * s1), (by * s0, by * s1)
-
-        control = tuple(map(moved, self.control))
-        return BilinearPlant(
-            self.sensors, moved(self.denominator), control, self.displaced, self.disturbance, self.crossed
-        )
-
-    def weighing(self, factor: float) -> "BilinearPlant":
-        """The plant whose inner end mass n is that of this one at `factor` n."""
-        by = exact(factor)
-
-        def free(pair: PairOver) -> PairOver:
-            return pair[0], by * pair[1]
-
-        denominator, *control = ((free(own), free(slope)) for own, slope in (self.denominator, *self.control))
-        moved = free(self.displaced), free(self.disturbance), tuple(map(free, self.crossed))
-        return BilinearPlant(self.sensors, denominator, tuple(control), *moved)
-
 
 @dataclass(frozen=True)
 class LinearModel:
@@ -211,9 +187,7 @@ class LinearModel:
     def polynomials(self, sensors: Sequence[str] = DISPLACEMENT) -> BilinearPlant:
         """The plant over both end masses as these sensors see it, to a common factor that is free of the masses."""
         if (sensors := tuple(sensors)) not in self._known:
-            found = self._derived(sensors)
-            found = found if self.weighing == 1.0 else found.weighing(self.weighing)
-            self._known[sensors] = found if self.stretch == (0.0, 1.0) else found.stretched(*self.stretch)
+            self._known[sensors] = self._derived(sensors)
         return self._known[sensors]
 
     def plant(self, inner_end_mass: float = 0.0, sensors: Sequence[str] = DISPLACEMENT) -> Plant:
@@ -266,7 +240,11 @@ class LinearModel:
         # End masses act through accelerations: the lowest coefficient is free of them.
         lowest = next(value for value in parts[0].coeffs() if value != 0)
         parts = [part / lowest for part in parts]
-        found = [((one, n), (m, both)) for one, n, m, both in zip(*(parts[k::4] for k in range(4)), strict=True)]
+        (offset, factor), weight = map(exact, self.stretch), exact(self.weighing)
+        found = [  # over m and n, of payloads and inner end masses that are so stretched and weighed
+            ((one + offset * m, weight * (n + offset * both)), (factor * m, weight * factor * both))
+            for one, n, m, both in zip(*(parts[k::4] for k in range(4)), strict=True)
+        ]
         denominator, disturbance, displaced, *rest = found
         crossed = dict(zip(minor, rest[len(seen) :], strict=True))
         free = [disturbance, displaced, *(crossed.get(name, _NOTHING) for name in sensors)]
