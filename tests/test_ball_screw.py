@@ -145,9 +145,9 @@ def test_demands_are_those_of_a_simulated_record(rig: Prototype, frequency: floa
     asked = demand(rig, mass, np.array([frequency]))
     last = slice(-round(2 / frequency / 1e-4), None)
     for name, expected in (
-        ("displacement_m", asked.displacement),
-        ("current_A", asked.current),
-        ("screw_force_N", asked.force),
+        ("displacement_m", asked["displacement"]),
+        ("current_A", asked["current"]),
+        ("screw_force_N", asked["force"]),
     ):
         assert np.ptp(record.column(name)[last]) / 2 == pytest.approx(100.0 * abs(expected[0]), rel=3e-3)
 

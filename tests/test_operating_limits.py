@@ -44,12 +44,12 @@ def test_demands_are_those_of_a_simulated_record(rig: Prototype, frequency: floa
     asked = demand(there, mass, np.array([frequency]))
     area = rig.actuator.piston_area_m2
     for found, expected in (
-        (settled(record, "displacement_m", frequency), asked.displacement),
-        (settled(record, "current_A", frequency), asked.current),
-        (area * settled(record, "load_pressure_Pa", frequency), asked.force),
+        (settled(record, "displacement_m", frequency), asked["displacement"]),
+        (settled(record, "current_A", frequency), asked["current"]),
+        (area * settled(record, "load_pressure_Pa", frequency), asked["force"]),
         (
             settled(record, "displacement_m", frequency) - settled(record, "inner_displacement_m", frequency),
-            asked.stroke,
+            asked["stroke"],
         ),
     ):
         assert np.ptp(found) / 2 == pytest.approx(100.0 * abs(expected[0]), rel=2e-3)
@@ -74,7 +74,7 @@ def test_valve_flow_is_used_up_where_the_rig_with_orifices_nears_the_rated_curre
     limit = envelope(rig, frequency_Hz=np.array([frequency])).limits_N["valve flow"][0]
     record = shaken(rig.but(effects={"pressure_dependent_flow": {}}), limit, frequency)
     asked = demand(rig, 0.0, np.array([frequency]))
-    spool = abs(asked.of("flow")[0] / asked.current[0]) / rig.servovalve.flow_gain_m3_per_s_per_A
+    spool = abs(asked["flow"][0] / asked["current"][0]) / rig.servovalve.flow_gain_m3_per_s_per_A
     assert 0.85 * 0.015 < spool * np.abs(settled(record, "current_A", frequency)).max() < 1.02 * 0.015
 
 
@@ -88,7 +88,7 @@ def test_inside_the_envelope_the_tip_is_held_and_outside_the_beams_are_on_their_
         share: float(np.ptp(settled(shaken(real, share * limit, frequency), "displacement_m", frequency)) / 2)
         for share in (0.5, 1.2, 1.5)
     }
-    linear = abs(demand(rig, 0.0, np.array([frequency])).displacement[0])
+    linear = abs(demand(rig, 0.0, np.array([frequency]))["displacement"][0])
     assert moved[0.5] < 1.25 * 0.5 * limit * linear
     assert (moved[1.5] - moved[1.2]) / (0.3 * limit) > 1 / (486_800.0 + 157_500.0)
 
@@ -100,13 +100,13 @@ def test_the_parabola_holds_the_load_locus(rig: Prototype, preload: float):
     A load that is held leaks K_pq F / A beside.
     """
     still = demand(rig, 0.0, np.array([1e-4]))
-    held, leaked = (preload * float(one[0].real) for one in (still.force, still.of("flow")))
+    held, leaked = (preload * float(one[0].real) for one in (still["force"], still["flow"]))
     assert abs(leaked) == pytest.approx(3.8e-13 * abs(held) / 1.13e-4, rel=1e-3)
     for frequency in (5.0, 20.0, 60.0):
         force = envelope(rig, preload=preload, frequency_Hz=np.array([frequency])).limits_N["valve flow"][0]
         asked = demand(rig, 0.0, np.array([frequency]))
         turn = np.exp(1j * np.linspace(0, 2 * pi, 5000))
-        flow, load = (force * np.real(one[0] * turn) for one in (asked.of("flow"), asked.force))
+        flow, load = (force * np.real(one[0] * turn) for one in (asked["flow"], asked["force"]))
         most = 1.13e-2 * 0.015 * np.sqrt(np.maximum(1 - np.sign(flow) * (load + held) / (20e6 * 1.13e-4), 0.0))
         assert np.max(np.abs(flow) + abs(leaked) - most) == pytest.approx(0.0, abs=1e-3 * 1.13e-2 * 0.015)
 
@@ -137,7 +137,7 @@ def test_no_resonance_falls_between_the_frequencies_looked_at(rig: Prototype):
     fine = envelope(soft, frequency_Hz=np.linspace(20.0, 100.0, 20_000))
     assert found.load_N.min() == pytest.approx(fine.load_N.min(), rel=0.01)
     highest, dense = needs(soft, (0.0, 0.0), 100.0, 100.0), demand(soft, 0.0, np.linspace(20.0, 100.0, 20_000))
-    assert highest["force_N"] == pytest.approx(100.0 * np.abs(dense.force).max(), rel=0.01)
+    assert highest["force_N"] == pytest.approx(100.0 * np.abs(dense["force"]).max(), rel=0.01)
 
 
 def test_what_is_not_given_is_left_out_and_named(paper: Prototype):

@@ -374,7 +374,7 @@ def _slower(prototype: Prototype, masses_kg: tuple[float, float], up_to_Hz: floa
     """The compliance that the same loop keeps up to the least bandwidth, or a bandwidth that it has."""
     places = [(stage.prototype, mass) for stage in prototype.stages(masses_kg) for mass in stage.looked_at_kg]
     asked = [demand(law, mass, grid_Hz(law, mass, least_Hz / 1e3, least_Hz, _POINTS)) for law, mass in places]
-    compliance = _up(MARGIN * max(float(np.abs(one.displacement).max()) for one in asked))
+    compliance = _up(MARGIN * max(float(np.abs(one["displacement"]).max()) for one in asked))
     had = Change("load.least_bandwidth_Hz", _down(up_to_Hz), False)
     return (Change(_COMPLIANCE, compliance),), (had,)
 

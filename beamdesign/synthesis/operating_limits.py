@@ -107,7 +107,7 @@ def demand(prototype: Prototype, outer_end_mass: float, frequency_Hz: np.ndarray
         outer_end_mass: payload, kg.
         frequency_Hz: (N,).
     """
-    figure = lumped.figures(prototype)
+    figure, actuator = lumped.figures(prototype), prototype.actuator
     s = 1j * tau * np.asarray(frequency_Hz, dtype=float)
     outer = with_mass(single_compliance(prototype, "outer_beam"), outer_end_mass)
     inner = with_mass(single_compliance(prototype, "inner_beam"), prototype.payload.inner_end_mass_kg)
@@ -115,9 +115,9 @@ def demand(prototype: Prototype, outer_end_mass: float, frequency_Hz: np.ndarray
     x = rig.closed(prototype.own_controller.gain_A_per_V)
     force = x / outer(frequency_Hz) - 1  # the tip is at c_o (F_c + F_d)
     stroke = x + inner(frequency_Hz) * force
-    actuator = prototype.actuator
     current = (stroke + actuator.compliance(figure, s) * force) / actuator.travel(figure, s)
-    return Demand(np.asarray(frequency_Hz), x, force, stroke, current, actuator.signals(figure, s, force, stroke))
+    found = {"displacement": x, "force": force, "stroke": stroke, "current": current}
+    return found | actuator.signals(figure, s, force, stroke)
 
 
 def grid_Hz(prototype: Prototype, outer_end_mass: float, low_Hz: float, high_Hz: float, points: int) -> np.ndarray:
@@ -128,8 +128,7 @@ def grid_Hz(prototype: Prototype, outer_end_mass: float, low_Hz: float, high_Hz:
 def _held(prototype: Prototype, outer_end_mass: float, force_N: float) -> dict[str, float]:
     """What a constant force on the tip takes of all that is demanded."""
     still = demand(prototype, outer_end_mass, np.array([_STATIC_HZ]))
-    names = ("force", "current", "stroke", *still.more)
-    return {name: force_N * float(still.of(name)[0].real) for name in names}
+    return {name: force_N * float(one[0].real) for name, one in still.items()}
 
 
 def needs(
@@ -153,7 +152,7 @@ def needs(
             grid = grid_Hz(stage.prototype, mass, _LOWEST_HZ, max(up_to_Hz, 2 * _LOWEST_HZ), _POINTS)
             asked, held = demand(stage.prototype, mass, grid), _held(stage.prototype, mass, constant_N)
             taken = {
-                key: abs(held[name]) + load_N * float(np.abs(asked.of(name)).max())
+                key: abs(held[name]) + load_N * float(np.abs(asked[name]).max())
                 for key, name in (("force_N", "force"), ("stroke_m", "stroke"))
             } | stage.prototype.actuator.takes(stage.prototype, asked, load_N, held)
             found = {key: max(value, found.get(key, 0.0)) for key, value in taken.items()}
@@ -209,7 +208,8 @@ def envelope(
     if not limits:
         return Envelope(grid, {}, 0 * grid, 0 * grid, missing, "the prototype states no limit of its actuator")
     load = np.min(list(limits.values()), axis=0)
-    return Envelope(grid, limits, load * np.abs(asked.displacement), actuator.power_W(prototype, asked, load), missing)
+    moved = load * np.abs(asked["displacement"])
+    return Envelope(grid, limits, moved, actuator.power_W(prototype, asked, load), missing)
 
 
 def sensor_reach(prototype: Prototype, outer_end_mass: float = 0.0) -> SensorReach:

@@ -5,7 +5,6 @@ Every file of this folder holds one kind, found by being there.
 
 from abc import abstractmethod
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import dataclass, field
 from functools import cache
 from importlib import import_module
 from operator import attrgetter
@@ -34,31 +33,12 @@ def turn(steps: int = 360) -> "np.ndarray":
     return np.asarray(np.exp(2j * np.pi * np.arange(steps) / steps))
 
 
-@dataclass(frozen=True)
-class Demand:
-    """What a sinusoidal force on the outer tip asks for, per newton; complex, (N,) over frequency.
+Demand = Mapping[str, "np.ndarray"]
+"""What a sinusoidal force on the outer tip asks for, per newton; complex, (N,) over frequency, by name.
 
-    Attributes:
-        frequency_Hz: (N,).
-        displacement: of the outer tip, m/N.
-        force: of the actuator, N/N.
-        stroke: of the actuator, m/N.
-        current: of the law, A/N.
-        more: what else the actuator has to give, by name.
-    """
-
-    frequency_Hz: "np.ndarray"
-    displacement: "np.ndarray"
-    force: "np.ndarray"
-    stroke: "np.ndarray"
-    current: "np.ndarray"
-    more: "Mapping[str, np.ndarray]" = field(default_factory=dict)
-
-    def of(self, name: str) -> "np.ndarray":
-        """(N,) one of these by its name."""
-        found: np.ndarray = self.more[name] if name in self.more else getattr(self, name)
-        return found
-
+"displacement" of the outer tip, m/N; "force", N/N, and "stroke", m/N, of the actuator; "current" of the law, A/N; and
+what else the actuator has to give.
+"""
 
 Held = Mapping[str, float]
 """What a constant force takes of each of these."""
@@ -92,7 +72,7 @@ class Limit(NamedTuple):
             return self.reached(asked, held, self.most)
         still = held[self.of]
         left = np.sqrt(2 * max(self.most**2 - still**2, 0.0)) if self.effective else self.most - abs(still)
-        return np.asarray(max(left, 0.0) / np.abs(asked.of(self.of)))
+        return np.asarray(max(left, 0.0) / np.abs(asked[self.of]))
 
 
 class Rating(NamedTuple):

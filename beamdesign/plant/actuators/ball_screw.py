@@ -176,23 +176,23 @@ class BallScrew(Actuator):
         """
         import numpy as np
 
-        current, speed = (load_N * np.abs(asked.of(name)) for name in ("motor_current", "speed"))
+        current, speed = (load_N * np.abs(asked[name]) for name in ("motor_current", "speed"))
         still = abs(held["motor_current"])
-        turning, turned = (load_N * np.real(asked.of(name)[:, None] * turn()) for name in ("motor_current", "speed"))
+        turning, turned = (load_N * np.real(asked[name][:, None] * turn()) for name in ("motor_current", "speed"))
         power = self.torque_constant_N_m_per_A * (still + np.abs(turning)) * np.abs(turned)
         return {
             "peak_current_A": still + float(current.max()),
             "effective_current_A": sqrt(still**2 + float(current.max()) ** 2 / 2),
             "speed_rad_per_s": float(speed.max()),
             "shaft_power_W": float(power.max()),
-            "drive_command_V": (still + load_N * float(np.abs(asked.current).max())) / self.drive_gain(),
+            "drive_command_V": (still + load_N * float(np.abs(asked["current"]).max())) / self.drive_gain(),
         }
 
     def power_W(self, prototype: "WithActuator", asked: Demand, load_N: "np.ndarray") -> "np.ndarray":
         """Of the shaft, losses in the windings apart."""
         import numpy as np
 
-        current, speed = (np.real(asked.of(name)[:, None] * turn()) for name in ("motor_current", "speed"))
+        current, speed = (np.real(asked[name][:, None] * turn()) for name in ("motor_current", "speed"))
         given = np.maximum(current * speed, 0.0).mean(axis=1)
         return np.asarray(self.torque_constant_N_m_per_A * given * load_N**2)
 

@@ -252,12 +252,12 @@ class ServoCylinder(Actuator):
         import numpy as np
 
         stall = prototype.supply.pressure_Pa * self.smaller_side(prototype)
-        flow = asked.of("flow")
-        moved, force = (load_N * np.real(one[:, None] * turn()) for one in (flow, asked.force))
+        flow = asked["flow"]
+        moved, force = (load_N * np.real(one[:, None] * turn()) for one in (flow, asked["force"]))
         left = 1 - (np.sign(moved) * force + abs(held["force"])) / stall
         through = np.abs(moved) + abs(held["flow"])
         through = np.where(left > 0, through / np.sqrt(np.maximum(left, 1e-12)), np.inf).max(axis=1)
-        per_flow = np.abs(asked.current) / np.maximum(np.abs(flow), 1e-300)
+        per_flow = np.abs(asked["current"]) / np.maximum(np.abs(flow), 1e-300)
         return {
             "flow_m3_per_s": abs(held["flow"]) + load_N * float(np.abs(flow).max()),
             "no_load_flow_m3_per_s": float(through.max()),
@@ -268,7 +268,7 @@ class ServoCylinder(Actuator):
         """Supply pressure times the mean flow."""
         import numpy as np
 
-        return np.asarray(prototype.supply.pressure_Pa * (2 / pi) * load_N * np.abs(asked.of("flow")))
+        return np.asarray(prototype.supply.pressure_Pa * (2 / pi) * load_N * np.abs(asked["flow"]))
 
     def holding(self, prototype: "WithActuator", force_N: float) -> tuple[str, float, float | None, str, str]:
         """Pressure on the smaller side of the piston."""
@@ -336,7 +336,7 @@ def _within_parabola(asked: Demand, held: Held, largest: float, stall: float) ->
     """
     import numpy as np
 
-    flow, force = (np.real(one[:, None] * turn(720)) for one in (asked.of("flow"), asked.force))
+    flow, force = (np.real(one[:, None] * turn(720)) for one in (asked["flow"], asked["force"]))
     sign = np.sign(flow)
     leaked = abs(held["flow"])
     slope = largest**2 * sign * force / stall + 2 * np.abs(flow) * leaked
