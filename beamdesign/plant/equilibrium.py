@@ -5,7 +5,7 @@ What would fill the machine with steps is refused before it is begun.
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, cached_property
 from math import ceil, log
 from operator import itemgetter
 from typing import Any
@@ -27,10 +27,15 @@ class StateSpace:
     c: np.ndarray
     d: np.ndarray
 
+    @cached_property
+    def poles(self) -> np.ndarray:
+        """(n,) rad/s."""
+        return np.asarray(np.linalg.eigvals(self.a))
+
     @property
     def stable(self) -> bool:
         """Whether all poles lie in the open left half plane."""
-        return bool((np.linalg.eigvals(self.a).real < 0).all())
+        return bool((self.poles.real < 0).all())
 
     def at(self, s: np.ndarray) -> np.ndarray:
         """(n, outputs, inputs) at the complex frequencies s (n,)."""
@@ -46,10 +51,6 @@ class StateSpace:
             np.hstack([self.d @ first.c, self.c]),
             self.d @ first.d,
         )
-
-
-class Linearisation(StateSpace):
-    """A rig about an operating point; names as in the assembly."""
 
 
 @cache
@@ -88,8 +89,8 @@ class _InPlace:
         self._buffer = buffer  # CasADi does not hold on to it
 
 
-def linearise(assembly: Assembly, x: np.ndarray, u: np.ndarray, parameters: np.ndarray) -> Linearisation:
-    """Linearise by algorithmic differentiation at time 0.
+def linearise(assembly: Assembly, x: np.ndarray, u: np.ndarray, parameters: np.ndarray) -> StateSpace:
+    """A rig about an operating point, names as in the assembly, by algorithmic differentiation at time 0.
 
     Args:
         assembly: the rig.
@@ -98,7 +99,7 @@ def linearise(assembly: Assembly, x: np.ndarray, u: np.ndarray, parameters: np.n
         parameters: in the assembly's order.
     """
     values = _derivatives(assembly.kinds)(0.0, x, u, parameters)[1:]
-    return Linearisation(*(np.asarray(value) for value in values))
+    return StateSpace(*(np.asarray(value) for value in values))
 
 
 def equilibrium(assembly: Assembly, u: np.ndarray, parameters: np.ndarray) -> np.ndarray:
@@ -216,8 +217,8 @@ def refuse_too_many(steps: float, key: str, reason: str) -> None:
 
 def _fastest_pole(assembly: Assembly, place: Place, parameters: np.ndarray) -> float:
     """Modulus of the fastest pole, rad/s; infinite where the equations leave the numbers."""
-    a = linearise(assembly, *place, parameters).a
-    return float(np.abs(np.linalg.eigvals(a)).max()) if np.isfinite(a).all() else np.inf
+    found = linearise(assembly, *place, parameters)
+    return float(np.abs(found.poles).max()) if np.isfinite(found.a).all() else np.inf
 
 
 def _why(assembly: Assembly, place: Place, parameters: np.ndarray) -> str:

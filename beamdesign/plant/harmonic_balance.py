@@ -27,7 +27,7 @@ from scipy.optimize import brentq
 
 from beamdesign.loop import CriticalGain
 from beamdesign.plant.assembly import OUTPUTS, Structure, assemble, parameters_of, structure_of
-from beamdesign.plant.equilibrium import Linearisation, equilibrium, linearise, newton_step, scales
+from beamdesign.plant.equilibrium import StateSpace, equilibrium, linearise, newton_step, scales
 from beamdesign.prototype import Prototype
 
 DISPLACEMENT = OUTPUTS.index("displacement_m")
@@ -61,7 +61,7 @@ class FreeRig:
         """States (n,) at rest under a constant force on the tip (N)."""
         return equilibrium(self.assembly, np.array([preload, 0.0, 0.0]), self.at_gain(gain))
 
-    def linear(self, gain: float, preload: float = 0.0) -> Linearisation:
+    def linear(self, gain: float, preload: float = 0.0) -> StateSpace:
         """The rig linearised there."""
         return linearise(self.assembly, self.rest(gain, preload), np.array([preload, 0.0, 0.0]), self.at_gain(gain))
 
@@ -244,7 +244,7 @@ def linear_critical_gain(prototype: Prototype, outer_end_mass: float = 0.0, prel
     rig = FreeRig(prototype, outer_end_mass)
 
     def poles(logarithm: float) -> np.ndarray:
-        found = np.linalg.eigvals(rig.linear(float(np.exp(logarithm)), preload).a)
+        found = rig.linear(float(np.exp(logarithm)), preload).poles
         # Friction's memory and a rod free in its play are poles at the origin, which are no oscillation.
         return np.asarray(found[np.abs(found.imag) > _SLOWEST])
 

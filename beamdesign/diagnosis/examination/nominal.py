@@ -8,7 +8,6 @@ its own: saturate, lag, have another gain.
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from functools import cached_property
 from math import inf, log, pi, sqrt
 
 import numpy as np
@@ -20,25 +19,15 @@ from beamdesign.diagnosis.data.dataset import FrequencyResponse, MeasuredGain, T
 from beamdesign.diagnosis.fitting.weighting import TOP, faded, white
 from beamdesign.plant.assembly import assemble, parameters_of, structure_of
 from beamdesign.plant.component import HEARD, state_space
-from beamdesign.plant.equilibrium import Linearisation, linearise
+from beamdesign.plant.equilibrium import StateSpace, linearise
 from beamdesign.prototype import Prototype
 from beamdesign.quantities import LawGain, range_of
 
 CHANNELS = ("current_A", "displacement_m", "load_pressure_Pa", "inner_displacement_m")
 
 
-class NominalLoop(Linearisation):
+class NominalLoop(StateSpace):
     """The closed loop of a prototype without effects, from force and command to `CHANNELS`."""
-
-    @cached_property
-    def poles(self) -> np.ndarray:
-        """(n,) rad/s."""
-        return np.asarray(np.linalg.eigvals(self.a))
-
-    @property
-    def stable(self) -> bool:
-        """Whether every pole is in the left half-plane."""
-        return bool(np.all(self.poles.real < 0))
 
     @property
     def slowest_Hz(self) -> float:

@@ -24,7 +24,7 @@ from beamdesign.diagnosis.fitting.replay import bearing, law_of_play
 from beamdesign.diagnosis.fitting.swept_sine import SweptSine, depends_on_size
 from beamdesign.diagnosis.fitting.weighting import INDEPENDENT, SHARE
 from beamdesign.plant.assembly import OUTPUTS, Assembly, assemble, parameters_of
-from beamdesign.plant.equilibrium import Linearisation, equilibrium, equilibrium_sensitivity, linearise, scales
+from beamdesign.plant.equilibrium import StateSpace, equilibrium, equilibrium_sensitivity, linearise, scales
 from beamdesign.prototype import Prototype
 
 LEFT_BEHIND = ("current_saturation", "valve_deadband", "valve_hysteresis")
@@ -121,7 +121,7 @@ class LinearModel:
         both[0][flow], both[1][flow] = _OPEN_M3_PER_S, -_OPEN_M3_PER_S
         return both
 
-    def at(self, p: np.ndarray, x: np.ndarray) -> Linearisation:
+    def at(self, p: np.ndarray, x: np.ndarray) -> StateSpace:
         """The linear loop at a point; at several at once, (P, K) and (n, K), its matrices stand side by side."""
         inputs = np.zeros((3, *x.shape[1:]))
         inputs[0] = self.load
@@ -154,7 +154,7 @@ class LinearModel:
         rates = 2j * np.pi * hertz[:, None, None, None]
         return np.asarray(np.linalg.solve(rates * np.eye(states) - a, b[..., None] + 0j * rates)[..., 0])
 
-    def slopes(self, z: np.ndarray, x: np.ndarray, gain: float | None = None) -> list[Linearisation]:
+    def slopes(self, z: np.ndarray, x: np.ndarray, gain: float | None = None) -> list[StateSpace]:
         """Derivatives of the linear loop by every unknown, the point moving along, by central differences."""
         here, by_z = self.parameters(z, gain), self._by_z(z)
         moved = np.zeros((len(x), by_z.shape[1])) if self._still else self._moved(x, here, by_z)
@@ -170,7 +170,7 @@ class LinearModel:
             return np.asarray((stacked[:count] - stacked[count:]) / (2 * _STEP))
 
         parts = [differences(getattr(ends, key)) for key in ("a", "b", "c", "d")]
-        return [Linearisation(*(part[k] for part in parts)) for k in range(count)]
+        return [StateSpace(*(part[k] for part in parts)) for k in range(count)]
 
     def _moved(self, x: np.ndarray, p: np.ndarray, by_z: np.ndarray) -> np.ndarray:
         """(n, K) derivative of the point by the unknowns."""
@@ -384,5 +384,5 @@ def scatter(measured: FrequencyResponse) -> np.ndarray:
     return np.maximum(found, _DIGITS)
 
 
-def _mean(loops: list[Linearisation]) -> Linearisation:
-    return Linearisation(*(sum(getattr(loop, key) for loop in loops) / len(loops) for key in ("a", "b", "c", "d")))
+def _mean(loops: list[StateSpace]) -> StateSpace:
+    return StateSpace(*(sum(getattr(loop, key) for loop in loops) / len(loops) for key in ("a", "b", "c", "d")))
