@@ -7,7 +7,7 @@ import hashlib
 import json
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
-from functools import cache, lru_cache
+from functools import cache
 from importlib.metadata import version
 from operator import attrgetter
 from typing import Any, Literal
@@ -297,22 +297,6 @@ def parsed(task: str, document: Mapping[str, Any], options: Mapping[str, Any]) -
     if problems:
         raise InputError(task, problems)
     return found[0], found[1]
-
-
-def inputs_hold(task: str, document: Mapping[str, Any], options: Mapping[str, Any], inputs_sha256: str) -> bool:
-    """Whether a digest is that of a case's inputs, as its task reads them or, where it does not, as they stand."""
-    given = _text(document), _text(options)
-    read = _as_read(TASKS[task].record, given[0]), _as_read(TASKS[task].options, given[1])
-    return any(_digest(task, *texts) == inputs_sha256 for texts in (read, given))
-
-
-@lru_cache(maxsize=64)  # cases of a sweep over options share their document
-def _as_read(record: type[Record], text: str) -> str:
-    """Tables as a record has them, defaults filled in; nothing where it does not accept them."""
-    try:
-        return _text(records.parse(record, json.loads(text), "").model_dump(mode="json"))
-    except InputError:
-        return ""
 
 
 def _text(tables: Mapping[str, Any]) -> str:
