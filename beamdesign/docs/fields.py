@@ -63,20 +63,17 @@ def _limits(annotation: Any) -> Iterator[Any]:
             yield from _limits(part)
 
 
+_SIDES = {"ge": "at least", "gt": "above", "le": "at most", "lt": "below"}
+"""Limits that a type may state, at most one to each side."""
+
+
 def bounds_of(field: FieldInfo) -> str:
     """The range of a field's figures; empty where nothing limits them."""
     limits = (*field.metadata, *_limits(field.annotation))
     if plausible := [limit for limit in limits if isinstance(limit, Plausible)]:
         return f"from {plausible[0]}"
-
-    def narrowest(sign: int, *sides: tuple[str, str]) -> list[str]:
-        """Of the limits on one side; of equal ones the strict."""
-        stated = ((getattr(limit, side, None), k, word) for limit in limits for k, (side, word) in enumerate(sides))
-        found = [(sign * float(value), k, f"{word} {value:g}") for value, k, word in stated if value is not None]
-        return [max(found)[2]] if found else []
-
-    low, high = narrowest(1, ("ge", "at least"), ("gt", "above")), narrowest(-1, ("le", "at most"), ("lt", "below"))
-    return ", ".join(low + high)
+    stated = ((word, getattr(limit, side, None)) for side, word in _SIDES.items() for limit in limits)
+    return ", ".join(dict.fromkeys(f"{word} {value:g}" for word, value in stated if value is not None))
 
 
 def default_of(field: FieldInfo) -> str:
