@@ -46,16 +46,11 @@ class Reach:
     """Where the linear model stops.
 
     Attributes:
-        varied: `load`, constant, N, either way, under a small vibration; `force`, amplitude, N, about no load; or
-            `air`, volume share of free air, under a small vibration.
-        frequency_Hz: of the vibration.
-        limit: up to which the amplitude is off by no more than `SHARE`; the largest asked where `departure` is less;
-            zero where it is off by more at all that was tried.
+        limit: of what is varied, up to which the amplitude is off by no more than `SHARE`; the largest asked where
+            `departure` is less; zero where it is off by more at all that was tried.
         departure: of the amplitude there, relative to the linear model's; -1 or infinite where there is no balance.
     """
 
-    varied: Varied
-    frequency_Hz: float
     limit: float
     departure: float
 
@@ -124,7 +119,8 @@ def reach(prototype: Prototype, varied: Varied, frequency: float, outer_end_mass
 
     Args:
         prototype: rig with a controller and its effects; air is raised in the law that it has of it, else in the first.
-        varied: what is raised.
+        varied: what is raised: `load`, constant, N, either way, under a small vibration; `force`, amplitude, N, about
+            no load; or `air`, volume share of free air, under a small vibration.
         frequency: of the vibration, Hz.
         outer_end_mass: payload, kg.
     """
@@ -155,11 +151,11 @@ def reach(prototype: Prototype, varied: Varied, frequency: float, outer_end_mass
             if before is None and varied != "air":  # of which no law takes less than the first
                 before = _below(at, float(value))
             if before is None:
-                return Reach(varied, frequency, 0.0, found)
+                return Reach(0.0, found)
             limit = _narrowed(at, before, float(value))
-            return Reach(varied, frequency, limit * scale, at(limit))
+            return Reach(limit * scale, at(limit))
         before = float(value)
-    return Reach(varied, frequency, high * scale, found)
+    return Reach(high * scale, found)
 
 
 def _below(at: Callable[[float], float], first: float) -> float | None:
