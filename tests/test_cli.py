@@ -11,6 +11,7 @@ import signal
 import subprocess
 import sys
 import time
+import tomllib
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -339,6 +340,7 @@ def test_what_does_not_fit_is_told_with_what_to_do(arguments: list[str], told: s
         ("simulate {fast} --scenario {kick}", "{fast}: controller.period_s: a rate of 2000 Hz"),
         ("simulate {scheduled} --scenario {bench}", "{bench}: record.thrown.start_m: is for an actuator bench"),
         ("simulate {scheduled} --scenario {quick}", "{quick}: sample_s: must be the period"),
+        ("simulate {scheduled} --scenario {namesake}", "{scheduled} or {namesake}: sample_s: must be the period"),
         ("code {scheduled} --rate-Hz 5000", "{scheduled}: controller.kind: 'scheduled' is not for what takes one law"),
         ("arm {lumped}", "{lumped}: arm.end_polar_inertia_kg_m2: missing"),
     ],
@@ -355,6 +357,8 @@ def test_what_a_record_is_refused_for_is_told_of_its_file(arguments: str, told: 
             line for line in RIG.read_text(encoding="utf-8").splitlines() if not line.startswith("width")
         ),
     }
+    own = tomllib.loads((ROOT / "studies/scheduled/prototype.toml").read_text(encoding="utf-8"))["name"]
+    made["namesake"] = re.sub(r"(?m)^name = .*$", f'name = "{own}"', made["quick"], count=1)
     for name, text in made.items():
         (tmp_path / f"{name}.toml").write_text(text, encoding="utf-8")
     paths = {name: tmp_path / f"{name}.toml" for name in made}

@@ -9,7 +9,7 @@ import inspect
 import re
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from copy import copy
 from dataclasses import dataclass
 from functools import wraps
@@ -128,15 +128,14 @@ def _errors_by_file(files: Mapping[str, Path]) -> Iterator[None]:
 
         if not isinstance(error, InputError) or error.source in map(str, files.values()):
             raise
-        record = error.source.partition(", stage ")[0]
+        record, named = error.source.partition(", stage ")[0], list[str]()
         for option, path in files.items():
-            try:
-                name = str(read_table(path).get("name"))
-            except InputError:  # not yet come to
-                continue
-            if record in (name, option):
-                raise InputError(f"{path}{error.source.removeprefix(record)}", error.problems) from error
-        raise
+            with suppress(InputError):  # not yet come to
+                if record in (str(read_table(path).get("name")), option):
+                    named.append(str(path))
+        if not named:
+            raise
+        raise InputError(f"{' or '.join(named)}{error.source.removeprefix(record)}", error.problems) from error
 
 
 def _described(work: Callable[..., Any]) -> tuple[str, dict[str, str]]:
