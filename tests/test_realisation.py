@@ -1,6 +1,7 @@
 """Controllers as machines carry them out: sections, words, C, the loop as realised, and what these cost."""
 
 import json
+import re
 from dataclasses import replace
 from fractions import Fraction
 from math import atan, degrees, pi, tan
@@ -674,6 +675,14 @@ def test_the_command_writes_code_that_is_proved(tmp_path: Path) -> None:
     fields = json.loads(answer.read_text())
     assert fields["proved"] is True
     assert fields["word_length"] == 24
+    rounding = [mass["rounding"] for mass in fields["masses"]]
+    bounds = [
+        scale * max(mass[name] for mass in rounding)
+        for name, scale in (("displacement_m", 1e6), ("expected_displacement_m", 1e6), ("current_A", 1e3))
+    ]
+    told = re.search(r"at most (\S+) um at the samples\s+\(expected (\S+) um RMS\) and the\s+current by (\S+) mA", said)
+    assert told is not None
+    assert all(bound <= float(figure) <= 1.01 * bound for bound, figure in zip(bounds, told.groups(), strict=True))
     assert fields["masses"][0]["late"]["peak_sensitivity"] > fields["masses"][0]["continuous"]["peak_sensitivity"]
     assert {Path(file).name for file in fields["files"]} == {HEADER, LAW, SELF_TEST}
     assert {file.name for file in (tmp_path / "c").iterdir()} == {HEADER, LAW, SELF_TEST}

@@ -105,6 +105,9 @@ def _compiles(folder: Path) -> bool:
 
 
 def _echo_code(code: "ProvedCode") -> None:
+    from decimal import ROUND_CEILING
+
+    from beamdesign.quantities import decimal
     from beamdesign.structure.arm import left_aside
 
     made, masses = code.realisation, code.outer_end_mass_kg
@@ -121,10 +124,13 @@ def _echo_code(code: "ProvedCode") -> None:
     echo_table(title, ("", "continuous", "as realised, at once", "one period late"), code.loop_rows())
     effects = [at.rounding for at in code.masses if at.rounding is not None]
     if effects:
+        most_um, expected_um, most_mA = (
+            decimal(scale * max(getattr(one, name) for one in effects), 3, ROUND_CEILING)
+            for name, scale in (("displacement_m", 1e6), ("expected_displacement_m", 1e6), ("current_A", 1e3))
+        )
         echo(
-            f"rounding moves the tip by at most {1e6 * max(one.displacement_m for one in effects):.3g} um"
-            f" (expected {1e6 * max(one.expected_displacement_m for one in effects):.3g} um RMS) and the current by"
-            f" {1e3 * max(one.current_A for one in effects):.3g} mA, limit cycles included"
+            f"at these masses, one period late, rounding moves the tip by at most {most_um} um at the samples"
+            f" (expected {expected_um} um RMS) and the current by {most_mA} mA, limit cycles included"
         )
         if (most := max(one.error_V for one in effects)) > 0.1 * made.full_scale_V:
             echo(f"  that is up to {most:.3g} V of error in {made.full_scale_V:g} V of full scale: take longer words")

@@ -224,7 +224,7 @@ def l1_norms(a: np.ndarray, b: np.ndarray, c: np.ndarray, d: np.ndarray) -> np.n
         rest = ahead @ np.abs(inverse @ state)
         if np.all(rest <= _RELATIVE * total + 1e-300):
             return np.asarray(total + rest)
-    raise ValueError(f"no decay within {_MOST_STEPS} steps")
+    raise ValueError(f"it takes more than {_MOST_STEPS} samples to come to rest; at a lower rate it takes fewer")
 
 
 def l2_norms(a: np.ndarray, b: np.ndarray, c: np.ndarray, d: np.ndarray) -> np.ndarray:
