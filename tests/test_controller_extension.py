@@ -21,17 +21,19 @@ from beamdesign import (
     read_scenario,
     simulate,
     state_space,
+    tune,
     write_prototype,
 )
 from beamdesign.build.analogue import circuit_of
 from beamdesign.build.specification import digital_controller
 from beamdesign.cli import app
-from beamdesign.controllers import KINDS, Break, Cascade, Lag, register
+from beamdesign.controllers import KINDS, Break, Cascade, Lag, Section, register
 from beamdesign.controllers.cascade import Factor
 from beamdesign.docs import keys
 from beamdesign.loop import loop
 from beamdesign.records import to_toml
 from beamdesign.scenario import Sampled, ScenarioRecord
+from beamdesign.synthesis.tuning import tunable
 
 SHIPPED = Path(__file__).parent.parent / "studies" / "prototypes" / "paper_remedy.toml"
 SCENARIO = SHIPPED.parent.parent / "scenarios" / "kick.toml"
@@ -181,6 +183,56 @@ def test_its_sampled_loop_is_simulated(rig: Prototype) -> None:
     sampled, continuous = (simulate(rig, each).records[0] for each in (plan, plan.but(sampled=None)))
     moved = continuous.column("displacement_m")
     assert np.abs(sampled.column("displacement_m") - moved).max() < 0.01 * np.abs(moved).max()
+
+
+class Notched(Cascade):
+    """A lag and a notch, whose zeros and poles share a field."""
+
+    kind: Literal["notched"] = "notched"
+    pole_Hz: float
+    zero_Hz: float
+    notch_Hz: float
+    depth: float
+    width: float
+
+    @property
+    def factors(self) -> tuple[Factor, ...]:
+        ends = {"zero_Hz": self.notch_Hz, "pole_Hz": self.notch_Hz}
+        notch = Section(**ends, zero_damping_ratio=self.depth, pole_damping_ratio=self.width)
+        return Break(self.pole_Hz, self.zero_Hz), notch
+
+    @classmethod
+    def seeds(cls) -> tuple["Notched", ...]:
+        return (cls(gain_A_per_V=3e-3, pole_Hz=1.0, zero_Hz=30.0, notch_Hz=100.0, depth=0.3, width=0.7),)
+
+
+class ZeroFirst(Cascade):
+    """A lag whose fields stand in another order than the figures of its factor."""
+
+    kind: Literal["zero_first"] = "zero_first"
+    zero_Hz: float
+    pole_Hz: float
+
+    @property
+    def factors(self) -> tuple[Factor, ...]:
+        return (Break(self.pole_Hz, self.zero_Hz),)
+
+    @classmethod
+    def seeds(cls) -> tuple["ZeroFirst", ...]:
+        return (cls(gain_A_per_V=3e-3, pole_Hz=1.0, zero_Hz=30.0),)
+
+
+@pytest.mark.parametrize("kind", [Notched, ZeroFirst])
+def test_a_cascade_of_other_fields_than_its_figures_is_not_tuned_as_another_law(
+    kind: type[Notched | ZeroFirst], rig: Prototype, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    name = str(kind.model_fields["kind"].default)
+    monkeypatch.setitem(KINDS, name, kind)
+    (seed,) = kind.seeds()
+    assert seed.form() is None
+    assert name not in tunable()
+    with pytest.raises(InputError, match="has no form that is tuned"):
+        tune(rig.but(controller=seed), MASSES_KG, kind=name, sigmas=0.0)
 
 
 def test_a_scenario_keeps_its_figures(rig: Prototype) -> None:

@@ -216,12 +216,16 @@ class Cascade(Controller):
         denominator = prod((one.denominator for one in factors), start=fmpq_poly([1]))
         return SensedLaw(self.senses, (numerator,), denominator)
 
-    def form(self) -> "tuple[Form, np.ndarray]":
-        """Logarithms of its gain and of the figures of each factor, as its fields have them."""
+    def form(self) -> "tuple[Form, np.ndarray] | None":
+        """Logarithms of its gain and of the figures of each factor; None where its fields are not these, in order."""
         import numpy as np
 
         figures = [self.gain_A_per_V, *chain.from_iterable(factor.stated for factor in self.factors)]
-        return _form(type(self), tuple(map(type, self.factors))), np.log(figures)
+        try:
+            same = type(self).of(figures) == self
+        except ValueError:  # there are more or fewer of them
+            same = False
+        return (_form(type(self), tuple(map(type, self.factors))), np.log(figures)) if same else None
 
     @classmethod
     def of(cls, figures: Sequence[float]) -> Self:

@@ -51,7 +51,7 @@ from beamdesign.time_limit import is_limited, over, while_time, within
 
 def tunable() -> tuple[str, ...]:
     """What `tune` may be asked for: registered kinds of which a law can be sought, and kinds of synthesis."""
-    return *(name for name, kind in KINDS.items() if kind.seeds()), *SYNTHESES
+    return *(name for name, kind in KINDS.items() if any(seed.form() for seed in kind.seeds())), *SYNTHESES
 
 
 SMALLEST_BANDWIDTH_HZ = 1e-3
@@ -212,22 +212,26 @@ def tune_law(prototype: Prototype, masses_kg: tuple[float, float], asked: LawOpt
     if any(inside.low < inside.high for inside in riding):  # the gain varies while the end mass shows in the feedback
         raise InputError(prototype.name, gain_and_mass(prototype, masses_kg[1]))
     given = (members, prototype.goal, masses_kg, asked.inner_kg)
-    sought_from = own.form() if own is not None and own.sought["kind"] == kind else None
+    own_kind = own is not None and own.sought["kind"] == kind
+    sought_from = own.form() if own is not None and own_kind else None
     start = None if sought_from is None else Design(sought_from[0], np.append(sought_from[1], inner))
     if kind in SYNTHESES:
         effort = EFFORT if len(asked.sensors) == 1 else ADDED_SENSORS_EFFORT
         task = Search(*given, asked.sensors, spread, effort)
         alone = asked.near and start is not None and start.form.sensors == task.sensors and task.settled(start)
-        seeds = [(own, inner)] if own is not None and set(own.senses) <= set(asked.sensors) else []
-        found = search_observer(task, None if alone else kind, seeds, report)
+        near = [(own, inner)] if own is not None and set(own.senses) <= set(asked.sensors) else []
+        found = search_observer(task, None if alone else kind, near, report)
     else:
         task = Search(*given, start.form.sensors if start else SENSED[:1], spread)
-        starts, alone = from_seeds(task, KINDS[kind].seeds()), False
+        seeds = KINDS[kind].seeds()
+        starts, alone = from_seeds(task, seeds), False
         growths = asked.sections if KINDS[kind].grows else 0
         if start is not None and (asked.near or not starts) and task.settled(start):
             alone = growths > 0
             starts, growths = [start, *([] if growths else starts)], 0
         none = f"a {kind} controller is tuned from one of its kind with a stable loop, and the prototype has none"
+        if start is None and not starts and (seeds or own_kind):
+            raise InputError(prototype.name, [("controller.kind", f"{kind!r} has no form that is tuned; give a lag")])
         found = search(task, starts, growths, report) if starts else Found(None, (), 0, none)
     best = found.proved
     if best is None and alone and not over():

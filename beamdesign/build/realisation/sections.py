@@ -115,7 +115,8 @@ def factored(law: TransferFunction) -> tuple[float, list[Factor]]:
     numerator, denominator = law.numerator // common, law.denominator // common
     zeros, poles = (_groups([complex(r) for r in roots(p)]) for p in (numerator, denominator))
     if any(root == 0 for group in (*zeros, *poles) for root in group):
-        raise ValueError("a controller with a pole or zero at zero frequency has no sections of unit static gain")
+        reason = "has no sections of unit static gain; put a break far below the bandwidth in its place"
+        raise ValueError(f"a controller with a pole or zero at zero frequency {reason}")
     if any(root.real >= 0 for group in poles for root in group):
         raise ValueError("the controller itself is not stable")
     static = numerator(0) / denominator(0)
