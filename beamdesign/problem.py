@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Mapping
 from functools import partial
 from pathlib import Path
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 from pydantic import Field, SerializeAsAny
 
@@ -69,15 +69,19 @@ Tuned = Literal["lag", "proportional", "structured", "lqg", "hinf", "scheduled"]
 """Kinds of controller that are tuned; of lqg and hinf an observer comes out, of scheduled a lag for each stage."""
 
 
+if TYPE_CHECKING:
+    Added = Literal["inner_displacement_m", "load_pressure_Pa", "screw_force_N"]
+else:
+    Added = Literal[SENSORS[1:]]
+
+
 class Sought(Record):
     """What the tuner may use, whatever it is called where the kind of controller stands."""
 
     largest_inner_end_mass_kg: q.MassOrNone = Field(6.0, description="most mass the tuner may add inside")
     sections: int = Field(3, ge=1, le=3, description="second-order sections of a structured controller")
     stages: int = Field(3, ge=2, le=12, description="laws of a scheduled controller")
-    added_sensors: tuple[Literal["inner_displacement_m", "load_pressure_Pa", "screw_force_N"], ...] = Field(
-        (), description="what lqg and hinf read beside the displacement"
-    )
+    added_sensors: tuple[Added, ...] = Field((), description="what lqg and hinf read beside the displacement")
 
     @property
     def sought(self) -> dict[str, Any]:

@@ -34,8 +34,9 @@ from beamdesign.scenario import Sampled, Scenario, ScenarioRecord, Sine, Step
 from beamdesign.structure.lumped import figures
 from beamdesign.synthesis.end_stiffness import controller_of, judge, sensed, servo_stiffness
 from beamdesign.synthesis.operating_limits import demand, envelope, needs
-from beamdesign.synthesis.stiffness_search import carried_out
+from beamdesign.synthesis.stiffness_search import carried_out, stiffness
 from beamdesign.synthesis.tuning import limited
+from beamdesign.time_limit import within
 from beamdesign.validation.truth import rates
 
 FELT = "screw_force_N"
@@ -420,3 +421,13 @@ def test_an_end_with_a_screw_is_proved_and_simulated(rig: Prototype, compliant: 
         at_rest, force = (record.column(name)[-200:].mean() for name in ("displacement_m", "screw_force_N"))
         assert at_rest == pytest.approx(20.0 / compliant.end_stiffness_N_per_m, rel=2e-3)
         assert force == pytest.approx(figures(rig)["outer_stiffness"] * at_rest - 20.0, rel=2e-3)
+
+
+def test_a_gain_for_an_end_stiffness_is_sought_within_what_a_law_may_have(rig: Prototype) -> None:
+    """With a sensor of 20 V/m three powers of ten above the least gain are beyond 10 kA/V."""
+    slow = rig.but(sensor=rig.sensor.but(gain_V_per_m=20.0))
+    with within(0.03):
+        found = stiffness(slow, 3e5, (0.0, 1.0), contact="none", rigs=0)
+    assert found.tried
+    servo = found.prototype.compliance.servo if found.prototype else None
+    assert servo is None or servo.gain_A_per_V <= 1e4

@@ -144,6 +144,15 @@ def test_components_realise_gain_pole_and_zero(gain: float, pole: float, ratio: 
     assert float(circuit.law.gain_A_per_V) == pytest.approx(gain, rel=0.06)
 
 
+@pytest.mark.parametrize("largest_A", [0.04, 0.5, 20.0])
+def test_the_largest_current_leaves_no_more_over_its_sense_resistor_than_an_amplifier_gives(largest_A: float) -> None:
+    asked = Lag(gain_A_per_V=40.0 * largest_A, pole_Hz=1.5, zero_Hz=25.0)
+    circuit = circuit_of(asked, "E96", "E6", largest_current_A=largest_A)
+    assert circuit.sense_ohm * largest_A <= 10.0
+    assert float(circuit.law.gain_A_per_V) == pytest.approx(asked.gain_A_per_V, rel=0.06)
+    assert circuit.sense_ohm >= 4.7 or largest_A > 10.0 / 47.0
+
+
 def test_a_motors_drive_takes_the_last_stages_volts() -> None:
     """A drive of 1.8 A/V, 18 A at 10 V: no sense resistor, of no tolerance; two stages share the gain."""
     asked = Lag(gain_A_per_V=1500.0, pole_Hz=5.6, zero_Hz=20.0)

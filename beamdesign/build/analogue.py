@@ -89,7 +89,8 @@ def analogue_controllers(
     found: dict[tuple[float, ...], AnalogueController] = {}
     for k, (resistors, capacitors) in enumerate(SERIES):
         progress(k / len(SERIES), f"analogue controller, {resistors}")
-        one = circuit_of(asked, resistors, capacitors, prototype.actuator.drive_gain())
+        drive, largest = prototype.actuator.drive_gain(), prototype.actuator.largest_current_A(prototype)
+        one = circuit_of(asked, resistors, capacitors, drive, largest)
         values = tuple(one.parts.values())
         if values not in found:
             found[values] = _certified(prototype, asked, masses_kg, one)
@@ -159,6 +160,8 @@ _SMALL_F = (1e-9, 4.7e-6)
 """For breaks that lie higher, and for biquads."""
 _RESISTORS_OHM = (1e3, 2.2e6)
 _SENSE_OHM = (4.7, 47.0)
+_OUTPUT_V = 10.0
+"""The most that an amplifier is asked for: no larger resistance senses the largest current."""
 _INPUT_OHM = (4.7e3, 1e6)
 _PLAIN_OHM = (2e4, 3e4)
 _INVERTER_OHM = (1e4, 3e4)
@@ -169,7 +172,11 @@ _BESIDE = np.geomspace(0.1, 10.0, 21)
 
 
 def circuit_of(
-    controller: Controller, resistors: Series, capacitors: Series, drive_A_per_V: float | None = None
+    controller: Controller,
+    resistors: Series,
+    capacitors: Series,
+    drive_A_per_V: float | None = None,
+    largest_current_A: float | None = None,
 ) -> Circuit:
     """The values of two series that come nearest to a controller of the displacement alone.
 
@@ -186,7 +193,8 @@ def circuit_of(
     ratios = [_ratio(*factor) for factor in _joined(factors)]
     first = next((ratio for ratio in ratios if _kind(ratio) == "lag"), Ratio(1.0))
     driven = drive_A_per_V is not None
-    senses = (1 / drive_A_per_V,) if drive_A_per_V else values_between(resistors, *_SENSE_OHM)
+    share = min(1.0, _OUTPUT_V / _SENSE_OHM[1] / (largest_current_A or 1e-3))
+    senses = (1 / drive_A_per_V,) if drive_A_per_V else values_between(resistors, *(share * ohm for ohm in _SENSE_OHM))
     for boost in _BOOSTS:
         if made := _first(abs(gain) / boost, first, resistors, capacitors, senses):
             break

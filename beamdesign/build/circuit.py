@@ -19,7 +19,7 @@ times those that it is given:
   and Rb back, and the formulas have R4 or R6 times -Ri / Rb. A resistor that would be infinite is left out.
 
 The first stage sums: it has R1 twice, from the command and from the inverted volts of the sensor. The last, a power
-amplifier, drives the valve's coil so that the voltage over the sense resistor Rs in series with it is the last
+amplifier, drives the actuator's coil so that the voltage over the sense resistor Rs in series with it is the last
 stage's output, or that inverted. A motor's drive takes these volts as its command instead: its scale, volts per ampere,
 stands for Rs, and counts as exact.
 """

@@ -36,8 +36,9 @@ if TYPE_CHECKING:
 
 LARGEST_ORDER = 12
 
-_TYPICAL = dict(zip((*SENSORS, "command_V"), (0.1, 1e-4, 1e6, 1e3, 0.1), strict=True))
-"""V, m, Pa, N and V: of what a controller is given."""
+_OF_UNIT = {"m": 1e-4, "Pa": 1e6, "N": 1e3}
+_TYPICAL = {name: _OF_UNIT.get(name.rpartition("_")[2], 1.0) for name in SENSORS} | {SENSORS[0]: 0.1, "command_V": 0.1}
+"""Of what a controller is given, of the displacement and the command in V."""
 
 Entries = tuple[q.MatrixEntry, ...]
 

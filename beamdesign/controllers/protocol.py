@@ -11,6 +11,7 @@ from math import inf, pi
 from typing import TYPE_CHECKING, Any, ClassVar, Literal, TypeVar
 
 from beamdesign.kinded import Kinded
+from beamdesign.plant.actuators import FELT
 from beamdesign.records import InputError
 
 if TYPE_CHECKING:
@@ -21,18 +22,17 @@ if TYPE_CHECKING:
 
     from beamdesign.plant.component import Law
 
-Sensed = Literal["displacement_m", "inner_displacement_m", "load_pressure_Pa", "screw_force_N"]
-SENSED: tuple[Sensed, ...] = ("displacement_m", "inner_displacement_m", "load_pressure_Pa")
-"""What a controller of a cylinder may sense: the outer tip, which every controller does, inner tip, load pressure."""
-SENSORS: tuple[Sensed, ...] = (*SENSED, "screw_force_N")
-"""The same of all rigs, in their order."""
+if TYPE_CHECKING:
+    Sensed = Literal["displacement_m", "inner_displacement_m", "load_pressure_Pa", "screw_force_N"]
+    SENSORS: tuple[Sensed, ...]
+else:
+    SENSORS = ("displacement_m", "inner_displacement_m", *FELT)
+    Sensed = Literal[SENSORS]
+"""What a controller may sense of any rig: outer tip, which every one does, inner tip, what each actuator feels."""
+SENSED: tuple[Sensed, ...] = SENSORS[:3]
+"""The same of a cylinder: outer tip, inner tip, load pressure."""
 
-ERRORS = {
-    "displacement_m": "error_V",
-    "inner_displacement_m": "inner_displacement_error_m",
-    "load_pressure_Pa": "load_pressure_error_Pa",
-    "screw_force_N": "screw_force_error_N",
-}
+ERRORS = {name: "error_V" if name == SENSORS[0] else "_error_".join(name.rsplit("_", 1)) for name in SENSORS}
 """What a controller is given of each thing sensed: what it should be, zero but for the command, less what it is."""
 
 Need = Literal["lag", "lag and sections", "one sensor", "one law"]
@@ -225,12 +225,13 @@ class Controller(Kinded):
             a (n, n), b (n, p), c (n,) and d (p,), and (n,) what command_V does to the states beside its part of the
             error.
         """
-        from beamdesign.plant.component import HEARD, state_space
+        from beamdesign.plant.component import heard, state_space
 
         a, b, c, d = state_space(self.equations, self.figures())
-        places = [HEARD.index("error_V" if name == SENSED[0] else name) for name in self.senses]
+        columns = heard()
+        places = [columns.index("error_V" if name == SENSED[0] else name) for name in self.senses]
         signs = [1.0, *[-1.0] * len(self.added)]
-        return a, b[:, places] * signs, c, d[places] * signs, b[:, HEARD.index("command_V")]
+        return a, b[:, places] * signs, c, d[places] * signs, b[:, columns.index("command_V")]
 
     def sensor_responses(self, frequency_Hz: "np.ndarray") -> "dict[str, np.ndarray]":
         """Current over gain_A_per_V for each thing sensed, with its sign turned: (N,) complex, per V, m or Pa."""

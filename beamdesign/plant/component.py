@@ -259,14 +259,15 @@ class Series:
         return figure["gain"] * signal, rates
 
 
-SENSED: dict[str, Callable[[Signals, Signals], Any]] = {
-    "displacement_m": lambda port, state: port["error_V"],
-    "inner_displacement_m": lambda port, state: -state["inner_m"],
-    "load_pressure_Pa": lambda port, state: state["pressure_b_Pa"] - state["pressure_a_Pa"],
-    "screw_force_N": lambda port, state: -port["actuator_force_N"],
-    "command_V": lambda port, state: port["command_V"],
-}
-"""What a controller of several sensors is given of each: what it should be less what it is; and its command."""
+FELT: list[str] = []
+"""Ports of what actuators feel of their load, named as in a record; every kind of actuator adds its own."""
+
+
+def _given(port: Signals, state: Signals) -> dict[str, Any]:
+    """What a controller of several sensors is given of each: what it should be less what it is; and its command."""
+    felt = {name: -port[name] for name in FELT if name in port}
+    outer, inner = port["error_V"], -state["inner_m"]
+    return {"displacement_m": outer, "inner_displacement_m": inner, **felt, "command_V": port["command_V"]}
 
 
 @dataclass(frozen=True)
@@ -275,7 +276,7 @@ class Matrices:
 
     Attributes:
         order: number of states.
-        sensed: of `SENSED`.
+        sensed: of what is given; see `heard`.
     """
 
     order: int
@@ -296,7 +297,7 @@ class Matrices:
 
     def current_and_rates(self, port: Signals, figure: Signals, state: Signals) -> tuple[Any, dict[str, Any]]:
         """See `Law`."""
-        given = {sensor: given(port, state) for sensor, given in SENSED.items() if sensor in self.sensed}
+        given = {name: signal for name, signal in _given(port, state).items() if name in self.sensed}
         current = sum(figure[f"observer_d_{sensor}"] * signal for sensor, signal in given.items())
         for i, name in enumerate(self.states, start=1):
             current += figure[f"observer_c_{i}"] * state[name]
@@ -307,12 +308,13 @@ class Matrices:
         }
 
 
-HEARD = ("error_V", "command_V", "inner_displacement_m", "load_pressure_Pa", "screw_force_N")
-"""All that a law may go by, as it is recorded."""
+def heard() -> tuple[str, ...]:
+    """All that a law may go by, as it is recorded."""
+    return ("error_V", "command_V", "inner_displacement_m", *FELT)
 
 
 def state_space(law: Law, figure: Signals) -> "tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]":
-    """A (n, n), B (n, 5), C (n,) and D (5,) of a law from `HEARD` to its current (A), read off its own equations.
+    """A (n, n), B (n, h), C (n,) and D (h,) of a law from what is `heard` to its current (A), read off its equations.
 
     Args:
         law: linear, as every law of a controller is.
@@ -320,12 +322,10 @@ def state_space(law: Law, figure: Signals) -> "tuple[np.ndarray, np.ndarray, np.
     """
     import numpy as np
 
-    rows = []
-    for unit in np.eye(len(law.states) + len(HEARD)):
-        own = dict(zip((*law.states, *HEARD), unit.tolist(), strict=True))
-        state = own | {"inner_m": own["inner_displacement_m"], "pressure_a_Pa": own["load_pressure_Pa"]}
-        state["pressure_b_Pa"], own["actuator_force_N"] = 0.0, own["screw_force_N"]
-        current, rates = law.current_and_rates(own, figure, state)
+    rows, names = [], (*law.states, *heard())
+    for unit in np.eye(len(names)):
+        own = dict(zip(names, unit.tolist(), strict=True))
+        current, rates = law.current_and_rates(own, figure, own | {"inner_m": own["inner_displacement_m"]})
         rows.append([*(rates[name] for name in law.states), current])
     whole, n = np.array(rows).T, len(law.states)
     return whole[:n, :n], whole[:n, n:], whole[n, :n], whole[n, n:]

@@ -136,12 +136,12 @@ def twin_beam(actuator: type[Actuator]) -> Rig:
     """Two beams with an actuator between their tips, and a law that goes by the outer tip's displacement."""
     felt, feel = actuator.feels
     own: dict[str, PortLaw] = {
-        felt: feel,
+        felt: lambda port, figure, state: port[felt],
         "inner_displacement_m": lambda port, figure, state: state["inner_m"],
         "outer_displacement_m": lambda port, figure, state: port["outer_tip_m"],  # of the tip itself
     }
     return Rig(
-        (BEAMS, SENSOR, *actuator.felt_by, CONTROLLER, *actuator.components, TIPS),
+        (BEAMS, SENSOR, *actuator.felt_by, Component({felt: feel}), CONTROLLER, *actuator.components, TIPS),
         _BEAM_STATES + actuator.states,
         (*rows_of(actuator), *MORE_FIGURES),
         _COMMANDED | own | _MEASURED,

@@ -26,7 +26,7 @@ from beamdesign.proofs.contact import Wall
 from beamdesign.proofs.performance import prove
 from beamdesign.proofs.rectangle import Rectangle
 from beamdesign.prototype import Compliance, Prototype
-from beamdesign.quantities import Stiffness
+from beamdesign.quantities import LawGain, Stiffness, range_of
 from beamdesign.result import Result, picked
 from beamdesign.synthesis import RIGS
 from beamdesign.synthesis.design_run import stating
@@ -218,7 +218,9 @@ class _Search:
         least = max(1.05 * self.end_stiffness, _SERVO_OVER_BEAM * beam)
         lowest[0] = np.log10(max(least_gain(self.prototype, least), 10 ** lowest[0]))
         # What a drive needs of current is its own affair, and may be more: a screw's, or that of a small piston.
-        highest[0] = max(highest[0], lowest[0] + _GAINS)
+        highest[0] = min(max(highest[0], lowest[0] + _GAINS), np.log10(range_of(LawGain).high))
+        if lowest[0] > highest[0]:
+            return None
         found: list[tuple[float, np.ndarray | None]] = []
         for k in range(_ROUNDS):
             progress(k / (_ROUNDS + 1))

@@ -20,15 +20,16 @@ from flint import ctx
 from beamdesign.build.realisation.law import Coefficient, LinearLaw, coefficients_of, fixed_point, linear_law, states_of
 from beamdesign.build.realisation.loop import LOOP_BITS, RealisedLoop, middle
 from beamdesign.build.realisation.sections import DiscreteLaw, discretised, laws_of
-from beamdesign.controllers import Controller, TransferFunction
+from beamdesign.controllers import SENSORS, Controller, TransferFunction
 from beamdesign.polynomial import at_points, exact, nearest
 from beamdesign.proofs.mass_family import floats
 from beamdesign.prototype import Prototype
 
 LEAST_WORD, LARGEST_WORD = 8, 32
 FULL_SCALE_V = 10.0
-FULL_SCALES = {"inner_displacement_m": 0.01, "load_pressure_Pa": 2.1e7, "screw_force_N": 1e4}
-"""Of the other readings where nothing says better: a beam's tip and an industrial supply."""
+_OF_UNIT = {"m": 0.01, "Pa": 2.1e7, "N": 1e4}
+FULL_SCALES = {name: _OF_UNIT.get(name.rpartition("_")[2], 1.0) for name in SENSORS[1:]}
+"""Of the other readings where nothing says better: a beam's tip, an industrial supply, a load cell."""
 FLOAT_STEP = 2.0**-23
 """Largest distance of neighbouring floats of 32 bits, relative."""
 
@@ -163,11 +164,13 @@ def realise(
 
 def full_scales_of(prototype: Prototype, full_scale_V: float) -> dict[str, float]:
     """Largest values of the readings beside the error: what the displacement's volts reach, and the supply pressure."""
-    return FULL_SCALES | {
-        "inner_displacement_m": full_scale_V / prototype.sensor.gain_V_per_m,
-        "load_pressure_Pa": prototype.supply.pressure_Pa or FULL_SCALES["load_pressure_Pa"],
-        "screw_force_N": max(2 * prototype.actuator.strength_N(prototype), FULL_SCALES["screw_force_N"]),
-    }
+    felt = prototype.actuator.feels[0]
+    own = {"inner_displacement_m": full_scale_V / prototype.sensor.gain_V_per_m}
+    if felt.endswith("_Pa") and prototype.supply.pressure_Pa:
+        own[felt] = prototype.supply.pressure_Pa
+    if felt.endswith("_N"):
+        own[felt] = max(2 * prototype.actuator.strength_N(prototype), FULL_SCALES[felt])
+    return FULL_SCALES | own
 
 
 def _places(linear: LinearLaw, word_length: int, place: int, full_scale: float) -> int:

@@ -70,12 +70,11 @@ class Places(NamedTuple):
 @cache
 def places(rig: str) -> Places:
     """Those of one of `beamdesign.plant.assembly.RIGS` with two beams."""
-    ports, actuator = RIGS[rig].ports, RIGS[rig].actuator
-    assert actuator is not None  # there are two beams
+    ports = RIGS[rig].ports
     own = {name: entry for name, entry in ENTRIES.items() if all(port in ports for port, _ in entry.ports)}
     local = [name for name in ports if not name.startswith(("area_", "bulk_", "chamber_", "supply_", "tank_"))]
     probed = dict.fromkeys(port for entry in own.values() for port, _ in entry.ports)
-    return Places(own, tuple(probed), (*local, actuator.feels[0], "displacement_m", "inner_m", "outer_m"))
+    return Places(own, tuple(probed), (*local, "displacement_m", "inner_m", "outer_m"))
 
 
 @dataclass(frozen=True)

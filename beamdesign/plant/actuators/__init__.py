@@ -15,7 +15,7 @@ from pydantic import Field, SerializerFunctionWrapHandler, create_model, model_s
 
 from beamdesign import quantities as q
 from beamdesign.kinded import Kinded
-from beamdesign.plant.component import Component, Parameter, PortLaw, Signals
+from beamdesign.plant.component import FELT, Component, Parameter, PortLaw, Signals
 from beamdesign.records import Problem, Record
 
 if TYPE_CHECKING:
@@ -140,7 +140,8 @@ class Actuator(Kinded):
             inner one; they give "sliding_m" and "sliding_m_per_s", of what rubs in it, too.
         states: of these.
         felt_by: those of its components that are worked out before its law, which may hear of them.
-        feels: what it feels of its load: name in a record, and from ports, figures and states.
+        feels: what it feels of its load: name in a record, which ends in its unit, and from ports, figures and states;
+            a law may hear it.
         linear_states: of the linear plant: first its free length, then what follows the current.
         ratings: what it has to be rated for, beside its stroke.
         title: of their section in a specification.
@@ -265,6 +266,7 @@ def of_effect(prototype: "WithActuator", name: str) -> float | None:
 
 for found in sorted((item.name for item in iter_modules(__path__)), key=lambda name: (name != "servo_cylinder", name)):
     KINDS[found] = import_module(f"{__name__}.{found}").KIND
+FELT += dict.fromkeys(kind.feels[0] for kind in KINDS.values())
 
 _OF = {row.tolerance: row.words for kind in KINDS.values() for row in kind.parameters}
 

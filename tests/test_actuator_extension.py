@@ -1,0 +1,83 @@
+"""A kind of actuator of a file of this test's own: what it feels of its load is heard by a law of that name.
+
+Kinds are found while the package is loaded, so that this is a process of its own.
+"""
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+KIND = '''
+from typing import Literal
+
+from pydantic import Field
+
+from beamdesign.plant.actuators.ball_screw import BallScrew
+
+
+class Spindle(BallScrew):
+    """A ball screw whose load cell has another name."""
+
+    kind: Literal["spindle"] = Field("spindle", description="what joins the tips")
+    feels = "spindle_force_N", lambda port, figure, state: port["actuator_force_N"]
+
+
+KIND = Spindle
+'''
+
+PROGRAM = """
+import importlib.util
+import json
+import sys
+
+spec = importlib.util.find_spec("beamdesign.plant.actuators")
+spec.submodule_search_locations.append(sys.argv[1])
+sys.modules[spec.name] = module = importlib.util.module_from_spec(spec)
+spec.loader.exec_module(module)
+
+from honest_certificates import screw
+
+from beamdesign import certify, simulate
+from beamdesign.build.realisation.realise import realise, full_scales_of
+from beamdesign.controllers import SENSORS, Observer
+from beamdesign.scenario import Scenario, ScenarioRecord, Step
+
+told = {"sensors": SENSORS}
+for kind, felt in (("ball_screw", "screw_force_N"), ("spindle", "spindle_force_N")):
+    rig = screw()
+    actuator = module.KINDS[kind](**rig.actuator.but(kind="ball_screw").model_dump(exclude={"kind"}))
+    law = Observer(
+        gain_A_per_V=5.0, sensors=("displacement_m", felt),
+        a=((-10.0,),), b=((10.0, 0.0),), c=(1.0,), d=(0.1, 1e-6), b_command=(),
+    )
+    rig = rig.but(actuator=actuator, controller=law, guarantee=None)
+    plan = Scenario(
+        name="push", duration_s=0.02,
+        record=(ScenarioRecord(name="push", input=(Step(amplitude_N=50.0, at_s=0.002),)),),
+    )
+    coded = realise(law, 2e4, full_scales=full_scales_of(rig, 10.0))
+    told[kind] = {
+        "guaranteed": certify(rig, 0.0, 1.0).guaranteed.peak_sensitivity,
+        "felt_N": float(simulate(rig, plan).records[0].column(felt)[-1]),
+        "moved_m": float(simulate(rig, plan).records[0].column("displacement_m")[-1]),
+        "full_scales": coded.full_scales,
+    }
+print(json.dumps(told))
+"""
+
+
+def test_what_another_actuator_feels_is_heard(tmp_path: Path) -> None:
+    """It is a ball screw but for names, and so are its proof, its motion and its code."""
+    (tmp_path / "spindle.py").write_text(KIND)
+    paths = os.pathsep.join([str(Path(__file__).parent), *sys.path])
+    done = subprocess.run(
+        [sys.executable, "-c", PROGRAM, str(tmp_path)],
+        capture_output=True, text=True, check=False, env={**os.environ, "PYTHONPATH": paths},
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    told = json.loads(done.stdout)
+    assert told["sensors"][2:] == ["load_pressure_Pa", "screw_force_N", "spindle_force_N"]
+    assert told["ball_screw"] == told["spindle"]
+    assert told["spindle"]["felt_N"] != 0
