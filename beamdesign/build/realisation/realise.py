@@ -28,7 +28,7 @@ from beamdesign.prototype import Prototype
 LEAST_WORD, LARGEST_WORD = 8, 32
 FULL_SCALE_V = 10.0
 _OF_UNIT = {"m": 0.01, "Pa": 2.1e7, "N": 1e4}
-FULL_SCALES = {name: _OF_UNIT.get(name.rpartition("_")[2], 1.0) for name in SENSORS[1:]}
+FULL_SCALES: Mapping[str, float] = {name: _OF_UNIT.get(name.rpartition("_")[2], 1.0) for name in SENSORS[1:]}
 """Of the other readings where nothing says better: a beam's tip, an industrial supply, a load cell."""
 FLOAT_STEP = 2.0**-23
 """Largest distance of neighbouring floats of 32 bits, relative."""
@@ -170,7 +170,7 @@ def full_scales_of(prototype: Prototype, full_scale_V: float) -> dict[str, float
         own[felt] = prototype.supply.pressure_Pa
     if felt.endswith("_N"):
         own[felt] = max(2 * prototype.actuator.strength_N(prototype), FULL_SCALES[felt])
-    return FULL_SCALES | own
+    return {**FULL_SCALES, **own}
 
 
 def _places(linear: LinearLaw, word_length: int, place: int, full_scale: float) -> int:
