@@ -7,7 +7,7 @@ import pytest
 from flint import fmpq
 from honest_certificates import screw
 
-from beamdesign import InputError, Prototype, checker, simulate, state_space, tune
+from beamdesign import InputError, Prototype, checker, simulate, state_space, stiffness, tune
 from beamdesign.checker.reading import Table
 from beamdesign.checker.rig import Rig
 from beamdesign.checker.stages import StateSpace as Stated
@@ -34,7 +34,7 @@ from beamdesign.scenario import Sampled, Scenario, ScenarioRecord, Sine, Step
 from beamdesign.structure.lumped import figures
 from beamdesign.synthesis.end_stiffness import controller_of, judge, sensed, servo_stiffness
 from beamdesign.synthesis.operating_limits import demand, envelope, needs
-from beamdesign.synthesis.stiffness_search import carried_out, stiffness
+from beamdesign.synthesis.stiffness_search import carried_out
 from beamdesign.synthesis.tuning import limited
 from beamdesign.time_limit import within
 from beamdesign.validation.truth import rates

@@ -15,6 +15,7 @@ from beamdesign.build import tolerances as tolerancing
 from beamdesign.build.acceptance import Band, acceptance, bare_modes
 from beamdesign.build.folder import claimed, limits
 from beamdesign.build.ratings import MARGIN, lagging, noise_bandwidth_Hz, ratings, sensor_need, stock_choices
+from beamdesign.build.specification import reference_load
 from beamdesign.build.tolerances import SAFETY, Tolerances, tolerances
 from beamdesign.controllers import Lag, Observer, Scheduled, Stage
 from beamdesign.loop import loop
@@ -48,6 +49,12 @@ def kept(rig: Prototype) -> Tolerances:
 def damped(rig: Prototype, mass: float) -> bool:
     """Whether the loop is stable, by python-control's eigenvalues."""
     return max(state_space(rig, mass).poles().real) < 0
+
+
+@pytest.mark.parametrize(("heaviest_kg", "load_N"), [(0.004, 0.0392), (0.012, 0.118), (0.7, 6.86), (6.8, 66.7)])
+def test_a_light_payload_has_a_weight(heaviest_kg: float, load_N: float, rig: Prototype) -> None:
+    light = rig.but(payload=rig.payload.but(largest_force_N=None))
+    assert reference_load(light, (0.0, heaviest_kg), None) == (load_N, "weight of the largest payload")
 
 
 @pytest.mark.parametrize("holds", [True, False])

@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from decimal import ROUND_CEILING, ROUND_FLOOR
 from functools import partial
+from math import floor, log10
 from typing import Any
 
 from beamdesign.arguments import checked, takes
@@ -199,7 +200,7 @@ def specify(
     _refuse_slow(prototype, rate_Hz)
     progress(0.0, "certificate")
     laws = tuple(LawSpecification(stage, certify(stage.prototype, *stage.outer_end_mass_kg)) for stage in stages)
-    load, words = _reference_load(prototype, masses_kg, load_N)
+    load, words = reference_load(prototype, masses_kg, load_N)
     found = Specification(prototype, masses_kg, load, words, laws)
     for one in laws:
         if one.certificate.guaranteed is None:
@@ -367,11 +368,13 @@ def digital_controller(
     return DigitalController(equation, crossover, at_once, late, delay, stable, proof, reason)
 
 
-def _reference_load(prototype: Prototype, masses_kg: tuple[float, float], asked: float | None) -> tuple[float, str]:
+def reference_load(prototype: Prototype, masses_kg: tuple[float, float], asked: float | None) -> tuple[float, str]:
+    """The load that ratings are for, N, and where it comes from; a weight to three significant digits at least."""
     if asked is not None:
         return asked, "as asked for"
     if prototype.payload.largest_force_N:
         return prototype.payload.largest_force_N, "payload.largest_force_N of the prototype"
     if masses_kg[1] > 0:
-        return round(STANDARD_GRAVITY * masses_kg[1], 1), "weight of the largest payload"
+        weight_N = STANDARD_GRAVITY * masses_kg[1]
+        return round(weight_N, max(1, 2 - floor(log10(weight_N)))), "weight of the largest payload"
     return _REFERENCE_N, "chosen, since the prototype states no load; give one with --load-N"
