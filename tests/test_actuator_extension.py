@@ -31,6 +31,9 @@ PROGRAM = """
 import importlib.util
 import json
 import sys
+from pathlib import Path
+
+import numpy as np
 
 spec = importlib.util.find_spec("beamdesign.plant.actuators")
 spec.submodule_search_locations.append(sys.argv[1])
@@ -39,7 +42,7 @@ spec.loader.exec_module(module)
 
 from honest_certificates import screw
 
-from beamdesign import certify, simulate
+from beamdesign import certify, import_measured, simulate, write_prototype
 from beamdesign.build.realisation.realise import realise, full_scales_of
 from beamdesign.controllers import SENSORS, Observer
 from beamdesign.scenario import Scenario, ScenarioRecord, Step
@@ -64,6 +67,14 @@ for kind, felt in (("ball_screw", "screw_force_N"), ("spindle", "spindle_force_N
         "moved_m": float(simulate(rig, plan).records[0].column("displacement_m")[-1]),
         "full_scales": coded.full_scales,
     }
+columns = ("t_s", "current_A", "displacement_m", "spindle_force_N")
+record = simulate(rig, plan).records[0]
+table = np.column_stack([record.column(name) for name in columns])
+folder = Path(sys.argv[1])
+np.savetxt(folder / "push.csv", table, delimiter=",", header=",".join(columns), comments="")
+write_prototype(rig, folder / "prototype.toml")
+(taken,) = import_measured(folder / "push.csv", folder / "prototype.toml", folder / "set").taken.values()
+told["taken"] = {one.channel: one.name for one in taken}
 print(json.dumps(told))
 """
 
@@ -81,3 +92,5 @@ def test_what_another_actuator_feels_is_heard(tmp_path: Path) -> None:
     assert told["sensors"][2:] == ["load_pressure_Pa", "screw_force_N", "spindle_force_N"]
     assert told["ball_screw"] == told["spindle"]
     assert told["spindle"]["felt_N"] != 0
+    assert told["taken"]["spindle_force_N"] == "spindle_force_N"
+    assert not told["taken"]["disturbance_N"]

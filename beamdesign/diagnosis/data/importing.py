@@ -20,6 +20,7 @@ from beamdesign.controllers import Controller
 from beamdesign.diagnosis.data.dataset import INPUTS, Dataset, read_dataset
 from beamdesign.diagnosis.data.measured_files import SPELT, UNITS, Column, Measured, Response, read_measured, unit_of
 from beamdesign.files import fresh_folder, write_whole
+from beamdesign.plant.actuators import FELT
 from beamdesign.prototype import Prototype, read_prototype
 from beamdesign.quantities import MassOrNone, range_of
 from beamdesign.records import InputError, Problem
@@ -39,7 +40,12 @@ CHANNELS = {
     "screw_force_N": ("N", r"screw|spindle|spindel"),
 }
 """Columns of a record: their unit, and what their names look like elsewhere."""
-_ANOTHERS = {"disturbance_N": CHANNELS["screw_force_N"][1], "displacement_m": CHANNELS["inner_displacement_m"][1]}
+_FELT = {name: name.rsplit("_", 1) for name in FELT}
+CHANNELS |= {n: (unit, words.replace("_", "[_ ]?")) for n, (words, unit) in _FELT.items() if n not in CHANNELS}
+_ANOTHERS = {
+    "disturbance_N": "|".join(CHANNELS[name][1] for name, (_, unit) in _FELT.items() if unit == "N"),
+    "displacement_m": CHANNELS["inner_displacement_m"][1],
+}
 """By channel what is in the name of another one whose name looks alike."""
 _NEEDED = ("t_s", "displacement_m")
 _ASKED = (*_NEEDED, "current_A")
@@ -322,7 +328,8 @@ def _alike(channel: str, columns: Sequence[Column]) -> list[Column]:
     """Columns that may be a channel: by name and unit; else, where no name tells, by a unit that only one has."""
     unit, pattern = CHANNELS[channel]
     known = ("", unit, "V") if channel == "displacement_m" else ("", unit)  # the volts of its sensor too
-    fits = [one for one in columns if (unit_of(one.unit) if one.unit else "") in known]
+    others = CHANNELS.keys() - {channel}  # a column of such a name is of that channel
+    fits = [one for one in columns if one.name not in others and (unit_of(one.unit) if one.unit else "") in known]
     by_name = [one for one in fits if one.name == channel] or [
         one for one in fits if re.search(pattern, one.name.rpartition(".")[2], re.IGNORECASE)
     ]
