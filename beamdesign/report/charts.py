@@ -247,7 +247,7 @@ class _Panel:
 
 _LENGTH = ((1e3, "mm"), (1e6, "μm"), (1e9, "nm"))
 _DISPLACEMENT = _Panel("displacement", (("displacement_m", "displacement"),), _LENGTH)
-_PANELS = (
+_PANELS: tuple[_Panel, ...] = (
     _Panel("force", (("disturbance_N", "force on the tip"),), ((1.0, "N"),)),
     _Panel("command", (("command_V", "command"),), ((1.0, "V"), (1e3, "mV"))),
     _DISPLACEMENT,
