@@ -225,10 +225,10 @@ class Controller(Kinded):
             a (n, n), b (n, p), c (n,) and d (p,), and (n,) what command_V does to the states beside its part of the
             error.
         """
-        from beamdesign.plant.component import heard, state_space
+        from beamdesign.plant.component import law_inputs, state_space
 
         a, b, c, d = state_space(self.equations, self.figures())
-        columns = heard()
+        columns = law_inputs()
         places = [columns.index("error_V" if name == SENSED[0] else name) for name in self.senses]
         signs = [1.0, *[-1.0] * len(self.added)]
         return a, b[:, places] * signs, c, d[places] * signs, b[:, columns.index("command_V")]

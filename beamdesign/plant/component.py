@@ -272,11 +272,11 @@ def _given(port: Signals, state: Signals) -> dict[str, Any]:
 
 @dataclass(frozen=True)
 class Matrices:
-    """z' = a z + b e, current = gain (c z + d e), e what is given of each thing heard.
+    """z' = a z + b e, current = gain (c z + d e), e what is given of each of its inputs.
 
     Attributes:
         order: number of states.
-        sensed: of what is given; see `heard`.
+        sensed: of what is given; see `law_inputs`.
     """
 
     order: int
@@ -308,13 +308,13 @@ class Matrices:
         }
 
 
-def heard() -> tuple[str, ...]:
+def law_inputs() -> tuple[str, ...]:
     """All that a law may go by, as it is recorded."""
     return ("error_V", "command_V", "inner_displacement_m", *FELT)
 
 
 def state_space(law: Law, figure: Signals) -> "tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]":
-    """A (n, n), B (n, h), C (n,) and D (h,) of a law from what is `heard` to its current (A), read off its equations.
+    """A (n, n), B (n, h), C (n,) and D (h,) of a law from its `law_inputs` to its current (A), read off its equations.
 
     Args:
         law: linear, as every law of a controller is.
@@ -322,7 +322,7 @@ def state_space(law: Law, figure: Signals) -> "tuple[np.ndarray, np.ndarray, np.
     """
     import numpy as np
 
-    rows, names = [], (*law.states, *heard())
+    rows, names = [], (*law.states, *law_inputs())
     for unit in np.eye(len(names)):
         own = dict(zip(names, unit.tolist(), strict=True))
         current, rates = law.current_and_rates(own, figure, own | {"inner_m": own["inner_displacement_m"]})

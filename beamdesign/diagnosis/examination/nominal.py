@@ -18,7 +18,7 @@ from beamdesign.controllers import Controller, Lag
 from beamdesign.diagnosis.data.dataset import FrequencyResponse, MeasuredGain, TimeRecord
 from beamdesign.diagnosis.fitting.weighting import TOP, faded, white
 from beamdesign.plant.assembly import assemble, parameters_of, structure_of
-from beamdesign.plant.component import heard, state_space
+from beamdesign.plant.component import law_inputs, state_space
 from beamdesign.plant.equilibrium import StateSpace, linearise
 from beamdesign.prototype import Prototype
 from beamdesign.quantities import LawGain, range_of
@@ -151,7 +151,7 @@ def commanded_current(record: TimeRecord, controller: Controller, sensor_gain: f
         return None
     command, count = record.inputs[:, 1], len(record.times)
     given = {"error_V": command - sensor_gain * record.measured["displacement_m"], "command_V": command}
-    sensed = np.column_stack([(given | dict(record.measured)).get(name, np.zeros(count)) for name in heard()])
+    sensed = np.column_stack([(given | dict(record.measured)).get(name, np.zeros(count)) for name in law_inputs()])
     a, b, c, d = state_space(controller.equations, controller.figures())
     if not len(a):
         return np.asarray(sensed @ d)
