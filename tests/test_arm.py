@@ -787,6 +787,25 @@ def test_proofs_of_one_loop_say_what_they_leave_aside_of_an_arm(
         assert ("payload and sensor on the beam's axis at the tip" in done.output) is told
 
 
+def test_the_checker_says_what_a_certificate_of_one_loop_leaves_aside_of_an_arm(link: Prototype):
+    """At 0.9 m to the side, and with a law of ten times the gain across, the arm of matrices by hand is not stable."""
+    strong = Lag(gain_A_per_V=0.5, pole_Hz=1.7, zero_Hz=20.0)
+    assert link.arm is not None
+    across = link.but(arm=link.arm.but(second_controller=strong))
+    for rig, by_hand, offset, told in (
+        (link, link, (0.0, 0.0, 0.0), []),
+        (at(link, 0.0, 0.9, 0.0), link, (0.0, 0.9, 0.0), ["[arm] offset_m"]),
+        (across, link.but(controller=strong), (0.0, 0.0, 0.0), ["[arm.second_controller]"]),
+    ):
+        worst = np.linalg.eigvals(assemble(by_hand, 6.0, offset, END_INERTIA).a).real.max()
+        assert (worst > 1.0) == bool(told)
+        verdict = check(certify(rig, 5.5, 6.0).text, prototype_table(rig, 6.0))
+        assert verdict.valid, verdict.failed
+        assert "stable from 5.5 to 6 kg" in verdict.proved
+        assert [line.partition(":")[0] for line in verdict.open if line.startswith("[arm")] == told
+        assert not any("[arm" in line for line in check(certify_plane(rig, "z", 5.5, 6.0).text).open)
+
+
 def test_motions_and_contacts_of_one_loop_say_what_they_leave_aside_of_an_arm(link: Prototype, tmp_path: Path):
     """Its offsets and the law across; simulated in one of its planes nothing is left aside."""
     path, scenario = tmp_path / "link.toml", tmp_path / "scenario.toml"

@@ -119,6 +119,7 @@ def check(
             unread = ["lines that begin with #, in which nothing is proved"] if comments else []
             if rig is not None:
                 unread += rig.left_open(of_effects=given is None or "effect" not in given)
+                unread += left_aside(kind, table.again().optional("arm"))
             if "nonlinear" in table:
                 unread.append("that its effects are the characteristics, gains and errors of which it states something")
             if given is not None and rig is None:
@@ -134,6 +135,17 @@ def check(
         raise Unreadable(f"its figures make no loop: {error}") from error
     proved, failed = (tuple(line for held, line in results if held is wanted) for wanted in (True, False))
     return Verdict(kind, words, proved, failed, tuple(unread))
+
+
+def left_aside(kind: str, arm: Table) -> Iterator[str]:
+    """What [arm] states and no loop on the axis has, in words; every kind but that of a plane is of such a loop."""
+    if kind == "beamdesign.arm_plane":
+        return
+    beside = [key for key in ("offset_m", "sensor_m") if key in arm and any(arm.numbers(key, 3))]
+    if beside:
+        yield f"[arm] {' and '.join(beside)}: the loop is that of a payload and a sensor at the tip, on the beam's axis"
+    if "second_controller" in arm:
+        yield "[arm.second_controller]: the loop is that of [controller]"
 
 
 def _given(prototype: Any, table: Table) -> PrototypeTable:
