@@ -5,6 +5,7 @@ import subprocess
 import sys
 import tomllib
 from collections.abc import Callable
+from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
@@ -219,10 +220,20 @@ def test_a_guarantee_states_no_more_than_its_file_proves(remedy: Prototype) -> N
     for stated, words in (
         ({"bandwidth_Hz": 1.001 * sure.bandwidth_Hz}, "a bandwidth beyond"),
         ({"peak_sensitivity": 0.999 * sure.peak_sensitivity}, "a peak sensitivity below"),
+        ({"peak_sensitivity": 0.0}, "a peak sensitivity below"),
         ({"outer_end_mass_kg": [2.999, 5.0]}, "payloads beyond"),
         ({"sigmas": 0.1}, "standard deviations, of which the certificate is not"),
     ):
         assert [words in line for line in failed(**stated)] == [True], stated
+
+
+@pytest.mark.parametrize("stated", [{}, {"peak_sensitivity": 0.0, "bandwidth_Hz": 0.0}])
+def test_no_guarantee_rests_on_a_certificate_that_says_that_the_loop_is_not_stable(
+    remedy: Prototype, unstable: str, stated: dict[str, float]
+) -> None:
+    guarantee = {"outer_end_mass_kg": [0.0, 20.0], "certificate_sha256": sha256(unstable.encode()).hexdigest()}
+    assert check(unstable, prototype_table(remedy)).valid
+    assert not check(unstable, prototype_table(remedy) | {"guarantee": guarantee | stated}).valid
 
 
 def test_a_guarantee_of_a_box_states_no_more_standard_deviations_than_it_has() -> None:

@@ -237,7 +237,10 @@ def _beyond(prototype: PrototypeTable, table: Table, rig: Rig) -> Iterator[str]:
     claims = [one for one in table.tables("claim") if _is_about(one, key, asked_masses)]
     if bandwidth and not any(_reaches(one, compliance, bandwidth) for one in claims):
         yield "a bandwidth beyond that of the certificate"
-    if peak and not any(one.take("kind") == "peak_sensitivity" and one.number("limit") <= peak for one in claims):
+    peaks = [one.number("limit") for one in claims if one.take("kind") == "peak_sensitivity"]
+    if not peaks:  # of a loop that has one it is claimed
+        yield "that a loop is stable of which the certificate claims no peak sensitivity"
+    elif "peak_sensitivity" in guarantee and min(peaks) > peak:
         yield "a peak sensitivity below that of the certificate"
 
 
