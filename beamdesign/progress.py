@@ -40,7 +40,8 @@ def remembered() -> Iterator[None]:
     _came.clear()
     signal.signal(signal.SIGINT, _remember)
     try:
-        yield
+        with undisguised():
+            yield
     finally:
         _came.clear()
         signal.signal(signal.SIGINT, signal.default_int_handler)
@@ -49,6 +50,17 @@ def remembered() -> Iterator[None]:
 def _remember(number: int, frame: FrameType | None) -> None:
     _came.set()
     raise KeyboardInterrupt
+
+
+@contextmanager
+def undisguised() -> Iterator[None]:
+    """Make Ctrl-C again of what Python makes of it where it comes while compiled code converts a matrix."""
+    try:
+        yield
+    except SystemError as error:
+        if _came.is_set():
+            raise KeyboardInterrupt from error
+        raise
 
 
 def pass_on() -> None:

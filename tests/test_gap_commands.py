@@ -7,6 +7,7 @@ import subprocess
 import sys
 import threading
 import time
+from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
 from multiprocessing import active_children
@@ -14,6 +15,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import typer
 from slow_sensor import SLOW_SENSOR, shortened
 from typer.testing import CliRunner
 
@@ -21,12 +23,13 @@ import beamdesign.diagnosis.fitting.fitters as fitters
 import beamdesign.diagnosis.fitting.search as searching
 from beamdesign import InputError, Prototype, predict, read_dataset, read_prototype, write_prototype
 from beamdesign.cli import app
+from beamdesign.cli.command import resumed
 from beamdesign.diagnosis.data.dataset import Dataset
 from beamdesign.diagnosis.examination.plausibility import examine
 from beamdesign.diagnosis.fitting.fit import Fit, digest, fit_cache
 from beamdesign.diagnosis.fitting.fitters import Fitters
 from beamdesign.diagnosis.fitting.hypothesis import NOTHING, Hypothesis
-from beamdesign.progress import end_at_once
+from beamdesign.progress import end_at_once, remembered, undisguised
 from beamdesign.prototype import Tolerance
 
 PUT_IN_HZ = 250.0
@@ -266,6 +269,34 @@ def test_interrupted_from_the_keyboard_it_says_how_to_go_on(tmp_path: Path) -> N
     assert not (out / "diagnosis.json").exists()
     assert list(out.glob("fits/*.npz"))
     assert not list(out.glob("fits/*.part"))
+
+
+def disguised() -> None:
+    try:
+        signal.raise_signal(signal.SIGINT)
+    except KeyboardInterrupt as error:
+        raise SystemError("a result with an exception set") from error
+
+
+@pytest.fixture
+def keyboard() -> Iterator[None]:
+    """Heeded, as where a shell does not run the tests in the background."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
+def test_an_interruption_that_a_conversion_has_disguised_is_one(
+    keyboard: None, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Of Ctrl-C amid a conversion by compiled code Python makes a SystemError; others are what they are."""
+    with remembered():
+        with pytest.raises(typer.Exit) as ended, resumed(lambda: "; go on"):
+            disguised()
+        assert ended.value.exit_code == 130
+    assert capsys.readouterr().err == "interrupted; go on\n"
+    with pytest.raises(SystemError), remembered(), undisguised():
+        raise SystemError("another")
 
 
 def test_processes_ended_at_once_leave_nothing_that_watches_them() -> None:

@@ -33,6 +33,7 @@ from beamdesign.cli.output import (
     write_json,
 )
 from beamdesign.files import fresh_folder, settled, write_whole
+from beamdesign.progress import undisguised
 
 if TYPE_CHECKING:
     from beamdesign.prototype import InStage, Prototype
@@ -206,7 +207,8 @@ def resumed(words: Callable[[], str]) -> Iterator[None]:
         typer.Exit: with status 130 after Ctrl-C.
     """
     try:
-        yield
+        with undisguised():
+            yield
     except KeyboardInterrupt:
         print(f"interrupted{words()}", file=sys.stderr)
         raise typer.Exit(INTERRUPTED) from None
