@@ -492,6 +492,17 @@ def test_c_is_the_emulation_to_the_last_bit(bits: int | None, tmp_path: Path) ->
 
 
 @needs_compiler
+def test_in_floats_what_is_no_number_stays_until_the_reset(tmp_path: Path) -> None:
+    """As the header says; of C and its emulation alike."""
+    r = realise(rich(), 2000.0, None, largest_current_A=0.08)
+    for at in (made(tmp_path, r), Machine(r)):
+        assert np.isnan(at.step(np.nan))
+        assert np.isnan(at.step(0.0))
+        at.reset(0.0)
+        assert at.step(0.0) == 0.0
+
+
+@needs_compiler
 def test_the_self_test_finds_a_wrong_bit(tmp_path: Path) -> None:
     r = realise(rich(), 2000.0, 16)
     files = c_files(r, "a rig")

@@ -82,19 +82,19 @@ class Machine(Arithmetic[Any]):
         return shifted(factor * value, places)
 
     def signal(self, name: str, value: Any) -> Any:  # noqa: D102
-        return max(-self._most, min(self._most, self._number(value)))
+        return max(min(self._number(value), self._most), -self._most)  # in this order what is no number stays so
 
     def current(self, terms: Sequence[tuple[str, Any]]) -> Any:  # noqa: D102
         current = reduce(add, (shifted(self._given[gain][0] * value, self._shifts[gain]) for gain, value in terms))
         self.limited = int(current > self._largest) - int(current < -self._largest)
-        return max(-self._largest, min(self._largest, current))
+        return max(min(current, self._largest), -self._largest)
 
     def advance(self, state: str, coefficient: str, value: Any, held: int) -> None:  # noqa: D102
         if held * self.limited * value > 0:  # it would drive a limited current further
             return
         factor, places = self._given[coefficient]
         after, most = self.states[state] + shifted(factor * value, places - self._extra), self._most * 2**self._extra
-        self.states[state] = max(-most, min(most, after))
+        self.states[state] = max(min(after, most), -most)
 
 
 def to_word(realisation: Realisation, reading: float, channel: int = 0) -> float:
