@@ -4,7 +4,6 @@ Both are found as on a rig: a force is swept, and the gain is turned up until a 
 """
 
 from collections.abc import Callable
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +21,7 @@ AMPLITUDE_SHARE = 0.5
 """Of the RMS of a record's force: amplitude of the sines."""
 RESPONSE_STD, GAIN_STD, FREQUENCY_STD = 0.01, 0.03, 0.01
 """Relative errors of each line (and, in radians, of its phase), of a critical gain and of its frequency."""
-_SETTLE_S, _LISTEN_S, _PERIODS = 1.0, 0.5, 4
+_LISTEN_S, _PERIODS, _REPEATS, _PATIENCE_S = 0.5, 4, 0.3 * RESPONSE_STD, 8.0
 _WATCHED_S, _PUSH_S, _PUSH_SHARE = 1.5, 5e-3, 0.1
 _FADES, _FLOORS = 0.97, 2.0
 _LEAST, _MOST, _STEP, _NEAR = 0.2, 100.0, 1.5, 1.01
@@ -120,23 +119,41 @@ def compliance(case: Case, run: Run, amplitude_N: float, rng: np.random.Generato
         (n, 3) frequency in Hz, magnitude in m/N and phase in degrees, of those of `LINES_HZ` that stay in bounds.
     """
     figures, rows = run_figures(case, run), []
-
-    def push(hertz: float, times: np.ndarray) -> np.ndarray:
-        return np.asarray(amplitude_N * np.sin(2 * np.pi * hertz * times))
-
     for hertz in LINES_HZ:
-        settle, listen = (max(least, _PERIODS / hertz) for least in (_SETTLE_S, _LISTEN_S))
-        motion = _pushed(figures, settle + listen, partial(push, hertz))
-        noise = rng.normal(0, case.noise.floor_m, len(motion.times)), rng.normal(0, RESPONSE_STD, 2)
-        if not motion.bounded:
-            continue
-        settled = motion.times >= settle
-        turns = 2j * np.pi * hertz * motion.times[settled]
-        basis = np.column_stack([np.exp(turns).real, np.exp(turns).imag, np.ones(len(turns))])
-        cosine, sine, _ = np.linalg.lstsq(basis, (motion.displacement + noise[0])[settled], rcond=None)[0]
-        response = complex(sine, cosine) / amplitude_N * np.exp(complex(*noise[1]))
-        rows.append((hertz, abs(response), np.degrees(np.angle(response))))
+        settled = _settled(figures, amplitude_N, hertz)
+        errors = np.exp(complex(*rng.normal(0, RESPONSE_STD, 2)))
+        if settled is not None:
+            times, wave = settled
+            response = (
+                _turning(times, wave + rng.normal(0, case.noise.floor_m, len(wave)), hertz) / amplitude_N * errors
+            )
+            rows.append((hertz, abs(response), np.degrees(np.angle(response))))
     return np.reshape(rows, (-1, 3))
+
+
+def _settled(figures: Shape, amplitude_N: float, hertz: float) -> tuple[np.ndarray, np.ndarray] | None:
+    """Times and displacement, (n,), of the end of a sine's answer, waited for twice as long until it repeats itself.
+
+    Whoever measures does not wait for ever: what a joint hammers repeats at no time, and is taken as it is then.
+    """
+    listen = wait = max(_LISTEN_S, _PERIODS / hertz)
+    while True:
+        motion = _pushed(figures, 2 * wait + listen, lambda t: amplitude_N * np.sin(2 * np.pi * hertz * t))
+        if not motion.bounded:
+            return None
+        parts = [(motion.times >= begin) & (motion.times < begin + listen) for begin in (wait, 2 * wait)]
+        early, late = (_turning(motion.times[part], motion.displacement[part], hertz) for part in parts)
+        if abs(late - early) <= _REPEATS * abs(late) or 2 * wait >= _PATIENCE_S:
+            return motion.times[parts[1]], motion.displacement[parts[1]]
+        wait *= 2
+
+
+def _turning(times: np.ndarray, wave: np.ndarray, hertz: float) -> complex:
+    """Amplitude of the sine of a frequency in a wave, and its phase to one that began at time 0."""
+    turns = 2 * np.pi * hertz * times
+    basis = np.column_stack([np.cos(turns), np.sin(turns), np.ones(len(turns))])
+    cosine, sine, _ = np.linalg.lstsq(basis, wave, rcond=None)[0]
+    return complex(sine, cosine)
 
 
 def critical_gain(case: Case, run: Run) -> tuple[float, float] | None:
