@@ -218,10 +218,10 @@ class Observations:
 
     @cached_property
     def rows(self) -> Any:
-        """(N,) record array, one column per attribute of `SteadyMotion`."""
-        return np.rec.fromrecords(self.motions, names=SteadyMotion._fields)  # type: ignore[call-overload]
+        """The same by columns: what each motion has of an attribute, (N,) each."""
+        return SteadyMotion(*(np.array(column) for column in zip(*self.motions, strict=True)))  # type: ignore[arg-type]
 
-    @property
+    @cached_property
     def volts(self) -> np.ndarray:
         """(N,) commands from the null."""
         return np.asarray(self.rows.command_V - self.null_V)
@@ -240,7 +240,7 @@ class Observations:
         """Those of some conditions."""
         return replace(self, motions=tuple(m for m in self.motions if m.condition in conditions))
 
-    @property
+    @cached_property
     def tank(self) -> float:
         """Mean pressure of chambers that a stop holds empty, Pa."""
         return float(np.mean(self.rows.stall[~self.filled]))
@@ -249,7 +249,7 @@ class Observations:
         """Of a column of `rows`, over the runs of a condition in one direction that recorded one of these chambers."""
         rows = self.rows
         at = (rows.condition == condition) & (rows.direction == direction) & np.isin(rows.side, list(sides))
-        return float(np.mean(rows[column][at]))
+        return float(np.mean(getattr(rows, column)[at]))
 
     @cached_property
     def both_ways(self) -> tuple[np.ndarray, np.ndarray]:
@@ -278,15 +278,15 @@ class Observations:
         """Standard deviation of single runs about the mean of their condition and direction, in units of `averaged`."""
         squares, freedom, rows = dict.fromkeys(CHANNELS, 0.0), dict.fromkeys(CHANNELS, 0), self.rows
         for condition, way in product(self.conditions, (-1, 1)):
-            own = rows[(rows.condition == condition) & (rows.direction == way)]
-            groups = {"speed": own.speed / np.mean(own.speed)}
-            groups |= {f"pressure_{side}": own.pressure[own.side == side] / self.supply_Pa for side in "ab"}
+            own = (rows.condition == condition) & (rows.direction == way)
+            groups = {"speed": rows.speed[own] / np.mean(rows.speed[own])}
+            groups |= {f"pressure_{s}": rows.pressure[own & (rows.side == s)] / self.supply_Pa for s in "ab"}
             for channel, values in groups.items():
                 squares[channel] += float(np.sum((values - np.mean(values)) ** 2)) if len(values) else 0.0
                 freedom[channel] += max(len(values) - 1, 0)
         deviation = {c: (squares[c] / freedom[c]) ** 0.5 if freedom[c] else _NO_REPLICATE for c in CHANNELS}
         # Of a contrast between means over the runs of two directions.
-        runs = len(rows) / (2 * len(self.conditions))
+        runs = len(self.motions) / (2 * len(self.conditions))
         return deviation | {EDGES: deviation["speed"] * (2 / max(runs, 1)) ** 0.5}
 
 
