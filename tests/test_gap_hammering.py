@@ -15,12 +15,13 @@ from test_truth import drive
 from beamdesign.diagnosis import second_look
 from beamdesign.diagnosis.data.dataset import Dataset, MeasuredGain, TimeRecord
 from beamdesign.diagnosis.fitting.evidence import evidence_of, record_evidence, spread, with_output_injection
-from beamdesign.diagnosis.fitting.fit import fit
+from beamdesign.diagnosis.fitting.fit import Fit, fit
 from beamdesign.diagnosis.fitting.hypothesis import NOTHING, Hypothesis, together
 from beamdesign.diagnosis.fitting.search import Search
 from beamdesign.diagnosis.fitting.weighting import INDEPENDENT, blurred, weighting
 from beamdesign.diagnosis.judgement import judge
 from beamdesign.diagnosis.second_look import backlash_impacts, loose_joint, refit_backlash_impacts
+from beamdesign.progress import silent
 from beamdesign.validation.truth.nominal import assembled, rig_figures
 from beamdesign.validation.truth.rig import controller_figures, march
 
@@ -162,6 +163,30 @@ def test_play_is_found_beside_another_effect(monkeypatch):
     assert best.values["sensor_lag.break_Hz"] == pytest.approx(SLOW_Hz, rel=0.1)
     assert found.best_of(("joint_backlash",)).misfit > 3 * best.misfit
     assert found.best_of(("sensor_lag",)).misfit > 3 * best.misfit
+
+
+def test_play_is_looked_for_beside_one_effect_and_beside_two(monkeypatch):
+    """Beside those that explain most without play, in the order of how many they are, as long as one of them helps."""
+    whole = before(loose_set())
+    asked = []
+    monkeypatch.setattr(second_look, "backlash_impacts", lambda data, search, progress, beside: asked.append(beside))
+
+    def leaving(share: float, *names: str) -> Fit:
+        c = whole.expected + share * (whole.null.misfit - whole.expected)
+        return Fit(together(*names), cost=c, shares=(replace(whole.null.shares[0], c=c),))
+
+    fits = (
+        leaving(0.2, "joint_backlash", "sensor_lag"),
+        leaving(0.3, "parameter:flow_gain"),
+        pair := leaving(0.4, "sensor_lag", "transport_delay"),
+        leaving(0.5, "sensor_lag", "second_beam_mode"),
+        single := leaving(0.6, "second_beam_mode"),
+    )
+    second_look._backlash_impacts(loose_set(), replace(whole, fits=fits), silent)
+    assert asked == [None, single, pair]
+    asked.clear()
+    second_look._backlash_impacts(loose_set(), replace(whole, fits=(leaving(0.95, "sensor_lag"), pair)), silent)
+    assert asked == [None]
 
 
 def test_play_of_a_nut_is_found_where_the_rig_is_the_truth_models(monkeypatch):

@@ -61,10 +61,10 @@ def backlash_impacts(
         data: what to explain.
         before: the first search.
         progress: told the share done and what is being fitted.
-        beside: another cause that play is looked for beside, as the first search has fitted it.
+        beside: other causes that play is looked for beside, as the first search has fitted them.
 
     Returns:
-        None where play explains less than half of what the tolerances, or that other cause, leave.
+        None where play explains less than half of what the tolerances, or those other causes, leave.
     """
     evidence = [with_output_injection(piece) for piece in record_evidence(data)]
     rig = data.prototype
@@ -93,10 +93,10 @@ def backlash_impacts(
     others = [h for h in singles(rig) if h.causes != loosened.causes]
     found_all = [loose, *(fit_from_starts(h, rig, seen, null.values, most=1) for h in others)]
     if beside is not None:
-        for alone in (loosened, base.hypothesis):  # from where both have been found
-            placement = alone.placement(rig)
+        for part in map(sought.without, sought.causes):  # from where all have been found
+            placement = part.placement(rig)
             z = np.array([u.z(loose.values[u.name]) for u in placement.unknowns])
-            found_all.append(fit(alone, placement, seen, z, _LOOK))
+            found_all.append(fit(part, placement, seen, z, _LOOK))
     elif loose.misfit > _NEEDS_MORE * expected:
         progress(0.7, "play with another cause")
         found_all += _pairs(others, rig, seen, loose)
@@ -348,10 +348,10 @@ def second_look(
 
 
 def _backlash_impacts(data: Dataset, before: Search, progress: Progress) -> SecondLook | None:
-    """Play alone or with what it needs, then beside the single effect that explains most without it."""
-    effects = [f for f in before.fits if not f.reason and f.hypothesis.effects and len(f.hypothesis.causes) == 1]
-    others = [f for f in effects if PLAY not in f.hypothesis.causes]
-    for beside in (None, *others[:1]):
+    """Play alone or with what it needs, then beside the effect, and the two, that explain most without it."""
+    others = [f for f in before.fits if not f.reason and f.hypothesis.effects and PLAY not in f.hypothesis.causes]
+    first = {len(f.hypothesis.causes): f for f in reversed(others)}
+    for beside in (None, *(first[count] for count in (1, 2) if count in first)):
         if beside is not None and before.excess(beside) > _HELPS:
             break
         found = backlash_impacts(data, before, progress, beside)
