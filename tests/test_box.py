@@ -231,6 +231,13 @@ def test_too_many_control_points_are_refused():
         certify_box(wide, box_of(dict.fromkeys(names, (0.0, 1.0))))
 
 
+def test_what_lies_along_an_axis_is_two_points_to_prover_and_check():
+    """A sum of eighteen intervals is one interval; the check refused it for 2^18 points."""
+    names = [f"q{i}" for i in range(18)]
+    sum_of_all = PolynomialFamily("sum", "leaf", dict.fromkeys(names, fmpq(0)), {"leaf": " + ".join(["s + 1", *names])})
+    assert check(certify_box(sum_of_all, box_of(dict.fromkeys(names, (0.0, 1.0)))).certificate).valid
+
+
 # Balls in floats.
 
 

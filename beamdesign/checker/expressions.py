@@ -207,8 +207,11 @@ class Expression:
             found.append(Term(c, named.pop("s"), {name: power for name, power in named.items() if power}))
         return found
 
-    def _apart(self, terms: Sequence[Term]) -> Iterator[tuple[dict[str, int], list[Term]]]:
-        """Terms that share no varying variable with the rest, and the degree in each of their variables."""
+    def _apart(self, terms: Sequence[Term]) -> Iterator[tuple[int | None, dict[str, int], list[Term]]]:
+        """Terms that share no varying variable with the rest, and the degree in each of their variables.
+
+        Before them the axis along which they vary where s = jw, 0 for the real one; None where along none, or both.
+        """
         groups: list[tuple[set[str], list[Term]]] = []
         for term in terms:
             names, own = {*term.powers} & {*self.varying}, [term]
@@ -216,7 +219,9 @@ class Expression:
                 groups.remove(other)
                 names, own = names | other[0], other[1] + own
             groups.append((names, own))
-        yield from ((degrees(own, sorted(names)), own) for names, own in groups)
+        for names, own in groups:
+            parities = {term.degree % 2 for term in own}
+            yield parities.pop() if names and len(parities) == 1 else None, degrees(own, sorted(names)), own
 
     def over_all(self) -> fmpq_mpoly:
         """P multiplied out over what varies, where the delay's exponential and reciprocals are variables."""

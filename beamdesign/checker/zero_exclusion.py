@@ -61,7 +61,7 @@ class Frame:
         points, sides = [acb(0)], [(arb(0), arb(0)), (arb(0), arb(0))]
         for axis, controls in self.cell.controls(name):
             values = [self._value(control) for control in controls]
-            if axis is None or len(values) == 1:
+            if axis is None:
                 points = [a + b for a in points for b in values]
             else:
                 along = [value.imag if axis else value.real for value in values]
@@ -162,10 +162,8 @@ class Cell:
     def controls(self, name: str) -> list[tuple[int | None, list[Control]]]:
         """Of each part of a leaf that shares no variable with the rest, the axis along which it lies and its points."""
         if name not in self._controls:
-            self._controls[name] = []
-            for powers, terms in self.expression.components[name]:
-                parities = {term.degree % 2 for term in terms}
-                self._controls[name].append((parities.pop() if len(parities) == 1 else None, self._grid(terms, powers)))
+            components = self.expression.components[name]
+            self._controls[name] = [(axis, self._grid(terms, powers)) for axis, powers, terms in components]
         return self._controls[name]
 
     def common(self, pack: tuple[str, ...]) -> list[list[Control]]:
@@ -285,12 +283,14 @@ def control_points(expression: Expression) -> int:
     """How many control points p has on one piece."""
 
     def of_leaf(name: str) -> int:
-        return prod(1 + power for powers, _ in expression.components[name] for power in powers.values())
+        """What lies along either axis has two ends, as in `Frame`."""
+        parts = expression.components[name]
+        along = {axis for axis, _, _ in parts} - {None}
+        return prod(1 + e for axis, powers, _ in parts if axis is None for e in powers.values()) * 2 ** len(along)
 
     def of(node: Node) -> int:
         if node.kind == "sum":
-            inner = [of(part) for part in node.parts]
-            return sum(inner) if node is expression.body else prod(inner)
+            return (sum if node is expression.body else prod)(map(of, node.parts))
         if node.kind in ("delay", "unknown"):
             return TANGENTS + 2
         return prod(map(of, node.parts), start=1 if node.packs or node.parts else of_leaf(node.name))
