@@ -1,8 +1,8 @@
 """The equations of a rig: impedances of its parts and of what effects add.
 
-Impedances are solved by Cramer's rule, over numbers or over parameters. A figure is a rational, or a polynomial in the
-parameters that vary; what is made of figures is then a polynomial in s alone, or in s and these parameters. Nothing is
-divided by a figure, so that one piece of code serves both.
+Impedances are solved by bordered determinants, over numbers or over parameters. A figure is a rational, or a polynomial
+in the parameters that vary; what is made of figures is then a polynomial in s alone, or in s and these parameters.
+Nothing is divided by a figure, so that one piece of code serves both.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -186,28 +186,14 @@ def mechanics(
         flow[names.index(name)] = side * spring
     matrix = [[rows[row].get(column, none) for column in names] for row in names]
 
-    def replaced(columns: Mapping[str, Sequence[Number]]) -> Polynomial:
-        """The determinant with the columns of some unknowns replaced by what drives each equation."""
-        return determinant(
-            [
-                [ring([columns[name][k]]) if name in columns else row[j] for j, name in enumerate(names)]
-                for k, row in enumerate(matrix)
-            ],
-            ring,
-        )
+    def through(*ways: tuple[Sequence[Number], Weights]) -> Polynomial:
+        """The determinant with a border for each way from what drives the equations to a sum of coordinates.
 
-    def moved(by: Sequence[Number], seen: Weights) -> Polynomial:
-        """Numerator of a sum of coordinates over the forces that drive each equation."""
-        return sum((weight * replaced({name: by}) for name, weight in seen.items() if name in names), none)
-
-    def crossed(seen: Weights) -> Polynomial:
-        """The tip by a force and a sum of coordinates by a flow, in one determinant."""
-        total = none
-        for first, share in tip.items():
-            for name, weight in seen.items():
-                if name in names and name != first:
-                    total += share * weight * replaced({first: force, name: flow})
-        return total
+        Over that of `matrix` it is what the sum does when so driven; of two ways, the determinant of their four ratios.
+        """
+        above = [[*[none] * len(ways), *(none + seen.get(name, fmpq(0)) for name in names)] for _, seen in ways]
+        beside = [[*(none + by[k] for by, _ in ways), *row] for k, row in enumerate(matrix)]
+        return (-1) ** len(ways) * determinant(above + beside, ring)
 
     stretched = {name: weight * resists for name, weight in stretch.items()}
     force = [tip.get(name, fmpq(0)) for name in names]
@@ -222,13 +208,13 @@ def mechanics(
     pulled = [stroke.get(name, fmpq(0)) for name in names]
     strayed: dict[str, Polynomial] = {}
     if erring:
-        strayed["drive"] = moved(flow, tip)
-        strayed |= {"nut": weight * lag * strayed["drive"]} if screw else {"stroke": moved(pulled, tip)}
+        strayed["drive"] = through((flow, tip))
+        strayed |= {"nut": weight * lag * strayed["drive"]} if screw else {"stroke": through((pulled, tip))}
     return Mechanics(
         determinant(matrix, ring),
-        moved(force, tip) if disturbed else none,
-        {name: moved(flow, where) for name, where in seen.items()},
-        {name: crossed(where) for name, where in seen.items()} if disturbed else {},
+        through((force, tip)) if disturbed else none,
+        {name: through((flow, where)) for name, where in seen.items()},
+        {name: through((force, tip), (flow, where)) for name, where in seen.items()} if disturbed else {},
         strayed,
     )
 
