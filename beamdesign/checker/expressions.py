@@ -10,7 +10,7 @@ from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import cached_property, partial, reduce
 from math import comb, prod
-from operator import add, mul, or_, sub
+from operator import add, or_, sub
 from typing import Any, NamedTuple
 
 from flint import fmpq, fmpq_mpoly, fmpq_mpoly_ctx, fmpq_poly
@@ -23,7 +23,7 @@ LONGEST_EXPRESSION = 100_000
 """Characters."""
 MOST_TERMS, MOST_PRODUCTS = 2_000, 100_000
 """Terms of a leaf, power of a name, and terms of p over its parameters, all before anything is multiplied out."""
-_OPERATORS: dict[type[ast.operator], Callable[[Any, Any], Any]] = {ast.Add: add, ast.Sub: sub, ast.Mult: mul}
+_OPERATORS: dict[type[ast.operator], Callable[[Any, Any], Any]] = {ast.Add: add, ast.Sub: sub}
 _NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]{0,500}", re.ASCII)
 
 
@@ -167,38 +167,31 @@ class Expression:
     def _multiplied_out(self, tree: ast.expr, variable: Mapping[str, fmpq_mpoly]) -> fmpq_mpoly:
         """A leaf, its reciprocals as variables."""
         one = self.context.constant(1)
+        names = variable.keys() - self.reciprocal, variable.keys() - {"s"}
 
-        def above(node: ast.expr) -> fmpq_mpoly:
+        def value(node: ast.expr, under: bool = False) -> fmpq_mpoly:
+            """Of a part; or of the reciprocal of one that is divided by, which is a product."""
             match node:
-                case ast.Constant(value=int(value)) if value is not True and value is not False:
-                    return one * value
-                case ast.Name(id=name) if name in variable and name not in self.reciprocal:
+                case ast.Constant(value=int(number)) if not isinstance(number, bool) and (number or not under):
+                    return one / number if under else one * number
+                case ast.Name(id=name) if name in names[under]:
                     return variable[name]
-                case ast.UnaryOp(op=ast.USub(), operand=inner):
-                    return -above(inner)
-                case ast.BinOp(left=left, op=ast.Add() | ast.Sub() | ast.Mult() as operation, right=right):
-                    return _OPERATORS[type(operation)](above(left), above(right))
-                case ast.BinOp(left=left, op=ast.Div(), right=right):
-                    return above(left) * below(right)
-                case ast.BinOp(left=left, op=ast.Pow(), right=ast.Constant(value=int(power))) if power >= 0:
-                    return above(left) ** power
-            raise Unreadable(f"not a polynomial in s and what has a range: {ast.unparse(node)[:100]}")
-
-        def below(node: ast.expr) -> fmpq_mpoly:
-            match node:
-                case ast.Constant(value=int(value)) if value and value is not True:
-                    return one / value
-                case ast.Name(id=name) if name in variable and name != "s":
-                    return variable[name]
+                case ast.BinOp(left=left, op=ast.Pow(), right=ast.Constant(value=int(power))) if power >= under:
+                    return value(left, under) ** power
                 case ast.BinOp(left=left, op=ast.Mult(), right=right):
-                    return below(left) * below(right)
-                case ast.BinOp(left=left, op=ast.Pow(), right=ast.Constant(value=int(power))) if power > 0:
-                    return below(left) ** power
-            raise Unreadable(f"cannot be divided by: {ast.unparse(node)[:100]}")
+                    return value(left, under) * value(right, under)
+                case ast.UnaryOp(op=ast.USub(), operand=inner) if not under:
+                    return -value(inner)
+                case ast.BinOp(left=left, op=ast.Add() | ast.Sub() as operation, right=right) if not under:
+                    return _OPERATORS[type(operation)](value(left), value(right))
+                case ast.BinOp(left=left, op=ast.Div(), right=right) if not under:
+                    return value(left) * value(right, under=True)
+            refused = "cannot be divided by" if under else "not a polynomial in s and what has a range"
+            raise Unreadable(f"{refused}: {ast.unparse(node)[:100]}")
 
         terms, powers = _size(tree)
         spend(20 * terms * (1 + max(powers.values(), default=0)))
-        return above(tree)
+        return value(tree)
 
     def _terms(self, polynomial: fmpq_mpoly) -> list[Term]:
         found = []
