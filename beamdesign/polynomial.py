@@ -6,6 +6,7 @@ And where a root of p0(s) + k p1(s) lies on the imaginary axis: all such real k,
 """
 
 from dataclasses import dataclass, replace
+from decimal import ROUND_CEILING, ROUND_FLOOR, Context, Decimal
 from fractions import Fraction
 from functools import lru_cache
 from math import inf, isfinite, nextafter, pi, sqrt
@@ -55,15 +56,11 @@ def simple_between(low: fmpq, high: fmpq) -> fmpq:
 
 def text(value: fmpq) -> str:
     """A decimal where the rational has a short one, otherwise the quotient p/q; both read back exactly."""
-    denominator, twos, fives = int(value.q), 0, 0
-    while denominator % 2 == 0:
-        denominator, twos = denominator // 2, twos + 1
-    while denominator % 5 == 0:
-        denominator, fives = denominator // 5, fives + 1
-    places = max(twos, fives)
-    if denominator != 1 or places > 40:
+    denominator = int(value.q)
+    if 10**40 % denominator:
         return f"{value.p}/{value.q}"
-    digits = str(abs(int(value.p)) * 10**places // int(value.q)).rjust(places + 1, "0")
+    places = next(k for k in range(41) if 10**k % denominator == 0)
+    digits = str(abs(int(value.p)) * 10**places // denominator).rjust(places + 1, "0")
     sign = "-" if value < 0 else ""
     return sign + (f"{digits[:-places]}.{digits[-places:]}" if places else digits)
 
@@ -72,13 +69,8 @@ def shortened(value: fmpq, digits: int, up: bool = False) -> fmpq:
     """A rational rounded down, or up, to a decimal of so many significant digits; what is not positive as it is."""
     if value <= 0:
         return value
-    step = fmpq(1)
-    while step * 10**digits <= value:
-        step *= 10
-    while step * 10 ** (digits - 1) > value:
-        step /= 10
-    steps = value / step
-    return (steps.ceil() if up else steps.floor()) * step
+    towards = Context(prec=digits, rounding=ROUND_CEILING if up else ROUND_FLOOR)
+    return fmpq(*towards.divide(Decimal(int(value.p)), Decimal(int(value.q))).as_integer_ratio())
 
 
 def rounded_down(value: fmpq) -> float:
