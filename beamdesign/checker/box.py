@@ -108,12 +108,10 @@ class Claim:
         limit = stated.at_least("limit", 0, above=self.kind != "gain_margin")
         if self.kind == "peak_sensitivity" and limit <= 1:
             raise Unreadable("no loop has a peak sensitivity of one or less")
-        bandwidth = None
+        self.since, self.until, above = fmpq(0), None, "at every frequency"
         if self.kind == "compliance" and "bandwidth_Hz" in stated:
             bandwidth = stated.at_least("bandwidth_Hz", 0, above=True)
-        self.until = None if bandwidth is None else bandwidth * _OVER_TURN
-        above = "at every frequency" if bandwidth is None else f"up to {short(bandwidth, up=False)} Hz"
-        self.since = fmpq(0)
+            self.until, above = bandwidth * _OVER_TURN, f"up to {short(bandwidth, up=False)} Hz"
         if self.kind == "loop_gain":
             start = stated.at_least("from_Hz", 0)
             self.since, above = start * _UNDER_TURN, f"from {short(start, up=True)} Hz up"
@@ -124,18 +122,16 @@ class Claim:
                 raise Unreadable("over a box a slope is up to one, with a multiplier without Popov's term")
             words = f"{self.multiplier.characteristics()}: Zames and Falb's multiplier of {self.multiplier.words}"
             self.words = words.removesuffix(" and 0 s")
-        if self.kind == "gain_margin":
-            self.expression = Expression(stated, table)
-        else:
-            turned = limit * limit - 1
-            of_peak = self.kind == "peak_sensitivity"
-            circle = (limit * limit / turned, limit / turned) if of_peak else (fmpq(0), 1 / limit)  # 1 of a slope
-            self.expression = Expression(stated, table, Circle(*circle))
+        circle = None
+        if self.kind == "peak_sensitivity":
+            circle = Circle(*(one / (limit * limit - 1) for one in (limit * limit, limit)))
+        elif self.kind != "gain_margin":
+            circle = Circle(fmpq(0), 1 / limit)  # 1 of a slope
+        self.expression = Expression(stated, table, circle)
         self.marks = [mark for line in stated.words("tree") for mark in line.split()]
         self.limit, self.whole = limit, whole
         own = (n for n in sorted(self.expression.own.keys) if n != "controller_gain")
-        masses = " and".join(f" with {n} {words_of(self.expression.ranges[n])}" for n in own)
-        self.of_masses = masses
+        self.of_masses = " and".join(f" with {n} {words_of(self.expression.ranges[n])}" for n in own)
 
     def _covers(self, rig: Rig) -> bool:
         """Whether ranges of its own hold the gains claimed, and of effects all at which performance is asked.
@@ -168,10 +164,8 @@ class Claim:
             return False, f"{self.words}: the expression is not that of a rig's loop"
         if not self._covers(rig):
             return False, f"{self.words}: over ranges of its own that are not those of what is claimed"
-        member = {
-            n: min(max(value, self.expression.ranges[n][0]), self.expression.ranges[n][1])
-            for n, value in member.items()
-        }
+        ranges = self.expression.ranges
+        member = {name: min(max(value, ranges[name][0]), ranges[name][1]) for name, value in member.items()}
         if self.kind == "gain_margin":
             if is_stable(self.expression, member) is not True:
                 return False, f"{self.words}: the member is not seen to be stable"
