@@ -35,7 +35,7 @@ from beamdesign.proofs.decrease import (
     changes_of_payload,
     changes_of_stage,
     dwell_suffices,
-    grows_at_most,
+    grows_beyond,
 )
 from beamdesign.proofs.lmi import (
     NONE_FOUND,
@@ -319,8 +319,8 @@ def _enough(changes: Sequence[Change], functions: Sequence[Coefficients], decay:
 
     growths = (float(eigh(floats(after), floats(before), eigvals_only=True)[-1]) for before, after in changes)
     factor = shortened(exact(max([1.0, *growths]) * (1 + 1e-5)), 6, up=True)  # a little more than the largest
-    across = grows_at_most(changes, factor)
+    wrong = grows_beyond(changes, factor)
     dwell = shortened(exact(log(nearest(factor)) / (2 * nearest(decay)) * (1 + 1e-6)), 4, up=True)
-    if not across.holds or not dwell_suffices(dwell, factor, decay):
-        return Course("undecided", across.reason or NONE_FOUND)
+    if wrong or not dwell_suffices(dwell, factor, decay):
+        return Course("undecided", wrong or NONE_FOUND)
     return Course("proved", functions=tuple(functions), dwell_s=dwell, factor=factor, decay_per_s=decay)

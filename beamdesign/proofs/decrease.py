@@ -24,7 +24,6 @@ the decrease in the time between them.
 """
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
 from itertools import permutations
 from operator import mul
 from typing import Any, Literal
@@ -38,44 +37,32 @@ from beamdesign.proofs.mass_family import Families, MassFamily
 
 
 DEEPEST = 10
-"""Halvings of an interval after which `positive_on` gives up."""
+"""Halvings of an interval after which `not_positive_on` gives up."""
 
 
-@dataclass(frozen=True)
-class Definite:
-    """Whether a definiteness holds, exactly, and the reason where it does not.
+def not_positive(matrix: fmpq_mat) -> str:
+    """Why a matrix is not positive definite, in words; empty where it is proved to be, in rationals.
 
-    Attributes:
-        holds: proved in rationals.
-        reason: empty where it holds.
-    """
-
-    holds: bool
-    reason: str = ""
-
-
-def positive_definite(matrix: fmpq_mat) -> Definite:
-    """Sylvester's criterion by fraction-free elimination (Bareiss): all leading principal minors are positive.
-
-    A semidefinite matrix is not positive definite: its first vanishing minor is named.
+    Sylvester's criterion by fraction-free elimination (Bareiss): all leading principal minors are positive. A
+    semidefinite matrix is not positive definite: its first vanishing minor is named.
 
     Args:
         matrix: square, rational.
     """
     if matrix != matrix.transpose():
-        return Definite(False, "the matrix is not symmetric")
+        return "the matrix is not symmetric"
     rows: list[list[Any]] = matrix.numer_denom()[0].tolist()  # over one positive denominator: signs stay
     before = fmpz(1)
     for k, pivot_row in enumerate(rows):
         pivot = pivot_row[k]  # the leading principal minor of order k + 1
         if pivot <= 0:
-            return Definite(False, f"leading minor {k + 1} of {len(rows)} is {'zero' if pivot == 0 else 'negative'}")
+            return f"leading minor {k + 1} of {len(rows)} is {'zero' if pivot == 0 else 'negative'}"
         for row in rows[k + 1 :]:
             head = row[k]
             for j in range(k + 1, len(rows)):
                 row[j] = (pivot * row[j] - head * pivot_row[j]) // before  # exact division
         before = pivot
-    return Definite(True)
+    return ""
 
 
 def bernstein(coefficients: Sequence[Any], low: Any, high: Any) -> list[Any]:
@@ -89,8 +76,8 @@ def bernstein(coefficients: Sequence[Any], low: Any, high: Any) -> list[Any]:
     return [sum((p * share for p, share in zip(coefficients, own, strict=True)), none) for own in shares]
 
 
-def positive_on(coefficients: Sequence[fmpq_mat], low: fmpq, high: fmpq, deepest: int = DEEPEST) -> Definite:
-    """Whether sum over k of coefficients[k] m^k is positive definite for every m in [low, high].
+def not_positive_on(coefficients: Sequence[fmpq_mat], low: fmpq, high: fmpq, deepest: int = DEEPEST) -> str:
+    """Why sum over k of coefficients[k] m^k is not positive definite for every m in [low, high]; empty where it is.
 
     Positive definite Bernstein coefficients prove it; where they are not, the interval is halved. An end of a piece
     at which the matrix itself is not positive definite refutes it.
@@ -103,16 +90,15 @@ def positive_on(coefficients: Sequence[fmpq_mat], low: fmpq, high: fmpq, deepest
     """
     values = bernstein(coefficients, low, high)
     for value, place in ((values[0], low), (values[-1], high)):
-        end = positive_definite(value)
-        if not end.holds:
-            return Definite(False, f"at {float(place):.6g}: {end.reason}")
-    if all(positive_definite(value).holds for value in values[1:-1]):
-        return Definite(True)
+        if wrong := not_positive(value):
+            return f"at {float(place):.6g}: {wrong}"
+    if not any(map(not_positive, values[1:-1])):
+        return ""
     if deepest == 0:
-        return Definite(False, f"no proof between {float(low):.6g} and {float(high):.6g} after all halvings")
+        return f"no proof between {float(low):.6g} and {float(high):.6g} after all halvings"
     middle = (low + high) / 2
-    left = positive_on(coefficients, low, middle, deepest - 1)
-    return positive_on(coefficients, middle, high, deepest - 1) if left.holds else left
+    below = not_positive_on(coefficients, low, middle, deepest - 1)
+    return below or not_positive_on(coefficients, middle, high, deepest - 1)
 
 
 # The inequality.
@@ -159,7 +145,7 @@ def decrease(
     return total
 
 
-def holds_at_rate(
+def not_falling(
     families: Families,
     coefficients: Sequence[fmpq_mat],
     low: fmpq,
@@ -167,10 +153,10 @@ def holds_at_rate(
     rate: fmpq,
     joining: Joining,
     decay: fmpq = ZERO,
-) -> Definite:
-    """Whether V = x' P(m) x decreases along every family at every mass in [low, high] while |dm/dt| is within `rate`.
+) -> str:
+    """Why V = x' P(m) x does not decrease along every family at each mass in [low, high] while |dm/dt| is in `rate`.
 
-    Of a P that is free of m it says so for any matched change however fast: dP/dm is zero.
+    In words, empty where it does; of a P that is free of m that is for any matched change however fast: dP/dm is zero.
 
     Args:
         families: the closed loop with each stage.
@@ -181,16 +167,13 @@ def holds_at_rate(
         joining: how payload joins.
         decay: V falls at least as exp(-2 decay t), 1/s.
     """
-    positive = positive_on(coefficients, low, high)
-    if not positive.holds:
-        return Definite(False, f"P(m) is not positive definite: {positive.reason}")
+    if wrong := not_positive_on(coefficients, low, high):
+        return f"P(m) is not positive definite: {wrong}"
     for k, family in enumerate(families, start=1):
         for sign, resting in extremes(joining) if rate else ((0, 0),):
-            answer = positive_on(decrease(family, coefficients, decay, sign * rate, resting), low, high)
-            if not answer.holds:
-                stage = f" with stage {k}" if len(families) > 1 else ""
-                return Definite(False, f"V does not decrease{stage} {answer.reason}")
-    return Definite(True)
+            if wrong := not_positive_on(decrease(family, coefficients, decay, sign * rate, resting), low, high):
+                return f"V does not decrease{f' with stage {k}' if len(families) > 1 else ''} {wrong}"
+    return ""
 
 
 def jump(family: MassFamily, share: fmpq) -> fmpq_mat:
@@ -238,13 +221,10 @@ def _at_ends(coefficients: Sequence[fmpq_mat], low: fmpq, high: fmpq) -> list[fm
     return [sum((p * m**k for k, p in enumerate(coefficients)), coefficients[0] * 0) for m in (low, high)]
 
 
-def grows_at_most(changes: Sequence[Change], factor: fmpq) -> Definite:
-    """Whether every one of some sudden changes multiplies V by less than `factor`."""
-    for before, after in changes:
-        answer = positive_definite(before * factor - after)
-        if not answer.holds:
-            return Definite(False, f"V grows by more than {float(factor):.6g} at a jump: {answer.reason}")
-    return Definite(True)
+def grows_beyond(changes: Sequence[Change], factor: fmpq) -> str:
+    """Why not every one of some sudden changes multiplies V by less than `factor`, in words; empty where each does."""
+    wrong = next(filter(None, (not_positive(before * factor - after) for before, after in changes)), "")
+    return wrong and f"V grows by more than {float(factor):.6g} at a jump: {wrong}"
 
 
 def dwell_suffices(dwell: fmpq, factor: fmpq, decay: fmpq) -> bool:

@@ -15,7 +15,7 @@ import numpy as np
 from flint import fmpq, fmpq_mat
 
 from beamdesign.polynomial import exact
-from beamdesign.proofs.decrease import ZERO, Joining, bernstein, decrease, extremes, holds_at_rate
+from beamdesign.proofs.decrease import ZERO, Joining, bernstein, decrease, extremes, not_falling
 from beamdesign.proofs.mass_family import Cycle, Families, MassFamily, at, floats, modal_coordinates, rationals
 
 SOLVERS = ("CLARABEL", "SCS")
@@ -342,8 +342,8 @@ def checked(families: Families, sought: Sought, candidate: Sequence[np.ndarray])
     if not all(np.all(np.isfinite(p)) for p in candidate):
         return (), "the candidate is not finite"
     coefficients = tuple(rationals(p) for p in candidate)
-    answer = holds_at_rate(families, coefficients, sought.low, sought.high, sought.rate, sought.joining, sought.decay)
-    return (coefficients, "") if answer.holds else ((), answer.reason)
+    wrong = not_falling(families, coefficients, sought.low, sought.high, sought.rate, sought.joining, sought.decay)
+    return () if wrong else coefficients, wrong
 
 
 def refused(answer: Answer, wrong: str, joining: Joining) -> Course:
