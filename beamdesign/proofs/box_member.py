@@ -16,10 +16,6 @@ from beamdesign.proofs.statement import UNKNOWN, Point, Statement
 from beamdesign.proofs.value_set import delays, plain_and_whole, with_unknown
 
 
-class Undecided(ArithmeticError):
-    """A root lies on the imaginary axis, or too near to it to be told from one."""
-
-
 @dataclass(frozen=True)
 class Quasipolynomial:
     """plain(s) + late(s) exp(-s delay), the delay in s."""
@@ -66,21 +62,19 @@ def stable_at(statement: Statement, parameters: Point) -> bool | None:
     if one.delay == 0 or not any(one.late.coeffs()):
         whole = one.plain + one.late
         return whole.degree() == n and is_hurwitz(whole)
-    try:
-        return one.plain.degree() == n and unstable_roots(one) == 0
-    except Undecided:
-        return None
+    if one.plain.degree() != n:
+        return False
+    return None if (count := unstable_roots(one)) is None else count == 0
 
 
-def unstable_roots(one: Quasipolynomial) -> int:
+def unstable_roots(one: Quasipolynomial) -> int | None:
     """Number of roots with positive real part of a member whose leading term is not delayed.
+
+    None where a root lies on the imaginary axis, or too near to it to be told from one.
 
     With n the degree, N the number and R a frequency from which the leading term outweighs the rest, the argument of
     p(jw) grows from 0 to R by pi n / 2 - pi N + e, where e is the argument of p(jR) over its leading term (Mikhailov's
     criterion with its remainder). Between two frequencies it grows as along the chord, if that is clear of zero.
-
-    Raises:
-        Undecided: where a root is on the axis or too near to it.
     """
     plain, late, delay, n = one.plain, one.late, one.delay, one.plain.degree()
     sizes, delayed = (fmpq_poly([abs(c) for c in part.coeffs()]) for part in (plain, late))
@@ -106,17 +100,14 @@ def unstable_roots(one: Quasipolynomial) -> int:
         if dot.real > 0 and abs(p1).min(abs(p2)) ** 2 * (1 + dot.real / abs(dot)) > 2 * stray * stray:
             turned += (dot.imag / dot.real).atan()
         elif w2 - w1 < reach / 2**60:
-            raise Undecided("a root lies on the imaginary axis, or too near to it to be told")
+            return None
         else:
             middle = (w1 + w2) / 2
             there = value(middle)
             stack += [(middle, w2, there, p2), (w1, middle, p1, there)]
     ahead = value(reach) / (plain[n] * acb(0, reach) ** n)
     count = arb(fmpq(n, 2)) - (turned - (ahead.imag / ahead.real).atan()) / arb.pi()
-    whole = count.unique_fmpz()
-    if whole is None:
-        raise Undecided("the number of unstable roots is not certain")
-    return int(whole)
+    return None if (whole := count.unique_fmpz()) is None else int(whole)
 
 
 # Members that are not stable: looked for in floats, confirmed in exact arithmetic.
