@@ -250,31 +250,22 @@ def is_stable_over(family: Affine, low: fmpq, high: fmpq) -> bool:
     the range and no crossing lies in it, which enclosures mostly show at once; what they leave open goes to
     `stable_ranges`.
     """
-    if not is_hurwitz(family.at(low)):
+    degree, first = max(family.constant.degree(), family.slope.degree()), family.at(low)
+    if not is_hurwitz(first):
         return False
     if low == high:
-        return family.at(low).degree() == max(family.constant.degree(), family.slope.degree())
-    degree = max(family.constant.degree(), family.slope.degree())
-    for power in (0, degree):
-        if family.at(low)[power] * family.at(high)[power] <= 0:
-            return False
-    even0, odd0 = even_odd(family.constant)
-    even1, odd1 = even_odd(family.slope)
-    equation = elimination(family)
+        return first.degree() == degree
+    if any(first[power] * family.at(high)[power] <= 0 for power in (0, degree)):
+        return False
+    equation, parts = elimination(family), [*zip(even_odd(family.constant), even_odd(family.slope), strict=True)]
     if equation.is_zero():
         return stable_ranges(family, low, high).stable
     with ctx.workprec(64):
         ends = arb(low).union(arb(high))
         for square, _ in real_roots(equation, 32):
-            if not square > 0:
-                continue
-            even, odd = value_at(even1, square), value_at(odd1, square)
-            # The crossing's mass solves even0 + m even1 = 0 and odd0 + m odd1 = 0: one clear miss is enough.
-            if not (value_at(even0, square) + ends * even).contains(0):
-                continue
-            if not (value_at(odd0, square) + ends * odd).contains(0):
-                continue
-            return stable_ranges(family, low, high).stable
+            # The crossing's mass solves constant + m slope = 0 of either part: one clear miss is enough.
+            if square > 0 and all((value_at(a, square) + ends * value_at(b, square)).contains(0) for a, b in parts):
+                return stable_ranges(family, low, high).stable
     return True
 
 
