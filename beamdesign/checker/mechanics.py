@@ -115,22 +115,18 @@ def mechanics(
     points: dict[str, dict[str, Number]] = {"tip": {"first": one}, "rod": {"inner": one}, "base": {}}
     for point, weights in points.items():
         add_weights(weights, elements.points[point])
-    points["sensed"] = dict(points["tip"])
-    add_weights(points["sensed"], elements.points["sensed"])
-
-    points["slide"] = {"nut": one} if screw else {}
-    for weight, point in ((one, "tip"), (-one, "rod")):
-        if not screw:
-            add_weights(points["slide"], {name: weight * share for name, share in points[point].items()})
-    add_weights(points["slide"], elements.points["slide"])
 
     def motion(weights: Weights) -> dict[str, Number]:
         """In coordinates alone."""
         total: dict[str, Number] = {}
         for name, weight in weights.items():
-            for coordinate, share in points.get(name, {name: one}).items():
-                total[coordinate] = total.get(coordinate, fmpq(0)) + weight * share
+            add_weights(total, {own: weight * share for own, share in points.get(name, {name: one}).items()})
         return total
+
+    tip, stroke = points["tip"], motion({"tip": one, "rod": -one})
+    points |= {"sensed": dict(tip), "slide": {"nut": one} if screw else dict(stroke)}
+    for point in ("sensed", "slide"):
+        add_weights(points[point], elements.points[point])
 
     def parts() -> Iterator[tuple[dict[str, Number], Polynomial]]:
         """What moves, and the impedance against it."""
@@ -139,7 +135,7 @@ def mechanics(
             yield motion({own: one, "base": -one}), ring(bending)
         yield {"first": one}, ring([0, 0, figure["outer_mass_kg"]])
         yield {"inner": one}, ring([0, 0, figure["inner_mass_kg"] + end_masses[1]])
-        yield points["tip"], ring([0, 0, end_masses[0]])
+        yield tip, ring([0, 0, end_masses[0]])
         if screw:
             yield stretch, resists
         yield from ((motion(moved), ring(resists)) for moved, resists in elements.impedances)
@@ -166,37 +162,34 @@ def mechanics(
             spend(5 * len(moved_by))
             for column, weight in moved_by.items():
                 add(row, column, share * weight * impedance)
-    stroke, tip = motion({"tip": one, "rod": -one}), points["tip"]
-    count = len(chambers)
-    flow = [fmpq(0)] * len(names)
+    flow: dict[str, Number] = {}
     if screw:
         weight, lag = figure["lead_m_per_rad"] ** 2, ring([figure["current_loop_rad_per_s"], 1])
         rows["nut"] = {column: weight * lag * value for column, value in rows["nut"].items()}
         feedback = figure["torque_constant_N_m_per_A"] * figure["speed_feedback_A_s_per_rad"]
         add("nut", "nut", lag * ring([0, figure["rotor_friction_N_m_s_per_rad"], figure["rotor_inertia_kg_m2"]]))
         add("nut", "nut", ring([0, feedback * figure["current_loop_rad_per_s"]]))
-        flow[names.index("nut")] = one
+        flow["nut"] = one
     else:
-        spring = elements.oil * figure["oil_stiffness_N_per_m"] / count
+        spring = elements.oil * figure["oil_stiffness_N_per_m"] / len(chambers)
     for name, side in chambers.items():  # each pushes on the cylinder, towards its own end
         for row, weight in stroke.items():
             add(row, name, ring([-weight * area * side]))
             add(name, row, ring([0, weight * area * side * spring]))
-        add(name, name, ring([count * leak * spring, area * area * side]))
-        flow[names.index(name)] = side * spring
+        add(name, name, ring([len(chambers) * leak * spring, area * area * side]))
+        flow[name] = side * spring
     matrix = [[rows[row].get(column, none) for column in names] for row in names]
 
-    def through(*ways: tuple[Sequence[Number], Weights]) -> Polynomial:
+    def through(*ways: tuple[Weights, Weights]) -> Polynomial:
         """The determinant with a border for each way from what drives the equations to a sum of coordinates.
 
         Over that of `matrix` it is what the sum does when so driven; of two ways, the determinant of their four ratios.
         """
         above = [[*[none] * len(ways), *(none + seen.get(name, fmpq(0)) for name in names)] for _, seen in ways]
-        beside = [[*(none + by[k] for by, _ in ways), *row] for k, row in enumerate(matrix)]
+        beside = [[*(none + by.get(name, fmpq(0)) for by, _ in ways), *matrix[k]] for k, name in enumerate(names)]
         return (-1) ** len(ways) * determinant(above + beside, ring)
 
     stretched = {name: weight * resists for name, weight in stretch.items()}
-    force = [tip.get(name, fmpq(0)) for name in names]
     read = {
         "displacement_m": points["sensed"],
         "inner_displacement_m": {"inner": one},
@@ -205,16 +198,15 @@ def mechanics(
     if strange := [name for name in sensed if name not in read]:
         raise Unreadable(f"this rig does not show {', '.join(strange)}")
     seen = {name: read[name] for name in sensed}
-    pulled = [stroke.get(name, fmpq(0)) for name in names]
     strayed: dict[str, Polynomial] = {}
     if erring:
         strayed["drive"] = through((flow, tip))
-        strayed |= {"nut": weight * lag * strayed["drive"]} if screw else {"stroke": through((pulled, tip))}
+        strayed |= {"nut": weight * lag * strayed["drive"]} if screw else {"stroke": through((stroke, tip))}
     return Mechanics(
         determinant(matrix, ring),
-        through((force, tip)) if disturbed else none,
+        through((tip, tip)) if disturbed else none,
         {name: through((flow, where)) for name, where in seen.items()},
-        {name: through((force, tip), (flow, where)) for name, where in seen.items()} if disturbed else {},
+        {name: through((tip, tip), (flow, where)) for name, where in seen.items()} if disturbed else {},
         strayed,
     )
 
