@@ -339,5 +339,4 @@ def _powers(node: Node) -> Counter[str]:
     def own(part: Node) -> Counter[str]:
         return Counter(map(str, part.packs) if part.kind == "leaf" else {part.kind: 1})
 
-    found: Counter[str] = node.folded(own, partial(reduce, or_), partial(reduce, add))
-    return found
+    return node.folded(own, partial(reduce, or_), partial(reduce, add))

@@ -61,8 +61,7 @@ def rig_tables(
 
 def plain(record: Record) -> Tables:
     """A record as a parsed table would be, every default filled in and what is absent left out."""
-    found: Tables = record.model_dump(mode="json", exclude_none=True)
-    return found
+    return record.model_dump(mode="json", exclude_none=True)
 
 
 def prototype_table(
@@ -207,8 +206,7 @@ def _elements(
         elements = linear.elements({key: exact(value) for key, value in own.items()} | values, figure | values)
     except (DomainError, TypeError) as error:
         raise refused from error
-    found: Tables = written(_nested(elements))
-    return found
+    return written(_nested(elements))
 
 
 def _nested(elements: Elements) -> Tables:

@@ -330,8 +330,7 @@ def _beam(record: Beam, place: str, stiffness: float, mass: float, damping: floa
     found = lumped_beam(record)
     damped = _short(record.damping_ratio * damping / sqrt(stiffness * mass))
     stiff, heavy = _short(found.stiffness * stiffness), _short(found.mass * mass)
-    beam: Beam = _off(record, place, stiffness_N_per_m=stiff, effective_mass_kg=heavy, damping_ratio=damped)
-    return beam
+    return _off(record, place, stiffness_N_per_m=stiff, effective_mass_kg=heavy, damping_ratio=damped)
 
 
 def _short(value: float) -> float:

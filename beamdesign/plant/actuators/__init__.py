@@ -223,8 +223,7 @@ class Actuator(Kinded):
 
     def stated(self, prototype: "WithActuator", rating: Rating) -> float | None:
         """What there is of a rating; None where the prototype does not say."""
-        found: float | None = attrgetter(rating.place)(prototype)
-        return found
+        return attrgetter(rating.place)(prototype)
 
     @abstractmethod
     def takes(self, prototype: "WithActuator", asked: Demand, load_N: float, held: Held) -> dict[str, float]:

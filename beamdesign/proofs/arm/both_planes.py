@@ -93,8 +93,7 @@ class BothPlanes:
 
     def at(self, payload: float) -> fmpq_poly:
         """The characteristic polynomial at one payload, kg."""
-        found: fmpq_poly = _determinant(self.equilibrium(exact(payload), fmpq_poly([0, 1])))
-        return found
+        return _determinant(self.equilibrium(exact(payload), fmpq_poly([0, 1])))
 
     def poles(self, payload: float) -> np.ndarray:
         """Closed-loop poles at one payload, rad/s."""

@@ -125,8 +125,7 @@ def _plane_table(prototype: Prototype, figures: PlaneFigures) -> dict[str, Any]:
     if figures.coupled and beam.has_geometry:
         keys = ("shape", "width_m", "wall_m", "corner_radius_m", "material")
         table["section"] = {key: value for key, value in plain(beam).items() if key in keys}
-    found: dict[str, Any] = stated(table)
-    return found
+    return stated(table)
 
 
 SAMPLES = 9
