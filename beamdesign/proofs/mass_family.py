@@ -119,18 +119,13 @@ def close_with(rig: LinearModel, inner_end_mass: fmpq, law: SensedLaw) -> MassFa
     lead = law.denominator[k]
     through = [numerator[k] / lead for numerator in law.numerators]
     rests = [(one - law.denominator * share) / lead for one, share in zip(law.numerators, through, strict=True)]
-    seen = [SEEN_AS[sensor] for sensor in law.sensors]
-
-    def fed(shares: Sequence[fmpq]) -> Row:
-        """Of the rig's states, by shares of what the sensors see: errors are their negatives."""
-        own = [[-share * c[sensor, j] for j in range(n)] for share, sensor in zip(shares, seen, strict=True)]
-        return [sum(column, fmpq(0)) for column in zip(*own, strict=True)]
-
-    last, straight = _unit(k, k - 1), fed(through)
+    errors = fmpq_mat([[-c[SEEN_AS[sensor], j] for j in range(n)] for sensor in law.sensors])
+    straight, *fed = (fmpq_mat([through, *([rest[i] for rest in rests] for i in range(k))]) * errors).tolist()
+    last = _unit(k, k - 1)
     rows = [[a[i, j] + b[i, 1] * straight[j] for j in range(n)] + [b[i, 1] * one for one in last] for i in range(n)]
     for i in range(k):
         own = [one - law.denominator[i] / lead * end for one, end in zip(_unit(k, i - 1), last, strict=True)]
-        rows.append(fed([rest[i] for rest in rests]) + own)
+        rows.append(fed[i] + own)
     return _family(fmpq_mat(rows), velocity, bare_mass, (*rig.states, *(f"controller_{i + 1}" for i in range(k))))
 
 
@@ -169,20 +164,14 @@ def stage_family(rig: LinearModel, inner_end_mass: fmpq, law: Cascade) -> MassFa
     n, lag, sections = free.nrows(), law.lag, law.sections
     assert lag is not None
     order = n + 2 * len(sections) + 1
-    rows = [[fmpq(0)] * order for _ in range(order)]
-    for i in range(n):
-        for j in range(n):
-            rows[i][j] = free[i, j]
-        rows[i][order - 1] = driven[i, 1]
-
-    error = [-sensed[1, j] for j in range(n)] + [fmpq(0)] * (order - n)
-    rate = _derivative(error, rows, velocity)
-    signal, slope = error, rate
-    curvature = _derivative(rate, rows, velocity) if sections else None
+    none = [fmpq(0)] * (order - n)
+    rows = [[*row, *none[1:], driven[i, 1]] for i, row in enumerate(free.tolist())] + [[fmpq(0)] * order for _ in none]
+    signal = [-sensed[1, j] for j in range(n)] + none
+    slope = _derivative(signal, rows, velocity)
+    curvature = _derivative(slope, rows, velocity) if sections else slope  # which only sections look at
     for k, section in enumerate(sections):
         zero, pole = exact(2 * pi * section.zero_Hz), exact(2 * pi * section.pole_Hz)
         zeta, own = exact(section.zero_damping_ratio), exact(section.pole_damping_ratio)
-        assert curvature is not None
         out, moving = _unit(order, n + 2 * k), _unit(order, n + 2 * k + 1)
         bent = [
             pole**2 * (s + 2 * zeta * r / zero + c / zero**2 - o) - 2 * own * pole * v
@@ -207,10 +196,7 @@ def _derivative(signal: Row, rows: Sequence[Row], velocity: int) -> Row:
             "second-order sections need a filter before them (sensor.filter_Hz): without one they feel the"
             " acceleration of the tip, which jumps with the mass"
         )
-    return [
-        sum((weight * row[j] for weight, row in zip(signal, rows, strict=True) if weight), fmpq(0))
-        for j in range(len(signal))
-    ]
+    return (fmpq_mat([signal]) * fmpq_mat(rows)).entries()
 
 
 def _unit(order: int, place: int) -> Row:
