@@ -38,7 +38,7 @@ from beamdesign.proofs.arm.result import certify_plane
 from beamdesign.proofs.box import certify_box
 from beamdesign.proofs.certificate import Asked, Certificate
 from beamdesign.proofs.performance import prove
-from beamdesign.proofs.rectangle import Rectangle, axis_inside
+from beamdesign.proofs.rectangle import Rectangle, unstable_inside
 from beamdesign.proofs.stability import is_stable_over
 from beamdesign.proofs.tolerance_box import tolerance_box
 from beamdesign.proofs.writer import prototype_table
@@ -304,7 +304,7 @@ def test_an_island_of_instability_inside_stable_sides_is_found() -> None:
     side = poly([4, 1, 1])
     for e, island in ((fmpq(1, 25), True), (fmpq(-1, 25), False), (fmpq(-1, 10**6), False)):
         denominator, numerator = Affine(poly([e - 1, 1, 1, 1]), side), Affine(side, poly([2]))
-        found = axis_inside(denominator, numerator, ends, ends)
+        found = unstable_inside(denominator, numerator, ends, ends)
         families = [denominator + numerator * end for end in ends]
         families += [Affine(denominator.at(end), numerator.at(end)) for end in ends]
         assert all(is_stable_over(family, *ends) for family in families)
@@ -315,8 +315,8 @@ def test_an_island_of_instability_inside_stable_sides_is_found() -> None:
         assert stable_on_rectangle(*pairs, ends, ends) is not island
         if found is not None:
             assert found.decided
-            assert (found.mass - 1) ** 2 + (found.factor - 1) ** 2 == pytest.approx(float(e))
-            assert (2 * pi * found.frequency_Hz) ** 2 == pytest.approx(1 + found.mass + found.factor)
+            assert (found.mass - 1) ** 2 + (found.factor - 1) ** 2 < float(e)
+            assert (2 * pi * found.frequency_Hz) ** 2 == pytest.approx(1 + found.mass + found.factor, rel=1e-2)
 
 
 def test_a_loop_of_half_its_gain_is_that_of_half_the_gain(bare: Prototype, rig: Prototype) -> None:

@@ -4,7 +4,7 @@ Over a rectangle of masses and factors it is decided on the rectangle's four sid
 
 The characteristic polynomial o(m) + g r is affine in the mass m and in the factor g, and they do not multiply each
 other: it is stable on the whole rectangle if it is on the sides (edge theorem of Bartlett, Hollot and Huang, 1988).
-With added sensors r depends on the mass; `axis_inside` then looks inside.
+With added sensors r depends on the mass; `unstable_inside` then looks inside.
 
 The sides decide performance as well. At one frequency the map from (m, g) to o(m) + g r, the reciprocal of the
 compliance but for a factor, is affine to the complex plane: where it is one to one, the interior of the rectangle goes
@@ -13,16 +13,9 @@ is not zero, stands on a side. The map to 1/S = 1 + g r / o(m) is in polar coord
 of m alone with g, and the argument is a function of m alone, monotonic or constant: the same two cases. 1/(C S) is 1/S
 over a number, and |L| grows with g, so that it is largest on a side.
 
-With added sensors the characteristic polynomial is p = o_0 + m o_1 + g (r_0 + m r_1). It is not affine, so that the
-sides of a rectangle do not decide. Where they are stable, though, neither the leading coefficient nor p(0) vanishes
-inside: both are bilinear, and of one sign at the corners. So the points with a root at jw, if there are any, are a
-compact set inside the rectangle and above w = 0. At the largest x = w^2 of it the even part E and the odd part O of p
-have dependent gradients in (m, g), else x could grow (implicit function theorem). With subscripts for derivatives,
-
-    R(g) = E O_m - O E_m
-
-is free of m and quadratic in g; there, R = 0 and R' = E_g O_m - O_g E_m = 0. So x is a root of R's discriminant, a
-polynomial. Each such root gives one g and one m, which are inside the rectangle or not.
+With added sensors the characteristic polynomial is o_0 + m o_1 + g (r_0 + m r_1). It is not affine, so that the sides
+of a rectangle do not decide; but all of it lies in the polytope of its corners, which is stable if the sides and the
+diagonals between corners are. While a diagonal is not, the rectangle is cut in four, along loops that are looked at.
 
 With the inverse zero u of a lag in the place of g, those u at which every mass of a range is stable are found, exactly
 and not from a grid. The characteristic polynomial is p0(s) + m p1(s) + u p2(s), affine in both, at a given gain and
@@ -34,8 +27,8 @@ of u one proof over the whole range settles all.
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from itertools import pairwise
-from math import pi, sqrt
+from itertools import pairwise, product
+from math import nan, pi
 
 from flint import arb, ctx, fmpq, fmpq_poly
 
@@ -55,24 +48,24 @@ from beamdesign.polynomial import (
     simple_between,
     value_at,
 )
-from beamdesign.proofs.stability import is_stable_over
+from beamdesign.proofs.stability import is_stable_over, unstable_at
+from beamdesign.proofs.statement import Interval
 from beamdesign.prototype import Prototype
 
-# Roots on the axis inside a rectangle of masses m and factors g that multiply each other.
+# What is not stable inside a rectangle of masses m and factors g that multiply each other.
 
 
-_PRECISIONS = (128, 512, 2048)
-"""Bits, tried in turn."""
+_HALVINGS = 16
 
 
 @dataclass(frozen=True)
 class Inside:
-    """A point inside a rectangle with a root on the axis.
+    """A point inside a rectangle at which it is not stable.
 
     Attributes:
         mass: kg.
         factor: on the gain.
-        frequency_Hz: of the root.
+        frequency_Hz: of the growing oscillation.
         decided: whether it was found; False where it could not be told from one that is none.
     """
 
@@ -82,79 +75,33 @@ class Inside:
     decided: bool = True
 
 
-def axis_inside(
-    denominator: Affine, numerator: Affine, masses: tuple[fmpq, fmpq], factors: tuple[fmpq, fmpq]
+def unstable_inside(
+    denominator: Affine, numerator: Affine, masses: Interval, factors: Interval, halvings: int = _HALVINGS
 ) -> Inside | None:
-    """A point inside a rectangle at which denominator + g numerator has a root on the imaginary axis; None if none has.
+    """A point inside a rectangle at which denominator + g numerator is not stable; None if it is stable throughout.
 
     Args:
         denominator: over the mass.
         numerator: likewise.
         masses: least and largest.
         factors: least and largest; all four sides are stable.
+        halvings: after which it is left undecided.
     """
     if masses[0] == masses[1] or factors[0] == factors[1] or numerator.slope.is_zero():
         return None  # the sides decide
-    parts = (denominator.constant, denominator.slope, numerator.constant, numerator.slope)
-    both = tuple(zip(*map(even_odd, parts), strict=True))
-    (e, e_m, e_g, e_mg), (o, o_m, o_g, o_mg) = both
-    # R(g) = q_0 + q_1 g + q_2 g^2
-    quadratic = e * o_m - o * e_m, e * o_mg + e_g * o_m - o * e_mg - o_g * e_m, e_g * o_mg - o_g * e_mg
-    discriminant = quadratic[1] * quadratic[1] - 4 * quadratic[0] * quadratic[2]
-    if discriminant.is_zero():
-        return Inside(float("nan"), float("nan"), float("nan"), decided=False)
-
-    def judged(x: arb) -> Inside | None:
-        """Where a root of the discriminant has its point: None outside, else inside or not to be told."""
-        q0, q1, q2 = (value_at(q, x) for q in quadratic)
-        if not q2.contains(0):
-            factor = -q1 / (2 * q2)
-        elif not q1.contains(0):
-            factor = -2 * q0 / q1
-        else:
-            return Inside(_float(masses), _float(factors), _hertz(x), decided=False)
-        if outside(factor, factors):
-            return None
-        for part in both:
-            p, p_m, p_g, p_mg = (value_at(q, x) for q in part)
-            below = p_m + p_mg * factor
-            if below.contains(0):
-                continue
-            mass = -(p + p_g * factor) / below
-            if outside(mass, masses):
-                return None
-            sure = within(mass, masses) and within(factor, factors)
-            return Inside(float(mass.mid()), float(factor.mid()), _hertz(x), sure)
-        return Inside(_float(masses), float(factor.mid()), _hertz(x), decided=False)
-
-    left = None
-    for bits in _PRECISIONS:
-        with ctx.workprec(bits):
-            found = [judged(root) for root, _ in real_roots(discriminant, bits) if root > 0]
-        if sure := [one for one in found if one is not None and one.decided]:
-            return sure[0]
-        left = next((one for one in found if one is not None), None)
-        if left is None:
-            return None
-    return left
-
-
-def outside(ball: arb, ends: tuple[fmpq, fmpq]) -> bool:
-    """Whether all of a ball is outside an interval."""
-    return bool(ball < arb(ends[0])) or bool(ball > arb(ends[1]))
-
-
-def within(ball: arb, ends: tuple[fmpq, fmpq]) -> bool:
-    """Whether all of a ball is inside an open interval."""
-    return bool(ball > arb(ends[0])) and bool(ball < arb(ends[1]))
-
-
-def _float(pair: tuple[fmpq, fmpq]) -> float:
-    return nearest((pair[0] + pair[1]) / 2)
-
-
-def _hertz(x: arb) -> float:
-    return sqrt(float(x.mid())) / (2 * pi)
+    (a, b), (c, d) = ([(denominator + numerator * g).at(mass) for g in factors] for mass in masses)
+    if all(is_stable_over(Affine(one, other - one), fmpq(0), _ONE) for one, other in ((a, d), (b, c))):
+        return None
+    mass, factor = (sum(ends, fmpq(0)) / 2 for ends in (masses, factors))
+    if not halvings:
+        return Inside(nearest(mass), nearest(factor), nan, decided=False)
+    if (there := unstable_at(denominator + numerator * factor, *masses)) is not None:
+        return Inside(nearest(there.value), nearest(factor), there.frequency_Hz)
+    if (there := unstable_at(Affine(denominator.at(mass), numerator.at(mass)), *factors)) is not None:
+        return Inside(nearest(mass), nearest(there.value), there.frequency_Hz)
+    parts = product(((masses[0], mass), (mass, masses[1])), ((factors[0], factor), (factor, factors[1])))
+    found = (unstable_inside(denominator, numerator, *part, halvings - 1) for part in parts)
+    return next((one for one in found if one is not None), None)
 
 
 # The rectangle and its sides.
@@ -241,11 +188,11 @@ class Rectangle:
         return next((side for side in self.sides() if not side.stable), None)
 
     def inside(self, rate: fmpq | None = None) -> Inside | None:
-        """A point inside with a root on the axis, or to the right of -rate, where the sides have none; None if none."""
+        """A point inside that is not stable, or decays no faster than a rate, where the sides do; None if none is."""
         denominator, numerator = self.loop.loop_denominator, self.loop.loop_numerator
         if rate is not None:
             denominator, numerator = shifted(denominator, rate), shifted(numerator, rate)
-        return axis_inside(denominator, numerator, (self.low, self.high), (self.least, self.most))
+        return unstable_inside(denominator, numerator, (self.low, self.high), (self.least, self.most))
 
     @property
     def stable(self) -> bool:
