@@ -110,6 +110,7 @@ def _cells(dividers: Sequence[fmpq_poly], x_low: fmpq, x_high: fmpq | None) -> I
     if x_low == x_high:
         yield x_low, x_low
         return
+    dividers = [_without(divider, x_low, x_high) for divider in dividers]
     precision = 32  # mostly enough, and arb takes a third of the time it needs for 64
     while (roots := _inner_roots(dividers, x_low, x_high, precision)) is None:
         precision *= 2
@@ -122,35 +123,23 @@ def _cells(dividers: Sequence[fmpq_poly], x_low: fmpq, x_high: fmpq | None) -> I
         yield below, simple_between(start, 2 * start + 2 if end is None else end)
 
 
+def _without(divider: fmpq_poly, *ends: fmpq | None) -> fmpq_poly:
+    """Without the roots at the ends of an interval, so that all others are told to be inside or outside."""
+    for end in ends:
+        while end is not None and divider(end) == 0:
+            divider = divider / fmpq_poly([-end, 1])
+    return divider
+
+
 def _inner_roots(
     dividers: Sequence[fmpq_poly], x_low: fmpq, x_high: fmpq | None, precision: int
 ) -> list[tuple[fmpq, fmpq]] | None:
-    """Bounds of all roots strictly inside the interval, ascending and apart; None where the precision is too low."""
-    found = []
+    """Bounds of all roots inside the interval, ascending and apart; None where the precision is too low."""
     with ctx.workprec(precision):
-        for divider in dividers:
-            for root, count in real_roots(divider, precision):
-                place = _inside(divider, root, count, x_low, x_high)
-                if place is None:
-                    return None
-                if place:
-                    found.append(bounds(root))
-    found.sort()
-    apart = all(before[1] < after[0] for before, after in pairwise(found))
-    return found if apart else None
-
-
-def _inside(divider: fmpq_poly, root: arb, count: int, x_low: fmpq, x_high: fmpq | None) -> bool | None:
-    """Whether a root lies strictly inside the interval; None where its enclosure does not tell."""
-    least, most = bounds(root)
-    if most < x_low or (x_high is not None and least > x_high):
-        return False
-    for end in (x_low, x_high):
-        if end is not None and least <= end <= most:
-            # Enclosures of roots of one multiplicity are apart: an end that is a root as often as this one is this one.
-            moved = divider(fmpq_poly([end, 1]))
-            return False if not any(moved.coeffs()[:count]) and moved[count] != 0 else None
-    return True
+        found = sorted(bounds(root) for divider in dividers for root, _ in real_roots(divider, precision))
+    found = [one for one in found if one[1] >= x_low and (x_high is None or one[0] <= x_high)]
+    edges = [(x_low, x_low), *found, *([] if x_high is None else [(x_high, x_high)])]
+    return found if all(before[1] < after[0] for before, after in pairwise(edges)) else None
 
 
 def kept_up_to_Hz(slack: Coefficients, low: fmpq, high: fmpq) -> float:
