@@ -6,7 +6,7 @@ from itertools import chain, groupby, pairwise
 from math import pi
 from operator import attrgetter
 
-from flint import arb, ctx, fmpq, fmpq_mpoly_ctx, fmpq_poly
+from flint import arb, ctx, fmpq
 
 from beamdesign.polynomial import (
     Affine,
@@ -16,7 +16,6 @@ from beamdesign.polynomial import (
     degree_drop,
     elimination,
     even_odd,
-    in_variable,
     is_hurwitz,
     nearest,
     real_roots,
@@ -168,6 +167,10 @@ def _place(crossing: Crossing, low: fmpq, high: fmpq) -> int:
     return -1 if most < low else 1 if least > high else 0
 
 
+_MOST_BITS = 1024
+"""Crossings whose masses cannot be told apart with so many are of one group, between which nothing is claimed."""
+
+
 def _located(family: Affine, low: fmpq, high: fmpq, precision: int) -> list[list[Crossing]]:
     """All crossings, in groups of equal mass, each group told apart from the others and from both ends."""
     dropped = degree_drop(family)
@@ -176,10 +179,16 @@ def _located(family: Affine, low: fmpq, high: fmpq, precision: int) -> list[list
         with ctx.workprec(precision):
             found = [*infinite, *crossings(family, precision)]
             found = [_at_end(family, crossing, (low, high), precision) for crossing in found]
-            groups = _grouped(family, sorted(found, key=lambda crossing: crossing.ends[0]), precision)
-            ends = all(_clear_of(crossing, end) for crossing in chain(*(groups or [])) for end in (low, high))
-            if groups is not None and ends:
-                return groups
+        groups: list[list[Crossing]] = []
+        for crossing in sorted(found, key=lambda crossing: crossing.ends[0]):
+            if groups and any(other.ends[1] >= crossing.ends[0] for other in groups[-1]):
+                groups[-1].append(crossing)
+            else:
+                groups.append([crossing])
+        told = all(len(group) == 1 or None not in {one.rational for one in group} for group in groups)
+        ends = all(_clear_of(crossing, end) for crossing in found for end in (low, high))
+        if ends and (told or precision > _MOST_BITS):
+            return groups
         precision *= 2
 
 
@@ -202,45 +211,6 @@ def _at_end(family: Affine, crossing: Crossing, ends: tuple[fmpq, fmpq], precisi
             ):
                 return crossing.known(end)
     return crossing
-
-
-def _grouped(family: Affine, found: Sequence[Crossing], precision: int) -> list[list[Crossing]] | None:
-    """Groups of crossings at one mass, or None where the precision does not tell whether two masses differ."""
-    groups: list[list[Crossing]] = []
-    candidates: list[arb] | None = None
-    for crossing in found:
-        if not groups or all(other.ends[1] < crossing.ends[0] for other in groups[-1]):
-            groups.append([crossing])
-            continue
-        if candidates is None:
-            candidates = _critical_masses(family, precision)
-        union = crossing.parameter.union(groups[-1][-1].parameter)
-        if sum(root.overlaps(union) for root in candidates) > 1:
-            return None
-        groups[-1].append(crossing)
-    for group in groups:
-        known = [crossing.rational for crossing in group if crossing.rational is not None]
-        group[:] = [crossing.known(known[0]) if known else crossing for crossing in group]
-    return groups
-
-
-def _critical_masses(family: Affine, precision: int) -> list[arb]:
-    """Enclosures of all masses at which a root lies on the axis or at infinity, and perhaps of some others.
-
-    They are the real roots of the resultant of the even and the odd part, a polynomial in m.
-    """
-    x, m = fmpq_mpoly_ctx.get(["x", "m"], "lex").gens()
-    parts = zip(even_odd(family.constant), even_odd(family.slope), strict=True)
-    even, odd = (in_variable(constant, x) + m * in_variable(slope, x) for constant, slope in parts)
-    powers = {power: c for (_, power), c in even.resultant(odd, "x").to_dict().items()}
-    resultant = fmpq_poly([powers.get(power, 0) for power in range(max(powers, default=0) + 1)])
-    masses = [degree_drop(family)]
-    if family.slope[0] != 0:
-        masses.append(-family.constant[0] / family.slope[0])
-    for known in masses:
-        if known is not None:
-            resultant = resultant * fmpq_poly([-known, 1])
-    return [] if resultant.is_zero() else [root for root, _ in real_roots(resultant, precision)]
 
 
 def is_stable_over(family: Affine, low: fmpq, high: fmpq) -> bool:
