@@ -12,7 +12,7 @@ from functools import lru_cache
 from math import inf, isfinite, nextafter, pi, sqrt
 
 import numpy as np
-from flint import acb, arb, arb_poly, ctx, fmpq, fmpq_mpoly, fmpq_poly, fmpz, fmpz_poly
+from flint import acb, arb, arb_poly, ctx, fmpq, fmpq_mpoly, fmpq_poly, fmpz_poly
 
 from beamdesign.exact_copies import let_be_copied
 
@@ -236,25 +236,18 @@ def is_hurwitz(polynomial: fmpq_poly) -> bool:
     Fraction-free rows on even and odd parts; a zero or a sign change in the first column answers no, which is right
     for stability: a Hurwitz polynomial has a first column of one sign without zeros.
     """
-    coefficients = polynomial.numer().coeffs()
-    if not coefficients:
+    whole, degree = polynomial.numer(), polynomial.degree()
+    if degree < 0:
         return False
-    upper: list[fmpz] = coefficients[-1::-2]
-    lower: list[fmpz] = coefficients[-2::-2]
-    sign = 1 if upper[0] > 0 else -1
-    while lower:
-        if sign * lower[0] <= 0:
+    coefficients = (whole if whole[degree] > 0 else -whole).coeffs()
+    upper, lower = fmpz_poly(coefficients[degree % 2 :: 2]), fmpz_poly(coefficients[1 - degree % 2 :: 2])
+    for left in range(degree, 0, -1):
+        lead, following = upper[left // 2], lower[(left - 1) // 2]
+        if following <= 0:
             return False
-        lead, next_lead = upper[0], lower[0]
-        padded = [*lower, *([fmpz(0)] * (len(upper) - len(lower)))]
-        # next_lead * upper - lead * lower keeps the sign of the Routh row times sign, since next_lead has that sign.
-        row = [sign * (next_lead * u - lead * w) for u, w in zip(upper[1:], padded[1:], strict=True)]
-        upper, lower = lower, row
-        if not lower:
-            break
-        divisor = fmpz_poly(lower).content()
-        if divisor > 1:
-            lower = [value // divisor for value in lower]
+        upper, lower = lower, following * upper - lead * lower.left_shift(1 - left % 2)
+        if (divisor := lower.content()) > 1:
+            lower //= divisor
     return True
 
 
