@@ -27,7 +27,7 @@ of u one proof over the whole range settles all.
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from itertools import pairwise, product
+from itertools import accumulate, product
 from math import nan, pi
 
 from flint import arb, ctx, fmpq, fmpq_poly
@@ -263,15 +263,11 @@ def stable_zeros(
     p0, p1, p2 = denominator.constant + numerator, denominator.slope, numerator * fmpq_poly([0, 1])
     low, high = (exact(mass) for mass in outer_end_mass_kg)
     ends = tuple(1 / exact(2 * pi * frequency) for frequency in (LARGEST_HZ, LEAST_HZ))
-    edges: list[tuple[fmpq, fmpq]] = [(ends[0], ends[0])]
-    edges += _merged(
-        bounds(value) for value in critical_values(p0, p1, p2, low, high) if value > ends[0] and value < ends[1]
-    )
-    edges.append((ends[1], ends[1]))
+    inside = (value for value in critical_values(p0, p1, p2, low, high) if value > ends[0] and value < ends[1])
+    edges = [(ends[0], ends[0]), *sorted(map(bounds, inside)), (ends[1], ends[1])]
     found = []
-    for (_, start), (end, _) in pairwise(edges):
-        sample = simple_between(start, end)
-        if is_stable_over(Affine(p0 + sample * p2, p1), low, high):
+    for start, (end, _) in zip(accumulate((most for _, most in edges), max), edges[1:], strict=False):
+        if start < end and is_stable_over(Affine(p0 + simple_between(start, end) * p2, p1), low, high):
             # A last digit inwards, for the division and pi.
             least = rounded_up(1 / end) / (2 * pi) * (1 + 1e-12)
             most = rounded_down(1 / start) / (2 * pi) * (1 - 1e-12)
@@ -311,14 +307,3 @@ def critical_values(p0: fmpq_poly, p1: fmpq_poly, p2: fmpq_poly, low: fmpq, high
             if there < arb(low) or there > arb(high):
                 continue
             yield value_at(of_zero, square) / below
-
-
-def _merged(found: Iterator[tuple[fmpq, fmpq]]) -> list[tuple[fmpq, fmpq]]:
-    """Enclosures in ascending order, those that overlap as one."""
-    merged: list[tuple[fmpq, fmpq]] = []
-    for low, high in sorted(found):
-        if merged and low <= merged[-1][1]:
-            merged[-1] = (merged[-1][0], max(high, merged[-1][1]))
-        else:
-            merged.append((low, high))
-    return merged
