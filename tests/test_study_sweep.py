@@ -288,6 +288,20 @@ def test_result_of_size_is_that_of_size(sweep, command, tmp_path):
     assert row["beam_mass_kg"] == pytest.approx(size(read_problem(PROBLEM)).beam_mass_kg)
 
 
+def test_pair_that_misses_a_check_is_no_answer(sweep, command, tmp_path):
+    """At 90 kN even the widest stock tube of 200 mm yields, so that there is no lightest pair to weigh or to draw."""
+    vary = [{"key": "load.tip_force_N", "values": [1000.0, 90000.0]}]
+    demands = {"beam_mass_kg": {"at_least": 0.0}, "governing": {"equals": "clearance under load, servo on"}}
+    path = sweep(task="size", base=PROBLEM, vary=vary, specification=demands)
+    _, _, fields = command("run", path, "--out", tmp_path / "out")
+    assert fields["counts"] == {"done": 1, "no": 1}
+    light, heavy = parquet.read_table(tmp_path / "out" / "table.parquet").to_pylist()
+    assert light["beam_mass_kg"] > 0
+    assert {heavy[name] for name in ("beam_mass_kg", "outer_width_m", "inner_wall_m")} == {None}
+    assert heavy["governing"] == demands["governing"]["equals"]
+    assert fields["conclusion"]["specification"] == {"met": 0, "of": 2, "each": {"beam_mass_kg": 1, "governing": 0}}
+
+
 def test_failures_stay_as_rows_with_their_reason(sweep, command, tmp_path, monkeypatch):
     from beamdesign.synthesis import sizing
 

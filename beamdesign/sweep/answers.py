@@ -40,9 +40,13 @@ def size(problem: DesignProblem, options: Any) -> Answer:
 
 
 def sizing_outputs(found: "Sizing") -> tuple[dict[str, Any], dict[str, Any]]:
-    """Columns of a sizing, and what governs it: checks, shadow prices, what to relax."""
+    """Columns of a sizing, and what governs it: checks, shadow prices, what to relax.
+
+    A pair that misses a check, the nearest where nothing fits, has no mass and no sizes there: it is no answer.
+    """
     prices = {name: float(price) for name, price in found.shadow_prices.items()}
-    outputs = picked(found, SIZED) | {
+    sections = picked(found, SIZED)
+    outputs = (sections if found.feasible else dict.fromkeys(sections)) | {
         "governing": found.governing,
         "free_beam_mass_kg": found.free.pair.beam_mass_kg if found.free else None,
         "price_of_rounding_kg": found.price_of_rounding_kg,

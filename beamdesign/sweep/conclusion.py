@@ -41,11 +41,13 @@ def conclude(laid: Plan, records: Sequence[Row]) -> dict[str, Any]:
 
 
 def met(sweep: Sweep, records: Sequence[Row]) -> dict[str, Any]:
-    """How many rows meet the specification. Rows without a result do not; yields only come from random samples."""
+    """How many rows meet the specification. Only rows that are done can; yields only come from random samples."""
     from beamdesign.validation.bounds import clopper_pearson
 
-    demands = sweep.specification
-    each = {name: [holds(demand, row["outputs"].get(name)) for row in records] for name, demand in demands.items()}
+    each = {
+        name: [row["status"] == "done" and holds(demand, row["outputs"].get(name)) for row in records]
+        for name, demand in sweep.specification.items()
+    }
     passed = sum(map(all, zip(*each.values(), strict=True)))
     found: dict[str, Any] = {"met": passed, "of": len(records), "each": {name: sum(one) for name, one in each.items()}}
     if sweep.study.method == "tolerance":
