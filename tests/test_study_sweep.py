@@ -362,6 +362,13 @@ END_MASSES = (
         ('kind = "end_masses"', 'kind = "bars"\ny = "crossings_kg"', "crossings_kg holds lists"),
         ("[study]", "[specification]\nstiff = { at_least = 1.0 }\n[study]", "stiff is no output"),
         ("[study]", "[specification]\ncrossings_kg = { at_least = 1.0 }\n[study]", "crossings_kg holds lists"),
+        ("[study]", "[specification]\ncrossings_kg = { at_least = 2, at_most = 1 }\n[study]", "2 is above at_most, 1"),
+        ("[study]", "[specification]\nstable = { equals = true, at_least = 1 }\n[study]", "give either equals"),
+        (
+            "count = 3",
+            'count = 100000\n[[vary]]\nkey = "sensor.gain_V_per_m"\nlow = 1.0\nhigh = 2.0\ncount = 11',
+            "grid of 1.1e",
+        ),
         ("[study]", '[optimise]\noutput = "mass"\n[study]', "optimise.output"),
         ("[study]", '[spread]\noutput = "mass"\noutputs = ["reach"]\n[study]', "spread.outputs: reach"),
     ],

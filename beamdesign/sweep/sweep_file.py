@@ -4,6 +4,7 @@ import difflib
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import permutations
+from math import prod
 from pathlib import Path
 from typing import Any, Literal, get_args
 
@@ -18,6 +19,8 @@ from beamdesign.sweep.case import TASKS, Kind, Task
 SAMPLED = ("latin_hypercube", "sobol")
 Method = Literal["grid", "latin_hypercube", "sobol", "optimise", "tolerance", "worst_case", "sensitivity"]
 
+MOST_CASES = 1_000_000
+
 
 class Work(Record):
     """What every case is put through."""
@@ -25,7 +28,7 @@ class Work(Record):
     task: str = Field(description="what is computed per case, one of beamdesign.sweep.case")
     base: FileName = Field(min_length=1, description="study or prototype file, from this file's folder")
     method: Method = Field("grid", description="how the cases are chosen")
-    cases: int = Field(64, ge=1, le=1_000_000, description="how many samples; of grids every point is taken")
+    cases: int = Field(64, ge=1, le=MOST_CASES, description="how many samples; of grids every point is taken")
     seed: int = Field(0, ge=0, description="of the samples and of the optimiser")
 
 
@@ -93,6 +96,14 @@ class Demand(Record):
     at_least: FiniteFloat | None = Field(None, description="least value of the column that meets it")
     at_most: FiniteFloat | None = Field(None, description="largest value of the column that meets it")
     equals: bool | str | None = Field(None, description="value of the column that meets it")
+
+    @classmethod
+    def relations(cls, table: Mapping[str, Any]) -> Iterator[Problem]:
+        """Limits that a value can keep, or the value itself."""
+        if (pair := records.numbers(table, "at_least", "at_most")) and pair[0] > pair[1]:
+            yield Problem("at_least", f"{pair[0]:g} is above at_most, {pair[1]:g}: no value meets both")
+        if table.get("equals") is not None and (table.get("at_least"), table.get("at_most")) != (None, None):
+            yield Problem("equals", "give either equals, or at_least and at_most")
 
 
 class Spread(Record):
@@ -187,6 +198,9 @@ def _problems(sweep: Sweep) -> Iterator[Problem]:
             seen.add(key)
         if method == "optimise" and vary.values is not None:
             yield Problem(f"vary {number}: {vary.key}", "an optimiser needs low and high, not values")
+    if method == "grid" and (cases := prod(len(one.values or range(one.count)) for one in sweep.vary)) > MOST_CASES:
+        words = f"is a grid of {cases:g} cases, more than {MOST_CASES:g}; give fewer values, or sample another way"
+        yield Problem("vary", f"{words}: study.method = 'latin_hypercube'")
     for key, whole in permutations(seen, 2):
         if key.startswith((f"{whole}.", f"{whole}[")):
             yield Problem("vary", f"{key} is part of {whole}, which is varied too; leave one of them out")
