@@ -449,6 +449,16 @@ def test_values_of_any_kind_among_good_ones_are_refused_and_the_rest_is_drawn(sw
         assert (tmp_path / kind / "picture.png").stat().st_size > 2000
 
 
+def test_lists_that_are_varied_have_places_in_a_picture(sweep, command, tmp_path):
+    payloads = {"key": "payload.outer_end_mass_kg", "values": [[0.0, 1.0], [0.0, 3.0]]}
+    asked = {"kind": "lines", "x": payloads["key"], "y": "critical_gain_A_per_V"}
+    at_5_kg = {"options": {"outer_end_mass_kg": 5.0}}
+    command("run", sweep(vary=[payloads], picture=[asked], **at_5_kg), "--out", tmp_path / "out")
+    picture = (tmp_path / "out" / "picture.svg").read_text(encoding="utf-8")
+    assert "0; 1" in picture
+    assert "0; 3" in picture
+
+
 def test_picture_without_data_says_so(sweep, command, tmp_path):
     asked = {"kind": "lines", "x": "options.outer_end_mass_kg", "y": "bandwidth_Hz", "title": "$\\frac$"}
     path = sweep(vary=[MASSES | {"values": [0.0, 20.0]}], picture=[asked])

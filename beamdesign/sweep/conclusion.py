@@ -19,6 +19,7 @@ from beamdesign.spelling import in_plot
 from beamdesign.sweep.methods import NO_RESULT, Plan, cost, figures_of
 from beamdesign.sweep.store import idle_keys
 from beamdesign.sweep.sweep_file import PICTURES, Demand, Picture, Sweep, value_at
+from beamdesign.sweep.sweep_run import cell
 
 Row = Mapping[str, Any]
 
@@ -204,12 +205,12 @@ def draw(sweep: Sweep, records: Sequence[Row], conclusion: Mapping[str, Any], fo
 
 
 def value_of(row: Row, name: str) -> Any:
-    """A column of a row: an output, a varied key, an option, or any key of its document."""
+    """A column of a row: an output, or as its cell has it a varied key, an option, or any key of its document."""
     if name in row["outputs"]:
         return row["outputs"][name]
     if name in row["varied"]:
-        return row["varied"][name]
-    return value_at({**row["document"], "options": row["options"]}, name)
+        return cell(row["varied"][name])
+    return cell(value_at({**row["document"], "options": row["options"]}, name))
 
 
 def _number(row: Row, name: str) -> Any:
