@@ -201,6 +201,15 @@ def test_scheduler_that_does_not_answer_is_bad_input(monkeypatch):
         pass
 
 
+@pytest.mark.parametrize(("address", "words"), [("127.0.0.1", "missing port"), ("http://127.0.0.1:8786", "scheme")])
+def test_no_client_is_made_of_what_is_no_address(monkeypatch, address, words):
+    import distributed
+
+    monkeypatch.setattr(distributed, "Client", None)
+    with pytest.raises(InputError, match=words), workers.cluster(address):
+        pass
+
+
 class Endless:
     """Where its words are asked for, it leaves a mark, and never again runs a line of Python."""
 
