@@ -131,7 +131,7 @@ def in_words(found: Mapping[str, Any], sweep: Sweep) -> list[str]:
             low, high = asked["bounds"]
             line += (
                 f": yield {100 * asked['yield']:.3g} %, {100 * asked['confidence']:g} % bounds {100 * low:.3g} to"
-                f" {100 * high:.3g} % (sampled; the loop of each sample is proved)"
+                f" {100 * high:.3g} % (sampled, no proof; `beamdesign certify-box` is one)"
             )
         said.append(line)
         parts = [f"{name} by {count}" for name, count in asked["each"].items()]
