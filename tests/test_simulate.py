@@ -198,6 +198,24 @@ def test_records_start_at_rest_under_their_preload(lag: Prototype):
     assert stepped.column("displacement_m")[-1] == pytest.approx(still.column("displacement_m")[0], rel=0.02)
 
 
+@pytest.mark.parametrize("limit_A", [3e-4, 1e-3])
+@pytest.mark.parametrize("mass", [0.0, 3.0, 20.0])
+def test_a_rig_whose_current_saturates_rests_where_the_linear_one_does(lag: Prototype, limit_A: float, mass: float):
+    """Statics in closed form, whatever the mass and whether the loop is stable: x (K_m + A K_q K F / K_pq) = F_d."""
+    rig = lag.but(effects={"current_saturation": {"limit_A": limit_A}})
+    plan = parse(Scenario, {
+        "name": "test", "duration_s": 0.05,
+        "record": [{"name": "one", "outer_end_mass_kg": mass, "preload_N": 220.0}],
+    }, "test")  # fmt: skip
+    valve, law = rig.servovalve, rig.controller.gain_A_per_V * rig.sensor.gain_V_per_m
+    held = rig.actuator.piston_area_m2 * valve.flow_gain_m3_per_s_per_A / valve.leakage_m3_per_s_per_Pa
+    x = 220.0 / (rig.outer_beam.stiffness_N_per_m + held * law)
+    record = simulate(rig, plan).records[0]
+    assert law * x < limit_A
+    assert record.column("displacement_m")[0] == pytest.approx(x, rel=1e-9)
+    assert record.column("current_A")[0] == pytest.approx(-law * x, rel=1e-9)
+
+
 def test_noise_comes_with_its_seed(lag: Prototype):
     given = {"displacement_std_m": 1e-6, "displacement_step_m": 5e-7}
     first, again, other = (

@@ -106,7 +106,8 @@ def equilibrium(assembly: Assembly, u: np.ndarray, parameters: np.ndarray) -> np
     """States (n,) at which nothing moves under constant inputs.
 
     Backward Euler steps of growing length, so that play ends where a slow load would have left it. Friction that has no
-    direction yet (the `memory` of effects) is held at zero.
+    direction yet (the `memory` of effects) is held at zero. Where the steps go astray, as between the two ends of a law
+    that saturates or away from a rest that is not stable, the inputs come on in shares.
 
     Raises:
         ValueError: where none is found.
@@ -114,6 +115,24 @@ def equilibrium(assembly: Assembly, u: np.ndarray, parameters: np.ndarray) -> np
     figure = dict(zip(assembly.parameters, parameters, strict=True))
     supply = figure.get("pressure_dependent_flow.supply_pressure_Pa", figure["supply_pressure"])
     x = np.array([supply / 2 if name in ("pressure_a_Pa", "pressure_b_Pa") else 0.0 for name in assembly.states])
+    done, share = 0.0, 1.0
+    while done < 1.0:
+        part = min(1.0, done + share)
+        try:
+            x, done, share = _settled(assembly, x, part * u, parameters), part, 2 * share
+        except ValueError:
+            share /= 4
+            if share < _LEAST_SHARE:
+                raise
+    return x
+
+
+def _settled(assembly: Assembly, x: np.ndarray, u: np.ndarray, parameters: np.ndarray) -> np.ndarray:
+    """Where the states go from x under constant inputs.
+
+    Raises:
+        ValueError: where they do not settle.
+    """
     here = _InPlace(_stiffness(assembly.kinds), u, parameters)
     weight = scales(assembly)
     free = not_held(assembly)
@@ -132,7 +151,7 @@ def equilibrium(assembly: Assembly, u: np.ndarray, parameters: np.ndarray) -> np
     raise ValueError("the rig has no equilibrium under these inputs")
 
 
-_LONG, _MOST_STEPS = 1e3, 400  # s; steps
+_LONG, _MOST_STEPS, _LEAST_SHARE = 1e3, 400, 1e-3  # s; steps; of the inputs
 
 
 _UNDETERMINED = 1e9  # typical magnitudes: a step as large goes where nothing but rounding says how far
