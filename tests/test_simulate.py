@@ -190,6 +190,29 @@ def test_whole_periods_of_delay_bring_the_critical_gain_down(lag: Prototype):
     assert simulate(lag, plan.but(sampled=Sampled(period_s=5e-4))).stable
 
 
+@pytest.mark.parametrize("force", [100.0, -3000.0])
+def test_a_rig_of_a_hundredth_of_all_forces_moves_alike(lag: Prototype, force: float):
+    """Similarity: with masses, stiffnesses, areas and flows scaled by one factor, displacements and pressures stay."""
+
+    def scaled(factor: float) -> np.ndarray:
+        beams = {
+            name: getattr(lag, name).but(stiffness_N_per_m=factor * stiffness, effective_mass_kg=factor * mass)
+            for name, stiffness, mass in (("outer_beam", 486800.0, 3.9), ("inner_beam", 157500.0, 1.6))
+        }
+        rig = lag.but(
+            effects={"pressure_dependent_flow": {}},
+            actuator=lag.actuator.but(piston_area_m2=factor * 1.13e-4, oil_stiffness_N_per_m=factor * 1.3e7),
+            servovalve=lag.servovalve.but(
+                flow_gain_m3_per_s_per_A=factor * 1.13e-2, leakage_m3_per_s_per_Pa=factor * 3.8e-13
+            ),
+            **beams,
+        )
+        return simulate(rig, scenario(Step(amplitude_N=factor * force), duration_s=0.2)).records[0].samples
+
+    whole, small = (one[:, 3:] / np.abs(one[:, 3:]).max(axis=0) for one in (scaled(1.0), scaled(0.01)))
+    np.testing.assert_allclose(small, whole, atol=1e-2)
+
+
 def test_records_start_at_rest_under_their_preload(lag: Prototype):
     rig = lag.but(effects={"pressure_dependent_flow": {}, "unequal_piston_areas": {}})
     still, stepped = (simulate(rig, scenario(preload_N=800.0, start=start)).records[0] for start in ("loaded", "rest"))

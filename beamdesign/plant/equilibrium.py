@@ -3,10 +3,10 @@
 What would fill the machine with steps is refused before it is begun.
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache, cached_property
-from math import ceil, log
+from math import ceil, inf, log
 from operator import itemgetter
 from typing import Any
 
@@ -113,8 +113,8 @@ def equilibrium(assembly: Assembly, u: np.ndarray, parameters: np.ndarray) -> np
         ValueError: where none is found.
     """
     figure = dict(zip(assembly.parameters, parameters, strict=True))
-    supply = figure.get("pressure_dependent_flow.supply_pressure_Pa", figure["supply_pressure"])
-    x = np.array([supply / 2 if name in ("pressure_a_Pa", "pressure_b_Pa") else 0.0 for name in assembly.states])
+    middle = _supply(figure) / 2
+    x = np.array([middle if name in ("pressure_a_Pa", "pressure_b_Pa") else 0.0 for name in assembly.states])
     done, share = 0.0, 1.0
     while done < 1.0:
         part = min(1.0, done + share)
@@ -179,9 +179,12 @@ def not_held(assembly: Assembly) -> np.ndarray:
 
 def scales(assembly: Assembly) -> np.ndarray:
     """Typical magnitude of each state."""
-    return np.array(
-        [next((size for end, size in _SIZES.items() if name.endswith(end)), 1.0) for name in assembly.states]
-    )
+    return sizes(assembly.states)
+
+
+def sizes(names: Sequence[str]) -> np.ndarray:
+    """Typical magnitudes by what the names of signals end in."""
+    return np.array([next((size for end, size in _SIZES.items() if name.endswith(end)), 1.0) for name in names])
 
 
 _SIZES = {
@@ -306,14 +309,24 @@ _TEST_LOAD_N = 1000.0
 def substeps_for(assembly: Assembly, parameters: np.ndarray, times: np.ndarray) -> int:
     """Integration steps per sample of a record: one per radian of the fastest pole at rest and under load.
 
+    The load is one that the actuator holds: of a cylinder no more than half its stall load, near which orifices pass
+    what a stiffer rig would be needed for.
+
     Raises:
         InputError: where the record would take more than `MOST_STEPS`.
     """
-    places = []
-    for load in (0.0, _TEST_LOAD_N, -_TEST_LOAD_N):
+    figure, places = dict(zip(assembly.parameters, parameters, strict=True)), []
+    smaller = figure.get("piston_area", inf) * (1 - abs(figure.get("unequal_piston_areas.asymmetry", 0.0)))
+    held = min(_TEST_LOAD_N, smaller * _supply(figure) / 2)
+    for load in (0.0, held, -held):
         u = np.array([load, 0.0, 0.0])
         try:
             places.append((equilibrium(assembly, u, parameters), u))
         except ValueError:
             continue
     return substeps_at(assembly, places, parameters, times, _STEPS_PER_RADIAN)
+
+
+def _supply(figure: Mapping[str, float]) -> float:
+    """Supply pressure of a rig, Pa: that of its orifices where these have one of their own."""
+    return figure.get("pressure_dependent_flow.supply_pressure_Pa", figure["supply_pressure"])
