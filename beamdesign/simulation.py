@@ -1,18 +1,19 @@
-"""Time records of a prototype's rig with its controller in the loop, and the oscillations at their ends.
+"""Time records of a prototype's rig with its controller in the loop.
 
 A controller may work at sample times: held current, quantised volts, whole periods of delay.
 """
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
-from math import ceil, log
+from math import ceil
 
 import numpy as np
 
 from beamdesign.arguments import takes
 from beamdesign.controllers.scheduling import PayloadEstimator, next_stage
+from beamdesign.oscillation import Oscillation, oscillation, sustained
 from beamdesign.plant.assembly import OUTPUTS, Assembly, Structure, assemble, parameters_of, structure_of
-from beamdesign.plant.compiled import NOT_SAMPLED, half_steps, integrate
+from beamdesign.plant.compiled import NOT_SAMPLED, half_steps, integrate, refined
 from beamdesign.plant.equilibrium import equilibrium, refuse_too_many, substeps_for
 from beamdesign.prototype import Prototype
 from beamdesign.records import InputError, Problem
@@ -20,65 +21,6 @@ from beamdesign.result import Result
 from beamdesign.sampling import sampled_law, sampled_stage
 from beamdesign.scenario import COLUMNS, Course, Sampled, Scenario, ScenarioRecord, course_of, inputs_of
 from beamdesign.structure import arm, lumped
-
-
-@dataclass(frozen=True)
-class Oscillation:
-    """An oscillation about whatever slower motion carries it.
-
-    Attributes:
-        frequency_Hz: mean over the turning points looked at.
-        amplitude: half the last swing, in the signal's unit.
-        growth_per_s: exponential rate; negative where it dies out.
-    """
-
-    frequency_Hz: float
-    amplitude: float
-    growth_per_s: float
-
-
-def oscillation(times: np.ndarray, signal: np.ndarray, turns: int | None = None) -> Oscillation | None:
-    """The oscillation at the end of a record, from its turning points; None where there are fewer than six.
-
-    Args:
-        times: (N,) equally spaced, s.
-        signal: (N,).
-        turns: how many of the last turning points to look at; all of them by default.
-    """
-    slope = np.diff(signal)
-    at = np.nonzero(slope[:-1] * slope[1:] < 0)[0]
-    at = at if turns is None else at[-turns:]
-    if len(at) < 6:
-        return None
-    # The turning point between samples, by a parabola through three.
-    bend = slope[at + 1] - slope[at]
-    share = -(slope[at] + slope[at + 1]) / (2 * bend)
-    when = times[at + 1] + share * (times[1] - times[0])
-    height = signal[at + 1] - bend * share**2 / 2
-    swings = np.abs(np.diff(height)) / 2
-    middle = (when[1:] + when[:-1]) / 2
-    frequency = (len(when) - 1) / (2 * (when[-1] - when[0]))
-    growth = float(np.polyfit(middle - middle.mean(), np.log(np.maximum(swings, 1e-300)), 1)[0])
-    return Oscillation(float(frequency), float(swings[-1]), growth)
-
-
-def sustained(times: np.ndarray, signal: np.ndarray, least_amplitude: float, forced: bool) -> Oscillation | None:
-    """The oscillation of a record whose inputs are constant, unless it dies out.
-
-    Args:
-        times: (N,) s.
-        signal: (N,) under constant inputs.
-        least_amplitude: below this it counts as died out.
-        forced: whether something in the rig keeps shaking it, so that only growth counts.
-    """
-    half = len(times) // 2
-    late = oscillation(times[half:], signal[half:])
-    if late is None or late.amplitude < least_amplitude:
-        return None
-    span = times[-1] - times[half]
-    least = log(1.05) / span if forced else log(0.95) / span
-    return late if late.growth_per_s > least else None
-
 
 _WALL_STEPS_PER_RADIAN = 4.0
 _LEAST_AMPLITUDE_M = 1e-8
@@ -98,6 +40,8 @@ class SimulatedRecord:
         oscillation: of the displacement where not stable, None where its turns are too few to tell.
         columns: what the samples are of; in the place of the load pressure what another actuator feels.
         changes: (time in s, number from 1) of every change to another law of several.
+        certain_until_s: up to which twice as many integration steps give the same, where they do not throughout: beyond
+            it the course is one of many, as of motion that is chaotic, or stiffer than the steps tried.
     """
 
     name: str
@@ -108,6 +52,15 @@ class SimulatedRecord:
     oscillation: Oscillation | None = None
     columns: tuple[str, ...] = COLUMNS
     changes: tuple[tuple[float, int], ...] = ()
+    certain_until_s: float | None = None
+
+    @property
+    def uncertain(self) -> str:
+        """Where its course is one of many, in words; empty where it is not."""
+        if self.certain_until_s is None:
+            return ""
+        many = f"beyond {self.certain_until_s:.4g} s the course is one of many"
+        return f"{many}: other steps of integration give another, as of motion that is chaotic or very stiff"
 
     def column(self, name: str) -> np.ndarray:
         """(M,) one of its columns."""
@@ -186,16 +139,18 @@ def _unfit(rig: Prototype, scenario: Scenario, row: ScenarioRecord) -> Iterator[
 
 
 def _at_rest(
-    continuous: Assembly, states: tuple[str, ...], force_N: float, parameters: np.ndarray
+    continuous: Assembly, states: tuple[str, ...], force_N: float, parameters: np.ndarray, limit_m: float
 ) -> tuple[np.ndarray, np.ndarray]:
     """Outputs and states of those named, with the rig at rest under a constant force on the tip.
 
     Raises:
-        ValueError: where it has no equilibrium.
+        ValueError: where it has no equilibrium, or one beyond the displacement at which a loop has diverged.
     """
     u = np.array([force_N, 0.0, 0.0])
     x = equilibrium(continuous, u, parameters)
     y = np.asarray(continuous.function(0.0, x, u, parameters)[1]).ravel()
+    if abs(at := y[OUTPUTS.index("outer_displacement_m")]) > limit_m:
+        raise ValueError(f"rests at {at:.4g} m under {force_N:g} N, beyond the displacement limit, {limit_m:g} m")
     return y, x[[continuous.states.index(name) for name in states]]
 
 
@@ -209,30 +164,36 @@ def _fixed(rig: Prototype, scenario: Scenario, row: ScenarioRecord, position: in
 
     times, inputs = scenario.times, inputs_of(row, scenario)
     continuous = assemble(replace(structure_of(rig), wall=walled))
-    before = row.preload_N if scenario.start == "loaded" else 0.0
+    before, limit = row.preload_N if scenario.start == "loaded" else 0.0, scenario.displacement_limit_m
     try:
-        y, start = _at_rest(continuous, assemble(kinds).states, before, parameters)
+        rest, start = _at_rest(continuous, assemble(kinds).states, before, parameters, limit)
     except ValueError as error:
         raise InputError(scenario.name, [(f"record.{row.name}", str(error))]) from error
     substeps = max(substeps_for(continuous, parameters, times), _wall_substeps(rig, row, times))
     inputs[:, 0] += row.preload_N
 
-    digital = NOT_SAMPLED
+    law, periods = None, 0
+    how: tuple[int, float, np.ndarray, float] = (0, 0.0, np.zeros(0), 0.0)
     if sampled is not None and rig.controller is not None:
-        steps = round(sampled.period_s / scenario.sample_s) * substeps
+        periods = round(sampled.period_s / scenario.sample_s)
         try:
-            law = sampled_law(rig.controller, steps * scenario.sample_s / substeps)
+            law = sampled_law(rig.controller, periods * scenario.sample_s)
         except ValueError as error:
             raise InputError(scenario.name, [("sampled.period_s", str(error))]) from error
-        readings = law.readings(y)
-        rest = law.at_rest(readings)
-        digital = law.packed(steps, sampled.delay_periods, sampled.least_volt_V, rest, law.step(rest, readings)[1])
-    y, _ = integrate(
-        kinds, times, half_steps(inputs, substeps), start, parameters, substeps, scenario.displacement_limit_m, digital
-    )
+        readings = law.readings(rest)
+        z = law.at_rest(readings)
+        how = sampled.delay_periods, sampled.least_volt_V, z, law.step(z, readings)[1]
+
+    def course(factor: int) -> np.ndarray:
+        fine = factor * substeps
+        digital = NOT_SAMPLED if law is None else law.packed(periods * fine, *how)
+        return integrate(kinds, times, half_steps(inputs, fine), start, parameters, fine, limit, digital)[0]
+
+    y, same = refined(course, OUTPUTS, substeps * len(times))
     count = len(y)
     samples = np.column_stack([times[:count], inputs[:count], y[:, :4]])
-    return _judged(row, scenario, scenario.measurement.of(samples, position), samples, inputs, kinds)
+    found = _judged(row, scenario, scenario.measurement.of(samples, position), samples, inputs, kinds)
+    return found if same == count else replace(found, certain_until_s=float(times[same]))
 
 
 def _staged(rig: Prototype, scenario: Scenario, row: ScenarioRecord, position: int) -> SimulatedRecord:
@@ -306,7 +267,7 @@ def simulate_scheduled(
     inputs = half_steps(np.column_stack([course.force_N, np.zeros(count)]), substeps)
     inputs[:: 2 * substeps, 1] = command - noise  # read at the samples of the law alone
     before, mass = course.force_N[0] if course.before_N is None else course.before_N, course.payload_kg[0][1]
-    y, state = _at_rest(continuous, states, before, figures(mass))
+    y, state = _at_rest(continuous, states, before, figures(mass), limit_m)
     z = sampled[first_stage].whole.at_rest(np.array([-y[-1]]))
     passed = np.tile(sampled[first_stage].step(z, -float(y[-1]))[1], (2, 1))  # nothing has moved before
 

@@ -57,6 +57,8 @@ def simulate(
     for record in found.records:
         if not record.stable:
             echo(f"{record.name}: {record.reason}")
+        if record.uncertain:
+            echo(f"{record.name}: {record.uncertain}")
         if "stage" in record.columns:
             stages = " -> ".join(["1", *(str(stage) for _, stage in record.changes)])
             mass, std = (float(record.column(name)[-1]) for name in ("estimate_kg", "estimate_std_kg"))
@@ -92,7 +94,7 @@ def _fields(record: Any, path: Path) -> dict[str, Any]:
     changes = {"changes": [{"at_s": when, "stage": stage} for when, stage in record.changes]}
     return {
         "record": path,
-        **picked(record, "name stable reason diverged_at_s"),
+        **picked(record, "name stable reason diverged_at_s certain_until_s"),
         "oscillation_Hz": None if at is None else at.frequency_Hz,
         "oscillation_growth_per_s": None if at is None else at.growth_per_s,
         **(changes if "stage" in record.columns else {}),

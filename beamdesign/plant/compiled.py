@@ -13,7 +13,7 @@ derivative of fixed steps approaches that of the motion in first order of the st
 by some ten per cent at steps at which the record itself is right to 1e-4, and shorter `substeps` mend it.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import lru_cache
 from typing import Any
 
@@ -25,7 +25,7 @@ from numba.extending import intrinsic
 
 from beamdesign.plant.assembly import Structure, assemble
 from beamdesign.plant.component import SAMPLED
-from beamdesign.plant.equilibrium import places_of
+from beamdesign.plant.equilibrium import MOST_STEPS, places_of, sizes
 from beamdesign.plant.machine_code import Body, MachineCode, add_product, machine_code, rows_of, trace
 from beamdesign.sampling import COMMAND, ERROR
 
@@ -155,6 +155,36 @@ def integrate(
     """
     code, width = compiled(kinds), len(assemble(kinds).outputs)
     return _stepped(code, times, inputs, start, len(start), parameters, substeps, bound, digital, width)
+
+
+_APART, _DOUBLINGS, _ROUNDING = 1e-2, 6, 1e-8  # of an output's peak; at most; of a usual size
+
+
+def refined(course: Callable[[int], np.ndarray], outputs: Sequence[str], steps: int) -> tuple[np.ndarray, int]:
+    """Outputs (M, k) of a course at no more steps than it takes for twice as many to give the same.
+
+    How stiff a rig gets under way nothing tells before: a valve that is open, or a curve far out, is not as at rest.
+
+    Args:
+        course: gives (M, k) at so many times the usual steps; M less where it ends sooner.
+        outputs: names of the k.
+        steps: usual ones in all; no more than `MOST_STEPS` are tried.
+
+    Returns:
+        The outputs, and up to which sample those of twice as many steps are the same; M where they are throughout.
+    """
+    found, same = course(1), 0
+    for factor in (2**k for k in range(1, _DOUBLINGS + 1)):
+        if factor * steps > MOST_STEPS:
+            break
+        finer = course(factor)
+        both = min(len(found), len(finer))
+        apart = np.abs(found[:both] - finer[:both]) > _APART * np.abs(finer).max(axis=0) + _ROUNDING * sizes(outputs)
+        same = int(apart.any(axis=1).argmax()) if apart.any() else both
+        if same == len(found) == len(finer):
+            break
+        found = finer
+    return found, same
 
 
 def integrate_with_sensitivities(
