@@ -45,6 +45,12 @@ class _Amplitude(Record):
         return self.amplitude_N or self.amplitude_V or 0.0
 
 
+def _risen(table: Mapping[str, Any], key: str, usual_s: float) -> Iterator[Problem]:
+    """That a level lasts no shorter than the rise to it, else its amplitude is never reached."""
+    if (pair := numbers({"rise_s": usual_s} | dict(table), key, "rise_s")) and pair[0] < pair[1]:
+        yield Problem(key, f"must be at least rise_s, {pair[1]:g}, is {pair[0]:g}: the amplitude is never reached")
+
+
 class Step(_Amplitude):
     """From zero to the amplitude along half a cosine, and back where it has a length."""
 
@@ -52,6 +58,12 @@ class Step(_Amplitude):
     at_s: q.DurationOrNone = Field(0.1, description="when it begins")
     rise_s: q.Duration = Field(0.002, description="how long it takes to rise")
     length_s: q.Duration | None = Field(None, description="after which it goes back to zero; none: it stays")
+
+    @classmethod
+    def relations(cls, table: Mapping[str, Any]) -> Iterator[Problem]:
+        """It goes back no sooner than it has risen."""
+        yield from super().relations(table)
+        yield from _risen(table, "length_s", 0.002)
 
 
 class Sine(_Amplitude):
@@ -81,6 +93,12 @@ class LoadSteps(_Amplitude):
     )
     dwell_s: q.Duration = Field(0.5, description="how long each level lasts")
     rise_s: q.Duration = Field(0.01, description="how long each change takes")
+
+    @classmethod
+    def relations(cls, table: Mapping[str, Any]) -> Iterator[Problem]:
+        """Every level is reached."""
+        yield from super().relations(table)
+        yield from _risen({"dwell_s": 0.5} | dict(table), "dwell_s", 0.01)
 
 
 class FromCsv(Record):
@@ -204,19 +222,15 @@ class Scenario(Record):
             yield Problem("sampled.period_s", f"must be a whole multiple of sample_s, {pair[0]:g}, is {pair[1]:g}")
 
     @model_validator(mode="after")
-    def _bands_hold_lines(self) -> Self:
-        lines, lasts = [], len(self.times) > 1  # else that is told
+    def _samples_show_signals(self) -> Self:
+        wrong, lasts = [], len(self.times) > 1  # else that is told
         for i, row in enumerate(self.record if lasts else ()):
             for signal in row.input:
-                if isinstance(signal, Multisine) and not len(_lines(signal, self.times)):
-                    band = (
-                        f"no multiple of {1 / self.times[-1]:g} Hz, one over the duration, lies from {signal.low_Hz:g}"
-                    )
-                    reason = f"{band} to {signal.high_Hz:g} Hz: the multisine would be nothing"
+                if not isinstance(signal, FromCsv) and (reason := _unseen(signal, self.times)):
                     kind = PydanticCustomError("relation", "{reason}", {"reason": reason})
-                    lines.append(InitErrorDetails(type=kind, loc=("record", i, "input"), input=signal))
-        if lines:
-            raise ValidationError.from_exception_data("Scenario", lines)
+                    wrong.append(InitErrorDetails(type=kind, loc=("record", i, "input"), input=signal))
+        if wrong:
+            raise ValidationError.from_exception_data("Scenario", wrong)
         return self
 
     def every(self, period_s: float | None) -> "Scenario":
@@ -321,6 +335,20 @@ def _lines(signal: Multisine, times: np.ndarray) -> np.ndarray:
     return np.arange(np.ceil(signal.low_Hz / base), np.floor(signal.high_Hz / base) + 1).astype(int)
 
 
+def _unseen(signal: Step | Sine | Multisine | LoadSteps, times: np.ndarray) -> str:
+    """Why samples at these times do not show a signal, in words; empty where they do."""
+    if isinstance(signal, Multisine) and not len(_lines(signal, times)):
+        band = f"no multiple of {1 / times[-1]:g} Hz, one over the duration, lies from {signal.low_Hz:g}"
+        return f"{band} to {signal.high_Hz:g} Hz: the multisine would be nothing"
+    highest = {Sine: "frequency_Hz", Multisine: "high_Hz"}.get(type(signal))
+    if highest is not None and (frequency := getattr(signal, highest)) >= 0.5 / times[1]:
+        alias = f"samples every {times[1]:g} s take {frequency:g} Hz for a lower frequency"
+        return f"{alias}: {highest} must be less than {0.5 / times[1]:g} Hz, or sample_s less than {0.5 / frequency:g}"
+    if signal.amplitude and not np.any(_shape(signal, times)):
+        return f"a {signal.kind} that is over between two samples, or begins after the last: it would be nothing"
+    return ""
+
+
 def _shape(signal: Step | Sine | Multisine | LoadSteps, times: np.ndarray) -> np.ndarray:
     """A signal of amplitude one."""
     match signal:
@@ -339,7 +367,7 @@ def _shape(signal: Step | Sine | Multisine | LoadSteps, times: np.ndarray) -> np
             lines = _lines(signal, times)
             phases = np.random.default_rng(signal.seed).uniform(0, 2 * np.pi, len(lines))
             spectrum = np.zeros(len(times) - 1, dtype=complex)  # of one period, which is the record's length
-            np.add.at(spectrum, lines % len(spectrum), np.exp(1j * phases))
+            spectrum[lines] = np.exp(1j * phases)
             wave = np.resize(np.fft.ifft(spectrum).real, len(times))
             wave /= max(np.abs(wave).max(), 1e-300)
     return wave * (_rise(times, 0.0, signal.fade_s) if signal.fade_s > 0 else 1.0)
