@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from bench_records import CAP, MEAN, RING, SUPPLY, TANK, ZERO, Truth, steady_motion, write_set
+from bench_records import BORE, CAP, MEAN, RING, ROD, SUPPLY, TANK, ZERO, Truth, steady_motion, write_set
 
 from beamdesign import InputError
 from beamdesign.bench_prototype import read_bench_prototype
@@ -289,6 +289,21 @@ def test_clipping_is_told(tmp_path: Path):
     rig = data.prototype.but(sensors=data.prototype.sensors.but(displacement_most_m=0.1))
     times = np.arange(2000) * 1e-3
     assert replay(rig, times, np.full(2000, 8.0))[:, 2].max() == 0.1
+
+
+def test_friction_and_load_of_a_large_cylinder_are_within_reach(joint_set: Path):
+    """Of twenty times the area everything is as before with twenty times the forces; a stated load is kept."""
+    rig = read_bench_prototype(joint_set / "prototype.toml")
+    size = 20**0.5
+    actuator = rig.actuator.but(bore_m=size * BORE, rod_m=size * ROD, piston_area_m2=20 * MEAN)
+    like = rig.but(actuator=actuator.but(constant_load_N=4000.0))
+    hypothesis = together("seal_friction (coulomb)", "parameter:constant_load")
+    one, other = (
+        {u.name: u for u in steady_evidence.steady_placement(each, hypothesis, 4.0).unknowns} for each in (rig, like)
+    )
+    for name, offset in (("seal_friction.coulomb_N", 0.0), ("constant_load", 4000.0)):
+        assert other[name].bounds == pytest.approx(one[name].bounds)
+        assert other[name].value(1.0) == pytest.approx(20 * one[name].value(1.0) + offset)
 
 
 def test_amended_prototypes_hold_what_was_fitted(joint_set: Path):

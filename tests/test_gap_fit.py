@@ -7,7 +7,7 @@ import pytest
 from gap_sets import believed, measured, only, scenario
 from rigs_of_effects import having
 
-from beamdesign import InputError, read_dataset
+from beamdesign import InputError, Prototype, read_dataset
 from beamdesign.diagnosis.data.dataset import FrequencyResponse
 from beamdesign.diagnosis.diagnosis import updated_prototype
 from beamdesign.diagnosis.fitting.evidence import evidence_of, record_evidence
@@ -27,7 +27,7 @@ from beamdesign.diagnosis.fitting.replay import Replay
 from beamdesign.diagnosis.fitting.search import search
 from beamdesign.diagnosis.fitting.starts import starts
 from beamdesign.diagnosis.fitting.weighting import INDEPENDENT, SHARE, weighting
-from beamdesign.plant.assembly import fits
+from beamdesign.plant.assembly import fits, structure_of
 from beamdesign.plant.effects import causes
 from beamdesign.structure.lumped import figures
 from beamdesign.validation.truth.case import answer, write_case
@@ -73,6 +73,60 @@ def test_slopes_of_parameters_agree_with_differences(names):
         step = np.eye(len(z))[k] * 1e-6
         found = (placement.parameters(base, z + step) - placement.parameters(base, z - step)) / 2e-6
         np.testing.assert_allclose(slopes[:, k], found, rtol=1e-7, atol=1e-7 * np.abs(found).max())
+
+
+def larger(rig: Prototype, force: float, current: float) -> Prototype:
+    """A rig that moves as this one does under so many times the force, whose valve takes so many times the current."""
+
+    def times(factor: float, record, *names: str):
+        return record.but(**{name: factor * getattr(record, name) for name in names})
+
+    beams = [times(force, beam, "stiffness_N_per_m", "effective_mass_kg") for beam in (rig.outer_beam, rig.inner_beam)]
+    valve = times(force / current, rig.servovalve, "flow_gain_m3_per_s_per_A")
+    return rig.but(
+        outer_beam=beams[0],
+        inner_beam=beams[1],
+        actuator=times(force, rig.actuator, "piston_area_m2", "oil_stiffness_N_per_m"),
+        servovalve=times(force, valve, "leakage_m3_per_s_per_Pa"),
+        controller=times(current, rig.controller, "gain_A_per_V"),
+    )
+
+
+@pytest.mark.parametrize(("force", "current"), [(20.0, 1.0), (0.05, 1.0), (1.0, 100.0)])
+def test_what_is_expected_of_causes_goes_with_the_size_of_the_rig(force: float, current: float):
+    """By similarity: all forces of two such rigs are in one ratio, all currents in another, at the same motion."""
+    factors = {"_N": force, "_N_s_per_m": force, "_N_per_m": force, "_kg": force, "_A": current}
+    rig, like = believed(), larger(believed(), force, current)
+    for hypothesis in singles(rig):
+        for one, other in zip(hypothesis.unknowns(rig), hypothesis.unknowns(like), strict=True):
+            if one.kind == "effect":
+                factor = next((factors[unit] for unit in factors if one.name.endswith(unit)), 1.0)
+                for z in (-0.5, 0.0, 0.5):
+                    assert other.value(z) == pytest.approx(factor * one.value(z), rel=1e-12), one.name
+                assert other.bounds == pytest.approx(one.bounds), one.name
+
+
+def test_what_a_fit_finds_of_a_cause_is_what_acts():
+    placement = together("valve_hysteresis").placement(larger(believed(), 1.0, 100.0))
+    z = np.full(len(placement.unknowns), 0.3)
+    names = placement.assembly.parameters
+    acts = dict(zip(names, placement.parameters(np.ones(len(names)), z), strict=True))
+    for unknown in placement.unknowns:
+        if unknown.kind == "effect":
+            assert acts[unknown.name] == unknown.value(0.3)
+
+
+def test_a_strong_actuator_may_rub_more_than_the_published_one():
+    rub = {"seal_friction": {"coulomb_N": 1500.0}}
+    with pytest.raises(InputError, match="must be from 0 to 1000"):
+        structure_of(believed().but(effects=rub))
+    assert structure_of(larger(believed(), 20.0, 1.0).but(effects=rub)).effects == ("seal_friction",)
+
+
+def test_orifices_are_looked_for_at_the_supply_pressure_of_the_rig():
+    rig = believed().but(supply={"pressure_Pa": 5e6})
+    (pressure,) = [u for u in together("pressure_dependent_flow").unknowns(rig) if u.kind == "effect"]
+    assert pressure.value(0.0) == pytest.approx(5e6)
 
 
 def test_figures_without_a_tolerance_stay():

@@ -328,9 +328,10 @@ def with_controller(path: Path) -> "Prototype":
 
     record, wrong = read_prototype(path), []
     if record.effects:
+        from beamdesign.plant.assembly import sizes
         from beamdesign.plant.effects import problems
 
-        wrong = problems(record.effects)
+        wrong = problems(record.effects, sizes(record))
     if record.controller is None:
         wrong.append(Problem("controller", "missing; write it there, or let `beamdesign tune` find one"))
     if wrong:

@@ -189,8 +189,7 @@ def parameters_of(prototype: Prototype, outer_end_mass: float, inner_end_mass: f
 
 def effect_parameters_of(prototype: Prototype) -> dict[str, dict[str, float]]:
     """Parameters of a prototype's effects, sorted by name: as given, else the rig's own or the default."""
-    # What an effect that is named alone takes from the rig itself.
-    own = {"pressure_dependent_flow.supply_pressure_Pa": prototype.supply.pressure_Pa} | of_drive(prototype)
+    own = of_rig(prototype)
     return {
         name: {
             q.name: float(prototype.effects[name].get(q.name, own.get(f"{name}.{q.name}", q.default)))
@@ -200,15 +199,48 @@ def effect_parameters_of(prototype: Prototype) -> dict[str, dict[str, float]]:
     }
 
 
+def of_rig(prototype: Prototype) -> dict[str, float]:
+    """Figures of effects, by `EFFECT.PARAMETER`, that the rig itself gives where none is stated."""
+    return {"pressure_dependent_flow.supply_pressure_Pa": prototype.supply.pressure_Pa} | of_drive(prototype)
+
+
 def of_drive(prototype: WithActuator) -> dict[str, float]:
     """Usual figures of effects, by `EFFECT.PARAMETER`, where a drive with a command of 10 V gives the current."""
     gain = prototype.actuator.drive_gain()
     return {f"{name}.limit_A": 10 * gain for name in laws_of("current_saturation")} if gain is not None else {}
 
 
+_PUBLISHED = {"outer_stiffness": 486800.0, "inner_mass": 1.6}  # N/m, kg
+_PUBLISHED_A_S_PER_M = 0.01  # piston area over flow gain
+_BENCH_N, _BENCH_A_PER_V = 700.0, 1e-3  # of a bench: supply pressure times piston area, and of its amplifier
+
+
+def sizes(prototype: AnyPrototype) -> dict[str, float]:
+    """How large a rig is over that of Zalucky and Hardt (1984), whose figures of effects are the usual ones.
+
+    A rig of twice the forces, masses and flows moves as that one does under twice the load, and its seal rubs twice as
+    much; one whose valve needs twice the current has twice the dead band in amperes.
+
+    Returns:
+        "force" of the actuator, "stiffness" and "mass" of the beams, and "current" for a speed of the piston; 1 for
+        what a rig does not have.
+    """
+    if not isinstance(prototype, Prototype):
+        actuator = prototype.actuator
+        force = actuator.supply_pressure_Pa * actuator.piston_area_m2 / _BENCH_N
+        current = prototype.servovalve.amplifier_A_per_V / _BENCH_A_PER_V
+        return {"force": force, "stiffness": 1.0, "mass": 1.0, "current": current}
+    figures = lumped.figures(prototype)
+    stiffness, mass = (figures[name] / usual for name, usual in _PUBLISHED.items())
+    force = prototype.actuator.strength_N(prototype) / prototype.actuator.usual_strength_N
+    per_speed = figures["piston_area"] / figures["flow_gain"] if "flow_gain" in figures else _PUBLISHED_A_S_PER_M
+    return {"force": force, "stiffness": stiffness, "mass": mass, "current": per_speed / _PUBLISHED_A_S_PER_M}
+
+
 def wrong_effects(prototype: AnyPrototype) -> list[Problem]:
     """What is wrong with a prototype's effects: unknown, out of bounds, on what it does not have, impossible there."""
-    found, known, rig = problems(prototype.effects), library(), RIGS[prototype.rig]
+    known, rig = library(), RIGS[prototype.rig]
+    found = problems(prototype.effects, sizes(prototype)) if prototype.effects else []
     for name in filter(known.__contains__, prototype.effects):
         if missing := [port for port in known[name].laws if port not in rig.ports]:
             words = f"{', '.join(missing)}, which the actuator bench"

@@ -17,7 +17,7 @@ import numpy as np
 
 from beamdesign.controllers import Controller, Proportional
 from beamdesign.parameters import PARAMETERS, RIG_TOLERANCES
-from beamdesign.plant.assembly import Assembly, Structure, assemble, of_drive, parameters_of, suits
+from beamdesign.plant.assembly import Assembly, Structure, assemble, of_rig, parameters_of, sizes, suits
 from beamdesign.plant.component import Law
 from beamdesign.plant.effects import causes, laws_of, library
 from beamdesign.prototype import Prototype
@@ -134,11 +134,12 @@ def of_effects(names: tuple[str, ...], prototype: Prototype) -> tuple[Unknown, .
     """
     supply = Unknown(SUPPLY, prototype.supply.pressure_Pa, _SUPPLY_SPREAD, False, 1e6, 60e6, "effect")
     stated = {f"{name}.{key}": value for name in names for key, value in prototype.effects.get(name, {}).items()}
-    usual = of_drive(prototype) | stated
+    usual = of_rig(prototype) | stated
+    size = sizes(prototype)
     own = (
         Unknown(place, float(usual.get(place, q.default)), q.spread, q.low <= 0, q.low, q.high, "effect")
         for name in names
-        for place, q in ((f"{name}.{q.name}", q) for q in library()[name].parameters)
+        for place, q in ((f"{name}.{q.name}", q.of(size)) for q in library()[name].parameters)
         if q.name not in given(name, prototype)
     )
     return (*([supply] if set(names) & set(laws_of(AIR)) else []), *own)
@@ -188,7 +189,8 @@ class Placement:
         for k, unknown in enumerate(self.unknowns):
             value = unknown.value(z[k])
             for row, power in self._moved_by[k]:
-                p[row] = value if unknown.linear else p[row] * (value / unknown.nominal) ** power
+                of_effect = unknown.kind == "effect"  # whose own default may be that of another size
+                p[row] = value if of_effect else p[row] * (value / unknown.nominal) ** power
         return p
 
     @cached_property

@@ -13,6 +13,7 @@ from beamdesign.bench_prototype import BenchPrototype
 from beamdesign.diagnosis.fitting.fit import Fit, Fitted, fit
 from beamdesign.diagnosis.fitting.hypothesis import WRONG, Hypothesis, Placement, Unknown, place, together
 from beamdesign.diagnosis.fitting.steady_motion import CHANNELS, EDGES, Observations, averaged, steady
+from beamdesign.plant.assembly import sizes
 from beamdesign.plant.bench_simulation import bench_parameters, bench_structure
 from beamdesign.plant.effects import library
 
@@ -98,7 +99,7 @@ _WIDE = 1.0  # standard deviation of the logarithm of a figure that is free of i
 _AREA_RATIO_STD = 0.02  # of the asymmetry that bore and rod give
 _TANK_STD = 0.03  # of the supply: nothing is believed of the tank, and gauges are off by as much
 _LEAST_TOLERANCE = 1e-4
-_LOAD_STD_N = 20.0
+_LOAD_STD_N = 20.0  # of a bench of size 1
 _EDGE_STD = 0.1
 _LOST = 0.1  # share of pressure lost in a line, or of flow past the piston, at the largest flow: one deviation
 
@@ -114,6 +115,8 @@ def steady_placement(prototype: BenchPrototype, hypothesis: Hypothesis, largest_
     known, at, tolerance = moved(nominal_causes(prototype)), figures(prototype, hypothesis), prototype.tolerance
     supply, largest_A = at["supply_pressure"], at["gain"] * largest_V
     flow = at["flow_gain"] * largest_A
+    size = sizes(prototype)
+    load, around = at["constant_load"], _LOAD_STD_N * size["force"]
     lost, loss = _LOST * flow / supply, _LOST * supply / flow**2
     orifices = ORIFICES in hypothesis.names
     vouched = _WIDE if FLOW_GAIN in hypothesis.names else hypot(tolerance.flow_gain, _DROP_STD if orifices else 0.0)
@@ -127,10 +130,11 @@ def steady_placement(prototype: BenchPrototype, hypothesis: Hypothesis, largest_
         "piston_leakage": (0.0, lost, 0.0, 5 * lost),
         "line_loss": (0.0, loss, 0.0, 5 * loss),
         "edge_b": (1.0, _EDGE_STD, 0.5, 1.5),
-        "constant_load": (at["constant_load"], _LOAD_STD_N, -10 * _LOAD_STD_N, 10 * _LOAD_STD_N),
+        "constant_load": (load, around, load - 10 * around, load + 10 * around),
     }
     for name in STEADY_EFFECTS:
-        priors |= {f"{name}.{q.name}": (q.default, q.spread, q.low, q.high) for q in library()[name].parameters}
+        own = [q.of(size) for q in library()[name].parameters]
+        priors |= {f"{name}.{q.name}": (q.default, q.spread, q.low, q.high) for q in own}
     priors[f"{AREAS}.asymmetry"] = (prototype.actuator.asymmetry, _AREA_RATIO_STD, -0.5, 0.5)
     _, spread, low, high = priors[f"{DEADBAND}.half_width_A"]
     priors[f"{DEADBAND}.half_width_A"] = (0.0, spread, low, min(high, 0.9 * largest_A))

@@ -145,6 +145,7 @@ class Actuator(Kinded):
         linear_states: of the linear plant: first its free length, then what follows the current.
         ratings: what it has to be rated for, beside its stroke.
         title: of their section in a specification.
+        usual_strength_N: `strength_N` of a rig for which the library's usual figures of effects hold as they stand.
         unseen: one more of these, which may be neither driven nor seen, and is left out then; empty for none.
     """
 
@@ -159,6 +160,7 @@ class Actuator(Kinded):
     unseen: ClassVar[str] = ""
     ratings: ClassVar[tuple[Rating, ...]] = ()
     title: ClassVar[str] = ""
+    usual_strength_N: ClassVar[float] = 1000.0
 
     stroke_m: q.Stroke | None = Field(None, description="from one end stop to the other; the rig rests in the middle")
 
@@ -207,7 +209,7 @@ class Actuator(Kinded):
 
     @abstractmethod
     def strength_N(self, prototype: "WithActuator") -> float:
-        """About the largest force that it gives; 1 kN where the prototype does not say."""
+        """About the largest force that it gives; `usual_strength_N` where the prototype does not say."""
 
     def largest_current_A(self, prototype: "WithActuator") -> float | None:
         """Largest current that it takes of a law, by its first rating and by a saturation; None where nothing says."""

@@ -155,7 +155,7 @@ class BallScrew(Actuator):
     def strength_N(self, prototype: "WithActuator") -> float:
         """What the largest current gives at a nut that stands still."""
         current = self.peak_current_A or self.continuous_current_A
-        return current * self.torque_constant_N_m_per_A * 2 * pi / self.lead_m if current else 1000.0
+        return current * self.torque_constant_N_m_per_A * 2 * pi / self.lead_m if current else self.usual_strength_N
 
     def drive_gain(self) -> float:
         """As stated, or the largest current that is stated at 10 V, as drives are scaled; 1 A/V where none is."""

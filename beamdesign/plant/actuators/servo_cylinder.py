@@ -171,6 +171,7 @@ class ServoCylinder(Actuator):
         Rating("supply flow", "flow_m3_per_s", "supply.flow_m3_per_s", "m3/s", q.FlowRate),
     )
     title = "Cylinder, valve and supply"
+    usual_strength_N = 2260.0  # of the published rig: 20 MPa on 1.13 cm2
 
     @classmethod
     def to_linear(cls, state: Signals, figure: Signals, tip: Any) -> dict[str, Any]:

@@ -10,7 +10,7 @@ from functools import cache
 from importlib import import_module
 from math import pi
 from pkgutil import iter_modules
-from typing import Any, Literal
+from typing import Any, Literal, Self
 
 import casadi as ca
 from flint import fmpq
@@ -39,6 +39,8 @@ class Parameter:
         high: largest value that makes sense.
         spread: prior standard deviation of the natural logarithm (of the value itself where `low` is not positive).
         meaning: in words, with where the magnitude comes from.
+        size: of a rig, with which default, bounds and a spread of the value itself go, one of those that
+            `beamdesign.plant.assembly.sizes` tells; empty where they are those of any rig.
     """
 
     name: str
@@ -47,6 +49,14 @@ class Parameter:
     high: float
     spread: float
     meaning: str
+    size: str = ""
+
+    def of(self, sizes: Mapping[str, float]) -> Self:
+        """The same of a rig with these sizes, each over that of the published rig."""
+        factor = sizes[self.size] if self.size else 1.0
+        spread = self.spread if self.low > 0 else factor * self.spread
+        default, low, high = (factor * value for value in (self.default, self.low, self.high))
+        return replace(self, default=default, low=low, high=high, spread=spread)
 
 
 @dataclass
@@ -337,8 +347,11 @@ def register(effect: Effect) -> None:
     library()[effect.name] = effect
 
 
-def problems(tables: Mapping[str, Mapping[str, float]]) -> list[Problem]:
-    """What is wrong with the `[effects.NAME]` tables of a prototype: unknown names, figures out of bounds."""
+def problems(tables: Mapping[str, Mapping[str, float]], sizes: Mapping[str, float]) -> list[Problem]:
+    """What is wrong with the `[effects.NAME]` tables of a prototype: unknown names, figures out of bounds.
+
+    Bounds are those of the published rig and of one with these sizes, see `Parameter.of`, with all that lies between.
+    """
     known, found = library(), []
     for name, table in tables.items():
         if name not in known:
@@ -349,9 +362,11 @@ def problems(tables: Mapping[str, Mapping[str, float]]) -> list[Problem]:
             where = f"effects.{name}.{key}"
             if key not in parameters:
                 found.append(Problem(where, "unknown parameter" + _suggestion(key, list(parameters))))
-            elif not parameters[key].low <= value <= parameters[key].high:
-                bounds = f"{parameters[key].low:g} to {parameters[key].high:g}"
-                found.append(Problem(where, f"must be from {bounds}, is {value:g}"))
+            else:
+                both = parameters[key], parameters[key].of(sizes)
+                low, high = min(q.low for q in both), max(q.high for q in both)
+                if not low <= value <= high:
+                    found.append(Problem(where, f"must be from {low:g} to {high:g}, is {value:g}"))
     return found
 
 

@@ -14,7 +14,7 @@ def _law(signal: Any, site: Site) -> Any:
 
 LIMIT = Parameter(
     "limit_A", 10e-3, 0.2e-3, 1e3, 0.7,
-    "largest current; rated currents are 8 to 40 mA, a motor's default is its drive's",
+    "largest current; rated currents are 8 to 40 mA, a motor's default is its drive's", "current",
 )  # fmt: skip
 LINEAR = Linear(
     "gain from none to the whole, the sector in which a saturation lies; performance below the limit",

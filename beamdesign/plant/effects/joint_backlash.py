@@ -84,9 +84,9 @@ EFFECT = Effect(
     laws={**_ROD, "inner_force_N": _force},
     parameters=(
         Parameter("play_m", 50e-6, 0.0, 2e-3, 50e-6, "free travel from one side of the joint to the other"),
-        Parameter("stiffness_N_per_m", 5e7, 1e7, 4e8, 0.7, "of the joint once it bears"),
-        Parameter("damping_N_s_per_m", 1e3, 0.0, 1e4, 0.6e3, "of the joint once it bears"),
-        Parameter("rod_mass_kg", 0.3, 0.1, 1.0, 0.3, "piston and rod"),
+        Parameter("stiffness_N_per_m", 5e7, 1e7, 4e8, 0.7, "of the joint once it bears", "stiffness"),
+        Parameter("damping_N_s_per_m", 1e3, 0.0, 1e4, 0.6e3, "of the joint once it bears", "stiffness"),
+        Parameter("rod_mass_kg", 0.3, 0.1, 1.0, 0.3, "piston and rod", "mass"),
         Parameter("counted_share", 0.0, 0.0, 1.0, 0.7, "of the rod's mass that the inner beam's effective mass holds"),
     ),
     states=tuple(_ROD),

@@ -41,7 +41,9 @@ EFFECT = Effect(
         "sensed_m": lambda signal, site: signal - site.parameter["sensor_share"] * site.state["mount_m"],
     },
     parameters=(
-        Parameter("stiffness_N_per_m", 5e6, 2e5, 5e8, 0.8, "force at the tips over the motion there, beams rigid"),
+        Parameter(
+            "stiffness_N_per_m", 5e6, 2e5, 5e8, 0.8, "force at the tips over the motion there, beams rigid", "stiffness"
+        ),
         Parameter("frequency_Hz", 100.0, 15.0, 1000.0, 0.5, "of the mount with the beams held to the ground"),
         Parameter("damping_ratio", 0.03, 2e-3, 0.5, 0.6, "of the mount alone"),
         Parameter("sensor_share", 0.0, 0.0, 1.0, 0.5, "1 where the sensor's reference turns with the mount, else 0"),

@@ -39,11 +39,11 @@ EFFECT = Effect(
     subsystem="actuator",
     laws={"friction_N": _law},
     parameters=(
-        Parameter("coulomb_N", 60.0, 0.0, 1000.0, 50.0, "friction of steady sliding"),
+        Parameter("coulomb_N", 60.0, 0.0, 1000.0, 50.0, "friction of steady sliding", "force"),
         Parameter("breakaway_ratio", 1.0, 1.0, 3.0, 0.3, "friction at the onset of sliding over that at speed"),
         Parameter("stribeck_m_per_s", 0.005, 1e-4, 0.1, 0.7, "speed at which the excess has gone to 1/e"),
         Parameter("presliding_m", 10e-6, 1e-6, 200e-6, 0.8, "deflection of the seal before it slides"),
-        Parameter("viscous_N_s_per_m", 0.0, 0.0, 5000.0, 200.0, "force per speed"),
+        Parameter("viscous_N_s_per_m", 0.0, 0.0, 5000.0, 200.0, "force per speed", "force"),
     ),
     states=("deflection",),
     memory=("deflection",),

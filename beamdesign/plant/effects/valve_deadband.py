@@ -27,7 +27,9 @@ EFFECT = Effect(
     subsystem="servovalve",
     laws={"metered_m3_per_s": _law},
     parameters=(
-        Parameter("half_width_A", 0.2e-3, 0.0, 5e-3, 0.3e-3, "current to either side of null that opens nothing"),
+        Parameter(
+            "half_width_A", 0.2e-3, 0.0, 5e-3, 0.3e-3, "current to either side of null that opens nothing", "current"
+        ),
     ),
     source="H. E. Merritt, Hydraulic Control Systems (1967), chapter 5, overlapped spool valves",
     linear=LINEAR,
@@ -56,7 +58,9 @@ ROUNDED = Effect(
     subsystem="servovalve",
     laws={"metered_m3_per_s": _rounded},
     parameters=(
-        Parameter("half_width_A", 0.2e-3, 1e-7, 5e-3, 0.8, "current to either side of null at which an edge opens"),
+        Parameter(
+            "half_width_A", 0.2e-3, 1e-7, 5e-3, 0.8, "current to either side of null at which an edge opens", "current"
+        ),
         Parameter("clearance_ratio", 0.1, 0.02, 0.5, 0.5, "clearance and rounding of the edges over the overlap"),
     ),
     source="H. E. Merritt, Hydraulic Control Systems (1967), chapter 5: orifices with radial clearance, overlapped",

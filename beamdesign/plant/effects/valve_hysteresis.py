@@ -28,7 +28,10 @@ EFFECT = Effect(
     subsystem="servovalve",
     laws={"spool_A": _law},
     parameters=(
-        Parameter("half_width_A", 0.1e-3, 1e-6, 5e-3, 0.8, "half the width of the loop of flow over current"),
+        Parameter(
+            "half_width_A", 0.1e-3, 1e-6, 5e-3, 0.8,
+            "half the width of the loop of flow over current", "current",
+        ),
         Parameter(
             "travel", 1.0, 0.15, 5.0, 0.7,
             "of the spool until its friction has turned about, over the half width; the quicker, the more like play",
@@ -83,7 +86,10 @@ MAGNETIC = Effect(
     subsystem="servovalve",
     laws={"spool_A": _magnetic},
     parameters=(
-        Parameter("half_width_A", 0.1e-3, 1e-6, 5e-3, 0.8, "half the width of a large loop of flow over current"),
+        Parameter(
+            "half_width_A", 0.1e-3, 1e-6, 5e-3, 0.8,
+            "half the width of a large loop of flow over current", "current",
+        ),
         Parameter(
             "held_share", 0.5, 0.05, 0.98, 0.5,
             "of small currents: one less the initial over the largest slope; catalogues do not give it",
