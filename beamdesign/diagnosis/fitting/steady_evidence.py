@@ -12,7 +12,7 @@ from scipy.stats import t as student_t
 from beamdesign.bench_prototype import BenchPrototype
 from beamdesign.diagnosis.fitting.fit import Fit, Fitted, fit
 from beamdesign.diagnosis.fitting.hypothesis import WRONG, Hypothesis, Placement, Unknown, place, together
-from beamdesign.diagnosis.fitting.steady_motion import CHANNELS, EDGES, Observations, averaged, steady
+from beamdesign.diagnosis.fitting.steady_motion import CHANNELS, EDGES, Observations, averaged, stalled, steady
 from beamdesign.plant.assembly import sizes
 from beamdesign.plant.bench_simulation import bench_parameters, bench_structure
 from beamdesign.plant.effects import library
@@ -93,8 +93,8 @@ def _with_effects(prototype: BenchPrototype, hypothesis: Hypothesis) -> BenchPro
 
 
 _DROP_STD = 0.2
-"""Standard deviation of the logarithm of flow that comes with orifices: a gain that was believed of a linear valve
-belongs to no pressure drop, and half as much again of that is a fifth more flow."""
+"""Standard deviation of the logarithm of flow that comes with orifices which the prototype does not state: a gain that
+was believed of a linear valve belongs to no pressure drop, and half as much again of that is a fifth more flow."""
 _WIDE = 1.0  # standard deviation of the logarithm of a figure that is free of its tolerance
 _AREA_RATIO_STD = 0.02  # of the asymmetry that bore and rod give
 _TANK_STD = 0.03  # of the supply: nothing is believed of the tank, and gauges are off by as much
@@ -119,7 +119,8 @@ def steady_placement(prototype: BenchPrototype, hypothesis: Hypothesis, largest_
     load, around = at["constant_load"], _LOAD_STD_N * size["force"]
     lost, loss = _LOST * flow / supply, _LOST * supply / flow**2
     orifices = ORIFICES in hypothesis.names
-    vouched = _WIDE if FLOW_GAIN in hypothesis.names else hypot(tolerance.flow_gain, _DROP_STD if orifices else 0.0)
+    new = orifices and ORIFICES not in prototype.effects
+    vouched = _WIDE if FLOW_GAIN in hypothesis.names else hypot(tolerance.flow_gain, _DROP_STD if new else 0.0)
     spreads = {
         "flow_gain": vouched,
         "piston_area": tolerance.piston_area,
@@ -149,7 +150,7 @@ def steady_placement(prototype: BenchPrototype, hypothesis: Hypothesis, largest_
     return place(bench_structure(_with_effects(prototype, hypothesis)), tuple(unknowns))
 
 
-_STALL, _STALL_STD = "stall", 0.01  # of the supply: pressures at a stop are the supply's and tank's, to gauges' errors
+_STALL, _STALL_STD = "stall", 0.01  # of the supply: pressures at a stop, to gauges' errors
 _DEGREES = 4.0  # of freedom of Student's distribution: the deviation comes from few conditions
 _ROUNDS = 3
 _FIRST_DEVIATION, _LEAST_DEVIATION = 0.03, 1e-6
@@ -196,8 +197,7 @@ class SteadyEvidence(Fitted):
         speeds = found["speed"][..., out], -found["speed"][..., back]
         empty = found["pressure_b"][..., out], found["pressure_a"][..., back]
         error[EDGES] = seen.contrast(speeds, empty) - seen.contrasts
-        supply = figure.get(f"{ORIFICES}.supply_pressure_Pa", figure["supply_pressure"])
-        held = np.where(seen.filled, supply, figure["tank_pressure"])
+        held = np.where(seen.filled, *stalled(figure, seen.volts))
         return error | {_STALL: (held - rows.stall) / seen.supply_Pa}
 
     def of(self, condition: str) -> "SteadyEvidence":

@@ -152,20 +152,15 @@ def steady(figure: Mapping[str, Any], volts: np.ndarray) -> dict[str, np.ndarray
     sign = np.where(volts < 0, -1.0, 1.0)
     area, asymmetry = figure["piston_area"], figure.get("unequal_piston_areas.asymmetry", 0.0)
     fills, empties = area * (1 + sign * asymmetry), area * (1 - sign * asymmetry)
-    own = figure.get("pressure_dependent_flow.supply_pressure_Pa")
-    supply, tank = figure["supply_pressure"] if own is None else own, figure["tank_pressure"]
-    overlaps = (figure.get(f"{law}.half_width_A") for law in laws_of("valve_deadband"))
-    lapped = next((overlap for overlap in overlaps if overlap is not None), 0.0)
-    flow = figure["flow_gain"] * np.maximum(np.abs(figure["gain"] * volts) - lapped, _LEAST_A)
-    leakage, line = figure["piston_leakage"], figure["line_loss"]
+    (supply, tank), flow = _pressures(figure), _opened(figure, volts)
+    leakage = figure["piston_leakage"]
     speed = 0.5 * flow / area
     past = np.zeros_like(speed)  # the piston, from the side that fills
     full = empty = np.full_like(speed, supply / 2)
+    filling, drop = _lost(figure, volts)
     for _ in range(_ROUNDS):
         force, slope = friction(figure, speed, sign)
-        if own is not None:
-            drop = supply / 2 / flow**2 + line  # pressure per flow squared
-            filling = supply / 2 / (flow * np.where(sign < 0, figure["edge_b"], 1.0)) ** 2 + line
+        if _SUPPLY in figure:
             into, out = fills * speed + past, empties * speed + past
             full, empty = supply - filling * into * np.abs(into), tank + drop * out * np.abs(out)
             falls, rises = -2 * filling * np.abs(into), 2 * drop * np.abs(out)
@@ -190,6 +185,43 @@ def steady(figure: Mapping[str, Any], volts: np.ndarray) -> dict[str, np.ndarray
     extending = sign > 0
     pressures = np.where(extending, full, empty), np.where(extending, empty, full)
     return dict(zip(CHANNELS, (sign * speed, *pressures), strict=True))
+
+
+def stalled(figure: Mapping[str, Any], volts: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Pressures, Pa, of the chambers that fill and empty against a stop; arguments as of `steady`.
+
+    Nothing flows there but what passes the piston, and orifices take their share of the pressure for that. A linear
+    valve heeds none.
+    """
+    supply, tank = _pressures(figure)
+    filling, drop = _lost(figure, volts) if _SUPPLY in figure else (0.0, 0.0)
+    leakage = figure["piston_leakage"]
+    # The difference d solves (filling + drop) (leakage d)^2 + d = supply - tank.
+    difference = 2 * (supply - tank) / (1 + np.sqrt(1 + 4 * (filling + drop) * leakage**2 * (supply - tank)))
+    past = leakage * difference
+    return supply - filling * past**2, tank + drop * past**2
+
+
+_SUPPLY = "pressure_dependent_flow.supply_pressure_Pa"
+
+
+def _pressures(figure: Mapping[str, Any]) -> tuple[Any, Any]:
+    """Of supply and tank, Pa."""
+    return figure.get(_SUPPLY, figure["supply_pressure"]), figure["tank_pressure"]
+
+
+def _opened(figure: Mapping[str, Any], volts: np.ndarray) -> Any:
+    """Flow through an edge at half the supply pressure, m3/s."""
+    overlaps = (figure.get(f"{law}.half_width_A") for law in laws_of("valve_deadband"))
+    lapped = next((overlap for overlap in overlaps if overlap is not None), 0.0)
+    return figure["flow_gain"] * np.maximum(np.abs(figure["gain"] * volts) - lapped, _LEAST_A)
+
+
+def _lost(figure: Mapping[str, Any], volts: np.ndarray) -> tuple[Any, Any]:
+    """Pressure lost over flow squared, on the way to the chamber that fills and from the one that empties."""
+    (supply, _), flow, line = _pressures(figure), _opened(figure, volts), figure["line_loss"]
+    filling = flow * np.where(volts < 0, figure["edge_b"], 1.0)
+    return supply / 2 / filling**2 + line, supply / 2 / flow**2 + line
 
 
 CHANNELS = ("speed", "pressure_a", "pressure_b")
