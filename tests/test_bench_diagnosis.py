@@ -211,6 +211,17 @@ def test_orifices_that_are_stated_excuse_no_flow_gain_out_of_its_tolerance(tmp_p
     assert found.prototype.servovalve.flow_gain_m3_per_s_per_V == pytest.approx(6.5e-6, rel=0.02)
 
 
+def test_a_bench_too_stiff_to_be_simulated_is_diagnosed_from_its_steady_motions(tmp_path: Path):
+    data = read_bench_set(write_set(tmp_path / "stiff", Truth(flow_gain=6.5e-6)))
+    stiff = data.prototype.actuator.but(dead_volume_m3=1e-9, moving_mass_kg=1e-4)
+    found = diagnose_bench(
+        replace(data, prototype=data.prototype.but(actuator=stiff)), [h for h in candidates() if size(h) < 2]
+    )
+    assert found.chosen == ("parameter:flow_gain",)
+    assert found.gap.records == ()
+    assert any(note.startswith("no record is simulated beside: the fastest motion") for note in found.notes)
+
+
 def judged(folder: Path, *hypotheses: Hypothesis) -> list[float]:
     data = read_bench_set(folder)
     seen = steady_motions(data)

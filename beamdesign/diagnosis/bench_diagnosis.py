@@ -34,6 +34,7 @@ from beamdesign.diagnosis.fitting.steady_evidence import (
     STEADY_EFFECTS,
     HeldOut,
     candidates,
+    correlated,
     held_out,
     moving,
     nominal_causes,
@@ -55,6 +56,7 @@ from beamdesign.diagnosis.judgement import (
 from beamdesign.diagnosis.verdict import sentences
 from beamdesign.plant.bench_simulation import BENCH_COLUMNS, BENCH_STATED, replay
 from beamdesign.plant.effects import library
+from beamdesign.records import InputError
 from beamdesign.time_limit import left_out, while_time
 
 _DRAWS = 4000
@@ -92,7 +94,14 @@ def bench_diagnosis(data: BenchSet, seen: Observations, tried: Sequence[HeldOut]
     likely = tuple(name for name in every if judged.cause(name) > THRESHOLDS.bench_likely)
     best = next((one for one in ranked if one.hypothesis.causes == likely), ranked[0])  # the first where time was up
     judged, lacking = replace(judged, best=best.fit), left_out()
-    gap = replace(_gap(rig, retuned, best, seen), records=replayed(data, best))
+    rows: tuple[RecordGap, ...] = ()
+    idle = ", ".join(name for name in rig.effects if name not in STEADY_EFFECTS)
+    still = [f"not looked at, having no part in steady motion: {idle}"] * bool(idle)
+    try:
+        rows = replayed(data, best)
+    except InputError as error:  # steady motion tells what it tells without
+        still.append(f"no record is simulated beside: {'; '.join(problem.reason for problem in error.problems)}")
+    gap = replace(_gap(rig, retuned, best, seen), records=rows)
     found = Search(retuned.left_out, tuple(one.left_out for one in ranked if one is not retuned), gap.noise_floor**2)
     new = tuple(_with_values(rig, c, best, found) for c in causes(found, judged) if c.name not in known.causes)
     undecided = [c.name for c in new if 1 - THRESHOLDS.bench_sure < c.probability < THRESHOLDS.bench_sure]
@@ -104,8 +113,6 @@ def bench_diagnosis(data: BenchSet, seen: Observations, tried: Sequence[HeldOut]
     zero = float(np.median([m.rest_m for m in seen.motions if m.direction < 0]))
     readings = {"displacement_zero_m": zero, "displacement_most_m": saturates_at(data)}
     notes = notes_on(ranked, judged, best, undecided, known) if chosen else ()
-    idle = ", ".join(name for name in rig.effects if name not in STEADY_EFFECTS)
-    still = (f"not looked at, having no part in steady motion: {idle}",) if idle else ()
     return Diagnosis(
         data.name,
         verdict,
@@ -218,7 +225,7 @@ def _next_experiment(
     return NextExperiment(text, names, separation, {"command_V": command_V, "channel": channel})
 
 
-_CLOSE, _FEW = 0.8, 5  # correlation from which two figures are told as one; conditions
+_FEW = 5  # conditions
 
 
 def notes_on(
@@ -239,19 +246,6 @@ def notes_on(
         yield f"not decided by these conditions: {', '.join(undecided)}"
     if ORIFICES not in best.hypothesis.names:
         yield "a linear valve says nothing of the chambers' mean pressure; supply and tank are shared between them here"
-
-
-def correlated(fit: Fit) -> list[str]:
-    """Pairs of figures which the data determine together but not each, with their correlation."""
-    deviation = np.sqrt(np.diag(fit.covariance))
-    correlation = fit.covariance / np.outer(deviation, deviation)
-    names = list(fit.values)
-    return [
-        f"{names[i]} and {names[j]} (correlation {correlation[i, j]:+.2f})"
-        for i in range(len(names))
-        for j in range(i)
-        if abs(correlation[i, j]) > _CLOSE
-    ]
 
 
 def _greedy(ranked: Sequence[HeldOut], best: HeldOut, known: Hypothesis) -> Iterator[str]:

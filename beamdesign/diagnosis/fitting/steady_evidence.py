@@ -353,3 +353,19 @@ def _density(trained: Fit, deviation: Mapping[str, float], missed: Mapping[str, 
         spread = deviation[channel] ** 2 + np.sum(slopes @ trained.covariance * slopes, axis=1)
         total += float(np.sum(student_t.logpdf(means[0], _DEGREES, scale=np.sqrt(spread))))
     return total
+
+
+_CLOSE = 0.8  # correlation from which two figures are told as one
+
+
+def correlated(fit: Fit) -> list[str]:
+    """Pairs of figures which the data determine together but not each, with their correlation."""
+    deviation = np.sqrt(np.diag(fit.covariance))
+    correlation = fit.covariance / np.outer(deviation, deviation)
+    names = list(fit.values)
+    return [
+        f"{names[i]} and {names[j]} (correlation {correlation[i, j]:+.2f})"
+        for i in range(len(names))
+        for j in range(i)
+        if abs(correlation[i, j]) > _CLOSE
+    ]
