@@ -228,18 +228,12 @@ def modal_coordinates(a: np.ndarray) -> np.ndarray:
     state. Where the modes are too nearly parallel, a Lyapunov function in balanced units takes their place, or for an
     unstable A those units alone.
     """
-    from scipy.linalg import matrix_balance, solve_continuous_lyapunov
+    from scipy.linalg import cdf2rdf, matrix_balance, solve_continuous_lyapunov
 
     balanced, scales = matrix_balance(a, permute=False, separate=True)
     scale = np.diag(1 / scales[0])
     poles, vectors = np.linalg.eig(balanced)
-    columns: list[np.ndarray] = []
-    for pole, vector in zip(poles, vectors.T, strict=True):
-        if pole.imag > 0:
-            columns += [vector.real, vector.imag]
-        elif pole.imag == 0:
-            columns.append(vector.real)
-    modes = np.array(columns).T
+    _, modes = cdf2rdf(poles, vectors)
     if np.linalg.cond(modes) < 1e8:
         return np.linalg.inv(modes) @ scale
     if poles.real.max() >= 0:

@@ -132,13 +132,9 @@ def _spanned(
 
 
 def _drawn(values: Mapping[str, fmpq], part: Mapping[str, fmpq], beam: str, factors: Mapping[str, fmpq]) -> Interval:
-    """Range of a beam's dashpot with factors on the deviations of the figures behind it."""
+    """Range of a beam's dashpot 2 zeta sqrt(K M), rounded outwards, with factors on the deviations of K, M and zeta."""
     names = [f"{beam}_{figure}" for figure in ("stiffness", "mass", "damping")]
-    return _dashpot(values[names[2]], *(part[name] * factors.get(name, fmpq(1)) for name in names))
-
-
-def _dashpot(value: fmpq, stiffness: fmpq, mass: fmpq, ratio: fmpq) -> tuple[fmpq, fmpq]:
-    """Range of b = 2 zeta sqrt(K M), rounded outwards; the shares are those of K, M and zeta."""
+    value, (stiffness, mass, ratio) = values[names[2]], (part[name] * factors.get(name, fmpq(1)) for name in names)
     if (stiffness == 0 and mass == 0) or value == 0:
         return value * (1 - ratio), value * (1 + ratio)
     low = bounds(arb((1 - stiffness) * (1 - mass)).sqrt())[0] * (1 - ratio) * value
