@@ -60,10 +60,8 @@ def of_rig(table: Table, expression: Expression, rig: Rig) -> Iterator[tuple[boo
     for name in needed & made.keys():
         low, high = expression.ranges[name]
         if not low <= made[name][0] <= made[name][1] <= high:
-            yield (
-                False,
-                f"{name}: {words_of((low, high))} leaves out some of {span(made[name])} that effects make of it",
-            )
+            words = f"{words_of((low, high))} leaves out some of {span(made[name])} that effects make of it"
+            yield False, f"{name}: {words}"
     proved = alike(expression, characteristic(expression, rig))
     yield proved, f"the expression is {'' if proved else 'NOT '}the characteristic polynomial of this rig's loop"
 

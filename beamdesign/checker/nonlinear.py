@@ -153,16 +153,15 @@ def _real_part_above(
         more = inner(p, o_other) + inner(p_other, o) - 2 * margin * inner(o, o_other)
         return times * more - 2 * inner(off, off_other)
 
-    left = [(*masses, 0)]
-    while left:
-        low, high, depth = left.pop()
+    def holds(low: fmpq, high: fmpq, halvings: int = DEEPEST) -> bool:
         if all(nowhere_negative(value(*pair)) for pair in ((low, low), (low, high), (high, high))):
-            continue
-        if depth == DEEPEST or low == high or not nowhere_negative(value(low, low)):
+            return True
+        if not halvings or low == high or not nowhere_negative(value(low, low)):
             return False
         middle = (low + high) / 2
-        left += [(low, middle, depth + 1), (middle, high, depth + 1)]
-    return True
+        return holds(low, middle, halvings - 1) and holds(middle, high, halvings - 1)
+
+    return holds(*masses)
 
 
 def nowhere_negative(polynomial: fmpq_poly) -> bool:

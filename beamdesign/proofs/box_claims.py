@@ -207,9 +207,8 @@ def own_ranges(prototype: Prototype, family: PolynomialFamily, box: Box, asked: 
     if asked.kind == "slope":
         return own | {name: (box.ranges[name][1],) * 2 for name in (FACTOR, "controller_gain") if name in box.ranges}
     if asked.kind != "gain_margin":
-        spans = performing_spans(
-            linear_family(prototype, nearest(box.ranges.get("outer_end_mass", _NONE)[1]), box.ranges)
-        )
+        heaviest = nearest(box.ranges.get("outer_end_mass", _NONE)[1])
+        spans = performing_spans(linear_family(prototype, heaviest, box.ranges))
         return own | {name: pair for name, pair in spans.items() if name in box.ranges and pair != box.ranges[name]}
     if not 0 <= asked.limit <= 1:
         raise ValueError(f"over a box gains are lower ones, not up to {asked.limit:g} times the gain")

@@ -98,10 +98,8 @@ class Search:
             seconds: most time, beside what is left for a step.
             enough: open volume at which to stop.
         """
-        limit, at_once = (
-            monotonic() + min(seconds, left_for_steps()),
-            max(1, min(256, _POINTS_AT_ONCE // (2 * self._width))),
-        )
+        limit = monotonic() + min(seconds, left_for_steps())
+        at_once = max(1, min(256, _POINTS_AT_ONCE // (2 * self._width)))
         while self._queue and self.looked_at < budget and monotonic() < limit and self.open_volume >= enough:
             batch: list[_Node] = []
             while self._queue and len(batch) < at_once and self.looked_at < budget:

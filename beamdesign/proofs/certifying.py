@@ -210,9 +210,8 @@ def stability_over(prototype: Prototype, low_kg: float, high_kg: float) -> Stabi
         InputError: for effects for which no linear loop stands.
     """
     low, high = exact(low_kg), exact(high_kg)
-    return common_ranges(
-        [part.stable for part in rectangles(prototype, family(prototype, high_kg), low, high)], low, high
-    )
+    proved = rectangles(prototype, family(prototype, high_kg), low, high)
+    return common_ranges([part.stable for part in proved], low, high)
 
 
 @takes("Prototype")

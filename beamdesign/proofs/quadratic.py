@@ -150,13 +150,8 @@ def kept_up_to_Hz(slack: Coefficients, low: fmpq, high: fmpq) -> float:
     verdict = quadratic_nonnegative(*slack, low, high, fmpq(0), None)
     if verdict.holds_to is None:
         return inf
-    reached = frequency_below(verdict.holds_to)
-    if reached <= 0:
-        return 0.0
-    bandwidth = shortened(reached, 7)
-    if squared_frequency(bandwidth)[1] > verdict.holds_to:  # only where rounding ate nothing
-        bandwidth = shortened(reached * (1 - fmpq(1, 10**7)), 7)
-    return nearest(bandwidth)
+    # A little less, so that its square is not beyond that either where rounding eats nothing.
+    return nearest(shortened(frequency_below(verdict.holds_to) * (1 - fmpq(1, 10**30)), 7))
 
 
 def squared_frequency(frequency_Hz: fmpq) -> tuple[fmpq, fmpq]:
