@@ -58,8 +58,7 @@ class Section:
 
         def about(side: arb, other: arb) -> arb:
             """Second moment about the axis that `side` lies across."""
-            hole = ((other - 2 * thick) * (side - 2 * thick) ** 3) / 12
-            return other * side**3 / 12 - hole - _corners(side, corner) + _corners(side - 2 * thick, inner)
+            return _rounded(side, other, corner) - _rounded(side - 2 * thick, other - 2 * thick, inner)
 
         self.second_moment = about(along, across)
         self.polar = self.second_moment + about(across, along)
@@ -70,14 +69,11 @@ class Section:
         self.torsion_constant = 4 * within**2 * thick / around + around * thick**3 / 3
 
 
-def _corners(side: arb, radius: arb) -> arb:
-    """Second moment of what rounding takes from a rectangle's corners: four squares less four quarter discs."""
-    to_centre = side / 2 - radius
-    square = radius**4 / 12 + radius**2 * (to_centre + radius / 2) ** 2
-    centroid = 4 * radius / (3 * arb.pi())
-    disc = arb.pi() * radius**2 / 4
-    quarter = arb.pi() * radius**4 / 16 - disc * centroid**2 + disc * (to_centre + centroid) ** 2
-    return 4 * (square - quarter)
+def _rounded(side: arb, other: arb, radius: arb) -> arb:
+    """Second moment of a rectangle with rounded corners: one as wide as these leave, two beside, four quarter discs."""
+    straight, to_centre = side - 2 * radius, side / 2 - radius
+    quarter = arb.pi() * radius**4 / 16 + 2 * to_centre * radius**3 / 3 + to_centre**2 * arb.pi() * radius**2 / 4
+    return (other - 2 * radius) * side**3 / 12 + radius * straight**3 / 6 + 4 * quarter
 
 
 # The prototype's tables.
