@@ -26,7 +26,7 @@ from beamdesign import (
 )
 from beamdesign.build.realisation.realise import realise
 from beamdesign.checker import Unreadable
-from beamdesign.checker.rectangle import stable_on_rectangle
+from beamdesign.checker.roots import stable_on_rectangle
 from beamdesign.cli import app
 from beamdesign.controllers import SENSED, Lag, Observer
 from beamdesign.loop import Loop, loop

@@ -12,7 +12,6 @@ from flint import arb, arb_poly, fmpq, fmpq_poly
 
 from beamdesign.checker.nonlinear import nonlinear
 from beamdesign.checker.reading import Table, Unreadable, judged, rational, short, span
-from beamdesign.checker.rectangle import stable_on_rectangle
 from beamdesign.checker.rig import ONCE, Loop, Rig
 from beamdesign.checker.roots import (
     NONE,
@@ -32,6 +31,7 @@ from beamdesign.checker.roots import (
     plus,
     square_free,
     squared,
+    stable_on_rectangle,
 )
 
 # What is stated of stability: ranges, crossings between them, and how far they reach.
