@@ -162,6 +162,17 @@ def test_the_certificate_is_proved_again(tame: Prototype, written: str):
     assert "nonlinear" not in plain.to_dict()
 
 
+def test_a_loop_with_hardly_any_damping_is_proved_again(tame: Prototype):
+    """A stiff seal holds both beams together: the check halved payloads eight times at most, and refused the proof."""
+    beams = {name: getattr(tame, name).but(damping_ratio=0.005) for name in ("outer_beam", "inner_beam")}
+    stiff = {"seal_friction": {"coulomb_N": 100.0, "presliding_m": 1e-6}}
+    found = certify(
+        tame.but(**beams, controller=Lag(gain_A_per_V=0.002, pole_Hz=1.7, zero_Hz=20.0), effects=stiff), nonlinear=True
+    )
+    assert found.nonlinear[0].proved
+    assert valid(found.text)
+
+
 @pytest.mark.parametrize(
     ("key", "value"),
     [
