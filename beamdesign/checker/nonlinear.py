@@ -32,8 +32,8 @@ from beamdesign.checker.work import height, of_roots, spend
 
 MOST_STATEMENTS = 16
 HIGHEST_ORDER = 16
-MOST_ORDERS = 64
-"""Of the kernels of one multiplier together."""
+MOST_ORDERS = 192
+"""Of the kernels of one multiplier together: order 8, causal and not, at each of the prover's twelve rates."""
 DEEPEST = 20
 """Halvings of a range of masses: the less damping there is, the narrower the pieces are on which it is seen."""
 
@@ -83,7 +83,7 @@ class Multiplier:
             key = rate, causal
             largest[key] = max(order, largest.get(key, 0))
         if sum(largest.values()) > MOST_ORDERS:
-            raise Unreadable(f"{table.place}: its kernels are of order {MOST_ORDERS} or more together")
+            raise Unreadable(f"{table.place}: its kernels are of a higher order together than {MOST_ORDERS}")
         spend(len(terms) * sum(largest.values()) ** 3 * max((height(rate) for rate, _ in largest), default=0) / 1_000)
         self.below = ONE
         for (rate, causal), order in largest.items():
