@@ -299,13 +299,13 @@ def per_cent(share: float) -> str:
 
 
 def mass_range_text(bounds: tuple[float, float]) -> str:
-    """A range of masses, such as "0 to 6.8 kg"."""
-    return f"{bounds[0]:g} to {bounds[1]:g} kg"
+    """A range of masses with all its digits, such as "0 to 6.8 kg"."""
+    return f"{bounds[0]:.15g} to {bounds[1]:.15g} kg"
 
 
 def masses_text(bounds: tuple[float, float]) -> str:
     """The same, or the one mass that it holds."""
-    return f"{bounds[0]:g} kg" if bounds[0] == bounds[1] else mass_range_text(bounds)
+    return f"{bounds[0]:.15g} kg" if bounds[0] == bounds[1] else mass_range_text(bounds)
 
 
 def guaranteed_rows(

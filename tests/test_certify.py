@@ -302,6 +302,16 @@ def test_command_lists_both_crossings(run, rig, tmp_path):
     assert fields["certificate"] == "rig.certificate.toml"
     assert check(tmp_path / "rig.certificate.toml").valid
     assert "NOT stable" in output
+    assert "stable from 1.968443 to 17.79211 kg" in output  # from 1.9684420: at 1.968442 kg a pole pair still grows
+
+
+def test_what_is_proved_is_told_with_all_the_digits_that_were_asked_for(run, rig):
+    _, output, _ = run(
+        rig, "--outer-end-mass", "3:6.1234567", "--peak-sensitivity", 19.0000004, "--bandwidth-Hz", 5.49999999
+    )
+    assert "from 3 to 6.1234567 kg" in output  # 6.12346 kg is more
+    assert "at most 19.0000004" in output  # 19 is less
+    assert "up to 5.49999999 Hz" in output  # 5.5 Hz is more
 
 
 def test_command_promises_no_compliance_that_even_a_steady_force_exceeds(run, tmp_path, remedy):

@@ -173,14 +173,13 @@ def _echo_figures(record: "Prototype", found: "ArmResult") -> None:
 
 def _echo_proof(record: "Prototype", found: "ArmResult") -> None:
     """What is proved of the planes."""
-    from beamdesign.quantities import rigs_in_words, stated_bandwidth
+    from beamdesign.quantities import mass_range_text, rigs_in_words, stated_bandwidth
 
-    low, high = found.outer_end_mass_kg
-    goal = record.goal
+    asked, goal = mass_range_text(found.outer_end_mass_kg), record.goal
     limit = f"{goal.compliance_m_per_N:.4g} m/N"
     if found.both is not None:
         reason = f": {found.both.reason}" if found.both.reason else ""
-        echo(f"both planes, coupled by the payload: {_VERDICTS[found.both.stable]} from {low:g} to {high:g} kg{reason}")
+        echo(f"both planes, coupled by the payload: {_VERDICTS[found.both.stable]} from {asked}{reason}")
         echo("  method: zero exclusion in ball arithmetic over the payload; bandwidth and peaks are not proved")
         if found.sampled_load_Hz is not None:
             in_y, in_z = found.sampled_load_Hz

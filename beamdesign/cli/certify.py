@@ -253,13 +253,17 @@ def certify_box(
 
 def echo_stability(name: str, found: "Decided", holds_for: str) -> None:
     """Whether a loop is stable over a range of payloads, where else it is, and where that changes."""
-    low, high = found.outer_end_mass_kg
+    from decimal import ROUND_CEILING, ROUND_FLOOR
+
+    from beamdesign.quantities import decimal, mass_range_text
+
+    asked = mass_range_text(found.outer_end_mass_kg)
     if found.stable:
-        echo(f"{name}: stable for every outer end mass from {low:g} to {high:g} kg, {holds_for}")
+        echo(f"{name}: stable for every outer end mass from {asked}, {holds_for}")
     else:
-        echo(f"{name}: NOT stable from {low:g} to {high:g} kg: {found.stability.reason}")
+        echo(f"{name}: NOT stable from {asked}: {found.stability.reason}")
         for least, most in found.stability.stable_ranges:
-            echo(f"  stable from {least:.7g} to {most:.7g} kg")
+            echo(f"  stable from {decimal(least, 7, ROUND_CEILING)} to {decimal(most, 7, ROUND_FLOOR)} kg")
     if found.crossings:
         rows = [(f"{crossing.value:.7g}", _hertz(crossing)) for crossing in found.crossings]
         echo_table("a root pair lies on the imaginary axis at", ("outer_end_mass_kg", "frequency_Hz"), rows)

@@ -107,7 +107,7 @@ def _compiles(folder: Path) -> bool:
 def _echo_code(code: "ProvedCode") -> None:
     from decimal import ROUND_CEILING
 
-    from beamdesign.quantities import decimal
+    from beamdesign.quantities import decimal, mass_range_text
     from beamdesign.structure.arm import left_aside
 
     made, masses = code.realisation, code.outer_end_mass_kg
@@ -117,7 +117,7 @@ def _echo_code(code: "ProvedCode") -> None:
         echo(f"stability as realised: not looked at, {code.not_judged}")
         return
     when = "at once or one period late" if code.any_time is None else "after any computing time up to one period"
-    echo(f"proved: stable for {masses[0]:g} to {masses[1]:g} kg, the current held, put out {when}")
+    echo(f"proved: stable for {mass_range_text(masses)}, the current held, put out {when}")
     if words := left_aside(code.prototype):
         echo(f"  {words}")
     title = f"Worst of {len(code.masses)} masses, computed"

@@ -369,9 +369,9 @@ def describe(claim: Asked) -> str:
         return f"comes to rest from every state while the current saturates, {where}"
     (words, unit), band = _WORDS[claim.kind], ""
     if claim.kind.endswith("compliance"):
-        band = " at every frequency" if isinf(claim.bandwidth_Hz) else f" up to {claim.bandwidth_Hz:.7g} Hz"
+        band = " at every frequency" if isinf(claim.bandwidth_Hz) else f" up to {claim.bandwidth_Hz:.15g} Hz"
     elif claim.kind == "loop_gain":
-        band = f" from {claim.from_Hz:.7g} Hz up"
+        band = f" from {claim.from_Hz:.15g} Hz up"
     elif claim.kind == "gain_margin":
         words += " up to" if claim.limit >= 1 else " down to"
-    return f"{words} {claim.limit:.6g}{unit}{band}"
+    return f"{words} {claim.limit:.15g}{unit}{band}"

@@ -18,6 +18,7 @@ from beamdesign.proofs.lmi import Course, Status
 from beamdesign.proofs.mass_family import Families, Frozen, frozen
 from beamdesign.proofs.writer import Tables, certificate, stated, texts
 from beamdesign.prototype import Prototype
+from beamdesign.quantities import mass_range_text
 from beamdesign.result import Result, finite, picked
 
 CHANGES_NAME = "stages.certificate.toml"
@@ -172,13 +173,10 @@ def switching(
 
 def describe(found: Switching) -> list[str]:
     """The result in words, one line for each statement."""
-    low, high = found.outer_end_mass_kg
-    several = len(found.families) > 1
+    asked, several = mass_range_text(found.outer_end_mass_kg), len(found.families) > 1
     if not found.frozen.stable:
-        return [
-            f"REFUTED: not every mass from {low:g} to {high:g} kg is stable even if it stays: {found.frozen.reason}"
-        ]
-    lines = [f"proved: stable for every mass from {low:g} to {high:g} kg that stays"]
+        return [f"REFUTED: not every mass from {asked} is stable even if it stays: {found.frozen.reason}"]
+    lines = [f"proved: stable for every mass from {asked} that stays"]
     if several:
         lines = [f"{lines[0]}, with every stage that stays", *_of_stages(found.stages, found.dwell_s)]
     lines += _of_payload(found)
@@ -207,11 +205,12 @@ def _of_payload(found: Switching) -> list[str]:
     matched = "however fast the mass changes, payload joining and leaving with the tip's velocity"
     lines = [_line(common, f"stable {matched}", matched)]
     if common.status != "proved" and common.proved_up_to_kg is not None:
-        lines.append(f"proved: the same from {found.outer_end_mass_kg[0]:g} to {common.proved_up_to_kg:g} kg")
+        part = found.outer_end_mass_kg[0], common.proved_up_to_kg
+        lines.append(f"proved: the same from {mass_range_text(part)}")
     for rate in found.rates:
         if rate.rate_kg_per_s != inf:
             asked = "any rate" if wanted is None else f"|dm/dt| up to {wanted:g} kg/s"
-            reached = f"stable for |dm/dt| up to {rate.rate_kg_per_s or 0:g} kg/s"
+            reached = f"stable for |dm/dt| up to {rate.rate_kg_per_s or 0:.15g} kg/s"
             lines.append(_line(rate, *(f"{words}, {_WORDS[rate.joining]}" for words in (reached, asked))))
     for sudden in found.sudden:
         if sudden.dwell_s != 0:

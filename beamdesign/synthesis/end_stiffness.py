@@ -359,9 +359,9 @@ def in_words(found: EndStiffness) -> list[str]:
     """What is proved of the tip, a line each."""
     wall = found.wall
     least, most = (float(value) for value in wall.stiffness)
-    walls = f"walls from {least:g} to {most:g} N/m"
+    walls = f"walls from {least:.15g} to {most:.15g} N/m"
     if wall.damping[1] > 0:
-        walls += f" with {float(wall.damping[0]):g} to {float(wall.damping[1]):g} N s/m"
+        walls += f" with {float(wall.damping[0]):.15g} to {float(wall.damping[1]):.15g} N s/m"
     lines = ["Proved: stable without a wall." if found.stable else "Refuted: stable without a wall."]
     if found.passivity.holds:
         lines.append("Proved: passive at the tip, so that no passive surroundings make it grow.")
@@ -377,11 +377,12 @@ def in_words(found: EndStiffness) -> list[str]:
     else:
         reach = found.stiffest_wall_N_per_m
         lines.append(f"Refuted: stable against {walls}; {found.contact.reason}.")
-        lines.append(f"Proved: stable against walls up to {reach:g} N/m." if reach > 0 else "No wall is proved stable.")
+        up_to = f"Proved: stable against walls up to {reach:.15g} N/m."
+        lines.append(up_to if reach > 0 else "No wall is proved stable.")
     touched = found.unilateral_contact
     if touched.stiffness_N_per_m > 0:
         lines.append(
-            f"Proved: comes to rest at any one-sided wall up to {touched.stiffness_N_per_m:g} N/m, touching and"
+            f"Proved: comes to rest at any one-sided wall up to {touched.stiffness_N_per_m:.15g} N/m, touching and"
             " letting go."
         )
     if not touched.whole:
