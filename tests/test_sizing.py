@@ -275,6 +275,17 @@ def test_too_narrow_names_the_width_first(problem):
     assert found.relaxations[0].enough == pytest.approx(narrowest, abs=3e-4)
 
 
+@pytest.mark.parametrize("shape", ["square", "round"])
+def test_largest_load_that_fits_is_the_same_however_much_is_asked(problem, shape):
+    most = []
+    for force in (5e4, 1e6, 1e7):
+        found = size(asking(problem, choose="free", shape=shape, tip_force_N=force))
+        most += [one.enough for one in found.relaxations if one.key == "load.tip_force_N"]
+    assert len(most) == 3
+    assert max(most) < 1.002 * min(most)
+    assert free_optimum(asking(problem, shape=shape, tip_force_N=1.02 * max(most))) is None
+
+
 def test_no_single_change_may_help(problem):
     # Walls of half the width leave no tube, and gaps of 0.3 m a side no room in a width of 0.2 m.
     found = size(asking(problem, choose="free", width_to_wall_at_most=2.0, assembly_m=0.3))

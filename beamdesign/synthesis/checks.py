@@ -329,9 +329,12 @@ class Relaxation:
 
 
 def eased(asked: Requirements, name: str, share: Any) -> Any:
-    """The figure of a requirement at a share, 0 to 1, of the way to its easiest; of a symbol in symbols."""
-    figure = float(getattr(asked, name))
-    return figure + share * (REQUIREMENTS[name].easiest - figure)
+    """The figure of a requirement at a share, 0 to 1, of the way to its easiest; of a symbol in symbols.
+
+    The way is by equal factors where it does not end at zero: a load may be orders of magnitude too large.
+    """
+    figure, easiest = float(getattr(asked, name)), REQUIREMENTS[name].easiest
+    return figure * (easiest / figure) ** share if easiest else figure * (1 - share)
 
 
 def enough_of(asked: Requirements, name: str, share: float) -> float:
