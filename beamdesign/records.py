@@ -151,8 +151,8 @@ def _texts(value: Any, place: Place, annotation: Any) -> Iterator[tuple[Place, s
 
 
 def _errors(error: ValidationError) -> list[Any]:
-    """All errors, but that a list is too short which holds enough entries, of which some are wrong."""
-    errors = error.errors(include_url=False)
+    """All errors but what others lead to: a list too short that holds enough entries, a default that is unknown."""
+    errors = [e for e in error.errors(include_url=False) if e["type"] != "default_factory_not_called"]
     return [e for e in errors if e["type"] != "too_short" or len(e["input"]) < e["ctx"]["min_length"]]
 
 

@@ -158,6 +158,7 @@ def test_an_own_material_is_checked_with_the_certificate(tmp_path):
     ("figures", "key", "words"),
     [
         ({"density_kg_per_m3": 7.9}, "material.mine.density_kg_per_m3", "7.9"),
+        ({"youngs_modulus_Pa": 70}, "material.mine.youngs_modulus_Pa", "plausible range"),
         ({"youngs_modulus_GPa": 200.0}, "material.mine.youngs_modulus_GPa", "youngs_modulus_Pa"),
     ],
 )
