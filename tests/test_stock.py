@@ -125,9 +125,10 @@ def test_an_own_material_that_cannot_be_is_refused_by_its_key(figures, key, word
     assert words in str(refused.value)
 
 
-def test_own_materials_go_from_the_study_into_the_prototype_and_back(tmp_path):
-    problem = parse(DesignProblem, of_own(), "study.toml")
-    assert problem.outer_beam.material.shear_modulus_Pa == pytest.approx(200e9 / 2.6)
+@pytest.mark.parametrize("modulus", [200e9, 2e8])  # of steel, and of polyethylene
+def test_own_materials_go_from_the_study_into_the_prototype_and_back(tmp_path, modulus):
+    problem = parse(DesignProblem, of_own(youngs_modulus_Pa=modulus), "study.toml")
+    assert problem.outer_beam.material.shear_modulus_Pa == pytest.approx(modulus / 2.6)
     rig = problem.prototype(Tube(0.14, 0.004), Tube(0.1, 0.003))
     write_prototype(rig, tmp_path / "rig.toml")
     again = read_prototype(tmp_path / "rig.toml")
@@ -135,7 +136,7 @@ def test_own_materials_go_from_the_study_into_the_prototype_and_back(tmp_path):
     assert read_table(tmp_path / "rig.toml")["outer_beam"]["material"] == "mine"
     # K = 3 E I / L^3 with I of a sharp square tube.
     second_moment = (0.14**4 - 0.132**4) / 12
-    assert lumped_beam(again.outer_beam).stiffness == pytest.approx(3 * 200e9 * second_moment / 1.195**3)
+    assert lumped_beam(again.outer_beam).stiffness == pytest.approx(3 * modulus * second_moment / 1.195**3)
 
 
 def test_an_own_material_is_checked_with_the_certificate(tmp_path):

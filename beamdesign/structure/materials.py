@@ -34,7 +34,7 @@ class Material(Record):
 
     name: str = Field(exclude=True, description="its name, that of the table where it stands in one")
     youngs_modulus_Pa: q.YoungsModulus = Field(description="E, along the tube")
-    shear_modulus_Pa: q.YoungsModulus = Field(
+    shear_modulus_Pa: q.ShearModulus = Field(
         default_factory=lambda figures: figures.get("youngs_modulus_Pa", 0.0) / (2 * (1 + _POISSON)),
         description=f"G, in the plane of the wall; E / (2 (1 + {_POISSON})) where it is left out",
     )
