@@ -705,6 +705,16 @@ def test_a_key_that_changes_nothing_is_told(sweep, command, tmp_path):
     assert "outer_beam.material changes no result; a measured figure may stand before it" in output
 
 
+def test_a_key_that_turns_an_answer_into_a_no_changes_a_result(sweep, command, tmp_path):
+    """A claim leaves the figures that are proved as they are; the tame lag keeps its compliance to 3.49 Hz."""
+    claims = {"key": "options.bandwidth_Hz", "values": [1.0, 2.0, 50.0]}
+    base = ROOT / "studies" / "prototypes" / "tame_lag.toml"
+    path = sweep(task="certify", base=base, vary=[claims])
+    _, _, fields = command("run", path, "--out", tmp_path / "out")
+    assert fields["counts"] == {"done": 2, "no": 1}
+    assert "idle_keys" not in fields["conclusion"]
+
+
 def test_limits_are_those_of_the_command_where_no_mass_is_asked_of(sweep, command, tmp_path):
     rig = read_prototype(REMEDY).but(payload=Payload(outer_end_mass_kg=(3.0, 6.8), inner_end_mass_kg=4.5))
     write_prototype(rig, tmp_path / "rig.toml")

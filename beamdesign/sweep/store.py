@@ -362,16 +362,16 @@ def relative(change: Change) -> float | None:
 
 
 def idle_keys(records: Sequence[Mapping[str, Any]]) -> list[str]:
-    """Varied keys whose values, all else alike, have changed no result: a mistake more often than an answer.
+    """Varied keys whose values, all else alike, have changed no answer: a mistake more often than one.
 
-    None where no two finished cases differ in one alone.
+    None where no two cases that are done differ in one alone.
 
     Args:
         records: of all cases, with what was varied, how each came out and its outputs.
     """
-    finished = [record for record in records if record["status"] == "done" and record.get("varied")]
-    varied = dict.fromkeys(key for record in finished for key in record["varied"])
-    return [key for key in varied if _idle(key, finished)]
+    answered = [record for record in records if record["status"] in ("done", "no") and record.get("varied")]
+    varied = dict.fromkeys(key for record in answered for key in record["varied"])
+    return [key for key in varied if _idle(key, answered)]
 
 
 def _idle(key: str, records: Sequence[Mapping[str, Any]]) -> bool:
@@ -385,4 +385,5 @@ def _idle(key: str, records: Sequence[Mapping[str, Any]]) -> bool:
         for other in rest
         if first["varied"].get(key) != other["varied"].get(key)
     ]
-    return bool(pairs) and all(first["outputs"] == other["outputs"] for first, other in pairs)
+    results = [[(one["status"], one["outputs"]) for one in pair] for pair in pairs]
+    return any(first[0] == "done" for first, _ in results) and all(first == other for first, other in results)
