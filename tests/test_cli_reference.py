@@ -75,6 +75,13 @@ def test_no_result_is_proposed_to_be_written_over_a_data_set_among_results(
     assert (read, out) == ("results/rig1", "results/rig1_diagnosis")
 
 
+@pytest.mark.parametrize("there", [".", "sub/.."])
+def test_a_folder_here_gives_results_its_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, there: str) -> None:
+    (tmp_path / "rig1" / "sub").mkdir(parents=True)
+    monkeypatch.chdir(tmp_path / "rig1")
+    assert "--out results/rig1\n" in invoke("new", "sweep", "--out", there)
+
+
 def test_templates_are_listed_and_a_misspelt_one_is_guessed(tmp_path: Path) -> None:
     answer = tmp_path / "list.json"
     listed = invoke("new", "--list", "--json", str(answer))

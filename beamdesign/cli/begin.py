@@ -57,7 +57,11 @@ def new(
         refuse("new", (template or "''", f"no such template; {hint}"))
     paths = start(template, out)
     it = target(template, out)
-    following = [step.format(it=shlex.quote(str(it)), name=shlex.quote(it.stem)) for step in TEMPLATES[template].next]
+    its = {
+        "it": shlex.quote(str(it)),
+        "name": shlex.quote(it.resolve().stem),
+    }  # also of a folder that is here, or above
+    following = [step.format(**its) for step in TEMPLATES[template].next]
     echo(*map(str, paths), before="written: ")
     echo(f"next:    {following[0]}")
     echo(*following[1:], before="         ")
