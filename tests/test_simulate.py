@@ -16,6 +16,8 @@ from typer.testing import CliRunner
 from beamdesign import InputError, Prototype, critical_gain, read_prototype, read_scenario, simulate, write_prototype
 from beamdesign.cli import app
 from beamdesign.controllers import Lag
+from beamdesign.diagnosis.data.dataset import TimeRecord
+from beamdesign.diagnosis.predict import predict_record
 from beamdesign.loop import loop
 from beamdesign.plant.assembly import assemble, fits, parameters_of, structure_of
 from beamdesign.plant.compiled import half_steps, integrate, measured_half_steps
@@ -238,6 +240,12 @@ def test_a_valve_that_is_wide_open_is_stepped_as_finely_as_it_takes(lag: Prototy
         peak = np.abs(expected[: len(record.samples)]).max()
         np.testing.assert_allclose(record.column(name)[:until], expected[:until], atol=0.01 * peak)
     assert "one of many" in record.uncertain
+    inputs = inputs_of(row, Scenario(name="test", duration_s=0.3, record=(row,)))
+    given = TimeRecord("one", np.arange(601) * 5e-4, inputs, {}, 6.8, rig.payload.inner_end_mass_kg, law)
+    predicted = predict_record(rig, given, rig.sensor.gain_V_per_m)
+    assert predicted.certain_until_s == record.certain_until_s
+    one, other = (each.column("displacement_m")[:until] for each in (predicted, record))
+    np.testing.assert_allclose(one, other, atol=1e-6)
 
 
 @pytest.mark.parametrize("force", [100.0, -3000.0])

@@ -15,7 +15,7 @@ from beamdesign.diagnosis.data.dataset import TimeRecord
 from beamdesign.diagnosis.data.dataset_index import index_of, kind_of, read_index, wrong_files
 from beamdesign.plant.actuators import not_felt
 from beamdesign.plant.assembly import OUTPUTS, assemble, parameters_of, problem_without_controller, structure_of
-from beamdesign.plant.compiled import integrate, measured_half_steps
+from beamdesign.plant.compiled import integrate, measured_half_steps, refined
 from beamdesign.plant.equilibrium import equilibrium, substeps_for
 from beamdesign.progress import Progress, silent
 from beamdesign.prototype import Prototype, read_prototype
@@ -58,12 +58,13 @@ class Prediction(Result):
         return {"complete": self.yes, "reasons": self.reasons, "noise_N": dict(self.noise_N)}
 
     def rows(self) -> list[tuple[str, int, float, str]]:
-        """Record, number of samples, largest displacement in m, why it ends early, and what is no force for it."""
+        """Record, number of samples, largest displacement in m, why it ends early, and what else to say of it."""
         peaks = [float(abs(one.column("displacement_m")).max()) for one in self.records]
-        noise = {name: f"; {rms:.3g} N rms taken for noise of the load cell" for name, rms in self.noise_N.items()}
+        noise = {name: f"{rms:.3g} N rms taken for noise of the load cell" for name, rms in self.noise_N.items()}
+        told = [(one.reason or "complete", one.uncertain, noise.get(one.name)) for one in self.records]
+        words = ["; ".join(filter(None, each)) for each in told]
         return [
-            (one.name, len(one.samples), peak, (one.reason or "complete") + noise.get(one.name, ""))
-            for one, peak in zip(self.records, peaks, strict=True)
+            (one.name, len(one.samples), peak, said) for one, peak, said in zip(self.records, peaks, words, strict=True)
         ]
 
 
@@ -115,16 +116,17 @@ def predict_record(prototype: Prototype, given: TimeRecord, nominal_sensor_gain:
         raise InputError(prototype.name, wrong)
     rig = prototype.but(controller=given.controller)
     moved = _fixed if rig.schedule is None else _stages
-    samples = moved(rig, given, nominal_sensor_gain)
+    samples, same = moved(rig, given, nominal_sensor_gain)
+    until = None if same == len(samples) else float(given.times[same])
     if len(samples) == len(given.times):
-        return SimulatedRecord(given.name, samples, True, columns=COLUMNS)
+        return SimulatedRecord(given.name, samples, True, columns=COLUMNS, certain_until_s=until)
     at = float(given.times[len(samples)])
     reason = f"the model's loop diverges: its outer tip passes {FURTHEST_M:g} m at {at:.4g} s"
-    return SimulatedRecord(given.name, samples, False, reason, at, columns=COLUMNS)
+    return SimulatedRecord(given.name, samples, False, reason, at, columns=COLUMNS, certain_until_s=until)
 
 
-def _fixed(rig: Prototype, given: TimeRecord, nominal_sensor_gain: float) -> np.ndarray:
-    """(M, 3) as `COLUMNS`, with one law."""
+def _fixed(rig: Prototype, given: TimeRecord, nominal_sensor_gain: float) -> tuple[np.ndarray, int]:
+    """(M, 3) as `COLUMNS`, with one law; and up to which sample other steps of integration give the same."""
     kinds = structure_of(rig)
     assembly = assemble(kinds)
     values = parameters_of(rig, *given.masses)
@@ -135,14 +137,18 @@ def _fixed(rig: Prototype, given: TimeRecord, nominal_sensor_gain: float) -> np.
     except ValueError as error:
         raise InputError(rig.name, [("(figures)", str(error))]) from error
     substeps = substeps_for(assembly, parameters, given.times)
-    inputs = measured_half_steps(given.cleaned.inputs, given.step, substeps)
-    y, _ = integrate(kinds, given.since_start, inputs, start, parameters, substeps, FURTHEST_M)
+
+    def course(factor: int) -> np.ndarray:
+        inputs = measured_half_steps(given.cleaned.inputs, given.step, factor * substeps)
+        return integrate(kinds, given.since_start, inputs, start, parameters, factor * substeps, FURTHEST_M)[0]
+
+    y, same = refined(course, OUTPUTS, substeps * len(given.times))
     columns = [OUTPUTS.index(name) for name in COLUMNS[1:]]
-    return np.column_stack([given.times[: len(y)], y[:, columns]])
+    return np.column_stack([given.times[: len(y)], y[:, columns]]), same
 
 
-def _stages(rig: Prototype, given: TimeRecord, nominal_sensor_gain: float) -> np.ndarray:
-    """(M, 3) as `COLUMNS`, with several laws: they work at samples of their own, without noise.
+def _stages(rig: Prototype, given: TimeRecord, nominal_sensor_gain: float) -> tuple[np.ndarray, int]:
+    """The same with several laws, M samples of one course: they work at samples of their own, without noise.
 
     A record begins with the first law that is for its payload, as a rig does that has carried it before.
     """
@@ -165,7 +171,7 @@ def _stages(rig: Prototype, given: TimeRecord, nominal_sensor_gain: float) -> np
     seen = times[times <= own[-1] + 1e-9 * period]
     held = found.column("current_A")[np.searchsorted(own, seen + 1e-9 * period, side="right") - 1]
     sensed = CubicSpline(own, found.column("sensor_V"))(seen) / nominal_sensor_gain
-    return np.column_stack([given.times[: len(seen)], held, sensed])
+    return np.column_stack([given.times[: len(seen)], held, sensed]), len(seen)
 
 
 @takes("Prototype BenchPrototype str Path", "Path str")
