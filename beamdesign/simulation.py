@@ -5,6 +5,7 @@ A controller may work at sample times: held current, quantised volts, whole peri
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
+from itertools import pairwise
 from math import ceil
 
 import numpy as np
@@ -136,6 +137,9 @@ def _unfit(rig: Prototype, scenario: Scenario, row: ScenarioRecord) -> Iterator[
         yield Problem("sampled", f"{is_to_be}, without delay and quantisation")
     if row.wall is not None:
         yield Problem(f"record.{row.name}.wall", "is not for a scheduled controller")
+    if (change := row.payload_change) is not None and change.at_s >= (end := scenario.times[-1]):
+        words = f"must be less than {end:g}, where the record ends, is {change.at_s:g}"
+        yield Problem(f"record.{row.name}.payload_change.at_s", words)
 
 
 def _at_rest(
@@ -278,10 +282,11 @@ def simulate_scheduled(
     changes: list[tuple[float, int]] = []
     pending = list(course.payload_kg[1:])
     bare = lumped.figures(plant)["outer_mass"]
-    for begin in range(0, count - 1, hop):
-        end = min(begin + hop, count - 1)
-        now = begin * period
-        while pending and pending[0][0] <= now + 1e-12:
+    heard: list[np.ndarray] = []  # volts and current since the last estimate
+    joins = (ceil(at / period - 1e-9) for at, _ in pending)
+    cuts = sorted({*range(0, count - 1, hop), *(at for at in joins if at < count - 1)})
+    for begin, end in pairwise([*cuts, count - 1]):
+        while pending and pending[0][0] <= (begin + 1e-9) * period:
             new = pending.pop(0)[1]
             if course.joining == "from_rest" and new > mass:
                 state[states.index("outer_m_per_s")] *= (bare + mass) / (bare + new)
@@ -297,13 +302,18 @@ def simulate_scheduled(
         for value in command[here] - volts:
             z, signals = law.step(z, value)
             passed = np.vstack([passed[1:], signals])
-        estimate = estimator.advance(volts, y[:, OUTPUTS.index("current_A")]) if whole else estimator.estimate
+        heard.append(np.column_stack([volts, y[:, OUTPUTS.index("current_A")]]))
+        due = whole and (end % hop == 0 or end == count - 1)
+        estimate = estimator.advance(*np.vstack(heard).T) if due else estimator.estimate
         noted = (mass, stage + 1, estimate.outer_end_mass_kg, estimate.std_kg)
         done = (np.arange(begin, begin + len(y)) * period, course.force_N[here], command[here])
         rows.append(np.column_stack([*done, y[:, :4], volts, np.tile(noted, (len(y), 1))]))
         if not whole:
             record = diverged(rig.name, np.vstack(rows), limit_m, period)
             return replace(record, columns=STAGED, changes=tuple(changes))
+        if not due:
+            continue
+        heard.clear()
         chosen = next_stage(schedule, stage, estimate, end * period - changed) if adaptive else stage
         if chosen != stage:
             stage, changed = chosen, end * period

@@ -55,7 +55,7 @@ from beamdesign.proofs.lyapunov import Switching, describe, switching
 from beamdesign.proofs.mass_family import MassFamily, closed_loop, stage_families, stage_family
 from beamdesign.prototype import Goal, Payload
 from beamdesign.sampling import sampled_stage
-from beamdesign.scenario import Course, Sampled, Scenario, ScenarioRecord, Step, WallAhead
+from beamdesign.scenario import Course, PayloadChange, Sampled, Scenario, ScenarioRecord, Step, WallAhead
 from beamdesign.simulation import simulate_scheduled
 from beamdesign.synthesis import tuning
 from beamdesign.synthesis.law_design import Proved
@@ -705,6 +705,27 @@ kind = "step"
 amplitude_N = 40.0
 at_s = 0.2
 """
+
+
+@pytest.mark.parametrize("at_s", [0.1, 0.1037])
+def test_a_payload_changes_when_it_is_told_to(rig: Prototype, at_s: float) -> None:
+    """From rest under no force the tip's first acceleration is force over mass, so that it tells the mass at once."""
+    change = PayloadChange(at_s=at_s, outer_end_mass_kg=6.8)
+    pushed = Step(amplitude_N=40.0, at_s=at_s + 5e-4, rise_s=1e-3)
+    row = ScenarioRecord(name="grip", input=(pushed,), payload_change=change)
+    found, heavy = (
+        simulate(rig.but(sensor=rig.sensor.but(noise_V=None)), Scenario(name="s", duration_s=0.2, record=(one,)))
+        for one in (row, row.but(payload_change=None, outer_end_mass_kg=6.8))
+    )
+    (record,), (other,) = found.records, heavy.records
+    masses = record.column("outer_end_mass_kg")
+    assert record.column("t_s")[np.argmax(masses > 0)] == pytest.approx(np.ceil(at_s / 5e-4 - 1e-9) * 5e-4)
+    soon = (record.column("t_s") > at_s) & (record.column("t_s") < at_s + 4e-3)
+    moved, expected = (one.column("displacement_m")[soon] for one in (record, other))
+    np.testing.assert_allclose(moved, expected, atol=0.02 * np.abs(expected).max())
+    late = row.but(payload_change=change.but(at_s=0.2))
+    with pytest.raises(InputError, match="where the record ends"):
+        simulate(rig, Scenario(name="s", duration_s=0.2, record=(late,)))
 
 
 def test_simulate_takes_a_schedule_and_no_other_a_payload_that_changes(tmp_path: Path) -> None:
