@@ -1,6 +1,7 @@
 """Oscillations at the ends of time records."""
 
 from dataclasses import dataclass
+from itertools import pairwise
 from math import log
 
 import numpy as np
@@ -62,3 +63,14 @@ def sustained(times: np.ndarray, signal: np.ndarray, least_amplitude: float, for
     span = times[-1] - times[half]
     least = log(1.05) / span if forced else log(0.95) / span
     return late if late.growth_per_s > least else None
+
+
+def departing(signal: np.ndarray, least: float) -> bool:
+    """Whether a signal (N,) under constant inputs grows, however few its turns: each third spans more than the last.
+
+    Args:
+        signal: of at least six samples.
+        least: span below which it counts as still.
+    """
+    spans = [float(np.ptp(third)) for third in np.array_split(signal, 3)]
+    return spans[-1] > least and all(after > 1.05 * before for before, after in pairwise(spans))

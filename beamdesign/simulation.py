@@ -12,7 +12,7 @@ import numpy as np
 
 from beamdesign.arguments import takes
 from beamdesign.controllers.scheduling import PayloadEstimator, next_stage
-from beamdesign.oscillation import Oscillation, oscillation, sustained
+from beamdesign.oscillation import Oscillation, departing, oscillation, sustained
 from beamdesign.plant.assembly import OUTPUTS, Assembly, Structure, assemble, parameters_of, structure_of
 from beamdesign.plant.compiled import NOT_SAMPLED, half_steps, integrate, refined
 from beamdesign.plant.equilibrium import equilibrium, refuse_too_many, substeps_for
@@ -353,6 +353,8 @@ def _judged(
     if len(samples) - quiet > 20:
         shaken = any(assemble(kinds).function.which_depends("t", ["rate"]))
         found = sustained(times[quiet:], displacement[quiet:], _LEAST_AMPLITUDE_M, shaken)
+        if found is None and departing(displacement[quiet:], _LEAST_AMPLITUDE_M):
+            return SimulatedRecord(row.name, measured, False, "under constant inputs the tip moves ever further")
     if found is None:
         return SimulatedRecord(row.name, measured, True)
     how = "grows" if found.growth_per_s > 0 else "does not die out"

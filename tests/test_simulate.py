@@ -150,6 +150,20 @@ def test_a_diverging_loop_says_when_and_at_what_frequency(lag: Prototype):
     assert np.abs(record.column("displacement_m")).max() <= 0.02
 
 
+@pytest.mark.parametrize("mass", [0.0, 3.0, 20.0])
+def test_a_record_too_short_for_turns_tells_growth_all_the_same(lag: Prototype, mass: float):
+    """After the push there are fewer than six turns; those of the unstable loops grow at least fivefold."""
+    row = ScenarioRecord(
+        name="one", outer_end_mass_kg=mass, input=(Step(amplitude_N=20.0, at_s=0.001, rise_s=0.001, length_s=0.002),)
+    )
+    record = simulate(lag, Scenario(name="test", duration_s=0.1, record=(row,))).records[0]
+    closed = loop(lag).at(mass)
+    assert closed.stable == (mass == 0.0)
+    assert closed.stable or np.exp(0.095 * closed.poles().real.max()) > 5
+    assert record.stable == closed.stable
+    assert closed.stable or ("ever further" in record.reason) == (record.oscillation is None)
+
+
 def test_saturation_turns_divergence_into_a_sustained_oscillation(lag: Prototype):
     critical = critical_gain(lag)
     hot = lag.but(
