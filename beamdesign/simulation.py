@@ -15,7 +15,7 @@ from beamdesign.controllers.scheduling import PayloadEstimator, next_stage
 from beamdesign.oscillation import Oscillation, departing, oscillation, sustained
 from beamdesign.plant.assembly import OUTPUTS, Assembly, Structure, assemble, parameters_of, structure_of
 from beamdesign.plant.compiled import NOT_SAMPLED, half_steps, integrate, refined
-from beamdesign.plant.equilibrium import equilibrium, refuse_too_many, substeps_for
+from beamdesign.plant.equilibrium import equilibrium, linearise, refuse_too_many, substeps_for
 from beamdesign.prototype import Prototype
 from beamdesign.records import InputError, Problem
 from beamdesign.result import Result
@@ -258,7 +258,7 @@ def simulate_scheduled(
     plant = (built or rig).but(controller=schedule.stage[0].law)
     inner, period = plant.payload.inner_end_mass_kg, schedule.period_s
     kinds, continuous = structure_of(plant, True), assemble(structure_of(plant))
-    states = assemble(kinds).states
+    moving, still = assemble(kinds), np.zeros(3)
 
     def figures(mass: float) -> np.ndarray:
         return np.array(list(parameters_of(plant, mass, inner).values()))
@@ -271,7 +271,7 @@ def simulate_scheduled(
     inputs = half_steps(np.column_stack([course.force_N, np.zeros(count)]), substeps)
     inputs[:: 2 * substeps, 1] = command - noise  # read at the samples of the law alone
     before, mass = course.force_N[0] if course.before_N is None else course.before_N, course.payload_kg[0][1]
-    y, state = _at_rest(continuous, states, before, figures(mass), limit_m)
+    y, state = _at_rest(continuous, moving.states, before, figures(mass), limit_m)
     z = sampled[first_stage].whole.at_rest(np.array([-y[-1]]))
     passed = np.tile(sampled[first_stage].step(z, -float(y[-1]))[1], (2, 1))  # nothing has moved before
 
@@ -281,7 +281,6 @@ def simulate_scheduled(
     rows: list[np.ndarray] = []
     changes: list[tuple[float, int]] = []
     pending = list(course.payload_kg[1:])
-    bare = lumped.figures(plant)["outer_mass"]
     heard: list[np.ndarray] = []  # volts and current since the last estimate
     joins = (ceil(at / period - 1e-9) for at, _ in pending)
     cuts = sorted({*range(0, count - 1, hop), *(at for at in joins if at < count - 1)})
@@ -289,7 +288,11 @@ def simulate_scheduled(
         while pending and pending[0][0] <= (begin + 1e-9) * period:
             new = pending.pop(0)[1]
             if course.joining == "from_rest" and new > mass:
-                state[states.index("outer_m_per_s")] *= (bare + mass) / (bare + new)
+                # As if it had moved along, and the tip were struck back by the momentum that it lacks.
+                model = linearise(moving, state, still, figures(new))
+                rate = np.asarray(moving.function(0.0, state, still, figures(new))[0]).ravel()
+                speed = model.c[OUTPUTS.index("outer_displacement_m")] @ rate
+                state += model.b[:, 0] * (mass - new) * speed
             mass = new
         law = sampled[stage]
         when, given = np.arange(begin, end + 1) * period, inputs[2 * substeps * begin : 2 * substeps * end + 1]

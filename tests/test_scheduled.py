@@ -57,6 +57,7 @@ from beamdesign.prototype import Goal, Payload
 from beamdesign.sampling import sampled_stage
 from beamdesign.scenario import Course, PayloadChange, Sampled, Scenario, ScenarioRecord, Step, WallAhead
 from beamdesign.simulation import simulate_scheduled
+from beamdesign.structure.lumped import figures
 from beamdesign.synthesis import tuning
 from beamdesign.synthesis.law_design import Proved
 from beamdesign.synthesis.rig_spread import rig_spread
@@ -726,6 +727,29 @@ def test_a_payload_changes_when_it_is_told_to(rig: Prototype, at_s: float) -> No
     late = row.but(payload_change=change.but(at_s=0.2))
     with pytest.raises(InputError, match="where the record ends"):
         simulate(rig, Scenario(name="s", duration_s=0.2, record=(late,)))
+
+
+@pytest.mark.parametrize("frequency_Hz", [70.0, None])
+def test_a_payload_that_joins_at_rest_takes_its_momentum_from_every_mode(
+    rig: Prototype, frequency_Hz: float | None
+) -> None:
+    """A blow P at the tip gives mode k the speed P / m_k: the tip keeps 1 / (1 + m (1/m_1 + 1/m_2)) of its speed."""
+    mode = {"frequency_Hz": frequency_Hz, "compliance_share": 0.3, "damping_ratio": 0.02}
+    fine = rig.but(
+        controller=schedule_of(rig).but(period_s=5e-5),
+        effects={"second_beam_mode": mode} if frequency_Hz else {},
+    )
+    given = figures(fine)
+    yields = 1 / given["outer_mass"]
+    if frequency_Hz:
+        yields += 0.3 * (2 * np.pi * frequency_Hz) ** 2 / given["outer_stiffness"]
+    change = PayloadChange(at_s=0.0535, outer_end_mass_kg=6.8, joining="from_rest")
+    row = ScenarioRecord(name="grip", input=(Step(amplitude_N=800.0, at_s=0.045, rise_s=0.01),), payload_change=change)
+    (record,) = simulate(fine, Scenario(name="s", duration_s=0.06, sample_s=5e-5, record=(row,))).records
+    at, x = int(np.argmax(record.column("outer_end_mass_kg") > 0)), record.column("displacement_m")
+    slope = np.array([11 / 6, -3, 3 / 2, -1 / 3])  # of a cubic, at its end
+    before, after = slope @ x[at : at - 4 : -1], -slope @ x[at : at + 4]
+    assert after / before == pytest.approx(1 / (1 + 6.8 * yields), rel=1e-3)
 
 
 def test_simulate_takes_a_schedule_and_no_other_a_payload_that_changes(tmp_path: Path) -> None:
