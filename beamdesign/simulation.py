@@ -268,61 +268,74 @@ def simulate_scheduled(
     substeps = max(substeps_for(continuous, figures(mass), times) for _, mass in course.payload_kg)
     noise = noise_V * np.random.default_rng(seed).standard_normal(count)
     command = np.zeros(count) if course.command_V is None else course.command_V
-    inputs = half_steps(np.column_stack([course.force_N, np.zeros(count)]), substeps)
-    inputs[:: 2 * substeps, 1] = command - noise  # read at the samples of the law alone
-    before, mass = course.force_N[0] if course.before_N is None else course.before_N, course.payload_kg[0][1]
-    y, state = _at_rest(continuous, moving.states, before, figures(mass), limit_m)
-    z = sampled[first_stage].whole.at_rest(np.array([-y[-1]]))
-    passed = np.tile(sampled[first_stage].step(z, -float(y[-1]))[1], (2, 1))  # nothing has moved before
 
-    hop = round(schedule.estimator.update_s / period)
-    estimator = PayloadEstimator(rig, schedule)
-    stage, changed = first_stage, -np.inf
-    rows: list[np.ndarray] = []
-    changes: list[tuple[float, int]] = []
-    pending = list(course.payload_kg[1:])
-    heard: list[np.ndarray] = []  # volts and current since the last estimate
-    joins = (ceil(at / period - 1e-9) for at, _ in pending)
-    cuts = sorted({*range(0, count - 1, hop), *(at for at in joins if at < count - 1)})
-    for begin, end in pairwise([*cuts, count - 1]):
-        while pending and pending[0][0] <= (begin + 1e-9) * period:
-            new = pending.pop(0)[1]
-            if course.joining == "from_rest" and new > mass:
-                # As if it had moved along, and the tip were struck back by the momentum that it lacks.
-                model = linearise(moving, state, still, figures(new))
-                rate = np.asarray(moving.function(0.0, state, still, figures(new))[0]).ravel()
-                speed = model.c[OUTPUTS.index("outer_displacement_m")] @ rate
-                state += model.b[:, 0] * (mass - new) * speed
-            mass = new
-        law = sampled[stage]
-        when, given = np.arange(begin, end + 1) * period, inputs[2 * substeps * begin : 2 * substeps * end + 1]
-        digital = law.whole.packed(substeps, 0, 0.0, z, passed[-1, -1])
-        y, state = integrate(kinds, when, given, state, figures(mass), substeps, limit_m, digital)
-        whole = len(y) == end - begin + 1
-        y = y[: end - begin]  # the last sample is the first of what follows
-        here = slice(begin, begin + len(y))
-        volts = y[:, OUTPUTS.index("measured_V")] + noise[here]
-        for value in command[here] - volts:
-            z, signals = law.step(z, value)
-            passed = np.vstack([passed[1:], signals])
-        heard.append(np.column_stack([volts, y[:, OUTPUTS.index("current_A")]]))
-        due = whole and (end % hop == 0 or end == count - 1)
-        estimate = estimator.advance(*np.vstack(heard).T) if due else estimator.estimate
-        noted = (mass, stage + 1, estimate.outer_end_mass_kg, estimate.std_kg)
-        done = (np.arange(begin, begin + len(y)) * period, course.force_N[here], command[here])
-        rows.append(np.column_stack([*done, y[:, :4], volts, np.tile(noted, (len(y), 1))]))
-        if not whole:
-            record = diverged(rig.name, np.vstack(rows), limit_m, period)
-            return replace(record, columns=STAGED, changes=tuple(changes))
-        if not due:
-            continue
-        heard.clear()
-        chosen = next_stage(schedule, stage, estimate, end * period - changed) if adaptive else stage
-        if chosen != stage:
-            stage, changed = chosen, end * period
-            changes.append((end * period, stage + 1))
-            z = sampled[stage].after(passed)
-    return SimulatedRecord(rig.name, np.vstack(rows), True, columns=STAGED, changes=tuple(changes))
+    def run(factor: int) -> SimulatedRecord:
+        fine = factor * substeps
+        inputs = half_steps(np.column_stack([course.force_N, np.zeros(count)]), fine)
+        inputs[:: 2 * fine, 1] = command - noise  # read at the samples of the law alone
+        before, mass = course.force_N[0] if course.before_N is None else course.before_N, course.payload_kg[0][1]
+        y, state = _at_rest(continuous, moving.states, before, figures(mass), limit_m)
+        z = sampled[first_stage].whole.at_rest(np.array([-y[-1]]))
+        passed = np.tile(sampled[first_stage].step(z, -float(y[-1]))[1], (2, 1))  # nothing has moved before
+
+        hop = round(schedule.estimator.update_s / period)
+        estimator = PayloadEstimator(rig, schedule)
+        stage, changed = first_stage, -np.inf
+        rows: list[np.ndarray] = []
+        changes: list[tuple[float, int]] = []
+        pending = list(course.payload_kg[1:])
+        heard: list[np.ndarray] = []  # volts and current since the last estimate
+        joins = (ceil(at / period - 1e-9) for at, _ in pending)
+        cuts = sorted({*range(0, count - 1, hop), *(at for at in joins if at < count - 1)})
+        for begin, end in pairwise([*cuts, count - 1]):
+            while pending and pending[0][0] <= (begin + 1e-9) * period:
+                new = pending.pop(0)[1]
+                if course.joining == "from_rest" and new > mass:
+                    # As if it had moved along, and the tip were struck back by the momentum that it lacks.
+                    model = linearise(moving, state, still, figures(new))
+                    rate = np.asarray(moving.function(0.0, state, still, figures(new))[0]).ravel()
+                    speed = model.c[OUTPUTS.index("outer_displacement_m")] @ rate
+                    state += model.b[:, 0] * (mass - new) * speed
+                mass = new
+            law = sampled[stage]
+            when, given = np.arange(begin, end + 1) * period, inputs[2 * fine * begin : 2 * fine * end + 1]
+            digital = law.whole.packed(fine, 0, 0.0, z, passed[-1, -1])
+            y, state = integrate(kinds, when, given, state, figures(mass), fine, limit_m, digital)
+            whole = len(y) == end - begin + 1
+            y = y[: end - begin]  # the last sample is the first of what follows
+            here = slice(begin, begin + len(y))
+            volts = y[:, OUTPUTS.index("measured_V")] + noise[here]
+            for value in command[here] - volts:
+                z, signals = law.step(z, value)
+                passed = np.vstack([passed[1:], signals])
+            heard.append(np.column_stack([volts, y[:, OUTPUTS.index("current_A")]]))
+            due = whole and (end % hop == 0 or end == count - 1)
+            estimate = estimator.advance(*np.vstack(heard).T) if due else estimator.estimate
+            noted = (mass, stage + 1, estimate.outer_end_mass_kg, estimate.std_kg)
+            done = (np.arange(begin, begin + len(y)) * period, course.force_N[here], command[here])
+            rows.append(np.column_stack([*done, y[:, :4], volts, np.tile(noted, (len(y), 1))]))
+            if not whole:
+                record = diverged(rig.name, np.vstack(rows), limit_m, period)
+                return replace(record, columns=STAGED, changes=tuple(changes))
+            if not due:
+                continue
+            heard.clear()
+            chosen = next_stage(schedule, stage, estimate, end * period - changed) if adaptive else stage
+            if chosen != stage:
+                stage, changed = chosen, end * period
+                changes.append((end * period, stage + 1))
+                z = sampled[stage].after(passed)
+        return SimulatedRecord(rig.name, np.vstack(rows), True, columns=STAGED, changes=tuple(changes))
+
+    runs: list[SimulatedRecord] = []
+
+    def outputs(factor: int) -> np.ndarray:
+        runs.append(run(factor))
+        return runs[-1].samples[:, len(COLUMNS) - 4 : len(COLUMNS)]
+
+    y, same = refined(outputs, COLUMNS[-4:], substeps * count)
+    found = next(one for one in runs if len(one.samples) == len(y) and np.shares_memory(one.samples, y))
+    return found if same == len(y) else replace(found, certain_until_s=same * period)
 
 
 def _wall_substeps(rig: Prototype, row: ScenarioRecord, times: np.ndarray) -> int:

@@ -55,7 +55,16 @@ from beamdesign.proofs.lyapunov import Switching, describe, switching
 from beamdesign.proofs.mass_family import MassFamily, closed_loop, stage_families, stage_family
 from beamdesign.prototype import Goal, Payload
 from beamdesign.sampling import sampled_stage
-from beamdesign.scenario import Course, PayloadChange, Sampled, Scenario, ScenarioRecord, Step, WallAhead
+from beamdesign.scenario import (
+    Course,
+    PayloadChange,
+    Sampled,
+    Scenario,
+    ScenarioRecord,
+    Step,
+    WallAhead,
+    inputs_of,
+)
 from beamdesign.simulation import simulate_scheduled
 from beamdesign.structure.lumped import figures
 from beamdesign.synthesis import tuning
@@ -462,6 +471,21 @@ def test_a_stage_that_stays_is_its_sampled_law(name: str) -> None:
     assert found.stable
     expected = usual.column("displacement_m")[: len(found.samples)]
     assert np.abs(found.column("displacement_m") - expected).max() < 1e-6 * np.abs(expected).max()
+
+
+def test_a_stage_behind_a_wide_open_valve_is_its_sampled_law_too(rig: Prototype) -> None:
+    """Steps that suit the rig at rest had the tip pass 50 mm, at 200 times the supply pressure."""
+    real = rig.but(effects={"pressure_dependent_flow": {}})
+    push, joins = Step(amplitude_N=3000.0, at_s=0.01), 30.0
+    row = ScenarioRecord(name="a", input=(push,), outer_end_mass_kg=joins)
+    plan = Scenario(name="a", duration_s=0.15, sample_s=5e-4, displacement_limit_m=0.05, record=(row,))
+    usual = simulate(real.stages((0.0, 6.8))[0][0], plan.but(sampled=Sampled(period_s=5e-4))).records[0]
+    course = Course(inputs_of(row, plan)[:, 0], ((0.0, joins),), before_N=0.0)
+    found = simulate_scheduled(real, course, adaptive=False, limit_m=0.05)
+    assert len(found.samples) == 300
+    for name in ("displacement_m", "load_pressure_Pa"):
+        expected = usual.column(name)[:300]
+        assert np.abs(found.column(name) - expected).max() < 0.02 * np.abs(expected).max()
 
 
 def test_a_stage_goes_on_from_what_the_one_before_gave() -> None:

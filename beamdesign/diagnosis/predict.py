@@ -148,7 +148,7 @@ def _fixed(rig: Prototype, given: TimeRecord, nominal_sensor_gain: float) -> tup
 
 
 def _stages(rig: Prototype, given: TimeRecord, nominal_sensor_gain: float) -> tuple[np.ndarray, int]:
-    """The same with several laws, M samples of one course: they work at samples of their own, without noise.
+    """The same with several laws: they work at samples of their own, without noise.
 
     A record begins with the first law that is for its payload, as a rig does that has carried it before.
     """
@@ -171,7 +171,8 @@ def _stages(rig: Prototype, given: TimeRecord, nominal_sensor_gain: float) -> tu
     seen = times[times <= own[-1] + 1e-9 * period]
     held = found.column("current_A")[np.searchsorted(own, seen + 1e-9 * period, side="right") - 1]
     sensed = CubicSpline(own, found.column("sensor_V"))(seen) / nominal_sensor_gain
-    return np.column_stack([given.times[: len(seen)], held, sensed]), len(seen)
+    same = len(seen) if found.certain_until_s is None else int(np.searchsorted(seen, found.certain_until_s))
+    return np.column_stack([given.times[: len(seen)], held, sensed]), same
 
 
 @takes("Prototype BenchPrototype str Path", "Path str")
