@@ -37,6 +37,7 @@ from beamdesign.diagnosis.gain_diagnosis import explain_gains
 from beamdesign.diagnosis.gap_metrics import errors, gap, held_out, sizes
 from beamdesign.diagnosis.judgement import cause_sets, causes, classes
 from beamdesign.diagnosis.learning import EXPLAINED, Learning, described, learn
+from beamdesign.diagnosis.misstated_mass import with_own_mass
 from beamdesign.diagnosis.passing import Look, what_passed
 from beamdesign.diagnosis.prediction_errors import Errors
 from beamdesign.diagnosis.second_look import SecondLook, refit_backlash_impacts, second_look, without_impacts
@@ -50,8 +51,9 @@ from beamdesign.prototype import Prototype
 from beamdesign.time_limit import TimeUp, leave_out, left, left_out, over, share, within
 
 _SECOND, _HELD_OUT = 0.5, 0.7  # of the time that is left, for laws and a second look, and for fits without some records
-_PASSING = 0.4  # the same, for records without what passes
+_PASSING, _WEIGHING = 0.4, 0.3  # the same, for records without what passes, and for those without one of them
 _PASSES, _LAW = "what passes in a short while", "a law learnt from the records"
+_MASS = "an end mass other than the one stated of a record"
 _SKEWED = "channels that do not belong to one instant"
 _UNREPEATED = "a joint that hammers in its play, a loop that oscillates by itself"
 
@@ -193,9 +195,10 @@ def _explained(
 ) -> _Explained:
     """Search, and where that explains nothing look further: for what passes, a law to learn, what none can repeat."""
     data, anew = without_impacts(examined.data)
+    data, kept, weighed = _in_time(_WEIGHING, _MASS, partial(with_own_mass, data, kept)) or (data, kept, ())
     look = search_without_tones(data, workers, _between(0.0, 0.7, progress), kept)
-    doubtful = examined.limits_confidence or look.doubtful
-    look = replace(look, words=(*examined.words, *anew, *look.words), doubtful=doubtful)
+    doubtful = examined.limits_confidence or look.doubtful or bool(weighed)  # which nobody has done
+    look = replace(look, words=(*examined.words, *anew, *weighed, *look.words), doubtful=doubtful)
     in_time = _in_time(_PASSING, _SKEWED, partial(channels_in_time, look, workers, _between(0.7, 0.71, progress)))
     look = look if in_time is None else in_time
     if look.judged.unknown > 0.5:
