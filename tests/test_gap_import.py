@@ -96,6 +96,32 @@ def test_units_in_the_words_of_names(tmp_path: Path, motion: dict[str, np.ndarra
     assert {one.name for one in rows_taken} == {"Zeit", "Kraft in z", "Sollwert", "Strom", "Weg"}
 
 
+def test_units_that_names_end_in(tmp_path: Path, motion: dict[str, np.ndarray]) -> None:
+    names = {"t_ms": 1e3, "force_kN": 1e-3, "command_mV": 1e3, "current_mA": 1e3, "x_um": 1e6}
+    rows = np.column_stack(list(motion.values())) * list(names.values())
+    np.savetxt(tmp_path / "a.csv", rows, "%.12g", ",", header=",".join(names), comments="")
+    found = imported(tmp_path / "a.csv")
+    same(found.dataset.records[0], motion)
+    (rows_taken,) = found.taken.values()
+    assert [one.unit for one in rows_taken] == ["ms", "kN", "mV", "mA", "um"]
+    assert not any(one.words for one in rows_taken)
+
+
+@pytest.mark.parametrize(("name", "unit", "per_m"), [("lvdt_mV", "mV", 1e3 * 1180), ("lvdt_A", "m", 1.0)])
+def test_a_name_ends_in_a_unit_of_its_channel_alone(
+    tmp_path: Path, motion: dict[str, np.ndarray], name: str, unit: str, per_m: float
+) -> None:
+    """Millivolts of the sensor of 1180 V/m, and a sensor called A."""
+    motion["displacement_m"] *= per_m
+    header = ",".join((*list(motion)[:-1], name))
+    np.savetxt(tmp_path / "a.csv", np.stack(list(motion.values()), 1), "%.12g", ",", header=header, comments="")
+    found = imported(tmp_path / "a.csv")
+    motion["displacement_m"] /= per_m
+    same(found.dataset.records[0], motion)
+    (rows_taken,) = found.taken.values()
+    assert [one.unit for one in rows_taken if one.name == name] == [unit]
+
+
 SCHEDULED = RIG.parent.parent / "scheduled" / "prototype.toml"
 
 

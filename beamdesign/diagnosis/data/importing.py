@@ -288,17 +288,17 @@ def _record(
             none = f"or say that there is none, --column '{channel} = {_NOTHING}'"
             wrong.append(Problem(channel, f"{which}: name it, --column '{channel} = NAME [UNIT]', {none}"))
     for channel, column in chosen.items():
-        said = column.unit or (CHANNELS[channel][0] if column.name == channel else "")  # the name ends in it
+        said = column.unit or _ending(channel, column.name)
         factor, words = _factor(channel, said, sensor_V_per_m)
         if factor is None:
-            wrong.append(Problem(channel, f"{column.name!r} is in {column.unit!r}: {words}"))
+            wrong.append(Problem(channel, f"{column.name!r} is in {said!r}: {words}"))
             continue
         sign = named[channel][2] if channel in named else 1.0
         table[channel] = sign * factor * column.values
         if lost := np.flatnonzero(~np.isfinite(column.values)).tolist():
             first = f"the first is number {lost[0] + 1} of {len(column.values)}"
             wrong.append(Problem(channel, f"{column.name!r} has {len(lost)} values that are not finite: {first}"))
-        taken.append(Taken(channel, column.name, column.unit or CHANNELS[channel][0], sign * factor, 0.0, words))
+        taken.append(Taken(channel, column.name, said or CHANNELS[channel][0], sign * factor, 0.0, words))
     if wrong:
         raise InputError(found.path, wrong)
     table["t_s"] = table["t_s"] - table["t_s"][0]
@@ -331,13 +331,24 @@ def _alike(channel: str, columns: Sequence[Column]) -> list[Column]:
     others = CHANNELS.keys() - {channel}  # a column of such a name is of that channel
     fits = [one for one in columns if one.name not in others and (unit_of(one.unit) if one.unit else "") in known]
     by_name = [one for one in fits if one.name == channel] or [
-        one for one in fits if re.search(pattern, one.name.rpartition(".")[2], re.IGNORECASE)
+        one for one in fits if re.search(pattern, _stem(channel, one.name.rpartition(".")[2]), re.IGNORECASE)
     ]
     if anothers := _ANOTHERS.get(channel):
         by_name = [one for one in by_name if not re.search(anothers, one.name, re.IGNORECASE)]
     if by_name or channel not in _ASKED:
         return by_name
     return [one for one in fits if one.unit and unit_of(one.unit) == unit]
+
+
+def _ending(channel: str, name: str) -> str:
+    """The unit of a channel that a name ends in, as in `force_kN` or `t_ms`; empty where it ends in none."""
+    _, underscore, end = name.rpartition("_")
+    own = (CHANNELS[channel][0], "V") if channel == "displacement_m" else (CHANNELS[channel][0],)
+    return end if underscore and unit_of(end) in own else ""
+
+
+def _stem(channel: str, name: str) -> str:
+    return name.removesuffix(f"_{_ending(channel, name)}")
 
 
 def _factor(channel: str, unit: str, sensor_V_per_m: float) -> tuple[float | None, str]:
