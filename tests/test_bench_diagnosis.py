@@ -297,6 +297,26 @@ def test_bad_records_are_refused_with_their_reason(tmp_path: Path, change, told:
         read_bench_set(folder)
 
 
+def test_runs_of_one_condition_have_one_command(tmp_path: Path):
+    folder = write_set(tmp_path / "set", Truth(), (4.0, 8.0))
+    one, other = (folder / "records" / f"{volts}V_a_1.csv" for volts in (4, 8))
+    for path, text in ((one, other.read_text()), (other, one.read_text())):
+        path.write_text(text)
+    with pytest.raises(InputError, match="4 V has runs at 4 and at 8 V; what belongs together has one command"):
+        read_bench_set(folder)
+
+
+def test_gauges_that_differ_at_either_stop_leave_no_verdict_sure(tmp_path: Path):
+    folder = write_set(tmp_path / "set", Truth(flow_gain=6.5e-6), (4.0, 8.0))
+    for name in (path.stem for path in (folder / "records").glob("*_a_*.csv")):
+        broken(folder, lambda header, table: (header, table + np.array([0.0, 0.0, 0.0, 0.03 * SUPPLY])), name)
+    data = read_bench_set(folder)
+    assert steady_motions(data).gauges_differ_Pa == pytest.approx(0.03 * SUPPLY, rel=0.05)
+    found = diagnose_bench(data, [h for h in candidates() if size(h) < 2])
+    assert found.verdict != "effect"
+    assert any("Pa more than pressure_b_Pa at either stop" in words for words in found.warnings)
+
+
 def test_a_set_needs_conditions_and_both_chambers(tmp_path: Path):
     with pytest.raises(InputError, match="one condition only"):
         read_bench_set(write_set(tmp_path / "one", Truth(), (4.0,)))

@@ -7,6 +7,7 @@ one condition come from two runs.
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from itertools import product
 from pathlib import Path
 from typing import Annotated
 
@@ -22,6 +23,7 @@ from beamdesign.diagnosis.examination.sound_records import equal_runs
 from beamdesign.records import FileName, InputError, Problem, Record
 
 LEAST_SAMPLES = 200
+_ONE_COMMAND = 0.05  # relative difference of commands of one condition
 _CLIPPED = 0.02  # share of samples that hold the very same extreme value
 _SCALES = {1e-6: "MPa", 1e-5: "bar", 1e-3: "kPa", 1 / 6894.757: "psi"}
 
@@ -118,6 +120,13 @@ def read_bench_set(folder: str | Path) -> BenchSet:
     ]
     if len(conditions) < 2:
         alone.append(Problem("record.condition", "one condition only; what is held out of a fit must be another one"))
+    for condition, sign in product(conditions, (1, -1)):
+        volts = [_last(run, sign)[2] for run in runs if run.condition == condition]
+        if np.ptp(volts) > _ONE_COMMAND * np.max(np.abs(volts)):
+            told = (
+                f"{condition} has runs at {min(volts):g} and at {max(volts):g} V; what belongs together has one command"
+            )
+            alone.append(Problem("record.condition", told))
     if alone:
         raise InputError(path, alone)
     warnings = [words for run in runs for words in _odd(run)]
@@ -130,10 +139,14 @@ def stretches(command_V: np.ndarray) -> list[tuple[int, int, float]]:
     return [(i, i + count, float(command_V[i])) for i, count in found if command_V[i] != 0]
 
 
+def _last(run: BenchRun, sign: int) -> tuple[int, int, float]:
+    """The last stretch with commands of one sign."""
+    return [each for each in stretches(run.command_V) if each[2] * sign > 0][-1]
+
+
 def held(run: BenchRun, sign: int) -> slice:
     """The last fifth of the last stretch with commands of one sign, where the piston rests against its stop."""
-    found = [(i, j) for i, j, volts in stretches(run.command_V) if volts * sign > 0]
-    i, j = found[-1]
+    i, j, _ = _last(run, sign)
     return slice(j - max(1, (j - i) // 5), j)
 
 

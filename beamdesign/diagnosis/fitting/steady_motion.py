@@ -230,6 +230,7 @@ EDGES = "edges"
 pressure at the edge that empties, extending over retracting."""
 _NO_REPLICATE = 0.01  # deviation taken where nothing was repeated
 _LEAST_DROP_PA = 1e3
+_GAUGES = 0.01  # of the supply: by as much two gauges may differ
 
 
 @dataclass(frozen=True)
@@ -276,6 +277,17 @@ class Observations:
     def tank(self) -> float:
         """Mean pressure of chambers that a stop holds empty, Pa."""
         return float(np.mean(self.rows.stall[~self.filled]))
+
+    @cached_property
+    def gauges_differ_Pa(self) -> float:
+        """By how much chamber a reads more than b at a stop, at supply and tank alike; 0 within what gauges err."""
+        at = {(held, side): (self.filled == held) & (self.rows.side == side) for held in (True, False) for side in "ab"}
+        full, empty = (
+            float(np.mean(self.rows.stall[at[held, "a"]]) - np.mean(self.rows.stall[at[held, "b"]]))
+            for held in (True, False)
+        )
+        alike = full * empty > 0 and min(abs(full), abs(empty)) > _GAUGES * self.supply_Pa
+        return (full + empty) / 2 if alike else 0.0
 
     def mean(self, column: str, condition: str, direction: int, sides: str = "ab") -> float:
         """Of a column of `rows`, over the runs of a condition in one direction that recorded one of these chambers."""
