@@ -68,6 +68,13 @@ def test_limits_are_drawn_where_they_matter_and_the_end_where_it_diverged():
     assert all(any(line.get_xdata()[0] == 0.99 for line in axes.lines) for axes in figure.axes)
 
 
+def test_a_record_that_ends_at_its_first_sample_is_drawn():
+    """Warnings are errors here: its axis had the same beginning and end."""
+    whole = record(stable=False, diverged_at_s=5e-4)
+    figure = plot_record(replace(whole, samples=whole.samples[:1]), {})
+    assert figure.axes[-1].get_xlim() == pytest.approx((0.0, 5.1e-4))
+
+
 def test_command_draws_every_record_and_a_page_that_needs_nothing_else(tmp_path: Path, remedy: Prototype):
     write_prototype(remedy.but(effects={"current_saturation": {"limit_A": 0.05}}), tmp_path / "p.toml")
     arguments = ["simulate", str(tmp_path / "p.toml"), "--scenario", KICK, "--out", str(tmp_path / "out")]

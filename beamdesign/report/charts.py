@@ -282,7 +282,9 @@ def plot_record(record: "SimulatedRecord", limits: Limits) -> Figure:
     for panel, part in zip(panels, axes, strict=True):
         _draw(part, panel, record, limits)
     # A record that ended early is shown in the time it had, and a little beyond.
-    axes[-1].set_xlim(float(times[0]), float(times[-1]) * (1.0 if record.diverged_at_s is None else 1.02))
+    axes[-1].set_xlim(
+        float(times[0]), float(times[-1]) if record.diverged_at_s is None else 1.02 * record.diverged_at_s
+    )
     axes[-1].set_xlabel("time, s")
     figure.suptitle(in_plot(f"{record.name}: {record.reason or 'stable'}"), fontsize=9, x=0.02, ha="left")
     figure.align_ylabels(list(axes))
