@@ -22,6 +22,7 @@ from beamdesign.diagnosis.judgement import (
     classes,
     deviations,
     evidence,
+    flags,
     held_out_score,
     judge,
 )
@@ -276,6 +277,16 @@ def test_strained_figures_leave_doubt():
     assert judged.strained == ("sensor_gain",)
     assert verdict_of(judged) == "ambiguous"
     assert causes(search, judged)[0].flags == ("sensor_gain had to move by +5.0 tolerances",)
+
+
+def test_friction_without_an_excess_at_breakaway_is_at_no_bound():
+    """A ratio of 1 is none, as the library's usual figures have it; a spring as soft as the library goes is a bound."""
+    lowest = {u.name: u.bounds[0] for u in together("seal_friction", "mount_compliance").unknowns(believed())}
+    even = made(("seal_friction",), 310.0, seal_friction_breakaway_ratio=lowest["seal_friction.breakaway_ratio"])
+    assert flags("seal_friction", even) == []
+    stiffness = lowest["mount_compliance.stiffness_N_per_m"]
+    soft = made(("mount_compliance",), 310.0, mount_compliance_stiffness_N_per_m=stiffness)
+    assert flags("mount_compliance", soft) == ["mount_compliance.stiffness_N_per_m is at its bound, 2e+05"]
 
 
 def test_a_failed_fit_is_no_rival():

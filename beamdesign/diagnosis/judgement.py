@@ -381,8 +381,8 @@ def flags(name: str, holder: Fit) -> list[str]:
     for unknown, z in zip(holder.unknowns, holder.z, strict=True):
         low, high = unknown.bounds
         if unknown.kind == "effect" and unknown.name.startswith(prefix):
-            # A parameter that may be none, and is, is no bound reached.
-            at_low = z <= low + 1e-6 and not (unknown.linear and unknown.low == 0.0)
+            # A parameter that may be none, and is, is no bound reached: zero, or a ratio of 1 that is the usual one.
+            at_low = z <= low + 1e-6 and unknown.low not in (0.0, unknown.nominal)
             if at_low or z >= high - 1e-6:
                 said.append(f"{unknown.name} is at its bound, {unknown.value(z):.4g}")
         if unknown.kind == "figure" and abs(z) > SUSPICIOUS:
