@@ -84,12 +84,13 @@ def test_a_current_that_nobody_recorded(tmp_path: Path, motion: dict[str, np.nda
     assert list(taken(path, "current_A = 0").measured) == ["displacement_m"]
 
 
-def test_units_in_the_words_of_names(tmp_path: Path, motion: dict[str, np.ndarray]) -> None:
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16"])  # the last as spreadsheets write "Unicode text"
+def test_units_in_the_words_of_names(tmp_path: Path, motion: dict[str, np.ndarray], encoding: str) -> None:
     """A direction in such words is a part of the name."""
     names = {"Zeit in ms": 1e3, "Kraft in z": 1.0, "Sollwert in V": 1.0, "Strom in mA": 1e3, "Weg in µm": 1e6}
     rows = np.column_stack(list(motion.values())) * list(names.values())
     text = "\n".join([";".join(names), *(";".join(f"{x:.12g}" for x in row) for row in rows)])
-    (tmp_path / "a.csv").write_text(text, encoding="utf-8")
+    (tmp_path / "a.csv").write_text(text, encoding=encoding)
     found = imported(tmp_path / "a.csv")
     same(found.dataset.records[0], motion)
     (rows_taken,) = found.taken.values()

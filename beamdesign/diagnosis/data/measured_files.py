@@ -5,6 +5,7 @@ MATLAB files are read by SciPy, universal files (dataset 58) by pyUFF; both hand
 
 import csv
 import re
+from codecs import BOM_UTF16_BE, BOM_UTF16_LE
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from io import StringIO
@@ -107,7 +108,7 @@ def _refuse(path: Path, reason: str) -> InputError:
 def _text(path: Path) -> Measured:
     raw = read_bytes(path, LARGEST_TABLE)
     try:
-        text = raw.decode("utf-8-sig")
+        text = raw.decode("utf-16" if raw.startswith((BOM_UTF16_LE, BOM_UTF16_BE)) else "utf-8-sig")
     except UnicodeDecodeError:
         text = raw.decode("latin-1")
     if "\0" in text:
