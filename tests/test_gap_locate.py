@@ -96,6 +96,7 @@ def test_laws_of_the_valve_explain_a_deadband(deadband):
     assert where.subsystem == "servovalve"
     assert where.kind in ("static", "hysteretic")
     assert "servovalve" in where.sentence
+    assert "Weighed" not in where.sentence  # no weight is as sure as it looks where the fits know of no cause
     assert "small amplitude" in where.condition
     shown = next(w for w in where.indicators if w.name == "bands and conditions")
     assert len(shown.table["record"]) == len(deadband.records)
