@@ -282,6 +282,7 @@ def jumping(header: str, table: np.ndarray):
         (lambda header, table: (header.replace("pressure_a_Pa", "p"), table), "neither of pressure_a_Pa"),
         (holed, "not finite"),
         (jumping, "not uniform"),
+        (column(1, 1000.0), "command_V: stays at 4e\\+03 V, by which half the way takes .* s: in mV, it seems"),
         (column(2, 1000.0), "in mm, it seems"),
         (column(2, -1.0), "turned round"),
         (column(2, 0.3), "the stroke is"),

@@ -25,6 +25,7 @@ from beamdesign.records import FileName, InputError, Problem, Record
 LEAST_SAMPLES = 200
 _ONE_COMMAND = 0.05  # relative difference of commands of one condition
 _CLIPPED = 0.02  # share of samples that hold the very same extreme value
+_SLOW = 500  # times as long as without load: a thousand times in mV, and overlap leaves of a speed what it may
 _SCALES = {1e-6: "MPa", 1e-5: "bar", 1e-3: "kPa", 1 / 6894.757: "psi"}
 
 
@@ -182,6 +183,15 @@ def _contradictions(run: BenchRun, prototype: BenchPrototype) -> list[Problem]:
     elif not 0.5 * stroke < travel < 1.2 * stroke:
         words = f"travels {travel:.3g} m; the stroke is {stroke:g} m from stop to stop"
         found.append(Problem("displacement_m", words))
+    else:
+        i, j, volts = _last(run, 1)
+        between = np.abs(run.displacement_m[i:j] - (out + back) / 2) < travel / 4
+        took_s = np.count_nonzero(between) * (run.times[1] - run.times[0])
+        volume = travel / 2 * prototype.actuator.piston_area_m2
+        takes_s = volume / (prototype.servovalve.flow_gain_m3_per_s_per_V * volts)
+        if took_s > _SLOW * takes_s:
+            words = f"by which half the way takes {takes_s:.3g} s and not {took_s:.3g} s: in mV, it seems"
+            found.append(Problem("command_V", f"stays at {volts:.3g} V, {words}"))
     key, supply = f"pressure_{run.side}_Pa", prototype.actuator.supply_pressure_Pa
     extended, retracted = (float(np.median(run.pressure_Pa[held(run, sign)])) for sign in (1, -1))
     top = max(extended, retracted)
