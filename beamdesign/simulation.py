@@ -193,7 +193,7 @@ def _fixed(rig: Prototype, scenario: Scenario, row: ScenarioRecord, position: in
         digital = NOT_SAMPLED if law is None else law.packed(periods * fine, *how)
         return integrate(kinds, times, half_steps(inputs, fine), start, parameters, fine, limit, digital)[0]
 
-    y, same = refined(course, OUTPUTS, substeps * len(times))
+    y, same = refined(course, np.asarray, OUTPUTS, substeps * len(times))
     count = len(y)
     samples = np.column_stack([times[:count], inputs[:count], y[:, :4]])
     found = _judged(row, scenario, scenario.measurement.of(samples, position), samples, inputs, kinds)
@@ -219,6 +219,7 @@ def _staged(rig: Prototype, scenario: Scenario, row: ScenarioRecord, position: i
 
 STAGED = (*COLUMNS, "sensor_V", "outer_end_mass_kg", "stage", "estimate_kg", "estimate_std_kg")
 """Columns of a record with a scheduled controller."""
+_MOVES = slice(COLUMNS.index("current_A"), len(COLUMNS))
 
 
 def simulate_scheduled(
@@ -327,15 +328,8 @@ def simulate_scheduled(
                 z = sampled[stage].after(passed)
         return SimulatedRecord(rig.name, np.vstack(rows), True, columns=STAGED, changes=tuple(changes))
 
-    runs: list[SimulatedRecord] = []
-
-    def outputs(factor: int) -> np.ndarray:
-        runs.append(run(factor))
-        return runs[-1].samples[:, len(COLUMNS) - 4 : len(COLUMNS)]
-
-    y, same = refined(outputs, COLUMNS[-4:], substeps * count)
-    found = next(one for one in runs if len(one.samples) == len(y) and np.shares_memory(one.samples, y))
-    return found if same == len(y) else replace(found, certain_until_s=same * period)
+    found, same = refined(run, lambda record: record.samples[:, _MOVES], COLUMNS[_MOVES], substeps * count)
+    return found if same == len(found.samples) else replace(found, certain_until_s=same * period)
 
 
 def _wall_substeps(rig: Prototype, row: ScenarioRecord, times: np.ndarray) -> int:

@@ -142,7 +142,7 @@ def _fixed(rig: Prototype, given: TimeRecord, nominal_sensor_gain: float) -> tup
         inputs = measured_half_steps(given.cleaned.inputs, given.step, factor * substeps)
         return integrate(kinds, given.since_start, inputs, start, parameters, factor * substeps, FURTHEST_M)[0]
 
-    y, same = refined(course, OUTPUTS, substeps * len(given.times))
+    y, same = refined(course, np.asarray, OUTPUTS, substeps * len(given.times))
     columns = [OUTPUTS.index(name) for name in COLUMNS[1:]]
     return np.column_stack([given.times[: len(y)], y[:, columns]]), same
 

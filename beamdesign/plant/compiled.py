@@ -15,7 +15,7 @@ by some ten per cent at steps at which the record itself is right to 1e-4, and s
 
 from collections.abc import Callable, Sequence
 from functools import lru_cache
-from typing import Any
+from typing import Any, TypeVar
 
 import casadi as ca
 import numpy as np
@@ -157,31 +157,36 @@ def integrate(
     return _stepped(code, times, inputs, start, len(start), parameters, substeps, bound, digital, width)
 
 
+Motion = TypeVar("Motion")
 _APART, _DOUBLINGS, _ROUNDING = 1e-2, 6, 1e-8  # of an output's peak; at most; of a usual size
 
 
-def refined(course: Callable[[int], np.ndarray], outputs: Sequence[str], steps: int) -> tuple[np.ndarray, int]:
-    """Outputs (M, k) of a course at no more steps than it takes for twice as many to give the same.
+def refined(
+    course: Callable[[int], Motion], of: Callable[[Motion], np.ndarray], outputs: Sequence[str], steps: int
+) -> tuple[Motion, int]:
+    """A motion at no more steps than it takes for twice as many to give the same.
 
     How stiff a rig gets under way nothing tells before: a valve that is open, or a curve far out, is not as at rest.
 
     Args:
-        course: gives (M, k) at so many times the usual steps; M less where it ends sooner.
+        course: gives the motion at so many times the usual steps.
+        of: its outputs (M, k); M less where it ends sooner.
         outputs: names of the k.
         steps: usual ones in all; no more than `MOST_STEPS` are tried.
 
     Returns:
-        The outputs, and up to which sample those of twice as many steps are the same; M where they are throughout.
+        The motion, and up to which sample the outputs of twice as many steps are the same; M where they are throughout.
     """
     found, same = course(1), 0
     for factor in (2**k for k in range(1, _DOUBLINGS + 1)):
         if factor * steps > MOST_STEPS:
             break
         finer = course(factor)
-        both = min(len(found), len(finer))
-        apart = np.abs(found[:both] - finer[:both]) > _APART * np.abs(finer).max(axis=0) + _ROUNDING * sizes(outputs)
+        y, z = of(found), of(finer)
+        both = min(len(y), len(z))
+        apart = np.abs(y[:both] - z[:both]) > _APART * np.abs(z).max(axis=0) + _ROUNDING * sizes(outputs)
         same = int(apart.any(axis=1).argmax()) if apart.any() else both
-        if same == len(found) == len(finer):
+        if same == len(y) == len(z):
             break
         found = finer
     return found, same
