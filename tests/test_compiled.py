@@ -48,7 +48,7 @@ def test_generated_code_gives_what_casadi_evaluates(paper: Prototype, effects: t
     middle = np.array([1e7 if name.startswith("pressure_") else 0.0 for name in assembly.states])
     pairs: list[list[np.ndarray]] = [[], []]
     for _ in range(40):
-        x = middle + 3 * scales(assembly) * random.standard_normal(len(middle))
+        x = middle + 3 * scales(assembly.states) * random.standard_normal(len(middle))
         u = np.array([300.0, 0.1, 0.0]) * random.standard_normal(len(INPUTS))
         p = figures(rig) * random.uniform(0.7, 1.3, len(assembly.parameters))
         t = random.uniform(0.0, 3.0)

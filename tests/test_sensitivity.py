@@ -112,7 +112,7 @@ def test_derivatives_of_a_smooth_rig_are_those_of_cvodes(paper: Prototype):
     assembly, parameters = prepared(paper, SMOOTH)
     free = ("outer_mass", "oil_stiffness", "entrained_air.air_fraction", "transport_delay.delay_s")
     until, substeps, states = 0.05, 40, len(assembly.states)
-    typical = scales(assembly)
+    typical = scales(assembly.states)
     start = equilibrium(assembly, np.zeros(3), parameters)
     chosen = [assembly.parameters.index(name) for name in free]
 
@@ -248,8 +248,8 @@ def test_equilibrium_moves_as_its_derivative_says(paper: Prototype, effects: tup
         ahead[position] *= 1 + step
         behind[position] *= 1 - step
         change = (equilibrium(assembly, u, ahead) - equilibrium(assembly, u, behind)) / (2 * step)
-        given = found[:, k] * parameters[position] / scales(assembly)
-        change /= scales(assembly)
+        given = found[:, k] * parameters[position] / scales(assembly.states)
+        change /= scales(assembly.states)
         np.testing.assert_allclose(given, change, rtol=0, atol=1e-6 + 1e-5 * np.abs(change).max(), err_msg=name)
         moved += bool(np.abs(given).max() > 1e-3)
     assert moved > 3

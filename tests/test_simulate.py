@@ -20,9 +20,9 @@ from beamdesign.diagnosis.data.dataset import TimeRecord
 from beamdesign.diagnosis.predict import predict_record
 from beamdesign.loop import loop
 from beamdesign.plant.assembly import assemble, fits, parameters_of, structure_of
-from beamdesign.plant.compiled import half_steps, integrate, measured_half_steps
+from beamdesign.plant.compiled import half_steps, integrate, measured_half_steps, refined
 from beamdesign.plant.effects import causes
-from beamdesign.plant.equilibrium import equilibrium
+from beamdesign.plant.equilibrium import MOST_STEPS, equilibrium
 from beamdesign.plant.members import paper_model
 from beamdesign.records import parse
 from beamdesign.scenario import Multisine, Sampled, Scenario, ScenarioRecord, Step, inputs_of
@@ -260,6 +260,11 @@ def test_a_valve_that_is_wide_open_is_stepped_as_finely_as_it_takes(lag: Prototy
     assert predicted.certain_until_s == record.certain_until_s
     one, other = (each.column("displacement_m")[:until] for each in (predicted, record))
     np.testing.assert_allclose(one, other, atol=1e-6)
+
+
+def test_a_record_too_long_to_be_stepped_finer_is_not_said_to_be_uncertain() -> None:
+    still, same = refined(lambda factor: np.zeros((5, 1)), np.asarray, ("displacement_m",), MOST_STEPS)
+    assert same == len(still)
 
 
 @pytest.mark.parametrize("force", [100.0, -3000.0])

@@ -57,11 +57,9 @@ def new(
         refuse("new", (template or "''", f"no such template; {hint}"))
     paths = start(template, out)
     it = target(template, out)
-    its = {
-        "it": shlex.quote(str(it)),
-        "name": shlex.quote(it.resolve().stem),
-    }  # also of a folder that is here, or above
-    following = [step.format(**its) for step in TEMPLATES[template].next]
+    name = it.resolve().stem  # also of a folder that is here, or above
+    quoted = {"it": shlex.quote(str(it)), "name": shlex.quote(name)}
+    following = [step.format(**quoted) for step in TEMPLATES[template].next]
     echo(*map(str, paths), before="written: ")
     echo(f"next:    {following[0]}")
     echo(*following[1:], before="         ")

@@ -25,7 +25,7 @@ from numba.extending import intrinsic
 
 from beamdesign.plant.assembly import Structure, assemble
 from beamdesign.plant.component import SAMPLED
-from beamdesign.plant.equilibrium import MOST_STEPS, places_of, sizes
+from beamdesign.plant.equilibrium import MOST_STEPS, places_of, scales
 from beamdesign.plant.machine_code import Body, MachineCode, add_product, machine_code, rows_of, trace
 from beamdesign.sampling import COMMAND, ERROR
 
@@ -175,16 +175,18 @@ def refined(
         steps: usual ones in all; no more than `MOST_STEPS` are tried.
 
     Returns:
-        The motion, and up to which sample the outputs of twice as many steps are the same; M where they are throughout.
+        The motion, and up to which sample the outputs of twice as many steps are the same; M where they are throughout,
+        and where twice the usual ones are too many.
     """
-    found, same = course(1), 0
+    found = course(1)
+    same = len(of(found))
     for factor in (2**k for k in range(1, _DOUBLINGS + 1)):
         if factor * steps > MOST_STEPS:
             break
         finer = course(factor)
         y, z = of(found), of(finer)
         both = min(len(y), len(z))
-        apart = np.abs(y[:both] - z[:both]) > _APART * np.abs(z).max(axis=0) + _ROUNDING * sizes(outputs)
+        apart = np.abs(y[:both] - z[:both]) > _APART * np.abs(z).max(axis=0) + _ROUNDING * scales(outputs)
         same = int(apart.any(axis=1).argmax()) if apart.any() else both
         if same == len(y) == len(z):
             break

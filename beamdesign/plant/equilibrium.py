@@ -134,7 +134,7 @@ def _settled(assembly: Assembly, x: np.ndarray, u: np.ndarray, parameters: np.nd
         ValueError: where they do not settle.
     """
     here = _InPlace(_stiffness(assembly.kinds), u, parameters)
-    weight = scales(assembly)
+    weight = scales(assembly.states)
     free = not_held(assembly)
     among, ratio = np.ix_(free, free), weight[None, :] / weight[:, None]
     eye, step = np.eye(len(x)), 1e-3
@@ -177,13 +177,8 @@ def not_held(assembly: Assembly) -> np.ndarray:
     return np.array([k for k, name in enumerate(assembly.states) if name not in held])
 
 
-def scales(assembly: Assembly) -> np.ndarray:
-    """Typical magnitude of each state."""
-    return sizes(assembly.states)
-
-
-def sizes(names: Sequence[str]) -> np.ndarray:
-    """Typical magnitudes by what the names of signals end in."""
+def scales(names: Sequence[str]) -> np.ndarray:
+    """Typical magnitudes of states and signals, by what their names end in."""
     return np.array([next((size for end, size in _SIZES.items() if name.endswith(end)), 1.0) for name in names])
 
 
@@ -275,7 +270,7 @@ def equilibrium_sensitivity(
     names = tuple(free)
     of_states, of_parameters = (np.asarray(value) for value in _rest(assembly.kinds, names)(0.0, x, u, parameters))
     moving = not_held(assembly)
-    weight = scales(assembly)[moving]
+    weight = scales(assembly.states)[moving]
     scaled = of_states[np.ix_(moving, moving)] / weight[:, None] * weight[None, :]
     change = np.zeros((len(x), len(names)))
     right = -of_parameters[moving] / weight[:, None]

@@ -131,7 +131,7 @@ def balance(rig: FreeRig, guess: Unknown, amplitude: float | None, preload: floa
     u = np.zeros((len(forward), 3))
     u[:, 0] = preload + force * forward[:, 1]
     # A state is judged against its usual size, or against what it does where the motion is small.
-    weight = scales(rig.assembly)
+    weight = scales(rig.assembly.states)
     scale_y = amplitude if free and amplitude else 1e-6
     weight *= min(1.0, scale_y / 1e-4) if free else 1.0
 
@@ -384,7 +384,7 @@ def _settles(rig: FreeRig, c: np.ndarray, omega: float, gain: float) -> bool:
     """
     forward, *_ = basis(c.shape[1] // 2)
     by_x = rig.along(forward @ c.T, np.zeros((len(forward), 3)), gain)[2]
-    weight = scales(rig.assembly)
+    weight = scales(rig.assembly.states)
     turn = np.eye(len(c))
     for a in by_x:
         turn = expm(a / weight[:, None] * weight[None, :] * (tau / omega / len(by_x))) @ turn

@@ -142,7 +142,7 @@ def virtual_machine(case: Case) -> Run:
 
 def scipy_solver(case: Case, method: str, rtol: float) -> Run:
     """`solve_ivp` on the right-hand side evaluated by CasADi in place, which costs less than scipy's own share."""
-    typical = 0.1 * scales(case.assembly)
+    typical = 0.1 * scales(case.assembly.states)
     function = case.assembly.function
     rate, given = np.zeros(len(case.start)), [np.zeros(1), np.zeros(len(case.start)), REST.copy(), case.parameters]
     buffer, evaluate = function.buffer()

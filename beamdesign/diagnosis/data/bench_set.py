@@ -124,10 +124,8 @@ def read_bench_set(folder: str | Path) -> BenchSet:
     for condition, sign in product(conditions, (1, -1)):
         volts = [_last(run, sign)[2] for run in runs if run.condition == condition]
         if np.ptp(volts) > _ONE_COMMAND * np.max(np.abs(volts)):
-            told = (
-                f"{condition} has runs at {min(volts):g} and at {max(volts):g} V; what belongs together has one command"
-            )
-            alone.append(Problem("record.condition", told))
+            words = f"{condition} has runs at {min(volts):g} and at {max(volts):g} V"
+            alone.append(Problem("record.condition", f"{words}; what belongs together has one command"))
     if alone:
         raise InputError(path, alone)
     warnings = [words for run in runs for words in _odd(run)]

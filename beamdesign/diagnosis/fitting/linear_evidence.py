@@ -60,7 +60,7 @@ class LinearModel:
     @cached_property
     def weight(self) -> np.ndarray:
         """(n,) typical magnitude of each state."""
-        return scales(self.assembly)
+        return scales(self.assembly.states)
 
     def parameters(self, z: np.ndarray, gain: float | None = None) -> np.ndarray:
         """Parameters of `assembly` at z, with another controller gain (A/V) where one is given."""
