@@ -106,6 +106,25 @@ def test_what_is_expected_of_causes_goes_with_the_size_of_the_rig(force: float, 
                 assert other.bounds == pytest.approx(one.bounds), one.name
 
 
+@pytest.mark.parametrize("slower", [10.0, 0.5])
+def test_resonances_are_looked_for_where_the_beams_have_theirs(slower: float):
+    """By similarity: every mode of beams of the same stiffness goes with one over the root of their mass."""
+    rig = believed()
+    beams = [one.but(effective_mass_kg=slower**2 * one.effective_mass_kg) for one in (rig.outer_beam, rig.inner_beam)]
+    like = rig.but(outer_beam=beams[0], inner_beam=beams[1])
+    for name in ("second_beam_mode", "mount_compliance"):
+        (one,), (other,) = (
+            [u for u in together(name).unknowns(each) if u.name == f"{name}.frequency_Hz"] for each in (rig, like)
+        )
+        assert (other.low, other.high) == pytest.approx((one.low / slower, one.high / slower))
+        assert other.value(0.5) == pytest.approx(one.value(0.5) / slower)
+        slow = rig.but(effects={name: {"frequency_Hz": 0.9 * one.low}})
+        with pytest.raises(InputError, match="frequency_Hz"):
+            structure_of(slow)
+        if slower > 1:
+            assert structure_of(like.but(effects=slow.effects)).effects == (name,)
+
+
 def test_what_a_fit_finds_of_a_cause_is_what_acts():
     placement = together("valve_hysteresis").placement(larger(believed(), 1.0, 100.0))
     z = np.full(len(placement.unknowns), 0.3)

@@ -7,6 +7,7 @@ beam with every effect off. A prototype gives the structure and the figures of i
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
+from math import sqrt
 from typing import Any
 
 import casadi as ca
@@ -210,7 +211,7 @@ def of_drive(prototype: WithActuator) -> dict[str, float]:
     return {f"{name}.limit_A": 10 * gain for name in laws_of("current_saturation")} if gain is not None else {}
 
 
-_PUBLISHED = {"outer_stiffness": 486800.0, "inner_mass": 1.6}  # N/m, kg
+_PUBLISHED = {"outer_stiffness": 486800.0, "inner_mass": 1.6, "outer_mass": 3.9}  # N/m, kg
 _PUBLISHED_A_S_PER_M = 0.01  # piston area over flow gain
 _BENCH_N, _BENCH_A_PER_V = 700.0, 1e-3  # of a bench: supply pressure times piston area, and of its amplifier
 
@@ -222,19 +223,20 @@ def sizes(prototype: AnyPrototype) -> dict[str, float]:
     much; one whose valve needs twice the current has twice the dead band in amperes.
 
     Returns:
-        "force" of the actuator, "stiffness" and "mass" of the beams, and "current" for a speed of the piston; 1 for
-        what a rig does not have.
+        "force" of the actuator, "stiffness", "mass" and natural "frequency" of the beams, and "current" for a speed of
+        the piston; 1 for what a rig does not have.
     """
     if not isinstance(prototype, Prototype):
         actuator = prototype.actuator
         force = actuator.supply_pressure_Pa * actuator.piston_area_m2 / _BENCH_N
         current = prototype.servovalve.amplifier_A_per_V / _BENCH_A_PER_V
-        return {"force": force, "stiffness": 1.0, "mass": 1.0, "current": current}
+        return {"force": force, "stiffness": 1.0, "mass": 1.0, "frequency": 1.0, "current": current}
     figures = lumped.figures(prototype)
-    stiffness, mass = (figures[name] / usual for name, usual in _PUBLISHED.items())
+    stiffness, mass, outer_mass = (figures[name] / usual for name, usual in _PUBLISHED.items())
     force = prototype.actuator.strength_N(prototype) / prototype.actuator.usual_strength_N
     per_speed = figures["piston_area"] / figures["flow_gain"] if "flow_gain" in figures else _PUBLISHED_A_S_PER_M
-    return {"force": force, "stiffness": stiffness, "mass": mass, "current": per_speed / _PUBLISHED_A_S_PER_M}
+    beams = {"stiffness": stiffness, "mass": mass, "frequency": sqrt(stiffness / outer_mass)}
+    return {"force": force, **beams, "current": per_speed / _PUBLISHED_A_S_PER_M}
 
 
 def wrong_effects(prototype: AnyPrototype) -> list[Problem]:

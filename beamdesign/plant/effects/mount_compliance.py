@@ -44,7 +44,7 @@ EFFECT = Effect(
         Parameter(
             "stiffness_N_per_m", 5e6, 2e5, 5e8, 0.8, "force at the tips over the motion there, beams rigid", "stiffness"
         ),
-        Parameter("frequency_Hz", 100.0, 15.0, 1000.0, 0.5, "of the mount with the beams held to the ground"),
+        Parameter("frequency_Hz", 100.0, 15.0, 1000.0, 0.5, "of the mount, the beams held to the ground", "frequency"),
         Parameter("damping_ratio", 0.03, 2e-3, 0.5, 0.6, "of the mount alone"),
         Parameter("sensor_share", 0.0, 0.0, 1.0, 0.5, "1 where the sensor's reference turns with the mount, else 0"),
     ),

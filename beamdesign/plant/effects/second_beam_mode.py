@@ -44,7 +44,7 @@ EFFECT = Effect(
         "outer_end_mass_N": _end_mass,
     },
     parameters=(
-        Parameter("frequency_Hz", 300.0, 70.0, 1500.0, 0.4, "of the mode without payload"),
+        Parameter("frequency_Hz", 300.0, 70.0, 1500.0, 0.4, "of the mode without payload", "frequency"),
         Parameter("compliance_share", 0.02, 1e-4, 0.3, 0.8, "static compliance of the mode at the tip over 1/K_m"),
         Parameter("damping_ratio", 0.02, 1e-3, 0.2, 0.6, "of the mode alone"),
     ),
