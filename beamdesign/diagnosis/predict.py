@@ -61,8 +61,8 @@ class Prediction(Result):
         """Record, number of samples, largest displacement in m, why it ends early, and what else to say of it."""
         peaks = [float(abs(one.column("displacement_m")).max()) for one in self.records]
         noise = {name: f"{rms:.3g} N rms taken for noise of the load cell" for name, rms in self.noise_N.items()}
-        told = [(one.reason or "complete", one.uncertain, noise.get(one.name)) for one in self.records]
-        words = ["; ".join(filter(None, each)) for each in told]
+        parts = [(one.reason or "complete", one.uncertain, noise.get(one.name)) for one in self.records]
+        words = ["; ".join(filter(None, each)) for each in parts]
         return [
             (one.name, len(one.samples), peak, said) for one, peak, said in zip(self.records, peaks, words, strict=True)
         ]

@@ -185,9 +185,9 @@ def _located(family: Affine, low: fmpq, high: fmpq, precision: int) -> list[list
                 groups[-1].append(crossing)
             else:
                 groups.append([crossing])
-        told = all(len(group) == 1 or None not in {one.rational for one in group} for group in groups)
+        separated = all(len(group) == 1 or None not in {one.rational for one in group} for group in groups)
         ends = all(_clear_of(crossing, end) for crossing in found for end in (low, high))
-        if ends and (told or precision > _MOST_BITS):
+        if ends and (separated or precision > _MOST_BITS):
             return groups
         precision *= 2
 

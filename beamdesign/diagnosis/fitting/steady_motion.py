@@ -152,7 +152,7 @@ def steady(figure: Mapping[str, Any], volts: np.ndarray) -> dict[str, np.ndarray
     sign = np.where(volts < 0, -1.0, 1.0)
     area, asymmetry = figure["piston_area"], figure.get("unequal_piston_areas.asymmetry", 0.0)
     fills, empties = area * (1 + sign * asymmetry), area * (1 - sign * asymmetry)
-    (supply, tank), flow = _pressures(figure), _opened(figure, volts)
+    (supply, tank), flow = _pressures(figure), _rated_flow(figure, volts)
     leakage = figure["piston_leakage"]
     speed = 0.5 * flow / area
     past = np.zeros_like(speed)  # the piston, from the side that fills
@@ -210,7 +210,7 @@ def _pressures(figure: Mapping[str, Any]) -> tuple[Any, Any]:
     return figure.get(_SUPPLY, figure["supply_pressure"]), figure["tank_pressure"]
 
 
-def _opened(figure: Mapping[str, Any], volts: np.ndarray) -> Any:
+def _rated_flow(figure: Mapping[str, Any], volts: np.ndarray) -> Any:
     """Flow through an edge at half the supply pressure, m3/s."""
     overlaps = (figure.get(f"{law}.half_width_A") for law in laws_of("valve_deadband"))
     lapped = next((overlap for overlap in overlaps if overlap is not None), 0.0)
@@ -219,7 +219,7 @@ def _opened(figure: Mapping[str, Any], volts: np.ndarray) -> Any:
 
 def _lost(figure: Mapping[str, Any], volts: np.ndarray) -> tuple[Any, Any]:
     """Pressure lost over flow squared, on the way to the chamber that fills and from the one that empties."""
-    (supply, _), flow, line = _pressures(figure), _opened(figure, volts), figure["line_loss"]
+    (supply, _), flow, line = _pressures(figure), _rated_flow(figure, volts), figure["line_loss"]
     filling = flow * np.where(volts < 0, figure["edge_b"], 1.0)
     return supply / 2 / filling**2 + line, supply / 2 / flow**2 + line
 
