@@ -19,7 +19,7 @@ from beamdesign.diagnosis.fitting.fitters import Fitters, refit
 from beamdesign.diagnosis.fitting.hypothesis import Hypothesis, given, learnable
 from beamdesign.diagnosis.fitting.search import Search, best_of_each, hardest
 from beamdesign.diagnosis.gap_metrics import errors
-from beamdesign.diagnosis.judgement import Judgement, held_out_score, judge
+from beamdesign.diagnosis.judgement import THRESHOLDS, Judgement, held_out_score, judge
 from beamdesign.diagnosis.passing import Look
 from beamdesign.diagnosis.where.residuals import residuals
 from beamdesign.plant.effects import library
@@ -100,10 +100,10 @@ def learn(
     other = refit(seen, rival, workers, kept)[1] if contested else null
     out = [piece for k, piece in enumerate(record_evidence(scaled)) if k in held_out]
     found_by = [[errors(piece, null, fit, fit) for piece in out] for fit in (without, other)]
-    left, left_by_rival = (sum(float(np.mean(e.after**2)) - e.noise**2 for e in own) for own in found_by)
+    left, left_by_rival = (sum(float(np.mean(e.after**2)) for e in own) for own in found_by)
     spread = max(1.0, best.misfit / before.expected)
     score, of_rival = (held_out_score(fit, before.conditions, spread) for fit in (best, rival))
-    if left > left_by_rival or score < of_rival + _TOLD:
+    if left > THRESHOLDS.worse**2 * left_by_rival or score < of_rival + _TOLD:
         return None
     # What a law explains of what is left by the best that is listed speaks for something that is not.
     unknown = max(judged.unknown, 1 - laws.excess(best) / before.excess(rival)) if contested else judged.unknown
