@@ -443,6 +443,23 @@ def test_a_lag_is_found_from_gains_and_responses(found_lag: Diagnosis[Prototype]
     assert found_lag.next_experiment is None
 
 
+def test_a_sensor_that_lags_by_a_law_of_second_order_has_no_delay_beside_it(believed: Prototype):
+    """The loop is closed by hand through 1 / (1 + T s + (T s / 2 zeta)^2), a Butterworth filter."""
+    rng, taken = np.random.default_rng(0), []
+    s = 2j * pi * LINES
+    for law, outer, inner in (SETTINGS[1], SETTINGS[3]):
+        at = loop(believed.but(controller=law, payload=Payload(inner_end_mass_kg=inner))).at(outer)
+        late = 1 / (2 * pi * 150.0)
+        sensor = 1 / (1 + late * s + (late * s) ** 2 / 2)
+        open_loop = at.loop_response(LINES)
+        seen = at.compliance_response(LINES) * (1 + open_loop) / (1 + open_loop * sensor) * sensor
+        seen *= np.exp(0.01 * (rng.normal(size=len(LINES)) + 1j * rng.normal(size=len(LINES))))
+        taken.append(FrequencyResponse(f"response-{inner}", LINES, seen, True, None, outer, inner, law))
+    found = explained(Dataset("second order", Path(), believed, (), tuple(taken), ()))
+    assert (found.verdict, found.chosen) == ("effect", ("sensor_lag",))
+    assert found.prototype.effects["sensor_lag_second_order"]["break_Hz"] == pytest.approx(150.0, rel=0.03)
+
+
 @pytest.mark.parametrize(("alone", "verdict"), [(0.06, "ambiguous"), (0.01, "effect")])
 def test_a_cause_beside_another_is_not_sure_where_that_alone_is_not_told_apart(
     believed: Prototype, monkeypatch: pytest.MonkeyPatch, alone: float, verdict: str

@@ -100,26 +100,27 @@ def _explained(data: Dataset, workers: int, progress: Progress, kept: FitCache |
     evidence = figures_of(data)
     found = search(data, workers, progress, kept)
     silent = found.silent  # neither found nor excluded
-    found = replace(found, fits=tuple(f for f in found.fits if not {*silent} & {*f.hypothesis.names}))
+    found = replace(found, fits=tuple(f for f in found.fits if not {*silent} & {*f.hypothesis.causes}))
     judged = with_outside(judge(found, few=True), evidence, found)
     rivals = rivals_of(found, judged)
     judged = replace(judged, best=rivals[0])
     left = left_out()
     # A cause beside another is not sure where that alone is not told apart from both.
-    partly = any(f.hypothesis.names and {*f.hypothesis.names} < {*rivals[0].hypothesis.names} for f in rivals)
+    partly = any(f.hypothesis.names and {*f.hypothesis.causes} < {*rivals[0].hypothesis.causes} for f in rivals)
     verdict = no_surer(verdict_of(judged, partly, few=True), left)
     named = verdict in ("effect", "ambiguous")
     alike = rivals if verdict == "ambiguous" else rivals[: int(named)]
-    common = set.intersection(*(set(f.hypothesis.names) for f in alike)) if alike else set()
-    chosen = tuple(name for name in rivals[0].hypothesis.names if name in common)  # sure, or what all rivals share
+    common = set.intersection(*(set(f.hypothesis.causes) for f in alike)) if alike else set()
+    chosen = tuple(name for name in rivals[0].hypothesis.causes if name in common)  # sure, or what all rivals share
     fits = (found.null, *found.fits)
-    holder = next((f for f in fits if f.hypothesis == Hypothesis(tuple(sorted(chosen)))), found.null)
+    holder = next((f for f in fits if f.hypothesis.causes == tuple(sorted(chosen))), found.null)
     names = [str(f.hypothesis) for f in rivals]
-    if judged.unknown > judged.of[rivals[0].hypothesis] * exp(-THRESHOLDS.separate):
+    of = judged.of_causes
+    if judged.unknown > of[rivals[0].hypothesis.causes] * exp(-THRESHOLDS.separate):
         names.append(OUTSIDE)
     asked = another_size(data) if verdict in ("ambiguous", "unknown") and not left else None
     if verdict == "ambiguous" and not left:
-        asked = next_experiment(data, rivals, [judged.of[f.hypothesis] for f in rivals]) or asked
+        asked = next_experiment(data, rivals, [of[f.hypothesis.causes] for f in rivals]) or asked
     gains = [piece for piece in evidence if isinstance(piece, GainEvidence)]
     factor, shares = factor_of(gains), gain_shares(gains)
     gap, where = (
@@ -199,14 +200,16 @@ def rivals_of(found: Search, judged: Judgement) -> list[Fit]:
     Returns:
         their fits, most probable first.
     """
-    of = judged.of
-    ranked = sorted((f for f in (found.null, *found.fits) if of.get(f.hypothesis)), key=lambda f: -of[f.hypothesis])
-    near = [f for f in ranked if of[f.hypothesis] > of[ranked[0].hypothesis] * exp(-THRESHOLDS.separate)]
+    of, fits = judged.of_causes, (f for f in (found.null, *found.fits) if judged.of.get(f.hypothesis))
+    by_best_law = {f.hypothesis.causes: f for f in sorted(fits, key=lambda f: judged.of[f.hypothesis])}
+    least = max(of.values()) * exp(-THRESHOLDS.separate)
+    near = [by_best_law[causes] for causes, p in of.items() if p > least]
 
     def spared(simple: Fit, f: Fit) -> bool:
+        p, own = of[simple.hypothesis.causes], of[f.hypothesis.causes]
         if simple.hypothesis == NOTHING:
-            return of[NOTHING] < of[f.hypothesis] * exp(-odds(f.hypothesis))
-        return not set(simple.hypothesis.names) < set(f.hypothesis.names) or of[simple.hypothesis] < of[f.hypothesis]
+            return p < own * exp(-odds(f.hypothesis))
+        return not {*simple.hypothesis.causes} < {*f.hypothesis.causes} or p < own
 
     return [f for f in near if all(g is f or spared(g, f) for g in near)]
 

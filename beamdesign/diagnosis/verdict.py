@@ -81,7 +81,8 @@ def verdict_of(judged: Judgement, doubtful: bool = False, rare: float = nan, few
         sure = not few or judged.of[judged.best.hypothesis] > 0.5
         return "unknown" if rare <= LEVEL else "no_gap" if sure else "ambiguous"
     if few:
-        sure = sum(p for h, p in judged.of.items() if {*named} <= {*h.names}) >= THRESHOLDS.confident_by_gains
+        causes = {*judged.best.hypothesis.causes}
+        sure = sum(p for h, p in judged.of.items() if causes <= {*h.causes}) >= THRESHOLDS.confident_by_gains
     else:
         sure = judged.of_causes[judged.best.hypothesis.causes] >= THRESHOLDS.confident
     return "effect" if sure else "ambiguous"

@@ -149,7 +149,7 @@ def _searched(fitters: Fitters, null: Fit, progress: Progress, worth: float) -> 
     state = Search(null, (), expected, floor, tuple(e.condition for e in pieces))
     gap, large = (null.misfit > many * expected for many in (_SMALL, _LARGE))
     looks: dict[Hypothesis, tuple[float, Fit]] = {}
-    if few:  # figures of the loop tell no two laws of one effect apart
+    if few:  # further laws of an effect are tried where its usual one explains most
         alone = [h for h in alone if h.names == h.causes]
     elif gap:  # what explains most of a part is compared first
         looks = _looked_at(fitters, null, alone, progress)
@@ -174,6 +174,9 @@ def _searched(fitters: Fitters, null: Fit, progress: Progress, worth: float) -> 
         best = fitters(Task(f.hypothesis, null.values, f.values) for f in _sorted(quick)[:_BEST_OF_FEW])
         state = replace(state, fits=tuple(best_of_each([*found, *quick, *best])))
     if few:
+        if fitters.data.responses:  # critical gains tell no two laws of one effect apart
+            found += fitters(_other_laws(state.fits[:_BEST_OF_FEW], {}, fitters.data.prototype.rig))
+            state = replace(state, fits=tuple(best_of_each(found)))
         return replace(state, fits=tuple(_with_pairs(fitters, state, progress)))
     if state.fits and gap and not state.explained and state.excess(state.fits[0]) < worth:
         state = replace(state, fits=tuple(_two_at_once(fitters, state, progress)))
@@ -292,7 +295,8 @@ def _with_pairs(fitters: Fitters, state: Search, progress: Progress) -> list[Fit
     Pairs are tried though a single cause may suffice: with few figures they decide how sure it can be. Most are left
     where a few iterations have brought them.
     """
-    values = {f.hypothesis: f.values for f in state.fits if not f.reason and f.hypothesis.names[0] not in state.silent}
+    seen = (f for f in state.fits if not f.reason and f.hypothesis.causes[0] not in state.silent)
+    values = {f.hypothesis: f.values for f in _by_best_laws(seen)}
     best = {name for h in list(values)[:_BEST_OF_FEW] for name in h.names}
     tried = [pair for pair in pairs(tuple(values)) if pair.effects and best & {*pair.names}]
     halves = [(pair, *_halves(pair, values)) for pair in tried]
@@ -310,11 +314,9 @@ def _promising(state: Search) -> tuple[Hypothesis, ...]:
     """
     left = state.excess(state.fits[0])
     count = next(n for bound, n in _BEST_SINGLES if left <= bound)
-    first: dict[tuple[str, ...], Fit] = {}
-    for one in state.fits:  # the best first, so that what is most promising is looked at before the time is up
-        first.setdefault(one.hypothesis.causes, one)
-    alone = [one.hypothesis for one in first.values()]
-    best = [one.hypothesis for one in first.values() if not one.reason][:count]
+    first = _by_best_laws(state.fits)  # so that what is most promising is looked at before the time is up
+    alone = [one.hypothesis for one in first]
+    best = [one.hypothesis for one in first if not one.reason][:count]
     tried = dict.fromkeys(best[0] | other for other in alone if other.causes != best[0].causes)
     tried |= dict.fromkeys(one | other for one in best[1:] for other in alone if other.effects)
     if left > 1 - _EXPLAINED and state.null.misfit > _LARGE * state.expected:
@@ -322,11 +324,19 @@ def _promising(state: Search) -> tuple[Hypothesis, ...]:
     return tuple(pair for pair in tried if pair.effects and len(pair.causes) == 2)
 
 
+def _by_best_laws(of: Iterable[Fit]) -> list[Fit]:
+    """Of fits, the best first, the first of every set of causes."""
+    first: dict[tuple[str, ...], Fit] = {}
+    for one in of:
+        first.setdefault(one.hypothesis.causes, one)
+    return list(first.values())
+
+
 def _other_laws(of: Sequence[Fit], values: Mapping[Hypothesis, dict[str, float]], rig: str) -> list[Task]:
-    """Pairs with another law for one of their effects: alone, without the other cause, the wrong law may fit better.
+    """Fits with another law for one of their effects: alone, without another cause, the wrong law may fit better.
 
     Args:
-        of: these pairs.
+        of: these fits.
         values: found by singles.
         rig: that the laws have to fit.
     """
