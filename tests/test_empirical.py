@@ -20,6 +20,7 @@ from beamdesign.diagnosis.fitting.search import Search
 from beamdesign.diagnosis.gap_metrics import held_out
 from beamdesign.diagnosis.judgement import causes, judge
 from beamdesign.diagnosis.learning import described, learn, within_reach
+from beamdesign.diagnosis.passing import Look
 from beamdesign.diagnosis.where.locate import kind_of_effect
 from beamdesign.loop import loop, member_loop
 from beamdesign.plant.assembly import fits
@@ -191,7 +192,7 @@ def test_a_spring_that_hardens_is_learnt_from_records_of_a_rig_that_has_one(tmp_
     before = Search(null, (), expected, floor, tuple(e.condition for e in evidence))
     judged = judge(before)
     assert judged.unknown > 0.5
-    found = learn(data, held_out(data.records), before, judged)
+    found = learn(Look(data, before, judged), held_out(data.records))
     assert found is not None
     best = found.judged.best
     assert best.hypothesis.causes == ("empirical:inner_reaction",)
@@ -209,8 +210,9 @@ def test_a_spring_that_hardens_is_learnt_from_records_of_a_rig_that_has_one(tmp_
     assert family(prototype).members
     assert Prototype.model_validate(prototype.model_dump()) == prototype
     # What a record held out says decides: where none is, nothing is learnt.
-    assert learn(data, (), before, judged) is None
-    assert learn(data, held_out(data.records), replace(before, null=null), replace(judged, unknown=0.0)) is None
+    assert learn(Look(data, before, judged), ()) is None
+    sure = Look(data, replace(before, null=null), replace(judged, unknown=0.0))
+    assert learn(sure, held_out(data.records)) is None
 
 
 @pytest.mark.parametrize(
@@ -236,7 +238,7 @@ def test_a_gain_that_drifts_is_no_wrong_gain(seed, kind, name, drive, figure, la
     expected, floor = sum(e.expected for e in evidence), sum(e.floor for e in evidence)
     before = Search(null, (wrong,), expected, floor, tuple(e.condition for e in evidence))
     judged = replace(judge(before), best=wrong, unknown=0.01)
-    found = learn(data, held_out(data.records), before, judged)
+    found = learn(Look(data, before, judged), held_out(data.records))
     if not law:
         assert found is None
         return

@@ -14,9 +14,9 @@ from beamdesign.diagnosis.examination.plausibility import examine
 from beamdesign.diagnosis.fitting import search as searching
 from beamdesign.diagnosis.fitting.evidence import record_evidence
 from beamdesign.diagnosis.fitting.hypothesis import NOTHING, Hypothesis
-from beamdesign.diagnosis.fitting.search import search
+from beamdesign.diagnosis.fitting.search import Search, search
 from beamdesign.diagnosis.judgement import judge
-from beamdesign.diagnosis.passing import joined, passing, what_passed
+from beamdesign.diagnosis.passing import Look, joined, passing, what_passed
 from beamdesign.scenario import Step
 
 SLOWED, WIDER = Hypothesis(("sensor_lag",)), Hypothesis(("parameter:flow_gain",))
@@ -59,6 +59,10 @@ def test_a_knock_that_nobody_recorded_does_not_hide_the_cause(few: None, slow_an
     assert begin < KNOCK_s < KNOCK_s + LASTS_s < end < KNOCK_s + 0.25
 
 
+def looked_at(data: Dataset, found: Search) -> Look:
+    return Look(data, found, judge(found))
+
+
 def test_a_wrong_cause_that_spreads_the_knock_over_all_records_does_not_hide_it(
     few: None, slow_and_knocked: Dataset
 ) -> None:
@@ -66,7 +70,7 @@ def test_a_wrong_cause_that_spreads_the_knock_over_all_records_does_not_hide_it(
     found = search(slow_and_knocked, 1)
     right, wrong = (next(fit for fit in found.fits if fit.hypothesis == each) for each in (SLOWED, WIDER))
     spread = replace(wrong, shares=tuple(replace(share, c=0.3 * right.misfit) for share in wrong.shares))
-    again = what_passed(slow_and_knocked, replace(found, fits=(spread, right)))
+    again = what_passed(looked_at(slow_and_knocked, replace(found, fits=(spread, right))))
     assert spread.misfit < right.misfit
     assert again is not None
     assert again.judged.best.hypothesis == SLOWED
@@ -79,7 +83,7 @@ def test_a_span_that_was_stated_is_not_told_as_found(few: None, slow_and_knocked
         for record in slow_and_knocked.records
     ]
     data = replace(slow_and_knocked, records=tuple(records))
-    found = what_passed(data, search(data, 1))
+    found = what_passed(looked_at(data, search(data, 1)))
     assert found is not None
     assert [words.partition(":")[0] for words in found.words] == ["disturbance_small"]
 
@@ -90,7 +94,7 @@ def test_what_is_all_over_a_record_is_not_left_out(few: None) -> None:
     data = replace(data, records=data.records[:3])
     found = search(data, 1)
     assert judge(found).unknown > 0.5
-    assert what_passed(data, found) is None
+    assert what_passed(looked_at(data, found)) is None
 
 
 def test_without_a_cause_for_the_rest_nothing_is_left_out(few: None) -> None:
@@ -100,7 +104,7 @@ def test_without_a_cause_for_the_rest_nothing_is_left_out(few: None) -> None:
     best = min((found.null, *found.fits), key=lambda fit: fit.misfit)
     spans = [passing(piece, best, 0.05 * best.misfit) for piece in record_evidence(data)]
     assert [bool(own) for own in spans] == [False, True, False]
-    assert what_passed(data, found) is None
+    assert what_passed(looked_at(data, found)) is None
 
 
 def test_spans_weigh_nothing_and_noise_leaves_what_is_expected() -> None:

@@ -15,6 +15,8 @@ from beamdesign.diagnosis.fitting.fit import Fit
 from beamdesign.diagnosis.fitting.fitters import refit
 from beamdesign.diagnosis.fitting.hypothesis import NOTHING, Hypothesis
 from beamdesign.diagnosis.fitting.search import Search
+from beamdesign.diagnosis.judgement import Judgement
+from beamdesign.diagnosis.passing import Look
 from beamdesign.diagnosis.second_look import grows, rings
 
 SLOW_Hz = 45.0  # a sensor's break that costs the loop its margin
@@ -75,14 +77,15 @@ def few(monkeypatch):
     monkeypatch.setattr(looking, "backlash_impacts", lambda *given: None)
 
 
-def nothing_found() -> Search:
+def nothing_found(data: Dataset) -> Look:
     unknowns = NOTHING.unknowns(believed())
-    return Search(Fit(NOTHING, unknowns, np.zeros(len(unknowns))), (), 1.0)
+    null = Fit(NOTHING, unknowns, np.zeros(len(unknowns)))
+    return Look(data, Search(null, (), 1.0), Judgement({}, 1.0, null))
 
 
 @pytest.mark.usefixtures("few")
 def test_what_makes_a_loop_oscillate_is_found_in_step(unstable):
-    found = looking.second_look(unstable, nothing_found())
+    found = looking.second_look(nothing_found(unstable))
     assert found is not None
     best = found.judged.best
     assert best.hypothesis == SLOWED
@@ -96,4 +99,4 @@ def test_what_makes_a_loop_oscillate_is_found_in_step(unstable):
 
 @pytest.mark.usefixtures("few")
 def test_a_loop_that_does_not_oscillate_is_not_explained_in_step(stable):
-    assert looking.second_look(stable, nothing_found()) is None
+    assert looking.second_look(nothing_found(stable)) is None

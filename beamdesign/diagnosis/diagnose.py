@@ -199,22 +199,18 @@ def _explained(
     look = search_without_tones(data, workers, _between(0.0, 0.7, progress), kept)
     doubtful = examined.limits_confidence or look.doubtful or bool(weighed)  # which nobody has done
     look = replace(look, words=(*examined.words, *anew, *weighed, *look.words), doubtful=doubtful)
-    in_time = _in_time(_PASSING, _SKEWED, partial(channels_in_time, look, workers, _between(0.7, 0.71, progress)))
-    look = look if in_time is None else in_time
+    look = _in_time(_PASSING, _SKEWED, partial(channels_in_time, look, workers, _between(0.7, 0.71, progress))) or look
     if look.judged.unknown > 0.5:
-        asked = look.data, look.search, workers, _between(0.71, 0.72, progress), look.kept
-        passed = _in_time(_PASSING, _PASSES, partial(what_passed, *asked))
-        look = look if passed is None else passed.after(look)
+        look = _in_time(_PASSING, _PASSES, partial(what_passed, look, workers, _between(0.71, 0.72, progress))) or look
     plain, records = look.search.null, look.data.records
     seen = replace(look.data, records=tuple(r for k, r in enumerate(records) if k not in kept_out))
-    more = look.search, look.judged, workers, _between(0.72, 0.82, progress), look.kept
-    learnt, again = _in_time(_SECOND, _LAW, partial(learn, look.data, kept_out, *more)), None
+    learning = partial(learn, look, kept_out, workers, _between(0.72, 0.82, progress))
+    learnt, again = _in_time(_SECOND, _LAW, learning), None
     # What no model repeats from rest, a law that is learnt does not either: where one does, it is nothing of that kind.
     if look.judged.unknown > 0.5 and (learnt is None or learnt.search.excess(learnt.judged.best) > EXPLAINED):
-        asked = look.data, look.search, workers, _between(0.82, 0.96, progress), look.kept
-        again = _in_time(_SECOND, _UNREPEATED, partial(second_look, *asked))
+        again = _in_time(_SECOND, _UNREPEATED, partial(second_look, look, workers, _between(0.82, 0.96, progress)))
     learnt = learnt if again is None else None
-    look = look if (further := again or learnt) is None else further.after(look)
+    look = again or learnt or look
     rare = nan if left_out() else chance(look.judged.of_causes.get((), 0.0))
     judged, evidence = decided(look.judged, look.search, rare), evidence_of(look.data)
     doubtful = look.doubtful or (again is None and any(_far(piece, judged.best) for piece in evidence))
@@ -354,7 +350,7 @@ def _beside(workers: int) -> Iterator[Callable[..., Callable[[], Any]]]:
 _T = TypeVar("_T")
 
 
-def _in_time(part: float, named: str, look: Callable[[], _T]) -> _T | None:
+def _in_time(part: float, named: str, look: Callable[[], _T | None]) -> _T | None:
     """What a further look finds in a part of the time that is left; None where the time is up, with a word."""
     try:
         with share(part, within_steps=True):

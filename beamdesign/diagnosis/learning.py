@@ -52,30 +52,20 @@ class Learning(Look):
     refitted: tuple[Fit, Fit]
 
 
-def learn(
-    data: Dataset,
-    held_out: Sequence[int],
-    before: Search,
-    judged: Judgement,
-    workers: int = 1,
-    progress: Progress = silent,
-    kept: FitCache | None = None,
-) -> Learning | None:
+def learn(look: Look, held_out: Sequence[int], workers: int = 1, progress: Progress = silent) -> Learning | None:
     """Learn a law for a gap that nothing listed explains, or only in part.
 
     Args:
-        data: with time records.
+        look: the search among listed causes, with time records.
         held_out: positions of those that say whether a law counts; without any none does.
-        before: the search among listed causes.
-        judged: what it came to.
         workers: processes.
         progress: told the share done and what is being fitted.
-        kept: fits of an earlier run.
 
     Returns:
         None where no law explains much more than what is listed does, or conditions held out say that it does not: one
         by one, by the quadratics that stand for fits without them, and those of `held_out` by fits.
     """
+    data, before, judged, kept = look.data, look.search, look.judged, look.kept
     contested = judged.unknown <= _UNLISTED
     rival, enough = (judged.best, _BETTER) if contested else (before.null, _WORTH)
     # A figure that is believed to be wrong may change while a record lasts, whatever its probability says of the rest.
@@ -112,7 +102,7 @@ def learn(
     fits = (*before.fits, *(f for f in found if f is not weighed.best), best)
     everything = replace(before, fits=tuple(sorted(fits, key=lambda f: f.cost)))
     weighed = Judgement(listed | share, unknown, best)
-    return Learning(data=scaled, search=everything, judged=weighed, refitted=(null, without))
+    return Learning(data=scaled, search=everything, judged=weighed, refitted=(null, without)).after(look)
 
 
 def _is_figure(fit: Fit) -> bool:

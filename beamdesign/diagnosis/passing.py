@@ -8,6 +8,7 @@ is left of the records then decides, never a confident verdict: what passed may 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from typing import Self
 
 import numpy as np
 
@@ -49,39 +50,36 @@ class Look:
     kept: FitCache | None = None
     doubtful: bool = False
 
-    def after(self, other: "Look") -> "Look":
+    def after(self, other: "Look") -> Self:
         """As it goes on from another: its words after those, its fits where it has any, no less doubtful."""
         words, doubtful = (*other.words, *self.words), self.doubtful or other.doubtful
         return replace(self, words=words, kept=self.kept or other.kept, doubtful=doubtful)
 
 
-def what_passed(
-    data: Dataset, before: Search, workers: int = 1, progress: Progress = silent, kept: FitCache | None = None
-) -> Look | None:
+def what_passed(look: Look, workers: int = 1, progress: Progress = silent) -> Look | None:
     """Search again without what passes in a short while and is all that stands against an explanation.
 
     Args:
-        data: what to explain.
-        before: the first search.
+        look: the first search.
         workers: processes.
         progress: told the share done and what is being fitted.
-        kept: fits of an earlier run.
 
     Returns:
         None where there is nothing so short, or a cause explains the records no better without it.
     """
-    found, stated = before, data.records
+    data, found, stated = look.data, look.search, look.data.records
     for turn in range(_ROUNDS):
         shorter = (without_what_passes(data, best, stated) for best in _candidates(found))
         if (left := next((one for one in shorter if one is not None), None)) is None:
             return None
         data = left
-        own = kept and replace(kept, part=(*kept.part, *(f"{r.name} without {r.left_out}" for r in data.records)))
+        without = (f"{r.name} without {r.left_out}" for r in data.records)
+        own = look.kept and replace(look.kept, part=(*look.kept.part, *without))
         found = search(data, workers, partial(_turn, progress, turn), own)
         judged = judge(found)
         if judged.unknown <= _MOST_UNKNOWN:
             known = Look(data, found, judged, _warnings(data.records, stated), own, doubtful=True)
-            return known if judged.best.hypothesis.names else None
+            return known.after(look) if judged.best.hypothesis.names else None
     return None
 
 

@@ -318,33 +318,29 @@ def without_impacts(data: Dataset) -> tuple[Dataset, tuple[str, ...]]:
     return replace(data, prototype=rig.but(effects=left)), (_ANEW.format(play),)
 
 
-def second_look(
-    data: Dataset,
-    before: Search,
-    workers: int = 1,
-    progress: Progress = silent,
-    kept: FitCache | None = None,
-) -> SecondLook | None:
+def second_look(look: Look, workers: int = 1, progress: Progress = silent) -> SecondLook | None:
     """Look for play in which a joint hammers, then for causes that make the loop oscillate by itself.
 
     Args:
-        data: what to explain.
-        before: the first search.
+        look: the first search.
         workers: processes.
         progress: told the share done and what is being fitted.
-        kept: fits of an earlier run.
 
     Returns:
         None where neither is found.
     """
+    data, before = look.data, look.search
     found = _backlash_impacts(data, before, lambda share, words: progress(share / 3, words))
     if found is not None:
-        return found
+        return found.after(look)
     best = min((before.null, *before.fits), key=lambda fit: fit.misfit)
     placement = best.hypothesis.placement(data.prototype)
     if not any(rings(piece, placement, best.z) for piece in record_evidence(data)):
         return None
-    return _oscillating(data, workers, lambda share, words: progress((1 + 2 * share) / 3, f"{words}, in step"), kept)
+    found = _oscillating(
+        data, workers, lambda share, words: progress((1 + 2 * share) / 3, f"{words}, in step"), look.kept
+    )
+    return found and found.after(look)
 
 
 def _backlash_impacts(data: Dataset, before: Search, progress: Progress) -> SecondLook | None:
