@@ -3,12 +3,15 @@
 While a solver runs, CasADi would end that run and go on as if nothing had been, so it waits for its end.
 """
 
+import ctypes
+import os
 import signal
+import sys
 import threading
 from collections.abc import Callable, Collection, Iterator
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager
-from multiprocessing import active_children
+from multiprocessing import active_children, parent_process
 from multiprocessing.process import BaseProcess
 from types import FrameType
 from typing import Any
@@ -94,6 +97,22 @@ def help_another() -> None:
     """Make this process one that works for another: an interruption and the time that is left are for that one."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     forget()
+
+
+_PR_SET_PDEATHSIG = 1
+
+
+def end_with_parent() -> None:
+    """Make this process one that works for the one that began it, and ends when that does, however it ends."""
+
+    def follow(parent: Any) -> None:
+        parent.join()
+        os._exit(1)
+
+    help_another()
+    threading.Thread(target=follow, args=(parent_process(),), daemon=True).start()
+    if sys.platform == "linux":  # the thread waits for a solver that lets nothing else run
+        ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
 
 
 def end_at_once(pool: ProcessPoolExecutor, others: Collection[BaseProcess]) -> None:

@@ -179,7 +179,7 @@ def test_whoever_diagnoses_cannot_open_an_answer(tmp_path):
     (answers / "0000.json").write_text("{}")
     (tmp_path / "other").write_text("free")
     check = blindcheck.begin_check(tmp_path, 1, 0, True)
-    with blindcheck._processes(1, begin_blind, (check.telling, os.getpid())) as pool:
+    with blindcheck._processes(1, begin_blind, (check.telling,)) as pool:
         assert pool.submit(Path.read_text, tmp_path / "other").result() == "free"
         with pytest.raises(PermissionError, match="sealed"):
             pool.submit(Path.read_text, answers / "0000.json").result()
@@ -191,7 +191,7 @@ def test_whoever_diagnoses_cannot_open_an_answer(tmp_path):
         with pytest.raises(ImportError):
             pool.submit(import_module, "beamdesign.validation.truth").result()
     with pytest.raises(RuntimeError, match="knows the truth model"):
-        begin_blind(check.telling, 0)  # this process does
+        begin_blind(check.telling)  # this process does
 
 
 # Scores of outcomes made by hand

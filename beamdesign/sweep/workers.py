@@ -1,10 +1,7 @@
 """Where cases are computed: in this process, in others, or on a Dask cluster; what dies is tried again."""
 
-import ctypes
 import os
 import signal
-import sys
-import threading
 import time
 import traceback
 from collections import Counter, deque
@@ -12,12 +9,12 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from importlib import import_module
 from math import inf
-from multiprocessing import get_context, parent_process, resource_tracker
+from multiprocessing import get_context, resource_tracker
 from multiprocessing.connection import Connection, wait
 from typing import Any, cast
 
 from beamdesign.code_digest import code_digest, engines
-from beamdesign.progress import pass_on, remembered
+from beamdesign.progress import end_with_parent, pass_on, remembered
 from beamdesign.prototype import Prototype
 from beamdesign.records import InputError
 from beamdesign.result import finite
@@ -35,7 +32,6 @@ TRIES = 3
 CASE_SECONDS = 3600.0
 """After which a case is given up, if nothing else is said."""
 
-_PR_SET_PDEATHSIG = 1
 _THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 
 
@@ -201,10 +197,7 @@ def dead(found: Case, tried: int) -> dict[str, Any]:
 
 def _serve(pipe: Connection) -> None:
     """In a process of its own: compute cases, each begun with a word, until the parent ends."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the parent's
-    threading.Thread(target=_end_with, args=(parent_process(),), daemon=True).start()
-    if sys.platform == "linux":  # the thread above waits for a solver that lets nothing else run
-        ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
+    end_with_parent()
     while True:
         found: Case = pipe.recv()
         for engine in engines(TASKS[found.task].place):  # loading them is no part of a case's time
@@ -212,11 +205,6 @@ def _serve(pipe: Connection) -> None:
                 import_module(engine)
         pipe.send(None)
         pipe.send(compute(found))
-
-
-def _end_with(parent: Any) -> None:
-    parent.join()
-    os._exit(1)
 
 
 def _compute_there(found: Case) -> dict[str, Any]:

@@ -9,8 +9,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from io import BytesIO
 from pathlib import Path
-from signal import SIG_IGN, SIGINT, signal
-from threading import Thread
 from traceback import extract_tb
 from typing import Any
 
@@ -24,6 +22,7 @@ from beamdesign.diagnosis.fitting.fit import fit_cache
 from beamdesign.diagnosis.fitting.search import search
 from beamdesign.diagnosis.predict import predict_record, read_inputs
 from beamdesign.files import write_whole
+from beamdesign.progress import end_with_parent
 from beamdesign.prototype import prototype_from
 from beamdesign.records import to_toml
 from beamdesign.validation.baselines import baselines
@@ -35,7 +34,6 @@ _MADE_BY = {
     "compared_by": "beamdesign.validation.baselines",
 }
 """What fits, a diagnosis (fits included) and the baselines come from; keys of what is written down."""
-_LOOK_S = 2.0
 
 
 def program() -> dict[str, str]:
@@ -60,14 +58,13 @@ class Place:
     fits: Path
 
 
-def begin_blind(sealed: Sequence[str], parent: int) -> None:
+def begin_blind(sealed: Sequence[str]) -> None:
     """Make this process one that diagnoses: the truth model cannot be imported, nor what tells an answer opened.
 
     It ends with the process that began it.
 
     Args:
         sealed: files, and folders with all that is in them.
-        parent: number of that process; 0 to go on without it.
 
     Raises:
         RuntimeError: where the truth model has been imported already.
@@ -83,15 +80,7 @@ def begin_blind(sealed: Sequence[str], parent: int) -> None:
             raise PermissionError(f"{given[0]}: sealed")
 
     sys.addaudithook(guard)
-    if parent:
-        signal(SIGINT, SIG_IGN)  # an interruption is for the process that began it
-        Thread(target=_end_with, args=(parent,), daemon=True).start()
-
-
-def _end_with(parent: int) -> None:
-    while os.getppid() == parent:
-        time.sleep(_LOOK_S)
-    os._exit(1)
+    end_with_parent()
 
 
 def diagnose_blind(place: Place, now: Mapping[str, str], rejudge: bool = False) -> bool:

@@ -184,7 +184,7 @@ def diagnose_all(check: Check, workers: int = 2, progress: Progress = silent, re
     """
     now = program()
     jobs = {key: (diagnose_blind, check.place(key), now, rejudge) for key in read_seal(check.seal).sets}
-    pool = _processes(min(workers, len(jobs)), begin_blind, (check.telling, os.getpid()))
+    pool = _processes(min(workers, len(jobs)), begin_blind, (check.telling,))
     for _ in _done(jobs, pool, progress, "diagnosing"):
         pass
 
