@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 from itertools import combinations, pairwise
 
 import numpy as np
+from scipy.sparse.csgraph import connected_components
 
 from beamdesign.diagnosis.data.dataset import Dataset
 from beamdesign.diagnosis.fitting.fit import Evidence, linearised
@@ -121,10 +122,12 @@ def _judged(gram: np.ndarray, tolerated: int, parts: Sequence[Sequence[int]], na
         separation[i, j] = separation[j, i] = float(np.sqrt(max(min(left), 0.0)))
         cosine[i, j] = cosine[j, i] = float(np.sqrt(np.clip(max(alike), 0.0, 1.0)))
     seen = [k for k in range(count) if visible[k] >= LEAST]
-    near = [(i, j) for i, j in combinations(seen, 2) if separation[i, j] < LEAST]
+    of = connected_components(separation[np.ix_(seen, seen)] < LEAST, directed=False)[1]
+    groups = (tuple(names[k] for k, own in zip(seen, of, strict=True) if own == n) for n in np.unique(of))
+    classes = tuple(group for group in groups if len(group) > 1)
     close = tuple((names[i], names[j]) for i, j in combinations(seen, 2) if cosine[i, j] > ALIKE)
     invisible = tuple(names[k] for k in range(count) if k not in seen)
-    return Separability(names, visible, separation, cosine, _joined(near, names), close, invisible)
+    return Separability(names, visible, separation, cosine, classes, close, invisible)
 
 
 def _left(gram: np.ndarray, which: int, tuned: list[int], free: list[int]) -> float:
@@ -136,13 +139,3 @@ def _left(gram: np.ndarray, which: int, tuned: list[int], free: list[int]) -> fl
     a = gram[np.ix_(at, at)] / scale / scale[:, None] + np.diag(price)
     b = gram[at, which] / scale
     return max(float(gram[which, which] - b @ np.linalg.solve(a, b)), 0.0)
-
-
-def _joined(links: Sequence[tuple[int, int]], names: Sequence[str]) -> tuple[tuple[str, ...], ...]:
-    """Connected sets."""
-    groups: list[set[int]] = []
-    for i, j in links:
-        touched = [g for g in groups if i in g or j in g]
-        merged = {i, j}.union(*touched)
-        groups = [g for g in groups if g not in touched] + [merged]
-    return tuple(tuple(names[k] for k in sorted(g)) for g in groups)
