@@ -117,7 +117,7 @@ def test_two_whole_sectors_have_none(tame: Prototype):
         ("weight", "-1"),
         ("margin", "0.9"),
         ("margin", "0"),
-        ("popov_s", "0"),
+        ("popov_s", "-0.001"),
         ("popov_s", "0.5"),
         ("place", "volts"),
         ("place", "stroke"),

@@ -27,22 +27,22 @@ of a piston are; then it may be seen from any equilibrium, else from rest withou
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from itertools import product
+from math import log10
 from typing import Any
 
 import numpy as np
 from flint import fmpq, fmpq_poly
-from scipy.optimize import linprog
 
 from beamdesign.loop import Loop, member_loop
 from beamdesign.plant.assembly import effect_parameters_of
 from beamdesign.plant.members import VertexModel, family
 from beamdesign.polynomial import Affine, exact, inner, nearest, ratio, text
-from beamdesign.proofs.absolute_stability import DEADBANDS, IN_THE_CURRENT, NORM, Solved, kernels, with_fewer, written
+from beamdesign.proofs.absolute_stability import DEADBANDS, IN_THE_CURRENT
 from beamdesign.proofs.box import Box
 from beamdesign.proofs.box_claims import BoxClaim
 from beamdesign.proofs.certificate import Row
-from beamdesign.proofs.multiplier import Kernel, Multiplier, fits, is_proper, slack
+from beamdesign.proofs.multiplier import Multiplier, fits, is_proper, slack
+from beamdesign.proofs.multiplier_search import ENDS_rad_per_s, Grid, kernels
 from beamdesign.proofs.quadratic import Coefficients, less, over_mass, quadratic_nonnegative
 from beamdesign.proofs.rig_family import FACTOR
 from beamdesign.proofs.scope import Members
@@ -327,74 +327,22 @@ def both_rows(given: Members) -> Iterator[Row]:
         yield Row(names, BOTH, True, words, None, statement)
 
 
-# Multipliers for both, found by linear programs.
-#
-# The matrix is linear in the coefficients of the multiplier and in the weight. That it is positive along a vector
-# (1, z) is one row; rows are added for the vectors along which what was found is worst.
-
-
-_KERNELS = kernels((1, 2, 4, 8))
-_W = np.geomspace(0.05, 2e5, 500)
-_MASSES, _ROUNDS, _WORST = 7, 30, 6
-_FIRST = (0, 1, -1, 1j, -1j, 3, -3)
-_SLOW = 1e-3
-"""s, in which Popov's coefficient is sought."""
+_W = np.geomspace(*ENDS_rad_per_s, 500)
+_MASSES = 7
 
 
 def search(pairs: Sequence[Pair], low: fmpq, high: fmpq) -> tuple[Multiplier, fmpq, fmpq] | None:
     """A multiplier, a weight and a margin proved to fit every loop at every mass (kg); None where none is found."""
     masses = np.linspace(nearest(low), nearest(high), _MASSES if low < high else 1)
-    parts = [np.concatenate(arrays) for arrays in zip(*(one.responses(masses, _W) for one in pairs), strict=True)]
-    scale = float(abs(parts[1]).max())
-    if not scale > 0:
+    parts = zip(*(one.responses(masses, _W) for one in pairs), strict=True)
+    closed, onto, by = (np.concatenate(arrays) for arrays in parts)
+    if not (largest := float(abs(onto).max())) > 0:
         return None
-    closed, onto, by = parts[0], parts[1] / scale, parts[2] * scale
-    popov = all(pair.falls for pair in pairs)
-    ways = with_fewer(_KERNELS, lambda kept: _solved(kept, closed, onto, by, popov))
-    for (kept, (weights, slow, weight)), digits in product(ways, (3, 5)):
-        multiplier = written(kept, weights, slow, digits)
-        rounded = exact(float(f"{weight * scale**2:.{digits}g}"))
+    scale = 10.0 ** round(log10(largest))
+    grid = Grid(_W, closed, all(pair.falls for pair in pairs), (onto / scale, by * scale))
+    for multiplier, scaled, _ in grid.candidates(kernels()):
+        weight = scaled * exact(scale) ** 2
         for margin in _MARGINS[1:]:
-            if all(pair.fits(multiplier, rounded, low, high, margin) for pair in pairs):
-                return multiplier, rounded, margin
-    return None
-
-
-def _solved(kept: Sequence[Kernel], closed: np.ndarray, onto: np.ndarray, by: np.ndarray, popov: bool) -> Solved | None:
-    """Coefficients of the kernels, Popov's and the weight; None where there are none on the grid."""
-    n = len(kept)
-    basis = np.array([np.ones(len(_W)), *(-kernel.response(_W) for kernel in kept), 1j * _W * _SLOW])
-    size = abs(closed)
-    table: list[np.ndarray] = []
-
-    def add(row: int, col: int, z: complex) -> None:
-        one = basis[:, col]
-        first = (one * (closed[row, col] + z * onto[row, col])).real
-        second = abs(z) ** 2 - (z * np.conj(by[row, col])).real
-        norm = size[row, col] + abs(z) ** 2
-        table.append(np.array([*(-first), -second, norm]) / norm)
-
-    for row, col, z in product(range(len(closed)), range(0, len(_W), 12), _FIRST):
-        add(row, col, z)
-    bounds: list[tuple[float, float | None]] = [(1.0, 1.0), *[(0.0, None)] * n, (0.0, None if popov else 0.0)]
-    limits = [*bounds, (0.0, 1e6), (-1.0, 1.0)]
-    norm = np.array([0.0, *[1.0] * n, 0.0, 0.0, 0.0])
-    cost = np.array([*[0.0] * (n + 3), -1.0])
-    for _ in range(_ROUNDS):
-        right = [*[0.0] * len(table), NORM]
-        found = linprog(cost, A_ub=np.vstack([*table, norm]), b_ub=right, bounds=limits, method="highs")
-        if found.x is None or found.x[-1] <= 1e-7:
-            return None
-        values, weight, promised = found.x[: n + 2], found.x[n + 2], found.x[-1]
-        multiplier = values @ basis
-        first = (multiplier * closed).real / size
-        cross = (multiplier * onto - weight * np.conj(by)) / 2 / np.sqrt(size)
-        least = (first + weight) / 2 - np.sqrt((first - weight) ** 2 / 4 + abs(cross) ** 2)
-        if least.min() > promised / 3:
-            return values[1 : n + 1], float(values[n + 1]) * _SLOW, float(weight)
-        for row in range(len(closed)):
-            for col in np.argsort(least[row])[:_WORST]:
-                # the eigenvector of the least eigenvalue
-                z = (least[row, col] - first[row, col]) / cross[row, col] if cross[row, col] else 0.0
-                add(row, int(col), complex(z) * np.sqrt(size[row, col]))
+            if all(pair.fits(multiplier, weight, low, high, margin) for pair in pairs):
+                return multiplier, weight, margin
     return None
