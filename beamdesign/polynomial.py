@@ -12,7 +12,7 @@ from functools import lru_cache
 from math import inf, isfinite, nextafter, pi, sqrt
 
 import numpy as np
-from flint import acb, arb, arb_poly, ctx, fmpq, fmpq_mpoly, fmpq_poly, fmpz_poly
+from flint import acb, arb, arb_poly, ctx, fmpq, fmpq_mat, fmpq_mpoly, fmpq_poly, fmpz_poly
 
 from beamdesign.exact_copies import let_be_copied
 
@@ -147,6 +147,16 @@ class Quotient:
         return self._lifted(other) / self
 
     __radd__, __rmul__ = __add__, __mul__
+
+
+def transfer(a: fmpq_mat, b: fmpq_mat, c: fmpq_mat, d: fmpq_mat) -> tuple[list[fmpq_poly], fmpq_poly]:
+    """Numerators of c (s - a)^-1 b + d from each input to the one output, and their denominator, in s or in z.
+
+    With det(s - a + b c) = det(s - a) + c adj(s - a) b.
+    """
+    n, below = a.nrows(), a.charpoly()
+    columns = [fmpq_mat(n, 1, [b[i, k] for i in range(n)]) for k in range(b.ncols())]
+    return [(a - one * c).charpoly() + (d[0, k] - 1) * below for k, one in enumerate(columns)], below
 
 
 def in_variable(polynomial: fmpq_poly, variable: fmpq_mpoly) -> fmpq_mpoly:

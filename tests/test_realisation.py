@@ -32,7 +32,7 @@ from beamdesign.build.realisation.c_code import (
     to_word,
     vectors,
 )
-from beamdesign.build.realisation.code import judge, law_polynomials, loop_figures, sampled_figures
+from beamdesign.build.realisation.code import judge, loop_figures, sampled_figures
 from beamdesign.build.realisation.law import fixed_point
 from beamdesign.build.realisation.loop import prove_any_computing_time, prove_sampled, realised_loop
 from beamdesign.build.realisation.realise import (
@@ -50,7 +50,7 @@ from beamdesign.build.realisation.sections import discretised
 from beamdesign.cli import app
 from beamdesign.controllers import Lag, Proportional, Section, Structured, TransferFunction
 from beamdesign.loop import loop
-from beamdesign.polynomial import exact, roots
+from beamdesign.polynomial import exact, roots, transfer
 from beamdesign.proofs.mass_family import floats
 from beamdesign.prototype import Arm
 from beamdesign.scenario import Sampled, Scenario, ScenarioRecord, Step
@@ -85,8 +85,13 @@ def value(polynomial: fmpq_poly, point: complex) -> complex:
     return sum(float(Fraction(int(c.p), int(c.q))) * point**k for k, c in enumerate(polynomial.coeffs()))
 
 
+def transfer_of(realisation: Realisation) -> tuple[list[fmpq_poly], fmpq_poly]:
+    law = realisation.linear
+    return transfer(law.a, law.b, law.c, law.d)
+
+
 def response(realisation: Realisation, frequency_Hz: float) -> complex:
-    ((top, bottom),) = law_polynomials(realisation.linear)
+    (top,), bottom = transfer_of(realisation)
     z = np.exp(2j * pi * frequency_Hz / realisation.rate_Hz)
     return value(top, z) / value(bottom, z)
 
@@ -101,7 +106,7 @@ def test_the_rule_is_scipys_of_warped_roots() -> None:
     at, of, gain = scipy.signal.bilinear_zpk(zeros, poles, 0.05 * np.prod(-poles).real / np.prod(-zeros).real, rate)
     made = realise(law, rate, 32)
     assert len(made.sections) == 5  # overdamped ones as two each
-    ours = roots(law_polynomials(made.linear)[0][1])
+    ours = roots(transfer_of(made)[1])
     assert np.sort_complex(ours) == pytest.approx(np.sort_complex(of), abs=1e-7)
     for frequency in (1.0, 60.0, 400.0, 1400.0):
         z = np.exp(2j * pi * frequency / rate)

@@ -81,24 +81,15 @@ class Observer(Controller):
 
     def sensed_law(self) -> SensedLaw:
         """The law from everything that it senses to its current, exact."""
-        from flint import fmpq_mat, fmpq_poly
+        from flint import fmpq_mat
 
-        from beamdesign.polynomial import exact
+        from beamdesign.polynomial import exact, transfer
 
-        n, gain = self.order, exact(self.gain_A_per_V)
-        a = fmpq_mat(n, n, [exact(value) for row in self.a for value in row])
-        c = [exact(value) for value in self.c]
-        denominator = a.charpoly() if n else fmpq_poly([1])
-
-        def numerator(sensor: int) -> fmpq_poly:
-            through = exact(self.d[sensor]) * denominator
-            if n:  # det(sI - a + b c) = det(sI - a) + c adj(sI - a) b
-                b = [exact(row[sensor]) for row in self.b]
-                outer = fmpq_mat(n, n, [value * weight for value in b for weight in c])
-                through += (a - outer).charpoly() - denominator
-            return gain * through
-
-        return SensedLaw(self.sensors, tuple(numerator(k) for k in range(len(self.sensors))), denominator)
+        n, count, gain = self.order, len(self.sensors), exact(self.gain_A_per_V)
+        a, b = (fmpq_mat(n, m, [exact(x) for row in rows for x in row]) for m, rows in ((n, self.a), (count, self.b)))
+        c, d = (fmpq_mat(1, len(row), [exact(value) for value in row]) for row in (self.c, self.d))
+        numerators, denominator = transfer(a, b, c, d)
+        return SensedLaw(self.sensors, tuple(gain * above for above in numerators), denominator)
 
     def command_numerator(self) -> "fmpq_poly":
         """Numerator of current over command, A/V, with the denominator of its law, exact."""

@@ -25,6 +25,7 @@ from beamdesign.polynomial import (
     rounded_up,
     shares_axis_root,
     squared_magnitude,
+    transfer,
     value_at,
 )
 from beamdesign.proofs.stability import StabilityMap, stable_ranges
@@ -97,10 +98,7 @@ def open_loop(system: Any) -> OpenLoop:
     if isinstance(system, control.TransferFunction):
         above, below = (fmpq_poly([number(c) for c in reversed(part[0][0])]) for part in (system.num, system.den))
     else:
-        a, b, c, d = (_matrix(part) for part in (system.A, system.B, system.C, system.D))
-        below = a.charpoly()
-        # c (s - a)^-1 b + d = (det(s - a + b c) + (d - 1) det(s - a)) / det(s - a)
-        above = ((a - b * c).charpoly() if a.nrows() else below) + (d[0, 0] - 1) * below
+        (above,), below = transfer(*(_matrix(part) for part in (system.A, system.B, system.C, system.D)))
     period_s = period(system.dt)
     n = order(above.degree(), below.degree())
     if period_s is not None:

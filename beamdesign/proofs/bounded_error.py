@@ -24,7 +24,7 @@ from beamdesign.plant.assembly import effect_parameters_of
 from beamdesign.plant.effects import laws_of
 from beamdesign.plant.linear import DISPLACEMENT, LinearModel
 from beamdesign.plant.members import VertexModel
-from beamdesign.polynomial import exact, nearest, shortened, text
+from beamdesign.polynomial import exact, nearest, shortened, text, transfer
 from beamdesign.proofs.absolute_integrals import Cells, over_masses
 from beamdesign.proofs.certificate import Row
 from beamdesign.proofs.read_once import NotCovered
@@ -241,7 +241,7 @@ def erring(place: str, current: Any, volts: Any, figure: Mapping[str, Any], s: A
 def _stroke(rig: LinearModel, inner_end_mass: fmpq, denominator: fmpq_poly) -> fmpq_poly:
     """Numerator over the plant's denominator from a force between piston and cylinder to the tip, which it draws back.
 
-    A spring of friction shows what it acts on. c adj(sI - A) b = det(sI - A + b c) - det(sI - A).
+    A spring of friction shows what it acts on.
     """
     mass, a, _, c = rig.exact_matrices(fmpq(0), inner_end_mass)
     friction, n, place = rig.effects["seal_friction"], mass.nrows(), rig.states.index("displacement_m")
@@ -249,8 +249,7 @@ def _stroke(rig: LinearModel, inner_end_mass: fmpq, denominator: fmpq_poly) -> f
     free, held = (replace(rig, effects=table).exact_matrices(fmpq(0), inner_end_mass)[1] for table in tables)
     pulled = mass.inv() * fmpq_mat(n, 1, [free[i, place] - held[i, place] for i in range(n)])
     own, tip = mass.inv() * a, fmpq_mat(1, n, [c[0, j] for j in range(n)])
-    below = own.charpoly()
-    above = ((own - pulled * tip).charpoly() - below) * denominator
-    if not (above % below).is_zero():
+    (above,), below = transfer(own, pulled, tip, fmpq_mat(1, 1))
+    if not (above * denominator % below).is_zero():
         raise ArithmeticError("the friction drives what the plant does not show")
-    return above / below
+    return above * denominator / below

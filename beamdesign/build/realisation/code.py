@@ -17,7 +17,6 @@ from flint import ctx, fmpq, fmpq_mat, fmpq_poly
 
 from beamdesign.arguments import checked, takes
 from beamdesign.build.realisation.c_code import c_files
-from beamdesign.build.realisation.law import LinearLaw
 from beamdesign.build.realisation.loop import (
     RealisedLoop,
     SampledVerdict,
@@ -38,8 +37,9 @@ from beamdesign.build.realisation.realise import (
 from beamdesign.files import write_set
 from beamdesign.loop import LoopAtMass, loop
 from beamdesign.plant.linear_reach import linear_part
-from beamdesign.polynomial import exact
+from beamdesign.polynomial import exact, transfer
 from beamdesign.progress import Progress, silent
+from beamdesign.proofs.any_loop import in_p
 from beamdesign.proofs.certifying import stability_over
 from beamdesign.prototype import Prototype
 from beamdesign.quantities import FullScale, LargestCurrent, SamplingRate, masses_text
@@ -88,43 +88,22 @@ def image(loop: RealisedLoop, mass_kg: float) -> LoopAtMass:
 
     The plant's polynomials are those of matrices within 2^-200 of the true ones; coefficients keep 80 bits.
     """
-    laws, law = law_polynomials(loop.law), loop.law
+    own = loop.law
+    laws, below = transfer(own.a, own.b, own.c, own.d)
     with ctx.workprec(_BITS):
         mass = exact(mass_kg)
         moved = loop.plant.moved(mass, mass, loop.period_s)
-        n = loop.plant.a.nrows()
+        n, seen = loop.plant.a.nrows(), loop.plant.readings(own.sensed)
         phi = fmpq_mat(n, n, [moved[i, j].mid().fmpq() for i in range(n) for j in range(n)])
         gamma = fmpq_mat(n, 1, [moved[i, n].mid().fmpq() for i in range(n)])
-        free, seen = phi.charpoly(), loop.plant.readings(law.sensed)
-        denominator, numerator = law.a.charpoly() * free, fmpq_poly([0])
-        for k, (above, _) in enumerate(laws):
-            row = fmpq_mat(1, n, [seen[k, j] for j in range(n)])
-            numerator += above * ((phi + gamma * row).charpoly() - free)
-        if loop.delayed:
-            denominator *= fmpq_poly([0, 1])
-        below, above = _in_p([denominator, numerator], loop.rate_Hz)
-        return LoopAtMass(below, above, fmpq_poly([0]))
-
-
-def law_polynomials(law: LinearLaw) -> list[tuple[fmpq_poly, fmpq_poly]]:
-    """Numerator and denominator in z of what is made of each reading, coefficients as realised, exact.
-
-    With the numerator of c (z - a)^-1 b + d as det(z - a + b c) + (d - 1) det(z - a).
-    """
-    n, below = law.a.nrows(), law.a.charpoly()
-    columns = [fmpq_mat(n, 1, [law.b[i, k] for i in range(n)]) for k in range(len(law.sensed))]
-    return [((law.a - b * law.c).charpoly() + (law.d[0, k] - 1) * below, below) for k, b in enumerate(columns)]
-
-
-def _in_p(polynomials: list[fmpq_poly], rate_Hz: float) -> list[fmpq_poly]:
-    """Put z = (1 + p T / 2) / (1 - p T / 2) and clear the denominators, of all with the same power."""
-    degree = max(polynomial.degree() for polynomial in polynomials)
-    half, found = 1 / (2 * exact(rate_Hz)), []
-    above, below = fmpq_poly([1, half]), fmpq_poly([1, -half])
-    for polynomial in polynomials:
-        terms = (c * above**k * below ** (degree - k) for k, c in enumerate(polynomial.coeffs()))
-        found.append(fmpq_poly([_kept(c) for c in sum(terms, fmpq_poly([0])).coeffs()]))
-    return found
+        dual = phi.transpose(), seen.transpose(), gamma.transpose()  # from one input to all that is sensed
+        plants, free = transfer(*dual, fmpq_mat(1, len(laws)))
+        numerator = -sum((law * plant for law, plant in zip(laws, plants, strict=True)), fmpq_poly([0]))
+        denominator = below * free * fmpq_poly([0, 1] if loop.delayed else [1])
+        degree, p = max(denominator.degree(), numerator.degree()), fmpq_poly([0, 1 / (2 * exact(loop.rate_Hz))])
+        both = (in_p(part.coeffs(), degree, p).coeffs() for part in (denominator, numerator))
+        under, above = (fmpq_poly([_kept(c) for c in part]) for part in both)
+        return LoopAtMass(under, above, fmpq_poly([0]))
 
 
 def _kept(value: fmpq) -> fmpq:
