@@ -15,7 +15,7 @@ from flint import fmpq, fmpq_mat
 from forging import sealed_text
 from truth_of_stages import true
 
-from beamdesign import Prototype, check, read_prototype
+from beamdesign import Prototype, certify, check, read_prototype
 from beamdesign.checker import Unreadable, Verdict
 from beamdesign.checker.prototype import differences
 from beamdesign.checker.reading import Table
@@ -264,6 +264,25 @@ def test_a_single_law_is_of_a_prototype_that_has_it_for_these_payloads() -> None
 
     assert differs((1.767, 5.033)) == differs((2.0, 3.0)) == []
     assert len(differs((1.767, 5.1))) == len(differs((2.0, 3.0), 0)) == 1
+
+
+def test_what_a_certificate_of_one_law_leaves_of_several_is_said() -> None:
+    """The other laws, and the payloads of all of them, also where the prototype states these by its stages alone."""
+    prototype = scheduled()
+    first = certify(prototype.stages((0.0, 2.0))[0].prototype, 0.0, 2.0).text
+    whole = prototype_table(prototype)
+    untold = whole | {"payload": {key: v for key, v in whole["payload"].items() if key != "outer_end_mass_kg"}}
+    within = whole | {"payload": whole["payload"] | {"outer_end_mass_kg": [0.0, 2.0]}}
+    lower = certify(prototype.stages((0.0, 2.0))[0].prototype, 1.0, 2.0).text
+    for text, table, beyond in (
+        (first, whole, True),
+        (first, untold, True),
+        (lower, whole, True),
+        (first, within, False),
+    ):
+        said = "\n".join(check(text, table).open)
+        assert "the other laws of the prototype, which has 3" in said
+        assert ("the prototype's payloads, 0 to 6.8 kg, are not all within" in said) is beyond
 
 
 def test_a_dwell_that_the_schedule_does_not_keep_is_said() -> None:

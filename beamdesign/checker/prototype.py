@@ -182,12 +182,17 @@ def _alloys(stated: Mapping[str, Any], prototype: Mapping[str, Any]) -> Iterator
 
 def left_open(table: Table, rig: Rig, prototype: Mapping[str, Any]) -> Iterator[str]:
     """What cannot be told from the prototype's table alone, and what it asks for beyond what is proved, in words."""
-    payload, box = table_of(prototype, "payload"), table.optional("range").whole_of_it()
+    payload, stages = table_of(prototype, "payload"), table_of(prototype, "controller").get("stage", [])
+    box = table.optional("range").whole_of_it()
     at, key = (Table(box), "outer_end_mass") if box else (table, "outer_end_mass_kg")
-    if "outer_end_mass_kg" in payload and key in at:
-        (low, high), (least, most) = at.range(key), masses_of(payload)
+    stated = [payload] if "outer_end_mass_kg" in payload else stages  # where it states none, those of all its laws
+    if stated and key in at:
+        (low, high), (lows, highs) = at.range(key), zip(*map(masses_of, stated), strict=True)
+        least, most = min(lows), max(highs)
         if not low <= least <= most <= high:
             yield f"the prototype's payloads, {short(least)} to {short(most)} kg, are not all within those proved"
+    if stages and rig.schedule is None:
+        yield f"the other laws of the prototype, which has {len(stages)}"
     own, every = table_of(prototype, "material"), table.optional("material").whole_of_it()
     if names := [name for name, figures in every.items() if not figures.keys() <= table_of(own, name).keys()]:
         yield f"that {', '.join(names)} is as [material] states"
