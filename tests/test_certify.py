@@ -314,6 +314,15 @@ def test_what_is_proved_is_told_with_all_the_digits_that_were_asked_for(run, rig
     assert "up to 5.49999999 Hz" in output  # 5.5 Hz is more
 
 
+def test_what_is_guaranteed_is_told_with_all_the_digits_of_the_goal(run, tmp_path, remedy):
+    goal = Goal(compliance_m_per_N=5.714159e-8, loop_gain=50.0, loop_gain_from_Hz=250.00049)
+    write_prototype(remedy.but(goal=goal), tmp_path / "goal.toml")
+    _, output, _ = run(tmp_path / "goal.toml", "--outer-end-mass", "3:6.1234567")
+    assert "|x/F_d| at most 5.714159e-08 m/N up to" in output  # 5.714e-8 m/N is less
+    assert "from 250.00049 Hz up" in output  # 250 Hz is more
+    assert "from 3 to 6.1234567 kg" in (tmp_path / "goal.certificate.toml").read_text().partition("name =")[0]
+
+
 def test_command_promises_no_compliance_that_even_a_steady_force_exceeds(run, tmp_path, remedy):
     soft = remedy.but(controller=Proportional(gain_A_per_V=1e-4), payload=remedy.payload.but(outer_end_mass_kg=(2, 2)))
     write_prototype(soft, tmp_path / "rig.toml")

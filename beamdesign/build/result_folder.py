@@ -113,7 +113,7 @@ def report_html(run: DesignRun, files: dict[str, str], trade: tuple[TradePoint, 
         " <strong>{}</strong>, and keeps its peak sensitivity at {} or below; it carries {} with beams of {}."
     ).format(
         rigs_in_words(guarantee.sigmas), masses, "proved stable" if certificate.stable else "not stable",
-        quantity(prototype.goal.compliance_m_per_N, "m/N"), bandwidth, peak, quantity(load_N, "N"),
+        quantity(prototype.goal.compliance_m_per_N, "m/N", 15), bandwidth, peak, quantity(load_N, "N"),
         quantity(sizing.beam_mass_kg, "kg"),
     )  # fmt: skip
     key = (

@@ -176,7 +176,7 @@ def _echo_proof(record: "Prototype", found: "ArmResult") -> None:
     from beamdesign.quantities import mass_range_text, rigs_in_words, stated_bandwidth
 
     asked, goal = mass_range_text(found.outer_end_mass_kg), record.goal
-    limit = f"{goal.compliance_m_per_N:.4g} m/N"
+    limit = f"{goal.compliance_m_per_N:.15g} m/N"
     if found.both is not None:
         reason = f": {found.both.reason}" if found.both.reason else ""
         echo(f"both planes, coupled by the payload: {_VERDICTS[found.both.stable]} from {asked}{reason}")
@@ -328,7 +328,7 @@ def certify_switching(
     if aside := left_aside(record):
         lines.append(aside)
     several = f"{len(found.families)} stages, " if record.schedule else ""
-    echo(f"{record.name}: {several}outer end mass changing between {low:g} and {high:g} kg")
+    echo(f"{record.name}: {several}outer end mass changing between {low:.15g} and {high:.15g} kg")
     echo(*lines, before="  ")
     write_certificate(path, stages_certificate(record, found, f"{record.name}\n" + "\n".join(lines)))
     return CommandResult(found.to_dict() | {"certificate": path}, found.yes)

@@ -151,9 +151,9 @@ def _echo(record: "Prototype", certificate: "Certificate") -> None:
         found, goal = certificate.guaranteed, record.goal
         limit = goal.compliance_m_per_N
         if found.bandwidth_Hz > 0:
-            echo(f"  guaranteed: |x/F_d| at most {limit:.4g} m/N up to {stated_bandwidth(found.bandwidth_Hz)}")
+            echo(f"  guaranteed: |x/F_d| at most {limit:.15g} m/N up to {stated_bandwidth(found.bandwidth_Hz)}")
         else:
-            echo(f"  no bandwidth: even a steady force moves the tip by more than {limit:.4g} m/N")
+            echo(f"  no bandwidth: even a steady force moves the tip by more than {limit:.15g} m/N")
         echo_against_goal(found, goal)
         if isfinite(found.peak_over_passive):
             _echo_over_passive(found.peak_compliance_m_per_N, found.servo_off_m_per_N, found.peak_over_passive, goal)
@@ -275,7 +275,7 @@ def echo_against_goal(found: "Guaranteed | PlaneGuaranteed", goal: "Goal") -> No
 
     for name, words, more in (
         ("peak_sensitivity", "peak sensitivity", ""),
-        ("loop_gain", "loop gain |L|", f" from {goal.loop_gain_from_Hz:g} Hz up"),
+        ("loop_gain", "loop gain |L|", f" from {goal.loop_gain_from_Hz:.15g} Hz up"),
         ("controller_effort_A_per_V", "controller effort |C/(1+L)|", " A/V"),
     ):
         value, limit = getattr(found, name), getattr(goal, name)

@@ -162,7 +162,8 @@ def rows_of(
         names, total = tuple(dict.fromkeys(one.effect for one in found)), sum((bound for _, bound in own), fmpq(0))
         words = "All of these at once: the sum of their bounds"
         words += f" over 1 - {nearest(share):.4g}, from the response of the loop whose gain ripples" if share else ""
-        yield Row(names, method, share < 1, f"{words}.", nearest(total / (1 - share)) if share < 1 else None)
+        most_of_all = nearest(shortened(total / (1 - share), _DIGITS, up=True)) if share < 1 else None
+        yield Row(names, method, share < 1, f"{words}.", most_of_all)
 
 
 def _bounds(given: Members, found: Sequence[Error], numbers: Sequence[int]) -> tuple[list[fmpq], int]:

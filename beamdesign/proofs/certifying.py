@@ -332,7 +332,7 @@ def _summary(
     """The result in words, for the top of the certificate."""
     low, high = nearest(stability.low), nearest(stability.high)
     effects = " with effects" if prototype.effects else ""
-    lines = [f"Certificate of {prototype.name!r}{effects} for every outer end mass from {low:g} to {high:g} kg."]
+    lines = [f"Certificate of {prototype.name!r}{effects} for every outer end mass from {low:.15g} to {high:.15g} kg."]
     if prototype.effects:
         lines += [f"{scope(prototype, found).capitalize()}.", *covered(prototype, found, nonlinear)]
     every, all_of_it = ("Every member", "") if len(found.members) > 1 else ("It", "The closed loop is ")

@@ -316,7 +316,7 @@ Tables = dict[str, Any]
 def contact_text(prototype: Prototype, found: EndStiffness) -> str:
     """The certificate of the tip of a prototype with its controller."""
     low, high = found.outer_end_mass_kg
-    title = f"Contact of {prototype.name!r} with every outer end mass from {low:g} to {high:g} kg."
+    title = f"Contact of {prototype.name!r} with every outer end mass from {low:.15g} to {high:.15g} kg."
     body = {"outer_end_mass_kg": stated((low, high))} | _tables(found)
     return certificate(KIND, prototype, body, "\n".join([title, *in_words(found)]), notes=NOTES)
 

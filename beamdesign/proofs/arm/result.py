@@ -108,7 +108,7 @@ def _guarantees(closed: PlaneLoop, goal: Goal, low_kg: float, high_kg: float) ->
 def _summary(prototype: Prototype, name: Name, stability: StabilityMap, claims: Sequence[Claim]) -> str:
     low, high = nearest(stability.low), nearest(stability.high)
     lines = [
-        f"Certificate of {prototype.name!r}, plane {name}, for every payload from {low:g} to {high:g} kg.",
+        f"Certificate of {prototype.name!r}, plane {name}, for every payload from {low:.15g} to {high:.15g} kg.",
         "Stable over the whole range." if stability.stable else f"NOT stable: {stability.reason}.",
         *(f"Proved: {describe(claim)}." for claim in claims),
     ]
