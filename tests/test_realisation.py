@@ -20,7 +20,7 @@ from realisation_trade import sufficient, trade
 from realised_loop import run_closed
 from typer.testing import CliRunner
 
-from beamdesign import InputError, Prototype, read_prototype, simulate, state_space
+from beamdesign import InputError, Prototype, code, read_prototype, simulate, state_space
 from beamdesign.build.realisation.c_code import (
     HEADER,
     LAW,
@@ -52,7 +52,7 @@ from beamdesign.controllers import Lag, Proportional, Section, Structured, Trans
 from beamdesign.loop import loop
 from beamdesign.polynomial import exact, roots, transfer
 from beamdesign.proofs.mass_family import floats
-from beamdesign.prototype import Arm
+from beamdesign.prototype import Arm, Servovalve
 from beamdesign.scenario import Sampled, Scenario, ScenarioRecord, Step
 
 STUDIES = Path(__file__).parent.parent / "studies"
@@ -435,6 +435,40 @@ def test_any_computing_time_is_proved_or_told(rig: Prototype) -> None:
     slow = prove_any_computing_time(realised_loop(rig, realise(rig.controller, 500.0, 16)), 0.0, 0.0)
     assert slow.stable is False  # at once it is stable, one period late it is not
     assert "at a computing time of 0.96875 to 1 periods: a characteristic value of modulus 1." in slow.reason
+
+
+def test_nothing_is_said_of_a_computing_time_that_changes(rig: Prototype) -> None:
+    """At once and one period late this loop is stable, and in turn it grows: by the product of its two matrices."""
+    sections = (
+        Section(zero_Hz=28.1784, zero_damping_ratio=0.334407, pole_Hz=58.0206, pole_damping_ratio=0.141952),
+        Section(zero_Hz=77.571, zero_damping_ratio=0.373773, pole_Hz=301.347, pole_damping_ratio=0.444539),
+    )
+    other = rig.but(
+        outer_beam=rig.outer_beam.but(stiffness_N_per_m=787760.0, effective_mass_kg=5.39971, damping_ratio=0.06),
+        inner_beam=rig.inner_beam.but(stiffness_N_per_m=135663.0, effective_mass_kg=0.917309, damping_ratio=0.03),
+        actuator=rig.actuator.but(piston_area_m2=9.6661e-05, oil_stiffness_N_per_m=16353100.0),
+        servovalve=Servovalve(
+            flow_gain_m3_per_s_per_A=0.00971932,
+            leakage_m3_per_s_per_Pa=1.99896e-12,
+            natural_frequency_Hz=195.909,
+            damping_ratio=0.326011,
+        ),
+        payload=rig.payload.but(inner_end_mass_kg=2.18104),
+        controller=Structured(gain_A_per_V=0.00283235, pole_Hz=3.41662, zero_Hz=22.4464, section=sections),
+    )
+    found = code(other, 900.0, (0.5, 0.5))
+    assert found.proved
+    whole = realised_loop(other, found.realisation)
+    early, late = (
+        replace(whole, computing=(share,) * 2).matrix(fmpq(1, 2)) for share in (fmpq(1, 10**9), fmpq(1))
+    )  # the old current is a state of both
+
+    def radius(matrix: np.ndarray) -> float:
+        return float(np.abs(np.linalg.eigvals(matrix)).max())
+
+    assert max(radius(early), radius(late)) < 0.99
+    assert radius(early @ late) > 1.1
+    assert "at every sample alike" in "\n".join(found.notes())
 
 
 # C

@@ -62,7 +62,8 @@ def code(
         in_floats: in floats of 32 bits instead.
         full_scale_V: largest error (V); words are scaled so that it overflows nothing.
         largest_current_A: limit; else the valve's rated current, or the gain times the full scale.
-        any_computing_time: prove it for every computing time up to one period as well, which takes a minute.
+        any_computing_time: prove it for every computing time up to one period as well, the same at every sample, which
+            takes a minute.
         compile_here: compile it with the system's C compiler and run its self-test.
     """
     record = with_controller(prototype)
@@ -117,7 +118,7 @@ def _echo_code(code: "ProvedCode") -> None:
         echo(f"stability as realised: not looked at, {code.not_judged}")
         return
     when = "at once or one period late" if code.any_time is None else "after any computing time up to one period"
-    echo(f"proved: stable for {mass_range_text(masses)}, the current held, put out {when}")
+    echo(f"proved: stable for {mass_range_text(masses)}, the current held, put out {when}, at every sample alike")
     if words := left_aside(code.prototype):
         echo(f"  {words}")
     title = f"Worst of {len(code.masses)} masses, computed"

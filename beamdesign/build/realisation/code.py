@@ -265,7 +265,7 @@ class ProvedCode(Result):
         when = "at its sample or one whole period later" if self.any_time is None else "at any time within a period"
         return (
             f"Proved stable for {where} on the outer tip, with these coefficients, the current held, put out",
-            f"{when}. Roundings and limits are no part of that proof.",
+            f"{when}, at every sample alike. Roundings and limits are no part of that proof.",
             *([f"It is proved with {words}."] if (words := left_aside(self.prototype)) else ()),
         )
 
@@ -302,7 +302,7 @@ def code(
         word_length: bits of a fixed-point word with its sign; None for floats of 32 bits.
         full_scale_V: largest error.
         largest_current_A: limit; else the valve's rated current, or the gain times the full scale.
-        any_computing_time: prove it for every computing time up to one period as well.
+        any_computing_time: prove it for every computing time up to one period as well, the same at every sample.
         progress: called with the share done and what is being done.
 
     Raises:

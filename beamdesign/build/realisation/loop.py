@@ -1,8 +1,8 @@
 """The sampled-data loop of a controller as realised, proved stable for every outer end mass of a range.
 
 The plant is continuous, its current held between samples; the law works at sample times, word by word, and its current
-is put out at once, one whole period later, or after a computing time. Between samples x' = A(m) x + B i, so that from
-sample to sample
+is put out at once, one whole period later, or after a computing time, at every sample alike: times that change may make
+a loop grow that is stable at each of them. Between samples x' = A(m) x + B i, so that from sample to sample
 
     x[k+1] = Phi(m) x[k] + Gamma(m) i,    (Phi, Gamma) = the upper rows of exp([[A, B], [0, 0]] T),
 
