@@ -239,7 +239,7 @@ def test_a_certificate_says_what_was_found(remedy: Prototype):
     assert found.guaranteed is None
     assert found.stable_ranges_kg == [(pytest.approx(1.968442, abs=1e-5), pytest.approx(17.792115, abs=1e-5))]
     assert [crossing.value for crossing in found.crossings] == pytest.approx([1.968442, 17.792115], abs=1e-5)
-    assert "It is stable from 1.96844204 to 17.7921148 kg." in found.text
+    assert "It is stable from 1.96844205 to 17.7921148 kg." in found.text  # from 1.968442044
     assert check(found.text).valid
 
 
@@ -312,6 +312,24 @@ def test_what_is_proved_is_told_with_all_the_digits_that_were_asked_for(run, rig
     assert "from 3 to 6.1234567 kg" in output  # 6.12346 kg is more
     assert "at most 19.0000004" in output  # 19 is less
     assert "up to 5.49999999 Hz" in output  # 5.5 Hz is more
+
+
+def test_a_range_ends_before_a_mass_at_which_a_root_lies_on_the_axis(run, tmp_path, remedy):
+    """Undamped beams that swing alike with 4 kg, K_m / (M_m + 4) = K_f / M_f: the actuator between them has no part."""
+    outer = remedy.outer_beam.but(stiffness_N_per_m=4e5, effective_mass_kg=4.0, damping_ratio=0.0)
+    inner = remedy.inner_beam.but(stiffness_N_per_m=1e5, effective_mass_kg=1.5, damping_ratio=0.0)
+    law, payload = remedy.controller.but(gain_A_per_V=0.02), remedy.payload.but(inner_end_mass_kg=0.5)
+    swinging = remedy.but(outer_beam=outer, inner_beam=inner, controller=law, payload=payload)
+    found = certify(swinging, 0.0, 4.0)
+    assert [one.rational for one in found.crossings] == [4]
+    ((low, high),) = found.stable_ranges_kg
+    assert low == 0.0
+    assert 4.0 - 1e-12 < high < 4.0
+    assert "stable from 0 to 4 kg, not at 4 kg itself" in check(found.text).proved
+    write_prototype(swinging, tmp_path / "swinging.toml")
+    _, output, _ = run(tmp_path / "swinging.toml", "--outer-end-mass", "0:4")
+    assert "stable from 0 to 3.999999 kg" in output
+    assert "It is stable from 0 to 3.99999999 kg." in found.text
 
 
 def test_what_is_guaranteed_is_told_with_all_the_digits_of_the_goal(run, tmp_path, remedy):

@@ -56,7 +56,8 @@ def stability(table: Table, family: Family, low: fmpq, high: fmpq) -> Statements
         inside = a <= sample <= b and family.is_stable(sample) == stable
         at_ends = all(family.is_stable(end) == stable for end in (a, b) if end not in exact)
         proved = inside and at_ends and family.verdict(a, b) is stable
-        yield judged(proved, f"{'stable' if stable else 'unstable'} from {span((a, b))} kg")
+        but = "".join(f", not at {short(end)} kg itself" for end in (a, b) if stable and end in exact)
+        yield judged(proved, f"{'stable' if stable else 'unstable'} from {span((a, b))} kg{but}")
     yield from _crossings(family, listed, low, high)
     yield agrees(table, "stable", not listed and all(stable for *_, stable in parts))
     for key in ("stays_stable_from_kg", "stays_stable_to_kg"):

@@ -262,7 +262,7 @@ def echo_stability(name: str, found: "Decided", holds_for: str) -> None:
         echo(f"{name}: stable for every outer end mass from {asked}, {holds_for}")
     else:
         echo(f"{name}: NOT stable from {asked}: {found.stability.reason}")
-        for least, most in found.stability.stable_ranges:
+        for least, most in found.stability.closed_ranges:
             echo(f"  stable from {decimal(least, 7, ROUND_CEILING)} to {decimal(most, 7, ROUND_FLOOR)} kg")
     if found.crossings:
         rows = [(f"{crossing.value:.7g}", _hertz(crossing)) for crossing in found.crossings]

@@ -254,7 +254,7 @@ class Certificate(Decided):
     @property
     def stable_ranges_kg(self) -> list[tuple[float, float]]:
         """The stable ranges inside what was asked, ends at crossings rounded inwards."""
-        return self.stability.stable_ranges
+        return self.stability.closed_ranges
 
     @property
     def next_crossings(self) -> dict[str, Crossing | None]:

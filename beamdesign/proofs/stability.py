@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import chain, groupby, pairwise
-from math import pi
+from math import inf, nextafter, pi
 from operator import attrgetter
 
 from flint import arb, ctx, fmpq
@@ -16,6 +16,7 @@ from beamdesign.polynomial import (
     degree_drop,
     elimination,
     even_odd,
+    exact,
     is_hurwitz,
     nearest,
     real_roots,
@@ -86,7 +87,7 @@ class StabilityMap:
 
     @property
     def stable_ranges(self) -> list[tuple[float, float]]:
-        """The stable ranges as floats; an end at a crossing is rounded inwards."""
+        """The stable ranges as floats, open where they end at a crossing, which is rounded inwards."""
         return [
             (
                 rounded_up(part.low) if part.opens_at else nearest(part.low),
@@ -94,6 +95,15 @@ class StabilityMap:
             )
             for part in self.ranges
             if part.stable
+        ]
+
+    @property
+    def closed_ranges(self) -> list[tuple[float, float]]:
+        """The same, closed: without a crossing that is a float itself."""
+        at = {crossing.rational for crossing in self.crossings}
+        return [
+            (nextafter(low, inf) if exact(low) in at else low, nextafter(high, -inf) if exact(high) in at else high)
+            for low, high in self.stable_ranges
         ]
 
 

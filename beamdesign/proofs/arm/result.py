@@ -193,7 +193,7 @@ class ArmResult(Result):
 
     def to_dict(self) -> dict[str, Any]:
         """What a JSON file holds of it."""
-        planes = "plane=name coupled_with_torsion=coupled stable guaranteed stable_ranges_kg=stability.stable_ranges"
+        planes = "plane=name coupled_with_torsion=coupled stable guaranteed stable_ranges_kg=stability.closed_ranges"
         return finite({
             **picked(self, "stable reason outer_end_mass_kg figures sampled_stable sampled_load_Hz frequencies"),
             "planes": [
