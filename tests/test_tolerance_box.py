@@ -24,7 +24,7 @@ from beamdesign.proofs.box import box_of, certify_box
 from beamdesign.proofs.box_member import Quasipolynomial, member
 from beamdesign.proofs.frames import Between, Cell, Frames, growth
 from beamdesign.proofs.rig_family import rig_family
-from beamdesign.proofs.tolerance_box import largest_scaling, tolerance_box
+from beamdesign.proofs.tolerance_box import _bracket, largest_scaling, tolerance_box
 from beamdesign.proofs.writer import prototype_table
 from beamdesign.prototype import Payload, Sensor, Tolerance
 
@@ -257,6 +257,17 @@ def test_command(rig, tmp_path: Path):
     assert 6.8 < result["unstable_point"]["outer_end_mass_kg"] <= 40
     assert result["stable_fraction"] + result["unstable_fraction"] + result["undecided_fraction"] == pytest.approx(1)
     assert prove_again([str(out), str(path)]) == 0
+
+
+def test_a_box_and_how_far_it_is_proved_are_told_rounded_inwards(rig, tmp_path: Path):
+    path = tmp_path / "rig.toml"
+    write_prototype(rig.but(tolerance=Tolerance()), path)
+    asked = ["certify-box", str(path), "--outer-end-mass", "3.00004:6.79956", "--out", str(tmp_path / "c.toml")]
+    done = CliRunner().invoke(app, asked)
+    assert done.exit_code == 0, done.output
+    assert re.search(r"outer_end_mass_kg\W+3\.00004\W+6\.79956\W", done.output)  # not from 3 to 6.8 kg
+    reason = _bracket(fmpq(259376, 100000), fmpq(26001, 10000), fmpq(265018, 100000), fmpq(10))
+    assert reason == "proved up to 2.593, undecided at 2.601, refuted at 2.651"
 
 
 def test_where_nothing_scales_nothing_is_said_to_be_proved_up_to_a_factor(rig, tmp_path: Path):

@@ -23,6 +23,8 @@ from beamdesign.result import picked
 from beamdesign.time_limit import within
 
 if TYPE_CHECKING:
+    from flint import fmpq
+
     from beamdesign.polynomial import Crossing
     from beamdesign.proofs.absolute_stability import Row
     from beamdesign.proofs.arm.result import PlaneGuaranteed
@@ -303,20 +305,26 @@ def _hertz(crossing: "Crossing") -> str:
 
 def _echo_box(found: "BoxGuarantee") -> None:
     """Whether a loop is stable over a box, and where it is not; what the box is, and what is proved beside it."""
+    from decimal import ROUND_CEILING, ROUND_FLOOR
+
     from beamdesign.polynomial import nearest
     from beamdesign.proofs.certificate import describe
     from beamdesign.proofs.scope import bracketing, holds_for
     from beamdesign.proofs.tolerance_box import figure_key
+    from beamdesign.quantities import decimal
     from beamdesign.structure.arm import left_aside
+
+    def inwards(end: "fmpq", factor: float, up: bool = False) -> str:
+        return f"{float(decimal(nearest(end) / factor, 7, ROUND_CEILING if up else ROUND_FLOOR)):.7g}"
 
     record, box, verdict, sure = found.prototype, found.box, found.verdict, found.guaranteed
     words = {True: "stable", False: "NOT stable", None: "undecided whether stable"}
     echo(f"{record.name}: {words[verdict.stable]} {holds_for(record, found.sigmas)}")
     point, last = verdict.unstable_point or {}, ("not stable at",) if verdict.unstable_point else ()
     rows = [
-        [key, *(nearest(value) / factor for value in (*ends, point.get(name)) if value is not None)]
-        for name, ends in box.ranges.items()
-        for key, factor in [figure_key(name)]
+        [key, inwards(low, factor, True), inwards(high, factor), *(nearest(one) / factor for one in at)]
+        for name, (low, high) in box.ranges.items()
+        for (key, factor), at in [(figure_key(name), [point[name]] if name in point else [])]
     ]
     echo_table(f"{len(box.names)} figures, all at once", ("figure", "from", "to", *last), rows)
     if verdict.stable is not True:
@@ -353,11 +361,18 @@ def _echo_box(found: "BoxGuarantee") -> None:
 
 def _echo_each(found: "Mapping[str, Scaling]", sigmas: float) -> None:
     """How far each figure alone may be off."""
+    from decimal import ROUND_CEILING, ROUND_FLOOR
+
     from beamdesign.proofs.tolerance_box import figure_key
+    from beamdesign.quantities import decimal
 
     columns = "figure", "proved stable up to", "not stable from"
     rows = [
-        (figure_key(name)[0], one.proved * sigmas, "none found" if one.refuted is None else one.refuted * sigmas)
+        (
+            figure_key(name)[0],
+            decimal(one.proved * sigmas, rounding=ROUND_FLOOR),
+            "none found" if one.refuted is None else decimal(one.refuted * sigmas, rounding=ROUND_CEILING),
+        )
         for name, one in found.items()
     ]
     echo_table(f"standard deviations that one figure may be off, the others up to {sigmas:g} as before", columns, rows)

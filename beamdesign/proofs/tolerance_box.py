@@ -2,6 +2,7 @@
 
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
+from decimal import ROUND_CEILING, ROUND_FLOOR
 from functools import partial
 from math import inf, pi
 
@@ -18,6 +19,7 @@ from beamdesign.proofs.performance import rounded_below, servo_off_of
 from beamdesign.proofs.rig_family import effect_spans, performing_spans, rig_family, rig_values
 from beamdesign.proofs.statement import Interval, PolynomialFamily
 from beamdesign.prototype import Prototype
+from beamdesign.quantities import decimal
 from beamdesign.records import InputError, Problem
 from beamdesign.time_limit import over, while_time
 
@@ -274,14 +276,15 @@ def _least_refuted(
 
 
 def _bracket(proved: fmpq, above: fmpq, refuted: fmpq | None, limit: fmpq) -> str:
-    low, high = f"{nearest(proved):.4g}", f"{nearest(above):.4g}"
+    low = decimal(nearest(proved), rounding=ROUND_FLOOR)
+    high, least = (decimal(nearest(one), rounding=ROUND_CEILING) for one in (above, refuted or above))
     if proved == limit:
         return f"proved up to {low}, the largest factor that was tried"
     start = f"proved up to {low}" if proved > 0 else "no factor was proved"
     if refuted is None:
         return f"{start}, undecided at {high}; no member was found that is not stable"
     if above < refuted:
-        return f"{start}, undecided at {high}, refuted at {nearest(refuted):.4g}"
+        return f"{start}, undecided at {high}, refuted at {least}"
     return f"{start}, refuted at {high}"
 
 
