@@ -418,9 +418,11 @@ def test_sweep_whose_cases_are_all_refused_has_none_to_go(sweep, command, tmp_pa
 
 
 def test_figures_that_are_not_finite_are_refused_and_not_left_out(sweep, command, tmp_path):
-    vary = [{"key": "payload.largest_force_N", "values": [float("inf"), 1.0]}]
+    vary = [{"key": "payload.largest_force_N", "values": [float("nan"), float("inf"), 1.0]}]
     _, _, fields = command("run", sweep(vary=vary), "--out", tmp_path / "out")
-    assert fields["counts"]["refused"] == 1
+    assert fields["counts"]["refused"] == 2
+    _, _, fields = command("show", tmp_path / "out")
+    assert [row["payload.largest_force_N"] for row in fields["rows"]] == ["nan", "inf", 1.0]
 
 
 def test_a_limit_that_is_infinite_is_none_in_what_is_kept_and_no_limit_in_what_is_computed(sweep, command, tmp_path):

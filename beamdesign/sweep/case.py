@@ -7,7 +7,7 @@ import hashlib
 import json
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
-from functools import cache
+from functools import cache, partial
 from importlib.metadata import version
 from operator import attrgetter
 from typing import Any, Literal
@@ -264,16 +264,18 @@ def address_of(inputs_sha256: str, code_sha256: str) -> str:
 def case(task: str, document: Mapping[str, Any], options: Mapping[str, Any], varied: Mapping[str, Any]) -> Case:
     """A case; inputs that no record accepts have an address too, since their refusal is a result."""
     document, options = dict(document), dict(options)
+    plain, worded = finite, partial(finite, beyond=str)  # JSON has neither nan nor inf, and none is another input
     problems: tuple[Problem, ...] = ()
     try:
         read = [part.model_dump(mode="json") for part in parsed(task, document, options)]
     except InputError as error:
-        read, problems = [finite(document), finite(options)], tuple(error.problems)
+        plain, problems = worded, tuple(error.problems)
+        read = [plain(document), plain(options)]
     return Case(
         task,
-        finite(document),
-        finite(options),
-        finite(varied),
+        plain(document),
+        plain(options),
+        worded(varied),
         _digest(task, *map(_text, read)),
         code_digest(TASKS[task].place),
         problems,
