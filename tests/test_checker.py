@@ -162,6 +162,8 @@ def test_a_certificate_is_of_its_own_prototype_and_of_no_other(remedy: Prototype
     text = certify(rig, 3.0, 5.0).text
     assert check(text, path).valid
     assert check(text, prototype_table(rig, 5.0)).valid
+    path.write_text("\ufeff" + path.read_text(encoding="utf-8"), encoding="utf-8")  # as some editors save it
+    assert check(text, path).valid
     others = [
         rig.but(payload=remedy.payload.but(outer_end_mass_kg=(0.0, 9.0))),
         rig.but(payload=remedy.payload.but(inner_end_mass_kg=1.0)),

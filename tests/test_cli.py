@@ -403,6 +403,14 @@ def test_no_result_takes_the_place_of_what_it_comes_from(tmp_path: Path, read: P
     assert (tmp_path / "prototype.toml").read_bytes() == read.read_bytes()
 
 
+def test_what_a_data_set_names_is_spared_where_it_begins_with_a_byte_order_mark(tmp_path: Path) -> None:
+    (tmp_path / "dataset.toml").write_text('\ufeffprototype = "prototype.toml"\n', encoding="utf-8")
+    (tmp_path / "prototype.toml").write_bytes(RIG.read_bytes())
+    found = CliRunner().invoke(app, ["gap", "diagnose", str(tmp_path), "--out", str(tmp_path)])
+    assert isinstance(found.exception, InputError)
+    assert "would be written over prototype.toml, which is read" in str(found.exception)
+
+
 def test_json_takes_the_place_of_no_other_file_of_the_command(tmp_path: Path) -> None:
     rig, out = tmp_path / "rig.toml", tmp_path / "c.toml"
     rig.write_bytes(RIG.read_bytes())

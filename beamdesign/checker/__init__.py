@@ -174,7 +174,7 @@ def _bytes(path: Path) -> bytes:
 
 def _toml(path: Path) -> PrototypeTable:
     try:
-        table = tomllib.loads(_bytes(path).decode("utf-8"))
+        table = tomllib.loads(_bytes(path).decode("utf-8-sig"))  # a byte order mark is an editor's
     except (UnicodeDecodeError, ValueError, RecursionError) as error:
         raise Unreadable(f"the prototype is not valid TOML: {str(error)[:200]}") from error
     # No file says what its effects come to: only a caller who works them out may.

@@ -102,6 +102,8 @@ def _paths(value: Any) -> Iterator[Path]:
 
 def named_files(path: Path) -> list[Path]:
     """A file, or the dataset.toml of a folder, with all files that it names and that are there, and what these name."""
+    from beamdesign.records import InputError, read_table
+
     found, ahead = dict[str, Path](), [path / "dataset.toml" if path.is_dir() else path]
     while ahead:
         one = ahead.pop()
@@ -110,8 +112,8 @@ def named_files(path: Path) -> list[Path]:
             continue
         found[place] = one
         if one.suffix == ".toml":
-            with suppress(OSError, ValueError, RecursionError):  # what is wrong with it is told where it is read
-                table = tomllib.loads(read_bytes(one).decode())
+            with suppress(InputError):  # what is wrong with it is told where it is read
+                table = read_table(one)
                 certificate = str(table.get("kind", "")).startswith("beamdesign.")  # which names none
                 ahead += [one.parent / text for text in (() if certificate else _texts(table))]
     return list(found.values())
