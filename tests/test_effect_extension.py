@@ -12,7 +12,7 @@ from flint import fmpq
 from short_scenario import SCENARIO
 from typer.testing import CliRunner
 
-from beamdesign import Prototype, certify, check, read_prototype, write_prototype
+from beamdesign import InputError, Prototype, certify, check, read_prototype, write_prototype
 from beamdesign.cli import app
 from beamdesign.diagnosis.fitting.hypothesis import cause, singles
 from beamdesign.docs import effects
@@ -115,6 +115,15 @@ def test_its_certificate_is_refused_with_other_elements(rig: Prototype) -> None:
     wrong = check(certify(rig, 2.0, 2.2).text)
     assert not wrong.valid
     assert any("polynomials" in reason for reason in wrong.failed)
+
+
+def test_elements_that_are_no_rationals_are_refused_as_that(rig: Prototype) -> None:
+    """A float among them was told as elements that are not affine."""
+    assert ABSORBER.linear is not None
+    floats = replace(ABSORBER.linear, elements=lambda own, figure: _elements({**own, "mass_kg": 0.2 * fmpq(1)}, figure))
+    library()[NAME] = replace(ABSORBER, linear=floats)
+    with pytest.raises(InputError, match="float"):
+        certify(rig, 2.0, 2.2)
 
 
 def test_commands_take_it(rig: Prototype) -> None:

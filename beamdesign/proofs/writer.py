@@ -186,8 +186,10 @@ def _elements(
     free = [key for key, (low, high) in ends.items() if low < high]
     context = fmpq_mpoly_ctx.get(free, "lex")
     values: dict[str, Any] = {key: low for key, (low, _) in ends.items()} | dict(zip(free, context.gens(), strict=True))
-    words = "its elements are not affine in what it lets vary, so that no certificate states them"
-    refused = InputError(prototype.name, [(f"effects.{name}", words)])
+
+    def refused(why: str) -> InputError:
+        words = f"its elements are {why}, so that no certificate states them"
+        return InputError(prototype.name, [(f"effects.{name}", words)])
 
     def written(value: Any) -> Any:
         if isinstance(value, dict):
@@ -196,7 +198,7 @@ def _elements(
             return [written(one) for one in value]
         terms = (context.constant(0) + value).to_dict()
         if any(sum(powers) > 1 for powers in terms):
-            raise refused
+            raise refused("not affine in what it lets vary")
         constant = terms.pop((0,) * len(free), fmpq(0))
         slopes = {key: c for powers, c in terms.items() for key, power in zip(free, powers, strict=True) if power}
         parts = [f"{text(slopes[key])}*{key}" for key in free if key in slopes]
@@ -205,7 +207,7 @@ def _elements(
     try:
         elements = linear.elements({key: exact(value) for key, value in own.items()} | values, figure | values)
     except (DomainError, TypeError) as error:
-        raise refused from error
+        raise refused(f"no sums and products of rationals and of what it lets vary ({error})") from error
     return written(_nested(elements))
 
 
