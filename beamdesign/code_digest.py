@@ -1,12 +1,15 @@
 """Which code a result rests on: a digest of the source files that a function or a module can reach by imports.
 
 Only those files count, so that a change of the command line or of a report leaves results valid. Data files beside the
-modules (alloys, stock sizes) count too. And digests of folders.
+modules (alloys, stock sizes) count too, and files of a user's own that make something known. And digests of folders.
 """
 
 import ast
 import hashlib
+import traceback
+from collections.abc import Mapping
 from functools import cache
+from linecache import getlines
 from pathlib import Path
 from typing import Any
 
@@ -15,10 +18,21 @@ _ROOT = Path(__file__).parent
 _BLOCKS = ("body", "orelse", "finalbody", "handlers", "cases")
 """Where statements hold others."""
 
+_OWN: list[tuple[Mapping[str, Any], str, str]] = []
+"""Of what a program of a user's own has made known: the registry, its name there, and the program's file."""
 
-@cache
+
+def count_origin(registry: Mapping[str, Any], name: str) -> None:
+    """Have digests count the file that called the caller of this, for as long as the name is in the registry."""
+    file = traceback.extract_stack(limit=3)[0].filename
+    if not Path(file).is_relative_to(_ROOT):
+        _OWN.append((registry, name, file))
+
+
 def code_digest(place: str) -> str:
     """SHA-256 over the package's source files that a function reaches, in the order of their names.
+
+    Behind them come files outside of the package that have registered what is known, such as an effect.
 
     Args:
         place: see `sources`.
@@ -26,12 +40,19 @@ def code_digest(place: str) -> str:
     Raises:
         ValueError: where there is no such module.
     """
+    return _digest(place, tuple(sorted({"".join(getlines(file)) for known, name, file in _OWN if name in known})))
+
+
+@cache
+def _digest(place: str, own: tuple[str, ...]) -> str:
     digest = hashlib.sha256()
     files = sources(place)
     data = sorted({path for folder in {file.parent for file in files} for path in folder.glob("*.toml")})
     for path in (*files, *data):
         digest.update(path.relative_to(_ROOT).as_posix().encode() + b"\0")
         digest.update(path.read_bytes() + b"\0")
+    for text in own:
+        digest.update(text.encode() + b"\0")
     return digest.hexdigest()
 
 

@@ -1,6 +1,7 @@
 """An effect of this file's own goes the whole way: simulation, proof, check, box, explanation and diagnosis."""
 
 import json
+import runpy
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -14,6 +15,7 @@ from typer.testing import CliRunner
 
 from beamdesign import InputError, Prototype, certify, check, read_prototype, write_prototype
 from beamdesign.cli import app
+from beamdesign.code_digest import code_digest
 from beamdesign.diagnosis.fitting.hypothesis import cause, singles
 from beamdesign.docs import effects
 from beamdesign.loop import loop
@@ -124,6 +126,24 @@ def test_elements_that_are_no_rationals_are_refused_as_that(rig: Prototype) -> N
     library()[NAME] = replace(ABSORBER, linear=floats)
     with pytest.raises(InputError, match="float"):
         certify(rig, 2.0, 2.2)
+
+
+def test_kept_results_rest_on_the_file_that_registers_it() -> None:
+    """Results of sweeps and fits of another law were taken for those of this one."""
+    shipped = code_digest(place := "beamdesign.sweep.answers:certify")
+    digests = {shipped}
+    for factor in (1, 2):
+        lines = (
+            "from beamdesign.plant.effects import Effect, register",
+            f"laws = {{'inner_force_N': lambda signal, site: {factor} * signal}}",
+            "register(Effect('own', 'structure', laws, (), 'none'))",
+        )
+        Path(f"own_{factor}.py").write_text("\n".join(lines))
+        runpy.run_path(f"own_{factor}.py")
+        digests.add(code_digest(place))
+        del library()["own"]
+    assert len(digests) == 3
+    assert code_digest(place) == shipped
 
 
 def test_commands_take_it(rig: Prototype) -> None:

@@ -10,6 +10,7 @@ from functools import cached_property
 from math import inf, pi
 from typing import TYPE_CHECKING, Any, ClassVar, Literal, TypeVar
 
+from beamdesign.code_digest import count_origin
 from beamdesign.kinded import Kinded
 from beamdesign.plant.actuators import FELT
 from beamdesign.records import InputError
@@ -341,6 +342,7 @@ def register(kind: type[C]) -> type[C]:
     if name in KINDS:
         raise ValueError(f"there is a controller of kind {name!r} already")
     KINDS[name] = kind
+    count_origin(KINDS, name)
     return kind
 
 

@@ -15,6 +15,7 @@ from typing import Any, Literal, Self
 import casadi as ca
 from flint import fmpq
 
+from beamdesign.code_digest import count_origin
 from beamdesign.polynomial import exact
 from beamdesign.records import Problem
 
@@ -345,6 +346,7 @@ def register(effect: Effect) -> None:
     if effect.name in library():
         raise ValueError(f"there is an effect {effect.name} already")
     library()[effect.name] = effect
+    count_origin(library(), effect.name)
 
 
 def problems(tables: Mapping[str, Mapping[str, float]], sizes: Mapping[str, float]) -> list[Problem]:
