@@ -22,7 +22,7 @@ from beamdesign import InputError, Prototype, certify, check, read_prototype, si
 from beamdesign import stiffness as give
 from beamdesign.checker import Unreadable
 from beamdesign.cli import app
-from beamdesign.controllers import Cascade, Lag, Structured
+from beamdesign.controllers import Cascade, Lag, Observer, Structured
 from beamdesign.loop import Loop, close_loop, loop
 from beamdesign.polynomial import Affine, exact, is_hurwitz, roots
 from beamdesign.proofs.contact import Wall, absorbed, popov_slack, prove_contact
@@ -610,6 +610,12 @@ def test_a_servo_is_judged_as_it_is(rig: Prototype, tmp_path: Path) -> None:
     assert check(tmp_path / "certificate.contact.toml", PROTOTYPES / "tame_lag.toml").valid
     missing = CliRunner().invoke(app, ["stiffness", source, "--keep-controller"])
     assert "is for --end-stiffness-N-per-m" in str(missing.exception)
+
+
+def test_a_law_that_integrates_is_told_as_that_beside_a_valve_that_leaks(rig: Prototype) -> None:
+    sums = Observer(gain_A_per_V=3e-3, sensors=("displacement_m",), a=((0.0,),), b=((50.0,),), c=(1.0,), d=(1.0,))
+    with pytest.raises(ValueError, match="its law integrates"):
+        judge(rig.but(controller=sums), None, (0.0, 6.8), Wall((fmpq(0), fmpq(10**9))))
 
 
 def test_the_search_finds_a_passive_law(rig: Prototype, tmp_path: Path) -> None:

@@ -229,7 +229,7 @@ def judge(prototype: Prototype, law: Compliance | None, masses_kg: tuple[float, 
     closed, low, high = close_loop(plant, controller), exact(masses_kg[0]), exact(masses_kg[1])
     static = closed.at(0.0).static_stiffness()
     if static == inf:
-        raise ValueError("no force moves the end at rest: without leakage the servo integrates")
+        raise ValueError("no force moves the end at rest: its law integrates, or a valve without leakage")
     stable = is_stable_over(closed.characteristic, low, high)
     passive = passivity(closed, low, high)
     contact = prove_contact(closed, (low, high), wall)
