@@ -1,6 +1,8 @@
 """The assembled rig against the linear plant in exact rationals, power balance and static closed forms."""
 
+from dataclasses import dataclass
 from math import pi
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -250,3 +252,24 @@ def test_friction_that_has_not_slid_carries_no_load(lag: Prototype, force: float
     assert x[assembly.states.index("seal_friction.deflection")] == 0
     np.testing.assert_allclose(x[:8], operating_point(lag, force)[1][:8], rtol=1e-9, atol=1e-15)
     assert np.abs(np.asarray(assembly.function(0, x, u, parameters)[0])).max() < 1e-6
+
+
+@dataclass(frozen=True)
+class Named:
+    """A law of nothing, with names of its own."""
+
+    parameters: tuple[str, ...] = ("gain",)
+    states: tuple[str, ...] = ()
+
+    def current_and_rates(self, port: Any, figure: Any, state: Any) -> tuple[Any, dict[str, Any]]:
+        return 0.0, dict.fromkeys(self.states, 0.0)
+
+
+@pytest.mark.parametrize("filtered", [True, False])
+def test_names_of_a_law_that_the_rig_has_are_refused(filtered: bool) -> None:
+    """One called `filtered_V` took the place of the sensor's own filter: nothing moved."""
+    assert "own" in assemble(Structure(Named(states=("own",)), filtered)).states
+    laws = {"filtered_V": Named(states=("filtered_V",)), "leakage": Named(parameters=("gain", "leakage"))}
+    for name, law in laws.items():
+        with pytest.raises(InputError, match=name):
+            assemble(Structure(law, filtered))

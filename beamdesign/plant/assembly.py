@@ -4,6 +4,7 @@ A rig is a set of components (`RIGS`). Equations (7) to (16) of Zalucky and Hard
 beam with every effect off. A prototype gives the structure and the figures of its rig.
 """
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
@@ -95,6 +96,7 @@ def join(kinds: Structure, effects: Sequence[Effect], outputs: Mapping[str, Port
 
     Raises:
         KeyError: for an effect that changes a port that does not exist.
+        InputError: where a state or a figure of the controller or the actuator is called as another one of the rig.
     """
     law = kinds.controller
     rig = RIGS[kinds.rig].with_law(law)
@@ -108,6 +110,10 @@ def join(kinds: Structure, effects: Sequence[Effect], outputs: Mapping[str, Port
     parameters = rig.figures + (LEVER_FIGURES if kinds.off_axis else ())
     parameters += tuple(f"{e.name}.{q.name}" for e in effects for q in e.parameters)
     parameters += WALL_FIGURES if kinds.wall else ()
+    reserved = () if kinds.filtered else ("filtered_V",)  # by which the rig knows that it has a filter
+    if twice := [name for names in ((*states, *reserved), parameters) for name, n in Counter(names).items() if n > 1]:
+        words = "is a name that the rig has already; a controller's law and an actuator need names of their own"
+        raise InputError(kinds.rig, [Problem(name, words) for name in twice])
     x, u, p = (ca.SX.sym(name, len(names)) for name, names in (("x", states), ("u", INPUTS), ("p", parameters)))
     time = ca.SX.sym("t")
     state, figure, given = (

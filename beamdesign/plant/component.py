@@ -88,7 +88,7 @@ class Rig:
             Component(dict(part.laws) | {"demanded_A": current}, rates) if "demanded_A" in part.laws else part
             for part in self.components
         )
-        own = tuple(name for name in law.parameters if name not in self.figures)
+        own = tuple(name for name in law.parameters if name not in _SHARED)
         return replace(self, components=tuple(parts), figures=self.figures + own)
 
     def rates(self, port: Signals, figure: Signals, state: Signals) -> dict[str, Any]:
@@ -181,11 +181,11 @@ class Law(Protocol):
 
     @property
     def parameters(self) -> tuple[str, ...]:
-        """Names of its figures; some may be among those that every rig has."""
+        """Names of its figures, none of them one of the rig's but for "gain", "pole" and "zero"."""
 
     @property
     def states(self) -> tuple[str, ...]:
-        """Names of its states."""
+        """Names of its states, none of them one of the rig's."""
 
     def current_and_rates(self, port: Signals, figure: Signals, state: Signals) -> tuple[Any, dict[str, Any]]:
         """What it asks of the valve, A, and the time derivatives of its states."""
@@ -206,6 +206,8 @@ class Sampled:
 FIRST_ORDER = ("pole", "zero")
 SECOND_ORDER = ("zero", "zero_damping_ratio", "pole", "pole_damping_ratio")
 """Figures of each factor; frequencies in rad/s."""
+_SHARED = ("gain", *FIRST_ORDER)
+"""Figures of a law that every rig has, see `beamdesign.plant.rigs.MORE_FIGURES`."""
 
 
 @dataclass(frozen=True)
