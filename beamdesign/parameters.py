@@ -43,8 +43,13 @@ def rows_of(actuator: type[Actuator]) -> dict[str, Parameter]:
     return {row.name: row for row in (*_BEAMS, *actuator.parameters, *_REST)}
 
 
-PARAMETERS = {name: row for kind in KINDS.values() for name, row in rows_of(kind).items()}
+PARAMETERS: dict[str, Parameter] = {}
 """Those of all rigs, by name."""
+
+for _kind, _actuator in KINDS.items():
+    for _row in (*_BEAMS, *_actuator.parameters, *_REST):
+        if PARAMETERS.setdefault(_row.name, _row) != _row:
+            raise ValueError(f"{_kind}: its parameter {_row.name} has the name of another one; give it another name")
 
 TOLERANCES = {name: row.tolerance for name, row in PARAMETERS.items()}
 """Key in `[tolerance]` of every parameter."""

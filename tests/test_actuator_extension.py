@@ -79,14 +79,27 @@ print(json.dumps(told))
 """
 
 
-def test_what_another_actuator_feels_is_heard(tmp_path: Path) -> None:
-    """It is a ball screw but for names, and so are its proof, its motion and its code."""
-    (tmp_path / "spindle.py").write_text(KIND)
+def ran(folder: Path, kind: str) -> subprocess.CompletedProcess[str]:
+    (folder / "spindle.py").write_text(kind)
     paths = os.pathsep.join([str(Path(__file__).parent), *sys.path])
-    done = subprocess.run(
-        [sys.executable, "-c", PROGRAM, str(tmp_path)],
+    return subprocess.run(
+        [sys.executable, "-c", PROGRAM, str(folder)],
         capture_output=True, text=True, check=False, env={**os.environ, "PYTHONPATH": paths},
     )  # fmt: skip
+
+
+def test_a_parameter_of_the_name_of_anothers_is_refused(tmp_path: Path) -> None:
+    """It took the place of that one: the leakage of a hydraulic rig spread no more."""
+    own = 'parameters = (*BallScrew.parameters, Parameter.of("actuator", "leakage", "K", "m3/s/Pa", 0.1, "its own"))'
+    head = "from beamdesign.plant.component import Parameter\n"
+    done = ran(tmp_path, head + KIND.replace("    feels =", f"    {own}\n    feels ="))
+    assert done.returncode == 1
+    assert "spindle: its parameter leakage" in done.stderr
+
+
+def test_what_another_actuator_feels_is_heard(tmp_path: Path) -> None:
+    """It is a ball screw but for names, and so are its proof, its motion and its code."""
+    done = ran(tmp_path, KIND)
     assert done.returncode == 0, done.stderr
     told = json.loads(done.stdout)
     assert told["sensors"][2:] == ["load_pressure_Pa", "screw_force_N", "spindle_force_N"]
