@@ -22,6 +22,7 @@ from beamdesign.plant.component import SAMPLED
 from beamdesign.plant.effects import Effect, Parameter, in_volts, library
 from beamdesign.plant.machine_code import trace
 from beamdesign.polynomial import exact
+from beamdesign.records import InputError
 
 SOURCES = ("disturbance_N", "sampled_current_A")
 _SEEN = ("outer_displacement_m", "measured_V", "inner_displacement_m")
@@ -102,7 +103,8 @@ def linear_assembly(filtered: bool, names: tuple[str, ...], rig: str = "twin_bea
         rig: of two beams, one of `beamdesign.plant.assembly.RIGS`.
 
     Raises:
-        ValueError: where an effect has no linear member, or one whose laws are not linear after all.
+        ValueError: where an effect has no linear member.
+        InputError: where one has a member whose laws are not linear after all.
         ArithmeticError: where an end mass acts otherwise than by the acceleration of its tip.
     """
     members = [linear_effect(library()[name]) for name in names]
@@ -117,9 +119,10 @@ def linear_assembly(filtered: bool, names: tuple[str, ...], rig: str = "twin_bea
     states, to, back = _coordinates(joined, actuator, x, p, tip)
     a, b, c = ca.jacobian(rate, x), ca.jacobian(rate, u)[:, inputs], ca.jacobian(y, x)[outputs, :]
     whole = [to @ a @ back, to @ b, c @ back, ca.jacobian(y, u)[outputs, inputs]]
-    if any(ca.depends_on(matrix, ca.vertcat(t, x, u)) for matrix in whole):
-        where = f"their Jacobians depend on where they are taken, in the states {', '.join(joined.states)}"
-        raise ValueError(f"the linear members of {', '.join(names)} are not linear: {where}")
+    free = zip(("time", *joined.states, *INPUTS), [t, *ca.vertsplit(x), *ca.vertsplit(u)], strict=True)
+    if bent := [name for name, one in free if any(ca.depends_on(matrix, one) for matrix in whole)]:
+        words = f"what is to stand for it in proofs is not linear: its slopes change with {', '.join(bent)}"
+        raise InputError(rig, [(f"effects.{', '.join(names)}", words)])
     masses = ca.vertcat(*(p[joined.parameters.index(f"{side}_end_mass")] for side in ("outer", "inner")))
     bare = [ca.substitute(matrix, masses, ca.DM([0, 0])) for matrix in whole]
     slope = ca.substitute(
