@@ -6,9 +6,23 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from bench_records import BORE, CAP, MEAN, RING, ROD, SUPPLY, TANK, ZERO, Truth, steady_motion, write_set
+from bench_records import (
+    BORE,
+    CAP,
+    MEAN,
+    PROTOTYPE,
+    RING,
+    ROD,
+    SUPPLY,
+    TANK,
+    ZERO,
+    Truth,
+    record,
+    steady_motion,
+    write_set,
+)
 
-from beamdesign import InputError
+from beamdesign import InputError, import_measured
 from beamdesign.bench_prototype import read_bench_prototype
 from beamdesign.diagnosis.bench_diagnosis import diagnose_bench, probabilities, updated_prototype
 from beamdesign.diagnosis.data.bench_set import read_bench_set, saturates_at
@@ -305,6 +319,41 @@ def test_runs_of_one_condition_have_one_command(tmp_path: Path):
         path.write_text(text)
     with pytest.raises(InputError, match="4 V has runs at 4 and at 8 V; what belongs together has one command"):
         read_bench_set(folder)
+
+
+def test_a_run_that_recorded_both_chambers_tells_its_speed_once(tmp_path: Path):
+    """Three files, with the speeds of three runs: their standard deviation is that of three figures and not of six."""
+    (tmp_path / "prototype.toml").write_text(PROTOTYPE)
+    files = []
+    for k, volts in enumerate((4.0, 4.0, 4.0, -4.0, 8.0)):
+        tables = [record(Truth(), abs(volts), side, np.random.default_rng(k)) for side in "ab"]
+        assert np.array_equal(tables[0][:, :3], tables[1][:, :3])
+        table = np.column_stack([tables[0], tables[1][:, 3]]) * [1.0, np.sign(volts), 1e3, 1e-5, 1e-5]
+        files.append(tmp_path / f"lauf {k}.csv")
+        heads = "Zeit [s];Sollwert [V];Weg [mm];Druck A [bar];Druck B [bar]"
+        rows = [";".join(f"{x:.7g}" for x in row).replace(".", ",") for row in table]
+        files[k].write_text("\n".join([heads, *rows]))
+    with pytest.raises(InputError, match="--outer-end-mass: is nothing that a bench has"):
+        import_measured(files, tmp_path / "prototype.toml", tmp_path / "set", outer_end_masses_kg=[1.0])
+    with pytest.raises(InputError, match=r"lauf 3.*displacement_m: falls under positive commands"):
+        import_measured(files, tmp_path / "prototype.toml", tmp_path / "set")
+    found = import_measured(files[:3] + files[4:], tmp_path / "prototype.toml", tmp_path / "set")
+    runs = [(run.condition, run.replicate, run.side) for run in found.dataset.runs]
+    assert runs == [*(("4 V", k, side) for k in (1, 2, 3) for side in "ab"), ("8 V", 1, "a"), ("8 V", 1, "b")]
+    seen = steady_motions(found.dataset)
+    speeds = np.array([motion.speed for motion in seen.motions if motion.condition == "4 V"]).reshape(3, 2, 2)
+    assert np.array_equal(speeds[:, 0], speeds[:, 1])
+    assert speeds[:, 0, 0] == pytest.approx(steady_motion(Truth(), 4.0)[0], rel=0.02)
+    own = np.std(speeds[:, 0], axis=0, ddof=1) / np.mean(speeds[:, 0], axis=0)
+    assert seen.scatter["speed"] == pytest.approx(np.sqrt(np.mean(own**2)), rel=1e-6)
+
+
+def test_a_pressure_that_may_be_of_either_chamber_is_asked_for(tmp_path: Path):
+    (tmp_path / "prototype.toml").write_text(PROTOTYPE)
+    table = record(Truth(), 8.0, "a", np.random.default_rng(1))
+    np.savetxt(tmp_path / "run.csv", table, "%.7g", ",", header="t_s,command_V,displacement_m,P1 [Pa]", comments="")
+    with pytest.raises(InputError, match=r"pressure_a_Pa: is not told by any name, .* the file has .* P1 \[Pa\]"):
+        import_measured(tmp_path / "run.csv", tmp_path / "prototype.toml", tmp_path / "set")
 
 
 def test_gauges_that_differ_at_either_stop_leave_no_verdict_sure(tmp_path: Path):

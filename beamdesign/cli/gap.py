@@ -202,7 +202,8 @@ def import_files(
     """Make a data set of CSV, MATLAB and universal files.
 
     Columns are told by their names and units, and what was taken for what is printed. Where that cannot be told, the
-    answer says which columns there are. Frequency responses of universal files become compliances.
+    answer says which columns there are. Frequency responses of universal files become compliances. Runs of an
+    actuator bench with the same command become replicates of one condition.
 
     Args:
         files: .csv or other text, .mat, .uff, .unv; one record each.

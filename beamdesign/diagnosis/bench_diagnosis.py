@@ -393,5 +393,5 @@ def _scattered(runs: Sequence[BenchRun]) -> Iterator[tuple[str, float]]:
     for one, other in combinations(runs, 2):
         for channel, measured in one.channels.items():
             theirs = other.channels.get(channel, np.zeros(0))
-            if len(theirs) == len(measured):
+            if len(theirs) == len(measured) and theirs is not measured:  # as that of a run with both chambers is
                 yield channel, float(np.mean((theirs - measured) ** 2)) / 2

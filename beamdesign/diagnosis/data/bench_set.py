@@ -1,7 +1,7 @@
-"""What came back from an actuator bench: runs out and back between the end stops, one chamber's pressure in each.
+"""What came back from an actuator bench: runs out and back between the end stops, with pressures of the chambers.
 
 A data set of this kind names `rig = "actuator_bench"`, and per record its `condition` and `replicate`. Both chambers of
-one condition come from two runs.
+one condition come from one run or from two.
 """
 
 from collections import Counter
@@ -23,7 +23,8 @@ from beamdesign.diagnosis.examination.sound_records import equal_runs
 from beamdesign.records import FileName, InputError, Problem, Record
 
 LEAST_SAMPLES = 200
-_ONE_COMMAND = 0.05  # relative difference of commands of one condition
+ONE_COMMAND = 0.05
+"""Relative difference of commands of one condition."""
 _CLIPPED = 0.02  # share of samples that hold the very same extreme value
 _SLOW = 500  # times as long as without load: a thousand times in mV, and overlap leaves of a speed what it may
 _SCALES = {1e-6: "MPa", 1e-5: "bar", 1e-3: "kPa", 1 / 6894.757: "psi"}
@@ -31,7 +32,7 @@ _SCALES = {1e-6: "MPa", 1e-5: "bar", 1e-3: "kPa", 1 / 6894.757: "psi"}
 
 @dataclass(frozen=True)
 class BenchRun:
-    """One run.
+    """One run, as far as one chamber tells; a file with the pressures of both gives two.
 
     Attributes:
         name: file name without its ending.
@@ -80,7 +81,8 @@ class _Entry(Record):
     file: Annotated[
         FileName,
         Field(
-            description="CSV file beside dataset.toml: t_s, command_V, displacement_m and the pressure of one chamber"
+            description="CSV file beside dataset.toml: t_s, command_V, displacement_m and pressure_a_Pa, pressure_b_Pa"
+            " or one of these"
         ),
     ]
     condition: Annotated[str, Field(min_length=1, description="what the runs that belong together have in common")]
@@ -107,7 +109,7 @@ def read_bench_set(folder: str | Path) -> BenchSet:
     if wrong := wrong_files("record.file", [row.file for row in entry.record], path.parent):
         raise InputError(path, wrong)
     prototype = read_bench_prototype(path.parent / entry.prototype)
-    runs = tuple(_run(path.parent / row.file, row, prototype) for row in entry.record)
+    runs = tuple(run for row in entry.record for run in _runs(path.parent / row.file, row, prototype))
     taken = Counter((run.condition, run.replicate, run.side) for run in runs)
     twice = [each for each, count in taken.items() if count > 1]
     if twice:
@@ -123,7 +125,7 @@ def read_bench_set(folder: str | Path) -> BenchSet:
         alone.append(Problem("record.condition", "one condition only; what is held out of a fit must be another one"))
     for condition, sign in product(conditions, (1, -1)):
         volts = [_last(run, sign)[2] for run in runs if run.condition == condition]
-        if np.ptp(volts) > _ONE_COMMAND * np.max(np.abs(volts)):
+        if np.ptp(volts) > ONE_COMMAND * np.max(np.abs(volts)):
             words = f"{condition} has runs at {min(volts):g} and at {max(volts):g} V"
             alone.append(Problem("record.condition", f"{words}; what belongs together has one command"))
     if alone:
@@ -149,19 +151,20 @@ def held(run: BenchRun, sign: int) -> slice:
     return slice(j - max(1, (j - i) // 5), j)
 
 
-def _run(path: Path, row: _Entry, prototype: BenchPrototype) -> BenchRun:
+def _runs(path: Path, row: _Entry, prototype: BenchPrototype) -> list[BenchRun]:
     columns = read_columns(path)
     refuse_missing(path, ("t_s", "command_V", "displacement_m"), columns)
     sides = [side for side in "ab" if f"pressure_{side}_Pa" in columns]
-    if len(sides) != 1:
-        words = f"{'both' if sides else 'neither'} of pressure_a_Pa and pressure_b_Pa; a run records one"
-        raise InputError(path, [("pressure_a_Pa", words)])
-    times = uniform_times(path, columns["t_s"])
-    signals = (columns[name] for name in ("command_V", "displacement_m", f"pressure_{sides[0]}_Pa"))
-    run = BenchRun(path.stem, row.condition, row.replicate, sides[0], times, *signals)
-    if problems := _contradictions(run, prototype):
+    if not sides:
+        raise InputError(
+            path, [("pressure_a_Pa", "neither of pressure_a_Pa and pressure_b_Pa; a run records one or both")]
+        )
+    moved = uniform_times(path, columns["t_s"]), columns["command_V"], columns["displacement_m"]
+    named = path.stem, row.condition, row.replicate
+    runs = [BenchRun(*named, side, *moved, columns[f"pressure_{side}_Pa"]) for side in sides]
+    if problems := list(dict.fromkeys(problem for run in runs for problem in _contradictions(run, prototype))):
         raise InputError(path, problems)
-    return run
+    return runs
 
 
 def _contradictions(run: BenchRun, prototype: BenchPrototype) -> list[Problem]:

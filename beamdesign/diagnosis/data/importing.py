@@ -5,6 +5,7 @@ answer says which there are, and how to name one.
 """
 
 import re
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from io import StringIO
@@ -16,42 +17,20 @@ from typing import Any
 import numpy as np
 import tomli_w
 
+from beamdesign.bench_prototype import AnyPrototype, BenchPrototype, read_any_prototype
 from beamdesign.controllers import Controller
-from beamdesign.diagnosis.data.dataset import INPUTS, Dataset, read_dataset
+from beamdesign.diagnosis.data.bench_set import ONE_COMMAND, BenchSet, read_bench_set, stretches
+from beamdesign.diagnosis.data.channels import NOTHING, Channels, channels_of
+from beamdesign.diagnosis.data.dataset import Dataset, read_dataset
 from beamdesign.diagnosis.data.measured_files import SPELT, UNITS, Column, Measured, Response, read_measured, unit_of
 from beamdesign.files import fresh_folder, write_whole
-from beamdesign.plant.actuators import FELT
-from beamdesign.prototype import Prototype, read_prototype
+from beamdesign.prototype import Prototype
 from beamdesign.quantities import MassOrNone, range_of
 from beamdesign.records import InputError, Problem
 from beamdesign.result import Result, finite
 from beamdesign.structure.arm import in_plane
 
 _PER_FORCE = {"m": 1.0, "mm": 1e-3, "um": 1e-6, "in": 0.0254}
-
-CHANNELS = {
-    "t_s": ("s", r"^t$|time|^zeit|^t[_ ]?s"),
-    "disturbance_N": ("N", r"disturb|force|load(?!.*pres)|kraft|hammer|^f(_?d)?$"),
-    "command_V": ("V", r"command|(?<![a-z])cmd|reference|^ref|setpoint|set point|demand|soll"),
-    "current_A": ("A", r"current|strom|^i(_?sv)?$|valve"),
-    "inner_displacement_m": ("m", r"inner"),
-    "displacement_m": ("m", r"displ|tip|deflection|position|^x(_?m)?$|weg|lvdt|outer"),
-    "load_pressure_Pa": ("Pa", r"pressure|druck|^p(_?l)?$"),
-    "screw_force_N": ("N", r"screw|spindle|spindel"),
-}
-"""Columns of a record: their unit, and what their names look like elsewhere."""
-_FELT = {name: name.rsplit("_", 1) for name in FELT}
-CHANNELS |= {n: (unit, words.replace("_", "[_ ]?")) for n, (words, unit) in _FELT.items() if n not in CHANNELS}
-_ANOTHERS = {
-    "disturbance_N": "|".join(CHANNELS[name][1] for name, (_, unit) in _FELT.items() if unit == "N"),
-    "displacement_m": CHANNELS["inner_displacement_m"][1],
-}
-"""By channel what is in the name of another one whose name looks alike."""
-_NEEDED = ("t_s", "displacement_m")
-_ASKED = (*_NEEDED, "current_A")
-"""Channels that no record is without unless that is said."""
-_NOTHING = "0"
-"""Instead of a column: an input that there was none of, or a channel that was not recorded."""
 
 
 @dataclass(frozen=True)
@@ -86,7 +65,7 @@ class Taken:
 class Imported(Result):
     """A data set that was written, and what each of its records was taken from."""
 
-    dataset: Dataset
+    dataset: Dataset | BenchSet
     taken: Mapping[str, tuple[Taken, ...]]
     paths: tuple[Path, ...]
 
@@ -99,7 +78,7 @@ class Imported(Result):
         return [(name.removeprefix("records/"), *one.row()) for name, of in self.taken.items() for one in of]
 
 
-def asked(texts: Sequence[str]) -> dict[str, tuple[str, str, float]]:
+def asked(texts: Sequence[str], channels: Channels) -> dict[str, tuple[str, str, float]]:
     """Columns that are named, `CHANNEL = NAME [UNIT]` with a minus sign before NAME to turn it round.
 
     Returns:
@@ -116,8 +95,8 @@ def asked(texts: Sequence[str]) -> dict[str, tuple[str, str, float]]:
             wrong.append(
                 Problem("--column", f"{text!r} is not CHANNEL = NAME [UNIT], such as 'current_A = -i_valve [mA]'")
             )
-        elif channel not in CHANNELS:
-            wrong.append(Problem("--column", f"{channel!r} is no channel; there are {', '.join(CHANNELS)}"))
+        elif channel not in channels.known:
+            wrong.append(Problem("--column", f"{channel!r} is no channel; there are {', '.join(channels.known)}"))
         elif channel in found:
             wrong.append(Problem("--column", f"{channel!r} is named twice; name one column of it"))
         else:
@@ -139,6 +118,8 @@ def import_measured(
 ) -> Imported:
     """Write a data set of measured files: records/NAME.csv, dataset.toml and the prototype.
 
+    Runs of a bench with the same command are one condition; neither masses nor stages nor a rest are stated of them.
+
     Args:
         files: CSV, MATLAB and universal files, or one.
         prototype: the model that was believed, with its controller.
@@ -159,29 +140,21 @@ def import_measured(
     files = [files] if isinstance(files, Path | str) else files
     if (out / "dataset.toml").exists():
         raise InputError(out, [("--out", "holds a data set already, which is not written over; name another folder")])
-    model, named = read_prototype(prototype), asked(columns)
-    if len(outer_end_masses_kg) not in (1, len(files)):
-        reason = f"give one for all, or one for each of {len(files)} files; there are {len(outer_end_masses_kg)}"
-        raise InputError("gap import", [("--outer-end-mass", reason)])
-    masses = list(outer_end_masses_kg) * (len(files) if len(outer_end_masses_kg) == 1 else 1)
-    inner = model.payload.inner_end_mass_kg if inner_end_mass_kg is None else inner_end_mass_kg
-    plausible, stated = range_of(MassOrNone), (("--outer-end-mass", masses), ("--inner-end-mass", [inner]))
-    if wrong := [
-        (option, plausible.refusal(mass, "_kg")) for option, some in stated for mass in some if mass not in plausible
-    ]:
-        raise InputError("gap import", wrong)
-    laws = _acted(model, files, masses, stages)
+    model = read_any_prototype(prototype)
+    channels = channels_of(model)
+    named, bench = asked(columns, channels), isinstance(model, BenchPrototype)
+    stated = _stated(model, files, outer_end_masses_kg, inner_end_mass_kg, rest_s, stages)
     entries: dict[str, list[dict[str, object]]] = {"record": [], "frequency_response": []}
     taken, tables, sources = dict[str, tuple[Taken, ...]](), dict[str, dict[str, np.ndarray]](), dict[str, Path]()
-    for path, mass, law in zip(map(Path, files), masses, laws, strict=True):
+    for path, at in zip(map(Path, files), stated, strict=True):
         found = read_measured(path)
-        at: dict[str, object] = {"outer_end_mass_kg": mass, "inner_end_mass_kg": inner}
-        at |= {} if law is None else {"controller": law.model_dump(mode="json", exclude_none=True)}
+        if found.responses and bench:
+            raise InputError(path, [(found.responses[0].name, "a bench has no frequency responses")])
         if found.columns:
             name = f"records/{_fresh(path.stem, tables)}.csv"
-            tables[name], taken[name] = _record(found, named, model.sensor.gain_V_per_m, rest_s)
+            tables[name], taken[name] = _record(found, named, channels, rest_s)
             sources[name] = path
-            recorded = {} if "current_A" in tables[name] else {"current_recorded": False}
+            recorded = {} if bench or "current_A" in tables[name] else {"current_recorded": False}
             entries["record"].append(at | {"file": name} | recorded)
         for response in found.responses:
             name = f"records/{_fresh(f'{path.stem}_{response.name}', tables)}.csv"
@@ -192,9 +165,13 @@ def import_measured(
     if there := [name for name, held in made.items() if (out / name).exists() and (out / name).read_bytes() != held]:
         reason = f"holds {', '.join(there)} already, which is not written over; name another folder"
         raise InputError(out, [("--out", reason)])
-    index = {"name": out.resolve().name, "prototype": "prototype.toml"} | {
+    if bench:
+        entries["record"] = _runs(tables)
+    rig = {"rig": model.rig} if bench else {}
+    index = {"name": out.resolve().name, **rig, "prototype": "prototype.toml"} | {
         key: rows for key, rows in entries.items() if rows
     }
+    read = read_bench_set if bench else read_dataset
     with fresh_folder(out) as fresh:
         (fresh / "records").mkdir(exist_ok=True)
         for name, table in tables.items():
@@ -202,12 +179,63 @@ def import_measured(
         write_whole(fresh / "prototype.toml", prototype.read_text(encoding="utf-8"))
         write_whole(fresh / "dataset.toml", tomli_w.dumps(index))
         try:
-            read_dataset(fresh)
+            read(fresh)
         except InputError as error:  # which leaves nothing behind, so that what was given is named
             given = {str(fresh / name): f"{path}, as {name}" for name, path in sources.items()}
             source = given.get(error.source, error.source.replace(str(fresh), str(out)))
             raise InputError(source, error.problems) from error
-    return Imported(read_dataset(out), taken, tuple(out / n for n in ("dataset.toml", "prototype.toml", *tables)))
+    return Imported(read(out), taken, tuple(out / n for n in ("dataset.toml", "prototype.toml", *tables)))
+
+
+def _stated(
+    model: AnyPrototype,
+    files: Sequence[Path | str],
+    outer_end_masses_kg: Sequence[float],
+    inner_end_mass_kg: float | None,
+    rest_s: float,
+    stages: Sequence[int],
+) -> list[dict[str, object]]:
+    """What dataset.toml states of each file: end masses, and the law that acted where it is given; of a bench nothing.
+
+    Raises:
+        InputError: for what cannot be, and what a bench does not have.
+    """
+    if isinstance(model, BenchPrototype):
+        given = {"--outer-end-mass": any(outer_end_masses_kg), "--inner-end-mass": inner_end_mass_kg is not None}
+        given |= {"--rest-s": rest_s != 0, "--stage": len(stages) > 0}
+        if wrong := [(option, "is nothing that a bench has") for option, said in given.items() if said]:
+            raise InputError("gap import", wrong)
+        return [{}] * len(files)
+    if len(outer_end_masses_kg) not in (1, len(files)):
+        reason = f"give one for all, or one for each of {len(files)} files; there are {len(outer_end_masses_kg)}"
+        raise InputError("gap import", [("--outer-end-mass", reason)])
+    masses = list(outer_end_masses_kg) * (len(files) if len(outer_end_masses_kg) == 1 else 1)
+    inner = model.payload.inner_end_mass_kg if inner_end_mass_kg is None else inner_end_mass_kg
+    plausible, stated = range_of(MassOrNone), (("--outer-end-mass", masses), ("--inner-end-mass", [inner]))
+    if wrong := [
+        (option, plausible.refusal(mass, "_kg")) for option, some in stated for mass in some if mass not in plausible
+    ]:
+        raise InputError("gap import", wrong)
+    laws = (law and law.model_dump(mode="json", exclude_none=True) for law in _acted(model, files, masses, stages))
+    return [
+        {"outer_end_mass_kg": mass, "inner_end_mass_kg": inner} | ({"controller": law} if law else {})
+        for mass, law in zip(masses, laws, strict=True)
+    ]
+
+
+def _runs(tables: Mapping[str, Mapping[str, np.ndarray]]) -> list[dict[str, object]]:
+    """Entries of the runs of a bench: those with the same commands out and back are replicates of one condition."""
+    found, conditions, count = list[dict[str, object]](), dict[str, tuple[float, ...]](), Counter[tuple[str, str]]()
+    for file, table in tables.items():
+        last = {volts > 0: volts for _, _, volts in stretches(table["command_V"])}
+        own = tuple(float(f"{last.get(way, 0.0):.3g}") for way in (True, False))
+        alike = (name for name, volts in conditions.items() if np.allclose(own, volts, rtol=ONE_COMMAND / 2))
+        name = next(alike, f"{own[0]:g} V" if own[0] == -own[1] else f"{own[0]:g} V out, {own[1]:g} V back")
+        conditions.setdefault(name, own)
+        each = [(name, column) for column in table if column.startswith("pressure")]
+        count.update(each)
+        found.append({"file": file, "condition": name, "replicate": max((count[one] for one in each), default=1)})
+    return found
 
 
 def _acted(
@@ -254,14 +282,14 @@ def _fresh(name: str, known: Mapping[str, object]) -> str:
 
 
 def _record(
-    found: Measured, named: Mapping[str, tuple[str, str, float]], sensor_V_per_m: float, rest_s: float
+    found: Measured, named: Mapping[str, tuple[str, str, float]], channels: Channels, rest_s: float
 ) -> tuple[dict[str, np.ndarray], tuple[Taken, ...]]:
     table, taken, wrong = dict[str, np.ndarray](), list[Taken](), list[Problem]()
     chosen: dict[str, Column] = {}
     free = list(found.columns)
     for channel, (name, unit, _) in named.items():
         meant = _called(name, unit, found)
-        if channel not in _NEEDED and name == _NOTHING and not meant:
+        if channel not in channels.needed and name == NOTHING and not meant:
             continue
         if len(meant) == 1:
             chosen[channel] = replace(meant[0], unit=unit or meant[0].unit)
@@ -270,26 +298,32 @@ def _record(
             are = f"are {len(meant)} columns" if meant else "is no column"
             which = ": name one with its own unit, as NAME [UNIT]" if meant else ""
             wrong.append(Problem(channel, f"there {are} {name!r}{which}; {_there(found)}"))
-    for channel in (one for one in CHANNELS if one not in named):
-        alike = _alike(channel, free)
+    for channel in (one for one in channels.known if one not in named):
+        alike = channels.alike(channel, free)
         if len(alike) == 1:
             chosen[channel] = alike[0]
             free.remove(alike[0])
-        elif alike or channel in _ASKED:
+        elif alike or channel in (*channels.needed, *channels.asked):
             which = (
                 f"may be {' or '.join(repr(one.name) for one in alike)}" if alike else "is not told by any name or unit"
             )
-            none = "" if channel in _NEEDED else f", or say that there is none, --column '{channel} = {_NOTHING}'"
+            none = (
+                "" if channel in channels.needed else f", or say that there is none, --column '{channel} = {NOTHING}'"
+            )
             how = f"name it, --column '{channel} = NAME [UNIT]'{none}"
             wrong.append(Problem(channel, f"{which}: {how}; {_there(found)}"))
-    for channel in (one for one in INPUTS if one not in chosen and one not in named):
-        if perhaps := [repr(one.name) for one in free if one.unit and unit_of(one.unit) == CHANNELS[channel][0]]:
+    if channels.either and not {*channels.either} & {*chosen, *(problem.key for problem in wrong)}:
+        how = f"--column '{channels.either[0]} = NAME [UNIT]'"
+        words = f"is not told by any name, and no other of {', '.join(channels.either)}: name one, {how}"
+        wrong.append(Problem(channels.either[0], f"{words}; {_there(found)}"))
+    for channel in (one for one in channels.inputs if one not in chosen and one not in named):
+        if perhaps := [repr(one.name) for one in free if one.unit and unit_of(one.unit) == channels.known[channel][0]]:
             which = f"may be {' or '.join(perhaps)}, by its unit"
-            none = f"or say that there is none, --column '{channel} = {_NOTHING}'"
+            none = f"or say that there is none, --column '{channel} = {NOTHING}'"
             wrong.append(Problem(channel, f"{which}: name it, --column '{channel} = NAME [UNIT]', {none}"))
     for channel, column in chosen.items():
-        said = column.unit or _ending(channel, column.name)
-        factor, words = _factor(channel, said, sensor_V_per_m)
+        said = column.unit or channels.ending(channel, column.name)
+        factor, words = channels.factor(channel, said)
         if factor is None:
             wrong.append(Problem(channel, f"{column.name!r} is in {said!r}: {words}"))
             continue
@@ -298,7 +332,7 @@ def _record(
         if lost := np.flatnonzero(~np.isfinite(column.values)).tolist():
             first = f"the first is number {lost[0] + 1} of {len(column.values)}"
             wrong.append(Problem(channel, f"{column.name!r} has {len(lost)} values that are not finite: {first}"))
-        taken.append(Taken(channel, column.name, said or CHANNELS[channel][0], sign * factor, 0.0, words))
+        taken.append(Taken(channel, column.name, said or channels.known[channel][0], sign * factor, 0.0, words))
     if wrong:
         raise InputError(found.path, wrong)
     table["t_s"] = table["t_s"] - table["t_s"][0]
@@ -312,55 +346,16 @@ def _record(
             offset = float(table[one.channel][resting].mean())
             table[one.channel] = table[one.channel] - offset
             taken[k] = replace(one, offset=offset)
-    for channel in (one for one in INPUTS if one not in table):
+    for channel in (one for one in channels.inputs if one not in table):
         table[channel] = np.zeros(len(table["t_s"]))
         taken.append(Taken(channel, "", words="no column: taken as zero"))
-    return {channel: table[channel] for channel in CHANNELS if channel in table}, tuple(taken)
+    return {channel: table[channel] for channel in channels.known if channel in table}, tuple(taken)
 
 
 def _called(name: str, unit: str, found: Measured) -> list[Column]:
     """The columns of a name; of several those that are in the unit stated."""
     alike = [column for column in found.columns if column.name == name]
     return alike if len(alike) == 1 else [column for column in alike if unit in ("", column.unit)] or alike
-
-
-def _alike(channel: str, columns: Sequence[Column]) -> list[Column]:
-    """Columns that may be a channel: by name and unit; else, where no name tells, by a unit that only one has."""
-    unit, pattern = CHANNELS[channel]
-    known = ("", unit, "V") if channel == "displacement_m" else ("", unit)  # the volts of its sensor too
-    others = CHANNELS.keys() - {channel}  # a column of such a name is of that channel
-    fits = [one for one in columns if one.name not in others and (unit_of(one.unit) if one.unit else "") in known]
-    by_name = [one for one in fits if one.name == channel] or [
-        one for one in fits if re.search(pattern, _stem(channel, one.name.rpartition(".")[2]), re.IGNORECASE)
-    ]
-    if anothers := _ANOTHERS.get(channel):
-        by_name = [one for one in by_name if not re.search(anothers, one.name, re.IGNORECASE)]
-    if by_name or channel not in _ASKED:
-        return by_name
-    return [one for one in fits if one.unit and unit_of(one.unit) == unit]
-
-
-def _ending(channel: str, name: str) -> str:
-    """The unit of a channel that a name ends in, as in `force_kN` or `t_ms`; empty where it ends in none."""
-    _, underscore, end = name.rpartition("_")
-    own = (CHANNELS[channel][0], "V") if channel == "displacement_m" else (CHANNELS[channel][0],)
-    return end if underscore and unit_of(end) in own else ""
-
-
-def _stem(channel: str, name: str) -> str:
-    return name.removesuffix(f"_{_ending(channel, name)}")
-
-
-def _factor(channel: str, unit: str, sensor_V_per_m: float) -> tuple[float | None, str]:
-    """What a column is multiplied by to be in SI, and what was assumed, or why not."""
-    own = CHANNELS[channel][0]
-    if not unit:
-        return 1.0, f"no unit stated: taken as {own}"
-    if (measures := unit_of(unit)) == own:
-        return UNITS[own][unit.translate(SPELT)], ""
-    if channel == "displacement_m" and measures == "V":
-        return UNITS["V"][unit.translate(SPELT)] / sensor_V_per_m, f"volts over the believed {sensor_V_per_m:g} V/m"
-    return None, f"{channel} is measured in {', '.join(UNITS[own])}; state the unit, --column '{channel} = NAME [UNIT]'"
 
 
 def _there(found: Measured) -> str:

@@ -174,7 +174,7 @@ class SteadyEvidence(Fitted):
     def predicted(self, placement: Placement, z: np.ndarray) -> dict[str, np.ndarray]:
         """(n,) errors by channel: relative ones of speeds, of pressures over the supply, of the contrast `EDGES`.
 
-        Of speeds there is one per row, of a pressure one per row that recorded it, of edges one per condition.
+        Of speeds there is one per run, of a pressure one per row that recorded it, of edges one per condition.
         """
         p = placement.parameters(self.base, z)
         return {channel: error[0] for channel, error in self._errors(placement, p[:, None]).items()}
@@ -189,7 +189,7 @@ class SteadyEvidence(Fitted):
         seen, rows = self.seen, self.seen.rows
         figure = dict(zip(placement.assembly.parameters, columns[:, :, None], strict=True))
         found = steady(figure, seen.volts)
-        error = {"speed": found["speed"] / rows.speed - 1}
+        error = {"speed": (found["speed"] / rows.speed - 1)[..., seen.timed]}
         for side in "ab":
             there, channel = rows.side == side, f"pressure_{side}"
             error[channel] = (found[channel][..., there] - rows.pressure[there]) / seen.supply_Pa

@@ -255,6 +255,12 @@ class Observations:
         return SteadyMotion(*(np.array(column) for column in zip(*self.motions, strict=True)))  # type: ignore[arg-type]
 
     @cached_property
+    def timed(self) -> np.ndarray:
+        """(N,) whether its speed counts: that of a run which recorded both chambers does once."""
+        first = {(m.condition, m.speed): k for k, m in reversed([*enumerate(self.motions)])}
+        return np.isin(np.arange(len(self.motions)), [*first.values()])
+
+    @cached_property
     def volts(self) -> np.ndarray:
         """(N,) commands from the null."""
         return np.asarray(self.rows.command_V - self.null_V)
@@ -323,14 +329,14 @@ class Observations:
         squares, freedom, rows = dict.fromkeys(CHANNELS, 0.0), dict.fromkeys(CHANNELS, 0), self.rows
         for condition, way in product(self.conditions, (-1, 1)):
             own = (rows.condition == condition) & (rows.direction == way)
-            groups = {"speed": rows.speed[own] / np.mean(rows.speed[own])}
+            groups = {"speed": rows.speed[own & self.timed] / np.mean(rows.speed[own & self.timed])}
             groups |= {f"pressure_{s}": rows.pressure[own & (rows.side == s)] / self.supply_Pa for s in "ab"}
             for channel, values in groups.items():
                 squares[channel] += float(np.sum((values - np.mean(values)) ** 2)) if len(values) else 0.0
                 freedom[channel] += max(len(values) - 1, 0)
         deviation = {c: (squares[c] / freedom[c]) ** 0.5 if freedom[c] else _NO_REPLICATE for c in CHANNELS}
         # Of a contrast between means over the runs of two directions.
-        runs = len(self.motions) / (2 * len(self.conditions))
+        runs = np.count_nonzero(self.timed) / (2 * len(self.conditions))
         return deviation | {EDGES: deviation["speed"] * (2 / max(runs, 1)) ** 0.5}
 
 
@@ -343,6 +349,6 @@ def averaged(seen: Observations, error: Mapping[str, np.ndarray]) -> dict[str, n
     """
     found, rows = {}, seen.rows
     for channel in CHANNELS:
-        way = rows.direction if channel == "speed" else rows.direction[rows.side == channel[-1]]
+        way = rows.direction[seen.timed if channel == "speed" else rows.side == channel[-1]]
         found[channel] = np.stack([error[channel][..., way == sign].mean(axis=-1) for sign in (-1, 1)], axis=-1)
     return found
