@@ -179,18 +179,23 @@ def csv_text(rows: Sequence[Mapping[str, Any]], end: str = "\r\n") -> str:
     return text.getvalue()
 
 
-def uniform_times(path: Path, times: np.ndarray) -> np.ndarray:
+def uniform_times(path: Path, times: np.ndarray, longest_s: float = INTERVALS_S[1]) -> np.ndarray:
     """(N,) times in exactly equal steps; refuses such as do not rise in equal ones, or in none of a recorder's.
+
+    Args:
+        path: of the file they are from.
+        times: (N,) s.
+        longest_s: largest interval of a recorder.
 
     Raises:
         InputError: naming the first row at which they do not, or the unit they seem to be in.
     """
-    if reason := _uneven(times):
+    if reason := _uneven(times, longest_s):
         raise InputError(path, [("t_s", reason)])
     return np.linspace(times[0], times[-1], len(times))
 
 
-def _uneven(times: np.ndarray) -> str:
+def _uneven(times: np.ndarray, high: float) -> str:
     """What keeps times from being those of a recorder; empty where nothing does."""
     if len(times) < _FEWEST:
         return f"too short: {len(times)} samples"
@@ -201,7 +206,7 @@ def _uneven(times: np.ndarray) -> str:
         row = int(back[0]) + 3
         held = "repeats" if steps[back[0]] == 0 else "goes back from"
         return f"does not rise: row {row} {held} the time of row {row - 1}"
-    low, high = INTERVALS_S
+    low = INTERVALS_S[0]
     if not low <= typical <= high:
         meant = [unit for unit, seconds in _TIMES.items() if 10 * low <= typical * seconds <= high]
         question = f": are these {meant[0]}?" if meant else ":"
