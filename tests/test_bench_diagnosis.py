@@ -1,5 +1,6 @@
 """Diagnosis of benches whose truth is known, from records made by closed forms."""
 
+import re
 from dataclasses import replace
 from itertools import count
 from pathlib import Path
@@ -27,6 +28,7 @@ from beamdesign.bench_prototype import read_bench_prototype
 from beamdesign.diagnosis.bench_diagnosis import diagnose_bench, probabilities, updated_prototype
 from beamdesign.diagnosis.data.bench_set import read_bench_set, saturates_at
 from beamdesign.diagnosis.diagnosis import Diagnosis
+from beamdesign.diagnosis.examination.scattered_runs import without_scattered
 from beamdesign.diagnosis.fitting import steady_evidence
 from beamdesign.diagnosis.fitting.hypothesis import Hypothesis, together
 from beamdesign.diagnosis.fitting.steady_evidence import candidates, held_out, moved, nominal_causes, size
@@ -381,6 +383,50 @@ def test_a_pressure_that_may_be_of_either_chamber_is_asked_for(tmp_path: Path):
     np.savetxt(tmp_path / "run.csv", table, "%.7g", ",", header="t_s,command_V,displacement_m,P1 [Pa]", comments="")
     with pytest.raises(InputError, match=r"pressure_a_Pa: is not told by any name, .* the file has .* P1 \[Pa\]"):
         import_measured(tmp_path / "run.csv", tmp_path / "prototype.toml", tmp_path / "set")
+
+
+def slipped(folder: Path, factor: float, pressure: float) -> Path:
+    """A bench that passes less than was believed, with one replicate of which the speed or the pressure is another."""
+    write_set(folder, Truth(flow_gain=6.5e-6), (1.0, 2.0, 4.0))
+    table = record(Truth(flow_gain=factor * 6.5e-6), 1.0, "a", np.random.default_rng(2))
+    table[:, 3] += pressure
+    header = "t_s,command_V,displacement_m,pressure_a_Pa"
+    np.savetxt(folder / "records" / "1V_a_2.csv", table, "%.6g", ",", header=header, comments="")
+    return folder
+
+
+@pytest.mark.parametrize(
+    ("factor", "pressure", "told", "left"),
+    [
+        (0.7, 0.0, "1 V: its runs differ in speed by .* 1V_a_2 lies apart and is left out: measure it again", 11),
+        (1.0, 0.1 * SUPPLY, "1 V: .* in pressure_a by .* they do not tell, and all are left out: measure it again", 8),
+    ],
+)
+def test_replicates_that_differ_grossly_hide_nothing(
+    tmp_path: Path, factor: float, pressure: float, told: str, left: int
+):
+    """Of four speeds one lies apart; of two pressures neither does."""
+    data = read_bench_set(slipped(tmp_path / "set", factor, pressure))
+    assert len(without_scattered(data)[0].runs) == left
+    found = diagnose_bench(data, [h for h in candidates() if size(h) < 2 and ROOT not in h.names])
+    assert found.chosen == ("parameter:flow_gain",)
+    assert found.prototype.servovalve.flow_gain_m3_per_s_per_V == pytest.approx(6.5e-6, rel=0.01)
+    assert found.gap.noise_floor < 0.01
+    assert found.verdict == "ambiguous"
+    assert re.search(told, "\n".join(found.warnings))
+
+
+def test_replicates_that_scatter_as_others_do_are_kept(joint_set: Path, tmp_path: Path):
+    data = read_bench_set(joint_set)
+    assert without_scattered(data)[0] is data
+    two = replace(data, runs=tuple(run for run in data.runs if run.replicate == 1))
+    assert without_scattered(two)[0] is two
+    few = read_bench_set(slipped(tmp_path / "few", 0.5, 0.0))
+    names = ("1V_a_2", "1V_b_1", "2V_a_1", "2V_b_1")
+    few = replace(few, runs=tuple(run for run in few.runs if run.name in names))
+    found, _ = without_scattered(few)  # of two conditions, with two runs each
+    assert found.runs == few.runs
+    assert found.doubtful
 
 
 def test_gauges_that_differ_at_either_stop_leave_no_verdict_sure(tmp_path: Path):

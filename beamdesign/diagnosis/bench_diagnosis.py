@@ -23,6 +23,7 @@ from beamdesign.diagnosis.diagnosis import (
     no_surer,
     unfinished,
 )
+from beamdesign.diagnosis.examination.scattered_runs import without_scattered
 from beamdesign.diagnosis.fitting.fit import Fit
 from beamdesign.diagnosis.fitting.hypothesis import Hypothesis, together
 from beamdesign.diagnosis.fitting.search import Search
@@ -41,7 +42,7 @@ from beamdesign.diagnosis.fitting.steady_evidence import (
     nominal_evidence,
     size,
 )
-from beamdesign.diagnosis.fitting.steady_motion import CHANNELS, Observations, averaged, steady_motions, way_of
+from beamdesign.diagnosis.fitting.steady_motion import CHANNELS, Observations, averaged, way_of
 from beamdesign.diagnosis.gap_metrics import gap_of_pieces
 from beamdesign.diagnosis.judgement import (
     SUSPICIOUS,
@@ -76,7 +77,7 @@ def diagnose_bench(data: BenchSet, among: Sequence[Hypothesis] | None = None) ->
     Raises:
         InputError: for runs that do not move steadily; see `steady_motions`.
     """
-    rig, seen = data.prototype, steady_motions(data)
+    rig, (data, seen) = data.prototype, without_scattered(data)
     known = nominal_causes(rig)
     order = sorted(among or candidates(known), key=lambda one: (one != known, size(one)))  # the least first
     return bench_diagnosis(data, seen, [held_out(rig, one, seen) for one in while_time(order, least=1)])
@@ -109,7 +110,7 @@ def bench_diagnosis(data: BenchSet, seen: Observations, tried: Sequence[HeldOut]
     warnings, differ = data.warnings, seen.gauges_differ_Pa
     if differ:
         warnings += (f"pressure_a_Pa reads {differ:.3g} Pa more than pressure_b_Pa at either stop: zero both gauges",)
-    verdict = no_surer(_verdict(gap, bool(named), bool(undecided or differ), retuned.fit), lacking)
+    verdict = no_surer(_verdict(gap, bool(named), bool(undecided or differ or data.doubtful), retuned.fit), lacking)
     chosen = () if verdict == "no_gap" else named
     where = where_of(motion_table(rig, seen, best), rig.actuator.stroke_m, new, chosen)
     words = f"Held-out error {gap.before:.3f} before, {gap.after:.3f} after, {gap.noise_floor:.3f} of it noise."

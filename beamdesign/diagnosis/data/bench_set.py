@@ -70,12 +70,14 @@ class BenchSet:
         prototype: the model that was believed.
         runs: in the order of the file.
         warnings: what is odd about them, in words.
+        doubtful: whether runs of one condition contradict one another.
     """
 
     name: str
     prototype: BenchPrototype
     runs: tuple[BenchRun, ...]
     warnings: tuple[str, ...] = ()
+    doubtful: bool = False
 
 
 class _Entry(Record):

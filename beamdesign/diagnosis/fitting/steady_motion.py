@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import pairwise, product
+from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -228,7 +228,8 @@ CHANNELS = ("speed", "pressure_a", "pressure_b")
 EDGES = "edges"
 """One more channel, a contrast in which command, flow gain and deadband cancel: the logarithm of flow over root of
 pressure at the edge that empties, extending over retracting."""
-_NO_REPLICATE = 0.01  # deviation taken where nothing was repeated
+NO_REPLICATE = 0.01
+"""Deviation taken where nothing was repeated."""
 _LEAST_DROP_PA = 1e3
 _GAUGES = 0.01  # of the supply: by as much two gauges may differ
 
@@ -323,18 +324,26 @@ class Observations:
             found.append(self.contrast(speeds, (self.mean("pressure", c, 1, "b"), self.mean("pressure", c, -1, "a"))))
         return np.array(found)
 
+    def spread(self, condition: str, channel: str) -> tuple[float, int]:
+        """Sum of squares of single runs about their mean in each direction, and its degrees of freedom."""
+        squares, freedom, rows = 0.0, 0, self.rows
+        counts = self.timed if channel == "speed" else rows.side == channel[-1]
+        for way in (-1, 1):
+            own = (rows.condition == condition) & (rows.direction == way) & counts
+            values = (
+                rows.speed[own] / np.mean(rows.speed[own])
+                if channel == "speed"
+                else rows.pressure[own] / self.supply_Pa
+            )
+            squares += float(np.sum((values - np.mean(values)) ** 2)) if len(values) else 0.0
+            freedom += max(len(values) - 1, 0)
+        return squares, freedom
+
     @cached_property
     def scatter(self) -> dict[str, float]:
         """Standard deviation of single runs about the mean of their condition and direction, in units of `averaged`."""
-        squares, freedom, rows = dict.fromkeys(CHANNELS, 0.0), dict.fromkeys(CHANNELS, 0), self.rows
-        for condition, way in product(self.conditions, (-1, 1)):
-            own = (rows.condition == condition) & (rows.direction == way)
-            groups = {"speed": rows.speed[own & self.timed] / np.mean(rows.speed[own & self.timed])}
-            groups |= {f"pressure_{s}": rows.pressure[own & (rows.side == s)] / self.supply_Pa for s in "ab"}
-            for channel, values in groups.items():
-                squares[channel] += float(np.sum((values - np.mean(values)) ** 2)) if len(values) else 0.0
-                freedom[channel] += max(len(values) - 1, 0)
-        deviation = {c: (squares[c] / freedom[c]) ** 0.5 if freedom[c] else _NO_REPLICATE for c in CHANNELS}
+        found = {c: np.sum([self.spread(each, c) for each in self.conditions], axis=0) for c in CHANNELS}
+        deviation = {c: float(s / n) ** 0.5 if n else NO_REPLICATE for c, (s, n) in found.items()}
         # Of a contrast between means over the runs of two directions.
         runs = np.count_nonzero(self.timed) / (2 * len(self.conditions))
         return deviation | {EDGES: deviation["speed"] * (2 / max(runs, 1)) ** 0.5}
