@@ -89,7 +89,9 @@ def diagnose(
 def _diagnosed(data: Dataset, workers: int, progress: Progress, kept: FitCache | None) -> Diagnosis[Prototype]:
     examined, read = examine(data), data
     if not examined.data.records:
-        figures_only = explain_gains(replace(examined.data, warnings=examined.words), workers, progress, kept)
+        data, kept, weighed = _weighed(examined.data, kept)
+        data = replace(data, warnings=(*examined.words, *weighed))
+        figures_only = explain_gains(data, workers, progress, kept, doubtful=bool(weighed))
         return replace(figures_only, prototype=read.as_stated(figures_only.prototype))
     found = _explained(examined, held_out(examined.data.records), workers, progress, kept)
     best, data = found.best, found.data
@@ -195,7 +197,7 @@ def _explained(
 ) -> _Explained:
     """Search, and where that explains nothing look further: for what passes, a law to learn, what none can repeat."""
     data, anew = without_impacts(examined.data)
-    data, kept, weighed = _in_time(_WEIGHING, _MASS, partial(with_own_mass, data, kept)) or (data, kept, ())
+    data, kept, weighed = _weighed(data, kept)
     look = search_without_tones(data, workers, _between(0.0, 0.7, progress), kept)
     doubtful = examined.limits_confidence or look.doubtful or bool(weighed)  # which nobody has done
     look = replace(look, words=(*examined.words, *anew, *weighed, *look.words), doubtful=doubtful)
@@ -232,6 +234,11 @@ def _explained(
         learnt=learnt,
         again=again,
     )
+
+
+def _weighed(data: Dataset, kept: FitCache | None) -> tuple[Dataset, FitCache | None, tuple[str, ...]]:
+    """See `with_own_mass`; the data as they are where the time is up."""
+    return _in_time(_WEIGHING, _MASS, partial(with_own_mass, data, kept)) or (data, kept, ())
 
 
 def _without_held_out(found: _Explained, workers: int) -> tuple[tuple[int, ...], Fit, Fit]:

@@ -48,7 +48,11 @@ _CERTAIN = 30.0  # in the logarithm of odds: more is no more
 
 
 def explain_gains(
-    data: Dataset, workers: int = 1, progress: Progress = silent, kept: FitCache | None = None
+    data: Dataset,
+    workers: int = 1,
+    progress: Progress = silent,
+    kept: FitCache | None = None,
+    doubtful: bool = False,
 ) -> Diagnosis[Prototype]:
     """Diagnose from critical gains and frequency responses.
 
@@ -64,6 +68,7 @@ def explain_gains(
         workers: processes.
         progress: told the share done and what is being done.
         kept: fits of an earlier run, where those of this one are kept as well.
+        doubtful: whether the data allow no sure answer.
 
     Raises:
         InputError: where it has neither, or where the believed model oscillates at no gain, or where a response was
@@ -74,12 +79,12 @@ def explain_gains(
     if not (gains or data.responses):
         raise InputError(data.folder, [("critical_gain", "missing; the set holds no frequency_response either")])
     if not any(taken.predicted_gain for taken in data.gains):
-        return _explained(data, workers, progress, kept)
+        return _explained(data, workers, progress, kept, doubtful)
     with share(0.5):
-        own = _explained(data, workers, lambda part, words: progress(part / 2, words), kept)
+        own = _explained(data, workers, lambda part, words: progress(part / 2, words), kept, doubtful)
     moved = replace(data, gains=tuple(_from_prediction(piece) for piece in gains))
     there = kept and replace(kept, part=("from what was predicted",))
-    other = _explained(moved, workers, lambda part, words: progress(0.5 + part / 2, words), there)
+    other = _explained(moved, workers, lambda part, words: progress(0.5 + part / 2, words), there, doubtful)
     more = notes_on_predictions(gains, other.findings["factor"], other.sentences)
     findings = {**own.findings, "on_predictions": other}
     return replace(own, notes=(*own.notes, *more), findings=findings)
@@ -96,7 +101,9 @@ def _from_prediction(piece: GainEvidence) -> MeasuredGain:
     return replace(taken, controller=taken.controller.but(gain_A_per_V=gain))
 
 
-def _explained(data: Dataset, workers: int, progress: Progress, kept: FitCache | None) -> Diagnosis[Prototype]:
+def _explained(
+    data: Dataset, workers: int, progress: Progress, kept: FitCache | None, doubtful: bool
+) -> Diagnosis[Prototype]:
     evidence = figures_of(data)
     found = search(data, workers, progress, kept)
     silent = found.silent  # neither found nor excluded
@@ -107,7 +114,7 @@ def _explained(data: Dataset, workers: int, progress: Progress, kept: FitCache |
     left = left_out()
     # A cause beside another is not sure where that alone is not told apart from both.
     partly = any(f.hypothesis.names and {*f.hypothesis.causes} < {*rivals[0].hypothesis.causes} for f in rivals)
-    verdict = no_surer(verdict_of(judged, partly, few=True), left)
+    verdict = no_surer(verdict_of(judged, partly or doubtful, few=True), left)
     named = verdict in ("effect", "ambiguous")
     alike = rivals if verdict == "ambiguous" else rivals[: int(named)]
     common = set.intersection(*(set(f.hypothesis.causes) for f in alike)) if alike else set()
