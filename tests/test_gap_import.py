@@ -217,6 +217,38 @@ def test_universal_files_of_time_and_of_frequency(tmp_path: Path, motion: dict[s
     assert abs(response.response) == pytest.approx(abs(compliance), rel=1e-3)
 
 
+@pytest.mark.parametrize(("axis", "per_s", "hertz"), [("ms", 1e3, "kHz"), ("", 1.0, "rad/s"), ("sec", 1.0, "Hz")])
+def test_axes_of_universal_files_are_in_the_units_they_state(
+    tmp_path: Path, motion: dict[str, np.ndarray], axis: str, per_s: float, hertz: str
+) -> None:
+    """50 kHz in ms are steps of 0.02, which as seconds would pass for 50 Hz."""
+    units = {"disturbance_N": "N", "command_V": "V", "current_A": "A", "displacement_m": "m"}
+    place = {
+        "binary": 0,
+        "rsp_node": 1,
+        "rsp_dir": 3,
+        "ref_node": 1,
+        "ref_dir": 3,
+        "abscissa_spacing": 1,
+        "num_pts": 400,
+    }
+    times, lines = TIMES / 50, np.linspace(1.0, 400.0, 400)
+    writer = UFF(str(tmp_path / "run.uff"))
+    for k, (name, unit) in enumerate(units.items()):
+        values = {"data": motion[name], "x": per_s * times, "abscissa_min": 0.0, "abscissa_inc": per_s * times[1]}
+        labels = {"ordinate_axis_units_lab": unit, "abscissa_axis_units_lab": axis}
+        one = prepare_58(**place, **values, **labels, func_type=1, id1=name, ord_data_type=4, orddenom_spec_data_type=0)
+        writer.write_sets(one, "overwrite" if k == 0 else "add")
+    own = {"kHz": 1e-3, "rad/s": 2 * np.pi, "Hz": 1.0}[hertz] * lines
+    values = {"data": 1e-6 / (1 + 1j * lines), "x": own, "abscissa_min": own[0], "abscissa_inc": own[1] - own[0]}
+    kinds = {"ord_data_type": 6, "ordinate_spec_data_type": 8, "orddenom_spec_data_type": 13}
+    labels = {"ordinate_axis_units_lab": "m", "orddenom_axis_units_lab": "N", "abscissa_axis_units_lab": hertz}
+    writer.write_sets(prepare_58(**place, **values, **kinds, **labels, func_type=4, id1="h"), "add")
+    found = imported(tmp_path / "run.uff").dataset
+    assert found.records[0].times == pytest.approx(times, abs=1e-9)
+    assert found.responses[0].frequencies_Hz == pytest.approx(lines, rel=1e-4)
+
+
 def test_a_motion_over_a_motion_is_no_compliance(tmp_path: Path) -> None:
     """A transmissibility, whose denominator is an acceleration (data type 12), without labels of units."""
     place = {"binary": 0, "rsp_node": 1, "rsp_dir": 3, "ref_node": 1, "ref_dir": 3, "abscissa_spacing": 1}

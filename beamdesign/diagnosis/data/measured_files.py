@@ -9,6 +9,7 @@ from codecs import BOM_UTF16_BE, BOM_UTF16_LE
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from io import StringIO
+from math import tau
 from pathlib import Path
 from typing import Any
 
@@ -192,6 +193,7 @@ def _arrays(table: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, n
 
 _ANSWERS = {8: "displacement", 11: "velocity", 12: "acceleration"}
 _TIME_RECORD, _FREQUENCY_RESPONSE = 1, 4
+_HERTZ = {"rad/s": 1 / tau, "rpm": 1 / 60, "cpm": 1 / 60, "khz": 1e3}
 
 
 def _universal(path: Path) -> Measured:
@@ -211,12 +213,13 @@ def _universal(path: Path) -> Measured:
         name += "" if name not in {c.name for c in columns} | {r.name for r in responses} else f" ({k + 1})"
         labels = (str(one.get(f"{part}_axis_units_lab") or "").strip() for part in ("ordinate", "orddenom"))
         unit, x = "/".join(label for label in labels if label.upper() not in ("", "NONE")), np.asarray(one["x"], float)
+        axis = str(one.get("abscissa_axis_units_lab") or "").strip()
         answer, over = _ANSWERS.get(one.get("ordinate_spec_data_type", 0)), one.get("orddenom_spec_data_type")
         if one["func_type"] == _FREQUENCY_RESPONSE and answer and over not in _ANSWERS:
-            responses.append(Response(name, x, np.asarray(one["data"]), answer, unit))
+            responses.append(Response(name, _HERTZ.get(axis.lower(), 1.0) * x, np.asarray(one["data"]), answer, unit))
         elif one["func_type"] == _TIME_RECORD:
             if not columns:
-                columns.append(Column("time", "s", x))
+                columns.append(Column("time", axis if unit_of(axis) == "s" else "s", x))
             if not np.array_equal(x, columns[0].values):
                 raise _refuse(path, f"has {name} at other times than the first record: give each a file of its own")
             columns.append(Column(name, unit, np.asarray(one["data"]).real.astype(float)))
