@@ -275,6 +275,18 @@ def test_rows_that_end_with_a_separator(tmp_path: Path, motion: dict[str, np.nda
     same(taken(table(tmp_path / "a.csv", head, list(motion.values()), end=",")), motion)
 
 
+def test_an_empty_cell_at_the_end_of_the_last_row_is_no_separator(
+    tmp_path: Path, motion: dict[str, np.ndarray]
+) -> None:
+    """As where a channel was sampled half as often."""
+    path = table(tmp_path / "a.csv", HEAD, list(motion.values()))
+    head, *rows = path.read_text(encoding="utf-8").splitlines()
+    rows[1::2] = [f"{row.rpartition(',')[0]}," for row in rows[1::2]]
+    path.write_text("\n".join([head, *rows]), encoding="utf-8")
+    with pytest.raises(InputError, match="row 2 of its numbers has a cell that is empty"):
+        imported(path)
+
+
 def test_of_columns_of_one_name_that_in_the_unit_stated_is_meant(tmp_path: Path, motion: dict[str, np.ndarray]) -> None:
     *others, tip = motion.values()
     head = HEAD.replace("tip [m]", "tip [mm],tip [V]")

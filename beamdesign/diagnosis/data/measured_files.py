@@ -122,7 +122,9 @@ def _text(path: Path) -> Measured:
         rows = list(csv.reader(StringIO("\n".join(lines)), delimiter=mark))
     except csv.Error as error:
         raise _refuse(path, f"is no table: {error}") from error
-    if not rows[-1][-1].strip():  # its rows end with a separator, that of the names perhaps not
+    if not any(
+        row[-1].strip() for row in rows[-_FEWEST:]
+    ):  # its rows end with a separator, that of the names perhaps not
         rows = [row if row[-1].strip() else row[:-1] for row in rows]
     first = next((k for k, row in enumerate(rows) if len(row) > 1 and all(map(_NUMBER.match, row))), None)
     if first is None or len(rows) - first < _FEWEST:
@@ -135,11 +137,12 @@ def _text(path: Path) -> Measured:
         names, units = heads[-2], below
     values = np.empty((len(rows) - first, width))
     for k, row in enumerate(rows[first:]):
-        try:
-            values[k] = [float(cell.replace(",", ".").upper().replace("D", "E")) for cell in row]
-        except ValueError as error:
-            what = f"row {k + 1} of its numbers has {len(row)} cells of {width}, or one that is no number: {error}"
-            raise _refuse(path, what) from error
+        if wrong := [cell for cell in row if not _NUMBER.match(cell)]:
+            what = f"cell that is no number: {wrong[0]!r}" if wrong[0].strip() else "cell that is empty"
+            raise _refuse(path, f"row {k + 1} of its numbers has a {what}")
+        if len(row) != width:
+            raise _refuse(path, f"row {k + 1} of its numbers has {len(row)} cells of {width}")
+        values[k] = [float(cell.replace(",", ".").upper().replace("D", "E")) for cell in row]
     columns = (_column(name, unit, values[:, k]) for k, (name, unit) in enumerate(zip(names, units, strict=True)))
     return Measured(path, tuple(columns))
 
