@@ -440,6 +440,29 @@ def test_gauges_that_differ_at_either_stop_leave_no_verdict_sure(tmp_path: Path)
     assert any("Pa more than pressure_b_Pa at either stop" in words for words in found.warnings)
 
 
+@pytest.mark.parametrize("noise", ["white", "last digit", "seldom", "spikes"])
+def test_a_command_that_was_recorded_with_noise_is_held_all_the_same(tmp_path: Path, noise: str):
+    """One per cent of it, its last digit by turns or now and then, and spikes; at rest at last, whatever is read."""
+    truth, random = Truth(flow_gain=6.5e-6), np.random.default_rng(5)
+    folder = write_set(tmp_path / "set", truth, (2.0, 4.0))
+
+    def noisy(header: str, table: np.ndarray):
+        rest = np.repeat(table[-1:], 300, axis=0)
+        rest[:, 0] += 1e-3 * np.arange(1, 301)
+        rest[:, 1] = 0.0
+        table, count = np.concatenate([table, rest]), len(table) + 300
+        drawn, share = random.random(count), {"last digit": 0.3, "seldom": 0.004, "spikes": 0.002}
+        white = 0.02 * random.standard_normal(count) * (noise in ("white", "spikes"))
+        table[:, 1] += white + {"spikes": 1.0}.get(noise, 0.005) * (drawn < share.get(noise, 0.0))
+        return header, table
+
+    for path in (folder / "records").glob("*.csv"):
+        broken(folder, noisy, path.stem)
+    for motion in steady_motions(read_bench_set(folder)).motions:
+        assert motion.command_V == pytest.approx(motion.direction * float(motion.condition[0]), abs=0.005)
+        assert motion.direction * motion.speed == pytest.approx(steady_motion(truth, motion.command_V)[0], rel=0.02)
+
+
 def test_a_set_needs_conditions_and_both_chambers(tmp_path: Path):
     with pytest.raises(InputError, match="one condition only"):
         read_bench_set(write_set(tmp_path / "one", Truth(), (4.0,)))

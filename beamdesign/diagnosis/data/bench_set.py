@@ -13,6 +13,7 @@ from typing import Annotated
 
 import numpy as np
 from pydantic import Field
+from scipy.ndimage import median_filter
 
 from beamdesign import records
 from beamdesign.bench_prototype import BenchPrototype, read_bench_prototype
@@ -23,6 +24,7 @@ from beamdesign.diagnosis.examination.sound_records import equal_runs
 from beamdesign.records import FileName, InputError, Problem, Record
 
 LEAST_SAMPLES = 200
+_STEP = 3.0
 _LONGEST_S = 0.5  # between samples: a steady speed asks for no rate, and 1 kHz in ms is steps of 1
 ONE_COMMAND = 0.05
 """Relative difference of commands of one condition."""
@@ -143,6 +145,23 @@ def stretches(command_V: np.ndarray) -> list[tuple[int, int, float]]:
     return [(i, i + count, float(command_V[i])) for i, count in found if command_V[i] != 0]
 
 
+def held_commands(command_V: np.ndarray) -> np.ndarray:
+    """(N,) a command without the noise and the spikes of what recorded it, as it is held.
+
+    It is taken to step where it changes from one sample to the next by more than `_STEP` times as much as nearly
+    always, and to stay at the median of what lies between; one that does not step both ways so is left as it is.
+    """
+    calm = np.asarray(median_filter(command_V, 5, mode="nearest"))
+    moves = np.abs(np.diff(calm))
+    usual, levels = _STEP * float(np.quantile(moves, 0.99)), [np.zeros(0)]
+    for piece in np.split(calm, np.flatnonzero(moves > usual) + 1):
+        level = float(np.median(piece))
+        alike = (each for each in (0.0, *levels[-1][-1:]) if abs(level - each) <= usual)
+        levels.append(np.full(len(piece), next(alike, level)))
+    levelled = np.concatenate(levels)
+    return levelled if {np.sign(volts) for _, _, volts in stretches(levelled)} >= {1, -1} else command_V
+
+
 def _last(run: BenchRun, sign: int) -> tuple[int, int, float]:
     """The last stretch with commands of one sign."""
     return [each for each in stretches(run.command_V) if each[2] * sign > 0][-1]
@@ -162,7 +181,11 @@ def _runs(path: Path, row: _Entry, prototype: BenchPrototype) -> list[BenchRun]:
         raise InputError(
             path, [("pressure_a_Pa", "neither of pressure_a_Pa and pressure_b_Pa; a run records one or both")]
         )
-    moved = uniform_times(path, columns["t_s"], _LONGEST_S), columns["command_V"], columns["displacement_m"]
+    moved = (
+        uniform_times(path, columns["t_s"], _LONGEST_S),
+        held_commands(columns["command_V"]),
+        columns["displacement_m"],
+    )
     named = path.stem, row.condition, row.replicate
     runs = [BenchRun(*named, side, *moved, columns[f"pressure_{side}_Pa"]) for side in sides]
     if problems := list(dict.fromkeys(problem for run in runs for problem in _contradictions(run, prototype))):

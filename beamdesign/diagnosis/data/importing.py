@@ -19,7 +19,7 @@ import tomli_w
 
 from beamdesign.bench_prototype import AnyPrototype, BenchPrototype, read_any_prototype
 from beamdesign.controllers import Controller
-from beamdesign.diagnosis.data.bench_set import ONE_COMMAND, BenchSet, read_bench_set, stretches
+from beamdesign.diagnosis.data.bench_set import ONE_COMMAND, BenchSet, held_commands, read_bench_set, stretches
 from beamdesign.diagnosis.data.channels import NOTHING, Channels, channels_of
 from beamdesign.diagnosis.data.dataset import Dataset, read_dataset
 from beamdesign.diagnosis.data.measured_files import SPELT, UNITS, Column, Measured, Response, read_measured, unit_of
@@ -227,7 +227,7 @@ def _runs(tables: Mapping[str, Mapping[str, np.ndarray]]) -> list[dict[str, obje
     """Entries of the runs of a bench: those with the same commands out and back are replicates of one condition."""
     found, conditions, count = list[dict[str, object]](), dict[str, tuple[float, ...]](), Counter[tuple[str, str]]()
     for file, table in tables.items():
-        last = {volts > 0: volts for _, _, volts in stretches(table["command_V"])}
+        last = {volts > 0: volts for _, _, volts in stretches(held_commands(table["command_V"]))}
         own = tuple(float(f"{last.get(way, 0.0):.3g}") for way in (True, False))
         alike = (name for name, volts in conditions.items() if np.allclose(own, volts, rtol=ONE_COMMAND / 2))
         name = next(alike, f"{own[0]:g} V" if own[0] == -own[1] else f"{own[0]:g} V out, {own[1]:g} V back")
