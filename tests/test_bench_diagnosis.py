@@ -463,6 +463,20 @@ def test_a_command_that_was_recorded_with_noise_is_held_all_the_same(tmp_path: P
         assert motion.direction * motion.speed == pytest.approx(steady_motion(truth, motion.command_V)[0], rel=0.02)
 
 
+@pytest.mark.parametrize(("gain", "offset"), [(1.0, 0.006 * SUPPLY), (1.008, 0.0)])
+def test_a_load_that_gauges_make_of_nothing_is_not_sure(tmp_path: Path, gain: float, offset: float):
+    """Gauge a is off by 0.6 % of the supply, or by 0.8 % of what it reads; no load acts but friction."""
+    truth = Truth(unequal=True, orifices=True, friction=lambda speed, direction: 100.0)
+    data = read_bench_set(write_set(tmp_path / "set", truth))
+    runs = (replace(r, pressure_Pa=gain * r.pressure_Pa + offset) if r.side == "a" else r for r in data.runs)
+    joint = together(ROOT, AREAS, "seal_friction (coulomb)")
+    some = [together(), together(ROOT, AREAS), joint, joint | together("parameter:constant_load")]
+    found = diagnose_bench(replace(data, runs=tuple(runs)), some)
+    assert "parameter:constant_load" in found.chosen
+    assert found.verdict == "ambiguous"
+    assert any("N may be none: both gauges differ by" in words for words in found.warnings)
+
+
 def test_a_set_needs_conditions_and_both_chambers(tmp_path: Path):
     with pytest.raises(InputError, match="one condition only"):
         read_bench_set(write_set(tmp_path / "one", Truth(), (4.0,)))

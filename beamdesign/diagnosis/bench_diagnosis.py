@@ -36,6 +36,7 @@ from beamdesign.diagnosis.fitting.steady_evidence import (
     HeldOut,
     candidates,
     correlated,
+    gauge_doubts,
     held_out,
     moving,
     nominal_causes,
@@ -107,10 +108,8 @@ def bench_diagnosis(data: BenchSet, seen: Observations, tried: Sequence[HeldOut]
     new = tuple(_with_values(rig, c, best, found) for c in causes(found, judged) if c.name not in known.causes)
     undecided = [c.name for c in new if 1 - THRESHOLDS.bench_sure < c.probability < THRESHOLDS.bench_sure]
     named = tuple(sorted({*best.hypothesis.causes} - {*known.causes}))
-    warnings, differ = data.warnings, seen.gauges_differ_Pa
-    if differ:
-        warnings += (f"pressure_a_Pa reads {differ:.3g} Pa more than pressure_b_Pa at either stop: zero both gauges",)
-    verdict = no_surer(_verdict(gap, bool(named), bool(undecided or differ or data.doubtful), retuned.fit), lacking)
+    doubts = gauge_doubts(rig, best.fit, seen)
+    verdict = no_surer(_verdict(gap, bool(named), bool(undecided or doubts or data.doubtful), retuned.fit), lacking)
     chosen = () if verdict == "no_gap" else named
     where = where_of(motion_table(rig, seen, best), rig.actuator.stroke_m, new, chosen)
     words = f"Held-out error {gap.before:.3f} before, {gap.after:.3f} after, {gap.noise_floor:.3f} of it noise."
@@ -129,7 +128,7 @@ def bench_diagnosis(data: BenchSet, seen: Observations, tried: Sequence[HeldOut]
         (),
         _next_experiment(rig, ranked, judged, seen) if verdict in ("ambiguous", "unknown") and not lacking else None,
         updated_prototype(rig, best.fit, **readings) if chosen else rig,
-        warnings,
+        data.warnings + doubts,
         found,
         hypotheses=cause_sets(found, judged),
         notes=(*notes, *still),

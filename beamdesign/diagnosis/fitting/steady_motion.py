@@ -286,13 +286,19 @@ class Observations:
         return float(np.mean(self.rows.stall[~self.filled]))
 
     @cached_property
-    def gauges_differ_Pa(self) -> float:
-        """By how much chamber a reads more than b at a stop, at supply and tank alike; 0 within what gauges err."""
+    def gauges_apart_Pa(self) -> tuple[float, float]:
+        """By how much chamber a reads more than b at a stop, at supply and at tank."""
         at = {(held, side): (self.filled == held) & (self.rows.side == side) for held in (True, False) for side in "ab"}
         full, empty = (
             float(np.mean(self.rows.stall[at[held, "a"]]) - np.mean(self.rows.stall[at[held, "b"]]))
             for held in (True, False)
         )
+        return full, empty
+
+    @cached_property
+    def gauges_differ_Pa(self) -> float:
+        """By how much chamber a reads more than b at supply and tank alike; 0 within what gauges err."""
+        full, empty = self.gauges_apart_Pa
         alike = full * empty > 0 and min(abs(full), abs(empty)) > _GAUGES * self.supply_Pa
         return (full + empty) / 2 if alike else 0.0
 
