@@ -8,13 +8,14 @@ from impulse_test import Kick, critical_gain_by_kicks, ringing
 from beamdesign import Prototype, critical_gain
 from beamdesign.controllers import Lag, Proportional
 from beamdesign.loop import loop
-from beamdesign.plant.assembly import parameters_of, structure_of
+from beamdesign.plant.assembly import assemble, parameters_of, structure_of
 from beamdesign.plant.compiled import integrate
+from beamdesign.plant.equilibrium import equilibrium
+from beamdesign.plant.forced_motion import forced_motion
 from beamdesign.plant.harmonic_balance import (
     FreeRig,
     LimitCycle,
     NoBalance,
-    forced_motion,
     limit_cycles,
     linear_critical_gain,
 )
@@ -194,6 +195,50 @@ def test_a_rig_in_which_nothing_leaks_moves_as_one_in_which_next_to_nothing_does
             )
         found.append(reach(with_published_effects(tight), "force", 10.0).limit)
     assert found[0] == pytest.approx(found[1], rel=1e-3)
+
+
+def test_a_motion_that_nothing_tends_to_is_not_the_forced_one(paper: Prototype):
+    """With play a symmetric motion of 400 um balances, and repels; the integrator comes to another one from rest."""
+    law = Lag(gain_A_per_V=0.08, pole_Hz=1.75, zero_Hz=26.0)
+    rig = paper.but(controller=law, effects={"joint_backlash": {}})
+    force, frequency, points = 88.3, 41.2, 4096
+    parameters = np.array(list(parameters_of(rig, 0.0, 0.0).values()))
+    start = equilibrium(assemble(structure_of(rig)), np.zeros(3), parameters)
+    pushed = np.column_stack(
+        [force * np.cos(np.pi * np.arange(2 * 40 * points + 1) / points), np.zeros(80 * points + 1)]
+    )
+    times = np.arange(40 * points + 1) / (points * frequency)
+    moved = integrate(structure_of(rig), times, pushed, start, parameters, 1, 1.0)[0][-points:, 1]
+    turned = np.exp(-2j * np.pi * np.arange(1, points + 1) / points)
+    found = forced_motion(rig, force, frequency)
+    assert found.phasor_m == pytest.approx(complex(2 * np.mean(moved * turned)), rel=1e-4)
+    assert found.swing_m == pytest.approx(np.ptp(moved) / 2, rel=1e-3)
+
+
+def test_a_rig_that_oscillates_by_itself_has_no_forced_motion(rig: Prototype):
+    """A dead band closes no loop at rest; beyond it this one has 1.6 times the critical gain."""
+    hot = rig.but(controller=Proportional(gain_A_per_V=1.6 * critical_gain(rig).gain_A_per_V))
+    for effects in ({}, {"valve_deadband": {}}):
+        with pytest.raises(NoBalance, match=r"no motion of the period|all bounds"):
+            forced_motion(hot.but(effects=effects), 50.0, 10.0)
+
+
+def test_air_that_makes_the_loop_unstable_is_more_than_the_linear_model_bears(paper: Prototype):
+    """Under half the supply air scales the spring of the oil: at the limit the linear loop stops being stable."""
+    law = Lag(gain_A_per_V=0.15, pole_Hz=1.75, zero_Hz=26.0)
+    remedy = paper.but(controller=law, payload=Payload(inner_end_mass_kg=4.5))
+
+    def stable(air: float) -> bool:
+        oil, pressure, atmosphere = 1.4e9, remedy.supply.pressure_Pa / 2 + 101_325.0, 101_325.0
+        shrunk = air * (atmosphere / pressure) ** (1 / 1.4)
+        softer = (1 - air + shrunk) / (1 - air + shrunk * oil / (1.4 * pressure))
+        stiffness = softer * remedy.actuator.oil_stiffness_N_per_m
+        return loop(remedy.but(actuator=remedy.actuator.but(oil_stiffness_N_per_m=stiffness))).at(6.8).stable
+
+    found = reach(remedy, "air", 10.0, 6.8)
+    assert stable(0.999 * found.limit)
+    assert not stable(1.001 * found.limit)
+    assert found.departure == np.inf
 
 
 @pytest.mark.parametrize("share", [1.0, 0.06])

@@ -1,4 +1,4 @@
-"""Periodic motions of the nonlinear rig by harmonic balance: limit cycles over the gain, and forced response.
+"""Periodic motions of the nonlinear rig by harmonic balance, and limit cycles over the gain.
 
 The states are Fourier series of so many harmonics. Their coefficients are found by Newton's method on the projection of
 the assembled equations x' = f(x) on those harmonics, the laws themselves being evaluated in time (T. M. Cameron and
@@ -111,7 +111,14 @@ Unknown = tuple[np.ndarray, float, float]
 """Fourier coefficients (n, 2 H + 1), frequency in rad/s, gain in A/V."""
 
 
-def balance(rig: FreeRig, guess: Unknown, amplitude: float | None, preload: float = 0.0, force: float = 0.0) -> Unknown:
+def balance(
+    rig: FreeRig,
+    guess: Unknown,
+    amplitude: float | None,
+    preload: float = 0.0,
+    force: float = 0.0,
+    most_steps: int = _MOST_STEPS,
+) -> Unknown:
     """Coefficients, frequency (rad/s) and gain (A/V) at which every harmonic balances.
 
     Args:
@@ -120,6 +127,7 @@ def balance(rig: FreeRig, guess: Unknown, amplitude: float | None, preload: floa
         amplitude: of the displacement's first harmonic, m; frequency and gain are then sought, else they are given.
         preload: constant force, N.
         force: amplitude of a force in phase with the first harmonic's cosine, N.
+        most_steps: of the method.
 
     Raises:
         NoBalance: where the method does not settle.
@@ -143,7 +151,7 @@ def balance(rig: FreeRig, guess: Unknown, amplitude: float | None, preload: floa
         return np.concatenate([rows.ravel(), ends]), parts
 
     value, parts = residual(c, omega, gain)
-    for _ in range(_MOST_STEPS):
+    for _ in range(most_steps):
         if not np.all(np.isfinite(value)):
             break
         _, _, by_x, y_by_x, by_gain = parts
@@ -196,7 +204,8 @@ class Motion:
         phasor_m: complex amplitude of the displacement's first harmonic; in phase with the force, or real.
         mean_m: of the displacement.
         swing_m: half the difference of its largest and smallest value.
-        coefficients: (n, 2 H + 1) Fourier coefficients of the states: mean, then cosine and sine of each harmonic.
+        coefficients: (n, 2 H + 1) Fourier coefficients of the states: mean, then cosine and sine of each harmonic;
+            (n, 0) of one that was simulated.
     """
 
     frequency_Hz: float
@@ -300,47 +309,8 @@ def limit_cycles(
         beyond = _continued(rig, unknown, at, amplitude * _NEARBY)[2]
         steepness = float(np.log(beyond / gain) / np.log(_NEARBY))
         stable = steepness > _FLAT and _settles(rig, c, omega, gain)
-        found.append(LimitCycle(gain, _motion(rig, c, omega, gain), steepness, stable))
+        found.append(LimitCycle(gain, motion_of(rig, c, omega, gain), steepness, stable))
     return tuple(found)
-
-
-def forced_motion(
-    prototype: Prototype,
-    force: float,
-    frequency: float,
-    outer_end_mass: float = 0.0,
-    preload: float = 0.0,
-    harmonics: int = HARMONICS,
-) -> Motion:
-    """Response to a sinusoidal force on the outer tip.
-
-    Args:
-        prototype: rig with its effects and a controller.
-        force: amplitude, N.
-        frequency: Hz.
-        outer_end_mass: payload, kg.
-        preload: constant force on top of it, N.
-        harmonics: how many.
-
-    Raises:
-        NoBalance: where no periodic response is found, as beyond what the actuator can do.
-        ValueError: where an effect shakes the rig in time.
-    """
-    rig = FreeRig(prototype, outer_end_mass)
-    gain = rig.gain
-    c = np.zeros((len(rig.assembly.states), 2 * harmonics + 1))
-    c[:, 0] = rig.rest(gain, preload)
-    done, step = 0.0, 1.0
-    while done < 1.0:
-        share = min(1.0, done + step)
-        try:
-            c, *_ = balance(rig, (c, tau * frequency, gain), None, preload, share * force)
-            done, step = share, 2 * step
-        except NoBalance:
-            step /= 4
-            if step < 1e-3:
-                raise
-    return _motion(rig, c, tau * frequency, gain)
 
 
 def _continued(rig: FreeRig, start: Unknown, at: float, amplitude: float) -> Unknown:
@@ -370,24 +340,30 @@ def _eigenmotion(rig: FreeRig, at: CriticalGain) -> np.ndarray:
     return np.asarray(shape / (model.c[DISPLACEMENT] @ shape))
 
 
-def _motion(rig: FreeRig, c: np.ndarray, omega: float, gain: float) -> Motion:
+def motion_of(rig: FreeRig, c: np.ndarray, omega: float, gain: float) -> Motion:
+    """The motion of Fourier coefficients (n, 2 H + 1) at a frequency in rad/s and a gain in A/V."""
     forward, back, _ = basis(c.shape[1] // 2)
     y = rig.along(forward @ c.T, np.zeros((len(forward), 3)), gain)[1]
     series = back @ y
     return Motion(omega / tau, complex(series[1], -series[2]), float(series[0]), float(np.ptp(y)) / 2, c)
 
 
-def _settles(rig: FreeRig, c: np.ndarray, omega: float, gain: float) -> bool:
-    """Whether the Floquet multipliers lie inside the unit circle, but for the two nearest 1.
-
-    These are that of a shift in time, and that of the amplitude, which `steepness` tells more sharply.
-    """
+def multipliers(rig: FreeRig, c: np.ndarray, omega: float, gain: float) -> np.ndarray:
+    """Floquet multipliers (n,) of a periodic motion: by what a small departure from it grows in a period."""
     forward, *_ = basis(c.shape[1] // 2)
     by_x = rig.along(forward @ c.T, np.zeros((len(forward), 3)), gain)[2]
     weight = scales(rig.assembly.states)
     turn = np.eye(len(c))
     for a in by_x:
         turn = expm(a / weight[:, None] * weight[None, :] * (tau / omega / len(by_x))) @ turn
-    multipliers = np.linalg.eigvals(turn)
-    others = np.delete(multipliers, np.argsort(np.abs(multipliers - 1))[:2])
+    return np.asarray(np.linalg.eigvals(turn))
+
+
+def _settles(rig: FreeRig, c: np.ndarray, omega: float, gain: float) -> bool:
+    """Whether the multipliers lie inside the unit circle, but for the two nearest 1.
+
+    These are that of a shift in time, and that of the amplitude, which `steepness` tells more sharply.
+    """
+    found = multipliers(rig, c, omega, gain)
+    others = np.delete(found, np.argsort(np.abs(found - 1))[:2])
     return bool(np.all(np.abs(others) < 1))

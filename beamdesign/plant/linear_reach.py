@@ -24,7 +24,8 @@ from beamdesign.loop import critical_gain
 from beamdesign.plant.assembly import Structure, assemble, fits
 from beamdesign.plant.component import PROPORTIONAL
 from beamdesign.plant.effects import laws_of
-from beamdesign.plant.harmonic_balance import DISPLACEMENT, FreeRig, forced_motion
+from beamdesign.plant.forced_motion import forced_motion
+from beamdesign.plant.harmonic_balance import DISPLACEMENT, FreeRig
 from beamdesign.prototype import Beam, Prototype
 from beamdesign.records import InputError
 from beamdesign.structure import lumped
@@ -48,7 +49,8 @@ class Reach:
     Attributes:
         limit: of what is varied, up to which the amplitude is off by no more than `SHARE`; the largest asked where
             `departure` is less; zero where it is off by more at all that was tried.
-        departure: of the amplitude there, relative to the linear model's; -1 or infinite where there is no balance.
+        departure: of the amplitude just beyond, relative to the linear model's; infinite where the rig comes to no
+            steady motion there, as where it oscillates by itself.
     """
 
     limit: float
@@ -152,8 +154,8 @@ def reach(prototype: Prototype, varied: Varied, frequency: float, outer_end_mass
                 before = _below(at, float(value))
             if before is None:
                 return Reach(0.0, found)
-            limit = _narrowed(at, before, float(value))
-            return Reach(limit * scale, at(limit))
+            limit, beyond = _narrowed(at, before, (float(value), found))
+            return Reach(limit * scale, beyond)
         before = float(value)
     return Reach(high * scale, found)
 
@@ -162,12 +164,13 @@ def _below(at: Callable[[float], float], first: float) -> float | None:
     return next((first * share for share in map(float, _BELOW) if abs(at(first * share)) <= SHARE), None)
 
 
-def _narrowed(at: Callable[[float], float], low: float, high: float) -> float:
-    while high - low > 5e-4 * high:
-        middle = (low + high) / 2
+def _narrowed(at: Callable[[float], float], low: float, high: tuple[float, float]) -> tuple[float, float]:
+    """The largest that is not off, and how far off the model is just beyond it; `high` is off, and by how much."""
+    while high[0] - low > 5e-4 * high[0]:
+        middle = (low + high[0]) / 2
         found = at(middle)
-        low, high = (low, middle) if not isfinite(found) or abs(found) > SHARE else (middle, high)
-    return low
+        low, high = (low, (middle, found)) if not isfinite(found) or abs(found) > SHARE else (middle, high)
+    return low, high[1]
 
 
 MODES = 12
