@@ -292,11 +292,10 @@ def simulate_scheduled(
             while pending and pending[0][0] <= (begin + 1e-9) * period:
                 new = pending.pop(0)[1]
                 if course.joining == "from_rest" and new > mass:
-                    # As if it had moved along, and the tip were struck back by the momentum that it lacks.
-                    model = linearise(moving, state, still, figures(new))
-                    rate = np.asarray(moving.function(0.0, state, still, figures(new))[0]).ravel()
-                    speed = model.c[OUTPUTS.index("outer_displacement_m")] @ rate
-                    state += model.b[:, 0] * (mass - new) * speed
+                    # Of the same forces M a = F: what has the momentum M v has the speeds that follow from F = M v.
+                    lone, both = (linearise(moving, state, still, figures(m)).a for m in (mass, new))
+                    speeds = np.nonzero((lone != both).any(axis=1))[0]
+                    state[speeds] = both[speeds] @ np.linalg.lstsq(lone[speeds], state[speeds], rcond=None)[0]
                 mass = new
             law = sampled[stage]
             when, given = np.arange(begin, end + 1) * period, inputs[2 * fine * begin : 2 * fine * end + 1]
