@@ -302,13 +302,13 @@ def simulate_scheduled(
             digital = law.whole.packed(fine, 0, 0.0, z, passed[-1, -1])
             y, state = integrate(kinds, when, given, state, figures(mass), fine, limit_m, digital)
             whole = len(y) == end - begin + 1
-            y = y[: end - begin]  # the last sample is the first of what follows
+            y = y[: end - begin + (end == count - 1)]  # else its last sample is the first of what follows
             here = slice(begin, begin + len(y))
             volts = y[:, OUTPUTS.index("measured_V")] + noise[here]
             for value in command[here] - volts:
                 z, signals = law.step(z, value)
                 passed = np.vstack([passed[1:], signals])
-            heard.append(np.column_stack([volts, y[:, OUTPUTS.index("current_A")]]))
+            heard.append(np.column_stack([volts, y[:, OUTPUTS.index("current_A")]])[: end - begin])
             due = whole and (end % hop == 0 or end == count - 1)
             estimate = estimator.advance(*np.vstack(heard).T) if due else estimator.estimate
             noted = (mass, stage + 1, estimate.outer_end_mass_kg, estimate.std_kg)

@@ -158,7 +158,7 @@ def _stages(rig: Prototype, given: TimeRecord, nominal_sensor_gain: float) -> tu
 
     assert rig.schedule is not None
     period, times = rig.schedule.period_s, given.times - given.times[0]
-    inside = np.minimum(np.arange(ceil(times[-1] / period) + 2) * period, times[-1])
+    inside = np.minimum(np.arange(ceil(times[-1] / period) + 1) * period, times[-1])
     force, command = CubicSpline(times, given.cleaned.inputs)(inside).T
     built = rig.but(payload=rig.payload.but(inner_end_mass_kg=given.inner_end_mass))
     course = Course(force, ((0.0, given.outer_end_mass),), command_V=command, before_N=0.0)
