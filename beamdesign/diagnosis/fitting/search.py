@@ -251,8 +251,7 @@ def _three_at_once(fitters: Fitters, state: Search, progress: Progress) -> list[
     two.
     """
     alone = {f.hypothesis.causes: f for f in reversed(state.fits) if len(f.hypothesis.causes) == 1 and not f.reason}
-    two = [f for f in state.fits if len(f.hypothesis.causes) == 2 and not f.reason]
-    best_two = _sorted({f.hypothesis.causes: f for f in reversed(two)}.values())  # each by the laws that explain most
+    best_two = _by_best_laws(f for f in state.fits if len(f.hypothesis.causes) == 2 and not f.reason)
     near = [f for f in best_two if f.cost < _ABOUT * best_two[0].cost and state.excess(f) < _PARTLY][:_TAKEN_APART]
     if not near or near[0].misfit < _QUIET * state.expected or state.excess(near[0]) < _DONE:
         return list(state.fits)
@@ -326,10 +325,7 @@ def _promising(state: Search) -> tuple[Hypothesis, ...]:
 
 def _by_best_laws(of: Iterable[Fit]) -> list[Fit]:
     """Of fits, the best first, the first of every set of causes."""
-    first: dict[tuple[str, ...], Fit] = {}
-    for one in of:
-        first.setdefault(one.hypothesis.causes, one)
-    return list(first.values())
+    return _sorted(reversed({f.hypothesis.causes: f for f in reversed([*of])}.values()))
 
 
 def _other_laws(of: Sequence[Fit], values: Mapping[Hypothesis, dict[str, float]], rig: str) -> list[Task]:
@@ -386,10 +382,7 @@ def _rivals(one: Fit, state: Search) -> list[Task]:
 
 def best_of_each(fits: Iterable[Fit]) -> list[Fit]:
     """Of all fits, the best one of every hypothesis; best first."""
-    best: dict[Hypothesis, Fit] = {}
-    for one in _sorted(fits):
-        best.setdefault(one.hypothesis, one)
-    return list(best.values())
+    return _sorted(reversed({f.hypothesis: f for f in reversed(_sorted(fits))}.values()))
 
 
 def _halves(of: Hypothesis, values: Mapping[Hypothesis, dict[str, float]]) -> tuple[dict[str, float], dict[str, float]]:
