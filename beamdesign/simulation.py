@@ -285,7 +285,7 @@ def simulate_scheduled(
         rows: list[np.ndarray] = []
         changes: list[tuple[float, int]] = []
         pending = list(course.payload_kg[1:])
-        heard: list[np.ndarray] = []  # volts and current since the last estimate
+        unread: list[np.ndarray] = []  # volts and current since the last estimate
         joins = (ceil(at / period - 1e-9) for at, _ in pending)
         cuts = sorted({*range(0, count - 1, hop), *(at for at in joins if at < count - 1)})
         for begin, end in pairwise([*cuts, count - 1]):
@@ -308,9 +308,9 @@ def simulate_scheduled(
             for value in command[here] - volts:
                 z, signals = law.step(z, value)
                 passed = np.vstack([passed[1:], signals])
-            heard.append(np.column_stack([volts, y[:, OUTPUTS.index("current_A")]])[: end - begin])
+            unread.append(np.column_stack([volts, y[:, OUTPUTS.index("current_A")]])[: end - begin])
             due = whole and (end % hop == 0 or end == count - 1)
-            estimate = estimator.advance(*np.vstack(heard).T) if due else estimator.estimate
+            estimate = estimator.advance(*np.vstack(unread).T) if due else estimator.estimate
             noted = (mass, stage + 1, estimate.outer_end_mass_kg, estimate.std_kg)
             done = (np.arange(begin, begin + len(y)) * period, course.force_N[here], command[here])
             rows.append(np.column_stack([*done, y[:, :4], volts, np.tile(noted, (len(y), 1))]))
@@ -319,7 +319,7 @@ def simulate_scheduled(
                 return replace(record, columns=STAGED, changes=tuple(changes))
             if not due:
                 continue
-            heard.clear()
+            unread.clear()
             chosen = next_stage(schedule, stage, estimate, end * period - changed) if adaptive else stage
             if chosen != stage:
                 stage, changed = chosen, end * period

@@ -360,14 +360,14 @@ _MADE_OF_NOTHING = 2.0  # times the force of the difference of two gauges: a loa
 
 def gauge_doubts(prototype: BenchPrototype, found: Fit, seen: Observations) -> tuple[str, ...]:
     """What two gauges leave in doubt that differ against the stops, in words."""
-    told, stated = list[str](), prototype.actuator.constant_load_N
+    doubts, stated = list[str](), prototype.actuator.constant_load_N
     if differ := seen.gauges_differ_Pa:
-        told.append(f"pressure_a_Pa reads {differ:.3g} Pa more than pressure_b_Pa at either stop: zero both gauges")
+        doubts.append(f"pressure_a_Pa reads {differ:.3g} Pa more than pressure_b_Pa at either stop: zero both gauges")
     apart, load = max(map(abs, seen.gauges_apart_Pa)), found.values.get("constant_load", stated) - stated
     if 0 < abs(load) < _MADE_OF_NOTHING * apart * prototype.actuator.piston_area_m2:
         words = f"a constant load of {load:.3g} N may be none: both gauges differ by {apart:.3g} Pa at a stop"
-        told.append(f"{words}; exchange them, and measure again")
-    return tuple(told)
+        doubts.append(f"{words}; exchange them, and measure again")
+    return tuple(doubts)
 
 
 _CLOSE = 0.8  # correlation from which two figures are told as one
