@@ -14,7 +14,7 @@ in the frequency domain from the paper's equations (7) to (16).
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
-from math import cos, exp, inf, isfinite, sin, tau
+from math import cos, exp, inf, sin, tau
 from typing import Literal
 
 import casadi as ca
@@ -39,6 +39,7 @@ _BELOW = 4.0 ** -np.arange(1, 7)  # shares of the first point that are tried whe
 _SMALL_N = 1.0
 SHARE = 0.1
 """Of the amplitude, by which the linear model may be off."""
+_FAR = 1.0  # departure of which the search takes all that is more, infinite too
 _HARMONICS = 5
 
 
@@ -143,7 +144,8 @@ def reach(prototype: Prototype, varied: Varied, frequency: float, outer_end_mass
         "force": (1e-3, 1.0, lambda at: off(prototype, at * stall)),
         "air": (1e-4, 0.3, lambda at: off(airy(at), _SMALL_N)),
     }
-    low, high, at = ways[varied]
+    low, high, departed = ways[varied]
+    at = cache(departed)
     scale = 1.0 if varied == "air" else stall
     grid = np.linspace(low, high, _GRID) if varied == "load" else np.geomspace(low, high, _GRID)
     before = None
@@ -154,7 +156,7 @@ def reach(prototype: Prototype, varied: Varied, frequency: float, outer_end_mass
                 before = _below(at, float(value))
             if before is None:
                 return Reach(0.0, found)
-            limit, beyond = _narrowed(at, before, (float(value), found))
+            limit, beyond = _narrowed(at, before, float(value))
             return Reach(limit * scale, beyond)
         before = float(value)
     return Reach(high * scale, found)
@@ -164,13 +166,18 @@ def _below(at: Callable[[float], float], first: float) -> float | None:
     return next((first * share for share in map(float, _BELOW) if abs(at(first * share)) <= SHARE), None)
 
 
-def _narrowed(at: Callable[[float], float], low: float, high: tuple[float, float]) -> tuple[float, float]:
-    """The largest that is not off, and how far off the model is just beyond it; `high` is off, and by how much."""
-    while high[0] - low > 5e-4 * high[0]:
-        middle = (low + high[0]) / 2
-        found = at(middle)
-        low, high = (low, (middle, found)) if not isfinite(found) or abs(found) > SHARE else (middle, high)
-    return low, high[1]
+def _narrowed(at: Callable[[float], float], low: float, high: float) -> tuple[float, float]:
+    """The largest that is not off, and how far off the model is just beyond it; it is off at `high`, not at `low`.
+
+    By the method of Chandrupatla (1997), which halves the span where the departure jumps.
+    """
+    from scipy.optimize.elementwise import find_root
+
+    def beyond(value: np.ndarray) -> np.ndarray:
+        return np.vectorize(lambda one: min(abs(at(float(one))), _FAR) - SHARE)(value)
+
+    ends = find_root(beyond, (low, high), tolerances={"xatol": 0.0, "xrtol": 5e-4}).bracket
+    return float(min(ends)), at(float(max(ends)))
 
 
 MODES = 12
