@@ -95,6 +95,12 @@ def record(truth: Truth, volts: float, side: str, random: np.random.Generator) -
     return np.column_stack([times, command, position, pressure])
 
 
+def write_table(path: Path, header: str, table: np.ndarray) -> None:
+    """A file as `numpy.savetxt` writes it, in a third of the time."""
+    row = ",".join(["%.6g"] * table.shape[1]) + "\n"
+    path.write_text(f"{header}\n" + row * len(table) % tuple(table.ravel().tolist()))
+
+
 def write_set(folder: Path, truth: Truth, voltages: tuple[float, ...] = (1.0, 2.0, 4.0), seed: int = 1) -> Path:
     """A data set of two replicates per voltage and side."""
     random = np.random.default_rng(seed)
@@ -106,8 +112,7 @@ def write_set(folder: Path, truth: Truth, voltages: tuple[float, ...] = (1.0, 2.
             for side in "ab":
                 name = f"records/{volts:g}V_{side}_{replicate}.csv"
                 header = f"t_s,command_V,displacement_m,pressure_{side}_Pa"
-                table = record(truth, volts, side, random)
-                np.savetxt(folder / name, table, "%.6g", ",", header=header, comments="")
+                write_table(folder / name, header, record(truth, volts, side, random))
                 lines += ["[[record]]", f'file = "{name}"', f'condition = "{volts:g} V"', f"replicate = {replicate}"]
     (folder / "dataset.toml").write_text("\n".join(lines) + "\n")
     return folder

@@ -21,6 +21,7 @@ from bench_records import (
     record,
     steady_motion,
     write_set,
+    write_table,
 )
 
 from beamdesign import InputError, import_measured
@@ -285,7 +286,7 @@ def broken(folder: Path, change, name: str = "1V_a_1") -> None:
     header = path.read_text().split("\n", 1)[0]
     table = np.loadtxt(path, delimiter=",", skiprows=1)
     header, table = change(header, table)
-    np.savetxt(path, table, "%.6g", ",", header=header, comments="")
+    write_table(path, header, table)
 
 
 def column(k: int, factor: float):

@@ -10,6 +10,7 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
+import beamdesign
 from beamdesign import InputError, Prototype, critical_gain, paper, read_prototype, write_prototype
 from beamdesign.cli import app
 from beamdesign.cli.begin import paper as command
@@ -27,12 +28,14 @@ def comparison() -> Comparison:
 
 
 @pytest.fixture(scope="module")
-def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """What the command writes, once for all tests."""
+def folder(comparison: Comparison, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """What the command writes of the comparison, once for all tests."""
     out = tmp_path_factory.mktemp("paper") / "result"
     alone = typer.Typer()
     alone.command()(command)
-    result = CliRunner().invoke(alone, ["--out", str(out), "--json", str(out / "again" / "copy.json")])
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(beamdesign, "paper", lambda: comparison)
+        result = CliRunner().invoke(alone, ["--out", str(out), "--json", str(out / "again" / "copy.json")])
     assert result.exit_code == 0, result.output
     (out / "printed.txt").write_text(result.output, encoding="utf-8")
     return out
