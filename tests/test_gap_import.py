@@ -1,5 +1,6 @@
 """Data as people have them: CSV dialects, MATLAB and universal files become the same data set as our own CSV."""
 
+from datetime import datetime, timedelta
 from functools import partial
 from pathlib import Path
 
@@ -384,11 +385,50 @@ def test_nothing_is_written_over_and_nothing_half_is_left(tmp_path: Path, motion
     assert not (tmp_path / "other").exists()
 
 
+@pytest.mark.parametrize("given", [{}, {"fmt": "%9.6e"}, {"fmt": "%+17.9f", "comments": "  "}])
+@pytest.mark.parametrize("decimal", ".,")
+def test_columns_that_blanks_part(tmp_path: Path, motion: dict[str, np.ndarray], given: dict, decimal: str) -> None:
+    """As numpy.savetxt writes them when nothing else is asked; and in columns of one width, blanks in their names."""
+    table, names = np.column_stack(list(motion.values())), " ".join(motion)
+    if "comments" in given:
+        names, table = "Time [s]  Force [N]  Command [V]  Current [mA]  Tip [um]", table * (1.0, 1.0, 1.0, 1e3, 1e6)
+    np.savetxt(tmp_path / "a.txt", table, header=names, **given)
+    text = (tmp_path / "a.txt").read_text()
+    (tmp_path / "a.txt").write_text(text.replace(".", decimal))
+    same(taken(tmp_path / "a.txt"), motion)
+
+
+@pytest.mark.parametrize(
+    ("begin", "form"),
+    [
+        ("2026-02-28T23:59:59.9", "%Y-%m-%dT%H:%M:%S.%fZ"),
+        ("2026-02-28T23:59:59.9", "%Y-%m-%d %H:%M:%S,%f"),
+        ("2026-02-28T13:05:00.0", "%H:%M:%S.%f"),
+        ("2026-02-28T23:59:59.9", "%H:%M:%S.%f"),  # over midnight
+        ("2026-02-28T23:59:59.9", "%Y-%m-%d;%H:%M:%S.%f"),
+    ],
+)
+def test_times_of_day(tmp_path: Path, motion: dict[str, np.ndarray], begin: str, form: str) -> None:
+    """A stamp of ISO 8601 counts in seconds from the first; a date beside it is no channel."""
+    stamps = [(datetime.fromisoformat(begin) + timedelta(seconds=t)).strftime(form) for t in TIMES.tolist()]
+    rows = np.column_stack(list(motion.values())[1:]).tolist()
+    head = ";".join(["Date"] * form.count(";") + ["Time [hh:mm:ss]", *list(motion)[1:]])
+    lines = [";".join([stamp, *map(repr, row)]) for stamp, row in zip(stamps, rows, strict=True)]
+    (tmp_path / "a.csv").write_text("\n".join([head, *lines]))
+    same(taken(tmp_path / "a.csv"), motion)
+
+
 @pytest.mark.parametrize(
     ("name", "content", "words"),
     [
-        ("a.csv", b"t_s;x\n1;2\n3;four\n5;6\n7;8\n9;1\n", "no number"),
-        ("a.csv", b"hello\n", "no columns"),
+        ("a.csv", b"t_s;x\n1;2\n3;four\n5;6\n7;8\n9;1\n", "row 2 of its numbers has a cell that is no number.*'four'"),
+        ("a.csv", b"t_s;x\n1;2\n3;4\n5;1,234.5\n7;8\n", "row 3 .*such as 1234.5 or 1.2345e3: '1,234.5'"),
+        ("a.csv", b"t_s;x\n1;2\n3\n5;6\n7;8\n", "row 2 of its numbers has 1 cells of 2"),
+        ("a.csv", b"t_s;x\n1;2\n3;\n5;6\n7;8\n", "row 2 of its numbers has a cell that is empty"),
+        ("a.csv", b"t_s;x\n01:02:03;2\n01:02:61;1\n01:02:05;6\n", "a time of day or a date that there is not"),
+        ("a.csv", b"t_s;x\n01:02:03;2\n4;1\n01:02:05;6\n", "row 2 of its numbers has a cell that is no number"),
+        ("a.csv", b"hello\n", "no rows of numbers"),
+        ("a.csv", b"\n", "no rows of numbers"),
         ("a.mat", b"MATLAB 7.3 MAT-file" + bytes(600), "MATLAB"),
         ("a.uff", b"nothing\n", "no time record and no frequency response"),
     ],

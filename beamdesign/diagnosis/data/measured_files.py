@@ -6,8 +6,9 @@ MATLAB files are read by SciPy, universal files (dataset 58) by pyUFF; both hand
 import csv
 import re
 from codecs import BOM_UTF16_BE, BOM_UTF16_LE
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from datetime import datetime
 from io import StringIO
 from math import tau
 from pathlib import Path
@@ -22,6 +23,9 @@ _FEWEST, _LONGEST_UNIT = 3, 6
 _IN_NAME = re.compile(r"^(?P<name>.*?)\s*(?:[\[(]\s*(?P<unit>[^\])]*)[\])]|[,;:]\s+(?P<after>\S+))\s*$")
 _IN_WORDS = re.compile(r"^(?P<name>.+?)\s+in\s+(?P<unit>\S+)\s*$")
 _NUMBER = re.compile(r"^\s*[-+]?(\d+([.,]\d*)?|[.,]\d+)([eEdD][-+]?\d+)?\s*$|^\s*[-+]?(nan|inf)\s*$", re.IGNORECASE)
+_TIME = r"\d\d:\d\d:\d\d([.,]\d+)?"
+_CLOCK = re.compile(rf"^\s*(\d{{4}}-\d\d-\d\d([T ]{_TIME}Z?)?|{_TIME})\s*$")
+_VALUE = re.compile(f"{_NUMBER.pattern}|{_CLOCK.pattern}", re.IGNORECASE)
 
 UNITS = {
     "s": {"s": 1.0, "sec": 1.0, "ms": 1e-3, "us": 1e-6, "min": 60.0},
@@ -114,37 +118,65 @@ def _text(path: Path) -> Measured:
         text = raw.decode("latin-1")
     if "\0" in text:
         raise _refuse(path, "is not text: it holds zero bytes; MATLAB files end in .mat, universal ones in .uff")
-    lines = [line for line in text.splitlines() if line.strip()]
-    mark = max(";\t,", key=lambda one: sum(one in line for line in lines[-50:]))
-    if not any(mark in line for line in lines[-50:]):
-        raise _refuse(path, "has no columns: no comma, semicolon or tab parts its last rows")
-    try:
-        rows = list(csv.reader(StringIO("\n".join(lines)), delimiter=mark))
-    except csv.Error as error:
-        raise _refuse(path, f"is no table: {error}") from error
-    if not any(
-        row[-1].strip() for row in rows[-_FEWEST:]
-    ):  # its rows end with a separator, that of the names perhaps not
-        rows = [row if row[-1].strip() else row[:-1] for row in rows]
-    first = next((k for k, row in enumerate(rows) if len(row) > 1 and all(map(_NUMBER.match, row))), None)
-    if first is None or len(rows) - first < _FEWEST:
-        raise _refuse(path, "holds no rows of numbers below its column names")
+    lines = [stripped for line in text.splitlines() if (stripped := line.lstrip("#% ")).strip()]
+    often = {mark: sum(mark in line for line in lines[-50:]) for mark in ";\t,"}
+    for mark in (*sorted((m for m in often if often[m]), key=lambda m: -often[m]), ""):
+        rows = _parted(path, lines, mark)
+        first = next((k for k, row in enumerate(rows) if len(row) > 1 and all(map(_VALUE.match, row))), None)
+        if first is not None and len(rows) - first >= _FEWEST:
+            break
+    else:
+        raise _refuse(path, "holds no rows of numbers that commas, semicolons, tabs or blanks part")
     width, heads = len(rows[first]), [row for row in rows[:first] if len(row) == len(rows[first])]
     names = heads[-1] if heads else [f"column {k + 1}" for k in range(width)]
     units = [""] * width
     below = [cell.strip().strip("[]()") for cell in heads[-1]] if heads else []
     if len(heads) > 1 and all(len(cell) <= _LONGEST_UNIT for cell in below):  # a row of units below the names
         names, units = heads[-2], below
-    values = np.empty((len(rows) - first, width))
-    for k, row in enumerate(rows[first:]):
-        if wrong := [cell for cell in row if not _NUMBER.match(cell)]:
-            what = f"cell that is no number: {wrong[0]!r}" if wrong[0].strip() else "cell that is empty"
-            raise _refuse(path, f"row {k + 1} of its numbers has a {what}")
+    clocks = [not _NUMBER.match(cell) for cell in rows[first]]
+    kinds = [_CLOCK if clock else _NUMBER for clock in clocks]
+    for k, row in enumerate(rows[first:], start=1):
+        if wrong := [cell for kind, cell in zip(kinds, row, strict=False) if not kind.match(cell)]:
+            what = f"no number, such as 1234.5 or 1.2345e3: {wrong[0]!r}" if wrong[0].strip() else "empty"
+            raise _refuse(path, f"row {k} of its numbers has a cell that is {what}")
         if len(row) != width:
-            raise _refuse(path, f"row {k + 1} of its numbers has {len(row)} cells of {width}")
-        values[k] = [float(cell.replace(",", ".").upper().replace("D", "E")) for cell in row]
-    columns = (_column(name, unit, values[:, k]) for k, (name, unit) in enumerate(zip(names, units, strict=True)))
-    return Measured(path, tuple(columns))
+            raise _refuse(path, f"row {k} of its numbers has {len(row)} cells of {width}")
+    try:
+        values = [
+            _seconds(cells) if clock else _numbers(cells)
+            for clock, cells in zip(clocks, zip(*rows[first:], strict=True), strict=True)
+        ]
+    except ValueError as error:
+        raise _refuse(path, f"has a time of day or a date that there is not: {error}") from error
+    columns = [_column(name, unit, of) for name, unit, of in zip(names, units, values, strict=True)]
+    return Measured(path, tuple(replace(c, unit="s") if clock else c for c, clock in zip(columns, clocks, strict=True)))
+
+
+def _parted(path: Path, lines: list[str], mark: str) -> list[list[str]]:
+    """Cells of lines that a mark parts; blanks where it is empty, of which names that hold one have more between."""
+    if not mark:
+        width = len(lines[-1].split()) if lines else 0
+        wide = (re.split(r"\s{2,}", line.strip()) for line in lines)
+        return [cells if len(cells) == width else line.split() for cells, line in zip(wide, lines, strict=True)]
+    try:
+        rows = list(csv.reader(StringIO("\n".join(lines)), delimiter=mark))
+    except csv.Error as error:
+        raise _refuse(path, f"is no table: {error}") from error
+    if any(row[-1].strip() for row in rows[-_FEWEST:]):
+        return rows
+    return [row if row[-1].strip() else row[:-1] for row in rows]  # they end with a mark, that of the names perhaps not
+
+
+def _numbers(cells: Sequence[str]) -> np.ndarray:
+    return np.array([float(cell.replace(",", ".").upper().replace("D", "E")) for cell in cells])
+
+
+def _seconds(cells: Sequence[str]) -> np.ndarray:
+    """Since the first, of times of day (over midnight too), of dates, or of both, by ISO 8601."""
+    plain = [cell.strip().removesuffix("Z").replace(",", ".") for cell in cells]
+    times = [datetime.fromisoformat(cell if "-" in cell else f"2000-01-01 {cell}") for cell in plain]
+    since = np.array([(time - times[0]).total_seconds() for time in times])
+    return since if "-" in plain[0] else np.unwrap(since, period=86400.0)
 
 
 def _column(name: str, unit: str, values: np.ndarray) -> Column:
