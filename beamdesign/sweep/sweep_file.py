@@ -255,13 +255,15 @@ def _no_column(key: str, name: str, task: Task, kinds: tuple[Kind, ...]) -> Iter
         yield Problem(key, f"{name} {holds}; {choice}")
 
 
-_STEP = r"[^\[\].]+(?:\[\d+\])?"
+_NAME = r'"[^"]+"|[^\[\]."]+'  # in quotes as in TOML, where it has a dot of its own
+_STEP = rf"(?:{_NAME})(?:\[\d+\])?"
 _KEY = re.compile(rf"{_STEP}(?:\.{_STEP})*\Z")
 
 
 def steps_of(key: str) -> list[str | int]:
     """Names of a dotted key and numbers of entries of lists, in their order."""
-    return [int(entry) if entry else name for entry, name in re.findall(r"\[(\d+)\]|([^\[\].]+)", key)]
+    found = re.findall(rf"\[(\d+)\]|({_NAME})", key)
+    return [int(entry) if entry else name.strip('"') for entry, name in found]
 
 
 OWN_NAME = "NAME"
