@@ -163,7 +163,7 @@ def test_a_round_laminate_stays_far_below_the_stress_at_which_it_would_buckle():
 # Fit.
 
 
-def outline(tube: Tube, inside: bool, chords: int = 20_000) -> Polygon:
+def outline(tube: Tube, inside: bool, chords: int = 5_000) -> Polygon:
     """What a tube fills, or its opening; inside corners sharp, a circle by chords."""
     less = tube.wall_m if inside else 0.0
     if tube.shape == "round":
@@ -172,7 +172,7 @@ def outline(tube: Tube, inside: bool, chords: int = 20_000) -> Polygon:
     half, high = tube.width_m / 2 - less, tube.depth_m / 2 - less
     box = Polygon([(half, high), (-half, high), (-half, -high), (half, -high)])
     radius = tube.corner_radius_m
-    return box if inside or not radius else box.buffer(-radius).buffer(radius, quad_segs=2000)
+    return box if inside or not radius else box.buffer(-radius).buffer(radius, quad_segs=500)
 
 
 PAIRS = [

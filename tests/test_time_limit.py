@@ -135,7 +135,7 @@ def test_a_diagnosis_that_is_called_again_goes_on_and_comes_to_the_same(
         monkeypatch.setattr(room, "singles", lambda prototype: tuple(h for h in singles(prototype) if str(h) in FEW))
     kept, verdicts, compared = fit_cache(tmp_path, slow), [], [0]
     for _ in range(60):
-        with within(1.0, ticking(1 / 25)):
+        with within(1.0, ticking(1 / 12)):
             found = diagnose(slow, workers=1, kept=kept)
         assert found.search is not None
         verdicts.append((found.verdict, found.chosen))
