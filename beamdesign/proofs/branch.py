@@ -3,16 +3,15 @@
 from dataclasses import dataclass
 from heapq import heappop, heappush
 from math import ceil, inf, log2
-from operator import mul
 from time import monotonic
 
 import numpy as np
 from flint import fmpq
 
 from beamdesign.polynomial import exact, nearest, text
-from beamdesign.proofs.frames import ARC_PARTS, Cell
-from beamdesign.proofs.statement import Node, Statement
-from beamdesign.proofs.value_set import Pieces, as_rows, hulls, pieces, support, with_unknown
+from beamdesign.proofs.frames import Cell
+from beamdesign.proofs.statement import Statement
+from beamdesign.proofs.value_set import Pieces, as_rows, control_points, hulls, pieces, support, with_unknown
 from beamdesign.proofs.zero_exclusion import coefficients, dominated
 from beamdesign.time_limit import left_for_steps
 
@@ -188,32 +187,6 @@ class Search:
             else:
                 low, high = node.w1, node.w2
                 self._cut(node, high / 8 if low == 0 else (low * high) ** 0.5 if high > 4 * low else (low + high) / 2)
-
-
-def control_points(statement: Statement) -> int:
-    """Number of points of a hull of p that are computed and tested, for all summands together."""
-    enumerated = 1
-    for pack in statement.bound:
-        degrees = statement.pack_degrees(pack)
-        alone = _leaf_points(statement, pack[0])
-        enumerated *= alone if len(pack) == 1 else int(np.prod([degree + 1 for degree in degrees.values()]))
-
-    def one(node: Node) -> int:
-        if node.kind != "leaf":
-            return ARC_PARTS + 2 if node.name in statement.varying else 1
-        return 1 if node.packs else _leaf_points(statement, node.name)
-
-    return enumerated * sum(node.fold(one, mul, mul) for node in statement.summands)
-
-
-def _leaf_points(statement: Statement, name: str) -> int:
-    axes, others = set(), 1
-    for axis, degrees, _ in statement.components[name]:
-        if axis == 2:
-            others *= int(np.prod([degree + 1 for degree in degrees.values()]))
-        elif degrees:
-            axes.add(axis)
-    return others * 2 ** len(axes)
 
 
 def _reach(cell: Cell) -> float | None:

@@ -96,6 +96,13 @@ def hulls(statement: Statement, where: Pieces) -> list[Hull]:
     return [node.fold(one, add, multiply) for node in statement.summands]
 
 
+def control_points(statement: Statement) -> int:
+    """Number of points of a hull of p that are computed and tested, for all summands together."""
+    none = np.zeros((0, len(statement.varying)))  # hulls of no piece take no room, however many points they would have
+    shapes = [hull.points.shape for hull in hulls(statement, pieces(statement, none, none, np.zeros((2, 0))))]
+    return max(shape[2] for shape in shapes) * sum(shape[3] for shape in shapes)
+
+
 def as_rows(summands: Sequence[Hull]) -> list[np.ndarray]:
     """The points of hulls as real numbers side by side, (V, 2, B, C, 2): what `support` takes."""
     rows = (np.ascontiguousarray(np.moveaxis(hull.points, 3, 0)) for hull in summands)
@@ -207,7 +214,7 @@ def _bind(statement: Statement, pack: Sequence[str], where: Pieces) -> dict[str,
 
 
 def _flat(points: np.ndarray) -> np.ndarray:
-    return points.reshape(*points.shape[:-2], -1)
+    return points.reshape(*points.shape[:-2], points.shape[-2] * points.shape[-1])
 
 
 def _leaf_hull(statement: Statement, name: str, where: Pieces, points: np.ndarray) -> Hull:
@@ -242,7 +249,7 @@ def _grid(statement: Statement, terms: Sequence[Term], degrees: Mapping[str, int
             column = statement.varying.index(name)
             ends = where.low[:, column], where.high[:, column]
             along = np.stack([control_value(*ends, powers.get(name, 0), degree, i) for i in range(degree + 1)], axis=-1)
-            tensor = (tensor[:, :, None] * along[:, None, :]).reshape(len(tensor), -1)
+            tensor = _flat(tensor[:, :, None] * along[:, None, :])
         total = total + (_TURN[term.degree % 4] * where.w**term.degree)[:, :, None] * tensor
     return np.asarray(total)
 

@@ -15,10 +15,11 @@ from flint import ctx, fmpq
 from beamdesign.controllers import Lag
 from beamdesign.proofs.box import Box
 from beamdesign.proofs.box_member import undamping
-from beamdesign.proofs.branch import Search, control_points
+from beamdesign.proofs.branch import Search
 from beamdesign.proofs.rig_family import rig_family
 from beamdesign.proofs.statement import PolynomialFamily
 from beamdesign.proofs.tolerance_box import largest_scaling, tolerance_box
+from beamdesign.proofs.value_set import control_points
 from beamdesign.proofs.zero_exclusion import PRECISION_BITS, held, pieces
 from beamdesign.prototype import Payload, Tolerance
 from beamdesign.validation.paper_rig import paper_prototype
