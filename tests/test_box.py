@@ -14,7 +14,7 @@ from beamdesign.polynomial import even_odd, exact, is_hurwitz, squared_magnitude
 from beamdesign.polynomial import roots as roots_of
 from beamdesign.proofs.box import box_of, certify_box
 from beamdesign.proofs.box_member import Quasipolynomial, unstable_roots
-from beamdesign.proofs.frames import Cell, Frames, balls
+from beamdesign.proofs.frames import Between, Cell, Frames, balls
 from beamdesign.proofs.stability import stable_ranges
 from beamdesign.proofs.statement import PolynomialFamily
 from beamdesign.proofs.tolerance_box import largest_scaling, scaling_of_each
@@ -282,6 +282,7 @@ def test_leaves_lie_within_their_bounds_where_their_terms_cancel():
     free = PolynomialFamily("f", "on_axis*beside", {"q": fmpq(1)}, leaves)
     wide = free.over({"q": (fmpq(999_999, 10**6), fmpq(1_000_001, 10**6))})
     w = [fmpq(0), fmpq(2, 3), fmpq(1), fmpq(10**9 + 1, 10**9), fmpq(31_415, 10)]
+    every = np.arange(len(w))
     over_cell = Frames(wide, [(Cell(wide, {"q": (fmpq(0), fmpq(1))}), one) for one in w])
     for q in (fmpq(999_999, 10**6), fmpq(1), fmpq(1_000_001, 10**6)):
         fixed = free.over({"q": (q, q)})
@@ -289,7 +290,7 @@ def test_leaves_lie_within_their_bounds_where_their_terms_cancel():
         for node in fixed.body.parts:
             leaf, found = fixed.leaf_at(node.name, {"q": q}), here.points(node)
             even, odd = even_odd(leaf)
-            slopes = over_cell.steepness(node.name, np.arange(len(w)))
+            _, *slopes = over_cell.growth(Between(every, every, 0.0 * every), node)
             for k, one in enumerate(w):
                 away = as_it_is(found.middle[k].real) - even(one**2), as_it_is(found.middle[k].imag) - one * odd(one**2)
                 assert away[0] ** 2 + away[1] ** 2 <= as_it_is(found.radius[k]) ** 2

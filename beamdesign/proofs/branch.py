@@ -11,7 +11,7 @@ from flint import fmpq
 from beamdesign.polynomial import exact, nearest, text
 from beamdesign.proofs.frames import Cell
 from beamdesign.proofs.statement import Statement
-from beamdesign.proofs.value_set import Pieces, as_rows, control_points, hulls, pieces, support, with_unknown
+from beamdesign.proofs.value_set import Pieces, control_points, support, with_unknown
 from beamdesign.proofs.zero_exclusion import coefficients, dominated
 from beamdesign.time_limit import left_for_steps
 
@@ -170,7 +170,7 @@ class Search:
     def _look(self, batch: list[_Node]) -> None:
         start, end = np.array([node.start for node in batch]), np.array([node.end for node in batch])
         w = np.array([[node.w1 for node in batch], [node.w2 for node in batch]])
-        line, clear, alone = _best_lines(self.statement, pieces(self.statement, start, end, w))
+        line, clear, alone = _best_lines(Pieces(self.statement, start, end, w))
         # Where zero is in the hull at one end, only smaller boxes help; otherwise a shorter interval does.
         wide = w[1] > 1.5 * w[0]
         stuck = (alone[0] <= 0) & (~wide | (w[0] == 0)) | (alone[1] <= 0) & ~wide
@@ -206,15 +206,14 @@ def _reach(cell: Cell) -> float | None:
     return 2.0 ** ceil(log2(max(2 * max(ratios, default=1.0), 1e-3)))
 
 
-def _best_lines(statement: Statement, where: Pieces) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _best_lines(where: Pieces) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """For each piece the best line found, whether it separates p from zero, and the distances (2, B) of either end.
 
     Directions are tried on a coarse grid, then nearer to the best; distances of the ends are each by its own line.
     """
-    summands = hulls(statement, where)
-    stray = where.stray(np.sum([hull.bend for hull in summands], axis=0))
-    blur = _CLEAR * np.sum([np.abs(hull.points).max(axis=(2, 3)) for hull in summands], axis=0)
-    points, count = as_rows(summands), len(stray)
+    stray = where.bend(where.between) * where.between.sag
+    blur = _CLEAR * np.sum([where.largest(node) for node in where.statement.summands], axis=0).reshape(2, -1)
+    points, count = where.rows(), len(stray)
     rows = np.arange(count)
     # Per piece three searches: the line that is best for both ends, and one for each end alone.
     indices = np.broadcast_to(np.arange(0, TURN, TURN // 12), (3, count, 12))
@@ -247,8 +246,8 @@ def _best_cuts(statement: Statement, start: np.ndarray, end: np.ndarray, w: np.n
     apart = []
     for first in range(0, at.shape[1], _CUTS_AT_ONCE):
         some = slice(first, first + _CUTS_AT_ONCE)
-        halves = pieces(statement, ends[0, some], ends[1, some], at[:, some])
-        apart.append(_best_lines(statement, halves)[2][0])
+        halves = Pieces(statement, ends[0, some], ends[1, some], at[:, some])
+        apart.append(_best_lines(halves)[2][0])
     worse, better = np.sort(np.concatenate(apart).reshape(count, few, 2), axis=2).T
     return np.asarray(tried[rows, (worse + better / 4).T.argmax(axis=1)])
 

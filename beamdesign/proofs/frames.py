@@ -2,8 +2,10 @@
 
 Coefficients are exact rationals over their cell. From there on all is in floats that carry a bound of their error, for
 many frames and pieces of a tree at once: arrays have the frames (F, ...) or the pieces (P, ...) on their first axis.
+The search before the proof puts hulls together alike, in floats alone (`beamdesign.proofs.value_set`).
 """
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, reduce
@@ -106,11 +108,12 @@ class Balls:
 
     Arrays (F, C1, ..., CN, V): frames, an axis for every pack that is enumerated, of length one where nothing depends
     on it, and V points. Sums and products of floats as bounded by S. M. Rump, BIT 39 (1999) 534; that of complex ones
-    errs by less than 4 u |a b| (R. Brent, C. Percival, P. Zimmermann, Math. Comp. 76 (2007) 1469).
+    errs by less than 4 u |a b| (R. Brent, C. Percival, P. Zimmermann, Math. Comp. 76 (2007) 1469). In a search, where
+    nothing bounds the error, there is no radius.
     """
 
     middle: np.ndarray
-    radius: np.ndarray
+    radius: np.ndarray | None = None
 
     def __add__(self, other: "Balls") -> "Balls":
         """Of every point of either."""
@@ -121,15 +124,30 @@ class Balls:
         return self._joined(other, np.multiply, lambda a, b, r, t: a * t + (b + t) * r + 4 * _UNIT * a * b)
 
     def _joined(self, other: "Balls", combined: np.ufunc, strayed: Callable[..., np.ndarray]) -> "Balls":
-        sides = [part[..., :, None] for part in (self.middle, self.size, self.radius)]
-        others = [part[..., None, :] for part in (other.middle, other.size, other.radius)]
-        middle = combined(sides[0], others[0])
-        radius = UP * strayed(sides[1], others[1], sides[2], others[2]) + _LEAST
-        return Balls(*(part.reshape(*part.shape[:-2], -1) for part in (middle, radius)))
+        middle = flat(combined(self.middle[..., :, None], other.middle[..., None, :]))
+        if self.radius is None or other.radius is None:
+            return Balls(middle)
+        a, r = (part[..., :, None] for part in (self.size, self.radius))
+        b, t = (part[..., None, :] for part in (other.size, other.radius))
+        return Balls(middle, flat(UP * strayed(a, b, r, t) + _LEAST))
+
+    def beside(self, other: "Balls") -> "Balls":
+        """Sums of points that belong together."""
+        middle = self.middle + other.middle
+        if self.radius is None or other.radius is None:
+            return Balls(middle)
+        return Balls(middle, UP * (self.radius + other.radius + _UNIT * (self.size + other.size)) + _LEAST)
+
+    def ends(self, axis: int) -> "Balls":
+        """The least and the largest of points (F, N) along the real (0) or the imaginary (1) axis."""
+        along, turn = (self.middle.imag, 1j) if axis else (self.middle.real, 1 + 0j)
+        ends = turn * np.stack([along.min(axis=1), along.max(axis=1)], axis=1)
+        radius = None if self.radius is None else np.repeat(self.radius.max(axis=1, keepdims=True), 2, axis=1)
+        return Balls(ends, radius)
 
     def shaped(self, shape: Sequence[int]) -> "Balls":
         """The same in another shape."""
-        return Balls(self.middle.reshape(shape), self.radius.reshape(shape))
+        return Balls(self.middle.reshape(shape), None if self.radius is None else self.radius.reshape(shape))
 
     @cached_property
     def size(self) -> np.ndarray:
@@ -139,10 +157,12 @@ class Balls:
     @cached_property
     def largest(self) -> np.ndarray:
         """Upper bounds (F, C1, ..., CN) of the size of any of the V points."""
-        return np.asarray((UP * (self.size + self.radius)).max(axis=-1))
+        sizes = np.abs(self.middle) if self.radius is None else UP * (self.size + self.radius)
+        return np.asarray(sizes.max(axis=-1))
 
     @cached_property
     def _blur(self) -> np.ndarray:
+        assert self.radius is not None  # in a proof
         return np.asarray(UP * (self.radius + 4 * _UNIT * self.size))
 
     def along(self, x: np.ndarray | int, y: np.ndarray | int, which: Any = ...) -> np.ndarray:
@@ -155,6 +175,11 @@ class Balls:
         return np.asarray((x * middle.real + y * middle.imag - UP * strayed - _LEAST).min(axis=-1))
 
 
+def flat(points: np.ndarray) -> np.ndarray:
+    """With the last two axes as one."""
+    return points.reshape(*points.shape[:-2], points.shape[-2] * points.shape[-1])
+
+
 def balls(points: Sequence[acb]) -> Balls:
     """Points (V,) as they are."""
     middle = [complex(point) for point in points]
@@ -162,21 +187,34 @@ def balls(points: Sequence[acb]) -> Balls:
     return Balls(np.array(middle), UP * np.array(radius) + _LEAST)
 
 
-class Frames:
-    """Points whose convex hull holds each part of p, each frame over a cell at one exact frequency, rad/s."""
+class Between(NamedTuple):
+    """Pieces, each of one cell between two frequencies: the numbers (P,) of their frames.
 
-    def __init__(self, statement: Statement, places: Sequence[tuple[Cell, fmpq]]):
-        self.statement, self.places = statement, places
-        numbers: dict[Cell, int] = {}
-        self._cell = [numbers.setdefault(cell, len(numbers)) for cell, _ in places]
-        self._cells = [*numbers]
-        most = max(2, *(term.degree for leaf in statement.leaves.values() for term in leaf))
-        w = np.array([nearest(one) for _, one in places])
-        self._powers = np.cumprod(np.stack([np.ones(len(w)), *([w] * most)], axis=1), axis=1)
+    `sag` (P,) is an eighth of the squared step, rounded up: times a second derivative it is how far a curve strays from
+    its chord.
+    """
+
+    first: np.ndarray | slice
+    last: np.ndarray | slice
+    sag: np.ndarray
+
+
+class Hulls(ABC):
+    """Points whose convex hull holds each part of p, each frame over a cell at one frequency.
+
+    Attributes:
+        statement: what p is.
+        count: of frames.
+        up: what outweighs the roundings of a bound.
+    """
+
+    up = 1.0
+
+    def __init__(self, statement: Statement, count: int):
+        self.statement, self.count = statement, count
         self._known: dict[int, Balls] = {}
-        self._enumerated = {
-            name: self._along(one, k) for k, pack in enumerate(statement.bound) for name, one in self._pack(pack)
-        }
+        packs = [(k, self._pack(pack)) for k, pack in enumerate(statement.bound)]
+        self._enumerated: dict[str, Balls] = {name: self._along(one, k) for k, pack in packs for name, one in pack}
 
     def points(self, node: Node) -> Balls:
         """Points whose hull holds a part of p, for each choice of control points of the packs on which it depends."""
@@ -186,32 +224,38 @@ class Frames:
 
     def largest(self, node: Node) -> np.ndarray:
         """Upper bounds (F,) of the size of a part of p."""
-        return self.points(node).largest.reshape(len(self.places), -1).max(axis=1)
+        return np.asarray(self.points(node).largest.reshape(self.count, -1).max(axis=1))
 
-    def least(self, which: np.ndarray, directions: np.ndarray) -> np.ndarray:
-        """Lower bounds (P,) over some frames of the real part of p times the conjugates of directions (2, P)."""
-        x, y = directions.reshape(2, -1, *[1] * (len(self.statement.bound) + 1))
-        along = [self.points(node).along(x, y, which) for node in self.statement.summands]
-        strayed = 2 * len(along) * _UNIT * reduce(add, map(np.abs, along))
-        return np.asarray((reduce(add, along) - UP * strayed).reshape(len(which), -1).min(axis=1))
+    def bend(self, between: Between) -> np.ndarray:
+        """Bounds (P,) of the second derivative of p in w on pieces, over their cells."""
+        return np.asarray(reduce(add, (self.growth(between, node)[2] for node in self.statement.summands)))
 
-    def steepness(self, name: str, which: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Bounds (P,) of the first and second derivative of a leaf in w, up to the frequencies of some frames."""
-        sizes = np.stack([cell.sizes(name) for cell in self._cells])[np.array(self._cell)[which]]
-        n = np.arange(sizes.shape[1])
-        up = 1 + 4 * (len(n) + 2) * _UNIT
-        first = up * (sizes * n * self._powers[which][:, np.maximum(n - 1, 0)]).sum(axis=1)
-        second = up * (sizes * n * (n - 1) * self._powers[which][:, np.maximum(n - 2, 0)]).sum(axis=1)
-        return first + _LEAST, second + _LEAST
-
-    @property
-    def width(self) -> int:
-        """Points of all summands of one frame."""
-        return sum(self.points(node).middle[0].size for node in self.statement.summands)
+    def growth(self, between: Between, node: Node) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Bounds (P,) of |f|, |df/dw| and |d2f/dw2| of a part of p on pieces, over their cells."""
+        (first, last, sag), up = between, self.up
+        if node.kind == "delay":
+            most = self._latest(node.name, last)
+            return 0 * sag + 1, most, up * most * most
+        if node.kind == "circle":
+            return 0 * sag + up * nearest(sum(self.statement.circles[node.name], fmpq(0))), 0 * sag, 0 * sag
+        if node.kind == "product":
+            size, slope, bend = self.growth(between, node.parts[0])
+            for part in node.parts[1:]:
+                f, df, ddf = self.growth(between, part)
+                bend = up * (bend * f + 2 * slope * df + size * ddf)
+                slope, size = up * (slope * f + size * df), up * (size * f)
+            return size, slope, bend
+        if node.kind == "leaf":
+            slope, bend = self._steepness(node.name, last)
+        else:
+            _, slopes, bends = zip(*(self.growth(between, part) for part in node.parts), strict=True)
+            slope, bend = (reduce(lambda a, b: up * (a + b), parts) for parts in (slopes, bends))
+        largest = self.largest(node)
+        return up * (np.maximum(largest[first], largest[last]) + up * bend * sag), slope, bend
 
     def _along(self, found: Balls, axis: int | None = None) -> Balls:
         """Points (F, V) along the axis of a pack, or of none."""
-        shape = [len(self.places), *[1] * (len(self.statement.bound) + 1)]
+        shape = [self.count, *[1] * (len(self.statement.bound) + 1)]
         shape[-1 if axis is None else axis + 1] = found.middle.shape[1]
         return found.shaped(shape)
 
@@ -223,6 +267,86 @@ class Frames:
         if node.kind == "circle":
             return self._along(self._circle(node.name))
         return reduce(add if node.kind == "sum" else mul, map(self.points, node.parts))
+
+    def _leaf(self, name: str) -> Balls:
+        """An interval along either axis, and control points of what lies along neither."""
+        points: list[Balls] = []
+        along: dict[int, list[Balls]] = {0: [], 1: []}
+        for i, (axis, degrees, terms) in enumerate(self.statement.components[name]):
+            found = self._values((name, i), terms, degrees)
+            if axis == 2 or found.middle.shape[1] == 1:
+                points.append(found)
+            else:
+                along[axis].append(found.ends(axis))
+        edges = [reduce(Balls.beside, ends) for ends in along.values() if ends]
+        return reduce(add, [*points, *edges])
+
+    def _pack(self, pack: Sequence[str]) -> Iterator[tuple[str, Balls]]:
+        if len(pack) == 1:
+            yield pack[0], self._leaf(pack[0])
+            return
+        degrees = self.statement.pack_degrees(pack)
+        for name in pack:
+            yield name, self._values((name, -1), self.statement.leaves[name], degrees)
+
+    @abstractmethod
+    def _values(self, key: tuple[str, int], terms: Sequence[Term], degrees: Mapping[str, int]) -> Balls:
+        """Control points (F, N) of some terms."""
+
+    @abstractmethod
+    def _late(self, name: str) -> Balls:
+        """The delay (F, V): an arc, or one point of each frame where it does not vary."""
+
+    @abstractmethod
+    def _circle(self, name: str) -> Balls:
+        """The arc (F, V) of a circle that the unknown may be on."""
+
+    @abstractmethod
+    def _latest(self, name: str, which: Any) -> np.ndarray:
+        """Largest delays (P,) in the cells of some frames."""
+
+    @abstractmethod
+    def _steepness(self, name: str, which: Any) -> tuple[np.ndarray, np.ndarray]:
+        """Bounds (P,) of the first and second derivative of a leaf in w, up to the frequencies of some frames."""
+
+
+class Frames(Hulls):
+    """Hulls that are proved, each frame over a cell at one exact frequency, rad/s."""
+
+    up = UP
+
+    def __init__(self, statement: Statement, places: Sequence[tuple[Cell, fmpq]]):
+        self.places = places
+        numbers: dict[Cell, int] = {}
+        self._cell = [numbers.setdefault(cell, len(numbers)) for cell, _ in places]
+        self._cells = [*numbers]
+        most = max(2, *(term.degree for leaf in statement.leaves.values() for term in leaf))
+        w = np.array([nearest(one) for _, one in places])
+        self._powers = np.cumprod(np.stack([np.ones(len(w)), *([w] * most)], axis=1), axis=1)
+        super().__init__(statement, len(places))
+
+    def least(self, which: np.ndarray, directions: np.ndarray) -> np.ndarray:
+        """Lower bounds (P,) over some frames of the real part of p times the conjugates of directions (2, P)."""
+        x, y = directions.reshape(2, -1, *[1] * (len(self.statement.bound) + 1))
+        along = [self.points(node).along(x, y, which) for node in self.statement.summands]
+        strayed = 2 * len(along) * _UNIT * reduce(add, map(np.abs, along))
+        return np.asarray((reduce(add, along) - UP * strayed).reshape(len(which), -1).min(axis=1))
+
+    @property
+    def width(self) -> int:
+        """Points of all summands of one frame."""
+        return sum(self.points(node).middle[0].size for node in self.statement.summands)
+
+    def _steepness(self, name: str, which: Any) -> tuple[np.ndarray, np.ndarray]:
+        sizes = np.stack([cell.sizes(name) for cell in self._cells])[np.array(self._cell)[which]]
+        n = np.arange(sizes.shape[1])
+        up = 1 + 4 * (len(n) + 2) * _UNIT
+        first = up * (sizes * n * self._powers[which][:, np.maximum(n - 1, 0)]).sum(axis=1)
+        second = up * (sizes * n * (n - 1) * self._powers[which][:, np.maximum(n - 2, 0)]).sum(axis=1)
+        return first + _LEAST, second + _LEAST
+
+    def _latest(self, name: str, which: Any) -> np.ndarray:
+        return np.array([UP * nearest(self.places[k][0].values[name][1]) for k in which])
 
     def _values(self, key: tuple[str, int], terms: Sequence[Term], degrees: Mapping[str, int]) -> Balls:
         """Control points (F, N) of some terms.
@@ -236,29 +360,7 @@ class Frames:
         strayed = (3 * n + 4) * _UNIT * np.abs(each).sum(axis=2) + _TINY * np.abs(grids).sum(axis=2)
         return Balls(turned[..., ::2].sum(axis=2) + 1j * turned[..., 1::2].sum(axis=2), UP * strayed + _LEAST)
 
-    def _leaf(self, name: str) -> Balls:
-        """An interval along either axis, and control points of what lies along neither."""
-        points: list[Balls] = []
-        along: dict[int, list[Balls]] = {0: [], 1: []}
-        for i, (axis, degrees, terms) in enumerate(self.statement.components[name]):
-            found = self._values((name, i), terms, degrees)
-            if axis == 2 or found.middle.shape[1] == 1:
-                points.append(found)
-            else:
-                along[axis].append(_ends(found, axis))
-        edges = [reduce(_one_by_one, ends) for ends in along.values() if ends]
-        return reduce(add, [*points, *edges])
-
-    def _pack(self, pack: Sequence[str]) -> Iterator[tuple[str, Balls]]:
-        if len(pack) == 1:
-            yield pack[0], self._leaf(pack[0])
-            return
-        degrees = self.statement.pack_degrees(pack)
-        for name in pack:
-            yield name, self._values((name, -1), self.statement.leaves[name], degrees)
-
     def _late(self, name: str) -> Balls:
-        """The delay: an arc, or one point of each frame where it does not vary."""
         if name not in self.statement.varying and self.statement.inner[name][0] == 0:
             return Balls(np.ones((len(self.places), 1), dtype=complex), np.zeros((len(self.places), 1)))
         points = []
@@ -271,27 +373,14 @@ class Frames:
         return balls(points).shaped((len(self.places), -1))
 
     def _circle(self, name: str) -> Balls:
-        """The arc of a circle that the unknown may be on."""
         centre, radius = map(arb, self.statement.circles[name])
         points = []
         for cell in self._cells:
             low, high = cell.values[name]
             points += [centre + radius * point for point in arc(_turn() * arb(low), _turn() * arb(high - low))]
         found = balls(points).shaped((len(self._cells), -1))
+        assert found.radius is not None
         return Balls(found.middle[self._cell], found.radius[self._cell])
-
-
-def _ends(found: Balls, axis: int) -> Balls:
-    """The least and the largest of points (F, N) along the real (0) or the imaginary (1) axis."""
-    along, turn = (found.middle.imag, 1j) if axis else (found.middle.real, 1.0)
-    ends = np.stack([along.min(axis=1), along.max(axis=1)], axis=1)
-    return Balls(turn * ends, np.repeat(found.radius.max(axis=1, keepdims=True), 2, axis=1))
-
-
-def _one_by_one(left: Balls, right: Balls) -> Balls:
-    """Sums of points that belong together."""
-    radius = left.radius + right.radius + _UNIT * (left.size + right.size)
-    return Balls(left.middle + right.middle, UP * radius + _LEAST)
 
 
 def arc(start: arb, sweep: arb) -> list[acb]:
@@ -309,41 +398,3 @@ def _turn() -> arb:
 def unit(angle: arb) -> acb:
     """exp(-j angle)."""
     return acb(angle.cos(), -angle.sin())
-
-
-class Between(NamedTuple):
-    """Pieces, each of one cell between two frequencies: the numbers (P,) of their frames.
-
-    `sag` (P,) is an eighth of the squared step, rounded up: times a second derivative it is how far a curve strays from
-    its chord.
-    """
-
-    frames: Frames
-    first: np.ndarray
-    last: np.ndarray
-    sag: np.ndarray
-
-
-def growth(between: Between, node: Node) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Bounds (P,) of |f|, |df/dw| and |d2f/dw2| of a part of p on pieces, over their cells."""
-    frames, first, last, sag = between
-    statement, none = frames.statement, np.zeros(len(first))
-    if node.kind == "delay":
-        most = np.array([UP * nearest(frames.places[k][0].values[node.name][1]) for k in last])
-        return none + 1, most, UP * most * most
-    if node.kind == "circle":
-        return none + UP * nearest(sum(statement.circles[node.name], fmpq(0))), none, none
-    if node.kind == "product":
-        size, slope, bend = none + 1, none, none
-        for part in node.parts:
-            f, df, ddf = growth(between, part)
-            bend = UP * (bend * f + 2 * slope * df + size * ddf)
-            slope, size = UP * (slope * f + size * df), UP * (size * f)
-        return size, slope, bend
-    if node.kind == "leaf":
-        slope, bend = frames.steepness(node.name, last)
-    else:
-        _, slopes, bends = zip(*(growth(between, part) for part in node.parts), strict=True)
-        slope, bend = (reduce(lambda a, b: UP * (a + b), parts) for parts in (slopes, bends))
-    largest = frames.largest(node)
-    return UP * (np.maximum(largest[first], largest[last]) + UP * bend * sag), slope, bend

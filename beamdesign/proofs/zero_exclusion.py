@@ -16,16 +16,14 @@ their error (`beamdesign.proofs.frames`).
 
 from collections.abc import Iterator, Sequence
 from fractions import Fraction
-from functools import reduce
 from itertools import product, zip_longest
-from operator import add
 from typing import NamedTuple
 
 import numpy as np
 from flint import fmpq, fmpq_poly
 
 from beamdesign.polynomial import nearest
-from beamdesign.proofs.frames import UP, Between, Cell, Frames, growth
+from beamdesign.proofs.frames import UP, Between, Cell, Frames
 from beamdesign.proofs.statement import Interval, Node, Statement
 
 PRECISION_BITS = 96
@@ -56,9 +54,7 @@ def _separated(given: Sequence[Claimed]) -> tuple[list[bool], int]:
     directions = np.array([claim[3] for claim in given], dtype=float).T
     with np.errstate(over="ignore", invalid="ignore"):  # what is not finite is not found to be apart
         frames = Frames(given[0][0].statement, [*numbers])
-        between = Between(frames, first, last, sag)
-        bend = reduce(add, (growth(between, node)[2] for node in frames.statement.summands))
-        stray = UP * np.hypot(*directions) * bend * sag
+        stray = UP * np.hypot(*directions) * frames.bend(Between(first, last, sag)) * sag
         apart = [frames.least(which, directions) > stray for which in (first, last)]
     return (apart[0] & apart[1]).tolist(), frames.width
 
