@@ -23,6 +23,7 @@ from beamdesign.polynomial import (
     crossings,
     exact,
     is_hurwitz,
+    peak,
     real_roots,
     roots,
     squared_magnitude,
@@ -263,20 +264,8 @@ class LoopAtMass:
         return _ratio(self.characteristic, self.disturbance, frequency_Hz)
 
     def peak_sensitivity(self) -> float:
-        """Largest |S| over all frequencies; infinite for an unstable loop.
-
-        At the peak the derivative of |S|^2 in w^2 vanishes: its real roots are the candidates, so nothing is swept.
-        """
-        if not self.stable:
-            return inf
-        top, bottom = squared_magnitude(self.loop_denominator), squared_magnitude(self.characteristic)
-        stationary = top.derivative() * bottom - top * bottom.derivative()
-        interior = [] if stationary.is_zero() else [root for root, _ in real_roots(stationary) if root > 0]
-        s = 1j * np.sqrt([0.0] + [float(root.mid()) for root in interior])
-        degree = self.characteristic.degree()
-        at_infinity = float(abs(self.loop_denominator[degree] / self.characteristic[degree]))
-        seen = np.abs(at_points(self.loop_denominator, s) / at_points(self.characteristic, s))
-        return max(at_infinity, float(seen.max()))
+        """Largest |S| over all frequencies, of which nothing is swept; infinite for an unstable loop."""
+        return float(peak(self.loop_denominator, self.characteristic).mid()) if self.stable else inf
 
     def bandwidth_Hz(self, limit_m_per_N: float = COMPLIANCE_LIMIT_M_PER_N) -> float:
         """Highest frequency up to which |x / F_d| is at or below the limit at every lower frequency.

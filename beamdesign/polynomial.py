@@ -5,10 +5,11 @@ Rationals at the border of a proof: bounds of balls, simple numbers in a gap, te
 And where a root of p0(s) + k p1(s) lies on the imaginary axis: all such real k, from one polynomial in the frequency.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from decimal import ROUND_CEILING, ROUND_FLOOR, Context, Decimal
 from fractions import Fraction
-from functools import lru_cache
+from functools import lru_cache, reduce
 from math import inf, isfinite, nextafter, pi, sqrt
 
 import numpy as np
@@ -238,6 +239,33 @@ def ratio(above: Affine, below: Affine, masses: np.ndarray, w: np.ndarray) -> np
 def value_at(polynomial: fmpq_poly, point: arb) -> arb:
     """Enclosure of the value at a real ball, at the working precision."""
     return arb_poly(polynomial)(point)
+
+
+_ACCURATE_BITS = 56
+
+
+def tight(figures: Callable[[int], list[arb] | None]) -> list[arb]:
+    """Figures at a precision that makes each as accurate as a float; None stands for a precision that does not tell."""
+    bits = 128
+    while True:
+        with ctx.workprec(bits):
+            found = figures(bits)
+            if found is not None and all(one.is_exact() or one.rel_accuracy_bits() >= _ACCURATE_BITS for one in found):
+                return found
+        bits *= 2
+
+
+def peak(above: fmpq_poly, below: fmpq_poly) -> arb:
+    """Max |above / below| over all frequencies, of a stable quotient: at an end, or where its slope vanishes."""
+    top, bottom, degree = squared_magnitude(above), squared_magnitude(below), below.degree()
+    slope = top.derivative() * bottom - top * bottom.derivative()
+    ends = top[0] / bottom[0], top[degree] / bottom[degree]
+
+    def largest(bits: int) -> list[arb]:
+        inside = [] if slope.is_zero() else [x for x, _ in real_roots(slope, bits) if x > 0]
+        return [reduce(arb.max, [*map(arb, ends), *(value_at(top, x) / value_at(bottom, x) for x in inside)]).sqrt()]
+
+    return tight(largest)[0]
 
 
 def is_hurwitz(polynomial: fmpq_poly) -> bool:

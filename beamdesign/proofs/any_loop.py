@@ -5,7 +5,7 @@ p) / (1 - p), which takes the inside of the unit circle to the left half plane: 
 come to polynomials on the imaginary axis, z = -1 being at infinity.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property, reduce
 from math import inf, isfinite
@@ -19,12 +19,14 @@ from beamdesign.polynomial import (
     even_odd,
     exact,
     is_hurwitz,
+    peak,
     real_roots,
     roots,
     rounded_down,
     rounded_up,
     shares_axis_root,
     squared_magnitude,
+    tight,
     transfer,
     value_at,
 )
@@ -169,7 +171,7 @@ def _matrix(values: Any) -> fmpq_mat:
 
 Pair = tuple[float, float]
 
-_BITS, _ACCURATE_BITS = 128, 56
+_BITS = 128
 _NOWHERE: Pair = (inf, inf)
 _NONE, _ONE, _FAR = fmpq(0), fmpq(1), arb.pos_inf()
 
@@ -260,10 +262,10 @@ def proved(loop: OpenLoop) -> ProvedLoop:
         if not loop.stable:
             return ProvedLoop(False, _why(loop), loop.period_s, gains)
         last, first = below.ranges[-1].opens_at, above.ranges[0].closes_at
-        flat = _tight(lambda bits: _turns(loop, bits))
+        flat = tight(lambda bits: _turns(loop, bits))
         turns = list(zip(flat[::2], flat[1::2], strict=True))
         either_way = [turn.min(2 * arb.pi() - turn) for _, turn in turns]
-        n, d = loop.numerator, loop.denominator
+        n, d, p = loop.numerator, loop.denominator, loop.characteristic
         return ProvedLoop(
             True,
             "",
@@ -273,9 +275,9 @@ def proved(loop: OpenLoop) -> ProvedLoop:
             gain_decrease=(0.0, 0.0) if last is None else _floats(last.ends),
             phase_margin_deg=_degrees(reduce(arb.min, either_way)) if turns else _NOWHERE,
             delay_margin_s=_delay(loop, turns),
-            disk_margin=_NOWHERE if n == d else _floats(bounds(2 / _peak(d - n, loop))),
-            peak_sensitivity=_floats(bounds(_peak(d, loop))),
-            peak_complementary=_floats(bounds(_peak(n, loop))),
+            disk_margin=_NOWHERE if n == d else _floats(bounds(2 / peak(d - n, p))),
+            peak_sensitivity=_floats(bounds(peak(d, p))),
+            peak_complementary=_floats(bounds(peak(n, p))),
             phase_crossings=tuple(
                 AxisPoint(_pair(loop.frequency(one.squared_frequency)), _floats(one.ends))
                 for one in (*below.crossings, *above.crossings)
@@ -317,17 +319,6 @@ def _why(loop: OpenLoop) -> str:
     return f"not stable: a closed-loop pole at {at}" + (" rad/s" if loop.period_s is None else " in z")
 
 
-def _tight(figures: Callable[[int], list[arb] | None]) -> list[arb]:
-    """Figures at a precision that makes each as accurate as a float; None stands for a precision that does not tell."""
-    bits = _BITS
-    while True:
-        with ctx.workprec(bits):
-            found = figures(bits)
-            if found is not None and all(one.is_exact() or one.rel_accuracy_bits() >= _ACCURATE_BITS for one in found):
-                return found
-        bits *= 2
-
-
 def _turns(loop: OpenLoop, bits: int) -> list[arb] | None:
     """Every frequency with |L| = 1, rad/s and ascending, each followed by the lag in 0 to 2 pi that makes L -1 there.
 
@@ -366,19 +357,6 @@ def _delay(loop: OpenLoop, turns: Sequence[tuple[arb, arb]]) -> Pair:
         return 0.0, loop.period_s or 0.0
     delays = [lag / frequency for frequency, lag in turns if frequency > 0]
     return _pair(reduce(arb.min, delays)) if delays else _NOWHERE
-
-
-def _peak(above: fmpq_poly, loop: OpenLoop) -> arb:
-    """Max |above / characteristic| over all frequencies of a stable loop: at an end, or where its slope vanishes."""
-    top, bottom = squared_magnitude(above), squared_magnitude(loop.characteristic)
-    slope = top.derivative() * bottom - top * bottom.derivative()
-    ends = [arb(top[0] / bottom[0]), arb(top[loop.order] / bottom[loop.order])]
-
-    def largest(bits: int) -> list[arb]:
-        inside = [] if slope.is_zero() else [x for x, _ in real_roots(slope, bits) if x > 0]
-        return [reduce(arb.max, [*ends, *(value_at(top, x) / value_at(bottom, x) for x in inside)]).sqrt()]
-
-    return _tight(largest)[0]
 
 
 def _degrees(turn: arb) -> Pair:
