@@ -215,7 +215,7 @@ def test_poles_are_those_of_matrices_put_together_by_hand(
 ):
     rig = at(link, *offset)
     expected = np.linalg.eigvals(assemble(rig, payload, offset, END_INERTIA).a)
-    found = np.concatenate([plane_loop(rig, name).at(payload).poles() for name in ("y", "z")])
+    found = np.concatenate([at_tip(plane_loop(rig, name), payload).poles() for name in ("y", "z")])
     assert len(found) == len(expected)
     for pole in found:
         assert np.abs(expected - pole).min() < 1e-6 * abs(pole)
@@ -236,9 +236,15 @@ def test_poles_with_both_planes_coupled_are_those_of_matrices_put_together_by_ha
             assert np.abs(expected - pole).min() < 1e-6 * abs(pole)
 
 
+def at_tip(plane: PlaneLoop, payload: float) -> LoopAtMass:
+    """The loop at one payload (kg), its compliance being that of the tip."""
+    families = plane.loop_denominator, plane.loop_numerator, plane.tip, plane.effort_numerator
+    return LoopAtMass(*(one.at(exactly(payload)) for one in families))
+
+
 def at_load(plane: PlaneLoop, payload: float) -> LoopAtMass:
     """The loop at one payload (kg), its compliance being that of the payload's centre."""
-    return replace(plane.at(payload), disturbance=plane.load.at(exactly(payload)))
+    return replace(at_tip(plane, payload), disturbance=plane.load.at(exactly(payload)))
 
 
 def test_responses_are_those_of_matrices_put_together_by_hand(link: Prototype):
@@ -255,7 +261,7 @@ def test_responses_are_those_of_matrices_put_together_by_hand(link: Prototype):
     moved = at_load(plane, payload).compliance_response(frequency)
     np.testing.assert_allclose(moved, motion[:, 2, 2] + rest, rtol=1e-7)
     gain = -solved(by_hand.opened, by_hand.valve) @ by_hand.current
-    np.testing.assert_allclose(plane.at(payload).loop_response(frequency), gain, rtol=1e-7)
+    np.testing.assert_allclose(at_tip(plane, payload).loop_response(frequency), gain, rtol=1e-7)
     full = both_planes(rig).response(payload, frequency)
     motion[:, [1, 2], [1, 2]] += rest
     np.testing.assert_allclose(full, motion, rtol=1e-6, atol=1e-14)
@@ -290,7 +296,7 @@ def test_servos_that_measure_elsewhere_are_those_put_together_by_hand(
             returned = [
                 -gain[2] @ np.linalg.solve(2j * pi * f * np.eye(len(gain[0])) - gain[0], gain[1]) for f in frequency
             ]
-            np.testing.assert_allclose(z.at(payload).loop_response(frequency), returned, rtol=1e-6)
+            np.testing.assert_allclose(at_tip(z, payload).loop_response(frequency), returned, rtol=1e-6)
 
 
 def with_pressure(link: Prototype, A_per_Pa: float) -> Prototype:
@@ -330,7 +336,7 @@ def test_added_sensors_are_those_put_together_by_hand(
                 np.testing.assert_allclose(load, motion[:, 2, 2], rtol=1e-6)
         if offset[2] == 0:
             cut = [np.linalg.solve(x * np.eye(len(by_hand.a)) - by_hand.opened, by_hand.valve) for x in s]
-            loop_gain = plane_loop(rig, "z").at(payload).loop_response(frequency)
+            loop_gain = at_tip(plane_loop(rig, "z"), payload).loop_response(frequency)
             np.testing.assert_allclose(loop_gain, [-by_hand.current @ one for one in cut], rtol=1e-6)
 
 
@@ -427,7 +433,7 @@ def test_guarantees_hold_and_are_tight_on_a_grid(link: Prototype):
     found = certify_plane(rig, "z", 0.0, 6.8).guaranteed
     assert found is not None
     plane, frequency = plane_loop(rig, "z"), np.geomspace(0.1, 500.0, 4000)
-    members = [plane.at(mass) for mass in np.linspace(0.0, 6.8, 18)]
+    members = [at_tip(plane, mass) for mass in np.linspace(0.0, 6.8, 18)]
     loads = [at_load(plane, mass) for mass in np.linspace(0.0, 6.8, 18)]
     peak = max(np.abs(member.sensitivity_response(frequency)).max() for member in members)
     assert peak <= found.peak_sensitivity <= 1.002 * peak
@@ -588,9 +594,9 @@ def test_the_model_of_the_truth_is_the_arm(link: Prototype, sensor: tuple[float,
     load = at_load(plane_loop(rig, "z"), payload).compliance_response(frequency)
     np.testing.assert_allclose(model.magnitudes("load_compliance", payload, w), np.abs(load), rtol=1e-9)
     for kind, response in (
-        ("tip_compliance", plane_loop(rig, "z").at(payload).compliance_response(frequency)),
-        ("peak_sensitivity", plane_loop(rig, "z").at(payload).sensitivity_response(frequency)),
-        ("controller_effort", effort_response(plane_loop(rig, "z").at(payload), frequency)),
+        ("tip_compliance", at_tip(plane_loop(rig, "z"), payload).compliance_response(frequency)),
+        ("peak_sensitivity", at_tip(plane_loop(rig, "z"), payload).sensitivity_response(frequency)),
+        ("controller_effort", effort_response(at_tip(plane_loop(rig, "z"), payload), frequency)),
     ):
         np.testing.assert_allclose(model.magnitudes(kind, payload, w), np.abs(response), rtol=1e-9)
     cut = [np.linalg.solve(1j * x * np.eye(len(by_hand.a)) - by_hand.opened, by_hand.valve) for x in w]

@@ -37,7 +37,7 @@ from beamdesign.proofs.stability import StabilityMap, stable_ranges
 from beamdesign.proofs.statement import UNKNOWN, Interval, PolynomialFamily, in_context, written
 from beamdesign.quantities import decimal
 from beamdesign.records import InputError
-from beamdesign.result import Result, finite
+from beamdesign.result import Result
 
 if TYPE_CHECKING:
     import control
@@ -162,9 +162,8 @@ class ProvedFamily(Result):
         return "yes" if self.yes else "no" if False in answers else "undecided"
 
     def to_dict(self) -> dict[str, Any]:
-        """Its fields but the loop."""
-        kept = {name: value for name, value in vars(self).items() if name not in ("family", "certificate")}
-        return {name: finite(value) for name, value in kept.items()}
+        """Its fields but the loop and the certificate."""
+        return {name: value for name, value in super().to_dict().items() if name != "certificate"}
 
     def rows(self) -> Sequence[tuple[Any, ...]]:
         """Ranges of the parameters, what is stable of a single one, and the largest peak."""

@@ -42,8 +42,8 @@ from functools import cached_property
 
 from flint import fmpq_poly
 
-from beamdesign.loop import Loop, LoopAtMass, loop
-from beamdesign.polynomial import Affine, exact
+from beamdesign.loop import Loop, loop
+from beamdesign.polynomial import Affine
 from beamdesign.prototype import Prototype
 from beamdesign.records import InputError
 from beamdesign.structure.arm import Name, PlaneFigures, arm_of, in_plane, plane_figures
@@ -78,12 +78,6 @@ class PlaneLoop:
     def characteristic(self) -> Affine:
         """Closed-loop characteristic polynomial."""
         return self.loop_denominator + self.loop_numerator
-
-    def at(self, payload: float) -> LoopAtMass:
-        """The loop at one payload, kg; its compliance is that of the tip."""
-        mass = exact(payload)
-        families = self.loop_denominator, self.loop_numerator, self.tip, self.effort_numerator
-        return LoopAtMass(*(one.at(mass) for one in families))
 
 
 def single_loop(prototype: Prototype, name: Name) -> Loop:
