@@ -203,7 +203,7 @@ def _once_each(score_of: Callable[[np.ndarray], np.ndarray]) -> Callable[[np.nda
 def undamping(statement: Statement, shares: np.ndarray) -> np.ndarray:
     """Largest Re(s) / |s| over the roots of members at shares (B, k) of the ranges, in floats; 1 at a lost degree."""
     n, _ = statement.degree
-    scale = _frequency(statement, shares.shape[1], n)
+    scale = _frequency(statement)
     delay = delays(statement, shares)
     order = _PADE if delay.any() else 0
     step = np.maximum(delay, 1e-3 / scale) / (2 * _PADE) if order else np.ones(len(shares))
@@ -224,14 +224,11 @@ def undamping(statement: Statement, shares: np.ndarray) -> np.ndarray:
 
 
 @lru_cache(maxsize=16)
-def _frequency(statement: Statement, k: int, n: int) -> float:
+def _frequency(statement: Statement) -> float:
     """Geometric mean of the root's sizes in the middle of the box, to scale the polynomial."""
-    radius = 1.0
-    s = radius * np.exp(2j * np.pi * np.arange(n + 1) / (n + 1))[None, :]
-    middle, far = np.full((1, k), 0.5), 1e6 * s
-    at_rest = abs(np.fft.fft(plain_and_whole(statement, middle, s)[1], axis=1).real[0, 0])
-    leading = abs(np.mean(plain_and_whole(statement, middle, far)[1] / far**n))
-    return float((at_rest / (n + 1) / leading) ** (1 / n)) if at_rest > 0 and leading > 0 else 1.0
+    middle = parameters_at(statement, [fmpq(1, 2)] * len(statement.varying))
+    p, (n, _) = with_number(statement, middle, fmpq(1)), statement.degree
+    return float(arb(abs(p[0] / p[n])).root(n)) if p[0] != 0 and p[n] != 0 else 1.0
 
 
 def parameters_at(statement: Statement, shares: list[fmpq]) -> dict[str, fmpq]:
