@@ -116,7 +116,7 @@ def switching(
     """Prove what can be proved of a closed loop while its outer end mass changes between two masses, and its stage.
 
     Args:
-        families: the loop with each stage, in the same states; see `closed_loop` and `stage_families`.
+        families: the loop with each stage, in the same states; see `stage_families`.
         low_kg: least mass.
         high_kg: largest mass, above `low_kg`.
         wanted_kg_per_s: a rate |dm/dt| to prove; the largest is searched for where it is left out.

@@ -88,17 +88,6 @@ Families = Sequence[MassFamily]
 """The closed loop with each of its stages, in the same states; one law that stays is the case of one stage."""
 
 
-def closed_loop(prototype: Prototype) -> MassFamily:
-    """The closed loop of a prototype, equations (7) to (16), over the mass on its outer tip.
-
-    Raises:
-        ValueError: where the prototype has no controller, or one whose numerator is of higher degree than its
-            denominator.
-    """
-    law = prototype.own_controller.sensed_law()
-    return close_with(paper_model(prototype), exact(prototype.payload.inner_end_mass_kg), law)
-
-
 def close_with(rig: LinearModel, inner_end_mass: fmpq, law: SensedLaw) -> MassFamily:
     """Close the loop of a rig with a controller of any order and any number of sensors.
 
@@ -138,18 +127,20 @@ def _family(matrix: fmpq_mat, velocity: int, bare_mass: fmpq, states: tuple[str,
 
 
 def stage_families(prototype: Prototype) -> Families:
-    """The matrices A(m) with every law of a prototype's controller; those of several in the same states.
+    """The matrices A(m), equations (7) to (16), with every law of a controller; those of several in the same states.
 
     Raises:
         InputError: where the prototype carries effects, or where one of several laws has sections and no filter before
             them: they would feel accelerations, which the mass sets.
         ValueError: without a controller.
     """
-    if prototype.schedule is None:
-        return (closed_loop(prototype),)
-    plant, inner = paper_model(prototype), exact(prototype.payload.inner_end_mass_kg)
+    schedule, inner = prototype.schedule, exact(prototype.payload.inner_end_mass_kg)
+    if schedule is None:
+        law = prototype.own_controller.sensed_law()
+        return (close_with(paper_model(prototype), inner, law),)
+    plant = paper_model(prototype)
     try:
-        return tuple(stage_family(plant, inner, stage.law) for stage in prototype.schedule.stage)
+        return tuple(stage_family(plant, inner, stage.law) for stage in schedule.stage)
     except ValueError as error:
         raise InputError(prototype.name, [("sensor.filter_Hz", str(error))]) from error
 
