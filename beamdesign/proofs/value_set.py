@@ -16,7 +16,7 @@ from flint import fmpq
 
 from beamdesign.polynomial import nearest
 from beamdesign.proofs.frames import ARC_PARTS, Balls, Between, Hulls, control_value, flat
-from beamdesign.proofs.statement import Statement, Term
+from beamdesign.proofs.statement import Node, Statement, Term
 
 _TURN = (1.0, 1j, -1.0, -1j)
 
@@ -106,9 +106,15 @@ def _arc(start: np.ndarray, sweep: np.ndarray) -> np.ndarray:
 def control_points(statement: Statement) -> int:
     """Number of points of a hull of p that are computed and tested, for all summands together."""
     none = np.zeros((0, len(statement.varying)))  # hulls of no piece take no room, however many points they would have
-    hulls = Pieces(statement, none, none, np.zeros((2, 0)))
-    shapes = [hulls.points(node).middle.shape for node in statement.summands]
-    return prod(map(max, zip(*(shape[1:-1] for shape in shapes), strict=True))) * sum(shape[-1] for shape in shapes)
+    hulls, choices = Pieces(statement, none, none, np.zeros((2, 0))), list[tuple[int, ...]]()
+
+    def one(node: Node) -> int:
+        _, *enumerated, count = hulls.points(node).middle.shape
+        choices.append((*enumerated,))
+        return count
+
+    total = sum(node.fold(one, mul, mul) for node in statement.summands)
+    return total * prod(np.broadcast_shapes(*choices))
 
 
 def support(rows: Sequence[np.ndarray], directions: np.ndarray) -> np.ndarray:
