@@ -165,7 +165,7 @@ def family(
     # Spans go one way with each figure that they see, so that the corners of their ranges have the extremes.
     seen = {name: {*map(nearest, varying[name])} for name in _OF_OPERATION if name in varying}
     corners = [replace(operation, figure=lumped | dict(zip(seen, at, strict=True))) for at in product(*seen.values())]
-    spans: dict[str, dict[str, Span]] = {}
+    spans: dict[tuple[str, str], Span] = {}
     gains: dict[str, Span] = {}
     linears = {name: linear for name in own if (linear := linear_of(prototype, name)) is not None}
     for name, parameters in own.items():
@@ -173,43 +173,34 @@ def family(
             wrong.append(Problem(f"effects.{name}", "no linear loop stands for this effect, so that nothing is proved"))
             continue
         try:
-            spans[name] = {key: _over(span, parameters, operation, corners) for key, span in linear.figures.items()}
+            spans |= {(name, key): _over(one, parameters, operation, corners) for key, one in linear.figures.items()}
             gains |= {name: _over(linear.gain, parameters, operation, corners)} if linear.gain else {}
         except ValueError as error:
             wrong.append(Problem(f"effects.{name}", str(error)))
     if wrong:
         raise InputError(prototype.name, wrong)
     kept = [name for name, linear in linears.items() if linear.laws != {}]
-
-    def rig(frozen: Mapping[str, Mapping[str, float]]) -> LinearModel:
-        return LinearModel(
-            lumped, filtered, {name: own[name] | dict(frozen.get(name, {})) for name in kept}, rig=prototype.rig
-        )
-
-    spanned = list(gains.values())
-    whole = _outwards([(span.low, span.high) for span in spanned])
-    performing = _outwards([span.performing for span in spanned])
-    places = [(name, key, span) for name, table in spans.items() for key, span in table.items()]
+    whole = _outwards([(span.low, span.high) for span in gains.values()])
+    performing = _outwards([span.performing for span in gains.values()])
 
     def member(values: Sequence[float], gain: Interval, performance: Interval | None) -> VertexModel:
         frozen: dict[str, dict[str, float]] = {}
-        for (name, key, _), value in zip(places, values, strict=True):
+        for (name, key), value in zip(spans, values, strict=True):
             frozen.setdefault(name, {})[key] = value
-        performs = all(
-            span.performing[0] <= value <= span.performing[1]
-            for (_, _, span), value in zip(places, values, strict=True)
-        )
-        return VertexModel(rig(frozen), gain, performance if performs else None, frozen)
+        effects = {name: own[name] | frozen.get(name, {}) for name in kept}
+        rig = LinearModel(lumped, filtered, effects, rig=prototype.rig)
+        performs = all(span.performs(value) for span, value in zip(spans.values(), values, strict=True))
+        return VertexModel(rig, gain, performance if performs else None, frozen)
 
-    corner_values = product(*(sorted({span.low, span.high}) for _, _, span in places))
-    members = [member(ends, whole, performing) for ends in corner_values]
-    factor = float(np.prod([span.rest for span in spanned]))
+    ends = product(*(sorted({span.low, span.high}) for span in spans.values()))
+    members = tuple(member(values, whole, performing) for values in ends)
+    factor = float(np.prod([span.rest for span in gains.values()]))
     still = Interval(factor, factor)
-    performs_still = all(span.performing[0] <= span.rest <= span.performing[1] for span in spanned)
-    rest = member([span.rest for _, _, span in places], still, still if performs_still else None)
-    named = {f"{name}.{key}": span for name, key, span in places}
+    performs_still = all(span.performs(span.rest) for span in gains.values())
+    rest = member([span.rest for span in spans.values()], still, still if performs_still else None)
+    named = {f"{name}.{key}": span for (name, key), span in spans.items()}
     with_load = any(linear.with_load for linear in linears.values())
-    return LinearFamily(tuple(members), rest, named, load, with_load, gains)
+    return LinearFamily(members, rest, named, load, with_load, gains)
 
 
 def linear_of(prototype: Prototype, name: str) -> Linear | None:

@@ -136,6 +136,10 @@ class Span:
         """The part of the span over which more than stability is asked."""
         return self.performance or (self.low, self.high)
 
+    def performs(self, value: float) -> bool:
+        """Whether a value lies there."""
+        return self.performing[0] <= value <= self.performing[1]
+
 
 Weights = Mapping[str, fmpq]
 """A motion: weights of coordinates, or of the points "tip", "rod" (of the cylinder), "base" (of both beams)."""
