@@ -31,6 +31,7 @@ import numpy as np
 
 from beamdesign.controllers import Scheduled
 from beamdesign.controllers.scheduled import FREE
+from beamdesign.plant.equilibrium import scales
 from beamdesign.plant.linear import LinearModel
 from beamdesign.plant.members import paper_model
 from beamdesign.prototype import Prototype
@@ -42,7 +43,6 @@ CONTRADICTION = 4.0
 """Standard deviations by which a window's estimate may be off what was added up, before that is dropped."""
 _NOISE_ROOM = 1.3
 """Factor on the noise that a window without movement of the force may leave."""
-_TYPICAL = {"_m3_per_s": 1e-6, "_m3_per_s2": 1e-3, "_m_per_s": 1e-3, "_m": 1e-5, "_V": 1e-2, "_A": 1.0}
 
 
 @dataclass(frozen=True)
@@ -82,9 +82,7 @@ def plant_step(rig: LinearModel, outer_end_mass: float, inner_end_mass: float, p
 
     a, b, c = rig.matrices(outer_end_mass, inner_end_mass)
     n = len(a)
-    scale = np.array(
-        [*(next(size for end, size in _TYPICAL.items() if name.endswith(end)) for name in rig.states), 10.0, 1.0]
-    )  # then force (N) and current (A)
+    scale = np.append(scales(rig.states), [10.0, 1.0])  # then force (N) and current (A)
     motion = np.zeros((n + 2, n + 2))
     motion[:n, :n], motion[:n, n:] = a, b
     whole = expm(motion * scale / scale[:, None] * period_s)

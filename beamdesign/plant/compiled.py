@@ -72,12 +72,9 @@ def half_steps(samples: np.ndarray, substeps: int) -> np.ndarray:
         (2 substeps (N - 1) + 1, m), the samples themselves among them.
     """
     share = np.arange(2 * substeps) / (2 * substeps)
-    nodes = np.array([-1.0, 0.0, 1.0, 2.0])
-    weights = np.ones((len(share), 4))
-    for i in range(4):
-        for j in range(4):
-            if i != j:
-                weights[:, i] *= (share - nodes[j]) / (nodes[i] - nodes[j])
+    nodes = (-1.0, 0.0, 1.0, 2.0)
+    factors = ([(share - other) / (node - other) for other in nodes if other != node] for node in nodes)
+    weights = np.column_stack([np.prod(part, axis=0) for part in factors])
     # At both ends the neighbour that is missing lies on the cubic through the first (last) four samples.
     ghost = np.array([4.0, -6.0, 4.0, -1.0])
     padded = np.vstack([ghost @ samples[:4], samples, ghost @ samples[:-5:-1]])
@@ -345,14 +342,9 @@ def _steps(law, output, times, inputs, x, checked, c, substeps, bound, digital, 
                 ticks += 1
                 u0[2] = held
             if sub == 0:
-                _evaluate(output, t, x, u0, c, y)
-                for j in range(checked):
-                    if not np.isfinite(x[j]):
-                        return k
-                if not abs(y[4]) <= bound:
+                _evaluate(output, t, x, u0, c, y_out[k])
+                if not np.isfinite(x[:checked]).all() or not abs(y_out[k, 4]) <= bound:
                     return k
-                for j in range(y.shape[0]):
-                    y_out[k, j] = y[j]
                 if last:
                     return samples
             u1[0], u1[1], u1[2] = inputs[half + 1, 0], inputs[half + 1, 1], held
