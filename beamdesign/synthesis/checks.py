@@ -68,20 +68,17 @@ class Requirement(NamedTuple):
         return f"{self.name}_kg_per_{'mm' if self.share is None else 'percent'}"
 
 
-REQUIREMENTS = {
-    "tip_force_N": Requirement("load.tip_force_N", 1e-3, "tip_force", "tip force", 0.01),
-    "strength": Requirement("safety.strength", 1.0, "safety_strength", "safety factor on strength", 0.01),
-    "local_buckling": Requirement(
-        "safety.local_buckling", 1.0, "safety_local_buckling", "safety factor on local buckling", 0.01
-    ),
-    "assembly_m": Requirement("clearance.assembly_m", 0.0, "clearance_assembly", "clearance at assembly"),
-    "under_load_m": Requirement("clearance.under_load_m", 0.0, "clearance_under_load", "clearance under load"),
-    "least_wall_m": Requirement("sections.least_wall_m", 1e-4, "least_wall", "least wall"),
-    "largest_width_m": Requirement("sections.largest_width_m", 2.0, "largest_width", "largest width"),
-    "width_to_wall_at_most": Requirement(
-        "sections.width_to_wall_at_most", 1000.0, "width_to_wall_at_most", "largest width to wall", 0.01
-    ),
-}
+_STATED = (
+    Requirement("load.tip_force_N", 1e-3, "tip_force", "tip force", 0.01),
+    Requirement("safety.strength", 1.0, "safety_strength", "safety factor on strength", 0.01),
+    Requirement("safety.local_buckling", 1.0, "safety_local_buckling", "safety factor on local buckling", 0.01),
+    Requirement("clearance.assembly_m", 0.0, "clearance_assembly", "clearance at assembly"),
+    Requirement("clearance.under_load_m", 0.0, "clearance_under_load", "clearance under load"),
+    Requirement("sections.least_wall_m", 1e-4, "least_wall", "least wall"),
+    Requirement("sections.largest_width_m", 2.0, "largest_width", "largest width"),
+    Requirement("sections.width_to_wall_at_most", 1000.0, "width_to_wall_at_most", "largest width to wall", 0.01),
+)
+REQUIREMENTS = dict(zip(Requirements._fields, _STATED, strict=True))
 """Every one of `Requirements`, in its order."""
 
 
@@ -198,13 +195,13 @@ def _fit(
     gaps = clearances(outer, inner)
     gap_off, gap_on = (lumped.clearance_under_load(gaps[0], asked.tip_force_N, one) for one in stiffness)
     of_outer, of_inner = (one.material for one in problem.beams)
+    both = (("outer", outer), ("inner", inner))
     found = [
         Check("clearance at assembly", gaps[0], asked.assembly_m, "m", at_least=True),
         *(Check("clearance at assembly, across", gap, asked.assembly_m, "m", at_least=True) for gap in gaps[1:]),
         Check("clearance under load, servo on", gap_on, asked.under_load_m, "m", at_least=True),
         Check("clearance under load, servo off", gap_off, asked.under_load_m, "m", at_least=True),
-        Check("outer least wall", outer.wall_m, asked.least_wall_m, "m", at_least=True),
-        Check("inner least wall", inner.wall_m, asked.least_wall_m, "m", at_least=True),
+        *(Check(f"{name} least wall", tube.wall_m, asked.least_wall_m, "m", at_least=True) for name, tube in both),
         Check("outer wall within strength data", outer.wall_m, of_outer.largest_wall_m, "m"),
         Check("inner wall within strength data", inner.wall_m, of_inner.largest_wall_m, "m"),
         *(Check(f"outer largest {side}", size, asked.largest_width_m, "m") for side, size in outer.sides.items()),
@@ -212,7 +209,7 @@ def _fit(
     if asked.width_to_wall_at_most is not None:
         found += [
             Check(f"{name} {side} to wall", size / tube.wall_m, asked.width_to_wall_at_most, "1")
-            for name, tube in (("outer", outer), ("inner", inner))
+            for name, tube in both
             for side, size in tube.sides.items()
         ]
     return found

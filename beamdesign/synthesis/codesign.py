@@ -310,16 +310,15 @@ def front(
     ranges = list(dict.fromkeys(asked))
     total = len(ranges) * len(bandwidths)
     with within(minutes) as limit:
-        for i, k in product(range(len(ranges)), range(len(bandwidths))):
-            masses, bandwidth = ranges[i], bandwidths[k]
+        for (i, masses), (k, bandwidth) in product(enumerate(ranges), enumerate(bandwidths)):
             words = f"{bandwidth:g} Hz over {masses[0]:g} to {masses[1]:g} kg"
             if solved and over():
                 leave_out(words)
                 solved[i, k] = Codesign(bandwidth, masses, None, (), "no time was left for it")
                 continue
             report(len(solved) / total, words)
-            before = [solved.get(key) for key in ((i, k - 1), (i - 1, k))]
-            near = [design.point for design in before if design is not None and design.point is not None]
+            before = [solved[key] for key in ((i, k - 1), (i - 1, k)) if key in solved]
+            near = [design.point for design in before if design.point is not None]
             design = codesign(problem, masses, bandwidth, near, sigmas=sigmas)
             if near and design.point is None and not over():
                 fresh = codesign(problem, masses, bandwidth, sigmas=sigmas)

@@ -65,13 +65,11 @@ class DesignRun(Result):
 
         Where no sections pass their checks, enough for some that do; what else they ask is asked of these.
         """
-        eased = () if self.sizing.feasible else self.sizing.relaxations
-        free = (
-            ['sections.choose = "free"']
-            if not self.sizing.feasible and self.sizing.choose == "stock" and self.sizing.free
-            else []
-        )
-        return (*in_words(self.ways), *free, *(f"{item.key} = {item.enough:g}" for item in eased))
+        sizing, ways = self.sizing, in_words(self.ways)
+        if sizing.feasible:
+            return ways
+        free = ['sections.choose = "free"'] if sizing.choose == "stock" and sizing.free else []
+        return (*ways, *free, *(f"{item.key} = {item.enough:g}" for item in sizing.relaxations))
 
     @property
     def guarantees(self) -> tuple[Guarantee, ...]:

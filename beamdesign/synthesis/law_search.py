@@ -317,9 +317,8 @@ def _proved(task: Search, design: Design, sampled: tuple[float, ...]) -> Found:
                 # The next refinement sees the peaks that stood between the samples, and a third of the excess beside.
                 for asked, witness in peaks:
                     refinement = task.with_peak(refinement, witness.frequency_Hz, nearest(witness.mass), asked.kind)
-                if (
-                    task.sections is not None and claim.kind == "peak_sensitivity"
-                ):  # of which the witness need not be near the worst peak
+                # Of sections the witness need not be near the worst peak.
+                if task.sections is not None and claim.kind == "peak_sensitivity":
                     refinement = task.with_peak(refinement, *task.worst_peak(design))
                 excess *= 1 / 3 if task.sections is None else excess < _SMALL
             inside += excess

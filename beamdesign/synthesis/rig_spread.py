@@ -254,8 +254,7 @@ class BoxTask:
             return None, verdict.reason, []
         claims = []
         for asked in self._asked(bandwidth_Hz):
-            for relaxation in _RELAXATIONS if asked.kind == "compliance" else (1.0,):
-                one = relaxed(asked, relaxation) if asked.kind == "compliance" else asked
+            for one in [relaxed(asked, by) for by in _RELAXATIONS] if asked.kind == "compliance" else [asked]:
                 claim = claim_over_box(self.prototype, self.box, one, BUDGET, min(SECONDS, left()))
                 if claim.holds:
                     break

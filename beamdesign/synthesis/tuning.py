@@ -356,16 +356,14 @@ def _ranges(
     prototype: Prototype, whole_kg: tuple[float, float], stages: int, overlap_kg: float
 ) -> list[tuple[float, float]]:
     """Payloads of the stages; what stands against them, all at once."""
+    problems = []
     if not STAGES[0] <= stages <= STAGES[1]:
-        reason = (
-            f"must be {STAGES[0]} to {STAGES[1]}, is {stages}; one law for all payloads is of another kind: ask for it"
-        )
-        raise InputError(f"{prototype.name}: scheduled", [("stages", reason)])
-    problems, width = [], (whole_kg[1] - whole_kg[0]) / stages
-    if not whole_kg[0] < whole_kg[1]:
+        words = "one law for all payloads is of another kind: ask for it"
+        problems.append(("stages", f"must be {STAGES[0]} to {STAGES[1]}, is {stages}; {words}"))
+    elif not whole_kg[0] < whole_kg[1]:
         reason = f"{whole_kg[0]:g}:{whole_kg[1]:g} holds one payload, which needs no stages"
         problems.append(("payload.outer_end_mass_kg", reason))
-    elif not width > overlap_kg:
+    elif not (width := (whole_kg[1] - whole_kg[0]) / stages) > overlap_kg:
         reason = f"{stages} stages of {width:.4g} kg each leave no room for overlaps of {overlap_kg:.4g} kg"
         problems.append(("stages", f"{reason}; fewer stages or a narrower band of the estimate would"))
     laws = () if prototype.controller is None else prototype.controller.laws
