@@ -7,6 +7,7 @@ every d.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
+from itertools import zip_longest
 from math import log, pi
 from typing import TYPE_CHECKING, Any, Literal, Self
 
@@ -24,7 +25,6 @@ from beamdesign.controllers.protocol import (
     Row,
     Sensed,
     SensedLaw,
-    plus,
     times,
 )
 from beamdesign.plant.component import Matrices
@@ -330,7 +330,7 @@ def _form(sensors: tuple[Sensed, ...], units: "np.ndarray", blocks: int) -> Form
             for k, unit in enumerate(units):
                 low, high = (variables[first + 2 + k + part] for part in (0, p))
                 added = times([unit * low, unit * high * u], denominator)
-                numerators[k] = plus(times(numerators[k], below), added)
+                numerators[k] = [sum(both) for both in zip_longest(times(numerators[k], below), added, fillvalue=0.0)]
             denominator = times(denominator, below)
         return numerators, denominator
 

@@ -149,12 +149,6 @@ def times(left: Sequence[Any], right: Sequence[Any]) -> list[Any]:
     return product
 
 
-def plus(left: Sequence[Any], right: Sequence[Any]) -> list[Any]:
-    """Coefficients of the sum of two polynomials, ascending."""
-    length = max(len(left), len(right))
-    return [sum(one[k] for one in (left, right) if k < len(one)) for k in range(length)]
-
-
 class Controller(Kinded):
     """A linear law from what is sensed to the current of the valve, or several that take turns.
 

@@ -28,8 +28,6 @@ def _named(names: str, called: str) -> dict[int, str]:
 _CALL = _named("sqrt exp log sin cos fabs floor ceil", "llvm.{}.f64")
 _CALL |= _named("tan asin acos atan sinh cosh tanh log1p expm1", "{}")
 _CALL_OF_TWO = _named("pow copysign", "llvm.{}.f64") | _named("atan2 hypot", "{}") | {ca.OP_CONSTPOW: "llvm.pow.f64"}
-_OF_TWO = {*_FLOAT, *_COMPARISON, *_CALL_OF_TWO, ca.OP_FMIN, ca.OP_FMAX, ca.OP_AND, ca.OP_OR, ca.OP_IF_ELSE_ZERO}
-_OF_ONE = {*_CALL, ca.OP_NEG, ca.OP_SQ, ca.OP_TWICE, ca.OP_INV, ca.OP_SIGN, ca.OP_NOT}
 _LINE = {code: f"{name} contract double {{0}}, {{1}}" for code, name in _FLOAT.items()}
 _LINE |= {code: f"call double @{name}(double {{0}})" for code, name in _CALL.items()}
 _LINE |= {code: f"call double @{name}(double {{0}}, double {{1}})" for code, name in _CALL_OF_TWO.items()}
@@ -41,6 +39,7 @@ _LINE |= {
 }
 _TRUTH = {code: f"fcmp {name} double {{0}}, {{1}}" for code, name in _COMPARISON.items()}
 _TRUTH |= {ca.OP_NOT: "fcmp oeq double {0}, 0.0"}
+_KNOWN = {*_LINE, *_TRUTH, ca.OP_FMIN, ca.OP_FMAX, ca.OP_AND, ca.OP_OR, ca.OP_IF_ELSE_ZERO, ca.OP_SIGN}
 TIME, PARAMETERS = 0, 3
 """Positions of t and p among the inputs t, x, u, p of a function."""
 
@@ -92,8 +91,8 @@ def trace(function: ca.Function) -> Trace:
             value = Value(code, (), float(function.instruction_constant(k)), True)
         elif code == ca.OP_INPUT:
             value = Value(code, tuple(origin), fixed=origin[0] == PARAMETERS)
-        elif code in _OF_TWO or code in _OF_ONE:
-            of = tuple(held[register] for register in (origin if code in _OF_TWO else origin[:1]))
+        elif code in _KNOWN:
+            of = tuple(held[register] for register in origin)
             if code == ca.OP_DIV and values[of[1]].fixed and not values[of[0]].fixed:
                 values.append(Value(ca.OP_INV, of[1:], fixed=True))
                 code, of = ca.OP_MUL, (of[0], len(values) - 1)
@@ -190,11 +189,8 @@ class Body:
             return self._as_number(self.line(f"{both} i1 {self._truth(a)}, {self._truth(b)}"))
         if code == ca.OP_IF_ELSE_ZERO:
             return self.line(f"select i1 {self._truth(a)}, double {b}, double 0.0")
-        if code == ca.OP_SIGN:
-            above = self._as_number(self.line(f"fcmp ogt double {a}, 0.0"))
-            below = self._as_number(self.line(f"fcmp olt double {a}, 0.0"))
-            return self.line(f"fsub double {above}, {below}")
-        raise NotImplementedError(f"CasADi operation {code}")
+        above, below = (self._as_number(self.line(f"fcmp {side} double {a}, 0.0")) for side in ("ogt", "olt"))
+        return self.line(f"fsub double {above}, {below}")  # the sign
 
     def _truth(self, name: str) -> str:
         return self.line(f"fcmp une double {name}, 0.0")
