@@ -15,9 +15,8 @@ from beamdesign.plant.actuators import Actuator, WithActuator
 from beamdesign.prototype import Beam, Goal, Payload, Prototype, Sensor, Servovalve, Supply, Tolerance
 from beamdesign.records import Problem, Record, numbers
 from beamdesign.structure.materials import BEAMS, MATERIAL, MaterialByName, WithMaterials
-from beamdesign.structure.requirements import Clearance, Safety, SizedFor, Sizes
 from beamdesign.structure.section import Tube, stock_tubes
-from beamdesign.structure.shapes import Shaped, beams_that_do_not_fit, tube_of
+from beamdesign.structure.shapes import Clearance, Safety, Shaped, SizedFor, Sizes, beams_that_do_not_fit, tube_of
 
 
 class Load(Record):

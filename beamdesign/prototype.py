@@ -18,9 +18,8 @@ from beamdesign.plant.actuators.servo_cylinder import Servovalve, Supply
 from beamdesign.records import FileName, NonNegative, Positive, Problem, Record, numbers
 from beamdesign.spelling import shorter
 from beamdesign.structure.materials import MATERIAL, Material, MaterialByName, WithMaterials
-from beamdesign.structure.requirements import SizedFor
 from beamdesign.structure.section import Tube
-from beamdesign.structure.shapes import Shaped, beams_that_do_not_fit
+from beamdesign.structure.shapes import Shaped, SizedFor, beams_that_do_not_fit
 
 COMPLIANCE_LIMIT_M_PER_N = 5.71e-8
 """The paper's performance goal, -100 dB of inch per pound-force."""

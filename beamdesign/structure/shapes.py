@@ -1,4 +1,7 @@
-"""What a beam's table says of its tube: shape and sizes, what cannot be, and whether one tube goes into another."""
+"""What a beam's table says of its tube: shape and sizes, what cannot be, and whether one tube goes into another.
+
+And what the tubes of a link are asked to keep beside its load: sizes, gaps, and factors against each failure.
+"""
 
 from collections.abc import Iterator, Mapping
 from functools import partial
@@ -6,7 +9,7 @@ from typing import Any, Literal
 
 from pydantic import Field, model_serializer
 
-from beamdesign.quantities import DepthOverWidth, range_of
+from beamdesign import quantities as q
 from beamdesign.records import Problem, Record, numbers
 from beamdesign.structure.section import SHAPES, RectangularTube, RoundTube, Tube, clearances
 
@@ -16,7 +19,7 @@ FIT_M = 1e-9
 LENGTHS_APART = 10.0
 """Largest ratio of the free lengths of beams that move side by side; beyond, one is in another unit."""
 
-_RATIOS = range_of(DepthOverWidth)
+_RATIOS = q.range_of(q.DepthOverWidth)
 
 DEPTHS = ("depth_m", "depth_over_width")
 """Keys of what only a rectangle has: of a tube that stands, and of one still to be sized."""
@@ -113,3 +116,38 @@ def beams_that_do_not_fit(table: Mapping[str, Any]) -> Iterator[Problem]:
     if pair and min(pair) > 0 and max(pair) > LENGTHS_APART * min(pair):
         words = f"is {pair[0]:g} m, more than a factor of {LENGTHS_APART:g} from the outer beam's {pair[1]:g} m"
         yield Problem("inner_beam.free_length_m", words)
+
+
+class Sizes(Record):
+    """What limits the sizes of the tubes."""
+
+    least_wall_m: q.Wall = Field(0.002, description="thinnest wall that may be used")
+    largest_width_m: q.Width = Field(0.2, description="widest tube that may be used")
+    width_to_wall_at_most: q.Slenderness | None = Field(
+        None, description="limit of b / t, beside the check of local buckling"
+    )
+
+    @classmethod
+    def relations(cls, table: Mapping[str, Any]) -> Iterator[Problem]:
+        """The thinnest wall fits into the widest tube."""
+        usual = {name: field.default for name, field in cls.model_fields.items()}
+        if (pair := numbers(usual | dict(table), "least_wall_m", "largest_width_m")) and pair[0] >= pair[1] / 2 > 0:
+            yield Problem("least_wall_m", f"{pair[0]} is not less than half of largest_width_m, {pair[1] / 2}")
+
+
+class Clearance(Record):
+    """Gap between the inner beam and the outer one's inside, per side."""
+
+    assembly_m: q.Gap = Field(0.005, description="least gap before any load")
+    under_load_m: q.Gap = Field(0.003, description="least gap left when the inner beam carries the load")
+
+
+class Safety(Record):
+    """Factors on the load against each failure."""
+
+    strength: q.SafetyFactor = Field(2.0, description="factor against yield in bending")
+    local_buckling: q.SafetyFactor = Field(1.5, description="factor against bending resistance of thin walls")
+
+
+class SizedFor(Sizes, Clearance, Safety):
+    """What the sections were chosen to keep, beside their load: sizes, gaps and factors of the study."""

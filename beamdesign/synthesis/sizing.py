@@ -17,8 +17,8 @@ from beamdesign.prototype import Beam, Payload, Prototype
 from beamdesign.records import InputError, Problem
 from beamdesign.result import Result, finite, picked
 from beamdesign.structure.lumped import lumped_beam
-from beamdesign.structure.requirements import Clearance, Safety, SizedFor, Sizes
 from beamdesign.structure.section import Tube, as_arrays, clearances, stock_tubes
+from beamdesign.structure.shapes import Clearance, Safety, SizedFor, Sizes
 from beamdesign.synthesis.checks import (
     REQUIREMENTS,
     Check,
