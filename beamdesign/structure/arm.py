@@ -81,23 +81,17 @@ def arm_figures(prototype: Prototype) -> ArmFigures:
     length = beam.free_length_m
     assert length is not None  # else it was wrong
     one = lumped.lumped_beam(beam, "outer_beam")
-    notes: list[str] = []
-    inertia, axial = added, None
-    stiffness = given
+    inertia, axial, stiffness = added, None, given
+    note = "no section: the tube's own polar inertia and its axial compliance are left out"
     if beam.tube is not None and beam.material is not None:
         alloy, tube = beam.material, beam.tube
         inertia += TORSION_SHARE * alloy.density_kg_per_m3 * float(tube.polar_moment) * length
         axial = alloy.youngs_modulus_Pa * float(tube.area) / length
         computed = alloy.shear_modulus_Pa * float(tube.torsion_constant) / length
+        note = f"torsional stiffness {computed:.6g} N m/rad worked out from the section (G J / L)"
         if given is not None:
-            notes.append(
-                f"given torsional stiffness {given:.6g} N m/rad used, the section gives {computed:.6g} N m/rad"
-            )
-        else:
-            stiffness = computed
-            notes.append(f"torsional stiffness {computed:.6g} N m/rad worked out from the section (G J / L)")
-    else:
-        notes.append("no section: the tube's own polar inertia and its axial compliance are left out")
+            note = f"given torsional stiffness {given:.6g} N m/rad used, the section gives {computed:.6g} N m/rad"
+        stiffness = computed if given is None else given
     assert stiffness is not None  # else it was wrong
     ratio = beam.damping_ratio if arm.torsional_damping_ratio is None else arm.torsional_damping_ratio
     return ArmFigures(
@@ -108,7 +102,7 @@ def arm_figures(prototype: Prototype) -> ArmFigures:
         torsional_damping=2 * ratio * (stiffness * inertia) ** 0.5,
         polar_inertia=inertia,
         axial_stiffness=axial,
-        notes=tuple(notes),
+        notes=(note,),
     )
 
 

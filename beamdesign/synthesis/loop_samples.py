@@ -290,9 +290,6 @@ def slacks(points: Samples, goal: Goal, form: Form, variables: np.ndarray, slope
     return slacks_of(points, goal, own, inner, form.slopes(own_variables, s) if slopes else None)
 
 
-NONE = np.empty(0)
-
-
 def counting(points: Samples, goal: Goal) -> np.ndarray:
     """(6, n) at which points each limit counts."""
     performs = points.relaxed == 1.0
@@ -332,7 +329,7 @@ def slacks_of(points: Samples, goal: Goal, own: np.ndarray, inner: float, of_own
     if settled and goal.lower_gains:
         settled = not _passes_behind(loop[:-1][same], loop[1:][same]).any()
     if of_own is None:
-        return Slacks(left, NONE, settled, without)
+        return Slacks(left, np.empty(0), settled, without)
     shrinks = points.denominator / plant
     of_loop, of_moved = ((by[:, :, None] * of_own).sum(axis=0) for by in (control, crossed))
     by_mass = (own * points.control[:, 1]).sum(axis=0) / plant - loop * shrinks
