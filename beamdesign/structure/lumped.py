@@ -11,7 +11,7 @@ with some of its figures multiplied: a member of a box of tolerances.
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from math import cos, exp, pi, sin, sqrt
+from math import cos, exp, pi, sin, sqrt, tanh
 from typing import Any, Literal
 
 from pydantic import ValidationError
@@ -115,10 +115,8 @@ def natural_frequencies(
 
     def characteristic(wave: float) -> float:
         # Divided by cosh, so that high modes do not overflow.
-        decay = exp(-2 * wave)
-        hyperbolic_tangent = (1 - decay) / (1 + decay)
-        secant = 2 * exp(-wave) / (1 + decay)
-        return secant + cos(wave) + ratio * wave * (cos(wave) * hyperbolic_tangent - sin(wave))
+        secant = 2 * exp(-wave) / (1 + exp(-2 * wave))
+        return secant + cos(wave) + ratio * wave * (cos(wave) * tanh(wave) - sin(wave))
 
     # A tip mass moves the n-th root from its free-tip value down towards the pinned-tip one, and the two families
     # interlace: root n lies between (n - 1) pi and n pi. The first tends to zero with a large mass.

@@ -310,12 +310,9 @@ def carried(
 
 def _strictest(changes: Way) -> Way:
     """Of several changes of one key the one that asks for most."""
-    found: dict[str, Change] = {}
-    for change in changes:
-        other = found.setdefault(change.key, change)
-        if (change.value > other.value) == change.at_least:
-            found[change.key] = change
-    return tuple(found.values())
+    rising = sorted(changes, key=lambda one: one.value if one.at_least else -one.value)
+    strictest = {one.key: one for one in rising}
+    return tuple(strictest[key] for key in dict.fromkeys(one.key for one in changes))
 
 
 def _held(prototype: Prototype, force_N: float) -> Demanded:

@@ -300,10 +300,10 @@ class Search:
                 # taken back along it with the slopes of its beginning.
                 bent = replace(now, values=then.values - now.slopes @ move)
                 again, _ = _step(points, bent, aim, least, greatest)
-                tried_again = here + again
-                then_again = slacks(points, goal, form, tried_again)
-                if then_again.settled and (not then.settled or _merit(points, then_again, aim) - merit > gained):
-                    tried, then, gained = tried_again, then_again, _merit(points, then_again, aim) - merit
+                found = slacks(points, goal, form, here + again)
+                more = _merit(points, found, aim) - merit
+                if found.settled and (not then.settled or more > gained):
+                    tried, then, gained = here + again, found, more
             if not then.settled or gained <= 0:
                 reach /= 3
                 continue
