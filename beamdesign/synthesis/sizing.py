@@ -21,7 +21,6 @@ from beamdesign.structure.section import Tube, as_arrays, clearances, stock_tube
 from beamdesign.structure.shapes import Clearance, Safety, SizedFor, Sizes
 from beamdesign.synthesis.checks import (
     REQUIREMENTS,
-    Check,
     CheckedPair,
     Pair,
     Relaxation,
@@ -155,15 +154,12 @@ def relax_stock(problem: DesignProblem, stock: Stock) -> tuple[tuple[Relaxation,
 
 
 @dataclass(frozen=True, repr=False)
-class Sizing(Result):
-    """What sizing found.
+class Sizing(Result, CheckedPair):
+    """What sizing found: the chosen pair; where nothing fits, the pair that misses least.
 
     Attributes:
         choose: how the sections were to be chosen.
-        feasible: whether the chosen sections exist and pass every check.
         reason: why, in words; where the answer is no, what to relax.
-        chosen: the chosen pair; where nothing fits, the pair that misses least.
-        governing: the check that decides the chosen pair.
         free: the optimum over free sizes, or None where none was found.
         stock: the optimum over stock sizes, or None where no pair passes.
         given: the pair given in the problem (such as the published one), checked; None where none is given.
@@ -172,20 +168,29 @@ class Sizing(Result):
     """
 
     choose: Literal["free", "stock", "fixed"]
-    feasible: bool
     reason: str
-    chosen: CheckedPair
-    governing: str
     free: FreeOptimum | None
     stock: StockOptimum | None
     given: CheckedPair | None
     price_of_rounding_kg: float | None
     relaxations: tuple[Relaxation, ...] = ()
 
+    __str__ = Result.__repr__
+
     @property
     def yes(self) -> bool:
         """Whether there are such sections."""
         return self.feasible
+
+    @property
+    def governing(self) -> str:
+        """The check that decides the chosen pair."""
+        return self.free.governing if self.choose == "free" and self.free else super().governing
+
+    @property
+    def chosen(self) -> CheckedPair:
+        """The pair alone."""
+        return CheckedPair(self.outer, self.inner, self.beam_mass_kg, self.checks)
 
     def rows(self) -> list[tuple[str, str, str, float, str]]:
         """The pairs that were found: which, both tubes in mm, mass in kg, and what their checks say."""
@@ -226,26 +231,6 @@ class Sizing(Result):
         return finite(fields)
 
     @property
-    def outer(self) -> Tube:
-        """Outer tube of the chosen pair."""
-        return self.chosen.outer
-
-    @property
-    def inner(self) -> Tube:
-        """Inner tube of the chosen pair."""
-        return self.chosen.inner
-
-    @property
-    def beam_mass_kg(self) -> float:
-        """Mass of the chosen pair over its full lengths."""
-        return self.chosen.beam_mass_kg
-
-    @property
-    def checks(self) -> tuple[Check, ...]:
-        """Checks of the chosen pair."""
-        return self.chosen.checks
-
-    @property
     def kkt_residual(self) -> float | None:
         """Residual of the first-order conditions at the free optimum."""
         return self.free.kkt_residual if self.free else None
@@ -281,28 +266,28 @@ def size(problem: DesignProblem, progress: Progress | None = None) -> Sizing:
     relaxations: tuple[Relaxation, ...] = ()
     if choose == "fixed":
         assert given is not None  # else it is no problem
-        chosen, governing = given, given.governing
-        reason = f"the given sections pass every check; governed by {governing}"
+        chosen = given
+        reason = f"the given sections pass every check; governed by {given.governing}"
         if not given.feasible:
             relaxations, _ = relax_stock(problem, ((given.outer,), (given.inner,)))
             reason = f"the given sections fail: {given.misses}; {_relax(relaxations)}"
     elif choose == "free" and free:
-        chosen, governing = free.pair, free.governing
+        chosen = free.pair
         best = f"lightest pair of free sizes, from {free.starts_agreeing} of {free.starts} starts"
-        reason = f"{best}; governed by {governing}"
+        reason = f"{best}; governed by {free.governing}"
     elif choose == "stock" and stock:
-        chosen, governing = stock.pair, stock.pair.governing
+        chosen = stock.pair
         best = f"lightest of {stock.pairs} stock pairs, of which {stock.pairs_feasible} pass every check"
-        reason = f"{best}; governed by {governing}"
+        reason = f"{best}; governed by {chosen.governing}"
     else:
         report(0.6, "what to relax")
         relaxations, chosen = relax_stock(problem, stock_of(problem)) if choose == "stock" else relax_free(problem)
-        governing = chosen.governing
         reason = _nothing_fits(choose, free, chosen, relaxations)
         if chosen.feasible:
             reason = "a pair that passes every check, but no least mass was found"
     report(1.0, "done")
-    return Sizing(choose, chosen.feasible, reason, chosen, governing, free, stock, given, price, relaxations)
+    rest = choose, reason, free, stock, given, price, relaxations
+    return Sizing(chosen.outer, chosen.inner, chosen.beam_mass_kg, chosen.checks, *rest)
 
 
 def _relax(relaxations: tuple[Relaxation, ...]) -> str:
