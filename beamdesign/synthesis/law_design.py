@@ -173,15 +173,6 @@ class LoopSet:
         most = max(least_limit(self.performing, one.kind, one.from_Hz) / one.limit for one in self._asked(goal))
         return log(most) if most < inf else inf
 
-    def peak_sensitivity(self) -> float:
-        """Proved for every loop that is to perform."""
-        return least_limit(self.performing, "peak_sensitivity")
-
-    def peak_compliance(self, goal: Goal) -> float:
-        """Proved at every frequency for every loop that is to perform; infinite where the goal sets it no limit."""
-        (limit,) = [one.limit for one in peak_claim(goal, self.servo_off_m_per_N)] or [inf]
-        return least_limit(self.performing, "peak_compliance", goal=limit) if limit < inf else inf
-
     def _asked(self, goal: Goal) -> tuple[Asked, ...]:
         """The limits of sensitivity, loop gain, effort and peak compliance, as they are proved."""
         peak = Asked("peak_sensitivity", goal.peak_sensitivity)
@@ -235,12 +226,14 @@ def whole(task: Search, design: Design, loops: LoopSet) -> tuple[Proved | None, 
 
     Or why not, and the rigs that refute it.
     """
-    width = min(bandwidth(loops.performing, task.goal.compliance_m_per_N), LARGEST_BANDWIDTH_HZ)
-    peak = min(loops.peak_sensitivity(), task.goal.peak_sensitivity)
-    figures = design.law, design.inner_end_mass, width, peak, design.variables
-    softest = inf if task.spread is not None else loops.peak_compliance(task.goal)
-    found = Proved(*figures, peak_compliance_m_per_N=softest, servo_off_m_per_N=loops.servo_off_m_per_N)
+    performing, goal, servo_off = loops.performing, task.goal, loops.servo_off_m_per_N
+    width = min(bandwidth(performing, goal.compliance_m_per_N), LARGEST_BANDWIDTH_HZ)
+    peak = min(least_limit(performing, "peak_sensitivity"), goal.peak_sensitivity)
+    found = Proved(design.law, design.inner_end_mass, width, peak, design.variables, servo_off_m_per_N=servo_off)
     if task.spread is None:
+        for asked in peak_claim(goal, servo_off):  # at every frequency, where the goal limits that
+            most = least_limit(performing, asked.kind, goal=asked.limit)
+            found = replace(found, peak_compliance_m_per_N=most)
         return found, "", []
     over, reason, cuts = over_box(task, design).proof(task.reached(design, ROOM))
     return (None, reason, cuts) if over is None else (found.over(over), "", [])
