@@ -112,20 +112,15 @@ def material_names() -> tuple[str, ...]:
     return tuple(sorted(_known()))
 
 
-def unknown_material(name: str) -> str | None:
-    """Why `name` is no material here, in words, or None if it is one."""
-    if name in _known():
-        return None
-    return f"unknown material {name!r}; known are {', '.join(material_names())}; or give your own, [material.{name}]"
-
-
 def material(name: str) -> Material:
     """Look a material up by its name, such as "6061-T6".
 
     Raises:
         InputError: listing the known ones.
     """
-    if reason := unknown_material(name):
+    if name not in _known():
+        known = ", ".join(material_names())
+        reason = f"unknown material {name!r}; known are {known}; or give your own, [material.{name}]"
         raise InputError("material", [("material", reason)])
     return _known()[name]
 
@@ -134,9 +129,10 @@ def _looked_up(given: Any) -> Any:
     """The material of a name; anything else as it is."""
     if not isinstance(given, str):
         return given
-    if reason := unknown_material(given):
-        raise PydanticCustomError("said", "{reason}", {"reason": reason})
-    return _known()[given]
+    try:
+        return material(given)
+    except InputError as error:
+        raise PydanticCustomError("said", "{reason}", {"reason": error.problems[0].reason}) from None
 
 
 MaterialByName = Annotated[Material, BeforeValidator(_looked_up), PlainSerializer(str, return_type=str), ByName()]
