@@ -149,21 +149,17 @@ def reach(prototype: Prototype, varied: Varied, frequency: float, outer_end_mass
     scale = 1.0 if varied == "air" else stall
     grid = np.linspace(low, high, _GRID) if varied == "load" else np.geomspace(low, high, _GRID)
     before = None
-    for value in grid:
-        found = at(float(value))
+    for value in map(float, grid):
+        found = at(value)
         if abs(found) > SHARE:
             if before is None and varied != "air":  # of which no law takes less than the first
-                before = _below(at, float(value))
+                before = next((value * less for less in map(float, _BELOW) if abs(at(value * less)) <= SHARE), None)
             if before is None:
                 return Reach(0.0, found)
-            limit, beyond = _narrowed(at, before, float(value))
+            limit, beyond = _narrowed(at, before, value)
             return Reach(limit * scale, beyond)
-        before = float(value)
+        before = value
     return Reach(high * scale, found)
-
-
-def _below(at: Callable[[float], float], first: float) -> float | None:
-    return next((first * share for share in map(float, _BELOW) if abs(at(first * share)) <= SHARE), None)
 
 
 def _narrowed(at: Callable[[float], float], low: float, high: float) -> tuple[float, float]:
@@ -332,7 +328,7 @@ def single_mode_reach(prototype: Prototype, outer_end_mass: float = 0.0) -> Sing
     all_modes = {
         name: with_mass(exact_compliance(getattr(prototype, name), name), mass) for name, mass in masses.items()
     }
-    reached = {name: _agrees_up_to(one[name](grid), all_modes[name](grid), grid) for name in masses}
+    reached = [_agrees_up_to(one[name](grid), all_modes[name](grid), grid) for name in masses]
 
     low, full = (signals(prototype, kind["outer_beam"], kind["inner_beam"], grid) for kind in (one, all_modes))
     gain = prototype.controller.gain_A_per_V
@@ -344,9 +340,7 @@ def single_mode_reach(prototype: Prototype, outer_end_mass: float = 0.0) -> Sing
         tuple(natural_frequencies(rigidity, per_length, length, end_mass + masses[name], 3))
         for name, (rigidity, per_length, length, end_mass) in beams.items()
     ]
-    return SingleModeReach(
-        modes[0], modes[1], reached["outer_beam"], reached["inner_beam"], closed_Hz, limit, limit_all, at
-    )
+    return SingleModeReach(modes[0], modes[1], reached[0], reached[1], closed_Hz, limit, limit_all, at)
 
 
 def _cantilever(record: Beam, name: str) -> tuple[float, float, float, float]:
