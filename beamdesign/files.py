@@ -143,20 +143,18 @@ def fresh_folder(folder: str | Path, retiring: Sequence[str] = ()) -> Iterator[P
     _clear_leftovers(beside, final.name)
     fresh = beside / f".{final.name[:100]}.{secrets.token_hex(8)}{_FRESH}"
     os.mkdir(fresh)
-    held = _hold(fresh)
-    try:
-        known: set[Path] = _link_tree(final, fresh, retiring) if final.is_dir() else set()
-        yield fresh
-        for where, _, _ in os.walk(fresh):
-            _sync(Path(where))
-        if inside or not _take_place(fresh, final, known):
-            _move_in(fresh, final, retiring)
-        _sync(final)
-        _sync(final.parent)
-    finally:
-        shutil.rmtree(fresh, ignore_errors=True)
-        if held is not None:
-            os.close(held)
+    with _held(fresh):
+        try:
+            known: set[Path] = _link_tree(final, fresh, retiring) if final.is_dir() else set()
+            yield fresh
+            for where, _, _ in os.walk(fresh):
+                _sync(Path(where))
+            if inside or not _take_place(fresh, final, known):
+                _move_in(fresh, final, retiring)
+            _sync(final)
+            _sync(final.parent)
+        finally:
+            shutil.rmtree(fresh, ignore_errors=True)
 
 
 def write_set(
@@ -259,31 +257,30 @@ def _sync(folder: Path) -> None:
     os.close(descriptor)
 
 
-def _hold(folder: Path) -> int | None:
-    """Hold a folder as in use for as long as this process lives."""
+@contextmanager
+def _held(folder: Path) -> Iterator[None]:
+    """Hold a folder as in use while the block runs, for as long as this process lives.
+
+    Raises:
+        OSError: where another one holds it.
+    """
     if fcntl is None:
-        return None
+        yield
+        return
     descriptor = os.open(folder, os.O_RDONLY)
-    fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    return descriptor
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        yield
+    finally:
+        os.close(descriptor)
 
 
 def _clear_leftovers(beside: Path, name: str) -> None:
     """Remove what runs left that were killed; what a living one holds stays."""
     for left in beside.glob(f".{glob.escape(name[:100])}.*{_FRESH}"):
-        if fcntl is None or left.is_symlink() or not left.is_dir():
-            continue
-        try:
-            descriptor = os.open(left, os.O_RDONLY)
-        except OSError:
-            continue
-        try:
-            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            shutil.rmtree(left, ignore_errors=True)
-        except OSError:  # a run that lives holds it
-            pass
-        finally:
-            os.close(descriptor)
+        if fcntl is not None and left.is_dir() and not left.is_symlink():
+            with suppress(OSError), _held(left):
+                shutil.rmtree(left, ignore_errors=True)
 
 
 _RECORDS = {
