@@ -15,7 +15,7 @@ import tomllib
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Any, NoReturn, TypeVar
 
 import typer
 
@@ -85,19 +85,22 @@ def spare(read: Iterable[Path], folder: Path | None, names: Iterable[str]) -> No
 def another_file(json: Path | None, values: Iterable[Any]) -> list[tuple[str, str]]:
     """That the file of --json is one among some values, or one that these name: the problem, or none."""
     if json is None or os.path.realpath(json) not in {
-        os.path.realpath(file) for path in _paths(list(values)) for file in (path, *named_files(path))
+        os.path.realpath(file) for path in _inside(list(values), Path) for file in (path, *named_files(path))
     }:
         return []
     return [("--json", f"{json} is another file of this command, which it would take the place of")]
 
 
-def _paths(value: Any) -> Iterator[Path]:
-    """All paths in tables and lists."""
-    if isinstance(value, Path):
+T = TypeVar("T")
+
+
+def _inside(value: Any, kind: type[T]) -> Iterator[T]:
+    """All that is of a kind in tables and lists."""
+    if isinstance(value, kind):
         yield value
     elif isinstance(value, Mapping | list | tuple):
         for one in value.values() if isinstance(value, Mapping) else value:
-            yield from _paths(one)
+            yield from _inside(one, kind)
 
 
 def named_files(path: Path) -> list[Path]:
@@ -115,17 +118,8 @@ def named_files(path: Path) -> list[Path]:
             with suppress(InputError):  # what is wrong with it is told where it is read
                 table = read_table(one)
                 certificate = str(table.get("kind", "")).startswith("beamdesign.")  # which names none
-                ahead += [one.parent / text for text in (() if certificate else _texts(table))]
+                ahead += [one.parent / text for text in (() if certificate else _inside(table, str))]
     return list(found.values())
-
-
-def _texts(value: Any) -> Iterator[str]:
-    """All words in tables and lists of a TOML file."""
-    if isinstance(value, str):
-        yield value
-    elif isinstance(value, dict | list):
-        for one in value.values() if isinstance(value, dict) else value:
-            yield from _texts(one)
 
 
 def refuse(source: str | Path, *problems: tuple[str, str]) -> NoReturn:
