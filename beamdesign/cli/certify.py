@@ -143,7 +143,6 @@ def _echo(record: "Prototype", certificate: "Certificate") -> None:
     from beamdesign.proofs.certificate import describe
     from beamdesign.proofs.scope import holds_for
     from beamdesign.quantities import stated_bandwidth
-    from beamdesign.structure.arm import left_aside
 
     echo_stability(record.name, certificate, holds_for(record))
     for side, crossing in certificate.next_crossings.items():
@@ -166,7 +165,14 @@ def _echo(record: "Prototype", certificate: "Certificate") -> None:
     _echo_moving(certificate.nonlinear)
     echo(f"method: {certificate.method}")
     echo(*certificate.scope, before="  ")
-    if words := left_aside(record):
+    echo_aside(record)
+
+
+def echo_aside(prototype: "Prototype") -> None:
+    """Tell where [arm] has more than the loop that is worked on."""
+    from beamdesign.structure.arm import left_aside
+
+    if words := left_aside(prototype):
         echo(f"  {words}")
 
 
@@ -312,7 +318,6 @@ def _echo_box(found: "BoxGuarantee") -> None:
     from beamdesign.proofs.scope import bracketing, holds_for
     from beamdesign.proofs.tolerance_box import figure_key
     from beamdesign.quantities import decimal
-    from beamdesign.structure.arm import left_aside
 
     def inwards(end: "fmpq", factor: float, up: bool = False) -> str:
         return f"{float(decimal(nearest(end) / factor, 7, ROUND_CEILING if up else ROUND_FLOOR)):.7g}"
@@ -353,8 +358,7 @@ def _echo_box(found: "BoxGuarantee") -> None:
         over = sure["servo_off_m_per_N"], sure["peak_over_passive"]
         _echo_over_passive(softest, *over, record.goal, " for every member")
     _echo_moving(found.nonlinear or ())
-    if aside := left_aside(record):
-        echo(f"  {aside}")
+    echo_aside(record)
     if found.left_out:
         echo(f"  left out for want of time: {', '.join(found.left_out)}; more --seconds leave less out")
 

@@ -22,10 +22,8 @@ gap = group("Compare a built rig with its model. Where they differ, why, and how
 
 _DIAGNOSING = 0.6  # of the time, where a controller is to be designed as well
 _SECONDS_PER_SAMPLE = 1.5e-3  # on two processes, where one cause explains all; six times that for a second look
-_SECONDS_PER_FIGURE, _SECONDS_PER_SWEEP = (
-    2.0,
-    10.0,
-)  # likewise, without records; of a response whose sines are simulated
+_SECONDS_PER_FIGURE = 2.0  # likewise, without records
+_SECONDS_PER_SWEEP = 10.0  # of a response whose sines are simulated
 _WORTH_FIGURES = 0.1  # probability of a cause from which its figures are printed
 
 _Workers = Annotated[int, typer.Option(min=1, max=64)]

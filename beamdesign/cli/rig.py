@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from beamdesign.cli.certify import echo_aside
 from beamdesign.cli.command import (
     CommandResult,
     Figure,
@@ -109,7 +110,6 @@ def _echo_code(code: "ProvedCode") -> None:
     from decimal import ROUND_CEILING
 
     from beamdesign.quantities import decimal, mass_range_text
-    from beamdesign.structure.arm import left_aside
 
     made, masses = code.realisation, code.outer_end_mass_kg
     words = "floats of 32 bits" if made.word_length is None else f"words of {made.word_length} bits"
@@ -119,8 +119,7 @@ def _echo_code(code: "ProvedCode") -> None:
         return
     when = "at once or one period late" if code.any_time is None else "after any computing time up to one period"
     echo(f"proved: stable for {mass_range_text(masses)}, the current held, put out {when}, at every sample alike")
-    if words := left_aside(code.prototype):
-        echo(f"  {words}")
+    echo_aside(code.prototype)
     title = f"Worst of {len(code.masses)} masses, computed"
     echo_table(title, ("", "continuous", "as realised, at once", "one period late"), code.loop_rows())
     effects = [at.rounding for at in code.masses if at.rounding is not None]

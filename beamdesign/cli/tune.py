@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any, get_args
 
 import typer
 
+from beamdesign.cli.certify import echo_aside
 from beamdesign.cli.command import CommandResult, Figure, by_stage, command, figures_of, in_time, mass_range, of_all
 from beamdesign.cli.output import echo, echo_table, progress, refuse, spare
 from beamdesign.files import write_set
@@ -118,20 +119,17 @@ def tune(
     known = dict.fromkeys((*get_args(Tuned), "compliance", *tuning.tunable()))  # and what is registered with seeds
     if controller not in known:
         refuse("--controller", (controller, f"expected one of {', '.join(known)}"))
-    wanted = {
+    sensors = _sensors(controller, added_sensor or [])
+    given = {
         "peak_sensitivity": peak_sensitivity,
         "peak_over_passive": peak_over_passive,
         "lower_gains": lower_gains,
         "comes_to_rest": comes_to_rest or None,
-    }
-    goal = record.goal.but(**{name: value for name, value in wanted.items() if value is not None})
-    sensors = _sensors(controller, added_sensor or [])
-    given = {
         "loop_gain": loop_gain,
         "loop_gain_from_Hz": loop_gain_from_Hz,
         "controller_effort_A_per_V": controller_effort_A_per_V,
     }
-    record = tuning.limited(record.but(goal=goal), controller, given)
+    record = tuning.limited(record, controller, given)
     if controller != "compliance" and end_stiffness_N_per_m is not None:
         refuse("--end-stiffness-N-per-m", (f"{end_stiffness_N_per_m:g}", "is for --controller compliance"))
     if controller == "compliance":
@@ -195,7 +193,7 @@ def _of_law(stage: "InStage", law: "Tuning", certificate: "Certificate") -> dict
     echo_table(f"{stage.prototype.name}: tuned {best.controller.kind} controller", ("figure", "value"), rows)
     echo(f"proved {holds_for(stage.prototype, best.sigmas)}; {law.certificates} stability certificates on the way")
     echo(*certificate.scope, before="  ")
-    _echo_aside(stage.prototype)
+    echo_aside(stage.prototype)
     return {
         "controller": best.controller.model_dump(),
         "inner_end_mass_kg": best.inner_end_mass_kg,
@@ -207,14 +205,6 @@ def _of_law(stage: "InStage", law: "Tuning", certificate: "Certificate") -> dict
         "starts_bandwidth_Hz": law.starts,
         "stability_certificates": law.certificates,
     }
-
-
-def _echo_aside(prototype: "Prototype") -> None:
-    """Tell where [arm] has more than the loop that is worked on."""
-    from beamdesign.structure.arm import left_aside
-
-    if words := left_aside(prototype):
-        echo(f"  {words}")
 
 
 def _sensors(kind: str, added: list[str]) -> "tuple[Sensed, ...]":
@@ -306,7 +296,7 @@ def stiffness(
         rows = [*_kept(found), ("for every outer end mass", mass_range_text(own))]
         echo_table(f"{rig.name}: its end, with the controller as it is", ("figure", "value"), rows)
         echo(*in_words(found))
-        _echo_aside(rig)
+        echo_aside(rig)
         if answer.reason:
             echo(answer.reason)
         proof = {"certificate_contact": (CONTACT_NAME, contact_text(rig, found))}
@@ -366,7 +356,7 @@ def give_stiffness(
     if found.reason:
         echo(f"{found.reason}; the next best is given")
     echo(*in_words(best))
-    _echo_aside(record)
+    echo_aside(record)
     others = drawn_rigs(found.prototype, masses, best.wall, RIGS)
     if others:
         echo(drawn_in_words(others))
