@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from math import inf, log, prod, sqrt
 from typing import Literal
 
@@ -44,8 +45,8 @@ class ComponentTolerance:
     resistors: float
     capacitor: float
     verdict: Verdict
-    reason: str
-    certificate: str = field(repr=False, compare=False)
+    reason: str = ""
+    certificate: str = field(default="", repr=False, compare=False)
 
 
 @dataclass(frozen=True)
@@ -115,10 +116,7 @@ def with_tolerance(
     prototype: Prototype, masses_kg: tuple[float, float], circuit: Circuit, resistors: float, capacitor: float
 ) -> ComponentTolerance:
     """Prove stability for all components within their tolerances and every outer end mass at once, or refute it."""
-
-    def found(verdict: Verdict, reason: str = "", certificate: str = "") -> ComponentTolerance:
-        return ComponentTolerance(resistors, capacitor, verdict, reason, certificate)
-
+    found = partial(ComponentTolerance, resistors, capacitor)
     family, box = _spanned(prototype, masses_kg, circuit, resistors, capacitor)
     verdict = certify_box(family, box, _BUDGET, volumes=False)
     if verdict.stable:  # with it every corner
