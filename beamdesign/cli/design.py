@@ -353,9 +353,6 @@ def remedies(
 
     problem, within = _read(study, sigmas, nominal)
     masses = mass_range(outer_end_mass, problem.payload.outer_end_mass_kg, study)
-    for name, beam in (("outer_beam", problem.outer_beam), ("inner_beam", problem.inner_beam)):
-        if beam.width_m is None:
-            refuse(study, (name, "the remedies start from given sections: width_m and wall_m are needed"))
     with in_time(minutes, "minutes to half an hour") as limit, progress("remedies") as update:
         found = room.remedies(problem, masses, added_mass_kg, update, within)
     rows = [one.to_dict() for one in found]

@@ -104,9 +104,6 @@ def remedy(problem: DesignProblem, options: RemediesOptions) -> Answer:
     """One of the paper's remedies for payload, optimised from the given sections and proved."""
     from beamdesign.synthesis.remedies import remedies
 
-    if missing := [name for name in ("outer_beam", "inner_beam") if getattr(problem, name).width_m is None]:
-        reason = "the remedies start from given sections: width_m and wall_m are needed"
-        raise InputError(problem.name, [(name, reason) for name in missing])
     asked = problem.asked_kg(), options.added_mass_kg
     (found,) = remedies(problem, *asked, sigmas=0.0, numbers=(options.remedy,))
     laws = {name: [getattr(law, name) for law in found.controllers] for name in ("gain_A_per_V", "pole_Hz", "zero_Hz")}

@@ -20,7 +20,9 @@ from beamdesign.controllers.protocol import form_of
 from beamdesign.problem import DesignProblem
 from beamdesign.progress import Progress, silent
 from beamdesign.quantities import MassOrNone, Sigmas
+from beamdesign.records import InputError
 from beamdesign.result import Result, finite, picked
+from beamdesign.structure.materials import BEAMS
 from beamdesign.structure.section import Tube
 from beamdesign.synthesis import REMEDY, SIGMAS
 from beamdesign.synthesis.codesign import sized_search
@@ -115,8 +117,7 @@ def _remedy(
     near: Sequence[Proved] = (),
 ) -> Remedy:
     """The largest guaranteed bandwidth within a remedy's freedom, from seeds and from proved loops of a like one."""
-    if problem.given is None:
-        raise ValueError("the remedies start from given sections: width_m and wall_m of both beams")
+    assert problem.given is not None  # `remedies` has seen that they are given
     given = start_variables(problem, sizes_of(problem.given))  # (8,)
     inner_kg, free = (0.0, 0.0), list(freedom.sections)
     if freedom.inner_end_mass:
@@ -202,12 +203,15 @@ def remedies(
         numbers: which of them, ascending: 0 the untouched loop, 1 to 4 the remedies in the paper's order; else all.
 
     Raises:
-        InputError: for figures that are not plausible.
+        InputError: for figures that are not plausible, and beams whose sections are not given.
         ValueError: for an empty range.
     """
     outer_end_mass_kg = checked_range_kg(problem.name, outer_end_mass_kg)
     checked(problem.name, "added_mass_kg", MassOrNone, added_mass_kg)
     checked(problem.name, "sigmas", Sigmas, sigmas)
+    if missing := [name for name in BEAMS if getattr(problem, name).width_m is None]:
+        reason = "the remedies start from given sections: width_m and wall_m are needed"
+        raise InputError(problem.name, [(name, reason) for name in missing])
     report, asked = progress or silent, (problem, outer_end_mass_kg, added_mass_kg, sigmas)
     every = (*FREEDOMS, SCHEDULED)
     chosen = every if numbers is None else [every[number] for number in numbers]
