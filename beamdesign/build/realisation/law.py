@@ -210,7 +210,7 @@ def linear_law(law: DiscreteLaw, coefficients: Mapping[str, Coefficient], in_flo
     forms, readings = _Forms(coefficients, in_floats), []
     for place, name in enumerate(given):
         forms.begin(place)
-        readings.append(forms.signal(name, forms.word({name: fmpq(1)}, name, "relative" if in_floats else "signal")))
+        readings.append(forms.signal(name, forms.word({name: fmpq(1)}, name, "signal")))
     current = one_period(law.channels, readings, forms)
     names = tuple(forms.roundings)
 
@@ -250,8 +250,9 @@ class _Forms(Arithmetic[Form]):
         self.place = channel
 
     def word(self, form: Form, name: str, kind: Step) -> Form:
+        """Rounded to a step, in floats relative to itself."""
         label = f"{name} #{len(self.roundings) + 1}"
-        self.roundings[label] = (kind, self.place, form)
+        self.roundings[label] = ("relative" if self.in_floats else kind, self.place, form)
         return form | {label: fmpq(1)}
 
     def _each(self, form: Form, name: str) -> Form:
@@ -262,8 +263,7 @@ class _Forms(Arithmetic[Form]):
         return form if self.in_floats else self.word(form, state, "signal")
 
     def multiply(self, coefficient: str, value: Form) -> Form:
-        product = _times(self.coefficients[coefficient].value, value)
-        return self.word(product, coefficient, "relative" if self.in_floats else "signal")
+        return self.word(_times(self.coefficients[coefficient].value, value), coefficient, "signal")
 
     def add(self, one: Form, other: Form) -> Form:
         return self._each(_sum(one, other), "sum")
@@ -276,21 +276,16 @@ class _Forms(Arithmetic[Form]):
         return value
 
     def current(self, terms: Sequence[tuple[str, Form]]) -> Form:
-        kind: Step = "relative" if self.in_floats else "current"
         total: Form = {}
         for k, (gain, value) in enumerate(terms):
-            product = self.word(_times(self.coefficients[gain].value, value), "current", kind)
+            product = self.word(_times(self.coefficients[gain].value, value), "current", "current")
             total = product if k == 0 else self._each(_sum(total, product), "sum")
         return total
 
     def advance(self, state: str, coefficient: str, value: Form, held: int) -> None:
-        step = _times(self.coefficients[coefficient].value, value)
+        step = self.word(_times(self.coefficients[coefficient].value, value), coefficient, "state")
         before: Form = {state: fmpq(1)}
-        if self.in_floats:
-            step = self.word(step, coefficient, "relative")
-            self.after[state] = self.word(_sum(before, step), state, "relative")
-        else:
-            self.after[state] = _sum(before, self.word(step, coefficient, "state"))
+        self.after[state] = self._each(_sum(before, step), state)
         self.signals[state] = (self.place, before)
 
 
