@@ -70,18 +70,13 @@ def _name_stretches(axes: Axes, envelope: "Envelope", bottom: float) -> None:
     """Write at the foot which limit governs, between lines where that changes; short stretches go without a name."""
     names, frequency = envelope.governing, envelope.frequency_Hz
     whole = np.log(frequency[-1] / frequency[0])
-    start = 0
-    for k in range(1, len(names) + 1):
-        if k < len(names) and names[k] == names[start]:
-            continue
-        end = frequency[min(k, len(names) - 1)]
-        if k < len(names):
-            axes.axvline(float(end), color="0.6", linewidth=0.7, linestyle=":")
-        if np.log(end / frequency[start]) > 0.08 * whole:
-            words = names[start].replace(" ", "\n")
-            middle = float(np.sqrt(frequency[start] * end))
-            note(axes, words, (middle, bottom), (0, 5), va="bottom", style="italic")
-        start = k
+    changes = [k for k in range(1, len(names)) if names[k] != names[k - 1]]
+    for k in changes:
+        axes.axvline(float(frequency[k]), color="0.6", linewidth=0.7, linestyle=":")
+    for start, end in pairwise([0, *changes, len(names) - 1]):
+        if np.log(frequency[end] / frequency[start]) > 0.08 * whole:
+            middle = float(np.sqrt(frequency[end] * frequency[start]))
+            note(axes, names[start].replace(" ", "\n"), (middle, bottom), (0, 5), va="bottom", style="italic")
 
 
 class TradePoint(NamedTuple):

@@ -7,7 +7,7 @@ of a polynomial is drawn as s / (2 pi).
 from collections.abc import Collection, Mapping, Sequence
 from functools import cache
 from itertools import cycle
-from math import inf, isfinite, log10, pi, sqrt
+from math import isfinite, log10, pi, sqrt
 from types import MappingProxyType
 from typing import Any
 
@@ -287,14 +287,11 @@ def plot_critical_gain(axes: Axes, masses_kg: Sequence[float], curves: Mapping[s
     """
     unit, factor = read_in(min((gain for gains in curves.values() for gain in gains), default=0.0), "A/V")
     for label, gains, style in styled(curves):
-        x, y = [masses_kg[0]], [factor * gains[0]]
-        for mass, before, after in zip(masses_kg[1:], gains[:-1], gains[1:], strict=True):
-            if not 0.5 < after / before < 2:
-                x.append(mass)
-                y.append(inf)
-            x.append(mass)
-            y.append(factor * after)
-        axes.semilogy(x, np.where(np.isfinite(y), y, np.nan), label=label, linewidth=1.3, **style)
+        known, masses = np.where(np.isfinite(gains), gains, np.nan), np.asarray(masses_kg)
+        ratios = known[1:] / known[:-1]
+        jumps = np.flatnonzero(~((ratios > 0.5) & (ratios < 2))) + 1
+        x, y = np.insert(masses, jumps, masses[jumps]), np.insert(factor * known, jumps, np.nan)
+        axes.semilogy(x, y, label=label, linewidth=1.3, **style)
     axes.set_xlim(masses_kg[0], masses_kg[-1])
     plain_numbers(axes.yaxis)
     return finish(axes, "outer end mass, kg", f"critical gain, {unit}")
