@@ -93,6 +93,11 @@ class Record(BaseModel):
         """The table with what parts of it say of others put there; what is wrong in it stays."""
         return table
 
+    @classmethod
+    def whole(cls, table: Mapping[str, Any]) -> dict[str, Any]:
+        """The table with the defaults of what it leaves out."""
+        return {name: field.default for name, field in cls.model_fields.items()} | dict(table)
+
     @model_validator(mode="wrap")
     @classmethod
     def _all_problems_at_once(cls, data: Any, handler: ModelWrapValidatorHandler[Self]) -> Self:

@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, ClassVar, Literal, Self
 
 import numpy as np
 from pydantic import Field, SerializeAsAny, ValidationError, model_validator
@@ -23,16 +23,21 @@ COLUMNS = ("t_s", *CHANNELS, "current_A", "displacement_m", "load_pressure_Pa", 
 class _Amplitude(Record):
     """A signal on one channel: a force where `amplitude_N` is given, a command where `amplitude_V` is."""
 
+    lasts: ClassVar[str] = ""
+    """Key of how long a level lasts after `rise_s` of rising to it; empty where there are no levels."""
     amplitude_N: q.SignedForce | None = Field(None, description="peak of a force on the outer tip")
     amplitude_V: q.SignedVoltage | None = Field(None, description="peak of a command")
 
     @classmethod
     def relations(cls, table: Mapping[str, Any]) -> Iterator[Problem]:
-        """One channel per signal, and bands that hold something."""
+        """One channel per signal, bands that hold something, and levels no shorter than the rise to them."""
         if (table.get("amplitude_N") is None) == (table.get("amplitude_V") is None):
             yield Problem("", "needs one of amplitude_N (force on the tip) and amplitude_V (command)")
         if (band := numbers(table, "low_Hz", "high_Hz")) and band[0] >= band[1]:
             yield Problem("high_Hz", f"must be greater than low_Hz, {band[0]:g}, is {band[1]:g}")
+        if cls.lasts and (pair := numbers(cls.whole(table), cls.lasts, "rise_s")) and pair[0] < pair[1]:
+            words = f"must be at least rise_s, {pair[1]:g}, is {pair[0]:g}: the amplitude is never reached"
+            yield Problem(cls.lasts, words)
 
     @property
     def channel(self) -> int:
@@ -45,25 +50,14 @@ class _Amplitude(Record):
         return self.amplitude_N or self.amplitude_V or 0.0
 
 
-def _risen(table: Mapping[str, Any], key: str, usual_s: float) -> Iterator[Problem]:
-    """That a level lasts no shorter than the rise to it, else its amplitude is never reached."""
-    if (pair := numbers({"rise_s": usual_s} | dict(table), key, "rise_s")) and pair[0] < pair[1]:
-        yield Problem(key, f"must be at least rise_s, {pair[1]:g}, is {pair[0]:g}: the amplitude is never reached")
-
-
 class Step(_Amplitude):
     """From zero to the amplitude along half a cosine, and back where it has a length."""
 
+    lasts = "length_s"
     kind: Literal["step"] = Field("step", description="shape of the signal")
     at_s: q.DurationOrNone = Field(0.1, description="when it begins")
     rise_s: q.Duration = Field(0.002, description="how long it takes to rise")
     length_s: q.Duration | None = Field(None, description="after which it goes back to zero; none: it stays")
-
-    @classmethod
-    def relations(cls, table: Mapping[str, Any]) -> Iterator[Problem]:
-        """It goes back no sooner than it has risen."""
-        yield from super().relations(table)
-        yield from _risen(table, "length_s", 0.002)
 
 
 class Sine(_Amplitude):
@@ -87,18 +81,13 @@ class Multisine(_Amplitude):
 class LoadSteps(_Amplitude):
     """One level after another, as shares of the amplitude, each reached along half a cosine."""
 
+    lasts = "dwell_s"
     kind: Literal["load_steps"] = Field("load_steps", description="shape of the signal")
     levels: tuple[q.Level, ...] = Field(
         (1.0, 0.0, -1.0, 0.0), min_length=1, description="one after another, as shares of the amplitude"
     )
     dwell_s: q.Duration = Field(0.5, description="how long each level lasts")
     rise_s: q.Duration = Field(0.01, description="how long each change takes")
-
-    @classmethod
-    def relations(cls, table: Mapping[str, Any]) -> Iterator[Problem]:
-        """Every level is reached."""
-        yield from super().relations(table)
-        yield from _risen({"dwell_s": 0.5} | dict(table), "dwell_s", 0.01)
 
 
 class FromCsv(Record):
@@ -214,7 +203,7 @@ class Scenario(Record):
         given = [row.get("name") if isinstance(row, Mapping) else getattr(row, "name", None) for row in rows or ()]
         for name in dict.fromkeys(n for n in given if n is not None and given.count(n) > 1):
             yield Problem("record.name", f"{name!r} stands twice")
-        table = {"sample_s": 0.5e-3} | dict(table)
+        table = cls.whole(table)
         if (pair := numbers(table, "duration_s", "sample_s")) and pair[1] > 0 and pair[0] < 10 * pair[1]:
             yield Problem("duration_s", f"holds fewer than ten samples of {pair[1]:g} s")
         pair = numbers(table, "sample_s", "sampled.period_s") or ()

@@ -90,8 +90,7 @@ class RangeOptions(Record):
     @classmethod
     def relations(cls, table: Mapping[str, Any]) -> Iterator[Problem]:
         """The range holds more than one mass."""
-        defaults = {name: field.default for name, field in cls.model_fields.items()}
-        ends = numbers(defaults | dict(table), "from_kg", "to_kg")
+        ends = numbers(cls.whole(table), "from_kg", "to_kg")
         if ends and ends[0] >= ends[1]:
             yield Problem("from_kg", f"{ends[0]:g} is not below to_kg, {ends[1]:g}")
 
