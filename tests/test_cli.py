@@ -13,6 +13,7 @@ import sys
 import time
 import tomllib
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -545,3 +546,12 @@ def test_long_work_off_a_terminal_is_told_with_share_and_estimate(capsys: pytest
         time.sleep(0.05)
     output.speak()
     assert capsys.readouterr().err == ""
+
+
+def test_a_line_on_long_work_names_the_command_where_nothing_within_it_says_more(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(output, "lines", partial(output.lines, every_s=0.02))
+    monkeypatch.setattr("beamdesign.records.read_table", lambda path: time.sleep(0.2) or {})
+    done = CliRunner().invoke(app, ["certify", str(RIG)], prog_name="beamdesign")
+    assert done.stderr.startswith("certify: 0 s so far\n")

@@ -19,7 +19,7 @@ from beamdesign.cli.certify import certify, certify_box
 from beamdesign.cli.command import INTERRUPTED, group
 from beamdesign.cli.design import codesign, front, remedies, run, size
 from beamdesign.cli.gap import gap
-from beamdesign.cli.output import echo, hush, reporting, shown, speak
+from beamdesign.cli.output import echo, hush, shown, speak
 from beamdesign.cli.rig import code, limits, spec
 from beamdesign.cli.simulation import simulate
 from beamdesign.cli.study import study
@@ -62,7 +62,7 @@ class Commands(TyperGroup):
     def invoke(self, ctx: Any) -> Any:
         """Run a command; from the keyboard it can be interrupted, which takes one line and no traceback."""
         try:
-            with remembered(), reporting(f"{ctx.info_name} {ctx.invoked_subcommand or ''}".strip()):
+            with remembered():
                 return super().invoke(ctx)
         except KeyboardInterrupt:
             echo_interrupted(f"{ctx.info_name} {ctx.invoked_subcommand or ''}".strip())

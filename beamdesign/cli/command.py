@@ -30,6 +30,7 @@ from beamdesign.cli.output import (
     json_target,
     note,
     refuse,
+    reporting,
     write_json,
 )
 from beamdesign.files import fresh_folder, settled, write_whole
@@ -82,6 +83,7 @@ def command(
         typer.Exit: with status 1 where the answer is no.
     """
     about, helps = _described(work)
+    called = work.__name__.replace("_", "-")
     hints = {name: hint for name, hint in get_type_hints(work, include_extras=True).items() if name != "return"}
     hints = {name: _marked(name, hint, helps.get(name)) for name, hint in hints.items()}
     marks = {name: hint.__metadata__[0] for name, hint in hints.items()}
@@ -101,12 +103,13 @@ def command(
             wrong.append(("--sigmas", "has no meaning with --nominal, which guarantees for exactly the figures stated"))
         wrong += another_file(json, given.values())
         if wrong:
-            refuse(work.__name__.replace("_", "-"), *wrong)
-        with _errors_by_file({name: given[name] for name in ("prototype", "study", "scenario") if given.get(name)}):
+            refuse(called, *wrong)
+        files = {name: given[name] for name in ("prototype", "study", "scenario") if given.get(name)}
+        with reporting(called), _errors_by_file(files):
             result = work(**given)
         echo(*map(str, result.files))
         if wrong := another_file(json, [*result.files, result.fields]):
-            refuse(work.__name__.replace("_", "-"), *wrong)
+            refuse(called, *wrong)
         write_json(json, result.fields)
         if not result.yes:
             raise typer.Exit(1)
