@@ -261,21 +261,29 @@ def _shown(value: Any) -> str:
     return text if len(text) <= 60 else text[:57] + "..."
 
 
-_COMPARED = {
-    "greater_than": ("greater than", "gt"),
-    "greater_than_equal": ("at least", "ge"),
-    "less_than": ("less than", "lt"),
-    "less_than_equal": ("at most", "le"),
+_WORDS = {
+    "missing": "missing",
+    "union_tag_not_found": "missing kind",
+    "string_too_short": "must not be empty",
+    "relation": "{reason}",
+    "said": "{reason}",
+    "greater_than": "must be greater than {gt:g}, is {given}",
+    "greater_than_equal": "must be at least {ge:g}, is {given}",
+    "less_than": "must be less than {lt:g}, is {given}",
+    "less_than_equal": "must be at most {le:g}, is {given}",
+    "finite_number": "must be a finite number, is {given}",
+    "float_type": "must be a number, is {given}",
+    "string_type": "must be text in quotes, is {given}",
+    "tuple_type": "must be a list in square brackets, is {given}",
+    "model_type": "must be a table, is {given}",
+    "model_attributes_type": "must be a table, is {given}",
+    "dict_type": "must be a table, is {given}",
+    "too_short": "must hold at least {min_length} entries, holds {actual_length}",
+    "too_long": "must hold {max_length} entries, holds {actual_length}",
+    "literal_error": "must be {expected}, is {given}{meant}",
+    "union_tag_invalid": "kind must be one of {expected_tags}, is {tag!r}{meant}",
 }
-
-_NOUNS = {
-    "float_type": "a number",
-    "string_type": "text in quotes",
-    "tuple_type": "a list in square brackets",
-    "model_type": "a table",
-    "model_attributes_type": "a table",
-    "dict_type": "a table",
-}
+"""Of a kind of validation error: what was given, and which of the expected words it may mean, stand in it."""
 
 
 def _meant(given: Any, expected: str) -> str:
@@ -286,36 +294,14 @@ def _meant(given: Any, expected: str) -> str:
 
 def _reason(item: Any) -> str:
     """One validation error in words."""
-    kind, context, given = item["type"], item.get("ctx", {}), item["input"]
-    if kind in _COMPARED:
-        words, bound = _COMPARED[kind]
-        return f"must be {words} {context[bound]:g}, is {_shown(given)}"
-    if kind in _NOUNS:
-        return f"must be {_NOUNS[kind]}, is {_shown(given)}"
-    match kind:
-        case "missing":
-            return "missing"
-        case "implausible":
-            key = [step for step in item["loc"] if isinstance(step, str)][-1]
-            return str(context["range"].refusal(_shown(given), key))
-        case "relation" | "said":
-            return str(item["msg"])
-        case "finite_number":
-            return f"must be a finite number, is {_shown(given)}"
-        case "too_short":
-            return f"must hold at least {context['min_length']} entries, holds {context['actual_length']}"
-        case "too_long":
-            return f"must hold {context['max_length']} entries, holds {context['actual_length']}"
-        case "string_too_short":
-            return "must not be empty"
-        case "literal_error":
-            return f"must be {context['expected']}, is {_shown(given)}{_meant(given, context['expected'])}"
-        case "union_tag_not_found":
-            return "missing kind"
-        case "union_tag_invalid":
-            tags, tag = context["expected_tags"], context["tag"]
-            return f"kind must be one of {tags}, is {tag!r}{_meant(tag, tags)}"
-    return f"{item['msg'][:1].lower()}{item['msg'][1:]}, is {_shown(given)}"
+    kind, context, given = item["type"], item.get("ctx", {}), _shown(item["input"])
+    if kind == "implausible":
+        key = [step for step in item["loc"] if isinstance(step, str)][-1]
+        return str(context["range"].refusal(given, key))
+    if kind not in _WORDS:
+        return f"{item['msg'][:1].lower()}{item['msg'][1:]}, is {given}"
+    expected = context.get("expected", context.get("expected_tags", ""))
+    return _WORDS[kind].format(**context, given=given, meant=_meant(context.get("tag", item["input"]), expected))
 
 
 def _problems(error: ValidationError, record: type[Record]) -> list[Problem]:
