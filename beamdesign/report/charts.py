@@ -293,23 +293,20 @@ def _draw(axes: Axes, panel: _Panel, record: "SimulatedRecord", limits: Limits) 
     for (name, label), style in zip(shown, STYLES, strict=False):
         line = axes.plot(*_envelope(record.column("t_s"), factor * record.column(name)), linewidth=0.9, label=label)[0]
         line.set(**style)
-    named = len(shown) > 1
     for name, _ in shown:
         if name in limits and peak > 0.2 * limits[name][0]:
             limit, words = limits[name]
             for sign in (1, -1):
                 text = f"{words} {factor * limit:g} {unit}" if sign > 0 else None
                 axes.axhline(sign * factor * limit, **LIMIT, label=text)
-            named = True
     if record.diverged_at_s is not None:
         end = "diverged" if panel.label == "displacement" else None
         axes.axvline(record.diverged_at_s, color="0.45", linewidth=1.2, linestyle=":", label=end)
-        named = named or end is not None
     axes.margins(x=0)
     if panel.label == "stage":
         axes.yaxis.set_major_locator(MaxNLocator(integer=True, min_n_ticks=1))
     finish(axes, y=f"{panel.label}, {unit}", legend=None)
-    if named:  # above the panel, so that it covers no curve
+    if len(axes.get_legend_handles_labels()[1]) > 1:  # above the panel, so that it covers no curve
         axes.legend(fontsize=8, loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=4, frameon=False, borderaxespad=0.0)
 
 
