@@ -18,19 +18,20 @@ from pydantic_core import CoreSchema, PydanticCustomError, core_schema
 if TYPE_CHECKING:
     from beamdesign.structure.section import Tube
 
-_TOKEN = r"(?:N|m|m2|m3|m6|kg|s|s2|Pa|A|V|Hz|rad)"
-_SUFFIX = re.compile(rf"_((?:per_)?{_TOKEN}(?:_(?:per_)?{_TOKEN})*)$")
+_PLAIN = r"(?:kg_m2|N_m_s|N_m|N_s|A_s|Pa_s2|kg|Hz|mm|m[236]?|N|Pa|V|A|s2?|W|rad|deg|percent)"
+_SUFFIX = re.compile(rf"(.+?)(?<!\d)_({_PLAIN}(?:_per_{_PLAIN})*|per_{_PLAIN})")  # at_1_Hz is a place
+
+
+def parted(name: str) -> tuple[str, str]:
+    """What a key is called, in words, and the SI unit that its suffix states, such as m3/s/A; empty without one."""
+    found = _SUFFIX.fullmatch(name)
+    stem, unit = found.groups() if found else (name, "")
+    return stem.replace("_", " "), unit.replace("_per_", "/").replace("per_", "1/").replace("_", " ")
 
 
 def unit_of(name: str) -> str:
     """SI unit that the suffix of a key states, such as m³/s/A; empty where it has none."""
-    found = _SUFFIX.search(name)
-    if found is None:
-        return ""
-    words = found[1] if not found[1].startswith("per_") else f"1_{found[1]}"
-    over, *under = words.split("_per_")
-    parts = [over.replace("_", " "), *(step for part in under for step in part.split("_"))]
-    return "/".join(parts).translate(str.maketrans("236", "²³⁶"))
+    return parted(name)[1].translate(str.maketrans("236", "²³⁶"))
 
 
 @dataclass(frozen=True)

@@ -522,6 +522,7 @@ def test_bars_of_every_sign_lie_within_the_frame_and_what_has_no_figure_says_so(
         ("governing_at_1_Hz", "governing at 1 Hz"),
         ("twist_rad", "twist, rad"),
         ("valve_deadband.rate_per_s", "rate, 1/s"),
+        ("actuator.line_loss_Pa_s2_per_m6", "line loss, Pa s2/m6"),
         ("peak_sensitivity", "peak sensitivity"),
     ],
 )

@@ -25,7 +25,7 @@ from matplotlib.ticker import MaxNLocator
 
 from beamdesign.files import LARGEST_TABLE, read_bytes, write_whole
 from beamdesign.plant.actuators import FELT
-from beamdesign.quantities import at_least, quantity
+from beamdesign.quantities import at_least, parted, quantity
 from beamdesign.report.canvas import LIMIT, STYLES, finish, inline_svg, new_figure, note, plain_numbers, save, styled
 from beamdesign.report.page import Document, Part, Picture, Table, to_html
 from beamdesign.spelling import in_plot
@@ -258,8 +258,8 @@ _PANELS: tuple[_Panel, ...] = (
     _Panel("screw", (("screw_force_N", "force of the screw"),), ((1.0, "N"),)),
 )
 _PANELS += tuple(
-    _Panel(words.replace("_", " "), ((name, words.replace("_", " ")),), ((1.0, unit),))
-    for name, (words, unit) in ((name, name.rsplit("_", 1)) for name in FELT)
+    _Panel(words, ((name, words),), ((1.0, unit),))
+    for name, (words, unit) in ((name, parted(name)) for name in FELT)
     if all(name not in dict(panel.columns) for panel in _PANELS)
 )
 

@@ -4,7 +4,6 @@ Pictures are as the sweep's file asks for them: readable in grey, with units and
 figure come from the columns of a sweep's table that list their lower and upper ends.
 """
 
-import re
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -13,6 +12,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from beamdesign.quantities import parted
 from beamdesign.report.canvas import STYLES, Place, finish, new_figure, save
 from beamdesign.report.charts import plot_stable_bands
 from beamdesign.spelling import in_plot
@@ -239,18 +239,9 @@ def _limit(line: Callable[..., Any], asked: Picture, words: str = "limit {:g}") 
         line(asked.limit, color="black", linestyle=(0, (1, 1)), linewidth=1.0, label=words.format(asked.limit))
 
 
-_PLAIN = r"(kg_m2|N_m_s|N_m|N_s|A_s|kg|Hz|mm|m[23]?|N|Pa|V|A|s|W|rad|deg|percent)"
-_UNIT = re.compile(rf"(?P<stem>.+?)(?<!\d)_(?P<unit>{_PLAIN}(_per_{_PLAIN})*|per_{_PLAIN})")  # at_1_Hz is a place
-
-
 def words(name: str) -> str:
     """A column's name as a label: words, a comma, the unit."""
-    last = name.rpartition(".")[2].partition("[")[0]
-    parts = _UNIT.fullmatch(last)
-    if parts is None:
-        return last.replace("_", " ")
-    unit = parts["unit"].replace("_per_", "/").replace("per_", "1/").replace("_", " ")
-    return f"{parts['stem'].replace('_', ' ')}, {unit}"
+    return ", ".join(filter(None, parted(name.rpartition(".")[2].partition("[")[0])))
 
 
 def _text(value: Any) -> str:
