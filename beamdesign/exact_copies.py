@@ -24,14 +24,6 @@ def _context(names: Sequence[str], ordering: int) -> fmpq_mpoly_ctx:
     return fmpq_mpoly_ctx.get(list(names), Ordering(ordering))
 
 
-def _stated(context: fmpq_mpoly_ctx) -> tuple[Any, ...]:
-    return _context, (context.names(), context.ordering().value)
-
-
-def _of_terms(context: fmpq_mpoly_ctx, terms: dict[tuple[int, ...], fmpq]) -> fmpq_mpoly:
-    return context.from_dict(terms)
-
-
 def let_be_copied() -> None:
     """Let `copy` and `pickle` take exact numbers, polynomials, matrices and balls."""
     pickle(fmpz, lambda number: (fmpz, (int(number),)))
@@ -39,6 +31,6 @@ def let_be_copied() -> None:
     pickle(fmpz_poly, lambda polynomial: (fmpz_poly, (polynomial.coeffs(),)))
     pickle(fmpq_poly, lambda polynomial: (fmpq_poly, (polynomial.coeffs(),)))
     pickle(fmpq_mat, lambda matrix: (fmpq_mat, (matrix.nrows(), matrix.ncols(), matrix.entries())))
-    pickle(fmpq_mpoly_ctx, _stated)
-    pickle(fmpq_mpoly, lambda polynomial: (_of_terms, (polynomial.context(), polynomial.to_dict())))
+    pickle(fmpq_mpoly_ctx, lambda context: (_context, (context.names(), context.ordering().value)))
+    pickle(fmpq_mpoly, lambda polynomial: (fmpq_mpoly_ctx.from_dict, (polynomial.context(), polynomial.to_dict())))
     pickle(arb, _ball)
