@@ -93,14 +93,12 @@ def read_trade(folder: Path) -> tuple[TradePoint, ...]:
     try:
         text = read_bytes(folder / FRONT_NAME, LARGEST_TABLE).decode()
         rows = [row for row in csv.DictReader(StringIO(text, newline="")) if row.get("proved") == "True"]
-        given = [{key: float(row[key]) for key in _TRADED if key in row or key != "sigmas"} for row in rows]
+        names = TradePoint._fields
+        given = [{key: float(row[key]) for key in names if key in row or key != "sigmas"} for row in rows]
         points = tuple(TradePoint(**figures) for figures in given)
     except (OSError, KeyError, ValueError, TypeError, csv.Error):  # TypeError: a row that ends early
         return ()
     return points if all(isfinite(figure) for point in given for figure in point.values()) else ()
-
-
-_TRADED = TradePoint._fields
 
 
 def plot_trade(

@@ -159,11 +159,8 @@ def draw_side(prototype: Prototype, tip_force_N: float, axes: "Axes", servo_on: 
         for side in (-1, 1):
             edges = np.array([side * tube.depth / 2, side * (tube.depth / 2 - tube.wall)])
             axes.fill_between(x, edges.min() - sag, edges.max() - sag, color=colour, linewidth=0)
-        if tube is bent:
-            for side in (-1, 1):
-                axes.plot(
-                    [tube.back, 0], [side * tube.depth / 2] * 2, color=_LINE, linewidth=0.5, linestyle=(0, (6, 4))
-                )
+            if tube is bent:
+                axes.plot([tube.back, 0], edges[[0, 0]], color=_LINE, linewidth=0.5, linestyle=(0, (6, 4)))
     back = min(outer.back, inner.back)
     room = max(outer.depth, -back / 11)  # for a dimension and its words, of a slender link too
     _clamps(axes, outer, inner, room)
