@@ -22,7 +22,7 @@ import typer.main
 from typer.testing import CliRunner
 
 from beamdesign import InputError, check
-from beamdesign.cli import HEADINGS, app, main, output
+from beamdesign.cli import PANELS, app, main, output
 from beamdesign.progress import interruption_waits
 
 ROOT = Path(__file__).parent.parent
@@ -98,7 +98,7 @@ def test_every_command_is_quiet_on_demand_writes_json_and_says_in_one_line_what_
 
 def test_the_help_leads_a_newcomer_from_a_template_to_a_built_rig() -> None:
     shown = CliRunner().invoke(app, ["--help"]).output
-    places = [shown.index(f"\n{heading}:") for heading in HEADINGS]
+    places = [shown.index(f"\n{heading}:") for heading in PANELS]
     assert places == sorted(places)
     assert "Further commands" not in shown
     way = [shown.index(f"\n  {name} ") for name in ("new", "run", "spec", "simulate", "gap")]

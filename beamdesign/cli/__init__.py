@@ -8,6 +8,7 @@ import codecs
 import sys
 import traceback
 import unicodedata
+from collections.abc import Callable
 from typing import Annotated, Any
 
 import typer
@@ -25,9 +26,6 @@ from beamdesign.cli.simulation import simulate
 from beamdesign.cli.study import study
 from beamdesign.cli.tune import stiffness, tune
 from beamdesign.progress import remembered
-
-HEADINGS = ("Begin", "Design", "Prove", "Build", "Simulate", "Compare with a rig", "Source")
-"""Of the help, in the order of a newcomer's way."""
 
 
 class Commands(TyperGroup):
@@ -55,7 +53,7 @@ class Commands(TyperGroup):
         for name, command in commands:
             words = command.get_short_help_str(formatter.width - 6 - width)
             panels.setdefault(command.rich_help_panel, []).append((name.ljust(width), words))
-        for heading, rows in sorted(panels.items(), key=lambda panel: HEADINGS.index(panel[0])):
+        for heading, rows in sorted(panels.items(), key=lambda panel: [*PANELS].index(panel[0])):
             with formatter.section(heading):
                 formatter.write_dl(rows)
 
@@ -148,15 +146,16 @@ app = group(
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 app.callback()(program)
-PANELS = {
+PANELS: dict[str, tuple[Callable[..., None], ...]] = {
     "Begin": (new, explain),
     "Design": (run, size, tune, stiffness, codesign, front, remedies),
     "Prove": (certify, certify_box, certify_switching, arm),
-    "Simulate": (simulate, limits),
     "Build": (spec, code),
+    "Simulate": (simulate, limits),
+    "Compare with a rig": (),
     "Source": (paper,),
 }
-"""Commands by the heading of the help that they stand under."""
+"""Commands by the heading of the help that they stand under, in the order of a newcomer's way."""
 for panel, commands in PANELS.items():
     for command in commands:
         app.command(command.__name__.replace("_", "-"), rich_help_panel=panel)(command)

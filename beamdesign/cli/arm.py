@@ -63,12 +63,9 @@ def arm(
 
     record = read_prototype(prototype)
     spare([prototype], out, ["prototype.toml"])
-    given = arm_of(record)
-    if offset_m is not None:
-        given = given.but(offset_m=_three(offset_m, "--offset-m", "Position"))
-    if sensor_m is not None:
-        given = given.but(sensor_m=_three(sensor_m, "--sensor-m", "Position"))
-    record = record.but(arm=given)
+    stated = (("offset_m", "--offset-m", offset_m), ("sensor_m", "--sensor-m", sensor_m))
+    given = {name: _three(text, option, "Position") for name, option, text in stated if text is not None}
+    record = record.but(arm=arm_of(record).but(**given))
     within = None if within_m is None else _three(within_m, "--within-m", "Distance")
     masses = mass_range(outer_end_mass, record.outer_end_mass_kg, prototype)
 
@@ -313,7 +310,7 @@ def certify_switching(
     if not low < high:
         reason = f"{low:g}:{high:g} holds one mass, which cannot change"
         refuse("certify-switching", ("--outer-end-mass", reason))
-    path = certificate_file(out, f"{prototype.stem}.stages.toml")
+    path = certificate_file(out, prototype, "stages")
 
     from beamdesign.proofs.lyapunov import describe, stages_certificate
     from beamdesign.public import certify_switching as prove

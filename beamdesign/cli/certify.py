@@ -12,7 +12,6 @@ from beamdesign.cli.command import (
     CommandResult,
     Figure,
     OutFile,
-    beside,
     by_stage,
     command,
     mass_range,
@@ -99,13 +98,13 @@ def certify(
         return _replay(replay, None if prototype is None else read_prototype(prototype))
     if record is None or prototype is None:
         refuse("certify", ("PROTOTYPE", "missing; or give --replay CERTIFICATE"))
-    masses, stem = mass_range(outer_end_mass, record.outer_end_mass_kg, prototype), prototype.stem
+    masses = mass_range(outer_end_mass, record.outer_end_mass_kg, prototype)
 
     from beamdesign.proofs.certifying import certify as prove
     from beamdesign.proofs.scope import holds_for, near_rest
 
     def proved(stage: "InStage") -> tuple[dict[str, Any], bool]:
-        rig, path = stage.prototype, certificate_file(beside(out, stage), f"{stem}{stage.suffix}.certificate.toml")
+        rig, path = stage.prototype, certificate_file(out, prototype, "certificate", stage.suffix)
         certificate = prove(rig, *stage.outer_end_mass_kg, asked, nonlinear)
         if linear:
             certificate = replace(certificate, small_motion="")
@@ -241,7 +240,7 @@ def certify_box(
     from beamdesign.proofs.over_box import certify_box as prove
 
     def proved(stage: "InStage") -> tuple[dict[str, Any], bool]:
-        path = certificate_file(beside(out, stage), f"{prototype.stem}{stage.suffix}.box.toml")
+        path = certificate_file(out, prototype, "box", stage.suffix)
         asked = None if outer_end_mass is None else stage.outer_end_mass_kg
         with progress("branch and bound") as update:
             varying = asked, sigmas, only or (), delay_s, nonlinear, scaling, each

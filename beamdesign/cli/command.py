@@ -391,8 +391,3 @@ def of_all(record: "Prototype", found: "list[tuple[dict[str, Any], bool]]") -> d
 
     answer, _ = min(found, key=lambda one: (one[1], reached(one[0])))
     return answer if record.schedule is None else answer | {"stages": [fields for fields, _ in found]}
-
-
-def beside(path: Path | None, stage: "InStage") -> Path | None:
-    """Where a stage's file goes: the path itself where there is one law, else with the stage's number in its name."""
-    return path and path.with_suffix(stage.suffix + path.suffix)

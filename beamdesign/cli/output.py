@@ -230,13 +230,14 @@ _TELLING = ("name", "rig", "controller", "effects", "arm")
 """Keys of a certificate that tell whose it is."""
 
 
-def certificate_file(out: Path | None, default: str) -> Path:
-    """Where a certificate is to go, asked before the work for it.
+def certificate_file(out: Path | None, prototype: Path, kind: str, suffix: str = "") -> Path:
+    """Where a certificate of a kind is to go, asked before the work for it; that of a stage has its suffix in its name.
 
     Raises:
         InputError: where something stands there that is no certificate, or where no file can be written.
     """
-    path = _need_folder("--out", Path(default), Path.cwd()) if out is None else out
+    name = f"{prototype.stem}{suffix}.{kind}.toml"
+    path = _need_folder("--out", Path(name), Path.cwd()) if out is None else out.with_suffix(suffix + out.suffix)
     if path.exists():
         _stated(path, _standing(path))
     return path
