@@ -244,11 +244,14 @@ class LoopAtMass:
         """S = 1 / (1 + L) at the given frequencies, complex."""
         return _ratio(self.loop_denominator, self.characteristic, frequency_Hz)
 
-    def grid_Hz(self, low_Hz: float, high_Hz: float, points: int) -> np.ndarray:
-        """So many frequencies at equal ratios, ends included, and some about each resonance, however sharp it is."""
+    def grid_Hz(self, low_Hz: float, high_Hz: float, points: int, about: np.ndarray = _ABOUT) -> np.ndarray:
+        """So many frequencies at equal ratios, ends included, and some about each resonance, however sharp it is.
+
+        These lie so many of its half-widths from it.
+        """
         poles = self.poles() / (2 * pi)
-        about = (np.abs(poles.imag)[:, None] + np.abs(poles.real)[:, None] * _ABOUT).ravel()
-        inside = about[(low_Hz < about) & (about < high_Hz)]
+        near = (np.abs(poles.imag)[:, None] + np.abs(poles.real)[:, None] * about).ravel()
+        inside = near[(low_Hz < near) & (near < high_Hz)]
         return np.unique(np.concatenate([np.geomspace(low_Hz, high_Hz, points), inside]))
 
     def static_compliance(self) -> float:

@@ -329,12 +329,7 @@ def noise_bandwidth_Hz(prototype: Prototype, outer_end_mass: float) -> float:
     """
     closed = loop(prototype)
     here = closed.at(outer_end_mass)
-    parts = [np.geomspace(1e-4, 1e5, 4000)]
-    for pole in here.poles():
-        centre, width = abs(pole.imag) / (2 * pi), max(abs(pole.real) / (2 * pi), 1e-6)
-        parts.append(centre + width * np.linspace(-30, 30, 601))
-    grid = np.unique(np.concatenate(parts))
-    grid = grid[grid > 0]
+    grid = here.grid_Hz(1e-4, 1e5, 4000, np.linspace(-30, 30, 601))
     s, cut = 2j * pi * grid, closed.cut.at(exact(outer_end_mass))  # 1 + L - L_1, over what 1 + L has below
     transmitted = np.abs(1 - at_points(cut, s) / at_points(here.characteristic, s)) ** 2
     return float(np.trapezoid(transmitted, grid) + transmitted[0] * grid[0])
