@@ -14,7 +14,7 @@ from nbformat import NotebookNode
 from slow_sensor import ASKED
 
 from beamdesign import certify, read_prototype, state_space
-from beamdesign.sweep.case import kept
+from beamdesign.sweep.case import Answer, kept
 from beamdesign.sweep.store import keep
 from beamdesign.sweep.sweep_run import plan, run_sweep
 
@@ -159,7 +159,8 @@ def given_trade_curves(folder: Path) -> None:
         mass = 5 + 0.5 * payload + 0.1 * bandwidth**2
         found = {"moving_mass_kg": mass, "bandwidth_Hz": bandwidth, "governing": "made up"}
         refused = (payload, bandwidth) == (12.0, 8.0)
-        keep(folder, kept(case, "no", "too fast", {}, {}, 0.0) if refused else kept(case, "done", "", found, {}, 0.0))
+        status, answer = ("no", Answer({}, reason="too fast")) if refused else ("done", Answer(found))
+        keep(folder, kept(case, status, answer, 0.0))
 
 
 def test_trade_curves(execute, tmp_path: Path) -> None:

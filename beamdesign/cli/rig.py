@@ -68,7 +68,6 @@ def code(
         compile_here: compile it with the system's C compiler and run its self-test.
     """
     record = with_controller(prototype)
-    assert record.controller is not None
     masses = mass_range(outer_end_mass, record.outer_end_mass_kg or (0.0, 0.0), prototype)
 
     from beamdesign.build.realisation.c_code import compiler

@@ -313,13 +313,11 @@ def in_words(problems: Iterable[Problem]) -> str:
     return "; ".join(f"{key}: {reason}" for key, reason in problems)
 
 
-def kept(
-    found: Case, status: str, reason: str, outputs: dict[str, Any], details: dict[str, Any], seconds: float
-) -> dict[str, Any]:
+def kept(found: Case, status: str, answer: Answer, seconds: float) -> dict[str, Any]:
     """The record of a case as it is written to its file."""
     given = picked(found, "address inputs_sha256 code_sha256 task varied document options")
-    answer = {"status": status, "reason": reason, "outputs": outputs, "details": details}
-    return given | answer | {"seconds": round(seconds, 3), "libraries": libraries()}
+    told = {"status": status} | picked(answer, "reason outputs details")
+    return given | finite(told) | {"seconds": round(seconds, 3), "libraries": libraries()}
 
 
 _LIBRARIES = ("casadi", "cvxpy", "numpy", "python-flint", "scipy")

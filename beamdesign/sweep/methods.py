@@ -18,7 +18,7 @@ from beamdesign.prototype import Prototype
 from beamdesign.records import InputError, Problem
 from beamdesign.structure.lumped import lumped_beam
 from beamdesign.sweep.case import Case, case
-from beamdesign.sweep.sweep_file import SAMPLED, Sweep, Vary, with_value
+from beamdesign.sweep.sweep_file import SAMPLED, Optimise, Sweep, Vary, with_value
 
 _OPTIONS = "options"
 
@@ -247,7 +247,7 @@ def laid_out(sweep: Sweep, base: Mapping[str, Any], path: Path, limit: int | Non
             raise InputError(path, [Problem("vary", str(error))]) from None
         if asked is None:
             return tuple(every.values()), len(every)
-        most = _generations(sweep, limit) * asked.population
+        most = _generations(asked, limit) * asked.population
         return (), most if limit is None else min(most, limit)
     figures = figures_of(sweep, base, path)
     if sweep.study.method == "worst_case":
@@ -280,10 +280,9 @@ def saltelli(dimensions: int, cases: int, seed: int) -> np.ndarray:
     return from_unit(np.clip(sobol.sample(problem, 2**power, calc_second_order=False, seed=seed), 1e-9, 1 - 1e-9))
 
 
-def _generations(sweep: Sweep, limit: int | None) -> int:
-    assert sweep.optimise is not None
-    most = sweep.optimise.generations + 1  # the first is the initial population
-    return most if limit is None else max(1, min(most, limit // sweep.optimise.population))
+def _generations(asked: Optimise, limit: int | None) -> int:
+    most = asked.generations + 1  # the first is the initial population
+    return most if limit is None else max(1, min(most, limit // asked.population))
 
 
 def _optimise(laid: Plan, evaluate: Evaluate) -> None:
@@ -298,7 +297,7 @@ def _optimise(laid: Plan, evaluate: Evaluate) -> None:
         rows = evaluate([case_at(sweep, laid.base, varied_in(sweep, row)) for row in unit])
         return np.array([cost(row, asked.output, asked.goal == "maximise") for row in rows])
 
-    dimensions, generations = len(sweep.vary), _generations(sweep, laid.limit)
+    dimensions, generations = len(sweep.vary), _generations(asked, laid.limit)
     start = qmc.LatinHypercube(dimensions, rng=sweep.study.seed).random(asked.population)
     if generations == 1:
         costs(start[: laid.budget])

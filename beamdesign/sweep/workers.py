@@ -17,7 +17,6 @@ from beamdesign.code_digest import code_digest, engines
 from beamdesign.progress import end_with_parent, pass_on, remembered
 from beamdesign.prototype import Prototype
 from beamdesign.records import InputError
-from beamdesign.result import finite
 from beamdesign.sweep.case import TASKS, Answer, Case, in_words, kept, of_all, parsed
 
 Outcome = tuple[int, dict[str, Any]]
@@ -42,8 +41,6 @@ def compute(found: Case) -> dict[str, Any]:
         the record that is kept: inputs, status, reason, outputs, details, and how long it took.
     """
     begun = time.perf_counter()
-    details: dict[str, Any] = {}
-    outputs: dict[str, Any] = {}
     try:
         if found.problems:
             raise InputError(found.task, found.problems)
@@ -61,14 +58,13 @@ def compute(found: Case) -> dict[str, Any]:
             answer = of_all(each, task.governs)
         else:
             answer = work(record, options)
-        outputs, details, reason = answer.outputs, answer.details, answer.reason
-        status = "no" if reason else "done"
+        status = "no" if answer.reason else "done"
     except InputError as error:
-        status, reason = "refused", in_words(error.problems)
+        status, answer = "refused", Answer({}, reason=in_words(error.problems))
     except Exception as error:  # a crash is a row of its own: the others go on
-        status, reason = "failed", f"{type(error).__name__}: {error}"
-        details = {"traceback": traceback.format_exc()}
-    return kept(found, status, reason, finite(outputs), finite(details), time.perf_counter() - begun)
+        reason = f"{type(error).__name__}: {error}"
+        status, answer = "failed", Answer({}, {"traceback": traceback.format_exc()}, reason)
+    return kept(found, status, answer, time.perf_counter() - begun)
 
 
 def here(cases: Sequence[Case]) -> Iterator[Outcome]:
@@ -110,7 +106,7 @@ def processes(count: int, case_seconds: float = CASE_SECONDS) -> Iterator[Worker
                     elif lost := process.seconds > case_seconds:
                         reason = f"not finished after {case_seconds:g} s, the limit of --case-seconds"
                         words = f"{reason}; --again tries it once more"
-                        record = kept(cases[place], "failed", words, {}, {}, case_seconds)
+                        record = kept(cases[place], "failed", Answer({}, reason=words), case_seconds)
                 except (EOFError, OSError):
                     lost, deaths[place] = True, deaths[place] + 1
                     if deaths[place] < TRIES:
@@ -192,7 +188,7 @@ def _deaf() -> Iterator[None]:
 
 def dead(found: Case, tried: int) -> dict[str, Any]:
     """The record of a case whose process died each time."""
-    return kept(found, "failed", f"the process that computed it died, {tried} times", {}, {}, 0.0)
+    return kept(found, "failed", Answer({}, reason=f"the process that computed it died, {tried} times"), 0.0)
 
 
 def _serve(pipe: Connection) -> None:
