@@ -135,7 +135,7 @@ def tune(
     if controller == "compliance":
         if end_stiffness_N_per_m is None:
             refuse("--controller", ("compliance", "needs --end-stiffness-N-per-m"))
-        return give_stiffness(record, end_stiffness_N_per_m, masses, out=out, minutes=minutes)
+        return give_stiffness(record, end_stiffness_N_per_m, masses, out, minutes)
     within = 0.0 if nominal else sigmas
     usual, otherwise = (_NOMINAL, "1 to 10 min") if nominal or not sigmas else (_USUALLY, "5 to 40 min")
     with in_time(minutes, usual.get(controller, otherwise)) as limit, progress("tuning") as update:
@@ -266,7 +266,6 @@ def stiffness(
     """
     from beamdesign.prototype import read_prototype
     from beamdesign.quantities import mass_range_text
-    from beamdesign.records import InputError
     from beamdesign.synthesis.end_stiffness import CONTACT_NAME, contact_text, in_words
     from beamdesign.synthesis.stiffness_search import stiffness as give
 
@@ -276,19 +275,16 @@ def stiffness(
     if high == 0:
         refuse("--wall-N-per-m", (wall_N_per_m, "is no wall; give a stiffest one, or --contact none"))
     damping = figures_of("--wall-damping-N-s-per-m", wall_damping_N_s_per_m, "Damping", "two figures as LO:HI", ":", 2)
-    wall = (low, high), (damping[0], damping[1])
+    asked: dict[str, Any] = {"wall_N_per_m": (low, high), "wall_damping_N_s_per_m": damping, "contact": contact}
     masses = mass_range(outer_end_mass, record.outer_end_mass_kg, prototype)
     if end_stiffness_N_per_m is not None:
-        asked = end_stiffness_N_per_m, masses, wall, contact, keep_controller, rigs, out, minutes
-        try:
-            return give_stiffness(record, *asked)
-        except InputError as error:
-            refuse(prototype, *error.problems)
+        asked |= {"keep_controller": keep_controller, "rigs": rigs}
+        return give_stiffness(record, end_stiffness_N_per_m, masses, out, minutes, **asked)
 
     def judged(stage: "InStage") -> tuple[dict[str, Any], bool]:
         rig, own, _ = stage
         try:
-            answer = give(rig, None, own, *wall, contact)
+            answer = give(rig, None, own, **asked)
         except ValueError as error:
             refuse(prototype, ("controller", str(error)))
         found = answer.best
@@ -308,21 +304,15 @@ def stiffness(
     return by_stage(record, masses, judged)
 
 
-_ANY_WALL = (0.0, 1e9), (0.0, 0.0)
-
-
 def give_stiffness(
     record: "Prototype",
     end_stiffness: float,
     masses: tuple[float, float],
-    wall: tuple[tuple[float, float], tuple[float, float]] = _ANY_WALL,
-    contact: str = "wall",
-    keep_controller: bool = False,
-    rigs: int = RIGS,
-    out: Path | None = None,
-    minutes: float | None = None,
+    out: Path | None,
+    minutes: float | None,
+    **asked: Any,
 ) -> CommandResult:
-    """Design, prove, say and write, against every wall where none is given.
+    """Design, prove, say and write; what else is asked is as `beamdesign.stiffness` takes it.
 
     The rigs that the law has to suit are drawn from the tolerances.
 
@@ -337,7 +327,7 @@ def give_stiffness(
     from beamdesign.synthesis.stiffness_search import stiffness as give
 
     with in_time(minutes, "2 to 5 min") as limit, progress("end stiffness") as update:
-        found = give(record, end_stiffness, masses, *wall, contact, keep_controller, rigs, update)
+        found = give(record, end_stiffness, masses, progress=update, **asked)
     best = found.best
     if best is None or found.prototype is None or found.certificate is None:
         echo(found.reason)
