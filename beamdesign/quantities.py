@@ -188,29 +188,20 @@ _UNITS = {
     "m": ("mm", 1e3),
     "m2": ("mm²", 1e6),
     "Pa": ("MPa", 1e-6),
-    "N": ("N", 1.0),
-    "N m": ("N m", 1.0),
     "N/m": ("kN/m", 1e-3),
-    "N s/m": ("N s/m", 1.0),
     "m/N": ("nm/N", 1e9),
-    "kg": ("kg", 1.0),
     "kg/m3": ("kg/m³", 1.0),
-    "Hz": ("Hz", 1.0),
     "A/V": ("mA/V", 1e3),
     "A": ("mA", 1e3),
-    "V": ("V", 1.0),
     "V/m": ("V/mm", 1e-3),
     "m3/s": ("l/min", 6e4),
     "m3/s/A": ("cm³/s/mA", 1e3),
     "m3/s/Pa": ("cm³/s/MPa", 1e12),
-    "N m/A": ("N m/A", 1.0),
     "N m s/rad": ("mN m s/rad", 1e3),
-    "A s/rad": ("A s/rad", 1.0),
     "kg m2": ("kg cm²", 1e4),
     "rad/s": ("rpm", 30 / pi),
-    "W": ("W", 1.0),
     "1": ("", 1.0),
-}
+} | {unit: (unit, 1.0) for unit in ("N", "N m", "N s/m", "kg", "Hz", "V", "N m/A", "A s/rad", "W")}
 """By SI unit: the one in which it is read, and how many of these it is."""
 
 _LARGE = {"A": 0.5, "A/V": 1.0}
