@@ -100,11 +100,7 @@ class Payload(Record):
     @classmethod
     def relations(cls, table: Mapping[str, Any]) -> Iterator[Problem]:
         """The range holds at least one mass."""
-        bounds = table.get("outer_end_mass_kg")
-        if not isinstance(bounds, tuple) or len(bounds) != 2:
-            return
-        pair = numbers({"least": bounds[0], "most": bounds[1]}, "least", "most")
-        if pair and pair[0] > pair[1] >= 0:
+        if (pair := numbers(table, "outer_end_mass_kg", each=2)) and pair[0] > pair[1] >= 0:
             yield Problem("outer_end_mass_kg", f"empty mass range: {pair[0]} is above {pair[1]}; write [least, most]")
 
 

@@ -171,20 +171,24 @@ def _line_errors(error: ValidationError) -> list[InitErrorDetails]:
     return lines
 
 
-def numbers(table: Mapping[str, Any], *keys: str) -> tuple[float, ...] | None:
-    """The figures under `keys`, or None where one of them is absent or not a finite number; dots lead into tables."""
-    values = []
+def numbers(table: Mapping[str, Any], *keys: str, each: int = 1) -> tuple[float, ...] | None:
+    """The figures under `keys`, or None where one of them is absent or not a finite number; dots lead into tables.
+
+    So many stand under each key, more than one as a list.
+    """
+    values: list[Any] = []
     for key in keys:
         value: Any = table
         for step in key.split("."):
             value = value.get(step) if isinstance(value, Mapping) else getattr(value, step, None)
-        if isinstance(value, bool) or not isinstance(value, int | float):
-            return None
-        try:
-            values.append(float(value))
-        except OverflowError:  # an integer beyond every float
-            return None
-    return tuple(values) if all(map(isfinite, values)) else None
+        values += [value] if each == 1 else value if isinstance(value, tuple) and len(value) == each else [None]
+    if any(isinstance(value, bool) or not isinstance(value, int | float) for value in values):
+        return None
+    try:
+        figures = tuple(map(float, values))
+    except OverflowError:  # an integer beyond every float
+        return None
+    return figures if all(map(isfinite, figures)) else None
 
 
 R = TypeVar("R", bound=Record)

@@ -42,11 +42,8 @@ class Stage(Record):
     @classmethod
     def relations(cls, table: Mapping[str, Any]) -> Iterator[Problem]:
         """The range holds more than one mass."""
-        bounds = table.get("outer_end_mass_kg")
-        if isinstance(bounds, tuple) and len(bounds) == 2:
-            pair = numbers({"least": bounds[0], "most": bounds[1]}, "least", "most")
-            if pair and not pair[0] < pair[1]:
-                yield Problem("outer_end_mass_kg", f"must be [least, most], least below most; is {list(pair)}")
+        if (pair := numbers(table, "outer_end_mass_kg", each=2)) and not pair[0] < pair[1]:
+            yield Problem("outer_end_mass_kg", f"must be [least, most], least below most; is {list(pair)}")
 
 
 class Estimator(Record):
@@ -184,7 +181,7 @@ class Scheduled(Controller):
             yield Problem("period_s", f"must be at most {most:.4g} s, since {reason}; is {found[0]:g}")
         ranges = [_field(stage, "outer_end_mass_kg") for stage in stages] if isinstance(stages, tuple) else []
         band = own["band_kg"] if isinstance(own["band_kg"], float) else Estimator().band_kg
-        if all(isinstance(r, tuple) and len(r) == 2 and numbers({"a": r[0], "b": r[1]}, "a", "b") for r in ranges):
+        if all(numbers({"range": each}, "range", each=2) for each in ranges):
             for k, (one, two) in enumerate(pairwise(ranges), start=1):
                 if not (one[0] < two[0] and one[1] < two[1]):
                     yield Problem("stage", f"stage {k + 1} must begin and end above stage {k}")

@@ -56,10 +56,7 @@ class Material(Record):
     @classmethod
     def relations(cls, table: Mapping[str, Any]) -> Iterator[Problem]:
         """The local buckling factor reaches 1: its largest value is C1^2 / (4 C2)."""
-        given = table.get("local_buckling")
-        if not isinstance(given, tuple) or len(given) != 2:
-            return
-        pair = numbers({"C1": given[0], "C2": given[1]}, "C1", "C2")
+        pair = numbers(table, "local_buckling", each=2)
         if pair and pair[1] > pair[0] ** 2 / 4 > 0:
             words = f"C2 is at most C1^2 / 4, {pair[0] ** 2 / 4:.4g}, or no wall however thick would count whole"
             yield Problem("local_buckling", words)
