@@ -130,8 +130,8 @@ class Sizes(Record):
     @classmethod
     def relations(cls, table: Mapping[str, Any]) -> Iterator[Problem]:
         """The thinnest wall fits into the widest tube."""
-        usual = {name: field.default for name, field in cls.model_fields.items()}
-        if (pair := numbers(usual | dict(table), "least_wall_m", "largest_width_m")) and pair[0] >= pair[1] / 2 > 0:
+        pair = numbers(cls.whole(table), "least_wall_m", "largest_width_m")
+        if pair and pair[0] >= pair[1] / 2 > 0:
             yield Problem("least_wall_m", f"{pair[0]} is not less than half of largest_width_m, {pair[1] / 2}")
 
 
