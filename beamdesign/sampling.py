@@ -8,6 +8,7 @@ import numpy as np
 from beamdesign.controllers import SENSED, Break, Controller, Stage, TransferFunction
 from beamdesign.plant.actuators import KINDS
 from beamdesign.plant.assembly import OUTPUTS
+from beamdesign.plant.equilibrium import StateSpace
 from beamdesign.polynomial import exact
 
 ERROR, COMMAND = -1, -2
@@ -19,22 +20,22 @@ class SampledLaw:
     """z+ = A z + B e, i = C z + D e at every sample: the difference equation that a specification states.
 
     Attributes:
-        matrix: (n + 1, n + k), A and B above C and D.
+        system: A (n, n), B (n, k), C (1, n) and D (1, k).
         sensed: what each of the k readings is: `ERROR`, `COMMAND` or a place among the rig's outputs.
     """
 
-    matrix: np.ndarray
+    system: StateSpace
     sensed: tuple[int, ...]
 
     @property
     def order(self) -> int:
         """How many states it has."""
-        return len(self.matrix) - 1
+        return len(self.system.a)
 
     def step(self, state: np.ndarray, readings: np.ndarray) -> tuple[np.ndarray, float]:
         """State (n,) after, and current (A) of, one sample."""
-        after = self.matrix @ np.concatenate([state, readings])
-        return after[:-1], float(after[-1])
+        own = self.system
+        return own.a @ state + own.b @ readings, float((own.c @ state + own.d @ readings)[0])
 
     def readings(self, outputs: np.ndarray) -> np.ndarray:
         """(k,) what it hears of a row of the rig's outputs, without command."""
@@ -43,8 +44,7 @@ class SampledLaw:
 
     def at_rest(self, readings: np.ndarray) -> np.ndarray:
         """State (n,) under constant readings."""
-        n = self.order
-        return np.asarray(np.linalg.solve(np.eye(n) - self.matrix[:n, :n], self.matrix[:n, n:] @ readings))
+        return np.asarray(np.linalg.solve(np.eye(self.order) - self.system.a, self.system.b @ readings))
 
     def after(self, readings: np.ndarray, currents: np.ndarray) -> np.ndarray:
         """State (n,) after samples of which the last n readings (n or more, k) gave the last n currents (n or more,).
@@ -52,23 +52,18 @@ class SampledLaw:
         Where several states would have given them, it is after the smallest.
         """
         n, seen, unexplained = self.order, list[np.ndarray](), list[float]()
-        forced, shows = np.zeros(n), self.matrix[n, :n]
+        forced, shows = np.zeros(n), self.system.c[0]
         for k in range(-n, 0):
             forced, current = self.step(forced, readings[k])
             seen.append(shows)
             unexplained.append(currents[k] - current)
-            shows = shows @ self.matrix[:n, :n]
+            shows = shows @ self.system.a
         before = np.linalg.pinv(np.reshape(seen, (n, n))) @ np.array(unexplained)
-        return np.asarray(np.linalg.matrix_power(self.matrix[:n, :n], n) @ before + forced)
+        return np.asarray(np.linalg.matrix_power(self.system.a, n) @ before + forced)
 
     def before(self, other: "SampledLaw") -> "SampledLaw":
         """In series with another that has one reading: what this one gives. This one's states come first."""
-        n, m, k = self.order, other.order, len(self.sensed)
-        inputs = np.zeros((m + 1, n + m + k))  # the other's states and reading
-        inputs[:m, n : n + m] = np.eye(m)
-        inputs[m] = np.insert(self.matrix[n], n, np.zeros(m))
-        own = np.insert(self.matrix[:n], [n] * m, 0.0, axis=1)
-        return SampledLaw(np.vstack([own, other.matrix @ inputs]), self.sensed)
+        return SampledLaw(other.system.behind(self.system), self.sensed)
 
     def packed(
         self, period_steps: int, delay_periods: int, least_volt: float, state: np.ndarray, current: float
@@ -83,7 +78,8 @@ class SampledLaw:
             current: before the record, A.
         """
         head = [period_steps, delay_periods, least_volt, current, self.order, len(self.sensed), *self.sensed]
-        return np.concatenate([head, self.matrix.ravel(), state])
+        matrix = np.block([[self.system.a, self.system.b], [self.system.c, self.system.d]])
+        return np.concatenate([head, matrix.ravel(), state])
 
 
 @dataclass(frozen=True)
@@ -129,7 +125,7 @@ def sampled_law(controller: Controller | TransferFunction, period_s: float) -> S
     places = {SENSED[0]: ERROR, "command_V": COMMAND}
     places |= {kind.feels[0]: OUTPUTS.index("load_pressure_Pa") for kind in KINDS.values()}
     sensed = tuple(places[name] if name in places else OUTPUTS.index(name) for name in law.sensed)
-    return SampledLaw(np.block([[floats(law.a), floats(law.b)], [floats(law.c), floats(law.d)]]), sensed)
+    return SampledLaw(StateSpace(*map(floats, (law.a, law.b, law.c, law.d))), sensed)
 
 
 def sampled_stage(stage: Stage, period_s: float) -> SampledCascade:
