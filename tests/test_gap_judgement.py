@@ -8,6 +8,7 @@ import pytest
 from gap_sets import believed, measured, only
 from null_scores import main as null_scores_main
 
+from beamdesign.diagnosis import judgement
 from beamdesign.diagnosis.diagnosis import Where
 from beamdesign.diagnosis.fitting.evidence import record_evidence
 from beamdesign.diagnosis.fitting.fit import Fit, Share, fit
@@ -174,6 +175,21 @@ def test_data_that_bear_no_answer_are_not_said_to_hold_an_unknown_cause(unknown:
     assert words in sentences("unknown", *given, unknown=unknown)
     hurried = sentences("unknown", *given, complete=False, unknown=unknown)  # which is not the data's fault
     assert ("What was compared leaves no gap" if unknown < 0.5 else "Nothing that was compared explains") in hurried
+
+
+@pytest.mark.parametrize(("better", "best"), [(0.05, LAG), (0.8, LAG), (1.2, "transport_delay")])
+def test_conditions_held_out_outweigh_what_is_less_probable_by_less(
+    monkeypatch: pytest.MonkeyPatch, better: float, best: str
+):
+    """Probabilities multiply: a factor of e is made up for by conditions that are e to the 1.2 more probable."""
+    lag, delay = made((LAG,), 1.1 * EXPECTED), made(("transport_delay",), 1.1 * EXPECTED)
+    search = found(made((), 20 * EXPECTED), lag, delay)
+    scores = {lag.hypothesis: 0.0, delay.hypothesis: better}
+    monkeypatch.setattr(judgement, "odds", lambda hypothesis: -3.0 - (hypothesis == delay.hypothesis))
+    monkeypatch.setattr(judgement, "held_out_score", lambda fit, *of: scores[fit.hypothesis])
+    judged = judge(search)
+    assert judged.of[lag.hypothesis] / judged.of[delay.hypothesis] == pytest.approx(np.e)
+    assert judged.best.hypothesis.names == (best,)
 
 
 @pytest.mark.parametrize(

@@ -170,14 +170,14 @@ def _nested(fits: Sequence[Fit], spread: float) -> dict[Hypothesis, float]:
 def _chosen(fits: Sequence[Fit], logs: np.ndarray, conditions: Sequence[object], spread: float) -> int:
     """Of the most probable fit and those with as many causes that are nearly as probable, the best on held-out ones.
 
-    Conditions held out say nothing of how far a figure is off its tolerance, so that fewer causes are no rival here.
+    It has to be better there than it is less probable: where they tell nothing apart, the most probable stays. They say
+    nothing of how far a figure is off its tolerance, so that fewer causes are no rival here.
     """
     first = int(np.argmax(logs))
     count = len(fits[first].hypothesis.causes)
-    near = [
-        k for k, f in enumerate(fits) if logs[k] > logs[first] - THRESHOLDS.nearly and len(f.hypothesis.causes) == count
-    ]
-    return max(near, key=lambda k: held_out_score(fits[k], conditions, spread) + odds(fits[k].hypothesis))
+    close = logs > logs[first] - THRESHOLDS.nearly
+    near = [k for k, fit in enumerate(fits) if close[k] and len(fit.hypothesis.causes) == count]
+    return max(near, key=lambda k: held_out_score(fits[k], conditions, spread) + logs[k])
 
 
 def held_out_score(found: Fit, conditions: Sequence[object], spread: float) -> float:
