@@ -168,7 +168,8 @@ class Goal(Record):
         True, description="stable at every lower gain too: a valve that saturates or a supply that comes up lowers it"
     )
     comes_to_rest: bool = Field(
-        False, description="proved to come to rest from every state while the current saturates; false: where it can be"
+        False,
+        description="proved to come to rest from every state while the law's current saturates; false: where it can be",
     )
     peak_over_passive: q.PeakOverPassive = Field(
         1.0,

@@ -7,7 +7,7 @@ import pytest
 from flint import fmpq
 from honest_certificates import screw
 
-from beamdesign import InputError, Prototype, checker, simulate, state_space, stiffness, tune
+from beamdesign import InputError, Prototype, certify, checker, simulate, state_space, stiffness, tune
 from beamdesign.checker.reading import Table
 from beamdesign.checker.rig import Rig
 from beamdesign.checker.stages import StateSpace as Stated
@@ -274,6 +274,27 @@ def test_friction_on_the_nut_strays_by_no_more_than_its_impulse_response(rig: Pr
             of_law.numerator
         )
         assert abs(at(above) / closed) == pytest.approx(abs(expected), rel=1e-6)
+
+
+def test_what_is_proved_of_a_saturated_current_is_not_of_the_motors_own(rig: Prototype) -> None:
+    """At a lower gain of law and speed feedback together, which a limit of the motor comes to, the loop is unstable."""
+    a, b, c = matrices(rig, 0.0)
+    feedback = np.outer(b[:, 1], a[6] / b[6, 1])
+    feedback[:, 6] = 0.0  # of the speed alone, not the current's own decay
+    law = rig.own_controller.control_model()
+    fed = -rig.sensor.gain_V_per_m * np.outer(b[:, 1] * law.D[0, 0], c)
+
+    def growth(of_law: float, of_feedback: float) -> float:
+        held = a - (1 - of_feedback) * feedback
+        over = -rig.sensor.gain_V_per_m * law.B @ c[None]
+        whole = np.block([[held + of_law * fed, of_law * b[:, 1:] @ law.C], [over, law.A]])
+        return float(np.linalg.eigvals(whole).real.max())
+
+    assert all(growth(share, 1.0) < 0 for share in np.geomspace(1e-3, 1, 50))
+    assert growth(0.05, 0.05) > 0
+    (row,) = certify(rig, 0.0, 6.8, nonlinear=True).nonlinear
+    assert row.proved
+    assert "nothing is proved of the motor's own current" in row.covers
 
 
 def test_a_motor_that_rubs_sticks(rig: Prototype) -> None:

@@ -224,7 +224,9 @@ def test_where_it_is_not_proved_loops_keep_farther_from_the_critical_point(rig: 
     with best_start_alone():
         found = tune(rig.but(goal=goal), MASSES, sigmas=0.0)
     assert found.best is None
-    assert "comes to rest while the current saturates is not proved: No multiplier was looked for." in found.reason
+    assert (
+        "comes to rest while the law's current saturates is not proved: No multiplier was looked for." in found.reason
+    )
     assert len(peaks) > 1
     for peak, limit in zip(peaks[1:], (4.0, 2.0, 1.4), strict=False):
         assert peak < 1.02 * limit

@@ -368,7 +368,7 @@ def claimed(claim: Claim) -> Statement:
             words = f"every motion dies out at least as fast as exp(-{down(claim.limit, '1', _DIGITS)} t / s)"
         case "slope":
             where = "without command and load" if claim.for_odd_only else "under any constant command and load"
-            words = f"comes to rest from every state while the current saturates, {where}"
+            words = f"comes to rest from every state while the law's current saturates, {where}"
         case "gain_margin" if claim.limit == 0:
             words = "stable at every lower gain too"
         case "gain_margin":

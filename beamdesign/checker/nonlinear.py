@@ -108,7 +108,7 @@ class Multiplier:
     def characteristics(self) -> str:
         """Which they are, in words, and about what the loop comes to rest."""
         which, where = ("an odd", "zero current") if self.odd else ("any", "every equilibrium")
-        return f"comes to rest about {where} with {which} static characteristic of slope 0 to 1 in its current"
+        return f"comes to rest about {where} with {which} static characteristic of slope 0 to 1 in its law's current"
 
 
 def _factor(rate: fmpq, causal: bool) -> fmpq_poly:
@@ -208,9 +208,9 @@ def _both(table: Table, loops: Sequence[Loop], masses: Pair) -> tuple[bool, str]
         _both_fit(loop, place, factors, multiplier, weight, margin, masses) for loop in loops
     )
     words = (
-        f"comes to rest with any static characteristic of slope 0 to 1 in its current while the {_WHOSE[place]} gain"
-        f" changes between {span(factors, ' and ')} times its own, without command and load, or under constant ones"
-        f" where that gain is a static characteristic too, {len(loops)} loops"
+        f"comes to rest with any static characteristic of slope 0 to 1 in its law's current while the"
+        f" {_WHOSE[place]} gain changes between {span(factors, ' and ')} times its own, without command and load, or"
+        f" under constant ones where that gain is a static characteristic too, {len(loops)} loops"
     )
     return judged(proved, f"{words}: multiplier of {multiplier.words}, weight {short(weight)}, margin {short(margin)}")
 

@@ -68,8 +68,8 @@ def certify(
         decay_rate_per_s: claim that every pole decays faster than this.
         gain_margin: claim stability with the gain times all from 1 to this.
         linear: let the answer be about linear members alone, where effects are in the way of more.
-        nonlinear: also prove, of the nominal figures, what holds while effects move, and while the current saturates,
-            which it does on every rig; the answer is no where something is not proved.
+        nonlinear: also prove, of the nominal figures, what holds while effects move, and while the law's current
+            saturates, which it does on every rig; the answer is no where something is not proved.
         out: file for the certificate; else STEM.certificate.toml in this folder.
         replay: prove this certificate again; with PROTOTYPE, also that it is its.
     """
@@ -229,7 +229,7 @@ def certify_box(
         budget: most pieces of frequency and parameters to look at, for each claim.
         seconds: most time for all that is searched together; what was found until then is proved all the same, what is
             left out is told, and a step that was begun is brought to its end.
-        nonlinear: also prove that every member comes to rest while the current saturates, and with the static
+        nonlinear: also prove that every member comes to rest while the law's current saturates, and with the static
             characteristics among its effects, and how far friction, hysteresis, dead band, ripple and resolution move
             its tip; the answer is no where something is not proved.
         out: file for the certificate; else STEM.box.toml in this folder.

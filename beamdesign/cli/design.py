@@ -76,7 +76,7 @@ def run(
         ("governing check", result.sizing.governing),
         *(row for one in reached for row in guaranteed_rows(one, one.outer_end_mass_kg)),
         *(row for one in proved for row in further_rows(one)),
-        *(() if all(one["comes_to_rest"] for one in proved) else [("while the current saturates", rests)]),
+        *(() if all(one["comes_to_rest"] for one in proved) else [("while the law's current saturates", rests)]),
         *(() if held is None else held.rows()),
     ]
     echo_table(f"{problem.name}: designed and certified for {rigs_in_words(reached[0].sigmas)}", ("", ""), rows)

@@ -101,7 +101,7 @@ def tune(
         controller_effort_A_per_V: limit of |C/(1+L)|; `inf` for none. Else the goal's, or of a servovalve 0.06 but for
             lags.
         lower_gains: whether the loop is to be stable at every lower gain; else as the prototype's goal has it.
-        comes_to_rest: limit it to loops proved to come to rest from every state while the current saturates.
+        comes_to_rest: limit it to loops proved to come to rest from every state while the law's current saturates.
         end_stiffness_N_per_m: of a compliant end; `beamdesign stiffness` has more options.
         out: folder for prototype.toml and certificate.toml; else neither is written.
     """

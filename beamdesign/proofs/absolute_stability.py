@@ -114,6 +114,7 @@ def rows_of(
         multiplier, words = None, f"The multiplier that was found is {FOR_ODD} alone, which this rig has not."
     elif multiplier is not None:
         words, stated = in_words(multiplier, of), statement and statement | multiplier.table()
+        words += prototype.actuator.law_alone
     yield Row(current, METHOD, multiplier is not None, words, None, stated)
     if flow:
         yield Row(flow, METHOD, multiplier is not None, words)
@@ -187,7 +188,7 @@ def slope_over_box(
     lower: BoxClaim | None = None,
     may_be_odd: bool = True,
 ) -> tuple[BoxClaim | None, str]:
-    """Prove that every member comes to rest with every static characteristic of slope 0 to 1 in its current.
+    """Prove that every member comes to rest with every static characteristic of slope 0 to 1 in its law's current.
 
     Args:
         prototype: with a controller of one law.

@@ -366,7 +366,7 @@ def describe(claim: Asked) -> str:
         return "stable at every lower gain"
     if claim.kind == "slope":
         where = "without command and load" if claim.for_odd_only else "under any constant command and load"
-        return f"comes to rest from every state while the current saturates, {where}"
+        return f"comes to rest from every state while the law's current saturates, {where}"
     (words, unit), band = _WORDS[claim.kind], ""
     if claim.kind.endswith("compliance"):
         band = " at every frequency" if isinf(claim.bandwidth_Hz) else f" up to {claim.bandwidth_Hz:.15g} Hz"

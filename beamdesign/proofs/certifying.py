@@ -236,7 +236,7 @@ def certify(
         outer_end_mass_kg: range, or its lower end where the upper one follows; else the prototype's payload.
         high_kg: upper end.
         claims: to decide beside what is guaranteed.
-        nonlinear: prove as well what holds while effects move, and while the current saturates.
+        nonlinear: prove as well what holds while effects move, and while the law's current saturates.
 
     Raises:
         ValueError: for an empty range, or without a controller.

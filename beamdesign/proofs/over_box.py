@@ -147,8 +147,8 @@ def certify_box(
         sigmas: standard deviations to either side of every figure.
         only: figures that vary; else all that have a tolerance.
         delay_s: a pure delay in the loop that may be anything up to this.
-        nonlinear: prove as well that every rig comes to rest while its current saturates, and how far bounded errors
-            move its tip.
+        nonlinear: prove as well that every rig comes to rest while its law's current saturates, and how far bounded
+            errors move its tip.
         scaling: find the largest scaling of the tolerances that is stable.
         each: find it of each figure alone, the others staying as far off as they may be.
         budget: most pieces of frequency and figures to look at, for each claim.

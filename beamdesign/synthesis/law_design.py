@@ -116,7 +116,7 @@ class Proved:
 
 
 def _rests(prototype: Prototype, masses_kg: tuple[float, float]) -> bool:
-    """Whether the nominal loop is proved to come to rest from every state while its current saturates."""
+    """Whether the nominal loop is proved to come to rest from every state while its law's current saturates."""
     if not prototype.goal.lower_gains:
         return False
     given = members(prototype, *masses_kg)

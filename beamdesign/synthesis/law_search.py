@@ -108,8 +108,8 @@ class Found:
 def search(task: Search, starts: Sequence[Design], growths: int = 0, report: Progress = silent) -> Found:
     """Find the largest guaranteed bandwidth.
 
-    Where the goal asks for a loop that comes to rest while its current saturates, and that is not proved of what comes
-    out, the search is done again with loops that keep farther from the critical point at every lower gain.
+    Where the goal asks for a loop that comes to rest while its law's current saturates, and that is not proved of what
+    comes out, the search is done again with loops that keep farther from the critical point at every lower gain.
 
     Args:
         task: what is asked.
@@ -123,13 +123,13 @@ def search(task: Search, starts: Sequence[Design], growths: int = 0, report: Pro
         if found.proved is None or found.form is None:
             return replace(found, reason="; ".join(filter(None, (reason, found.reason))))
         if over() and not task.goal.comes_to_rest:
-            leave_out("whether it comes to rest while its current saturates")
+            leave_out("whether it comes to rest while its law's current saturates")
             return found
         report(0.97, "where the current saturates")
         rested, why = rests(task, Design(found.form, found.proved.variables), found.proved)
         if rested is not None or not task.goal.comes_to_rest:
             return replace(found, proved=rested or found.proved)
-        reason = f"that it comes to rest while the current saturates is not proved: {why}"
+        reason = f"that it comes to rest while the law's current saturates is not proved: {why}"
     return replace(found, proved=None, reason=reason)
 
 

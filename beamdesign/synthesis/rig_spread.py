@@ -268,7 +268,7 @@ class BoxTask:
         return OverBox(*found, off, self._tightest(bandwidth_Hz)), "", []
 
     def at_rest(self, proved: OverBox) -> tuple[OverBox | None, str]:
-        """With the proof that every rig comes to rest while its current saturates, or why there is none."""
+        """With the proof that every rig comes to rest while its law's current saturates, or why there is none."""
         lower = next((claim for claim in proved.found if claim.asked.kind == "gain_margin"), None)
         budget, seconds = BUDGET if self.prototype.goal.comes_to_rest else REST_BUDGET, min(REST_SECONDS, left())
         claim, reason = slope_over_box(self.prototype, self.box, budget, seconds, lower, may_be_odd=False)

@@ -147,6 +147,7 @@ class Actuator(Kinded):
         title: of their section in a specification.
         usual_strength_N: `strength_N` of a rig for which the library's usual figures of effects hold as they stand.
         unseen: one more of these, which may be neither driven nor seen, and is left out then; empty for none.
+        law_alone: what a proof about a limit of the law's current leaves aside, in a sentence with a blank before it.
     """
 
     where_none_is_stated = "servo_cylinder"
@@ -158,6 +159,7 @@ class Actuator(Kinded):
     feels: ClassVar[tuple[str, PortLaw]]
     linear_states: ClassVar[tuple[str, ...]] = ()
     unseen: ClassVar[str] = ""
+    law_alone: ClassVar[str] = ""
     ratings: ClassVar[tuple[Rating, ...]] = ()
     title: ClassVar[str] = ""
     usual_strength_N: ClassVar[float] = 1000.0

@@ -108,6 +108,10 @@ class BallScrew(Actuator):
     states = ("travel_m", "travel_m_per_s", "motor_A")
     feels = "screw_force_N", lambda port, figure, state: port["actuator_force_N"]
     linear_states = states
+    law_alone = (
+        " That is what the law asks for: nothing is proved of the motor's own current, at whose limit the drive's speed"
+        " feedback is lost too, so that a loop that comes to rest here may oscillate for good there."
+    )
     ratings = (
         Rating("peak current", "peak_current_A", "actuator.peak_current_A", "A", q.MotorCurrent),
         Rating("continuous current", "effective_current_A", "actuator.continuous_current_A", "A", q.MotorCurrent),
