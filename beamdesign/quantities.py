@@ -239,9 +239,6 @@ def quantity(value: float, unit: str, digits: int = 4, rounding: str = ROUND_HAL
         unit: its SI unit as the package writes units, such as "m3/s/A"; "1" for a pure number.
         digits: significant digits.
         rounding: see `decimal`.
-
-    Raises:
-        KeyError: for a unit that has no everyday form here.
     """
     shown, factor = read_in(value, unit)
     # In decimals 6e-8 times 1e9 is 60, whichever way is rounded.
@@ -250,8 +247,8 @@ def quantity(value: float, unit: str, digits: int = 4, rounding: str = ROUND_HAL
 
 
 def read_in(value: float, unit: str) -> tuple[str, float]:
-    """The unit in which an SI value is read, and how many of it the SI unit is; raises as `quantity`."""
-    return (unit, 1.0) if unit in _LARGE and _LARGE[unit] <= abs(value) < inf else _UNITS[unit]
+    """The unit in which an SI value is read, and how many of it the SI unit is: itself where no other is known."""
+    return (unit, 1.0) if unit in _LARGE and _LARGE[unit] <= abs(value) < inf else _UNITS.get(unit, (unit, 1.0))
 
 
 def at_least(value: float, unit: str, digits: int = 4) -> str:

@@ -437,6 +437,7 @@ def test_decimals_are_rounded_to_their_digits_and_guarantees_to_the_safe_side(va
         (20e6, "Pa", "20 MPa"),
         (0.0023, "m", "2.3 mm"),
         (inf, "A/V", "∞ mA/V"),
+        (0.05, "m/s/A", "0.05 m/s/A"),  # of an actuator of one's own
     ],
 )
 def test_published_figures_in_the_units_they_were_published_in(value: float, unit: str, shown: str) -> None:
