@@ -10,6 +10,8 @@ from beamdesign import Prototype
 from beamdesign.plant.rigs import FIGURES
 from beamdesign.prototype import Beam
 from beamdesign.structure.lumped import figures, fixed_dashpot, lumped_beam, notes
+from beamdesign.structure.materials import Material
+from beamdesign.structure.section import RoundTube
 
 TUBE = {"width_m": 0.14, "wall_m": 0.0023, "free_length_m": 1.195, "material": "6061-T6"}
 
@@ -38,6 +40,26 @@ def test_measured_figures_win_one_by_one_and_say_so():
 def test_measured_figures_alone_have_nothing_to_win_over(paper):
     assert notes(paper) == ()
     assert lumped_beam(paper.outer_beam).stiffness == 486_800.0
+
+
+@pytest.mark.parametrize("depth", [0.07, 0.14, 0.21])
+def test_a_laminate_that_shears_is_told(paper, depth):
+    """Shear coefficients of thin tubes: G. R. Cowper, J. Appl. Mech. 33 (1966) 335, at a Poisson's ratio of zero."""
+    ratio = 0.14 / depth  # width over depth, m and n of the paper
+    coefficient = (
+        10 * (1 + 3 * ratio) ** 2
+        / (12 + 72 * ratio + 150 * ratio**2 + 90 * ratio**3 + 30 * ratio**3 * (1 + ratio))
+    )  # fmt: skip
+    own = Material(name="pultruded", youngs_modulus_Pa=38e9, shear_modulus_Pa=3.5e9, density_kg_per_m3=1900.0,
+                   proof_strength_Pa=240e6)  # fmt: skip
+    beam = Beam(**TUBE | {"wall_m": 1e-4, "material": own, "shape": "rectangle", "depth_m": depth})
+    _, tube, length = beam.geometry
+    bent = length**3 / (3 * 38e9 * tube.second_moment)
+    sheared = length / (3.5e9 * coefficient * tube.area)
+    (note,) = notes(paper.but(outer_beam=beam))
+    assert f"makes it {100 * sheared / (bent + sheared):.2g} % softer" in note
+    assert notes(paper.but(outer_beam=Beam(**TUBE))) == ()
+    assert RoundTube(0.1, 1e-5).shear_area == pytest.approx(RoundTube(0.1, 1e-5).area / 2)  # likewise
 
 
 @given(ratio=st.floats(0, 0.99), stiffness=st.floats(1, 1e9), mass=st.floats(1e-3, 1e3), added=st.floats(0, 1e3))

@@ -19,7 +19,7 @@ from pydantic import ValidationError
 from beamdesign.parameters import PARAMETERS, rows_of
 from beamdesign.prototype import Beam, Prototype
 from beamdesign.records import InputError, Problem
-from beamdesign.structure.materials import Material
+from beamdesign.structure.materials import BEAMS, Material
 from beamdesign.structure.section import Quantity, Tube
 
 MODE_MASS_FRACTION = 0.236
@@ -233,8 +233,29 @@ def figures(prototype: Prototype) -> dict[str, float]:
 
 
 def notes(prototype: Prototype) -> tuple[str, ...]:
-    """Which measured figures have replaced computed ones, in words for a report."""
-    return lumped_beam(prototype.outer_beam, "outer_beam").notes + lumped_beam(prototype.inner_beam, "inner_beam").notes
+    """Which measured figures have replaced computed ones, and where shear softens a beam, in words for a report."""
+    beams = {name: getattr(prototype, name) for name in BEAMS}
+    measured = (note for name, beam in beams.items() for note in lumped_beam(beam, name).notes)
+    least = 2 * (prototype.tolerance.stiffness or PARAMETERS["outer_stiffness"].typical)
+    return (*measured, *(note for name, beam in beams.items() if (note := _sheared(beam, name, least))))
+
+
+def _sheared(record: Beam, name: str, least: float) -> str:
+    """That shear softens a beam by no less than a share of the stiffness that its geometry gives; empty where not.
+
+    A tip force F moves the tip by F L^3 / 3 E I, and by F L / G A_s beside (S. P. Timoshenko, Strength of Materials).
+    """
+    if record.geometry is None or record.stiffness_N_per_m is not None:
+        return ""
+    material, tube, length = record.geometry
+    sheared = material.shear_modulus_Pa * tube.shear_area * length**2
+    lost = 1 / (1 + sheared / (3 * material.youngs_modulus_Pa * tube.second_moment))
+    return (
+        f"{name}: shear, which its stiffness of 3 E I / L^3 does not count, makes it {100 * lost:.2g} % softer, which"
+        " is beyond its tolerance; measure it and state stiffness_N_per_m"
+        if lost > least
+        else ""
+    )
 
 
 @dataclass(frozen=True)
