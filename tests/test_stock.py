@@ -11,7 +11,7 @@ from beamdesign import DesignProblem, InputError, certify, check, read_prototype
 from beamdesign.controllers import Lag
 from beamdesign.records import parse, read_table
 from beamdesign.structure.lumped import lumped_beam
-from beamdesign.structure.materials import BEAMS, material, material_names
+from beamdesign.structure.materials import BEAMS, Material, material, material_names
 from beamdesign.structure.section import SHAPES, Tube, stock_tubes
 
 STUDY = Path(__file__).parent.parent / "studies" / "prototype.toml"
@@ -79,6 +79,24 @@ def test_laminates_have_the_moduli_of_their_plies(name):
     first, second = one.buckling_constants
     assert first == pytest.approx(np.sqrt(plate / 250e6), rel=2e-3)
     assert second == pytest.approx(0.22 * first**2, rel=2e-3)
+
+
+@pytest.mark.parametrize(
+    ("along", "across", "shear", "ratio"), [(181.0, 10.3, 7.17, 0.28), (38.0, 9.0, 3.5, 0.28), (42.0, 12.0, 4.0, 0.3)]
+)
+def test_walls_with_fibres_along_the_tube_do_not_buckle_before_they_are_said_to(along, across, shear, ratio):
+    """Plies of S. W. Tsai and H. T. Hahn, 1980, and of pultruded glass: a long plate, by the moduli of its plane."""
+    one = Material(
+        name="own", youngs_modulus_Pa=along * 1e9, shear_modulus_Pa=shear * 1e9, density_kg_per_m3=1900.0,
+        proof_strength_Pa=240e6,
+    )  # fmt: skip
+    rigid = 1 - ratio**2 * across / along
+    plate = np.sqrt(along * across) / rigid + ratio * across / rigid + 2 * shear
+    assert one.buckling_constants[0] <= np.sqrt(2 * np.pi**2 / 12 * plate * 1e9 / 250e6)
+    uniform = Material(**{**one.model_dump(), "name": "own", "shear_modulus_Pa": along * 1e9 / 2.6})
+    first, second = uniform.buckling_constants
+    assert first == pytest.approx(np.sqrt(4 * np.pi**2 * along * 1e9 / (12 * 0.91) / 250e6))
+    assert second == pytest.approx(0.22 * first**2)
 
 
 def test_steels_are_those_of_the_standards():

@@ -49,7 +49,8 @@ class Material(Record):
     local_buckling: tuple[q.Slenderness, q.Slenderness] | None = Field(
         None,
         description="C1 and C2 of the factor C1 / x - C2 / x^2 of thin walls, x being b / t over sqrt(250 MPa / f_o);"
-        " where neither these nor a class is given, those of a plate of its modulus",
+        " where neither these nor a class is given, those of a plate of one modulus, E or what G is to that if it is"
+        " less",
     )
     source: str | None = Field(None, description="where its figures come from")
 
@@ -68,7 +69,9 @@ class Material(Record):
             return self.local_buckling
         if self.buckling_class is not None:
             return LOCAL_BUCKLING_CONSTANTS[self.buckling_class]
-        return elastic_buckling_constants(self.youngs_modulus_Pa, _POISSON)
+        # What shears more than a plate of one modulus is softer across as well.
+        as_it_shears = 2 * (1 + _POISSON) * self.shear_modulus_Pa
+        return elastic_buckling_constants(min(self.youngs_modulus_Pa, as_it_shears), _POISSON)
 
     @property
     def largest_diameter_to_wall(self) -> float:
