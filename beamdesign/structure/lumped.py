@@ -252,7 +252,7 @@ def _sheared(record: Beam, name: str, least: float) -> str:
     lost = 1 / (1 + sheared / (3 * material.youngs_modulus_Pa * tube.second_moment))
     return (
         f"{name}: shear, which its stiffness of 3 E I / L^3 does not count, makes it {100 * lost:.2g} % softer, which"
-        " is beyond its tolerance; measure it and state stiffness_N_per_m"
+        " is beyond its tolerance; state a measured stiffness"
         if lost > least
         else ""
     )
