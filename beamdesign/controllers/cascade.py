@@ -249,7 +249,8 @@ def _form(kind: type[Cascade], factors: tuple[type[Factor], ...]) -> Form:
     import casadi as ca
     import numpy as np
 
-    bounds = np.log([_GAIN, *chain.from_iterable(factor.open_between.values() for factor in factors)])
+    opened = [("gain_A_per_V", _GAIN), *chain.from_iterable(factor.open_between.items() for factor in factors)]
+    bounds, frequencies = np.log([ends for _, ends in opened]), np.array([key.endswith("_Hz") for key, _ in opened])
 
     def polynomials(variables: Sequence[Any]) -> Polynomials:
         gain, *figures = map(ca.exp, variables)
@@ -263,7 +264,7 @@ def _form(kind: type[Cascade], factors: tuple[type[Factor], ...]) -> Form:
     def record(variables: "np.ndarray") -> Cascade:
         return kind.of([float(f"{value:.{_DIGITS}g}") for value in np.exp(variables)])
 
-    return Form(SENSED[:1], bounds[:, 0], bounds[:, 1], polynomials, record, np.ones(len(bounds)), gain_first=True)
+    return Form(SENSED[:1], bounds[:, 0], bounds[:, 1], polynomials, record, np.ones(len(bounds)), True, frequencies)
 
 
 MOST_SECTIONS = 3

@@ -5,9 +5,9 @@ Also laws with open figures: what a tuner may vary, with responses and their der
 
 from abc import abstractmethod
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from functools import cached_property
-from math import inf, pi
+from dataclasses import dataclass, replace
+from functools import cache, cached_property
+from math import inf, log, pi
 from typing import TYPE_CHECKING, Any, ClassVar, Literal, TypeVar
 
 from beamdesign.code_digest import count_origin
@@ -93,6 +93,7 @@ class Form:
         record: variables to the controller's record, its figures rounded to what a person would copy down.
         moves: (v,) how much further than a logarithm a variable may move in a step.
         gain_first: whether the first variable is the logarithm of a factor on the whole law.
+        frequencies: (v,) which variables are logarithms of frequencies; none of them where it is not known.
     """
 
     sensors: tuple[Sensed, ...]
@@ -102,6 +103,7 @@ class Form:
     record: "Callable[[np.ndarray], Controller]"
     moves: "np.ndarray"
     gain_first: bool = False
+    frequencies: "np.ndarray | bool" = False
 
     @property
     def size(self) -> int:
@@ -138,6 +140,13 @@ class Form:
         by = powers @ jacobian.reshape((*table.shape, -1), order="F")
         law = values[:-1] / values[-1]
         return np.asarray((by[:-1] - law[:, :, None] * by[-1]) / values[-1][:, None])
+
+
+@cache
+def at_pace(form: Form, pace: float) -> Form:
+    """A form whose laws are for rigs so many times as quick: bounds of its frequencies are that much higher."""
+    more = log(pace) * form.frequencies
+    return replace(form, lower=form.lower + more, upper=form.upper + more) if pace != 1 else form
 
 
 def times(left: Sequence[Any], right: Sequence[Any]) -> list[Any]:

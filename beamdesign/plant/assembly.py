@@ -222,6 +222,12 @@ _PUBLISHED_A_S_PER_M = 0.01  # piston area over flow gain
 _BENCH_N, _BENCH_A_PER_V = 700.0, 1e-3  # of a bench: supply pressure times piston area, and of its amplifier
 
 
+def natural_frequency_ratio(figures: Mapping[str, float]) -> float:
+    """Natural frequency of the outer beam, of the figures of a rig, over that of the published one."""
+    stiffness, mass = (figures[name] / _PUBLISHED[name] for name in ("outer_stiffness", "outer_mass"))
+    return sqrt(stiffness / mass)
+
+
 def sizes(prototype: AnyPrototype) -> dict[str, float]:
     """How large a rig is over that of Zalucky and Hardt (1984), whose figures of effects are the usual ones.
 
@@ -238,10 +244,10 @@ def sizes(prototype: AnyPrototype) -> dict[str, float]:
         current = prototype.servovalve.amplifier_A_per_V / _BENCH_A_PER_V
         return {"force": force, "stiffness": 1.0, "mass": 1.0, "frequency": 1.0, "current": current}
     figures = lumped.figures(prototype)
-    stiffness, mass, outer_mass = (figures[name] / usual for name, usual in _PUBLISHED.items())
+    stiffness, mass = (figures[name] / _PUBLISHED[name] for name in ("outer_stiffness", "inner_mass"))
     force = prototype.actuator.strength_N(prototype) / prototype.actuator.usual_strength_N
     per_speed = figures["piston_area"] / figures["flow_gain"] if "flow_gain" in figures else _PUBLISHED_A_S_PER_M
-    beams = {"stiffness": stiffness, "mass": mass, "frequency": sqrt(stiffness / outer_mass)}
+    beams = {"stiffness": stiffness, "mass": mass, "frequency": natural_frequency_ratio(figures)}
     return {"force": force, **beams, "current": per_speed / _PUBLISHED_A_S_PER_M}
 
 

@@ -154,7 +154,7 @@ def _search(task: Search, starts: Sequence[Design], growths: int, report: Progre
                 Design(form, np.append(variables, design.variables[design.form.size :]))
                 for design in pool[: effort.starts]
                 for law in design.law.grown()
-                if (sought_from := law.form()) is not None
+                if (sought_from := task.opened(law, design.form.size)) is not None
                 for form, variables in [sought_from]
             ]
             grown = _refined(task, more, _part(report, 0.2 + (growth + 1) * part, part))
@@ -201,7 +201,7 @@ def from_seeds(task: Search, seeds: Sequence[Controller]) -> list[Design]:
     (least, most), found = task.inner_kg, []
     for seed in seeds:
         for inner in sorted({least, least + 0.3 * (most - least)}):
-            if (sought_from := seed.form()) is None:
+            if (sought_from := task.opened(seed)) is None:
                 continue
             design = Design(sought_from[0], np.concatenate([sought_from[1], [inner], task.start]))
             while not task.settled(design) and design.variables[0] > design.form.lower[0]:

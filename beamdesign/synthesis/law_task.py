@@ -11,12 +11,12 @@ from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cached_property, reduce
-from math import inf
+from math import inf, log
 
 import numpy as np
 
-from beamdesign.controllers import SENSED, Sensed
-from beamdesign.controllers.protocol import Form
+from beamdesign.controllers import SENSED, Controller, Sensed
+from beamdesign.controllers.protocol import Form, at_pace
 from beamdesign.plant.members import VertexModel, served
 from beamdesign.plant.rigs import figures_of
 from beamdesign.proofs.certificate import Kind
@@ -31,6 +31,7 @@ from beamdesign.synthesis.loop_samples import (
     Samples,
     Slacks,
     ends,
+    pace,
     rig_samples,
     sampled_bandwidth,
     slacks,
@@ -56,7 +57,7 @@ class Effort:
         evaluations: of the search that improves weights.
         synthesised: how many laws of a synthesis are searched from.
         blocks: pairs of poles that are realised of these: order 8.
-        frequency_Hz: of the samples.
+        frequency_Hz: of the samples, of a rig as quick as the published one.
     """
 
     steps: int = 150
@@ -121,9 +122,24 @@ class Search:
     @property
     def frequency_Hz(self) -> np.ndarray:
         """Those of the samples."""
-        frequencies = np.union1d(self.effort.frequency_Hz, [self.goal.loop_gain_from_Hz])
         with_effects = any(member.rig.effects for member in self.members)
-        return np.union1d(frequencies, MODES_HZ) if with_effects else frequencies
+        frequencies = np.union1d(self.effort.frequency_Hz, MODES_HZ if with_effects else [])
+        return np.union1d(self.pace * frequencies, [self.goal.loop_gain_from_Hz])
+
+    @cached_property
+    def pace(self) -> float:
+        """How quick the rig is, see `loop_samples.pace`."""
+        return pace(self.members)
+
+    def opened(self, law: Controller, known: int = 0) -> tuple[Form, np.ndarray] | None:
+        """Form of a law with bounds for this rig, and its variables; None where it has none.
+
+        Of the variables those behind the known ones are of a rig as quick as the published one.
+        """
+        if (found := law.form()) is None:
+            return None
+        form, own = at_pace(found[0], self.pace), found[1]
+        return form, own + log(self.pace) * form.frequencies * (np.arange(len(own)) >= known)
 
     @property
     def start(self) -> np.ndarray:
@@ -218,7 +234,7 @@ class Search:
             rows = len(self._masses) * len(ends(self.members))
             given = self.points, self.goal, form, self.inner_kg, listed, rows, self._row_factors(self._masses)
             resampled = None if self.sections is None else self.points_with
-            self._refinements[form] = LawRefinement(*given, self.sections, resampled)
+            self._refinements[form] = LawRefinement(*given, self.sections, resampled, self.pace)
         return self._refinements[form]
 
     def _factors(self, cut: Cut | None) -> np.ndarray:
@@ -235,7 +251,7 @@ class Search:
 
     def worst_peak(self, design: Design) -> tuple[float, float]:
         """Frequency (Hz) and outer end mass (kg) of the largest sensitivity on samples close together."""
-        points = self.sampled(_CLOSE_HZ, self._masses, design.chosen)
+        points = self.sampled(self.pace * _CLOSE_HZ, self._masses, design.chosen)
         k = int(self._left(points, design).sensitivity.argmin())
         return float(points.frequency_Hz[k]), float(points.outer_end_mass[k])
 
@@ -246,7 +262,7 @@ class Search:
         at, masses, relaxed = frequency_Hz * _PEAK, [mass], _STRICTER
         if kind in ("loop_gain", "controller_effort"):
             # These count where the compliance does, which is read off a row that begins at rest.
-            at, relaxed = np.union1d(COARSE_HZ, at), 1.0
+            at, relaxed = np.union1d(self.pace * COARSE_HZ, at), 1.0
 
         def joined(points: Samples, chosen: np.ndarray) -> Samples:
             return points.joined(self.sampled(at, masses, chosen, relaxed))

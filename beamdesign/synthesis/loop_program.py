@@ -180,17 +180,18 @@ def point(shape: tuple[int, int], kind: Kind) -> ca.Function:
 
 
 _RESONANCES = np.linspace(log(0.3), log(300.0), 700)
-"""Logarithms of frequencies (Hz) among which one is sought."""
+"""Logarithms of frequencies (Hz) among which one is sought, of a rig as quick as the published one."""
 
 
-def highest(servo_off: ca.Function, variables: np.ndarray) -> tuple[float, float]:
+def highest(servo_off: ca.Function, variables: np.ndarray, pace: float) -> tuple[float, float]:
     """Logarithm of the frequency (Hz), last of the variables, at which a function of all of them is largest, and that.
 
     Args:
         servo_off: of the variables of a program: those given, then one that does not count, then this.
         variables: (v,) those given.
+        pace: how quick the rig is.
     """
-    at, step = _RESONANCES, float(_RESONANCES[1] - _RESONANCES[0])
+    at, step = _RESONANCES + log(pace), float(_RESONANCES[1] - _RESONANCES[0])
     for _ in range(4):
         values = np.asarray(servo_off(np.vstack([np.repeat(variables[:, None], len(at), 1), 0 * at, at]))).ravel()
         best = float(at[values.argmax()])

@@ -6,7 +6,7 @@ The variables are those of a law's form, then the inner end mass in kg. Everythi
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import reduce
-from math import inf, log, pi
+from math import inf, log, log2, pi
 
 import numpy as np
 from flint import fmpq_poly
@@ -14,6 +14,7 @@ from pydantic import Field
 
 from beamdesign.controllers import SENSED, Controller, Sensed
 from beamdesign.controllers.protocol import Form
+from beamdesign.plant.assembly import natural_frequency_ratio
 from beamdesign.plant.linear import BilinearPlant, LinearModel, PairOver
 from beamdesign.plant.members import VertexModel
 from beamdesign.polynomial import at_points
@@ -77,10 +78,23 @@ FINE_HZ = np.concatenate(
         np.geomspace(1300, 1e5, 10),
     ]
 )
-"""Fine where peaks may be sharp; far above everything, the law's effort still grows."""
+"""Fine where peaks may be sharp; far above everything, the law's effort still grows.
+
+These are of a rig as quick as the published one, see `pace`.
+"""
 
 MODES_HZ = np.geomspace(155.0, 700.0, 100)
 """Further samples of rigs with effects, among which may be a second mode."""
+
+
+def pace(members: Sequence[VertexModel]) -> float:
+    """How many times as quick as the published rig the outer beam is, to a power of two: rigs nearby are sampled alike.
+
+    A rig whose stiffness is so many times squared, and whose valve, leakage and law are as quick, moves as that one
+    does in so much less time.
+    """
+    figures = members[0].rig.figures
+    return float(2.0 ** round(log2(natural_frequency_ratio(figures))))
 
 
 @dataclass(frozen=True)

@@ -89,6 +89,7 @@ class LawRefinement:
         nominal_rows: how many rows of samples are of the nominal rig; of the others only the worst points are enforced.
         factors: (rows of samples, 15) on the mass inside and on the lumped figures.
         resampled: section variables to the samples with them, None where there is no such rig.
+        pace: how quick the rig is, see `loop_samples.pace`.
     """
 
     points: Samples
@@ -100,6 +101,7 @@ class LawRefinement:
     factors: np.ndarray
     sections: Sections | None = None
     resampled: Callable[[np.ndarray], Samples | None] | None = None
+    pace: float = 1.0
     _programs: dict[tuple[int, ...], Program] = field(default_factory=dict, repr=False, compare=False)
 
     @property
@@ -215,7 +217,7 @@ class LawRefinement:
         limited = dict(zip(LIMITED, met if self.sections else now.values, strict=True))
         (solver, servo_off), resonance, apart = self._program, [], 0.0
         if servo_off is not None:
-            at, largest = highest(servo_off, start)
+            at, largest = highest(servo_off, start, self.pace)
             resonance, apart = [at], log(now.servo_off_m_per_N) - largest
         data = [self._data(self._chosen(limited[kind], worst)).ravel(order="F") for kind, worst in _WORST.items()]
         with interruption_waits():

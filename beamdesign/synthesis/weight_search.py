@@ -92,7 +92,7 @@ class WeightSearch:
     @cached_property
     def points(self) -> Samples:
         """Samples, the same frequencies in every row."""
-        task, frequencies = self.task, np.union1d(COARSE_HZ, [self.task.goal.loop_gain_from_Hz])
+        task, frequencies = self.task, np.union1d(self.task.pace * COARSE_HZ, [self.task.goal.loop_gain_from_Hz])
         return rig_samples(task.members, frequencies, sampled_masses(task.masses_kg), task.sensors)
 
     def bounds(self) -> tuple[np.ndarray, np.ndarray]:
@@ -118,7 +118,7 @@ class WeightSearch:
         left = slacks_of(points, goal, np.tile(law.at(s)[:, 0].T, (1, rows)), inner)
         if not left.settled or not self._stable(law, inner):
             return Proposal(law, inner, _UNSTABLE, variables)
-        aimed = left.compliance[points.frequency_Hz <= AIM_HZ]
+        aimed = left.compliance[points.frequency_Hz <= self.task.pace * AIM_HZ]
         return Proposal(law, inner, _PENALTY * left.violation() - float(aimed.min()), variables)
 
     def _stable(self, law: StateSpace, inner: float) -> bool:
