@@ -92,7 +92,7 @@ def test_what_makes_a_loop_oscillate_is_found_in_step(unstable):
     assert best.values["sensor_lag.break_Hz"] == pytest.approx(SLOW_Hz, rel=0.02)
     assert found.judged.unknown < 0.05
     assert "command_small, command_large: the rig's loop oscillates by itself" in found.words[0]
-    assert found.oscillates
+    assert found.follows == "oscillates"
     _, again = refit(unstable, best, synchronised=True)
     assert again.values["sensor_lag.break_Hz"] == pytest.approx(SLOW_Hz, rel=0.02)
 

@@ -36,11 +36,11 @@ from beamdesign.diagnosis.fitting.replay import PLAY, law_of_play
 from beamdesign.diagnosis.gain_diagnosis import explain_gains
 from beamdesign.diagnosis.gap_metrics import errors, gap, held_out, sizes
 from beamdesign.diagnosis.judgement import cause_sets, causes, classes
-from beamdesign.diagnosis.learning import EXPLAINED, Learning, described, learn
+from beamdesign.diagnosis.learning import EXPLAINED, described, learn
 from beamdesign.diagnosis.misstated_mass import with_own_mass
 from beamdesign.diagnosis.passing import Look, what_passed
 from beamdesign.diagnosis.prediction_errors import Errors
-from beamdesign.diagnosis.second_look import SecondLook, refit_backlash_impacts, second_look, without_impacts
+from beamdesign.diagnosis.second_look import refit_backlash_impacts, second_look, without_impacts
 from beamdesign.diagnosis.separability import indistinguishable
 from beamdesign.diagnosis.skewed_channels import channels_in_time
 from beamdesign.diagnosis.tone import search_without_tones
@@ -108,36 +108,36 @@ def _diagnosed(data: Dataset, workers: int, progress: Progress, kept: FitCache |
             where = placed()
         except TimeUp:
             where = locate(*asked)
-    shown = _shown(found, kept_out, tuned, outside)
-    verdict = no_surer(verdict_of(found.judged, found.doubtful or not shown.confirmed, found.chance), lacking)
-    renewed = updated_prototype(data.prototype, shown.written)
-    known = examined.data.prototype.effects
-    if (play := law_of_play(known)) and found.hammers and PLAY not in best.hypothesis.causes:  # not found, not lost
-        renewed = renewed.but(effects={**renewed.effects, play: known[play]})
-    chosen = tuple(c.name for c in found.ranked if c.name in best.hypothesis.causes)
+    measured, from_rest, written, sure, words = _shown(found, kept_out, tuned, outside)
     ranked, judged = found.ranked, found.judged
-    answer = sentences(verdict, ranked, chosen, shown.words, where, (), not lacking, found.chance, judged.unknown)
+    verdict = no_surer(verdict_of(judged, found.doubtful or not sure, found.chance), lacking)
+    renewed = updated_prototype(data.prototype, written)
+    known = examined.data.prototype.effects
+    if (play := law_of_play(known)) and found.anew and PLAY not in best.hypothesis.causes:  # not found, not lost
+        renewed = renewed.but(effects={**renewed.effects, play: known[play]})
+    chosen = tuple(c.name for c in ranked if c.name in best.hypothesis.causes)
+    answer = sentences(verdict, ranked, chosen, words, where, (), not lacking, found.chance, judged.unknown)
     return Diagnosis(
         data.name,
         verdict,
         unfinished(lacking) + answer,
-        found.ranked,
+        ranked,
         chosen,
-        found.judged.unknown,
+        judged.unknown,
         where,
-        shown.gap,
-        classes(found.judged),
+        measured,
+        classes(judged),
         _asked(found) if verdict in ("ambiguous", "unknown") and not lacking else None,
         read.as_stated(renewed),
         found.words,
         found.search,
         separable,
-        cause_sets(found.search, found.judged),
-        shown.errors,
+        cause_sets(found.search, judged),
+        from_rest,
         notes=notes_on_known(data.prototype),
         left_out=left_out(),
         chance=found.chance,
-        written=shown.written,
+        written=written,
     )
 
 
@@ -151,9 +151,7 @@ class _Explained(Look):
         evidence: of these data.
         plain: tolerances alone, before any law was learnt.
         chance: see `beamdesign.diagnosis.verdict.chance`.
-        hammers: whether play that is known of is looked for anew.
-        learnt: a law that the library does not hold.
-        again: what no model can repeat from rest.
+        anew: whether play that is known of is looked for anew.
     """
 
     held_out: tuple[int, ...]
@@ -161,15 +159,13 @@ class _Explained(Look):
     evidence: tuple[Evidence, ...]
     plain: Fit
     chance: float
-    hammers: bool
-    learnt: Learning | None
-    again: SecondLook | None
+    anew: bool
 
     @cached_property
     def best(self) -> Fit:
         """The chosen one; tolerances alone where that would say more than is known."""
         confident = verdict_of(self.judged, self.doubtful, self.chance) != "unknown"
-        return self.judged.best if confident or self.learnt is not None else self.search.null
+        return self.judged.best if confident or self.refitted is not None else self.search.null
 
     @cached_property
     def records(self) -> tuple[RecordEvidence, ...]:
@@ -211,28 +207,15 @@ def _explained(
     # What no model repeats from rest, a law that is learnt does not either: where one does, it is nothing of that kind.
     if look.judged.unknown > 0.5 and (learnt is None or learnt.search.excess(learnt.judged.best) > EXPLAINED):
         again = _in_time(_SECOND, _UNREPEATED, partial(second_look, look, workers, _between(0.82, 0.96, progress)))
-    learnt = learnt if again is None else None
     look = again or learnt or look
     rare = nan if left_out() else chance(look.judged.of_causes.get((), 0.0))
     judged, evidence = decided(look.judged, look.search, rare), evidence_of(look.data)
-    doubtful = look.doubtful or (again is None and any(_far(piece, judged.best) for piece in evidence))
+    doubtful = look.doubtful or (not look.follows and any(_far(piece, judged.best) for piece in evidence))
+    look = replace(look, judged=judged, doubtful=doubtful)
     if not judged.best.hypothesis.names:
-        learnt, again = None, None
+        look = replace(look, refitted=None, follows="")
     return _Explained(
-        data=look.data,
-        search=look.search,
-        judged=judged,
-        words=look.words,
-        kept=look.kept,
-        doubtful=doubtful,
-        held_out=kept_out,
-        seen=seen,
-        evidence=evidence,
-        plain=plain,
-        chance=rare,
-        hammers=bool(anew),
-        learnt=learnt,
-        again=again,
+        **vars(look), held_out=kept_out, seen=seen, evidence=evidence, plain=plain, chance=rare, anew=bool(anew)
     )
 
 
@@ -243,65 +226,52 @@ def _weighed(data: Dataset, kept: FitCache | None) -> tuple[Dataset, FitCache | 
 
 def _without_held_out(found: _Explained, workers: int) -> tuple[tuple[int, ...], Fit, Fit]:
     """Tolerances alone and the best fit, without the records held out; the fits to all, and none, where time is up."""
-    best, again, seen = found.best, found.again, found.seen
-    tuned, outside = found.plain, best
+    best, seen, tuned, outside = found.best, found.seen, found.plain, found.best
     try:
         with share(_HELD_OUT, within_steps=True):
-            if found.learnt is not None:
-                tuned, outside = found.learnt.refitted
-            elif found.held_out and again and not again.oscillates:
+            if found.refitted is not None:
+                tuned, outside = found.refitted
+            elif found.held_out and found.follows == "hammers":
                 tuned = refit(seen, found.plain, workers, found.kept)[0]
                 outside = refit_backlash_impacts(seen, best)
             elif found.held_out:
-                tuned, outside = refit(seen, best, workers, found.kept, synchronised=again is not None)
+                tuned, outside = refit(seen, best, workers, found.kept, synchronised=bool(found.follows))
     except TimeUp:
         leave_out("records held out")
         return (), found.plain, best
     return found.held_out, tuned, outside
 
 
-@dataclass(frozen=True)
-class _Shown:
+def _shown(
+    found: _Explained, kept_out: tuple[int, ...], tuned: Fit, outside: Fit
+) -> tuple[Gap, tuple[Errors, ...], Fit, bool, str]:
     """What predictions of the records come to.
 
-    Attributes:
-        gap: how far it closes.
-        errors: of each record, from rest.
-        written: the fit that the updated prototype is written from.
-        confirmed: whether records held out do not speak against what is chosen.
-        words: how far it closes, in a sentence.
+    Returns:
+        how far the gap closes; errors of each record, from rest; the fit that the updated prototype is written from;
+        whether records held out do not speak against what is chosen; and how far it closes, in a sentence.
     """
-
-    gap: Gap
-    errors: tuple[Errors, ...]
-    written: Fit
-    confirmed: bool
-    words: str
-
-
-def _shown(found: _Explained, kept_out: tuple[int, ...], tuned: Fit, outside: Fit) -> _Shown:
-    best, again, records = found.best, found.again, found.records
+    best, records, oscillates = found.best, found.records, found.follows == "oscillates"
     from_rest = tuple(errors(piece, tuned, outside, best) for piece in records)
     measured = synchronised = gap(from_rest, kept_out)
-    written, worse = best, not best.hypothesis.names and again is None and measured.after > measured.before
+    written, worse = best, not best.hypothesis.names and not found.follows and measured.after > measured.before
     if worse:  # figures that predict worse what they have not seen are no better known than those believed
         written = replace(best, z=np.zeros_like(best.z))
         from_rest = tuple(errors(piece, tuned, written, written) for piece in records)
         measured = synchronised = gap(from_rest, kept_out)
-    if again is not None:
+    if found.follows:
         # What cannot be predicted from rest neither confirms nor refutes what is chosen: models that follow it do.
         synchronised = gap([errors(with_output_injection(piece), tuned, outside, best) for piece in records], kept_out)
-        measured = synchronised if again.oscillates else measured
-    following = again is not None and again.oscillates
+        measured = synchronised if oscillates else measured
     words = (
         f"On {'records left out of the fits that measure it' if kept_out else 'the records fitted, all of them'}, the "
-        f"{'error in step' if following else 'prediction error'} "
+        f"{'error in step' if oscillates else 'prediction error'} "
         f"{'stays at' if worse else 'falls from'} {measured.before:.1%} of the signal "
         f"({measured.tuned:.1%} with tolerances re-tuned"
         f"{', so that the prototype keeps those believed)' if worse else f') to {measured.after:.1%}'}; "
         f"the sensor's noise alone is {measured.noise_floor:.1%}."
     )
-    return _Shown(measured, from_rest, written, confirmed(synchronised), words)
+    return measured, from_rest, written, confirmed(synchronised), words
 
 
 def _asked(found: _Explained) -> NextExperiment | None:

@@ -6,7 +6,7 @@ from, and that it counts only where records left out of its fit say that it clos
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from hashlib import sha256
 
 import numpy as np
@@ -41,18 +41,7 @@ _IDLE = 2.5  # standard errors: terms of a curve below are none
 _STEP = 1e-3  # of a standard error
 
 
-@dataclass(frozen=True, kw_only=True)
-class Learning(Look):
-    """What was learnt: laws are among the hypotheses, and share the probability that the cause is not listed.
-
-    Attributes:
-        refitted: tolerances alone and what was learnt, to the records that are not held out.
-    """
-
-    refitted: tuple[Fit, Fit]
-
-
-def learn(look: Look, held_out: Sequence[int], workers: int = 1, progress: Progress = silent) -> Learning | None:
+def learn(look: Look, held_out: Sequence[int], workers: int = 1, progress: Progress = silent) -> Look | None:
     """Learn a law for a gap that nothing listed explains, or only in part.
 
     Args:
@@ -62,8 +51,9 @@ def learn(look: Look, held_out: Sequence[int], workers: int = 1, progress: Progr
         progress: told the share done and what is being fitted.
 
     Returns:
-        None where no law explains much more than what is listed does, or conditions held out say that it does not: one
-        by one, by the quadratics that stand for fits without them, and those of `held_out` by fits.
+        laws among the hypotheses, which share the probability that the cause is not listed. None where no law explains
+        much more than what is listed does, or conditions held out say that it does not: one by one, by the quadratics
+        that stand for fits without them, and those of `held_out` by fits.
     """
     data, before, judged, kept = look.data, look.search, look.judged, look.kept
     contested = judged.unknown <= _UNLISTED
@@ -101,8 +91,7 @@ def learn(look: Look, held_out: Sequence[int], workers: int = 1, progress: Progr
     share = {h: p * unknown / max(1 - weighed.unknown, 1e-9) for h, p in weighed.of.items() if h.names}
     fits = (*before.fits, *(f for f in found if f is not weighed.best), best)
     everything = replace(before, fits=tuple(sorted(fits, key=lambda f: f.cost)))
-    weighed = Judgement(listed | share, unknown, best)
-    return Learning(data=scaled, search=everything, judged=weighed, refitted=(null, without)).after(look)
+    return Look(scaled, everything, Judgement(listed | share, unknown, best), refitted=(null, without)).after(look)
 
 
 def _is_figure(fit: Fit) -> bool:

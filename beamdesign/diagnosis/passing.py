@@ -8,7 +8,7 @@ is left of the records then decides, never a confident verdict: what passed may 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Self
+from typing import Literal
 
 import numpy as np
 
@@ -41,6 +41,9 @@ class Look:
         words: what was left out of the records, or why models had to follow them.
         kept: fits to these data, of an earlier run or of this one.
         doubtful: whether what was left out may be of another cause, so that no verdict is sure.
+        refitted: where a law was learnt, tolerances alone and what was learnt, to the records that are not held out.
+        follows: why models follow the records, a joint that `hammers` or a loop that `oscillates` by itself, where
+            errors from rest grow without bound; empty where they do not.
     """
 
     data: Dataset
@@ -49,8 +52,10 @@ class Look:
     words: tuple[str, ...] = ()
     kept: FitCache | None = None
     doubtful: bool = False
+    refitted: tuple[Fit, Fit] | None = None
+    follows: Literal["", "hammers", "oscillates"] = ""
 
-    def after(self, other: "Look") -> Self:
+    def after(self, other: "Look") -> "Look":
         """As it goes on from another: its words after those, its fits where it has any, no less doubtful."""
         words, doubtful = (*other.words, *self.words), self.doubtful or other.doubtful
         return replace(self, words=words, kept=self.kept or other.kept, doubtful=doubtful)

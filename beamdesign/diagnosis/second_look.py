@@ -11,7 +11,7 @@ of the first search. No model can repeat from rest a record of a loop that, as i
 """
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -290,17 +290,6 @@ _HELPS = 0.9  # the same: what another effect has to stay below for play to be l
 _MOST_UNKNOWN = 0.5
 
 
-@dataclass(frozen=True, kw_only=True)
-class SecondLook(Look):
-    """A search in which models follow the records.
-
-    Attributes:
-        oscillates: whether because the loop oscillates by itself: errors from rest then grow without bound.
-    """
-
-    oscillates: bool
-
-
 def without_impacts(data: Dataset) -> tuple[Dataset, tuple[str, ...]]:
     """The data set, its prototype without a play that it states but by which no record can be repeated from rest.
 
@@ -318,7 +307,7 @@ def without_impacts(data: Dataset) -> tuple[Dataset, tuple[str, ...]]:
     return replace(data, prototype=rig.but(effects=left)), (_ANEW.format(play),)
 
 
-def second_look(look: Look, workers: int = 1, progress: Progress = silent) -> SecondLook | None:
+def second_look(look: Look, workers: int = 1, progress: Progress = silent) -> Look | None:
     """Look for play in which a joint hammers, then for causes that make the loop oscillate by itself.
 
     Args:
@@ -327,7 +316,7 @@ def second_look(look: Look, workers: int = 1, progress: Progress = silent) -> Se
         progress: told the share done and what is being fitted.
 
     Returns:
-        None where neither is found.
+        a search in which models follow the records; None where neither is found.
     """
     data, before = look.data, look.search
     found = _backlash_impacts(data, before, lambda share, words: progress(share / 3, words))
@@ -343,7 +332,7 @@ def second_look(look: Look, workers: int = 1, progress: Progress = silent) -> Se
     return found and found.after(look)
 
 
-def _backlash_impacts(data: Dataset, before: Search, progress: Progress) -> SecondLook | None:
+def _backlash_impacts(data: Dataset, before: Search, progress: Progress) -> Look | None:
     """Play alone or with what it needs, then beside the effect, and the two, that explain most without it."""
     others = [f for f in before.fits if not f.reason and f.hypothesis.effects and PLAY not in f.hypothesis.causes]
     first = {len(f.hypothesis.causes): f for f in reversed(others)}
@@ -355,11 +344,11 @@ def _backlash_impacts(data: Dataset, before: Search, progress: Progress) -> Seco
             continue
         judged = judge(found)
         if judged.unknown <= _MOST_UNKNOWN and PLAY in judged.best.hypothesis.causes:
-            return SecondLook(data=data, search=found, judged=judged, words=(_IMPACTS,), oscillates=False)
+            return Look(data, found, judged, (_IMPACTS,), follows="hammers")
     return None
 
 
-def _oscillating(data: Dataset, workers: int, progress: Progress, kept: FitCache | None) -> SecondLook | None:
+def _oscillating(data: Dataset, workers: int, progress: Progress, kept: FitCache | None) -> Look | None:
     try:
         found = search(data, workers, progress, kept, synchronised=True, worth=_WORTH)
     except InputError:  # not even in step is the believed loop stable
@@ -371,5 +360,4 @@ def _oscillating(data: Dataset, workers: int, progress: Progress, kept: FitCache
     growing = [piece.name for piece in record_evidence(data) if grows(piece, placement, judged.best.z)]
     if not growing:
         return None
-    words = f"{', '.join(growing)}: {_OSCILLATES}"
-    return SecondLook(data=data, search=found, judged=judged, words=(words,), oscillates=True)
+    return Look(data, found, judged, (f"{', '.join(growing)}: {_OSCILLATES}",), follows="oscillates")
