@@ -26,6 +26,11 @@ def silent(share: float, text: str) -> None:
     """Progress that nobody asked for."""
 
 
+def part_of(whole: Progress, low: float, high: float) -> Progress:
+    """Progress of a part of some work, from one share of the whole to another."""
+    return lambda share, text: whole(low + (high - low) * share, text)
+
+
 _came = threading.Event()
 
 

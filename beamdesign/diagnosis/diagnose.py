@@ -46,7 +46,7 @@ from beamdesign.diagnosis.skewed_channels import channels_in_time
 from beamdesign.diagnosis.tone import search_without_tones
 from beamdesign.diagnosis.verdict import chance, confirmed, decided, sentences, verdict_of
 from beamdesign.diagnosis.where.locate import locate
-from beamdesign.progress import Progress, end_at_once, help_another, silent
+from beamdesign.progress import Progress, end_at_once, help_another, part_of, silent
 from beamdesign.prototype import Prototype
 from beamdesign.time_limit import TimeUp, leave_out, left, left_out, over, share, within
 
@@ -194,19 +194,19 @@ def _explained(
     """Search, and where that explains nothing look further: for what passes, a law to learn, what none can repeat."""
     data, anew = without_impacts(examined.data)
     data, kept, weighed = _weighed(data, kept)
-    look = search_without_tones(data, workers, _between(0.0, 0.7, progress), kept)
+    look = search_without_tones(data, workers, part_of(progress, 0.0, 0.7), kept)
     doubtful = examined.limits_confidence or look.doubtful or bool(weighed)  # which nobody has done
     look = replace(look, words=(*examined.words, *anew, *weighed, *look.words), doubtful=doubtful)
-    look = _in_time(_PASSING, _SKEWED, partial(channels_in_time, look, workers, _between(0.7, 0.71, progress))) or look
+    look = _in_time(_PASSING, _SKEWED, partial(channels_in_time, look, workers, part_of(progress, 0.7, 0.71))) or look
     if look.judged.unknown > 0.5:
-        look = _in_time(_PASSING, _PASSES, partial(what_passed, look, workers, _between(0.71, 0.72, progress))) or look
+        look = _in_time(_PASSING, _PASSES, partial(what_passed, look, workers, part_of(progress, 0.71, 0.72))) or look
     plain, records = look.search.null, look.data.records
     seen = replace(look.data, records=tuple(r for k, r in enumerate(records) if k not in kept_out))
-    learning = partial(learn, look, kept_out, workers, _between(0.72, 0.82, progress))
+    learning = partial(learn, look, kept_out, workers, part_of(progress, 0.72, 0.82))
     learnt, again = _in_time(_SECOND, _LAW, learning), None
     # What no model repeats from rest, a law that is learnt does not either: where one does, it is nothing of that kind.
     if look.judged.unknown > 0.5 and (learnt is None or learnt.search.excess(learnt.judged.best) > EXPLAINED):
-        again = _in_time(_SECOND, _UNREPEATED, partial(second_look, look, workers, _between(0.82, 0.96, progress)))
+        again = _in_time(_SECOND, _UNREPEATED, partial(second_look, look, workers, part_of(progress, 0.82, 0.96)))
     look = again or learnt or look
     rare = nan if left_out() else chance(look.judged.of_causes.get((), 0.0))
     judged, evidence = decided(look.judged, look.search, rare), evidence_of(look.data)
@@ -335,8 +335,3 @@ def _in_time(part: float, named: str, look: Callable[[], _T | None]) -> _T | Non
     except TimeUp:
         leave_out(named)
         return None
-
-
-def _between(low: float, high: float, progress: Progress) -> Progress:
-    """Progress of a part of the work, from one share of the whole to another."""
-    return lambda share, doing: progress(low + (high - low) * share, doing)

@@ -38,7 +38,7 @@ from beamdesign.diagnosis.gap_metrics import gap_of_pieces
 from beamdesign.diagnosis.judgement import LEAST_PROBABILITY, THRESHOLDS, Judgement, cause_sets, causes, judge, odds
 from beamdesign.diagnosis.judgement import evidence as marginal_likelihood
 from beamdesign.diagnosis.verdict import OUTSIDE, sentences, verdict_of
-from beamdesign.progress import Progress, silent
+from beamdesign.progress import Progress, part_of, silent
 from beamdesign.prototype import Prototype
 from beamdesign.quantities import LawGain, range_of
 from beamdesign.records import InputError
@@ -81,10 +81,10 @@ def explain_gains(
     if not any(taken.predicted_gain for taken in data.gains):
         return _explained(data, workers, progress, kept, doubtful)
     with share(0.5):
-        own = _explained(data, workers, lambda part, words: progress(part / 2, words), kept, doubtful)
+        own = _explained(data, workers, part_of(progress, 0.0, 0.5), kept, doubtful)
     moved = replace(data, gains=tuple(_from_prediction(piece) for piece in gains))
     there = kept and replace(kept, part=("from what was predicted",))
-    other = _explained(moved, workers, lambda part, words: progress(0.5 + part / 2, words), there, doubtful)
+    other = _explained(moved, workers, part_of(progress, 0.5, 1.0), there, doubtful)
     more = notes_on_predictions(gains, other.findings["factor"], other.sentences)
     findings = {**own.findings, "on_predictions": other}
     return replace(own, notes=(*own.notes, *more), findings=findings)

@@ -7,7 +7,6 @@ is left of the records then decides, never a confident verdict: what passed may 
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from typing import Literal
 
 import numpy as np
@@ -19,7 +18,7 @@ from beamdesign.diagnosis.fitting.fit import Fit, FitCache
 from beamdesign.diagnosis.fitting.search import Search, search
 from beamdesign.diagnosis.fitting.weighting import padded
 from beamdesign.diagnosis.judgement import Judgement, judge
-from beamdesign.progress import Progress, silent
+from beamdesign.progress import Progress, part_of, silent
 
 _SMOOTHED_S = 0.01
 _LOUD = 5.0  # times the misfit per sample that is small
@@ -80,7 +79,7 @@ def what_passed(look: Look, workers: int = 1, progress: Progress = silent) -> Lo
         data = left
         without = (f"{r.name} without {r.left_out}" for r in data.records)
         own = look.kept and replace(look.kept, part=(*look.kept.part, *without))
-        found = search(data, workers, partial(_turn, progress, turn), own)
+        found = search(data, workers, part_of(progress, turn / _ROUNDS, (turn + 1) / _ROUNDS), own)
         judged = judge(found)
         if judged.unknown <= _MOST_UNKNOWN:
             known = Look(data, found, judged, _warnings(data.records, stated), own, doubtful=True)
@@ -158,10 +157,6 @@ def joined(spans: Sequence[tuple[float, float]]) -> tuple[tuple[float, float], .
         else:
             found.append((float(begin), float(end)))
     return tuple(found)
-
-
-def _turn(progress: Progress, turn: int, share: float, words: str) -> None:
-    progress((turn + share) / _ROUNDS, words)
 
 
 def _gone(record: TimeRecord) -> float:

@@ -34,7 +34,7 @@ from beamdesign.diagnosis.judgement import judge
 from beamdesign.diagnosis.passing import Look
 from beamdesign.parameters import RIG_TOLERANCES
 from beamdesign.plant.assembly import fits
-from beamdesign.progress import Progress, silent
+from beamdesign.progress import Progress, part_of, silent
 from beamdesign.prototype import Prototype
 from beamdesign.records import InputError
 
@@ -319,16 +319,15 @@ def second_look(look: Look, workers: int = 1, progress: Progress = silent) -> Lo
         a search in which models follow the records; None where neither is found.
     """
     data, before = look.data, look.search
-    found = _backlash_impacts(data, before, lambda share, words: progress(share / 3, words))
+    found = _backlash_impacts(data, before, part_of(progress, 0.0, 1 / 3))
     if found is not None:
         return found.after(look)
     best = min((before.null, *before.fits), key=lambda fit: fit.misfit)
     placement = best.hypothesis.placement(data.prototype)
     if not any(rings(piece, placement, best.z) for piece in record_evidence(data)):
         return None
-    found = _oscillating(
-        data, workers, lambda share, words: progress((1 + 2 * share) / 3, f"{words}, in step"), look.kept
-    )
+    in_step = part_of(lambda share, words: progress(share, f"{words}, in step"), 1 / 3, 1.0)
+    found = _oscillating(data, workers, in_step, look.kept)
     return found and found.after(look)
 
 

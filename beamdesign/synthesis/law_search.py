@@ -17,7 +17,7 @@ import numpy as np
 from beamdesign.controllers import Controller
 from beamdesign.controllers.protocol import Form
 from beamdesign.polynomial import nearest
-from beamdesign.progress import Progress, silent
+from beamdesign.progress import Progress, part_of, silent
 from beamdesign.synthesis.law_design import (
     ENOUGH,
     ROOM,
@@ -140,7 +140,7 @@ def _search(task: Search, starts: Sequence[Design], growths: int, report: Progre
         for k, start in enumerate(while_time(starts, lambda _: "some starts", least=1)):
             report(0.2 * k / len(starts), f"start {k + 1} of {len(starts)}")
             pool.append(task.coarsely_searched(start))
-        pool = _refined(task, _best(pool)[: effort.starts], _part(report, 0.2, part))
+        pool = _refined(task, _best(pool)[: effort.starts], part_of(report, 0.2, 0.2 + part))
         task, pool = _hardened(task, pool)
     smaller = Found(None, (), 0, "no start led to a stable loop within the limits on the samples")
     for growth in range(growths):
@@ -157,7 +157,7 @@ def _search(task: Search, starts: Sequence[Design], growths: int, report: Progre
                 if (sought_from := task.opened(law, design.form.size)) is not None
                 for form, variables in [sought_from]
             ]
-            grown = _refined(task, more, _part(report, 0.2 + (growth + 1) * part, part))
+            grown = _refined(task, more, part_of(report, 0.2 + (growth + 1) * part, 0.2 + (growth + 2) * part))
             before, (task, pool) = pool, _hardened(task, grown)
         if task.spread is not None:  # what the worst rigs cost what has grown may be more than it has gained
             kept = [*pool, *(one for one in before if task.settled(one))]
@@ -272,11 +272,6 @@ def _best(found: Sequence[Design]) -> list[Design]:
         if not chosen or design.value < chosen[-1].value * (1 - 1e-3):
             chosen.append(design)
     return chosen
-
-
-def _part(report: Progress, start: float, length: float) -> Progress:
-    """Progress of a part of the whole."""
-    return lambda share, text: report(start + length * share, text)
 
 
 def _proved(task: Search, design: Design, sampled: tuple[float, ...]) -> Found:
