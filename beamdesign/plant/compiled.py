@@ -364,8 +364,12 @@ def _steps(law, output, times, inputs, x, checked, c, substeps, bound, digital, 
     return samples
 
 
-_OPTIONS: dict[str, Any] = {"error_model": "numpy", "nogil": True}
-try:
-    steps = njit(cache=True, **_OPTIONS)(_steps)
-except RuntimeError:  # no folder that could be written to; each process then compiles for itself
-    steps = njit(**_OPTIONS)(_steps)
+def as_machine_code(function: Any, **options: Any) -> Any:
+    """A function that is compiled when it is called first, and kept for other processes."""
+    try:
+        return njit(cache=True, **options)(function)
+    except RuntimeError:  # no folder that could be written to; each process then compiles for itself
+        return njit(**options)(function)
+
+
+steps = as_machine_code(_steps, error_model="numpy", nogil=True)

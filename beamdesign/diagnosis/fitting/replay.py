@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable
 from dataclasses import dataclass, field
-from functools import cache
+from functools import lru_cache
 from math import ceil
 
 import numpy as np
@@ -12,7 +12,7 @@ from beamdesign.diagnosis.fitting.hypothesis import NOTHING, Placement, cause
 from beamdesign.diagnosis.fitting.weighting import LOWEST_HZ, Rise, Weighting, blurred, faded
 from beamdesign.plant.assembly import Assembly, Structure, assemble, parameters_of
 from beamdesign.plant.compiled import integrate, integrate_with_sensitivities, measured_half_steps
-from beamdesign.plant.equilibrium import equilibrium, equilibrium_sensitivity, linearise
+from beamdesign.plant.equilibrium import StateSpace, equilibrium, equilibrium_sensitivity, linearise
 from beamdesign.prototype import Prototype
 
 FURTHEST_M = 0.5
@@ -75,11 +75,9 @@ class Replay:
         except ValueError:
             return np.abs(read) ** 2, np.zeros(read.shape)
         rows = [placed.assembly.outputs.index(name) for name in channels]
-        moved, unit, driven = [], np.eye(len(loop.a)), loop.b[:, :2].astype(complex)
-        for part in np.array_split(2j * np.pi * frequencies_Hz, len(frequencies_Hz) // _AT_ONCE + 1):
-            state = np.linalg.solve(part[:, None, None] * unit - loop.a, driven)
-            moved.append(loop.c[rows] @ state + loop.d[rows, :2])
-        forced, commanded = np.moveaxis(np.concatenate(moved), 2, 0)
+        driven = StateSpace(loop.a, loop.b[:, :2], loop.c[rows], loop.d[rows, :2])
+        parts = np.array_split(2j * np.pi * frequencies_Hz, len(frequencies_Hz) // _AT_ONCE + 1)
+        forced, commanded = np.moveaxis(np.concatenate([driven.at(part) for part in parts]), 2, 0)
         # noise at the sensor is a command with the other sign
         found = read - self.prototype.sensor.gain_V_per_m * commanded
         loud = np.minimum(1.0, _LOUDEST / np.abs(found[:, channels.index(DISPLACEMENT)]))
@@ -159,23 +157,14 @@ def at_rest(placement: Placement, parameters: np.ndarray) -> np.ndarray:
     Raises:
         ValueError: where there is none.
     """
-    assembly = placement.assembly
-    key = (assembly.kinds, parameters[_rigs_own(assembly.kinds)].tobytes())
-    if key not in _found:
-        if len(_found) > _KEPT:
-            _found.clear()
-        _found[key] = equilibrium(assembly, np.zeros(3), parameters)
-    return _found[key]
+    names, bare = placement.assembly.parameters, parameters.copy()
+    bare[[names.index("outer_end_mass"), names.index("inner_end_mass")]] = 0.0
+    return _at_rest(placement.assembly.kinds, bare.tobytes())
 
 
-_KEPT = 64
-_found: dict[tuple[Structure, bytes], np.ndarray] = {}
-_NO_PART = ("outer_end_mass", "inner_end_mass")
-
-
-@cache
-def _rigs_own(kinds: Structure) -> list[int]:
-    return [k for k, name in enumerate(assemble(kinds).parameters) if name not in _NO_PART]
+@lru_cache(64)
+def _at_rest(kinds: Structure, parameters: bytes) -> np.ndarray:
+    return equilibrium(assemble(kinds), np.zeros(3), np.frombuffer(parameters))
 
 
 def _steps(sample_s: float, placement: Placement, parameters: np.ndarray, rest: np.ndarray) -> int:

@@ -12,7 +12,7 @@ given; what has a scale of its own (the width of a loop, a break frequency) stan
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cache, cached_property, partial
+from functools import cached_property, partial
 
 import numpy as np
 
@@ -21,6 +21,7 @@ from beamdesign.diagnosis.fitting.hypothesis import WRONG, subsystem
 from beamdesign.diagnosis.judgement import pieces_of
 from beamdesign.diagnosis.where.residuals import Places, Residual
 from beamdesign.parameters import RIG_TOLERANCES
+from beamdesign.plant.compiled import as_machine_code
 from beamdesign.time_limit import heed
 
 Law = Callable[..., np.ndarray]
@@ -179,9 +180,10 @@ def stop(width: float, signal: np.ndarray) -> np.ndarray:
         width: in the signal's unit.
         signal: (N,) that begins at its rest.
     """
-    return np.asarray(_compiled()(np.ascontiguousarray(signal, dtype=float), float(width)))
+    return np.asarray(_stop(np.ascontiguousarray(signal, dtype=float), float(width)))
 
 
+@as_machine_code
 def _stop(signal: np.ndarray, width: float) -> np.ndarray:
     """One loop over samples that cannot be vectorised."""
     out = np.empty_like(signal)
@@ -192,16 +194,6 @@ def _stop(signal: np.ndarray, width: float) -> np.ndarray:
         before = signal[k]
         out[k] = held
     return out
-
-
-@cache
-def _compiled() -> Callable[[np.ndarray, float], np.ndarray]:
-    from numba import njit
-
-    try:
-        return njit(cache=True)(_stop)
-    except RuntimeError:  # no folder that could be written to; each process then compiles for itself
-        return njit(_stop)
 
 
 _LEVELS, _NONE = 6, np.zeros(1)

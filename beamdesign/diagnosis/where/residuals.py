@@ -21,7 +21,7 @@ from beamdesign.diagnosis.fitting.weighting import padded
 from beamdesign.plant.assembly import RIGS, Structure, join
 from beamdesign.plant.component import Signals
 from beamdesign.plant.effects import SUBSYSTEMS, Effect, Parameter, Site, library
-from beamdesign.plant.equilibrium import equilibrium
+from beamdesign.plant.equilibrium import StateSpace, equilibrium
 from beamdesign.time_limit import heed
 
 
@@ -132,12 +132,11 @@ def probe(job: Replay, placement: Placement, z: np.ndarray) -> Probe:
     placed, parameters = job.placed(placement), job.parameters(placement, z)
     x = equilibrium(placed.assembly, np.zeros(3), parameters)
     at = places(placed.assembly.kinds.rig)
-    a, b, c, d = (np.asarray(m) for m in _linear(placed.assembly.kinds)(x, np.zeros(2 + len(at.probed)), parameters))
+    loop = StateSpace(*map(np.asarray, _linear(placed.assembly.kinds)(x, np.zeros(2 + len(at.probed)), parameters)))
     count = len(job.record.times)
     s = 2j * np.pi * np.fft.rfftfreq(padded(2 * count), job.record.step)
     s[0] = 1e-3 * s[1]  # at rest itself a memory, or the mean pressure of a valve without leakage, may be anything
-    inner = np.linalg.solve(s[:, None, None] * np.eye(len(a)) - a, b.astype(complex))
-    return Probe(count, s, np.asarray(c @ inner + d), at)
+    return Probe(count, s, loop.at(s), at)
 
 
 @cache
