@@ -114,8 +114,8 @@ def errors(piece: RecordEvidence, null: Fit, chosen: Fit, written: Fit) -> Error
         chosen: fit of the chosen causes, likewise.
         written: fit of the chosen causes to all records.
     """
-    column = piece.weight.channels.index(CHANNEL)
-    measured, counted = piece.measured[:, column], piece.record.counted
+    column, counted = piece.column, piece.record.counted
+    measured = piece.measured[:, column]
     rms = float(np.std(measured[counted > 0]))
     counted = counted / np.sqrt(np.mean(counted**2))
     prototype = piece.job.prototype
@@ -150,7 +150,7 @@ def sizes(found: Fit, records: Sequence[RecordEvidence]) -> dict[str, float]:
         values = {u: found.values.get(u.name, u.nominal) for u in placement.unknowns}
         # A figure that another cause has set free is here as it was believed.
         z = np.array([0.0 if u.kind == "figure" and u.name not in tolerated else u.z(v) for u, v in values.items()])
-        predicted = [(piece.predicted(placement, z), piece.weight.channels.index(CHANNEL)) for piece in records]
+        predicted = [(piece.predicted(placement, z), piece.column) for piece in records]
         return [None if rows is None else rows[:, column] for rows, column in predicted]
 
     without = displacements(())

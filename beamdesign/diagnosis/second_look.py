@@ -27,7 +27,7 @@ from beamdesign.diagnosis.fitting.hypothesis import (
     singles,
     together,
 )
-from beamdesign.diagnosis.fitting.replay import DISPLACEMENT, PLAY, Replay, law_of_play
+from beamdesign.diagnosis.fitting.replay import PLAY, Replay, law_of_play
 from beamdesign.diagnosis.fitting.search import Search, best_of_each, search
 from beamdesign.diagnosis.fitting.starts import fit_from_starts, starts
 from beamdesign.diagnosis.judgement import judge
@@ -241,18 +241,17 @@ def grows(piece: RecordEvidence, placement: Placement, z: np.ndarray) -> bool:
         z: (K,) their values.
     """
     record, rig = piece.record, piece.job.prototype
-    column = piece.weight.channels.index(DISPLACEMENT)
     count, first = len(record.times), round(_AT * len(record.times))
     inputs = record.inputs.copy()
     inputs[first : first + max(2, round(_LASTS_S / record.step)), 1] += (
-        rig.sensor.gain_V_per_m * piece.weight.noise_std[column]
+        rig.sensor.gain_V_per_m * piece.weight.noise_std[piece.column]
     )
     plain = piece.predicted(placement, z)
     nudged = replace(piece, job=Replay(replace(record, inputs=inputs), rig))
     moved = nudged.predicted(placement, z)
     if plain is None or moved is None:
         return True
-    motion = moved[:, column] - plain[:, column]
+    motion = (moved - plain)[:, piece.column]
     return bool(np.std(motion[-count // _ENDS :]) > np.std(motion[: count // _ENDS]))
 
 

@@ -67,7 +67,7 @@ class _Piece(Fitted):
         found = self._acting(force_late_s).predicted(self.within, z[:-2])
         if found is None or not isinstance(self.taken, RecordEvidence):
             return found
-        column, found = self.taken.weight.channels.index(DISPLACEMENT), found.copy()
+        column, found = self.taken.column, found.copy()
         found[:, column] = _moved(found[:, column], -late_s / self.taken.record.step)
         return found
 

@@ -197,14 +197,14 @@ def _of_several_loops(tone: Tone, records: Sequence[TimeRecord]) -> bool:
 
 
 def _of_displacement(piece: RecordEvidence, left: np.ndarray) -> Left:
-    column = piece.weight.channels.index(DISPLACEMENT)
-    return Left(piece.name, piece.record.times, float(np.std(piece.measured[:, column])), left[:, column])
+    rms = float(np.std(piece.measured[:, piece.column]))
+    return Left(piece.name, piece.record.times, rms, left[:, piece.column])
 
 
 def _sines(piece: RecordEvidence, left: np.ndarray, near_Hz: float) -> np.ndarray:
     """(N, C) of each channel, the sine at the frequency, within a line of the record, that its displacement has."""
     times, counted = piece.record.times, piece.record.counted[:, None]
-    displacement = left[:, [piece.weight.channels.index(DISPLACEMENT)]]
+    displacement = left[:, [piece.column]]
 
     def fitted(frequency: float, signals: np.ndarray) -> np.ndarray:
         basis = np.column_stack([np.cos(2 * pi * frequency * times), np.sin(2 * pi * frequency * times)])

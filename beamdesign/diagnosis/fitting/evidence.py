@@ -62,7 +62,7 @@ class RecordEvidence(Evidence):
     @property
     def floor(self) -> float:
         """Mean square of the displacement's noise over that of the displacement, at the frequencies that count."""
-        return float(self.weight.noise[self._displacement].sum() / self._power)
+        return float(self.weight.noise[self.column].sum() / self._power)
 
     def error(self, residual: np.ndarray) -> float:
         """Mean square of the displacement's error over that of the displacement, at the frequencies that count."""
@@ -73,14 +73,14 @@ class RecordEvidence(Evidence):
         return max(float(np.sum(np.abs(self.displacement(self.weight(self.measured))) ** 2)), 1e-300)
 
     @property
-    def _displacement(self) -> int:
+    def column(self) -> int:
+        """Of the displacement among the channels."""
         return self.weight.channels.index(DISPLACEMENT)
 
     def displacement(self, residual: np.ndarray) -> np.ndarray:
         """(F,) spectrum of the displacement in what is weighed, m."""
-        column = self._displacement
-        real, imaginary = residual.reshape(2, -1, len(self.weight.channels))[:, :, column]
-        return (real + 1j * imaginary) / self.weight.scale[column]
+        real, imaginary = residual.reshape(2, -1, len(self.weight.channels))[:, :, self.column]
+        return (real + 1j * imaginary) / self.weight.scale[self.column]
 
     def predicted(self, placement: Placement, z: np.ndarray) -> np.ndarray | None:
         """(N, C) channels of the model."""
@@ -226,7 +226,7 @@ def spread(piece: InjectedRecord, placement: Placement, z: np.ndarray) -> np.nda
     It is that of one motion from their mean; None where the model's loop diverges.
     """
     weight, rig = piece.taken.weight, piece.job.prototype
-    noise_V = rig.sensor.gain_V_per_m * weight.noise_std[weight.channels.index("displacement_m")]
+    noise_V = rig.sensor.gain_V_per_m * weight.noise_std[piece.column]
     random = np.random.default_rng(0)
     motions = []
     for _ in range(_MEMBERS):

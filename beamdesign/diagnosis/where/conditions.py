@@ -1,6 +1,6 @@
 """Under which conditions, at which frequencies and in which direction a gap shows."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from itertools import pairwise
 from math import isnan
 
@@ -71,11 +71,11 @@ def setting(found: Sequence[Residual]) -> Where:
     relative = [_relative(item) for item in found]
     distortions, asymmetries, slow = [], [], []
     for item in found:
-        record, weight = item.evidence.record, item.evidence.weight
+        record, weight, column = item.evidence.record, item.evidence.weight, item.evidence.column
         drive = record.inputs[:, 1 if driven_by(item) == "command" else 0]
-        shaped = item.left[:, item.column] * weight.fade
+        shaped = item.left[:, column] * weight.fade
         measured = record.measured["displacement_m"]
-        seen = lines_of(drive, measured, shaped, float(weight.noise_std[item.column]))
+        seen = lines_of(drive, measured, shaped, float(weight.noise_std[column]))
         if seen is not None and sum(seen) > 0:
             distortions.append(seen[1] ** 2 / (seen[1] ** 2 + seen[0] ** 2))
         parts = [shaped[measured * sign > 0] for sign in (1, -1)]
@@ -91,7 +91,7 @@ def setting(found: Sequence[Residual]) -> Where:
     table |= {name: tuple(float(v) for v in units[:, k]) for k, name in enumerate(names)}
     sizes = ((distortions, np.nan), (asymmetries, 0.0), (slow, 0.0))
     distortion, asymmetry, slowness = (float(np.median(some)) if some else none for some, none in sizes)
-    condition = _words(_ratios(found, relative))
+    condition = _condition(found, relative)
     text = f"Most of the misfit is between {band[0]:g} and {band[1]:g} Hz; the relative error is {condition}; "
     text += "" if isnan(distortion) else f"{distortion:.0%} of it lies away from the lines of the input; "
     text += f"it differs by {asymmetry:.0%} between the two directions. "
@@ -130,7 +130,7 @@ def driven_by(item: Residual) -> str:
 
 def _by_band(item: Residual) -> tuple[np.ndarray, np.ndarray]:
     """Misfit of the displacement per band, and what noise alone leaves of it."""
-    weight, column = item.evidence.weight, item.column
+    weight, column = item.evidence.weight, item.evidence.column
     lines = weight(item.left).reshape(2, -1, len(item.channels))[:, :, column]
     noise = (weight.scale[column] * weight.noise_std[column]) ** 2 * len(item.left)
     powers = np.sum(lines**2, axis=0), noise
@@ -140,7 +140,8 @@ def _by_band(item: Residual) -> tuple[np.ndarray, np.ndarray]:
 
 def _relative(item: Residual) -> float:
     """Rms error of the displacement over its rms, noise taken out."""
-    left = float(np.mean(item.left[:, item.column] ** 2)) - float(item.evidence.weight.noise_std[item.column]) ** 2
+    column, noise = item.evidence.column, item.evidence.weight.noise_std
+    left = float(np.mean(item.left[:, column] ** 2)) - float(noise[column]) ** 2
     power = float(np.var(item.evidence.record.measured["displacement_m"]))
     return float(np.sqrt(max(left, 0.0) / power)) if power > 0 else 0.0
 
@@ -160,46 +161,32 @@ def _narrowest(totals: np.ndarray) -> tuple[float, float]:
     return BANDS_HZ[i], BANDS_HZ[j]
 
 
-def _ratios(found: Sequence[Residual], relative: Sequence[float]) -> dict[str, float]:
-    """Relative errors of groups of records over those of their counterparts, all else alike as far as can be."""
-    records = [item.evidence.record for item in found]
-
-    def ratio(*groups: list[int]) -> float | None:
-        if not all(groups):
-            return None
-        one, other = (float(np.sqrt(np.mean([relative[k] ** 2 for k in group]))) for group in groups)
-        return one / max(other, 1e-9)
-
+def _condition(found: Sequence[Residual], relative: Sequence[float]) -> str:
+    """What makes the relative error of records at least twice as large, all else alike as far as can be."""
+    records, driven = [item.evidence.record for item in found], [driven_by(item) for item in found]
     loaded = [k for k, r in enumerate(records) if r.outer_end_mass > 0]
     bare = [k for k in range(len(records)) if k not in loaded]
-    driven = [driven_by(item) for item in found]
-    commanded = [k for k in bare if driven[k] == "command"]
-    forced = [k for k in bare if driven[k] == "disturbance"]
-    table = {"with payload": ratio(loaded, bare), "under command": ratio(commanded, forced)}
-    pairs = []
+    commanded, forced = ([k for k in bare if driven[k] == by] for by in ("command", "disturbance"))
+    large, small = list[int](), list[int]()
     for group, column in ((commanded, 1), (forced, 0)):
         sizes = {k: float(np.std(records[k].inputs[:, column])) for k in group}
         if sizes and max(sizes.values()) > _TWICE * min(sizes.values()):
-            pairs.append((max(sizes, key=lambda k: sizes[k]), min(sizes, key=lambda k: sizes[k])))
-    table["at large amplitude"] = ratio([a for a, _ in pairs], [b for _, b in pairs])
-    return {name: value for name, value in table.items() if value is not None}
-
-
-_OPPOSITE = {
-    "with payload": "without payload",
-    "under command": "under disturbance",
-    "at large amplitude": "at small amplitude",
-}
-
-
-def _words(ratios: Mapping[str, float]) -> str:
-    """What makes the relative error at least twice as large."""
+            large.append(max(sizes, key=lambda k: sizes[k]))
+            small.append(min(sizes, key=lambda k: sizes[k]))
     said = []
-    for name, ratio in ratios.items():
+    for name, opposite, *groups in (
+        ("with payload", "without payload", loaded, bare),
+        ("under command", "under disturbance", commanded, forced),
+        ("at large amplitude", "at small amplitude", large, small),
+    ):
+        if not all(groups):
+            continue
+        one, other = (float(np.sqrt(np.mean([relative[k] ** 2 for k in group]))) for group in groups)
+        ratio = one / max(other, 1e-9)
         if ratio >= _TWICE:
             said.append(f"{name} ({ratio:.1f} times)")
         elif ratio <= 1 / _TWICE:
-            said.append(f"{_OPPOSITE[name]} ({1 / max(ratio, 1e-3):.1f} times)")
+            said.append(f"{opposite} ({1 / max(ratio, 1e-3):.1f} times)")
     return "most " + ", ".join(said) if said else "alike under all conditions measured"
 
 

@@ -187,11 +187,6 @@ class Residual:
     slopes: np.ndarray = field(repr=False)
 
     @property
-    def column(self) -> int:
-        """Of the displacement among the channels."""
-        return self.channels.index("displacement_m")
-
-    @property
     def noise(self) -> np.ndarray:
         """(C,) white noise of the channels, at least a millionth of what they hold."""
         rms = np.sqrt(np.mean(self.evidence.measured**2, axis=0))
