@@ -1,6 +1,6 @@
 """Diagnosis of an actuator bench from its steady motions, with its records replayed as a check, and in words."""
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import combinations, product
 from math import inf, nan
@@ -333,9 +333,6 @@ def updated_prototype(prototype: BenchPrototype, found: Fit, **readings: float |
     return prototype.but(**changes, effects=effects)
 
 
-REPLAYED = ("displacement_m", "pressure_a_Pa", "pressure_b_Pa")
-
-
 def replayed(data: BenchSet, chosen: HeldOut) -> tuple[RecordGap, ...]:
     """Simulate every condition under its recorded command and compare with all its runs, channel by channel.
 
@@ -345,13 +342,17 @@ def replayed(data: BenchSet, chosen: HeldOut) -> tuple[RecordGap, ...]:
     The reading of the displacement at the retracted stop is taken from the record: it is where the sensor was mounted,
     and neither model speaks of it.
     """
-    rows = []
+    actuator, rows = data.prototype.actuator, list[RecordGap]()
+    over = {"displacement_m": actuator.stroke_m}
+    over |= dict.fromkeys(("pressure_a_Pa", "pressure_b_Pa"), actuator.supply_pressure_Pa)
     for condition, trained in chosen.without.items():
         runs = [run for run in data.runs if run.condition == condition]
         rigs = data.prototype, updated_prototype(data.prototype, trained)
-        before, after = (_rms(data.prototype, _missed(rig, runs)) for rig in rigs)
-        floor = _rms(data.prototype, _scattered(runs))
-        rows += [RecordGap(f"{condition}, {c}", True, before[c], np.nan, after[c], floor[c]) for c in REPLAYED]
+        squares = *([*_missed(rig, runs)] for rig in rigs), [*_scattered(runs)]
+        for channel, unit in over.items():
+            own = ([square / unit**2 for name, square in each if name == channel] for each in squares)
+            before, after, floor = (float(np.sqrt(np.mean(each))) if each else nan for each in own)
+            rows.append(RecordGap(f"{condition}, {channel}", True, before, nan, after, floor))
     return tuple(rows)
 
 
@@ -365,16 +366,6 @@ def simulated(prototype: BenchPrototype, run: BenchRun) -> np.ndarray:
 def _ends(run: BenchRun) -> tuple[float, float]:
     """What the sensor reads at the retracted stop, and at most."""
     return float(np.median(run.displacement_m[held(run, -1)])), float(np.max(run.displacement_m))
-
-
-def _rms(prototype: BenchPrototype, squares: Iterable[tuple[str, float]]) -> dict[str, float]:
-    """Roots of the means of squares by channel, over the stroke or the supply pressure; NaN where there are none."""
-    actuator = prototype.actuator
-    over = dict(zip(REPLAYED, (actuator.stroke_m, *(actuator.supply_pressure_Pa,) * 2), strict=True))
-    of: dict[str, list[float]] = {channel: [] for channel in REPLAYED}
-    for channel, square in squares:
-        of[channel].append(square / over[channel] ** 2)
-    return {channel: float(np.sqrt(np.mean(each))) if each else np.nan for channel, each in of.items()}
 
 
 def _missed(prototype: BenchPrototype, runs: Sequence[BenchRun]) -> Iterator[tuple[str, float]]:
