@@ -13,14 +13,7 @@ import numpy as np
 from beamdesign.bench_prototype import AnyPrototype
 from beamdesign.controllers import Controller
 from beamdesign.diagnosis.fitting.fit import Fit
-from beamdesign.diagnosis.fitting.hypothesis import (
-    ABSENT,
-    SUPPLY,
-    WRONG,
-    Hypothesis,
-    given,
-    left_as_known,
-)
+from beamdesign.diagnosis.fitting.hypothesis import ABSENT, SUPPLY, WRONG, Hypothesis, given, left_as_known
 from beamdesign.diagnosis.fitting.search import Search
 from beamdesign.diagnosis.prediction_errors import Errors
 from beamdesign.diagnosis.separability import Separability

@@ -146,6 +146,7 @@ def _peak(record: TimeRecord, column: int) -> float:
 
 _RIVALS = 4
 _CLOSER_LOOK = 8
+_NEXT = "what to measure next"  # is left out where the time is up
 _RECORDS, _ENOUGH = 4, 0.95  # of one experiment, and what they need not tell more than, of what is open
 _LEAST_WEIGHT = 0.01  # a rival is never so improbable that telling it apart is worth nothing
 _ANOTHER_SENSOR = 1.6  # effort
@@ -235,19 +236,15 @@ def experiments(data: Dataset, rivals: Sequence[Fit], weights: Sequence[float]) 
     Records that promise most are looked at with re-tuning. To the best of them others are added, as long as that tells
     more and they do not tell nearly all.
     """
-    looks = ((_without_retuning(data, one, rivals), one) for one in while_time(menu(data), _next))
+    looks = ((_without_retuning(data, one, rivals), one) for one in while_time(menu(data), lambda _: _NEXT))
     quick = [(information(between, weights) / one.effort, one) for between, one in looks if between is not None]
     quick.sort(key=lambda look: -look[0])
     seen: dict[str, list[_Foreseen]] = {}
-    for _, one in while_time(quick[:_CLOSER_LOOK], _next):
+    for _, one in while_time(quick[:_CLOSER_LOOK], lambda _: _NEXT):
         for found in _closely(data, one, rivals):
             seen.setdefault(found.experiment.added, []).append(found)
     grown = (_grown(records, weights) for records in seen.values())
     return sorted(grown, key=lambda one: one.worth(weights), reverse=True)
-
-
-def _next(_: object) -> str:
-    return "what to measure next"
 
 
 class _Foreseen(NamedTuple):

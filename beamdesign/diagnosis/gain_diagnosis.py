@@ -11,15 +11,7 @@ import numpy as np
 from scipy.special import expit
 
 from beamdesign.diagnosis.data.dataset import Dataset, MeasuredGain
-from beamdesign.diagnosis.diagnosis import (
-    Diagnosis,
-    Gap,
-    RecordGap,
-    Where,
-    no_surer,
-    unfinished,
-    updated_prototype,
-)
+from beamdesign.diagnosis.diagnosis import Diagnosis, Gap, RecordGap, Where, no_surer, unfinished, updated_prototype
 from beamdesign.diagnosis.fitting.evidence import Figure, figures_of
 from beamdesign.diagnosis.fitting.fit import Fit, FitCache
 from beamdesign.diagnosis.fitting.gain_evidence import GainEvidence
@@ -119,8 +111,7 @@ def _explained(
     alike = rivals if verdict == "ambiguous" else rivals[: int(named)]
     common = set.intersection(*(set(f.hypothesis.causes) for f in alike)) if alike else set()
     chosen = tuple(name for name in rivals[0].hypothesis.causes if name in common)  # sure, or what all rivals share
-    fits = (found.null, *found.fits)
-    holder = next((f for f in fits if f.hypothesis.causes == tuple(sorted(chosen))), found.null)
+    holder = next((f for f in found.fits if f.hypothesis.causes == chosen), found.null)
     names = [str(f.hypothesis) for f in rivals]
     of = judged.of_causes
     if judged.unknown > of[rivals[0].hypothesis.causes] * exp(-THRESHOLDS.separate):
@@ -130,10 +121,8 @@ def _explained(
         asked = next_experiment(data, rivals, [of[f.hypothesis.causes] for f in rivals]) or asked
     gains = [piece for piece in evidence if isinstance(piece, GainEvidence)]
     factor, shares = factor_of(gains), gain_shares(gains)
-    gap, where = (
-        figures_of_gap(evidence, found.null, rivals[0] if named else found.null),
-        where_of(chosen, alike, evidence, found),
-    )
+    gap = figures_of_gap(evidence, found.null, rivals[0] if named else found.null)
+    where = where_of(chosen, alike, evidence, found)
     errors = (
         f"Each figure as predicted from the others is off by {gap.before:.0%} for the believed model, by"
         f" {gap.tuned:.0%} with tolerances fitted and by {gap.after:.0%} with the best explanation; their own errors"

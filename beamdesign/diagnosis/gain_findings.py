@@ -286,7 +286,7 @@ def experiments(data: Dataset, assumed: Fit) -> Menu:
             [taken(g) for g in without_frequency],
         )
     for law in _laws(data):
-        own = [g for g in data.gains if _same(g.controller, law)]
+        own = [g for g in data.gains if g.controller.but(gain_A_per_V=1.0) == law.but(gain_A_per_V=1.0)]
         known = {(g.outer_end_mass, g.inner_end_mass) for g in own if not g.load_N}
         for masses in sorted(_masses(data) - known):
             one = taken(MeasuredGain(law, *masses, std))
@@ -337,10 +337,6 @@ def _masses(data: Dataset) -> set[tuple[float, float]]:
     outer = max((m for m, _ in used), default=0.0) or 5.0
     inner = max((m for _, m in used), default=0.0) or float(f"{exp(log(outer) - 0.43):.1g}")
     return {(a * outer, b * inner) for a in (0.0, 0.5, 1.0) for b in (0.0, 1.0)}
-
-
-def _same(a: Controller, b: Controller) -> bool:
-    return a.but(gain_A_per_V=1.0) == b.but(gain_A_per_V=1.0)
 
 
 def _without_gain(law: Controller) -> dict[str, object]:

@@ -9,16 +9,7 @@ from typing import Any, Literal, get_args
 import numpy as np
 from scipy.linalg import matrix_balance
 
-from beamdesign.validation.truth.case import (
-    Case,
-    Departure,
-    Drive,
-    Run,
-    noise_free,
-    relative_floor,
-    relative_gap,
-    take,
-)  # fmt: skip
+from beamdesign.validation.truth.case import Case, Departure, Drive, Run, noise_free, relative_floor, relative_gap, take
 from beamdesign.validation.truth.effects import KINDS, PARAMETERS, Rig, Scales, Shape, on
 from beamdesign.validation.truth.nominal import Table, assembled, draw_nominal, draw_true, rig_figures, tolerance_of
 from beamdesign.validation.truth.rates import (
