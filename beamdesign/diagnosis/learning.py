@@ -59,11 +59,13 @@ def learn(look: Look, held_out: Sequence[int], workers: int = 1, progress: Progr
     contested = judged.unknown <= _UNLISTED
     rival, enough = (judged.best, _BETTER) if contested else (before.null, _WORTH)
     # A figure that is believed to be wrong may change while a record lasts, whatever its probability says of the rest.
-    figure, doubted = contested and _is_figure(rival), judged.unknown >= _DOUBTED
+    figure = contested and bool(rival.hypothesis.names) and not rival.hypothesis.effects
+    doubted = judged.unknown >= _DOUBTED
     if not held_out or not (doubted or figure) or before.excess(rival) < EXPLAINED:
         return None
     scaled = with_scales(data, before.null)
-    alone = [h for h in learnable(scaled.prototype) if _has_scales(h, scaled) and (doubted or _drifts(h))]
+    alone = [h for h in learnable(scaled.prototype) if doubted or _drifts(h)]
+    alone = [h for h in alone if not library()[h.names[0]].scales or h.names[0] in scaled.prototype.effects]
     scaled, found = _fitted(scaled, alone, before, workers, progress, kept)
     laws = replace(before, fits=tuple(best_of_each(found)))
     weighed = judge(laws)
@@ -94,18 +96,8 @@ def learn(look: Look, held_out: Sequence[int], workers: int = 1, progress: Progr
     return Look(scaled, everything, Judgement(listed | share, unknown, best), refitted=(null, without)).after(look)
 
 
-def _is_figure(fit: Fit) -> bool:
-    """Whether a wrong figure is all that a fit blames."""
-    return bool(fit.hypothesis.names) and not fit.hypothesis.effects
-
-
 def _drifts(hypothesis: Hypothesis) -> bool:
     return any(name.endswith("_drift") for name in hypothesis.names)
-
-
-def _has_scales(hypothesis: Hypothesis, data: Dataset) -> bool:
-    (name,) = hypothesis.names
-    return not library()[name].scales or name in data.prototype.effects
 
 
 def _of(kept: FitCache | None, data: Dataset) -> FitCache | None:

@@ -192,8 +192,7 @@ _HEARD = "; but the loop hears it, so that the rig moves by it, which no model h
 
 
 def _of_several_loops(tone: Tone, records: Sequence[TimeRecord]) -> bool:
-    loops = [(r.masses, r.controller) for r in records if r.name in tone.having]
-    return any(loop != loops[0] for loop in loops)
+    return len({(r.masses, r.controller) for r in records if r.name in tone.having}) > 1
 
 
 def _of_displacement(piece: RecordEvidence, left: np.ndarray) -> Left:

@@ -95,13 +95,6 @@ def kind_of_effect(name: str) -> str:
     return "static" if bent else "linear"
 
 
-def kind_of_residual(seen: Where, laws: Sequence[Explanation]) -> str:
-    """Kind of a gap whose cause is not known: that of the laws that explain most, unless it drifts or none tells."""
-    if seen.kind != "drifting" and laws and laws[0].share > _TOLD and laws[0].kinds:
-        return laws[0].kinds[0]
-    return seen.kind
-
-
 _ALIKE = 0.05  # shares
 NO_GAP = Where("", (0.0, 0.0), "", sentence="There is no gap to place.")
 
@@ -144,7 +137,9 @@ def locate(
     place = max(scores, key=lambda name: scores[name])
     if scores[place] <= 0:
         return replace(seen, kind="", indicators=tuple(shown), sentence="Nothing says yet where the gap lies.")
-    kind = kind_of_residual(seen, laws)
+    kind = seen.kind
+    if kind != "drifting" and laws and laws[0].share > _TOLD and laws[0].kinds:
+        kind = laws[0].kinds[0]  # of the laws that explain most
     if causes and (unknown <= 0.5 or causes[0].like) and shown[0].subsystem == place:
         kind = kind_of_effect(chosen.hypothesis.realisation(causes[0].name))
     weight = f"Weighed, {scores[place] / sum(scores.values()):.0%} is for the {place}." if unknown <= 0.5 else _OUTSIDE
