@@ -251,27 +251,18 @@ class ResponseEvidence(LinearEvidence):
 
     @cached_property
     def _noise(self) -> np.ndarray:
-        return scatter(self.measured)
+        """(M,) of every row of the residual."""
+        return np.tile(scatter(self.measured), 2 if self.measured.has_phase else 1)
 
     @cached_property
-    def _unit(self) -> np.ndarray:
-        """(N,) relative error of each line that counts as one unit."""
-        return np.sqrt(self.share**2 + self._noise**2)
-
-    @cached_property
-    def _count(self) -> int:
-        return len(self._noise) * (2 if self.measured.has_phase else 1)
-
-    @property
-    def _scale(self) -> float:
-        """Of all lines, for their number."""
-        return min(1.0, float(np.sqrt(INDEPENDENT / self._count)))
+    def units(self) -> np.ndarray:
+        """(M,) relative error that is one unit, of every row of the residual."""
+        return np.sqrt(self.share**2 + self._noise**2) / min(1.0, float(np.sqrt(INDEPENDENT / len(self._noise))))
 
     @property
     def expected(self) -> float:
         """Misfit that noise alone leaves."""
-        each = self._count / len(self._noise) * self._scale**2
-        return each * float(np.sum((self._noise / self._unit) ** 2))
+        return float(np.sum((self._noise / self.units) ** 2))
 
     @property
     def name(self) -> str:
@@ -284,11 +275,6 @@ class ResponseEvidence(LinearEvidence):
         taken = self.measured
         masses = taken.outer_end_mass, taken.inner_end_mass
         return ("response", *masses, taken.controller, taken.driven_by, taken.amplitude)
-
-    @property
-    def units(self) -> np.ndarray:
-        """(M,) relative error that is one unit, of every row of the residual."""
-        return np.tile(self._unit / self._scale, 2 if self.measured.has_phase else 1)
 
     def predicted(self, placement: Placement, z: np.ndarray) -> np.ndarray | None:
         """(N,) complex response of the model, in the unit of the measured one; None where its loop is unstable."""
@@ -357,8 +343,8 @@ class ResponseEvidence(LinearEvidence):
 
     def _weighed(self, relative: np.ndarray) -> np.ndarray:
         """Complex (N, K) relative changes as rows of units: magnitudes, then phases where they were measured."""
-        shaped = relative * (self._scale / self._unit)[:, None]
-        return np.concatenate([shaped.real, shaped.imag]) if self.measured.has_phase else shaped.real
+        rows = np.concatenate([relative.real, relative.imag]) if self.measured.has_phase else relative.real
+        return rows / self.units[:, None]
 
 
 def scatter(measured: FrequencyResponse) -> np.ndarray:
