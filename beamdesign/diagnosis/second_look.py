@@ -243,9 +243,8 @@ def grows(piece: RecordEvidence, placement: Placement, z: np.ndarray) -> bool:
     record, rig = piece.record, piece.job.prototype
     count, first = len(record.times), round(_AT * len(record.times))
     inputs = record.inputs.copy()
-    inputs[first : first + max(2, round(_LASTS_S / record.step)), 1] += (
-        rig.sensor.gain_V_per_m * piece.weight.noise_std[piece.column]
-    )
+    last = first + max(2, round(_LASTS_S / record.step))
+    inputs[first:last, 1] += rig.sensor.gain_V_per_m * piece.weight.noise_std[piece.column]
     plain = piece.predicted(placement, z)
     nudged = replace(piece, job=Replay(replace(record, inputs=inputs), rig))
     moved = nudged.predicted(placement, z)

@@ -288,12 +288,9 @@ class Observations:
     @cached_property
     def gauges_apart_Pa(self) -> tuple[float, float]:
         """By how much chamber a reads more than b at a stop, at supply and at tank."""
-        at = {(held, side): (self.filled == held) & (self.rows.side == side) for held in (True, False) for side in "ab"}
-        full, empty = (
-            float(np.mean(self.rows.stall[at[held, "a"]]) - np.mean(self.rows.stall[at[held, "b"]]))
-            for held in (True, False)
-        )
-        return full, empty
+        side, stall = self.rows.side, self.rows.stall
+        means = [[float(np.mean(stall[(self.filled == full) & (side == of)])) for full in (True, False)] for of in "ab"]
+        return means[0][0] - means[1][0], means[0][1] - means[1][1]
 
     @cached_property
     def gauges_differ_Pa(self) -> float:
@@ -332,15 +329,11 @@ class Observations:
 
     def spread(self, condition: str, channel: str) -> tuple[float, int]:
         """Sum of squares of single runs about their mean in each direction, and its degrees of freedom."""
-        squares, freedom, rows = 0.0, 0, self.rows
-        counts = self.timed if channel == "speed" else rows.side == channel[-1]
+        squares, freedom, rows, timed = 0.0, 0, self.rows, channel == "speed"
+        column, counts = (rows.speed, self.timed) if timed else (rows.pressure, rows.side == channel[-1])
         for way in (-1, 1):
-            own = (rows.condition == condition) & (rows.direction == way) & counts
-            values = (
-                rows.speed[own] / np.mean(rows.speed[own])
-                if channel == "speed"
-                else rows.pressure[own] / self.supply_Pa
-            )
+            values = column[(rows.condition == condition) & (rows.direction == way) & counts]
+            values = values / (np.mean(values) if timed else self.supply_Pa)
             squares += float(np.sum((values - np.mean(values)) ** 2)) if len(values) else 0.0
             freedom += max(len(values) - 1, 0)
         return squares, freedom
