@@ -179,6 +179,14 @@ def _draws(**each: Callable[[np.random.Generator], float]) -> Callable[[np.rando
     return lambda rng: {name: draw(rng) for name, draw in each.items()}
 
 
+def _drift(
+    name: str, subsystem: str, figure: str, size: float, bounds: tuple[float, float], span: tuple[float, float]
+) -> Kind:
+    """A figure that rises or falls over the record, by a share within bounds."""
+    draws = _draws(sign=_one_of(1, -1))
+    return Kind(name, subsystem, draws, lambda s, q, v: {figure: float(np.clip(size * v * q["sign"], *bounds))}, span)
+
+
 _LISTED = (
     Kind(
         "sensor_lag", "sensor", _draws(order=_one_of(1, 1, 2), zeta=_between(0.6, 1.0)), _lag, (0.17, 8), _stated_lag
@@ -271,14 +279,8 @@ _OUTSIDE = (
         },
         (0.02, 4.5),
     ),
-    Kind(
-        "flow_gain_drift", "servovalve", _draws(sign=_one_of(1, -1)),
-        lambda s, q, v: {"flow_drift": float(np.clip(0.2 * v * q["sign"], -0.9, 3.0))}, (0.05, 8),
-    ),
-    Kind(
-        "sensor_gain_drift", "sensor", _draws(sign=_one_of(1, -1)),
-        lambda s, q, v: {"sensor_drift": float(np.clip(0.1 * v * q["sign"], -0.7, 1.5))}, (0.02, 8),
-    ),
+    _drift("flow_gain_drift", "servovalve", "flow_drift", 0.2, (-0.9, 3.0), (0.05, 8)),
+    _drift("sensor_gain_drift", "sensor", "sensor_drift", 0.1, (-0.7, 1.5), (0.02, 8)),
     Kind(
         "sensor_cubic", "sensor", _draws(sign=_one_of(1, -1)),
         lambda s, q, v: {"sensor_cubic": q["sign"] * 0.05 * v / (2e-3) ** 2}, (0.02, 30),
@@ -333,13 +335,9 @@ _OUTSIDE = (
         lambda s, q, v: {"leakage_growth": v * s.figures["area_a"] / s.force}, (0.2, 60),
     ),
     Kind("warming_oil", "oil", _draws(), lambda s, q, v: {"warming": 0.1 * v}, (0.05, 5)),
-    Kind(
-        "appendage_outer", "structure", _draws(hertz=_log(15, 150), zeta=_log(0.005, 0.08)), partial(_appendage, 0.0),
-        (0.02, 10),
-    ),
-    Kind(
-        "appendage_inner", "structure", _draws(hertz=_log(15, 150), zeta=_log(0.005, 0.08)), partial(_appendage, 1.0),
-        (0.02, 10),
+    *(
+        Kind(of, "structure", _draws(hertz=_log(15, 150), zeta=_log(0.005, 0.08)), partial(_appendage, at), (0.02, 10))
+        for of, at in (("appendage_outer", 0.0), ("appendage_inner", 1.0))
     ),
     Kind(
         "cable", "structure", _draws(), lambda s, q, v: {"cable": 0.05 * v * s.figures["modes.stiffness"]}, (0.02, 10),
@@ -355,10 +353,7 @@ _OF_SCREWS = (
         "torque_ripple", "actuator", _draws(harmonic=_one_of(18, 24, 36)),
         lambda s, q, v: {"torque_ripple": 0.05 * v, "ripple_per_turn": q["harmonic"]}, (0.02, 15),
     ),
-    Kind(
-        "torque_drift", "actuator", _draws(sign=_one_of(1, -1)),
-        lambda s, q, v: {"torque_drift": float(np.clip(0.2 * v * q["sign"], -0.9, 3.0))}, (0.05, 8),
-    ),
+    _drift("torque_drift", "actuator", "torque_drift", 0.2, (-0.9, 3.0), (0.05, 8)),
 )  # fmt: skip
 _OF_CYLINDERS = (
     "unequal_piston_areas", "pressure_dependent_flow", "entrained_air", "valve_deadband", "valve_hysteresis",
