@@ -30,7 +30,6 @@ from beamdesign.prototype import Prototype
 LEFT_BEHIND = ("current_saturation", "valve_deadband", "valve_hysteresis")
 """Causes that have no part in the linear loop, by whatever law."""
 _OPEN_M3_PER_S = 1e-12
-_LEAST = 1e-9  # typical magnitudes of the states, per prior standard deviation
 _STEP = 1e-4  # in prior standard deviations, of central differences
 
 
@@ -49,7 +48,6 @@ class LinearModel:
     base: np.ndarray = field(repr=False)
     assembly: Assembly
     load: float = 0.0
-    _rest: list[np.ndarray] = field(default_factory=list, repr=False, compare=False)
 
     @cached_property
     def _rows(self) -> list[int]:
@@ -76,19 +74,6 @@ class LinearModel:
             p[names.index("seal_friction.coulomb_N")] = 0.0
         return np.asarray(p)
 
-    @cached_property
-    def _still(self) -> bool:
-        """Whether it works at one point whatever the unknowns are, since none of them moves it where it is believed."""
-        if self.load != 0 or law_of_play(self.assembly.kinds.effects):
-            return False
-        z = np.zeros(len(self.placement.unknowns))
-        p = self.parameters(z)
-        try:
-            moved = self._moved(equilibrium(self.assembly, np.zeros(3), p), p, self._by_z(z))
-        except ValueError:
-            return False
-        return bool(np.all(np.abs(moved) <= _LEAST * self.weight[:, None]))
-
     def _by_z(self, z: np.ndarray) -> np.ndarray:
         """(P, K) derivatives of the parameters of `assembly` by the unknowns."""
         names = self.assembly.parameters
@@ -108,10 +93,6 @@ class LinearModel:
             ValueError: where it has no equilibrium.
         """
         effects, states = self.assembly.kinds.effects, self.assembly.states
-        if self._still:
-            if not self._rest:
-                self._rest.append(equilibrium(self.assembly, np.zeros(3), p))
-            return list(self._rest)
         x = equilibrium(self.assembly, np.array([self.load, 0.0, 0.0]), p)
         if law_of_play(effects):
             x = bearing(self.assembly, x, p)
@@ -157,7 +138,9 @@ class LinearModel:
     def slopes(self, z: np.ndarray, x: np.ndarray, gain: float | None = None) -> list[StateSpace]:
         """Derivatives of the linear loop by every unknown, the point moving along, by central differences."""
         here, by_z = self.parameters(z, gain), self._by_z(z)
-        moved = np.zeros((len(x), by_z.shape[1])) if self._still else self._moved(x, here, by_z)
+        free = np.nonzero(by_z.any(axis=1))[0]
+        names, loaded = [self.assembly.parameters[k] for k in free], np.array([self.load, 0.0, 0.0])
+        moved = equilibrium_sensitivity(self.assembly, x, loaded, here, names) @ by_z[free]
         sides = np.array([1.0, -1.0])[:, None, None] * _STEP
         # All at once: one column per unknown and side.
         columns = np.concatenate(list(here[:, None] + sides * by_z), axis=1)
@@ -171,13 +154,6 @@ class LinearModel:
 
         parts = [differences(getattr(ends, key)) for key in ("a", "b", "c", "d")]
         return [StateSpace(*(part[k] for part in parts)) for k in range(count)]
-
-    def _moved(self, x: np.ndarray, p: np.ndarray, by_z: np.ndarray) -> np.ndarray:
-        """(n, K) derivative of the point by the unknowns."""
-        free = np.nonzero(by_z.any(axis=1))[0]
-        names = [self.assembly.parameters[k] for k in free]
-        u = np.array([self.load, 0.0, 0.0])
-        return equilibrium_sensitivity(self.assembly, x, u, p, names) @ by_z[free]
 
 
 @dataclass(frozen=True)
