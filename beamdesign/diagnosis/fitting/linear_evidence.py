@@ -74,15 +74,6 @@ class LinearModel:
             p[names.index("seal_friction.coulomb_N")] = 0.0
         return np.asarray(p)
 
-    def _by_z(self, z: np.ndarray) -> np.ndarray:
-        """(P, K) derivatives of the parameters of `assembly` by the unknowns."""
-        names = self.assembly.parameters
-        by_z = self.placement.slopes(self.placement.parameters(self.base, z))[self._rows]
-        for still in ("gain", "seal_friction.coulomb_N"):
-            if still in names:
-                by_z[names.index(still)] = 0.0
-        return np.asarray(by_z)
-
     def points(self, p: np.ndarray) -> list[np.ndarray]:
         """Where the rig works: (n,) states, once per direction of the valve where these differ.
 
@@ -137,10 +128,11 @@ class LinearModel:
 
     def slopes(self, z: np.ndarray, x: np.ndarray, gain: float | None = None) -> list[StateSpace]:
         """Derivatives of the linear loop by every unknown, the point moving along, by central differences."""
-        here, by_z = self.parameters(z, gain), self._by_z(z)
-        free = np.nonzero(by_z.any(axis=1))[0]
-        names, loaded = [self.assembly.parameters[k] for k in free], np.array([self.load, 0.0, 0.0])
-        moved = equilibrium_sensitivity(self.assembly, x, loaded, here, names) @ by_z[free]
+        here, names = self.parameters(z, gain), self.assembly.parameters
+        by_z = self.placement.slopes(self.placement.parameters(self.base, z))[self._rows]
+        by_z[[names.index(still) for still in ("gain", "seal_friction.coulomb_N") if still in names]] = 0.0
+        free, loaded = np.nonzero(by_z.any(axis=1))[0], np.array([self.load, 0.0, 0.0])
+        moved = equilibrium_sensitivity(self.assembly, x, loaded, here, [names[k] for k in free]) @ by_z[free]
         sides = np.array([1.0, -1.0])[:, None, None] * _STEP
         # All at once: one column per unknown and side.
         columns = np.concatenate(list(here[:, None] + sides * by_z), axis=1)
