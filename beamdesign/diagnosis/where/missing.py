@@ -256,18 +256,16 @@ class Regression:
         """Misfit of each condition as predicted from all others with the tolerated figures and these terms."""
         total = 0.0
         for out in self.groups:
-            rest = self._whole[1] - self.right[out].sum(0)
-            theta = self._solved(self._whole[0] - self.gram[out].sum(0), rest, columns)
-            total += self._misfit(out, theta, columns)
+            gram, right = self.gram[out].sum(0), self.right[out].sum(0)
+            theta = self._solved(self._whole[0] - gram, self._whole[1] - right, columns)
+            total += self._misfit(gram, right, self.left[out], theta, columns)
         return total
 
     def fitted(self, columns: Sequence[int]) -> float:
         """Misfit of all records and of the prior, fitted to all."""
-        theta = self._solved(self._whole[0], self._whole[1], columns)
-        k = self.tolerated
-        return self._misfit(list(range(len(self.left))), theta, columns) + float(
-            np.sum((self.start + theta[:k]) ** 2) - np.sum(self.start**2)
-        )
+        theta = self._solved(*self._whole, columns)
+        prior = np.sum((self.start + theta[: self.tolerated]) ** 2) - np.sum(self.start**2)
+        return self._misfit(*self._whole, self.left, theta, columns) + float(prior)
 
     def _chosen(self, columns: Sequence[int]) -> np.ndarray:
         return np.array([*range(self.tolerated), *columns])
@@ -279,12 +277,11 @@ class Regression:
         b[:k] -= self.start
         return np.asarray(np.linalg.solve(a, b))
 
-    def _misfit(self, records: list[int], theta: np.ndarray, columns: Sequence[int]) -> float:
+    def _misfit(
+        self, gram: np.ndarray, right: np.ndarray, left: np.ndarray, theta: np.ndarray, columns: Sequence[int]
+    ) -> float:
         at = self._chosen(columns)
-        whole = len(records) == len(self.left)
-        gram, right = self._whole if whole else (self.gram[records].sum(0), self.right[records].sum(0))
-        a, b = gram[np.ix_(at, at)], right[at]
-        return float(self.left[records].sum() - 2 * theta @ b + theta @ a @ theta)
+        return float(left.sum() - 2 * theta @ right[at] + theta @ gram[np.ix_(at, at)] @ theta)
 
 
 def regression(found: Sequence[Residual], null: Fit, corrected: bool = False) -> Regression:
