@@ -4,7 +4,7 @@ import json
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
-from functools import cached_property, partial
+from functools import partial
 from math import isfinite
 from pathlib import Path
 from typing import Any
@@ -54,13 +54,9 @@ class Scored(Result):
         """Why there is nothing to score."""
         return "" if self.outcomes else "no case is finished"
 
-    @cached_property
-    def _fields(self) -> dict[str, Any]:
-        return result_fields(self.outcomes, self.setting) if self.outcomes else dict(self.setting)
-
     def to_dict(self) -> dict[str, Any]:
         """Everything that the check has shown, as it stands in result.json."""
-        return self._fields
+        return result_fields(self.outcomes, self.setting) if self.outcomes else dict(self.setting)
 
     def rows(self) -> list[tuple[str, ...]]:
         """Scores beside their targets, of the cases whose gap stands out."""
