@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import tomli_w
+from as_quick import as_quick
 from flint import fmpq
 from forging import sealed_text
 from honest_certificates import screw
@@ -631,6 +632,14 @@ def test_the_search_finds_a_passive_law(rig: Prototype, tmp_path: Path) -> None:
     assert said["one_sided_wall_N_per_m"] == 1e9
     assert said["peak_sensitivity"] <= 2.0
     assert said["drawn"] == []
+
+
+def test_a_rig_ten_times_as_quick_is_given_ten_times_the_band(rig: Prototype) -> None:
+    bands = [
+        give(as_quick(rig.but(tolerance={}), pace), 3e5 * pace**2, MASSES_KG).best.band_Hz / pace  # type: ignore[union-attr]
+        for pace in (1.0, 10.0)
+    ]
+    assert bands[1] == pytest.approx(bands[0], rel=0.05)
 
 
 def test_a_law_that_suits_drawn_rigs_gives_up_band_for_it(rig: Prototype) -> None:

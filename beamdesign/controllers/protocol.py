@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal, TypeVar
 from beamdesign.code_digest import count_origin
 from beamdesign.kinded import Kinded
 from beamdesign.plant.actuators import FELT
+from beamdesign.quantities import Frequency, range_of
 from beamdesign.records import InputError
 
 if TYPE_CHECKING:
@@ -145,8 +146,13 @@ class Form:
 @cache
 def at_pace(form: Form, pace: float) -> Form:
     """A form whose laws are for rigs so many times as quick: bounds of its frequencies are that much higher."""
-    more = log(pace) * form.frequencies
-    return replace(form, lower=form.lower + more, upper=form.upper + more) if pace != 1 else form
+    import numpy as np
+
+    most = np.log([range_of(Frequency).low, range_of(Frequency).high])
+    lower, upper = (
+        np.where(form.frequencies, np.clip(ends + log(pace), *most), ends) for ends in (form.lower, form.upper)
+    )
+    return form if pace == 1 else replace(form, lower=lower, upper=upper)
 
 
 def times(left: Sequence[Any], right: Sequence[Any]) -> list[Any]:

@@ -129,7 +129,7 @@ class Search:
     @cached_property
     def pace(self) -> float:
         """How quick the rig is, see `loop_samples.pace`."""
-        return pace(self.members)
+        return pace(self.members[0].rig.figures)
 
     def opened(self, law: Controller, known: int = 0) -> tuple[Form, np.ndarray] | None:
         """Form of a law with bounds for this rig, and its variables; None where it has none.

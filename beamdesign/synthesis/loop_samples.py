@@ -3,7 +3,7 @@
 The variables are those of a law's form, then the inner end mass in kg. Everything here is sampled and only proposes.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import reduce
 from math import inf, log, log2, pi
@@ -87,13 +87,12 @@ MODES_HZ = np.geomspace(155.0, 700.0, 100)
 """Further samples of rigs with effects, among which may be a second mode."""
 
 
-def pace(members: Sequence[VertexModel]) -> float:
-    """How many times as quick as the published rig the outer beam is, to a power of two: rigs nearby are sampled alike.
+def pace(figures: Mapping[str, float]) -> float:
+    """How many times as quick as that of the published rig an outer beam is, to a power of two: neighbours are alike.
 
     A rig whose stiffness is so many times squared, and whose valve, leakage and law are as quick, moves as that one
     does in so much less time.
     """
-    figures = members[0].rig.figures
     return float(2.0 ** round(log2(natural_frequency_ratio(figures))))
 
 

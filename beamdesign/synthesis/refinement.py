@@ -212,7 +212,7 @@ class LawRefinement:
         # A compliance that just misses its limit at rest has no bandwidth, but is a good start.
         near = sampled_bandwidth(self.points, now.compliance + NEARLY)
         most = self._aimed
-        beta = min(log(max(bandwidth_Hz, near, 0.5)), most)
+        beta = min(log(max(bandwidth_Hz, near, 0.5 * self.pace)), most)
         highest_beta = min(beta + (0.25 if self.sections is None else 1.0), most)
         limited = dict(zip(LIMITED, met if self.sections else now.values, strict=True))
         (solver, servo_off), resonance, apart = self._program, [], 0.0

@@ -26,7 +26,7 @@ from beamdesign.proofs.contact import Wall
 from beamdesign.proofs.performance import prove
 from beamdesign.proofs.rectangle import Rectangle
 from beamdesign.prototype import Compliance, Prototype
-from beamdesign.quantities import LawGain, Stiffness, range_of
+from beamdesign.quantities import ComponentFrequency, Frequency, LawGain, Stiffness, range_of
 from beamdesign.result import Result, picked
 from beamdesign.synthesis import RIGS
 from beamdesign.synthesis.design_run import stating
@@ -43,11 +43,12 @@ from beamdesign.synthesis.end_stiffness import (
     sensed,
     servo_stiffness,
 )
-from beamdesign.synthesis.loop_samples import first_miss
+from beamdesign.synthesis.loop_samples import first_miss, pace
 from beamdesign.synthesis.rig_spread import deviations_of, rig_spread
 from beamdesign.time_limit import leave_out, over, share
 
 _SEARCH_HZ = np.geomspace(1e-2, 1e3, 400)
+"""Of a rig as quick as the published one, as are the bounds of frequencies below."""
 _ROUNDS, _STARTS, _STEPS = 3, 200, 400
 _KEPT_STARTS, _KEPT_STEPS = 40, 40
 _REFINING_STEPS = 200
@@ -60,6 +61,8 @@ _SERVO_OVER_BEAM = 10.0
 
 _LOWEST, _HIGHEST = np.log10([1e-6, 0.05, 0.05, 0.3]), np.log10([3.0, 2e3, 2e3, 2e3])
 """Of gain (A/V), pole, zero and force filter (Hz)."""
+_OF_EACH = np.log10([(one.low, one.high) for one in map(range_of, (LawGain, Frequency, Frequency, ComponentFrequency))])
+"""What a law may have of each."""
 _GAINS = 3.0
 """Powers of ten over which gains are sought at the least."""
 
@@ -206,19 +209,21 @@ class _Search:
     def __post_init__(self) -> None:
         self.plant = sensed(self.prototype)
         self.masses = (exact(self.masses_kg[0]), exact(self.masses_kg[1]))
+        self.figures = paper_model(self.prototype).figures
+        self.frequency_Hz = pace(self.figures) * _SEARCH_HZ
 
     def best(self, progress: Callable[[float], None]) -> Compliance | None:
         """The admitted law with the largest score; None where none is."""
-        lowest, highest = (_LOWEST[3:], _HIGHEST[3:]) if self.servo else (_LOWEST.copy(), _HIGHEST.copy())
+        quicker = np.log10(pace(self.figures)) * np.array([0, 1, 1, 1])
+        lowest, highest = (np.clip(ends + quicker, *_OF_EACH.T) for ends in (_LOWEST, _HIGHEST))
         if self.servo:
             progress(0.0)
-            point = self._local_search(0, lowest, highest, _KEPT_STARTS, _KEPT_STEPS)[1]
+            point = self._local_search(0, lowest[3:], highest[3:], _KEPT_STARTS, _KEPT_STEPS)[1]
             return None if point is None else self._law(point)
-        beam = paper_model(self.prototype).figures["outer_stiffness"]
-        least = max(1.05 * self.end_stiffness, _SERVO_OVER_BEAM * beam)
+        least = max(1.05 * self.end_stiffness, _SERVO_OVER_BEAM * self.figures["outer_stiffness"])
         lowest[0] = np.log10(max(least_gain(self.prototype, least), 10 ** lowest[0]))
         # What a drive needs of current is its own affair, and may be more: a screw's, or that of a small piston.
-        highest[0] = min(max(highest[0], lowest[0] + _GAINS), np.log10(range_of(LawGain).high))
+        highest[0] = min(max(highest[0], lowest[0] + _GAINS), _OF_EACH[0, 1])
         if lowest[0] > highest[0]:
             return None
         found: list[tuple[float, np.ndarray | None]] = []
@@ -267,8 +272,8 @@ class _Search:
 
     def _band(self, closed: Loop) -> float:
         """First sampled frequency at which the stiffness is off by more than `SHARE`, interpolated, Hz."""
-        found = [closed.at(mass).stiffness_response(_SEARCH_HZ) / self.end_stiffness for mass in self.masses_kg]
-        return min(first_miss(_SEARCH_HZ, SHARE - np.abs(ratio - 1)) for ratio in found)
+        found = [closed.at(mass).stiffness_response(self.frequency_Hz) / self.end_stiffness for mass in self.masses_kg]
+        return min(first_miss(self.frequency_Hz, SHARE - np.abs(ratio - 1)) for ratio in found)
 
     def _admitted(self, closed: Loop) -> bool:
         """Whether stability, contact and the goal's limits are proved."""

@@ -218,7 +218,7 @@ def tune_law(prototype: Prototype, masses_kg: tuple[float, float], asked: LawOpt
     start = (
         None
         if sought_from is None
-        else Design(at_pace(sought_from[0], pace(members)), np.append(sought_from[1], inner))
+        else Design(at_pace(sought_from[0], pace(members[0].rig.figures)), np.append(sought_from[1], inner))
     )
     if kind in SYNTHESES:
         effort = EFFORT if len(asked.sensors) == 1 else ADDED_SENSORS_EFFORT
