@@ -152,7 +152,7 @@ def test_joint_causes_are_named_with_their_figures(joint: Diagnosis):
     assert joint.gap.after < 0.25 * joint.gap.before
     assert joint.gap.closed > 0.9
     assert all(row.after < row.before for row in joint.gap.records)  # replayed, on every condition and channel
-    assert sum(one.probability for one in joint.hypotheses) == pytest.approx(1.0)
+    assert sum(joint.judged.of.values()) == pytest.approx(1.0)
 
 
 def test_neither_of_two_causes_helps_alone(joint: Diagnosis):

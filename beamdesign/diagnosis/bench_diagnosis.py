@@ -132,6 +132,7 @@ def bench_diagnosis(data: BenchSet, seen: Observations, tried: Sequence[HeldOut]
         found,
         hypotheses=cause_sets(found, judged),
         notes=(*notes, *still),
+        judged=judged,
         written=best.fit if chosen else retuned.fit,
         measure=(
             "Together: relative errors of steady speed and of chamber pressures over the supply, each condition"

@@ -6,7 +6,7 @@ The prototype is the believed one with what a fit has found: figures re-tuned, e
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from math import isfinite, nan, sqrt
-from typing import Any, Generic, Literal, TypeVar
+from typing import TYPE_CHECKING, Any, Generic, Literal, TypeVar
 
 import numpy as np
 
@@ -24,6 +24,9 @@ from beamdesign.records import Record
 from beamdesign.result import Result, finite, picked
 from beamdesign.structure import lumped
 from beamdesign.structure.arm import off_axis
+
+if TYPE_CHECKING:
+    from beamdesign.diagnosis.judgement import Judgement
 
 Verdict = Literal["no_gap", "effect", "ambiguous", "unknown"]
 
@@ -238,6 +241,7 @@ class Diagnosis(Generic[Rig], Result):
         notes: what else has to be said, in words.
         left_out: causes that were not compared for want of time; then the verdict is no surer than ambiguous.
         chance: that a rig without a gap is judged so, see `beamdesign.diagnosis.verdict`; NaN where it is not known.
+        judged: probabilities of all sets of causes, law by law.
         measure: what the errors of its gap are, in words.
         findings: what its kind of evidence tells beside, by the names of its JSON file.
         written: the fit that the prototype is written from; of a bench without a cause, that of tolerances alone.
@@ -262,6 +266,7 @@ class Diagnosis(Generic[Rig], Result):
     notes: tuple[str, ...] = ()
     left_out: tuple[str, ...] = ()
     chance: float = nan
+    judged: "Judgement | None" = field(default=None, repr=False)
     measure: str = (
         "Prediction errors of the displacement over its rms. Records held out of the fits that measure them count; a"
         " cause is chosen by fits to all."
