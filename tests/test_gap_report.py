@@ -425,9 +425,12 @@ def test_what_is_proved_of_a_prototype_that_leaves_the_gap_is_no_promise(
     data: Dataset, found: Diagnosis, page: str
 ) -> None:
     assert "no promise" not in page
-    left = replace(found, verdict="unknown", gap=replace(found.gap, closed=0.43))
+    left = replace(found, verdict="unknown", probability_unknown=0.9, gap=replace(found.gap, closed=0.43))
     loops = designer_terms(data, found.prototype)
     text = gap_report_html(left, {"prototype": "prototype.toml", "json": "d.json"}, data, loops)
     assert "leaves 57% of the gap: what is proved of it is no promise of the rig" in text
     assert "leaves the gap:" in replace(left, gap=replace(found.gap, closed=nan)).reserve
     assert not replace(left, gap=replace(found.gap, closed=0.9)).reserve
+    # Where time was up before anything needed a cause, tolerances leave no gap of which something could be left.
+    assert not replace(left, probability_unknown=0.2, chance=nan).reserve
+    assert replace(left, probability_unknown=0.2, chance=0.01).reserve

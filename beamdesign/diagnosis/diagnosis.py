@@ -282,7 +282,10 @@ class Diagnosis(Generic[Rig], Result):
     @property
     def reserve(self) -> str:
         """Why what is proved of its prototype is no promise of the rig, in words; empty where the gap is explained."""
-        if self.verdict != "unknown" or self.gap.closed >= _MOST_OF_IT:
+        from beamdesign.diagnosis.verdict import LEVEL
+
+        tolerances = self.probability_unknown <= 0.5 and not self.chance <= LEVEL  # leave no gap, as far as is known
+        if self.verdict != "unknown" or tolerances or self.gap.closed >= _MOST_OF_IT:
             return ""
         left = f"{1 - max(self.gap.closed, 0.0):.0%} of the gap" if self.gap.closed == self.gap.closed else "the gap"
         return f"The prototype that is written leaves {left}: what is proved of it is no promise of the rig."
