@@ -179,6 +179,25 @@ def test_indices_of_an_additive_function_are_its_shares_of_variance(sweep, tmp_p
         assert result["first_order"] == pytest.approx(share, abs=0.03 + result["first_order_half_width"])
 
 
+@pytest.mark.parametrize(("cases", "told"), [(30, False), (480, False), (1920, True)])
+def test_half_widths_of_indices_are_told_where_they_hold(sweep, cases, told):
+    """Of y = sum of z_k / (k + 1) the indices are known; few samples of a Sobol sequence bound none."""
+    laid = plan(sweep("sensitivity", cases, spread={"outputs": ["bandwidth_Hz"]}), None)
+    spread = spreading(read_prototype(TAME), {})
+    weights = 1 / np.arange(1, len(spread) + 1)
+    rows = []
+    for one in laid.cases:
+        y = sum(w * (one.varied[f.key] / f.value - 1) / f.deviation for w, f in zip(weights, spread, strict=True))
+        rows.append({"address": one.address, "status": "done", "reason": "", "outputs": {"bandwidth_Hz": y}})
+    result = conclude(laid, rows)
+    assert any("1920 cases" in line for line in in_words(result, laid.sweep)) is not told
+    for found, share in zip(result["sensitivity"], weights**2 / (weights**2).sum(), strict=True):
+        for name in ("first_order", "total"):
+            width = found[f"{name}_half_width"]
+            assert (width is not None) is told
+            assert width is None or abs(found[name] - share) <= width
+
+
 def test_methods_over_tolerances_refuse_what_they_cannot_use(sweep):
     with pytest.raises(InputError, match=r"spread\.output"):
         plan(sweep("worst_case"))

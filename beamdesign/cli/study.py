@@ -211,7 +211,7 @@ def why(case: Annotated[str, typer.Argument()]) -> CommandResult:
         case: DIR/NUMBER as `study show` numbers the rows, or DIR/ADDRESS.
     """
     from beamdesign.build.result_folder import price_words
-    from beamdesign.sweep.conclusion import governing
+    from beamdesign.sweep.case import governing
     from beamdesign.sweep.store import case_of
 
     found = governing(record := case_of(case))

@@ -320,6 +320,31 @@ def kept(found: Case, status: str, answer: Answer, seconds: float) -> dict[str, 
     return given | finite(told) | {"seconds": round(seconds, 3), "libraries": libraries()}
 
 
+NEARLY = 0.98
+"""Share of its limit from which a check is said to bind."""
+
+
+def governing(record: Mapping[str, Any]) -> dict[str, Any]:
+    """What governs a case, from what its task has kept.
+
+    Returns:
+        the `record` as kept; structural `checks`, the most used first; `binding`, names of those that are used to at
+        least `NEARLY`; `requirements` that are active at the optimum over free sizes; `shadow_prices`, kg per unit of
+        each requirement there; and for a no `relaxations`, requirements of which easing one alone is enough. What a
+        task does not keep is empty.
+    """
+    details = record["details"]
+    checks = sorted(details.get("checks", []), key=lambda check: -(check["utilisation"] or float("inf")))
+    return {
+        "record": record,
+        "checks": checks,
+        "binding": [one["name"] for one in checks if one["utilisation"] is None or one["utilisation"] >= NEARLY],
+        "requirements": details.get("active", []),
+        "shadow_prices": details.get("shadow_prices", {}),
+        "relaxations": details.get("relaxations", []),
+    }
+
+
 _LIBRARIES = ("casadi", "cvxpy", "numpy", "python-flint", "scipy")
 
 
