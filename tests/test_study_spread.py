@@ -11,6 +11,7 @@ import tomli_w
 from beamdesign import InputError, certify, read_prototype
 from beamdesign.prototype import prototype_from
 from beamdesign.structure.lumped import figures
+from beamdesign.sweep.case import governing
 from beamdesign.sweep.conclusion import conclude, holds, in_words
 from beamdesign.sweep.methods import ADAPTIVE, CUT_SIGMAS, Figure, drawn, from_unit, saltelli, spreading, varied_at
 from beamdesign.sweep.sweep_file import Demand, with_value
@@ -74,6 +75,15 @@ def test_draws_are_normal_and_cut():
     assert abs(sigmas.var() - 1) < 4 * (2 / 40_000) ** 0.5 + 0.002
     assert abs(np.corrcoef(sigmas.T)[0, 1]) < 4 / 20_000**0.5
     assert from_unit(np.array([0.5])) == pytest.approx([0.0])
+
+
+def test_a_check_that_uses_nothing_of_its_limit_is_not_the_most_used():
+    """One whose limit is zero, such as a clearance that is not asked for; None stands for one beyond any share."""
+    used = {"none": 0.0, "half": 0.5, "beyond": None}
+    checks = [{"name": name, "utilisation": share} for name, share in used.items()]
+    found = governing({"details": {"checks": checks}})
+    assert [check["name"] for check in found["checks"]] == ["beyond", "half", "none"]
+    assert found["binding"] == ["beyond"]
 
 
 def test_bounds_are_those_of_clopper_and_pearson():

@@ -9,6 +9,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cache, partial
 from importlib.metadata import version
+from math import inf
 from operator import attrgetter
 from typing import Any, Literal
 
@@ -334,7 +335,9 @@ def governing(record: Mapping[str, Any]) -> dict[str, Any]:
         task does not keep is empty.
     """
     details = record["details"]
-    checks = sorted(details.get("checks", []), key=lambda check: -(check["utilisation"] or float("inf")))
+    checks = sorted(
+        details.get("checks", []), key=lambda check: -inf if check["utilisation"] is None else -check["utilisation"]
+    )
     return {
         "record": record,
         "checks": checks,
