@@ -4,6 +4,7 @@ import json
 import re
 from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
+from dataclasses import replace
 from itertools import count
 from multiprocessing import get_context
 from pathlib import Path
@@ -29,6 +30,7 @@ from beamdesign import (
     tune,
 )
 from beamdesign.cli import app
+from beamdesign.controllers import Lag
 from beamdesign.diagnosis import separability
 from beamdesign.diagnosis.data.dataset import Dataset
 from beamdesign.diagnosis.fitting import fitters
@@ -36,7 +38,13 @@ from beamdesign.diagnosis.fitting import search as searching
 from beamdesign.diagnosis.fitting.fit import Task, fit_cache
 from beamdesign.diagnosis.fitting.hypothesis import NOTHING, Hypothesis, singles
 from beamdesign.diagnosis.fitting.search import Search
+from beamdesign.progress import silent
 from beamdesign.proofs.certificate import Asked
+from beamdesign.synthesis import law_search
+from beamdesign.synthesis.codesign import sized_search
+from beamdesign.synthesis.free_search import sizes_of, start_variables
+from beamdesign.synthesis.law_search import Found, from_seeds
+from beamdesign.synthesis.sections import Sections
 from beamdesign.time_limit import TimeUp, heed, is_limited, leave_out, left, over, share, while_time, within
 
 STUDIES = Path(__file__).parents[1] / "studies"
@@ -199,6 +207,18 @@ def test_every_remedy_has_its_share_of_the_time():
     assert all(one.yes is bool(one.proved) for one in found)
     assert [one.to_dict()["remedy"] for one in found] == [one.name for one in found]
     assert limit.left_out
+
+
+def test_designs_that_are_worth_nothing_are_none_that_was_left_out():
+    """Of two loops that no start brought within the limits a design of 0 Hz was left out."""
+    problem = read_problem(STUDIES / "prototype.toml")
+    given = start_variables(problem, sizes_of(problem.given))
+    task = sized_search(problem, Sections(problem, given, largest_mass_kg=20.0, free=[]), (0.0, 6.8), (0.0, 0.0), 0.0)
+    designs = 2 * [replace(from_seeds(task, Lag.seeds())[0], value=0.0)]
+    with within(0.0) as limit:
+        found = law_search._best_proved(task, designs, silent, Found(None, (), 0, "none"), 1)
+    assert limit.left_out == []
+    assert (found.proved, found.reason) == (None, "none")
 
 
 @pytest.fixture(scope="module")

@@ -171,8 +171,9 @@ def _best_proved(task: Search, designs: Sequence[Design], report: Progress, best
     What is no better on samples than the best that was proved before is left out.
     """
     reached, tried, worth = tuple(design.value for design in designs), [*best.tried], best.worth(task)
-    for rough in while_time(designs, lambda one: f"a design of {_in_words(task, one)}", least):
-        if rough.value <= 0 or worth > ENOUGH * rough.value:
+    worthy = [one for one in designs if one.value > 0]
+    for rough in while_time(worthy, lambda one: f"a design of {_in_words(task, one)}", least):
+        if worth > ENOUGH * rough.value:
             continue
         if why := task.sections.hopeless(rough.inner_end_mass, rough.chosen, rough.value) if task.sections else "":
             tried.append(Found(None, reached, 0, why))
@@ -190,7 +191,7 @@ def _best_proved(task: Search, designs: Sequence[Design], report: Progress, best
 
 def _in_words(task: Search, design: Design) -> str:
     """What a design is worth on samples."""
-    return f"{1 / design.value:.3g} kg" if task.needed_Hz and design.value else f"{design.value:.3g} Hz"
+    return f"{1 / design.value:.3g} kg" if task.needed_Hz else f"{design.value:.3g} Hz"
 
 
 def from_seeds(task: Search, seeds: Sequence[Controller]) -> list[Design]:
