@@ -462,6 +462,14 @@ def test_lists_that_are_varied_have_places_in_a_picture(sweep, command, tmp_path
     assert "0; 3" in picture
 
 
+def test_a_column_of_yes_and_no_has_its_histogram(sweep, command, tmp_path):
+    """A column of such may be asked for; the command ended in a traceback when all cases were done."""
+    picture = {"kind": "histogram", "x": "stable"}
+    status, _, fields = command("run", sweep(vary=[MASSES], picture=[picture]), "--out", tmp_path / "out")
+    assert status == 0
+    assert any(Path(path).name == "picture.svg" for path in fields["files"])
+
+
 def test_picture_without_data_says_so(sweep, command, tmp_path):
     asked = {"kind": "lines", "x": "options.outer_end_mass_kg", "y": "bandwidth_Hz", "title": "$\\frac$"}
     path = sweep(vary=[MASSES | {"values": [0.0, 20.0]}], picture=[asked])

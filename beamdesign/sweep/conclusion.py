@@ -202,10 +202,10 @@ def value_of(row: Row, name: str) -> Any:
     return cell(value_at({**row["document"], "options": row["options"]}, name))
 
 
-def _number(row: Row, name: str) -> Any:
-    """A column of a row where it is a number, None where it is none: a refused case may have anything there."""
+def _number(row: Row, name: str) -> float | None:
+    """A column of a row where it is a number, yes 1 and no 0; None for anything else, as of a refused case."""
     value = value_of(row, name)
-    return value if isinstance(value, int | float) else None
+    return float(value) if isinstance(value, int | float) else None
 
 
 def _placed(records: Sequence[Row], *names: str) -> list[Row]:
@@ -341,7 +341,7 @@ def _end_masses(figure: Figure, asked: Picture, records: Sequence[Row], x: str) 
 
 
 def _histogram(figure: Figure, asked: Picture, records: Sequence[Row], x: str) -> None:
-    values = [_number(row, x) for row in records if _number(row, x) is not None]
+    values = [value for row in records if (value := _number(row, x)) is not None]
     axes = figure.add_subplot()
     axes.hist(values, bins=min(30, max(5, round(len(values) ** 0.5))), color="0.75", edgecolor="black")
     _limit(axes.axvline, asked)
