@@ -119,6 +119,18 @@ def test_monte_carlo_tells_yield_with_bounds_and_each_row_is_proved(sweep, tmp_p
     assert len({json.dumps(record["varied"]) for record in found.records}) == 12
 
 
+@pytest.mark.parametrize(
+    ("met", "words"),
+    [(10_000, "yield 100 %, 95 % bounds 99.9 to 100 %"), (9_999, "yield 99.9 %, 95 % bounds 99.9 to 100 %"),
+     (2_900, "yield 29 %, 95 % bounds 28.1 to 30 %")],
+)  # fmt: skip
+def test_a_yield_is_told_no_better_than_it_is(sweep, met, words):
+    """Of 10 000 that all meet it the lower bound is 0.025^(1/10 000), 99.963 %, which was told as 100 %."""
+    bounds = list(clopper_pearson(met, 10_000))
+    found = {"met": met, "of": 10_000, "each": {}, "yield": met / 10_000, "bounds": bounds, "confidence": 0.95}
+    assert words in in_words({"specification": found}, plan(sweep("tolerance")).sweep)[0]
+
+
 def test_a_case_without_the_figure_does_not_end_the_search_for_the_worst(sweep):
     """That a good rig has no such figure, such as a mass at which it is unstable, is no answer of no."""
     laid = plan(sweep("worst_case", cases=60, spread={"sigmas": 1.0, "output": "bandwidth_Hz", "worst": "least"}))

@@ -5,6 +5,7 @@ figure come from the columns of a sweep's table that list their lower and upper 
 """
 
 from collections.abc import Callable, Mapping, Sequence
+from decimal import ROUND_CEILING, ROUND_FLOOR
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +13,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from beamdesign.quantities import parted
+from beamdesign.quantities import decimal, parted
 from beamdesign.report.canvas import STYLES, Place, finish, new_figure, save
 from beamdesign.report.charts import plot_stable_bands
 from beamdesign.spelling import in_plot
@@ -139,9 +140,10 @@ def in_words(found: Mapping[str, Any], sweep: Sweep) -> list[str]:
         line = f"specification met by {asked['met']} of {asked['of']} cases"
         if "yield" in asked:
             low, high = asked["bounds"]
+            share, least = (decimal(value, 3, ROUND_FLOOR) for value in (100 * asked["met"] / asked["of"], 100 * low))
             line += (
-                f": yield {100 * asked['yield']:.3g} %, {100 * asked['confidence']:g} % bounds {100 * low:.3g} to"
-                f" {100 * high:.3g} % (sampled, no proof; `beamdesign certify-box` is one)"
+                f": yield {share} %, {100 * asked['confidence']:g} % bounds {least} to"
+                f" {decimal(100 * high, 3, ROUND_CEILING)} % (sampled, no proof; `beamdesign certify-box` is one)"
             )
         said.append(line)
         parts = [f"{name} by {count}" for name, count in asked["each"].items()]
