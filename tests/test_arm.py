@@ -18,6 +18,7 @@ from arm_elements import lever, matrices
 from flint import fmpq
 from forging import sealed_text
 from loop_effort import effort_response
+from plane_at_payload import at_tip
 from scipy.integrate import solve_ivp
 from scipy.linalg import eigh
 from truth_of_arm_plane import Plane, true
@@ -234,12 +235,6 @@ def test_poles_with_both_planes_coupled_are_those_of_matrices_put_together_by_ha
         assert len(found) == len(expected)
         for pole in found:
             assert np.abs(expected - pole).min() < 1e-6 * abs(pole)
-
-
-def at_tip(plane: PlaneLoop, payload: float) -> LoopAtMass:
-    """The loop at one payload (kg), its compliance being that of the tip."""
-    families = plane.loop_denominator, plane.loop_numerator, plane.tip, plane.effort_numerator
-    return LoopAtMass(*(one.at(exactly(payload)) for one in families))
 
 
 def at_load(plane: PlaneLoop, payload: float) -> LoopAtMass:

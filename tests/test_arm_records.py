@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 import tomli_w
 from gap_sets import TOLERANCE, measured, scenario
+from plane_at_payload import at_tip
 
 from beamdesign import (
     InputError,
@@ -78,7 +79,7 @@ def test_its_equations_are_those_of_the_exact_loop(
 ) -> None:
     """Linear compliance of the tip against the loop in exact polynomials, which `test_arm` holds against elements."""
     rig = arm(plane, offset_m=offset, sensor_m=sensor)
-    exact = plane_loop(rig, rig.arm.plane).at(mass)  # type: ignore[union-attr, arg-type]
+    exact = at_tip(plane_loop(rig, rig.arm.plane), mass)  # type: ignore[union-attr, arg-type]
     assembly = assemble(structure_of(rig))
     parameters = np.array(list(parameters_of(rig, mass, rig.payload.inner_end_mass_kg).values()))
     found = linearise(assembly, equilibrium(assembly, np.zeros(3), parameters), np.zeros(3), parameters)
@@ -138,7 +139,7 @@ def test_records_are_examined_by_the_loop_of_their_plane() -> None:
     assert not examine(data).words
     at = np.geomspace(1.0, 150.0, 20)
     own = rig.but(payload=rig.payload.but(inner_end_mass_kg=2.5))
-    exact = plane_loop(own, "z").at(3.8).compliance_response(at)
+    exact = at_tip(plane_loop(own, "z"), 3.8).compliance_response(at)
     np.testing.assert_allclose(nominal_loop(rig, data.records[1]).responses(at)[:, 1, 0], exact, rtol=1e-8)
 
 
@@ -146,7 +147,7 @@ def test_a_critical_gain_is_held_against_the_loop_of_its_plane() -> None:
     """That of the loop in exact polynomials, which on the axis is fourteen times as large."""
     law = Proportional(gain_A_per_V=1.0)
     rig = arm(offset_m=(0.3, 0.0, 0.0)).but(controller=law)
-    unit = plane_loop(rig.but(payload=rig.payload.but(inner_end_mass_kg=2.5)), "z").at(6.8)
+    unit = at_tip(plane_loop(rig.but(payload=rig.payload.but(inner_end_mass_kg=2.5)), "z"), 6.8)
     gain = next(one.value for one in unit.gain_crossings() if one.value > 0)
     found = MeasuredGain(law.but(gain_A_per_V=gain), 6.8, 2.5, 0.03)
     assert not check_gains([found], rig, Path())

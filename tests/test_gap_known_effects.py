@@ -100,7 +100,7 @@ def test_the_rig_behind_the_indicators_has_the_effects_that_are_stated() -> None
         placement = NOTHING.placement(data.prototype)
         null = Fit(NOTHING, placement.unknowns, np.zeros(len(placement.unknowns)))
         found = residuals(null, record_evidence(data))
-        missed.append([np.std(i.nominal["displacement_m"] - i.evidence.measured[:, i.column]) for i in found])
+        missed.append([np.std(i.nominal["displacement_m"] - i.evidence.measured[:, i.evidence.column]) for i in found])
     known, plain = missed
     assert max(known) < 3 * scenario().measurement.displacement_std_m < min(plain)
 

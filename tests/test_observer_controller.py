@@ -10,6 +10,7 @@ import pytest
 from flint import fmpq, fmpq_poly
 from forging import altered
 from loop_effort import effort_response
+from plane_at_payload import at_tip
 from truth_of_arm_plane import Plane
 from typer.testing import CliRunner
 
@@ -477,7 +478,7 @@ def test_an_arm_takes_it(rig: Prototype) -> None:
     """All three sensors: the loop itself without offset, and with one the model in floats of the arm."""
     tube = {"width_m": 0.140, "wall_m": 0.0023, "free_length_m": 1.475, "material": "6061-T6"}
     link = rig.but(outer_beam=rig.outer_beam.but(**tube), arm=Arm(end_polar_inertia_kg_m2=0.01))
-    plane, own = plane_loop(link, "z").at(2.5), loop(link).at(2.5)
+    plane, own = at_tip(plane_loop(link, "z"), 2.5), loop(link).at(2.5)
     assert (plane.characteristic, plane.loop_denominator, plane.loop_numerator) == (
         own.characteristic,
         own.loop_denominator,
@@ -486,7 +487,7 @@ def test_an_arm_takes_it(rig: Prototype) -> None:
     assert (plane.disturbance, plane.effort_numerator) == (own.disturbance, own.effort_numerator)
     off = link.but(arm=Arm(end_polar_inertia_kg_m2=0.01, offset_m=(0.05, 0.1, 0.0), sensor_m=(0.0, 0.05, 0.0)))
     found = certify_plane(off, "z", 0.0, 3.0)
-    model, plane = Plane(tomllib.loads(found.text)), plane_loop(off, "z").at(2.5)
+    model, plane = Plane(tomllib.loads(found.text)), at_tip(plane_loop(off, "z"), 2.5)
     frequency = np.array([0.5, 8.0, 40.0, 150.0])
     poles = model.poles(2.5)
     assert max(np.abs(poles / pole - 1).min() for pole in plane.poles()) < 1e-6

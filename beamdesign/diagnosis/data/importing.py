@@ -213,7 +213,7 @@ def _stated(
     inner = model.payload.inner_end_mass_kg if inner_end_mass_kg is None else inner_end_mass_kg
     plausible, stated = range_of(MassOrNone), (("--outer-end-mass", masses), ("--inner-end-mass", [inner]))
     if wrong := [
-        (option, plausible.refusal(mass, "_kg")) for option, some in stated for mass in some if mass not in plausible
+        (option, plausible.refusal(kg, "mass_kg")) for option, some in stated for kg in some if kg not in plausible
     ]:
         raise InputError("gap import", wrong)
     laws = (law and law.model_dump(mode="json", exclude_none=True) for law in _acted(model, files, masses, stages))
