@@ -2,6 +2,7 @@
 
 import csv
 import json
+import shutil
 import sys
 import tomllib
 from contextlib import nullcontext
@@ -346,6 +347,19 @@ def test_base_that_no_case_mends_is_bad_input(sweep, command, tmp_path):
 END_MASSES = (
     (ROOT / "studies" / "sweeps" / "end_masses.toml").read_text(encoding="utf-8").replace("count = 81", "count = 3")
 )
+GOOD = END_MASSES.replace("../prototypes", (ROOT / "studies" / "prototypes").as_posix())
+
+
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory):
+    """Results of the good sweep; only to be copied."""
+    folder = tmp_path_factory.mktemp("finished")
+    (folder / "sweep.toml").write_text(GOOD, encoding="utf-8")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(workers, "processes", lambda *_: nullcontext(workers.here))
+        done = CliRunner().invoke(study, ["run", str(folder / "sweep.toml"), "--out", str(folder / "out")])
+    assert done.exit_code == 0, done.output
+    return folder / "out"
 
 
 @pytest.mark.parametrize(
@@ -374,12 +388,10 @@ END_MASSES = (
         ("[study]", '[spread]\noutput = "mass"\noutputs = ["reach"]\n[study]', "spread.outputs: reach"),
     ],
 )
-def test_refusal_leaves_the_results_of_an_earlier_run_as_they_are(command, tmp_path, old, new, words):
-    folder, prototypes = tmp_path / "out", ROOT / "studies" / "prototypes"
-    good, path = END_MASSES.replace("../prototypes", prototypes.as_posix()), tmp_path / "sweep.toml"
-    path.write_text(good, encoding="utf-8")
-    assert command("run", path, "--out", folder)[0] == 0
+def test_refusal_leaves_the_results_of_an_earlier_run_as_they_are(command, finished, tmp_path, old, new, words):
+    folder, path = Path(shutil.copytree(finished, tmp_path / "out")), tmp_path / "sweep.toml"
     before = contents(folder)
+    assert Path("table.csv") in before
     (tmp_path / "empty.toml").touch()
     changed = END_MASSES.replace(old, new)
     for name, there in (
@@ -387,7 +399,7 @@ def test_refusal_leaves_the_results_of_an_earlier_run_as_they_are(command, tmp_p
         ("../prototype", ROOT / "studies/prototype"),
     ):
         changed = changed.replace(name, there.as_posix())
-    assert changed != good
+    assert changed != GOOD
     path.write_text(changed, encoding="utf-8")
     with pytest.raises(InputError, match=words):
         command("run", path, "--out", folder)
