@@ -187,7 +187,6 @@ def few(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.mark.usefixtures("few", "no_pictures")
 def test_an_aluminium_link_with_a_cylinder(tmp_path: Path) -> None:
-    """Without pictures, which the page below has."""
     link, prototype = study(tmp_path, **ALUMINIUM), tmp_path / "out/prototype.toml"
     found = answer("run", link, "--out", tmp_path / "out", "--nominal", folder=tmp_path)
     assert found["guaranteed"]["bandwidth_Hz"] > 1.0
@@ -281,9 +280,12 @@ def test_a_corner_is_proved(actuator: str, figures: dict[str, Any], tmp_path: Pa
         assert given.max() <= rig.goal.compliance_m_per_N * (1 + 1e-6)
 
 
-@pytest.mark.usefixtures("few")
+@pytest.mark.usefixtures("few", "no_pictures")
 def test_the_commands_of_the_page_lead_to_what_it_says(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The gripper arm of `own_link`, of carbon tubes, in order; of exactly its figures, records of half a second."""
+    """The gripper arm of `own_link`, of carbon tubes, in order; of exactly its figures, records of half a second.
+
+    Reports of this arm have their pictures where `test_notebooks.py` designs and diagnoses it.
+    """
     monkeypatch.chdir(tmp_path)
     (tmp_path / "studies").symlink_to(ROOT / "studies")
     short = tmp_path / "short.toml"
