@@ -5,6 +5,7 @@ import re
 import subprocess
 import sys
 import tomllib
+from collections.abc import Callable
 from functools import partial
 from math import pi, sqrt
 from pathlib import Path
@@ -418,14 +419,14 @@ def test_truth_of_box(bound: str, certificate: str) -> None:
         assert refused(text)
 
 
-def test_nothing_false_is_valid_of_an_expression(certificate: str) -> None:
+def test_nothing_false_is_valid_of_an_expression(certificate: str, tried: Callable[[int], int]) -> None:
     """Whatever is altered of a certificate that is about no rig; see tests/test_forging.py for those that are."""
-    kept = 0
-    for words, forged in mutations(tomllib.loads(certificate), seed=1984, count=500):
+    kept, count = 0, tried(500)
+    for words, forged in mutations(tomllib.loads(certificate), seed=1984, count=count):
         try:
             valid = check(resealed(forged)).valid
         except Unreadable:
             continue
         kept += valid
         assert not valid or true(forged) is not False, words
-    assert 0 < kept < 250
+    assert 0 < kept < count / 2
