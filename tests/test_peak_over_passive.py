@@ -152,6 +152,7 @@ def test_over_a_box_it_is_proved_where_it_holds_and_refuted_where_it_does_not(ri
 # The tuner.
 
 
+@pytest.mark.usefixtures("one_start")
 def test_a_goal_that_binds_is_kept_by_the_rig_itself(rig: Prototype) -> None:
     free = tune(rig.but(goal=Goal(peak_over_passive=inf), controller=None), MASSES_KG, sigmas=0.0).best
     assert free is not None

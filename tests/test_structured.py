@@ -243,6 +243,7 @@ def tuned(rig: Prototype) -> Tuning:
         return tune(rig, (0.0, 0.0), "structured", 0.0, sections=1, sigmas=0.0)
 
 
+@pytest.mark.usefixtures("one_start")
 def test_a_section_nearly_doubles_the_bandwidth_of_the_lag(rig: Prototype, tuned: Tuning) -> None:
     """The lag alone reaches 5.6 Hz with this filter."""
     lag = tune(rig, (0.0, 0.0), "lag", 0.0, sigmas=0.0)
@@ -258,6 +259,7 @@ def test_a_section_nearly_doubles_the_bandwidth_of_the_lag(rig: Prototype, tuned
     assert closed.peak_sensitivity() <= 2.0
 
 
+@pytest.mark.usefixtures("one_start")
 def test_limits_of_the_goal_cost_bandwidth(rig: Prototype, tuned: Tuning) -> None:
     """A current that is ten times less allows less, and a lag keeps the goal's limits too."""
     tighter = rig.but(goal=rig.goal.but(controller_effort_A_per_V=0.006))
