@@ -278,10 +278,10 @@ def test_too_narrow_names_the_width_first(problem):
 @pytest.mark.parametrize("shape", ["square", "round"])
 def test_largest_load_that_fits_is_the_same_however_much_is_asked(problem, shape):
     most = []
-    for force in (5e4, 1e6, 1e7):
+    for force in (5e4, 1e7):
         found = size(asking(problem, choose="free", shape=shape, tip_force_N=force))
         most += [one.enough for one in found.relaxations if one.key == "load.tip_force_N"]
-    assert len(most) == 3
+    assert len(most) == 2
     assert max(most) < 1.002 * min(most)
     assert free_optimum(asking(problem, shape=shape, tip_force_N=1.02 * max(most))) is None
 
