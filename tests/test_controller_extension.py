@@ -240,6 +240,7 @@ def test_a_scenario_keeps_its_figures(rig: Prototype) -> None:
     assert ScenarioRecord.model_validate(row.model_dump()) == row
 
 
+@pytest.mark.usefixtures("one_start")
 def test_it_is_tuned_and_does_no_worse_than_the_lag_that_it_holds(path: Path, tmp_path: Path) -> None:
     """With its far breaks together it is a lag, which reaches 5.0 Hz on this rig."""
     asked = ["--controller", "double_lag", "--outer-end-mass", "0:6.8", "--nominal", "--out", str(tmp_path / "t")]

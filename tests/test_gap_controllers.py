@@ -182,7 +182,7 @@ def test_no_experiment_takes_a_stage_beyond_its_payloads(staged: tuple[Dataset, 
     assert proposed == {(light, 0.0), (heavy, 6.8), (heavy, 3.4)}  # neither 10.2 kg nor a light law at 3.4 kg
 
 
-@pytest.mark.usefixtures("no_pictures")
+@pytest.mark.usefixtures("no_pictures", "one_start")
 def test_every_stage_is_tuned_and_proved_anew(staged: tuple[Dataset, Diagnosis], tmp_path: Path) -> None:
     """With the slow sensor, by the matrices of the rig and by what checks certificates."""
     data, found = staged

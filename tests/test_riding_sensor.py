@@ -81,6 +81,7 @@ def test_a_stage_of_a_schedule_has_the_plant_at_its_own_payload(riding: Prototyp
     np.testing.assert_allclose(*shown, rtol=1e-9)
 
 
+@pytest.mark.usefixtures("one_start")
 def test_what_is_tuned_keeps_its_promise_by_the_matrices_of_the_rig(riding: Prototype):
     """As a diagnosis hands it on: its fitted share is never nought."""
     made = redesign(riding, (0.0, 3.0))
