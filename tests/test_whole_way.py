@@ -185,7 +185,7 @@ def few(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(searching, "singles", lambda rig: tuple(h for h in singles(rig) if str(h) in causes))
 
 
-@pytest.mark.usefixtures("few", "no_pictures")
+@pytest.mark.usefixtures("few", "no_pictures", "one_start")
 def test_an_aluminium_link_with_a_cylinder(tmp_path: Path) -> None:
     link, prototype = study(tmp_path, **ALUMINIUM), tmp_path / "out/prototype.toml"
     found = answer("run", link, "--out", tmp_path / "out", "--nominal", folder=tmp_path)
