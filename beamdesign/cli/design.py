@@ -314,7 +314,7 @@ def front(
     figure, rigs = new_figure(), rigs_in_words(within)
     points = [TradePoint(*(row[key] for key in TradePoint._fields)) for row in rows if row["proved"]]
     axes = plot_trade(figure.add_subplot(), points, failed_Hz=[design.bandwidth_Hz for design in found.failed])
-    axes.set_title(f"Lightest designs, x: no proved design found;\nproved for {rigs}", fontsize=10)
+    axes.set_title(f"Lightest designs, x: none found;\nproved for {rigs}", fontsize=10)
     echo_table(
         f"{problem.name}: lightest designs, proved for {rigs}",
         ("bandwidth, Hz", "payload to, kg", "moving mass, kg", "inner end mass, kg", "reason"),
