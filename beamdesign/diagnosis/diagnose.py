@@ -38,7 +38,7 @@ from beamdesign.diagnosis.gap_metrics import errors, gap, held_out, sizes
 from beamdesign.diagnosis.judgement import cause_sets, causes, classes
 from beamdesign.diagnosis.learning import EXPLAINED, described, learn
 from beamdesign.diagnosis.misstated_mass import with_own_mass
-from beamdesign.diagnosis.passing import Look, what_passed
+from beamdesign.diagnosis.passing import Look, what_passed, without_one
 from beamdesign.diagnosis.prediction_errors import Errors
 from beamdesign.diagnosis.second_look import refit_backlash_impacts, second_look, without_impacts
 from beamdesign.diagnosis.separability import indistinguishable
@@ -53,6 +53,7 @@ from beamdesign.time_limit import TimeUp, leave_out, left, left_out, over, share
 _SECOND, _HELD_OUT = 0.5, 0.7  # of the time that is left, for laws and a second look, and for fits without some records
 _PASSING, _WEIGHING = 0.4, 0.3  # the same, for records without what passes, and for those without one of them
 _PASSES, _LAW = "what passes in a short while", "a law learnt from the records"
+_RECORD = "a record that contradicts all others"
 _MASS = "an end mass other than the one stated of a record"
 _SKEWED = "channels that do not belong to one instant"
 _UNREPEATED = "a joint that hammers in its play, a loop that oscillates by itself"
@@ -200,14 +201,20 @@ def _explained(
     look = _in_time(_PASSING, _SKEWED, partial(channels_in_time, look, workers, part_of(progress, 0.7, 0.71))) or look
     if look.judged.unknown > 0.5:
         look = _in_time(_PASSING, _PASSES, partial(what_passed, look, workers, part_of(progress, 0.71, 0.72))) or look
-    plain, records = look.search.null, look.data.records
-    seen = replace(look.data, records=tuple(r for k, r in enumerate(records) if k not in kept_out))
+    listed = look
     learning = partial(learn, look, kept_out, workers, part_of(progress, 0.72, 0.82))
     learnt, again = _in_time(_SECOND, _LAW, learning), None
     # What no model repeats from rest, a law that is learnt does not either: where one does, it is nothing of that kind.
     if look.judged.unknown > 0.5 and (learnt is None or learnt.search.excess(learnt.judged.best) > EXPLAINED):
         again = _in_time(_SECOND, _UNREPEATED, partial(second_look, look, workers, part_of(progress, 0.82, 0.96)))
     look = again or learnt or look
+    if look is listed and look.judged.unknown > 0.5:
+        fewer = _in_time(_SECOND, _RECORD, partial(without_one, look, workers, part_of(progress, 0.82, 0.96)))
+        if fewer is not None:
+            look = listed = fewer
+            kept_out = held_out(look.data.records)
+    plain, records = listed.search.null, listed.data.records
+    seen = replace(listed.data, records=tuple(r for k, r in enumerate(records) if k not in kept_out))
     rare = nan if left_out() else chance(look.judged.of_causes.get((), 0.0))
     judged, evidence = decided(look.judged, look.search, rare), evidence_of(look.data)
     doubtful = look.doubtful or (not look.follows and any(_far(piece, judged.best) for piece in evidence))

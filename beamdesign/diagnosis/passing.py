@@ -1,8 +1,9 @@
-"""A short while in which a rig does what it does nowhere else: found, and left out of the records.
+"""What a rig does in a short while or in one record and nowhere else: found, and left out of the records.
 
-A chamber runs empty as a load is taken off, and its oil closes again with a knock; somebody touches the rig. A tenth of
-a second of it may outweigh all that the records say besides, and no law that explains the rest explains it too. What
-is left of the records then decides, never a confident verdict: what passed may be of another cause.
+A chamber runs empty as a load is taken off, and its oil closes again with a knock; somebody touches the rig; a file is
+of another rig. A tenth of a second of it may outweigh all that the records say besides, and no law that explains the
+rest explains it too. What is left of the records then decides, never a confident verdict: what passed may be of another
+cause.
 """
 
 from collections.abc import Iterator, Sequence
@@ -26,6 +27,7 @@ _BEFORE_S, _AFTER_S = 0.02, 0.04  # a motion that was set off has to die away
 _REST, _SHARE = 1.5, 0.05  # times the misfit of noise, or of what is left in all: what may be left elsewhere
 _OF_RECORD, _OF_ALL = 0.3, 0.06  # of the time, that may pass
 _ROUNDS = 2
+_LEAST_RECORDS = 3  # that are left where one contradicts them
 _MOST_UNKNOWN = 0.5
 
 
@@ -85,6 +87,34 @@ def what_passed(look: Look, workers: int = 1, progress: Progress = silent) -> Lo
             known = Look(data, found, judged, _warnings(data.records, stated), own, doubtful=True)
             return known.after(look) if judged.best.hypothesis.names else None
     return None
+
+
+def without_one(look: Look, workers: int = 1, progress: Progress = silent) -> Look | None:
+    """Search again without the record that is least explained beside all others, whatever it is that it shows.
+
+    Args:
+        look: the first search.
+        workers: processes.
+        progress: told the share done and what is being fitted.
+
+    Returns:
+        None where too few records are left, or nothing explains these: neither a cause nor tolerances.
+    """
+    records = look.data.records
+    *_, best = _candidates(look.search)
+    if len(records) <= _LEAST_RECORDS or best.reason:
+        return None
+    name = records[max(range(len(records)), key=lambda k: best.shares[k].c)].name
+    data = replace(look.data, records=tuple(record for record in records if record.name != name))
+    own = look.kept and replace(look.kept, part=(*look.kept.part, f"without {name}"))
+    found = search(data, workers, progress, own)
+    judged = judge(found)
+    words = (
+        f"{name}: nothing explains it together with the other records (was the rig touched, is the file of another rig,"
+        " or is it driven as no other?), so that it is left out"
+    )
+    known = Look(data, found, judged, (words,), own, doubtful=True)
+    return known.after(look) if judged.unknown <= _MOST_UNKNOWN else None
 
 
 def _candidates(found: Search) -> Iterator[Fit]:
