@@ -19,6 +19,7 @@ from beamdesign.build.tolerances import why_no_box
 from beamdesign.files import write_whole
 from beamdesign.loop import CriticalGain, Loop, critical_gain, loop, member_loop
 from beamdesign.parameters import RIG_TOLERANCES
+from beamdesign.plant.assembly import pace
 from beamdesign.plant.linear_reach import SingleModeReach, single_mode_reach
 from beamdesign.plant.members import family, own_sag_m
 from beamdesign.polynomial import exact
@@ -32,7 +33,7 @@ from beamdesign.records import InputError, to_toml
 from beamdesign.result import picked
 from beamdesign.scenario import CHANNELS, Input, LoadSteps, Multisine, Scenario, ScenarioRecord, inputs_of
 from beamdesign.spelling import shorter
-from beamdesign.structure.lumped import CHANGEABLE, lumped_beam, with_figures
+from beamdesign.structure.lumped import CHANGEABLE, figures, lumped_beam, with_figures
 from beamdesign.synthesis.operating_limits import envelope, grid_Hz
 
 MEASURED_WITHIN = 0.05
@@ -217,7 +218,9 @@ def _proved_gain(prototype: Prototype, mass: float, spread: Mapping[str, float],
 COLUMNS = ("t_s", "disturbance_N", "command_V", "current_A", "displacement_m")
 """Of a record; behind them what else its law senses."""
 DURATION_S, SAMPLE_S = 4.0, 0.5e-3
-LOW_HZ, HIGH_HZ = 1.0, 250.0
+LOW_HZ, HIGH_HZ, _BAND_HZ, _RISE_S = 1.0, 250.0, 100.0, 0.03
+"""Of a rig as quick as the published one: of others records are so much longer or shorter, and as much slower or
+quicker."""
 _SHARE = 0.3
 """Of the least force that the actuator can carry within the band: well inside what is linear."""
 _SMALLER = 4.0
@@ -246,20 +249,22 @@ class AcceptancePlan:
 
 
 def acceptance_plan(
-    prototype: Prototype, masses_kg: tuple[float, float], duration_s: float = DURATION_S
+    prototype: Prototype, masses_kg: tuple[float, float], duration_s: float | None = None
 ) -> AcceptancePlan:
     """Excitations of the acceptance test.
 
     Args:
         prototype: with a controller whose loop is stable over the range.
         masses_kg: range of outer end mass that is certified.
-        duration_s: of each record.
+        duration_s: of each record; None for 4 s of a rig as quick as the published one, and as suits others.
 
     Raises:
         InputError: where the inner beam sags so far by itself that no force can be borne.
     """
     masses, words = _payloads(prototype, masses_kg)
-    looked_at = ((mass, grid_Hz(prototype, mass, LOW_HZ, 100.0, 60)) for mass in masses)
+    quick = pace(figures(prototype))
+    low, high, length = quick * LOW_HZ, quick * HIGH_HZ, duration_s or DURATION_S / quick
+    looked_at = ((mass, grid_Hz(prototype, mass, low, quick * _BAND_HZ, 60)) for mass in masses)
     borne = min(float(envelope(prototype, mass, 0.0, grid).load_N.min()) for mass, grid in looked_at)
     if borne == 0:
         sag = f"sags by {1e3 * own_sag_m(prototype):.3g} mm by itself, which leaves no stroke or gap for any force"
@@ -274,16 +279,16 @@ def acceptance_plan(
     signals: list[tuple[str, float, Input]] = []
     for k, (load, mass) in enumerate(zip(("light", "heavy"), masses, strict=False)):
         for seed, (name, newtons, volts) in enumerate(drives, 10 * k + 1):
-            tones = Multisine(amplitude_N=newtons, amplitude_V=volts, low_Hz=LOW_HZ, high_Hz=HIGH_HZ, seed=seed)
+            tones = Multisine(amplitude_N=newtons, amplitude_V=volts, low_Hz=low, high_Hz=high, seed=seed)
             signals.append((f"{load}_{name}", mass, tones))
-    steps = LoadSteps(amplitude_N=_two_digits(force / 2), dwell_s=_two_digits(duration_s / 5), rise_s=0.03)
+    steps = LoadSteps(amplitude_N=_two_digits(force / 2), dwell_s=_two_digits(length / 5), rise_s=_RISE_S / quick)
     signals.append(("load_steps", masses[-1], steps))
     rows = tuple(
         ScenarioRecord(name=name, input=(signal,), outer_end_mass_kg=mass, inner_end_mass_kg=inner, controller=law)
         for name, mass, signal in signals
     )
     title = f"acceptance of {shorter(prototype.name)}"
-    scenario = Scenario(name=title, duration_s=duration_s, sample_s=SAMPLE_S, start="rest", record=rows)
+    scenario = Scenario(name=title, duration_s=length, sample_s=SAMPLE_S / quick, start="rest", record=rows)
     return AcceptancePlan(scenario, force, command, masses, words)
 
 

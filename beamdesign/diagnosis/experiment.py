@@ -26,17 +26,21 @@ from beamdesign.diagnosis.diagnosis import NextExperiment, controller_text
 from beamdesign.diagnosis.fitting.fit import Fit
 from beamdesign.diagnosis.fitting.hypothesis import NOTHING
 from beamdesign.diagnosis.fitting.replay import Replay
-from beamdesign.diagnosis.fitting.weighting import weighting
-from beamdesign.plant.assembly import RIGS
+from beamdesign.diagnosis.fitting.weighting import HIGHEST_HZ, LOWEST_HZ, weighting
+from beamdesign.plant.assembly import RIGS, pace, widened
 from beamdesign.prototype import Prototype
 from beamdesign.scenario import Input, LoadSteps, Multisine, Scenario, ScenarioRecord, Sine, inputs_of
 from beamdesign.spelling import shorter
+from beamdesign.structure.lumped import figures
 from beamdesign.time_limit import while_time
 
-DURATION_S = 4.0
-SAMPLE_S = 0.5e-3
+DURATION_S, SAMPLE_S, _SLOW_HZ = 4.0, 0.5e-3, 0.5
 _BANDS_HZ = ((1.0, 20.0), (1.0, 80.0), (30.0, 200.0), (100.0, 400.0))
-"""The last for what differs in the order of its phase only, such as a lag and a delay."""
+"""The last for what differs in the order of its phase only, such as a lag and a delay.
+
+All of these are for a rig as quick as the published one; of a quicker or slower one frequencies are so much higher or
+lower, and records so much shorter or longer.
+"""
 _SHARES = (0.1, 1.0, 2.0)
 """Of the largest peak of an input recorded so far."""
 _PAYLOADS = (0.5, 1.5)
@@ -70,7 +74,7 @@ class Experiment:
         if len(self.texts) == 1:
             return self.texts[0]
         numbered = (f"({k}) {one}" for k, one in enumerate(self.texts, start=1))
-        return f"{len(self.texts)} records of {DURATION_S:g} s: {'; '.join(numbered)}"
+        return f"{len(self.texts)} records of {self.scenario.duration_s:g} s: {'; '.join(numbered)}"
 
     @property
     def least(self) -> float:
@@ -89,17 +93,18 @@ class Experiment:
 def menu(data: Dataset) -> Iterator[Experiment]:
     """All records: each signal at each setting of controller and masses, and at payloads not yet measured."""
     name = f"{shorter(data.prototype.name)}: next experiment"
-    stated = data.prototype.outer_end_mass_kg or ANY_PAYLOAD
+    stated, quick = data.prototype.outer_end_mass_kg or ANY_PAYLOAD, pace(figures(data.prototype))
     for record, outer, inner, effort in _settings(data):
         law, payload = record.controller, f"a payload of {outer:.3g} kg" if outer > 0 else "no payload"
         beyond = f" (more than the {stated[1]:g} kg that the prototype is stated for)" if outer > stated[1] else ""
-        for signal, words in _signals(data, commanded=law != OFF):
+        for signal, words in _signals(data, quick, commanded=law != OFF):
             acting = f"servo off, {inner:.3g} kg inside" if law == OFF else controller_text(law, inner)
             text = f"{words}, {payload}{beyond}, {acting}"
             row = ScenarioRecord(
                 name="next", input=(signal,), outer_end_mass_kg=outer, inner_end_mass_kg=inner, controller=law
             )
-            plan = Scenario(name=name, duration_s=DURATION_S, sample_s=SAMPLE_S, start="rest", record=(row,))
+            length, step = DURATION_S / quick, SAMPLE_S / quick
+            plan = Scenario(name=name, duration_s=length, sample_s=step, start="rest", record=(row,))
             yield Experiment((text,), plan, effort)
 
 
@@ -120,7 +125,7 @@ def _settings(data: Dataset) -> list[tuple[TimeRecord, float, float, float]]:
     return found
 
 
-def _signals(data: Dataset, commanded: bool) -> Iterator[tuple[Input, str]]:
+def _signals(data: Dataset, quick: float, commanded: bool) -> Iterator[tuple[Input, str]]:
     channels = ((1, "amplitude_V", "V", "command"), (0, "amplitude_N", "N", "force on the tip"))
     for column, key, unit, words in channels[0 if commanded else 1 :]:
         largest = max(_peak(r, column) for r in data.records)
@@ -130,11 +135,21 @@ def _signals(data: Dataset, commanded: bool) -> Iterator[tuple[Input, str]]:
             peak = float(f"{share * largest:.2g}")
             size: dict[str, Any] = {key: peak}
             for low, high in _BANDS_HZ:
-                text = f"{words}: many lines from {low:g} to {high:g} Hz with a peak of {peak:g} {unit}"
-                yield Multisine(low_Hz=low, high_Hz=high, **size), text
-            yield Sine(frequency_Hz=0.5, fade_s=0.2, **size), f"{words}: slow sine, 0.5 Hz, {peak:g} {unit}"
+                tones = _at_pace(Multisine(low_Hz=low, high_Hz=high, **size), quick)
+                text = f"{words}: many lines from {quick * low:g} to {quick * high:g} Hz with a peak of {peak:g} {unit}"
+                yield tones, text
+            sine = _at_pace(Sine(frequency_Hz=_SLOW_HZ, fade_s=0.2, **size), quick)
+            yield sine, f"{words}: slow sine, {quick * _SLOW_HZ:g} Hz, {peak:g} {unit}"
             if column == 0:
-                yield LoadSteps(rise_s=0.03, **size), f"{words}: load steps of {peak:g} {unit}, both ways"
+                steps = _at_pace(LoadSteps(rise_s=0.03, **size), quick)
+                yield steps, f"{words}: load steps of {peak:g} {unit}, both ways"
+
+
+def _at_pace(signal: Input, pace: float) -> Input:
+    """The same so many times as quick."""
+    given = signal.model_dump(exclude_none=True)
+    quicker = {name: value * pace for name, value in given.items() if name.endswith("_Hz")}
+    return signal.but(**quicker, **{name: value / pace for name, value in given.items() if name.endswith("_s")})
 
 
 def _peak(record: TimeRecord, column: int) -> float:
@@ -305,7 +320,7 @@ def _without_retuning(data: Dataset, experiment: Experiment, rivals: Sequence[Fi
     reached = max(float(np.abs(r.measured["displacement_m"]).max()) for r in data.records)
     if len(predicted) < len(made) or any(np.abs(y[:, column]).max() > _FURTHEST * reached for y in predicted):
         return None
-    weight = weighting(_as_record(data, job, predicted[1], channels), channels)
+    weight = weighting(_as_record(data, job, predicted[1], channels), channels, _band_Hz(data))
     weighed = np.array([weight(y) for y in predicted[1:]])
     return np.asarray(np.linalg.norm(weighed[:, None] - weighed[None], axis=2))
 
@@ -325,7 +340,7 @@ def _closely(data: Dataset, experiment: Experiment, rivals: Sequence[Fit]) -> It
     for added in ("", *others):
         channels = (*recorded, added) if added else recorded
         at = [every.index(c) for c in channels]
-        weight = weighting(_as_record(data, job, made[0][0][:, at], channels), channels)
+        weight = weighting(_as_record(data, job, made[0][0][:, at], channels), channels, _band_Hz(data))
         free = [weight(dy[:, at]) @ root for (_, dy), root in zip(made, covariances, strict=True)]
         effort = experiment.effort * (_ANOTHER_SENSOR if added else 1.0)
         yield _Foreseen(replace(experiment, effort=effort, added=added), [weight(y[:, at]) for y, _ in made], free)
@@ -346,6 +361,10 @@ def distance(difference: np.ndarray, free: np.ndarray) -> float:
 
 
 _HUGE = 1e6
+
+
+def _band_Hz(data: Dataset) -> tuple[float, float]:
+    return widened(data.prototype, LOWEST_HZ, HIGHEST_HZ)
 
 
 def _channels(data: Dataset) -> tuple[str, ...]:

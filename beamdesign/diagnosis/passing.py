@@ -19,9 +19,11 @@ from beamdesign.diagnosis.fitting.fit import Fit, FitCache
 from beamdesign.diagnosis.fitting.search import Search, search
 from beamdesign.diagnosis.fitting.weighting import padded
 from beamdesign.diagnosis.judgement import Judgement, judge
+from beamdesign.plant.assembly import pace
 from beamdesign.progress import Progress, part_of, silent
+from beamdesign.structure.lumped import figures
 
-_SMOOTHED_S = 0.01
+_SMOOTHED_S = 0.01  # this and the next of a rig as quick as the published one
 _LOUD = 5.0  # times the misfit per sample that is small
 _BEFORE_S, _AFTER_S = 0.02, 0.04  # a motion that was set off has to die away
 _REST, _SHARE = 1.5, 0.05  # times the misfit of noise, or of what is left in all: what may be left elsewhere
@@ -168,10 +170,11 @@ def passing(piece: RecordEvidence, best: Fit, small: float = 0.0) -> tuple[tuple
     lines[weight.kept] = real + 1j * imaginary
     power = np.sum(np.fft.irfft(lines, padded(len(times)), axis=0)[: len(times)] ** 2, axis=1)
     power *= float(residual @ residual) / power.sum()
-    width = max(1, round(_SMOOTHED_S / step))
+    quick = pace(figures(piece.job.prototype))
+    before, after, width = _BEFORE_S / quick, _AFTER_S / quick, max(1, round(_SMOOTHED_S / quick / step))
     loud = np.convolve(power, np.ones(width) / width, "same") > _LOUD * small / len(times)
     edges = [(first, first + count) for first, count in equal_runs(loud, 1) if loud[first]]
-    spans = joined([(max(times[a] - _BEFORE_S, times[0]), min(times[b - 1] + _AFTER_S, times[-1])) for a, b in edges])
+    spans = joined([(max(times[a] - before, times[0]), min(times[b - 1] + after, times[-1])) for a, b in edges])
     inside = np.any([(times >= begin) & (times <= end) for begin, end in spans], axis=0) if spans else loud
     if float(power[~inside].sum()) > small or np.mean(inside) > _OF_RECORD:
         return None

@@ -8,7 +8,7 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
-from math import sqrt
+from math import log2, sqrt
 from typing import Any
 
 import casadi as ca
@@ -226,6 +226,21 @@ def natural_frequency_ratio(figures: Mapping[str, float]) -> float:
     """Natural frequency of the outer beam, of the figures of a rig, over that of the published one."""
     stiffness, mass = (figures[name] / _PUBLISHED[name] for name in ("outer_stiffness", "outer_mass"))
     return sqrt(stiffness / mass)
+
+
+def pace(figures: Mapping[str, float]) -> float:
+    """How many times as quick as that of the published rig an outer beam is, to a power of two: neighbours are alike.
+
+    A rig whose stiffness is so many times squared, and whose valve, leakage and law are as quick, moves as that one
+    does in so much less time.
+    """
+    return float(2.0 ** round(log2(natural_frequency_ratio(figures))))
+
+
+def widened(prototype: Prototype, low_Hz: float, high_Hz: float) -> tuple[float, float]:
+    """A band of frequency that suits the published rig, for one that is quicker or slower: so much higher or lower."""
+    times = pace(lumped.figures(prototype))
+    return low_Hz * min(1.0, times), high_Hz * max(1.0, times)
 
 
 def sizes(prototype: AnyPrototype) -> dict[str, float]:

@@ -41,6 +41,7 @@ from beamdesign.diagnosis.examination.sound_records import (
 from beamdesign.diagnosis.fitting.gain_evidence import GainEvidence
 from beamdesign.diagnosis.fitting.hypothesis import tolerated
 from beamdesign.parameters import stated_or_typical
+from beamdesign.plant.assembly import widened
 from beamdesign.prototype import Prototype
 from beamdesign.records import InputError, Problem
 
@@ -78,9 +79,10 @@ def _problems(response: FrequencyResponse, prototype: Prototype) -> list[Problem
     frequencies = response.frequencies_Hz
     if len(frequencies) < _FEWEST:
         return [Problem("frequency_Hz", f"only {len(frequencies)} lines: measure at least {_FEWEST}")]
-    inside = (frequencies >= LOW_HZ) & (frequencies <= HIGH_HZ)
+    low, high = widened(prototype, LOW_HZ, HIGH_HZ)
+    inside = (frequencies >= low) & (frequencies <= high)
     if inside.sum() < _FEWEST:
-        return [Problem("frequency_Hz", f"fewer than {_FEWEST} lines between {LOW_HZ:g} and {HIGH_HZ:g} Hz")]
+        return [Problem("frequency_Hz", f"fewer than {_FEWEST} lines between {low:g} and {high:g} Hz")]
     nominal = _nominal(response, prototype, frequencies)
     slower = _nominal(response, prototype, frequencies / (2 * pi))
     if nominal is None or slower is None:

@@ -13,6 +13,7 @@ import numpy as np
 from beamdesign.diagnosis.data.dataset import MEASURED, TimeRecord
 from beamdesign.diagnosis.examination.nominal import commanded_current, described, mismatch, nominal_loop
 from beamdesign.diagnosis.fitting.weighting import TOP, white
+from beamdesign.plant.assembly import widened
 from beamdesign.prototype import Prototype
 from beamdesign.structure.lumped import figures
 
@@ -75,13 +76,13 @@ def noise_std(signal: np.ndarray) -> float:
     return float(np.sqrt(white(power[round(TOP * (len(power) - 1)) :]) / float(np.sum(window**2))))
 
 
-def share_in_band(signals: np.ndarray, step_s: float) -> float:
-    """Share of the variance of signals (N, m) that lies between `LOW_HZ` and `HIGH_HZ`."""
+def share_in_band(signals: np.ndarray, step_s: float, low_Hz: float, high_Hz: float) -> float:
+    """Share of the variance of signals (N, m) that lies in a band of frequency."""
     window = np.hanning(len(signals))[:, None]
     power = np.sum(np.abs(np.fft.rfft((signals - signals.mean(axis=0)) * window, axis=0)) ** 2, axis=1)
     frequencies = np.fft.rfftfreq(len(signals), step_s)
     total = float(power.sum())
-    return float(power[(frequencies >= LOW_HZ) & (frequencies <= HIGH_HZ)].sum()) / total if total > 0 else 0.0
+    return float(power[(frequencies >= low_Hz) & (frequencies <= high_Hz)].sum()) / total if total > 0 else 0.0
 
 
 def outlier(signal: np.ndarray) -> int | None:
@@ -212,7 +213,7 @@ _LEFT_IN = ("stuck", "not_at_rest", "unfelt_force")
 _HARMLESS = ("short", "no_content")  # to the confidence in the other records
 
 LOW_HZ, HIGH_HZ = 0.5, 300.0
-"""Band in which a record must say something."""
+"""Band in which a record must say something, of a rig as quick as the published one."""
 _SHORTEST_S = 0.3
 _PERIODS = 3  # a loop of high order swings slowly itself, and a fit knows how it begins: at rest
 _FEWEST_SAMPLES = 32
@@ -306,8 +307,10 @@ def suitability(record: TimeRecord, prototype: Prototype) -> Iterator[Finding]:
         yield "units", f"{masses} is not credible (is it in grams?)"
 
     length, slowest = float(record.times[-1] - record.times[0]), loop.slowest_Hz
-    if length < (least := max(_SHORTEST_S, _PERIODS / slowest)):
-        needed = f"{_PERIODS} periods of the slowest mode, and at least {_SHORTEST_S:g} s"
+    low, high = widened(prototype, LOW_HZ, HIGH_HZ)
+    shortest = _SHORTEST_S * HIGH_HZ / high
+    if length < (least := max(shortest, _PERIODS / slowest)):
+        needed = f"{_PERIODS} periods of the slowest mode, and at least {shortest:.2g} s"
         yield "short", f"too short: {length:.3g} s, but {least:.2g} s are needed ({needed})"
     if 1 / record.step < _SAMPLES_PER_PERIOD * slowest:
         needed = f"for a mode at {slowest:.3g} Hz at least {_SAMPLES_PER_PERIOD * slowest:.3g} Hz is needed"
@@ -326,13 +329,13 @@ def suitability(record: TimeRecord, prototype: Prototype) -> Iterator[Finding]:
         if bent >= _STIFFER * size:
             yield "force", text
 
-    band = f"between {LOW_HZ:g} and {HIGH_HZ:g} Hz"
+    band = f"between {low:g} and {high:g} Hz"
     if not np.any(np.ptp(record.inputs, axis=0) > 0):
         yield "no_content", f"both inputs are constant: excite the rig {band}"
     # What each input would move the tip by, if slowly.
     given = record.inputs / np.array([of["outer_stiffness"], prototype.sensor.gain_V_per_m])
-    share = share_in_band(given, record.step)
-    if share < _LEAST_SHARE and share_in_band(moved[:, None], record.step) < 10 * _LEAST_SHARE:
+    share, of_motion = (share_in_band(signals, record.step, low, high) for signals in (given, moved[:, None]))
+    if share < _LEAST_SHARE and of_motion < 10 * _LEAST_SHARE:
         lies = f"only {share:.1%} of the inputs' power lies {band}, and little of the motion"
         yield "no_content", f"{lies}: excite the rig there"
     size, noise = float(np.std(moved)), max(noise_std(moved), finest_step(moved) / np.sqrt(12))

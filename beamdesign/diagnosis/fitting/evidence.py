@@ -15,8 +15,17 @@ from beamdesign.diagnosis.fitting.gain_evidence import GainEvidence
 from beamdesign.diagnosis.fitting.hypothesis import Placement, Unknown
 from beamdesign.diagnosis.fitting.linear_evidence import ResponseEvidence
 from beamdesign.diagnosis.fitting.replay import DISPLACEMENT, Replay, at_the_sensor, in_the_loop, law_of_play
-from beamdesign.diagnosis.fitting.weighting import SHARE, Weighting, banded, blurred, rising, weighting
-from beamdesign.plant.assembly import assemble
+from beamdesign.diagnosis.fitting.weighting import (
+    HIGHEST_HZ,
+    LOWEST_HZ,
+    SHARE,
+    Weighting,
+    banded,
+    blurred,
+    rising,
+    weighting,
+)
+from beamdesign.plant.assembly import assemble, widened
 
 Figure = GainEvidence | ResponseEvidence
 """What is not a time record."""
@@ -130,11 +139,11 @@ def record_evidence(data: Dataset) -> tuple[RecordEvidence, ...]:
     """All time records of a data set."""
     jobs = [Replay(taken.cleaned, data.prototype) for taken in data.records]
     rise = rising(filter(None, map(at_the_sensor, jobs)))
-    found = []
+    found, band = [], widened(data.prototype, LOWEST_HZ, HIGHEST_HZ)
     for taken, job in zip(data.records, jobs, strict=True):
         channels = tuple(job.record.measured)
         measured = np.column_stack([job.record.measured[name] for name in channels])
-        weight = in_the_loop(weighting(job.record, channels), job, rise, taken.denoised[1])
+        weight = in_the_loop(weighting(job.record, channels, band), job, rise, taken.denoised[1])
         found.append(RecordEvidence(job, weight, measured))
     return tuple(found)
 

@@ -18,7 +18,7 @@ from scipy.stats import qmc
 from beamdesign.diagnosis.fitting.evidence import RecordEvidence
 from beamdesign.diagnosis.fitting.fit import ITERATIONS, Evidence, Fit, fit, misfit_at
 from beamdesign.diagnosis.fitting.hypothesis import AIR, NOTHING, SUPPLY, Hypothesis, Placement, Unknown
-from beamdesign.plant.assembly import sizes
+from beamdesign.plant.assembly import widened
 from beamdesign.plant.effects import laws_of
 from beamdesign.plant.effects.entrained_air import POLYTROPIC, bulk_ratio
 from beamdesign.prototype import Prototype
@@ -222,7 +222,7 @@ def resonances(
             power.append(np.sum(lines**2, axis=(0, 2)))
     if not power:
         return ()
-    edges = np.geomspace(_LEAST_HZ * min(1.0, sizes(prototype)["frequency"]), _MOST_HZ, _BANDS + 1)
+    edges = np.geomspace(*widened(prototype, _LEAST_HZ, _MOST_HZ), _BANDS + 1)
     total = sum(np.histogram(f, edges, weights=p)[0] for f, p in zip(frequencies, power, strict=True))
     middle = np.sqrt(edges[1:] * edges[:-1])
     found: list[float] = []
@@ -234,7 +234,7 @@ def resonances(
     return tuple(found)
 
 
-_LEAST_HZ, _MOST_HZ, _BANDS = 10.0, 400.0, 180  # the least of the published rig; beams that swing slower, slower
+_LEAST_HZ, _MOST_HZ, _BANDS = 10.0, 400.0, 180  # of the published rig
 
 
 def _resonant(

@@ -19,6 +19,7 @@ SHARE = 0.02
 """Relative error of a model, line by line, that counts as one unit."""
 INDEPENDENT = 40.0
 LOWEST_HZ, HIGHEST_HZ = 0.2, 400.0
+"""Of the lines that count, of a rig as quick as the published one."""
 TOP = 0.8  # of the Nyquist frequency: above it there is only noise
 _FADE = 0.05  # of the record, at its end
 _HALF_BAND = 2 ** (1 / 6)
@@ -87,7 +88,9 @@ def white(power: np.ndarray) -> float:
     return float(np.median(power)) / float(np.log(2))  # the median of an exponential distribution
 
 
-def weighting(record: TimeRecord, channels: tuple[str, ...]) -> Weighting:
+def weighting(
+    record: TimeRecord, channels: tuple[str, ...], band_Hz: tuple[float, float] = (LOWEST_HZ, HIGHEST_HZ)
+) -> Weighting:
     """Weigh a record.
 
     Noise is taken to be white and read off the top fifth of the spectrum, where a rig of this kind moves no more.
@@ -95,11 +98,12 @@ def weighting(record: TimeRecord, channels: tuple[str, ...]) -> Weighting:
     Args:
         record: measured.
         channels: those of `record.measured` that count.
+        band_Hz: in which lines count.
     """
     count = len(record.times)
     frequencies = np.fft.rfftfreq(padded(count), record.step)
     taper = faded(count) * record.counted
-    kept = (frequencies > LOWEST_HZ) & (frequencies < HIGHEST_HZ)
+    kept = (frequencies > band_Hz[0]) & (frequencies < band_Hz[1])
     top = frequencies > TOP * frequencies[-1]
     signals = np.column_stack([record.measured[name] for name in channels])
     power = np.abs(np.fft.rfft(signals * taper[:, None], padded(count), axis=0)) ** 2

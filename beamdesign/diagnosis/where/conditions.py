@@ -8,8 +8,9 @@ import numpy as np
 
 from beamdesign.diagnosis.diagnosis import Indicator, Where
 from beamdesign.diagnosis.where.residuals import Residual
+from beamdesign.plant.assembly import widened
 
-BANDS_HZ = (0.2, 2.0, 5.0, 10.0, 20.0, 35.0, 60.0, 100.0, 200.0, 400.0)
+_BANDS_HZ = (0.2, 2.0, 5.0, 10.0, 20.0, 35.0, 60.0, 100.0, 200.0, 400.0)
 _MOST = 0.7  # of the misfit: what the band that is named holds
 _EXCITED = 0.03  # of the strongest line
 _FEWEST = 5
@@ -66,8 +67,10 @@ def setting(found: Sequence[Residual]) -> Where:
         condition and band. A gap drifts of which most is slower than 1 Hz and than any input; else it is static or
         linear by how much of it lies away from the lines of the input, where any record has lines.
     """
-    units, noise = (np.array(parts) for parts in zip(*map(_by_band, found), strict=True))
-    band = _narrowest(np.maximum(units - noise, 0.0).sum(0))
+    low, high = widened(found[0].evidence.job.prototype, _BANDS_HZ[0], _BANDS_HZ[-1])
+    edges = np.array([low, *np.array(_BANDS_HZ[1:]) * high / _BANDS_HZ[-1]])
+    units, noise = (np.array(parts) for parts in zip(*(_by_band(item, edges) for item in found), strict=True))
+    band = _narrowest(np.maximum(units - noise, 0.0).sum(0), edges)
     relative = [_relative(item) for item in found]
     distortions, asymmetries, slow = [], [], []
     for item in found:
@@ -82,7 +85,7 @@ def setting(found: Sequence[Residual]) -> Where:
         sides = [float(np.sqrt(np.sum(part**2) / max(len(part), 1))) for part in parts]
         asymmetries.append(abs(sides[0] - sides[1]) / max(sum(sides) / 2, 1e-300))
         slow.append(_slow(drive, shaped, record.step))
-    names = tuple(f"{low:g}-{high:g} Hz" for low, high in pairwise(BANDS_HZ))
+    names = tuple(f"{low:g}-{high:g} Hz" for low, high in pairwise(edges))
     table: dict[str, tuple[object, ...]] = {
         "record": tuple(item.evidence.name for item in found),
         "condition": tuple(words_of(item) for item in found),
@@ -128,13 +131,13 @@ def driven_by(item: Residual) -> str:
     return "disturbance" if command < _LITTLE * force else "both"
 
 
-def _by_band(item: Residual) -> tuple[np.ndarray, np.ndarray]:
+def _by_band(item: Residual, edges: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Misfit of the displacement per band, and what noise alone leaves of it."""
     weight, column = item.evidence.weight, item.evidence.column
     lines = weight(item.left).reshape(2, -1, len(item.channels))[:, :, column]
     noise = (weight.scale[column] * weight.noise_std[column]) ** 2 * len(item.left)
     powers = np.sum(lines**2, axis=0), noise
-    misfit, expected = (np.histogram(weight.frequencies_Hz, BANDS_HZ, weights=power)[0] for power in powers)
+    misfit, expected = (np.histogram(weight.frequencies_Hz, edges, weights=power)[0] for power in powers)
     return misfit, expected
 
 
@@ -146,19 +149,19 @@ def _relative(item: Residual) -> float:
     return float(np.sqrt(max(left, 0.0) / power)) if power > 0 else 0.0
 
 
-def _narrowest(totals: np.ndarray) -> tuple[float, float]:
+def _narrowest(totals: np.ndarray, edges: np.ndarray) -> tuple[float, float]:
     """Fewest neighbouring bands (in octaves) that hold most of the misfit."""
     whole = float(totals.sum())
     if whole <= 0:
-        return BANDS_HZ[0], BANDS_HZ[-1]
+        return float(edges[0]), float(edges[-1])
     spans = [
-        (np.log2(BANDS_HZ[j] / BANDS_HZ[i]), i, j)
+        (np.log2(edges[j] / edges[i]), i, j)
         for i in range(len(totals))
         for j in range(i + 1, len(totals) + 1)
         if totals[i:j].sum() >= _MOST * whole
     ]
     _, i, j = min(spans)
-    return BANDS_HZ[i], BANDS_HZ[j]
+    return float(edges[i]), float(edges[j])
 
 
 def _condition(found: Sequence[Residual], relative: Sequence[float]) -> str:
