@@ -1,6 +1,6 @@
 """A rig so many times as quick, with records so many times as short, is the same rig: Buckingham's theorem."""
 
-from dataclasses import replace
+from dataclasses import astuple, replace
 
 import numpy as np
 import pytest
@@ -14,6 +14,7 @@ from beamdesign.diagnosis.experiment import menu
 from beamdesign.diagnosis.fitting.evidence import record_evidence
 from beamdesign.diagnosis.fitting.fit import fit
 from beamdesign.diagnosis.fitting.hypothesis import NOTHING
+from beamdesign.diagnosis.gap_metrics import errors, gap
 from beamdesign.diagnosis.where.conditions import setting
 from beamdesign.diagnosis.where.residuals import residuals
 
@@ -49,6 +50,18 @@ def test_records_weigh_the_same(slow: Dataset) -> None:
         of.append([piece.residual(NOTHING.placement(data.prototype), z) for piece in record_evidence(data)])
     for one, other in zip(*of, strict=True):
         np.testing.assert_allclose(other, one, atol=2e-3 * np.abs(one).max())
+
+
+def test_errors_are_told_as_surely_and_by_bands_of_the_rig(slow: Dataset) -> None:
+    gaps = []
+    for data in (slow, set_as_quick(slow, 4.0)):
+        placement, pieces = NOTHING.placement(data.prototype), record_evidence(data)
+        null = fit(NOTHING, placement, pieces, np.zeros(len(placement.unknowns)), 1)
+        gaps.append(gap([errors(piece, null, null, null) for piece in pieces], (0,)))
+    one, other = gaps
+    assert other.closed_interval == pytest.approx(one.closed_interval, abs=1e-3)
+    for ours, theirs in zip(one.bands, other.bands, strict=True):
+        assert astuple(theirs) == pytest.approx((4 * ours.low_Hz, 4 * ours.high_Hz, *astuple(ours)[2:]), rel=2e-3)
 
 
 def test_a_slow_rig_counts_from_lower_frequencies_on(slow: Dataset) -> None:

@@ -13,10 +13,12 @@ from beamdesign.diagnosis.fitting.evidence import RecordEvidence
 from beamdesign.diagnosis.fitting.fit import Fit
 from beamdesign.diagnosis.fitting.hypothesis import NOTHING, Hypothesis, Placement
 from beamdesign.diagnosis.prediction_errors import Errors
+from beamdesign.plant.assembly import pace
+from beamdesign.structure.lumped import figures
 
 CHANNEL = "displacement_m"
 BANDS_HZ = (0.2, 5.0, 15.0, 40.0, 80.0, 150.0, 300.0, 1000.0)
-_BLOCK_S = 0.25
+_BLOCK_S = 0.25  # of a rig as quick as the published one
 _DRAWS = 2000
 _SHARE = 0.25  # of the records
 _MOST_CHOICES = 20_000  # that are all looked at: those of 20 records
@@ -131,7 +133,8 @@ def errors(piece: RecordEvidence, null: Fit, chosen: Fit, written: Fit) -> Error
     power = piece.weight.noise[column] / np.sum(piece.record.counted**2)
     more = np.sum(power - white) * 2 / len(measured)  # by Parseval
     noise = float(np.sqrt(white + more)) / rms
-    return Errors(piece.name, piece.record.times, measured, counted, before, tuned, after, whole, noise)
+    quick = pace(figures(prototype))
+    return Errors(piece.name, piece.record.times, measured, counted, before, tuned, after, whole, noise, quick)
 
 
 def sizes(found: Fit, records: Sequence[RecordEvidence]) -> dict[str, float]:
@@ -213,14 +216,14 @@ def _rms(signals: Sequence[np.ndarray]) -> float:
 
 
 def _interval(counted: Sequence[Errors], floor: float) -> tuple[float, float]:
-    """90 %, by blocks of a quarter of a second drawn with replacement within each record, which so keeps its weight.
+    """90 %, by blocks drawn with replacement within each record, which so keeps its weight.
 
     The interval spans that of the fits without the held-out records and that of the fit to all: the prototype that is
     written is of the second, does better on anything new than the first, and no better than on what it has seen.
     """
     random, totals = np.random.default_rng(0), np.zeros((_DRAWS, 3))
     for e in counted:
-        length = max(1, round(_BLOCK_S / (e.times[1] - e.times[0])))
+        length = max(1, round(_BLOCK_S / e.pace / (e.times[1] - e.times[0])))
         count = max(1, len(e.times) // length)
         drawn = random.integers(0, count, (_DRAWS, count))
         for column, signal in enumerate((e.before, e.after, e.written)):
@@ -242,7 +245,7 @@ def _shares(before: Any, after: Any, floors: Any) -> np.ndarray:
 
 
 def _bands(counted: Sequence[Errors]) -> list[BandGap]:
-    edges = np.array(BANDS_HZ)
+    edges = counted[0].quicker * np.array(BANDS_HZ)
     squares = np.zeros((len(edges) - 1, 4))
     for e in counted:
         top = np.fft.rfftfreq(len(e.times), e.times[1] - e.times[0])[-1]
@@ -250,7 +253,7 @@ def _bands(counted: Sequence[Errors]) -> list[BandGap]:
         parts = [in_bands(e, signal, edges) for signal in (e.before, e.tuned, e.after)]
         squares += np.column_stack([*parts, e.noise * np.sqrt(width)]) ** 2 / len(counted)
     found = np.sqrt(squares).tolist()
-    return [BandGap(BANDS_HZ[k], BANDS_HZ[k + 1], *row) for k, row in enumerate(found) if row[0] > 0]
+    return [BandGap(*edges[k : k + 2].tolist(), *row) for k, row in enumerate(found) if row[0] > 0]
 
 
 def in_bands(errors: Errors, signal: np.ndarray, edges: np.ndarray) -> np.ndarray:

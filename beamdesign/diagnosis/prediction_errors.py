@@ -21,6 +21,7 @@ class Errors:
         after: (N,) with the chosen causes, by a fit without the held-out records.
         written: (N,) with the chosen causes, by the fit to all records, as the written prototype has it.
         noise: noise of the sensor over the rms.
+        pace: how many times as quick as the published rig it was measured on, see `beamdesign.plant.assembly.pace`.
     """
 
     name: str
@@ -32,6 +33,12 @@ class Errors:
     after: np.ndarray = field(repr=False)
     written: np.ndarray = field(repr=False)
     noise: float
+    pace: float = 1.0
+
+    @property
+    def quicker(self) -> float:
+        """How many times as far up as of the published rig frequencies count."""
+        return max(1.0, self.pace)
 
     @property
     def rms(self) -> float:

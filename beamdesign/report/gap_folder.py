@@ -310,7 +310,7 @@ def record_picture(errors: Errors) -> Figure:
 def bands(errors: Errors) -> np.ndarray:
     """Edges of sixths of octaves that each hold at least one line of a record's spectrum, Hz."""
     duration = float(errors.times[-1] - errors.times[0])
-    highest = min(_HIGHEST_HZ, 0.45 * len(errors.times) / duration)
+    highest = min(errors.quicker * _HIGHEST_HZ, 0.45 * len(errors.times) / duration)
     edges = [max(_LOWEST_HZ, 0.5 / duration)]
     while edges[-1] < highest:
         edges.append(max(edges[-1] * 2 ** (1 / _PER_OCTAVE), edges[-1] + 1.001 / duration))

@@ -77,7 +77,7 @@ def error_maps(all_errors: Sequence[Errors], conditions: Mapping[str, str]) -> t
         all_errors: of the records, in the order of the rows.
         conditions: of each record by name, in words.
     """
-    edges = np.array(BANDS_HZ)
+    edges = all_errors[0].quicker * np.array(BANDS_HZ)
     names = tuple(f"{low:g} to {high:g}" for low, high in pairwise(edges))
 
     def row(errors: Errors, model: str) -> tuple[str, str, tuple[float, ...]]:
