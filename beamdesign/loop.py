@@ -161,6 +161,19 @@ def member_loop(prototype: Prototype, member: VertexModel) -> Loop:
     return rig_loop(member.rig, prototype.payload.inner_end_mass_kg, prototype.own_controller)
 
 
+def drive_loop(prototype: Prototype, member: VertexModel) -> Loop:
+    """The same loop cut at what the drive is asked for: what that feeds back by itself is opened with the law.
+
+    Raises:
+        ValueError: where the prototype has no controller.
+    """
+    closed, unfed = member_loop(prototype, member), dict.fromkeys(prototype.actuator.fed_back, 0.0)
+    opened = replace(member, rig=replace(member.rig, figures={**member.rig.figures, **unfed}))
+    denominator = member_loop(prototype, opened).loop_denominator
+    numerator = closed.characteristic + denominator * fmpq(-1)
+    return replace(closed, loop_denominator=denominator, loop_numerator=numerator)
+
+
 @dataclass(frozen=True)
 class Margins:
     """Classical margins; infinite where the locus has no such crossing.

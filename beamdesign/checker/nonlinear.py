@@ -1,9 +1,10 @@
 """What is stated of loops that are not linear: that they come to rest, and how far errors move the tip.
 
-"slope": cut at the current, u = -L i + r and i = phi(u) with phi static and of a slope between 0 and 1. With M(s) = 1 -
-sum c h(s) + q s, kernels h = (a / (a + s))^k or (a / (a - s))^k, sum |c| < 1, q >= 0, L stable and falling off as 1/s
-or faster, and Re[M (1 + L)] above a positive margin at every frequency, the loop comes to rest (Zames and Falb, 1968,
-with Popov's term); where a c is negative, only for an odd phi and at the equilibrium without current.
+"slope": cut at the law's current, or at a motor's, behind its drive's own feedback: u = -L i + r and i = phi(u), phi
+static and of a slope between 0 and 1. With M(s) = 1 - sum c h(s) + q s, kernels h = (a / (a + s))^k or (a / (a - s))^k,
+sum |c| < 1, q >= 0, L stable and falling off as 1/s or faster, and Re[M (1 + L)] above a positive margin at every
+frequency, the loop comes to rest (Zames and Falb, 1968, with Popov's term); where a c is negative, only for an odd phi
+and at the equilibrium without current.
 
 "sector": cut at the sensor's volts or at the flow, and with a gain there that changes in any way between two factors,
 the circle criterion: the loop is stable at the lower one, and Re[(1 + most L) / (1 + least L)] is above a margin.
@@ -30,6 +31,7 @@ from beamdesign.checker.rig import ONCE, Loop
 from beamdesign.checker.roots import NONE, ONE, ZERO, Family, Pair, Polynomials, S, bound, ends, inner, pieces, plus
 from beamdesign.checker.work import height, of_roots, spend
 
+_AT = {"law": "law's current or behind its spool", "motor": "motor's current"}
 MOST_STATEMENTS = 16
 HIGHEST_ORDER = 16
 MOST_ORDERS = 192
@@ -105,10 +107,10 @@ class Multiplier:
         mirrored = whole(-S)
         return whole + mirrored, whole, mirrored
 
-    def characteristics(self) -> str:
+    def characteristics(self, place: str = "law's current") -> str:
         """Which they are, in words, and about what the loop comes to rest."""
         which, where = ("an odd", "zero current") if self.odd else ("any", "every equilibrium")
-        return f"comes to rest about {where} with {which} static characteristic of slope 0 to 1 in its law's current"
+        return f"comes to rest about {where} with {which} static characteristic of slope 0 to 1 in its {place}"
 
 
 def _factor(rate: fmpq, causal: bool) -> fmpq_poly:
@@ -117,15 +119,16 @@ def _factor(rate: fmpq, causal: bool) -> fmpq_poly:
 
 def _slope(table: Table, loops: Sequence[Loop], masses: Pair) -> tuple[bool, str]:
     margin, multiplier = table.at_least("margin", 0, above=True), Multiplier(table)
-    proved = all(_comes_to_rest(loop, multiplier, margin, masses) for loop in loops)
-    words = f"{multiplier.characteristics()} or behind its spool, {len(loops)} loops"
+    place = table.word("place", *_AT) if "place" in table else "law"
+    proved = all(_comes_to_rest(loop, multiplier, margin, masses, place) for loop in loops)
+    words = f"{multiplier.characteristics(_AT[place])}, {len(loops)} loops"
     return judged(proved, f"{words}: Zames and Falb's multiplier of {multiplier.words}, margin {short(margin)}")
 
 
-def _comes_to_rest(loop: Loop, multiplier: Multiplier, margin: fmpq, masses: Pair) -> bool:
+def _comes_to_rest(loop: Loop, multiplier: Multiplier, margin: fmpq, masses: Pair, place: str) -> bool:
     """Whether the theorem holds of a loop: stable without and with feedback, L falling off, and the real part."""
-    denominator, closed, by = loop.loop_denominator, loop.at(loop.gain[1]), (multiplier.above, multiplier.below)
-    falls = loop.gain[1] == 0 or max(p.degree() for p in loop.loop_numerator) < denominator[0].degree()
+    (denominator, closed), by = loop.cut(place), (multiplier.above, multiplier.below)
+    falls = max(p.degree() for p in plus(closed, denominator, -1)) < denominator[0].degree()
     stable = all(Family(*family).is_stable_over(*masses) for family in (denominator, closed))
     return falls and stable and _real_part_above(closed, denominator, by, margin, masses)
 

@@ -43,6 +43,7 @@ MAY_BE_ZERO = (
     "outer_damping_N_s_per_m", "inner_damping_N_s_per_m", "leakage_m3_per_s_per_Pa", "rotor_friction_N_m_s_per_rad",
     "speed_feedback_A_s_per_rad", "screw_damping_N_s_per_m",
 )  # fmt: skip
+_FED_BACK = "speed_feedback_A_s_per_rad"
 MOST_MEMBERS = 64
 """Combinations of the ends of spans: twice what all effects together come to."""
 POINTS = {"tip", "rod", "base", "sensed", "slide"}
@@ -169,6 +170,7 @@ class Loop:
         name: where its spans stand, in words; empty where there are none.
         loop_denominator: denominator of L, times that of the controller.
         loop_numerator: numerator of L.
+        unfed: `loop_denominator` where the drive of a screw feeds no speed back either; None without a screw.
         disturbance: numerator of the closed loop's compliance.
         displacement: the part of `loop_numerator` that comes from the displacement sensor.
         law: the controller behind it, numerator and denominator.
@@ -183,6 +185,7 @@ class Loop:
     name: str
     loop_denominator: Polynomials
     loop_numerator: Polynomials
+    unfed: Polynomials | None
     disturbance: fmpq_poly
     crossed: fmpq_poly
     displacement: Polynomials
@@ -201,6 +204,14 @@ class Loop:
     def closed(self) -> Polynomials:
         """The same at a factor of one."""
         return self.at(fmpq(1))
+
+    def cut(self, place: str) -> tuple[Polynomials, Polynomials]:
+        """Denominator of L cut at the current of "law" or "motor", and p: at the law's largest factor, or at one."""
+        if place == "law":
+            return self.loop_denominator, self.at(self.gain[1])
+        if self.unfed is None:
+            raise Unreadable("a rig without a screw has no motor")
+        return self.unfed, self.closed
 
 
 class Rig:
@@ -314,6 +325,7 @@ class Rig:
             name,
             (bare.determinant * around, (loaded.determinant - bare.determinant) * around),
             (fed, heavier - fed),
+            self._unfed(elements, around),
             bare.moved * around + inside,
             inside,
             (own[0], own[1] - own[0]),
@@ -324,6 +336,16 @@ class Rig:
             drive(self.figures, elements, fmpq_poly)[1] / drive(self.figures, Elements(), fmpq_poly)[1][0],
             filters(self.figures, elements, fmpq_poly),
         )
+
+    def _unfed(self, elements: Elements, around: fmpq_poly) -> Polynomials | None:
+        if _FED_BACK not in self.figures:
+            return None
+        still = {**self.figures, _FED_BACK: fmpq(0)}
+        bare, loaded = (
+            mechanics(still, elements, (fmpq(mass), self.inner_end_mass), (), fmpq_poly, disturbed=False).determinant
+            for mass in (0, 1)
+        )
+        return bare * around, (loaded - bare) * around
 
 
 def refuse_size(elements: Elements, law: Law) -> None:

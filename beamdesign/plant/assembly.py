@@ -212,9 +212,9 @@ def of_rig(prototype: Prototype) -> dict[str, float]:
 
 
 def of_drive(prototype: WithActuator) -> dict[str, float]:
-    """Usual figures of effects, by `EFFECT.PARAMETER`, where a drive with a command of 10 V gives the current."""
-    gain = prototype.actuator.drive_gain()
-    return {f"{name}.limit_A": 10 * gain for name in laws_of("current_saturation")} if gain is not None else {}
+    """Usual figures of effects, by `EFFECT.PARAMETER`, where its drive gives them."""
+    limits = prototype.actuator.usual_limits_A().items()
+    return {f"{name}.limit_A": limit for effect, limit in limits for name in laws_of(effect)}
 
 
 _PUBLISHED = {"outer_stiffness": 486800.0, "inner_mass": 1.6, "outer_mass": 3.9}  # N/m, kg

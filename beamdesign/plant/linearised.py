@@ -86,7 +86,7 @@ def linear_effect(effect: Effect) -> Effect:
         raise ValueError(f"{effect.name} has no linear member")
     if effect.linear.laws is None:
         return effect
-    linear = effect.linear if effect.linear.laws else in_volts(effect.linear)
+    linear = in_volts(effect.linear) if effect.linear.gain and not effect.linear.laws else effect.linear
     assert linear.laws is not None  # those of a factor
     figures = tuple(Parameter(name, 0.0, 0.0, 0.0, 0.0, "of a linear member") for name in linear.figures)
     parameters = effect.parameters + figures

@@ -3,10 +3,12 @@
 The theorem and its exact proof are those of `beamdesign.proofs.multiplier`. A characteristic acts in the current, as
 saturation does, or on the flow behind the spool, as a dead band does; cut at either place the loop has the same
 transfer. Sides of the piston that are unequal pass on the flow times one of two factors, by its sign: over the larger
-factor, which the loop is taken with, that is a characteristic of slope 0 to 1 as well, and no odd one.
+factor, which the loop is taken with, that is a characteristic of slope 0 to 1 as well, and no odd one. A limit of a
+motor's own current takes what its drive feeds back with the law: cut there the loop has another transfer, and a proof
+of its own.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from functools import partial
 from itertools import product
 from math import inf
@@ -15,7 +17,7 @@ from typing import Any
 import numpy as np
 from flint import fmpq
 
-from beamdesign.loop import Loop
+from beamdesign.loop import Loop, drive_loop
 from beamdesign.plant.effects import laws_of
 from beamdesign.polynomial import exact, nearest, ratio, roots, text
 from beamdesign.proofs.box import Box
@@ -32,6 +34,7 @@ from beamdesign.proofs.statement import Statement
 from beamdesign.prototype import Prototype
 
 IN_THE_CURRENT, DEADBANDS = laws_of("current_saturation"), laws_of("valve_deadband")
+IN_THE_MOTOR = laws_of("motor_current_limit")
 BEHIND_THE_SPOOL = ("unequal_piston_areas", *DEADBANDS)
 """Static characteristics by their place in the loop."""
 NOT_ODD = ("unequal_piston_areas", "uneven_leakage")
@@ -85,15 +88,47 @@ def _unstable_gain(rectangle: Rectangle) -> str:
 
 def static_rows(given: Members) -> Iterator[Row]:
     """A row for the characteristics at either place of the loop, and for both places at once."""
-    found, reason = absolute_stability(given.loops, given.low, given.high)
+    motor = tuple(_motor_rows(given))
+    alone = not any(row.proved for row in motor)
+    yield from rows_of(given.prototype, *_proved(given, given.loops, given.found.gains), alone)
+    yield from motor
+
+
+def _proved(
+    given: Members, loops: Sequence[Loop], moving: Collection[str]
+) -> tuple[Multiplier | None, str, str, dict[str, Any]]:
+    """What `rows_of` takes of the loops of all members, with effects that are not frozen."""
+    found, reason = absolute_stability(loops, given.low, given.high)
     multiplier, margin = found or (None, _ZERO)
-    statement = {"kind": "slope", "loops": list(range(1, len(given.loops) + 1)), "margin": text(margin)}
-    of = f"for every payload that stays{given.frozen(len(given.loops), given.found.gains)}"
-    yield from rows_of(given.prototype, multiplier, reason, of, statement)
+    statement = {"kind": "slope", "loops": list(range(1, len(loops) + 1)), "margin": text(margin)}
+    return multiplier, reason, f"for every payload that stays{given.frozen(len(loops), moving)}", statement
+
+
+def _motor_rows(given: Members) -> Iterator[Row]:
+    """A row for a limit of the motor's own current, and one for that of the law's at once; none where there is none."""
+    own = given.prototype.effects
+    motor, current = (tuple(name for name in names if name in own) for names in (IN_THE_MOTOR, IN_THE_CURRENT))
+    if not motor:
+        return
+    loops = [drive_loop(given.prototype, member) for member in given.found.members]
+    multiplier, reason, of, statement = _proved(given, loops, ())
+    if multiplier is None:
+        yield Row(motor, METHOD, False, f"{reason} Loop and gain are here those of law and speed feedback together.")
+    else:
+        stated = statement | {"place": "motor"} | multiplier.table()
+        yield Row(motor, METHOD, True, in_words(multiplier, of), None, stated)
+    if current:
+        words = "Both places at once are not covered: the drive's feedback of the speed comes in between them."
+        yield Row((*current, *motor), METHOD, False, words)
 
 
 def rows_of(
-    prototype: Prototype, multiplier: Multiplier | None, reason: str, of: str, statement: dict[str, Any] | None = None
+    prototype: Prototype,
+    multiplier: Multiplier | None,
+    reason: str,
+    of: str,
+    statement: dict[str, Any] | None = None,
+    alone: bool = True,
 ) -> Iterator[Row]:
     """A row for the characteristics at either place of the loop, and for both at once, from a multiplier that fits.
 
@@ -103,6 +138,7 @@ def rows_of(
         reason: in words, why.
         of: what it is proved of, in words.
         statement: what a certificate states beside the multiplier; None where it states this elsewhere.
+        alone: whether nothing is proved of a limit of the actuator's own.
     """
     own = set(prototype.effects)
     current = tuple(name for name in IN_THE_CURRENT if name in own) or IN_THE_CURRENT[:1]  # every valve has a rating
@@ -114,7 +150,7 @@ def rows_of(
         multiplier, words = None, f"The multiplier that was found is {FOR_ODD} alone, which this rig has not."
     elif multiplier is not None:
         words, stated = in_words(multiplier, of), statement and statement | multiplier.table()
-        words += prototype.actuator.law_alone
+        words += prototype.actuator.law_alone if alone else ""
     yield Row(current, METHOD, multiplier is not None, words, None, stated)
     if flow:
         yield Row(flow, METHOD, multiplier is not None, words)

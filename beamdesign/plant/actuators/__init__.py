@@ -84,6 +84,7 @@ class Rating(NamedTuple):
         place: key of a prototype that states it.
         unit: SI.
         quantity: what of it a prototype may state.
+        effect: whose first parameter bounds it too, by whatever law of it; empty where none does.
     """
 
     name: str
@@ -91,6 +92,7 @@ class Rating(NamedTuple):
     place: str
     unit: str
     quantity: Any
+    effect: str = ""
 
 
 class Row(NamedTuple):
@@ -148,6 +150,7 @@ class Actuator(Kinded):
         usual_strength_N: `strength_N` of a rig for which the library's usual figures of effects hold as they stand.
         unseen: one more of these, which may be neither driven nor seen, and is left out then; empty for none.
         law_alone: what a proof about a limit of the law's current leaves aside, in a sentence with a blank before it.
+        fed_back: those of its figures that are zero where its drive feeds nothing back by itself.
     """
 
     where_none_is_stated = "servo_cylinder"
@@ -160,6 +163,7 @@ class Actuator(Kinded):
     linear_states: ClassVar[tuple[str, ...]] = ()
     unseen: ClassVar[str] = ""
     law_alone: ClassVar[str] = ""
+    fed_back: ClassVar[tuple[str, ...]] = ()
     ratings: ClassVar[tuple[Rating, ...]] = ()
     title: ClassVar[str] = ""
     usual_strength_N: ClassVar[float] = 1000.0
@@ -215,19 +219,23 @@ class Actuator(Kinded):
 
     def largest_current_A(self, prototype: "WithActuator") -> float | None:
         """Largest current that it takes of a law, by its first rating and by a saturation; None where nothing says."""
-        from beamdesign.plant.effects import laws_of
-
-        limits = [attrgetter(rating.place)(prototype) for rating in self.ratings[:1]]
-        limits += [of_effect(prototype, name) for name in laws_of("current_saturation")]
-        return min((limit for limit in limits if limit is not None), default=None)
+        return self.stated(prototype, self.ratings[0]._replace(effect="current_saturation"))
 
     def drive_gain(self) -> float | None:
         """Current per volt, A/V, of a drive that has a command as its input; None where a coil is driven."""
         return None
 
     def stated(self, prototype: "WithActuator", rating: Rating) -> float | None:
-        """What there is of a rating; None where the prototype does not say."""
-        return attrgetter(rating.place)(prototype)
+        """What there is of a rating, by its key and its effect; None where the prototype does not say."""
+        from beamdesign.plant.effects import laws_of
+
+        limits = [attrgetter(rating.place)(prototype)]
+        limits += [of_effect(prototype, name) for name in laws_of(rating.effect) if rating.effect]
+        return min((limit for limit in limits if limit is not None), default=None)
+
+    def usual_limits_A(self) -> dict[str, float]:
+        """Limits of currents by the effect that they are of, where its drive gives them; else those of the library."""
+        return {}
 
     @abstractmethod
     def takes(self, prototype: "WithActuator", asked: Demand, load_N: float, held: Held) -> dict[str, float]:

@@ -110,10 +110,12 @@ class BallScrew(Actuator):
     linear_states = states
     law_alone = (
         " That is what the law asks for: nothing is proved of the motor's own current, at whose limit the drive's speed"
-        " feedback is lost too, so that a loop that comes to rest here may oscillate for good there."
+        " feedback is lost too, so that a loop that comes to rest here may oscillate for good there; what is proved of"
+        " that `certify --nonlinear` says of a prototype with [effects.motor_current_limit]."
     )
+    fed_back = ("speed_feedback",)
     ratings = (
-        Rating("peak current", "peak_current_A", "actuator.peak_current_A", "A", q.MotorCurrent),
+        Rating("peak current", "peak_current_A", "actuator.peak_current_A", "A", q.MotorCurrent, "motor_current_limit"),
         Rating("continuous current", "effective_current_A", "actuator.continuous_current_A", "A", q.MotorCurrent),
         Rating(
             "rotor speed", "speed_rad_per_s", "actuator.largest_speed_rad_per_s", "rad/s", q.RotorSpeed
@@ -164,6 +166,11 @@ class BallScrew(Actuator):
     def drive_gain(self) -> float:
         """As stated, or the largest current that is stated at 10 V, as drives are scaled; 1 A/V where none is."""
         return self.drive_A_per_V or (self.peak_current_A or self.continuous_current_A or 10.0) / _COMMAND_V
+
+    def usual_limits_A(self) -> dict[str, float]:
+        """What the largest command asks for, and the peak current where it is stated."""
+        peak = {"motor_current_limit": self.peak_current_A} if self.peak_current_A else {}
+        return {"current_saturation": _COMMAND_V * self.drive_gain(), **peak}
 
     def limits(self, prototype: "WithActuator") -> tuple[Limit, ...]:
         """Largest current and what the motor bears for good, and the rotor's speed."""
@@ -229,7 +236,10 @@ class BallScrew(Actuator):
                 "motor current that holds load and weight at rest", still, self.continuous_current_A, "A",
                 "rest_current_A",
             ),
-            Row(f"peak current{least}", MARGIN * need["peak_current_A"], self.peak_current_A, "A", "peak_current_A"),
+            Row(
+                f"peak current{least}", MARGIN * need["peak_current_A"], self.stated(prototype, self.ratings[0]), "A",
+                "peak_current_A",
+            ),
             Row(
                 f"continuous current (RMS){least}", MARGIN * need["effective_current_A"], self.continuous_current_A,
                 "A", "continuous_current_A",

@@ -167,7 +167,7 @@ class ServoCylinder(Actuator):
     linear_states = ("cylinder_m", "flow_m3_per_s", "flow_rate_m3_per_s2")
     unseen = MEAN
     ratings = (
-        Rating("rated current", "current_A", "servovalve.rated_current_A", "A", q.Current),
+        Rating("rated current", "current_A", "servovalve.rated_current_A", "A", q.Current, "current_saturation"),
         Rating("supply flow", "flow_m3_per_s", "supply.flow_m3_per_s", "m3/s", q.FlowRate),
     )
     title = "Cylinder, valve and supply"
@@ -218,11 +218,6 @@ class ServoCylinder(Actuator):
     def strength_N(self, prototype: "WithActuator") -> float:
         """The supply's pressure on the mean area of the piston."""
         return prototype.supply.pressure_Pa * self.piston_area_m2
-
-    def stated(self, prototype: "WithActuator", rating: Rating) -> float | None:
-        """The rated current may be bounded by an effect, too."""
-        of_current = rating.name == self.ratings[0].name
-        return self.largest_current_A(prototype) if of_current else super().stated(prototype, rating)
 
     def limits(self, prototype: "WithActuator") -> tuple[Limit, ...]:
         """Stall force, flow at the load's pressure, current, and flow of the supply, no accumulator assumed.
