@@ -19,7 +19,7 @@ import numpy as np
 import pytest
 import tomli_w
 from one_start import best_start_alone
-from rigs_of_effects import with_effects
+from rigs_of_effects import having, with_effects
 from short_scenario import SCENARIO
 from typer.testing import CliRunner
 
@@ -401,7 +401,7 @@ def effect_explain(name: str) -> None:
 
 
 def effect_diagnose(name: str) -> None:
-    rig = read_prototype(prototype())
+    rig = having(read_prototype(prototype()), name)
     assert cause(name) in {known for hypothesis in singles(rig) for known in hypothesis.causes}
 
 

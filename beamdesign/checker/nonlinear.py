@@ -1,10 +1,10 @@
 """What is stated of loops that are not linear: that they come to rest, and how far errors move the tip.
 
-"slope": cut at the law's current, or at a motor's, behind its drive's own feedback: u = -L i + r and i = phi(u), phi
-static and of a slope between 0 and 1. With M(s) = 1 - sum c h(s) + q s, kernels h = (a / (a + s))^k or (a / (a - s))^k,
-sum |c| < 1, q >= 0, L stable and falling off as 1/s or faster, and Re[M (1 + L)] above a positive margin at every
-frequency, the loop comes to rest (Zames and Falb, 1968, with Popov's term); where a c is negative, only for an odd phi
-and at the equilibrium without current.
+"slope": cut at the law's current, or a motor's with what its drive feeds back, u = -L i + r and i = phi(u), phi static
+and of a slope from 0 to 1. With M(s) = 1 - sum c h(s) + q s, kernels h = (a / (a + s))^k or (a / (a - s))^k, sum |c| <
+1, q >= 0, L stable and falling off as 1/s or faster, and Re[M (1 + L)] above a positive margin at every frequency, the
+loop comes to rest (Zames and Falb, 1968, with Popov's term); where a c is negative, only for an odd phi and at the
+equilibrium without current.
 
 "sector": cut at the sensor's volts or at the flow, and with a gain there that changes in any way between two factors,
 the circle criterion: the loop is stable at the lower one, and Re[(1 + most L) / (1 + least L)] is above a margin.
@@ -27,11 +27,10 @@ from typing import Any
 from flint import acb_mat, acb_poly, arb, ctx, fmpq, fmpq_poly
 
 from beamdesign.checker.reading import Table, Unreadable, judged, short, span
-from beamdesign.checker.rig import ONCE, Loop
+from beamdesign.checker.rig import ONCE, PLACES, Loop
 from beamdesign.checker.roots import NONE, ONE, ZERO, Family, Pair, Polynomials, S, bound, ends, inner, pieces, plus
 from beamdesign.checker.work import height, of_roots, spend
 
-_AT = {"law": "law's current or behind its spool", "motor": "motor's current"}
 MOST_STATEMENTS = 16
 HIGHEST_ORDER = 16
 MOST_ORDERS = 192
@@ -119,9 +118,9 @@ def _factor(rate: fmpq, causal: bool) -> fmpq_poly:
 
 def _slope(table: Table, loops: Sequence[Loop], masses: Pair) -> tuple[bool, str]:
     margin, multiplier = table.at_least("margin", 0, above=True), Multiplier(table)
-    place = table.word("place", *_AT) if "place" in table else "law"
+    place = table.word("place", *PLACES) if "place" in table else "law"
     proved = all(_comes_to_rest(loop, multiplier, margin, masses, place) for loop in loops)
-    words = f"{multiplier.characteristics(_AT[place])}, {len(loops)} loops"
+    words = f"{multiplier.characteristics(PLACES[place])}, {len(loops)} loops"
     return judged(proved, f"{words}: Zames and Falb's multiplier of {multiplier.words}, margin {short(margin)}")
 
 

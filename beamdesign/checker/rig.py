@@ -51,6 +51,9 @@ _NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]{0,60}", re.ASCII)
 ONCE: Pair = (fmpq(1), fmpq(1))
 """A factor of one."""
 
+PLACES = {"law": "law's current or behind its spool", "motor": "motor's current"}
+"""Where a static characteristic may be."""
+
 Values = Mapping[str, Number]
 """Of spans, by name."""
 
