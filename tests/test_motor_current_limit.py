@@ -7,18 +7,22 @@ from pathlib import Path
 import numpy as np
 import pytest
 from forging import altered, resealed
+from gap_sets import measured
 from honest_certificates import screw
 from scipy.integrate import odeint
 
 from beamdesign import InputError, Prototype, certify, checker, read_prototype, simulate
 from beamdesign.checker.reading import Unreadable
 from beamdesign.controllers import Lag
-from beamdesign.diagnosis.fitting.hypothesis import singles
+from beamdesign.diagnosis.fitting.evidence import record_evidence
+from beamdesign.diagnosis.fitting.hypothesis import singles, together
+from beamdesign.diagnosis.fitting.starts import fit_from_starts
+from beamdesign.parameters import typical_of
 from beamdesign.plant.assembly import effect_parameters_of
 from beamdesign.plant.members import family
 from beamdesign.proofs.certificate import Row
 from beamdesign.proofs.writer import prototype_table
-from beamdesign.scenario import Scenario, ScenarioRecord, Sine
+from beamdesign.scenario import Measurement, Multisine, Scenario, ScenarioRecord, Sine
 from beamdesign.structure.lumped import figures
 from beamdesign.synthesis.operating_limits import envelope, needs
 
@@ -202,3 +206,27 @@ def test_the_motors_peak_is_its_limit_where_nothing_else_is_said(calm: Prototype
         (row,) = (row for row in rows if row.key == "peak_current_A")
         assert row.stated == most
         assert rig.actuator.largest_current_A(rig) == 12.0  # of the law
+
+
+def test_the_limit_is_found_from_a_record(calm: Prototype) -> None:
+    """A motor of 8 A whose drive gives 3 A; no limit of the law's current makes up for that."""
+    rig = calm.but(
+        effects={}, actuator=calm.actuator.but(peak_current_A=8.0), tolerance=typical_of(type(calm.actuator))
+    )
+    law, sines = rig.own_controller, Multisine(amplitude_N=1000.0, low_Hz=3.0, high_Hz=200.0, seed=4)
+    row = ScenarioRecord(name="push", inner_end_mass_kg=2.0, input=(sines,), controller=law)
+    noise = Measurement(seed=3, displacement_std_m=5e-7)
+    plan = Scenario(name="push", duration_s=0.4, sample_s=1e-3, measurement=noise, record=(row,))
+    pieces = record_evidence(measured(rig.but(effects={NAME: {"limit_A": 3.0}}), plan, rig))
+    found, other = (fit_from_starts(together(name), rig, pieces, {}) for name in (NAME, "current_saturation"))
+    assert found.values[f"{NAME}.limit_A"] == pytest.approx(3.0, rel=0.01)
+    assert found.misfit < 1.5 * sum(piece.expected for piece in pieces) < 0.1 * other.misfit
+
+
+@pytest.mark.parametrize("eased", ["a quarter of the gain", "ten times the friction"])
+def test_less_gain_or_more_friction_makes_up_for_the_feedback_that_is_lost(hasty: Prototype, eased: str) -> None:
+    law, a = hasty.own_controller, hasty.actuator
+    rig = hasty.but(controller=law.but(gain_A_per_V=law.gain_A_per_V / 4))
+    if "friction" in eased:
+        rig = hasty.but(actuator=a.but(rotor_friction_N_m_s_per_rad=10 * a.rotor_friction_N_m_s_per_rad))
+    assert rows_of(rig)[(NAME,)].proved
