@@ -158,7 +158,8 @@ def screw() -> Prototype:
 
 def _screw() -> Honest:
     """With effects and what is proved of its nonlinear loop."""
-    rig = screw().but(effects={"seal_friction": {}, "sensor_lag": {}})
+    rig = screw().but(effects={"seal_friction": {}, "sensor_lag": {}, "motor_current_limit": {}})
+    rig = rig.but(actuator=rig.actuator.but(speed_feedback_A_s_per_rad=2.0))
     return Honest(certify(rig, 3.0, 3.4, nonlinear=True).text, rig, 3.4)
 
 

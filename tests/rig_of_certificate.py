@@ -7,7 +7,7 @@ pressures of chambers, the valve, filters and the controller in companion form (
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fractions import Fraction
 from itertools import product
 from math import pi, prod
@@ -53,6 +53,7 @@ class Member:
         pull: what a force between piston and cylinder drives.
         filtered: whether filters are behind the sensor.
         spool: natural frequency in rad/s, damping ratio, and spring over that of the pilot.
+        fed: row of what the drive of a motor adds to the law's current, as if it were the law's; zeros without one.
     """
 
     e: np.ndarray
@@ -68,6 +69,15 @@ class Member:
     pull: np.ndarray
     filtered: bool
     spool: tuple[float, float, float]
+    fed: np.ndarray
+
+    def at_the_motor(self) -> "Member":
+        """The loop cut at what the motor is asked for: what the drive feeds back is one more sensor of the law."""
+        if not self.fed.any():
+            raise ValueError("no motor")
+        (numerators, denominator), opened = self.law, self.a - np.outer(self.b[:, 1], self.fed)
+        seen, law = np.vstack([self.seen, -self.fed]), ([*numerators, denominator], denominator)
+        return replace(self, a=opened, seen=seen, law=law, gain=(1.0, 1.0))
 
     def pencil(self, mass: float, gain: float) -> tuple[np.ndarray, np.ndarray]:
         """(A, E) of the closed loop; behind the plant's states those of the controller, then its current."""
@@ -181,7 +191,7 @@ def members(table: Mapping[str, Any]) -> list[Member]:
         plant = _plant(table["rig"], [(e["elements"], own) for e, own in zip(effects, values, strict=True)])
         seen = np.array([plant["seen"][name] for name in law["sensors"]])
         matrices = (plant[key] for key in ("e", "mass", "a", "b", "tip"))
-        errors = (plant[key] for key in ("flow", "pull", "filtered", "pilot"))
+        errors = (plant[key] for key in ("flow", "pull", "filtered", "pilot", "fed"))
         found.append(Member(*matrices, seen, laws, gain, asked if performs else None, *errors))
     if not any(member.performing for member in found):
         raise ValueError("none is to perform")
@@ -275,10 +285,12 @@ def _plant(rig: Mapping[str, Any], effects: Sequence[tuple[Mapping[str, Any], Ma
         a[n : 2 * n, at] = area * side * stroke
         e[at, at] = (area * side) ** 2 / (oil * figure["oil_stiffness_N_per_m"] * share)
         a[at, valve], a[at, at], a[at, n : 2 * n] = side, -len(sides) * leak, -area * side * stroke
+    fed = np.zeros(size)
     if screw:  # the motor's current
         rate, nut = figure["current_loop_rad_per_s"], n + index["nut"]
         a[valve, valve], a[valve, nut] = -rate, -rate * figure["speed_feedback_A_s_per_rad"] / lead
         a[nut, valve], b[valve, 1] = figure["torque_constant_N_m_per_A"] / lead, rate
+        fed[nut] = a[valve, nut] / rate
         pilot = rate, 0.0, 0.0
     else:
         natural = figure["valve_frequency_rad_per_s"]
@@ -312,7 +324,7 @@ def _plant(rig: Mapping[str, Any], effects: Sequence[tuple[Mapping[str, Any], Ma
     whole[:n] = tip
     flow, pull = np.zeros(size), np.zeros(size)
     flow[first:valve], pull[n : 2 * n] = sides, stroke
-    errors = {"flow": flow, "pull": pull, "filtered": bool(filters), "pilot": pilot}
+    errors = {"flow": flow, "pull": pull, "filtered": bool(filters), "pilot": pilot, "fed": fed}
     return {"e": e, "mass": loaded, "a": a, "b": b, "tip": whole, "seen": seen} | errors
 
 

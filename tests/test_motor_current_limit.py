@@ -180,6 +180,21 @@ def test_the_check_proves_it_again_and_no_more(calm: Prototype, tame: Prototype)
         checker.check(resealed(hydraulic))
 
 
+def test_beside_friction_each_loop_has_a_multiplier_of_its_own(calm: Prototype) -> None:
+    """One slides and one sticks; no multiplier is found for both, and the check proves each."""
+    rig = calm.but(effects={NAME: {}, "seal_friction": {}})
+    found = certify(rig, 0.0, 6.8, nonlinear=True)
+    rows = [row for row in found.nonlinear if row.effects == (NAME,)]
+    assert [row.proved for row in rows] == [True, True]
+    assert [row.statement["loops"] for row in rows if row.statement] == [[1], [2]]
+    assert "with seal_friction.spring_N_per_m = 0" in rows[0].covers
+    outcome = checker.check(found.text, prototype_table(rig))
+    assert outcome.valid, outcome.failed
+    assert [line[-21:] for line in outcome.proved if "motor's current" in line] == [
+        "of loops 1 of 2 alone", "of loops 2 of 2 alone",
+    ]  # fmt: skip
+
+
 def test_the_linear_loop_is_as_it_is_without(calm: Prototype) -> None:
     (member,), (bare,) = family(calm).members, family(calm.but(effects={})).members
     assert member == bare

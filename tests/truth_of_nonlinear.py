@@ -13,6 +13,7 @@ KEYS = {
     "both": {"kind", "loops", "place", "gain", "margin", "weight", "popov_s", "term"},
     "deviation": {"kind", "loops", "pieces", "error"},
 }
+MAY_HAVE = {"slope": {"place"}}
 W = np.geomspace(0.01, 1e6, 1201)
 
 
@@ -23,7 +24,7 @@ def verdicts(stated: Sequence[Mapping[str, Any]], loops: Sequence[Member], masse
         Exception: of some kind, for what states nothing.
     """
     for table in stated:
-        if table.keys() != KEYS[table["kind"]]:
+        if table.keys() - MAY_HAVE.get(table["kind"], set()) != KEYS[table["kind"]]:
             raise ValueError("other keys")
         numbered = table["loops"]
         if not numbered or any(type(k) is not int or not 1 <= k <= len(loops) for k in numbered):
@@ -67,6 +68,9 @@ def multiplier_at(table: Mapping[str, Any], w: np.ndarray) -> tuple[np.ndarray, 
 
 
 def _slope(table: Mapping[str, Any], loop: Member, mass: float) -> Iterator[bool | None]:
+    if (place := table.get("place", "law")) not in ("law", "motor"):
+        raise ValueError("no place")
+    loop = loop.at_the_motor() if place == "motor" else loop
     gain = loop.gain[1]
     w = _frequencies(loop, mass, gain)
     multiplier, norm, _ = multiplier_at(table, w)

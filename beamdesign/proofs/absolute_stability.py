@@ -94,29 +94,41 @@ def static_rows(given: Members) -> Iterator[Row]:
     yield from motor
 
 
-def _proved(
-    given: Members, loops: Sequence[Loop], moving: Collection[str]
-) -> tuple[Multiplier | None, str, str, dict[str, Any]]:
-    """What `rows_of` takes of the loops of all members, with effects that are not frozen."""
+Proved = tuple[Multiplier | None, str, str, dict[str, Any]]
+"""A multiplier, why there is none, of what it is proved, and what a certificate states beside it."""
+
+
+def _proved(given: Members, loops: Sequence[Loop], moving: Collection[str], alone: int | None = None) -> Proved:
+    """Of the loops of all members, or of one alone, counted from one; with effects that are not frozen."""
     found, reason = absolute_stability(loops, given.low, given.high)
     multiplier, margin = found or (None, _ZERO)
-    statement = {"kind": "slope", "loops": list(range(1, len(loops) + 1)), "margin": text(margin)}
-    return multiplier, reason, f"for every payload that stays{given.frozen(len(loops), moving)}", statement
+    numbers, of = list(range(1, len(loops) + 1)), "for every payload that stays"
+    if alone is not None:
+        numbers, of = [alone], f"{of} with {given.found.members[alone - 1].name}"
+    statement = {"kind": "slope", "loops": numbers, "margin": text(margin)}
+    return multiplier, reason, f"{of}{given.frozen(len(loops), moving)}", statement
 
 
 def _motor_rows(given: Members) -> Iterator[Row]:
-    """A row for a limit of the motor's own current, and one for that of the law's at once; none where there is none."""
+    """A row for a limit of the motor's own current, and one for that of the law's at once; none where there is none.
+
+    Where no multiplier fits all loops, each may have one of its own, and a row.
+    """
     own = given.prototype.effects
     motor, current = (tuple(name for name in names if name in own) for names in (IN_THE_MOTOR, IN_THE_CURRENT))
     if not motor:
         return
     loops = [drive_loop(given.prototype, member) for member in given.found.members]
-    multiplier, reason, of, statement = _proved(given, loops, ())
-    if multiplier is None:
-        yield Row(motor, METHOD, False, f"{reason} Loop and gain are here those of law and speed feedback together.")
-    else:
-        stated = statement | {"place": "motor"} | multiplier.table()
-        yield Row(motor, METHOD, True, in_words(multiplier, of), None, stated)
+    found = [_proved(given, loops, ())]
+    if found[0][0] is None and len(loops) > 1:
+        each = [_proved(given, [loop], (), k) for k, loop in enumerate(loops, start=1)]
+        found = next(([one] for one in each if one[0] is None), each)
+    for multiplier, reason, of, statement in found:
+        if multiplier is None:
+            words, stated = f"{reason} Loop and gain are here those of law and speed feedback together.", None
+        else:
+            words, stated = in_words(multiplier, of), statement | {"place": "motor"} | multiplier.table()
+        yield Row(motor, METHOD, multiplier is not None, words, None, stated)
     if current:
         words = "Both places at once are not covered: the drive's feedback of the speed comes in between them."
         yield Row((*current, *motor), METHOD, False, words)
