@@ -88,6 +88,7 @@ def lasso_path(gram: np.ndarray, slope: np.ndarray) -> Iterator[list[int]]:
 _STRENGTH = {
     "carrier_ripple": ("depth", 1),
     "current_saturation": ("limit_A", -1),
+    "motor_current_limit": ("limit_A", -1),
     "mount_compliance": ("stiffness_N_per_m", -1),
     "pressure_dependent_flow": ("supply_pressure_Pa", -1),
     "second_beam_mode": ("compliance_share", 1),

@@ -3,8 +3,8 @@
 A critical gain and a response at lines are figures of motions that are small for the oil and the beams, and large
 beside a deadband, a hysteresis, a joint's play or the force of dry friction: an oscillation that is sustained, or a
 force that is swept, has left these behind. So the linear loop here is the one with the valve open, the friction sliding
-(its viscous share stays), the joint bearing on one side of its play, and the amplifier within its limit. It says
-nothing about motions so small that the loop sticks, nor about an oscillation that a saturation has caught; see
+(its viscous share stays), the joint bearing on one side of its play, and amplifier and motor within their limits.
+It says nothing about motions so small that the loop sticks, nor about an oscillation that a saturation has caught; see
 `beamdesign.plant.harmonic_balance` for those.
 
 Where the two directions of the valve differ (unequal sides), there is one such loop per direction.
@@ -27,7 +27,7 @@ from beamdesign.plant.assembly import OUTPUTS, Assembly, assemble, parameters_of
 from beamdesign.plant.equilibrium import StateSpace, equilibrium, equilibrium_sensitivity, linearise, scales
 from beamdesign.prototype import Prototype
 
-LEFT_BEHIND = ("current_saturation", "valve_deadband", "valve_hysteresis")
+LEFT_BEHIND = ("current_saturation", "motor_current_limit", "valve_deadband", "valve_hysteresis")
 """Causes that have no part in the linear loop, by whatever law."""
 _OPEN_M3_PER_S = 1e-12
 _STEP = 1e-4  # in prior standard deviations, of central differences
