@@ -40,6 +40,10 @@ BEHIND_THE_SPOOL = ("unequal_piston_areas", *DEADBANDS)
 NOT_ODD = ("unequal_piston_areas", "uneven_leakage")
 """Effects that are not odd, or keep the valve from its null at rest."""
 FOR_ODD = "for odd characteristics about zero current"
+_AT_THE_MOTOR = (
+    "Loop and gain are here those of law and speed feedback together: more of that feedback, more friction of the rotor"
+    " or less gain of the law may help."
+)
 METHOD = "Zames-Falb multiplier with a Popov term, in rational arithmetic"
 _ZERO, _ONE = fmpq(0), fmpq(1)
 
@@ -98,13 +102,13 @@ Proved = tuple[Multiplier | None, str, str, dict[str, Any]]
 """A multiplier, why there is none, of what it is proved, and what a certificate states beside it."""
 
 
-def _proved(given: Members, loops: Sequence[Loop], moving: Collection[str], alone: int | None = None) -> Proved:
+def _proved(given: Members, loops: Sequence[Loop], moving: Collection[str], only: int | None = None) -> Proved:
     """Of the loops of all members, or of one alone, counted from one; with effects that are not frozen."""
     found, reason = absolute_stability(loops, given.low, given.high)
     multiplier, margin = found or (None, _ZERO)
     numbers, of = list(range(1, len(loops) + 1)), "for every payload that stays"
-    if alone is not None:
-        numbers, of = [alone], f"{of} with {given.found.members[alone - 1].name}"
+    if only is not None:
+        numbers, of = [only], f"{of} with {given.found.members[only - 1].name}"
     statement = {"kind": "slope", "loops": numbers, "margin": text(margin)}
     return multiplier, reason, f"{of}{given.frozen(len(loops), moving)}", statement
 
@@ -125,7 +129,7 @@ def _motor_rows(given: Members) -> Iterator[Row]:
         found = next(([one] for one in each if one[0] is None), each)
     for multiplier, reason, of, statement in found:
         if multiplier is None:
-            words, stated = f"{reason} Loop and gain are here those of law and speed feedback together.", None
+            words, stated = f"{reason} {_AT_THE_MOTOR}", None
         else:
             words, stated = in_words(multiplier, of), statement | {"place": "motor"} | multiplier.table()
         yield Row(motor, METHOD, multiplier is not None, words, None, stated)
