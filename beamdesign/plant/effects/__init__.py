@@ -225,7 +225,8 @@ class Linear:
     Attributes:
         covers: in words, which loops these are.
         leaves_out: in words, what of the effect they are not.
-        laws: linear laws by port in place of the effect's own; None where its own laws are linear already.
+        laws: linear laws by port in place of the effect's own; None where its own laws are linear already, and empty
+            where the loop is as it is without it but for a factor on its gain, if any.
         states: names of the states that these laws add.
         figures: spans of figures that these laws see beside the effect's parameters.
         gain: span of a factor on the loop gain; proofs hold for every value between its ends.
