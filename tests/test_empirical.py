@@ -193,16 +193,21 @@ def test_a_spring_that_hardens_is_learnt_from_records_of_a_rig_that_has_one(tmp_
     case = draw_case(7709, "outside", short=True, names=("beam_hardening",))
     write_case(case, tmp_path)
     data = read_dataset(tmp_path)
-    evidence = evidence_of(data)
-    placement = NOTHING.placement(data.prototype)
-    null = fit(NOTHING, placement, evidence, np.zeros(len(placement.unknowns)))
+    monkeypatch.setattr(learning, "_BESIDE", np.inf)  # so that laws beside a listed cause are learnt as well
+    evidence, known = evidence_of(data), []
+    for hypothesis in (NOTHING, Hypothesis(("parameter:leakage",))):
+        placement = hypothesis.placement(data.prototype)
+        known.append(fit(hypothesis, placement, evidence, np.zeros(len(placement.unknowns))))
+    null, listed = known
     expected, floor = sum(e.expected for e in evidence), sum(e.floor for e in evidence)
-    before = Search(null, (), expected, floor, tuple(e.condition for e in evidence))
+    before = Search(null, (listed,), expected, floor, tuple(e.condition for e in evidence))
     judged = judge(before)
     assert judged.unknown > 0.5
     found = learn(Look(data, before, judged), held_out(data.records))
     assert found is not None
     best = found.judged.best
+    # Terms that are none are unknowns of no fit, so that any of them can be compared with any other.
+    assert all(f.unknowns == f.hypothesis.placement(found.data.prototype).unknowns for f in found.search.fits)
     assert best.hypothesis.causes == ("empirical:inner_reaction",)
     assert found.search.excess(best) < 0.1
     (cause,) = (

@@ -75,8 +75,10 @@ def learn(look: Look, held_out: Sequence[int], workers: int = 1, progress: Progr
     if not weighed.best.hypothesis.names or laws.excess(weighed.best) > most:
         return None
     scaled = without_idle_terms(scaled, weighed.best)
+    own = {*weighed.best.hypothesis.effects}  # whose terms are fewer now, beside a listed cause as well
+    same = [f for f in found if f is not weighed.best and own & {*f.hypothesis.effects} and not f.reason]
     with Fitters(scaled, 1, _of(kept, scaled)) as fitters:
-        (best,) = fitters.each(Task(weighed.best.hypothesis, weighed.best.values))
+        best, *again = fitters.each(*(Task(f.hypothesis, f.values) for f in (weighed.best, *same)))
     seen = replace(scaled, records=tuple(r for k, r in enumerate(scaled.records) if k not in held_out))
     null, without = refit(seen, best, workers, _of(kept, scaled))
     other = refit(seen, rival, workers, kept)[1] if contested else null
@@ -91,7 +93,8 @@ def learn(look: Look, held_out: Sequence[int], workers: int = 1, progress: Progr
     unknown = max(judged.unknown, 1 - laws.excess(best) / before.excess(rival)) if contested else judged.unknown
     listed = {h: p * (1 - unknown) / (1 - judged.unknown) for h, p in judged.of.items()} if judged.unknown < 1 else {}
     share = {h: p * unknown / max(1 - weighed.unknown, 1e-9) for h, p in weighed.of.items() if h.names}
-    fits = (*before.fits, *(f for f in found if f is not weighed.best), best)
+    others = (f for f in found if f is not weighed.best and all(f is not old for old in same))
+    fits = (*before.fits, *others, *again, best)
     everything = replace(before, fits=tuple(sorted(fits, key=lambda f: f.cost)))
     return Look(scaled, everything, Judgement(listed | share, unknown, best), refitted=(null, without)).after(look)
 
