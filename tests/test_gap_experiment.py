@@ -115,7 +115,7 @@ def test_records_are_added_until_they_tell_nearly_all():
     assert found.texts == ("record 1", "record 2", "record 0")
     assert found.between[0, 1] == pytest.approx(np.sqrt(1.0 + 4.0 + 2.25))
     assert [row.name for row in found.scenario.record] == ["next", "next_2", "next_3"]
-    assert found.text.startswith("3 records of 4 s: (1) record 1; (2) record 2;")
+    assert found.text.startswith("3 records of 1 s: (1) record 1; (2) record 2;")
     assert _grown(foreseen(9.0, 9.0), (0.5, 0.5)).texts == ("record 0",)
     assert len(_grown(foreseen(*[0.8] * 6), (0.5, 0.5)).texts) == 4
 
