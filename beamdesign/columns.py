@@ -195,17 +195,25 @@ def uniform_times(path: Path, times: np.ndarray, longest_s: float = INTERVALS_S[
     return np.linspace(times[0], times[-1], len(times))
 
 
+def unrising(times: np.ndarray) -> str:
+    """Where times do not rise, in words; empty where they do."""
+    steps = np.diff(times)
+    back = np.nonzero(steps <= 0)[0]
+    if not len(back):
+        return ""
+    row = int(back[0]) + 3
+    held = "repeats" if steps[back[0]] == 0 else "goes back from"
+    return f"does not rise: row {row} {held} the time of row {row - 1}"
+
+
 def _uneven(times: np.ndarray, high: float) -> str:
     """What keeps times from being those of a recorder; empty where nothing does."""
     if len(times) < _FEWEST:
         return f"too short: {len(times)} samples"
+    if reason := unrising(times):
+        return reason
     steps = np.diff(times)
     typical = float(np.median(steps))
-    back = np.nonzero(steps <= 0)[0]
-    if len(back):
-        row = int(back[0]) + 3
-        held = "repeats" if steps[back[0]] == 0 else "goes back from"
-        return f"does not rise: row {row} {held} the time of row {row - 1}"
     low = INTERVALS_S[0]
     if not low <= typical <= high:
         meant = [unit for unit, seconds in _TIMES.items() if 10 * low <= typical * seconds <= high]

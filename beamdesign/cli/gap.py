@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from math import isfinite
 from pathlib import Path
 from shlex import quote
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
@@ -196,6 +196,7 @@ def import_files(
     inner_end_mass: Annotated[float | None, typer.Option(metavar="KG")] = None,
     rest_s: Annotated[float, typer.Option(metavar="SECONDS", min=0.0)] = 0.0,
     stage: Annotated[list[int] | None, typer.Option(metavar="N")] = None,
+    clock: Literal["even", "stamps"] | None = None,
 ) -> CommandResult:
     """Make a data set of CSV, MATLAB and universal files.
 
@@ -214,11 +215,13 @@ def import_files(
         rest_s: how long everything rests at the beginning; the mean of that time is taken off every channel.
         stage: of a scheduled controller the stage that acted, from 1; once, or once for each file. Needed where a
             payload lies in the ranges of two.
+        clock: whether time stamps that jitter are of an even clock and came late, or tell when samples were really
+            taken; else the samples tell, and what was done is printed.
     """
     from beamdesign import import_measured
 
     masses = outer_end_mass or (0.0,)
-    found = import_measured(files, prototype, out, column or (), masses, inner_end_mass, rest_s, stage or ())
+    found = import_measured(files, prototype, out, column or (), masses, inner_end_mass, rest_s, stage or (), clock)
     echo_table("what was taken for what", ("file", "channel", "from", "note"), found.rows())
     echo(f"next:    beamdesign gap diagnose {quote(str(out))}")
     return CommandResult(found.to_dict(), files=found.paths)

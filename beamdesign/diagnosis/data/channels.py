@@ -8,9 +8,10 @@ from beamdesign.bench_prototype import AnyPrototype, BenchPrototype
 from beamdesign.diagnosis.data.dataset import INPUTS
 from beamdesign.diagnosis.data.measured_files import SPELT, UNITS, Column, unit_of
 from beamdesign.plant.actuators import FELT
+from beamdesign.records import InputError, Problem
 
 _RECORD = {
-    "t_s": ("s", r"^t$|time|^zeit|^t[_ ]?s"),
+    "t_s": ("s", r"^t$|time|^zeit|^t[_ ]?s|^x[_ ]?values?$"),
     "disturbance_N": ("N", r"disturb|force|load(?!.*pres)|kraft|hammer|^f(_?d)?$"),
     "command_V": ("V", r"command|(?<![a-z])cmd|reference|^ref|setpoint|set point|demand|soll"),
     "current_A": ("A", r"current|strom|^i(_?sv)?$|valve"),
@@ -104,3 +105,31 @@ def channels_of(prototype: AnyPrototype) -> Channels:
         return Channels(_RUN, ("t_s", "command_V", "displacement_m"), either=("pressure_a_Pa", "pressure_b_Pa"))
     needed = ("t_s", "displacement_m")
     return Channels(_RECORD, needed, ("current_A",), INPUTS, sensor_V_per_m=prototype.sensor.gain_V_per_m)
+
+
+def asked(texts: Sequence[str], channels: Channels) -> dict[str, tuple[str, str, float]]:
+    """Columns that are named, `CHANNEL = NAME [UNIT]` with a minus sign before NAME to turn it round.
+
+    Returns:
+        By channel the name, the unit (empty where none is stated) and the sign.
+
+    Raises:
+        InputError: with all that cannot be read.
+    """
+    found, wrong = dict[str, tuple[str, str, float]](), list[Problem]()
+    for text in texts:
+        channel, equals, rest = (part.strip() for part in text.partition("="))
+        match = re.match(r"^(-?)\s*(.*?)\s*(?:\[([^\]]*)\])?$", rest)
+        if not equals or match is None or not match[2]:
+            wrong.append(
+                Problem("--column", f"{text!r} is not CHANNEL = NAME [UNIT], such as 'current_A = -i_valve [mA]'")
+            )
+        elif channel not in channels.known:
+            wrong.append(Problem("--column", f"{channel!r} is no channel; there are {', '.join(channels.known)}"))
+        elif channel in found:
+            wrong.append(Problem("--column", f"{channel!r} is named twice; name one column of it"))
+        else:
+            found[channel] = match[2], (match[3] or "").strip(), -1.0 if match[1] else 1.0
+    if wrong:
+        raise InputError("gap import", wrong)
+    return found

@@ -13,6 +13,7 @@ from beamdesign.columns import read_columns, uniform_times
 from beamdesign.controllers import Controller
 from beamdesign.diagnosis.data.dataset_index import GainEntry, ResponseEntry, Taken, TimeEntry, index_of, read_index
 from beamdesign.diagnosis.data.input_noise import denoised, is_answered
+from beamdesign.diagnosis.data.stamps import refuse_uneven
 from beamdesign.plant.actuators import not_felt
 from beamdesign.plant.assembly import wrong_effects
 from beamdesign.prototype import Prototype, read_prototype
@@ -316,6 +317,7 @@ def _time_record(index: Path, row: TimeEntry, controller: Controller, felt: str,
     for name, values in columns.items():
         there = np.isfinite(values)  # everywhere but where it does not count
         columns[name] = values if there.all() else np.interp(times, times[there], values[there])
+    warnings += [f"{path.name}: {words}" for words in (row.note, refuse_uneven(path, columns, times)) if words]
     more = felt, "inner_displacement_m"
     warnings += [
         f"{path.name}: column {name} is not known here and was left aside"

@@ -12,7 +12,7 @@ from beamdesign import quantities as q
 from beamdesign import records
 from beamdesign.controllers import Controller, Proportional
 from beamdesign.quantities import range_of
-from beamdesign.records import FileName, InputError, Problem, Record
+from beamdesign.records import FileName, InputError, Longest, Problem, Record
 
 _TOLD = 20  # entries whose files are wrong that are spelt out
 _ALIKE = 0.8  # how much of a key must be as in one of ours to be taken for it misspelt
@@ -63,6 +63,9 @@ class TimeEntry(Looped):
         tuple[tuple[float, float], ...],
         Field(description="spans of time, each from its beginning to its end, that are not to count"),
     ] = ()
+    note: Annotated[
+        str, Longest(1000), Field(description="what was done to it before it came here; a diagnosis says so")
+    ] = ""
 
 
 class ResponseEntry(Looped):

@@ -20,9 +20,20 @@ import tomli_w
 from beamdesign.bench_prototype import AnyPrototype, BenchPrototype, read_any_prototype
 from beamdesign.controllers import Controller
 from beamdesign.diagnosis.data.bench_set import ONE_COMMAND, BenchSet, held_commands, read_bench_set, stretches
-from beamdesign.diagnosis.data.channels import NOTHING, Channels, channels_of
+from beamdesign.diagnosis.data.channels import NOTHING, Channels, asked, channels_of
 from beamdesign.diagnosis.data.dataset import Dataset, read_dataset
-from beamdesign.diagnosis.data.measured_files import SPELT, UNITS, Column, Measured, Response, read_measured, unit_of
+from beamdesign.diagnosis.data.measured_files import (
+    NUMBER,
+    SPELT,
+    UNITS,
+    Column,
+    Measured,
+    Response,
+    numbers_of,
+    read_measured,
+    unit_of,
+)
+from beamdesign.diagnosis.data.stamps import Clock, evened, filled
 from beamdesign.files import fresh_folder, write_whole
 from beamdesign.prototype import Prototype
 from beamdesign.quantities import MassOrNone, range_of
@@ -78,34 +89,6 @@ class Imported(Result):
         return [(name.removeprefix("records/"), *one.row()) for name, of in self.taken.items() for one in of]
 
 
-def asked(texts: Sequence[str], channels: Channels) -> dict[str, tuple[str, str, float]]:
-    """Columns that are named, `CHANNEL = NAME [UNIT]` with a minus sign before NAME to turn it round.
-
-    Returns:
-        By channel the name, the unit (empty where none is stated) and the sign.
-
-    Raises:
-        InputError: with all that cannot be read.
-    """
-    found, wrong = dict[str, tuple[str, str, float]](), list[Problem]()
-    for text in texts:
-        channel, equals, rest = (part.strip() for part in text.partition("="))
-        match = re.match(r"^(-?)\s*(.*?)\s*(?:\[([^\]]*)\])?$", rest)
-        if not equals or match is None or not match[2]:
-            wrong.append(
-                Problem("--column", f"{text!r} is not CHANNEL = NAME [UNIT], such as 'current_A = -i_valve [mA]'")
-            )
-        elif channel not in channels.known:
-            wrong.append(Problem("--column", f"{channel!r} is no channel; there are {', '.join(channels.known)}"))
-        elif channel in found:
-            wrong.append(Problem("--column", f"{channel!r} is named twice; name one column of it"))
-        else:
-            found[channel] = match[2], (match[3] or "").strip(), -1.0 if match[1] else 1.0
-    if wrong:
-        raise InputError("gap import", wrong)
-    return found
-
-
 def import_measured(
     files: Sequence[Path | str] | Path | str,
     prototype: Path | str,
@@ -115,6 +98,7 @@ def import_measured(
     inner_end_mass_kg: float | None = None,
     rest_s: float = 0.0,
     stages: Sequence[int] = (),
+    clock: Clock | None = None,
 ) -> Imported:
     """Write a data set of measured files: records/NAME.csv, dataset.toml and the prototype.
 
@@ -125,13 +109,15 @@ def import_measured(
         prototype: the model that was believed, with its controller.
         out: folder.
         columns: that names and units do not tell, each `CHANNEL = NAME [UNIT]`, with a minus sign before NAME to turn
-            it round.
+            it round; `t_s = 0.001 [s]` states the interval where no column has times.
         outer_end_masses_kg: payload of every file, or one for all.
         inner_end_mass_kg: mass added inside; that of the prototype where None.
         rest_s: how long everything rests at the beginning: the mean of that time is taken off. Every record goes on
             after it.
         stages: of a scheduled controller the number, from 1, of the stage that acted: of every file, or one for all;
             not needed where a payload lies in the range of one stage alone.
+        clock: whether stamps that jitter are of an even clock (`even`) or tell when samples were really taken
+            (`stamps`), which become values at even times; else the samples tell. Of a bench stamps stay as they are.
 
     Raises:
         InputError: with everything that cannot be told, and how to tell it.
@@ -145,17 +131,20 @@ def import_measured(
     named, bench = asked(columns, channels), isinstance(model, BenchPrototype)
     stated = _stated(model, files, outer_end_masses_kg, inner_end_mass_kg, rest_s, stages)
     entries: dict[str, list[dict[str, object]]] = {"record": [], "frequency_response": []}
-    taken, tables, sources = dict[str, tuple[Taken, ...]](), dict[str, dict[str, np.ndarray]](), dict[str, Path]()
+    taken, tables, sources = dict[str, tuple[Taken, ...]](), dict[str, Mapping[str, np.ndarray]](), dict[str, Path]()
     for path, at in zip(map(Path, files), stated, strict=True):
         found = read_measured(path)
         if found.responses and bench:
             raise InputError(path, [(found.responses[0].name, "a bench has no frequency responses")])
         if found.columns:
             name = f"records/{_fresh(path.stem, tables)}.csv"
-            tables[name], taken[name] = _record(found, named, channels, rest_s)
+            raw, rows, done = _record(found, named, channels, rest_s)
+            tables[name], put = (raw, "") if bench else evened(path, raw, clock)
+            taken[name] = tuple(replace(one, words=put) if put and one.channel == "t_s" else one for one in rows)
             sources[name] = path
             recorded = {} if bench or "current_A" in tables[name] else {"current_recorded": False}
-            entries["record"].append(at | {"file": name} | recorded)
+            note = {"note": "; ".join(filter(None, (*done, put)))} if done or put else {}
+            entries["record"].append(at | {"file": name} | recorded | note)
         for response in found.responses:
             name = f"records/{_fresh(f'{path.stem}_{response.name}', tables)}.csv"
             tables[name], taken[name] = _compliance(response, path)
@@ -283,7 +272,8 @@ def _fresh(name: str, known: Mapping[str, object]) -> str:
 
 def _record(
     found: Measured, named: Mapping[str, tuple[str, str, float]], channels: Channels, rest_s: float
-) -> tuple[dict[str, np.ndarray], tuple[Taken, ...]]:
+) -> tuple[dict[str, np.ndarray], tuple[Taken, ...], list[str]]:
+    """Columns, what they are from, and what was done to them."""
     table, taken, wrong = dict[str, np.ndarray](), list[Taken](), list[Problem]()
     chosen: dict[str, Column] = {}
     free = list(found.columns)
@@ -291,6 +281,8 @@ def _record(
         meant = _called(name, unit, found)
         if channel not in channels.needed and name == NOTHING and not meant:
             continue
+        if channel == "t_s" and not meant and NUMBER.match(name):
+            meant = [Column(name, "s", numbers_of([name])[0] * np.arange(len(found.columns[0].values)))]
         if len(meant) == 1:
             chosen[channel] = replace(meant[0], unit=unit or meant[0].unit)
             free = [column for column in free if column is not meant[0]]
@@ -303,13 +295,16 @@ def _record(
         if len(alike) == 1:
             chosen[channel] = alike[0]
             free.remove(alike[0])
+        elif not alike and (other := channels.alike(channel, found.others)):
+            lengths = f"{len(other[0].values)} values, where the others have {len(found.columns[0].values)}"
+            wrong.append(Problem(channel, f"{other[0].name!r} has {lengths}: give all of them at the same times"))
         elif alike or channel in (*channels.needed, *channels.asked):
             which = (
                 f"may be {' or '.join(repr(one.name) for one in alike)}" if alike else "is not told by any name or unit"
             )
-            none = (
-                "" if channel in channels.needed else f", or say that there is none, --column '{channel} = {NOTHING}'"
-            )
+            none = f", or say that there is none, --column '{channel} = {NOTHING}'"
+            if channel in channels.needed:
+                none = ", or state the interval, --column 't_s = 0.001 [s]'" if channel == "t_s" else ""
             how = f"name it, --column '{channel} = NAME [UNIT]'{none}"
             wrong.append(Problem(channel, f"{which}: {how}; {_there(found)}"))
     if channels.either and not {*channels.either} & {*chosen, *(problem.key for problem in wrong)}:
@@ -329,12 +324,15 @@ def _record(
             continue
         sign = named[channel][2] if channel in named else 1.0
         table[channel] = sign * factor * column.values
-        if lost := np.flatnonzero(~np.isfinite(column.values)).tolist():
+        missing = ~np.isfinite(column.values) if channel == "t_s" else np.isinf(column.values)
+        if lost := np.flatnonzero(missing).tolist():
             first = f"the first is number {lost[0] + 1} of {len(column.values)}"
             wrong.append(Problem(channel, f"{column.name!r} has {len(lost)} values that are not finite: {first}"))
         taken.append(Taken(channel, column.name, said or channels.known[channel][0], sign * factor, 0.0, words))
     if wrong:
         raise InputError(found.path, wrong)
+    table, told = filled(found.path, table)
+    taken = [replace(one, words="; ".join(filter(None, (one.words, told.get(one.channel))))) for one in taken]
     table["t_s"] = table["t_s"] - table["t_s"][0]
     length = float(np.ptp(table["t_s"]))
     if rest_s and not 0 < rest_s < length:
@@ -349,7 +347,7 @@ def _record(
     for channel in (one for one in channels.inputs if one not in table):
         table[channel] = np.zeros(len(table["t_s"]))
         taken.append(Taken(channel, "", words="no column: taken as zero"))
-    return {channel: table[channel] for channel in channels.known if channel in table}, tuple(taken)
+    return {channel: table[channel] for channel in channels.known if channel in table}, tuple(taken), [*told.values()]
 
 
 def _called(name: str, unit: str, found: Measured) -> list[Column]:

@@ -22,10 +22,10 @@ from beamdesign.records import InputError
 _FEWEST, _LONGEST_UNIT = 3, 6
 _IN_NAME = re.compile(r"^(?P<name>.*?)\s*(?:[\[(]\s*(?P<unit>[^\])]*)[\])]|[,;:]\s+(?P<after>\S+))\s*$")
 _IN_WORDS = re.compile(r"^(?P<name>.+?)\s+in\s+(?P<unit>\S+)\s*$")
-_NUMBER = re.compile(r"^\s*[-+]?(\d+([.,]\d*)?|[.,]\d+)([eEdD][-+]?\d+)?\s*$|^\s*[-+]?(nan|inf)\s*$", re.IGNORECASE)
+NUMBER = re.compile(r"^\s*[-+]?(\d+([.,]\d*)?|[.,]\d+)([eEdD][-+]?\d+)?\s*$|^\s*[-+]?(nan|inf)\s*$", re.IGNORECASE)
 _TIME = r"\d\d:\d\d:\d\d([.,]\d+)?"
 _CLOCK = re.compile(rf"^\s*(\d{{4}}-\d\d-\d\d([T ]{_TIME}Z?)?|{_TIME})\s*$")
-_VALUE = re.compile(f"{_NUMBER.pattern}|{_CLOCK.pattern}", re.IGNORECASE)
+_VALUE = re.compile(f"{NUMBER.pattern}|{_CLOCK.pattern}", re.IGNORECASE)
 
 UNITS = {
     "s": {"s": 1.0, "sec": 1.0, "ms": 1e-3, "us": 1e-6, "min": 60.0},
@@ -81,11 +81,12 @@ class Response:
 
 @dataclass(frozen=True)
 class Measured:
-    """What a file holds: columns of one length, or responses, or both."""
+    """What a file holds: columns of one length, or responses, or both; and columns of other lengths."""
 
     path: Path
     columns: tuple[Column, ...] = ()
     responses: tuple[Response, ...] = ()
+    others: tuple[Column, ...] = ()
 
 
 def read_measured(path: Path) -> Measured:
@@ -118,7 +119,7 @@ def _text(path: Path) -> Measured:
         text = raw.decode("latin-1")
     if "\0" in text:
         raise _refuse(path, "is not text: it holds zero bytes; MATLAB files end in .mat, universal ones in .uff")
-    lines = [stripped for line in text.splitlines() if (stripped := line.lstrip("#% ")).strip()]
+    lines = [stripped for line in text.splitlines() if (stripped := line.lstrip("#% ")).strip(" \t;,")]
     often = {mark: sum(mark in line for line in lines[-50:]) for mark in ";\t,"}
     for mark in (*sorted((m for m in often if often[m]), key=lambda m: -often[m]), ""):
         rows = _parted(path, lines, mark)
@@ -127,23 +128,24 @@ def _text(path: Path) -> Measured:
             break
     else:
         raise _refuse(path, "holds no rows of numbers that commas, semicolons, tabs or blanks part")
-    width, heads = len(rows[first]), [row for row in rows[:first] if len(row) == len(rows[first])]
+    width = len(rows[first])
+    heads = [row[:width] for row in rows[:first] if len(row) in (width, width + 1)]  # a comment may have no column
     names = heads[-1] if heads else [f"column {k + 1}" for k in range(width)]
     units = [""] * width
     below = [cell.strip().strip("[]()") for cell in heads[-1]] if heads else []
     if len(heads) > 1 and all(len(cell) <= _LONGEST_UNIT for cell in below):  # a row of units below the names
         names, units = heads[-2], below
-    clocks = [not _NUMBER.match(cell) for cell in rows[first]]
-    kinds = [_CLOCK if clock else _NUMBER for clock in clocks]
+    clocks = [not NUMBER.match(cell) for cell in rows[first]]
+    kinds = [_CLOCK if clock else NUMBER for clock in clocks]
     for k, row in enumerate(rows[first:], start=1):
-        if wrong := [cell for kind, cell in zip(kinds, row, strict=False) if not kind.match(cell)]:
-            what = f"no number, such as 1234.5 or 1.2345e3: {wrong[0]!r}" if wrong[0].strip() else "empty"
+        if wrong := [cell for kind, cell in zip(kinds, row, strict=False) if cell.strip() and not kind.match(cell)]:
+            what = f"no number, such as 1234.5 or 1.2345e3: {wrong[0]!r}"
             raise _refuse(path, f"row {k} of its numbers has a cell that is {what}")
         if len(row) != width:
             raise _refuse(path, f"row {k} of its numbers has {len(row)} cells of {width}")
     try:
         values = [
-            _seconds(cells) if clock else _numbers(cells)
+            _seconds(cells) if clock else numbers_of(cells)
             for clock, cells in zip(clocks, zip(*rows[first:], strict=True), strict=True)
         ]
     except ValueError as error:
@@ -167,8 +169,9 @@ def _parted(path: Path, lines: list[str], mark: str) -> list[list[str]]:
     return [row if row[-1].strip() else row[:-1] for row in rows]  # they end with a mark, that of the names perhaps not
 
 
-def _numbers(cells: Sequence[str]) -> np.ndarray:
-    return np.array([float(cell.replace(",", ".").upper().replace("D", "E")) for cell in cells])
+def numbers_of(cells: Sequence[str]) -> np.ndarray:
+    """Of cells of text, with decimal commas or Fortran's exponents too; NaN where one is blank."""
+    return np.array([float(cell.replace(",", ".").upper().replace("D", "E").strip() or "nan") for cell in cells])
 
 
 def _seconds(cells: Sequence[str]) -> np.ndarray:
@@ -182,7 +185,7 @@ def _seconds(cells: Sequence[str]) -> np.ndarray:
 def _column(name: str, unit: str, values: np.ndarray) -> Column:
     """A column whose name may hold its unit, as in `Force [N]`, `Force (N)`, `Force, N` or `Force in N`."""
     name = name.strip().strip("\"'")
-    if not unit and (found := _IN_NAME.match(name)):
+    if not unit and (found := _IN_NAME.match(name)) and not (found["unit"] or "").isdigit():  # as a matrix counts them
         name, unit = found["name"], (found["unit"] or found["after"] or "").strip()
     elif not unit and (found := _IN_WORDS.match(name)) and unit_of(found["unit"]):  # and not `Force in z`
         name, unit = found["name"], found["unit"]
@@ -206,7 +209,9 @@ def _matlab(path: Path) -> Measured:
     if not lengths:
         raise _refuse(path, "holds no vectors of numbers")
     most = max(set(lengths), key=lengths.count)
-    return Measured(path, tuple(_column(n, "", v) for n, v in arrays.items() if len(v) == most))
+    columns = [_column(name, "", values) for name, values in arrays.items()]
+    alike, others = (tuple(c for c in columns if (len(c.values) == most) is same) for same in (True, False))
+    return Measured(path, alike, others=others)
 
 
 def _arrays(table: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, np.ndarray]]:
