@@ -10,7 +10,7 @@ from pyuff import UFF, prepare_58
 from scipy.io import savemat
 from typer.testing import CliRunner
 
-from beamdesign import InputError, import_measured, read_prototype
+from beamdesign import InputError, import_measured, read_dataset, read_prototype
 from beamdesign.cli import app
 from beamdesign.diagnosis.data.dataset import TimeRecord
 from beamdesign.diagnosis.data.importing import Imported
@@ -240,6 +240,82 @@ def test_universal_files_of_time_and_of_frequency(tmp_path: Path, motion: dict[s
     assert found.records[0].measured["displacement_m"] == pytest.approx(motion["displacement_m"], abs=1e-9)
     (response,) = found.responses
     assert abs(response.response) == pytest.approx(abs(compliance), rel=1e-3)
+
+
+HERTZ = np.linspace(1.0, 100.0, 50)
+S = 2j * np.pi * HERTZ
+COMPLIANCE = 1 / (4e5 + 200 * S + 8 * S**2)
+"""m/N, of 8 kg on a spring of 400 kN/m and a dashpot: 2.5 um/N at rest."""
+
+
+def decibels(values: np.ndarray) -> np.ndarray:
+    return 20 * np.log10(abs(values))
+
+
+@pytest.mark.parametrize(
+    ("head", "columns"),
+    [
+        ("frequency_Hz,magnitude_m_per_N,phase_rad", (HERTZ, abs(COMPLIANCE), np.angle(COMPLIANCE))),
+        ("Freq_Hz,Mag_dB,Phase_deg", (HERTZ, decibels(COMPLIANCE), np.angle(COMPLIANCE, deg=True))),
+        (
+            "Frequency [Hz],Magnitude [dB re 1 um/N],Phase [rad]",
+            (HERTZ, decibels(1e6 * COMPLIANCE), np.angle(COMPLIANCE)),
+        ),
+        ("Frequency [Hz],Magnitude [mm/kN]", ()),
+        (
+            "Frequency [rad/s],Real [g/N],Imag [g/N]",
+            (abs(S), (S**2 * COMPLIANCE).real / 9.80665, (S**2 * COMPLIANCE).imag / 9.80665),
+        ),
+        (
+            "Frequency [kHz],Mobility [mm/s/N],Phase [deg],Coherence",
+            (HERTZ / 1e3, 1e3 * abs(S * COMPLIANCE), np.angle(S * COMPLIANCE, deg=True), 0.9 + 0 * HERTZ),
+        ),
+        (
+            "Frequency [Hz],Compliance [in/lbf],Phase [deg]",
+            (HERTZ, abs(COMPLIANCE) / 0.0254 * 4.4482216152605, np.angle(COMPLIANCE, deg=True)),
+        ),
+    ],
+)
+def test_frequency_responses_in_columns(tmp_path: Path, head: str, columns: tuple[np.ndarray, ...]) -> None:
+    """Whatever they are written in, and from high to low: an accelerance is -w^2 times a compliance (Ewins 2000)."""
+    rows = np.column_stack(columns or (HERTZ, 1e6 * abs(COMPLIANCE)))[::-1]
+    np.savetxt(tmp_path / "a.csv", rows, "%.12g", ",", header=head, comments="")
+    (found,) = imported(tmp_path / "a.csv").dataset.responses
+    assert found.frequencies_Hz == pytest.approx(HERTZ)
+    assert found.has_phase == bool(columns)
+    assert found.response == pytest.approx(COMPLIANCE if columns else abs(COMPLIANCE), rel=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("head", "words"),
+    [
+        ("Frequency [Hz],Magnitude,Phase [deg]", "negative values of 'Magnitude': state its unit where these are deci"),
+        ("Frequency [Hz],Force [N],Phase [deg]", "neither a magnitude nor a real and an imaginary part"),
+        ("Frequency [Hz],Magnitude [dB re 1 furlong/N],Phase [deg]", "'furlong/N' is no motion over a force"),
+        ("Frequency [Hz],Magnitude [dB],Phase [turns]", "phases in 'turns'; known are deg and rad"),
+        ("Frequency [1/min],Magnitude [dB],Phase [deg]", "frequencies in '1/min'; known are Hz"),
+    ],
+)
+def test_a_response_that_cannot_be_told_is_refused(tmp_path: Path, head: str, words: str) -> None:
+    rows = np.column_stack([HERTZ, decibels(COMPLIANCE), np.angle(COMPLIANCE, deg=True)])
+    np.savetxt(tmp_path / "a.csv", rows, "%.12g", ",", header=head, comments="")
+    with pytest.raises(InputError, match=words):
+        imported(tmp_path / "a.csv")
+
+
+def test_no_column_of_a_response_is_left_out_in_silence(tmp_path: Path) -> None:
+    """A phase in radians counted for none."""
+    rows = np.column_stack([HERTZ, abs(COMPLIANCE), np.angle(COMPLIANCE), 0 * HERTZ])
+    head = "frequency_Hz,magnitude_m_per_N,phase_deg,coherence"
+    np.savetxt(tmp_path / "a.csv", rows, "%.12g", ",", header=head.replace(",c", "_,c"), comments="")
+    imported(tmp_path / "a.csv")
+    written = tmp_path / "set" / "records" / "a_magnitude.csv"
+    np.savetxt(written, rows, "%.12g", ",", header=head, comments="")
+    (warning,) = read_dataset(tmp_path / "set").warnings
+    assert "column coherence is not known here" in warning
+    np.savetxt(written, rows, "%.12g", ",", header=head.replace("deg", "rad"), comments="")
+    with pytest.raises(InputError, match="phase_deg: column missing; the file has phase_rad: give it in deg"):
+        read_dataset(tmp_path / "set")
 
 
 @pytest.mark.parametrize(("axis", "per_s", "hertz"), [("ms", 1e3, "kHz"), ("", 1.0, "rad/s"), ("sec", 1.0, "Hz")])

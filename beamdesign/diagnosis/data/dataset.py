@@ -263,7 +263,7 @@ def read_dataset(folder: str | Path) -> Dataset:
 
     felt = prototype.actuator.feels[0]
     taken = tuple(_time_record(path, row, law(row), felt, warnings) for row in entry.record)
-    responses = tuple(_response(path.parent / row.file, row, law(row)) for row in entry.frequency_response)
+    responses = tuple(_response(path.parent / row.file, row, law(row), warnings) for row in entry.frequency_response)
     gains = tuple(_measured_gain(row, prototype, path) for row in entry.critical_gain)
     return Dataset(entry.name, path.parent, prototype, taken, responses, gains, tuple(warnings), stated)
 
@@ -319,17 +319,17 @@ def _time_record(index: Path, row: TimeEntry, controller: Controller, felt: str,
         columns[name] = values if there.all() else np.interp(times, times[there], values[there])
     warnings += [f"{path.name}: {words}" for words in (row.note, refuse_uneven(path, columns, times)) if words]
     more = felt, "inner_displacement_m"
-    warnings += [
-        f"{path.name}: column {name} is not known here and was left aside"
-        for name in columns
-        if name not in (*needed, *more)
-    ]
+    warnings += _unknown(path, columns, (*needed, *more))
     dead = [name for name in more if name in columns and not np.ptp(columns[name]) > 0]
     warnings += [f"{path.name}: {name} never changes (is the sensor connected?) and was left aside" for name in dead]
     measured = {name: columns[name] for name in (*MEASURED, *more) if name in columns and name not in dead}
     inputs = np.column_stack([columns[name] for name in INPUTS])
     masses = (row.outer_end_mass_kg, row.inner_end_mass_kg)
     return TimeRecord(path.stem, times, inputs, measured, *masses, controller, str(path), row.left_out_s)
+
+
+def _unknown(path: Path, columns: Mapping[str, np.ndarray], known: tuple[str, ...]) -> list[str]:
+    return [f"{path.name}: column {name} is not known here and was left aside" for name in columns if name not in known]
 
 
 def _refuse_spans(index: Path, row: TimeEntry, times: np.ndarray) -> None:
@@ -343,11 +343,13 @@ def _refuse_spans(index: Path, row: TimeEntry, times: np.ndarray) -> None:
         raise InputError(index, [("record.left_out_s", words)])
 
 
-def _response(path: Path, row: ResponseEntry, controller: Controller) -> FrequencyResponse:
+def _response(path: Path, row: ResponseEntry, controller: Controller, warnings: list[str]) -> FrequencyResponse:
     columns = read_columns(path)
     driven_by = int(MAGNITUDES[1] in columns)
     column, other = MAGNITUDES[driven_by], MAGNITUDES[1 - driven_by]
-    refuse_missing(path, ("frequency_Hz", column), columns)
+    phases = [name for name in columns if name.lower().startswith("phase")]
+    refuse_missing(path, ("frequency_Hz", column, *["phase_deg"] * bool(phases)), columns)
+    warnings += _unknown(path, columns, ("frequency_Hz", *MAGNITUDES, "phase_deg"))
     frequencies, magnitude = columns["frequency_Hz"], columns[column]
     wrong = []
     if other in columns:

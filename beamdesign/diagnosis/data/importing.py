@@ -41,7 +41,7 @@ from beamdesign.records import InputError, Problem
 from beamdesign.result import Result, finite
 from beamdesign.structure.arm import in_plane
 
-_PER_FORCE = {"m": 1.0, "mm": 1e-3, "um": 1e-6, "in": 0.0254}
+_PER_FORCE = {"m": 1.0, "mm": 1e-3, "um": 1e-6, "in": 0.0254, "g": 9.80665}
 
 
 @dataclass(frozen=True)
@@ -362,22 +362,27 @@ def _there(found: Measured) -> str:
 
 
 def _compliance(found: Response, path: Path) -> tuple[dict[str, np.ndarray], tuple[Taken, ...]]:
-    """Magnitude and phase of the compliance: a velocity is divided by j w, an acceleration by -w^2."""
+    """Magnitude and phase of the compliance: a velocity is divided by j w, an acceleration by -w^2.
+
+    Per volt of the command it is a response to that. Where the phase is not known there is none.
+    """
     above = found.frequency_Hz > 0
     s = 2j * pi * found.frequency_Hz[above]
-    answer, _, force = (part.strip() for part in found.unit.translate(SPELT).partition("/"))
-    length = re.sub(r"/?s(\^?2|²)?$", "", answer)
+    answer, _, over = found.unit.translate(SPELT).replace(" ", "").rpartition("/")
+    answer, over = (answer, over) if answer else (over, "")
+    driven = "V" if unit_of(over) == "V" else "N"
+    length = re.sub(r"/s(\^?2|²|/s)?$", "", answer)
     scale = _PER_FORCE.get(length or "m")
-    newton = UNITS["N"].get(re.sub(r".*/", "", force) or "N")
+    newton = UNITS[driven].get(over or "N")
     if scale is None or newton is None:
-        raise InputError(path, [(found.name, f"its unit {found.unit!r} is no motion over a force that is known here")])
+        reason = f"its unit {found.unit!r} is no motion over a force or a command that is known here, such as mm/N"
+        raise InputError(path, [(found.name, reason)])
     power = {"displacement": 0, "velocity": 1, "acceleration": 2}[found.answer]
     values = found.values[above] * scale / newton / s**power
     words = "" if found.unit else "no unit stated: taken as SI over N"
     words = "; ".join(part for part in (words, f"{found.answer} divided by (j w)^{power}" if power else "") if part)
-    table = {
-        "frequency_Hz": found.frequency_Hz[above],
-        "magnitude_m_per_N": np.abs(values),
-        "phase_deg": np.degrees(np.unwrap(np.angle(values))),
-    }
-    return table, (Taken("magnitude_m_per_N", found.name, found.unit, scale / newton, 0.0, words),)
+    column = f"magnitude_m_per_{driven}"
+    table = {"frequency_Hz": found.frequency_Hz[above], column: np.abs(values)}
+    if np.iscomplexobj(found.values):
+        table["phase_deg"] = np.degrees(np.unwrap(np.angle(values)))
+    return table, (Taken(column, found.name, found.unit, scale / newton, 0.0, words),)

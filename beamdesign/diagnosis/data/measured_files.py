@@ -10,7 +10,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from datetime import datetime
 from io import StringIO
-from math import tau
+from math import pi, tau
 from pathlib import Path
 from typing import Any
 
@@ -151,7 +151,66 @@ def _text(path: Path) -> Measured:
     except ValueError as error:
         raise _refuse(path, f"has a time of day or a date that there is not: {error}") from error
     columns = [_column(name, unit, of) for name, unit, of in zip(names, units, values, strict=True)]
+    if (response := _response_of(path, columns)) is not None:
+        return Measured(path, responses=(response,))
     return Measured(path, tuple(replace(c, unit="s") if clock else c for c, clock in zip(columns, clocks, strict=True)))
+
+
+_OF_RESPONSE = {
+    "frequency": r"^freq|^fréq|^omega$",
+    "magnitude": r"^mag|gain|abs|modul|betrag|compliance|receptance|mobility|accelerance|inertance|frf|^h$",
+    "phase": r"phase|angle|winkel",
+    "real": r"^re$|^re[ _]|real",
+    "imaginary": r"^im$|^im[ _]|imag",
+}
+_TURNS = {"": pi / 180, "deg": pi / 180, "°": pi / 180, "degrees": pi / 180, "rad": 1.0}
+_DERIVED = {r"^g/|/s(\^?2|²|/s)/": "acceleration", "/s/": "velocity"}
+
+
+def _response_of(path: Path, columns: Sequence[Column]) -> Response | None:
+    """A frequency response in columns: magnitude (in dB too) and phase, or real and imaginary part; None for a record.
+
+    Raises:
+        InputError: where there are frequencies, and what stands beside them cannot be told.
+    """
+    split = [replace(c, name=c.name[: -len(end[0])], unit=end[1]) if (end := _end(c)) else c for c in columns]
+    part = {
+        which: next((c for c in split if re.search(pattern, c.name, re.IGNORECASE)), None)
+        for which, pattern in _OF_RESPONSE.items()
+    }
+    frequency, magnitude, phase, real, imaginary = part.values()
+    if frequency is None or any(re.search("^t$|time|^zeit", c.name, re.IGNORECASE) for c in columns):
+        return None
+    there = ", ".join(f"{c.name} [{c.unit}]" for c in split)
+    per_Hz, turn = _HERTZ.get(frequency.unit.lower(), 1.0), 1.0
+    if frequency.unit.lower() not in ("", "hz", *_HERTZ):
+        raise _refuse(path, f"has frequencies in {frequency.unit!r}; known are Hz, kHz, rad/s, rpm and cpm")
+    if phase is not None and (turn := _TURNS.get(phase.unit.lower(), 0.0)) == 0:
+        raise _refuse(path, f"has phases in {phase.unit!r}; known are deg and rad")
+    values: np.ndarray
+    if real is not None and imaginary is not None and real.unit == imaginary.unit:
+        name, unit, values = real.name, real.unit, real.values + 1j * imaginary.values
+    elif magnitude is not None:
+        name, unit, values = magnitude.name, magnitude.unit, magnitude.values
+        if unit.lower().startswith("db"):
+            name, unit = f"{name} in dB", re.sub(r"^db\s*(re\.?)?\s*1?\s*", "", unit, flags=re.IGNORECASE)
+            values = 10 ** (values / 20)
+        elif np.any(values < 0):
+            raise _refuse(path, f"has negative values of {name!r}: state its unit where these are decibels")
+        values = values if phase is None else values * np.exp(1j * turn * phase.values)
+    else:
+        raise _refuse(path, f"has frequencies, but neither a magnitude nor a real and an imaginary part: {there}")
+    if not (np.isfinite(values).all() and np.isfinite(frequency.values).all() and np.all(np.abs(values) > 0)):
+        raise _refuse(path, "has a response that is zero or not finite at some of its frequencies")
+    answer = next((kind for pattern, kind in _DERIVED.items() if re.search(pattern, unit + "/")), "displacement")
+    order = np.argsort(frequency.values)
+    return Response(name, per_Hz * frequency.values[order], values[order], answer, unit)
+
+
+def _end(column: Column) -> tuple[str, str] | None:
+    """What the name of a column of a response ends in that is a unit, and how that is written otherwise."""
+    found = None if column.unit else re.search(r"_(k?Hz|rad_per_s|rad|deg|dB|[mu]?m_per_[NV])$", column.name)
+    return (found[0], found[1].replace("_per_", "/")) if found else None
 
 
 def _parted(path: Path, lines: list[str], mark: str) -> list[list[str]]:
