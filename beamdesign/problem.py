@@ -9,6 +9,7 @@ from pydantic import Field, SerializeAsAny
 
 from beamdesign import quantities as q
 from beamdesign import records
+from beamdesign.arguments import takes
 from beamdesign.controllers import SENSORS, Sensed
 from beamdesign.parameters import stated_or_typical
 from beamdesign.plant.actuators import Actuator, WithActuator
@@ -204,6 +205,7 @@ def _with_section(asked: BeamProblem, tube: Tube) -> Beam:
     return Beam.model_validate(same | {"shape": tube.shape} | tube.sizes)
 
 
+@takes()
 def read_problem(path: str | Path) -> DesignProblem:
     """Read a study file.
 

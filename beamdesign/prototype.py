@@ -10,7 +10,7 @@ from pydantic_core import InitErrorDetails, PydanticCustomError
 
 from beamdesign import quantities as q
 from beamdesign import records
-from beamdesign.arguments import checked_range_kg
+from beamdesign.arguments import checked_range_kg, takes
 from beamdesign.controllers import Cascade, Controller, Scheduled
 from beamdesign.files import read_bytes, write_whole
 from beamdesign.plant.actuators import Actuator, ActuatorTolerance, WithActuator, deviation
@@ -344,6 +344,7 @@ class InStage(NamedTuple):
         return tuple(sorted({low, (low + high) / 2, high}))
 
 
+@takes()
 def read_prototype(path: str | Path) -> Prototype:
     """Read a prototype.toml.
 
@@ -380,6 +381,7 @@ def _changed(guarantee: Guarantee, folder: Path) -> str:
     )
 
 
+@takes("Prototype BenchPrototype")
 def write_prototype(prototype: Record, path: str | Path) -> None:
     """Write a prototype.toml, of any kind of rig, from which its reader gives back an equal record."""
     write_whole(Path(path), records.to_toml(prototype))

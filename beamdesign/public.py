@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Literal
 
 from beamdesign.arguments import takes
 from beamdesign.progress import Progress, silent
+from beamdesign.records import InputError
 
 if TYPE_CHECKING:
     import control
@@ -19,6 +20,8 @@ if TYPE_CHECKING:
 
 LOOP_OUTPUTS = ("displacement_m", "sensor_V", "current_A")
 """Of the open and the closed loop of `state_space`; the plant has the first two. What added sensors read follows."""
+
+_FASTEST_KG_PER_S = 1e6
 
 
 @takes("Prototype")
@@ -37,9 +40,13 @@ def certify_switching(
         progress: told the share done and what is being done.
 
     Raises:
-        ValueError: for stages of different states, a range of one payload, or a rate that is not positive.
-        InputError: without a range, or for effects for which no linear loop stands.
+        ValueError: for stages of different states, or a range of one payload.
+        InputError: without a range, for effects for which no linear loop stands, or for a rate that is not plausible.
     """
+    if rate_kg_per_s is not None and not 0 < rate_kg_per_s <= _FASTEST_KG_PER_S:
+        reason = f"is {rate_kg_per_s:g}; above 0 and up to {_FASTEST_KG_PER_S:g} kg/s is plausible"
+        raise InputError(prototype.name, [("rate_kg_per_s", reason)])
+
     from beamdesign.proofs.lyapunov import switching
     from beamdesign.proofs.mass_family import stage_families
 
@@ -136,6 +143,7 @@ def state_space(
     )  # fmt: skip
 
 
+@takes()
 def study(
     source: Path | str,
     folder: Path | str,

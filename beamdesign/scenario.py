@@ -11,6 +11,7 @@ from pydantic_core import InitErrorDetails, PydanticCustomError
 
 from beamdesign import quantities as q
 from beamdesign import records
+from beamdesign.arguments import takes
 from beamdesign.columns import read_columns, uniform_times
 from beamdesign.controllers import Controller
 from beamdesign.records import FileName, InputError, Problem, Record, numbers
@@ -239,6 +240,7 @@ class Scenario(Record):
         return np.arange(round(self.duration_s / self.sample_s) + 1) * self.sample_s
 
 
+@takes()
 def read_scenario(path: str | Path) -> Scenario:
     """Read a scenario file; the CSV files it names are looked for beside it.
 

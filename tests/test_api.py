@@ -169,6 +169,41 @@ def test_what_is_neither_a_record_nor_its_path_is_refused(given):
         beamdesign.simulate(beamdesign.read_prototype(firm), given)
 
 
+@pytest.mark.parametrize(
+    ("words", "ask"),
+    [
+        ("path: expected a text or a path, is None", lambda rig: beamdesign.read_prototype(None)),
+        ("folder: expected a text or a path, is 3", lambda rig: beamdesign.read_dataset(3)),
+        ("path: expected a text or a path, is True", lambda rig: beamdesign.read_problem(path=True)),
+        ("prototype: expected a Prototype", lambda rig: beamdesign.write_prototype(STUDY, "a.toml")),
+        ("nonlinear: expected True or False, is 'no'", lambda rig: beamdesign.certify(rig, (0.0, 1.0), nonlinear="no")),
+        ("claims: expected a list, of each expected an Asked, is 2", lambda rig: beamdesign.certify(rig, claims=[2])),
+        (
+            "loop: expected 'closed' or 'open' or 'plant', is 'shut'",
+            lambda rig: beamdesign.state_space(rig, 0.0, "shut"),
+        ),
+        ("loop: expected .* is of type ndarray", lambda rig: beamdesign.state_space(rig, loop=np.zeros(99))),
+        ("word_length: expected a whole number or None", lambda rig: beamdesign.code(rig, 2e4, word_length=32.5)),
+        ("files: expected a list or a path or a text", lambda rig: beamdesign.import_measured(7, "a.toml", "b")),
+        ("columns: expected a list, is 't_s = t'", lambda rig: beamdesign.import_measured("a", "b", "c", "t_s = t")),
+        ("only: expected a list, of each expected a text", lambda rig: beamdesign.certify_box(rig, only=[1.0])),
+        ("wall_N_per_m: expected 2 numbers, is 5.0", lambda rig: beamdesign.stiffness(rig, wall_N_per_m=5.0)),
+        ("wall_N_per_m: .* is 9:1$", lambda rig: beamdesign.stiffness(rig, 1e5, wall_N_per_m=(9.0, 1.0))),
+        ("wall_damping_N_s_per_m: .* is -1:1$", lambda rig: beamdesign.stiffness(rig, wall_damping_N_s_per_m=(-1, 1))),
+        ("contact: is 'soft'; expected passive, wall, none", lambda rig: beamdesign.stiffness(rig, contact="soft")),
+        ("force_N: expected 3 numbers", lambda rig: beamdesign.arm(rig, force_N=(0.0, 1.0))),
+        ("rate_kg_per_s: is -1; above 0", lambda rig: beamdesign.certify_switching(rig, (0.0, 1.0), -1.0)),
+        (r"loop: s: expected a text in s or a list of coefficients, is 1\.0", lambda rig: beamdesign.prove((1.0, 2.0))),
+        ("cases: expected a whole number or None", lambda rig: beamdesign.study("a.toml", "b", cases="all")),
+        ("cases: expected a whole number, is None", lambda rig: beamdesign.blindcheck("a", None)),
+    ],
+)
+def test_what_is_not_as_a_function_is_annotated_is_refused(words: str, ask) -> None:
+    """By its name and in words, where Python's own would tell of what an engine did with it; or it was passed over."""
+    with pytest.raises(InputError, match=words):
+        ask(beamdesign.read_prototype(ROOT / "studies" / "prototypes" / "tame_lag.toml"))
+
+
 OF_A_PAYLOAD = (beamdesign.limits, beamdesign.critical_gain, beamdesign.state_space)
 OF_PAYLOADS = (
     beamdesign.certify, beamdesign.certify_box, beamdesign.certify_switching, beamdesign.arm, beamdesign.spec,

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from flint import fmpq, fmpq_mpoly, fmpq_mpoly_ctx, fmpq_poly
 
+from beamdesign.arguments import takes
 from beamdesign.loop import Loop
 from beamdesign.polynomial import Affine, nearest
 from beamdesign.proofs.any_loop import (
@@ -172,6 +173,7 @@ class ProvedFamily(Result):
         return found if self.peak_sensitivity is None else [*found, (PEAK, self.peak_sensitivity, "at most")]
 
 
+@takes()
 def prove(
     loop: "control.TransferFunction | control.StateSpace | Sequence[Any]",
     parameters: Mapping[str, Pair] | None = None,
@@ -279,6 +281,8 @@ def _polynomial(part: Any, context: fmpq_mpoly_ctx, of: str, parameters: Iterabl
             return sum(terms, context.constant(0))
         return context.constant(number(value))
 
+    if not isinstance(part, Iterable):
+        raise InputError("loop", [(of, f"expected a text in {of} or a list of coefficients, is {part!r}")])
     s = context.gen(0)
     return sum((one(value) * s**k for k, value in enumerate(reversed([*part]))), context.constant(0))
 

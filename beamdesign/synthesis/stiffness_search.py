@@ -9,6 +9,7 @@ does on further rigs drawn from the tolerances is decided rig by rig.
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from math import inf
 from typing import Any
 
 import numpy as np
@@ -27,6 +28,7 @@ from beamdesign.proofs.performance import prove
 from beamdesign.proofs.rectangle import Rectangle
 from beamdesign.prototype import Compliance, Prototype
 from beamdesign.quantities import ComponentFrequency, Frequency, LawGain, Stiffness, range_of
+from beamdesign.records import InputError
 from beamdesign.result import Result, picked
 from beamdesign.synthesis import RIGS
 from beamdesign.synthesis.design_run import stating
@@ -135,8 +137,17 @@ def stiffness(
         InputError: for effects, without a range of payloads, without a controller to keep, or for figures that are not
             plausible.
         ValueError: for a controller that cannot be judged, see `judge`, or an empty range.
-        KeyError: for another contact.
     """
+    ranges = {"wall_N_per_m": wall_N_per_m, "wall_damping_N_s_per_m": wall_damping_N_s_per_m}
+    wrong = [
+        (key, f"expected a least and a largest figure, neither negative, is {low:g}:{high:g}")
+        for key, (low, high) in ranges.items()
+        if not 0 <= low <= high < inf
+    ]
+    if contact not in CONTACTS:
+        wrong.append(("contact", f"is {contact!r}; expected {', '.join(CONTACTS)}"))
+    if wrong:
+        raise InputError(prototype.name, wrong)
     need, masses = CONTACTS[contact], prototype.asked_kg(outer_end_mass_kg)
     wall = Wall(*((exact(low), exact(high)) for low, high in (wall_N_per_m, wall_damping_N_s_per_m)))
     if end_stiffness_N_per_m is None:

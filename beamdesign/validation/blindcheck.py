@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from beamdesign.arguments import takes
 from beamdesign.code_digest import code_digest, folder_digest
 from beamdesign.files import write_whole
 from beamdesign.progress import Progress, end_at_once, silent
@@ -93,6 +94,7 @@ class Check:
         return Place(self.sets / key, found, predicted, self.folder / "fits" / key)
 
 
+@takes()
 def blindcheck(
     folder: Path | str,
     cases: int = 200,

@@ -9,6 +9,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from beamdesign import records
+from beamdesign.arguments import takes
 from beamdesign.columns import read_columns, uniform_times
 from beamdesign.controllers import Controller
 from beamdesign.diagnosis.data.dataset_index import GainEntry, ResponseEntry, Taken, TimeEntry, index_of, read_index
@@ -231,6 +232,7 @@ class _Gained(Record):
     controller: Controller
 
 
+@takes()
 def read_dataset(folder: str | Path) -> Dataset:
     """Read a data set from its folder (or from its dataset.toml).
 

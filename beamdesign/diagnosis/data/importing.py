@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 import tomli_w
 
+from beamdesign.arguments import takes
 from beamdesign.bench_prototype import AnyPrototype, BenchPrototype, read_any_prototype
 from beamdesign.controllers import Controller
 from beamdesign.diagnosis.data.bench_set import ONE_COMMAND, BenchSet, held_commands, read_bench_set, stretches
@@ -89,6 +90,7 @@ class Imported(Result):
         return [(name.removeprefix("records/"), *one.row()) for name, of in self.taken.items() for one in of]
 
 
+@takes()
 def import_measured(
     files: Sequence[Path | str] | Path | str,
     prototype: Path | str,
