@@ -49,8 +49,11 @@ class Result:
         return finite(self)
 
     def rows(self) -> Sequence[tuple[Any, ...]]:
-        """Its figures for people, the same in a terminal and on a page: name with the unit in it, and value."""
-        return list(_figures(self.to_dict()))
+        """Its figures for people, the same in a terminal and on a page: name with the unit in it, and value.
+
+        What was found comes before the rig that it was found for.
+        """
+        return list(_figures(dict(sorted(self.to_dict().items(), key=lambda field: field[0] == "prototype"))))
 
     def pictures(self) -> "dict[str, Figure]":
         """The pictures of the rig that it gives, by name: see `beamdesign.pictures`.
@@ -65,7 +68,9 @@ class Result:
         return beamdesign.pictures(rig)
 
     def __repr__(self) -> str:
-        figures = ", ".join(f"{name}={shown(value)}" for name, value, *_ in self.rows() if not isinstance(value, str))
+        figures = ", ".join(
+            f"{shown(name)}={shown(value)}" for name, value, *_ in self.rows() if not isinstance(value, str)
+        )
         words = "; ".join(part for part in (self.status, str(getattr(self, "reason", "")), figures) if part)
         return f"<{type(self).__name__}: {words}>"
 

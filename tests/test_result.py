@@ -41,6 +41,19 @@ def test_rows_and_page_and_file_hold_the_same_figures():
     assert "<td>parts.tube_kg</td><td>1.235</td>" in found._repr_html_()
 
 
+@dataclass(frozen=True, repr=False)
+class Found(Result):
+    prototype: dict[str, float]
+    bandwidth_Hz: float
+
+    def rows(self) -> list[tuple[Any, float]]:
+        return [*super().rows(), (0.9779327685, 2.0)]
+
+
+def test_what_was_found_stands_before_its_rig_and_no_name_is_a_figure_of_ten_digits():
+    assert repr(Found({"mass_kg": 3.0}, 4.0)) == "<Found: yes; bandwidth_Hz=4, prototype.mass_kg=3, 0.9779=2>"
+
+
 def test_equal_figures_have_one_hash_and_figures_that_are_not_finite_differ():
     for one, other in ((Weighed(2, {}), Weighed(2.0, {})), (Weighed(0.0, {}), Weighed(-0.0, {}))):
         assert one == other

@@ -245,6 +245,16 @@ def test_without_time_there_is_no_law_and_that_is_the_reason(remedy: Prototype):
         assert found.left_out
 
 
+def test_of_a_search_that_left_something_out_nothing_else_is_to_be_asked(remedy: Prototype):
+    """Its share of the time is over before the whole of it is, and a narrower range is not what it wants."""
+    hopeless = remedy.but(goal=remedy.goal.but(compliance_m_per_N=1e-12))
+    whole = tune(hopeless, (0.0, 2.0), "proportional", sigmas=0.0)
+    cut = tune(hopeless, (0.0, 2.0), "proportional", sigmas=0.0, progress=lambda *_: leave_out("some starts"))
+    assert "a narrower range" in whole.reason
+    assert "more time may find one" in cut.reason
+    assert cut.left_out == ("some starts",)
+
+
 def test_what_is_proved_when_the_time_is_up_is_the_answer(remedy: Prototype):
     """A structured law takes minutes with all its sections; its lag alone is there first, and holds by itself."""
     now, proved = [0.0], []

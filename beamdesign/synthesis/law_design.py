@@ -28,7 +28,7 @@ from beamdesign.synthesis import PROVED
 from beamdesign.synthesis.law_task import Search
 from beamdesign.synthesis.loop_samples import Design, calmer
 from beamdesign.synthesis.rig_spread import BoxTask, Cut, OverBox
-from beamdesign.time_limit import over
+from beamdesign.time_limit import left_out, over
 
 LARGEST_BANDWIDTH_HZ = 500.0
 """Most that is guaranteed, also of a rig that keeps the compliance at every frequency."""
@@ -277,7 +277,7 @@ def in_box(task: Search, design: Design, missed: float = -ROOM / 2) -> list[tupl
 
 def no_answer(kind: str, goal: Goal, masses_kg: tuple[float, float], failure: str, sigmas: float = 0.0) -> str:
     """Why there is no design, and what may allow one: of what was asked only that which can be asked less of."""
-    if over():
+    if over() or left_out():
         return f"no {kind} controller was proved in the time given ({failure}); more time may find one"
     ratio = goal.peak_over_passive
     softer = f" and {ratio:g} times its largest with the servo off at any" if ratio < inf else ""
