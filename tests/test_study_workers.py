@@ -257,6 +257,20 @@ def test_worker_in_which_no_python_runs_ends_with_its_parent(tmp_path):
     assert ends(process.pid)
 
 
+def test_a_script_that_every_process_would_begin_anew_is_told_what_it_lacks(sweep, tmp_path):
+    """Each process imports the script, which begins the sweep again; every case was a failed row, after three tries."""
+    script = tmp_path / "script.py"
+    call = f"beamdesign.study({str(sweep)!r}, {str(tmp_path / 'out')!r}, cases=1)"
+    script.write_text(f"import beamdesign\nprint('imported')\n{call}\n", encoding="utf-8")
+    done = subprocess.run([sys.executable, script], capture_output=True, text=True, timeout=300)
+    assert done.returncode == 1
+    assert (
+        "InputError: study: (script): begins processes, which import it: put its work under `if __name" in done.stderr
+    )
+    assert done.stderr.count("Traceback") == 1
+    assert not list(tmp_path.glob("out/cases/*.json"))
+
+
 def test_nothing_to_compute_begins_no_process(sweep, tmp_path):
     folder = tmp_path / "out"
     run_sweep(plan(sweep), folder)

@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from importlib import import_module
 from math import inf
-from multiprocessing import get_context, resource_tracker
+from multiprocessing import current_process, get_context, resource_tracker
 from multiprocessing.connection import Connection, wait
 from typing import Any, cast
 
@@ -30,6 +30,9 @@ TRIES = 3
 
 CASE_SECONDS = 3600.0
 """After which a case is given up, if nothing else is said."""
+
+_IMPORTED, _LAST_S = 70, 5.0  # exit status of a process that was to begin others, and how long one may take to end
+_UNGUARDED = 'begins processes, which import it: put its work under `if __name__ == "__main__":`'
 
 _THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 
@@ -83,7 +86,12 @@ def processes(count: int, case_seconds: float = CASE_SECONDS) -> Iterator[Worker
     Args:
         count: of processes; each is begun when there is a case for it.
         case_seconds: after which a case is given up, and its process ended.
+
+    Raises:
+        InputError: for a script that begins its work as soon as it is imported, as by each of these processes.
     """
+    if getattr(current_process(), "_inheriting", False):  # importing that script: not to begin processes of its own
+        os._exit(_IMPORTED)
     for name in _THREADS:  # one process per core is enough
         os.environ.setdefault(name, "1")
     free: list[_Process] = []
@@ -108,6 +116,8 @@ def processes(count: int, case_seconds: float = CASE_SECONDS) -> Iterator[Worker
                         words = f"{reason}; --again tries it once more"
                         record = kept(cases[place], "failed", Answer({}, reason=words), case_seconds)
                 except (EOFError, OSError):
+                    if process.imported:
+                        raise InputError("study", [("(script)", _UNGUARDED)]) from None
                     lost, deaths[place] = True, deaths[place] + 1
                     if deaths[place] < TRIES:
                         waiting.appendleft(place)
@@ -164,6 +174,12 @@ class _Process:
         if record is None:
             self.begun = time.monotonic()
         return record
+
+    @property
+    def imported(self) -> bool:
+        """Whether it has ended, since what it imported to begin with would have begun processes."""
+        self._process.join(_LAST_S)
+        return self._process.exitcode == _IMPORTED
 
     def end(self) -> None:
         """End it at once, whatever it does."""
