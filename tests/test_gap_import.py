@@ -98,6 +98,22 @@ def test_units_in_the_words_of_names(tmp_path: Path, motion: dict[str, np.ndarra
     assert {one.name for one in rows_taken} == {"Zeit", "Kraft in z", "Sollwert", "Strom", "Weg"}
 
 
+@pytest.mark.parametrize(
+    "head",
+    [
+        "Temps [s];Force [N];Consigne [V];Courant [A];Déplacement [m]",
+        "Tiempo (s);Fuerza (N);Consigna (V);Corriente (A);Desplazamiento (m)",
+        "Tempo [s];Forza [N];Comando [V];Corrente [A];Spostamento [m]",
+        "Time (seconds);Force (newtons);Command (volts);Current (amps);Displacement (inches)",
+    ],
+)
+def test_names_of_other_languages_and_units_in_words(tmp_path: Path, motion: dict[str, np.ndarray], head: str) -> None:
+    rows = np.column_stack(list(motion.values())) / (1.0, 1.0, 1.0, 1.0, 0.0254 if "inches" in head else 1.0)
+    text = "\n".join([head, *(";".join(f"{x:.12g}" for x in row) for row in rows)])
+    (tmp_path / "a.csv").write_bytes(text.replace(".", ",").encode("latin-1"))
+    same(taken(tmp_path / "a.csv"), motion)
+
+
 def test_units_that_names_end_in(tmp_path: Path, motion: dict[str, np.ndarray]) -> None:
     names = {"t_ms": 1e3, "force_kN": 1e-3, "command_mV": 1e3, "current_mA": 1e3, "x_um": 1e6}
     rows = np.column_stack(list(motion.values())) * list(names.values())

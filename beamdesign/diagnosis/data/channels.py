@@ -12,11 +12,11 @@ from beamdesign.records import InputError, Problem
 
 _RECORD = {
     "t_s": ("s", r"^t$|time|^zeit|^t[_ ]?s|^x[_ ]?values?$"),
-    "disturbance_N": ("N", r"disturb|force|load(?!.*pres)|kraft|hammer|^f(_?d)?$"),
-    "command_V": ("V", r"command|(?<![a-z])cmd|reference|^ref|setpoint|set point|demand|soll"),
-    "current_A": ("A", r"current|strom|^i(_?sv)?$|valve"),
+    "disturbance_N": ("N", r"disturb|force|load(?!.*pres)|kraft|forza|fuerza|hammer|^f(_?d)?$"),
+    "command_V": ("V", r"command|(?<![a-z])cmd|reference|^ref|setpoint|set point|demand|soll|consign|comando"),
+    "current_A": ("A", r"current|strom|courant|corr(i)?ente|^i(_?sv)?$|valve"),
     "inner_displacement_m": ("m", r"inner"),
-    "displacement_m": ("m", r"displ|tip|deflection|position|^x(_?m)?$|weg|lvdt|outer"),
+    "displacement_m": ("m", r"displ|d[eé]plac|desplaz|spostam|tip|deflection|position|^x(_?m)?$|weg|lvdt|outer"),
     "load_pressure_Pa": ("Pa", r"pressure|druck|^p(_?l)?$"),
     "screw_force_N": ("N", r"screw|spindle|spindel"),
 }

@@ -28,11 +28,20 @@ _CLOCK = re.compile(rf"^\s*(\d{{4}}-\d\d-\d\d([T ]{_TIME}Z?)?|{_TIME})\s*$")
 _VALUE = re.compile(f"{NUMBER.pattern}|{_CLOCK.pattern}", re.IGNORECASE)
 
 UNITS = {
-    "s": {"s": 1.0, "sec": 1.0, "ms": 1e-3, "us": 1e-6, "min": 60.0},
-    "N": {"N": 1.0, "kN": 1e3, "mN": 1e-3, "lbf": 4.4482216152605, "kgf": 9.80665},
+    "s": {"s": 1.0, "sec": 1.0, "second": 1.0, "seconds": 1.0, "ms": 1e-3, "us": 1e-6, "min": 60.0},
+    "N": {
+        "N": 1.0,
+        "newton": 1.0,
+        "newtons": 1.0,
+        "kN": 1e3,
+        "mN": 1e-3,
+        "lbf": 4.4482216152605,
+        "lbs": 4.4482216152605,
+        "kgf": 9.80665,
+    },
     "V": {"V": 1.0, "mV": 1e-3, "volt": 1.0, "volts": 1.0},
-    "A": {"A": 1.0, "mA": 1e-3, "uA": 1e-6},
-    "m": {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "in": 0.0254, "mil": 2.54e-5},
+    "A": {"A": 1.0, "amp": 1.0, "amps": 1.0, "mA": 1e-3, "uA": 1e-6},
+    "m": {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "in": 0.0254, "inch": 0.0254, "inches": 0.0254, "mil": 2.54e-5},
     "Pa": {"Pa": 1.0, "kPa": 1e3, "MPa": 1e6, "bar": 1e5, "psi": 6894.757293168},
 }
 """By SI unit what others are in it."""
