@@ -134,6 +134,27 @@ def test_one_wrong_value(changes, key, reason):
     assert problems({"name": "a"} | changes) == [(key, reason)]
 
 
+class Kept(Record):
+    file: Annotated[str, Field(pattern="^[a-z]+$")] = "a"
+    count: int = 1
+    fixed: bool = True
+
+
+@pytest.mark.parametrize(
+    ("table", "reason"),
+    [
+        ({"file": "a/b"}, "must be of letters that a file may be named with, is 'a/b'"),
+        ({"count": 2.5}, "must be a whole number, is 2.5"),
+        ({"count": "2"}, "must be a whole number, is '2'"),
+        ({"fixed": "yes"}, "must be true or false, is 'yes'"),
+    ],
+)
+def test_whole_numbers_and_truth_and_names_of_files_in_plain_words(table, reason):
+    with pytest.raises(InputError) as caught:
+        parse(Kept, table, "kept.toml")
+    assert caught.value.problems == [(*table, reason)]
+
+
 @pytest.mark.parametrize(
     ("table", "key", "reason"),
     [
