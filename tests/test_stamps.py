@@ -112,9 +112,21 @@ def test_lost_rows_are_filled_where_that_is_sure(tmp_path: Path) -> None:
     assert off(record.measured["displacement_m"], signals(15.0)["displacement_m"](even)) < 1e-4
     quick = written(tmp_path / "quick.csv", even[kept], even[kept], 120.0)
     with pytest.raises(
-        InputError, match=r"the 3 samples lost cannot be told .* behind 1\.199 s there is none for 0\.003 s"
+        InputError, match=r"values of lost rows \(3\) cannot be told .* behind 1\.199 s there is none for 0\.003 s"
     ):
         import_measured([quick], RIG, tmp_path / "other")
+
+
+def test_one_row_that_is_lost_in_the_middle_is_no_jitter(tmp_path: Path) -> None:
+    """A line through the stamps passes them all by less than half an interval, as where none is lost."""
+    even = STEP * np.arange(COUNT)
+    kept = np.delete(np.arange(COUNT), COUNT // 2)
+    path = written(tmp_path / "a.csv", even[kept], even[kept], 15.0)
+    found = import_measured([path], RIG, tmp_path / "set")
+    (rows,) = found.taken.values()
+    (words,) = (one.words for one in rows if one.channel == "t_s")
+    assert words.startswith("values of lost rows (1) are splines, off by about")
+    assert found.dataset.records[0].times == pytest.approx(even, abs=1e-9)
 
 
 def test_a_force_that_is_white_and_drives_is_no_noise(tmp_path: Path) -> None:

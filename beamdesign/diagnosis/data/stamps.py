@@ -104,14 +104,16 @@ def stamps_of(times: np.ndarray, channels: Mapping[str, np.ndarray]) -> Stamps:
 
 def _even(times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """(N,) numbers of samples on an even clock, and (N,) s of them; empty where stamps are half of one off."""
-    since = times - times[0]
-    for followed in (False, True):
+    since, found, least = times - times[0], (np.empty(0, dtype=int), np.empty(0)), _HALF
+    for followed in (False, True):  # a line through all of them may pass a lost sample by half an interval
         number = _followed(since) if followed else np.arange(len(since))
         interval, begin = np.polyfit(number, since, 1)
         even = begin + interval * number
-        if np.abs(since - even).max() < _HALF * interval:
-            return number, times[0] + even
-    return np.empty(0, dtype=int), np.empty(0)
+        if (off := float(np.abs(since - even).max() / interval)) < least:
+            found, least = (number, times[0] + even), off
+        if least < _HALF / 2:
+            break
+    return found
 
 
 def _followed(since: np.ndarray) -> np.ndarray:
@@ -265,7 +267,7 @@ def evened(
     }
     errors = {name: error for name, (_, error) in splines.items()}
     worst = max(errors, key=lambda name: errors[name])
-    what = f"the {stamps.lost} samples lost" if clock == "even" else "values at even times"
+    what = f"values of lost rows ({stamps.lost})" if clock == "even" else "values at even times"
     if errors[worst] > LARGEST_ERROR:
         gap = int(np.argmax(np.diff(instants)))
         where = f"behind {instants[gap]:.6g} s there is none for {instants[gap + 1] - instants[gap]:.3g} s"
