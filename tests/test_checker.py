@@ -275,6 +275,15 @@ def test_limits_of_what_is_refuted_are_rounded_the_other_way(remedy: Prototype) 
     assert "refuted: every pole decays faster than 50.00001 1/s" in said
 
 
+@pytest.mark.parametrize("given", [None, 3.0, b"kind", ["a.toml"]])
+def test_what_is_neither_a_path_nor_a_text_is_unreadable(given) -> None:
+    with pytest.raises(Unreadable, match="a certificate is given by its path or text, not by what is of type"):
+        check(given)
+    if given is not None:
+        with pytest.raises(Unreadable, match="a prototype is given by its path or table"):
+            check("a.toml", given)
+
+
 def test_a_path_with_a_nul_is_unreadable() -> None:
     with pytest.raises(Unreadable, match="NUL"):
         check(Path("a\0b.toml"))

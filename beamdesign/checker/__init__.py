@@ -100,6 +100,12 @@ def check(
     Raises:
         Unreadable: where either cannot be read, or is beyond the limits.
     """
+    if not isinstance(source, str | Path):
+        raise Unreadable(f"a certificate is given by its path or text, not by what is of type {type(source).__name__}")
+    if not (prototype is None or callable(prototype) or isinstance(prototype, str | Path | Mapping)):
+        raise Unreadable(
+            f"a prototype is given by its path or table, not by what is of type {type(prototype).__name__}"
+        )
     source = Path(source) if isinstance(source, str) and "\n" not in source else source
     data = source.encode() if isinstance(source, str) else _bytes(source)
     table, text = read(data)
