@@ -2,7 +2,7 @@
 
 import json
 import runpy
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -13,7 +13,7 @@ from flint import fmpq
 from short_scenario import SCENARIO
 from typer.testing import CliRunner
 
-from beamdesign import InputError, Prototype, certify, check, read_prototype, write_prototype
+from beamdesign import InputError, Prototype, certify, certify_box, check, read_prototype, write_prototype
 from beamdesign.cli import app
 from beamdesign.code_digest import code_digest
 from beamdesign.diagnosis.fitting.hypothesis import cause, singles
@@ -117,6 +117,17 @@ def test_its_certificate_is_refused_with_other_elements(rig: Prototype) -> None:
     wrong = check(certify(rig, 2.0, 2.2).text)
     assert not wrong.valid
     assert any("polynomials" in reason for reason in wrong.failed)
+
+
+@pytest.mark.parametrize("prove", [certify, certify_box], ids=lambda one: one.__name__)
+def test_nothing_is_proved_of_one_without_elements(rig: Prototype, prove: Callable[..., Any]) -> None:
+    """It was certified as stable, in a certificate that its check refuses."""
+    assert ABSORBER.linear is not None
+    library()[NAME] = replace(ABSORBER, linear=replace(ABSORBER.linear, elements=None))
+    with pytest.raises(InputError) as refused:
+        prove(rig, (2.0, 2.2))
+    assert [problem.key for problem in refused.value.problems] == [f"effects.{NAME}"]
+    assert len(family(rig).members) == 1  # which simulation and diagnosis take
 
 
 def test_elements_that_are_no_rationals_are_refused_as_that(rig: Prototype) -> None:

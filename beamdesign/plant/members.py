@@ -97,12 +97,16 @@ class LinearFamily:
     gains: Mapping[str, Span] = field(default_factory=dict)
 
 
-def refuse_many(prototype: Prototype, found: LinearFamily) -> None:
-    """Refuse, before anything is proved, more linear members than a certificate states.
+def refuse_unstated(prototype: Prototype, found: LinearFamily) -> None:
+    """Refuse, before anything is proved, what no certificate states: too many members, or effects without elements.
 
     Raises:
-        InputError: for more than `MOST_MEMBERS`.
+        InputError: for more than `MOST_MEMBERS`, and for an effect whose laws its elements do not say.
     """
+    linears = {name: linear_of(prototype, name) for name in prototype.effects}
+    if nothing := [name for name, one in linears.items() if one and one.elements is None and one.laws != {}]:
+        words = "states no elements, from which a proof of it is checked, so that none is given; state `linear.elements`"
+        raise InputError(prototype.name, [Problem(f"effects.{name}", words) for name in nothing])
     if (count := len(found.members)) > MOST_MEMBERS:
         spanned = [key for key, span in found.spans.items() if span.low < span.high]
         words = f"freeze {', '.join(spanned)}, whose ends have {count} combinations, more than the {MOST_MEMBERS}"
@@ -126,7 +130,7 @@ def served(
         InputError: as of `family`, and for more members than are proved.
     """
     found = family(prototype, largest_kg)
-    refuse_many(prototype, found)
+    refuse_unstated(prototype, found)
     own = found.members
     if stage is None:
         return own

@@ -11,7 +11,7 @@ from flint import fmpq
 
 from beamdesign.arguments import takes
 from beamdesign.loop import Loop, member_loop
-from beamdesign.plant.members import LinearFamily, VertexModel, family, refuse_many
+from beamdesign.plant.members import LinearFamily, VertexModel, family, refuse_unstated
 from beamdesign.polynomial import exact, nearest, shortened, simple_between, text
 from beamdesign.proofs.absolute_stability import static_rows
 from beamdesign.proofs.bounded_error import bounded_rows
@@ -60,7 +60,7 @@ def rectangles(prototype: Prototype, found: LinearFamily, low: fmpq, high: fmpq)
     Raises:
         InputError: for more members than are proved, or where mass and a gain that varies multiply each other.
     """
-    refuse_many(prototype, found)
+    refuse_unstated(prototype, found)
     found_loops = []
     for member in found.members:
         loop = member_loop(prototype, member)

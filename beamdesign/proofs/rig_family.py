@@ -9,7 +9,7 @@ from math import inf, pi
 from flint import fmpq, fmpq_mpoly, fmpq_mpoly_ctx
 
 from beamdesign.plant.linear import TIP
-from beamdesign.plant.members import LinearFamily, family, refuse_many
+from beamdesign.plant.members import LinearFamily, family, refuse_unstated
 from beamdesign.polynomial import exact, in_variable, nearest
 from beamdesign.proofs.bounded_error import erring
 from beamdesign.proofs.certificate import Asked
@@ -59,7 +59,7 @@ def rig_values(prototype: Prototype, largest_outer_end_mass: float | None = None
         InputError: for effects for which no linear loop stands, or more members than are proved.
     """
     controller, found = prototype.own_controller, family(prototype, largest_outer_end_mass)
-    refuse_many(prototype, found)
+    refuse_unstated(prototype, found)
     values = {name: exact(value) for name, value in figures(prototype).items() if value != 0}
     values |= {"outer_end_mass": fmpq(0), "inner_end_mass": exact(prototype.payload.inner_end_mass_kg)}
     values |= {"controller_gain": exact(controller.gain_A_per_V), "delay": fmpq(0)}

@@ -205,7 +205,8 @@ def _elements(
         return " + ".join([text(constant)] * (constant != 0 or not parts) + parts)
 
     try:
-        elements = linear.elements({key: exact(value) for key, value in own.items()} | values, figure | values)
+        own_values = {key: exact(value) for key, value in own.items()} | values
+        elements = linear.elements(own_values, figure | values) if linear.elements else Elements()
     except (DomainError, TypeError) as error:
         raise refused(f"no sums and products of rationals and of what it lets vary ({error})") from error
     return written(_nested(elements))

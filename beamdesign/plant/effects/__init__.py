@@ -231,7 +231,8 @@ class Linear:
         figures: spans of figures that these laws see beside the effect's parameters.
         gain: span of a factor on the loop gain; proofs hold for every value between its ends.
         with_load: whether spans depend on the load.
-        elements: of what its members are made, for whoever checks a proof of them; it says the same as the laws.
+        elements: of what its members are made, for whoever checks a proof of them; it says the same as the laws. None
+            where these add nothing to the loop (`laws` is empty); of others nothing is proved then.
         near_rest: what the members say wrongly of motion that is small against the effect: the compliance, where the
             rig follows none of those that perform; stability too, where it follows none at all.
     """
@@ -243,7 +244,7 @@ class Linear:
     figures: Mapping[str, Spans] = field(default_factory=dict, hash=False)
     gain: Spans | None = None
     with_load: bool = False
-    elements: ElementsOf = field(default=lambda own, figure: Elements(), hash=False)
+    elements: ElementsOf | None = field(default=None, hash=False)
     near_rest: Literal["", "compliance", "stability"] = ""
 
 

@@ -7,7 +7,7 @@ imbalance times the supply, and nulls at a current of that pressure over the pre
 from typing import Any
 
 from beamdesign.plant.component import SIGN, either
-from beamdesign.plant.effects import Effect, Linear, Parameter, Site
+from beamdesign.plant.effects import Effect, Elements, Linear, Parameter, Site
 
 
 def _law(side: str, signal: Any, site: Site) -> Any:
@@ -23,5 +23,9 @@ EFFECT = Effect(
         Parameter("imbalance", 0.1, -0.95, 0.95, 0.2, "leakage from the supply less that to the tank, over their sum"),
     ),
     source="H. E. Merritt, Hydraulic Control Systems (1967), chapter 5, leakage of worn and of new spool valves",
-    linear=Linear("as it is: it shifts where the valve nulls", "that the load pressure at rest is not zero"),
+    linear=Linear(
+        "as it is: it shifts where the valve nulls",
+        "that the load pressure at rest is not zero",
+        elements=lambda own, figure: Elements(),
+    ),
 )
