@@ -278,6 +278,12 @@ def stated_peak(value: float) -> str:
     return at_most(value, "1", 7)
 
 
+def stated_range(ends: tuple[float, float], digits: int = 7, joined: str = " to ") -> str:
+    """A range of which all is proved, its ends rounded inwards."""
+    low, high = decimal(ends[0], digits, ROUND_CEILING), decimal(ends[1], digits, ROUND_FLOOR)
+    return f"{low}{joined}{high}" if float(low) <= float(high) else f"{ends[0]!r}{joined}{ends[1]!r}"
+
+
 def per_cent(share: float) -> str:
     """A share as a percentage to a tenth, never rounded to 100 % from below or above."""
     if not isfinite(share):

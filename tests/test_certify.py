@@ -353,6 +353,9 @@ def test_command_promises_no_compliance_that_even_a_steady_force_exceeds(run, tm
 def test_a_share_that_is_beyond_its_goal_is_not_rounded_to_it(capsys: pytest.CaptureFixture[str]):
     _echo_over_passive(3.91e-05, 2.49e-05, 1.5702, Goal(peak_over_passive=1.57))
     assert "1.571 times the 2.49e-05 m/N with the servo off, beyond the goal of 1.57" in capsys.readouterr().out
+    # The limit itself where a design keeps it to the last digit, which is a figure of nine.
+    _echo_over_passive(2.50014999e-05, 2.50015e-05, 1.0, Goal())
+    assert float(capsys.readouterr().out.partition("at most ")[2].split()[0]) >= 2.50014999e-05
 
 
 def test_command_uses_the_payload_of_the_prototype_and_names_the_next_crossing(run, rig):

@@ -39,6 +39,7 @@ from beamdesign.synthesis.end_stiffness import (
     commanded_compliance,
     contact_text,
     controller_of,
+    in_words,
     judge,
     least_gain,
     over_compliance,
@@ -215,6 +216,8 @@ def test_a_tip_that_is_not_passive_comes_with_surroundings_that_make_it_grow(
     assert growth(rig, found.law, *figures_of) > 1e-6
     assert growth(rig, found.law, 0.0) < 0
     assert "work comes out of the tip" in found.passivity.reason
+    (told,) = (line for line in in_words(found) if "fixed to the tip" in line)
+    assert [float(number) for number in re.findall(r"([\d.e+-]+) (?:kg|N/m|N s/m)", told)] == figures_of
 
 
 @pytest.mark.parametrize("mass", [0.0, 2.5, 40.0])

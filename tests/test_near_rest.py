@@ -14,7 +14,7 @@ from beamdesign.loop import loop
 from beamdesign.plant.effects import causes, library
 from beamdesign.proofs.certificate import Asked
 from beamdesign.proofs.scope import bracketing, holds_for, near_rest, uncovered
-from beamdesign.quantities import at_most, decimal, rigs_in_words, stated_bandwidth, stated_peak
+from beamdesign.quantities import at_most, decimal, rigs_in_words, stated_bandwidth, stated_peak, stated_range
 
 TAME = read_prototype(Path(__file__).parents[1] / "studies" / "prototypes" / "tame_lag.toml")
 COMPLIANCE = Asked("compliance", 5.71e-8, 2.0)
@@ -148,3 +148,11 @@ def test_print_of_what_is_guaranteed_is_that_figure(tmp_path: Path) -> None:
     # Print of small figures rounds to the safe side as well.
     assert float(decimal(1.00001e-7, 3, "ROUND_CEILING")) > 1.00001e-7 > float(decimal(1.00001e-7, 3, "ROUND_FLOOR"))
     assert float(at_most(2.0001, "1")) > 2.0
+
+
+@pytest.mark.parametrize(
+    ("low", "high"), [(1.968442123, 17.79211499), (0.99949, 1.00051), (0.0, 6.8), (1.00001, 1.00002)]
+)
+def test_a_range_of_which_all_is_proved_is_told_no_wider(low: float, high: float) -> None:
+    first, last = map(float, stated_range((low, high), 4).split(" to "))
+    assert low <= first <= last <= high

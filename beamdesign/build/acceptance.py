@@ -29,6 +29,7 @@ from beamdesign.proofs.certifying import stability_over
 from beamdesign.proofs.rig_family import rig_values
 from beamdesign.proofs.tolerance_box import box_with_effects
 from beamdesign.prototype import Prototype, write_prototype
+from beamdesign.quantities import stated_range
 from beamdesign.records import InputError, to_toml
 from beamdesign.result import picked
 from beamdesign.scenario import CHANNELS, Input, LoadSteps, Multisine, Scenario, ScenarioRecord, inputs_of
@@ -383,8 +384,10 @@ def _payloads(prototype: Prototype, masses_kg: tuple[float, float]) -> tuple[tup
             other = low + min(ahead / 2, _FURTHEST_KG) if ahead >= behind else low - min(behind / 2, _FURTHEST_KG)
             other = _two_digits(other)
             if first < other < last and abs(other - low) > 0.05:
-                words = f"the loop is proved stable from {first:.4g} to {last:.4g} kg; {other:g} kg lies well inside"
-                return tuple(sorted((low, other))), words
+                stable = stated_range((first, last), 4)
+                return tuple(
+                    sorted((low, other))
+                ), f"the loop is proved stable from {stable} kg; {other:g} kg lies well inside"
     return (low,), "no second payload at which the loop is stable was found; one payload tells less"
 
 

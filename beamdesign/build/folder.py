@@ -36,6 +36,7 @@ from beamdesign.quantities import (
     rigs_in_words,
     stated_bandwidth,
     stated_peak,
+    stated_range,
     tube_text,
 )
 from beamdesign.records import to_toml
@@ -85,7 +86,7 @@ def document_of(spec: Specification, svg: str = "") -> Document:
     """The specification as a document; where the loop is not stable it says so, and why."""
     kind = "Specification"
     if spec.reason:
-        ranges = ", ".join(f"{low:.6g} to {high:.6g} kg" for low, high in _stable_ranges_kg(spec)) or "none"
+        ranges = ", ".join(f"{stated_range(ends)} kg" for ends in _stable_ranges_kg(spec)) or "none"
         found = (("stable ranges within what was asked", ranges), ("foundation", "proved"))
         verdict = f"Nothing is specified: {spec.reason}."
         return Document(spec.prototype.name, kind, verdict, found, (Part("What to do", (_AGAIN,)),))

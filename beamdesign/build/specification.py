@@ -150,7 +150,7 @@ class Specification(Result):
             rows.append(("changes between the laws", "not covered by any proof", "the prototype has effects"))
         rows += [
             ("sensor bandwidth, at least", optional(sensor.stable_from_Hz, "Hz", ROUND_CEILING), "proved"),
-            ("sensor resolution, at most", f"{decimal(1e6 * sensor.resolution_m)} µm", "computed"),
+            ("sensor resolution, at most", f"{decimal(1e6 * sensor.resolution_m, 4, ROUND_FLOOR)} µm", "computed"),
         ]
         if tolerances is None:
             rows.append(("tolerances", "none proved", self.tolerances_reason))

@@ -183,8 +183,8 @@ MOST_CLAIMS = 32
 MOST_CYCLES = 100_000
 LARGEST_DEGREE = 4
 """Of P in the mass."""
-LARGEST_EXPONENT = fmpq(10) ** 9
-"""Of a matrix exponential: the largest entry of A times the time."""
+LARGEST_EXPONENT = fmpq(10) ** 18
+"""Of a matrix exponential: the largest entry of A times the time; with sections behind a filter entries are 1e10."""
 CYCLE_PRECISION_BITS = 512
 
 
@@ -384,6 +384,7 @@ def _cycle(loops: Sequence[StateSpace], example: Table, masses: Pair) -> tuple[b
         turns = [loops[k - 1].matrix(m) * t for k, m, t in zip(stages, weights, times, strict=True)]
         if max(abs(entry) for turn in turns for entry in turn.entries()) > LARGEST_EXPONENT:
             raise Unreadable(f"{example.place}: the times are too long to work with")
+        spend(120 * loops[0].order ** 3)
         with ctx.workprec(CYCLE_PRECISION_BITS):
             first, second = (arb_mat(turn).exp() for turn in turns)
             proved = bool(abs(((second * first) ** cycles).trace()) > loops[0].order)

@@ -260,17 +260,15 @@ def certify_box(
 
 def echo_stability(name: str, found: "Decided", holds_for: str) -> None:
     """Whether a loop is stable over a range of payloads, where else it is, and where that changes."""
-    from decimal import ROUND_CEILING, ROUND_FLOOR
-
-    from beamdesign.quantities import decimal, mass_range_text
+    from beamdesign.quantities import mass_range_text, stated_range
 
     asked = mass_range_text(found.outer_end_mass_kg)
     if found.stable:
         echo(f"{name}: stable for every outer end mass from {asked}, {holds_for}")
     else:
         echo(f"{name}: NOT stable from {asked}: {found.stability.reason}")
-        for least, most in found.stability.closed_ranges:
-            echo(f"  stable from {decimal(least, 7, ROUND_CEILING)} to {decimal(most, 7, ROUND_FLOOR)} kg")
+        for ends in found.stability.closed_ranges:
+            echo(f"  stable from {stated_range(ends)} kg")
     if found.crossings:
         rows = [(f"{crossing.value:.7g}", _hertz(crossing)) for crossing in found.crossings]
         echo_table("a root pair lies on the imaginary axis at", ("outer_end_mass_kg", "frequency_Hz"), rows)
@@ -297,10 +295,10 @@ def _echo_over_passive(peak_m_per_N: float, servo_off_m_per_N: float, ratio: flo
 
     met = "within" if ratio <= goal.peak_over_passive else "beyond"
     limit = f", {met} the goal of {goal.peak_over_passive:g}" if isfinite(goal.peak_over_passive) else ""
-    passive = f"{at_most(ratio, '1')} times the {servo_off_m_per_N:.5g} m/N with the servo off{limit}"
+    passive = f"{at_most(ratio, '1')} times the {servo_off_m_per_N:.15g} m/N with the servo off{limit}"
     if servo_off_m_per_N == inf:
         passive = "which nothing bounds with the servo off"
-    echo(f"  guaranteed{of}: |x/F_d| at most {peak_m_per_N:.5g} m/N at every frequency, {passive}")
+    echo(f"  guaranteed{of}: |x/F_d| at most {peak_m_per_N:.15g} m/N at every frequency, {passive}")
 
 
 def _hertz(crossing: "Crossing") -> str:
@@ -335,7 +333,9 @@ def _echo_box(found: "BoxGuarantee") -> None:
         echo(f"  {verdict.reason.rpartition(': ')[2] if verdict.stable is False else verdict.reason}")
         if verdict.volumes is not None:
             stable, unstable, undecided = map(nearest, verdict.volumes)
-            echo(f"  share of the box proved stable {stable:.6g}, not stable {unstable:.3g}, undecided {undecided:.3g}")
+            most = decimal(undecided, 3, ROUND_CEILING)
+            least = f"{decimal(stable, 6, ROUND_FLOOR)}, not stable {decimal(unstable, 3, ROUND_FLOOR)}"
+            echo(f"  share of the box proved stable {least}, undecided {most}")
     if record.effects:
         frozen = "covered as linear loops at frozen values, not as the nonlinear loop"
         echo(f"  effects are {frozen if bracketing(record) else 'linear, and parts of every loop'}")

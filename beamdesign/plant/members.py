@@ -105,7 +105,9 @@ def refuse_unstated(prototype: Prototype, found: LinearFamily) -> None:
     """
     linears = {name: linear_of(prototype, name) for name in prototype.effects}
     if nothing := [name for name, one in linears.items() if one and one.elements is None and one.laws != {}]:
-        words = "states no elements, from which a proof of it is checked, so that none is given; state `linear.elements`"
+        words = (
+            "states no elements, from which a proof of it is checked, so that none is given; state `linear.elements`"
+        )
         raise InputError(prototype.name, [Problem(f"effects.{name}", words) for name in nothing])
     if (count := len(found.members)) > MOST_MEMBERS:
         spanned = [key for key, span in found.spans.items() if span.low < span.high]

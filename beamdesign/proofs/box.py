@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from decimal import ROUND_CEILING
 from functools import cached_property, partial
 from math import inf, pi
 from typing import TYPE_CHECKING, NamedTuple
@@ -16,6 +17,7 @@ from beamdesign.proofs.statement import Interval, PolynomialFamily, Statement
 from beamdesign.proofs.writer import certificate, plain, stated, texts
 from beamdesign.proofs.zero_exclusion import PRECISION_BITS, Piece, held, pieces
 from beamdesign.prototype import Prototype
+from beamdesign.quantities import decimal, stated_range
 
 if TYPE_CHECKING:
     from beamdesign.proofs.box_claims import BoxClaim
@@ -130,7 +132,7 @@ def box_certificate(
     summary = [
         f"Certificate: the closed loop {family.name!r}"
         f" {'is stable for every member of' if tree is not None else 'is NOT stable throughout'} a box of",
-        *(f"  {name} from {nearest(a):.7g} to {nearest(b):.7g}" for name, (a, b) in varying.items()),
+        *(f"  {name} from {stated_range((nearest(a), nearest(b)))}" for name, (a, b) in varying.items()),
     ]
     if isinstance(subject, PolynomialFamily):
         return certificate(OF_NO_RIG, subject.name, body, "\n".join(summary), notes=_NOTES)
@@ -346,7 +348,7 @@ def _where(unsettled: Sequence[Piece], shares: Volumes | None, looked_at: int) -
         return "no time was left for the box"
     low = min(nearest(piece.w1) for piece in unsettled) / (2 * pi)
     ends = [piece.w2 for piece in unsettled if piece.w2 is not None]
-    on = "" if shares is None else f" on {nearest(shares.undecided):.3g} of the box"
+    on = "" if shares is None else f" on {decimal(nearest(shares.undecided), 3, ROUND_CEILING)} of the box"
     share = f"undecided{on} after {looked_at} pieces"
     if not ends:
         return f"{share}: the leading coefficient may vanish, so that a root passes through infinity"

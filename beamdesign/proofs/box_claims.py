@@ -12,6 +12,7 @@ range, that of the gain.
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
+from decimal import ROUND_CEILING
 from functools import partial
 from math import inf, pi, prod
 from typing import Any
@@ -46,6 +47,7 @@ from beamdesign.proofs.value_set import with_unknown
 from beamdesign.proofs.writer import Tables, texts
 from beamdesign.proofs.zero_exclusion import PRECISION_BITS, Piece, held, pieces
 from beamdesign.prototype import Prototype
+from beamdesign.quantities import decimal
 from beamdesign.time_limit import leave_out, over, while_time
 
 _TURNS, _SETTLED, _SAMPLES = 8, 1e-4, 4001
@@ -191,7 +193,8 @@ def _share(left: Sequence[Piece]) -> str:
     together = sum((volume for _, volume, clear in parts_beside(cubes, len(names), _VISITS) if not clear), fmpq(0))
     low, ends = min(piece.w1 for piece in left), [piece.w2 for piece in left]
     high = "up" if None in ends else f"to {nearest(max(end for end in ends if end is not None)) / (2 * pi):.4g} Hz"
-    return f"at most {nearest(min(alone, together)):.3g} of the box, from {nearest(low) / (2 * pi):.4g} Hz {high}"
+    most = decimal(nearest(min(alone, together)), 3, ROUND_CEILING)
+    return f"at most {most} of the box, from {nearest(low) / (2 * pi):.4g} Hz {high}"
 
 
 def own_ranges(prototype: Prototype, family: PolynomialFamily, box: Box, asked: Asked) -> dict[str, Interval]:

@@ -2,7 +2,6 @@
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from decimal import ROUND_CEILING, ROUND_FLOOR
 from math import gcd, inf, lcm
 from operator import attrgetter
 from typing import Any
@@ -37,7 +36,7 @@ from beamdesign.proofs.scope import LINEAR, NONE_KNOWN, Members, covered, is_lin
 from beamdesign.proofs.stability import Range, StabilityMap, in_words, is_stable_over, stable_ranges
 from beamdesign.proofs.writer import STABILITY_DIGITS, Tables, certificate, stability_table, texts
 from beamdesign.prototype import Goal, InStage, Prototype
-from beamdesign.quantities import decimal
+from beamdesign.quantities import stated_range
 from beamdesign.records import InputError, Problem
 
 _STEPS, _HALVINGS = 64, 24
@@ -342,8 +341,7 @@ def _summary(
         lines.append(f"{all_of_it or 'Every member is '}stable over the whole range.")
     else:
         lines.append(f"{all_of_it}NOT stable over the whole range: {stability.reason}.")
-        ends = ((decimal(a, 9, ROUND_CEILING), decimal(b, 9, ROUND_FLOOR)) for a, b in stability.closed_ranges)
-        lines += [f"{every} is stable from {least} to {most} kg." for least, most in ends]
+        lines += [f"{every} is stable from {stated_range(ends, 9)} kg." for ends in stability.closed_ranges]
     lines += [f"{'Proved' if claim.holds else 'Refuted'}: {describe(claim)}." for claim in claims]
     return "\n".join(lines)
 

@@ -27,7 +27,8 @@ of a piston are; then it may be seen from any equilibrium, else from rest withou
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from math import log10
+from decimal import ROUND_FLOOR
+from math import inf, log10
 from typing import Any
 
 import numpy as np
@@ -47,6 +48,7 @@ from beamdesign.proofs.quadratic import Coefficients, less, over_mass, quadratic
 from beamdesign.proofs.rig_family import FACTOR
 from beamdesign.proofs.scope import Members
 from beamdesign.proofs.stability import is_stable_over
+from beamdesign.quantities import decimal, stated_range
 
 OVER_BOX = "circle criterion, by the peak sensitivity that is proved of every member"
 METHOD = "circle criterion, a quadratic Lyapunov function for each payload, in rational arithmetic"
@@ -76,6 +78,11 @@ class Changing:
     words: str
     drives: bool = False
 
+    @property
+    def between(self) -> str:
+        """Between what it changes, rounded inwards."""
+        return stated_range((nearest(self.least), nearest(self.most)), 4, " and ")
+
     def table(self, kind: str, loops: int, **figures: fmpq) -> dict[str, Any]:
         """As a certificate states it of so many loops, beside further figures."""
         gain = [text(self.least), text(self.most)]
@@ -95,7 +102,8 @@ def changing(given: Members) -> list[Changing]:
         span = given.found.gains["pressure_dependent_flow"]
         words = (
             "It comes to rest without a load, as long as the load pressure stays within that of"
-            f" {given.found.load_N:.6g} N, with equal sides and from chambers at half the supply pressure."
+            f" {decimal(given.found.load_N, 6, ROUND_FLOOR)} N, with equal sides and from chambers at half the supply"
+            " pressure."
         )
         found.append(Changing("pressure_dependent_flow", "flow", exact(span.low), exact(span.high), words))
     return found
@@ -126,7 +134,7 @@ def changing_rows(given: Members) -> Iterator[Row]:
     for one in changing(given):
         margins = [margin_of(loop, one.place, one.least, one.most, given.low, given.high) for loop in loops]
         known = [margin for margin in margins if margin is not None]
-        between = f"between {float(one.least):.4g} and {float(one.most):.4g} times its own"
+        between = f"between {one.between} times its own"
         if len(known) < len(loops):
             words = f"The circle criterion does not hold for a gain that changes {between}, which need not mean unrest."
             yield Row((one.effect,), METHOD, False, words)
@@ -169,11 +177,11 @@ def changing_over_box(given: Members, box: Box, claims: Iterable[BoxClaim]) -> I
         centre = min(max(one.least * (peak + 1) / peak, gain[0]), gain[1])
         low, high = covered(peak)
         low, high = centre * low, None if high is None else centre * high
-        most = "any number" if high is None else f"{float(high):.4g}"
+        reach = stated_range((nearest(low), inf if high is None else nearest(high)), 4, " and ")
         words = (
             f"The peak sensitivity {found.asked.limit:g} proved of every member covers a gain that changes between"
-            f" {float(low):.4g} and {most} times its own, in any way and at any rate, for every payload that"
-            f" stays; this one does so between {float(one.least):.4g} and {float(one.most):.4g}"
+            f" {reach.replace('∞', 'any number')} times its own, in any way and at any rate, for every payload that"
+            f" stays; this one does so between {one.between}"
         )
         alone = one.place == "flow" or all(loop.added.constant.is_zero() for loop in given.loops)
         if low <= one.least and (high is None or one.most <= high) and alone:
@@ -318,11 +326,10 @@ def both_rows(given: Members) -> Iterator[Row]:
         where = "under any constant command and load" if static else "where there is no command and no load"
         how = "with the direction of the flow" if static else "in any way and at any rate"
         frozen = given.frozen(len(pairs), (change.effect,))
-        between = f"{nearest(change.least):.4g} and {nearest(change.most):.4g}"
         words = (
             "Both at once: from every state the loop comes to rest with any static characteristic of slope 0 to 1 in"
-            f" the current while its gain changes between {between} times its own {how}, {where}, for every payload"
-            f" that stays{frozen}. M = {multiplier}, w = {text(weight)}."
+            f" the current while its gain changes between {change.between} times its own {how}, {where}, for every"
+            f" payload that stays{frozen}. M = {multiplier}, w = {text(weight)}."
         )
         yield Row(names, BOTH, True, words, None, statement)
 

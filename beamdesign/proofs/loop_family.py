@@ -5,7 +5,6 @@ A coefficient is any polynomial in the parameters. See `any_loop` for what a dis
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from decimal import ROUND_CEILING, ROUND_FLOOR
 from itertools import product
 from math import inf
 from typing import TYPE_CHECKING, Any
@@ -36,7 +35,7 @@ from beamdesign.proofs.read_once import Expression, S, read_once
 from beamdesign.proofs.rig_family import TRANSPORT, claimed
 from beamdesign.proofs.stability import StabilityMap, stable_ranges
 from beamdesign.proofs.statement import UNKNOWN, Interval, PolynomialFamily, in_context, written
-from beamdesign.quantities import decimal
+from beamdesign.quantities import stated_range
 from beamdesign.records import InputError
 from beamdesign.result import Result
 
@@ -168,8 +167,8 @@ class ProvedFamily(Result):
 
     def rows(self) -> Sequence[tuple[Any, ...]]:
         """Ranges of the parameters, what is stable of a single one, and the largest peak."""
-        found: list[tuple[Any, ...]] = [(n, f"{a:.7g} to {b:.7g}") for n, (a, b) in self.parameters.items()]
-        found += [("stable", _between(ends)) for ends in self.stable_ranges or ()]
+        found: list[tuple[Any, ...]] = [(name, stated_range(ends)) for name, ends in self.parameters.items()]
+        found += [("stable", stated_range(ends)) for ends in self.stable_ranges or ()]
         return found if self.peak_sensitivity is None else [*found, (PEAK, self.peak_sensitivity, "at most")]
 
 
@@ -330,13 +329,8 @@ def _over(family: LoopFamily, limit: float | None) -> ProvedFamily:
     return ProvedFamily(stable, reason, given, middle, **found)
 
 
-def _between(ends: Pair) -> str:
-    """A stable range, its ends rounded inwards."""
-    return f"{decimal(ends[0], 7, ROUND_CEILING)} to {decimal(ends[1], 7, ROUND_FLOOR)}"
-
-
 def _in_words(found: StabilityMap, name: str) -> str:
-    ranges = ", ".join(map(_between, found.stable_ranges))
+    ranges = ", ".join(map(stated_range, found.stable_ranges))
     return f"stable only for {name} from {ranges}" if ranges else f"stable for no {name} of the range"
 
 

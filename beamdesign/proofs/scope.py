@@ -8,6 +8,7 @@ compliance, or stability itself, is a claim about larger motion alone (`beamdesi
 
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
+from decimal import ROUND_FLOOR
 
 from flint import fmpq
 
@@ -17,7 +18,7 @@ from beamdesign.plant.members import LinearFamily, family, linear_of
 from beamdesign.polynomial import exact
 from beamdesign.proofs.certificate import Asked, Row
 from beamdesign.prototype import Prototype
-from beamdesign.quantities import rigs_in_words
+from beamdesign.quantities import decimal, rigs_in_words, stated_range
 
 LINEAR = "linear, a part of the loop"
 NONE_KNOWN = "none"
@@ -81,10 +82,13 @@ def covered(prototype: Prototype, found: LinearFamily, nonlinear: bool = False) 
     gain = found.members[0].gain
     inside = next(member.performance for member in found.members if member.performance is not None)
     if gain.low != gain.high:
-        lines.append(f"Stability is about every constant factor on the gain from {gain.low:.6g} to {gain.high:.6g}.")
+        lines.append(
+            f"Stability is about every constant factor on the gain from {stated_range((gain.low, gain.high), 6)}."
+        )
         if inside != gain:
-            to = "" if inside.low == inside.high else f" to {inside.high:.6g}"
-            lines.append(f"Compliance and peak sensitivity are about factors of {inside.low:.6g}{to}.")
+            one = inside.low == inside.high
+            factors = f"{inside.low:.6g}" if one else stated_range((inside.low, inside.high), 6)
+            lines.append(f"Compliance and peak sensitivity are about factors of {factors}.")
     lines += [
         f"{name}: {' and '.join(f'{end:.6g}' for end in sorted({span.low, span.high}))}."
         for name, span in found.spans.items()
@@ -94,7 +98,7 @@ def covered(prototype: Prototype, found: LinearFamily, nonlinear: bool = False) 
             "This proof is about the ends of these figures; `beamdesign certify-box` proves what lies between."
         )
     if found.depends_on_load:
-        lines.append(f"These hold for a steady load of up to {found.load_N:.6g} N.")
+        lines.append(f"These hold for a steady load of up to {decimal(found.load_N, 6, ROUND_FLOOR)} N.")
     lines.append(ALL_LINEAR if not bracketing(prototype) else BESIDE if nonlinear else NOT_COVERED)
     return lines
 

@@ -20,7 +20,7 @@ from beamdesign.loop import LoopAtMass
 from beamdesign.plant.members import family
 from beamdesign.polynomial import exact
 from beamdesign.prototype import COMPLIANCE_LIMIT_M_PER_N, Prototype
-from beamdesign.quantities import decibels, read_in
+from beamdesign.quantities import decibels, read_in, stated_peak
 from beamdesign.report.canvas import LIMIT, finish, plain_numbers, styled
 from beamdesign.structure.lumped import beam_of_equal_mass
 
@@ -186,7 +186,7 @@ def plot_nyquist(axes: Axes, curves: Curves, peak_sensitivity: float) -> Axes:
     grid = frequency_grid(list(curves.values()), 0.01, 1e4)
     frequencies = np.interp(np.arange(0, len(grid) - 1, 0.25), np.arange(len(grid)), grid)  # round curves need more
     around = np.exp(2j * pi * np.linspace(0, 1, 181))
-    disc, words = around / peak_sensitivity - 1, f"kept free: nearer than 1/{peak_sensitivity:.4g}"
+    disc, words = around / peak_sensitivity - 1, f"kept free: nearer than 1/{stated_peak(peak_sensitivity)}"
     axes.fill(disc.real, disc.imag, facecolor="0.88", edgecolor="black", linewidth=0.8, label=words)
     for label, loop, style in styled(curves):
         response = loop.loop_response(frequencies)

@@ -15,7 +15,7 @@ from beamdesign.diagnosis.gap_metrics import BANDS_HZ, in_bands
 from beamdesign.diagnosis.prediction_errors import Errors
 from beamdesign.diagnosis.redesign import LoopTerms, Terms
 from beamdesign.parameters import PARAMETERS
-from beamdesign.quantities import decimal, masses_text, quantity, stated_bandwidth, stated_peak
+from beamdesign.quantities import decimal, masses_text, quantity, stated_bandwidth, stated_peak, stated_range
 from beamdesign.report.page import Table
 
 _FAINTEST, _STRONGEST = 1e-3, 1.0  # errors over the rms of the signal that are drawn as none and as full
@@ -194,7 +194,7 @@ def terms_table(loop: LoopTerms) -> Table:
 
 def _promised(of: Terms, masses: str, ends: tuple[float, ...]) -> Iterator[str]:
     """Where a loop is stable, its bandwidth and peak sensitivity, and its critical gain at each end."""
-    ranges = ", ".join(f"{low:.4g} to {high:.4g} kg" for low, high in of.stable_ranges_kg) or "nowhere"
+    ranges = ", ".join(f"{stated_range(ends, 4)} kg" for ends in of.stable_ranges_kg) or "nowhere"
     yield of.reason or (f"all of {masses}" if of.stable else ranges)
     yield "none" if of.bandwidth_Hz is None else stated_bandwidth(of.bandwidth_Hz)
     yield "none" if of.peak_sensitivity is None else stated_peak(of.peak_sensitivity)

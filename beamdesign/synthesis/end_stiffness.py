@@ -369,8 +369,8 @@ def in_words(found: EndStiffness) -> list[str]:
         lines.append(f"Refuted: passive at the tip; {found.passivity.reason}.")
     if (other := found.destabilising_environment) is not None:
         lines.append(
-            f"Proved: unstable with {float(other.mass):.4g} kg, held by {float(other.stiffness):.4g} N/m and"
-            f" {float(other.damping):.4g} N s/m, fixed to the tip."
+            f"Proved: unstable with {float(other.mass):.15g} kg, held by {float(other.stiffness):.15g} N/m and"
+            f" {float(other.damping):.15g} N s/m, fixed to the tip."
         )
     if found.contact.holds:
         lines.append(f"Proved: stable against {walls}.")
