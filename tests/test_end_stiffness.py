@@ -435,6 +435,24 @@ def test_truth_of_contact(rig: Prototype) -> None:
         assert refused(sealed_text(tomli_w.dumps(forged))), place
 
 
+def test_an_end_that_moves_against_a_force_at_rest_is_proved_again(rig: Prototype) -> None:
+    """Inner displacement fed back makes a stable end of negative stiffness; its certificate was called unreadable."""
+    sensors = ("displacement_m", "inner_displacement_m")
+    law = Observer(gain_A_per_V=1e-3, sensors=sensors, a=((-16.0,),), b=((16.0, 1600.0),), c=(1.0,), d=(0.0, 0.0))
+    turned = rig.but(controller=law, guarantee=None)
+    found = judge(turned, None, MASSES_KG, Wall((fmpq(0), fmpq(10**6))))
+    for mass in (0.0, 3.4, 6.8):
+        closed = state_space(turned, outer_end_mass_kg=mass)
+        compliance = closed["displacement_m", "disturbance_N"].dcgain()
+        assert closed.poles().real.max() < 0
+        assert compliance < 0
+        assert compliance == pytest.approx(1 / found.static_N_per_m, rel=1e-6)
+    text = contact_text(turned, found)
+    verdict = check(text)
+    assert verdict.valid, verdict.failed
+    assert true(tomllib.loads(text)) is not False
+
+
 def refused(text: str) -> bool:
     """Whether a certificate is not proved again, or is none at all."""
     try:

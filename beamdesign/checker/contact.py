@@ -158,8 +158,10 @@ def _one_sided(table: Table, port: Port, stable: bool, masses: Pair) -> tuple[bo
 
 
 def _stiffness(table: Table, port: Port, masses: Pair) -> tuple[bool, str]:
-    """|F / x - k| is at most a share of k."""
-    stiffness, share = (table.at_least(key, 0, above=True) for key in ("end_stiffness_N_per_m", "share"))
+    """|F / x - k| is at most a share of k, which is below zero where an end at rest moves against a force."""
+    stiffness, share = table.number("end_stiffness_N_per_m"), table.at_least("share", 0, above=True)
+    if stiffness == 0:
+        raise Unreadable(f"{table.place_of('end_stiffness_N_per_m')} must not be 0")
     until, band = up_to(table)
     if until == 0:
         return True, f"no band is claimed of an end stiffness of {short(stiffness)} N/m"

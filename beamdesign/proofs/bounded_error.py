@@ -21,9 +21,9 @@ from flint import fmpq, fmpq_mat, fmpq_poly
 
 from beamdesign.loop import member_loop
 from beamdesign.plant.assembly import effect_parameters_of
-from beamdesign.plant.effects import laws_of
+from beamdesign.plant.effects import laws_of, library
 from beamdesign.plant.linear import DISPLACEMENT, LinearModel
-from beamdesign.plant.members import VertexModel
+from beamdesign.plant.members import VertexModel, linear_of
 from beamdesign.polynomial import exact, nearest, shortened, text, transfer
 from beamdesign.proofs.absolute_integrals import Cells, over_masses
 from beamdesign.proofs.certificate import Row
@@ -45,6 +45,9 @@ SLIDING = {
     "valve_hysteresis": {"spring": "low"},
 }
 """Ends of the spans at which an effect's linear member is its linear part: while it slides."""
+_AHEAD = {"volts": ("sensed_m",), "flow": ("demanded_A", "current_A", "spool_A"), "stroke": ()}
+"""By place, ports behind which an error arises and before which it is counted, so that no law may act there; of others
+those that are ahead of the spool or the drive."""
 UNITS = {"current": "A", "flow": "m3/s", "volts": "V", "stroke": "N", "nut": "N"}
 
 
@@ -111,13 +114,36 @@ def slides(member: VertexModel, members: Sequence[VertexModel]) -> bool:
     return True
 
 
+def _acts_ahead(prototype: Prototype, error: Error) -> str:
+    """An effect that acts between where an error is counted and where it arises; empty where there is none.
+
+    At one port effects act in the order of their names. None of the library does; a mount that the sensor rides on and
+    a spool that sticks are refused and frozen elsewhere.
+    """
+    known = library()
+    own = known[error.effect].laws if error.effect in known else {}
+    for name in sorted(prototype.effects.keys() - {"mount_compliance", *SLIDING}):
+        linear = linear_of(prototype, name)
+        laws = known[name].laws if linear is None or linear.laws is None else linear.laws
+        ahead = laws.keys() & {*_AHEAD.get(error.place, ("demanded_A", "current_A", "motor_demand_A"))}
+        if ahead or (name < error.effect and laws.keys() & own.keys()):
+            return name
+    return ""
+
+
 def errors_in_loop(prototype: Prototype) -> tuple[list[Error], list[Row]]:
-    """The errors of which a bound may be proved, and rows of those that the controller hears itself."""
-    found = errors(prototype)
+    """The errors of which a bound may be proved, and rows of those that the controller or an effect hears itself."""
+    found, refused = [], []
+    for one in errors(prototype):
+        if not (name := _acts_ahead(prototype, one)):
+            found.append(one)
+        elif not one.per_m:
+            why = f"No bound is proved: {name} acts ahead of it, behind which what it does is not known."
+            refused.append(Row((one.effect,), METHOD, False, why))
     if prototype.controller is None or prototype.controller.sensed_law().sensors == DISPLACEMENT:
-        return found, []
+        return found, refused
     why = "No bound is proved: a controller that hears more than the displacement hears the friction as well."
-    refused = [Row((one.effect,), METHOD, False, why) for one in found if one.place in FORCES]
+    refused += [Row((one.effect,), METHOD, False, why) for one in found if one.place in FORCES]
     deep = {one.effect for one in found if one.per_m}  # which is frozen beside what else is heard
     return [one for one in found if one.place not in FORCES and one.effect not in deep], refused
 
