@@ -114,19 +114,19 @@ def slides(member: VertexModel, members: Sequence[VertexModel]) -> bool:
     return True
 
 
-def _acts_ahead(prototype: Prototype, error: Error) -> str:
-    """An effect that acts between where an error is counted and where it arises; empty where there is none.
+def acts_ahead(prototype: Prototype, effect: str, place: str) -> str:
+    """An effect that acts between a place and where another effect arises that is counted there; empty without one.
 
-    At one port effects act in the order of their names. None of the library does; a mount that the sensor rides on and
-    a spool that sticks are refused and frozen elsewhere.
+    At one port effects act in the order of their names; forces add up. None of the library acts there; a mount that the
+    sensor rides on and a spool that sticks are refused and frozen elsewhere.
     """
     known = library()
-    own = known[error.effect].laws if error.effect in known else {}
+    own = known[effect].laws if effect in known else {}
     for name in sorted(prototype.effects.keys() - {"mount_compliance", *SLIDING}):
         linear = linear_of(prototype, name)
         laws = known[name].laws if linear is None or linear.laws is None else linear.laws
-        ahead = laws.keys() & {*_AHEAD.get(error.place, ("demanded_A", "current_A", "motor_demand_A"))}
-        if ahead or (name < error.effect and laws.keys() & own.keys()):
+        ahead = laws.keys() & {*_AHEAD.get(place, ("demanded_A", "current_A", "motor_demand_A"))}
+        if ahead or (place not in FORCES and name < effect and laws.keys() & own.keys()):
             return name
     return ""
 
@@ -135,7 +135,7 @@ def errors_in_loop(prototype: Prototype) -> tuple[list[Error], list[Row]]:
     """The errors of which a bound may be proved, and rows of those that the controller or an effect hears itself."""
     found, refused = [], []
     for one in errors(prototype):
-        if not (name := _acts_ahead(prototype, one)):
+        if not (name := acts_ahead(prototype, one.effect, one.place)):
             found.append(one)
         elif not one.per_m:
             why = f"No bound is proved: {name} acts ahead of it, behind which what it does is not known."

@@ -39,6 +39,7 @@ from beamdesign.plant.assembly import effect_parameters_of
 from beamdesign.plant.members import VertexModel, family
 from beamdesign.polynomial import Affine, exact, inner, nearest, ratio, text
 from beamdesign.proofs.absolute_stability import DEADBANDS, IN_THE_CURRENT
+from beamdesign.proofs.bounded_error import acts_ahead
 from beamdesign.proofs.box import Box
 from beamdesign.proofs.box_claims import BoxClaim
 from beamdesign.proofs.certificate import Row
@@ -263,6 +264,8 @@ def _free(polynomial: fmpq_poly) -> Affine:
 def pair(given: Members, member: VertexModel, change: Changing) -> Pair | None:
     """The loop of a member with a gain that changes; None where it does not come to this form."""
     prototype, loop = given.prototype, member_loop(given.prototype, member)
+    if acts_ahead(prototype, change.effect, change.place):
+        return None
     law = prototype.own_controller.sensed_law()
     plant = member.rig.plant(prototype.payload.inner_end_mass_kg, law.sensors)
     denominator, (open_, fed) = loop.loop_denominator, cut(loop, change.place)
