@@ -75,7 +75,7 @@ def test_a_larger_load_widens_what_goes_with_it(tame: Prototype):
     loaded = with_effects(tame, "pressure_dependent_flow")
     loaded = loaded.but(payload=loaded.payload.but(largest_force_N=0.4 * 20e6 * 1.13e-4))
     found = certify(loaded, 0.0, 0.0)
-    assert "factor on the gain from 0.774597 to 1.18322" in found.text
+    assert "factor on the gain from 0.774597 to 1.18321" in found.text
     assert "steady load of up to 904 N" in found.text
     assert (
         found.guaranteed.bandwidth_Hz

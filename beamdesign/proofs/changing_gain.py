@@ -182,7 +182,7 @@ def changing_over_box(given: Members, box: Box, claims: Iterable[BoxClaim]) -> I
         words = (
             f"The peak sensitivity {found.asked.limit:g} proved of every member covers a gain that changes between"
             f" {reach.replace('∞', 'any number')} times its own, in any way and at any rate, for every payload that"
-            f" stays; this one does so between {one.between}"
+            f" stays; this one does so between {float(one.least):.4g} and {float(one.most):.4g}"
         )
         alone = one.place == "flow" or all(loop.added.constant.is_zero() for loop in given.loops)
         if low <= one.least and (high is None or one.most <= high) and alone:
