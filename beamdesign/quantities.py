@@ -279,7 +279,7 @@ def stated_peak(value: float) -> str:
 
 
 def stated_range(ends: tuple[float, float], digits: int = 7, joined: str = " to ") -> str:
-    """A range of which all is proved, its ends rounded inwards; one that so few digits do not tell, with all of them."""
+    """A range of which all is proved, its ends rounded inwards; one that so few digits do not tell, with all."""
     low, high = decimal(ends[0], digits, ROUND_CEILING), decimal(ends[1], digits, ROUND_FLOOR)
     return f"{low}{joined}{high}" if ends[1] == inf or float(low) <= float(high) else f"{ends[0]!r}{joined}{ends[1]!r}"
 
