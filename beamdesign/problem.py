@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Mapping
 from functools import partial
+from math import log2
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -64,6 +65,9 @@ class Sections(Sizes):
         "stock", description="free sizes, stock sizes, or the sections given"
     )
 
+
+_PUBLISHED_M, _PUBLISHED_KG_PER_M3 = 1.195, 2700.0
+"""Free length and density of the outer beam of Zalucky and Hardt (1984)."""
 
 Tuned = Literal["lag", "proportional", "structured", "lqg", "hinf", "scheduled"]
 """Kinds of controller that are tuned; of lqg and hinf an observer comes out, of scheduled a lag for each stage."""
@@ -172,6 +176,17 @@ class DesignProblem(WithMaterials, WithActuator):
         """The sections of the outer and the inner beam, m; None unless both are given."""
         outer, inner = self.outer_beam.tube, self.inner_beam.tube
         return None if outer is None or inner is None else (outer, inner)
+
+    @property
+    def length_unit_m(self) -> float:
+        """How many times as long as that of the published link its outer beam is, to a power of two."""
+        return float(2.0 ** round(log2(self.outer_beam.free_length_m / _PUBLISHED_M)))
+
+    @property
+    def mass_unit_kg(self) -> float:
+        """How many times as heavy as that its beams are, likewise, if they are of its proportions."""
+        denser = self.outer_beam.material.density_kg_per_m3 / _PUBLISHED_KG_PER_M3
+        return float(2.0 ** round(log2(denser * (self.outer_beam.free_length_m / _PUBLISHED_M) ** 3)))
 
     def asked_kg(self) -> tuple[float, float]:
         """Its payloads (least, most)."""

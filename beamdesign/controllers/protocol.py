@@ -95,6 +95,7 @@ class Form:
         moves: (v,) how much further than a logarithm a variable may move in a step.
         gain_first: whether the first variable is the logarithm of a factor on the whole law.
         frequencies: (v,) which variables are logarithms of frequencies; none of them where it is not known.
+        mass_unit_kg: in which the mass inside counts that is sought with it.
     """
 
     sensors: tuple[Sensed, ...]
@@ -105,6 +106,7 @@ class Form:
     moves: "np.ndarray"
     gain_first: bool = False
     frequencies: "np.ndarray | bool" = False
+    mass_unit_kg: float = 1.0
 
     @property
     def size(self) -> int:
@@ -144,15 +146,15 @@ class Form:
 
 
 @cache
-def at_pace(form: Form, pace: float) -> Form:
-    """A form whose laws are for rigs so many times as quick: bounds of its frequencies are that much higher."""
+def at_pace(form: Form, pace: float, mass_unit_kg: float = 1.0) -> Form:
+    """A form whose laws are for rigs so many times as quick and as heavy: bounds of its frequencies are higher."""
     import numpy as np
 
     most = np.log([range_of(Frequency).low, range_of(Frequency).high])
     lower, upper = (
         np.where(form.frequencies, np.clip(ends + log(pace), *most), ends) for ends in (form.lower, form.upper)
     )
-    return form if pace == 1 else replace(form, lower=lower, upper=upper)
+    return form if pace == mass_unit_kg == 1 else replace(form, lower=lower, upper=upper, mass_unit_kg=mass_unit_kg)
 
 
 def times(left: Sequence[Any], right: Sequence[Any]) -> list[Any]:

@@ -237,6 +237,11 @@ def pace(figures: Mapping[str, float]) -> float:
     return float(2.0 ** round(log2(natural_frequency_ratio(figures))))
 
 
+def mass_unit_kg(figures: Mapping[str, float]) -> float:
+    """How many times as heavy, likewise, with its end but without payload."""
+    return float(2.0 ** round(log2(figures["outer_mass"] / _PUBLISHED["outer_mass"])))
+
+
 def widened(prototype: Prototype, low_Hz: float, high_Hz: float) -> tuple[float, float]:
     """A band of frequency that suits the published rig, for one that is quicker or slower: so much higher or lower."""
     times = pace(lumped.figures(prototype))

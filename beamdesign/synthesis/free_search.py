@@ -11,6 +11,7 @@ made small.
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from math import log10
 from typing import Any
 
 import casadi as ca
@@ -35,14 +36,14 @@ from beamdesign.synthesis.checks import (
     requirements,
 )
 
-SIZE_UNITS = np.array([0.1, 0.001, 0.1, 0.001])
-"""Widths count in tenths of a metre and walls in millimetres, so that all variables are near 1."""
+_SIZE_UNITS = np.array([0.1, 0.001, 0.1, 0.001])
+"""Of a link as long as the published one widths count in tenths of a metre and walls in millimetres: all are near 1."""
 
 THICKEST_SHARE = 0.49
 """Largest wall over width: a tube stays a tube."""
 
 LEAST_WIDTH_M, LEAST_WALL_M = 0.005, 0.00005
-"""Smallest tube that is looked at, unless more is asked."""
+"""Smallest tube that is looked at, unless more is asked, of a link as long as that."""
 
 _WIDEST_START_M = 2.0
 _ACTIVE = 1e-6
@@ -63,7 +64,7 @@ class Program:
 
     Attributes:
         problem: what is asked.
-        variables: sizes in `SIZE_UNITS`, then the four local buckling factors, (8, 1).
+        variables: sizes in `size_units`, then the four local buckling factors, (8, 1).
         asked: symbols of the requirements in use, (r, 1).
         names: their field names in `Requirements`.
         figures: their values in the problem, (r,).
@@ -160,6 +161,11 @@ class Program:
         return variables, total
 
 
+def size_units(problem: DesignProblem) -> np.ndarray:
+    """What widths and walls (4,) of the outer and the inner tube count in, m."""
+    return problem.length_unit_m * _SIZE_UNITS
+
+
 def pair_of(problem: DesignProblem, sizes: Sequence[Any]) -> tuple[Tube, Tube]:
     """Tubes of the problem's shapes, of widths and walls (4,) in m of the outer and the inner one."""
     return problem.outer_beam.sized(*sizes[:2]), problem.inner_beam.sized(*sizes[2:])
@@ -173,7 +179,7 @@ def sizes_of(pair: tuple[Tube, Tube]) -> np.ndarray:
 def sizing_program(problem: DesignProblem) -> Program:
     """State the least-mass problem with the requirements as parameters."""
     sizes, factors = ca.SX.sym("sizes", 4), ca.SX.sym("factors", 4)
-    outer, inner = pair_of(problem, [float(unit) * sizes[i] for i, unit in enumerate(SIZE_UNITS)])
+    outer, inner = pair_of(problem, [float(unit) * sizes[i] for i, unit in enumerate(size_units(problem))])
     nominal = requirements(problem)
     names = tuple(name for name, figure in nominal._asdict().items() if figure is not None)
     asked = ca.SX.sym("asked", len(names))
@@ -182,11 +188,12 @@ def sizing_program(problem: DesignProblem) -> Program:
     pairs = ((factors[0], factors[1]), (factors[2], factors[3]))
     found = checks(problem, outer, inner, symbols, pairs)
     # What must be at least its limit is taken over that limit, which no size enters (so any pair gives it), but over
-    # 1 mm at least, for gaps may be asked to be zero. The rest is 1 - limit / value: resistances over demands, which
-    # are polynomial in the sizes where their inverses are not.
+    # 1 mm at least of a link of 1.2 m, for gaps may be asked to be zero. The rest is 1 - limit / value: resistances over
+    # demands, which are polynomial in the sizes where their inverses are not.
+    long = problem.length_unit_m
     limits = [float(check.limit) for check in checks(problem, *pair_of(problem, (0.1, 0.01, 0.05, 0.005)))]
     constraints = [
-        (check.limit - check.value) / max(limit, 1e-3) if check.at_least else 1 - check.limit / check.value
+        (check.limit - check.value) / max(limit, 1e-3 * long) if check.at_least else 1 - check.limit / check.value
         for check, limit in zip(found, limits, strict=True)
     ]
     for tube, of, pair in zip((outer, inner), problem.beams, pairs, strict=True):
@@ -195,9 +202,9 @@ def sizing_program(problem: DesignProblem) -> Program:
         for factor, value in zip(pair, slenderness, strict=False):  # of flange and web; a round tube has neither
             constraints += [factor - 1, factor - buckling_curve(value, alloy.buckling_constants)]
         for size in tube.sides.values():
-            constraints += [tube.wall_m / size - THICKEST_SHARE, 1 - size / LEAST_WIDTH_M]
-        constraints.append(1 - tube.wall_m / LEAST_WALL_M)
-    constraints += [-gap / 0.01 for gap in clearances(outer, inner)]  # the inner tube enters the outer one
+            constraints += [tube.wall_m / size - THICKEST_SHARE, 1 - size / (long * LEAST_WIDTH_M)]
+        constraints.append(1 - tube.wall_m / (long * LEAST_WALL_M))
+    constraints += [-gap / (0.01 * long) for gap in clearances(outer, inner)]  # the inner tube enters the outer one
     return Program(
         problem=problem,
         variables=ca.vertcat(sizes, factors),
@@ -231,7 +238,7 @@ def start_variables(problem: DesignProblem, sizes: np.ndarray) -> np.ndarray:
         slenderness = tube.relative_slenderness(alloy.proof_strength_Pa)
         own = [min(1.0, float(buckling_curve(value, alloy.buckling_constants))) for value in slenderness]
         factors += own or [1.0, 1.0]
-    return np.concatenate([sizes / SIZE_UNITS, factors])
+    return np.concatenate([sizes / size_units(problem), factors])
 
 
 def solver(program: Program, objective: Any, constraints: Any, extra: Any = None) -> Any:
@@ -247,7 +254,7 @@ def solve(
 ) -> np.ndarray:
     """Run a `solver` and give back where it ended, whatever it says of that point."""
     # These only keep the iterates where the formulas have a meaning; the constraints lie inside them.
-    least = np.array([LEAST_WIDTH_M, LEAST_WALL_M, LEAST_WIDTH_M, LEAST_WALL_M]) / SIZE_UNITS / 2
+    least = np.array([LEAST_WIDTH_M, LEAST_WALL_M, LEAST_WIDTH_M, LEAST_WALL_M]) / _SIZE_UNITS / 2
     lower = [*least, *[1e-4] * 4, *(low for low, _ in extra_bounds)]
     upper = [*[np.inf] * 4, *[2.0] * 4, *(high for _, high in extra_bounds)]
     with interruption_waits():
@@ -285,13 +292,13 @@ class FreeOptimum:
     starts_agreeing: int
 
 
-_ROUND = 7  # decimals of a size in m
+_ROUND = 7  # decimals of a size in m, of a link as long as the published one
 
 
 def tubes(problem: DesignProblem, variables: np.ndarray, rounded: bool = False) -> tuple[Tube, Tube]:
     """Outer and inner tube of program variables, as they are or rounded as they will be written down."""
-    sizes = (variables[:4] * SIZE_UNITS).tolist()
-    return pair_of(problem, [round(size, _ROUND) for size in sizes] if rounded else sizes)
+    sizes, decimals = (variables[:4] * size_units(problem)).tolist(), _ROUND - round(log10(problem.length_unit_m))
+    return pair_of(problem, [round(size, decimals) for size in sizes] if rounded else sizes)
 
 
 def free_optimum(problem: DesignProblem, known: Sequence[tuple[Tube, Tube]] = ()) -> FreeOptimum | None:
@@ -314,8 +321,8 @@ def free_optimum(problem: DesignProblem, known: Sequence[tuple[Tube, Tube]] = ()
         nearest, missed = program.nearest(program.figures, points[::3])
         if missed > FEASIBLE:
             return None
-        points.append(nearest[:4] * SIZE_UNITS)
-    ready = solver(program, program.mass, program.constraints)
+        points.append(nearest[:4] * size_units(problem))
+    ready = solver(program, program.mass / problem.mass_unit_kg, program.constraints)
     ends = [solve(ready, start_variables(problem, sizes), program.figures) for sizes in points]
     feasible = [end for end in ends if program.violation(end, program.figures) <= FEASIBLE]
     if not feasible:
@@ -359,7 +366,7 @@ def relax_free(problem: DesignProblem) -> tuple[tuple[Relaxation, ...], CheckedP
     """
     program, points = sizing_program(problem), start_points(problem)[::3]
     nearest, _ = program.nearest(program.figures, points)
-    points.insert(0, nearest[:4] * SIZE_UNITS)
+    points.insert(0, nearest[:4] * size_units(problem))
     found = [one for name in relaxable(requirements(problem)) for one in _ease_one(program, name, points)]
     return confirmed(problem, found), check_sections(problem, *tubes(problem, nearest))
 
@@ -382,7 +389,7 @@ def _ease_one(program: Program, name: str, points: Sequence[np.ndarray]) -> list
     constraints = ca.substitute(program.constraints, program.asked, given)
     ready = solver(program, share, constraints, share)
     least, best = 1.0, with_room
-    for sizes in (with_room[:4] * SIZE_UNITS, points[0]):
+    for sizes in (with_room[:4] * size_units(problem), points[0]):
         end = solve(ready, np.append(start_variables(problem, sizes), 0.5), program.figures, [(0.0, 1.0)])
         if end[8] < least and program.violation(end[:8], figures(float(end[8]))) <= FEASIBLE:
             least, best = float(end[8]), end[:8]

@@ -16,7 +16,8 @@ from math import inf, log
 import numpy as np
 
 from beamdesign.controllers import SENSED, Controller, Sensed
-from beamdesign.controllers.protocol import Form, at_pace
+from beamdesign.controllers.protocol import Form
+from beamdesign.plant.assembly import pace
 from beamdesign.plant.members import VertexModel, served
 from beamdesign.plant.rigs import figures_of
 from beamdesign.proofs.certificate import Kind
@@ -31,7 +32,7 @@ from beamdesign.synthesis.loop_samples import (
     Samples,
     Slacks,
     ends,
-    pace,
+    form_for,
     rig_samples,
     sampled_bandwidth,
     slacks,
@@ -128,7 +129,7 @@ class Search:
 
     @cached_property
     def pace(self) -> float:
-        """How quick the rig is, see `loop_samples.pace`."""
+        """How quick the rig is, see `beamdesign.plant.assembly.pace`."""
         return pace(self.members[0].rig.figures)
 
     def opened(self, law: Controller, known: int = 0) -> tuple[Form, np.ndarray] | None:
@@ -138,7 +139,7 @@ class Search:
         """
         if (found := law.form()) is None:
             return None
-        form, own = at_pace(found[0], self.pace), found[1]
+        form, own = form_for(found[0], self.members[0].rig.figures), found[1]
         return form, own + log(self.pace) * form.frequencies * (np.arange(len(own)) >= known)
 
     @property
@@ -301,11 +302,11 @@ class Search:
         now = slacks(points, goal, form, here)
         if not now.settled:
             return here
-        aim = _aim(points, now)
+        aim, sizes = _aim(points, now), np.append(np.ones(form.size), form.mass_unit_kg)
         steps, still, reach = 0, 0, _FIRST_REACH
         while steps < self.effort.steps and reach > _SMALLEST_REACH and still < 12 and not over():
             steps += 1
-            least, greatest = np.maximum(lower - here, -reach), np.minimum(upper - here, reach)
+            least, greatest = np.maximum(lower - here, -reach * sizes), np.minimum(upper - here, reach * sizes)
             merit = _merit(points, now, aim)
             move, foreseen = _step(points, now, aim, least, greatest)
             tried = here + move

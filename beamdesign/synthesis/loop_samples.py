@@ -6,15 +6,15 @@ The variables are those of a law's form, then the inner end mass in kg. Everythi
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import reduce
-from math import inf, log, log2, pi
+from math import inf, log, log10, pi
 
 import numpy as np
 from flint import fmpq_poly
 from pydantic import Field
 
 from beamdesign.controllers import SENSED, Controller, Sensed
-from beamdesign.controllers.protocol import Form
-from beamdesign.plant.assembly import natural_frequency_ratio
+from beamdesign.controllers.protocol import Form, at_pace
+from beamdesign.plant.assembly import mass_unit_kg, pace
 from beamdesign.plant.linear import BilinearPlant, LinearModel, PairOver
 from beamdesign.plant.members import VertexModel
 from beamdesign.polynomial import at_points
@@ -80,20 +80,16 @@ FINE_HZ = np.concatenate(
 )
 """Fine where peaks may be sharp; far above everything, the law's effort still grows.
 
-These are of a rig as quick as the published one, see `pace`.
+These are of a rig as quick as the published one, see `beamdesign.plant.assembly.pace`.
 """
 
 MODES_HZ = np.geomspace(155.0, 700.0, 100)
 """Further samples of rigs with effects, among which may be a second mode."""
 
 
-def pace(figures: Mapping[str, float]) -> float:
-    """How many times as quick as that of the published rig an outer beam is, to a power of two: neighbours are alike.
-
-    A rig whose stiffness is so many times squared, and whose valve, leakage and law are as quick, moves as that one
-    does in so much less time.
-    """
-    return float(2.0 ** round(log2(natural_frequency_ratio(figures))))
+def form_for(form: Form, figures: Mapping[str, float]) -> Form:
+    """A form whose bounds, and whose unit of the mass inside, go with the figures of a rig."""
+    return at_pace(form, pace(figures), mass_unit_kg(figures))
 
 
 @dataclass(frozen=True)
@@ -237,7 +233,7 @@ class Design:
     @property
     def inner_end_mass(self) -> float:
         """Mass inside, kg, rounded."""
-        return round(float(self.variables[self.form.size]), 6)
+        return round(float(self.variables[self.form.size]), 6 - round(log10(self.form.mass_unit_kg)))
 
     @property
     def chosen(self) -> np.ndarray:
@@ -300,7 +296,8 @@ def slacks(points: Samples, goal: Goal, form: Form, variables: np.ndarray, slope
     s, own_variables = 2j * pi * points.frequency_Hz, variables[: form.size]
     inner = float(variables[form.size])
     own = form.responses(own_variables, s)
-    return slacks_of(points, goal, own, inner, form.slopes(own_variables, s) if slopes else None)
+    of_own = form.slopes(own_variables, s) if slopes else None
+    return slacks_of(points, goal, own, inner, of_own, form.mass_unit_kg)
 
 
 def counting(points: Samples, goal: Goal) -> np.ndarray:
@@ -312,7 +309,14 @@ def counting(points: Samples, goal: Goal) -> np.ndarray:
     return where & np.isin(LIMITED, list(goal_limits(goal)))[:, None]
 
 
-def slacks_of(points: Samples, goal: Goal, own: np.ndarray, inner: float, of_own: np.ndarray | None = None) -> Slacks:
+def slacks_of(
+    points: Samples,
+    goal: Goal,
+    own: np.ndarray,
+    inner: float,
+    of_own: np.ndarray | None = None,
+    mass_unit_kg: float = 1.0,
+) -> Slacks:
     """The same of a law whose responses are known.
 
     Args:
@@ -321,6 +325,7 @@ def slacks_of(points: Samples, goal: Goal, own: np.ndarray, inner: float, of_own
         own: (p, n) the law at the points.
         inner: mass inside, kg.
         of_own: (p, n, v) its derivatives by all variables but the mass; none for no slopes.
+        mass_unit_kg: of what size a mass is, for its slope.
     """
     plant, control, disturbance, crossed = points.at(inner)
     moved = disturbance + (own * crossed).sum(axis=0)
@@ -355,13 +360,14 @@ def slacks_of(points: Samples, goal: Goal, own: np.ndarray, inner: float, of_own
     of_compliance, of_loop_gain = of_closed - (of_moved / moved[:, None]).real, -(of_loop / loop[:, None]).real
     of_lower = (share[:, None] * of_loop / lower[:, None]).real
     of_softest = of_compliance.copy()
-    of_softest[:, -1] += log(points.servo_off(inner + _STEP_KG) / points.servo_off(inner - _STEP_KG)) / (2 * _STEP_KG)
+    step = _STEP * mass_unit_kg
+    of_softest[:, -1] += log(points.servo_off(inner + step) / points.servo_off(inner - step)) / (2 * step)
     slopes = np.array([of_closed, of_compliance, of_loop_gain, of_effort, of_lower, of_softest])
     return Slacks(left, slopes, settled, without)
 
 
-_STEP_KG = 1e-4
-"""Of the mass inside, for the slope of what its largest compliance is without a law."""
+_STEP = 1e-4
+"""Of the mass inside in its unit, for the slope of what its largest compliance is without a law."""
 
 
 def _passes_behind(start: np.ndarray, end: np.ndarray) -> np.ndarray:

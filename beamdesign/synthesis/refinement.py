@@ -89,7 +89,7 @@ class LawRefinement:
         nominal_rows: how many rows of samples are of the nominal rig; of the others only the worst points are enforced.
         factors: (rows of samples, 15) on the mass inside and on the lumped figures.
         resampled: section variables to the samples with them, None where there is no such rig.
-        pace: how quick the rig is, see `loop_samples.pace`.
+        pace: how quick the rig is, see `beamdesign.plant.assembly.pace`.
     """
 
     points: Samples
@@ -160,7 +160,7 @@ class LawRefinement:
             solved = self._program[0].stats()["success"]
             if solved and foreseen < value * (1 + _SETTLED) and violation < small:
                 break
-            if self.sections is not None and np.abs(tried - best).max() < _STILL:
+            if self.sections is not None and np.abs((tried - best) / self._sizes).max() < _STILL:
                 break
             then = self.measured(tried)
             if then is not None:
@@ -207,7 +207,8 @@ class LawRefinement:
     ) -> tuple[np.ndarray, float]:
         """Variables of the program's optimum, and the value that it foresees there."""
         lower, upper = self.bounds
-        moves = reach * np.append(self.form.moves, np.ones(len(start) - self.form.size))
+        sizes = self._sizes
+        moves = reach * np.append(self.form.moves, sizes[self.form.size :])
         lower, upper = np.maximum(lower, start - moves), np.minimum(upper, start + moves)
         # A compliance that just misses its limit at rest has no bandwidth, but is a good start.
         near = sampled_bandwidth(self.points, now.compliance + NEARLY)
@@ -217,23 +218,29 @@ class LawRefinement:
         limited = dict(zip(LIMITED, met if self.sections else now.values, strict=True))
         (solver, servo_off), resonance, apart = self._program, [], 0.0
         if servo_off is not None:
-            at, largest = highest(servo_off, start, self.pace)
+            at, largest = highest(servo_off, start / sizes, self.pace)
             resonance, apart = [at], log(now.servo_off_m_per_N) - largest
         data = [self._data(self._chosen(limited[kind], worst)).ravel(order="F") for kind, worst in _WORST.items()]
         with interruption_waits():
             found = solver(
-                x0=np.concatenate([start, [beta], resonance]),
+                x0=np.concatenate([start / sizes, [beta], resonance]),
                 p=np.concatenate([*data, spare, [apart]]),
-                lbx=np.concatenate([lower, [beta - 1.0], np.subtract(resonance, _MOVES)]),
-                ubx=np.concatenate([upper, [highest_beta], np.add(resonance, _MOVES)]),
+                lbx=np.concatenate([lower / sizes, [beta - 1.0], np.subtract(resonance, _MOVES)]),
+                ubx=np.concatenate([upper / sizes, [highest_beta], np.add(resonance, _MOVES)]),
                 lbg=0.0,
                 ubg=ca.inf,
             )
         solution = np.asarray(found["x"]).ravel()
         if not np.isfinite(solution).all():
             return start, 0.0
-        values, foreseen = np.clip(solution[: len(start)], lower, upper), float(solution[len(start)])
+        values, foreseen = np.clip(solution[: len(start)] * sizes, lower, upper), float(solution[len(start)])
         return values, self.value(values, exp(foreseen))
+
+    @property
+    def _sizes(self) -> np.ndarray:
+        """What the program's variables, which are all of the order of one, are in: the mass inside in its unit."""
+        own, count = self.form.size, len(self.bounds[0])
+        return np.concatenate([np.ones(own), [self.form.mass_unit_kg], np.ones(count - own - 1)])
 
     @property
     def _aimed(self) -> float:
@@ -264,6 +271,7 @@ class LawRefinement:
         law, inner, chosen, beta, resonance = ca.vertsplit(
             variables, [0, own, own + 1, count, count + 1, variables.shape[0]]
         )
+        inner = self.form.mass_unit_kg * inner
         table, _ = self.form.coefficients(law)
         figures = ca.MX(0, 1) if sized is None else sized.figures(chosen)
         inside, stiffer, apart = (ca.MX.sym(name) for name in ("inside", "stiffer", "apart"))
@@ -312,7 +320,8 @@ class LawRefinement:
             rest = ca.MX(sized.structure(inner, chosen))
             if sized.needed_Hz is not None:
                 missing = self._aimed - beta
-                objective = sized.moving_mass(inner, chosen) + MASS_PER_MISSING_BANDWIDTH * missing
+                objective = sized.moving_mass(inner, chosen) / sized.problem.mass_unit_kg
+                objective += MASS_PER_MISSING_BANDWIDTH * missing
         program, derivatives = sampled_program(
             variables, ca.vertcat(*map(ca.vec, data), inside, stiffer, apart), objective,
             ca.vertcat(ca.vec(table), inner, figures, beta), table.numel(), blocks, rest,

@@ -16,17 +16,17 @@ from beamdesign.prototype import Prototype
 from beamdesign.quantities import stated_bandwidth
 from beamdesign.structure.lumped import beam_figures, fixed_dashpot, servo_figures
 from beamdesign.synthesis.checks import beam_mass, check_sections
-from beamdesign.synthesis.free_search import SIZE_UNITS, THICKEST_SHARE, pair_of, sizing_program, tubes
+from beamdesign.synthesis.free_search import THICKEST_SHARE, pair_of, size_units, sizing_program, tubes
 from beamdesign.synthesis.loop_program import sized_slack
 
 ROUNDED_SLACK = 1e-4
 """Relative slack of every structural check, so that rounded sizes stay on its right side."""
 
-_ROUNDED_MASS_KG = 5e-4
-"""By how much rounding the sizes may add to the mass."""
+_ROUNDED_MASS = 5e-4
+"""By how much rounding the sizes may add to the mass, in units of the problem's."""
 
 MASS_PER_MISSING_BANDWIDTH = 100.0
-"""Exact penalty, kg per unit of log(bandwidth): far above what bandwidth costs, so that it is met where it can be."""
+"""Exact penalty, likewise, per unit of log(bandwidth): far above what bandwidth costs, so that it is met if it can be."""
 
 
 @dataclass(frozen=True)
@@ -52,7 +52,7 @@ class Sections:
         """Least and largest variables, (8,) each."""
         widest, thinnest = self.problem.sections.largest_width_m, self.problem.sections.least_wall_m
         sizes = [(5 * thinnest, widest), (thinnest, THICKEST_SHARE * widest)] * 2
-        scaled = (np.divide(ends, unit) for ends, unit in zip(sizes, SIZE_UNITS, strict=True))
+        scaled = (np.divide(ends, unit) for ends, unit in zip(sizes, size_units(self.problem), strict=True))
         bounds = np.array([*scaled, *[(0, 1)] * 4])
         for fixed in range(len(bounds)) if not self.free else set(range(4)) - set(self.free):
             bounds[fixed] = self.begun[fixed]
@@ -65,7 +65,8 @@ class Sections:
 
     def figures(self, chosen: ca.MX) -> ca.MX:
         """The (14,) lumped figures of the linear model, in symbols."""
-        sizes, lumped = [float(unit) * chosen[i] for i, unit in enumerate(SIZE_UNITS)], list[ca.MX]()
+        sizes = [float(unit) * chosen[i] for i, unit in enumerate(size_units(self.problem))]
+        lumped = list[ca.MX]()
         for asked, tube in zip(self.problem.beams, pair_of(self.problem, sizes), strict=True):
             stiffness, mass = beam_figures(asked.material, tube, asked.free_length_m, asked.end_mass_kg)
             lumped += [stiffness, mass, fixed_dashpot(asked.damping_ratio, stiffness, mass)]
@@ -97,7 +98,8 @@ class Sections:
         """Slacks that must not be negative with a mass inside (kg), in symbols or numbers."""
         constraints, mass = self._parts(chosen)
         most = self.largest_mass_kg
-        spare = [] if most is None else [most - _ROUNDED_MASS_KG - mass - inner]
+        unit = self.problem.mass_unit_kg
+        spare = [] if most is None else [(most - _ROUNDED_MASS * unit - mass - inner) / unit]
         return ca.vertcat(-constraints - ROUNDED_SLACK, *spare) if self.free else ca.DM(0, 1)
 
     def moving_mass(self, inner: Any, chosen: Any) -> Any:
@@ -114,18 +116,22 @@ class Sections:
         missed = check_sections(self.problem, *tubes(self.problem, chosen, rounded=True)).failing
         return "the refined sections miss: " + ", ".join(check.name for check in missed) if missed else ""
 
+    @property
+    def _missing_kg(self) -> float:
+        return MASS_PER_MISSING_BANDWIDTH * self.problem.mass_unit_kg
+
     def value(self, inner: float, chosen: np.ndarray, bandwidth_Hz: float) -> float:
         """Worth of sections with a mass inside (kg) and the bandwidth they reach: that, or one over the moving mass."""
         if self.needed_Hz is None:
             return bandwidth_Hz
         missing = max(0.0, log(self.needed_Hz / bandwidth_Hz)) if bandwidth_Hz > 0 else inf
-        return 1 / (float(self.moving_mass(inner, chosen)) + MASS_PER_MISSING_BANDWIDTH * missing)
+        return 1 / (float(self.moving_mass(inner, chosen)) + self._missing_kg * missing)
 
     def hopeless(self, inner: float, chosen: np.ndarray, value: float) -> str:
         """Why nothing near a sampled design of a value is worth proving; empty where something may be."""
         if self.needed_Hz is None or value <= 0:
             return ""
-        missing = (1 / value - float(self.moving_mass(inner, chosen))) / MASS_PER_MISSING_BANDWIDTH
+        missing = (1 / value - float(self.moving_mass(inner, chosen))) / self._missing_kg
         if missing < log(2):
             return ""
         return f"reaches {self.needed_Hz * exp(-missing):.3g} Hz on samples, {self.needed_Hz:.4g} Hz are needed"

@@ -17,6 +17,7 @@ import numpy as np
 from beamdesign.arguments import checked, takes
 from beamdesign.controllers import Cascade, Lag, Observer
 from beamdesign.loop import Loop, close_loop
+from beamdesign.plant.assembly import pace
 from beamdesign.plant.linear import Plant
 from beamdesign.plant.members import paper_model
 from beamdesign.polynomial import exact
@@ -45,7 +46,7 @@ from beamdesign.synthesis.end_stiffness import (
     sensed,
     servo_stiffness,
 )
-from beamdesign.synthesis.loop_samples import first_miss, pace
+from beamdesign.synthesis.loop_samples import first_miss
 from beamdesign.synthesis.rig_spread import deviations_of, rig_spread
 from beamdesign.time_limit import leave_out, over, share
 

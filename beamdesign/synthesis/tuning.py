@@ -26,7 +26,6 @@ import numpy as np
 
 from beamdesign.arguments import checked, takes
 from beamdesign.controllers import KINDS, SENSED, Estimator, Scheduled, Sensed, Stage
-from beamdesign.controllers.protocol import at_pace
 from beamdesign.controllers.scheduled import STAGES
 from beamdesign.parameters import stated_or_typical
 from beamdesign.plant.actuators import not_felt
@@ -44,7 +43,7 @@ from beamdesign.synthesis import SIGMAS
 from beamdesign.synthesis.law_design import Proved, no_answer
 from beamdesign.synthesis.law_search import Found, from_seeds, search
 from beamdesign.synthesis.law_task import Search
-from beamdesign.synthesis.loop_samples import Design, pace
+from beamdesign.synthesis.loop_samples import Design, form_for
 from beamdesign.synthesis.rig_spread import RigSpread, rig_spread
 from beamdesign.synthesis.weight_search import ADDED_SENSORS_EFFORT, EFFORT, SYNTHESES, limited, search_observer
 from beamdesign.time_limit import is_limited, over, while_time, within
@@ -218,7 +217,7 @@ def tune_law(prototype: Prototype, masses_kg: tuple[float, float], asked: LawOpt
     start = (
         None
         if sought_from is None
-        else Design(at_pace(sought_from[0], pace(members[0].rig.figures)), np.append(sought_from[1], inner))
+        else Design(form_for(sought_from[0], members[0].rig.figures), np.append(sought_from[1], inner))
     )
     if kind in SYNTHESES:
         effort = EFFORT if len(asked.sensors) == 1 else ADDED_SENSORS_EFFORT
