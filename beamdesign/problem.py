@@ -82,7 +82,11 @@ else:
 class Sought(Record):
     """What the tuner may use, whatever it is called where the kind of controller stands."""
 
-    largest_inner_end_mass_kg: q.MassOrNone = Field(6.0, description="most mass the tuner may add inside")
+    largest_inner_end_mass_kg: q.MassOrNone | None = Field(
+        None,
+        description="most mass the tuner may add inside; left out: 6 kg of a rig as heavy as the published one with"
+        " payloads up to 6.8 kg, of a heavier or lighter one in proportion, to a power of two",
+    )
     sections: int = Field(3, ge=1, le=3, description="second-order sections of a structured controller")
     stages: int = Field(3, ge=2, le=12, description="laws of a scheduled controller")
     added_sensors: tuple[Added, ...] = Field((), description="what lqg and hinf read beside the displacement")

@@ -56,7 +56,7 @@ def tune(
     prototype: Path,
     outer_end_mass: str | None = None,
     controller: str = "lag",
-    largest_inner_end_mass_kg: Annotated[float, Figure("MassOrNone")] = 6.0,
+    largest_inner_end_mass_kg: Annotated[float | None, Figure("MassOrNone")] = None,
     peak_sensitivity: Annotated[float | None, Figure("PeakSensitivity")] = None,
     peak_over_passive: Annotated[float | None, Figure("PeakOverPassive")] = None,
     sections: Annotated[int, typer.Option(min=1, max=3)] = 3,
@@ -88,7 +88,8 @@ def tune(
     Args:
         prototype: the prototype.toml to tune.
         controller: kind of controller: lag, proportional, structured, lqg, hinf, scheduled or compliance.
-        largest_inner_end_mass_kg: most mass that may be added inside.
+        largest_inner_end_mass_kg: most mass that may be added inside; else 6 kg of a rig as heavy as the published one
+            with payloads up to 6.8 kg, of a heavier or lighter one in proportion, to a power of two.
         peak_sensitivity: limit of the peak sensitivity; else the prototype's goal.
         peak_over_passive: limit of the largest compliance at any frequency, over the largest with the servo off; `inf`
             for none. Else the prototype's goal.

@@ -67,6 +67,14 @@ class Estimator(Record):
         return longest_period_s(self.update_s, self.window_s)
 
     @classmethod
+    def usual(cls, quick: float, heavy: float) -> Self:
+        """That of a rig so many times as quick and as heavy as the published one."""
+        pairs = ((q.Window, "window_s"), (q.Update, "update_s"), (q.Duration, "forgetting_s"))
+        ranges = {name: q.range_of(quantity) for quantity, name in pairs}
+        times = {name: min(max(_USUAL[name] / quick, of.low), of.high) for name, of in ranges.items()}
+        return cls(**times, **{name: _USUAL[name] * heavy for name in ("largest_std_kg", "band_kg")})
+
+    @classmethod
     def relations(cls, table: Mapping[str, Any]) -> Iterator[Problem]:
         """What is new since the last estimate is a part of a window."""
         found = numbers({**_USUAL, **table}, "update_s", "window_s")

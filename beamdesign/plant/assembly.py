@@ -218,6 +218,7 @@ def of_drive(prototype: WithActuator) -> dict[str, float]:
 
 
 _PUBLISHED = {"outer_stiffness": 486800.0, "inner_mass": 1.6, "outer_mass": 3.9}  # N/m, kg
+_PUBLISHED_PAYLOAD_KG = 6.8
 _PUBLISHED_A_S_PER_M = 0.01  # piston area over flow gain
 _BENCH_N, _BENCH_A_PER_V = 700.0, 1e-3  # of a bench: supply pressure times piston area, and of its amplifier
 
@@ -240,6 +241,15 @@ def pace(figures: Mapping[str, float]) -> float:
 def mass_unit_kg(figures: Mapping[str, float]) -> float:
     """How many times as heavy, likewise, with its end but without payload."""
     return float(2.0 ** round(log2(figures["outer_mass"] / _PUBLISHED["outer_mass"])))
+
+
+def most_inside_kg(figures: Mapping[str, float], largest_outer_kg: float) -> float:
+    """Most mass inside that is usually enough, kg: 6 of the published rig with its payloads of 6.8.
+
+    Of a rig or of a payload that is so many times as heavy so many times that, to powers of two.
+    """
+    loaded = (figures["outer_mass"] + largest_outer_kg) / (_PUBLISHED["outer_mass"] + _PUBLISHED_PAYLOAD_KG)
+    return 6.0 * max(mass_unit_kg(figures), float(2.0 ** round(log2(loaded))))
 
 
 def widened(prototype: Prototype, low_Hz: float, high_Hz: float) -> tuple[float, float]:

@@ -6,6 +6,7 @@ And the Pareto front of moving mass against guaranteed bandwidth against payload
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import product
+from math import inf
 from operator import le
 from typing import Any
 
@@ -14,6 +15,7 @@ import numpy as np
 from beamdesign.arguments import checked, checked_range_kg, takes
 from beamdesign.controllers import KINDS
 from beamdesign.controllers.protocol import form_of
+from beamdesign.plant.assembly import most_inside_kg
 from beamdesign.plant.members import family
 from beamdesign.problem import DesignProblem
 from beamdesign.progress import Progress, silent
@@ -21,6 +23,7 @@ from beamdesign.prototype import Prototype
 from beamdesign.quantities import Bandwidth, Sigmas
 from beamdesign.records import InputError
 from beamdesign.result import Result, finite, picked
+from beamdesign.structure import lumped
 from beamdesign.synthesis import POINT, SIGMAS
 from beamdesign.synthesis.checks import CheckedPair, check_sections
 from beamdesign.synthesis.free_search import free_optimum, sizes_of, start_variables, tubes
@@ -28,7 +31,7 @@ from beamdesign.synthesis.holding import Holding, in_words, working
 from beamdesign.synthesis.law_design import Proved
 from beamdesign.synthesis.law_search import Found, from_seeds, search
 from beamdesign.synthesis.law_task import Effort, Search
-from beamdesign.synthesis.loop_samples import Design
+from beamdesign.synthesis.loop_samples import Design, form_for
 from beamdesign.synthesis.rig_spread import rig_spread
 from beamdesign.synthesis.sections import Sections
 from beamdesign.time_limit import leave_out, over, within
@@ -169,11 +172,11 @@ def codesign(
         raise InputError(problem.name, [("controller.kind", reason)])
     with within(minutes) as limit:
         report(0.0, "lightest sections")
-        inner_kg = (0.0, problem.controller.largest_inner_end_mass_kg)
         begun = [Sections(problem, start_variables(problem, one), bandwidth_Hz) for one in _start_sizes(problem)]
-        tasks = [sized_search(problem, sections, outer_end_mass_kg, inner_kg, sigmas) for sections in begun]
+        tasks = [sized_search(problem, sections, outer_end_mass_kg, sigmas) for sections in begun]
         nothing = "" if tasks else "no sections pass the structural checks; `beamdesign size` says which to relax"
-        starts = [Design(form_of(kind), point.proved.variables) for point in near] or [
+        forms = [form_for(form_of(kind), task.members[0].rig.figures) for task in tasks[:1]]
+        starts = [Design(form, point.proved.variables) for form in forms for point in near] or [
             start for task in tasks for start in from_seeds(task, KINDS[kind].seeds())
         ]
         found = search(tasks[0], starts, report=report) if tasks else Found(None, (), 0, nothing)
@@ -206,13 +209,18 @@ def sized_search(
     problem: DesignProblem,
     sections: Sections,
     masses_kg: tuple[float, float],
-    inner_kg: tuple[float, float],
     sigmas: float,
+    most_inside: float = inf,
 ) -> Search:
-    """The search for a law of a problem and for sections, begun with those of tubes that there are."""
+    """The search for a law of a problem and for sections, begun with those of tubes that there are.
+
+    There is no more mass inside (kg) than the problem allows or this.
+    """
     rig = sections.prototype(sections.start, False)
     spread = rig_spread(rig, masses_kg[1], sigmas) if sigmas else None
-    given = (family(rig).members, problem.goal, masses_kg, inner_kg)
+    allowed = problem.controller.largest_inner_end_mass_kg
+    most = min(most_inside, most_inside_kg(lumped.figures(rig), masses_kg[1]) if allowed is None else allowed)
+    given = (family(rig).members, problem.goal, masses_kg, (0.0, most))
     return Search(*given, spread=spread, effort=SIZED_EFFORT, sections=sections)
 
 

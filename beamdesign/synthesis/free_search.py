@@ -188,8 +188,8 @@ def sizing_program(problem: DesignProblem) -> Program:
     pairs = ((factors[0], factors[1]), (factors[2], factors[3]))
     found = checks(problem, outer, inner, symbols, pairs)
     # What must be at least its limit is taken over that limit, which no size enters (so any pair gives it), but over
-    # 1 mm at least of a link of 1.2 m, for gaps may be asked to be zero. The rest is 1 - limit / value: resistances over
-    # demands, which are polynomial in the sizes where their inverses are not.
+    # 1 mm at least of a link of 1.2 m, for gaps may be asked to be zero. The rest is 1 - limit / value: resistances
+    # over demands, which are polynomial in the sizes where their inverses are not.
     long = problem.length_unit_m
     limits = [float(check.limit) for check in checks(problem, *pair_of(problem, (0.1, 0.01, 0.05, 0.005)))]
     constraints = [

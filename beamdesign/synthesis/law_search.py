@@ -16,6 +16,7 @@ import numpy as np
 
 from beamdesign.controllers import Controller
 from beamdesign.controllers.protocol import Form
+from beamdesign.plant.assembly import most_inside_kg
 from beamdesign.polynomial import nearest
 from beamdesign.progress import Progress, part_of, silent
 from beamdesign.synthesis.law_design import (
@@ -55,6 +56,12 @@ _CUT_ROUNDS = 12
 
 _UNDECIDED = 2
 """How many designs of which a proof over the box comes to no end are tried, at most."""
+
+_MUCH = 0.3
+"""Share of the most mass inside that is much to begin with."""
+
+_MORE = (0.6, 1.0)
+"""Such shares that are tried where that led nowhere."""
 
 _VIOLATION = 0.02
 """By how much (logarithm) a design may miss limits where a refinement begins."""
@@ -140,6 +147,9 @@ def _search(task: Search, starts: Sequence[Design], growths: int, report: Progre
         for k, start in enumerate(while_time(starts, lambda _: "some starts", least=1)):
             report(0.2 * k / len(starts), f"start {k + 1} of {len(starts)}")
             pool.append(task.coarsely_searched(start))
+        if not any(one.value for one in pool):  # a heavy payload may need more mass inside
+            more = while_time(with_more_inside(task, starts), lambda _: "some starts")
+            pool += [task.coarsely_searched(start) for start in more]
         pool = _refined(task, _best(pool)[: effort.starts], part_of(report, 0.2, 0.2 + part))
         task, pool = _hardened(task, pool)
     smaller = Found(None, (), 0, "no start led to a stable loop within the limits on the samples")
@@ -198,10 +208,13 @@ def from_seeds(task: Search, seeds: Sequence[Controller]) -> list[Design]:
     """Seeds of a kind with little and with much mass inside, their gains lowered until the loops are stable.
 
     Where they are so by far, as with a motor, whose current is of another order than a valve's, the gain is the best.
+    Of a range that is not the usual one, what is much in that is tried as well.
     """
     (least, most), found = task.inner_kg, []
+    usual = most_inside_kg(task.members[0].rig.figures, task.masses_kg[1])
+    much = {min(max(least, _MUCH * usual), most), least + _MUCH * (most - least)}
     for seed in seeds:
-        for inner in sorted({least, least + 0.3 * (most - least)}):
+        for inner in sorted({least, *much}):
             if (sought_from := task.opened(seed)) is None:
                 continue
             design = Design(sought_from[0], np.concatenate([sought_from[1], [inner], task.start]))
@@ -211,6 +224,18 @@ def from_seeds(task: Search, seeds: Sequence[Controller]) -> list[Design]:
                 steps = np.arange(0.0, design.form.upper[0] - design.variables[0], 0.5)
                 design = max(map(design.louder, steps), key=lambda one: task.worth(task.points, one))
             found.append(design)
+    return found
+
+
+def with_more_inside(task: Search, starts: Sequence[Design]) -> list[Design]:
+    """Those of the starts that have most mass inside with more of it, as far as there may be more."""
+    (least, most), found = task.inner_kg, []
+    heaviest = max((one.inner_end_mass for one in starts), default=most)
+    for one in (start for start in starts if start.inner_end_mass == heaviest):
+        for inner in (least + much * (most - least) for much in _MORE):
+            heavier = one.variables.copy()
+            heavier[one.form.size] = inner
+            found += [calmed(task, replace(one, variables=heavier))] if inner > heaviest else []
     return found
 
 

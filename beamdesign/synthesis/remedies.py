@@ -8,7 +8,7 @@ besides change only what their name says, and may add no more than a given movin
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from math import inf
+from math import inf, log
 from typing import Any
 
 import numpy as np
@@ -29,13 +29,13 @@ from beamdesign.synthesis.codesign import sized_search
 from beamdesign.synthesis.free_search import sizes_of, start_variables, tubes
 from beamdesign.synthesis.law_design import Proved
 from beamdesign.synthesis.law_search import from_seeds, search
-from beamdesign.synthesis.loop_samples import Design
+from beamdesign.synthesis.loop_samples import Design, form_for
 from beamdesign.synthesis.sections import Sections, section_mass
 from beamdesign.synthesis.tuning import SMALLEST_BANDWIDTH_HZ
 from beamdesign.time_limit import share
 
 PAPER_BREAKS_HZ = (1.75, 26.0)
-"""Lag breaks of the paper, kept where no remedy is applied."""
+"""Lag breaks of the paper, kept where no remedy is applied, on a link that is as quick."""
 
 _LARGER = ((1.0, 1.0), (1.1, 1.6))
 """Of how many times the given width and wall the sections that may change are begun with."""
@@ -119,22 +119,21 @@ def _remedy(
     """The largest guaranteed bandwidth within a remedy's freedom, from seeds and from proved loops of a like one."""
     assert problem.given is not None  # `remedies` has seen that they are given
     given = start_variables(problem, sizes_of(problem.given))  # (8,)
-    inner_kg, free = (0.0, 0.0), list(freedom.sections)
-    if freedom.inner_end_mass:
-        inner_kg = (0.0, min(problem.controller.largest_inner_end_mass_kg, added_mass_kg))
-    form, seeds = form_of("lag"), Lag.seeds()
-    if not freedom.breaks:
-        pole, zero = PAPER_BREAKS_HZ
-        seeds, breaks = (Lag(gain_A_per_V=3e-3, pole_Hz=pole, zero_Hz=zero),), np.log(PAPER_BREAKS_HZ)
-        form = replace(form, lower=np.append(form.lower[0], breaks), upper=np.append(form.upper[0], breaks))
+    free, inside_kg = list(freedom.sections), added_mass_kg if freedom.inner_end_mass else 0.0
+    pole, zero = PAPER_BREAKS_HZ
+    seeds = Lag.seeds() if freedom.breaks else (Lag(gain_A_per_V=3e-3, pole_Hz=pole, zero_Hz=zero),)
     most = section_mass(problem, given) + added_mass_kg
-    starts = [np.concatenate([proved.variables[: form.size + 1], given]) for proved in near]
+    starts = [np.append(proved.variables[: -len(given)], given) for proved in near]
     for larger in _LARGER if free else _LARGER[:1]:
         sizes = given.copy()
         sizes[free] *= larger[: len(free)]
         sections = Sections(problem, sizes, largest_mass_kg=most, free=free)
-        task = sized_search(problem, sections, masses_kg, inner_kg, sigmas)
+        task = sized_search(problem, sections, masses_kg, sigmas, inside_kg)
         starts += [one.variables for one in from_seeds(task, seeds)]
+    form = form_for(form_of("lag"), task.members[0].rig.figures)
+    if not freedom.breaks:
+        breaks = np.log(PAPER_BREAKS_HZ) + log(task.pace)
+        form = replace(form, lower=np.append(form.lower[0], breaks), upper=np.append(form.upper[0], breaks))
     found = search(task, [Design(form, one) for one in starts])
     proved = found.proved
     if proved is None or proved.bandwidth_Hz < SMALLEST_BANDWIDTH_HZ:

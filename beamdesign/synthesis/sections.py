@@ -26,7 +26,7 @@ _ROUNDED_MASS = 5e-4
 """By how much rounding the sizes may add to the mass, in units of the problem's."""
 
 MASS_PER_MISSING_BANDWIDTH = 100.0
-"""Exact penalty, likewise, per unit of log(bandwidth): far above what bandwidth costs, so that it is met if it can be."""
+"""Exact penalty, likewise, per unit of log(bandwidth): far above what bandwidth costs, so that it is met if it can."""
 
 
 @dataclass(frozen=True)

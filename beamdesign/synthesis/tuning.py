@@ -20,7 +20,7 @@ would take hours for.
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from math import ceil, pi, prod
+from math import ceil, floor, log10, pi, prod
 
 import numpy as np
 
@@ -29,6 +29,7 @@ from beamdesign.controllers import KINDS, SENSED, Estimator, Scheduled, Sensed, 
 from beamdesign.controllers.scheduled import STAGES
 from beamdesign.parameters import stated_or_typical
 from beamdesign.plant.actuators import not_felt
+from beamdesign.plant.assembly import mass_unit_kg, most_inside_kg, pace
 from beamdesign.plant.members import served
 from beamdesign.polynomial import nearest, roots
 from beamdesign.progress import Progress, silent
@@ -39,6 +40,7 @@ from beamdesign.prototype import InStage, Prototype
 from beamdesign.quantities import MassOrNone, Sigmas, stated_bandwidth
 from beamdesign.records import InputError, Problem
 from beamdesign.result import Result
+from beamdesign.structure import lumped
 from beamdesign.synthesis import SIGMAS
 from beamdesign.synthesis.law_design import Proved, no_answer
 from beamdesign.synthesis.law_search import Found, from_seeds, search
@@ -134,7 +136,7 @@ def tune(
     prototype: Prototype,
     outer_end_mass_kg: tuple[float, float],
     kind: str = "lag",
-    largest_inner_end_mass_kg: float = 6.0,
+    largest_inner_end_mass_kg: float | None = None,
     progress: Progress | None = None,
     sections: int = 3,
     sensors: Sequence[Sensed] = SENSED[:1],
@@ -151,7 +153,8 @@ def tune(
             controller of its own sets the form of the stages of a scheduled one.
         outer_end_mass_kg: range of mass on the outer tip over which everything is guaranteed.
         kind: see `LawOptions`; "scheduled" for several laws.
-        largest_inner_end_mass_kg: most mass that may be added to the inner tip.
+        largest_inner_end_mass_kg: most mass that may be added to the inner tip; else what is usually enough, see
+            `beamdesign.plant.assembly.most_inside_kg`.
         progress: told the share done and what is being done.
         sections: see `LawOptions`.
         sensors: see there.
@@ -159,7 +162,7 @@ def tune(
         sigmas: standard deviations of the prototype's `[tolerance]` by which every figure may be off at once, which
             all is guaranteed for; typical ones where none is stated. Zero: for exactly its figures.
         stages: how many laws a scheduled controller has.
-        estimator: of the payload, for a scheduled controller; stages overlap by two and a half times its band, of which
+        estimator: of the payload, for a scheduled controller, else a usual one; stages overlap by two and a half times its band, of which
             half a band is hysteresis.
         minutes: after about which the best that was proved until then is the answer.
 
@@ -175,7 +178,10 @@ def tune(
         ValueError: for a kind that is none of these, or an empty range.
     """
     outer_end_mass_kg = prototype.asked_kg(outer_end_mass_kg)
-    checked(prototype.name, "largest_inner_end_mass_kg", MassOrNone, largest_inner_end_mass_kg)
+    most = largest_inner_end_mass_kg
+    if most is None:
+        most = most_inside_kg(lumped.figures(prototype), outer_end_mass_kg[1])
+    checked(prototype.name, "largest_inner_end_mass_kg", MassOrNone, most)
     checked(prototype.name, "sigmas", Sigmas, sigmas)
     if kind not in (*KINDS, *SYNTHESES):
         raise ValueError(f"no tuning of kind {kind!r}")
@@ -192,10 +198,12 @@ def tune(
         tolerance, caution = stated_or_typical(prototype.tolerance, type(prototype.actuator))
         prototype = prototype.but(tolerance=tolerance)
         spread = rig_spread(prototype.but(controller=None, guarantee=None), outer_end_mass_kg[1], sigmas)
-    asked = LawOptions(kind, (0.0, largest_inner_end_mass_kg), sections, tuple(sensors), spread, near)
+    asked = LawOptions(kind, (0.0, most), sections, tuple(sensors), spread, near)
     with within(minutes) as limit:
         if kind == Scheduled.model_fields["kind"].default:
-            figures = estimator or Estimator(noise_V=prototype.sensor.noise_V or Estimator().noise_V)
+            given = lumped.figures(prototype)
+            usual = Estimator.usual(pace(given), mass_unit_kg(given))
+            figures = estimator or usual.but(noise_V=prototype.sensor.noise_V or usual.noise_V)
             found = _tune_stages(prototype, outer_end_mass_kg, asked, stages, figures, report)
         else:
             found = tune_law(prototype, outer_end_mass_kg, asked, report)
@@ -302,8 +310,9 @@ def _tune_stages(
     def least(found: list[Tuning]) -> float:
         return min(map(_hertz, found))
 
-    own_kg = sorted({round(one.best.inner_end_mass_kg, 2) for one in alone if one.best is not None})
-    tried_kg = sorted({*own_kg, *(round((one + two) / 2, 2) for one, two in pairwise(own_kg))})
+    decimals = 2 + _finer(asked.inner_kg[1])
+    own_kg = sorted({round(one.best.inner_end_mass_kg, decimals) for one in alone if one.best is not None})
+    tried_kg = sorted({*own_kg, *(round((one + two) / 2, decimals) for one, two in pairwise(own_kg))})
     same = len({one.best.inner_end_mass_kg for one in alone if one.best is not None}) == 1
     if is_limited():  # the one in the middle first
         tried_kg.insert(0, tried_kg.pop(len(tried_kg) // 2))
@@ -346,14 +355,17 @@ def kept_apart(rig: Prototype, found: Switching) -> Prototype:
     return rig.but(controller=schedule.but(dwell_s=ceil(100 * nearest(found.stages.dwell_s)) / 100))
 
 
+def _finer(most_kg: float) -> int:
+    """How many decimals more masses have than those of kilograms."""
+    return max(0, -floor(log10(most_kg))) if most_kg > 0 else 0
+
+
 def stage_ranges(whole_kg: tuple[float, float], count: int, overlap_kg: float) -> list[tuple[float, float]]:
-    """Equal parts of a range, each widened by half an overlap towards its neighbours; bounds in whole grams."""
-    (low, high), half = whole_kg, overlap_kg / 2
-    edges = [low + k * ((high - low) / count) for k in range(count + 1)]
-    return [
-        (low if k == 0 else round(edges[k] - half, 3), high if k == count - 1 else round(edges[k + 1] + half, 3))
-        for k in range(count)
-    ]
+    """Equal parts of a range, each widened by half an overlap towards its neighbours; bounds in whole grams or finer."""
+    (low, high), half, decimals = whole_kg, overlap_kg / 2, 3 + _finer(whole_kg[1])
+    edges = [low + k * ((high - low) / count) for k in range(1, count)]
+    lows, highs = ([round(edge + by, decimals) for edge in edges] for by in (-half, half))
+    return list(zip([low, *lows], [*highs, high], strict=True))
 
 
 def _ranges(
