@@ -25,5 +25,5 @@ def standing(rig: Prototype, /, **other: Any) -> Sections:
     }
     needed = other.pop("needed_Hz", None)
     methods = {name: staticmethod(method) for name, method in (own | other).items()}
-    kind = type("Standing", (Sections,), methods | {"bounds": (none, none), "start": none})
+    kind = type("Standing", (Sections,), methods | {"bounds": (none, none), "start": none, "mass_unit_kg": 1.0})
     return kind(problem=None, begun=none, needed_Hz=needed)

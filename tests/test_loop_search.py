@@ -23,8 +23,9 @@ from beamdesign.prototype import Payload, Tolerance
 from beamdesign.synthesis.law_search import search
 from beamdesign.synthesis.law_task import Effort, Search
 from beamdesign.synthesis.loop_program import Block, sized_slack
-from beamdesign.synthesis.loop_samples import FINE_HZ, Design, first_miss, samples
+from beamdesign.synthesis.loop_samples import Design, first_miss, samples
 from beamdesign.synthesis.rig_spread import Cut, rig_spread
+from beamdesign.synthesis.sampled_frequencies import FINE_HZ
 
 FREQUENCIES_HZ = np.geomspace(0.1, 400.0, 40)
 LAG = Lag(gain_A_per_V=0.12, pole_Hz=1.3, zero_Hz=38.0)

@@ -148,8 +148,8 @@ def _search(task: Search, starts: Sequence[Design], growths: int, report: Progre
             report(0.2 * k / len(starts), f"start {k + 1} of {len(starts)}")
             pool.append(task.coarsely_searched(start))
         if not any(one.value for one in pool):  # a heavy payload may need more mass inside
-            more = while_time(with_more_inside(task, starts), lambda _: "some starts")
-            pool += [task.coarsely_searched(start) for start in more]
+            heavier = while_time(with_more_inside(task, starts), lambda _: "some starts")
+            pool += [task.coarsely_searched(start) for start in heavier]
         pool = _refined(task, _best(pool)[: effort.starts], part_of(report, 0.2, 0.2 + part))
         task, pool = _hardened(task, pool)
     smaller = Found(None, (), 0, "no start led to a stable loop within the limits on the samples")

@@ -23,10 +23,7 @@ from beamdesign.plant.rigs import figures_of
 from beamdesign.proofs.certificate import Kind
 from beamdesign.prototype import Goal, Prototype
 from beamdesign.synthesis.loop_samples import (
-    COARSE_HZ,
     COMPLIANCE,
-    FINE_HZ,
-    MODES_HZ,
     OTHERS,
     Design,
     Samples,
@@ -39,6 +36,7 @@ from beamdesign.synthesis.loop_samples import (
 )
 from beamdesign.synthesis.refinement import NEARLY, TOUCH, LawRefinement
 from beamdesign.synthesis.rig_spread import Cut, RigSpread
+from beamdesign.synthesis.sampled_frequencies import COARSE_HZ, FINE_HZ, MODES_HZ, about_poles_Hz
 from beamdesign.synthesis.sections import Sections
 from beamdesign.time_limit import over
 
@@ -125,7 +123,8 @@ class Search:
         """Those of the samples."""
         with_effects = any(member.rig.effects for member in self.members)
         frequencies = np.union1d(self.effort.frequency_Hz, MODES_HZ if with_effects else [])
-        return np.union1d(self.pace * frequencies, [self.goal.loop_gain_from_Hz])
+        frequencies = np.union1d(self.pace * frequencies, [self.goal.loop_gain_from_Hz])
+        return np.union1d(frequencies, about_poles_Hz(self.members, frequencies, self.masses_kg, self.inner_kg))
 
     @cached_property
     def pace(self) -> float:

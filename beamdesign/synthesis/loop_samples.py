@@ -65,28 +65,6 @@ def ends(members: Sequence[VertexModel]) -> list[tuple[LinearModel, float, bool]
     return found
 
 
-COARSE_HZ = np.concatenate(
-    [np.geomspace(0.05, 5, 25), np.geomspace(5.3, 150, 130), np.geomspace(155, 1e3, 25), [3e3, 1e4, 1e5]]
-)
-FINE_HZ = np.concatenate(
-    [
-        np.geomspace(0.01, 0.98, 20),
-        np.geomspace(1, 4.9, 80),
-        np.geomspace(5, 60, 250),
-        np.geomspace(61, 150, 60),
-        np.geomspace(153, 1200, 60),
-        np.geomspace(1300, 1e5, 10),
-    ]
-)
-"""Fine where peaks may be sharp; far above everything, the law's effort still grows.
-
-These are of a rig as quick as the published one, see `beamdesign.plant.assembly.pace`.
-"""
-
-MODES_HZ = np.geomspace(155.0, 700.0, 100)
-"""Further samples of rigs with effects, among which may be a second mode."""
-
-
 def form_for(form: Form, figures: Mapping[str, float]) -> Form:
     """A form whose bounds, and whose unit of the mass inside, go with the figures of a rig."""
     return at_pace(form, pace(figures), mass_unit_kg(figures))
@@ -315,7 +293,7 @@ def slacks_of(
     own: np.ndarray,
     inner: float,
     of_own: np.ndarray | None = None,
-    mass_unit_kg: float = 1.0,
+    mass_unit: float = 1.0,
 ) -> Slacks:
     """The same of a law whose responses are known.
 
@@ -325,7 +303,7 @@ def slacks_of(
         own: (p, n) the law at the points.
         inner: mass inside, kg.
         of_own: (p, n, v) its derivatives by all variables but the mass; none for no slopes.
-        mass_unit_kg: of what size a mass is, for its slope.
+        mass_unit: of what size a mass is (kg), for its slope.
     """
     plant, control, disturbance, crossed = points.at(inner)
     moved = disturbance + (own * crossed).sum(axis=0)
@@ -360,7 +338,7 @@ def slacks_of(
     of_compliance, of_loop_gain = of_closed - (of_moved / moved[:, None]).real, -(of_loop / loop[:, None]).real
     of_lower = (share[:, None] * of_loop / lower[:, None]).real
     of_softest = of_compliance.copy()
-    step = _STEP * mass_unit_kg
+    step = _STEP * mass_unit
     of_softest[:, -1] += log(points.servo_off(inner + step) / points.servo_off(inner - step)) / (2 * step)
     slopes = np.array([of_closed, of_compliance, of_loop_gain, of_effort, of_lower, of_softest])
     return Slacks(left, slopes, settled, without)

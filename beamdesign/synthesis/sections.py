@@ -98,7 +98,7 @@ class Sections:
         """Slacks that must not be negative with a mass inside (kg), in symbols or numbers."""
         constraints, mass = self._parts(chosen)
         most = self.largest_mass_kg
-        unit = self.problem.mass_unit_kg
+        unit = self.mass_unit_kg
         spare = [] if most is None else [(most - _ROUNDED_MASS * unit - mass - inner) / unit]
         return ca.vertcat(-constraints - ROUNDED_SLACK, *spare) if self.free else ca.DM(0, 1)
 
@@ -117,21 +117,23 @@ class Sections:
         return "the refined sections miss: " + ", ".join(check.name for check in missed) if missed else ""
 
     @property
-    def _missing_kg(self) -> float:
-        return MASS_PER_MISSING_BANDWIDTH * self.problem.mass_unit_kg
+    def mass_unit_kg(self) -> float:
+        """What masses count in that are made small, kg."""
+        return self.problem.mass_unit_kg
 
     def value(self, inner: float, chosen: np.ndarray, bandwidth_Hz: float) -> float:
         """Worth of sections with a mass inside (kg) and the bandwidth they reach: that, or one over the moving mass."""
         if self.needed_Hz is None:
             return bandwidth_Hz
         missing = max(0.0, log(self.needed_Hz / bandwidth_Hz)) if bandwidth_Hz > 0 else inf
-        return 1 / (float(self.moving_mass(inner, chosen)) + self._missing_kg * missing)
+        return 1 / (float(self.moving_mass(inner, chosen)) + MASS_PER_MISSING_BANDWIDTH * self.mass_unit_kg * missing)
 
     def hopeless(self, inner: float, chosen: np.ndarray, value: float) -> str:
         """Why nothing near a sampled design of a value is worth proving; empty where something may be."""
         if self.needed_Hz is None or value <= 0:
             return ""
-        missing = (1 / value - float(self.moving_mass(inner, chosen))) / self._missing_kg
+        beyond_kg = 1 / value - float(self.moving_mass(inner, chosen))
+        missing = beyond_kg / (MASS_PER_MISSING_BANDWIDTH * self.mass_unit_kg)
         if missing < log(2):
             return ""
         return f"reaches {self.needed_Hz * exp(-missing):.3g} Hz on samples, {self.needed_Hz:.4g} Hz are needed"

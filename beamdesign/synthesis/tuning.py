@@ -162,8 +162,8 @@ def tune(
         sigmas: standard deviations of the prototype's `[tolerance]` by which every figure may be off at once, which
             all is guaranteed for; typical ones where none is stated. Zero: for exactly its figures.
         stages: how many laws a scheduled controller has.
-        estimator: of the payload, for a scheduled controller, else a usual one; stages overlap by two and a half times its band, of which
-            half a band is hysteresis.
+        estimator: of the payload, for a scheduled controller, else a usual one; stages overlap by two and a half times
+            its band, of which half a band is hysteresis.
         minutes: after about which the best that was proved until then is the answer.
 
     Returns:
@@ -178,9 +178,8 @@ def tune(
         ValueError: for a kind that is none of these, or an empty range.
     """
     outer_end_mass_kg = prototype.asked_kg(outer_end_mass_kg)
-    most = largest_inner_end_mass_kg
-    if most is None:
-        most = most_inside_kg(lumped.figures(prototype), outer_end_mass_kg[1])
+    given, most = lumped.figures(prototype), largest_inner_end_mass_kg
+    most = most_inside_kg(given, outer_end_mass_kg[1]) if most is None else most
     checked(prototype.name, "largest_inner_end_mass_kg", MassOrNone, most)
     checked(prototype.name, "sigmas", Sigmas, sigmas)
     if kind not in (*KINDS, *SYNTHESES):
@@ -201,7 +200,6 @@ def tune(
     asked = LawOptions(kind, (0.0, most), sections, tuple(sensors), spread, near)
     with within(minutes) as limit:
         if kind == Scheduled.model_fields["kind"].default:
-            given = lumped.figures(prototype)
             usual = Estimator.usual(pace(given), mass_unit_kg(given))
             figures = estimator or usual.but(noise_V=prototype.sensor.noise_V or usual.noise_V)
             found = _tune_stages(prototype, outer_end_mass_kg, asked, stages, figures, report)
@@ -361,7 +359,7 @@ def _finer(most_kg: float) -> int:
 
 
 def stage_ranges(whole_kg: tuple[float, float], count: int, overlap_kg: float) -> list[tuple[float, float]]:
-    """Equal parts of a range, each widened by half an overlap towards its neighbours; bounds in whole grams or finer."""
+    """Equal parts of a range, each widened by half an overlap towards its neighbours; in grams or finer."""
     (low, high), half, decimals = whole_kg, overlap_kg / 2, 3 + _finer(whole_kg[1])
     edges = [low + k * ((high - low) / count) for k in range(1, count)]
     lows, highs = ([round(edge + by, decimals) for edge in edges] for by in (-half, half))
