@@ -10,10 +10,11 @@ import numpy as np
 import pytest
 from as_quick import as_quick
 from hand_assembled import judge
+from similar import EIGHTH, similar
 from standing_sections import standing
 
 from beamdesign import Prototype, certify, check, state_space, tune
-from beamdesign.controllers import Lag, Section, Structured
+from beamdesign.controllers import Lag, Proportional, Section, Structured
 from beamdesign.controllers.protocol import form_of
 from beamdesign.loop import loop
 from beamdesign.plant.members import family
@@ -136,6 +137,45 @@ def test_the_published_breaks_reach_three_point_eight_hertz(rig: Prototype, lag:
 def test_a_rig_so_many_times_as_quick_has_as_many_times_the_bandwidth(rig: Prototype, lag: Tuning, pace: float):
     found = tune(as_quick(rig, pace), RANGE_KG, sigmas=0.0)
     assert found.best.bandwidth_Hz / pace == pytest.approx(lag.best.bandwidth_Hz, rel=5e-3)
+
+
+@pytest.mark.usefixtures("one_start")
+def test_a_rig_an_eighth_as_long_has_eight_times_the_bandwidth_with_as_much_less_inside(rig: Prototype, lag: Tuning):
+    mass, length, _ = EIGHTH
+    found = tune(similar(rig, EIGHTH), (0.0, mass * RANGE_KG[1]), sigmas=0.0)
+    assert found.best.bandwidth_Hz * length == pytest.approx(lag.best.bandwidth_Hz, rel=1e-3)
+    assert found.best.inner_end_mass_kg / mass == pytest.approx(lag.best.inner_end_mass_kg, rel=1e-2)
+
+
+@pytest.mark.usefixtures("one_start")
+def test_what_is_found_does_not_hang_on_how_much_more_might_be_inside(rig: Prototype, lag: Tuning):
+    """With at most 3 kg inside no lag was found, though 2 kg are enough."""
+    found = tune(rig, RANGE_KG, largest_inner_end_mass_kg=3.0, sigmas=0.0)
+    assert found.best.bandwidth_Hz == pytest.approx(lag.best.bandwidth_Hz, rel=1e-3)
+
+
+@pytest.mark.usefixtures("one_start")
+def test_three_times_the_payload_has_as_much_more_inside(rig: Prototype):
+    """None was found: at most 6 kg were allowed inside, and the search began with less than leads anywhere."""
+    found = tune(rig, (0.0, 20.0), sigmas=0.0)
+    assert found.best.inner_end_mass_kg > 6.0
+    confirm(found.prototype, found.best, np.linspace(0.0, 20.0, 41))
+
+
+def test_samples_see_the_peak_of_a_spring_that_is_hardly_damped(rig: Prototype):
+    """The loop's peak at 736 Hz is 0.6 % wide, and passed between samples that are 3.5 % apart."""
+    sharp = rig.but(
+        actuator=rig.actuator.but(oil_stiffness_N_per_m=4e7),
+        servovalve=rig.servovalve.but(leakage_m3_per_s_per_Pa=1e-15, natural_frequency_Hz=1000.0),
+    )
+    task = Search(family(sharp).members, sharp.goal, RANGE_KG, (0.0, 6.0))
+    _, (control,), *_ = task.points.at(2.0)
+    law = Proportional(gain_A_per_V=1.0)
+    for mass in RANGE_KG:
+        closed = loop(sharp.but(controller=law, payload=Payload(inner_end_mass_kg=2.0))).at(mass)
+        dense = np.abs(closed.loop_response(np.geomspace(500.0, 900.0, 40_000))).max()
+        seen = (task.points.outer_end_mass == mass) & (task.points.frequency_Hz > 500.0)
+        assert np.abs(control[seen]).max() == pytest.approx(dense, rel=0.15)
 
 
 @pytest.mark.usefixtures("one_start")

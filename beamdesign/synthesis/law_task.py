@@ -118,7 +118,7 @@ class Search:
         """Outer end masses of the samples, kg: closer where every step may move the peaks between them."""
         return sampled_masses(self.masses_kg, 3 if self.sections is None else 9)
 
-    @property
+    @cached_property
     def frequency_Hz(self) -> np.ndarray:
         """Those of the samples."""
         with_effects = any(member.rig.effects for member in self.members)

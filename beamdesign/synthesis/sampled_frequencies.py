@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from itertools import product
-from math import pi
+from math import ceil, pi
 
 import numpy as np
 
@@ -28,30 +28,37 @@ FINE_HZ = np.concatenate(
 MODES_HZ = np.geomspace(155.0, 700.0, 100)
 """Further samples of rigs with effects, among which may be a second mode."""
 
-_ABOUT = np.geomspace(0.25, 8, 6)
-"""At how many damping ratios from a pole, as logarithms of frequency."""
-
 _SHARP = (1e-6, 0.1)
-"""Damping ratios of poles about which samples tell more."""
+"""Least and largest damping ratio of a pole about which more samples tell more."""
+
+_MASSES = 7
+"""For how many masses inside poles are worked out, between which they move."""
+
+_BEYOND, _MOST = 4.0, 300
+"""By how many damping ratios (logarithm of frequency) samples go beyond a pole, and how many there are at most."""
 
 
 def about_poles_Hz(
-    members: Sequence[VertexModel], frequency_Hz: np.ndarray, outer_kg: Sequence[float], inner_kg: Sequence[float]
+    members: Sequence[VertexModel], frequency_Hz: np.ndarray, outer_kg: Sequence[float], inner_kg: tuple[float, float]
 ) -> np.ndarray:
-    """Frequencies about those poles of a rig whose resonance would pass between others.
+    """Frequencies wherever such poles may be whose resonances would pass between others.
 
     Args:
         members: linear members of the rig.
         frequency_Hz: (f,) the others, ascending.
         outer_kg: outer end masses.
-        inner_kg: masses inside.
+        inner_kg: least and most mass inside.
     """
-    found = [np.zeros(0)]
-    for (rig, *_), inner, outer in product(ends(members), inner_kg, outer_kg):
-        for pole in roots(rig.polynomials().at(inner).denominator.at(exact(outer))):
-            at, damping = abs(pole) / (2 * pi), -pole.real / abs(pole)
-            k = int(np.searchsorted(frequency_Hz, at).clip(1, len(frequency_Hz) - 1))
-            apart = np.log(frequency_Hz[k] / frequency_Hz[k - 1])
-            if pole.imag > 0 and _SHARP[0] < damping < min(apart, _SHARP[1]):
-                found += [at * np.exp(damping * _ABOUT), at * np.exp(-damping * _ABOUT)]
+    masses, found = np.unique(np.linspace(*inner_kg, _MASSES)), [np.zeros(0)]
+    for (rig, *_), outer in product(ends(members), outer_kg):
+        each = [roots(rig.polynomials().at(inner).denominator.at(exact(outer))) for inner in masses]
+        pairs = [sorted(poles[poles.imag > 0], key=abs) for poles in each]
+        for moving in map(np.array, zip(*pairs, strict=False)):
+            at, damping = np.abs(moving) / (2 * pi), float((-moving.real / np.abs(moving)).min())
+            k = np.searchsorted(frequency_Hz, at).clip(1, len(frequency_Hz) - 1)
+            apart = float(np.log(frequency_Hz[k] / frequency_Hz[k - 1]).max())
+            if _SHARP[0] < damping < min(apart, _SHARP[1]):
+                low, high = np.log([at.min(), at.max()]) + _BEYOND * damping * np.array([-1.0, 1.0])
+                count = min(_MOST, 1 + ceil((high - low) / damping))
+                found.append(np.exp(np.linspace(low, high, count)))
     return np.concatenate(found)
