@@ -14,6 +14,7 @@ from honest_certificates import screw
 from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 from scipy.signal import cont2discrete
+from similar import similar
 from typer.testing import CliRunner
 
 from beamdesign import (
@@ -453,6 +454,17 @@ def test_a_study_is_carried_to_several_laws(rig: Prototype, given: list[LawOptio
 
 def test_ranges_overlap() -> None:
     assert stage_ranges((0.0, 6.0), 2, 1.0) == [(0.0, 3.5), (2.5, 6.0)]
+    light = [bound for part in stage_ranges((0.0, 0.006), 2, 0.001) for bound in part]  # in whole grams it was 3 and 4
+    assert light == pytest.approx([0.0, 0.0035, 0.0025, 0.006])
+
+
+@pytest.mark.parametrize(("quick", "heavy"), [(1.0, 1.0), (8.0, 8.0**-3), (1 / 64, 512.0), (1e4, 1e-3)])
+def test_the_usual_estimator_goes_with_the_rig(quick: float, heavy: float) -> None:
+    """As `similar` of the keys' units, as far as an estimator may have such times."""
+    usual, given = Estimator.usual(quick, heavy), similar(Estimator(), (heavy, 1.0, 1 / quick))
+    assert (usual.band_kg, usual.largest_std_kg) == pytest.approx((given.band_kg, given.largest_std_kg))
+    assert usual.window_s == pytest.approx(min(max(given.window_s, 1e-4), 2.0))
+    assert usual.update_s == pytest.approx(min(max(given.update_s, 1e-5), 1.0))
 
 
 # In time.
