@@ -80,6 +80,14 @@ def test_sections_of_a_link_an_eighth_as_long_are_sought_alike() -> None:
     assert found[0][0] < 14.0  # of the given ones, with 2 kg inside
 
 
+def test_larger_tubes_that_do_not_go_into_each_other_are_not_begun_with() -> None:
+    """Where the width is limited: 1.5 times the lightest pair ended with a traceback."""
+    problem = read_problem(STUDIES / "codesign.toml")
+    narrow = problem.but(sections=problem.sections.but(largest_width_m=0.149, width_to_wall_at_most=None))
+    found = codesign(narrow, (0.0, 0.0), 3.8, sigmas=0.0, minutes=0.0)
+    assert found.point is not None or found.reason
+
+
 def test_rounding_leaves_the_sections_of_a_short_link_what_they_are() -> None:
     """To a tenth of a micrometre their walls of a tenth of a millimetre were off by more than is kept to spare."""
     problem = similar(read_problem(STUDIES / "codesign.toml"), (20.0**-3, 20.0**-1, 20.0**-1))

@@ -173,7 +173,7 @@ def codesign(
     with within(minutes) as limit:
         report(0.0, "lightest sections")
         begun = [Sections(problem, start_variables(problem, one), bandwidth_Hz) for one in _start_sizes(problem)]
-        tasks = [sized_search(problem, sections, outer_end_mass_kg, sigmas) for sections in begun]
+        tasks = [sized_search(problem, one, outer_end_mass_kg, sigmas) for one in begun if one.possible]
         nothing = "" if tasks else "no sections pass the structural checks; `beamdesign size` says which to relax"
         forms = [form_for(form_of(kind), task.members[0].rig.figures) for task in tasks[:1]]
         starts = [Design(form, point.proved.variables) for form in forms for point in near] or [

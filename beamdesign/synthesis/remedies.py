@@ -128,6 +128,8 @@ def _remedy(
         sizes = given.copy()
         sizes[free] *= larger[: len(free)]
         sections = Sections(problem, sizes, largest_mass_kg=most, free=free)
+        if not sections.possible:
+            continue
         task = sized_search(problem, sections, masses_kg, sigmas, inside_kg)
         starts += [one.variables for one in from_seeds(task, seeds)]
     form = form_for(form_of("lag"), task.members[0].rig.figures)

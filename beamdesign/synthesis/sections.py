@@ -1,6 +1,7 @@
 """Sections of both beams as variables of a search for a controller: the rig, the checks and the mass they stand for."""
 
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
 from math import exp, inf, log
@@ -86,6 +87,13 @@ class Sections:
             return self.problem.prototype(*tubes(self.problem, chosen, rounded))
         except ValidationError:
             raise ValueError("these sizes are no pair of tubes") from None
+
+    @property
+    def possible(self) -> bool:
+        """Whether there is a rig to begin with: within the largest width larger tubes need not go into each other."""
+        with suppress(ValueError):
+            return bool(self.prototype(self.start, False))
+        return False
 
     @cached_property
     def _parts(self) -> Callable[[Any], Any]:
