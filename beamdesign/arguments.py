@@ -29,8 +29,8 @@ Given = ParamSpec("Given")
 Found = TypeVar("Found")
 
 
-class EmptyRange(InputError, ValueError):
-    """A range whose end is below its beginning."""
+class WrongArgument(InputError, ValueError):
+    """An argument that is not what it is expected to be, or a range whose end is below its beginning."""
 
 
 def takes(*kinds: str) -> Callable[[Callable[Given, Found]], Callable[Given, Found]]:
@@ -56,7 +56,7 @@ def takes(*kinds: str) -> Callable[[Callable[Given, Found]], Callable[Given, Fou
         def called(*args: Given.args, **named: Given.kwargs) -> Found:
             given = {**dict(zip(parameters, args, strict=False)), **named}
             if wrong := [(key, reason) for key, one in given.items() if (reason := why(key, one))]:
-                raise InputError(function.__name__, wrong)
+                raise WrongArgument(function.__name__, wrong)
             return function(*args, **named)
 
         return called
@@ -157,7 +157,7 @@ def checked_range_kg(name: str, given: object) -> tuple[float, float]:
 
     Raises:
         InputError: for what is no pair of plausible masses, and for None.
-        EmptyRange: for an empty range.
+        WrongArgument: for an empty range.
     """
     if given is None:
         raise InputError(name, [(MASS, "missing; give it there or as an argument")])
@@ -167,7 +167,7 @@ def checked_range_kg(name: str, given: object) -> tuple[float, float]:
         raise InputError(name, [(MASS, "expected a pair of masses in kg")])
     low, high = checked(name, MASS, MassOrNone, *pair)
     if low > high:
-        raise EmptyRange(name, [(MASS, f"empty range: {low:g} is above {high:g}; give the least mass first")])
+        raise WrongArgument(name, [(MASS, f"empty range: {low:g} is above {high:g}; give the least mass first")])
     return low, high
 
 

@@ -110,8 +110,6 @@ def state_space(
     from beamdesign.plant.linear import SEEN_AS
     from beamdesign.plant.members import family
 
-    if loop not in ("closed", "open", "plant"):
-        raise ValueError(f"loop is 'closed', 'open' or 'plant', not {loop!r}")
     mass = checked_mass_kg(prototype.name, outer_end_mass_kg)
     member = family(prototype, mass).rest
     a, b, c = member.rig.matrices(mass, prototype.payload.inner_end_mass_kg)

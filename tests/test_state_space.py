@@ -81,5 +81,5 @@ def test_what_cannot_be_had_is_refused(paper: Prototype):
     assert state_space(paper, loop="plant").nstates == 7
     with pytest.raises(ValueError, match="no \\[controller\\]"):
         state_space(paper)
-    with pytest.raises(ValueError, match="'closed', 'open' or 'plant'"):
+    with pytest.raises(ValueError, match="expected 'closed' or 'open' or 'plant'"):
         state_space(paper, loop="shut")  # type: ignore[arg-type]

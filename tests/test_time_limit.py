@@ -213,7 +213,7 @@ def test_designs_that_are_worth_nothing_are_none_that_was_left_out():
     """Of two loops that no start brought within the limits a design of 0 Hz was left out."""
     problem = read_problem(STUDIES / "prototype.toml")
     given = start_variables(problem, sizes_of(problem.given))
-    task = sized_search(problem, Sections(problem, given, largest_mass_kg=20.0, free=[]), (0.0, 6.8), (0.0, 0.0), 0.0)
+    task = sized_search(problem, Sections(problem, given, largest_mass_kg=20.0, free=[]), (0.0, 6.8), 0.0, 0.0)
     designs = 2 * [replace(from_seeds(task, Lag.seeds())[0], value=0.0)]
     with within(0.0) as limit:
         found = law_search._best_proved(task, designs, silent, Found(None, (), 0, "none"), 1)

@@ -22,7 +22,7 @@ from scipy.integrate import solve_ivp
 
 from beamdesign import Prototype
 from beamdesign.controllers import Lag
-from beamdesign.plant.assembly import OUTPUTS, Assembly, assemble, parameters_of, structure_of
+from beamdesign.plant.assembly import OUTPUTS, Assembly, assemble, fits, parameters_of, structure_of
 from beamdesign.plant.compiled import compiled, half_steps, integrate, integrate_with_sensitivities
 from beamdesign.plant.effects import library
 from beamdesign.plant.equilibrium import equilibrium, equilibrium_sensitivity, scales, substeps_for
@@ -92,7 +92,8 @@ def prepared(name: str, rig: Prototype, free: tuple[str, ...], duration_s: float
 def cases(duration_s: float) -> tuple[Case, ...]:
     """The linear rig and the one with all effects, each by its usual law."""
     linear = paper_prototype().but(controller=Lag(gain_A_per_V=0.06, pole_Hz=1.75, zero_Hz=26.0))
-    every = linear.but(effects={name: {} for name, effect in library().items() if not effect.realises})
+    usual = (name for name, effect in library().items() if not effect.realises and fits(name, linear.rig))
+    every = linear.but(effects={name: {} for name in usual})
     return (
         prepared("no effects", linear, FIGURES + MORE_FIGURES, duration_s),
         prepared("all effects", every, FIGURES + MORE_OF_EFFECTS, duration_s),
