@@ -45,8 +45,10 @@ def knocked(rig: Prototype, newtons: float = 1200.0, lasts_s: float = LASTS_s, n
 
 @pytest.fixture
 def few(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Two causes in place of the whole library."""
+    """Two causes in place of the whole library, and no look at what is none here at its full cost."""
     monkeypatch.setattr(searching, "singles", lambda rig: (SLOWED, WIDER))
+    for finds_nothing in ("channels_in_time", "second_look", "next_experiment"):
+        monkeypatch.setattr(sys.modules[diagnose.__module__], finds_nothing, lambda *given: None)
 
 
 @pytest.fixture(scope="module")
@@ -122,8 +124,6 @@ def leant_on(rig: Prototype) -> Dataset:
 def test_a_record_that_contradicts_all_others_is_left_out(few: None, monkeypatch: pytest.MonkeyPatch) -> None:
     """The lag is found in the others as if there had been no such record."""
     monkeypatch.setattr(learning, "learnable", lambda rig: [h for h in learnable(rig) if h.names == DRIFT])
-    for finds_nothing in ("channels_in_time", "second_look", "next_experiment"):  # nor would they at their full cost
-        monkeypatch.setattr(sys.modules[diagnose.__module__], finds_nothing, lambda *given: None)
     found = diagnose(leant_on(SLOW_RIG), workers=1)
     assert (found.verdict, found.chosen) == ("ambiguous", ("sensor_lag",))
     assert found.gap.after < 1.2 * found.gap.noise_floor
