@@ -91,7 +91,7 @@ def _diagnosed(data: Dataset, workers: int, progress: Progress, kept: FitCache |
     examined, read = examine(data), data
     if not examined.data.records:
         data, kept, weighed = _weighed(examined.data, kept)
-        data = replace(data, warnings=(*examined.words, *weighed))
+        data = replace(data, warnings=(*weighed, *examined.words))
         figures_only = explain_gains(data, workers, progress, kept, doubtful=bool(weighed))
         return replace(figures_only, prototype=read.as_stated(figures_only.prototype))
     found = _explained(examined, held_out(examined.data.records), workers, progress, kept)
@@ -197,7 +197,7 @@ def _explained(
     data, kept, weighed = _weighed(data, kept)
     look = search_without_tones(data, workers, part_of(progress, 0.0, 0.7), kept)
     doubtful = examined.limits_confidence or look.doubtful or bool(weighed)  # which nobody has done
-    look = replace(look, words=(*examined.words, *anew, *weighed, *look.words), doubtful=doubtful)
+    look = replace(look, words=(*look.words, *weighed, *anew, *examined.words), doubtful=doubtful)
     look = _in_time(_PASSING, _SKEWED, partial(channels_in_time, look, workers, part_of(progress, 0.7, 0.71))) or look
     if look.judged.unknown > 0.5:
         look = _in_time(_PASSING, _PASSES, partial(what_passed, look, workers, part_of(progress, 0.71, 0.72))) or look

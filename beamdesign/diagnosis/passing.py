@@ -59,8 +59,8 @@ class Look:
     follows: Literal["", "hammers", "oscillates"] = ""
 
     def after(self, other: "Look") -> "Look":
-        """As it goes on from another: its words after those, its fits where it has any, no less doubtful."""
-        words, doubtful = (*other.words, *self.words), self.doubtful or other.doubtful
+        """As it goes on from another: its words before those, its fits where it has any, no less doubtful."""
+        words, doubtful = (*self.words, *other.words), self.doubtful or other.doubtful
         return replace(self, words=words, kept=self.kept or other.kept, doubtful=doubtful)
 
 
