@@ -7,6 +7,7 @@ import pytest
 from as_quick import as_quick
 from gap_sets import LAG, believed, measured, scenario
 
+from beamdesign.build.acceptance import acceptance_plan
 from beamdesign.controllers import Controller
 from beamdesign.diagnosis.data.dataset import Dataset, TimeRecord
 from beamdesign.diagnosis.examination.plausibility import examine
@@ -94,3 +95,14 @@ def test_what_is_to_be_measured_next_goes_with_the_rig(slow: Dataset, pace: floa
 def test_a_quick_rig_needs_no_longer_records(slow: Dataset) -> None:
     """A second of the published rig is an eighth of one that is eight times as quick: refused as too short before."""
     assert len(examine(set_as_quick(slow, 8.0)).data.records) == len(slow.records)
+
+
+def test_the_acceptance_test_goes_with_the_rig() -> None:
+    one, other = (
+        acceptance_plan(as_quick(believed(), pace).but(controller=law_as_quick(LAG, pace)), (0.0, 2.0)).scenario
+        for pace in (1.0, 4.0)
+    )
+    np.testing.assert_allclose(4 * other.times, one.times, atol=1e-9)
+    assert [row.name for row in other.record] == [row.name for row in one.record]
+    (ours,), (theirs,) = (plan.record[0].input for plan in (one, other))
+    assert (ours.low_Hz, ours.high_Hz, theirs.low_Hz, theirs.high_Hz) == (1.0, 250.0, 4.0, 1000.0)

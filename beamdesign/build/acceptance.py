@@ -220,8 +220,7 @@ COLUMNS = ("t_s", "disturbance_N", "command_V", "current_A", "displacement_m")
 """Of a record; behind them what else its law senses."""
 DURATION_S, SAMPLE_S = 4.0, 0.5e-3
 LOW_HZ, HIGH_HZ, _BAND_HZ, _RISE_S = 1.0, 250.0, 100.0, 0.03
-"""Of a rig as quick as the published one: of others records are so much longer or shorter, and as much slower or
-quicker."""
+"""Of a rig as quick as the published one; of others records are as much shorter or longer."""
 _SHARE = 0.3
 """Of the least force that the actuator can carry within the band: well inside what is linear."""
 _SMALLER = 4.0
@@ -384,10 +383,8 @@ def _payloads(prototype: Prototype, masses_kg: tuple[float, float]) -> tuple[tup
             other = low + min(ahead / 2, _FURTHEST_KG) if ahead >= behind else low - min(behind / 2, _FURTHEST_KG)
             other = _two_digits(other)
             if first < other < last and abs(other - low) > 0.05:
-                stable = stated_range((first, last), 4)
-                return tuple(
-                    sorted((low, other))
-                ), f"the loop is proved stable from {stable} kg; {other:g} kg lies well inside"
+                stable = f"the loop is proved stable from {stated_range((first, last), 4)} kg"
+                return tuple(sorted((low, other))), f"{stable}; {other:g} kg lies well inside"
     return (low,), "no second payload at which the loop is stable was found; one payload tells less"
 
 
