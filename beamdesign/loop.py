@@ -168,8 +168,8 @@ def drive_loop(prototype: Prototype, member: VertexModel) -> Loop:
         ValueError: where the prototype has no controller.
     """
     closed, unfed = member_loop(prototype, member), dict.fromkeys(prototype.actuator.fed_back, 0.0)
-    opened = replace(member, rig=replace(member.rig, figures={**member.rig.figures, **unfed}))
-    denominator = member_loop(prototype, opened).loop_denominator
+    cut = replace(member, rig=replace(member.rig, figures={**member.rig.figures, **unfed}))
+    denominator = member_loop(prototype, cut).loop_denominator
     numerator = closed.characteristic + denominator * fmpq(-1)
     return replace(closed, loop_denominator=denominator, loop_numerator=numerator)
 

@@ -72,7 +72,7 @@ def test_sections_of_a_link_an_eighth_as_long_are_sought_alike() -> None:
         problem, (mass, length, time) = similar(read_problem(STUDIES / "codesign.toml"), scales), scales
         sections = Sections(problem, start_variables(problem, sizes_of(problem.given)), 3.8 / time)
         task = sized_search(problem, sections, (0.0, 6.8 * mass), 0.0)
-        form, law = task.opened(Lag(gain_A_per_V=0.06, pole_Hz=1.3, zero_Hz=37.0))
+        form, law = task.sought_form(Lag(gain_A_per_V=0.06, pole_Hz=1.3, zero_Hz=37.0))
         start = Design(form, np.concatenate([law, [2.0 * mass], sections.start]))
         design = task.refined(start, rounds=2)
         found.append([1 / design.value / mass, *np.divide(sizes_of(tubes(problem, design.chosen)), length)])

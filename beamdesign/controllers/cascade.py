@@ -249,8 +249,8 @@ def _form(kind: type[Cascade], factors: tuple[type[Factor], ...]) -> Form:
     import casadi as ca
     import numpy as np
 
-    opened = [("gain_A_per_V", _GAIN), *chain.from_iterable(factor.open_between.items() for factor in factors)]
-    bounds, frequencies = np.log([ends for _, ends in opened]), np.array([key.endswith("_Hz") for key, _ in opened])
+    ranges = [("gain_A_per_V", _GAIN), *chain.from_iterable(factor.open_between.items() for factor in factors)]
+    bounds, frequencies = np.log([ends for _, ends in ranges]), np.array([key.endswith("_Hz") for key, _ in ranges])
 
     def polynomials(variables: Sequence[Any]) -> Polynomials:
         gain, *figures = map(ca.exp, variables)

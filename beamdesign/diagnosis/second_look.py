@@ -324,8 +324,8 @@ def second_look(look: Look, workers: int = 1, progress: Progress = silent) -> Lo
     placement = best.hypothesis.placement(data.prototype)
     if not any(rings(piece, placement, best.z) for piece in record_evidence(data)):
         return None
-    in_step = part_of(lambda share, words: progress(share, f"{words}, in step"), 1 / 3, 1.0)
-    found = _oscillating(data, workers, in_step, look.kept)
+    synchronised = part_of(lambda share, words: progress(share, f"{words}, in step"), 1 / 3, 1.0)
+    found = _oscillating(data, workers, synchronised, look.kept)
     return found and found.after(look)
 
 

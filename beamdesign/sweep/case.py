@@ -317,8 +317,8 @@ def in_words(problems: Iterable[Problem]) -> str:
 def kept(found: Case, status: str, answer: Answer, seconds: float) -> dict[str, Any]:
     """The record of a case as it is written to its file."""
     given = picked(found, "address inputs_sha256 code_sha256 task varied document options")
-    told = {"status": status} | picked(answer, "reason outputs details")
-    return given | finite(told) | {"seconds": round(seconds, 3), "libraries": libraries()}
+    outcome = {"status": status} | picked(answer, "reason outputs details")
+    return given | finite(outcome) | {"seconds": round(seconds, 3), "libraries": libraries()}
 
 
 NEARLY = 0.98

@@ -151,9 +151,9 @@ def in_words(found: Mapping[str, Any], sweep: Sweep) -> list[str]:
             said.append(f"  of its demands: {', '.join(parts)}")
     notes = {row["output"]: row["note"] for row in found.get("sensitivity", ()) if row["note"]}
     said += [f"no sensitivity of {output}: {note}" for output, note in notes.items()]
-    told = [row for row in found.get("sensitivity", ()) if not row["note"]]
-    if any(row["total_half_width"] is None for row in told):
-        enough = BOUNDED_FROM * (len({row["figure"] for row in told}) + 2)
+    rows = [row for row in found.get("sensitivity", ()) if not row["note"]]
+    if any(row["total_half_width"] is None for row in rows):
+        enough = BOUNDED_FROM * (len({row["figure"] for row in rows}) + 2)
         said.append(f"sensitivities are rough, without half-widths, which are told of {enough} cases and more")
     if "best" in found:
         best = found["best"]

@@ -164,7 +164,7 @@ def _search(task: Search, starts: Sequence[Design], growths: int, report: Progre
                 Design(form, np.append(variables, design.variables[design.form.size :]))
                 for design in pool[: effort.starts]
                 for law in design.law.grown()
-                if (sought_from := task.opened(law, design.form.size)) is not None
+                if (sought_from := task.sought_form(law, design.form.size)) is not None
                 for form, variables in [sought_from]
             ]
             grown = _refined(task, more, part_of(report, 0.2 + (growth + 1) * part, 0.2 + (growth + 2) * part))
@@ -215,7 +215,7 @@ def from_seeds(task: Search, seeds: Sequence[Controller]) -> list[Design]:
     much = {min(max(least, _MUCH * usual), most), least + _MUCH * (most - least)}
     for seed in seeds:
         for inner in sorted({least, *much}):
-            if (sought_from := task.opened(seed)) is None:
+            if (sought_from := task.sought_form(seed)) is None:
                 continue
             design = Design(sought_from[0], np.concatenate([sought_from[1], [inner], task.start]))
             while not task.settled(design) and design.variables[0] > design.form.lower[0]:

@@ -131,7 +131,7 @@ class Search:
         """How quick the rig is, see `beamdesign.plant.assembly.pace`."""
         return pace(self.members[0].rig.figures)
 
-    def opened(self, law: Controller, known: int = 0) -> tuple[Form, np.ndarray] | None:
+    def sought_form(self, law: Controller, known: int = 0) -> tuple[Form, np.ndarray] | None:
         """Form of a law with bounds for this rig, and its variables; None where it has none.
 
         Of the variables those behind the known ones are of a rig as quick as the published one.

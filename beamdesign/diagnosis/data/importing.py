@@ -333,8 +333,8 @@ def _record(
         taken.append(Taken(channel, column.name, said or channels.known[channel][0], sign * factor, 0.0, words))
     if wrong:
         raise InputError(found.path, wrong)
-    table, told = filled(found.path, table)
-    taken = [replace(one, words="; ".join(filter(None, (one.words, told.get(one.channel))))) for one in taken]
+    table, notes = filled(found.path, table)
+    taken = [replace(one, words="; ".join(filter(None, (one.words, notes.get(one.channel))))) for one in taken]
     table["t_s"] = table["t_s"] - table["t_s"][0]
     length = float(np.ptp(table["t_s"]))
     if rest_s and not 0 < rest_s < length:
@@ -349,7 +349,7 @@ def _record(
     for channel in (one for one in channels.inputs if one not in table):
         table[channel] = np.zeros(len(table["t_s"]))
         taken.append(Taken(channel, "", words="no column: taken as zero"))
-    return {channel: table[channel] for channel in channels.known if channel in table}, tuple(taken), [*told.values()]
+    return {channel: table[channel] for channel in channels.known if channel in table}, tuple(taken), [*notes.values()]
 
 
 def _called(name: str, unit: str, found: Measured) -> list[Column]:

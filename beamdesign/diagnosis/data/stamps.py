@@ -105,8 +105,8 @@ def stamps_of(times: np.ndarray, channels: Mapping[str, np.ndarray]) -> Stamps:
 def _even(times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """(N,) numbers of samples on an even clock, and (N,) s of them; empty where stamps are half of one off."""
     since, found, least = times - times[0], (np.empty(0, dtype=int), np.empty(0)), _HALF
-    for followed in (False, True):  # a line through all of them may pass a lost sample by half an interval
-        number = _followed(since) if followed else np.arange(len(since))
+    for tracked in (False, True):  # a line through all of them may pass a lost sample by half an interval
+        number = _tracked(since) if tracked else np.arange(len(since))
         interval, begin = np.polyfit(number, since, 1)
         even = begin + interval * number
         if (off := float(np.abs(since - even).max() / interval)) < least:
@@ -116,7 +116,7 @@ def _even(times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return found
 
 
-def _followed(since: np.ndarray) -> np.ndarray:
+def _tracked(since: np.ndarray) -> np.ndarray:
     """(N,) numbers of samples by a clock that is led along by the stamps, so that lost ones count."""
     interval, at, numbers = float(np.median(np.diff(since))), 0.0, [0]
     for stamp in since[1:].tolist():
