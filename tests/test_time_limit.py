@@ -43,7 +43,8 @@ from beamdesign.proofs.certificate import Asked
 from beamdesign.synthesis import law_search
 from beamdesign.synthesis.codesign import sized_search
 from beamdesign.synthesis.free_search import sizes_of, start_variables
-from beamdesign.synthesis.law_search import Found, from_seeds
+from beamdesign.synthesis.law_search import Found
+from beamdesign.synthesis.law_starts import from_seeds
 from beamdesign.synthesis.sections import Sections
 from beamdesign.time_limit import TimeUp, heed, is_limited, leave_out, left, over, share, while_time, within
 

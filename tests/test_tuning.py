@@ -27,7 +27,8 @@ from beamdesign.proofs.stability import is_stable_over
 from beamdesign.prototype import Payload
 from beamdesign.synthesis import tuning
 from beamdesign.synthesis.law_design import LARGEST_BANDWIDTH_HZ, Proved, no_answer
-from beamdesign.synthesis.law_search import Found, from_seeds, search
+from beamdesign.synthesis.law_search import Found, search
+from beamdesign.synthesis.law_starts import from_seeds
 from beamdesign.synthesis.law_task import Effort, Search
 from beamdesign.synthesis.loop_samples import Design
 from beamdesign.synthesis.refinement import LawRefinement

@@ -29,7 +29,8 @@ from beamdesign.synthesis.checks import CheckedPair, check_sections
 from beamdesign.synthesis.free_search import free_optimum, sizes_of, start_variables, tubes
 from beamdesign.synthesis.holding import Holding, in_words, working
 from beamdesign.synthesis.law_design import Proved
-from beamdesign.synthesis.law_search import Found, from_seeds, search
+from beamdesign.synthesis.law_search import Found, search
+from beamdesign.synthesis.law_starts import from_seeds
 from beamdesign.synthesis.law_task import Effort, Search
 from beamdesign.synthesis.loop_samples import Design, form_for
 from beamdesign.synthesis.rig_spread import rig_spread

@@ -14,9 +14,7 @@ from math import inf
 
 import numpy as np
 
-from beamdesign.controllers import Controller
 from beamdesign.controllers.protocol import Form
-from beamdesign.plant.assembly import most_inside_kg
 from beamdesign.polynomial import nearest
 from beamdesign.progress import Progress, part_of, silent
 from beamdesign.synthesis.law_design import (
@@ -31,6 +29,7 @@ from beamdesign.synthesis.law_design import (
     value_of,
     whole,
 )
+from beamdesign.synthesis.law_starts import calmed, with_more_inside
 from beamdesign.synthesis.law_task import Search
 from beamdesign.synthesis.loop_samples import LARGEST_AT_LOWER_GAINS, Design, calmer
 from beamdesign.synthesis.refinement import TOUCH, WORTH
@@ -38,9 +37,6 @@ from beamdesign.time_limit import is_limited, leave_out, over, share, while_time
 
 _FIRST_ROUNDS = 5
 """Of a refinement of many, before the best of them are refined for good."""
-
-_FAR = 7.0
-"""By how much (logarithm) a gain is by far below one that is stable."""
 
 _FURTHER = 0.2
 """How far a variable may move in a step of the last refinement."""
@@ -56,12 +52,6 @@ _CUT_ROUNDS = 12
 
 _UNDECIDED = 2
 """How many designs of which a proof over the box comes to no end are tried, at most."""
-
-_MUCH = 0.3
-"""Share of the most mass inside that is much to begin with."""
-
-_MORE = (0.6, 1.0)
-"""Such shares that are tried where that led nowhere."""
 
 _VIOLATION = 0.02
 """By how much (logarithm) a design may miss limits where a refinement begins."""
@@ -204,41 +194,6 @@ def _in_words(task: Search, design: Design) -> str:
     return f"{1 / design.value:.3g} kg" if task.needed_Hz else f"{design.value:.3g} Hz"
 
 
-def from_seeds(task: Search, seeds: Sequence[Controller]) -> list[Design]:
-    """Seeds of a kind with little and with much mass inside, their gains lowered until the loops are stable.
-
-    Where they are so by far, as with a motor, whose current is of another order than a valve's, the gain is the best.
-    Of a range that is not the usual one, what is much in that is tried as well.
-    """
-    (least, most), found = task.inner_kg, []
-    usual = most_inside_kg(task.members[0].rig.figures, task.masses_kg[1])
-    much = {min(max(least, _MUCH * usual), most), least + _MUCH * (most - least)}
-    for seed in seeds:
-        for inner in sorted({least, *much}):
-            if (sought_from := task.sought_form(seed)) is None:
-                continue
-            design = Design(sought_from[0], np.concatenate([sought_from[1], [inner], task.start]))
-            while not task.settled(design) and design.variables[0] > design.form.lower[0]:
-                design = design.louder(-0.5)
-            if design.form.gain_first and task.settled(design.louder(_FAR)):
-                steps = np.arange(0.0, design.form.upper[0] - design.variables[0], 0.5)
-                design = max(map(design.louder, steps), key=lambda one: task.worth(task.points, one))
-            found.append(design)
-    return found
-
-
-def with_more_inside(task: Search, starts: Sequence[Design]) -> list[Design]:
-    """Those of the starts that have most mass inside with more of it, as far as there may be more."""
-    (least, most), found = task.inner_kg, []
-    heaviest = max((one.inner_end_mass for one in starts), default=most)
-    for one in (start for start in starts if start.inner_end_mass == heaviest):
-        for inner in (least + much * (most - least) for much in _MORE):
-            heavier = one.variables.copy()
-            heavier[one.form.size] = inner
-            found += [calmed(task, replace(one, variables=heavier))] if inner > heaviest else []
-    return found
-
-
 def _refined(task: Search, designs: Sequence[Design], report: Progress) -> list[Design]:
     """The best designs, refined: all of them a little, then those that came out best for good."""
     going, most = list(designs), task.effort.rounds
@@ -276,13 +231,6 @@ def _hardened(task: Search, designs: Sequence[Design]) -> tuple[Search, list[Des
 def _spare(task: Search) -> tuple[float, float]:
     """By how much (logarithm) the limits are kept to spare, the last of them that of the compliance."""
     return (0.0, TOUCH) if task.spread is None else (ROOM, ROOM + 2 * TOUCH)
-
-
-def calmed(task: Search, design: Design) -> Design:
-    """A design whose gain, where it has one, is lowered until the loops of all rigs are stable."""
-    while design.form.gain_first and not task.settled(design) and design.variables[0] > design.form.lower[0]:
-        design = design.louder(-0.2)
-    return design
 
 
 def _mended(task: Search, design: Design) -> Design:

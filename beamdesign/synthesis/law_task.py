@@ -32,6 +32,7 @@ from beamdesign.synthesis.loop_samples import (
     form_for,
     rig_samples,
     sampled_bandwidth,
+    sampled_masses,
     slacks,
 )
 from beamdesign.synthesis.refinement import NEARLY, TOUCH, LawRefinement
@@ -348,11 +349,6 @@ class Search:
     def value(self, design: Design, bandwidth_Hz: float) -> float:
         """What a design of a bandwidth is worth: that, or what its sections say."""
         return self.refinement(design.form).value(design.variables, bandwidth_Hz)
-
-
-def sampled_masses(masses_kg: tuple[float, float], count: int = 3) -> list[float]:
-    """Outer end masses of samples, kg."""
-    return [float(mass) for mass in np.unique(np.linspace(*masses_kg, count))]
 
 
 _BEYOND = 1.06

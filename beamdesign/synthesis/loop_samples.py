@@ -195,6 +195,11 @@ def rig_samples(
     return reduce(Samples.joined, parts)
 
 
+def sampled_masses(masses_kg: tuple[float, float], count: int = 3) -> list[float]:
+    """Outer end masses of samples, kg."""
+    return [float(mass) for mass in np.unique(np.linspace(*masses_kg, count))]
+
+
 @dataclass(frozen=True)
 class Design:
     """A form of law, variables of it with the mass inside and what sections there are, and their value on samples."""

@@ -28,7 +28,8 @@ from beamdesign.synthesis import REMEDY, SIGMAS
 from beamdesign.synthesis.codesign import sized_search
 from beamdesign.synthesis.free_search import sizes_of, start_variables, tubes
 from beamdesign.synthesis.law_design import Proved
-from beamdesign.synthesis.law_search import from_seeds, search
+from beamdesign.synthesis.law_search import search
+from beamdesign.synthesis.law_starts import from_seeds
 from beamdesign.synthesis.loop_samples import Design, form_for
 from beamdesign.synthesis.sections import Sections, section_mass
 from beamdesign.synthesis.tuning import SMALLEST_BANDWIDTH_HZ

@@ -43,7 +43,8 @@ from beamdesign.result import Result
 from beamdesign.structure import lumped
 from beamdesign.synthesis import SIGMAS
 from beamdesign.synthesis.law_design import Proved, no_answer
-from beamdesign.synthesis.law_search import Found, from_seeds, search
+from beamdesign.synthesis.law_search import Found, search
+from beamdesign.synthesis.law_starts import from_seeds
 from beamdesign.synthesis.law_task import Search
 from beamdesign.synthesis.loop_samples import Design, form_for
 from beamdesign.synthesis.rig_spread import RigSpread, rig_spread

@@ -22,8 +22,8 @@ from beamdesign.plant.linear import LinearModel
 from beamdesign.progress import Progress, silent
 from beamdesign.prototype import Prototype
 from beamdesign.synthesis.law_search import Found, search
-from beamdesign.synthesis.law_task import Effort, Search, sampled_masses
-from beamdesign.synthesis.loop_samples import Design, Samples, rig_samples, slacks_of
+from beamdesign.synthesis.law_task import Effort, Search
+from beamdesign.synthesis.loop_samples import Design, Samples, rig_samples, sampled_masses, slacks_of
 from beamdesign.synthesis.sampled_frequencies import COARSE_HZ
 from beamdesign.synthesis.synthesis import (
     GeneralisedPlant,
