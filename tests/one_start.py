@@ -15,6 +15,6 @@ from beamdesign.synthesis.law_task import Effort, Search
 def best_start_alone() -> Iterator[None]:
     """`tune` and `codesign` refine and prove one start of several; kinds of synthesis state how much they try."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(tuning, "Search", partial(Search, effort=Effort(starts=1, refined=1, candidates=1)))
+        patch.setattr(tuning, "Search", partial(Search, effort=Effort(wide=0, starts=1, refined=1, candidates=1)))
         patch.setattr(codesign, "SIZED_EFFORT", replace(codesign.SIZED_EFFORT, starts=1, candidates=1))
         yield

@@ -9,24 +9,25 @@ from beamdesign.controllers import Controller
 from beamdesign.plant.assembly import most_inside_kg
 from beamdesign.synthesis.law_task import Search
 from beamdesign.synthesis.loop_samples import Design
+from beamdesign.time_limit import over
 
 _FAR = 7.0
 """By how much (logarithm) a gain is by far below one that is stable."""
+
+_FEW = 3
+"""Variables of a law among which differential evolution finds its way in few rounds."""
+
+_ABOUT_GAIN, _ABOUT = (-2.0, 6.0), (-3.0, 3.0)
+"""How far (logarithm) it looks about a seed, whose gain is low, and about its breaks."""
+
+_POPULATION = 8
+"""Designs of a round for every variable."""
 
 _MUCH = 0.3
 """Share of the most mass inside that is much to begin with."""
 
 _MORE = (0.6, 1.0)
 """Such shares that are tried where that led nowhere."""
-
-_FEW = 3
-"""Variables of a law that differential evolution finds its way among in few rounds."""
-
-_ABOUT = np.array([[-2.0, 6.0], [-3.0, 3.0]])
-"""How far (logarithm) it looks about a seed, whose gain is low, and about its breaks."""
-
-_POPULATION = 8
-"""Designs of each round for every variable."""
 
 
 def from_seeds(task: Search, seeds: Sequence[Controller]) -> list[Design]:
@@ -50,6 +51,33 @@ def from_seeds(task: Search, seeds: Sequence[Controller]) -> list[Design]:
                 design = max(map(design.louder, steps), key=lambda one: task.worth(task.points, one))
             found.append(design)
     return found
+
+
+def widely(task: Search, starts: Sequence[Design]) -> list[Design]:
+    """The best design that differential evolution finds about starts of a law of few variables; none is not stable.
+
+    What goes uphill from a seed ends on whatever hill that stands on: next to a cylinder in which nothing leaks at a
+    lag of 1.6/22 Hz that has 0.66 Hz, where one of 11/310 Hz has 1.56.
+
+    R. Storn and K. Price, Journal of Global Optimization 11 (1997) 341.
+    """
+    from scipy.optimize import differential_evolution
+
+    rounds, inner_kg = task.effort.wide, np.array(task.inner_kg)
+    if not starts or not rounds or over() or (form := starts[0].form).size > _FEW or not form.gain_first:
+        return []
+    first = min(starts, key=lambda one: one.variables[0])
+    about = first.variables[: form.size, None] + np.array([_ABOUT_GAIN, *[_ABOUT] * (form.size - 1)])
+    bounds = [*np.clip(about, form.lower[:, None], form.upper[:, None]), inner_kg]
+
+    def design(variables: np.ndarray) -> Design:
+        return replace(first, variables=np.append(variables, first.variables[form.size + 1 :]))
+
+    found = differential_evolution(
+        lambda variables: -task.worth(task.points, design(variables)), bounds, rng=0, init="sobol", polish=False,
+        maxiter=rounds, popsize=_POPULATION, tol=0.0, callback=lambda *_, **__: over(),
+    )  # fmt: skip
+    return [design(found.x)] if found.fun < 0 else []
 
 
 def with_more_inside(task: Search, starts: Sequence[Design]) -> list[Design]:

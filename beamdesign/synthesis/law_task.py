@@ -49,6 +49,7 @@ class Effort:
     Attributes:
         steps: linear programs of a coarse search, at most.
         rounds: of a refinement, at most.
+        wide: rounds of differential evolution about starts of few variables.
         starts: how many starts are refined, and how many laws of one size the next are grown from.
         refined: how many of the laws that are grown are refined for good.
         candidates: how many designs are proved, at most.
@@ -62,6 +63,7 @@ class Effort:
 
     steps: int = 150
     rounds: int = 20
+    wide: int = 25
     starts: int = 2
     refined: int = 3
     candidates: int = 3

@@ -44,7 +44,7 @@ from beamdesign.structure import lumped
 from beamdesign.synthesis import SIGMAS
 from beamdesign.synthesis.law_design import Proved, no_answer
 from beamdesign.synthesis.law_search import Found, search
-from beamdesign.synthesis.law_starts import from_seeds
+from beamdesign.synthesis.law_starts import from_seeds, widely
 from beamdesign.synthesis.law_task import Search
 from beamdesign.synthesis.loop_samples import Design, form_for
 from beamdesign.synthesis.rig_spread import RigSpread, rig_spread
@@ -234,8 +234,8 @@ def tune_law(prototype: Prototype, masses_kg: tuple[float, float], asked: LawOpt
         found = search_observer(task, None if alone else kind, near, report)
     else:
         task = Search(*given, start.form.sensors if start else SENSED[:1], spread)
-        seeds = KINDS[kind].seeds()
-        starts, alone = from_seeds(task, seeds), False
+        starts, alone = from_seeds(task, seeds := KINDS[kind].seeds()), False
+        starts += widely(task, starts)
         growths = asked.sections if KINDS[kind].grows else 0
         if start is not None and (asked.near or not starts) and task.settled(start):
             alone = growths > 0
