@@ -37,7 +37,7 @@ from beamdesign.synthesis.operating_limits import demand, envelope, needs
 from beamdesign.synthesis.stiffness_search import carried_out
 from beamdesign.synthesis.tuning import limited
 from beamdesign.time_limit import within
-from beamdesign.validation.truth import rates
+from beamdesign.validation.truth import laws
 
 FELT = "screw_force_N"
 W = 2 * pi * np.array([0.05, 0.7, 3.0, 12.0, 33.0, 90.0, 400.0, 2000.0])
@@ -326,7 +326,7 @@ def test_a_worn_nut_presses_with_one_flank_or_none(rig: Prototype, closing: floa
         bearing = actuator.screw_stiffness_N_per_m * depth + actuator.screw_damping_N_s_per_m * side * closing
         assert found == pytest.approx(side * max(0.0, bearing) if depth > 0 else 0.0, abs=1e-6)
         stiffness, damping = actuator.screw_stiffness_N_per_m, actuator.screw_damping_N_s_per_m
-        assert found == pytest.approx(rates.flanks(stretch, closing, play, stiffness, damping), abs=1e-6)
+        assert found == pytest.approx(laws.flanks(stretch, closing, play, stiffness, damping), abs=1e-6)
 
 
 def test_effects_of_oil_and_valve_are_refused(rig: Prototype) -> None:

@@ -43,7 +43,8 @@ from beamdesign.validation.case_plan import (
 )
 from beamdesign.validation.scoring import Outcome
 from beamdesign.validation.truth import drawing
-from beamdesign.validation.truth.effects import LISTED, OUTSIDE, on
+from beamdesign.validation.truth.effects import LISTED, OUTSIDE
+from beamdesign.validation.truth.possible import on
 
 pytestmark = pytest.mark.long
 

@@ -10,12 +10,13 @@ import numpy as np
 import pytest
 
 from beamdesign import read_dataset
-from beamdesign.validation.truth import rates
+from beamdesign.validation.truth import laws
 from beamdesign.validation.truth.beams import cantilever_modes, outer_modes
 from beamdesign.validation.truth.case import Drive, answer, inputs_of, noise_free, run_figures, take, write_case
 from beamdesign.validation.truth.drawing import draw_case, linear_critical_gain
-from beamdesign.validation.truth.effects import KINDS, LISTED, OUTSIDE, Scales, on
+from beamdesign.validation.truth.effects import KINDS, LISTED, OUTSIDE, Scales
 from beamdesign.validation.truth.nominal import assembled, nominal_figures, packed, rig_figures
+from beamdesign.validation.truth.possible import on
 from beamdesign.validation.truth.rates import STATES
 from beamdesign.validation.truth.rig import SAMPLE_S, STEP_S, controller_figures, march
 
@@ -133,9 +134,9 @@ def test_the_first_mode_keeps_the_figures_of_the_beam():
 
 
 def test_orifice_flow_goes_with_the_root_of_the_drop():
-    assert rates.orifice(4e6, 1e2) / rates.orifice(1e6, 1e2) == pytest.approx(2.0, rel=1e-4)
-    assert rates.orifice(-3e6, 1e4) == -rates.orifice(3e6, 1e4)
-    assert rates.orifice(1.0, 1e4) == pytest.approx(1 / 100, rel=1e-3)  # laminar
+    assert laws.orifice(4e6, 1e2) / laws.orifice(1e6, 1e2) == pytest.approx(2.0, rel=1e-4)
+    assert laws.orifice(-3e6, 1e4) == -laws.orifice(3e6, 1e4)
+    assert laws.orifice(1.0, 1e4) == pytest.approx(1 / 100, rel=1e-3)  # laminar
 
 
 def test_speed_under_load_is_that_of_an_orifice_valve():
@@ -158,15 +159,15 @@ def test_bulk_modulus_of_oil_with_air():
     bulk, air, exponent = 1.4e9, 0.05, 1.3
 
     def volume(absolute):
-        gas = air * (rates.ATMOSPHERE / absolute) ** (1 / exponent)
+        gas = air * (laws.ATMOSPHERE / absolute) ** (1 / exponent)
         return (1 - air) * (1 - (absolute - 2e6) / bulk) + gas
 
     h = 1e2
     slope = (volume(2e6 + h) - volume(2e6 - h)) / (2 * h)
-    found = rates.aerated(2e6 - rates.ATMOSPHERE, bulk, air, exponent, 1e30)
+    found = laws.aerated(2e6 - laws.ATMOSPHERE, bulk, air, exponent, 1e30)
     assert found == pytest.approx(-volume(2e6) / slope, rel=1e-3)
-    assert rates.aerated(5e6, bulk, 0.0, exponent, 1e9) == bulk
-    assert rates.aerated(5e6, bulk, air, exponent, 4e6) == bulk  # all dissolved
+    assert laws.aerated(5e6, bulk, 0.0, exponent, 1e9) == bulk
+    assert laws.aerated(5e6, bulk, air, exponent, 4e6) == bulk  # all dissolved
 
 
 def test_seal_at_steady_speed_is_on_its_stribeck_curve():
@@ -190,27 +191,27 @@ def test_seal_at_steady_speed_is_on_its_stribeck_curve():
 
 
 def test_rounded_overlap_is_a_dead_band_with_soft_edges():
-    assert rates.overlapped(5.0, 1.0, 0.1) == pytest.approx(4.0, abs=1e-9)
-    assert rates.overlapped(-5.0, 1.0, 0.1) == pytest.approx(-4.0, abs=1e-9)
-    assert abs(rates.overlapped(0.5, 1.0, 0.1)) < 1e-3
-    assert 0 < rates.overlapped(1.0, 1.0, 0.1) < 0.1
+    assert laws.overlapped(5.0, 1.0, 0.1) == pytest.approx(4.0, abs=1e-9)
+    assert laws.overlapped(-5.0, 1.0, 0.1) == pytest.approx(-4.0, abs=1e-9)
+    assert abs(laws.overlapped(0.5, 1.0, 0.1)) < 1e-3
+    assert 0 < laws.overlapped(1.0, 1.0, 0.1) < 0.1
 
 
 def test_knee_keeps_to_its_limit_and_small_currents_as_they_are():
-    assert rates.knee(1e-4, 1e-2, 10.0) == pytest.approx(1e-4, rel=1e-9)
-    assert 0.98e-2 < rates.knee(0.1, 1e-2, 10.0) < 1e-2
+    assert laws.knee(1e-4, 1e-2, 10.0) == pytest.approx(1e-4, rel=1e-9)
+    assert 0.98e-2 < laws.knee(0.1, 1e-2, 10.0) < 1e-2
 
 
 def test_joint_presses_as_hertz_and_never_pulls():
-    assert rates.contact(3e-6, 0.0, 2e-6, 1e10, 0.0) == pytest.approx(1e10 * (2e-6) ** 1.5)
-    assert rates.contact(0.5e-6, 1.0, 2e-6, 1e10, 1.0) == 0.0
-    assert rates.contact(3e-6, -10.0, 2e-6, 1e10, 1.0) == 0.0
+    assert laws.contact(3e-6, 0.0, 2e-6, 1e10, 0.0) == pytest.approx(1e10 * (2e-6) ** 1.5)
+    assert laws.contact(0.5e-6, 1.0, 2e-6, 1e10, 1.0) == 0.0
+    assert laws.contact(3e-6, -10.0, 2e-6, 1e10, 1.0) == 0.0
 
 
 def test_play_operator_has_a_loop_of_its_width():
     held, up, down = 0.0, [], []
     for given in np.r_[np.linspace(0, 1, 50), np.linspace(1, 0, 50)]:
-        held = rates.played(given, held, 0.1)
+        held = laws.played(given, held, 0.1)
         (up if len(up) < 50 else down).append(held)
     assert up[-1] - 1.0 == pytest.approx(-0.1)
     assert down[25] - np.linspace(1, 0, 50)[25] == pytest.approx(0.1)

@@ -14,8 +14,9 @@ from beamdesign.records import InputError
 from beamdesign.structure.lumped import lumped_beam
 from beamdesign.validation.truth.case import Case, Departure, Drive, Run, run_figures, take
 from beamdesign.validation.truth.drawing import linear_critical_gain
-from beamdesign.validation.truth.effects import KINDS, Scales, on
+from beamdesign.validation.truth.effects import KINDS, Scales
 from beamdesign.validation.truth.nominal import assembled, draw_true, rig_figures
+from beamdesign.validation.truth.possible import on
 from beamdesign.validation.truth.rig import Noise
 
 _GAIN_SHARE = 0.6

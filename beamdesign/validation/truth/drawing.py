@@ -9,9 +9,11 @@ from typing import Any, Literal, get_args
 import numpy as np
 from scipy.linalg import matrix_balance
 
+from beamdesign.validation.truth.arm import with_arm
 from beamdesign.validation.truth.case import Case, Departure, Drive, Run, noise_free, relative_floor, relative_gap, take
-from beamdesign.validation.truth.effects import KINDS, PARAMETERS, Rig, Scales, Shape, on
+from beamdesign.validation.truth.effects import KINDS, Scales, Shape
 from beamdesign.validation.truth.nominal import Table, assembled, draw_nominal, draw_true, rig_figures, tolerance_of
+from beamdesign.validation.truth.possible import PARAMETERS, Rig, on
 from beamdesign.validation.truth.rates import (
     INNER,
     PRESSURE_A,
@@ -138,6 +140,7 @@ def draw_case(
     notes: list[str] = []
     for attempt in range(20):
         nominal = draw_nominal(rng, f"rig-{seed}", rig == "ball_screw")
+        nominal = with_arm(nominal, rng) if rig == "arm" else nominal
         case = _with_background(_bare_case(seed, kind, nominal, rng, short, rig, noise), rng)
         if case is None:
             notes.append(f"attempt {attempt + 1}: the rig was not stable, or too lively, with its tolerances")
@@ -238,7 +241,7 @@ def _observer(rest: Shape, rng: np.random.Generator) -> Table:
     whole = each[:, used]
     whole[PRESSURE_B] = -whole[PRESSURE_A]
     sensors = {
-        "displacement_m": [measured_volts(state, record[0], 0.0) for state in each],
+        "displacement_m": [measured_volts(state, record[0], modes, 0.0) for state in each],
         "load_pressure_Pa": each[PRESSURE_A] - each[PRESSURE_B],
         "inner_displacement_m": each[INNER],
     }

@@ -1,10 +1,10 @@
 """Effects as changes of the true rig's figures, each with a severity that may be turned up and down."""
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import partial
 from math import pi, sqrt
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 
@@ -248,6 +248,11 @@ _LISTED = (
         lambda f: {"limit_A": f["current_limit"]},
     ),
     Kind(
+        "motor_current_limit", "amplifier", _draws(knee=_between(6, 20)),
+        lambda s, q, v: {"motor_limit": 3 * s.current / v, "motor_knee": q["knee"]}, (0.7, 60),
+        lambda f: {"limit_A": f["motor_limit"]},
+    ),
+    Kind(
         "second_beam_mode", "structure",
         _draws(mass=_between(0, 0.3), tip=_between(0, 0.15), zeta=_log(0.004, 0.03)),
         lambda s, q, v: {
@@ -355,41 +360,13 @@ _OF_SCREWS = (
     ),
     _drift("torque_drift", "actuator", "torque_drift", 0.2, (-0.9, 3.0), (0.05, 8)),
 )  # fmt: skip
-_OF_CYLINDERS = (
+OF_CYLINDERS = (
     "unequal_piston_areas", "pressure_dependent_flow", "entrained_air", "valve_deadband", "valve_hysteresis",
     "supply_sag", "flow_gain_drift", "growing_leakage", "warming_oil",
     "coil_lag",  # of a motor it is a slower current loop, which is a figure
 )  # fmt: skip
 
 KINDS: dict[str, Kind] = {kind.name: kind for kind in (*_LISTED, *_OUTSIDE, *_OF_SCREWS)}
+OF_SCREWS = (*(kind.name for kind in _OF_SCREWS), "motor_current_limit")
 LISTED = tuple(kind.name for kind in _LISTED)
 OUTSIDE = tuple(kind.name for kind in (*_OUTSIDE, *_OF_SCREWS))
-
-Rig = Literal["lag", "structured", "ball_screw", "observer"]
-"""A cylinder whose law is a lag, a lag with sections, or (`observer`) an observer; a motor with a screw, and a lag."""
-
-_PARAMETERS: dict[str, tuple[tuple[str, ...], str]] = {
-    "flow_gain": (("flow_gain",), "servovalve"),
-    "effective_mass": (("outer_mass", "inner_mass"), "structure"),
-    "stiffness": (("outer_stiffness", "inner_stiffness"), "structure"),
-    "oil_stiffness": (("oil_stiffness",), "oil"),
-    "valve_natural_frequency": (("valve_frequency",), "servovalve"),
-    "valve_damping_ratio": (("valve_damping_ratio",), "servovalve"),
-    "piston_area": (("piston_area",), "actuator"),
-    "sensor_gain": (("sensor_gain",), "sensor"),
-    "beam_damping_ratio": (("outer_damping_ratio", "inner_damping_ratio"), "structure"),
-}
-_MOTOR = {
-    "screw_stiffness": "actuator", "lead": "actuator", "torque_constant": "actuator", "rotor_inertia": "actuator",
-    "speed_feedback": "amplifier", "current_loop": "amplifier",
-}  # fmt: skip
-_HYDRAULIC = ("flow_gain", "oil_stiffness", "valve_natural_frequency", "valve_damping_ratio", "piston_area")
-PARAMETERS = _PARAMETERS | {name: ((name,), where) for name, where in _MOTOR.items()}
-"""Plain wrong figures, by key of [tolerance]: which of the rig's figures may be wrong (one of them is), subsystem."""
-
-
-def on(rig: Rig, names: Iterable[str]) -> tuple[str, ...]:
-    """Those of some effects, or of some keys of [tolerance], that a rig can have."""
-    own = [kind.name for kind in _OF_SCREWS] + list(_MOTOR)
-    lacks = (*_OF_CYLINDERS, *_HYDRAULIC) if rig == "ball_screw" else own
-    return tuple(name for name in names if name not in lacks)

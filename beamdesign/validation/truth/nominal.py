@@ -6,7 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from beamdesign.validation.truth.beams import outer_modes
+from beamdesign.validation.truth import arm
+from beamdesign.validation.truth.beams import at_end, outer_modes
 from beamdesign.validation.truth.effects import Shape
 
 MODES = 4
@@ -81,6 +82,8 @@ FIGURES: dict[str, float] = {
     "rotor_friction": 5e-3,
     "speed_feedback": 0.5,
     "current_loop": 6283.0,  # rad/s
+    "motor_limit": 0.0,  # A, of what the loop of the motor's own current is asked for; 0 is none
+    "motor_knee": 10.0,
     # servovalve
     "flow_gain": 0.0113,
     "valve_frequency": 942.5,
@@ -216,7 +219,8 @@ _SENSOR = {
 
 def _stated(table: Table) -> dict[str, tuple[str, str, str]]:
     """Where a believed prototype states a figure, and the key of its tolerance."""
-    return _BEAMS | _ACTUATORS[table["actuator"].get("kind", "servo_cylinder")] | _SENSOR
+    own = _BEAMS | _ACTUATORS[table["actuator"].get("kind", "servo_cylinder")] | _SENSOR
+    return own | (arm.STATED if "arm" in table else {})
 
 
 _TURN = {"_Hz": 2 * pi, "lead_m": 1 / (2 * pi)}
@@ -306,7 +310,7 @@ def draw_true(table: Table, rng: np.random.Generator) -> Shape:
 
 
 def rig_figures(table: Table, factors: Shape, habits: Shape) -> Shape:
-    """Figures of the true rig, without effects, masses or controller; keys `modes.*` are of its outer beam.
+    """Figures of the true rig, without effects, masses or controller; keys `modes.*` and `arm.*` are of its outer beam.
 
     Args:
         table: the believed prototype.
@@ -325,6 +329,7 @@ def rig_figures(table: Table, factors: Shape, habits: Shape) -> Shape:
         "modes.damping": dashpot("outer"),
         "inner_damping": dashpot("inner"),
         "believed_sensor_gain": table["sensor"]["gain_V_per_m"],
+        **arm.arm_figures(table, own),
     }
     if table["actuator"].get("kind") == "ball_screw":
         return figures
@@ -341,6 +346,12 @@ def rig_figures(table: Table, factors: Shape, habits: Shape) -> Shape:
 
 
 def assembled(figures: Shape) -> tuple[np.ndarray, np.ndarray]:
-    """The record that the equations read and the (3, n) modes of the outer beam, from flat figures."""
-    own = {key.removeprefix("modes."): value for key, value in figures.items() if key.startswith("modes.")}
-    return packed({key: value for key, value in figures.items() if not key.startswith("modes.")}), outer_modes(**own)
+    """The record that the equations read and the (7, n) modes of the outer beam's end, from flat figures."""
+    parts: dict[str, Shape] = {"modes": {}, "arm": {}, "": {}}
+    for key, value in figures.items():
+        part, _, name = key.rpartition(".")
+        parts[part][name] = value
+    bending = outer_modes(**parts["modes"])
+    carried = parts[""].get("outer_end_mass", 0.0)
+    modes = arm.arm_modes(bending, carried, **parts["arm"]) if parts["arm"] else at_end(bending)
+    return packed(parts[""]), modes

@@ -1,107 +1,13 @@
-"""Laws of the true rig, each checked on its own, and its right-hand side, where figures switch them on."""
+"""The true rig's right-hand side, where figures switch its laws on."""
 
-from math import copysign, exp, log1p, sin, sqrt, tanh
+from math import sin, sqrt, tanh
 
 import numpy as np
 from numba import njit
 
+from beamdesign.validation.truth.beams import ALONG, AT_TIP, PAYLOAD, WATCHED
+from beamdesign.validation.truth.laws import aerated, contact, flanks, knee, orifice, overlapped, played, stribeck
 from beamdesign.validation.truth.nominal import LAW_ORDER, MODES
-
-ATMOSPHERE = 101325.0
-
-
-@njit(cache=True, error_model="numpy")
-def stribeck(speed: float, coulomb: float, breakaway: float, stribeck_speed: float, power: float) -> float:
-    """Friction of steady sliding without its viscous part, N."""
-    return coulomb + (breakaway - coulomb) * exp(-(abs(speed / stribeck_speed) ** power))
-
-
-@njit(cache=True, error_model="numpy")
-def orifice(drop: float, laminar: float) -> float:
-    """Signed root of a pressure drop, straight below `laminar` (Pa)."""
-    return drop / sqrt(abs(drop) + laminar)
-
-
-@njit(cache=True, error_model="numpy")
-def aerated(pressure: float, bulk: float, air: float, exponent: float, saturation: float) -> float:
-    """Bulk modulus of oil with free air, Pa (Wylie), of which Henry's law dissolves a share that grows with pressure.
-
-    Args:
-        pressure: gauge, Pa.
-        bulk: of the oil, Pa.
-        air: volume at one atmosphere over that of the mixture.
-        exponent: polytropic.
-        saturation: absolute pressure at which nothing is left free, Pa.
-    """
-    absolute = max(pressure + ATMOSPHERE, 2e4)
-    free = air * max(0.0, 1.0 - absolute / saturation)
-    gas = free * (ATMOSPHERE / absolute) ** (1.0 / exponent)
-    share = gas / (1.0 - air + gas)
-    return bulk / (1.0 + share * (bulk / (exponent * absolute) - 1.0))
-
-
-@njit(cache=True, error_model="numpy")
-def softplus(x: float) -> float:
-    """log(1 + exp(x)) without overflow."""
-    return x + log1p(exp(-x)) if x > 0 else log1p(exp(x))
-
-
-@njit(cache=True, error_model="numpy")
-def overlapped(spool: float, overlap: float, rounding: float) -> float:
-    """Opening of a spool whose lands overlap the ports, edges rounded over `rounding` times the overlap."""
-    width = rounding * overlap
-    return width * (softplus((spool - overlap) / width) - softplus((-spool - overlap) / width))
-
-
-@njit(cache=True, error_model="numpy")
-def knee(demand: float, limit: float, sharpness: float) -> float:
-    """What an amplifier gives of a demand: its limit is reached gradually."""
-    return demand / (1.0 + abs(demand / limit) ** sharpness) ** (1.0 / sharpness)
-
-
-@njit(cache=True, error_model="numpy")
-def played(given: float, held: float, half: float) -> float:
-    """Play (backlash) operator: what lags `given` by at most `half`."""
-    return min(max(held, given - half), given + half)
-
-
-@njit(cache=True, error_model="numpy")
-def contact(apart: float, closing: float, play: float, stiffness: float, loss: float) -> float:
-    """Force across a joint with play: Hertzian faces that only press (Hunt and Crossley), N.
-
-    Args:
-        apart: of rod and joint from the middle of the play, m.
-        closing: its rate, m/s.
-        play: from face to face, m.
-        stiffness: N/m^1.5.
-        loss: s/m.
-    """
-    depth = abs(apart) - 0.5 * play
-    if depth <= 0.0:
-        return 0.0
-    side = copysign(1.0, apart)
-    return side * max(0.0, stiffness * depth * sqrt(depth) * (1.0 + 1.5 * loss * side * closing))
-
-
-@njit(cache=True, error_model="numpy")
-def flanks(apart: float, closing: float, play: float, stiffness: float, damping: float) -> float:
-    """Force of a screw on its nut: a spring with a dashpot, N; with play a flank presses, and only where it touches.
-
-    Args:
-        apart: of the nut's place by the screw and its own from the middle of the play, m.
-        closing: its rate, m/s.
-        play: from flank to flank, m.
-        stiffness: N/m.
-        damping: N s/m.
-    """
-    if play <= 0.0:
-        return stiffness * apart + damping * closing
-    depth = abs(apart) - 0.5 * play
-    if depth <= 0.0:
-        return 0.0
-    side = copysign(1.0, apart)
-    return side * max(0.0, stiffness * depth + damping * side * closing)
-
 
 PLAYS = 5
 
@@ -130,24 +36,33 @@ _RELAX = (6.0, 60.0, 600.0, 6000.0)
 
 
 @njit(cache=True, error_model="numpy")
-def sensor_volts(x, f, time_share):  # type: ignore[no-untyped-def]
-    """What the sensor makes of the tip before lag and filter, V."""
-    tip = x[_Q] + x[_Q + 1] + x[_Q + 2] + x[_Q + 3]
-    seen = tip - f.sensor_on_mount * (x[_T] + x[_Y])
+def moved(x, first, modes, place):  # type: ignore[no-untyped-def]
+    """Motion of a place on the outer beam's end, a row of `modes`, by states from `first` on."""
+    whole = 0.0
+    for k in range(modes.shape[1]):
+        whole += modes[place, k] * x[first + k]
+    return whole
+
+
+@njit(cache=True, error_model="numpy")
+def sensor_volts(x, f, modes, time_share):  # type: ignore[no-untyped-def]
+    """What the sensor makes of the place that it watches before lag and filter, V."""
+    there = moved(x, _Q, modes, WATCHED)
+    seen = there - f.sensor_on_mount * (x[_T] + x[_Y])
     if f.bracket_rate > 0.0:
-        seen = seen + f.bracket_share * (x[_B] - tip)
+        seen = seen + f.bracket_share * (x[_B] - there)
     seen = seen * (1.0 + f.sensor_square * seen + f.sensor_cubic * seen * seen)
     return f.sensor_gain * (1.0 + f.sensor_drift * time_share) * seen
 
 
 @njit(cache=True, error_model="numpy")
-def measured_volts(x, f, time_share):  # type: ignore[no-untyped-def]
+def measured_volts(x, f, modes, time_share):  # type: ignore[no-untyped-def]
     """Sensor signal after lag and filter, V."""
     if f.filter_rate > 0.0:
         return x[_F]
     if f.lag_rate > 0.0:
         return x[_L1]
-    return sensor_volts(x, f, time_share)
+    return sensor_volts(x, f, modes, time_share)
 
 
 @njit(cache=True, error_model="numpy")
@@ -271,7 +186,10 @@ def screw_push(x, d, f, current, stroke, speed, share):  # type: ignore[no-untyp
     The shaft's balance of torques is over the angle, travel / lead. The nut rubs on the screw, before its spring.
     """
     rotation = x[_ND] / f.lead
-    d[_J] = f.current_loop * (current - f.speed_feedback * rotation - x[_J])
+    asked = current - f.speed_feedback * rotation
+    if f.motor_limit > 0.0:
+        asked = knee(asked, f.motor_limit, f.motor_knee)
+    d[_J] = f.current_loop * (asked - x[_J])
     torque = f.torque_constant * (1.0 + f.torque_drift * share) * x[_J]
     if f.torque_ripple > 0.0:
         torque *= 1.0 + f.torque_ripple * sin(f.ripple_per_turn * x[_N] / f.lead)
@@ -285,14 +203,11 @@ def screw_push(x, d, f, current, stroke, speed, share):  # type: ignore[no-untyp
 def rates_into(x, d, f, modes, held, plays, fed_back, command, force, time, share):  # type: ignore[no-untyped-def]
     """Time derivative of the state into `d`; gives the current, A.
 
-    `held` is the current of a digital output (not a number for an analogue one), `modes` rows of stiffness, mass and
-    damping.
+    `held` is the current of a digital output (not a number for an analogue one), `modes` has the rows of
+    `beams.at_end`.
     """
     count = modes.shape[1]
-    tip, tip_speed = 0.0, 0.0
-    for k in range(count):
-        tip += x[_Q + k]
-        tip_speed += x[_QD + k]
+    tip, tip_speed = moved(x, _Q, modes, AT_TIP), moved(x, _QD, modes, AT_TIP)
 
     # controller and amplifier
     demand = held if held == held else commanded_current(x, f, fed_back, command, time)
@@ -354,32 +269,40 @@ def rates_into(x, d, f, modes, held, plays, fed_back, command, force, time, shar
     d[_XI] = x[_VI]
     d[_VI] = (-on_inner - inner) / (f.inner_mass + f.inner_end_mass)
 
-    carried = f.outer_end_mass
+    # The payload moves in the plane and, where the end turns it, along the beam; what holds it acts back on all modes.
+    carried, on_payload = f.outer_end_mass, 0.0
     if f.slosh_share > 0.0 and carried > 0.0:
         loose = f.slosh_share * carried
-        tether = f.slosh_frequency**2 * (x[_M] - tip)
-        tether += 2.0 * f.slosh_damping_ratio * f.slosh_frequency * (x[_MD] - tip_speed)
+        tether = f.slosh_frequency**2 * (x[_M] - moved(x, _Q, modes, PAYLOAD))
+        tether += 2.0 * f.slosh_damping_ratio * f.slosh_frequency * (x[_MD] - moved(x, _QD, modes, PAYLOAD))
         d[_M], d[_MD] = x[_MD], -tether
-        pull += loose * tether
+        on_payload = loose * tether
         carried -= loose
-    alone, mobility = 0.0, 0.0
+    across, along, mobility, turned, both = 0.0, 0.0, 0.0, 0.0, 0.0
     for k in range(count):
         reaction = first if k == 0 else modes[0, k] * x[_Q + k] + modes[2, k] * x[_QD + k]
-        d[_QD + k] = (pull - reaction) / modes[1, k]
-        alone += d[_QD + k]
-        mobility += 1.0 / modes[1, k]
+        driving = modes[AT_TIP, k] * pull + modes[PAYLOAD, k] * on_payload
+        d[_QD + k] = (driving - reaction) / modes[1, k]
         d[_Q + k] = x[_QD + k]
-    inertia = carried * alone / (1.0 + carried * mobility)
+        across += modes[PAYLOAD, k] * d[_QD + k]
+        along += modes[ALONG, k] * d[_QD + k]
+        mobility += modes[PAYLOAD, k] ** 2 / modes[1, k]
+        turned += modes[ALONG, k] ** 2 / modes[1, k]
+        both += modes[PAYLOAD, k] * modes[ALONG, k] / modes[1, k]
+    one, other = 1.0 + carried * mobility, 1.0 + carried * turned
+    whole = one * other - (carried * both) ** 2
+    inertia = carried * (across * other - carried * both * along) / whole
+    drawn = carried * (along * one - carried * both * across) / whole
     for k in range(count):
-        d[_QD + k] -= inertia / modes[1, k]
+        d[_QD + k] -= (modes[PAYLOAD, k] * inertia + modes[ALONG, k] * drawn) / modes[1, k]
 
     # sensor
     if f.bracket_rate > 0.0:
         d[_B] = x[_BD]
-        d[_BD] = f.bracket_rate**2 * (tip - x[_B]) + 2.0 * f.bracket_damping_ratio * f.bracket_rate * (
-            tip_speed - x[_BD]
-        )
-    volts = plays[PLAYS] if f.sensor_play > 0.0 else sensor_volts(x, f, share)
+        there, there_speed = moved(x, _Q, modes, WATCHED), moved(x, _QD, modes, WATCHED)
+        d[_BD] = f.bracket_rate**2 * (there - x[_B])
+        d[_BD] += 2.0 * f.bracket_damping_ratio * f.bracket_rate * (there_speed - x[_BD])
+    volts = plays[PLAYS] if f.sensor_play > 0.0 else sensor_volts(x, f, modes, share)
     if f.lag_rate > 0.0:
         if f.lag_order > 1.5:
             d[_L1] = x[_L2]
@@ -396,5 +319,5 @@ def rates_at(x, figures, modes, command=0.0, force=0.0):  # type: ignore[no-unty
     """(52,) time derivative of a state without dead time; nothing drives the rig but command (V) and force (N)."""
     f = figures[0]
     d, plays = np.zeros(STATES), np.zeros(PLAYS + 1)
-    rates_into(x, d, f, modes, np.nan, plays, measured_volts(x, f, 0.0), command, force, 0.0, 0.0)
+    rates_into(x, d, f, modes, np.nan, plays, measured_volts(x, f, modes, 0.0), command, force, 0.0, 0.0)
     return d

@@ -17,7 +17,9 @@ from numba import njit
 from scipy.linalg import block_diag, solve_continuous_are
 from scipy.signal import lfilter
 
+from beamdesign.validation.truth.beams import AT_TIP, at_end
 from beamdesign.validation.truth.effects import Shape
+from beamdesign.validation.truth.laws import flanks, played
 from beamdesign.validation.truth.nominal import HEARD, MODES, Table
 from beamdesign.validation.truth.rates import (
     BRISTLE,
@@ -33,9 +35,8 @@ from beamdesign.validation.truth.rates import (
     TIP,
     TIP_SPEED,
     commanded_current,
-    flanks,
     measured_volts,
-    played,
+    moved,
     rates_into,
     sensor_volts,
 )  # fmt: skip
@@ -138,12 +139,13 @@ def observer(
 
 
 @njit(cache=True, error_model="numpy")
-def _fed_back(x, f, share, plays, line, newest, behind, noise):  # type: ignore[no-untyped-def]
+def _fed_back(x, f, modes, share, plays, line, newest, behind, noise):  # type: ignore[no-untyped-def]
     """Volts that reach the controller: through the dead time where there is one, with the noise of now.
 
     Args:
         x: state.
         f: figures.
+        modes: of the outer beam's end.
         share: of the record that is over.
         plays: play operators; the last is the sensor's.
         line: measured volts at every step so far.
@@ -159,7 +161,7 @@ def _fed_back(x, f, share, plays, line, newest, behind, noise):  # type: ignore[
         return line[low] + (place - low) * (line[low + 1] - line[low]) + noise
     if f.sensor_play > 0.0 and f.lag_rate == 0.0 and f.filter_rate == 0.0:
         return plays[PLAYS] + noise
-    return measured_volts(x, f, share) + noise
+    return measured_volts(x, f, modes, share) + noise
 
 
 @njit(cache=True, error_model="numpy")
@@ -168,7 +170,7 @@ def _march(figures, modes, inputs, lost, step, stride, start):  # type: ignore[n
 
     Args:
         figures: (1,) record.
-        modes: (3, n) stiffness, mass, damping of the outer beam's modes.
+        modes: (7, n) of the outer beam's end, see `beams.at_end`.
         inputs: (2 N + 1, 3) force, command, noise in volts, every half step.
         lost: (N + 1,) whether the sensor has dropped out.
         step: s.
@@ -194,10 +196,10 @@ def _march(figures, modes, inputs, lost, step, stride, start):  # type: ignore[n
         time = n * step
         share = time / whole
         if f.sensor_play > 0.0:
-            plays[PLAYS] = played(sensor_volts(x, f, share), plays[PLAYS], f.sensor_play * f.sensor_gain)
+            plays[PLAYS] = played(sensor_volts(x, f, modes, share), plays[PLAYS], f.sensor_play * f.sensor_gain)
         straight = f.sensor_play > 0.0 and f.lag_rate == 0.0 and f.filter_rate == 0.0
-        line[n] = plays[PLAYS] if straight else measured_volts(x, f, share)
-        fed = stuck if lost[n] else _fed_back(x, f, share, plays, line, n, -late, inputs[2 * n, 2])
+        line[n] = plays[PLAYS] if straight else measured_volts(x, f, modes, share)
+        fed = stuck if lost[n] else _fed_back(x, f, modes, share, plays, line, n, -late, inputs[2 * n, 2])
         stuck = fed
         if f.current_step > 0.0 and n % hold == 0:
             wanted = commanded_current(x, f, fed, inputs[2 * n, 1], time)
@@ -209,10 +211,10 @@ def _march(figures, modes, inputs, lost, step, stride, start):  # type: ignore[n
             out[row, 1] = fed
             out[row, 2] = x[PRESSURE_A] - x[PRESSURE_B]
             out[row, 3] = x[INNER]
-            out[row, 4] = np.sum(x[TIP : TIP + MODES])
+            out[row, 4] = moved(x, TIP, modes, AT_TIP)
             if f.lead > 0.0:
                 apart = x[NUT] + x[INNER] - out[row, 4]
-                closing = x[NUT_SPEED] + x[INNER_SPEED] - np.sum(x[TIP_SPEED : TIP_SPEED + MODES])
+                closing = x[NUT_SPEED] + x[INNER_SPEED] - moved(x, TIP_SPEED, modes, AT_TIP)
                 out[row, 5] = flanks(apart, closing, f.lost_motion, f.screw_stiffness, f.screw_damping)
             if not abs(x[TIP]) < 0.05:
                 return out, False
@@ -225,7 +227,8 @@ def _march(figures, modes, inputs, lost, step, stride, start):  # type: ignore[n
             for i in range(STATES):
                 trial[i] = x[i] + (0.5 * step * k1[i] if stage == 1 else step * (2.0 * k2[i] - k1[i]))
             at, then = 2 * n + stage, time + 0.5 * stage * step
-            fed = stuck if lost[n] else _fed_back(trial, f, share, plays, line, n, 0.5 * stage - late, inputs[at, 2])
+            behind = 0.5 * stage - late
+            fed = stuck if lost[n] else _fed_back(trial, f, modes, share, plays, line, n, behind, inputs[at, 2])
             rates = k2 if stage == 1 else k3
             rates_into(trial, rates, f, modes, held, plays, fed, inputs[at, 1], inputs[at, 0], then, then / whole)
         for i in range(STATES):
@@ -280,7 +283,7 @@ def march(
 
     Args:
         figures: one record, see `believed.packed`.
-        modes: (3, n) stiffness, mass and damping of the outer beam's modes, n up to 4, each counted at the tip.
+        modes: (7, n) of the outer beam's end, n up to 4, see `beams.at_end`; (3, n) where all is on its axis.
         inputs: (2 N + 1, 3) force (N), command (V) and sensor noise (V) at every half step.
         lost: (N + 1,) whether the sensor has dropped out at each step.
         step_s: step.
@@ -296,8 +299,9 @@ def march(
         raise ValueError(f"{modes.shape[1]} modes, at most {MODES}")
     state = np.zeros(STATES) if start is None else np.asarray(start, dtype=float)
     given = np.zeros(steps + 1, dtype=np.bool_) if lost is None else lost
+    ends = np.ascontiguousarray(modes if len(modes) > AT_TIP else at_end(modes))
     out, bounded = _march(
-        figures, np.ascontiguousarray(modes), np.ascontiguousarray(inputs), given, step_s, round(SAMPLE_S / step_s),
+        figures, ends, np.ascontiguousarray(inputs), given, step_s, round(SAMPLE_S / step_s),
         state,
     )  # fmt: skip
     volts_per_m = figures["believed_sensor_gain"][0]
