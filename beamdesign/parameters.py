@@ -8,8 +8,8 @@ from beamdesign.plant.component import Parameter, with_unit
 from beamdesign.prototype import Tolerance
 
 __all__ = [
-    "PARAMETERS", "RIG_TOLERANCES", "TOLERANCES", "TYPICAL", "Parameter", "rows_of", "stated_or_typical", "typical_of",
-    "with_unit",
+    "PARAMETERS", "RIG_TOLERANCES", "TOLERANCES", "TORSION", "TYPICAL", "Parameter", "rows_of", "stated_or_typical",
+    "typical_of", "with_unit",
 ]  # fmt: skip
 
 
@@ -54,8 +54,22 @@ for _kind, _actuator in KINDS.items():
 TOLERANCES = {name: row.tolerance for name, row in PARAMETERS.items()}
 """Key in `[tolerance]` of every parameter."""
 
+TORSION = {
+    row.name: row
+    for row in (
+        Parameter(
+            "torsional_stiffness", "k_t", "N m/rad", "arm.torsional_stiffness_N_m_per_rad", "stiffness", "structure"
+        ),
+        Parameter(
+            "torsional_damping", "b_t", "N m s/rad", "arm.torsional_damping_ratio", "beam_damping_ratio", "structure"
+        ),
+    )
+}
+"""Those of an arm whose payload twists its outer beam, which are no better known than the same of its bending."""
+
 RIG_TOLERANCES = {name: key for name, key in TOLERANCES.items() if not name.endswith("_end_mass")}
-"""The same of the rigs alone, without end masses."""
+RIG_TOLERANCES |= {name: row.tolerance for name, row in TORSION.items()}
+"""The same of the rigs alone, without end masses, and of torsion."""
 
 
 def typical_of(actuator: type[Actuator]) -> Tolerance:

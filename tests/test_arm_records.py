@@ -42,7 +42,7 @@ from beamdesign.proofs.writer import prototype_table
 from beamdesign.prototype import prototype_from
 from beamdesign.records import to_toml
 from beamdesign.scenario import Scenario
-from beamdesign.structure.arm import PLANES
+from beamdesign.structure.arm import PLANES, arm_figures
 
 ARM = Path(__file__).parents[1] / "studies" / "prototypes" / "arm.toml"
 BESIDE, ABOVE, AT_PAYLOAD = (0.05, 0.1, 0.0), (0.05, 0.0, 0.12), (0.05, 0.1, 0.0)
@@ -104,7 +104,6 @@ def test_a_payload_off_the_axis_is_no_gap_where_it_is_known_and_one_where_it_is_
     slow = diagnose(records(arm().but(effects={"sensor_lag": {"break_Hz": 200.0}}), arm()), 1)
     assert (slow.verdict, slow.chosen) == ("effect", ("sensor_lag",))
     assert slow.causes[0].parameters["break_Hz"].value == pytest.approx(200.0, rel=0.02)
-    assert slow.prototype.arm == arm().arm.but(torsional_damping_ratio=arm().outer_beam.damping_ratio)
     assert "beamdesign arm" in redesign(slow.prototype, (0.0, 6.8)).reason
     on_axis = records(arm(), arm(None))
     null = searching.search(on_axis).null
@@ -112,15 +111,35 @@ def test_a_payload_off_the_axis_is_no_gap_where_it_is_known_and_one_where_it_is_
 
 
 def test_a_prototype_is_written_with_the_torsion_that_it_was_fitted_with() -> None:
-    """No fit moves the dashpot of torsion; a beam's fitted damping ratio is that of its bending."""
+    """Its dashpot goes with the root of its stiffness; a beam's fitted damping ratio is that of its bending."""
     rig = arm(offset_m=(0.05, 0.3, 0.0))
     placement = NOTHING.placement(rig)
     z = np.linspace(-1.5, 1.5, len(placement.unknowns))
+    of_torsion = [u.name for u in placement.unknowns if "torsional" in u.name]
+    assert of_torsion == ["torsional_stiffness", "torsional_damping"]
+    ahead = arm(offset_m=(0.3, 0.0, 0.0))  # which twists nothing
+    assert not [u.name for u in NOTHING.placement(ahead).unknowns if "torsional" in u.name]
     written = updated_prototype(rig, Fit(NOTHING, placement.unknowns, z, 0.0, (Share(0.0, z, np.eye(len(z))),)))
     of_fit = dict(zip(placement.assembly.parameters, figures_at(placement, rig, z), strict=True))
     of_file = parameters_of(prototype_from(tomllib.loads(to_toml(written))), 3.0, 2.0)
     assert of_file.pop("believed_sensor_gain") != of_fit.pop("believed_sensor_gain")  # which a set states
     assert of_file == pytest.approx(of_fit, rel=1e-9)
+
+
+def test_torsion_is_no_better_known_than_bending(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A tube that is 5 % stiffer in torsion and damped by half as much more is no gap, and its figures are found."""
+    for room in (searching, separability):
+        monkeypatch.setattr(room, "singles", lambda prototype: tuple(Hypothesis((name,)) for name in FEW))
+    believed = arm(offset_m=(0.05, 0.25, 0.0))
+    stiffness, ratio = 1.05 * arm_figures(believed).torsional_stiffness, 1.5 * believed.outer_beam.damping_ratio
+    torsion = {"torsional_stiffness_N_m_per_rad": stiffness, "torsional_damping_ratio": ratio}
+    rig = arm(offset_m=believed.arm.offset_m, **torsion)  # type: ignore[union-attr]
+    found = diagnose(records(rig, believed), 1)
+    assert found.verdict == "no_gap"
+    assert found.gap.before > 3 * found.gap.noise_floor
+    assert found.prototype.arm is not None
+    assert found.prototype.arm.torsional_stiffness_N_m_per_rad == pytest.approx(stiffness, rel=2e-3)
+    assert found.prototype.arm.torsional_damping_ratio == pytest.approx(ratio, rel=0.05)
 
 
 def figures_at(placement: Placement, rig: Prototype, z: np.ndarray) -> list[float]:

@@ -23,7 +23,7 @@ from beamdesign.quantities import decimal, quantity
 from beamdesign.records import Record
 from beamdesign.result import Result, finite, picked
 from beamdesign.structure import lumped
-from beamdesign.structure.arm import off_axis
+from beamdesign.structure.arm import with_torsion
 
 if TYPE_CHECKING:
     from beamdesign.diagnosis.judgement import Judgement
@@ -381,9 +381,8 @@ def updated_prototype(prototype: Prototype, found: Fit) -> Prototype:
         if name in figures and "_beam" not in table and row.stated(prototype) is not None:
             tables.setdefault(table, {})[key] = figures[name] / row.factor
     changes |= {table: getattr(prototype, table).but(**new) for table, new in tables.items()}
-    arm = prototype.arm
-    if arm is not None and off_axis(prototype) and arm.torsional_damping_ratio is None:  # else that of the fitted beam
-        changes["arm"] = arm.but(torsional_damping_ratio=prototype.outer_beam.damping_ratio)
+    if prototype.arm is not None:
+        changes["arm"] = with_torsion(prototype, found.values)
     changes["supply"] = prototype.supply.but(pressure_Pa=found.values.get(SUPPLY, prototype.supply.pressure_Pa))
     return prototype.but(**changes, effects=effects, guarantee=None)
 

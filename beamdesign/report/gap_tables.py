@@ -14,13 +14,14 @@ from beamdesign.diagnosis.fitting.fit import Fit
 from beamdesign.diagnosis.gap_metrics import BANDS_HZ, in_bands
 from beamdesign.diagnosis.prediction_errors import Errors
 from beamdesign.diagnosis.redesign import LoopTerms, Terms
-from beamdesign.parameters import PARAMETERS
+from beamdesign.parameters import PARAMETERS, TORSION
 from beamdesign.quantities import decimal, masses_text, quantity, stated_bandwidth, stated_peak, stated_range
 from beamdesign.report.page import Table
 
 _FAINTEST, _STRONGEST = 1e-3, 1.0  # errors over the rms of the signal that are drawn as none and as full
 _WIDEST_Z = 5.0
 _MOST_ROWS = 40
+_ROWS = PARAMETERS | TORSION
 _MANY = 5  # columns of positive figures in an indicator's table that make a map of it
 
 
@@ -162,7 +163,7 @@ def fitted_figures(fit: Fit) -> tuple[FittedFigure, ...]:
 
 def _shown(name: str, value: float, error: float | None = None) -> str:
     """A figure of the rig in the unit it is read in, with its error."""
-    row = PARAMETERS.get(name)
+    row = _ROWS.get(name)
     unit, factor = (row.shown_unit, row.factor) if row is not None else ("Pa", 1.0)  # of a bench's supply
     value, error = value / factor, None if error is None else error / factor
     if error is None:
@@ -174,7 +175,7 @@ def _shown(name: str, value: float, error: float | None = None) -> str:
 
 def figure_name(key: str) -> str:
     """A figure of a cause with its unit, as those of effects have theirs: that of the model."""
-    return PARAMETERS[key].key if key in PARAMETERS else key
+    return _ROWS[key].key if key in _ROWS else key
 
 
 def place(z: float) -> float:

@@ -4,6 +4,7 @@ Axes: x along the beam away from the clamp, y sideways, z upwards, from the tip.
 left out of it, stands in `beamdesign.proofs.arm`.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal
 
@@ -206,6 +207,20 @@ def lever_figures(prototype: Prototype) -> dict[str, float]:
         raise InputError(prototype.name, [Problem("arm.offset_m", words)])
     parts = figures.travel, figures.along, figures.lever, figures.sensed_travel, figures.sensed_lever
     return dict(zip(LEVER_FIGURES, map(float, (*parts, *figures.twist)), strict=True))
+
+
+def with_torsion(prototype: Prototype, values: Mapping[str, float]) -> Arm:
+    """The prototype's [arm] with other figures of torsion in its plane, of those of `LEVER_FIGURES` that are given.
+
+    Its dashpot, which goes with the root of the stiffness, is stated: it is no longer that of the beam's bending.
+    """
+    arm, nominal = arm_of(prototype), lever_figures(prototype)
+    if not nominal:
+        return arm
+    dashpot = values.get("torsional_damping", nominal["torsional_damping"])
+    ratio = dashpot / (2 * (nominal["torsional_stiffness"] * nominal["polar_inertia"]) ** 0.5)
+    stiffness = values.get("torsional_stiffness", arm.torsional_stiffness_N_m_per_rad)
+    return arm.but(torsional_stiffness_N_m_per_rad=stiffness, torsional_damping_ratio=ratio)
 
 
 def in_plane(prototype: Prototype, name: Name | None = None) -> Prototype:

@@ -30,7 +30,7 @@ from beamdesign.diagnosis.fitting.hypothesis import NOTHING, WRONG, Hypothesis, 
 from beamdesign.diagnosis.fitting.search import Search
 from beamdesign.diagnosis.fitting.weighting import INDEPENDENT
 from beamdesign.parameters import RIG_TOLERANCES
-from beamdesign.plant.assembly import fits
+from beamdesign.plant.assembly import suits
 from beamdesign.plant.effects import causes, library
 from beamdesign.prototype import Prototype
 
@@ -134,7 +134,7 @@ def dictionary(prototype: Prototype, evidence: Sequence[RecordEvidence], null: F
     residual, tolerances = (np.concatenate(parts) for parts in zip(*base, strict=True))
     names: list[str] = []
     columns: list[np.ndarray] = []
-    for name in (name for name, effect in causes().items() if not effect.realises and fits(name, prototype.rig)):
+    for name in (name for name, effect in causes().items() if not effect.realises and suits(name, prototype)):
         if (change := _change(name, prototype, evidence, null, residual)) is not None:
             names.append(name)
             columns.append(change)

@@ -16,7 +16,7 @@ from typing import Self
 import numpy as np
 
 from beamdesign.controllers import Controller, Proportional
-from beamdesign.parameters import PARAMETERS, RIG_TOLERANCES
+from beamdesign.parameters import PARAMETERS, RIG_TOLERANCES, TORSION
 from beamdesign.plant.assembly import Assembly, Structure, assemble, of_rig, parameters_of, sizes, suits
 from beamdesign.plant.component import Law
 from beamdesign.plant.effects import causes, laws_of, library
@@ -94,7 +94,7 @@ def tolerated(prototype: Prototype, free: tuple[str, ...] = ()) -> tuple[Unknown
         spread = getattr(prototype.tolerance, key)
         if figure == "filter_frequency" and prototype.sensor.filter_Hz is None:
             continue
-        if nominal.get(figure, 0.0) <= 0:
+        if nominal.get(figure, 0.0) <= 0 or (figure in TORSION and nominal["payload_lever"] == 0):
             continue
         if figure in free:
             found.append(Unknown(figure, nominal[figure], FREE, False, 0.0, np.inf, "free", spread))
@@ -217,10 +217,10 @@ def place(kinds: Structure, unknowns: tuple[Unknown, ...]) -> Placement:
     rows = np.zeros((len(index), len(unknowns)))
     for k, unknown in enumerate(unknowns):
         rows[index[unknown.name], k] = 1.0
-        # The dashpot of a beam, b = 2 zeta sqrt(K M), goes with its stiffness and its mass.
-        for beam in ("outer", "inner"):
-            if unknown.name in (f"{beam}_stiffness", f"{beam}_mass"):
-                rows[index[f"{beam}_damping"], k] = 0.5
+        # The dashpot of a beam, b = 2 zeta sqrt(K M), goes with its stiffness and its mass; so does that of torsion.
+        for part in ("outer", "inner", "torsional"):
+            if unknown.name in (f"{part}_stiffness", f"{part}_mass"):
+                rows[index[f"{part}_damping"], k] = 0.5
     return Placement(assembly, unknowns, rows)
 
 

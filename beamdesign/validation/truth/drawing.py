@@ -335,7 +335,7 @@ def _sized(case: Case, name: str, probe: dict[str, Motion], aim: float, rng: np.
     figure, sign, shape = "", 1.0, Shape()
     if name.startswith("parameter:"):
         figures, _ = PARAMETERS[name.removeprefix("parameter:")]
-        figure, sign = str(rng.choice(figures)), float(rng.choice([-1, 1]))
+        figure, sign = str(rng.choice([name for name in figures if name in case.factors])), float(rng.choice([-1, 1]))
         least = 3.5 * tolerance_of(case.nominal, figure)
         low, high = max(least, 0.03), max(1.0, 1.5 * least)
     else:

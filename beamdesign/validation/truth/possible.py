@@ -12,13 +12,13 @@ one plane of an arm with a cylinder and a lag."""
 _PARAMETERS: dict[str, tuple[tuple[str, ...], str]] = {
     "flow_gain": (("flow_gain",), "servovalve"),
     "effective_mass": (("outer_mass", "inner_mass"), "structure"),
-    "stiffness": (("outer_stiffness", "inner_stiffness"), "structure"),
+    "stiffness": (("outer_stiffness", "inner_stiffness", "torsional_stiffness"), "structure"),
     "oil_stiffness": (("oil_stiffness",), "oil"),
     "valve_natural_frequency": (("valve_frequency",), "servovalve"),
     "valve_damping_ratio": (("valve_damping_ratio",), "servovalve"),
     "piston_area": (("piston_area",), "actuator"),
     "sensor_gain": (("sensor_gain",), "sensor"),
-    "beam_damping_ratio": (("outer_damping_ratio", "inner_damping_ratio"), "structure"),
+    "beam_damping_ratio": (("outer_damping_ratio", "inner_damping_ratio", "torsional_damping_ratio"), "structure"),
 }
 _MOTOR = {
     "screw_stiffness": "actuator", "lead": "actuator", "torque_constant": "actuator", "rotor_inertia": "actuator",
@@ -26,7 +26,7 @@ _MOTOR = {
 }  # fmt: skip
 _HYDRAULIC = ("flow_gain", "oil_stiffness", "valve_natural_frequency", "valve_damping_ratio", "piston_area")
 PARAMETERS = _PARAMETERS | {name: ((name,), where) for name, where in _MOTOR.items()}
-"""Plain wrong figures, by key of [tolerance]: which of the rig's figures may be wrong (one of them is), subsystem."""
+"""Plain wrong figures, by key of [tolerance]: which of those that a rig has may be wrong (one is), and subsystem."""
 
 
 def on(rig: Rig, names: Iterable[str]) -> tuple[str, ...]:
