@@ -155,6 +155,16 @@ def test_a_held_current_bends_the_beams_by_its_torque_over_the_lead():
     assert held.screw_force[-1] == pytest.approx(force, rel=1e-3)
 
 
+def test_a_motor_at_its_limit_gives_that_current_whatever_is_asked_of_it():
+    """Its torque over the lead bends the outer beam; the speed feedback has no part in it, and a small current all."""
+    still = {"gain": 1.0, "sensor_gain": 1e-12, "inner_damping": 2e3, "screw_damping": 1e4, "rotor_friction": 0.05}
+    for asked, given in ((200.0, 8.0), (0.5, 0.5)):
+        record, modes = screw(**still, speed_feedback=0.05, motor_limit=8.0, motor_knee=20.0)
+        held = march(record, modes, drive(2.0, command=constant(asked)))
+        assert held.outer[-1] == pytest.approx(1.2 * given * 2 * pi / 0.02 / 486800, rel=2e-3)
+        assert held.current[-1] == pytest.approx(asked, rel=1e-6)
+
+
 def test_a_nut_is_free_between_its_flanks_and_is_never_pulled():
     assert laws.flanks(0.9e-6, 1.0, 2e-6, 8e7, 600.0) == 0.0
     assert laws.flanks(-3e-6, 0.0, 2e-6, 8e7, 600.0) == pytest.approx(-160.0)
@@ -182,8 +192,8 @@ def test_a_screw_is_a_data_set_of_the_contract(turned, tmp_path):
 
 @pytest.mark.parametrize(
     "name",
-    ["joint_backlash", "seal_friction", "current_saturation", "squeezed_seal", "quadratic_drag", "torque_ripple",
-     "torque_drift"],
+    ["joint_backlash", "seal_friction", "current_saturation", "motor_current_limit", "squeezed_seal", "quadratic_drag",
+     "torque_ripple", "torque_drift"],
 )  # fmt: skip
 def test_more_of_an_effect_of_a_screw_changes_more(turned, name):
     low, high = KINDS[name].range

@@ -249,7 +249,7 @@ _LISTED = (
     ),
     Kind(
         "motor_current_limit", "amplifier", _draws(knee=_between(6, 20)),
-        lambda s, q, v: {"motor_limit": 3 * s.current / v, "motor_knee": q["knee"]}, (0.7, 60),
+        lambda s, q, v: {"motor_limit": 3 * s.current / v, "motor_knee": q["knee"]}, (2.5, 25),
         lambda f: {"limit_A": f["motor_limit"]},
     ),
     Kind(
