@@ -26,7 +26,7 @@ SHARES: dict[Kind, float] = {
     "null": 0.20, "single": 0.39, "parameter": 0.08, "pair": 0.12, "outside": 0.12, "triple": 0.05, "alone": 0.04,
 }  # fmt: skip
 """Of all cases."""
-RIGS: tuple[Rig, ...] = ("lag", "lag", "structured", "ball_screw", "observer", "arm")
+RIGS: tuple[Rig, ...] = ("lag", "lag", "arm", "structured", "ball_screw", "observer")
 HISSES: tuple[Hiss, ...] = ("white", "white", "white", "coloured", "outliers")
 """Dealt to the cases of each kind: a fifth of them each."""
 FIGURES = (False, False, False, False, True)
