@@ -74,7 +74,7 @@ def with_arm(table: Table, rng: np.random.Generator) -> Table:
         "torsional_damping_ratio": float(f"{rng.uniform(0.01, 0.05):.2g}"),
     }
     share = float(rng.uniform(0.3, 1.0))
-    if rng.uniform() < 0.35:  # else the servo measures on the axis at the tip
+    if rng.uniform() < 0.35 and stands != "on":  # else the servo measures on the axis at the tip
         arm["sensor_m"] = [rounded(share * part) for part in offset]
     return table | {"outer_beam": beam, "arm": arm, "material": {"alloy": dict(ALLOY)}}
 
