@@ -347,7 +347,7 @@ def test_names_of_hypotheses():
     )  # one more for an effect each, no pair with it
     assert len(pairs(alone)) == len(alone) * (len(alone) - 1) // 2 - laws
     assert laws_of_one_effect not in pairs(alone)
-    assert Hypothesis(("parameter:stiffness",)).figures == ("outer_stiffness", "inner_stiffness")
+    assert Hypothesis(("parameter:stiffness",)).figures == ("outer_stiffness", "inner_stiffness", "torsional_stiffness")
     assert scenario().record[0].name == "command_small"
 
 

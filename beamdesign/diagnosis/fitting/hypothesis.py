@@ -253,7 +253,7 @@ class Hypothesis:
 
     @property
     def figures(self) -> tuple[str, ...]:
-        """Figures of the rig that are set free."""
+        """Figures that are set free, of those that the rig has."""
         keys = [name.removeprefix(WRONG) for name in self.names if name.startswith(WRONG)]
         return tuple(figure for figure, key in RIG_TOLERANCES.items() if key in keys)
 
