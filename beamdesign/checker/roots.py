@@ -10,6 +10,7 @@ it is, a pair moves to the right where W grows with w^2 and to the left where it
 """
 
 from collections.abc import Callable, Iterable, Sequence
+from functools import cached_property
 from itertools import pairwise, product
 from typing import Any
 
@@ -184,7 +185,8 @@ def is_hurwitz(polynomial: fmpq_poly) -> bool:
     for left in range(degree, 0, -1):
         if lower.degree() != left - 1 or lower[left - 1] * upper[left] <= 0:
             return False
-        upper, lower = lower, upper - fmpq_poly([0, upper[left] / lower[left - 1]]) * lower
+        rest = (upper - fmpq_poly([0, upper[left] / lower[left - 1]]) * lower).numer()
+        upper, lower = lower, fmpq_poly(rest // max(rest.content(), 1))  # a positive factor changes no sign
     return True
 
 
@@ -195,16 +197,22 @@ def determinant_of(matrix: fmpq_mat) -> fmpq:
 
 
 class Family:
-    """p0 + m p1 with the polynomials in m that vanish wherever stability can change."""
+    """p0 + m p1, and where in m it is stable."""
 
     def __init__(self, p0: fmpq_poly, p1: fmpq_poly):
         self.p0, self.p1 = p0, p1
         self.degree = max(p0.degree(), p1.degree())
-        # Orlando: the last but one determinant vanishes where two roots add up to zero. It is a polynomial in m of
-        # at most this degree, and found by interpolation.
+
+    @cached_property
+    def critical(self) -> list[fmpq_poly]:
+        """The polynomials in m that vanish wherever stability can change.
+
+        Orlando: the last but one determinant vanishes where two roots add up to zero. It is a polynomial in m of at
+        most the degree of the family, and found by interpolation.
+        """
         masses = map(fmpq, range(max(self.degree, 1)))
         determinant = interpolated(lambda m: determinant_of(_hurwitz_matrix(self.at(m), self.degree)), masses)
-        self.critical = [determinant, *(fmpq_poly([p0[k], p1[k]]) for k in (0, self.degree))]
+        return [determinant, *(fmpq_poly([self.p0[k], self.p1[k]]) for k in (0, self.degree))]
 
     def at(self, mass: fmpq) -> fmpq_poly:
         """The member at one mass."""
