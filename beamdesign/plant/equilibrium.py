@@ -5,7 +5,7 @@ What would fill the machine with steps is refused before it is begun.
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cache, cached_property
+from functools import cache, cached_property, lru_cache
 from math import ceil, inf, log
 from operator import itemgetter
 from typing import Any
@@ -310,7 +310,15 @@ def substeps_for(assembly: Assembly, parameters: np.ndarray, times: np.ndarray) 
     Raises:
         InputError: where the record would take more than `MOST_STEPS`.
     """
-    figure, places = dict(zip(assembly.parameters, parameters, strict=True)), []
+    places = _at_rest_and_loaded(assembly.kinds, tuple(parameters))
+    return substeps_at(assembly, places, parameters, times, _STEPS_PER_RADIAN)
+
+
+@lru_cache(64)  # the same rig is moved by many forces
+def _at_rest_and_loaded(kinds: Structure, values: tuple[float, ...]) -> list[Place]:
+    """Where a rig of some parameters stands without a load and under one that the actuator holds, either way."""
+    assembly, parameters, places = assemble(kinds), np.array(values), []
+    figure = dict(zip(assembly.parameters, values, strict=True))
     smaller = figure.get("piston_area", inf) * (1 - abs(figure.get("unequal_piston_areas.asymmetry", 0.0)))
     held = min(_TEST_LOAD_N, smaller * _supply(figure) / 2)
     for load in (0.0, held, -held):
@@ -319,7 +327,7 @@ def substeps_for(assembly: Assembly, parameters: np.ndarray, times: np.ndarray) 
             places.append((equilibrium(assembly, u, parameters), u))
         except ValueError:
             continue
-    return substeps_at(assembly, places, parameters, times, _STEPS_PER_RADIAN)
+    return places
 
 
 def _supply(figure: Mapping[str, float]) -> float:
