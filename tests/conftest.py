@@ -74,6 +74,24 @@ def one_start() -> Iterator[None]:
 
 
 @pytest.fixture
+def least_effort() -> Iterator[None]:
+    """Searches for a law, of which only what comes of them is looked at, take the least that leads to one."""
+    from one_start import least_effort
+
+    with least_effort():
+        yield
+
+
+@pytest.fixture
+def few_climbs() -> Iterator[None]:
+    """The worst member of a box is sought less far."""
+    from one_start import short_climbs
+
+    with short_climbs():
+        yield
+
+
+@pytest.fixture
 def no_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
     """Reports have captions alone, where nobody looks at the pictures that take as long to draw as what they show."""
     from beamdesign.build import result_folder

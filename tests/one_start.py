@@ -1,4 +1,4 @@
-"""Searches that go on with their best start alone: what is found is proved as ever, in half of the time."""
+"""Searches that go on with their best start alone, or with less: what is found is proved as ever."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -7,8 +7,18 @@ from functools import partial
 
 import pytest
 
-from beamdesign.synthesis import codesign, tuning
+from beamdesign.proofs import box_member
+from beamdesign.synthesis import codesign, refinement, tuning
 from beamdesign.synthesis.law_task import Effort, Search
+
+
+@contextmanager
+def short_climbs() -> Iterator[None]:
+    """The worst member of a box is sought among few, in few turns: what is proved of all is proved as ever."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(box_member, "_CLIMBING", 5)
+        patch.setattr(box_member, "_TURNS", 2)
+        yield
 
 
 @contextmanager
@@ -17,4 +27,13 @@ def best_start_alone() -> Iterator[None]:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(tuning, "Search", partial(Search, effort=Effort(wide=0, starts=1, refined=1, candidates=1)))
         patch.setattr(codesign, "SIZED_EFFORT", replace(codesign.SIZED_EFFORT, starts=1, candidates=1))
+        yield
+
+
+@contextmanager
+def least_effort() -> Iterator[None]:
+    """Beside that, a refinement keeps the limits at fewer points at once, and the worst rigs are sought less far."""
+    with pytest.MonkeyPatch.context() as patch, best_start_alone(), short_climbs():
+        patch.setattr(refinement, "_EVERY", 2 * refinement._EVERY)
+        patch.setattr(refinement, "_WORST", {kind: count // 2 for kind, count in refinement._WORST.items()})
         yield

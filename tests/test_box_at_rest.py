@@ -233,6 +233,7 @@ def test_where_it_is_not_proved_loops_keep_farther_from_the_critical_point(rig: 
     assert peaks[0] > 1.02 * 4.0
 
 
+@pytest.mark.usefixtures("few_climbs")
 @pytest.mark.parametrize(
     ("name", "options", "status"), [("tame_lag", ["--only", "flow_gain"], 0), ("structured", [], 1)]
 )

@@ -238,6 +238,7 @@ def test_no_guarantee_rests_on_a_certificate_that_says_that_the_loop_is_not_stab
     assert not check(unstable, prototype_table(remedy) | {"guarantee": guarantee | stated}).valid
 
 
+@pytest.mark.usefixtures("few_climbs")
 def test_a_guarantee_of_a_box_states_no_more_standard_deviations_than_it_has() -> None:
     few = Tolerance(stiffness=0.03, beam_damping_ratio=0.2, flow_gain=0.05)
     own = read_prototype(TAME).but(guarantee=None, tolerance=few)

@@ -157,6 +157,7 @@ def test_kept_results_rest_on_the_file_that_registers_it() -> None:
     assert code_digest(place) == shipped
 
 
+@pytest.mark.usefixtures("few_climbs")
 def test_commands_take_it(rig: Prototype) -> None:
     write_prototype(rig, Path("p.toml"))
     Path("s.toml").write_text(SCENARIO)

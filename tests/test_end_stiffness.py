@@ -87,6 +87,13 @@ def judged(rig: Prototype, brisk: Compliance) -> dict[str, EndStiffness]:
     return {name: judge(rig, law, MASSES_KG, WALL) for name, law in (("soft", SOFT), ("firm", FIRM), ("brisk", brisk))}
 
 
+@pytest.fixture
+def short(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A search that takes a second."""
+    for name, count in {"_ROUNDS": 1, "_STARTS": 100, "_STEPS": 60, "_REFINING_STEPS": 1}.items():
+        monkeypatch.setattr(stiffness_search, name, count)
+
+
 def port_of(rig: Prototype, law: Compliance) -> Loop:
     return close_loop(sensed(rig), controller_of(rig, law))
 
@@ -640,6 +647,7 @@ def test_a_law_that_integrates_is_told_as_that_beside_a_valve_that_leaks(rig: Pr
         judge(rig.but(controller=sums), None, (0.0, 6.8), Wall((fmpq(0), fmpq(10**9))))
 
 
+@pytest.mark.usefixtures("short")
 def test_the_search_finds_a_passive_law(rig: Prototype, tmp_path: Path) -> None:
     answer, source = tmp_path / "answer.json", tmp_path / "rig.toml"
     write_prototype(rig.but(tolerance={}), source)
@@ -655,6 +663,7 @@ def test_the_search_finds_a_passive_law(rig: Prototype, tmp_path: Path) -> None:
     assert said["drawn"] == []
 
 
+@pytest.mark.usefixtures("short")
 def test_a_rig_ten_times_as_quick_is_given_ten_times_the_band(rig: Prototype) -> None:
     bands = [
         give(as_quick(rig.but(tolerance={}), pace), 3e5 * pace**2, MASSES_KG).best.band_Hz / pace  # type: ignore[union-attr]
@@ -746,13 +755,6 @@ def test_the_shipped_compliant_rig_is_what_its_compliance_says() -> None:
     assert rig.compliance is not None
     assert rig.controller == controller_of(rig, rig.compliance)
     assert judge(rig, rig.compliance, MASSES_KG, WALL).meets("passive")
-
-
-@pytest.fixture
-def short(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A search that takes a second."""
-    for name, count in {"_ROUNDS": 1, "_STARTS": 100, "_STEPS": 60, "_REFINING_STEPS": 1}.items():
-        monkeypatch.setattr(stiffness_search, name, count)
 
 
 @pytest.mark.usefixtures("short")

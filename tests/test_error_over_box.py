@@ -1,6 +1,7 @@
 """How far bounded errors move the tip of every rig of a box: against exponentials, the exact prover and moving rigs."""
 
 import tomllib
+from collections.abc import Iterator
 from dataclasses import replace
 from itertools import product
 from math import hypot, sqrt
@@ -10,17 +11,17 @@ import pytest
 from contradictions import motions
 from flint import fmpq, fmpq_poly
 from forging import altered
-from honest_certificates import erring, honest, valid
+from honest_certificates import coarsely, erring, honest, valid
 
-from beamdesign import check
+from beamdesign import Prototype, check
 from beamdesign.loop import rig_loop
 from beamdesign.plant.members import STANDARD_GRAVITY, family
 from beamdesign.polynomial import exact, nearest
 from beamdesign.proofs import bounded_error, changing_gain, error_over_box
-from beamdesign.proofs.box import certify_box
-from beamdesign.proofs.box_claims import claim_over_box
+from beamdesign.proofs.box import Box, certify_box
+from beamdesign.proofs.box_claims import BoxClaim, claim_over_box
 from beamdesign.proofs.box_member import with_number
-from beamdesign.proofs.certificate import Asked, Weighed
+from beamdesign.proofs.certificate import Asked, Row, Weighed
 from beamdesign.proofs.error_over_box import errors_over_box
 from beamdesign.proofs.rig_family import rig_family
 from beamdesign.proofs.scope import members
@@ -30,6 +31,19 @@ from beamdesign.scenario import Multisine
 from beamdesign.structure.lumped import figures, with_figures
 
 CLAIM = ("claim", 0)
+
+
+@pytest.fixture
+def coarse() -> Iterator[None]:
+    """Where a bound need not be near what it bounds."""
+    with coarsely():
+        yield
+
+
+@pytest.fixture(scope="module")
+def with_hysteresis() -> tuple[Prototype, Box, list[BoxClaim], list[Row]]:
+    """How far a valve's hysteresis moves the rigs of a box."""
+    return erring({"valve_hysteresis": {}})
 
 
 @pytest.mark.parametrize("rate", [1.0, 40.0])
@@ -74,6 +88,7 @@ def test_a_force_is_worth_no_more_flow_than_its_lead_says(decay: float):
     assert (np.max(sizes, axis=0) >= 0.6 * abs(r + t * 1j * w)).all()
 
 
+@pytest.mark.usefixtures("coarse")
 @pytest.mark.parametrize("effects", [{"entrained_air": {}}, {"unequal_piston_areas": {}}])
 def test_of_other_oil_and_sides_a_force_is_not_worth_that_flow(effects: dict[str, dict[str, float]]):
     """So nothing is proved of friction beside them, and what is proved of a hysteresis can be proved again."""
@@ -96,17 +111,18 @@ def test_of_a_sensor_that_rides_on_the_mount_nothing_is_proved():
     assert all("rides on the mount" in row.covers for row in (*rows, *exactly))
 
 
+@pytest.mark.usefixtures("coarse")
 @pytest.mark.parametrize("share", [fmpq(1), fmpq(99, 100)])
 def test_a_lead_that_is_too_small_is_refused(monkeypatch: pytest.MonkeyPatch, share: fmpq):
     """All else being proved with it."""
     true = error_over_box.leading
     monkeypatch.setattr(error_over_box, "leading", lambda *given: tuple(share * one for one in true(*given)))
-    monkeypatch.setattr(error_over_box, "_HALVINGS", 0)
     rig, box, claims, _ = erring({"seal_friction": {}})
     assert [claim.holds for claim in claims] == [True]
     assert valid(certify_box(rig, box, volumes=False).write(claims)) is (share == 1)
 
 
+@pytest.mark.usefixtures("coarse")
 def test_what_is_behind_a_dead_band_may_have_more_gain():
     """A dead band of the spool hides more flow of a member with a larger flow gain; its claims are of the largest."""
     rig, box, claims, _ = erring({"valve_deadband": {"half_width_A": 1e-4}})
@@ -115,6 +131,7 @@ def test_what_is_behind_a_dead_band_may_have_more_gain():
     assert [nearest(claim.asked.error.size) for claim in claims] == pytest.approx([1e-4 * largest] * len(claims))
 
 
+@pytest.mark.usefixtures("coarse")
 def test_while_a_gain_ripples_errors_of_a_box_are_of_its_largest_gain():
     ripple = {"carrier_ripple": {"depth": 0.1, "residual_V": 0.01}}
     rig = erring({})[0].but(tolerance=Tolerance(sensor_gain=0.02), effects=ripple)
@@ -142,8 +159,10 @@ def test_without_width_it_is_above_the_integral_and_not_far():
 
 
 @pytest.mark.parametrize("shares", [(-1, -1), (1, 1), (1, -1)])
-def test_drawn_rigs_stray_by_less(shares: tuple[int, int]):
-    rig, _, claims, rows = erring({"valve_hysteresis": {}})
+def test_drawn_rigs_stray_by_less(
+    shares: tuple[int, int], with_hysteresis: tuple[Prototype, Box, list[BoxClaim], list[Row]]
+):
+    rig, _, claims, rows = with_hysteresis
     (bound,) = [row.bound_m for row in rows]
     assert bound == max(claim.asked.limit for claim in claims)
     one = with_figures(rig, {"outer_stiffness": 1 + 0.03 * shares[0], "flow_gain": 1 + 0.05 * shares[1]})

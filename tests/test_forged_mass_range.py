@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 import tomli_w
 from forging import Table, put, resealed, sealed_text, times
-from honest_certificates import Honest, certified, honest, share_of_work, valid
+from honest_certificates import SHARE, Honest, certified, honest, share_of_work, valid
 
 from beamdesign import check, write_prototype
 from beamdesign.checker import Unreadable
@@ -251,7 +251,7 @@ def test_work_has_a_limit(stable: Honest, spans: int):
     """Too many combinations; and as many as there may be, of a high degree and with many claims."""
     span = {f"a{k}": {"ends": ["0", "1"]} for k in range(spans)}
     effect = {"name": "x", "parameters": {}, "span": span, "elements": _lags(12)}
-    with share_of_work(), pytest.raises(Unreadable, match="combinations" if spans > 6 else "work"):
+    with share_of_work(8 * SHARE), pytest.raises(Unreadable, match="combinations" if spans > 6 else "work"):
         check(resealed(stable.table | {"effect": [effect], "claim": [stable.table["claim"][0]] * 64}))
 
 

@@ -290,7 +290,7 @@ def test_polish_does_not_lose_what_it_starts_from(shipped: Prototype) -> None:
 
 TINY = Effort(
     steps=12,
-    rounds=2,
+    rounds=1,
     starts=1,
     weights=16,
     evaluations=12,

@@ -300,6 +300,7 @@ def test_notes_at_neighbouring_ends_of_stability_do_not_overlap() -> None:
     assert all(right.x0 > left.x1 for left, right in pairwise(boxes))
 
 
+@pytest.mark.usefixtures("no_pictures")
 def test_a_front_beside_the_result_is_shown(run: DesignRun, tmp_path: Path) -> None:
     rows = [
         "outer_end_mass_high_kg,bandwidth_Hz,moving_mass_kg,proved",

@@ -95,6 +95,7 @@ RESULTS = {
 }
 
 
+@pytest.mark.usefixtures("few_climbs")
 @pytest.mark.parametrize("name", RESULTS)
 def test_a_result_is_plain_in_a_file_and_whole_in_a_copy_and_in_another_process(name: str):
     """A result comes back from a process only pickled, and an exact number has to be that number there."""

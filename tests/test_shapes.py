@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 import tomli_w
+from finite_elements import meshed
 from forging import sealed_text
 from hypothesis import given
 from hypothesis import strategies as st
@@ -67,13 +68,7 @@ def test_published_round_tube():
 
 @pytest.mark.parametrize(("width", "depth", "wall", "radius"), [(60, 100, 4, 8), (100, 60, 4, 0), (50, 100, 3, 5)])
 def test_rectangles_agree_with_sectionproperties(width, depth, wall, radius):
-    from sectionproperties.analysis import Section
-    from sectionproperties.pre.library import rectangular_hollow_section
-
-    outline = rectangular_hollow_section(d=depth, b=width, t=wall, r_out=radius, n_r=32)
-    outline.create_mesh(mesh_sizes=[wall**2 / 2])
-    analysed = Section(outline)
-    analysed.calculate_geometric_properties()
+    analysed = meshed(width, depth, wall, radius, 32, wall**2 / 2)
     analysed.calculate_warping_properties()
     about_x, about_y, _ = analysed.get_ic()
     tube = rectangle(width, depth, wall, radius)

@@ -13,7 +13,7 @@ from forging import altered
 from limit_trades import LIMITS, Trade, plot_limit_trades
 from loop_effort import effort_response
 from matplotlib.figure import Figure
-from one_start import best_start_alone
+from one_start import least_effort
 from scipy.signal import sos2zpk, zpk2tf
 from typer.testing import CliRunner
 
@@ -245,11 +245,11 @@ def test_sampled_slacks_are_those_of_the_exact_loop(rig: Prototype) -> None:
 @pytest.fixture(scope="module")
 def tuned(rig: Prototype) -> Tuning:
     """One section, without payload: enough to be twice as fast as a lag."""
-    with best_start_alone():
+    with least_effort():
         return tune(rig, (0.0, 0.0), "structured", 0.0, sections=1, sigmas=0.0)
 
 
-@pytest.mark.usefixtures("one_start")
+@pytest.mark.usefixtures("least_effort")
 def test_a_section_nearly_doubles_the_bandwidth_of_the_lag(rig: Prototype, tuned: Tuning) -> None:
     """The lag alone reaches 5.6 Hz with this filter."""
     lag = tune(rig, (0.0, 0.0), "lag", 0.0, sigmas=0.0)
@@ -265,7 +265,7 @@ def test_a_section_nearly_doubles_the_bandwidth_of_the_lag(rig: Prototype, tuned
     assert closed.peak_sensitivity() <= 2.0
 
 
-@pytest.mark.usefixtures("one_start")
+@pytest.mark.usefixtures("least_effort")
 def test_limits_of_the_goal_cost_bandwidth(rig: Prototype, tuned: Tuning) -> None:
     """A current that is ten times less allows less, and a lag keeps the goal's limits too."""
     tighter = rig.but(goal=rig.goal.but(controller_effort_A_per_V=0.006))
@@ -292,7 +292,7 @@ def test_what_a_good_rig_delivers_is_what_its_linear_loop_promises(tuned: Tuning
     assert delivered(weak, 0.0, 300.0).bandwidth_Hz < 0.5 * found.bandwidth_Hz
 
 
-@pytest.mark.usefixtures("one_start")
+@pytest.mark.usefixtures("least_effort")
 def test_the_command_tunes_within_limits_and_says_which(rig: Prototype, tmp_path: Path) -> None:
     bare = rig.but(goal=type(rig.goal)(), controller=None)
     write_prototype(bare, tmp_path / "bare.toml")

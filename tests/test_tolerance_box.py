@@ -231,6 +231,7 @@ def test_rig_with_delay_agrees_with_its_loop_response(rig):
     assert certify_box(fixed, box_of({"delay": (0.0, float(1.01 * limit))}), volumes=False).stable is False
 
 
+@pytest.mark.usefixtures("few_climbs")
 def test_command(rig, tmp_path: Path):
     path, out, table = tmp_path / "rig.toml", tmp_path / "proof" / "box.toml", tmp_path / "result.json"
     write_prototype(rig, path)
@@ -258,6 +259,7 @@ def test_command(rig, tmp_path: Path):
     assert prove_again([str(out), str(path)]) == 0
 
 
+@pytest.mark.usefixtures("few_climbs")
 def test_a_box_and_how_far_it_is_proved_are_told_rounded_inwards(rig, tmp_path: Path):
     path = tmp_path / "rig.toml"
     write_prototype(rig.but(tolerance=Tolerance()), path)
@@ -269,6 +271,7 @@ def test_a_box_and_how_far_it_is_proved_are_told_rounded_inwards(rig, tmp_path: 
     assert reason == "proved up to 2.593, undecided at 2.601, refuted at 2.651"
 
 
+@pytest.mark.usefixtures("few_climbs")
 def test_where_nothing_scales_nothing_is_said_to_be_proved_up_to_a_factor(rig, tmp_path: Path):
     """Payload and delay are rigid: a box of these alone is itself at every factor."""
     path, table = tmp_path / "rig.toml", tmp_path / "result.json"

@@ -134,6 +134,7 @@ def test_the_published_breaks_reach_three_point_eight_hertz(rig: Prototype, lag:
     assert lag.best.bandwidth_Hz > 1.3 * bandwidth
 
 
+@pytest.mark.usefixtures("one_start")
 @pytest.mark.parametrize("pace", [0.01, 10.0])
 def test_a_rig_so_many_times_as_quick_has_as_many_times_the_bandwidth(rig: Prototype, lag: Tuning, pace: float):
     found = tune(as_quick(rig, pace), RANGE_KG, sigmas=0.0)
