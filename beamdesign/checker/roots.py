@@ -186,7 +186,7 @@ def is_hurwitz(polynomial: fmpq_poly) -> bool:
         if lower.degree() != left - 1 or lower[left - 1] * upper[left] <= 0:
             return False
         rest = (upper - fmpq_poly([0, upper[left] / lower[left - 1]]) * lower).numer()
-        upper, lower = lower, fmpq_poly(rest // max(rest.content(), 1))  # a positive factor changes no sign
+        upper, lower = lower, fmpq_poly(rest // (int(rest.content()) or 1))  # a positive factor changes no sign
     return True
 
 
