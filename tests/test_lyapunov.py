@@ -470,7 +470,7 @@ def test_textbook_inequality_relaxed_to_tolerance_is_refused(remedy):
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", message="Solution may be inaccurate")
         problem.solve(solver="SCS", max_iters=20_000)
-    # SCS 3.2 says "optimal_inaccurate", after more steps "optimal"; a better solver may say "infeasible" and return nothing.
+    # SCS 3.2 says "optimal_inaccurate" (after more steps "optimal"); a better solver "infeasible", and returns nothing.
     assert p.value is None or checked([family], Sought(LOW, HIGH), [p.value])[1]
     assert not frozen([family], LOW, HIGH).stable
 
