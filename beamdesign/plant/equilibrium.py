@@ -94,12 +94,28 @@ def linearise(assembly: Assembly, x: np.ndarray, u: np.ndarray, parameters: np.n
 
     Args:
         assembly: the rig.
-        x: (n,) states.
-        u: (3,) inputs.
-        parameters: in the assembly's order.
+        x: (n,) states; (n, K) for K points, whose matrices then stand side by side.
+        u: (3,) inputs, or (3, K).
+        parameters: in the assembly's order, (P,) or (P, K).
     """
-    values = _derivatives(assembly.kinds)(0.0, x, u, parameters)[1:]
-    return StateSpace(*(np.asarray(value) for value in values))
+    function, still = _derivatives(assembly.kinds), np.zeros(1)
+    if x.ndim > 1:
+        function, still = function.map(x.shape[1]), np.zeros((1, x.shape[1]))
+    return StateSpace(*_evaluated(function, still, x, u, parameters)[1:])
+
+
+def _evaluated(function: ca.Function, *given: np.ndarray) -> list[np.ndarray]:
+    """All outputs of a function whose matrices are dense, written in their place: see `_InPlace`."""
+    held = [np.array(value.T, dtype=float, order="C") for value in given]  # CasADi's matrices go column by column
+    found = [np.zeros(function.size_out(k)[::-1]) for k in range(function.n_out())]
+    buffer: Any
+    buffer, evaluate = function.buffer()
+    for k, array in enumerate(held):
+        buffer.set_arg(k, array.data)
+    for k, array in enumerate(found):
+        buffer.set_res(k, array.data)
+    evaluate()
+    return [np.ascontiguousarray(array.T) for array in found]
 
 
 def equilibrium(assembly: Assembly, u: np.ndarray, parameters: np.ndarray) -> np.ndarray:
@@ -268,7 +284,7 @@ def equilibrium_sensitivity(
         ValueError: at an unknown parameter.
     """
     names = tuple(free)
-    of_states, of_parameters = (np.asarray(value) for value in _rest(assembly.kinds, names)(0.0, x, u, parameters))
+    of_states, of_parameters = _evaluated(_rest(assembly.kinds, names), np.zeros(1), x, u, parameters)
     moving = not_held(assembly)
     weight = scales(assembly.states)[moving]
     scaled = of_states[np.ix_(moving, moving)] / weight[:, None] * weight[None, :]

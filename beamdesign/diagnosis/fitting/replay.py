@@ -113,7 +113,7 @@ class Replay:
             y, _ = integrate(assembly.kinds, times, inputs, start, parameters, substeps, FURTHEST_M)
             return (y[:, columns], np.zeros(0)) if len(y) == len(times) else None
         names = tuple(assembly.parameters[k] for k in placement.moved)
-        moved = equilibrium_sensitivity(assembly, rest, np.zeros(3), parameters, names)
+        moved = _rest_moved(assembly.kinds, parameters.tobytes(), rest.tobytes(), names)
         moved = moved if begun is None else moved + begun[1]
         y, dy = integrate_with_sensitivities(
             assembly.kinds, times, inputs, start, moved, parameters, names, substeps, FURTHEST_M, columns
@@ -131,7 +131,7 @@ class Replay:
 
     def _enough(self, placement: Placement, parameters: np.ndarray, rest: np.ndarray) -> int:
         """Integration steps per sample, as at rest; of a law that is steep elsewhere, until more change little."""
-        count = _steps(self.record.step, placement, parameters, rest)
+        count = _steps(self.record.step, placement.assembly.kinds, parameters.tobytes(), rest.tobytes())
         assembly, times = placement.assembly, self.record.since_start
         effects = assembly.kinds.effects
         if not set(effects) & _STEEP or law_of_play(effects):
@@ -167,17 +167,25 @@ def _at_rest(kinds: Structure, parameters: bytes) -> np.ndarray:
     return equilibrium(assemble(kinds), np.zeros(3), np.frombuffer(parameters))
 
 
-def _steps(sample_s: float, placement: Placement, parameters: np.ndarray, rest: np.ndarray) -> int:
+@lru_cache(64)
+def _rest_moved(kinds: Structure, parameters: bytes, rest: bytes, names: tuple[str, ...]) -> np.ndarray:
+    """How the equilibrium moves by parameters: once for all records of one law and one payload."""
+    at = np.frombuffer(rest)
+    return equilibrium_sensitivity(assemble(kinds), at, np.zeros(3), np.frombuffer(parameters), names)
+
+
+@lru_cache(64)
+def _steps(sample_s: float, kinds: Structure, figures: bytes, at: bytes) -> int:
     """Integration steps per sample: enough for the fastest pole at rest, and with a joint that has play bearing.
 
     What happens within the short while that a joint bears need be stable, not exact; more so where a record is followed
     than from rest, where it cannot be repeated anyway.
     """
-    assembly = placement.assembly
+    assembly, parameters, rest = assemble(kinds), np.frombuffer(figures), np.frombuffer(at)
     points = [(rest, 1.0)]
-    if law_of_play(assembly.kinds.effects):
+    if law_of_play(kinds.effects):
         touching = bearing(assembly, rest, parameters)
-        points.append((touching, _BRIEFLY if assembly.kinds.own_share == 1.0 else _FOLLOWING))
+        points.append((touching, _BRIEFLY if kinds.own_share == 1.0 else _FOLLOWING))
     try:
         fastest = max(
             float(np.abs(np.linalg.eigvals(linearise(assembly, x, np.zeros(3), parameters).a)).max()) * share
