@@ -101,8 +101,10 @@ def write_table(path: Path, header: str, table: np.ndarray) -> None:
     path.write_text(f"{header}\n" + row * len(table) % tuple(table.ravel().tolist()))
 
 
-def write_set(folder: Path, truth: Truth, voltages: tuple[float, ...] = (1.0, 2.0, 4.0), seed: int = 1) -> Path:
-    """A data set of two replicates per voltage and side."""
+def write_set(
+    folder: Path, truth: Truth, voltages: tuple[float, ...] = (1.0, 2.0, 4.0), seed: int = 1, every: int = 1
+) -> Path:
+    """A data set of two replicates per voltage and side, of every so many samples."""
     random = np.random.default_rng(seed)
     (folder / "records").mkdir(parents=True)
     (folder / "prototype.toml").write_text(PROTOTYPE)
@@ -112,7 +114,7 @@ def write_set(folder: Path, truth: Truth, voltages: tuple[float, ...] = (1.0, 2.
             for side in "ab":
                 name = f"records/{volts:g}V_{side}_{replicate}.csv"
                 header = f"t_s,command_V,displacement_m,pressure_{side}_Pa"
-                write_table(folder / name, header, record(truth, volts, side, random))
+                write_table(folder / name, header, record(truth, volts, side, random)[::every])
                 lines += ["[[record]]", f'file = "{name}"', f'condition = "{volts:g} V"', f"replicate = {replicate}"]
     (folder / "dataset.toml").write_text("\n".join(lines) + "\n")
     return folder

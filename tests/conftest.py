@@ -92,6 +92,14 @@ def few_climbs() -> Iterator[None]:
 
 
 @pytest.fixture
+def single_causes(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Records are searched for one cause at a time: pairs, which take half of the time, have tests of their own."""
+    from beamdesign.diagnosis.fitting import search
+
+    monkeypatch.setattr(search, "_two_at_once", lambda fitters, state, progress: list(state.fits))
+
+
+@pytest.fixture
 def no_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
     """Reports have captions alone, where nobody looks at the pictures that take as long to draw as what they show."""
     from beamdesign.build import result_folder

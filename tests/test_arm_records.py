@@ -29,7 +29,8 @@ from beamdesign.diagnosis.examination.nominal import nominal_loop
 from beamdesign.diagnosis.examination.plausibility import check_gains, examine
 from beamdesign.diagnosis.fitting import search as searching
 from beamdesign.diagnosis.fitting.evidence import record_evidence
-from beamdesign.diagnosis.fitting.fit import Fit, Share
+from beamdesign.diagnosis.fitting.fit import Fit, Share, Task
+from beamdesign.diagnosis.fitting.fitters import Fitters
 from beamdesign.diagnosis.fitting.gain_evidence import GainEvidence
 from beamdesign.diagnosis.fitting.hypothesis import NOTHING, Hypothesis, Placement, singles
 from beamdesign.diagnosis.predict import read_inputs
@@ -110,7 +111,8 @@ def test_a_payload_off_the_axis_is_no_gap_where_it_is_known_and_one_where_it_is_
     assert slow.causes[0].parameters["break_Hz"].value == pytest.approx(200.0, rel=0.02)
     assert "beamdesign arm" in redesign(slow.prototype, (0.0, 6.8)).reason
     on_axis = records(arm(), arm(None))
-    null = searching.search(on_axis).null
+    with Fitters(on_axis, 1) as fitters:
+        (null,) = fitters.each(Task(NOTHING, {}))
     assert null.error > 0.02**2 * len(on_axis.records)
 
 

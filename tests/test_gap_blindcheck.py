@@ -15,7 +15,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from gap_sets import believed, measured, only
+from gap_sets import believed, measured, only, scenario
 
 from beamdesign import InputError
 from beamdesign.code_digest import code_digest, folder_digest, sources
@@ -354,13 +354,13 @@ def test_small_gaps_are_scored_apart_and_nulls_with_the_large():
 def test_baselines_see_the_records_as_the_fits_do():
     """A recorder spoils three samples, which the diagnosis bridges: what is named is what is named without them."""
     lagging = believed().but(effects={"sensor_lag": {"break_Hz": 250.0}})
-    data = only(measured(lagging), ["command_large", "disturbance_large"])
+    data = only(measured(lagging, scenario(0.5)), ["command_large", "disturbance_large"])
     with Fitters(data, 1) as fitters:
         found = Search(fitters.each(Task(NOTHING, {}))[0], (), 1.0)
     spoilt = []
     for record in data.records:
         moved = record.measured["displacement_m"].copy()
-        moved[[400, 900, 1500]] += 0.9 * np.abs(moved).max()
+        moved[[200, 450, 750]] += 0.9 * np.abs(moved).max()
         spoilt.append(replace(record, measured={**record.measured, "displacement_m": moved}))
     named = baselines(data, found)
     assert named["largest score"]["chosen"] == ["sensor_lag"]
@@ -458,7 +458,7 @@ FIVE = tuple(
 """Every kind of case, both actuators, a payload 0.15 m off the axis of an arm, and every cause that `FEW` can name, one
 of them only in a pair."""
 FEW = ("transport_delay", "unequal_piston_areas", "parameter:flow_gain")
-"""The only candidates of the diagnoses below, with their pairs; a real one tries every effect and every figure."""
+"""The only candidates of the diagnoses below, one at a time; a real one tries every effect, every figure and pairs."""
 
 
 @pytest.fixture(scope="module")
@@ -484,6 +484,7 @@ def checked(made_once, tmp_path_factory):
         patch.setattr(blindcheck, "draw", _drawn)
         for room in (searching, separability):
             patch.setattr(room, "singles", few)
+        patch.setattr(searching, "_two_at_once", lambda fitters, state, progress: list(state.fits))
         patch.setattr(looking, "backlash_impacts", lambda *given: None)  # play is none of the few
         for longer in ("channels_in_time", "what_passed", "learn", "next_experiment"):  # have tests of their own
             patch.setattr(diagnosing, longer, lambda *given: None)

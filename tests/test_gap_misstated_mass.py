@@ -5,10 +5,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from gap_sets import LAG, believed, measured
+from gap_sets import LAG, believed, measured, scenario
 
 from beamdesign import diagnose, state_space
 from beamdesign.diagnosis.data.dataset import Dataset, FrequencyResponse, TimeRecord
+from beamdesign.diagnosis.fitting import search as searching
+from beamdesign.diagnosis.fitting.hypothesis import together
 from beamdesign.diagnosis.misstated_mass import misstated_mass, with_own_mass
 
 RIG = believed()
@@ -22,7 +24,7 @@ def stating(data: Dataset, name: str, **masses: float) -> Dataset:
 
 @pytest.fixture(scope="module")
 def sound() -> Dataset:
-    return measured(TRUE)
+    return measured(TRUE, scenario(0.7))
 
 
 @pytest.mark.parametrize(
@@ -43,7 +45,7 @@ def test_a_mass_that_is_not_the_one_stated_is_found_and_taken(sound: Dataset, na
 def test_no_mass_is_made_up(sound: Dataset):
     """Of a rig as believed, of one whose sensor lags in all records, and of a force that is off in one."""
     assert misstated_mass(sound) is None
-    assert misstated_mass(measured(TRUE.but(effects={"sensor_lag": {"break_Hz": 250.0}}))) is None
+    assert misstated_mass(measured(TRUE.but(effects={"sensor_lag": {"break_Hz": 250.0}}), scenario(0.7))) is None
     wrong = [
         replace(r, inputs=r.inputs * np.array([1.3, 1.0])) if r.name == "disturbance_large" else r
         for r in sound.records
@@ -59,6 +61,7 @@ def test_two_records_do_not_say_which_is_wrong(sound: Dataset):
 
 
 LINES = np.geomspace(3.0, 200.0, 60)
+RIVALS = ("sensor_lag", "mount_compliance", "second_beam_mode", "parameter:flow_gain")
 
 
 def response(name: str, true_kg: float, stated_kg: float) -> FrequencyResponse:
@@ -75,8 +78,9 @@ def responses(*masses: tuple[float, float]) -> Dataset:
     return Dataset("responses", Path(), RIG, (), taken)
 
 
-def test_a_frequency_response_states_a_mass_like_a_record(sound: Dataset):
-    """Measured at 3 kg, and stated with 2, among others and beside records."""
+def test_a_frequency_response_states_a_mass_like_a_record(sound: Dataset, monkeypatch: pytest.MonkeyPatch):
+    """Measured at 3 kg, and stated with 2, among others and beside records; no cause that looks alike is named."""
+    monkeypatch.setattr(searching, "singles", lambda rig: tuple(map(together, RIVALS)))
     assert misstated_mass(responses((2, 2), (4, 4), (3, 3), (6, 6))) is None
     wrong = responses((2, 2), (4, 4), (3, 2), (6, 6))
     for data in (wrong, replace(sound, responses=wrong.responses[2:3])):

@@ -31,11 +31,13 @@ KNOCK_s, LASTS_s = 0.5, 0.01
 THREE = ("command_large", "disturbance_small", "disturbance_large")
 
 
-def knocked(rig: Prototype, newtons: float = 1200.0, lasts_s: float = LASTS_s, names: Sequence[str] = THREE) -> Dataset:
-    """Records of a rig; in one somebody pushes the tip for ten milliseconds, which no force sensor records."""
-    plan = scenario()
+def knocked(
+    rig: Prototype, newtons: float = 1200.0, lasts_s: float = LASTS_s, names: Sequence[str] = THREE, long_s: float = 1.0
+) -> Dataset:
+    """Records of a rig; half way through one somebody pushes the tip for 10 ms, which no force sensor records."""
+    plan = scenario(long_s)
     rows = [row for row in plan.record if row.name in names]
-    blow = Step(amplitude_N=newtons, at_s=KNOCK_s, length_s=lasts_s)
+    blow = Step(amplitude_N=newtons, at_s=KNOCK_s * long_s, length_s=lasts_s)
     hit = [row.but(input=(*row.input, blow)) if row.name == "disturbance_small" else row for row in rows]
     data = measured(rig, plan.but(record=tuple(hit)))
     quiet = measured(rig, plan.but(record=tuple(rows)))
@@ -44,7 +46,7 @@ def knocked(rig: Prototype, newtons: float = 1200.0, lasts_s: float = LASTS_s, n
 
 
 @pytest.fixture
-def few(monkeypatch: pytest.MonkeyPatch) -> None:
+def few(monkeypatch: pytest.MonkeyPatch, single_causes: None) -> None:
     """Two causes in place of the whole library, and no look at what is none here at its full cost."""
     monkeypatch.setattr(searching, "singles", lambda rig: (SLOWED, WIDER))
     for finds_nothing in ("channels_in_time", "second_look", "next_experiment"):
@@ -99,7 +101,7 @@ def test_a_span_that_was_stated_is_not_told_as_found(few: None, slow_and_knocked
 
 def test_what_is_all_over_a_record_is_not_left_out(few: None) -> None:
     """A dead band departs wherever the current is small: nothing that passes."""
-    data = measured(believed().but(effects={"valve_deadband": {"half_width_A": 1e-3}}))
+    data = measured(believed().but(effects={"valve_deadband": {"half_width_A": 1e-3}}), scenario(0.7))
     data = replace(data, records=data.records[:3])
     found = search(data, 1)
     assert judge(found).unknown > 0.5
@@ -117,8 +119,8 @@ def test_without_a_cause_for_the_rest_nothing_is_left_out(few: None) -> None:
 
 
 def leant_on(rig: Prototype) -> Dataset:
-    """Four records of a rig; in one somebody leans on the tip for 0.4 s, which no force sensor records."""
-    return knocked(rig, 250.0, 0.4, (*THREE, "command_small"))
+    """Four records of a rig; in one somebody leans on the tip for 0.28 s, which no force sensor records."""
+    return knocked(rig, 250.0, 0.28, (*THREE, "command_small"), 0.7)
 
 
 def test_a_record_that_contradicts_all_others_is_left_out(few: None, monkeypatch: pytest.MonkeyPatch) -> None:

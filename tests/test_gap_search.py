@@ -67,7 +67,7 @@ def test_three_causes_at_once_are_found_where_two_leave_much(monkeypatch):
         "unequal_piston_areas": {"asymmetry": 0.15},
     }
     monkeypatch.setattr(searching, "singles", lambda rig: tuple(map(together, put_in)))
-    data = measured(believed().but(effects=put_in))
+    data = measured(believed().but(effects=put_in), scenario(0.6))
     found = search(replace(data, records=data.records[:4]))
     judged = judge(found)
     assert judged.best.hypothesis.causes == tuple(sorted(put_in))
@@ -121,7 +121,7 @@ def test_a_third_cause_is_not_tried_where_two_explain_the_gap(monkeypatch):
     names = ("sensor_lag", "seal_friction", "unequal_piston_areas")
     monkeypatch.setattr(searching, "singles", lambda rig: tuple(map(together, names)))
     put_in = {"sensor_lag": {"break_Hz": 120.0}, "seal_friction": {"coulomb_N": 60.0}}
-    data = measured(believed().but(effects=put_in))
+    data = measured(believed().but(effects=put_in), scenario(0.6))
     found = search(replace(data, records=data.records[:3]))
     assert max(len(f.hypothesis.causes) for f in found.fits) == 2
     assert judge(found).best.hypothesis.names == ("seal_friction", "sensor_lag")

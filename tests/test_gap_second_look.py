@@ -71,8 +71,8 @@ def test_a_rig_that_oscillates_leaves_one_frequency(unstable):
 
 
 @pytest.fixture
-def few(monkeypatch):
-    """Three candidates and no search for play, which has tests of its own."""
+def few(monkeypatch, single_causes):
+    """Three candidates, one at a time, and no search for play, which has tests of its own."""
     monkeypatch.setattr(searching, "singles", lambda prototype: FEW)
     monkeypatch.setattr(looking, "backlash_impacts", lambda *given: None)
 

@@ -12,6 +12,7 @@ import pytest
 from gap_sets import believed, measured, scenario
 
 from beamdesign import Prototype, diagnose
+from beamdesign.diagnosis import diagnose as diagnosing
 from beamdesign.diagnosis import skewed_channels
 from beamdesign.diagnosis.data.dataset import Dataset, TimeRecord
 from beamdesign.diagnosis.fitting import search as searching
@@ -71,6 +72,7 @@ def test_what_a_rig_does_is_no_channel_beside_its_time(slowed_only: None, effect
 def test_a_cause_beside_a_skewed_force_is_found_and_said_not_to_be_sure(monkeypatch: pytest.MonkeyPatch):
     """Neither is a lag of the sensor added to the friction, nor is the verdict a confident one."""
     monkeypatch.setattr(searching, "singles", lambda rig: (SLOWED, RUBBING))
+    monkeypatch.setattr(diagnosing, "next_experiment", lambda *given: None)  # which has tests of its own
     found = diagnose(recorded(believed().but(effects=FRICTION), -2), workers=1)
     assert (found.verdict, found.chosen) == ("ambiguous", ("seal_friction",))
     assert any("values of disturbance_N stand 0.2 ms before those of command" in said for said in found.warnings)

@@ -13,6 +13,7 @@ from beamdesign.diagnosis.fitting.evidence import record_evidence
 from beamdesign.diagnosis.fitting.hypothesis import NOTHING, Hypothesis, together
 from beamdesign.diagnosis.fitting.replay import DISPLACEMENT
 from beamdesign.diagnosis.fitting.search import search
+from beamdesign.diagnosis.passing import Look
 from beamdesign.diagnosis.tone import Left, common_tone, search_without_tones, without_tones
 
 TIMES = np.arange(4000) / 1000.0
@@ -84,6 +85,14 @@ def slow() -> Dataset:
     return measured(believed().but(effects={"sensor_lag": {"break_Hz": 120.0}}))
 
 
+@pytest.fixture(scope="module")
+def quiet(slow: Dataset) -> Look:
+    """Found of the records without hum, among what is there alone."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(searching, "singles", lambda rig: (Hypothesis(("sensor_lag",)),))
+        return search_without_tones(slow)
+
+
 def hummed(data: Dataset, **sizes: float) -> Dataset:
     """Records with hum of any phase in some of their channels."""
     records = []
@@ -132,17 +141,14 @@ def test_of_a_sound_rig_whose_recorder_hums_there_is_no_gap(monkeypatch: pytest.
     assert found.search.null.misfit < 1.3 * found.search.expected
 
 
-def test_records_without_a_tone_are_left_as_they_are(slow: Dataset, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(searching, "singles", lambda rig: (Hypothesis(("sensor_lag",)),))
-    found = search_without_tones(slow)
-    assert found.data is slow
-    assert (found.words, found.doubtful) == ((), False)
+def test_records_without_a_tone_are_left_as_they_are(slow: Dataset, quiet: Look) -> None:
+    assert quiet.data is slow
+    assert (quiet.words, quiet.doubtful) == ((), False)
 
 
-def test_a_motion_whose_frequency_wanders_is_no_hum(slow: Dataset, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_motion_whose_frequency_wanders_is_no_hum(slow: Dataset, quiet: Look) -> None:
     """As that of a loop that oscillates in its play: beside the sine that fits it best there is another."""
-    monkeypatch.setattr(searching, "singles", lambda rig: (Hypothesis(("sensor_lag",)),))
-    best = search(slow, 1).fits[0]
+    best = quiet.search.fits[0]
     swinging = []
     for k, record in enumerate(slow.records):
         phase = 2 * np.pi * HUM_Hz * record.times + 1.2 * np.sin(2 * np.pi * record.times / np.ptp(record.times) + k)
@@ -162,13 +168,12 @@ def test_a_motion_whose_frequency_wanders_is_no_hum(slow: Dataset, monkeypatch: 
     assert without_tones(hummed(slow, displacement_m=HUM_m), best)[1]
 
 
-def test_a_tone_of_one_loop_may_be_its_own(slow: Dataset, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_tone_of_one_loop_may_be_its_own(slow: Dataset, quiet: Look, monkeypatch: pytest.MonkeyPatch) -> None:
     """A loop that oscillates by itself changes its frequency with the payload; of one payload that cannot be told."""
-    monkeypatch.setattr(searching, "singles", lambda rig: (Hypothesis(("sensor_lag",)),))
     monkeypatch.setattr("beamdesign.diagnosis.tone._MAINS_HZ", (1e3,))
     first = slow.records[0]
     data = hummed(slow, displacement_m=HUM_m)
-    best = search(data, 1).fits[0]
+    best = quiet.search.fits[0]
     assert len(without_tones(data, best)[1]) == 1
     loop = {"outer_end_mass": first.outer_end_mass, "inner_end_mass": first.inner_end_mass}
     alike = [replace(record, **loop, controller=first.controller) for record in data.records]

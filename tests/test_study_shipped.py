@@ -180,7 +180,7 @@ def test_largest_bandwidth(rows):
 def test_sim_to_real(rows, monkeypatch):
     """Designed for exactly the figures stated, and of few causes to choose from.
 
-    `test_robust_tuning.py` has a study designed within its tolerances, `test_notebooks.py` a rig diagnosed among all.
+    `test_robust_tuning.py` has a study designed within its tolerances, `slow_sensor.py` a rig diagnosed among all.
     """
     monkeypatch.setattr(tuning, "tune", partial(tuning.tune, sigmas=0.0))
     few = [Hypothesis((name,)) for name in ("sensor_lag", "transport_delay", "mount_compliance", "parameter:flow_gain")]

@@ -185,7 +185,7 @@ def test_without_its_extra_a_sensitivity_is_refused(sweep, monkeypatch):
 
 def test_indices_of_an_additive_function_are_its_shares_of_variance(sweep, tmp_path, monkeypatch):
     """y = sum of (k + 1) z_k over standard deviations z: first-order and total index are (k + 1)^2 over their sum."""
-    laid = plan(sweep("sensitivity", 13 * 600, spread={"outputs": ["bandwidth_Hz"]}), None)
+    laid = plan(sweep("sensitivity", 13 * 300, spread={"outputs": ["bandwidth_Hz"]}), None)
     spread = spreading(read_prototype(TAME), {})
     weights = np.arange(1, len(spread) + 1)
 

@@ -116,9 +116,8 @@ def test_killed_run_goes_on_without_loss(sweep, tmp_path, expected):
     assert (folder / "table.csv").read_text(encoding="utf-8") == expected
 
 
-@pytest.mark.parametrize("options", [(), ("--workers", 2)])
-def test_interrupted_run_says_how_to_go_on_and_does(sweep, tmp_path, expected, options):
-    folder = tmp_path / "out"
+def test_interrupted_run_says_how_to_go_on_and_does(sweep, tmp_path, expected):
+    folder, options = tmp_path / "out", ("--workers", 2)
     process = begun(sweep, folder, *options)
     os.killpg(process.pid, signal.SIGINT)  # as a terminal sends it: to the workers too
     _, said = process.communicate(timeout=60)

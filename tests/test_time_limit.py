@@ -99,8 +99,8 @@ def test_only_who_may_be_broken_off_is():
 
 
 FEW = (
-    "sensor_lag", "transport_delay", "mount_compliance", "entrained_air", "valve_deadband", "parameter:flow_gain",
-    "parameter:sensor_gain", "parameter:stiffness",
+    "sensor_lag", "transport_delay", "mount_compliance", "valve_deadband", "parameter:flow_gain",
+    "parameter:sensor_gain",
 )  # fmt: skip
 
 
@@ -228,6 +228,7 @@ def remedy() -> Prototype:
     return rig.but(payload=rig.payload.but(outer_end_mass_kg=(0.0, 2.0)))
 
 
+@pytest.mark.usefixtures("one_start")
 def test_a_limit_that_is_not_come_to_changes_nothing(remedy: Prototype):
     plain = tune(remedy, (0.0, 2.0), "proportional", sigmas=0.0)
     limited = tune(remedy, (0.0, 2.0), "proportional", sigmas=0.0, minutes=1e4)
@@ -246,6 +247,7 @@ def test_without_time_there_is_no_law_and_that_is_the_reason(remedy: Prototype):
         assert found.left_out
 
 
+@pytest.mark.usefixtures("one_start")
 def test_of_a_search_that_left_something_out_nothing_else_is_to_be_asked(remedy: Prototype):
     """Its share of the time is over before the whole of it is, and a narrower range is not what it wants."""
     hopeless = remedy.but(goal=remedy.goal.but(compliance_m_per_N=1e-12))
@@ -256,6 +258,7 @@ def test_of_a_search_that_left_something_out_nothing_else_is_to_be_asked(remedy:
     assert cut.left_out == ("some starts",)
 
 
+@pytest.mark.usefixtures("one_start")
 def test_what_is_proved_when_the_time_is_up_is_the_answer(remedy: Prototype):
     """A structured law takes minutes with all its sections; its lag alone is there first, and holds by itself."""
     now, proved = [0.0], []
@@ -296,6 +299,7 @@ def test_a_study_without_time_is_refused_with_what_was_left(tmp_path: Path):
     assert "4 Hz over 0 to 6.8 kg" in found.left_out
 
 
+@pytest.mark.usefixtures("no_pictures")
 def test_figures_without_records_take_their_time_too(tmp_path: Path):
     args = [
         "gap",
