@@ -44,7 +44,7 @@ from beamdesign.validation.case_plan import (
 from beamdesign.validation.scoring import Outcome
 from beamdesign.validation.truth import drawing
 from beamdesign.validation.truth.effects import LISTED, OUTSIDE
-from beamdesign.validation.truth.possible import on
+from beamdesign.validation.truth.rig_kinds import on
 
 pytestmark = pytest.mark.long
 

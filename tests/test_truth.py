@@ -16,9 +16,9 @@ from beamdesign.validation.truth.case import Drive, answer, inputs_of, noise_fre
 from beamdesign.validation.truth.drawing import draw_case, linear_critical_gain
 from beamdesign.validation.truth.effects import KINDS, LISTED, OUTSIDE, Scales
 from beamdesign.validation.truth.nominal import assembled, nominal_figures, packed, rig_figures
-from beamdesign.validation.truth.possible import on
 from beamdesign.validation.truth.rates import STATES
 from beamdesign.validation.truth.rig import SAMPLE_S, STEP_S, controller_figures, march
+from beamdesign.validation.truth.rig_kinds import on
 
 
 @pytest.fixture(autouse=True)

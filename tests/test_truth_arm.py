@@ -20,9 +20,9 @@ from beamdesign.validation.truth.case import Departure, answer, noise_free, rela
 from beamdesign.validation.truth.drawing import draw_case, jacobian
 from beamdesign.validation.truth.effects import KINDS, LISTED
 from beamdesign.validation.truth.nominal import assembled, rig_figures
-from beamdesign.validation.truth.possible import on
 from beamdesign.validation.truth.rates import STATES, rates_at
 from beamdesign.validation.truth.rig import controller_figures
+from beamdesign.validation.truth.rig_kinds import on
 
 ALLOY = {"youngs_modulus_Pa": 69e9, "shear_modulus_Pa": 26e9, "density_kg_per_m3": 2700.0, "proof_strength_Pa": 2.4e8}
 TUBE = {"free_length_m": 1.195, "width_m": 0.14, "wall_m": 0.0023, "material": "alloy"}

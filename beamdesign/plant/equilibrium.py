@@ -331,7 +331,7 @@ def substeps_for(assembly: Assembly, parameters: np.ndarray, times: np.ndarray) 
 
 
 @lru_cache(64)  # the same rig is moved by many forces
-def _at_rest_and_loaded(kinds: Structure, values: tuple[float, ...]) -> list[Place]:
+def _at_rest_and_loaded(kinds: Structure, values: tuple[float, ...]) -> tuple[Place, ...]:
     """Where a rig of some parameters stands without a load and under one that the actuator holds, either way."""
     assembly, parameters, places = assemble(kinds), np.array(values), []
     figure = dict(zip(assembly.parameters, values, strict=True))
@@ -343,7 +343,7 @@ def _at_rest_and_loaded(kinds: Structure, values: tuple[float, ...]) -> list[Pla
             places.append((equilibrium(assembly, u, parameters), u))
         except ValueError:
             continue
-    return places
+    return tuple(places)
 
 
 def _supply(figure: Mapping[str, float]) -> float:

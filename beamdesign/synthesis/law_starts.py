@@ -64,7 +64,7 @@ def widely(task: Search, starts: Sequence[Design]) -> list[Design]:
     from scipy.optimize import differential_evolution
 
     rounds, inner_kg = task.effort.wide, np.array(task.inner_kg)
-    if not starts or not rounds or over() or (form := starts[0].form).size > _FEW or not form.gain_first:
+    if not rounds or over() or (form := starts[0].form).size > _FEW or not form.gain_first:
         return []
     first = min(starts, key=lambda one: one.variables[0])
     about = first.variables[: form.size, None] + np.array([_ABOUT_GAIN, *[_ABOUT] * (form.size - 1)])

@@ -234,8 +234,8 @@ def tune_law(prototype: Prototype, masses_kg: tuple[float, float], asked: LawOpt
         found = search_observer(task, None if alone else kind, near, report)
     else:
         task = Search(*given, start.form.sensors if start else SENSED[:1], spread)
-        starts, alone = from_seeds(task, seeds := KINDS[kind].seeds()), False
-        starts += widely(task, starts)
+        seeds = KINDS[kind].seeds()
+        starts, alone = from_seeds(task, seeds), False
         growths = asked.sections if KINDS[kind].grows else 0
         if start is not None and (asked.near or not starts) and task.settled(start):
             alone = growths > 0
@@ -243,7 +243,7 @@ def tune_law(prototype: Prototype, masses_kg: tuple[float, float], asked: LawOpt
         none = f"a {kind} controller is tuned from one of its kind with a stable loop, and the prototype has none"
         if start is None and not starts and (seeds or own_kind):
             raise InputError(prototype.name, [("controller.kind", f"{kind!r} has no form that is tuned; give a lag")])
-        found = search(task, starts, growths, report) if starts else Found(None, (), 0, none)
+        found = search(task, starts + widely(task, starts), growths, report) if starts else Found(None, (), 0, none)
     best = found.proved
     if best is None and alone and not over():
         return tune_law(prototype.but(controller=None), masses_kg, replace(asked, near=False), report)

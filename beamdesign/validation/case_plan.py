@@ -20,7 +20,7 @@ from beamdesign.validation.truth.case import answer, noise_free, write_case
 from beamdesign.validation.truth.drawing import Hiss, Kind, draw_case
 from beamdesign.validation.truth.effects import LISTED, OUTSIDE
 from beamdesign.validation.truth.loop_figures import gap_over_errors, loop_figures
-from beamdesign.validation.truth.possible import PARAMETERS, Rig, on
+from beamdesign.validation.truth.rig_kinds import PARAMETERS, Rig, on
 
 SHARES: dict[Kind, float] = {
     "null": 0.20, "single": 0.39, "parameter": 0.08, "pair": 0.12, "outside": 0.12, "triple": 0.05, "alone": 0.04,

@@ -16,8 +16,8 @@ from beamdesign.validation.truth.case import Case, Departure, Drive, Run, run_fi
 from beamdesign.validation.truth.drawing import linear_critical_gain
 from beamdesign.validation.truth.effects import KINDS, Scales
 from beamdesign.validation.truth.nominal import assembled, draw_true, rig_figures
-from beamdesign.validation.truth.possible import on
 from beamdesign.validation.truth.rig import Noise
+from beamdesign.validation.truth.rig_kinds import on
 
 _GAIN_SHARE = 0.6
 """Of the critical gain of the rig without its effect: records are not taken closer to it, as nobody would."""

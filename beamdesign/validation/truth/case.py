@@ -15,8 +15,8 @@ from beamdesign.files import write_whole
 from beamdesign.result import picked
 from beamdesign.validation.truth.effects import KINDS, LISTED, Scales, Shape
 from beamdesign.validation.truth.nominal import FIGURES, assembled, nominal_figures, rig_figures
-from beamdesign.validation.truth.possible import PARAMETERS, Rig
 from beamdesign.validation.truth.rig import SAMPLE_S, STEP_S, Motion, Noise, controller_figures, march
+from beamdesign.validation.truth.rig_kinds import PARAMETERS, Rig
 
 FADE_S = 0.1
 

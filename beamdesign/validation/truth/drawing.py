@@ -13,7 +13,6 @@ from beamdesign.validation.truth.arm import with_arm
 from beamdesign.validation.truth.case import Case, Departure, Drive, Run, noise_free, relative_floor, relative_gap, take
 from beamdesign.validation.truth.effects import KINDS, Scales, Shape
 from beamdesign.validation.truth.nominal import Table, assembled, draw_nominal, draw_true, rig_figures, tolerance_of
-from beamdesign.validation.truth.possible import PARAMETERS, Rig, on
 from beamdesign.validation.truth.rates import (
     INNER,
     PRESSURE_A,
@@ -25,6 +24,7 @@ from beamdesign.validation.truth.rates import (
     rates_at,
 )  # fmt: skip
 from beamdesign.validation.truth.rig import Motion, Noise, controller_figures, observer
+from beamdesign.validation.truth.rig_kinds import PARAMETERS, Rig, on
 
 
 def jacobian(figures: np.ndarray, modes: np.ndarray, every: bool = False) -> np.ndarray:
