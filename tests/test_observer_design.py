@@ -13,6 +13,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 from scipy.linalg import solve_continuous_lyapunov
 from sensor_value import SensorRow, payload_text, plot_sensor_value
+from similar import EIGHTH, similar
 
 from beamdesign import Prototype, certify, read_prototype
 from beamdesign.controllers import SENSED
@@ -22,7 +23,7 @@ from beamdesign.loop import loop, rig_loop
 from beamdesign.plant.equilibrium import StateSpace
 from beamdesign.plant.members import family
 from beamdesign.synthesis.law_task import Effort, Search
-from beamdesign.synthesis.loop_samples import LIMITED, samples, slacks
+from beamdesign.synthesis.loop_samples import LIMITED, form_for, samples, slacks
 from beamdesign.synthesis.refinement import LawRefinement
 from beamdesign.synthesis.synthesis import (
     GeneralisedPlant,
@@ -36,7 +37,7 @@ from beamdesign.synthesis.synthesis import (
     sensed_model,
     weighted,
 )
-from beamdesign.synthesis.weight_search import search_observer
+from beamdesign.synthesis.weight_search import WeightSearch, search_observer
 
 PROTOTYPES = Path(__file__).parents[1] / "studies" / "prototypes"
 
@@ -321,6 +322,35 @@ def test_tiny_tune_is_proved(shipped: Prototype) -> None:
     assert guaranteed.peak_sensitivity <= 2.0
     assert guaranteed.loop_gain is not None
     assert guaranteed.loop_gain <= 0.25
+
+
+def test_weights_mean_as_much_on_a_similar_rig(shipped: Prototype) -> None:
+    """By dimensional analysis; they were in units of 100 rad/s and of a kilogram whatever the rig."""
+    (mass, _, time), found = EIGHTH, []
+    for rig, heavy, slow in ((shipped, 1.0, 1.0), (similar(shipped, EIGHTH), mass, time)):
+        sensors = (SENSED[0], SENSED[2])
+        search = WeightSearch(
+            Search(family(rig).members, rig.goal, (0.0, 0.0), (0.0, 2.0 * heavy), sensors, effort=TINY)
+        )
+        best = search.improved(search.sampled(8)[0], lqg, 12)
+        poles = np.sort_complex(np.linalg.eigvals(best.law.a)) * slow
+        found.append([best.cost, best.inner_end_mass / heavy, *poles])
+    np.testing.assert_allclose(found[1], found[0], rtol=1e-6)
+
+
+def test_a_law_of_a_quicker_rig_is_sought_among_quicker_ones(shipped: Prototype) -> None:
+    """A block that does nothing yet, and the bounds of all of them, go with the rig's natural frequency."""
+    law, quick = (np.array([[-20.0]]), np.ones((1, 1)), np.ones((1, 1)), np.zeros((1, 1))), similar(shipped, EIGHTH)
+    poles, least = [], []
+    for rig, pace in ((shipped, 1.0), (quick, 8.0)):
+        opened = block_form(SENSED[:1], pace * law[0], pace * law[1], *law[2:], blocks=3, pace=pace)
+        assert opened is not None
+        form = form_for(opened[0], family(rig).rest.rig.figures)
+        a, *_ = form.record(opened[1]).state_space()
+        poles.append(np.sort_complex(np.linalg.eigvals(a)) / pace)
+        least.append(np.exp(form.lower[:2]))
+    np.testing.assert_allclose(poles[1], poles[0], rtol=1e-6)
+    np.testing.assert_allclose(least[1] / least[0], [8.0, 1.0], rtol=1e-12)
 
 
 def test_ranges_of_gain_with_added_sensors_are_refused(shipped: Prototype) -> None:

@@ -98,7 +98,7 @@ def tune(
         added_sensor: what lqg and hinf read beside the displacement: inner_displacement_m, and
             load_pressure_Pa of a cylinder or screw_force_N; repeatable.
         loop_gain: limit of |L| from --loop-gain-from-Hz up; `inf` for none. Else the goal's, or 0.25 but for lags.
-        loop_gain_from_Hz: from where on it holds; else the goal's, 250 Hz.
+        loop_gain_from_Hz: from where on it holds; else the goal's, 250 Hz, of a quicker or slower rig in proportion.
         controller_effort_A_per_V: limit of |C/(1+L)|; `inf` for none. Else the goal's, or of a servovalve 0.06 but for
             lags.
         lower_gains: whether the loop is to be stable at every lower gain; else as the prototype's goal has it.

@@ -260,6 +260,7 @@ def block_form(
     d: "np.ndarray",
     blocks: int = 0,
     worth: "np.ndarray | None" = None,
+    pace: float = 1.0,
 ) -> "tuple[Form, np.ndarray] | None":
     """The form of a law with distinct poles, and its variables; real poles are paired, the slowest with the next.
 
@@ -271,6 +272,7 @@ def block_form(
         d: (1, p)
         blocks: how many at least; those beyond its poles do nothing yet.
         worth: (p,) factors on the first sensor's gain that do as much through each; needed where one does nothing yet.
+        pace: how many times as quick as the published rig what it controls is.
 
     Returns:
         form and variables; None for a law that is not stable, which has no such form.
@@ -297,7 +299,7 @@ def block_form(
         if two is None:
             second, other = first.conjugate(), residue.conjugate()
         elif two == -1:  # a lone real pole: a fast one beside it that does nothing
-            second, other = complex(-2 * pi * FASTEST_HZ / 4), np.zeros(p, dtype=complex)
+            second, other = complex(-2 * pi * pace * FASTEST_HZ / 4), np.zeros(p, dtype=complex)
         else:
             second, other = poles[two], residues[two]
         square = (first * second).real
@@ -305,9 +307,9 @@ def block_form(
         z = -(first + second).real / (2 * w)
         high = (residue + other).real / w
         low = -(residue * second + other * first).real / square
-        rows.append(np.concatenate([[log(w), log(z)], low / units, high / units]))
+        rows.append(np.concatenate([[log(w / (2 * pi)), log(z)], low / units, high / units]))
     while len(rows) < blocks:
-        rows.append(np.concatenate([[log(2 * pi * 10.0 * 3 ** (len(rows) - 1)), log(0.7)], np.zeros(2 * p)]))
+        rows.append(np.concatenate([[log(pace * 10.0 * 3 ** (len(rows) - 1)), log(0.7)], np.zeros(2 * p)]))
     return _form(sensors, units, len(rows)), np.concatenate([*rows, d.ravel() / units])
 
 
@@ -317,7 +319,7 @@ def _form(sensors: tuple[Sensed, ...], units: "np.ndarray", blocks: int) -> Form
 
     p = len(sensors)
     width = 2 + 2 * p
-    bounds = [(log(2 * pi * SLOWEST_HZ), log(2 * pi * FASTEST_HZ)), (log(LEAST_DAMPING), log(MOST_DAMPING))]
+    bounds = [(log(SLOWEST_HZ), log(FASTEST_HZ)), (log(LEAST_DAMPING), log(MOST_DAMPING))]
     block = [*bounds, *[(-_FREE, _FREE)] * (2 * p)]
     limits = np.array(block * blocks + [(-_FREE, _FREE)] * p)
 
@@ -325,7 +327,7 @@ def _form(sensors: tuple[Sensed, ...], units: "np.ndarray", blocks: int) -> Form
         numerators = [[unit * d] for unit, d in zip(units, variables[blocks * width :], strict=True)]
         denominator: list[Any] = [1.0]
         for first in range(0, blocks * width, width):
-            u, damping = UNIT / ca.exp(variables[first]), ca.exp(variables[first + 1])
+            u, damping = UNIT / (2 * pi) / ca.exp(variables[first]), ca.exp(variables[first + 1])
             below = [1.0, 2 * damping * u, u * u]
             for k, unit in enumerate(units):
                 low, high = (variables[first + 2 + k + part] for part in (0, p))
@@ -338,7 +340,7 @@ def _form(sensors: tuple[Sensed, ...], units: "np.ndarray", blocks: int) -> Form
         n = 2 * blocks
         a, b, c = np.zeros((n, n)), np.zeros((n, p)), np.zeros(n)
         for i, row in enumerate(variables[: blocks * width].reshape(blocks, width)):
-            w, z = np.exp(row[:2])
+            w, z = np.exp(row[:2]) * [2 * pi, 1.0]
             at = slice(2 * i, 2 * i + 2)
             a[at, at] = [[0.0, w], [-w, -2 * z * w]]
             low, high = row[2 : 2 + p] * units, row[2 + p :] * units
@@ -349,7 +351,9 @@ def _form(sensors: tuple[Sensed, ...], units: "np.ndarray", blocks: int) -> Form
         return Observer.of(gain, sensors, rounded(a), rounded(b / gain), c, rounded(d / gain))
 
     moves = np.where(limits[:, 1] == _FREE, _FURTHER, 1.0)
-    return Form(sensors, limits[:, 0], limits[:, 1], polynomials, record, moves)
+    frequencies = np.arange(len(limits)) % width == 0
+    frequencies[blocks * width :] = False
+    return Form(sensors, limits[:, 0], limits[:, 1], polynomials, record, moves, frequencies=frequencies)
 
 
 def rounded(values: "np.ndarray", digits: int = DIGITS) -> "np.ndarray":

@@ -11,8 +11,8 @@ and the load pressure are states of the rig, or sums of them. The tip's displace
 against the current, which goes through a roll-off of its own; the sensors are noisy, and a fictitious noise on the
 current recovers the loop of the state feedback (J. C. Doyle and G. Stein, Robustness with observers, IEEE Transactions
 on Automatic Control 24, 1979; N. K. Gupta, Frequency-shaped cost functionals, Journal of Guidance and Control 3, 1980).
-Time is in units of 10 ms, displacement in units of what the goal allows per newton, and current in units of what a
-newton asks for at 100 rad/s.
+Time is in units of 10 ms of a rig as quick as the published one, displacement in units of what the goal allows per
+newton, and current in units of what a newton asks for at one radian per unit of time.
 
 A synthesised controller is given fewer states by balanced residualisation, exact at zero frequency. The error is at
 most twice the sum of the Hankel singular values left out (K. Glover, International Journal of Control 39, 1984; Y. Liu
@@ -171,30 +171,33 @@ class ScaledPlant:
     Attributes:
         model: from a newton and a unit of current to the displacement over what the goal allows per newton and the p
             sensors, in their units.
+        time_unit_s: unit of time, s.
         current_A: unit of current.
         sensor_units: (p,) of the sensors, V, m and Pa.
     """
 
     model: StateSpace
+    time_unit_s: float
     current_A: float
     sensor_units: np.ndarray
 
 
-def scaled_plant(plant: StateSpace, compliance_m_per_N: float) -> ScaledPlant:
-    """Scale a plant; the goal's compliance is the unit of displacement.
+def scaled_plant(plant: StateSpace, compliance_m_per_N: float, pace: float = 1.0) -> ScaledPlant:
+    """Scale a plant so many times as quick as the published one; the goal's compliance is the unit of displacement.
 
     Raises:
         ValueError: for a plant that is not stable.
     """
-    at = plant.at(np.array([1j / TIME_UNIT_S]))[0]
+    time = TIME_UNIT_S / pace
+    at = plant.at(np.array([1j / time]))[0]
     current = float(abs(at[0, 0] / at[0, 1]))
     # A sensor's unit is what a newton moves it by while the current holds the tip still.
     held = np.abs(at[1:, 0] - at[1:, 1] * at[0, 0] / at[0, 1])
     held[0] = abs(at[1, 1] / at[0, 1]) * compliance_m_per_N
-    b = TIME_UNIT_S * plant.b * [1.0, current]
+    b = time * plant.b * [1.0, current]
     c = plant.c / np.append(compliance_m_per_N, held)[:, None]
-    whole = StateSpace(TIME_UNIT_S * plant.a, b, c, np.zeros((len(c), 2)))
-    return ScaledPlant(residualised(whole, len(whole.a)), current, held)
+    whole = StateSpace(time * plant.a, b, c, np.zeros((len(c), 2)))
+    return ScaledPlant(residualised(whole, len(whole.a)), time, current, held)
 
 
 @dataclass(frozen=True)
@@ -263,9 +266,9 @@ def realised(plant: ScaledPlant, weights: Weights, law: StateSpace, order: int) 
         ValueError: for a law that is not stable.
     """
     model = residualised(_roll_off(weights).behind(law), order)
-    b = model.b / plant.sensor_units / TIME_UNIT_S
+    b = model.b / plant.sensor_units / plant.time_unit_s
     return StateSpace(
-        model.a / TIME_UNIT_S, b, model.c * plant.current_A, model.d * plant.current_A / plant.sensor_units
+        model.a / plant.time_unit_s, b, model.c * plant.current_A, model.d * plant.current_A / plant.sensor_units
     )
 
 

@@ -10,20 +10,22 @@ import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from math import inf, log, pi
+from math import inf, log, log2, pi
 from types import MappingProxyType
 
 import numpy as np
 
 from beamdesign.controllers import KINDS, Controller, Sensed
 from beamdesign.controllers.observer import block_form
+from beamdesign.plant.assembly import mass_unit_kg, pace, sizes
 from beamdesign.plant.equilibrium import StateSpace
 from beamdesign.plant.linear import LinearModel
 from beamdesign.progress import Progress, silent
-from beamdesign.prototype import Prototype
+from beamdesign.prototype import Goal, Prototype
+from beamdesign.structure.lumped import figures
 from beamdesign.synthesis.law_search import Found, search
 from beamdesign.synthesis.law_task import Effort, Search
-from beamdesign.synthesis.loop_samples import Design, Samples, rig_samples, sampled_masses, slacks_of
+from beamdesign.synthesis.loop_samples import Design, Samples, form_for, rig_samples, sampled_masses, slacks_of
 from beamdesign.synthesis.sampled_frequencies import COARSE_HZ
 from beamdesign.synthesis.synthesis import (
     GeneralisedPlant,
@@ -46,8 +48,8 @@ _PENALTY = 4.0
 _UNSTABLE, _NONE = 50.0, 60.0
 """Cost of a loop that is not stable, and of weights that lead to no stable controller."""
 
-_LOG_BOUNDS = (
-    (0.2, 3.0),  # corner, in units of 100 rad/s
+_LOG_BOUNDS = (  # of weights in the units of the scaled plant
+    (0.2, 3.0),  # corner
     (0.05, 1.0),  # its damping ratio
     (2.0, 12.0),  # roll-off
     (1e-2, 1e2),  # current
@@ -56,6 +58,9 @@ _LOG_BOUNDS = (
     (1e-2, 1e2),  # white force
     (1e-2, 1e2),  # noise of added sensors
 )
+
+_STEP = 0.6
+"""How far a search for better weights goes at first: logarithms, and masses (kg) of a rig as heavy as the published."""
 
 
 @dataclass(frozen=True)
@@ -110,7 +115,7 @@ class WeightSearch:
             with warnings.catch_warnings():
                 warnings.simplefilter("error", RuntimeWarning)  # an equation that is all but singular is no design
                 model = sensed_model(self.rig, float(variables[-1]), inner, self.task.sensors)
-                plant = scaled_plant(model, goal.compliance_m_per_N)
+                plant = scaled_plant(model, goal.compliance_m_per_N, self.task.pace)
                 law = realised(plant, weights, solve(weighted(plant, weights)), 2 * self.task.effort.blocks)
         except (np.linalg.LinAlgError, ValueError, RuntimeWarning):
             return None
@@ -160,7 +165,8 @@ class WeightSearch:
                 best = found
             return _NONE if found is None else found.cost
 
-        steps = np.minimum(0.6, (upper - lower) / 4)
+        units = np.append(np.ones(len(_LOG_BOUNDS)), [mass_unit_kg(self.rig.figures)] * 2)
+        steps = np.minimum(_STEP * units, (upper - lower) / 4)
         moves = np.diag(np.where(start.variables + steps < upper, steps, -steps))
         options = {
             "maxfev": evaluations, "adaptive": True, "initial_simplex": start.variables + np.vstack([0 * steps, moves])
@@ -212,12 +218,12 @@ def search_observer(task: Search, kind: str | None, starts: Sequence[Given] = ()
         with share(_SEEKING):
             found = _proposals(task, kind, report)
         laws += [(one.law, one.inner_end_mass) for one in found[: task.effort.synthesised]]
-    worth = _worth(task.points)
+    worth, blocks, rig = _worth(task.points, task.pace), task.effort.blocks, task.members[0].rig.figures
     proposed = [
-        Design(form[0], np.append(form[1], inner))
+        Design(form_for(form[0], rig), np.append(form[1], inner))
         for law, inner in laws
-        if len(law.a) <= 2 * task.effort.blocks
-        and (form := block_form(task.sensors, law.a, law.b, law.c, law.d, task.effort.blocks, worth)) is not None
+        if len(law.a) <= 2 * blocks
+        and (form := block_form(task.sensors, law.a, law.b, law.c, law.d, blocks, worth, task.pace)) is not None
     ]
     if not proposed:
         return Found(None, (), 0, "no weights led to a stable controller with a stable loop")
@@ -241,9 +247,12 @@ def _proposals(task: Search, kind: str, report: Progress) -> list[Proposal]:
     return [weights.improved(solved[0], hinf, task.effort.evaluations // 2), *solved] if solved else []
 
 
-def _worth(points: Samples) -> np.ndarray:
-    """Gains through each sensor, over that through the first, that make the same loop gain about 10 Hz, (p,)."""
-    near = (points.frequency_Hz > 5) & (points.frequency_Hz < 20)
+def _worth(points: Samples, pace: float) -> np.ndarray:
+    """Gains through each sensor, over that through the first, that make the same loop gain about the bandwidth, (p,).
+
+    That is about 10 Hz of a rig as quick as the published one.
+    """
+    near = (points.frequency_Hz > 5 * pace) & (points.frequency_Hz < 20 * pace)
     size = np.median(np.abs(points.control[:, 0, near]), axis=1)
     return np.asarray(size[0] / size)
 
@@ -260,11 +269,15 @@ def _matrices(law: Controller, sensors: tuple[Sensed, ...]) -> tuple[np.ndarray,
 LARGEST_LOOP_GAIN = 0.25
 """From `goal.loop_gain_from_Hz` up, where neither a goal nor who asks says otherwise."""
 VALVE_EFFORT_A_PER_V = 0.06
-"""What the published valve bears, likewise; a motor's current is of another order."""
+"""What the published valve bears on the published rig, likewise; a motor's current is of another order."""
+_PUBLISHED_V_PER_M = 1180.0
 
 
 def limited(rig: Prototype, kind: str, given: Mapping[str, float | None] = MappingProxyType({})) -> Prototype:
     """A rig whose goal has the limits that laws of high order need; a lag and less keeps them by its form.
+
+    The usual ones are of a rig like the published one. That of the loop gain begins higher where a rig is quicker; that
+    of effort goes with what a loop so many times as quick asks of a valve per volt, to a power of two.
 
     Args:
         rig: its goal's own limits stand. The laws of its controller say of what order a schedule's stages are.
@@ -275,8 +288,12 @@ def limited(rig: Prototype, kind: str, given: Mapping[str, float | None] = Mappi
     if kind == "scheduled" and rig.controller is not None:
         high_order = any(law.sections for law, _ in rig.controller.laws)
     usual = {"loop_gain": LARGEST_LOOP_GAIN} if high_order else {}
+    if high_order and rig.goal.loop_gain is None and rig.goal.loop_gain_from_Hz == Goal().loop_gain_from_Hz:
+        rig = rig.but(goal=rig.goal.but(loop_gain_from_Hz=pace(figures(rig)) * rig.goal.loop_gain_from_Hz))
     if high_order and rig.servovalve is not None:
-        usual["controller_effort_A_per_V"] = VALVE_EFFORT_A_PER_V
+        size = sizes(rig)
+        asks = size["frequency"] * size["current"] * _PUBLISHED_V_PER_M / rig.sensor.gain_V_per_m
+        usual["controller_effort_A_per_V"] = VALVE_EFFORT_A_PER_V * 2.0 ** round(log2(asks))
     changes = {name: value for name, value in usual.items() if getattr(rig.goal, name) is None}
     changes |= {name: value for name, value in given.items() if value is not None}
     return rig.but(goal=rig.goal.but(**{name: None if value == inf else value for name, value in changes.items()}))
