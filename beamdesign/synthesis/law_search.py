@@ -255,7 +255,8 @@ def _proved(task: Search, design: Design, sampled: tuple[float, ...]) -> Found:
     robust search the rigs of the box that miss a limit join the samples until none is found, and then all are proved.
     """
     refinement, reason = task.refinement(design.form), ""
-    inside, stiffer = _spare(task)
+    least, stiffer = _spare(task)
+    inside = least
     best: Proved | None = None
     highest = 0.0
     proofs = undecided = 0
@@ -321,7 +322,10 @@ def _proved(task: Search, design: Design, sampled: tuple[float, ...]) -> Found:
                 enough = value > ENOUGH * value_of(task, design)
                 if enough and (best is not None or found.bandwidth_Hz < ENOUGH * task.needed_Hz):
                     break
-                stiffer *= 3
+                if inside > least and found.bandwidth_Hz > ENOUGH * task.reached(design):
+                    inside = least + (inside - least) / 3  # peaks that are seen by now need less to spare
+                else:
+                    stiffer *= 3
         if not inside < inf:
             break
         for worth in (WORTH, inf):
@@ -344,4 +348,6 @@ def _proved(task: Search, design: Design, sampled: tuple[float, ...]) -> Found:
             if not joined and np.array_equal(variables, design.variables):
                 break
             design = replace(design, variables=variables, value=left)
+        if not moved and not refuted:
+            break
     return Found(best, sampled, proofs, "" if best else reason, form=design.form)
