@@ -291,6 +291,15 @@ def test_excitations_are_those_of_the_plan(folder: Path) -> None:
         assert header == ",".join(COLUMNS) + "\n"
 
 
+def test_excitations_of_a_quick_rig_have_the_times_of_its_shorter_samples(tmp_path: Path) -> None:
+    rig = with_figures(
+        read_prototype(PROTOTYPES / "tame_lag.toml"), dict.fromkeys(("outer_stiffness", "inner_stiffness"), 64.0)
+    )  # eight times as quick, by sqrt(K / M), so that of 0.5 ms 62.5 us are left
+    write_data_folder(rig, acceptance_plan(rig, (0.0, 6.8), duration_s=0.05), tmp_path)
+    table = np.loadtxt(tmp_path / "excitation" / "light_force.csv", delimiter=",", skiprows=1)
+    assert table[:, 0] == pytest.approx(62.5e-6 * np.arange(len(table)), abs=1e-12)
+
+
 def test_what_a_law_senses_beside_the_displacement_is_to_be_recorded(folder: Path, tmp_path: Path) -> None:
     law = Observer.of(0.05, ("displacement_m", "load_pressure_Pa"), [[-10.0]], [[9.0, 0.0]], [1.0], [0.1, 1e-9])
     rig = read_prototype(folder / "prototype.toml").but(controller=law)

@@ -16,6 +16,7 @@ import numpy as np
 import tomli_w
 
 from beamdesign.build.tolerances import why_no_box
+from beamdesign.columns import write_tables
 from beamdesign.files import write_whole
 from beamdesign.loop import CriticalGain, Loop, critical_gain, loop, member_loop
 from beamdesign.parameters import RIG_TOLERANCES
@@ -334,10 +335,9 @@ def write_data_folder(prototype: Prototype, plan: AcceptancePlan, folder: Path) 
     index = folder / "dataset.toml"
     measured = index.exists() and "\n[[critical_gain]]" in index.read_text("utf-8")  # without the mark of a comment
     for row in plan.scenario.record:
-        signal, record = (folder / kind / f"{row.name}.csv" for kind in ("excitation", "records"))
-        table = np.column_stack([plan.scenario.times, inputs_of(row, plan.scenario)])
-        lines = [",".join(("t_s", *CHANNELS)), *(f"{t:.4f},{force:.5g},{volts:.5g}" for t, force, volts in table)]
-        write_whole(signal, "\n".join(lines) + "\n")
+        record = folder / "records" / f"{row.name}.csv"
+        signals = np.column_stack([plan.scenario.times, inputs_of(row, plan.scenario)])
+        write_tables({row.name: (("t_s", *CHANNELS), signals)}, folder / "excitation")
         if record.exists() and len(record.read_text().splitlines()) > 1:
             measured = True
             continue
