@@ -26,6 +26,7 @@ from beamdesign.plant.effects import (
     Site,
     Span,
     dahl_rate,
+    limited,
     play,
 )
 from beamdesign.plant.effects.valve_hysteresis import MAGNETIC
@@ -123,7 +124,7 @@ def _curve(place: Place, kind: str) -> Effect:
     size, sized = _scale("size", place.size, "size of the port's own signal in the data")
 
     def law(signal: Any, site: Site) -> Any:
-        u = ca.fmin(ca.fmax(argument(signal, site) / site.parameter[reach.name], -_FURTHEST), _FURTHEST)
+        u = limited(argument(signal, site) / site.parameter[reach.name], _FURTHEST)
         return site.parameter[size.name] * curve(site.parameter, u)
 
     def slopes(own: Figures) -> Span:

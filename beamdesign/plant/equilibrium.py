@@ -70,22 +70,25 @@ def _stiffness(kinds: Structure) -> ca.Function:
 
 
 class _InPlace:
-    """Rates and Jacobian at time 0 for states written into `x`, without converting anything on the way.
+    """A function whose matrices are dense, evaluated without converting anything on the way.
 
     Converting takes many times as long as evaluating.
+
+    Attributes:
+        given: arguments, which may be written into.
+        found: results, column by column as CasADi has them, in place of which the next ones are put.
+        evaluate: works them out.
     """
 
-    def __init__(self, function: ca.Function, u: np.ndarray, parameters: np.ndarray):
-        n = function.nnz_in(1)
-        self.x, self.rate, self._transposed = np.zeros(n), np.zeros(n), np.zeros((n, n))
-        self.jacobian = self._transposed.T
-        self._given = (np.zeros(1), self.x, np.array(u, dtype=float), np.array(parameters, dtype=float))
+    def __init__(self, function: ca.Function, *given: np.ndarray):
+        self.given = [np.array(value, dtype=float, order="F") for value in given]
+        self.found = [np.zeros(function.size_out(k), order="F") for k in range(function.n_out())]
         buffer: Any
         buffer, self.evaluate = function.buffer()
-        for k, array in enumerate(self._given):
-            buffer.set_arg(k, array.data)
-        for k, array in enumerate((self.rate, self._transposed)):
-            buffer.set_res(k, array.data)
+        for k, array in enumerate(self.given):
+            buffer.set_arg(k, array.T.data)
+        for k, array in enumerate(self.found):
+            buffer.set_res(k, array.T.data)
         self._buffer = buffer  # CasADi does not hold on to it
 
 
@@ -105,17 +108,10 @@ def linearise(assembly: Assembly, x: np.ndarray, u: np.ndarray, parameters: np.n
 
 
 def _evaluated(function: ca.Function, *given: np.ndarray) -> list[np.ndarray]:
-    """All outputs of a function whose matrices are dense, written in their place: see `_InPlace`."""
-    held = [np.array(value.T, dtype=float, order="C") for value in given]  # CasADi's matrices go column by column
-    found = [np.zeros(function.size_out(k)[::-1]) for k in range(function.n_out())]
-    buffer: Any
-    buffer, evaluate = function.buffer()
-    for k, array in enumerate(held):
-        buffer.set_arg(k, array.data)
-    for k, array in enumerate(found):
-        buffer.set_res(k, array.data)
-    evaluate()
-    return [np.ascontiguousarray(array.T) for array in found]
+    """All outputs of a function whose matrices are dense, see `_InPlace`, row by row."""
+    there = _InPlace(function, *given)
+    there.evaluate()
+    return [np.ascontiguousarray(array) for array in there.found]
 
 
 def equilibrium(assembly: Assembly, u: np.ndarray, parameters: np.ndarray) -> np.ndarray:
@@ -149,18 +145,19 @@ def _settled(assembly: Assembly, x: np.ndarray, u: np.ndarray, parameters: np.nd
     Raises:
         ValueError: where they do not settle.
     """
-    here = _InPlace(_stiffness(assembly.kinds), u, parameters)
+    here = _InPlace(_stiffness(assembly.kinds), np.zeros(1), x, u, parameters)
+    rate, jacobian = here.found[0][:, 0], here.found[1]
     weight = scales(assembly.states)
     free = not_held(assembly)
     among, ratio = np.ix_(free, free), weight[None, :] / weight[:, None]
     eye, step = np.eye(len(x)), 1e-3
     for _ in range(_MOST_STEPS):
-        here.x[:] = x
+        here.given[1][:] = x
         here.evaluate()
         change = np.zeros(len(x))
-        change[free] = np.linalg.solve((eye / step - here.jacobian * ratio)[among], here.rate[free] / weight[free])
+        change[free] = np.linalg.solve((eye / step - jacobian * ratio)[among], rate[free] / weight[free])
         x = x + weight * change
-        if not here.rate[free].any() or (step > _LONG and np.abs(change).max() <= 1e-10):
+        if not rate[free].any() or (step > _LONG and np.abs(change).max() <= 1e-10):
             return x
         # A long step that hardly moves anything is Newton's; a large change means a law has been left behind.
         step = min(2 * step, 1e9) if np.abs(change).max() < 100.0 else max(step / 2, 1e-5)

@@ -170,6 +170,11 @@ class Elements:
     volts: tuple[tuple[tuple[fmpq, ...], tuple[fmpq, ...]], ...] = ()
 
 
+def limited(signal: Any, most: Any) -> Any:
+    """A signal held between a figure and as much below zero."""
+    return ca.fmin(ca.fmax(signal, -most), most)
+
+
 def bounded(speed: Any) -> Any:
     """A rate, 1/s, that stays below `QUICKEST`, so that equations are no stiffer; it shows only where it is high."""
     return speed / ca.sqrt(1 + (speed / QUICKEST) ** 2)

@@ -4,13 +4,7 @@ from typing import Any
 
 import casadi as ca
 
-from beamdesign.plant.effects import Effect, Linear, Parameter, Site, Span
-
-
-def _law(signal: Any, site: Site) -> Any:
-    limit = site.parameter["limit_A"]
-    return ca.fmin(ca.fmax(signal, -limit), limit)
-
+from beamdesign.plant.effects import Effect, Linear, Parameter, Site, Span, limited
 
 LIMIT = Parameter(
     "limit_A", 10e-3, 0.2e-3, 1e3, 0.7,
@@ -26,7 +20,7 @@ LINEAR = Linear(
 EFFECT = Effect(
     name="current_saturation",
     subsystem="amplifier",
-    laws={"current_A": _law},
+    laws={"current_A": lambda signal, site: limited(signal, site.parameter["limit_A"])},
     parameters=(LIMIT,),
     source="limit of a servo-amplifier; Zalucky and Hardt (1984) filtered the sensor to keep it from saturating",
     linear=LINEAR,

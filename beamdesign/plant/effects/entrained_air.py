@@ -5,7 +5,7 @@ from typing import Any
 import casadi as ca
 
 from beamdesign.plant.component import SIGN, Signals, either
-from beamdesign.plant.effects import Effect, Elements, Figures, Linear, Operation, Parameter, Site, Span, Spans
+from beamdesign.plant.effects import Effect, Elements, Figures, Linear, Operation, Parameter, Site, Span, Spans, limited
 
 _ATMOSPHERE_PA = 101_325.0
 POLYTROPIC = 1.4
@@ -81,7 +81,7 @@ def chamber_length(modulus: Any, figure: Signals) -> Any:
 
 def _volume(side: str, signal: Any, site: Site) -> Any:
     share = site.port["stroke_m"] / chamber_length(site.parameter["oil_bulk_modulus_Pa"], site.figure)
-    return signal * (1 + SIGN[side] * ca.fmin(ca.fmax(share, -_MOST), _MOST))
+    return signal * (1 + SIGN[side] * limited(share, _MOST))
 
 
 def _leakage(side: str, signal: Any, site: Site) -> Any:

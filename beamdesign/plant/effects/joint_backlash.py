@@ -8,13 +8,12 @@ from typing import Any
 import casadi as ca
 from flint import fmpq
 
-from beamdesign.plant.effects import Effect, Elements, Exact, Figures, Law, Linear, Parameter, Site, Span
+from beamdesign.plant.effects import Effect, Elements, Exact, Figures, Law, Linear, Parameter, Site, Span, limited
 
 
 def _force(signal: Any, site: Site) -> Any:
-    own, half = site.parameter, site.parameter["play_m"] / 2
-    apart = site.state["rod_m"] - site.port["inner_m"]
-    pressed = apart - ca.fmin(ca.fmax(apart, -half), half)
+    own, apart = site.parameter, site.state["rod_m"] - site.port["inner_m"]
+    pressed = apart - limited(apart, own["play_m"] / 2)
     closing = site.state["rod_m_per_s"] - site.port["inner_m_per_s"]
     # Damping grows with the indentation and then stays, and a joint never pulls.
     full = ca.fmin(ca.fabs(pressed) / _INDENTATION_M, 1.0)
@@ -106,8 +105,8 @@ EFFECT = Effect(
 
 def _flanks(signal: Any, site: Site) -> Any:
     """The force of a screw on a nut that has play: a flank presses, and only where it touches."""
-    stretch, half = site.port["stretch_m"], site.parameter["play_m"] / 2
-    pressed = stretch - ca.fmin(ca.fmax(stretch, -half), half)
+    stretch = site.port["stretch_m"]
+    pressed = stretch - limited(stretch, site.parameter["play_m"] / 2)
     force = signal - site.figure["screw_stiffness"] * (stretch - pressed)
     return ca.if_else(pressed > 0, ca.fmax(force, 0.0), ca.if_else(pressed < 0, ca.fmin(force, 0.0), 0.0))
 

@@ -4,22 +4,12 @@ What the law asks for and what the drive takes off it for the rotor's speed meet
 limit has lost the drive's damping together with the law. `current_saturation` bounds what the law asks for alone.
 """
 
-from typing import Any
-
-import casadi as ca
-
-from beamdesign.plant.effects import Effect, Linear, Parameter, Site
-
-
-def _law(signal: Any, site: Site) -> Any:
-    limit = site.parameter["limit_A"]
-    return ca.fmin(ca.fmax(signal, -limit), limit)
-
+from beamdesign.plant.effects import Effect, Linear, Parameter, limited
 
 EFFECT = Effect(
     name="motor_current_limit",
     subsystem="amplifier",
-    laws={"motor_demand_A": _law},
+    laws={"motor_demand_A": lambda signal, site: limited(signal, site.parameter["limit_A"])},
     parameters=(
         Parameter(
             "limit_A", 30.0, 0.1, 1e3, 0.7, "largest current of drive and motor; where nothing is said their peak"

@@ -6,12 +6,11 @@ from typing import Any
 
 import casadi as ca
 
-from beamdesign.plant.effects import Effect, Figures, Linear, Operation, Parameter, Site, Span
+from beamdesign.plant.effects import Effect, Figures, Linear, Operation, Parameter, Site, Span, limited
 
 
 def _law(signal: Any, site: Site) -> Any:
-    overlap = site.figure["flow_gain"] * site.parameter["half_width_A"]
-    return signal - ca.fmin(ca.fmax(signal, -overlap), overlap)
+    return signal - limited(signal, site.figure["flow_gain"] * site.parameter["half_width_A"])
 
 
 LINEAR = Linear(
