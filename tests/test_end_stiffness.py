@@ -303,6 +303,17 @@ def test_a_dashpot_in_the_wall_is_a_third_side_of_the_box(rig: Prototype, brisk:
         prove_contact(port, MASSES, Wall((fmpq(-1), fmpq(1))))
 
 
+def test_walls_up_to_a_stiffness_are_those_that_are_proved(rig: Prototype, brisk: Compliance) -> None:
+    """With their dashpots, and no softer than was asked: without a dashpot one of 5 MN/m is not stable."""
+    asked = Wall((fmpq(10**5), fmpq(10**9)), (fmpq(1000), fmpq(1000)))
+    found = judge(rig, brisk, MASSES_KG, asked)
+    reach = found.stiffest_wall_N_per_m
+    assert growth(rig, brisk, 0.0, 5e6) > 0 > growth(rig, brisk, 0.0, 5e6, 1000.0)
+    assert reach > 5e6
+    told = f"Proved: stable against walls from 100000 to {reach:.15g} N/m with 1000 to 1000 N s/m."
+    assert told in in_words(found)
+
+
 def test_popovs_criterion_is_what_is_proved_of_one_sided_walls(rig: Prototype, judged: dict[str, EndStiffness]) -> None:
     """1 / k + Re[(1 + j w q) x / F] by the impedances, on a grid, and against the exact quadratic in the mass."""
     frequencies = np.geomspace(0.01, 3000, 3000)

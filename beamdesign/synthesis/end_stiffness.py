@@ -359,9 +359,10 @@ def in_words(found: EndStiffness) -> list[str]:
     """What is proved of the tip, a line each."""
     wall = found.wall
     least, most = (float(value) for value in wall.stiffness)
-    walls = f"walls from {least:.15g} to {most:.15g} N/m"
+    damped = ""
     if wall.damping[1] > 0:
-        walls += f" with {float(wall.damping[0]):.15g} to {float(wall.damping[1]):.15g} N s/m"
+        damped = f" with {float(wall.damping[0]):.15g} to {float(wall.damping[1]):.15g} N s/m"
+    walls = f"walls from {least:.15g} to {most:.15g} N/m{damped}"
     lines = ["Proved: stable without a wall." if found.stable else "Refuted: stable without a wall."]
     if found.passivity.holds:
         lines.append("Proved: passive at the tip, so that no passive surroundings make it grow.")
@@ -377,8 +378,10 @@ def in_words(found: EndStiffness) -> list[str]:
     else:
         reach = found.stiffest_wall_N_per_m
         lines.append(f"Refuted: stable against {walls}; {found.contact.reason}.")
-        up_to = f"Proved: stable against walls up to {reach:.15g} N/m."
-        lines.append(up_to if reach > 0 else "No wall is proved stable.")
+        some = f"walls from {least:.15g}" if least > 0 else "walls up"
+        lines.append(
+            f"Proved: stable against {some} to {reach:.15g} N/m{damped}." if reach > 0 else "No wall is proved stable."
+        )
     touched = found.unilateral_contact
     if touched.stiffness_N_per_m > 0:
         lines.append(
