@@ -300,6 +300,20 @@ def test_excitations_of_a_quick_rig_have_the_times_of_its_shorter_samples(tmp_pa
     assert table[:, 0] == pytest.approx(62.5e-6 * np.arange(len(table)), abs=1e-12)
 
 
+def test_a_light_rig_has_a_second_payload_as_the_rig_that_it_is_a_model_of() -> None:
+    """With all forces, masses and flows 256 times less it moves as that one does under 256 times less payload."""
+    rig = read_prototype(PROTOTYPES / "tame_lag.toml")
+    bare = (getattr(rig, f"{beam}_beam").but(width_m=None, wall_m=None) for beam in ("outer", "inner"))
+    rig = rig.but(**dict(zip(("outer_beam", "inner_beam"), bare, strict=True)))  # a tube's own weight does not scale
+    of_beams = (f"{beam}_{figure}" for beam in ("outer", "inner") for figure in ("stiffness", "mass", "damping"))
+    less = (*of_beams, "piston_area", "oil_stiffness", "flow_gain", "leakage", "inner_end_mass")
+    light = with_figures(rig, dict.fromkeys(less, 1 / 256))
+    masses = acceptance_plan(rig, (2.0, 2.0)).masses_kg
+    assert len(masses) == 2
+    as_light = acceptance_plan(light, (2 / 256, 2 / 256)).masses_kg
+    assert as_light == pytest.approx([mass / 256 for mass in masses], rel=0.02)  # of two digits
+
+
 def test_what_a_law_senses_beside_the_displacement_is_to_be_recorded(folder: Path, tmp_path: Path) -> None:
     law = Observer.of(0.05, ("displacement_m", "load_pressure_Pa"), [[-10.0]], [[9.0, 0.0]], [1.0], [0.1, 1e-9])
     rig = read_prototype(folder / "prototype.toml").but(controller=law)

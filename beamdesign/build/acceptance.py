@@ -20,7 +20,7 @@ from beamdesign.columns import write_tables
 from beamdesign.files import write_whole
 from beamdesign.loop import CriticalGain, Loop, critical_gain, loop, member_loop
 from beamdesign.parameters import RIG_TOLERANCES
-from beamdesign.plant.assembly import pace
+from beamdesign.plant.assembly import mass_unit_kg, pace
 from beamdesign.plant.linear_reach import SingleModeReach, single_mode_reach
 from beamdesign.plant.members import family, own_sag_m
 from beamdesign.polynomial import exact
@@ -227,7 +227,8 @@ _SHARE = 0.3
 _SMALLER = 4.0
 _COMMAND_M = 1.5e-4
 _OF_RATED = 0.5
-_HEAVIEST_KG, _FURTHEST_KG = 20.0, 5.0
+_HEAVIEST_KG, _FURTHEST_KG, _NEAREST_KG = 20.0, 5.0, 0.05
+"""Of a second payload beside the only one that is certified, of a rig as heavy as the published one."""
 
 
 @dataclass(frozen=True)
@@ -377,12 +378,14 @@ def _payloads(prototype: Prototype, masses_kg: tuple[float, float]) -> tuple[tup
     low, high = masses_kg
     if low < high:
         return (low, high), ""
-    for first, last in stability_over(prototype, 0.0, max(_HEAVIEST_KG, 2 * high)).stable_ranges:
+    unit = mass_unit_kg(figures(prototype))
+    furthest = unit * _FURTHEST_KG
+    for first, last in stability_over(prototype, 0.0, max(unit * _HEAVIEST_KG, 2 * high)).stable_ranges:
         if first <= low <= last:
             ahead, behind = last - low, low - first
-            other = low + min(ahead / 2, _FURTHEST_KG) if ahead >= behind else low - min(behind / 2, _FURTHEST_KG)
+            other = low + min(ahead / 2, furthest) if ahead >= behind else low - min(behind / 2, furthest)
             other = _two_digits(other)
-            if first < other < last and abs(other - low) > 0.05:
+            if first < other < last and abs(other - low) > unit * _NEAREST_KG:
                 stable = f"the loop is proved stable from {stated_range((first, last), 4)} kg"
                 return tuple(sorted((low, other))), f"{stable}; {other:g} kg lies well inside"
     return (low,), "no second payload at which the loop is stable was found; one payload tells less"
