@@ -200,6 +200,8 @@ def test_the_sensor_may_be_as_slow_as_is_said(rig: Prototype) -> None:
     for faster in (1.0, 1.5, 10.0):
         assert all(damped(lagging(rig, faster * need.stable_from_Hz), mass) for mass in masses)
     assert not all(damped(lagging(rig, 0.95 * need.stable_from_Hz), mass) for mass in masses)
+    for told in (need.stable_from_Hz, need.performs_from_Hz):  # four digits, so that what is proved is what is told
+        assert told == float(f"{told:.4g}")
     slow = lagging(rig, need.performs_from_Hz)
     grid = 2 * pi * np.geomspace(0.1, 500, 3000)
     for mass in (0.0, 3.4, 6.8):
