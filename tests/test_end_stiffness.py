@@ -15,6 +15,7 @@ from as_quick import as_quick
 from flint import fmpq
 from forging import sealed_text
 from honest_certificates import screw
+from similar import similar
 from stated_rig import StatedRig
 from truth_of_contact import Port, true
 from typer.testing import CliRunner
@@ -332,6 +333,19 @@ def test_popovs_criterion_is_what_is_proved_of_one_sided_walls(rig: Prototype, j
     n = complex(*_at(port.disturbance, float(x)))
     expected = abs(p) ** 2 / 1e7 + ((1 + 0.01j * float(x) ** 0.5) * n * p.conjugate()).real
     assert float(a(x) * mass**2 + b(x) * mass + c(x)) == pytest.approx(expected, rel=1e-9)
+
+
+def test_a_slower_rig_may_touch_walls_as_stiff_in_proportion(rig: Prototype) -> None:
+    """By similarity; the time q of the criterion, which is so much longer, was at most 100 s."""
+    scales = (1.0, 1.0, 2.0**8)
+    slow, soft, walls = similar(rig, scales), similar(SOFT, scales), Wall((fmpq(0), fmpq(10**9) / 2**16))
+    found = judge(slow, soft, MASSES_KG, walls)
+    touched, w = found.unilateral_contact, np.geomspace(0.06, 2e4, 3000) / 2**8
+    assert touched.whole
+    for mass in (0.0, 1.7, 6.8):
+        compliance = 1 / apparent(slow, found.law, mass, w / (2 * np.pi))
+        popov = 1 / touched.stiffness_N_per_m + ((1 + 1j * w * touched.multiplier_s) * compliance).real
+        assert popov.min() > 0
 
 
 def _at(polynomial, square: float) -> tuple[float, float]:  # type: ignore[no-untyped-def]

@@ -316,8 +316,8 @@ def _stiffest(proves: Callable[[fmpq], bool], low: fmpq, high: fmpq, near: fmpq)
 # Touching and letting go.
 
 
-MULTIPLIERS_S = tuple(float(f"{10.0 ** (k / 4):.4g}") for k in range(8, -21, -1))
-"""Values of q that are tried, s."""
+MULTIPLIERS_S = tuple(float(f"{10.0 ** (k / 4):.4g}") for k in (*range(8, -21, -1), *range(9, 25)))
+"""Values of q that are tried, s; the last and largest ask for little more than a passive tip."""
 
 _STRICTLY = fmpq(1001, 1000)
 
