@@ -11,7 +11,7 @@ from beamdesign.build.tolerances import performance, why_no_box
 from beamdesign.controllers import Observer
 from beamdesign.loop import loop
 from beamdesign.plant.actuators import MARGIN, Row
-from beamdesign.plant.assembly import effect_parameters_of
+from beamdesign.plant.assembly import effect_parameters_of, pace
 from beamdesign.plant.effects import library
 from beamdesign.plant.members import own_sag_m, weight_N
 from beamdesign.polynomial import at_points, exact
@@ -212,7 +212,7 @@ def ratings(prototype: Prototype, masses_kg: tuple[float, float], load_N: float,
         Row(f"stroke from end to end, × {MARGIN:g}", 2 * MARGIN * need["stroke_m"], actuator.stroke_m, "m", "stroke_m"),
     )
     heaviest = prototype.stages(masses_kg)[-1].prototype
-    left = envelope(heaviest, masses_kg[1], weight, np.array(SHOWN_HZ))
+    left = envelope(heaviest, masses_kg[1], weight, pace(lumped.figures(heaviest)) * SHOWN_HZ)
     return Ratings(load_N, weight, up_to_Hz, rows, left)
 
 

@@ -251,10 +251,12 @@ def _written(
     record: "Prototype", found: "ArmResult", force: "Vector", places: Mapping[str, "BoxVerdict"], out: Path
 ) -> dict[str, Any]:
     from beamdesign.columns import csv_text
+    from beamdesign.plant.assembly import pace
     from beamdesign.proofs.arm.both_planes import both_planes
     from beamdesign.prototype import write_prototype
     from beamdesign.report.canvas import save
     from beamdesign.report.drawing import compliance_curves, draw_arm
+    from beamdesign.structure.lumped import figures
 
     texts = {f"certificate_{plane.name}": plane.text for plane in found.planes}
     if found.both is not None and found.both.certificate:
@@ -274,7 +276,7 @@ def _written(
         if case is not None
         for cause, vector in (*case.causes_m.items(), ("all", case.error_m))
     ]
-    curves = compliance_curves(both_planes(record), found)
+    curves = compliance_curves(both_planes(record), found, pace(figures(record)))
     tables: dict[str, Any] = {"compliance": compliance, "remaining": remaining, "response": curves.rows()}
     kinds = dict.fromkeys(texts, "toml") | dict.fromkeys(tables, "csv")
     files: dict[str, Any] = {name: out / f"{name}.{kind}" for name, kind in kinds.items()}

@@ -260,7 +260,8 @@ def parameters_at(statement: Statement, shares: list[fmpq]) -> dict[str, fmpq]:
 
 _LEAST_rad_per_s, _MOST_rad_per_s = 1e-2, 1e5
 _BANDS_rad_per_s, _IN_BAND, _FINE = np.geomspace(6.0, 2500.0, 25), 30, 3
-"""Bands of frequency in which worst members are sought, and at how many frequencies in each at first."""
+"""Bands of frequency in which worst members are sought, of a rig as quick as the published one, and at how many
+frequencies in each at first."""
 _CLIMBING, _TURNS = 12, 4
 _CORNERS, _NEAR_ENOUGH = 64, 0.2
 """Members drawn from corners and midpoints, and what one of them must have of the limit for a band to be searched."""
@@ -303,10 +304,10 @@ def worst_in_bands(statement: Statement, by: Ratios | None = None) -> list[Found
     A climb over all frequencies at once ends at whichever peak is in reach.
     """
     by = by or ratios
-    most = _MOST_rad_per_s if statement.until is None else nearest(statement.until)
-    least = min(max(_LEAST_rad_per_s, nearest(statement.since)), most)
-    inner = _BANDS_rad_per_s[(least < _BANDS_rad_per_s) & (_BANDS_rad_per_s < most)]
-    edges = list(pairwise([least, *inner, most]))
+    bands, most = statement.pace * _BANDS_rad_per_s, statement.pace * _MOST_rad_per_s
+    most = most if statement.until is None else nearest(statement.until)
+    least = min(max(statement.pace * _LEAST_rad_per_s, nearest(statement.since)), most)
+    edges = list(pairwise([least, *bands[(least < bands) & (bands < most)], most]))
     corners = np.random.default_rng(0).choice([0.0, 0.5, 1.0], size=(_CORNERS, len(statement.varying)))
     scores = [_largest(by, statement, np.geomspace(*ends, _IN_BAND)[None], corners) for ends in edges]
     near = min(_NEAR_ENOUGH, max(float(score.max()) for score in scores))

@@ -8,6 +8,7 @@ from math import inf, pi
 
 from flint import fmpq, fmpq_mpoly, fmpq_mpoly_ctx
 
+from beamdesign.plant.assembly import pace
 from beamdesign.plant.linear import TIP
 from beamdesign.plant.members import LinearFamily, family, refuse_unstated
 from beamdesign.polynomial import exact, in_variable, nearest
@@ -155,8 +156,9 @@ def rig_family(
         form = _moved(form if error.place == "volts" else _apart(form), error.decay)
     positive = [name for name in values if name not in _frozen(found) and name not in shaping]
     delays = {TRANSPORT: "delay"} if delayed else {}
+    window, quick = (circles, since, until), pace(model.figures)
     return PolynomialFamily(
-        prototype.name, form.p, values, form.leaves, form.bound, delays, form.groups, positive, circles, since, until
+        prototype.name, form.p, values, form.leaves, form.bound, delays, form.groups, positive, *window, quick
     )
 
 

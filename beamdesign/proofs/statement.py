@@ -168,6 +168,7 @@ class PolynomialFamily:
         circles: unknowns that are anywhere on a circle.
         since: frequency from which on it is looked at, rad/s.
         until: up to which, rad/s; None for all.
+        pace: how many times as quick as the published rig what moves so is: where searches look; it proves nothing.
     """
 
     name: str
@@ -181,6 +182,7 @@ class PolynomialFamily:
     circles: Mapping[str, Circle] = field(default_factory=dict)
     since: fmpq = _ZERO
     until: fmpq | None = None
+    pace: float = 1.0
 
     def over(self, ranges: Mapping[str, Interval]) -> "Statement":
         """The family over a box; parameters that are not named keep their values.
@@ -223,6 +225,7 @@ class Statement:
         circles: unknowns that are anywhere on a circle, by name; each is a variable as a share of a turn.
         since: frequency from which on p is looked at, rad/s.
         until: up to which, rad/s; None for all.
+        pace: of the family.
         varying: names of variables that are not fixed.
         degree: highest power of s without delay and unknowns, and with them (-1 for none).
     """
@@ -233,7 +236,7 @@ class Statement:
         self.leaves = {"s": polynomial("s")} | {name: polynomial(leaf) for name, leaf in leaves.items()}
         self.bound, self.groups = [tuple(pack) for pack in family.bound], list(family.groups)
         enumerated = {name: k for k, pack in enumerate(self.bound) for name in pack}
-        self.circles, self.since, self.until = family.circles, family.since, family.until
+        self.circles, self.since, self.until, self.pace = family.circles, family.since, family.until, family.pace
         self.body = _structure(_parsed(p), self.leaves, delays, enumerated, self.circles)
         if len(delays) > 1:
             raise ValueError("there may be one delay")

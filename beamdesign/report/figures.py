@@ -26,7 +26,10 @@ from beamdesign.structure.lumped import beam_of_equal_mass
 
 Curves = Mapping[str, LoopAtMass]
 """Loops by the label each gets in the legend."""
-_SHOWN_HZ = (0.1, 1000.0)
+_LOWEST_HZ, _HIGHEST_HZ, _MODE_HZ = 0.1, 1000.0, 30.0
+"""What is shown of a rig whose first mode is about there."""
+_LIGHT = 0.1
+"""Damping ratio below which a root of the loop opened is taken for a mode."""
 
 BESIDE: tuple[dict[str, Any], ...] = (
     {"color": "#3a7fc4", "linestyle": (0, (5, 1.5))},
@@ -35,10 +38,23 @@ BESIDE: tuple[dict[str, Any], ...] = (
 """Line styles of what a loop is compared with, in colours that are seen on light and on dark."""
 
 
-def frequency_grid(
-    loops: Sequence[LoopAtMass], lowest_Hz: float = _SHOWN_HZ[0], highest_Hz: float = _SHOWN_HZ[1]
-) -> np.ndarray:
-    """Frequencies for a smooth curve: even in the logarithm, and denser about each lightly damped root."""
+def shown_Hz(loops: Sequence[LoopAtMass]) -> tuple[float, float]:
+    """From 0.1 Hz to 1 kHz, so many decades lower or higher as the first mode of the loops lies from some 30 Hz."""
+    poles = np.concatenate([loop.open_loop_poles() for loop in loops])
+    modes = np.abs(poles[(poles.imag > 0) & (-poles.real < _LIGHT * np.abs(poles))]) / (2 * pi)
+    decades = 10.0 ** round(log10(modes.min() / _MODE_HZ)) if len(modes) else 1.0
+    return decades * _LOWEST_HZ, decades * _HIGHEST_HZ
+
+
+def frequency_grid(loops: Sequence[LoopAtMass], wider: float = 1.0) -> np.ndarray:
+    """Frequencies for a smooth curve: even in the logarithm, and denser about each lightly damped root.
+
+    Args:
+        loops: whose curves are drawn.
+        wider: factor by which the ends lie beyond those of `shown_Hz`.
+    """
+    lowest_Hz, highest_Hz = shown_Hz(loops)
+    lowest_Hz, highest_Hz = lowest_Hz / wider, highest_Hz * wider
     even = np.geomspace(lowest_Hz, highest_Hz, 800)
     close = [even]
     for loop in loops:
@@ -69,13 +85,13 @@ def plot_compliance(
         name = f"{label}: {bandwidth:.2f} Hz" if loop.stable else f"{label} (unstable)"
         magnitudes = np.abs(loop.compliance_response(frequencies))
         axes.loglog(frequencies, magnitudes, label=name, linewidth=1.3, **style)
-        if _SHOWN_HZ[0] <= bandwidth <= _SHOWN_HZ[1]:
+        if frequencies[0] <= bandwidth <= frequencies[-1]:
             axes.plot([bandwidth], [limit_m_per_N], "o", color=style["color"], markersize=5)
     for (label, loop), style in zip(beside.items(), cycle(BESIDE), strict=False):
         axes.loglog(frequencies, np.abs(loop.compliance_response(frequencies)), label=label, linewidth=1.2, **style)
     level = f"limit {limit_m_per_N:.3g} m/N = {limit_m_per_N * 1e5:.2g} cm/kN = {decibels(limit_m_per_N):.0f} dB"
     axes.axhline(limit_m_per_N, label=level, **LIMIT)
-    _frequency_axis(axes)
+    _frequency_axis(axes, frequencies)
     # 10⁻⁷ and the like in plain text, which is drawn far quicker than mathtext.
     raised = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
     axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: "10" + str(round(log10(value))).translate(raised)))
@@ -104,8 +120,8 @@ def passive_curves(prototype: Prototype, outer_end_mass: float) -> dict[str, Loo
 
 
 def shade_compliance(axes: Axes, loops: Sequence[LoopAtMass], label: str) -> Axes:
-    """Shade between the least and the largest compliance of several loops at 700 frequencies from 0.1 to 1000 Hz."""
-    frequencies = np.geomspace(0.1, 1000.0, 700)
+    """Shade between the least and the largest compliance of several loops, at 700 frequencies."""
+    frequencies = np.geomspace(*shown_Hz(loops), 700)
     magnitudes = np.array([np.abs(loop.compliance_response(frequencies)) for loop in loops])
     axes.fill_between(
         frequencies, magnitudes.min(axis=0), magnitudes.max(axis=0), color="0.88", linewidth=0, label=label, zorder=0
@@ -169,7 +185,7 @@ def plot_loop_bode(
             phase.plot([margins.phase_Hz] * 2, [odd, at], **bar)
     for axes, level in ((magnitude, 0.0), (phase, -180.0)):
         axes.axhline(level, **LIMIT)
-        _frequency_axis(axes)
+        _frequency_axis(axes, frequencies)
     magnitude.yaxis.set_major_locator(MultipleLocator(20))
     phase.yaxis.set_major_locator(MultipleLocator(90))
     return finish(magnitude, "", "|L|, dB"), finish(phase, y="phase of L, degrees")
@@ -183,7 +199,7 @@ def plot_nyquist(axes: Axes, curves: Curves, peak_sensitivity: float) -> Axes:
         curves: loops by label.
         peak_sensitivity: M of a claim |1 / (1 + L)| <= M, which keeps L out of the disc |1 + L| < 1 / M.
     """
-    grid = frequency_grid(list(curves.values()), 0.01, 1e4)
+    grid = frequency_grid(list(curves.values()), wider=10.0)
     frequencies = np.interp(np.arange(0, len(grid) - 1, 0.25), np.arange(len(grid)), grid)  # round curves need more
     around = np.exp(2j * pi * np.linspace(0, 1, 181))
     disc, words = around / peak_sensitivity - 1, f"kept free: nearer than 1/{stated_peak(peak_sensitivity)}"
@@ -272,7 +288,7 @@ def plot_sensitivity(axes: Axes, curves: Curves, limit: float = 2.0) -> Axes:
         shown = f"{label}, peak {peak:.2f}" if isfinite(peak) else f"{label}, unstable"
         axes.loglog(frequencies, np.abs(loop.sensitivity_response(frequencies)), label=shown, linewidth=1.3, **style)
     axes.axhline(limit, label=f"limit {limit:g}", **LIMIT)
-    _frequency_axis(axes)
+    _frequency_axis(axes, frequencies)
     plain_numbers(axes.yaxis)
     return finish(axes, y="|S|")
 
@@ -297,6 +313,6 @@ def plot_critical_gain(axes: Axes, masses_kg: Sequence[float], curves: Mapping[s
     return finish(axes, "outer end mass, kg", f"critical gain, {unit}")
 
 
-def _frequency_axis(axes: Axes) -> None:
-    axes.set(xlim=_SHOWN_HZ, xlabel="frequency, Hz")
+def _frequency_axis(axes: Axes, frequency_Hz: np.ndarray) -> None:
+    axes.set(xlim=(frequency_Hz[0], frequency_Hz[-1]), xlabel="frequency, Hz")
     plain_numbers(axes.xaxis)

@@ -16,7 +16,7 @@ import numpy as np
 from beamdesign.arguments import checked, checked_mass_kg, takes
 from beamdesign.loop import loop
 from beamdesign.plant.actuators import Demand, Limit
-from beamdesign.plant.assembly import fits
+from beamdesign.plant.assembly import fits, pace
 from beamdesign.plant.harmonic_balance import limit_cycles
 from beamdesign.plant.linear_reach import (
     SingleModeReach,
@@ -38,8 +38,7 @@ from beamdesign.result import Result, finite, picked
 from beamdesign.structure import lumped
 from beamdesign.structure.shapes import gaps
 
-_STATIC_HZ = 1e-4
-_LOWEST_HZ, _POINTS = 0.01, 60
+_STATIC_HZ, _LOWEST_HZ, _POINTS = 1e-4, 0.01, 60
 
 
 @dataclass(frozen=True)
@@ -185,14 +184,14 @@ def envelope(
         prototype: rig with a controller; its actuator heeds some of its effects.
         outer_end_mass: payload, kg.
         preload: constant force on the tip, N.
-        frequency_Hz: (N,); by default 0.1 to 200 Hz with every resonance between.
+        frequency_Hz: (N,); by default 0.1 to 200 Hz, times `pace`, with every resonance between.
     """
     grid = np.asarray([] if frequency_Hz is None else frequency_Hz, dtype=float)
     if prototype.controller is None or not loop(linear_part(prototype)).at(outer_end_mass).stable:
         why = "no controller" if prototype.controller is None else f"not stable with {outer_end_mass:g} kg"
         return Envelope(grid, {}, 0 * grid, 0 * grid, {}, why, stable=False)
     if frequency_Hz is None:
-        grid = grid_Hz(prototype, outer_end_mass, 0.1, 200.0, 161)
+        grid = grid_Hz(prototype, outer_end_mass, *np.multiply((0.1, 200.0), pace(lumped.figures(prototype))), 161)
     asked, held = demand(prototype, outer_end_mass, grid), _held(prototype, outer_end_mass, preload)
     held["stroke"] = abs(held["stroke"]) + own_sag_m(prototype)
     actuator = prototype.actuator
@@ -231,8 +230,8 @@ def sensor_reach(prototype: Prototype, outer_end_mass: float = 0.0) -> SensorRea
     )  # fmt: skip
 
 
-SHOWN_HZ = (0.1, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0)
-LINEAR_HZ = (1.0, 10.0, 50.0)
+SHOWN_HZ = np.array([0.1, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0])  # of a rig as quick as the published one
+LINEAR_HZ = (1.0, 10.0, 50.0)  # likewise
 AMPLITUDES_M = (1e-6, 1e-5, 1e-4, 3e-4, 1e-3)
 
 
@@ -294,7 +293,8 @@ class Limits(Result):
         found = self.envelope
         if found.reason:
             return []
-        near = [int(np.argmin(np.abs(np.log(found.frequency_Hz / shown)))) for shown in SHOWN_HZ]
+        shown = pace(lumped.figures(self.prototype)) * SHOWN_HZ
+        near = [int(np.argmin(np.abs(np.log(found.frequency_Hz / one)))) for one in shown]
         columns = found.frequency_Hz, found.load_N, found.governing, 1e6 * found.displacement_m, found.supply_power_W
         return [tuple(of[k] if isinstance(of[k], str) else float(of[k]) for of in columns) for k in near]
 
@@ -378,10 +378,10 @@ def _linear(rig: Prototype, mass: float, progress: Progress) -> tuple[dict[str, 
         ("air, volume share", "air", real),
     ]
     asked = asked if fits("entrained_air", rig.rig) else [row for row in asked if row[1] == "force"]
-    rows = []
+    rows, quick = [], pace(lumped.figures(rig))
     for number, (words, varied, there) in enumerate(asked):
         progress(number / len(asked), words)
-        for frequency in LINEAR_HZ:
+        for frequency in (quick * one for one in LINEAR_HZ):
             found = reach(there, varied, frequency, mass)
             of = {"words": words, "varied": varied, "effects": sorted(there.effects), "frequency_Hz": frequency}
             rows.append(of | picked(found, "limit departure") | {"reached": abs(found.departure) > 0.095})
