@@ -12,8 +12,7 @@ from beamdesign.diagnosis.fitting.evidence import evidence_of
 from beamdesign.diagnosis.fitting.fit import Fit, fit
 from beamdesign.diagnosis.fitting.hypothesis import NOTHING, together
 from beamdesign.diagnosis.fitting.search import Search
-from beamdesign.diagnosis.where.conditions import lines_of, setting
-from beamdesign.diagnosis.where.locate import kind_of_effect, laws_of, locate
+from beamdesign.diagnosis.where.locate import kind_of_effect, laws_of, lines_of, locate, setting
 from beamdesign.diagnosis.where.missing import stop
 from beamdesign.diagnosis.where.residuals import residuals
 

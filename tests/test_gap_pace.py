@@ -16,7 +16,7 @@ from beamdesign.diagnosis.fitting.evidence import record_evidence
 from beamdesign.diagnosis.fitting.fit import fit
 from beamdesign.diagnosis.fitting.hypothesis import NOTHING
 from beamdesign.diagnosis.gap_metrics import errors, gap
-from beamdesign.diagnosis.where.conditions import setting
+from beamdesign.diagnosis.where.locate import setting
 from beamdesign.diagnosis.where.residuals import residuals
 
 
