@@ -16,9 +16,8 @@ from scipy.signal import lfilter
 from beamdesign import InputError, Prototype, read_dataset
 from beamdesign.controllers import Lag, Proportional
 from beamdesign.diagnosis.data.dataset import MeasuredGain, TimeRecord
-from beamdesign.diagnosis.examination.force_channel import force_channel
 from beamdesign.diagnosis.examination.nominal import _knee, commanded_current, controller_fit, nominal_loop
-from beamdesign.diagnosis.examination.plausibility import examine
+from beamdesign.diagnosis.examination.plausibility import examine, force_channel
 from beamdesign.diagnosis.examination.readings import contradictions
 from beamdesign.prototype import Tolerance
 from beamdesign.structure.lumped import figures
