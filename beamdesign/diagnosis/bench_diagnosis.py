@@ -21,7 +21,6 @@ from beamdesign.diagnosis.diagnosis import (
     Verdict,
     Where,
     no_surer,
-    unfinished,
 )
 from beamdesign.diagnosis.examination.scattered_runs import without_scattered
 from beamdesign.diagnosis.fitting.fit import Fit
@@ -119,7 +118,7 @@ def bench_diagnosis(data: BenchSet, seen: Observations, tried: Sequence[HeldOut]
     return Diagnosis(
         data.name,
         verdict,
-        unfinished(lacking) + sentences(verdict, new, chosen, words, where, complete=not lacking),
+        sentences(verdict, new, chosen, words, where, complete=not lacking),
         new,
         chosen,
         nan,

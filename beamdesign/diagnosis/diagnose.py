@@ -16,15 +16,7 @@ import numpy as np
 
 from beamdesign.arguments import takes
 from beamdesign.diagnosis.data.dataset import Dataset
-from beamdesign.diagnosis.diagnosis import (
-    Cause,
-    Diagnosis,
-    Gap,
-    NextExperiment,
-    no_surer,
-    unfinished,
-    updated_prototype,
-)
+from beamdesign.diagnosis.diagnosis import Cause, Diagnosis, Gap, NextExperiment, no_surer, updated_prototype
 from beamdesign.diagnosis.examination.plausibility import GAIN_FAR, Examination, examine
 from beamdesign.diagnosis.experiment import next_experiment
 from beamdesign.diagnosis.fitting.evidence import RecordEvidence, evidence_of, with_output_injection
@@ -121,7 +113,7 @@ def _diagnosed(data: Dataset, workers: int, progress: Progress, kept: FitCache |
     return Diagnosis(
         data.name,
         verdict,
-        unfinished(lacking) + answer,
+        answer,
         ranked,
         chosen,
         judged.unknown,

@@ -352,12 +352,6 @@ def no_surer(verdict: Verdict, left_out: Sequence[str]) -> Verdict:
     return weaker.get(verdict, verdict) if left_out else verdict
 
 
-def unfinished(left_out: Sequence[str]) -> str:
-    """What a sentence begins with where not all was compared."""
-    said = "Not everything was compared in the time given, and probabilities are among what was. "
-    return said if left_out else ""
-
-
 def updated_prototype(prototype: Prototype, found: Fit) -> Prototype:
     """Put a fit's figures and effects into a prototype.
 

@@ -11,7 +11,7 @@ import numpy as np
 from scipy.special import expit
 
 from beamdesign.diagnosis.data.dataset import Dataset, MeasuredGain
-from beamdesign.diagnosis.diagnosis import Diagnosis, Gap, RecordGap, Where, no_surer, unfinished, updated_prototype
+from beamdesign.diagnosis.diagnosis import Diagnosis, Gap, RecordGap, Where, no_surer, updated_prototype
 from beamdesign.diagnosis.fitting.evidence import Figure, figures_of
 from beamdesign.diagnosis.fitting.fit import Fit, FitCache
 from beamdesign.diagnosis.fitting.gain_evidence import GainEvidence
@@ -133,7 +133,7 @@ def _explained(
     return Diagnosis(
         data.name,
         verdict,
-        unfinished(left) + sentences(verdict, listed, chosen, errors, where, names, not left),
+        sentences(verdict, listed, chosen, errors, where, names, not left),
         listed,
         chosen,
         judged.unknown,

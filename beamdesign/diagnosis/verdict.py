@@ -155,4 +155,5 @@ def sentences(
             first += f" Learnt from the records: {listed(learnt)}." if learnt else ""
     if rare <= LEVEL and verdict != "no_gap":
         first += f" Of rigs without a gap at most {rare:.1%} are judged to be as far from having none."
-    return f"{first} {errors}"
+    hurried = "Not everything was compared in the time given, and probabilities are among what was. "
+    return f"{'' if complete else hurried}{first} {errors}"
