@@ -31,8 +31,7 @@ from beamdesign.diagnosis.fitting.fit import Fit, Share
 from beamdesign.diagnosis.fitting.hypothesis import Hypothesis
 from beamdesign.diagnosis.fitting.search import Search
 from beamdesign.diagnosis.gain_findings import another_size
-from beamdesign.diagnosis.gap_metrics import errors, gap, in_bands
-from beamdesign.diagnosis.prediction_errors import Errors
+from beamdesign.diagnosis.gap_metrics import Errors, errors, gap, in_bands
 from beamdesign.diagnosis.redesign import designer_terms, loops_of, payload_range, terms
 from beamdesign.prototype import Arm, Payload
 from beamdesign.report.gap_folder import bands, gap_report_html, record_picture, write_gap_folder, zoom

@@ -14,9 +14,8 @@ from beamdesign.diagnosis.fitting.fit import Fit
 from beamdesign.diagnosis.fitting.hypothesis import FREE, NOTHING, together
 from beamdesign.diagnosis.fitting.replay import Replay
 from beamdesign.diagnosis.fitting.weighting import rising, weighting
+from beamdesign.diagnosis.gap_metrics import Errors, gap, held_out, sizes
 from beamdesign.diagnosis.gap_metrics import errors as prediction_errors
-from beamdesign.diagnosis.gap_metrics import gap, held_out, sizes
-from beamdesign.diagnosis.prediction_errors import Errors
 from beamdesign.scenario import Measurement
 
 

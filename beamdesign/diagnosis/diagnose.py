@@ -26,12 +26,11 @@ from beamdesign.diagnosis.fitting.gain_evidence import GainEvidence
 from beamdesign.diagnosis.fitting.hypothesis import notes_on_known
 from beamdesign.diagnosis.fitting.replay import PLAY, law_of_play
 from beamdesign.diagnosis.gain_diagnosis import explain_gains
-from beamdesign.diagnosis.gap_metrics import errors, gap, held_out, sizes
+from beamdesign.diagnosis.gap_metrics import Errors, errors, gap, held_out, sizes
 from beamdesign.diagnosis.judgement import cause_sets, causes, classes
 from beamdesign.diagnosis.learning import EXPLAINED, described, learn
 from beamdesign.diagnosis.misstated_mass import with_own_mass
 from beamdesign.diagnosis.passing import Look, what_passed, without_one
-from beamdesign.diagnosis.prediction_errors import Errors
 from beamdesign.diagnosis.second_look import refit_backlash_impacts, second_look, without_impacts
 from beamdesign.diagnosis.separability import indistinguishable
 from beamdesign.diagnosis.skewed_channels import channels_in_time

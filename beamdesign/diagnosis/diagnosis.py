@@ -15,7 +15,6 @@ from beamdesign.controllers import Controller
 from beamdesign.diagnosis.fitting.fit import Fit
 from beamdesign.diagnosis.fitting.hypothesis import ABSENT, SUPPLY, WRONG, Hypothesis, given, left_as_known
 from beamdesign.diagnosis.fitting.search import Search
-from beamdesign.diagnosis.prediction_errors import Errors
 from beamdesign.diagnosis.separability import Separability
 from beamdesign.parameters import PARAMETERS
 from beamdesign.prototype import Beam, Prototype
@@ -26,6 +25,7 @@ from beamdesign.structure import lumped
 from beamdesign.structure.arm import with_torsion
 
 if TYPE_CHECKING:
+    from beamdesign.diagnosis.gap_metrics import Errors
     from beamdesign.diagnosis.judgement import Judgement
 
 Verdict = Literal["no_gap", "effect", "ambiguous", "unknown"]
@@ -262,7 +262,7 @@ class Diagnosis(Generic[Rig], Result):
     search: Search | None = field(default=None, repr=False)
     separability: Separability | None = field(default=None, repr=False)
     hypotheses: tuple[CauseSet, ...] = ()
-    errors: tuple[Errors, ...] = field(default=(), repr=False)
+    errors: "tuple[Errors, ...]" = field(default=(), repr=False)
     notes: tuple[str, ...] = ()
     left_out: tuple[str, ...] = ()
     chance: float = nan

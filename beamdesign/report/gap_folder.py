@@ -13,8 +13,7 @@ from matplotlib.figure import Figure
 
 from beamdesign.diagnosis.data.dataset import Dataset
 from beamdesign.diagnosis.diagnosis import BandGap, Cause, Diagnosis, controller_text, in_words
-from beamdesign.diagnosis.gap_metrics import in_bands
-from beamdesign.diagnosis.prediction_errors import Errors
+from beamdesign.diagnosis.gap_metrics import Errors, in_bands
 from beamdesign.diagnosis.redesign import LoopTerms, Redesign, payload_range
 from beamdesign.files import write_set
 from beamdesign.loop import loop

@@ -11,8 +11,7 @@ from markupsafe import escape
 from beamdesign.diagnosis.data.dataset import TimeRecord
 from beamdesign.diagnosis.data.dataset_index import OFF
 from beamdesign.diagnosis.fitting.fit import Fit
-from beamdesign.diagnosis.gap_metrics import BANDS_HZ, in_bands
-from beamdesign.diagnosis.prediction_errors import Errors
+from beamdesign.diagnosis.gap_metrics import BANDS_HZ, Errors, in_bands
 from beamdesign.diagnosis.redesign import LoopTerms, Terms
 from beamdesign.parameters import PARAMETERS, TORSION
 from beamdesign.quantities import decimal, masses_text, quantity, stated_bandwidth, stated_peak, stated_range
