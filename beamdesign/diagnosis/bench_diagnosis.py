@@ -168,7 +168,7 @@ def probabilities(tried: Sequence[HeldOut], conditions: Sequence[str]) -> np.nda
     densities = np.array([[each.density[c] for c in conditions] for each in tried])
     prior = np.array([size(each.hypothesis) for each in tried]) * THRESHOLDS.bench_odds
     share = np.random.default_rng(0).dirichlet(np.ones(len(conditions)), _DRAWS) * len(conditions)
-    moved = [[z for u, z in zip(t.fit.unknowns, t.fit.z, strict=True) if u.kind == "figure"] for t in tried]
+    moved = [[*each.fit.moved.values()] for each in tried]
     score = share @ densities.T + prior - np.sum(np.square(moved), axis=1) / 2
     # What leaves more of a channel than replicates scatter is out where something else does not.
     for channel in CHANNELS:
@@ -192,8 +192,7 @@ def _gap(rig: BenchPrototype, retuned: HeldOut, best: HeldOut, seen: Observation
 
 def _verdict(gap: Gap, named: bool, undecided: bool, retuned: Fit) -> Verdict:
     sound = THRESHOLDS.bench_sound * gap.noise_floor
-    moved = (z for u, z in zip(retuned.unknowns, retuned.z, strict=True) if u.kind == "figure")
-    if gap.before < sound or (gap.tuned < sound and all(abs(z) <= SUSPICIOUS for z in moved)):
+    if gap.before < sound or (gap.tuned < sound and all(abs(z) <= SUSPICIOUS for z in retuned.moved.values())):
         return "no_gap"
     if not named or gap.closed < THRESHOLDS.bench_likely:
         return "unknown"

@@ -99,7 +99,7 @@ class Judgement:
     @property
     def strained(self) -> tuple[str, ...]:
         """Tolerated figures that the best fit has moved further than anyone would believe: it may stand for another."""
-        return tuple(name for name, moved in _moved(self.best).items() if moved > THRESHOLDS.strained)
+        return tuple(name for name, moved in self.best.moved.items() if abs(moved) > THRESHOLDS.strained)
 
     def cause(self, name: str) -> float:
         """Probability that a cause is at work, alone or with others."""
@@ -241,11 +241,6 @@ def _plain(fits: Sequence[Fit], plausible: Mapping[Hypothesis, float]) -> tuple[
     return max(((null.cost - f.cost, null.strain - f.strain) for f in wrong), default=(0.0, 0.0))
 
 
-def _moved(found: Fit) -> dict[str, float]:
-    """Tolerances by which a fit has moved each tolerated figure."""
-    return {u.name: abs(float(z)) for u, z in zip(found.unknowns, found.z, strict=True) if u.kind == "figure"}
-
-
 def _slight(found: Fit, fits: Mapping[Hypothesis, Fit], of: Search, spread: float, wrong: tuple[float, float]) -> float:
     """What is taken off the evidence for causes that explain no more than a rig's many small imperfections may.
 
@@ -264,7 +259,7 @@ def _slight(found: Fit, fits: Mapping[Hypothesis, Fit], of: Search, spread: floa
             return 0.0
         alone, eased = without == NOTHING, rest.strain - found.strain
         effect = found.hypothesis.effects != without.effects
-        furthest = max(_moved(rest).values(), default=0.0)
+        furthest = max(map(abs, rest.moved.values()), default=0.0)
         off = furthest**2 * (effect and furthest > THRESHOLDS.strained * sqrt(spread))
         gain, ease = (THRESHOLDS.as_much * part for part in (wrong if alone else (off, off)))
         plain = (0 < gain <= gained and ease <= eased) or (alone and not found.hypothesis.effects)

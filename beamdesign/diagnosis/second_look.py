@@ -197,11 +197,7 @@ def _strides(evidence: Sequence[Evidence], placement: Placement, z: np.ndarray) 
 
 def _pairs(others: Sequence[Hypothesis], rig: Prototype, evidence: Sequence[Evidence], loose: Fit) -> list[Fit]:
     """Play with each other effect that helps it most at a look, and with a figure that it had to strain."""
-    strained = {
-        WRONG + RIG_TOLERANCES[u.name]
-        for u, z in zip(loose.unknowns, loose.z, strict=True)
-        if u.kind == "figure" and abs(z) > _STRAINED
-    }
+    strained = {WRONG + RIG_TOLERANCES[name] for name, moved in loose.moved.items() if abs(moved) > _STRAINED}
     worst = sorted(range(len(evidence)), key=lambda k: -loose.shares[k].c / max(evidence[k].expected, 1e-9))
     hardest = [evidence[k] for k in worst[: max(1, len(worst) // 3)]]
     loosened = loose.hypothesis

@@ -135,6 +135,11 @@ class Fit:
         return {u.name: u.value(z) for u, z in zip(self.unknowns, self.z, strict=not self.reason)}
 
     @property
+    def moved(self) -> dict[str, float]:
+        """Tolerances by which it has moved each tolerated figure, by name; none without a fit."""
+        return {u.name: float(z) for u, z in zip(self.unknowns, self.z, strict=not self.reason) if u.kind == "figure"}
+
+    @property
     def covariance(self) -> np.ndarray:
         """(K, K) of z, from the curvature at the fit."""
         values, vectors = np.linalg.eigh(np.eye(len(self.z)) + sum(share.a for share in self.shares))
