@@ -137,7 +137,7 @@ def acceptance(
     spread = {name: part for name, part in (tolerances or {}).items() if name in CHANGEABLE and part > 0}
     members = [prototype, *_drawn(prototype, spread)]
     loops = [one for member in members for one in _loops(member)]
-    grid, found = np.array(FREQUENCIES_HZ), []
+    grid, found = pace(figures(prototype)) * np.array(FREQUENCIES_HZ), []
     for at, mass in enumerate(masses_kg):
         progress(at / len(masses_kg), "members within the tolerances")
         table = np.abs([closed.at(mass).compliance_response(grid) for closed in loops])

@@ -191,7 +191,8 @@ def envelope(
         why = "no controller" if prototype.controller is None else f"not stable with {outer_end_mass:g} kg"
         return Envelope(grid, {}, 0 * grid, 0 * grid, {}, why, stable=False)
     if frequency_Hz is None:
-        grid = grid_Hz(prototype, outer_end_mass, *np.multiply((0.1, 200.0), pace(lumped.figures(prototype))), 161)
+        shown = pace(lumped.figures(prototype)) * SHOWN_HZ
+        grid = grid_Hz(prototype, outer_end_mass, shown[0], 2 * shown[-1], 161)
     asked, held = demand(prototype, outer_end_mass, grid), _held(prototype, outer_end_mass, preload)
     held["stroke"] = abs(held["stroke"]) + own_sag_m(prototype)
     actuator = prototype.actuator
@@ -395,6 +396,5 @@ def _cycles(rig: Prototype, mass: float) -> tuple[dict[str, Any], ...]:
             (cycle,) = limit_cycles(real, [amplitude], mass)
         except ValueError:  # there is none of that amplitude, or harmonic balance does not cover an effect
             continue
-        stated = picked(cycle, "gain_A_per_V frequency_Hz=motion.frequency_Hz stable")
-        rows.append({"amplitude_m": amplitude} | stated)
+        rows.append({"amplitude_m": amplitude} | picked(cycle, "gain_A_per_V frequency_Hz=motion.frequency_Hz stable"))
     return tuple(rows)
