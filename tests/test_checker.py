@@ -6,6 +6,7 @@ import sys
 import tomllib
 from collections.abc import Callable
 from hashlib import sha256
+from io import BytesIO, TextIOWrapper
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +21,7 @@ from pydantic_core import PydanticUndefined
 import beamdesign
 from beamdesign import Prototype, certify, certify_box, check, checker, read_prototype, write_prototype
 from beamdesign.checker import KEYS, Unreadable
+from beamdesign.checker.__main__ import main
 from beamdesign.checker.law import SCHEDULED
 from beamdesign.checker.prototype import DEFAULTS
 from beamdesign.checker.reading import rational, short, span
@@ -144,6 +146,33 @@ def test_what_cannot_be_read_is_refused(stable: str, damage: Callable[[str], str
 def test_a_file_that_cannot_be_read_is_said_to_be_none(name: str) -> None:
     with pytest.raises(Unreadable, match="cannot be read"):
         check(name)
+
+
+def test_what_is_no_prototype_is_said_to_be_none(stable: str, tmp_path: Path) -> None:
+    """A scenario, say, or a file that is not there."""
+    path = tmp_path / "scenario.toml"
+    for content, words in (
+        (None, "^the prototype: cannot be read"),
+        (b"x = ", "^the prototype: Invalid value"),
+        (b'\xef\xbb\xbfname = "steps"\n', "states neither figures nor a material of its outer_beam"),
+    ):
+        if content is not None:
+            path.write_bytes(content)
+        with pytest.raises(Unreadable, match=words):
+            check(stable, path)
+
+
+def test_letters_that_a_terminal_does_not_have_are_printed_as_codes(
+    stable: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It ended in a traceback, with the exit status of what is not proved."""
+    path, shown = tmp_path / "certificate.toml", BytesIO()
+    path.write_text(resealed(tomllib.loads(stable) | {"name": "Prüfstand 臂"}), "utf-8")
+    with TextIOWrapper(shown, "ascii") as out:
+        monkeypatch.setattr(sys, "stdout", out)
+        assert main([str(path)]) == 0
+        out.flush()
+        assert b"Pr\\xfcfstand \\u81c2" in shown.getvalue()
 
 
 def test_a_controller_of_an_unknown_kind_is_said_to_be_one_whatever_is_given(stable: str, remedy: Prototype) -> None:

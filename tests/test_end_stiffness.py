@@ -5,6 +5,7 @@ import re
 import tomllib
 from copy import deepcopy
 from dataclasses import replace
+from fractions import Fraction
 from functools import partial
 from pathlib import Path
 
@@ -483,6 +484,38 @@ def test_an_end_that_moves_against_a_force_at_rest_is_proved_again(rig: Prototyp
     verdict = check(text)
     assert verdict.valid, verdict.failed
     assert true(tomllib.loads(text)) is not False
+
+
+def test_a_loop_that_is_not_stable_has_no_stiffness_up_to_any_frequency(rig: Prototype) -> None:
+    """|F / x| is near a stiffness there as well, and its certificate claimed a band that its check called proved."""
+    assert isinstance(rig.controller, Lag)
+    wild = rig.but(controller=rig.controller.but(gain_A_per_V=0.4), guarantee=None)
+    found = judge(wild, None, MASSES_KG, WALL)
+    port = Port(StatedRig({"version": 2, **rig_tables(wild)}))
+    near = port.impedance(2 * np.pi * np.linspace(0.001, 0.03, 50)) / found.static_N_per_m
+    assert np.abs(near - 1).max() < 0.1
+    assert state_space(wild, outer_end_mass_kg=0.0).poles().real.max() > 0
+    assert (found.stable, found.band_Hz) == (False, 0.0)
+    text = contact_text(wild, found)
+    assert check(text).valid
+    table = tomllib.loads(text)
+    table["stiffness"]["bandwidth_Hz"] = "0.03"
+    assert true(table) is False
+    assert refused(sealed_text(tomli_w.dumps(table)))
+
+
+def test_bands_in_which_work_comes_out_are_told_no_narrower_than_they_are(
+    judged: dict[str, EndStiffness], rig: Prototype
+) -> None:
+    """Outside of what is told nothing comes out: its ends are on the safe side of those stated, to seven digits."""
+    text = carried_out(rig, judged["brisk"]).contact
+    bands = tomllib.loads(text)["passivity"]["band"]
+    words = [words for words in check(text).proved if "work comes out of the tip" in words]
+    *inside, around = ([Fraction(end) for end in re.findall(r"[0-9.]+", one)[1:-1]] for one in words)
+    for (low, high), band in zip(inside, bands, strict=True):
+        assert Fraction(band["inner"][0]) <= low <= high <= Fraction(band["inner"][1])
+    for low, high, band in zip(around[0::2], around[1::2], bands, strict=True):
+        assert low <= Fraction(band["outer"][0]) <= Fraction(band["outer"][1]) <= high
 
 
 def refused(text: str) -> bool:

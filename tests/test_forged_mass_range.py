@@ -147,9 +147,11 @@ def test_what_nothing_asks_for_is_refused(stable: Honest, place: tuple[Any, ...]
 
 def test_comments_are_told_to_prove_nothing(stable: Honest):
     bare = check(resealed(stable.table))
-    told = check(sealed_text(resealed(stable.table) + "# Proved: bandwidth 50 Hz.\n"))
-    assert told.proved == bare.proved
-    assert len(told.open) == len(bare.open) + 1
+    behind = resealed(stable.table).replace("stable = true\n", "stable = true # at 0 to 50 kg\n", 1)
+    for text in (resealed(stable.table) + "# Proved: bandwidth 50 Hz.\n", behind):
+        told = check(sealed_text(text))
+        assert told.proved == bare.proved
+        assert len(told.open) == len(bare.open) + 1
 
 
 def test_the_guarantee_of_a_prototype_is_that_of_the_file(stable: Honest, tmp_path: Path):
@@ -163,6 +165,55 @@ def test_the_guarantee_of_a_prototype_is_that_of_the_file(stable: Honest, tmp_pa
     path.write_text(resealed(table))
     assert check(path).valid
     assert not check(path, given).valid
+
+
+def test_a_guarantee_of_another_file_is_told_not_to_be_looked_at(stable: Honest, tmp_path: Path):
+    """It stood beside `valid` as if it were proved, whatever it stated."""
+    path = tmp_path / "certificate.toml"
+    path.write_text(stable.text)
+    states = {"bandwidth_Hz": 99.0, "peak_sensitivity": 1.01, "outer_end_mass_kg": [0.0, 50.0]}
+    for name in ("certificate.box.toml", "./certificate.toml", "sub/certificate.toml"):
+        stated = states | {"certificate": name, "certificate_sha256": "0" * 64}
+        told = check(path, {**stable.given, "guarantee": stated})
+        assert len([words for words in told.open if "[guarantee]" in words]) == 1
+    assert not any("[guarantee]" in words for words in check(path, stable.given).open)
+
+
+def test_a_prototype_is_read_whole_or_not_at_all(stable: Honest, tmp_path: Path):
+    """Behind eight million bytes stood an effect that was not seen: the rig was called that of the certificate."""
+    path = tmp_path / "prototype.toml"
+    write_prototype(stable.prototype, path)
+    assert check(stable.text, path).valid
+    with path.open("a") as file:
+        file.write(("#" * 999 + "\n") * 8_010 + "[effects.joint_backlash]\n")
+    with pytest.raises(Unreadable, match="the prototype: it holds more than 8000000 bytes"):
+        check(stable.text, path)
+
+
+@pytest.mark.parametrize(
+    ("before", "after"),
+    [
+        ('limit = "3"', "limit = {}"),
+        ("version = 2", "version = {}"),
+        ('kind = "lag"', 'kind = "homemade"\nx = {}'),
+        ("lower_gains = true", "lower_gains = {}"),
+    ],
+)
+def test_a_whole_number_too_long_to_print_is_refused(stable: Honest, before: str, after: str):
+    """Python prints none of more than 4300 digits, and a hexadecimal one has no limit: it ended in a traceback."""
+    text = resealed(stable.table)
+    assert text.count(before) == 1
+    with pytest.raises(Unreadable, match="more than 64 bits"):
+        check(sealed_text(text.replace(before, after.format("0x" + "f" * 5000))))
+
+
+def test_so_is_one_of_a_prototype(stable: Honest, tmp_path: Path):
+    path = tmp_path / "prototype.toml"
+    write_prototype(stable.prototype, path)
+    for entry in ("[actuator]\nkind", "[effects]\nsensor_lag.break_Hz"):
+        path.write_text(f"{entry} = 0x{'f' * 5000}\n")
+        with pytest.raises(Unreadable, match="the prototype: it holds a whole number"):
+            check(stable.text, path)
 
 
 def test_alloys_are_those_of_the_prototype(stable: Honest, tmp_path: Path):

@@ -10,7 +10,7 @@ from forging import resealed
 from honest_certificates import SHARE, honest, share_of_work
 
 from beamdesign import check
-from beamdesign.checker import Unreadable
+from beamdesign.checker import Unreadable, reading
 
 Table = dict[str, Any]
 
@@ -115,3 +115,30 @@ def test_filters_beside_a_box_are_of_a_low_degree_before_anything_is_multiplied_
     table["effect"] = [{"name": "e", "parameters": {}, "elements": {"volts": volts}}]
     with pytest.raises(Unreadable, match="has degree 81, more than 60"):
         check(resealed(table))
+
+
+@pytest.mark.parametrize("key", ["a", '"a"', "'a b'", '"a\\" # b"', "a-1 "])
+@pytest.mark.parametrize("line", ["{} = 1", "[{}]", "x = {{ {} = 1 }}", "  [[{}]]"])
+def test_a_dotted_key_of_thousands_of_parts_is_not_even_parsed(monkeypatch: pytest.MonkeyPatch, key: str, line: str):
+    """`tomllib` takes time with the square of their number: 3 s for 4,000, hours for a file of 200 kB."""
+
+    def loads(text: str) -> Table:
+        raise AssertionError("parsed")
+
+    monkeypatch.setattr(reading.tomllib, "loads", loads)
+    for count in (40, 4_000):
+        with pytest.raises(Unreadable, match="nested more than 32 deep"):
+            check(line.format(".".join([key] * count)) + "\n")
+
+
+def test_a_line_of_many_dots_is_no_long_key():
+    table = of("mass_range", "stable") | {"name": f"a.b.c, {', '.join(['0.5', '.'] * 40)} {'1..' * 40}"}
+    assert check(resealed(table)).valid
+
+
+def test_a_tree_that_only_cuts_is_refused_before_it_fills_the_memory():
+    """Each piece that waits has ranges as long as the tree is deep: 200,000 cuts, 400 kB, came to some 15 GB."""
+    table = of("box", "stable")
+    (name, *_) = (name for name, (low, high) in table["range"].items() if low != high and name != "outer_end_mass")
+    with pytest.raises(Unreadable, match="leaves more than 1000 open"):
+        check(resealed(table | {"tree": [" ".join([name] * 20_000)]}))

@@ -50,7 +50,7 @@ def _statements(table: Table) -> Iterator[Verdict]:
     yield from _passivity(table["passivity"], port, stands, masses[0])
     yield from _contact(table["contact"], port, masses)
     yield _bouncing(table["bouncing"], port, stands, masses)
-    yield _stiffness(table["stiffness"], port, masses)
+    yield _stiffness(table["stiffness"], port, stands, masses)
 
 
 class Port:
@@ -145,7 +145,7 @@ def _bouncing(table: Table, port: Port, stands: Verdict, masses: tuple[float, fl
     return together(verdicts)
 
 
-def _stiffness(table: Table, port: Port, masses: tuple[float, float]) -> Verdict:
+def _stiffness(table: Table, port: Port, stands: Verdict, masses: tuple[float, float]) -> Verdict:
     stiffness, share = number(table["end_stiffness_N_per_m"]), number(table["share"])
     band = inf if table["bandwidth_Hz"] == "infinite" else 2 * pi * number(table["bandwidth_Hz"])
     if stiffness == 0 or share <= 0 or band < 0:
@@ -156,4 +156,4 @@ def _stiffness(table: Table, port: Port, masses: tuple[float, float]) -> Verdict
     for mass in grid(*masses):
         w = np.append(np.linspace(0, band, 200)[1:] if band < inf else [], frequencies(port.poles(0, 0, mass), 0, band))
         off = max(off, float(abs(port.impedance(w, mass) / stiffness - 1).max()))
-    return below(off, share)
+    return together([stands, below(off, share)])

@@ -8,7 +8,7 @@ by another method than the prover's, boxes and Lyapunov functions by the same me
 2 if the file cannot be read.
 """
 
-import tomllib
+from codecs import BOM_UTF8
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from hashlib import sha256
@@ -20,7 +20,7 @@ from flint import ctx, fmpq
 
 from beamdesign.checker.box_loop import DEVIATIONS, deviations_of, figures, holds
 from beamdesign.checker.prototype import ALLOY, differences, left_open, masses_of, number_of, table_of
-from beamdesign.checker.reading import LARGEST_BYTES, Table, Unreadable, rational, read, sealed, short, span
+from beamdesign.checker.reading import LARGEST_BYTES, Table, Unreadable, rational, read, sealed, short, span, toml
 from beamdesign.checker.rig import Effect, Rig
 from beamdesign.checker.roots import Pair
 from beamdesign.checker.work import allowed
@@ -121,8 +121,7 @@ def check(
             rig = None if kind in OF_NO_RIG else Rig(table)
             given = None if prototype is None else _given(prototype, table)
             results = [sealed(table, text), *(rig.statements() if rig else ()), *room.statements(table, rig)]
-            comments = any(line.lstrip().startswith("#") for line in text.splitlines())
-            unread = ["lines that begin with #, in which nothing is proved"] if comments else []
+            unread = ["what follows a #, in which nothing is proved"] if "#" in text else []
             if rig is not None:
                 unread += rig.left_open(of_effects=given is None or "effect" not in given)
                 unread += left_aside(kind, table.again().optional("arm"))
@@ -133,7 +132,9 @@ def check(
             elif given is not None and rig is not None:
                 others = [(False, f"not of this prototype: {line}") for line in differences(table, rig, given)]
                 results += others or [(True, "it is of this prototype")]
-                results += rests_on(given, data, source, table, rig)
+                results += (resting := [*rests_on(given, data, source, table, rig)])
+                if "guarantee" in given and not resting:
+                    unread.append("what the prototype's [guarantee] states, which is not said to rest on this file")
                 unread += left_open(table, rig, given)
             words = tuple(about(table, rig))
             table.done()
@@ -180,9 +181,9 @@ def _bytes(path: Path) -> bytes:
 
 def _toml(path: Path) -> PrototypeTable:
     try:
-        table = tomllib.loads(_bytes(path).decode("utf-8-sig"))  # a byte order mark is an editor's
-    except (UnicodeDecodeError, ValueError, RecursionError) as error:
-        raise Unreadable(f"the prototype is not valid TOML: {str(error)[:200]}") from error
+        table, _ = toml(_bytes(path).removeprefix(BOM_UTF8))  # an editor's
+    except Unreadable as error:
+        raise Unreadable(f"the prototype: {error}") from error
     # No file says what its effects come to: only a caller who works them out may.
     return {key: value for key, value in table.items() if key != "effect"}
 

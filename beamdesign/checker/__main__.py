@@ -2,6 +2,7 @@
 
 import sys
 from collections.abc import Sequence
+from io import TextIOWrapper
 from pathlib import Path
 
 from beamdesign.checker import Unreadable, check
@@ -17,6 +18,8 @@ def main(arguments: Sequence[str]) -> int:
     except Unreadable as error:
         print(f"{' '.join(arguments)}: {error}", file=sys.stderr)
         return 2
+    if isinstance(sys.stdout, TextIOWrapper):  # a name may be of letters that a terminal does not have
+        sys.stdout.reconfigure(errors="backslashreplace")
     for words in verdict.lines():
         print(words)
     print("valid" if verdict.valid else "NOT valid")

@@ -36,7 +36,7 @@ def statements(table: Table, rig: Rig) -> Statements:
     yield from _passivity(table.table("passivity"), port, stable, masses)
     yield from _contact(table.table("contact"), port, masses)
     yield _one_sided(table.table("bouncing"), port, stable, masses)
-    yield _stiffness(table.table("stiffness"), port, masses)
+    yield _stiffness(table.table("stiffness"), port, stable, masses)
 
 
 class Port:
@@ -91,13 +91,14 @@ def _passivity(table: Table, port: Port, stable: bool, masses: Pair) -> Statemen
         if not a <= low < top <= b:
             raise Unreadable("the inner ends of a band are not within the outer ones")
         active = all(absorbed(x) < 0 for x in pieces([absorbed], low, top)[0])
-        yield judged(active, f"work comes out of the tip for w^2 from {short(low)} to {_end(high)} (rad/s)^2")
+        inside = f"{short(low, up=True)} to {_end(high, up=False)}"
+        yield judged(active, f"work comes out of the tip for w^2 from {inside} (rad/s)^2")
     if any(one[1] > two[0] for one, two in pairwise(closed)):
         raise Unreadable("the bands do not follow each other")
     edges = [fmpq(0), *(end for band in closed for end in band), far]
     gaps = [(low, high) for low, high in zip(edges[0::2], edges[1::2], strict=True) if low < high]
     quiet = all(absorbed(x) >= 0 for low, high in gaps for x in pieces([absorbed], low, high)[0])
-    listed = " and ".join(f"{short(low)} to {_end(high)}" for low, high in outer)
+    listed = " and ".join(f"{short(low, up=False)} to {_end(high, up=True)}" for low, high in outer)
     where = f"for w^2 outside {listed} (rad/s)^2" if outer else "at any frequency"
     yield judged(quiet, f"no work comes out of the tip {where}")
     yield judged(stable and not outer, "passive at the tip with every end mass", table.flag("passive"))
@@ -118,8 +119,8 @@ def _band(table: Table, key: str) -> tuple[fmpq, fmpq | None]:
     return low, high
 
 
-def _end(value: fmpq | None) -> str:
-    return "infinity" if value is None else short(value)
+def _end(value: fmpq | None, up: bool) -> str:
+    return "infinity" if value is None else short(value, up)
 
 
 def _contact(table: Table, port: Port, masses: Pair) -> Statements:
@@ -157,8 +158,11 @@ def _one_sided(table: Table, port: Port, stable: bool, masses: Pair) -> tuple[bo
     return judged(proved, f"comes to rest before every one-sided wall up to {short(stiffness, up=False)} N/m")
 
 
-def _stiffness(table: Table, port: Port, masses: Pair) -> tuple[bool, str]:
-    """|F / x - k| is at most a share of k, which is below zero where an end at rest moves against a force."""
+def _stiffness(table: Table, port: Port, stable: bool, masses: Pair) -> tuple[bool, str]:
+    """|F / x - k| is at most a share of k, which is below zero where an end at rest moves against a force.
+
+    Of a loop that is not stable a force says nothing of where the tip will be.
+    """
     stiffness, share = table.number("end_stiffness_N_per_m"), table.at_least("share", 0, above=True)
     if stiffness == 0:
         raise Unreadable(f"{table.place_of('end_stiffness_N_per_m')} must not be 0")
@@ -167,4 +171,4 @@ def _stiffness(table: Table, port: Port, masses: Pair) -> tuple[bool, str]:
         return True, f"no band is claimed of an end stiffness of {short(stiffness)} N/m"
     slack = Slack(share * stiffness, (port.moved, ZERO), (port.bare - stiffness * port.moved, S * S * port.moved))
     words = f"end stiffness {short(stiffness)} N/m within {short(share, up=True)} of it {band}"
-    return judged(slack.nonnegative(*masses, until), words)
+    return judged(stable and slack.nonnegative(*masses, until), words)

@@ -120,8 +120,8 @@ def _slope(table: Table, loops: Sequence[Loop], masses: Pair) -> tuple[bool, str
     margin, multiplier = table.at_least("margin", 0, above=True), Multiplier(table)
     place = table.word("place", *PLACES) if "place" in table else "law"
     proved = all(_comes_to_rest(loop, multiplier, margin, masses, place) for loop in loops)
-    words = f"{multiplier.characteristics(PLACES[place])}, {len(loops)} loops"
-    return judged(proved, f"{words}: Zames and Falb's multiplier of {multiplier.words}, margin {short(margin)}")
+    words = f"{multiplier.characteristics(PLACES[place])}, {len(loops)} loops, margin {short(margin, up=False)}"
+    return judged(proved, f"{words}: Zames and Falb's multiplier of {multiplier.words}")
 
 
 def _comes_to_rest(loop: Loop, multiplier: Multiplier, margin: fmpq, masses: Pair, place: str) -> bool:
@@ -184,7 +184,7 @@ def _sector(table: Table, loops: Sequence[Loop], masses: Pair) -> tuple[bool, st
     factors = table.range("gain", least=0)
     proved = all(_stays_stable(loop, place, factors, margin, masses) for loop in loops)
     words = f"stable while the {_WHOSE[place]} gain changes in any way between {span(factors, ' and ')} times its own"
-    return judged(proved, f"{words}, {len(loops)} loops: circle criterion, margin {short(margin)}")
+    return judged(proved, f"{words}, {len(loops)} loops: circle criterion, margin {short(margin, up=False)}")
 
 
 def _stays_stable(loop: Loop, place: str, factors: Pair, margin: fmpq, masses: Pair) -> bool:
@@ -210,11 +210,11 @@ def _both(table: Table, loops: Sequence[Loop], masses: Pair) -> tuple[bool, str]
         _both_fit(loop, place, factors, multiplier, weight, margin, masses) for loop in loops
     )
     words = (
-        f"comes to rest with any static characteristic of slope 0 to 1 in its law's current while the"
-        f" {_WHOSE[place]} gain changes between {span(factors, ' and ')} times its own, without command and load, or"
-        f" under constant ones where that gain is a static characteristic too, {len(loops)} loops"
+        f"comes to rest with any static characteristic of slope 0 to 1 in its law's current while the {_WHOSE[place]}"
+        f" gain changes between {span(factors, ' and ')} times its own, without command and load, or under constant"
+        f" ones where that gain is a static characteristic too, {len(loops)} loops, margin {short(margin, up=False)}"
     )
-    return judged(proved, f"{words}: multiplier of {multiplier.words}, weight {short(weight)}, margin {short(margin)}")
+    return judged(proved, f"{words}: multiplier of {multiplier.words}, weight {short(weight)}")
 
 
 def _both_fit(

@@ -309,7 +309,9 @@ def _lumped(prototype: Mapping[str, Any], name: str, alloys: Mapping[str, Table]
     if stiffness is not None and mass is not None:
         return _ball(prototype, name, "stiffness_N_per_m"), _ball(prototype, name, "effective_mass_kg")
     material = _of(prototype, name, "material")
-    if not isinstance(material, str) or material not in alloys:
+    if not isinstance(material, str):
+        raise Unreadable(f"the prototype states neither figures nor a material of its {name}")
+    if material not in alloys:
         raise Unreadable(f"the certificate states no [material.{material}], of which the prototype's {name} is")
     length, end = (_ball(prototype, name, key) for key in ("free_length_m", "end_mass_kg"))
     keys = ("width_m", "wall_m", "corner_radius_m", *(["depth_m"] if "depth_m" in table_of(prototype, name) else []))

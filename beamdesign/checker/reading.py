@@ -23,7 +23,13 @@ HIGHEST_DEGREE = 60
 LONGEST_WORDS = 20_000
 """Characters of a text that is no number, and entries of a list of such."""
 
+LARGEST_WHOLE = 2**63
+"""Of TOML's whole numbers: a longer one, as hexadecimals may be, is not even printed."""
+
 _NUMBER = re.compile(r"-?[0-9]+(\.[0-9]+)?|-?[0-9]+/[0-9]*[1-9][0-9]*", re.ASCII)
+_PART = r"""(?:[\w-]++|"(?:\\.|[^"\\\n])*+"|'[^'\n]*+')"""
+_LONG_KEY = re.compile(rf"(?<![\w\\-]){_PART}(?:[ \t]*+\.[ \t]*+{_PART}){{{DEEPEST}}}", re.ASCII)
+"""A dotted key that nests deeper than anything may: `tomllib` takes hours for a long one."""
 _SEAL = re.compile(r'^sha256 = "([0-9a-f]{64})"\n', re.MULTILINE)
 
 
@@ -187,25 +193,42 @@ def read(data: bytes) -> tuple[Table, str]:
     Raises:
         Unreadable: where it is not one, or beyond the limits.
     """
+    try:
+        entries, text = toml(data)
+    except Unreadable as error:
+        raise Unreadable(f"not a certificate: {error}") from error
+    return Table(entries), text
+
+
+def toml(data: bytes) -> tuple[dict[str, Any], str]:
+    """The tables of a file and its text.
+
+    Raises:
+        Unreadable: where it is not TOML, or beyond the limits.
+    """
     if len(data) > LARGEST_BYTES:
         raise Unreadable(f"it holds more than {LARGEST_BYTES} bytes")
     try:
         text = data.decode("utf-8")
+        if _LONG_KEY.search(text):
+            raise Unreadable(f"it is nested more than {DEEPEST} deep")
         entries = tomllib.loads(text)
-        _refuse_nesting(entries, 1)
-    except (UnicodeDecodeError, ValueError) as error:  # an integer of thousands of digits is a plain ValueError
-        raise Unreadable(f"not a certificate: {str(error)[:200]}") from error
+        _refuse_beyond(entries, 1)
     except (RecursionError, MemoryError) as error:
         raise Unreadable("it is nested too deeply") from error
-    return Table(entries), text
+    except ValueError as error:  # an integer of thousands of digits is a plain one
+        raise Unreadable(str(error)[:200]) from error
+    return entries, text
 
 
-def _refuse_nesting(value: Any, depth: int) -> None:
+def _refuse_beyond(value: Any, depth: int) -> None:
     if depth > DEEPEST:
         raise Unreadable(f"it is nested more than {DEEPEST} deep")
+    if isinstance(value, int) and abs(value) > LARGEST_WHOLE:
+        raise Unreadable("it holds a whole number of more than 64 bits")
     inner: Sequence[Any] = list(value.values()) if isinstance(value, dict) else value if isinstance(value, list) else ()
     for item in inner:
-        _refuse_nesting(item, depth + 1)
+        _refuse_beyond(item, depth + 1)
 
 
 def sealed(table: Table, text: str) -> tuple[bool, str]:

@@ -28,8 +28,8 @@ from beamdesign.checker.work import height, spend
 PRECISION_BITS = 96
 TANGENTS = 6
 """Around the arc of exp(-jwT)."""
-MOST_POINTS = 200_000
-"""Control points of p on one piece."""
+MOST_POINTS, MOST_OPEN = 200_000, 1_000
+"""Control points of p on one piece, and pieces that wait for their turn: some 20 at once in honest trees."""
 
 T = TypeVar("T")
 Control = tuple[arb_poly, arb_poly]
@@ -328,8 +328,8 @@ def walked(
     open_pieces: list[tuple[Cell, fmpq, fmpq | None]] = [(whole, since, until)]
     count = 0
     for mark in marks:
-        if not open_pieces:
-            raise Unreadable("the tree goes on after all pieces are settled")
+        if not 0 < len(open_pieces) <= MOST_OPEN:
+            raise Unreadable(f"the tree goes on after all pieces are settled, or leaves more than {MOST_OPEN} open")
         cell, w1, w2 = open_pieces.pop()
         if mark in expression.varying:
             open_pieces += [(cell.half(mark, True), w1, w2), (cell.half(mark, False), w1, w2)]
