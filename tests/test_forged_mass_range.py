@@ -167,6 +167,17 @@ def test_the_guarantee_of_a_prototype_is_that_of_the_file(stable: Honest, tmp_pa
     assert not check(path, given).valid
 
 
+def test_payloads_of_the_prototype_do_not_stand_for_those_proved():
+    """Of several loops without a range, next to a [payload] up to 50 kg, no line said that three grams were proved."""
+    table = honest("beamdesign.mass_range", "effects").table
+    payload = table["payload"] | {"outer_end_mass_kg": ["0", "50"]}
+    ends = {"outer_end_mass_kg": ["3", "3.003"], "stability": {"stable": True}, "payload": payload, "claim": []}
+    told = check(resealed(table | ends))
+    assert told.valid
+    for lines in (told.about, told.proved):
+        assert any("3 to 3.003 kg" in words for words in lines)
+
+
 def test_a_guarantee_of_another_file_is_told_not_to_be_looked_at(stable: Honest, tmp_path: Path):
     """It stood beside `valid` as if it were proved, whatever it stated."""
     path = tmp_path / "certificate.toml"

@@ -69,6 +69,15 @@ def test_a_verdict_repeats_every_claim_with_its_number(kind: str, name: str):
         assert all(any(f"{float(number):.7g}" in words for words in proved) for number in asked)
 
 
+@pytest.mark.parametrize(("kind", "name"), EACH)
+def test_a_verdict_names_the_payloads_that_it_is_about(kind: str, name: str):
+    """Which [payload] need not have: contact, and several loops of which no range was stated, were of none by name."""
+    table, told = honest(kind, name).table, verdict(kind, name)
+    low, high = table["outer_end_mass_kg"] if "outer_end_mass_kg" in table else table["range"]["outer_end_mass"]
+    named = f"{float(low):.7g} to {float(high):.7g}"
+    assert any(named in words and not words.startswith("payload") for words in (*told.about, *told.proved))
+
+
 def forged_copies(kind: str, name: str, tried: Callable[[int], int]) -> list[tuple[str, Table]]:
     """What is tried of a certificate, each drawn for itself, with what was done to it in words."""
     many = FORGED[kind][1][name][1]

@@ -297,6 +297,8 @@ def about(table: Table, rig: Rig | None) -> Iterator[str]:
         return
     figures = ", ".join(f"{name} {short(value)}" for name, value in rig.figures.items())
     yield f"rig: {figures}, inner_end_mass_kg {short(rig.inner_end_mass)}"
+    if "outer_end_mass_kg" in table:  # which may be others than those of [payload]
+        yield f"with every outer end mass from {span(table.range('outer_end_mass_kg'))} kg"
     if (controller := rig.law or rig.schedule) is not None:
         yield f"controller: {_words(controller.figures)}"
     for effect in rig.effects:

@@ -83,8 +83,8 @@ class Arm:
 
     def statements(self, rig: Rig) -> Statements:
         """How the payload takes part, and that what is stated twice agrees, but for the rounding of floats."""
-        words = f"plane {self.name}: the payload moves {short(self.travel)} times as far as the tip"
-        yield True, f"{words}, and torsion has {'a' if self.lever != 0 else 'no'} part in it"
+        words = f"plane {self.name}, {short(self.length)} m long: the payload moves {short(self.travel)} times as far"
+        yield True, f"{words} as the tip, and torsion has {'a' if self.lever != 0 else 'no'} part in it"
         if self.name == "y" and self._second is not None and rig.law is not None:
             yield rig.law.figures == self._second, "the controller is the second one, which acts in y"
         if self.lever == 0:

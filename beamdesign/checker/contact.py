@@ -32,7 +32,8 @@ def statements(table: Table, rig: Rig) -> Statements:
         raise Unreadable("the end mass does not move with the tip that the force acts on")
     none = fmpq(0), fmpq(0)
     stable = port.stable_on((none, none, masses))
-    yield judged(stable, "stable without a wall for every end mass", table.table("stability").flag("stable"))
+    words = f"stable without a wall for every end mass from {span(masses)} kg"
+    yield judged(stable, words, table.table("stability").flag("stable"))
     yield from _passivity(table.table("passivity"), port, stable, masses)
     yield from _contact(table.table("contact"), port, masses)
     yield _one_sided(table.table("bouncing"), port, stable, masses)

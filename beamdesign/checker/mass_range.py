@@ -272,7 +272,8 @@ def statements(table: Table, rig: Rig) -> Statements:
             inside = masses[0] <= ends[0] <= ends[1] <= masses[1]
             proved = inside and all(_is_stable_over(loop, ends) for loop in loops)
             yield judged(proved, f"stable from {span(ends)} kg")
-        yield agrees(stated, "stable", whole)
+        held, words = agrees(stated, "stable", whole)
+        yield held, f"{words}, of every loop from {span(masses)} kg"
     for claim in claims:
         yield _claim(claim, loops, whole, masses)
     yield from nonlinear(table.tables("nonlinear"), loops, masses)
