@@ -149,6 +149,21 @@ def test_a_box_without_deviations_is_of_no_standard_deviation():
     assert check(resealed(table), guaranteeing(made.prototype, resealed(table), (0.0, 2.0), 0.0)).valid
 
 
+def test_tolerances_that_no_box_spans_are_told_not_to_be_looked_at():
+    """A box of one figure stood beside a [tolerance] of several; one without that table, beside a prototype's."""
+    made: Honest = honest("beamdesign.box", "stable")
+    given = prototype_table(made.prototype, 2.0)
+    assert not any("tolerance" in words for words in check(made.text, given).open)
+    box = tolerance_box(made.prototype, 1.0, ["flow_gain"], (0.0, 2.0))
+    text = certify_box(made.prototype, box, volumes=False).certificate
+    (told,) = [words for words in check(text, given).open if "tolerance" in words]
+    assert "that outer_stiffness, outer_damping, inner_stiffness, inner_damping are as stated" in told
+    bare = {key: value for key, value in tomllib.loads(text).items() if key != "tolerance"}
+    for forged in (bare, bare | {"tolerance": {}}):
+        (told,) = [words for words in check(resealed(forged), given).open if "tolerance" in words]
+        assert "prototype's [tolerance]" in told
+
+
 def test_one_law_proves_nothing_of_several():
     """Of two laws the second is not stable."""
     lag = {"pole_Hz": 1.7, "zero_Hz": 20.0}

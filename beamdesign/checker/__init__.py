@@ -18,7 +18,7 @@ from typing import Any
 
 from flint import ctx, fmpq
 
-from beamdesign.checker.box_loop import DEVIATIONS, deviations_of, figures, holds
+from beamdesign.checker.box_loop import DEVIATIONS, deviations_of, figures, holds, left_exact
 from beamdesign.checker.prototype import ALLOY, differences, left_open, masses_of, number_of, table_of
 from beamdesign.checker.reading import LARGEST_BYTES, Table, Unreadable, rational, read, sealed, short, span, toml
 from beamdesign.checker.rig import Effect, Rig
@@ -125,6 +125,7 @@ def check(
             if rig is not None:
                 unread += rig.left_open(of_effects=given is None or "effect" not in given)
                 unread += left_aside(kind, table.again().optional("arm"))
+                unread += left_exact(table, rig) if kind in _BOXES else ()
             if "nonlinear" in table:
                 unread.append("that its effects are the characteristics, gains and errors of which it states something")
             if given is not None and rig is None:

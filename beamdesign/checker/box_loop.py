@@ -311,6 +311,14 @@ def deviations_of(table: Table, own: Mapping[str, fmpq]) -> dict[str, list[fmpq]
     return found
 
 
+def left_exact(table: Table, rig: Rig) -> Iterator[str]:
+    """Figures that the stated tolerances let be off and the box does not, in words."""
+    own, box = figures(rig), Table(table.optional("range").whole_of_it(), "range")
+    narrow = {name for name in box.keys if box.range(name)[0] == box.range(name)[1]} | own.keys() - {*box.keys}
+    if names := [name for name, off in deviations_of(table, own).items() if name in narrow and own[name] and any(off)]:
+        yield f"that {', '.join(names)} are as stated: [tolerance] lets them be off, and the box does not"
+
+
 def sigmas(ends: Pair, figure: fmpq, *deviations: fmpq) -> str:
     """How many standard deviations to either side a range holds, to four digits, rounded down."""
     least, most = fmpq(0), 1 / max(deviations)

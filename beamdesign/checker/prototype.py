@@ -193,6 +193,8 @@ def left_open(table: Table, rig: Rig, prototype: Mapping[str, Any]) -> Iterator[
             yield f"the prototype's payloads, {short(least)} to {short(most)} kg, are not all within those proved"
     if stages and rig.schedule is None:
         yield f"the other laws of the prototype, which has {len(stages)}"
+    if any(table_of(prototype, "tolerance").values()) and not table.optional("tolerance").whole_of_it():
+        yield "the prototype's [tolerance]: what is proved is of exactly the figures stated"
     own, every = table_of(prototype, "material"), table.optional("material").whole_of_it()
     if names := [name for name, figures in every.items() if not figures.keys() <= table_of(own, name).keys()]:
         yield f"that {', '.join(names)} is as [material] states"
