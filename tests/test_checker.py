@@ -23,7 +23,7 @@ from beamdesign import Prototype, certify, certify_box, check, checker, read_pro
 from beamdesign.checker import KEYS, Unreadable
 from beamdesign.checker.__main__ import main
 from beamdesign.checker.law import SCHEDULED
-from beamdesign.checker.prototype import DEFAULTS
+from beamdesign.checker.prototype import DEFAULTS, GUARANTEED, KNOWN
 from beamdesign.checker.reading import rational, short, span
 from beamdesign.checker.roots import _hurwitz_matrix, bound, halve, is_hurwitz, isolate
 from beamdesign.controllers.scheduled import Estimator, Scheduled
@@ -37,6 +37,7 @@ from beamdesign.prototype import (
     Beam,
     Compliance,
     Goal,
+    Guarantee,
     Payload,
     Servovalve,
     Tolerance,
@@ -258,6 +259,24 @@ def test_a_guarantee_states_no_more_than_its_file_proves(remedy: Prototype) -> N
         assert [words in line for line in failed(**stated)] == [True], stated
 
 
+def test_what_no_prototype_has_is_no_part_of_the_rig_that_was_proved(remedy: Prototype, tmp_path: Path) -> None:
+    """Misspelt effects and promises of another kind were passed over, and the prototype called that of the file."""
+    found = certify(remedy, 3.0, 5.0)
+    sure = found.guaranteed
+    assert sure is not None
+    path = tmp_path / "prototype.toml"
+    write_prototype(stating(remedy, found.text, (3.0, 5.0), sure.bandwidth_Hz, sure.peak_sensitivity), path)
+    whole = path.read_text()
+    assert check(found.text, path).valid
+    for before, after, words in (
+        ("[guarantee]", "[guarantee]\ngain_margin = 9.0", "[guarantee] states 'gain_margin'"),
+        ("[guarantee]", "[efects.joint_backlash]\n[guarantee]", "not of this prototype: 'efects' is not known"),
+    ):
+        path.write_text(whole.replace(before, after))
+        (failed,) = check(found.text, path).failed
+        assert words in failed
+
+
 @pytest.mark.parametrize("stated", [{}, {"peak_sensitivity": 0.0, "bandwidth_Hz": 0.0}])
 def test_no_guarantee_rests_on_a_certificate_that_says_that_the_loop_is_not_stable(
     remedy: Prototype, unstable: str, stated: dict[str, float]
@@ -347,6 +366,8 @@ def test_it_knows_the_keys_and_defaults_of_a_prototype() -> None:
         assert told <= {*defaults, "outer_end_mass_kg", "kind"}, name
     stated = {"payload": Payload, "goal": Goal, "arm": Arm, "compliance": Compliance, "tolerance": Tolerance}
     assert {name: set(keys) for name, keys in KEYS.items()} == {n: set(r.model_fields) for n, r in stated.items()}
+    assert {*Prototype.model_fields, "effect"} == {*KNOWN}
+    assert {*Guarantee.model_fields} == {*GUARANTEED}
     scheduled = Scheduled.model_fields
     assert {key: scheduled[key].default for key in SCHEDULED if key != "estimator"} == {
         key: value for key, value in SCHEDULED.items() if key != "estimator"

@@ -19,7 +19,7 @@ from typing import Any
 from flint import ctx, fmpq
 
 from beamdesign.checker.box_loop import DEVIATIONS, deviations_of, figures, holds, left_exact
-from beamdesign.checker.prototype import ALLOY, differences, left_open, masses_of, number_of, table_of
+from beamdesign.checker.prototype import ALLOY, GUARANTEED, differences, left_open, masses_of, number_of, table_of
 from beamdesign.checker.reading import LARGEST_BYTES, Table, Unreadable, rational, read, sealed, short, span, toml
 from beamdesign.checker.rig import Effect, Rig
 from beamdesign.checker.roots import Pair
@@ -230,6 +230,7 @@ def _beyond(prototype: PrototypeTable, table: Table, rig: Rig) -> Iterator[str]:
     share = count * number_of(prototype, "tolerance", "outer_end_mass") if tolerated else fmpq(0)
     low, high = masses_of(guarantee) if "outer_end_mass_kg" in guarantee else asked.range(key)
     asked_masses = (low * (1 - share), high * (1 + share)) if "outer_end_mass_kg" in guarantee else (low, high)
+    yield from (f"{key[:60]!r}, which is not known here" for key in guarantee if key not in GUARANTEED)
     if "stage" in table_of(prototype, "controller") and rig.schedule is None:
         yield "what all of its laws keep, of which the certificate is of one"
     untold = not table.optional("tolerance").keys and any(table_of(prototype, "tolerance").values())
@@ -299,7 +300,7 @@ def about(table: Table, rig: Rig | None) -> Iterator[str]:
     figures = ", ".join(f"{name} {short(value)}" for name, value in rig.figures.items())
     yield f"rig: {figures}, inner_end_mass_kg {short(rig.inner_end_mass)}"
     if "outer_end_mass_kg" in table:  # which may be others than those of [payload]
-        yield f"with every outer end mass from {span(table.range('outer_end_mass_kg'))} kg"
+        yield f"outer end masses from {span(table.range('outer_end_mass_kg'))} kg"
     if (controller := rig.law or rig.schedule) is not None:
         yield f"controller: {_words(controller.figures)}"
     for effect in rig.effects:

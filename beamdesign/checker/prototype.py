@@ -118,6 +118,13 @@ MAY_BE_EMPTY = ("a", "b", "c", "b_command", "section")
 """Lists of a controller that say as much as nothing where they are empty."""
 ALLOY = ("youngs_modulus_Pa", "shear_modulus_Pa", "density_kg_per_m3")
 """What a certificate states of a material."""
+KNOWN = (
+    "name", "kind", "outer_beam", "inner_beam", "actuator", "servovalve", "sensor", "supply", "controller",
+    "compliance", "payload", "arm", "goal", "sized_for", "tolerance", "guarantee", "effects", "effect", "material",
+)  # fmt: skip
+"""What a prototype has."""
+GUARANTEED = ("bandwidth_Hz", "peak_sensitivity", "outer_end_mass_kg", "sigmas", "certificate", "certificate_sha256")
+"""What it states under [guarantee]."""
 TABLES = ("payload", "goal", "arm", "compliance", "tolerance")
 """Tables that a certificate states as the prototype has them, tolerances where it is about them."""
 
@@ -130,6 +137,7 @@ def differences(table: Table, rig: Rig, prototype: Mapping[str, Any]) -> Iterato
         rig: that it states.
         prototype: the table of a prototype.toml.
     """
+    yield from (f"{key[:60]!r} is not known here" for key in prototype if key not in KNOWN)
     materials = table.optional("material")
     alloys = {name: Table(entries, f"material.{name}") for name, entries in materials.whole_of_it().items()}
     for name, value in _figures(prototype, alloys).items():
