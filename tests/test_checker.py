@@ -118,6 +118,7 @@ def test_any_change_of_the_text_breaks_the_seal(stable: str) -> None:
     ("damage", "reason"),
     [
         (lambda text: "no certificate at all\n", "not a certificate"),
+        (lambda text: text.replace('\nname = "', '\nname = "' + "x" * 20_000), "must be a text of at most 20000"),
         (lambda text: text.replace("version = 2", "version = 1"), "make the certificate again"),
         (lambda text: text.replace("version = 2", "version = 3"), "format 3"),
         (lambda text: text.replace('kind = "beamdesign.mass_range"', 'kind = "other"'), "kind 'other'"),

@@ -124,7 +124,7 @@ class Table:
         """A text, one of some where they are given."""
         value = self.take(key)
         if not isinstance(value, str) or len(value) > LONGEST_WORDS:
-            raise Unreadable(f"{self.place_of(key)} must be a text")
+            raise Unreadable(f"{self.place_of(key)} must be a text of at most {LONGEST_WORDS} characters")
         if among and value not in among:
             raise Unreadable(f"{self.place_of(key)} {value[:60]!r} is not known here; known are {', '.join(among)}")
         return value
@@ -134,7 +134,7 @@ class Table:
         values = self.take(key)
         good = isinstance(values, list) and len(values) <= LONGEST_WORDS
         if not good or not all(isinstance(value, str) for value in values):
-            raise Unreadable(f"{self.place_of(key)} must be a list of texts")
+            raise Unreadable(f"{self.place_of(key)} must be a list of at most {LONGEST_WORDS} texts")
         return list(values)
 
     def flag(self, key: str) -> bool:
