@@ -327,6 +327,13 @@ def _similar(path: Path) -> str:
     return f"`beamdesign new{' dataset' if path.name == 'dataset.toml' else ''}` starts one"
 
 
+def longer_key(text: str, parts: int) -> str:
+    """A dotted key of TOML of more than so many parts, if there is one: for a long one `tomllib` takes hours."""
+    part = r"""(?:[\w-]++|"(?:\\.|[^"\\\n])*+"|'[^'\n]*+')"""
+    found = re.search(rf"(?<![\w\\-]){part}(?:[ \t]*+\.[ \t]*+{part}){{{parts}}}", text, re.ASCII)
+    return "" if found is None else found[0]
+
+
 def not_toml(raw: bytes, error: tomllib.TOMLDecodeError | UnicodeDecodeError) -> str:
     """The reader's reason, with the line it means and what it may lack."""
     if isinstance(error, UnicodeDecodeError):

@@ -352,7 +352,10 @@ def read_table(path: str | Path) -> dict[str, Any]:
     except OSError as error:
         raise InputError(path, [Problem("(file)", files.unreadable(Path(path), error))]) from error
     try:
-        table = tomllib.loads(raw.removeprefix(codecs.BOM_UTF8).decode())
+        text = raw.removeprefix(codecs.BOM_UTF8).decode()
+        if key := files.longer_key(text, _DEEPEST):
+            raise InputError(path, [Problem(f"{key[:60]}...", f"nested more than {_DEEPEST} levels deep")])
+        table = tomllib.loads(text)
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise InputError(path, [Problem("(file)", files.not_toml(raw, error))]) from error
     except RecursionError as error:
@@ -381,7 +384,8 @@ def _beyond_size(table: dict[str, Any]) -> Iterator[Problem]:
         elif isinstance(value, dict):
             waiting += [(f"{key}.{name}" if key else name, item, depth + 1) for name, item in value.items()]
         elif isinstance(value, int) and abs(value) > _LARGEST_INTEGER:
-            size = f"is a whole number of {len(str(abs(value)))} digits"
+            digits = "thousands of" if value.bit_length() > 10_000 else len(str(abs(value)))  # Python prints no more
+            size = f"is a whole number of {digits} digits"
             yield Problem(key, f"must be at most {_LARGEST_INTEGER:.0e} in size, {size}")
 
 

@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import Field, ValidationError
 
-from beamdesign import InputError
+from beamdesign import InputError, records
 from beamdesign.records import NonNegative, Positive, Problem, Record, numbers, parse, read, read_table, to_toml
 from beamdesign.spelling import fault
 
@@ -260,6 +260,8 @@ LONG_LIST = "a = [" + "0, " * 200_000 + "]"
     [
         (DEEP, "(file)", "nested"),
         (LONG_NAME, "a.a", "nested"),
+        ("x = {" + " . ".join(["'a b'"] * 5000) + " = 1}", "'a b'", "nested"),
+        ("a = 0x" + "f" * 5000, "a", "thousands of digits"),
         (DIGITS, "(file)", "digits"),
         (BEYOND, "b.a", "30 digits"),
         (LONG_LIST, "a", "200000 entries"),
@@ -274,6 +276,15 @@ def test_a_file_of_a_size_that_none_of_ours_has_is_refused(tmp_path: Path, text:
     (problem,) = caught.value.problems
     assert problem.key.startswith(key)
     assert words in problem.reason
+
+
+def test_a_key_of_thousands_of_parts_is_not_even_parsed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """`tomllib` takes time with the square of their number: 3 s for 4,000, hours for a file of 200 kB."""
+    path = tmp_path / "x.toml"
+    path.write_text(LONG_NAME)
+    monkeypatch.setattr(records.tomllib, "loads", None)
+    with pytest.raises(InputError, match="nested more than 20 levels deep"):
+        read_table(path)
 
 
 def test_a_byte_order_mark_is_understood(tmp_path: Path) -> None:
