@@ -230,7 +230,7 @@ def _beyond(prototype: PrototypeTable, table: Table, rig: Rig) -> Iterator[str]:
     share = count * number_of(prototype, "tolerance", "outer_end_mass") if tolerated else fmpq(0)
     low, high = masses_of(guarantee) if "outer_end_mass_kg" in guarantee else asked.range(key)
     asked_masses = (low * (1 - share), high * (1 + share)) if "outer_end_mass_kg" in guarantee else (low, high)
-    yield from (f"{key[:60]!r}, which is not known here" for key in guarantee if key not in GUARANTEED)
+    yield from (f"{repr(key)[:60]}, which is not known here" for key in guarantee if key not in GUARANTEED)
     if "stage" in table_of(prototype, "controller") and rig.schedule is None:
         yield "what all of its laws keep, of which the certificate is of one"
     untold = not table.optional("tolerance").keys and any(table_of(prototype, "tolerance").values())

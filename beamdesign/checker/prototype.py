@@ -137,7 +137,7 @@ def differences(table: Table, rig: Rig, prototype: Mapping[str, Any]) -> Iterato
         rig: that it states.
         prototype: the table of a prototype.toml.
     """
-    yield from (f"{key[:60]!r} is not known here" for key in prototype if key not in KNOWN)
+    yield from (f"{repr(key)[:60]} is not known here" for key in prototype if key not in KNOWN)
     materials = table.optional("material")
     alloys = {name: Table(entries, f"material.{name}") for name, entries in materials.whole_of_it().items()}
     for name, value in _figures(prototype, alloys).items():
