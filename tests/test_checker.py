@@ -272,6 +272,7 @@ def test_what_no_prototype_has_is_no_part_of_the_rig_that_was_proved(remedy: Pro
     for before, after, words in (
         ("[guarantee]", "[guarantee]\ngain_margin = 9.0", "[guarantee] states 'gain_margin'"),
         ("[guarantee]", "[efects.joint_backlash]\n[guarantee]", "not of this prototype: 'efects' is not known"),
+        ('kind = "twin_beam"', 'kind = "actuator_bench"', "a rig of another kind, 'actuator_bench'"),
     ):
         path.write_text(whole.replace(before, after))
         (failed,) = check(found.text, path).failed

@@ -138,6 +138,8 @@ def differences(table: Table, rig: Rig, prototype: Mapping[str, Any]) -> Iterato
         prototype: the table of a prototype.toml.
     """
     yield from (f"{repr(key)[:60]} is not known here" for key in prototype if key not in KNOWN)
+    if (kind := prototype.get("kind", "twin_beam")) != "twin_beam":
+        yield f"it is of a rig of another kind, {str(kind)[:60]!r}"
     materials = table.optional("material")
     alloys = {name: Table(entries, f"material.{name}") for name, entries in materials.whole_of_it().items()}
     for name, value in _figures(prototype, alloys).items():
