@@ -90,7 +90,8 @@ def learn(look: Look, held_out: Sequence[int], workers: int = 1, progress: Progr
     if left > THRESHOLDS.worse**2 * left_by_rival or score < of_rival + _TOLD:
         return None
     # What a law explains of what is left by the best that is listed speaks for something that is not.
-    unknown = max(judged.unknown, 1 - laws.excess(best) / before.excess(rival)) if contested else judged.unknown
+    still = max(0.0, laws.excess(best)) / before.excess(rival)
+    unknown = max(judged.unknown, 1 - still) if contested else judged.unknown
     listed = {h: p * (1 - unknown) / (1 - judged.unknown) for h, p in judged.of.items()} if judged.unknown < 1 else {}
     share = {h: p * unknown / max(1 - weighed.unknown, 1e-9) for h, p in weighed.of.items() if h.names}
     others = (f for f in found if f is not weighed.best and all(f is not old for old in same))

@@ -325,7 +325,7 @@ def _drift(place: Place, kind: str) -> Effect:
     def law(signal: Any, site: Site) -> Any:
         return site.parameter["change_per_s"] * site.time * signal
 
-    change = Parameter("change_per_s", 0.02, -1.0, 1.0, 0.05, "relative change of the gain in time, from the start on")
+    change = Parameter("change_per_s", 0.02, -5.0, 5.0, 0.3, "relative change of the gain in time, from the start on")
     within = Parameter("within_s", 4.0, 1e-3, 1e6, 0.5, "length of the records")
     words, left = "every gain from start to end of a record", "longer runs, and what the change does while it goes on"
     linear = _slope(place, words, left, lambda own: _between(0.0, own["change_per_s"] * own["within_s"]))
