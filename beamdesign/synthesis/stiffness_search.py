@@ -359,10 +359,8 @@ def drawn_rigs(prototype: Prototype, masses_kg: tuple[float, float], wall: Wall,
 def drawn_in_words(rigs: tuple[DrawnRig, ...]) -> str:
     """How many of them are what, for a person."""
     least, most = min(rig.static_N_per_m for rig in rigs), max(rig.static_N_per_m for rig in rigs)
-    counts = ", ".join(
-        f"{sum(getattr(rig, name) for rig in rigs)} {words}"
-        for name, words in (("stable", "stable"), ("passive", "passive"), ("wall", "stable against every wall"))
-    )
+    kinds = {"stable": "stable", "passive": "passive", "wall": "stable against every wall asked about"}
+    counts = ", ".join(f"{sum(getattr(rig, name) for rig in rigs)} {words}" for name, words in kinds.items())
     return (
         f"Sampled: of {len(rigs)} rigs drawn from the tolerances {counts};"
         f" static stiffness {least:.4g} to {most:.4g} N/m."
