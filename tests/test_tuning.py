@@ -361,13 +361,13 @@ def test_a_seed_on_a_low_hill_is_not_all_that_is_begun_with():
     assert judged.peak <= 1.01 * rig.goal.peak_sensitivity
     assert judged.compliance[task.frequency_Hz < 0.99 * best.value].max() <= 1.01 * LIMIT_M_PER_N
     # Peaks between the samples, once seen, need nothing to spare: with what they had been missed by an eighth was lost.
-    found = search(task, [best])
-    assert found.proved is not None
-    assert found.proved.bandwidth_Hz > 0.95 * best.value
-    built = tried.but(
-        controller=found.proved.controller, payload=Payload(inner_end_mass_kg=found.proved.inner_end_mass_kg)
-    )
-    confirm(built, found.proved, np.linspace(*RANGE_KG, 41))
+    proved = search(replace(task, effort=Effort(proofs=7)), [best]).proved
+    assert proved is not None
+    assert proved.bandwidth_Hz > 0.9 * best.value
+    built = rig.but(controller=proved.controller, payload=Payload(inner_end_mass_kg=proved.inner_end_mass_kg))
+    judged = judge(built, np.linspace(*RANGE_KG, 41), np.geomspace(1e-3, proved.bandwidth_Hz, 150))
+    assert judged.slowest < 0
+    assert judged.compliance.max() <= LIMIT_M_PER_N * (1 + 1e-6)
 
 
 def near(task: Search, lag: Tuning, **other: object) -> Found:
