@@ -8,6 +8,7 @@ from similar import EIGHTH, factor, similar
 
 from beamdesign import Prototype, certify_box, read_prototype
 from beamdesign.build.acceptance import acceptance
+from beamdesign.diagnosis.fitting.hypothesis import Hypothesis
 from beamdesign.loop import loop
 from beamdesign.report.figures import frequency_grid, shown_Hz
 from beamdesign.synthesis.operating_limits import envelope
@@ -58,3 +59,13 @@ def test_curves_of_a_quick_or_a_slow_rig_are_drawn_where_its_modes_are(
     assert shown_Hz([closed]) == pytest.approx((0.1 * decades, 1e3 * decades))
     grid = frequency_grid([closed], wider=10.0)
     assert grid[[0, -1]] == pytest.approx([0.01 * decades, 1e4 * decades])
+
+
+def test_laws_are_learnt_at_frequencies_and_masses_in_proportion(rig: Prototype, small: Prototype) -> None:
+    """A lag of the valve's coil at 6.7 kHz, of a rig an eighth as long, was learnt as one at 2 kHz, the highest."""
+    for names in (("empirical_current_lag",), ("empirical_outer_force_appendage",), ("empirical_sensor_resonance",)):
+        usual, quick = ({u.name: u for u in Hypothesis(names).placement(one).unknowns} for one in (rig, small))
+        for name in (name for name in usual if name.startswith("empirical")):
+            scale = factor(name.rpartition(".")[2], EIGHTH)
+            of = [(one[name].nominal, one[name].low, one[name].high) for one in (usual, quick)]
+            assert of[1] == pytest.approx([scale * value for value in of[0]])

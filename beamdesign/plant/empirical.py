@@ -240,7 +240,7 @@ def _lag(place: Place, kind: str) -> Effect:
     words = "of the beam's stiffness, in series with a dashpot" if place.stiffness else "of the signal that comes late"
     parameters = (
         Parameter("share", 0.1, -0.45, 1.5, 0.2, words),
-        Parameter("break_Hz", 30.0, 0.2, 2000.0, 1.2, "of the lag"),
+        Parameter("break_Hz", 30.0, 0.2, 2000.0, 1.2, "of the lag", "frequency"),
     )
 
     what, whole = ("material that relaxes", "beam") if place.stiffness else ("a lag", "signal")
@@ -268,8 +268,8 @@ def _appendage(place: Place, kind: str) -> Effect:
 
     motion = place.motion
     parameters = (
-        Parameter("mass_kg", 0.1, 1e-3, 20.0, 1.2, "of what swings on the tip"),
-        Parameter("frequency_Hz", 40.0, 2.0, 500.0, 0.8, "of it with the tip held"),
+        Parameter("mass_kg", 0.1, 1e-3, 20.0, 1.2, "of what swings on the tip", "mass"),
+        Parameter("frequency_Hz", 40.0, 2.0, 500.0, 0.8, "of it with the tip held", "frequency"),
         Parameter("damping_ratio", 0.03, 1e-3, 1.0, 0.8, "of it with the tip held"),
     )
 
@@ -293,7 +293,7 @@ def _resonance(place: Place, kind: str) -> Effect:
 
     parameters = (
         Parameter("share", 0.5, -1.0, 1.0, 0.4, "of the signal that passes the resonance"),
-        Parameter("frequency_Hz", 200.0, 20.0, 1500.0, 0.8, "of the resonance"),
+        Parameter("frequency_Hz", 200.0, 20.0, 1500.0, 0.8, "of the resonance", "frequency"),
         Parameter("damping_ratio", 0.03, 1e-3, 1.0, 0.8, "of the resonance"),
     )
 
@@ -311,7 +311,7 @@ def _droop(place: Place, kind: str) -> Effect:
 
     parameters = (
         Parameter("depth", 0.05, -0.5, 0.9, 0.2, "share lost under a steady signal of the size"),
-        Parameter("rate_per_s", 10.0, 0.1, 1000.0, 1.2, "at which it is lost, and comes back"),
+        Parameter("rate_per_s", 10.0, 0.1, 1000.0, 1.2, "at which it is lost, and comes back", "frequency"),
         size,
     )
     words, left = "no loss, to that of a steady signal of the size", "what the loss does while it changes"
@@ -325,7 +325,8 @@ def _drift(place: Place, kind: str) -> Effect:
     def law(signal: Any, site: Site) -> Any:
         return site.parameter["change_per_s"] * site.time * signal
 
-    change = Parameter("change_per_s", 0.02, -5.0, 5.0, 0.3, "relative change of the gain in time, from the start on")
+    meaning = "relative change of the gain in time, from the start on"
+    change = Parameter("change_per_s", 0.02, -5.0, 5.0, 0.3, meaning, "frequency")
     within = Parameter("within_s", 4.0, 1e-3, 1e6, 0.5, "length of the records")
     words, left = "every gain from start to end of a record", "longer runs, and what the change does while it goes on"
     linear = _slope(place, words, left, lambda own: _between(0.0, own["change_per_s"] * own["within_s"]))
