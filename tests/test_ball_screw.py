@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from flint import fmpq
 from honest_certificates import screw
-from similar import EIGHTH, similar
 
 from beamdesign import InputError, Prototype, certify, checker, simulate, state_space, stiffness, tune
 from beamdesign.checker.reading import Table
@@ -388,25 +387,6 @@ def test_laws_of_high_order_are_not_held_to_the_current_of_a_valve(rig: Prototyp
         assert limited(paper.but(goal=Goal()), kind).goal.controller_effort_A_per_V == 0.06
     stated = rig.but(goal=rig.goal.but(controller_effort_A_per_V=9.0))
     assert limited(stated, "structured").goal.controller_effort_A_per_V == 9.0
-
-
-def test_limits_of_laws_of_high_order_go_with_the_rig(paper: Prototype) -> None:
-    """By similarity: those of a rig an eighth as long are those of the rig, and volts and amperes are but units."""
-    usual = limited(paper.but(goal=Goal()), "lqg")
-    small = limited(similar(paper, EIGHTH).but(goal=Goal()), "lqg")
-    assert small.goal.loop_gain_from_Hz == 8 * usual.goal.loop_gain_from_Hz
-    assert small.goal.controller_effort_A_per_V == usual.goal.controller_effort_A_per_V
-    sensor, valve = paper.sensor, paper.servovalve
-    for volts, amperes in ((4.0, 1.0), (1.0, 0.25)):
-        other = paper.but(
-            goal=Goal(),
-            sensor=sensor.but(gain_V_per_m=volts * sensor.gain_V_per_m),
-            servovalve=valve.but(flow_gain_m3_per_s_per_A=valve.flow_gain_m3_per_s_per_A / amperes),
-        )
-        effort = limited(other, "lqg").goal.controller_effort_A_per_V
-        assert effort * volts / amperes == pytest.approx(usual.goal.controller_effort_A_per_V, rel=1e-12)
-    kept = limited(paper.but(goal=Goal(loop_gain_from_Hz=90.0)), "lqg")
-    assert kept.goal.loop_gain_from_Hz == 90.0
 
 
 @pytest.fixture

@@ -10,8 +10,10 @@ from beamdesign import Prototype, certify_box, read_prototype
 from beamdesign.build.acceptance import acceptance
 from beamdesign.diagnosis.fitting.hypothesis import Hypothesis
 from beamdesign.loop import loop
+from beamdesign.prototype import Goal
 from beamdesign.report.figures import frequency_grid, shown_Hz
 from beamdesign.synthesis.operating_limits import envelope
+from beamdesign.synthesis.tuning import limited
 
 MASS, _, TIME = EIGHTH
 
@@ -69,3 +71,24 @@ def test_laws_are_learnt_at_frequencies_and_masses_in_proportion(rig: Prototype,
             scale = factor(name.rpartition(".")[2], EIGHTH)
             of = [(one[name].nominal, one[name].low, one[name].high) for one in (usual, quick)]
             assert of[1] == pytest.approx([scale * value for value in of[0]])
+
+
+def test_limits_of_laws_of_high_order_go_with_the_rig(paper: Prototype) -> None:
+    """By similarity: those of a rig an eighth as long are those of the rig, and volts and amperes are but units."""
+    usual = limited(paper.but(goal=Goal()), "lqg")
+    small = limited(similar(paper, EIGHTH).but(goal=Goal()), "lqg")
+    assert small.goal.loop_gain_from_Hz == 8 * usual.goal.loop_gain_from_Hz
+    assert small.goal.controller_effort_A_per_V == usual.goal.controller_effort_A_per_V
+    sensor, valve = paper.sensor, paper.servovalve
+    for volts, amperes in ((4.0, 1.0), (1.0, 0.25)):
+        other = paper.but(
+            goal=Goal(),
+            sensor=sensor.but(gain_V_per_m=volts * sensor.gain_V_per_m),
+            servovalve=valve.but(flow_gain_m3_per_s_per_A=valve.flow_gain_m3_per_s_per_A / amperes),
+        )
+        effort = limited(other, "lqg").goal.controller_effort_A_per_V
+        assert effort * volts / amperes == pytest.approx(usual.goal.controller_effort_A_per_V, rel=1e-12)
+    quick = limited(similar(paper, EIGHTH).but(goal=Goal()), "lag", {"loop_gain": 0.5})
+    assert (quick.goal.loop_gain, quick.goal.loop_gain_from_Hz) == (0.5, small.goal.loop_gain_from_Hz)
+    kept = limited(paper.but(goal=Goal(loop_gain_from_Hz=90.0)), "lqg")
+    assert kept.goal.loop_gain_from_Hz == 90.0

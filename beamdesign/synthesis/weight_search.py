@@ -288,7 +288,8 @@ def limited(rig: Prototype, kind: str, given: Mapping[str, float | None] = Mappi
     if kind == "scheduled" and rig.controller is not None:
         high_order = any(law.sections for law, _ in rig.controller.laws)
     usual = {"loop_gain": LARGEST_LOOP_GAIN} if high_order else {}
-    if high_order and rig.goal.loop_gain is None and rig.goal.loop_gain_from_Hz == Goal().loop_gain_from_Hz:
+    new_limit = rig.goal.loop_gain is None and (high_order or given.get("loop_gain"))
+    if new_limit and rig.goal.loop_gain_from_Hz == Goal().loop_gain_from_Hz:
         rig = rig.but(goal=rig.goal.but(loop_gain_from_Hz=pace(figures(rig)) * rig.goal.loop_gain_from_Hz))
     if high_order and rig.servovalve is not None:
         size = sizes(rig)
