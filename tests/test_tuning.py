@@ -24,7 +24,7 @@ from beamdesign.proofs.performance import bandwidth as proved_bandwidth
 from beamdesign.proofs.performance import prove
 from beamdesign.proofs.rectangle import Rectangle
 from beamdesign.proofs.stability import is_stable_over
-from beamdesign.prototype import Payload
+from beamdesign.prototype import Beam, Payload
 from beamdesign.synthesis import tuning
 from beamdesign.synthesis.law_design import LARGEST_BANDWIDTH_HZ, Proved, no_answer
 from beamdesign.synthesis.law_search import Found, search
@@ -361,13 +361,33 @@ def test_a_seed_on_a_low_hill_is_not_all_that_is_begun_with():
     assert judged.peak <= 1.01 * rig.goal.peak_sensitivity
     assert judged.compliance[task.frequency_Hz < 0.99 * best.value].max() <= 1.01 * LIMIT_M_PER_N
     # Peaks between the samples, once seen, need nothing to spare: with what they had been missed by an eighth was lost.
-    proved = search(replace(task, effort=Effort(proofs=7)), [best]).proved
+    proved = search(replace(task, effort=Effort(proofs=8)), [best]).proved
     assert proved is not None
     assert proved.bandwidth_Hz > 0.9 * best.value
     built = rig.but(controller=proved.controller, payload=Payload(inner_end_mass_kg=proved.inner_end_mass_kg))
     judged = judge(built, np.linspace(*RANGE_KG, 41), np.geomspace(1e-3, proved.bandwidth_Hz, 150))
     assert judged.slowest < 0
     assert judged.compliance.max() <= LIMIT_M_PER_N * (1 + 1e-6)
+
+
+def test_what_misses_the_limits_by_far_is_no_start():
+    """On a soft rig with a quick valve: differential evolution of four times the effort (two seeds, 60 rounds of 64) and
+    what `tune` makes of that have 0.468 Hz on the samples, where a start that violated them led to 0.364 Hz."""
+    rig = paper_prototype()
+    outer = Beam(stiffness_N_per_m=215_237.0, effective_mass_kg=3.8938, damping_ratio=0.03808)
+    inner = Beam(stiffness_N_per_m=55_916.0, effective_mass_kg=0.73817, damping_ratio=0.05606)
+    valve = rig.servovalve.but(leakage_m3_per_s_per_Pa=8.149e-14, natural_frequency_Hz=519.9)
+    cylinder = rig.actuator.but(oil_stiffness_N_per_m=5.0585e6)
+    rig = rig.but(outer_beam=outer, inner_beam=inner, servovalve=valve, actuator=cylinder)
+    task = Search(family(rig).members, rig.goal, (0.0, 10.0), (0.0, 6.0))
+    (wide,) = widely(task, from_seeds(task, Lag.seeds()))
+    best = task.refined(task.coarsely_searched(wide))
+    assert best.value > 0.42
+    tried = rig.but(controller=best.law, payload=Payload(inner_end_mass_kg=best.inner_end_mass))
+    judged = judge(tried, np.linspace(0.0, 10.0, 3), task.frequency_Hz)
+    assert judged.slowest < 0
+    assert judged.peak <= 1.01 * rig.goal.peak_sensitivity
+    assert judged.compliance[task.frequency_Hz < 0.99 * best.value].max() <= 1.01 * LIMIT_M_PER_N
 
 
 def near(task: Search, lag: Tuning, **other: object) -> Found:

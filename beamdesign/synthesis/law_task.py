@@ -35,7 +35,7 @@ from beamdesign.synthesis.loop_samples import (
     sampled_masses,
     slacks,
 )
-from beamdesign.synthesis.refinement import NEARLY, TOUCH, LawRefinement
+from beamdesign.synthesis.refinement import NEARLY, TOUCH, WORTH, LawRefinement
 from beamdesign.synthesis.rig_spread import Cut, RigSpread
 from beamdesign.synthesis.sampled_frequencies import COARSE_HZ, FINE_HZ, MODES_HZ, about_poles_Hz
 from beamdesign.synthesis.sections import Sections
@@ -63,7 +63,7 @@ class Effort:
 
     steps: int = 150
     rounds: int = 20
-    wide: int = 25
+    wide: int = 50
     starts: int = 2
     refined: int = 3
     candidates: int = 3
@@ -335,13 +335,13 @@ class Search:
             aim = _aim(points, now)
         return here
 
-    def worth(self, points: Samples, design: Design) -> float:
-        """Sampled value, made less by what violates the limits; 0 of a loop that is not stable."""
+    def worth(self, points: Samples, design: Design, price: float = WORTH) -> float:
+        """Sampled value, made less by what violates the limits, times a price; 0 of a loop that is not stable."""
         left = self._left(points, design)
         if not left.settled:
             return 0.0
         reached = sampled_bandwidth(points, left.compliance + NEARLY / 2)
-        return self.value(design, reached) / (1 + 10 * left.violation())
+        return self.value(design, reached) / (1 + price * left.violation())
 
     @property
     def needed_Hz(self) -> float:
