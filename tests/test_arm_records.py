@@ -38,7 +38,7 @@ from beamdesign.diagnosis.redesign import redesign
 from beamdesign.plant.assembly import assemble, parameters_of, structure_of
 from beamdesign.plant.effects import library
 from beamdesign.plant.equilibrium import equilibrium, linearise
-from beamdesign.plant.harmonic_balance import limit_cycles
+from beamdesign.plant.limit_cycles import limit_cycles
 from beamdesign.plant.linear_reach import with_published_effects
 from beamdesign.proofs.arm import plane_loop
 from beamdesign.proofs.arm.result import certify_plane

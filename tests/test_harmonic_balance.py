@@ -1,27 +1,25 @@
 """Harmonic balance against the exact linear loop, and against the simulation of its own answers."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from honest_certificates import screw
 from impulse_test import Kick, critical_gain_by_kicks, ringing
 
-from beamdesign import Prototype, critical_gain
+from beamdesign import Prototype, critical_gain, read_prototype, state_space
 from beamdesign.controllers import Lag, Proportional
 from beamdesign.loop import loop
 from beamdesign.plant.assembly import assemble, parameters_of, structure_of
 from beamdesign.plant.compiled import integrate
 from beamdesign.plant.equilibrium import equilibrium
 from beamdesign.plant.forced_motion import forced_motion
-from beamdesign.plant.harmonic_balance import (
-    FreeRig,
-    LimitCycle,
-    NoBalance,
-    limit_cycles,
-    linear_critical_gain,
-)
+from beamdesign.plant.harmonic_balance import FreeRig, NoBalance
+from beamdesign.plant.limit_cycles import LimitCycle, cycles_about_own, limit_cycles, linear_critical_gain
 from beamdesign.plant.linear_reach import reach, with_published_effects
 from beamdesign.prototype import Payload
 
+STUDIES = Path(__file__).parents[1] / "studies/prototypes"
 POINTS = 64  # samples per period
 
 
@@ -125,6 +123,33 @@ def test_the_slope_of_the_curve_tells_which_cycles_repel(rig: Prototype):
     assert unstable.steepness < 0
     assert periods(dead, unstable, 20, 0.95)[-1] < 0.5 * unstable.motion.swing_m
     assert periods(dead, unstable, 20, 1.05)[-1] > 1.5 * unstable.motion.swing_m
+
+
+@pytest.mark.parametrize("dead", [False, True])
+def test_a_loop_that_is_unstable_at_lower_gains_has_a_curve_on_either_side_of_its_own(dead: bool):
+    """Only the lowest of all was followed, at a fortieth of its gain, and Loeb's rule is the other way round below.
+
+    With a dead band the shipped law of three sections goes on by itself: from more and from less it comes to one swing.
+    """
+    rig = with_published_effects(read_prototype(STUDIES / "structured.toml"))
+    rig = rig.but(payload=rig.payload.but(inner_end_mass_kg=0.0), sensor=rig.sensor.but(noise_V=None))
+    rig = rig.but(effects={**rig.effects, "valve_deadband": {}} if dead else rig.effects)
+    own = rig.controller.gain_A_per_V
+    found = cycles_about_own(rig, [1e-4], 0.0)
+    below, above = (cycle for _, cycle in found)
+    assert 0.3 * own < below.gain_A_per_V < own < above.gain_A_per_V
+    assert (below.stable, below.steepness < 0) == (dead, dead)
+    if dead:
+        for scaled in (0.7, 1.3):
+            assert periods(rig, below, 60, scaled)[-1] == pytest.approx(below.motion.swing_m, rel=5e-2)
+        return
+    for cycle in (below, above):  # small ones begin where a root pair of the linear rig crosses the axis
+        rates = [
+            state_space(rig.but(controller=rig.controller.but(gain_A_per_V=share * cycle.gain_A_per_V))).poles().real
+            for share in (0.95, 1.05)
+        ]
+        ends = [rate.max() > 0 for rate in rates]
+        assert ends == [cycle is below, cycle is above]
 
 
 def test_an_experiment_settles_on_the_predicted_amplitude_and_frequency(rig: Prototype):

@@ -18,7 +18,7 @@ from beamdesign.plant.assembly import assemble, parameters_of, structure_of
 from beamdesign.plant.effects import Linear, Operation, causes, library
 from beamdesign.plant.effects.entrained_air import bulk_ratio
 from beamdesign.plant.equilibrium import equilibrium, linearise
-from beamdesign.plant.harmonic_balance import linear_critical_gain
+from beamdesign.plant.limit_cycles import linear_critical_gain
 from beamdesign.plant.members import family, paper_model
 from beamdesign.prototype import Payload, Sensor
 

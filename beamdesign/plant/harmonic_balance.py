@@ -1,4 +1,4 @@
-"""Periodic motions of the nonlinear rig by harmonic balance, and limit cycles over the gain.
+"""Periodic motions of the nonlinear rig by harmonic balance.
 
 The states are Fourier series of so many harmonics. Their coefficients are found by Newton's method on the projection of
 the assembled equations x' = f(x) on those harmonics, the laws themselves being evaluated in time (T. M. Cameron and
@@ -6,32 +6,26 @@ J. H. Griffin, J. Appl. Mech. 56 (1989) 149). With one harmonic it is the descri
 and W. E. Vander Velde, Multiple-Input Describing Functions and Nonlinear System Design, 1968), exact in what the linear
 parts do and blind to what the higher harmonics do to each other.
 
-A limit cycle has its amplitude given and its gain sought: so the curve of gain over amplitude is a function, and both
-its stable and its unstable parts are found. At amplitude zero it begins at the critical gain of the linearised loop.
-
 Where it fails: one harmonic is 20 % off in gain where a limiter works nearly as a relay. Nine leave up to 0.5 % at the
 corners of the laws. Sampled controllers and effects that depend on time are not covered. With play in the joint a start
 is found at amplitudes well above the play only.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cache
-from itertools import pairwise
 from math import tau
 
 import casadi as ca
 import numpy as np
 from scipy.linalg import expm
-from scipy.optimize import brentq
 
-from beamdesign.loop import CriticalGain
 from beamdesign.plant.assembly import OUTPUTS, Structure, assemble, parameters_of, structure_of
 from beamdesign.plant.equilibrium import StateSpace, equilibrium, linearise, newton_step, scales
 from beamdesign.prototype import Prototype
 
 DISPLACEMENT = OUTPUTS.index("displacement_m")
 _MOST_STEPS, _TOLERANCE, _LEAST_SHARE = 40, 1e-8, 0.03
+HARMONICS = 9
 _POINTS = 16  # per harmonic: corners of the laws are met to 1/points^2
 
 
@@ -188,13 +182,6 @@ def balance(
     raise NoBalance("no periodic motion found" + (f" of amplitude {amplitude:g} m" if free else ""))
 
 
-HARMONICS = 9
-_NEARBY = 0.999
-_FLAT = 1e-8  # more than rounding makes of a loop that is linear up to an amplitude
-_SLOWEST = 1.0  # rad/s
-_SOUGHT_A_PER_V, _AWAY = (1e-4, 10.0), 1e3
-
-
 @dataclass(frozen=True)
 class Motion:
     """A periodic motion.
@@ -220,126 +207,6 @@ class Motion:
         return abs(self.phasor_m)
 
 
-@dataclass(frozen=True)
-class LimitCycle:
-    """An oscillation that feeds itself.
-
-    Attributes:
-        gain_A_per_V: at which it exists.
-        motion: what it looks like.
-        steepness: d ln(gain) / d ln(amplitude) along the curve. Where it is positive, oscillations at that gain tend to
-            this one in amplitude; where negative, smaller ones die out and larger ones grow (J. M. Loeb's rule).
-        stable: whether all neighbours tend to it: the rule above, and no Floquet multiplier outside the unit circle.
-    """
-
-    gain_A_per_V: float
-    motion: Motion
-    steepness: float
-    stable: bool
-
-
-def linear_critical_gain(prototype: Prototype, outer_end_mass: float = 0.0, preload: float = 0.0) -> CriticalGain:
-    """Lowest gain (A/V) at which the rig, linearised where it rests under a preload, has a pole on the axis.
-
-    Args:
-        prototype: rig with its effects; the controller's breaks are kept.
-        outer_end_mass: payload, kg.
-        preload: constant force on the outer tip, N.
-
-    Raises:
-        ValueError: where there is none from 0.1 mA/V to 10 A/V, nor within a factor of 1000 of the prototype's own, as
-            with a deadband, which closes no loop at rest.
-    """
-    rig = FreeRig(prototype, outer_end_mass)
-
-    def poles(logarithm: float) -> np.ndarray:
-        found = rig.linear(float(np.exp(logarithm)), preload).poles
-        # Friction's memory and a rod free in its play are poles at the origin, which are no oscillation.
-        return np.asarray(found[np.abs(found.imag) > _SLOWEST])
-
-    own = prototype.own_controller.gain_A_per_V  # that of a motor may be hundreds of A/V
-    low, high = min(_SOUGHT_A_PER_V[0], own / _AWAY), max(_SOUGHT_A_PER_V[1], own * _AWAY)
-    grid = np.linspace(np.log(low), np.log(high), round(12 * np.log10(high / low)))
-    before = -1.0
-    for left, right in pairwise(grid):
-        after = float(poles(right).real.max())
-        if before < 0 <= after:
-            found = brentq(lambda at: float(poles(at).real.max()), left, right, xtol=1e-10)
-            crossing = max(poles(found), key=lambda pole: pole.real)
-            return CriticalGain(float(np.exp(found)), abs(crossing.imag) / tau)
-        before = after
-    raise ValueError(f"the linearised loop begins to oscillate at no gain from {low:g} to {high:g} A/V")
-
-
-def limit_cycles(
-    prototype: Prototype, amplitudes: Sequence[float], outer_end_mass: float = 0.0, harmonics: int = HARMONICS
-) -> tuple[LimitCycle, ...]:
-    """Gains at which the loop oscillates with given amplitudes, each found from the one before.
-
-    Args:
-        prototype: rig with its effects and a controller, whose gain does not matter.
-        amplitudes: of the displacement's first harmonic, m, in the order in which they are gone through; begin where
-            the effects matter least.
-        outer_end_mass: payload, kg.
-        harmonics: how many; 1 gives the describing-function method.
-
-    Raises:
-        NoBalance: where no balance is found at one of them.
-        ValueError: where an effect shakes the rig in time, or no linear loop is found to begin from.
-    """
-    rig = FreeRig(prototype, outer_end_mass)
-    try:
-        first = linear_critical_gain(prototype, outer_end_mass)
-        shape = _eigenmotion(rig, first)
-    except ValueError:
-        plain = prototype.but(effects={})
-        first, bare = linear_critical_gain(plain, outer_end_mass), FreeRig(plain, outer_end_mass)
-        # The oscillation of the rig without effects, among the states of the one with them.
-        own = dict(zip(bare.assembly.states, _eigenmotion(bare, first), strict=True))
-        shape = np.array([own.get(name, 0.0) for name in rig.assembly.states])
-    guess = np.zeros((len(rig.assembly.states), 2 * harmonics + 1))
-    guess[:, 0] = rig.rest(first.gain_A_per_V)
-    guess[:, 1], guess[:, 2] = amplitudes[0] * shape.real, -amplitudes[0] * shape.imag
-    unknown = (guess, tau * first.frequency_Hz, first.gain_A_per_V)
-    found, at = [], amplitudes[0]
-    for amplitude in amplitudes:
-        unknown = _continued(rig, unknown, at, amplitude)
-        at = amplitude
-        c, omega, gain = unknown
-        beyond = _continued(rig, unknown, at, amplitude * _NEARBY)[2]
-        steepness = float(np.log(beyond / gain) / np.log(_NEARBY))
-        stable = steepness > _FLAT and _settles(rig, c, omega, gain)
-        found.append(LimitCycle(gain, motion_of(rig, c, omega, gain), steepness, stable))
-    return tuple(found)
-
-
-def _continued(rig: FreeRig, start: Unknown, at: float, amplitude: float) -> Unknown:
-    """Balance at an amplitude from that at another, in as many steps as it takes."""
-    step, unknown = 1.0, start
-    while True:
-        target = at * (amplitude / at) ** step
-        ratio = target / at
-        c = unknown[0].copy()
-        c[:, 1:] *= ratio
-        try:
-            unknown, at = balance(rig, (c, unknown[1], unknown[2]), target), target
-            if abs(at / amplitude - 1) < 1e-12:
-                return unknown
-            step = 1.0
-        except NoBalance:
-            if ratio == 1.0 or step < 0.1:
-                raise
-            step /= 3
-
-
-def _eigenmotion(rig: FreeRig, at: CriticalGain) -> np.ndarray:
-    """Complex states (n,) of the linear oscillation at the critical gain, for a displacement of one."""
-    model = rig.linear(at.gain_A_per_V)
-    values, vectors = np.linalg.eig(model.a)
-    shape = vectors[:, np.argmin(np.abs(values - 1j * tau * at.frequency_Hz))]
-    return np.asarray(shape / (model.c[DISPLACEMENT] @ shape))
-
-
 def motion_of(rig: FreeRig, c: np.ndarray, omega: float, gain: float) -> Motion:
     """The motion of Fourier coefficients (n, 2 H + 1) at a frequency in rad/s and a gain in A/V."""
     forward, back, _ = basis(c.shape[1] // 2)
@@ -357,13 +224,3 @@ def multipliers(rig: FreeRig, c: np.ndarray, omega: float, gain: float) -> np.nd
     for a in by_x:
         turn = expm(a / weight[:, None] * weight[None, :] * (tau / omega / len(by_x))) @ turn
     return np.asarray(np.linalg.eigvals(turn))
-
-
-def _settles(rig: FreeRig, c: np.ndarray, omega: float, gain: float) -> bool:
-    """Whether the multipliers lie inside the unit circle, but for the two nearest 1.
-
-    These are that of a shift in time, and that of the amplitude, which `steepness` tells more sharply.
-    """
-    found = multipliers(rig, c, omega, gain)
-    others = np.delete(found, np.argsort(np.abs(found - 1))[:2])
-    return bool(np.all(np.abs(others) < 1))

@@ -17,7 +17,7 @@ from beamdesign.arguments import checked, checked_mass_kg, takes
 from beamdesign.loop import loop
 from beamdesign.plant.actuators import Demand, Limit
 from beamdesign.plant.assembly import fits, pace
-from beamdesign.plant.harmonic_balance import limit_cycles
+from beamdesign.plant.limit_cycles import cycles_about_own
 from beamdesign.plant.linear_reach import (
     SingleModeReach,
     Varied,
@@ -248,7 +248,8 @@ class Limits(Result):
         sensor: what it hides.
         modes: reach of one bending mode per beam; why it is not looked at, in words, where it cannot be.
         linear_amplitude: per quantity varied and frequency, up to where the linear model's amplitude holds; likewise.
-        limit_cycles: by amplitude, the gains at which the nonlinear loop oscillates by itself.
+        limit_cycles: by amplitude, gains at which the nonlinear loop oscillates by itself: on the curve below its own,
+            where it is not stable at every lower one, then on that above.
     """
 
     prototype: Prototype
@@ -390,11 +391,9 @@ def _linear(rig: Prototype, mass: float, progress: Progress) -> tuple[dict[str, 
 
 
 def _cycles(rig: Prototype, mass: float) -> tuple[dict[str, Any], ...]:
-    real, rows = with_published_effects(rig), []
-    for amplitude in AMPLITUDES_M if real.effects != linear_part(real).effects else ():  # a linear loop has none
-        try:
-            (cycle,) = limit_cycles(real, [amplitude], mass)
-        except ValueError:  # there is none of that amplitude, or harmonic balance does not cover an effect
-            continue
-        rows.append({"amplitude_m": amplitude} | picked(cycle, "gain_A_per_V frequency_Hz=motion.frequency_Hz stable"))
-    return tuple(rows)
+    real = with_published_effects(rig)
+    if real.effects == linear_part(real).effects:  # a linear loop has none
+        return ()
+    shown = "gain_A_per_V frequency_Hz=motion.frequency_Hz stable"
+    found = cycles_about_own(real, AMPLITUDES_M, mass)
+    return tuple({"amplitude_m": amplitude} | picked(cycle, shown) for amplitude, cycle in found)

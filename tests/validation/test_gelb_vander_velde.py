@@ -10,7 +10,7 @@ import pytest
 
 from beamdesign import Prototype, critical_gain
 from beamdesign.controllers import Proportional
-from beamdesign.plant.harmonic_balance import limit_cycles
+from beamdesign.plant.limit_cycles import limit_cycles
 
 
 def limiter(ratio: float) -> float:

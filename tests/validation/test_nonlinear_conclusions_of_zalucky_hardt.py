@@ -16,7 +16,7 @@ from beamdesign.controllers import Lag, Proportional
 from beamdesign.loop import loop
 from beamdesign.plant.assembly import assemble, parameters_of, structure_of
 from beamdesign.plant.equilibrium import equilibrium
-from beamdesign.plant.harmonic_balance import linear_critical_gain
+from beamdesign.plant.limit_cycles import linear_critical_gain
 from beamdesign.plant.linear_reach import departure, linear_part, reach, with_published_effects
 from beamdesign.scenario import Scenario, ScenarioRecord, Sine
 
