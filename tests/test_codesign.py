@@ -8,7 +8,7 @@ import pytest
 from similar import EIGHTH, similar
 from typer.testing import CliRunner
 
-from beamdesign import Prototype, check, codesign, front, read_problem, read_prototype, write_prototype
+from beamdesign import Prototype, check, codesign, front, read_problem, read_prototype, remedies, write_prototype
 from beamdesign.cli import app
 from beamdesign.controllers import Lag
 from beamdesign.loop import loop
@@ -17,6 +17,7 @@ from beamdesign.synthesis.codesign import sized_search
 from beamdesign.synthesis.free_search import sizes_of, start_variables, tubes
 from beamdesign.synthesis.loop_samples import Design
 from beamdesign.synthesis.sections import ROUNDED_SLACK, Sections
+from beamdesign.time_limit import within
 
 pytestmark = pytest.mark.long
 
@@ -86,6 +87,27 @@ def test_larger_tubes_that_do_not_go_into_each_other_are_not_begun_with() -> Non
     narrow = problem.but(sections=problem.sections.but(largest_width_m=0.149, width_to_wall_at_most=None))
     found = codesign(narrow, (0.0, 0.0), 3.8, sigmas=0.0, minutes=0.0)
     assert found.point is not None or found.reason
+
+
+def test_a_remedy_whose_tubes_do_not_go_with_the_given_one_says_so() -> None:
+    """An outer tube within the largest width that does not take the given inner one: it ended with a traceback."""
+    problem = read_problem(STUDIES / "codesign.toml")
+    wide = problem.but(
+        outer_beam=problem.outer_beam.but(width_m=0.35, wall_m=0.006),
+        inner_beam=problem.inner_beam.but(width_m=0.32, wall_m=0.006),
+    )
+    assert problem.sections.largest_width_m < 0.32
+    (stiffer,) = remedies(wide, (0.0, 6.8), 4.5, sigmas=0.0, numbers=[1])
+    assert (stiffer.yes, stiffer.bandwidth_Hz, stiffer.proved) == (False, 0.0, ())
+    assert stiffer.outer.width_m == 0.35
+    assert "[sections]" in stiffer.reason
+
+
+def test_one_payload_is_served_by_one_lag() -> None:
+    """A range of no width was cut into four parts that are one and the same, each searched by itself."""
+    with within(0.0):
+        (_, scheduled) = remedies(read_problem(STUDIES / "codesign.toml"), (2.0, 2.0), 4.5, sigmas=0.0, numbers=[3, 4])
+    assert scheduled.parts_kg == ((2.0, 2.0),)
 
 
 def test_rounding_leaves_the_sections_of_a_short_link_what_they_are() -> None:

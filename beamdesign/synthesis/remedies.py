@@ -28,7 +28,7 @@ from beamdesign.synthesis import REMEDY, SIGMAS
 from beamdesign.synthesis.codesign import sized_search
 from beamdesign.synthesis.free_search import sizes_of, start_variables, tubes
 from beamdesign.synthesis.law_design import Proved
-from beamdesign.synthesis.law_search import search
+from beamdesign.synthesis.law_search import Found, search
 from beamdesign.synthesis.law_starts import from_seeds
 from beamdesign.synthesis.loop_samples import Design, form_for
 from beamdesign.synthesis.sections import Sections, section_mass
@@ -124,20 +124,22 @@ def _remedy(
     pole, zero = PAPER_BREAKS_HZ
     seeds = Lag.seeds() if freedom.breaks else (Lag(gain_A_per_V=3e-3, pole_Hz=pole, zero_Hz=zero),)
     most = section_mass(problem, given) + added_mass_kg
-    starts = [np.append(proved.variables[: -len(given)], given) for proved in near]
+    tasks = []
     for larger in _LARGER if free else _LARGER[:1]:
         sizes = given.copy()
         sizes[free] *= larger[: len(free)]
         sections = Sections(problem, sizes, largest_mass_kg=most, free=free)
-        if not sections.possible:
-            continue
-        task = sized_search(problem, sections, masses_kg, sigmas, inside_kg)
-        starts += [one.variables for one in from_seeds(task, seeds)]
-    form = form_for(form_of("lag"), task.members[0].rig.figures)
-    if not freedom.breaks:
-        breaks = np.log(PAPER_BREAKS_HZ) + log(task.pace)
-        form = replace(form, lower=np.append(form.lower[0], breaks), upper=np.append(form.upper[0], breaks))
-    found = search(task, [Design(form, one) for one in starts])
+        if sections.possible:
+            tasks.append(sized_search(problem, sections, masses_kg, sigmas, inside_kg))
+    found = Found(None, (), 0, "no tubes within the limits of [sections] go with the one that stays as it is")
+    if tasks:
+        form = form_for(form_of("lag"), tasks[0].members[0].rig.figures)
+        if not freedom.breaks:
+            breaks = np.log(PAPER_BREAKS_HZ) + log(tasks[0].pace)
+            form = replace(form, lower=np.append(form.lower[0], breaks), upper=np.append(form.upper[0], breaks))
+        starts = [np.append(proved.variables[: -len(given)], given) for proved in near]
+        starts += [one.variables for task in tasks for one in from_seeds(task, seeds)]
+        found = search(tasks[-1], [Design(form, one) for one in starts])
     proved = found.proved
     if proved is None or proved.bandwidth_Hz < SMALLEST_BANDWIDTH_HZ:
         reason = found.reason or f"guarantees no bandwidth above {SMALLEST_BANDWIDTH_HZ:g} Hz"
@@ -162,9 +164,10 @@ def _scheduled(problem: DesignProblem, masses_kg: tuple[float, float], near: Seq
     """
     edges = np.linspace(*masses_kg, SCHEDULE_PARTS + 1)
     reach = SCHEDULE_OVERLAP * (edges[1] - edges[0])
-    parts = [
+    reached = (
         (float(max(masses_kg[0], low - reach)), float(min(masses_kg[1], high + reach))) for low, high in pairwise(edges)
-    ]
+    )
+    parts = list(dict.fromkeys(reached))  # of one payload a single one
     found = []
     for k, part in enumerate(parts):
         with share(1 / (len(parts) - k)):
