@@ -41,7 +41,7 @@ def certify_switching(
 
     Raises:
         ValueError: for stages of different states, or a range of one payload.
-        InputError: without a range, for effects for which no linear loop stands, or for a rate that is not plausible.
+        InputError: without a range, for effects, or for a rate that is not plausible.
     """
     if rate_kg_per_s is not None and not 0 < rate_kg_per_s <= _FASTEST_KG_PER_S:
         reason = f"is {rate_kg_per_s:g}; above 0 and up to {_FASTEST_KG_PER_S:g} kg/s is plausible"

@@ -813,6 +813,10 @@ def test_the_shipped_compliant_rig_is_what_its_compliance_says() -> None:
     assert rig.compliance is not None
     assert rig.controller == controller_of(rig, rig.compliance)
     assert judge(rig, rig.compliance, MASSES_KG, WALL).meets("passive")
+    # Judged as it is, its servo alone was told to be as soft as the end: it holds K_m + A K_q / K_pq K F_s.
+    as_it_is = judge(rig, None, (0.0, 0.0), WALL)
+    assert as_it_is.static_N_per_m == pytest.approx(3e5)
+    assert as_it_is.servo_N_per_m == pytest.approx(486800.0 + 1.13e-4 * 1.13e-2 / 3.8e-13 * 0.00295 * 1180.0)
 
 
 @pytest.mark.usefixtures("short")

@@ -235,7 +235,8 @@ def judge(prototype: Prototype, law: Compliance | None, masses_kg: tuple[float, 
     contact = prove_contact(closed, (low, high), wall)
     commanded = plant.displaced * controller.command_numerator() * exact(prototype.sensor.gain_V_per_m)
     stiffness = static if law is None else law.end_stiffness_N_per_m
-    alone = static if law is None else servo_stiffness(prototype, law.servo)
+    given = law or prototype.compliance
+    alone = static if given is None else servo_stiffness(prototype, given.servo)
     return EndStiffness(
         masses_kg,
         wall,
