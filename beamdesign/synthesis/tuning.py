@@ -184,7 +184,7 @@ def tune(
     checked(prototype.name, "largest_inner_end_mass_kg", MassOrNone, most)
     checked(prototype.name, "sigmas", Sigmas, sigmas)
     if kind not in (*KINDS, *SYNTHESES):
-        raise ValueError(f"no tuning of kind {kind!r}; expected one of {', '.join(tunable())}")
+        raise ValueError(f"no tuning of kind {kind!r}; expected one of {', '.join(tunable())}, scheduled")
     wrong = list(not_felt(type(prototype.actuator), sensors, "controller"))
     if len(sensors) > 1 and kind not in SYNTHESES:
         wrong.append(Problem("sensors", f"a {kind} controller reads the displacement alone; ask for lqg or hinf"))
