@@ -130,7 +130,22 @@ def test_remedies_of_which_none_is_proved_are_a_no(tmp_path: Path, monkeypatch: 
         monkeypatch.setattr(remedies, "remedies", lambda *_, given=found: given)
         fields, said = call(tmp_path, "remedies", str(study), "--out", str(tmp_path / "out"), status=status)
         assert fields["sigmas"] == 2.0
+        assert "is not taken" not in said
         assert "for every rig within 2 standard deviations" in " ".join(said.split())
+
+
+def test_what_remedies_do_not_take_of_a_study_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Sections of stock sizes and a law of another kind were asked for, and others came without a word."""
+    tube = Tube(0.14, 0.0023)
+    failed = Remedy("stiffer outer beam", 0.0, 0.0, 2.0, tube, tube, 0.0, (), (PAYLOAD,), "no gain")
+    monkeypatch.setattr(remedies, "remedies", lambda *_: (failed,))
+    (study,) = start("codesign", tmp_path / "link.toml")
+    text = study.read_text(encoding="utf-8")
+    other = text.replace('choose = "free"', 'choose = "stock"').replace('kind = "lag"', 'kind = "lqg"')
+    study.write_text(other, encoding="utf-8")
+    _, said = call(tmp_path, "remedies", str(study), "--out", str(tmp_path / "out"), status=1)
+    for key in ("sections.choose = 'stock'", "controller.kind = 'lqg'"):
+        assert f"{key} is not taken" in " ".join(said.split())
 
 
 def test_remedies_without_given_sections_are_refused(tmp_path: Path) -> None:

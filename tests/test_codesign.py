@@ -110,6 +110,26 @@ def test_one_payload_is_served_by_one_lag() -> None:
     assert scheduled.parts_kg == ((2.0, 2.0),)
 
 
+@pytest.mark.usefixtures("one_start")
+def test_a_remedy_is_no_worse_than_the_loop_that_it_may_leave_as_it_is() -> None:
+    """Where no time was left for its own it was told to guarantee nothing beside an untouched loop that did."""
+    now = [0.0]
+
+    def until_the_first_is_proved(share: float, _: str) -> None:
+        now[0] += 1e9 * (share > 0)
+
+    with within(1.0, clock=lambda: now[0]):
+        problem = read_problem(STUDIES / "codesign.toml").but(controller={"kind": "lag"})
+        problem = problem.but(goal=problem.goal.but(peak_over_passive=np.inf))
+        asked = (0.0, 1.0), 4.5, until_the_first_is_proved
+        untouched, *others = remedies(problem, *asked, sigmas=0.0, numbers=[0, 2, 3, 4])
+    assert untouched.bandwidth_Hz > 0.81
+    for one in others:
+        assert (one.bandwidth_Hz, one.reason) == (untouched.bandwidth_Hz, "")
+        assert one.to_dict()["controllers"].split("; ") == [untouched.to_dict()["controllers"]] * len(one.parts_kg)
+    assert len(others[-1].parts_kg) == 4
+
+
 def test_rounding_leaves_the_sections_of_a_short_link_what_they_are() -> None:
     """To a tenth of a micrometre their walls of a tenth of a millimetre were off by more than is kept to spare."""
     problem = similar(read_problem(STUDIES / "codesign.toml"), (20.0**-3, 20.0**-1, 20.0**-1))

@@ -116,7 +116,7 @@ def _read(study: Path, sigmas: float, nominal: bool, free: bool = False) -> tupl
         echo(f"payload.inner_end_mass_kg = {inside:g} is not taken: {found}")
     choose = problem.sections.choose
     if free and choose != "free" and "choose" in problem.sections.model_fields_set:
-        echo(f"sections.choose = {choose!r} is not taken: both sections are sought in free sizes")
+        echo(f"sections.choose = {choose!r} is not taken: sections are sought in free sizes")
     return problem, within
 
 
@@ -351,7 +351,9 @@ def remedies(
     from beamdesign.report.charts import plot_remedies
     from beamdesign.synthesis import remedies as room
 
-    problem, within = _read(study, sigmas, nominal)
+    problem, within = _read(study, sigmas, nominal, free=True)
+    if (kind := problem.controller.kind) != "lag":
+        echo(f"controller.kind = {kind!r} is not taken: each remedy is that of a lag")
     masses = mass_range(outer_end_mass, problem.payload.outer_end_mass_kg, study)
     with in_time(minutes, "minutes to half an hour") as limit, progress("remedies") as update:
         found = room.remedies(problem, masses, added_mass_kg, update, within)

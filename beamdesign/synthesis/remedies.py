@@ -157,7 +157,14 @@ def _remedy(
     )
 
 
-def _scheduled(problem: DesignProblem, masses_kg: tuple[float, float], near: Sequence[Proved], sigmas: float) -> Remedy:
+def _no_worse(found: Remedy, known: Remedy) -> Remedy:
+    """What a remedy came to, or else what is known of a loop that it may leave as it is."""
+    if found.bandwidth_Hz >= known.bandwidth_Hz:
+        return found
+    return replace(known, name=found.name, parts_kg=found.parts_kg)
+
+
+def _scheduled(problem: DesignProblem, masses_kg: tuple[float, float], whole: Remedy, sigmas: float) -> Remedy:
     """One lag per part of the range, each proved on its part and some way into its neighbours.
 
     What is proved for the whole range is proved for each part, and so is a start for each.
@@ -171,7 +178,7 @@ def _scheduled(problem: DesignProblem, masses_kg: tuple[float, float], near: Seq
     found = []
     for k, part in enumerate(parts):
         with share(1 / (len(parts) - k)):
-            found.append(_remedy(SCHEDULED, problem, part, 0.0, sigmas, near))
+            found.append(_no_worse(_remedy(SCHEDULED, problem, part, 0.0, sigmas, whole.proved), whole))
     failed = [
         f"{low:g} to {high:g} kg: {one.reason}" for (low, high), one in zip(parts, found, strict=True) if one.reason
     ]
@@ -226,7 +233,9 @@ def remedies(
         with share(1 / (len(chosen) - k)):
             if freedom is SCHEDULED:
                 begun = [one for one in found if one.name == FREEDOMS[-1].name] or [_remedy(FREEDOMS[-1], *asked)]
-                found.append(_scheduled(problem, outer_end_mass_kg, begun[0].proved, sigmas))
+                found.append(_scheduled(problem, outer_end_mass_kg, begun[0], sigmas))
+            elif found and found[0].name == UNTOUCHED.name:
+                found.append(_no_worse(_remedy(freedom, *asked, found[0].proved), found[0]))
             else:
                 found.append(_remedy(freedom, *asked))
     return tuple(found)
