@@ -771,6 +771,9 @@ def test_the_command_proves_writes_and_says_no(link: Prototype, tmp_path: Path):
     anywhere = run(path, "--offset-m", "0,0.1,0", "--within-m", "0,0.5,0")
     assert anywhere.exit_code == 1
     assert "plane z, for every payload and every place of its centre asked for: NOT stable" in anywhere.output
+    elsewhere = run(path, "--sensor-m", "0,0.1,0", "--within-m", "0,0.5,0")
+    assert "servos that measure at the tip" in str(elsewhere.exception)
+    assert not elsewhere.output  # it was refused behind half of its tables
 
 
 @pytest.mark.usefixtures("few_climbs")

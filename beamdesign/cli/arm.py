@@ -76,10 +76,10 @@ def arm(
     def worked_out(stage: "InStage") -> tuple[dict[str, Any], bool]:
         own, payloads, _ = stage
         force = _force(own, force_N, payloads[1], prototype)
+        places = {} if within is None else prove_anywhere(own, payloads, within)  # or refused, before anything is told
         found = work_out(own, payloads, force)
         _echo_figures(own, found)
         _echo_proof(own, found)
-        places = {} if within is None else prove_anywhere(own, payloads, within)
         for name, verdict in places.items():
             planes = "both planes" if name == "both" else f"plane {name}"
             echo(f"{planes}, for every payload and every place of its centre asked for: {_VERDICTS[verdict.stable]}")
