@@ -261,6 +261,14 @@ class Front(Result):
         """Why there is no proved design at all; empty where there is one."""
         return "" if self.proved else "; ".join(dict.fromkeys(design.reason for design in self.designs))
 
+    def rows(self) -> list[tuple[str, Any]]:
+        """The moving mass of every point, kg, or why there is none."""
+        found = ((one, *one.outer_end_mass_kg, one.point) for one in self.designs)
+        return [
+            (f"kg for {one.bandwidth_Hz:g} Hz, {low:g} to {high:g} kg", point.moving_mass_kg if point else one.reason)
+            for one, low, high, point in found
+        ]
+
     def to_dict(self) -> dict[str, Any]:
         """What a JSON file holds of it: all points, and the efficient ones."""
         points, efficient = ([one.columns() for one in some] for some in (self.designs, self.efficient))
