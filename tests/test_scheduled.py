@@ -845,6 +845,23 @@ def test_simulate_takes_a_schedule_and_no_other_a_payload_that_changes(tmp_path:
     assert "must be the period of the scheduled controller, 0.0005, is 0.001" in str(refused.exception)
 
 
+def test_an_estimate_that_the_schedule_does_not_act_on_is_told_as_that(tmp_path: Path) -> None:
+    """Under a force that moves all the time 7.48 kg, give or take 0.29, were told of no payload."""
+    common = ["--scenario", str(ROOT / "studies/scenarios/gripper_arm.toml"), "--out", str(tmp_path), "--no-plots"]
+    done = CliRunner().invoke(app, ["simulate", str(SHIPPED), *common])
+    assert done.exit_code == 0, done.output
+    (pushed, commanded) = (
+        " ".join(done.output.split()).partition(f"{name}: stages 1; ")[2] for name in ("push", "command")
+    )
+    assert pushed.startswith("of the payload it knows too little to act on (")
+    assert commanded.startswith("of the payload it knows 2.03 kg, give or take")
+    table = np.genfromtxt(tmp_path / "push.csv", delimiter=",", names=True)
+    last = table[-1]
+    assert last["estimate_std_kg"] > schedule_of(read_prototype(SHIPPED)).estimator.largest_std_kg
+    assert set(table["outer_end_mass_kg"]) == {0.0}
+    assert last["estimate_kg"] > 10 * last["estimate_std_kg"]  # of 0 kg
+
+
 @pytest.mark.parametrize(("name", "period_s"), [("prototype", 0.5e-3), ("structured", 0.2e-3)])
 def test_shipped_schedules_are_sampled_as_their_laws_ask(name: str, period_s: float, tmp_path: Path) -> None:
     """A quarter of the highest break's period at most; a scenario that states no period takes theirs."""

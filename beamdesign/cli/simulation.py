@@ -1,7 +1,7 @@
 """`beamdesign simulate`: time records of a prototype or a bench, with their pictures."""
 
 from collections.abc import Sequence
-from math import isfinite
+from math import inf, isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -54,15 +54,17 @@ def simulate(
     echo_table(f"{rig.name}: {plan.name}", heads, found.rows())
     if arm_of(rig).plane is None and (words := left_aside(rig)):
         echo(f"simulated with {words}, or state arm.plane to simulate that plane")
-    for record in found.records:
+    for record, asked in zip(found.records, plan.record, strict=True):
         if not record.stable:
             echo(f"{record.name}: {record.reason}")
         if record.uncertain:
             echo(f"{record.name}: {record.uncertain}")
-        if "stage" in record.columns:
+        if (law := asked.controller or rig.controller) is not None and law.schedule is not None:
             stages = " -> ".join(["1", *(str(stage) for _, stage in record.changes)])
             mass, std = (float(record.column(name)[-1]) for name in ("estimate_kg", "estimate_std_kg"))
             known = f"{mass:.3g} kg, give or take {std:.2g}" if isfinite(std) else "nothing"
+            if law.schedule.estimator.largest_std_kg < std < inf:  # then it may be off by much more than that
+                known = f"too little to act on ({known})"
             echo(f"{record.name}: stages {stages}; of the payload it knows {known}")
     limits = {
         "displacement_m": (plan.displacement_limit_m, "limit"),
