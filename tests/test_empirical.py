@@ -5,7 +5,9 @@ from math import pi
 
 import numpy as np
 import pytest
+from gap_sets import believed, measured, scenario
 from rigs_of_effects import having
+from scipy.linalg import eigh
 from slow_sensor import SLOW_SENSOR
 from test_effects import applied
 from test_elements import assert_alike, rig  # noqa: F401
@@ -19,7 +21,7 @@ from beamdesign.diagnosis.fitting.fit import Fit, fit
 from beamdesign.diagnosis.fitting.hypothesis import NOTHING, Hypothesis, learnable
 from beamdesign.diagnosis.fitting.search import Search
 from beamdesign.diagnosis.gap_metrics import held_out
-from beamdesign.diagnosis.judgement import causes, judge
+from beamdesign.diagnosis.judgement import causes, judge, strained
 from beamdesign.diagnosis.learning import described, learn, within_reach
 from beamdesign.diagnosis.passing import Look
 from beamdesign.diagnosis.where.locate import kind_of_effect
@@ -34,6 +36,7 @@ from beamdesign.prototype import Tolerance
 from beamdesign.validation.truth.case import run_figures, write_case
 from beamdesign.validation.truth.drawing import draw_case
 
+PAIR = "stiffness", "mass"
 LEARNT = {law.name: law for law in laws()}
 PROVED = [name for name, law in LEARNT.items() if law.linear is not None and fits(name, "twin_beam")]
 TERMS = {"odd_square": 0.11, "cube": -0.2, "square": 0.07, "one_sided": 0.04}
@@ -272,6 +275,53 @@ def test_a_gain_that_drifts_is_no_wrong_gain(seed, kind, name, drive, figure, la
     true = run_figures(case, case.runs[0])["sensor_drift" if drive == "lag" else name]
     values = found.judged.best.values
     assert np.sign(values[f"empirical_{law}_drift.change_per_s"]) == np.sign(true)
+
+
+def test_a_cause_that_needs_figures_that_no_rig_has_yields_to_a_law_that_needs_none(monkeypatch):
+    """A mass on a spring at the tip: with another outer mass, a second mode at twice the first moves alike, exactly."""
+    own = {"mass_kg": 0.3, "frequency_Hz": 70.0, "damping_ratio": 0.05}
+    law, mode = Hypothesis(("empirical_outer_force_appendage",)), Hypothesis(("second_beam_mode",))
+    plan = scenario(0.6)
+    plan = plan.but(record=tuple(plan.record[k] for k in (0, 2, 3)))
+    data = measured(believed().but(effects={law.names[0]: own}), plan, believed())
+    evidence, known = evidence_of(data), []
+    # A mode that takes its share of the compliance from the first, by the eigenvalues of both masses on their springs.
+    k, m = (next(u.nominal for u in NOTHING.unknowns(data.prototype) if u.name == f"outer_{of}") for of in PAIR)
+    tie = own["mass_kg"] * (2 * pi * own["frequency_Hz"]) ** 2
+    squares, shapes = eigh([[k + tie, -tie], [-tie, tie]], np.diag([m, own["mass_kg"]]))
+    soft = shapes[0] ** 2 / squares
+    there = {
+        "outer_stiffness": 1 / soft[0], "outer_mass": 1 / shapes[0, 0] ** 2,
+        "second_beam_mode.frequency_Hz": float(np.sqrt(squares[1])) / (2 * pi),
+        "second_beam_mode.compliance_share": soft[1] / soft[0],
+    }  # fmt: skip
+    for hypothesis in (NOTHING, mode):
+        placement = hypothesis.placement(data.prototype)
+        start = np.array([u.z(there.get(u.name, u.nominal)) for u in placement.unknowns])
+        known.append(fit(hypothesis, placement, evidence, start if hypothesis.names else 0 * start))
+    null, listed = known
+    expected, floor = sum(e.expected for e in evidence), sum(e.floor for e in evidence)
+    before = Search(null, (listed,), expected, floor, tuple(e.condition for e in evidence))
+    judged = judge(before)
+    assert judged.best is listed
+    assert judged.unknown < 0.1
+    assert before.excess(listed) < learning.EXPLAINED
+    assert strained(listed)
+    monkeypatch.setattr(learning, "learnable", lambda prototype: [law, Hypothesis(("empirical_sensor_lag",))])
+    found = learn(Look(data, before, judged), (1,))
+    assert found is not None
+    best = found.judged.best
+    assert best.hypothesis == law
+    assert found.judged.unknown > 0.99
+    assert sum(found.judged.of.values()) == pytest.approx(1.0)
+    assert not strained(best)
+    for key, value in own.items():
+        assert best.values[f"{law.names[0]}.{key}"] == pytest.approx(value, rel=0.2 if key == "damping_ratio" else 0.03)
+    assert "second_beam_mode may stand for something else" in found.words[0]
+    # Where what is listed needs nothing that a rig has not, no law is asked for, however well it would do.
+    usual = replace(listed, z=np.where([u.kind == "figure" for u in listed.unknowns], 0.0, listed.z))
+    monkeypatch.setattr(learning, "far_fetched", lambda found, prototype: "")
+    assert learn(Look(data, before, replace(judged, best=usual)), (1,)) is None
 
 
 @pytest.mark.parametrize("odd_square", [0.5, 16.0])

@@ -486,6 +486,21 @@ def test_a_cause_beside_another_is_not_sure_where_that_alone_is_not_told_apart(
     assert found.where.subsystem == ("sensor" if verdict == "ambiguous" else "")
 
 
+@pytest.mark.parametrize(("records", "verdict"), [(0, "effect"), (2, "ambiguous")])
+def test_figures_beside_records_that_are_no_good_bear_no_sure_answer(
+    records: int, verdict: str, believed: Prototype, monkeypatch: pytest.MonkeyPatch
+):
+    """All records are too short to be used: so the warnings say, and what is left is told with as much doubt."""
+    monkeypatch.setattr(search, "singles", lambda rig: (together("sensor_lag"), together(GAIN)))
+    monkeypatch.setattr(gain_diagnosis, "next_experiment", lambda *given: None)
+    data = rig_with_lag(believed, 400.0, 1, (0.4,))
+    short = np.zeros((20, 2)), {"displacement_m": np.arange(20.0), "current_A": np.arange(20.0)}
+    taken = tuple(TimeRecord(f"r{k}", 1e-3 * np.arange(20), *short, 0.0, 0.0, LAG) for k in range(records))
+    found = diagnose(replace(data, records=taken), 1)
+    assert (found.verdict, found.chosen) == (verdict, ("sensor_lag",))
+    assert any("what remains cannot bear a confident answer" in words for words in found.warnings) is bool(records)
+
+
 SECTION = Section(zero_Hz=30.0, zero_damping_ratio=0.5, pole_Hz=30.0, pole_damping_ratio=0.6)
 WITH_SECTION = Structured(gain_A_per_V=0.05, pole_Hz=1.7, zero_Hz=20.0, section=(SECTION,))
 

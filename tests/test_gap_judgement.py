@@ -7,12 +7,14 @@ import numpy as np
 import pytest
 from gap_sets import believed, measured, only
 from null_scores import main as null_scores_main
+from scipy.linalg import eigh
+from scipy.stats import chi2, norm
 
 from beamdesign.diagnosis import judgement
 from beamdesign.diagnosis.diagnosis import Where
 from beamdesign.diagnosis.fitting.evidence import record_evidence
 from beamdesign.diagnosis.fitting.fit import Fit, Share, fit
-from beamdesign.diagnosis.fitting.hypothesis import NOTHING, Hypothesis, together
+from beamdesign.diagnosis.fitting.hypothesis import NOTHING, Hypothesis, together, unlike
 from beamdesign.diagnosis.fitting.search import Search
 from beamdesign.diagnosis.fitting.starts import fit_from_starts, resonances, starts
 from beamdesign.diagnosis.judgement import (
@@ -26,8 +28,10 @@ from beamdesign.diagnosis.judgement import (
     flags,
     held_out_score,
     judge,
+    strained,
 )
-from beamdesign.diagnosis.verdict import LEVEL, chance, decided, null_scores, sentences, verdict_of
+from beamdesign.diagnosis.verdict import LEVEL, chance, decided, far_fetched, null_scores, sentences, verdict_of
+from beamdesign.validation.truth.beams import outer_modes
 
 EXPECTED = 300.0
 LAG, AREAS = "sensor_lag", "unequal_piston_areas"
@@ -287,12 +291,64 @@ def test_what_explains_as_much_as_a_plainly_wrong_figure_is_not_slight():
 
 
 def test_strained_figures_leave_doubt():
-    strained = made((LAG,), 1.1 * EXPECTED, sensor_gain=THRESHOLDS.strained + 1)
-    search = found(made((), 20 * EXPECTED), strained)
+    lag = made((LAG,), 1.1 * EXPECTED, sensor_gain=THRESHOLDS.strained + 1)
+    search = found(made((), 20 * EXPECTED), lag)
     judged = judge(search)
-    assert judged.strained == ("sensor_gain",)
+    assert strained(judged.best) == ("sensor_gain",)
     assert verdict_of(judged) == "ambiguous"
     assert causes(search, judged)[0].flags == ("sensor_gain had to move by +5.0 tolerances",)
+
+
+@pytest.mark.parametrize(("of_the_limit", "verdict"), [(0.98, "effect"), (1.02, "ambiguous")])
+def test_figures_that_are_all_a_little_strained_leave_doubt(of_the_limit: float, verdict: str):
+    """By SciPy: squares of as many normal numbers add up to as much no more often than one is four deviations off."""
+    figures = [u.name for u in NOTHING.unknowns(believed())]
+    limit = np.sqrt(chi2.isf(2 * norm.sf(THRESHOLDS.strained), len(figures)) / len(figures))
+    assert 1.5 < limit < 2.0
+    each = of_the_limit * float(limit)
+    judged = judge(found(made((), 20 * EXPECTED), made((LAG,), 1.1 * EXPECTED, **dict.fromkeys(figures, each))))
+    assert judged.best.hypothesis.names == (LAG,)
+    assert strained(judged.best) == (tuple(figures) if of_the_limit > 1 else ())
+    assert verdict_of(judged) == verdict
+    told = far_fetched(judged.best, believed())
+    assert bool(told) is (of_the_limit > 1)
+    assert ("sensor_lag may stand for something else" in told) is bool(told)
+
+
+@pytest.mark.parametrize("share", [0.02, 0.1, 0.3])
+@pytest.mark.parametrize("ratio", [0.5, 1.0, 1.5])
+def test_what_swings_on_a_tip_is_no_second_bending_mode(share: float, ratio: float):
+    """Two masses on springs, by their eigenvalues: their upper mode lies too near to the lower one for a beam's."""
+    own, rig = ratio**2, believed()
+    squares, shapes = eigh([[1 + share * own, -share * own], [-share * own, share * own]], np.diag([1.0, share]))
+    given = {u.name: u.nominal for u in NOTHING.unknowns(rig)}
+    first_Hz = np.sqrt(given["outer_stiffness"] / given["outer_mass"]) / (2 * np.pi)
+    at_tip = shapes[0] ** 2 / squares
+    values = {
+        "outer_stiffness": given["outer_stiffness"] / at_tip[0],
+        "outer_mass": given["outer_mass"] / shapes[0, 0] ** 2,
+        "second_beam_mode.frequency_Hz": float(first_Hz * np.sqrt(squares[1])),
+        "second_beam_mode.compliance_share": float(at_tip[1] / at_tip[0]),
+    }
+    mode = together("second_beam_mode")
+    (words,) = unlike(mode, values, rig)
+    assert f"at {np.sqrt(squares[1] / squares[0]):.2g} times the frequency" in words
+    assert unlike(mode, values, rig.but(effects={"second_beam_mode": {}})) == ()  # its builder called it so
+
+
+@pytest.mark.parametrize("softness", [0.0, 0.3, 1.0, 5.0, 25.0])
+@pytest.mark.parametrize("tip_share", [0.0, 0.15, 2.0])
+def test_no_second_mode_of_a_beam_is_taken_for_something_else(softness: float, tip_share: float):
+    """Of tubes with a joint, by finite elements of their own: a uniform one has 6.27 times the frequency (Blevins)."""
+    rig = believed()
+    given = {u.name: u.nominal for u in NOTHING.unknowns(rig)}
+    for joint_mass in (0.0, 0.3):
+        bar = (softness, joint_mass, tip_share)
+        modes = outer_modes(given["outer_stiffness"], given["outer_mass"], given["outer_damping"], *bar, count=2)
+        hertz = np.sqrt(modes[0] / modes[1]) / (2 * np.pi)
+        if not any(bar):
+            assert hertz[1] / hertz[0] == pytest.approx((4.69409 / 1.87510) ** 2, rel=1e-4)
+        assert unlike(together("second_beam_mode"), given | {"second_beam_mode.frequency_Hz": hertz[1]}, rig) == ()
 
 
 def test_friction_without_an_excess_at_breakaway_is_at_no_bound():

@@ -35,7 +35,7 @@ from beamdesign.diagnosis.second_look import refit_backlash_impacts, second_look
 from beamdesign.diagnosis.separability import indistinguishable
 from beamdesign.diagnosis.skewed_channels import channels_in_time
 from beamdesign.diagnosis.tone import search_without_tones
-from beamdesign.diagnosis.verdict import chance, confirmed, decided, sentences, verdict_of
+from beamdesign.diagnosis.verdict import chance, confirmed, decided, far_fetched, sentences, verdict_of
 from beamdesign.diagnosis.where.locate import locate
 from beamdesign.progress import Progress, end_at_once, help_another, part_of, silent
 from beamdesign.prototype import Prototype
@@ -83,7 +83,8 @@ def _diagnosed(data: Dataset, workers: int, progress: Progress, kept: FitCache |
     if not examined.data.records:
         data, kept, weighed = _weighed(examined.data, kept)
         data = replace(data, warnings=(*weighed, *examined.words))
-        figures_only = explain_gains(data, workers, progress, kept, doubtful=bool(weighed))
+        doubtful = examined.limits_confidence or bool(weighed)
+        figures_only = explain_gains(data, workers, progress, kept, doubtful)
         return replace(figures_only, prototype=read.as_stated(figures_only.prototype))
     found = _explained(examined, held_out(examined.data.records), workers, progress, kept)
     best, data = found.best, found.data
@@ -209,7 +210,9 @@ def _explained(
     rare = nan if left_out() else chance(look.judged.of_causes.get((), 0.0))
     judged, evidence = decided(look.judged, look.search, rare), evidence_of(look.data)
     doubtful = look.doubtful or (not look.follows and any(_far(piece, judged.best) for piece in evidence))
-    look = replace(look, judged=judged, doubtful=doubtful)
+    far = far_fetched(judged.best, look.data.prototype)
+    words = tuple(dict.fromkeys(filter(None, (far, *look.words))))
+    look = replace(look, judged=judged, words=words, doubtful=doubtful or bool(far))
     if not judged.best.hypothesis.names:
         look = replace(look, refitted=None, follows="")
     return _Explained(

@@ -29,7 +29,7 @@ from beamdesign.diagnosis.gain_findings import (
 from beamdesign.diagnosis.gap_metrics import gap_of_pieces
 from beamdesign.diagnosis.judgement import LEAST_PROBABILITY, THRESHOLDS, Judgement, cause_sets, causes, judge, odds
 from beamdesign.diagnosis.judgement import evidence as marginal_likelihood
-from beamdesign.diagnosis.verdict import OUTSIDE, sentences, verdict_of
+from beamdesign.diagnosis.verdict import OUTSIDE, far_fetched, sentences, verdict_of
 from beamdesign.progress import Progress, part_of, silent
 from beamdesign.prototype import Prototype
 from beamdesign.quantities import LawGain, range_of
@@ -106,7 +106,8 @@ def _explained(
     left = left_out()
     # A cause beside another is not sure where that alone is not told apart from both.
     partly = any(f.hypothesis.names and {*f.hypothesis.causes} < {*rivals[0].hypothesis.causes} for f in rivals)
-    verdict = no_surer(verdict_of(judged, partly or doubtful, few=True), left)
+    far = far_fetched(judged.best, data.prototype)
+    verdict = no_surer(verdict_of(judged, partly or doubtful or bool(far), few=True), left)
     named = verdict in ("effect", "ambiguous")
     alike = rivals if verdict == "ambiguous" else rivals[: int(named)]
     common = set.intersection(*(set(f.hypothesis.causes) for f in alike)) if alike else set()
@@ -142,7 +143,7 @@ def _explained(
         (tuple(names),) if named and len(names) > 1 else (),
         asked,
         updated_prototype(data.prototype, holder),
-        data.warnings,
+        (*filter(None, (far,)), *data.warnings),
         found,
         hypotheses=sets,
         notes=(*notes_on_known(data.prototype), *notes_of(silent, shares, factor, data.prototype.rig)),

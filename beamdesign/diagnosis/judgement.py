@@ -2,10 +2,10 @@
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from math import log, nan, sqrt
+from math import erfc, log, nan, sqrt
 
 import numpy as np
-from scipy.special import logsumexp, softmax
+from scipy.special import chdtrc, logsumexp, softmax
 
 from beamdesign.diagnosis.diagnosis import Cause, CauseSet, Estimate
 from beamdesign.diagnosis.fitting.fit import Fit
@@ -96,11 +96,6 @@ class Judgement:
     unknown: float
     best: Fit
 
-    @property
-    def strained(self) -> tuple[str, ...]:
-        """Tolerated figures that the best fit has moved further than anyone would believe: it may stand for another."""
-        return tuple(name for name, moved in self.best.moved.items() if abs(moved) > THRESHOLDS.strained)
-
     def cause(self, name: str) -> float:
         """Probability that a cause is at work, alone or with others."""
         return sum(p for h, p in self.of.items() if name in h.causes)
@@ -112,6 +107,16 @@ class Judgement:
         for hypothesis, p in self.of.items():
             sums[hypothesis.causes] = sums.get(hypothesis.causes, 0.0) + p
         return dict(sorted(sums.items(), key=lambda item: -item[1]))
+
+
+def strained(found: Fit) -> tuple[str, ...]:
+    """Tolerated figures that a fit has moved further than anyone would believe: it may stand for another.
+
+    Each does, or all together: the sum of their squares counts as one of them does that is as improbable.
+    """
+    moved, most = found.moved, THRESHOLDS.strained
+    together = chdtrc(len(moved), sum(z**2 for z in moved.values())) < erfc(most / sqrt(2))
+    return tuple(name for name, z in moved.items() if abs(z) > (1.0 if together else most))
 
 
 def evidence(found: Fit, spread: float) -> float:

@@ -8,8 +8,10 @@ from, and that it counts only where records left out of its fit say that it clos
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from hashlib import sha256
+from math import inf
 
 import numpy as np
+from scipy.special import expit
 
 from beamdesign.diagnosis.data.dataset import Dataset
 from beamdesign.diagnosis.diagnosis import Cause
@@ -19,8 +21,9 @@ from beamdesign.diagnosis.fitting.fitters import Fitters, refit
 from beamdesign.diagnosis.fitting.hypothesis import Hypothesis, given, learnable
 from beamdesign.diagnosis.fitting.search import Search, best_of_each, hardest
 from beamdesign.diagnosis.gap_metrics import errors
-from beamdesign.diagnosis.judgement import THRESHOLDS, Judgement, held_out_score, judge
+from beamdesign.diagnosis.judgement import THRESHOLDS, Judgement, evidence, held_out_score, judge, odds, strained
 from beamdesign.diagnosis.passing import Look
+from beamdesign.diagnosis.verdict import far_fetched
 from beamdesign.diagnosis.where.residuals import residuals
 from beamdesign.plant.effects import library
 from beamdesign.plant.empirical import curve, over_reach
@@ -58,10 +61,11 @@ def learn(look: Look, held_out: Sequence[int], workers: int = 1, progress: Progr
     data, before, judged, kept = look.data, look.search, look.judged, look.kept
     contested = judged.unknown <= _UNLISTED
     rival, enough = (judged.best, _BETTER) if contested else (before.null, _WORTH)
+    explains, far = before.excess(rival) < EXPLAINED, far_fetched(rival, data.prototype)
     # A figure that is believed to be wrong may change while a record lasts, whatever its probability says of the rest.
     figure = contested and bool(rival.hypothesis.names) and not rival.hypothesis.effects
-    doubted = judged.unknown >= _DOUBTED
-    if not held_out or not (doubted or figure) or before.excess(rival) < EXPLAINED:
+    doubted = judged.unknown >= _DOUBTED or explains
+    if not held_out or not (far if explains else doubted or figure):
         return None
     scaled = with_scales(data, before.null)
     alone = [h for h in learnable(scaled.prototype) if doubted or _drifts(h)]
@@ -72,6 +76,8 @@ def learn(look: Look, held_out: Sequence[int], workers: int = 1, progress: Progr
     enough = _CHANGING if figure and _drifts(weighed.best.hypothesis) else enough
     # Never at the price of a listed cause: one that leaves about as little is no worse an explanation.
     most = min([enough * before.excess(rival), *(_ALIKE * before.excess(fit) for fit in before.fits[:1])])
+    if explains:  # and so has the law to, by figures that a rig may have
+        most = EXPLAINED if not strained(weighed.best) else -inf
     if not weighed.best.hypothesis.names or laws.excess(weighed.best) > most:
         return None
     scaled = without_idle_terms(scaled, weighed.best)
@@ -87,17 +93,20 @@ def learn(look: Look, held_out: Sequence[int], workers: int = 1, progress: Progr
     left, left_by_rival = (sum(float(np.mean(e.after**2)) for e in own) for own in found_by)
     spread = max(1.0, best.misfit / before.expected)
     score, of_rival = (held_out_score(fit, before.conditions, spread) for fit in (best, rival))
+    if explains:  # conditions held out say nothing of how far figures are off
+        score, of_rival = (evidence(fit, spread) + odds(fit.hypothesis) for fit in (best, rival))
     if left > THRESHOLDS.worse**2 * left_by_rival or score < of_rival + _TOLD:
         return None
     # What a law explains of what is left by the best that is listed speaks for something that is not.
-    still = max(0.0, laws.excess(best)) / before.excess(rival)
+    still = max(0.0, laws.excess(best)) / before.excess(rival) if not explains else float(expit(of_rival - score))
     unknown = max(judged.unknown, 1 - still) if contested else judged.unknown
     listed = {h: p * (1 - unknown) / (1 - judged.unknown) for h, p in judged.of.items()} if judged.unknown < 1 else {}
     share = {h: p * unknown / max(1 - weighed.unknown, 1e-9) for h, p in weighed.of.items() if h.names}
     others = (f for f in found if f is not weighed.best and all(f is not old for old in same))
     fits = (*before.fits, *others, *again, best)
     everything = replace(before, fits=tuple(sorted(fits, key=lambda f: f.cost)))
-    return Look(scaled, everything, Judgement(listed | share, unknown, best), refitted=(null, without)).after(look)
+    told = Judgement(listed | share, unknown, best)
+    return Look(scaled, everything, told, (far,) * explains, refitted=(null, without)).after(look)
 
 
 def _drifts(hypothesis: Hypothesis) -> bool:
@@ -132,7 +141,7 @@ def _fitted(
         best = list(found)
         full = [Task(h, null, found[h]) for h in best]
         listed = next((f for f in before.fits if len(f.hypothesis.causes) == 1), before.null)
-        if before.excess(listed) < _BESIDE:
+        if EXPLAINED < before.excess(listed) < _BESIDE:
             full += [Task(listed.hypothesis | h, listed.values, found[h]) for h in best]
         return data, fitters(full, lambda k: progress(0.5 + 0.5 * k / len(full), "laws learnt"))
 

@@ -8,9 +8,13 @@ from math import nan
 from pathlib import Path
 
 from beamdesign.diagnosis.diagnosis import Cause, Gap, Verdict, Where, in_words, listed, named
+from beamdesign.diagnosis.fitting.fit import Fit
+from beamdesign.diagnosis.fitting.hypothesis import unlike
 from beamdesign.diagnosis.fitting.search import Search
-from beamdesign.diagnosis.judgement import LEAST_PROBABILITY, THRESHOLDS, Judgement
+from beamdesign.diagnosis.judgement import LEAST_PROBABILITY, THRESHOLDS, Judgement, strained
+from beamdesign.prototype import Prototype
 
+_FURTHEST = 3  # figures that are told
 LEVEL = 0.02
 """Share of rigs without a gap that may be said to have one."""
 
@@ -58,6 +62,21 @@ def decided(judged: Judgement, found: Search, rare: float) -> Judgement:
     return judged
 
 
+def far_fetched(found: Fit, prototype: Prototype) -> str:
+    """Why the causes of a fit may well stand for something else, however little they leave, in words; empty where not.
+
+    Args:
+        found: any fit.
+        prototype: that it was made to, as believed.
+    """
+    moved = found.moved
+    furthest = sorted(strained(found), key=lambda name: -abs(moved[name]))[:_FURTHEST]
+    off = (f"{in_words(name)} has to be {moved[name]:+.1f} tolerances off" for name in furthest)
+    why = "; ".join((*unlike(found.hypothesis, found.values, prototype), *off))
+    stands = f"{named(str(found.hypothesis))} may stand for something else that moves alike"
+    return f"{stands}: {why}" if why and found.hypothesis.names else ""
+
+
 def verdict_of(judged: Judgement, doubtful: bool = False, rare: float = nan, few: bool = False) -> Verdict:
     """What the probabilities come to.
 
@@ -75,7 +94,7 @@ def verdict_of(judged: Judgement, doubtful: bool = False, rare: float = nan, few
     if judged.unknown > 0.5 and not rare > LEVEL:
         return "unknown"
     named = judged.best.hypothesis.names
-    if doubtful or (named and judged.strained):
+    if doubtful or (named and strained(judged.best)):
         return "ambiguous" if named else "unknown"
     if not named:
         sure = not few or judged.of[judged.best.hypothesis] > 0.5

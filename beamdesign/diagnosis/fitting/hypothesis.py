@@ -22,6 +22,7 @@ from beamdesign.plant.component import Law
 from beamdesign.plant.effects import causes, laws_of, library
 from beamdesign.prototype import Prototype
 from beamdesign.structure.arm import off_axis
+from beamdesign.structure.lumped import figures
 
 FREE = 0.3
 """Prior standard deviation of the logarithm of a figure that is suspected to be plainly wrong."""
@@ -226,6 +227,19 @@ def place(kinds: Structure, unknowns: tuple[Unknown, ...]) -> Placement:
 
 def _some_law(prototype: Prototype) -> Controller:
     return prototype.controller.laws[0][0] if prototype.controller else Proportional(gain_A_per_V=1e-3)
+
+
+def unlike(hypothesis: "Hypothesis", values: Mapping[str, float], prototype: Prototype) -> tuple[str, ...]:
+    """Why effects with the SI values of a fit are rather something else that moves alike, in words.
+
+    Of what the prototype states already nothing is said: its builder called it so.
+    """
+    figure, said = figures(prototype) | {name: v for name, v in values.items() if "." not in name}, []
+    for name in hypothesis.effects:
+        own = {key.removeprefix(f"{name}."): value for key, value in values.items() if key.startswith(f"{name}.")}
+        if name not in prototype.effects and (words := library()[name].unlike(own, figure)):
+            said.append(words)
+    return tuple(said)
 
 
 WRONG, ABSENT = "parameter:", "without:"

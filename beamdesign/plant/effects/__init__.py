@@ -287,6 +287,8 @@ class Effect:
             length of the records.
         table: of a static law, what it adds over its local variable, by names with units; None of others.
         impossible: why its parameters cannot be of a rig with these figures, in words; empty where they can.
+        unlike: why with these parameters, on a rig with these figures, it is rather something else that moves alike, in
+            words; empty where it may be what it is called.
     """
 
     name: str
@@ -303,6 +305,7 @@ class Effect:
     scales: Mapping[str, str] = field(default_factory=dict, hash=False)
     table: Callable[[Figures], Mapping[str, tuple[float, ...]]] | None = field(default=None, hash=False)
     impossible: Callable[[Figures, Figures], str] = field(default=lambda own, figure: "", hash=False)
+    unlike: Callable[[Figures, Figures], str] = field(default=lambda own, figure: "", hash=False)
 
     def __post_init__(self) -> None:
         if self.subsystem not in SUBSYSTEMS:
