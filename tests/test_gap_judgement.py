@@ -22,7 +22,6 @@ from beamdesign.diagnosis.judgement import (
     Judgement,
     cause_sets,
     causes,
-    classes,
     deviations,
     evidence,
     flags,
@@ -30,7 +29,17 @@ from beamdesign.diagnosis.judgement import (
     judge,
     strained,
 )
-from beamdesign.diagnosis.verdict import LEVEL, chance, decided, far_fetched, null_scores, sentences, verdict_of
+from beamdesign.diagnosis.verdict import (
+    LEVEL,
+    chance,
+    classes,
+    decided,
+    far_fetched,
+    leaves_much,
+    null_scores,
+    sentences,
+    verdict_of,
+)
 from beamdesign.validation.truth.beams import outer_modes
 
 EXPECTED = 300.0
@@ -313,6 +322,22 @@ def test_figures_that_are_all_a_little_strained_leave_doubt(of_the_limit: float,
     told = far_fetched(judged.best, believed())
     assert bool(told) is (of_the_limit > 1)
     assert ("sensor_lag may stand for something else" in told) is bool(told)
+
+
+@pytest.mark.parametrize(
+    ("names", "of_noise", "left", "told"),
+    [
+        ((LAG,), 2.0, 1.7, "sensor_lag leaves 70% of what tolerances leave beyond noise"),
+        ((LAG,), 2.0, 1.4, ""),
+        ((LAG,), 1.2, 1.15, ""),  # hardly a gap: what is left of it is chance
+        (("parameter:flow_gain",), 2.0, 1.7, ""),  # is told by how far off its tolerance it is
+    ],
+)
+def test_an_effect_that_leaves_most_of_a_gap_is_no_sure_one(names, of_noise: float, left: float, told: str):
+    one = made(names, left * EXPECTED)
+    search = found(made((), of_noise * EXPECTED), one)
+    assert search.excess(one) == pytest.approx((left - 1) / (of_noise - 1))
+    assert leaves_much(one, search) == told
 
 
 @pytest.mark.parametrize("share", [0.02, 0.1, 0.3])

@@ -27,7 +27,7 @@ from beamdesign.diagnosis.fitting.hypothesis import notes_on_known
 from beamdesign.diagnosis.fitting.replay import PLAY, law_of_play
 from beamdesign.diagnosis.gain_diagnosis import explain_gains
 from beamdesign.diagnosis.gap_metrics import Errors, errors, gap, held_out, sizes
-from beamdesign.diagnosis.judgement import cause_sets, causes, classes
+from beamdesign.diagnosis.judgement import cause_sets, causes
 from beamdesign.diagnosis.learning import EXPLAINED, described, learn
 from beamdesign.diagnosis.misstated_mass import with_own_mass
 from beamdesign.diagnosis.passing import Look, what_passed, without_one
@@ -35,7 +35,16 @@ from beamdesign.diagnosis.second_look import refit_backlash_impacts, second_look
 from beamdesign.diagnosis.separability import indistinguishable
 from beamdesign.diagnosis.skewed_channels import channels_in_time
 from beamdesign.diagnosis.tone import search_without_tones
-from beamdesign.diagnosis.verdict import chance, confirmed, decided, far_fetched, sentences, verdict_of
+from beamdesign.diagnosis.verdict import (
+    chance,
+    classes,
+    confirmed,
+    decided,
+    far_fetched,
+    leaves_much,
+    sentences,
+    verdict_of,
+)
 from beamdesign.diagnosis.where.locate import locate
 from beamdesign.progress import Progress, end_at_once, help_another, part_of, silent
 from beamdesign.prototype import Prototype
@@ -210,9 +219,9 @@ def _explained(
     rare = nan if left_out() else chance(look.judged.of_causes.get((), 0.0))
     judged, evidence = decided(look.judged, look.search, rare), evidence_of(look.data)
     doubtful = look.doubtful or (not look.follows and any(_far(piece, judged.best) for piece in evidence))
-    far = far_fetched(judged.best, look.data.prototype)
-    words = tuple(dict.fromkeys(filter(None, (far, *look.words))))
-    look = replace(look, judged=judged, words=words, doubtful=doubtful or bool(far))
+    why = [w for w in (far_fetched(judged.best, look.data.prototype), leaves_much(judged.best, look.search)) if w]
+    words = tuple(dict.fromkeys((*why, *look.words)))
+    look = replace(look, judged=judged, words=words, doubtful=doubtful or bool(why))
     if not judged.best.hypothesis.names:
         look = replace(look, refitted=None, follows="")
     return _Explained(

@@ -7,9 +7,11 @@ from functools import cache
 from math import nan
 from pathlib import Path
 
+import numpy as np
+
 from beamdesign.diagnosis.diagnosis import Cause, Gap, Verdict, Where, in_words, listed, named
 from beamdesign.diagnosis.fitting.fit import Fit
-from beamdesign.diagnosis.fitting.hypothesis import unlike
+from beamdesign.diagnosis.fitting.hypothesis import Hypothesis, unlike
 from beamdesign.diagnosis.fitting.search import Search
 from beamdesign.diagnosis.judgement import LEAST_PROBABILITY, THRESHOLDS, Judgement, strained
 from beamdesign.prototype import Prototype
@@ -77,6 +79,13 @@ def far_fetched(found: Fit, prototype: Prototype) -> str:
     return f"{stands}: {why}" if why and found.hypothesis.names else ""
 
 
+def leaves_much(found: Fit, of: Search) -> str:
+    """That effects explain too little of a gap to be sure of them, in words; empty where not."""
+    left = of.excess(found) if of.null.misfit > THRESHOLDS.a_gap * of.expected else 0.0
+    much = bool(found.hypothesis.effects) and left > 1 - THRESHOLDS.explains
+    return f"{named(str(found.hypothesis))} leaves {left:.0%} of what tolerances leave beyond noise" * much
+
+
 def verdict_of(judged: Judgement, doubtful: bool = False, rare: float = nan, few: bool = False) -> Verdict:
     """What the probabilities come to.
 
@@ -110,6 +119,16 @@ def verdict_of(judged: Judgement, doubtful: bool = False, rare: float = nan, few
 def confirmed(measured: Gap) -> bool:
     """Whether conditions held out do not speak against what is chosen: re-tuned tolerances predict them no better."""
     return measured.after <= max(THRESHOLDS.worse * measured.tuned, THRESHOLDS.near_noise * measured.noise_floor)
+
+
+def classes(judged: Judgement) -> tuple[tuple[str, ...], ...]:
+    """Sets of names, any of which may be the answer: what differs between hypotheses with 95 % of the probability."""
+    ranked = sorted(judged.of.items(), key=lambda item: -item[1])
+    sums = np.cumsum([p for _, p in ranked]) / max(1e-12, 1 - judged.unknown)
+    kept = [hypothesis for hypothesis, _ in ranked[: int(np.searchsorted(sums, 0.95, side="right")) + 1]]
+    common = set.intersection(*(set(h.causes) for h in kept))
+    rivals = sorted({str(Hypothesis(tuple(n for n in h.causes if n not in common))) for h in kept})
+    return (tuple(rivals),) if len(rivals) > 1 else ()
 
 
 OUTSIDE = "unknown"
